@@ -1,0 +1,53 @@
+#pragma once
+
+#include <stdexcept>
+#include <string>
+
+namespace dimple {
+
+/// What the process returns. Documented in README.md; stable.
+enum class ExitCode : int {
+  ok = 0,
+  internal = 1,      ///< a mistake of ours
+  usage = 2,         ///< command line or configuration
+  input = 3,         ///< image or model files unreadable or unusable
+  model = 4,         ///< the model could not be built
+  solve = 5,         ///< the solution failed
+  output = 6,        ///< results could not be written
+  interrupted = 130  ///< Ctrl-C; the partial result is valid
+};
+
+/// The four things that a message owes its reader.
+struct Report {
+  std::string fact;    ///< what is wrong, with numbers
+  std::string where;   ///< stage, file, place
+  std::string why;     ///< how it came about
+  std::string remedy;  ///< what to do, with the option's name
+};
+
+/// Every failure that a user can meet. Thrown whole, printed by apps only.
+class Error : public std::runtime_error {
+ public:
+  Error(ExitCode code, Report report)
+      : std::runtime_error(report.fact), code(code), report(std::move(report)) {}
+  ExitCode code;
+  Report report;
+};
+
+struct UsageError : Error {
+  explicit UsageError(Report report) : Error(ExitCode::usage, std::move(report)) {}
+};
+struct InputError : Error {
+  explicit InputError(Report report) : Error(ExitCode::input, std::move(report)) {}
+};
+struct ModelError : Error {
+  explicit ModelError(Report report) : Error(ExitCode::model, std::move(report)) {}
+};
+struct SolveError : Error {
+  explicit SolveError(Report report) : Error(ExitCode::solve, std::move(report)) {}
+};
+struct OutputError : Error {
+  explicit OutputError(Report report) : Error(ExitCode::output, std::move(report)) {}
+};
+
+}  // namespace dimple

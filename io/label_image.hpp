@@ -1,0 +1,67 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "io/types.hpp"
+
+namespace dimple {
+
+/// A segmentation: one label number per voxel, 0 is background.
+///
+/// Axes are canonical: permuted and flipped on reading so that voxel axes i, j, k run as nearly as
+/// possible along +L, +P, +S. One organ therefore gives one LabelImage, however it was stored.
+struct LabelImage {
+  std::array<Index, 3> size{};            ///< voxels along i, j, k
+  std::vector<std::int32_t> voxel;        ///< labels, i fastest; size[0]*size[1]*size[2] of them
+  Eigen::Affine3d to_world;               ///< voxel centre (i, j, k) -> LPS position [mm]; det > 0
+  std::map<int, std::string> names;       ///< label number -> name, where the file or a table says one
+
+  std::string format;                     ///< "NRRD", "3D Slicer segmentation (NRRD)", "NIfTI-1", "MetaImage"
+  std::string orientation;                ///< anatomical letters of the stored axes, e.g. "RAS", "PIR"
+  std::array<Index, 3> stored_size{};     ///< voxels along the stored axes
+  Vec3 stored_spacing = Vec3::Zero();     ///< [mm], along the stored axes
+  std::vector<std::string> warnings;      ///< sentences for the user: what was assumed, and why
+
+  std::int32_t at(Index i, Index j, Index k) const {
+    return voxel[static_cast<std::size_t>(i + size[0] * (j + size[1] * k))];
+  }
+  /// Voxel edge lengths along i, j, k [mm].
+  Vec3 spacing() const { return to_world.linear().colwise().norm(); }
+  /// Volume of one voxel [mm^3].
+  double voxel_volume() const { return to_world.linear().determinant(); }
+};
+
+/// Reads .nrrd, .seg.nrrd, .nii, .nii.gz, .mha, .mhd.
+///
+/// `label_names`, if not empty, is a table of names: ITK-SNAP label descriptions
+/// (IDX R G B A VIS MSH "LABEL") or a colour table (id name R G B A); it overrides names in the image.
+/// Throws InputError: no such file, unknown format, not three-dimensional, several components, overlapping
+/// segments, labels that are negative or not whole numbers, nothing but background, truncated data.
+LabelImage read_label_image(const std::filesystem::path& file, const std::filesystem::path& label_names = {});
+
+/// Writes in the format that the suffix names (.nrrd, .seg.nrrd, .nii, .nii.gz, .mha), compressed, names
+/// included where the format has a place for them. Written beside its name, then renamed.
+/// Throws UsageError (unknown suffix), OutputError (cannot write).
+void write_label_image(const std::filesystem::path& file, const LabelImage& image);
+
+/// One label of an image, measured.
+struct LabelMeasure {
+  int value = 0;
+  std::string name;           ///< empty if none is known
+  std::int64_t voxels = 0;
+  double volume_mm3 = 0.0;
+  int pieces = 0;             ///< face-connected components
+  std::int64_t largest_piece_voxels = 0;
+  bool touches_border = false;
+};
+
+/// Every foreground label, in ascending order of value.
+std::vector<LabelMeasure> measure_labels(const LabelImage& image);
+
+}  // namespace dimple

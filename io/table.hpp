@@ -1,0 +1,27 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace dimple {
+
+/// Columns of numbers with a header; the header carries the units (time_s, force_N).
+struct Table {
+  std::vector<std::string> header;
+  std::vector<std::vector<double>> column;  ///< one vector per header entry, all of one length
+  std::size_t rows() const { return column.empty() ? 0 : column.front().size(); }
+  /// The column of that name, or nullptr.
+  const std::vector<double>* find(const std::string& name) const;
+};
+
+/// RFC 4180 CSV; numbers in the shortest form that reads back to the same bits.
+std::string to_csv(const Table& table);
+void write_csv(const std::filesystem::path& file, const Table& table);
+
+/// Reads a CSV of numbers with a header line; `#` starts a comment line; commas, semicolons or blanks separate.
+/// No library: what is read is a plain rectangle of numbers, and the message must name line and column.
+/// Throws InputError: no such file, no header, a field that is not a finite number, rows of different length.
+Table read_csv(const std::filesystem::path& file);
+
+}  // namespace dimple
