@@ -2,6 +2,7 @@
 
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 namespace dimple {
 
@@ -28,26 +29,26 @@ struct Report {
 /// Every failure that a user can meet. Thrown whole, printed by apps only.
 class Error : public std::runtime_error {
  public:
-  Error(ExitCode code, Report report)
-      : std::runtime_error(report.fact), code(code), report(std::move(report)) {}
+  Error(ExitCode exit_code, Report what_to_say)
+      : std::runtime_error(what_to_say.fact), code(exit_code), report(std::move(what_to_say)) {}
   ExitCode code;
   Report report;
 };
 
 struct UsageError : Error {
-  explicit UsageError(Report report) : Error(ExitCode::usage, std::move(report)) {}
+  explicit UsageError(Report what_to_say) : Error(ExitCode::usage, std::move(what_to_say)) {}
 };
 struct InputError : Error {
-  explicit InputError(Report report) : Error(ExitCode::input, std::move(report)) {}
+  explicit InputError(Report what_to_say) : Error(ExitCode::input, std::move(what_to_say)) {}
 };
 struct ModelError : Error {
-  explicit ModelError(Report report) : Error(ExitCode::model, std::move(report)) {}
+  explicit ModelError(Report what_to_say) : Error(ExitCode::model, std::move(what_to_say)) {}
 };
 struct SolveError : Error {
-  explicit SolveError(Report report) : Error(ExitCode::solve, std::move(report)) {}
+  explicit SolveError(Report what_to_say) : Error(ExitCode::solve, std::move(what_to_say)) {}
 };
 struct OutputError : Error {
-  explicit OutputError(Report report) : Error(ExitCode::output, std::move(report)) {}
+  explicit OutputError(Report what_to_say) : Error(ExitCode::output, std::move(what_to_say)) {}
 };
 
 }  // namespace dimple

@@ -37,17 +37,22 @@ struct LabelImage {
   double voxel_volume() const { return to_world.linear().determinant(); }
 };
 
-/// Reads .nrrd, .seg.nrrd, .nii, .nii.gz, .mha, .mhd.
+/// Reads .nrrd, .nhdr, .seg.nrrd, .nii, .nii.gz, .mha, .mhd.
 ///
+/// Positions are those of ITK and 3D Slicer, with three exceptions, each with a warning: a NIfTI sheared too
+/// far for ITK is read as it is, a file in metres or microns is scaled as a whole, and spacings are rounded
+/// to 1e-9 mm so that one organ stored in two ways gives the same numbers.
 /// `label_names`, if not empty, is a table of names: ITK-SNAP label descriptions
 /// (IDX R G B A VIS MSH "LABEL") or a colour table (id name R G B A); it overrides names in the image.
 /// Throws InputError: no such file, unknown format, not three-dimensional, several components, overlapping
 /// segments, labels that are negative or not whole numbers, nothing but background, truncated data.
 LabelImage read_label_image(const std::filesystem::path& file, const std::filesystem::path& label_names = {});
 
-/// Writes in the format that the suffix names (.nrrd, .seg.nrrd, .nii, .nii.gz, .mha), compressed, names
-/// included where the format has a place for them. Written beside its name, then renamed.
-/// Throws UsageError (unknown suffix), OutputError (cannot write).
+/// Writes in the format that the suffix names (.nrrd, .seg.nrrd, .nii, .nii.gz, .mha), compressed except .nii,
+/// as uint8, uint16 or int32 by the largest label. Written beside its name, read back, then renamed.
+/// Names of the labels present go into .nrrd and .seg.nrrd as 3D Slicer's SegmentN_ keys; NIfTI and MetaImage
+/// have no place for them, so they go into an ITK-SNAP table beside the image, brain.nii.gz -> brain.labels.txt.
+/// NIfTI holds its geometry in single precision. Throws UsageError (unknown suffix), OutputError (cannot write).
 void write_label_image(const std::filesystem::path& file, const LabelImage& image);
 
 /// One label of an image, measured.

@@ -11,10 +11,10 @@ namespace dimple {
 
 /// Named values on points. Unit goes into the file as VTK's UNITS_LABEL.
 struct Field {
-  std::string name;                         ///< lower snake case, without the unit
-  std::string unit;                         ///< "mm", "N", "Pa", "kg", "" for a number
-  Eigen::MatrixXd values;                   ///< [components x N]
-  std::vector<std::string> components = {}; ///< component names; empty: VTK's own
+  std::string name;                          ///< lower snake case, without the unit
+  std::string unit;                          ///< "mm", "N", "Pa", "kg", "" for a number
+  Eigen::MatrixXd values;                    ///< [components x N]
+  std::vector<std::string> components = {};  ///< component names; empty: VTK's own
   enum class Type { real32, real64, int32 } type = Type::real32;
 };
 
@@ -33,25 +33,36 @@ struct SurfaceFile {
   std::vector<Field> fields;
 };
 
-/// .vtu with one VTK_VERTEX per point, appended raw + zlib; `exact` keeps positions in double precision.
-/// All writers here write beside the final name, then rename; they throw OutputError.
+/// All writers here write appended raw data with zlib, beside the final name, then rename; they throw
+/// OutputError (disk, permissions) and std::invalid_argument (a field that does not match the points: the
+/// caller's mistake). The unit of each array is its UNITS_LABEL, the time the field data TimeValue; a field
+/// "displacement" is the active vector. `exact` keeps positions in double precision, else they are Float32.
+
+/// .vtu with one VTK_VERTEX per point.
 void write_vtu(const std::filesystem::path& file, const PointFile& points, double time_s, bool exact = false);
-/// .vtp
-void write_vtp(const std::filesystem::path& file, const SurfaceFile& surface, double time_s, bool exact = false);
-/// .vti with Direction: the image as ParaView shows it in LPS mm, cropped to the labels and a tenth more.
+/// .vtp with one polygon per triangle.
+void write_vtp(const std::filesystem::path& file, const SurfaceFile& surface, double time_s,
+               bool exact = false);
+/// .vti with Origin, Spacing and Direction in LPS mm: the labels as point array "label" (int16, uint16 or
+/// int32, the first that holds them), cropped to the foreground and a tenth of its size on every side. The
+/// format knows no shear. If two voxel axes have a cosine above 1e-4, the labels are sampled by nearest
+/// neighbour on a grid along L, P and S with the same three spacings, so that every label stays in its place.
 void write_vti(const std::filesystem::path& file, const LabelImage& image);
-/// Throw InputError: missing, not of this kind, holds no point, non-finite position.
+
+/// Points and their fields; cells are ignored, text arrays skipped, integers wider than 32 bits become
+/// real64. Throws InputError: missing, not of this kind, damaged, holds no point, non-finite position.
 PointFile read_vtu(const std::filesystem::path& file);
+/// The same for a surface. Throws InputError also if it holds no triangle, or polygons of other kinds.
 SurfaceFile read_vtp(const std::filesystem::path& file);
 
 /// A .pvd list of one file per time, rewritten whole each time a frame is added, so that it is always valid.
 class TimeSeries {
  public:
-  /// `pvd` is e.g. out/nodes.pvd; frames go to out/nodes/nodes_0000.vtu and so on.
+  /// `pvd` is e.g. out/nodes.pvd, `suffix` ".vtu"; frames go to out/nodes/nodes_0000.vtu and so on.
   TimeSeries(std::filesystem::path pvd, std::string suffix);
-  /// The path for the next frame; creates its folder.
+  /// The path for the next frame; creates its folder. Throws OutputError.
   std::filesystem::path next_frame() const;
-  /// Lists the frame just written (it must exist) under its time.
+  /// Lists the frame just written under its time. Throws OutputError, also if that frame is not there.
   void add(double time_s);
 
  private:

@@ -1,0 +1,308 @@
+#include "apps/config.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <sstream>
+#include <toml++/toml.h>
+
+#include "io/error.hpp"
+#include "io/file.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
+// What a number may be written in, as multiples of the option's own unit. Three dozen characters of table; the unit
+// libraries at hand bring hundreds of units and no such list to print in a message.
+const std::map<std::string, std::map<std::string, double>>& unit_table() {
+  static const std::map<std::string, std::map<std::string, double>> table = {
+      {"mm", {{"mm", 1.0}, {"cm", 10.0}, {"m", 1000.0}, {"um", 1e-3}}},
+      {"Pa", {{"Pa", 1.0}, {"kPa", 1e3}, {"MPa", 1e6}}},
+      {"mm/s", {{"mm/s", 1.0}, {"cm/s", 10.0}, {"m/s", 1000.0}}},
+      {"kg/m3", {{"kg/m3", 1.0}, {"g/cm3", 1000.0}, {"g/ml", 1000.0}}},
+      {"1/s", {{"1/s", 1.0}, {"Hz", 1.0}, {"kHz", 1000.0}}},
+  };
+  return table;
+}
+
+std::string trimmed(const std::string& text) {
+  const auto first = text.find_first_not_of(" \t"), last = text.find_last_not_of(" \t");
+  return first == std::string::npos ? "" : text.substr(first, last - first + 1);
+}
+
+// "mu_Pa" -> "mu"; keys without a unit suffix stay.
+std::string without_unit(const Option& option) {
+  static const std::map<std::string, std::string> suffix = {
+      {"mm", "_mm"}, {"Pa", "_Pa"}, {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"}, {"1/s", "_per_s"}};
+  const auto found = suffix.find(option.unit);
+  if (found == suffix.end() || !option.key.ends_with(found->second)) return option.key;
+  return option.key.substr(0, option.key.size() - found->second.size());
+}
+
+[[noreturn]] void refuse(const Option& option, const std::string& text, const std::string& source, const std::string& why) {
+  std::string range;
+  if (!option.choices.empty()) {
+    range = fmt::format("one of {}", fmt::join(option.choices, ", "));
+  } else if (!std::holds_alternative<std::string*>(option.value)) {
+    range = fmt::format("a number {} {}{}{}", option.least_excluded ? "above" : "from", option.least,
+                        std::isfinite(option.most) ? fmt::format(" to {}", option.most) : "",
+                        option.unit.empty() ? "" : " " + option.unit);
+  }
+  throw UsageError({.fact = fmt::format("{} = {} is not allowed", option.key, text),
+                    .where = source,
+                    .why = why,
+                    .remedy = fmt::format("{}: give {}", option.help, range)});
+}
+
+void assign_number(const Option& option, double value, const std::string& text, const std::string& source) {
+  if (!std::isfinite(value)) refuse(option, text, source, "it is not a finite number");
+  if (value < option.least || value > option.most || (option.least_excluded && value == option.least))
+    refuse(option, text, source, "it is out of range");
+  if (auto* real = std::get_if<double*>(&option.value)) {
+    **real = value;
+  } else {
+    if (value != std::round(value)) refuse(option, text, source, "it is not a whole number");
+    **std::get_if<std::int64_t*>(&option.value) = static_cast<std::int64_t>(value);
+  }
+}
+
+double parse_quantity(const Option& option, const std::string& text, const std::string& source) {
+  const std::string t = trimmed(text);
+  double value = 0.0;
+  const char* begin = t.data() + (t.starts_with('+') ? 1 : 0);
+  const auto [end, error] = std::from_chars(begin, t.data() + t.size(), value);
+  if (error != std::errc{}) refuse(option, text, source, "it is not a number");
+  const std::string unit = trimmed(std::string(end, t.data() + t.size()));
+  if (unit.empty()) return value;
+  const auto table = unit_table().find(option.unit);
+  if (table == unit_table().end()) refuse(option, text, source, fmt::format("'{}' after the number: this one has no unit", unit));
+  const auto factor = table->second.find(unit);
+  if (factor == table->second.end()) {
+    std::vector<std::string> known;
+    for (const auto& [name, unused] : table->second) known.push_back(name);
+    refuse(option, text, source, fmt::format("'{}' is not one of its units ({})", unit, fmt::join(known, ", ")));
+  }
+  return value * factor->second;
+}
+
+void assign_text(const Option& option, const std::string& text, const std::string& source) {
+  if (auto* word = std::get_if<std::string*>(&option.value)) {
+    if (!option.choices.empty() && std::find(option.choices.begin(), option.choices.end(), text) == option.choices.end())
+      refuse(option, text, source, "it is not one of its words" + did_you_mean(text, option.choices));
+    **word = text;
+  } else if (auto* list = std::get_if<std::vector<std::string>*>(&option.value)) {
+    (*list)->clear();
+    std::stringstream parts(text);
+    for (std::string part; std::getline(parts, part, ',');)
+      if (!trimmed(part).empty()) (*list)->push_back(trimmed(part));
+  } else {
+    assign_number(option, parse_quantity(option, text, source), text, source);
+  }
+}
+
+Option* find(std::vector<Option>& options, const std::string& key) {
+  for (Option& option : options)
+    if (option.key == key || without_unit(option) == key) return &option;
+  return nullptr;
+}
+
+[[noreturn]] void unknown_key(std::vector<Option>& options, const std::string& key, const std::string& source) {
+  std::vector<std::string> known;
+  for (const Option& option : options) known.push_back(option.key);
+  for (const Option& option : options) known.push_back(without_unit(option));
+  throw UsageError({.fact = fmt::format("there is no option '{}'{}", key, did_you_mean(key, known)),
+                    .where = source,
+                    .why = "keys are section.name, in lower case",
+                    .remedy = "see `dimple options` for all of them"});
+}
+
+std::string toml_value(const Option& option) {
+  if (auto* real = std::get_if<double*>(&option.value)) {
+    const std::string s = fmt::format("{}", **real);  // shortest form that reads back to the same bits
+    return s.find_first_of(".en") == std::string::npos ? s + ".0" : s;
+  }
+  if (auto* whole = std::get_if<std::int64_t*>(&option.value)) return fmt::format("{}", **whole);
+  const auto quoted = [](const std::string& text) {
+    std::ostringstream out;
+    out << toml::value<std::string>(text);
+    return out.str();
+  };
+  if (auto* word = std::get_if<std::string*>(&option.value)) return quoted(**word);
+  std::vector<std::string> items;
+  for (const std::string& item : **std::get_if<std::vector<std::string>*>(&option.value)) items.push_back(quoted(item));
+  return fmt::format("[{}]", fmt::join(items, ", "));
+}
+
+}  // namespace
+
+std::vector<Option> options_of(Config& c) {
+  const std::vector<std::string> any = {};
+  return {
+      {"image.file", "", "", "the label image", &c.image.file, 0, 0, false, any, ""},
+      {"image.label", "--label", "", "labels to take, by number or name, comma-separated; empty: all but 0", &c.image.label, 0, 0, false, any, "model"},
+      {"image.label_names", "--label-names", "", "table of label names (ITK-SNAP or colour table)", &c.image.label_names, 0, 0, false, any, "model"},
+      {"cloud.nodes", "--nodes", "", "number of nodes", &c.cloud.nodes, 100, 1e6, false, any, "model"},
+      {"cloud.spacing_mm", "--spacing", "mm", "node spacing, instead of a number; 0: from the number", &c.cloud.spacing_mm, 0, 1000, false, any, "model"},
+      {"cloud.seed", "--seed", "", "of the node cloud", &c.cloud.seed, 0, 1e15, false, any, "model"},
+      {"grid.points", "--points", "", "number of integration points, about; 0: from the ratio", &c.grid.points, 0, 1e7, false, any, "model"},
+      {"grid.ratio", "", "", "integration points per node", &c.grid.ratio, 0.1, 100, false, any, "model"},
+      {"support.basis", "--basis", "", "moving least squares basis", &c.support.basis, 0, 0, false, {"linear", "quadratic"}, "model"},
+      {"support.weight", "--weight", "", "moving least squares weight function", &c.support.weight, 0, 0, false, {"quartic", "cubic", "gauss"}, "model"},
+      {"support.radius_factor", "--support", "", "support radius in spacings; 0: 1.8 linear, 2.6 quadratic", &c.support.radius_factor, 0, 10, false, any, "model"},
+      {"boundary.base", "--base", "", "side the organ rests on: auto, inferior, superior, left, right, anterior, posterior, or x,y,z in LPS", &c.boundary.base, 0, 0, false, any, "model"},
+      {"boundary.base_depth_mm", "--base-depth", "mm", "height up to which the base is held; 0: chosen", &c.boundary.base_depth_mm, 0, 1000, false, any, "model"},
+      {"boundary.indent_at", "--indent-at", "", "where the circle is: top, left, right, or x,y,z in LPS mm", &c.boundary.indent_at, 0, 0, false, any, "model"},
+      {"boundary.indenter_diameter_mm", "--indenter-diameter", "mm", "diameter of the circle", &c.boundary.indenter_diameter_mm, 0, 1000, true, any, "model"},
+      {"boundary.direction", "--direction", "", "way the circle moves: auto (towards the base), or x,y,z in LPS", &c.boundary.direction, 0, 0, false, any, "model"},
+      {"material.mu_Pa", "--mu", "Pa", "shear modulus", &c.material.mu_Pa, 0, 1e12, true, any, "solve"},
+      {"material.nu", "--nu", "", "Poisson's ratio", &c.material.nu, 0, 0.49999, false, any, "solve"},
+      {"material.density_kg_per_m3", "--density", "kg/m3", "mass density", &c.material.density_kg_per_m3, 0, 1e5, true, any, "solve"},
+      {"material.stress", "--stress", "", "consistent: zero at rest; printed: the form printed in the paper", &c.material.stress, 0, 0, false, {"consistent", "printed"}, "solve"},
+      {"load.depth_mm", "--depth", "mm", "indentation at the end", &c.load.depth_mm, 0, 1000, true, any, "solve"},
+      {"load.rate_mm_per_s", "--rate", "mm/s", "speed of the circle", &c.load.rate_mm_per_s, 0, 1e5, true, any, "solve"},
+      {"load.contact", "--contact", "", "bonded: the circle's nodes move with the tool; frictionless: they slide under it", &c.load.contact, 0, 0, false, {"bonded", "frictionless"}, "solve"},
+      {"solver.safety", "--safety", "", "time step as a part of the stable step", &c.solver.safety, 0, 2, true, any, "solve"},
+      {"solver.damping_per_s", "--damping", "1/s", "mass-proportional damping", &c.solver.damping_per_s, 0, 1e6, false, any, "solve"},
+      {"solver.frames", "--frames", "", "frames written after the first", &c.solver.frames, 1, 100000, false, any, "solve"},
+      {"solver.sample_rate_per_s", "", "1/s", "rows per second of force.csv", &c.solver.sample_rate_per_s, 0, 1e6, true, any, "solve"},
+  };
+}
+
+void set_option(Config& config, const std::string& key, const std::string& text, const std::string& source) {
+  std::vector<Option> options = options_of(config);
+  Option* option = find(options, key);
+  if (!option) unknown_key(options, key, source);
+  assign_text(*option, text, source);
+  config.source[option->key] = source;
+}
+
+void read_config(Config& config, const std::filesystem::path& file) {
+  toml::table table;
+  try {
+    table = toml::parse(read_file(file), file.string());
+  } catch (const toml::parse_error& error) {
+    throw UsageError({.fact = fmt::format("{} is not valid TOML: {}", file.string(), error.description()),
+                      .where = fmt::format("line {}, column {}", error.source().begin.line, error.source().begin.column),
+                      .why = "the file cannot be read as a configuration",
+                      .remedy = "mend that line; strings need quotes, tables look like [material]"});
+  }
+  std::vector<Option> options = options_of(config);
+  for (const auto& [section, node] : table) {
+    const toml::table* entries = node.as_table();
+    if (!entries) unknown_key(options, std::string(section.str()), file.string());
+    for (const auto& [name, value] : *entries) {
+      const std::string key = std::string(section.str()) + "." + std::string(name.str());
+      const std::string place = fmt::format("{}, line {}", file.string(), value.source().begin.line);
+      Option* option = find(options, key);
+      if (!option) unknown_key(options, key, place);
+      const bool is_text = !std::holds_alternative<double*>(option->value) && !std::holds_alternative<std::int64_t*>(option->value);
+      if (const auto text = value.value_exact<std::string>()) {
+        assign_text(*option, *text, place);
+      } else if (const toml::array* list = value.as_array(); list && is_text) {
+        std::vector<std::string> items;
+        for (const auto& item : *list) {
+          if (const auto word = item.value_exact<std::string>()) items.push_back(*word);
+          else if (const auto number = item.value_exact<std::int64_t>()) items.push_back(std::to_string(*number));
+          else refuse(*option, "a list with something else than words and whole numbers", place, "it cannot be read");
+        }
+        assign_text(*option, fmt::format("{}", fmt::join(items, ",")), place);
+      } else if (const auto number = value.value<double>(); number && !value.is_boolean() && !is_text) {
+        assign_number(*option, *number, fmt::format("{}", *number), place);
+      } else {
+        std::ostringstream shown;
+        value.visit([&](auto&& v) { shown << v; });
+        refuse(*option, shown.str(), place, is_text ? "it must be a word in quotes" : "it must be a number, or a number with its unit in quotes");
+      }
+      config.source[option->key] = place;
+    }
+  }
+}
+
+std::string to_toml(const Config& config, const std::map<std::string, std::string>& notes) {
+  Config copy = config;
+  std::string text = "# Every option of this run. `dimple run --config THIS -o OUT` repeats it bit by bit.\n";
+  std::string section;
+  for (const Option& option : options_of(copy)) {
+    const auto dot = option.key.find('.');
+    if (option.key.substr(0, dot) != section) {
+      section = option.key.substr(0, dot);
+      text += fmt::format("\n[{}]\n", section);
+    }
+    const auto source = config.source.find(option.key);
+    std::string comment = source == config.source.end() ? "default" : source->second;
+    if (const auto note = notes.find(option.key); note != notes.end()) comment += "; " + note->second;
+    std::replace(comment.begin(), comment.end(), '\n', ' ');
+    text += fmt::format("{} = {}  # {}\n", option.key.substr(dot + 1), toml_value(option), comment);
+  }
+  return text;
+}
+
+std::string option_reference() {
+  Config config;
+  std::string text = "Options, as `--set key=value` or in a TOML file given with --config. Bare numbers are in the unit shown.\n\n";
+  for (const Option& option : options_of(config)) {
+    std::string range;
+    if (!option.choices.empty()) range = fmt::format("{}", fmt::join(option.choices, " | "));
+    else if (std::holds_alternative<double*>(option.value) || std::holds_alternative<std::int64_t*>(option.value))
+      range = fmt::format("{} {} ... {}{}", option.least_excluded ? "above" : "from", option.least, option.most, option.unit.empty() ? "" : " " + option.unit);
+    text += fmt::format("{:<32} = {:<14} {}{}\n", option.key, toml_value(option), option.help, range.empty() ? "" : fmt::format(" ({})", range));
+  }
+  return text;
+}
+
+std::string did_you_mean(const std::string& word, const std::vector<std::string>& known) {
+  std::string best;
+  std::size_t least = std::max<std::size_t>(2, word.size() / 3) + 1;
+  for (const std::string& candidate : known) {
+    std::vector<std::size_t> row(candidate.size() + 1);
+    for (std::size_t j = 0; j < row.size(); ++j) row[j] = j;
+    for (std::size_t i = 0; i < word.size(); ++i) {
+      std::size_t diagonal = row[0];
+      row[0] = i + 1;
+      for (std::size_t j = 0; j < candidate.size(); ++j) {
+        const std::size_t keep = diagonal + (word[i] == candidate[j] ? 0 : 1);
+        diagonal = row[j + 1];
+        row[j + 1] = std::min({keep, row[j] + 1, row[j + 1] + 1});
+      }
+    }
+    if (row.back() < least) {
+      least = row.back();
+      best = candidate;
+    }
+  }
+  return best.empty() ? "" : fmt::format(", did you mean '{}'?", best);
+}
+
+ModelOptions model_options(const Config& c) {
+  return {.cloud = {.count = c.cloud.nodes, .spacing_mm = c.cloud.spacing_mm, .seed = static_cast<std::uint64_t>(c.cloud.seed)},
+          .grid = {.count = c.grid.points, .ratio = c.grid.ratio},
+          .boundary = {.base = c.boundary.base, .base_depth_mm = c.boundary.base_depth_mm, .indent_at = c.boundary.indent_at,
+                       .indenter_diameter_mm = c.boundary.indenter_diameter_mm, .direction = c.boundary.direction}};
+}
+
+SupportOptions support_options(const Config& c) {
+  return {.basis = c.support.basis == "linear" ? Basis::linear : Basis::quadratic,
+          .weight = c.support.weight == "quartic" ? Weight::quartic : c.support.weight == "cubic" ? Weight::cubic : Weight::gauss,
+          .radius_factor = c.support.radius_factor};
+}
+
+NeoHookean material_of(const Config& c) {
+  return neo_hookean(c.material.mu_Pa, c.material.nu, c.material.density_kg_per_m3, c.material.stress == "printed");
+}
+
+Loading loading_of(const Config& c) {
+  return {.depth = 1e-3 * c.load.depth_mm, .rate = 1e-3 * c.load.rate_mm_per_s,
+          .contact = c.load.contact == "bonded" ? Contact::bonded : Contact::frictionless};
+}
+
+SolverOptions solver_options(const Config& c) {
+  return {.safety = c.solver.safety, .damping = c.solver.damping_per_s, .frames = static_cast<int>(c.solver.frames),
+          .sample_rate = c.solver.sample_rate_per_s};
+}
+
+}  // namespace dimple

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <string>
+
+#include "apps/config.hpp"
+#include "apps/model_files.hpp"
+
+namespace dimple {
+
+/// What the commands do, without the command line. Each throws Error; none prints to stdout.
+/// `stop_requested` is asked now and then while solving.
+struct Outcome {
+  std::string summary_json;  ///< what summary.json holds
+  std::string headline;      ///< one line: the force, and where the pictures are
+  bool interrupted = false;
+};
+
+void describe_image(const std::filesystem::path& image, const std::filesystem::path& label_names, bool as_json);
+Outcome make_model(const Config& config, const std::filesystem::path& folder);
+Outcome solve_model(const Config& config, const std::filesystem::path& model, const std::filesystem::path& folder,
+                    const std::function<bool()>& stop_requested);
+Outcome run(const Config& config, const std::filesystem::path& folder, const std::function<bool()>& stop_requested);
+
+}  // namespace dimple

@@ -1,0 +1,153 @@
+#include "apps/results.hpp"
+
+#include <fmt/format.h>
+
+#include <system_error>
+
+#include "io/error.hpp"
+#include "io/picture.hpp"
+#include "io/table.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+Eigen::MatrixXd node_sets(const Model& model) {
+  Eigen::MatrixXd set = Eigen::MatrixXd::Zero(1, model.node_count());
+  for (const Index a : model.base) set(0, a) += 1.0;
+  for (const Index a : model.indenter) set(0, a) += 2.0;
+  return set;
+}
+
+}  // namespace
+
+ResultWriter::ResultWriter(fs::path folder, const Model& model, const ForceSystem& system, const SurfaceFile& surface,
+                           const SupportOptions& support)
+    : folder_(std::move(folder)),
+      model_(model),
+      system_(system),
+      surface_(surface),
+      to_points_(make_interpolation(model, support, model.point)),
+      to_surface_(make_interpolation(model, support, surface.position_mm * 1e-3)),
+      nodes_mm_(model.X.unaryExpr(&millimetres)),
+      points_mm_(model.point.unaryExpr(&millimetres)),
+      node_set_(node_sets(model)),
+      on_circle_(Eigen::MatrixXd::Zero(1, surface.position_mm.cols())),
+      node_series_(folder_ / "nodes.pvd", ".vtu"),
+      point_series_(folder_ / "points.pvd", ".vtu"),
+      surface_series_(folder_ / "surface.pvd", ".vtp") {
+  for (Index m = 0; m < on_circle_.cols(); ++m) {
+    const Vec3 d = surface.position_mm.col(m) * 1e-3 - model.tool.centre;
+    const double along = d.dot(model.tool.push);
+    on_circle_(0, m) = (d - along * model.tool.push).norm() <= model.tool.radius && std::abs(along) < model.tool.radius;
+  }
+}
+
+void ResultWriter::frame(const Frame& frame) {
+  const Points u = frame.u.topRows<3>() * 1e3;
+  Points reaction = Points::Zero(3, u.cols());
+  for (const auto* set : {&model_.base, &model_.indenter})
+    for (const Index a : *set) reaction.col(a) = frame.f.col(a).head<3>();
+
+  const std::vector<std::string> xyz = {"X", "Y", "Z"};
+  write_vtu(node_series_.next_frame(),
+            {.position_mm = nodes_mm_,
+             .fields = {{.name = "displacement", .unit = "mm", .values = u, .components = xyz},
+                        {.name = "reaction_force", .unit = "N", .values = reaction, .components = xyz},
+                        {.name = "node_set", .unit = "", .values = node_set_, .type = Field::Type::int32},
+                        {.name = "mass", .unit = "kg", .values = model_.mass.transpose()}}},
+            frame.t);
+  node_series_.add(frame.t);
+
+  const auto F = system_.deformation_gradients(frame.u);
+  Eigen::MatrixXd J(1, F.cols()), sigma(6, F.cols()), mises(1, F.cols());
+  for (Index q = 0; q < F.cols(); ++q) {
+    const Mat3 Fq = Eigen::Map<const Mat3>(F.col(q).data());
+    const Mat3 s = cauchy_stress(system_.material(), Fq);
+    const Mat3 deviator = s - s.trace() / 3.0 * Mat3::Identity();
+    J(0, q) = Fq.determinant();
+    sigma.col(q) << s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(1, 2), s(0, 2);  // VTK's order
+    mises(0, q) = std::sqrt(1.5) * deviator.norm();
+  }
+  write_vtu(point_series_.next_frame(),
+            {.position_mm = points_mm_,
+             .fields = {{.name = "displacement", .unit = "mm", .values = to_points_(u), .components = xyz},
+                        {.name = "jacobian", .unit = "", .values = J},
+                        {.name = "cauchy_stress", .unit = "Pa", .values = sigma, .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"}},
+                        {.name = "von_mises_stress", .unit = "Pa", .values = mises},
+                        {.name = "volume", .unit = "mm^3", .values = model_.volume.transpose() * 1e9}}},
+            frame.t);
+  point_series_.add(frame.t);
+
+  last_u_mm_ = u;
+  if (surface_.triangles.cols() == 0) return;
+  last_surface_u_mm_ = to_surface_(u);
+  write_vtp(surface_series_.next_frame(),
+            {.position_mm = surface_.position_mm + last_surface_u_mm_,
+             .triangles = surface_.triangles,
+             .fields = {{.name = "displacement", .unit = "mm", .values = last_surface_u_mm_, .components = xyz},
+                        {.name = "indenter_circle", .unit = "", .values = on_circle_, .type = Field::Type::int32}}},
+            frame.t);
+  surface_series_.add(frame.t);
+}
+
+void ResultWriter::tables(const History& history) const {
+  Table force{.header = {"time_s", "indentation_mm", "force_N", "base_force_N"}, .column = std::vector<std::vector<double>>(4)};
+  for (const ForceSample& s : history.force) {
+    const std::array<double, 4> row = {s.t, 1e3 * s.depth, s.force, s.base_force};
+    for (std::size_t c = 0; c < row.size(); ++c) force.column[c].push_back(row[c]);
+  }
+  write_csv(folder_ / "force.csv", force);
+
+  Table energy{.header = {"time_s", "indentation_mm", "kinetic_J", "stored_J", "external_work_J", "dissipated_J", "error_J"},
+               .column = std::vector<std::vector<double>>(7)};
+  for (const EnergySample& s : history.energy) {
+    const std::array<double, 7> row = {s.t, 1e3 * s.depth, s.kinetic, s.stored, s.external, s.dissipated, s.error()};
+    for (std::size_t c = 0; c < row.size(); ++c) energy.column[c].push_back(row[c]);
+  }
+  write_csv(folder_ / "energy.csv", energy);
+}
+
+void ResultWriter::overview(const History& history, const std::string& title, const std::vector<std::string>& lines) const {
+  Overview picture;
+  picture.title = title;
+  picture.lines = lines;
+  picture.nodes_mm = nodes_mm_;
+  picture.displacement_mm = last_u_mm_;
+  for (Index a = 0; a < node_set_.cols(); ++a) picture.node_set.push_back(static_cast<int>(node_set_(0, a)));
+  picture.points_mm = points_mm_;
+  picture.surface_mm = surface_.position_mm;
+  picture.surface_displacement_mm = last_surface_u_mm_;
+  picture.surface_triangles = surface_.triangles;
+  picture.centre_mm = model_.tool.centre * 1e3;
+  picture.push = model_.tool.push;
+  picture.radius_mm = model_.tool.radius * 1e3;
+  for (const ForceSample& s : history.force) {
+    picture.depth_mm.push_back(1e3 * s.depth);
+    picture.force_N.push_back(s.force);
+  }
+  write_overview(folder_ / "overview.png", picture);
+}
+
+void prepare_result_folder(const fs::path& folder) {
+  std::error_code error;
+  if (fs::exists(folder) && !fs::is_directory(folder))
+    throw OutputError({.fact = fmt::format("{} is a file", folder.string()), .where = "-o", .why = "results need a folder", .remedy = "give another -o"});
+  if (fs::is_directory(folder) && !fs::is_empty(folder, error) && !fs::exists(folder / "summary.json") &&
+      !fs::exists(folder / "model.toml") && !fs::exists(folder / "config.resolved.toml"))
+    throw OutputError({.fact = fmt::format("{} holds files that are not results of dimple", folder.string()),
+                       .where = "-o",
+                       .why = "they could be overwritten",
+                       .remedy = "give an empty or a new folder with -o"});
+  fs::create_directories(folder, error);
+  if (error)
+    throw OutputError({.fact = fmt::format("the folder {} cannot be made: {}", folder.string(), error.message()),
+                       .where = "-o", .why = "the system refused", .remedy = "give a place that can be written to"});
+  // What an earlier run left must not be mistaken for this one's.
+  for (const char* name : {"summary.json", "overview.png", "force.csv", "energy.csv", "nodes.pvd", "points.pvd", "surface.pvd"})
+    fs::remove(folder / name, error);
+  for (const char* name : {"nodes", "points", "surface"}) fs::remove_all(folder / name, error);
+}
+
+}  // namespace dimple

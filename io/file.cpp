@@ -1,0 +1,158 @@
+#include "io/file.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <openssl/evp.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <memory>
+#include <string>
+#include <system_error>
+
+#include "io/error.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string reason(int error_number) { return std::generic_category().message(error_number); }
+
+std::string remedy_for_writing(int error_number) {
+  switch (error_number) {
+    case ENOSPC:
+    case EDQUOT:
+      return "make room on that disk, or choose another output folder with --output";
+    case ENOENT:
+    case ENOTDIR:
+      return "create the folder first, or choose another output folder with --output";
+    case EACCES:
+    case EPERM:
+    case EROFS:
+      return "choose an output folder that you may write to with --output";
+    default:
+      return "choose another output folder with --output";
+  }
+}
+
+[[noreturn]] void cannot_write(const fs::path& file, int error_number) {
+  throw OutputError({.fact = fmt::format("cannot write '{}': {}", file.string(), reason(error_number)),
+                     .where = fmt::format("writing {}", file.filename().string()),
+                     .why = "the system refused; what stood under that name before is unchanged",
+                     .remedy = remedy_for_writing(error_number)});
+}
+
+[[noreturn]] void cannot_read(const fs::path& file, int error_number) {
+  throw InputError({.fact = fmt::format("cannot read '{}': {}", file.string(), reason(error_number)),
+                    .where = fmt::format("reading {}", file.filename().string()),
+                    .why = "the system refused",
+                    .remedy = error_number == ENOENT ? "check the spelling of the path"
+                              : error_number == EISDIR ? "name a file, not a folder"
+                                                       : "check that you may read the file"});
+}
+
+/// A file descriptor that closes itself. POSIX calls, because streams hide errno and cannot fsync.
+struct Descriptor {
+  int number = -1;
+  explicit Descriptor(int opened) : number(opened) {}
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  ~Descriptor() {
+    if (number >= 0) ::close(number);
+  }
+};
+
+/// The number of bytes read, 0 at the end; tries again when a signal interrupts.
+std::size_t read_some(const Descriptor& in, char* buffer, std::size_t size, const fs::path& file) {
+  for (;;) {
+    const ssize_t n = ::read(in.number, buffer, size);
+    if (n >= 0) return static_cast<std::size_t>(n);
+    if (errno != EINTR) cannot_read(file, errno);
+  }
+}
+
+Descriptor open_to_read(const fs::path& file) {
+  const int number = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
+  if (number < 0) cannot_read(file, errno);
+  return Descriptor(number);
+}
+
+}  // namespace
+
+fs::path temporary_beside(const fs::path& file) {
+  static std::atomic<unsigned> count = 0;  // two threads may write the same name
+  return file.parent_path() / fmt::format(".{}-{}-{}", ::getpid(), count++, file.filename().string());
+}
+
+void move_into_place(const fs::path& temporary, const fs::path& file) {
+  int error_number = 0;
+  {
+    const Descriptor written(::open(temporary.c_str(), O_RDONLY | O_CLOEXEC));
+    if (written.number < 0 || ::fsync(written.number) != 0) error_number = errno;
+  }
+  if (error_number == 0 && ::rename(temporary.c_str(), file.c_str()) != 0) error_number = errno;
+  if (error_number != 0) {
+    ::unlink(temporary.c_str());
+    cannot_write(file, error_number);
+  }
+}
+
+void write_file(const fs::path& file, std::string_view content) {
+  const fs::path temporary = temporary_beside(file);
+  int error_number = 0;
+  {
+    const Descriptor out(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
+    if (out.number < 0) cannot_write(file, errno);
+    while (!content.empty()) {
+      const ssize_t n = ::write(out.number, content.data(), content.size());
+      if (n < 0 && errno == EINTR) continue;
+      if (n < 0) {
+        error_number = errno;
+        break;
+      }
+      content.remove_prefix(static_cast<std::size_t>(n));
+    }
+  }
+  if (error_number != 0) {
+    ::unlink(temporary.c_str());
+    cannot_write(file, error_number);
+  }
+  move_into_place(temporary, file);
+}
+
+std::string read_file(const fs::path& file) {
+  const Descriptor in = open_to_read(file);
+  struct stat status {};
+  if (::fstat(in.number, &status) != 0) cannot_read(file, errno);
+
+  std::string content;
+  content.reserve(static_cast<std::size_t>(status.st_size));  // a hint: 0 for a pipe
+  std::array<char, 1 << 16> buffer;
+  while (const std::size_t n = read_some(in, buffer.data(), buffer.size(), file)) content.append(buffer.data(), n);
+  return content;
+}
+
+std::string sha256_of_file(const fs::path& file) {
+  const Descriptor in = open_to_read(file);
+  const std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> digest(EVP_MD_CTX_new(), &EVP_MD_CTX_free);
+  bool good = digest && EVP_DigestInit_ex(digest.get(), EVP_sha256(), nullptr) == 1;
+
+  std::array<char, 1 << 16> buffer;
+  while (const std::size_t n = read_some(in, buffer.data(), buffer.size(), file))
+    good = good && EVP_DigestUpdate(digest.get(), buffer.data(), n) == 1;
+
+  std::array<unsigned char, EVP_MAX_MD_SIZE> sum{};
+  unsigned int length = 0;
+  good = good && EVP_DigestFinal_ex(digest.get(), sum.data(), &length) == 1;
+  if (!good) throw std::runtime_error("OpenSSL could not compute a SHA-256");  // no fault of the user's
+
+  std::string text;
+  for (unsigned int i = 0; i < length; ++i) text += fmt::format("{:02x}", sum[i]);
+  return text;
+}
+
+}  // namespace dimple

@@ -1,0 +1,468 @@
+#include "io/label_image.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <type_traits>
+#include <utility>
+
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "io/label_formats.hpp"
+#include "io/label_names.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+enum class Format { nrrd, nifti, metaimage, unknown };
+
+Format format_of(const fs::path& file) {
+  std::string name = file.filename().string();
+  std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::tolower(c); });
+  const auto ends = [&](auto... suffix) { return (name.ends_with(suffix) || ...); };
+  if (ends(".nrrd", ".nhdr")) return Format::nrrd;
+  if (ends(".nii", ".nii.gz")) return Format::nifti;
+  if (ends(".mha", ".mhd")) return Format::metaimage;
+  return Format::unknown;
+}
+
+// ---------------------------------------------------------------------------------------------------------
+// Voxels
+// ---------------------------------------------------------------------------------------------------------
+
+/// What is wrong with a number that should be a label; nullptr if nothing.
+const char* fault(double label) {
+  if (!std::isfinite(label)) return "not finite";
+  if (label < 0.0) return "negative";
+  if (label != std::floor(label)) return "not a whole number";
+  if (label > std::numeric_limits<std::int32_t>::max()) return "larger than 2147483647";
+  return nullptr;
+}
+
+template <class T>
+std::vector<std::int32_t> to_labels(const StoredImage& image, const fs::path& file) {
+  const std::size_t count = image.data.size() / sizeof(T);
+  std::vector<std::int32_t> labels(count);
+  std::size_t faulty = 0, first = 0;
+  double first_value = 0.0;
+  for (std::size_t v = 0; v < count; ++v) {
+    T number;
+    std::memcpy(&number, image.data.data() + v * sizeof(T), sizeof(T));
+    // A double holds every label that is accepted; what it rounds is far above the greatest.
+    const double label = image.slope * static_cast<double>(number) + image.intercept;
+    if (fault(label)) {
+      if (faulty++ == 0) first = v, first_value = label;
+    } else {
+      labels[v] = static_cast<std::int32_t>(label);
+    }
+  }
+  if (faulty > 0) {
+    const auto nx = static_cast<std::size_t>(image.size[0]), ny = static_cast<std::size_t>(image.size[1]);
+    throw InputError(
+        {.fact = fmt::format("{} of {} voxels hold no label: the first is {}, which is {}", faulty, count,
+                             first_value, fault(first_value)),
+         .where = fmt::format("{}, stored voxel ({}, {}, {})", image_place(file), first % nx, first / nx % ny,
+                              first / nx / ny),
+         .why = "a label is a whole number from 0 (background) upward; an MRI or a probability map is no "
+                "segmentation",
+         .remedy = "give the segmentation, exported as a label map with an integer type"});
+  }
+  return labels;
+}
+
+std::vector<std::int32_t> labels_of(const StoredImage& image, const fs::path& file) {
+  switch (image.type) {
+    case Number::int8: return to_labels<std::int8_t>(image, file);
+    case Number::uint8: return to_labels<std::uint8_t>(image, file);
+    case Number::int16: return to_labels<std::int16_t>(image, file);
+    case Number::uint16: return to_labels<std::uint16_t>(image, file);
+    case Number::int32: return to_labels<std::int32_t>(image, file);
+    case Number::uint32: return to_labels<std::uint32_t>(image, file);
+    case Number::int64: return to_labels<std::int64_t>(image, file);
+    case Number::uint64: return to_labels<std::uint64_t>(image, file);
+    case Number::real32: return to_labels<float>(image, file);
+    case Number::real64: return to_labels<double>(image, file);
+  }
+  return {};
+}
+
+// ---------------------------------------------------------------------------------------------------------
+// Axes
+// ---------------------------------------------------------------------------------------------------------
+
+/// Canonical axis c is stored axis `stored[c]`, running the other way if `flipped[c]`.
+struct AxisOrder {
+  std::array<int, 3> stored{0, 1, 2};
+  std::array<bool, 3> flipped{};
+};
+
+/// The signed permutation with det > 0 that brings the axes nearest to +L, +P, +S: the greatest sum of
+/// cosines. Where two are equally near (a turn by 45 degrees) the resulting matrix decides, not the order in
+/// which they are tried, so that the choice does not depend on how the image was stored.
+AxisOrder nearest_to_LPS(const Mat3& linear) {
+  const Mat3 unit = linear.colwise().normalized();
+  constexpr double equal = 1e-6;
+  AxisOrder best;
+  Mat3 best_axes = Mat3::Zero();
+  bool found = false;
+  std::array<int, 3> stored{0, 1, 2};
+  do {
+    for (int signs = 0; signs < 8; ++signs) {
+      AxisOrder order{stored, {(signs & 1) != 0, (signs & 2) != 0, (signs & 4) != 0}};
+      Mat3 axes;
+      for (int c = 0; c < 3; ++c) {
+        const auto a = static_cast<std::size_t>(c);
+        axes.col(c) = order.flipped[a] ? Vec3(-unit.col(stored[a])) : Vec3(unit.col(stored[a]));
+      }
+      if (axes.determinant() <= 0.0) continue;
+      double gain = found ? axes.trace() - best_axes.trace() : 1.0;
+      for (int e = 0; e < 9 && std::abs(gain) <= equal; ++e) gain = axes(e) - best_axes(e);
+      if (gain > equal) best = order, best_axes = axes, found = true;
+    }
+  } while (std::next_permutation(stored.begin(), stored.end()));
+  return best;
+}
+
+/// Letters that say toward which side each stored axis increases.
+std::string letters(const AxisOrder& order) {
+  std::string text(3, '?');
+  for (std::size_t c = 0; c < 3; ++c)
+    text[static_cast<std::size_t>(order.stored[c])] = (order.flipped[c] ? "RAI" : "LPS")[c];
+  return text;
+}
+
+/// Lengths agree to 1e-9 mm however they were stored: 9.9999999999999964 is 10.
+Mat3 with_rounded_lengths(Mat3 linear) {
+  for (int c = 0; c < 3; ++c) {
+    const double length = linear.col(c).norm();
+    linear.col(c) *= std::round(length * 1e9) / 1e9 / length;
+  }
+  return linear.array() + 0.0;  // no -0
+}
+
+void check_geometry(const Eigen::Affine3d& to_world, const fs::path& file) {
+  const auto refuse = [&](std::string fact) {
+    return InputError({.fact = std::move(fact),
+                       .where = image_place(file),
+                       .why = "spacing, direction and origin in the file's header do not describe a place in space",
+                       .remedy = "correct the header, or export the segmentation anew"});
+  };
+  const Mat3 m = to_world.linear();
+  if (!to_world.matrix().allFinite()) throw refuse("the image's geometry holds a number that is not finite");
+  const Vec3 spacing = m.colwise().norm();
+  if (!(spacing.minCoeff() > 1e-6) || !(spacing.maxCoeff() < 1e6))
+    throw refuse(fmt::format("the voxel spacing is {:.6g} x {:.6g} x {:.6g} mm", spacing[0], spacing[1], spacing[2]));
+  const double volume = std::abs(Mat3(m.colwise().normalized()).determinant());
+  if (!(volume > 1e-3))  // 1 for axes at right angles
+    throw refuse("the image's axes do not span space: they lie in one plane or nearly so");
+}
+
+LabelImage canonical(const StoredImage& stored, const fs::path& file) {
+  check_geometry(stored.to_world, file);
+  const std::vector<std::int32_t> labels = labels_of(stored, file);
+  const AxisOrder order = nearest_to_LPS(stored.to_world.linear());
+  const Mat3 linear = with_rounded_lengths(stored.to_world.linear());
+
+  LabelImage image;
+  image.names = stored.names;
+  image.format = stored.format;
+  image.warnings = stored.warnings;
+  image.orientation = letters(order);
+  image.stored_size = stored.size;
+  image.stored_spacing = linear.colwise().norm();
+
+  // Walk the stored voxels in canonical order: start at the corner that becomes (0, 0, 0).
+  const std::array<Index, 3> stored_step{1, stored.size[0], stored.size[0] * stored.size[1]};
+  std::array<Index, 3> step{};
+  Index first = 0;
+  Vec3 origin = stored.to_world.translation();
+  for (std::size_t c = 0; c < 3; ++c) {
+    const auto a = static_cast<std::size_t>(order.stored[c]);
+    const auto column = static_cast<Index>(c);
+    image.size[c] = stored.size[a];
+    step[c] = stored_step[a];
+    image.to_world.linear().col(column) = linear.col(order.stored[c]);
+    if (order.flipped[c]) {
+      origin += linear.col(order.stored[c]) * static_cast<double>(stored.size[a] - 1);
+      first += stored_step[a] * (stored.size[a] - 1);
+      step[c] = -step[c];
+      image.to_world.linear().col(column) *= -1.0;
+    }
+  }
+  image.to_world.linear() = image.to_world.linear().array() + 0.0;  // no -0
+  image.to_world.translation() = origin.array() + 0.0;
+  image.to_world.makeAffine();
+
+  image.voxel.reserve(labels.size());
+  for (Index k = 0; k < image.size[2]; ++k)
+    for (Index j = 0; j < image.size[1]; ++j)
+      for (Index i = 0; i < image.size[0]; ++i)
+        image.voxel.push_back(labels[static_cast<std::size_t>(first + i * step[0] + j * step[1] + k * step[2])]);
+  return image;
+}
+
+/// Largest extent of the box around the foreground [mm]; throws if there is no foreground.
+double foreground_extent(const LabelImage& image, const fs::path& file) {
+  std::array<Index, 3> low = image.size, high{-1, -1, -1};
+  auto voxel = image.voxel.begin();
+  for (Index k = 0; k < image.size[2]; ++k)
+    for (Index j = 0; j < image.size[1]; ++j)
+      for (Index i = 0; i < image.size[0]; ++i)
+        if (*voxel++ != 0) {
+          low = {std::min(low[0], i), std::min(low[1], j), std::min(low[2], k)};
+          high = {std::max(high[0], i), std::max(high[1], j), std::max(high[2], k)};
+        }
+  if (high[0] < 0)
+    throw InputError({.fact = fmt::format("all {} voxels are background (0)", image.voxel.size()),
+                      .where = image_place(file),
+                      .why = "an organ is made of the voxels whose label is not 0, and there is none",
+                      .remedy = "check that the segmentation was saved, and that this is the right file"});
+  double extent = 0.0;
+  for (std::size_t c = 0; c < 3; ++c)
+    extent = std::max(extent, static_cast<double>(high[c] - low[c] + 1) * image.spacing()[static_cast<Index>(c)]);
+  return extent;
+}
+
+[[noreturn]] void refuse_suffix(const fs::path& file, bool reading) {
+  Report report{.fact = fmt::format("'{}' does not end in a known suffix", file.filename().string()),
+                .where = image_place(file),
+                .why = reading ? "known are .nrrd, .nhdr, .seg.nrrd, .nii, .nii.gz, .mha and .mhd"
+                               : "known are .nrrd, .seg.nrrd, .nii, .nii.gz and .mha",
+                .remedy = "export the segmentation in one of these formats; from 3D Slicer, save it as .seg.nrrd"};
+  if (reading) throw InputError(std::move(report));
+  report.remedy = "choose a name with one of these suffixes";
+  throw UsageError(std::move(report));
+}
+
+template <class T>
+void append_as(const std::vector<std::int32_t>& labels, std::vector<std::byte>& data) {
+  data.resize(labels.size() * sizeof(T));
+  for (std::size_t v = 0; v < labels.size(); ++v) {
+    const T number = static_cast<T>(labels[v]);
+    std::memcpy(data.data() + v * sizeof(T), &number, sizeof(T));
+  }
+}
+
+StoredImage to_stored(const LabelImage& image) {
+  StoredImage stored;
+  stored.size = image.size;
+  stored.to_world = image.to_world;
+  const std::int32_t largest = image.voxel.empty() ? 0 : *std::max_element(image.voxel.begin(), image.voxel.end());
+  if (largest <= std::numeric_limits<std::uint8_t>::max()) {
+    stored.type = Number::uint8;
+    append_as<std::uint8_t>(image.voxel, stored.data);
+  } else if (largest <= std::numeric_limits<std::uint16_t>::max()) {
+    stored.type = Number::uint16;
+    append_as<std::uint16_t>(image.voxel, stored.data);
+  } else {
+    stored.type = Number::int32;
+    append_as<std::int32_t>(image.voxel, stored.data);
+  }
+  return stored;
+}
+
+/// brain.nii.gz -> brain.labels.txt
+fs::path beside_for_names(const fs::path& file) {
+  fs::path stem = file;
+  if (stem.extension() == ".gz") stem.replace_extension();
+  return stem.replace_extension(".labels.txt");
+}
+
+}  // namespace
+
+// ---------------------------------------------------------------------------------------------------------
+// label_formats.hpp
+// ---------------------------------------------------------------------------------------------------------
+
+std::array<Index, 3> checked_size(const std::vector<Index>& size, Index components, const fs::path& file) {
+  const auto refuse = [&](std::string fact, std::string why, std::string remedy) {
+    return InputError({.fact = std::move(fact),
+                       .where = image_place(file),
+                       .why = std::move(why),
+                       .remedy = std::move(remedy)});
+  };
+  if (components != 1)
+    throw refuse(fmt::format("every voxel holds {} numbers instead of one label", components),
+                 "the segments overlap and are stored in several layers, or the image is a colour or vector image",
+                 "in 3D Slicer, module Segmentations: export the segments to a label map (a voxel in two "
+                 "segments goes to one of them) and save that as .nrrd");
+  std::size_t dimensions = size.size();
+  while (dimensions > 3 && size[dimensions - 1] == 1) --dimensions;
+  if (dimensions > 3)
+    throw refuse(fmt::format("the image has {} axes ({} voxels)", dimensions, fmt::join(size, " x ")),
+                 "an organ is segmented in one three-dimensional image",
+                 "save one time frame or one channel as an image of its own");
+  if (dimensions < 3 || size[0] == 1 || size[1] == 1 || size[2] == 1)
+    throw refuse(fmt::format("the image is flat: {} voxels", fmt::join(size, " x ")),
+                 "an organ needs at least two voxels along each of three axes",
+                 "give the whole segmented volume, not one slice of it");
+  constexpr double limit = std::numeric_limits<std::int32_t>::max();
+  double voxels = 1.0;
+  for (std::size_t a = 0; a < 3; ++a) {
+    if (size[a] <= 0)
+      throw refuse(fmt::format("axis {} is said to hold {} voxels", a + 1, size[a]), "the header is damaged",
+                   "export the segmentation anew");
+    voxels *= static_cast<double>(size[a]);
+  }
+  if (voxels > limit)
+    throw refuse(fmt::format("the image has {:.3g} voxels", voxels),
+                 fmt::format("at most {:.3g} are read; or the header is damaged", limit),
+                 "crop the image to the organ, or resample it to larger voxels");
+  return {size[0], size[1], size[2]};
+}
+
+std::optional<double> millimetres_in(const std::string& unit) {
+  static const std::map<std::string, double> known = {
+      {"", 1.0},          {"mm", 1.0},         {"millimeter", 1.0}, {"millimetre", 1.0},
+      {"cm", 10.0},       {"m", 1000.0},       {"meter", 1000.0},   {"metre", 1000.0},
+      {"um", 0.001},      {"\u00b5m", 0.001},  {"\u03bcm", 0.001},  {"micron", 0.001},
+      {"microns", 0.001}, {"micrometer", 0.001}};
+  const auto found = known.find(unit);
+  return found == known.end() ? std::nullopt : std::optional(found->second);
+}
+
+void scale_to_millimetres(StoredImage& image, double factor, const std::string& unit) {
+  image.to_world.matrix().topRows<3>() *= factor;
+  image.warnings.push_back(
+      fmt::format("The file gives lengths in {}; spacing and origin were multiplied by {} to millimetres.", unit,
+                  factor));
+}
+
+void check_length(const StoredImage& image, const fs::path& file) {
+  constexpr double deflate_limit = 1032.0;  // bytes out per byte in, at best
+  std::error_code failed;
+  const std::uintmax_t length = fs::file_size(file, failed);
+  if (!failed && static_cast<double>(image.data_bytes()) > deflate_limit * static_cast<double>(length))
+    throw truncated(file, fmt::format("{} bytes cannot hold {} bytes of voxels", length, image.data_bytes()));
+}
+
+InputError truncated(const fs::path& file, std::string fact) {
+  return InputError({.fact = std::move(fact),
+                     .where = image_place(file),
+                     .why = "the file is incomplete or damaged, as after a copy that was cut short",
+                     .remedy = "copy or export the segmentation again"});
+}
+
+// ---------------------------------------------------------------------------------------------------------
+// label_image.hpp
+// ---------------------------------------------------------------------------------------------------------
+
+LabelImage read_label_image(const fs::path& file, const fs::path& label_names) {
+  const Format format = format_of(file);
+  std::error_code ignored;
+  if (!fs::is_regular_file(file, ignored)) read_file(file);  // says why: no such file, a folder, no permission
+  if (format == Format::unknown) refuse_suffix(file, true);
+  std::map<int, std::string> table;  // read first: it is cheap, and the image may be large
+  if (!label_names.empty()) table = read_label_names(label_names);
+
+  LabelImage image = canonical(format == Format::nrrd    ? read_nrrd(file)
+                               : format == Format::nifti ? read_nifti(file)
+                                                         : read_metaimage(file),
+                               file);
+  for (auto& [label, name] : table) image.names[label] = std::move(name);
+
+  const double extent = foreground_extent(image, file);
+  if (extent < 5.0 || extent > 2000.0)
+    image.warnings.push_back(
+        fmt::format("The labels extend over {:.4g} mm, which is unusual for an organ; check the unit of the "
+                    "voxel spacing.", extent));
+  return image;
+}
+
+void write_label_image(const fs::path& file, const LabelImage& image) {
+  const Format format = format_of(file);
+  if (format == Format::unknown || file.extension() == ".nhdr" || file.extension() == ".mhd")
+    refuse_suffix(file, false);  // headers with the data in a second file cannot be replaced in one step
+
+  const StoredImage stored = to_stored(image);
+  const fs::path temporary = temporary_beside(file);
+  try {
+    write_file(temporary, "");  // the system's reason if the folder is missing or read-only
+    StoredImage written;
+    if (format == Format::nrrd) {
+      const bool segmentation = file.filename().string().ends_with(".seg.nrrd");
+      write_nrrd(temporary, stored, segmentation || !image.names.empty() ? segment_keys(image) : KeyValues{});
+      written = read_nrrd(temporary);
+    } else if (format == Format::nifti) {
+      write_nifti(temporary, stored);
+      written = read_nifti(temporary);
+    } else {
+      write_metaimage(temporary, stored);
+      written = read_metaimage(temporary);
+    }
+    // ITK's writers do not notice every failure of the disk.
+    if (written.data != stored.data) throw std::runtime_error("what was written does not read back the same");
+  } catch (const OutputError&) {
+    std::error_code ignored;
+    fs::remove(temporary, ignored);
+    throw;
+  } catch (const std::exception& error) {
+    std::error_code ignored;
+    fs::remove(temporary, ignored);
+    throw OutputError({.fact = fmt::format("cannot write '{}': {}", file.string(), error.what()),
+                       .where = image_place(file),
+                       .why = "the image was written beside its name and found incomplete, then removed",
+                       .remedy = "check the room on that disk, or choose another output folder with --output"});
+  }
+  // The names first: an image that is there is complete.
+  if (format != Format::nrrd)
+    if (const std::string names = label_descriptions(image); !names.empty())
+      write_file(beside_for_names(file), names);
+  move_into_place(temporary, file);
+}
+
+// A flood fill of our own: ITK's ConnectedComponentImageFilter joins labels that touch, so it would need one
+// pass over the image per label.
+std::vector<LabelMeasure> measure_labels(const LabelImage& image) {
+  const auto [nx, ny, nz] = image.size;
+  const std::array<Index, 3> step{1, nx, nx * ny};
+  std::vector<bool> seen(image.voxel.size(), false);
+  std::vector<Index> todo;
+  std::map<std::int32_t, LabelMeasure> measures;
+
+  for (Index start = 0; start < static_cast<Index>(image.voxel.size()); ++start) {
+    const std::int32_t label = image.voxel[static_cast<std::size_t>(start)];
+    if (label == 0 || seen[static_cast<std::size_t>(start)]) continue;
+    LabelMeasure& measure = measures[label];
+    std::int64_t piece = 0;
+    seen[static_cast<std::size_t>(start)] = true;
+    todo.push_back(start);
+    while (!todo.empty()) {
+      const Index v = todo.back();
+      todo.pop_back();
+      ++piece;
+      const std::array<Index, 3> at{v % nx, v / nx % ny, v / nx / ny};
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        for (const Index side : {-1, 1}) {
+          const Index next = at[axis] + side;
+          if (next < 0 || next >= image.size[axis]) {
+            measure.touches_border = true;
+            continue;
+          }
+          const auto w = static_cast<std::size_t>(v + side * step[axis]);
+          if (image.voxel[w] != label || seen[w]) continue;
+          seen[w] = true;
+          todo.push_back(static_cast<Index>(w));
+        }
+    }
+    ++measure.pieces;
+    measure.voxels += piece;
+    measure.largest_piece_voxels = std::max(measure.largest_piece_voxels, piece);
+  }
+
+  std::vector<LabelMeasure> list;
+  for (auto& [label, measure] : measures) {
+    measure.value = label;
+    if (const auto name = image.names.find(label); name != image.names.end()) measure.name = name->second;
+    measure.volume_mm3 = static_cast<double>(measure.voxels) * image.voxel_volume();
+    list.push_back(std::move(measure));
+  }
+  return list;
+}
+
+}  // namespace dimple

@@ -1,0 +1,926 @@
+#include "io/picture.hpp"
+
+#include <fmt/format.h>
+#include <vtkFreeTypeTools.h>
+#include <vtkImageData.h>
+#include <vtkNew.h>
+#include <vtkPNGWriter.h>
+#include <vtkPointData.h>
+#include <vtkTextProperty.h>
+#include <vtkUnsignedCharArray.h>
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <numbers>
+#include <optional>
+#include <string_view>
+#include <utility>
+
+#include "io/error.hpp"
+#include "io/file.hpp"
+
+// No library draws this: VTK's renderer aborts the process where there is no display, and its charts need
+// that renderer. VTK still sets the text and encodes the PNG; neither needs a display.
+
+namespace dimple {
+
+namespace {
+
+using Vec2 = Eigen::Vector2d;
+using Colour = Eigen::Array3f;  // red, green, blue in 0..1
+
+constexpr int width = 1600;
+constexpr int height = 1200;
+constexpr int fine = 2;  // everything is drawn this much larger, then averaged: edges come out smooth
+
+Colour rgb(unsigned hex) {
+  return Colour(static_cast<float>(hex >> 16 & 255U), static_cast<float>(hex >> 8 & 255U),
+                static_cast<float>(hex & 255U)) /
+         255.0F;
+}
+
+// Hues that the common colour-vision deficiencies keep apart; the lightness differs as well.
+const Colour ink = rgb(0x1F2933), soft_ink = rgb(0x5F6B7A), hairline = rgb(0xD8DEE6), page = rgb(0xEEF1F5),
+             card = rgb(0xFFFFFF), interior = rgb(0xA9BCD0), base = rgb(0x0B4F8A), circle = rgb(0xE8590C),
+             cross = rgb(0x8794A4), curve = rgb(0x0B4F8A);
+
+bool is_base(int set) {
+  return (set & 1) != 0;
+}
+bool is_circle(int set) {
+  return (set & 2) != 0;
+}
+const Colour& colour_of(int set) {
+  return is_circle(set) ? circle : is_base(set) ? base : interior;
+}
+
+/// Pale to dark through yellow, red and purple: the lightness falls evenly, so it also reads in grey.
+Colour heat(double fraction) {
+  static const std::array<Colour, 7> stops{rgb(0xECEBE6), rgb(0xF9DFA3), rgb(0xF9B768), rgb(0xEE7F52),
+                                           rgb(0xCB4A5C), rgb(0x8C2B6B), rgb(0x47175A)};
+  const double t = std::clamp(fraction, 0.0, 1.0) * (static_cast<double>(stops.size()) - 1.0);
+  const std::size_t i = std::min<std::size_t>(static_cast<std::size_t>(t), stops.size() - 2);
+  const auto f = static_cast<float>(t - static_cast<double>(i));
+  return stops[i] * (1.0F - f) + stops[i + 1] * f;
+}
+
+// -------------------------------------------------------------------------------------------------- drawing
+
+/// A rectangle in picture pixels, y downward.
+struct Rect {
+  double x, y, w, h;
+  Rect inset(double left, double top, double right, double bottom) const {
+    return {x + left, y + top, std::max(w - left - right, 1.0), std::max(h - top - bottom, 1.0)};
+  }
+};
+
+/// The picture, `fine` times larger than written. Coordinates are picture pixels, y downward.
+class Canvas {
+ public:
+  Canvas() : pixel_(static_cast<std::size_t>(columns * rows), page) {}
+
+  static constexpr int columns = width * fine, rows = height * fine;
+
+  void blend(int x, int y, const Colour& colour, double cover) {
+    if (cover <= 0.0 || x < 0 || y < 0 || x >= columns || y >= rows) return;
+    Colour& at = pixel_[static_cast<std::size_t>(x + columns * y)];
+    at += (colour - at) * static_cast<float>(std::min(cover, 1.0));
+  }
+
+  /// Paints where `distance` (picture pixels, negative inside) says; `bounds` limits the search.
+  template <class Distance>
+  void paint(const Rect& bounds, const Colour& colour, double opacity, Distance distance) {
+    const auto pixel = [](double v, int most) {
+      return static_cast<int>(std::clamp(std::floor(v * fine), 0.0, static_cast<double>(most)));
+    };
+    const int x1 = pixel(bounds.x + bounds.w + 1.0, columns - 1),
+              y1 = pixel(bounds.y + bounds.h + 1.0, rows - 1);
+    for (int y = pixel(bounds.y - 1.0, rows - 1); y <= y1; ++y)
+      for (int x = pixel(bounds.x - 1.0, columns - 1); x <= x1; ++x) {
+        const double d = distance(Vec2((x + 0.5) / fine, (y + 0.5) / fine));
+        blend(x, y, colour, opacity * std::clamp(0.5 - d * fine, 0.0, 1.0));
+      }
+  }
+
+  void rectangle(const Rect& r, const Colour& colour, double corner = 0.0) {
+    const Vec2 half(r.w / 2.0 - corner, r.h / 2.0 - corner), centre(r.x + r.w / 2.0, r.y + r.h / 2.0);
+    paint(r, colour, 1.0, [&](const Vec2& p) {
+      const Vec2 q = (p - centre).cwiseAbs() - half;
+      return q.cwiseMax(0.0).norm() + std::min(q.maxCoeff(), 0.0) - corner;
+    });
+  }
+
+  void disc(const Vec2& centre, double radius, const Colour& colour, double opacity = 1.0) {
+    paint({centre.x() - radius, centre.y() - radius, 2.0 * radius, 2.0 * radius}, colour, opacity,
+          [&](const Vec2& p) { return (p - centre).norm() - radius; });
+  }
+
+  void line(const Vec2& a, const Vec2& b, double thickness, const Colour& colour, double opacity = 1.0) {
+    const Vec2 along = b - a;
+    const double length2 = std::max(along.squaredNorm(), 1e-12), r = thickness / 2.0;
+    const Vec2 low = a.cwiseMin(b).array() - r, high = a.cwiseMax(b).array() + r;
+    paint({low.x(), low.y(), high.x() - low.x(), high.y() - low.y()}, colour, opacity, [&](const Vec2& p) {
+      const double t = std::clamp((p - a).dot(along) / length2, 0.0, 1.0);
+      return (p - a - t * along).norm() - r;
+    });
+  }
+
+  /// A line from a to b with a head at b.
+  void arrow(const Vec2& a, const Vec2& b, double thickness, const Colour& colour) {
+    const double length = (b - a).norm();
+    if (!(length > 0.0)) return;
+    const double head = std::min(4.0 * thickness, 0.7 * length), half = 0.5 * head;
+    const Vec2 along = (b - a) / length, across(-along.y(), along.x());
+    line(a, b - 0.8 * head * along, thickness, colour);
+    const Vec2 low = a.cwiseMin(b).array() - head, high = a.cwiseMax(b).array() + head;
+    paint({low.x(), low.y(), high.x() - low.x(), high.y() - low.y()}, colour, 1.0, [&](const Vec2& p) {
+      const double back = (b - p).dot(along), side = std::abs((p - b).dot(across));
+      return std::max(back - head, (side * head - back * half) / std::hypot(head, half));
+    });
+  }
+
+  /// The finished picture: the average of every fine x fine block, bottom row first as VTK wants it.
+  vtkSmartPointer<vtkImageData> image() const {
+    vtkNew<vtkImageData> result;
+    result->SetDimensions(width, height, 1);
+    result->AllocateScalars(VTK_UNSIGNED_CHAR, 3);
+    auto* to = static_cast<unsigned char*>(result->GetScalarPointer());
+    for (int y = height - 1; y >= 0; --y)
+      for (int x = 0; x < width; ++x) {
+        Colour sum = Colour::Zero();
+        for (int dy = 0; dy < fine; ++dy)
+          for (int dx = 0; dx < fine; ++dx)
+            sum += pixel_[static_cast<std::size_t>(x * fine + dx + columns * (y * fine + dy))];
+        for (int c = 0; c < 3; ++c)
+          *to++ = static_cast<unsigned char>(sum[c] * (255.0F / (fine * fine)) + 0.5F);
+      }
+    return result;
+  }
+
+ private:
+  std::vector<Colour> pixel_;
+};
+
+// ----------------------------------------------------------------------------------------------------- text
+
+struct Style {
+  double size = 15.0;  ///< height of a line of text in picture pixels, about
+  Colour colour = ink;
+  bool bold = false;
+};
+
+enum class Align { left, centre, right };
+
+/// What the text setter accepts: control characters and bytes that are not UTF-8 become '?'.
+std::string printable(std::string_view text) {
+  std::string clean;
+  for (std::size_t i = 0; i < text.size();) {
+    const auto lead = static_cast<unsigned char>(text[i]);
+    const std::size_t length = lead < 0x80 ? 1 : lead < 0xC2 ? 0 : lead < 0xE0 ? 2 : lead < 0xF0 ? 3 : 0;
+    bool valid = length > 0 && i + length <= text.size() && lead >= 0x20 && lead != 0x7F;
+    for (std::size_t k = 1; valid && k < length; ++k)
+      valid = (static_cast<unsigned char>(text[i + k]) & 0xC0U) == 0x80;
+    if (valid && length == 3) {  // three bytes can still be too many for the character, or half a surrogate
+      const auto second = static_cast<unsigned char>(text[i + 1]);
+      valid = !(lead == 0xE0 && second < 0xA0) && !(lead == 0xED && second >= 0xA0);
+    }
+    clean += valid ? std::string(text.substr(i, length)) : lead == '\t' || lead == '\n' ? " " : "?";
+    i += valid ? length : 1;
+  }
+  return clean;
+}
+
+vtkSmartPointer<vtkTextProperty> text_property(const Style& style) {
+  vtkNew<vtkTextProperty> property;
+  property->SetFontFamilyToArial();  // built into VTK: the same letters on every machine
+  property->SetFontSize(static_cast<int>(std::lround(style.size * fine)));
+  property->SetBold(style.bold ? 1 : 0);
+  property->SetColor(1.0, 1.0, 1.0);
+  return property;
+}
+
+constexpr int dots_per_inch = 72;  // a font size is then a number of pixels
+
+/// Width in picture pixels.
+double text_width(const std::string& text, const Style& style) {
+  std::array<int, 4> box{};
+  if (text.empty() || !vtkFreeTypeTools::GetInstance()->GetBoundingBox(text_property(style), printable(text),
+                                                                       dots_per_inch, box.data()))
+    return 0.0;
+  return static_cast<double>(box[1] - box[0] + 1) / fine;
+}
+
+/// Sets one line of text; `at` is on its baseline.
+void write(Canvas& canvas, const Vec2& at, const std::string& text, const Style& style = {},
+           Align align = Align::left) {
+  const std::string clean = printable(text);
+  if (clean.find_first_not_of(' ') == std::string::npos) return;
+  const auto property = text_property(style);
+  auto* tools = vtkFreeTypeTools::GetInstance();
+  vtkNew<vtkImageData> image;
+  std::array<int, 4> box{};
+  std::array<int, 2> size{};
+  if (!tools->GetBoundingBox(property, clean, dots_per_inch, box.data()) ||
+      !tools->RenderString(property, clean, dots_per_inch, image, size.data()))
+    return;
+  const double shift = align == Align::left ? 0.0 : align == Align::centre ? 0.5 : 1.0;
+  const int left = static_cast<int>(std::lround(at.x() * fine - shift * (box[1] - box[0] + 1)));
+  const int baseline = static_cast<int>(std::lround(at.y() * fine));
+  const int channels = image->GetNumberOfScalarComponents();
+  for (int y = 0; y < size[1]; ++y)
+    for (int x = 0; x < size[0]; ++x) {
+      const auto* value = static_cast<const unsigned char*>(image->GetScalarPointer(x, y, 0));
+      canvas.blend(left + x, baseline - box[2] - y, style.colour, value[channels - 1] / 255.0);
+    }
+}
+
+/// Breaks a line between words so that no part is wider than `room`. A single longer word is cut.
+std::vector<std::string> wrapped(const std::string& line, double room, const Style& style) {
+  std::vector<std::string> parts;
+  std::string part, word;
+  const auto place = [&] {
+    if (word.empty()) return;
+    const std::string longer = part.empty() ? word : part + ' ' + word;
+    if (text_width(longer, style) <= room) {
+      part = longer;
+    } else {
+      if (!part.empty()) parts.push_back(part);
+      part = word;
+      while (part.size() > 8 && text_width(part, style) > room) {
+        const double keep = room / text_width(part, style) * 0.97;
+        auto cut = static_cast<std::size_t>(keep * static_cast<double>(part.size()));
+        cut = std::clamp<std::size_t>(cut, 4, part.size() - 1);
+        parts.push_back(part.substr(0, cut));
+        part.erase(0, cut);
+      }
+    }
+    word.clear();
+  };
+  for (const char c : printable(line)) {
+    if (c == ' ')
+      place();
+    else
+      word += c;
+  }
+  place();
+  if (!part.empty()) parts.push_back(part);
+  return parts;
+}
+
+/// The text, shortened at its end until it fits.
+std::string shortened(std::string text, double room, const Style& style) {
+  text = printable(text);
+  if (text_width(text, style) <= room) return text;
+  while (!text.empty() && text_width(text + "...", style) > room) {
+    text.pop_back();
+    while (!text.empty() && (static_cast<unsigned char>(text.back()) & 0x80U) != 0) text.pop_back();
+  }
+  return text + "...";
+}
+
+// -------------------------------------------------------------------------------------------------- numbers
+
+/// 1, 2 or 5 times a power of ten, the largest that does not exceed `value` (> 0).
+double round_below(double value) {
+  const double power = std::pow(10.0, std::floor(std::log10(value) + 1e-9));
+  for (const double lead : {5.0, 2.0})
+    if (lead * power <= value * (1.0 + 1e-9)) return lead * power;
+  return power;
+}
+
+/// As many decimals as a step of that size needs.
+std::string tick_text(double value, double step) {
+  const int decimals = std::clamp(static_cast<int>(-std::floor(std::log10(step) + 1e-9)), 0, 9);
+  return fmt::format("{:.{}f}", value == 0.0 ? 0.0 : value, decimals);
+}
+
+/// Three significant digits.
+std::string three_digits(double value) {
+  if (value == 0.0) return "0";
+  const int decimals = std::clamp(2 - static_cast<int>(std::floor(std::log10(std::abs(value)))), 0, 9);
+  return fmt::format("{:.{}f}", value, decimals);
+}
+
+struct Scale {
+  double factor;
+  std::string unit;
+};
+
+/// The unit in which `largest` newtons reads best.
+Scale force_scale(double largest_N) {
+  if (largest_N >= 1.0 || !(largest_N > 0.0)) return {1.0, "N"};
+  return largest_N >= 1e-3 ? Scale{1e3, "mN"} : Scale{1e6, "\xC2\xB5N"};
+}
+
+// ----------------------------------------------------------------------------------------------------- view
+
+/// A view without perspective: right, up and toward the viewer.
+struct Camera {
+  Vec3 right, up, toward;
+  Vec3 seen(const Vec3& p) const { return {right.dot(p), up.dot(p), toward.dot(p)}; }
+};
+
+/// How the body lies to the push: three unit vectors.
+struct Frame {
+  Vec3 up;     ///< against the push
+  Vec3 broad;  ///< the longest direction of the body across the push
+  Vec3 front;  ///< out of the picture, toward the viewer
+};
+
+bool usable(const Vec3& p) {
+  return p.allFinite();
+}
+
+/// Deterministic: the same body gives the same picture, whatever the signs of its eigenvectors.
+Frame frame_of(const Overview& o) {
+  Frame f;
+  f.up = usable(o.push) && o.push.norm() > 1e-9 ? Vec3(-o.push.normalized()) : Vec3::UnitZ();
+  // Any two directions across the push, from the axis that is least along it.
+  Index least = 0;
+  f.up.cwiseAbs().minCoeff(&least);
+  const Vec3 a = f.up.cross(Vec3::Unit(least)).normalized(), b = f.up.cross(a);
+
+  Vec3 mean = Vec3::Zero();
+  double count = 0.0;
+  for (Index n = 0; n < o.nodes_mm.cols(); ++n)
+    if (usable(o.nodes_mm.col(n))) mean += o.nodes_mm.col(n), count += 1.0;
+  mean /= std::max(count, 1.0);
+  Eigen::Matrix2d spread = Eigen::Matrix2d::Zero();
+  for (Index n = 0; n < o.nodes_mm.cols(); ++n) {
+    if (!usable(o.nodes_mm.col(n))) continue;
+    const Vec2 q((o.nodes_mm.col(n) - mean).dot(a), (o.nodes_mm.col(n) - mean).dot(b));
+    spread += q * q.transpose();
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(spread);
+  const bool round = axes.eigenvalues()[1] < 1.05 * axes.eigenvalues()[0] || !(axes.eigenvalues()[1] > 0.0);
+  const Vec2 longest = round ? Vec2(1.0, 0.0) : Vec2(axes.eigenvectors().col(1));
+  f.broad = (longest[0] * a + longest[1] * b).normalized();
+  f.front = f.broad.cross(f.up).normalized();
+
+  // From the side on which the circle lies: the skin slopes toward the viewer there. Without such a side,
+  // from the one that shows left, posterior or superior on the right.
+  const double reach = std::sqrt(std::max(axes.eigenvalues()[0], 0.0) / std::max(count, 1.0));
+  const double offset = usable(o.centre_mm) ? (o.centre_mm - mean).dot(f.front) : 0.0;
+  Index main = 0;
+  f.broad.cwiseAbs().maxCoeff(&main);
+  const bool turn = std::abs(offset) > 0.1 * reach ? offset < 0.0 : f.broad[main] < 0.0;
+  if (turn) f.broad = -f.broad, f.front = -f.front;
+  return f;
+}
+
+/// From above the horizon by `elevation` degrees and turned by `azimuth` degrees about the push.
+Camera camera(const Frame& f, double elevation, double azimuth) {
+  const double e = elevation * std::numbers::pi / 180.0, a = azimuth * std::numbers::pi / 180.0;
+  const Vec3 right = std::cos(a) * f.broad - std::sin(a) * f.front;
+  const Vec3 front = std::sin(a) * f.broad + std::cos(a) * f.front;
+  return {right, std::cos(e) * f.up - std::sin(e) * front, std::sin(e) * f.up + std::cos(e) * front};
+}
+
+/// Where a camera puts points in a rectangle.
+struct Projection {
+  Camera camera;
+  Vec2 middle_mm = Vec2::Zero();  ///< shown at the rectangle's centre
+  Vec2 centre = Vec2::Zero();     ///< of the rectangle [pixels]
+  double scale = 1.0;             ///< pixels per mm
+
+  /// x, y in picture pixels; z in mm toward the viewer.
+  Vec3 operator()(const Vec3& p) const {
+    const Vec3 q = camera.seen(p);
+    return {centre.x() + scale * (q.x() - middle_mm.x()), centre.y() - scale * (q.y() - middle_mm.y()),
+            q.z()};
+  }
+};
+
+/// Fits all points into the rectangle.
+Projection fitted(const Camera& camera, const Rect& rect, std::initializer_list<const Points*> clouds,
+                  double margin_mm) {
+  Eigen::AlignedBox2d box;
+  for (const Points* cloud : clouds)
+    for (Index n = 0; n < cloud->cols(); ++n)
+      if (usable(cloud->col(n))) box.extend(Vec2(camera.seen(cloud->col(n)).head<2>()));
+  Projection projection{.camera = camera, .centre = {rect.x + rect.w / 2.0, rect.y + rect.h / 2.0}};
+  if (box.isEmpty()) return projection;
+  projection.middle_mm = box.center();
+  const Vec2 size = box.sizes().array() + 2.0 * std::max(margin_mm, 1e-6);
+  projection.scale = std::min(rect.w / size.x(), rect.h / size.y());
+  return projection;
+}
+
+/// Pixels with depth for one rectangle; drawn into, shaded, then laid on the canvas.
+class Scene {
+ public:
+  Scene(const Projection& projection, const Rect& rect)
+      : projection_(projection),
+        x0_(static_cast<int>(rect.x * fine)),
+        y0_(static_cast<int>(rect.y * fine)),
+        w_(static_cast<int>(rect.w * fine)),
+        h_(static_cast<int>(rect.h * fine)),
+        depth_(static_cast<std::size_t>(w_ * h_), nothing),
+        colour_(depth_.size(), card) {}
+
+  /// A lit ball; `lift_mm` moves it toward the viewer in the test of what hides what.
+  void ball(const Vec3& centre_mm, double radius_mm, const Colour& colour, double lift_mm = 0.0) {
+    const Vec3 p = projection_(centre_mm);
+    const double r = std::max(radius_mm * projection_.scale, 0.8) * fine;
+    const double cx = p.x() * fine - x0_, cy = p.y() * fine - y0_;
+    if (!(cx > -r && cy > -r && cx < w_ + r && cy < h_ + r)) return;
+    for (int y = std::max(0, static_cast<int>(cy - r)); y <= std::min(h_ - 1, static_cast<int>(cy + r)); ++y)
+      for (int x = std::max(0, static_cast<int>(cx - r)); x <= std::min(w_ - 1, static_cast<int>(cx + r));
+           ++x) {
+        const double u = (x + 0.5 - cx) / r, v = (cy - y - 0.5) / r, rest = 1.0 - u * u - v * v;
+        if (rest < 0.0) continue;
+        const double n = std::sqrt(rest);
+        put(x, y, p.z() + n * radius_mm + lift_mm, [&] { return lit(colour, Vec3(u, v, n)); });
+      }
+  }
+
+  /// A lit triangle with a normal and a value at each corner, coloured by `heat`.
+  void triangle(const std::array<Vec3, 3>& corner_mm, const std::array<Vec3, 3>& normal,
+                const std::array<double, 3>& value) {
+    std::array<Vec3, 3> p;
+    for (std::size_t c = 0; c < 3; ++c) {
+      p[c] = projection_(corner_mm[c]);
+      p[c].x() = p[c].x() * fine - x0_;
+      p[c].y() = p[c].y() * fine - y0_;
+    }
+    const double area =
+        (p[1].x() - p[0].x()) * (p[2].y() - p[0].y()) - (p[2].x() - p[0].x()) * (p[1].y() - p[0].y());
+    if (!(std::abs(area) > 1e-12)) return;
+    const auto [low_x, high_x] = std::minmax({p[0].x(), p[1].x(), p[2].x()});
+    const auto [low_y, high_y] = std::minmax({p[0].y(), p[1].y(), p[2].y()});
+    if (high_x < 0.0 || high_y < 0.0 || low_x > w_ || low_y > h_) return;
+    const auto edge = [](const Vec3& a, const Vec3& b, double x, double y) {
+      return (b.x() - a.x()) * (y - a.y()) - (b.y() - a.y()) * (x - a.x());
+    };
+    for (int y = std::max(0, static_cast<int>(low_y)); y <= std::min(h_ - 1, static_cast<int>(high_y)); ++y)
+      for (int x = std::max(0, static_cast<int>(low_x)); x <= std::min(w_ - 1, static_cast<int>(high_x));
+           ++x) {
+        const double a = edge(p[1], p[2], x + 0.5, y + 0.5) / area,
+                     b = edge(p[2], p[0], x + 0.5, y + 0.5) / area;
+        const double c = 1.0 - a - b;
+        if (a < 0.0 || b < 0.0 || c < 0.0) continue;
+        put(x, y, a * p[0].z() + b * p[1].z() + c * p[2].z(), [&] {
+          const Vec3 seen = projection_.camera.seen(a * normal[0] + b * normal[1] + c * normal[2]);
+          return lit(heat(a * value[0] + b * value[1] + c * value[2]), seen.normalized());
+        });
+      }
+  }
+
+  /// Darkens what lies behind its surroundings: rims and gaps stand out, the shape reads without colours.
+  /// `thickness_mm` is the step in depth that gives a clear edge.
+  void lay_on(Canvas& canvas, double thickness_mm) const {
+    static constexpr std::array<std::array<int, 2>, 16> around{{{2, 0},
+                                                                {-2, 0},
+                                                                {0, 2},
+                                                                {0, -2},
+                                                                {2, 2},
+                                                                {-2, 2},
+                                                                {2, -2},
+                                                                {-2, -2},
+                                                                {7, 0},
+                                                                {-7, 0},
+                                                                {0, 7},
+                                                                {0, -7},
+                                                                {5, 5},
+                                                                {-5, 5},
+                                                                {5, -5},
+                                                                {-5, -5}}};
+    const float unit = 1.0F / static_cast<float>(std::max(thickness_mm, 1e-9));
+    for (int y = 0; y < h_; ++y)
+      for (int x = 0; x < w_; ++x) {
+        const std::size_t i = static_cast<std::size_t>(x + w_ * y);
+        if (depth_[i] == nothing) continue;
+        float hidden = 0.0F;
+        for (const auto& [dx, dy] : around) {
+          const int nx = x + dx, ny = y + dy;
+          if (nx < 0 || ny < 0 || nx >= w_ || ny >= h_) continue;
+          const float step = depth_[static_cast<std::size_t>(nx + w_ * ny)] - depth_[i];
+          if (step > 0.0F) hidden += std::min(step * unit, 1.0F);
+        }
+        const float shade = std::exp(-0.75F * hidden / 16.0F * 2.0F);
+        canvas.blend(x0_ + x, y0_ + y, colour_[i] * shade, 1.0);
+      }
+  }
+
+ private:
+  static constexpr float nothing = -std::numeric_limits<float>::infinity();
+
+  template <class Shade>
+  void put(int x, int y, double depth, Shade shade) {
+    const std::size_t i = static_cast<std::size_t>(x + w_ * y);
+    if (!(static_cast<float>(depth) > depth_[i])) return;
+    depth_[i] = static_cast<float>(depth);
+    colour_[i] = shade();
+  }
+
+  /// Light from the upper left in front, a little from everywhere, a soft highlight. Both sides are lit.
+  static Colour lit(const Colour& colour, Vec3 normal) {
+    static const Vec3 light = Vec3(-0.45, 0.65, 0.75).normalized(),
+                      half = (light + Vec3::UnitZ()).normalized();
+    if (normal.z() < 0.0) normal = -normal;
+    const double diffuse = std::max(normal.dot(light), 0.0), sky = 0.5 + 0.5 * normal.y();
+    const double highlight = 0.14 * std::pow(std::max(normal.dot(half), 0.0), 24.0);
+    const auto brightness = static_cast<float>(0.34 + 0.16 * sky + 0.58 * diffuse);
+    return (colour * brightness + static_cast<float>(highlight)).min(1.0F);
+  }
+
+  Projection projection_;
+  int x0_, y0_, w_, h_;
+  std::vector<float> depth_;
+  std::vector<Colour> colour_;
+};
+
+// ------------------------------------------------------------------------------------------------ furniture
+
+constexpr double header = 40.0;  // of a panel [pixels]
+
+/// A white card with a heading and a few words; returns the room that is left.
+Rect panel(Canvas& canvas, const Rect& r, const std::string& heading, const std::string& words) {
+  canvas.rectangle({r.x - 1.0, r.y - 1.0, r.w + 2.0, r.h + 2.0}, hairline, 9.0);
+  canvas.rectangle(r, card, 8.0);
+  const Style title{.size = 17.0, .bold = true}, note{.size = 14.0, .colour = soft_ink};
+  write(canvas, {r.x + 18.0, r.y + 28.0}, heading, title);
+  const double used = text_width(heading, title) + 34.0;
+  write(canvas, {r.x + used, r.y + 28.0}, shortened(words, r.w - used - 14.0, note), note);
+  return r.inset(14.0, header, 14.0, 12.0);
+}
+
+void scale_bar(Canvas& canvas, const Rect& room, double pixels_per_mm) {
+  const double length_mm = round_below(0.22 * room.w / pixels_per_mm), length = length_mm * pixels_per_mm;
+  const double right = room.x + room.w - 8.0, y = room.y + room.h - 8.0;
+  canvas.line({right - length, y}, {right, y}, 2.0, ink);
+  canvas.line({right - length, y - 4.0}, {right - length, y + 4.0}, 2.0, ink);
+  canvas.line({right, y - 4.0}, {right, y + 4.0}, 2.0, ink);
+  write(canvas, {right - length / 2.0, y - 8.0}, fmt::format("{:g} mm", length_mm), {.size = 14.0},
+        Align::centre);
+}
+
+/// Which way left, posterior and superior (or their opposites) point: the half of each axis that is seen
+/// better.
+void triad(Canvas& canvas, const Rect& room, const Camera& camera) {
+  const Vec2 origin(room.x + 42.0, room.y + room.h - 40.0);
+  constexpr double length = 28.0;
+  static constexpr std::array<const char*, 3> positive{"L", "P", "S"}, negative{"R", "A", "I"};
+  for (int axis = 0; axis < 3; ++axis) {
+    Vec3 seen = camera.seen(Vec3::Unit(axis));
+    const bool flip = std::abs(seen.z()) > 0.35 ? seen.z() < 0.0 : seen.y() + 0.5 * seen.x() < 0.0;
+    if (flip) seen = -seen;
+    const Vec2 along(seen.x(), -seen.y());
+    const Vec2 tip = origin + length * along;
+    canvas.line(origin, tip, 1.8, soft_ink);
+    canvas.disc(tip, 2.4, soft_ink);
+    const Vec2 out = along.norm() > 0.15 ? Vec2(along.normalized()) : Vec2(0.8, 0.6);
+    const auto letter = static_cast<std::size_t>(axis);
+    write(canvas, tip + 11.0 * out + Vec2(0.0, 5.0), flip ? negative[letter] : positive[letter],
+          {.size = 14.0, .bold = true}, Align::centre);
+  }
+}
+
+struct LegendEntry {
+  std::string text;
+  Colour colour;
+  char mark;  ///< 'o' dot, '+' cross, '-' line
+};
+
+/// Entries side by side from the left.
+void legend(Canvas& canvas, Vec2 at, const std::vector<LegendEntry>& entries) {
+  const Style style{.size = 14.0};
+  for (const LegendEntry& entry : entries) {
+    const Vec2 mark = at + Vec2(7.0, -5.0);
+    if (entry.mark == 'o') canvas.disc(mark, 5.0, entry.colour);
+    if (entry.mark == '-') canvas.line(mark - Vec2(8.0, 0.0), mark + Vec2(8.0, 0.0), 2.0, entry.colour);
+    if (entry.mark == '+') {
+      canvas.line(mark - Vec2(5.0, 0.0), mark + Vec2(5.0, 0.0), 1.6, entry.colour);
+      canvas.line(mark - Vec2(0.0, 5.0), mark + Vec2(0.0, 5.0), 1.6, entry.colour);
+    }
+    write(canvas, at + Vec2(20.0, 0.0), entry.text, style);
+    at.x() += 20.0 + text_width(entry.text, style) + 24.0;
+  }
+}
+
+void say_nothing_to_show(Canvas& canvas, const Rect& room, const std::string& text) {
+  write(canvas, {room.x + room.w / 2.0, room.y + room.h / 2.0}, text, {.size = 16.0, .colour = soft_ink},
+        Align::centre);
+}
+
+// ---------------------------------------------------------------------------------------------------- parts
+
+int set_of(const Overview& o, Index n) {
+  return n < static_cast<Index>(o.node_set.size()) ? o.node_set[static_cast<std::size_t>(n)] : 0;
+}
+
+Points moved(const Points& rest, const Points& displacement) {
+  return displacement.cols() == rest.cols() ? Points(rest + displacement) : rest;
+}
+
+/// The usual distance from a node to the nearest other one, from at most 200 of them.
+double node_spacing(const Points& nodes) {
+  std::vector<double> nearest;
+  const Index stride = std::max<Index>(1, nodes.cols() / 200);
+  for (Index n = 0; n < nodes.cols(); n += stride) {
+    double least2 = std::numeric_limits<double>::infinity();
+    for (Index m = 0; m < nodes.cols(); ++m) {
+      const double distance2 = (nodes.col(m) - nodes.col(n)).squaredNorm();
+      if (m != n && distance2 > 0.0) least2 = std::min(least2, distance2);
+    }
+    if (std::isfinite(least2)) nearest.push_back(std::sqrt(least2));
+  }
+  if (nearest.empty()) return 1.0;
+  const auto middle = nearest.begin() + static_cast<std::ptrdiff_t>(nearest.size() / 2);
+  std::nth_element(nearest.begin(), middle, nearest.end());
+  return *middle;
+}
+
+void draw_cloud(Canvas& canvas, const Rect& rect, const Overview& o, const Frame& frame, double spacing) {
+  const auto count = o.nodes_mm.cols();
+  const Rect room = panel(canvas, rect, "Nodes at rest",
+                          fmt::format("{} nodes, seen from the side of the indenter", count));
+  const Camera view = camera(frame, 28.0, 18.0);
+  const Rect space = room.inset(20.0, 34.0, 20.0, 44.0);
+  const Projection projection = fitted(view, space, {&o.nodes_mm}, spacing);
+  if (count == 0) say_nothing_to_show(canvas, room, "no nodes");
+  Scene scene(projection, room);
+  for (Index n = 0; n < count; ++n) {
+    const int set = set_of(o, n);
+    if (usable(o.nodes_mm.col(n)))
+      scene.ball(o.nodes_mm.col(n), (set == 0 ? 0.36 : 0.44) * spacing, colour_of(set));
+  }
+  scene.lay_on(canvas, 2.0 * spacing);
+  triad(canvas, room, view);
+  scale_bar(canvas, room, projection.scale);
+  const auto in = [&](int bit) {
+    return std::count_if(o.node_set.begin(), o.node_set.end(), [&](int set) { return (set & bit) != 0; });
+  };
+  legend(canvas, {room.x + 6.0, room.y + 18.0},
+         {{"free", interior, 'o'},
+          {fmt::format("fixed base ({})", in(1)), base, 'o'},
+          {fmt::format("indenter circle ({})", in(2)), circle, 'o'}});
+}
+
+/// Where the surface crosses the plane through `on` across `normal`: pairs of points.
+std::vector<std::pair<Vec3, Vec3>> cut(const Points& surface, const Triangles& triangles, const Vec3& on,
+                                       const Vec3& normal) {
+  std::vector<std::pair<Vec3, Vec3>> pieces;
+  for (Index t = 0; t < triangles.cols(); ++t) {
+    std::array<Vec3, 3> crossing;
+    std::size_t found = 0;
+    for (int e = 0; e < 3; ++e) {
+      const Vec3 a = surface.col(triangles(e, t)), b = surface.col(triangles((e + 1) % 3, t));
+      const double da = (a - on).dot(normal), db = (b - on).dot(normal);
+      if ((da < 0.0) != (db < 0.0)) crossing[found++] = a + (b - a) * (da / (da - db));
+    }
+    if (found == 2) pieces.emplace_back(crossing[0], crossing[1]);
+  }
+  return pieces;
+}
+
+void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Frame& frame, double spacing) {
+  const double thickness = 1.25 * spacing;
+  const Rect room = panel(canvas, rect, "Section through the indenter's axis",
+                          fmt::format("slab of {} mm, at rest", three_digits(thickness)));
+  const Camera view = camera(frame, 0.0, 0.0);
+  const Vec3 centre = usable(o.centre_mm) ? o.centre_mm : Vec3(Vec3::Zero());
+  const auto in_slab = [&](const Vec3& p) {
+    return usable(p) && std::abs((p - centre).dot(view.toward)) <= thickness / 2.0;
+  };
+  const Projection projection =
+      fitted(view, room.inset(24.0, 84.0, 24.0, 50.0), {&o.nodes_mm, &o.surface_mm}, spacing / 2.0);
+  const auto at = [&](const Vec3& p) { return Vec2(projection(p).head<2>()); };
+
+  const Points end = moved(o.surface_mm, o.surface_displacement_mm);
+  for (const auto& [a, b] : cut(o.surface_mm, o.surface_triangles, centre, view.toward))
+    canvas.line(at(a), at(b), 1.2, soft_ink, 0.8);
+  const double step = spacing * projection.scale;  // nodes on the picture are about this far apart
+  const double arm = std::clamp(0.16 * step, 1.5, 5.0), dot = std::clamp(0.20 * step, 1.2, 6.0);
+  for (Index q = 0; q < o.points_mm.cols(); ++q) {
+    if (!in_slab(o.points_mm.col(q))) continue;
+    const Vec2 p = at(o.points_mm.col(q));
+    canvas.line(p - Vec2(arm, 0.0), p + Vec2(arm, 0.0), 1.1, cross);
+    canvas.line(p - Vec2(0.0, arm), p + Vec2(0.0, arm), 1.1, cross);
+  }
+  for (const bool special : {false, true})
+    for (Index n = 0; n < o.nodes_mm.cols(); ++n) {
+      const int set = set_of(o, n);
+      if (special == (set == 0) || !in_slab(o.nodes_mm.col(n))) continue;
+      canvas.disc(at(o.nodes_mm.col(n)), special ? 1.25 * dot : dot,
+                  special ? colour_of(set) : rgb(0x6F8AA6));
+    }
+  if (o.surface_displacement_mm.cols() == o.surface_mm.cols())
+    for (const auto& [a, b] : cut(end, o.surface_triangles, centre, view.toward))
+      canvas.line(at(a), at(b), 1.8, circle);
+
+  if (o.radius_mm > 0.0 && usable(o.centre_mm)) {
+    const double gap = 12.0, foot = o.radius_mm * projection.scale;
+    const Vec2 touch = at(centre) - Vec2(0.0, gap);
+    const Vec2 left = touch - Vec2(foot, 0.0), right = touch + Vec2(foot, 0.0);
+    canvas.line(left, right, 3.0, circle);
+    canvas.arrow(touch - Vec2(0.0, 46.0), touch - Vec2(0.0, 3.0), 3.0, circle);
+    const double depth = o.depth_mm.empty() ? 0.0 : o.depth_mm.back();
+    write(
+        canvas, touch + Vec2(12.0, -26.0),
+        std::isfinite(depth) && depth > 0.0
+            ? fmt::format("{} mm, on a circle of {} mm", three_digits(depth), three_digits(2.0 * o.radius_mm))
+            : fmt::format("circle of {} mm", three_digits(2.0 * o.radius_mm)),
+        {.size = 14.0, .colour = rgb(0xB8430A)});
+  }
+  triad(canvas, room, view);
+  scale_bar(canvas, room, projection.scale);
+  legend(canvas, {room.x + 6.0, room.y + 18.0},
+         {{"node", rgb(0x6F8AA6), 'o'},
+          {"integration point", cross, '+'},
+          {"outline at rest", soft_ink, '-'},
+          {"at the end", circle, '-'}});
+}
+
+/// Colours from 0 to `most` mm with a number at every step, standing at the right edge.
+void colour_bar(Canvas& canvas, const Rect& room, double most_mm) {
+  const Rect bar{room.x + room.w - 76.0, room.y + 40.0, 14.0, room.h - 110.0};
+  const int bands = static_cast<int>(bar.h * fine);
+  for (int i = 0; i < bands; ++i) {
+    const double y = bar.y + bar.h * (1.0 - (i + 1.0) / bands);
+    canvas.rectangle({bar.x, y, bar.w, 1.0 / fine}, heat((i + 0.5) / bands));
+  }
+  const Style style{.size = 14.0};
+  write(canvas, {bar.x - 2.0, bar.y - 12.0}, "mm", style);
+  const double step = round_below(most_mm / 3.9);
+  for (double value = 0.0; value <= most_mm * (1.0 + 1e-9); value += step) {
+    const double y = bar.y + bar.h * (1.0 - value / most_mm);
+    canvas.line({bar.x + bar.w, y}, {bar.x + bar.w + 5.0, y}, 1.2, ink);
+    write(canvas, {bar.x + bar.w + 10.0, y + 5.0}, tick_text(value, step), style);
+  }
+}
+
+void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Frame& frame, double spacing) {
+  const Points nodes = moved(o.nodes_mm, o.displacement_mm);
+  const Points surface = moved(o.surface_mm, o.surface_displacement_mm);
+  const bool has_surface = o.surface_triangles.cols() > 0 && surface.cols() > 0;
+  const Rect room = panel(canvas, rect, has_surface ? "Deformed surface" : "Deformed nodes",
+                          "coloured by the length of the displacement");
+
+  const Points& shown = has_surface ? o.surface_displacement_mm : o.displacement_mm;
+  double most = 0.0;
+  for (Index n = 0; n < shown.cols(); ++n)
+    if (usable(shown.col(n))) most = std::max(most, shown.col(n).norm());
+  const auto value = [&](Index n) {
+    return n < shown.cols() && most > 0.0 && usable(shown.col(n)) ? shown.col(n).norm() / most : 0.0;
+  };
+
+  const Camera view = camera(frame, 42.0, 18.0);
+  const Projection projection =
+      fitted(view, room.inset(20.0, 34.0, 100.0, 44.0), {&nodes, &surface}, spacing / 2.0);
+  Scene scene(projection, room);
+  if (has_surface) {
+    Points normal = Points::Zero(3, surface.cols());
+    const auto corner = [&](Index c, Index t) { return surface.col(o.surface_triangles(c, t)); };
+    for (Index t = 0; t < o.surface_triangles.cols(); ++t) {
+      const Vec3 n = (corner(1, t) - corner(0, t)).cross(corner(2, t) - corner(0, t));
+      for (int c = 0; c < 3; ++c) normal.col(o.surface_triangles(c, t)) += n;
+    }
+    for (Index t = 0; t < o.surface_triangles.cols(); ++t) {
+      const Index a = o.surface_triangles(0, t), b = o.surface_triangles(1, t), c = o.surface_triangles(2, t);
+      if (!usable(surface.col(a)) || !usable(surface.col(b)) || !usable(surface.col(c))) continue;
+      scene.triangle({surface.col(a), surface.col(b), surface.col(c)},
+                     {normal.col(a).normalized(), normal.col(b).normalized(), normal.col(c).normalized()},
+                     {value(a), value(b), value(c)});
+    }
+  }
+  for (Index n = 0; n < nodes.cols(); ++n) {
+    if (!usable(nodes.col(n))) continue;
+    // Nodes lie a little inside the skin: lifted, those of the circle show through it but not through a rim.
+    if (is_circle(set_of(o, n)))
+      scene.ball(nodes.col(n), 0.24 * spacing, circle, 0.75 * spacing);
+    else if (!has_surface)
+      scene.ball(nodes.col(n), 0.42 * spacing, heat(value(n)));
+  }
+  if (!has_surface && nodes.cols() == 0) say_nothing_to_show(canvas, room, "no surface and no nodes");
+  scene.lay_on(canvas, 2.0 * spacing);
+  triad(canvas, room, view);
+  scale_bar(canvas, room, projection.scale);
+  if (most > 0.0) colour_bar(canvas, room, most);
+  legend(canvas, {room.x + 6.0, room.y + 18.0}, {{"nodes of the indenter circle", circle, 'o'}});
+}
+
+void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
+  const Rect room = panel(canvas, rect, "Force against indentation", "reaction of the circle's nodes");
+  std::vector<Vec2> points;
+  for (std::size_t i = 0; i < std::min(o.depth_mm.size(), o.force_N.size()); ++i)
+    if (std::isfinite(o.depth_mm[i]) && std::isfinite(o.force_N[i]))
+      points.emplace_back(o.depth_mm[i], o.force_N[i]);
+  if (points.empty()) return say_nothing_to_show(canvas, room, "no force recorded");
+
+  Eigen::AlignedBox2d range(Vec2(0.0, 0.0));
+  for (const Vec2& p : points) range.extend(p);
+  const Scale scale = force_scale(std::max(range.max().y(), -range.min().y()));
+  for (Vec2& p : points) p.y() *= scale.factor;
+  Vec2 low(range.min().x(), range.min().y() * scale.factor),
+      high(range.max().x(), range.max().y() * scale.factor);
+  if (!(high.x() > low.x())) high.x() = low.x() + 1.0;
+  if (!(high.y() > low.y())) high.y() = low.y() + 1.0;
+  const Vec2 step(round_below((high.x() - low.x()) / 3.9), round_below((high.y() - low.y()) / 3.9));
+  low = (low.array() / step.array() - 1e-9).floor() * step.array();
+  high = (high.array() * Eigen::Array2d(1.02, 1.06) / step.array() - 1e-9).ceil() * step.array();
+
+  const Rect plot = room.inset(66.0, 22.0, 26.0, 52.0);
+  const auto at = [&](const Vec2& p) {
+    return Vec2(plot.x + plot.w * (p.x() - low.x()) / (high.x() - low.x()),
+                plot.y + plot.h * (1.0 - (p.y() - low.y()) / (high.y() - low.y())));
+  };
+  const Style label{.size = 14.0};
+  for (int i = 0; low.x() + i * step.x() <= high.x() + 0.5 * step.x(); ++i) {
+    const double value = low.x() + i * step.x(), x = at({value, 0.0}).x();
+    canvas.line({x, plot.y}, {x, plot.y + plot.h}, 1.0, hairline);
+    write(canvas, {x, plot.y + plot.h + 20.0}, tick_text(value, step.x()), label, Align::centre);
+  }
+  for (int i = 0; low.y() + i * step.y() <= high.y() + 0.5 * step.y(); ++i) {
+    const double value = low.y() + i * step.y(), y = at({0.0, value}).y();
+    canvas.line({plot.x, y}, {plot.x + plot.w, y}, 1.0, hairline);
+    write(canvas, {plot.x - 9.0, y + 5.0}, tick_text(value, step.y()), label, Align::right);
+  }
+  canvas.line({plot.x, at({0.0, std::max(low.y(), 0.0)}).y()},
+              {plot.x + plot.w, at({0.0, std::max(low.y(), 0.0)}).y()}, 1.4, soft_ink);
+  canvas.line({plot.x, plot.y}, {plot.x, plot.y + plot.h}, 1.4, soft_ink);
+  write(canvas, {plot.x + plot.w / 2.0, plot.y + plot.h + 44.0}, "indentation [mm]", label, Align::centre);
+  write(canvas, {plot.x - 50.0, plot.y - 8.0}, fmt::format("force [{}]", scale.unit), label);
+
+  for (std::size_t i = 1; i < points.size(); ++i) canvas.line(at(points[i - 1]), at(points[i]), 2.6, curve);
+  const Vec2 last = at(points.back());
+  canvas.disc(last, 6.5, card);
+  canvas.disc(last, 5.0, circle);
+  const std::string text = fmt::format("{} {} at {} mm", three_digits(points.back().y()), scale.unit,
+                                       three_digits(points.back().x()));
+  const Style strong{.size = 16.0, .bold = true};
+  const double half = text_width(text, strong);
+  const bool left = last.x() - half - 14.0 > plot.x;
+  write(canvas, last + Vec2(left ? -14.0 : 14.0, last.y() - plot.y > 30.0 ? -8.0 : 24.0), text, strong,
+        left ? Align::right : Align::left);
+}
+
+void encode(const std::filesystem::path& file, const Canvas& canvas) {
+  vtkNew<vtkPNGWriter> writer;
+  writer->SetInputData(canvas.image());
+  writer->WriteToMemoryOn();
+  writer->Write();
+  vtkUnsignedCharArray* bytes = writer->GetResult();
+  if (bytes == nullptr || bytes->GetNumberOfValues() == 0)
+    throw OutputError({.fact = fmt::format("{} could not be encoded", file.filename().string()),
+                       .where = fmt::format("writing {}", file.string()),
+                       .why = "the PNG encoder returned nothing",
+                       .remedy = "check the free memory"});
+  write_file(file, {reinterpret_cast<const char*>(bytes->GetPointer(0)),
+                    static_cast<std::size_t>(bytes->GetNumberOfValues())});
+}
+
+}  // namespace
+
+void write_overview(const std::filesystem::path& file, const Overview& overview) {
+  Canvas canvas;
+  constexpr double edge = 20.0, between = 14.0;
+
+  // Facts at the bottom take what they need, in two columns if they are many; the panels share the rest.
+  const Style fact{.size = 15.0, .colour = rgb(0x3A4654)};
+  constexpr double row = 22.0;
+  constexpr std::size_t most_rows = 8;
+  const double inner = width - 2.0 * edge - 20.0;
+  const auto rows_at = [&](double room) {
+    std::vector<std::string> rows;
+    for (const std::string& line : overview.lines)
+      for (std::string& part : wrapped(line, room, fact)) rows.push_back(std::move(part));
+    return rows;
+  };
+  std::vector<std::string> rows = rows_at(inner);
+  std::size_t columns = 1;
+  if (rows.size() > 3) columns = 2, rows = rows_at(inner / 2.0 - 15.0);
+  if (rows.size() > columns * most_rows) {
+    const std::size_t left_out = rows.size() - columns * most_rows + 1;
+    rows.resize(columns * most_rows);
+    rows.back() = fmt::format("... and {} more lines", left_out);
+  }
+  const std::size_t deep = (rows.size() + columns - 1) / columns;
+  const double strip = rows.empty() ? 0.0 : static_cast<double>(deep) * row + 12.0;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const double x = edge + 4.0 + static_cast<double>(i / deep) * (inner / 2.0 + 15.0);
+    const double y = height - edge - strip + 28.0 + static_cast<double>(i % deep) * row;
+    write(canvas, {x, y}, rows[i], fact);
+  }
+
+  constexpr double top = 66.0;
+  const Style title{.size = 26.0, .bold = true};
+  write(canvas, {edge + 4.0, 44.0}, shortened(overview.title, width - 2.0 * edge - 8.0, title), title);
+
+  const double w = (width - 2.0 * edge - between) / 2.0;
+  const double h = (height - top - edge - strip - between) / 2.0;
+  const double right = edge + w + between, low = top + h + between;
+  const Frame frame = frame_of(overview);
+  const double spacing = node_spacing(overview.nodes_mm);
+  draw_cloud(canvas, {edge, top, w, h}, overview, frame, spacing);
+  draw_section(canvas, {right, top, w, h}, overview, frame, spacing);
+  draw_dimple(canvas, {edge, low, w, h}, overview, frame, spacing);
+  draw_chart(canvas, {right, low, w, h}, overview);
+  encode(file, canvas);
+}
+
+}  // namespace dimple

@@ -1,0 +1,163 @@
+#include "io/table.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <string_view>
+
+#include "io/error.hpp"
+#include "io/file.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Shortest text that reads back to the same bits; "nan" and "inf" for what is not finite.
+std::string shortest(double value) {
+  char buffer[32];
+  const auto end = std::to_chars(buffer, buffer + sizeof buffer, value).ptr;
+  return {buffer, end};
+}
+
+/// RFC 4180: a field with a comma, a quote or a line break stands in quotes, its quotes doubled.
+std::string quoted(const std::string& field) {
+  if (field.find_first_of(",\"\r\n") == std::string::npos) return field;
+  std::string text = "\"";
+  for (const char c : field) {
+    if (c == '"') text += '"';
+    text += c;
+  }
+  return text + '"';
+}
+
+std::string_view trimmed(std::string_view text) {
+  constexpr std::string_view blanks = " \t\r";
+  const auto first = text.find_first_not_of(blanks);
+  if (first == std::string_view::npos) return {};
+  return text.substr(first, text.find_last_not_of(blanks) - first + 1);
+}
+
+/// Splits at `separator` outside quotes; ' ' stands for any run of blanks.
+std::vector<std::string> split(std::string_view line, char separator) {
+  std::vector<std::string> fields;
+  std::string field;
+  bool in_quotes = false, was_quoted = false;
+  const auto finish = [&] {
+    fields.push_back(was_quoted ? field : std::string(trimmed(field)));
+    field.clear();
+    was_quoted = false;
+  };
+  line = trimmed(line);
+  for (std::size_t i = 0; i < line.size(); ++i) {
+    const char c = line[i];
+    const bool separates = separator == ' ' ? c == ' ' || c == '\t' : c == separator;
+    if (in_quotes && c == '"' && i + 1 < line.size() && line[i + 1] == '"') {
+      field += line[++i];
+    } else if (c == '"' && (in_quotes || trimmed(field).empty())) {
+      if (!in_quotes) field.clear();
+      in_quotes = !in_quotes;
+      was_quoted = true;
+    } else if (separates && !in_quotes) {
+      if (separator != ' ' || !field.empty() || was_quoted) finish();
+    } else {
+      field += c;
+    }
+  }
+  finish();
+  return fields;
+}
+
+InputError bad_table(const fs::path& file, std::size_t line, std::string fact, std::string why,
+                     std::string remedy) {
+  return InputError({.fact = std::move(fact),
+                     .where = line == 0 ? fmt::format("table {}", file.string())
+                                        : fmt::format("table {}, line {}", file.string(), line),
+                     .why = std::move(why),
+                     .remedy = std::move(remedy)});
+}
+
+double number(const std::string& field, const fs::path& file, std::size_t line, const std::string& column) {
+  const char* first = field.data();
+  const char* const last = first + field.size();
+  if (first != last && *first == '+') ++first;  // std::from_chars knows no plus sign
+  double value = 0.0;
+  const auto [end, error] = std::from_chars(first, last, value);
+  if (error != std::errc() || end != last || !std::isfinite(value))
+    throw bad_table(file, line,
+                    field.empty() ? fmt::format("column '{}' is empty", column)
+                                  : fmt::format("'{}' in column '{}' is not a finite number", field, column),
+                    "every field below the header must be a number with a decimal point",
+                    "correct the field, or start the line with # to leave it out");
+  return value;
+}
+
+}  // namespace
+
+const std::vector<double>* Table::find(const std::string& name) const {
+  const auto found = std::find(header.begin(), header.end(), name);
+  return found == header.end() ? nullptr : &column[static_cast<std::size_t>(found - header.begin())];
+}
+
+std::string to_csv(const Table& table) {
+  const auto row = [columns = table.header.size()](auto&& field) {
+    std::string text;
+    for (std::size_t c = 0; c < columns; ++c) {
+      if (c > 0) text += ',';
+      text += field(c);
+    }
+    text += "\r\n";  // RFC 4180 ends lines so
+    return text;
+  };
+  std::string text = row([&](std::size_t c) { return quoted(table.header[c]); });
+  for (std::size_t r = 0; r < table.rows(); ++r)
+    text += row([&](std::size_t c) { return shortest(table.column[c][r]); });
+  return text;
+}
+
+void write_csv(const fs::path& file, const Table& table) { write_file(file, to_csv(table)); }
+
+Table read_csv(const fs::path& file) {
+  const std::string content = read_file(file);
+  std::string_view rest = content;
+  if (rest.starts_with("\xEF\xBB\xBF")) rest.remove_prefix(3);  // the byte order mark of spreadsheets
+
+  Table table;
+  char separator = ',';
+  for (std::size_t line = 1; !rest.empty(); ++line) {
+    const auto end = rest.find('\n');
+    const std::string_view text = trimmed(rest.substr(0, end));
+    rest.remove_prefix(end == std::string_view::npos ? rest.size() : end + 1);
+    if (text.empty() || text.front() == '#') continue;
+
+    if (table.header.empty()) {
+      for (const char candidate : {' ', ';', ','})  // the last one found in the header wins
+        if (candidate == ' ' || text.find(candidate) != std::string_view::npos) separator = candidate;
+      table.header = split(text, separator);
+      table.column.resize(table.header.size());
+      double value = 0.0;
+      const std::string& first = table.header.front();
+      const auto [stop, error] = std::from_chars(first.data(), first.data() + first.size(), value);
+      if (error == std::errc() && stop == first.data() + first.size())
+        throw bad_table(file, line, fmt::format("the table starts with the number '{}'", first),
+                        "the first line must name the columns with their units, e.g. depth_mm,force_N",
+                        "put such a header above the numbers");
+      continue;
+    }
+    const std::vector<std::string> fields = split(text, separator);
+    if (fields.size() != table.header.size())
+      throw bad_table(file, line, fmt::format("the row has {} fields", fields.size()),
+                      fmt::format("the header names {} columns", table.header.size()),
+                      "give every row one number per column");
+    for (std::size_t c = 0; c < fields.size(); ++c)
+      table.column[c].push_back(number(fields[c], file, line, table.header[c]));
+  }
+  if (table.header.empty())
+    throw bad_table(file, 0, "the table is empty", "it holds no line but blank ones and comments",
+                    "write a header line such as depth_mm,force_N and rows of numbers below it");
+  return table;
+}
+
+}  // namespace dimple

@@ -1,0 +1,620 @@
+#include "io/vtk_files.hpp"
+
+#include <fmt/format.h>
+#include <vtkCellArray.h>
+#include <vtkDataArray.h>
+#include <vtkDoubleArray.h>
+#include <vtkFieldData.h>
+#include <vtkFloatArray.h>
+#include <vtkIdTypeArray.h>
+#include <vtkImageData.h>
+#include <vtkInformation.h>
+#include <vtkIntArray.h>
+#include <vtkLogger.h>
+#include <vtkMatrix3x3.h>
+#include <vtkNew.h>
+#include <vtkObjectFactory.h>
+#include <vtkOutputWindow.h>
+#include <vtkPointData.h>
+#include <vtkPoints.h>
+#include <vtkPolyData.h>
+#include <vtkShortArray.h>
+#include <vtkSmartPointer.h>
+#include <vtkUnsignedShortArray.h>
+#include <vtkUnstructuredGrid.h>
+#include <vtkXMLFileReadTester.h>
+#include <vtkXMLImageDataWriter.h>
+#include <vtkXMLPolyDataReader.h>
+#include <vtkXMLPolyDataWriter.h>
+#include <vtkXMLUnstructuredGridReader.h>
+#include <vtkXMLUnstructuredGridWriter.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <exception>
+#include <fstream>
+#include <limits>
+#include <stdexcept>
+#include <string_view>
+#include <system_error>
+#include <utility>
+
+#include "io/error.hpp"
+#include "io/file.hpp"
+
+namespace dimple {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+// ------------------------------------------------------------------------------------------------- messages
+
+/// Keeps what VTK would print to the terminal. An observer on the reader is not enough: the parser and the
+/// decompressor inside it report on their own.
+class CapturedMessages : public vtkOutputWindow {
+ public:
+  static CapturedMessages* New() { VTK_STANDARD_NEW_BODY(CapturedMessages); }
+  void DisplayText(const char* text) override {
+    if (first.empty() && text != nullptr) first = text;
+  }
+  std::string first;  ///< the first message: later ones are its consequences
+
+ protected:
+  CapturedMessages() = default;
+};
+
+/// Captures VTK's messages for as long as it lives, then puts the former window back.
+/// VTK's logger writes to the terminal beside the window, so it is silenced too.
+class MessageScope {
+ public:
+  MessageScope() {
+    vtkOutputWindow::SetInstance(window_);
+    vtkObject::GlobalWarningDisplayOn();
+    vtkLogger::SetStderrVerbosity(vtkLogger::VERBOSITY_OFF);
+  }
+  ~MessageScope() {
+    vtkLogger::SetStderrVerbosity(logged_);
+    vtkObject::SetGlobalWarningDisplay(displayed_);
+    vtkOutputWindow::SetInstance(before_);
+  }
+  MessageScope(const MessageScope&) = delete;
+  MessageScope& operator=(const MessageScope&) = delete;
+
+  /// The first message in one line, without its beginning "ERROR: In x.cxx, line 7\nvtkY (0x55d0): ".
+  std::string text() const {
+    std::string_view message = window_->first;
+    if (const auto end = message.find("): "); end != std::string_view::npos) message.remove_prefix(end + 3);
+    std::string line;
+    for (const char c : message) {
+      const bool blank = c == ' ' || c == '\n' || c == '\t' || c == '\r';
+      if (!blank) line += c;
+      if (blank && !line.empty() && line.back() != ' ') line += ' ';
+    }
+    while (!line.empty() && (line.back() == ' ' || line.back() == '.')) line.pop_back();
+    return line;
+  }
+  bool empty() const { return window_->first.empty(); }
+
+ private:
+  vtkNew<CapturedMessages> window_;
+  vtkSmartPointer<vtkOutputWindow> before_ = vtkOutputWindow::GetInstance();
+  int displayed_ = vtkObject::GetGlobalWarningDisplay();
+  vtkLogger::Verbosity logged_ = vtkLogger::GetCurrentVerbosityCutoff();
+};
+
+// -------------------------------------------------------------------------------------------- fields to VTK
+
+template <class Array>
+vtkSmartPointer<Array> packed(const Eigen::MatrixXd& values) {
+  using Value = typename Array::ValueType;
+  vtkNew<Array> array;
+  array->SetNumberOfComponents(static_cast<int>(values.rows()));
+  array->SetNumberOfTuples(values.cols());
+  Value* to = array->GetPointer(0);
+  for (Index i = 0; i < values.size(); ++i) {
+    const double value = values.data()[i];
+    if constexpr (std::is_integral_v<Value>) {
+      if (!(std::abs(value) <= static_cast<double>(std::numeric_limits<Value>::max())))
+        throw std::invalid_argument(fmt::format("{} does not fit into an int32 field", value));
+      to[i] = static_cast<Value>(std::lround(value));
+    } else {
+      to[i] = static_cast<Value>(value);
+    }
+  }
+  return array;
+}
+
+vtkSmartPointer<vtkDataArray> vtk_array(const Field& field, Index points) {
+  // A mistake of the caller, not of the user; VTK would write a file that its own reader refuses.
+  if (field.name.empty() || field.values.cols() != points || field.values.rows() < 1 ||
+      (!field.components.empty() && static_cast<Index>(field.components.size()) != field.values.rows()))
+    throw std::invalid_argument(fmt::format("field \"{}\" is [{} x {}] with {} component names, on {} points",
+                                            field.name, field.values.rows(), field.values.cols(),
+                                            field.components.size(), points));
+  vtkSmartPointer<vtkDataArray> array;
+  switch (field.type) {
+    case Field::Type::real32:
+      array = packed<vtkFloatArray>(field.values);
+      break;
+    case Field::Type::real64:
+      array = packed<vtkDoubleArray>(field.values);
+      break;
+    case Field::Type::int32:
+      array = packed<vtkIntArray>(field.values);
+      break;
+  }
+  array->SetName(field.name.c_str());
+  if (!field.unit.empty()) array->GetInformation()->Set(vtkDataArray::UNITS_LABEL(), field.unit.c_str());
+  for (std::size_t c = 0; c < field.components.size(); ++c)
+    array->SetComponentName(static_cast<vtkIdType>(c), field.components[c].c_str());
+  return array;
+}
+
+vtkSmartPointer<vtkPoints> vtk_points(const Points& position_mm, bool exact) {
+  vtkNew<vtkPoints> points;
+  const Field field{.name = "Points",
+                    .unit = "mm",
+                    .values = position_mm,
+                    .type = exact ? Field::Type::real64 : Field::Type::real32};
+  points->SetData(vtk_array(field, position_mm.cols()));
+  return points;
+}
+
+void add_fields(vtkPointSet& set, const std::vector<Field>& fields, double time_s) {
+  for (const Field& field : fields) set.GetPointData()->AddArray(vtk_array(field, set.GetNumberOfPoints()));
+  // ParaView then offers the displacement first, for Warp By Vector. No text arrays: meshio exits on them.
+  vtkDataArray* displacement = set.GetPointData()->GetArray("displacement");
+  if (displacement != nullptr && displacement->GetNumberOfComponents() == 3)
+    set.GetPointData()->SetActiveVectors("displacement");
+
+  vtkNew<vtkDoubleArray> time;
+  time->SetName("TimeValue");
+  time->InsertNextValue(time_s);
+  set.GetFieldData()->AddArray(time);
+}
+
+/// Into memory first: on a full disk VTK's own files are truncated in silence.
+template <class Writer>
+void write_xml(const fs::path& file, vtkDataObject& data) {
+  std::string content;
+  {
+    const MessageScope messages;
+    vtkNew<Writer> writer;
+    writer->SetInputDataObject(&data);
+    writer->SetDataModeToAppended();
+    writer->EncodeAppendedDataOff();
+    writer->SetCompressorTypeToZLib();
+    writer->WriteToOutputStringOn();
+    if (writer->Write() == 0 || writer->GetErrorCode() != 0 || !messages.empty())
+      throw OutputError({.fact = fmt::format("{} could not be encoded", file.filename().string()),
+                         .where = fmt::format("writing {}", file.string()),
+                         .why = fmt::format("VTK says: {}", messages.text()),
+                         .remedy = "check the free memory; a smaller model or fewer fields need less"});
+    content = writer->GetOutputString();
+  }
+  write_file(file, content);
+}
+
+// ------------------------------------------------------------------------------------------ fields from VTK
+
+[[noreturn]] void refuse(const fs::path& file, std::string fact, std::string why, std::string remedy) {
+  throw InputError({.fact = std::move(fact),
+                    .where = fmt::format("reading {}", file.string()),
+                    .why = std::move(why),
+                    .remedy = std::move(remedy)});
+}
+
+Eigen::MatrixXd unpacked(vtkDataArray& array) {
+  Eigen::MatrixXd values(array.GetNumberOfComponents(), array.GetNumberOfTuples());
+  for (Index n = 0; n < values.cols(); ++n) array.GetTuple(n, values.col(n).data());
+  return values;
+}
+
+/// Whole numbers that always fit 32 bits; wider ones become doubles.
+Field::Type type_of(vtkDataArray& array) {
+  switch (array.GetDataType()) {
+    case VTK_FLOAT:
+      return Field::Type::real32;
+    case VTK_CHAR:
+    case VTK_SIGNED_CHAR:
+    case VTK_UNSIGNED_CHAR:
+    case VTK_SHORT:
+    case VTK_UNSIGNED_SHORT:
+    case VTK_INT:
+      return Field::Type::int32;
+    default:
+      return Field::Type::real64;
+  }
+}
+
+std::vector<Field> fields_of(vtkPointData& data) {
+  std::vector<Field> fields;
+  for (int a = 0; a < data.GetNumberOfArrays(); ++a) {
+    vtkDataArray* array = data.GetArray(a);
+    if (array == nullptr || array->GetName() == nullptr) continue;  // text: not a field
+    Field field{.name = array->GetName(), .unit = "", .values = unpacked(*array), .type = type_of(*array)};
+    vtkInformation* information = array->GetInformation();
+    if (information->Has(vtkDataArray::UNITS_LABEL()))
+      field.unit = information->Get(vtkDataArray::UNITS_LABEL());
+    if (array->HasAComponentName())
+      for (int c = 0; c < array->GetNumberOfComponents(); ++c) {
+        const char* name = array->GetComponentName(c);
+        field.components.emplace_back(name == nullptr ? "" : name);
+      }
+    fields.push_back(std::move(field));
+  }
+  return fields;
+}
+
+/// Finite positions, at least one.
+Points positions_of(const fs::path& file, vtkPointSet& set) {
+  if (set.GetNumberOfPoints() == 0)
+    refuse(file, fmt::format("{} holds no point", file.filename().string()),
+           "the file is well formed but its point list is empty", "export it again, or name another file");
+  Points position_mm = unpacked(*set.GetPoints()->GetData());
+  for (Index n = 0; n < position_mm.cols(); ++n)
+    if (!position_mm.col(n).allFinite())
+      refuse(file,
+             fmt::format("point {} of {} lies at ({}, {}, {})", n, position_mm.cols(), position_mm(0, n),
+                         position_mm(1, n), position_mm(2, n)),
+             "a position must be three finite numbers; the program that wrote the file did not check",
+             "remove that point or repair the file");
+  return position_mm;
+}
+
+/// VTK's reader trusts the counts in the header: a negative one makes it write outside its arrays.
+template <class Reader>
+class CheckedReader : public Reader {
+ public:
+  static CheckedReader* New() { VTK_STANDARD_NEW_BODY(CheckedReader); }
+  bool has_negative_count() {
+    for (int piece = 0; piece < this->GetNumberOfPieces(); ++piece)
+      if (this->GetNumberOfPointsInPiece(piece) < 0 || this->GetNumberOfCellsInPiece(piece) < 0) return true;
+    return false;
+  }
+};
+
+/// The parsed file, with everything VTK complained about turned into an InputError.
+template <class Reader>
+auto read_xml(const fs::path& file, const std::string& kind, const std::string& suffix) {
+  const std::string name = file.filename().string();
+  std::error_code ignored;
+  if (!fs::exists(file, ignored))
+    refuse(file, fmt::format("there is no file {}", file.string()), "no such file or folder",
+           "check the path; it is relative to the current folder");
+  if (fs::is_directory(file, ignored))
+    refuse(file, fmt::format("{} is a folder", name), fmt::format("a {} file is needed", suffix),
+           "name a file in it");
+  std::ifstream stream(file, std::ios::binary);
+  if (!stream)
+    refuse(file, fmt::format("{} cannot be opened", name), std::strerror(errno), "check its permissions");
+  std::string head(65536, '\0');
+  stream.read(head.data(), static_cast<std::streamsize>(head.size()));
+  stream.close();
+
+  const MessageScope messages;
+  vtkNew<vtkXMLFileReadTester> tester;
+  tester->SetFileName(file.c_str());
+  if (tester->TestReadFile() == 0)
+    refuse(file, fmt::format("{} is not a VTK XML file", name),
+           "it does not start with an XML element <VTKFile type=...>",
+           fmt::format("convert it to {} (ParaView: File > Save Data)", suffix));
+  const std::string found = tester->GetFileDataType() == nullptr ? "nothing" : tester->GetFileDataType();
+  if (found != kind)
+    refuse(file, fmt::format("{} holds {}, not {}", name, found, kind),
+           fmt::format("a {} file is needed here", suffix),
+           fmt::format("name a {} file, or convert this one in ParaView", suffix));
+
+  if (head.find(fmt::format("<{}>", kind)) == std::string::npos &&
+      head.find(fmt::format("<{} ", kind)) == std::string::npos)
+    refuse(file, fmt::format("{} is damaged", name),
+           fmt::format("its element <{}> is missing (VTK's reader would crash on it)", kind),
+           "export it again");
+
+  vtkNew<CheckedReader<Reader>> reader;
+  reader->SetFileName(file.c_str());
+  try {
+    reader->UpdateInformation();
+    if (reader->has_negative_count())
+      refuse(file, fmt::format("{} is damaged", name),
+             "its header states a negative number of points or cells", "export it again");
+    reader->Update();
+  } catch (const Error&) {
+    throw;
+  } catch (const std::exception& e) {  // a damaged count makes VTK ask for absurd amounts of memory
+    refuse(file, fmt::format("{} is damaged", name), fmt::format("VTK gave up: {}", e.what()),
+           "copy or export it again");
+  }
+  if (!messages.empty() || reader->GetErrorCode() != 0)
+    refuse(file, fmt::format("{} is damaged or incomplete", name),
+           fmt::format("VTK says: {}", messages.text()),
+           "copy or export it again; a full disk or a broken transfer cuts files short");
+  return vtkSmartPointer(reader->GetOutput());
+}
+
+// --------------------------------------------------------------------------------------------------- images
+
+/// A box of voxels, inclusive.
+struct Box {
+  std::array<Index, 3> low, high;
+};
+
+/// The foreground and a tenth of its size on every side; the whole image if it holds none.
+Box foreground_and_margin(const LabelImage& image) {
+  const auto [ni, nj, nk] = image.size;
+  Box box{.low = image.size, .high = {-1, -1, -1}};
+  for (Index k = 0; k < nk; ++k)
+    for (Index j = 0; j < nj; ++j)
+      for (Index i = 0; i < ni; ++i) {
+        if (image.at(i, j, k) == 0) continue;
+        const std::array<Index, 3> voxel{i, j, k};
+        for (std::size_t d = 0; d < 3; ++d) {
+          box.low[d] = std::min(box.low[d], voxel[d]);
+          box.high[d] = std::max(box.high[d], voxel[d]);
+        }
+      }
+  if (box.high[0] < 0) return {.low = {0, 0, 0}, .high = {ni - 1, nj - 1, nk - 1}};
+  for (std::size_t d = 0; d < 3; ++d) {
+    const Index margin = (box.high[d] - box.low[d] + 1 + 9) / 10;  // rounded up: at least one voxel
+    box.low[d] = std::max<Index>(box.low[d] - margin, 0);
+    box.high[d] = std::min<Index>(box.high[d] + margin, image.size[d] - 1);
+  }
+  return box;
+}
+
+/// The part of `image` inside `box`.
+LabelImage cropped(const LabelImage& image, const Box& box) {
+  LabelImage part;
+  for (std::size_t d = 0; d < 3; ++d) part.size[d] = box.high[d] - box.low[d] + 1;
+  part.to_world = image.to_world;
+  part.to_world.translation() =
+      image.to_world *
+      Vec3(static_cast<double>(box.low[0]), static_cast<double>(box.low[1]), static_cast<double>(box.low[2]));
+  part.voxel.reserve(static_cast<std::size_t>(part.size[0] * part.size[1] * part.size[2]));
+  for (Index k = box.low[2]; k <= box.high[2]; ++k)
+    for (Index j = box.low[1]; j <= box.high[1]; ++j)
+      for (Index i = box.low[0]; i <= box.high[0]; ++i) part.voxel.push_back(image.at(i, j, k));
+  return part;
+}
+
+/// The largest cosine between two voxel axes; 0 for an ordinary image.
+double skew(const LabelImage& image) {
+  const Mat3 axes = image.to_world.linear().colwise().normalized();
+  return std::max({std::abs(axes.col(0).dot(axes.col(1))), std::abs(axes.col(1).dot(axes.col(2))),
+                   std::abs(axes.col(2).dot(axes.col(0)))});
+}
+
+/// The same labels on a grid along L, P, S that covers `image`, each voxel as its nearest neighbour.
+LabelImage straightened(const LabelImage& image) {
+  const Vec3 step = image.spacing();
+  Eigen::AlignedBox3d bounds;  // of the voxel centres
+  for (const Index i : {Index{0}, image.size[0] - 1})
+    for (const Index j : {Index{0}, image.size[1] - 1})
+      for (const Index k : {Index{0}, image.size[2] - 1})
+        bounds.extend(image.to_world *
+                      Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)));
+
+  LabelImage grid;
+  grid.to_world = Eigen::Translation3d(bounds.min()) * Eigen::Scaling(step);
+  for (std::size_t d = 0; d < 3; ++d) {
+    const auto row = static_cast<Index>(d);
+    grid.size[d] = 1 + static_cast<Index>(std::ceil(bounds.sizes()[row] / step[row] - 1e-9));
+  }
+  grid.voxel.reserve(static_cast<std::size_t>(grid.size[0] * grid.size[1] * grid.size[2]));
+  const Eigen::Affine3d to_image = image.to_world.inverse() * grid.to_world;
+  for (Index k = 0; k < grid.size[2]; ++k)
+    for (Index j = 0; j < grid.size[1]; ++j)
+      for (Index i = 0; i < grid.size[0]; ++i) {
+        const Vec3 at =
+            to_image * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
+        const Eigen::Array<Index, 3, 1> voxel = at.array().round().cast<Index>();
+        const bool inside = (voxel >= 0).all() && voxel[0] < image.size[0] && voxel[1] < image.size[1] &&
+                            voxel[2] < image.size[2];
+        grid.voxel.push_back(inside ? image.at(voxel[0], voxel[1], voxel[2]) : 0);
+      }
+  return grid;
+}
+
+template <class Array>
+vtkSmartPointer<vtkDataArray> labels_as(const LabelImage& image) {
+  vtkNew<Array> array;
+  array->SetName("label");
+  array->SetNumberOfValues(static_cast<vtkIdType>(image.voxel.size()));
+  std::transform(image.voxel.begin(), image.voxel.end(), array->GetPointer(0),
+                 [](std::int32_t label) { return static_cast<typename Array::ValueType>(label); });
+  return array;
+}
+
+/// The narrowest of int16, uint16, int32 that holds every label.
+vtkSmartPointer<vtkDataArray> label_array(const LabelImage& image) {
+  if (image.voxel.empty()) return labels_as<vtkShortArray>(image);
+  const auto [low, high] = std::minmax_element(image.voxel.begin(), image.voxel.end());
+  const auto fits = [&](auto type) {
+    using Limits = std::numeric_limits<decltype(type)>;
+    return *low >= Limits::min() && *high <= Limits::max();
+  };
+  if (fits(short{})) return labels_as<vtkShortArray>(image);
+  using UnsignedShort = unsigned short;
+  if (fits(UnsignedShort{})) return labels_as<vtkUnsignedShortArray>(image);
+  return labels_as<vtkIntArray>(image);
+}
+
+// --------------------------------------------------------------------------------------------------- series
+
+std::string xml_text(std::string_view text) {
+  std::string escaped;
+  for (const char c : text) switch (c) {
+      case '&':
+        escaped += "&amp;";
+        break;
+      case '<':
+        escaped += "&lt;";
+        break;
+      case '>':
+        escaped += "&gt;";
+        break;
+      case '"':
+        escaped += "&quot;";
+        break;
+      default:
+        escaped += c;
+    }
+  return escaped;
+}
+
+}  // namespace
+
+// =================================================================================================== writers
+
+const Field* PointFile::find(const std::string& name) const {
+  const auto found =
+      std::find_if(fields.begin(), fields.end(), [&](const Field& field) { return field.name == name; });
+  return found == fields.end() ? nullptr : &*found;
+}
+
+void write_vtu(const fs::path& file, const PointFile& points, double time_s, bool exact) {
+  const vtkIdType count = points.position_mm.cols();
+  vtkNew<vtkUnstructuredGrid> grid;
+  grid->SetPoints(vtk_points(points.position_mm, exact));
+
+  vtkNew<vtkIdTypeArray> offset, node;  // one vertex each: meshio drops a single poly-vertex
+  offset->SetNumberOfValues(count + 1);
+  node->SetNumberOfValues(count);
+  for (vtkIdType n = 0; n < count; ++n) node->SetValue(n, n);
+  for (vtkIdType n = 0; n <= count; ++n) offset->SetValue(n, n);
+  vtkNew<vtkCellArray> vertices;
+  vertices->SetData(offset, node);
+  grid->SetCells(VTK_VERTEX, vertices);
+
+  add_fields(*grid, points.fields, time_s);
+  write_xml<vtkXMLUnstructuredGridWriter>(file, *grid);
+}
+
+void write_vtp(const fs::path& file, const SurfaceFile& surface, double time_s, bool exact) {
+  const Index points = surface.position_mm.cols();
+  if (surface.triangles.size() > 0 &&
+      (surface.triangles.minCoeff() < 0 || surface.triangles.maxCoeff() >= points))
+    throw std::invalid_argument(fmt::format("triangle corners run from {} to {}, on {} points",
+                                            surface.triangles.minCoeff(), surface.triangles.maxCoeff(),
+                                            points));
+  vtkNew<vtkPolyData> mesh;
+  mesh->SetPoints(vtk_points(surface.position_mm, exact));
+  vtkNew<vtkIdTypeArray> offset, corner;
+  offset->SetNumberOfValues(surface.triangles.cols() + 1);
+  corner->SetNumberOfValues(surface.triangles.size());
+  for (vtkIdType t = 0; t <= surface.triangles.cols(); ++t) offset->SetValue(t, 3 * t);
+  std::copy_n(surface.triangles.data(), surface.triangles.size(), corner->GetPointer(0));
+  vtkNew<vtkCellArray> triangles;
+  triangles->SetData(offset, corner);
+  mesh->SetPolys(triangles);
+
+  add_fields(*mesh, surface.fields, time_s);
+  write_xml<vtkXMLPolyDataWriter>(file, *mesh);
+}
+
+void write_vti(const fs::path& file, const LabelImage& image) {
+  LabelImage part = cropped(image, foreground_and_margin(image));
+  constexpr double orthogonal = 1e-4;  // the limit that ITK sets for reading
+  if (skew(part) > orthogonal) part = straightened(part);
+
+  const Vec3 spacing = part.spacing();
+  const Mat3 direction = part.to_world.linear().colwise().normalized();
+  vtkNew<vtkMatrix3x3> matrix;
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 3; ++c) matrix->SetElement(r, c, direction(r, c));
+
+  vtkNew<vtkImageData> grid;
+  grid->SetDimensions(static_cast<int>(part.size[0]), static_cast<int>(part.size[1]),
+                      static_cast<int>(part.size[2]));
+  grid->SetOrigin(part.to_world.translation().data());
+  grid->SetSpacing(spacing.data());
+  grid->SetDirectionMatrix(matrix);
+  grid->GetPointData()->SetScalars(label_array(part));
+  write_xml<vtkXMLImageDataWriter>(file, *grid);
+}
+
+// =================================================================================================== readers
+
+PointFile read_vtu(const fs::path& file) {
+  const auto grid = read_xml<vtkXMLUnstructuredGridReader>(file, "UnstructuredGrid", ".vtu");
+  return {.position_mm = positions_of(file, *grid), .fields = fields_of(*grid->GetPointData())};
+}
+
+SurfaceFile read_vtp(const fs::path& file) {
+  const auto mesh = read_xml<vtkXMLPolyDataReader>(file, "PolyData", ".vtp");
+  SurfaceFile surface{
+      .position_mm = positions_of(file, *mesh), .triangles = {}, .fields = fields_of(*mesh->GetPointData())};
+
+  const std::string name = file.filename().string();
+  const std::string triangulate = "apply the Triangulate filter in ParaView and save the result";
+  if (mesh->GetStrips()->GetNumberOfCells() > 0)
+    refuse(file, fmt::format("{} holds {} triangle strips", name, mesh->GetStrips()->GetNumberOfCells()),
+           "single triangles are needed", triangulate);
+  vtkCellArray& polygons = *mesh->GetPolys();
+  if (polygons.GetNumberOfCells() == 0)
+    refuse(file, fmt::format("{} holds points but no triangle", name), "it is not a surface",
+           "name the file of a triangle surface");
+  surface.triangles.resize(3, polygons.GetNumberOfCells());
+  vtkIdType corners = 0;
+  const vtkIdType* corner = nullptr;
+  for (Index t = 0; t < surface.triangles.cols(); ++t) {
+    polygons.GetCellAtId(t, corners, corner);
+    if (corners != 3)
+      refuse(file, fmt::format("polygon {} of {} has {} corners", t, name, corners),
+             "a surface of triangles is needed", triangulate);
+    for (Index c = 0; c < 3; ++c) {
+      if (corner[c] < 0 || corner[c] >= surface.position_mm.cols())
+        refuse(file,
+               fmt::format("triangle {} of {} uses point {}; there are {}", t, name, corner[c],
+                           surface.position_mm.cols()),
+               "the file contradicts itself", "export it again");
+      surface.triangles(c, t) = corner[c];
+    }
+  }
+  return surface;
+}
+
+// ==================================================================================================== series
+
+TimeSeries::TimeSeries(fs::path pvd, std::string suffix) : pvd_(std::move(pvd)), suffix_(std::move(suffix)) {
+  if (!suffix_.starts_with('.')) suffix_.insert(0, ".");
+}
+
+fs::path TimeSeries::next_frame() const {
+  const std::string stem = pvd_.stem().string();
+  const fs::path folder = pvd_.parent_path() / stem;
+  std::error_code failure;
+  fs::create_directories(folder, failure);
+  if (failure)
+    throw OutputError({.fact = fmt::format("the folder {} cannot be made", folder.string()),
+                       .where = fmt::format("writing the frames of {}", pvd_.string()),
+                       .why = failure.message(),
+                       .remedy = "name another output folder, or make this one writable"});
+  return folder / fmt::format("{}_{:04}{}", stem, frames_.size(), suffix_);
+}
+
+void TimeSeries::add(double time_s) {
+  const fs::path frame = next_frame();
+  std::error_code ignored;
+  if (!fs::is_regular_file(frame, ignored))
+    throw OutputError({.fact = fmt::format("the frame {} has disappeared", frame.string()),
+                       .where = fmt::format("listing it in {}", pvd_.string()),
+                       .why = "it was written a moment ago; something else moved or deleted it",
+                       .remedy = "let no two runs share one output folder"});
+  // Relative, so that the folder can be moved.
+  frames_.emplace_back(time_s, frame.lexically_relative(pvd_.parent_path()).generic_string());
+
+  // No library: VTK has no writer for this list (it is ParaView's), and it is a few lines of text.
+  std::string list =
+      "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\">\n  <Collection>\n";
+  for (const auto& [time, name] : frames_)
+    list += fmt::format("    <DataSet timestep=\"{}\" group=\"\" part=\"0\" file=\"{}\"/>\n", time,
+                        xml_text(name));
+  list += "  </Collection>\n</VTKFile>\n";
+  write_file(pvd_, list);
+}
+
+}  // namespace dimple

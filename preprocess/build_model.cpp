@@ -1,0 +1,84 @@
+#include "preprocess/build_model.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "io/error.hpp"
+
+namespace dimple {
+
+double metres(double mm) { return std::round(mm * 1e7) / 1e10; }
+double millimetres(double m) { return std::round(m * 1e10) / 1e7; }
+double cubic_metres(double mm3) { return std::round(mm3 * 1e9) / 1e18; }
+double cubic_millimetres(double m3) { return std::round(m3 * 1e18) / 1e9; }
+
+namespace {
+
+Points world_metres(const BodySurface& body, const Points& local) {
+  Points world = (body.to_world() * local.colwise().homogeneous()).eval();
+  return world.unaryExpr(&metres);
+}
+
+}  // namespace
+
+BuiltModel build_model(const BodySurface& body, const ModelOptions& options) {
+  BuiltModel built;
+  Model& model = built.model;
+  ModelReport& report = built.report;
+  report.surface_volume_mm3 = body.volume();
+  report.surface_area_mm2 = body.area();
+
+  const double spacing = options.cloud.spacing_mm > 0.0 ? options.cloud.spacing_mm : spacing_for_count(body, options.cloud.count);
+  const Boundary boundary = report.boundary = find_boundary(body, options.boundary, spacing);
+  const NodeCloud cloud = make_node_cloud(body, boundary, options.cloud);
+  const IntegrationGrid grid = make_integration_grid(body, options.grid, cloud.X.cols());
+
+  model.X = world_metres(body, cloud.X);
+  model.spacing = Eigen::VectorXd::Constant(cloud.X.cols(), metres(cloud.spacing));
+  model.point = world_metres(body, grid.point);
+  model.volume = grid.volume.unaryExpr(&cubic_metres);
+  model.tool.centre = world_metres(body, boundary.centre);
+  model.tool.push = body.to_world().linear() * boundary.push;
+  model.tool.radius = metres(boundary.radius);
+  for (Index a = 0; a < cloud.X.cols(); ++a) {
+    if (a < cloud.circle_count) model.indenter.push_back(a);
+    if (cloud.base[static_cast<std::size_t>(a)]) model.base.push_back(a);
+  }
+
+  report.spacing_mm = cloud.spacing;
+  report.cell_mm = grid.cell;
+  report.grid_volume_mm3 = grid.volume.sum();
+  report.clipped = grid.clipped;
+  report.merged = grid.merged;
+  report.surface_nodes = cloud.surface_count;
+  report.circle_nodes = cloud.circle_count;
+  for (Index a = 0; a < cloud.circle_count; ++a) {
+    const Vec3 d = cloud.X.col(a) - boundary.centre;
+    if ((d - d.dot(boundary.push) * boundary.push).norm() > boundary.radius * (1.0 - 1e-6)) ++report.rim_nodes;
+  }
+  report.evenness = measure_evenness(cloud, grid.point);
+
+  if (model.base.empty())
+    throw ModelError({.fact = "no node lies on the base",
+                      .where = "fixed base",
+                      .why = fmt::format("no surface node within {:.2f} mm of the lowest place", boundary.base_depth),
+                      .remedy = "give more depth with boundary.base_depth_mm, more nodes, or another --base"});
+  for (Index a = 0; a < cloud.circle_count; ++a) {
+    const Vec3 x = cloud.X.col(a);
+    if (boundary.lowest - x.dot(boundary.down) <= boundary.base_depth)
+      throw ModelError({.fact = "the indenter's circle lies on the fixed base",
+                        .where = "fixed base and indenter circle",
+                        .why = fmt::format("a node of the circle is within {:.2f} mm of the lowest place", boundary.base_depth),
+                        .remedy = "choose another place (--indent-at), another --base, or less boundary.base_depth_mm"});
+  }
+  return built;
+}
+
+SupportReport complete_model(Model& model, const SupportOptions& options, double density) {
+  const SupportReport report = find_supports(model, options);
+  model.mass = lumped_mass(model, density);
+  return report;
+}
+
+}  // namespace dimple

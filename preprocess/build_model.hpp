@@ -1,0 +1,48 @@
+#pragma once
+
+#include "preprocess/boundary_conditions.hpp"
+#include "preprocess/integration_grid.hpp"
+#include "preprocess/lumped_mass.hpp"
+#include "preprocess/node_cloud.hpp"
+#include "preprocess/support.hpp"
+
+namespace dimple {
+
+struct ModelOptions {
+  CloudOptions cloud;
+  GridOptions grid;
+  BoundaryOptions boundary;
+};
+
+/// What was built, for people: printed, and kept in summary.json. Lengths in mm.
+struct ModelReport {
+  double surface_volume_mm3 = 0.0, surface_area_mm2 = 0.0;
+  double grid_volume_mm3 = 0.0, cell_mm = 0.0;
+  Index clipped = 0, merged = 0;
+  double spacing_mm = 0.0;
+  Index surface_nodes = 0, circle_nodes = 0, rim_nodes = 0;
+  Evenness evenness;
+  Boundary boundary;  ///< in the surface's own frame
+};
+
+/// Nodes, integration points, base and circle of a body: everything of a Model but supports, dphi and masses.
+///
+/// Positions become LPS metres here, rounded to a tenth of a nanometre, and volumes to a billionth of a mm^3: a model
+/// written to a file in mm and read again is the same, bit for bit.
+/// Throws ModelError: no node on the base, the circle reaches the base; and what the steps throw.
+struct BuiltModel {
+  Model model;
+  ModelReport report;
+};
+BuiltModel build_model(const BodySurface& body, const ModelOptions& options);
+
+/// Adds what follows from the places alone: supports, gradients, masses.
+SupportReport complete_model(Model& model, const SupportOptions& options, double density);
+
+/// Lengths and volumes on the grid that survives a file in mm. [mm] -> [m], [mm^3] -> [m^3], and back.
+double metres(double mm);
+double millimetres(double m);
+double cubic_metres(double mm3);
+double cubic_millimetres(double m3);
+
+}  // namespace dimple

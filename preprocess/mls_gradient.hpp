@@ -1,0 +1,47 @@
+#pragma once
+
+#include <span>
+#include <string>
+
+#include "io/types.hpp"
+
+namespace dimple {
+
+enum class Basis { linear, quadratic };
+enum class Weight { quartic, cubic, gauss };
+
+/// Size and form of the support domains.
+struct SupportOptions {
+  Basis basis = Basis::linear;
+  Weight weight = Weight::quartic;
+  /// A node's support radius = radius_factor x the cloud's spacing at that node. 0: 1.8 (linear), 2.6 (quadratic).
+  double radius_factor = 0.0;
+  double effective_radius_factor() const {
+    return radius_factor > 0.0 ? radius_factor : basis == Basis::linear ? 1.8 : 2.6;
+  }
+};
+
+/// Moving least squares at one place.
+struct MlsResult {
+  /// Smallest over largest pivot of the scaled moment matrix; near 0 where the nodes do not span the basis.
+  double pivot_ratio = 0.0;
+  bool ok() const { return pivot_ratio > 1e-5; }
+};
+
+/// Shape functions phi [n] and their gradients dphi [3xn, 1/m] at `x` from n nodes at X with radii `radius`.
+///
+///     w_a = w(|x - X_a| / R_a),  p = [1, y, (y y^T)],  y = (X_a - x)/R,  A = sum_a w_a p_a p_a^T + H
+///     phi_a = w_a p_a . A^-1 p(0)
+///     d phi_a/dx_r = dw_a/dx_r p_a . c + w_a p_a . d c/dx_r,   c = A^-1 p(x)
+///
+/// Every linear field is reproduced exactly; this is checked for every point of every model built.
+/// Source:   Horton et al. 2007, section 2.1 (theory of Lancaster & Salkauskas); quadratic basis with
+///           H = 1e-7 on the quadratic coefficients as in Joldes et al. 2015 (modified MLS).
+/// Departs:  the basis is centred at x and scaled by the mean radius, so that conditioning and H do not depend on
+///           the unit of length.
+/// Returns:  how well the moment matrix is conditioned; phi and dphi are meaningful only if ok().
+MlsResult mls_shape_functions(const Vec3& x, const Points& X, std::span<const int> nodes,
+                              const Eigen::VectorXd& radius, double growth, const SupportOptions& options,
+                              Eigen::VectorXd& phi, Points& dphi);
+
+}  // namespace dimple

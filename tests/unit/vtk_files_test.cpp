@@ -1,0 +1,472 @@
+#include "io/vtk_files.hpp"
+
+#include <gtest/gtest.h>
+#include <vtkDoubleArray.h>
+#include <vtkFieldData.h>
+#include <vtkImageData.h>
+#include <vtkInformation.h>
+#include <vtkMatrix3x3.h>
+#include <vtkNew.h>
+#include <vtkPointData.h>
+#include <vtkPoints.h>
+#include <vtkPolyData.h>
+#include <vtkUnstructuredGrid.h>
+#include <vtkXMLImageDataReader.h>
+#include <vtkXMLPolyDataReader.h>
+#include <vtkXMLUnstructuredGridReader.h>
+
+#include <fstream>
+#include <random>
+#include <sstream>
+
+#include "io/error.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// An empty folder for the running test.
+fs::path scratch() {
+  const auto* test = testing::UnitTest::GetInstance()->current_test_info();
+  const fs::path folder = fs::path(testing::TempDir()) / (std::string("dimple_vtk_files_") + test->name());
+  fs::remove_all(folder);
+  fs::create_directories(folder);
+  return folder;
+}
+
+std::string content_of(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+void put(const fs::path& file, const std::string& content) {
+  std::ofstream(file, std::ios::binary) << content;
+}
+
+/// Values with all 53 bits in use.
+Eigen::MatrixXd random_values(Index rows, Index cols, unsigned seed) {
+  std::mt19937 draw(seed);
+  std::uniform_real_distribution<double> uniform(-100.0, 100.0);
+  return Eigen::MatrixXd::NullaryExpr(rows, cols, [&] { return uniform(draw); });
+}
+
+PointFile sample_points(Index count = 50) {
+  Eigen::MatrixXd set = Eigen::MatrixXd::Zero(1, count);
+  set(0, 0) = 1;
+  set(0, 1) = 3;
+  return {.position_mm = random_values(3, count, 1),
+          .fields = {{.name = "mass", .unit = "kg", .values = random_values(1, count, 2)},
+                     {.name = "displacement",
+                      .unit = "mm",
+                      .values = random_values(3, count, 3),
+                      .components = {"L", "P", "S"},
+                      .type = Field::Type::real64},
+                     {.name = "node_set", .unit = "", .values = set, .type = Field::Type::int32}}};
+}
+
+SurfaceFile tetrahedron() {
+  SurfaceFile surface;
+  surface.position_mm = random_values(3, 4, 4);
+  surface.triangles.resize(3, 4);
+  surface.triangles << 0, 0, 0, 1, /**/ 2, 1, 3, 2, /**/ 1, 3, 2, 3;
+  surface.fields = {{.name = "displacement", .unit = "mm", .values = random_values(3, 4, 5)}};
+  return surface;
+}
+
+/// The error that `action` throws must be of type E and say `word` in one of its four fields.
+template <class E, class Action>
+void expect_report(Action action, const std::string& word) {
+  testing::internal::CaptureStderr();
+  try {
+    action();
+    ADD_FAILURE() << "no error";
+  } catch (const E& e) {
+    const Report& r = e.report;
+    EXPECT_FALSE(r.fact.empty() || r.where.empty() || r.why.empty() || r.remedy.empty());
+    const std::string all = r.fact + " | " + r.where + " | " + r.why + " | " + r.remedy;
+    EXPECT_NE(all.find(word), std::string::npos) << all;
+    EXPECT_EQ(all.find('\n'), std::string::npos) << all;
+  }
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "") << "VTK printed";
+}
+
+/// Every proper beginning of a valid file must be refused.
+template <class Read>
+void expect_beginnings_refused(const fs::path& whole, Read read) {
+  const std::string content = content_of(whole);
+  const fs::path part = whole.parent_path() / ("part" + whole.extension().string());
+  for (std::size_t length = 0; length + 40 < content.size(); length += 97) {
+    SCOPED_TRACE(testing::Message() << length << " of " << content.size() << " bytes");
+    put(part, content.substr(0, length));
+    expect_report<InputError>([&] { read(part); }, part.filename().string());
+  }
+}
+
+// ------------------------------------------------------------------------------------------------------ VTU
+
+TEST(Vtu, IsReadByVtkAsOneVertexPerPointWithUnitsTimeAndActiveDisplacement) {
+  const fs::path file = scratch() / "nodes.vtu";
+  const PointFile points = sample_points();
+  write_vtu(file, points, 0.1);
+
+  vtkNew<vtkXMLUnstructuredGridReader> reader;
+  reader->SetFileName(file.c_str());
+  reader->Update();
+  vtkUnstructuredGrid* grid = reader->GetOutput();
+  ASSERT_EQ(grid->GetNumberOfPoints(), 50);
+  ASSERT_EQ(grid->GetNumberOfCells(), 50);
+  EXPECT_EQ(grid->GetCellType(49), VTK_VERTEX);
+  EXPECT_EQ(grid->GetPoints()->GetDataType(), VTK_FLOAT);
+  for (Index n = 0; n < 50; ++n)
+    for (int c = 0; c < 3; ++c)
+      EXPECT_EQ(grid->GetPoint(n)[c], static_cast<double>(static_cast<float>(points.position_mm(c, n))));
+
+  vtkDataArray* displacement = grid->GetPointData()->GetArray("displacement");
+  ASSERT_NE(displacement, nullptr);
+  EXPECT_EQ(grid->GetPointData()->GetVectors(), displacement);
+  EXPECT_STREQ(displacement->GetInformation()->Get(vtkDataArray::UNITS_LABEL()), "mm");
+  EXPECT_STREQ(displacement->GetComponentName(2), "S");
+  EXPECT_EQ(grid->GetPointData()->GetArray("mass")->GetDataType(), VTK_FLOAT);
+  EXPECT_EQ(grid->GetPointData()->GetArray("node_set")->GetDataType(), VTK_INT);
+
+  auto* time = vtkDoubleArray::SafeDownCast(grid->GetFieldData()->GetArray("TimeValue"));
+  ASSERT_NE(time, nullptr);
+  EXPECT_EQ(time->GetValue(0), 0.1);
+}
+
+TEST(Vtu, HoldsNoTextArraysAndRawCompressedData) {
+  const fs::path file = scratch() / "nodes.vtu";
+  write_vtu(file, sample_points(), 0.0);
+  const std::string content = content_of(file);
+  EXPECT_EQ(content.find("type=\"String\""), std::string::npos);
+  EXPECT_NE(content.find("vtkZLibDataCompressor"), std::string::npos);
+  EXPECT_NE(content.find("<AppendedData encoding=\"raw\">"), std::string::npos);
+}
+
+TEST(Vtu, GivesBackTheSameBitsWhenExact) {
+  const fs::path file = scratch() / "nodes.vtu";
+  const PointFile out = sample_points();
+  write_vtu(file, out, 8.0, true);
+  const PointFile in = read_vtu(file);
+  EXPECT_EQ(in.position_mm, out.position_mm);
+  ASSERT_EQ(in.fields.size(), out.fields.size());
+  for (std::size_t f = 0; f < out.fields.size(); ++f) {
+    EXPECT_EQ(in.fields[f].name, out.fields[f].name);
+    EXPECT_EQ(in.fields[f].unit, out.fields[f].unit);
+    EXPECT_EQ(in.fields[f].components, out.fields[f].components);
+    EXPECT_EQ(in.fields[f].type, out.fields[f].type);
+  }
+  EXPECT_EQ(in.find("displacement")->values, out.find("displacement")->values);
+  EXPECT_EQ(in.find("node_set")->values, out.find("node_set")->values);
+  EXPECT_EQ(in.find("mass")->values, out.find("mass")->values.cast<float>().cast<double>());
+  EXPECT_EQ(in.find("temperature"), nullptr);
+}
+
+TEST(Vtu, IsTheSameFileForTheSameInput) {
+  const fs::path folder = scratch();
+  write_vtu(folder / "a.vtu", sample_points(), 1.0);
+  write_vtu(folder / "b.vtu", sample_points(), 1.0);
+  EXPECT_EQ(content_of(folder / "a.vtu"), content_of(folder / "b.vtu"));
+}
+
+TEST(Vtu, RefusesAFieldThatDoesNotMatchThePoints) {
+  const fs::path file = scratch() / "nodes.vtu";
+  PointFile points = sample_points();
+  points.fields[0].values.resize(1, 7);
+  EXPECT_THROW(write_vtu(file, points, 0.0), std::invalid_argument);
+  points = sample_points();
+  points.fields[2].values(0, 3) = std::nan("");
+  EXPECT_THROW(write_vtu(file, points, 0.0), std::invalid_argument);
+  EXPECT_FALSE(fs::exists(file));
+}
+
+TEST(Vtu, SaysWhyAFileCannotBeRead) {
+  const fs::path folder = scratch();
+  expect_report<InputError>([&] { read_vtu(folder / "absent.vtu"); }, "no such file");
+  expect_report<InputError>([&] { read_vtu(folder); }, "folder");
+  put(folder / "empty.vtu", "");
+  expect_report<InputError>([&] { read_vtu(folder / "empty.vtu"); }, "not a VTK XML file");
+  put(folder / "picture.vtu", "\x89PNG\r\n\x1a\n");
+  expect_report<InputError>([&] { read_vtu(folder / "picture.vtu"); }, "not a VTK XML file");
+  put(folder / "legacy.vtu", "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\n");
+  expect_report<InputError>([&] { read_vtu(folder / "legacy.vtu"); }, "not a VTK XML file");
+  write_vtp(folder / "surface.vtp", tetrahedron(), 0.0);
+  fs::copy(folder / "surface.vtp", folder / "surface.vtu");
+  expect_report<InputError>([&] { read_vtu(folder / "surface.vtu"); }, "PolyData");
+  write_vtu(folder / "none.vtu", {}, 0.0);
+  expect_report<InputError>([&] { read_vtu(folder / "none.vtu"); }, "no point");
+
+  PointFile points = sample_points();
+  points.position_mm(1, 17) = std::numeric_limits<double>::infinity();
+  write_vtu(folder / "infinite.vtu", points, 0.0, true);
+  expect_report<InputError>([&] { read_vtu(folder / "infinite.vtu"); }, "point 17");
+}
+
+TEST(Vtu, RefusesEveryTruncation) {
+  const fs::path file = scratch() / "nodes.vtu";
+  write_vtu(file, sample_points(), 0.0);
+  expect_beginnings_refused(file, read_vtu);
+}
+
+TEST(Vtu, RefusesAnAbsurdNumberOfPoints) {
+  const fs::path folder = scratch();
+  write_vtu(folder / "nodes.vtu", sample_points(), 0.0);
+  const std::string content = content_of(folder / "nodes.vtu");
+  const std::string key = "NumberOfPoints=\"";
+  const std::size_t at = content.find(key) + key.size();
+  for (const std::string count : {"51", "9000000000000000", "-50", "many"}) {
+    SCOPED_TRACE(count);
+    put(folder / "bad.vtu", content.substr(0, at) + count + content.substr(content.find('"', at)));
+    expect_report<InputError>([&] { read_vtu(folder / "bad.vtu"); }, "bad.vtu");
+  }
+}
+
+TEST(Vtu, RefusesDamagedCompressedData) {
+  const fs::path folder = scratch();
+  write_vtu(folder / "nodes.vtu", sample_points(), 0.0);
+  std::string content = content_of(folder / "nodes.vtu");
+  const std::size_t data = content.find('_', content.find("<AppendedData"));
+  for (std::size_t i = data + 60; i < data + 90; ++i) content[i] = static_cast<char>(~content[i]);
+  put(folder / "bad.vtu", content);
+  expect_report<InputError>([&] { read_vtu(folder / "bad.vtu"); }, "bad.vtu");
+}
+
+TEST(Vtu, GivesAnOutputErrorWhereItCannotWrite) {
+  const fs::path folder = scratch();
+  put(folder / "file", "not a folder");
+  expect_report<OutputError>([&] { write_vtu(folder / "file" / "nodes.vtu", sample_points(), 0.0); },
+                             "nodes.vtu");
+  expect_report<OutputError>([&] { write_vtu(folder / "absent" / "nodes.vtu", sample_points(), 0.0); },
+                             "nodes.vtu");
+  fs::create_directory(folder / "locked");
+  fs::permissions(folder / "locked", fs::perms::owner_read | fs::perms::owner_exec);
+  if (std::ofstream(folder / "locked" / "probe")) GTEST_SKIP() << "this user may write anywhere";
+  expect_report<OutputError>([&] { write_vtu(folder / "locked" / "nodes.vtu", sample_points(), 0.0); },
+                             "nodes.vtu");
+}
+
+// ------------------------------------------------------------------------------------------------------ VTP
+
+TEST(Vtp, IsReadByVtkWithItsTrianglesUnitsAndTime) {
+  const fs::path file = scratch() / "surface.vtp";
+  const SurfaceFile surface = tetrahedron();
+  write_vtp(file, surface, 2.5);
+  vtkNew<vtkXMLPolyDataReader> reader;
+  reader->SetFileName(file.c_str());
+  reader->Update();
+  vtkPolyData* mesh = reader->GetOutput();
+  ASSERT_EQ(mesh->GetNumberOfPoints(), 4);
+  ASSERT_EQ(mesh->GetNumberOfPolys(), 4);
+  EXPECT_EQ(mesh->GetCellType(0), VTK_TRIANGLE);
+  vtkDataArray* displacement = mesh->GetPointData()->GetVectors();
+  ASSERT_NE(displacement, nullptr);
+  EXPECT_STREQ(displacement->GetName(), "displacement");
+  EXPECT_STREQ(displacement->GetInformation()->Get(vtkDataArray::UNITS_LABEL()), "mm");
+  EXPECT_EQ(mesh->GetFieldData()->GetArray("TimeValue")->GetTuple1(0), 2.5);
+}
+
+TEST(Vtp, GivesBackTheSameBitsWhenExact) {
+  const fs::path file = scratch() / "surface.vtp";
+  const SurfaceFile out = tetrahedron();
+  write_vtp(file, out, 0.0, true);
+  const SurfaceFile in = read_vtp(file);
+  EXPECT_EQ(in.position_mm, out.position_mm);
+  EXPECT_EQ(in.triangles, out.triangles);
+  ASSERT_EQ(in.fields.size(), 1U);
+  EXPECT_EQ(in.fields[0].values, out.fields[0].values.cast<float>().cast<double>());
+}
+
+TEST(Vtp, SaysWhyAFileIsNoTriangleSurface) {
+  const fs::path folder = scratch();
+  const auto file = [&](const std::string& polygons) {
+    put(folder / "bad.vtp",
+        R"(<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64"><PolyData>)"
+        R"(<Piece NumberOfPoints="4" NumberOfVerts="0" NumberOfLines="0" NumberOfStrips="0" )" +
+            polygons +
+            R"(<Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">)"
+            R"(0 0 0 1 0 0 1 1 0 0 1 0</DataArray></Points></Piece></PolyData></VTKFile>)");
+    return folder / "bad.vtp";
+  };
+  const auto polygons = [](const std::string& corners, const std::string& offsets) {
+    return R"(NumberOfPolys="1"><Polys><DataArray type="Int64" Name="connectivity" format="ascii">)" +
+           corners + R"(</DataArray><DataArray type="Int64" Name="offsets" format="ascii">)" + offsets +
+           "</DataArray></Polys>";
+  };
+  EXPECT_EQ(read_vtp(file(polygons("0 1 2", "3"))).triangles.cols(), 1);
+  expect_report<InputError>([&] { read_vtp(file(polygons("0 1 2 3", "4"))); }, "4 corners");
+  expect_report<InputError>([&] { read_vtp(file(polygons("0 1 4", "3"))); }, "uses point 4");
+  expect_report<InputError>([&] { read_vtp(file(polygons("0 -1 2", "3"))); }, "bad.vtp");
+  expect_report<InputError>([&] { read_vtp(file(polygons("0 1 2", "9"))); }, "bad.vtp");
+  expect_report<InputError>([&] { read_vtp(file(polygons("0 1 2", "-3"))); }, "bad.vtp");
+  expect_report<InputError>([&] { read_vtp(file(R"(NumberOfPolys="0">)")); }, "no triangle");
+  expect_report<InputError>([&] { read_vtp(folder / "absent.vtp"); }, "no such file");
+}
+
+TEST(Vtp, RefusesEveryTruncation) {
+  const fs::path file = scratch() / "surface.vtp";
+  write_vtp(file, tetrahedron(), 0.0);
+  expect_beginnings_refused(file, read_vtp);
+}
+
+TEST(Vtp, RefusesTrianglesOfPointsThatDoNotExist) {
+  SurfaceFile surface = tetrahedron();
+  surface.triangles(2, 3) = 4;
+  EXPECT_THROW(write_vtp(scratch() / "surface.vtp", surface, 0.0), std::invalid_argument);
+}
+
+// ------------------------------------------------------------------------------------------------------ VTI
+
+/// 20 x 16 x 12 voxels of 0.5 x 1 x 2 mm, turned and shifted, with a labelled box inside.
+LabelImage oblique_image(std::int32_t label) {
+  LabelImage image;
+  image.size = {20, 16, 12};
+  image.voxel.assign(20 * 16 * 12, 0);
+  for (Index k = 4; k <= 7; ++k)
+    for (Index j = 3; j <= 12; ++j)
+      for (Index i = 8; i <= 17; ++i) image.voxel[static_cast<std::size_t>(i + 20 * (j + 16 * k))] = label;
+  image.to_world = Eigen::Translation3d(-31.0, 12.5, 7.0) *
+                   Eigen::AngleAxisd(0.4, Vec3(1.0, -2.0, 0.5).normalized()) * Eigen::Scaling(0.5, 1.0, 2.0);
+  return image;
+}
+
+vtkSmartPointer<vtkImageData> read_image(const fs::path& file) {
+  vtkNew<vtkXMLImageDataReader> reader;
+  reader->SetFileName(file.c_str());
+  reader->Update();
+  return reader->GetOutput();
+}
+
+/// What a picture program finds at a position: the label of the nearest voxel, 0 outside.
+double label_at(vtkImageData& image, const Vec3& position_mm) {
+  double index[3];
+  image.TransformPhysicalPointToContinuousIndex(position_mm.data(), index);
+  const int* size = image.GetDimensions();
+  std::array<int, 3> voxel;
+  for (std::size_t d = 0; d < 3; ++d) {
+    voxel[d] = static_cast<int>(std::lround(index[d]));
+    if (voxel[d] < 0 || voxel[d] >= size[d]) return 0.0;
+  }
+  return image.GetPointData()->GetScalars()->GetTuple1(voxel[0] + size[0] * (voxel[1] + size[1] * voxel[2]));
+}
+
+TEST(Vti, PutsEveryVoxelOfAnObliqueImageInItsPlace) {
+  const fs::path file = scratch() / "label.vti";
+  const LabelImage image = oblique_image(3);
+  write_vti(file, image);
+  const auto grid = read_image(file);
+  EXPECT_STREQ(grid->GetPointData()->GetScalars()->GetName(), "label");
+  EXPECT_EQ(grid->GetPointData()->GetScalars()->GetDataType(), VTK_SHORT);
+
+  const Mat3 direction = image.to_world.rotation();
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 3; ++c)
+      EXPECT_NEAR(grid->GetDirectionMatrix()->GetElement(r, c), direction(r, c), 1e-14);
+  for (Index k = 0; k < image.size[2]; ++k)
+    for (Index j = 0; j < image.size[1]; ++j)
+      for (Index i = 0; i < image.size[0]; ++i) {
+        const Vec3 centre =
+            image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
+        ASSERT_EQ(label_at(*grid, centre), image.at(i, j, k)) << i << ' ' << j << ' ' << k;
+      }
+  // And the first voxel of the cropped grid is voxel (7, 2, 3): a tenth of 10, 10 and 4, rounded up.
+  const Vec3 corner = image.to_world * Vec3(7.0, 2.0, 3.0);
+  for (int d = 0; d < 3; ++d) EXPECT_NEAR(grid->GetPoint(0)[d], corner[d], 1e-12);
+}
+
+TEST(Vti, IsCroppedToTheForegroundAndATenthMore) {
+  const fs::path file = scratch() / "label.vti";
+  write_vti(file, oblique_image(1));
+  const auto grid = read_image(file);
+  EXPECT_EQ(grid->GetDimensions()[0], 12);
+  EXPECT_EQ(grid->GetDimensions()[1], 12);
+  EXPECT_EQ(grid->GetDimensions()[2], 6);
+}
+
+TEST(Vti, UsesTheNarrowestTypeThatHoldsEveryLabel) {
+  const fs::path file = scratch() / "label.vti";
+  for (const auto& [label, type] : {std::pair{32767, VTK_SHORT},
+                                    {32768, VTK_UNSIGNED_SHORT},
+                                    {65535, VTK_UNSIGNED_SHORT},
+                                    {65536, VTK_INT},
+                                    {2147483647, VTK_INT}}) {
+    write_vti(file, oblique_image(label));
+    const auto grid = read_image(file);
+    EXPECT_EQ(grid->GetPointData()->GetScalars()->GetDataType(), type) << label;
+    EXPECT_EQ(grid->GetScalarRange()[1], label);
+  }
+}
+
+TEST(Vti, StraightensAShearedImageWithoutMovingItsLabels) {
+  const fs::path file = scratch() / "label.vti";
+  LabelImage image = oblique_image(5);
+  Mat3 shear = Mat3::Identity();
+  shear(0, 1) = 0.3;
+  image.to_world.linear() = image.to_world.linear() * shear;
+  write_vti(file, image);
+  const auto grid = read_image(file);
+  EXPECT_TRUE(grid->GetDirectionMatrix()->IsIdentity());
+  // Each sample holds the label of the sheared voxel that covers its position: nothing else may appear.
+  const Eigen::Affine3d to_voxel = image.to_world.inverse();
+  double foreground = 0.0;
+  for (vtkIdType n = 0; n < grid->GetNumberOfPoints(); ++n) {
+    const Vec3 at = to_voxel * Vec3(grid->GetPoint(n)[0], grid->GetPoint(n)[1], grid->GetPoint(n)[2]);
+    const Eigen::Array<Index, 3, 1> v = at.array().round().cast<Index>();
+    const bool inside = (v >= 0).all() && v[0] < 20 && v[1] < 16 && v[2] < 12;
+    const double label = grid->GetPointData()->GetScalars()->GetTuple1(n);
+    EXPECT_EQ(label, inside ? image.at(v[0], v[1], v[2]) : 0);
+    foreground += label > 0 ? 1.0 : 0.0;
+  }
+  const Vec3 spacing(grid->GetSpacing());
+  EXPECT_NEAR(foreground * spacing.prod(), 400.0 * image.voxel_volume(), 0.05 * 400.0 * image.voxel_volume());
+}
+
+// --------------------------------------------------------------------------------------------------- series
+
+TEST(TimeSeries, ListsRelativeFilesThatExistAfterEveryFrame) {
+  const fs::path folder = scratch();
+  TimeSeries series(folder / "nodes.pvd", ".vtu");
+  for (int frame = 0; frame < 3; ++frame) {
+    write_vtu(series.next_frame(), sample_points(), 0.1 * frame);
+    series.add(0.1 * frame);
+
+    const std::string list = content_of(folder / "nodes.pvd");
+    EXPECT_NE(list.find("</VTKFile>"), std::string::npos);
+    int listed = 0;
+    for (std::size_t at = 0; (at = list.find("file=\"", at)) != std::string::npos; ++listed) {
+      at += 6;
+      const fs::path named = list.substr(at, list.find('"', at) - at);
+      EXPECT_TRUE(named.is_relative()) << named;
+      EXPECT_TRUE(fs::exists(folder / named)) << named;
+    }
+    EXPECT_EQ(listed, frame + 1);
+  }
+  const std::string list = content_of(folder / "nodes.pvd");
+  EXPECT_NE(list.find("timestep=\"0.2\" group=\"\" part=\"0\" file=\"nodes/nodes_0002.vtu\""),
+            std::string::npos)
+      << list;
+  EXPECT_TRUE(fs::exists(folder / "nodes" / "nodes_0002.vtu"));
+}
+
+TEST(TimeSeries, EscapesNamesThatXmlWouldMisread) {
+  const fs::path folder = scratch();
+  TimeSeries series(folder / "a&b.pvd", ".vtu");
+  write_vtu(series.next_frame(), sample_points(), 0.0);
+  series.add(0.0);
+  EXPECT_NE(content_of(folder / "a&b.pvd").find("file=\"a&amp;b/a&amp;b_0000.vtu\""), std::string::npos);
+}
+
+TEST(TimeSeries, DoesNotListAFrameThatWasNotWritten) {
+  TimeSeries series(scratch() / "nodes.pvd", ".vtu");
+  expect_report<OutputError>([&] { series.add(0.0); }, "nodes_0000.vtu");
+}
+
+TEST(TimeSeries, SaysThatItCannotMakeItsFolder) {
+  const fs::path folder = scratch();
+  put(folder / "file", "not a folder");
+  TimeSeries series(folder / "file" / "nodes.pvd", ".vtu");
+  expect_report<OutputError>([&] { series.next_frame(); }, "folder");
+}
+
+}  // namespace
+}  // namespace dimple
