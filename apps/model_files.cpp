@@ -120,6 +120,7 @@ std::string_view weight_word(Weight weight) {
 void write_model(const fs::path& folder, const ModelFiles& files) {
   const Model& model = files.model;
   using Type = Field::Type;
+  make_folder(folder);
   write_vtu(folder / "nodes.vtu",
             {.position_mm = to_mm(model.X),
              .fields = {{.name = "spacing", .unit = "mm", .values = model.spacing.transpose().unaryExpr(&millimetres), .type = Type::real64},

@@ -5,6 +5,7 @@
 #include <system_error>
 
 #include "io/error.hpp"
+#include "io/file.hpp"
 #include "io/picture.hpp"
 #include "io/table.hpp"
 
@@ -132,18 +133,13 @@ void ResultWriter::overview(const History& history, const std::string& title, co
 
 void prepare_result_folder(const fs::path& folder) {
   std::error_code error;
-  if (fs::exists(folder) && !fs::is_directory(folder))
-    throw OutputError({.fact = fmt::format("{} is a file", folder.string()), .where = "-o", .why = "results need a folder", .remedy = "give another -o"});
   if (fs::is_directory(folder) && !fs::is_empty(folder, error) && !fs::exists(folder / "summary.json") &&
       !fs::exists(folder / "model.toml") && !fs::exists(folder / "config.resolved.toml"))
     throw OutputError({.fact = fmt::format("{} holds files that are not results of dimple", folder.string()),
                        .where = "-o",
                        .why = "they could be overwritten",
                        .remedy = "give an empty or a new folder with -o"});
-  fs::create_directories(folder, error);
-  if (error)
-    throw OutputError({.fact = fmt::format("the folder {} cannot be made: {}", folder.string(), error.message()),
-                       .where = "-o", .why = "the system refused", .remedy = "give a place that can be written to"});
+  make_folder(folder);
   // What an earlier run left must not be mistaken for this one's.
   for (const char* name : {"summary.json", "overview.png", "force.csv", "energy.csv", "nodes.pvd", "points.pvd", "surface.pvd"})
     fs::remove(folder / name, error);

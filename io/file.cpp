@@ -20,7 +20,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::string reason(int error_number) { return std::generic_category().message(error_number); }
+std::string reason(int error_number) {
+  return std::generic_category().message(error_number);
+}
 
 std::string remedy_for_writing(int error_number) {
   switch (error_number) {
@@ -50,7 +52,7 @@ std::string remedy_for_writing(int error_number) {
   throw InputError({.fact = fmt::format("cannot read '{}': {}", file.string(), reason(error_number)),
                     .where = fmt::format("reading {}", file.filename().string()),
                     .why = "the system refused",
-                    .remedy = error_number == ENOENT ? "check the spelling of the path"
+                    .remedy = error_number == ENOENT   ? "check the spelling of the path"
                               : error_number == EISDIR ? "name a file, not a folder"
                                                        : "check that you may read the file"});
 }
@@ -124,6 +126,16 @@ void write_file(const fs::path& file, std::string_view content) {
   move_into_place(temporary, file);
 }
 
+void make_folder(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error || !std::filesystem::is_directory(folder))
+    throw OutputError({.fact = fmt::format("the folder {} cannot be made{}", folder.string(), error ? ": " + error.message() : ""),
+                       .where = "results",
+                       .why = "a file has that name, or the place cannot be written to",
+                       .remedy = "give another -o"});
+}
+
 std::string read_file(const fs::path& file) {
   const Descriptor in = open_to_read(file);
   struct stat status {};
@@ -132,7 +144,8 @@ std::string read_file(const fs::path& file) {
   std::string content;
   content.reserve(static_cast<std::size_t>(status.st_size));  // a hint: 0 for a pipe
   std::array<char, 1 << 16> buffer;
-  while (const std::size_t n = read_some(in, buffer.data(), buffer.size(), file)) content.append(buffer.data(), n);
+  while (const std::size_t n = read_some(in, buffer.data(), buffer.size(), file))
+    content.append(buffer.data(), n);
   return content;
 }
 

@@ -7,14 +7,19 @@
 namespace dimple {
 
 /// Writes `content` beside `file`, flushes it to disk and renames it, so that the final name never holds half
-/// a file and an older file of that name survives a failure. Throws OutputError with the system's reason (disk full, read-only, no such folder).
+/// a file and an older file of that name survives a failure. Throws OutputError with the system's reason
+/// (disk full, read-only, no such folder).
 void write_file(const std::filesystem::path& file, std::string_view content);
 
 /// A name beside `file`, with its suffix, for a writer that wants a path; nothing else uses it.
 std::filesystem::path temporary_beside(const std::filesystem::path& file);
 
-/// Flushes `temporary` to disk and renames it to `file`. On failure removes `temporary` and throws OutputError.
+/// Flushes `temporary` to disk and renames it to `file`. On failure removes `temporary` and throws
+/// OutputError.
 void move_into_place(const std::filesystem::path& temporary, const std::filesystem::path& file);
+
+/// Makes the folder and those above it. Throws OutputError with the system's reason.
+void make_folder(const std::filesystem::path& folder);
 
 /// The whole file. Throws InputError with the system's reason.
 std::string read_file(const std::filesystem::path& file);

@@ -22,15 +22,19 @@ enum class Number { int8, uint8, int16, uint16, int32, uint32, int64, uint64, re
 inline std::size_t bytes_of(Number type) {
   switch (type) {
     case Number::int8:
-    case Number::uint8: return 1;
+    case Number::uint8:
+      return 1;
     case Number::int16:
-    case Number::uint16: return 2;
+    case Number::uint16:
+      return 2;
     case Number::int32:
     case Number::uint32:
-    case Number::real32: return 4;
+    case Number::real32:
+      return 4;
     case Number::int64:
     case Number::uint64:
-    case Number::real64: return 8;
+    case Number::real64:
+      return 8;
   }
   return 0;
 }
@@ -39,8 +43,8 @@ inline std::size_t bytes_of(Number type) {
 struct StoredImage {
   std::array<Index, 3> size{};
   Number type = Number::uint8;
-  std::vector<std::byte> data;                         ///< native byte order, first axis fastest
-  double slope = 1.0, intercept = 0.0;                 ///< label = slope * number + intercept
+  std::vector<std::byte> data;                             ///< native byte order, first axis fastest
+  double slope = 1.0, intercept = 0.0;                     ///< label = slope * number + intercept
   Eigen::Affine3d to_world = Eigen::Affine3d::Identity();  ///< stored voxel (i, j, k) -> LPS [mm]
   std::map<int, std::string> names;
   std::string format;
@@ -52,10 +56,12 @@ struct StoredImage {
 };
 
 /// Where a stage or an error speaks of a file: "label image brain.nrrd".
-inline std::string image_place(const std::filesystem::path& file) { return "label image " + file.string(); }
+inline std::string image_place(const std::filesystem::path& file) {
+  return "label image " + file.string();
+}
 
-/// Throws InputError unless the sizes describe one three-dimensional image of one number per voxel that can be
-/// held in memory; further axes must have length 1. `components` counts the numbers per voxel.
+/// Throws InputError unless the sizes describe one three-dimensional image of one number per voxel that can
+/// be held in memory; further axes must have length 1. `components` counts the numbers per voxel.
 std::array<Index, 3> checked_size(const std::vector<Index>& size, Index components,
                                   const std::filesystem::path& file);
 
@@ -65,8 +71,8 @@ std::optional<double> millimetres_in(const std::string& unit);
 /// Multiplies spacing and origin alike, with a warning.
 void scale_to_millimetres(StoredImage& image, double factor, const std::string& unit);
 
-/// Throws InputError if the file is too short for its voxels even when compressed as well as deflate can; so a
-/// damaged header cannot ask for memory without end.
+/// Throws InputError if the file is too short for its voxels even when compressed as well as deflate can; so
+/// a damaged header cannot ask for memory without end.
 void check_length(const StoredImage& image, const std::filesystem::path& file);
 
 InputError truncated(const std::filesystem::path& file, std::string fact);

@@ -77,16 +77,26 @@ std::vector<std::int32_t> to_labels(const StoredImage& image, const fs::path& fi
 
 std::vector<std::int32_t> labels_of(const StoredImage& image, const fs::path& file) {
   switch (image.type) {
-    case Number::int8: return to_labels<std::int8_t>(image, file);
-    case Number::uint8: return to_labels<std::uint8_t>(image, file);
-    case Number::int16: return to_labels<std::int16_t>(image, file);
-    case Number::uint16: return to_labels<std::uint16_t>(image, file);
-    case Number::int32: return to_labels<std::int32_t>(image, file);
-    case Number::uint32: return to_labels<std::uint32_t>(image, file);
-    case Number::int64: return to_labels<std::int64_t>(image, file);
-    case Number::uint64: return to_labels<std::uint64_t>(image, file);
-    case Number::real32: return to_labels<float>(image, file);
-    case Number::real64: return to_labels<double>(image, file);
+    case Number::int8:
+      return to_labels<std::int8_t>(image, file);
+    case Number::uint8:
+      return to_labels<std::uint8_t>(image, file);
+    case Number::int16:
+      return to_labels<std::int16_t>(image, file);
+    case Number::uint16:
+      return to_labels<std::uint16_t>(image, file);
+    case Number::int32:
+      return to_labels<std::int32_t>(image, file);
+    case Number::uint32:
+      return to_labels<std::uint32_t>(image, file);
+    case Number::int64:
+      return to_labels<std::int64_t>(image, file);
+    case Number::uint64:
+      return to_labels<std::uint64_t>(image, file);
+    case Number::real32:
+      return to_labels<float>(image, file);
+    case Number::real64:
+      return to_labels<double>(image, file);
   }
   return {};
 }
@@ -147,16 +157,18 @@ Mat3 with_rounded_lengths(Mat3 linear) {
 
 void check_geometry(const Eigen::Affine3d& to_world, const fs::path& file) {
   const auto refuse = [&](std::string fact) {
-    return InputError({.fact = std::move(fact),
-                       .where = image_place(file),
-                       .why = "spacing, direction and origin in the file's header do not describe a place in space",
-                       .remedy = "correct the header, or export the segmentation anew"});
+    return InputError(
+        {.fact = std::move(fact),
+         .where = image_place(file),
+         .why = "spacing, direction and origin in the file's header do not describe a place in space",
+         .remedy = "correct the header, or export the segmentation anew"});
   };
   const Mat3 m = to_world.linear();
   if (!to_world.matrix().allFinite()) throw refuse("the image's geometry holds a number that is not finite");
   const Vec3 spacing = m.colwise().norm();
   if (!(spacing.minCoeff() > 1e-6) || !(spacing.maxCoeff() < 1e6))
-    throw refuse(fmt::format("the voxel spacing is {:.6g} x {:.6g} x {:.6g} mm", spacing[0], spacing[1], spacing[2]));
+    throw refuse(
+        fmt::format("the voxel spacing is {:.6g} x {:.6g} x {:.6g} mm", spacing[0], spacing[1], spacing[2]));
   const double volume = std::abs(Mat3(m.colwise().normalized()).determinant());
   if (!(volume > 1e-3))  // 1 for axes at right angles
     throw refuse("the image's axes do not span space: they lie in one plane or nearly so");
@@ -202,7 +214,8 @@ LabelImage canonical(const StoredImage& stored, const fs::path& file) {
   for (Index k = 0; k < image.size[2]; ++k)
     for (Index j = 0; j < image.size[1]; ++j)
       for (Index i = 0; i < image.size[0]; ++i)
-        image.voxel.push_back(labels[static_cast<std::size_t>(first + i * step[0] + j * step[1] + k * step[2])]);
+        image.voxel.push_back(
+            labels[static_cast<std::size_t>(first + i * step[0] + j * step[1] + k * step[2])]);
   return image;
 }
 
@@ -224,16 +237,18 @@ double foreground_extent(const LabelImage& image, const fs::path& file) {
                       .remedy = "check that the segmentation was saved, and that this is the right file"});
   double extent = 0.0;
   for (std::size_t c = 0; c < 3; ++c)
-    extent = std::max(extent, static_cast<double>(high[c] - low[c] + 1) * image.spacing()[static_cast<Index>(c)]);
+    extent =
+        std::max(extent, static_cast<double>(high[c] - low[c] + 1) * image.spacing()[static_cast<Index>(c)]);
   return extent;
 }
 
 [[noreturn]] void refuse_suffix(const fs::path& file, bool reading) {
-  Report report{.fact = fmt::format("'{}' does not end in a known suffix", file.filename().string()),
-                .where = image_place(file),
-                .why = reading ? "known are .nrrd, .nhdr, .seg.nrrd, .nii, .nii.gz, .mha and .mhd"
-                               : "known are .nrrd, .seg.nrrd, .nii, .nii.gz and .mha",
-                .remedy = "export the segmentation in one of these formats; from 3D Slicer, save it as .seg.nrrd"};
+  Report report{
+      .fact = fmt::format("'{}' does not end in a known suffix", file.filename().string()),
+      .where = image_place(file),
+      .why = reading ? "known are .nrrd, .nhdr, .seg.nrrd, .nii, .nii.gz, .mha and .mhd"
+                     : "known are .nrrd, .seg.nrrd, .nii, .nii.gz and .mha",
+      .remedy = "export the segmentation in one of these formats; from 3D Slicer, save it as .seg.nrrd"};
   if (reading) throw InputError(std::move(report));
   report.remedy = "choose a name with one of these suffixes";
   throw UsageError(std::move(report));
@@ -252,7 +267,8 @@ StoredImage to_stored(const LabelImage& image) {
   StoredImage stored;
   stored.size = image.size;
   stored.to_world = image.to_world;
-  const std::int32_t largest = image.voxel.empty() ? 0 : *std::max_element(image.voxel.begin(), image.voxel.end());
+  const std::int32_t largest =
+      image.voxel.empty() ? 0 : *std::max_element(image.voxel.begin(), image.voxel.end());
   if (largest <= std::numeric_limits<std::uint8_t>::max()) {
     stored.type = Number::uint8;
     append_as<std::uint8_t>(image.voxel, stored.data);
@@ -287,10 +303,11 @@ std::array<Index, 3> checked_size(const std::vector<Index>& size, Index componen
                        .remedy = std::move(remedy)});
   };
   if (components != 1)
-    throw refuse(fmt::format("every voxel holds {} numbers instead of one label", components),
-                 "the segments overlap and are stored in several layers, or the image is a colour or vector image",
-                 "in 3D Slicer, module Segmentations: export the segments to a label map (a voxel in two "
-                 "segments goes to one of them) and save that as .nrrd");
+    throw refuse(
+        fmt::format("every voxel holds {} numbers instead of one label", components),
+        "the segments overlap and are stored in several layers, or the image is a colour or vector image",
+        "in 3D Slicer, module Segmentations: export the segments to a label map (a voxel in two "
+        "segments goes to one of them) and save that as .nrrd");
   std::size_t dimensions = size.size();
   while (dimensions > 3 && size[dimensions - 1] == 1) --dimensions;
   if (dimensions > 3)
@@ -318,10 +335,9 @@ std::array<Index, 3> checked_size(const std::vector<Index>& size, Index componen
 
 std::optional<double> millimetres_in(const std::string& unit) {
   static const std::map<std::string, double> known = {
-      {"", 1.0},          {"mm", 1.0},         {"millimeter", 1.0}, {"millimetre", 1.0},
-      {"cm", 10.0},       {"m", 1000.0},       {"meter", 1000.0},   {"metre", 1000.0},
-      {"um", 0.001},      {"\u00b5m", 0.001},  {"\u03bcm", 0.001},  {"micron", 0.001},
-      {"microns", 0.001}, {"micrometer", 0.001}};
+      {"", 1.0},          {"mm", 1.0},       {"millimeter", 1.0}, {"millimetre", 1.0},  {"cm", 10.0},
+      {"m", 1000.0},      {"meter", 1000.0}, {"metre", 1000.0},   {"um", 0.001},        {"\u00b5m", 0.001},
+      {"\u03bcm", 0.001}, {"micron", 0.001}, {"microns", 0.001},  {"micrometer", 0.001}};
   const auto found = known.find(unit);
   return found == known.end() ? std::nullopt : std::optional(found->second);
 }
@@ -329,8 +345,8 @@ std::optional<double> millimetres_in(const std::string& unit) {
 void scale_to_millimetres(StoredImage& image, double factor, const std::string& unit) {
   image.to_world.matrix().topRows<3>() *= factor;
   image.warnings.push_back(
-      fmt::format("The file gives lengths in {}; spacing and origin were multiplied by {} to millimetres.", unit,
-                  factor));
+      fmt::format("The file gives lengths in {}; spacing and origin were multiplied by {} to millimetres.",
+                  unit, factor));
 }
 
 void check_length(const StoredImage& image, const fs::path& file) {
@@ -355,7 +371,8 @@ InputError truncated(const fs::path& file, std::string fact) {
 LabelImage read_label_image(const fs::path& file, const fs::path& label_names) {
   const Format format = format_of(file);
   std::error_code ignored;
-  if (!fs::is_regular_file(file, ignored)) read_file(file);  // says why: no such file, a folder, no permission
+  if (!fs::is_regular_file(file, ignored))
+    read_file(file);  // says why: no such file, a folder, no permission
   if (format == Format::unknown) refuse_suffix(file, true);
   std::map<int, std::string> table;  // read first: it is cheap, and the image may be large
   if (!label_names.empty()) table = read_label_names(label_names);
@@ -370,7 +387,8 @@ LabelImage read_label_image(const fs::path& file, const fs::path& label_names) {
   if (extent < 5.0 || extent > 2000.0)
     image.warnings.push_back(
         fmt::format("The labels extend over {:.4g} mm, which is unusual for an organ; check the unit of the "
-                    "voxel spacing.", extent));
+                    "voxel spacing.",
+                    extent));
   return image;
 }
 
@@ -404,10 +422,11 @@ void write_label_image(const fs::path& file, const LabelImage& image) {
   } catch (const std::exception& error) {
     std::error_code ignored;
     fs::remove(temporary, ignored);
-    throw OutputError({.fact = fmt::format("cannot write '{}': {}", file.string(), error.what()),
-                       .where = image_place(file),
-                       .why = "the image was written beside its name and found incomplete, then removed",
-                       .remedy = "check the room on that disk, or choose another output folder with --output"});
+    throw OutputError(
+        {.fact = fmt::format("cannot write '{}': {}", file.string(), error.what()),
+         .where = image_place(file),
+         .why = "the image was written beside its name and found incomplete, then removed",
+         .remedy = "check the room on that disk, or choose another output folder with --output"});
   }
   // The names first: an image that is there is complete.
   if (format != Format::nrrd)

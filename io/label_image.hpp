@@ -17,16 +17,16 @@ namespace dimple {
 /// Axes are canonical: permuted and flipped on reading so that voxel axes i, j, k run as nearly as
 /// possible along +L, +P, +S. One organ therefore gives one LabelImage, however it was stored.
 struct LabelImage {
-  std::array<Index, 3> size{};            ///< voxels along i, j, k
-  std::vector<std::int32_t> voxel;        ///< labels, i fastest; size[0]*size[1]*size[2] of them
-  Eigen::Affine3d to_world;               ///< voxel centre (i, j, k) -> LPS position [mm]; det > 0
-  std::map<int, std::string> names;       ///< label number -> name, where the file or a table says one
+  std::array<Index, 3> size{};       ///< voxels along i, j, k
+  std::vector<std::int32_t> voxel;   ///< labels, i fastest; size[0]*size[1]*size[2] of them
+  Eigen::Affine3d to_world;          ///< voxel centre (i, j, k) -> LPS position [mm]; det > 0
+  std::map<int, std::string> names;  ///< label number -> name, where the file or a table says one
 
-  std::string format;                     ///< "NRRD", "3D Slicer segmentation (NRRD)", "NIfTI-1", "MetaImage"
-  std::string orientation;                ///< anatomical letters of the stored axes, e.g. "RAS", "PIR"
-  std::array<Index, 3> stored_size{};     ///< voxels along the stored axes
-  Vec3 stored_spacing = Vec3::Zero();     ///< [mm], along the stored axes
-  std::vector<std::string> warnings;      ///< sentences for the user: what was assumed, and why
+  std::string format;                  ///< "NRRD", "3D Slicer segmentation (NRRD)", "NIfTI-1", "MetaImage"
+  std::string orientation;             ///< anatomical letters of the stored axes, e.g. "RAS", "PIR"
+  std::array<Index, 3> stored_size{};  ///< voxels along the stored axes
+  Vec3 stored_spacing = Vec3::Zero();  ///< [mm], along the stored axes
+  std::vector<std::string> warnings;   ///< sentences for the user: what was assumed, and why
 
   std::int32_t at(Index i, Index j, Index k) const {
     return voxel[static_cast<std::size_t>(i + size[0] * (j + size[1] * k))];
@@ -39,29 +39,31 @@ struct LabelImage {
 
 /// Reads .nrrd, .nhdr, .seg.nrrd, .nii, .nii.gz, .mha, .mhd.
 ///
-/// Positions are those of ITK and 3D Slicer, with three exceptions, each with a warning: a NIfTI sheared too
-/// far for ITK is read as it is, a file in metres or microns is scaled as a whole, and spacings are rounded
-/// to 1e-9 mm so that one organ stored in two ways gives the same numbers.
-/// `label_names`, if not empty, is a table of names: ITK-SNAP label descriptions
-/// (IDX R G B A VIS MSH "LABEL") or a colour table (id name R G B A); it overrides names in the image.
-/// Throws InputError: no such file, unknown format, not three-dimensional, several components, overlapping
-/// segments, labels that are negative or not whole numbers, nothing but background, truncated data.
+/// Positions are those of ITK and 3D Slicer, except that a NIfTI sheared too far for ITK is read as it is and
+/// a file in metres or microns is scaled as a whole, both with a warning. So that one organ stored in two
+/// ways gives the same numbers, spacings are rounded to 1e-9 mm and NIfTI's single-precision numbers are
+/// taken as the shortest decimals that stand for them (1.366, not 1.3660000563). `label_names`, if not empty,
+/// is a table of names: ITK-SNAP label descriptions (IDX R G B A VIS MSH "LABEL") or a colour table (id name
+/// R G B A); it overrides names in the image. Throws InputError: no such file, unknown format, not
+/// three-dimensional, several components, overlapping segments, labels that are negative or not whole
+/// numbers, nothing but background, truncated data.
 LabelImage read_label_image(const std::filesystem::path& file, const std::filesystem::path& label_names = {});
 
-/// Writes in the format that the suffix names (.nrrd, .seg.nrrd, .nii, .nii.gz, .mha), compressed except .nii,
-/// as uint8, uint16 or int32 by the largest label. Written beside its name, read back, then renamed.
+/// Writes in the format that the suffix names (.nrrd, .seg.nrrd, .nii, .nii.gz, .mha), compressed except
+/// .nii, as uint8, uint16 or int32 by the largest label. Written beside its name, read back, then renamed.
 /// Names of the labels present go into .nrrd and .seg.nrrd as 3D Slicer's SegmentN_ keys; NIfTI and MetaImage
-/// have no place for them, so they go into an ITK-SNAP table beside the image, brain.nii.gz -> brain.labels.txt.
-/// NIfTI holds its geometry in single precision. Throws UsageError (unknown suffix), OutputError (cannot write).
+/// have no place for them, so they go into an ITK-SNAP table beside the image, brain.nii.gz ->
+/// brain.labels.txt. NIfTI holds its geometry in single precision. Throws UsageError (unknown suffix),
+/// OutputError (cannot write).
 void write_label_image(const std::filesystem::path& file, const LabelImage& image);
 
 /// One label of an image, measured.
 struct LabelMeasure {
   int value = 0;
-  std::string name;           ///< empty if none is known
+  std::string name;  ///< empty if none is known
   std::int64_t voxels = 0;
   double volume_mm3 = 0.0;
-  int pieces = 0;             ///< face-connected components
+  int pieces = 0;  ///< face-connected components
   std::int64_t largest_piece_voxels = 0;
   bool touches_border = false;
 };

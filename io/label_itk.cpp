@@ -42,19 +42,30 @@ std::string words_of(const itk::ExceptionObject& error) {
 Number number_type(const itk::ImageIOBase& io, const fs::path& file) {
   using itk::IOComponentEnum;
   switch (io.GetComponentType()) {
-    case IOComponentEnum::CHAR: return Number::int8;
-    case IOComponentEnum::UCHAR: return Number::uint8;
-    case IOComponentEnum::SHORT: return Number::int16;
-    case IOComponentEnum::USHORT: return Number::uint16;
-    case IOComponentEnum::INT: return Number::int32;
-    case IOComponentEnum::UINT: return Number::uint32;
+    case IOComponentEnum::CHAR:
+      return Number::int8;
+    case IOComponentEnum::UCHAR:
+      return Number::uint8;
+    case IOComponentEnum::SHORT:
+      return Number::int16;
+    case IOComponentEnum::USHORT:
+      return Number::uint16;
+    case IOComponentEnum::INT:
+      return Number::int32;
+    case IOComponentEnum::UINT:
+      return Number::uint32;
     case IOComponentEnum::LONG:
-    case IOComponentEnum::LONGLONG: return Number::int64;
+    case IOComponentEnum::LONGLONG:
+      return Number::int64;
     case IOComponentEnum::ULONG:
-    case IOComponentEnum::ULONGLONG: return Number::uint64;
-    case IOComponentEnum::FLOAT: return Number::real32;
-    case IOComponentEnum::DOUBLE: return Number::real64;
-    default: throw unreadable(file, "a label image", "the type of its voxels is unknown");
+    case IOComponentEnum::ULONGLONG:
+      return Number::uint64;
+    case IOComponentEnum::FLOAT:
+      return Number::real32;
+    case IOComponentEnum::DOUBLE:
+      return Number::real64;
+    default:
+      throw unreadable(file, "a label image", "the type of its voxels is unknown");
   }
 }
 
@@ -72,7 +83,8 @@ StoredImage read_information(itk::ImageIOBase& io, const fs::path& file, std::st
   for (unsigned a = 0; a < io.GetNumberOfDimensions(); ++a) {
     // Before any cast: a size that does not fit would come out negative.
     if (io.GetDimensions(a) > static_cast<itk::SizeValueType>(std::numeric_limits<Index>::max()))
-      throw unreadable(file, image.format, fmt::format("axis {} is said to hold {} voxels", a + 1, io.GetDimensions(a)));
+      throw unreadable(file, image.format,
+                       fmt::format("axis {} is said to hold {} voxels", a + 1, io.GetDimensions(a)));
     size.push_back(static_cast<Index>(io.GetDimensions(a)));
   }
   image.size = checked_size(size, io.GetNumberOfComponents(), file);
@@ -90,7 +102,8 @@ void read_voxels(itk::ImageIOBase& io, StoredImage& image, const fs::path& file)
   itk::ImageIORegion everything(io.GetNumberOfDimensions());
   for (unsigned a = 0; a < io.GetNumberOfDimensions(); ++a) everything.SetSize(a, io.GetDimensions(a));
   io.SetIORegion(everything);
-  if (static_cast<std::size_t>(io.GetImageSizeInBytes()) != image.data.size())  // ITK fills what it thinks right
+  if (static_cast<std::size_t>(io.GetImageSizeInBytes()) !=
+      image.data.size())  // ITK fills what it thinks right
     throw unreadable(file, image.format, "header and voxel type disagree about the size of the data");
   try {
     io.Read(image.data.data());
@@ -155,12 +168,14 @@ void check_metaimage_data(const StoredImage& image, const fs::path& file) {
   const std::size_t needed = image.data_bytes();
   std::size_t begin = local ? header.bytes : 0;
   if (const auto skip = header.value.find("HeaderSize"); skip != header.value.end())
-    begin = std::strtol(skip->second.c_str(), nullptr, 10) > 0
-                ? std::strtoul(skip->second.c_str(), nullptr, 10)
-                : static_cast<std::size_t>(length - std::min<std::uintmax_t>(length, needed));  // -1: at the end
+    begin =
+        std::strtol(skip->second.c_str(), nullptr, 10) > 0
+            ? std::strtoul(skip->second.c_str(), nullptr, 10)
+            : static_cast<std::size_t>(length - std::min<std::uintmax_t>(length, needed));  // -1: at the end
 
   const std::string& compressed = header.value["CompressedData"];
-  if (compressed.empty() || (compressed.front() != 'T' && compressed.front() != 't' && compressed.front() != '1')) {
+  if (compressed.empty() ||
+      (compressed.front() != 'T' && compressed.front() != 't' && compressed.front() != '1')) {
     if (length < begin + needed)
       throw truncated(data_file, fmt::format("the file holds {} of {} bytes of voxels",
                                              length - std::min<std::uintmax_t>(length, begin), needed));
@@ -187,7 +202,8 @@ void check_metaimage_data(const StoredImage& image, const fs::path& file) {
   const std::size_t got = stream.total_out;
   inflateEnd(&stream);
   if (state == Z_DATA_ERROR || state == Z_NEED_DICT)
-    throw truncated(data_file, fmt::format("the compressed data are damaged after {} of {} bytes of voxels", got, needed));
+    throw truncated(data_file, fmt::format("the compressed data are damaged after {} of {} bytes of voxels",
+                                           got, needed));
   if (state != Z_STREAM_END || got < needed)
     throw truncated(data_file, fmt::format("the compressed data hold {} of {} bytes of voxels", got, needed));
 }
@@ -240,11 +256,13 @@ StoredImage read_nrrd(const fs::path& file) {
     image.warnings.push_back(
         "The file does not say how the image lies in the patient (no space directions); its axes are taken "
         "to run along left, posterior and superior.");
-  else if (space == keys.end() || space->second != "left-posterior-superior")  // ITK has turned RAS and LAS to LPS
-    image.warnings.push_back(fmt::format(
-        "The file does not name patient directions (space: {}); its coordinates are taken as left, posterior, "
-        "superior.",
-        space == keys.end() ? "none" : space->second));
+  else if (space == keys.end() ||
+           space->second != "left-posterior-superior")  // ITK has turned RAS and LAS to LPS
+    image.warnings.push_back(
+        fmt::format("The file does not name patient directions (space: {}); its coordinates are taken as "
+                    "left, posterior, "
+                    "superior.",
+                    space == keys.end() ? "none" : space->second));
   if (const auto units = header.value.find("space units"); units != header.value.end()) {
     std::istringstream words(units->second);
     std::string unit;
@@ -253,7 +271,8 @@ StoredImage read_nrrd(const fs::path& file) {
     if (const std::optional<double> factor = millimetres_in(unit)) {
       if (*factor != 1.0) scale_to_millimetres(image, *factor, unit);
     } else {
-      image.warnings.push_back(fmt::format("The file's unit of length '{}' is unknown; millimetres are assumed.", unit));
+      image.warnings.push_back(
+          fmt::format("The file's unit of length '{}' is unknown; millimetres are assumed.", unit));
     }
   }
   if (!header.value.contains("data file") && !header.value.contains("datafile")) check_length(image, file);
@@ -271,7 +290,8 @@ StoredImage read_metaimage(const fs::path& file) {
 
 void write_nrrd(const fs::path& file, const StoredImage& image, const KeyValues& keys) {
   const auto io = itk::NrrdImageIO::New();
-  for (const auto& [key, value] : keys) itk::EncapsulateMetaData<std::string>(io->GetMetaDataDictionary(), key, value);
+  for (const auto& [key, value] : keys)
+    itk::EncapsulateMetaData<std::string>(io->GetMetaDataDictionary(), key, value);
   write_with(*io, file, image);
 }
 

@@ -29,7 +29,8 @@ std::array<int, 3> colour_of(int label) {
   const double hue = std::fmod(0.61803398874989485 * label, 1.0) * 6.0;
   std::array<int, 3> rgb{};
   for (int c = 0; c < 3; ++c) {
-    const double distance = std::abs(std::fmod(hue + 2.0 * (3 - c), 6.0) - 3.0);  // 3 at the channel's own hue
+    const double distance =
+        std::abs(std::fmod(hue + 2.0 * (3 - c), 6.0) - 3.0);  // 3 at the channel's own hue
     rgb[static_cast<std::size_t>(c)] = static_cast<int>(64.0 + 176.0 * std::clamp(distance - 1.0, 0.0, 1.0));
   }
   return rgb;
@@ -95,7 +96,8 @@ std::map<int, std::string> read_label_names(const std::filesystem::path& file) {
         {.fact = std::move(fact),
          .where = line == 0 ? fmt::format("table of label names {}", file.string())
                             : fmt::format("table of label names {}, line {}", file.string(), line),
-         .why = "a line is either  IDX R G B A VIS MSH \"NAME\"  (ITK-SNAP) or  ID NAME R G B A  (colour table)",
+         .why =
+             "a line is either  IDX R G B A VIS MSH \"NAME\"  (ITK-SNAP) or  ID NAME R G B A  (colour table)",
          .remedy = "correct the line, or give another table with --label-names"});
   };
   std::map<int, std::string> names;
@@ -121,7 +123,8 @@ std::map<int, std::string> read_label_names(const std::filesystem::path& file) {
       while (numbers < 4 && numbers + 1 < word.size() && integer(word[word.size() - 1 - numbers])) ++numbers;
       if (numbers < 3 || word.size() < numbers + 2)
         throw bad(line, fmt::format("'{}' names no label and colour", text));
-      name = fmt::format("{}", fmt::join(word.begin() + 1, word.end() - static_cast<std::ptrdiff_t>(numbers), " "));
+      name = fmt::format("{}",
+                         fmt::join(word.begin() + 1, word.end() - static_cast<std::ptrdiff_t>(numbers), " "));
     }
     if (*label != 0 && !name.empty()) names[*label] = name;
   }

@@ -72,16 +72,26 @@ nifti_1_header read_header(gzFile in, const fs::path& file, bool& swapped) {
 
 Number number_type(const nifti_1_header& header, const fs::path& file) {
   switch (header.datatype) {
-    case NIFTI_TYPE_INT8: return Number::int8;
-    case NIFTI_TYPE_UINT8: return Number::uint8;
-    case NIFTI_TYPE_INT16: return Number::int16;
-    case NIFTI_TYPE_UINT16: return Number::uint16;
-    case NIFTI_TYPE_INT32: return Number::int32;
-    case NIFTI_TYPE_UINT32: return Number::uint32;
-    case NIFTI_TYPE_INT64: return Number::int64;
-    case NIFTI_TYPE_UINT64: return Number::uint64;
-    case NIFTI_TYPE_FLOAT32: return Number::real32;
-    case NIFTI_TYPE_FLOAT64: return Number::real64;
+    case NIFTI_TYPE_INT8:
+      return Number::int8;
+    case NIFTI_TYPE_UINT8:
+      return Number::uint8;
+    case NIFTI_TYPE_INT16:
+      return Number::int16;
+    case NIFTI_TYPE_UINT16:
+      return Number::uint16;
+    case NIFTI_TYPE_INT32:
+      return Number::int32;
+    case NIFTI_TYPE_UINT32:
+      return Number::uint32;
+    case NIFTI_TYPE_INT64:
+      return Number::int64;
+    case NIFTI_TYPE_UINT64:
+      return Number::uint64;
+    case NIFTI_TYPE_FLOAT32:
+      return Number::real32;
+    case NIFTI_TYPE_FLOAT64:
+      return Number::real64;
     default:
       throw InputError({.fact = fmt::format("the voxels are of type {}, not one number each",
                                             nifti_datatype_string(header.datatype)),
@@ -120,9 +130,9 @@ void read_geometry(const nifti_1_header& h, StoredImage& image) {
   mat44 s{};
   for (int c = 0; c < 4; ++c) s.m[0][c] = h.srow_x[c], s.m[1][c] = h.srow_y[c], s.m[2][c] = h.srow_z[c];
   const Rows sform = rows(s);
-  const Rows qform = rows(nifti_quatern_to_mat44(h.quatern_b, h.quatern_c, h.quatern_d, h.qoffset_x, h.qoffset_y,
-                                                 h.qoffset_z, h.pixdim[1], h.pixdim[2], h.pixdim[3],
-                                                 h.pixdim[0] < 0.0f ? -1.0f : 1.0f));
+  const Rows qform = rows(nifti_quatern_to_mat44(h.quatern_b, h.quatern_c, h.quatern_d, h.qoffset_x,
+                                                 h.qoffset_y, h.qoffset_z, h.pixdim[1], h.pixdim[2],
+                                                 h.pixdim[3], h.pixdim[0] < 0.0f ? -1.0f : 1.0f));
   const bool has_s = h.sform_code > 0, has_q = h.qform_code > 0;
   const bool sform_is_orthogonal = has_s && is_orthogonal(sform.leftCols<3>());
 
@@ -151,9 +161,9 @@ void read_geometry(const nifti_1_header& h, StoredImage& image) {
       apart = std::max(apart, ((sform - qform) * x).norm());
     }
     if (apart > 0.01)
-      image.warnings.push_back(
-          fmt::format("sform and qform place the image up to {:.3g} apart; {} is used, as in ITK and 3D Slicer.",
-                      apart, ras == sform ? "sform" : "qform"));
+      image.warnings.push_back(fmt::format(
+          "sform and qform place the image up to {:.3g} apart; {} is used, as in ITK and 3D Slicer.", apart,
+          ras == sform ? "sform" : "qform"));
   }
   ras.topRows<2>() *= -1.0;  // RAS to LPS
   image.to_world.matrix().topRows<3>() = ras;
@@ -165,11 +175,11 @@ StoredImage read_nifti(const fs::path& file) {
   errno = 0;
   const GzFile in(gzopen(file.c_str(), "rb"), &gzclose);
   if (!in)
-    throw InputError({.fact = fmt::format("cannot open '{}': {}", file.string(),
-                                          std::generic_category().message(errno)),
-                      .where = image_place(file),
-                      .why = "the system refused",
-                      .remedy = "check the path and that you may read the file"});
+    throw InputError(
+        {.fact = fmt::format("cannot open '{}': {}", file.string(), std::generic_category().message(errno)),
+         .where = image_place(file),
+         .why = "the system refused",
+         .remedy = "check the path and that you may read the file"});
   bool swapped = false;
   const nifti_1_header header = read_header(in.get(), file, swapped);
 
@@ -190,9 +200,14 @@ StoredImage read_nifti(const fs::path& file) {
 
   read_geometry(header, image);
   switch (XYZT_TO_SPACE(header.xyzt_units)) {
-    case NIFTI_UNITS_METER: scale_to_millimetres(image, 1000.0, "metres"); break;
-    case NIFTI_UNITS_MICRON: scale_to_millimetres(image, 0.001, "microns"); break;
-    default: break;  // millimetres, or unsaid, which means the same in practice
+    case NIFTI_UNITS_METER:
+      scale_to_millimetres(image, 1000.0, "metres");
+      break;
+    case NIFTI_UNITS_MICRON:
+      scale_to_millimetres(image, 0.001, "microns");
+      break;
+    default:
+      break;  // millimetres, or unsaid, which means the same in practice
   }
 
   // Skip extensions. A writer that forgot vox_offset meant the end of the header and its four bytes.
@@ -229,7 +244,8 @@ void write_nifti(const fs::path& file, const StoredImage& image) {
   h.dim[0] = 3;
   for (std::size_t a = 0; a < 3; ++a) {
     if (image.size[a] > std::numeric_limits<short>::max())
-      throw std::runtime_error(fmt::format("NIfTI-1 holds at most 32767 voxels along an axis, not {}", image.size[a]));
+      throw std::runtime_error(
+          fmt::format("NIfTI-1 holds at most 32767 voxels along an axis, not {}", image.size[a]));
     h.dim[a + 1] = static_cast<short>(image.size[a]);
   }
   for (int a = 4; a < 8; ++a) h.dim[a] = 1;
@@ -249,8 +265,8 @@ void write_nifti(const fs::path& file, const StoredImage& image) {
   for (int c = 0; c < 4; ++c) h.srow_x[c] = m.m[0][c], h.srow_y[c] = m.m[1][c], h.srow_z[c] = m.m[2][c];
   h.sform_code = NIFTI_XFORM_SCANNER_ANAT;
   float qfac = 1.0f;
-  nifti_mat44_to_quatern(m, &h.quatern_b, &h.quatern_c, &h.quatern_d, &h.qoffset_x, &h.qoffset_y, &h.qoffset_z,
-                         &h.pixdim[1], &h.pixdim[2], &h.pixdim[3], &qfac);
+  nifti_mat44_to_quatern(m, &h.quatern_b, &h.quatern_c, &h.quatern_d, &h.qoffset_x, &h.qoffset_y,
+                         &h.qoffset_z, &h.pixdim[1], &h.pixdim[2], &h.pixdim[3], &qfac);
   h.pixdim[0] = qfac;
   // A quaternion cannot say shear; it would contradict the sform.
   h.qform_code = is_orthogonal(ras.leftCols<3>()) ? NIFTI_XFORM_SCANNER_ANAT : NIFTI_XFORM_UNKNOWN;
@@ -267,7 +283,8 @@ void write_nifti(const fs::path& file, const StoredImage& image) {
     return out != nullptr;
   };
   const char no_extension[4] = {};
-  const bool written = write(&h, sizeof h) && write(no_extension, 4) && write(image.data.data(), image.data.size());
+  const bool written =
+      write(&h, sizeof h) && write(no_extension, 4) && write(image.data.data(), image.data.size());
   const int closed = out ? gzclose(out.release()) : Z_ERRNO;
   if (!written || closed != Z_OK)
     throw std::runtime_error(errno != 0 ? std::generic_category().message(errno) : "zlib could not write");

@@ -1,12 +1,12 @@
 #include "io/picture.hpp"
 
 #include <fmt/format.h>
-#include <vtkFreeTypeTools.h>
+#include <vtkAutoInit.h>
 #include <vtkImageData.h>
 #include <vtkNew.h>
 #include <vtkPNGWriter.h>
-#include <vtkPointData.h>
 #include <vtkTextProperty.h>
+#include <vtkTextRenderer.h>
 #include <vtkUnsignedCharArray.h>
 
 #include <Eigen/Eigenvalues>
@@ -17,11 +17,14 @@
 #include <limits>
 #include <numbers>
 #include <optional>
+#include <stdexcept>
 #include <string_view>
 #include <utility>
 
 #include "io/error.hpp"
 #include "io/file.hpp"
+
+VTK_MODULE_INIT(vtkRenderingFreeType)  // registers the text setter, and nothing that needs a display
 
 // No library draws this: VTK's renderer aborts the process where there is no display, and its charts need
 // that renderer. VTK still sets the text and encodes the PNG; neither needs a display.
@@ -45,8 +48,8 @@ Colour rgb(unsigned hex) {
 
 // Hues that the common colour-vision deficiencies keep apart; the lightness differs as well.
 const Colour ink = rgb(0x1F2933), soft_ink = rgb(0x5F6B7A), hairline = rgb(0xD8DEE6), page = rgb(0xEEF1F5),
-             card = rgb(0xFFFFFF), interior = rgb(0xA9BCD0), base = rgb(0x0B4F8A), circle = rgb(0xE8590C),
-             cross = rgb(0x8794A4), curve = rgb(0x0B4F8A);
+             card = rgb(0xFFFFFF), interior = rgb(0xB9C8D8), base = rgb(0x1560A0), circle = rgb(0xE8590C),
+             cross = rgb(0x8794A4), curve = rgb(0x1560A0), node_dot = rgb(0x6F8AA6);
 
 bool is_base(int set) {
   return (set & 1) != 0;
@@ -78,6 +81,11 @@ struct Rect {
   }
 };
 
+/// The pixel of a coordinate, within 0..most for every number, also for one that is not a number.
+int pixel_within(double coordinate, int most) {
+  return coordinate > 0.0 ? static_cast<int>(std::min(coordinate, static_cast<double>(most))) : 0;
+}
+
 /// The picture, `fine` times larger than written. Coordinates are picture pixels, y downward.
 class Canvas {
  public:
@@ -86,7 +94,7 @@ class Canvas {
   static constexpr int columns = width * fine, rows = height * fine;
 
   void blend(int x, int y, const Colour& colour, double cover) {
-    if (cover <= 0.0 || x < 0 || y < 0 || x >= columns || y >= rows) return;
+    if (!(cover > 0.0) || x < 0 || y < 0 || x >= columns || y >= rows) return;
     Colour& at = pixel_[static_cast<std::size_t>(x + columns * y)];
     at += (colour - at) * static_cast<float>(std::min(cover, 1.0));
   }
@@ -94,13 +102,12 @@ class Canvas {
   /// Paints where `distance` (picture pixels, negative inside) says; `bounds` limits the search.
   template <class Distance>
   void paint(const Rect& bounds, const Colour& colour, double opacity, Distance distance) {
-    const auto pixel = [](double v, int most) {
-      return static_cast<int>(std::clamp(std::floor(v * fine), 0.0, static_cast<double>(most)));
-    };
-    const int x1 = pixel(bounds.x + bounds.w + 1.0, columns - 1),
-              y1 = pixel(bounds.y + bounds.h + 1.0, rows - 1);
-    for (int y = pixel(bounds.y - 1.0, rows - 1); y <= y1; ++y)
-      for (int x = pixel(bounds.x - 1.0, columns - 1); x <= x1; ++x) {
+    const int x0 = pixel_within((bounds.x - 1.0) * fine, columns - 1);
+    const int y0 = pixel_within((bounds.y - 1.0) * fine, rows - 1);
+    const int x1 = pixel_within((bounds.x + bounds.w + 1.0) * fine, columns - 1);
+    const int y1 = pixel_within((bounds.y + bounds.h + 1.0) * fine, rows - 1);
+    for (int y = y0; y <= y1; ++y)
+      for (int x = x0; x <= x1; ++x) {
         const double d = distance(Vec2((x + 0.5) / fine, (y + 0.5) / fine));
         blend(x, y, colour, opacity * std::clamp(0.5 - d * fine, 0.0, 1.0));
       }
@@ -175,21 +182,28 @@ struct Style {
 
 enum class Align { left, centre, right };
 
-/// What the text setter accepts: control characters and bytes that are not UTF-8 become '?'.
+/// Only what the built-in font has: Latin letters, signs and dashes. Everything else, and bytes that are not
+/// UTF-8, becomes '?'.
 std::string printable(std::string_view text) {
   std::string clean;
   for (std::size_t i = 0; i < text.size();) {
-    const auto lead = static_cast<unsigned char>(text[i]);
-    const std::size_t length = lead < 0x80 ? 1 : lead < 0xC2 ? 0 : lead < 0xE0 ? 2 : lead < 0xF0 ? 3 : 0;
-    bool valid = length > 0 && i + length <= text.size() && lead >= 0x20 && lead != 0x7F;
-    for (std::size_t k = 1; valid && k < length; ++k)
-      valid = (static_cast<unsigned char>(text[i + k]) & 0xC0U) == 0x80;
-    if (valid && length == 3) {  // three bytes can still be too many for the character, or half a surrogate
-      const auto second = static_cast<unsigned char>(text[i + 1]);
-      valid = !(lead == 0xE0 && second < 0xA0) && !(lead == 0xED && second >= 0xA0);
+    const auto byte = [&](std::size_t k) -> unsigned {
+      const auto value = i + k < text.size() ? static_cast<unsigned char>(text[i + k]) : 0U;
+      return k > 0 && (value & 0xC0U) != 0x80U ? 0U : value;  // 0: not the continuation of a character
+    };
+    std::size_t length = 1;
+    bool known = byte(0) >= 0x20 && byte(0) < 0x7F;
+    if (byte(0) >= 0xC2 && byte(0) <= 0xC5 && byte(1) != 0) {  // U+0080 to U+017F
+      length = 2;
+      known = byte(0) != 0xC2 || byte(1) >= 0xA0;
+    } else if (byte(0) == 0xE2 && byte(1) != 0 && byte(2) != 0) {
+      length = 3;
+      const unsigned code = (byte(0) & 0x0FU) << 12 | (byte(1) & 0x3FU) << 6 | (byte(2) & 0x3FU);
+      known = (code >= 0x2013 && code <= 0x2026) || code == 0x2212;  // dashes, quotes, dots, minus
     }
-    clean += valid ? std::string(text.substr(i, length)) : lead == '\t' || lead == '\n' ? " " : "?";
-    i += valid ? length : 1;
+    const bool blank = text[i] == '\t' || text[i] == '\n' || text[i] == '\r';
+    clean += known ? text.substr(i, length) : blank ? " " : "?";
+    i += length;
   }
   return clean;
 }
@@ -205,36 +219,42 @@ vtkSmartPointer<vtkTextProperty> text_property(const Style& style) {
 
 constexpr int dots_per_inch = 72;  // a font size is then a number of pixels
 
-/// Width in picture pixels.
-double text_width(const std::string& text, const Style& style) {
+/// Left, right, bottom and top of a text [fine pixels], from its start on the baseline.
+std::optional<std::array<int, 4>> text_box(const std::string& clean, vtkTextProperty* property) {
   std::array<int, 4> box{};
-  if (text.empty() || !vtkFreeTypeTools::GetInstance()->GetBoundingBox(text_property(style), printable(text),
-                                                                       dots_per_inch, box.data()))
-    return 0.0;
-  return static_cast<double>(box[1] - box[0] + 1) / fine;
+  if (clean.find_first_not_of(' ') == std::string::npos ||
+      !vtkTextRenderer::GetInstance()->GetBoundingBox(property, clean, box.data(), dots_per_inch,
+                                                      vtkTextRenderer::FreeType))
+    return std::nullopt;
+  return box;
 }
 
-/// Sets one line of text; `at` is on its baseline.
+/// Width in picture pixels.
+double text_width(const std::string& text, const Style& style) {
+  const auto box = text_box(printable(text), text_property(style));
+  return box ? static_cast<double>((*box)[1] - (*box)[0] + 1) / fine : 0.0;
+}
+
+/// Sets one line of text; `at` is on its baseline. Not through vtkFreeTypeTools: it drops all but ASCII.
 void write(Canvas& canvas, const Vec2& at, const std::string& text, const Style& style = {},
            Align align = Align::left) {
   const std::string clean = printable(text);
-  if (clean.find_first_not_of(' ') == std::string::npos) return;
   const auto property = text_property(style);
-  auto* tools = vtkFreeTypeTools::GetInstance();
+  const auto box = text_box(clean, property);
   vtkNew<vtkImageData> image;
-  std::array<int, 4> box{};
   std::array<int, 2> size{};
-  if (!tools->GetBoundingBox(property, clean, dots_per_inch, box.data()) ||
-      !tools->RenderString(property, clean, dots_per_inch, image, size.data()))
+  if (!box || !(at.cwiseAbs().maxCoeff() < 10.0 * width) ||
+      !vtkTextRenderer::GetInstance()->RenderString(property, clean, image, size.data(), dots_per_inch,
+                                                    vtkTextRenderer::FreeType))
     return;
   const double shift = align == Align::left ? 0.0 : align == Align::centre ? 0.5 : 1.0;
-  const int left = static_cast<int>(std::lround(at.x() * fine - shift * (box[1] - box[0] + 1)));
-  const int baseline = static_cast<int>(std::lround(at.y() * fine));
-  const int channels = image->GetNumberOfScalarComponents();
+  const int left = static_cast<int>(std::lround(at.x() * fine - shift * ((*box)[1] - (*box)[0] + 1)));
+  const int bottom = static_cast<int>(std::lround(at.y() * fine)) - (*box)[2];
+  const int opacity = image->GetNumberOfScalarComponents() - 1;
   for (int y = 0; y < size[1]; ++y)
     for (int x = 0; x < size[0]; ++x) {
       const auto* value = static_cast<const unsigned char*>(image->GetScalarPointer(x, y, 0));
-      canvas.blend(left + x, baseline - box[2] - y, style.colour, value[channels - 1] / 255.0);
+      canvas.blend(left + x, bottom - y, style.colour, value[opacity] / 255.0);
     }
 }
 
@@ -254,6 +274,7 @@ std::vector<std::string> wrapped(const std::string& line, double room, const Sty
         const double keep = room / text_width(part, style) * 0.97;
         auto cut = static_cast<std::size_t>(keep * static_cast<double>(part.size()));
         cut = std::clamp<std::size_t>(cut, 4, part.size() - 1);
+        while (cut > 1 && (static_cast<unsigned char>(part[cut]) & 0xC0U) == 0x80U) --cut;
         parts.push_back(part.substr(0, cut));
         part.erase(0, cut);
       }
@@ -272,14 +293,15 @@ std::vector<std::string> wrapped(const std::string& line, double room, const Sty
 }
 
 /// The text, shortened at its end until it fits.
-std::string shortened(std::string text, double room, const Style& style) {
-  text = printable(text);
-  if (text_width(text, style) <= room) return text;
-  while (!text.empty() && text_width(text + "...", style) > room) {
-    text.pop_back();
-    while (!text.empty() && (static_cast<unsigned char>(text.back()) & 0x80U) != 0) text.pop_back();
+std::string shortened(const std::string& text, double room, const Style& style) {
+  std::string part = printable(text);
+  if (part.size() <= 500 && text_width(part, style) <= room) return part;
+  part.resize(std::min<std::size_t>(part.size(), 500));  // more never fits
+  while (!part.empty() && text_width(part + "...", style) > room) {
+    while (part.size() > 1 && (static_cast<unsigned char>(part.back()) & 0xC0U) == 0x80U) part.pop_back();
+    part.pop_back();
   }
-  return text + "...";
+  return part + "...";
 }
 
 // -------------------------------------------------------------------------------------------------- numbers
@@ -428,9 +450,10 @@ class Scene {
     const double r = std::max(radius_mm * projection_.scale, 0.8) * fine;
     const double cx = p.x() * fine - x0_, cy = p.y() * fine - y0_;
     if (!(cx > -r && cy > -r && cx < w_ + r && cy < h_ + r)) return;
-    for (int y = std::max(0, static_cast<int>(cy - r)); y <= std::min(h_ - 1, static_cast<int>(cy + r)); ++y)
-      for (int x = std::max(0, static_cast<int>(cx - r)); x <= std::min(w_ - 1, static_cast<int>(cx + r));
-           ++x) {
+    const int x0 = pixel_within(cx - r, w_ - 1), x1 = pixel_within(cx + r, w_ - 1);
+    const int y0 = pixel_within(cy - r, h_ - 1), y1 = pixel_within(cy + r, h_ - 1);
+    for (int y = y0; y <= y1; ++y)
+      for (int x = x0; x <= x1; ++x) {
         const double u = (x + 0.5 - cx) / r, v = (cy - y - 0.5) / r, rest = 1.0 - u * u - v * v;
         if (rest < 0.0) continue;
         const double n = std::sqrt(rest);
@@ -456,9 +479,10 @@ class Scene {
     const auto edge = [](const Vec3& a, const Vec3& b, double x, double y) {
       return (b.x() - a.x()) * (y - a.y()) - (b.y() - a.y()) * (x - a.x());
     };
-    for (int y = std::max(0, static_cast<int>(low_y)); y <= std::min(h_ - 1, static_cast<int>(high_y)); ++y)
-      for (int x = std::max(0, static_cast<int>(low_x)); x <= std::min(w_ - 1, static_cast<int>(high_x));
-           ++x) {
+    const int x0 = pixel_within(low_x, w_ - 1), x1 = pixel_within(high_x, w_ - 1);
+    const int y0 = pixel_within(low_y, h_ - 1), y1 = pixel_within(high_y, h_ - 1);
+    for (int y = y0; y <= y1; ++y)
+      for (int x = x0; x <= x1; ++x) {
         const double a = edge(p[1], p[2], x + 0.5, y + 0.5) / area,
                      b = edge(p[2], p[0], x + 0.5, y + 0.5) / area;
         const double c = 1.0 - a - b;
@@ -501,7 +525,7 @@ class Scene {
           const float step = depth_[static_cast<std::size_t>(nx + w_ * ny)] - depth_[i];
           if (step > 0.0F) hidden += std::min(step * unit, 1.0F);
         }
-        const float shade = std::exp(-0.75F * hidden / 16.0F * 2.0F);
+        const float shade = std::exp(-1.1F * hidden / 16.0F);
         canvas.blend(x0_ + x, y0_ + y, colour_[i] * shade, 1.0);
       }
   }
@@ -524,7 +548,7 @@ class Scene {
     if (normal.z() < 0.0) normal = -normal;
     const double diffuse = std::max(normal.dot(light), 0.0), sky = 0.5 + 0.5 * normal.y();
     const double highlight = 0.14 * std::pow(std::max(normal.dot(half), 0.0), 24.0);
-    const auto brightness = static_cast<float>(0.34 + 0.16 * sky + 0.58 * diffuse);
+    const auto brightness = static_cast<float>(0.40 + 0.16 * sky + 0.54 * diffuse);
     return (colour * brightness + static_cast<float>(highlight)).min(1.0F);
   }
 
@@ -571,9 +595,10 @@ void triad(Canvas& canvas, const Rect& room, const Camera& camera) {
     if (flip) seen = -seen;
     const Vec2 along(seen.x(), -seen.y());
     const Vec2 tip = origin + length * along;
+    const bool head_on = along.norm() < 0.15;
     canvas.line(origin, tip, 1.8, soft_ink);
-    canvas.disc(tip, 2.4, soft_ink);
-    const Vec2 out = along.norm() > 0.15 ? Vec2(along.normalized()) : Vec2(0.8, 0.6);
+    canvas.disc(tip, head_on ? 3.6 : 2.4, soft_ink);
+    const Vec2 out = head_on ? Vec2(-1.0, 0.4) : Vec2(along.normalized());
     const auto letter = static_cast<std::size_t>(axis);
     write(canvas, tip + 11.0 * out + Vec2(0.0, 5.0), flip ? negative[letter] : positive[letter],
           {.size = 14.0, .bold = true}, Align::centre);
@@ -617,21 +642,27 @@ Points moved(const Points& rest, const Points& displacement) {
   return displacement.cols() == rest.cols() ? Points(rest + displacement) : rest;
 }
 
-/// The usual distance from a node to the nearest other one, from at most 200 of them.
+/// The usual distance between neighbours: the middle one of at most 200 nodes, each with its six nearest.
 double node_spacing(const Points& nodes) {
-  std::vector<double> nearest;
+  std::vector<double> mean, distance2;
   const Index stride = std::max<Index>(1, nodes.cols() / 200);
   for (Index n = 0; n < nodes.cols(); n += stride) {
-    double least2 = std::numeric_limits<double>::infinity();
+    distance2.clear();
     for (Index m = 0; m < nodes.cols(); ++m) {
-      const double distance2 = (nodes.col(m) - nodes.col(n)).squaredNorm();
-      if (m != n && distance2 > 0.0) least2 = std::min(least2, distance2);
+      const double d2 = (nodes.col(m) - nodes.col(n)).squaredNorm();
+      if (d2 > 0.0 && std::isfinite(d2)) distance2.push_back(d2);
     }
-    if (std::isfinite(least2)) nearest.push_back(std::sqrt(least2));
+    if (distance2.empty()) continue;
+    const std::size_t count = std::min<std::size_t>(6, distance2.size());
+    std::nth_element(distance2.begin(), distance2.begin() + static_cast<std::ptrdiff_t>(count - 1),
+                     distance2.end());
+    double sum = 0.0;
+    for (std::size_t i = 0; i < count; ++i) sum += std::sqrt(distance2[i]);
+    mean.push_back(sum / static_cast<double>(count));
   }
-  if (nearest.empty()) return 1.0;
-  const auto middle = nearest.begin() + static_cast<std::ptrdiff_t>(nearest.size() / 2);
-  std::nth_element(nearest.begin(), middle, nearest.end());
+  if (mean.empty()) return 1.0;
+  const auto middle = mean.begin() + static_cast<std::ptrdiff_t>(mean.size() / 2);
+  std::nth_element(mean.begin(), middle, mean.end());
   return *middle;
 }
 
@@ -647,7 +678,7 @@ void draw_cloud(Canvas& canvas, const Rect& rect, const Overview& o, const Frame
   for (Index n = 0; n < count; ++n) {
     const int set = set_of(o, n);
     if (usable(o.nodes_mm.col(n)))
-      scene.ball(o.nodes_mm.col(n), (set == 0 ? 0.36 : 0.44) * spacing, colour_of(set));
+      scene.ball(o.nodes_mm.col(n), (set == 0 ? 0.36 : 0.42) * spacing, colour_of(set));
   }
   scene.lay_on(canvas, 2.0 * spacing);
   triad(canvas, room, view);
@@ -681,7 +712,7 @@ std::vector<std::pair<Vec3, Vec3>> cut(const Points& surface, const Triangles& t
 void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Frame& frame, double spacing) {
   const double thickness = 1.25 * spacing;
   const Rect room = panel(canvas, rect, "Section through the indenter's axis",
-                          fmt::format("slab of {} mm, at rest", three_digits(thickness)));
+                          fmt::format("nodes at rest in a slab of {} mm", three_digits(thickness)));
   const Camera view = camera(frame, 0.0, 0.0);
   const Vec3 centre = usable(o.centre_mm) ? o.centre_mm : Vec3(Vec3::Zero());
   const auto in_slab = [&](const Vec3& p) {
@@ -706,8 +737,7 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Fra
     for (Index n = 0; n < o.nodes_mm.cols(); ++n) {
       const int set = set_of(o, n);
       if (special == (set == 0) || !in_slab(o.nodes_mm.col(n))) continue;
-      canvas.disc(at(o.nodes_mm.col(n)), special ? 1.25 * dot : dot,
-                  special ? colour_of(set) : rgb(0x6F8AA6));
+      canvas.disc(at(o.nodes_mm.col(n)), special ? 1.25 * dot : dot, special ? colour_of(set) : node_dot);
     }
   if (o.surface_displacement_mm.cols() == o.surface_mm.cols())
     for (const auto& [a, b] : cut(end, o.surface_triangles, centre, view.toward))
@@ -730,7 +760,7 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Fra
   triad(canvas, room, view);
   scale_bar(canvas, room, projection.scale);
   legend(canvas, {room.x + 6.0, room.y + 18.0},
-         {{"node", rgb(0x6F8AA6), 'o'},
+         {{"node", node_dot, 'o'},
           {"integration point", cross, '+'},
           {"outline at rest", soft_ink, '-'},
           {"at the end", circle, '-'}});
@@ -758,13 +788,12 @@ void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Fram
   const Points nodes = moved(o.nodes_mm, o.displacement_mm);
   const Points surface = moved(o.surface_mm, o.surface_displacement_mm);
   const bool has_surface = o.surface_triangles.cols() > 0 && surface.cols() > 0;
-  const Rect room = panel(canvas, rect, has_surface ? "Deformed surface" : "Deformed nodes",
-                          "coloured by the length of the displacement");
-
   const Points& shown = has_surface ? o.surface_displacement_mm : o.displacement_mm;
   double most = 0.0;
   for (Index n = 0; n < shown.cols(); ++n)
     if (usable(shown.col(n))) most = std::max(most, shown.col(n).norm());
+  const Rect room = panel(canvas, rect, has_surface ? "Deformed surface" : "Deformed nodes",
+                          fmt::format("coloured by displacement, up to {} mm", three_digits(most)));
   const auto value = [&](Index n) {
     return n < shown.cols() && most > 0.0 && usable(shown.col(n)) ? shown.col(n).norm() / most : 0.0;
   };
@@ -778,6 +807,7 @@ void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Fram
     const auto corner = [&](Index c, Index t) { return surface.col(o.surface_triangles(c, t)); };
     for (Index t = 0; t < o.surface_triangles.cols(); ++t) {
       const Vec3 n = (corner(1, t) - corner(0, t)).cross(corner(2, t) - corner(0, t));
+      if (!n.allFinite()) continue;
       for (int c = 0; c < 3; ++c) normal.col(o.surface_triangles(c, t)) += n;
     }
     for (Index t = 0; t < o.surface_triangles.cols(); ++t) {
@@ -792,7 +822,7 @@ void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Fram
     if (!usable(nodes.col(n))) continue;
     // Nodes lie a little inside the skin: lifted, those of the circle show through it but not through a rim.
     if (is_circle(set_of(o, n)))
-      scene.ball(nodes.col(n), 0.24 * spacing, circle, 0.75 * spacing);
+      scene.ball(nodes.col(n), 0.27 * spacing, circle, 0.75 * spacing);
     else if (!has_surface)
       scene.ball(nodes.col(n), 0.42 * spacing, heat(value(n)));
   }
@@ -800,7 +830,7 @@ void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Fram
   scene.lay_on(canvas, 2.0 * spacing);
   triad(canvas, room, view);
   scale_bar(canvas, room, projection.scale);
-  if (most > 0.0) colour_bar(canvas, room, most);
+  if (most > 1e-9) colour_bar(canvas, room, most);
   legend(canvas, {room.x + 6.0, room.y + 18.0}, {{"nodes of the indenter circle", circle, 'o'}});
 }
 
@@ -818,25 +848,27 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   for (Vec2& p : points) p.y() *= scale.factor;
   Vec2 low(range.min().x(), range.min().y() * scale.factor),
       high(range.max().x(), range.max().y() * scale.factor);
-  if (!(high.x() > low.x())) high.x() = low.x() + 1.0;
-  if (!(high.y() > low.y())) high.y() = low.y() + 1.0;
+  if (!(high.x() - low.x() > 1e-9)) high.x() = low.x() + 1.0;
+  if (!(high.y() - low.y() > 1e-9)) high.y() = low.y() + 1.0;
   const Vec2 step(round_below((high.x() - low.x()) / 3.9), round_below((high.y() - low.y()) / 3.9));
-  low = (low.array() / step.array() - 1e-9).floor() * step.array();
-  high = (high.array() * Eigen::Array2d(1.02, 1.06) / step.array() - 1e-9).ceil() * step.array();
+  const Vec2 first = (low.array() / step.array() - 1e-9).ceil() * step.array();  // tick
+  if (low.x() < 0.0) low.x() -= 0.04 * (high.x() - low.x());
+  if (low.y() < 0.0) low.y() -= 0.08 * (high.y() - low.y());
+  high += Vec2(0.06, 0.14).cwiseProduct(high - low);  // room for the last point and its label
 
-  const Rect plot = room.inset(66.0, 22.0, 26.0, 52.0);
+  const Rect plot = room.inset(66.0, 34.0, 20.0, 52.0);
   const auto at = [&](const Vec2& p) {
     return Vec2(plot.x + plot.w * (p.x() - low.x()) / (high.x() - low.x()),
                 plot.y + plot.h * (1.0 - (p.y() - low.y()) / (high.y() - low.y())));
   };
   const Style label{.size = 14.0};
-  for (int i = 0; low.x() + i * step.x() <= high.x() + 0.5 * step.x(); ++i) {
-    const double value = low.x() + i * step.x(), x = at({value, 0.0}).x();
+  for (int i = 0; first.x() + i * step.x() <= high.x(); ++i) {
+    const double value = first.x() + i * step.x(), x = at({value, 0.0}).x();
     canvas.line({x, plot.y}, {x, plot.y + plot.h}, 1.0, hairline);
     write(canvas, {x, plot.y + plot.h + 20.0}, tick_text(value, step.x()), label, Align::centre);
   }
-  for (int i = 0; low.y() + i * step.y() <= high.y() + 0.5 * step.y(); ++i) {
-    const double value = low.y() + i * step.y(), y = at({0.0, value}).y();
+  for (int i = 0; first.y() + i * step.y() <= high.y(); ++i) {
+    const double value = first.y() + i * step.y(), y = at({0.0, value}).y();
     canvas.line({plot.x, y}, {plot.x + plot.w, y}, 1.0, hairline);
     write(canvas, {plot.x - 9.0, y + 5.0}, tick_text(value, step.y()), label, Align::right);
   }
@@ -844,7 +876,7 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
               {plot.x + plot.w, at({0.0, std::max(low.y(), 0.0)}).y()}, 1.4, soft_ink);
   canvas.line({plot.x, plot.y}, {plot.x, plot.y + plot.h}, 1.4, soft_ink);
   write(canvas, {plot.x + plot.w / 2.0, plot.y + plot.h + 44.0}, "indentation [mm]", label, Align::centre);
-  write(canvas, {plot.x - 50.0, plot.y - 8.0}, fmt::format("force [{}]", scale.unit), label);
+  write(canvas, {room.x + 6.0, plot.y - 14.0}, fmt::format("force [{}]", scale.unit), label);
 
   for (std::size_t i = 1; i < points.size(); ++i) canvas.line(at(points[i - 1]), at(points[i]), 2.6, curve);
   const Vec2 last = at(points.back());
@@ -853,10 +885,11 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   const std::string text = fmt::format("{} {} at {} mm", three_digits(points.back().y()), scale.unit,
                                        three_digits(points.back().x()));
   const Style strong{.size = 16.0, .bold = true};
-  const double half = text_width(text, strong);
-  const bool left = last.x() - half - 14.0 > plot.x;
-  write(canvas, last + Vec2(left ? -14.0 : 14.0, last.y() - plot.y > 30.0 ? -8.0 : 24.0), text, strong,
-        left ? Align::right : Align::left);
+  // Above the last point, unless the curve comes down to it; inside the plot in any case.
+  const bool falls = points.size() > 1 && points[points.size() - 2].y() > points.back().y();
+  const double room_for_text = text_width(text, strong);
+  const double end = std::clamp(last.x() + 12.0, plot.x + room_for_text + 8.0, plot.x + plot.w);
+  write(canvas, {end, last.y() + (falls ? 26.0 : -14.0)}, text, strong, Align::right);
 }
 
 void encode(const std::filesystem::path& file, const Canvas& canvas) {
@@ -877,6 +910,12 @@ void encode(const std::filesystem::path& file, const Canvas& canvas) {
 }  // namespace
 
 void write_overview(const std::filesystem::path& file, const Overview& overview) {
+  const Triangles& triangles = overview.surface_triangles;
+  if (triangles.size() > 0 &&
+      (triangles.minCoeff() < 0 || triangles.maxCoeff() >= overview.surface_mm.cols()))
+    throw std::invalid_argument(fmt::format("triangle corners run from {} to {}, on {} points",
+                                            triangles.minCoeff(), triangles.maxCoeff(),
+                                            overview.surface_mm.cols()));
   Canvas canvas;
   constexpr double edge = 20.0, between = 14.0;
 
@@ -887,8 +926,10 @@ void write_overview(const std::filesystem::path& file, const Overview& overview)
   const double inner = width - 2.0 * edge - 20.0;
   const auto rows_at = [&](double room) {
     std::vector<std::string> rows;
-    for (const std::string& line : overview.lines)
-      for (std::string& part : wrapped(line, room, fact)) rows.push_back(std::move(part));
+    for (const std::string& line : overview.lines) {
+      const std::vector<std::string> parts = wrapped(line, room - 16.0, fact);
+      for (std::size_t i = 0; i < parts.size(); ++i) rows.push_back((i > 0 ? "    " : "") + parts[i]);
+    }
     return rows;
   };
   std::vector<std::string> rows = rows_at(inner);

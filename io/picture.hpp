@@ -10,23 +10,27 @@ namespace dimple {
 
 /// What overview.png shows. Positions in LPS mm.
 struct Overview {
-  std::string title;                  ///< one line, e.g. "brain.nrrd: 0.0712 N at 8 mm"
-  std::vector<std::string> lines;     ///< a few facts: counts, spacing, base and circle with their reasons
-  Points nodes_mm;                    ///< [3xN] at rest
-  Points displacement_mm;             ///< [3xN] at the end
-  std::vector<int> node_set;          ///< [N] bit 1 base, bit 2 indenter circle
-  Points points_mm;                   ///< [3xQ] integration points, shown as + in a thin slab through the circle
-  Points surface_mm;                  ///< [3xM] the organ's surface at rest
-  Points surface_displacement_mm;     ///< [3xM] at the end
-  Triangles surface_triangles;        ///< [3xT]
-  Vec3 centre_mm;                     ///< of the circle
-  Vec3 push;                          ///< unit direction in which the circle moves
-  double radius_mm = 0.0;             ///< of the circle
-  std::vector<double> depth_mm;       ///< force curve
+  std::string title;               ///< one line, e.g. "brain.nrrd: 0.0712 N at 8 mm"
+  std::vector<std::string> lines;  ///< a few facts: counts, spacing, base and circle with their reasons
+  Points nodes_mm;                 ///< [3xN] at rest
+  Points displacement_mm;          ///< [3xN] at the end
+  std::vector<int> node_set;       ///< [N] bit 1 base, bit 2 indenter circle
+  Points points_mm;                ///< [3xQ] integration points, shown as + in a thin slab through the circle
+  Points surface_mm;               ///< [3xM] the organ's surface at rest
+  Points surface_displacement_mm;  ///< [3xM] at the end
+  Triangles surface_triangles;     ///< [3xT]
+  Vec3 centre_mm;                  ///< of the circle
+  Vec3 push;                       ///< unit direction in which the circle moves
+  double radius_mm = 0.0;          ///< of the circle
+  std::vector<double> depth_mm;    ///< force curve
   std::vector<double> force_N;
 };
 
-/// Draws the overview, 1600 x 1200 pixels, PNG. Needs no display. Throws OutputError.
+/// Draws the overview, 1600 x 1200 pixels, PNG: the node cloud, a section, the deformed surface, the force
+/// curve. Up in the picture is against the push; the body's longest direction across the push lies along the
+/// picture. Draws what is there: without triangles the nodes, without a curve a note. Needs no display; the
+/// same input gives the same bytes. Throws OutputError, and std::invalid_argument for triangles of points
+/// that do not exist.
 void write_overview(const std::filesystem::path& file, const Overview& overview);
 
 }  // namespace dimple

@@ -117,7 +117,9 @@ std::string to_csv(const Table& table) {
   return text;
 }
 
-void write_csv(const fs::path& file, const Table& table) { write_file(file, to_csv(table)); }
+void write_csv(const fs::path& file, const Table& table) {
+  write_file(file, to_csv(table));
+}
 
 Table read_csv(const fs::path& file) {
   const std::string content = read_file(file);

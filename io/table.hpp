@@ -19,9 +19,10 @@ struct Table {
 std::string to_csv(const Table& table);
 void write_csv(const std::filesystem::path& file, const Table& table);
 
-/// Reads a CSV of numbers with a header line; `#` starts a comment line; commas, semicolons or blanks separate.
-/// No library: what is read is a plain rectangle of numbers, and the message must name line and column.
-/// Throws InputError: no such file, no header, a field that is not a finite number, rows of different length.
+/// Reads a CSV of numbers with a header line; `#` starts a comment line; commas, semicolons or blanks
+/// separate. No library: what is read is a plain rectangle of numbers, and the message must name line and
+/// column. Throws InputError: no such file, no header, a field that is not a finite number, rows of different
+/// length.
 Table read_csv(const std::filesystem::path& file);
 
 }  // namespace dimple

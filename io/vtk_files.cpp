@@ -580,7 +580,7 @@ SurfaceFile read_vtp(const fs::path& file) {
 // ==================================================================================================== series
 
 TimeSeries::TimeSeries(fs::path pvd, std::string suffix) : pvd_(std::move(pvd)), suffix_(std::move(suffix)) {
-  if (!suffix_.starts_with('.')) suffix_.insert(0, ".");
+  if (!suffix_.starts_with('.')) suffix_ = fmt::format(".{}", suffix_);
 }
 
 fs::path TimeSeries::next_frame() const {

@@ -28,6 +28,7 @@ const std::array<Side, 6> sides = {{{"inferior", {0, 0, -1}},
 constexpr double flat_share = 0.25;      // of the outline that must touch for a face to count as flat
 constexpr double flat_tolerance = 0.02;  // of the height
 constexpr double bed_depth = 0.2;        // of the height, for an organ without a flat face
+constexpr double dome_tolerance = 0.0025;  // of the height: domes that differ by less are equally high
 
 std::string side_name(const Vec3& lps) {
   const auto best = std::max_element(sides.begin(), sides.end(), [&](const Side& a, const Side& b) {
@@ -233,7 +234,7 @@ void find_circle(const BodySurface& body, const BoundaryOptions& options, Bounda
   const Candidate* chosen = nullptr;
   double chosen_leftness = 0.0;
   for (const Candidate& c : candidates) {
-    if (c.mean < best - flat_tolerance * result.height) continue;
+    if (c.mean < best - dome_tolerance * result.height) continue;
     const double leftness = (at(c.i, c.j) - middle).dot(to_left);
     const bool nearer = !chosen || c.off_middle < chosen->off_middle - 0.5 * step ||
                         (c.off_middle < chosen->off_middle + 0.5 * step && leftness > chosen_leftness + 0.5 * step);
@@ -243,9 +244,9 @@ void find_circle(const BodySurface& body, const BoundaryOptions& options, Bounda
     }
   }
   result.centre = *first_touch(body, at(chosen->i, chosen->j), result.push);
-  result.circle_reason = fmt::format("over the highest dome{}{}: nearest to the middle of all places within {:.1f} mm of its top",
+  result.circle_reason = fmt::format("over the highest dome{}{}: nearest to the middle of all places within {:.2f} mm of its top",
                                      left ? " of the left half" : right ? " of the right half" : "",
-                                     options.direction == "auto" ? ", opposite to the base" : "", flat_tolerance * result.height);
+                                     options.direction == "auto" ? ", opposite to the base" : "", dome_tolerance * result.height);
 }
 
 }  // namespace

@@ -47,17 +47,15 @@ Cells fill(const BodySurface& body, double edge) {
         const double z = cells.origin.z() + edge * (static_cast<double>(k) + (b + 0.5) / lines_per_edge);
         const std::vector<double> t = body.crossings(Vec3(cells.origin.x(), y, z), Vec3::UnitX());
         for (std::size_t pair = 0; pair + 1 < t.size(); pair += 2) {
-          double from = t[pair];
-          while (from < t[pair + 1]) {
-            Index i = static_cast<Index>(std::floor(from / edge));
-            i = std::clamp<Index>(i, 0, cells.n[0] - 1);
-            const double wall = edge * static_cast<double>(i + 1);
-            const double to = i == cells.n[0] - 1 ? t[pair + 1] : std::min(t[pair + 1], wall);
-            const double part = line_area * (to - from);
+          const double enter = t[pair], leave = t[pair + 1];
+          const Index from = std::clamp<Index>(static_cast<Index>(std::floor(enter / edge)), 0, cells.n[0] - 1);
+          const Index to = std::clamp<Index>(static_cast<Index>(std::floor(leave / edge)), 0, cells.n[0] - 1);
+          for (Index i = from; i <= to; ++i) {
+            const double begin = i == from ? enter : edge * static_cast<double>(i);
+            const double end = i == to ? leave : edge * static_cast<double>(i + 1);
+            const double part = line_area * (end - begin);
             cells.volume[first + i] += part;
-            cells.moment.col(first + i) += part * Vec3(cells.origin.x() + 0.5 * (from + to), y, z);
-            if (!(to > from)) break;
-            from = to;
+            cells.moment.col(first + i) += part * Vec3(cells.origin.x() + 0.5 * (begin + end), y, z);
           }
         }
       }

@@ -159,7 +159,7 @@ Frame frame_of(const LabelImage& image) {
   frame.to_world.translation() = image.to_world.translation();
   Mat3 L = frame.to_world.linear().transpose() * A;
   const Mat3 off_diagonal = L - Mat3(L.diagonal().asDiagonal());
-  if (off_diagonal.cwiseAbs().maxCoeff() < 1e-6 * image.spacing().minCoeff()) L = L.diagonal().asDiagonal();
+  if (off_diagonal.cwiseAbs().maxCoeff() < 1e-6 * image.spacing().minCoeff()) L = Mat3(Vec3(L.diagonal()).asDiagonal());
   // Headers in other formats hold the same numbers with other last digits; the body must not depend on those.
   frame.voxel_to_local = (L.array() * 1e9).round() / 1e9;
   return frame;

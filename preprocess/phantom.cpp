@@ -13,14 +13,16 @@ namespace {
 
 /// A body: the label at a point [mm], 0 outside.
 struct Shape {
-  Vec3 extent;                          ///< along x, y, z
-  double base = 0.0;                    ///< z of the flat underside
-  bool centred_on_a_face = false;       ///< x = 0 is a face between voxels, not a centre
+  Vec3 extent;                     ///< along x, y, z
+  double base = 0.0;               ///< z of the flat underside
+  bool centred_on_a_face = false;  ///< x = 0 is a face between voxels, not a centre
   std::function<int(const Vec3&)> label;
   std::map<int, std::string> names;
 };
 
-double squared(double x) { return x * x; }
+double squared(double x) {
+  return x * x;
+}
 
 /// A dome over an ellipse, cut lengthwise by a fissure:
 ///
@@ -28,9 +30,10 @@ double squared(double x) { return x * x; }
 ///   height  = c (1 - rho^m)^(1/m) (1 - depth exp(-(x/w)^2))
 ///
 /// a, b: half width and half length; c: height. The crests of the hemispheres run at |x| <= x0, so that the
-/// fissure does not lower the highest point. m = 2 would be half an ellipsoid with a strip of width 2 x0 let in.
-/// The exponent was chosen so that the mould's size gives 88 cm^3 at 1 mm: between half an ellipsoid of that
-/// box (86.3) and the 89.9 g of the paper. The fissure is 9 mm deep at the crest and 3.3 mm wide at half its depth.
+/// fissure does not lower the highest point. m = 2 would be half an ellipsoid with a strip of width 2 x0 let
+/// in. The exponent was chosen so that the mould's size gives 88 cm^3 at 1 mm: between half an ellipsoid of
+/// that box (86.3) and the 89.9 g of the paper. The fissure is 9 mm deep at the crest and 3.3 mm wide at half
+/// its depth.
 Shape brain(const Vec3& size, bool two_labels) {
   constexpr double crest = 0.16, fissure_width = 0.064, fissure_depth = 9.0 / 28.5, m = 1.9;
   const double a = size[1] / 2.0, b = size[0] / 2.0, c = size[2];
@@ -42,11 +45,13 @@ Shape brain(const Vec3& size, bool two_labels) {
     const double dome = c * std::pow(1.0 - std::pow(rho, m), 1.0 / m);
     if (p.z() >= dome * (1.0 - fissure_depth * std::exp(-squared(p.x() / w)))) return 0;
     // The core's top, at 0.65 c, stays below the fissure's floor at 0.68 c.
-    if (two_labels && squared(p.x() / (0.5 * a)) + squared(p.y() / (0.5 * b)) + squared((p.z() / c - 0.4) / 0.25) < 1.0)
+    if (two_labels &&
+        squared(p.x() / (0.5 * a)) + squared(p.y() / (0.5 * b)) + squared((p.z() / c - 0.4) / 0.25) < 1.0)
       return 3;
     return p.x() > 0.0 ? 1 : 2;
   };
-  Shape shape{{size[1], size[0], size[2]}, 0.0, true, label, {{1, "left_hemisphere"}, {2, "right_hemisphere"}}};
+  Shape shape{
+      {size[1], size[0], size[2]}, 0.0, true, label, {{1, "left_hemisphere"}, {2, "right_hemisphere"}}};
   if (two_labels) shape.names[3] = "deep_tissue";
   return shape;
 }
@@ -116,10 +121,11 @@ LabelImage make_phantom(const PhantomOptions& options) {
                   "every extent must be positive", "give three extents in millimetres with --size");
   const Shape shape = shape_of(options);
   if (shape.extent.minCoeff() / h < 8.0)
-    throw refused(fmt::format("the body is {:.3g} voxels across", shape.extent.minCoeff() / h),
-                  fmt::format("it measures {:.4g} mm there and a voxel {:.4g} mm; below 8 voxels its shape is lost",
-                              shape.extent.minCoeff(), h),
-                  fmt::format("choose --spacing {:.3g} or less, or a larger --size", shape.extent.minCoeff() / 8.0));
+    throw refused(
+        fmt::format("the body is {:.3g} voxels across", shape.extent.minCoeff() / h),
+        fmt::format("it measures {:.4g} mm there and a voxel {:.4g} mm; below 8 voxels its shape is lost",
+                    shape.extent.minCoeff(), h),
+        fmt::format("choose --spacing {:.3g} or less, or a larger --size", shape.extent.minCoeff() / 8.0));
 
   // Along x and y the lattice is symmetric about 0: an even number of voxels puts a face there, an odd number
   // a centre. One that is a face or a centre too many stays background. Along z a face lies on the base.

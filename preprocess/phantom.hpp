@@ -8,14 +8,14 @@ namespace dimple {
 
 /// A body that the project can make itself, so that the demo and the tests need no download.
 struct PhantomOptions {
-  std::string shape = "brain";            ///< brain, block, cut-ellipsoid, cylinder
-  Vec3 size_mm = {92.5, 62.5, 28.5};      ///< extents; along which axes, see make_phantom
-  double spacing_mm = 1.0;                ///< voxel edge
-  bool two_labels = false;                ///< the inside as a second label
+  std::string shape = "brain";        ///< brain, block, cut-ellipsoid, cylinder
+  Vec3 size_mm = {92.5, 62.5, 28.5};  ///< extents; along which axes, see make_phantom
+  double spacing_mm = 1.0;            ///< voxel edge
+  bool two_labels = false;            ///< the inside as a second label
 };
 
-/// The label image of a phantom: deterministic, axis-aligned (i, j, k along +L, +P, +S), two voxels of background
-/// on all sides. A voxel belongs to the body if its centre does.
+/// The label image of a phantom: deterministic, axis-aligned (i, j, k along +L, +P, +S), two voxels of
+/// background on all sides. A voxel belongs to the body if its centre does.
 ///
 ///   brain          two hemispheres with a fissure on top, flat base as in the mould of Horton et al. 2007
 ///                  (section 4: 92.5 x 62.5 x 28.5 mm, 89.9 g). size[0] is the length along P, size[1] the
@@ -27,7 +27,8 @@ struct PhantomOptions {
 ///
 /// Where not said otherwise size is along x, y, z, and two_labels makes 1 shell and 2 core, the core half as
 /// large. The body is centred at x = y = 0; its base lies at z = 0 (cut-ellipsoid: its centre at z = 0, its
-/// base at z = -0.7 c), always on a face of the voxel lattice. So do the sides if the spacing divides the size.
+/// base at z = -0.7 c), always on a face of the voxel lattice. So do the sides if the spacing divides the
+/// size.
 ///
 /// Throws UsageError: unknown shape, a size or spacing that is not positive, fewer than 8 voxels across, more
 /// than 2^31 voxels.

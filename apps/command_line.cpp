@@ -1,0 +1,233 @@
+#include "apps/command_line.hpp"
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <csignal>
+#include <cstring>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <tbb/global_control.h>
+
+#include "apps/config.hpp"
+#include "apps/log.hpp"
+#include "apps/pipeline.hpp"
+#include "io/error.hpp"
+#include "preprocess/phantom.hpp"
+
+namespace dimple {
+namespace {
+
+std::atomic<bool> stop{false};
+
+// The first Ctrl-C asks the solver to finish what it has; the second one kills.
+extern "C" void on_interrupt(int) {
+  stop = true;
+  std::signal(SIGINT, SIG_DFL);
+  std::signal(SIGTERM, SIG_DFL);
+}
+
+constexpr const char* footer = R"(Examples:
+  dimple phantom brain.nrrd                  make a swine-brain-sized label image
+  dimple run brain.nrrd -o out               from the image to the force curve
+  dimple run patient.seg.nrrd -o out --label Brain --indent-at left --depth 5mm
+Lengths are in mm, stresses in Pa, unless the number says otherwise (0.3kPa, 1cm). Positions are LPS.
+Exit codes: 0 ok, 1 internal error, 2 command line or configuration, 3 input unreadable or unusable,
+4 model could not be built, 5 solution failed, 6 results could not be written, 130 interrupted.)";
+
+int report(const Error& error, bool json) {
+  const Report& r = error.report;
+  fmt::print(stderr, "dimple: {}\n", r.fact);
+  if (!r.where.empty()) fmt::print(stderr, "  where: {}\n", r.where);
+  if (!r.why.empty()) fmt::print(stderr, "  why:   {}\n", r.why);
+  if (!r.remedy.empty()) fmt::print(stderr, "  try:   {}\n", r.remedy);
+  if (json)
+    fmt::print("{}\n", nlohmann::ordered_json({{"status", "error"}, {"exit_code", static_cast<int>(error.code)},
+                                               {"error", {{"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}}}}).dump(2));
+  return static_cast<int>(error.code);
+}
+
+// Flags made from the option table: their text is kept and given to set_option(), which knows units and ranges.
+struct Flags {
+  std::vector<std::pair<std::string, std::unique_ptr<std::string>>> given;  // key, text
+  std::string config_file;
+  std::vector<std::string> sets;
+
+  void add(CLI::App& command, const std::string& stage) {
+    Config defaults;
+    for (const Option& option : options_of(defaults)) {
+      if (option.flag.empty() || (!stage.empty() && option.stage != stage)) continue;
+      given.emplace_back(option.key, std::make_unique<std::string>());
+      std::string help = option.help;
+      if (!option.choices.empty()) {
+        help += " (";
+        for (const std::string& choice : option.choices) help += choice + (&choice == &option.choices.back() ? ")" : " | ");
+      }
+      std::string standard;
+      if (auto* real = std::get_if<double*>(&option.value)) standard = fmt::format("{}", **real);
+      if (auto* whole = std::get_if<std::int64_t*>(&option.value)) standard = fmt::format("{}", **whole);
+      if (auto* word = std::get_if<std::string*>(&option.value)) standard = **word;
+      if (!standard.empty()) help += fmt::format(" [{}{}{}]", standard, option.unit.empty() ? "" : " ", option.unit);
+      command.add_option(option.flag, *given.back().second, help)->group(option.stage == "model" ? "Model" : "Simulation")->type_name(option.unit.empty() ? "" : option.unit);
+    }
+    command.add_option("--config", config_file, "TOML file with options; see `dimple options`")->type_name("FILE");
+    command.add_option("--set", sets, "any option, as section.key=value")->type_name("KEY=VALUE")->allow_extra_args(false);
+  }
+
+  // Defaults, then the file, then --set, then flags.
+  Config config(const CLI::App& command) const {
+    Config result;
+    if (!config_file.empty()) read_config(result, config_file);
+    for (const std::string& pair : sets) {
+      const auto equals = pair.find('=');
+      if (equals == std::string::npos)
+        throw UsageError({.fact = fmt::format("'{}' is not key=value", pair), .where = "--set", .why = "there is no =", .remedy = "for instance --set material.mu=300Pa"});
+      set_option(result, pair.substr(0, equals), pair.substr(equals + 1), "--set");
+    }
+    Config defaults;
+    for (const Option& option : options_of(defaults))
+      for (const auto& [key, text] : given)
+        if (key == option.key && command.count(option.flag) > 0) set_option(result, key, *text, option.flag);
+    return result;
+  }
+};
+
+[[noreturn]] void usage_error(const CLI::App& app, const CLI::ParseError& error, const std::vector<std::string>& words) {
+  std::vector<std::string> commands, flags;
+  for (const CLI::App* command : app.get_subcommands({})) {
+    commands.push_back(command->get_name());
+    for (const CLI::Option* option : command->get_options())
+      for (const std::string& name : option->get_lnames()) flags.push_back("--" + name);
+  }
+  std::string fact = error.what();
+  if (!words.empty() && words[0].rfind("-", 0) != 0 && std::find(commands.begin(), commands.end(), words[0]) == commands.end())
+    fact = fmt::format("there is no command '{}'{}", words[0], did_you_mean(words[0], commands));
+  else
+    for (const std::string& word : words) {
+      const std::string flag = word.substr(0, word.find('='));
+      if (flag.rfind("--", 0) == 0 && std::find(flags.begin(), flags.end(), flag) == flags.end() && flag != "--help" && flag != "--version")
+        fact = fmt::format("there is no option {}{}", flag, did_you_mean(flag, flags));
+    }
+  throw UsageError({.fact = fact, .where = "command line", .why = error.get_name(), .remedy = "see `dimple --help`, or `dimple COMMAND --help`"});
+}
+
+}  // namespace
+
+int command_line(int argc, char** argv) {
+  CLI::App app{"From a label image to a force: meshless soft-tissue indentation, without a mesh and by one command.", "dimple"};
+  app.footer(footer);
+  app.set_version_flag("--version", "dimple " DIMPLE_VERSION);
+  app.require_subcommand(0, 1);
+
+  bool quiet = false, verbose = false, json = false;
+  int threads = 0;
+  std::string image, label_names, out, model;
+  const auto common = [&](CLI::App* command) {
+    command->add_flag("-q,--quiet", quiet, "errors only");
+    command->add_flag("-v,--verbose", verbose, "more detail");
+    command->add_flag("--json", json, "print the result as JSON on stdout");
+    command->add_option("--threads", threads, "at most this many; results do not depend on it [all]")->check(CLI::Range(1, 1024));
+  };
+
+  CLI::App* phantom = app.add_subcommand("phantom", "make a label image that needs no download");
+  PhantomOptions body;
+  std::string size;
+  phantom->add_option("OUT", out, "image to write: .nrrd, .seg.nrrd, .nii, .nii.gz, .mha")->required();
+  phantom->add_option("--shape", body.shape, "brain, block, cut-ellipsoid, cylinder")->capture_default_str();
+  phantom->add_option("--size", size, "extent along L, P, S [mm] (default: the swine brain's)")->type_name("X,Y,Z");
+  phantom->add_option("--spacing", body.spacing_mm, "voxel edge [mm]")->capture_default_str();
+  phantom->add_flag("--two-labels", body.two_labels, "with a second tissue inside");
+  common(phantom);
+
+  CLI::App* info = app.add_subcommand("info", "say what an image holds");
+  info->add_option("IMAGE", image, "label image")->required();
+  info->add_option("--label-names", label_names, "table of label names (ITK-SNAP or colour table)");
+  common(info);
+
+  Flags model_flags, solve_flags, run_flags;
+  CLI::App* make = app.add_subcommand("model", "generate the model of an image: nodes, integration points, base, circle");
+  make->add_option("IMAGE", image, "label image");
+  make->add_option("-o,--out", out, "folder for the model")->required();
+  model_flags.add(*make, "model");
+  common(make);
+
+  CLI::App* solve = app.add_subcommand("solve", "indent a model");
+  solve->add_option("MODEL", model, "folder made by `dimple model`, or its model.toml")->required();
+  solve->add_option("-o,--out", out, "folder for the results")->required();
+  solve_flags.add(*solve, "solve");
+  common(solve);
+
+  CLI::App* whole = app.add_subcommand("run", "both: from the image to the force curve");
+  whole->add_option("IMAGE", image, "label image");
+  whole->add_option("-o,--out", out, "folder for the results")->required();
+  run_flags.add(*whole, "");
+  common(whole);
+
+  CLI::App* options = app.add_subcommand("options", "list every option with its unit, default, range and meaning");
+
+  const std::vector<std::string> words(argv + 1, argv + argc);
+  try {
+    try {
+      app.parse(argc, argv);
+    } catch (const CLI::CallForHelp& e) {
+      return app.exit(e);
+    } catch (const CLI::CallForAllHelp& e) {
+      return app.exit(e);
+    } catch (const CLI::CallForVersion& e) {
+      return app.exit(e);
+    } catch (const CLI::ParseError& e) {
+      usage_error(app, e, words);
+    }
+    start_log(quiet ? Verbosity::quiet : verbose ? Verbosity::verbose : Verbosity::normal);
+    std::optional<tbb::global_control> limit;
+    if (threads > 0) limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
+    std::signal(SIGINT, on_interrupt);
+    std::signal(SIGTERM, on_interrupt);
+    const auto stop_requested = [] { return stop.load(); };
+
+    const auto finish = [&](const Outcome& outcome) {
+      if (json) fmt::print("{}", outcome.summary_json);
+      else fmt::print("{}\t{}\n", outcome.headline, out);
+      return static_cast<int>(outcome.interrupted ? ExitCode::interrupted : ExitCode::ok);
+    };
+    const auto with_image = [&](Config config) {
+      if (!image.empty()) set_option(config, "image.file", image, "command line");
+      return config;
+    };
+
+    if (*phantom) {
+      if (!size.empty()) {
+        const auto three = parse_vector(size);
+        if (!three)
+          throw UsageError({.fact = fmt::format("'{}' is not a size", size), .where = "--size", .why = "a size is three numbers x,y,z in mm", .remedy = "for instance --size 60,60,30"});
+        body.size_mm = *three;
+      }
+      write_label_image(out, make_phantom(body));
+      fmt::print("{}\n", out);
+      return 0;
+    }
+    if (*info) {
+      describe_image(image, label_names, json);
+      return 0;
+    }
+    if (*make) return finish(make_model(with_image(model_flags.config(*make)), out));
+    if (*solve) return finish(solve_model(solve_flags.config(*solve), model, out, stop_requested));
+    if (*whole) return finish(run(with_image(run_flags.config(*whole)), out, stop_requested));
+    if (*options) {
+      fmt::print("{}", option_reference());
+      return 0;
+    }
+    fmt::print("{}", app.help());
+    return 0;
+  } catch (const Error& error) {
+    return report(error, json);
+  } catch (const std::bad_alloc&) {
+    return report(ModelError({.fact = "not enough memory", .where = "", .why = "the image or the model is too large for this machine", .remedy = "use fewer nodes (--nodes) or crop the image"}), json);
+  } catch (const std::exception& error) {
+    return report(Error(ExitCode::internal, {.fact = error.what(), .where = "", .why = "this is a mistake of ours", .remedy = "please report it with the command that you used"}), json);
+  }
+}
+
+}  // namespace dimple

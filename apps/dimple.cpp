@@ -1,0 +1,12 @@
+// dimple: from a label image to a force curve.
+//
+// Sample runs (ctest runs every line that starts with a dollar sign, from a folder of its own beside sample_data):
+//   $ dimple phantom block.nrrd --shape block --size 60,60,30 --spacing 3
+//   $ dimple info block.nrrd
+//   $ dimple model block.nrrd -o block_model --nodes 500
+//   $ dimple solve block_model -o block_results --depth 0.5mm --rate 10mm/s
+//   $ dimple run block.nrrd -o block_run --nodes 500 --depth 0.5mm --rate 10mm/s --set material.mu=300Pa
+
+#include "apps/command_line.hpp"
+
+int main(int argc, char** argv) { return dimple::command_line(argc, argv); }

@@ -1,0 +1,132 @@
+#include "io/file.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+
+#include <csignal>
+#include <fstream>
+
+#include "io/error.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// An empty folder of the running test's own.
+fs::path fresh_folder() {
+  const auto* test = testing::UnitTest::GetInstance()->current_test_info();
+  const fs::path folder = fs::path(testing::TempDir()) / "dimple_file_test" / test->name();
+  fs::remove_all(folder);
+  fs::create_directories(folder);
+  return folder;
+}
+
+std::size_t entries(const fs::path& folder) {
+  return static_cast<std::size_t>(std::distance(fs::directory_iterator(folder), {}));
+}
+
+/// As on a full disk: no file may grow beyond `bytes` while this lives.
+struct SmallDisk {
+  rlimit before{};
+  explicit SmallDisk(rlim_t bytes) {
+    std::signal(SIGXFSZ, SIG_IGN);
+    getrlimit(RLIMIT_FSIZE, &before);
+    const rlimit limit{bytes, before.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &limit);
+  }
+  ~SmallDisk() { setrlimit(RLIMIT_FSIZE, &before); }
+};
+
+TEST(File, HoldsWhatWasWrittenAndNothingIsLeftBesideIt) {
+  const fs::path folder = fresh_folder();
+  std::string content = "a\0b\r\n";
+  content.append(300'000, 'x');
+  write_file(folder / "a.bin", content);
+  EXPECT_EQ(read_file(folder / "a.bin"), content);
+  write_file(folder / "a.bin", "");
+  EXPECT_EQ(read_file(folder / "a.bin"), "");
+  EXPECT_EQ(entries(folder), 1u);
+}
+
+TEST(File, GetsTheRightsThatTheUsersMaskGives) {
+  const fs::path folder = fresh_folder();
+  const mode_t mask = umask(022);
+  write_file(folder / "a.txt", "a");
+  umask(mask);
+  EXPECT_EQ(fs::status(folder / "a.txt").permissions() & fs::perms::mask, fs::perms(0644));
+}
+
+TEST(File, KeepsTheOlderContentWhenTheDiskIsFull) {
+  const fs::path folder = fresh_folder();
+  write_file(folder / "a.txt", "old");
+  try {
+    const SmallDisk full(4096);
+    write_file(folder / "a.txt", std::string(100'000, 'x'));
+    FAIL() << "wrote beyond the limit";
+  } catch (const OutputError& error) {
+    EXPECT_EQ(error.code, ExitCode::output);
+    EXPECT_NE(error.report.fact.find("File too large"), std::string::npos) << error.report.fact;
+    EXPECT_NE(error.report.remedy.find("--output"), std::string::npos);
+  }
+  EXPECT_EQ(read_file(folder / "a.txt"), "old");
+  EXPECT_EQ(entries(folder), 1u);
+}
+
+TEST(File, SaysWhyItCannotBeWritten) {
+  const fs::path folder = fresh_folder();
+  fs::create_directory(folder / "taken");
+  try {
+    write_file(folder / "no" / "a.txt", "a");
+    FAIL();
+  } catch (const OutputError& error) {
+    EXPECT_NE(error.report.fact.find("No such file or directory"), std::string::npos);
+    EXPECT_NE(error.report.remedy.find("create the folder"), std::string::npos);
+  }
+  try {
+    write_file(folder / "taken", "a");
+    FAIL();
+  } catch (const OutputError& error) {
+    EXPECT_NE(error.report.fact.find("Is a directory"), std::string::npos) << error.report.fact;
+  }
+  EXPECT_EQ(entries(folder), 1u);
+}
+
+TEST(File, SaysWhyItCannotBeRead) {
+  const fs::path folder = fresh_folder();
+  try {
+    read_file(folder / "missing.txt");
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_EQ(error.code, ExitCode::input);
+    EXPECT_NE(error.report.fact.find("missing.txt': No such file"), std::string::npos);
+    EXPECT_NE(error.report.remedy.find("spelling"), std::string::npos);
+  }
+  EXPECT_THROW(read_file(folder), InputError);
+  EXPECT_THROW(sha256_of_file(folder / "missing.txt"), InputError);
+}
+
+TEST(File, HasTheDigestOfTheStandard) {
+  // FIPS 180-4 examples; the second is a million times "a", longer than any buffer here.
+  const fs::path folder = fresh_folder();
+  write_file(folder / "abc", "abc");
+  EXPECT_EQ(sha256_of_file(folder / "abc"),
+            "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+  write_file(folder / "million", std::string(1'000'000, 'a'));
+  EXPECT_EQ(sha256_of_file(folder / "million"),
+            "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0");
+  write_file(folder / "empty", "");
+  EXPECT_EQ(sha256_of_file(folder / "empty"),
+            "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+}
+
+TEST(File, HasATemporaryNameWithItsSuffixBesideIt) {
+  const fs::path one = temporary_beside("out/brain.seg.nrrd"), two = temporary_beside("out/brain.seg.nrrd");
+  EXPECT_NE(one, two);
+  EXPECT_EQ(one.parent_path(), "out");
+  EXPECT_TRUE(one.string().ends_with("brain.seg.nrrd"));
+}
+
+}  // namespace
+}  // namespace dimple

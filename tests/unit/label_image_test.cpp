@@ -1,0 +1,836 @@
+#include "io/label_image.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <cmath>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <limits>
+#include <random>
+#include <sstream>
+
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "preprocess/phantom.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// An empty folder of the running test's own.
+fs::path fresh_folder() {
+  const auto* test = testing::UnitTest::GetInstance()->current_test_info();
+  const fs::path folder = fs::path(testing::TempDir()) / "dimple_label_image_test" / test->name();
+  fs::remove_all(folder);
+  fs::create_directories(folder);
+  return folder;
+}
+
+/// An unsymmetric body of three labels with known names, far from a cube, so that no turn maps it to itself.
+LabelImage body() {
+  LabelImage image;
+  image.size = {5, 7, 4};
+  image.to_world = Eigen::Translation3d(-12.5, 40.25, 7.0) * Eigen::Scaling(0.5, 1.25, 2.0);
+  std::mt19937 random(7);
+  for (int v = 0; v < 5 * 7 * 4; ++v) image.voxel.push_back(static_cast<int>(random() % 4));
+  image.names = {{1, "cortex"}, {2, "white matter"}, {3, "tumour, \"left\""}};
+  return image;
+}
+
+/// The same body turned in space about a skew axis.
+LabelImage oblique_body() {
+  LabelImage image = body();
+  image.to_world = Eigen::AngleAxisd(0.3, Vec3(1, 2, -1).normalized()) * image.to_world;
+  return image;
+}
+
+/// Equal labels in equal places.
+void expect_same(const LabelImage& a, const LabelImage& b, double tolerance_mm) {
+  EXPECT_EQ(a.size, b.size);
+  EXPECT_EQ(a.voxel, b.voxel);
+  EXPECT_LT((a.to_world.matrix() - b.to_world.matrix()).cwiseAbs().maxCoeff(), tolerance_mm)
+      << a.to_world.matrix() << "\n\n"
+      << b.to_world.matrix();
+}
+
+/// An image as some other program might store it: canonical axis stored[c] lies along axis c, perhaps
+/// reversed.
+struct Raw {
+  std::array<Index, 3> size;
+  Eigen::Affine3d to_world;
+  std::vector<std::uint8_t> voxel;
+};
+
+Raw stored_as(const LabelImage& image, const std::array<int, 3>& axis, const std::array<bool, 3>& reversed) {
+  Raw raw{{}, Eigen::Affine3d::Identity(), {}};
+  Vec3 origin = image.to_world.translation();
+  for (std::size_t c = 0; c < 3; ++c) {
+    const auto a = static_cast<std::size_t>(axis[c]);
+    raw.size[c] = image.size[a];
+    Vec3 column = image.to_world.linear().col(axis[c]);
+    if (reversed[c]) {
+      origin += column * static_cast<double>(image.size[a] - 1);
+      column = -column;
+    }
+    raw.to_world.linear().col(static_cast<Index>(c)) = column;
+  }
+  raw.to_world.translation() = origin;
+  std::array<Index, 3> at{};
+  for (at[2] = 0; at[2] < raw.size[2]; ++at[2])
+    for (at[1] = 0; at[1] < raw.size[1]; ++at[1])
+      for (at[0] = 0; at[0] < raw.size[0]; ++at[0]) {
+        std::array<Index, 3> from{};
+        for (std::size_t c = 0; c < 3; ++c)
+          from[static_cast<std::size_t>(axis[c])] = reversed[c] ? raw.size[c] - 1 - at[c] : at[c];
+        raw.voxel.push_back(static_cast<std::uint8_t>(image.at(from[0], from[1], from[2])));
+      }
+  return raw;
+}
+
+Raw as_it_is(const LabelImage& image) {
+  return stored_as(image, {0, 1, 2}, {false, false, false});
+}
+
+std::string bytes_of(const std::vector<std::uint8_t>& voxel) {
+  return {voxel.begin(), voxel.end()};
+}
+
+std::string numbers(const auto& values) {
+  std::ostringstream text;
+  text.precision(17);
+  for (Index n = 0; n < values.size(); ++n) text << (n ? "," : "") << values[n];
+  return text.str();
+}
+
+/// Written by hand, so that the reader is not tested against a writer that shares its mistakes.
+std::string nrrd(const Raw& raw, bool ras = false, const std::string& more = "") {
+  Eigen::Affine3d world = raw.to_world;
+  if (ras) world = Eigen::Scaling(-1.0, -1.0, 1.0) * world;
+  std::ostringstream text;
+  text << "NRRD0004\ntype: uint8\ndimension: 3\nspace: "
+       << (ras ? "right-anterior-superior" : "left-posterior-superior") << "\nsizes: " << raw.size[0] << ' '
+       << raw.size[1] << ' ' << raw.size[2] << "\nspace directions:";
+  for (int c = 0; c < 3; ++c) text << " (" << numbers(Vec3(world.linear().col(c))) << ")";
+  text << "\nspace origin: (" << numbers(Vec3(world.translation())) << ")\nencoding: raw\n" << more << '\n';
+  return text.str() + bytes_of(raw.voxel);
+}
+
+std::string metaimage(const Raw& raw) {
+  std::ostringstream text;
+  text.precision(17);
+  text << "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n"
+          "CompressedData = False\nTransformMatrix =";
+  const Vec3 spacing = raw.to_world.linear().colwise().norm();
+  for (int c = 0; c < 3; ++c)
+    for (int r = 0; r < 3; ++r) text << ' ' << raw.to_world.linear()(r, c) / spacing[c];
+  text << "\nOffset =";
+  for (int r = 0; r < 3; ++r) text << ' ' << raw.to_world.translation()[r];
+  text << "\nElementSpacing = " << spacing[0] << ' ' << spacing[1] << ' ' << spacing[2]
+       << "\nDimSize = " << raw.size[0] << ' ' << raw.size[1] << ' ' << raw.size[2]
+       << "\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n";
+  return text.str() + bytes_of(raw.voxel);
+}
+
+/// A NIfTI-1 header by the byte offsets of the standard (nifti1.h).
+struct Nifti {
+  std::string bytes = std::string(352, '\0');
+  std::string voxels;
+  template <class T>
+  void set(std::size_t offset, T value) {
+    std::memcpy(bytes.data() + offset, &value, sizeof value);
+  }
+  void dims(std::initializer_list<Index> sizes) {
+    set<std::int16_t>(40, static_cast<std::int16_t>(sizes.size()));
+    std::size_t offset = 42;
+    for (const Index size : sizes)
+      set<std::int16_t>(std::exchange(offset, offset + 2), static_cast<std::int16_t>(size));
+  }
+  void type(std::int16_t code, std::int16_t bits) { set(70, code), set(72, bits); }
+  void pixdim(int axis, float value) { set(76 + 4 * static_cast<std::size_t>(axis), value); }
+  void units(char code) { set(123, code); }
+  void sform(std::int16_t code, const Eigen::Affine3d& lps) {
+    set(254, code);
+    for (int r = 0; r < 3; ++r)
+      for (int c = 0; c < 4; ++c)
+        set(static_cast<std::size_t>(280 + 16 * r + 4 * c),
+            static_cast<float>((r < 2 ? -1.0 : 1.0) * lps.matrix()(r, c)));
+  }
+  /// Rotation-free qform in RAS with the spacing of pixdim.
+  void qform(std::int16_t code, const Vec3& ras_origin) {
+    set(252, code);
+    for (std::size_t r = 0; r < 3; ++r)
+      set(268 + 4 * r, static_cast<float>(ras_origin[static_cast<Index>(r)]));
+  }
+  explicit Nifti(const Raw& raw) : voxels(bytes_of(raw.voxel)) {
+    set<std::int32_t>(0, 348);
+    dims({raw.size[0], raw.size[1], raw.size[2]});
+    type(2, 8);
+    pixdim(0, 1.0f);
+    for (int c = 0; c < 3; ++c) pixdim(c + 1, static_cast<float>(raw.to_world.linear().col(c).norm()));
+    set(108, 352.0f);
+    units(2);
+    sform(1, raw.to_world);
+    std::memcpy(bytes.data() + 344, "n+1", 4);
+  }
+  std::string file() const { return bytes + voxels; }
+};
+
+LabelImage read(const std::string& name, const std::string& content) {
+  const fs::path file = fs::path(testing::TempDir()) / "dimple_label_image_test" / name;
+  fs::create_directories(file.parent_path());
+  write_file(file, content);
+  return read_label_image(file);
+}
+
+Report refusal(const std::string& name, const std::string& content) {
+  try {
+    read(name, content);
+  } catch (const InputError& error) {
+    EXPECT_EQ(error.code, ExitCode::input);
+    EXPECT_FALSE(error.report.fact.empty() || error.report.where.empty() || error.report.why.empty() ||
+                 error.report.remedy.empty());
+    EXPECT_NE(error.report.where.find(name), std::string::npos) << error.report.where;
+    return error.report;
+  }
+  ADD_FAILURE() << name << " was read";
+  return {};
+}
+
+/// One of the report's four texts, for a test to look into.
+std::string all(const Report& r) {
+  return r.fact + " | " + r.where + " | " + r.why + " | " + r.remedy;
+}
+
+bool warns_of(const LabelImage& image, const std::string& words) {
+  return std::any_of(image.warnings.begin(), image.warnings.end(),
+                     [&](const std::string& w) { return w.find(words) != std::string::npos; });
+}
+
+#define EXPECT_SAYS(text, words) EXPECT_NE((text).find(words), std::string::npos) << (text)
+
+// -------------------------------------------------------------------------------------------- geometry
+
+TEST(LabelImage, GivesTheSameOrganForEveryStorageOrder) {
+  for (const LabelImage& organ : {body(), oblique_body()}) {
+    std::array<int, 3> axis{0, 1, 2};
+    int orders = 0;
+    do {
+      for (int signs = 0; signs < 8; ++signs) {
+        SCOPED_TRACE(testing::Message() << axis[0] << axis[1] << axis[2] << " signs " << signs);
+        const Raw raw = stored_as(organ, axis, {(signs & 1) != 0, (signs & 2) != 0, (signs & 4) != 0});
+        std::string letters;
+        for (std::size_t c = 0; c < 3; ++c) letters += (signs >> c & 1 ? "RAI" : "LPS")[axis[c]];
+        for (const LabelImage& image :
+             {read("order.nrrd", nrrd(raw)), read("order_ras.nrrd", nrrd(raw, true)),
+              read("order.mha", metaimage(raw))}) {
+          expect_same(image, organ, 1e-9);
+          EXPECT_EQ(image.orientation, letters);
+          EXPECT_EQ(image.stored_size, raw.size);
+          EXPECT_NEAR(image.stored_spacing[0], organ.spacing()[axis[0]], 1e-9);
+          EXPECT_GT(image.voxel_volume(), 0.0);
+        }
+        expect_same(read("order.nii", Nifti(raw).file()), organ, 1e-5);  // NIfTI's single precision
+        ++orders;
+      }
+    } while (std::next_permutation(axis.begin(), axis.end()));
+    EXPECT_EQ(orders, 48);
+  }
+}
+
+TEST(LabelImage, GivesTheSameOrganForEveryStorageOrderWhenHalfWayBetweenAxes) {
+  LabelImage organ = body();  // turned by 45 degrees, +L and +P are equally near
+  organ.to_world = Eigen::AngleAxisd(std::acos(-1.0) / 4.0, Vec3::UnitZ()) * organ.to_world;
+  std::array<int, 3> axis{0, 1, 2};
+  const LabelImage first = read("half_way.nrrd", nrrd(as_it_is(organ)));
+  do {
+    for (int signs = 0; signs < 8; ++signs)
+      expect_same(read("half_way.nrrd",
+                       nrrd(stored_as(organ, axis, {(signs & 1) != 0, (signs & 2) != 0, (signs & 4) != 0}))),
+                  first, 1e-9);
+  } while (std::next_permutation(axis.begin(), axis.end()));
+}
+
+TEST(LabelImage, KeepsEveryVoxelInItsPlaceUnderAnyTurn) {
+  // Independent of the choice of axes: the multiset of (position, label) is what counts.
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> angle(-3.0, 3.0);
+  for (int turn = 0; turn < 50; ++turn) {
+    LabelImage organ = body();
+    organ.to_world =
+        Eigen::AngleAxisd(angle(random), Vec3(angle(random), angle(random), angle(random)).normalized()) *
+        organ.to_world;
+    const Raw raw = as_it_is(organ);
+    const LabelImage image = read("turned.nrrd", nrrd(raw));
+    const Mat3 axes = image.to_world.linear().colwise().normalized();
+    EXPECT_GT(axes.determinant(), 0.0);
+    EXPECT_GT(axes.trace(), 1.9);  // no rotation is further than this from the nearest of the 24
+    const Eigen::Affine3d to_stored = raw.to_world.inverse() * image.to_world;
+    for (Index k = 0; k < image.size[2]; ++k)
+      for (Index j = 0; j < image.size[1]; ++j)
+        for (Index i = 0; i < image.size[0]; ++i) {
+          const Vec3 s =
+              to_stored * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
+          ASSERT_LT((s - Vec3(s.array().round())).norm(), 1e-9);
+          ASSERT_EQ(image.at(i, j, k), organ.at(std::lround(s[0]), std::lround(s[1]), std::lround(s[2])));
+        }
+  }
+}
+
+TEST(LabelImage, ReadsANiftiWhoseAxesAreNotAtRightAngles) {
+  LabelImage organ = body();
+  Mat3 shear = Mat3::Identity();
+  shear(0, 1) = 0.02;
+  organ.to_world.linear() = shear * organ.to_world.linear();
+  const LabelImage image = read("sheared.nii", Nifti(as_it_is(organ)).file());
+  expect_same(image, organ, 1e-5);
+  EXPECT_TRUE(warns_of(image, "not at right angles"));
+  EXPECT_NEAR(image.voxel_volume(), 0.5 * 1.25 * 2.0, 1e-6);
+
+  const fs::path file = fresh_folder() / "sheared.nii.gz";  // and writes it
+  write_label_image(file, image);
+  expect_same(read_label_image(file), image, 1e-5);
+}
+
+TEST(LabelImage, ChoosesBetweenSformAndQformAsItkDoes) {
+  const LabelImage organ = body();
+  const double sform_x = organ.to_world.translation().x();
+  for (int q = 0; q <= 2; ++q)
+    for (int s = 0; s <= 2; ++s) {
+      SCOPED_TRACE(testing::Message() << "qform_code " << q << ", sform_code " << s);
+      Nifti nifti(as_it_is(organ));
+      nifti.sform(static_cast<std::int16_t>(s), organ.to_world);
+      nifti.qform(static_cast<std::int16_t>(q), Vec3(100, 0, 0));
+      const LabelImage image = read("forms.nii", nifti.file());
+      // The qform's stored x axis runs to the right from x = 100 in RAS; canonical x begins at its other end.
+      const double qform_x = -100.0 - 4 * 0.5;
+      const bool takes_sform = s > 0 && (q == 0 || s == 1);
+      EXPECT_NEAR(image.to_world.translation().x(), takes_sform ? sform_x : q > 0 ? qform_x : 0.0, 1e-5);
+      EXPECT_EQ(warns_of(image, "sform and qform place the image"), q > 0 && s > 0);
+      EXPECT_EQ(warns_of(image, "does not say how the image lies"), q == 0 && s == 0);
+    }
+}
+
+TEST(LabelImage, ScalesANiftiInMetresOrMicronsAsAWhole) {
+  const LabelImage organ = body();
+  for (const auto& [code, factor] : {std::pair<char, double>{1, 1000.0}, {3, 0.001}}) {
+    LabelImage in_unit = organ;
+    in_unit.to_world = Eigen::Scaling(1.0 / factor) * organ.to_world;
+    Nifti nifti(as_it_is(in_unit));
+    nifti.units(code);
+    const LabelImage image = read("unit.nii", nifti.file());
+    expect_same(image, organ, 1e-4);
+    EXPECT_TRUE(warns_of(image, code == 1 ? "metres" : "microns"));
+  }
+}
+
+TEST(LabelImage, ScalesAnNrrdInMetresAsAWhole) {
+  const LabelImage organ = body();
+  LabelImage in_metres = organ;
+  in_metres.to_world = Eigen::Scaling(0.001) * organ.to_world;
+  const LabelImage image =
+      read("unit.nrrd", nrrd(as_it_is(in_metres), false, "space units: \"m\" \"m\" \"m\"\n"));
+  expect_same(image, organ, 1e-9);
+  EXPECT_TRUE(warns_of(image, "lengths in m;"));
+  EXPECT_TRUE(
+      warns_of(read("parsec.nrrd", nrrd(as_it_is(organ), false, "space units: \"pc\" \"pc\" \"pc\"\n")),
+               "'pc' is unknown"));
+}
+
+TEST(LabelImage, WarnsOfAnImageWithoutOrientationOrOfUnusualSize) {
+  const std::string voxels = bytes_of(as_it_is(body()).voxel);
+  const LabelImage image =
+      read("bare.nrrd",
+           "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 5 7 4\nspacings: 2 3 4\nencoding: raw\n\n" + voxels);
+  EXPECT_TRUE(warns_of(image, "no space directions"));
+  EXPECT_TRUE(image.spacing().isApprox(Vec3(2, 3, 4)));
+  LabelImage tiny = body();
+  tiny.to_world = Eigen::Scaling(0.001) * tiny.to_world;  // metres taken for millimetres
+  EXPECT_TRUE(warns_of(read("tiny.nrrd", nrrd(as_it_is(tiny))), "check the unit"));
+  EXPECT_TRUE(read("plain.nrrd", nrrd(as_it_is(body()))).warnings.empty());
+}
+
+TEST(LabelImage, RoundsSpacingToABillionthOfAMillimetre) {
+  LabelImage organ = body();
+  organ.to_world.linear()(2, 2) = 1.9999999999999964;
+  EXPECT_EQ(read("rounded.nrrd", nrrd(as_it_is(organ))).spacing()[2], 2.0);
+}
+
+// -------------------------------------------------------------------------------------------- round trips
+
+TEST(LabelImage, IsTheSameAfterWritingAndReadingInEveryFormat) {
+  const fs::path folder = fresh_folder();
+  for (const LabelImage& organ : {body(), oblique_body()})
+    for (const auto& [name, format, tolerance] : {std::tuple{"a.nrrd", "3D Slicer segmentation (NRRD)", 1e-9},
+                                                  {"a.seg.nrrd", "3D Slicer segmentation (NRRD)", 1e-9},
+                                                  {"a.mha", "MetaImage", 1e-9},
+                                                  {"a.nii", "NIfTI-1", 1e-5},
+                                                  {"a.nii.gz", "NIfTI-1", 1e-5}}) {
+      SCOPED_TRACE(name);
+      write_label_image(folder / name, organ);
+      const fs::path table = folder / "a.labels.txt";
+      const bool needs_table = std::string(format) == "NIfTI-1" || std::string(format) == "MetaImage";
+      const LabelImage back = read_label_image(folder / name, needs_table ? table : fs::path());
+      expect_same(back, organ, tolerance);
+      EXPECT_EQ(back.names, organ.names);
+      EXPECT_EQ(back.format, format);
+      EXPECT_EQ(back.orientation, "LPS");
+      EXPECT_TRUE(back.warnings.empty()) << back.warnings.front();
+    }
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder), {}), 6);  // five images, one table, nothing else
+}
+
+TEST(LabelImage, IsWrittenInTheSmallestTypeThatHoldsItsLabels) {
+  const fs::path folder = fresh_folder();
+  for (const auto& [label, type] :
+       {std::pair{255, "unsigned char"}, {256, "unsigned short"}, {65536, "int"}}) {
+    LabelImage organ = body();
+    organ.names.clear();
+    organ.voxel[17] = label;
+    for (const char* name : {"a.nrrd", "a.mha", "a.nii.gz"}) {
+      write_label_image(folder / name, organ);
+      expect_same(read_label_image(folder / name), organ, 1e-5);
+    }
+    EXPECT_SAYS(read_file(folder / "a.nrrd").substr(0, 400), std::string("type: ") + type + "\n");
+    EXPECT_EQ(read_label_image(folder / "a.nrrd").format, "NRRD");
+  }
+}
+
+TEST(LabelImage, HasTheKeysOf3DSlicerWhenWrittenAsASegmentation) {
+  const fs::path file = fresh_folder() / "brain.seg.nrrd";
+  write_label_image(file, make_phantom({.spacing_mm = 2.0}));
+  const std::string header = read_file(file).substr(0, 3000);
+  for (const char* key :
+       {"Segment0_ID:=Segment_1\n", "Segment0_Name:=left_hemisphere\n", "Segment0_LabelValue:=1\n",
+        "Segment0_Layer:=0\n", "Segment1_Name:=right_hemisphere\n", "Segment1_LabelValue:=2\n",
+        "Segment0_Color:=", "Segmentation_MasterRepresentation:=Binary labelmap\n",
+        "Segmentation_ReferenceImageExtentOffset:=0 0 0\n",
+        "Segmentation_ContainedRepresentationNames:=Binary labelmap|\n"})
+    EXPECT_SAYS(header, key);
+  EXPECT_SAYS(header, "Segment0_Extent:=18 33 2 ");  // voxels of the left half, border of two
+}
+
+TEST(LabelImage, IsNotWrittenUnderAnUnknownSuffixOrIntoAMissingFolder) {
+  const fs::path folder = fresh_folder();
+  for (const char* name : {"a.png", "a.nhdr", "a.mhd", "a", "a.nrrd.gz"}) {
+    try {
+      write_label_image(folder / name, body());
+      ADD_FAILURE() << name;
+    } catch (const UsageError& error) {
+      EXPECT_SAYS(error.report.why, ".seg.nrrd");
+    }
+  }
+  for (const char* name : {"a.nrrd", "a.nii.gz", "a.mha"}) {
+    try {
+      write_label_image(folder / "missing" / name, body());
+      ADD_FAILURE() << name;
+    } catch (const OutputError& error) {
+      EXPECT_SAYS(error.report.fact, "No such file or directory");
+    }
+  }
+  EXPECT_TRUE(fs::is_empty(folder));
+}
+
+TEST(LabelImage, KeepsTheOlderFileWhenTheDiskIsFull) {
+  const fs::path folder = fresh_folder();
+  LabelImage noise = body();  // does not compress
+  noise.names.clear();
+  noise.size = {64, 64, 64};
+  std::mt19937 random(5);
+  noise.voxel.resize(64 * 64 * 64);
+  for (auto& v : noise.voxel) v = static_cast<std::int32_t>(random() % 256);
+  for (const char* name : {"a.nrrd", "a.nii", "a.nii.gz", "a.mha"}) {
+    SCOPED_TRACE(name);
+    write_label_image(folder / name, body());
+    const std::string before = read_file(folder / name);
+    std::signal(SIGXFSZ, SIG_IGN);
+    rlimit limit{};
+    getrlimit(RLIMIT_FSIZE, &limit);
+    for (const rlim_t size : {20'000, 262'144}) {  // early, and in the last block
+      const rlimit small{size, limit.rlim_max};
+      setrlimit(RLIMIT_FSIZE, &small);
+      EXPECT_THROW(write_label_image(folder / name, noise), OutputError);
+      setrlimit(RLIMIT_FSIZE, &limit);
+    }
+    EXPECT_EQ(read_file(folder / name), before);
+  }
+  for (const auto& entry : fs::directory_iterator(folder))
+    EXPECT_NE(entry.path().filename().string().front(), '.') << entry.path();
+}
+
+// -------------------------------------------------------------------------------------------- voxel types
+
+TEST(LabelImage, TakesWholeNumbersOfEveryType) {
+  const Raw raw = as_it_is(body());
+  const auto as = [&]<class T>(std::int16_t code, T) {
+    Nifti nifti(raw);
+    nifti.type(code, static_cast<std::int16_t>(8 * sizeof(T)));
+    nifti.voxels.clear();
+    for (const std::uint8_t v : raw.voxel) {
+      const T number = static_cast<T>(v);
+      nifti.voxels.append(reinterpret_cast<const char*>(&number), sizeof number);
+    }
+    return nifti;
+  };
+  const std::vector<Nifti> files{
+      as(256, std::int8_t{}),    as(4, std::int16_t{}),    as(512, std::uint16_t{}),
+      as(8, std::int32_t{}),     as(768, std::uint32_t{}), as(1024, std::int64_t{}),
+      as(1280, std::uint64_t{}), as(16, float{}),          as(64, double{})};
+  for (const Nifti& nifti : files) expect_same(read("type.nii", nifti.file()), body(), 1e-5);
+
+  Nifti scaled = as(4, std::int16_t{});  // label = 2 number + 0
+  scaled.set(112, 2.0f);
+  LabelImage twice = body();
+  for (auto& v : twice.voxel) v *= 2;
+  expect_same(read("scaled.nii", scaled.file()), twice, 1e-5);
+
+  Nifti swapped = as(4, std::int16_t{});  // the other byte order
+  const auto swap = [&](std::size_t offset, std::size_t width, std::size_t count) {
+    for (std::size_t n = 0; n < count; ++n)
+      std::reverse(swapped.bytes.begin() + static_cast<std::ptrdiff_t>(offset + n * width),
+                   swapped.bytes.begin() + static_cast<std::ptrdiff_t>(offset + (n + 1) * width));
+  };
+  swap(0, 4, 1), swap(40, 2, 8), swap(70, 2, 2), swap(76, 4, 11), swap(252, 2, 2), swap(256, 4, 18);
+  for (std::size_t v = 0; v < swapped.voxels.size(); v += 2)
+    std::swap(swapped.voxels[v], swapped.voxels[v + 1]);
+  expect_same(read("swapped.nii", swapped.file()), body(), 1e-5);
+}
+
+TEST(LabelImage, RefusesVoxelsThatAreNoLabels) {
+  const Raw raw = as_it_is(body());
+  const auto with = [&](float value) {
+    Nifti nifti(raw);
+    nifti.type(16, 32);
+    nifti.voxels.clear();
+    for (std::size_t v = 0; v < raw.voxel.size(); ++v) {
+      const float number = v == 38 ? value : static_cast<float>(raw.voxel[v]);
+      nifti.voxels.append(reinterpret_cast<const char*>(&number), sizeof number);
+    }
+    return refusal("bad.nii", nifti.file());
+  };
+  EXPECT_SAYS(with(0.5f).fact,
+              "1 of 140 voxels hold no label: the first is 0.5, which is not a whole number");
+  EXPECT_SAYS(with(0.5f).where, "stored voxel (3, 0, 1)");
+  EXPECT_SAYS(with(0.5f).remedy, "label map");
+  EXPECT_SAYS(with(-1.0f).fact, "-1, which is negative");
+  EXPECT_SAYS(with(std::numeric_limits<float>::quiet_NaN()).fact, "not finite");
+  EXPECT_SAYS(with(std::numeric_limits<float>::infinity()).fact, "not finite");
+  EXPECT_SAYS(with(3e9f).fact, "larger than");
+
+  // -1 in 16 bits must not become 65535.
+  std::string content = nrrd(raw);
+  content.replace(content.find("uint8"), 5, "int16\nendian: little");
+  content.resize(content.find("\n\n") + 2);
+  for (const std::uint8_t v : raw.voxel)
+    content += v == 3 ? std::string(2, '\xff') : std::string{static_cast<char>(v), '\0'};
+  EXPECT_SAYS(refusal("negative.nrrd", content).fact, "the first is -1, which is negative");
+}
+
+// -------------------------------------------------------------------------------------------- refusals
+
+TEST(LabelImage, RefusesAnImageThatIsNotThreeDimensional) {
+  const Raw raw = as_it_is(body());
+  EXPECT_SAYS(refusal("flat.nrrd", "NRRD0004\ntype: uint8\ndimension: 2\nsizes: 5 28\nencoding: raw\n\n" +
+                                       bytes_of(raw.voxel))
+                  .fact,
+              "flat: 5 x 28 voxels");
+  Nifti slice(raw);
+  slice.dims({10, 14, 1});
+  EXPECT_SAYS(refusal("slice.nii", slice.file()).remedy, "whole segmented volume");
+  Nifti series(raw);
+  series.dims({5, 7, 2, 2});
+  EXPECT_SAYS(refusal("series.nii", series.file()).fact, "4 axes (5 x 7 x 2 x 2 voxels)");
+  Nifti vectors(raw);
+  vectors.dims({5, 7, 2, 1, 2});
+  EXPECT_SAYS(refusal("vectors.nii", vectors.file()).fact, "every voxel holds 2 numbers");
+  Nifti trailing(raw);
+  trailing.dims({5, 7, 4, 1});
+  expect_same(read("trailing.nii", trailing.file()), body(), 1e-5);
+  Nifti negative(raw);
+  negative.dims({5, -7, 4});
+  EXPECT_SAYS(refusal("negative.nii", negative.file()).fact, "-7 voxels");
+}
+
+TEST(LabelImage, RefusesOverlappingSegmentsAndColours) {
+  const std::string voxels = bytes_of(as_it_is(body()).voxel);
+  const Report layers =
+      refusal("layers.seg.nrrd",
+              "NRRD0004\ntype: uint8\ndimension: 4\nspace: left-posterior-superior\nsizes: 2 5 7 4\n"
+              "space directions: none (1,0,0) (0,1,0) (0,0,1)\nkinds: list domain domain domain\nspace "
+              "origin: (0,0,0)\n"
+              "encoding: raw\nSegment0_ID:=a\nSegment0_Layer:=0\nSegment1_ID:=b\nSegment1_Layer:=1\n\n" +
+                  voxels + voxels);
+  EXPECT_SAYS(layers.fact, "every voxel holds 2 numbers");
+  EXPECT_SAYS(layers.why, "overlap");
+  EXPECT_SAYS(layers.remedy, "3D Slicer");
+  std::string colour = metaimage(as_it_is(body()));
+  colour.replace(colour.find("ElementType"), 0, "ElementNumberOfChannels = 3\n");
+  EXPECT_SAYS(refusal("colour.mha", colour + voxels + voxels).fact, "every voxel holds 3 numbers");
+  Nifti rgb(as_it_is(body()));
+  rgb.type(128, 24);
+  EXPECT_SAYS(refusal("rgb.nii", rgb.file()).fact, "RGB24");
+  Nifti complex(as_it_is(body()));
+  complex.type(32, 64);
+  EXPECT_SAYS(refusal("complex.nii", complex.file()).fact, "COMPLEX64");
+}
+
+TEST(LabelImage, RefusesAGeometryThatIsNoPlaceInSpace) {
+  LabelImage organ = body();
+  organ.to_world.linear().col(1).setZero();
+  EXPECT_SAYS(refusal("zero.nrrd", nrrd(as_it_is(organ))).why, "place in space");
+  organ = body();
+  organ.to_world.linear().col(1) = organ.to_world.linear().col(0);
+  EXPECT_SAYS(refusal("plane.nrrd", nrrd(as_it_is(organ))).fact, "one plane");
+  EXPECT_SAYS(refusal("plane.nii", Nifti(as_it_is(organ)).file()).fact, "one plane");
+  organ = body();
+  organ.to_world.translation()[1] = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_SAYS(refusal("nan.nii", Nifti(as_it_is(organ)).file()).fact, "not finite");
+  EXPECT_SAYS(all(refusal("nan.nrrd", nrrd(as_it_is(organ)))), "nan");
+  refusal("nan.mha", metaimage(as_it_is(organ)));
+  Nifti pixdim(as_it_is(body()));
+  pixdim.sform(0, body().to_world);
+  pixdim.pixdim(2, std::numeric_limits<float>::quiet_NaN());
+  EXPECT_SAYS(refusal("pixdim.nii", pixdim.file()).fact, "not finite");
+  pixdim.pixdim(2, 0.0f);
+  EXPECT_SAYS(refusal("pixdim.nii", pixdim.file()).fact, "0 x 2 mm");
+}
+
+TEST(LabelImage, RefusesAnImageThatIsAllBackground) {
+  LabelImage empty = body();
+  std::fill(empty.voxel.begin(), empty.voxel.end(), 0);
+  EXPECT_SAYS(refusal("empty.nrrd", nrrd(as_it_is(empty))).fact, "all 140 voxels are background");
+}
+
+TEST(LabelImage, RefusesEveryTruncation) {
+  const fs::path folder = fresh_folder();
+  const LabelImage brain = make_phantom({.spacing_mm = 3.0});
+  for (const char* name : {"a.nrrd", "a.seg.nrrd", "a.mha", "a.nii", "a.nii.gz"}) {
+    write_label_image(folder / name, brain);
+    const std::string whole = read_file(folder / name);
+    for (const double part : {0.0, 0.02, 0.2, 0.5, 0.8, 0.97}) {
+      SCOPED_TRACE(testing::Message() << name << " cut to " << part);
+      refusal(name, whole.substr(0, static_cast<std::size_t>(part * static_cast<double>(whole.size()))));
+    }
+  }
+  for (const auto& [name, whole] : {std::pair<std::string, std::string>{"raw.nrrd", nrrd(as_it_is(brain))},
+                                    {"raw.mha", metaimage(as_it_is(brain))},
+                                    {"raw.nii", Nifti(as_it_is(brain)).file()}}) {
+    EXPECT_EQ(read(name, whole).voxel, brain.voxel);
+    EXPECT_SAYS(refusal(name, whole.substr(0, whole.size() - 1)).why, "incomplete");
+  }
+}
+
+TEST(LabelImage, RefusesDamagedCompressedData) {
+  const fs::path folder = fresh_folder();
+  LabelImage noise = body();
+  noise.size = {32, 32, 32};
+  noise.names.clear();
+  std::mt19937 random(5);
+  noise.voxel.resize(32 * 32 * 32);
+  for (auto& v : noise.voxel) v = static_cast<std::int32_t>(random() % 8);
+  for (const char* name : {"a.nrrd", "a.mha", "a.nii.gz"}) {
+    write_label_image(folder / name, noise);
+    std::string content = read_file(folder / name);
+    content[content.size() / 2] = static_cast<char>(content[content.size() / 2] ^ 0x55);
+    EXPECT_SAYS(refusal(name, content).why, "damaged");
+  }
+}
+
+TEST(LabelImage, RefusesAHeaderThatPromisesMoreThanTheFileCanHold) {
+  Nifti nifti(as_it_is(body()));
+  nifti.dims({1200, 1200, 1200});
+  EXPECT_SAYS(refusal("huge.nii", nifti.file()).fact, "cannot hold");
+  nifti.dims({32000, 32000, 32000});
+  EXPECT_SAYS(refusal("huge.nii", nifti.file()).fact, "3.28e+13 voxels");
+  std::string content = nrrd(as_it_is(body()));
+  content.replace(content.find("5 7 4"), 5, "1200 1200 1200");
+  refusal("huge.nrrd", content);
+  content = metaimage(as_it_is(body()));
+  content.replace(content.find("5 7 4"), 5, "1200 1200 1200");
+  EXPECT_SAYS(refusal("huge.mha", content).fact, "140 of 1728000000 bytes");
+}
+
+TEST(LabelImage, RefusesWhatIsNoLabelImage) {
+  EXPECT_SAYS(refusal("picture.png", "PNG").why, ".seg.nrrd");
+  EXPECT_SAYS(refusal("text.nrrd", "not an image").fact, "cannot be read as NRRD");
+  EXPECT_SAYS(refusal("text.mha", "not an image").fact, "cannot be read as MetaImage");
+  EXPECT_SAYS(refusal("text.nii", std::string(1000, 'x')).fact, "not a NIfTI-1 image");
+  EXPECT_SAYS(refusal("empty.nii", "").why, "incomplete");
+  std::string nifti2(540, '\0');
+  nifti2.replace(0, 4, std::string("\x1c\x02\0\0", 4));
+  EXPECT_SAYS(refusal("two.nii", nifti2).fact, "NIfTI-2");
+  try {
+    read_label_image("no/such/brain.nrrd");
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_SAYS(error.report.fact, "no/such/brain.nrrd': No such file or directory");
+  }
+  EXPECT_THROW(read_label_image(fresh_folder()), InputError);
+}
+
+TEST(LabelImage, ReadsAHeaderWithItsVoxelsInASecondFile) {
+  const fs::path folder = fresh_folder();
+  const Raw raw = as_it_is(body());
+  std::string header = metaimage(raw);
+  header = header.substr(0, header.find("LOCAL")) + "a.raw\n";
+  write_file(folder / "a.mhd", header);
+  try {
+    read_label_image(folder / "a.mhd");
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_SAYS(error.report.why, "a.raw': No such file");
+  }
+  write_file(folder / "a.raw", bytes_of(raw.voxel));
+  expect_same(read_label_image(folder / "a.mhd"), body(), 1e-9);
+  std::string nhdr = nrrd(raw, false, "data file: a.raw\n");
+  write_file(folder / "a.nhdr", nhdr.substr(0, nhdr.find("\n\n") + 1));
+  expect_same(read_label_image(folder / "a.nhdr"), body(), 1e-9);
+  write_file(folder / "a.raw", bytes_of(raw.voxel).substr(0, 100));
+  EXPECT_THROW(read_label_image(folder / "a.mhd"), InputError);
+  EXPECT_THROW(read_label_image(folder / "a.nhdr"), InputError);
+}
+
+// -------------------------------------------------------------------------------------------- names
+
+TEST(LabelImage, TakesNamesFromATableOverThoseInTheFile) {
+  const fs::path folder = fresh_folder();
+  write_label_image(folder / "a.nrrd", body());
+  const auto named_by = [&](const std::string& table) {
+    write_file(folder / "table.txt", table);
+    return read_label_image(folder / "a.nrrd", folder / "table.txt").names;
+  };
+  const std::map<int, std::string> snap = named_by(
+      "################\n# ITK-SnAP Label Description File\n    0     0    0    0        0  0  0    \"Clear "
+      "Label\"\n"
+      "    1   255    0    0        1  1  1    \"grey matter\"\r\n    9     0  255    0        1  1  1    "
+      "\"vessel 2\"\n");
+  EXPECT_EQ(snap.at(1), "grey matter");
+  EXPECT_EQ(snap.at(2), "white matter");  // still from the file
+  EXPECT_EQ(snap.at(9), "vessel 2");
+  EXPECT_FALSE(snap.contains(0));
+  const auto lut = named_by(
+      "#No. Label Name: R G B A\n\n0 Unknown 0 0 0 0\n2 Left-Cerebral-White-Matter 245 245 245 0\n"
+      "3 two words 205 62 78\n");
+  EXPECT_EQ(lut.at(2), "Left-Cerebral-White-Matter");
+  EXPECT_EQ(lut.at(3), "two words");
+
+  const auto refused = [&](const std::string& table) {
+    try {
+      named_by(table);
+    } catch (const InputError& error) {
+      EXPECT_SAYS(error.report.remedy, "--label-names");
+      return all(error.report);
+    }
+    ADD_FAILURE() << table;
+    return std::string();
+  };
+  EXPECT_SAYS(refused("1 a 0 0 0 0\nbrain 1\n"), "line 2");
+  EXPECT_SAYS(refused("1 255 0 0\n"), "names no label");
+  EXPECT_SAYS(refused("1 0 0 0 1 1 1 \"open\n"), "closing quote");
+  EXPECT_SAYS(refused("# only a comment\n"), "names no label");
+  EXPECT_THROW(read_label_image(folder / "a.nrrd", folder / "missing.txt"), InputError);
+}
+
+// -------------------------------------------------------------------------------------------- measures
+
+TEST(LabelImage, IsMeasuredByLabel) {
+  LabelImage image;
+  image.size = {6, 5, 4};
+  image.to_world = Eigen::Affine3d(Eigen::Scaling(1.0, 2.0, 3.0));
+  image.voxel.assign(6 * 5 * 4, 0);
+  const auto set = [&](Index i, Index j, Index k, int label) {
+    image.voxel[static_cast<std::size_t>(i + 6 * (j + 5 * k))] = label;
+  };
+  set(1, 1, 1, 7), set(2, 1, 1, 7), set(3, 2, 1, 7);  // the third touches by an edge only
+  set(2, 2, 1, 3);                                    // another label between them does not join them
+  set(5, 4, 3, 9);                                    // a corner of the image
+  image.names = {{7, "nucleus"}};
+  const auto labels = measure_labels(image);
+  ASSERT_EQ(labels.size(), 3u);
+  EXPECT_EQ(labels[0].value, 3);
+  EXPECT_EQ(labels[1].value, 7);
+  EXPECT_EQ(labels[1].name, "nucleus");
+  EXPECT_EQ(labels[1].voxels, 3);
+  EXPECT_DOUBLE_EQ(labels[1].volume_mm3, 18.0);
+  EXPECT_EQ(labels[1].pieces, 2);
+  EXPECT_EQ(labels[1].largest_piece_voxels, 2);
+  EXPECT_FALSE(labels[1].touches_border);
+  EXPECT_TRUE(labels[2].touches_border);
+  EXPECT_EQ(labels[2].pieces, 1);
+}
+
+// -------------------------------------------------------------------------------------------- real images
+
+class RealLabelImage : public testing::Test {
+ protected:
+  void SetUp() override {
+    const char* folder = std::getenv("DIMPLE_SHARED_DATA");
+    if (!folder) GTEST_SKIP() << "set DIMPLE_SHARED_DATA to the folder of real label images to run this test";
+    data = folder;
+  }
+  double volume(const std::string& name, int label = 0) const {
+    double sum = 0.0;
+    for (const LabelMeasure& measure : measure_labels(read_label_image(data / name)))
+      if (label == 0 || measure.value == label) sum += measure.volume_mm3;
+    return sum;
+  }
+  fs::path data;
+};
+
+TEST_F(RealLabelImage, HasTheVolumeThatIsKnownOfIt) {
+  EXPECT_NEAR(volume("heart_ct_1.5mm.nii.gz"), 668'844, 1);
+  EXPECT_NEAR(volume("human_brain_mri_2mm.nrrd"), 1'124'536, 1);
+  EXPECT_NEAR(volume("lung_ct_aniso.mha"), 3'363'586, 1);
+}
+
+TEST_F(RealLabelImage, OfABrainStoredLeftHandedIsTurnedToLeftPosteriorSuperior) {
+  const LabelImage brain = read_label_image(data / "human_brain_mri_2mm.nrrd");
+  EXPECT_EQ(brain.orientation, "LIA");
+  EXPECT_EQ(brain.stored_size, (std::array<Index, 3>{72, 78, 80}));
+  EXPECT_EQ(brain.size, (std::array<Index, 3>{72, 80, 78}));
+  EXPECT_TRUE(brain.to_world.linear().isApprox(2.0 * Mat3::Identity()));
+  EXPECT_DOUBLE_EQ(brain.voxel_volume(), 8.0);
+}
+
+TEST_F(RealLabelImage, Of3DSlicerHasItsNames) {
+  const LabelImage chest = read_label_image(data / "chest_ct_10mm.seg.nrrd");
+  EXPECT_EQ(chest.format, "3D Slicer segmentation (NRRD)");
+  EXPECT_EQ(chest.names.size(), 7u);
+  EXPECT_EQ(chest.names.at(6), "left lung");
+  EXPECT_EQ(chest.names.at(7), "tissue");
+  EXPECT_EQ(chest.orientation, "RAS");
+  const auto labels = measure_labels(chest);
+  ASSERT_EQ(labels.size(), 7u);
+  // The left lung lies to the left of the right one.
+  double left = 0.0, right = 0.0;
+  std::int64_t n_left = 0, n_right = 0;
+  for (Index k = 0; k < chest.size[2]; ++k)
+    for (Index j = 0; j < chest.size[1]; ++j)
+      for (Index i = 0; i < chest.size[0]; ++i) {
+        const double x =
+            (chest.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)))
+                .x();
+        if (chest.at(i, j, k) == 6) left += x, ++n_left;
+        if (chest.at(i, j, k) == 5) right += x, ++n_right;
+      }
+  EXPECT_GT(left / static_cast<double>(n_left), right / static_cast<double>(n_right));
+}
+
+TEST_F(RealLabelImage, IsTheSameAfterWritingAndReadingInEveryFormat) {
+  const fs::path folder = fresh_folder();
+  for (const char* name : {"heart_ct_1.5mm.nii.gz", "human_brain_mri_2mm.nrrd", "lung_ct_aniso.mha",
+                           "chest_ct_10mm.seg.nrrd", "abdomen_mr_3mm.nii.gz"}) {
+    const LabelImage organ = read_label_image(data / name);
+    for (const char* copy : {"a.seg.nrrd", "a.nii.gz", "a.mha"}) {
+      SCOPED_TRACE(testing::Message() << name << " as " << copy);
+      write_label_image(folder / copy, organ);
+      expect_same(read_label_image(folder / copy), organ, 1e-4);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace dimple

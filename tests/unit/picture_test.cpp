@@ -1,0 +1,265 @@
+#include "io/picture.hpp"
+
+#include <gtest/gtest.h>
+#include <vtkImageData.h>
+#include <vtkNew.h>
+#include <vtkPNGReader.h>
+#include <vtkSmartPointer.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <cstdlib>
+#include <fstream>
+#include <limits>
+#include <numbers>
+
+#include "io/error.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// An empty folder for the running test.
+fs::path scratch() {
+  const auto* test = testing::UnitTest::GetInstance()->current_test_info();
+  const fs::path folder = fs::path(testing::TempDir()) / (std::string("dimple_picture_") + test->name());
+  fs::remove_all(folder);
+  fs::create_directories(folder);
+  return folder;
+}
+
+std::string content_of(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+vtkSmartPointer<vtkImageData> decoded(const fs::path& file) {
+  vtkNew<vtkPNGReader> reader;
+  reader->SetFileName(file.c_str());
+  reader->Update();
+  return reader->GetOutput();
+}
+
+/// Pixels of the picture whose hue is that of the indenter's circle, in a rectangle counted from the top
+/// left.
+int orange_pixels(vtkImageData& image, int left, int top, int right, int bottom) {
+  int count = 0;
+  for (int y = top; y < bottom; ++y)
+    for (int x = left; x < right; ++x) {
+      const auto* rgb = static_cast<unsigned char*>(image.GetScalarPointer(x, 1199 - y, 0));
+      if (rgb[0] > 150 && rgb[1] > 50 && rgb[1] < rgb[0] * 2 / 3 && rgb[2] < rgb[0] / 3) ++count;
+    }
+  return count;
+}
+
+/// Half an ellipsoid of 40 x 30 x 15 mm, pressed 3 mm from above.
+Overview half_ellipsoid() {
+  Overview o;
+  o.title = "half_ellipsoid.nrrd: 0.05 N at 3 mm";
+  o.lines = {"a few nodes", "a density of 1000 kg/m\xC2\xB3"};
+  const Vec3 half(20.0, 15.0, 15.0);
+  const auto inside = [&](const Vec3& p) { return p.cwiseQuotient(half).norm() <= 1.0; };
+  const auto dent = [](const Vec3& p) {
+    return Vec3(0.0, 0.0, -3.0 * p.z() / 15.0 * std::exp(-p.head<2>().squaredNorm() / 30.0));
+  };
+  std::vector<Vec3> nodes, points;
+  for (double x = -20.0; x <= 20.0; x += 2.5)
+    for (double y = -15.0; y <= 15.0; y += 2.5)
+      for (double z = 0.0; z <= 15.0; z += 2.5) {
+        const Vec3 p(x, y, z), q = p.array() + 1.25;
+        if (inside(q)) points.push_back(q);
+        if (!inside(p)) continue;
+        nodes.push_back(p);
+        o.node_set.push_back((z == 0.0 ? 1 : 0) | (z > 12.0 && p.head<2>().norm() < 4.0 ? 2 : 0));
+      }
+  const auto pack = [](const std::vector<Vec3>& from) {
+    Points to(3, static_cast<Index>(from.size()));
+    for (Index n = 0; n < to.cols(); ++n) to.col(n) = from[static_cast<std::size_t>(n)];
+    return to;
+  };
+  o.nodes_mm = pack(nodes);
+  o.points_mm = pack(points);
+
+  constexpr Index around = 48, up = 12;
+  o.surface_mm.resize(3, around * (up + 1));
+  o.surface_triangles.resize(3, 2 * around * up);
+  for (Index j = 0; j <= up; ++j)
+    for (Index i = 0; i < around; ++i) {
+      const double u = 2.0 * std::numbers::pi * static_cast<double>(i) / around;
+      const double v = 0.5 * std::numbers::pi * static_cast<double>(j) / up;
+      o.surface_mm.col(i + around * j) =
+          Vec3(std::cos(u) * std::cos(v), std::sin(u) * std::cos(v), std::sin(v)).cwiseProduct(half);
+    }
+  for (Index j = 0; j < up; ++j)
+    for (Index i = 0; i < around; ++i) {
+      const Index a = i + around * j, b = (i + 1) % around + around * j;
+      o.surface_triangles.col(2 * a) << a, b, b + around;
+      o.surface_triangles.col(2 * a + 1) << a, b + around, a + around;
+    }
+  const auto dented = [&](const Points& rest) {
+    Points u(3, rest.cols());
+    for (Index n = 0; n < rest.cols(); ++n) u.col(n) = dent(rest.col(n));
+    return u;
+  };
+  o.displacement_mm = dented(o.nodes_mm);
+  o.surface_displacement_mm = dented(o.surface_mm);
+  o.centre_mm = Vec3(0.0, 0.0, 15.0);
+  o.push = Vec3(0.0, 0.0, -1.0);
+  o.radius_mm = 4.0;
+  for (int i = 0; i <= 30; ++i) {
+    o.depth_mm.push_back(0.1 * i);
+    o.force_N.push_back(0.05 * i / 30.0);
+  }
+  return o;
+}
+
+/// `overview` drawn and decoded; a picture of the right size that is not empty.
+void expect_drawn(const Overview& overview) {
+  const fs::path file = scratch() / "overview.png";
+  ASSERT_NO_THROW(write_overview(file, overview));
+  const auto image = decoded(file);
+  EXPECT_EQ(image->GetDimensions()[0], 1600);
+  EXPECT_EQ(image->GetDimensions()[1], 1200);
+  EXPECT_LT(image->GetScalarRange()[0], 100.0);
+}
+
+TEST(Overview, IsAPngOf1600By1200PixelsDrawnWithoutADisplay) {
+  ::unsetenv("DISPLAY");
+  expect_drawn(half_ellipsoid());
+}
+
+TEST(Overview, ShowsTheCircleInEveryPanel) {
+  const fs::path file = scratch() / "overview.png";
+  write_overview(file, half_ellipsoid());
+  const auto image = decoded(file);
+  // Below the legends: nodes on top, the arrow and the foot, nodes in the dimple, the last point of the
+  // curve.
+  EXPECT_GT(orange_pixels(*image, 20, 140, 790, 540), 200);
+  EXPECT_GT(orange_pixels(*image, 820, 140, 1580, 540), 200);
+  EXPECT_GT(orange_pixels(*image, 20, 680, 690, 1060), 50);
+  EXPECT_GT(orange_pixels(*image, 820, 680, 1580, 1060), 40);
+}
+
+TEST(Overview, IsTheSameFileForTheSameInput) {
+  const fs::path folder = scratch();
+  write_overview(folder / "a.png", half_ellipsoid());
+  write_overview(folder / "b.png", half_ellipsoid());
+  EXPECT_EQ(content_of(folder / "a.png"), content_of(folder / "b.png"));
+}
+
+TEST(Overview, LooksAlongThePushHoweverTheBodyLies) {
+  // Turning body and push together moves only the orientation letters: a few pixels in a thousand.
+  const fs::path folder = scratch();
+  const Overview straight = half_ellipsoid();
+  Overview turned = straight;
+  const Mat3 turn = Eigen::AngleAxisd(0.7, Vec3(1.0, 2.0, -0.5).normalized()).toRotationMatrix();
+  for (Points* points : {&turned.nodes_mm, &turned.displacement_mm, &turned.points_mm, &turned.surface_mm,
+                         &turned.surface_displacement_mm})
+    *points = turn * *points;
+  turned.centre_mm = turn * turned.centre_mm;
+  turned.push = turn * turned.push;
+  write_overview(folder / "straight.png", straight);
+  write_overview(folder / "turned.png", turned);
+  const auto a = decoded(folder / "straight.png"), b = decoded(folder / "turned.png");
+  int different = 0;
+  for (int y = 0; y < 1200; ++y)
+    for (int x = 0; x < 1600; ++x) {
+      const auto* p = static_cast<unsigned char*>(a->GetScalarPointer(x, y, 0));
+      const auto* q = static_cast<unsigned char*>(b->GetScalarPointer(x, y, 0));
+      if (std::abs(p[0] - q[0]) + std::abs(p[1] - q[1]) + std::abs(p[2] - q[2]) > 60) ++different;
+    }
+  EXPECT_LT(different, 1600 * 1200 / 200);
+}
+
+TEST(Overview, DrawsWhatIsThere) {
+  {
+    SCOPED_TRACE("nothing at all");
+    Overview nothing;
+    nothing.centre_mm = nothing.push = Vec3::Zero();
+    expect_drawn(nothing);
+  }
+  {
+    SCOPED_TRACE("one node");
+    Overview one;
+    one.nodes_mm = Vec3(1.0, 2.0, 3.0);
+    one.displacement_mm = Vec3(0.0, 0.0, -1.0);
+    one.node_set = {3};
+    one.centre_mm = Vec3(1.0, 2.0, 3.0);
+    one.push = -Vec3::UnitZ();
+    one.radius_mm = 5.0;
+    one.depth_mm = {1.0};
+    one.force_N = {0.0};
+    expect_drawn(one);
+  }
+  {
+    SCOPED_TRACE("no triangles, no integration points, no curve");
+    Overview bare = half_ellipsoid();
+    bare.surface_triangles.resize(3, 0);
+    bare.points_mm.resize(3, 0);
+    bare.depth_mm.clear();
+    expect_drawn(bare);
+  }
+  {
+    SCOPED_TRACE("missing displacement and node sets");
+    Overview still = half_ellipsoid();
+    still.displacement_mm.resize(3, 0);
+    still.surface_displacement_mm.resize(3, 0);
+    still.node_set.clear();
+    expect_drawn(still);
+  }
+  {
+    SCOPED_TRACE("all nodes in one place, then all in one plane");
+    Overview flat = half_ellipsoid();
+    flat.nodes_mm.row(2).setZero();
+    expect_drawn(flat);
+    flat.nodes_mm.setZero();
+    flat.surface_mm.setZero();
+    expect_drawn(flat);
+  }
+  {
+    SCOPED_TRACE("a force that pulls, then falls");
+    Overview pulled = half_ellipsoid();
+    for (double& force : pulled.force_N) force = -force;
+    expect_drawn(pulled);
+    pulled.force_N = {0.0, 3e-7, 1e-7};
+    expect_drawn(pulled);
+  }
+}
+
+TEST(Overview, SurvivesNumbersThatAreNone) {
+  Overview broken = half_ellipsoid();
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  broken.nodes_mm(1, 5) = broken.surface_mm(0, 7) = broken.points_mm(2, 2) = nan;
+  broken.displacement_mm(0, 9) = broken.surface_displacement_mm(2, 11) = nan;
+  broken.surface_displacement_mm(2, 100) = std::numeric_limits<double>::infinity();
+  broken.displacement_mm.col(20) = Vec3(1e12, -1e12, 1e12);
+  broken.force_N[4] = nan;
+  broken.depth_mm[6] = 1e300;
+  expect_drawn(broken);
+  broken.centre_mm.setConstant(nan);
+  broken.push.setConstant(nan);
+  broken.radius_mm = nan;
+  expect_drawn(broken);
+}
+
+TEST(Overview, SurvivesAnyText) {
+  Overview o = half_ellipsoid();
+  o.title = std::string(3000, 'W') + "\xFF\xFE $x^2$ \n\t \xE2\x82";
+  o.lines = {std::string(2000, 'x'), "", "   ", "\xC2", "\xE8\x84\xB3.nrrd", "caf\xC3\xA9 - \xCE\xBB"};
+  for (int i = 0; i < 60; ++i) o.lines.push_back("line " + std::to_string(i));
+  expect_drawn(o);
+}
+
+TEST(Overview, RefusesTrianglesOfPointsThatDoNotExist) {
+  Overview o = half_ellipsoid();
+  o.surface_triangles(1, 3) = o.surface_mm.cols();
+  EXPECT_THROW(write_overview(scratch() / "overview.png", o), std::invalid_argument);
+}
+
+TEST(Overview, GivesAnOutputErrorWhereItCannotWrite) {
+  EXPECT_THROW(write_overview(scratch() / "absent" / "overview.png", half_ellipsoid()), OutputError);
+}
+
+}  // namespace
+}  // namespace dimple

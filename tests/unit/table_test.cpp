@@ -1,0 +1,100 @@
+#include "io/table.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <limits>
+#include <random>
+
+#include "io/error.hpp"
+#include "io/file.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+fs::path with_content(const std::string& content) {
+  const auto* test = testing::UnitTest::GetInstance()->current_test_info();
+  const fs::path folder = fs::path(testing::TempDir()) / "dimple_table_test";
+  fs::create_directories(folder);
+  const fs::path file = folder / (std::string(test->name()) + ".csv");
+  write_file(file, content);
+  return file;
+}
+
+Report refusal(const std::string& content) {
+  try {
+    read_csv(with_content(content));
+  } catch (const InputError& error) {
+    return error.report;
+  }
+  ADD_FAILURE() << "was read: " << content;
+  return {};
+}
+
+TEST(Table, ReadsBackTheSameBits) {
+  std::mt19937_64 random(1);
+  Table table{{"time_s", "force_N"}, {{}, {}}};
+  for (const double value : {0.0, -0.0, 0.1, 1.0 / 3.0, std::numeric_limits<double>::denorm_min(),
+                             std::numeric_limits<double>::max(), -1e-300})
+    for (auto& column : table.column) column.push_back(value);
+  while (table.rows() < 1000) {
+    const std::uint64_t bits = random();
+    double value;
+    std::memcpy(&value, &bits, sizeof value);
+    if (!std::isfinite(value)) continue;
+    table.column[0].push_back(value);
+    table.column[1].push_back(-value);
+  }
+  const fs::path file = with_content("");
+  write_csv(file, table);
+  const Table back = read_csv(file);
+  ASSERT_EQ(back.header, table.header);
+  ASSERT_EQ(back.rows(), table.rows());
+  for (std::size_t c = 0; c < 2; ++c)
+    EXPECT_EQ(std::memcmp(back.column[c].data(), table.column[c].data(), 8 * table.rows()), 0);
+}
+
+TEST(Table, IsWrittenAsRfc4180Says) {
+  const Table table{{"time_s", "a, \"b\""}, {{0.0, 0.5}, {0.1, -1e-9}}};
+  EXPECT_EQ(to_csv(table), "time_s,\"a, \"\"b\"\"\"\r\n0,0.1\r\n0.5,-1e-09\r\n");
+  EXPECT_EQ(read_csv(with_content(to_csv(table))).header, table.header);
+}
+
+TEST(Table, IsReadWithCommasSemicolonsOrBlanks) {
+  const std::vector<double> depth{0, 1.5, 8}, force{0, -0.0125, 0.131};
+  for (const char* content :
+       {"depth_mm,force_N\n0,0\n1.5,-0.0125\n8,0.131\n",
+        "\xEF\xBB\xBF"
+        "depth_mm; force_N\r\n0; 0\r\n1.5; -1.25e-2\r\n8; +0.131",
+        "# from the paper\n\n depth_mm \t force_N\n0 0\n# half way\n  1.5   -0.0125 \n8\t.131\n"}) {
+    const Table table = read_csv(with_content(content));
+    ASSERT_NE(table.find("depth_mm"), nullptr) << content;
+    ASSERT_NE(table.find("force_N"), nullptr) << content;
+    EXPECT_EQ(*table.find("depth_mm"), depth);
+    EXPECT_EQ(*table.find("force_N"), force);
+    EXPECT_EQ(table.find("force"), nullptr);
+  }
+}
+
+TEST(Table, TakesAColumnNameThatBeginsLikeANumber) {
+  EXPECT_EQ(read_csv(with_content("info,1st\n1,2\n")).header, (std::vector<std::string>{"info", "1st"}));
+}
+
+TEST(Table, NamesLineAndColumnOfWhatItRefuses) {
+  Report report = refusal("depth_mm,force_N\n0,0\n1,one\n");
+  EXPECT_NE(report.fact.find("'one' in column 'force_N'"), std::string::npos);
+  EXPECT_NE(report.where.find("line 3"), std::string::npos);
+  EXPECT_NE(refusal("a,b\n1,\n").fact.find("column 'b' is empty"), std::string::npos);
+  EXPECT_NE(refusal("a,b\n1,nan\n").fact.find("not a finite number"), std::string::npos);
+  EXPECT_NE(refusal("a,b\n1,1e999\n").fact.find("not a finite number"), std::string::npos);
+  EXPECT_NE(refusal("a;b\n1;0,5\n").fact.find("'0,5' in column 'b'"), std::string::npos);  // decimal comma
+  EXPECT_NE(refusal("a,b\n1,2,3\n").fact.find("3 fields"), std::string::npos);
+  EXPECT_NE(refusal("0,0\n1,2\n").remedy.find("header"), std::string::npos);
+  EXPECT_NE(refusal("# nothing\n\n").fact.find("empty"), std::string::npos);
+  EXPECT_THROW(read_csv("/no/such/table.csv"), InputError);
+}
+
+}  // namespace
+}  // namespace dimple
