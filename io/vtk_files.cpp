@@ -32,10 +32,12 @@
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
 #include <exception>
 #include <fstream>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 #include <string_view>
 #include <system_error>
@@ -265,15 +267,19 @@ Points positions_of(const fs::path& file, vtkPointSet& set) {
   return position_mm;
 }
 
-/// VTK's reader trusts the counts in the header: a negative one makes it write outside its arrays.
+/// VTK's reader trusts the counts in the header: a negative one makes it write outside its arrays, an absurd
+/// one ask for all memory. No compressor that VTK knows packs a thousand points or cells into one byte.
 template <class Reader>
 class CheckedReader : public Reader {
  public:
   static CheckedReader* New() { VTK_STANDARD_NEW_BODY(CheckedReader); }
-  bool has_negative_count() {
+  /// The first count that a file of that size cannot hold.
+  std::optional<vtkIdType> impossible_count(std::uintmax_t file_bytes) {
     for (int piece = 0; piece < this->GetNumberOfPieces(); ++piece)
-      if (this->GetNumberOfPointsInPiece(piece) < 0 || this->GetNumberOfCellsInPiece(piece) < 0) return true;
-    return false;
+      for (const vtkIdType count :
+           {this->GetNumberOfPointsInPiece(piece), this->GetNumberOfCellsInPiece(piece)})
+        if (count < 0 || static_cast<std::uintmax_t>(count) / 1000 > file_bytes) return count;
+    return std::nullopt;
   }
 };
 
@@ -318,14 +324,16 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
   reader->SetFileName(file.c_str());
   try {
     reader->UpdateInformation();
-    if (reader->has_negative_count())
+    const auto bytes = fs::file_size(file);
+    if (const auto count = reader->impossible_count(bytes))
       refuse(file, fmt::format("{} is damaged", name),
-             "its header states a negative number of points or cells", "export it again");
+             fmt::format("its header states {} points or cells; the file has {} bytes", *count, bytes),
+             "copy or export it again");
     reader->Update();
   } catch (const Error&) {
     throw;
-  } catch (const std::exception& e) {  // a damaged count makes VTK ask for absurd amounts of memory
-    refuse(file, fmt::format("{} is damaged", name), fmt::format("VTK gave up: {}", e.what()),
+  } catch (const std::exception& e) {  // no memory, or the file has just disappeared
+    refuse(file, fmt::format("{} is damaged", name), fmt::format("reading gave up: {}", e.what()),
            "copy or export it again");
   }
   if (!messages.empty() || reader->GetErrorCode() != 0)

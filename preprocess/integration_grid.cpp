@@ -36,15 +36,22 @@ Cells fill(const BodySurface& body, double edge) {
   cells.volume = Eigen::VectorXd::Zero(total);
   cells.moment = Points::Zero(3, total);
 
-  const double line_area = edge * edge / (lines_per_edge * lines_per_edge);
+  // Lines are spread over the part of a cell that lies in the body's box: a flat face across its end is met exactly.
+  const Vec3 lower = body.lower(), upper = body.upper();
+  const auto strip = [&](int d, Index cell) {
+    const double from = std::max(lower[d], cells.origin[d] + edge * static_cast<double>(cell));
+    const double to = std::min(upper[d], cells.origin[d] + edge * static_cast<double>(cell + 1));
+    return std::pair{from, (to - from) / lines_per_edge};
+  };
   // One task per row of cells: rows share no cell, so the sums do not depend on the threads.
   tbb::parallel_for(Index{0}, cells.n[1] * cells.n[2], [&](Index row) {
     const Index j = row % cells.n[1], k = row / cells.n[1];
     const Index first = cells.n[0] * (j + cells.n[1] * k);
+    const std::pair<double, double> in_y = strip(1, j), in_z = strip(2, k);
+    const double line_area = in_y.second * in_z.second;
     for (int a = 0; a < lines_per_edge; ++a)
       for (int b = 0; b < lines_per_edge; ++b) {
-        const double y = cells.origin.y() + edge * (static_cast<double>(j) + (a + 0.5) / lines_per_edge);
-        const double z = cells.origin.z() + edge * (static_cast<double>(k) + (b + 0.5) / lines_per_edge);
+        const double y = in_y.first + in_y.second * (a + 0.5), z = in_z.first + in_z.second * (b + 0.5);
         const std::vector<double> t = body.crossings(Vec3(cells.origin.x(), y, z), Vec3::UnitX());
         for (std::size_t pair = 0; pair + 1 < t.size(); pair += 2) {
           const double enter = t[pair], leave = t[pair + 1];

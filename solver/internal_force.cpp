@@ -3,6 +3,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <bit>
 #include <cassert>
 #include <cmath>
 
@@ -21,6 +22,12 @@ constexpr Index points_per_block = 128;
 constexpr Index nodes_per_block = 64;
 
 using Vec4 = double __attribute__((vector_size(32), aligned(8), may_alias));
+
+// x^(-1/3) within 4 %, from a third of the exponent; four Newton steps then give every digit. std::cbrt has no form
+// for four numbers at once, and may round differently from one C library to the next.
+inline double inverse_cube_root_guess(double x) {
+  return std::bit_cast<double>(std::uint64_t{0x553ef0ff289dd796} - std::bit_cast<std::uint64_t>(x) / 3);
+}
 
 }  // namespace
 
@@ -46,59 +53,82 @@ ForceSystem::ForceSystem(const Model& model, const NeoHookean& material) : mater
   block_.resize(static_cast<std::size_t>((point_count() + points_per_block - 1) / points_per_block));
 }
 
+// The stress of four points at once: lane l of every register belongs to point first + l.
 DIMPLE_CLONES
 void ForceSystem::sweep_block(const ForceSystem& system, const double* u, Index first, Index last, Sweep& result) {
-  const double mu = system.material_.mu, kappa = system.material_.kappa;
+  const double mu = system.material_.mu;
   const bool printed = system.material_.as_printed;
-  const double bulk = printed ? kappa - 2.0 / 3.0 * mu : kappa;
+  const double bulk = printed ? system.material_.kappa - 2.0 / 3.0 * mu : system.material_.kappa;
   const double third = printed ? 0.0 : 1.0 / 3.0;
   const Pair* pair = system.by_point_.data();
   const Vec4* node = reinterpret_cast<const Vec4*>(u);
 
-  for (Index q = first; q < last; ++q) {
-    Vec4 h0 = {}, h1 = {}, h2 = {};  // columns of H = F - I
-    for (std::int32_t k = system.point_offset_[static_cast<std::size_t>(q)],
-                      end = system.point_offset_[static_cast<std::size_t>(q) + 1];
-         k < end; ++k) {
-      const Vec4 ua = node[pair[k].number];
-      h0 += ua * pair[k].d[0];
-      h1 += ua * pair[k].d[1];
-      h2 += ua * pair[k].d[2];
+  for (Index q = first; q < last; q += 4) {
+    const int lanes = static_cast<int>(std::min<Index>(4, last - q));
+    alignas(32) double H[3][3][4] = {};  // [column][row][lane] of F - I
+    alignas(32) double V[4] = {};
+    for (int lane = 0; lane < lanes; ++lane) {
+      const auto point = static_cast<std::size_t>(q + lane);
+      Vec4 h0 = {}, h1 = {}, h2 = {};
+      for (std::int32_t k = system.point_offset_[point], end = system.point_offset_[point + 1]; k < end; ++k) {
+        const Vec4 ua = node[pair[k].number];
+        h0 += ua * pair[k].d[0];
+        h1 += ua * pair[k].d[1];
+        h2 += ua * pair[k].d[2];
+      }
+      for (int i = 0; i < 3; ++i) {
+        H[0][i][lane] = h0[i];
+        H[1][i][lane] = h1[i];
+        H[2][i][lane] = h2[i];
+      }
+      V[lane] = system.volume_[point];
     }
+    Vec4 h[3][3];
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j) h[i][j] = *reinterpret_cast<const Vec4*>(H[j][i]);
 
     // J - 1 from H, not det F - 1: near rest the latter loses the digits that kappa then multiplies.
-    const double trace = h0[0] + h1[1] + h2[2];
-    const double minors = (h0[0] * h1[1] - h1[0] * h0[1]) + (h0[0] * h2[2] - h2[0] * h0[2]) + (h1[1] * h2[2] - h2[1] * h1[2]);
-    const double det = h0[0] * (h1[1] * h2[2] - h2[1] * h1[2]) - h1[0] * (h0[1] * h2[2] - h2[1] * h0[2]) +
-                       h2[0] * (h0[1] * h1[2] - h1[1] * h0[2]);
-    const double dilation = trace + minors + det;
-    const double J = 1.0 + dilation;
-
-    Stress& out = system.stress_[static_cast<std::size_t>(q)];
-    if (!(J > 0.0) || !std::isfinite(J)) {  // inverted, or not a number: the driver stops the run
-      if (result.ok()) result = {std::isfinite(J) ? J : std::nan(""), q};
-      out = Stress{};
-      continue;
+    const Vec4 minors = (h[0][0] * h[1][1] - h[0][1] * h[1][0]) + (h[0][0] * h[2][2] - h[0][2] * h[2][0]) +
+                        (h[1][1] * h[2][2] - h[1][2] * h[2][1]);
+    const Vec4 det = h[0][0] * (h[1][1] * h[2][2] - h[1][2] * h[2][1]) - h[0][1] * (h[1][0] * h[2][2] - h[1][2] * h[2][0]) +
+                     h[0][2] * (h[1][0] * h[2][1] - h[1][1] * h[2][0]);
+    const Vec4 dilation = (h[0][0] + h[1][1] + h[2][2]) + minors + det;
+    Vec4 J = 1.0 + dilation;
+    bool whole = true;
+    for (int lane = 0; lane < lanes; ++lane) {
+      if (J[lane] > 0.0 && std::isfinite(J[lane])) {
+        if (J[lane] < result.J_min) result = {J[lane], q + lane};
+        continue;
+      }
+      whole = false;  // inverted, or not a number: no stress here, and the driver stops the run
+      if (result.ok()) result = {std::isfinite(J[lane]) ? J[lane] : std::nan(""), q + lane};
+      J[lane] = 1.0;
+      V[lane] = 0.0;
     }
-    if (J < result.J_min) result = {J, q};
 
-    const Vec4 f0 = {h0[0] + 1.0, h0[1], h0[2], 0.0}, f1 = {h1[0], h1[1] + 1.0, h1[2], 0.0},
-               f2 = {h2[0], h2[1], h2[2] + 1.0, 0.0};
-    // cof F: its columns are the cross products of F's.
-    const Vec4 c0 = {f1[1] * f2[2] - f1[2] * f2[1], f1[2] * f2[0] - f1[0] * f2[2], f1[0] * f2[1] - f1[1] * f2[0], 0.0};
-    const Vec4 c1 = {f2[1] * f0[2] - f2[2] * f0[1], f2[2] * f0[0] - f2[0] * f0[2], f2[0] * f0[1] - f2[1] * f0[0], 0.0};
-    const Vec4 c2 = {f0[1] * f1[2] - f0[2] * f1[1], f0[2] * f1[0] - f0[0] * f1[2], f0[0] * f1[1] - f0[1] * f1[0], 0.0};
-    const Vec4 squares = f0 * f0 + f1 * f1 + f2 * f2;
-    const double I1 = squares[0] + squares[1] + squares[2];
+    Vec4 root;
+    for (int lane = 0; lane < 4; ++lane) root[lane] = inverse_cube_root_guess(J[lane]);
+    for (int pass = 0; pass < 4; ++pass) root = root * (4.0 - J * root * root * root) * (1.0 / 3.0);
 
-    const double root = 1.0 / std::cbrt(J);
-    const double V = system.volume_[static_cast<std::size_t>(q)];
-    const double shear = V * mu * root * root;                           // V mu J^(-2/3)
-    const double pressure = V * bulk * dilation - third * shear * I1 / J;
-    Vec4* column = reinterpret_cast<Vec4*>(out.column);
-    column[0] = shear * f0 + pressure * c0;
-    column[1] = shear * f1 + pressure * c1;
-    column[2] = shear * f2 + pressure * c2;
+    const Vec4 f00 = h[0][0] + 1.0, f11 = h[1][1] + 1.0, f22 = h[2][2] + 1.0;
+    const Vec4 f01 = h[0][1], f02 = h[0][2], f10 = h[1][0], f12 = h[1][2], f20 = h[2][0], f21 = h[2][1];
+    const Vec4 I1 = (f00 * f00 + f10 * f10 + f20 * f20) + (f01 * f01 + f11 * f11 + f21 * f21) + (f02 * f02 + f12 * f12 + f22 * f22);
+    const Vec4 volume = *reinterpret_cast<const Vec4*>(V);
+    const Vec4 shear = volume * mu * root * root;  // V mu J^(-2/3)
+    const Vec4 pressure = volume * bulk * dilation - third * shear * I1 / J;
+    const Vec4 P[3][3] = {  // [column][row] of V P = shear F + pressure cof F
+        {shear * f00 + pressure * (f11 * f22 - f21 * f12), shear * f10 + pressure * (f21 * f02 - f01 * f22),
+         shear * f20 + pressure * (f01 * f12 - f11 * f02)},
+        {shear * f01 + pressure * (f12 * f20 - f22 * f10), shear * f11 + pressure * (f22 * f00 - f02 * f20),
+         shear * f21 + pressure * (f02 * f10 - f12 * f00)},
+        {shear * f02 + pressure * (f10 * f21 - f20 * f11), shear * f12 + pressure * (f20 * f01 - f00 * f21),
+         shear * f22 + pressure * (f00 * f11 - f10 * f01)}};
+    for (int lane = 0; lane < lanes; ++lane) {
+      Stress& out = system.stress_[static_cast<std::size_t>(q + lane)];
+      for (int j = 0; j < 3; ++j)
+        *reinterpret_cast<Vec4*>(out.column[j]) = Vec4{P[j][0][lane], P[j][1][lane], P[j][2][lane], 0.0};
+      if (!whole && V[lane] == 0.0) out = Stress{};
+    }
   }
 }
 
