@@ -38,6 +38,7 @@
 #include <fstream>
 #include <limits>
 #include <optional>
+#include <regex>
 #include <stdexcept>
 #include <string_view>
 #include <system_error>
@@ -283,6 +284,20 @@ class CheckedReader : public Reader {
   }
 };
 
+/// What would make VTK's reader follow a null pointer, as a sentence: `kind` is not there, or an array has no
+/// type that VTK knows. `head` is the beginning of the file.
+std::string fatal_flaw(const std::string& head, const std::string& kind) {
+  if (!std::regex_search(head, std::regex(fmt::format("<{}[ >\\r\\n\\t]", kind))))
+    return fmt::format("its element <{}> is missing", kind);
+  static const std::regex known(R"([ \r\n\t]type *= *["'](U?Int(8|16|32|64)|Float(32|64)|Bit|String)["'])");
+  for (std::size_t at = 0; (at = head.find("<DataArray", at)) != std::string::npos; ++at) {
+    const std::string element = head.substr(at, std::min(head.find('>', at) - at, std::size_t{1000}));
+    if (!std::regex_search(element, known))
+      return fmt::format("an array in its header has no known type: {}", element.substr(0, 60));
+  }
+  return "";
+}
+
 /// The parsed file, with everything VTK complained about turned into an InputError.
 template <class Reader>
 auto read_xml(const fs::path& file, const std::string& kind, const std::string& suffix) {
@@ -314,11 +329,8 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
            fmt::format("a {} file is needed here", suffix),
            fmt::format("name a {} file, or convert this one in ParaView", suffix));
 
-  if (head.find(fmt::format("<{}>", kind)) == std::string::npos &&
-      head.find(fmt::format("<{} ", kind)) == std::string::npos)
-    refuse(file, fmt::format("{} is damaged", name),
-           fmt::format("its element <{}> is missing (VTK's reader would crash on it)", kind),
-           "export it again");
+  if (const std::string flaw = fatal_flaw(head, kind); !flaw.empty())
+    refuse(file, fmt::format("{} is damaged", name), flaw, "copy or export it again");
 
   vtkNew<CheckedReader<Reader>> reader;
   reader->SetFileName(file.c_str());

@@ -65,6 +65,8 @@ BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isomet
     centroid_ += tetrahedron * (a + b + c) / 4.0;
   }
   centroid_ = middle + centroid_ / volume_;
+  lower_ = vertex_.rowwise().minCoeff();
+  upper_ = vertex_.rowwise().maxCoeff();
 
   tree_->aabb.insert(faces(mesh).first, faces(mesh).second, mesh);
   tree_->aabb.build();

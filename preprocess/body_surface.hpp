@@ -29,8 +29,8 @@ class BodySurface {
   const Eigen::Isometry3d& to_world() const { return to_world_; }
   double volume() const { return volume_; }                   ///< mm^3
   double area() const { return triangle_area_.sum(); }        ///< mm^2
-  Vec3 lower() const { return vertex_.rowwise().minCoeff(); }
-  Vec3 upper() const { return vertex_.rowwise().maxCoeff(); }
+  const Vec3& lower() const { return lower_; }                ///< corners of its box
+  const Vec3& upper() const { return upper_; }
   Vec3 centroid() const { return centroid_; }                 ///< of the enclosed volume
 
   bool contains(const Vec3& x) const;
@@ -53,7 +53,7 @@ class BodySurface {
   Eigen::VectorXd triangle_area_;
   Eigen::Isometry3d to_world_;
   double volume_ = 0.0;
-  Vec3 centroid_ = Vec3::Zero();
+  Vec3 centroid_ = Vec3::Zero(), lower_, upper_;
   std::unique_ptr<Tree> tree_;
 };
 
@@ -68,15 +68,15 @@ struct SegmentReport {
   double voxel_volume_mm3 = 0.0;       ///< of what is kept and filled: the surface encloses the same
   bool cut_by_border = false;          ///< the organ goes on outside the image
   double smoothing_mm = 0.0;           ///< standard deviation of the Gaussian along the coarsest voxel axis
-  double iso_level = 0.5;              ///< at which the smoothed indicator encloses the voxels' volume
   std::vector<std::string> warnings;
 };
 
 /// A smooth surface around the voxels with the given labels (none: all foreground), not the voxel staircase.
 ///
-/// The indicator (1 inside, 0 outside) is smoothed by a Gaussian of 0.8 voxel, and the surface drawn where it has
-/// the value that makes the enclosed volume equal the voxels' volume within 0.1 %. Detail finer than a quarter of
-/// `node_spacing_mm`, which no cloud of that spacing can follow, is not drawn.
+/// The indicator (1 inside, 0 outside), smoothed by a Gaussian of 0.7 voxel, is contoured half-way; the vertices are
+/// relaxed by at most half a voxel, so that no terraces stay, and the surface is moved evenly until it encloses the
+/// voxels' volume within 0.1 %. Detail finer than a quarter of `node_spacing_mm`, which no cloud of that spacing can
+/// follow, is not drawn.
 /// Throws InputError (a label that is not there), ModelError (too few voxels for a body).
 struct SegmentedBody {
   BodySurface surface;

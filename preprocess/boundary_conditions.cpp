@@ -27,7 +27,8 @@ const std::array<Side, 6> sides = {{{"inferior", {0, 0, -1}},
 
 constexpr double flat_share = 0.25;      // of the outline that must touch for a face to count as flat
 constexpr double flat_tolerance = 0.02;  // of the height
-constexpr double bed_depth = 0.2;        // of the height, for an organ without a flat face
+constexpr double bed_depth = 1.0 / 3.0;  // of the height, for an organ without a flat face
+constexpr double dome_depth = 0.2;       // of the height: the part of a side that counts as its dome
 constexpr double dome_tolerance = 0.0025;  // of the height: domes that differ by less are equally high
 
 std::string side_name(const Vec3& lps) {
@@ -40,6 +41,7 @@ std::string side_name(const Vec3& lps) {
 struct Stand {
   double lowest = 0.0, height = 0.0;
   double share = 0.0;  // flat area touching the plane / outline seen from below
+  double dome = 0.0;   // area of its dome, seen from below / outline
 };
 
 Stand stand_on(const BodySurface& body, const Vec3& down, double tolerance_mm) {
@@ -48,14 +50,16 @@ Stand stand_on(const BodySurface& body, const Vec3& down, double tolerance_mm) {
   stand.lowest = depth.maxCoeff();
   stand.height = stand.lowest - depth.minCoeff();
   const double tolerance = std::max(flat_tolerance * stand.height, tolerance_mm);
-  double touching = 0.0, outline = 0.0;
+  double touching = 0.0, dome = 0.0, outline = 0.0;
   for (Index t = 0; t < body.triangles().cols(); ++t) {
     const double facing = body.normal().col(t).dot(down);
     outline += 0.5 * std::abs(facing) * body.triangle_area()[t];
     const double centre = (depth[body.triangles()(0, t)] + depth[body.triangles()(1, t)] + depth[body.triangles()(2, t)]) / 3.0;
     if (facing > 0.9 && stand.lowest - centre < tolerance) touching += facing * body.triangle_area()[t];
+    if (facing > 0.0 && stand.lowest - centre < dome_depth * stand.height) dome += facing * body.triangle_area()[t];
   }
   stand.share = touching / outline;
+  stand.dome = dome / outline;
   return stand;
 }
 
@@ -89,11 +93,15 @@ void find_base(const BodySurface& body, const BoundaryOptions& options, double n
       result.base_reason = fmt::format("flat face: {:.0f} % of its outline touches the plane there", 100.0 * stands[flattest].share);
     } else {
       chosen = 0;
-      for (std::size_t s = 1; s < 6; ++s)
-        if (stands[s].height < 0.9 * stands[chosen].height) chosen = s;
+      for (std::size_t s = 1; s < 6; ++s) {
+        const bool lower = stands[s].height < 0.9 * stands[chosen].height;
+        const bool opposite = axes[s].dot(axes[chosen]) < -0.5;
+        if (lower || (opposite && stands[s].dome < 0.9 * stands[chosen].dome)) chosen = s;
+      }
       result.base_reason = fmt::format("no flat face (at most {:.0f} % of an outline touches): bedded on the {} side, across "
-                                       "which the organ is {:.0f} mm high", 100.0 * stands[flattest].share,
-                                       sides[chosen].word, stands[chosen].height);
+                                       "which the organ is {:.0f} mm high; its dome is {:.0f} % of the outline, that of the side above {:.0f} %", 100.0 * stands[flattest].share,
+                                       sides[chosen].word, stands[chosen].height, 100.0 * stands[chosen].dome,
+                                       100.0 * stand_on(body, -axes[chosen], tolerance).dome);
     }
     stand = stands[chosen];
     side = sides[chosen].word;

@@ -29,7 +29,9 @@ using Pieces = itk::Image<std::uint32_t, 3>;
 using Indicator = itk::Image<float, 3>;
 
 constexpr Index padding = 4;            // voxels: more than the Gaussian reaches
-constexpr double smoothing_voxels = 0.8;
+constexpr double smoothing_voxels = 0.7;
+constexpr int relaxation_sweeps = 120;  // enough for the terraces of a slope of one in ten
+constexpr double leash = 0.5;           // lattice steps: the voxels do not say more about where the surface is
 
 // The part of the image that holds the chosen labels, with a border of background.
 struct Crop {
@@ -304,6 +306,46 @@ TriangleSoup iso_surface(vtkImageData* lattice, double level, double smallest_ca
   return largest_shell(all, smallest_cavity_mm3);
 }
 
+// Moves each vertex to the middle of its neighbours, over and over, on a leash around where it began: terraces of
+// the voxels go, and the surface stays between the voxel centres that it separates (Gibson, Constrained elastic
+// surface nets, MICCAI 1998).
+void relax(TriangleSoup& surface, double reach) {
+  const Points start = surface.vertex;
+  const Index n = surface.vertex.cols();
+  for (int sweep = 0; sweep < relaxation_sweeps; ++sweep) {
+    Points sum = Points::Zero(3, n);
+    Eigen::VectorXd count = Eigen::VectorXd::Zero(n);
+    for (Index t = 0; t < surface.triangles.cols(); ++t)
+      for (int c = 0; c < 3; ++c) {
+        const Index a = surface.triangles(c, t), b = surface.triangles((c + 1) % 3, t);
+        sum.col(a) += surface.vertex.col(b);  // each edge is seen once from either side
+        count[a] += 1.0;
+      }
+    for (Index v = 0; v < n; ++v) {
+      const Vec3 goal = 0.5 * (surface.vertex.col(v) + sum.col(v) / count[v]);
+      const Vec3 away = goal - start.col(v);
+      surface.vertex.col(v) = away.norm() > reach ? Vec3(start.col(v) + reach / away.norm() * away) : goal;
+    }
+  }
+}
+
+// Moves the surface along its normals, everywhere alike, until it encloses the given volume.
+void match_volume(TriangleSoup& surface, double volume_mm3) {
+  for (int pass = 0; pass < 4; ++pass) {
+    Points normal = Points::Zero(3, surface.vertex.cols());
+    double area = 0.0;
+    for (Index t = 0; t < surface.triangles.cols(); ++t) {
+      const Vec3 a = surface.vertex.col(surface.triangles(0, t));
+      const Vec3 n = 0.5 * (surface.vertex.col(surface.triangles(1, t)) - a).cross(surface.vertex.col(surface.triangles(2, t)) - a);
+      area += n.norm();
+      for (int c = 0; c < 3; ++c) normal.col(surface.triangles(c, t)) += n;
+    }
+    const double offset = (volume_mm3 - enclosed_volume(surface)) / area;
+    for (Index v = 0; v < normal.cols(); ++v)
+      if (const double length = normal.col(v).norm(); length > 0.0) surface.vertex.col(v) += offset / length * normal.col(v);
+  }
+}
+
 }  // namespace
 
 SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>& labels, double node_spacing_mm) {
@@ -320,36 +362,20 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   const Vec3 sigma = (0.5 * step * spacing.cwiseInverse()).cwiseMax(smoothing_voxels);
   report.smoothing_mm = sigma.cwiseProduct(spacing).maxCoeff();
   const Indicator::Pointer smoothed = smooth(crop, sigma);
-  const vtkNew<vtkImageData> lattice = sample(smoothed, crop, frame.voxel_to_local, step);
+  TriangleSoup surface = iso_surface(sample(smoothed, crop, frame.voxel_to_local, step), 0.5, smallest_cavity);
+  if (surface.triangles.cols() == 0)
+    throw ModelError({.fact = "the smoothed organ vanishes",
+                      .where = "body surface",
+                      .why = fmt::format("it is nowhere thicker than {:.2f} mm, the smoothing", report.smoothing_mm),
+                      .remedy = "choose another --label, ask for more --nodes, or give a finer image"});
+  relax(surface, leash * step);
+  match_volume(surface, report.voxel_volume_mm3);
 
-  // Regula falsi on the level; volume falls as the level rises.
-  double low = 0.05, high = 0.95;
-  TriangleSoup surface;
-  double level = 0.5, volume = 0.0;
-  for (int pass = 0; pass < 12; ++pass) {
-    surface = iso_surface(lattice, level, smallest_cavity);
-    volume = enclosed_volume(surface);
-    const double error = volume / report.voxel_volume_mm3 - 1.0;
-    if (std::abs(error) < 1e-4) break;
-    (error > 0.0 ? low : high) = level;
-    // The surface moves by about 2.5 sigma per unit of level: a secant through that, kept inside the bracket.
-    const double area_per_volume = [&] {
-      double area = 0.0;
-      for (Index t = 0; t < surface.triangles.cols(); ++t)
-        area += 0.5 * (surface.vertex.col(surface.triangles(1, t)) - surface.vertex.col(surface.triangles(0, t)))
-                          .cross(surface.vertex.col(surface.triangles(2, t)) - surface.vertex.col(surface.triangles(0, t))).norm();
-      return area / std::max(volume, 1e-12);
-    }();
-    const double slope = area_per_volume * 2.5 * sigma.cwiseProduct(spacing).mean();
-    const double guess = level + error / std::max(slope, 1e-3);
-    level = guess > low && guess < high ? guess : 0.5 * (low + high);
-  }
-  report.iso_level = level;
-  const double error = volume / report.voxel_volume_mm3 - 1.0;
+  const double error = enclosed_volume(surface) / report.voxel_volume_mm3 - 1.0;
   if (std::abs(error) > 1e-3)
-    report.warnings.push_back(fmt::format("the smooth surface encloses {:+.2f} % of the voxels' volume more: parts of "
-                                          "the organ are thinner than two voxels, or than half a node spacing",
-                                          100.0 * error));
+    report.warnings.push_back(fmt::format("the smooth surface encloses {:.2f} % {} than the voxels: parts of the organ are "
+                                          "thinner than two voxels, or than half a node spacing",
+                                          100.0 * std::abs(error), error > 0.0 ? "more" : "less"));
   if (report.cut_by_border)
     report.warnings.push_back("the organ touches the border of the image: it is cut off there, and the cut face is "
                               "taken as its surface");

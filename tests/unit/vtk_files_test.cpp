@@ -223,6 +223,20 @@ TEST(Vtu, RefusesAnAbsurdNumberOfPoints) {
   }
 }
 
+TEST(Vtu, RefusesADamagedHeader) {
+  const fs::path folder = scratch();
+  write_vtu(folder / "nodes.vtu", sample_points(), 0.0);
+  const std::string content = content_of(folder / "nodes.vtu");
+  for (const std::string key :
+       {"<UnstructuredGrid", "type=\"Float64\"", "type=\"Float32\"", "<Points", "<Cells"}) {
+    SCOPED_TRACE(key);
+    std::string damaged = content;
+    damaged[content.find(key) + key.size() - 2] = '5';
+    put(folder / "bad.vtu", damaged);
+    expect_report<InputError>([&] { read_vtu(folder / "bad.vtu"); }, "bad.vtu");
+  }
+}
+
 TEST(Vtu, RefusesDamagedCompressedData) {
   const fs::path folder = scratch();
   write_vtu(folder / "nodes.vtu", sample_points(), 0.0);
@@ -240,6 +254,10 @@ TEST(Vtu, GivesAnOutputErrorWhereItCannotWrite) {
                              "nodes.vtu");
   expect_report<OutputError>([&] { write_vtu(folder / "absent" / "nodes.vtu", sample_points(), 0.0); },
                              "nodes.vtu");
+}
+
+TEST(Vtu, GivesAnOutputErrorInAReadOnlyFolder) {
+  const fs::path folder = scratch();
   fs::create_directory(folder / "locked");
   fs::permissions(folder / "locked", fs::perms::owner_read | fs::perms::owner_exec);
   if (std::ofstream(folder / "locked" / "probe")) GTEST_SKIP() << "this user may write anywhere";
