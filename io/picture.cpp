@@ -34,16 +34,25 @@ namespace dimple {
 namespace {
 
 using Vec2 = Eigen::Vector2d;
-using Colour = Eigen::Array3f;  // red, green, blue in 0..1
+/// In 0..1. Not an Eigen type: pixels are blended millions of times, and a debug build has to finish too.
+struct Colour {
+  float red, green, blue;
+};
+
+Colour operator*(const Colour& c, float f) {
+  return {c.red * f, c.green * f, c.blue * f};
+}
+Colour mixed(const Colour& a, const Colour& b, float t) {
+  return {a.red + (b.red - a.red) * t, a.green + (b.green - a.green) * t, a.blue + (b.blue - a.blue) * t};
+}
 
 constexpr int width = 1600;
 constexpr int height = 1200;
 constexpr int fine = 2;  // everything is drawn this much larger, then averaged: edges come out smooth
 
 Colour rgb(unsigned hex) {
-  return Colour(static_cast<float>(hex >> 16 & 255U), static_cast<float>(hex >> 8 & 255U),
-                static_cast<float>(hex & 255U)) /
-         255.0F;
+  const auto part = [&](unsigned shift) { return static_cast<float>(hex >> shift & 255U) / 255.0F; };
+  return {part(16), part(8), part(0)};
 }
 
 // Hues that the common colour-vision deficiencies keep apart; the lightness differs as well.
@@ -68,7 +77,7 @@ Colour heat(double fraction) {
   const double t = std::clamp(fraction, 0.0, 1.0) * (static_cast<double>(stops.size()) - 1.0);
   const std::size_t i = std::min<std::size_t>(static_cast<std::size_t>(t), stops.size() - 2);
   const auto f = static_cast<float>(t - static_cast<double>(i));
-  return stops[i] * (1.0F - f) + stops[i + 1] * f;
+  return mixed(stops[i], stops[i + 1], f);
 }
 
 // -------------------------------------------------------------------------------------------------- drawing
@@ -96,7 +105,7 @@ class Canvas {
   void blend(int x, int y, const Colour& colour, double cover) {
     if (!(cover > 0.0) || x < 0 || y < 0 || x >= columns || y >= rows) return;
     Colour& at = pixel_[static_cast<std::size_t>(x + columns * y)];
-    at += (colour - at) * static_cast<float>(std::min(cover, 1.0));
+    at = mixed(at, colour, static_cast<float>(std::min(cover, 1.0)));
   }
 
   /// Paints where `distance` (picture pixels, negative inside) says; `bounds` limits the search.
@@ -108,32 +117,42 @@ class Canvas {
     const int y1 = pixel_within((bounds.y + bounds.h + 1.0) * fine, rows - 1);
     for (int y = y0; y <= y1; ++y)
       for (int x = x0; x <= x1; ++x) {
-        const double d = distance(Vec2((x + 0.5) / fine, (y + 0.5) / fine));
+        const double d = distance((x + 0.5) / fine, (y + 0.5) / fine);
         blend(x, y, colour, opacity * std::clamp(0.5 - d * fine, 0.0, 1.0));
       }
   }
 
+  /// With round corners of that radius.
   void rectangle(const Rect& r, const Colour& colour, double corner = 0.0) {
-    const Vec2 half(r.w / 2.0 - corner, r.h / 2.0 - corner), centre(r.x + r.w / 2.0, r.y + r.h / 2.0);
-    paint(r, colour, 1.0, [&](const Vec2& p) {
-      const Vec2 q = (p - centre).cwiseAbs() - half;
-      return q.cwiseMax(0.0).norm() + std::min(q.maxCoeff(), 0.0) - corner;
-    });
+    const int x0 = pixel_within(r.x * fine, columns), x1 = pixel_within((r.x + r.w) * fine, columns);
+    const int y0 = pixel_within(r.y * fine, rows), y1 = pixel_within((r.y + r.h) * fine, rows);
+    for (int y = y0; y < y1; ++y) {
+      const double to_edge = (std::min(y - y0, y1 - 1 - y) + 0.5) / fine;
+      const double short_of = std::max(corner - to_edge, 0.0);
+      const double indent = corner - std::sqrt(corner * corner - short_of * short_of);
+      const int inset = static_cast<int>(std::lround(indent * fine));
+      for (int x = x0 + inset; x < x1 - inset; ++x)
+        pixel_[static_cast<std::size_t>(x + columns * y)] = colour;
+    }
   }
 
   void disc(const Vec2& centre, double radius, const Colour& colour, double opacity = 1.0) {
     paint({centre.x() - radius, centre.y() - radius, 2.0 * radius, 2.0 * radius}, colour, opacity,
-          [&](const Vec2& p) { return (p - centre).norm() - radius; });
+          [radius, cx = centre.x(), cy = centre.y()](double x, double y) {
+            return std::sqrt((x - cx) * (x - cx) + (y - cy) * (y - cy)) - radius;
+          });
   }
 
   void line(const Vec2& a, const Vec2& b, double thickness, const Colour& colour, double opacity = 1.0) {
     const Vec2 along = b - a;
     const double length2 = std::max(along.squaredNorm(), 1e-12), r = thickness / 2.0;
     const Vec2 low = a.cwiseMin(b).array() - r, high = a.cwiseMax(b).array() + r;
-    paint({low.x(), low.y(), high.x() - low.x(), high.y() - low.y()}, colour, opacity, [&](const Vec2& p) {
-      const double t = std::clamp((p - a).dot(along) / length2, 0.0, 1.0);
-      return (p - a - t * along).norm() - r;
-    });
+    paint({low.x(), low.y(), high.x() - low.x(), high.y() - low.y()}, colour, opacity,
+          [=, ax = a.x(), ay = a.y(), ux = along.x(), uy = along.y()](double x, double y) {
+            const double t = std::clamp(((x - ax) * ux + (y - ay) * uy) / length2, 0.0, 1.0);
+            const double dx = x - ax - t * ux, dy = y - ay - t * uy;
+            return std::sqrt(dx * dx + dy * dy) - r;
+          });
   }
 
   /// A line from a to b with a head at b.
@@ -144,7 +163,8 @@ class Canvas {
     const Vec2 along = (b - a) / length, across(-along.y(), along.x());
     line(a, b - 0.8 * head * along, thickness, colour);
     const Vec2 low = a.cwiseMin(b).array() - head, high = a.cwiseMax(b).array() + head;
-    paint({low.x(), low.y(), high.x() - low.x(), high.y() - low.y()}, colour, 1.0, [&](const Vec2& p) {
+    paint({low.x(), low.y(), high.x() - low.x(), high.y() - low.y()}, colour, 1.0, [&](double x, double y) {
+      const Vec2 p(x, y);
       const double back = (b - p).dot(along), side = std::abs((p - b).dot(across));
       return std::max(back - head, (side * head - back * half) / std::hypot(head, half));
     });
@@ -158,12 +178,16 @@ class Canvas {
     auto* to = static_cast<unsigned char*>(result->GetScalarPointer());
     for (int y = height - 1; y >= 0; --y)
       for (int x = 0; x < width; ++x) {
-        Colour sum = Colour::Zero();
+        std::array<float, 3> sum{};
         for (int dy = 0; dy < fine; ++dy)
-          for (int dx = 0; dx < fine; ++dx)
-            sum += pixel_[static_cast<std::size_t>(x * fine + dx + columns * (y * fine + dy))];
-        for (int c = 0; c < 3; ++c)
-          *to++ = static_cast<unsigned char>(sum[c] * (255.0F / (fine * fine)) + 0.5F);
+          for (int dx = 0; dx < fine; ++dx) {
+            const Colour& c = pixel_[static_cast<std::size_t>(x * fine + dx + columns * (y * fine + dy))];
+            sum[0] += c.red;
+            sum[1] += c.green;
+            sum[2] += c.blue;
+          }
+        for (const float part : sum)
+          *to++ = static_cast<unsigned char>(part * (255.0F / (fine * fine)) + 0.5F);
       }
     return result;
   }
@@ -457,7 +481,7 @@ class Scene {
         const double u = (x + 0.5 - cx) / r, v = (cy - y - 0.5) / r, rest = 1.0 - u * u - v * v;
         if (rest < 0.0) continue;
         const double n = std::sqrt(rest);
-        put(x, y, p.z() + n * radius_mm + lift_mm, [&] { return lit(colour, Vec3(u, v, n)); });
+        put(x, y, p.z() + n * radius_mm + lift_mm, [&] { return lit(colour, u, v, n); });
       }
   }
 
@@ -476,20 +500,23 @@ class Scene {
     const auto [low_x, high_x] = std::minmax({p[0].x(), p[1].x(), p[2].x()});
     const auto [low_y, high_y] = std::minmax({p[0].y(), p[1].y(), p[2].y()});
     if (high_x < 0.0 || high_y < 0.0 || low_x > w_ || low_y > h_) return;
-    const auto edge = [](const Vec3& a, const Vec3& b, double x, double y) {
-      return (b.x() - a.x()) * (y - a.y()) - (b.y() - a.y()) * (x - a.x());
-    };
+    std::array<Vec3, 3> seen;  // normals
+    for (std::size_t c = 0; c < 3; ++c) seen[c] = projection_.camera.seen(normal[c]);
+    // The weights of the corners are linear in x and y.
+    const double a_x = (p[1].y() - p[2].y()) / area, a_y = (p[2].x() - p[1].x()) / area;
+    const double b_x = (p[2].y() - p[0].y()) / area, b_y = (p[0].x() - p[2].x()) / area;
+    const double x2 = p[2].x() - 0.5, y2 = p[2].y() - 0.5;
+    const double z0 = p[0].z(), z1 = p[1].z(), z2 = p[2].z();
     const int x0 = pixel_within(low_x, w_ - 1), x1 = pixel_within(high_x, w_ - 1);
     const int y0 = pixel_within(low_y, h_ - 1), y1 = pixel_within(high_y, h_ - 1);
     for (int y = y0; y <= y1; ++y)
       for (int x = x0; x <= x1; ++x) {
-        const double a = edge(p[1], p[2], x + 0.5, y + 0.5) / area,
-                     b = edge(p[2], p[0], x + 0.5, y + 0.5) / area;
+        const double a = a_x * (x - x2) + a_y * (y - y2), b = b_x * (x - x2) + b_y * (y - y2);
         const double c = 1.0 - a - b;
         if (a < 0.0 || b < 0.0 || c < 0.0) continue;
-        put(x, y, a * p[0].z() + b * p[1].z() + c * p[2].z(), [&] {
-          const Vec3 seen = projection_.camera.seen(a * normal[0] + b * normal[1] + c * normal[2]);
-          return lit(heat(a * value[0] + b * value[1] + c * value[2]), seen.normalized());
+        put(x, y, a * z0 + b * z1 + c * z2, [&] {
+          const Vec3 n = (a * seen[0] + b * seen[1] + c * seen[2]).normalized();
+          return lit(heat(a * value[0] + b * value[1] + c * value[2]), n.x(), n.y(), n.z());
         });
       }
   }
@@ -497,36 +524,23 @@ class Scene {
   /// Darkens what lies behind its surroundings: rims and gaps stand out, the shape reads without colours.
   /// `thickness_mm` is the step in depth that gives a clear edge.
   void lay_on(Canvas& canvas, double thickness_mm) const {
-    static constexpr std::array<std::array<int, 2>, 16> around{{{2, 0},
-                                                                {-2, 0},
-                                                                {0, 2},
-                                                                {0, -2},
-                                                                {2, 2},
-                                                                {-2, 2},
-                                                                {2, -2},
-                                                                {-2, -2},
-                                                                {7, 0},
-                                                                {-7, 0},
-                                                                {0, 7},
-                                                                {0, -7},
-                                                                {5, 5},
-                                                                {-5, 5},
-                                                                {5, -5},
-                                                                {-5, -5}}};
+    static constexpr int ring = 16;
+    static constexpr int dx[ring] = {2, 2, 0, -2, -2, -2, 0, 2, 7, 5, 0, -5, -7, -5, 0, 5};
+    static constexpr int dy[ring] = {0, 2, 2, 2, 0, -2, -2, -2, 0, 5, 7, 5, 0, -5, -7, -5};
     const float unit = 1.0F / static_cast<float>(std::max(thickness_mm, 1e-9));
     for (int y = 0; y < h_; ++y)
       for (int x = 0; x < w_; ++x) {
-        const std::size_t i = static_cast<std::size_t>(x + w_ * y);
-        if (depth_[i] == nothing) continue;
+        const float* here = depth_.data() + x + w_ * y;
+        if (*here == nothing) continue;
         float hidden = 0.0F;
-        for (const auto& [dx, dy] : around) {
-          const int nx = x + dx, ny = y + dy;
+        for (int n = 0; n < ring; ++n) {
+          const int nx = x + dx[n], ny = y + dy[n];
           if (nx < 0 || ny < 0 || nx >= w_ || ny >= h_) continue;
-          const float step = depth_[static_cast<std::size_t>(nx + w_ * ny)] - depth_[i];
-          if (step > 0.0F) hidden += std::min(step * unit, 1.0F);
+          const float step = (here[dx[n] + w_ * dy[n]] - *here) * unit;
+          if (step > 0.0F) hidden += step < 1.0F ? step : 1.0F;
         }
-        const float shade = std::exp(-1.1F * hidden / 16.0F);
-        canvas.blend(x0_ + x, y0_ + y, colour_[i] * shade, 1.0);
+        const float shade = std::exp(-1.1F * hidden / ring);
+        canvas.blend(x0_ + x, y0_ + y, colour_[static_cast<std::size_t>(x + w_ * y)] * shade, 1.0);
       }
   }
 
@@ -542,14 +556,20 @@ class Scene {
   }
 
   /// Light from the upper left in front, a little from everywhere, a soft highlight. Both sides are lit.
-  static Colour lit(const Colour& colour, Vec3 normal) {
+  /// (x, y, z) is the unit normal: right, up, toward the viewer.
+  static Colour lit(const Colour& colour, double x, double y, double z) {
     static const Vec3 light = Vec3(-0.45, 0.65, 0.75).normalized(),
                       half = (light + Vec3::UnitZ()).normalized();
-    if (normal.z() < 0.0) normal = -normal;
-    const double diffuse = std::max(normal.dot(light), 0.0), sky = 0.5 + 0.5 * normal.y();
-    const double highlight = 0.14 * std::pow(std::max(normal.dot(half), 0.0), 24.0);
+    static const double lx = light.x(), ly = light.y(), lz = light.z();
+    static const double hx = half.x(), hy = half.y(), hz = half.z();
+    if (z < 0.0) x = -x, y = -y, z = -z;
+    const double diffuse = std::max(x * lx + y * ly + z * lz, 0.0), sky = 0.5 + 0.5 * y;
+    const double gloss = std::max(x * hx + y * hy + z * hz, 0.0), gloss2 = gloss * gloss;
+    const double gloss8 = gloss2 * gloss2 * gloss2 * gloss2;
+    const auto highlight = static_cast<float>(0.14 * gloss8 * gloss8 * gloss8);
     const auto brightness = static_cast<float>(0.40 + 0.16 * sky + 0.54 * diffuse);
-    return (colour * brightness + static_cast<float>(highlight)).min(1.0F);
+    const auto part = [&](float c) { return std::min(c * brightness + highlight, 1.0F); };
+    return {part(colour.red), part(colour.green), part(colour.blue)};
   }
 
   Projection projection_;

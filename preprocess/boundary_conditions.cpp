@@ -29,6 +29,7 @@ constexpr double flat_share = 0.25;      // of the outline that must touch for a
 constexpr double flat_tolerance = 0.02;  // of the height
 constexpr double bed_depth = 1.0 / 3.0;  // of the height, for an organ without a flat face
 constexpr double dome_depth = 0.2;       // of the height: the part of a side that counts as its dome
+constexpr double thick_enough = 0.5;     // of the organ's greatest thickness must lie beneath the circle
 constexpr double dome_tolerance = 0.0025;  // of the height: domes that differ by less are equally high
 
 std::string side_name(const Vec3& lps) {
@@ -200,10 +201,14 @@ void find_circle(const BodySurface& body, const BoundaryOptions& options, Bounda
   const int half2 = static_cast<int>(std::ceil(std::max(c2.maxCoeff() - middle.dot(e2), middle.dot(e2) - c2.minCoeff()) / step));
   const double none = std::numeric_limits<double>::quiet_NaN();
   Eigen::ArrayXXd height = Eigen::ArrayXXd::Constant(2 * half1 + 1, 2 * half2 + 1, none);  // against the push
+  Eigen::ArrayXXd thickness = Eigen::ArrayXXd::Zero(height.rows(), height.cols());         // of what is met first
   const auto at = [&](int i, int j) { return Vec3(middle + (i - half1) * step * e1 + (j - half2) * step * e2); };
   for (int i = 0; i < height.rows(); ++i)
     for (int j = 0; j < height.cols(); ++j)
-      if (const auto touch = first_touch(body, at(i, j), result.push)) height(i, j) = -touch->dot(result.push);
+      if (const std::vector<double> t = body.crossings(at(i, j), result.push); !t.empty()) {
+        height(i, j) = -at(i, j).dot(result.push) - t[0];
+        thickness(i, j) = t[1] - t[0];
+      }
 
   struct Candidate {
     int i, j;
@@ -216,6 +221,7 @@ void find_circle(const BodySurface& body, const BoundaryOptions& options, Bounda
     for (int j = 0; j < height.cols(); ++j) {
       const double leftness = (at(i, j) - middle).dot(to_left);
       if ((left && leftness <= 0.0) || (right && leftness >= 0.0)) continue;
+      if (thickness(i, j) < thick_enough * thickness.maxCoeff()) continue;  // a rim or a flange
       double sum = 0.0;
       int count = 0;
       bool whole = true;

@@ -1,0 +1,38 @@
+# make demo   install what is missing, build, make a phantom, indent it, say the force and where the pictures are
+# make test   install what is missing, build, run all tests
+# make build  only build
+# make check  the tests under address and undefined-behaviour sanitizers
+# make clean  remove everything that was built
+
+BUILD := build/release
+DIMPLE := $(BUILD)/dimple
+DEMO := out/demo
+
+.PHONY: demo test build check clean bootstrap
+
+demo: build
+	@mkdir -p $(DEMO)
+	$(DIMPLE) phantom $(DEMO)/brain.nrrd
+	$(DIMPLE) run $(DEMO)/brain.nrrd -o $(DEMO)/results
+	@echo "picture:  $(DEMO)/results/overview.png"
+	@echo "ParaView: $(DEMO)/results/nodes.pvd, points.pvd, surface.pvd, label.vti"
+
+test: bootstrap
+	cmake --preset release -DDIMPLE_TESTS=ON
+	cmake --build $(BUILD)
+	ctest --test-dir $(BUILD) --output-on-failure -j 2
+
+build: bootstrap
+	cmake --preset release -DDIMPLE_TESTS=OFF
+	cmake --build $(BUILD) --target dimple
+
+check: bootstrap
+	cmake --preset asan
+	cmake --build build/asan
+	LSAN_OPTIONS=suppressions=$(CURDIR)/tests/leaks.supp ctest --test-dir build/asan --output-on-failure -j 2
+
+clean:
+	rm -rf build out
+
+bootstrap:
+	@./bootstrap
