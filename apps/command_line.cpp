@@ -1,6 +1,7 @@
 #include "apps/command_line.hpp"
 
 #include <fmt/format.h>
+#include <tbb/global_control.h>
 
 #include <CLI/CLI.hpp>
 #include <atomic>
@@ -9,7 +10,6 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <tbb/global_control.h>
 
 #include "apps/config.hpp"
 #include "apps/log.hpp"
@@ -44,12 +44,17 @@ int report(const Error& error, bool json) {
   if (!r.why.empty()) fmt::print(stderr, "  why:   {}\n", r.why);
   if (!r.remedy.empty()) fmt::print(stderr, "  try:   {}\n", r.remedy);
   if (json)
-    fmt::print("{}\n", nlohmann::ordered_json({{"status", "error"}, {"exit_code", static_cast<int>(error.code)},
-                                               {"error", {{"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}}}}).dump(2));
+    fmt::print("{}\n",
+               nlohmann::ordered_json(
+                   {{"status", "error"},
+                    {"exit_code", static_cast<int>(error.code)},
+                    {"error", {{"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}}}})
+                   .dump(2));
   return static_cast<int>(error.code);
 }
 
-// Flags made from the option table: their text is kept and given to set_option(), which knows units and ranges.
+// Flags made from the option table: their text is kept and given to set_option(), which knows units and
+// ranges.
 struct Flags {
   std::vector<std::pair<std::string, std::unique_ptr<std::string>>> given;  // key, text
   std::string config_file;
@@ -63,17 +68,24 @@ struct Flags {
       std::string help = option.help;
       if (!option.choices.empty()) {
         help += " (";
-        for (const std::string& choice : option.choices) help += choice + (&choice == &option.choices.back() ? ")" : " | ");
+        for (const std::string& choice : option.choices)
+          help += choice + (&choice == &option.choices.back() ? ")" : " | ");
       }
       std::string standard;
       if (auto* real = std::get_if<double*>(&option.value)) standard = fmt::format("{}", **real);
       if (auto* whole = std::get_if<std::int64_t*>(&option.value)) standard = fmt::format("{}", **whole);
       if (auto* word = std::get_if<std::string*>(&option.value)) standard = **word;
-      if (!standard.empty()) help += fmt::format(" [{}{}{}]", standard, option.unit.empty() ? "" : " ", option.unit);
-      command.add_option(option.flag, *given.back().second, help)->group(option.stage == "model" ? "Model" : "Simulation")->type_name(option.unit.empty() ? "" : option.unit);
+      if (!standard.empty())
+        help += fmt::format(" [{}{}{}]", standard, option.unit.empty() ? "" : " ", option.unit);
+      command.add_option(option.flag, *given.back().second, help)
+          ->group(option.stage == "model" ? "Model" : "Simulation")
+          ->type_name(option.unit.empty() ? "" : option.unit);
     }
-    command.add_option("--config", config_file, "TOML file with options; see `dimple options`")->type_name("FILE");
-    command.add_option("--set", sets, "any option, as section.key=value")->type_name("KEY=VALUE")->allow_extra_args(false);
+    command.add_option("--config", config_file, "TOML file with options; see `dimple options`")
+        ->type_name("FILE");
+    command.add_option("--set", sets, "any option, as section.key=value")
+        ->type_name("KEY=VALUE")
+        ->allow_extra_args(false);
   }
 
   // Defaults, then the file, then --set, then flags.
@@ -83,7 +95,10 @@ struct Flags {
     for (const std::string& pair : sets) {
       const auto equals = pair.find('=');
       if (equals == std::string::npos)
-        throw UsageError({.fact = fmt::format("'{}' is not key=value", pair), .where = "--set", .why = "there is no =", .remedy = "for instance --set material.mu=300Pa"});
+        throw UsageError({.fact = fmt::format("'{}' is not key=value", pair),
+                          .where = "--set",
+                          .why = "there is no =",
+                          .remedy = "for instance --set material.mu=300Pa"});
       set_option(result, pair.substr(0, equals), pair.substr(equals + 1), "--set");
     }
     Config defaults;
@@ -94,7 +109,8 @@ struct Flags {
   }
 };
 
-[[noreturn]] void usage_error(const CLI::App& app, const CLI::ParseError& error, const std::vector<std::string>& words) {
+[[noreturn]] void usage_error(const CLI::App& app, const CLI::ParseError& error,
+                              const std::vector<std::string>& words) {
   std::vector<std::string> commands, flags;
   for (const CLI::App* command : app.get_subcommands({})) {
     commands.push_back(command->get_name());
@@ -102,21 +118,28 @@ struct Flags {
       for (const std::string& name : option->get_lnames()) flags.push_back("--" + name);
   }
   std::string fact = error.what();
-  if (!words.empty() && words[0].rfind("-", 0) != 0 && std::find(commands.begin(), commands.end(), words[0]) == commands.end())
+  if (!words.empty() && words[0].rfind("-", 0) != 0 &&
+      std::find(commands.begin(), commands.end(), words[0]) == commands.end())
     fact = fmt::format("there is no command '{}'{}", words[0], did_you_mean(words[0], commands));
   else
     for (const std::string& word : words) {
       const std::string flag = word.substr(0, word.find('='));
-      if (flag.rfind("--", 0) == 0 && std::find(flags.begin(), flags.end(), flag) == flags.end() && flag != "--help" && flag != "--version")
+      if (flag.rfind("--", 0) == 0 && std::find(flags.begin(), flags.end(), flag) == flags.end() &&
+          flag != "--help" && flag != "--version")
         fact = fmt::format("there is no option {}{}", flag, did_you_mean(flag, flags));
     }
-  throw UsageError({.fact = fact, .where = "command line", .why = error.get_name(), .remedy = "see `dimple --help`, or `dimple COMMAND --help`"});
+  throw UsageError({.fact = fact,
+                    .where = "command line",
+                    .why = error.get_name(),
+                    .remedy = "see `dimple --help`, or `dimple COMMAND --help`"});
 }
 
 }  // namespace
 
 int command_line(int argc, char** argv) {
-  CLI::App app{"From a label image to a force: meshless soft-tissue indentation, without a mesh and by one command.", "dimple"};
+  CLI::App app{
+      "From a label image to a force: meshless soft-tissue indentation, without a mesh and by one command.",
+      "dimple"};
   app.footer(footer);
   app.set_version_flag("--version", "dimple " DIMPLE_VERSION);
   app.require_subcommand(0, 1);
@@ -128,7 +151,8 @@ int command_line(int argc, char** argv) {
     command->add_flag("-q,--quiet", quiet, "errors only");
     command->add_flag("-v,--verbose", verbose, "more detail");
     command->add_flag("--json", json, "print the result as JSON on stdout");
-    command->add_option("--threads", threads, "at most this many; results do not depend on it [all]")->check(CLI::Range(1, 1024));
+    command->add_option("--threads", threads, "at most this many; results do not depend on it [all]")
+        ->check(CLI::Range(1, 1024));
   };
 
   CLI::App* phantom = app.add_subcommand("phantom", "make a label image that needs no download");
@@ -136,7 +160,8 @@ int command_line(int argc, char** argv) {
   std::string size;
   phantom->add_option("OUT", out, "image to write: .nrrd, .seg.nrrd, .nii, .nii.gz, .mha")->required();
   phantom->add_option("--shape", body.shape, "brain, block, cut-ellipsoid, cylinder")->capture_default_str();
-  phantom->add_option("--size", size, "extent along L, P, S [mm] (default: the swine brain's)")->type_name("X,Y,Z");
+  phantom->add_option("--size", size, "extent along L, P, S [mm] (default: the swine brain's)")
+      ->type_name("X,Y,Z");
   phantom->add_option("--spacing", body.spacing_mm, "voxel edge [mm]")->capture_default_str();
   phantom->add_flag("--two-labels", body.two_labels, "with a second tissue inside");
   common(phantom);
@@ -147,7 +172,8 @@ int command_line(int argc, char** argv) {
   common(info);
 
   Flags model_flags, solve_flags, run_flags;
-  CLI::App* make = app.add_subcommand("model", "generate the model of an image: nodes, integration points, base, circle");
+  CLI::App* make =
+      app.add_subcommand("model", "generate the model of an image: nodes, integration points, base, circle");
   make->add_option("IMAGE", image, "label image");
   make->add_option("-o,--out", out, "folder for the model")->required();
   model_flags.add(*make, "model");
@@ -165,7 +191,8 @@ int command_line(int argc, char** argv) {
   run_flags.add(*whole, "");
   common(whole);
 
-  CLI::App* options = app.add_subcommand("options", "list every option with its unit, default, range and meaning");
+  CLI::App* options =
+      app.add_subcommand("options", "list every option with its unit, default, range and meaning");
 
   const std::vector<std::string> words(argv + 1, argv + argc);
   try {
@@ -182,14 +209,17 @@ int command_line(int argc, char** argv) {
     }
     start_log(quiet ? Verbosity::quiet : verbose ? Verbosity::verbose : Verbosity::normal);
     std::optional<tbb::global_control> limit;
-    if (threads > 0) limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
+    if (threads > 0)
+      limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
     std::signal(SIGINT, on_interrupt);
     std::signal(SIGTERM, on_interrupt);
     const auto stop_requested = [] { return stop.load(); };
 
     const auto finish = [&](const Outcome& outcome) {
-      if (json) fmt::print("{}", outcome.summary_json);
-      else fmt::print("{}\t{}\n", outcome.headline, out);
+      if (json)
+        fmt::print("{}", outcome.summary_json);
+      else
+        fmt::print("{}\t{}\n", outcome.headline, out);
       return static_cast<int>(outcome.interrupted ? ExitCode::interrupted : ExitCode::ok);
     };
     const auto with_image = [&](Config config) {
@@ -201,7 +231,10 @@ int command_line(int argc, char** argv) {
       if (!size.empty()) {
         const auto three = parse_vector(size);
         if (!three)
-          throw UsageError({.fact = fmt::format("'{}' is not a size", size), .where = "--size", .why = "a size is three numbers x,y,z in mm", .remedy = "for instance --size 60,60,30"});
+          throw UsageError({.fact = fmt::format("'{}' is not a size", size),
+                            .where = "--size",
+                            .why = "a size is three numbers x,y,z in mm",
+                            .remedy = "for instance --size 60,60,30"});
         body.size_mm = *three;
       }
       write_label_image(out, make_phantom(body));
@@ -224,9 +257,17 @@ int command_line(int argc, char** argv) {
   } catch (const Error& error) {
     return report(error, json);
   } catch (const std::bad_alloc&) {
-    return report(ModelError({.fact = "not enough memory", .where = "", .why = "the image or the model is too large for this machine", .remedy = "use fewer nodes (--nodes) or crop the image"}), json);
+    return report(ModelError({.fact = "not enough memory",
+                              .where = "",
+                              .why = "the image or the model is too large for this machine",
+                              .remedy = "use fewer nodes (--nodes) or crop the image"}),
+                  json);
   } catch (const std::exception& error) {
-    return report(Error(ExitCode::internal, {.fact = error.what(), .where = "", .why = "this is a mistake of ours", .remedy = "please report it with the command that you used"}), json);
+    return report(Error(ExitCode::internal, {.fact = error.what(),
+                                             .where = "",
+                                             .why = "this is a mistake of ours",
+                                             .remedy = "please report it with the command that you used"}),
+                  json);
   }
 }
 

@@ -2,12 +2,12 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <toml++/toml.h>
 
 #include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <sstream>
-#include <toml++/toml.h>
 
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -17,8 +17,8 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-// What a number may be written in, as multiples of the option's own unit. Three dozen characters of table; the unit
-// libraries at hand bring hundreds of units and no such list to print in a message.
+// What a number may be written in, as multiples of the option's own unit. Three dozen characters of table;
+// the unit libraries at hand bring hundreds of units and no such list to print in a message.
 const std::map<std::string, std::map<std::string, double>>& unit_table() {
   static const std::map<std::string, std::map<std::string, double>> table = {
       {"mm", {{"mm", 1.0}, {"cm", 10.0}, {"m", 1000.0}, {"um", 1e-3}}},
@@ -44,7 +44,8 @@ std::string without_unit(const Option& option) {
   return option.key.substr(0, option.key.size() - found->second.size());
 }
 
-[[noreturn]] void refuse(const Option& option, const std::string& text, const std::string& source, const std::string& why) {
+[[noreturn]] void refuse(const Option& option, const std::string& text, const std::string& source,
+                         const std::string& why) {
   std::string range;
   if (!option.choices.empty()) {
     range = fmt::format("one of {}", fmt::join(option.choices, ", "));
@@ -80,19 +81,22 @@ double parse_quantity(const Option& option, const std::string& text, const std::
   const std::string unit = trimmed(std::string(end, t.data() + t.size()));
   if (unit.empty()) return value;
   const auto table = unit_table().find(option.unit);
-  if (table == unit_table().end()) refuse(option, text, source, fmt::format("'{}' after the number: this one has no unit", unit));
+  if (table == unit_table().end())
+    refuse(option, text, source, fmt::format("'{}' after the number: this one has no unit", unit));
   const auto factor = table->second.find(unit);
   if (factor == table->second.end()) {
     std::vector<std::string> known;
     for (const auto& [name, unused] : table->second) known.push_back(name);
-    refuse(option, text, source, fmt::format("'{}' is not one of its units ({})", unit, fmt::join(known, ", ")));
+    refuse(option, text, source,
+           fmt::format("'{}' is not one of its units ({})", unit, fmt::join(known, ", ")));
   }
   return value * factor->second;
 }
 
 void assign_text(const Option& option, const std::string& text, const std::string& source) {
   if (auto* word = std::get_if<std::string*>(&option.value)) {
-    if (!option.choices.empty() && std::find(option.choices.begin(), option.choices.end(), text) == option.choices.end())
+    if (!option.choices.empty() &&
+        std::find(option.choices.begin(), option.choices.end(), text) == option.choices.end())
       refuse(option, text, source, "it is not one of its words" + did_you_mean(text, option.choices));
     **word = text;
   } else if (auto* list = std::get_if<std::vector<std::string>*>(&option.value)) {
@@ -111,7 +115,8 @@ Option* find(std::vector<Option>& options, const std::string& key) {
   return nullptr;
 }
 
-[[noreturn]] void unknown_key(std::vector<Option>& options, const std::string& key, const std::string& source) {
+[[noreturn]] void unknown_key(std::vector<Option>& options, const std::string& key,
+                              const std::string& source) {
   std::vector<std::string> known;
   for (const Option& option : options) known.push_back(option.key);
   for (const Option& option : options) known.push_back(without_unit(option));
@@ -134,7 +139,8 @@ std::string toml_value(const Option& option) {
   };
   if (auto* word = std::get_if<std::string*>(&option.value)) return quoted(**word);
   std::vector<std::string> items;
-  for (const std::string& item : **std::get_if<std::vector<std::string>*>(&option.value)) items.push_back(quoted(item));
+  for (const std::string& item : **std::get_if<std::vector<std::string>*>(&option.value))
+    items.push_back(quoted(item));
   return fmt::format("[{}]", fmt::join(items, ", "));
 }
 
@@ -144,32 +150,87 @@ std::vector<Option> options_of(Config& c) {
   const std::vector<std::string> any = {};
   return {
       {"image.file", "", "", "the label image", &c.image.file, 0, 0, false, any, ""},
-      {"image.label", "--label", "", "labels to take, by number or name, comma-separated; empty: all but 0", &c.image.label, 0, 0, false, any, "model"},
-      {"image.label_names", "--label-names", "", "table of label names (ITK-SNAP or colour table)", &c.image.label_names, 0, 0, false, any, "model"},
+      {"image.label", "--label", "", "labels to take, by number or name, comma-separated; empty: all but 0",
+       &c.image.label, 0, 0, false, any, "model"},
+      {"image.label_names", "--label-names", "", "table of label names (ITK-SNAP or colour table)",
+       &c.image.label_names, 0, 0, false, any, "model"},
       {"cloud.nodes", "--nodes", "", "number of nodes", &c.cloud.nodes, 100, 1e6, false, any, "model"},
-      {"cloud.spacing_mm", "--spacing", "mm", "node spacing, instead of a number; 0: from the number", &c.cloud.spacing_mm, 0, 1000, false, any, "model"},
+      {"cloud.spacing_mm", "--spacing", "mm", "node spacing, instead of a number; 0: from the number",
+       &c.cloud.spacing_mm, 0, 1000, false, any, "model"},
       {"cloud.seed", "--seed", "", "of the node cloud", &c.cloud.seed, 0, 1e15, false, any, "model"},
-      {"grid.points", "--points", "", "number of integration points, about; 0: from the ratio", &c.grid.points, 0, 1e7, false, any, "model"},
+      {"grid.points", "--points", "", "number of integration points, about; 0: from the ratio",
+       &c.grid.points, 0, 1e7, false, any, "model"},
       {"grid.ratio", "", "", "integration points per node", &c.grid.ratio, 0.1, 100, false, any, "model"},
-      {"support.basis", "--basis", "", "moving least squares basis", &c.support.basis, 0, 0, false, {"linear", "quadratic"}, "model"},
-      {"support.weight", "--weight", "", "moving least squares weight function", &c.support.weight, 0, 0, false, {"quartic", "cubic", "gauss"}, "model"},
-      {"support.radius_factor", "--support", "", "support radius in spacings; 0: 1.8 linear, 2.6 quadratic", &c.support.radius_factor, 0, 10, false, any, "model"},
-      {"boundary.base", "--base", "", "side the organ rests on: auto, inferior, superior, left, right, anterior, posterior, or x,y,z in LPS", &c.boundary.base, 0, 0, false, any, "model"},
-      {"boundary.base_depth_mm", "--base-depth", "mm", "height up to which the base is held; 0: chosen", &c.boundary.base_depth_mm, 0, 1000, false, any, "model"},
-      {"boundary.indent_at", "--indent-at", "", "where the circle is: top, left, right, or x,y,z in LPS mm", &c.boundary.indent_at, 0, 0, false, any, "model"},
-      {"boundary.indenter_diameter_mm", "--indenter-diameter", "mm", "diameter of the circle", &c.boundary.indenter_diameter_mm, 0, 1000, true, any, "model"},
-      {"boundary.direction", "--direction", "", "way the circle moves: auto (towards the base), or x,y,z in LPS", &c.boundary.direction, 0, 0, false, any, "model"},
+      {"support.basis",
+       "--basis",
+       "",
+       "moving least squares basis",
+       &c.support.basis,
+       0,
+       0,
+       false,
+       {"linear", "quadratic"},
+       "model"},
+      {"support.weight",
+       "--weight",
+       "",
+       "moving least squares weight function",
+       &c.support.weight,
+       0,
+       0,
+       false,
+       {"quartic", "cubic", "gauss"},
+       "model"},
+      {"support.radius_factor", "--support", "", "support radius in spacings; 0: 1.8 linear, 2.6 quadratic",
+       &c.support.radius_factor, 0, 10, false, any, "model"},
+      {"boundary.base", "--base", "",
+       "side the organ rests on: auto, inferior, superior, left, right, anterior, posterior, or x,y,z in LPS",
+       &c.boundary.base, 0, 0, false, any, "model"},
+      {"boundary.base_depth_mm", "--base-depth", "mm", "height up to which the base is held; 0: chosen",
+       &c.boundary.base_depth_mm, 0, 1000, false, any, "model"},
+      {"boundary.indent_at", "--indent-at", "", "where the circle is: top, left, right, or x,y,z in LPS mm",
+       &c.boundary.indent_at, 0, 0, false, any, "model"},
+      {"boundary.indenter_diameter_mm", "--indenter-diameter", "mm", "diameter of the circle",
+       &c.boundary.indenter_diameter_mm, 0, 1000, true, any, "model"},
+      {"boundary.direction", "--direction", "",
+       "way the circle moves: auto (towards the base), or x,y,z in LPS", &c.boundary.direction, 0, 0, false,
+       any, "model"},
       {"material.mu_Pa", "--mu", "Pa", "shear modulus", &c.material.mu_Pa, 0, 1e12, true, any, "solve"},
       {"material.nu", "--nu", "", "Poisson's ratio", &c.material.nu, 0, 0.49999, false, any, "solve"},
-      {"material.density_kg_per_m3", "--density", "kg/m3", "mass density", &c.material.density_kg_per_m3, 0, 1e5, true, any, "solve"},
-      {"material.stress", "--stress", "", "consistent: zero at rest; printed: the form printed in the paper", &c.material.stress, 0, 0, false, {"consistent", "printed"}, "solve"},
-      {"load.depth_mm", "--depth", "mm", "indentation at the end", &c.load.depth_mm, 0, 1000, true, any, "solve"},
-      {"load.rate_mm_per_s", "--rate", "mm/s", "speed of the circle", &c.load.rate_mm_per_s, 0, 1e5, true, any, "solve"},
-      {"load.contact", "--contact", "", "bonded: the circle's nodes move with the tool; frictionless: they slide under it", &c.load.contact, 0, 0, false, {"bonded", "frictionless"}, "solve"},
-      {"solver.safety", "--safety", "", "time step as a part of the stable step", &c.solver.safety, 0, 2, true, any, "solve"},
-      {"solver.damping_per_s", "--damping", "1/s", "mass-proportional damping", &c.solver.damping_per_s, 0, 1e6, false, any, "solve"},
-      {"solver.frames", "--frames", "", "frames written after the first", &c.solver.frames, 1, 100000, false, any, "solve"},
-      {"solver.sample_rate_per_s", "", "1/s", "rows per second of force.csv", &c.solver.sample_rate_per_s, 0, 1e6, true, any, "solve"},
+      {"material.density_kg_per_m3", "--density", "kg/m3", "mass density", &c.material.density_kg_per_m3, 0,
+       1e5, true, any, "solve"},
+      {"material.stress",
+       "--stress",
+       "",
+       "consistent: zero at rest; printed: the form printed in the paper",
+       &c.material.stress,
+       0,
+       0,
+       false,
+       {"consistent", "printed"},
+       "solve"},
+      {"load.depth_mm", "--depth", "mm", "indentation at the end", &c.load.depth_mm, 0, 1000, true, any,
+       "solve"},
+      {"load.rate_mm_per_s", "--rate", "mm/s", "speed of the circle", &c.load.rate_mm_per_s, 0, 1e5, true,
+       any, "solve"},
+      {"load.contact",
+       "--contact",
+       "",
+       "bonded: the circle's nodes move with the tool; frictionless: they slide under it",
+       &c.load.contact,
+       0,
+       0,
+       false,
+       {"bonded", "frictionless"},
+       "solve"},
+      {"solver.safety", "--safety", "", "time step as a part of the stable step", &c.solver.safety, 0, 2,
+       true, any, "solve"},
+      {"solver.damping_per_s", "--damping", "1/s", "mass-proportional damping", &c.solver.damping_per_s, 0,
+       1e6, false, any, "solve"},
+      {"solver.frames", "--frames", "", "frames written after the first", &c.solver.frames, 1, 100000, false,
+       any, "solve"},
+      {"solver.sample_rate_per_s", "", "1/s", "rows per second of force.csv", &c.solver.sample_rate_per_s, 0,
+       1e6, true, any, "solve"},
   };
 }
 
@@ -186,10 +247,11 @@ void read_config(Config& config, const std::filesystem::path& file) {
   try {
     table = toml::parse(read_file(file), file.string());
   } catch (const toml::parse_error& error) {
-    throw UsageError({.fact = fmt::format("{} is not valid TOML: {}", file.string(), error.description()),
-                      .where = fmt::format("line {}, column {}", error.source().begin.line, error.source().begin.column),
-                      .why = "the file cannot be read as a configuration",
-                      .remedy = "mend that line; strings need quotes, tables look like [material]"});
+    throw UsageError(
+        {.fact = fmt::format("{} is not valid TOML: {}", file.string(), error.description()),
+         .where = fmt::format("line {}, column {}", error.source().begin.line, error.source().begin.column),
+         .why = "the file cannot be read as a configuration",
+         .remedy = "mend that line; strings need quotes, tables look like [material]"});
   }
   std::vector<Option> options = options_of(config);
   for (const auto& [section, node] : table) {
@@ -200,15 +262,20 @@ void read_config(Config& config, const std::filesystem::path& file) {
       const std::string place = fmt::format("{}, line {}", file.string(), value.source().begin.line);
       Option* option = find(options, key);
       if (!option) unknown_key(options, key, place);
-      const bool is_text = !std::holds_alternative<double*>(option->value) && !std::holds_alternative<std::int64_t*>(option->value);
+      const bool is_text = !std::holds_alternative<double*>(option->value) &&
+                           !std::holds_alternative<std::int64_t*>(option->value);
       if (const auto text = value.value_exact<std::string>()) {
         assign_text(*option, *text, place);
       } else if (const toml::array* list = value.as_array(); list && is_text) {
         std::vector<std::string> items;
         for (const auto& item : *list) {
-          if (const auto word = item.value_exact<std::string>()) items.push_back(*word);
-          else if (const auto number = item.value_exact<std::int64_t>()) items.push_back(std::to_string(*number));
-          else refuse(*option, "a list with something else than words and whole numbers", place, "it cannot be read");
+          if (const auto word = item.value_exact<std::string>())
+            items.push_back(*word);
+          else if (const auto number = item.value_exact<std::int64_t>())
+            items.push_back(std::to_string(*number));
+          else
+            refuse(*option, "a list with something else than words and whole numbers", place,
+                   "it cannot be read");
         }
         assign_text(*option, fmt::format("{}", fmt::join(items, ",")), place);
       } else if (const auto number = value.value<double>(); number && !value.is_boolean() && !is_text) {
@@ -216,7 +283,9 @@ void read_config(Config& config, const std::filesystem::path& file) {
       } else {
         std::ostringstream shown;
         value.visit([&](auto&& v) { shown << v; });
-        refuse(*option, shown.str(), place, is_text ? "it must be a word in quotes" : "it must be a number, or a number with its unit in quotes");
+        refuse(*option, shown.str(), place,
+               is_text ? "it must be a word in quotes"
+                       : "it must be a number, or a number with its unit in quotes");
       }
       config.source[option->key] = place;
     }
@@ -244,13 +313,19 @@ std::string to_toml(const Config& config, const std::map<std::string, std::strin
 
 std::string option_reference() {
   Config config;
-  std::string text = "Options, as `--set key=value` or in a TOML file given with --config. Bare numbers are in the unit shown.\n\n";
+  std::string text =
+      "Options, as `--set key=value` or in a TOML file given with --config. Bare numbers are in the unit "
+      "shown.\n\n";
   for (const Option& option : options_of(config)) {
     std::string range;
-    if (!option.choices.empty()) range = fmt::format("{}", fmt::join(option.choices, " | "));
-    else if (std::holds_alternative<double*>(option.value) || std::holds_alternative<std::int64_t*>(option.value))
-      range = fmt::format("{} {} ... {}{}", option.least_excluded ? "above" : "from", option.least, option.most, option.unit.empty() ? "" : " " + option.unit);
-    text += fmt::format("{:<32} = {:<14} {}{}\n", option.key, toml_value(option), option.help, range.empty() ? "" : fmt::format(" ({})", range));
+    if (!option.choices.empty())
+      range = fmt::format("{}", fmt::join(option.choices, " | "));
+    else if (std::holds_alternative<double*>(option.value) ||
+             std::holds_alternative<std::int64_t*>(option.value))
+      range = fmt::format("{} {} ... {}{}", option.least_excluded ? "above" : "from", option.least,
+                          option.most, option.unit.empty() ? "" : " " + option.unit);
+    text += fmt::format("{:<32} = {:<14} {}{}\n", option.key, toml_value(option), option.help,
+                        range.empty() ? "" : fmt::format(" ({})", range));
   }
   return text;
 }
@@ -279,29 +354,40 @@ std::string did_you_mean(const std::string& word, const std::vector<std::string>
 }
 
 ModelOptions model_options(const Config& c) {
-  return {.cloud = {.count = c.cloud.nodes, .spacing_mm = c.cloud.spacing_mm, .seed = static_cast<std::uint64_t>(c.cloud.seed)},
+  return {.cloud = {.count = c.cloud.nodes,
+                    .spacing_mm = c.cloud.spacing_mm,
+                    .seed = static_cast<std::uint64_t>(c.cloud.seed)},
           .grid = {.count = c.grid.points, .ratio = c.grid.ratio},
-          .boundary = {.base = c.boundary.base, .base_depth_mm = c.boundary.base_depth_mm, .indent_at = c.boundary.indent_at,
-                       .indenter_diameter_mm = c.boundary.indenter_diameter_mm, .direction = c.boundary.direction}};
+          .boundary = {.base = c.boundary.base,
+                       .base_depth_mm = c.boundary.base_depth_mm,
+                       .indent_at = c.boundary.indent_at,
+                       .indenter_diameter_mm = c.boundary.indenter_diameter_mm,
+                       .direction = c.boundary.direction}};
 }
 
 SupportOptions support_options(const Config& c) {
   return {.basis = c.support.basis == "linear" ? Basis::linear : Basis::quadratic,
-          .weight = c.support.weight == "quartic" ? Weight::quartic : c.support.weight == "cubic" ? Weight::cubic : Weight::gauss,
+          .weight = c.support.weight == "quartic" ? Weight::quartic
+                    : c.support.weight == "cubic" ? Weight::cubic
+                                                  : Weight::gauss,
           .radius_factor = c.support.radius_factor};
 }
 
 NeoHookean material_of(const Config& c) {
-  return neo_hookean(c.material.mu_Pa, c.material.nu, c.material.density_kg_per_m3, c.material.stress == "printed");
+  return neo_hookean(c.material.mu_Pa, c.material.nu, c.material.density_kg_per_m3,
+                     c.material.stress == "printed");
 }
 
 Loading loading_of(const Config& c) {
-  return {.depth = 1e-3 * c.load.depth_mm, .rate = 1e-3 * c.load.rate_mm_per_s,
+  return {.depth = 1e-3 * c.load.depth_mm,
+          .rate = 1e-3 * c.load.rate_mm_per_s,
           .contact = c.load.contact == "bonded" ? Contact::bonded : Contact::frictionless};
 }
 
 SolverOptions solver_options(const Config& c) {
-  return {.safety = c.solver.safety, .damping = c.solver.damping_per_s, .frames = static_cast<int>(c.solver.frames),
+  return {.safety = c.solver.safety,
+          .damping = c.solver.damping_per_s,
+          .frames = static_cast<int>(c.solver.frames),
           .sample_rate = c.solver.sample_rate_per_s};
 }
 

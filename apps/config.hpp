@@ -68,27 +68,30 @@ struct Option {
   std::string unit;  ///< "Pa" or empty; bare numbers are in it
   std::string help;
   std::variant<double*, std::int64_t*, std::string*, std::vector<std::string>*> value;
-  double least = 0.0, most = 0.0;     ///< range of numbers, both allowed
+  double least = 0.0, most = 0.0;  ///< range of numbers, both allowed
   bool least_excluded = false;
-  std::vector<std::string> choices;   ///< of words; empty: free text
-  std::string stage;                  ///< which commands have the flag: "model", "solve" (run has both)
+  std::vector<std::string> choices;  ///< of words; empty: free text
+  std::string stage;                 ///< which commands have the flag: "model", "solve" (run has both)
 };
 std::vector<Option> options_of(Config& config);
 
 /// Sets one option from text ("300Pa", "top", "1,Tumour"). `key` with or without its unit suffix.
-/// Throws UsageError: unknown key (with a suggestion), not a number, unknown unit, out of range, not a choice.
+/// Throws UsageError: unknown key (with a suggestion), not a number, unknown unit, out of range, not a
+/// choice.
 void set_option(Config& config, const std::string& key, const std::string& text, const std::string& source);
 
 /// Reads a TOML file over what is there. Throws UsageError, InputError.
 void read_config(Config& config, const std::filesystem::path& file);
 
-/// The whole configuration as TOML, each line with where its value came from. `notes`: key -> what was chosen.
+/// The whole configuration as TOML, each line with where its value came from. `notes`: key -> what was
+/// chosen.
 std::string to_toml(const Config& config, const std::map<std::string, std::string>& notes);
 
 /// The reference of all options: key, unit, default, range, meaning.
 std::string option_reference();
 
-/// The word among `known` nearest to `word`, if it is near enough to have been meant, as ", did you mean ...?".
+/// The word among `known` nearest to `word`, if it is near enough to have been meant, as ", did you mean
+/// ...?".
 std::string did_you_mean(const std::string& word, const std::vector<std::string>& known);
 
 ModelOptions model_options(const Config& config);

@@ -1,6 +1,7 @@
 // dimple: from a label image to a force curve.
 //
-// Sample runs (ctest runs every line that starts with a dollar sign, from a folder of its own beside sample_data):
+// Sample runs (ctest runs every line that starts with a dollar sign, from a folder of its own beside
+// sample_data):
 //   $ dimple phantom block.nrrd --shape block --size 60,60,30 --spacing 3
 //   $ dimple info block.nrrd
 //   $ dimple model block.nrrd -o block_model --nodes 500
@@ -9,4 +10,6 @@
 
 #include "apps/command_line.hpp"
 
-int main(int argc, char** argv) { return dimple::command_line(argc, argv); }
+int main(int argc, char** argv) {
+  return dimple::command_line(argc, argv);
+}

@@ -20,9 +20,12 @@ bool quiet = false;
 
 void start_log(Verbosity verbosity) {
   // https://no-color.org: any value of NO_COLOR means plain text.
-  const bool plain = std::getenv("NO_COLOR") || std::string_view(std::getenv("TERM") ? std::getenv("TERM") : "") == "dumb";
-  auto log = plain ? std::make_shared<spdlog::logger>("dimple", std::make_shared<spdlog::sinks::stderr_sink_mt>())
-                   : std::make_shared<spdlog::logger>("dimple", std::make_shared<spdlog::sinks::stderr_color_sink_mt>());
+  const bool plain =
+      std::getenv("NO_COLOR") || std::string_view(std::getenv("TERM") ? std::getenv("TERM") : "") == "dumb";
+  auto log =
+      plain ? std::make_shared<spdlog::logger>("dimple", std::make_shared<spdlog::sinks::stderr_sink_mt>())
+            : std::make_shared<spdlog::logger>("dimple",
+                                               std::make_shared<spdlog::sinks::stderr_color_sink_mt>());
   log->set_pattern("%^%v%$");
   log->set_level(verbosity == Verbosity::quiet    ? spdlog::level::err
                  : verbosity == Verbosity::normal ? spdlog::level::info
@@ -31,23 +34,34 @@ void start_log(Verbosity verbosity) {
   quiet = verbosity == Verbosity::quiet;
 }
 
-void say(const std::string& line) { spdlog::info("{}", line); }
-void detail(const std::string& line) { spdlog::debug("{}", line); }
-void warn(const std::string& line) { spdlog::warn("warning: {}", line); }
+void say(const std::string& line) {
+  spdlog::info("{}", line);
+}
+void detail(const std::string& line) {
+  spdlog::debug("{}", line);
+}
+void warn(const std::string& line) {
+  spdlog::warn("warning: {}", line);
+}
 
 Progress::Progress(std::string what)
-    : what_(std::move(what)), start_(std::chrono::steady_clock::now()), last_(start_), terminal_(isatty(STDERR_FILENO) != 0) {}
+    : what_(std::move(what)),
+      start_(std::chrono::steady_clock::now()),
+      last_(start_),
+      terminal_(isatty(STDERR_FILENO) != 0) {}
 
 void Progress::update(double share, const std::string& state) {
   if (quiet) return;
   const auto now = std::chrono::steady_clock::now();
   const double elapsed = std::chrono::duration<double>(now - start_).count();
-  const std::string left = share > 0.02 ? fmt::format(", {:.0f} s left", elapsed * (1.0 - share) / share) : "";
+  const std::string left =
+      share > 0.02 ? fmt::format(", {:.0f} s left", elapsed * (1.0 - share) / share) : "";
   if (terminal_) {
     if (share < 1.0 && std::chrono::duration<double>(now - last_).count() < 0.1) return;
     last_ = now;
     const int filled = static_cast<int>(std::floor(24.0 * share));
-    fmt::print(stderr, "\r\033[K{} [{:=<{}}{:{}}] {:3.0f} %  {}{}", what_, "", filled, "", 24 - filled, 100.0 * share, state, left);
+    fmt::print(stderr, "\r\033[K{} [{:=<{}}{:{}}] {:3.0f} %  {}{}", what_, "", filled, "", 24 - filled,
+               100.0 * share, state, left);
     std::fflush(stderr);
     open_ = true;
   } else if (const int tenths = static_cast<int>(std::floor(10.0 * share + 1e-9)); tenths > tenths_) {

@@ -9,12 +9,12 @@ enum class Verbosity { quiet, normal, verbose };
 
 /// Everything a person reads while the program works goes to stderr; stdout is for the result alone.
 void start_log(Verbosity verbosity);
-void say(const std::string& line);      ///< what is being done, and why so
-void detail(const std::string& line);   ///< with -v only
+void say(const std::string& line);     ///< what is being done, and why so
+void detail(const std::string& line);  ///< with -v only
 void warn(const std::string& line);
 
-/// Progress of long work: a line that renews itself on a terminal, else one line every tenth. No packaged progress
-/// bar is in Debian 12.
+/// Progress of long work: a line that renews itself on a terminal, else one line every tenth. No packaged
+/// progress bar is in Debian 12.
 class Progress {
  public:
   explicit Progress(std::string what);

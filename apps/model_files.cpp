@@ -1,12 +1,12 @@
 #include "apps/model_files.hpp"
 
 #include <fmt/format.h>
+#include <toml++/toml.h>
 
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 #include <sstream>
-#include <toml++/toml.h>
 
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -20,42 +20,60 @@ namespace fs = std::filesystem;
 
 constexpr int base_bit = 1, indenter_bit = 2;
 
-Points to_mm(const Points& x) { return x.unaryExpr(&millimetres); }
-Points to_m(const Points& x) { return x.unaryExpr(&metres); }
+Points to_mm(const Points& x) {
+  return x.unaryExpr(&millimetres);
+}
+Points to_m(const Points& x) {
+  return x.unaryExpr(&metres);
+}
 
 Field node_set_field(const Model& model) {
-  Field field{.name = "node_set", .unit = "", .values = Eigen::MatrixXd::Zero(1, model.node_count()), .components = {}, .type = Field::Type::int32};
+  Field field{.name = "node_set",
+              .unit = "",
+              .values = Eigen::MatrixXd::Zero(1, model.node_count()),
+              .components = {},
+              .type = Field::Type::int32};
   for (const Index a : model.base) field.values(0, a) += base_bit;
   for (const Index a : model.indenter) field.values(0, a) += indenter_bit;
   return field;
 }
 
-[[noreturn]] void refuse(const fs::path& file, const std::string& fact, const std::string& why, const std::string& remedy) {
+[[noreturn]] void refuse(const fs::path& file, const std::string& fact, const std::string& why,
+                         const std::string& remedy) {
   throw InputError({.fact = fact, .where = file.string(), .why = why, .remedy = remedy});
 }
 
 PointFile read_points(const fs::path& file) {
   if (file.extension() == ".vtu") return read_vtu(file);
   if (file.extension() != ".csv")
-    refuse(file, fmt::format("'{}' is neither .vtu nor .csv", file.filename().string()), "the suffix says what a list of locations is",
-           "give nodes and points as .vtu or .csv");
+    refuse(file, fmt::format("'{}' is neither .vtu nor .csv", file.filename().string()),
+           "the suffix says what a list of locations is", "give nodes and points as .vtu or .csv");
   const Table table = read_csv(file);
   PointFile points;
   points.position_mm.resize(3, static_cast<Index>(table.rows()));
   const std::array<const char*, 3> axes = {"x_mm", "y_mm", "z_mm"};
   for (int d = 0; d < 3; ++d) {
     const auto* column = table.find(axes[static_cast<std::size_t>(d)]);
-    if (!column) refuse(file, fmt::format("there is no column {}", axes[static_cast<std::size_t>(d)]), "locations need three coordinates", "name the columns x_mm,y_mm,z_mm");
-    points.position_mm.row(d) = Eigen::Map<const Eigen::RowVectorXd>(column->data(), points.position_mm.cols());
+    if (!column)
+      refuse(file, fmt::format("there is no column {}", axes[static_cast<std::size_t>(d)]),
+             "locations need three coordinates", "name the columns x_mm,y_mm,z_mm");
+    points.position_mm.row(d) =
+        Eigen::Map<const Eigen::RowVectorXd>(column->data(), points.position_mm.cols());
   }
-  if (table.rows() == 0) refuse(file, "the list is empty", "it has a header and no rows", "give at least a few hundred locations");
-  for (const auto& [csv, name] : {std::pair{"spacing_mm", "spacing"}, {"node_set", "node_set"}, {"volume_mm3", "volume"}})
+  if (table.rows() == 0)
+    refuse(file, "the list is empty", "it has a header and no rows", "give at least a few hundred locations");
+  for (const auto& [csv, name] :
+       {std::pair{"spacing_mm", "spacing"}, {"node_set", "node_set"}, {"volume_mm3", "volume"}})
     if (const auto* column = table.find(csv))
-      points.fields.push_back({.name = name, .unit = "", .values = Eigen::Map<const Eigen::RowVectorXd>(column->data(), points.position_mm.cols())});
+      points.fields.push_back(
+          {.name = name,
+           .unit = "",
+           .values = Eigen::Map<const Eigen::RowVectorXd>(column->data(), points.position_mm.cols())});
   return points;
 }
 
-// Distance to the sixth nearest neighbours' mean: what the even clouds of make_node_cloud() call their spacing.
+// Distance to the sixth nearest neighbours' mean: what the even clouds of make_node_cloud() call their
+// spacing.
 Eigen::VectorXd estimate_spacing(const Points& X) {
   const Neighbours tree(X);
   Eigen::VectorXd spacing(X.cols());
@@ -67,7 +85,8 @@ Eigen::VectorXd estimate_spacing(const Points& X) {
   }
   // Surface nodes see only half a neighbourhood; the median is the cloud's.
   std::vector<double> sorted(spacing.begin(), spacing.end());
-  std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
+  std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2),
+                   sorted.end());
   return Eigen::VectorXd::Constant(X.cols(), metres(1e3 * sorted[sorted.size() / 2]));
 }
 
@@ -75,13 +94,15 @@ Eigen::VectorXd estimate_spacing(const Points& X) {
 double estimate_cell_volume(const Points& points_mm) {
   const Neighbours tree(points_mm);
   std::vector<double> nearest;
-  for (Index q = 0; q < points_mm.cols(); ++q) nearest.push_back(tree.distance_to_nearest(points_mm.col(q), static_cast<int>(q)));
-  std::nth_element(nearest.begin(), nearest.begin() + static_cast<std::ptrdiff_t>(nearest.size() / 2), nearest.end());
+  for (Index q = 0; q < points_mm.cols(); ++q)
+    nearest.push_back(tree.distance_to_nearest(points_mm.col(q), static_cast<int>(q)));
+  std::nth_element(nearest.begin(), nearest.begin() + static_cast<std::ptrdiff_t>(nearest.size() / 2),
+                   nearest.end());
   return std::pow(nearest[nearest.size() / 2], 3);
 }
 
-// Lists of locations without node sets: the base is the flat end of the cloud that the tool moves towards, the circle
-// what the tool meets first.
+// Lists of locations without node sets: the base is the flat end of the cloud that the tool moves towards,
+// the circle what the tool meets first.
 void choose_sets_by_place(ModelFiles& files) {
   Model& model = files.model;
   const Vec3 push = model.tool.push;
@@ -90,14 +111,19 @@ void choose_sets_by_place(ModelFiles& files) {
   for (Index a = 0; a < model.node_count(); ++a) {
     const Vec3 d = model.X.col(a) - model.tool.centre;
     const double lateral = (d - d.dot(push) * push).norm();
-    if (depth.maxCoeff() - depth[a] < 0.35 * h) model.base.push_back(a);
-    else if (lateral <= model.tool.radius * (1.0 + 1e-9) && std::abs(d.dot(push)) < 0.35 * h) model.indenter.push_back(a);
+    if (depth.maxCoeff() - depth[a] < 0.35 * h)
+      model.base.push_back(a);
+    else if (lateral <= model.tool.radius * (1.0 + 1e-9) && std::abs(d.dot(push)) < 0.35 * h)
+      model.indenter.push_back(a);
   }
-  files.notes.push_back(fmt::format("nodes carry no node_set: {} within a third of a spacing of the far end are the base, {} within the "
-                                    "circle and as near to its plane are the indenter's", model.base.size(), model.indenter.size()));
+  files.notes.push_back(fmt::format(
+      "nodes carry no node_set: {} within a third of a spacing of the far end are the base, {} within the "
+      "circle and as near to its plane are the indenter's",
+      model.base.size(), model.indenter.size()));
 }
 
-Vec3 vector_of(const toml::table& table, const std::string& section, const std::string& key, const fs::path& file) {
+Vec3 vector_of(const toml::table& table, const std::string& section, const std::string& key,
+               const fs::path& file) {
   const toml::array* list = table[section][key].as_array();
   Vec3 v;
   bool good = list && list->size() == 3;
@@ -106,13 +132,17 @@ Vec3 vector_of(const toml::table& table, const std::string& section, const std::
     good = number && std::isfinite(*number);
     if (good) v[static_cast<Index>(d)] = *number;
   }
-  if (!good) refuse(file, fmt::format("{}.{} is not a list of three numbers", section, key), "the model needs it", fmt::format("write for instance {} = [0.0, 0.0, -1.0] under [{}]", key, section));
+  if (!good)
+    refuse(file, fmt::format("{}.{} is not a list of three numbers", section, key), "the model needs it",
+           fmt::format("write for instance {} = [0.0, 0.0, -1.0] under [{}]", key, section));
   return v;
 }
 
 }  // namespace
 
-std::string_view basis_word(Basis basis) { return basis == Basis::linear ? "linear" : "quadratic"; }
+std::string_view basis_word(Basis basis) {
+  return basis == Basis::linear ? "linear" : "quadratic";
+}
 std::string_view weight_word(Weight weight) {
   return weight == Weight::quartic ? "quartic" : weight == Weight::cubic ? "cubic" : "gauss";
 }
@@ -123,12 +153,18 @@ void write_model(const fs::path& folder, const ModelFiles& files) {
   make_folder(folder);
   write_vtu(folder / "nodes.vtu",
             {.position_mm = to_mm(model.X),
-             .fields = {{.name = "spacing", .unit = "mm", .values = model.spacing.transpose().unaryExpr(&millimetres), .type = Type::real64},
+             .fields = {{.name = "spacing",
+                         .unit = "mm",
+                         .values = model.spacing.transpose().unaryExpr(&millimetres),
+                         .type = Type::real64},
                         node_set_field(model)}},
             0.0, true);
   write_vtu(folder / "points.vtu",
             {.position_mm = to_mm(model.point),
-             .fields = {{.name = "volume", .unit = "mm^3", .values = model.volume.transpose().unaryExpr(&cubic_millimetres), .type = Type::real64}}},
+             .fields = {{.name = "volume",
+                         .unit = "mm^3",
+                         .values = model.volume.transpose().unaryExpr(&cubic_millimetres),
+                         .type = Type::real64}}},
             0.0, true);
   if (files.surface.triangles.cols() > 0) write_vtp(folder / "surface.vtp", files.surface, 0.0, true);
 
@@ -137,15 +173,18 @@ void write_model(const fs::path& folder, const ModelFiles& files) {
     out << toml::array{v.x(), v.y(), v.z()};
     return out.str();
   };
-  std::string text = "# A model for `dimple solve`. Positions are LPS, in millimetres.\nformat = \"dimple model 1\"\n"
-                     "nodes = \"nodes.vtu\"    # or a .csv with columns x_mm,y_mm,z_mm (and spacing_mm, node_set: 1 base, 2 indenter)\n"
-                     "points = \"points.vtu\"  # or a .csv with columns x_mm,y_mm,z_mm (and volume_mm3)\n";
+  std::string text =
+      "# A model for `dimple solve`. Positions are LPS, in millimetres.\nformat = \"dimple model 1\"\n"
+      "nodes = \"nodes.vtu\"    # or a .csv with columns x_mm,y_mm,z_mm (and spacing_mm, node_set: 1 base, 2 "
+      "indenter)\n"
+      "points = \"points.vtu\"  # or a .csv with columns x_mm,y_mm,z_mm (and volume_mm3)\n";
   if (files.surface.triangles.cols() > 0) text += "surface = \"surface.vtp\"\n";
   const Vec3 centre = to_mm(model.tool.centre);
-  text += fmt::format("\n[indenter]\ncentre_mm = {}\npush = {}\ndiameter_mm = {}\n", list(centre), list(model.tool.push),
-                      2.0 * millimetres(model.tool.radius));
-  text += fmt::format("\n[support]\nbasis = \"{}\"\nweight = \"{}\"\nradius_factor = {}\n", basis_word(files.support.basis),
-                      weight_word(files.support.weight), files.support.effective_radius_factor());
+  text += fmt::format("\n[indenter]\ncentre_mm = {}\npush = {}\ndiameter_mm = {}\n", list(centre),
+                      list(model.tool.push), 2.0 * millimetres(model.tool.radius));
+  text += fmt::format("\n[support]\nbasis = \"{}\"\nweight = \"{}\"\nradius_factor = {}\n",
+                      basis_word(files.support.basis), weight_word(files.support.weight),
+                      files.support.effective_radius_factor());
   text += "\n[made_from]\n";
   for (const auto& [key, value] : files.provenance) {
     std::ostringstream quoted;
@@ -158,20 +197,27 @@ void write_model(const fs::path& folder, const ModelFiles& files) {
 ModelFiles read_model(const fs::path& path) {
   const fs::path file = fs::is_directory(path) ? path / "model.toml" : path;
   if (!fs::exists(file))
-    refuse(file, "there is no model here", "a model is a folder with a model.toml", "make one with `dimple model IMAGE -o MODEL`");
+    refuse(file, "there is no model here", "a model is a folder with a model.toml",
+           "make one with `dimple model IMAGE -o MODEL`");
   toml::table table;
   try {
     table = toml::parse(read_file(file), file.string());
   } catch (const toml::parse_error& error) {
     refuse(file, fmt::format("not valid TOML: {}", error.description()),
-           fmt::format("line {}, column {}", error.source().begin.line, error.source().begin.column), "mend that line");
+           fmt::format("line {}, column {}", error.source().begin.line, error.source().begin.column),
+           "mend that line");
   }
   if (table["format"].value_or(std::string()) != "dimple model 1")
-    refuse(file, "the format is not \"dimple model 1\"", "the file was made by something else, or by another version", "add format = \"dimple model 1\" if it follows it");
+    refuse(file, "the format is not \"dimple model 1\"",
+           "the file was made by something else, or by another version",
+           "add format = \"dimple model 1\" if it follows it");
 
   const auto beside = [&](const char* key) {
     const auto name = table[key].value<std::string>();
-    if (!name || name->empty()) refuse(file, fmt::format("it does not say which file holds the {}", key), fmt::format("the key {} is missing", key), fmt::format("add {} = \"{}.vtu\" or a .csv", key, key));
+    if (!name || name->empty())
+      refuse(file, fmt::format("it does not say which file holds the {}", key),
+             fmt::format("the key {} is missing", key),
+             fmt::format("add {} = \"{}.vtu\" or a .csv", key, key));
     return file.parent_path() / *name;
   };
 
@@ -184,24 +230,33 @@ ModelFiles read_model(const fs::path& path) {
 
   if (const Field* spacing = nodes.find("spacing")) {
     model.spacing = spacing->values.row(0).transpose().unaryExpr(&metres);
-    if (!(model.spacing.minCoeff() > 0.0)) refuse(node_file, "a node's spacing is not positive", "supports are sized by it", "mend the column, or leave it out");
+    if (!(model.spacing.minCoeff() > 0.0))
+      refuse(node_file, "a node's spacing is not positive", "supports are sized by it",
+             "mend the column, or leave it out");
   } else {
     model.spacing = estimate_spacing(model.X);
-    files.notes.push_back(fmt::format("nodes carry no spacing: taken as {:.3f} mm, the median distance to the six nearest", millimetres(model.spacing[0])));
+    files.notes.push_back(
+        fmt::format("nodes carry no spacing: taken as {:.3f} mm, the median distance to the six nearest",
+                    millimetres(model.spacing[0])));
   }
   if (const Field* volume = points.find("volume")) {
     model.volume = volume->values.row(0).transpose().unaryExpr(&cubic_metres);
-    if (!(model.volume.minCoeff() > 0.0)) refuse(point_file, "a point's volume is not positive", "each point stands for some tissue", "mend the column, or leave it out");
+    if (!(model.volume.minCoeff() > 0.0))
+      refuse(point_file, "a point's volume is not positive", "each point stands for some tissue",
+             "mend the column, or leave it out");
   } else {
     const double cell = estimate_cell_volume(points.position_mm);
     model.volume = Eigen::VectorXd::Constant(model.point_count(), cubic_metres(cell));
-    files.notes.push_back(fmt::format("points carry no volume: each stands for a whole cell of {:.3f} mm^3, the cube of their distance", cell));
+    files.notes.push_back(fmt::format(
+        "points carry no volume: each stands for a whole cell of {:.3f} mm^3, the cube of their distance",
+        cell));
   }
 
   model.tool.centre = to_m(vector_of(table, "indenter", "centre_mm", file));
   model.tool.push = vector_of(table, "indenter", "push", file);
   if (!(std::abs(model.tool.push.norm() - 1.0) < 1e-6)) {
-    if (!(model.tool.push.norm() > 0.0)) refuse(file, "indenter.push is zero", "the tool must move somewhere", "write push = [0.0, 0.0, -1.0]");
+    if (!(model.tool.push.norm() > 0.0))
+      refuse(file, "indenter.push is zero", "the tool must move somewhere", "write push = [0.0, 0.0, -1.0]");
     model.tool.push.normalize();
   }
   model.tool.radius = metres(0.5 * table["indenter"]["diameter_mm"].value_or(10.0));
@@ -215,14 +270,23 @@ ModelFiles read_model(const fs::path& path) {
   } else {
     choose_sets_by_place(files);
   }
-  if (model.base.empty()) refuse(node_file, "no node belongs to the base", "node_set has no odd number, or no node lies at the far end", "set node_set to 1 for the nodes to hold");
-  if (model.indenter.empty()) refuse(node_file, "no node belongs to the indenter's circle", "node_set has no 2, or the circle misses the nodes", "set node_set to 2 for the nodes to push, or mend indenter.centre_mm");
+  if (model.base.empty())
+    refuse(node_file, "no node belongs to the base",
+           "node_set has no odd number, or no node lies at the far end",
+           "set node_set to 1 for the nodes to hold");
+  if (model.indenter.empty())
+    refuse(node_file, "no node belongs to the indenter's circle",
+           "node_set has no 2, or the circle misses the nodes",
+           "set node_set to 2 for the nodes to push, or mend indenter.centre_mm");
 
   Config words;
   const auto word = [&](const char* key) {
     if (const auto node = table["support"][key]; node) {
       std::ostringstream shown;
-      if (const auto s = node.value<std::string>()) shown << *s; else node.visit([&](auto&& v) { shown << v; });
+      if (const auto s = node.value<std::string>())
+        shown << *s;
+      else
+        node.visit([&](auto&& v) { shown << v; });
       set_option(words, std::string("support.") + key, shown.str(), file.string());
     }
   };
@@ -230,7 +294,8 @@ ModelFiles read_model(const fs::path& path) {
   word("weight");
   word("radius_factor");
   files.support = support_options(words);
-  if (const auto surface = table["surface"].value<std::string>()) files.surface = read_vtp(file.parent_path() / *surface);
+  if (const auto surface = table["surface"].value<std::string>())
+    files.surface = read_vtp(file.parent_path() / *surface);
   if (const toml::table* made = table["made_from"].as_table())
     for (const auto& [key, value] : *made)
       if (const auto text = value.value<std::string>()) files.provenance[std::string(key.str())] = *text;

@@ -17,11 +17,11 @@ namespace dimple {
 ///     surface.vtp   the body's surface, for pictures; optional
 ///     label.vti     the label image, for pictures; optional
 ///
-/// nodes and points may also be .csv lists of locations, as the paper's program loads them: columns x_mm, y_mm, z_mm,
-/// and where known spacing_mm and node_set, or volume_mm3.
+/// nodes and points may also be .csv lists of locations, as the paper's program loads them: columns x_mm,
+/// y_mm, z_mm, and where known spacing_mm and node_set, or volume_mm3.
 struct ModelFiles {
-  Model model;                 ///< without supports, dphi and masses: complete_model() adds them
-  SurfaceFile surface;         ///< [LPS mm]; may be empty
+  Model model;          ///< without supports, dphi and masses: complete_model() adds them
+  SurfaceFile surface;  ///< [LPS mm]; may be empty
   SupportOptions support;
   std::map<std::string, std::string> provenance;  ///< image, sha256, labels, reasons
   std::vector<std::string> notes;                 ///< what had to be assumed on reading

@@ -2,13 +2,13 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <tbb/global_control.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <tbb/global_control.h>
 
 #include "apps/log.hpp"
 #include "apps/results.hpp"
@@ -23,15 +23,21 @@ using Json = nlohmann::ordered_json;
 
 class Stopwatch {
  public:
-  double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
+  double seconds() const {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+  }
 
  private:
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-std::string place(const Vec3& mm) { return fmt::format("({:.1f}, {:.1f}, {:.1f}) mm", mm.x(), mm.y(), mm.z()); }
+std::string place(const Vec3& mm) {
+  return fmt::format("({:.1f}, {:.1f}, {:.1f}) mm", mm.x(), mm.y(), mm.z());
+}
 
-Json three(const Vec3& v) { return Json::array({v.x(), v.y(), v.z()}); }
+Json three(const Vec3& v) {
+  return Json::array({v.x(), v.y(), v.z()});
+}
 
 // Labels given by number or name, as numbers.
 std::vector<int> chosen_labels(const LabelImage& image, const std::vector<std::string>& wanted) {
@@ -56,14 +62,18 @@ std::vector<int> chosen_labels(const LabelImage& image, const std::vector<std::s
     if (!found)
       throw InputError({.fact = fmt::format("no label is called '{}'{}", word, did_you_mean(word, known)),
                         .where = "--label (image.label)",
-                        .why = known.empty() ? std::string("the image has no label names") : fmt::format("the image names {}", fmt::join(known, ", ")),
-                        .remedy = "choose by number, or give names with --label-names; `dimple info IMAGE` shows what there is"});
+                        .why = known.empty() ? std::string("the image has no label names")
+                                             : fmt::format("the image names {}", fmt::join(known, ", ")),
+                        .remedy = "choose by number, or give names with --label-names; `dimple info IMAGE` "
+                                  "shows what there is"});
   }
   const auto present = measure_labels(image);
   for (const int value : result)
-    if (std::none_of(present.begin(), present.end(), [&](const LabelMeasure& m) { return m.value == value; })) {
+    if (std::none_of(present.begin(), present.end(),
+                     [&](const LabelMeasure& m) { return m.value == value; })) {
       std::vector<std::string> known;
-      for (const LabelMeasure& m : present) known.push_back(m.name.empty() ? std::to_string(m.value) : fmt::format("{} ({})", m.value, m.name));
+      for (const LabelMeasure& m : present)
+        known.push_back(m.name.empty() ? std::to_string(m.value) : fmt::format("{} ({})", m.value, m.name));
       throw InputError({.fact = fmt::format("no voxel has label {}", value),
                         .where = "--label (image.label)",
                         .why = fmt::format("the image holds {}", fmt::join(known, ", ")),
@@ -84,7 +94,9 @@ struct Prepared {
 
 Prepared prepare(const Config& config) {
   if (config.image.file.empty())
-    throw UsageError({.fact = "no label image was given", .where = "command line", .why = "there is nothing to work on",
+    throw UsageError({.fact = "no label image was given",
+                      .where = "command line",
+                      .why = "there is nothing to work on",
                       .remedy = "give one: dimple run IMAGE -o OUT"});
   Prepared result;
   Stopwatch reading;
@@ -93,59 +105,74 @@ Prepared prepare(const Config& config) {
   for (const std::string& warning : image.warnings) result.warnings.push_back(warning);
   const std::vector<int> labels = chosen_labels(image, config.image.label);
   result.read_s = reading.seconds();
-  say(fmt::format("image    {}: {}, {} x {} x {} voxels of {:.4g} x {:.4g} x {:.4g} mm, axes {}", config.image.file, image.format,
-                  image.stored_size[0], image.stored_size[1], image.stored_size[2], image.stored_spacing.x(),
-                  image.stored_spacing.y(), image.stored_spacing.z(), image.orientation));
+  say(fmt::format("image    {}: {}, {} x {} x {} voxels of {:.4g} x {:.4g} x {:.4g} mm, axes {}",
+                  config.image.file, image.format, image.stored_size[0], image.stored_size[1],
+                  image.stored_size[2], image.stored_spacing.x(), image.stored_spacing.y(),
+                  image.stored_spacing.z(), image.orientation));
 
   Stopwatch building;
   ModelOptions options = model_options(config);
   // Only to decide how fine the surface is drawn; the cloud itself is measured on the surface.
-  const double rough = options.cloud.spacing_mm > 0.0
-                           ? options.cloud.spacing_mm
-                           : std::cbrt(largest_piece_volume(image, labels) / static_cast<double>(options.cloud.count));
+  const double rough =
+      options.cloud.spacing_mm > 0.0
+          ? options.cloud.spacing_mm
+          : std::cbrt(largest_piece_volume(image, labels) / static_cast<double>(options.cloud.count));
   SegmentedBody body = make_body_surface(image, labels, rough);
   result.segment = body.report;
   const SegmentReport& segment = result.segment;
   for (const std::string& warning : segment.warnings) result.warnings.push_back(warning);
   if (segment.pieces > 1)
-    say(fmt::format("organ    {} pieces: kept the largest, dropped {:.2f} cm3 ({:.2f} %)", segment.pieces, segment.dropped_volume_mm3 / 1e3,
+    say(fmt::format("organ    {} pieces: kept the largest, dropped {:.2f} cm3 ({:.2f} %)", segment.pieces,
+                    segment.dropped_volume_mm3 / 1e3,
                     100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
   if (segment.dropped_volume_mm3 > 0.05 * segment.label_volume_mm3)
-    result.warnings.push_back(fmt::format("{:.1f} % of the labelled volume lies in pieces that do not touch the largest and was dropped",
-                                          100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
+    result.warnings.push_back(fmt::format(
+        "{:.1f} % of the labelled volume lies in pieces that do not touch the largest and was dropped",
+        100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
   if (segment.cavities_filled > 0)
-    say(fmt::format("organ    {} cavities too small for the cloud were filled, {:.2f} cm3 in all", segment.cavities_filled, segment.filled_volume_mm3 / 1e3));
-  say(fmt::format("organ    {:.2f} cm3, surface {:.1f} cm2 ({} triangles, smoothed by {:.2f} mm; encloses the voxels' volume to {:+.2f} %)",
-                  segment.voxel_volume_mm3 / 1e3, body.surface.area() / 1e2, body.surface.triangles().cols(), segment.smoothing_mm,
-                  100.0 * (body.surface.volume() / segment.voxel_volume_mm3 - 1.0)));
+    say(fmt::format("organ    {} cavities too small for the cloud were filled, {:.2f} cm3 in all",
+                    segment.cavities_filled, segment.filled_volume_mm3 / 1e3));
+  say(
+      fmt::format("organ    {:.2f} cm3, surface {:.1f} cm2 ({} triangles, smoothed by {:.2f} mm; encloses "
+                  "the voxels' volume to {:+.2f} %)",
+                  segment.voxel_volume_mm3 / 1e3, body.surface.area() / 1e2, body.surface.triangles().cols(),
+                  segment.smoothing_mm, 100.0 * (body.surface.volume() / segment.voxel_volume_mm3 - 1.0)));
   const Vec3 extent = body.surface.upper() - body.surface.lower();
   if (extent.maxCoeff() < 5.0 || extent.maxCoeff() > 2000.0)
-    result.warnings.push_back(fmt::format("the organ is {:.3g} mm long: check that the image's spacing is in millimetres", extent.maxCoeff()));
+    result.warnings.push_back(fmt::format(
+        "the organ is {:.3g} mm long: check that the image's spacing is in millimetres", extent.maxCoeff()));
 
   BuiltModel built = build_model(body.surface, options);
   result.report = built.report;
   const ModelReport& report = result.report;
   result.build_s = building.seconds();
-  say(fmt::format("nodes    {} ({} on the surface), {:.3f} mm apart{}; nearest node {:.2f} +- {:.2f}, at least {:.2f}, largest gap {:.2f} spacings",
-                  built.model.node_count(), report.surface_nodes, report.spacing_mm, options.cloud.spacing_mm > 0.0 ? "" : " for this number",
-                  report.evenness.mean, report.evenness.spread * report.evenness.mean, report.evenness.minimum, report.evenness.fill));
-  say(fmt::format("points   {} in cells of {:.3f} mm, {} clipped by the surface, {} slivers merged; volume {:.2f} cm3, {:+.3f} % of the organ's",
-                  built.model.point_count(), report.cell_mm, report.clipped, report.merged, report.grid_volume_mm3 / 1e3,
-                  100.0 * (report.grid_volume_mm3 / segment.voxel_volume_mm3 - 1.0)));
+  say(fmt::format(
+      "nodes    {} ({} on the surface), {:.3f} mm apart{}; nearest node {:.2f} +- {:.2f}, at least {:.2f}, "
+      "largest gap {:.2f} spacings",
+      built.model.node_count(), report.surface_nodes, report.spacing_mm,
+      options.cloud.spacing_mm > 0.0 ? "" : " for this number", report.evenness.mean,
+      report.evenness.spread * report.evenness.mean, report.evenness.minimum, report.evenness.fill));
+  say(fmt::format(
+      "points   {} in cells of {:.3f} mm, {} clipped by the surface, {} slivers merged; volume {:.2f} cm3, "
+      "{:+.3f} % of the organ's",
+      built.model.point_count(), report.cell_mm, report.clipped, report.merged, report.grid_volume_mm3 / 1e3,
+      100.0 * (report.grid_volume_mm3 / segment.voxel_volume_mm3 - 1.0)));
   say(fmt::format("base     {} nodes: {}", built.model.base.size(), report.boundary.base_reason));
-  say(fmt::format("circle   {} nodes, {} on its rim, {:.1f} mm across at {}: {}", report.circle_nodes, report.rim_nodes,
-                  2e3 * built.model.tool.radius, place(built.model.tool.centre * 1e3), report.boundary.circle_reason));
+  say(fmt::format("circle   {} nodes, {} on its rim, {:.1f} mm across at {}: {}", report.circle_nodes,
+                  report.rim_nodes, 2e3 * built.model.tool.radius, place(built.model.tool.centre * 1e3),
+                  report.boundary.circle_reason));
 
   const std::string centre = place(built.model.tool.centre * 1e3);
   const Vec3& push = built.model.tool.push;
-  result.notes = {{"cloud.spacing_mm", fmt::format("{:.4f} mm", report.spacing_mm)},
-                  {"cloud.nodes", fmt::format("{} nodes", built.model.node_count())},
-                  {"grid.points", fmt::format("{} points", built.model.point_count())},
-                  {"boundary.base", report.boundary.base_reason},
-                  {"boundary.base_depth_mm", fmt::format("{:.3f} mm", report.boundary.base_depth)},
-                  {"boundary.indent_at", fmt::format("{}: {}", centre, report.boundary.circle_reason)},
-                  {"boundary.direction", fmt::format("({:.4f}, {:.4f}, {:.4f})", push.x(), push.y(), push.z())},
-                  {"image.label", labels.empty() ? "all but 0" : fmt::format("{}", fmt::join(labels, ", "))}};
+  result.notes = {
+      {"cloud.spacing_mm", fmt::format("{:.4f} mm", report.spacing_mm)},
+      {"cloud.nodes", fmt::format("{} nodes", built.model.node_count())},
+      {"grid.points", fmt::format("{} points", built.model.point_count())},
+      {"boundary.base", report.boundary.base_reason},
+      {"boundary.base_depth_mm", fmt::format("{:.3f} mm", report.boundary.base_depth)},
+      {"boundary.indent_at", fmt::format("{}: {}", centre, report.boundary.circle_reason)},
+      {"boundary.direction", fmt::format("({:.4f}, {:.4f}, {:.4f})", push.x(), push.y(), push.z())},
+      {"image.label", labels.empty() ? "all but 0" : fmt::format("{}", fmt::join(labels, ", "))}};
 
   ModelFiles& files = result.files;
   files.model = std::move(built.model);
@@ -172,7 +199,11 @@ Json model_json(const Prepared& p) {
           {"cavities_filled", p.segment.cavities_filled},
           {"node_spacing_mm", r.spacing_mm},
           {"cell_mm", r.cell_mm},
-          {"evenness", {{"nearest_mean", r.evenness.mean}, {"nearest_spread", r.evenness.spread}, {"nearest_min", r.evenness.minimum}, {"fill_distance", r.evenness.fill}}},
+          {"evenness",
+           {{"nearest_mean", r.evenness.mean},
+            {"nearest_spread", r.evenness.spread},
+            {"nearest_min", r.evenness.minimum},
+            {"fill_distance", r.evenness.fill}}},
           {"circle_rim_nodes", r.rim_nodes},
           {"base_reason", r.boundary.base_reason},
           {"circle_reason", r.boundary.circle_reason},
@@ -181,19 +212,25 @@ Json model_json(const Prepared& p) {
 }
 
 Json counts_json(const Model& model) {
-  return {{"nodes", model.node_count()}, {"integration_points", model.point_count()}, {"base_nodes", model.base.size()},
-          {"circle_nodes", model.indenter.size()}, {"circle_centre_mm", three(model.tool.centre * 1e3)}, {"push", three(model.tool.push)},
+  return {{"nodes", model.node_count()},
+          {"integration_points", model.point_count()},
+          {"base_nodes", model.base.size()},
+          {"circle_nodes", model.indenter.size()},
+          {"circle_centre_mm", three(model.tool.centre * 1e3)},
+          {"push", three(model.tool.push)},
           {"circle_diameter_mm", 2e3 * model.tool.radius}};
 }
 
-Json report_json(const Report& r) { return {{"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}}; }
+Json report_json(const Report& r) {
+  return {{"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
+}
 
 struct SolveInput {
   const Config& config;
   ModelFiles& files;
-  Json summary;                        // what is known already
+  Json summary;  // what is known already
   std::vector<std::string> warnings;
-  std::vector<std::string> facts;      // for the picture
+  std::vector<std::string> facts;  // for the picture
   std::map<std::string, std::string> notes;
   std::string subject;
 };
@@ -204,16 +241,32 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   Stopwatch preparing;
   const NeoHookean material = material_of(config);
   const SupportReport support = complete_model(model, in.files.support, material.density);
-  say(fmt::format("support  {} basis, {} weight, radius {:.2f} spacings: {} to {} nodes per point, mean {:.1f}; {} grown for conditioning",
-                  basis_word(in.files.support.basis), weight_word(in.files.support.weight), in.files.support.effective_radius_factor(),
-                  support.fewest, support.most, support.mean, support.grown));
-  detail(fmt::format("support  linear fields reproduced to {:.1e}; worst pivot ratio {:.1e}", support.linear_error, support.worst_pivot_ratio));
-  say(fmt::format("mass     {:.2f} g in all, {:.3g} to {:.3g} g per node", model.mass.sum() * 1e3, model.mass.minCoeff() * 1e3, model.mass.maxCoeff() * 1e3));
+  say(fmt::format(
+      "support  {} basis, {} weight, radius {:.2f} spacings: {} to {} nodes per point, mean {:.1f}; {} grown "
+      "for conditioning",
+      basis_word(in.files.support.basis), weight_word(in.files.support.weight),
+      in.files.support.effective_radius_factor(), support.fewest, support.most, support.mean, support.grown));
+  detail(fmt::format("support  linear fields reproduced to {:.1e}; worst pivot ratio {:.1e}",
+                     support.linear_error, support.worst_pivot_ratio));
+  say(fmt::format("mass     {:.2f} g in all, {:.3g} to {:.3g} g per node", model.mass.sum() * 1e3,
+                  model.mass.minCoeff() * 1e3, model.mass.maxCoeff() * 1e3));
   const Loading loading = loading_of(config);
   const SolverOptions options = solver_options(config);
-  say(fmt::format("material mu {:.6g} Pa, nu {:.6g} (kappa {:.6g} Pa), density {:.6g} kg/m3, stress {}; waves {:.2f} and {:.3f} m/s", material.mu,
-                  config.material.nu, material.kappa, material.density, config.material.stress, pressure_wave_speed(material), shear_wave_speed(material)));
-  say(fmt::format("load     {:.3g} mm at {:.3g} mm/s: {:.3g} s, {}", config.load.depth_mm, config.load.rate_mm_per_s, loading.duration(), config.load.contact));
+  say(
+      fmt::format("material mu {:.6g} Pa, nu {:.6g} (kappa {:.6g} Pa), density {:.6g} kg/m3, stress {}; "
+                  "waves {:.2f} and {:.3f} m/s",
+                  material.mu, config.material.nu, material.kappa, material.density, config.material.stress,
+                  pressure_wave_speed(material), shear_wave_speed(material)));
+  say(fmt::format("load     {:.3g} mm at {:.3g} mm/s: {:.3g} s, {}", config.load.depth_mm,
+                  config.load.rate_mm_per_s, loading.duration(), config.load.contact));
+  if (material.as_printed) {
+    in.warnings.push_back("the printed stress has no energy: energy.csv shows that of the consistent form");
+    if (options.damping == 0.0)
+      in.warnings.push_back(
+          "the printed stress does work on closed paths, so undamped vibration grows: give --damping, for "
+          "instance 20");
+    for (const std::string& warning : in.warnings) warn(warning);
+  }
   const ForceSystem system(model, material);
   ResultWriter writer(folder, model, system, in.files.surface, in.files.support);
   const double prepare_s = preparing.seconds();
@@ -222,19 +275,20 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   Progress progress("solve");
   Stopwatch solving;
   double writing_s = 0.0;
-  const Observer observer = {
-      .frame =
-          [&](const Frame& frame) {
-            Stopwatch writing;
-            writer.frame(frame);
-            writing_s += writing.seconds();
-          },
-      .sample =
-          [&](const ForceSample& now, const History& h) {
-            progress.update(now.depth / loading.depth, fmt::format("t {:.2f} s, {:.2f} mm, {:.5f} N, step {:.3g} us", now.t, 1e3 * now.depth,
-                                                                   now.force, 1e6 * h.dt_smallest));
-            return !stop_requested();
-          }};
+  const Observer observer = {.frame =
+                                 [&](const Frame& frame) {
+                                   Stopwatch writing;
+                                   writer.frame(frame);
+                                   writing_s += writing.seconds();
+                                 },
+                             .sample =
+                                 [&](const ForceSample& now, const History& h) {
+                                   progress.update(
+                                       now.depth / loading.depth,
+                                       fmt::format("t {:.2f} s, {:.2f} mm, {:.5f} N, step {:.3g} us", now.t,
+                                                   1e3 * now.depth, now.force, 1e6 * h.dt_smallest));
+                                   return !stop_requested();
+                                 }};
   std::optional<SolveError> failure;
   try {
     simulate(system, model, loading, options, observer, history);
@@ -256,15 +310,18 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
     energy_error = std::max(energy_error, std::abs(e.error()));
     energy_scale = std::max(energy_scale, std::abs(e.external));
   }
-  if (material.as_printed) in.warnings.push_back("the printed stress has no energy: energy.csv shows that of the consistent form");
 
   Json& summary = in.summary;
   summary["status"] = status;
   if (failure) summary["error"] = report_json(failure->report);
   summary["version"] = DIMPLE_VERSION;
   summary["counts"] = counts_json(model);
-  summary["support"] = {{"fewest", support.fewest}, {"most", support.most}, {"mean", support.mean}, {"grown", support.grown},
-                        {"worst_pivot_ratio", support.worst_pivot_ratio}, {"linear_error", support.linear_error}};
+  summary["support"] = {{"fewest", support.fewest},
+                        {"most", support.most},
+                        {"mean", support.mean},
+                        {"grown", support.grown},
+                        {"worst_pivot_ratio", support.worst_pivot_ratio},
+                        {"linear_error", support.linear_error}};
   summary["volume_mm3"] = model.volume.sum() * 1e9;
   summary["mass_g"] = model.mass.sum() * 1e3;
   summary["indentation_mm"] = reached;
@@ -291,11 +348,17 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
 
   outcome.headline = fmt::format("{:.4f} N at {:.2f} mm", force, reached);
   if (!history.force.empty()) {
-    in.facts.push_back(fmt::format("{} steps of {:.3g} us (stable {:.3g} us), {:.2f} ms each, {:.1f} s of wall time: {:.2f} x real time",
-                                   history.steps, 1e6 * history.dt_first, 1e6 * history.dt_stable_first,
-                                   summary["ms_per_step"].get<double>(), solve_s, summary["real_time_factor"].get<double>()));
-    writer.overview(history, fmt::format("{}: {}{}", in.subject, outcome.headline, status == "ok" ? "" : " (" + status + ")"), in.facts);
-    say(fmt::format("done     {} steps of {:.3g} us, {:.3f} ms each; {:.1f} s wall, {:.2f} x real time; energy error {:.2g} %, base carries {:.4f} N",
+    in.facts.push_back(fmt::format(
+        "{} steps of {:.3g} us (stable {:.3g} us), {:.2f} ms each, {:.1f} s of wall time: {:.2f} x real time",
+        history.steps, 1e6 * history.dt_first, 1e6 * history.dt_stable_first,
+        summary["ms_per_step"].get<double>(), solve_s, summary["real_time_factor"].get<double>()));
+    writer.overview(
+        history,
+        fmt::format("{}: {}{}", in.subject, outcome.headline, status == "ok" ? "" : " (" + status + ")"),
+        in.facts);
+    say(
+        fmt::format("done     {} steps of {:.3g} us, {:.3f} ms each; {:.1f} s wall, {:.2f} x real time; "
+                    "energy error {:.2g} %, base carries {:.4f} N",
                     history.steps, 1e6 * history.dt_first, summary["ms_per_step"].get<double>(), solve_s,
                     summary["real_time_factor"].get<double>(), 100.0 * summary["energy_error"].get<double>(),
                     summary["base_force_N"].get<double>()));
@@ -312,15 +375,19 @@ Outcome make_model(const Config& config, const fs::path& folder) {
   write_model(folder, prepared.files);
   write_vti(folder / "label.vti", prepared.image);
   // Supports are found again when the model is solved; here only to refuse a model that cannot be.
-  const SupportReport support = complete_model(prepared.files.model, prepared.files.support, config.material.density_kg_per_m3);
+  const SupportReport support =
+      complete_model(prepared.files.model, prepared.files.support, config.material.density_kg_per_m3);
   Json summary = model_json(prepared);
   summary["counts"] = counts_json(prepared.files.model);
-  summary["support"] = {{"fewest", support.fewest}, {"most", support.most}, {"mean", support.mean}, {"grown", support.grown}};
+  summary["support"] = {
+      {"fewest", support.fewest}, {"most", support.most}, {"mean", support.mean}, {"grown", support.grown}};
   return {.summary_json = summary.dump(2) + "\n",
-          .headline = fmt::format("{} nodes, {} integration points", prepared.files.model.node_count(), prepared.files.model.point_count())};
+          .headline = fmt::format("{} nodes, {} integration points", prepared.files.model.node_count(),
+                                  prepared.files.model.point_count())};
 }
 
-Outcome solve_model(const Config& config, const fs::path& model, const fs::path& folder, const std::function<bool()>& stop_requested) {
+Outcome solve_model(const Config& config, const fs::path& model, const fs::path& folder,
+                    const std::function<bool()>& stop_requested) {
   ModelFiles files = read_model(model);
   prepare_result_folder(folder);
   for (const std::string& note : files.notes) warn(note);
@@ -328,10 +395,16 @@ Outcome solve_model(const Config& config, const fs::path& model, const fs::path&
   if (fs::exists(label)) write_file(folder / "label.vti", read_file(label));
   Json summary;
   summary["made_from"] = files.provenance;
-  SolveInput input{.config = config, .files = files, .summary = summary, .warnings = files.notes, .facts = {}, .notes = {},
+  SolveInput input{.config = config,
+                   .files = files,
+                   .summary = summary,
+                   .warnings = files.notes,
+                   .facts = {},
+                   .notes = {},
                    .subject = model.filename().string()};
   for (const char* key : {"image", "base", "circle"})
-    if (const auto found = files.provenance.find(key); found != files.provenance.end()) input.facts.push_back(fmt::format("{}: {}", key, found->second));
+    if (const auto found = files.provenance.find(key); found != files.provenance.end())
+      input.facts.push_back(fmt::format("{}: {}", key, found->second));
   return solve_in(folder, std::move(input), stop_requested);
 }
 
@@ -344,14 +417,23 @@ Outcome run(const Config& config, const fs::path& folder, const std::function<bo
   summary["image"] = config.image.file;
   summary["image_sha256"] = prepared.files.provenance.at("image_sha256");
   summary["model"] = model_json(prepared);
-  SolveInput input{.config = config, .files = prepared.files, .summary = summary, .warnings = prepared.warnings, .facts = {},
-                   .notes = prepared.notes, .subject = fs::path(config.image.file).filename().string()};
+  SolveInput input{.config = config,
+                   .files = prepared.files,
+                   .summary = summary,
+                   .warnings = prepared.warnings,
+                   .facts = {},
+                   .notes = prepared.notes,
+                   .subject = fs::path(config.image.file).filename().string()};
   const ModelReport& report = prepared.report;
-  input.facts = {fmt::format("{:.1f} cm3; {} nodes {:.2f} mm apart ({} on the surface), {} integration points in cells of {:.2f} mm",
-                             prepared.segment.voxel_volume_mm3 / 1e3, prepared.files.model.node_count(), report.spacing_mm, report.surface_nodes,
-                             prepared.files.model.point_count(), report.cell_mm),
-                 fmt::format("base: {} nodes, {}", prepared.files.model.base.size(), report.boundary.base_reason),
-                 fmt::format("circle: {} nodes at {}, {}", report.circle_nodes, place(prepared.files.model.tool.centre * 1e3), report.boundary.circle_reason)};
+  input.facts = {
+      fmt::format("{:.1f} cm3; {} nodes {:.2f} mm apart ({} on the surface), {} integration points in cells "
+                  "of {:.2f} mm",
+                  prepared.segment.voxel_volume_mm3 / 1e3, prepared.files.model.node_count(),
+                  report.spacing_mm, report.surface_nodes, prepared.files.model.point_count(),
+                  report.cell_mm),
+      fmt::format("base: {} nodes, {}", prepared.files.model.base.size(), report.boundary.base_reason),
+      fmt::format("circle: {} nodes at {}, {}", report.circle_nodes,
+                  place(prepared.files.model.tool.centre * 1e3), report.boundary.circle_reason)};
   return solve_in(folder, std::move(input), stop_requested);
 }
 
@@ -359,21 +441,33 @@ void describe_image(const fs::path& file, const fs::path& label_names, bool as_j
   const LabelImage image = read_label_image(file, label_names);
   const std::vector<LabelMeasure> labels = measure_labels(image);
   if (as_json) {
-    Json out = {{"file", file.string()}, {"format", image.format}, {"orientation", image.orientation},
+    Json out = {{"file", file.string()},
+                {"format", image.format},
+                {"orientation", image.orientation},
                 {"size", {image.stored_size[0], image.stored_size[1], image.stored_size[2]}},
-                {"spacing_mm", three(image.stored_spacing)}, {"labels", Json::array()}, {"warnings", image.warnings}};
+                {"spacing_mm", three(image.stored_spacing)},
+                {"labels", Json::array()},
+                {"warnings", image.warnings}};
     for (const LabelMeasure& l : labels)
-      out["labels"].push_back({{"value", l.value}, {"name", l.name}, {"voxels", l.voxels}, {"volume_mm3", l.volume_mm3},
-                               {"pieces", l.pieces}, {"touches_border", l.touches_border}});
+      out["labels"].push_back({{"value", l.value},
+                               {"name", l.name},
+                               {"voxels", l.voxels},
+                               {"volume_mm3", l.volume_mm3},
+                               {"pieces", l.pieces},
+                               {"touches_border", l.touches_border}});
     fmt::print("{}\n", out.dump(2));
     return;
   }
-  fmt::print("{}\n  format       {}\n  size         {} x {} x {} voxels\n  spacing      {:.6g} x {:.6g} x {:.6g} mm\n  axes run to  {}\n\n", file.string(),
-             image.format, image.stored_size[0], image.stored_size[1], image.stored_size[2], image.stored_spacing.x(),
-             image.stored_spacing.y(), image.stored_spacing.z(), image.orientation);
-  fmt::print("{:>6}  {:<28} {:>12} {:>14}  {:>6}  {}\n", "label", "name", "voxels", "volume_mm3", "pieces", "touches border");
+  fmt::print(
+      "{}\n  format       {}\n  size         {} x {} x {} voxels\n  spacing      {:.6g} x {:.6g} x {:.6g} "
+      "mm\n  axes run to  {}\n\n",
+      file.string(), image.format, image.stored_size[0], image.stored_size[1], image.stored_size[2],
+      image.stored_spacing.x(), image.stored_spacing.y(), image.stored_spacing.z(), image.orientation);
+  fmt::print("{:>6}  {:<28} {:>12} {:>14}  {:>6}  {}\n", "label", "name", "voxels", "volume_mm3", "pieces",
+             "touches border");
   for (const LabelMeasure& l : labels)
-    fmt::print("{:>6}  {:<28} {:>12} {:>14.1f}  {:>6}  {}\n", l.value, l.name, l.voxels, l.volume_mm3, l.pieces, l.touches_border ? "yes" : "no");
+    fmt::print("{:>6}  {:<28} {:>12} {:>14.1f}  {:>6}  {}\n", l.value, l.name, l.voxels, l.volume_mm3,
+               l.pieces, l.touches_border ? "yes" : "no");
   for (const std::string& warning : image.warnings) warn(warning);
 }
 

@@ -17,10 +17,12 @@ struct Outcome {
   bool interrupted = false;
 };
 
-void describe_image(const std::filesystem::path& image, const std::filesystem::path& label_names, bool as_json);
+void describe_image(const std::filesystem::path& image, const std::filesystem::path& label_names,
+                    bool as_json);
 Outcome make_model(const Config& config, const std::filesystem::path& folder);
-Outcome solve_model(const Config& config, const std::filesystem::path& model, const std::filesystem::path& folder,
-                    const std::function<bool()>& stop_requested);
-Outcome run(const Config& config, const std::filesystem::path& folder, const std::function<bool()>& stop_requested);
+Outcome solve_model(const Config& config, const std::filesystem::path& model,
+                    const std::filesystem::path& folder, const std::function<bool()>& stop_requested);
+Outcome run(const Config& config, const std::filesystem::path& folder,
+            const std::function<bool()>& stop_requested);
 
 }  // namespace dimple

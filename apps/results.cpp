@@ -23,8 +23,8 @@ Eigen::MatrixXd node_sets(const Model& model) {
 
 }  // namespace
 
-ResultWriter::ResultWriter(fs::path folder, const Model& model, const ForceSystem& system, const SurfaceFile& surface,
-                           const SupportOptions& support)
+ResultWriter::ResultWriter(fs::path folder, const Model& model, const ForceSystem& system,
+                           const SurfaceFile& surface, const SupportOptions& support)
     : folder_(std::move(folder)),
       model_(model),
       system_(system),
@@ -41,7 +41,8 @@ ResultWriter::ResultWriter(fs::path folder, const Model& model, const ForceSyste
   for (Index m = 0; m < on_circle_.cols(); ++m) {
     const Vec3 d = surface.position_mm.col(m) * 1e-3 - model.tool.centre;
     const double along = d.dot(model.tool.push);
-    on_circle_(0, m) = (d - along * model.tool.push).norm() <= model.tool.radius && std::abs(along) < model.tool.radius;
+    on_circle_(0, m) =
+        (d - along * model.tool.push).norm() <= model.tool.radius && std::abs(along) < model.tool.radius;
   }
 }
 
@@ -75,7 +76,10 @@ void ResultWriter::frame(const Frame& frame) {
             {.position_mm = points_mm_,
              .fields = {{.name = "displacement", .unit = "mm", .values = to_points_(u), .components = xyz},
                         {.name = "jacobian", .unit = "", .values = J},
-                        {.name = "cauchy_stress", .unit = "Pa", .values = sigma, .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"}},
+                        {.name = "cauchy_stress",
+                         .unit = "Pa",
+                         .values = sigma,
+                         .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"}},
                         {.name = "von_mises_stress", .unit = "Pa", .values = mises},
                         {.name = "volume", .unit = "mm^3", .values = model_.volume.transpose() * 1e9}}},
             frame.t);
@@ -84,33 +88,38 @@ void ResultWriter::frame(const Frame& frame) {
   last_u_mm_ = u;
   if (surface_.triangles.cols() == 0) return;
   last_surface_u_mm_ = to_surface_(u);
-  write_vtp(surface_series_.next_frame(),
-            {.position_mm = surface_.position_mm + last_surface_u_mm_,
-             .triangles = surface_.triangles,
-             .fields = {{.name = "displacement", .unit = "mm", .values = last_surface_u_mm_, .components = xyz},
-                        {.name = "indenter_circle", .unit = "", .values = on_circle_, .type = Field::Type::int32}}},
-            frame.t);
+  write_vtp(
+      surface_series_.next_frame(),
+      {.position_mm = surface_.position_mm + last_surface_u_mm_,
+       .triangles = surface_.triangles,
+       .fields = {{.name = "displacement", .unit = "mm", .values = last_surface_u_mm_, .components = xyz},
+                  {.name = "indenter_circle", .unit = "", .values = on_circle_, .type = Field::Type::int32}}},
+      frame.t);
   surface_series_.add(frame.t);
 }
 
 void ResultWriter::tables(const History& history) const {
-  Table force{.header = {"time_s", "indentation_mm", "force_N", "base_force_N"}, .column = std::vector<std::vector<double>>(4)};
+  Table force{.header = {"time_s", "indentation_mm", "force_N", "base_force_N"},
+              .column = std::vector<std::vector<double>>(4)};
   for (const ForceSample& s : history.force) {
     const std::array<double, 4> row = {s.t, 1e3 * s.depth, s.force, s.base_force};
     for (std::size_t c = 0; c < row.size(); ++c) force.column[c].push_back(row[c]);
   }
   write_csv(folder_ / "force.csv", force);
 
-  Table energy{.header = {"time_s", "indentation_mm", "kinetic_J", "stored_J", "external_work_J", "dissipated_J", "error_J"},
+  Table energy{.header = {"time_s", "indentation_mm", "kinetic_J", "stored_J", "external_work_J",
+                          "dissipated_J", "error_J"},
                .column = std::vector<std::vector<double>>(7)};
   for (const EnergySample& s : history.energy) {
-    const std::array<double, 7> row = {s.t, 1e3 * s.depth, s.kinetic, s.stored, s.external, s.dissipated, s.error()};
+    const std::array<double, 7> row = {s.t,        1e3 * s.depth, s.kinetic, s.stored,
+                                       s.external, s.dissipated,  s.error()};
     for (std::size_t c = 0; c < row.size(); ++c) energy.column[c].push_back(row[c]);
   }
   write_csv(folder_ / "energy.csv", energy);
 }
 
-void ResultWriter::overview(const History& history, const std::string& title, const std::vector<std::string>& lines) const {
+void ResultWriter::overview(const History& history, const std::string& title,
+                            const std::vector<std::string>& lines) const {
   Overview picture;
   picture.title = title;
   picture.lines = lines;
@@ -141,7 +150,8 @@ void prepare_result_folder(const fs::path& folder) {
                        .remedy = "give an empty or a new folder with -o"});
   make_folder(folder);
   // What an earlier run left must not be mistaken for this one's.
-  for (const char* name : {"summary.json", "overview.png", "force.csv", "energy.csv", "nodes.pvd", "points.pvd", "surface.pvd"})
+  for (const char* name :
+       {"summary.json", "overview.png", "force.csv", "energy.csv", "nodes.pvd", "points.pvd", "surface.pvd"})
     fs::remove(folder / name, error);
   for (const char* name : {"nodes", "points", "surface"}) fs::remove_all(folder / name, error);
 }

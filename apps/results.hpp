@@ -13,13 +13,14 @@ namespace dimple {
 class ResultWriter {
  public:
   /// `surface` [LPS mm] may be empty. `model` must be complete and outlive this.
-  ResultWriter(std::filesystem::path folder, const Model& model, const ForceSystem& system, const SurfaceFile& surface,
-               const SupportOptions& support);
+  ResultWriter(std::filesystem::path folder, const Model& model, const ForceSystem& system,
+               const SurfaceFile& surface, const SupportOptions& support);
 
   void frame(const Frame& frame);
   void tables(const History& history) const;
   /// overview.png: the model at rest, the last frame, the force curve.
-  void overview(const History& history, const std::string& title, const std::vector<std::string>& lines) const;
+  void overview(const History& history, const std::string& title,
+                const std::vector<std::string>& lines) const;
 
  private:
   std::filesystem::path folder_;
@@ -34,8 +35,8 @@ class ResultWriter {
   Points last_u_mm_, last_surface_u_mm_;
 };
 
-/// Makes the folder ready: refuses one that holds other things than our results; removes frames of an earlier run.
-/// Throws OutputError.
+/// Makes the folder ready: refuses one that holds other things than our results; removes frames of an earlier
+/// run. Throws OutputError.
 void prepare_result_folder(const std::filesystem::path& folder);
 
 }  // namespace dimple

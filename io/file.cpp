@@ -130,7 +130,8 @@ void make_folder(const std::filesystem::path& folder) {
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error || !std::filesystem::is_directory(folder))
-    throw OutputError({.fact = fmt::format("the folder {} cannot be made{}", folder.string(), error ? ": " + error.message() : ""),
+    throw OutputError({.fact = fmt::format("the folder {} cannot be made{}", folder.string(),
+                                           error ? ": " + error.message() : ""),
                        .where = "results",
                        .why = "a file has that name, or the place cannot be written to",
                        .remedy = "give another -o"});

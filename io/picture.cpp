@@ -792,7 +792,7 @@ void colour_bar(Canvas& canvas, const Rect& room, double most_mm) {
   const int bands = static_cast<int>(bar.h * fine);
   for (int i = 0; i < bands; ++i) {
     const double y = bar.y + bar.h * (1.0 - (i + 1.0) / bands);
-    canvas.rectangle({bar.x, y, bar.w, 1.0 / fine}, heat((i + 0.5) / bands));
+    canvas.rectangle({bar.x, y, bar.w, std::min(2.0 / fine, bar.y + bar.h - y)}, heat((i + 0.5) / bands));
   }
   const Style style{.size = 14.0};
   write(canvas, {bar.x - 2.0, bar.y - 12.0}, "mm", style);

@@ -22,8 +22,12 @@ using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
 using Primitive = CGAL::AABB_face_graph_triangle_primitive<Mesh>;
 using AabbTree = CGAL::AABB_tree<CGAL::AABB_traits<Kernel, Primitive>>;
 
-Kernel::Point_3 to_cgal(const Vec3& x) { return {x.x(), x.y(), x.z()}; }
-Vec3 from_cgal(const Kernel::Point_3& x) { return {x.x(), x.y(), x.z()}; }
+Kernel::Point_3 to_cgal(const Vec3& x) {
+  return {x.x(), x.y(), x.z()};
+}
+Vec3 from_cgal(const Kernel::Point_3& x) {
+  return {x.x(), x.y(), x.z()};
+}
 
 }  // namespace
 
@@ -34,7 +38,10 @@ struct BodySurface::Tree {
 };
 
 BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isometry3d& to_world)
-    : vertex_(std::move(vertex)), triangles_(std::move(triangles)), to_world_(to_world), tree_(std::make_unique<Tree>()) {
+    : vertex_(std::move(vertex)),
+      triangles_(std::move(triangles)),
+      to_world_(to_world),
+      tree_(std::make_unique<Tree>()) {
   Mesh& mesh = tree_->mesh;
   std::vector<Mesh::Vertex_index> corner;
   for (Index v = 0; v < vertex_.cols(); ++v) corner.push_back(mesh.add_vertex(to_cgal(vertex_.col(v))));
@@ -46,10 +53,11 @@ BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isomet
     closed = face != Mesh::null_face();
   }
   if (!closed || !CGAL::is_closed(mesh))
-    throw ModelError({.fact = fmt::format("the surface of {} triangles is not closed", triangles_.cols()),
-                      .where = "body surface",
-                      .why = "it has a border, or more than two triangles meet at an edge",
-                      .remedy = "give a watertight surface; for an image, please report this as a mistake of ours"});
+    throw ModelError(
+        {.fact = fmt::format("the surface of {} triangles is not closed", triangles_.cols()),
+         .where = "body surface",
+         .why = "it has a border, or more than two triangles meet at an edge",
+         .remedy = "give a watertight surface; for an image, please report this as a mistake of ours"});
 
   normal_.resize(3, triangles_.cols());
   triangle_area_.resize(triangles_.cols());
@@ -77,7 +85,9 @@ BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isomet
 BodySurface::~BodySurface() = default;
 BodySurface::BodySurface(BodySurface&&) noexcept = default;
 
-bool BodySurface::contains(const Vec3& x) const { return (*tree_->side)(to_cgal(x)) != CGAL::ON_UNBOUNDED_SIDE; }
+bool BodySurface::contains(const Vec3& x) const {
+  return (*tree_->side)(to_cgal(x)) != CGAL::ON_UNBOUNDED_SIDE;
+}
 
 BodySurface::Closest BodySurface::closest(const Vec3& x) const {
   const auto [place, face] = tree_->aabb.closest_point_and_primitive(to_cgal(x));
@@ -87,16 +97,17 @@ BodySurface::Closest BodySurface::closest(const Vec3& x) const {
 
 std::vector<double> BodySurface::crossings(const Vec3& origin, const Vec3& direction) const {
   const double size = (upper() - lower()).norm();
-  // A line through an edge or a corner meets several triangles at one place, or touches without passing. Such a
-  // line is moved sideways by a billionth of the body's size and asked again.
+  // A line through an edge or a corner meets several triangles at one place, or touches without passing. Such
+  // a line is moved sideways by a billionth of the body's size and asked again.
   const Vec3 sideways = direction.unitOrthogonal();
   const Vec3 other = direction.normalized().cross(sideways);
   for (int attempt = 0; attempt < 8; ++attempt) {
     const double step = 1e-9 * size * attempt;
     const Vec3 o = origin + step * (0.61803 * sideways + 0.27393 * other);
     std::vector<AabbTree::Intersection_and_primitive_id<Kernel::Line_3>::Type> hits;
-    tree_->aabb.all_intersections(Kernel::Line_3(to_cgal(o), Kernel::Vector_3(direction.x(), direction.y(), direction.z())),
-                                  std::back_inserter(hits));
+    tree_->aabb.all_intersections(
+        Kernel::Line_3(to_cgal(o), Kernel::Vector_3(direction.x(), direction.y(), direction.z())),
+        std::back_inserter(hits));
     std::vector<double> t;
     bool clean = true;
     for (const auto& hit : hits) {
@@ -105,7 +116,8 @@ std::vector<double> BodySurface::crossings(const Vec3& origin, const Vec3& direc
       if (place) t.push_back((from_cgal(*place) - o).dot(direction) / direction.squaredNorm());
     }
     std::sort(t.begin(), t.end());
-    for (std::size_t k = 1; k < t.size(); ++k) clean = clean && t[k] - t[k - 1] > 1e-12 * size / direction.norm();
+    for (std::size_t k = 1; k < t.size(); ++k)
+      clean = clean && t[k] - t[k - 1] > 1e-12 * size / direction.norm();
     if (clean && t.size() % 2 == 0) return t;
   }
   return {};

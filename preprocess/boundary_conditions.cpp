@@ -25,11 +25,11 @@ const std::array<Side, 6> sides = {{{"inferior", {0, 0, -1}},
                                     {"right", {-1, 0, 0}},
                                     {"superior", {0, 0, 1}}}};
 
-constexpr double flat_share = 0.25;      // of the outline that must touch for a face to count as flat
-constexpr double flat_tolerance = 0.02;  // of the height
-constexpr double bed_depth = 1.0 / 3.0;  // of the height, for an organ without a flat face
-constexpr double dome_depth = 0.2;       // of the height: the part of a side that counts as its dome
-constexpr double thick_enough = 0.5;     // of the organ's greatest thickness must lie beneath the circle
+constexpr double flat_share = 0.25;        // of the outline that must touch for a face to count as flat
+constexpr double flat_tolerance = 0.02;    // of the height
+constexpr double bed_depth = 1.0 / 3.0;    // of the height, for an organ without a flat face
+constexpr double dome_depth = 0.2;         // of the height: the part of a side that counts as its dome
+constexpr double thick_enough = 0.5;       // of the organ's greatest thickness must lie beneath the circle
 constexpr double dome_tolerance = 0.0025;  // of the height: domes that differ by less are equally high
 
 std::string side_name(const Vec3& lps) {
@@ -55,9 +55,11 @@ Stand stand_on(const BodySurface& body, const Vec3& down, double tolerance_mm) {
   for (Index t = 0; t < body.triangles().cols(); ++t) {
     const double facing = body.normal().col(t).dot(down);
     outline += 0.5 * std::abs(facing) * body.triangle_area()[t];
-    const double centre = (depth[body.triangles()(0, t)] + depth[body.triangles()(1, t)] + depth[body.triangles()(2, t)]) / 3.0;
+    const double centre =
+        (depth[body.triangles()(0, t)] + depth[body.triangles()(1, t)] + depth[body.triangles()(2, t)]) / 3.0;
     if (facing > 0.9 && stand.lowest - centre < tolerance) touching += facing * body.triangle_area()[t];
-    if (facing > 0.0 && stand.lowest - centre < dome_depth * stand.height) dome += facing * body.triangle_area()[t];
+    if (facing > 0.0 && stand.lowest - centre < dome_depth * stand.height)
+      dome += facing * body.triangle_area()[t];
   }
   stand.share = touching / outline;
   stand.dome = dome / outline;
@@ -76,7 +78,8 @@ Vec3 nearest_axis(const BodySurface& body, const Vec3& lps) {
   return (local[axis] < 0.0 ? -1.0 : 1.0) * Vec3::Unit(axis);
 }
 
-void find_base(const BodySurface& body, const BoundaryOptions& options, double node_spacing_mm, Boundary& result) {
+void find_base(const BodySurface& body, const BoundaryOptions& options, double node_spacing_mm,
+               Boundary& result) {
   const double tolerance = 0.25 * node_spacing_mm;
   Stand stand;
   std::string side;
@@ -91,7 +94,8 @@ void find_base(const BodySurface& body, const BoundaryOptions& options, double n
     }
     std::size_t chosen = flattest;
     if (stands[flattest].share >= flat_share) {
-      result.base_reason = fmt::format("flat face: {:.0f} % of its outline touches the plane there", 100.0 * stands[flattest].share);
+      result.base_reason = fmt::format("flat face: {:.0f} % of its outline touches the plane there",
+                                       100.0 * stands[flattest].share);
     } else {
       chosen = 0;
       for (std::size_t s = 1; s < 6; ++s) {
@@ -99,30 +103,35 @@ void find_base(const BodySurface& body, const BoundaryOptions& options, double n
         const bool opposite = axes[s].dot(axes[chosen]) < -0.5;
         if (lower || (opposite && stands[s].dome < 0.9 * stands[chosen].dome)) chosen = s;
       }
-      result.base_reason = fmt::format("no flat face (at most {:.0f} % of an outline touches): bedded on the {} side, across "
-                                       "which the organ is {:.0f} mm high; its dome is {:.0f} % of the outline, that of the side above {:.0f} %", 100.0 * stands[flattest].share,
-                                       sides[chosen].word, stands[chosen].height, 100.0 * stands[chosen].dome,
-                                       100.0 * stand_on(body, -axes[chosen], tolerance).dome);
+      result.base_reason = fmt::format(
+          "no flat face (at most {:.0f} % of an outline touches): bedded on the {} side, across "
+          "which the organ is {:.0f} mm high; its dome is {:.0f} % of the outline, that of the side above "
+          "{:.0f} %",
+          100.0 * stands[flattest].share, sides[chosen].word, stands[chosen].height,
+          100.0 * stands[chosen].dome, 100.0 * stand_on(body, -axes[chosen], tolerance).dome);
     }
     stand = stands[chosen];
     side = sides[chosen].word;
     result.down = axes[chosen];
   } else {
-    const auto named = std::find_if(sides.begin(), sides.end(), [&](const Side& s) { return s.word == options.base; });
+    const auto named =
+        std::find_if(sides.begin(), sides.end(), [&](const Side& s) { return s.word == options.base; });
     const auto vector = parse_vector(options.base);
     if (named != sides.end()) {
       result.down = nearest_axis(body, named->lps);
     } else if (vector && vector->norm() > 0.0) {
       result.down = local_direction(body, vector->normalized());
     } else {
-      throw UsageError({.fact = fmt::format("'{}' is not a side", options.base),
-                        .where = "--base (boundary.base)",
-                        .why = "a side is auto, inferior, superior, left, right, anterior, posterior or x,y,z",
-                        .remedy = "give one of these, for instance --base inferior"});
+      throw UsageError(
+          {.fact = fmt::format("'{}' is not a side", options.base),
+           .where = "--base (boundary.base)",
+           .why = "a side is auto, inferior, superior, left, right, anterior, posterior or x,y,z",
+           .remedy = "give one of these, for instance --base inferior"});
     }
     stand = stand_on(body, result.down, tolerance);
     side = side_name(body.to_world().linear() * result.down);
-    result.base_reason = fmt::format("asked for; {:.0f} % of its outline touches the plane there", 100.0 * stand.share);
+    result.base_reason =
+        fmt::format("asked for; {:.0f} % of its outline touches the plane there", 100.0 * stand.share);
   }
   result.lowest = stand.lowest;
   result.height = stand.height;
@@ -133,7 +142,8 @@ void find_base(const BodySurface& body, const BoundaryOptions& options, double n
     result.base_depth = result.flat_base ? std::max(flat_tolerance * stand.height, 0.35 * node_spacing_mm)
                                          : bed_depth * stand.height;
   }
-  result.base_reason = fmt::format("{} side; {}; held to {:.1f} mm up", side, result.base_reason, result.base_depth);
+  result.base_reason =
+      fmt::format("{} side; {}; held to {:.1f} mm up", side, result.base_reason, result.base_depth);
 }
 
 // The place where the tool, coming along `push` through `x`, first meets the body.
@@ -172,14 +182,15 @@ void find_circle(const BodySurface& body, const BoundaryOptions& options, Bounda
     const auto touch = first_touch(body, local, result.push);
     if (!touch) {
       const Vec3 lower = body.to_world() * body.lower(), upper = body.to_world() * body.upper();
-      throw ModelError({.fact = fmt::format("the indenter at {} mm misses the organ", options.indent_at),
-                        .where = "--indent-at (boundary.indent_at)",
-                        .why = fmt::format("a line through it along the push direction meets no tissue; the organ lies "
-                                           "between ({:.1f}, {:.1f}, {:.1f}) and ({:.1f}, {:.1f}, {:.1f}) mm",
-                                           std::min(lower.x(), upper.x()), std::min(lower.y(), upper.y()),
-                                           std::min(lower.z(), upper.z()), std::max(lower.x(), upper.x()),
-                                           std::max(lower.y(), upper.y()), std::max(lower.z(), upper.z())),
-                        .remedy = "give a place over the organ, or --indent-at top"});
+      throw ModelError(
+          {.fact = fmt::format("the indenter at {} mm misses the organ", options.indent_at),
+           .where = "--indent-at (boundary.indent_at)",
+           .why = fmt::format("a line through it along the push direction meets no tissue; the organ lies "
+                              "between ({:.1f}, {:.1f}, {:.1f}) and ({:.1f}, {:.1f}, {:.1f}) mm",
+                              std::min(lower.x(), upper.x()), std::min(lower.y(), upper.y()),
+                              std::min(lower.z(), upper.z()), std::max(lower.x(), upper.x()),
+                              std::max(lower.y(), upper.y()), std::max(lower.z(), upper.z())),
+           .remedy = "give a place over the organ, or --indent-at top"});
     }
     result.centre = *touch;
     result.circle_reason = "asked for; moved along the push direction onto the surface";
@@ -197,12 +208,16 @@ void find_circle(const BodySurface& body, const BoundaryOptions& options, Bounda
   const double step = options.indenter_diameter_mm / 8.0;
   const Vec3 middle = body.centroid();
   const Eigen::VectorXd c1 = body.vertex().transpose() * e1, c2 = body.vertex().transpose() * e2;
-  const int half1 = static_cast<int>(std::ceil(std::max(c1.maxCoeff() - middle.dot(e1), middle.dot(e1) - c1.minCoeff()) / step));
-  const int half2 = static_cast<int>(std::ceil(std::max(c2.maxCoeff() - middle.dot(e2), middle.dot(e2) - c2.minCoeff()) / step));
+  const int half1 = static_cast<int>(
+      std::ceil(std::max(c1.maxCoeff() - middle.dot(e1), middle.dot(e1) - c1.minCoeff()) / step));
+  const int half2 = static_cast<int>(
+      std::ceil(std::max(c2.maxCoeff() - middle.dot(e2), middle.dot(e2) - c2.minCoeff()) / step));
   const double none = std::numeric_limits<double>::quiet_NaN();
   Eigen::ArrayXXd height = Eigen::ArrayXXd::Constant(2 * half1 + 1, 2 * half2 + 1, none);  // against the push
-  Eigen::ArrayXXd thickness = Eigen::ArrayXXd::Zero(height.rows(), height.cols());         // of what is met first
-  const auto at = [&](int i, int j) { return Vec3(middle + (i - half1) * step * e1 + (j - half2) * step * e2); };
+  Eigen::ArrayXXd thickness = Eigen::ArrayXXd::Zero(height.rows(), height.cols());  // of what is met first
+  const auto at = [&](int i, int j) {
+    return Vec3(middle + (i - half1) * step * e1 + (j - half2) * step * e2);
+  };
   for (int i = 0; i < height.rows(); ++i)
     for (int j = 0; j < height.cols(); ++j)
       if (const std::vector<double> t = body.crossings(at(i, j), result.push); !t.empty()) {
@@ -229,7 +244,8 @@ void find_circle(const BodySurface& body, const BoundaryOptions& options, Bounda
         for (int dj = -reach; dj <= reach && whole; ++dj) {
           if (di * di + dj * dj > reach * reach) continue;
           const int ii = i + di, jj = j + dj;
-          whole = ii >= 0 && jj >= 0 && ii < height.rows() && jj < height.cols() && std::isfinite(height(ii, jj));
+          whole =
+              ii >= 0 && jj >= 0 && ii < height.rows() && jj < height.cols() && std::isfinite(height(ii, jj));
           if (whole && di * di + dj * dj <= 16) {
             sum += height(ii, jj);
             ++count;
@@ -238,29 +254,36 @@ void find_circle(const BodySurface& body, const BoundaryOptions& options, Bounda
       if (whole) candidates.push_back({i, j, sum / count, (at(i, j) - middle).norm()});
     }
   if (candidates.empty())
-    throw ModelError({.fact = fmt::format("no place on the {} takes an indenter of {:.1f} mm diameter", options.indent_at,
-                                          options.indenter_diameter_mm),
-                      .where = "indenter circle",
-                      .why = "it would hang over the organ's edge everywhere",
-                      .remedy = "make it smaller with --indenter-diameter, or choose the place with --indent-at x,y,z"});
-  const double best = std::max_element(candidates.begin(), candidates.end(),
-                                       [](const auto& a, const auto& b) { return a.mean < b.mean; })->mean;
+    throw ModelError(
+        {.fact = fmt::format("no place on the {} takes an indenter of {:.1f} mm diameter", options.indent_at,
+                             options.indenter_diameter_mm),
+         .where = "indenter circle",
+         .why = "it would hang over the organ's edge everywhere",
+         .remedy = "make it smaller with --indenter-diameter, or choose the place with --indent-at x,y,z"});
+  const double best =
+      std::max_element(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) {
+        return a.mean < b.mean;
+      })->mean;
   const Candidate* chosen = nullptr;
   double chosen_leftness = 0.0;
   for (const Candidate& c : candidates) {
     if (c.mean < best - dome_tolerance * result.height) continue;
     const double leftness = (at(c.i, c.j) - middle).dot(to_left);
-    const bool nearer = !chosen || c.off_middle < chosen->off_middle - 0.5 * step ||
-                        (c.off_middle < chosen->off_middle + 0.5 * step && leftness > chosen_leftness + 0.5 * step);
+    const bool nearer =
+        !chosen || c.off_middle < chosen->off_middle - 0.5 * step ||
+        (c.off_middle < chosen->off_middle + 0.5 * step && leftness > chosen_leftness + 0.5 * step);
     if (nearer) {
       chosen = &c;
       chosen_leftness = leftness;
     }
   }
   result.centre = *first_touch(body, at(chosen->i, chosen->j), result.push);
-  result.circle_reason = fmt::format("over the highest dome{}{}: nearest to the middle of all places within {:.2f} mm of its top",
-                                     left ? " of the left half" : right ? " of the right half" : "",
-                                     options.direction == "auto" ? ", opposite to the base" : "", dome_tolerance * result.height);
+  result.circle_reason = fmt::format(
+      "over the highest dome{}{}: nearest to the middle of all places within {:.2f} mm of its top",
+      left    ? " of the left half"
+      : right ? " of the right half"
+              : "",
+      options.direction == "auto" ? ", opposite to the base" : "", dome_tolerance * result.height);
 }
 
 }  // namespace
@@ -291,12 +314,15 @@ Points circle_nodes(const BodySurface& body, const Boundary& boundary, double sp
       const auto touch = first_touch(body, x, boundary.push);
       if (!touch || std::abs((*touch - boundary.centre).dot(boundary.push)) > 2.0 * boundary.radius) {
         const Vec3 world = body.to_world() * boundary.centre;
-        throw ModelError({.fact = fmt::format("the indenter's circle of {:.1f} mm diameter at ({:.1f}, {:.1f}, {:.1f}) mm hangs "
-                                              "over the organ's edge", 2.0 * boundary.radius, world.x(), world.y(), world.z()),
-                          .where = "indenter circle",
-                          .why = touch ? "at a part of its rim the surface lies more than a diameter deeper"
-                                       : "a part of its rim meets no tissue",
-                          .remedy = "move it with --indent-at or make it smaller with --indenter-diameter"});
+        throw ModelError(
+            {.fact = fmt::format(
+                 "the indenter's circle of {:.1f} mm diameter at ({:.1f}, {:.1f}, {:.1f}) mm hangs "
+                 "over the organ's edge",
+                 2.0 * boundary.radius, world.x(), world.y(), world.z()),
+             .where = "indenter circle",
+             .why = touch ? "at a part of its rim the surface lies more than a diameter deeper"
+                          : "a part of its rim meets no tissue",
+             .remedy = "move it with --indent-at or make it smaller with --indenter-diameter"});
       }
       nodes.push_back(*touch);
     }

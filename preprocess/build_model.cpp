@@ -8,10 +8,18 @@
 
 namespace dimple {
 
-double metres(double mm) { return std::round(mm * 1e7) / 1e10; }
-double millimetres(double m) { return std::round(m * 1e10) / 1e7; }
-double cubic_metres(double mm3) { return std::round(mm3 * 1e9) / 1e18; }
-double cubic_millimetres(double m3) { return std::round(m3 * 1e18) / 1e9; }
+double metres(double mm) {
+  return std::round(mm * 1e7) / 1e10;
+}
+double millimetres(double m) {
+  return std::round(m * 1e10) / 1e7;
+}
+double cubic_metres(double mm3) {
+  return std::round(mm3 * 1e9) / 1e18;
+}
+double cubic_millimetres(double m3) {
+  return std::round(m3 * 1e18) / 1e9;
+}
 
 namespace {
 
@@ -29,7 +37,8 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options) {
   report.surface_volume_mm3 = body.volume();
   report.surface_area_mm2 = body.area();
 
-  const double spacing = options.cloud.spacing_mm > 0.0 ? options.cloud.spacing_mm : spacing_for_count(body, options.cloud.count);
+  const double spacing = options.cloud.spacing_mm > 0.0 ? options.cloud.spacing_mm
+                                                        : spacing_for_count(body, options.cloud.count);
   const Boundary boundary = report.boundary = find_boundary(body, options.boundary, spacing);
   const NodeCloud cloud = make_node_cloud(body, boundary, options.cloud);
   const IntegrationGrid grid = make_integration_grid(body, options.grid, cloud.X.cols());
@@ -39,7 +48,7 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options) {
   model.point = world_metres(body, grid.point);
   model.volume = grid.volume.unaryExpr(&cubic_metres);
   model.tool.centre = world_metres(body, boundary.centre);
-  model.tool.push = body.to_world().linear() * boundary.push;
+  model.tool.push = body.to_world().linear() * boundary.push + Vec3::Zero();  // no minus zeros
   model.tool.radius = metres(boundary.radius);
   for (Index a = 0; a < cloud.X.cols(); ++a) {
     if (a < cloud.circle_count) model.indenter.push_back(a);
@@ -55,22 +64,26 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options) {
   report.circle_nodes = cloud.circle_count;
   for (Index a = 0; a < cloud.circle_count; ++a) {
     const Vec3 d = cloud.X.col(a) - boundary.centre;
-    if ((d - d.dot(boundary.push) * boundary.push).norm() > boundary.radius * (1.0 - 1e-6)) ++report.rim_nodes;
+    if ((d - d.dot(boundary.push) * boundary.push).norm() > boundary.radius * (1.0 - 1e-6))
+      ++report.rim_nodes;
   }
   report.evenness = measure_evenness(cloud, grid.point);
 
   if (model.base.empty())
-    throw ModelError({.fact = "no node lies on the base",
-                      .where = "fixed base",
-                      .why = fmt::format("no surface node within {:.2f} mm of the lowest place", boundary.base_depth),
-                      .remedy = "give more depth with boundary.base_depth_mm, more nodes, or another --base"});
+    throw ModelError(
+        {.fact = "no node lies on the base",
+         .where = "fixed base",
+         .why = fmt::format("no surface node within {:.2f} mm of the lowest place", boundary.base_depth),
+         .remedy = "give more depth with boundary.base_depth_mm, more nodes, or another --base"});
   for (Index a = 0; a < cloud.circle_count; ++a) {
     const Vec3 x = cloud.X.col(a);
     if (boundary.lowest - x.dot(boundary.down) <= boundary.base_depth)
-      throw ModelError({.fact = "the indenter's circle lies on the fixed base",
-                        .where = "fixed base and indenter circle",
-                        .why = fmt::format("a node of the circle is within {:.2f} mm of the lowest place", boundary.base_depth),
-                        .remedy = "choose another place (--indent-at), another --base, or less boundary.base_depth_mm"});
+      throw ModelError(
+          {.fact = "the indenter's circle lies on the fixed base",
+           .where = "fixed base and indenter circle",
+           .why = fmt::format("a node of the circle is within {:.2f} mm of the lowest place",
+                              boundary.base_depth),
+           .remedy = "choose another place (--indent-at), another --base, or less boundary.base_depth_mm"});
   }
   return built;
 }

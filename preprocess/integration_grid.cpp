@@ -36,7 +36,8 @@ Cells fill(const BodySurface& body, double edge) {
   cells.volume = Eigen::VectorXd::Zero(total);
   cells.moment = Points::Zero(3, total);
 
-  // Lines are spread over the part of a cell that lies in the body's box: a flat face across its end is met exactly.
+  // Lines are spread over the part of a cell that lies in the body's box: a flat face across its end is met
+  // exactly.
   const Vec3 lower = body.lower(), upper = body.upper();
   const auto strip = [&](int d, Index cell) {
     const double from = std::max(lower[d], cells.origin[d] + edge * static_cast<double>(cell));
@@ -55,7 +56,8 @@ Cells fill(const BodySurface& body, double edge) {
         const std::vector<double> t = body.crossings(Vec3(cells.origin.x(), y, z), Vec3::UnitX());
         for (std::size_t pair = 0; pair + 1 < t.size(); pair += 2) {
           const double enter = t[pair], leave = t[pair + 1];
-          const Index from = std::clamp<Index>(static_cast<Index>(std::floor(enter / edge)), 0, cells.n[0] - 1);
+          const Index from =
+              std::clamp<Index>(static_cast<Index>(std::floor(enter / edge)), 0, cells.n[0] - 1);
           const Index to = std::clamp<Index>(static_cast<Index>(std::floor(leave / edge)), 0, cells.n[0] - 1);
           for (Index i = from; i <= to; ++i) {
             const double begin = i == from ? enter : edge * static_cast<double>(i);
@@ -86,7 +88,8 @@ void merge_slivers(Cells& cells, IntegrationGrid& grid) {
       for (const Index side : {-1, 1}) {
         if (at[d] + side < 0 || at[d] + side >= cells.n[d]) continue;
         const Index other = c + side * stride[d];
-        if (cells.volume[other] >= small && (best < 0 || cells.volume[other] > cells.volume[best])) best = other;
+        if (cells.volume[other] >= small && (best < 0 || cells.volume[other] > cells.volume[best]))
+          best = other;
       }
     if (best < 0) continue;
     cells.volume[best] += cells.volume[c];

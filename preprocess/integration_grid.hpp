@@ -11,7 +11,7 @@ struct GridOptions {
 
 /// A regular background grid that does not conform to the body; mm, in the surface's own frame.
 struct IntegrationGrid {
-  Points point;            ///< [3xQ] centroid of each cell's part inside the body: the cell's centre if it is whole
+  Points point;  ///< [3xQ] centroid of each cell's part inside the body: the cell's centre if it is whole
   Eigen::VectorXd volume;  ///< [Q] of that part [mm^3]
   double cell = 0.0;       ///< edge [mm]
   Index clipped = 0;       ///< cells that the surface cuts

@@ -28,10 +28,10 @@ using Mask = itk::Image<std::uint8_t, 3>;
 using Pieces = itk::Image<std::uint32_t, 3>;
 using Indicator = itk::Image<float, 3>;
 
-constexpr Index padding = 4;            // voxels: more than the Gaussian reaches
+constexpr Index padding = 4;  // voxels: more than the Gaussian reaches
 constexpr double smoothing_voxels = 0.7;
 constexpr int relaxation_sweeps = 120;  // enough for the terraces of a slope of one in ten
-constexpr double leash = 0.5;           // lattice steps: the voxels do not say more about where the surface is
+constexpr double leash = 0.5;  // lattice steps: the voxels do not say more about where the surface is
 
 // The part of the image that holds the chosen labels, with a border of background.
 struct Crop {
@@ -85,7 +85,8 @@ Crop crop_to_labels(const LabelImage& image, const std::vector<int>& labels) {
     for (Index j = lower[1]; j <= upper[1]; ++j)
       for (Index i = lower[0]; i <= upper[0]; ++i)
         if (is_chosen(image.at(i, j, k), labels)) {
-          out[(i - crop.first[0]) + crop.size[0] * ((j - crop.first[1]) + crop.size[1] * (k - crop.first[2]))] = 1;
+          out[(i - crop.first[0]) +
+              crop.size[0] * ((j - crop.first[1]) + crop.size[1] * (k - crop.first[2]))] = 1;
           crop.touches_border = crop.touches_border || i == 0 || j == 0 || k == 0 || i == image.size[0] - 1 ||
                                 j == image.size[1] - 1 || k == image.size[2] - 1;
         }
@@ -156,12 +157,14 @@ struct Frame {
 Frame frame_of(const LabelImage& image) {
   Frame frame;
   const Mat3 A = image.to_world.linear();
-  const Eigen::JacobiSVD<Mat3> svd(A * image.spacing().cwiseInverse().asDiagonal(), Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Eigen::JacobiSVD<Mat3> svd(A * image.spacing().cwiseInverse().asDiagonal(),
+                                   Eigen::ComputeFullU | Eigen::ComputeFullV);
   frame.to_world.linear() = svd.matrixU() * svd.matrixV().transpose();
   frame.to_world.translation() = image.to_world.translation();
   Mat3 L = frame.to_world.linear().transpose() * A;
   const Mat3 off_diagonal = L - Mat3(L.diagonal().asDiagonal());
-  if (off_diagonal.cwiseAbs().maxCoeff() < 1e-6 * image.spacing().minCoeff()) L = Mat3(Vec3(L.diagonal()).asDiagonal());
+  if (off_diagonal.cwiseAbs().maxCoeff() < 1e-6 * image.spacing().minCoeff())
+    L = Mat3(Vec3(L.diagonal()).asDiagonal());
   // Headers in other formats hold the same numbers with other last digits; the body must not depend on those.
   frame.voxel_to_local = (L.array() * 1e9).round() / 1e9;
   return frame;
@@ -184,7 +187,8 @@ Indicator::Pointer smooth(const Crop& crop, const Vec3& sigma_voxels) {
 }
 
 // Samples the smoothed indicator on a cubic lattice in the local frame: isotropic, whatever the voxels are.
-vtkNew<vtkImageData> sample(const Indicator* smoothed, const Crop& crop, const Mat3& voxel_to_local, double step) {
+vtkNew<vtkImageData> sample(const Indicator* smoothed, const Crop& crop, const Mat3& voxel_to_local,
+                            double step) {
   Vec3 lower = Vec3::Constant(1e300), upper = Vec3::Constant(-1e300);
   for (int corner = 0; corner < 8; ++corner) {
     Vec3 v;
@@ -236,7 +240,8 @@ double enclosed_volume(const TriangleSoup& s) {
   double volume = 0.0;
   for (Index t = 0; t < s.triangles.cols(); ++t)
     volume += (s.vertex.col(s.triangles(0, t)) - o)
-                  .dot((s.vertex.col(s.triangles(1, t)) - o).cross(s.vertex.col(s.triangles(2, t)) - o)) / 6.0;
+                  .dot((s.vertex.col(s.triangles(1, t)) - o).cross(s.vertex.col(s.triangles(2, t)) - o)) /
+              6.0;
   return volume;
 }
 
@@ -246,7 +251,8 @@ TriangleSoup largest_shell(const TriangleSoup& all, double smallest_cavity_mm3) 
   std::iota(parent.begin(), parent.end(), Index{0});
   const auto root = [&](Index v) {
     while (parent[static_cast<std::size_t>(v)] != v)
-      v = parent[static_cast<std::size_t>(v)] = parent[static_cast<std::size_t>(parent[static_cast<std::size_t>(v)])];
+      v = parent[static_cast<std::size_t>(v)] =
+          parent[static_cast<std::size_t>(parent[static_cast<std::size_t>(v)])];
     return v;
   };
   for (Index t = 0; t < all.triangles.cols(); ++t)
@@ -256,7 +262,9 @@ TriangleSoup largest_shell(const TriangleSoup& all, double smallest_cavity_mm3) 
   std::map<Index, double> volume;
   for (Index t = 0; t < all.triangles.cols(); ++t)
     volume[root(all.triangles(0, t))] +=
-        all.vertex.col(all.triangles(0, t)).dot(all.vertex.col(all.triangles(1, t)).cross(all.vertex.col(all.triangles(2, t)))) / 6.0;
+        all.vertex.col(all.triangles(0, t))
+            .dot(all.vertex.col(all.triangles(1, t)).cross(all.vertex.col(all.triangles(2, t)))) /
+        6.0;
   const auto largest = std::max_element(volume.begin(), volume.end(),
                                         [](const auto& a, const auto& b) { return a.second < b.second; });
   TriangleSoup result;
@@ -275,11 +283,13 @@ TriangleSoup largest_shell(const TriangleSoup& all, double smallest_cavity_mm3) 
     }
   }
   result.vertex.resize(3, static_cast<Index>(kept_vertex.size()));
-  for (std::size_t v = 0; v < kept_vertex.size(); ++v) result.vertex.col(static_cast<Index>(v)) = all.vertex.col(kept_vertex[v]);
+  for (std::size_t v = 0; v < kept_vertex.size(); ++v)
+    result.vertex.col(static_cast<Index>(v)) = all.vertex.col(kept_vertex[v]);
   result.triangles.resize(3, static_cast<Index>(kept_triangle.size()));
   for (std::size_t t = 0; t < kept_triangle.size(); ++t)
     for (int c = 0; c < 3; ++c)
-      result.triangles(c, static_cast<Index>(t)) = number[static_cast<std::size_t>(all.triangles(c, kept_triangle[t]))];
+      result.triangles(c, static_cast<Index>(t)) =
+          number[static_cast<std::size_t>(all.triangles(c, kept_triangle[t]))];
   return result;
 }
 
@@ -306,9 +316,9 @@ TriangleSoup iso_surface(vtkImageData* lattice, double level, double smallest_ca
   return largest_shell(all, smallest_cavity_mm3);
 }
 
-// Moves each vertex to the middle of its neighbours, over and over, on a leash around where it began: terraces of
-// the voxels go, and the surface stays between the voxel centres that it separates (Gibson, Constrained elastic
-// surface nets, MICCAI 1998).
+// Moves each vertex to the middle of its neighbours, over and over, on a leash around where it began:
+// terraces of the voxels go, and the surface stays between the voxel centres that it separates (Gibson,
+// Constrained elastic surface nets, MICCAI 1998).
 void relax(TriangleSoup& surface, double reach) {
   const Points start = surface.vertex;
   const Index n = surface.vertex.cols();
@@ -336,19 +346,22 @@ void match_volume(TriangleSoup& surface, double volume_mm3) {
     double area = 0.0;
     for (Index t = 0; t < surface.triangles.cols(); ++t) {
       const Vec3 a = surface.vertex.col(surface.triangles(0, t));
-      const Vec3 n = 0.5 * (surface.vertex.col(surface.triangles(1, t)) - a).cross(surface.vertex.col(surface.triangles(2, t)) - a);
+      const Vec3 n = 0.5 * (surface.vertex.col(surface.triangles(1, t)) - a)
+                               .cross(surface.vertex.col(surface.triangles(2, t)) - a);
       area += n.norm();
       for (int c = 0; c < 3; ++c) normal.col(surface.triangles(c, t)) += n;
     }
     const double offset = (volume_mm3 - enclosed_volume(surface)) / area;
     for (Index v = 0; v < normal.cols(); ++v)
-      if (const double length = normal.col(v).norm(); length > 0.0) surface.vertex.col(v) += offset / length * normal.col(v);
+      if (const double length = normal.col(v).norm(); length > 0.0)
+        surface.vertex.col(v) += offset / length * normal.col(v);
   }
 }
 
 }  // namespace
 
-SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>& labels, double node_spacing_mm) {
+SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>& labels,
+                                double node_spacing_mm) {
   SegmentReport report;
   report.labels = labels;
   const double smallest_cavity = std::pow(2.0 * node_spacing_mm, 3);
@@ -362,24 +375,29 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   const Vec3 sigma = (0.5 * step * spacing.cwiseInverse()).cwiseMax(smoothing_voxels);
   report.smoothing_mm = sigma.cwiseProduct(spacing).maxCoeff();
   const Indicator::Pointer smoothed = smooth(crop, sigma);
-  TriangleSoup surface = iso_surface(sample(smoothed, crop, frame.voxel_to_local, step), 0.5, smallest_cavity);
+  TriangleSoup surface =
+      iso_surface(sample(smoothed, crop, frame.voxel_to_local, step), 0.5, smallest_cavity);
   if (surface.triangles.cols() == 0)
-    throw ModelError({.fact = "the smoothed organ vanishes",
-                      .where = "body surface",
-                      .why = fmt::format("it is nowhere thicker than {:.2f} mm, the smoothing", report.smoothing_mm),
-                      .remedy = "choose another --label, ask for more --nodes, or give a finer image"});
+    throw ModelError(
+        {.fact = "the smoothed organ vanishes",
+         .where = "body surface",
+         .why = fmt::format("it is nowhere thicker than {:.2f} mm, the smoothing", report.smoothing_mm),
+         .remedy = "choose another --label, ask for more --nodes, or give a finer image"});
   relax(surface, leash * step);
   match_volume(surface, report.voxel_volume_mm3);
 
   const double error = enclosed_volume(surface) / report.voxel_volume_mm3 - 1.0;
   if (std::abs(error) > 1e-3)
-    report.warnings.push_back(fmt::format("the smooth surface encloses {:.2f} % {} than the voxels: parts of the organ are "
-                                          "thinner than two voxels, or than half a node spacing",
-                                          100.0 * std::abs(error), error > 0.0 ? "more" : "less"));
+    report.warnings.push_back(
+        fmt::format("the smooth surface encloses {:.2f} % {} than the voxels: parts of the organ are "
+                    "thinner than two voxels, or than half a node spacing",
+                    100.0 * std::abs(error), error > 0.0 ? "more" : "less"));
   if (report.cut_by_border)
-    report.warnings.push_back("the organ touches the border of the image: it is cut off there, and the cut face is "
-                              "taken as its surface");
-  return {BodySurface(std::move(surface.vertex), std::move(surface.triangles), frame.to_world), std::move(report)};
+    report.warnings.push_back(
+        "the organ touches the border of the image: it is cut off there, and the cut face is "
+        "taken as its surface");
+  return {BodySurface(std::move(surface.vertex), std::move(surface.triangles), frame.to_world),
+          std::move(report)};
 }
 
 double largest_piece_volume(const LabelImage& image, const std::vector<int>& labels) {

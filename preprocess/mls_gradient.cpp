@@ -7,8 +7,8 @@ namespace dimple {
 namespace {
 
 struct WeightValue {
-  double w;       ///< weight
-  double dw_ds;   ///< its derivative with respect to s = distance / radius
+  double w;      ///< weight
+  double dw_ds;  ///< its derivative with respect to s = distance / radius
 };
 
 WeightValue weight_at(Weight weight, double s) {
@@ -56,8 +56,9 @@ MlsResult evaluate(const Vec3& x, const Points& X, std::span<const int> nodes, c
   for (const int a : nodes) scale += radius[a];
   scale *= growth / static_cast<double>(n);
 
-  // The basis is centred at x: p(x) = e_1, and d/dx_r of p_a is minus the basis' own derivative. Keeping x inside
-  // the basis while differentiating only the weights gives the same phi: the span of p does not change with x.
+  // The basis is centred at x: p(x) = e_1, and d/dx_r of p_a is minus the basis' own derivative. Keeping x
+  // inside the basis while differentiating only the weights gives the same phi: the span of p does not change
+  // with x.
   Moment A = Moment::Zero();
   std::array<Moment, 3> dA = {Moment::Zero(), Moment::Zero(), Moment::Zero()};
   for (Index k = 0; k < n; ++k) {

@@ -14,7 +14,8 @@ enum class Weight { quartic, cubic, gauss };
 struct SupportOptions {
   Basis basis = Basis::linear;
   Weight weight = Weight::quartic;
-  /// A node's support radius = radius_factor x the cloud's spacing at that node. 0: 1.8 (linear), 2.6 (quadratic).
+  /// A node's support radius = radius_factor x the cloud's spacing at that node. 0: 1.8 (linear), 2.6
+  /// (quadratic).
   double radius_factor = 0.0;
   double effective_radius_factor() const {
     return radius_factor > 0.0 ? radius_factor : basis == Basis::linear ? 1.8 : 2.6;
@@ -37,7 +38,8 @@ struct MlsResult {
 /// Every linear field is reproduced exactly; this is checked for every point of every model built.
 /// Source:   Horton et al. 2007, section 2.1 (theory of Lancaster & Salkauskas); quadratic basis with
 ///           H = 1e-7 on the quadratic coefficients as in Joldes et al. 2015 (modified MLS).
-/// Departs:  the basis is centred at x and scaled by the mean radius, so that conditioning and H do not depend on
+/// Departs:  the basis is centred at x and scaled by the mean radius, so that conditioning and H do not
+/// depend on
 ///           the unit of length.
 /// Returns:  how well the moment matrix is conditioned; phi and dphi are meaningful only if ok().
 MlsResult mls_shape_functions(const Vec3& x, const Points& X, std::span<const int> nodes,

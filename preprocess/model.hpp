@@ -7,7 +7,8 @@
 
 namespace dimple {
 
-/// Lists of numbers packed end to end: row r holds member[offset[r]] ... member[offset[r + 1] - 1], ascending.
+/// Lists of numbers packed end to end: row r holds member[offset[r]] ... member[offset[r + 1] - 1],
+/// ascending.
 struct CompressedRows {
   Eigen::VectorXi offset;  ///< [rows + 1]
   Eigen::VectorXi member;  ///< [offset[rows]]

@@ -8,7 +8,8 @@
 namespace dimple {
 
 struct Neighbours::Tree {
-  using Index_ = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Tree>, Tree, 3, int>;
+  using Index_ =
+      nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Tree>, Tree, 3, int>;
 
   explicit Tree(const Points& p) : points(p), index(3, *this, {16}) {}
 
@@ -41,8 +42,7 @@ void Neighbours::within(const Vec3& x, double radius, std::vector<int>& result) 
 }
 
 std::vector<int> Neighbours::nearest(const Vec3& x, int count) const {
-  const auto wanted = static_cast<std::size_t>(
-      std::min<Index>(count, tree_->points.cols()));
+  const auto wanted = static_cast<std::size_t>(std::min<Index>(count, tree_->points.cols()));
   std::vector<int> id(wanted);
   std::vector<double> distance2(wanted);
   const std::size_t got = tree_->index.knnSearch(x.data(), wanted, id.data(), distance2.data());

@@ -18,7 +18,9 @@ constexpr int candidates_per_node = 5;
 constexpr int sweeps = 40;
 
 // std::uniform_real_distribution may differ between standard libraries; these bits do not.
-double uniform(std::mt19937_64& random) { return static_cast<double>(random() >> 11) * 0x1.0p-53; }
+double uniform(std::mt19937_64& random) {
+  return static_cast<double>(random() >> 11) * 0x1.0p-53;
+}
 
 double lateral_distance(const Boundary& boundary, const Vec3& x) {
   const Vec3 d = x - boundary.centre;
@@ -37,16 +39,18 @@ Points to_points(const std::vector<Vec3>& v) {
   return result;
 }
 
-std::vector<Vec3> surface_candidates(const BodySurface& body, const Boundary& boundary, Index count, double spacing,
-                                     std::mt19937_64& random) {
+std::vector<Vec3> surface_candidates(const BodySurface& body, const Boundary& boundary, Index count,
+                                     double spacing, std::mt19937_64& random) {
   std::vector<Vec3> result;
   std::vector<double> cumulated(static_cast<std::size_t>(body.triangles().cols()));
   double area = 0.0;
-  for (Index t = 0; t < body.triangles().cols(); ++t) cumulated[static_cast<std::size_t>(t)] = area += body.triangle_area()[t];
+  for (Index t = 0; t < body.triangles().cols(); ++t)
+    cumulated[static_cast<std::size_t>(t)] = area += body.triangle_area()[t];
   for (Index k = 0; k < count; ++k) {
     const double at = (static_cast<double>(k) + uniform(random)) / static_cast<double>(count) * area;
-    const auto t = std::min<Index>(std::upper_bound(cumulated.begin(), cumulated.end(), at) - cumulated.begin(),
-                                   body.triangles().cols() - 1);
+    const auto t =
+        std::min<Index>(std::upper_bound(cumulated.begin(), cumulated.end(), at) - cumulated.begin(),
+                        body.triangles().cols() - 1);
     double u = uniform(random), v = uniform(random);
     if (u + v > 1.0) u = 1.0 - u, v = 1.0 - v;
     const Vec3 a = body.vertex().col(body.triangles()(0, t)), b = body.vertex().col(body.triangles()(1, t)),
@@ -57,14 +61,16 @@ std::vector<Vec3> surface_candidates(const BodySurface& body, const Boundary& bo
   return result;
 }
 
-std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, double spacing, std::mt19937_64& random) {
+std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, double spacing,
+                                   std::mt19937_64& random) {
   const Vec3 lower = body.lower(), size = body.upper() - lower;
   std::vector<Vec3> result;
   // A body fills some share of its box; one that fills less than a thousandth is refused below.
   const Index most = 1000 * count;
   for (Index batch = 0; batch < most && static_cast<Index>(result.size()) < count; batch += 4096) {
     std::vector<Vec3> place(4096);
-    for (Vec3& x : place) x = lower + Vec3(uniform(random), uniform(random), uniform(random)).cwiseProduct(size);
+    for (Vec3& x : place)
+      x = lower + Vec3(uniform(random), uniform(random), uniform(random)).cwiseProduct(size);
     std::vector<char> good(place.size());
     tbb::parallel_for(std::size_t{0}, place.size(), [&](std::size_t k) {
       good[k] = body.contains(place[k]) && body.closest(place[k]).distance > 0.4 * spacing;
@@ -75,8 +81,9 @@ std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, double 
   return result;
 }
 
-// Weighted sample elimination: removes the most crowded candidate until `count` are left; `fixed` ones only crowd.
-// Yuksel, Sample elimination for generating Poisson disk sample sets, CGF 34 (2015) 25-32, with exponent 8.
+// Weighted sample elimination: removes the most crowded candidate until `count` are left; `fixed` ones only
+// crowd. Yuksel, Sample elimination for generating Poisson disk sample sets, CGF 34 (2015) 25-32, with
+// exponent 8.
 std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vector<Vec3>& fixed, Index count,
                            double reach) {
   const std::size_t m = candidates.size();
@@ -186,10 +193,11 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
   const Index free_surface = std::lround(std::max(body.area() - circle_area, 0.0) / (h * h));
   const Index inner = count - circle.cols() - free_surface;
   if (inner < 8)
-    throw ModelError({.fact = fmt::format("{} nodes leave {} for the inside", count, std::max<Index>(inner, 0)),
-                      .where = "node cloud",
-                      .why = fmt::format("the circle takes {} and the surface {}", circle.cols(), free_surface),
-                      .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
+    throw ModelError(
+        {.fact = fmt::format("{} nodes leave {} for the inside", count, std::max<Index>(inner, 0)),
+         .where = "node cloud",
+         .why = fmt::format("the circle takes {} and the surface {}", circle.cols(), free_surface),
+         .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
 
   std::mt19937_64 random(options.seed);
   std::vector<Vec3> placed;
@@ -203,10 +211,11 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
   const Index wanted = count - cloud.surface_count;
   const auto inside = inner_candidates(body, candidates_per_node * wanted, h, random);
   if (static_cast<Index>(inside.size()) < wanted)
-    throw ModelError({.fact = fmt::format("only {} places for {} inner nodes were found", inside.size(), wanted),
-                      .where = "node cloud",
-                      .why = "the body is thinner than a node spacing almost everywhere",
-                      .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
+    throw ModelError(
+        {.fact = fmt::format("only {} places for {} inner nodes were found", inside.size(), wanted),
+         .where = "node cloud",
+         .why = "the body is thinner than a node spacing almost everywhere",
+         .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
   const std::vector<Vec3> surface_nodes = placed;
   for (const Vec3& x : thin_out(inside, surface_nodes, wanted, 1.12 * h)) placed.push_back(x);
   cloud.X = to_points(placed);
@@ -215,7 +224,8 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
   cloud.base.assign(static_cast<std::size_t>(cloud.X.cols()), false);
   for (Index a = cloud.circle_count; a < cloud.surface_count; ++a) {
     const auto closest = body.closest(cloud.X.col(a));
-    cloud.base[static_cast<std::size_t>(a)] = on_base(boundary, cloud.X.col(a), body.normal().col(closest.triangle));
+    cloud.base[static_cast<std::size_t>(a)] =
+        on_base(boundary, cloud.X.col(a), body.normal().col(closest.triangle));
   }
   return cloud;
 }

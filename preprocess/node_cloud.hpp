@@ -23,23 +23,24 @@ struct Evenness {
 
 /// Nodes evenly filling a body, on its surface and inside; mm, in the surface's own frame.
 struct NodeCloud {
-  Points X;                 ///< [3xN]: the circle's nodes, then the rest of the surface's, then the inner ones
+  Points X;  ///< [3xN]: the circle's nodes, then the rest of the surface's, then the inner ones
   Index circle_count = 0;
   Index surface_count = 0;  ///< the circle's included
   double spacing = 0.0;     ///< wanted everywhere [mm]
   std::vector<bool> base;   ///< [N] held fixed
 };
 
-/// The spacing at which `count` nodes fill the body: each inner node has a cube of this edge, each surface node half
-/// of one; and back.
+/// The spacing at which `count` nodes fill the body: each inner node has a cube of this edge, each surface
+/// node half of one; and back.
 double spacing_for_count(const BodySurface& body, Index count);
 Index count_for_spacing(const BodySurface& body, double spacing_mm);
 
-/// Fills the body. The circle's nodes are given and stay; the surface's nodes keep half a spacing away from the rim.
+/// Fills the body. The circle's nodes are given and stay; the surface's nodes keep half a spacing away from
+/// the rim.
 ///
-/// Random candidates are thinned to the count by weighted sample elimination (Yuksel 2015), then moved apart by a few
-/// dozen sweeps of repulsion, on the surface along it. Deterministic: the same body, options and seed give the same
-/// bits. No packaged library fills a volume with a given number of evenly spaced points.
+/// Random candidates are thinned to the count by weighted sample elimination (Yuksel 2015), then moved apart
+/// by a few dozen sweeps of repulsion, on the surface along it. Deterministic: the same body, options and
+/// seed give the same bits. No packaged library fills a volume with a given number of evenly spaced points.
 /// Throws ModelError: fewer nodes asked for than the circle needs, or too few to have any inside.
 NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, const CloudOptions& options);
 

@@ -20,21 +20,23 @@ struct PointSupport {
   bool ok = false;
 };
 
-// A node far away may have a large radius in a graded cloud: search with the largest, keep those that reach x.
+// A node far away may have a large radius in a graded cloud: search with the largest, keep those that reach
+// x.
 void nodes_reaching(const Vec3& x, const Model& model, const Neighbours& tree, const Eigen::VectorXd& radius,
                     double largest_radius, double growth, std::vector<int>& nodes) {
   tree.within(x, largest_radius * growth, nodes);
   std::erase_if(nodes, [&](int a) { return (model.X.col(a) - x).norm() >= radius[a] * growth; });
 }
 
-PointSupport support_of(const Vec3& x, const Model& model, const Neighbours& tree, const Eigen::VectorXd& radius,
-                        double largest_radius, const SupportOptions& options) {
+PointSupport support_of(const Vec3& x, const Model& model, const Neighbours& tree,
+                        const Eigen::VectorXd& radius, double largest_radius, const SupportOptions& options) {
   const std::size_t terms = options.basis == Basis::linear ? 4 : 10;
   PointSupport result;
   for (result.growth = 1.0; result.growth <= largest_growth; result.growth *= 1.1) {
     nodes_reaching(x, model, tree, radius, largest_radius, result.growth, result.nodes);
     if (result.nodes.size() < 2 * terms) continue;
-    result.mls = mls_shape_functions(x, model.X, result.nodes, radius, result.growth, options, result.phi, result.dphi);
+    result.mls = mls_shape_functions(x, model.X, result.nodes, radius, result.growth, options, result.phi,
+                                     result.dphi);
     if (result.mls.ok()) {
       result.ok = true;
       break;
@@ -86,15 +88,18 @@ SupportReport find_supports(Model& model, const SupportOptions& options) {
     const Index n = static_cast<Index>(s.nodes.size());
     if (!s.ok) {
       const Vec3 x = model.point.col(q) * 1e3;
-      throw ModelError({.fact = fmt::format("integration point {} has {} nodes in its support, which do not span "
-                                            "the {} basis (pivot ratio {:.1e})", q, n,
-                                            options.basis == Basis::linear ? "linear" : "quadratic",
-                                            s.mls.pivot_ratio),
-                        .where = fmt::format("support domains; point at ({:.2f}, {:.2f}, {:.2f}) mm, radii enlarged "
-                                             "{:.1f} times", x.x(), x.y(), x.z(), largest_growth),
-                        .why = "the cloud is too sparse or too flat there",
-                        .remedy = fmt::format("raise support.radius_factor from {:.2f}, or ask for more nodes "
-                                              "(--nodes) or a linear basis", options.effective_radius_factor())});
+      throw ModelError(
+          {.fact =
+               fmt::format("integration point {} has {} nodes in its support, which do not span "
+                           "the {} basis (pivot ratio {:.1e})",
+                           q, n, options.basis == Basis::linear ? "linear" : "quadratic", s.mls.pivot_ratio),
+           .where = fmt::format("support domains; point at ({:.2f}, {:.2f}, {:.2f}) mm, radii enlarged "
+                                "{:.1f} times",
+                                x.x(), x.y(), x.z(), largest_growth),
+           .why = "the cloud is too sparse or too flat there",
+           .remedy = fmt::format("raise support.radius_factor from {:.2f}, or ask for more nodes "
+                                 "(--nodes) or a linear basis",
+                                 options.effective_radius_factor())});
     }
     const Index first = found.rows.offset[q];
     model.dphi.middleCols(first, n) = s.dphi;
@@ -108,7 +113,8 @@ SupportReport find_supports(Model& model, const SupportOptions& options) {
     // What the derivatives owe: a constant has no gradient, and the gradient of x is the identity.
     Mat3 of_position = Mat3::Zero();
     for (Index k = 0; k < n; ++k)
-      of_position += (model.X.col(s.nodes[static_cast<std::size_t>(k)]) - model.point.col(q)) * s.dphi.col(k).transpose();
+      of_position += (model.X.col(s.nodes[static_cast<std::size_t>(k)]) - model.point.col(q)) *
+                     s.dphi.col(k).transpose();
     const double radius = options.effective_radius_factor() * model.spacing.mean();
     const double error = std::max((of_position - Mat3::Identity()).cwiseAbs().maxCoeff(),
                                   s.dphi.rowwise().sum().cwiseAbs().maxCoeff() * radius);

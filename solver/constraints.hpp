@@ -19,9 +19,12 @@ struct Constraints {
   /// The part of a node's velocity, force or mode that is not prescribed.
   Eigen::Vector4d project(Index a, const Eigen::Vector4d& v) const {
     switch (kind[static_cast<std::size_t>(a)]) {
-      case Kind::free: return v;
-      case Kind::sliding: return v - push * v.dot(push);
-      default: return Eigen::Vector4d::Zero();
+      case Kind::free:
+        return v;
+      case Kind::sliding:
+        return v - push * v.dot(push);
+      default:
+        return Eigen::Vector4d::Zero();
     }
   }
 };

@@ -7,9 +7,10 @@
 #include <cassert>
 #include <cmath>
 
-// One binary for every processor: the loader picks the copy that this one can run. All copies round alike, since
-// nothing is reordered and products are not fused with sums. Sanitizers run before the loader's choice.
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(DIMPLE_NO_CLONES)
+// One binary for every processor: the loader picks the copy that this one can run. All copies round alike,
+// since nothing is reordered and products are not fused with sums. Sanitizers run before the loader's choice.
+#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && \
+    !defined(DIMPLE_NO_CLONES)
 #define DIMPLE_CLONES __attribute__((target_clones("avx2", "default")))
 #else
 #define DIMPLE_CLONES
@@ -23,8 +24,8 @@ constexpr Index nodes_per_block = 64;
 
 using Vec4 = double __attribute__((vector_size(32), aligned(8), may_alias));
 
-// x^(-1/3) within 4 %, from a third of the exponent; four Newton steps then give every digit. std::cbrt has no form
-// for four numbers at once, and may round differently from one C library to the next.
+// x^(-1/3) within 4 %, from a third of the exponent; four Newton steps then give every digit. std::cbrt has
+// no form for four numbers at once, and may round differently from one C library to the next.
 inline double inverse_cube_root_guess(double x) {
   return std::bit_cast<double>(std::uint64_t{0x553ef0ff289dd796} - std::bit_cast<std::uint64_t>(x) / 3);
 }
@@ -39,13 +40,15 @@ ForceSystem::ForceSystem(const Model& model, const NeoHookean& material) : mater
   point_offset_.assign(rows.offset.begin(), rows.offset.end());
   by_point_.resize(static_cast<std::size_t>(rows.member.size()));
   for (Index k = 0; k < rows.member.size(); ++k)
-    by_point_[static_cast<std::size_t>(k)] = {{model.dphi(0, k), model.dphi(1, k), model.dphi(2, k)}, rows.member[k]};
+    by_point_[static_cast<std::size_t>(k)] = {{model.dphi(0, k), model.dphi(1, k), model.dphi(2, k)},
+                                              rows.member[k]};
 
   node_offset_.assign(influence.offset.begin(), influence.offset.end());
   by_node_.resize(by_point_.size());
   for (Index k = 0; k < influence.member.size(); ++k) {
     const int s = slot[k];
-    by_node_[static_cast<std::size_t>(k)] = {{model.dphi(0, s), model.dphi(1, s), model.dphi(2, s)}, influence.member[k]};
+    by_node_[static_cast<std::size_t>(k)] = {{model.dphi(0, s), model.dphi(1, s), model.dphi(2, s)},
+                                             influence.member[k]};
   }
 
   volume_.assign(model.volume.begin(), model.volume.end());
@@ -55,7 +58,8 @@ ForceSystem::ForceSystem(const Model& model, const NeoHookean& material) : mater
 
 // The stress of four points at once: lane l of every register belongs to point first + l.
 DIMPLE_CLONES
-void ForceSystem::sweep_block(const ForceSystem& system, const double* u, Index first, Index last, Sweep& result) {
+void ForceSystem::sweep_block(const ForceSystem& system, const double* u, Index first, Index last,
+                              Sweep& result) {
   const double mu = system.material_.mu;
   const bool printed = system.material_.as_printed;
   const double bulk = printed ? system.material_.kappa - 2.0 / 3.0 * mu : system.material_.kappa;
@@ -70,7 +74,8 @@ void ForceSystem::sweep_block(const ForceSystem& system, const double* u, Index 
     for (int lane = 0; lane < lanes; ++lane) {
       const auto point = static_cast<std::size_t>(q + lane);
       Vec4 h0 = {}, h1 = {}, h2 = {};
-      for (std::int32_t k = system.point_offset_[point], end = system.point_offset_[point + 1]; k < end; ++k) {
+      for (std::int32_t k = system.point_offset_[point], end = system.point_offset_[point + 1]; k < end;
+           ++k) {
         const Vec4 ua = node[pair[k].number];
         h0 += ua * pair[k].d[0];
         h1 += ua * pair[k].d[1];
@@ -90,7 +95,8 @@ void ForceSystem::sweep_block(const ForceSystem& system, const double* u, Index 
     // J - 1 from H, not det F - 1: near rest the latter loses the digits that kappa then multiplies.
     const Vec4 minors = (h[0][0] * h[1][1] - h[0][1] * h[1][0]) + (h[0][0] * h[2][2] - h[0][2] * h[2][0]) +
                         (h[1][1] * h[2][2] - h[1][2] * h[2][1]);
-    const Vec4 det = h[0][0] * (h[1][1] * h[2][2] - h[1][2] * h[2][1]) - h[0][1] * (h[1][0] * h[2][2] - h[1][2] * h[2][0]) +
+    const Vec4 det = h[0][0] * (h[1][1] * h[2][2] - h[1][2] * h[2][1]) -
+                     h[0][1] * (h[1][0] * h[2][2] - h[1][2] * h[2][0]) +
                      h[0][2] * (h[1][0] * h[2][1] - h[1][1] * h[2][0]);
     const Vec4 dilation = (h[0][0] + h[1][1] + h[2][2]) + minors + det;
     Vec4 J = 1.0 + dilation;
@@ -112,11 +118,13 @@ void ForceSystem::sweep_block(const ForceSystem& system, const double* u, Index 
 
     const Vec4 f00 = h[0][0] + 1.0, f11 = h[1][1] + 1.0, f22 = h[2][2] + 1.0;
     const Vec4 f01 = h[0][1], f02 = h[0][2], f10 = h[1][0], f12 = h[1][2], f20 = h[2][0], f21 = h[2][1];
-    const Vec4 I1 = (f00 * f00 + f10 * f10 + f20 * f20) + (f01 * f01 + f11 * f11 + f21 * f21) + (f02 * f02 + f12 * f12 + f22 * f22);
+    const Vec4 I1 = (f00 * f00 + f10 * f10 + f20 * f20) + (f01 * f01 + f11 * f11 + f21 * f21) +
+                    (f02 * f02 + f12 * f12 + f22 * f22);
     const Vec4 volume = *reinterpret_cast<const Vec4*>(V);
     const Vec4 shear = volume * mu * root * root;  // V mu J^(-2/3)
     const Vec4 pressure = volume * bulk * dilation - third * shear * I1 / J;
-    const Vec4 P[3][3] = {  // [column][row] of V P = shear F + pressure cof F
+    const Vec4 P[3][3] = {
+        // [column][row] of V P = shear F + pressure cof F
         {shear * f00 + pressure * (f11 * f22 - f21 * f12), shear * f10 + pressure * (f21 * f02 - f01 * f22),
          shear * f20 + pressure * (f01 * f12 - f11 * f02)},
         {shear * f01 + pressure * (f12 * f20 - f22 * f10), shear * f11 + pressure * (f22 * f00 - f02 * f20),
@@ -140,7 +148,8 @@ ForceSystem::Sweep ForceSystem::stress_sweep(const Nodal& u) const {
       [&](const tbb::blocked_range<Index>& range) {
         for (Index b = range.begin(); b < range.end(); ++b) {
           Sweep& sweep = block_[static_cast<std::size_t>(b)] = Sweep{};
-          sweep_block(*this, u.data(), b * points_per_block, std::min((b + 1) * points_per_block, point_count()), sweep);
+          sweep_block(*this, u.data(), b * points_per_block,
+                      std::min((b + 1) * points_per_block, point_count()), sweep);
         }
       },
       tbb::static_partitioner());
@@ -175,7 +184,8 @@ void ForceSystem::gather_sweep(Nodal& f, const std::function<void(Index, Index)>
   tbb::parallel_for(
       tbb::blocked_range<Index>(0, blocks, 4),
       [&](const tbb::blocked_range<Index>& range) {
-        const Index first = range.begin() * nodes_per_block, last = std::min(range.end() * nodes_per_block, node_count());
+        const Index first = range.begin() * nodes_per_block,
+                    last = std::min(range.end() * nodes_per_block, node_count());
         gather_block(*this, f.data(), first, last);
         if (then) then(first, last);
       },
@@ -192,7 +202,8 @@ Eigen::Matrix<double, 9, Eigen::Dynamic> ForceSystem::deformation_gradients(cons
   Eigen::Matrix<double, 9, Eigen::Dynamic> result(9, point_count());
   tbb::parallel_for(Index{0}, point_count(), [&](Index q) {
     Mat3 F = Mat3::Identity();
-    for (std::int32_t k = point_offset_[static_cast<std::size_t>(q)]; k < point_offset_[static_cast<std::size_t>(q) + 1]; ++k) {
+    for (std::int32_t k = point_offset_[static_cast<std::size_t>(q)];
+         k < point_offset_[static_cast<std::size_t>(q) + 1]; ++k) {
       const Pair& pair = by_point_[static_cast<std::size_t>(k)];
       F += u.col(pair.number).head<3>() * Eigen::RowVector3d(pair.d[0], pair.d[1], pair.d[2]);
     }
@@ -205,7 +216,8 @@ double ForceSystem::stored_energy(const Nodal& u) const {
   const auto F = deformation_gradients(u);
   double energy = 0.0;
   for (Index q = 0; q < point_count(); ++q)
-    energy += volume_[static_cast<std::size_t>(q)] * strain_energy(material_, Eigen::Map<const Mat3>(F.col(q).data()));
+    energy += volume_[static_cast<std::size_t>(q)] *
+              strain_energy(material_, Eigen::Map<const Mat3>(F.col(q).data()));
   return energy;
 }
 

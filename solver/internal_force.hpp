@@ -11,19 +11,19 @@ namespace dimple {
 
 /// The hot loop and the only place that knows its data layout.
 ///
-/// Letters: the paper writes X for the deformation gradient and F for the force vector; here, as usual today, the
-/// gradient is F and the force f.
+/// Letters: the paper writes X for the deformation gradient and F for the force vector; here, as usual today,
+/// the gradient is F and the force f.
 ///
 ///     sweep 1, points:  F_q = I + sum_a u_a (x) dphi_qa,   P_q = F_q S_q,   store V_q P_q
 ///     sweep 2, nodes:   f_a = sum_q (V_q P_q) dphi_qa
 ///
-/// which is the paper's f = integral of B_L^T S (section 2.2) without the 6 x 3n matrix: a test compares the two.
-/// Sweep 2 gathers, in ascending q, so no two threads write to one place and the sums have one order: the result is
-/// the same, bit for bit, for any number of threads.
+/// which is the paper's f = integral of B_L^T S (section 2.2) without the 6 x 3n matrix: a test compares the
+/// two. Sweep 2 gathers, in ascending q, so no two threads write to one place and the sums have one order:
+/// the result is the same, bit for bit, for any number of threads.
 ///
-/// Layout: every (point, node) pair is one 32-byte record {dphi_x, dphi_y, dphi_z, number}, once in point order and
-/// once in node order; nodal vectors and the columns of V P are padded to four numbers, so that each is one vector
-/// register. Nothing is allocated after construction.
+/// Layout: every (point, node) pair is one 32-byte record {dphi_x, dphi_y, dphi_z, number}, once in point
+/// order and once in node order; nodal vectors and the columns of V P are padded to four numbers, so that
+/// each is one vector register. Nothing is allocated after construction.
 class ForceSystem {
  public:
   ForceSystem(const Model& model, const NeoHookean& material);
@@ -38,15 +38,16 @@ class ForceSystem {
     bool ok() const { return J_min > 0.0; }
   };
 
-  /// f [N] = force with which the tissue resists displacement u [m]: the gradient of the stored energy. f [N].
-  /// Where a point is inverted its stress is left at zero and the sweep says so; it never throws.
+  /// f [N] = force with which the tissue resists displacement u [m]: the gradient of the stored energy. f
+  /// [N]. Where a point is inverted its stress is left at zero and the sweep says so; it never throws.
   Sweep internal_force(const Nodal& u, Nodal& f) const;
 
   /// The two sweeps apart, for a caller that does more with nodes [first, last) once their force is known.
   Sweep stress_sweep(const Nodal& u) const;
   void gather_sweep(Nodal& f, const std::function<void(Index first, Index last)>& then) const;
 
-  /// Total stored energy at u [J]. With the printed stress there is none, and this is the energy of the form above.
+  /// Total stored energy at u [J]. With the printed stress there is none, and this is the energy of the form
+  /// above.
   double stored_energy(const Nodal& u) const;
   /// F at every point, as [9 x Q] column-major 3x3 matrices.
   Eigen::Matrix<double, 9, Eigen::Dynamic> deformation_gradients(const Nodal& u) const;

@@ -12,7 +12,8 @@ NeoHookean neo_hookean(double mu, double nu, double density, bool as_printed) {
 
 double strain_energy(const NeoHookean& m, const Mat3& F) {
   const double J = F.determinant();
-  return 0.5 * m.mu * (std::pow(J, -2.0 / 3.0) * F.squaredNorm() - 3.0) + 0.5 * m.kappa * (J - 1.0) * (J - 1.0);
+  return 0.5 * m.mu * (std::pow(J, -2.0 / 3.0) * F.squaredNorm() - 3.0) +
+         0.5 * m.kappa * (J - 1.0) * (J - 1.0);
 }
 
 Mat3 pk1_stress(const NeoHookean& m, const Mat3& F) {
@@ -27,7 +28,11 @@ Mat3 cauchy_stress(const NeoHookean& m, const Mat3& F) {
   return pk1_stress(m, F) * F.transpose() / F.determinant();
 }
 
-double pressure_wave_speed(const NeoHookean& m) { return std::sqrt((m.kappa + 4.0 / 3.0 * m.mu) / m.density); }
-double shear_wave_speed(const NeoHookean& m) { return std::sqrt(m.mu / m.density); }
+double pressure_wave_speed(const NeoHookean& m) {
+  return std::sqrt((m.kappa + 4.0 / 3.0 * m.mu) / m.density);
+}
+double shear_wave_speed(const NeoHookean& m) {
+  return std::sqrt(m.mu / m.density);
+}
 
 }  // namespace dimple

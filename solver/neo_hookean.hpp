@@ -29,9 +29,10 @@ double strain_energy(const NeoHookean& material, const Mat3& F);
 ///     P = F S     = mu J^(-2/3) F + [kappa (J - 1) - mu J^(-2/3) tr(C) / (3 J)] cof F,   cof F = J F^-T
 ///
 /// Source:   Horton et al. 2007, section 3.3.
-/// Departs:  the paper prints W with lambda (J - 1)^2, and S = lambda J (J - 1) C^-1 + mu J^(-2/3) I. That S equals
-///           mu I at F = I, so a body at rest would be under stress, and it is not 2 dW/dC of the printed W, nor of
-///           any W. We take the stress of the W above; `as_printed` gives the paper's.
+/// Departs:  the paper prints W with lambda (J - 1)^2, and S = lambda J (J - 1) C^-1 + mu J^(-2/3) I. That S
+/// equals
+///           mu I at F = I, so a body at rest would be under stress, and it is not 2 dW/dC of the printed W,
+///           nor of any W. We take the stress of the W above; `as_printed` gives the paper's.
 /// Needs:    det F > 0. internal_force() reports a point where it is not; this does not test.
 /// Checked:  against finite differences of W.
 Mat3 pk1_stress(const NeoHookean& material, const Mat3& F);

@@ -40,27 +40,30 @@ struct Place {
 [[noreturn]] void stop_inverted(const Model& model, const ForceSystem::Sweep& sweep, const Place& now) {
   const Vec3 x = model.point.col(sweep.point) * 1e3;
   const bool number = std::isfinite(sweep.J_min);
-  throw SolveError({.fact = number ? text("the tissue turned inside out: det F = ", sweep.J_min, " at integration point ", sweep.point)
-                                   : text("the displacement is no longer a number at integration point ", sweep.point),
-                    .where = text("solver, t = ", now.t, " s, indentation ", now.depth * 1e3, " mm; point at rest at (", x.x(),
-                                  ", ", x.y(), ", ", x.z(), ") mm; step ", now.dt, " s, stable ", now.dt_stable, " s"),
-                    .why = "the load is more than this cloud can follow, or the time step was too long",
-                    .remedy = "use more nodes (--nodes), a smaller --depth, or a smaller solver.safety"});
+  throw SolveError(
+      {.fact = number ? text("the tissue turned inside out: det F = ", sweep.J_min, " at integration point ",
+                             sweep.point)
+                      : text("the displacement is no longer a number at integration point ", sweep.point),
+       .where =
+           text("solver, t = ", now.t, " s, indentation ", now.depth * 1e3, " mm; point at rest at (", x.x(),
+                ", ", x.y(), ", ", x.z(), ") mm; step ", now.dt, " s, stable ", now.dt_stable, " s"),
+       .why = "the load is more than this cloud can follow, or the time step was too long",
+       .remedy = "use more nodes (--nodes), a smaller --depth, or a smaller solver.safety"});
 }
 
 [[noreturn]] void stop_energy(const EnergySample& e, const Place& now) {
-  throw SolveError({.fact = text("energy appeared from nowhere: the tool did ", e.external, " J of work, the tissue holds ",
-                                 e.kinetic + e.stored + e.dissipated, " J"),
-                    .where = text("solver, t = ", now.t, " s, indentation ", now.depth * 1e3, " mm; step ", now.dt,
-                                  " s, stable ", now.dt_stable, " s"),
+  throw SolveError({.fact = text("energy appeared from nowhere: the tool did ", e.external,
+                                 " J of work, the tissue holds ", e.kinetic + e.stored + e.dissipated, " J"),
+                    .where = text("solver, t = ", now.t, " s, indentation ", now.depth * 1e3, " mm; step ",
+                                  now.dt, " s, stable ", now.dt_stable, " s"),
                     .why = "the time integration became unstable",
                     .remedy = "use a smaller solver.safety, for instance --set solver.safety=0.6"});
 }
 
 }  // namespace
 
-void simulate(const ForceSystem& system, const Model& model, const Loading& loading, const SolverOptions& options,
-              const Observer& observer, History& history) {
+void simulate(const ForceSystem& system, const Model& model, const Loading& loading,
+              const SolverOptions& options, const Observer& observer, History& history) {
   const Index n = model.node_count();
   const Constraints constraints = make_constraints(model, loading.contact);
   const auto kind = [&](Index a) { return constraints.kind[static_cast<std::size_t>(a)]; };
@@ -78,7 +81,8 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
 
   // The tool brings its nodes to speed within the first step: the only work that is not force times way.
   for (const Index a : model.indenter)
-    if (kind(a) == Kind::driven || kind(a) == Kind::sliding) external += 0.5 * model.mass[a] * loading.rate * loading.rate;
+    if (kind(a) == Kind::driven || kind(a) == Kind::sliding)
+      external += 0.5 * model.mass[a] * loading.rate * loading.rate;
 
   const auto reaction = [&](const std::vector<Index>& nodes) {
     double sum = 0.0;
@@ -105,14 +109,16 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
       history.energy.push_back({now.t, now.depth, kinetic, system.stored_energy(u), external, dissipated});
       const EnergySample& e = history.energy.back();
       const bool conservative = !system.material().as_printed;
-      if (!std::isfinite(e.kinetic) || (conservative && -e.error() > 0.1 * largest_external + 1e-9)) stop_energy(e, now);
+      if (!std::isfinite(e.kinetic) || (conservative && -e.error() > 0.1 * largest_external + 1e-9))
+        stop_energy(e, now);
     }
     if (last || now.t >= next_sample) {
       next_sample += 1.0 / options.sample_rate;
       history.force.push_back({now.t, now.depth, force, -reaction(model.base)});
       largest_reaction = std::max(largest_reaction, std::abs(force));
       if (largest_reaction > 0.0)
-        history.momentum_error = std::max(history.momentum_error, f.rowwise().sum().norm() / largest_reaction);
+        history.momentum_error =
+            std::max(history.momentum_error, f.rowwise().sum().norm() / largest_reaction);
       if (observer.sample && !observer.sample(history.force.back(), history)) return false;
     }
     return true;
@@ -152,7 +158,8 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
       const auto advance = [&](Index first, Index last) {
         for (Index a = first; a < last; ++a) {
           switch (kind(a)) {
-            case Kind::fixed: break;
+            case Kind::fixed:
+              break;
             case Kind::driven:
               v.col(a) = push * loading.rate;
               u.col(a) = push * next_depth;
@@ -174,7 +181,8 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
       if (sampling) advance(0, n);
       if (options.damping > 0.0)
         for (Index a = 0; a < n; ++a)
-          if (kind(a) == Kind::free) dissipated += options.damping * model.mass[a] * v.col(a).squaredNorm() * dt;
+          if (kind(a) == Kind::free)
+            dissipated += options.damping * model.mass[a] * v.col(a).squaredNorm() * dt;
       previous_dt = dt;
       reached = next_depth;
       ++history.steps;

@@ -17,18 +17,18 @@ struct Loading {
 };
 
 struct SolverOptions {
-  double safety = 0.9;          ///< time step = safety x stable step
-  double damping = 0.0;         ///< mass-proportional [1/s]
-  int frames = 16;              ///< after the first; the step is re-estimated at each
-  double sample_rate = 150.0;   ///< of the force [1/s]; the paper's sensor
-  double energy_rate = 20.0;    ///< of the energies [1/s]
+  double safety = 0.9;         ///< time step = safety x stable step
+  double damping = 0.0;        ///< mass-proportional [1/s]
+  int frames = 16;             ///< after the first; the step is re-estimated at each
+  double sample_rate = 150.0;  ///< of the force [1/s]; the paper's sensor
+  double energy_rate = 20.0;   ///< of the energies [1/s]
 };
 
 /// The tool at one time. Forces are components along the push, positive when tissue resists.
 struct ForceSample {
-  double t, depth;        ///< [s], [m]
-  double force;           ///< on the circle's nodes [N]
-  double base_force;      ///< on the base's nodes, with which the bed holds the body [N]
+  double t, depth;    ///< [s], [m]
+  double force;       ///< on the circle's nodes [N]
+  double base_force;  ///< on the base's nodes, with which the bed holds the body [N]
 };
 
 /// Energies at one time [J]; balance: external = kinetic + stored + dissipated.
@@ -50,11 +50,11 @@ struct History {
   std::vector<ForceSample> force;
   std::vector<EnergySample> energy;
   std::int64_t steps = 0;
-  std::int64_t extra_evaluations = 0;  ///< of the force, for the stable step
+  std::int64_t extra_evaluations = 0;                               ///< of the force, for the stable step
   double dt_stable_first = 0.0, dt_first = 0.0, dt_smallest = 0.0;  ///< [s]
-  double J_min = 1.0;                  ///< smallest det F at any point and step
+  double J_min = 1.0;                                               ///< smallest det F at any point and step
   bool interrupted = false;
-  double momentum_error = 0.0;         ///< largest |sum of internal forces| / largest single reaction
+  double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction
 };
 
 struct Observer {
@@ -70,10 +70,11 @@ struct Observer {
 /// u(t + dt) = dt^2 M^-1 (R - f) + 2 u(t) - u(t - dt); stored velocities keep more digits and let dt change.
 ///
 /// Source:   Horton et al. 2007, sections 2.3 and 3.2.
-/// Departs:  the step is computed, and again at every frame under load; the paper does not say how it chose its own.
-/// Throws:   SolveError: a point turned inside out, a number stopped being one, energy appeared from nowhere.
+/// Departs:  the step is computed, and again at every frame under load; the paper does not say how it chose
+/// its own. Throws:   SolveError: a point turned inside out, a number stopped being one, energy appeared from
+/// nowhere.
 ///           `history` then holds everything up to that moment.
-void simulate(const ForceSystem& system, const Model& model, const Loading& loading, const SolverOptions& options,
-              const Observer& observer, History& history);
+void simulate(const ForceSystem& system, const Model& model, const Loading& loading,
+              const SolverOptions& options, const Observer& observer, History& history);
 
 }  // namespace dimple

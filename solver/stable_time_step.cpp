@@ -5,15 +5,17 @@
 
 namespace dimple {
 
-StableStep stable_time_step(const ForceSystem& system, const Eigen::VectorXd& mass, const Constraints& constraints,
-                            const ForceSystem::Nodal& u, ForceSystem::Nodal& mode) {
+StableStep stable_time_step(const ForceSystem& system, const Eigen::VectorXd& mass,
+                            const Constraints& constraints, const ForceSystem::Nodal& u,
+                            ForceSystem::Nodal& mode) {
   const Index n = u.cols();
   const bool warm = mode.cols() == n;
   if (!warm) {
     // The stiffest modes alternate from node to node; the pattern only has to be in general position.
     mode.resize(4, n);
     for (Index a = 0; a < n; ++a) {
-      const double s = std::sin(1.0 + 12.9898 * static_cast<double>(a)), c = std::cos(2.0 + 78.233 * static_cast<double>(a));
+      const double s = std::sin(1.0 + 12.9898 * static_cast<double>(a)),
+                   c = std::cos(2.0 + 78.233 * static_cast<double>(a));
       mode.col(a) << s, c, s * c, 0.0;
     }
   }
