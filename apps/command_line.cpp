@@ -130,7 +130,7 @@ struct Flags {
     }
   throw UsageError({.fact = fact,
                     .where = "command line",
-                    .why = error.get_name(),
+                    .why = "it does not follow the usage of the command",
                     .remedy = "see `dimple --help`, or `dimple COMMAND --help`"});
 }
 

@@ -370,6 +370,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
 }  // namespace
 
 Outcome make_model(const Config& config, const fs::path& folder) {
+  check_result_folder(folder);
   Prepared prepared = prepare(config);
   prepare_result_folder(folder);
   write_model(folder, prepared.files);
@@ -388,6 +389,7 @@ Outcome make_model(const Config& config, const fs::path& folder) {
 
 Outcome solve_model(const Config& config, const fs::path& model, const fs::path& folder,
                     const std::function<bool()>& stop_requested) {
+  check_result_folder(folder);
   ModelFiles files = read_model(model);
   prepare_result_folder(folder);
   for (const std::string& note : files.notes) warn(note);
@@ -409,6 +411,7 @@ Outcome solve_model(const Config& config, const fs::path& model, const fs::path&
 }
 
 Outcome run(const Config& config, const fs::path& folder, const std::function<bool()>& stop_requested) {
+  check_result_folder(folder);
   Prepared prepared = prepare(config);
   prepare_result_folder(folder);
   write_model(folder / "model", prepared.files);

@@ -140,7 +140,7 @@ void ResultWriter::overview(const History& history, const std::string& title,
   write_overview(folder_ / "overview.png", picture);
 }
 
-void prepare_result_folder(const fs::path& folder) {
+void check_result_folder(const fs::path& folder) {
   std::error_code error;
   if (fs::is_directory(folder) && !fs::is_empty(folder, error) && !fs::exists(folder / "summary.json") &&
       !fs::exists(folder / "model.toml") && !fs::exists(folder / "config.resolved.toml"))
@@ -148,7 +148,12 @@ void prepare_result_folder(const fs::path& folder) {
                        .where = "-o",
                        .why = "they could be overwritten",
                        .remedy = "give an empty or a new folder with -o"});
+}
+
+void prepare_result_folder(const fs::path& folder) {
+  check_result_folder(folder);
   make_folder(folder);
+  std::error_code error;  // what cannot be removed will be replaced
   // What an earlier run left must not be mistaken for this one's.
   for (const char* name :
        {"summary.json", "overview.png", "force.csv", "energy.csv", "nodes.pvd", "points.pvd", "surface.pvd"})

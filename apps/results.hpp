@@ -35,8 +35,10 @@ class ResultWriter {
   Points last_u_mm_, last_surface_u_mm_;
 };
 
-/// Makes the folder ready: refuses one that holds other things than our results; removes frames of an earlier
-/// run. Throws OutputError.
+/// Refuses a folder that holds other things than our results, before anything expensive. Throws OutputError.
+void check_result_folder(const std::filesystem::path& folder);
+
+/// Makes the folder, and removes what an earlier run left there. Throws OutputError.
 void prepare_result_folder(const std::filesystem::path& folder);
 
 }  // namespace dimple

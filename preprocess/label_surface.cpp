@@ -316,27 +316,34 @@ TriangleSoup iso_surface(vtkImageData* lattice, double level, double smallest_ca
   return largest_shell(all, smallest_cavity_mm3);
 }
 
-// Moves each vertex to the middle of its neighbours, over and over, on a leash around where it began:
-// terraces of the voxels go, and the surface stays between the voxel centres that it separates (Gibson,
-// Constrained elastic surface nets, MICCAI 1998).
+// One sweep of averaging: half of each vertex' value stays, half comes from its neighbours.
+Points averaged(const Points& value, const Triangles& triangles) {
+  Points sum = Points::Zero(3, value.cols());
+  Eigen::RowVectorXd count = Eigen::RowVectorXd::Zero(value.cols());
+  for (Index t = 0; t < triangles.cols(); ++t)
+    for (int c = 0; c < 3; ++c) {
+      sum.col(triangles(c, t)) += value.col(triangles((c + 1) % 3, t));  // each edge is seen once from either side
+      count[triangles(c, t)] += 1.0;
+    }
+  return 0.5 * (value + (sum.array().rowwise() / count.array()).matrix());
+}
+
+// Moves each vertex to the middle of its neighbours, over and over, on a leash around where it began: terraces of
+// the voxels go, and the surface stays between the voxel centres that it separates (Gibson, Constrained elastic
+// surface nets, MICCAI 1998). Averaging also shrinks what is round; that part of the motion is smooth, where the
+// terraces' is not, and is taken back.
 void relax(TriangleSoup& surface, double reach) {
   const Points start = surface.vertex;
-  const Index n = surface.vertex.cols();
   for (int sweep = 0; sweep < relaxation_sweeps; ++sweep) {
-    Points sum = Points::Zero(3, n);
-    Eigen::VectorXd count = Eigen::VectorXd::Zero(n);
-    for (Index t = 0; t < surface.triangles.cols(); ++t)
-      for (int c = 0; c < 3; ++c) {
-        const Index a = surface.triangles(c, t), b = surface.triangles((c + 1) % 3, t);
-        sum.col(a) += surface.vertex.col(b);  // each edge is seen once from either side
-        count[a] += 1.0;
-      }
-    for (Index v = 0; v < n; ++v) {
-      const Vec3 goal = 0.5 * (surface.vertex.col(v) + sum.col(v) / count[v]);
-      const Vec3 away = goal - start.col(v);
-      surface.vertex.col(v) = away.norm() > reach ? Vec3(start.col(v) + reach / away.norm() * away) : goal;
+    surface.vertex = averaged(surface.vertex, surface.triangles);
+    for (Index v = 0; v < start.cols(); ++v) {
+      const Vec3 away = surface.vertex.col(v) - start.col(v);
+      if (away.norm() > reach) surface.vertex.col(v) = start.col(v) + reach / away.norm() * away;
     }
   }
+  Points shrinkage = surface.vertex - start;
+  for (int sweep = 0; sweep < relaxation_sweeps; ++sweep) shrinkage = averaged(shrinkage, surface.triangles);
+  surface.vertex -= shrinkage;
 }
 
 // Moves the surface along its normals, everywhere alike, until it encloses the given volume.
