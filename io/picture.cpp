@@ -739,7 +739,7 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Fra
     return usable(p) && std::abs((p - centre).dot(view.toward)) <= thickness / 2.0;
   };
   const Projection projection =
-      fitted(view, room.inset(24.0, 84.0, 24.0, 50.0), {&o.nodes_mm, &o.surface_mm}, spacing / 2.0);
+      fitted(view, room.inset(24.0, 84.0, 24.0, 72.0), {&o.nodes_mm, &o.surface_mm}, spacing / 2.0);
   const auto at = [&](const Vec3& p) { return Vec2(projection(p).head<2>()); };
 
   const Points end = moved(o.surface_mm, o.surface_displacement_mm);

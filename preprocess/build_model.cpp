@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "io/error.hpp"
+#include "preprocess/spatial_order.hpp"
 
 namespace dimple {
 
@@ -43,16 +44,18 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options) {
   const NodeCloud cloud = make_node_cloud(body, boundary, options.cloud);
   const IntegrationGrid grid = make_integration_grid(body, options.grid, cloud.X.cols());
 
-  model.X = world_metres(body, cloud.X);
+  const std::vector<Index> nodes = spatial_order(cloud.X), points = spatial_order(grid.point);
+  model.X = world_metres(body, cloud.X(Eigen::all, nodes));
   model.spacing = Eigen::VectorXd::Constant(cloud.X.cols(), metres(cloud.spacing));
-  model.point = world_metres(body, grid.point);
-  model.volume = grid.volume.unaryExpr(&cubic_metres);
+  model.point = world_metres(body, grid.point(Eigen::all, points));
+  model.volume = grid.volume(points).unaryExpr(&cubic_metres);
   model.tool.centre = world_metres(body, boundary.centre);
   model.tool.push = body.to_world().linear() * boundary.push + Vec3::Zero();  // no minus zeros
   model.tool.radius = metres(boundary.radius);
-  for (Index a = 0; a < cloud.X.cols(); ++a) {
-    if (a < cloud.circle_count) model.indenter.push_back(a);
-    if (cloud.base[static_cast<std::size_t>(a)]) model.base.push_back(a);
+  for (Index a = 0; a < model.node_count(); ++a) {
+    const Index in_cloud = nodes[static_cast<std::size_t>(a)];
+    if (in_cloud < cloud.circle_count) model.indenter.push_back(a);
+    if (cloud.base[static_cast<std::size_t>(in_cloud)]) model.base.push_back(a);
   }
 
   report.spacing_mm = cloud.spacing;
