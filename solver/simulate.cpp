@@ -70,7 +70,7 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
   const Eigen::Vector4d push = constraints.push;
   const Eigen::VectorXd inverse_mass = model.mass.cwiseInverse();
 
-  Nodal u = Nodal::Zero(4, n), v = u, f = u, mode;
+  Nodal u = Nodal::Zero(4, n), v = u, f = u;
   const double duration = loading.duration(), segment = duration / options.frames;
 
   double previous_force = 0.0, previous_depth = 0.0, external = 0.0, dissipated = 0.0;
@@ -129,7 +129,7 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
   };
 
   for (int k = 0; k < options.frames && !stopped; ++k) {
-    const StableStep stable = stable_time_step(system, model.mass, constraints, u, mode);
+    const StableStep stable = stable_time_step(system, model.mass, constraints, u);
     history.extra_evaluations += stable.iterations;
     if (!(stable.dt > 0.0))
       throw SolveError({.fact = "no stable time step was found",

@@ -1,53 +1,58 @@
 #include "solver/stable_time_step.hpp"
 
-#include <algorithm>
+#include <Eigen/Eigenvalues>
 #include <cmath>
+#include <vector>
 
 namespace dimple {
 
 StableStep stable_time_step(const ForceSystem& system, const Eigen::VectorXd& mass,
-                            const Constraints& constraints, const ForceSystem::Nodal& u,
-                            ForceSystem::Nodal& mode) {
+                            const Constraints& constraints, const ForceSystem::Nodal& u) {
+  constexpr int most = 150, between_checks = 5;
+  constexpr double nudge = 1e-8;  // m: nodes move by ten nanometres at most
   const Index n = u.cols();
-  const bool warm = mode.cols() == n;
-  if (!warm) {
-    // The stiffest modes alternate from node to node; the pattern only has to be in general position.
-    mode.resize(4, n);
-    for (Index a = 0; a < n; ++a) {
-      const double s = std::sin(1.0 + 12.9898 * static_cast<double>(a)),
-                   c = std::cos(2.0 + 78.233 * static_cast<double>(a));
-      mode.col(a) << s, c, s * c, 0.0;
-    }
-  }
-  for (Index a = 0; a < n; ++a) mode.col(a) = constraints.project(a, mode.col(a));
+  const Eigen::RowVectorXd scale = mass.cwiseSqrt().cwiseInverse().transpose();
 
-  ForceSystem::Nodal f0(4, n), f(4, n), moved(4, n);
+  // The stiffest modes alternate from node to node; the start only has to be in general position.
+  ForceSystem::Nodal q = ForceSystem::Nodal::Zero(4, n), before = q, f0 = q, f = q, w = q;
+  for (Index a = 0; a < n; ++a) {
+    const double s = std::sin(1.0 + 12.9898 * static_cast<double>(a)),
+                 c = std::cos(2.0 + 78.233 * static_cast<double>(a));
+    q.col(a) = constraints.project(a, Eigen::Vector4d(s, c, s * c, 0.0));
+  }
+  StableStep result;
+  if (!(q.norm() > 0.0)) return result;
+  q /= q.norm();
   system.internal_force(u, f0);
 
-  StableStep result;
-  double omega2 = 0.0, before = 0.0;
-  const int most = warm ? 60 : 400;
-  int settled = 0;
+  std::vector<double> alpha, beta;
+  double omega2 = 0.0;
   while (result.iterations < most && !result.converged) {
     ++result.iterations;
-    const double largest = mode.cwiseAbs().maxCoeff();
-    if (!(largest > 0.0) || !std::isfinite(largest)) break;  // nothing is free to move
-    mode /= largest;
-    const double step = 1e-8;  // m: nodes move by ten nanometres
-    moved = u + step * mode;
-    system.internal_force(moved, f);
+    w = q.array().rowwise() * scale.array();
+    const double step = nudge / w.cwiseAbs().maxCoeff();
+    system.internal_force(u + step * w, f);
+    for (Index a = 0; a < n; ++a)
+      w.col(a) = constraints.project(a, (f.col(a) - f0.col(a)) * (scale[a] / step));
 
-    double rayleigh = 0.0, norm = 0.0;
-    for (Index a = 0; a < n; ++a) {
-      const Eigen::Vector4d Kw = constraints.project(a, (f.col(a) - f0.col(a)) / step);
-      rayleigh += mode.col(a).dot(Kw);
-      norm += mass[a] * mode.col(a).squaredNorm();
-      mode.col(a) = Kw / mass[a];
+    alpha.push_back(w.cwiseProduct(q).sum());
+    w -= alpha.back() * q;
+    if (!beta.empty()) w -= beta.back() * before;
+    beta.push_back(w.norm());
+    const bool exhausted = !(beta.back() > 1e-12 * std::abs(alpha.front()));
+    if (result.iterations % between_checks == 0 || result.iterations == most || exhausted) {
+      const Index k = static_cast<Index>(alpha.size());
+      Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> tridiagonal;
+      tridiagonal.computeFromTridiagonal(Eigen::Map<Eigen::VectorXd>(alpha.data(), k),
+                                         Eigen::Map<Eigen::VectorXd>(beta.data(), k - 1));
+      const double eigenvalue = tridiagonal.eigenvalues()[k - 1];
+      const double remainder = std::abs(beta.back() * tridiagonal.eigenvectors()(k - 1, k - 1));
+      omega2 = eigenvalue + remainder;
+      result.converged = remainder < 2e-3 * eigenvalue;
+      if (exhausted || !std::isfinite(omega2)) break;
     }
-    omega2 = std::abs(rayleigh) / norm;
-    settled = std::abs(omega2 - before) < 2e-4 * omega2 ? settled + 1 : 0;
-    before = omega2;
-    result.converged = settled >= 10;
+    before = q;
+    q = w / beta.back();
   }
   result.dt = omega2 > 0.0 ? 2.0 / std::sqrt(omega2) : 0.0;
   return result;

@@ -1,0 +1,323 @@
+// The solver against what mechanics says, on a jittered block that needs no image.
+
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+
+#include "io/error.hpp"
+#include "solver/simulate.hpp"
+#include "tests/helpers/block.hpp"
+
+namespace dimple {
+namespace {
+
+using namespace testing_bodies;
+
+const NeoHookean tissue = neo_hookean(210.0, 0.499, 1000.0);
+
+// A force that a stiff point alone would give: what "zero" is measured against.
+double force_scale(const Model& model) {
+  return tissue.kappa * model.volume.maxCoeff() * model.dphi.colwise().norm().maxCoeff();
+}
+
+TEST(Verification, LinearFieldsAreReproducedByDphiAtEveryPoint) {
+  const Model model = block();
+  const Mat3 A = (Mat3() << 0.3, -0.1, 0.2, 0.05, -0.2, 0.4, 0.1, 0.6, -0.3).finished();
+  const ForceSystem system(model, tissue);
+  const auto F = system.deformation_gradients(affine(model, Mat3::Identity() + A));
+  double error = 0.0;
+  for (Index q = 0; q < F.cols(); ++q)
+    error = std::max(error,
+                     (Eigen::Map<const Mat3>(F.col(q).data()) - Mat3::Identity() - A).cwiseAbs().maxCoeff());
+  RecordProperty("largest_error", std::to_string(error));
+  EXPECT_LT(error, 1e-10);
+}
+
+TEST(Verification, RigidTranslationAndRotationGiveNoForce) {
+  const Model model = block();
+  const ForceSystem system(model, tissue);
+  ForceSystem::Nodal f = ForceSystem::Nodal::Zero(4, model.node_count());
+  const Mat3 turn = (Mat3() << 0, -1, 0, 1, 0, 0, 0, 0, 1).finished();  // 90 degrees about z
+  const Mat3 oblique = Eigen::AngleAxisd(1.1, Vec3(1, 2, 3).normalized()).toRotationMatrix();
+  for (const Mat3& R : {Mat3(Mat3::Identity()), turn, oblique}) {
+    ForceSystem::Nodal u = affine(model, R);
+    u.topRows<3>().colwise() += Vec3(0.1, -0.2, 0.3);
+    system.internal_force(u, f);
+    EXPECT_LT(f.cwiseAbs().maxCoeff(), 1e-10 * force_scale(model));
+  }
+}
+
+TEST(Verification, TheForceIsTheGradientOfTheStoredEnergy) {
+  const Model model = block(4);
+  const ForceSystem system(model, tissue);
+  ForceSystem::Nodal u = random_displacement(model, 2e-4), f = u;
+  system.internal_force(u, f);
+  const double h = 1e-8;
+  for (const Index a : {Index{0}, Index{17}, model.node_count() / 2, model.node_count() - 1})
+    for (int i = 0; i < 3; ++i) {
+      ForceSystem::Nodal plus = u, minus = u;
+      plus(i, a) += h;
+      minus(i, a) -= h;
+      const double slope = (system.stored_energy(plus) - system.stored_energy(minus)) / (2.0 * h);
+      EXPECT_NEAR(f(i, a), slope,
+                  1e-5 * f.cwiseAbs().maxCoeff());  // central differences keep half the digits
+    }
+}
+
+TEST(Verification, TheForceEqualsThePapersStrainDisplacementForm) {
+  const Model model = block(4);
+  const ForceSystem system(model, tissue);
+  const ForceSystem::Nodal u = random_displacement(model, 2e-4);
+  ForceSystem::Nodal f = u;
+  system.internal_force(u, f);
+
+  // Section 2.2, word for word: B_L (6 x 3n) with Voigt order 11, 22, 33, 12, 23, 13, and f = sum of B_L^T S
+  // V.
+  const auto gradients = system.deformation_gradients(u);
+  Points paper = Points::Zero(3, model.node_count());
+  for (Index q = 0; q < model.point_count(); ++q) {
+    const Mat3 F = Eigen::Map<const Mat3>(gradients.col(q).data());
+    const Mat3 S = F.inverse() * pk1_stress(tissue, F);
+    const Eigen::Matrix<double, 6, 1> voigt =
+        (Eigen::Matrix<double, 6, 1>() << S(0, 0), S(1, 1), S(2, 2), S(0, 1), S(1, 2), S(0, 2)).finished();
+    for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k) {
+      const Vec3 d = model.dphi.col(k);
+      Eigen::Matrix<double, 6, 3> B;
+      B << d.x(), 0, 0, 0, d.y(), 0, 0, 0, d.z(), d.y(), d.x(), 0, 0, d.z(), d.y(), d.z(), 0, d.x();
+      paper.col(model.support.member[k]) += model.volume[q] * (B * F.transpose()).transpose() * voigt;
+    }
+  }
+  EXPECT_LT((f.topRows<3>() - paper).cwiseAbs().maxCoeff(), 1e-12 * force_scale(model));
+}
+
+TEST(Verification, ForcesAndMomentsSumToZero) {
+  const Model model = block();
+  const ForceSystem system(model, tissue);
+  const ForceSystem::Nodal u = random_displacement(model, 2e-4);
+  ForceSystem::Nodal f = u;
+  system.internal_force(u, f);
+  Vec3 moment = Vec3::Zero();
+  for (Index a = 0; a < model.node_count(); ++a)
+    moment += (model.X.col(a) + u.col(a).head<3>()).cross(f.col(a).head<3>());
+  EXPECT_LT(f.rowwise().sum().norm(), 1e-10 * force_scale(model));
+  EXPECT_LT(moment.norm(), 1e-10 * force_scale(model) * 30e-3);
+}
+
+TEST(Verification, MassAndVolumeAddUp) {
+  const Model model = block();
+  EXPECT_NEAR(model.volume.sum(), 18e-6, 1e-12 * 18e-6);
+  EXPECT_NEAR(model.mass.sum(), 18e-3, 1e-12 * 18e-3);
+}
+
+TEST(Verification, AnInvertedPointIsReportedAndNotThrown) {
+  const Model model = block(4);
+  const ForceSystem system(model, tissue);
+  ForceSystem::Nodal f = ForceSystem::Nodal::Zero(4, model.node_count());
+  const auto sweep = system.internal_force(affine(model, Vec3(1, 1, -1).asDiagonal()), f);
+  EXPECT_FALSE(sweep.ok());
+  EXPECT_NEAR(sweep.J_min, -1.0, 1e-9);
+  ForceSystem::Nodal u = ForceSystem::Nodal::Zero(4, model.node_count());
+  u(1, 30) = std::nan("");
+  EXPECT_FALSE(system.internal_force(u, f).ok());
+}
+
+// Nominal stress and stretch of the exact solutions, bisected to all digits, for mu = 210 Pa, nu = 0.499.
+struct Homogeneous {
+  const char* name;
+  Mat3 F;
+  Mat3 P;  // first Piola-Kirchhoff [Pa]; NaN where the state says nothing simple
+};
+
+// Affine motion of the outside; the inside is left to find its equilibrium. The exact answer is the affine
+// field, and the reaction on a face is P times its area.
+class HomogeneousState : public testing::TestWithParam<Homogeneous> {};
+
+TEST_P(HomogeneousState, GivesTheClosedFormStressAndBalancesInside) {
+  const Homogeneous& state = GetParam();
+  const Model model = block(6, 0.2, 1.5);
+  const ForceSystem system(model, tissue);
+  const auto F = system.deformation_gradients(affine(model, state.F));
+  double error = 0.0;
+  for (Index q = 0; q < F.cols(); ++q) {
+    const Mat3 P = pk1_stress(tissue, Eigen::Map<const Mat3>(F.col(q).data()));
+    error = std::max(error, (P - state.P).cwiseAbs().maxCoeff());
+  }
+  EXPECT_LT(error,
+            2e-5 * tissue.mu + 1e-8 * state.P.cwiseAbs().maxCoeff());  // digits of the table times kappa / mu
+
+  // The reaction of the block's upper half on its lower half's held nodes: P e_z times the face, exact
+  // because the sum of dphi times volume over a layer is what it is only if quadrature and clipping are
+  // right.
+  ForceSystem::Nodal f = ForceSystem::Nodal::Zero(4, model.node_count());
+  system.internal_force(affine(model, state.F), f);
+  Mat3 virial = Mat3::Zero();  // sum of f (x) X = V P for a homogeneous state
+  for (Index a = 0; a < model.node_count(); ++a) virial += f.col(a).head<3>() * model.X.col(a).transpose();
+  EXPECT_LT((virial / 18e-6 - state.P).cwiseAbs().maxCoeff(),
+            2e-5 * tissue.mu + 1e-8 * state.P.cwiseAbs().maxCoeff());
+}
+
+Mat3 diagonal(double a, double b, double c) {
+  return Vec3(a, b, c).asDiagonal();
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Verification, HomogeneousState,
+    testing::Values(
+        Homogeneous{"UniaxialCompression", diagonal(1.19485433, 1.19485433, 0.7),
+                    diagonal(0, 0, -281.420556)},
+        Homogeneous{"UniaxialExtension", diagonal(0.81692674, 0.81692674, 1.5), diagonal(0, 0, 221.412756)},
+        Homogeneous{"ConfinedCompression", diagonal(1, 1, 0.95),
+                    diagonal(-4977.112579, -4977.112579, -5261.368254)},
+        Homogeneous{"EquibiaxialExtension", diagonal(1.2, 1.2, 0.69532882),
+                    diagonal(167.248656, 167.248656, 0)},
+        // Simple shear by gamma: sigma = mu [[2/3 g^2, g, 0], [g, -1/3 g^2, 0], [0, 0, -1/3 g^2]], P = sigma
+        // F^-T.
+        Homogeneous{"SimpleShear", (Mat3() << 1, 0.4, 0, 0, 1, 0, 0, 0, 1).finished(),
+                    210.0 *
+                        (Mat3() << 2.0 / 3 * 0.16, 0.4, 0, 0.4, -0.16 / 3, 0, 0, 0, -0.16 / 3).finished() *
+                        (Mat3() << 1, 0.4, 0, 0, 1, 0, 0, 0, 1).finished().inverse().transpose()}),
+    [](const auto& state) { return state.param.name; });
+
+TEST(Verification, ABlockPressedBetweenFacesFindsTheHomogeneousStateByItself) {
+  // Uniaxial compression by 10 %: every boundary node is put where the closed form says, inner ones relax
+  // from rest under damped central differences; the worst inner node's distance from the affine field is the
+  // patch-test error.
+  const Model model = block(6, 0.2, 2.0);
+  const ForceSystem system(model, tissue);
+  const ForceSystem::Nodal goal = affine(model, diagonal(1.05398672, 1.05398672, 0.9));
+  const std::vector<bool> held = on_boundary(model);
+  Constraints constraints = make_constraints(model, Contact::bonded);
+  for (std::size_t a = 0; a < held.size(); ++a)
+    constraints.kind[a] = held[a] ? Constraints::Kind::fixed : Constraints::Kind::free;
+  const ForceSystem::Nodal rest = ForceSystem::Nodal::Zero(4, model.node_count());
+  const double dt = 0.5 * stable_time_step(system, model.mass, constraints, rest).dt;
+  ForceSystem::Nodal u = goal, v = rest, f = rest;
+  for (Index a = 0; a < u.cols(); ++a)
+    if (!held[static_cast<std::size_t>(a)]) u.col(a) *= 0.9;  // not the answer
+  for (int step = 0; step < 6000; ++step) {
+    ASSERT_TRUE(system.internal_force(u, f).ok());
+    for (Index a = 0; a < u.cols(); ++a)
+      if (!held[static_cast<std::size_t>(a)]) {
+        v.col(a) = 0.99 * (v.col(a) - dt / model.mass[a] * f.col(a));
+        u.col(a) += dt * v.col(a);
+      }
+  }
+  const double error = (u - goal).cwiseAbs().maxCoeff() / goal.cwiseAbs().maxCoeff();
+  RecordProperty("patch_error", std::to_string(error));
+  EXPECT_LT(
+      error,
+      0.02);  // one point per cell does not integrate MLS gradients exactly; with exact ones it would be 0
+}
+
+History indent(const Model& model, const Loading& loading, const SolverOptions& options, double nu = 0.49) {
+  const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0));
+  History history;
+  simulate(system, model, loading, options, {}, history);
+  return history;
+}
+
+TEST(Verification, EnergyAndMomentumAreBalancedOverARun) {
+  const Model model = block();
+  const History history = indent(model, {.depth = 2e-3, .rate = 10e-3}, {.frames = 4});
+  double worst = 0.0, most = 0.0;
+  for (const EnergySample& e : history.energy) {
+    worst = std::max(worst, std::abs(e.error()));
+    most = std::max(most, e.external);
+  }
+  RecordProperty("energy_error", std::to_string(worst / most));
+  RecordProperty("momentum_error", std::to_string(history.momentum_error));
+  EXPECT_LT(worst, 1e-2 * most);
+  EXPECT_LT(history.momentum_error, 1e-10);
+}
+
+TEST(Verification, TheBaseCarriesWhatTheIndenterGives) {
+  const Model model = block();
+  const History history = indent(model, {.depth = 2e-3, .rate = 2e-3}, {.damping = 20.0, .frames = 4});
+  const ForceSample& end = history.force.back();
+  EXPECT_GT(end.force, 0.0);
+  EXPECT_NEAR(end.base_force, end.force, 0.01 * end.force);
+}
+
+TEST(Verification, TheRunIsTheSameForAnyNumberOfThreads) {
+  const Model model = block(5);
+  std::vector<History> histories;
+  for (const std::size_t threads : {1, 2, 3}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    histories.push_back(indent(model, {.depth = 0.5e-3, .rate = 10e-3}, {.frames = 2}));
+  }
+  for (const History& h : histories) {
+    ASSERT_EQ(h.force.size(), histories[0].force.size());
+    for (std::size_t k = 0; k < h.force.size(); ++k) {
+      EXPECT_EQ(h.force[k].force, histories[0].force[k].force);
+      EXPECT_EQ(h.force[k].base_force, histories[0].force[k].base_force);
+    }
+  }
+}
+
+TEST(Verification, AStepBeyondTheStableOneStopsWithAReason) {
+  const Model model = block(5);
+  try {
+    indent(model, {.depth = 2e-3, .rate = 10e-3}, {.safety = 1.3, .frames = 2});
+    FAIL() << "an unstable run ended as if nothing were wrong";
+  } catch (const SolveError& error) {
+    EXPECT_EQ(error.code, ExitCode::solve);
+    EXPECT_NE(error.report.remedy.find("solver.safety"), std::string::npos);
+  }
+}
+
+TEST(Verification, AFrictionlessCircleFeelsNoSidewaysForceOnceItHasSettled) {
+  const Model model = block();
+  const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
+  double sideways = 0.0, along = 0.0;
+  History history;
+  const Observer observer = {.frame =
+                                 [&](const Frame& frame) {
+                                   sideways = along = 0.0;
+                                   for (const Index a : model.indenter) {
+                                     sideways = std::max(sideways, frame.f.col(a).head<2>().norm());
+                                     along = std::max(along, std::abs(frame.f(2, a)));
+                                   }
+                                 },
+                             .sample = {}};
+  simulate(system, model, {.depth = 1e-3, .rate = 1e-3, .contact = Contact::frictionless},
+           {.damping = 40.0, .frames = 2}, observer, history);
+  EXPECT_GT(along, 0.0);
+  EXPECT_LT(sideways, 0.01 * along);
+}
+
+TEST(Verification, TheStableStepIsTheOneOfTheHighestFrequency) {
+  // Dense eigenvalues of M^-1 K, K by differences of the force, on a block small enough for that.
+  const Model model = block(2, 0.1, 1.5, {.radius_factor = 2.0});
+  const ForceSystem system(model, tissue);
+  const Constraints constraints = make_constraints(model, Contact::bonded);
+  const Index n = model.node_count();
+  ForceSystem::Nodal rest = ForceSystem::Nodal::Zero(4, n), plus = rest, minus = rest;
+  Eigen::MatrixXd K(3 * n, 3 * n);
+  for (Index a = 0; a < n; ++a)
+    for (int i = 0; i < 3; ++i) {
+      ForceSystem::Nodal u = rest;
+      u(i, a) = 1e-8;
+      system.internal_force(u, plus);
+      u(i, a) = -1e-8;
+      system.internal_force(u, minus);
+      for (Index b = 0; b < n; ++b)
+        for (int j = 0; j < 3; ++j) {
+          const bool free = constraints.kind[static_cast<std::size_t>(a)] == Constraints::Kind::free &&
+                            constraints.kind[static_cast<std::size_t>(b)] == Constraints::Kind::free;
+          K(3 * b + j, 3 * a + i) =
+              free ? (plus(j, b) - minus(j, b)) / 2e-8 / std::sqrt(model.mass[a] * model.mass[b]) : 0.0;
+        }
+    }
+  const double omega2 =
+      Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(0.5 * (K + K.transpose())).eigenvalues().maxCoeff();
+  const StableStep step = stable_time_step(system, model.mass, constraints, rest);
+  EXPECT_TRUE(step.converged);
+  EXPECT_NEAR(step.dt, 2.0 / std::sqrt(omega2), 2e-3 * step.dt);
+  EXPECT_LE(step.dt, 2.0 / std::sqrt(omega2) * (1.0 + 1e-6));
+}
+
+}  // namespace
+}  // namespace dimple
