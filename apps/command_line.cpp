@@ -175,19 +175,19 @@ int command_line(int argc, char** argv) {
   CLI::App* make =
       app.add_subcommand("model", "generate the model of an image: nodes, integration points, base, circle");
   make->add_option("IMAGE", image, "label image");
-  make->add_option("-o,--out", out, "folder for the model")->required();
+  make->add_option("-o,--out,--output", out, "folder for the model")->required();
   model_flags.add(*make, "model");
   common(make);
 
   CLI::App* solve = app.add_subcommand("solve", "indent a model");
   solve->add_option("MODEL", model, "folder made by `dimple model`, or its model.toml")->required();
-  solve->add_option("-o,--out", out, "folder for the results")->required();
+  solve->add_option("-o,--out,--output", out, "folder for the results")->required();
   solve_flags.add(*solve, "solve");
   common(solve);
 
   CLI::App* whole = app.add_subcommand("run", "both: from the image to the force curve");
   whole->add_option("IMAGE", image, "label image");
-  whole->add_option("-o,--out", out, "folder for the results")->required();
+  whole->add_option("-o,--out,--output", out, "folder for the results")->required();
   run_flags.add(*whole, "");
   common(whole);
 

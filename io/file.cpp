@@ -90,6 +90,11 @@ fs::path temporary_beside(const fs::path& file) {
   return file.parent_path() / fmt::format(".{}-{}-{}", ::getpid(), count++, file.filename().string());
 }
 
+void claim_temporary(const fs::path& temporary, const fs::path& file) {
+  const Descriptor out(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
+  if (out.number < 0) cannot_write(file, errno);
+}
+
 void move_into_place(const fs::path& temporary, const fs::path& file) {
   int error_number = 0;
   {

@@ -14,6 +14,9 @@ void write_file(const std::filesystem::path& file, std::string_view content);
 /// A name beside `file`, with its suffix, for a writer that wants a path; nothing else uses it.
 std::filesystem::path temporary_beside(const std::filesystem::path& file);
 
+/// Makes `temporary`, empty. On failure throws OutputError about `file`, which it is to become.
+void claim_temporary(const std::filesystem::path& temporary, const std::filesystem::path& file);
+
 /// Flushes `temporary` to disk and renames it to `file`. On failure removes `temporary` and throws
 /// OutputError.
 void move_into_place(const std::filesystem::path& temporary, const std::filesystem::path& file);

@@ -316,7 +316,7 @@ std::array<Index, 3> checked_size(const std::vector<Index>& size, Index componen
                  "save one time frame or one channel as an image of its own");
   if (dimensions < 3 || size[0] == 1 || size[1] == 1 || size[2] == 1)
     throw refuse(fmt::format("the image is flat: {} voxels", fmt::join(size, " x ")),
-                 "an organ needs at least two voxels along each of three axes",
+                 "an organ needs three dimensions, with at least two voxels along each",
                  "give the whole segmented volume, not one slice of it");
   constexpr double limit = std::numeric_limits<std::int32_t>::max();
   double voxels = 1.0;
@@ -400,7 +400,7 @@ void write_label_image(const fs::path& file, const LabelImage& image) {
   const StoredImage stored = to_stored(image);
   const fs::path temporary = temporary_beside(file);
   try {
-    write_file(temporary, "");  // the system's reason if the folder is missing or read-only
+    claim_temporary(temporary, file);  // the system's reason if the folder is missing or read-only
     StoredImage written;
     if (format == Format::nrrd) {
       const bool segmentation = file.filename().string().ends_with(".seg.nrrd");

@@ -41,8 +41,9 @@ std::string side_name(const Vec3& lps) {
 
 struct Stand {
   double lowest = 0.0, height = 0.0;
-  double share = 0.0;  // flat area touching the plane / outline seen from below
-  double dome = 0.0;   // area of its dome, seen from below / outline
+  double touching = 0.0;  // flat area touching the plane [mm^2]
+  double share = 0.0;     // that / outline seen from below
+  double dome = 0.0;      // area of its dome, seen from below / outline
 };
 
 Stand stand_on(const BodySurface& body, const Vec3& down, double tolerance_mm) {
@@ -61,6 +62,7 @@ Stand stand_on(const BodySurface& body, const Vec3& down, double tolerance_mm) {
     if (facing > 0.0 && stand.lowest - centre < dome_depth * stand.height)
       dome += facing * body.triangle_area()[t];
   }
+  stand.touching = touching;
   stand.share = touching / outline;
   stand.dome = dome / outline;
   return stand;
@@ -90,11 +92,15 @@ void find_base(const BodySurface& body, const BoundaryOptions& options, double n
     for (std::size_t s = 0; s < 6; ++s) {
       axes[s] = nearest_axis(body, sides[s].lps);
       stands[s] = stand_on(body, axes[s], tolerance);
-      if (stands[s].share > stands[flattest].share + 0.05) flattest = s;
+      // The largest flat face: a block stands on its broad side.
+      const bool flat = stands[s].share >= flat_share, flat_before = stands[flattest].share >= flat_share;
+      if ((flat && !flat_before) ||
+          (flat == flat_before && stands[s].touching > 1.05 * stands[flattest].touching))
+        flattest = s;
     }
     std::size_t chosen = flattest;
     if (stands[flattest].share >= flat_share) {
-      result.base_reason = fmt::format("flat face: {:.0f} % of its outline touches the plane there",
+      result.base_reason = fmt::format("largest flat face: {:.0f} % of its outline touches the plane there",
                                        100.0 * stands[flattest].share);
     } else {
       chosen = 0;

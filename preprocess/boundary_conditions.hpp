@@ -34,12 +34,12 @@ struct Boundary {
 
 /// Finds the surface that the organ rests on, and the circle on the side opposite to it.
 ///
-/// Base: of the six axis directions of the image the one on which the organ stands with a flat face (at least
-/// a quarter of its outline, within 2 % of its height); otherwise the one across which it is thinnest, its
-/// broader dome up, bedded to a third of its height as in a mould. Circle: where the mean height over a disc
-/// of the indenter's size is greatest ("the highest dome"); places within a quarter per cent of the height of
-/// that count as equal, and the one nearest to the middle is taken. Throws UsageError (unknown word),
-/// ModelError (the indenter misses the organ, or hangs over its edge).
+/// Base: of the six axis directions of the image the one on which the organ stands with its largest flat face
+/// (at least a quarter of its outline, within 2 % of its height); otherwise the one across which it is
+/// thinnest, its broader dome up, bedded to a third of its height as in a mould. Circle: where the mean
+/// height over a disc of the indenter's size is greatest ("the highest dome"); places within a quarter per
+/// cent of the height of that count as equal, and the one nearest to the middle is taken. Throws UsageError
+/// (unknown word), ModelError (the indenter misses the organ, or hangs over its edge).
 Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options, double node_spacing_mm);
 
 /// Whether a place on the surface, with outward normal n, belongs to the base.

@@ -322,16 +322,17 @@ Points averaged(const Points& value, const Triangles& triangles) {
   Eigen::RowVectorXd count = Eigen::RowVectorXd::Zero(value.cols());
   for (Index t = 0; t < triangles.cols(); ++t)
     for (int c = 0; c < 3; ++c) {
-      sum.col(triangles(c, t)) += value.col(triangles((c + 1) % 3, t));  // each edge is seen once from either side
+      sum.col(triangles(c, t)) +=
+          value.col(triangles((c + 1) % 3, t));  // each edge is seen once from either side
       count[triangles(c, t)] += 1.0;
     }
   return 0.5 * (value + (sum.array().rowwise() / count.array()).matrix());
 }
 
-// Moves each vertex to the middle of its neighbours, over and over, on a leash around where it began: terraces of
-// the voxels go, and the surface stays between the voxel centres that it separates (Gibson, Constrained elastic
-// surface nets, MICCAI 1998). Averaging also shrinks what is round; that part of the motion is smooth, where the
-// terraces' is not, and is taken back.
+// Moves each vertex to the middle of its neighbours, over and over, on a leash around where it began:
+// terraces of the voxels go, and the surface stays between the voxel centres that it separates (Gibson,
+// Constrained elastic surface nets, MICCAI 1998). Averaging also shrinks what is round; that part of the
+// motion is smooth, where the terraces' is not, and is taken back.
 void relax(TriangleSoup& surface, double reach) {
   const Points start = surface.vertex;
   for (int sweep = 0; sweep < relaxation_sweeps; ++sweep) {

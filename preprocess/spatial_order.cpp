@@ -15,7 +15,8 @@ std::vector<Index> spatial_order(const Points& places) {
   for (const auto& x : places.colwise()) point.emplace_back(x.x(), x.y(), x.z());
   std::vector<std::size_t> order(point.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
-  using Traits = CGAL::Spatial_sort_traits_adapter_3<Kernel, CGAL::Pointer_property_map<Kernel::Point_3>::type>;
+  using Traits =
+      CGAL::Spatial_sort_traits_adapter_3<Kernel, CGAL::Pointer_property_map<Kernel::Point_3>::type>;
   CGAL::hilbert_sort(order.begin(), order.end(), Traits(CGAL::make_property_map(point)),
                      CGAL::Hilbert_sort_median_policy());
   return {order.begin(), order.end()};

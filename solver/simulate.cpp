@@ -129,7 +129,7 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
   };
 
   for (int k = 0; k < options.frames && !stopped; ++k) {
-    const StableStep stable = stable_time_step(system, model.mass, constraints, u);
+    const StableStep stable = stable_time_step(system, model, constraints, u);
     history.extra_evaluations += stable.iterations;
     if (!(stable.dt > 0.0))
       throw SolveError({.fact = "no stable time step was found",

@@ -6,19 +6,22 @@
 
 namespace dimple {
 
-StableStep stable_time_step(const ForceSystem& system, const Eigen::VectorXd& mass,
-                            const Constraints& constraints, const ForceSystem::Nodal& u) {
+StableStep stable_time_step(const ForceSystem& system, const Model& model, const Constraints& constraints,
+                            const ForceSystem::Nodal& u) {
   constexpr int most = 150, between_checks = 5;
   constexpr double nudge = 1e-8;  // m: nodes move by ten nanometres at most
   const Index n = u.cols();
-  const Eigen::RowVectorXd scale = mass.cwiseSqrt().cwiseInverse().transpose();
+  const Eigen::RowVectorXd scale = model.mass.cwiseSqrt().cwiseInverse().transpose();
 
-  // The stiffest modes alternate from node to node; the start only has to be in general position.
   ForceSystem::Nodal q = ForceSystem::Nodal::Zero(4, n), before = q, f0 = q, f = q, w = q;
+  // The stiffest modes alternate from node to node; the start only has to be in general position.
   for (Index a = 0; a < n; ++a) {
     const double s = std::sin(1.0 + 12.9898 * static_cast<double>(a)),
                  c = std::cos(2.0 + 78.233 * static_cast<double>(a));
-    q.col(a) = constraints.project(a, Eigen::Vector4d(s, c, s * c, 0.0));
+    const Vec3 from_tool = model.X.col(a) - model.tool.centre;
+    Eigen::Vector4d start = s * constraints.push;
+    start.head<3>() += c * from_tool.normalized() + s * c * from_tool.cross(model.tool.push).normalized();
+    q.col(a) = constraints.project(a, start);
   }
   StableStep result;
   if (!(q.norm() > 0.0)) return result;

@@ -15,11 +15,12 @@ struct StableStep {
 /// iteration over what is not prescribed, with K w = (f(u + e w) - f(u)) / e from differences of the internal
 /// force.
 ///
+/// The start is made of the push and of the directions from the tool: a turned model gives the same step.
 /// The remainder of the iteration is added to the eigenvalue, so that the step errs to the short side.
 /// Source:   Golub & Van Loan, Matrix Computations, section 10.1. The closed-form bound of Joldes et al. 2012
 /// is safe
 ///           too, but the step is then 3 to 6 times smaller.
-StableStep stable_time_step(const ForceSystem& system, const Eigen::VectorXd& mass,
-                            const Constraints& constraints, const ForceSystem::Nodal& u);
+StableStep stable_time_step(const ForceSystem& system, const Model& model, const Constraints& constraints,
+                            const ForceSystem::Nodal& u);
 
 }  // namespace dimple

@@ -1,0 +1,103 @@
+#include "tests/end_to_end/program.hpp"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <cstdlib>
+#include <fstream>
+#include <sstream>
+#include <stdexcept>
+
+namespace dimple {
+
+namespace fs = std::filesystem;
+
+Program::Program(const fs::path& folder, const std::vector<std::string>& arguments) {
+  static int count = 0;
+  const std::string stem = "dimple_" + std::to_string(getpid()) + "_" + std::to_string(++count);
+  out_ = fs::path(testing::TempDir()) / (stem + ".out");
+  err_ = fs::path(testing::TempDir()) / (stem + ".err");
+  std::vector<std::string> words = {DIMPLE_PROGRAM};
+  words.insert(words.end(), arguments.begin(), arguments.end());
+  std::vector<char*> argv;
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+
+  pid_ = fork();
+  if (pid_ < 0) throw std::runtime_error("fork failed");
+  if (pid_ > 0) return;
+  const auto redirect = [](const char* file, int flags, int to) {
+    const int from = open(file, flags, 0600);
+    if (from < 0 || dup2(from, to) < 0) _exit(125);
+    close(from);
+  };
+  redirect("/dev/null", O_RDONLY, STDIN_FILENO);
+  redirect(out_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, STDOUT_FILENO);
+  redirect(err_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, STDERR_FILENO);
+  if (chdir(folder.c_str()) != 0) _exit(125);
+  execv(argv[0], argv.data());
+  _exit(127);
+}
+
+Program::~Program() {
+  if (!ended_) {
+    kill(pid_, SIGKILL);
+    waitpid(pid_, &status_, 0);
+  }
+  std::error_code ignored;
+  fs::remove(out_, ignored);
+  fs::remove(err_, ignored);
+}
+
+bool Program::running() {
+  if (!ended_) ended_ = waitpid(pid_, &status_, WNOHANG) == pid_;
+  return !ended_;
+}
+
+std::string Program::err_so_far() const {
+  return text_of(err_);
+}
+
+void Program::send(int signal) const {
+  if (!ended_) kill(pid_, signal);
+}
+
+Ran Program::wait() {
+  if (!ended_) waitpid(pid_, &status_, 0);
+  ended_ = true;
+  return {.code = WIFEXITED(status_) ? WEXITSTATUS(status_) : 128 + WTERMSIG(status_),
+          .out = text_of(out_),
+          .err = text_of(err_)};
+}
+
+fs::path fresh_folder() {
+  const auto* test = testing::UnitTest::GetInstance()->current_test_info();
+  const fs::path folder =
+      fs::path(testing::TempDir()) / "dimple_end_to_end" / test->test_suite_name() / test->name();
+  fs::remove_all(folder);
+  fs::create_directories(folder);
+  return folder;
+}
+
+Ran dimple(const fs::path& folder, const std::vector<std::string>& arguments) {
+  return Program(folder, arguments).wait();
+}
+
+Ran dimple(const fs::path& folder, const std::string& arguments) {
+  std::istringstream words(arguments);
+  std::vector<std::string> list;
+  for (std::string word; words >> word;) list.push_back(word);
+  return dimple(folder, list);
+}
+
+std::string text_of(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+}  // namespace dimple

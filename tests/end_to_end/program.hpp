@@ -1,0 +1,46 @@
+#pragma once
+
+#include <sys/types.h>
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace dimple {
+
+/// What the program did.
+struct Ran {
+  int code = -1;  ///< exit code; 128 + signal if it died of one
+  std::string out, err;
+};
+
+/// The real program at work, started in `folder`; it is killed with the object.
+class Program {
+ public:
+  Program(const std::filesystem::path& folder, const std::vector<std::string>& arguments);
+  ~Program();
+  Program(const Program&) = delete;
+  Program& operator=(const Program&) = delete;
+
+  bool running();
+  std::string err_so_far() const;
+  void send(int signal) const;
+  Ran wait();
+
+ private:
+  std::filesystem::path out_, err_;
+  pid_t pid_ = -1;
+  int status_ = 0;
+  bool ended_ = false;
+};
+
+/// An empty folder of the running test's own.
+std::filesystem::path fresh_folder();
+
+/// Runs the program to its end. The second form splits at blanks, as a shell does with plain words.
+Ran dimple(const std::filesystem::path& folder, const std::vector<std::string>& arguments);
+Ran dimple(const std::filesystem::path& folder, const std::string& arguments);
+
+std::string text_of(const std::filesystem::path& file);
+
+}  // namespace dimple

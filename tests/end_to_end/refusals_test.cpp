@@ -1,0 +1,194 @@
+// What the program refuses: the exit code, and the words that tell its user what to do.
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Refusal : public testing::Test {
+ protected:
+  const fs::path folder = fresh_folder();
+
+  void SetUp() override { ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3 -q").code, 0); }
+
+  void write(const std::string& name, const std::string& content) const {
+    fs::create_directories((folder / name).parent_path());
+    std::ofstream(folder / name, std::ios::binary) << content;
+  }
+
+  /// All four parts of a message, on stderr, with these words; nothing on stdout; no result left behind.
+  void expect(int code, const std::string& arguments, const std::vector<std::string>& words) const {
+    SCOPED_TRACE("dimple " + arguments);
+    const Ran ran = dimple(folder, arguments);
+    EXPECT_EQ(ran.code, code) << ran.err;
+    EXPECT_EQ(ran.out, "");
+    for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "})
+      EXPECT_NE(ran.err.find(part), std::string::npos) << "no '" << part << "' in\n" << ran.err;
+    for (const std::string& word : words)
+      EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
+    EXPECT_FALSE(fs::exists(folder / "out" / "summary.json"));
+  }
+};
+
+std::string nrrd(const std::string& sizes, const std::string& directions, const std::string& space,
+                 const std::string& origin, std::size_t dimension, const std::string& voxels) {
+  return "NRRD0004\ntype: uint8\ndimension: " + std::to_string(dimension) + "\n" + space + "sizes: " + sizes +
+         "\n" + directions + origin + "encoding: raw\n\n" + voxels;
+}
+
+// ---------------------------------------------------------------------------------------------- 3: input
+
+TEST_F(Refusal, OfAPathWhereNothingIs) {
+  expect(3, "run nowhere/brain.nrrd -o out", {"nowhere/brain.nrrd", "No such file"});
+  expect(3, "info nowhere.nrrd", {"nowhere.nrrd"});
+  expect(3, "solve nomodel -o out", {"nomodel", "dimple model"});
+}
+
+TEST_F(Refusal, OfALabelThatNoVoxelHas) {
+  expect(3, "run brain.nrrd -o out --label 7",
+         {"no voxel has label 7", "1 (left_hemisphere)", "2 (right_hemisphere)", "--label"});
+}
+
+TEST_F(Refusal, OfALabelNameThatNoLabelHas) {
+  expect(3, "run brain.nrrd -o out --label left_hemisfere",
+         {"no label is called 'left_hemisfere'", "did you mean 'left_hemisphere'?", "dimple info"});
+}
+
+TEST_F(Refusal, OfAnImageWithNothingInIt) {
+  write("empty.nrrd",
+        nrrd("10 10 10", "space directions: (2,0,0) (0,2,0) (0,0,2)\n", "space: left-posterior-superior\n",
+             "space origin: (0,0,0)\n", 3, std::string(1000, '\0')));
+  expect(3, "run empty.nrrd -o out", {"empty.nrrd", "background"});
+  expect(3, "info empty.nrrd", {"empty.nrrd", "background"});
+}
+
+TEST_F(Refusal, OfATwoDimensionalImage) {
+  write("flat.nrrd", nrrd("20 20", "spacings: 2 2\n", "", "", 2, std::string(400, '\1')));
+  expect(3, "run flat.nrrd -o out", {"flat.nrrd", "dimension"});
+}
+
+TEST_F(Refusal, OfAFileThatIsNoImage) {
+  write("words.nrrd", "these are words\n");
+  expect(3, "run words.nrrd -o out", {"words.nrrd"});
+  write("brain.stl", "solid brain\nendsolid brain\n");
+  expect(3, "run brain.stl -o out", {"brain.stl", ".nrrd"});
+}
+
+TEST_F(Refusal, OfADamagedModel) {
+  ASSERT_EQ(dimple(folder, "model brain.nrrd -o model --nodes 400 -q").code, 0);
+  const auto copy = [&](const char* name) {
+    fs::copy(folder / "model", folder / name, fs::copy_options::recursive);
+    return folder / name;
+  };
+  std::ofstream(copy("torn") / "model.toml") << "format = \"dimple model 1\"\nnodes = \"nodes.v";
+  expect(3, "solve torn -o out", {"model.toml", "not valid TOML", "line 2"});
+
+  std::ofstream(copy("other") / "model.toml") << "format = \"something else\"\n";
+  expect(3, "solve other -o out", {"model.toml", "dimple model 1"});
+
+  fs::remove(copy("without_nodes") / "nodes.vtu");
+  expect(3, "solve without_nodes -o out", {"nodes.vtu"});
+
+  fs::resize_file(copy("cut") / "points.vtu", 900);
+  expect(3, "solve cut -o out", {"points.vtu"});
+
+  const fs::path unlisted = copy("unlisted") / "model.toml";
+  std::string text = text_of(unlisted);
+  text.erase(text.find("points = "), text.find('\n', text.find("points = ")) - text.find("points = "));
+  std::ofstream(unlisted) << text;
+  expect(3, "solve unlisted -o out", {"which file holds the points"});
+}
+
+// ---------------------------------------------------------------------------------------------- 2: usage
+
+TEST_F(Refusal, OfAMaterialThatCannotBe) {
+  expect(2, "run brain.nrrd -o out --density -1000",
+         {"material.density_kg_per_m3 = -1000", "--density", "above 0"});
+  expect(2, "run brain.nrrd -o out --nu 0.5", {"material.nu = 0.5", "--nu", "0.49999"});
+  expect(2, "run brain.nrrd -o out --mu 0", {"material.mu_Pa = 0", "above 0"});
+  expect(2, "run brain.nrrd -o out --mu nan", {"material.mu_Pa = nan", "not a finite number"});
+}
+
+TEST_F(Refusal, OfWordsItDoesNotKnow) {
+  expect(2, "runn brain.nrrd -o out", {"no command 'runn'", "did you mean 'run'?"});
+  expect(2, "run brain.nrrd -o out --nodez 500", {"no option --nodez", "did you mean '--nodes'?"});
+  expect(2, "run brain.nrrd -o out --basis quadratik",
+         {"support.basis = quadratik", "did you mean 'quadratic'?"});
+  expect(2, "run brain.nrrd -o out --set material.mew=300Pa",
+         {"no option 'material.mew'", "did you mean 'material.mu", "dimple options"});
+  expect(2, "run brain.nrrd -o out --set material.mu", {"'material.mu' is not key=value"});
+  expect(2, "run brain.nrrd", {"--out"});
+}
+
+TEST_F(Refusal, OfAUnitThatMeasuresSomethingElse) {
+  expect(2, "run brain.nrrd -o out --depth 3kPa",
+         {"load.depth_mm = 3kPa", "'kPa' is not one of its units", "mm"});
+  expect(2, "run brain.nrrd -o out --set material.mu=3psi", {"material.mu_Pa = 3psi", "'psi'", "kPa"});
+  expect(2, "run brain.nrrd -o out --nodes 3mm", {"cloud.nodes = 3mm", "no unit"});
+}
+
+TEST_F(Refusal, OfAConfigurationWithAMistakeInIt) {
+  write("torn.toml", "[material]\nmu = \n");
+  expect(2, "run brain.nrrd -o out --config torn.toml", {"torn.toml", "not valid TOML", "line 2"});
+  write("unknown.toml", "[material]\nyoung = 300\n");
+  expect(2, "run brain.nrrd -o out --config unknown.toml", {"'material.young'", "unknown.toml, line 2"});
+  write("typed.toml", "[material]\nnu = true\n");
+  expect(2, "run brain.nrrd -o out --config typed.toml", {"material.nu = true", "must be a number"});
+}
+
+// ---------------------------------------------------------------------------------------------- 4: model
+
+TEST_F(Refusal, OfAnIndenterThatMissesTheOrgan) {
+  expect(4, "run brain.nrrd -o out --indent-at 500,0,0 -q", {"misses the organ", "--indent-at"});
+}
+
+TEST_F(Refusal, OfAnIndenterThatHangsOverTheEdge) {
+  expect(4, "run brain.nrrd -o out --indent-at 0,45,5 -q", {"hangs over", "--indenter-diameter"});
+}
+
+// --------------------------------------------------------------------------------------------- 6: output
+
+TEST_F(Refusal, OfAFolderThatHoldsOtherPeoplesFiles) {
+  write("out/thesis.tex", "years of work");
+  expect(6, "run brain.nrrd -o out --nodes 400 -q", {"out", "not results of dimple", "-o"});
+  EXPECT_EQ(text_of(folder / "out" / "thesis.tex"), "years of work");
+}
+
+TEST_F(Refusal, OfAPlaceWhereNothingCanBeWritten) {
+  write("file", "not a folder");
+  expect(6, "run brain.nrrd -o file/out --nodes 400 -q", {"file/out", "-o"});
+  expect(6, "model brain.nrrd -o file --nodes 400 -q", {"file", "-o"});
+  expect(6, "phantom file/brain.nrrd -q", {"file/brain.nrrd"});
+}
+
+TEST_F(Refusal, OfAFolderThatMayNotBeWrittenTo) {
+  if (geteuid() == 0) GTEST_SKIP() << "skipped: running as root, who may write everywhere";
+  fs::create_directories(folder / "locked");
+  fs::permissions(folder / "locked", fs::perms::owner_read | fs::perms::owner_exec);
+  expect(6, "run brain.nrrd -o locked/out --nodes 400 -q", {"locked/out", "Permission denied"});
+  expect(6, "run brain.nrrd -o locked --nodes 400 -q", {"locked"});
+  fs::permissions(folder / "locked", fs::perms::owner_all);
+}
+
+// ------------------------------------------------------------------------------------- for other programs
+
+TEST_F(Refusal, IsValidJsonForThoseWhoAskForIt) {
+  const Ran ran = dimple(folder, "run brain.nrrd -o out --label 7 --json");
+  EXPECT_EQ(ran.code, 3);
+  const auto json = nlohmann::json::parse(ran.out);
+  EXPECT_EQ(json.at("status"), "error");
+  EXPECT_EQ(json.at("exit_code"), 3);
+  for (const char* part : {"fact", "where", "why", "remedy"})
+    EXPECT_FALSE(json.at("error").at(part).get<std::string>().empty()) << part;
+}
+
+}  // namespace
+}  // namespace dimple

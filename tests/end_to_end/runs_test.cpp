@@ -1,0 +1,270 @@
+// What the program does when all is well: its files, its words, and the same bits each time.
+
+#include <gtest/gtest.h>
+
+#include <csignal>
+#include <cstring>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <thread>
+
+#include "io/table.hpp"
+#include "io/vtk_files.hpp"
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+// Coarse and fast, so that each takes a second or so; 400 and 500 nodes in a swine brain are 6 to 7 mm apart.
+const std::string cloud = " --nodes 500";
+const std::string load = " --depth 0.5mm --rate 20mm/s --frames 4";
+
+class Run : public testing::Test {
+ protected:
+  const fs::path folder = fresh_folder();
+
+  void SetUp() override { good("phantom brain.nrrd --spacing 3"); }
+
+  Ran good(const std::string& arguments) const {
+    SCOPED_TRACE("dimple " + arguments);
+    const Ran ran = dimple(folder, arguments);
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    return ran;
+  }
+  std::string force(const std::string& out) const {
+    const std::string text = text_of(folder / out / "force.csv");
+    EXPECT_EQ(text.rfind("time_s,indentation_mm,force_N", 0), 0u) << text;
+    return text;
+  }
+  double last_force(const std::string& out) const {
+    return read_csv(folder / out / "force.csv").find("force_N")->back();
+  }
+  Json summary(const std::string& out) const { return Json::parse(text_of(folder / out / "summary.json")); }
+};
+
+/// The frames that a .pvd lists, as paths; each must be there.
+std::vector<fs::path> frames_of(const fs::path& pvd) {
+  const std::string text = text_of(pvd);
+  const std::regex file("file=\"([^\"]+)\"");
+  std::vector<fs::path> frames;
+  for (std::sregex_iterator m(text.begin(), text.end(), file), end; m != end; ++m) {
+    frames.push_back(pvd.parent_path() / (*m)[1].str());
+    EXPECT_TRUE(fs::is_regular_file(frames.back())) << frames.back();
+  }
+  return frames;
+}
+
+TEST_F(Run, GoesFromImageToForceStepByStep) {
+  EXPECT_EQ(good("phantom other.nrrd --spacing 3").out, "other.nrrd\n");
+  const Ran info = good("info brain.nrrd");
+  for (const char* word : {"left_hemisphere", "right_hemisphere", "LPS", "3 x 3 x 3 mm", "volume_mm3"})
+    EXPECT_NE(info.out.find(word), std::string::npos) << word;
+
+  good("model brain.nrrd -o model" + cloud);
+  for (const char* name : {"model.toml", "nodes.vtu", "points.vtu", "surface.vtp", "label.vti"})
+    EXPECT_TRUE(fs::is_regular_file(folder / "model" / name)) << name;
+
+  const Ran solve = good("solve model -o out" + load);
+  EXPECT_TRUE(std::regex_match(solve.out, std::regex("[0-9.]+ N at 0.50 mm\tout\n"))) << solve.out;
+  for (const char* name :
+       {"summary.json", "config.resolved.toml", "force.csv", "energy.csv", "overview.png", "label.vti"})
+    EXPECT_GT(fs::file_size(folder / "out" / name), 0u) << name;
+  for (const char* name : {"nodes.pvd", "points.pvd", "surface.pvd"})
+    EXPECT_EQ(frames_of(folder / "out" / name).size(), 5u) << name;
+  EXPECT_EQ(summary("out").at("status"), "ok");
+  EXPECT_GT(summary("out").at("force_N").get<double>(), 0.0);
+  EXPECT_EQ(text_of(folder / "out" / "overview.png").substr(1, 3), "PNG");
+  for (const auto& entry : fs::recursive_directory_iterator(folder))
+    EXPECT_EQ(entry.path().string().find(".part"), std::string::npos) << "left over: " << entry.path();
+}
+
+TEST_F(Run, IsModelAndSolveBitForBit) {
+  good("model brain.nrrd -o model" + cloud);
+  good("solve model -o two_steps" + load);
+  good("run brain.nrrd -o one_step" + cloud + load);
+  EXPECT_EQ(force("two_steps"), force("one_step"));
+  EXPECT_EQ(text_of(folder / "model" / "nodes.vtu"), text_of(folder / "one_step" / "model" / "nodes.vtu"));
+  good("solve one_step/model -o again" + load);
+  EXPECT_EQ(force("again"), force("one_step"));
+}
+
+TEST_F(Run, IsRepeatedBitForBitByTheConfigurationItWrote) {
+  good(
+      "run brain.nrrd -o first --set material.mu=0.3kPa --nu 0.49 --density 1.04g/cm3 --seed 3 --safety 0.8"
+      " --indent-at left --label left_hemisphere,2" +
+      cloud + load);
+  good("run --config first/config.resolved.toml -o second");
+  EXPECT_EQ(force("first"), force("second"));
+  EXPECT_NE(text_of(folder / "second" / "config.resolved.toml").find("mu_Pa = 300.0"), std::string::npos);
+  good("run --config first/config.resolved.toml -o third --mu 600");  // the command line wins
+  EXPECT_NE(force("first"), force("third"));
+  EXPECT_NEAR(last_force("third") / last_force("first"), 2.0, 0.5);
+}
+
+TEST_F(Run, GivesTheSameBitsWithAnyNumberOfThreads) {
+  for (const char* threads : {"1", "2", "3"})
+    good("run brain.nrrd -o threads" + std::string(threads) + cloud + load + " --threads " + threads);
+  EXPECT_EQ(force("threads1"), force("threads2"));
+  EXPECT_EQ(force("threads1"), force("threads3"));
+}
+
+TEST_F(Run, SolvesTwoPlainListsOfLocations) {
+  good("model brain.nrrd -o model" + cloud);
+  good("solve model -o from_vtu" + load);
+  const auto list = [&](const PointFile& points,
+                        const std::vector<std::pair<std::string, std::string>>& columns) {
+    Table table{.header = {"x_mm", "y_mm", "z_mm"}, .column = {}};
+    for (Index d = 0; d < 3; ++d) {
+      const Eigen::VectorXd row = points.position_mm.row(d).transpose();
+      table.column.emplace_back(row.begin(), row.end());
+    }
+    for (const auto& [field, column] : columns) {
+      const Eigen::VectorXd row = points.find(field)->values.row(0).transpose();
+      table.header.push_back(column);
+      table.column.emplace_back(row.begin(), row.end());
+    }
+    return table;
+  };
+  const PointFile nodes = read_vtu(folder / "model" / "nodes.vtu"),
+                  points = read_vtu(folder / "model" / "points.vtu");
+  std::string toml = text_of(folder / "model" / "model.toml");
+  toml = std::regex_replace(toml, std::regex("nodes.vtu"), "nodes.csv");
+  toml = std::regex_replace(toml, std::regex("points.vtu"), "points.csv");
+  toml = std::regex_replace(toml, std::regex("surface = [^\n]*"), "");
+
+  fs::create_directories(folder / "full");  // all that the .vtu files say: the same bits
+  write_csv(folder / "full" / "nodes.csv",
+            list(nodes, {{"spacing", "spacing_mm"}, {"node_set", "node_set"}}));
+  write_csv(folder / "full" / "points.csv", list(points, {{"volume", "volume_mm3"}}));
+  std::ofstream(folder / "full" / "model.toml") << toml;
+  good("solve full -o from_full" + load);
+  EXPECT_EQ(force("from_full"), force("from_vtu"));
+
+  fs::create_directories(folder / "plain");  // places alone: what is missing is assumed, and said
+  write_csv(folder / "plain" / "nodes.csv", list(nodes, {}));
+  write_csv(folder / "plain" / "points.csv", list(points, {}));
+  std::ofstream(folder / "plain" / "model.toml") << toml;
+  const Ran ran = good("solve plain -o from_plain" + load);
+  for (const char* word : {"warning", "no spacing", "no volume", "no node_set"})
+    EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
+  EXPECT_GT(last_force("from_plain"), 0.0);
+  EXPECT_EQ(summary("from_plain").at("warnings").size(), 3u);
+}
+
+TEST_F(Run, PrintsJsonAndNothingElseOnStdout) {
+  const Ran run = good("run brain.nrrd -o out --json" + cloud + load);
+  const Json json = Json::parse(run.out);
+  EXPECT_EQ(json, summary("out"));
+  EXPECT_EQ(json.at("counts").at("nodes"), 500);
+  EXPECT_EQ(Json::parse(good("model brain.nrrd -o model --json" + cloud).out).at("counts").at("nodes"), 500);
+  EXPECT_EQ(Json::parse(good("info brain.nrrd --json").out).at("labels").size(), 2u);
+}
+
+TEST_F(Run, IsSilentOnStderrWhenAskedToBe) {
+  EXPECT_EQ(good("run brain.nrrd -o out --quiet" + cloud + load).err, "");
+  EXPECT_EQ(good("model brain.nrrd -o model --quiet" + cloud).err, "");
+  EXPECT_EQ(good("solve model -o again --quiet" + load).err, "");
+}
+
+TEST_F(Run, SaysEveryTenthWithoutATerminal) {
+  const Ran run = good("run brain.nrrd -o out --set solver.sample_rate=4000" + cloud + load);
+  EXPECT_EQ(run.err.find('\r'), std::string::npos);
+  EXPECT_EQ(run.err.find('\033'), std::string::npos);
+  for (int tenth = 1; tenth <= 10; ++tenth) {
+    const std::string line = "solve " + std::to_string(10 * tenth) + " %";
+    EXPECT_NE(run.err.find(line), std::string::npos) << "no '" << line << "' in\n" << run.err;
+  }
+}
+
+TEST_F(Run, LeavesAValidPartialResultWhenInterrupted) {
+  Program program(folder, {"run", "brain.nrrd", "-o", "out", "--nodes", "500", "--depth", "8mm", "--rate",
+                           "0.02mm/s", "--frames", "400", "--json"});
+  while (program.running() && program.err_so_far().find("load ") == std::string::npos)
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  while (program.running() && !fs::exists(folder / "out" / "nodes" / "nodes_0002.vtu"))
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  ASSERT_TRUE(program.running()) << "it ended before it could be interrupted: " << program.err_so_far();
+  program.send(SIGINT);
+  const Ran ran = program.wait();
+  EXPECT_EQ(ran.code, 130) << ran.err;
+  EXPECT_EQ(Json::parse(ran.out), summary("out"));
+  EXPECT_EQ(summary("out").at("status"), "interrupted");
+  const double reached = summary("out").at("indentation_mm").get<double>();
+  EXPECT_GT(reached, 0.0);
+  EXPECT_LT(reached, 8.0);
+  const Table table = read_csv(folder / "out" / "force.csv");
+  ASSERT_GT(table.rows(), 1u);
+  EXPECT_EQ(table.find("indentation_mm")->back(), reached);
+  EXPECT_EQ(table.find("force_N")->back(), summary("out").at("force_N").get<double>());
+  const auto frames = frames_of(folder / "out" / "nodes.pvd");
+  ASSERT_GE(frames.size(), 2u);
+  for (const fs::path& frame : frames) EXPECT_EQ(read_vtu(frame).position_mm.cols(), 500);
+  EXPECT_GE(frames_of(folder / "out" / "surface.pvd").size(), 2u);
+  EXPECT_GE(frames_of(folder / "out" / "points.pvd").size(), 2u);
+  EXPECT_TRUE(fs::exists(folder / "out" / "overview.png"));
+}
+
+TEST_F(Run, CanSlideUnderTheIndenterAndUseAQuadraticBasis) {
+  good("run brain.nrrd -o bonded" + cloud + load);
+  good("run brain.nrrd -o frictionless --contact frictionless" + cloud + load);
+  good("run brain.nrrd -o quadratic --basis quadratic" + cloud + load);
+  for (const char* out : {"bonded", "frictionless", "quadratic"}) {
+    EXPECT_EQ(summary(out).at("status"), "ok") << out;
+    EXPECT_GT(last_force(out), 0.0) << out;
+    EXPECT_LT(last_force(out), 0.2) << out;
+  }
+  EXPECT_NE(force("bonded"), force("frictionless"));
+  EXPECT_NE(force("bonded"), force("quadratic"));
+}
+
+TEST_F(Run, TakesALabelByNameOrByNumber) {
+  good("run brain.nrrd -o by_name --label Right_Hemisphere --nodes 400" + load);  // case does not matter
+  good("run brain.nrrd -o by_number --label 2 --nodes 400" + load);
+  EXPECT_EQ(force("by_name"), force("by_number"));
+  good("run brain.nrrd -o both --label 1,2" + cloud + load);
+  good("run brain.nrrd -o all" + cloud + load);
+  EXPECT_EQ(force("both"), force("all"));
+}
+
+TEST_F(Run, TakesLabelNamesFromATable) {
+  good("phantom brain.nii.gz --spacing 3");  // NIfTI has no names: they lie beside it
+  ASSERT_TRUE(fs::exists(folder / "brain.labels.txt"));
+  good("run brain.nii.gz -o named --label right_hemisphere --label-names brain.labels.txt --nodes 400" +
+       load);
+  good("run brain.nii.gz -o numbered --label 2 --nodes 400" + load);
+  EXPECT_EQ(force("named"), force("numbered"));
+}
+
+TEST_F(Run, TakesBothLabelsOfATwoLabelImageAsOneBody) {
+  good("phantom two.seg.nrrd --shape block --size 60,60,30 --spacing 3 --two-labels");
+  good("phantom one.seg.nrrd --shape block --size 60,60,30 --spacing 3");
+  good("run two.seg.nrrd -o two" + cloud + load);
+  good("run one.seg.nrrd -o one" + cloud + load);
+  EXPECT_EQ(force("two"), force("one"));
+  EXPECT_NEAR(summary("two").at("volume_mm3").get<double>(), 60.0 * 60.0 * 30.0, 0.01 * 60.0 * 60.0 * 30.0);
+}
+
+TEST_F(Run, ReplacesAnEarlierRunsResultsWholly) {
+  good("run brain.nrrd -o out --nodes 500 --depth 0.5mm --rate 20mm/s --frames 9");
+  EXPECT_EQ(frames_of(folder / "out" / "nodes.pvd").size(), 10u);
+  good("run brain.nrrd -o out --nodes 500 --depth 0.5mm --rate 20mm/s --frames 2");
+  EXPECT_EQ(frames_of(folder / "out" / "nodes.pvd").size(), 3u);
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder / "out" / "nodes"), fs::directory_iterator()), 3);
+}
+
+TEST_F(Run, ExplainsItself) {
+  for (const char* command : {"", "--help", "run --help", "model --help", "solve --help", "info --help",
+                              "phantom --help", "options", "--version"}) {
+    const Ran ran = good(command);
+    EXPECT_FALSE(ran.out.empty()) << command;
+    EXPECT_EQ(ran.err, "") << command;
+  }
+  EXPECT_NE(dimple(folder, "options").out.find("material.mu_Pa"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace dimple

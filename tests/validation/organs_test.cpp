@@ -1,0 +1,49 @@
+// Organs of people, from images of all kinds: no option but the label is needed.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+TEST(Organs, OfPeopleCanBeIndentedWithNoOptionOfTheModelButTheLabel) {
+  const char* place = std::getenv("DIMPLE_SHARED_DATA");
+  if (!place) GTEST_SKIP() << "skipped: DIMPLE_SHARED_DATA names no folder with label images";
+  const fs::path folder = fresh_folder();
+  struct Organ {
+    const char* file;
+    std::vector<std::string> label;  // nothing: all that is labelled
+  };
+  for (const Organ& organ : {Organ{"human_brain_mri_2mm.nrrd", {}}, Organ{"heart_ct_1.5mm.nii.gz", {}},
+                             Organ{"abdomen_mr_3mm.nii.gz", {"--label", "5"}}, Organ{"lung_ct_aniso.mha", {}},
+                             Organ{"chest_ct_10mm.seg.nrrd", {"--label", "left lung"}}}) {
+    SCOPED_TRACE(organ.file);
+    const fs::path image = fs::path(place) / organ.file;
+    ASSERT_TRUE(fs::exists(image)) << "DIMPLE_SHARED_DATA names a folder without " << organ.file;
+    // The default model; only the load is made short.
+    std::vector<std::string> words = {"run",    image,   "-o",       organ.file, "--depth", "1mm",
+                                      "--rate", "5mm/s", "--frames", "1",        "--quiet", "--json"};
+    words.insert(words.end(), organ.label.begin(), organ.label.end());
+    const Ran ran = dimple(folder, words);
+    ASSERT_EQ(ran.code, 0) << ran.err;
+    const Json summary = Json::parse(ran.out);
+    EXPECT_EQ(summary.at("status"), "ok");
+    EXPECT_EQ(summary.at("counts").at("nodes"), 4250);
+    EXPECT_NEAR(summary.at("indentation_mm").get<double>(), 1.0, 1e-9);
+    EXPECT_GT(summary.at("force_N").get<double>(), 0.0);
+    EXPECT_LT(summary.at("force_N").get<double>(), 1.0);
+    const double organ_volume = summary.at("model").at("organ_volume_mm3").get<double>();
+    EXPECT_NEAR(summary.at("volume_mm3").get<double>(), organ_volume, 0.005 * organ_volume);
+  }
+}
+
+}  // namespace
+}  // namespace dimple
