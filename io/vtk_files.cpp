@@ -187,8 +187,9 @@ void write_xml(const fs::path& file, vtkDataObject& data) {
     const MessageScope messages;
     vtkNew<Writer> writer;
     writer->SetInputDataObject(&data);
-    writer->SetDataModeToAppended();
-    writer->EncodeAppendedDataOff();
+    // Inline base64: bytes appended raw are not XML, and since its fixes of CVE-2023-52425 the expat of Debian 12
+    // stumbles over them before VTK's readers stop it.
+    writer->SetDataModeToBinary();
     writer->SetCompressorTypeToZLib();
     writer->WriteToOutputStringOn();
     if (writer->Write() == 0 || writer->GetErrorCode() != 0 || !messages.empty())
