@@ -1,0 +1,48 @@
+#include "preprocess/lumped_mass.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "io/error.hpp"
+#include "tests/helpers/block.hpp"
+
+namespace dimple {
+namespace {
+
+using testing::HasSubstr;
+
+TEST(LumpedMass, AddsUpToDensityTimesVolume) {
+  Model model = testing_bodies::block(5);
+  model.volume *= 1.37;
+  const Eigen::VectorXd mass = lumped_mass(model, 1040.0);
+  const double total = 1040.0 * model.volume.sum();
+  EXPECT_NEAR(mass.sum(), total, 1e-13 * total);  // a sum of a few thousand roundings
+  EXPECT_GT(mass.minCoeff(), 0.0);
+}
+
+TEST(LumpedMass, SharesAPointsMassEquallyAmongItsNodes) {
+  Model model;
+  model.X = Points::Zero(3, 3);
+  model.point = Points::Zero(3, 2);
+  model.volume = Eigen::Vector2d(6.0, 2.0);
+  model.support.offset = Eigen::Vector3i(0, 3, 4);
+  model.support.member = Eigen::Vector4i(0, 1, 2, 1);
+  EXPECT_THAT(lumped_mass(model, 10.0), testing::ElementsAre(20.0, 40.0, 20.0));
+}
+
+TEST(LumpedMass, ANodeInNoSupportIsRefusedByNumberAndPlace) {
+  Model model = testing_bodies::block(5);
+  model.X.conservativeResize(3, model.X.cols() + 1);
+  model.X.rightCols(1) = Vec3(0.1, 0.2, 0.3);
+  try {
+    lumped_mass(model, 1000.0);
+    FAIL() << "a node without mass was taken";
+  } catch (const ModelError& error) {
+    EXPECT_THAT(error.report.fact, HasSubstr("node " + std::to_string(model.X.cols() - 1)));
+    EXPECT_THAT(error.report.where, HasSubstr("(100.00, 200.00, 300.00) mm"));
+    EXPECT_THAT(error.report.remedy, HasSubstr("support.radius_factor"));
+  }
+}
+
+}  // namespace
+}  // namespace dimple

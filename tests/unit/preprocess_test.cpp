@@ -1,0 +1,204 @@
+// From a phantom to places: surface, base, circle, cloud, grid; and moving least squares on scattered nodes.
+
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <filesystem>
+#include <fstream>
+#include <numeric>
+#include <random>
+
+#include "apps/config.hpp"
+#include "io/error.hpp"
+#include "preprocess/build_model.hpp"
+#include "preprocess/phantom.hpp"
+
+namespace dimple {
+namespace {
+
+SegmentedBody block_body() {
+  return make_body_surface(make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 1.5}), {},
+                           5.0);
+}
+
+TEST(BodySurface, EnclosesTheVoxelsVolumeAndKnowsInsideFromOutside) {
+  const SegmentedBody body = block_body();
+  EXPECT_NEAR(body.surface.volume(), 108000.0, 1e-3 * 108000.0);
+  const Vec3 middle = body.surface.centroid();
+  EXPECT_TRUE(body.surface.contains(middle));
+  EXPECT_FALSE(body.surface.contains(middle + Vec3(0, 0, 16)));
+  EXPECT_NEAR(body.surface.closest(middle).distance, 15.0,
+              0.2 * 1.5);  // a fifth of a voxel: edges are rounded, faces make up for it
+  const auto t = body.surface.crossings(middle - Vec3(0, 0, 100), Vec3::UnitZ());
+  ASSERT_EQ(t.size(), 2u);
+  EXPECT_NEAR(t[1] - t[0], 30.0, 0.4 * 1.5);
+}
+
+TEST(BodySurface, OfABallIsSmoothWhereItsVoxelsAreStairs) {
+  LabelImage image;
+  image.size = {44, 44, 44};
+  image.to_world = Eigen::Affine3d::Identity();
+  for (Index k = 0; k < 44; ++k)
+    for (Index j = 0; j < 44; ++j)
+      for (Index i = 0; i < 44; ++i)
+        image.voxel.push_back((Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) -
+                               Vec3::Constant(21.5))
+                                  .norm() < 20.0);
+  const SegmentedBody body = make_body_surface(image, {}, 3.0);
+  const double radius = std::cbrt(body.surface.volume() * 3.0 / (4.0 * 3.14159265358979));
+  for (const auto& x : body.surface.vertex().colwise())
+    EXPECT_NEAR((x - Vec3::Constant(21.5)).norm(), radius, 0.3);  // voxel corners stick out by up to 0.87
+}
+
+TEST(BodySurface, RefusesASpeckAndALabelThatIsNotThere) {
+  LabelImage image = make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 3});
+  EXPECT_THROW(make_body_surface(image, {9}, 3.0), InputError);
+  for (auto& v : image.voxel) v = 0;
+  image.voxel[image.voxel.size() / 2] = 1;
+  EXPECT_THROW(make_body_surface(image, {}, 3.0), ModelError);
+}
+
+TEST(Boundary, OfABlockIsItsBroadSideAndTheMiddleOfTheOtherOne) {
+  const SegmentedBody body = block_body();
+  const Boundary found = find_boundary(body.surface, {}, 5.0);
+  EXPECT_TRUE(found.flat_base);
+  EXPECT_LT((body.surface.to_world().linear() * found.down - Vec3(0, 0, -1)).norm(), 1e-12);
+  const Vec3 centre = body.surface.to_world() * found.centre;
+  EXPECT_LT(centre.head<2>().norm(), 1.5);  // within a voxel
+  EXPECT_NEAR(centre.z(), 30.0, 0.2);
+  EXPECT_NE(found.base_reason.find("inferior"), std::string::npos);
+}
+
+TEST(Boundary, OnTheLeftIsOnTheLeft) {
+  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {}, 5.0);
+  const double left =
+      (body.surface.to_world() * find_boundary(body.surface, {.indent_at = "left"}, 5.0).centre).x();
+  const double right =
+      (body.surface.to_world() * find_boundary(body.surface, {.indent_at = "right"}, 5.0).centre).x();
+  EXPECT_GT(left, 4.0);  // LPS: left is positive
+  EXPECT_LT(right, -4.0);
+}
+
+TEST(Boundary, RefusesWordsAndPlacesThatMakeNoSense) {
+  const SegmentedBody body = block_body();
+  EXPECT_THROW(find_boundary(body.surface, {.base = "below"}, 5.0), UsageError);
+  EXPECT_THROW(find_boundary(body.surface, {.indent_at = "bottom"}, 5.0), UsageError);
+  EXPECT_THROW(find_boundary(body.surface, {.direction = "down"}, 5.0), UsageError);
+  EXPECT_THROW(find_boundary(body.surface, {.indent_at = "300,0,0"}, 5.0), ModelError);
+}
+
+TEST(NodeCloud, HasExactlyTheAskedNumberOfEvenlySpacedNodesAndTheCirclesRim) {
+  const SegmentedBody body = block_body();
+  const Boundary boundary = find_boundary(body.surface, {}, 5.0);
+  const NodeCloud cloud = make_node_cloud(body.surface, boundary, {.count = 1200});
+  EXPECT_EQ(cloud.X.cols(), 1200);
+  const IntegrationGrid grid = make_integration_grid(body.surface, {}, 1200);
+  const Evenness even = measure_evenness(cloud, grid.point);
+  EXPECT_NEAR(even.mean, 0.95, 0.1);
+  EXPECT_LT(even.spread, 0.1);
+  EXPECT_GT(even.minimum, 0.6);
+  EXPECT_LT(even.fill, 1.1);
+  int rim = 0;
+  for (Index a = 0; a < cloud.X.cols(); ++a) {
+    const Vec3 d = cloud.X.col(a) - boundary.centre;
+    const double lateral = (d - d.dot(boundary.push) * boundary.push).norm();
+    if (a < cloud.circle_count) rim += std::abs(lateral - 5.0) < 1e-9;
+    if (a >= cloud.circle_count && a < cloud.surface_count && std::abs(d.dot(boundary.push)) < 2.0) {
+      EXPECT_GT(lateral, 5.0);
+    }
+    if (a < cloud.surface_count) {
+      EXPECT_LT(body.surface.closest(cloud.X.col(a)).distance, 1e-6);
+    } else {
+      EXPECT_TRUE(body.surface.contains(cloud.X.col(a)));
+    }
+  }
+  EXPECT_GE(rim, 6);
+}
+
+TEST(NodeCloud, IsTheSameForAnyNumberOfThreads) {
+  const SegmentedBody body = block_body();
+  const Boundary boundary = find_boundary(body.surface, {}, 5.0);
+  const NodeCloud all = make_node_cloud(body.surface, boundary, {.count = 800});
+  const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
+  EXPECT_EQ(make_node_cloud(body.surface, boundary, {.count = 800}).X, all.X);
+}
+
+TEST(IntegrationGrid, HasTheBodysVolumeAndCentroidAndAboutTheAskedNumberOfPoints) {
+  const SegmentedBody body =
+      make_body_surface(make_phantom({.shape = "cut-ellipsoid", .spacing_mm = 2}), {}, 4.0);
+  const IntegrationGrid grid = make_integration_grid(body.surface, {.count = 3000}, 2000);
+  EXPECT_NEAR(grid.volume.sum(), body.surface.volume(), 0.005 * body.surface.volume());
+  EXPECT_LT((grid.point * grid.volume / grid.volume.sum() - body.surface.centroid()).norm(), 0.1);
+  EXPECT_NEAR(static_cast<double>(grid.volume.size()), 3000.0, 0.05 * 3000.0);
+}
+
+TEST(MovingLeastSquares, ReproducesWhatItsBasisHoldsAndDifferentiatesItself) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> place(-1.0, 1.0);
+  const Points X = Points::NullaryExpr(3, 60, [&] { return place(random); });
+  std::vector<int> nodes(60);
+  std::iota(nodes.begin(), nodes.end(), 0);
+  const Eigen::VectorXd radius = Eigen::VectorXd::Constant(60, 1.6);
+  const Vec3 x(0.1, -0.2, 0.05);
+  Eigen::VectorXd phi, plus, minus;
+  Points dphi, unused;
+  for (const Basis basis : {Basis::linear, Basis::quadratic})
+    for (const Weight weight : {Weight::quartic, Weight::cubic, Weight::gauss}) {
+      const SupportOptions options{.basis = basis, .weight = weight};
+      ASSERT_TRUE(mls_shape_functions(x, X, nodes, radius, 1.0, options, phi, dphi).ok());
+      EXPECT_NEAR(phi.sum(), 1.0, 1e-10);
+      EXPECT_LT((X * phi - x).norm(), 1e-10);
+      EXPECT_LT((X * dphi.transpose() - Mat3::Identity()).norm(), 1e-10);
+      EXPECT_LT(dphi.rowwise().sum().norm(), 1e-10);
+      const double h = 1e-6;
+      for (int r = 0; r < 3; ++r) {
+        mls_shape_functions(x + h * Vec3::Unit(r), X, nodes, radius, 1.0, options, plus, unused);
+        mls_shape_functions(x - h * Vec3::Unit(r), X, nodes, radius, 1.0, options, minus, unused);
+        EXPECT_LT(((plus - minus) / (2 * h) - dphi.row(r).transpose()).norm(), 1e-6);
+      }
+    }
+}
+
+TEST(Support, GrowsWhereTooFewNodesAreNearAndSaysSo) {
+  Model model;
+  std::mt19937 random(6);
+  std::uniform_real_distribution<double> place(0.0, 10e-3);
+  model.X = Points::NullaryExpr(3, 300, [&] { return place(random); });
+  model.spacing = Eigen::VectorXd::Constant(300, 1.0e-3);  // too small for this cloud on purpose
+  model.point = Points::NullaryExpr(3, 50, [&] { return place(random); });
+  model.volume = Eigen::VectorXd::Constant(50, 1e-9);
+  const SupportReport report = find_supports(model, {});
+  EXPECT_GT(report.grown, 0);
+  EXPECT_GT(report.largest_growth, 1.0);
+  EXPECT_GE(report.fewest, 8);
+  EXPECT_LT(report.linear_error, 1e-10);
+  model.spacing *= 0.2;
+  try {
+    find_supports(model, {});
+    FAIL();
+  } catch (const ModelError& error) {
+    EXPECT_NE(error.report.remedy.find("support.radius_factor"), std::string::npos);
+  }
+}
+
+TEST(Config, KnowsUnitsRangesAndItsOwnFile) {
+  Config config;
+  set_option(config, "material.mu", "0.3kPa", "test");
+  EXPECT_EQ(config.material.mu_Pa, 300.0);
+  set_option(config, "load.depth_mm", "1cm", "test");
+  EXPECT_EQ(config.load.depth_mm, 10.0);
+  EXPECT_THROW(set_option(config, "material.nu", "0.5", "test"), UsageError);
+  EXPECT_THROW(set_option(config, "cloud.nodes", "4250.5", "test"), UsageError);
+  EXPECT_THROW(set_option(config, "material.mu", "3mm", "test"), UsageError);
+  const auto file = std::filesystem::path(testing::TempDir()) / "dimple_config_test.toml";
+  std::ofstream(file) << to_toml(config, {});
+  Config again;
+  read_config(again, file);
+  EXPECT_EQ(to_toml(again, {}).substr(0, 10), to_toml(config, {}).substr(0, 10));
+  EXPECT_EQ(again.material.mu_Pa, 300.0);
+  EXPECT_EQ(again.load.depth_mm, 10.0);
+  EXPECT_EQ(did_you_mean("materal.mu", {"material.mu", "load.depth"}), ", did you mean 'material.mu'?");
+}
+
+}  // namespace
+}  // namespace dimple
