@@ -251,6 +251,16 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   say(fmt::format("mass     {:.2f} g in all, {:.3g} to {:.3g} g per node", model.mass.sum() * 1e3,
                   model.mass.minCoeff() * 1e3, model.mass.maxCoeff() * 1e3));
   const Loading loading = loading_of(config);
+  const double beneath =
+      (model.X.transpose() * model.tool.push).maxCoeff() - model.tool.centre.dot(model.tool.push);
+  if (loading.depth >= beneath)
+    throw ModelError(
+        {.fact =
+             fmt::format("an indentation of {:.3g} mm is deeper than the organ beneath the circle, {:.3g} mm",
+                         config.load.depth_mm, 1e3 * beneath),
+         .where = "--depth (load.depth_mm)",
+         .why = "the tool would come out on the other side",
+         .remedy = "give a smaller --depth, or another place with --indent-at"});
   const SolverOptions options = solver_options(config);
   say(
       fmt::format("material mu {:.6g} Pa, nu {:.6g} (kappa {:.6g} Pa), density {:.6g} kg/m3, stress {}; "

@@ -42,15 +42,18 @@ void Neighbours::within(const Vec3& x, double radius, std::vector<int>& result) 
 }
 
 std::vector<int> Neighbours::nearest(const Vec3& x, int count) const {
-  const auto wanted = static_cast<std::size_t>(std::min<Index>(count, tree_->points.cols()));
+  const auto wanted = static_cast<std::size_t>(std::clamp<Index>(count, 0, tree_->points.cols()));
+  if (wanted == 0) return {};
   std::vector<int> id(wanted);
   std::vector<double> distance2(wanted);
-  const std::size_t got = tree_->index.knnSearch(x.data(), wanted, id.data(), distance2.data());
-  std::vector<std::pair<double, int>> order(got);
-  for (std::size_t k = 0; k < got; ++k) order[k] = {distance2[k], id[k]};
+  tree_->index.knnSearch(x.data(), wanted, id.data(), distance2.data());
+  // Of several at the last distance the tree takes whichever it meets first: ask for all of them, take the lowest.
+  within(x, std::sqrt(distance2.back()) * (1.0 + 1e-12) + 1e-150, id);
+  std::vector<std::pair<double, int>> order;
+  for (const int i : id) order.emplace_back((tree_->points.col(i) - x).squaredNorm(), i);
   std::sort(order.begin(), order.end());
-  std::vector<int> result(got);
-  for (std::size_t k = 0; k < got; ++k) result[k] = order[k].second;
+  std::vector<int> result;
+  for (std::size_t k = 0; k < std::min(wanted, order.size()); ++k) result.push_back(order[k].second);
   return result;
 }
 

@@ -150,6 +150,10 @@ TEST_F(Refusal, OfAnIndenterThatMissesTheOrgan) {
   expect(4, "run brain.nrrd -o out --indent-at 500,0,0 -q", {"misses the organ", "--indent-at"});
 }
 
+TEST_F(Refusal, OfAPushDeeperThanTheOrgan) {
+  expect(4, "run brain.nrrd -o out --nodes 500 --depth 40mm -q", {"40", "deeper than the organ", "--depth"});
+}
+
 TEST_F(Refusal, OfAnIndenterThatHangsOverTheEdge) {
   expect(4, "run brain.nrrd -o out --indent-at 0,45,5 -q", {"hangs over", "--indenter-diameter"});
 }

@@ -108,22 +108,26 @@ TEST(InternalForce, ReportsTheSmallestVolumeRatioAndWhereItIs) {
   double least = 2.0;
   Index where = -1;
   for (Index q = 0; q < F.cols(); ++q)
-    if (const double J = Eigen::Map<const Mat3>(F.col(q).data()).determinant(); J < least) least = J, where = q;
+    if (const double J = Eigen::Map<const Mat3>(F.col(q).data()).determinant(); J < least)
+      least = J, where = q;
   const ForceSystem::Sweep sweep = system.stress_sweep(u);
   ASSERT_LT(least, 1.0);
   EXPECT_EQ(sweep.point, where);
   EXPECT_NEAR(sweep.J_min, least, 1e-13);
 }
 
-// One point, in each lane and in a lane beside the last whole four, is turned inside out or made not a number.
+// One point, in each lane and in a lane beside the last whole four, is turned inside out or made not a
+// number.
 TEST(InternalForce, ReportsTheBadPointInsteadOfThrowingWhereverItIs) {
   const Model whole = first_points(block(4), 131);
   for (const Index bad : {0, 1, 2, 3, 64, 127, 128, 130})
     for (const double spoilt : {-1e9, std::nan(""), std::numeric_limits<double>::infinity()}) {
       SCOPED_TRACE(testing::Message() << "point " << bad << ", " << spoilt);
       Model model = whole;
-      // A displacement of the form x -> stretch along x: a gradient of this point alone that is far too large.
-      for (int k = model.support.offset[bad]; k < model.support.offset[bad + 1]; ++k) model.dphi.col(k) *= spoilt;
+      // A displacement of the form x -> stretch along x: a gradient of this point alone that is far too
+      // large.
+      for (int k = model.support.offset[bad]; k < model.support.offset[bad + 1]; ++k)
+        model.dphi.col(k) *= spoilt;
       const ForceSystem system(model, tissue);
       Nodal f = Nodal::Zero(4, model.node_count());
       const ForceSystem::Sweep sweep =

@@ -25,8 +25,10 @@ TEST(LumpedMass, SharesAPointsMassEquallyAmongItsNodes) {
   model.X = Points::Zero(3, 3);
   model.point = Points::Zero(3, 2);
   model.volume = Eigen::Vector2d(6.0, 2.0);
-  model.support.offset = Eigen::Vector3i(0, 3, 4);
-  model.support.member = Eigen::Vector4i(0, 1, 2, 1);
+  model.support.offset.resize(3);
+  model.support.offset << 0, 3, 4;
+  model.support.member.resize(4);
+  model.support.member << 0, 1, 2, 1;
   EXPECT_THAT(lumped_mass(model, 10.0), testing::ElementsAre(20.0, 40.0, 20.0));
 }
 

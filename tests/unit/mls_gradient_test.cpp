@@ -25,7 +25,8 @@ struct Shape {
   MlsResult mls;
 };
 
-// Radii differ from node to node, as in a graded cloud. All nodes are offered: those out of reach weigh nothing.
+// Radii differ from node to node, as in a graded cloud. All nodes are offered: those out of reach weigh
+// nothing.
 Shape shape_at(const Vec3& x, const Points& X, double unit, const SupportOptions& options) {
   Shape s;
   s.nodes.resize(static_cast<std::size_t>(X.cols()));
@@ -84,7 +85,8 @@ TEST_P(Mls, GradientsAreTheDifferencesOfTheShapeFunctions) {
       const Shape minus = shape_at(x - h * Vec3::Unit(r), X, 1.0, options);
       const Eigen::VectorXd slope = (plus.phi - minus.phi) / (2.0 * h);
       // h^2 times a third derivative of order 100; where a weight ends, its derivative has a kink or none.
-      EXPECT_LT((s.dphi.row(r).transpose() - slope).cwiseAbs().maxCoeff(), 1e-6 * s.dphi.cwiseAbs().maxCoeff());
+      EXPECT_LT((s.dphi.row(r).transpose() - slope).cwiseAbs().maxCoeff(),
+                1e-6 * s.dphi.cwiseAbs().maxCoeff());
     }
   }
 }
@@ -107,15 +109,17 @@ TEST_P(Mls, ANodeAtThePlaceItselfGivesNumbers) {
   EXPECT_NEAR(s.phi.sum(), 1.0, 1e-10);
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    AllBasesAndWeights, Mls,
-    testing::Combine(testing::Values(Basis::linear, Basis::quadratic),
-                     testing::Values(Weight::quartic, Weight::cubic, Weight::gauss)),
-    [](const auto& which) {
-      const char* weight[] = {"Quartic", "Cubic", "Gauss"};
-      return std::string(std::get<0>(which.param) == Basis::linear ? "Linear" : "Quadratic") +
-             weight[static_cast<int>(std::get<1>(which.param))];
-    });
+std::string name_of(const testing::TestParamInfo<std::tuple<Basis, Weight>>& which) {
+  const auto [basis, weight] = which.param;
+  return std::string(basis == Basis::linear ? "Linear" : "Quadratic") + (weight == Weight::quartic ? "Quartic"
+                                                                         : weight == Weight::cubic ? "Cubic"
+                                                                                                   : "Gauss");
+}
+
+INSTANTIATE_TEST_SUITE_P(AllBasesAndWeights, Mls,
+                         testing::Combine(testing::Values(Basis::linear, Basis::quadratic),
+                                          testing::Values(Weight::quartic, Weight::cubic, Weight::gauss)),
+                         name_of);
 
 TEST(MlsGradient, NodesInOnePlaneOrTooFewAreNotOk) {
   Points X(3, 25);

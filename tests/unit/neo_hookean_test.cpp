@@ -13,14 +13,14 @@ namespace {
 const NeoHookean swine_brain = neo_hookean(210.0, 0.499, 1000.0);
 const NeoHookean softer_to_squeeze = {.mu = 1006.7114, .kappa = 50'000.0, .density = 1000.0};
 
-Mat3 diagonal(double a, double b, double c) { return Vec3(a, b, c).asDiagonal(); }
 
 Mat3 sheared_and_squeezed() {
   return (Mat3() << 0.9, 0.2, -0.1, 0.05, 1.1, 0.15, 0.1, -0.2, 0.97).finished();
 }
 
 TEST(NeoHookean, TheBulkModulusFollowsFromPoissonsRatio) {
-  EXPECT_NEAR(swine_brain.kappa, 104'930.0, 1e-6);  // 2 mu (1 + nu) / (3 (1 - 2 nu)), six digits of 1 - 2 nu lost
+  EXPECT_NEAR(swine_brain.kappa, 104'930.0,
+              1e-6);  // 2 mu (1 + nu) / (3 (1 - 2 nu)), six digits of 1 - 2 nu lost
   EXPECT_NEAR(neo_hookean(300.0, 0.0, 1.0).kappa, 200.0, 1e-12);
 }
 
@@ -59,7 +59,8 @@ TEST(NeoHookean, NoWorkIsGainedOnAClosedWay) {
     for (int k = 0; k < steps; ++k) {
       const double t = 2.0 * std::numbers::pi * k / steps, dt = 2.0 * std::numbers::pi / steps;
       const Mat3 F = Mat3::Identity() + std::sin(t) * A + (1.0 - std::cos(t)) * B;
-      const double work = pk1_stress(swine_brain, F).cwiseProduct(std::cos(t) * A + std::sin(t) * B).sum() * dt;
+      const double work =
+          pk1_stress(swine_brain, F).cwiseProduct(std::cos(t) * A + std::sin(t) * B).sum() * dt;
       gained += work;
       turned_over += std::abs(work);
     }
@@ -77,7 +78,8 @@ TEST(NeoHookean, CauchyStressIsSymmetricAndTurnsWithTheBody) {
 TEST(NeoHookean, ThePrintedStressIsMuAtRestAndDiffersByItsMissingTerms) {
   NeoHookean printed = swine_brain;
   printed.as_printed = true;
-  EXPECT_LT((pk1_stress(printed, Mat3::Identity()) - printed.mu * Mat3::Identity()).norm(), 1e-12 * printed.mu);
+  EXPECT_LT((pk1_stress(printed, Mat3::Identity()) - printed.mu * Mat3::Identity()).norm(),
+            1e-12 * printed.mu);
   // S = lambda J (J - 1) C^-1 + mu J^(-2/3) I, as in section 3.3 of the paper.
   const Mat3 F = sheared_and_squeezed(), C = F.transpose() * F;
   const double J = F.determinant(), lambda = 2.0 * 210.0 * 0.499 / 0.002;
@@ -102,22 +104,20 @@ TEST(NeoHookean, HomogeneousStatesHaveTheClosedFormStresses) {
   const auto uniaxial = [](double along, double across, double P) {
     return State{{along, across, across}, {P, 0, 0}};
   };
-  for (const State& s :
-       {uniaxial(0.5, 1.41338731, -734.590937), uniaxial(0.7, 1.19485433, -281.420556),
-        uniaxial(0.8, 1.11780652, -160.034907), uniaxial(0.9, 1.05398672, -70.216601),
-        uniaxial(1.1, 0.95355819, 57.403800), uniaxial(1.2, 0.91305541, 106.079134),
-        uniaxial(1.5, 0.81692674, 221.412756), uniaxial(2.0, 0.70792835, 366.809574),
-        State{{0.99, 1, 1}, {-1052.133060, -1037.404635, -1037.404635}},
-        State{{0.95, 1, 1}, {-5261.368254, -4977.112579, -4977.112579}},
-        State{{1.2, 1.2, 0.69532882}, {167.248656, 167.248656, 0}},
-        State{{0.8, 0.8, 1.55875399}, {-470.552306, -470.552306, 0}}})
+  for (const State& s : {uniaxial(0.5, 1.41338731, -734.590937), uniaxial(0.7, 1.19485433, -281.420556),
+                         uniaxial(0.8, 1.11780652, -160.034907), uniaxial(0.9, 1.05398672, -70.216601),
+                         uniaxial(1.1, 0.95355819, 57.403800), uniaxial(1.2, 0.91305541, 106.079134),
+                         uniaxial(1.5, 0.81692674, 221.412756), uniaxial(2.0, 0.70792835, 366.809574),
+                         State{{0.99, 1, 1}, {-1052.133060, -1037.404635, -1037.404635}},
+                         State{{0.95, 1, 1}, {-5261.368254, -4977.112579, -4977.112579}},
+                         State{{1.2, 1.2, 0.69532882}, {167.248656, 167.248656, 0}},
+                         State{{0.8, 0.8, 1.55875399}, {-470.552306, -470.552306, 0}}})
     check(swine_brain, s);
-  for (const State& s :
-       {uniaxial(0.5, 1.40583200, -3503.558363), uniaxial(0.7, 1.19145481, -1342.510586),
-        uniaxial(0.9, 1.05303128, -334.761249), uniaxial(1.5, 0.82073098, 1050.715316),
-        uniaxial(2.0, 0.71503833, 1730.143138),
-        State{{0.95, 1, 1}, {-2571.276385, -2341.143716, -2341.143716}},
-        State{{1.2, 1.2, 0.70307979}, {786.845256, 786.845256, 0}}})
+  for (const State& s : {uniaxial(0.5, 1.40583200, -3503.558363), uniaxial(0.7, 1.19145481, -1342.510586),
+                         uniaxial(0.9, 1.05303128, -334.761249), uniaxial(1.5, 0.82073098, 1050.715316),
+                         uniaxial(2.0, 0.71503833, 1730.143138),
+                         State{{0.95, 1, 1}, {-2571.276385, -2341.143716, -2341.143716}},
+                         State{{1.2, 1.2, 0.70307979}, {786.845256, 786.845256, 0}}})
     check(softer_to_squeeze, s);
 }
 

@@ -1,0 +1,148 @@
+// Marching in time against what is known of waves, of energy, and of a step that is halved.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "io/error.hpp"
+#include "solver/simulate.hpp"
+#include "tests/helpers/block.hpp"
+
+namespace dimple {
+namespace {
+
+using namespace testing_bodies;
+using Nodal = ForceSystem::Nodal;
+using Kind = Constraints::Kind;
+
+// Kick by half a step, move, kick by half a step: velocities at whole steps, so that energies need no averaging.
+void march(const ForceSystem& system, const Model& model, const Constraints& constraints, double dt, Nodal& u,
+           Nodal& v, Nodal& f) {
+  const auto kick = [&] {
+    for (Index a = 0; a < u.cols(); ++a)
+      v.col(a) -= constraints.project(a, f.col(a)) * (0.5 * dt / model.mass[a]);
+  };
+  kick();
+  u += dt * v;
+  ASSERT_TRUE(system.internal_force(u, f).ok());
+  kick();
+}
+
+TEST(Verification, FreeVibrationKeepsItsEnergyOverTenThousandSteps) {
+  const Model model = block(3);
+  const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
+  const Constraints constraints = make_constraints(model, Contact::bonded);
+  Nodal u = Nodal::Zero(4, model.node_count()), v = u, f = u;
+  for (Index a = 0; a < u.cols(); ++a)  // bent by a tenth of its height, and let go
+    u.col(a) = constraints.project(a, Eigen::Vector4d(2e-3 * std::pow(model.X(2, a) / 20e-3, 2), 0, 0, 0));
+  system.internal_force(u, f);
+  const double dt = 0.5 * stable_time_step(system, model, constraints, u).dt;
+  const double start = system.stored_energy(u);
+  double worst = 0.0, most_kinetic = 0.0;
+  for (int step = 0; step < 10'000; ++step) {
+    march(system, model, constraints, dt, u, v, f);
+    if (step % 100 != 99) continue;
+    double kinetic = 0.0;
+    for (Index a = 0; a < u.cols(); ++a) kinetic += 0.5 * model.mass[a] * v.col(a).squaredNorm();
+    most_kinetic = std::max(most_kinetic, kinetic);
+    worst = std::max(worst, std::abs(kinetic + system.stored_energy(u) - start));
+  }
+  RecordProperty("energy_drift", std::to_string(worst / start));
+  EXPECT_LT(worst, 1e-3 * start);
+  EXPECT_GT(most_kinetic, 0.3 * start);  // it did swing
+}
+
+// A layer that is held below, free above and moves along one direction only: its lowest mode is a quarter of a
+// wave, and lasts 4 H / c.
+double period_of_quarter_wave(const Model& model, const NeoHookean& material, int direction) {
+  const ForceSystem system(model, material);
+  Nodal u = Nodal::Zero(4, model.node_count()), v = u, f = u;
+  Constraints constraints = make_constraints(model, Contact::bonded);
+  for (auto& kind : constraints.kind) kind = kind == Kind::fixed ? Kind::fixed : Kind::free;
+  const double dt = 0.5 * stable_time_step(system, model, constraints, u).dt, height = 20e-3;
+  Eigen::VectorXd mode(model.node_count());
+  for (Index a = 0; a < u.cols(); ++a) mode[a] = std::sin(0.5 * std::numbers::pi * model.X(2, a) / height);
+  u.row(direction) = 1e-6 * mode.transpose();
+  system.internal_force(u, f);
+  const auto part = [&] { return u.row(direction).dot(mode.cwiseProduct(model.mass)); };
+  double before = part();
+  int passed = 0;
+  double first = 0.0;
+  for (int step = 1; step < 100'000; ++step) {
+    for (int i = 0; i < 3; ++i)
+      if (i != direction) f.row(i).setZero();
+    for (Index a = 0; a < u.cols(); ++a) v.col(a) -= constraints.project(a, f.col(a)) * (dt / model.mass[a]);
+    u += dt * v;
+    system.internal_force(u, f);
+    const double now = part();
+    if (before > 0.0 && now <= 0.0) {
+      const double t = dt * (step - 1 + before / (before - now));
+      if (++passed == 1) first = t;
+      if (passed == 4) return (t - first) / 3.0;
+    }
+    before = now;
+  }
+  return std::nan("");
+}
+
+TEST(Verification, PressureAndShearWavesTravelAtTheirSpeeds) {
+  const Model model = block(8, 0.2, 1.5);
+  const NeoHookean material = neo_hookean(210.0, 0.499, 1000.0);
+  const double pressure = 4.0 * 20e-3 / period_of_quarter_wave(model, material, 2);
+  const double shear = 4.0 * 20e-3 / period_of_quarter_wave(model, material, 0);
+  RecordProperty("pressure_wave_speed", std::to_string(pressure));
+  RecordProperty("shear_wave_speed", std::to_string(shear));
+  // Lumped masses and nodes 2.5 mm apart on a wave of 80 mm.
+  EXPECT_NEAR(pressure, pressure_wave_speed(material), 0.03 * pressure_wave_speed(material));
+  EXPECT_NEAR(shear, shear_wave_speed(material), 0.03 * shear_wave_speed(material));
+}
+
+History indent(const Model& model, const Loading& loading, const SolverOptions& options) {
+  History history;
+  simulate(ForceSystem(model, neo_hookean(210.0, 0.49, 1000.0)), model, loading, options, {}, history);
+  return history;
+}
+
+TEST(Verification, ASlowPushGivesTheSameForceWithHalfTheTimeStep) {
+  const Model model = block(5);
+  const Loading slow = {.depth = 1e-3, .rate = 1e-3};
+  const double whole = indent(model, slow, {.safety = 0.8, .damping = 60.0, .frames = 2}).force.back().force;
+  const double half = indent(model, slow, {.safety = 0.4, .damping = 60.0, .frames = 2}).force.back().force;
+  RecordProperty("step_error", std::to_string(std::abs(whole - half) / half));
+  EXPECT_NEAR(whole, half, 1e-3 * half);  // the step's own error is some parts in a million once waves have died
+}
+
+TEST(Verification, EnergyErrorFallsWithTheStep) {
+  const Model model = block(5);
+  const Loading loading = {.depth = 1e-3, .rate = 10e-3};
+  const auto error = [&](double safety) {
+    const History history = indent(model, loading, {.safety = safety, .frames = 2, .energy_rate = 200.0});
+    double worst = 0.0, most = 0.0;
+    for (const EnergySample& e : history.energy) {
+      worst = std::max(worst, std::abs(e.error()));
+      most = std::max(most, e.external);
+    }
+    return worst / most;
+  };
+  const double whole = error(0.8), quarter = error(0.2);
+  RecordProperty("energy_error_0.8", std::to_string(whole));
+  RecordProperty("energy_error_0.2", std::to_string(quarter));
+  EXPECT_LT(whole, 0.02);
+  EXPECT_LT(quarter, 0.5 * whole);
+}
+
+TEST(Verification, APushThroughTheBlockStopsAndSaysWhereAndWhatToDo) {
+  const Model model = block(6);
+  try {
+    indent(model, {.depth = 60e-3, .rate = 1.0}, {.frames = 4});  // thrice the block's height
+    FAIL() << "pushed through the base";
+  } catch (const SolveError& error) {
+    EXPECT_EQ(error.code, ExitCode::solve);
+    EXPECT_NE(error.report.where.find("indentation"), std::string::npos);
+    EXPECT_NE(error.report.remedy.find("solver.safety"), std::string::npos);
+  }
+}
+
+}  // namespace
+}  // namespace dimple
