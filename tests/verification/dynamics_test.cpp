@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -39,17 +41,21 @@ TEST(Verification, FreeVibrationKeepsItsEnergyOverTenThousandSteps) {
   system.internal_force(u, f);
   const double dt = 0.5 * stable_time_step(system, model, constraints, u).dt;
   const double start = system.stored_energy(u);
-  double worst = 0.0, most_kinetic = 0.0;
-  for (int step = 0; step < 10'000; ++step) {
+  // The energy of central differences swings by (omega dt)^2 / 4 about one that stays: means over a thousand steps.
+  std::array<double, 10> mean{};
+  double most_kinetic = 0.0;
+  for (std::size_t step = 0; step < 10'000; ++step) {
     march(system, model, constraints, dt, u, v, f);
-    if (step % 100 != 99) continue;
+    if (step % 5 != 0) continue;
     double kinetic = 0.0;
     for (Index a = 0; a < u.cols(); ++a) kinetic += 0.5 * model.mass[a] * v.col(a).squaredNorm();
     most_kinetic = std::max(most_kinetic, kinetic);
-    worst = std::max(worst, std::abs(kinetic + system.stored_energy(u) - start));
+    mean[step / 1000] += (kinetic + system.stored_energy(u)) / 200.0;
   }
-  RecordProperty("energy_drift", std::to_string(worst / start));
-  EXPECT_LT(worst, 1e-3 * start);
+  const auto [least, most] = std::minmax_element(mean.begin(), mean.end());
+  RecordProperty("energy_drift", std::to_string((*most - *least) / start));
+  for (const double m : mean) std::cerr << m / start << ' ';
+  EXPECT_LT(*most - *least, 1e-3 * start);
   EXPECT_GT(most_kinetic, 0.3 * start);  // it did swing
 }
 
