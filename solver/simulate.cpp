@@ -79,10 +79,12 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
   double reached = 0.0;  // depth at which the driven nodes are
   bool stopped = false;
 
-  // The tool brings its nodes to speed within the first step: the only work that is not force times way.
+  // The tool brings its nodes to speed at once: the only work that is not force times way.
   for (const Index a : model.indenter)
-    if (kind(a) == Kind::driven || kind(a) == Kind::sliding)
+    if (kind(a) == Kind::driven || kind(a) == Kind::sliding) {
+      v.col(a) = push * loading.rate;
       external += 0.5 * model.mass[a] * loading.rate * loading.rate;
+    }
 
   const auto reaction = [&](const std::vector<Index>& nodes) {
     double sum = 0.0;

@@ -18,7 +18,8 @@ using namespace testing_bodies;
 using Nodal = ForceSystem::Nodal;
 using Kind = Constraints::Kind;
 
-// Kick by half a step, move, kick by half a step: velocities at whole steps, so that energies need no averaging.
+// Kick by half a step, move, kick by half a step: velocities at whole steps, so that energies need no
+// averaging.
 void march(const ForceSystem& system, const Model& model, const Constraints& constraints, double dt, Nodal& u,
            Nodal& v, Nodal& f) {
   const auto kick = [&] {
@@ -39,9 +40,10 @@ TEST(Verification, FreeVibrationKeepsItsEnergyOverTenThousandSteps) {
   for (Index a = 0; a < u.cols(); ++a)  // bent by a tenth of its height, and let go
     u.col(a) = constraints.project(a, Eigen::Vector4d(2e-3 * std::pow(model.X(2, a) / 20e-3, 2), 0, 0, 0));
   system.internal_force(u, f);
-  const double dt = 0.5 * stable_time_step(system, model, constraints, u).dt;
+  const double dt = 0.2 * stable_time_step(system, model, constraints, u).dt;
   const double start = system.stored_energy(u);
-  // The energy of central differences swings by (omega dt)^2 / 4 about one that stays: means over a thousand steps.
+  // The energy of central differences swings by (omega dt)^2 / 4 about one that stays: means over a thousand
+  // steps.
   std::array<double, 10> mean{};
   double most_kinetic = 0.0;
   for (std::size_t step = 0; step < 10'000; ++step) {
@@ -54,13 +56,12 @@ TEST(Verification, FreeVibrationKeepsItsEnergyOverTenThousandSteps) {
   }
   const auto [least, most] = std::minmax_element(mean.begin(), mean.end());
   RecordProperty("energy_drift", std::to_string((*most - *least) / start));
-  for (const double m : mean) std::cerr << m / start << ' ';
   EXPECT_LT(*most - *least, 1e-3 * start);
   EXPECT_GT(most_kinetic, 0.3 * start);  // it did swing
 }
 
-// A layer that is held below, free above and moves along one direction only: its lowest mode is a quarter of a
-// wave, and lasts 4 H / c.
+// A layer that is held below, free above and moves along one direction only: its lowest mode is a quarter of
+// a wave, and lasts 4 H / c.
 double period_of_quarter_wave(const Model& model, const NeoHookean& material, int direction) {
   const ForceSystem system(model, material);
   Nodal u = Nodal::Zero(4, model.node_count()), v = u, f = u;
@@ -116,7 +117,8 @@ TEST(Verification, ASlowPushGivesTheSameForceWithHalfTheTimeStep) {
   const double whole = indent(model, slow, {.safety = 0.8, .damping = 60.0, .frames = 2}).force.back().force;
   const double half = indent(model, slow, {.safety = 0.4, .damping = 60.0, .frames = 2}).force.back().force;
   RecordProperty("step_error", std::to_string(std::abs(whole - half) / half));
-  EXPECT_NEAR(whole, half, 1e-3 * half);  // the step's own error is some parts in a million once waves have died
+  EXPECT_NEAR(whole, half,
+              1e-3 * half);  // the step's own error is some parts in a million once waves have died
 }
 
 TEST(Verification, EnergyErrorFallsWithTheStep) {
