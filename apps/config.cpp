@@ -148,19 +148,39 @@ std::string toml_value(const Option& option) {
 
 std::vector<Option> options_of(Config& c) {
   const std::vector<std::string> any = {};
+  std::vector<std::string> presets = {"none"};
+  for (const Preset& preset : material_presets()) presets.push_back(preset.name);
   return {
       {"image.file", "", "", "the label image", &c.image.file, 0, 0, false, any, ""},
       {"image.label", "--label", "", "labels to take, by number or name, comma-separated; empty: all but 0",
        &c.image.label, 0, 0, false, any, "model"},
       {"image.label_names", "--label-names", "", "table of label names (ITK-SNAP or colour table)",
        &c.image.label_names, 0, 0, false, any, "model"},
+      {"scheme.name",
+       "--scheme",
+       "",
+       "converging: averaged gradients, volume held on patches, nodes graded to the rim; horton2007: the "
+       "paper's",
+       &c.scheme.name,
+       0,
+       0,
+       false,
+       {"converging", "horton2007"},
+       "model"},
       {"cloud.nodes", "--nodes", "", "number of nodes", &c.cloud.nodes, 100, 1e6, false, any, "model"},
       {"cloud.spacing_mm", "--spacing", "mm", "node spacing, instead of a number; 0: from the number",
        &c.cloud.spacing_mm, 0, 1000, false, any, "model"},
+      {"cloud.rim", "--rim", "",
+       "node spacing on the circle's rim as a part of that far away; 1: even; 0: 0.15 (converging), 1 "
+       "(horton2007)",
+       &c.cloud.rim, 0, 1, false, any, "model"},
+      {"cloud.jitter", "", "", "move inner nodes by up to this part of their spacing", &c.cloud.jitter, 0,
+       0.5, false, any, "model"},
       {"cloud.seed", "--seed", "", "of the node cloud", &c.cloud.seed, 0, 1e15, false, any, "model"},
       {"grid.points", "--points", "", "number of integration points, about; 0: from the ratio",
        &c.grid.points, 0, 1e7, false, any, "model"},
-      {"grid.ratio", "", "", "integration points per node", &c.grid.ratio, 0.1, 100, false, any, "model"},
+      {"grid.ratio", "", "", "integration points per node; 0: 4.5 (converging), 1.499 (horton2007)",
+       &c.grid.ratio, 0, 100, false, any, "model"},
       {"support.basis",
        "--basis",
        "",
@@ -181,8 +201,9 @@ std::vector<Option> options_of(Config& c) {
        false,
        {"quartic", "cubic", "gauss"},
        "model"},
-      {"support.radius_factor", "--support", "", "support radius in spacings; 0: 1.8 linear, 2.6 quadratic",
-       &c.support.radius_factor, 0, 10, false, any, "model"},
+      {"support.radius_factor", "--support", "",
+       "support radius in spacings; 0: 1.6 (converging), 1.8, quadratic 2.6", &c.support.radius_factor, 0, 10,
+       false, any, "model"},
       {"boundary.base", "--base", "",
        "side the organ rests on: auto, inferior, superior, left, right, anterior, posterior, or x,y,z in LPS",
        &c.boundary.base, 0, 0, false, any, "model"},
@@ -209,6 +230,18 @@ std::vector<Option> options_of(Config& c) {
        false,
        {"consistent", "printed"},
        "solve"},
+      {"material.preset", "--preset", "",
+       "published parameters, instead of mu, nu, density, Ogden and Prony terms", &c.material.preset, 0, 0,
+       false, presets, "solve"},
+      {"material.ogden_mu_Pa", "", "",
+       "Ogden moduli in Pa, 2 mu/alpha^2 (sum of stretches^alpha - 3); none: neo-Hookean",
+       &c.material.ogden_mu_Pa, 0, 0, false, any, "solve"},
+      {"material.ogden_alpha", "", "", "Ogden exponents, as many", &c.material.ogden_alpha, 0, 0, false, any,
+       "solve"},
+      {"material.prony_g", "", "", "parts of the shear modulus that relax; none: elastic",
+       &c.material.prony_g, 0, 0, false, any, "solve"},
+      {"material.prony_tau_s", "", "", "their relaxation times in s", &c.material.prony_tau_s, 0, 0, false,
+       any, "solve"},
       {"load.depth_mm", "--depth", "mm", "indentation at the end", &c.load.depth_mm, 0, 1000, true, any,
        "solve"},
       {"load.rate_mm_per_s", "--rate", "mm/s", "speed of the circle", &c.load.rate_mm_per_s, 0, 1e5, true,
@@ -229,12 +262,76 @@ std::vector<Option> options_of(Config& c) {
        1e6, false, any, "solve"},
       {"solver.frames", "--frames", "", "frames written after the first", &c.solver.frames, 1, 100000, false,
        any, "solve"},
+      {"solver.time",
+       "--time",
+       "",
+       "quasi-static: equilibrium at each frame; dynamic: every wave, by central differences; auto: by the "
+       "load's "
+       "duration, dynamic for horton2007",
+       &c.solver.time,
+       0,
+       0,
+       false,
+       {"auto", "quasi-static", "dynamic"},
+       "solve"},
+      {"solver.precision",
+       "--precision",
+       "",
+       "of the numbers in the hot loop",
+       &c.solver.precision,
+       0,
+       0,
+       false,
+       {"single", "double"},
+       "solve"},
+      {"solver.tolerance", "", "", "of equilibrium: unbalanced force / reactions", &c.solver.tolerance, 1e-8,
+       0.1, false, any, "solve"},
+      {"solver.evaluations", "", "", "of the force for one equilibrium, at most", &c.solver.evaluations, 100,
+       1e9, false, any, "solve"},
       {"solver.sample_rate_per_s", "", "1/s", "rows per second of force.csv", &c.solver.sample_rate_per_s, 0,
        1e6, true, any, "solve"},
   };
 }
 
+namespace {
+
+// "tissue.2.mu" -> label "2" and "material.mu_Pa", checked as that option is.
+bool set_tissue(Config& config, const std::string& key, const std::string& text, const std::string& source) {
+  if (!key.starts_with("tissue.")) return false;
+  const auto dot = key.rfind('.');
+  if (dot <= 7)
+    throw UsageError({.fact = fmt::format("'{}' names no option of a tissue", key),
+                      .where = source,
+                      .why = "keys are tissue.label.option",
+                      .remedy = "for instance --set tissue.2.mu=900Pa"});
+  const std::string label = key.substr(7, dot - 7);
+  Config scratch;
+  set_option(scratch, "material." + key.substr(dot + 1), text, source);
+  std::vector<Option> options = options_of(scratch);
+  config.tissue[label][find(options, "material." + key.substr(dot + 1))->key] = text;
+  return true;
+}
+
+std::vector<double> numbers(const std::vector<std::string>& texts, const std::string& key) {
+  std::vector<double> result;
+  for (const std::string& text : texts) {
+    double value = 0.0;
+    const char* begin = text.data() + (text.starts_with('+') ? 1 : 0);
+    const auto [end, error] = std::from_chars(begin, text.data() + text.size(), value);
+    if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(value))
+      throw UsageError({.fact = fmt::format("'{}' is not a number", text),
+                        .where = key,
+                        .why = "a list of numbers was expected",
+                        .remedy = "for instance [0.45, 0.365], or --set " + key + "=0.45,0.365"});
+    result.push_back(value);
+  }
+  return result;
+}
+
+}  // namespace
+
 void set_option(Config& config, const std::string& key, const std::string& text, const std::string& source) {
+  if (set_tissue(config, key, text, source)) return;
   std::vector<Option> options = options_of(config);
   Option* option = find(options, key);
   if (!option) unknown_key(options, key, source);
@@ -258,6 +355,25 @@ void read_config(Config& config, const std::filesystem::path& file) {
     const toml::table* entries = node.as_table();
     if (!entries) unknown_key(options, std::string(section.str()), file.string());
     for (const auto& [name, value] : *entries) {
+      if (section.str() == "tissue") {
+        const toml::table* differing = value.as_table();
+        if (!differing) unknown_key(options, "tissue." + std::string(name.str()), file.string());
+        for (const auto& [what, text] : *differing) {
+          std::ostringstream shown;
+          if (const auto word = text.value_exact<std::string>())
+            shown << *word;
+          else if (const toml::array* list = text.as_array())
+            for (std::size_t k = 0; k < list->size(); ++k) {
+              shown << (k ? "," : "");
+              (*list)[k].visit([&](auto&& v) { shown << v; });
+            }
+          else
+            text.visit([&](auto&& v) { shown << v; });
+          set_option(config, fmt::format("tissue.{}.{}", name.str(), what.str()), shown.str(),
+                     fmt::format("{}, line {}", file.string(), text.source().begin.line));
+        }
+        continue;
+      }
       const std::string key = std::string(section.str()) + "." + std::string(name.str());
       const std::string place = fmt::format("{}, line {}", file.string(), value.source().begin.line);
       Option* option = find(options, key);
@@ -273,9 +389,10 @@ void read_config(Config& config, const std::filesystem::path& file) {
             items.push_back(*word);
           else if (const auto number = item.value_exact<std::int64_t>())
             items.push_back(std::to_string(*number));
+          else if (const auto real = item.value_exact<double>())
+            items.push_back(fmt::format("{}", *real));
           else
-            refuse(*option, "a list with something else than words and whole numbers", place,
-                   "it cannot be read");
+            refuse(*option, "a list with something else than words and numbers", place, "it cannot be read");
         }
         assign_text(*option, fmt::format("{}", fmt::join(items, ",")), place);
       } else if (const auto number = value.value<double>(); number && !value.is_boolean() && !is_text) {
@@ -307,6 +424,16 @@ std::string to_toml(const Config& config, const std::map<std::string, std::strin
     if (const auto note = notes.find(option.key); note != notes.end()) comment += "; " + note->second;
     std::replace(comment.begin(), comment.end(), '\n', ' ');
     text += fmt::format("{} = {}  # {}\n", option.key.substr(dot + 1), toml_value(option), comment);
+  }
+  for (const auto& [label, differing] : config.tissue) {
+    std::ostringstream name;
+    name << toml::value<std::string>(label);
+    text += fmt::format("\n[tissue.{}]\n", name.str());
+    for (const auto& [key, value] : differing) {
+      std::ostringstream quoted;
+      quoted << toml::value<std::string>(value);
+      text += fmt::format("{} = {}\n", key.substr(key.find('.') + 1), quoted.str());
+    }
   }
   return text;
 }
@@ -353,16 +480,25 @@ std::string did_you_mean(const std::string& word, const std::vector<std::string>
   return best.empty() ? "" : fmt::format(", did you mean '{}'?", best);
 }
 
+bool converging(const Config& c) {
+  return c.scheme.name == "converging";
+}
+
 ModelOptions model_options(const Config& c) {
+  const double rim = c.cloud.rim > 0.0 ? c.cloud.rim : converging(c) ? 0.15 : 1.0;
+  const double ratio = c.grid.ratio > 0.0 ? c.grid.ratio : converging(c) ? 4.5 : 1.499;
   return {.cloud = {.count = c.cloud.nodes,
                     .spacing_mm = c.cloud.spacing_mm,
-                    .seed = static_cast<std::uint64_t>(c.cloud.seed)},
-          .grid = {.count = c.grid.points, .ratio = c.grid.ratio},
+                    .seed = static_cast<std::uint64_t>(c.cloud.seed),
+                    .grading = {.rim = rim},
+                    .jitter = c.cloud.jitter},
+          .grid = {.count = c.grid.points, .ratio = ratio},
           .boundary = {.base = c.boundary.base,
                        .base_depth_mm = c.boundary.base_depth_mm,
                        .indent_at = c.boundary.indent_at,
                        .indenter_diameter_mm = c.boundary.indenter_diameter_mm,
-                       .direction = c.boundary.direction}};
+                       .direction = c.boundary.direction},
+          .averaged_cells = converging(c)};
 }
 
 SupportOptions support_options(const Config& c) {
@@ -370,12 +506,72 @@ SupportOptions support_options(const Config& c) {
           .weight = c.support.weight == "quartic" ? Weight::quartic
                     : c.support.weight == "cubic" ? Weight::cubic
                                                   : Weight::gauss,
-          .radius_factor = c.support.radius_factor};
+          .radius_factor = c.support.radius_factor > 0.0                  ? c.support.radius_factor
+                           : converging(c) && c.support.basis == "linear" ? 1.6
+                                                                          : 0.0,
+          .interpolation = converging(c) ? 0.01 : 0.0};
 }
 
-NeoHookean material_of(const Config& c) {
-  return neo_hookean(c.material.mu_Pa, c.material.nu, c.material.density_kg_per_m3,
-                     c.material.stress == "printed");
+Material material_of(const Config& c) {
+  const auto& m = c.material;
+  const auto refuse_terms = [](const std::string& fact, const std::string& why, const std::string& remedy) {
+    throw UsageError({.fact = fact, .where = "[material]", .why = why, .remedy = remedy});
+  };
+  Material result;
+  if (m.preset != "none") {
+    result = material_preset(m.preset);
+  } else if (const auto mu = numbers(m.ogden_mu_Pa, "material.ogden_mu_Pa"),
+             alpha = numbers(m.ogden_alpha, "material.ogden_alpha");
+             !mu.empty() || !alpha.empty()) {
+    if (mu.size() != alpha.size() || mu.size() > 3)
+      refuse_terms(fmt::format("{} Ogden moduli and {} exponents", mu.size(), alpha.size()),
+                   "each term has one of both, and there are at most three",
+                   "give as many numbers in material.ogden_mu_Pa as in material.ogden_alpha");
+    std::vector<OgdenTerm> terms;
+    double sum = 0.0;
+    for (std::size_t k = 0; k < mu.size(); ++k) {
+      if (alpha[k] == 0.0)
+        refuse_terms("an Ogden exponent is 0", "2 mu / alpha^2 has no meaning then", "give another exponent");
+      terms.push_back({mu[k], alpha[k]});
+      sum += mu[k];
+    }
+    if (!(sum > 0.0))
+      refuse_terms(fmt::format("the Ogden moduli add up to {} Pa", sum),
+                   "their sum is the shear modulus of small strains, which must be positive",
+                   "check the signs and the convention: 2 mu / alpha^2");
+    result = ogden(terms, m.nu, m.density_kg_per_m3);
+  } else {
+    result = neo_hookean(m.mu_Pa, m.nu, m.density_kg_per_m3, m.stress == "printed");
+  }
+  const auto g = numbers(m.prony_g, "material.prony_g"), tau = numbers(m.prony_tau_s, "material.prony_tau_s");
+  if (g.size() != tau.size())
+    refuse_terms(fmt::format("{} relaxing parts and {} relaxation times", g.size(), tau.size()),
+                 "each Prony term has one of both",
+                 "give as many numbers in material.prony_g as in prony_tau_s");
+  if (!g.empty()) result.prony.clear();
+  double relaxing = 0.0;
+  for (std::size_t k = 0; k < g.size(); ++k) {
+    if (!(g[k] > 0.0) || !(tau[k] > 0.0))
+      refuse_terms("a Prony term is not positive", "a part of the modulus relaxes within some time",
+                   "give positive numbers");
+    result.prony.push_back({g[k], tau[k]});
+    relaxing += g[k];
+  }
+  if (relaxing >= 1.0)
+    refuse_terms(fmt::format("{} of the modulus relaxes", relaxing), "nothing would be left in the end",
+                 "the parts in material.prony_g must add up to less than 1");
+  return result;
+}
+
+std::vector<Material> materials_of(const Config& c) {
+  std::vector<Material> result = {material_of(c)};
+  for (const auto& [label, differing] : c.tissue) {
+    Config own = c;
+    own.tissue.clear();
+    for (const auto& [key, text] : differing) set_option(own, key, text, "tissue." + label);
+    result.push_back(material_of(own));
+  }
+  return result;
 }
 
 Loading loading_of(const Config& c) {
@@ -388,7 +584,9 @@ SolverOptions solver_options(const Config& c) {
   return {.safety = c.solver.safety,
           .damping = c.solver.damping_per_s,
           .frames = static_cast<int>(c.solver.frames),
-          .sample_rate = c.solver.sample_rate_per_s};
+          .sample_rate = c.solver.sample_rate_per_s,
+          .tolerance = c.solver.tolerance,
+          .evaluations = c.solver.evaluations};
 }
 
 }  // namespace dimple

@@ -18,14 +18,19 @@ struct Config {
     std::vector<std::string> label;  ///< numbers or names; empty: all foreground
     std::string label_names;         ///< table of names, or empty
   } image;
+  struct Scheme {
+    std::string name = "converging";
+  } scheme;
   struct Cloud {
     std::int64_t nodes = 4250;
     double spacing_mm = 0.0;
+    double rim = 0.0;
     std::int64_t seed = 1;
+    double jitter = 0.0;
   } cloud;
   struct Grid {
     std::int64_t points = 0;
-    double ratio = 1.499;
+    double ratio = 0.0;
   } grid;
   struct Support {
     std::string basis = "linear";
@@ -44,7 +49,11 @@ struct Config {
     double nu = 0.499;
     double density_kg_per_m3 = 1000.0;
     std::string stress = "consistent";
+    std::string preset = "none";
+    std::vector<std::string> ogden_mu_Pa, ogden_alpha, prony_g, prony_tau_s;
   } material;
+  /// Tissues that differ from `material`: label, by number or name -> what differs, option -> text.
+  std::map<std::string, std::map<std::string, std::string>> tissue;
   struct Load {
     double depth_mm = 8.0;
     double rate_mm_per_s = 1.0;
@@ -55,6 +64,10 @@ struct Config {
     double damping_per_s = 0.0;
     std::int64_t frames = 16;
     double sample_rate_per_s = 150.0;
+    std::string time = "auto";
+    std::string precision = "single";
+    double tolerance = 1e-4;
+    std::int64_t evaluations = 20000;
   } solver;
 
   /// key -> why it has its value ("default", "config.toml", "--nodes", ...)
@@ -96,7 +109,11 @@ std::string did_you_mean(const std::string& word, const std::vector<std::string>
 
 ModelOptions model_options(const Config& config);
 SupportOptions support_options(const Config& config);
-NeoHookean material_of(const Config& config);
+Material material_of(const Config& config);
+/// The material of all labels that have no tissue of their own, then those of config.tissue, in its order.
+/// Throws UsageError: Ogden or Prony numbers that make no material, or that the chosen scheme has not.
+std::vector<Material> materials_of(const Config& config);
+bool converging(const Config& config);
 Loading loading_of(const Config& config);
 SolverOptions solver_options(const Config& config);
 

@@ -159,13 +159,19 @@ void write_model(const fs::path& folder, const ModelFiles& files) {
                          .type = Type::real64},
                         node_set_field(model)}},
             0.0, true);
-  write_vtu(folder / "points.vtu",
-            {.position_mm = to_mm(model.point),
-             .fields = {{.name = "volume",
-                         .unit = "mm^3",
-                         .values = model.volume.transpose().unaryExpr(&cubic_millimetres),
-                         .type = Type::real64}}},
-            0.0, true);
+  std::vector<Field> fields = {
+      {.name = "volume",
+       .unit = "mm^3",
+       .values = model.volume.transpose().unaryExpr(&cubic_millimetres),
+       .type = Type::real64},
+      {.name = "label", .unit = "", .values = model.label.transpose().cast<double>(), .type = Type::int32}};
+  if (model.spread.cols() > 0)
+    fields.push_back({.name = "spread",
+                      .unit = "mm^2",
+                      .values = model.spread.unaryExpr(&square_millimetres),
+                      .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"},
+                      .type = Type::real64});
+  write_vtu(folder / "points.vtu", {.position_mm = to_mm(model.point), .fields = fields}, 0.0, true);
   if (files.surface.triangles.cols() > 0) write_vtp(folder / "surface.vtp", files.surface, 0.0, true);
 
   const auto list = [](const Vec3& v) {
@@ -174,17 +180,22 @@ void write_model(const fs::path& folder, const ModelFiles& files) {
     return out.str();
   };
   std::string text =
-      "# A model for `dimple solve`. Positions are LPS, in millimetres.\nformat = \"dimple model 1\"\n"
+      "# A model for `dimple solve`. Positions are LPS, in millimetres.\nformat = \"dimple model 1\"\n" +
+      fmt::format("scheme = \"{}\"\n", files.scheme) +
       "nodes = \"nodes.vtu\"    # or a .csv with columns x_mm,y_mm,z_mm (and spacing_mm, node_set: 1 base, 2 "
       "indenter)\n"
       "points = \"points.vtu\"  # or a .csv with columns x_mm,y_mm,z_mm (and volume_mm3)\n";
   if (files.surface.triangles.cols() > 0) text += "surface = \"surface.vtp\"\n";
   const Vec3 centre = to_mm(model.tool.centre);
+  if (!model.axes.isIdentity(0.0))
+    text += fmt::format("axes = [{}, {}, {}]  # of the image, as unit vectors\n", list(model.axes.col(0)),
+                        list(model.axes.col(1)), list(model.axes.col(2)));
   text += fmt::format("\n[indenter]\ncentre_mm = {}\npush = {}\ndiameter_mm = {}\n", list(centre),
                       list(model.tool.push), 2.0 * millimetres(model.tool.radius));
   text += fmt::format("\n[support]\nbasis = \"{}\"\nweight = \"{}\"\nradius_factor = {}\n",
                       basis_word(files.support.basis), weight_word(files.support.weight),
                       files.support.effective_radius_factor());
+  text += fmt::format("interpolation = {}\n", files.support.interpolation);
   text += "\n[made_from]\n";
   for (const auto& [key, value] : files.provenance) {
     std::ostringstream quoted;
@@ -252,6 +263,28 @@ ModelFiles read_model(const fs::path& path) {
         cell));
   }
 
+  files.scheme = table["scheme"].value_or(std::string("horton2007"));
+  if (files.scheme != "horton2007" && files.scheme != "converging")
+    refuse(file, fmt::format("there is no scheme '{}'", files.scheme), "it decides how the points are used",
+           "write scheme = \"converging\" or \"horton2007\"");
+  if (const toml::array* axes = table["axes"].as_array(); axes && axes->size() == 3)
+    for (int d = 0; d < 3; ++d)
+      if (const toml::array* axis = (*axes)[static_cast<std::size_t>(d)].as_array();
+          axis && axis->size() == 3)
+        for (int i = 0; i < 3; ++i)
+          model.axes(i, d) = (*axis)[static_cast<std::size_t>(i)].value_or(i == d ? 1.0 : 0.0);
+  model.label = Eigen::VectorXi::Zero(model.point_count());
+  if (const Field* label = points.find("label")) model.label = label->values.row(0).transpose().cast<int>();
+  if (files.scheme == "converging") {
+    if (const Field* spread = points.find("spread"); spread && spread->values.rows() == 6) {
+      model.spread = spread->values.unaryExpr(&square_metres);
+    } else {
+      model.spread = Spread::Zero(6, model.point_count());
+      for (int d = 0; d < 3; ++d)
+        model.spread.row(d) = model.volume.transpose().array().pow(2.0 / 3.0) / 12.0;
+      files.notes.push_back("points carry no spread: each stands for a cube of its volume");
+    }
+  }
   model.tool.centre = to_m(vector_of(table, "indenter", "centre_mm", file));
   model.tool.push = vector_of(table, "indenter", "push", file);
   if (!(std::abs(model.tool.push.norm() - 1.0) < 1e-6)) {
@@ -294,6 +327,7 @@ ModelFiles read_model(const fs::path& path) {
   word("weight");
   word("radius_factor");
   files.support = support_options(words);
+  files.support.interpolation = table["support"]["interpolation"].value_or(0.0);
   if (const auto surface = table["surface"].value<std::string>())
     files.surface = read_vtp(file.parent_path() / *surface);
   if (const toml::table* made = table["made_from"].as_table())

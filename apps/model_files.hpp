@@ -23,6 +23,8 @@ struct ModelFiles {
   Model model;          ///< without supports, dphi and masses: complete_model() adds them
   SurfaceFile surface;  ///< [LPS mm]; may be empty
   SupportOptions support;
+  std::string scheme = "horton2007";              ///< "converging": points stand for cells with a spread
+  std::map<std::string, int> label_names;         ///< of the image; not kept in the files
   std::map<std::string, std::string> provenance;  ///< image, sha256, labels, reasons
   std::vector<std::string> notes;                 ///< what had to be assumed on reading
 };

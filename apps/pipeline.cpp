@@ -14,6 +14,7 @@
 #include "apps/results.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "solver/relax.hpp"
 
 namespace dimple {
 namespace {
@@ -82,6 +83,63 @@ std::vector<int> chosen_labels(const LabelImage& image, const std::vector<std::s
   return result;
 }
 
+// Label of the voxel at a place in the surface's frame; outside, or on background, of the nearest foreground
+// voxel within two voxels: the smooth surface runs a little outside of the labels.
+LabelAt label_finder(const LabelImage& image, const BodySurface& body) {
+  const Eigen::Affine3d to_voxel = image.to_world.inverse() * body.to_world();
+  return [&image, to_voxel](const Vec3& x) {
+    const Vec3 v = to_voxel * x;
+    const Eigen::Matrix<Index, 3, 1> at = v.array().round().cast<Index>();
+    int best = 0;
+    double nearest = std::numeric_limits<double>::infinity();
+    for (Index reach = 0; reach <= 2 && best == 0; ++reach)
+      for (Index k = at[2] - reach; k <= at[2] + reach; ++k)
+        for (Index j = at[1] - reach; j <= at[1] + reach; ++j)
+          for (Index i = at[0] - reach; i <= at[0] + reach; ++i) {
+            if (i < 0 || j < 0 || k < 0 || i >= image.size[0] || j >= image.size[1] || k >= image.size[2])
+              continue;
+            const int label = image.at(i, j, k);
+            const double away =
+                (Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) - v)
+                    .squaredNorm();
+            if (label == 0 || away >= nearest) continue;
+            nearest = away;
+            best = label;
+          }
+    return best;
+  };
+}
+
+// config.tissue's labels as numbers.
+Tissues tissues_of(const Config& config, const ModelFiles& files) {
+  Tissues tissues{materials_of(config), Eigen::VectorXi::Zero(files.model.point_count())};
+  int number = 0;
+  for (const auto& [label, differing] : config.tissue) {
+    ++number;
+    int value = -1;
+    const auto known = files.label_names.find(label);
+    if (!label.empty() && label.find_first_not_of("0123456789") == std::string::npos && label.size() < 10)
+      value = std::stoi(label);
+    else if (known != files.label_names.end())
+      value = known->second;
+    Index count = 0;
+    for (Index q = 0; q < files.model.point_count(); ++q)
+      if (files.model.label[q] == value) {
+        tissues.of_point[q] = number;
+        ++count;
+      }
+    if (count == 0)
+      throw InputError(
+          {.fact = fmt::format("no tissue of the model has label '{}'", label),
+           .where = fmt::format("tissue.{}", label),
+           .why = "no integration point lies in it",
+           .remedy =
+               "`dimple info IMAGE` shows the labels; take them all with --label, or leave --label out; "
+               "a model made without tissues knows only one"});
+  }
+  return tissues;
+}
+
 struct Prepared {
   ModelFiles files;
   ModelReport report;
@@ -142,20 +200,26 @@ Prepared prepare(const Config& config) {
     result.warnings.push_back(fmt::format(
         "the organ is {:.3g} mm long: check that the image's spacing is in millimetres", extent.maxCoeff()));
 
-  BuiltModel built = build_model(body.surface, options);
+  // Cells are split where tissues meet; where all labels are of one tissue their borders mean nothing.
+  BuiltModel built = build_model(body.surface, options,
+                                 config.tissue.empty() ? LabelAt{} : label_finder(image, body.surface));
   result.report = built.report;
   const ModelReport& report = result.report;
   result.build_s = building.seconds();
   say(fmt::format(
-      "nodes    {} ({} on the surface), {:.3f} mm apart{}; nearest node {:.2f} +- {:.2f}, at least {:.2f}, "
+      "nodes    {} ({} on the surface), {:.3f} mm apart{}{}; nearest node {:.2f} +- {:.2f}, at least {:.2f}, "
       "largest gap {:.2f} spacings",
       built.model.node_count(), report.surface_nodes, report.spacing_mm,
-      options.cloud.spacing_mm > 0.0 ? "" : " for this number", report.evenness.mean,
-      report.evenness.spread * report.evenness.mean, report.evenness.minimum, report.evenness.fill));
+      options.cloud.spacing_mm > 0.0 ? "" : " for this number",
+      report.rim_spacing_mm < report.spacing_mm ? fmt::format(", {:.3f} mm at the rim", report.rim_spacing_mm)
+                                                : "",
+      report.evenness.mean, report.evenness.spread * report.evenness.mean, report.evenness.minimum,
+      report.evenness.fill));
   say(fmt::format(
-      "points   {} in cells of {:.3f} mm, {} clipped by the surface, {} slivers merged; volume {:.2f} cm3, "
+      "points   {} in cells of {}{:.3f} mm, {} clipped by the surface, {} slivers merged; volume {:.2f} cm3, "
       "{:+.3f} % of the organ's",
-      built.model.point_count(), report.cell_mm, report.clipped, report.merged, report.grid_volume_mm3 / 1e3,
+      built.model.point_count(), options.averaged_cells ? "up to " : "", report.cell_mm, report.clipped,
+      report.merged, report.grid_volume_mm3 / 1e3,
       100.0 * (report.grid_volume_mm3 / segment.voxel_volume_mm3 - 1.0)));
   say(fmt::format("base     {} nodes: {}", built.model.base.size(), report.boundary.base_reason));
   say(fmt::format("circle   {} nodes, {} on its rim, {:.1f} mm across at {}: {}", report.circle_nodes,
@@ -177,8 +241,10 @@ Prepared prepare(const Config& config) {
   ModelFiles& files = result.files;
   files.model = std::move(built.model);
   files.support = support_options(config);
+  files.scheme = config.scheme.name;
   files.surface.position_mm = body.surface.to_world() * body.surface.vertex().colwise().homogeneous();
   files.surface.triangles = body.surface.triangles();
+  for (const auto& [value, name] : image.names) files.label_names[name] = value;
   files.provenance = {{"image", config.image.file},
                       {"image_sha256", sha256_of_file(config.image.file)},
                       {"labels", result.notes["image.label"]},
@@ -198,6 +264,7 @@ Json model_json(const Prepared& p) {
           {"dropped_volume_mm3", p.segment.dropped_volume_mm3},
           {"cavities_filled", p.segment.cavities_filled},
           {"node_spacing_mm", r.spacing_mm},
+          {"rim_spacing_mm", r.rim_spacing_mm},
           {"cell_mm", r.cell_mm},
           {"evenness",
            {{"nearest_mean", r.evenness.mean},
@@ -225,6 +292,45 @@ Json report_json(const Report& r) {
   return {{"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
 }
 
+std::string describe(const Tissues& tissues, std::size_t t) {
+  const Material& m = tissues.material[t];
+  std::string law = m.as_printed ? "neo-Hookean as printed" : "neo-Hookean";
+  if (!m.ogden.empty()) {
+    law = "Ogden";
+    for (const OgdenTerm& term : m.ogden) law += fmt::format(" ({:.6g} Pa, {:.4g})", term.mu, term.alpha);
+  }
+  for (const PronyTerm& term : m.prony) law += fmt::format(", {:.3g} relaxing in {:.3g} s", term.g, term.tau);
+  const double nu = (3.0 * m.kappa - 2.0 * m.mu) / (2.0 * (3.0 * m.kappa + m.mu));
+  return fmt::format(
+      "material {}{}: mu {:.6g} Pa, nu {:.6g} (kappa {:.6g} Pa), density {:.6g} kg/m3; waves {:.2f} and "
+      "{:.3f} m/s",
+      t == 0 ? "" : fmt::format("of {} points, ", (tissues.of_point.array() == static_cast<int>(t)).count()),
+      law, m.mu, nu, m.kappa, m.density, pressure_wave_speed(m), shear_wave_speed(m));
+}
+
+void refuse_for_the_papers_scheme(const Tissues& tissues) {
+  const Material& m = tissues.material.front();
+  if (tissues.material.size() == 1 && m.ogden.empty() && m.prony.empty()) return;
+  throw UsageError({.fact = "the paper's scheme knows one neo-Hookean tissue only",
+                    .where = "--scheme horton2007",
+                    .why = "it is kept as it was printed, for comparison",
+                    .remedy = "leave --scheme out for Ogden, viscoelastic and several tissues"});
+}
+
+// Inertia plays no part when the load lasts for many of the shear waves' ways through the organ.
+bool choose_quasi_static(const Config& config, const Model& model, const Tissues& tissues,
+                         bool is_converging) {
+  if (config.solver.time != "auto") return config.solver.time == "quasi-static";
+  if (!is_converging) return false;
+  const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
+  double slowest = std::numeric_limits<double>::infinity();
+  for (const Material& m : tissues.material) slowest = std::min(slowest, shear_wave_speed(m));
+  const double waves = loading_of(config).duration() * slowest / (along.maxCoeff() - along.minCoeff());
+  say(fmt::format("time     {}: the load lasts {:.3g} times a shear wave's way through the organ",
+                  waves >= 8.0 ? "quasi-static" : "dynamic", waves));
+  return waves >= 8.0;
+}
+
 struct SolveInput {
   const Config& config;
   ModelFiles& files;
@@ -239,8 +345,19 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   const Config& config = in.config;
   Model& model = in.files.model;
   Stopwatch preparing;
-  const NeoHookean material = material_of(config);
-  const SupportReport support = complete_model(model, in.files.support, material.density);
+  const Tissues tissues = tissues_of(config, in.files);
+  const bool is_converging = in.files.scheme == "converging";
+  if (!is_converging) refuse_for_the_papers_scheme(tissues);
+  if (is_converging && tissues.material.front().as_printed)
+    throw UsageError({.fact = "the printed stress goes with the paper's scheme only",
+                      .where = "--stress printed",
+                      .why = "the converging scheme is made of energies, and the printed stress has none",
+                      .remedy = "add --scheme horton2007"});
+  const Material& material = tissues.material.front();
+  Eigen::VectorXd density(model.point_count());
+  for (Index q = 0; q < density.size(); ++q)
+    density[q] = tissues.material[static_cast<std::size_t>(tissues.of_point[q])].density;
+  const SupportReport support = complete_model(model, in.files.support, tissues.of_point, density);
   say(fmt::format(
       "support  {} basis, {} weight, radius {:.2f} spacings: {} to {} nodes per point, mean {:.1f}; {} grown "
       "for conditioning",
@@ -262,13 +379,12 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
          .why = "the tool would come out on the other side",
          .remedy = "give a smaller --depth, or another place with --indent-at"});
   const SolverOptions options = solver_options(config);
-  say(
-      fmt::format("material mu {:.6g} Pa, nu {:.6g} (kappa {:.6g} Pa), density {:.6g} kg/m3, stress {}; "
-                  "waves {:.2f} and {:.3f} m/s",
-                  material.mu, config.material.nu, material.kappa, material.density, config.material.stress,
-                  pressure_wave_speed(material), shear_wave_speed(material)));
-  say(fmt::format("load     {:.3g} mm at {:.3g} mm/s: {:.3g} s, {}", config.load.depth_mm,
-                  config.load.rate_mm_per_s, loading.duration(), config.load.contact));
+  for (std::size_t t = 0; t < tissues.material.size(); ++t) say(describe(tissues, t));
+  const bool quasi_static = choose_quasi_static(config, model, tissues, is_converging);
+  say(fmt::format(
+      "load     {:.3g} mm at {:.3g} mm/s: {:.3g} s, {}, {}", config.load.depth_mm, config.load.rate_mm_per_s,
+      loading.duration(), config.load.contact,
+      quasi_static ? fmt::format("equilibrium at {} depths", options.frames) : "every wave followed"));
   if (material.as_printed) {
     in.warnings.push_back("the printed stress has no energy: energy.csv shows that of the consistent form");
     if (options.damping == 0.0)
@@ -277,7 +393,8 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
           "instance 20");
     for (const std::string& warning : in.warnings) warn(warning);
   }
-  const ForceSystem system(model, material);
+  const ForceSystem system(model, tissues,
+                           config.solver.precision == "single" ? Precision::single_ : Precision::double_);
   ResultWriter writer(folder, model, system, in.files.surface, in.files.support);
   const double prepare_s = preparing.seconds();
 
@@ -285,23 +402,29 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   Progress progress("solve");
   Stopwatch solving;
   double writing_s = 0.0;
-  const Observer observer = {.frame =
-                                 [&](const Frame& frame) {
-                                   Stopwatch writing;
-                                   writer.frame(frame);
-                                   writing_s += writing.seconds();
-                                 },
-                             .sample =
-                                 [&](const ForceSample& now, const History& h) {
-                                   progress.update(
-                                       now.depth / loading.depth,
-                                       fmt::format("t {:.2f} s, {:.2f} mm, {:.5f} N, step {:.3g} us", now.t,
-                                                   1e3 * now.depth, now.force, 1e6 * h.dt_smallest));
-                                   return !stop_requested();
-                                 }};
+  const Observer observer = {
+      .frame =
+          [&](const Frame& frame) {
+            Stopwatch writing;
+            writer.frame(frame);
+            writing_s += writing.seconds();
+          },
+      .sample =
+          [&](const ForceSample& now, const History& h) {
+            progress.update(
+                now.depth / loading.depth,
+                quasi_static
+                    ? fmt::format("{:.2f} mm, {:.5f} N, {} evaluations", 1e3 * now.depth, now.force, h.steps)
+                    : fmt::format("t {:.2f} s, {:.2f} mm, {:.5f} N, step {:.3g} us", now.t, 1e3 * now.depth,
+                                  now.force, 1e6 * h.dt_smallest));
+            return !stop_requested();
+          }};
   std::optional<SolveError> failure;
   try {
-    simulate(system, model, loading, options, observer, history);
+    if (quasi_static)
+      load_slowly(system, model, loading, options, observer, history);
+    else
+      simulate(system, model, loading, options, observer, history);
   } catch (const SolveError& error) {
     failure = error;
   }
@@ -325,6 +448,9 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   summary["status"] = status;
   if (failure) summary["error"] = report_json(failure->report);
   summary["version"] = DIMPLE_VERSION;
+  summary["scheme"] = in.files.scheme;
+  summary["time"] = quasi_static ? "quasi-static" : "dynamic";
+  summary["precision"] = is_converging ? config.solver.precision : "double";
   summary["counts"] = counts_json(model);
   summary["support"] = {{"fewest", support.fewest},
                         {"most", support.most},
@@ -340,7 +466,9 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   summary["stable_step_s"] = history.dt_stable_first;
   summary["time_step_s"] = history.dt_first;
   summary["smallest_time_step_s"] = history.dt_smallest;
-  summary["steps"] = history.steps;
+  summary["steps"] = quasi_static ? 0 : history.steps;
+  summary["residual"] = history.residual;
+  summary["inverted_points"] = history.inverted;
   summary["force_evaluations"] = history.steps + history.extra_evaluations;
   summary["J_min"] = history.J_min;
   summary["energy_error"] = energy_scale > 0.0 ? energy_error / energy_scale : 0.0;
@@ -358,20 +486,38 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
 
   outcome.headline = fmt::format("{:.4f} N at {:.2f} mm", force, reached);
   if (!history.force.empty()) {
-    in.facts.push_back(fmt::format(
-        "{} steps of {:.3g} us (stable {:.3g} us), {:.2f} ms each, {:.1f} s of wall time: {:.2f} x real time",
-        history.steps, 1e6 * history.dt_first, 1e6 * history.dt_stable_first,
-        summary["ms_per_step"].get<double>(), solve_s, summary["real_time_factor"].get<double>()));
+    if (quasi_static)
+      in.facts.push_back(
+          fmt::format("equilibrium at {} depths: {} force evaluations, {:.2f} ms each, {:.1f} s of wall time",
+                      options.frames, history.steps, summary["ms_per_step"].get<double>(), solve_s));
+    else
+      in.facts.push_back(fmt::format(
+          "{} steps of {:.3g} us (stable {:.3g} us), {:.2f} ms each, {:.1f} s of wall time: {:.2f} x real "
+          "time",
+          history.steps, 1e6 * history.dt_first, 1e6 * history.dt_stable_first,
+          summary["ms_per_step"].get<double>(), solve_s, summary["real_time_factor"].get<double>()));
     writer.overview(
         history,
         fmt::format("{}: {}{}", in.subject, outcome.headline, status == "ok" ? "" : " (" + status + ")"),
         in.facts);
-    say(
-        fmt::format("done     {} steps of {:.3g} us, {:.3f} ms each; {:.1f} s wall, {:.2f} x real time; "
-                    "energy error {:.2g} %, base carries {:.4f} N",
-                    history.steps, 1e6 * history.dt_first, summary["ms_per_step"].get<double>(), solve_s,
-                    summary["real_time_factor"].get<double>(), 100.0 * summary["energy_error"].get<double>(),
-                    summary["base_force_N"].get<double>()));
+    if (history.inverted > 0)
+      say(fmt::format(
+          "note     {} of {} points are inside out at the end, smallest det F {:.2f}: the strain at a sharp "
+          "rim is unbounded",
+          history.inverted, model.point_count(), history.J_min));
+    if (quasi_static)
+      say(fmt::format(
+          "done     {} force evaluations, {:.3f} ms each; {:.1f} s wall; unbalanced {:.1e} of the reactions, "
+          "base carries {:.4f} N",
+          history.steps, summary["ms_per_step"].get<double>(), solve_s, history.residual,
+          summary["base_force_N"].get<double>()));
+    else
+      say(
+          fmt::format("done     {} steps of {:.3g} us, {:.3f} ms each; {:.1f} s wall, {:.2f} x real time; "
+                      "energy error {:.2g} %, base carries {:.4f} N",
+                      history.steps, 1e6 * history.dt_first, summary["ms_per_step"].get<double>(), solve_s,
+                      summary["real_time_factor"].get<double>(),
+                      100.0 * summary["energy_error"].get<double>(), summary["base_force_N"].get<double>()));
   }
   if (failure) throw *failure;
   return outcome;
@@ -386,8 +532,9 @@ Outcome make_model(const Config& config, const fs::path& folder) {
   write_model(folder, prepared.files);
   write_vti(folder / "label.vti", prepared.image);
   // Supports are found again when the model is solved; here only to refuse a model that cannot be.
-  const SupportReport support =
-      complete_model(prepared.files.model, prepared.files.support, config.material.density_kg_per_m3);
+  const SupportReport support = complete_model(
+      prepared.files.model, prepared.files.support, Eigen::VectorXi::Zero(prepared.files.model.point_count()),
+      Eigen::VectorXd::Constant(prepared.files.model.point_count(), 1000.0));
   Json summary = model_json(prepared);
   summary["counts"] = counts_json(prepared.files.model);
   summary["support"] = {

@@ -306,36 +306,84 @@ bool on_base(const Boundary& boundary, const Vec3& x, const Vec3& normal) {
   return boundary.flat_base || normal.dot(boundary.down) > 0.0;
 }
 
-Points circle_nodes(const BodySurface& body, const Boundary& boundary, double spacing_mm) {
+namespace {
+
+Vec3 touch_of_circle(const BodySurface& body, const Boundary& boundary, const Vec3& x) {
+  const auto touch = first_touch(body, x, boundary.push);
+  if (touch && std::abs((*touch - boundary.centre).dot(boundary.push)) <= 2.0 * boundary.radius)
+    return *touch;
+  const Vec3 world = body.to_world() * boundary.centre;
+  throw ModelError(
+      {.fact = fmt::format("the indenter's circle of {:.1f} mm diameter at ({:.1f}, {:.1f}, {:.1f}) mm hangs "
+                           "over the organ's edge",
+                           2.0 * boundary.radius, world.x(), world.y(), world.z()),
+       .where = "indenter circle",
+       .why = touch ? "at a part of its rim the surface lies more than a diameter deeper"
+                    : "a part of its rim meets no tissue",
+       .remedy = "move it with --indent-at or make it smaller with --indenter-diameter"});
+}
+
+// `count` places on the surface at distance r from the circle's axis, the first half a `turn` on.
+void add_ring(const BodySurface& body, const Boundary& boundary, double r, int count, double turn,
+              std::vector<Vec3>& nodes) {
   const auto [e1, e2] = across(boundary.push);
+  for (int k = 0; k < count; ++k) {
+    const double angle = 2.0 * std::numbers::pi * (k + turn) / count;
+    const Vec3 x = boundary.centre + r * (std::cos(angle) * e1 + std::sin(angle) * e2);
+    nodes.push_back(touch_of_circle(body, boundary, x));
+  }
+}
+
+Points to_points(const std::vector<Vec3>& nodes) {
+  Points result(3, static_cast<Index>(nodes.size()));
+  for (std::size_t k = 0; k < nodes.size(); ++k) result.col(static_cast<Index>(k)) = nodes[k];
+  return result;
+}
+
+}  // namespace
+
+Points rim_of_circle(const BodySurface& body, const Boundary& boundary, int count) {
+  std::vector<Vec3> rim;
+  add_ring(body, boundary, boundary.radius, count, 0.0, rim);
+  return to_points(rim);
+}
+
+Points circle_nodes(const BodySurface& body, const Boundary& boundary, double spacing_mm) {
   const int rings = std::max(1, static_cast<int>(std::ceil(boundary.radius / spacing_mm - 0.2)));
   std::vector<Vec3> nodes = {boundary.centre};
   for (int ring = 1; ring <= rings; ++ring) {
     const double r = boundary.radius * ring / rings;
     const int count = std::max(6, static_cast<int>(std::lround(2.0 * std::numbers::pi * r / spacing_mm)));
-    for (int k = 0; k < count; ++k) {
-      // Rings are turned against each other so that their nodes do not line up.
-      const double angle = 2.0 * std::numbers::pi * (k + 0.5 * (ring % 2)) / count;
-      const Vec3 x = boundary.centre + r * (std::cos(angle) * e1 + std::sin(angle) * e2);
-      const auto touch = first_touch(body, x, boundary.push);
-      if (!touch || std::abs((*touch - boundary.centre).dot(boundary.push)) > 2.0 * boundary.radius) {
-        const Vec3 world = body.to_world() * boundary.centre;
-        throw ModelError(
-            {.fact = fmt::format(
-                 "the indenter's circle of {:.1f} mm diameter at ({:.1f}, {:.1f}, {:.1f}) mm hangs "
-                 "over the organ's edge",
-                 2.0 * boundary.radius, world.x(), world.y(), world.z()),
-             .where = "indenter circle",
-             .why = touch ? "at a part of its rim the surface lies more than a diameter deeper"
-                          : "a part of its rim meets no tissue",
-             .remedy = "move it with --indent-at or make it smaller with --indenter-diameter"});
-      }
-      nodes.push_back(*touch);
-    }
+    // Rings are turned against each other so that their nodes do not line up.
+    add_ring(body, boundary, r, count, 0.5 * (ring % 2), nodes);
   }
-  Points result(3, static_cast<Index>(nodes.size()));
-  for (std::size_t k = 0; k < nodes.size(); ++k) result.col(static_cast<Index>(k)) = nodes[k];
-  return result;
+  return to_points(nodes);
+}
+
+Points graded_circle_nodes(const BodySurface& body, const Boundary& boundary,
+                           const std::function<double(double)>& spacing) {
+  std::vector<double> radii = {boundary.radius};
+  // Rings a little closer than their nodes along them, as rows of equilateral triangles are.
+  for (double r = boundary.radius;;) {
+    const double step = 0.9 * spacing(std::max(0.0, r - 0.45 * spacing(r)));
+    r -= step;
+    if (r < 0.6 * step) break;
+    radii.push_back(r);
+  }
+  // The last step to the middle is whatever is left: spread it over all rings inside the rim.
+  const double last = radii.back(), wanted = 0.9 * spacing(0.0);
+  if (radii.size() > 1) {
+    const double excess = last - std::max(wanted, 0.0), span = boundary.radius - last;
+    for (std::size_t k = 1; k < radii.size(); ++k)
+      radii[k] -= 0.5 * excess * (boundary.radius - radii[k]) / span;
+  }
+  std::vector<Vec3> nodes = {boundary.centre};
+  for (std::size_t k = 0; k < radii.size(); ++k) {
+    const int count =
+        std::max(6, static_cast<int>(std::lround(2.0 * std::numbers::pi * radii[k] / spacing(radii[k]))));
+    add_ring(body, boundary, radii[k], count, 0.5 * static_cast<double>(k % 2), nodes);
+  }
+  return to_points(nodes);
 }
 
 std::optional<Vec3> parse_vector(const std::string& text) {

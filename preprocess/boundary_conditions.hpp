@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <string>
 
@@ -48,6 +49,14 @@ bool on_base(const Boundary& boundary, const Vec3& x, const Vec3& normal);
 /// The nodes that make the circle: one in the middle and rings out to the rim, on the rim itself the
 /// outermost; neighbours are `spacing` apart at most. [3xn] mm.
 Points circle_nodes(const BodySurface& body, const Boundary& boundary, double spacing_mm);
+
+/// The same for a spacing [mm] that changes with the distance from the axis [mm]; the rim's own is
+/// spacing(radius).
+Points graded_circle_nodes(const BodySurface& body, const Boundary& boundary,
+                           const std::function<double(double)>& spacing);
+
+/// `count` places on the rim, evenly by angle. [3xcount] mm.
+Points rim_of_circle(const BodySurface& body, const Boundary& boundary, int count);
 
 /// "x,y,z" as three numbers, or nothing.
 std::optional<Vec3> parse_vector(const std::string& text);

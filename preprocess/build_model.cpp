@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "io/error.hpp"
+#include "preprocess/pressure_patches.hpp"
 #include "preprocess/spatial_order.hpp"
 
 namespace dimple {
@@ -14,6 +15,12 @@ double metres(double mm) {
 }
 double millimetres(double m) {
   return std::round(m * 1e10) / 1e7;
+}
+double square_metres(double mm2) {
+  return std::round(mm2 * 1e9) / 1e15;
+}
+double square_millimetres(double m2) {
+  return std::round(m2 * 1e15) / 1e9;
 }
 double cubic_metres(double mm3) {
   return std::round(mm3 * 1e9) / 1e18;
@@ -31,7 +38,7 @@ Points world_metres(const BodySurface& body, const Points& local) {
 
 }  // namespace
 
-BuiltModel build_model(const BodySurface& body, const ModelOptions& options) {
+BuiltModel build_model(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at) {
   BuiltModel built;
   Model& model = built.model;
   ModelReport& report = built.report;
@@ -41,14 +48,31 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options) {
   const double spacing = options.cloud.spacing_mm > 0.0 ? options.cloud.spacing_mm
                                                         : spacing_for_count(body, options.cloud.count);
   const Boundary boundary = report.boundary = find_boundary(body, options.boundary, spacing);
-  const NodeCloud cloud = make_node_cloud(body, boundary, options.cloud);
-  const IntegrationGrid grid = make_integration_grid(body, options.grid, cloud.X.cols());
+  const Sizing sizing(body, boundary, options.cloud.grading);
+  const NodeCloud cloud = make_node_cloud(body, boundary, sizing, options.cloud);
+  const IntegrationGrid grid =
+      options.averaged_cells
+          ? make_graded_grid(body, options.grid, cloud.X.cols(), sizing, cloud.far_spacing, label_at)
+          : make_integration_grid(body, options.grid, cloud.X.cols(), label_at);
 
   const std::vector<Index> nodes = spatial_order(cloud.X), points = spatial_order(grid.point);
   model.X = world_metres(body, cloud.X(Eigen::all, nodes));
-  model.spacing = Eigen::VectorXd::Constant(cloud.X.cols(), metres(cloud.spacing));
+  model.spacing = cloud.spacing(nodes).unaryExpr(&metres);
   model.point = world_metres(body, grid.point(Eigen::all, points));
   model.volume = grid.volume(points).unaryExpr(&cubic_metres);
+  model.label = grid.label(points);
+  model.axes = body.to_world().linear();
+  if (grid.spread.cols() > 0) {
+    model.spread.resize(6, grid.spread.cols());
+    for (Index q = 0; q < grid.spread.cols(); ++q) {
+      const auto s = grid.spread.col(points[static_cast<std::size_t>(q)]);
+      Mat3 about;
+      about << s[0], s[3], s[5], s[3], s[1], s[4], s[5], s[4], s[2];
+      about = model.axes * about * model.axes.transpose();
+      model.spread.col(q) << about(0, 0), about(1, 1), about(2, 2), about(0, 1), about(1, 2), about(2, 0);
+    }
+    model.spread = model.spread.unaryExpr(&square_metres).eval();
+  }
   model.tool.centre = world_metres(body, boundary.centre);
   model.tool.push = body.to_world().linear() * boundary.push + Vec3::Zero();  // no minus zeros
   model.tool.radius = metres(boundary.radius);
@@ -58,7 +82,8 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options) {
     if (cloud.base[static_cast<std::size_t>(in_cloud)]) model.base.push_back(a);
   }
 
-  report.spacing_mm = cloud.spacing;
+  report.spacing_mm = cloud.far_spacing;
+  report.rim_spacing_mm = cloud.far_spacing * (sizing.even() ? 1.0 : options.cloud.grading.rim);
   report.cell_mm = grid.cell;
   report.grid_volume_mm3 = grid.volume.sum();
   report.clipped = grid.clipped;
@@ -91,8 +116,10 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options) {
   return built;
 }
 
-SupportReport complete_model(Model& model, const SupportOptions& options, double density) {
-  const SupportReport report = find_supports(model, options);
+SupportReport complete_model(Model& model, const SupportOptions& options, const Eigen::VectorXi& tissue,
+                             const Eigen::VectorXd& density) {
+  const SupportReport report = find_supports(model, options, tissue);
+  if (model.spread.cols() > 0) make_pressure_patches(model, tissue);
   model.mass = lumped_mass(model, density);
   return report;
 }

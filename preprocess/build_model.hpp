@@ -12,6 +12,8 @@ struct ModelOptions {
   CloudOptions cloud;
   GridOptions grid;
   BoundaryOptions boundary;
+  /// Cells that follow the nodes and have a spread, instead of the paper's even grid of single points.
+  bool averaged_cells = false;
 };
 
 /// What was built, for people: printed, and kept in summary.json. Lengths in mm.
@@ -19,7 +21,7 @@ struct ModelReport {
   double surface_volume_mm3 = 0.0, surface_area_mm2 = 0.0;
   double grid_volume_mm3 = 0.0, cell_mm = 0.0;
   Index clipped = 0, merged = 0;
-  double spacing_mm = 0.0;
+  double spacing_mm = 0.0, rim_spacing_mm = 0.0;  ///< far from the circle, and on its rim
   Index surface_nodes = 0, circle_nodes = 0, rim_nodes = 0;
   Evenness evenness;
   Boundary boundary;  ///< in the surface's own frame
@@ -34,14 +36,18 @@ struct BuiltModel {
   Model model;
   ModelReport report;
 };
-BuiltModel build_model(const BodySurface& body, const ModelOptions& options);
+BuiltModel build_model(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at = {});
 
-/// Adds what follows from the places alone: supports, gradients, masses.
-SupportReport complete_model(Model& model, const SupportOptions& options, double density);
+/// Adds what follows from the places alone: supports, gradients, masses, and where there is a spread the
+/// patches. Per point: `tissue`, its number, and `density` [kg/m^3].
+SupportReport complete_model(Model& model, const SupportOptions& options, const Eigen::VectorXi& tissue,
+                             const Eigen::VectorXd& density);
 
 /// Lengths and volumes on the grid that survives a file in mm. [mm] -> [m], [mm^3] -> [m^3], and back.
 double metres(double mm);
 double millimetres(double m);
+double square_metres(double mm2);
+double square_millimetres(double m2);
 double cubic_metres(double mm3);
 double cubic_millimetres(double m3);
 

@@ -6,10 +6,10 @@
 
 namespace dimple {
 
-Eigen::VectorXd lumped_mass(const Model& model, double density) {
+Eigen::VectorXd lumped_mass(const Model& model, const Eigen::VectorXd& density) {
   Eigen::VectorXd mass = Eigen::VectorXd::Zero(model.node_count());
   for (Index q = 0; q < model.point_count(); ++q) {
-    const double share = density * model.volume[q] / static_cast<double>(model.support.count(q));
+    const double share = density[q] * model.volume[q] / static_cast<double>(model.support.count(q));
     for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
       mass[model.support.member[k]] += share;
   }

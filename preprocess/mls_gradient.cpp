@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <cmath>
+#include <vector>
 
 namespace dimple {
 namespace {
@@ -43,9 +44,15 @@ Basisd<M> basis_at(const Vec3& y) {
   return p;
 }
 
+WeightValue sharpened(WeightValue at, double s, double e) {
+  const double factor = (1.0 + e) / (s * s + e);
+  return {at.w * factor, at.dw_ds * factor - at.w * factor * 2.0 * s / (s * s + e)};
+}
+
 template <int M>
 MlsResult evaluate(const Vec3& x, const Points& X, std::span<const int> nodes, const Eigen::VectorXd& radius,
-                   double growth, Weight weight, Eigen::VectorXd& phi, Points& dphi) {
+                   double growth, const SupportOptions& options, std::span<const char> pinned,
+                   Eigen::VectorXd& phi, Points& dphi) {
   using Moment = Eigen::Matrix<double, M, M>;
   const Index n = static_cast<Index>(nodes.size());
   phi.resize(n);
@@ -59,14 +66,19 @@ MlsResult evaluate(const Vec3& x, const Points& X, std::span<const int> nodes, c
   // The basis is centred at x: p(x) = e_1, and d/dx_r of p_a is minus the basis' own derivative. Keeping x
   // inside the basis while differentiating only the weights gives the same phi: the span of p does not change
   // with x.
+  thread_local std::vector<double> weight;
+  weight.resize(static_cast<std::size_t>(n));
   Moment A = Moment::Zero();
   std::array<Moment, 3> dA = {Moment::Zero(), Moment::Zero(), Moment::Zero()};
   for (Index k = 0; k < n; ++k) {
     const int a = nodes[static_cast<std::size_t>(k)];
     const Vec3 d = x - X.col(a);
     const double R = radius[a] * growth, distance = d.norm(), s = distance / R;
-    const auto [w, dw_ds] = weight_at(weight, s);
-    const Vec3 dw = distance > 0.0 ? Vec3(d * (dw_ds / (R * distance))) : Vec3(Vec3::Zero());
+    WeightValue at = weight_at(options.weight, s);
+    if (!pinned.empty() && pinned[static_cast<std::size_t>(a)]) at = sharpened(at, s, options.interpolation);
+    const double w = weight[static_cast<std::size_t>(k)] = at.w;
+    const Vec3 dw = distance > 0.0 ? Vec3(d * (at.dw_ds / (R * distance))) : Vec3(Vec3::Zero());
+    dphi.col(k) = dw;
     const Basisd<M> p = basis_at<M>(-d / scale);
     const Moment pp = p * p.transpose();
     A += w * pp;
@@ -88,10 +100,8 @@ MlsResult evaluate(const Vec3& x, const Points& X, std::span<const int> nodes, c
   }
   for (Index k = 0; k < n; ++k) {
     const int a = nodes[static_cast<std::size_t>(k)];
-    const Vec3 d = x - X.col(a);
-    const double R = radius[a] * growth, distance = d.norm(), s = distance / R;
-    const auto [w, dw_ds] = weight_at(weight, s);
-    const Vec3 dw = distance > 0.0 ? Vec3(d * (dw_ds / (R * distance))) : Vec3(Vec3::Zero());
+    const Vec3 d = x - X.col(a), dw = dphi.col(k);
+    const double w = weight[static_cast<std::size_t>(k)];
     const Basisd<M> p = basis_at<M>(-d / scale);
     const double pc = p.dot(c);
     phi[k] = w * pc;
@@ -104,10 +114,11 @@ MlsResult evaluate(const Vec3& x, const Points& X, std::span<const int> nodes, c
 
 MlsResult mls_shape_functions(const Vec3& x, const Points& X, std::span<const int> nodes,
                               const Eigen::VectorXd& radius, double growth, const SupportOptions& options,
-                              Eigen::VectorXd& phi, Points& dphi) {
+                              std::span<const char> pinned, Eigen::VectorXd& phi, Points& dphi) {
+  if (options.interpolation <= 0.0) pinned = {};
   return options.basis == Basis::linear
-             ? evaluate<4>(x, X, nodes, radius, growth, options.weight, phi, dphi)
-             : evaluate<10>(x, X, nodes, radius, growth, options.weight, phi, dphi);
+             ? evaluate<4>(x, X, nodes, radius, growth, options, pinned, phi, dphi)
+             : evaluate<10>(x, X, nodes, radius, growth, options, pinned, phi, dphi);
 }
 
 }  // namespace dimple

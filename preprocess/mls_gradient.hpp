@@ -17,6 +17,9 @@ struct SupportOptions {
   /// A node's support radius = radius_factor x the cloud's spacing at that node. 0: 1.8 (linear), 2.6
   /// (quadratic).
   double radius_factor = 0.0;
+  /// At prescribed nodes the weight is multiplied by (1 + e) / (s^2 + e), s = distance / radius, so that the
+  /// field nearly takes their values there; e = this. 0: ordinary weights everywhere. Most & Bucher 2005.
+  double interpolation = 0.0;
   double effective_radius_factor() const {
     return radius_factor > 0.0 ? radius_factor : basis == Basis::linear ? 1.8 : 2.6;
   }
@@ -42,8 +45,9 @@ struct MlsResult {
 /// depend on
 ///           the unit of length.
 /// Returns:  how well the moment matrix is conditioned; phi and dphi are meaningful only if ok().
+/// `pinned` [N]: 1 at prescribed nodes; empty: none.
 MlsResult mls_shape_functions(const Vec3& x, const Points& X, std::span<const int> nodes,
                               const Eigen::VectorXd& radius, double growth, const SupportOptions& options,
-                              Eigen::VectorXd& phi, Points& dphi);
+                              std::span<const char> pinned, Eigen::VectorXd& phi, Points& dphi);
 
 }  // namespace dimple

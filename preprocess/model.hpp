@@ -16,6 +16,27 @@ struct CompressedRows {
   Index count(Index row) const { return offset[row + 1] - offset[row]; }
 };
 
+/// Symmetric 3x3 matrices, one a column: xx, yy, zz, xy, yz, zx.
+using Spread = Eigen::Matrix<double, 6, Eigen::Dynamic>;
+
+/// A coarser space for the change of volume: overlapping patches, each with a part in the points around it.
+/// Each patch lies in one tissue.
+struct PressurePatches {
+  CompressedRows of_point;  ///< row q: the patches that point q belongs to
+  Eigen::VectorXd psi;      ///< [of_point.member] its share in each; they sum to 1 at every point
+  Eigen::VectorXd volume;   ///< [patches] sum of psi V [m^3]
+  Index count() const { return volume.size(); }
+};
+
+/// What the mean gradient of a cell leaves out of |F|^2, for all cells of one tissue:
+///
+///     sum over cells of V (mean(|F|^2) - |mean(F)|^2) = sum_ab K_ab u_a . u_b
+struct GradientVariance {
+  int tissue = 0;
+  CompressedRows rows;  ///< row a: nodes b
+  Eigen::VectorXd K;    ///< [rows.member] [m]; symmetric, no linear field has any
+};
+
 /// Where the rigid, flat-ended, cylindrical tool touches the body.
 struct Indenter {
   Vec3 centre = Vec3::Zero();  ///< of its circle, on the body's surface [m]
@@ -29,13 +50,20 @@ struct Model {
   Eigen::VectorXd spacing;      ///< [N] distance to the next nodes that the cloud aimed at there
   Points point;                 ///< [3xQ] integration points
   Eigen::VectorXd volume;       ///< [Q] of the tissue that each point stands for
+  Spread spread;                ///< [6xQ] mean of (x - point)(x - point)^T over each cell [m^2]; empty: none
+  Eigen::VectorXi label;        ///< [Q] of the image at each point
   std::vector<Index> base;      ///< nodes held fixed, ascending
   std::vector<Index> indenter;  ///< nodes of the circle, ascending
   Indenter tool;
+  Mat3 axes =
+      Mat3::Identity();  ///< columns: the image's axes; what has a direction of its own is made along them
 
   CompressedRows support;  ///< row q: the nodes that point q sees
-  Points dphi;             ///< [3 x support.member] gradient of each such node's shape function at q [1/m]
-  Eigen::VectorXd mass;    ///< [N] kg
+  /// [3 x support.member] gradient of each such node's shape function at q, or its mean over q's cell [1/m]
+  Points dphi;
+  PressurePatches patches;                 ///< empty: the volume is held at every point
+  std::vector<GradientVariance> variance;  ///< of each tissue; empty: left out
+  Eigen::VectorXd mass;                    ///< [N] kg
 
   Index node_count() const { return X.cols(); }
   Index point_count() const { return point.cols(); }

@@ -47,7 +47,8 @@ std::vector<int> Neighbours::nearest(const Vec3& x, int count) const {
   std::vector<int> id(wanted);
   std::vector<double> distance2(wanted);
   tree_->index.knnSearch(x.data(), wanted, id.data(), distance2.data());
-  // Of several at the last distance the tree takes whichever it meets first: ask for all of them, take the lowest.
+  // Of several at the last distance the tree takes whichever it meets first: ask for all of them, take the
+  // lowest.
   within(x, std::sqrt(distance2.back()) * (1.0 + 1e-12) + 1e-150, id);
   std::vector<std::pair<double, int>> order;
   for (const int i : id) order.emplace_back((tree_->points.col(i) - x).squaredNorm(), i);

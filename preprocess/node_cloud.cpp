@@ -16,6 +16,8 @@ namespace {
 
 constexpr int candidates_per_node = 5;
 constexpr int sweeps = 40;
+// Neighbours' spacings differ: how much further than one's own reach another one's may be.
+constexpr double far_enough = 1.2;
 
 // std::uniform_real_distribution may differ between standard libraries; these bits do not.
 double uniform(std::mt19937_64& random) {
@@ -39,41 +41,132 @@ Points to_points(const std::vector<Vec3>& v) {
   return result;
 }
 
-std::vector<Vec3> surface_candidates(const BodySurface& body, const Boundary& boundary, Index count,
-                                     double spacing, std::mt19937_64& random) {
-  std::vector<Vec3> result;
-  std::vector<double> cumulated(static_cast<std::size_t>(body.triangles().cols()));
-  double area = 0.0;
-  for (Index t = 0; t < body.triangles().cols(); ++t)
-    cumulated[static_cast<std::size_t>(t)] = area += body.triangle_area()[t];
-  for (Index k = 0; k < count; ++k) {
-    const double at = (static_cast<double>(k) + uniform(random)) / static_cast<double>(count) * area;
-    const auto t =
-        std::min<Index>(std::upper_bound(cumulated.begin(), cumulated.end(), at) - cumulated.begin(),
-                        body.triangles().cols() - 1);
-    double u = uniform(random), v = uniform(random);
-    if (u + v > 1.0) u = 1.0 - u, v = 1.0 - v;
-    const Vec3 a = body.vertex().col(body.triangles()(0, t)), b = body.vertex().col(body.triangles()(1, t)),
-               c = body.vertex().col(body.triangles()(2, t));
-    const Vec3 x = a + u * (b - a) + v * (c - a);
-    if (!near_circle(boundary, x, 0.5 * spacing)) result.push_back(x);
+using Spacing = std::function<double(const Vec3&)>;  // [mm]
+
+struct Triangle {
+  Vec3 a, b, c;
+  double area;  // [mm^2]
+};
+
+// Triangles small enough for the spacing to be nearly the same all over each.
+void subdivide(const Triangle& t, const Spacing& spacing, std::vector<Triangle>& result) {
+  const double longest = std::max({(t.b - t.a).norm(), (t.c - t.b).norm(), (t.a - t.c).norm()});
+  if (longest <= 0.7 * spacing((t.a + t.b + t.c) / 3.0)) {
+    result.push_back(t);
+    return;
+  }
+  const Vec3 ab = 0.5 * (t.a + t.b), bc = 0.5 * (t.b + t.c), ca = 0.5 * (t.c + t.a);
+  const double quarter = 0.25 * t.area;
+  for (const Triangle& part : {Triangle{t.a, ab, ca, quarter}, Triangle{ab, t.b, bc, quarter},
+                               Triangle{ca, bc, t.c, quarter}, Triangle{ab, bc, ca, quarter}})
+    subdivide(part, spacing, result);
+}
+
+std::vector<Triangle> triangles_of(const BodySurface& body, const Sizing& sizing, double far_spacing) {
+  std::vector<Triangle> result;
+  for (Index t = 0; t < body.triangles().cols(); ++t) {
+    const Triangle whole = {body.vertex().col(body.triangles()(0, t)),
+                            body.vertex().col(body.triangles()(1, t)),
+                            body.vertex().col(body.triangles()(2, t)), body.triangle_area()[t]};
+    if (sizing.even())
+      result.push_back(whole);
+    else
+      subdivide(
+          whole, [&](const Vec3& x) { return far_spacing * sizing(x); }, result);
   }
   return result;
 }
 
-std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, double spacing,
-                                   std::mt19937_64& random) {
+// Boxes a few to a node, and of how many nodes each is worth at far spacing 1.
+struct Boxes {
+  std::vector<Leaf> leaf;
+  std::vector<double> worth;
+};
+
+Boxes boxes_of(const BodySurface& body, const Sizing& sizing, double far_spacing) {
+  Boxes boxes;
+  boxes.leaf = bisect(body, [&](const Vec3& x) { return 0.25 * std::pow(far_spacing * sizing(x), 3); });
+  boxes.worth.resize(boxes.leaf.size());
+  tbb::parallel_for(std::size_t{0}, boxes.leaf.size(), [&](std::size_t k) {
+    const Leaf& box = boxes.leaf[k];
+    double inside = 1.0;
+    if (box.cut) {
+      const double d = body.closest(box.centre).distance, r = std::cbrt(box.half.prod());
+      inside = std::clamp(0.5 + (body.contains(box.centre) ? 0.5 : -0.5) * d / r, 0.0, 1.0);
+    }
+    boxes.worth[k] = inside * box.volume() / std::pow(sizing(box.centre), 3);
+  });
+  return boxes;
+}
+
+// count = volume / h^3 + area / (2 h^2), both weighted with the powers of the sizing.
+struct Contents {
+  double volume, area;
+  double count(double h) const { return volume / (h * h * h) + 0.5 * area / (h * h); }
+};
+
+Contents contents_of(const BodySurface& body, const Sizing& sizing, double rough_spacing) {
+  if (sizing.even()) return {body.volume(), body.area()};
+  Contents result = {0.0, 0.0};
+  for (const double worth : boxes_of(body, sizing, rough_spacing).worth) result.volume += worth;
+  for (const Triangle& t : triangles_of(body, sizing, rough_spacing))
+    result.area += t.area / std::pow(sizing((t.a + t.b + t.c) / 3.0), 2);
+  return result;
+}
+
+std::vector<Vec3> surface_candidates(const BodySurface& body, const Boundary& boundary, Index count,
+                                     const Sizing& sizing, double far_spacing, std::mt19937_64& random) {
+  const std::vector<Triangle> triangles = triangles_of(body, sizing, far_spacing);
+  std::vector<Vec3> result;
+  std::vector<double> cumulated(triangles.size());
+  double area = 0.0;
+  for (std::size_t t = 0; t < triangles.size(); ++t) {
+    const Triangle& at = triangles[t];
+    const double s = sizing.even() ? 1.0 : sizing((at.a + at.b + at.c) / 3.0);
+    cumulated[t] = area += at.area / (s * s);
+  }
+  for (Index k = 0; k < count; ++k) {
+    const double at = (static_cast<double>(k) + uniform(random)) / static_cast<double>(count) * area;
+    const auto found = std::upper_bound(cumulated.begin(), cumulated.end(), at) - cumulated.begin();
+    const Triangle& t = triangles[std::min(static_cast<std::size_t>(found), triangles.size() - 1)];
+    double u = uniform(random), v = uniform(random);
+    if (u + v > 1.0) u = 1.0 - u, v = 1.0 - v;
+    const Vec3 x = t.a + u * (t.b - t.a) + v * (t.c - t.a);
+    if (!near_circle(boundary, x, 0.5 * far_spacing * sizing(x))) result.push_back(x);
+  }
+  return result;
+}
+
+std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, const Sizing& sizing,
+                                   double far_spacing, std::mt19937_64& random) {
   const Vec3 lower = body.lower(), size = body.upper() - lower;
+  const auto in_unit_box = [&] {
+    const double x = uniform(random), y = uniform(random);
+    return Vec3(x, y, uniform(random));
+  };
+  Boxes boxes;
+  if (!sizing.even()) {
+    boxes = boxes_of(body, sizing, far_spacing);
+    for (std::size_t k = 1; k < boxes.worth.size(); ++k) boxes.worth[k] += boxes.worth[k - 1];
+  }
+  const auto anywhere = [&]() -> Vec3 {
+    if (sizing.even()) return lower + in_unit_box().cwiseProduct(size);
+    const double at = uniform(random) * boxes.worth.back();
+    const auto k = static_cast<std::size_t>(std::upper_bound(boxes.worth.begin(), boxes.worth.end(), at) -
+                                            boxes.worth.begin());
+    const Leaf& box = boxes.leaf[std::min(k, boxes.leaf.size() - 1)];
+    return box.centre + (2.0 * in_unit_box() - Vec3::Ones()).cwiseProduct(box.half);
+  };
   std::vector<Vec3> result;
   // A body fills some share of its box; one that fills less than a thousandth is refused below.
   const Index most = 1000 * count;
   for (Index batch = 0; batch < most && static_cast<Index>(result.size()) < count; batch += 4096) {
     std::vector<Vec3> place(4096);
-    for (Vec3& x : place)
-      x = lower + Vec3(uniform(random), uniform(random), uniform(random)).cwiseProduct(size);
+    for (Vec3& x : place) x = anywhere();
     std::vector<char> good(place.size());
     tbb::parallel_for(std::size_t{0}, place.size(), [&](std::size_t k) {
-      good[k] = body.contains(place[k]) && body.closest(place[k]).distance > 0.4 * spacing;
+      good[k] =
+          body.contains(place[k]) && body.closest(place[k]).distance > 0.4 * (far_spacing * sizing(place[k]));
     });
     for (std::size_t k = 0; k < place.size() && static_cast<Index>(result.size()) < count; ++k)
       if (good[k]) result.push_back(place[k]);
@@ -82,26 +175,30 @@ std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, double 
 }
 
 // Weighted sample elimination: removes the most crowded candidate until `count` are left; `fixed` ones only
-// crowd. Yuksel, Sample elimination for generating Poisson disk sample sets, CGF 34 (2015) 25-32, with
-// exponent 8.
+// crowd. Two crowd each other within `reach` times the mean of their spacings. Yuksel, Sample elimination for
+// generating Poisson disk sample sets, CGF 34 (2015) 25-32, with exponent 8.
 std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vector<Vec3>& fixed, Index count,
-                           double reach) {
+                           double reach, const Spacing& spacing) {
   const std::size_t m = candidates.size();
   if (static_cast<Index>(m) <= count) return candidates;
   std::vector<Vec3> all = candidates;
   all.insert(all.end(), fixed.begin(), fixed.end());
   const Points points = to_points(all);
   const Neighbours tree(points);
+  std::vector<double> h(all.size());
+  tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) { h[i] = spacing(all[i]); });
 
   std::vector<std::vector<std::pair<int, double>>> near(m);
   std::vector<double> crowding(m, 0.0);
   tbb::parallel_for(std::size_t{0}, m, [&](std::size_t i) {
     std::vector<int> found;
-    tree.within(points.col(static_cast<Index>(i)), reach, found);
+    tree.within(points.col(static_cast<Index>(i)), far_enough * reach * h[i], found);
     for (const int j : found) {
       if (j == static_cast<int>(i)) continue;
+      const double within = reach * (0.5 * (h[i] + h[static_cast<std::size_t>(j)]));
       const double d = (points.col(static_cast<Index>(i)) - points.col(j)).norm();
-      const double w = std::pow(1.0 - d / reach, 8);
+      if (d >= within) continue;
+      const double w = std::pow(1.0 - d / within, 8);
       crowding[i] += w;
       if (j < static_cast<int>(m)) near[i].push_back({j, w});
     }
@@ -131,66 +228,101 @@ std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vecto
 }
 
 // Jacobi sweeps of a soft repulsion that ends at 1.7 spacings; the surface's nodes are put back onto it.
-void spread_out(const BodySurface& body, const Boundary& boundary, NodeCloud& cloud) {
-  const double h = cloud.spacing, reach = 1.7 * h;
+void spread_out(const BodySurface& body, const Boundary& boundary, const Spacing& spacing, NodeCloud& cloud) {
+  constexpr double reach = 1.7;
+  Eigen::VectorXd& h = cloud.spacing;
   for (int sweep = 0; sweep < sweeps; ++sweep) {
     const Neighbours tree(cloud.X);
-    const double step = 0.35 * h * (sweep < sweeps / 2 ? 1.0 : 0.5);
+    const double stride = 0.35 * (sweep < sweeps / 2 ? 1.0 : 0.5);
     Points next = cloud.X;
     tbb::parallel_for(cloud.circle_count, cloud.X.cols(), [&](Index a) {
       const Vec3 x = cloud.X.col(a);
       const bool on_surface = a < cloud.surface_count;
       thread_local std::vector<int> found;
-      tree.within(x, reach, found);
+      tree.within(x, far_enough * reach * h[a], found);
       Vec3 push = Vec3::Zero();
       bool surface_near = false;
       for (const int b : found) {
         if (b == a) continue;
         // Inner nodes must not press surface nodes along the surface by lying beneath them unevenly.
         if (on_surface && b >= cloud.surface_count) continue;
+        const double apart = 0.5 * (h[a] + h[b]), within = reach * apart;
         const Vec3 d = x - cloud.X.col(b);
-        const double distance = std::max(d.norm(), 1e-6 * h), s = 1.0 - distance / reach;
+        const double distance = std::max(d.norm(), 1e-6 * apart), s = 1.0 - distance / within;
+        if (s <= 0.0) continue;
         push += d / distance * (s * s * s);
-        surface_near = surface_near || (b < cloud.surface_count && distance < 1.2 * h);
+        surface_near = surface_near || (b < cloud.surface_count && distance < 1.2 * apart);
       }
-      Vec3 move = step * push;
-      if (const double length = move.norm(); length > 0.2 * h) move *= 0.2 * h / length;
+      Vec3 move = stride * h[a] * push;
+      if (const double length = move.norm(); length > 0.2 * h[a]) move *= 0.2 * h[a] / length;
       if (on_surface) {
         const Vec3 there = body.closest(x + move).place;
-        if (!near_circle(boundary, there, 0.5 * h)) next.col(a) = there;
+        if (!near_circle(boundary, there, 0.5 * h[a])) next.col(a) = there;
       } else if (!surface_near || body.contains(x + move)) {
         next.col(a) = x + move;
       }
     });
     cloud.X = next;
+    tbb::parallel_for(Index{0}, cloud.X.cols(), [&](Index a) { h[a] = spacing(cloud.X.col(a)); });
   }
+}
+
+void shake(const BodySurface& body, double part, std::mt19937_64& random, NodeCloud& cloud) {
+  for (Index a = cloud.surface_count; a < cloud.X.cols(); ++a) {
+    const double x = uniform(random), y = uniform(random), z = uniform(random);
+    const Vec3 there = cloud.X.col(a) + part * cloud.spacing[a] * (2.0 * Vec3(x, y, z) - Vec3::Ones());
+    if (body.contains(there)) cloud.X.col(a) = there;
+  }
+}
+
+double rough_spacing(const BodySurface& body, double count) {
+  return std::cbrt(body.volume() / count);
 }
 
 }  // namespace
 
-double spacing_for_count(const BodySurface& body, Index count) {
-  double low = 0.0, high = std::cbrt(body.volume()) + std::sqrt(body.area());
+double spacing_for_count(const BodySurface& body, Index count, const Sizing& sizing) {
+  const auto wanted = static_cast<double>(count);
+  // A graded cloud's far spacing is wider than an even one's; how much decides only how finely it is
+  // measured.
+  const Contents contents = contents_of(body, sizing, rough_spacing(body, wanted));
+  double low = 0.0, high = std::cbrt(contents.volume) + std::sqrt(contents.area);
   for (int k = 0; k < 100; ++k) {
     const double h = 0.5 * (low + high);
-    (body.volume() / (h * h * h) + 0.5 * body.area() / (h * h) > static_cast<double>(count) ? low : high) = h;
+    (contents.count(h) > wanted ? low : high) = h;
   }
   return 0.5 * (low + high);
 }
 
-Index count_for_spacing(const BodySurface& body, double spacing_mm) {
-  const double h = spacing_mm;
-  return std::lround(body.volume() / (h * h * h) + 0.5 * body.area() / (h * h));
+Index count_for_spacing(const BodySurface& body, double spacing_mm, const Sizing& sizing) {
+  return std::lround(contents_of(body, sizing, spacing_mm).count(spacing_mm));
 }
 
-NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, const CloudOptions& options) {
+NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
+                          const CloudOptions& options) {
   NodeCloud cloud;
-  const Index count = options.spacing_mm > 0.0 ? count_for_spacing(body, options.spacing_mm) : options.count;
-  cloud.spacing = options.spacing_mm > 0.0 ? options.spacing_mm : spacing_for_count(body, count);
-  const double h = cloud.spacing;
+  const Index count =
+      options.spacing_mm > 0.0 ? count_for_spacing(body, options.spacing_mm, sizing) : options.count;
+  cloud.far_spacing = options.spacing_mm > 0.0 ? options.spacing_mm : spacing_for_count(body, count, sizing);
+  const double h = cloud.far_spacing;
+  const Spacing spacing = [&](const Vec3& x) { return h * sizing(x); };
 
-  const Points circle = circle_nodes(body, boundary, h);
-  const double circle_area = std::numbers::pi * std::pow(boundary.radius + 0.5 * h, 2);
-  const Index free_surface = std::lround(std::max(body.area() - circle_area, 0.0) / (h * h));
+  const Points circle =
+      sizing.even() ? circle_nodes(body, boundary, h) : graded_circle_nodes(body, boundary, [&](double r) {
+        return h * (options.grading.rim + (1.0 - options.grading.rim) * (boundary.radius - r) /
+                                              (options.grading.reach * boundary.radius));
+      });
+  double free_area = 0.0;
+  if (sizing.even()) {
+    free_area = std::max(body.area() - std::numbers::pi * std::pow(boundary.radius + 0.5 * h, 2), 0.0);
+  } else {
+    for (const Triangle& t : triangles_of(body, sizing, h)) {
+      const Vec3 middle = (t.a + t.b + t.c) / 3.0;
+      const double s = sizing(middle);
+      if (!near_circle(boundary, middle, 0.5 * h * s)) free_area += t.area / (s * s);
+    }
+  }
+  const Index free_surface = std::lround(free_area / (h * h));
   const Index inner = count - circle.cols() - free_surface;
   if (inner < 8)
     throw ModelError(
@@ -204,12 +336,13 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
   for (const auto& x : circle.colwise()) placed.push_back(x);
   cloud.circle_count = circle.cols();
 
-  const auto on_surface = surface_candidates(body, boundary, candidates_per_node * free_surface, h, random);
-  for (const Vec3& x : thin_out(on_surface, placed, free_surface, 1.07 * h)) placed.push_back(x);
+  const auto on_surface =
+      surface_candidates(body, boundary, candidates_per_node * free_surface, sizing, h, random);
+  for (const Vec3& x : thin_out(on_surface, placed, free_surface, 1.07, spacing)) placed.push_back(x);
   cloud.surface_count = static_cast<Index>(placed.size());
 
   const Index wanted = count - cloud.surface_count;
-  const auto inside = inner_candidates(body, candidates_per_node * wanted, h, random);
+  const auto inside = inner_candidates(body, candidates_per_node * wanted, sizing, h, random);
   if (static_cast<Index>(inside.size()) < wanted)
     throw ModelError(
         {.fact = fmt::format("only {} places for {} inner nodes were found", inside.size(), wanted),
@@ -217,9 +350,12 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
          .why = "the body is thinner than a node spacing almost everywhere",
          .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
   const std::vector<Vec3> surface_nodes = placed;
-  for (const Vec3& x : thin_out(inside, surface_nodes, wanted, 1.12 * h)) placed.push_back(x);
+  for (const Vec3& x : thin_out(inside, surface_nodes, wanted, 1.12, spacing)) placed.push_back(x);
   cloud.X = to_points(placed);
-  spread_out(body, boundary, cloud);
+  cloud.spacing.resize(cloud.X.cols());
+  for (Index a = 0; a < cloud.X.cols(); ++a) cloud.spacing[a] = spacing(cloud.X.col(a));
+  spread_out(body, boundary, spacing, cloud);
+  if (options.jitter > 0.0) shake(body, options.jitter, random, cloud);
 
   cloud.base.assign(static_cast<std::size_t>(cloud.X.cols()), false);
   for (Index a = cloud.circle_count; a < cloud.surface_count; ++a) {
@@ -235,13 +371,14 @@ Evenness measure_evenness(const NodeCloud& cloud, const Points& places) {
   const Index n = cloud.X.cols();
   Eigen::ArrayXd nearest(n);
   for (Index a = 0; a < n; ++a)
-    nearest[a] = tree.distance_to_nearest(cloud.X.col(a), static_cast<int>(a)) / cloud.spacing;
+    nearest[a] = tree.distance_to_nearest(cloud.X.col(a), static_cast<int>(a)) / cloud.spacing[a];
   Evenness result;
   result.mean = nearest.mean();
   result.spread = std::sqrt((nearest - result.mean).square().mean()) / result.mean;
   result.minimum = nearest.minCoeff();
   for (const auto& x : places.colwise())
-    result.fill = std::max(result.fill, tree.distance_to_nearest(x) / cloud.spacing);
+    result.fill =
+        std::max(result.fill, tree.distance_to_nearest(x) / cloud.spacing[tree.nearest(x, 1).front()]);
   return result;
 }
 

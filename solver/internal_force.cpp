@@ -7,14 +7,7 @@
 #include <cassert>
 #include <cmath>
 
-// One binary for every processor: the loader picks the copy that this one can run. All copies round alike,
-// since nothing is reordered and products are not fused with sums. Sanitizers run before the loader's choice.
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && \
-    !defined(DIMPLE_NO_CLONES)
-#define DIMPLE_CLONES __attribute__((target_clones("avx2", "default")))
-#else
-#define DIMPLE_CLONES
-#endif
+#include "solver/clones.hpp"
 
 namespace dimple {
 namespace {
@@ -32,7 +25,22 @@ inline double inverse_cube_root_guess(double x) {
 
 }  // namespace
 
-ForceSystem::ForceSystem(const Model& model, const NeoHookean& material) : material_(material) {
+ForceSystem::ForceSystem(const Model& model, const Material& material, Precision precision)
+    : ForceSystem(model, {{material}, Eigen::VectorXi::Zero(model.point_count())}, precision) {}
+
+ForceSystem::ForceSystem(const Model& model, const Tissues& tissues, Precision precision)
+    : tissues_(tissues),
+      material_(tissues.material.front()),
+      nodes_(model.node_count()),
+      points_(model.point_count()),
+      pairs_(model.support.member.size()) {
+  if (model.patches.count() > 0) {
+    if (precision == Precision::single_)
+      single_ = std::make_unique<ProjectedKernel<float>>(model, tissues);
+    else
+      double_ = std::make_unique<ProjectedKernel<double>>(model, tissues);
+    return;
+  }
   Eigen::VectorXi slot;
   const CompressedRows influence = transpose(model.support, model.node_count(), &slot);
   const auto& rows = model.support;
@@ -142,6 +150,11 @@ void ForceSystem::sweep_block(const ForceSystem& system, const double* u, Index 
 
 ForceSystem::Sweep ForceSystem::stress_sweep(const Nodal& u) const {
   assert(u.cols() == node_count());
+  const auto of_kernel = [](const auto& sweep) {
+    return Sweep{sweep.J_min, sweep.point, sweep.inverted, true};
+  };
+  if (single_) return of_kernel(single_->stress_sweep(u.data()));
+  if (double_) return of_kernel(double_->stress_sweep(u.data()));
   const Index blocks = static_cast<Index>(block_.size());
   tbb::parallel_for(
       tbb::blocked_range<Index>(0, blocks, 4),
@@ -186,7 +199,12 @@ void ForceSystem::gather_sweep(Nodal& f, const std::function<void(Index, Index)>
       [&](const tbb::blocked_range<Index>& range) {
         const Index first = range.begin() * nodes_per_block,
                     last = std::min(range.end() * nodes_per_block, node_count());
-        gather_block(*this, f.data(), first, last);
+        if (single_)
+          single_->gather(f.data(), first, last);
+        else if (double_)
+          double_->gather(f.data(), first, last);
+        else
+          gather_block(*this, f.data(), first, last);
         if (then) then(first, last);
       },
       tbb::static_partitioner());
@@ -200,6 +218,13 @@ ForceSystem::Sweep ForceSystem::internal_force(const Nodal& u, Nodal& f) const {
 
 Eigen::Matrix<double, 9, Eigen::Dynamic> ForceSystem::deformation_gradients(const Nodal& u) const {
   Eigen::Matrix<double, 9, Eigen::Dynamic> result(9, point_count());
+  if (single_ || double_) {
+    stress_sweep(u);
+    for (Index q = 0; q < point_count(); ++q)
+      Eigen::Map<Mat3>(result.col(q).data()) =
+          single_ ? single_->deformation_gradient(q) : double_->deformation_gradient(q);
+    return result;
+  }
   tbb::parallel_for(Index{0}, point_count(), [&](Index q) {
     Mat3 F = Mat3::Identity();
     for (std::int32_t k = point_offset_[static_cast<std::size_t>(q)];
@@ -212,7 +237,40 @@ Eigen::Matrix<double, 9, Eigen::Dynamic> ForceSystem::deformation_gradients(cons
   return result;
 }
 
+Eigen::Matrix<double, 9, Eigen::Dynamic> ForceSystem::stresses(const Nodal& u) const {
+  if (!single_ && !double_) {
+    auto result = deformation_gradients(u);
+    for (Index q = 0; q < point_count(); ++q) {
+      Eigen::Map<Mat3> at(result.col(q).data());
+      at = pk1_stress(material_, at).eval();
+    }
+    return result;
+  }
+  stress_sweep(u);
+  Eigen::Matrix<double, 9, Eigen::Dynamic> result(9, point_count());
+  for (Index q = 0; q < point_count(); ++q)
+    Eigen::Map<Mat3>(result.col(q).data()) = single_ ? single_->stress(q) : double_->stress(q);
+  return result;
+}
+
+void ForceSystem::begin_step(double dt) const {
+  if (single_) single_->begin_step(dt);
+  if (double_) double_->begin_step(dt);
+}
+
+void ForceSystem::accept_step(const Nodal& u) const {
+  if (single_) single_->accept(u.data());
+  if (double_) double_->accept(u.data());
+}
+
+bool ForceSystem::viscoelastic() const {
+  return std::any_of(tissues_.material.begin(), tissues_.material.end(),
+                     [](const Material& m) { return !m.prony.empty(); });
+}
+
 double ForceSystem::stored_energy(const Nodal& u) const {
+  if (single_) return single_->stored_energy(u.data());
+  if (double_) return double_->stored_energy(u.data());
   const auto F = deformation_gradients(u);
   double energy = 0.0;
   for (Index q = 0; q < point_count(); ++q)

@@ -2,14 +2,20 @@
 
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <vector>
 
 #include "preprocess/model.hpp"
-#include "solver/neo_hookean.hpp"
+#include "solver/projected_kernel.hpp"
 
 namespace dimple {
 
-/// The hot loop and the only place that knows its data layout.
+/// Width of the numbers in the hot loop of the converging scheme. Displacements, forces and sums outside it
+/// are double.
+enum class Precision { single_, double_ };
+
+/// The internal force of a model: of the converging scheme where the model has pressure patches (see
+/// ProjectedKernel), of the paper's where it has not. The paper's is below.
 ///
 /// Letters: the paper writes X for the deformation gradient and F for the force vector; here, as usual today,
 /// the gradient is F and the force f.
@@ -26,7 +32,10 @@ namespace dimple {
 /// each is one vector register. Nothing is allocated after construction.
 class ForceSystem {
  public:
-  ForceSystem(const Model& model, const NeoHookean& material);
+  /// One tissue.
+  ForceSystem(const Model& model, const Material& material, Precision precision = Precision::double_);
+  /// Several; the paper's scheme takes the first.
+  ForceSystem(const Model& model, const Tissues& tissues, Precision precision = Precision::double_);
 
   /// A vector per node, padded with a zero: [4xN].
   using Nodal = Eigen::Matrix4Xd;
@@ -35,7 +44,9 @@ class ForceSystem {
   struct Sweep {
     double J_min = 1.0;
     Index point = -1;
-    bool ok() const { return J_min > 0.0; }
+    Index inverted = 0;            ///< points with J <= 0
+    bool may_be_inverted = false;  ///< the energy is defined there, and a solver may pass through
+    bool ok() const { return J_min > 0.0 || (may_be_inverted && J_min <= 0.0); }
   };
 
   /// f [N] = force with which the tissue resists displacement u [m]: the gradient of the stored energy. f
@@ -52,10 +63,21 @@ class ForceSystem {
   /// F at every point, as [9 x Q] column-major 3x3 matrices.
   Eigen::Matrix<double, 9, Eigen::Dynamic> deformation_gradients(const Nodal& u) const;
 
-  const NeoHookean& material() const { return material_; }
-  Index node_count() const { return static_cast<Index>(node_offset_.size()) - 1; }
-  Index point_count() const { return static_cast<Index>(volume_.size()); }
-  Index pair_count() const { return static_cast<Index>(by_point_.size()); }
+  /// First Piola-Kirchhoff stress at every point [9 x Q] Pa, column-major 3x3 matrices.
+  Eigen::Matrix<double, 9, Eigen::Dynamic> stresses(const Nodal& u) const;
+
+  /// A step of dt [s] of viscoelastic tissue begins, or has ended at u. Elastic tissue does not notice.
+  void begin_step(double dt) const;
+  void accept_step(const Nodal& u) const;
+
+  const std::vector<Material>& materials() const { return tissues_.material; }
+  const Tissues& tissues() const { return tissues_; }
+  Precision precision() const { return single_ ? Precision::single_ : Precision::double_; }
+  bool viscoelastic() const;
+  bool as_printed() const { return material_.as_printed; }
+  Index node_count() const { return nodes_; }
+  Index point_count() const { return points_; }
+  Index pair_count() const { return pairs_; }
 
  private:
   struct alignas(32) Pair {
@@ -66,7 +88,11 @@ class ForceSystem {
     double column[3][4];  // of V P [N m], each padded with a zero
   };
 
-  NeoHookean material_;
+  Tissues tissues_;
+  Material material_;  // of the paper's scheme
+  Index nodes_, points_, pairs_;
+  std::unique_ptr<ProjectedKernel<float>> single_;
+  std::unique_ptr<ProjectedKernel<double>> double_;
   std::vector<std::int32_t> point_offset_, node_offset_;
   std::vector<Pair> by_point_, by_node_;
   std::vector<double> volume_;

@@ -66,6 +66,7 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
               const SolverOptions& options, const Observer& observer, History& history) {
   const Index n = model.node_count();
   const Constraints constraints = make_constraints(model, loading.contact);
+  const bool viscoelastic = system.viscoelastic();
   const auto kind = [&](Index a) { return constraints.kind[static_cast<std::size_t>(a)]; };
   const Eigen::Vector4d push = constraints.push;
   const Eigen::VectorXd inverse_mass = model.mass.cwiseInverse();
@@ -110,7 +111,7 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
       }
       history.energy.push_back({now.t, now.depth, kinetic, system.stored_energy(u), external, dissipated});
       const EnergySample& e = history.energy.back();
-      const bool conservative = !system.material().as_printed;
+      const bool conservative = !system.as_printed() && !viscoelastic;
       if (!std::isfinite(e.kinetic) || (conservative && -e.error() > 0.1 * largest_external + 1e-9))
         stop_energy(e, now);
     }
@@ -131,7 +132,7 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
   };
 
   for (int k = 0; k < options.frames && !stopped; ++k) {
-    const StableStep stable = stable_time_step(system, model, constraints, u);
+    const StableStep stable = stable_time_step(system, model, model.mass, constraints, u);
     history.extra_evaluations += stable.iterations;
     if (!(stable.dt > 0.0))
       throw SolveError({.fact = "no stable time step was found",
@@ -149,8 +150,10 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
     for (std::int64_t s = 0; s < steps && !stopped; ++s) {
       const double t = segment * k + dt * static_cast<double>(s);
       const Place now = {t, loading.rate * t, dt, stable.dt};
+      if (viscoelastic) system.begin_step(previous_dt);
       const ForceSystem::Sweep sweep = system.stress_sweep(u);
       history.J_min = std::min(history.J_min, sweep.J_min);
+      history.inverted = std::max(history.inverted, sweep.inverted);
       if (!sweep.ok()) stop_inverted(model, sweep, now);
 
       const double kick = 0.5 * (previous_dt > 0.0 ? previous_dt + dt : dt);
@@ -177,10 +180,11 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
       };
       // Frames and energies need u(t) and v(t - dt/2): there, gather first and move afterwards.
       const bool sampling = s == 0 || t >= next_energy;
-      system.gather_sweep(f, sampling ? std::function<void(Index, Index)>{} : advance);
+      system.gather_sweep(f, sampling || viscoelastic ? std::function<void(Index, Index)>{} : advance);
+      if (viscoelastic) system.accept_step(u);
       stopped = !record(now, false);
       if (s == 0) frame(k, now);
-      if (sampling) advance(0, n);
+      if (sampling || viscoelastic) advance(0, n);
       if (options.damping > 0.0)
         for (Index a = 0; a < n; ++a)
           if (kind(a) == Kind::free)

@@ -17,11 +17,13 @@ struct Loading {
 };
 
 struct SolverOptions {
-  double safety = 0.9;         ///< time step = safety x stable step
-  double damping = 0.0;        ///< mass-proportional [1/s]
-  int frames = 16;             ///< after the first; the step is re-estimated at each
-  double sample_rate = 150.0;  ///< of the force [1/s]; the paper's sensor
-  double energy_rate = 20.0;   ///< of the energies [1/s]
+  double safety = 0.9;               ///< time step = safety x stable step
+  double damping = 0.0;              ///< mass-proportional [1/s]
+  int frames = 16;                   ///< after the first; the step is re-estimated at each
+  double sample_rate = 150.0;        ///< of the force [1/s]; the paper's sensor
+  double energy_rate = 20.0;         ///< of the energies [1/s]
+  double tolerance = 1e-4;           ///< of static equilibrium: unbalanced force / reactions
+  std::int64_t evaluations = 20000;  ///< of the force for one static equilibrium, at most
 };
 
 /// The tool at one time. Forces are components along the push, positive when tissue resists.
@@ -53,6 +55,8 @@ struct History {
   std::int64_t extra_evaluations = 0;                               ///< of the force, for the stable step
   double dt_stable_first = 0.0, dt_first = 0.0, dt_smallest = 0.0;  ///< [s]
   double J_min = 1.0;                                               ///< smallest det F at any point and step
+  Index inverted = 0;     ///< most points that were inside out at once
+  double residual = 0.0;  ///< largest that a static equilibrium was left with
   bool interrupted = false;
   double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction
 };

@@ -6,12 +6,13 @@
 
 namespace dimple {
 
-StableStep stable_time_step(const ForceSystem& system, const Model& model, const Constraints& constraints,
-                            const ForceSystem::Nodal& u) {
+StableStep stable_time_step(const ForceSystem& system, const Model& model, const Eigen::VectorXd& mass,
+                            const Constraints& constraints, const ForceSystem::Nodal& u) {
   constexpr int most = 150, between_checks = 5;
-  constexpr double nudge = 1e-8;  // m: nodes move by ten nanometres at most
+  // m: how far nodes are moved for a difference; float kernels round displacements at a tenth of a nanometre.
+  const double nudge = system.precision() == Precision::single_ ? 1e-6 : 1e-8;
   const Index n = u.cols();
-  const Eigen::RowVectorXd scale = model.mass.cwiseSqrt().cwiseInverse().transpose();
+  const Eigen::RowVectorXd scale = mass.cwiseSqrt().cwiseInverse().transpose();
 
   ForceSystem::Nodal q = ForceSystem::Nodal::Zero(4, n), before = q, f0 = q, f = q, w = q;
   // The stiffest modes alternate from node to node; the start only has to be in general position.

@@ -50,8 +50,9 @@ inline Model block(Index n = 6, double jitter = 0.2, double cells_per_spacing = 
         model.point.col(q++) = (Vec3(i, j, k).array() + 0.5).matrix().cwiseProduct(cell);
   model.volume = Eigen::VectorXd::Constant(q, cell.prod());
   model.tool = {.centre = Vec3(15e-3, 15e-3, 20e-3), .push = -Vec3::UnitZ(), .radius = 4e-3};
+  model.label = Eigen::VectorXi::Zero(q);
   find_supports(model, support);
-  model.mass = lumped_mass(model, 1000.0);
+  model.mass = lumped_mass(model, Eigen::VectorXd::Constant(model.point_count(), 1000.0));
   return model;
 }
 

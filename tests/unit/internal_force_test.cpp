@@ -13,7 +13,7 @@ namespace {
 using namespace testing_bodies;
 using Nodal = ForceSystem::Nodal;
 
-const NeoHookean tissue = neo_hookean(210.0, 0.499, 1000.0);
+const Material tissue = neo_hookean(210.0, 0.499, 1000.0);
 
 // The first `count` points of a model: the sweep takes four at once, and a block of 128 at a time.
 Model first_points(const Model& whole, Index count) {
@@ -27,7 +27,7 @@ Model first_points(const Model& whole, Index count) {
 }
 
 // The same force point by point with the plain formulas of the material.
-Nodal plain_force(const Model& model, const NeoHookean& material, const Nodal& u) {
+Nodal plain_force(const Model& model, const Material& material, const Nodal& u) {
   Nodal f = Nodal::Zero(4, model.node_count());
   for (Index q = 0; q < model.point_count(); ++q) {
     Mat3 F = Mat3::Identity();
@@ -51,7 +51,7 @@ TEST(InternalForce, IsThePlainFormulaForAnyNumberOfPoints) {
     for (const Index count : {1, 2, 3, 4, 5, 127, 128, 129, 131}) {
       SCOPED_TRACE(count);
       const Model model = first_points(whole, count);
-      NeoHookean material = tissue;
+      Material material = tissue;
       material.as_printed = printed;
       const ForceSystem system(model, material);
       EXPECT_EQ(system.point_count(), count);

@@ -14,7 +14,7 @@ using testing::HasSubstr;
 TEST(LumpedMass, AddsUpToDensityTimesVolume) {
   Model model = testing_bodies::block(5);
   model.volume *= 1.37;
-  const Eigen::VectorXd mass = lumped_mass(model, 1040.0);
+  const Eigen::VectorXd mass = lumped_mass(model, Eigen::VectorXd::Constant(model.point_count(), 1040.0));
   const double total = 1040.0 * model.volume.sum();
   EXPECT_NEAR(mass.sum(), total, 1e-13 * total);  // a sum of a few thousand roundings
   EXPECT_GT(mass.minCoeff(), 0.0);
@@ -29,7 +29,7 @@ TEST(LumpedMass, SharesAPointsMassEquallyAmongItsNodes) {
   model.support.offset << 0, 3, 4;
   model.support.member.resize(4);
   model.support.member << 0, 1, 2, 1;
-  EXPECT_THAT(lumped_mass(model, 10.0), testing::ElementsAre(20.0, 40.0, 20.0));
+  EXPECT_THAT(lumped_mass(model, Eigen::VectorXd::Constant(model.point_count(), 10.0)), testing::ElementsAre(20.0, 40.0, 20.0));
 }
 
 TEST(LumpedMass, ANodeInNoSupportIsRefusedByNumberAndPlace) {
@@ -37,7 +37,7 @@ TEST(LumpedMass, ANodeInNoSupportIsRefusedByNumberAndPlace) {
   model.X.conservativeResize(3, model.X.cols() + 1);
   model.X.rightCols(1) = Vec3(0.1, 0.2, 0.3);
   try {
-    lumped_mass(model, 1000.0);
+    lumped_mass(model, Eigen::VectorXd::Constant(model.point_count(), 1000.0));
     FAIL() << "a node without mass was taken";
   } catch (const ModelError& error) {
     EXPECT_THAT(error.report.fact, HasSubstr("node " + std::to_string(model.X.cols() - 1)));

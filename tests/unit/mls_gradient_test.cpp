@@ -34,7 +34,7 @@ Shape shape_at(const Vec3& x, const Points& X, double unit, const SupportOptions
   Eigen::VectorXd radius(X.cols());
   for (Index a = 0; a < X.cols(); ++a)
     radius[a] = unit * options.effective_radius_factor() * (1.2 + 0.2 * std::sin(static_cast<double>(a)));
-  s.mls = mls_shape_functions(x, X, s.nodes, radius, 1.0, options, s.phi, s.dphi);
+  s.mls = mls_shape_functions(x, X, s.nodes, radius, 1.0, options, {}, s.phi, s.dphi);
   return s;
 }
 

@@ -1,4 +1,4 @@
-#include "solver/neo_hookean.hpp"
+#include "solver/material.hpp"
 
 #include <gtest/gtest.h>
 
@@ -10,8 +10,8 @@
 namespace dimple {
 namespace {
 
-const NeoHookean swine_brain = neo_hookean(210.0, 0.499, 1000.0);
-const NeoHookean softer_to_squeeze = {.mu = 1006.7114, .kappa = 50'000.0, .density = 1000.0};
+const Material swine_brain = neo_hookean(210.0, 0.499, 1000.0);
+const Material softer_to_squeeze = {.mu = 1006.7114, .kappa = 50'000.0, .density = 1000.0};
 
 
 Mat3 sheared_and_squeezed() {
@@ -31,7 +31,7 @@ TEST(NeoHookean, IsStressFreeAtRest) {
 
 TEST(NeoHookean, StressIsTheDerivativeOfTheEnergy) {
   // P = F S must equal dW/dF. Central differences in h lose half the digits of W.
-  for (const NeoHookean& material : {swine_brain, softer_to_squeeze}) {
+  for (const Material& material : {swine_brain, softer_to_squeeze}) {
     const Mat3 F = sheared_and_squeezed();
     const Mat3 P = pk1_stress(material, F);
     const double h = 1e-6;
@@ -76,7 +76,7 @@ TEST(NeoHookean, CauchyStressIsSymmetricAndTurnsWithTheBody) {
 }
 
 TEST(NeoHookean, ThePrintedStressIsMuAtRestAndDiffersByItsMissingTerms) {
-  NeoHookean printed = swine_brain;
+  Material printed = swine_brain;
   printed.as_printed = true;
   EXPECT_LT((pk1_stress(printed, Mat3::Identity()) - printed.mu * Mat3::Identity()).norm(),
             1e-12 * printed.mu);
@@ -94,7 +94,7 @@ struct State {
 
 // Roots of the exact equations by bisection: nominal stresses of homogeneous states, eight digits.
 TEST(NeoHookean, HomogeneousStatesHaveTheClosedFormStresses) {
-  const auto check = [](const NeoHookean& material, const State& state) {
+  const auto check = [](const Material& material, const State& state) {
     const Mat3 P = pk1_stress(material, state.stretch.asDiagonal());
     // The table gives stretches to 1e-8, which kappa turns into stress.
     const double tolerance = 2e-8 * material.kappa + 1e-8 * state.nominal.norm();

@@ -90,7 +90,7 @@ TEST(Boundary, RefusesWordsAndPlacesThatMakeNoSense) {
 TEST(NodeCloud, HasExactlyTheAskedNumberOfEvenlySpacedNodesAndTheCirclesRim) {
   const SegmentedBody body = block_body();
   const Boundary boundary = find_boundary(body.surface, {}, 5.0);
-  const NodeCloud cloud = make_node_cloud(body.surface, boundary, {.count = 1200});
+  const NodeCloud cloud = make_node_cloud(body.surface, boundary, Sizing{}, {.count = 1200});
   EXPECT_EQ(cloud.X.cols(), 1200);
   const IntegrationGrid grid = make_integration_grid(body.surface, {}, 1200);
   const Evenness even = measure_evenness(cloud, grid.point);
@@ -118,9 +118,9 @@ TEST(NodeCloud, HasExactlyTheAskedNumberOfEvenlySpacedNodesAndTheCirclesRim) {
 TEST(NodeCloud, IsTheSameForAnyNumberOfThreads) {
   const SegmentedBody body = block_body();
   const Boundary boundary = find_boundary(body.surface, {}, 5.0);
-  const NodeCloud all = make_node_cloud(body.surface, boundary, {.count = 800});
+  const NodeCloud all = make_node_cloud(body.surface, boundary, Sizing{}, {.count = 800});
   const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
-  EXPECT_EQ(make_node_cloud(body.surface, boundary, {.count = 800}).X, all.X);
+  EXPECT_EQ(make_node_cloud(body.surface, boundary, Sizing{}, {.count = 800}).X, all.X);
 }
 
 TEST(IntegrationGrid, HasTheBodysVolumeAndCentroidAndAboutTheAskedNumberOfPoints) {
@@ -145,15 +145,15 @@ TEST(MovingLeastSquares, ReproducesWhatItsBasisHoldsAndDifferentiatesItself) {
   for (const Basis basis : {Basis::linear, Basis::quadratic})
     for (const Weight weight : {Weight::quartic, Weight::cubic, Weight::gauss}) {
       const SupportOptions options{.basis = basis, .weight = weight};
-      ASSERT_TRUE(mls_shape_functions(x, X, nodes, radius, 1.0, options, phi, dphi).ok());
+      ASSERT_TRUE(mls_shape_functions(x, X, nodes, radius, 1.0, options, {}, phi, dphi).ok());
       EXPECT_NEAR(phi.sum(), 1.0, 1e-10);
       EXPECT_LT((X * phi - x).norm(), 1e-10);
       EXPECT_LT((X * dphi.transpose() - Mat3::Identity()).norm(), 1e-10);
       EXPECT_LT(dphi.rowwise().sum().norm(), 1e-10);
       const double h = 1e-6;
       for (int r = 0; r < 3; ++r) {
-        mls_shape_functions(x + h * Vec3::Unit(r), X, nodes, radius, 1.0, options, plus, unused);
-        mls_shape_functions(x - h * Vec3::Unit(r), X, nodes, radius, 1.0, options, minus, unused);
+        mls_shape_functions(x + h * Vec3::Unit(r), X, nodes, radius, 1.0, options, {}, plus, unused);
+        mls_shape_functions(x - h * Vec3::Unit(r), X, nodes, radius, 1.0, options, {}, minus, unused);
         EXPECT_LT(((plus - minus) / (2 * h) - dphi.row(r).transpose()).norm(), 1e-6);
       }
     }

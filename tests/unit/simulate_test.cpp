@@ -14,7 +14,7 @@ namespace {
 using namespace testing_bodies;
 using testing::HasSubstr;
 
-const NeoHookean tissue = neo_hookean(210.0, 0.49, 1000.0);
+const Material tissue = neo_hookean(210.0, 0.49, 1000.0);
 const Loading short_push = {.depth = 0.5e-3, .rate = 10e-3};
 
 TEST(Simulate, GivesAFrameAtTheStartAndAfterEverySegmentAndEndsAtTheDepthAskedFor) {

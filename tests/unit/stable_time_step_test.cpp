@@ -11,7 +11,7 @@ using namespace testing_bodies;
 using Nodal = ForceSystem::Nodal;
 using Kind = Constraints::Kind;
 
-const NeoHookean tissue = neo_hookean(210.0, 0.49, 1000.0);
+const Material tissue = neo_hookean(210.0, 0.49, 1000.0);
 
 TEST(Constraints, HoldTheBaseAndDriveTheCircle) {
   const Model model = block(5);
@@ -39,9 +39,9 @@ TEST(Constraints, ProjectLeavesWhatIsNotPrescribed) {
   EXPECT_LT((c.project(3, v) + c.push * v.dot(c.push) - v).norm(), 1e-15);
 }
 
-StableStep step_of(const Model& model, const NeoHookean& material) {
+StableStep step_of(const Model& model, const Material& material) {
   const ForceSystem system(model, material);
-  return stable_time_step(system, model, make_constraints(model, Contact::bonded),
+  return stable_time_step(system, model, model.mass, make_constraints(model, Contact::bonded),
                           Nodal::Zero(4, model.node_count()));
 }
 
@@ -76,16 +76,16 @@ TEST(StableTimeStep, IsZeroWhereNothingCanMove) {
   const ForceSystem system(model, tissue);
   Constraints constraints = make_constraints(model, Contact::bonded);
   for (auto& kind : constraints.kind) kind = Kind::fixed;
-  EXPECT_EQ(stable_time_step(system, model, constraints, Nodal::Zero(4, model.node_count())).dt, 0.0);
+  EXPECT_EQ(stable_time_step(system, model, model.mass, constraints, Nodal::Zero(4, model.node_count())).dt, 0.0);
 }
 
 TEST(StableTimeStep, ShrinksWhereTheTissueIsPressedTogether) {
   const Model model = block(5);
   const ForceSystem system(model, tissue);
   const Constraints constraints = make_constraints(model, Contact::bonded);
-  const double at_rest = stable_time_step(system, model, constraints, Nodal::Zero(4, model.node_count())).dt;
+  const double at_rest = stable_time_step(system, model, model.mass, constraints, Nodal::Zero(4, model.node_count())).dt;
   const double pressed =
-      stable_time_step(system, model, constraints, affine(model, Vec3(1.29, 1.29, 0.6).asDiagonal())).dt;
+      stable_time_step(system, model, model.mass, constraints, affine(model, Vec3(1.29, 1.29, 0.6).asDiagonal())).dt;
   EXPECT_LT(pressed, 0.9 * at_rest);
 }
 

@@ -16,7 +16,7 @@ namespace {
 
 using namespace testing_bodies;
 
-const NeoHookean tissue = neo_hookean(210.0, 0.499, 1000.0);
+const Material tissue = neo_hookean(210.0, 0.499, 1000.0);
 
 // A force that a stiff point alone would give: what "zero" is measured against.
 double force_scale(const Model& model) {
@@ -193,7 +193,7 @@ TEST(Verification, ABlockPressedBetweenFacesFindsTheHomogeneousStateByItself) {
   for (std::size_t a = 0; a < held.size(); ++a)
     constraints.kind[a] = held[a] ? Constraints::Kind::fixed : Constraints::Kind::free;
   const ForceSystem::Nodal rest = ForceSystem::Nodal::Zero(4, model.node_count());
-  const double dt = 0.5 * stable_time_step(system, model, constraints, rest).dt;
+  const double dt = 0.5 * stable_time_step(system, model, model.mass, constraints, rest).dt;
   ForceSystem::Nodal u = goal, v = rest, f = rest;
   for (Index a = 0; a < u.cols(); ++a)
     if (!held[static_cast<std::size_t>(a)]) u.col(a) *= 0.9;  // not the answer
@@ -313,7 +313,7 @@ TEST(Verification, TheStableStepIsTheOneOfTheHighestFrequency) {
     }
   const double omega2 =
       Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(0.5 * (K + K.transpose())).eigenvalues().maxCoeff();
-  const StableStep step = stable_time_step(system, model, constraints, rest);
+  const StableStep step = stable_time_step(system, model, model.mass, constraints, rest);
   EXPECT_TRUE(step.converged);
   EXPECT_NEAR(step.dt, 2.0 / std::sqrt(omega2), 2e-3 * step.dt);
   EXPECT_LE(step.dt, 2.0 / std::sqrt(omega2) * (1.0 + 1e-6));

@@ -1,0 +1,167 @@
+#include "preprocess/pressure_patches.hpp"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "preprocess/neighbours.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double reach = 1.3;  // of a patch, in patch spacings
+constexpr int lloyd_sweeps = 4;
+constexpr double snap = 1e-8;  // [m]: coordinates that differ by less are ties, broken by number
+
+struct Places {
+  Points x;               // in the image's axes, [m]
+  Eigen::VectorXd h;      // spacing of the nodes around
+  Eigen::VectorXd worth;  // in nodes
+};
+
+// Halves `group` into `count` groups of equal worth, each time across its longest side.
+void split(const Places& places, std::vector<int> group, Index count, std::vector<std::vector<int>>& result) {
+  if (count <= 1 || group.size() < 2) {
+    result.push_back(std::move(group));
+    return;
+  }
+  Vec3 lower = Vec3::Constant(std::numeric_limits<double>::infinity()), upper = -lower;
+  double worth = 0.0;
+  for (const int q : group) {
+    lower = lower.cwiseMin(places.x.col(q));
+    upper = upper.cwiseMax(places.x.col(q));
+    worth += places.worth[q];
+  }
+  const Vec3 side = upper - lower;
+  int axis = 0;
+  for (int d = 1; d < 3; ++d)
+    if (side[d] > side[axis] + snap) axis = d;
+  const auto key = [&](int q) { return std::pair(std::round(places.x(axis, q) / snap), q); };
+  std::sort(group.begin(), group.end(), [&](int a, int b) { return key(a) < key(b); });
+  const Index below = count / 2;
+  const double wanted = worth * static_cast<double>(below) / static_cast<double>(count);
+  std::size_t at = 0;
+  for (double sum = 0.0; at + 1 < group.size() && sum + 0.5 * places.worth[group[at]] < wanted; ++at)
+    sum += places.worth[group[at]];
+  at = std::max<std::size_t>(at, 1);
+  const auto middle = group.begin() + static_cast<std::ptrdiff_t>(at);
+  split(places, {group.begin(), middle}, below, result);
+  split(places, {middle, group.end()}, count - below, result);
+}
+
+struct Patches {
+  Points centre;
+  Eigen::VectorXd radius;
+};
+
+Patches patches_of(const Places& places, const std::vector<int>& points, Index count, double worth) {
+  std::vector<std::vector<int>> groups;
+  split(places, points, count, groups);
+  Patches result;
+  const auto centroids = [&] {
+    result.centre.resize(3, static_cast<Index>(groups.size()));
+    result.radius.resize(static_cast<Index>(groups.size()));
+    for (std::size_t b = 0; b < groups.size(); ++b) {
+      Vec3 sum = Vec3::Zero();
+      double total = 0.0, h = 0.0;
+      for (const int q : groups[b]) {
+        sum += places.worth[q] * places.x.col(q);
+        h += places.worth[q] * places.h[q];
+        total += places.worth[q];
+      }
+      result.centre.col(static_cast<Index>(b)) = sum / total;
+      result.radius[static_cast<Index>(b)] =
+          reach * std::cbrt(worth / static_cast<double>(groups.size())) * h / total;
+    }
+  };
+  centroids();
+  for (int sweep = 0; sweep < lloyd_sweeps; ++sweep) {
+    const Neighbours tree(result.centre);
+    std::vector<int> owner(points.size());
+    tbb::parallel_for(std::size_t{0}, points.size(),
+                      [&](std::size_t k) { owner[k] = tree.nearest(places.x.col(points[k]), 1).front(); });
+    for (auto& group : groups) group.clear();
+    for (std::size_t k = 0; k < points.size(); ++k)
+      groups[static_cast<std::size_t>(owner[k])].push_back(points[k]);
+    std::erase_if(groups, [](const auto& group) { return group.empty(); });
+    centroids();
+  }
+  return result;
+}
+
+}  // namespace
+
+void make_pressure_patches(Model& model, const Eigen::VectorXi& tissue, double nodes_per_patch) {
+  const Index count = model.point_count();
+  Places places;
+  places.x = model.axes.transpose() * model.point;
+  places.h.resize(count);
+  places.worth.resize(count);
+  for (Index q = 0; q < count; ++q) {
+    double sum = 0.0;
+    for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
+      sum += model.spacing[model.support.member[k]];
+    places.h[q] = sum / static_cast<double>(model.support.count(q));
+    places.worth[q] = model.volume[q] / std::pow(places.h[q], 3);
+  }
+  const double nodes_per_worth = static_cast<double>(model.node_count()) / places.worth.sum();
+
+  std::map<int, std::vector<int>> of_tissue;
+  for (Index q = 0; q < count; ++q) of_tissue[tissue[q]].push_back(static_cast<int>(q));
+  std::vector<std::vector<std::pair<int, double>>> share(static_cast<std::size_t>(count));
+  Index first = 0;
+  for (const auto& [number, points] : of_tissue) {
+    double worth = 0.0;
+    for (const int q : points) worth += places.worth[q];
+    const Index wanted = std::max<Index>(1, std::lround(worth * nodes_per_worth / nodes_per_patch));
+    const Patches patches = patches_of(places, points, wanted, worth);
+    const Neighbours tree(patches.centre);
+    const int most = static_cast<int>(std::min<Index>(40, patches.centre.cols()));
+    tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t k) {
+      const int q = points[k];
+      const std::vector<int> near = tree.nearest(places.x.col(q), most);
+      auto& list = share[static_cast<std::size_t>(q)];
+      // A point in a far corner may be out of every reach: look further until one or, if there are, two are
+      // met.
+      const std::size_t enough = std::min<std::size_t>(2, near.size());
+      double sum = 0.0;
+      for (double grown = 1.0; list.size() < enough; grown *= 1.1) {
+        list.clear();
+        sum = 0.0;
+        for (const int b : near) {
+          const double s = (places.x.col(q) - patches.centre.col(b)).norm() / (grown * patches.radius[b]);
+          if (s >= 1.0) continue;
+          const double w = 1.0 + s * s * (-6.0 + s * (8.0 - 3.0 * s));
+          if (w <= 0.0) continue;
+          list.push_back({static_cast<int>(first) + b, w});
+          sum += w;
+        }
+      }
+      for (auto& [b, w] : list) w /= sum;
+      std::sort(list.begin(), list.end());
+    });
+    first += patches.centre.cols();
+  }
+
+  PressurePatches& result = model.patches;
+  result.of_point.offset.resize(count + 1);
+  result.of_point.offset[0] = 0;
+  for (Index q = 0; q < count; ++q)
+    result.of_point.offset[q + 1] =
+        result.of_point.offset[q] + static_cast<int>(share[static_cast<std::size_t>(q)].size());
+  result.of_point.member.resize(result.of_point.offset[count]);
+  result.psi.resize(result.of_point.offset[count]);
+  result.volume = Eigen::VectorXd::Zero(first);
+  for (Index q = 0; q < count; ++q) {
+    int at = result.of_point.offset[q];
+    for (const auto& [b, psi] : share[static_cast<std::size_t>(q)]) {
+      result.of_point.member[at] = b;
+      result.psi[at++] = psi;
+      result.volume[b] += psi * model.volume[q];
+    }
+  }
+}
+
+}  // namespace dimple

@@ -1,0 +1,22 @@
+#pragma once
+
+#include "preprocess/model.hpp"
+
+namespace dimple {
+
+/// Fills model.patches: one patch for about `nodes_per_patch` nodes' worth of tissue.
+///
+/// The points are halved into groups of equal worth (worth: volume / spacing^3), the groups' centroids evened
+/// by a few sweeps of Lloyd's iteration, and each point shared among the patches around it by Shepard
+/// functions
+///
+///     psi_b(x) = w(|x - x_b| / R_b) / sum_c w(|x - x_c| / R_c),   R_b = 1.3 patch spacings, w the quartic
+///     spline.
+///
+/// Why: at nu near 1/2 a volume constraint at every point is more than the nodes can satisfy (the body
+/// locks). A coarser space of overlapping patches satisfies the inf-sup condition in practice; see README,
+/// "The scheme". Needs: support, spacing, point, volume, axes. `tissue` [Q]: number of each point's; a patch
+/// lies in one.
+void make_pressure_patches(Model& model, const Eigen::VectorXi& tissue, double nodes_per_patch = 7.0);
+
+}  // namespace dimple

@@ -1,0 +1,45 @@
+#pragma once
+
+#include <functional>
+#include <vector>
+
+#include "preprocess/boundary_conditions.hpp"
+
+namespace dimple {
+
+/// How the node spacing falls towards the rim of the indenter's circle, where the strain is singular.
+struct GradingOptions {
+  double rim = 1.0;    ///< spacing at the rim / spacing far away; 1: even everywhere
+  double reach = 3.0;  ///< distance from the rim at which the far spacing is reached [radii of the circle]
+};
+
+/// Spacing at a place as a part of the spacing far away,
+///
+///     s(x) = min(1, rim + (1 - rim) d(x) / (reach a)),   d = distance to the rim, a = the circle's radius.
+///
+/// Linear in d, so that neighbouring spacings differ by a fixed share; everything scales with the circle, so
+/// that no length of one scene is built in.
+class Sizing {
+ public:
+  Sizing() = default;  ///< even: 1 everywhere
+  Sizing(const BodySurface& body, const Boundary& boundary, const GradingOptions& options);
+  double operator()(const Vec3& x) const;
+  bool even() const { return rim_.cols() == 0; }
+
+ private:
+  Points rim_;  // [3xK] closed polygon on the surface [mm]
+  double share_ = 1.0, slope_ = 0.0;
+};
+
+/// Part of a body: a box of the background grid, found by halving the body's box along its longest edge.
+struct Leaf {
+  Vec3 centre, half;  ///< [mm]
+  bool cut = false;   ///< the surface may pass through it; otherwise it lies inside
+  double volume() const { return 8.0 * half.prod(); }
+};
+
+/// Halves the body's box until every box that meets the body is as small as `wanted(x)` [mm^3] asks, within
+/// about a third, and leaves out those outside. In a fixed order.
+std::vector<Leaf> bisect(const BodySurface& body, const std::function<double(const Vec3&)>& wanted);
+
+}  // namespace dimple

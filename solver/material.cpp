@@ -1,0 +1,233 @@
+#include "solver/material.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <utility>
+
+#include "io/error.hpp"
+
+namespace dimple {
+namespace {
+
+// Below these the powers of J and of an isochoric stretch give way to Taylor polynomials: see the header.
+constexpr double smallest_J = 0.2;
+constexpr double smallest_stretch = 0.1;
+constexpr double largest_stiffening = 1e3;
+constexpr double smallest_J_of_second_stress = 0.05;
+
+struct Curve {
+  double value, slope;
+};
+
+/// x^a, and below x0 its Taylor polynomial of second order at x0.
+Curve extended_power(double x, double a, double x0) {
+  if (x >= x0) {
+    const double power = std::pow(x, a);
+    return {power, a * power / x};
+  }
+  const double d = x / x0 - 1.0, power = std::pow(x0, a);
+  return {power * (1.0 + a * d + 0.5 * a * (a - 1.0) * d * d), power * a / x0 * (1.0 + (a - 1.0) * d)};
+}
+
+Curve isochoric_factor(double J) {
+  return extended_power(J, -2.0 / 3.0, smallest_J);
+}
+
+/// l^alpha as a function of c = l^2.
+Curve stretch_power(double c, double alpha) {
+  double l0 = smallest_stretch;
+  if (alpha < 0.0) l0 = std::max(l0, std::pow(largest_stiffening, 1.0 / (alpha - 2.0)));
+  return extended_power(c, 0.5 * alpha, l0 * l0);
+}
+
+double energy_factor(const OgdenTerm& term) {
+  return 2.0 * term.mu / (term.alpha * term.alpha);
+}
+
+/// The energy of one stretch at zero, for terms that repel it, times (1 - J / 0.2)^3 below J = 0.2.
+Curve collapse(const Material& m, double J) {
+  Curve sum{0.0, 0.0};
+  if (J >= smallest_J) return sum;
+  const double d = 1.0 - J / smallest_J;
+  for (const OgdenTerm& term : m.ogden)
+    if (term.alpha < 0.0) {
+      const double height = std::abs(energy_factor(term)) * stretch_power(0.0, term.alpha).value;
+      sum.value += height * d * d * d;
+      sum.slope -= height * 3.0 * d * d / smallest_J;
+    }
+  return sum;
+}
+
+/// cof F = J F^-T without a division: column k is the area vector of the other two.
+Mat3 cofactor(const Mat3& F) {
+  Mat3 result;
+  for (int k = 0; k < 3; ++k) result.col(k) = F.col((k + 1) % 3).cross(F.col((k + 2) % 3));
+  return result;
+}
+
+/// What first and second stress share: P = F A + b cof F, with A symmetric.
+struct Parts {
+  Mat3 A;
+  double b;
+};
+
+Parts stress_parts(const Material& m, const Mat3& F, double J) {
+  const Curve g = isochoric_factor(J);
+  if (m.ogden.empty()) return {m.mu * g.value * Mat3::Identity(), 0.5 * m.mu * g.slope * F.squaredNorm()};
+
+  const Eigen::SelfAdjointEigenSolver<Mat3> principal(F.transpose() * F);
+  const Vec3 c = principal.eigenvalues();
+  Vec3 w = Vec3::Zero();
+  for (const OgdenTerm& term : m.ogden)
+    for (int i = 0; i < 3; ++i) w[i] += energy_factor(term) * stretch_power(g.value * c[i], term.alpha).slope;
+  const Mat3& N = principal.eigenvectors();
+  return {2.0 * g.value * (N * w.asDiagonal() * N.transpose()), g.slope * w.dot(c) + collapse(m, J).slope};
+}
+
+double bulk_modulus(double mu, double nu) {
+  return 2.0 * mu * nu / (1.0 - 2.0 * nu) + 2.0 / 3.0 * mu;
+}
+
+Mat3 symmetric(const Eigen::Ref<const Eigen::Matrix<double, 6, 1>>& s) {
+  return (Mat3() << s[0], s[3], s[5], s[3], s[1], s[4], s[5], s[4], s[2]).finished();
+}
+
+}  // namespace
+
+Material neo_hookean(double mu, double nu, double density, bool as_printed) {
+  return {.mu = mu, .kappa = bulk_modulus(mu, nu), .density = density, .as_printed = as_printed};
+}
+
+Material ogden(std::vector<OgdenTerm> terms, double nu, double density) {
+  assert(!terms.empty());
+  double mu = 0.0;
+  for (const OgdenTerm& term : terms) {
+    assert(term.alpha != 0.0);
+    mu += term.mu;
+  }
+  return {.mu = mu, .kappa = bulk_modulus(mu, nu), .density = density, .ogden = std::move(terms)};
+}
+
+double distortional_energy(const Material& m, const Mat3& F) {
+  const double J = F.determinant(), g = isochoric_factor(J).value;
+  if (m.ogden.empty()) return 0.5 * m.mu * (g * F.squaredNorm() - 3.0);
+
+  const Eigen::SelfAdjointEigenSolver<Mat3> principal(F.transpose() * F, Eigen::EigenvaluesOnly);
+  const Vec3 c = g * principal.eigenvalues();
+  double energy = collapse(m, J).value;
+  for (const OgdenTerm& term : m.ogden) {
+    double sum = -3.0;
+    for (int i = 0; i < 3; ++i) sum += stretch_power(c[i], term.alpha).value;
+    energy += energy_factor(term) * sum;
+  }
+  return energy;
+}
+
+Mat3 distortional_stress(const Material& m, const Mat3& F) {
+  const Parts parts = stress_parts(m, F, F.determinant());
+  return F * parts.A + parts.b * cofactor(F);
+}
+
+Mat3 distortional_second_stress(const Material& m, const Mat3& F) {
+  const double J = F.determinant();
+  const Parts parts = stress_parts(m, F, J);
+  const Mat3 cof = cofactor(F);
+  const double floor = smallest_J_of_second_stress;
+  const double inverse_J = J / std::max(J * J, floor * floor);
+  return parts.A + parts.b * inverse_J * (cof.transpose() * cof);  // cof C = cof(F)^T cof F
+}
+
+double strain_energy(const Material& m, const Mat3& F) {
+  const double dilation = F.determinant() - 1.0;
+  return distortional_energy(m, F) + 0.5 * m.kappa * dilation * dilation;
+}
+
+Mat3 pk1_stress(const Material& m, const Mat3& F) {
+  const double J = F.determinant();
+  if (m.as_printed)
+    return m.mu * isochoric_factor(J).value * F + (m.kappa - 2.0 / 3.0 * m.mu) * (J - 1.0) * cofactor(F);
+  const Parts parts = stress_parts(m, F, J);
+  return F * parts.A + (m.kappa * (J - 1.0) + parts.b) * cofactor(F);
+}
+
+Mat3 cauchy_stress(const Material& m, const Mat3& F) {
+  return pk1_stress(m, F) * F.transpose() / F.determinant();
+}
+
+double pressure_wave_speed(const Material& m) {
+  return std::sqrt((m.kappa + 4.0 / 3.0 * m.mu) / m.density);
+}
+double shear_wave_speed(const Material& m) {
+  return std::sqrt(m.mu / m.density);
+}
+
+PronyStep prony_step(const Material& m, double dt) {
+  assert(dt >= 0.0);
+  PronyStep step;
+  for (const PronyTerm& term : m.prony) {
+    const double x = dt / term.tau;
+    const double a = x == 0.0 ? 1.0 : -std::expm1(-x) / x;
+    step.e.push_back(std::exp(-x));
+    step.ga.push_back(term.g * a);
+    step.c += term.g * (a - 1.0);
+  }
+  return step;
+}
+
+ViscousHistory::ViscousHistory(const Material& of, Index point_count)
+    : material(of),
+      step(prony_step(of, 0.0)),
+      S0(decltype(S0)::Zero(6, point_count)),
+      H(decltype(H)::Zero(6 * static_cast<Index>(of.prony.size()), point_count)) {}
+
+Mat3 ViscousHistory::K(Index q) const {
+  Eigen::Matrix<double, 6, 1> sum = Eigen::Matrix<double, 6, 1>::Zero();
+  for (std::size_t i = 0; i < step.e.size(); ++i)
+    sum += step.e[i] * H.col(q).segment<6>(6 * static_cast<Index>(i)) - step.ga[i] * S0.col(q);
+  return symmetric(sum);
+}
+
+void ViscousHistory::accept(Index q, const Mat3& F) {
+  const Mat3 S = distortional_second_stress(material, F);
+  const Eigen::Matrix<double, 6, 1> now{S(0, 0), S(1, 1), S(2, 2), S(0, 1), S(1, 2), S(0, 2)};
+  for (std::size_t i = 0; i < step.e.size(); ++i) {
+    auto h = H.col(q).segment<6>(6 * static_cast<Index>(i));
+    h = step.e[i] * h + step.ga[i] * (now - S0.col(q));
+  }
+  S0.col(q) = now;
+}
+
+std::vector<Preset> material_presets() {
+  Material miller_chinzei = ogden({{.mu = 842.0, .alpha = -4.7}}, 0.499, 1000.0);
+  miller_chinzei.prony = {{.g = 0.450, .tau = 0.5}, {.g = 0.365, .tau = 50.0}};
+  return {
+      {"horton_2007",
+       "Horton, Wittek, Miller, Subject-Specific Biomechanical Simulation of Brain Indentation Using a "
+       "Meshless "
+       "Method, MICCAI 2007, LNCS 4791: swine brain, neo-Hookean, mu 210 Pa, nu 0.499, 1000 kg/m^3",
+       neo_hookean(210.0, 0.499, 1000.0)},
+      {"miller_chinzei_2002",
+       "Miller, Chinzei, Mechanical properties of brain tissue in tension, J. Biomechanics 35 (2002) "
+       "483-490: "
+       "swine brain, Ogden, instantaneous mu 842 Pa, alpha -4.7; relaxing 0.450 in 0.5 s and 0.365 in 50 s. "
+       "Incompressible there: nu 0.499 and 1000 kg/m^3 are ours",
+       miller_chinzei},
+  };
+}
+
+Material material_preset(const std::string& name) {
+  std::string names;
+  for (Preset& preset : material_presets()) {
+    if (preset.name == name) return std::move(preset.material);
+    names += (names.empty() ? "" : ", ") + preset.name;
+  }
+  throw UsageError({.fact = "there is no material preset '" + name + "'",
+                    .where = "material",
+                    .why = "presets are named after their paper: family names and year",
+                    .remedy = "use one of: " + names});
+}
+
+}  // namespace dimple

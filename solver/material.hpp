@@ -1,0 +1,189 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "io/types.hpp"
+
+namespace dimple {
+
+// Soft tissue resists a change of shape (mu, hundreds of pascals) far less than a change of volume (kappa, a
+// hundred kilopascals). The two parts are kept apart, W = distortional + kappa/2 (J - 1)^2, because only the
+// first depends on the law and relaxes in time, and because a static solver may want a pressure of its own.
+//
+// Letters: F deformation gradient, C = F^T F, J = det F, l_i the principal stretches: l_i^2 are the
+// eigenvalues of C. mu is the shear modulus for small strains, whatever the law.
+
+/// One term of an Ogden law:  2 mu / alpha^2 (l_1^alpha + l_2^alpha + l_3^alpha - 3), of isochoric stretches.
+///
+/// The convention of Abaqus and of the literature on brain, in which the moduli of all terms add up to the
+/// shear modulus of small strains. Others write mu / alpha or c / alpha^2: their numbers need converting.
+struct OgdenTerm {
+  double mu;     ///< [Pa]; the sum over all terms must be > 0
+  double alpha;  ///< not 0; negative ones stiffen in compression, as brain does; 2 is neo-Hookean
+};
+
+/// One term of the relaxation function  g(t) = g_inf + sum_i g_i exp(-t / tau_i),  g_inf = 1 - sum_i g_i.
+struct PronyTerm {
+  double g;    ///< the part of the modulus that relaxes, > 0; the sum over all terms must be < 1
+  double tau;  ///< relaxation time [s], > 0
+};
+
+/// Isotropic, nearly incompressible solid: neo-Hookean or Ogden, elastic or viscoelastic.
+struct Material {
+  double mu = 210.0;               ///< shear modulus [Pa], > 0: instantaneous; with Ogden terms, their sum
+  double kappa = 104930.0;         ///< bulk modulus [Pa], > 0
+  double density = 1000.0;         ///< at rest [kg/m^3]
+  std::vector<OgdenTerm> ogden{};  ///< none: neo-Hookean with mu
+  std::vector<PronyTerm> prony{};  ///< none: elastic
+  /// The stress exactly as Horton et al. 2007 print it, for comparison: not zero at rest. Neo-Hookean only.
+  bool as_printed = false;
+};
+
+/// kappa = lambda + 2/3 mu with lambda = 2 mu nu / (1 - 2 nu).
+Material neo_hookean(double mu, double nu, double density, bool as_printed = false);
+
+/// mu = sum of the terms' mu; kappa from it and nu as above. Needs: at least one term.
+Material ogden(std::vector<OgdenTerm> terms, double nu, double density);
+
+/// Energy of distortion per reference volume [J/m^3], for any F.
+///
+///     neo-Hookean   W = mu/2 (g(J) tr C - 3)
+///     Ogden         W = sum_p 2 mu_p / alpha_p^2 (sum_i s_p(g(J) l_i^2) - 3) + collapse(J)
+///
+///     g(J)   = J^(-2/3)       for J >= J0 = 0.2,  below: its Taylor polynomial of second order at J0
+///     s_p(c) = c^(alpha_p/2)  for c >= l0^2,      below: its Taylor polynomial of second order at l0^2
+///
+/// g is the square of the factor that makes stretches isochoric, so s_p is l^alpha_p of the isochoric stretch
+/// l, and a term of alpha = 2 is neo-Hookean for every F.
+///
+/// The energy is extended below J = 0.2, as in Stomakhin et al. 2012, so that a point may pass through
+/// inversion on the way of an iterative solver; the caller reports J <= 0 in what it accepts. With a = -2/3,
+/// d = J / J0 - 1,
+///
+///     g = J0^a (1 + a d + a (a - 1) / 2 d^2) = 2.924 (1 - 2/3 d + 5/9 d^2),
+///
+/// positive for every J (the discriminant 4/9 - 20/9 is negative) and falling in J: the neo-Hookean stress
+/// always drives an inverted point back.
+///
+/// s_p is extended because with alpha < 0 it is infinite at l = 0. Its variable is l^2, a smooth function of
+/// F, where l has a kink at 0. l0 is where the term is 1000 times as stiff as at rest, l0^(alpha - 2) = 1000:
+/// 0.36 for alpha = -4.7, a few times as stiff as kappa at nu = 0.499 and far beyond the strains to which
+/// such laws are fitted; and 0.1 at least, also for alpha > 0. s_p has no sign of l, so for alpha < 0 it
+/// would hold an inverted point inside out: it repels l = 0 from both sides. Hence
+///
+///     collapse = (1 - J / J0)^3 sum_p 2 |mu_p| / alpha_p^2 s_p(0)   over alpha_p < 0, for J < J0, else 0,
+///
+/// which outgrows that barrier unless the other two stretches are small as well. All pieces join with two
+/// continuous derivatives, so the stiffness is continuous. For J >= 0.2 and isochoric stretches above l0
+/// nothing is changed.
+///
+/// Source:   Ogden 1972; Stomakhin, Howes, Schroeder, Teran, Energetically consistent invertible elasticity,
+///           SCA 2012.
+/// Departs:  there the energy is extended along principal stretches with a sign, which jumps from one stretch
+///           to another when two are equal; here in J and l^2, smooth everywhere and without a singular value
+///           decomposition.
+/// Checked:  against finite differences, for J from -0.5 to 3 and at J = 0.
+double distortional_energy(const Material& material, const Mat3& F);
+
+/// First Piola-Kirchhoff stress of distortion P = dW/dF [Pa], for any F. `as_printed` does not touch it.
+///
+///     neo-Hookean   P = mu g F + mu/2 g' tr C cof F                                        cof F = J F^-T
+///     Ogden         P = 2 g F sum_i w_i N_i N_i^T + g' (sum_i w_i l_i^2) cof F
+///                     + collapse' cof F,    w_i = sum_p 2 mu_p / alpha_p^2 s_p'(g l_i^2)
+///
+/// N_i are the eigenvectors of C. Nothing is divided by a stretch or by a difference of stretches: for equal
+/// stretches the w_i are equal, and it does not matter which N_i the eigenvalue solver picks.
+Mat3 distortional_stress(const Material& material, const Mat3& F);
+
+/// Second Piola-Kirchhoff stress of distortion S = F^-1 P [Pa], symmetric, finite for any F.
+///
+///     S = A + b cof(C) / J   where   P = F A + b cof F
+///
+/// with A and b from above: no F is inverted. 1 / J, which is infinite on the way through inversion, is
+/// replaced by J / max(J^2, 0.05^2): exact for |J| >= 0.05, bounded and continuous within.
+Mat3 distortional_second_stress(const Material& material, const Mat3& F);
+
+/// Stored energy per reference volume [J/m^3] at deformation gradient F: of distortion, + kappa/2 (J - 1)^2.
+/// With a Prony series, the energy of instantaneous loading.
+double strain_energy(const Material& material, const Mat3& F);
+
+/// First Piola-Kirchhoff stress P = F S [Pa], S the second; with a Prony series, of instantaneous loading.
+///
+///     P = dW/dF = distortional stress + kappa (J - 1) cof F
+///
+/// which for the neo-Hookean law, and J >= 0.2, is P = F S with
+///
+///     S = 2 dW/dC = mu J^(-2/3) (I - tr(C)/3 C^-1) + kappa J (J - 1) C^-1
+///
+/// Source:   Horton et al. 2007, section 3.3.
+/// Departs:  the paper prints W with lambda (J - 1)^2, and S = lambda J (J - 1) C^-1 + mu J^(-2/3) I. That S
+///           equals mu I at F = I, so a body at rest would be under stress, and it is not 2 dW/dC of the
+///           printed W, nor of any W. We take the stress of the W above; `as_printed` gives the paper's.
+/// Checked:  against finite differences of W.
+Mat3 pk1_stress(const Material& material, const Mat3& F);
+
+/// Cauchy stress sigma = P F^T / J [Pa]. Needs: J not 0.
+Mat3 cauchy_stress(const Material& material, const Mat3& F);
+
+/// sqrt((kappa + 4/3 mu) / density) and sqrt(mu / density) [m/s].
+double pressure_wave_speed(const Material& material);
+double shear_wave_speed(const Material& material);
+
+/// What one time step of length dt does to a Prony series.
+struct PronyStep {
+  double c = 1.0;          ///< g_inf + sum_i g_i a_i: the share of the elastic stress in this step
+  std::vector<double> e;   ///< [terms] exp(-dt / tau_i): what is left of the past
+  std::vector<double> ga;  ///< [terms] g_i a_i, a_i = (1 - e_i) tau_i / dt
+};
+
+/// dt = 0: instantaneous, c = 1 and e = 1. dt = infinity: fully relaxed, c = g_inf and e = 0.
+PronyStep prony_step(const Material& material, double dt);
+
+/// The past of every integration point of a viscoelastic solid. Only distortion relaxes, not the volume:
+///
+///     S(t) = g_inf S0 + sum_i H_i,   dH_i/dt + H_i / tau_i = g_i dS0/dt
+///     H_i^{n+1} = e_i H_i^n + g_i a_i (S0^{n+1} - S0^n)
+///
+/// S0 is the distortional second Piola-Kirchhoff stress without relaxation. The recursion is exact for an S0
+/// that is linear in time over the step, and stable for any dt. Put into P = F S it leaves the elastic form,
+///
+///     P = c P0(F) + F K,   c = g_inf + sum_i g_i a_i,   K = sum_i (e_i H_i^n - g_i a_i S0^n),
+///
+/// with c and K constant during the step: the step's P is the derivative of c W + K : C / 2 by F, so a solver
+/// that minimises an energy may keep doing so. Symmetric tensors are columns of xx, yy, zz, xy, yz, xz.
+///
+///     history.begin_step(dt);                          // any number of times: nothing is lost
+///     P = history.step.c * distortional_stress(material, F) + F * history.K(q);    // in each iteration
+///     history.accept(q, F);                            // once for every q: the step's end becomes the past
+///
+/// Starts at rest and relaxed. K and accept may be called at once for different q; both allocate nothing.
+///
+/// Source:   Simo 1987; Holzapfel, Nonlinear Solid Mechanics, 2000, section 6.10; the recursion: Taylor,
+///           Pister, Goudreau 1970.
+/// Checked:  against relaxation after a step, a ramp's hereditary integral, and for dissipation over cycles.
+struct ViscousHistory {
+  Material material;
+  PronyStep step;                               ///< the one under way
+  Eigen::Matrix<double, 6, Eigen::Dynamic> S0;  ///< [6xQ] at the end of the last accepted step [Pa]
+  Eigen::MatrixXd H;                            ///< [6*terms x Q], likewise
+
+  ViscousHistory(const Material& of, Index point_count);
+  void begin_step(double dt) { step = prony_step(material, dt); }
+  Mat3 K(Index q) const;
+  void accept(Index q, const Mat3& F);
+};
+
+/// A published set of parameters.
+struct Preset {
+  std::string name;      ///< as typed: family name and year
+  std::string citation;  ///< where the numbers stand, and what was chosen that does not stand there
+  Material material;
+};
+
+std::vector<Preset> material_presets();
+
+/// Throws: UsageError if there is none of that name; it lists all names.
+Material material_preset(const std::string& name);
+
+}  // namespace dimple

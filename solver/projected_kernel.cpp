@@ -1,0 +1,489 @@
+#include "solver/projected_kernel.hpp"
+
+#include <tbb/parallel_for.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "solver/clones.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr Index points_per_block = 256;
+constexpr Index patches_per_task = 32;
+constexpr double beta = 10.0;
+constexpr double smallest_J = 0.2;  // as in distortional_stress()
+
+// x^(-1/3) within 4 %, from a third of the exponent; Newton steps then give every digit. std::cbrt may round
+// differently from one C library to the next.
+
+// Four numbers of a node or of a column; and one register of numbers, each of another point.
+template <class Real>
+struct Registers;
+template <>
+struct Registers<float> {
+  using Vec4 = float __attribute__((vector_size(16), aligned(16), may_alias));
+  using Lanes = float __attribute__((vector_size(32), aligned(32), may_alias));
+  using Mask = std::int32_t __attribute__((vector_size(32)));
+  static constexpr int count = 8;
+  static float cube_root_guess(float x) {
+    return std::bit_cast<float>(std::uint32_t{0x54a21d2a} - std::bit_cast<std::uint32_t>(x) / 3);
+  }
+};
+template <>
+struct Registers<double> {
+  using Vec4 = double __attribute__((vector_size(32), aligned(32), may_alias));
+  using Lanes = double __attribute__((vector_size(32), aligned(32), may_alias));
+  using Mask = std::int64_t __attribute__((vector_size(32)));
+  static constexpr int count = 4;
+  static double cube_root_guess(double x) {
+    return std::bit_cast<double>(std::uint64_t{0x553ef0ff289dd796} - std::bit_cast<std::uint64_t>(x) / 3);
+  }
+};
+
+// The bodies are inlined into functions that are not templates, since only those can be cloned per processor.
+
+template <class Real, class Pair, class Columns>
+[[gnu::always_inline]] inline void gradient_body(const Pair* pair, const std::int32_t* offset, const Real* u,
+                                                 Columns* gradient, Index first, Index last) {
+  using Vec4 = typename Registers<Real>::Vec4;
+  const Vec4* node = reinterpret_cast<const Vec4*>(u);
+  for (Index q = first; q < last; ++q) {
+    Vec4 h0 = {}, h1 = {}, h2 = {};
+    for (std::int32_t k = offset[q], end = offset[q + 1]; k < end; ++k) {
+      const Vec4 ua = node[pair[k].number];
+      h0 += ua * pair[k].d[0];
+      h1 += ua * pair[k].d[1];
+      h2 += ua * pair[k].d[2];
+    }
+    Vec4* out = reinterpret_cast<Vec4*>(gradient[q].column);
+    out[0] = h0;
+    out[1] = h1;
+    out[2] = h2;
+  }
+}
+
+// det(I + H) - 1 without the loss of digits of det F - 1, which kappa would multiply.
+template <class Real, class Columns>
+[[gnu::always_inline]] inline void dilation_body(const Columns* gradient, Real* dilation, Index first,
+                                                 Index last) {
+  for (Index q = first; q < last; ++q) {
+    const auto& h = gradient[q].column;
+    const Real minors = (h[0][0] * h[1][1] - h[1][0] * h[0][1]) + (h[0][0] * h[2][2] - h[2][0] * h[0][2]) +
+                        (h[1][1] * h[2][2] - h[2][1] * h[1][2]);
+    const Real det = h[0][0] * (h[1][1] * h[2][2] - h[2][1] * h[1][2]) -
+                     h[1][0] * (h[0][1] * h[2][2] - h[2][1] * h[0][2]) +
+                     h[2][0] * (h[0][1] * h[1][2] - h[1][1] * h[0][2]);
+    dilation[q] = (h[0][0] + h[1][1] + h[2][2]) + minors + det;
+  }
+}
+
+// V P of neo-Hookean points; `pressure` [Q] is the whole coefficient of cof F but W_dist's.
+template <class Real, class Columns>
+[[gnu::always_inline]] inline void stress_body(const Columns* gradient, const Real* dilation,
+                                               const Real* pressure, const Real* mu, const Real* volume,
+                                               Columns* stress, Index first, Index last) {
+  using R = Registers<Real>;
+  using Lanes = typename R::Lanes;
+  constexpr int count = R::count;
+  const Real g0 = std::pow(Real(smallest_J), Real(-2.0 / 3.0)), g1 = Real(-2.0 / 3.0) * g0 / Real(smallest_J),
+             g2 = Real(-5.0 / 3.0) * g1 / Real(smallest_J);
+  for (Index q = first; q < last; q += count) {
+    const int lanes = static_cast<int>(std::min<Index>(count, last - q));
+    alignas(32) Real H[3][3][count] = {}, D[count] = {}, M[count] = {}, V[count] = {}, B[count] = {};
+    for (int lane = 0; lane < lanes; ++lane) {
+      for (int j = 0; j < 3; ++j)
+        for (int i = 0; i < 3; ++i) H[j][i][lane] = gradient[q + lane].column[j][i];
+      D[lane] = dilation[q + lane];
+      M[lane] = mu[q + lane];
+      V[lane] = volume[q + lane];
+      B[lane] = pressure[q + lane];
+    }
+#define DIMPLE_LOAD(from) (*reinterpret_cast<const Lanes*>(from))  // a function would return a register
+    const Lanes f00 = DIMPLE_LOAD(H[0][0]) + Real(1), f10 = DIMPLE_LOAD(H[0][1]), f20 = DIMPLE_LOAD(H[0][2]),
+                f01 = DIMPLE_LOAD(H[1][0]), f11 = DIMPLE_LOAD(H[1][1]) + Real(1), f21 = DIMPLE_LOAD(H[1][2]),
+                f02 = DIMPLE_LOAD(H[2][0]), f12 = DIMPLE_LOAD(H[2][1]), f22 = DIMPLE_LOAD(H[2][2]) + Real(1);
+    const Lanes J = DIMPLE_LOAD(D) + Real(1);
+    const Lanes I1 = (f00 * f00 + f10 * f10 + f20 * f20) + (f01 * f01 + f11 * f11 + f21 * f21) +
+                     (f02 * f02 + f12 * f12 + f22 * f22);
+    // g = J^(-2/3) and its slope; below 0.2 the Taylor polynomial there.
+    Lanes Jc;
+    for (int lane = 0; lane < count; ++lane)
+      Jc[lane] = J[lane] > Real(smallest_J) ? J[lane] : Real(smallest_J);
+    Lanes root;
+    for (int lane = 0; lane < count; ++lane) root[lane] = R::cube_root_guess(Jc[lane]);
+    for (int pass = 0; pass < (count == 8 ? 3 : 4); ++pass)
+      root = root * (Real(4) - Jc * root * root * root) * Real(1.0 / 3.0);
+    const Lanes power = root * root, below = J - Real(smallest_J);
+    const Lanes power_slope = Real(-2.0 / 3.0) * power * (root * root * root);
+    const Lanes low = g0 + below * (g1 + Real(0.5) * g2 * below), low_slope = g1 + g2 * below;
+    const auto inside_out = J < Real(smallest_J);
+    const Lanes g = inside_out ? low : power, slope = inside_out ? low_slope : power_slope;
+
+    const Lanes volume_lanes = DIMPLE_LOAD(V), shear = volume_lanes * DIMPLE_LOAD(M) * g;
+    const Lanes p = volume_lanes * (DIMPLE_LOAD(B) + Real(0.5) * DIMPLE_LOAD(M) * I1 * slope);
+    const Lanes P[3][3] = {
+        // [column][row] of V P = shear F + p cof F
+        {shear * f00 + p * (f11 * f22 - f21 * f12), shear * f10 + p * (f21 * f02 - f01 * f22),
+         shear * f20 + p * (f01 * f12 - f11 * f02)},
+        {shear * f01 + p * (f12 * f20 - f22 * f10), shear * f11 + p * (f22 * f00 - f02 * f20),
+         shear * f21 + p * (f02 * f10 - f12 * f00)},
+        {shear * f02 + p * (f10 * f21 - f20 * f11), shear * f12 + p * (f20 * f01 - f00 * f21),
+         shear * f22 + p * (f00 * f11 - f10 * f01)}};
+#undef DIMPLE_LOAD
+    for (int lane = 0; lane < lanes; ++lane)
+      for (int j = 0; j < 3; ++j) {
+        for (int i = 0; i < 3; ++i) stress[q + lane].column[j][i] = P[j][i][lane];
+        stress[q + lane].column[j][3] = Real(0);
+      }
+  }
+}
+
+template <class Real, class Pair, class Columns>
+[[gnu::always_inline]] inline void gather_body(const Pair* pair, const std::int32_t* offset,
+                                               const Columns* stress, double* f, Index first, Index last) {
+  using Vec4 = typename Registers<Real>::Vec4;
+  for (Index a = first; a < last; ++a) {
+    Vec4 f0 = {}, f1 = {}, f2 = {};
+    for (std::int32_t k = offset[a], end = offset[a + 1]; k < end; ++k) {
+      const Vec4* column = reinterpret_cast<const Vec4*>(stress[pair[k].number].column);
+      f0 += column[0] * pair[k].d[0];
+      f1 += column[1] * pair[k].d[1];
+      f2 += column[2] * pair[k].d[2];
+    }
+    const Vec4 sum = f0 + f1 + f2;
+    for (int i = 0; i < 4; ++i) f[4 * a + i] = sum[i];
+  }
+}
+
+template <class Real, class Share>
+[[gnu::always_inline]] inline void variance_body(const Share* share, const std::int32_t* offset,
+                                                 const Real* u, double scale, double* f, Index first,
+                                                 Index last) {
+  using Vec4 = typename Registers<Real>::Vec4;
+  const Vec4* node = reinterpret_cast<const Vec4*>(u);
+  for (Index a = first; a < last; ++a) {
+    Vec4 sum = {};
+    for (std::int32_t k = offset[a], end = offset[a + 1]; k < end; ++k)
+      sum += node[share[k].number] * share[k].weight;
+    for (int i = 0; i < 4; ++i) f[4 * a + i] += scale * static_cast<double>(sum[i]);
+  }
+}
+
+#define DIMPLE_CLONED(Real)                                                                                 \
+  DIMPLE_CLONES void gradients(const ProjectedPair<Real>* pair, const std::int32_t* offset, const Real* u,  \
+                               ProjectedColumns<Real>* gradient, Real* dilation, Index first, Index last) { \
+    gradient_body<Real>(pair, offset, u, gradient, first, last);                                            \
+    dilation_body<Real>(gradient, dilation, first, last);                                                   \
+  }                                                                                                         \
+  DIMPLE_CLONES void neo_hookean_stresses(const ProjectedColumns<Real>* gradient, const Real* dilation,     \
+                                          const Real* pressure, const Real* mu, const Real* volume,         \
+                                          ProjectedColumns<Real>* stress, Index first, Index last) {        \
+    stress_body<Real>(gradient, dilation, pressure, mu, volume, stress, first, last);                       \
+  }                                                                                                         \
+  DIMPLE_CLONES void nodal_forces(const ProjectedPair<Real>* pair, const std::int32_t* offset,              \
+                                  const ProjectedColumns<Real>* stress, double* f, Index first,             \
+                                  Index last) {                                                             \
+    gather_body<Real>(pair, offset, stress, f, first, last);                                                \
+  }                                                                                                         \
+  DIMPLE_CLONES void variance_forces(const ProjectedShare<Real>* share, const std::int32_t* offset,         \
+                                     const Real* u, double scale, double* f, Index first, Index last) {     \
+    variance_body<Real>(share, offset, u, scale, f, first, last);                                           \
+  }
+DIMPLE_CLONED(float)
+DIMPLE_CLONED(double)
+#undef DIMPLE_CLONED
+
+double bulk_of_points(const Material& m) {
+  return std::min(2.0 / 3.0 * m.mu, m.kappa);
+}
+
+template <class Real>
+Mat3 to_matrix(const ProjectedColumns<Real>& c) {
+  Mat3 result;
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i) result(i, j) = static_cast<double>(c.column[j][i]);
+  return result;
+}
+
+Mat3 cofactor(const Mat3& F) {
+  Mat3 result;
+  for (int k = 0; k < 3; ++k) result.col(k) = F.col((k + 1) % 3).cross(F.col((k + 2) % 3));
+  return result;
+}
+
+}  // namespace
+
+template <class Real>
+ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissues)
+    : nodes_(model.node_count()),
+      points_(model.point_count()),
+      patches_(model.patches.count()),
+      material_(tissues.material),
+      tissue_(tissues.of_point.begin(), tissues.of_point.end()) {
+  Eigen::VectorXi slot;
+  const CompressedRows influence = transpose(model.support, nodes_, &slot);
+  const auto pair = [&](Index at, int number) {
+    return Pair{{static_cast<Real>(model.dphi(0, at)), static_cast<Real>(model.dphi(1, at)),
+                 static_cast<Real>(model.dphi(2, at))},
+                number};
+  };
+  point_offset_.assign(model.support.offset.begin(), model.support.offset.end());
+  node_offset_.assign(influence.offset.begin(), influence.offset.end());
+  for (Index k = 0; k < model.support.member.size(); ++k)
+    by_point_.push_back(pair(k, model.support.member[k]));
+  for (Index k = 0; k < influence.member.size(); ++k) by_node_.push_back(pair(slot[k], influence.member[k]));
+
+  Eigen::VectorXi place;
+  const CompressedRows members = transpose(model.patches.of_point, patches_, &place);
+  of_point_.offset.assign(model.patches.of_point.offset.begin(), model.patches.of_point.offset.end());
+  for (Index k = 0; k < model.patches.psi.size(); ++k)
+    of_point_.share.push_back({model.patches.of_point.member[k], static_cast<Real>(model.patches.psi[k])});
+  of_patch_.offset.assign(members.offset.begin(), members.offset.end());
+  for (Index b = 0; b < patches_; ++b)
+    for (int k = members.offset[b]; k < members.offset[b + 1]; ++k) {
+      const int q = members.member[k];
+      of_patch_.share.push_back(
+          {q, static_cast<Real>(model.patches.psi[place[k]] * model.volume[q] / model.patches.volume[b])});
+    }
+  patch_volume_.assign(model.patches.volume.begin(), model.patches.volume.end());
+
+  std::vector<Index> count(material_.size(), 0);
+  for (Index q = 0; q < points_; ++q) {
+    const auto t = static_cast<std::size_t>(tissue_[static_cast<std::size_t>(q)]);
+    const Material& m = material_[t];
+    volume_.push_back(static_cast<Real>(model.volume[q]));
+    mu_.push_back(static_cast<Real>(m.mu));
+    ks_.push_back(static_cast<Real>(bulk_of_points(m)));
+    bulk_.push_back(static_cast<Real>(m.kappa - bulk_of_points(m)));
+    slot_.push_back(static_cast<std::int32_t>(count[t]++));
+    plain_ = plain_ && m.ogden.empty() && m.prony.empty();
+  }
+  for (std::size_t t = 0; t < material_.size(); ++t) history_.emplace_back(material_[t], count[t]);
+
+  for (const GradientVariance& v : model.variance) {
+    Variance& mine = variance_.emplace_back();
+    mine.tissue = v.tissue;
+    mine.rows.offset.assign(v.rows.offset.begin(), v.rows.offset.end());
+    for (Index k = 0; k < v.K.size(); ++k)
+      mine.rows.share.push_back({v.rows.member[k], static_cast<Real>(v.K[k])});
+    if (const auto terms = material_[static_cast<std::size_t>(mine.tissue)].prony.size(); terms > 0) {
+      mine.past.assign(static_cast<std::size_t>(4 * nodes_), 0.0);
+      mine.f0 = mine.past;
+      mine.h.assign(terms * mine.past.size(), 0.0);
+    }
+  }
+
+  u_.resize(static_cast<std::size_t>(4 * nodes_));
+  gradient_.resize(static_cast<std::size_t>(points_));
+  stress_.resize(gradient_.size());
+  for (auto* values : {&dilation_, &pressure_, &unresolved_}) values->resize(gradient_.size());
+  for (auto* values : {&patch_dilation_, &patch_unresolved_})
+    values->resize(static_cast<std::size_t>(patches_));
+  block_.resize(static_cast<std::size_t>((points_ + points_per_block - 1) / points_per_block));
+}
+
+namespace {
+
+// patch[b] = sum over its points of weight x value.
+template <class Lists, class Real>
+void project(const Lists& of_patch, const std::vector<Real>& value, std::vector<Real>& patch) {
+  tbb::parallel_for(
+      tbb::blocked_range<std::size_t>(0, patch.size(), patches_per_task),
+      [&](const tbb::blocked_range<std::size_t>& range) {
+        for (std::size_t b = range.begin(); b < range.end(); ++b) {
+          Real sum = 0;
+          for (std::int32_t k = of_patch.offset[b]; k < of_patch.offset[b + 1]; ++k) {
+            const auto& share = of_patch.share[static_cast<std::size_t>(k)];
+            sum += share.weight * value[static_cast<std::size_t>(share.number)];
+          }
+          patch[b] = sum;
+        }
+      },
+      tbb::static_partitioner());
+}
+
+template <class Lists, class Real>
+Real mean_of(const Lists& of_point, const std::vector<Real>& patch, std::size_t q) {
+  Real sum = 0;
+  for (std::int32_t k = of_point.offset[q]; k < of_point.offset[q + 1]; ++k) {
+    const auto& share = of_point.share[static_cast<std::size_t>(k)];
+    sum += share.weight * patch[static_cast<std::size_t>(share.number)];
+  }
+  return sum;
+}
+
+template <class Body>
+void over_blocks(Index points, const Body& body) {
+  tbb::parallel_for(
+      tbb::blocked_range<Index>(0, (points + points_per_block - 1) / points_per_block, 2),
+      [&](const tbb::blocked_range<Index>& range) {
+        for (Index b = range.begin(); b < range.end(); ++b)
+          body(b, b * points_per_block, std::min((b + 1) * points_per_block, points));
+      },
+      tbb::static_partitioner());
+}
+
+}  // namespace
+
+template <class Real>
+typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(const double* u) {
+  for (std::size_t k = 0; k < u_.size(); ++k) u_[k] = static_cast<Real>(u[k]);
+  over_blocks(points_, [&](Index block, Index first, Index last) {
+    gradients(by_point_.data(), point_offset_.data(), u_.data(), gradient_.data(), dilation_.data(), first,
+              last);
+    Sweep& sweep = block_[static_cast<std::size_t>(block)] = Sweep{};
+    for (Index q = first; q < last; ++q) {
+      const double J = 1.0 + static_cast<double>(dilation_[static_cast<std::size_t>(q)]);
+      if (!std::isfinite(J) && sweep.finite) {
+        sweep.finite = false;
+        sweep.J_min = std::nan("");
+        sweep.point = q;
+      }
+      sweep.inverted += J <= 0.0;
+      if (sweep.finite && J < sweep.J_min) {
+        sweep.J_min = J;
+        sweep.point = q;
+      }
+    }
+  });
+  project(of_patch_, dilation_, patch_dilation_);
+  over_blocks(points_, [&](Index, Index first, Index last) {
+    for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q) {
+      const Real mean = mean_of(of_point_, patch_dilation_, q), e = dilation_[q] - mean;
+      unresolved_[q] = Real(2 * beta) * ks_[q] * e * e * e;
+      pressure_[q] = ks_[q] * dilation_[q] + bulk_[q] * mean + unresolved_[q];
+    }
+  });
+  project(of_patch_, unresolved_, patch_unresolved_);
+  over_blocks(points_, [&](Index, Index first, Index last) {
+    for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
+      pressure_[q] -= mean_of(of_point_, patch_unresolved_, q);
+    if (plain_) {
+      neo_hookean_stresses(gradient_.data(), dilation_.data(), pressure_.data(), mu_.data(), volume_.data(),
+                           stress_.data(), first, last);
+      return;
+    }
+    for (Index q = first; q < last; ++q) {
+      const auto at = static_cast<std::size_t>(q), t = static_cast<std::size_t>(tissue_[at]);
+      const ViscousHistory& history = history_[t];
+      const Mat3 F = to_matrix(gradient_[at]) + Mat3::Identity();
+      Mat3 P = history.step.c * distortional_stress(material_[t], F) +
+               static_cast<double>(pressure_[at]) * cofactor(F);
+      if (!material_[t].prony.empty()) P += F * history.K(slot_[at]);
+      for (int j = 0; j < 3; ++j)
+        for (int i = 0; i < 4; ++i)
+          stress_[at].column[j][i] = i < 3 ? static_cast<Real>(P(i, j)) * volume_[at] : Real(0);
+    }
+  });
+  Sweep result;
+  for (const Sweep& sweep : block_) {
+    if (result.finite && (!sweep.finite || sweep.J_min < result.J_min)) {
+      result.J_min = sweep.J_min;
+      result.point = sweep.point;
+      result.finite = sweep.finite;
+    }
+    result.inverted += sweep.inverted;
+  }
+  return result;
+}
+
+template <class Real>
+void ProjectedKernel<Real>::gather(double* f, Index first, Index last) const {
+  nodal_forces(by_node_.data(), node_offset_.data(), stress_.data(), f, first, last);
+  for (const Variance& v : variance_) {
+    const auto t = static_cast<std::size_t>(v.tissue);
+    variance_forces(v.rows.share.data(), v.rows.offset.data(), u_.data(),
+                    material_[t].mu * history_[t].step.c, f, first, last);
+    if (!v.past.empty())
+      for (Index k = 4 * first; k < 4 * last; ++k) f[k] += v.past[static_cast<std::size_t>(k)];
+  }
+}
+
+template <class Real>
+double ProjectedKernel<Real>::stored_energy(const double* u) {
+  stress_sweep(u);
+  double energy = 0.0;
+  for (std::size_t q = 0; q < gradient_.size(); ++q) {
+    const Material& m = material_[static_cast<std::size_t>(tissue_[q])];
+    const double ks = bulk_of_points(m), e = dilation_[q],
+                 rest = e - static_cast<double>(mean_of(of_point_, patch_dilation_, q));
+    energy += static_cast<double>(volume_[q]) *
+              (distortional_energy(m, to_matrix(gradient_[q]) + Mat3::Identity()) + 0.5 * ks * e * e +
+               0.5 * ks * beta * rest * rest * rest * rest);
+  }
+  for (std::size_t b = 0; b < patch_volume_.size(); ++b) {
+    // A patch lies in one tissue: that of its first point.
+    const auto q =
+        static_cast<std::size_t>(of_patch_.share[static_cast<std::size_t>(of_patch_.offset[b])].number);
+    const double e = patch_dilation_[b];
+    energy += 0.5 * static_cast<double>(bulk_[q]) * patch_volume_[b] * e * e;
+  }
+  std::vector<double> f(static_cast<std::size_t>(4 * nodes_));
+  for (const Variance& v : variance_) {
+    std::fill(f.begin(), f.end(), 0.0);
+    variance_forces(v.rows.share.data(), v.rows.offset.data(), u_.data(),
+                    material_[static_cast<std::size_t>(v.tissue)].mu, f.data(), 0, nodes_);
+    for (std::size_t k = 0; k < f.size(); ++k) energy += 0.5 * f[k] * u[k];
+  }
+  return energy;
+}
+
+template <class Real>
+void ProjectedKernel<Real>::begin_step(double dt) {
+  for (ViscousHistory& history : history_) history.begin_step(dt);
+  for (Variance& v : variance_) {
+    if (v.past.empty()) continue;
+    const PronyStep& step = history_[static_cast<std::size_t>(v.tissue)].step;
+    for (std::size_t k = 0; k < v.past.size(); ++k) {
+      v.past[k] = 0.0;
+      for (std::size_t i = 0; i < step.e.size(); ++i)
+        v.past[k] += step.e[i] * v.h[i * v.past.size() + k] - step.ga[i] * v.f0[k];
+    }
+  }
+}
+
+template <class Real>
+void ProjectedKernel<Real>::accept(const double* u) {
+  if (plain_) return;
+  stress_sweep(u);
+  tbb::parallel_for(Index{0}, points_, [&](Index q) {
+    const auto at = static_cast<std::size_t>(q), t = static_cast<std::size_t>(tissue_[at]);
+    if (!material_[t].prony.empty())
+      history_[t].accept(slot_[at], to_matrix(gradient_[at]) + Mat3::Identity());
+  });
+  for (Variance& v : variance_) {
+    if (v.past.empty()) continue;
+    const auto t = static_cast<std::size_t>(v.tissue);
+    const PronyStep& step = history_[t].step;
+    std::vector<double> now(v.past.size(), 0.0);
+    variance_forces(v.rows.share.data(), v.rows.offset.data(), u_.data(), material_[t].mu, now.data(), 0,
+                    nodes_);
+    for (std::size_t k = 0; k < now.size(); ++k) {
+      for (std::size_t i = 0; i < step.e.size(); ++i) {
+        double& h = v.h[i * now.size() + k];
+        h = step.e[i] * h + step.ga[i] * (now[k] - v.f0[k]);
+      }
+      v.f0[k] = now[k];
+    }
+  }
+}
+
+template <class Real>
+Mat3 ProjectedKernel<Real>::deformation_gradient(Index q) const {
+  return to_matrix(gradient_[static_cast<std::size_t>(q)]) + Mat3::Identity();
+}
+
+template <class Real>
+Mat3 ProjectedKernel<Real>::stress(Index q) const {
+  const auto at = static_cast<std::size_t>(q);
+  return to_matrix(stress_[at]) / static_cast<double>(volume_[at]);
+}
+
+template class ProjectedKernel<float>;
+template class ProjectedKernel<double>;
+
+}  // namespace dimple

@@ -1,0 +1,122 @@
+#pragma once
+
+#include <cstdint>
+#include <type_traits>
+#include <vector>
+
+#include "preprocess/model.hpp"
+#include "solver/material.hpp"
+
+namespace dimple {
+
+/// What each point is made of.
+struct Tissues {
+  std::vector<Material> material;
+  Eigen::VectorXi of_point;  ///< [Q] number in `material`
+};
+
+/// Layouts of the hot loops. Gradient and number of a node or a point; three columns, padded; a weighted
+/// member.
+template <class Real>
+struct alignas(4 * sizeof(Real)) ProjectedPair {
+  Real d[3];
+  std::conditional_t<sizeof(Real) == 4, std::int32_t, std::int64_t> number;
+};
+template <class Real>
+struct alignas(4 * sizeof(Real)) ProjectedColumns {
+  Real column[3][4];
+};
+template <class Real>
+struct ProjectedShare {
+  std::int32_t number;
+  Real weight;
+};
+
+/// The stored energy of the converging scheme and its forces; Real is float or double.
+///
+/// With F_q the mean of the deformation gradient over cell q, J_q = det F_q, psi_b the patches' shares:
+///
+///     J_b  = sum_q psi_b V_q J_q / V_b            the volume ratio that the bulk modulus acts on
+///     J~_q = sum_b psi_b(q) J_b                    what of J_q the patches resolve
+///
+///     W = sum_q V_q [ W_dist(F_q) + ks/2 (J_q - 1)^2 + ks beta/2 (J_q - J~_q)^4 ]
+///       + (kappa - ks)/2 sum_b V_b (J_b - 1)^2
+///       + mu/2 sum_cells V (mean|F|^2 - |mean F|^2)
+///
+/// Forces are its exact derivative, so energy, momentum and angular momentum are kept as by any hyperelastic
+/// body. Each term and why it is there:
+///
+/// - W_dist at the cell's mean gradient: with means, the sum of nodal forces of any constant stress vanishes
+/// at
+///   inner nodes wherever the cells lie (the patch test), as by surface integrals in SCNI (Chen et al. 2001).
+/// - the last term: what the mean leaves out of mu/2 |F|^2. It is quadratic, so it is integrated once,
+/// beforehand,
+///   with all eight places of every cell: no zero-energy modes, and no softening with larger cells.
+/// - kappa on J_b: a coarser space for the volume, or the body locks.
+/// - ks = min(2/3 mu, kappa) at every point: W_dist does not resist dilation that the patches average out.
+/// With
+///   this ks its linear part is mu |eps|^2, the Stokes operator's, as stiff in dilation as in shear: the size
+///   of the stabilisation in Dohrmann & Bochev 2004.
+/// - beta = 10, quartic: keeps J_q from leaving the patch's mean by much more than 1/sqrt(beta) = 0.3 at a
+/// sharp
+///   rim, where the strain is unbounded; of no weight elsewhere. A choice, not a theory.
+template <class Real>
+class ProjectedKernel {
+ public:
+  ProjectedKernel(const Model& model, const Tissues& tissues);
+
+  struct Sweep {
+    double J_min = 1.0;
+    Index point = -1;
+    Index inverted = 0;  ///< points with J <= 0
+    bool finite = true;
+  };
+
+  /// u [4xN] m; afterwards stress() is that of u.
+  Sweep stress_sweep(const double* u);
+  /// f [4xN] N for nodes [first, last).
+  void gather(double* f, Index first, Index last) const;
+  double stored_energy(const double* u);
+
+  /// Starts a step of a viscoelastic material, dt [s]; accept() makes u the end of that step.
+  void begin_step(double dt);
+  void accept(const double* u);
+
+  Mat3 deformation_gradient(Index q) const;  ///< of the last stress_sweep
+  Mat3 stress(Index q) const;                ///< first Piola-Kirchhoff [Pa], of the last stress_sweep
+
+ private:
+  using Pair = ProjectedPair<Real>;
+  using Columns = ProjectedColumns<Real>;
+  using Share = ProjectedShare<Real>;
+  struct Lists {
+    std::vector<std::int32_t> offset;
+    std::vector<Share> share;
+  };
+  struct Variance {
+    Lists rows;
+    int tissue;
+    std::vector<double> past;   // [4xN] of viscoelastic tissue: constant part of the force during a step
+    std::vector<double> h, f0;  // [4xN x terms], [4xN]: history, as ViscousHistory
+  };
+
+  Index nodes_, points_, patches_;
+  std::vector<Material> material_;
+  std::vector<std::int32_t> tissue_;  // [Q]
+  bool plain_ = true;                 // all neo-Hookean and elastic
+  std::vector<std::int32_t> point_offset_, node_offset_;
+  std::vector<Pair> by_point_, by_node_;
+  std::vector<Real> volume_, mu_, ks_, bulk_;  // [Q]; bulk = kappa - ks
+  Lists of_point_, of_patch_;                  // psi; psi V / V_b
+  std::vector<double> patch_volume_;
+  std::vector<Variance> variance_;
+  std::vector<ViscousHistory> history_;  // of each material with a Prony series; by tissue
+  std::vector<std::int32_t> slot_;       // [Q] of the point in its tissue's history
+
+  std::vector<Real> u_;                     // [4xN]
+  std::vector<Columns> gradient_, stress_;  // [Q] F - I; V P
+  std::vector<Real> dilation_, pressure_, unresolved_, patch_dilation_, patch_unresolved_;
+  std::vector<Sweep> block_;
+};
+
+}  // namespace dimple

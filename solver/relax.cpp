@@ -1,0 +1,251 @@
+#include "solver/relax.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+#include "io/error.hpp"
+
+namespace dimple {
+namespace {
+
+using Nodal = ForceSystem::Nodal;
+using Kind = Constraints::Kind;
+
+constexpr int between_checks = 10;
+constexpr int memory = 60;  // iterations over which a change is compared for the frequency
+
+template <class... Parts>
+std::string text(const Parts&... parts) {
+  std::ostringstream out;
+  out.precision(4);
+  (out << ... << parts);
+  return out.str();
+}
+
+double bulk_of_points(const Material& m) {
+  return std::min(2.0 / 3.0 * m.mu, m.kappa);
+}
+
+}  // namespace
+
+Eigen::VectorXd stiffness_row_sums(const Model& model, const Tissues& tissues) {
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(model.node_count());
+  const auto material = [&](Index q) -> const Material& {
+    return tissues.material[static_cast<std::size_t>(tissues.of_point[q])];
+  };
+  const bool projected = model.patches.count() > 0;
+  for (Index q = 0; q < model.point_count(); ++q) {
+    const Material& m = material(q);
+    const double stiffness = 2.0 * m.mu + (projected ? bulk_of_points(m) : m.kappa);
+    const auto g = model.dphi.middleCols(model.support.offset[q], model.support.count(q)).colwise().norm();
+    const double all = g.sum();
+    for (Index k = 0; k < model.support.count(q); ++k)
+      sum[model.support.member[model.support.offset[q] + k]] += model.volume[q] * stiffness * g[k] * all;
+  }
+  // The patches' part: (kappa - ks) V_b g_b g_b^T, g_b = sum_q psi V_q / V_b dphi_q.
+  const PressurePatches& patches = model.patches;
+  Eigen::VectorXi slot;
+  const CompressedRows members = transpose(patches.of_point, patches.count(), &slot);
+  Points g = Points::Zero(3, model.node_count());
+  std::vector<int> touched;
+  for (Index b = 0; b < patches.count(); ++b) {
+    touched.clear();
+    double bulk = 0.0;
+    for (int k = members.offset[b]; k < members.offset[b + 1]; ++k) {
+      const int q = members.member[k];
+      bulk = material(q).kappa - bulk_of_points(material(q));
+      const double share = patches.psi[slot[k]] * model.volume[q] / patches.volume[b];
+      for (int e = model.support.offset[q]; e < model.support.offset[q + 1]; ++e) {
+        const int a = model.support.member[e];
+        if (g.col(a).isZero(0.0)) touched.push_back(a);
+        g.col(a) += share * model.dphi.col(e);
+      }
+    }
+    std::sort(touched.begin(), touched.end());
+    touched.erase(std::unique(touched.begin(), touched.end()), touched.end());
+    double all = 0.0;
+    for (const int a : touched) all += g.col(a).lpNorm<1>();
+    for (const int a : touched) {
+      sum[a] += bulk * patches.volume[b] * g.col(a).norm() * all;
+      g.col(a).setZero();
+    }
+  }
+  for (const GradientVariance& v : model.variance) {
+    const double mu = tissues.material[static_cast<std::size_t>(v.tissue)].mu;
+    for (Index a = 0; a < model.node_count(); ++a)
+      for (int k = v.rows.offset[a]; k < v.rows.offset[a + 1]; ++k) sum[a] += mu * std::abs(v.K[k]);
+  }
+  return sum;
+}
+
+Relaxation::Relaxation(const ForceSystem& system, const Model& model, const Constraints& constraints)
+    : system_(system),
+      model_(model),
+      constraints_(constraints),
+      mass_(stiffness_row_sums(model, system.tissues())) {
+  const double floor = 1e-6 * mass_.maxCoeff();  // a node that no point sees well
+  mass_ = mass_.cwiseMax(floor);
+}
+
+Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, const Nodal& external) const {
+  const Index n = u.cols();
+  const bool loaded = external.cols() == n;
+  const Eigen::VectorXd inverse_mass = mass_.cwiseInverse();
+  Relaxed result;
+  const auto free_force = [&](Index a) -> Eigen::Vector4d {
+    return constraints_.project(
+        a, loaded ? Eigen::Vector4d(f.col(a) - external.col(a)) : Eigen::Vector4d(f.col(a)));
+  };
+  const auto evaluate = [&] {
+    result.sweep = system_.internal_force(u, f);
+    ++result.evaluations;
+  };
+
+  const Nodal start = u;
+  double caution = 1.0;
+  Nodal before = u, u_ref = u, f_ref = f;
+  for (int attempt = 0;; ++attempt, caution *= 1.5) {
+    const StableStep stable = stable_time_step(system_, model_, mass_, constraints_, u);
+    result.evaluations += stable.iterations + 1;
+    const double dt = 0.85 * stable.dt / std::sqrt(caution);
+    bool diverged = !(stable.dt > 0.0);
+    double w = 0.02 * 2.0 / std::max(dt, 1e-300) / 10.0, work_before = 0.0;
+    int last_ref = 0;
+    bool first_estimate = true;
+    before = u;
+    if (!diverged) {
+      evaluate();
+      u_ref = u;
+      f_ref = f;
+    }
+    for (int it = 1; !diverged && result.evaluations < options.evaluations; ++it) {
+      const double K = 2.0 / (w * dt), r = (K - 1.0) / (K + 1.0), keep = r * r,
+                   c = std::pow(0.5 * (1.0 + r) * dt, 2);
+      for (Index a = 0; a < n; ++a) {
+        if (constraints_.kind[static_cast<std::size_t>(a)] == Kind::fixed ||
+            constraints_.kind[static_cast<std::size_t>(a)] == Kind::driven)
+          continue;
+        const Eigen::Vector4d now = u.col(a);
+        u.col(a) +=
+            keep * constraints_.project(a, now - before.col(a)) - (c * inverse_mass[a]) * free_force(a);
+        before.col(a) = now;
+      }
+      evaluate();
+      if (it % between_checks != 0) continue;
+
+      double stiffness = 0.0, inertia = 0.0, unbalanced = 0.0, reactions = 0.0, work = 0.0;
+      for (Index a = 0; a < n; ++a) {
+        const Eigen::Vector4d free = free_force(a);
+        const Eigen::Vector4d du = constraints_.project(a, u.col(a) - u_ref.col(a));
+        stiffness += du.dot(f.col(a) - f_ref.col(a));
+        inertia += mass_[a] * du.squaredNorm();
+        unbalanced += free.squaredNorm();
+        Eigen::Vector4d held = f.col(a) - free;
+        if (loaded) held -= external.col(a);
+        reactions += 0.5 * held.norm() + (loaded ? external.col(a).norm() : 0.0);
+        work += held.dot(u.col(a)) + (loaded ? external.col(a).dot(u.col(a)) : 0.0);
+      }
+      result.residual = std::sqrt(unbalanced) / std::max(reactions, 1e-30);
+      diverged = !(result.residual < 1e3) || !std::isfinite(work);
+      const double estimate = inertia > 0.0 ? std::sqrt(std::abs(stiffness) / inertia) : 0.0;
+      w = std::max(first_estimate ? estimate : 0.7 * w + 0.3 * estimate, 1e-4 / dt);
+      first_estimate = false;
+      if (it - last_ref >= memory) {
+        u_ref = u;
+        f_ref = f;
+        last_ref = it;
+      }
+      if (result.residual < options.tolerance &&
+          std::abs(work - work_before) < 0.1 * options.tolerance * std::abs(work))
+        return result;
+      work_before = work;
+    }
+    if (attempt == 5 || result.evaluations >= options.evaluations)
+      throw SolveError(
+          {.fact = text("no equilibrium was found: unbalanced forces are ", result.residual,
+                        " of the reactions after ", result.evaluations, " evaluations"),
+           .where = text("static solver; smallest det F ", result.sweep.J_min, " at integration point ",
+                         result.sweep.point, ", ", result.sweep.inverted, " points inside out"),
+           .why =
+               "the load is more than this cloud can follow in one step, or the body has lost its stiffness",
+           .remedy = "use more frames (--frames), more nodes (--nodes), or a smaller --depth"});
+    u = start;
+  }
+}
+
+namespace {
+
+// A first guess: the tissue follows the tool, less the further away from it and the nearer to the base.
+void guess(const Model& model, const Constraints& constraints, double depth, Nodal& u) {
+  const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
+  const double top = model.tool.centre.dot(model.tool.push), bottom = along.maxCoeff();
+  for (Index a = 0; a < model.node_count(); ++a) {
+    const Vec3 d = model.X.col(a) - model.tool.centre;
+    const double lateral = (d - d.dot(model.tool.push) * model.tool.push).norm();
+    const double away =
+        std::hypot(std::max(0.0, lateral - model.tool.radius), d.dot(model.tool.push)) / model.tool.radius;
+    const double held = std::clamp((bottom - along[a]) / (bottom - top), 0.0, 1.0);
+    u.col(a) = constraints.push * (depth * held / ((1.0 + away) * (1.0 + away)));
+  }
+}
+
+}  // namespace
+
+void load_slowly(const ForceSystem& system, const Model& model, const Loading& loading,
+                 const SolverOptions& options, const Observer& observer, History& history) {
+  const Constraints constraints = make_constraints(model, loading.contact);
+  const Relaxation relax(system, model, constraints);
+  const Index n = model.node_count();
+  Nodal u = Nodal::Zero(4, n), f = u, before = u, before_that = u;
+  double external = 0.0, force_before = 0.0, force_before_that = 0.0;
+  history.force.push_back({0.0, 0.0, 0.0, 0.0});
+  history.energy.push_back({0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
+  if (observer.frame) observer.frame({0, 0.0, 0.0, u, f});
+  const double step = loading.depth / options.frames;
+  for (int level = 1; level <= options.frames; ++level) {
+    const double depth = step * level, t = depth / loading.rate;
+    Nodal next = level == 1   ? u
+                 : level == 2 ? Nodal(2.0 * u - before)
+                              : Nodal(3.0 * u - 3.0 * before + before_that);
+    if (level == 1) guess(model, constraints, depth, next);
+    const auto prescribe = [&](Nodal& v) {
+      for (Index a = 0; a < n; ++a) {
+        const Kind kind = constraints.kind[static_cast<std::size_t>(a)];
+        if (kind == Kind::fixed) v.col(a).setZero();
+        if (kind == Kind::driven) v.col(a) = constraints.push * depth;
+        if (kind == Kind::sliding) v.col(a) += constraints.push * (depth - v.col(a).dot(constraints.push));
+      }
+    };
+    prescribe(next);
+    before_that = before;
+    before = u;
+    u = next;
+    system.begin_step(step / loading.rate);
+    const Relaxed relaxed = relax(u, f, {.tolerance = options.tolerance, .evaluations = options.evaluations});
+    system.accept_step(u);
+    history.steps += relaxed.evaluations;
+    history.J_min = std::min(history.J_min, relaxed.sweep.J_min);
+    history.inverted = std::max(history.inverted, relaxed.sweep.inverted);
+    history.residual = std::max(history.residual, relaxed.residual);
+
+    double force = 0.0, base = 0.0;
+    for (const Index a : model.indenter) force += f.col(a).dot(constraints.push);
+    for (const Index a : model.base) base -= f.col(a).dot(constraints.push);
+    history.momentum_error = std::max(history.momentum_error, f.rowwise().sum().norm() / std::abs(force));
+    // The curve through this force and the two before it: a parabola.
+    external += level == 1 ? 0.5 * force * step
+                           : step * (5.0 * force + 8.0 * force_before - force_before_that) / 12.0;
+    force_before_that = force_before;
+    force_before = force;
+    history.force.push_back({t, depth, force, base});
+    history.energy.push_back({t, depth, 0.0, system.stored_energy(u), external, 0.0});
+    if (observer.frame) observer.frame({level, t, depth, u, f});
+    if (observer.sample && !observer.sample(history.force.back(), history)) {
+      history.interrupted = level < options.frames;
+      return;
+    }
+  }
+}
+
+}  // namespace dimple
