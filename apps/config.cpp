@@ -179,7 +179,7 @@ std::vector<Option> options_of(Config& c) {
       {"cloud.seed", "--seed", "", "of the node cloud", &c.cloud.seed, 0, 1e15, false, any, "model"},
       {"grid.points", "--points", "", "number of integration points, about; 0: from the ratio",
        &c.grid.points, 0, 1e7, false, any, "model"},
-      {"grid.ratio", "", "", "integration points per node; 0: 4.5 (converging), 1.499 (horton2007)",
+      {"grid.ratio", "", "", "integration points per node; 0: 7 (converging), 1.499 (horton2007)",
        &c.grid.ratio, 0, 100, false, any, "model"},
       {"support.basis",
        "--basis",
@@ -486,7 +486,7 @@ bool converging(const Config& c) {
 
 ModelOptions model_options(const Config& c) {
   const double rim = c.cloud.rim > 0.0 ? c.cloud.rim : converging(c) ? 0.15 : 1.0;
-  const double ratio = c.grid.ratio > 0.0 ? c.grid.ratio : converging(c) ? 4.5 : 1.499;
+  const double ratio = c.grid.ratio > 0.0 ? c.grid.ratio : converging(c) ? 7.0 : 1.499;
   return {.cloud = {.count = c.cloud.nodes,
                     .spacing_mm = c.cloud.spacing_mm,
                     .seed = static_cast<std::uint64_t>(c.cloud.seed),

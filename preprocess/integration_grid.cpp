@@ -108,7 +108,7 @@ void set_labels(IntegrationGrid& grid, const LabelAt& label_at) {
 }
 
 // Points per node at the rim and far away, in proportion.
-constexpr double rim_density = 8.0, far_density = 3.0;
+constexpr double rim_density = 16.0, far_density = 3.0;
 
 // Part of a cell: integrals of 1, x and x x^T over it.
 struct Part {

@@ -34,7 +34,7 @@ using LabelAt = std::function<int(const Vec3&)>;
 IntegrationGrid make_integration_grid(const BodySurface& body, const GridOptions& options, Index node_count,
                                       const LabelAt& label_at = {});
 
-/// Box cells that follow the sizing, twice to three times as many to a node at the rim as far away, where the
+/// Box cells that follow the sizing, about five times as many to a node at the rim as far away, where the
 /// strain hardly changes: the body's box halved until each cell is small enough, clipped as above, with the
 /// spread that gradients are averaged over. A cell in which tissues meet becomes a point for each of them.
 IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& options, Index node_count,

@@ -141,8 +141,8 @@ std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, const S
                                    double far_spacing, std::mt19937_64& random) {
   const Vec3 lower = body.lower(), size = body.upper() - lower;
   const auto in_unit_box = [&] {
-    const double x = uniform(random), y = uniform(random);
-    return Vec3(x, y, uniform(random));
+    const double z = uniform(random), y = uniform(random);
+    return Vec3(uniform(random), y, z);
   };
   Boxes boxes;
   if (!sizing.even()) {
