@@ -11,10 +11,10 @@
 namespace dimple {
 
 double metres(double mm) {
-  return std::round(mm * 1e7) / 1e10;
+  return std::round(mm * 1e9) / 1e12;
 }
 double millimetres(double m) {
-  return std::round(m * 1e10) / 1e7;
+  return std::round(m * 1e12) / 1e9;
 }
 double square_metres(double mm2) {
   return std::round(mm2 * 1e9) / 1e15;

@@ -29,7 +29,7 @@ struct ModelReport {
 
 /// Nodes, integration points, base and circle of a body: everything of a Model but supports, dphi and masses.
 ///
-/// Positions become LPS metres here, rounded to a tenth of a nanometre, and volumes to a billionth of a mm^3:
+/// Positions become LPS metres here, rounded to a picometre, and volumes to a billionth of a mm^3:
 /// a model written to a file in mm and read again is the same, bit for bit. Throws ModelError: no node on the
 /// base, the circle reaches the base; and what the steps throw.
 struct BuiltModel {

@@ -136,8 +136,12 @@ Part whole(const Leaf& leaf) {
 // The part inside the body, from lines along the axis that meets the surface most squarely.
 Part clip(const BodySurface& body, const Leaf& leaf) {
   const auto closest = body.closest(leaf.centre);
+  // Not the triangle's normal: which of two triangles is the closest, at an edge, rounding decides.
+  Vec3 square = (closest.place - leaf.centre).cwiseAbs();
+  if (closest.distance < 1e-6 * leaf.half.norm()) square = body.normal().col(closest.triangle).cwiseAbs();
   int axis = 0;
-  body.normal().col(closest.triangle).cwiseAbs().maxCoeff(&axis);
+  for (int d = 1; d < 3; ++d)
+    if (square[d] > square[axis] * (1.0 + 1e-6)) axis = d;
   const int other = (axis + 1) % 3, third = (axis + 2) % 3;
   Vec3 half = leaf.half;
   half[other] /= lines_per_edge;
@@ -277,16 +281,23 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
     centre.col(static_cast<Index>(k)) = kept[k].first / kept[k].volume;
   const Neighbours tree(centre);
   for (const Part& small : slivers) {
-    // To the nearest cell of the same tissue.
-    for (const int k : tree.nearest(small.first / small.volume, 12)) {
-      Part& other = kept[static_cast<std::size_t>(k)];
-      if (other.label != small.label) continue;
-      other.volume += small.volume;
-      other.first += small.first;
-      other.second += small.second;
-      ++grid.merged;
-      break;
+    // To the nearest cell of the same tissue; of equally near ones, but for rounding, to the first.
+    const Vec3 x = small.first / small.volume;
+    Index best = -1;
+    double least = 0.0;
+    for (const int k : tree.nearest(x, 12)) {
+      if (kept[static_cast<std::size_t>(k)].label != small.label) continue;
+      const double away = (x - centre.col(k)).norm();
+      if (best >= 0 && away > (1.0 + 1e-6) * least) break;
+      if (best < 0) least = away;
+      best = best < 0 ? k : std::min<Index>(best, k);
     }
+    if (best < 0) continue;  // its volume is made good below
+    Part& other = kept[static_cast<std::size_t>(best)];
+    other.volume += small.volume;
+    other.first += small.first;
+    other.second += small.second;
+    ++grid.merged;
   }
   // The lines sample the surface; what they miss of its volume, a few in ten thousand, is made good evenly.
   double sum = 0.0;

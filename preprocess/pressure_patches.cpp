@@ -13,7 +13,7 @@ namespace {
 
 constexpr double reach = 1.3;  // of a patch, in patch spacings
 constexpr int lloyd_sweeps = 4;
-constexpr double snap = 1e-8;  // [m]: coordinates that differ by less are ties, broken by number
+constexpr double snap = 1e-8;  // [m]: coordinates that differ by less are ties, broken by number; and a small share
 
 struct Places {
   Points x;               // in the image's axes, [m]
@@ -38,12 +38,20 @@ void split(const Places& places, std::vector<int> group, Index count, std::vecto
   int axis = 0;
   for (int d = 1; d < 3; ++d)
     if (side[d] > side[axis] + snap) axis = d;
-  const auto key = [&](int q) { return std::pair(std::round(places.x(axis, q) / snap), q); };
-  std::sort(group.begin(), group.end(), [&](int a, int b) { return key(a) < key(b); });
+  std::sort(group.begin(), group.end(), [&](int a, int b) {
+    return std::pair(places.x(axis, a), a) < std::pair(places.x(axis, b), b);
+  });
+  for (auto from = group.begin(); from != group.end();) {  // ties: layers of a grid, but for rounding
+    auto to = from + 1;
+    while (to != group.end() && places.x(axis, *to) - places.x(axis, *(to - 1)) < snap) ++to;
+    std::sort(from, to);
+    from = to;
+  }
   const Index below = count / 2;
   const double wanted = worth * static_cast<double>(below) / static_cast<double>(count);
   std::size_t at = 0;
-  for (double sum = 0.0; at + 1 < group.size() && sum + 0.5 * places.worth[group[at]] < wanted; ++at)
+  for (double sum = 0.0; at + 1 < group.size() && sum + 0.5 * places.worth[group[at]] < (1.0 - snap) * wanted;
+       ++at)
     sum += places.worth[group[at]];
   at = std::max<std::size_t>(at, 1);
   const auto middle = group.begin() + static_cast<std::ptrdiff_t>(at);
@@ -80,8 +88,14 @@ Patches patches_of(const Places& places, const std::vector<int>& points, Index c
   for (int sweep = 0; sweep < lloyd_sweeps; ++sweep) {
     const Neighbours tree(result.centre);
     std::vector<int> owner(points.size());
-    tbb::parallel_for(std::size_t{0}, points.size(),
-                      [&](std::size_t k) { owner[k] = tree.nearest(places.x.col(points[k]), 1).front(); });
+    tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t k) {
+      const Vec3 x = places.x.col(points[k]);
+      const std::vector<int> near = tree.nearest(x, 4);
+      const double least = (x - result.centre.col(near.front())).norm();
+      owner[k] = near.front();
+      for (const int b : near)  // of equally near ones, but for rounding, the first
+        if ((x - result.centre.col(b)).norm() < (1.0 + 1e-6) * least) owner[k] = std::min(owner[k], b);
+    });
     for (auto& group : groups) group.clear();
     for (std::size_t k = 0; k < points.size(); ++k)
       groups[static_cast<std::size_t>(owner[k])].push_back(points[k]);

@@ -5,6 +5,7 @@
 #include <CGAL/hilbert_sort.h>
 #include <CGAL/property_map.h>
 
+#include <cmath>
 #include <numeric>
 
 namespace dimple {
@@ -12,7 +13,9 @@ namespace dimple {
 std::vector<Index> spatial_order(const Points& places) {
   using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
   std::vector<Kernel::Point_3> point;
-  for (const auto& x : places.colwise()) point.emplace_back(x.x(), x.y(), x.z());
+  // Points of a grid share coordinates but for rounding: to a nanometre, so that these are ties whatever it was.
+  const auto rounded = [](double mm) { return std::round(mm * 1e6) / 1e6; };
+  for (const auto& x : places.colwise()) point.emplace_back(rounded(x.x()), rounded(x.y()), rounded(x.z()));
   std::vector<std::size_t> order(point.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   using Traits =

@@ -35,7 +35,7 @@ struct Registers<float> {
 };
 template <>
 struct Registers<double> {
-  using Vec4 = double __attribute__((vector_size(32), aligned(32), may_alias));
+  using Vec4 = double __attribute__((vector_size(32), aligned(16), may_alias));  // as allocated
   using Lanes = double __attribute__((vector_size(32), aligned(32), may_alias));
   using Mask = std::int64_t __attribute__((vector_size(32)));
   static constexpr int count = 4;

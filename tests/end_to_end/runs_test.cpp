@@ -113,7 +113,7 @@ TEST_F(Run, GivesTheSameBitsWithAnyNumberOfThreads) {
 }
 
 TEST_F(Run, SolvesTwoPlainListsOfLocations) {
-  good("model brain.nrrd -o model" + cloud);
+  good("model brain.nrrd -o model --scheme horton2007" + cloud);
   good("solve model -o from_vtu" + load);
   const auto list = [&](const PointFile& points,
                         const std::vector<std::pair<std::string, std::string>>& columns) {
