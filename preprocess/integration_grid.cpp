@@ -247,10 +247,11 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
   double scale = static_cast<double>(node_count) * 5.0 / wanted;
   std::vector<Leaf> leaves;
   for (int trial = 0; trial < 5; ++trial) {
-    leaves = bisect(body, [&](const Vec3& x) { return scale * cell_volume(x); });
+    leaves = bisect(body, std::cbrt(scale / far_density) * far_spacing,
+                    [&](const Vec3& x) { return scale * cell_volume(x); });
     const double error = static_cast<double>(leaves.size()) / wanted;
-    if (std::abs(error - 1.0) < 0.02) break;
-    if (trial < 4) scale *= std::pow(error, 1.1);
+    if (std::abs(error - 1.0) < 0.03) break;
+    if (trial < 4) scale *= error;
   }
 
   std::vector<std::vector<Part>> parts(leaves.size());

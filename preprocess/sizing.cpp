@@ -48,10 +48,18 @@ double Sizing::operator()(const Vec3& x) const {
   return std::min(1.0, share_ + slope_ * nearest);
 }
 
-std::vector<Leaf> bisect(const BodySurface& body, const std::function<double(const Vec3&)>& wanted) {
-  std::vector<Leaf> level = {{.centre = 0.5 * (body.lower() + body.upper()),
-                              .half = 0.5 * (body.upper() - body.lower()),
-                              .cut = true}};
+std::vector<Leaf> bisect(const BodySurface& body, double edge, const std::function<double(const Vec3&)>& wanted) {
+  const Vec3 size = body.upper() - body.lower();
+  Eigen::Array3d count;
+  for (int d = 0; d < 3; ++d) count[d] = std::max(1.0, std::ceil(size[d] / edge - 1e-9));
+  const Vec3 half = 0.5 * (size.array() / count).matrix();
+  std::vector<Leaf> level;
+  for (int k = 0; k < count[2]; ++k)
+    for (int j = 0; j < count[1]; ++j)
+      for (int i = 0; i < count[0]; ++i) {
+        const Vec3 at(2 * i + 1, 2 * j + 1, 2 * k + 1);
+        level.push_back({.centre = body.lower() + at.cwiseProduct(half), .half = half, .cut = true});
+      }
   std::vector<Leaf> leaves;
   // Level by level, so that the costly question, how far the surface is, is asked in parallel.
   while (!level.empty()) {

@@ -31,15 +31,16 @@ class Sizing {
   double share_ = 1.0, slope_ = 0.0;
 };
 
-/// Part of a body: a box of the background grid, found by halving the body's box along its longest edge.
+/// Part of a body: a box of the background grid.
 struct Leaf {
   Vec3 centre, half;  ///< [mm]
   bool cut = false;   ///< the surface may pass through it; otherwise it lies inside
   double volume() const { return 8.0 * half.prod(); }
 };
 
-/// Halves the body's box until every box that meets the body is as small as `wanted(x)` [mm^3] asks, within
-/// about a third, and leaves out those outside. In a fixed order.
-std::vector<Leaf> bisect(const BodySurface& body, const std::function<double(const Vec3&)>& wanted);
+/// A regular grid of cells no longer than `edge` [mm] over the body's box, each halved along its longest edge until it
+/// is as small as `wanted(x)` [mm^3] asks, within about a third. Those outside of the body are left out. In a fixed
+/// order.
+std::vector<Leaf> bisect(const BodySurface& body, double edge, const std::function<double(const Vec3&)>& wanted);
 
 }  // namespace dimple

@@ -30,7 +30,7 @@ TEST(Organs, OfPeopleCanBeIndentedWithNoOptionOfTheModelButTheLabel) {
     ASSERT_TRUE(fs::exists(image)) << "DIMPLE_SHARED_DATA names a folder without " << organ.file;
     // The default model; only the load is made short.
     std::vector<std::string> words = {"run",    image,   "-o",       organ.file, "--depth", "1mm",
-                                      "--rate", "5mm/s", "--frames", "1",        "--quiet", "--json"};
+                                      "--frames", "1",   "--quiet",  "--json"};
     words.insert(words.end(), organ.label.begin(), organ.label.end());
     const Ran ran = dimple(folder, words);
     ASSERT_EQ(ran.code, 0) << ran.err;
