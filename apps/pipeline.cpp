@@ -308,6 +308,17 @@ std::string describe(const Tissues& tissues, std::size_t t) {
       law, m.mu, nu, m.kappa, m.density, pressure_wave_speed(m), shear_wave_speed(m));
 }
 
+Eigen::VectorXd density_of(const Model& model, const Tissues& tissues) {
+  Eigen::VectorXd density(model.point_count());
+  for (Index q = 0; q < density.size(); ++q)
+    density[q] = tissues.material[static_cast<std::size_t>(tissues.of_point[q])].density;
+  return density;
+}
+
+Precision precision_of(const Config& config) {
+  return config.solver.precision == "single" ? Precision::single_ : Precision::double_;
+}
+
 void refuse_for_the_papers_scheme(const Tissues& tissues) {
   const Material& m = tissues.material.front();
   if (tissues.material.size() == 1 && m.ogden.empty() && m.prony.empty()) return;
@@ -354,10 +365,8 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
                       .why = "the converging scheme is made of energies, and the printed stress has none",
                       .remedy = "add --scheme horton2007"});
   const Material& material = tissues.material.front();
-  Eigen::VectorXd density(model.point_count());
-  for (Index q = 0; q < density.size(); ++q)
-    density[q] = tissues.material[static_cast<std::size_t>(tissues.of_point[q])].density;
-  const SupportReport support = complete_model(model, in.files.support, tissues.of_point, density);
+  const SupportReport support =
+      complete_model(model, in.files.support, tissues.of_point, density_of(model, tissues));
   say(fmt::format(
       "support  {} basis, {} weight, radius {:.2f} spacings: {} to {} nodes per point, mean {:.1f}; {} grown "
       "for conditioning",
@@ -393,8 +402,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
           "instance 20");
     for (const std::string& warning : in.warnings) warn(warning);
   }
-  const ForceSystem system(model, tissues,
-                           config.solver.precision == "single" ? Precision::single_ : Precision::double_);
+  const ForceSystem system(model, tissues, precision_of(config));
   ResultWriter writer(folder, model, system, in.files.surface, in.files.support);
   const double prepare_s = preparing.seconds();
 
@@ -595,6 +603,30 @@ Outcome run(const Config& config, const fs::path& folder, const std::function<bo
       fmt::format("circle: {} nodes at {}, {}", report.circle_nodes,
                   place(prepared.files.model.tool.centre * 1e3), report.boundary.circle_reason)};
   return solve_in(folder, std::move(input), stop_requested);
+}
+
+Measured measure(const Config& config) {
+  Stopwatch building;
+  Prepared prepared = prepare(config);
+  Model& model = prepared.files.model;
+  const Tissues tissues = tissues_of(config, prepared.files);
+  const bool is_converging = converging(config);
+  if (!is_converging) refuse_for_the_papers_scheme(tissues);
+  complete_model(model, prepared.files.support, tissues.of_point, density_of(model, tissues));
+  const ForceSystem system(model, tissues, precision_of(config));
+  Measured result = {.nodes = model.node_count(),
+                     .points = model.point_count(),
+                     .spacing_mm = prepared.report.spacing_mm,
+                     .rim_spacing_mm = prepared.report.rim_spacing_mm,
+                     .history = {},
+                     .build_s = building.seconds()};
+  Stopwatch solving;
+  if (choose_quasi_static(config, model, tissues, is_converging))
+    load_slowly(system, model, loading_of(config), solver_options(config), {}, result.history);
+  else
+    simulate(system, model, loading_of(config), solver_options(config), {}, result.history);
+  result.solve_s = solving.seconds();
+  return result;
 }
 
 void describe_image(const fs::path& file, const fs::path& label_names, bool as_json) {

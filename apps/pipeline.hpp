@@ -25,4 +25,13 @@ Outcome solve_model(const Config& config, const std::filesystem::path& model,
 Outcome run(const Config& config, const std::filesystem::path& folder,
             const std::function<bool()>& stop_requested);
 
+/// A force curve and what it cost, without any files.
+struct Measured {
+  Index nodes = 0, points = 0;
+  double spacing_mm = 0.0, rim_spacing_mm = 0.0;
+  History history;
+  double build_s = 0.0, solve_s = 0.0;
+};
+Measured measure(const Config& config);
+
 }  // namespace dimple

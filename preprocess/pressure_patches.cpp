@@ -13,7 +13,8 @@ namespace {
 
 constexpr double reach = 1.3;  // of a patch, in patch spacings
 constexpr int lloyd_sweeps = 4;
-constexpr double snap = 1e-8;  // [m]: coordinates that differ by less are ties, broken by number; and a small share
+constexpr double snap =
+    1e-8;  // [m]: coordinates that differ by less are ties, broken by number; and a small share
 
 struct Places {
   Points x;               // in the image's axes, [m]
@@ -38,9 +39,8 @@ void split(const Places& places, std::vector<int> group, Index count, std::vecto
   int axis = 0;
   for (int d = 1; d < 3; ++d)
     if (side[d] > side[axis] + snap) axis = d;
-  std::sort(group.begin(), group.end(), [&](int a, int b) {
-    return std::pair(places.x(axis, a), a) < std::pair(places.x(axis, b), b);
-  });
+  std::sort(group.begin(), group.end(),
+            [&](int a, int b) { return std::pair(places.x(axis, a), a) < std::pair(places.x(axis, b), b); });
   for (auto from = group.begin(); from != group.end();) {  // ties: layers of a grid, but for rounding
     auto to = from + 1;
     while (to != group.end() && places.x(axis, *to) - places.x(axis, *(to - 1)) < snap) ++to;

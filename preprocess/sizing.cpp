@@ -48,7 +48,8 @@ double Sizing::operator()(const Vec3& x) const {
   return std::min(1.0, share_ + slope_ * nearest);
 }
 
-std::vector<Leaf> bisect(const BodySurface& body, double edge, const std::function<double(const Vec3&)>& wanted) {
+std::vector<Leaf> bisect(const BodySurface& body, double edge,
+                         const std::function<double(const Vec3&)>& wanted) {
   const Vec3 size = body.upper() - body.lower();
   Eigen::Array3d count;
   for (int d = 0; d < 3; ++d) count[d] = std::max(1.0, std::ceil(size[d] / edge - 1e-9));

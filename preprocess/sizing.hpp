@@ -38,9 +38,10 @@ struct Leaf {
   double volume() const { return 8.0 * half.prod(); }
 };
 
-/// A regular grid of cells no longer than `edge` [mm] over the body's box, each halved along its longest edge until it
-/// is as small as `wanted(x)` [mm^3] asks, within about a third. Those outside of the body are left out. In a fixed
-/// order.
-std::vector<Leaf> bisect(const BodySurface& body, double edge, const std::function<double(const Vec3&)>& wanted);
+/// A regular grid of cells no longer than `edge` [mm] over the body's box, each halved along its longest edge
+/// until it is as small as `wanted(x)` [mm^3] asks, within about a third. Those outside of the body are left
+/// out. In a fixed order.
+std::vector<Leaf> bisect(const BodySurface& body, double edge,
+                         const std::function<double(const Vec3&)>& wanted);
 
 }  // namespace dimple

@@ -434,7 +434,21 @@ double ProjectedKernel<Real>::stored_energy(const double* u) {
 
 template <class Real>
 void ProjectedKernel<Real>::begin_step(double dt) {
+  if (plain_) return;
+  step_ = dt;
   for (ViscousHistory& history : history_) history.begin_step(dt);
+  // ks follows what is left of the shear modulus: after a load that grew evenly until now, the c of one long
+  // step.
+  std::vector<double> ks;
+  for (Material now : material_) {
+    now.mu *= prony_step(now, elapsed_ + dt).c;
+    ks.push_back(bulk_of_points(now));
+  }
+  for (std::size_t q = 0; q < ks_.size(); ++q) {
+    const auto t = static_cast<std::size_t>(tissue_[q]);
+    ks_[q] = static_cast<Real>(ks[t]);
+    bulk_[q] = static_cast<Real>(material_[t].kappa - ks[t]);
+  }
   for (Variance& v : variance_) {
     if (v.past.empty()) continue;
     const PronyStep& step = history_[static_cast<std::size_t>(v.tissue)].step;
@@ -449,6 +463,7 @@ void ProjectedKernel<Real>::begin_step(double dt) {
 template <class Real>
 void ProjectedKernel<Real>::accept(const double* u) {
   if (plain_) return;
+  elapsed_ += step_;
   stress_sweep(u);
   tbb::parallel_for(Index{0}, points_, [&](Index q) {
     const auto at = static_cast<std::size_t>(q), t = static_cast<std::size_t>(tissue_[at]);

@@ -56,7 +56,8 @@ struct ProjectedShare {
 /// - ks = min(2/3 mu, kappa) at every point: W_dist does not resist dilation that the patches average out.
 /// With
 ///   this ks its linear part is mu |eps|^2, the Stokes operator's, as stiff in dilation as in shear: the size
-///   of the stabilisation in Dohrmann & Bochev 2004.
+///   of the stabilisation in Dohrmann & Bochev 2004. In viscoelastic tissue it falls with the
+///   shear modulus.
 /// - beta = 10, quartic: keeps J_q from leaving the patch's mean by much more than 1/sqrt(beta) = 0.3 at a
 /// sharp
 ///   rim, where the strain is unbounded; of no weight elsewhere. A choice, not a theory.
@@ -112,6 +113,7 @@ class ProjectedKernel {
   std::vector<Variance> variance_;
   std::vector<ViscousHistory> history_;  // of each material with a Prony series; by tissue
   std::vector<std::int32_t> slot_;       // [Q] of the point in its tissue's history
+  double elapsed_ = 0.0, step_ = 0.0;    // [s] until the last accepted step, and of the one under way
 
   std::vector<Real> u_;                     // [4xN]
   std::vector<Columns> gradient_, stress_;  // [Q] F - I; V P

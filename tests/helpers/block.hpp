@@ -1,8 +1,10 @@
 #pragma once
 
+#include <functional>
 #include <random>
 
 #include "preprocess/lumped_mass.hpp"
+#include "preprocess/pressure_patches.hpp"
 #include "preprocess/support.hpp"
 #include "solver/internal_force.hpp"
 
@@ -53,6 +55,20 @@ inline Model block(Index n = 6, double jitter = 0.2, double cells_per_spacing = 
   model.label = Eigen::VectorXi::Zero(q);
   find_supports(model, support);
   model.mass = lumped_mass(model, Eigen::VectorXd::Constant(model.point_count(), 1000.0));
+  return model;
+}
+
+/// The same block for the converging scheme: cells with a spread, gradients averaged over them, pressure
+/// patches. `tissue`, if given, numbers each point by its place.
+inline Model averaged_block(Index n = 6, double jitter = 0.2, double cells_per_spacing = 1.8,
+                            const std::function<int(const Vec3&)>& tissue = {}) {
+  Model model = block(n, jitter, cells_per_spacing);
+  model.spread = Spread::Zero(6, model.point_count());
+  model.spread.topRows<3>().setConstant(std::pow(model.volume[0], 2.0 / 3.0) / 12.0);
+  if (tissue)
+    for (Index q = 0; q < model.point_count(); ++q) model.label[q] = tissue(model.point.col(q));
+  find_supports(model, {.radius_factor = 1.6, .interpolation = 0.01}, model.label);
+  make_pressure_patches(model, model.label);
   return model;
 }
 

@@ -29,7 +29,8 @@ TEST(LumpedMass, SharesAPointsMassEquallyAmongItsNodes) {
   model.support.offset << 0, 3, 4;
   model.support.member.resize(4);
   model.support.member << 0, 1, 2, 1;
-  EXPECT_THAT(lumped_mass(model, Eigen::VectorXd::Constant(model.point_count(), 10.0)), testing::ElementsAre(20.0, 40.0, 20.0));
+  EXPECT_THAT(lumped_mass(model, Eigen::VectorXd::Constant(model.point_count(), 10.0)),
+              testing::ElementsAre(20.0, 40.0, 20.0));
 }
 
 TEST(LumpedMass, ANodeInNoSupportIsRefusedByNumberAndPlace) {

@@ -1,5 +1,3 @@
-#include "solver/material.hpp"
-
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
@@ -7,12 +5,13 @@
 #include <numbers>
 #include <random>
 
+#include "solver/material.hpp"
+
 namespace dimple {
 namespace {
 
 const Material swine_brain = neo_hookean(210.0, 0.499, 1000.0);
 const Material softer_to_squeeze = {.mu = 1006.7114, .kappa = 50'000.0, .density = 1000.0};
-
 
 Mat3 sheared_and_squeezed() {
   return (Mat3() << 0.9, 0.2, -0.1, 0.05, 1.1, 0.15, 0.1, -0.2, 0.97).finished();

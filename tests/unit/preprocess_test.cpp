@@ -115,6 +115,45 @@ TEST(NodeCloud, HasExactlyTheAskedNumberOfEvenlySpacedNodesAndTheCirclesRim) {
   EXPECT_GE(rim, 6);
 }
 
+TEST(NodeCloud, IsAsDenseAtTheRimAsAskedForAndHasExactlyTheAskedNumber) {
+  const SegmentedBody body =
+      make_body_surface(make_phantom({.shape = "block", .size_mm = Vec3(40, 40, 20)}), {}, 2.0);
+  const Boundary boundary = find_boundary(body.surface, {}, 2.0);
+  const GradingOptions grading = {.rim = 0.2};
+  const Sizing sizing(body.surface, boundary, grading);
+  const NodeCloud cloud =
+      make_node_cloud(body.surface, boundary, sizing, {.count = 1500, .grading = grading});
+  EXPECT_EQ(cloud.X.cols(), 1500);
+  const Points rim = rim_of_circle(body.surface, boundary, 16);
+  for (const auto& x : rim.colwise()) EXPECT_NEAR(sizing(x), 0.2, 0.01);
+  EXPECT_EQ(sizing(boundary.centre + Vec3(0.0, 0.0, -18.0)), 1.0);
+  const Evenness evenness = measure_evenness(cloud, cloud.X);
+  EXPECT_GT(evenness.mean, 0.85);
+  EXPECT_LT(evenness.spread, 0.2);
+  EXPECT_GT(evenness.minimum, 0.3);
+}
+
+TEST(IntegrationGrid, ThatFollowsTheNodesHasTheBodysVolumeCentroidAndInertia) {
+  const SegmentedBody body =
+      make_body_surface(make_phantom({.shape = "block", .size_mm = Vec3(40, 40, 20)}), {}, 2.0);
+  const Boundary boundary = find_boundary(body.surface, {}, 2.0);
+  const Sizing sizing(body.surface, boundary, {.rim = 0.2});
+  const double spacing = spacing_for_count(body.surface, 1500, sizing);
+  const IntegrationGrid grid = make_graded_grid(body.surface, {.ratio = 7.0}, 1500, sizing, spacing);
+  EXPECT_NEAR(static_cast<double>(grid.point.cols()), 7.0 * 1500.0, 0.15 * 7.0 * 1500.0);
+  EXPECT_NEAR(grid.volume.sum(), body.surface.volume(), 1e-9 * body.surface.volume());
+  const Vec3 centroid = grid.point * grid.volume / grid.volume.sum();
+  EXPECT_LT((centroid - body.surface.centroid()).norm(), 0.01);
+  // Of a box a x b x c the mean of (x - middle)^2 is a^2 / 12; its corners are a little round.
+  const Vec3 size = body.surface.upper() - body.surface.lower();
+  for (int d = 0; d < 3; ++d) {
+    double second = 0.0;
+    for (Index q = 0; q < grid.point.cols(); ++q)
+      second += grid.volume[q] * (grid.spread(d, q) + std::pow(grid.point(d, q) - centroid[d], 2));
+    EXPECT_NEAR(second / grid.volume.sum(), size[d] * size[d] / 12.0, 0.03 * size[d] * size[d] / 12.0);
+  }
+}
+
 TEST(NodeCloud, IsTheSameForAnyNumberOfThreads) {
   const SegmentedBody body = block_body();
   const Boundary boundary = find_boundary(body.surface, {}, 5.0);

@@ -76,16 +76,19 @@ TEST(StableTimeStep, IsZeroWhereNothingCanMove) {
   const ForceSystem system(model, tissue);
   Constraints constraints = make_constraints(model, Contact::bonded);
   for (auto& kind : constraints.kind) kind = Kind::fixed;
-  EXPECT_EQ(stable_time_step(system, model, model.mass, constraints, Nodal::Zero(4, model.node_count())).dt, 0.0);
+  EXPECT_EQ(stable_time_step(system, model, model.mass, constraints, Nodal::Zero(4, model.node_count())).dt,
+            0.0);
 }
 
 TEST(StableTimeStep, ShrinksWhereTheTissueIsPressedTogether) {
   const Model model = block(5);
   const ForceSystem system(model, tissue);
   const Constraints constraints = make_constraints(model, Contact::bonded);
-  const double at_rest = stable_time_step(system, model, model.mass, constraints, Nodal::Zero(4, model.node_count())).dt;
-  const double pressed =
-      stable_time_step(system, model, model.mass, constraints, affine(model, Vec3(1.29, 1.29, 0.6).asDiagonal())).dt;
+  const double at_rest =
+      stable_time_step(system, model, model.mass, constraints, Nodal::Zero(4, model.node_count())).dt;
+  const double pressed = stable_time_step(system, model, model.mass, constraints,
+                                          affine(model, Vec3(1.29, 1.29, 0.6).asDiagonal()))
+                             .dt;
   EXPECT_LT(pressed, 0.9 * at_rest);
 }
 

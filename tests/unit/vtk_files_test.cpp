@@ -202,7 +202,8 @@ TEST(Vtu, SaysWhyAFileCannotBeRead) {
   PointFile points = sample_points();
   points.position_mm(1, 17) = std::numeric_limits<double>::infinity();
   write_vtu(folder / "infinite.vtu", points, 0.0, true);
-  expect_report<InputError>([&] { read_vtu(folder / "infinite.vtu"); }, "infinite.vtu");  // VTK itself stops at its range
+  expect_report<InputError>([&] { read_vtu(folder / "infinite.vtu"); },
+                            "infinite.vtu");  // VTK itself stops at its range
 }
 
 TEST(Vtu, RefusesEveryTruncation) {

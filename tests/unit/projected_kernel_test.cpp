@@ -1,0 +1,166 @@
+// The energy of the converging scheme and its forces.
+
+#include "solver/projected_kernel.hpp"
+
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <Eigen/Geometry>
+
+#include "solver/internal_force.hpp"
+#include "tests/helpers/block.hpp"
+
+namespace dimple {
+namespace {
+
+using namespace testing_bodies;
+using Nodal = ForceSystem::Nodal;
+
+int upper_half(const Vec3& x) {
+  return x.z() > 10e-3;
+}
+
+Tissues soft_and_ogden(const Model& model) {
+  return {{neo_hookean(210.0, 0.499, 1000.0), ogden({{500.0, -4.7}, {300.0, 3.0}}, 0.45, 1000.0)},
+          model.label};
+}
+
+// (W(u + e v) - W(u - e v)) / 2e against f . v, as a part of |f| |v|.
+double error_of_gradient(const ForceSystem& system, const Nodal& u) {
+  Model shape;
+  shape.X.resize(3, u.cols());
+  const Nodal v = random_displacement(shape, 1.0, 11);
+  Nodal f = u;
+  system.internal_force(u, f);
+  const double e = 1e-7;
+  const double slope = (system.stored_energy(u + e * v) - system.stored_energy(u - e * v)) / (2.0 * e);
+  return std::abs(slope - f.cwiseProduct(v).sum()) / (f.norm() * v.norm());
+}
+
+TEST(ProjectedKernel, ForceIsTheGradientOfTheEnergy) {
+  const Model model = averaged_block();
+  const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
+  EXPECT_LT(error_of_gradient(system, random_displacement(model, 0.3e-3)), 1e-7);
+  EXPECT_LT(error_of_gradient(system, affine(model, Vec3(1.3, 1.1, 0.6).asDiagonal())), 1e-7);
+}
+
+TEST(ProjectedKernel, ForceIsTheGradientOfTheEnergyWherePointsAreInsideOut) {
+  const Model model = averaged_block();
+  const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
+  const Nodal u = random_displacement(model, 4e-3);
+  Nodal f = u;
+  EXPECT_GT(system.internal_force(u, f).inverted, 0);
+  EXPECT_LT(error_of_gradient(system, u), 1e-7);
+}
+
+TEST(ProjectedKernel, ForceIsTheGradientOfTheEnergyOfTwoTissues) {
+  const Model model = averaged_block(6, 0.2, 1.8, upper_half);
+  const ForceSystem system(model, soft_and_ogden(model));
+  EXPECT_LT(error_of_gradient(system, random_displacement(model, 0.3e-3)), 1e-7);
+}
+
+TEST(ProjectedKernel, OfABodyMovedAsAWholeHasNoForce) {
+  const Model model = averaged_block();
+  const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
+  const Mat3 turn = Eigen::AngleAxisd(1.1, Vec3(1.0, 2.0, -0.5).normalized()).toRotationMatrix();
+  Nodal u = affine(model, turn);
+  u.topRows<3>().colwise() += Vec3(0.01, -0.02, 0.03);
+  Nodal f = u;
+  system.internal_force(u, f);
+  EXPECT_LT(f.cwiseAbs().maxCoeff(), 1e-9 * 104930.0 * 1e-5);  // of kappa x the area of a cell
+  EXPECT_LT(system.stored_energy(u), 1e-12);
+}
+
+TEST(ProjectedKernel, OfAHomogeneousStretchHasItsStressEverywhere) {
+  const Model model = averaged_block();
+  const Material material = neo_hookean(210.0, 0.499, 1000.0);
+  const ForceSystem system(model, material);
+  Mat3 F;
+  F << 1.1, 0.05, 0.0, 0.0, 0.95, 0.02, 0.01, 0.0, 0.97;
+  const Mat3 P = pk1_stress(material, F);
+  const auto stresses = system.stresses(affine(model, F));
+  for (Index q = 0; q < model.point_count(); ++q)
+    EXPECT_LT((Eigen::Map<const Mat3>(stresses.col(q).data()) - P).norm(), 1e-9 * P.norm());
+  EXPECT_NEAR(system.stored_energy(affine(model, F)), model.volume.sum() * strain_energy(material, F),
+              1e-9 * model.volume.sum() * strain_energy(material, F));
+}
+
+TEST(ProjectedKernel, KeepsMomentumAndAngularMomentum) {
+  const Model model = averaged_block();
+  const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
+  const Nodal u = random_displacement(model, 0.5e-3);
+  Nodal f = u;
+  system.internal_force(u, f);
+  Vec3 moment = Vec3::Zero();
+  double size = 0.0;
+  for (Index a = 0; a < model.node_count(); ++a) {
+    const Vec3 x = model.X.col(a) + u.col(a).head<3>(), fa = f.col(a).head<3>();
+    moment += x.cross(fa);
+    size += x.norm() * fa.norm();
+  }
+  EXPECT_LT(f.rowwise().sum().norm(), 1e-12 * f.cwiseAbs().sum());
+  EXPECT_LT(moment.norm(), 1e-12 * size);
+}
+
+TEST(ProjectedKernel, InSinglePrecisionAgreesWithDouble) {
+  const Model model = averaged_block();
+  const Material material = neo_hookean(210.0, 0.499, 1000.0);
+  const ForceSystem fine(model, material), coarse(model, material, Precision::single_);
+  const Nodal u = affine(model, Vec3(1.02, 1.03, 0.95).asDiagonal());
+  Nodal f = u, g = u;
+  fine.internal_force(u, f);
+  coarse.internal_force(u, g);
+  EXPECT_LT((f - g).norm(), 1e-4 * f.norm());
+}
+
+TEST(ProjectedKernel, GivesTheSameBitsWithAnyNumberOfThreads) {
+  const Model model = averaged_block(6, 0.2, 1.8, upper_half);
+  const ForceSystem system(model, soft_and_ogden(model), Precision::single_);
+  const Nodal u = random_displacement(model, 0.5e-3);
+  Nodal all = u, one = u;
+  system.internal_force(u, all);
+  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 1);
+  system.internal_force(u, one);
+  EXPECT_EQ(all, one);
+}
+
+TEST(GradientVariance, OfALinearFieldIsNothingAndOfAnyOtherIsPositive) {
+  const Model model = averaged_block();
+  ASSERT_EQ(model.variance.size(), 1u);
+  const GradientVariance& v = model.variance[0];
+  const auto apply = [&](const Eigen::RowVectorXd& u) {
+    Eigen::RowVectorXd result = Eigen::RowVectorXd::Zero(u.size());
+    for (Index a = 0; a < u.size(); ++a)
+      for (int k = v.rows.offset[a]; k < v.rows.offset[a + 1]; ++k) result[a] += v.K[k] * u[v.rows.member[k]];
+    return result;
+  };
+  const double size = v.K.cwiseAbs().maxCoeff();
+  for (int d = 0; d < 3; ++d) EXPECT_LT(apply(model.X.row(d)).cwiseAbs().maxCoeff(), 1e-12 * size);
+  EXPECT_LT(apply(Eigen::RowVectorXd::Ones(model.node_count())).cwiseAbs().maxCoeff(), 1e-11 * size);
+  const Eigen::RowVectorXd rough = random_displacement(model, 1.0).row(0);
+  EXPECT_GT(rough.dot(apply(rough)), 0.0);
+}
+
+TEST(PressurePatches, ShareEveryPointWhollyAndTheVolumeOnce) {
+  const Model model = averaged_block();
+  const PressurePatches& p = model.patches;
+  EXPECT_NEAR(static_cast<double>(p.count()), static_cast<double>(model.node_count()) / 7.0, 2.0);
+  for (Index q = 0; q < model.point_count(); ++q)
+    EXPECT_NEAR(p.psi.segment(p.of_point.offset[q], p.of_point.count(q)).sum(), 1.0, 1e-14);
+  EXPECT_NEAR(p.volume.sum(), model.volume.sum(), 1e-12 * model.volume.sum());
+  EXPECT_GT(p.volume.minCoeff(), 0.0);
+}
+
+TEST(PressurePatches, LieInOneTissueEach) {
+  const Model model = averaged_block(6, 0.2, 1.8, upper_half);
+  std::vector<int> tissue(static_cast<std::size_t>(model.patches.count()), -1);
+  for (Index q = 0; q < model.point_count(); ++q)
+    for (int k = model.patches.of_point.offset[q]; k < model.patches.of_point.offset[q + 1]; ++k) {
+      int& of_patch = tissue[static_cast<std::size_t>(model.patches.of_point.member[k])];
+      EXPECT_TRUE(of_patch < 0 || of_patch == model.label[q]);
+      of_patch = model.label[q];
+    }
+}
+
+}  // namespace
+}  // namespace dimple

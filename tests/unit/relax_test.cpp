@@ -1,0 +1,103 @@
+#include "solver/relax.hpp"
+
+#include <gtest/gtest.h>
+
+#include "io/error.hpp"
+#include "tests/helpers/block.hpp"
+
+namespace dimple {
+namespace {
+
+using namespace testing_bodies;
+using Nodal = ForceSystem::Nodal;
+
+TEST(Relaxation, EndsInEquilibriumWithWhatIsHeldInPlace) {
+  const Model model = averaged_block();
+  const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
+  const Constraints constraints = make_constraints(model, Contact::bonded);
+  Nodal u = Nodal::Zero(4, model.node_count()), f = u;
+  for (const Index a : model.indenter) u.col(a) = constraints.push * 1e-3;
+  const Relaxed relaxed = Relaxation(system, model, constraints)(u, f, {.tolerance = 1e-6});
+  EXPECT_LT(relaxed.residual, 1e-6);
+  double circle = 0.0, base = 0.0, unbalanced = 0.0;
+  for (Index a = 0; a < model.node_count(); ++a) unbalanced += constraints.project(a, f.col(a)).squaredNorm();
+  for (const Index a : model.indenter) {
+    circle += f.col(a).dot(constraints.push);
+    EXPECT_EQ(u.col(a), constraints.push * 1e-3);
+  }
+  for (const Index a : model.base) base -= f.col(a).dot(constraints.push);
+  EXPECT_GT(circle, 0.0);
+  EXPECT_NEAR(base, circle, 1e-5 * circle);
+  EXPECT_LT(std::sqrt(unbalanced), 1e-5 * circle);
+}
+
+TEST(Relaxation, OfADeadLoadHangsItOnTheBase) {
+  const Model model = averaged_block();
+  const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
+  Constraints constraints = make_constraints(model, Contact::bonded);
+  for (auto& kind : constraints.kind)
+    if (kind == Constraints::Kind::driven) kind = Constraints::Kind::free;
+  Nodal u = Nodal::Zero(4, model.node_count()), f = u, weight = u;
+  for (Index a = 0; a < model.node_count(); ++a) weight(2, a) = 0.05 * 9.81 * model.mass[a];
+  Relaxation(system, model, constraints)(u, f, {.tolerance = 1e-6}, weight);
+  double base = 0.0;
+  for (const Index a : model.base) base += f(2, a) - weight(2, a);
+  EXPECT_NEAR(base, -weight.row(2).sum(), 1e-4 * weight.row(2).sum());
+  EXPECT_GT(u.row(2).maxCoeff(), 0.0);
+}
+
+TEST(Relaxation, SaysWhereItGaveUp) {
+  const Model model = averaged_block();
+  const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
+  const Constraints constraints = make_constraints(model, Contact::bonded);
+  Nodal u = Nodal::Zero(4, model.node_count()), f = u;
+  for (const Index a : model.indenter) u.col(a) = constraints.push * 1e-3;
+  try {
+    Relaxation(system, model, constraints)(u, f, {.tolerance = 1e-6, .evaluations = 60});
+    FAIL() << "60 evaluations cannot be enough";
+  } catch (const SolveError& error) {
+    EXPECT_NE(error.report.fact.find("no equilibrium"), std::string::npos) << error.report.fact;
+  }
+}
+
+TEST(LoadSlowly, GivesTheForceThatSlowDampedMotionEndsIn) {
+  const Model model = averaged_block(5);
+  const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
+  const Loading loading = {.depth = 1e-3, .rate = 1e-3};
+  History still, moving;
+  load_slowly(system, model, loading, {.frames = 2}, {}, still);
+  simulate(system, model, loading, {.damping = 20.0, .frames = 2}, {}, moving);
+  ASSERT_EQ(still.force.size(), 3u);
+  EXPECT_NEAR(still.force.back().force, moving.force.back().force, 0.01 * moving.force.back().force);
+  EXPECT_NEAR(still.energy.back().external, still.energy.back().stored, 0.01 * still.energy.back().stored);
+}
+
+TEST(LoadSlowly, LetsAViscoelasticBlockRelax) {
+  const Model model = averaged_block(5);
+  Material material = neo_hookean(210.0, 0.45, 1000.0);
+  material.kappa = 1e5;
+  const ForceSystem elastic(model, material);
+  material.prony = {{0.5, 1e-3}};
+  const ForceSystem relaxing(model, material);
+  const Loading slow = {.depth = 0.5e-3, .rate = 1e-4};  // thousands of relaxation times
+  History a, b;
+  load_slowly(elastic, model, slow, {.frames = 2}, {}, a);
+  load_slowly(relaxing, model, slow, {.frames = 2}, {}, b);
+  EXPECT_NEAR(b.force.back().force, 0.5 * a.force.back().force, 0.02 * a.force.back().force);
+}
+
+TEST(StiffnessRowSums, BoundTheStiffnessFromAbove) {
+  // With row sums as masses no frequency exceeds sqrt(1) by much: the stable step is at least 2.
+  const Model model = averaged_block();
+  const Material material = neo_hookean(210.0, 0.499, 1000.0);
+  const ForceSystem system(model, material);
+  const Eigen::VectorXd mass = stiffness_row_sums(model, system.tissues());
+  EXPECT_GT(mass.minCoeff(), 0.0);
+  EXPECT_GT(stable_time_step(system, model, mass, make_constraints(model, Contact::bonded),
+                             Nodal::Zero(4, model.node_count()))
+                .dt,
+            2.0);
+}
+
+}  // namespace
+}  // namespace dimple
