@@ -1,64 +1,32 @@
 #include "io/picture.hpp"
 
 #include <fmt/format.h>
-#include <vtkAutoInit.h>
-#include <vtkImageData.h>
-#include <vtkNew.h>
-#include <vtkPNGWriter.h>
-#include <vtkTextProperty.h>
-#include <vtkTextRenderer.h>
-#include <vtkUnsignedCharArray.h>
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 #include <numbers>
-#include <optional>
 #include <stdexcept>
-#include <string_view>
 #include <utility>
 
-#include "io/error.hpp"
-#include "io/file.hpp"
+#include "io/canvas.hpp"
 
-VTK_MODULE_INIT(vtkRenderingFreeType)  // registers the text setter, and nothing that needs a display
-
-// No library draws this: VTK's renderer aborts the process where there is no display, and its charts need
-// that renderer. VTK still sets the text and encodes the PNG; neither needs a display.
+// No library draws this: io/canvas.hpp says why.
 
 namespace dimple {
 
 namespace {
 
-using Vec2 = Eigen::Vector2d;
-/// In 0..1. Not an Eigen type: pixels are blended millions of times, and a debug build has to finish too.
-struct Colour {
-  float red, green, blue;
-};
-
-Colour operator*(const Colour& c, float f) {
-  return {c.red * f, c.green * f, c.blue * f};
-}
-Colour mixed(const Colour& a, const Colour& b, float t) {
-  return {a.red + (b.red - a.red) * t, a.green + (b.green - a.green) * t, a.blue + (b.blue - a.blue) * t};
-}
+using namespace draw;
 
 constexpr int width = 1600;
 constexpr int height = 1200;
-constexpr int fine = 2;  // everything is drawn this much larger, then averaged: edges come out smooth
-
-Colour rgb(unsigned hex) {
-  const auto part = [&](unsigned shift) { return static_cast<float>(hex >> shift & 255U) / 255.0F; };
-  return {part(16), part(8), part(0)};
-}
 
 // Hues that the common colour-vision deficiencies keep apart; the lightness differs as well.
-const Colour ink = rgb(0x1F2933), soft_ink = rgb(0x5F6B7A), hairline = rgb(0xD8DEE6), page = rgb(0xEEF1F5),
-             card = rgb(0xFFFFFF), interior = rgb(0xB9C8D8), base = rgb(0x1560A0), circle = rgb(0xE8590C),
-             cross = rgb(0x8794A4), curve = rgb(0x1560A0), node_dot = rgb(0x6F8AA6);
+const Colour interior = rgb(0xB9C8D8), base = rgb(0x1560A0), circle = rgb(0xE8590C), cross = rgb(0x8794A4),
+             curve = rgb(0x1560A0), node_dot = rgb(0x6F8AA6);
 
 bool is_base(int set) {
   return (set & 1) != 0;
@@ -80,276 +48,7 @@ Colour heat(double fraction) {
   return mixed(stops[i], stops[i + 1], f);
 }
 
-// -------------------------------------------------------------------------------------------------- drawing
-
-/// A rectangle in picture pixels, y downward.
-struct Rect {
-  double x, y, w, h;
-  Rect inset(double left, double top, double right, double bottom) const {
-    return {x + left, y + top, std::max(w - left - right, 1.0), std::max(h - top - bottom, 1.0)};
-  }
-};
-
-/// The pixel of a coordinate, within 0..most for every number, also for one that is not a number.
-int pixel_within(double coordinate, int most) {
-  return coordinate > 0.0 ? static_cast<int>(std::min(coordinate, static_cast<double>(most))) : 0;
-}
-
-/// The picture, `fine` times larger than written. Coordinates are picture pixels, y downward.
-class Canvas {
- public:
-  Canvas() : pixel_(static_cast<std::size_t>(columns * rows), page) {}
-
-  static constexpr int columns = width * fine, rows = height * fine;
-
-  void blend(int x, int y, const Colour& colour, double cover) {
-    if (!(cover > 0.0) || x < 0 || y < 0 || x >= columns || y >= rows) return;
-    Colour& at = pixel_[static_cast<std::size_t>(x + columns * y)];
-    at = mixed(at, colour, static_cast<float>(std::min(cover, 1.0)));
-  }
-
-  /// Paints where `distance` (picture pixels, negative inside) says; `bounds` limits the search.
-  template <class Distance>
-  void paint(const Rect& bounds, const Colour& colour, double opacity, Distance distance) {
-    const int x0 = pixel_within((bounds.x - 1.0) * fine, columns - 1);
-    const int y0 = pixel_within((bounds.y - 1.0) * fine, rows - 1);
-    const int x1 = pixel_within((bounds.x + bounds.w + 1.0) * fine, columns - 1);
-    const int y1 = pixel_within((bounds.y + bounds.h + 1.0) * fine, rows - 1);
-    for (int y = y0; y <= y1; ++y)
-      for (int x = x0; x <= x1; ++x) {
-        const double d = distance((x + 0.5) / fine, (y + 0.5) / fine);
-        blend(x, y, colour, opacity * std::clamp(0.5 - d * fine, 0.0, 1.0));
-      }
-  }
-
-  /// With round corners of that radius.
-  void rectangle(const Rect& r, const Colour& colour, double corner = 0.0) {
-    const int x0 = pixel_within(r.x * fine, columns), x1 = pixel_within((r.x + r.w) * fine, columns);
-    const int y0 = pixel_within(r.y * fine, rows), y1 = pixel_within((r.y + r.h) * fine, rows);
-    for (int y = y0; y < y1; ++y) {
-      const double to_edge = (std::min(y - y0, y1 - 1 - y) + 0.5) / fine;
-      const double short_of = std::max(corner - to_edge, 0.0);
-      const double indent = corner - std::sqrt(corner * corner - short_of * short_of);
-      const int inset = static_cast<int>(std::lround(indent * fine));
-      for (int x = x0 + inset; x < x1 - inset; ++x)
-        pixel_[static_cast<std::size_t>(x + columns * y)] = colour;
-    }
-  }
-
-  void disc(const Vec2& centre, double radius, const Colour& colour, double opacity = 1.0) {
-    paint({centre.x() - radius, centre.y() - radius, 2.0 * radius, 2.0 * radius}, colour, opacity,
-          [radius, cx = centre.x(), cy = centre.y()](double x, double y) {
-            return std::sqrt((x - cx) * (x - cx) + (y - cy) * (y - cy)) - radius;
-          });
-  }
-
-  void line(const Vec2& a, const Vec2& b, double thickness, const Colour& colour, double opacity = 1.0) {
-    const Vec2 along = b - a;
-    const double length2 = std::max(along.squaredNorm(), 1e-12), r = thickness / 2.0;
-    const Vec2 low = a.cwiseMin(b).array() - r, high = a.cwiseMax(b).array() + r;
-    paint({low.x(), low.y(), high.x() - low.x(), high.y() - low.y()}, colour, opacity,
-          [=, ax = a.x(), ay = a.y(), ux = along.x(), uy = along.y()](double x, double y) {
-            const double t = std::clamp(((x - ax) * ux + (y - ay) * uy) / length2, 0.0, 1.0);
-            const double dx = x - ax - t * ux, dy = y - ay - t * uy;
-            return std::sqrt(dx * dx + dy * dy) - r;
-          });
-  }
-
-  /// A line from a to b with a head at b.
-  void arrow(const Vec2& a, const Vec2& b, double thickness, const Colour& colour) {
-    const double length = (b - a).norm();
-    if (!(length > 0.0)) return;
-    const double head = std::min(4.0 * thickness, 0.7 * length), half = 0.5 * head;
-    const Vec2 along = (b - a) / length, across(-along.y(), along.x());
-    line(a, b - 0.8 * head * along, thickness, colour);
-    const Vec2 low = a.cwiseMin(b).array() - head, high = a.cwiseMax(b).array() + head;
-    paint({low.x(), low.y(), high.x() - low.x(), high.y() - low.y()}, colour, 1.0, [&](double x, double y) {
-      const Vec2 p(x, y);
-      const double back = (b - p).dot(along), side = std::abs((p - b).dot(across));
-      return std::max(back - head, (side * head - back * half) / std::hypot(head, half));
-    });
-  }
-
-  /// The finished picture: the average of every fine x fine block, bottom row first as VTK wants it.
-  vtkSmartPointer<vtkImageData> image() const {
-    vtkNew<vtkImageData> result;
-    result->SetDimensions(width, height, 1);
-    result->AllocateScalars(VTK_UNSIGNED_CHAR, 3);
-    auto* to = static_cast<unsigned char*>(result->GetScalarPointer());
-    for (int y = height - 1; y >= 0; --y)
-      for (int x = 0; x < width; ++x) {
-        std::array<float, 3> sum{};
-        for (int dy = 0; dy < fine; ++dy)
-          for (int dx = 0; dx < fine; ++dx) {
-            const Colour& c = pixel_[static_cast<std::size_t>(x * fine + dx + columns * (y * fine + dy))];
-            sum[0] += c.red;
-            sum[1] += c.green;
-            sum[2] += c.blue;
-          }
-        for (const float part : sum)
-          *to++ = static_cast<unsigned char>(part * (255.0F / (fine * fine)) + 0.5F);
-      }
-    return result;
-  }
-
- private:
-  std::vector<Colour> pixel_;
-};
-
-// ----------------------------------------------------------------------------------------------------- text
-
-struct Style {
-  double size = 15.0;  ///< height of a line of text in picture pixels, about
-  Colour colour = ink;
-  bool bold = false;
-};
-
-enum class Align { left, centre, right };
-
-/// Only what the built-in font has: Latin letters, signs and dashes. Everything else, and bytes that are not
-/// UTF-8, becomes '?'.
-std::string printable(std::string_view text) {
-  std::string clean;
-  for (std::size_t i = 0; i < text.size();) {
-    const auto byte = [&](std::size_t k) -> unsigned {
-      const auto value = i + k < text.size() ? static_cast<unsigned char>(text[i + k]) : 0U;
-      return k > 0 && (value & 0xC0U) != 0x80U ? 0U : value;  // 0: not the continuation of a character
-    };
-    std::size_t length = 1;
-    bool known = byte(0) >= 0x20 && byte(0) < 0x7F;
-    if (byte(0) >= 0xC2 && byte(0) <= 0xC5 && byte(1) != 0) {  // U+0080 to U+017F
-      length = 2;
-      known = byte(0) != 0xC2 || byte(1) >= 0xA0;
-    } else if (byte(0) == 0xE2 && byte(1) != 0 && byte(2) != 0) {
-      length = 3;
-      const unsigned code = (byte(0) & 0x0FU) << 12 | (byte(1) & 0x3FU) << 6 | (byte(2) & 0x3FU);
-      known = (code >= 0x2013 && code <= 0x2026) || code == 0x2212;  // dashes, quotes, dots, minus
-    }
-    const bool blank = text[i] == '\t' || text[i] == '\n' || text[i] == '\r';
-    clean += known ? text.substr(i, length) : blank ? " " : "?";
-    i += length;
-  }
-  return clean;
-}
-
-vtkSmartPointer<vtkTextProperty> text_property(const Style& style) {
-  vtkNew<vtkTextProperty> property;
-  property->SetFontFamilyToArial();  // built into VTK: the same letters on every machine
-  property->SetFontSize(static_cast<int>(std::lround(style.size * fine)));
-  property->SetBold(style.bold ? 1 : 0);
-  property->SetColor(1.0, 1.0, 1.0);
-  return property;
-}
-
-constexpr int dots_per_inch = 72;  // a font size is then a number of pixels
-
-/// Left, right, bottom and top of a text [fine pixels], from its start on the baseline.
-std::optional<std::array<int, 4>> text_box(const std::string& clean, vtkTextProperty* property) {
-  std::array<int, 4> box{};
-  if (clean.find_first_not_of(' ') == std::string::npos ||
-      !vtkTextRenderer::GetInstance()->GetBoundingBox(property, clean, box.data(), dots_per_inch,
-                                                      vtkTextRenderer::FreeType))
-    return std::nullopt;
-  return box;
-}
-
-/// Width in picture pixels.
-double text_width(const std::string& text, const Style& style) {
-  const auto box = text_box(printable(text), text_property(style));
-  return box ? static_cast<double>((*box)[1] - (*box)[0] + 1) / fine : 0.0;
-}
-
-/// Sets one line of text; `at` is on its baseline. Not through vtkFreeTypeTools: it drops all but ASCII.
-void write(Canvas& canvas, const Vec2& at, const std::string& text, const Style& style = {},
-           Align align = Align::left) {
-  const std::string clean = printable(text);
-  const auto property = text_property(style);
-  const auto box = text_box(clean, property);
-  vtkNew<vtkImageData> image;
-  std::array<int, 2> size{};
-  if (!box || !(at.cwiseAbs().maxCoeff() < 10.0 * width) ||
-      !vtkTextRenderer::GetInstance()->RenderString(property, clean, image, size.data(), dots_per_inch,
-                                                    vtkTextRenderer::FreeType))
-    return;
-  const double shift = align == Align::left ? 0.0 : align == Align::centre ? 0.5 : 1.0;
-  const int left = static_cast<int>(std::lround(at.x() * fine - shift * ((*box)[1] - (*box)[0] + 1)));
-  const int bottom = static_cast<int>(std::lround(at.y() * fine)) - (*box)[2];
-  const int opacity = image->GetNumberOfScalarComponents() - 1;
-  for (int y = 0; y < size[1]; ++y)
-    for (int x = 0; x < size[0]; ++x) {
-      const auto* value = static_cast<const unsigned char*>(image->GetScalarPointer(x, y, 0));
-      canvas.blend(left + x, bottom - y, style.colour, value[opacity] / 255.0);
-    }
-}
-
-/// Breaks a line between words so that no part is wider than `room`. A single longer word is cut.
-std::vector<std::string> wrapped(const std::string& line, double room, const Style& style) {
-  std::vector<std::string> parts;
-  std::string part, word;
-  const auto place = [&] {
-    if (word.empty()) return;
-    const std::string longer = part.empty() ? word : part + ' ' + word;
-    if (text_width(longer, style) <= room) {
-      part = longer;
-    } else {
-      if (!part.empty()) parts.push_back(part);
-      part = word;
-      while (part.size() > 8 && text_width(part, style) > room) {
-        const double keep = room / text_width(part, style) * 0.97;
-        auto cut = static_cast<std::size_t>(keep * static_cast<double>(part.size()));
-        cut = std::clamp<std::size_t>(cut, 4, part.size() - 1);
-        while (cut > 1 && (static_cast<unsigned char>(part[cut]) & 0xC0U) == 0x80U) --cut;
-        parts.push_back(part.substr(0, cut));
-        part.erase(0, cut);
-      }
-    }
-    word.clear();
-  };
-  for (const char c : printable(line)) {
-    if (c == ' ')
-      place();
-    else
-      word += c;
-  }
-  place();
-  if (!part.empty()) parts.push_back(part);
-  return parts;
-}
-
-/// The text, shortened at its end until it fits.
-std::string shortened(const std::string& text, double room, const Style& style) {
-  std::string part = printable(text);
-  if (part.size() <= 500 && text_width(part, style) <= room) return part;
-  part.resize(std::min<std::size_t>(part.size(), 500));  // more never fits
-  while (!part.empty() && text_width(part + "...", style) > room) {
-    while (part.size() > 1 && (static_cast<unsigned char>(part.back()) & 0xC0U) == 0x80U) part.pop_back();
-    part.pop_back();
-  }
-  return part + "...";
-}
-
 // -------------------------------------------------------------------------------------------------- numbers
-
-/// 1, 2 or 5 times a power of ten, the largest that does not exceed `value` (> 0).
-double round_below(double value) {
-  const double power = std::pow(10.0, std::floor(std::log10(value) + 1e-9));
-  for (const double lead : {5.0, 2.0})
-    if (lead * power <= value * (1.0 + 1e-9)) return lead * power;
-  return power;
-}
-
-/// As many decimals as a step of that size needs.
-std::string tick_text(double value, double step) {
-  const int decimals = std::clamp(static_cast<int>(-std::floor(std::log10(step) + 1e-9)), 0, 9);
-  return fmt::format("{:.{}f}", value == 0.0 ? 0.0 : value, decimals);
-}
-
-/// Three significant digits.
-std::string three_digits(double value) {
-  if (value == 0.0) return "0";
-  const int decimals = std::clamp(2 - static_cast<int>(std::floor(std::log10(std::abs(value)))), 0, 9);
-  return fmt::format("{:.{}f}", value, decimals);
-}
 
 struct Scale {
   double factor;
@@ -912,21 +611,6 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   write(canvas, {end, last.y() + (falls ? 26.0 : -14.0)}, text, strong, Align::right);
 }
 
-void encode(const std::filesystem::path& file, const Canvas& canvas) {
-  vtkNew<vtkPNGWriter> writer;
-  writer->SetInputData(canvas.image());
-  writer->WriteToMemoryOn();
-  writer->Write();
-  vtkUnsignedCharArray* bytes = writer->GetResult();
-  if (bytes == nullptr || bytes->GetNumberOfValues() == 0)
-    throw OutputError({.fact = fmt::format("{} could not be encoded", file.filename().string()),
-                       .where = fmt::format("writing {}", file.string()),
-                       .why = "the PNG encoder returned nothing",
-                       .remedy = "check the free memory"});
-  write_file(file, {reinterpret_cast<const char*>(bytes->GetPointer(0)),
-                    static_cast<std::size_t>(bytes->GetNumberOfValues())});
-}
-
 }  // namespace
 
 void write_overview(const std::filesystem::path& file, const Overview& overview) {
@@ -936,7 +620,7 @@ void write_overview(const std::filesystem::path& file, const Overview& overview)
     throw std::invalid_argument(fmt::format("triangle corners run from {} to {}, on {} points",
                                             triangles.minCoeff(), triangles.maxCoeff(),
                                             overview.surface_mm.cols()));
-  Canvas canvas;
+  Canvas canvas(width, height);
   constexpr double edge = 20.0, between = 14.0;
 
   // Facts at the bottom take what they need, in two columns if they are many; the panels share the rest.
@@ -981,7 +665,7 @@ void write_overview(const std::filesystem::path& file, const Overview& overview)
   draw_section(canvas, {right, top, w, h}, overview, frame, spacing);
   draw_dimple(canvas, {edge, low, w, h}, overview, frame, spacing);
   draw_chart(canvas, {right, low, w, h}, overview);
-  encode(file, canvas);
+  write_png(file, canvas);
 }
 
 }  // namespace dimple

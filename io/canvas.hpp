@@ -1,0 +1,140 @@
+#pragma once
+
+// Pixels, text and numbers for the pictures that io draws; used by picture.cpp, pen.cpp and chart.cpp, by
+// nobody else.
+//
+// No library draws these: VTK's renderer aborts the process where there is no display, and its charts need
+// that renderer. VTK still sets the text and encodes the PNG; neither needs a display.
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cstddef>
+#include <filesystem>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace dimple::draw {
+
+using Vec2 = Eigen::Vector2d;
+
+/// In 0..1. Not an Eigen type: pixels are blended millions of times, and a debug build has to finish too.
+struct Colour {
+  float red, green, blue;
+};
+
+inline Colour operator*(const Colour& c, float f) {
+  return {c.red * f, c.green * f, c.blue * f};
+}
+inline Colour mixed(const Colour& a, const Colour& b, float t) {
+  return {a.red + (b.red - a.red) * t, a.green + (b.green - a.green) * t, a.blue + (b.blue - a.blue) * t};
+}
+
+constexpr Colour rgb(unsigned hex) {
+  const auto part = [&](unsigned shift) { return static_cast<float>(hex >> shift & 255U) / 255.0F; };
+  return {part(16), part(8), part(0)};
+}
+
+inline constexpr Colour ink = rgb(0x1F2933), soft_ink = rgb(0x5F6B7A), hairline = rgb(0xD8DEE6),
+                        page = rgb(0xEEF1F5), card = rgb(0xFFFFFF);
+
+// -------------------------------------------------------------------------------------------------- drawing
+
+/// Everything is drawn this much larger, then averaged: edges come out smooth.
+constexpr int fine = 2;
+
+/// A rectangle in picture pixels, y downward.
+struct Rect {
+  double x, y, w, h;
+  Rect inset(double left, double top, double right, double bottom) const {
+    return {x + left, y + top, std::max(w - left - right, 1.0), std::max(h - top - bottom, 1.0)};
+  }
+};
+
+/// The pixel of a coordinate, within 0..most for every number, also for one that is not a number.
+inline int pixel_within(double coordinate, int most) {
+  return coordinate > 0.0 ? static_cast<int>(std::min(coordinate, static_cast<double>(most))) : 0;
+}
+
+/// The picture, `fine` times larger than written. Coordinates are picture pixels, y downward.
+class Canvas {
+ public:
+  Canvas(int width, int height);
+
+  int width() const { return columns_ / fine; }
+  int height() const { return rows_ / fine; }
+
+  void blend(int x, int y, const Colour& colour, double cover) {
+    if (!(cover > 0.0) || x < 0 || y < 0 || x >= columns_ || y >= rows_) return;
+    Colour& at = pixel_[index(x, y)];
+    at = mixed(at, colour, static_cast<float>(std::min(cover, 1.0)));
+  }
+
+  /// With round corners of that radius.
+  void rectangle(const Rect& r, const Colour& colour, double corner = 0.0);
+  void disc(const Vec2& centre, double radius, const Colour& colour, double opacity = 1.0);
+  void line(const Vec2& a, const Vec2& b, double thickness, const Colour& colour, double opacity = 1.0);
+  /// A line from a to b with a head at b.
+  void arrow(const Vec2& a, const Vec2& b, double thickness, const Colour& colour);
+  /// Convex, corners clockwise as seen; every edge moved outward by `grow`.
+  void polygon(const std::vector<Vec2>& corners, const Colour& colour, double grow = 0.0);
+
+  /// The finished picture: the average of every fine x fine block, three bytes a pixel, bottom row first as
+  /// VTK wants it.
+  void average(unsigned char* to) const;
+
+ private:
+  std::size_t index(int x, int y) const {
+    return static_cast<std::size_t>(x) + static_cast<std::size_t>(columns_) * static_cast<std::size_t>(y);
+  }
+
+  /// Paints where `distance` (picture pixels, negative inside) says; `bounds` limits the search.
+  template <class Distance>
+  void paint(const Rect& bounds, const Colour& colour, double opacity, Distance distance);
+
+  int columns_, rows_;
+  std::vector<Colour> pixel_;
+};
+
+/// Through write_file(). Throws OutputError.
+void write_png(const std::filesystem::path& file, const Canvas& canvas);
+
+// ----------------------------------------------------------------------------------------------------- text
+
+struct Style {
+  double size = 15.0;  ///< height of a line of text in picture pixels, about
+  Colour colour = ink;
+  bool bold = false;
+};
+
+enum class Align { left, centre, right };
+
+/// Only what the built-in font has: Latin letters, signs and dashes. Everything else, and bytes that are not
+/// UTF-8, becomes '?'.
+std::string printable(std::string_view text);
+
+/// Width in picture pixels.
+double text_width(const std::string& text, const Style& style);
+
+/// Sets one line of text; `at` is on its baseline.
+void write(Canvas& canvas, const Vec2& at, const std::string& text, const Style& style = {},
+           Align align = Align::left);
+
+/// Breaks a line between words so that no part is wider than `room`. A single longer word is cut.
+std::vector<std::string> wrapped(const std::string& line, double room, const Style& style);
+
+/// The text, shortened at its end until it fits.
+std::string shortened(const std::string& text, double room, const Style& style);
+
+// -------------------------------------------------------------------------------------------------- numbers
+
+/// 1, 2 or 5 times a power of ten, the largest that does not exceed `value` (> 0).
+double round_below(double value);
+
+/// As many decimals as a step of that size needs.
+std::string tick_text(double value, double step);
+
+/// Three significant digits.
+std::string three_digits(double value);
+
+}  // namespace dimple::draw
