@@ -20,7 +20,8 @@ struct Group {
   void (*run)(Rows& rows, Index nodes);
 };
 constexpr Group groups[] = {
-    {"homogeneous", "cubes in uniaxial, confined, equibiaxial stretch and shear: closed forms", verify_homogeneous},
+    {"homogeneous", "cubes in uniaxial, confined, equibiaxial stretch and shear: closed forms",
+     verify_homogeneous},
     {"ogden", "cubes of one, two and three Ogden terms: closed forms", verify_ogden},
     {"viscoelastic", "a cube sheared at once and held: relaxation function", verify_viscoelastic},
     {"layers", "two tissues in series, sheared and pressed: closed forms", verify_layers},
@@ -61,7 +62,8 @@ std::vector<std::string> cells(const VerifyCase& row) {
           row.source};
 }
 
-const std::vector<std::string> header = {"case", "ours", "reference", "error", "tolerance", "passed", "source"};
+const std::vector<std::string> header = {"case",      "ours",   "reference", "error",
+                                         "tolerance", "passed", "source"};
 
 // RFC 4180.
 std::string quoted(const std::string& text) {
@@ -118,7 +120,8 @@ std::string verify_table(const std::vector<VerifyCase>& rows) {
   for (const auto& line : lines) {
     std::string text;
     for (std::size_t c = 0; c < line.size(); ++c)
-      text += c >= 1 && c <= 4 ? fmt::format("{:>{}}  ", line[c], width[c]) : fmt::format("{:<{}}  ", line[c], width[c]);
+      text += c >= 1 && c <= 4 ? fmt::format("{:>{}}  ", line[c], width[c])
+                               : fmt::format("{:<{}}  ", line[c], width[c]);
     text.erase(text.find_last_not_of(' ') + 1);
     result += text + "\n";
   }
@@ -159,13 +162,15 @@ void require_passed(const std::vector<VerifyCase>& rows) {
   std::vector<std::string> failed;
   for (const VerifyCase& row : rows)
     if (!row.passed)
-      failed.push_back(fmt::format("{} ({}, {:.3g} % allowed)", row.name, error_text(row), 100.0 * row.tolerance));
+      failed.push_back(
+          fmt::format("{} ({}, {:.3g} % allowed)", row.name, error_text(row), 100.0 * row.tolerance));
   if (failed.empty()) return;
-  throw SolveError({.fact = fmt::format("{} of {} verification rows fail", failed.size(), rows.size()),
-                    .where = fmt::format("{}", fmt::join(failed, "; ")),
-                    .why = "these numbers are further from the known ones than their tolerance",
-                    .remedy = "with the standard number of nodes, please report this as a mistake of ours; with fewer "
-                              "(--nodes) larger errors are to be expected"});
+  throw SolveError(
+      {.fact = fmt::format("{} of {} verification rows fail", failed.size(), rows.size()),
+       .where = fmt::format("{}", fmt::join(failed, "; ")),
+       .why = "these numbers are further from the known ones than their tolerance",
+       .remedy = "with the standard number of nodes, please report this as a mistake of ours; with fewer "
+                 "(--nodes) larger errors are to be expected"});
 }
 
 }  // namespace dimple

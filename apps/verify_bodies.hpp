@@ -17,7 +17,7 @@ struct Lattice {
   std::function<Vec3(const Vec3&)> place;  ///< from the unit cube [0, 1]^3 to the body [m]
   Eigen::Array3i intervals;                ///< nodes along an edge of the cube, less one
   Eigen::Array3i cells;                    ///< of integration, along an edge
-  double jitter = 0.0;                     ///< each node moves by up to this part of an interval, within its face
+  double jitter = 0.0;  ///< each node moves by up to this part of an interval, within its face
   std::function<int(const Vec3&)> tissue;  ///< number of the tissue at a place [m]; none: all one
   std::uint32_t seed = 1;
 };
@@ -32,8 +32,8 @@ struct LatticeBody {
   }
 };
 
-/// Nodes, and cells with their exact volumes, centroids and spreads: by 27 Gauss points each; by 512 even parts
-/// where tissues meet in a cell, which then becomes a point for each of them. Not yet complete.
+/// Nodes, and cells with their exact volumes, centroids and spreads: by 27 Gauss points each; by 512 even
+/// parts where tissues meet in a cell, which then becomes a point for each of them. Not yet complete.
 LatticeBody make_lattice(const Lattice& lattice);
 
 /// A box from the origin with as many intervals along its shortest edge; cells 1.75 times as fine.
@@ -42,9 +42,9 @@ Lattice box_lattice(const Vec3& size, int intervals, double jitter = 0.2);
 /// The supports that the program itself uses.
 SupportOptions standard_support();
 
-/// What is prescribed at a share of the load in (0, 1]: displacements [3xN] m, of which those of held nodes
-/// are used, and with them only the component along the push for sliding ones; and nodal forces [3xN] N, or
-/// none.
+/// What is prescribed at a share of the load in (0, 1]: displacements [3xN] m of the held nodes, of which
+/// only the component along the push counts for sliding ones; and nodal forces [3xN] N, or none. Free nodes
+/// start near theirs, and find their own.
 struct Load {
   std::function<Points(double share)> displacement;
   std::function<Points(double share)> force = {};
@@ -54,8 +54,8 @@ struct Equilibrium {
   ForceSystem::Nodal u, f;
 };
 
-/// Marks all held nodes as such, completes the model and finds its equilibrium at the full load, by even steps,
-/// each started from the last one scaled up. `push`: direction of sliding.
+/// Marks all held nodes as such, completes the model and finds its equilibrium at the full load, by even
+/// steps, each started from the last one scaled up. `push`: direction of sliding.
 class Statics {
  public:
   Statics(LatticeBody body, std::vector<Constraints::Kind> kind, std::vector<Material> material,

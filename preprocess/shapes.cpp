@@ -58,8 +58,8 @@ BodySurface block_surface(const Vec3& lower, const Vec3& upper) {
 }
 
 BodySurface cylinder_surface(double radius, double height, int sides) {
-  return of_rings({ring_of(radius, radius, 0.0, sides), ring_of(radius, radius, height, sides)},
-                  Vec3::Zero(), Vec3(0.0, 0.0, height));
+  return of_rings({ring_of(radius, radius, 0.0, sides), ring_of(radius, radius, height, sides)}, Vec3::Zero(),
+                  Vec3(0.0, 0.0, height));
 }
 
 BodySurface cut_ellipsoid_surface(const Vec3& half, double cut, int sides) {
