@@ -89,10 +89,8 @@ void verify_compressibility(Rows& rows, Index nodes) {
 }
 
 // F = 4 G a d / (1 - nu) kappa(a/h, nu), linear elastic, frictionless flat punch on a layer bonded to its
-// base. kappa: Hayes, Keer, Herrmann, Mockros, J. Biomechanics 5 (1972) 541, its integral equation solved to
-// twelve digits. The layer has no end there; here it ends three heights beside the circle, where the slowest
-// decaying disturbance of a bonded layer has died down to a few parts in a thousand of what it is below the
-// punch.
+// base. kappa: Hayes, Keer, Herrmann, Mockros, J. Biomechanics 5 (1972) 541, its integral equation solved
+// anew. The layer has no end there; here it ends three heights beside the circle, which is not corrected for.
 void verify_hayes(Rows& rows, Index nodes) {
   constexpr double mu = 210.0, radius = 5.0, depth = 0.01 * radius;
   struct Known {
