@@ -35,7 +35,8 @@ struct Registers<float> {
 };
 template <>
 struct Registers<double> {
-  using Vec4 = double __attribute__((vector_size(32), aligned(16), may_alias));  // as allocated
+  // Nodal vectors of doubles are aligned as their allocator likes, to 16 bytes as a rule.
+  using Vec4 = double __attribute__((vector_size(32), aligned(8), may_alias));
   using Lanes = double __attribute__((vector_size(32), aligned(32), may_alias));
   using Mask = std::int64_t __attribute__((vector_size(32)));
   static constexpr int count = 4;
