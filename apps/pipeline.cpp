@@ -308,6 +308,11 @@ std::string describe(const Tissues& tissues, std::size_t t) {
       law, m.mu, nu, m.kappa, m.density, pressure_wave_speed(m), shear_wave_speed(m));
 }
 
+SurfacePieces surface_of(const ModelFiles& files) {
+  if (files.surface.triangles.cols() == 0) return {};
+  return pieces_of(files.surface.position_mm * 1e-3, files.surface.triangles, files.model);
+}
+
 Eigen::VectorXd density_of(const Model& model, const Tissues& tissues) {
   Eigen::VectorXd density(model.point_count());
   for (Index q = 0; q < density.size(); ++q)
@@ -365,8 +370,8 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
                       .why = "the converging scheme is made of energies, and the printed stress has none",
                       .remedy = "add --scheme horton2007"});
   const Material& material = tissues.material.front();
-  const SupportReport support =
-      complete_model(model, in.files.support, tissues.of_point, density_of(model, tissues));
+  const auto [support, consistency] = complete_model(model, in.files.support, tissues.of_point,
+                                                     density_of(model, tissues), surface_of(in.files));
   say(fmt::format(
       "support  {} basis, {} weight, radius {:.2f} spacings: {} to {} nodes per point, mean {:.1f}; {} grown "
       "for conditioning",
@@ -374,6 +379,12 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
       in.files.support.effective_radius_factor(), support.fewest, support.most, support.mean, support.grown));
   detail(fmt::format("support  linear fields reproduced to {:.1e}; worst pivot ratio {:.1e}",
                      support.linear_error, support.worst_pivot_ratio));
+  if (consistency.iterations > 0)
+    detail(fmt::format("patch    forces of a constant pressure: {:.1e} off before, {:.1e} after a change of gradients by at "
+                       "most {:.2f} of a cell's largest",
+                       consistency.before, consistency.after, consistency.largest_change));
+  else if (is_converging)
+    warn("without a surface the gradients are not made consistent: forces at high pressure are too low");
   say(fmt::format("mass     {:.2f} g in all, {:.3g} to {:.3g} g per node", model.mass.sum() * 1e3,
                   model.mass.minCoeff() * 1e3, model.mass.maxCoeff() * 1e3));
   const Loading loading = loading_of(config);
@@ -466,6 +477,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
                         {"grown", support.grown},
                         {"worst_pivot_ratio", support.worst_pivot_ratio},
                         {"linear_error", support.linear_error}};
+  summary["consistency"] = {{"before", consistency.before}, {"after", consistency.after}};
   summary["volume_mm3"] = model.volume.sum() * 1e9;
   summary["mass_g"] = model.mass.sum() * 1e3;
   summary["indentation_mm"] = reached;
@@ -540,9 +552,11 @@ Outcome make_model(const Config& config, const fs::path& folder) {
   write_model(folder, prepared.files);
   write_vti(folder / "label.vti", prepared.image);
   // Supports are found again when the model is solved; here only to refuse a model that cannot be.
-  const SupportReport support = complete_model(
-      prepared.files.model, prepared.files.support, Eigen::VectorXi::Zero(prepared.files.model.point_count()),
-      Eigen::VectorXd::Constant(prepared.files.model.point_count(), 1000.0));
+  const SupportReport support =
+      complete_model(prepared.files.model, prepared.files.support,
+                     Eigen::VectorXi::Zero(prepared.files.model.point_count()),
+                     Eigen::VectorXd::Constant(prepared.files.model.point_count(), 1000.0))
+          .support;
   Json summary = model_json(prepared);
   summary["counts"] = counts_json(prepared.files.model);
   summary["support"] = {
@@ -612,7 +626,8 @@ Measured measure(const Config& config) {
   const Tissues tissues = tissues_of(config, prepared.files);
   const bool is_converging = converging(config);
   if (!is_converging) refuse_for_the_papers_scheme(tissues);
-  complete_model(model, prepared.files.support, tissues.of_point, density_of(model, tissues));
+  complete_model(model, prepared.files.support, tissues.of_point, density_of(model, tissues),
+                 surface_of(prepared.files));
   const ForceSystem system(model, tissues, precision_of(config));
   Measured result = {.nodes = model.node_count(),
                      .points = model.point_count(),

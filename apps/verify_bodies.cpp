@@ -1,5 +1,7 @@
 #include "apps/verify_bodies.hpp"
 
+#include "apps/config.hpp"
+
 #include <Eigen/LU>
 #include <array>
 #include <cmath>
@@ -132,6 +134,40 @@ LatticeBody make_lattice(const Lattice& lattice) {
     model.volume[q] = part.volume;
     model.spread.col(q) << s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(1, 2), s(2, 0);
   }
+  // The six faces, a square of two triangles to each face of a cell on them.
+  std::vector<Vec3> corner;
+  std::vector<std::array<Index, 3>> triangle;
+  for (int axis = 0; axis < 3; ++axis)
+    for (const double side : {0.0, 1.0}) {
+      const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+      const Index first = static_cast<Index>(corner.size()), across = lattice.cells[u] + 1;
+      for (int j = 0; j <= lattice.cells[v]; ++j)
+        for (int i = 0; i <= lattice.cells[u]; ++i) {
+          Vec3 xi;
+          xi[axis] = side;
+          xi[u] = static_cast<double>(i) / lattice.cells[u];
+          xi[v] = static_cast<double>(j) / lattice.cells[v];
+          corner.push_back(lattice.place(xi));
+        }
+      for (int j = 0; j < lattice.cells[v]; ++j)
+        for (int i = 0; i < lattice.cells[u]; ++i) {
+          const Index a0 = first + i + across * j, a1 = a0 + 1, a2 = a0 + across + 1, a3 = a0 + across;
+          if (side == 1.0) {
+            triangle.push_back({a0, a1, a2});
+            triangle.push_back({a0, a2, a3});
+          } else {
+            triangle.push_back({a0, a2, a1});
+            triangle.push_back({a0, a3, a2});
+          }
+        }
+    }
+  Points vertex(3, static_cast<Index>(corner.size()));
+  Triangles triangles(3, static_cast<Index>(triangle.size()));
+  for (std::size_t k = 0; k < corner.size(); ++k) vertex.col(static_cast<Index>(k)) = corner[k];
+  for (std::size_t k = 0; k < triangle.size(); ++k)
+    for (int c = 0; c < 3; ++c)
+      triangles(c, static_cast<Index>(k)) = static_cast<Triangles::Scalar>(triangle[k][static_cast<std::size_t>(c)]);
+  body.surface = pieces_of(vertex, triangles, model);
   return body;
 }
 
@@ -145,7 +181,7 @@ Lattice box_lattice(const Vec3& size, int intervals, double jitter) {
 }
 
 SupportOptions standard_support() {
-  return {.basis = Basis::linear, .weight = Weight::quartic, .radius_factor = 1.6, .interpolation = 0.01};
+  return support_options(Config{});
 }
 
 Statics::Statics(LatticeBody body, std::vector<Kind> kind, std::vector<Material> material, const Vec3& push)
@@ -158,7 +194,7 @@ Statics::Statics(LatticeBody body, std::vector<Kind> kind, std::vector<Material>
   Eigen::VectorXd density(model.point_count());
   for (Index q = 0; q < density.size(); ++q)
     density[q] = material[static_cast<std::size_t>(body_.tissue[q])].density;
-  complete_model(model, standard_support(), body_.tissue, density);
+  complete_model(model, standard_support(), body_.tissue, density, body_.surface);
   system_ = std::make_unique<ForceSystem>(model, Tissues{std::move(material), body_.tissue});
 }
 

@@ -24,6 +24,7 @@ struct Lattice {
 
 struct LatticeBody {
   Model model;
+  SurfacePieces surface;
   Points at;               ///< [3xN] of each node in the unit cube; 0 and 1 exactly on its faces
   Eigen::VectorXi tissue;  ///< [Q]
   bool on_face(Index a, int axis, double value) const { return at(axis, a) == value; }

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 
+#include "apps/config.hpp"
 #include "apps/verify_bodies.hpp"
 #include "preprocess/shapes.hpp"
 
@@ -16,18 +17,16 @@ namespace {
 class Indentation {
  public:
   Indentation(const BodySurface& body, Index nodes) {
-    BuiltModel built = build_model(
-        body, {.cloud = {.count = nodes, .grading = {.rim = 0.15}},
-               .grid = {.ratio = 4.5},
-               .boundary = {.base = "inferior", .indent_at = "0,0,0", .indenter_diameter_mm = 10.0},
-               .averaged_cells = true});
-    model_ = std::move(built.model);
+    ModelOptions options = model_options(Config{});
+    options.cloud.count = nodes;
+    options.boundary = {.base = "inferior", .indent_at = "0,0,0", .indenter_diameter_mm = 10.0};
+    model_ = build_model(body, options).model;
     tissue_ = Eigen::VectorXi::Zero(model_.point_count());
-    complete_model(model_, standard_support(), tissue_,
-                   Eigen::VectorXd::Constant(model_.point_count(), 1000.0));
+    complete_model(model_, standard_support(), tissue_, Eigen::VectorXd::Constant(model_.point_count(), 1000.0),
+                   pieces_of(body.vertex() * 1e-3, body.triangles(), model_));
   }
   std::vector<double> forces(const Material& material, double depth_mm, int count, Contact contact) const {
-    const ForceSystem system(model_, Tissues{{material}, tissue_});
+    const ForceSystem system(model_, Tissues{{material}, tissue_}, Precision::single_);
     History history;
     load_slowly(system, model_, {.depth = 1e-3 * depth_mm, .contact = contact}, {.frames = count}, {},
                 history);

@@ -116,10 +116,13 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options, con
   return built;
 }
 
-SupportReport complete_model(Model& model, const SupportOptions& options, const Eigen::VectorXi& tissue,
-                             const Eigen::VectorXd& density) {
-  const SupportReport report = find_supports(model, options, tissue);
-  if (model.spread.cols() > 0) make_pressure_patches(model, tissue);
+Completion complete_model(Model& model, const SupportOptions& options, const Eigen::VectorXi& tissue,
+                          const Eigen::VectorXd& density, const SurfacePieces& surface) {
+  Completion report = {.support = find_supports(model, options, tissue), .consistency = {}};
+  if (model.spread.cols() > 0) {
+    if (surface.place.cols() > 0) report.consistency = make_consistent(model, options, surface);
+    make_pressure_patches(model, tissue);
+  }
   model.mass = lumped_mass(model, density);
   return report;
 }

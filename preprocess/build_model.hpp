@@ -1,6 +1,7 @@
 #pragma once
 
 #include "preprocess/boundary_conditions.hpp"
+#include "preprocess/consistency.hpp"
 #include "preprocess/integration_grid.hpp"
 #include "preprocess/lumped_mass.hpp"
 #include "preprocess/node_cloud.hpp"
@@ -39,9 +40,14 @@ struct BuiltModel {
 BuiltModel build_model(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at = {});
 
 /// Adds what follows from the places alone: supports, gradients, masses, and where there is a spread the
-/// patches. Per point: `tissue`, its number, and `density` [kg/m^3].
-SupportReport complete_model(Model& model, const SupportOptions& options, const Eigen::VectorXi& tissue,
-                             const Eigen::VectorXd& density);
+/// patches and, if the `surface` is known, gradients that are consistent with it. Per point: `tissue`, its number, and
+/// `density` [kg/m^3].
+struct Completion {
+  SupportReport support;
+  ConsistencyReport consistency;
+};
+Completion complete_model(Model& model, const SupportOptions& options, const Eigen::VectorXi& tissue,
+                          const Eigen::VectorXd& density, const SurfacePieces& surface = {});
 
 /// Lengths and volumes on the grid that survives a file in mm. [mm] -> [m], [mm^3] -> [m^3], and back.
 double metres(double mm);

@@ -1,0 +1,22 @@
+#pragma once
+
+#include "apps/pipeline.hpp"
+
+namespace dimple {
+
+struct ConvergenceOptions {
+  std::vector<Index> nodes = {1000, 2000, 4250, 8500};
+  std::vector<double> densities = {1.0, 2.0};  ///< of points, as multiples of config's
+  int seeds = 3;
+  std::filesystem::path reference;  ///< CSV with indentation_mm and force_N, or empty
+};
+
+/// Runs one scene with several clouds and says how far its force can be trusted: convergence.csv holds every run,
+/// convergence.md what follows from them, convergence.png and .svg show both. Throws what run() throws, and UsageError.
+///
+/// Per depth and cloud size: the mean force over the seeds, their scatter (largest - smallest), what doubling the
+/// points changes, the difference from the reference, or without one from the finest cloud, and the largest kink:
+/// second difference of the curve / its last force.
+Outcome converge(const Config& config, const ConvergenceOptions& options, const std::filesystem::path& folder);
+
+}  // namespace dimple
