@@ -12,6 +12,7 @@
 #include <optional>
 
 #include "apps/config.hpp"
+#include "apps/converge.hpp"
 #include "apps/log.hpp"
 #include "apps/pipeline.hpp"
 #include "apps/verify.hpp"
@@ -194,6 +195,21 @@ int command_line(int argc, char** argv) {
   run_flags.add(*whole, "");
   common(whole);
 
+  Flags study_flags;
+  ConvergenceOptions study;
+  std::string reference;
+  CLI::App* several = app.add_subcommand("converge", "run one scene with several clouds: how far its force can be trusted");
+  several->add_option("IMAGE", image, "label image");
+  several->add_option("-o,--out,--output", out, "folder for convergence.csv, .md, .png, .svg")->required();
+  several->add_option("--sizes", study.nodes, "numbers of nodes")->delimiter(',')->capture_default_str();
+  several->add_option("--densities", study.densities, "of points, as multiples of the usual")
+      ->delimiter(',')
+      ->capture_default_str();
+  several->add_option("--seeds", study.seeds, "clouds of each size")->capture_default_str();
+  several->add_option("--reference", reference, "CSV with indentation_mm and force_N to compare with");
+  study_flags.add(*several, "");
+  common(several);
+
   CLI::App* options =
       app.add_subcommand("options", "list every option with its unit, default, range and meaning");
 
@@ -266,6 +282,10 @@ int command_line(int argc, char** argv) {
     if (*make) return finish(make_model(with_image(model_flags.config(*make)), out));
     if (*solve) return finish(solve_model(solve_flags.config(*solve), model, out, stop_requested));
     if (*whole) return finish(run(with_image(run_flags.config(*whole)), out, stop_requested));
+    if (*several) {
+      study.reference = reference;
+      return finish(converge(with_image(study_flags.config(*several)), study, out));
+    }
     if (*options) {
       fmt::print("{}", option_reference());
       return 0;

@@ -224,7 +224,7 @@ void verify_manufactured(Rows& rows, Index) {
       return sum;
     };
     std::vector<double> log_h, log_value, log_slope;
-    for (const int n : {8, 11, 15, 20}) {
+    for (const int n : {10, 14, 20, 28}) {
       LatticeBody body = make_lattice(box_lattice(Vec3::Ones(), n));
       auto kind = boundary_fixed(body);
       const Statics statics(std::move(body), std::move(kind), {tissue});
@@ -436,7 +436,7 @@ void verify_layers(Rows& rows, Index) {
 void verify_inclusion(Rows& rows, Index) {
   constexpr double a = 5e-3, edge = 2.5 * a, size = 1e-3, m = 4.0, mu = 210.0;
   for (const double nu : {0.3, 0.499}) {
-    Lattice lattice = box_lattice(Vec3::Constant(edge), 20);
+    Lattice lattice = box_lattice(Vec3::Constant(edge), 25);
     const Vec3 middle = Vec3::Constant(0.5 * edge);
     lattice.tissue = [=](const Vec3& x) { return (x - middle).norm() < a ? 1 : 0; };
     LatticeBody body = make_lattice(lattice);

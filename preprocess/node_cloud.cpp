@@ -29,9 +29,9 @@ double lateral_distance(const Boundary& boundary, const Vec3& x) {
   return (d - d.dot(boundary.push) * boundary.push).norm();
 }
 
-// The part of the surface that the tool touches; a wall beneath the rim does not count.
-bool near_circle(const Boundary& boundary, const Vec3& x, double margin) {
-  return lateral_distance(boundary, x) < boundary.radius + margin &&
+// The part of the surface that the tool touches: not a wall beneath the rim, and not the far side of a thin body.
+bool near_circle(const Boundary& boundary, const Vec3& x, const Vec3& normal, double margin) {
+  return lateral_distance(boundary, x) < boundary.radius + margin && normal.dot(boundary.push) < 0.0 &&
          std::abs((x - boundary.centre).dot(boundary.push)) < 2.0 * boundary.radius;
 }
 
@@ -44,7 +44,7 @@ Points to_points(const std::vector<Vec3>& v) {
 using Spacing = std::function<double(const Vec3&)>;  // [mm]
 
 struct Triangle {
-  Vec3 a, b, c;
+  Vec3 a, b, c, normal;
   double area;  // [mm^2]
 };
 
@@ -57,8 +57,8 @@ void subdivide(const Triangle& t, const Spacing& spacing, std::vector<Triangle>&
   }
   const Vec3 ab = 0.5 * (t.a + t.b), bc = 0.5 * (t.b + t.c), ca = 0.5 * (t.c + t.a);
   const double quarter = 0.25 * t.area;
-  for (const Triangle& part : {Triangle{t.a, ab, ca, quarter}, Triangle{ab, t.b, bc, quarter},
-                               Triangle{ca, bc, t.c, quarter}, Triangle{ab, bc, ca, quarter}})
+  for (const Triangle& part : {Triangle{t.a, ab, ca, t.normal, quarter}, Triangle{ab, t.b, bc, t.normal, quarter},
+                               Triangle{ca, bc, t.c, t.normal, quarter}, Triangle{ab, bc, ca, t.normal, quarter}})
     subdivide(part, spacing, result);
 }
 
@@ -67,7 +67,7 @@ std::vector<Triangle> triangles_of(const BodySurface& body, const Sizing& sizing
   for (Index t = 0; t < body.triangles().cols(); ++t) {
     const Triangle whole = {body.vertex().col(body.triangles()(0, t)),
                             body.vertex().col(body.triangles()(1, t)),
-                            body.vertex().col(body.triangles()(2, t)), body.triangle_area()[t]};
+                            body.vertex().col(body.triangles()(2, t)), body.normal().col(t), body.triangle_area()[t]};
     if (sizing.even())
       result.push_back(whole);
     else
@@ -133,7 +133,7 @@ std::vector<Vec3> surface_candidates(const BodySurface& body, const Boundary& bo
     double u = uniform(random), v = uniform(random);
     if (u + v > 1.0) u = 1.0 - u, v = 1.0 - v;
     const Vec3 x = t.a + u * (t.b - t.a) + v * (t.c - t.a);
-    if (!near_circle(boundary, x, 0.5 * far_spacing * sizing(x))) result.push_back(x);
+    if (!near_circle(boundary, x, t.normal, 0.5 * far_spacing * sizing(x))) result.push_back(x);
   }
   return result;
 }
@@ -257,8 +257,9 @@ void spread_out(const BodySurface& body, const Boundary& boundary, const Spacing
       Vec3 move = stride * h[a] * push;
       if (const double length = move.norm(); length > 0.2 * h[a]) move *= 0.2 * h[a] / length;
       if (on_surface) {
-        const Vec3 there = body.closest(x + move).place;
-        if (!near_circle(boundary, there, 0.5 * h[a])) next.col(a) = there;
+        const auto there = body.closest(x + move);
+        if (!near_circle(boundary, there.place, body.normal().col(there.triangle), 0.5 * h[a]))
+          next.col(a) = there.place;
       } else if (!surface_near || body.contains(x + move)) {
         next.col(a) = x + move;
       }
@@ -320,7 +321,7 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
     for (const Triangle& t : triangles_of(body, sizing, h)) {
       const Vec3 middle = (t.a + t.b + t.c) / 3.0;
       const double s = sizing(middle);
-      if (!near_circle(boundary, middle, 0.5 * h * s)) free_area += t.area / (s * s);
+      if (!near_circle(boundary, middle, t.normal, 0.5 * h * s)) free_area += t.area / (s * s);
     }
   }
   const Index free_surface = std::lround(free_area / (h * h));
