@@ -198,7 +198,8 @@ int command_line(int argc, char** argv) {
   Flags study_flags;
   ConvergenceOptions study;
   std::string reference;
-  CLI::App* several = app.add_subcommand("converge", "run one scene with several clouds: how far its force can be trusted");
+  CLI::App* several =
+      app.add_subcommand("converge", "run one scene with several clouds: how far its force can be trusted");
   several->add_option("IMAGE", image, "label image");
   several->add_option("-o,--out,--output", out, "folder for convergence.csv, .md, .png, .svg")->required();
   several->add_option("--sizes", study.nodes, "numbers of nodes")->delimiter(',')->capture_default_str();
@@ -213,8 +214,8 @@ int command_line(int argc, char** argv) {
   CLI::App* options =
       app.add_subcommand("options", "list every option with its unit, default, range and meaning");
 
-  CLI::App* check = app.add_subcommand(
-      "verify", "compute what is known in closed form or by other methods, and compare");
+  CLI::App* check =
+      app.add_subcommand("verify", "compute what is known in closed form or by other methods, and compare");
   std::vector<std::string> cases;
   bool list_cases = false;
   Index verify_nodes = 4250;
@@ -284,7 +285,12 @@ int command_line(int argc, char** argv) {
     if (*whole) return finish(run(with_image(run_flags.config(*whole)), out, stop_requested));
     if (*several) {
       study.reference = reference;
-      return finish(converge(with_image(study_flags.config(*several)), study, out));
+      // What each of two dozen runs says of itself would hide what the study says.
+      if (!verbose) start_log(Verbosity::quiet);
+      return finish(
+          converge(with_image(study_flags.config(*several)), study, out, [&](const std::string& line) {
+            if (!quiet) fmt::print(stderr, "{}\n", line);
+          }));
     }
     if (*options) {
       fmt::print("{}", option_reference());

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "apps/log.hpp"
 #include "apps/results.hpp"
 #include "io/chart.hpp"
 #include "io/error.hpp"
@@ -38,8 +37,10 @@ std::vector<double> reference_at(const fs::path& file, const std::vector<double>
                       .remedy = "name the columns indentation_mm,force_N"});
   std::vector<double> result;
   for (const double d : depths) {
-    const auto at = std::find_if(depth->begin(), depth->end(), [&](double x) { return std::abs(x - d) < 1e-6; });
-    result.push_back(at == depth->end() ? std::nan("") : (*force)[static_cast<std::size_t>(at - depth->begin())]);
+    const auto at =
+        std::find_if(depth->begin(), depth->end(), [&](double x) { return std::abs(x - d) < 1e-6; });
+    result.push_back(at == depth->end() ? std::nan("")
+                                        : (*force)[static_cast<std::size_t>(at - depth->begin())]);
   }
   return result;
 }
@@ -96,7 +97,8 @@ std::vector<Group> grouped(const std::vector<Study>& runs, std::size_t levels) {
 
 }  // namespace
 
-Outcome converge(const Config& config, const ConvergenceOptions& options, const fs::path& folder) {
+Outcome converge(const Config& config, const ConvergenceOptions& options, const fs::path& folder,
+                 const std::function<void(const std::string&)>& progress) {
   if (options.nodes.size() < 2 || options.densities.empty() || options.seeds < 1)
     throw UsageError({.fact = "a study needs at least two cloud sizes, one density and one seed",
                       .where = "--sizes, --densities, --seeds",
@@ -110,8 +112,8 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
   std::vector<double> reference;
   if (!options.reference.empty()) reference = reference_at(options.reference, depths);
 
-  Table table{.header = {"nodes", "points", "density", "seed", "spacing_mm", "rim_spacing_mm", "indentation_mm", "force_N",
-                         "reference_N", "evaluations", "wall_s"},
+  Table table{.header = {"nodes", "points", "density", "seed", "spacing_mm", "rim_spacing_mm",
+                         "indentation_mm", "force_N", "reference_N", "evaluations", "wall_s"},
               .column = std::vector<std::vector<double>>(11)};
   std::vector<Study> runs;
   for (const Index nodes : options.nodes)
@@ -126,15 +128,23 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
         const Measured m = measure(own);
         runs.push_back({nodes, density, own.cloud.seed, m});
         for (std::size_t k = 0; k < depths.size(); ++k) {
-          const double row[] = {static_cast<double>(m.nodes), static_cast<double>(m.points), density,
-                                static_cast<double>(own.cloud.seed), m.spacing_mm, m.rim_spacing_mm, depths[k],
-                                m.history.force[k + 1].force, reference.empty() ? std::nan("") : reference[k],
-                                static_cast<double>(m.history.steps), m.build_s + m.solve_s};
+          const double row[] = {static_cast<double>(m.nodes),
+                                static_cast<double>(m.points),
+                                density,
+                                static_cast<double>(own.cloud.seed),
+                                m.spacing_mm,
+                                m.rim_spacing_mm,
+                                depths[k],
+                                m.history.force[k + 1].force,
+                                reference.empty() ? std::nan("") : reference[k],
+                                static_cast<double>(m.history.steps),
+                                m.build_s + m.solve_s};
           for (std::size_t c = 0; c < std::size(row); ++c) table.column[c].push_back(row[c]);
         }
         write_csv(folder / "convergence.csv", table);  // after every run: a long study may be stopped
-        say(fmt::format("{:>6} nodes, {:>7} points, seed {}: {:.5f} N at {:.3g} mm, {:.1f} s", m.nodes, m.points,
-                        own.cloud.seed, m.history.force.back().force, depths.back(), m.build_s + m.solve_s));
+        progress(fmt::format("{:>6} nodes, {:>7} points, seed {}: {:.5f} N at {:.3g} mm, {:.1f} s", m.nodes,
+                             m.points, own.cloud.seed, m.history.force.back().force, depths.back(),
+                             m.build_s + m.solve_s));
       }
 
   const std::vector<Group> groups = grouped(runs, depths.size());
@@ -146,7 +156,8 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
   const Group& finest = groups.back();
   const std::vector<double>& against = reference.empty() ? finest.mean : reference;
   std::string text = fmt::format(
-      "| nodes | points | spacing far / rim mm | difference from {} at {} mm, % | seeds scatter %, at most | doubling the "
+      "| nodes | points | spacing far / rim mm | difference from {} at {} mm, % | seeds scatter %, at most | "
+      "doubling the "
       "points, %, at most | kink %, at most | evaluations | s |\n|---|---|---|---|---|---|---|---|---|\n",
       reference.empty() ? "the finest" : "the reference", fmt::join(depths, ", "));
   double worst_scatter = 0.0;
@@ -160,22 +171,25 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
         doubling = std::max(doubling, std::abs(100.0 * (twice->mean[k] / g.mean[k] - 1.0)));
     }
     worst_scatter = std::max(worst_scatter, scatter);
-    text += fmt::format("| {} | {:.0f} | {:.2f} / {:.2f} | {} | {:.2f} | {} | {:.2f} | {:.0f} | {:.1f} |\n", g.nodes,
-                        g.points, g.spacing, g.rim, fmt::join(errors, " "), scatter,
-                        partner(g) ? fmt::format("{:.2f}", doubling) : "", 100.0 * g.worst_kink, g.evaluations,
-                        g.seconds);
+    text += fmt::format("| {} | {:.0f} | {:.2f} / {:.2f} | {} | {:.2f} | {} | {:.2f} | {:.0f} | {:.1f} |\n",
+                        g.nodes, g.points, g.spacing, g.rim, fmt::join(errors, " "), scatter,
+                        partner(g) ? fmt::format("{:.2f}", doubling) : "", 100.0 * g.worst_kink,
+                        g.evaluations, g.seconds);
   }
   write_file(folder / "convergence.md", text);
 
-  Chart errors{.title = fmt::format("{}: convergence", fs::path(config.image.file).filename().string()),
-               .subtitle = {fmt::format("force against {}, mean of {} seeds",
-                                        reference.empty() ? "the finest cloud" : "the reference", options.seeds)},
-               .x_label = "nodes",
-               .y_label = "difference in force [%]",
-               .log_x = true};
-  Chart curves{.title = "force curves", .subtitle = {}, .x_label = "indentation [mm]", .y_label = "force [N]"};
+  Chart errors{
+      .title = fmt::format("{}: convergence", fs::path(config.image.file).filename().string()),
+      .subtitle = {fmt::format("force against {}, mean of {} seeds",
+                               reference.empty() ? "the finest cloud" : "the reference", options.seeds)},
+      .x_label = "nodes",
+      .y_label = "difference in force [%]",
+      .log_x = true};
+  Chart curves{
+      .title = "force curves", .subtitle = {}, .x_label = "indentation [mm]", .y_label = "force [N]"};
   int colour = 0;
-  for (const std::size_t k : {std::size_t{0}, depths.size() / 2 - (depths.size() > 1 ? 1 : 0), depths.size() - 1}) {
+  for (const std::size_t k :
+       {std::size_t{0}, depths.size() / 2 - (depths.size() > 1 ? 1 : 0), depths.size() - 1}) {
     for (const double density : options.densities) {
       ChartSeries series{.name = fmt::format("{:.3g} mm, {:.3g} points per node", depths[k],
                                              density * model_options(config).grid.ratio),
@@ -196,7 +210,8 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
   for (const double at : {-2.0, 2.0}) errors.lines.push_back({.vertical = false, .at = at, .text = "2 %"});
   for (const Group& g : groups)
     if (g.density == options.densities.front())
-      curves.series.push_back({.name = fmt::format("{} nodes", g.nodes), .x = depths, .y = g.mean, .label = {}});
+      curves.series.push_back(
+          {.name = fmt::format("{} nodes", g.nodes), .x = depths, .y = g.mean, .label = {}});
   if (!reference.empty())
     curves.series.push_back({.name = "reference", .x = depths, .y = reference, .label = {}, .line = false});
   write_chart_png(folder / "convergence.png", {errors, curves});
@@ -204,8 +219,9 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
 
   Outcome outcome;
   const double estimate = 100.0 * std::abs(groups.front().mean.back() / finest.mean.back() - 1.0);
-  outcome.headline = fmt::format("{}finest {:.5f} N at {:.3g} mm; coarsest differs by {:.2f} %, seeds by at most {:.2f} %",
-                                 text, finest.mean.back(), depths.back(), estimate, worst_scatter);
+  outcome.headline =
+      fmt::format("{}finest {:.5f} N at {:.3g} mm; coarsest differs by {:.2f} %, seeds by at most {:.2f} %",
+                  text, finest.mean.back(), depths.back(), estimate, worst_scatter);
   outcome.summary_json = fmt::format("{{\"force_N\": {}, \"indentation_mm\": {}, \"largest_scatter\": {}}}\n",
                                      finest.mean.back(), depths.back(), worst_scatter / 100.0);
   return outcome;

@@ -11,12 +11,15 @@ struct ConvergenceOptions {
   std::filesystem::path reference;  ///< CSV with indentation_mm and force_N, or empty
 };
 
-/// Runs one scene with several clouds and says how far its force can be trusted: convergence.csv holds every run,
-/// convergence.md what follows from them, convergence.png and .svg show both. Throws what run() throws, and UsageError.
+/// Runs one scene with several clouds and says how far its force can be trusted: convergence.csv holds every
+/// run, convergence.md what follows from them, convergence.png and .svg show both. Throws what run() throws,
+/// and UsageError.
 ///
-/// Per depth and cloud size: the mean force over the seeds, their scatter (largest - smallest), what doubling the
-/// points changes, the difference from the reference, or without one from the finest cloud, and the largest kink:
-/// second difference of the curve / its last force.
-Outcome converge(const Config& config, const ConvergenceOptions& options, const std::filesystem::path& folder);
+/// Per depth and cloud size: the mean force over the seeds, their scatter (largest - smallest), what doubling
+/// the points changes, the difference from the reference, or without one from the finest cloud, and the
+/// largest kink: second difference of the curve / its last force. `progress` is called with a line about each
+/// run.
+Outcome converge(const Config& config, const ConvergenceOptions& options, const std::filesystem::path& folder,
+                 const std::function<void(const std::string&)>& progress);
 
 }  // namespace dimple

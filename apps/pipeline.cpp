@@ -380,9 +380,10 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   detail(fmt::format("support  linear fields reproduced to {:.1e}; worst pivot ratio {:.1e}",
                      support.linear_error, support.worst_pivot_ratio));
   if (consistency.iterations > 0)
-    detail(fmt::format("patch    forces of a constant pressure: {:.1e} off before, {:.1e} after a change of gradients by at "
-                       "most {:.2f} of a cell's largest",
-                       consistency.before, consistency.after, consistency.largest_change));
+    detail(fmt::format(
+        "patch    forces of a constant pressure: {:.1e} off before, {:.1e} after a change of gradients by at "
+        "most {:.2f} of a cell's largest",
+        consistency.before, consistency.after, consistency.largest_change));
   else if (is_converging)
     warn("without a surface the gradients are not made consistent: forces at high pressure are too low");
   say(fmt::format("mass     {:.2f} g in all, {:.3g} to {:.3g} g per node", model.mass.sum() * 1e3,

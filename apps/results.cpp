@@ -144,7 +144,8 @@ void ResultWriter::overview(const History& history, const std::string& title,
 void check_result_folder(const fs::path& folder) {
   std::error_code error;
   if (fs::is_directory(folder) && !fs::is_empty(folder, error) && !fs::exists(folder / "summary.json") &&
-      !fs::exists(folder / "model.toml") && !fs::exists(folder / "config.resolved.toml"))
+      !fs::exists(folder / "model.toml") && !fs::exists(folder / "config.resolved.toml") &&
+      !fs::exists(folder / "convergence.csv"))
     throw OutputError({.fact = fmt::format("{} holds files that are not results of dimple", folder.string()),
                        .where = "-o",
                        .why = "they could be overwritten",

@@ -1,12 +1,12 @@
 #include "apps/verify_bodies.hpp"
 
-#include "apps/config.hpp"
-
 #include <Eigen/LU>
 #include <array>
 #include <cmath>
 #include <map>
 #include <random>
+
+#include "apps/config.hpp"
 
 namespace dimple {
 namespace {
@@ -166,7 +166,8 @@ LatticeBody make_lattice(const Lattice& lattice) {
   for (std::size_t k = 0; k < corner.size(); ++k) vertex.col(static_cast<Index>(k)) = corner[k];
   for (std::size_t k = 0; k < triangle.size(); ++k)
     for (int c = 0; c < 3; ++c)
-      triangles(c, static_cast<Index>(k)) = static_cast<Triangles::Scalar>(triangle[k][static_cast<std::size_t>(c)]);
+      triangles(c, static_cast<Index>(k)) =
+          static_cast<Triangles::Scalar>(triangle[k][static_cast<std::size_t>(c)]);
   body.surface = pieces_of(vertex, triangles, model);
   return body;
 }

@@ -22,7 +22,8 @@ class Indentation {
     options.boundary = {.base = "inferior", .indent_at = "0,0,0", .indenter_diameter_mm = 10.0};
     model_ = build_model(body, options).model;
     tissue_ = Eigen::VectorXi::Zero(model_.point_count());
-    complete_model(model_, standard_support(), tissue_, Eigen::VectorXd::Constant(model_.point_count(), 1000.0),
+    complete_model(model_, standard_support(), tissue_,
+                   Eigen::VectorXd::Constant(model_.point_count(), 1000.0),
                    pieces_of(body.vertex() * 1e-3, body.triangles(), model_));
   }
   std::vector<double> forces(const Material& material, double depth_mm, int count, Contact contact) const {
@@ -57,10 +58,12 @@ void verify_scene_a(Rows& rows, Index nodes) {
             "P2/P1 tetrahedra, rim 0.3 mm, known to 1 %");
 }
 
+// The tetrahedral code has one mesh of this body, with a rim of 1.2 mm, which from 5 mm on is stiffer against
+// the block than on any pair of matching meshes: see tests/verification/reference.
 void verify_scene_b(Rows& rows, Index nodes) {
   add_curve(rows, "scene_b", cut_ellipsoid_surface({46.25, 31.25, 16.7647}, -11.7353), nodes,
-            {0.00972, 0.0192, 0.0287, 0.0383, 0.0480, 0.0581, 0.0684, 0.0787},
-            "P2/P1 tetrahedra, rim 1.2 mm, known to 1.5 %");
+            {0.00972, 0.01923, 0.02867, 0.03807, 0.04764, 0.05708, 0.06639, 0.0759},
+            "the block's x ratio of both by hexahedra");
 }
 
 // The finite elements' law has kappa = lambda = 2 mu nu / (1 - 2 nu) where ours has lambda + 2/3 mu: a

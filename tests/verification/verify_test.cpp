@@ -31,6 +31,11 @@ TEST(Verify, ABarWithFreeSidesIsStretchedAsInClosedForm) {
   expect_passed(rows_of("homogeneous", "free_sides"));
 }
 
+TEST(Verify, AHeldCubeCarriesTheStressOfItsStretchAlsoUnderGreatPressure) {
+  for (const char* stretch : {"uniaxial", "confined", "equibiaxial"})
+    expect_passed(rows_of("homogeneous", stretch));
+}
+
 TEST(Verify, OgdenBarsAndCubesCarryTheirClosedFormStress) {
   expect_passed(rows_of("ogden"));
 }
