@@ -110,18 +110,36 @@ LabelAt label_finder(const LabelImage& image, const BodySurface& body) {
   };
 }
 
+// What is wrong with the materials is said before anything is built.
+void check_materials(const std::vector<Material>& materials, const std::string& scheme) {
+  const Material& m = materials.front();
+  if (scheme != "converging" && (materials.size() > 1 || !m.ogden.empty() || !m.prony.empty()))
+    throw UsageError({.fact = "the paper's scheme knows one neo-Hookean tissue only",
+                      .where = "--scheme horton2007",
+                      .why = "it is kept as it was printed, for comparison",
+                      .remedy = "leave --scheme out for Ogden, viscoelastic and several tissues"});
+  if (scheme == "converging" && m.as_printed)
+    throw UsageError({.fact = "the printed stress goes with the paper's scheme only",
+                      .where = "--stress printed",
+                      .why = "the converging scheme is made of energies, and the printed stress has none",
+                      .remedy = "add --scheme horton2007"});
+}
+
+// A label that config.tissue names, as a number; -1 if it is neither a number nor a known name.
+int number_of(const std::string& label, const std::map<std::string, int>& names) {
+  if (!label.empty() && label.find_first_not_of("0123456789") == std::string::npos && label.size() < 10)
+    return std::stoi(label);
+  const auto known = names.find(label);
+  return known == names.end() ? -1 : known->second;
+}
+
 // config.tissue's labels as numbers.
 Tissues tissues_of(const Config& config, const ModelFiles& files) {
   Tissues tissues{materials_of(config), Eigen::VectorXi::Zero(files.model.point_count())};
   int number = 0;
   for (const auto& [label, differing] : config.tissue) {
     ++number;
-    int value = -1;
-    const auto known = files.label_names.find(label);
-    if (!label.empty() && label.find_first_not_of("0123456789") == std::string::npos && label.size() < 10)
-      value = std::stoi(label);
-    else if (known != files.label_names.end())
-      value = known->second;
+    const int value = number_of(label, files.label_names);
     Index count = 0;
     for (Index q = 0; q < files.model.point_count(); ++q)
       if (files.model.label[q] == value) {
@@ -156,12 +174,27 @@ Prepared prepare(const Config& config) {
                       .where = "command line",
                       .why = "there is nothing to work on",
                       .remedy = "give one: dimple run IMAGE -o OUT"});
+  check_materials(materials_of(config), config.scheme.name);
   Prepared result;
   Stopwatch reading;
   result.image = read_label_image(config.image.file, config.image.label_names);
   const LabelImage& image = result.image;
   for (const std::string& warning : image.warnings) result.warnings.push_back(warning);
   const std::vector<int> labels = chosen_labels(image, config.image.label);
+  for (const auto& [value, name] : image.names) result.files.label_names[name] = value;
+  for (const auto& [label, differing] : config.tissue) {
+    const int value = number_of(label, result.files.label_names);
+    const bool taken = labels.empty() || std::find(labels.begin(), labels.end(), value) != labels.end();
+    const auto present = measure_labels(image);
+    if (!taken ||
+        std::none_of(present.begin(), present.end(), [&](const auto& m) { return m.value == value; }))
+      throw InputError(
+          {.fact = fmt::format("no part of the body has label '{}'", label),
+           .where = fmt::format("tissue.{}", label),
+           .why = taken ? "the image has no such label" : "--label leaves it out",
+           .remedy =
+               "`dimple info IMAGE` shows the labels; take several with --label 1,2, or leave --label out"});
+  }
   result.read_s = reading.seconds();
   say(fmt::format("image    {}: {}, {} x {} x {} voxels of {:.4g} x {:.4g} x {:.4g} mm, axes {}",
                   config.image.file, image.format, image.stored_size[0], image.stored_size[1],
@@ -244,7 +277,6 @@ Prepared prepare(const Config& config) {
   files.scheme = config.scheme.name;
   files.surface.position_mm = body.surface.to_world() * body.surface.vertex().colwise().homogeneous();
   files.surface.triangles = body.surface.triangles();
-  for (const auto& [value, name] : image.names) files.label_names[name] = value;
   files.provenance = {{"image", config.image.file},
                       {"image_sha256", sha256_of_file(config.image.file)},
                       {"labels", result.notes["image.label"]},
@@ -324,15 +356,6 @@ Precision precision_of(const Config& config) {
   return config.solver.precision == "single" ? Precision::single_ : Precision::double_;
 }
 
-void refuse_for_the_papers_scheme(const Tissues& tissues) {
-  const Material& m = tissues.material.front();
-  if (tissues.material.size() == 1 && m.ogden.empty() && m.prony.empty()) return;
-  throw UsageError({.fact = "the paper's scheme knows one neo-Hookean tissue only",
-                    .where = "--scheme horton2007",
-                    .why = "it is kept as it was printed, for comparison",
-                    .remedy = "leave --scheme out for Ogden, viscoelastic and several tissues"});
-}
-
 // Inertia plays no part when the load lasts for many of the shear waves' ways through the organ.
 bool choose_quasi_static(const Config& config, const Model& model, const Tissues& tissues,
                          bool is_converging) {
@@ -363,12 +386,6 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   Stopwatch preparing;
   const Tissues tissues = tissues_of(config, in.files);
   const bool is_converging = in.files.scheme == "converging";
-  if (!is_converging) refuse_for_the_papers_scheme(tissues);
-  if (is_converging && tissues.material.front().as_printed)
-    throw UsageError({.fact = "the printed stress goes with the paper's scheme only",
-                      .where = "--stress printed",
-                      .why = "the converging scheme is made of energies, and the printed stress has none",
-                      .remedy = "add --scheme horton2007"});
   const Material& material = tissues.material.front();
   const auto [support, consistency] = complete_model(model, in.files.support, tissues.of_point,
                                                      density_of(model, tissues), surface_of(in.files));
@@ -571,6 +588,7 @@ Outcome solve_model(const Config& config, const fs::path& model, const fs::path&
                     const std::function<bool()>& stop_requested) {
   check_result_folder(folder);
   ModelFiles files = read_model(model);
+  check_materials(materials_of(config), files.scheme);
   prepare_result_folder(folder);
   for (const std::string& note : files.notes) warn(note);
   const fs::path label = (fs::is_directory(model) ? model : model.parent_path()) / "label.vti";
@@ -626,7 +644,6 @@ Measured measure(const Config& config) {
   Model& model = prepared.files.model;
   const Tissues tissues = tissues_of(config, prepared.files);
   const bool is_converging = converging(config);
-  if (!is_converging) refuse_for_the_papers_scheme(tissues);
   complete_model(model, prepared.files.support, tissues.of_point, density_of(model, tissues),
                  surface_of(prepared.files));
   const ForceSystem system(model, tissues, precision_of(config));

@@ -117,6 +117,30 @@ TEST_F(Refusal, OfAMaterialThatCannotBe) {
   expect(2, "run brain.nrrd -o out --mu nan", {"material.mu_Pa = nan", "not a finite number"});
 }
 
+TEST_F(Refusal, OfMaterialTermsThatDoNotBelongTogether) {
+  expect(2, "run brain.nrrd -o out --set material.prony_g=0.5", {"1 relaxing parts and 0 relaxation times"});
+  expect(2, "run brain.nrrd -o out --set material.prony_g=0.6,0.4 --set material.prony_tau_s=1,2",
+         {"nothing would be left"});
+  expect(2, "run brain.nrrd -o out --set material.ogden_mu_Pa=100,200 --set material.ogden_alpha=2",
+         {"2 Ogden moduli and 1 exponents"});
+  expect(2, "run brain.nrrd -o out --set material.ogden_mu_Pa=-5 --set material.ogden_alpha=2",
+         {"add up to -5"});
+  expect(2, "run brain.nrrd -o out --preset nobody_1999", {"nobody_1999", "miller_chinzei_2002"});
+}
+
+TEST_F(Refusal, OfMaterialsThatThePapersSchemeHasNotAndOfItsStressElsewhere) {
+  expect(2, "run brain.nrrd -o out --scheme horton2007 --preset miller_chinzei_2002",
+         {"one neo-Hookean tissue only"});
+  expect(2, "run brain.nrrd -o out --stress printed", {"--scheme horton2007"});
+}
+
+TEST_F(Refusal, OfATissueThatIsNotThere) {
+  expect(3, "run brain.nrrd -o out --set tissue.7.mu=900",
+         {"no part of the body has label '7'", "no such label"});
+  expect(3, "run brain.nrrd -o out --label 1 --set tissue.2.mu=900", {"label '2'", "--label leaves it out"});
+  expect(2, "run brain.nrrd -o out --set tissue.2.colour=900", {"no option 'material.colour'"});
+}
+
 TEST_F(Refusal, OfWordsItDoesNotKnow) {
   expect(2, "runn brain.nrrd -o out", {"no command 'runn'", "did you mean 'run'?"});
   expect(2, "run brain.nrrd -o out --nodez 500", {"no option --nodez", "did you mean '--nodes'?"});

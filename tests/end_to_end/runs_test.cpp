@@ -248,6 +248,18 @@ TEST_F(Run, TakesBothLabelsOfATwoLabelImageAsOneBody) {
   EXPECT_NEAR(summary("two").at("volume_mm3").get<double>(), 60.0 * 60.0 * 30.0, 0.01 * 60.0 * 60.0 * 30.0);
 }
 
+TEST_F(Run, TakesAMaterialForEachLabelByNumberOrName) {
+  good("phantom two.seg.nrrd --shape block --size 60,60,30 --spacing 3 --two-labels");
+  const std::string shallow = " --nodes 400 --depth 0.5mm --frames 1 -q";
+  good("run two.seg.nrrd -o one" + shallow);
+  good("run two.seg.nrrd -o by_number --set tissue.2.mu=900" + shallow);
+  const auto names = Json::parse(good("info two.seg.nrrd --json").out).at("labels");
+  std::ofstream(folder / "tissues.toml") << "[tissue." << names[1].at("name") << "]\nmu_Pa = 900\n";
+  good("run two.seg.nrrd -o by_name --config tissues.toml" + shallow);
+  EXPECT_GT(last_force("by_number"), 1.2 * last_force("one"));
+  EXPECT_EQ(force("by_name"), force("by_number"));
+}
+
 TEST_F(Run, ReplacesAnEarlierRunsResultsWholly) {
   good("run brain.nrrd -o out --nodes 500 --depth 0.5mm --rate 20mm/s --frames 9");
   EXPECT_EQ(frames_of(folder / "out" / "nodes.pvd").size(), 10u);

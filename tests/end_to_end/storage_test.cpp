@@ -152,9 +152,9 @@ struct Result {
 Result run(const fs::path& folder, const std::string& image) {
   SCOPED_TRACE(image);
   const std::string out = image + ".out";
-  const Ran ran =
-      dimple(folder, "run " + image + " -o " + out + " -q --nodes 500 --depth 1mm --frames 1 --precision double " +
-                         "--time quasi-static --set solver.tolerance=1e-8");
+  const Ran ran = dimple(folder, "run " + image + " -o " + out +
+                                     " -q --nodes 500 --depth 1mm --frames 1 --precision double " +
+                                     "--time quasi-static --set solver.tolerance=1e-8");
   EXPECT_EQ(ran.code, 0) << ran.err;
   if (ran.code != 0) return {};
   const PointFile points = read_vtu(folder / out / "model" / "points.vtu");
