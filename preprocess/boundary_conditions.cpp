@@ -334,13 +334,13 @@ void add_ring(const BodySurface& body, const Boundary& boundary, double r, int c
   }
 }
 
-Points to_points(const std::vector<Vec3>& nodes) {
-  Points result(3, static_cast<Index>(nodes.size()));
-  for (std::size_t k = 0; k < nodes.size(); ++k) result.col(static_cast<Index>(k)) = nodes[k];
+}  // namespace
+
+Points to_points(const std::vector<Vec3>& places) {
+  Points result(3, static_cast<Index>(places.size()));
+  for (std::size_t k = 0; k < places.size(); ++k) result.col(static_cast<Index>(k)) = places[k];
   return result;
 }
-
-}  // namespace
 
 Points rim_of_circle(const BodySurface& body, const Boundary& boundary, int count) {
   std::vector<Vec3> rim;

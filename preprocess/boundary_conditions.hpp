@@ -3,6 +3,7 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "preprocess/body_surface.hpp"
 
@@ -57,6 +58,9 @@ Points graded_circle_nodes(const BodySurface& body, const Boundary& boundary,
 
 /// `count` places on the rim, evenly by angle. [3xcount] mm.
 Points rim_of_circle(const BodySurface& body, const Boundary& boundary, int count);
+
+/// Places side by side. [3xn]
+Points to_points(const std::vector<Vec3>& places);
 
 /// "x,y,z" as three numbers, or nothing.
 std::optional<Vec3> parse_vector(const std::string& text);

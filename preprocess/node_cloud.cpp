@@ -29,16 +29,11 @@ double lateral_distance(const Boundary& boundary, const Vec3& x) {
   return (d - d.dot(boundary.push) * boundary.push).norm();
 }
 
-// The part of the surface that the tool touches: not a wall beneath the rim, and not the far side of a thin body.
+// The part of the surface that the tool touches: not a wall beneath the rim, and not the far side of a thin
+// body.
 bool near_circle(const Boundary& boundary, const Vec3& x, const Vec3& normal, double margin) {
   return lateral_distance(boundary, x) < boundary.radius + margin && normal.dot(boundary.push) < 0.0 &&
          std::abs((x - boundary.centre).dot(boundary.push)) < 2.0 * boundary.radius;
-}
-
-Points to_points(const std::vector<Vec3>& v) {
-  Points result(3, static_cast<Index>(v.size()));
-  for (std::size_t k = 0; k < v.size(); ++k) result.col(static_cast<Index>(k)) = v[k];
-  return result;
 }
 
 using Spacing = std::function<double(const Vec3&)>;  // [mm]
@@ -57,17 +52,18 @@ void subdivide(const Triangle& t, const Spacing& spacing, std::vector<Triangle>&
   }
   const Vec3 ab = 0.5 * (t.a + t.b), bc = 0.5 * (t.b + t.c), ca = 0.5 * (t.c + t.a);
   const double quarter = 0.25 * t.area;
-  for (const Triangle& part : {Triangle{t.a, ab, ca, t.normal, quarter}, Triangle{ab, t.b, bc, t.normal, quarter},
-                               Triangle{ca, bc, t.c, t.normal, quarter}, Triangle{ab, bc, ca, t.normal, quarter}})
+  for (const Triangle& part :
+       {Triangle{t.a, ab, ca, t.normal, quarter}, Triangle{ab, t.b, bc, t.normal, quarter},
+        Triangle{ca, bc, t.c, t.normal, quarter}, Triangle{ab, bc, ca, t.normal, quarter}})
     subdivide(part, spacing, result);
 }
 
 std::vector<Triangle> triangles_of(const BodySurface& body, const Sizing& sizing, double far_spacing) {
   std::vector<Triangle> result;
   for (Index t = 0; t < body.triangles().cols(); ++t) {
-    const Triangle whole = {body.vertex().col(body.triangles()(0, t)),
-                            body.vertex().col(body.triangles()(1, t)),
-                            body.vertex().col(body.triangles()(2, t)), body.normal().col(t), body.triangle_area()[t]};
+    const Triangle whole = {
+        body.vertex().col(body.triangles()(0, t)), body.vertex().col(body.triangles()(1, t)),
+        body.vertex().col(body.triangles()(2, t)), body.normal().col(t), body.triangle_area()[t]};
     if (sizing.even())
       result.push_back(whole);
     else

@@ -85,12 +85,12 @@ std::vector<Leaf> bisect(const BodySurface& body, double edge,
       int axis = 0;
       for (int d = 1; d < 3; ++d)
         if (box.half[d] > box.half[axis] * (1.0 + 1e-9)) axis = d;
-      Leaf half = box;
-      half.half[axis] *= 0.5;
-      half.centre[axis] = box.centre[axis] - half.half[axis];
-      next.push_back(half);
-      half.centre[axis] = box.centre[axis] + half.half[axis];
-      next.push_back(half);
+      Leaf part = box;
+      part.half[axis] *= 0.5;
+      part.centre[axis] = box.centre[axis] - part.half[axis];
+      next.push_back(part);
+      part.centre[axis] = box.centre[axis] + part.half[axis];
+      next.push_back(part);
     }
     level = std::move(next);
   }

@@ -3,11 +3,11 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <bit>
 #include <cassert>
 #include <cmath>
 
 #include "solver/clones.hpp"
+#include "solver/inverse_cube_root.hpp"
 
 namespace dimple {
 namespace {
@@ -16,12 +16,6 @@ constexpr Index points_per_block = 128;
 constexpr Index nodes_per_block = 64;
 
 using Vec4 = double __attribute__((vector_size(32), aligned(8), may_alias));
-
-// x^(-1/3) within 4 %, from a third of the exponent; four Newton steps then give every digit. std::cbrt has
-// no form for four numbers at once, and may round differently from one C library to the next.
-inline double inverse_cube_root_guess(double x) {
-  return std::bit_cast<double>(std::uint64_t{0x553ef0ff289dd796} - std::bit_cast<std::uint64_t>(x) / 3);
-}
 
 }  // namespace
 

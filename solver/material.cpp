@@ -61,13 +61,6 @@ Curve collapse(const Material& m, double J) {
   return sum;
 }
 
-/// cof F = J F^-T without a division: column k is the area vector of the other two.
-Mat3 cofactor(const Mat3& F) {
-  Mat3 result;
-  for (int k = 0; k < 3; ++k) result.col(k) = F.col((k + 1) % 3).cross(F.col((k + 2) % 3));
-  return result;
-}
-
 /// What first and second stress share: P = F A + b cof F, with A symmetric.
 struct Parts {
   Mat3 A;
@@ -96,6 +89,12 @@ Mat3 symmetric(const Eigen::Ref<const Eigen::Matrix<double, 6, 1>>& s) {
 }
 
 }  // namespace
+
+Mat3 cofactor(const Mat3& F) {
+  Mat3 result;
+  for (int k = 0; k < 3; ++k) result.col(k) = F.col((k + 1) % 3).cross(F.col((k + 2) % 3));
+  return result;
+}
 
 Material neo_hookean(double mu, double nu, double density, bool as_printed) {
   return {.mu = mu, .kappa = bulk_modulus(mu, nu), .density = density, .as_printed = as_printed};
@@ -155,6 +154,10 @@ Mat3 pk1_stress(const Material& m, const Mat3& F) {
 
 Mat3 cauchy_stress(const Material& m, const Mat3& F) {
   return pk1_stress(m, F) * F.transpose() / F.determinant();
+}
+
+double pointwise_bulk_modulus(const Material& m) {
+  return std::min(2.0 / 3.0 * m.mu, m.kappa);
 }
 
 double pressure_wave_speed(const Material& m) {

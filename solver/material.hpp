@@ -126,6 +126,13 @@ Mat3 pk1_stress(const Material& material, const Mat3& F);
 /// Cauchy stress sigma = P F^T / J [Pa]. Needs: J not 0.
 Mat3 cauchy_stress(const Material& material, const Mat3& F);
 
+/// cof F = J F^-T without a division: column k is the area vector of the other two.
+Mat3 cofactor(const Mat3& F);
+
+/// The part of kappa that the converging scheme lets act at every point, ks = min(2/3 mu, kappa) [Pa]; the
+/// rest acts on patches: see ProjectedKernel.
+double pointwise_bulk_modulus(const Material& material);
+
 /// sqrt((kappa + 4/3 mu) / density) and sqrt(mu / density) [m/s].
 double pressure_wave_speed(const Material& material);
 double shear_wave_speed(const Material& material);

@@ -4,10 +4,10 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <bit>
 #include <cmath>
 
 #include "solver/clones.hpp"
+#include "solver/inverse_cube_root.hpp"
 
 namespace dimple {
 namespace {
@@ -17,9 +17,6 @@ constexpr Index patches_per_task = 32;
 constexpr double beta = 10.0;
 constexpr double smallest_J = 0.2;  // as in distortional_stress()
 
-// x^(-1/3) within 4 %, from a third of the exponent; Newton steps then give every digit. std::cbrt may round
-// differently from one C library to the next.
-
 // Four numbers of a node or of a column; and one register of numbers, each of another point.
 template <class Real>
 struct Registers;
@@ -27,22 +24,14 @@ template <>
 struct Registers<float> {
   using Vec4 = float __attribute__((vector_size(16), aligned(16), may_alias));
   using Lanes = float __attribute__((vector_size(32), aligned(32), may_alias));
-  using Mask = std::int32_t __attribute__((vector_size(32)));
   static constexpr int count = 8;
-  static float cube_root_guess(float x) {
-    return std::bit_cast<float>(std::uint32_t{0x54a21d2a} - std::bit_cast<std::uint32_t>(x) / 3);
-  }
 };
 template <>
 struct Registers<double> {
   // Nodal vectors of doubles are aligned as their allocator likes, to 16 bytes as a rule.
   using Vec4 = double __attribute__((vector_size(32), aligned(8), may_alias));
   using Lanes = double __attribute__((vector_size(32), aligned(32), may_alias));
-  using Mask = std::int64_t __attribute__((vector_size(32)));
   static constexpr int count = 4;
-  static double cube_root_guess(double x) {
-    return std::bit_cast<double>(std::uint64_t{0x553ef0ff289dd796} - std::bit_cast<std::uint64_t>(x) / 3);
-  }
 };
 
 // The bodies are inlined into functions that are not templates, since only those can be cloned per processor.
@@ -115,7 +104,7 @@ template <class Real, class Columns>
     for (int lane = 0; lane < count; ++lane)
       Jc[lane] = J[lane] > Real(smallest_J) ? J[lane] : Real(smallest_J);
     Lanes root;
-    for (int lane = 0; lane < count; ++lane) root[lane] = R::cube_root_guess(Jc[lane]);
+    for (int lane = 0; lane < count; ++lane) root[lane] = inverse_cube_root_guess(Jc[lane]);
     for (int pass = 0; pass < (count == 8 ? 3 : 4); ++pass)
       root = root * (Real(4) - Jc * root * root * root) * Real(1.0 / 3.0);
     const Lanes power = root * root, below = J - Real(smallest_J);
@@ -198,21 +187,11 @@ DIMPLE_CLONED(float)
 DIMPLE_CLONED(double)
 #undef DIMPLE_CLONED
 
-double bulk_of_points(const Material& m) {
-  return std::min(2.0 / 3.0 * m.mu, m.kappa);
-}
-
 template <class Real>
 Mat3 to_matrix(const ProjectedColumns<Real>& c) {
   Mat3 result;
   for (int j = 0; j < 3; ++j)
     for (int i = 0; i < 3; ++i) result(i, j) = static_cast<double>(c.column[j][i]);
-  return result;
-}
-
-Mat3 cofactor(const Mat3& F) {
-  Mat3 result;
-  for (int k = 0; k < 3; ++k) result.col(k) = F.col((k + 1) % 3).cross(F.col((k + 2) % 3));
   return result;
 }
 
@@ -258,8 +237,8 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
     const Material& m = material_[t];
     volume_.push_back(static_cast<Real>(model.volume[q]));
     mu_.push_back(static_cast<Real>(m.mu));
-    ks_.push_back(static_cast<Real>(bulk_of_points(m)));
-    bulk_.push_back(static_cast<Real>(m.kappa - bulk_of_points(m)));
+    ks_.push_back(static_cast<Real>(pointwise_bulk_modulus(m)));
+    bulk_.push_back(static_cast<Real>(m.kappa - pointwise_bulk_modulus(m)));
     slot_.push_back(static_cast<std::int32_t>(count[t]++));
     plain_ = plain_ && m.ogden.empty() && m.prony.empty();
   }
@@ -410,7 +389,7 @@ double ProjectedKernel<Real>::stored_energy(const double* u) {
   double energy = 0.0;
   for (std::size_t q = 0; q < gradient_.size(); ++q) {
     const Material& m = material_[static_cast<std::size_t>(tissue_[q])];
-    const double ks = bulk_of_points(m), e = dilation_[q],
+    const double ks = pointwise_bulk_modulus(m), e = dilation_[q],
                  rest = e - static_cast<double>(mean_of(of_point_, patch_dilation_, q));
     energy += static_cast<double>(volume_[q]) *
               (distortional_energy(m, to_matrix(gradient_[q]) + Mat3::Identity()) + 0.5 * ks * e * e +
@@ -443,7 +422,7 @@ void ProjectedKernel<Real>::begin_step(double dt) {
   std::vector<double> ks;
   for (Material now : material_) {
     now.mu *= prony_step(now, elapsed_ + dt).c;
-    ks.push_back(bulk_of_points(now));
+    ks.push_back(pointwise_bulk_modulus(now));
   }
   for (std::size_t q = 0; q < ks_.size(); ++q) {
     const auto t = static_cast<std::size_t>(tissue_[q]);

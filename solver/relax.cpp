@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 
 #include "io/error.hpp"
+#include "solver/text.hpp"
 
 namespace dimple {
 namespace {
@@ -14,18 +14,6 @@ using Kind = Constraints::Kind;
 
 constexpr int between_checks = 10;
 constexpr int memory = 60;  // iterations over which a change is compared for the frequency
-
-template <class... Parts>
-std::string text(const Parts&... parts) {
-  std::ostringstream out;
-  out.precision(4);
-  (out << ... << parts);
-  return out.str();
-}
-
-double bulk_of_points(const Material& m) {
-  return std::min(2.0 / 3.0 * m.mu, m.kappa);
-}
 
 }  // namespace
 
@@ -37,7 +25,7 @@ Eigen::VectorXd stiffness_row_sums(const Model& model, const Tissues& tissues) {
   const bool projected = model.patches.count() > 0;
   for (Index q = 0; q < model.point_count(); ++q) {
     const Material& m = material(q);
-    const double stiffness = 2.0 * m.mu + (projected ? bulk_of_points(m) : m.kappa);
+    const double stiffness = 2.0 * m.mu + (projected ? pointwise_bulk_modulus(m) : m.kappa);
     const auto g = model.dphi.middleCols(model.support.offset[q], model.support.count(q)).colwise().norm();
     const double all = g.sum();
     for (Index k = 0; k < model.support.count(q); ++k)
@@ -54,7 +42,7 @@ Eigen::VectorXd stiffness_row_sums(const Model& model, const Tissues& tissues) {
     double bulk = 0.0;
     for (int k = members.offset[b]; k < members.offset[b + 1]; ++k) {
       const int q = members.member[k];
-      bulk = material(q).kappa - bulk_of_points(material(q));
+      bulk = material(q).kappa - pointwise_bulk_modulus(material(q));
       const double share = patches.psi[slot[k]] * model.volume[q] / patches.volume[b];
       for (int e = model.support.offset[q]; e < model.support.offset[q + 1]; ++e) {
         const int a = model.support.member[e];

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 
 #include "io/error.hpp"
+#include "solver/text.hpp"
 
 namespace dimple {
 
@@ -23,15 +23,6 @@ namespace {
 
 using Nodal = ForceSystem::Nodal;
 using Kind = Constraints::Kind;
-
-// std::format is not in this compiler's library, and the solver needs nothing else from a formatting library.
-template <class... Parts>
-std::string text(const Parts&... parts) {
-  std::ostringstream out;
-  out.precision(4);
-  (out << ... << parts);
-  return out.str();
-}
 
 struct Place {
   double t, depth, dt, dt_stable;
