@@ -211,7 +211,6 @@ void load_slowly(const ForceSystem& system, const Model& model, const Loading& l
     u = next;
     system.begin_step(step / loading.rate);
     const Relaxed relaxed = relax(u, f, {.tolerance = options.tolerance, .evaluations = options.evaluations});
-    system.accept_step(u);
     history.steps += relaxed.evaluations;
     history.J_min = std::min(history.J_min, relaxed.sweep.J_min);
     history.inverted = std::max(history.inverted, relaxed.sweep.inverted);
@@ -233,6 +232,7 @@ void load_slowly(const ForceSystem& system, const Model& model, const Loading& l
       history.interrupted = level < options.frames;
       return;
     }
+    system.accept_step(u);  // after the frame: its stresses are those of this step
   }
 }
 

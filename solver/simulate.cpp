@@ -172,9 +172,9 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
       // Frames and energies need u(t) and v(t - dt/2): there, gather first and move afterwards.
       const bool sampling = s == 0 || t >= next_energy;
       system.gather_sweep(f, sampling || viscoelastic ? std::function<void(Index, Index)>{} : advance);
-      if (viscoelastic) system.accept_step(u);
       stopped = !record(now, false);
       if (s == 0) frame(k, now);
+      if (viscoelastic) system.accept_step(u);  // after the frame: its stresses are those of this step
       if (sampling || viscoelastic) advance(0, n);
       if (options.damping > 0.0)
         for (Index a = 0; a < n; ++a)
