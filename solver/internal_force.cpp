@@ -257,6 +257,25 @@ void ForceSystem::accept_step(const Nodal& u) const {
   if (double_) double_->accept(u.data());
 }
 
+void ForceSystem::hold_pressures(const Eigen::VectorXd& pressure) const {
+  if (single_) single_->hold(pressure);
+  if (double_) double_->hold(pressure);
+}
+
+void ForceSystem::patch_state(Patches& patches) const {
+  if (single_) single_->patch_state(patches.dilation, patches.bulk);
+  if (double_) double_->patch_state(patches.dilation, patches.bulk);
+}
+
+void ForceSystem::patch_gradients(const CompressedRows& nodes, Eigen::Matrix4Xf& gradient) const {
+  if (single_) single_->patch_gradients(nodes, gradient);
+  if (double_) double_->patch_gradients(nodes, gradient);
+}
+
+Eigen::VectorXd ForceSystem::stiffness() const {
+  return single_ ? single_->stiffness() : double_->stiffness();
+}
+
 bool ForceSystem::viscoelastic() const {
   return std::any_of(tissues_.material.begin(), tissues_.material.end(),
                      [](const Material& m) { return !m.prony.empty(); });

@@ -70,6 +70,16 @@ class ForceSystem {
   void begin_step(double dt) const;
   void accept_step(const Nodal& u) const;
 
+  /// Of the converging scheme: the patches' pressures as unknowns of their own. See ProjectedKernel.
+  void hold_pressures(const Eigen::VectorXd& pressure) const;
+  void release_pressures() const { hold_pressures({}); }
+  struct Patches {
+    Eigen::VectorXd dilation, bulk;  ///< [patches] J_b - 1; [Pa]
+  };
+  void patch_state(Patches& patches) const;
+  void patch_gradients(const CompressedRows& nodes, Eigen::Matrix4Xf& gradient) const;
+  Eigen::VectorXd stiffness() const;
+
   const std::vector<Material>& materials() const { return tissues_.material; }
   const Tissues& tissues() const { return tissues_; }
   Precision precision() const { return single_ ? Precision::single_ : Precision::double_; }

@@ -335,7 +335,8 @@ typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(const 
     for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q) {
       const Real mean = mean_of(of_point_, patch_dilation_, q), e = dilation_[q] - mean;
       unresolved_[q] = Real(2 * beta) * ks_[q] * e * e * e;
-      pressure_[q] = ks_[q] * dilation_[q] + bulk_[q] * mean + unresolved_[q];
+      const Real resolved = held_.empty() ? bulk_[q] * mean : mean_of(of_point_, held_, q);
+      pressure_[q] = ks_[q] * dilation_[q] + resolved + unresolved_[q];
     }
   });
   project(of_patch_, unresolved_, patch_unresolved_);
@@ -396,11 +397,10 @@ double ProjectedKernel<Real>::stored_energy(const double* u) {
                0.5 * ks * beta * rest * rest * rest * rest);
   }
   for (std::size_t b = 0; b < patch_volume_.size(); ++b) {
-    // A patch lies in one tissue: that of its first point.
-    const auto q =
-        static_cast<std::size_t>(of_patch_.share[static_cast<std::size_t>(of_patch_.offset[b])].number);
-    const double e = patch_dilation_[b];
-    energy += 0.5 * static_cast<double>(bulk_[q]) * patch_volume_[b] * e * e;
+    const double e = patch_dilation_[b], bulk = patch_bulk(b);
+    // Of a held pressure: what is stationary both in it and in u (Hellinger and Reissner).
+    energy += patch_volume_[b] *
+              (held_.empty() ? 0.5 * bulk * e * e : held_[b] * e - 0.5 * held_[b] * held_[b] / bulk);
   }
   std::vector<double> f(static_cast<std::size_t>(4 * nodes_));
   for (const Variance& v : variance_) {
@@ -465,6 +465,71 @@ void ProjectedKernel<Real>::accept(const double* u) {
       v.f0[k] = now[k];
     }
   }
+}
+
+// A patch lies in one tissue: that of its first point.
+template <class Real>
+double ProjectedKernel<Real>::patch_bulk(std::size_t b) const {
+  return static_cast<double>(
+      bulk_[static_cast<std::size_t>(of_patch_.share[static_cast<std::size_t>(of_patch_.offset[b])].number)]);
+}
+
+template <class Real>
+void ProjectedKernel<Real>::patch_state(Eigen::VectorXd& dilation, Eigen::VectorXd& bulk) const {
+  dilation.resize(patches_);
+  bulk.resize(patches_);
+  for (Index b = 0; b < patches_; ++b) {
+    dilation[b] = static_cast<double>(patch_dilation_[static_cast<std::size_t>(b)]);
+    bulk[b] = patch_bulk(static_cast<std::size_t>(b));
+  }
+}
+
+template <class Real>
+void ProjectedKernel<Real>::patch_gradients(const CompressedRows& nodes, Eigen::Matrix4Xf& gradient) const {
+  gradient.resize(4, nodes.member.size());
+  tbb::parallel_for(tbb::blocked_range<Index>(0, patches_, patches_per_task), [&](const auto& range) {
+    Eigen::Matrix4Xf sum = Eigen::Matrix4Xf::Zero(4, nodes_);
+    for (Index b = range.begin(); b < range.end(); ++b) {
+      for (std::int32_t k = of_patch_.offset[static_cast<std::size_t>(b)];
+           k < of_patch_.offset[static_cast<std::size_t>(b) + 1]; ++k) {
+        const Share& share = of_patch_.share[static_cast<std::size_t>(k)];
+        const auto q = static_cast<std::size_t>(share.number);
+        Eigen::Matrix<float, 4, 3> slope = Eigen::Matrix<float, 4, 3>::Zero();
+        slope.template topRows<3>() =
+            (static_cast<double>(share.weight) * cofactor(to_matrix(gradient_[q]) + Mat3::Identity()))
+                .template cast<float>();
+        for (std::int32_t e = point_offset_[q]; e < point_offset_[q + 1]; ++e) {
+          const Pair& pair = by_point_[static_cast<std::size_t>(e)];
+          sum.col(pair.number) += slope.col(0) * static_cast<float>(pair.d[0]) +
+                                  slope.col(1) * static_cast<float>(pair.d[1]) +
+                                  slope.col(2) * static_cast<float>(pair.d[2]);
+        }
+      }
+      for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k) {
+        gradient.col(k) = sum.col(nodes.member[k]);
+        sum.col(nodes.member[k]).setZero();
+      }
+    }
+  });
+}
+
+template <class Real>
+Eigen::VectorXd ProjectedKernel<Real>::stiffness() const {
+  Eigen::VectorXd result(points_);
+  tbb::parallel_for(Index{0}, points_, [&](Index q) {
+    const auto at = static_cast<std::size_t>(q);
+    const double mu = static_cast<double>(mu_[at]), ks = static_cast<double>(ks_[at]);
+    const Mat3 F = to_matrix(gradient_[at]) + Mat3::Identity();
+    const double e = static_cast<double>(dilation_[at]), below = std::min(0.0, 1.0 + e - smallest_J),
+                 J = std::max(1.0 + e, smallest_J), g = std::pow(J, -2.0 / 3.0), g1 = -2.0 / 3.0 * g / J,
+                 g2 = -5.0 / 3.0 * g1 / J,
+                 rest = e - static_cast<double>(mean_of(of_point_, patch_dilation_, at));
+    // Of the part along cof F a sixth: it acts on one of nine components, and must not be feared too much.
+    result[q] = mu * (g + below * (g1 + 0.5 * g2 * below)) +
+                cofactor(F).squaredNorm() / 6.0 *
+                    (ks * (1.0 + 6.0 * beta * rest * rest) + 0.5 * mu * F.squaredNorm() * g2);
+  });
+  return result;
 }
 
 template <class Real>

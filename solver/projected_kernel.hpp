@@ -83,6 +83,16 @@ class ProjectedKernel {
   void begin_step(double dt);
   void accept(const double* u);
 
+  /// From now on patch b has this pressure [Pa] instead of the one that its volume gives it; empty: no
+  /// longer. For solvers that look for pressures and displacements together.
+  void hold(const Eigen::VectorXd& pressure) { held_.assign(pressure.begin(), pressure.end()); }
+  /// What linearises the last stress_sweep. [patches]: J_b - 1, and the bulk modulus that acts on it [Pa].
+  void patch_state(Eigen::VectorXd& dilation, Eigen::VectorXd& bulk) const;
+  /// [4 x nodes.member] dJ_b / du_a, patch by patch [1/m].
+  void patch_gradients(const CompressedRows& nodes, Eigen::Matrix4Xf& gradient) const;
+  /// [Q] an estimate of the tangent's size, as a shear modulus [Pa]: more where the material has stiffened.
+  Eigen::VectorXd stiffness() const;
+
   Mat3 deformation_gradient(Index q) const;  ///< of the last stress_sweep
   Mat3 stress(Index q) const;                ///< first Piola-Kirchhoff [Pa], of the last stress_sweep
 
@@ -118,7 +128,10 @@ class ProjectedKernel {
   std::vector<Real> u_;                     // [4xN]
   std::vector<Columns> gradient_, stress_;  // [Q] F - I; V P
   std::vector<Real> dilation_, pressure_, unresolved_, patch_dilation_, patch_unresolved_;
+  std::vector<Real> held_;  // [patches] or empty
   std::vector<Sweep> block_;
+
+  double patch_bulk(std::size_t b) const;
 };
 
 }  // namespace dimple

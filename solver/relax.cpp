@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 
 #include "io/error.hpp"
 #include "solver/text.hpp"
@@ -12,8 +13,10 @@ namespace {
 using Nodal = ForceSystem::Nodal;
 using Kind = Constraints::Kind;
 
+constexpr std::int64_t many = 12;  // evaluations, after which it pays to estimate the stiffness anew
 constexpr int between_checks = 10;
-constexpr int memory = 60;  // iterations over which a change is compared for the frequency
+constexpr double touch = 0.02;  // of the first depth
+constexpr int memory = 60;      // iterations over which a change is compared for the frequency
 
 }  // namespace
 
@@ -74,13 +77,42 @@ Relaxation::Relaxation(const ForceSystem& system, const Model& model, const Cons
       mass_(stiffness_row_sums(model, system.tissues())) {
   const double floor = 1e-6 * mass_.maxCoeff();  // a node that no point sees well
   mass_ = mass_.cwiseMax(floor);
+  if (MixedIteration::serves(system, model))
+    mixed_ = std::make_unique<MixedIteration>(system, model, constraints);
 }
 
-Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, const Nodal& external) const {
+Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, const Nodal& external,
+                               Eigen::VectorXd* lambda) const {
+  std::int64_t spent = 0;
+  if (mixed_) {
+    Nodal v = u;
+    Eigen::VectorXd l = lambda ? *lambda : Eigen::VectorXd::Zero(model_.patches.count());
+    Relaxed found = (*mixed_)(v, l, f, options, external, laborious_);
+    laborious_ = found.evaluations > many;
+    if (found.converged) {
+      u = v;
+      if (lambda) *lambda = l;
+      return found;
+    }
+    spent = found.evaluations;
+    system_.release_pressures();
+  }
+  Relaxed found = swing(u, f, options, external, spent);
+  if (lambda && mixed_) {
+    ForceSystem::Patches patches;
+    system_.patch_state(patches);
+    *lambda = patches.dilation.cwiseProduct(patches.bulk).cwiseProduct(model_.patches.volume);
+  }
+  return found;
+}
+
+Relaxed Relaxation::swing(Nodal& u, Nodal& f, const RelaxOptions& options, const Nodal& external,
+                          std::int64_t evaluations) const {
   const Index n = u.cols();
   const bool loaded = external.cols() == n;
   const Eigen::VectorXd inverse_mass = mass_.cwiseInverse();
   Relaxed result;
+  result.evaluations = evaluations;
   const auto free_force = [&](Index a) -> Eigen::Vector4d {
     return constraints_.project(
         a, loaded ? Eigen::Vector4d(f.col(a) - external.col(a)) : Eigen::Vector4d(f.col(a)));
@@ -185,7 +217,37 @@ void load_slowly(const ForceSystem& system, const Model& model, const Loading& l
   const Constraints constraints = make_constraints(model, loading.contact);
   const Relaxation relax(system, model, constraints);
   const Index n = model.node_count();
-  Nodal u = Nodal::Zero(4, n), f = u, before = u, before_that = u;
+  const RelaxOptions exactly{.tolerance = options.tolerance, .evaluations = options.evaluations};
+  Nodal u = Nodal::Zero(4, n), f = u;
+  Eigen::VectorXd lambda = Eigen::VectorXd::Zero(model.patches.count());
+  // The last equilibria, newest last: where the next one is looked for.
+  struct Past {
+    double depth;
+    Nodal u;
+    Eigen::VectorXd lambda;
+  };
+  std::deque<Past> past = {{0.0, u, lambda}};
+  const auto prescribe = [&](Nodal& v, double depth) {
+    for (Index a = 0; a < n; ++a) {
+      const Kind kind = constraints.kind[static_cast<std::size_t>(a)];
+      if (kind == Kind::fixed) v.col(a).setZero();
+      if (kind == Kind::driven) v.col(a) = constraints.push * depth;
+      if (kind == Kind::sliding) v.col(a) += constraints.push * (depth - v.col(a).dot(constraints.push));
+    }
+  };
+  const auto extrapolate = [&](double depth) {
+    u.setZero();
+    lambda.setZero();
+    for (const Past& mine : past) {
+      double weight = 1.0;
+      for (const Past& other : past)
+        if (&other != &mine) weight *= (depth - other.depth) / (mine.depth - other.depth);
+      u += weight * mine.u;
+      lambda += weight * mine.lambda;
+    }
+    prescribe(u, depth);
+  };
+
   double external = 0.0, force_before = 0.0, force_before_that = 0.0;
   history.force.push_back({0.0, 0.0, 0.0, 0.0});
   history.energy.push_back({0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
@@ -193,24 +255,26 @@ void load_slowly(const ForceSystem& system, const Model& model, const Loading& l
   const double step = loading.depth / options.frames;
   for (int level = 1; level <= options.frames; ++level) {
     const double depth = step * level, t = depth / loading.rate;
-    Nodal next = level == 1   ? u
-                 : level == 2 ? Nodal(2.0 * u - before)
-                              : Nodal(3.0 * u - 3.0 * before + before_that);
-    if (level == 1) guess(model, constraints, depth, next);
-    const auto prescribe = [&](Nodal& v) {
-      for (Index a = 0; a < n; ++a) {
-        const Kind kind = constraints.kind[static_cast<std::size_t>(a)];
-        if (kind == Kind::fixed) v.col(a).setZero();
-        if (kind == Kind::driven) v.col(a) = constraints.push * depth;
-        if (kind == Kind::sliding) v.col(a) += constraints.push * (depth - v.col(a).dot(constraints.push));
-      }
-    };
-    prescribe(next);
-    before_that = before;
-    before = u;
-    u = next;
     system.begin_step(step / loading.rate);
-    const Relaxed relaxed = relax(u, f, {.tolerance = options.tolerance, .evaluations = options.evaluations});
+    if (level == 1 && model.patches.count() > 0) {
+      // A touch, to a low accuracy: the direction in which the tissue sets off.
+      guess(model, constraints, touch * depth, u);
+      prescribe(u, touch * depth);
+      RelaxOptions roughly = exactly;
+      roughly.tolerance = std::max(1e-2, options.tolerance);
+      history.steps += relax(u, f, roughly, {}, &lambda).evaluations;
+      past.push_back({touch * depth, u, lambda});
+      extrapolate(depth);
+      past.pop_back();
+    } else if (level == 1) {
+      guess(model, constraints, depth, u);
+      prescribe(u, depth);
+    } else {
+      extrapolate(depth);
+    }
+    const Relaxed relaxed = relax(u, f, exactly, {}, &lambda);
+    past.push_back({depth, u, lambda});
+    if (past.size() > 4) past.pop_front();
     history.steps += relaxed.evaluations;
     history.J_min = std::min(history.J_min, relaxed.sweep.J_min);
     history.inverted = std::max(history.inverted, relaxed.sweep.inverted);

@@ -1,24 +1,14 @@
 #pragma once
 
+#include "solver/mixed_iteration.hpp"
 #include "solver/simulate.hpp"
 
 namespace dimple {
 
-struct RelaxOptions {
-  double tolerance = 1e-4;           ///< unbalanced force / reactions
-  std::int64_t evaluations = 20000;  ///< of the force, at most
-};
-
-struct Relaxed {
-  std::int64_t evaluations = 0;
-  double residual =
-      0.0;  ///< norm of the unbalanced forces / (half the sum of all reactions' sizes + external forces)
-  ForceSystem::Sweep sweep;
-};
-
-/// Finds static equilibrium by dynamic relaxation: the body, with fictitious masses that give every node
-/// about the same stable step, is let swing and damped near critically, the damping following the lowest
-/// frequency met.
+/// Finds static equilibrium: of the converging scheme by MixedIteration, some ten evaluations of the force.
+/// Where that does not converge, since the tissue is about to give way, and for the paper's scheme, by
+/// dynamic relaxation, some hundreds: the body, with fictitious masses that give every node about the same
+/// stable step, is let swing and damped near critically, the damping following the lowest frequency met.
 ///
 ///     u+ = u + r^2 (u - u-) - c M^-1 (f - external),   r = (K - 1)/(K + 1), K = 2/(w dt), c = ((1 + r)
 ///     dt/2)^2
@@ -31,15 +21,21 @@ class Relaxation {
 
   /// u [N] m holds the prescribed values and a guess of the others; afterwards the equilibrium, and f [N] the
   /// internal force there. `external` [N] N: dead loads, or empty. Throws SolveError where there is none to
-  /// be found.
+  /// be found. `lambda` [patches]: if given, a guess of what MixedIteration calls so; afterwards what was
+  /// found.
   Relaxed operator()(ForceSystem::Nodal& u, ForceSystem::Nodal& f, const RelaxOptions& options = {},
-                     const ForceSystem::Nodal& external = {}) const;
+                     const ForceSystem::Nodal& external = {}, Eigen::VectorXd* lambda = nullptr) const;
 
  private:
+  Relaxed swing(ForceSystem::Nodal& u, ForceSystem::Nodal& f, const RelaxOptions& options,
+                const ForceSystem::Nodal& external, std::int64_t evaluations) const;
+
   const ForceSystem& system_;
   const Model& model_;
   const Constraints& constraints_;
   Eigen::VectorXd mass_;
+  mutable std::unique_ptr<MixedIteration> mixed_;
+  mutable bool laborious_ = false;  // the last equilibrium took many iterations: the stiffness has changed
 };
 
 /// [N] for each node a bound of what it is held with by all others: sum_b |K_ab|, K the tangent at rest

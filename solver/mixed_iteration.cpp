@@ -1,0 +1,403 @@
+#include "solver/mixed_iteration.hpp"
+
+#include <tbb/parallel_for.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/SparseCholesky>
+#include <algorithm>
+#include <cmath>
+
+namespace dimple {
+namespace {
+
+using Nodal = ForceSystem::Nodal;
+using Kind = Constraints::Kind;
+using Sparse = Eigen::SparseMatrix<double>;
+
+// The tangent at rest is at most twice the Laplacian; load and the curvature of the law add to that. Too soft
+// an A overshoots, too stiff a one only takes more steps: 2 to 4 serve alike, 1 diverges.
+constexpr double stiffer = 3.0;
+constexpr double neighbour_distance = 1.6;  // of the mean spacing: some 14 neighbours
+constexpr int fewest_neighbours = 6;
+constexpr int remembered = 10;    // steps, by Anderson's acceleration
+constexpr int without_gain = 30;  // iterations, and it is given up
+constexpr double setback = 10.0;  // growth of the residual that is taken back
+
+// The Cholesky factor of a scalar matrix over some of the nodes, in single precision: a preconditioner needs
+// no more, and Eigen solves for one column at a time where here three components share each entry.
+struct NodalFactor {
+  using Vec4 = float __attribute__((vector_size(16)));
+  Eigen::SimplicialLLT<Sparse, Eigen::Lower, Eigen::AMDOrdering<int>> cholesky;
+  std::vector<Index> node;  // of each row, in the order of elimination
+  std::vector<int> offset, row;
+  std::vector<float> value, inverse;
+  std::vector<Vec4> x;
+
+  // `place` [N]: a node's row in `matrix`, or -1.
+  bool factorise(const Sparse& matrix, const std::vector<int>& place) {
+    if (node.empty()) {
+      cholesky.analyzePattern(matrix);
+      const auto& order = cholesky.permutationP().indices();
+      node.resize(static_cast<std::size_t>(matrix.rows()));
+      for (std::size_t a = 0; a < place.size(); ++a)
+        if (place[a] >= 0) node[static_cast<std::size_t>(order[place[a]])] = static_cast<Index>(a);
+      x.resize(node.size());
+    }
+    cholesky.factorize(matrix);
+    if (cholesky.info() != Eigen::Success) return false;
+    const Sparse& L = cholesky.matrixL().nestedExpression();
+    offset.assign(1, 0);
+    row.clear();
+    value.clear();
+    inverse.clear();
+    for (int j = 0; j < L.outerSize(); ++j) {
+      for (Sparse::InnerIterator entry(L, j); entry; ++entry) {
+        if (entry.row() == j) {
+          inverse.push_back(static_cast<float>(1.0 / entry.value()));
+        } else {
+          row.push_back(static_cast<int>(entry.row()));
+          value.push_back(static_cast<float>(entry.value()));
+        }
+      }
+      offset.push_back(static_cast<int>(row.size()));
+    }
+    return true;
+  }
+
+  // z = A^-1 r at its nodes, zero elsewhere.
+  void solve(const Nodal& r, Nodal& z) {
+    const auto n = node.size();
+    for (std::size_t j = 0; j < n; ++j)
+      for (int i = 0; i < 4; ++i) x[j][i] = static_cast<float>(r(i, node[j]));
+    for (std::size_t j = 0; j < n; ++j) {
+      const Vec4 now = x[j] *= inverse[j];
+      for (int k = offset[j]; k < offset[j + 1]; ++k)
+        x[static_cast<std::size_t>(row[static_cast<std::size_t>(k)])] -=
+            now * value[static_cast<std::size_t>(k)];
+    }
+    for (std::size_t j = n; j-- > 0;) {
+      Vec4 sum = x[j];
+      for (int k = offset[j]; k < offset[j + 1]; ++k)
+        sum -= x[static_cast<std::size_t>(row[static_cast<std::size_t>(k)])] *
+               value[static_cast<std::size_t>(k)];
+      x[j] = sum * inverse[j];
+    }
+    z.setZero();
+    for (std::size_t j = 0; j < n; ++j)
+      for (int i = 0; i < 4; ++i) z(i, node[j]) = static_cast<double>(x[j][i]);
+  }
+};
+
+// Pairs of neighbours a > b, and the share of each point's volume that a node stands for.
+struct Graph {
+  std::vector<std::pair<int, int>> edge;
+  Eigen::VectorXd share;  // [support.member]
+};
+
+Graph make_graph(const Model& model) {
+  Graph graph;
+  const Index n = model.node_count();
+  std::vector<std::vector<std::pair<double, int>>> near(static_cast<std::size_t>(n));
+  for (const GradientVariance& v : model.variance)
+    for (Index a = 0; a < n; ++a)
+      for (int k = v.rows.offset[a]; k < v.rows.offset[a + 1]; ++k)
+        if (const int b = v.rows.member[k]; b != a)
+          near[static_cast<std::size_t>(a)].emplace_back(
+              (model.X.col(a) - model.X.col(b)).norm() / (0.5 * (model.spacing[a] + model.spacing[b])), b);
+  for (std::size_t a = 0; a < near.size(); ++a) {
+    std::sort(near[a].begin(), near[a].end());
+    for (std::size_t k = 0; k < near[a].size(); ++k) {
+      if (k >= fewest_neighbours && near[a][k].first > neighbour_distance) break;
+      graph.edge.emplace_back(std::max(static_cast<int>(a), near[a][k].second),
+                              std::min(static_cast<int>(a), near[a][k].second));
+    }
+  }
+  std::sort(graph.edge.begin(), graph.edge.end());
+  graph.edge.erase(std::unique(graph.edge.begin(), graph.edge.end()), graph.edge.end());
+
+  graph.share.resize(model.support.member.size());
+  for (Index q = 0; q < model.point_count(); ++q) {
+    double sum = 0.0;
+    for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k) {
+      const int a = model.support.member[k];
+      graph.share[k] = std::exp(-4.0 * (model.X.col(a) - model.point.col(q)).squaredNorm() /
+                                std::pow(model.spacing[a], 2));
+      sum += graph.share[k];
+    }
+    graph.share.segment(model.support.offset[q], model.support.count(q)) /= sum;
+  }
+  return graph;
+}
+
+// Which nodes the points of a patch see.
+CompressedRows nodes_of_patches(const Model& model) {
+  const CompressedRows points = transpose(model.patches.of_point, model.patches.count());
+  CompressedRows result;
+  result.offset = Eigen::VectorXi::Zero(points.rows() + 1);
+  std::vector<int> member;
+  std::vector<Index> seen(static_cast<std::size_t>(model.node_count()), -1);
+  for (Index b = 0; b < points.rows(); ++b) {
+    const auto first = static_cast<std::ptrdiff_t>(member.size());
+    for (int k = points.offset[b]; k < points.offset[b + 1]; ++k) {
+      const int q = points.member[k];
+      for (int e = model.support.offset[q]; e < model.support.offset[q + 1]; ++e) {
+        const int a = model.support.member[e];
+        if (seen[static_cast<std::size_t>(a)] == b) continue;
+        seen[static_cast<std::size_t>(a)] = b;
+        member.push_back(a);
+      }
+    }
+    std::sort(member.begin() + first, member.end());
+    result.offset[b + 1] = static_cast<int>(member.size());
+  }
+  result.member = Eigen::Map<Eigen::VectorXi>(member.data(), static_cast<Index>(member.size()));
+  return result;
+}
+
+}  // namespace
+
+struct MixedIteration::Parts {
+  const ForceSystem& system;
+  const Model& model;
+  const Constraints& constraints;
+  Graph graph;
+  CompressedRows nodes;       // of each patch
+  Eigen::Matrix4Xf gradient;  // [4 x nodes.member]
+  bool slides = false;
+  NodalFactor across,
+      along;  // of nodes that move freely across the push, and along it; the same if none slides
+  Eigen::SimplicialLLT<Sparse> schur;
+  Eigen::VectorXd bulk;               // [patches] for which `schur` was made
+  Eigen::VectorXd scale, dual_scale;  // that make u and lambda of one kind: square roots of energies
+
+  Parts(const ForceSystem& s, const Model& m, const Constraints& c)
+      : system(s), model(m), constraints(c), graph(make_graph(m)), nodes(nodes_of_patches(m)) {
+    slides = std::find(c.kind.begin(), c.kind.end(), Kind::sliding) != c.kind.end();
+    Eigen::VectorXd shear(model.point_count());
+    for (Index q = 0; q < shear.size(); ++q) shear[q] = mu(q);
+    factorise(shear);
+    scale.setZero(model.node_count());
+    for (Index q = 0; q < shear.size(); ++q)
+      for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
+        scale[model.support.member[k]] += graph.share[k] * model.volume[q] * shear[q];
+    scale = (scale.array() / model.spacing.array().square()).sqrt();
+    dual_scale.resize(model.patches.count());
+    const CompressedRows points = transpose(model.patches.of_point, model.patches.count());
+    for (Index b = 0; b < dual_scale.size(); ++b)
+      dual_scale[b] = 1.0 / std::sqrt(mu(points.member[points.offset[b]]) * model.patches.volume[b]);
+  }
+
+  double mu(Index q) const {
+    return system.materials()[static_cast<std::size_t>(system.tissues().of_point[q])].mu;
+  }
+
+  // The Laplacian whose energy of any linear field is that of `shear` [Q] Pa: node a's edges have the weight
+  // 3 sum_q V shear / sum of their squared lengths.
+  bool factorise(const Eigen::VectorXd& shear) {
+    const Index n = model.node_count();
+    Eigen::VectorXd weight = Eigen::VectorXd::Zero(n), lengths = weight;
+    for (Index q = 0; q < model.point_count(); ++q)
+      for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
+        weight[model.support.member[k]] += graph.share[k] * model.volume[q] * shear[q];
+    for (const auto& [a, b] : graph.edge) {
+      const double length = (model.X.col(a) - model.X.col(b)).squaredNorm();
+      lengths[a] += length;
+      lengths[b] += length;
+    }
+    weight.array() *= 3.0 * stiffer / lengths.array().max(1e-30);
+    const auto factor_of = [&](NodalFactor& factor, bool sliding_too) {
+      std::vector<int> place(static_cast<std::size_t>(n), -1);
+      int count = 0;
+      for (std::size_t a = 0; a < place.size(); ++a)
+        if (constraints.kind[a] == Kind::free || (sliding_too && constraints.kind[a] == Kind::sliding))
+          place[a] = count++;
+      std::vector<Eigen::Triplet<double>> entry;
+      // A little of its own keeps a piece that nothing holds from being singular.
+      Eigen::VectorXd diagonal = 1e-6 * weight;
+      for (const auto& [a, b] : graph.edge) {
+        const double w = 0.5 * (weight[a] + weight[b]);
+        diagonal[a] += w;
+        diagonal[b] += w;
+        const int i = place[static_cast<std::size_t>(a)], j = place[static_cast<std::size_t>(b)];
+        if (i >= 0 && j >= 0) entry.emplace_back(std::max(i, j), std::min(i, j), -w);
+      }
+      for (Index a = 0; a < n; ++a)
+        if (const int i = place[static_cast<std::size_t>(a)]; i >= 0) entry.emplace_back(i, i, diagonal[a]);
+      Sparse matrix(count, count);
+      matrix.setFromTriplets(entry.begin(), entry.end());
+      return factor.factorise(matrix, place);
+    };
+    return factor_of(across, true) && (!slides || factor_of(along, false));
+  }
+
+  // S = M / (V_b V_c mu) + 1 / (bulk V): M_bc = sum_q V psi_b psi_c.
+  bool factorise_schur() {
+    const PressurePatches& patches = model.patches;
+    std::vector<Eigen::Triplet<double>> entry;
+    for (Index q = 0; q < model.point_count(); ++q)
+      for (int i = patches.of_point.offset[q]; i < patches.of_point.offset[q + 1]; ++i)
+        for (int j = patches.of_point.offset[q]; j <= i; ++j) {
+          const int b = patches.of_point.member[i], c = patches.of_point.member[j];
+          entry.emplace_back(b, c,
+                             patches.psi[i] * patches.psi[j] * model.volume[q] /
+                                 (mu(q) * patches.volume[b] * patches.volume[c]));
+        }
+    for (int b = 0; b < patches.count(); ++b) entry.emplace_back(b, b, 1.0 / (bulk[b] * patches.volume[b]));
+    Sparse matrix(patches.count(), patches.count());
+    matrix.setFromTriplets(entry.begin(), entry.end());
+    schur.compute(matrix);
+    return schur.info() == Eigen::Success;
+  }
+
+  void laplacian_solve(const Nodal& r, Nodal& z) {
+    across.solve(r, z);
+    if (!slides) return;
+    Nodal normal(4, r.cols());
+    along.solve(r, normal);
+    for (Index a = 0; a < z.cols(); ++a)
+      z.col(a) += constraints.push * constraints.push.dot(normal.col(a) - z.col(a));
+  }
+
+  // The step (du, dlambda) from the unbalanced force r and the unbalanced volume s.
+  void step(const Nodal& r, const Eigen::VectorXd& s, Nodal& du, Eigen::VectorXd& dlambda) {
+    laplacian_solve(r, du);
+    Eigen::VectorXd rest(s.size());
+    tbb::parallel_for(tbb::blocked_range<Index>(0, s.size(), 64), [&](const auto& range) {
+      for (Index b = range.begin(); b < range.end(); ++b) {
+        double sum = 0.0;
+        for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k)
+          sum += gradient.col(k).cast<double>().dot(du.col(nodes.member[k]));
+        rest[b] = s[b] - sum;
+      }
+    });
+    dlambda = schur.solve(rest);
+    Nodal held = r;
+    for (Index b = 0; b < s.size(); ++b)
+      for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k)
+        held.col(nodes.member[k]) += dlambda[b] * gradient.col(k).cast<double>();
+    laplacian_solve(held, du);
+    du = -du;
+  }
+};
+
+MixedIteration::MixedIteration(const ForceSystem& system, const Model& model, const Constraints& constraints)
+    : parts_(std::make_unique<Parts>(system, model, constraints)) {}
+MixedIteration::~MixedIteration() = default;
+
+bool MixedIteration::serves(const ForceSystem& system, const Model& model) {
+  if (model.patches.count() == 0 || model.variance.empty()) return false;
+  return std::all_of(system.materials().begin(), system.materials().end(),
+                     [](const Material& m) { return m.kappa - pointwise_bulk_modulus(m) > 1e-2 * m.mu; });
+}
+
+Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
+                                   const Nodal& external, bool anew) {
+  Parts& p = *parts_;
+  const Model& model = p.model;
+  const Constraints& constraints = p.constraints;
+  const Index n = u.cols(), nb = model.patches.count();
+  const bool loaded = external.cols() == n;
+  const Eigen::VectorXd& volume = model.patches.volume;
+  Relaxed result;
+  result.converged = false;
+
+  Nodal r(4, n), du(4, n);
+  Eigen::VectorXd s(nb), dlambda(nb);
+  ForceSystem::Patches patches;
+  double volume_error = 0.0;
+  const auto evaluate = [&] {
+    p.system.hold_pressures(lambda.cwiseQuotient(volume));
+    result.sweep = p.system.internal_force(u, f);
+    p.system.patch_state(patches);
+    ++result.evaluations;
+    double unbalanced = 0.0, reactions = 0.0;
+    for (Index a = 0; a < n; ++a) {
+      Eigen::Vector4d all = f.col(a);
+      if (loaded) all -= external.col(a);
+      r.col(a) = constraints.project(a, all);
+      unbalanced += r.col(a).squaredNorm();
+      reactions += 0.5 * (all - r.col(a)).norm() + (loaded ? external.col(a).norm() : 0.0);
+    }
+    s = patches.dilation - lambda.cwiseQuotient(patches.bulk.cwiseProduct(volume));
+    result.residual = std::sqrt(unbalanced) / std::max(reactions, 1e-30);
+    volume_error = std::sqrt(s.cwiseAbs2().dot(volume) / volume.sum());
+  };
+
+  evaluate();
+  p.system.patch_gradients(p.nodes, p.gradient);
+  if (anew && !p.factorise(p.system.stiffness())) return result;
+  if (p.bulk.size() != nb || p.bulk != patches.bulk) {
+    p.bulk = patches.bulk;
+    if (!p.factorise_schur()) return result;
+  }
+
+  // Anderson's memory, in variables scaled to be of one kind: what each step changed, in the place and in the
+  // step.
+  const Index length = 4 * n + nb;
+  Eigen::MatrixXd moved(length, remembered), changed(length, remembered);
+  Eigen::MatrixXd gram(remembered, remembered);
+  Eigen::VectorXd place(length), last_place(length), now(length), last(length);
+  const auto scaled = [&](const Nodal& v, const Eigen::VectorXd& l, Eigen::VectorXd& out) {
+    Eigen::Map<Nodal>(out.data(), 4, n) = v * p.scale.asDiagonal();
+    out.tail(nb) = l.cwiseProduct(p.dual_scale);
+  };
+  int kept = 0, next = 0, setbacks = 0, since_gain = 0;
+  double best = result.residual, caution = 1.0;
+  Nodal best_u = u, best_du;
+  Eigen::VectorXd best_lambda = lambda, best_dlambda;
+  bool fresh = true;  // no step has been remembered since the last setback
+  for (;; evaluate()) {
+    const bool worse = !std::isfinite(result.residual) || !std::isfinite(volume_error) ||
+                       (best_du.size() > 0 && result.residual > setback * best);
+    if (worse) {
+      if (best_du.size() == 0 || ++setbacks > 4) return result;
+      caution *= 2.0;
+      u = best_u + best_du / caution;
+      lambda = best_lambda + best_dlambda / caution;
+      kept = next = 0;
+      fresh = true;
+      continue;
+    }
+    if (result.residual < options.tolerance && volume_error < options.tolerance) {
+      result.converged = true;
+      return result;
+    }
+    if (++since_gain > without_gain || result.evaluations >= options.evaluations) return result;
+    p.step(r, s, du, dlambda);
+    if (result.residual < 0.9 * best || best_du.size() == 0) {
+      best = result.residual;
+      best_u = u;
+      best_lambda = lambda;
+      best_du = du;
+      best_dlambda = dlambda;
+      since_gain = 0;
+    }
+    scaled(u, lambda, place);
+    scaled(du, dlambda, now);
+    if (!fresh) {
+      moved.col(next) = place - last_place;
+      changed.col(next) = now - last;
+      kept = std::min(kept + 1, remembered);
+      for (int k = 0; k < kept; ++k) gram(next, k) = gram(k, next) = changed.col(next).dot(changed.col(k));
+      next = (next + 1) % remembered;
+    }
+    fresh = false;
+    last_place = place;
+    last = now;
+    place += now / caution;
+    if (kept > 0) {
+      Eigen::MatrixXd normal = gram.topLeftCorner(kept, kept);
+      normal.diagonal().array() += 1e-10 * normal.trace() / kept;
+      const Eigen::VectorXd share = normal.ldlt().solve(changed.leftCols(kept).transpose() * now);
+      place -= moved.leftCols(kept) * share + changed.leftCols(kept) * share / caution;
+    }
+    u = Eigen::Map<Nodal>(place.data(), 4, n) * p.scale.cwiseInverse().asDiagonal();
+    lambda = place.tail(nb).cwiseQuotient(p.dual_scale);
+    // Where a node is held nothing was added but rounding; it must not move at all.
+    for (Index a = 0; a < n; ++a)
+      if (constraints.kind[static_cast<std::size_t>(a)] != Kind::free)
+        u.col(a) = best_u.col(a) + constraints.project(a, u.col(a) - best_u.col(a));
+  }
+}
+
+}  // namespace dimple

@@ -1,0 +1,55 @@
+#pragma once
+
+#include <memory>
+
+#include "solver/constraints.hpp"
+
+namespace dimple {
+
+struct RelaxOptions {
+  double tolerance = 1e-4;           ///< unbalanced force / reactions
+  std::int64_t evaluations = 20000;  ///< of the force, at most
+};
+
+struct Relaxed {
+  std::int64_t evaluations = 0;
+  double residual =
+      0.0;  ///< norm of the unbalanced forces / (half the sum of all reactions' sizes + external forces)
+  ForceSystem::Sweep sweep;
+  bool converged = true;
+};
+
+/// Finds static equilibrium of the converging scheme by looking for displacements u and the patches'
+/// pressures p together: forces f_local(u) + G lambda = external and volumes J_b(u) - 1 = p_b / bulk_b, with
+/// lambda_b = V_b p_b and G = dJ_b/du. Each iteration solves the nearby linear problem
+///
+///     [ A   G ] [ du      ]     [ f - external  ]
+///     [ G'  -1/(bulk V)   ] [ dlambda ] = - [ J - 1 - p/bulk  ]
+///
+/// where A is a Laplacian of the graph of neighbouring nodes, as stiff as the shear there (one sparse
+/// Cholesky factor serves all three components), and G'A^-1 G is taken for the patches' mass matrix / mu, as
+/// one may for Stokes flow. Anderson's acceleration makes up for what these leave out. The number of
+/// evaluations, some ten for a depth, depends neither on the number of nodes nor on the bulk modulus.
+///
+/// Source:   Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers, 2014, chapter 4 (Schur
+/// complement by the pressure's mass matrix); Walker and Ni 2011 (Anderson's acceleration).
+class MixedIteration {
+ public:
+  MixedIteration(const ForceSystem& system, const Model& model, const Constraints& constraints);
+  ~MixedIteration();
+
+  /// As Relaxation; `lambda` [patches] N m is the guess of the pressures x volumes, and afterwards what was
+  /// found. Not converged, it leaves u and lambda anywhere. The pressures stay held in `system`. `anew`: the
+  /// stiffness of the deformed tissue replaces that at the last such call, or at rest.
+  Relaxed operator()(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
+                     const RelaxOptions& options, const ForceSystem::Nodal& external, bool anew);
+
+  /// Whether this model has what is needed: patches, each with a bulk modulus of its own.
+  static bool serves(const ForceSystem& system, const Model& model);
+
+ private:
+  struct Parts;
+  std::unique_ptr<Parts> parts_;
+};
+
+}  // namespace dimple
