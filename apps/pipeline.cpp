@@ -509,7 +509,8 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
                         {"grown", support.grown},
                         {"worst_pivot_ratio", support.worst_pivot_ratio},
                         {"linear_error", support.linear_error}};
-  summary["consistency"] = {{"before", consistency.before}, {"after", consistency.after}};
+  summary["consistency"] = {
+      {"before", consistency.before}, {"after", consistency.after}, {"iterations", consistency.iterations}};
   summary["volume_mm3"] = model.volume.sum() * 1e9;
   summary["mass_g"] = model.mass.sum() * 1e3;
   summary["indentation_mm"] = reached;
@@ -595,6 +596,9 @@ Outcome make_model(const Config& config, const fs::path& folder) {
   stages.add(completion.stages);
   prepared.stages.add(stages);
   Json summary = model_json(prepared);
+  summary["consistency"] = {{"before", completion.consistency.before},
+                            {"after", completion.consistency.after},
+                            {"iterations", completion.consistency.iterations}};
   summary["preprocess_wall_s"] = stages_json(prepared.stages);
   summary["counts"] = counts_json(prepared.files.model);
   summary["support"] = {
