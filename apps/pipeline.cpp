@@ -166,7 +166,14 @@ struct Prepared {
   std::vector<std::string> warnings;
   LabelImage image;
   double read_s = 0.0, build_s = 0.0;
+  Stages stages;
 };
+
+Json stages_json(const Stages& stages) {
+  Json result = Json::object();
+  for (const auto& [name, s] : stages.seconds()) result[name] = s;
+  return result;
+}
 
 Prepared prepare(const Config& config) {
   if (config.image.file.empty())
@@ -196,6 +203,7 @@ Prepared prepare(const Config& config) {
                "`dimple info IMAGE` shows the labels; take several with --label 1,2, or leave --label out"});
   }
   result.read_s = reading.seconds();
+  result.stages.done("read");
   say(fmt::format("image    {}: {}, {} x {} x {} voxels of {:.4g} x {:.4g} x {:.4g} mm, axes {}",
                   config.image.file, image.format, image.stored_size[0], image.stored_size[1],
                   image.stored_size[2], image.stored_spacing.x(), image.stored_spacing.y(),
@@ -209,6 +217,7 @@ Prepared prepare(const Config& config) {
           ? options.cloud.spacing_mm
           : std::cbrt(largest_piece_volume(image, labels) / static_cast<double>(options.cloud.count));
   SegmentedBody body = make_body_surface(image, labels, rough);
+  result.stages.done("surface");
   result.segment = body.report;
   const SegmentReport& segment = result.segment;
   for (const std::string& warning : segment.warnings) result.warnings.push_back(warning);
@@ -237,6 +246,7 @@ Prepared prepare(const Config& config) {
   BuiltModel built = build_model(body.surface, options,
                                  config.tissue.empty() ? LabelAt{} : label_finder(image, body.surface));
   result.report = built.report;
+  result.stages.add(built.report.stages);
   const ModelReport& report = result.report;
   result.build_s = building.seconds();
   say(fmt::format(
@@ -341,7 +351,7 @@ std::string describe(const Tissues& tissues, std::size_t t) {
 }
 
 SurfacePieces surface_of(const ModelFiles& files) {
-  if (files.surface.triangles.cols() == 0) return {};
+  if (files.surface.triangles.cols() == 0 || files.model.spread.cols() == 0) return {};
   return pieces_of(files.surface.position_mm * 1e-3, files.surface.triangles, files.model);
 }
 
@@ -378,6 +388,7 @@ struct SolveInput {
   std::vector<std::string> facts;  // for the picture
   std::map<std::string, std::string> notes;
   std::string subject;
+  Stages stages = {};
 };
 
 Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool()>& stop_requested) {
@@ -387,8 +398,11 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   const Tissues tissues = tissues_of(config, in.files);
   const bool is_converging = in.files.scheme == "converging";
   const Material& material = tissues.material.front();
-  const auto [support, consistency] = complete_model(model, in.files.support, tissues.of_point,
-                                                     density_of(model, tissues), surface_of(in.files));
+  const SurfacePieces pieces = surface_of(in.files);
+  in.stages.add("consistency", preparing.seconds());
+  const auto [support, consistency, stages] =
+      complete_model(model, in.files.support, tissues.of_point, density_of(model, tissues), pieces);
+  in.stages.add(stages);
   say(fmt::format(
       "support  {} basis, {} weight, radius {:.2f} spacings: {} to {} nodes per point, mean {:.1f}; {} grown "
       "for conditioning",
@@ -495,7 +509,8 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
                         {"grown", support.grown},
                         {"worst_pivot_ratio", support.worst_pivot_ratio},
                         {"linear_error", support.linear_error}};
-  summary["consistency"] = {{"before", consistency.before}, {"after", consistency.after}};
+  summary["consistency"] = {
+      {"before", consistency.before}, {"after", consistency.after}, {"iterations", consistency.iterations}};
   summary["volume_mm3"] = model.volume.sum() * 1e9;
   summary["mass_g"] = model.mass.sum() * 1e3;
   summary["indentation_mm"] = reached;
@@ -511,6 +526,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   summary["J_min"] = history.J_min;
   summary["energy_error"] = energy_scale > 0.0 ? energy_error / energy_scale : 0.0;
   summary["momentum_error"] = history.momentum_error;
+  summary["preprocess_wall_s"] = stages_json(in.stages);
   summary["prepare_wall_s"] = prepare_s;
   summary["solve_wall_s"] = solve_s;
   summary["write_wall_s"] = writing_s;
@@ -570,12 +586,20 @@ Outcome make_model(const Config& config, const fs::path& folder) {
   write_model(folder, prepared.files);
   write_vti(folder / "label.vti", prepared.image);
   // Supports are found again when the model is solved; here only to refuse a model that cannot be.
-  const SupportReport support =
-      complete_model(prepared.files.model, prepared.files.support,
-                     Eigen::VectorXi::Zero(prepared.files.model.point_count()),
-                     Eigen::VectorXd::Constant(prepared.files.model.point_count(), 1000.0))
-          .support;
+  Stages stages;
+  const SurfacePieces pieces = surface_of(prepared.files);
+  stages.done("consistency");
+  const Completion completion = complete_model(
+      prepared.files.model, prepared.files.support, Eigen::VectorXi::Zero(prepared.files.model.point_count()),
+      Eigen::VectorXd::Constant(prepared.files.model.point_count(), 1000.0), pieces);
+  const SupportReport& support = completion.support;
+  stages.add(completion.stages);
+  prepared.stages.add(stages);
   Json summary = model_json(prepared);
+  summary["consistency"] = {{"before", completion.consistency.before},
+                            {"after", completion.consistency.after},
+                            {"iterations", completion.consistency.iterations}};
+  summary["preprocess_wall_s"] = stages_json(prepared.stages);
   summary["counts"] = counts_json(prepared.files.model);
   summary["support"] = {
       {"fewest", support.fewest}, {"most", support.most}, {"mean", support.mean}, {"grown", support.grown}};
@@ -624,7 +648,8 @@ Outcome run(const Config& config, const fs::path& folder, const std::function<bo
                    .warnings = prepared.warnings,
                    .facts = {},
                    .notes = prepared.notes,
-                   .subject = fs::path(config.image.file).filename().string()};
+                   .subject = fs::path(config.image.file).filename().string(),
+                   .stages = prepared.stages};
   const ModelReport& report = prepared.report;
   input.facts = {
       fmt::format("{:.1f} cm3; {} nodes {:.2f} mm apart ({} on the surface), {} integration points in cells "

@@ -10,9 +10,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
+#include <optional>
 
 #include "io/error.hpp"
+#include "preprocess/surface_cells.hpp"
 
 namespace dimple {
 namespace {
@@ -31,10 +32,29 @@ Vec3 from_cgal(const Kernel::Point_3& x) {
 
 }  // namespace
 
+// CGAL answers; the cells only say which triangle there is to ask about, or that nothing needs to be asked.
 struct BodySurface::Tree {
   Mesh mesh;
   AabbTree aabb;
   std::unique_ptr<CGAL::Side_of_triangle_mesh<Mesh, Kernel>> side;
+  std::vector<Kernel::Triangle_3> triangle;
+  std::optional<SurfaceCells> cells;
+
+  bool contains(const Vec3& x) const { return (*side)(to_cgal(x)) != CGAL::ON_UNBOUNDED_SIDE; }
+
+  // Where the line passes `hits`, as multiples of direction; false if it does not pass them at clear places.
+  bool pass(const Vec3& origin, const Vec3& direction, const std::vector<SurfaceCells::Hit>& hits,
+            std::vector<double>& t) const {
+    const Kernel::Line_3 line(to_cgal(origin), Kernel::Vector_3(direction.x(), direction.y(), direction.z()));
+    for (const auto& hit : hits) {
+      const auto met = CGAL::intersection(line, triangle[static_cast<std::size_t>(hit.triangle)]);
+      const auto* place = met ? boost::get<Kernel::Point_3>(&*met) : nullptr;
+      if (!place) return false;
+      t.push_back((from_cgal(*place) - origin).dot(direction) / direction.squaredNorm());
+    }
+    std::sort(t.begin(), t.end());
+    return true;
+  }
 };
 
 BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isometry3d& to_world)
@@ -80,19 +100,62 @@ BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isomet
   tree_->aabb.build();
   tree_->aabb.accelerate_distance_queries();
   tree_->side = std::make_unique<CGAL::Side_of_triangle_mesh<Mesh, Kernel>>(tree_->aabb);
+  const CGAL::Triangle_from_face_descriptor_map<Mesh> triangle_of(&mesh);
+  tree_->triangle.reserve(static_cast<std::size_t>(triangles_.cols()));
+  for (const auto face : faces(mesh)) tree_->triangle.push_back(get(triangle_of, face));
+  tree_->cells.emplace(vertex_, triangles_);
+  tree_->cells->mark_clear_cells([&](const Vec3& x) { return tree_->contains(x); });
 }
 
 BodySurface::~BodySurface() = default;
 BodySurface::BodySurface(BodySurface&&) noexcept = default;
 
 bool BodySurface::contains(const Vec3& x) const {
-  return (*tree_->side)(to_cgal(x)) != CGAL::ON_UNBOUNDED_SIDE;
+  const std::optional<bool> answer = tree_->cells->contains(x);
+  return answer ? *answer : tree_->contains(x);
 }
 
 BodySurface::Closest BodySurface::closest(const Vec3& x) const {
+  thread_local std::vector<Index> candidates;
+  tree_->cells->nearest(x, candidates);
+  if (candidates.size() == 1) {
+    const Index t = candidates.front();
+    const Vec3 p = from_cgal(Kernel().construct_projected_point_3_object()(
+        tree_->triangle[static_cast<std::size_t>(t)], to_cgal(x)));
+    return {p, t, (p - x).norm()};
+  }
   const auto [place, face] = tree_->aabb.closest_point_and_primitive(to_cgal(x));
   const Vec3 p = from_cgal(place);
   return {p, static_cast<Index>(face.idx()), (p - x).norm()};
+}
+
+bool BodySurface::farther(const Vec3& x, double distance) const {
+  const std::optional<bool> answer = tree_->cells->farther(x, distance);
+  return answer ? *answer : closest(x).distance > distance;
+}
+
+std::vector<double> BodySurface::chord(const Vec3& origin, int axis, double length) const {
+  std::vector<double> t;
+  thread_local std::vector<SurfaceCells::Hit> hits;
+  const double slack = 1e-9 * (upper() - lower()).norm(), from = origin[axis], to = from + length;
+  bool clean = tree_->cells->line(origin, axis, from - slack, to + slack, hits);
+  for (const auto& hit : hits)
+    clean = clean && std::abs(hit.at - from) > slack && std::abs(hit.at - to) > slack;
+  if (clean) {
+    const bool begins_inside = contains(origin);
+    if (begins_inside) t.push_back(0.0);
+    if (tree_->pass(origin, Vec3::Unit(axis), hits, t)) {
+      if (t.size() % 2 == 1) t.push_back(length);
+      return t;
+    }
+  }
+  t.clear();
+  const std::vector<double> whole = crossings(origin, Vec3::Unit(axis));
+  for (std::size_t pair = 0; pair + 1 < whole.size(); pair += 2) {
+    const double enter = std::max(whole[pair], 0.0), leave = std::min(whole[pair + 1], length);
+    if (enter < leave) t.insert(t.end(), {enter, leave});
+  }
+  return t;
 }
 
 std::vector<double> BodySurface::crossings(const Vec3& origin, const Vec3& direction) const {
@@ -101,6 +164,15 @@ std::vector<double> BodySurface::crossings(const Vec3& origin, const Vec3& direc
   // a line is moved sideways by a billionth of the body's size and asked again.
   const Vec3 sideways = direction.unitOrthogonal();
   const Vec3 other = direction.normalized().cross(sideways);
+  Index axis = 0;
+  if (direction.cwiseAbs().maxCoeff(&axis) == 1.0 && direction.squaredNorm() == 1.0) {
+    thread_local std::vector<SurfaceCells::Hit> hits;
+    std::vector<double> t;
+    const int along = static_cast<int>(axis);
+    if (tree_->cells->line(origin, along, lower()[along] - size, upper()[along] + size, hits) &&
+        tree_->pass(origin, direction, hits, t) && t.size() % 2 == 0)
+      return t;
+  }
   for (int attempt = 0; attempt < 8; ++attempt) {
     const double step = 1e-9 * size * attempt;
     const Vec3 o = origin + step * (0.61803 * sideways + 0.27393 * other);

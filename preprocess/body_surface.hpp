@@ -42,10 +42,15 @@ class BodySurface {
     double distance;
   };
   Closest closest(const Vec3& x) const;
+  /// closest(x).distance > distance, which is cheaper to say.
+  bool farther(const Vec3& x, double distance) const;
 
   /// Where the line origin + t direction passes through the surface: ascending t, always an even number of
   /// them.
   std::vector<double> crossings(const Vec3& origin, const Vec3& direction) const;
+  /// The same along an axis, cut to the part from origin to origin + length: pairs between which it is
+  /// inside.
+  std::vector<double> chord(const Vec3& origin, int axis, double length) const;
 
  private:
   struct Tree;

@@ -49,11 +49,14 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options, con
                                                         : spacing_for_count(body, options.cloud.count);
   const Boundary boundary = report.boundary = find_boundary(body, options.boundary, spacing);
   const Sizing sizing(body, boundary, options.cloud.grading);
+  report.stages.done("boundary");
   const NodeCloud cloud = make_node_cloud(body, boundary, sizing, options.cloud);
+  report.stages.done("cloud");
   const IntegrationGrid grid =
       options.averaged_cells
           ? make_graded_grid(body, options.grid, cloud.X.cols(), sizing, cloud.far_spacing, label_at)
           : make_integration_grid(body, options.grid, cloud.X.cols(), label_at);
+  report.stages.done("grid");
 
   const std::vector<Index> nodes = spatial_order(cloud.X), points = spatial_order(grid.point);
   model.X = world_metres(body, cloud.X(Eigen::all, nodes));
@@ -96,6 +99,7 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options, con
       ++report.rim_nodes;
   }
   report.evenness = measure_evenness(cloud, grid.point);
+  report.stages.done("other");
 
   if (model.base.empty())
     throw ModelError(
@@ -118,12 +122,17 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options, con
 
 Completion complete_model(Model& model, const SupportOptions& options, const Eigen::VectorXi& tissue,
                           const Eigen::VectorXd& density, const SurfacePieces& surface) {
-  Completion report = {.support = find_supports(model, options, tissue), .consistency = {}};
+  Completion report;
+  report.support = find_supports(model, options, tissue);
+  report.stages.done("support");
   if (model.spread.cols() > 0) {
     if (surface.place.cols() > 0) report.consistency = make_consistent(model, options, surface);
+    report.stages.done("consistency");
     make_pressure_patches(model, tissue);
+    report.stages.done("patches");
   }
   model.mass = lumped_mass(model, density);
+  report.stages.done("other");
   return report;
 }
 

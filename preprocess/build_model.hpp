@@ -5,6 +5,7 @@
 #include "preprocess/integration_grid.hpp"
 #include "preprocess/lumped_mass.hpp"
 #include "preprocess/node_cloud.hpp"
+#include "preprocess/stages.hpp"
 #include "preprocess/support.hpp"
 
 namespace dimple {
@@ -26,6 +27,7 @@ struct ModelReport {
   Index surface_nodes = 0, circle_nodes = 0, rim_nodes = 0;
   Evenness evenness;
   Boundary boundary;  ///< in the surface's own frame
+  Stages stages;
 };
 
 /// Nodes, integration points, base and circle of a body: everything of a Model but supports, dphi and masses.
@@ -40,11 +42,12 @@ struct BuiltModel {
 BuiltModel build_model(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at = {});
 
 /// Adds what follows from the places alone: supports, gradients, masses, and where there is a spread the
-/// patches and, if the `surface` is known, gradients that are consistent with it. Per point: `tissue`, its number, and
-/// `density` [kg/m^3].
+/// patches and, if the `surface` is known, gradients that are consistent with it. Per point: `tissue`, its
+/// number, and `density` [kg/m^3].
 struct Completion {
   SupportReport support;
   ConsistencyReport consistency;
+  Stages stages;
 };
 Completion complete_model(Model& model, const SupportOptions& options, const Eigen::VectorXi& tissue,
                           const Eigen::VectorXd& density, const SurfacePieces& surface = {});

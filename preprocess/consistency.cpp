@@ -52,6 +52,65 @@ struct LinearFields {
   std::vector<Eigen::Matrix4d> inverse;
 };
 
+// sum_q V_q (I - P_q), assembled: each of its rows is used in every iteration.
+struct Operator {
+  Operator(const Model& model, const LinearFields& fields, const CompressedRows& influence) {
+    const Index n = model.node_count();
+    std::vector<std::vector<std::pair<int, double>>> rows(static_cast<std::size_t>(n));
+    tbb::parallel_for(Index{0}, n, [&](Index a) {
+      thread_local std::vector<double> sum;
+      thread_local std::vector<int> members;
+      if (sum.size() < static_cast<std::size_t>(n)) sum.resize(static_cast<std::size_t>(n), 0.0);
+      members.assign(1, static_cast<int>(a));
+      double volume = 0.0;
+      for (int k = influence.offset[a]; k < influence.offset[a + 1]; ++k) {
+        const int q = influence.member[k];
+        Eigen::Vector4d g = model.volume[q] *
+                            (fields.inverse[static_cast<std::size_t>(q)] * fields.at(q, static_cast<int>(a)));
+        g.tail<3>() /= fields.size[q];
+        const Vec3 x = model.point.col(q);
+        volume += model.volume[q];
+        for (int m = model.support.offset[q]; m < model.support.offset[q + 1]; ++m) {
+          const int b = model.support.member[m];
+          double& at = sum[static_cast<std::size_t>(b)];
+          if (at == 0.0 && b != a) members.push_back(b);
+          at -= g[0] + g.tail<3>().dot(model.X.col(b) - x);
+        }
+      }
+      sum[static_cast<std::size_t>(a)] += volume;
+      std::sort(members.begin(), members.end());
+      auto& row = rows[static_cast<std::size_t>(a)];
+      row.reserve(members.size());
+      for (const int b : members) {
+        double& at = sum[static_cast<std::size_t>(b)];
+        if (at != 0.0) row.push_back({b, at});
+        at = 0.0;
+      }
+    });
+    diagonal.resize(n);
+    offset.assign(1, 0);
+    for (auto& row : rows) {
+      const int a = static_cast<int>(offset.size()) - 1;
+      diagonal[a] = std::lower_bound(row.begin(), row.end(), std::pair(a, -1e300))->second;
+      entry.insert(entry.end(), row.begin(), row.end());
+      offset.push_back(entry.size());
+      row = {};
+    }
+  }
+  void apply(const Points& lambda, Points& result) const {
+    tbb::parallel_for(Index{0}, lambda.cols(), [&](Index a) {
+      Vec3 sum = Vec3::Zero();
+      for (std::size_t k = offset[static_cast<std::size_t>(a)]; k < offset[static_cast<std::size_t>(a) + 1];
+           ++k)
+        sum += entry[k].second * lambda.col(entry[k].first);
+      result.col(a) = sum;
+    });
+  }
+  Eigen::VectorXd diagonal;
+  std::vector<std::size_t> offset;
+  std::vector<std::pair<int, double>> entry;  // number, value; numbers ascending but for exact zeros
+};
+
 void divide(const Vec3& a, const Vec3& b, const Vec3& c, const Neighbours& nodes, const Model& model,
             std::vector<Vec3>& place, std::vector<Vec3>& area) {
   const double longest = std::max({(b - a).norm(), (c - b).norm(), (a - c).norm()});
@@ -74,8 +133,8 @@ SurfacePieces pieces_of(const Points& vertex, const Triangles& triangles, const 
   const Neighbours nodes(model.X);
   std::vector<std::vector<Vec3>> place(static_cast<std::size_t>(triangles.cols())), area = place;
   tbb::parallel_for(Index{0}, triangles.cols(), [&](Index t) {
-    divide(vertex.col(triangles(0, t)), vertex.col(triangles(1, t)), vertex.col(triangles(2, t)), nodes, model,
-           place[static_cast<std::size_t>(t)], area[static_cast<std::size_t>(t)]);
+    divide(vertex.col(triangles(0, t)), vertex.col(triangles(1, t)), vertex.col(triangles(2, t)), nodes,
+           model, place[static_cast<std::size_t>(t)], area[static_cast<std::size_t>(t)]);
   });
   Index count = 0;
   for (const auto& list : place) count += static_cast<Index>(list.size());
@@ -102,22 +161,22 @@ ConsistencyReport make_consistent(Model& model, const SupportOptions& options, c
   Eigen::VectorXd scale = Eigen::VectorXd::Zero(n);
   const auto residual = [&] {
     Points r = -wanted;
-    for (Index a = 0; a < n; ++a) {
+    tbb::parallel_for(Index{0}, n, [&](Index a) {
       scale[a] = 0.0;
       for (int k = influence.offset[a]; k < influence.offset[a + 1]; ++k) {
         const double volume = model.volume[influence.member[k]];
         r.col(a) += volume * model.dphi.col(slot[k]);
         scale[a] += volume * model.dphi.col(slot[k]).norm();
       }
-    }
+    });
     return r;
   };
   const auto largest = [&](const Points& r) {
     return (r.colwise().norm().transpose().array() / scale.array().max(1e-300)).maxCoeff();
   };
 
-  // A surface of flat pieces may enclose another volume than the cells have, by a little: of the residual that part
-  // is left, which no change that spares linear fields can take away.
+  // A surface of flat pieces may enclose another volume than the cells have, by a little: of the residual
+  // that part is left, which no change that spares linear fields can take away.
   Points r = residual();
   ConsistencyReport report;
   report.before = largest(r);
@@ -133,36 +192,13 @@ ConsistencyReport make_consistent(Model& model, const SupportOptions& options, c
 
   // Conjugate gradients for sum_q V_q (I - P_q) lambda = r, all three directions at once.
   const LinearFields fields(model);
-  std::vector<Coefficients> nearest(static_cast<std::size_t>(model.point_count()));
-  const auto apply = [&](const Points& lambda, Points& result) {
-    tbb::parallel_for(Index{0}, model.point_count(),
-                      [&](Index q) { nearest[static_cast<std::size_t>(q)] = fields.nearest(q, lambda); });
-    tbb::parallel_for(Index{0}, n, [&](Index a) {
-      Vec3 sum = Vec3::Zero();
-      for (int k = influence.offset[a]; k < influence.offset[a + 1]; ++k) {
-        const int q = influence.member[k];
-        const Vec3 linear =
-            nearest[static_cast<std::size_t>(q)].transpose() * fields.at(q, static_cast<int>(a));
-        sum += model.volume[q] * (lambda.col(a) - linear);
-      }
-      result.col(a) = sum;
-    });
-  };
-  Eigen::VectorXd precondition(n);
-  for (Index a = 0; a < n; ++a) {
-    double diagonal = 0.0;
-    for (int k = influence.offset[a]; k < influence.offset[a + 1]; ++k) {
-      const int q = influence.member[k];
-      const Eigen::Vector4d b = fields.at(q, static_cast<int>(a));
-      diagonal += model.volume[q] * (1.0 - b.dot(fields.inverse[static_cast<std::size_t>(q)] * b));
-    }
-    precondition[a] = 1.0 / std::max(diagonal, 1e-300);
-  }
+  const Operator A(model, fields, influence);
+  const Eigen::RowVectorXd precondition = A.diagonal.cwiseMax(1e-300).cwiseInverse().transpose();
   Points lambda = Points::Zero(3, n), z = r * precondition.asDiagonal(), p = z, Ap = z;
   const double start = r.norm();
   double rz = r.cwiseProduct(z).sum();
   while (report.iterations < 500 && start > 0.0 && r.norm() > 1e-12 * start) {
-    apply(p, Ap);
+    A.apply(p, Ap);
     const double alpha = rz / p.cwiseProduct(Ap).sum();
     lambda += alpha * p;
     r -= alpha * Ap;

@@ -154,10 +154,9 @@ Part clip(const BodySurface& body, const Leaf& leaf) {
       x[other] += leaf.half[other] * ((2.0 * a + 1.0) / lines_per_edge - 1.0);
       x[third] += leaf.half[third] * ((2.0 * b + 1.0) / lines_per_edge - 1.0);
       x[axis] = from;
-      const std::vector<double> t = body.crossings(x, Vec3::Unit(axis));
+      const std::vector<double> t = body.chord(x, axis, to - from);
       for (std::size_t pair = 0; pair + 1 < t.size(); pair += 2) {
-        const double begin = std::max(t[pair], 0.0), end = std::min(t[pair + 1], to - from);
-        if (end <= begin) continue;
+        const double begin = t[pair], end = t[pair + 1];
         Vec3 middle = x;
         middle[axis] = from + 0.5 * (begin + end);
         half[axis] = 0.5 * (end - begin);

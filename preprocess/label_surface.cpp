@@ -5,6 +5,8 @@
 #include <itkImageRegionConstIterator.h>
 #include <itkLinearInterpolateImageFunction.h>
 #include <itkRelabelComponentImageFilter.h>
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
 #include <vtkCellArray.h>
 #include <vtkFloatArray.h>
 #include <vtkFlyingEdges3D.h>
@@ -20,6 +22,7 @@
 
 #include "io/error.hpp"
 #include "preprocess/body_surface.hpp"
+#include "preprocess/model.hpp"
 
 namespace dimple {
 namespace {
@@ -316,17 +319,32 @@ TriangleSoup iso_surface(vtkImageData* lattice, double level, double smallest_ca
   return largest_shell(all, smallest_cavity_mm3);
 }
 
+// The next corner in each triangle around a vertex: each edge is seen once from either side.
+CompressedRows next_corners(const TriangleSoup& surface) {
+  CompressedRows result;
+  result.offset = Eigen::VectorXi::Zero(surface.vertex.cols() + 1);
+  result.member.resize(surface.triangles.size());
+  for (Index t = 0; t < surface.triangles.cols(); ++t)
+    for (int c = 0; c < 3; ++c) ++result.offset[surface.triangles(c, t) + 1];
+  for (Index v = 0; v < surface.vertex.cols(); ++v) result.offset[v + 1] += result.offset[v];
+  Eigen::VectorXi at = result.offset.head(surface.vertex.cols());
+  for (Index t = 0; t < surface.triangles.cols(); ++t)
+    for (int c = 0; c < 3; ++c)
+      result.member[at[surface.triangles(c, t)]++] = static_cast<int>(surface.triangles((c + 1) % 3, t));
+  return result;
+}
+
 // One sweep of averaging: half of each vertex' value stays, half comes from its neighbours.
-Points averaged(const Points& value, const Triangles& triangles) {
-  Points sum = Points::Zero(3, value.cols());
-  Eigen::RowVectorXd count = Eigen::RowVectorXd::Zero(value.cols());
-  for (Index t = 0; t < triangles.cols(); ++t)
-    for (int c = 0; c < 3; ++c) {
-      sum.col(triangles(c, t)) +=
-          value.col(triangles((c + 1) % 3, t));  // each edge is seen once from either side
-      count[triangles(c, t)] += 1.0;
+Points averaged(const Points& value, const CompressedRows& next) {
+  Points result(3, value.cols());
+  tbb::parallel_for(tbb::blocked_range<Index>(0, value.cols(), 1024), [&](const auto& range) {
+    for (Index v = range.begin(); v < range.end(); ++v) {
+      Vec3 sum = Vec3::Zero();
+      for (int k = next.offset[v]; k < next.offset[v + 1]; ++k) sum += value.col(next.member[k]);
+      result.col(v) = 0.5 * (value.col(v) + sum / static_cast<double>(next.count(v)));
     }
-  return 0.5 * (value + (sum.array().rowwise() / count.array()).matrix());
+  });
+  return result;
 }
 
 // Moves each vertex to the middle of its neighbours, over and over, on a leash around where it began:
@@ -335,15 +353,16 @@ Points averaged(const Points& value, const Triangles& triangles) {
 // motion is smooth, where the terraces' is not, and is taken back.
 void relax(TriangleSoup& surface, double reach) {
   const Points start = surface.vertex;
+  const CompressedRows next = next_corners(surface);
   for (int sweep = 0; sweep < relaxation_sweeps; ++sweep) {
-    surface.vertex = averaged(surface.vertex, surface.triangles);
+    surface.vertex = averaged(surface.vertex, next);
     for (Index v = 0; v < start.cols(); ++v) {
       const Vec3 away = surface.vertex.col(v) - start.col(v);
       if (away.norm() > reach) surface.vertex.col(v) = start.col(v) + reach / away.norm() * away;
     }
   }
   Points shrinkage = surface.vertex - start;
-  for (int sweep = 0; sweep < relaxation_sweeps; ++sweep) shrinkage = averaged(shrinkage, surface.triangles);
+  for (int sweep = 0; sweep < relaxation_sweeps; ++sweep) shrinkage = averaged(shrinkage, next);
   surface.vertex -= shrinkage;
 }
 

@@ -32,30 +32,39 @@ Neighbours::Neighbours(Neighbours&&) noexcept = default;
 Neighbours& Neighbours::operator=(Neighbours&&) noexcept = default;
 
 void Neighbours::within(const Vec3& x, double radius, std::vector<int>& result) const {
+  within_unordered(x, radius, result);
+  std::sort(result.begin(), result.end());
+}
+
+void Neighbours::within_unordered(const Vec3& x, double radius, std::vector<int>& result) const {
   result.clear();
   thread_local std::vector<std::pair<int, double>> found;
   found.clear();
   const nanoflann::SearchParams unsorted(32, 0.0f, false);
   tree_->index.radiusSearch(x.data(), radius * radius, found, unsorted);  // nanoflann wants the square
   for (const auto& [i, distance2] : found) result.push_back(i);
-  std::sort(result.begin(), result.end());
 }
 
 std::vector<int> Neighbours::nearest(const Vec3& x, int count) const {
-  const auto wanted = static_cast<std::size_t>(std::clamp<Index>(count, 0, tree_->points.cols()));
+  const Index all = tree_->points.cols();
+  const auto wanted = static_cast<std::size_t>(std::clamp<Index>(count, 0, all));
   if (wanted == 0) return {};
-  std::vector<int> id(wanted);
-  std::vector<double> distance2(wanted);
-  tree_->index.knnSearch(x.data(), wanted, id.data(), distance2.data());
-  // Of several at the last distance the tree takes whichever it meets first: ask for all of them, take the
-  // lowest.
-  within(x, std::sqrt(distance2.back()) * (1.0 + 1e-12) + 1e-150, id);
-  std::vector<std::pair<double, int>> order;
+  // One more than asked for: of several at the last distance the tree takes whichever it meets first.
+  const std::size_t asked = std::min<std::size_t>(wanted + 1, static_cast<std::size_t>(all));
+  std::vector<int> id(asked);
+  thread_local std::vector<double> distance2;
+  distance2.resize(asked);
+  tree_->index.knnSearch(x.data(), asked, id.data(), distance2.data());
+  const double last = distance2[wanted - 1];
+  if (asked == wanted || distance2[wanted] <= last * (1.0 + 1e-11) + 1e-290)
+    within(x, std::sqrt(last) * (1.0 + 1e-12) + 1e-150, id);  // all of them, and take the lowest
+  thread_local std::vector<std::pair<double, int>> order;
+  order.clear();
   for (const int i : id) order.emplace_back((tree_->points.col(i) - x).squaredNorm(), i);
   std::sort(order.begin(), order.end());
-  std::vector<int> result;
-  for (std::size_t k = 0; k < std::min(wanted, order.size()); ++k) result.push_back(order[k].second);
-  return result;
+  id.resize(std::min(wanted, order.size()));
+  for (std::size_t k = 0; k < id.size(); ++k) id[k] = order[k].second;
+  return id;
 }
 
 double Neighbours::distance_to_nearest(const Vec3& x, int self) const {

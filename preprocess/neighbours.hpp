@@ -17,6 +17,7 @@ class Neighbours {
 
   /// Numbers of the points within `radius` of x, ascending.
   void within(const Vec3& x, double radius, std::vector<int>& result) const;
+  void within_unordered(const Vec3& x, double radius, std::vector<int>& result) const;
   /// The nearest `count` points, nearest first, equal distances by number.
   std::vector<int> nearest(const Vec3& x, int count) const;
   /// Distance from x to the nearest point other than number `self`.

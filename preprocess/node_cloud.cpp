@@ -5,7 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <queue>
+#include <numeric>
 #include <random>
 
 #include "io/error.hpp"
@@ -59,17 +59,35 @@ void subdivide(const Triangle& t, const Spacing& spacing, std::vector<Triangle>&
 }
 
 std::vector<Triangle> triangles_of(const BodySurface& body, const Sizing& sizing, double far_spacing) {
-  std::vector<Triangle> result;
-  for (Index t = 0; t < body.triangles().cols(); ++t) {
+  std::vector<std::vector<Triangle>> parts(static_cast<std::size_t>(body.triangles().cols()));
+  tbb::parallel_for(Index{0}, body.triangles().cols(), [&](Index t) {
     const Triangle whole = {
         body.vertex().col(body.triangles()(0, t)), body.vertex().col(body.triangles()(1, t)),
         body.vertex().col(body.triangles()(2, t)), body.normal().col(t), body.triangle_area()[t]};
     if (sizing.even())
-      result.push_back(whole);
+      parts[static_cast<std::size_t>(t)].push_back(whole);
     else
       subdivide(
-          whole, [&](const Vec3& x) { return far_spacing * sizing(x); }, result);
-  }
+          whole, [&](const Vec3& x) { return far_spacing * sizing(x); }, parts[static_cast<std::size_t>(t)]);
+  });
+  std::vector<Triangle> result;
+  for (const auto& part : parts) result.insert(result.end(), part.begin(), part.end());
+  return result;
+}
+
+// The same triangles with the sizing in the middle of each: what the surface is worth.
+struct Facets {
+  std::vector<Triangle> triangle;
+  std::vector<double> sizing;
+};
+
+Facets facets_of(const BodySurface& body, const Sizing& sizing, double far_spacing) {
+  Facets result = {triangles_of(body, sizing, far_spacing), {}};
+  result.sizing.resize(result.triangle.size());
+  tbb::parallel_for(std::size_t{0}, result.triangle.size(), [&](std::size_t k) {
+    const Triangle& t = result.triangle[k];
+    result.sizing[k] = sizing((t.a + t.b + t.c) / 3.0);
+  });
   return result;
 }
 
@@ -88,7 +106,8 @@ Boxes boxes_of(const BodySurface& body, const Sizing& sizing, double far_spacing
     const Leaf& box = boxes.leaf[k];
     double inside = 1.0;
     if (box.cut) {
-      const double d = body.closest(box.centre).distance, r = std::cbrt(box.half.prod());
+      const double r = std::cbrt(box.half.prod());
+      const double d = body.farther(box.centre, 1.000001 * r) ? 2.0 * r : body.closest(box.centre).distance;
       inside = std::clamp(0.5 + (body.contains(box.centre) ? 0.5 : -0.5) * d / r, 0.0, 1.0);
     }
     boxes.worth[k] = inside * box.volume() / std::pow(sizing(box.centre), 3);
@@ -106,21 +125,21 @@ Contents contents_of(const BodySurface& body, const Sizing& sizing, double rough
   if (sizing.even()) return {body.volume(), body.area()};
   Contents result = {0.0, 0.0};
   for (const double worth : boxes_of(body, sizing, rough_spacing).worth) result.volume += worth;
-  for (const Triangle& t : triangles_of(body, sizing, rough_spacing))
-    result.area += t.area / std::pow(sizing((t.a + t.b + t.c) / 3.0), 2);
+  const Facets facets = facets_of(body, sizing, rough_spacing);
+  for (std::size_t k = 0; k < facets.triangle.size(); ++k)
+    result.area += facets.triangle[k].area / std::pow(facets.sizing[k], 2);
   return result;
 }
 
-std::vector<Vec3> surface_candidates(const BodySurface& body, const Boundary& boundary, Index count,
+std::vector<Vec3> surface_candidates(const Facets& facets, const Boundary& boundary, Index count,
                                      const Sizing& sizing, double far_spacing, std::mt19937_64& random) {
-  const std::vector<Triangle> triangles = triangles_of(body, sizing, far_spacing);
+  const std::vector<Triangle>& triangles = facets.triangle;
   std::vector<Vec3> result;
   std::vector<double> cumulated(triangles.size());
   double area = 0.0;
   for (std::size_t t = 0; t < triangles.size(); ++t) {
-    const Triangle& at = triangles[t];
-    const double s = sizing.even() ? 1.0 : sizing((at.a + at.b + at.c) / 3.0);
-    cumulated[t] = area += at.area / (s * s);
+    const double s = facets.sizing[t];
+    cumulated[t] = area += triangles[t].area / (s * s);
   }
   for (Index k = 0; k < count; ++k) {
     const double at = (static_cast<double>(k) + uniform(random)) / static_cast<double>(count) * area;
@@ -162,14 +181,54 @@ std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, const S
     for (Vec3& x : place) x = anywhere();
     std::vector<char> good(place.size());
     tbb::parallel_for(std::size_t{0}, place.size(), [&](std::size_t k) {
-      good[k] =
-          body.contains(place[k]) && body.closest(place[k]).distance > 0.4 * (far_spacing * sizing(place[k]));
+      good[k] = body.contains(place[k]) && body.farther(place[k], 0.4 * (far_spacing * sizing(place[k])));
     });
     for (std::size_t k = 0; k < place.size() && static_cast<Index>(result.size()) < count; ++k)
       if (good[k]) result.push_back(place[k]);
   }
   return result;
 }
+
+// Numbers 0, 1, ... by a value that only falls; the largest value on top, of equal ones the last number.
+class Heap {
+ public:
+  explicit Heap(std::vector<double>& value) : value_(value), order_(value.size()), place_(value.size()) {
+    std::iota(order_.begin(), order_.end(), std::size_t{0});
+    std::iota(place_.begin(), place_.end(), std::size_t{0});
+    for (std::size_t k = order_.size() / 2; k-- > 0;) sink(k);
+  }
+  std::size_t pop() {
+    const std::size_t top = order_.front(), last = order_.back();
+    order_.pop_back();
+    if (!order_.empty()) {
+      put(last, 0);
+      sink(0);
+    }
+    return top;
+  }
+  void lower(std::size_t i, double by) {
+    value_[i] -= by;
+    sink(place_[i]);
+  }
+
+ private:
+  void put(std::size_t i, std::size_t k) {
+    order_[k] = i;
+    place_[i] = k;
+  }
+  bool above(std::size_t i, std::size_t j) const { return std::pair(value_[i], i) > std::pair(value_[j], j); }
+  void sink(std::size_t k) {
+    const std::size_t i = order_[k];
+    for (std::size_t child; (child = 2 * k + 1) < order_.size(); k = child) {
+      if (child + 1 < order_.size() && above(order_[child + 1], order_[child])) ++child;
+      if (above(i, order_[child])) break;
+      put(order_[child], k);
+    }
+    put(i, k);
+  }
+  std::vector<double>& value_;
+  std::vector<std::size_t> order_, place_;
+};
 
 // Weighted sample elimination: removes the most crowded candidate until `count` are left; `fixed` ones only
 // crowd. Two crowd each other within `reach` times the mean of their spacings. Yuksel, Sample elimination for
@@ -201,22 +260,13 @@ std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vecto
     }
   });
 
-  using Entry = std::pair<double, std::size_t>;
-  std::priority_queue<Entry> queue;
-  for (std::size_t i = 0; i < m; ++i) queue.push({crowding[i], i});
+  Heap heap(crowding);
   std::vector<bool> gone(m, false);
-  for (Index left = static_cast<Index>(m); left > count;) {
-    const auto [w, i] = queue.top();
-    queue.pop();
-    if (gone[i] || w != crowding[i]) continue;  // an older entry
+  for (Index left = static_cast<Index>(m); left > count; --left) {
+    const std::size_t i = heap.pop();
     gone[i] = true;
-    --left;
-    for (const auto& [j, weight] : near[i]) {
-      const auto jj = static_cast<std::size_t>(j);
-      if (gone[jj]) continue;
-      crowding[jj] -= weight;
-      queue.push({crowding[jj], jj});
-    }
+    for (const auto& [j, weight] : near[i])
+      if (!gone[static_cast<std::size_t>(j)]) heap.lower(static_cast<std::size_t>(j), weight);
   }
   std::vector<Vec3> result;
   for (std::size_t i = 0; i < m; ++i)
@@ -224,28 +274,64 @@ std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vecto
   return result;
 }
 
+// Who may be within reach of each node: found once for as long as no node has moved far.
+class Company {
+ public:
+  explicit Company(double reach) : reach_(reach) {}
+
+  void follow(const NodeCloud& cloud) {
+    if (around_.size() == static_cast<std::size_t>(cloud.X.cols())) {
+      const auto moved = (cloud.X - X_).colwise().norm().transpose().eval();
+      const double most = moved.maxCoeff();
+      bool close = true;  // may two have come within reach that are not in the list?
+      for (Index a = cloud.circle_count; a < cloud.X.cols() && close; ++a)
+        close = reach_ * cloud.spacing[a] + moved[a] + most < radius_[a];
+      if (close) return;
+    }
+    X_ = cloud.X;
+    radius_ = (reach_ + margin) * cloud.spacing;
+    around_.resize(static_cast<std::size_t>(cloud.X.cols()));
+    const Neighbours tree(X_);
+    tbb::parallel_for(cloud.circle_count, cloud.X.cols(), [&](Index a) {
+      std::vector<int>& list = around_[static_cast<std::size_t>(a)];
+      tree.within(X_.col(a), radius_[a], list);
+      if (a < cloud.surface_count)
+        list.erase(std::lower_bound(list.begin(), list.end(), cloud.surface_count), list.end());
+    });
+  }
+  // Ascending; of a surface node those on the surface.
+  const std::vector<int>& of(Index a) const { return around_[static_cast<std::size_t>(a)]; }
+
+ private:
+  static constexpr double margin = 0.5;  // spacings
+  double reach_;
+  Points X_;
+  Eigen::VectorXd radius_;
+  std::vector<std::vector<int>> around_;
+};
+
 // Jacobi sweeps of a soft repulsion that ends at 1.7 spacings; the surface's nodes are put back onto it.
 void spread_out(const BodySurface& body, const Boundary& boundary, const Spacing& spacing, NodeCloud& cloud) {
   constexpr double reach = 1.7;
   Eigen::VectorXd& h = cloud.spacing;
+  Company company(far_enough * reach);
   for (int sweep = 0; sweep < sweeps; ++sweep) {
-    const Neighbours tree(cloud.X);
+    company.follow(cloud);
     const double stride = 0.35 * (sweep < sweeps / 2 ? 1.0 : 0.5);
     Points next = cloud.X;
     tbb::parallel_for(cloud.circle_count, cloud.X.cols(), [&](Index a) {
       const Vec3 x = cloud.X.col(a);
       const bool on_surface = a < cloud.surface_count;
-      thread_local std::vector<int> found;
-      tree.within(x, far_enough * reach * h[a], found);
+      const double farthest2 = std::pow(far_enough * reach * h[a], 2);
       Vec3 push = Vec3::Zero();
       bool surface_near = false;
-      for (const int b : found) {
-        if (b == a) continue;
-        // Inner nodes must not press surface nodes along the surface by lying beneath them unevenly.
-        if (on_surface && b >= cloud.surface_count) continue;
-        const double apart = 0.5 * (h[a] + h[b]), within = reach * apart;
+      // Inner nodes must not press surface nodes along the surface by lying beneath them unevenly.
+      for (const int b : company.of(a)) {
         const Vec3 d = x - cloud.X.col(b);
-        const double distance = std::max(d.norm(), 1e-6 * apart), s = 1.0 - distance / within;
+        const double distance2 = d.squaredNorm();
+        const double apart = 0.5 * (h[a] + h[b]), within = reach * apart;
+        if (distance2 >= farthest2 || distance2 > 1.000001 * within * within || b == a) continue;
+        const double distance = std::max(std::sqrt(distance2), 1e-6 * apart), s = 1.0 - distance / within;
         if (s <= 0.0) continue;
         push += d / distance * (s * s * s);
         surface_near = surface_near || (b < cloud.surface_count && distance < 1.2 * apart);
@@ -310,14 +396,16 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
         return h * (options.grading.rim + (1.0 - options.grading.rim) * (boundary.radius - r) /
                                               (options.grading.reach * boundary.radius));
       });
+  const Facets facets = facets_of(body, sizing, h);
   double free_area = 0.0;
   if (sizing.even()) {
     free_area = std::max(body.area() - std::numbers::pi * std::pow(boundary.radius + 0.5 * h, 2), 0.0);
   } else {
-    for (const Triangle& t : triangles_of(body, sizing, h)) {
-      const Vec3 middle = (t.a + t.b + t.c) / 3.0;
-      const double s = sizing(middle);
-      if (!near_circle(boundary, middle, t.normal, 0.5 * h * s)) free_area += t.area / (s * s);
+    for (std::size_t k = 0; k < facets.triangle.size(); ++k) {
+      const Triangle& t = facets.triangle[k];
+      const double s = facets.sizing[k];
+      if (!near_circle(boundary, (t.a + t.b + t.c) / 3.0, t.normal, 0.5 * h * s))
+        free_area += t.area / (s * s);
     }
   }
   const Index free_surface = std::lround(free_area / (h * h));
@@ -335,7 +423,7 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
   cloud.circle_count = circle.cols();
 
   const auto on_surface =
-      surface_candidates(body, boundary, candidates_per_node * free_surface, sizing, h, random);
+      surface_candidates(facets, boundary, candidates_per_node * free_surface, sizing, h, random);
   for (const Vec3& x : thin_out(on_surface, placed, free_surface, 1.07, spacing)) placed.push_back(x);
   cloud.surface_count = static_cast<Index>(placed.size());
 
@@ -367,16 +455,19 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
 Evenness measure_evenness(const NodeCloud& cloud, const Points& places) {
   const Neighbours tree(cloud.X);
   const Index n = cloud.X.cols();
-  Eigen::ArrayXd nearest(n);
-  for (Index a = 0; a < n; ++a)
+  Eigen::ArrayXd nearest(n), empty(places.cols());
+  tbb::parallel_for(Index{0}, n, [&](Index a) {
     nearest[a] = tree.distance_to_nearest(cloud.X.col(a), static_cast<int>(a)) / cloud.spacing[a];
+  });
+  tbb::parallel_for(Index{0}, places.cols(), [&](Index k) {
+    const int a = tree.nearest(places.col(k), 1).front();
+    empty[k] = (cloud.X.col(a) - places.col(k)).norm() / cloud.spacing[a];
+  });
   Evenness result;
   result.mean = nearest.mean();
   result.spread = std::sqrt((nearest - result.mean).square().mean()) / result.mean;
   result.minimum = nearest.minCoeff();
-  for (const auto& x : places.colwise())
-    result.fill =
-        std::max(result.fill, tree.distance_to_nearest(x) / cloud.spacing[tree.nearest(x, 1).front()]);
+  if (places.cols() > 0) result.fill = empty.maxCoeff();
   return result;
 }
 

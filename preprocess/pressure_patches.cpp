@@ -132,16 +132,21 @@ void make_pressure_patches(Model& model, const Eigen::VectorXi& tissue, double n
     const Index wanted = std::max<Index>(1, std::lround(worth * nodes_per_worth / nodes_per_patch));
     const Patches patches = patches_of(places, points, wanted, worth);
     const Neighbours tree(patches.centre);
-    const int most = static_cast<int>(std::min<Index>(40, patches.centre.cols()));
+    const int most = static_cast<int>(std::min<Index>(40, patches.centre.cols())), few = std::min(most, 20);
+    const double largest_radius = patches.radius.maxCoeff();
     tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t k) {
       const int q = points[k];
-      const std::vector<int> near = tree.nearest(places.x.col(q), most);
+      // Half of them reach far enough, as a rule.
+      std::vector<int> near = tree.nearest(places.x.col(q), few);
+      if ((places.x.col(q) - patches.centre.col(near.back())).norm() < largest_radius)
+        near = tree.nearest(places.x.col(q), most);
       auto& list = share[static_cast<std::size_t>(q)];
       // A point in a far corner may be out of every reach: look further until one or, if there are, two are
       // met.
       const std::size_t enough = std::min<std::size_t>(2, near.size());
       double sum = 0.0;
       for (double grown = 1.0; list.size() < enough; grown *= 1.1) {
+        if (grown > 1.0 && static_cast<int>(near.size()) < most) near = tree.nearest(places.x.col(q), most);
         list.clear();
         sum = 0.0;
         for (const int b : near) {

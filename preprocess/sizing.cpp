@@ -3,7 +3,9 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 
 namespace dimple {
 namespace {
@@ -11,10 +13,14 @@ namespace {
 constexpr int rim_corners = 48;
 constexpr double too_large = 1.35;  // a box is halved above this multiple of the wanted volume
 
-double distance_to_segment(const Vec3& x, const Vec3& a, const Vec3& b) {
+double distance2_to_segment(const Vec3& x, const Vec3& a, const Vec3& b) {
   const Vec3 ab = b - a;
   const double t = std::clamp((x - a).dot(ab) / ab.squaredNorm(), 0.0, 1.0);
-  return (x - a - t * ab).norm();
+  return (x - a - t * ab).squaredNorm();
+}
+
+double square(double x) {
+  return x * x;
 }
 
 double wanted_in(const Leaf& box, const std::function<double(const Vec3&)>& wanted) {
@@ -34,18 +40,31 @@ Sizing::Sizing(const BodySurface& body, const Boundary& boundary, const GradingO
   rim_ = rim_of_circle(body, boundary, rim_corners);
   share_ = options.rim;
   slope_ = (1.0 - options.rim) / (options.reach * boundary.radius);
+  for (int k = 0; k < rim_corners; ++k)
+    longest_edge_ = std::max(longest_edge_, (rim_.col((k + 1) % rim_corners) - rim_.col(k)).norm());
+  lower_ = rim_.rowwise().minCoeff().array() - 1e-6 * boundary.radius;
+  upper_ = rim_.rowwise().maxCoeff().array() + 1e-6 * boundary.radius;
 }
 
 double Sizing::operator()(const Vec3& x) const {
   if (even()) return 1.0;
   const double reach = (1.0 - share_) / slope_;
-  // Most places are far from all of the rim.
-  double nearest = (x - rim_.col(0)).norm();
-  const double across = (rim_.col(rim_.cols() / 2) - rim_.col(0)).norm();
-  if (nearest > reach + 1.5 * across) return 1.0;
-  for (Index k = 0; k < rim_.cols(); ++k)
-    nearest = std::min(nearest, distance_to_segment(x, rim_.col(k), rim_.col((k + 1) % rim_.cols())));
-  return std::min(1.0, share_ + slope_ * nearest);
+  if (((x - lower_).array() < -reach).any() || ((x - upper_).array() > reach).any()) return 1.0;
+  // Only the rim's edges near its nearest corner can be the nearest.
+  std::array<double, rim_corners> corner2;
+  double nearest2 = std::numeric_limits<double>::infinity();
+  for (int k = 0; k < rim_corners; ++k) {
+    const double dx = x.x() - rim_(0, k), dy = x.y() - rim_(1, k), dz = x.z() - rim_(2, k);
+    corner2[static_cast<std::size_t>(k)] = dx * dx + (dy * dy + dz * dz);
+  }
+  for (const double distance2 : corner2) nearest2 = std::min(nearest2, distance2);
+  if (nearest2 > square(1.000001 * (reach + longest_edge_))) return 1.0;
+  const double limit2 = square(1.000001 * (std::sqrt(nearest2) + longest_edge_));
+  nearest2 = corner2[0];
+  for (int k = 0; k < rim_corners; ++k)
+    if (corner2[static_cast<std::size_t>(k)] < limit2)
+      nearest2 = std::min(nearest2, distance2_to_segment(x, rim_.col(k), rim_.col((k + 1) % rim_corners)));
+  return std::min(1.0, share_ + slope_ * std::sqrt(nearest2));
 }
 
 std::vector<Leaf> bisect(const BodySurface& body, double edge,
@@ -68,7 +87,7 @@ std::vector<Leaf> bisect(const BodySurface& body, double edge,
     std::vector<Fate> fate(level.size());
     tbb::parallel_for(std::size_t{0}, level.size(), [&](std::size_t k) {
       Leaf& box = level[k];
-      if (box.cut && body.closest(box.centre).distance > box.half.norm()) {
+      if (box.cut && body.farther(box.centre, box.half.norm())) {
         if (!body.contains(box.centre)) {
           fate[k] = outside;
           return;

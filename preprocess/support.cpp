@@ -72,7 +72,7 @@ std::vector<std::vector<int>> nodes_near(const Points& places, const Cloud& clou
   std::vector<std::vector<int>> of_node(static_cast<std::size_t>(cloud.model.node_count()));
   tbb::parallel_for(Index{0}, cloud.model.node_count(), [&](Index a) {
     std::vector<int>& found = of_node[static_cast<std::size_t>(a)];
-    tree.within(cloud.model.X.col(a), cloud.radius[a] + largest_margin, found);
+    tree.within_unordered(cloud.model.X.col(a), cloud.radius[a] + largest_margin, found);
     if (margin.size() > 0)
       std::erase_if(found, [&](int q) {
         return (places.col(q) - cloud.model.X.col(a)).norm() >= cloud.radius[a] + margin[q];

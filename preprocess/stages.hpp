@@ -1,0 +1,39 @@
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace dimple {
+
+/// Wall time of the stages of making a model, in the order in which they came.
+class Stages {
+ public:
+  /// What ran since the last call, or since this began, was the stage of this name.
+  void done(const std::string& name) {
+    const auto now = Clock::now();
+    add(name, std::chrono::duration<double>(now - last_).count());
+    last_ = now;
+  }
+  void add(const std::string& name, double s) {
+    const auto same =
+        std::find_if(seconds_.begin(), seconds_.end(), [&](const auto& e) { return e.first == name; });
+    if (same == seconds_.end())
+      seconds_.emplace_back(name, s);
+    else
+      same->second += s;
+  }
+  void add(const Stages& other) {
+    for (const auto& [name, s] : other.seconds_) add(name, s);
+  }
+  const std::vector<std::pair<std::string, double>>& seconds() const { return seconds_; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  Clock::time_point last_ = Clock::now();
+  std::vector<std::pair<std::string, double>> seconds_;
+};
+
+}  // namespace dimple

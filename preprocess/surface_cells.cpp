@@ -1,0 +1,287 @@
+#include "preprocess/surface_cells.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+namespace dimple {
+namespace {
+
+constexpr double cell_edges = 1.2;  // of a cell, in edges of the mean triangle
+constexpr double most_cells = 4e6;
+constexpr double doubt = 1e-10;    // of the body's size: what lies nearer is not told apart
+constexpr int farthest_ring = 32;  // cells: clear_ is a lower bound beyond
+
+// Ericson, Real-Time Collision Detection, 5.1.5.
+double distance2_to(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
+  const Vec3 ab = b - a, ac = c - a, ap = p - a;
+  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
+  if (d1 <= 0.0 && d2 <= 0.0) return ap.squaredNorm();
+  const Vec3 bp = p - b;
+  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
+  if (d3 >= 0.0 && d4 <= d3) return bp.squaredNorm();
+  const double vc = d1 * d4 - d3 * d2;
+  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return (ap - d1 / (d1 - d3) * ab).squaredNorm();
+  const Vec3 cp = p - c;
+  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
+  if (d6 >= 0.0 && d5 <= d6) return cp.squaredNorm();
+  const double vb = d5 * d2 - d1 * d6;
+  if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) return (ap - d2 / (d2 - d6) * ac).squaredNorm();
+  const double va = d3 * d6 - d5 * d4;
+  if (va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0)
+    return (bp - (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b)).squaredNorm();
+  const double all = va + vb + vc;
+  return (ap - vb / all * ab - vc / all * ac).squaredNorm();
+}
+
+}  // namespace
+
+SurfaceCells::SurfaceCells(const Points& vertex, const Triangles& triangles) : triangles_(triangles) {
+  const Index count = triangles.cols();
+  corner_.resize(static_cast<std::size_t>(count));
+  double area = 0.0;
+  for (Index t = 0; t < count; ++t) {
+    Corners& at = corner_[static_cast<std::size_t>(t)];
+    at = {vertex.col(triangles(0, t)), vertex.col(triangles(1, t)), vertex.col(triangles(2, t))};
+    area += 0.5 * (at.b - at.a).cross(at.c - at.a).norm();
+  }
+  const Vec3 lower = vertex.rowwise().minCoeff(), upper = vertex.rowwise().maxCoeff();
+  size_ = (upper - lower).norm();
+  const double margin = 1e-6 * size_;
+  const Vec3 extent = (upper - lower).array() + 2.0 * margin;
+  edge_ = std::max(cell_edges * std::sqrt(2.0 * area / static_cast<double>(count)),
+                   std::cbrt(extent.prod() / most_cells));
+  origin_ = lower.array() - margin;
+  n_ = (extent.array() / edge_).ceil().cast<int>().max(1);
+
+  const auto cells =
+      static_cast<std::size_t>(n_[0]) * static_cast<std::size_t>(n_[1]) * static_cast<std::size_t>(n_[2]);
+  const auto each = [&](auto&& with) {
+    for (Index t = 0; t < count; ++t) {
+      const Corners& at = corner_[static_cast<std::size_t>(t)];
+      const Cell first = cell_of(at.a.cwiseMin(at.b).cwiseMin(at.c).array() - margin).max(0),
+                 last = cell_of(at.a.cwiseMax(at.b).cwiseMax(at.c).array() + margin).min(n_ - 1);
+      for (int k = first[2]; k <= last[2]; ++k)
+        for (int j = first[1]; j <= last[1]; ++j)
+          for (int i = first[0]; i <= last[0]; ++i) with(number({i, j, k}), static_cast<int>(t));
+    }
+  };
+  offset_.assign(cells + 1, 0);
+  each([&](std::size_t c, int) { ++offset_[c + 1]; });
+  for (std::size_t c = 0; c < cells; ++c) offset_[c + 1] += offset_[c];
+  member_.resize(static_cast<std::size_t>(offset_[cells]));
+  std::vector<int> next(offset_.begin(), offset_.end() - 1);
+  each([&](std::size_t c, int t) { member_[static_cast<std::size_t>(next[c]++)] = t; });
+
+  // How many cells it is to the next one with a triangle, the longest of the three directions counting: along
+  // one axis after the other.
+  clear_.assign(cells, farthest_ring);
+  for (std::size_t c = 0; c < cells; ++c)
+    if (offset_[c + 1] > offset_[c]) clear_[c] = 0;
+  for (int sweep = 0; sweep < 3; ++sweep) {
+    const int u = (sweep + 1) % 3, v = (sweep + 2) % 3;
+    std::vector<unsigned char> row(static_cast<std::size_t>(n_[sweep])), spread(row.size());
+    const std::size_t stride = sweep == 0 ? 1
+                               : sweep == 1
+                                   ? static_cast<std::size_t>(n_[0])
+                                   : static_cast<std::size_t>(n_[0]) * static_cast<std::size_t>(n_[1]);
+    for (int b = 0; b < n_[v]; ++b)
+      for (int a = 0; a < n_[u]; ++a) {
+        Cell at;
+        at[sweep] = 0;
+        at[u] = a;
+        at[v] = b;
+        const std::size_t first = number(at);
+        // min over m of max(|m - k|, row[m]): grows by at most one per cell, so the search from k ends early.
+        for (std::size_t k = 0; k < row.size(); ++k) row[k] = clear_[first + k * stride];
+        for (std::size_t k = 0; k < row.size(); ++k) {
+          std::size_t best = row[k];
+          for (std::size_t m = 1; m < best; ++m) {
+            if (m <= k) best = std::min(best, std::max<std::size_t>(m, row[k - m]));
+            if (k + m < row.size()) best = std::min(best, std::max<std::size_t>(m, row[k + m]));
+          }
+          spread[k] = static_cast<unsigned char>(best);
+        }
+        for (std::size_t k = 0; k < row.size(); ++k) clear_[first + k * stride] = spread[k];
+      }
+  }
+  side_.assign(cells, Side::mixed);
+}
+
+SurfaceCells::Cell SurfaceCells::cell_of(const Vec3& x) const {
+  return ((x - origin_).array() / edge_).floor().max(-2.0).min(n_.cast<double>() + 1.0).cast<int>();
+}
+
+void SurfaceCells::mark_clear_cells(const std::function<bool(const Vec3&)>& is_inside) {
+  std::vector<Cell> stack;
+  for (int k = 0; k < n_[2]; ++k)
+    for (int j = 0; j < n_[1]; ++j)
+      for (int i = 0; i < n_[0]; ++i) {
+        const Cell seed(i, j, k);
+        if (clear_[number(seed)] == 0 || side_[number(seed)] != Side::mixed) continue;
+        const Vec3 centre = origin_ + edge_ * (seed.cast<double>() + 0.5).matrix();
+        const Side side = is_inside(centre) ? Side::inside : Side::outside;
+        side_[number(seed)] = side;
+        stack.push_back(seed);
+        while (!stack.empty()) {
+          const Cell from = stack.back();
+          stack.pop_back();
+          for (int d = 0; d < 3; ++d)
+            for (const int step : {-1, 1}) {
+              Cell to = from;
+              to[d] += step;
+              if (!in_grid(to) || clear_[number(to)] == 0 || side_[number(to)] != Side::mixed) continue;
+              side_[number(to)] = side;
+              stack.push_back(to);
+            }
+        }
+      }
+}
+
+std::optional<bool> SurfaceCells::contains(const Vec3& x) const {
+  const Cell at = cell_of(x);
+  if (!in_grid(at)) return false;
+  if (side_[number(at)] != Side::mixed) return side_[number(at)] == Side::inside;
+  // Along the axis on which a cell without triangles is nearest: how often the surface is passed on the way.
+  thread_local std::vector<Hit> hits;
+  for (int away = 1; away < farthest_ring; ++away)
+    for (int d = 0; d < 3; ++d)
+      for (const int step : {-1, 1}) {
+        Cell there = at;
+        there[d] += step * away;
+        const bool beyond = !in_grid(there);
+        if (!beyond && side_[number(there)] == Side::mixed) continue;
+        const double end = origin_[d] + edge_ * (there[d] + (step > 0 ? 0.0 : 1.0));
+        const double from = std::min(x[d], end), to = std::max(x[d], end);
+        const double slack = 2.0 * doubt * size_;
+        if (!line(x, d, from - slack, to + slack, hits)) return std::nullopt;
+        bool inside = !beyond && side_[number(there)] == Side::inside;
+        for (const Hit& hit : hits) {
+          if (std::abs(hit.at - x[d]) <= doubt * size_) return std::nullopt;
+          if (hit.at > from && hit.at < to) inside = !inside;
+        }
+        return inside;
+      }
+  return std::nullopt;
+}
+
+bool SurfaceCells::line(const Vec3& x, int axis, double from, double to, std::vector<Hit>& hits) const {
+  hits.clear();
+  const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+  Vec3 begin = x, end = x;
+  begin[axis] = from;
+  end[axis] = to;
+  Cell at = cell_of(begin);
+  const int first = std::max(at[axis], 0), last = std::min(cell_of(end)[axis], n_[axis] - 1);
+  at[axis] = 0;
+  if (!in_grid(at)) return true;
+  for (at[axis] = first; at[axis] <= last; ++at[axis]) {
+    const std::size_t c = number(at);
+    for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
+      const int t = member_[static_cast<std::size_t>(m)];
+      const Corners& corner = corner_[static_cast<std::size_t>(t)];
+      const Vec3* const p[3] = {&corner.a, &corner.b, &corner.c};
+      // Twice the areas of the line's place with each edge; opposite corner k.
+      std::array<double, 3> area;
+      bool near = false;
+      int positive = 0, negative = 0;
+      for (std::size_t k = 0; k < 3; ++k) {
+        const Vec3 &a = *p[(k + 1) % 3], &b = *p[(k + 2) % 3];
+        const double du = b[u] - a[u], dv = b[v] - a[v];
+        area[k] = du * (x[v] - a[v]) - dv * (x[u] - a[u]);
+        if (std::abs(area[k]) <= doubt * size_ * (std::abs(du) + std::abs(dv)))
+          near = true;
+        else
+          ++(area[k] > 0.0 ? positive : negative);
+      }
+      if (positive > 0 && negative > 0) continue;
+      const double all = area[0] + area[1] + area[2];
+      if (near || std::abs(all) < 1e-6 * edge_ * edge_) return false;
+      const double place =
+          (area[0] * (*p[0])[axis] + area[1] * (*p[1])[axis] + area[2] * (*p[2])[axis]) / all;
+      if (place < from || place > to) continue;
+      if (std::none_of(hits.begin(), hits.end(), [&](const Hit& hit) { return hit.triangle == t; }))
+        hits.push_back({t, place});
+    }
+  }
+  return true;
+}
+
+// Visits the cells with triangles around x, ring by ring, until visit.reach(), a distance, is less than how
+// far the next ring is.
+template <class Visit>
+void SurfaceCells::around(const Vec3& x, Visit&& visit) const {
+  const Cell at = cell_of(x).max(0).min(n_ - 1);
+  // Of x from the walls of its cell; negative where it lies outside of the grid.
+  const Vec3 to_lower = x - (origin_ + edge_ * at.cast<double>().matrix());
+  const double slack = std::min({to_lower.minCoeff(), edge_ - to_lower.maxCoeff(), 0.5 * edge_});
+  const int farthest = n_.maxCoeff();
+  for (int ring = clear_[number(at)]; ring <= farthest; ++ring) {
+    if (ring > 0 && (ring - 1) * edge_ + slack > visit.reach()) return;
+    const Cell first = (at - ring).max(0), last = (at + ring).min(n_ - 1);
+    for (int k = first[2]; k <= last[2]; ++k)
+      for (int j = first[1]; j <= last[1]; ++j) {
+        const bool shell = std::abs(k - at[2]) == ring || std::abs(j - at[1]) == ring;
+        for (int i = first[0]; i <= last[0]; ++i) {
+          if (!shell && std::abs(i - at[0]) != ring) {
+            i = std::max(i, std::min(at[0] + ring, last[0] + 1) - 1);  // to the other end of the ring
+            continue;
+          }
+          const std::size_t c = number({i, j, k});
+          if (offset_[c] == offset_[c + 1]) continue;
+          const Vec3 low = origin_ + edge_ * Vec3(i, j, k);
+          const Vec3 outside = (low - x).cwiseMax(x - low - Vec3::Constant(edge_)).cwiseMax(0.0);
+          const double reach = visit.reach();
+          if (outside.squaredNorm() > reach * reach) continue;
+          for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
+            const int t = member_[static_cast<std::size_t>(m)];
+            const Corners& corner = corner_[static_cast<std::size_t>(t)];
+            visit.triangle(t, std::sqrt(distance2_to(x, corner.a, corner.b, corner.c)));
+          }
+        }
+      }
+  }
+}
+
+void SurfaceCells::nearest(const Vec3& x, std::vector<Index>& candidates) const {
+  struct Visit {
+    double least = std::numeric_limits<double>::infinity(), slack;
+    std::vector<std::pair<double, Index>> found;
+    double reach() const { return least + slack + doubt * least; }
+    void triangle(int t, double distance) {
+      if (distance > reach()) return;
+      least = std::min(least, distance);
+      found.push_back({distance, t});
+    }
+  };
+  thread_local Visit visit;
+  visit.least = std::numeric_limits<double>::infinity();
+  visit.slack = doubt * size_;
+  visit.found.clear();
+  around(x, visit);
+  candidates.clear();
+  for (const auto& [distance, t] : visit.found)
+    if (distance <= visit.reach() && std::find(candidates.begin(), candidates.end(), t) == candidates.end())
+      candidates.push_back(t);
+}
+
+std::optional<bool> SurfaceCells::farther(const Vec3& x, double d) const {
+  struct Visit {
+    double limit, least = std::numeric_limits<double>::infinity();
+    double reach() const { return least > limit ? limit : -1.0; }  // found: nothing more to look for
+    void triangle(int, double distance) { least = std::min(least, distance); }
+  };
+  const double slack = doubt * size_;
+  Visit visit{.limit = d + slack};
+  around(x, visit);
+  if (visit.least > d + slack) return true;
+  if (visit.least < d - slack) return false;
+  // One within rounding of d was met: another may be clearly nearer.
+  Visit nearer{.limit = d - slack};
+  around(x, nearer);
+  return nearer.least < d - slack ? std::optional<bool>(false) : std::nullopt;
+}
+
+}  // namespace dimple

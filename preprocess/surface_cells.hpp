@@ -1,0 +1,64 @@
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "io/types.hpp"
+
+namespace dimple {
+
+/// The triangles of a closed surface sorted into cubic cells. Answers in plain floating point what is beyond
+/// doubt, and says so where it is not: an exact answer is then needed only there.
+class SurfaceCells {
+ public:
+  SurfaceCells(const Points& vertex, const Triangles& triangles);
+
+  /// `is_inside` is asked once for each connected group of cells without a triangle.
+  void mark_clear_cells(const std::function<bool(const Vec3&)>& is_inside);
+
+  /// Is x inside? Nothing: too near to the surface, or to a triangle's edge along the way, to say.
+  std::optional<bool> contains(const Vec3& x) const;
+
+  /// The triangles that may be the nearest to x, but for rounding: as a rule one.
+  void nearest(const Vec3& x, std::vector<Index>& candidates) const;
+
+  /// Is every triangle farther from x than d? Nothing: rounding decides.
+  std::optional<bool> farther(const Vec3& x, double d) const;
+
+  struct Hit {
+    Index triangle;
+    double at;  ///< coordinate along the axis
+  };
+  /// Triangles that the line through x along an axis meets between two coordinates, unordered; false if an
+  /// edge is met, or nearly.
+  bool line(const Vec3& x, int axis, double from, double to, std::vector<Hit>& hits) const;
+
+ private:
+  struct Corners {
+    Vec3 a, b, c;
+  };
+  using Cell = Eigen::Array3i;
+  Cell cell_of(const Vec3& x) const;
+  bool in_grid(const Cell& c) const { return (c >= 0).all() && (c < n_).all(); }
+  std::size_t number(const Cell& c) const {
+    return static_cast<std::size_t>(c[0]) +
+           static_cast<std::size_t>(n_[0]) *
+               (static_cast<std::size_t>(c[1]) +
+                static_cast<std::size_t>(n_[1]) * static_cast<std::size_t>(c[2]));
+  }
+  template <class Visit>
+  void around(const Vec3& x, Visit&& visit) const;
+
+  enum class Side : char { mixed, inside, outside };
+  double edge_ = 1.0, size_ = 1.0;
+  Vec3 origin_;
+  Cell n_;
+  std::vector<int> offset_, member_;  // the triangles whose boxes overlap each cell
+  std::vector<unsigned char> clear_;  // how many cells it is to the next one with a triangle, at least
+  std::vector<Side> side_;
+  std::vector<Corners> corner_;
+  Triangles triangles_;
+};
+
+}  // namespace dimple
