@@ -19,11 +19,12 @@ inline std::string threads_word(int count) {
 /// Medians and their spread, shown as they come and kept as CSV in the end.
 class Results : public benchmark::ConsoleReporter {
  public:
+  Results();
   bool ReportContext(const Context& context) override;
   void ReportRuns(const std::vector<Run>& runs) override;
-  /// Into folder/<name of the processor>.csv; `version` of the program goes into the header. Returns the
-  /// file.
-  std::string write(const std::string& folder, const std::string& version) const;
+  /// Into folder/<name of the processor>.csv; `version` of the program and `facts`, lines that begin with #,
+  /// go into the header. Returns the file.
+  std::string write(const std::string& folder, const std::string& version, const std::string& facts) const;
 
  private:
   struct Line {

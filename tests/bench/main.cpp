@@ -40,7 +40,7 @@ int main(int count, char** argument) {
     dimple::register_stages();
     dimple::Results results;
     benchmark::RunSpecifiedBenchmarks(&results);
-    if (!folder.empty()) fmt::print("results: {}\n", results.write(folder, version));
+    if (!folder.empty()) fmt::print("results: {}\n", results.write(folder, version, dimple::scene_facts()));
   } catch (const dimple::Error& error) {
     fmt::print(stderr, "error: {}\n", error.what());
     return 1;

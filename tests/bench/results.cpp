@@ -1,5 +1,6 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <ctime>
@@ -42,6 +43,8 @@ std::string after_last_slash(const std::string& text) {
 
 }  // namespace
 
+Results::Results() : ConsoleReporter(isatty(STDOUT_FILENO) ? OO_ColorTabular : OO_Tabular) {}
+
 bool Results::ReportContext(const Context& context) {
   name_field_width_ = std::max<std::size_t>(context.name_field_width, 48);
   return ConsoleReporter::ReportContext(context);
@@ -72,7 +75,8 @@ void Results::ReportRuns(const std::vector<Run>& runs) {
   }
 }
 
-std::string Results::write(const std::string& folder, const std::string& version) const {
+std::string Results::write(const std::string& folder, const std::string& version,
+                           const std::string& facts) const {
   const benchmark::CPUInfo& cpu = benchmark::CPUInfo::Get();
   const std::string name = processor();
   std::string text = fmt::format("# machine: {}\n# cores: {}\n", name, cpu.num_cpus);
@@ -89,6 +93,7 @@ std::string Results::write(const std::string& folder, const std::string& version
                       "gcc", __VERSION__,
 #endif
                       version, fmt::gmtime(std::time(nullptr)));
+  text += facts;
   text +=
       "# time_us: median of the repetitions, wall clock; spread: standard deviation / mean\n"
       "# memory_roof, arithmetic_roof: achieved part of what was measured under roof/ here, of the first "
@@ -108,7 +113,10 @@ std::string Results::write(const std::string& folder, const std::string& version
     if (starts_with(l.name, "force/") || starts_with(l.name, "reference/")) {
       const std::string threads = after_last_slash(l.name);
       const double bytes = l.bytes_per_second * l.time_us * 1e-6;
-      const char* level = bytes < cache[2] ? "L2" : bytes < cache[3] ? "L3" : "DRAM";
+      const char* level = bytes < cache[2]       ? "L2"
+                          : bytes < 6 * cache[2] ? "L3"
+                          : bytes < cache[3]     ? "half_L3"
+                                                 : "DRAM";
       memory = roof(fmt::format("roof/read_{}/{}", level, threads));
       const bool is_single = l.name.find("single") != std::string::npos;
       arithmetic = roof(fmt::format("roof/multiply_add_{}/{}", is_single ? "single" : "double", threads));

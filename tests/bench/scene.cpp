@@ -87,8 +87,11 @@ Model whole_model(const LabelImage& image, const Config& config) {
   return model;
 }
 
+namespace {
+std::map<std::pair<std::string, Index>, Scene> made;
+}
+
 const Scene& scene(const std::string& scheme, Index nodes) {
-  static std::map<std::pair<std::string, Index>, Scene> made;
   const auto found = made.find({scheme, nodes});
   if (found != made.end()) return found->second;
   Scene& now = made[{scheme, nodes}];
@@ -100,6 +103,17 @@ const Scene& scene(const std::string& scheme, Index nodes) {
   now.u = dent(now.model);
   if (converging(now.config)) compare_with_reference(now);
   return now;
+}
+
+std::string scene_facts() {
+  std::string text;
+  for (const auto& [key, s] : made)
+    text += fmt::format(
+        "# scene: {}, {} nodes: {} points, {} pairs, {} patches, {} shares, {} entries of variance\n",
+        key.first, s.model.node_count(), s.model.point_count(), s.model.support.member.size(),
+        s.model.patches.count(), s.model.patches.psi.size(),
+        s.model.variance.empty() ? 0 : s.model.variance.front().K.size());
+  return text;
 }
 
 }  // namespace dimple

@@ -36,6 +36,9 @@ Model whole_model(const LabelImage& image, const Config& config);
 /// the reference's; if they differ, the program ends and says so.
 const Scene& scene(const std::string& scheme, Index nodes);
 
+/// A line for each scene made so far: how large it is.
+std::string scene_facts();
+
 /// While it lives, so many threads.
 class Threads {
  public:
