@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <chrono>
+#include <utility>
 
 #include "solver/relax.hpp"
 #include "tests/bench/bench.hpp"
