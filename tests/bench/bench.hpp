@@ -3,6 +3,7 @@
 #include <benchmark/benchmark.h>
 
 #include <string>
+#include <vector>
 
 namespace dimple {
 
@@ -10,6 +11,14 @@ namespace dimple {
 void register_roofs();
 void register_forces();
 void register_stages();
+
+/// Sizes that roof/read_* reads: of all threads together, or each.
+struct Memory {
+  const char* name;
+  std::size_t bytes;
+  bool each_thread;
+};
+std::vector<Memory> memories();
 
 /// "1_thread", "2_threads".
 inline std::string threads_word(int count) {

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <ctime>
 #include <filesystem>
 #include <fstream>
@@ -40,6 +41,16 @@ bool starts_with(const std::string& text, const std::string& start) {
 
 std::string after_last_slash(const std::string& text) {
   return text.substr(text.rfind('/') + 1);
+}
+
+const char* memory_for(double bytes) {
+  const auto away = [bytes](const Memory& m) {
+    return std::abs(std::log(bytes / static_cast<double>(m.bytes)));
+  };
+  const std::vector<Memory> all = memories();
+  return std::min_element(all.begin(), all.end(),
+                          [&](const Memory& a, const Memory& b) { return away(a) < away(b); })
+      ->name;
 }
 
 }  // namespace
@@ -81,12 +92,9 @@ std::string Results::write(const std::string& folder, const std::string& version
   const benchmark::CPUInfo& cpu = benchmark::CPUInfo::Get();
   const std::string name = processor();
   std::string text = fmt::format("# machine: {}\n# cores: {}\n", name, cpu.num_cpus);
-  std::vector<double> cache(4, 0.0);
-  for (const auto& c : cpu.caches) {
+  for (const auto& c : cpu.caches)
     text +=
         fmt::format("# cache: L{} {}, {} KiB, shared by {}\n", c.level, c.type, c.size / 1024, c.num_sharing);
-    if (c.type != "Instruction" && c.level < 4) cache[static_cast<std::size_t>(c.level)] = c.size;
-  }
   text += fmt::format("# compiler: {} {}\n# version: {}\n# date: {:%Y-%m-%d}\n",
 #ifdef __clang__
                       "clang", __clang_version__,
@@ -97,9 +105,8 @@ std::string Results::write(const std::string& folder, const std::string& version
   text += facts;
   text +=
       "# time_us: median of the repetitions, wall clock; spread: standard deviation / mean\n"
-      "# memory_roof, arithmetic_roof: achieved part of what was measured under roof/ here, of the first "
-      "cache that "
-      "the data fit in\n"
+      "# memory_roof: achieved part of the roof/read_* whose size is nearest to what one evaluation passes\n"
+      "# arithmetic_roof: achieved part of roof/multiply_add_*\n"
       "benchmark,time_us,spread,GB_per_s,GFLOP_per_s,memory_roof,arithmetic_roof\n";
 
   const auto roof = [&](const std::string& of) {
@@ -114,11 +121,7 @@ std::string Results::write(const std::string& folder, const std::string& version
     if (starts_with(l.name, "force/") || starts_with(l.name, "reference/")) {
       const std::string threads = after_last_slash(l.name);
       const double bytes = l.bytes_per_second * l.time_us * 1e-6;
-      const char* level = bytes < cache[2]       ? "L2"
-                          : bytes < 6 * cache[2] ? "L3"
-                          : bytes < cache[3]     ? "half_L3"
-                                                 : "DRAM";
-      memory = roof(fmt::format("roof/read_{}/{}", level, threads));
+      memory = roof(fmt::format("roof/read_{}/{}", memory_for(bytes), threads));
       const bool is_single = l.name.find("single") != std::string::npos;
       arithmetic = roof(fmt::format("roof/multiply_add_{}/{}", is_single ? "single" : "double", threads));
     }

@@ -35,12 +35,16 @@ std::size_t cache(int level, std::size_t otherwise) {
 
 }  // namespace
 
-void register_roofs() {
+std::vector<Memory> memories() {
   const std::size_t L2 = cache(2, 1 << 20), L3 = cache(3, 8 << 20);
-  const struct {
-    const char* name;
-    std::size_t bytes;  // of all threads, but for L2, which each core has for itself
-  } memories[] = {{"L2", L2 / 2}, {"L3", std::min(4 * L2, L3 / 2)}, {"half_L3", L3 / 2}, {"DRAM", 4 * L3}};
+  return {{"L2", L2 / 2, true},
+          {"L3", std::min(4 * L2, L3 / 2), false},
+          {"quarter_L3", L3 / 4, false},  // a virtual machine may have less of it than it says
+          {"half_L3", L3 / 2, false},
+          {"DRAM", 4 * L3, false}};
+}
+
+void register_roofs() {
   const struct {
     const char* name;
     double (*operations)(std::int64_t);
@@ -49,8 +53,8 @@ void register_roofs() {
                {"multiply_then_add_single", &multiply_then_add_single},
                {"multiply_then_add_double", &multiply_then_add_double}};
   for (const int threads : {1, 2}) {
-    for (const auto& m : memories) {
-      const std::size_t each = m.bytes < L2 ? m.bytes : m.bytes / static_cast<std::size_t>(threads);
+    for (const Memory& m : memories()) {
+      const std::size_t each = m.each_thread ? m.bytes : m.bytes / static_cast<std::size_t>(threads);
       benchmark::RegisterBenchmark(fmt::format("roof/read_{}/{}", m.name, threads_word(threads)).c_str(),
                                    &read_memory, each)
           ->Threads(threads)
