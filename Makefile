@@ -2,13 +2,14 @@
 # make test   install what is missing, build, run all tests
 # make build  only build
 # make check  the tests under address and undefined-behaviour sanitizers
+# make bench  how long each stage takes, beside what this processor can do; results into tests/bench/results
 # make clean  remove everything that was built
 
 BUILD := build/release
 DIMPLE := $(BUILD)/dimple
 DEMO := out/demo
 
-.PHONY: demo test build check clean bootstrap
+.PHONY: demo test build check bench clean bootstrap
 
 demo: build
 	@mkdir -p $(DEMO)
@@ -30,6 +31,12 @@ check: bootstrap
 	cmake --preset asan
 	cmake --build build/asan
 	LSAN_OPTIONS=suppressions=$(CURDIR)/tests/leaks.supp ctest --test-dir build/asan --output-on-failure -j 2
+
+bench:
+	@./bootstrap libbenchmark-dev
+	cmake --preset release -DDIMPLE_BENCH=ON
+	cmake --build $(BUILD) --target dimple_bench
+	$(BUILD)/dimple_bench --results=tests/bench/results --version=$$(git describe --always --dirty)
 
 clean:
 	rm -rf build out

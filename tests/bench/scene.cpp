@@ -1,0 +1,119 @@
+#include "tests/bench/scene.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <map>
+
+#include "preprocess/body_surface.hpp"
+#include "preprocess/phantom.hpp"
+#include "tests/bench/reference_force.hpp"
+
+namespace dimple {
+namespace {
+
+// Down by 2 mm under the tool, less around it, and nothing at the base. Smooth, so every J stays positive.
+ForceSystem::Nodal dent(const Model& model) {
+  const Vec3& push = model.tool.push;
+  const Eigen::VectorXd along = model.X.transpose() * push;
+  const double top = model.tool.centre.dot(push), height = along.maxCoeff() - top;
+  ForceSystem::Nodal u = ForceSystem::Nodal::Zero(4, model.node_count());
+  for (Index a = 0; a < model.node_count(); ++a) {
+    const Vec3 from = model.X.col(a) - model.tool.centre;
+    const double away = (from - from.dot(push) * push).norm() / (2.0 * model.tool.radius);
+    u.col(a).head<3>() = 2e-3 * (1.0 - (along[a] - top) / height) / (1.0 + away * away) * push;
+  }
+  return u;
+}
+
+template <class Real>
+double difference_of_reference(const Scene& scene, const ForceSystem::Nodal& f) {
+  ReferenceForce<Real> reference(scene.model, scene.material);
+  set_displacement(reference, scene.u);
+  evaluate(reference);
+  return (force_of(reference) - f).cwiseAbs().maxCoeff() / f.cwiseAbs().maxCoeff();
+}
+
+void compare_with_reference(const Scene& scene) {
+  const ForceSystem exact(scene.model, scene.material),
+      single(scene.model, scene.material, Precision::single_);
+  ForceSystem::Nodal f = scene.u, g = scene.u;
+  exact.internal_force(scene.u, f);
+  single.internal_force(scene.u, g);
+  const auto demand = [&](const char* what, double difference, double least) {
+    if (difference <= least) return;
+    fmt::print(
+        stderr,
+        "error: {} differs from the converging scheme's force in double precision by {:.2g} of the largest "
+        "nodal force, {:.2g} allowed ({} nodes): times of a wrong force are worth nothing\n",
+        what, difference, least, scene.model.node_count());
+    std::exit(1);
+  };
+  demand("the reference in double precision", difference_of_reference<double>(scene, f), 1e-9);
+  demand("the reference in single precision", difference_of_reference<float>(scene, f), 1e-3);
+  demand("the product's force in single precision", (f - g).cwiseAbs().maxCoeff() / f.cwiseAbs().maxCoeff(),
+         1e-3);
+}
+
+}  // namespace
+
+Config scene_config(const std::string& scheme, Index nodes) {
+  Config config;
+  config.scheme.name = scheme;
+  config.cloud.nodes = nodes;
+  return config;
+}
+
+LabelImage scene_image() {
+  return make_phantom({.shape = "block", .size_mm = {60.0, 60.0, 30.0}});
+}
+
+double rough_spacing(const LabelImage& image, const Config& config) {
+  return std::cbrt(largest_piece_volume(image, {}) / static_cast<double>(config.cloud.nodes));
+}
+
+SurfacePieces surface_pieces(const BodySurface& body, const Model& model) {
+  const Points world = body.to_world() * body.vertex().colwise().homogeneous();
+  return pieces_of(world * 1e-3, body.triangles(), model);
+}
+
+Model whole_model(const LabelImage& image, const Config& config) {
+  const SegmentedBody body = make_body_surface(image, {}, rough_spacing(image, config));
+  Model model = build_model(body.surface, model_options(config)).model;
+  complete_model(model, support_options(config), Eigen::VectorXi::Zero(model.point_count()),
+                 Eigen::VectorXd::Constant(model.point_count(), material_of(config).density),
+                 surface_pieces(body.surface, model));
+  return model;
+}
+
+namespace {
+std::map<std::pair<std::string, Index>, Scene> made;
+}
+
+const Scene& scene(const std::string& scheme, Index nodes) {
+  const auto found = made.find({scheme, nodes});
+  if (found != made.end()) return found->second;
+  Scene& now = made[{scheme, nodes}];
+  now.config = scene_config(scheme, nodes);
+  now.image = scene_image();
+  now.material = material_of(now.config);
+  now.support = support_options(now.config);
+  now.model = whole_model(now.image, now.config);
+  now.u = dent(now.model);
+  if (converging(now.config)) compare_with_reference(now);
+  return now;
+}
+
+std::string scene_facts() {
+  std::string text;
+  for (const auto& [key, s] : made)
+    text += fmt::format(
+        "# scene: {}, {} nodes: {} points, {} pairs, {} patches, {} shares, {} entries of variance\n",
+        key.first, s.model.node_count(), s.model.point_count(), s.model.support.member.size(),
+        s.model.patches.count(), s.model.patches.psi.size(),
+        s.model.variance.empty() ? 0 : s.model.variance.front().K.size());
+  return text;
+}
+
+}  // namespace dimple

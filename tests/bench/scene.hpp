@@ -1,0 +1,52 @@
+#pragma once
+
+#include <tbb/global_control.h>
+
+#include <string>
+
+#include "apps/config.hpp"
+#include "solver/internal_force.hpp"
+
+namespace dimple {
+
+/// What is measured: a block of 60 x 60 x 30 mm from a label image of 1 mm, with all options as the program
+/// has them unless given here.
+struct Scene {
+  Config config;
+  LabelImage image;
+  Material material;
+  SupportOptions support;
+  Model model;           ///< complete
+  ForceSystem::Nodal u;  ///< [N] m: a dent as under the tool, for force evaluations
+};
+
+Config scene_config(const std::string& scheme, Index nodes);
+LabelImage scene_image();
+
+/// Edge of the cube that one node stands for [mm]: how fine the surface is drawn.
+double rough_spacing(const LabelImage& image, const Config& config);
+
+/// The surface as pieces in metres, as make_consistent() takes it.
+SurfacePieces surface_pieces(const BodySurface& body, const Model& model);
+
+/// From the image to a model that a solver can take.
+Model whole_model(const LabelImage& image, const Config& config);
+
+/// Made when first asked for and kept. In the converging scheme's, the product's force has been compared with
+/// the reference's; if they differ, the program ends and says so.
+const Scene& scene(const std::string& scheme, Index nodes);
+
+/// A line for each scene made so far: how large it is.
+std::string scene_facts();
+
+/// While it lives, so many threads.
+class Threads {
+ public:
+  explicit Threads(int count)
+      : limit_(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(count)) {}
+
+ private:
+  tbb::global_control limit_;
+};
+
+}  // namespace dimple

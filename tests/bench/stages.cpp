@@ -1,0 +1,125 @@
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <filesystem>
+
+#include "preprocess/pressure_patches.hpp"
+#include "tests/bench/bench.hpp"
+#include "tests/bench/scene.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr Index nodes = 4250;
+
+// What the stages before the one that is measured have made; made when first asked for.
+struct Before {
+  const Scene& final = scene("converging", nodes);
+  ModelOptions options = model_options(final.config);
+  double rough = rough_spacing(final.image, final.config);
+  SegmentedBody body = make_body_surface(final.image, {}, rough);
+  double spacing = spacing_for_count(body.surface, nodes);
+  Boundary boundary = find_boundary(body.surface, options.boundary, spacing);
+  Sizing sizing{body.surface, boundary, options.cloud.grading};
+  NodeCloud cloud = make_node_cloud(body.surface, boundary, sizing, options.cloud);
+  Model places = build_model(body.surface, options).model;  // no supports yet
+  Eigen::VectorXi tissue = Eigen::VectorXi::Zero(places.point_count());
+  Model supported = with_supports(places, final.support, tissue);
+
+  static Model with_supports(Model model, const SupportOptions& support, const Eigen::VectorXi& tissue) {
+    find_supports(model, support, tissue);
+    return model;
+  }
+};
+const Before& before() {
+  static const Before made;
+  return made;
+}
+
+void read_image(benchmark::State& state) {
+  const auto file = std::filesystem::temp_directory_path() / fmt::format("dimple_bench_{}.nrrd", getpid());
+  write_label_image(file, before().final.image);
+  for (auto _ : state) benchmark::DoNotOptimize(read_label_image(file).size);
+  std::filesystem::remove(file);
+}
+
+void surface(benchmark::State& state) {
+  for (auto _ : state) make_body_surface(before().final.image, {}, before().rough);
+}
+
+void boundary_conditions(benchmark::State& state) {
+  const Before& b = before();
+  for (auto _ : state) benchmark::DoNotOptimize(find_boundary(b.body.surface, b.options.boundary, b.spacing));
+}
+
+void node_cloud(benchmark::State& state) {
+  const Before& b = before();
+  for (auto _ : state)
+    benchmark::DoNotOptimize(make_node_cloud(b.body.surface, b.boundary, b.sizing, b.options.cloud).X.data());
+}
+
+void grid(benchmark::State& state) {
+  const Before& b = before();
+  for (auto _ : state)
+    benchmark::DoNotOptimize(
+        make_graded_grid(b.body.surface, b.options.grid, nodes, b.sizing, b.cloud.far_spacing).point.data());
+}
+
+// A stage that changes a model starts from a fresh copy each time, which is not part of it.
+template <class Stage>
+void on_copy(benchmark::State& state, const Model& start, const Stage& stage) {
+  for (auto _ : state) {
+    state.PauseTiming();
+    Model model = start;
+    state.ResumeTiming();
+    stage(model);
+  }
+}
+
+void supports(benchmark::State& state) {
+  const Before& b = before();
+  on_copy(state, b.places, [&](Model& model) { find_supports(model, b.final.support, b.tissue); });
+}
+
+void consistency(benchmark::State& state) {
+  const Before& b = before();
+  on_copy(state, b.supported, [&](Model& model) {
+    make_consistent(model, b.final.support, surface_pieces(b.body.surface, model));
+  });
+}
+
+void patches(benchmark::State& state) {
+  const Before& b = before();
+  on_copy(state, b.supported, [&](Model& model) { make_pressure_patches(model, b.tissue); });
+}
+
+void complete_from_image(benchmark::State& state) {
+  for (auto _ : state)
+    benchmark::DoNotOptimize(whole_model(before().final.image, before().final.config).mass.data());
+}
+
+void force_system(benchmark::State& state) {
+  const Scene& s = before().final;
+  for (auto _ : state)
+    benchmark::DoNotOptimize(ForceSystem(s.model, s.material, Precision::single_).pair_count());
+}
+
+}  // namespace
+
+void register_stages() {
+  const struct {
+    const char* name;
+    void (*body)(benchmark::State&);
+  } stages[] = {
+      {"read_image", &read_image},    {"surface", &surface}, {"boundary_conditions", &boundary_conditions},
+      {"node_cloud", &node_cloud},    {"grid", &grid},       {"supports", &supports},
+      {"consistency", &consistency},  {"patches", &patches}, {"complete_model", &complete_from_image},
+      {"force_system", &force_system}};
+  for (const auto& stage : stages)  // with as many threads as the program takes
+    benchmark::RegisterBenchmark(fmt::format("stage/{}/{}/all_threads", stage.name, nodes).c_str(),
+                                 stage.body)
+        ->UseRealTime()
+        ->Unit(benchmark::kMicrosecond);
+}
+
+}  // namespace dimple
