@@ -13,6 +13,7 @@
 
 #include "apps/config.hpp"
 #include "apps/converge.hpp"
+#include "apps/export.hpp"
 #include "apps/log.hpp"
 #include "apps/pipeline.hpp"
 #include "apps/verify.hpp"
@@ -211,6 +212,18 @@ int command_line(int argc, char** argv) {
   study_flags.add(*several, "");
   common(several);
 
+  Flags export_flags;
+  std::string format;
+  CLI::App* other = app.add_subcommand(
+      "export",
+      "write the scene for another program, as tetrahedra: CalculiX or FEBio; --nodes or --spacing "
+      "say how fine");
+  other->add_option("IMAGE", image, "label image");
+  other->add_option("-o,--out,--output", out, "file to write: .inp (CalculiX) or .feb (FEBio)")->required();
+  other->add_option("--format", format, "calculix, febio [from the file's name]");
+  export_flags.add(*other, "");
+  common(other);
+
   CLI::App* options =
       app.add_subcommand("options", "list every option with its unit, default, range and meaning");
 
@@ -292,6 +305,7 @@ int command_line(int argc, char** argv) {
             if (!quiet) fmt::print(stderr, "{}\n", line);
           }));
     }
+    if (*other) return finish(export_model(with_image(export_flags.config(*other)), format, out));
     if (*options) {
       fmt::print("{}", option_reference());
       return 0;
