@@ -9,7 +9,7 @@ struct AccuracyOptions {
   std::vector<Index> nodes = {500, 1000, 2000, 3000, 4250, 8500};
   std::vector<std::string> schemes = {"converging", "horton2007"};
   std::vector<std::string> times = {"quasi-static", "dynamic"};
-  int repeat = 1;                                     ///< of each run; times are medians
+  int repeat = 1;  ///< clouds of each size (seeds): times are medians, errors the largest of all
   std::string calculix = "ccx";                       ///< path or name, or none
   std::string febio;                                  ///< path, or empty: left out
   std::vector<Index> peer_nodes = {500, 1000, 2000};  ///< of other programs' meshes, about
@@ -24,10 +24,10 @@ struct AccuracyPoint {
   std::string time;     ///< quasi-static, dynamic
   Index nodes = 0, points = 0;
   double build_s = 0.0, solve_s = 0.0;
-  std::vector<double> force;  ///< [N] at 1, 2, ... 8 mm, as far as it came
-  std::string status = "ok";  ///< or why there is no more
-  double error = 0.0;         ///< largest |force / reference - 1| over the depths; not a number where unknown
-  double error_last = 0.0;    ///< at 8 mm
+  std::vector<std::vector<double>> runs = {};  ///< per cloud: [N] at 1, 2, ... 8 mm, as far as it came
+  std::string status = "ok";                   ///< or why there is no more
+  double error = 0.0;       ///< largest |force / reference - 1| over the depths; not a number where unknown
+  double error_last = 0.0;  ///< at 8 mm
   bool on_front = false;
   double wall_s() const { return build_s + solve_s; }
 };

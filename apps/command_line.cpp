@@ -227,7 +227,8 @@ int command_line(int argc, char** argv) {
       ->delimiter(',')
       ->capture_default_str();
   chart->add_option("--time", compared.times, "quasi-static, dynamic")->delimiter(',')->capture_default_str();
-  chart->add_option("--repeat", compared.repeat, "runs of each; times are medians")->capture_default_str();
+  chart->add_option("--repeat", compared.repeat, "clouds of each size: times are medians, errors the largest")
+      ->capture_default_str();
   chart->add_option("--calculix", compared.calculix, "CalculiX, if not as ccx on PATH; none: leave it out")
       ->type_name("PATH");
   chart->add_option("--febio", compared.febio, "FEBio 4, to run it too")->type_name("PATH");

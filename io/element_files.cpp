@@ -90,10 +90,10 @@ std::string calculix_input(const ElementModel& m) {
   }
   fmt::format_to(out, "*BOUNDARY\nbase, 1, 3\n");
   const double step = 1.0 / m.frames;
-  fmt::format_to(out,
-                 "*TIME POINTS, NAME=depths, GENERATE\n{0:.9g}, 1., {0:.9g}\n"
-                 "*STEP, NLGEOM, INC=10000\n*STATIC\n{0:.9g}, 1., 1e-6, {0:.9g}\n*BOUNDARY\n",
-                 step);
+  // GENERATE would stop CalculiX where there is but one.
+  fmt::format_to(out, "*TIME POINTS, NAME=depths\n");
+  for (int k = 1; k <= m.frames; ++k) fmt::format_to(out, "{:.9g}\n", static_cast<double>(k) / m.frames);
+  fmt::format_to(out, "*STEP, NLGEOM, INC=10000\n*STATIC\n{0:.9g}, 1., 1e-6, {0:.9g}\n*BOUNDARY\n", step);
   if (turned) {
     fmt::format_to(out, "circle, 1, 1, {:.9g}\n", m.depth_mm);
   } else {
