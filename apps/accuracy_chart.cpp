@@ -432,13 +432,17 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
         subject.reference_name = fmt::format("difference from {} nodes", finest->nodes);
         subject.subtitle = {
             fmt::format("difference from our own finest run, {} nodes (converging, {}: {:.4f} N at "
-                        "8 mm), which has no point; {}",
+                        "8 mm), whose cloud has no point; {}",
                         finest->nodes, finest->time, reference.back(), how),
             paper};
       }
     }
     set_errors(points, subject, reference);
-    if (finest) finest->error = finest->error_last = nan;
+    // Nor has the same cloud followed in time: it shares the errors of what it would be compared with.
+    if (finest)
+      for (AccuracyPoint& p : points)
+        if (p.scene == subject.name && p.scheme == finest->scheme && p.nodes == finest->nodes)
+          p.error = p.error_last = nan;
     mark_front(points, subject.name);
     write_file(folder / "chart.csv", csv(points, subjects));  // after every run: a long chart may be stopped
     const AccuracyPoint& p = points.back();

@@ -174,8 +174,8 @@ TetrahedralMesh make_tetrahedra(const BodySurface& body, const Boundary& boundar
       pressed =
           pressed && from.squaredNorm() - along * along <= a2 && std::abs(along) <= 2.0 * boundary.radius;
     }
-    // On a flat base the sides that rise from it are not part of it.
-    held = held && (!boundary.flat_base || normal.dot(boundary.down) > 0.5);
+    // On a flat base the sides that rise from it, and the cut-off edges between, are not part of it.
+    held = held && (!boundary.flat_base || normal.dot(boundary.down) > 0.9);
     for (std::size_t k = 0; k < 3; ++k)
       for (const Index v : {face[k], middle.at(edge(face[k], face[(k + 1) % 3]))}) {
         if (held) base.insert(v);
