@@ -11,8 +11,10 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "apps/accuracy_chart.hpp"
 #include "apps/config.hpp"
 #include "apps/converge.hpp"
+#include "apps/export.hpp"
 #include "apps/log.hpp"
 #include "apps/pipeline.hpp"
 #include "apps/verify.hpp"
@@ -211,6 +213,46 @@ int command_line(int argc, char** argv) {
   study_flags.add(*several, "");
   common(several);
 
+  Flags chart_flags;
+  AccuracyOptions compared;
+  CLI::App* chart = app.add_subcommand(
+      "chart",
+      "draw error against wall time: two scenes whose force is known, an image of yours, and other "
+      "programs where they are installed (apt install calculix-ccx)");
+  chart->add_option("IMAGE", image, "label image of a third scene; --set and --config are about it alone");
+  chart->add_option("-o,--out,--output", out, "folder for chart.csv, chart.png, chart.svg")->required();
+  chart->add_option("--only", compared.only, "scenes: a, b, image [all]")->delimiter(',');
+  chart->add_option("--nodes", compared.nodes, "numbers of nodes")->delimiter(',')->capture_default_str();
+  chart->add_option("--schemes", compared.schemes, "converging, horton2007 (dynamic only)")
+      ->delimiter(',')
+      ->capture_default_str();
+  chart->add_option("--time", compared.times, "quasi-static, dynamic")->delimiter(',')->capture_default_str();
+  chart->add_option("--repeat", compared.repeat, "clouds of each size: times are medians, errors the largest")
+      ->capture_default_str();
+  chart->add_option("--calculix", compared.calculix, "CalculiX, if not as ccx on PATH; none: leave it out")
+      ->type_name("PATH");
+  chart->add_option("--febio", compared.febio, "FEBio 4, to run it too")->type_name("PATH");
+  chart->add_option("--peer-nodes", compared.peer_nodes, "nodes of their meshes, about")
+      ->delimiter(',')
+      ->capture_default_str();
+  chart->add_option("--peer-limit", compared.peer_limit_s, "for each run of theirs [s]")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  chart_flags.add(*chart, "none of them");  // --config and --set only
+  common(chart);
+
+  Flags export_flags;
+  std::string format;
+  CLI::App* other = app.add_subcommand(
+      "export",
+      "write the scene for another program, as tetrahedra: CalculiX or FEBio; --nodes or --spacing "
+      "say how fine");
+  other->add_option("IMAGE", image, "label image");
+  other->add_option("-o,--out,--output", out, "file to write: .inp (CalculiX) or .feb (FEBio)")->required();
+  other->add_option("--format", format, "calculix, febio [from the file's name]");
+  export_flags.add(*other, "");
+  common(other);
+
   CLI::App* options =
       app.add_subcommand("options", "list every option with its unit, default, range and meaning");
 
@@ -292,6 +334,16 @@ int command_line(int argc, char** argv) {
             if (!quiet) fmt::print(stderr, "{}\n", line);
           }));
     }
+    if (*chart) {
+      if (!verbose) start_log(Verbosity::quiet);
+      return finish(accuracy_chart(
+          with_image(chart_flags.config(*chart)), compared, out,
+          [&](const std::string& line) {
+            if (!quiet) fmt::print(stderr, "{}\n", line);
+          },
+          stop_requested));
+    }
+    if (*other) return finish(export_model(with_image(export_flags.config(*other)), format, out));
     if (*options) {
       fmt::print("{}", option_reference());
       return 0;

@@ -687,6 +687,21 @@ Measured measure(const Config& config) {
   return result;
 }
 
+SegmentedBody segment(const Config& config) {
+  if (config.image.file.empty())
+    throw UsageError({.fact = "no label image was given",
+                      .where = "command line",
+                      .why = "there is nothing to work on",
+                      .remedy = "give one: dimple export IMAGE -o FILE"});
+  const LabelImage image = read_label_image(config.image.file, config.image.label_names);
+  const std::vector<int> labels = chosen_labels(image, config.image.label);
+  const double rough =
+      config.cloud.spacing_mm > 0.0
+          ? config.cloud.spacing_mm
+          : std::cbrt(largest_piece_volume(image, labels) / static_cast<double>(config.cloud.nodes));
+  return make_body_surface(image, labels, rough);
+}
+
 void describe_image(const fs::path& file, const fs::path& label_names, bool as_json) {
   const LabelImage image = read_label_image(file, label_names);
   const std::vector<LabelMeasure> labels = measure_labels(image);

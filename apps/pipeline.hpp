@@ -34,4 +34,7 @@ struct Measured {
 };
 Measured measure(const Config& config);
 
+/// The body of an image and no more: for other programs' meshes.
+SegmentedBody segment(const Config& config);
+
 }  // namespace dimple

@@ -145,7 +145,8 @@ void check_result_folder(const fs::path& folder) {
   std::error_code error;
   if (fs::is_directory(folder) && !fs::is_empty(folder, error) && !fs::exists(folder / "summary.json") &&
       !fs::exists(folder / "model.toml") && !fs::exists(folder / "config.resolved.toml") &&
-      !fs::exists(folder / "convergence.csv") && !fs::exists(folder / "label.vti"))
+      !fs::exists(folder / "convergence.csv") && !fs::exists(folder / "chart.csv") &&
+      !fs::exists(folder / "label.vti"))
     throw OutputError({.fact = fmt::format("{} holds files that are not results of dimple", folder.string()),
                        .where = "-o",
                        .why = "they could be overwritten",

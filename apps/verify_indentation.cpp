@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "apps/config.hpp"
+#include "apps/scenes.hpp"
 #include "apps/verify_bodies.hpp"
 #include "preprocess/shapes.hpp"
 
@@ -41,30 +42,24 @@ class Indentation {
   Eigen::VectorXi tissue_;
 };
 
-void add_curve(Rows& rows, const std::string& group, const std::string& what, const BodySurface& body,
-               Index nodes, const std::array<double, 8>& reference, const std::string& source) {
-  const std::vector<double> ours =
-      Indentation(body, nodes).forces(neo_hookean(210.0, 0.499, 1000.0), 8.0, 8, Contact::bonded);
+void add_curve(Rows& rows, const std::string& group, const std::string& what, const Scene& scene,
+               Index nodes) {
+  const std::vector<double> ours = Indentation(exact_surface(scene), nodes)
+                                       .forces(neo_hookean(210.0, 0.499, 1000.0), 8.0, 8, Contact::bonded);
   for (std::size_t k = 0; k < 8; ++k)
     rows.push_back(compared(fmt::format("{}/{}_mm", group, k + 1),
-                            fmt::format("{}, force at {} mm", what, k + 1), ours[k], reference[k], 0.02, "N",
-                            source));
+                            fmt::format("{}, force at {} mm", what, k + 1), ours[k], scene.reference[k], 0.02,
+                            "N", scene.source));
 }
 
 }  // namespace
 
 void verify_scene_a(Rows& rows, Index nodes) {
-  add_curve(rows, "scene_a", "block", block_surface({-30, -30, 0}, {30, 30, 30}), nodes,
-            {0.00975, 0.0193, 0.0288, 0.0383, 0.0480, 0.0576, 0.0672, 0.0769},
-            "P2/P1 tetrahedra, rim 0.3 mm, known to 1 %");
+  add_curve(rows, "scene_a", "block", scene_a(), nodes);
 }
 
-// The tetrahedral code has one mesh of this body, with a rim of 1.2 mm, which from 5 mm on is stiffer against
-// the block than on any pair of matching meshes: see tests/verification/reference.
 void verify_scene_b(Rows& rows, Index nodes) {
-  add_curve(rows, "scene_b", "cut ellipsoid", cut_ellipsoid_surface({46.25, 31.25, 16.7647}, -11.7353), nodes,
-            {0.00972, 0.01923, 0.02867, 0.03807, 0.04764, 0.05708, 0.06639, 0.0759},
-            "the block's x ratio of both by hexahedra");
+  add_curve(rows, "scene_b", "cut ellipsoid", scene_b(), nodes);
 }
 
 // The finite elements' law has kappa = lambda = 2 mu nu / (1 - 2 nu) where ours has lambda + 2/3 mu: a

@@ -1,0 +1,29 @@
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace dimple {
+
+/// How another program ended.
+struct ProgramRun {
+  int code = -1;  ///< what it returned; 128 + signal if it died of one
+  bool out_of_time = false, interrupted = false;
+  double seconds = 0.0;
+};
+
+/// Runs a program in `folder` to its end, or ends it and what it started after `limit_s` seconds, or when
+/// `stop_requested`. Its words go to `log` in the folder; OMP_NUM_THREADS is `threads`. By posix_spawn: no
+/// shell between that would read the arguments, and no other library here starts programs. Throws UsageError
+/// if it cannot be started.
+ProgramRun run_program(const std::vector<std::string>& arguments, const std::filesystem::path& folder,
+                       const std::string& log, double limit_s, int threads,
+                       const std::function<bool()>& stop_requested);
+
+/// Where a program is: `name` itself if it has a slash, else the first on PATH. Empty: nowhere, or it cannot
+/// be executed.
+std::filesystem::path find_program(const std::string& name);
+
+}  // namespace dimple

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <array>
+#include <string>
+#include <vector>
+
+#include "preprocess/body_surface.hpp"
+#include "preprocess/phantom.hpp"
+
+namespace dimple {
+
+/// A body whose force is known from independent finite elements: a circle of 5 mm radius, bonded, pressed
+/// onto its top at x = y = 0, its flat base held; neo-Hookean, mu 210 Pa, nu 0.499. How they were made, and
+/// how well they are known: tests/verification/reference/README.md.
+struct Scene {
+  std::string name;                   ///< a, b
+  std::string title;                  ///< for people
+  std::array<double, 8> reference{};  ///< [N] at 1, 2, ... 8 mm
+  std::string source;                 ///< of the reference
+  PhantomOptions phantom;             ///< the same body as an image
+};
+Scene scene_a();
+Scene scene_b();
+
+/// The body itself, without voxels between.
+BodySurface exact_surface(const Scene& scene);
+
+}  // namespace dimple

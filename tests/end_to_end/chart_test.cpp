@@ -1,0 +1,101 @@
+// `dimple export` and `dimple chart` through the real program.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+
+#include "io/element_files.hpp"
+#include "io/file.hpp"
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+TEST(Export, WritesTheSameSceneForBothPrograms) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
+  const std::string scene = " --nodes 500 --frames 2 --depth 1mm --indent-at 0,0,0 --base inferior";
+  const Ran inp = dimple(folder, "export block.nrrd -o block.inp" + scene);
+  ASSERT_EQ(inp.code, 0) << inp.err;
+  ASSERT_EQ(dimple(folder, "export block.nrrd -o again.feb --format febio" + scene).code, 0);
+  const std::string text = text_of(folder / "block.inp");
+  EXPECT_THAT(text, HasSubstr("block.nrrd, indented by 1 mm (bonded)"));
+  EXPECT_THAT(text, HasSubstr("circle, 3, 3, -1\n"));
+  EXPECT_THAT(text_of(folder / "again.feb"), HasSubstr("<value lc=\"1\">-1</value>"));
+}
+
+TEST(Export, CalculixGivesTheForceOfTissueThatDoesNotLock) {
+  if (std::system("command -v ccx > /dev/null 2>&1") != 0)
+    GTEST_SKIP() << "CalculiX is not installed (apt install calculix-ccx)";
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
+  const std::string scene =
+      "export block.nrrd -o block.inp --nodes 2000 --frames 2 --depth 1mm --indent-at 0,0,0 --base inferior";
+  // At nu 0.3 ten-node tetrahedra do not lock; hexahedra: 0.00721 N at 1 mm, tests/verification/reference.
+  ASSERT_EQ(dimple(folder, scene + " --nu 0.3").code, 0);
+  ASSERT_EQ(std::system(("cd '" + folder.string() + "' && ccx block > words.txt 2>&1").c_str()), 0);
+  const auto forces = calculix_forces(read_file(folder / "block.dat"), -Vec3::UnitZ());
+  ASSERT_EQ(forces.size(), 2u);
+  EXPECT_NEAR(forces[1], 0.00721, 0.0008);
+  EXPECT_NEAR(forces[0], 0.5 * forces[1], 0.0003);
+}
+
+TEST(Export, RefusesWhatItCannotSay) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
+  const Ran format = dimple(folder, "export block.nrrd -o a.inp --format ansys");
+  EXPECT_EQ(format.code, 2);
+  EXPECT_THAT(format.err, HasSubstr("'ansys' is no format"));
+  const Ran name = dimple(folder, "export block.nrrd -o a.txt");
+  EXPECT_EQ(name.code, 2);
+  EXPECT_THAT(name.err, HasSubstr("does not say for which program"));
+  const Ran ogden =
+      dimple(folder, "export block.nrrd -o a.inp --set material.prony_g=0.5 --set material.prony_tau_s=1");
+  EXPECT_EQ(ogden.code, 2);
+  EXPECT_THAT(ogden.err, HasSubstr("only one neo-Hookean tissue"));
+  EXPECT_FALSE(fs::exists(folder / "a.inp"));
+}
+
+TEST(Chart, DrawsASmallOneOfAnImageAndAScene) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3").code, 0);
+  const std::string command =
+      "chart brain.nrrd -o out --only b,image --nodes 200,300 --schemes converging --time quasi-static "
+      "--calculix none";
+  const Ran ran = dimple(folder, command);
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const std::string csv = text_of(folder / "out" / "chart.csv");
+  EXPECT_THAT(csv, HasSubstr("b,dimple,converging,quasi-static,200,"));
+  EXPECT_THAT(csv, HasSubstr("difference from 300 nodes"));
+  const std::string svg = text_of(folder / "out" / "chart.svg");
+  for (const char* words : {"converging 200", "real time, 8 s", "Pareto front", "as reported", "[s]", "[%]",
+                            "difference from our own finest run, 300 nodes"})
+    EXPECT_THAT(svg, HasSubstr(words));
+  EXPECT_GT(fs::file_size(folder / "out" / "chart.png"), 1000u);
+  EXPECT_THAT(ran.err, HasSubstr("error"));
+  EXPECT_EQ(dimple(folder, command + " -q").code, 0) << "a second time";
+}
+
+TEST(Chart, RefusesBeforeTheFirstRun) {
+  const fs::path folder = fresh_folder();
+  const std::vector<std::pair<std::string, std::string>> wrong = {
+      {"--only a,c", "'c' is not known"},
+      {"--only image", "no label image was given"},
+      {"--nodes 50", "50 nodes are too few"},
+      {"--time slow", "'slow' is not known"},
+      {"--febio no/such/febio4", "there is no program no/such/febio4"},
+      {"--calculix no/such/ccx", "there is no program no/such/ccx"}};
+  for (const auto& [option, words] : wrong) {
+    const Ran ran = dimple(folder, "chart -o out " + option);
+    EXPECT_EQ(ran.code, 2) << option;
+    EXPECT_THAT(ran.err, HasSubstr(words)) << option;
+    EXPECT_FALSE(fs::exists(folder / "out")) << option;
+  }
+}
+
+}  // namespace
+}  // namespace dimple

@@ -1,0 +1,166 @@
+// What other programs are given, what is read back from them, and how they are run.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "apps/accuracy_chart.hpp"
+#include "apps/run_program.hpp"
+#include "io/element_files.hpp"
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "preprocess/shapes.hpp"
+#include "preprocess/tetrahedra.hpp"
+
+namespace dimple {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::Not;
+
+/// One tetrahedron; node 1 is the base, nodes 2 and 5 the circle.
+ElementModel one_tetrahedron() {
+  ElementModel model;
+  model.remarks = {"a remark -- with two hyphens"};
+  model.X.resize(3, 10);
+  model.X << 0, 2, 0, 0, 1, 1, 0, 0, 1, 0,  //
+      0, 0, 2, 0, 0, 1, 1, 0, 0, 1,         //
+      0, 0, 0, 2, 0, 0, 0, 1, 1, 1;
+  model.tetrahedra.resize(10, 1);
+  model.tetrahedra.col(0) << 0, 1, 2, 3, 4, 5, 6, 7, 8, 9;
+  model.base = {0};
+  model.circle = {1, 4};
+  return model;
+}
+
+TEST(CalculixInput, HoldsNodesElementsSetsMaterialAndLoadInMillimetresAndKilopascals) {
+  const std::string text = calculix_input(one_tetrahedron());
+  EXPECT_THAT(text, HasSubstr("** Units: mm, mN, kPa; positions are LPS."));
+  EXPECT_THAT(text, HasSubstr("\n2, 2, 0, 0\n"));
+  EXPECT_THAT(text, HasSubstr("*ELEMENT, TYPE=C3D10, ELSET=tissue\n1, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10\n"));
+  EXPECT_THAT(text, HasSubstr("*NSET, NSET=base\n1\n*NSET, NSET=circle\n2, 5\n"));
+  EXPECT_THAT(text, HasSubstr("*HYPERELASTIC, NEO HOOKE\n0.105, 0.0190603259\n"));  // mu/2 kPa, 2/kappa 1/kPa
+  EXPECT_THAT(text, HasSubstr("circle, 1, 1, 0\ncircle, 2, 2, 0\ncircle, 3, 3, -8\n"));
+  EXPECT_THAT(text, HasSubstr("NAME=depths\n0.125\n0.25\n"));
+}
+
+TEST(CalculixInput, LetsASlidingCircleGoSideways) {
+  ElementModel model = one_tetrahedron();
+  model.bonded = false;
+  EXPECT_THAT(calculix_input(model), HasSubstr("*BOUNDARY\ncircle, 3, 3, -8\n"));
+  model.push = Vec3(0.6, 0.0, -0.8);
+  const std::string text = calculix_input(model);
+  EXPECT_THAT(text, HasSubstr("*TRANSFORM, NSET=circle, TYPE=R\n0.6, 0, -0.8,"));
+  EXPECT_THAT(text, HasSubstr("*BOUNDARY\ncircle, 1, 1, 8\n"));
+}
+
+TEST(FebioInput, HoldsNodesElementsSetsMaterialAndLoadInMillimetresAndKilopascals) {
+  const std::string text = febio_input(one_tetrahedron());
+  EXPECT_THAT(text, HasSubstr("<!-- a remark - - with two hyphens -->"));
+  EXPECT_THAT(text, HasSubstr("<node id=\"2\">2,0,0</node>"));
+  EXPECT_THAT(
+      text,
+      HasSubstr(
+          "<Elements type=\"tet10\" name=\"tissue\">\n      <elem id=\"1\">1,2,3,4,5,6,7,8,9,10</elem>"));
+  EXPECT_THAT(text, HasSubstr("<NodeSet name=\"circle\">\n2,5\n"));
+  EXPECT_THAT(text, HasSubstr("<c1>0.105</c1>\n      <c2>0</c2>\n      <k>104.93</k>"));
+  EXPECT_THAT(text, HasSubstr("<dof>z</dof>\n      <value lc=\"1\">-8</value>"));
+  EXPECT_THAT(text, HasSubstr("three-field-solid"));
+}
+
+TEST(FebioInput, RefusesASlidingCircleThatIsNotPushedAlongAnAxis) {
+  ElementModel model = one_tetrahedron();
+  model.bonded = false;
+  EXPECT_THAT(febio_input(model), Not(HasSubstr("<dof>x</dof>")));
+  model.push = Vec3(0.6, 0.0, -0.8);
+  EXPECT_THROW(febio_input(model), UsageError);
+}
+
+TEST(CalculixForces, AreTheTotalsAlongThePushInNewtons) {
+  const std::string dat =
+      "\n total force (fx,fy,fz) for set CIRCLE and time  0.1250000E+00\n\n"
+      "        6.7E-02  1.8E-02 -1.201215E+01\n"
+      "\n total force (fx,fy,fz) for set CIRCLE and time  0.2500000E+00\n\n"
+      "        1.5E-01  5.2E-02 -2.435996E+01\n";
+  const auto forces = calculix_forces(dat, -Vec3::UnitZ());
+  ASSERT_EQ(forces.size(), 2u);
+  EXPECT_NEAR(forces[0], 0.01201215, 1e-12);
+  EXPECT_NEAR(forces[1], 0.02435996, 1e-12);
+  EXPECT_THROW(calculix_forces("total force\n\n no numbers\n", Vec3::UnitZ()), InputError);
+}
+
+TEST(FebioForces, AreSummedOverTheNodesAtTheDepthsOnly) {
+  const std::string log =
+      "*Step  = 1\n*Time  = 0.25\n*Data  = Rx;Ry;Rz\n2 0 0 -1\n5 0 0 -2\n"
+      "*Step  = 2\n*Time  = 0.5\n*Data  = Rx;Ry;Rz\n2 0 0 -3\n5 0 1 -4\n"
+      "*Step  = 3\n*Time  = 1\n*Data  = Rx;Ry;Rz\n2 0 0 -5\n5 0 1 -6\n";
+  EXPECT_THAT(febio_forces(log, -Vec3::UnitZ(), 2), ElementsAre(0.007, 0.011));
+  EXPECT_THROW(febio_forces("*Time = 1\n2 a b c\n", Vec3::UnitZ(), 1), InputError);
+}
+
+TEST(Tetrahedra, FillABlockAndMarkItsBaseAndCircle) {
+  const BodySurface block = block_surface({-15, -15, 0}, {15, 15, 15});
+  const Boundary boundary = find_boundary(block, {.base = "inferior", .indent_at = "0,0,0"}, 5.0);
+  const Sizing sizing(block, boundary, {.rim = 0.3});
+  const TetrahedralMesh mesh = make_tetrahedra(block, boundary, sizing, 6.0);
+  double volume = 0.0;
+  for (Index e = 0; e < mesh.tetrahedra.cols(); ++e) {
+    const auto x = [&](Index k) -> Vec3 { return mesh.X.col(mesh.tetrahedra(k, e)); };
+    const double part = (x(1) - x(0)).cross(x(2) - x(0)).dot(x(3) - x(0)) / 6.0;
+    EXPECT_GT(part, 0.0);
+    volume += part;
+    static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}};
+    for (Index k = 0; k < 6; ++k) EXPECT_LT((x(4 + k) - 0.5 * (x(ends[k][0]) + x(ends[k][1]))).norm(), 1e-12);
+  }
+  EXPECT_NEAR(volume, mesh.volume_mm3, 1e-6);
+  EXPECT_NEAR(volume, block.volume(), 0.05 * block.volume());
+  double on_rim = 0.0;
+  for (const Index a : mesh.circle) {
+    EXPECT_NEAR(mesh.X(2, a), 15.0, 1e-9);
+    on_rim = std::max(on_rim, mesh.X.col(a).head<2>().norm());
+  }
+  EXPECT_NEAR(on_rim, 5.0, 0.01);
+  // The mesh rounds sharp edges: some of the held nodes there lie a little higher.
+  const auto flat = std::count_if(mesh.base.begin(), mesh.base.end(),
+                                  [&](Index a) { return std::abs(mesh.X(2, a)) < 1e-6; });
+  EXPECT_GT(static_cast<double>(flat), 0.6 * static_cast<double>(mesh.base.size()));
+  for (const Index a : mesh.base) EXPECT_LT(mesh.X(2, a), 0.5 * 6.0);
+}
+
+TEST(ParetoFront, HoldsWhatNoOtherBeats) {
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THAT(pareto_front({3, 1, 2, 4, 5}, {1, 5, 6, 1, 0.5}), ElementsAre(1, 0, 4));
+  EXPECT_THAT(pareto_front({1, 1, 1}, {2, 1, 1}), ElementsAre(1, 2)) << "equals stay";
+  EXPECT_THAT(pareto_front({nan, 2, 3}, {1, nan, 4}), ElementsAre(2));
+  EXPECT_TRUE(pareto_front({}, {}).empty());
+}
+
+TEST(RunProgram, ReturnsTheCodeAndEndsWhatTakesTooLong) {
+  const std::filesystem::path folder = testing::TempDir();
+  const ProgramRun three =
+      run_program({"/bin/sh", "-c", "echo words; exit 3"}, folder, "run.txt", 10.0, 2, {});
+  EXPECT_EQ(three.code, 3);
+  EXPECT_EQ(read_file(folder / "run.txt"), "words\n");
+  run_program({"/bin/sh", "-c", "echo $OMP_NUM_THREADS"}, folder, "run.txt", 10.0, 2, {});
+  EXPECT_EQ(read_file(folder / "run.txt"), "2\n");
+  const ProgramRun slow = run_program({"/bin/sh", "-c", "sleep 30"}, folder, "run.txt", 0.1, 1, {});
+  EXPECT_TRUE(slow.out_of_time);
+  EXPECT_LT(slow.seconds, 5.0);
+  EXPECT_TRUE(
+      run_program({"/bin/sh", "-c", "sleep 30"}, folder, "run.txt", 9.0, 1, [] { return true; }).interrupted);
+  EXPECT_THROW(run_program({"/no/such/program"}, folder, "run.txt", 1.0, 1, {}), UsageError);
+}
+
+TEST(FindProgram, LooksOnThePathAndTakesOnlyWhatRuns) {
+  EXPECT_EQ(find_program("/bin/sh"), "/bin/sh");
+  EXPECT_FALSE(find_program("sh").empty());
+  EXPECT_TRUE(find_program("no_such_program_anywhere").empty());
+  EXPECT_TRUE(find_program("/etc/passwd").empty());
+}
+
+}  // namespace
+}  // namespace dimple
