@@ -265,14 +265,14 @@ std::vector<Option> options_of(Config& c) {
       {"solver.time",
        "--time",
        "",
-       "quasi-static: equilibrium at each frame; dynamic: every wave, by central differences; auto: by the "
-       "load's "
-       "duration, dynamic for horton2007",
+       "quasi-static: equilibrium at each frame; dynamic: with inertia; explicit: every wave, by central "
+       "differences, "
+       "as dynamic is for horton2007; auto: by the load's duration, explicit for horton2007",
        &c.solver.time,
        0,
        0,
        false,
-       {"auto", "quasi-static", "dynamic"},
+       {"auto", "quasi-static", "dynamic", "explicit"},
        "solve"},
       {"solver.precision",
        "--precision",

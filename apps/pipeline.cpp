@@ -14,6 +14,7 @@
 #include "apps/results.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "solver/implicit.hpp"
 #include "solver/relax.hpp"
 
 namespace dimple {
@@ -366,18 +367,33 @@ Precision precision_of(const Config& config) {
   return config.solver.precision == "single" ? Precision::single_ : Precision::double_;
 }
 
+enum class TimeMode { quasi_static, dynamic, explicit_ };
+
 // Inertia plays no part when the load lasts for many of the shear waves' ways through the organ.
-bool choose_quasi_static(const Config& config, const Model& model, const Tissues& tissues,
-                         bool is_converging) {
-  if (config.solver.time != "auto") return config.solver.time == "quasi-static";
-  if (!is_converging) return false;
+TimeMode choose_time(const Config& config, const Model& model, const Tissues& tissues, bool is_converging) {
+  const std::string& asked = config.solver.time;
+  if (asked == "quasi-static") return TimeMode::quasi_static;
+  if (asked == "explicit" || !is_converging) return TimeMode::explicit_;
+  if (asked == "dynamic") return TimeMode::dynamic;
   const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
   double slowest = std::numeric_limits<double>::infinity();
   for (const Material& m : tissues.material) slowest = std::min(slowest, shear_wave_speed(m));
   const double waves = loading_of(config).duration() * slowest / (along.maxCoeff() - along.minCoeff());
   say(fmt::format("time     {}: the load lasts {:.3g} times a shear wave's way through the organ",
                   waves >= 8.0 ? "quasi-static" : "dynamic", waves));
-  return waves >= 8.0;
+  return waves >= 8.0 ? TimeMode::quasi_static : TimeMode::dynamic;
+}
+
+void solve_by(TimeMode mode, const ForceSystem& system, const Model& model, const Loading& loading,
+              const SolverOptions& options, const Observer& observer, History& history) {
+  switch (mode) {
+    case TimeMode::quasi_static:
+      return load_slowly(system, model, loading, options, observer, history);
+    case TimeMode::dynamic:
+      return simulate_implicitly(system, model, loading, options, observer, history);
+    case TimeMode::explicit_:
+      return simulate(system, model, loading, options, observer, history);
+  }
 }
 
 struct SolveInput {
@@ -432,11 +448,13 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
          .remedy = "give a smaller --depth, or another place with --indent-at"});
   const SolverOptions options = solver_options(config);
   for (std::size_t t = 0; t < tissues.material.size(); ++t) say(describe(tissues, t));
-  const bool quasi_static = choose_quasi_static(config, model, tissues, is_converging);
-  say(fmt::format(
-      "load     {:.3g} mm at {:.3g} mm/s: {:.3g} s, {}, {}", config.load.depth_mm, config.load.rate_mm_per_s,
-      loading.duration(), config.load.contact,
-      quasi_static ? fmt::format("equilibrium at {} depths", options.frames) : "every wave followed"));
+  const TimeMode mode = choose_time(config, model, tissues, is_converging);
+  const bool quasi_static = mode == TimeMode::quasi_static;
+  say(fmt::format("load     {:.3g} mm at {:.3g} mm/s: {:.3g} s, {}, {}", config.load.depth_mm,
+                  config.load.rate_mm_per_s, loading.duration(), config.load.contact,
+                  quasi_static                ? fmt::format("equilibrium at {} depths", options.frames)
+                  : mode == TimeMode::dynamic ? "with inertia, by implicit steps"
+                                              : "every wave followed, by central differences"));
   if (material.as_printed) {
     in.warnings.push_back("the printed stress has no energy: energy.csv shows that of the consistent form");
     if (options.damping == 0.0)
@@ -472,10 +490,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
           }};
   std::optional<SolveError> failure;
   try {
-    if (quasi_static)
-      load_slowly(system, model, loading, options, observer, history);
-    else
-      simulate(system, model, loading, options, observer, history);
+    solve_by(mode, system, model, loading, options, observer, history);
   } catch (const SolveError& error) {
     failure = error;
   }
@@ -500,7 +515,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   if (failure) summary["error"] = report_json(failure->report);
   summary["version"] = DIMPLE_VERSION;
   summary["scheme"] = in.files.scheme;
-  summary["time"] = quasi_static ? "quasi-static" : "dynamic";
+  summary["time"] = quasi_static ? "quasi-static" : mode == TimeMode::dynamic ? "dynamic" : "explicit";
   summary["precision"] = is_converging ? config.solver.precision : "double";
   summary["counts"] = counts_json(model);
   summary["support"] = {{"fewest", support.fewest},
@@ -679,10 +694,8 @@ Measured measure(const Config& config) {
                      .history = {},
                      .build_s = building.seconds()};
   Stopwatch solving;
-  if (choose_quasi_static(config, model, tissues, is_converging))
-    load_slowly(system, model, loading_of(config), solver_options(config), {}, result.history);
-  else
-    simulate(system, model, loading_of(config), solver_options(config), {}, result.history);
+  solve_by(choose_time(config, model, tissues, is_converging), system, model, loading_of(config),
+           solver_options(config), {}, result.history);
   result.solve_s = solving.seconds();
   return result;
 }

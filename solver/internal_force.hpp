@@ -20,16 +20,16 @@ enum class Precision { single_, double_ };
 /// Letters: the paper writes X for the deformation gradient and F for the force vector; here, as usual today,
 /// the gradient is F and the force f.
 ///
-///     sweep 1, points:  F_q = I + sum_a u_a (x) dphi_qa,   P_q = F_q S_q,   store V_q P_q
-///     sweep 2, nodes:   f_a = sum_q (V_q P_q) dphi_qa
+///     sweep 1, points:  F_q = I + sum_a u_a (x) dphi_qa,   P_q = F_q S_q,   V_q P_q dphi_qa to each block's
+///     own sums sweep 2, nodes:   f_a = sum of what the blocks have for it
 ///
 /// which is the paper's f = integral of B_L^T S (section 2.2) without the 6 x 3n matrix: a test compares the
-/// two. Sweep 2 gathers, in ascending q, so no two threads write to one place and the sums have one order:
-/// the result is the same, bit for bit, for any number of threads.
+/// two. Blocks are fixed and sums have one order: the result is the same, bit for bit, for any number of
+/// threads.
 ///
-/// Layout: every (point, node) pair is one 32-byte record {dphi_x, dphi_y, dphi_z, number}, once in point
-/// order and once in node order; nodal vectors and the columns of V P are padded to four numbers, so that
-/// each is one vector register. Nothing is allocated after construction.
+/// Layout: every (point, node) pair is one record {dphi_x, dphi_y, dphi_z, number within its block}; nodal
+/// vectors and the columns of V P are padded to four numbers, so that each is one vector register. Nothing is
+/// allocated after construction.
 class ForceSystem {
  public:
   /// One tissue.
@@ -90,27 +90,12 @@ class ForceSystem {
   Index pair_count() const { return pairs_; }
 
  private:
-  struct alignas(32) Pair {
-    double d[3];          // dphi [1/m]
-    std::int64_t number;  // of the node (by_point_) or the point (by_node_)
-  };
-  struct alignas(32) Stress {
-    double column[3][4];  // of V P [N m], each padded with a zero
-  };
-
   Tissues tissues_;
   Material material_;  // of the paper's scheme
   Index nodes_, points_, pairs_;
-  std::unique_ptr<ProjectedKernel<float>> single_;
+  bool patches_;
+  std::unique_ptr<ProjectedKernel<float>> single_;  // one of the two
   std::unique_ptr<ProjectedKernel<double>> double_;
-  std::vector<std::int32_t> point_offset_, node_offset_;
-  std::vector<Pair> by_point_, by_node_;
-  std::vector<double> volume_;
-  mutable std::vector<Stress> stress_;
-  mutable std::vector<Sweep> block_;  // one per block of points
-
-  static void sweep_block(const ForceSystem& system, const double* u, Index first, Index last, Sweep& result);
-  static void gather_block(const ForceSystem& system, double* f, Index first, Index last);
 };
 
 /// Pads vectors [3xN] for the hot loop; `.topRows<3>()` takes them back.

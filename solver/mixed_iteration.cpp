@@ -19,7 +19,7 @@ using Sparse = Eigen::SparseMatrix<double>;
 constexpr double stiffer = 3.0;
 constexpr double neighbour_distance = 1.6;  // of the mean spacing: some 14 neighbours
 constexpr int fewest_neighbours = 6;
-constexpr int remembered = 10;    // steps, by Anderson's acceleration
+constexpr int remembered = 20;    // steps, by Anderson's acceleration
 constexpr int without_gain = 30;  // iterations, and it is given up
 constexpr double setback = 10.0;  // growth of the residual that is taken back
 
@@ -157,6 +157,12 @@ CompressedRows nodes_of_patches(const Model& model) {
 }  // namespace
 
 struct MixedIteration::Parts {
+  // Anderson's memory, in variables scaled to be of one kind: what each step changed, in the place and in the
+  // step. It outlives a call when the next one is of nearly the same problem, as in time steps.
+  struct Memory {
+    Eigen::MatrixXd moved, changed, gram;
+    int kept = 0, next = 0;
+  } memory;
   const ForceSystem& system;
   const Model& model;
   const Constraints& constraints;
@@ -166,16 +172,16 @@ struct MixedIteration::Parts {
   bool slides = false;
   NodalFactor across,
       along;  // of nodes that move freely across the push, and along it; the same if none slides
-  Eigen::SimplicialLLT<Sparse> schur;
+  Eigen::SimplicialLLT<Sparse> schur, schur_of_inertia;
+  Eigen::VectorXd shear, inertia;     // [Q] Pa, [N] N/m or empty: that of the factors
   Eigen::VectorXd bulk;               // [patches] for which `schur` was made
   Eigen::VectorXd scale, dual_scale;  // that make u and lambda of one kind: square roots of energies
 
   Parts(const ForceSystem& s, const Model& m, const Constraints& c)
       : system(s), model(m), constraints(c), graph(make_graph(m)), nodes(nodes_of_patches(m)) {
     slides = std::find(c.kind.begin(), c.kind.end(), Kind::sliding) != c.kind.end();
-    Eigen::VectorXd shear(model.point_count());
+    shear.resize(model.point_count());
     for (Index q = 0; q < shear.size(); ++q) shear[q] = mu(q);
-    factorise(shear);
     scale.setZero(model.node_count());
     for (Index q = 0; q < shear.size(); ++q)
       for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
@@ -193,7 +199,7 @@ struct MixedIteration::Parts {
 
   // The Laplacian whose energy of any linear field is that of `shear` [Q] Pa: node a's edges have the weight
   // 3 sum_q V shear / sum of their squared lengths.
-  bool factorise(const Eigen::VectorXd& shear) {
+  bool factorise() {
     const Index n = model.node_count();
     Eigen::VectorXd weight = Eigen::VectorXd::Zero(n), lengths = weight;
     for (Index q = 0; q < model.point_count(); ++q)
@@ -214,6 +220,7 @@ struct MixedIteration::Parts {
       std::vector<Eigen::Triplet<double>> entry;
       // A little of its own keeps a piece that nothing holds from being singular.
       Eigen::VectorXd diagonal = 1e-6 * weight;
+      if (inertia.size() == n) diagonal += inertia;
       for (const auto& [a, b] : graph.edge) {
         const double w = 0.5 * (weight[a] + weight[b]);
         diagonal[a] += w;
@@ -249,6 +256,29 @@ struct MixedIteration::Parts {
     return schur.info() == Eigen::Success;
   }
 
+  // G' (inertia)^-1 G over the nodes that may move: what the Schur complement is of where inertia rules.
+  bool factorise_schur_of_inertia() {
+    std::vector<std::vector<std::pair<int, int>>> of_node(static_cast<std::size_t>(model.node_count()));
+    for (int b = 0; b < nodes.rows(); ++b)
+      for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k)
+        if (constraints.kind[static_cast<std::size_t>(nodes.member[k])] == Kind::free)
+          of_node[static_cast<std::size_t>(nodes.member[k])].emplace_back(b, k);
+    std::vector<Eigen::Triplet<double>> entry;
+    for (std::size_t a = 0; a < of_node.size(); ++a)
+      for (const auto& [b, k] : of_node[a])
+        for (const auto& [c, l] : of_node[a])
+          if (c <= b)
+            entry.emplace_back(
+                b, c,
+                static_cast<double>(gradient.col(k).dot(gradient.col(l))) / inertia[static_cast<Index>(a)]);
+    for (int b = 0; b < nodes.rows(); ++b)
+      entry.emplace_back(b, b, 1.0 / (bulk[b] * model.patches.volume[b]));
+    Sparse matrix(nodes.rows(), nodes.rows());
+    matrix.setFromTriplets(entry.begin(), entry.end());
+    schur_of_inertia.compute(matrix);
+    return schur_of_inertia.info() == Eigen::Success;
+  }
+
   void laplacian_solve(const Nodal& r, Nodal& z) {
     across.solve(r, z);
     if (!slides) return;
@@ -270,7 +300,9 @@ struct MixedIteration::Parts {
         rest[b] = s[b] - sum;
       }
     });
+    // Cahouet and Chabard 1988: the inverse of the sum is nearly the sum of the inverses.
     dlambda = schur.solve(rest);
+    if (inertia.size() > 0) dlambda += schur_of_inertia.solve(rest);
     Nodal held = r;
     for (Index b = 0; b < s.size(); ++b)
       for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k)
@@ -291,7 +323,7 @@ bool MixedIteration::serves(const ForceSystem& system, const Model& model) {
 }
 
 Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
-                                   const Nodal& external, bool anew) {
+                                   const Nodal& external, Prepare prepare, const Inertia* inertia) {
   Parts& p = *parts_;
   const Model& model = p.model;
   const Constraints& constraints = p.constraints;
@@ -314,6 +346,7 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
     for (Index a = 0; a < n; ++a) {
       Eigen::Vector4d all = f.col(a);
       if (loaded) all -= external.col(a);
+      if (inertia) all += inertia->inertia[a] * constraints.project(a, u.col(a) - inertia->about.col(a));
       r.col(a) = constraints.project(a, all);
       unbalanced += r.col(a).squaredNorm();
       reactions += 0.5 * (all - r.col(a)).norm() + (loaded ? external.col(a).norm() : 0.0);
@@ -324,24 +357,32 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
   };
 
   evaluate();
-  p.system.patch_gradients(p.nodes, p.gradient);
-  if (anew && !p.factorise(p.system.stiffness())) return result;
+  if (prepare != Prepare::nothing || p.gradient.cols() == 0) p.system.patch_gradients(p.nodes, p.gradient);
+  const Index size = inertia ? n : 0;
+  const bool other_inertia = size != p.inertia.size() || (inertia && inertia->inertia != p.inertia);
+  if (prepare == Prepare::all) p.shear = p.system.stiffness();
+  if (other_inertia) p.inertia = inertia ? inertia->inertia : Eigen::VectorXd();
+  if ((prepare == Prepare::all || other_inertia || p.across.node.empty()) && !p.factorise()) return result;
   if (p.bulk.size() != nb || p.bulk != patches.bulk) {
     p.bulk = patches.bulk;
     if (!p.factorise_schur()) return result;
   }
+  if (other_inertia && inertia && !p.factorise_schur_of_inertia()) return result;
 
-  // Anderson's memory, in variables scaled to be of one kind: what each step changed, in the place and in the
-  // step.
   const Index length = 4 * n + nb;
-  Eigen::MatrixXd moved(length, remembered), changed(length, remembered);
-  Eigen::MatrixXd gram(remembered, remembered);
+  Parts::Memory& m = p.memory;
+  if (m.gram.size() == 0) {
+    m.moved.resize(length, remembered);
+    m.changed.resize(length, remembered);
+    m.gram.resize(remembered, remembered);
+  }
+  if (prepare != Prepare::nothing || other_inertia) m.kept = m.next = 0;
   Eigen::VectorXd place(length), last_place(length), now(length), last(length);
   const auto scaled = [&](const Nodal& v, const Eigen::VectorXd& l, Eigen::VectorXd& out) {
     Eigen::Map<Nodal>(out.data(), 4, n) = v * p.scale.asDiagonal();
     out.tail(nb) = l.cwiseProduct(p.dual_scale);
   };
-  int kept = 0, next = 0, setbacks = 0, since_gain = 0;
+  int setbacks = 0, since_gain = 0;
   double best = result.residual, caution = 1.0;
   Nodal best_u = u, best_du;
   Eigen::VectorXd best_lambda = lambda, best_dlambda;
@@ -354,7 +395,7 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
       caution *= 2.0;
       u = best_u + best_du / caution;
       lambda = best_lambda + best_dlambda / caution;
-      kept = next = 0;
+      m.kept = m.next = 0;
       fresh = true;
       continue;
     }
@@ -375,21 +416,25 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
     scaled(u, lambda, place);
     scaled(du, dlambda, now);
     if (!fresh) {
-      moved.col(next) = place - last_place;
-      changed.col(next) = now - last;
-      kept = std::min(kept + 1, remembered);
-      for (int k = 0; k < kept; ++k) gram(next, k) = gram(k, next) = changed.col(next).dot(changed.col(k));
-      next = (next + 1) % remembered;
+      m.moved.col(m.next) = place - last_place;
+      m.changed.col(m.next) = now - last;
+      m.kept = std::min(m.kept + 1, remembered);
+      for (int k = 0; k < m.kept; ++k)
+        m.gram(m.next, k) = m.gram(k, m.next) = m.changed.col(m.next).dot(m.changed.col(k));
+      m.next = (m.next + 1) % remembered;
     }
     fresh = false;
     last_place = place;
     last = now;
     place += now / caution;
-    if (kept > 0) {
-      Eigen::MatrixXd normal = gram.topLeftCorner(kept, kept);
-      normal.diagonal().array() += 1e-10 * normal.trace() / kept;
-      const Eigen::VectorXd share = normal.ldlt().solve(changed.leftCols(kept).transpose() * now);
-      place -= moved.leftCols(kept) * share + changed.leftCols(kept) * share / caution;
+    if (m.kept > 0) {
+      // Of columns of length one: steps shrink by orders of magnitude.
+      const Eigen::VectorXd unit = m.gram.diagonal().head(m.kept).cwiseSqrt().cwiseMax(1e-300).cwiseInverse();
+      Eigen::MatrixXd normal = unit.asDiagonal() * m.gram.topLeftCorner(m.kept, m.kept) * unit.asDiagonal();
+      normal.diagonal().array() += 1e-10;
+      const Eigen::VectorXd right = unit.cwiseProduct(m.changed.leftCols(m.kept).transpose() * now);
+      const Eigen::VectorXd share = unit.cwiseProduct(normal.ldlt().solve(right));
+      place -= m.moved.leftCols(m.kept) * share + m.changed.leftCols(m.kept) * share / caution;
     }
     u = Eigen::Map<Nodal>(place.data(), 4, n) * p.scale.cwiseInverse().asDiagonal();
     lambda = place.tail(nb).cwiseQuotient(p.dual_scale);

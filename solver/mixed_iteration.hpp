@@ -38,11 +38,21 @@ class MixedIteration {
   MixedIteration(const ForceSystem& system, const Model& model, const Constraints& constraints);
   ~MixedIteration();
 
+  /// Of a time step: every free node has inertia[a] (u_a - about_a) [N] besides; [N/m], [N] m.
+  struct Inertia {
+    Eigen::VectorXd inertia;
+    ForceSystem::Nodal about;
+  };
+  /// What is prepared anew before the first iteration, besides what is missing: nothing; dJ/du at the guess,
+  /// as every larger move needs; and the stiffness of the deformed tissue too.
+  enum class Prepare { nothing, volume, all };
+
   /// As Relaxation; `lambda` [patches] N m is the guess of the pressures x volumes, and afterwards what was
   /// found. Not converged, it leaves u and lambda anywhere. The pressures stay held in `system`. `anew`: the
   /// stiffness of the deformed tissue replaces that at the last such call, or at rest.
   Relaxed operator()(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
-                     const RelaxOptions& options, const ForceSystem::Nodal& external, bool anew);
+                     const RelaxOptions& options, const ForceSystem::Nodal& external, Prepare prepare,
+                     const Inertia* inertia = nullptr);
 
   /// Whether this model has what is needed: patches, each with a bulk modulus of its own.
   static bool serves(const ForceSystem& system, const Model& model);

@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "solver/clones.hpp"
@@ -24,6 +25,7 @@ template <>
 struct Registers<float> {
   using Vec4 = float __attribute__((vector_size(16), aligned(16), may_alias));
   using Lanes = float __attribute__((vector_size(32), aligned(32), may_alias));
+  using Octet = float __attribute__((vector_size(32), aligned(4), may_alias));
   static constexpr int count = 8;
 };
 template <>
@@ -31,28 +33,42 @@ struct Registers<double> {
   // Nodal vectors of doubles are aligned as their allocator likes, to 16 bytes as a rule.
   using Vec4 = double __attribute__((vector_size(32), aligned(8), may_alias));
   using Lanes = double __attribute__((vector_size(32), aligned(32), may_alias));
+  using Octet = double __attribute__((vector_size(64), aligned(8), may_alias));
   static constexpr int count = 4;
 };
 
 // The bodies are inlined into functions that are not templates, since only those can be cloned per processor.
 
+// Two sums each, or every one would wait for the last.
 template <class Real, class Pair, class Columns>
 [[gnu::always_inline]] inline void gradient_body(const Pair* pair, const std::int32_t* offset, const Real* u,
                                                  Columns* gradient, Index first, Index last) {
   using Vec4 = typename Registers<Real>::Vec4;
   const Vec4* node = reinterpret_cast<const Vec4*>(u);
   for (Index q = first; q < last; ++q) {
-    Vec4 h0 = {}, h1 = {}, h2 = {};
-    for (std::int32_t k = offset[q], end = offset[q + 1]; k < end; ++k) {
+    Vec4 h0 = {}, h1 = {}, h2 = {}, g0 = {}, g1 = {}, g2 = {};
+    std::int32_t k = offset[q];
+    const std::int32_t end = offset[q + 1];
+    for (; k + 1 < end; k += 2) {
+      __builtin_prefetch(pair + k + 96);
+      const Vec4 ua = node[pair[k].number], ub = node[pair[k + 1].number];
+      h0 += ua * pair[k].d[0];
+      h1 += ua * pair[k].d[1];
+      h2 += ua * pair[k].d[2];
+      g0 += ub * pair[k + 1].d[0];
+      g1 += ub * pair[k + 1].d[1];
+      g2 += ub * pair[k + 1].d[2];
+    }
+    if (k < end) {
       const Vec4 ua = node[pair[k].number];
       h0 += ua * pair[k].d[0];
       h1 += ua * pair[k].d[1];
       h2 += ua * pair[k].d[2];
     }
     Vec4* out = reinterpret_cast<Vec4*>(gradient[q].column);
-    out[0] = h0;
-    out[1] = h1;
-    out[2] = h2;
+    out[0] = h0 + g0;
+    out[1] = h1 + g1;
+    out[2] = h2 + g2;
   }
 }
 
@@ -71,16 +87,18 @@ template <class Real, class Columns>
   }
 }
 
-// V P of neo-Hookean points; `pressure` [Q] is the whole coefficient of cof F but W_dist's.
+// V P of neo-Hookean points; `pressure` [Q] is the whole coefficient of cof F but W_dist's, of which `share`
+// is taken: none in the paper's printed stress. Below `smallest_J` powers of J are Taylor polynomials.
 template <class Real, class Columns>
 [[gnu::always_inline]] inline void stress_body(const Columns* gradient, const Real* dilation,
                                                const Real* pressure, const Real* mu, const Real* volume,
-                                               Columns* stress, Index first, Index last) {
+                                               Columns* stress, Index first, Index last, Real least_J,
+                                               Real share) {
   using R = Registers<Real>;
   using Lanes = typename R::Lanes;
   constexpr int count = R::count;
-  const Real g0 = std::pow(Real(smallest_J), Real(-2.0 / 3.0)), g1 = Real(-2.0 / 3.0) * g0 / Real(smallest_J),
-             g2 = Real(-5.0 / 3.0) * g1 / Real(smallest_J);
+  const Real g0 = std::pow(least_J, Real(-2.0 / 3.0)), g1 = Real(-2.0 / 3.0) * g0 / least_J,
+             g2 = Real(-5.0 / 3.0) * g1 / least_J;
   for (Index q = first; q < last; q += count) {
     const int lanes = static_cast<int>(std::min<Index>(count, last - q));
     alignas(32) Real H[3][3][count] = {}, D[count] = {}, M[count] = {}, V[count] = {}, B[count] = {};
@@ -101,17 +119,16 @@ template <class Real, class Columns>
                      (f02 * f02 + f12 * f12 + f22 * f22);
     // g = J^(-2/3) and its slope; below 0.2 the Taylor polynomial there.
     Lanes Jc;
-    for (int lane = 0; lane < count; ++lane)
-      Jc[lane] = J[lane] > Real(smallest_J) ? J[lane] : Real(smallest_J);
+    for (int lane = 0; lane < count; ++lane) Jc[lane] = J[lane] > least_J ? J[lane] : least_J;
     Lanes root;
     for (int lane = 0; lane < count; ++lane) root[lane] = inverse_cube_root_guess(Jc[lane]);
     for (int pass = 0; pass < (count == 8 ? 3 : 4); ++pass)
       root = root * (Real(4) - Jc * root * root * root) * Real(1.0 / 3.0);
-    const Lanes power = root * root, below = J - Real(smallest_J);
+    const Lanes power = root * root, below = J - least_J;
     const Lanes power_slope = Real(-2.0 / 3.0) * power * (root * root * root);
     const Lanes low = g0 + below * (g1 + Real(0.5) * g2 * below), low_slope = g1 + g2 * below;
-    const auto inside_out = J < Real(smallest_J);
-    const Lanes g = inside_out ? low : power, slope = inside_out ? low_slope : power_slope;
+    const auto inside_out = J < least_J;
+    const Lanes g = inside_out ? low : power, slope = share * (inside_out ? low_slope : power_slope);
 
     const Lanes volume_lanes = DIMPLE_LOAD(V), shear = volume_lanes * DIMPLE_LOAD(M) * g;
     const Lanes p = volume_lanes * (DIMPLE_LOAD(B) + Real(0.5) * DIMPLE_LOAD(M) * I1 * slope);
@@ -133,19 +150,17 @@ template <class Real, class Columns>
 }
 
 template <class Real, class Pair, class Columns>
-[[gnu::always_inline]] inline void gather_body(const Pair* pair, const std::int32_t* offset,
-                                               const Columns* stress, double* f, Index first, Index last) {
+[[gnu::always_inline]] inline void scatter_body(const Pair* pair, const std::int32_t* offset,
+                                                const Columns* stress, Real* f, Index first, Index last) {
   using Vec4 = typename Registers<Real>::Vec4;
-  for (Index a = first; a < last; ++a) {
-    Vec4 f0 = {}, f1 = {}, f2 = {};
-    for (std::int32_t k = offset[a], end = offset[a + 1]; k < end; ++k) {
-      const Vec4* column = reinterpret_cast<const Vec4*>(stress[pair[k].number].column);
-      f0 += column[0] * pair[k].d[0];
-      f1 += column[1] * pair[k].d[1];
-      f2 += column[2] * pair[k].d[2];
+  Vec4* node = reinterpret_cast<Vec4*>(f);
+  for (Index q = first; q < last; ++q) {
+    const Vec4* column = reinterpret_cast<const Vec4*>(stress[q].column);
+    const Vec4 c0 = column[0], c1 = column[1], c2 = column[2];
+    for (std::int32_t k = offset[q], end = offset[q + 1]; k < end; ++k) {
+      __builtin_prefetch(pair + k + 96);
+      node[pair[k].number] += c0 * pair[k].d[0] + c1 * pair[k].d[1] + c2 * pair[k].d[2];
     }
-    const Vec4 sum = f0 + f1 + f2;
-    for (int i = 0; i < 4; ++i) f[4 * a + i] = sum[i];
   }
 }
 
@@ -156,10 +171,49 @@ template <class Real, class Share>
   using Vec4 = typename Registers<Real>::Vec4;
   const Vec4* node = reinterpret_cast<const Vec4*>(u);
   for (Index a = first; a < last; ++a) {
-    Vec4 sum = {};
-    for (std::int32_t k = offset[a], end = offset[a + 1]; k < end; ++k)
-      sum += node[share[k].number] * share[k].weight;
-    for (int i = 0; i < 4; ++i) f[4 * a + i] += scale * static_cast<double>(sum[i]);
+    Vec4 sum[4] = {};
+    std::int32_t k = offset[a];
+    const std::int32_t end = offset[a + 1];
+    for (; k + 3 < end; k += 4) {
+      __builtin_prefetch(share + k + 128);
+      for (int i = 0; i < 4; ++i) sum[i] += node[share[k + i].number] * share[k + i].weight;
+    }
+    for (; k < end; ++k) sum[0] += node[share[k].number] * share[k].weight;
+    const Vec4 all = (sum[0] + sum[1]) + (sum[2] + sum[3]);
+    for (int i = 0; i < 4; ++i) f[4 * a + i] += scale * static_cast<double>(all[i]);
+  }
+}
+
+// Eight points that follow each other have most of their patches in common: one list serves them. The mean
+// over each point's patches; and what `value` x volume x weight adds to each patch, eight sums a patch.
+template <class Real>
+[[gnu::always_inline]] inline void mean_body(const std::int32_t* number, const Real* weight,
+                                             const std::int32_t* offset, const Real* patch, Real* mean,
+                                             Index first, Index last) {
+  using Octet = typename Registers<Real>::Octet;
+  for (Index o = first; o < last; ++o) {
+    Octet even = {}, odd = {};
+    std::int32_t k = offset[o];
+    const std::int32_t end = offset[o + 1];
+    for (; k + 1 < end; k += 2) {
+      even += *reinterpret_cast<const Octet*>(weight + 8 * k) * patch[number[k]];
+      odd += *reinterpret_cast<const Octet*>(weight + 8 * k + 8) * patch[number[k + 1]];
+    }
+    if (k < end) even += *reinterpret_cast<const Octet*>(weight + 8 * k) * patch[number[k]];
+    *reinterpret_cast<Octet*>(mean + 8 * (o - first)) = even + odd;
+  }
+}
+template <class Real>
+[[gnu::always_inline]] inline void spread_body(const std::int32_t* number, const Real* weight,
+                                               const std::int32_t* offset, const Real* value,
+                                               const Real* volume, Real* patch, Index first, Index last) {
+  using Octet = typename Registers<Real>::Octet;
+  for (Index o = first; o < last; ++o) {
+    const Octet all =
+        *reinterpret_cast<const Octet*>(value + 8 * o) * *reinterpret_cast<const Octet*>(volume + 8 * o);
+    for (std::int32_t k = offset[o], end = offset[o + 1]; k < end; ++k)
+      *reinterpret_cast<Octet*>(patch + 8 * number[k]) +=
+          *reinterpret_cast<const Octet*>(weight + 8 * k) * all;
   }
 }
 
@@ -171,17 +225,28 @@ template <class Real, class Share>
   }                                                                                                         \
   DIMPLE_CLONES void neo_hookean_stresses(const ProjectedColumns<Real>* gradient, const Real* dilation,     \
                                           const Real* pressure, const Real* mu, const Real* volume,         \
-                                          ProjectedColumns<Real>* stress, Index first, Index last) {        \
-    stress_body<Real>(gradient, dilation, pressure, mu, volume, stress, first, last);                       \
+                                          ProjectedColumns<Real>* stress, Index first, Index last,          \
+                                          Real least_J, Real share) {                                       \
+    stress_body<Real>(gradient, dilation, pressure, mu, volume, stress, first, last, least_J, share);       \
   }                                                                                                         \
-  DIMPLE_CLONES void nodal_forces(const ProjectedPair<Real>* pair, const std::int32_t* offset,              \
-                                  const ProjectedColumns<Real>* stress, double* f, Index first,             \
-                                  Index last) {                                                             \
-    gather_body<Real>(pair, offset, stress, f, first, last);                                                \
+  DIMPLE_CLONES void scatter_forces(const ProjectedPair<Real>* pair, const std::int32_t* offset,            \
+                                    const ProjectedColumns<Real>* stress, Real* f, Index first,             \
+                                    Index last) {                                                           \
+    scatter_body<Real>(pair, offset, stress, f, first, last);                                               \
   }                                                                                                         \
   DIMPLE_CLONES void variance_forces(const ProjectedShare<Real>* share, const std::int32_t* offset,         \
                                      const Real* u, double scale, double* f, Index first, Index last) {     \
     variance_body<Real>(share, offset, u, scale, f, first, last);                                           \
+  }                                                                                                         \
+  DIMPLE_CLONES void means_of_patches(const std::int32_t* number, const Real* weight,                       \
+                                      const std::int32_t* offset, const Real* patch, Real* mean,            \
+                                      Index first, Index last) {                                            \
+    mean_body<Real>(number, weight, offset, patch, mean, first, last);                                      \
+  }                                                                                                         \
+  DIMPLE_CLONES void spread_to_patches(const std::int32_t* number, const Real* weight,                      \
+                                       const std::int32_t* offset, const Real* value, const Real* volume,   \
+                                       Real* patch, Index first, Index last) {                              \
+    spread_body<Real>(number, weight, offset, value, volume, patch, first, last);                           \
   }
 DIMPLE_CLONED(float)
 DIMPLE_CLONED(double)
@@ -204,31 +269,73 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
       patches_(model.patches.count()),
       material_(tissues.material),
       tissue_(tissues.of_point.begin(), tissues.of_point.end()) {
-  Eigen::VectorXi slot;
-  const CompressedRows influence = transpose(model.support, nodes_, &slot);
-  const auto pair = [&](Index at, int number) {
-    return Pair{{static_cast<Real>(model.dphi(0, at)), static_cast<Real>(model.dphi(1, at)),
-                 static_cast<Real>(model.dphi(2, at))},
-                number};
-  };
-  point_offset_.assign(model.support.offset.begin(), model.support.offset.end());
-  node_offset_.assign(influence.offset.begin(), influence.offset.end());
-  for (Index k = 0; k < model.support.member.size(); ++k)
-    by_point_.push_back(pair(k, model.support.member[k]));
-  for (Index k = 0; k < influence.member.size(); ++k) by_node_.push_back(pair(slot[k], influence.member[k]));
-
-  Eigen::VectorXi place;
-  const CompressedRows members = transpose(model.patches.of_point, patches_, &place);
-  of_point_.offset.assign(model.patches.of_point.offset.begin(), model.patches.of_point.offset.end());
-  for (Index k = 0; k < model.patches.psi.size(); ++k)
-    of_point_.share.push_back({model.patches.of_point.member[k], static_cast<Real>(model.patches.psi[k])});
-  of_patch_.offset.assign(members.offset.begin(), members.offset.end());
-  for (Index b = 0; b < patches_; ++b)
-    for (int k = members.offset[b]; k < members.offset[b + 1]; ++k) {
-      const int q = members.member[k];
-      of_patch_.share.push_back(
-          {q, static_cast<Real>(model.patches.psi[place[k]] * model.volume[q] / model.patches.volume[b])});
+  const Index blocks = (points_ + points_per_block - 1) / points_per_block;
+  // The members of each block, numbered within it; `local` [rows.member] receives those numbers.
+  const auto find_places = [&](const CompressedRows& rows, Index members, Places& places,
+                               std::vector<std::int32_t>& local) {
+    std::vector<std::int32_t> seen(static_cast<std::size_t>(members), -1);
+    local.resize(static_cast<std::size_t>(rows.member.size()));
+    places.offset.push_back(0);
+    std::vector<std::int32_t> count(static_cast<std::size_t>(members) + 1, 0);
+    for (Index block = 0; block < blocks; ++block) {
+      const Index first = rows.offset[block * points_per_block],
+                  last = rows.offset[std::min((block + 1) * points_per_block, points_)];
+      const auto start = places.offset.back();
+      for (Index k = first; k < last; ++k) {
+        auto& number = seen[static_cast<std::size_t>(rows.member[k])];
+        if (number < start) {
+          number = static_cast<std::int32_t>(places.member.size());
+          places.member.push_back(rows.member[k]);
+          ++count[static_cast<std::size_t>(rows.member[k]) + 1];
+        }
+        local[static_cast<std::size_t>(k)] = number - start;
+      }
+      places.offset.push_back(static_cast<std::int32_t>(places.member.size()));
     }
+    for (std::size_t m = 1; m < count.size(); ++m) count[m] += count[m - 1];
+    places.of_offset = count;
+    places.place.resize(places.member.size());
+    for (std::size_t k = 0; k < places.member.size(); ++k)
+      places.place[static_cast<std::size_t>(count[static_cast<std::size_t>(places.member[k])]++)] =
+          static_cast<std::int32_t>(k);
+  };
+  std::vector<std::int32_t> local;
+  find_places(model.support, nodes_, nodes_of_block_, local);
+  point_offset_.assign(model.support.offset.begin(), model.support.offset.end());
+  for (Index k = 0; k < model.support.member.size(); ++k)
+    pair_.push_back({{static_cast<Real>(model.dphi(0, k)), static_cast<Real>(model.dphi(1, k)),
+                      static_cast<Real>(model.dphi(2, k))},
+                     local[static_cast<std::size_t>(k)]});
+  if (patches_ > 0) {
+    find_places(model.patches.of_point, patches_, patches_of_block_, local);
+    octet_offset_.push_back(0);
+    for (Index q = 0; q < points_; q += 8) {
+      const auto start = static_cast<std::size_t>(octet_offset_.back());
+      for (Index lane = 0; lane < std::min<Index>(8, points_ - q); ++lane)
+        for (int k = model.patches.of_point.offset[q + lane]; k < model.patches.of_point.offset[q + lane + 1];
+             ++k) {
+          const std::int32_t mine = local[static_cast<std::size_t>(k)];
+          const auto at =
+              static_cast<std::size_t>(std::find(octet_number_.begin() + static_cast<std::ptrdiff_t>(start),
+                                                 octet_number_.end(), mine) -
+                                       octet_number_.begin());
+          if (at == octet_number_.size()) {
+            octet_number_.push_back(mine);
+            octet_weight_.resize(octet_weight_.size() + 8, Real(0));
+          }
+          octet_weight_[8 * at + static_cast<std::size_t>(lane)] = static_cast<Real>(model.patches.psi[k]);
+        }
+      octet_offset_.push_back(static_cast<std::int32_t>(octet_number_.size()));
+    }
+    Eigen::VectorXi place;
+    const CompressedRows members = transpose(model.patches.of_point, patches_, &place);
+    of_patch_.offset.assign(members.offset.begin(), members.offset.end());
+    for (Index b = 0; b < patches_; ++b)
+      for (int k = members.offset[b]; k < members.offset[b + 1]; ++k)
+        of_patch_.share.push_back({members.member[k], static_cast<Real>(model.patches.psi[place[k]] *
+                                                                        model.volume[members.member[k]] /
+                                                                        model.patches.volume[b])});
+  }
   patch_volume_.assign(model.patches.volume.begin(), model.patches.volume.end());
 
   std::vector<Index> count(material_.size(), 0);
@@ -237,8 +344,11 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
     const Material& m = material_[t];
     volume_.push_back(static_cast<Real>(model.volume[q]));
     mu_.push_back(static_cast<Real>(m.mu));
-    ks_.push_back(static_cast<Real>(pointwise_bulk_modulus(m)));
-    bulk_.push_back(static_cast<Real>(m.kappa - pointwise_bulk_modulus(m)));
+    const double ks = patches_ > 0   ? pointwise_bulk_modulus(m)
+                      : m.as_printed ? m.kappa - 2.0 / 3.0 * m.mu
+                                     : m.kappa;
+    ks_.push_back(static_cast<Real>(ks));
+    bulk_.push_back(static_cast<Real>(m.kappa - ks));
     slot_.push_back(static_cast<std::int32_t>(count[t]++));
     plain_ = plain_ && m.ogden.empty() && m.prony.empty();
   }
@@ -257,44 +367,28 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
     }
   }
 
+  slope_ = material_.front().as_printed ? Real(0) : Real(1);
+  smallest_J_ = static_cast<Real>(patches_ > 0 ? smallest_J : 1e-4);
+  patch_bulk_.resize(patch_volume_.size());
+  for (std::size_t b = 0; b < patch_bulk_.size();
+       ++b)  // a patch lies in one tissue: that of any of its points
+    patch_bulk_[b] = bulk_[static_cast<std::size_t>(
+        of_patch_.share[static_cast<std::size_t>(of_patch_.offset[b])].number)];
   u_.resize(static_cast<std::size_t>(4 * nodes_));
+  at_node_.resize(4 * nodes_of_block_.member.size());
+  at_patch_.resize(patches_of_block_.member.size());
+  octet_sum_.resize(8 * at_patch_.size());
   gradient_.resize(static_cast<std::size_t>(points_));
   stress_.resize(gradient_.size());
-  for (auto* values : {&dilation_, &pressure_, &unresolved_}) values->resize(gradient_.size());
+  // Whole octets: what no point has is zero.
+  for (auto* values : {&dilation_, &pressure_, &unresolved_, &volume_})
+    values->resize((gradient_.size() + 7) / 8 * 8, Real(0));
   for (auto* values : {&patch_dilation_, &patch_unresolved_})
     values->resize(static_cast<std::size_t>(patches_));
-  block_.resize(static_cast<std::size_t>((points_ + points_per_block - 1) / points_per_block));
+  block_.resize(static_cast<std::size_t>(blocks));
 }
 
 namespace {
-
-// patch[b] = sum over its points of weight x value.
-template <class Lists, class Real>
-void project(const Lists& of_patch, const std::vector<Real>& value, std::vector<Real>& patch) {
-  tbb::parallel_for(
-      tbb::blocked_range<std::size_t>(0, patch.size(), patches_per_task),
-      [&](const tbb::blocked_range<std::size_t>& range) {
-        for (std::size_t b = range.begin(); b < range.end(); ++b) {
-          Real sum = 0;
-          for (std::int32_t k = of_patch.offset[b]; k < of_patch.offset[b + 1]; ++k) {
-            const auto& share = of_patch.share[static_cast<std::size_t>(k)];
-            sum += share.weight * value[static_cast<std::size_t>(share.number)];
-          }
-          patch[b] = sum;
-        }
-      },
-      tbb::static_partitioner());
-}
-
-template <class Lists, class Real>
-Real mean_of(const Lists& of_point, const std::vector<Real>& patch, std::size_t q) {
-  Real sum = 0;
-  for (std::int32_t k = of_point.offset[q]; k < of_point.offset[q + 1]; ++k) {
-    const auto& share = of_point.share[static_cast<std::size_t>(k)];
-    sum += share.weight * patch[static_cast<std::size_t>(share.number)];
-  }
-  return sum;
-}
 
 template <class Body>
 void over_blocks(Index points, const Body& body) {
@@ -309,12 +403,56 @@ void over_blocks(Index points, const Body& body) {
 
 }  // namespace
 
+// What the blocks have added up: each patch's mean.
+template <class Real>
+void ProjectedKernel<Real>::sum_patches(std::vector<Real>& patch) const {
+  for (std::size_t b = 0; b < patch.size(); ++b) {
+    double sum = 0.0;
+    for (std::int32_t k = patches_of_block_.of_offset[b]; k < patches_of_block_.of_offset[b + 1]; ++k)
+      for (std::size_t lane = 0; lane < 8; ++lane)
+        sum += static_cast<double>(
+            octet_sum_[8 * static_cast<std::size_t>(patches_of_block_.place[static_cast<std::size_t>(k)]) +
+                       lane]);
+    patch[b] = static_cast<Real>(sum / patch_volume_[b]);
+  }
+}
+
+// And back: every block's own copy.
+template <class Real>
+void ProjectedKernel<Real>::send_patches(const std::vector<Real>& patch) {
+  for (std::size_t k = 0; k < at_patch_.size(); ++k)
+    at_patch_[k] = patch[static_cast<std::size_t>(patches_of_block_.member[k])];
+}
+
 template <class Real>
 typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(const double* u) {
   for (std::size_t k = 0; k < u_.size(); ++k) u_[k] = static_cast<Real>(u[k]);
+  const auto places = [](const Places& p, Index block) {
+    return std::pair(static_cast<std::size_t>(p.offset[static_cast<std::size_t>(block)]),
+                     static_cast<std::size_t>(p.offset[static_cast<std::size_t>(block) + 1]));
+  };
+  // Means over the patches of each point of a block, from at_patch_.
+  using Means = std::array<Real, points_per_block>;
+  const auto octets = [](Index first, Index last) { return std::pair(first / 8, (last + 7) / 8); };
+  const auto means = [&](Index block, Index first, Index last, Means& mean) {
+    const auto [o, end] = octets(first, last);
+    means_of_patches(octet_number_.data(), octet_weight_.data(), octet_offset_.data(),
+                     at_patch_.data() + places(patches_of_block_, block).first, mean.data(), o, end);
+  };
+  const auto spread = [&](Index block, Index first, Index last, const std::vector<Real>& value) {
+    const auto [o, end] = octets(first, last);
+    const auto [from, to] = places(patches_of_block_, block);
+    std::fill_n(octet_sum_.data() + 8 * from, 8 * (to - from), Real(0));
+    spread_to_patches(octet_number_.data(), octet_weight_.data(), octet_offset_.data(), value.data(),
+                      volume_.data(), octet_sum_.data() + 8 * from, o, end);
+  };
+
   over_blocks(points_, [&](Index block, Index first, Index last) {
-    gradients(by_point_.data(), point_offset_.data(), u_.data(), gradient_.data(), dilation_.data(), first,
-              last);
+    const auto [from, to] = places(nodes_of_block_, block);
+    for (std::size_t k = from; k < to; ++k)
+      std::copy_n(u_.data() + 4 * nodes_of_block_.member[k], 4, at_node_.data() + 4 * k);
+    gradients(pair_.data(), point_offset_.data(), at_node_.data() + 4 * from, gradient_.data(),
+              dilation_.data(), first, last);
     Sweep& sweep = block_[static_cast<std::size_t>(block)] = Sweep{};
     for (Index q = first; q < last; ++q) {
       const double J = 1.0 + static_cast<double>(dilation_[static_cast<std::size_t>(q)]);
@@ -329,36 +467,69 @@ typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(const 
         sweep.point = q;
       }
     }
+    if (patches_ > 0) spread(block, first, last, dilation_);
   });
-  project(of_patch_, dilation_, patch_dilation_);
-  over_blocks(points_, [&](Index, Index first, Index last) {
-    for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q) {
-      const Real mean = mean_of(of_point_, patch_dilation_, q), e = dilation_[q] - mean;
-      unresolved_[q] = Real(2 * beta) * ks_[q] * e * e * e;
-      const Real resolved = held_.empty() ? bulk_[q] * mean : mean_of(of_point_, held_, q);
-      pressure_[q] = ks_[q] * dilation_[q] + resolved + unresolved_[q];
+  if (patches_ > 0) {
+    sum_patches(patch_dilation_);
+    send_patches(patch_dilation_);
+    over_blocks(points_, [&](Index block, Index first, Index last) {
+      Means mean;
+      means(block, first, last, mean);
+      for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q) {
+        const Real resolved = mean[q - static_cast<std::size_t>(first)], e = dilation_[q] - resolved;
+        unresolved_[q] = Real(2 * beta) * ks_[q] * e * e * e;
+        pressure_[q] = ks_[q] * dilation_[q] + bulk_[q] * resolved + unresolved_[q];
+      }
+      if (!held_.empty()) {
+        // Pressures that are unknowns of their own take the place of what the bulk modulus makes of the
+        // volume.
+        const auto [from, to] = places(patches_of_block_, block);
+        for (std::size_t k = from; k < to; ++k) {
+          const auto b = static_cast<std::size_t>(patches_of_block_.member[k]);
+          at_patch_[k] = held_[b] - static_cast<Real>(patch_bulk_[b]) * patch_dilation_[b];
+        }
+        means(block, first, last, mean);
+        for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
+          pressure_[q] += mean[q - static_cast<std::size_t>(first)];
+      }
+      spread(block, first, last, unresolved_);
+    });
+    sum_patches(patch_unresolved_);
+    send_patches(patch_unresolved_);
+  }
+  over_blocks(points_, [&](Index block, Index first, Index last) {
+    if (patches_ > 0) {
+      Means mean;
+      means(block, first, last, mean);
+      for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
+        pressure_[q] -= mean[q - static_cast<std::size_t>(first)];
+    } else {
+      for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
+        pressure_[q] = ks_[q] * dilation_[q];
     }
-  });
-  project(of_patch_, unresolved_, patch_unresolved_);
-  over_blocks(points_, [&](Index, Index first, Index last) {
-    for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
-      pressure_[q] -= mean_of(of_point_, patch_unresolved_, q);
     if (plain_) {
       neo_hookean_stresses(gradient_.data(), dilation_.data(), pressure_.data(), mu_.data(), volume_.data(),
-                           stress_.data(), first, last);
-      return;
+                           stress_.data(), first, last, smallest_J_, slope_);
+      if (patches_ == 0)  // inverted, or not a number: no stress there, and the driver stops the run
+        for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
+          if (!(dilation_[q] > Real(-1)) || !std::isfinite(dilation_[q])) stress_[q] = {};
+    } else {
+      for (Index q = first; q < last; ++q) {
+        const auto at = static_cast<std::size_t>(q), t = static_cast<std::size_t>(tissue_[at]);
+        const ViscousHistory& history = history_[t];
+        const Mat3 F = to_matrix(gradient_[at]) + Mat3::Identity();
+        Mat3 P = history.step.c * distortional_stress(material_[t], F) +
+                 static_cast<double>(pressure_[at]) * cofactor(F);
+        if (!material_[t].prony.empty()) P += F * history.K(slot_[at]);
+        for (int j = 0; j < 3; ++j)
+          for (int i = 0; i < 4; ++i)
+            stress_[at].column[j][i] = i < 3 ? static_cast<Real>(P(i, j)) * volume_[at] : Real(0);
+      }
     }
-    for (Index q = first; q < last; ++q) {
-      const auto at = static_cast<std::size_t>(q), t = static_cast<std::size_t>(tissue_[at]);
-      const ViscousHistory& history = history_[t];
-      const Mat3 F = to_matrix(gradient_[at]) + Mat3::Identity();
-      Mat3 P = history.step.c * distortional_stress(material_[t], F) +
-               static_cast<double>(pressure_[at]) * cofactor(F);
-      if (!material_[t].prony.empty()) P += F * history.K(slot_[at]);
-      for (int j = 0; j < 3; ++j)
-        for (int i = 0; i < 4; ++i)
-          stress_[at].column[j][i] = i < 3 ? static_cast<Real>(P(i, j)) * volume_[at] : Real(0);
-    }
+    const auto [from, to] = places(nodes_of_block_, block);
+    std::fill_n(at_node_.data() + 4 * from, 4 * (to - from), Real(0));
+    scatter_forces(pair_.data(), point_offset_.data(), stress_.data(), at_node_.data() + 4 * from, first,
+                   last);
   });
   Sweep result;
   for (const Sweep& sweep : block_) {
@@ -374,7 +545,15 @@ typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(const 
 
 template <class Real>
 void ProjectedKernel<Real>::gather(double* f, Index first, Index last) const {
-  nodal_forces(by_node_.data(), node_offset_.data(), stress_.data(), f, first, last);
+  for (Index a = first; a < last; ++a) {
+    double sum[4] = {};
+    for (std::int32_t k = nodes_of_block_.of_offset[static_cast<std::size_t>(a)];
+         k < nodes_of_block_.of_offset[static_cast<std::size_t>(a) + 1]; ++k) {
+      const Real* mine = at_node_.data() + 4 * nodes_of_block_.place[static_cast<std::size_t>(k)];
+      for (int i = 0; i < 4; ++i) sum[i] += static_cast<double>(mine[i]);
+    }
+    for (int i = 0; i < 4; ++i) f[4 * a + i] = sum[i];
+  }
   for (const Variance& v : variance_) {
     const auto t = static_cast<std::size_t>(v.tissue);
     variance_forces(v.rows.share.data(), v.rows.offset.data(), u_.data(),
@@ -390,14 +569,14 @@ double ProjectedKernel<Real>::stored_energy(const double* u) {
   double energy = 0.0;
   for (std::size_t q = 0; q < gradient_.size(); ++q) {
     const Material& m = material_[static_cast<std::size_t>(tissue_[q])];
-    const double ks = pointwise_bulk_modulus(m), e = dilation_[q],
-                 rest = e - static_cast<double>(mean_of(of_point_, patch_dilation_, q));
+    const double ks = patches_ > 0 ? pointwise_bulk_modulus(m) : m.kappa, e = dilation_[q],
+                 rest = patches_ > 0 ? unresolved_dilation(q) : 0.0;
     energy += static_cast<double>(volume_[q]) *
               (distortional_energy(m, to_matrix(gradient_[q]) + Mat3::Identity()) + 0.5 * ks * e * e +
                0.5 * ks * beta * rest * rest * rest * rest);
   }
   for (std::size_t b = 0; b < patch_volume_.size(); ++b) {
-    const double e = patch_dilation_[b], bulk = patch_bulk(b);
+    const double e = patch_dilation_[b], bulk = patch_bulk_[b];
     // Of a held pressure: what is stationary both in it and in u (Hellinger and Reissner).
     energy += patch_volume_[b] *
               (held_.empty() ? 0.5 * bulk * e * e : held_[b] * e - 0.5 * held_[b] * held_[b] / bulk);
@@ -429,6 +608,9 @@ void ProjectedKernel<Real>::begin_step(double dt) {
     ks_[q] = static_cast<Real>(ks[t]);
     bulk_[q] = static_cast<Real>(material_[t].kappa - ks[t]);
   }
+  for (std::size_t b = 0; b < patch_bulk_.size(); ++b)
+    patch_bulk_[b] = bulk_[static_cast<std::size_t>(
+        of_patch_.share[static_cast<std::size_t>(of_patch_.offset[b])].number)];
   for (Variance& v : variance_) {
     if (v.past.empty()) continue;
     const PronyStep& step = history_[static_cast<std::size_t>(v.tissue)].step;
@@ -467,11 +649,10 @@ void ProjectedKernel<Real>::accept(const double* u) {
   }
 }
 
-// A patch lies in one tissue: that of its first point.
+// J - J~ of the last stress_sweep, from the term that it enters.
 template <class Real>
-double ProjectedKernel<Real>::patch_bulk(std::size_t b) const {
-  return static_cast<double>(
-      bulk_[static_cast<std::size_t>(of_patch_.share[static_cast<std::size_t>(of_patch_.offset[b])].number)]);
+double ProjectedKernel<Real>::unresolved_dilation(std::size_t q) const {
+  return std::cbrt(static_cast<double>(unresolved_[q]) / (2.0 * beta * static_cast<double>(ks_[q])));
 }
 
 template <class Real>
@@ -480,7 +661,7 @@ void ProjectedKernel<Real>::patch_state(Eigen::VectorXd& dilation, Eigen::Vector
   bulk.resize(patches_);
   for (Index b = 0; b < patches_; ++b) {
     dilation[b] = static_cast<double>(patch_dilation_[static_cast<std::size_t>(b)]);
-    bulk[b] = patch_bulk(static_cast<std::size_t>(b));
+    bulk[b] = patch_bulk_[static_cast<std::size_t>(b)];
   }
 }
 
@@ -498,11 +679,13 @@ void ProjectedKernel<Real>::patch_gradients(const CompressedRows& nodes, Eigen::
         slope.template topRows<3>() =
             (static_cast<double>(share.weight) * cofactor(to_matrix(gradient_[q]) + Mat3::Identity()))
                 .template cast<float>();
+        const std::int32_t* node = nodes_of_block_.member.data() +
+                                   nodes_of_block_.offset[q / static_cast<std::size_t>(points_per_block)];
         for (std::int32_t e = point_offset_[q]; e < point_offset_[q + 1]; ++e) {
-          const Pair& pair = by_point_[static_cast<std::size_t>(e)];
-          sum.col(pair.number) += slope.col(0) * static_cast<float>(pair.d[0]) +
-                                  slope.col(1) * static_cast<float>(pair.d[1]) +
-                                  slope.col(2) * static_cast<float>(pair.d[2]);
+          const Pair& pair = pair_[static_cast<std::size_t>(e)];
+          sum.col(node[pair.number]) += slope.col(0) * static_cast<float>(pair.d[0]) +
+                                        slope.col(1) * static_cast<float>(pair.d[1]) +
+                                        slope.col(2) * static_cast<float>(pair.d[2]);
         }
       }
       for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k) {
@@ -522,8 +705,7 @@ Eigen::VectorXd ProjectedKernel<Real>::stiffness() const {
     const Mat3 F = to_matrix(gradient_[at]) + Mat3::Identity();
     const double e = static_cast<double>(dilation_[at]), below = std::min(0.0, 1.0 + e - smallest_J),
                  J = std::max(1.0 + e, smallest_J), g = std::pow(J, -2.0 / 3.0), g1 = -2.0 / 3.0 * g / J,
-                 g2 = -5.0 / 3.0 * g1 / J,
-                 rest = e - static_cast<double>(mean_of(of_point_, patch_dilation_, at));
+                 g2 = -5.0 / 3.0 * g1 / J, rest = unresolved_dilation(at);
     // Of the part along cof F a sixth: it acts on one of nine components, and must not be feared too much.
     result[q] = mu * (g + below * (g1 + 0.5 * g2 * below)) +
                 cofactor(F).squaredNorm() / 6.0 *

@@ -15,8 +15,7 @@ struct Tissues {
   Eigen::VectorXi of_point;  ///< [Q] number in `material`
 };
 
-/// Layouts of the hot loops. Gradient and number of a node or a point; three columns, padded; a weighted
-/// member.
+/// Layouts of the hot loops. Gradient and number of a node; three columns, padded; a weighted member.
 template <class Real>
 struct alignas(4 * sizeof(Real)) ProjectedPair {
   Real d[3];
@@ -32,7 +31,8 @@ struct ProjectedShare {
   Real weight;
 };
 
-/// The stored energy of the converging scheme and its forces; Real is float or double.
+/// The stored energy of the converging scheme and its forces; Real is float or double. Without patches: the
+/// paper's scheme, ks = kappa at every point and no last term.
 ///
 /// With F_q the mean of the deformation gradient over cell q, J_q = det F_q, psi_b the patches' shares:
 ///
@@ -104,6 +104,13 @@ class ProjectedKernel {
     std::vector<std::int32_t> offset;
     std::vector<Share> share;
   };
+  // Which members (nodes, patches) each block of points meets, all blocks end to end: each place is one
+  // number of one block's own. Blocks write only there; then every member sums its places, in their order. So
+  // no two threads write to one place, and sums have the same order for any number of threads.
+  struct Places {
+    std::vector<std::int32_t> offset, member;    // [blocks + 1], [places]
+    std::vector<std::int32_t> of_offset, place;  // [members + 1], of each member
+  };
   struct Variance {
     Lists rows;
     int tissue;
@@ -115,23 +122,33 @@ class ProjectedKernel {
   std::vector<Material> material_;
   std::vector<std::int32_t> tissue_;  // [Q]
   bool plain_ = true;                 // all neo-Hookean and elastic
-  std::vector<std::int32_t> point_offset_, node_offset_;
-  std::vector<Pair> by_point_, by_node_;
+  std::vector<std::int32_t> point_offset_;
+  std::vector<Pair> pair_;  // by point; numbers are places less the block's first
+  // Of eight points together: their patches' numbers within the block, and psi [8 x members].
+  std::vector<std::int32_t> octet_offset_, octet_number_;
+  std::vector<Real> octet_weight_;
+  Lists of_patch_;  // points; psi V / V_b
+  Places nodes_of_block_, patches_of_block_;
   std::vector<Real> volume_, mu_, ks_, bulk_;  // [Q]; bulk = kappa - ks
-  Lists of_point_, of_patch_;                  // psi; psi V / V_b
-  std::vector<double> patch_volume_;
+  Real smallest_J_, slope_;                    // see stress_body
+  std::vector<double> patch_volume_, patch_bulk_;
   std::vector<Variance> variance_;
   std::vector<ViscousHistory> history_;  // of each material with a Prony series; by tissue
   std::vector<std::int32_t> slot_;       // [Q] of the point in its tissue's history
   double elapsed_ = 0.0, step_ = 0.0;    // [s] until the last accepted step, and of the one under way
 
-  std::vector<Real> u_;                     // [4xN]
+  std::vector<Real> octet_sum_;  // [8 x places of patches]
+  std::vector<Real> u_;          // [4xN]
+  std::vector<Real> at_node_,
+      at_patch_;  // [4 x places] displacements, then forces; [places] sums, then means
   std::vector<Columns> gradient_, stress_;  // [Q] F - I; V P
   std::vector<Real> dilation_, pressure_, unresolved_, patch_dilation_, patch_unresolved_;
   std::vector<Real> held_;  // [patches] or empty
   std::vector<Sweep> block_;
 
-  double patch_bulk(std::size_t b) const;
+  double unresolved_dilation(std::size_t q) const;
+  void sum_patches(std::vector<Real>& patch) const;
+  void send_patches(const std::vector<Real>& patch);
 };
 
 }  // namespace dimple

@@ -87,7 +87,8 @@ Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, 
   if (mixed_) {
     Nodal v = u;
     Eigen::VectorXd l = lambda ? *lambda : Eigen::VectorXd::Zero(model_.patches.count());
-    Relaxed found = (*mixed_)(v, l, f, options, external, laborious_);
+    Relaxed found = (*mixed_)(v, l, f, options, external,
+                              laborious_ ? MixedIteration::Prepare::all : MixedIteration::Prepare::volume);
     laborious_ = found.evaluations > many;
     if (found.converged) {
       u = v;
