@@ -47,8 +47,9 @@ DIMPLE_CLONES void keep_reaching(const double* place, const double* X, const dou
 // Four places: two passes over the nodes for the coefficients, one for the gradients; or one and one for the
 // values.
 DIMPLE_CLONES void gradients_of_four(const double* place, const double* X, const double* radius,
-                                     const int* nodes, Index count, const double* scale, double* weight,
-                                     double* rows, Index stride, bool gradients, double* pivot_ratio) {
+                                     const int* nodes, Index count, const char* pinned, double e,
+                                     const double* scale, double* weight, double* rows, Index stride,
+                                     bool gradients, double* pivot_ratio) {
   const Lanes px = DIMPLE_LOAD(place), py = DIMPLE_LOAD(place + 8), pz = DIMPLE_LOAD(place + 16);
   const Lanes per_scale = 1.0 / DIMPLE_LOAD(scale);
   // Moments about the place, of 1, x, y, z: the lower triangle.
@@ -60,9 +61,14 @@ DIMPLE_CLONES void gradients_of_four(const double* place, const double* X, const
     Lanes s;
     for (int lane = 0; lane < width; ++lane) s[lane] = std::sqrt(s2[lane]);
     const auto inside = s2 < 1.0;
-    const Lanes w = inside ? 1.0 + s2 * (-6.0 + s * (8.0 - 3.0 * s)) : Lanes{};
+    Lanes w = inside ? 1.0 + s2 * (-6.0 + s * (8.0 - 3.0 * s)) : Lanes{};
     // dw/dx_r = slope (place - X)_r
-    const Lanes slope = inside ? (-12.0 * inverse2) * ((1.0 - s) * (1.0 - s)) : Lanes{};
+    Lanes slope = inside ? (-12.0 * inverse2) * ((1.0 - s) * (1.0 - s)) : Lanes{};
+    if (pinned[nodes[k]]) {
+      const Lanes per = 1.0 / (s2 + e), factor = (1.0 + e) * per;
+      w *= factor;
+      slope = slope * factor - (2.0 * inverse2) * w * per;
+    }
     DIMPLE_STORE(weight + 8 * k, w);
     DIMPLE_STORE(weight + 8 * k + 4, slope);
     const Lanes u = x * per_scale, v = y * per_scale, t = z * per_scale;
@@ -184,7 +190,7 @@ DIMPLE_CLONES void products(const double* rows, int count, Index stride, Index n
 }  // namespace
 
 void mls_of_eight(const Points& x, const Points& X, std::span<const int> nodes, const Eigen::VectorXd& radius,
-                  bool gradients, MlsOfEight& result) {
+                  std::span<const char> pinned, double interpolation, bool gradients, MlsOfEight& result) {
   const Index rows = gradients ? 3 : 1;  // of each place
   std::array<double, 3 * cell_places> place;
   std::array<double, cell_places> reached, scale;
@@ -204,7 +210,7 @@ void mls_of_eight(const Points& x, const Points& X, std::span<const int> nodes, 
   result.weight.resize(static_cast<std::size_t>(8 * count));
   for (int half = 0; half < 2; ++half)
     gradients_of_four(place.data() + 4 * half, X.data(), radius.data(), result.nodes.data(), count,
-                      scale.data() + 4 * half, result.weight.data(),
+                      pinned.data(), interpolation, scale.data() + 4 * half, result.weight.data(),
                       result.rows.data() + 4 * rows * half * result.stride, result.stride, gradients,
                       result.pivot_ratio.data() + 4 * half);
 }

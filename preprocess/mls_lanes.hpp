@@ -23,9 +23,10 @@ struct MlsOfEight {
 };
 
 /// As mls_shape_functions() with the linear basis and the quartic weight, to rounding. `x` [3x8]; `nodes`:
-/// all that may reach one of them. Fills the gradients or else the values.
+/// all that may reach one of them. `pinned` [N]: 1 at prescribed nodes, whose
+/// weight is sharpened by `interpolation`. Fills the gradients or else the values.
 void mls_of_eight(const Points& x, const Points& X, std::span<const int> nodes, const Eigen::VectorXd& radius,
-                  bool gradients, MlsOfEight& result);
+                  std::span<const char> pinned, double interpolation, bool gradients, MlsOfEight& result);
 
 /// Replaces the rows of the eight places by their mean, rows 0 to 2, and by 21 rows g whose products are the
 /// variance's: sum_k (d_k - mean)(d_k - mean)^T = sum over those rows of g g^T.

@@ -36,6 +36,7 @@ struct Cloud {
       : model(m), options(o), tree(m.X), radius(o.effective_radius_factor() * m.spacing) {
     largest_radius = radius.maxCoeff();
     pinned.assign(static_cast<std::size_t>(m.node_count()), 0);
+    if (o.interpolation <= 0.0) return;
     for (const auto* set : {&m.base, &m.indenter})
       for (const Index a : *set) pinned[static_cast<std::size_t>(a)] = 1;
   }
@@ -158,7 +159,7 @@ PointSupport at_point(Index q, const Cloud& cloud, std::span<const int> near) {
 
 // What mls_of_eight() can do; and whether it did it at this place, without any doubt.
 bool serves_eight(const SupportOptions& options) {
-  return options.basis == Basis::linear && options.weight == Weight::quartic && options.interpolation <= 0.0;
+  return options.basis == Basis::linear && options.weight == Weight::quartic;
 }
 bool surely_good(const MlsOfEight& eight, std::size_t place) {
   return eight.reached[place] >= 2 * 4 && eight.pivot_ratio[place] > surely_conditioned;
@@ -204,7 +205,8 @@ PointSupport over_cell(Index q, const Cloud& cloud, std::span<const int> near, d
   thread_local MlsOfEight gradients;
   bool good = false;
   if (serves_eight(cloud.options)) {
-    mls_of_eight(x, cloud.model.X, near, cloud.radius, true, gradients);
+    mls_of_eight(x, cloud.model.X, near, cloud.radius, cloud.pinned, cloud.options.interpolation, true,
+                 gradients);
     good = true;
     for (std::size_t k = 0; k < cell_places; ++k) {
       good = good && surely_good(gradients, k);
@@ -456,7 +458,8 @@ Interpolation make_interpolation(const Model& model, const SupportOptions& optio
     for (Index m = first; m < last; ++m) nodes.insert(nodes.end(), near.of(m).begin(), near.of(m).end());
     std::sort(nodes.begin(), nodes.end());
     nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
-    mls_of_eight(places.middleCols(first, cell_places), model.X, nodes, cloud.radius, false, eight);
+    mls_of_eight(places.middleCols(first, cell_places), model.X, nodes, cloud.radius, cloud.pinned,
+                 options.interpolation, false, eight);
     for (Index m = first; m < last; ++m) {
       const auto k = static_cast<std::size_t>(m - first);
       if (!surely_good(eight, k)) {
