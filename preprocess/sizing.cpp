@@ -38,6 +38,7 @@ double wanted_in(const Leaf& box, const std::function<double(const Vec3&)>& want
 Sizing::Sizing(const BodySurface& body, const Boundary& boundary, const GradingOptions& options) {
   if (options.rim >= 1.0) return;
   rim_ = rim_of_circle(body, boundary, rim_corners);
+  corner_ = rim_.transpose();
   share_ = options.rim;
   slope_ = (1.0 - options.rim) / (options.reach * boundary.radius);
   for (int k = 0; k < rim_corners; ++k)
@@ -50,20 +51,27 @@ double Sizing::operator()(const Vec3& x) const {
   if (even()) return 1.0;
   const double reach = (1.0 - share_) / slope_;
   if (((x - lower_).array() < -reach).any() || ((x - upper_).array() > reach).any()) return 1.0;
-  // Only the rim's edges near its nearest corner can be the nearest.
-  std::array<double, rim_corners> corner2;
-  double nearest2 = std::numeric_limits<double>::infinity();
-  for (int k = 0; k < rim_corners; ++k) {
-    const double dx = x.x() - rim_(0, k), dy = x.y() - rim_(1, k), dz = x.z() - rim_(2, k);
-    corner2[static_cast<std::size_t>(k)] = dx * dx + (dy * dy + dz * dz);
-  }
-  for (const double distance2 : corner2) nearest2 = std::min(nearest2, distance2);
+  // Of the edge nearest to x one end is hardly farther than the nearest corner is: half an edge aside.
+  std::array<double, rim_corners + 1> corner2;
+  std::array<double, 4> least;  // of every fourth corner: the minimum is exact in any order
+  least.fill(std::numeric_limits<double>::infinity());
+  for (std::size_t k = 0; k < rim_corners; k += 4)
+    for (std::size_t lane = 0; lane < 4; ++lane) {
+      const auto c = static_cast<Index>(k + lane);
+      const double dx = x.x() - corner_(c, 0), dy = x.y() - corner_(c, 1), dz = x.z() - corner_(c, 2);
+      const double distance2 = dx * dx + (dy * dy + dz * dz);
+      corner2[k + lane] = distance2;
+      least[lane] = distance2 < least[lane] ? distance2 : least[lane];
+    }
+  corner2[rim_corners] = corner2[0];
+  double nearest2 = std::min(std::min(least[0], least[1]), std::min(least[2], least[3]));
   if (nearest2 > square(1.000001 * (reach + longest_edge_))) return 1.0;
-  const double limit2 = square(1.000001 * (std::sqrt(nearest2) + longest_edge_));
-  nearest2 = corner2[0];
-  for (int k = 0; k < rim_corners; ++k)
-    if (corner2[static_cast<std::size_t>(k)] < limit2)
-      nearest2 = std::min(nearest2, distance2_to_segment(x, rim_.col(k), rim_.col((k + 1) % rim_corners)));
+  const double limit2 = 1.000001 * (nearest2 + 0.25 * square(longest_edge_));
+  for (std::size_t k = 0; k < rim_corners; ++k)
+    if (std::min(corner2[k], corner2[k + 1]) < limit2) {
+      const auto c = static_cast<Index>(k);
+      nearest2 = std::min(nearest2, distance2_to_segment(x, rim_.col(c), rim_.col((c + 1) % rim_corners)));
+    }
   return std::min(1.0, share_ + slope_ * std::sqrt(nearest2));
 }
 

@@ -27,8 +27,9 @@ class Sizing {
   bool even() const { return rim_.cols() == 0; }
 
  private:
-  Points rim_;          // [3xK] closed polygon on the surface [mm]
-  Vec3 lower_, upper_;  // of the polygon's box
+  Points rim_;                                       // [3xK] closed polygon on the surface [mm]
+  Eigen::Matrix<double, Eigen::Dynamic, 3> corner_;  // the same, a coordinate a column
+  Vec3 lower_, upper_;                               // of the polygon's box
   double longest_edge_ = 0.0, share_ = 1.0, slope_ = 0.0;
 };
 

@@ -5,16 +5,21 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <bit>
+#include <cstdint>
 #include <map>
 
 #include "io/error.hpp"
+#include "preprocess/mls_lanes.hpp"
 #include "preprocess/neighbours.hpp"
 
 namespace dimple {
 namespace {
 
 constexpr double largest_growth = 2.5;
-constexpr Index slab = 16384;  // points whose local matrices are held at a time
+constexpr Index slab = 8192;  // points whose local matrices are held at a time
+// A moment matrix that looks worse than this beside seven others is looked at by itself.
+constexpr double surely_conditioned = 1e-3;
 
 struct PlaceSupport {
   std::vector<int> nodes;
@@ -31,6 +36,7 @@ struct Cloud {
       : model(m), options(o), tree(m.X), radius(o.effective_radius_factor() * m.spacing) {
     largest_radius = radius.maxCoeff();
     pinned.assign(static_cast<std::size_t>(m.node_count()), 0);
+    if (o.interpolation <= 0.0) return;
     for (const auto* set : {&m.base, &m.indenter})
       for (const Index a : *set) pinned[static_cast<std::size_t>(a)] = 1;
   }
@@ -43,10 +49,10 @@ struct Cloud {
 };
 
 // `near`: all nodes that reach x ungrown, and perhaps others.
-PlaceSupport support_of(const Vec3& x, const Cloud& cloud, const std::vector<int>& near) {
+PlaceSupport support_of(const Vec3& x, const Cloud& cloud, std::span<const int> near) {
   const std::size_t terms = cloud.options.basis == Basis::linear ? 4 : 10;
   PlaceSupport result;
-  result.nodes = near;
+  result.nodes.assign(near.begin(), near.end());
   for (result.growth = 1.0; result.growth <= largest_growth; result.growth *= 1.1) {
     if (result.growth > 1.0) cloud.tree.within(x, cloud.largest_radius * result.growth, result.nodes);
     std::erase_if(result.nodes, [&](int a) {
@@ -63,24 +69,45 @@ PlaceSupport support_of(const Vec3& x, const Cloud& cloud, const std::vector<int
   return result;
 }
 
-// For each place the nodes whose radius comes within `margin` of it, ascending. Nodes ask, not places: in a
-// graded cloud a place would have to look as far as the largest radius of all.
-std::vector<std::vector<int>> nodes_near(const Points& places, const Cloud& cloud,
-                                         const Eigen::VectorXd& margin) {
+// Of each place the nodes near it, ascending.
+struct Near {
+  std::vector<std::size_t> offset;
+  std::vector<int> node;
+  std::span<const int> of(Index place) const {
+    const auto k = static_cast<std::size_t>(place);
+    return {node.data() + offset[k], offset[k + 1] - offset[k]};
+  }
+};
+
+// For each place the nodes whose radius comes within `margin` of it. Nodes ask, not places: in a graded cloud
+// a place would have to look as far as the largest radius of all.
+Near nodes_near(const Points& places, const Cloud& cloud, const Eigen::VectorXd& margin) {
+  Near result;
+  result.offset.assign(static_cast<std::size_t>(places.cols()) + 1, 0);
+  if (places.cols() == 0) return result;
   const Neighbours tree(places);
   const double largest_margin = margin.size() > 0 ? margin.maxCoeff() : 0.0;
+  const Vec3 lower = places.rowwise().minCoeff(), upper = places.rowwise().maxCoeff();
   std::vector<std::vector<int>> of_node(static_cast<std::size_t>(cloud.model.node_count()));
   tbb::parallel_for(Index{0}, cloud.model.node_count(), [&](Index a) {
+    const Vec3 x = cloud.model.X.col(a);
+    const double reach = cloud.radius[a] + largest_margin;
+    if (((x - lower).array() < -reach).any() || ((x - upper).array() > reach).any()) return;
     std::vector<int>& found = of_node[static_cast<std::size_t>(a)];
-    tree.within_unordered(cloud.model.X.col(a), cloud.radius[a] + largest_margin, found);
-    if (margin.size() > 0)
-      std::erase_if(found, [&](int q) {
-        return (places.col(q) - cloud.model.X.col(a)).norm() >= cloud.radius[a] + margin[q];
-      });
+    thread_local std::vector<int> all;
+    tree.within_unordered(x, reach, all);
+    for (const int q : all)
+      if (const double within = cloud.radius[a] + (margin.size() > 0 ? margin[q] : 0.0);
+          (places.col(q) - x).squaredNorm() < within * within)
+        found.push_back(q);
   });
-  std::vector<std::vector<int>> result(static_cast<std::size_t>(places.cols()));
+  for (const auto& found : of_node)
+    for (const int q : found) ++result.offset[static_cast<std::size_t>(q) + 1];
+  for (std::size_t q = 1; q < result.offset.size(); ++q) result.offset[q] += result.offset[q - 1];
+  result.node.resize(result.offset.back());
+  std::vector<std::size_t> next(result.offset.begin(), result.offset.end() - 1);
   for (std::size_t a = 0; a < of_node.size(); ++a)
-    for (const int q : of_node[a]) result[static_cast<std::size_t>(q)].push_back(static_cast<int>(a));
+    for (const int q : of_node[a]) result.node[next[static_cast<std::size_t>(q)]++] = static_cast<int>(a);
   return result;
 }
 
@@ -105,6 +132,7 @@ struct PointSupport {
   Index grown = 0;
   double largest_growth = 1.0;
   double worst_pivot_ratio = 1.0;
+  double linear_error = 0.0;
   bool ok = true;
   MlsResult failed;
   std::size_t failed_nodes = 0;
@@ -120,7 +148,7 @@ void take(PointSupport& result, const PlaceSupport& place) {
   result.failed_nodes = place.nodes.size();
 }
 
-PointSupport at_point(Index q, const Cloud& cloud, const std::vector<int>& near) {
+PointSupport at_point(Index q, const Cloud& cloud, std::span<const int> near) {
   PointSupport result;
   PlaceSupport place = support_of(cloud.model.point.col(q), cloud, near);
   take(result, place);
@@ -129,88 +157,185 @@ PointSupport at_point(Index q, const Cloud& cloud, const std::vector<int>& near)
   return result;
 }
 
-PointSupport over_cell(Index q, const Cloud& cloud, const std::vector<int>& near, double weight) {
-  constexpr int places = 8;
-  const Mat3 root = root_of_spread(cloud.model, q);
-  PointSupport result;
-  std::array<PlaceSupport, places> at;
-  for (int k = 0; k < places; ++k) {
-    const Vec3 sign(k & 1 ? 1.0 : -1.0, k & 2 ? 1.0 : -1.0, k & 4 ? 1.0 : -1.0);
-    PlaceSupport& place = at[static_cast<std::size_t>(k)] =
-        support_of(cloud.model.point.col(q) + root * sign, cloud, near);
-    take(result, place);
-    if (!result.ok) return result;
-    result.nodes.insert(result.nodes.end(), place.nodes.begin(), place.nodes.end());
-  }
-  std::sort(result.nodes.begin(), result.nodes.end());
-  result.nodes.erase(std::unique(result.nodes.begin(), result.nodes.end()), result.nodes.end());
+// What mls_of_eight() can do; and whether it did it at this place, without any doubt.
+bool serves_eight(const SupportOptions& options) {
+  return options.basis == Basis::linear && options.weight == Weight::quartic;
+}
+bool surely_good(const MlsOfEight& eight, std::size_t place) {
+  return eight.reached[place] >= 2 * 4 && eight.pivot_ratio[place] > surely_conditioned;
+}
 
-  const auto n = static_cast<Index>(result.nodes.size());
-  Eigen::MatrixXd gradient = Eigen::MatrixXd::Zero(3 * places, n);  // of place k in rows 3k, 3k+1, 3k+2
-  for (int k = 0; k < places; ++k) {
+// The gradients at each place, found one by one, with larger supports where they need it.
+bool one_by_one(const Points& x, const Cloud& cloud, std::span<const int> near, PointSupport& result,
+                MlsOfEight& gradients) {
+  std::array<PlaceSupport, cell_places> at;
+  std::vector<int>& nodes = gradients.nodes;
+  nodes.clear();
+  for (int k = 0; k < cell_places; ++k) {
+    PlaceSupport& place = at[static_cast<std::size_t>(k)] = support_of(x.col(k), cloud, near);
+    take(result, place);
+    if (!result.ok) return false;
+    nodes.insert(nodes.end(), place.nodes.begin(), place.nodes.end());
+  }
+  std::sort(nodes.begin(), nodes.end());
+  nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
+  gradients.stride = static_cast<Index>((nodes.size() + 7) / 8 * 8);
+  gradients.rows.assign(static_cast<std::size_t>(3 * cell_places * gradients.stride), 0.0);
+  for (int k = 0; k < cell_places; ++k) {
     const PlaceSupport& place = at[static_cast<std::size_t>(k)];
-    Index column = 0;
+    std::size_t column = 0;
     for (std::size_t m = 0; m < place.nodes.size(); ++m) {
-      while (result.nodes[static_cast<std::size_t>(column)] != place.nodes[m]) ++column;
-      gradient.block<3, 1>(3 * k, column) = place.dphi.col(static_cast<Index>(m));
+      while (nodes[column] != place.nodes[m]) ++column;
+      for (int r = 0; r < 3; ++r)
+        gradients.rows[static_cast<std::size_t>((3 * k + r) * gradients.stride) + column] =
+            place.dphi(r, static_cast<Index>(m));
     }
   }
-  result.dphi = Points::Zero(3, n);
-  for (int k = 0; k < places; ++k) result.dphi += gradient.middleRows<3>(3 * k);
-  result.dphi /= places;
-  for (int k = 0; k < places; ++k) gradient.middleRows<3>(3 * k) -= result.dphi;
-  result.variance.reserve(static_cast<std::size_t>(n * (n + 1) / 2));
-  for (Index a = 0; a < n; ++a)
-    for (Index b = 0; b <= a; ++b)
-      result.variance.push_back(weight / places * gradient.col(a).dot(gradient.col(b)));
+  return true;
+}
+
+PointSupport over_cell(Index q, const Cloud& cloud, std::span<const int> near, double weight) {
+  const Mat3 root = root_of_spread(cloud.model, q);
+  PointSupport result;
+  Points x(3, cell_places);
+  for (int k = 0; k < cell_places; ++k) {
+    const Vec3 sign(k & 1 ? 1.0 : -1.0, k & 2 ? 1.0 : -1.0, k & 4 ? 1.0 : -1.0);
+    x.col(k) = cloud.model.point.col(q) + root * sign;
+  }
+  thread_local MlsOfEight gradients;
+  bool good = false;
+  if (serves_eight(cloud.options)) {
+    mls_of_eight(x, cloud.model.X, near, cloud.radius, cloud.pinned, cloud.options.interpolation, true,
+                 gradients);
+    good = true;
+    for (std::size_t k = 0; k < cell_places; ++k) {
+      good = good && surely_good(gradients, k);
+      result.worst_pivot_ratio = std::min(result.worst_pivot_ratio, gradients.pivot_ratio[k]);
+    }
+  }
+  if (!good) {
+    result = {};
+    if (!one_by_one(x, cloud, near, result, gradients)) return result;
+  }
+  result.nodes = gradients.nodes;
+  const auto n = static_cast<Index>(result.nodes.size());
+  mean_and_deviations(gradients);
+  const Index stride = gradients.stride;
+  result.dphi =
+      Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>, 0, Eigen::OuterStride<>>(
+          gradients.rows.data(), 3, n, Eigen::OuterStride<>(stride));
+  result.variance.resize(static_cast<std::size_t>(n * (n + 1) / 2));
+  lower_products(gradients.rows.data() + 3 * stride, 3 * (cell_places - 1), stride, n, weight / cell_places,
+                 result.variance.data());
   return result;
 }
 
-using SparseRow = std::vector<std::pair<int, double>>;
+// Row a of a symmetric matrix: columns b <= a, ascending.
+struct LowerRow {
+  std::vector<int> column;
+  std::vector<double> value;
+};
 
 // Adds the local matrices of points first, first + 1, ... to the rows; row by row, points ascending, so that
 // the sums have one order.
 void add_variance(const std::vector<PointSupport>& points, std::span<const int> tissue, int wanted,
-                  std::vector<SparseRow>& rows) {
-  std::vector<std::vector<std::pair<int, int>>> influence(rows.size());  // point, place in its list
+                  std::vector<LowerRow>& rows) {
+  std::vector<std::size_t> offset(rows.size() + 1, 0);
+  for (std::size_t q = 0; q < points.size(); ++q)
+    if (tissue[q] == wanted)
+      for (const int a : points[q].nodes) ++offset[static_cast<std::size_t>(a) + 1];
+  for (std::size_t a = 0; a < rows.size(); ++a) offset[a + 1] += offset[a];
+  std::vector<std::pair<int, int>> influence(offset.back());  // point, place in its list
+  std::vector<std::size_t> next(offset.begin(), offset.end() - 1);
   for (std::size_t q = 0; q < points.size(); ++q)
     if (tissue[q] == wanted)
       for (std::size_t k = 0; k < points[q].nodes.size(); ++k)
-        influence[static_cast<std::size_t>(points[q].nodes[k])].push_back(
-            {static_cast<int>(q), static_cast<int>(k)});
+        influence[next[static_cast<std::size_t>(points[q].nodes[k])]++] = {static_cast<int>(q),
+                                                                           static_cast<int>(k)};
   tbb::parallel_for(std::size_t{0}, rows.size(), [&](std::size_t a) {
-    if (influence[a].empty()) return;
-    thread_local std::vector<double> sum;
-    thread_local std::vector<char> seen;
-    thread_local std::vector<int> members;
-    sum.resize(rows.size());
-    seen.resize(rows.size());
-    members.clear();
-    const auto add = [&](int b, double value) {
-      const auto at = static_cast<std::size_t>(b);
-      if (!seen[at]) {
-        seen[at] = 1;
-        sum[at] = 0.0;
-        members.push_back(b);
+    if (offset[a] == offset[a + 1]) return;
+    thread_local std::vector<double> sum;          // all zero between rows
+    thread_local std::vector<std::uint64_t> seen;  // a bit for each column; likewise
+    if (sum.size() < rows.size()) {
+      sum.resize(rows.size(), 0.0);
+      seen.resize(rows.size() / 64 + 1, 0);
+    }
+    int lowest = static_cast<int>(a);
+    const auto add = [&](const int* column, const double* value, std::size_t count) {
+      lowest = std::min(lowest, column[0]);
+      for (std::size_t m = 0; m < count; ++m) {
+        const auto b = static_cast<std::size_t>(column[m]);
+        seen[b / 64] |= std::uint64_t{1} << (b % 64);
+        sum[b] += value[m];
       }
-      sum[at] += value;
     };
-    for (const auto& [b, value] : rows[a]) add(b, value);
-    for (const auto& [q, k] : influence[a]) {
-      const PointSupport& point = points[static_cast<std::size_t>(q)];
-      const auto row = static_cast<std::size_t>(k);
-      for (std::size_t m = 0; m < point.nodes.size(); ++m) {
-        const std::size_t high = std::max(row, m), low = std::min(row, m);
-        add(point.nodes[m], point.variance[high * (high + 1) / 2 + low]);
+    LowerRow& row = rows[a];
+    if (!row.column.empty()) add(row.column.data(), row.value.data(), row.column.size());
+    for (std::size_t i = offset[a]; i < offset[a + 1]; ++i) {
+      const PointSupport& point = points[static_cast<std::size_t>(influence[i].first)];
+      const auto k = static_cast<std::size_t>(influence[i].second);
+      add(point.nodes.data(), point.variance.data() + k * (k + 1) / 2, k + 1);
+    }
+    std::size_t count = 0;
+    const std::size_t from = static_cast<std::size_t>(lowest) / 64;
+    for (std::size_t word = from; word <= a / 64; ++word)
+      count += static_cast<std::size_t>(std::popcount(seen[word]));
+    if (count > row.column.size()) row = {std::vector<int>(count), std::vector<double>(count)};
+    std::size_t at = 0;
+    for (std::size_t word = from; word <= a / 64; ++word)
+      for (; seen[word] != 0; seen[word] &= seen[word] - 1) {
+        const std::size_t b = 64 * word + static_cast<std::size_t>(std::countr_zero(seen[word]));
+        row.column[at] = static_cast<int>(b);
+        row.value[at++] = sum[b];
+        sum[b] = 0.0;
       }
-    }
-    std::sort(members.begin(), members.end());
-    rows[a].clear();
-    for (const int b : members) {
-      rows[a].push_back({b, sum[static_cast<std::size_t>(b)]});
-      seen[static_cast<std::size_t>(b)] = 0;
-    }
   });
+}
+
+// The whole matrix from its lower triangle, which is used up.
+void unfold(std::vector<LowerRow>& lower, GradientVariance& result) {
+  const std::size_t n = lower.size();
+  std::vector<int> next(n + 1, 0);
+  for (std::size_t a = 0; a < n; ++a)
+    for (const int b : lower[a].column) {
+      ++next[a];
+      if (b != static_cast<int>(a)) ++next[static_cast<std::size_t>(b)];
+    }
+  result.rows.offset.resize(static_cast<Index>(n) + 1);
+  result.rows.offset[0] = 0;
+  for (std::size_t a = 0; a < n; ++a) {
+    const auto row = static_cast<Index>(a);
+    result.rows.offset[row + 1] = result.rows.offset[row] + next[a];
+    next[a] = result.rows.offset[row];
+  }
+  result.rows.member.resize(result.rows.offset[static_cast<Index>(n)]);
+  result.K.resize(result.rows.member.size());
+  // Rows ascending: all columns below a have entered row a before those above it do.
+  for (std::size_t a = 0; a < n; ++a) {
+    const LowerRow row = std::move(lower[a]);
+    for (std::size_t k = 0; k < row.column.size(); ++k) {
+      const auto b = static_cast<std::size_t>(row.column[k]);
+      result.rows.member[next[a]] = row.column[k];
+      result.K[next[a]++] = row.value[k];
+      if (b == a) continue;
+      result.rows.member[next[b]] = static_cast<int>(a);
+      result.K[next[b]++] = row.value[k];
+    }
+    lower[a] = {};
+  }
+}
+
+// What the derivatives owe: a constant has no gradient, and the gradient of x is the identity.
+double linear_error(const Model& model, Index q, const PointSupport& s, double radius) {
+  Mat3 of_position = Mat3::Zero();
+  Vec3 of_one = Vec3::Zero();
+  for (std::size_t m = 0; m < s.nodes.size(); ++m) {
+    const Vec3 g = s.dphi.col(static_cast<Index>(m));
+    of_position += (model.X.col(s.nodes[m]) - model.point.col(q)) * g.transpose();
+    of_one += g;
+  }
+  return std::max((of_position - Mat3::Identity()).cwiseAbs().maxCoeff(),
+                  of_one.cwiseAbs().maxCoeff() * radius);
 }
 
 }  // namespace
@@ -221,14 +346,17 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
   Eigen::VectorXd margin;
   if (averaged)
     margin = model.spread.topRows<3>().colwise().sum().cwiseMax(0.0).cwiseSqrt().transpose() * 1.8;
-  const auto near = nodes_near(model.point, cloud, margin);
+  const double mean_radius = options.effective_radius_factor() * model.spacing.mean();
 
   SupportReport report;
   report.fewest = model.node_count();
-  std::vector<int> member;
-  std::vector<double> dphi;
+  struct Found {
+    std::vector<int> member;
+    std::vector<double> dphi;
+  };
+  std::vector<Found> slabs;  // in pieces: one vector that grows would be held twice
   const Eigen::VectorXi of_point = tissue.size() > 0 ? tissue : Eigen::VectorXi::Zero(model.point_count());
-  std::map<int, std::vector<SparseRow>> variance;  // of each tissue
+  std::map<int, std::vector<LowerRow>> variance;  // of each tissue
   if (averaged)
     for (const int t : of_point) variance[t].resize(static_cast<std::size_t>(model.node_count()));
   model.support.offset.resize(model.point_count() + 1);
@@ -236,12 +364,19 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
   for (Index first = 0; first < model.point_count(); first += slab) {
     const Index count = std::min(slab, model.point_count() - first);
     std::vector<PointSupport> found(static_cast<std::size_t>(count));
+    const Near near = nodes_near(model.point.middleCols(first, count), cloud,
+                                 averaged ? Eigen::VectorXd(margin.segment(first, count)) : margin);
     tbb::parallel_for(Index{0}, count, [&](Index k) {
       const Index q = first + k;
-      const auto& candidates = near[static_cast<std::size_t>(q)];
-      found[static_cast<std::size_t>(k)] =
-          averaged ? over_cell(q, cloud, candidates, model.volume[q]) : at_point(q, cloud, candidates);
+      PointSupport& s = found[static_cast<std::size_t>(k)];
+      s = averaged ? over_cell(q, cloud, near.of(k), model.volume[q]) : at_point(q, cloud, near.of(k));
+      if (s.ok) s.linear_error = linear_error(model, q, s, mean_radius);
     });
+    Found& kept = slabs.emplace_back();
+    std::size_t members = 0;
+    for (const PointSupport& s : found) members += s.nodes.size();
+    kept.member.reserve(members);
+    kept.dphi.reserve(3 * members);
     for (Index k = 0; k < count; ++k) {
       const Index q = first + k;
       const PointSupport& s = found[static_cast<std::size_t>(k)];
@@ -261,50 +396,36 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
                                    "(--nodes) or a linear basis",
                                    options.effective_radius_factor())});
       }
-      member.insert(member.end(), s.nodes.begin(), s.nodes.end());
-      dphi.insert(dphi.end(), s.dphi.data(), s.dphi.data() + s.dphi.size());
-      model.support.offset[q + 1] = static_cast<int>(member.size());
+      kept.member.insert(kept.member.end(), s.nodes.begin(), s.nodes.end());
+      kept.dphi.insert(kept.dphi.end(), s.dphi.data(), s.dphi.data() + s.dphi.size());
+      model.support.offset[q + 1] = model.support.offset[q] + static_cast<int>(n);
 
       report.grown += s.grown;
       report.largest_growth = std::max(report.largest_growth, s.largest_growth);
       report.fewest = std::min(report.fewest, n);
       report.most = std::max(report.most, n);
       report.worst_pivot_ratio = std::min(report.worst_pivot_ratio, s.worst_pivot_ratio);
-
-      // What the derivatives owe: a constant has no gradient, and the gradient of x is the identity.
-      Mat3 of_position = Mat3::Zero();
-      for (Index m = 0; m < n; ++m)
-        of_position += (model.X.col(s.nodes[static_cast<std::size_t>(m)]) - model.point.col(q)) *
-                       s.dphi.col(m).transpose();
-      const double radius = options.effective_radius_factor() * model.spacing.mean();
-      const double error = std::max((of_position - Mat3::Identity()).cwiseAbs().maxCoeff(),
-                                    s.dphi.rowwise().sum().cwiseAbs().maxCoeff() * radius);
-      report.linear_error = std::max(report.linear_error, error);
+      report.linear_error = std::max(report.linear_error, s.linear_error);
     }
     for (auto& [t, rows] : variance)
       add_variance(found, {of_point.data() + first, static_cast<std::size_t>(count)}, t, rows);
   }
-  report.mean = static_cast<double>(member.size()) / static_cast<double>(model.point_count());
-  model.support.member = Eigen::Map<Eigen::VectorXi>(member.data(), static_cast<Index>(member.size()));
-  model.dphi = Eigen::Map<Points>(dphi.data(), 3, static_cast<Index>(member.size()));
-
+  const Index members = model.support.offset[model.point_count()];
+  report.mean = static_cast<double>(members) / static_cast<double>(model.point_count());
   model.variance.clear();
-  for (const auto& [t, rows] : variance) {
+  for (auto& [t, rows] : variance) {
     GradientVariance& v = model.variance.emplace_back();
     v.tissue = t;
-    v.rows.offset.resize(model.node_count() + 1);
-    v.rows.offset[0] = 0;
-    for (std::size_t a = 0; a < rows.size(); ++a)
-      v.rows.offset[static_cast<Index>(a) + 1] =
-          v.rows.offset[static_cast<Index>(a)] + static_cast<int>(rows[a].size());
-    v.rows.member.resize(v.rows.offset[model.node_count()]);
-    v.K.resize(v.rows.member.size());
-    Index at = 0;
-    for (const SparseRow& row : rows)
-      for (const auto& [b, value] : row) {
-        v.rows.member[at] = b;
-        v.K[at++] = value;
-      }
+    unfold(rows, v);
+  }
+  model.support.member.resize(members);
+  model.dphi.resize(3, members);
+  Index at = 0;
+  for (Found& part : slabs) {
+    std::copy(part.member.begin(), part.member.end(), model.support.member.data() + at);
+    std::copy(part.dphi.begin(), part.dphi.end(), model.dphi.data() + 3 * at);
+    at += static_cast<Index>(part.member.size());
+    part = {};
   }
   return report;
 }
@@ -312,29 +433,64 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
 Interpolation make_interpolation(const Model& model, const SupportOptions& options, const Points& places) {
   const Cloud cloud(model, options);
   const auto near = nodes_near(places, cloud, {});
-  std::vector<PlaceSupport> found(static_cast<std::size_t>(places.cols()));
-  tbb::parallel_for(Index{0}, places.cols(), [&](Index m) {
-    found[static_cast<std::size_t>(m)] = support_of(places.col(m), cloud, near[static_cast<std::size_t>(m)]);
+  struct Row {
+    std::vector<int> member;
+    std::vector<double> weight;
+  };
+  std::vector<Row> rows(static_cast<std::size_t>(places.cols()));
+  const auto by_itself = [&](Index m) {
+    const PlaceSupport s = support_of(places.col(m), cloud, near.of(m));
+    Row& row = rows[static_cast<std::size_t>(m)];
+    if (s.ok)
+      row = {s.nodes, {s.phi.begin(), s.phi.end()}};
+    else
+      row = {{cloud.tree.nearest(places.col(m), 1).front()}, {1.0}};
+  };
+  tbb::parallel_for(Index{0}, (places.cols() + cell_places - 1) / cell_places, [&](Index group) {
+    const Index first = group * cell_places, last = std::min(first + cell_places, places.cols());
+    if (!serves_eight(options) || last - first < cell_places) {
+      for (Index m = first; m < last; ++m) by_itself(m);
+      return;
+    }
+    thread_local std::vector<int> nodes;
+    thread_local MlsOfEight eight;
+    nodes.clear();
+    for (Index m = first; m < last; ++m) nodes.insert(nodes.end(), near.of(m).begin(), near.of(m).end());
+    std::sort(nodes.begin(), nodes.end());
+    nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
+    mls_of_eight(places.middleCols(first, cell_places), model.X, nodes, cloud.radius, cloud.pinned,
+                 options.interpolation, false, eight);
+    for (Index m = first; m < last; ++m) {
+      const auto k = static_cast<std::size_t>(m - first);
+      if (!surely_good(eight, k)) {
+        by_itself(m);
+        continue;
+      }
+      const double* phi = eight.rows.data() + (m - first) * eight.stride;
+      Row& row = rows[static_cast<std::size_t>(m)];
+      row.member.reserve(static_cast<std::size_t>(eight.reached[k]));
+      row.weight.reserve(static_cast<std::size_t>(eight.reached[k]));
+      for (std::size_t e = 0; e < eight.nodes.size(); ++e)
+        if (phi[e] != 0.0) {
+          row.member.push_back(eight.nodes[e]);
+          row.weight.push_back(phi[e]);
+        }
+    }
   });
 
   Interpolation result;
-  std::vector<int> member;
-  std::vector<double> weight;
   result.rows.offset.resize(places.cols() + 1);
   result.rows.offset[0] = 0;
+  for (Index m = 0; m < places.cols(); ++m)
+    result.rows.offset[m + 1] =
+        result.rows.offset[m] + static_cast<int>(rows[static_cast<std::size_t>(m)].member.size());
+  result.rows.member.resize(result.rows.offset[places.cols()]);
+  result.weight.resize(result.rows.member.size());
   for (Index m = 0; m < places.cols(); ++m) {
-    const PlaceSupport& s = found[static_cast<std::size_t>(m)];
-    if (s.ok) {
-      member.insert(member.end(), s.nodes.begin(), s.nodes.end());
-      weight.insert(weight.end(), s.phi.begin(), s.phi.end());
-    } else {
-      member.push_back(cloud.tree.nearest(places.col(m), 1).front());
-      weight.push_back(1.0);
-    }
-    result.rows.offset[m + 1] = static_cast<int>(member.size());
+    const Row& row = rows[static_cast<std::size_t>(m)];
+    std::copy(row.member.begin(), row.member.end(), result.rows.member.data() + result.rows.offset[m]);
+    std::copy(row.weight.begin(), row.weight.end(), result.weight.data() + result.rows.offset[m]);
   }
-  result.rows.member = Eigen::Map<Eigen::VectorXi>(member.data(), static_cast<Index>(member.size()));
-  result.weight = Eigen::Map<Eigen::VectorXd>(weight.data(), static_cast<Index>(weight.size()));
   return result;
 }
 

@@ -71,12 +71,7 @@ Eigen::VectorXd stiffness_row_sums(const Model& model, const Tissues& tissues) {
 }
 
 Relaxation::Relaxation(const ForceSystem& system, const Model& model, const Constraints& constraints)
-    : system_(system),
-      model_(model),
-      constraints_(constraints),
-      mass_(stiffness_row_sums(model, system.tissues())) {
-  const double floor = 1e-6 * mass_.maxCoeff();  // a node that no point sees well
-  mass_ = mass_.cwiseMax(floor);
+    : system_(system), model_(model), constraints_(constraints) {
   if (MixedIteration::serves(system, model))
     mixed_ = std::make_unique<MixedIteration>(system, model, constraints);
 }
@@ -111,6 +106,11 @@ Relaxed Relaxation::swing(Nodal& u, Nodal& f, const RelaxOptions& options, const
                           std::int64_t evaluations) const {
   const Index n = u.cols();
   const bool loaded = external.cols() == n;
+  if (mass_.size() == 0) {
+    mass_ = stiffness_row_sums(model_, system_.tissues());
+    const double floor = 1e-6 * mass_.maxCoeff();  // a node that no point sees well
+    mass_ = mass_.cwiseMax(floor);
+  }
   const Eigen::VectorXd inverse_mass = mass_.cwiseInverse();
   Relaxed result;
   result.evaluations = evaluations;

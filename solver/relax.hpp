@@ -33,7 +33,7 @@ class Relaxation {
   const ForceSystem& system_;
   const Model& model_;
   const Constraints& constraints_;
-  Eigen::VectorXd mass_;
+  mutable Eigen::VectorXd mass_;  // made when swing() is first needed
   mutable std::unique_ptr<MixedIteration> mixed_;
   mutable bool laborious_ = false;  // the last equilibrium took many iterations: the stiffness has changed
 };
