@@ -436,12 +436,12 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
     std::vector<Index> some = options.dynamic_nodes;
     if (some.empty())
       for (const Index count : nodes)
-        if (count <= (scheme == "horton2007" ? 4250 : 2000)) some.push_back(count);
+        if (count <= (scheme == "horton2007" ? 4250 : 1000)) some.push_back(count);
     std::sort(some.begin(), some.end());
     return some;
   };
-  if (options.dynamic_nodes.empty() && among("dynamic", options.times) && nodes.back() > 2000)
-    progress("dynamic runs: converging up to 2000 nodes, horton2007 up to 4250 (--dynamic-nodes: others)");
+  if (options.dynamic_nodes.empty() && among("dynamic", options.times) && nodes.back() > 1000)
+    progress("dynamic runs: converging up to 1000 nodes, horton2007 up to 4250 (--dynamic-nodes: others)");
   const auto note = [&](Subject& subject, AccuracyPoint point) {
     points.push_back(std::move(point));
     std::vector<double> reference = subject.reference;

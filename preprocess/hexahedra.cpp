@@ -195,6 +195,7 @@ Ends ends_of_column(const BodySurface& body, const Frame& frame, Vec2 u) {
 
 HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
                               const GradingOptions& grading, double spacing_mm) {
+  rim_of_circle(body, boundary, 48);  // refuses a circle that hangs over the edge
   const Frame frame = frame_of(body, boundary);
   const Points from = body.vertex().colwise() - frame.centre;
   const Eigen::RowVectorXd u1 = frame.e1.transpose() * from, u2 = frame.e2.transpose() * from;
