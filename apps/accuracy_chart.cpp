@@ -118,7 +118,7 @@ AccuracyPoint own_point(const Subject& subject, const std::string& scheme, const
 }
 
 struct Peer {
-  std::string name, scheme, title;
+  std::string name, scheme, title, elements;
   fs::path program;
 };
 
@@ -143,11 +143,11 @@ AccuracyPoint peer_point(const Subject& subject, const Peer& peer, Index nodes,
       fs::remove_all(folder);
       make_folder(folder);
       const auto start = std::chrono::steady_clock::now();
-      const ElementModel model = element_model(config);
+      const ElementModel model = element_model(config, peer.name, peer.elements);
       write_file(input, calculix ? calculix_input(model) : febio_input(model));
       build.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
       point.nodes = model.X.cols();
-      point.points = model.tetrahedra.cols() * (calculix ? 4 : 8);
+      point.points = model.elements.cols() * (model.elements.rows() == 10 && calculix ? 4 : 8);
       const ProgramRun ran =
           run_program(calculix ? std::vector<std::string>{peer.program, "peer"}
                                : std::vector<std::string>{peer.program, "-i", "peer.feb", "-nosplash"},
@@ -161,7 +161,8 @@ AccuracyPoint peer_point(const Subject& subject, const Peer& peer, Index nodes,
       if (ran.interrupted)
         point.status = "interrupted";
       else if (ran.out_of_time)
-        point.status = fmt::format("stopped after {:.3g} s", options.peer_limit_s);
+        point.status = fmt::format("stopped after {:.3g} s at {} of {} depths", options.peer_limit_s,
+                                   force.size(), depths);
       else if (force.size() < depths)
         point.status =
             fmt::format("ended with code {} after {} of {} depths", ran.code, force.size(), depths);
@@ -241,13 +242,16 @@ std::string csv(const std::vector<AccuracyPoint>& points, const std::vector<Subj
 struct Family {
   std::string program, scheme, time, name, short_name;
   int colour;
+  bool hollow = false;
 };
 const std::vector<Family> families = {
     {"dimple", "converging", "quasi-static", "converging, quasi-static", "converging", 0},
     {"dimple", "converging", "dynamic", "converging, dynamic", "converging, dynamic", 5},
     {"dimple", "horton2007", "dynamic", "horton2007, dynamic", "horton2007", 1},
-    {"calculix", "C3D10", "quasi-static", "CalculiX, C3D10", "CalculiX", 3},
-    {"febio", "tet10", "quasi-static", "FEBio, tet10", "FEBio", 4}};
+    {"calculix", "C3D20R", "quasi-static", "CalculiX, hexahedra (C3D20R)", "CalculiX", 3},
+    {"calculix", "C3D10", "quasi-static", "CalculiX, tetrahedra (C3D10)", "C3D10", 3, true},
+    {"febio", "hex8", "quasi-static", "FEBio, hexahedra (hex8, mixed)", "FEBio", 4},
+    {"febio", "tet10", "quasi-static", "FEBio, tetrahedra (tet10, mixed)", "tet10", 4, true}};
 
 Chart panel(const Subject& subject, const std::vector<AccuracyPoint>& points) {
   Chart chart{.title = subject.title,
@@ -256,6 +260,11 @@ Chart panel(const Subject& subject, const std::vector<AccuracyPoint>& points) {
               .y_label = "largest error of the force at 1, 2, ... 8 mm [%]",
               .log_x = true,
               .log_y = true};
+  // What came to no point is said.
+  for (const AccuracyPoint& p : points)
+    if (p.scene == subject.name && p.status != "ok")
+      chart.subtitle.push_back(
+          fmt::format("No point for {} ({}) with {} nodes: {}", p.program, p.scheme, p.nodes, p.status));
   ChartSeries front{.name = "Pareto front", .line = true, .markers = false, .dashed = true, .colour = 6};
   std::vector<const AccuracyPoint*> best;
   for (const AccuracyPoint& p : points)
@@ -272,7 +281,7 @@ Chart panel(const Subject& subject, const std::vector<AccuracyPoint>& points) {
   }
   chart.series.push_back(front);
   for (const Family& family : families) {
-    ChartSeries series{.name = family.name, .colour = family.colour};
+    ChartSeries series{.name = family.name, .hollow = family.hollow, .colour = family.colour};
     for (const AccuracyPoint& p : points) {
       if (p.scene != subject.name || p.program != family.program || p.scheme != family.scheme ||
           p.time != family.time || !complete(p))
@@ -340,6 +349,7 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
   check_words(options.only, {"a", "b", "image"}, "--only");
   check_words(options.schemes, {"converging", "horton2007"}, "--schemes");
   check_words(options.times, {"quasi-static", "dynamic"}, "--time");
+  check_words(options.peer_elements, {"hexahedra", "tetrahedra"}, "--elements");
   for (const Index nodes : options.nodes)
     if (nodes < 100)
       throw UsageError({.fact = fmt::format("{} nodes are too few", nodes),
@@ -363,9 +373,13 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
   if (options.calculix == "ccx" && find_program("ccx").empty())
     progress("CalculiX is not installed (apt install calculix-ccx) and is left out");
   else if (options.calculix != "none")
-    peers.push_back({"calculix", "C3D10", "CalculiX", program_asked_for(options.calculix, "--calculix")});
+    for (const std::string& elements : options.peer_elements)
+      peers.push_back({"calculix", elements == "hexahedra" ? "C3D20R" : "C3D10", "CalculiX", elements,
+                       program_asked_for(options.calculix, "--calculix")});
   if (!options.febio.empty())
-    peers.push_back({"febio", "tet10", "FEBio", program_asked_for(options.febio, "--febio")});
+    for (const std::string& elements : options.peer_elements)
+      peers.push_back({"febio", elements == "hexahedra" ? "hex8" : "tet10", "FEBio", elements,
+                       program_asked_for(options.febio, "--febio")});
   std::optional<LabelImage> given;
   if (wanted("image") && !config.image.file.empty())
     given = read_label_image(config.image.file, config.image.label_names);
@@ -417,6 +431,17 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
   bool interrupted = false;
   std::vector<Index> nodes = options.nodes;
   std::sort(nodes.begin(), nodes.end());
+  const auto sizes = [&](const std::string& scheme, const std::string& time) {
+    if (time != "dynamic") return nodes;
+    std::vector<Index> some = options.dynamic_nodes;
+    if (some.empty())
+      for (const Index count : nodes)
+        if (count <= (scheme == "horton2007" ? 4250 : 1000)) some.push_back(count);
+    std::sort(some.begin(), some.end());
+    return some;
+  };
+  if (options.dynamic_nodes.empty() && among("dynamic", options.times) && nodes.back() > 1000)
+    progress("dynamic runs: converging up to 1000 nodes, horton2007 up to 4250 (--dynamic-nodes: others)");
   const auto note = [&](Subject& subject, AccuracyPoint point) {
     points.push_back(std::move(point));
     std::vector<double> reference = subject.reference;
@@ -459,7 +484,7 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
       if (family.program != "dimple" || !among(family.scheme, options.schemes) ||
           !among(family.time, options.times))
         continue;
-      for (const Index count : nodes)
+      for (const Index count : sizes(family.scheme, family.time))
         if (!interrupted)
           note(subject, own_point(subject, family.scheme, family.time, count, options.repeat));
     }

@@ -10,10 +10,14 @@ struct AccuracyOptions {
   std::vector<std::string> schemes = {"converging", "horton2007"};
   std::vector<std::string> times = {"quasi-static", "dynamic"};
   int repeat = 1;  ///< clouds of each size (seeds): times are medians, errors the largest of all
-  std::string calculix = "ccx";                       ///< path or name, or none
-  std::string febio;                                  ///< path, or empty: left out
-  std::vector<Index> peer_nodes = {500, 1000, 2000};  ///< of other programs' meshes, about
-  double peer_limit_s = 120.0;                        ///< for one run of theirs
+  /// Sizes of dynamic runs; empty: those of `nodes`, horton2007 up to 4250 and converging up to 1000, whose
+  /// time steps at the graded rim are short.
+  std::vector<Index> dynamic_nodes;
+  std::string calculix = "ccx";                            ///< path or name, or none
+  std::string febio;                                       ///< path, or empty: left out
+  std::vector<std::string> peer_elements = {"hexahedra"};  ///< or tetrahedra, or both
+  std::vector<Index> peer_nodes = {500, 1000, 2000};       ///< of other programs' meshes, about
+  double peer_limit_s = 120.0;                             ///< for one run of theirs
 };
 
 /// What one run reached and what it cost.

@@ -227,11 +227,18 @@ int command_line(int argc, char** argv) {
       ->delimiter(',')
       ->capture_default_str();
   chart->add_option("--time", compared.times, "quasi-static, dynamic")->delimiter(',')->capture_default_str();
+  chart
+      ->add_option("--dynamic-nodes", compared.dynamic_nodes,
+                   "of dynamic runs [those of --nodes, converging up to 1000, horton2007 up to 4250]")
+      ->delimiter(',');
   chart->add_option("--repeat", compared.repeat, "clouds of each size: times are medians, errors the largest")
       ->capture_default_str();
   chart->add_option("--calculix", compared.calculix, "CalculiX, if not as ccx on PATH; none: leave it out")
       ->type_name("PATH");
   chart->add_option("--febio", compared.febio, "FEBio 4, to run it too")->type_name("PATH");
+  chart->add_option("--elements", compared.peer_elements, "of their meshes: hexahedra, tetrahedra")
+      ->delimiter(',')
+      ->capture_default_str();
   chart->add_option("--peer-nodes", compared.peer_nodes, "nodes of their meshes, about")
       ->delimiter(',')
       ->capture_default_str();
@@ -242,14 +249,16 @@ int command_line(int argc, char** argv) {
   common(chart);
 
   Flags export_flags;
-  std::string format;
+  std::string format, elements = "hexahedra";
   CLI::App* other = app.add_subcommand(
       "export",
-      "write the scene for another program, as tetrahedra: CalculiX or FEBio; --nodes or --spacing "
-      "say how fine");
+      "write the scene for another program, as a mesh: CalculiX or FEBio; --nodes or --spacing say how "
+      "fine");
   other->add_option("IMAGE", image, "label image");
   other->add_option("-o,--out,--output", out, "file to write: .inp (CalculiX) or .feb (FEBio)")->required();
   other->add_option("--format", format, "calculix, febio [from the file's name]");
+  other->add_option("--elements", elements, "hexahedra (columns along the push) or tetrahedra (CGAL's)")
+      ->capture_default_str();
   export_flags.add(*other, "");
   common(other);
 
@@ -343,7 +352,7 @@ int command_line(int argc, char** argv) {
           },
           stop_requested));
     }
-    if (*other) return finish(export_model(with_image(export_flags.config(*other)), format, out));
+    if (*other) return finish(export_model(with_image(export_flags.config(*other)), format, elements, out));
     if (*options) {
       fmt::print("{}", option_reference());
       return 0;

@@ -7,6 +7,7 @@
 #include "apps/log.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "preprocess/hexahedra.hpp"
 #include "preprocess/tetrahedra.hpp"
 
 namespace dimple {
@@ -30,10 +31,69 @@ std::string chosen_format(const std::string& format, const fs::path& file) {
                     .remedy = "name it so, or give --format calculix or --format febio"});
 }
 
+struct Mesh {
+  ElementModel model;  // X in the surface's frame; nodes and elements only
+  Boundary boundary;
+  double spacing = 0.0, rim = 1.0, volume_mm3 = 0.0;
+};
+
+Mesh tetrahedra(const Config& config, const BodySurface& surface, ModelOptions options) {
+  // The paper's even cloud would need a hundred thousand tetrahedra to follow the rim.
+  if (config.cloud.rim <= 0.0) options.cloud.grading.rim = 0.15;
+  const double first = config.cloud.spacing_mm > 0.0
+                           ? config.cloud.spacing_mm
+                           : tetrahedra_spacing_for_count(surface, options.cloud.count, {});
+  Mesh mesh;
+  mesh.boundary = find_boundary(surface, options.boundary, first);
+  const Sizing sizing(surface, mesh.boundary, options.cloud.grading);
+  mesh.rim = options.cloud.grading.rim;
+  mesh.spacing = config.cloud.spacing_mm > 0.0
+                     ? config.cloud.spacing_mm
+                     : tetrahedra_spacing_for_count(surface, options.cloud.count, sizing);
+  const TetrahedralMesh made = make_tetrahedra(surface, mesh.boundary, sizing, mesh.spacing);
+  mesh.model.X = made.X;
+  mesh.model.elements = made.tetrahedra;
+  mesh.model.base = made.base;
+  mesh.model.circle = made.circle;
+  mesh.volume_mm3 = made.volume_mm3;
+  return mesh;
+}
+
+// Of 20 nodes, or, if they are `mixed`, of 8.
+Mesh hexahedra(const Config& config, const BodySurface& surface, ModelOptions options, bool mixed) {
+  // With CalculiX on the block: 0.2 errs by 17 % where 0.1 does by 9 %; 0.05 goes soft at depth.
+  if (config.cloud.rim <= 0.0) options.cloud.grading.rim = 0.1;
+  const GradingOptions& grading = options.cloud.grading;
+  // A mesh without the middles of edges has about a quarter of the nodes.
+  const Index count = mixed ? 7 * options.cloud.count / 2 : options.cloud.count;
+  Mesh mesh;
+  mesh.boundary = find_boundary(surface, options.boundary,
+                                config.cloud.spacing_mm > 0.0
+                                    ? config.cloud.spacing_mm
+                                    : tetrahedra_spacing_for_count(surface, options.cloud.count, {}));
+  mesh.rim = grading.rim;
+  mesh.spacing = config.cloud.spacing_mm > 0.0
+                     ? config.cloud.spacing_mm
+                     : hexahedra_spacing_for_count(surface, mesh.boundary, grading, count);
+  const HexahedralMesh made = make_hexahedra(surface, mesh.boundary, grading, mesh.spacing);
+  mesh.model.X = made.X;
+  mesh.model.elements = made.hexahedra;
+  mesh.model.base = made.base;
+  mesh.model.circle = made.circle;
+  mesh.volume_mm3 = made.volume_mm3;
+  if (mixed) mesh.model = without_middles(mesh.model, made.corner_count);
+  return mesh;
+}
+
 }  // namespace
 
-ElementModel element_model(const Config& config) {
+ElementModel element_model(const Config& config, const std::string& format, const std::string& elements) {
   const Material material = material_of(config);
+  if (elements != "hexahedra" && elements != "tetrahedra")
+    throw UsageError({.fact = fmt::format("'{}' are no elements", elements),
+                      .where = "--elements",
+                      .why = "known are hexahedra and tetrahedra",
+                      .remedy = "choose one of these"});
   if (!config.tissue.empty() || !material.ogden.empty() || !material.prony.empty() || material.as_printed)
     throw UsageError({.fact = "only one neo-Hookean tissue can be exported",
                       .where = "material",
@@ -41,47 +101,35 @@ ElementModel element_model(const Config& config) {
                       .remedy = "leave out tissues, presets, --stress printed, Ogden and Prony numbers"});
   const SegmentedBody body = segment(config);
   const BodySurface& surface = body.surface;
-  ModelOptions options = model_options(config);
-  // The paper's even cloud would need a hundred thousand tetrahedra to follow the rim.
-  if (config.cloud.rim <= 0.0) options.cloud.grading.rim = 0.15;
-  const double first = config.cloud.spacing_mm > 0.0
-                           ? config.cloud.spacing_mm
-                           : tetrahedra_spacing_for_count(surface, options.cloud.count, {});
-  const Boundary boundary = find_boundary(surface, options.boundary, first);
-  const Sizing sizing(surface, boundary, options.cloud.grading);
-  const double spacing = config.cloud.spacing_mm > 0.0
-                             ? config.cloud.spacing_mm
-                             : tetrahedra_spacing_for_count(surface, options.cloud.count, sizing);
-  const TetrahedralMesh mesh = make_tetrahedra(surface, boundary, sizing, spacing);
-  const Loading loading = loading_of(config);
-  ElementModel model;
-  model.X = surface.to_world() * mesh.X.colwise().homogeneous();
-  model.tetrahedra = mesh.tetrahedra;
-  model.base = mesh.base;
-  model.circle = mesh.circle;
+  const ModelOptions options = model_options(config);
+  const bool mixed = elements == "hexahedra" && format == "febio";
+  const Mesh mesh = elements == "hexahedra" ? hexahedra(config, surface, options, mixed)
+                                            : tetrahedra(config, surface, options);
+  ElementModel model = mesh.model;
+  model.X = surface.to_world() * model.X.colwise().homogeneous();
   model.mu = material.mu;
   model.kappa = material.kappa;
-  model.push = surface.to_world().linear() * boundary.push + Vec3::Zero();
+  model.push = surface.to_world().linear() * mesh.boundary.push + Vec3::Zero();
   model.depth_mm = config.load.depth_mm;
-  model.bonded = loading.contact == Contact::bonded;
+  model.bonded = loading_of(config).contact == Contact::bonded;
   model.frames = static_cast<int>(config.solver.frames);
   model.remarks = {
       fmt::format("{}, indented by {:.6g} mm ({}); written by dimple {}",
                   fs::path(config.image.file).filename().string(), config.load.depth_mm, config.load.contact,
                   DIMPLE_VERSION),
-      fmt::format("{} nodes ({} corners), {} tetrahedra, edges of {:.4g} mm, {:.4g} mm at the circle's rim; "
-                  "{:.2f} cm3, "
-                  "the surface's {:.2f} cm3",
-                  mesh.X.cols(), mesh.corner_count, mesh.tetrahedra.cols(), spacing,
-                  spacing * options.cloud.grading.rim, mesh.volume_mm3 / 1e3, surface.volume() / 1e3),
-      fmt::format("base: {} nodes, {}", mesh.base.size(), boundary.base_reason),
-      fmt::format("circle: {} nodes, {}", mesh.circle.size(), boundary.circle_reason)};
+      fmt::format("{} nodes, {} {}, edges of {:.4g} mm, {:.4g} mm at the circle's rim; {:.2f} cm3, the "
+                  "surface's {:.2f} cm3",
+                  model.X.cols(), model.elements.cols(), elements, mesh.spacing, mesh.spacing * mesh.rim,
+                  mesh.volume_mm3 / 1e3, surface.volume() / 1e3),
+      fmt::format("base: {} nodes, {}", model.base.size(), mesh.boundary.base_reason),
+      fmt::format("circle: {} nodes, {}", model.circle.size(), mesh.boundary.circle_reason)};
   return model;
 }
 
-Outcome export_model(const Config& config, const std::string& format, const fs::path& file) {
+Outcome export_model(const Config& config, const std::string& format, const std::string& elements,
+                     const fs::path& file) {
   const std::string known = chosen_format(format, file);
-  const ElementModel model = element_model(config);
+  const ElementModel model = element_model(config, known, elements);
   for (const std::string& line : model.remarks) say(fmt::format("export   {}", line));
   write_file(file, known == "febio" ? febio_input(model) : calculix_input(model));
   const std::string command = known == "febio"
@@ -89,9 +137,9 @@ Outcome export_model(const Config& config, const std::string& format, const fs::
                                   : fmt::format("ccx {}", (file.parent_path() / file.stem()).string());
   return {.summary_json =
               fmt::format("{{\"file\": \"{}\", \"format\": \"{}\", \"nodes\": {}, \"elements\": {}}}\n",
-                          file.string(), known, model.X.cols(), model.tetrahedra.cols()),
-          .headline = fmt::format("{} nodes, {} tetrahedra; run it with: {}", model.X.cols(),
-                                  model.tetrahedra.cols(), command)};
+                          file.string(), known, model.X.cols(), model.elements.cols()),
+          .headline = fmt::format("{} nodes, {} {}; run it with: {}", model.X.cols(), model.elements.cols(),
+                                  elements, command)};
 }
 
 }  // namespace dimple

@@ -6,11 +6,14 @@
 namespace dimple {
 
 /// The scene of `config` as a finite-element model: the surface, base and circle that `dimple run` finds,
-/// filled with tetrahedra that are graded towards the circle's rim in the same way. Throws what they throw,
-/// and UsageError for what these programs are not given: several tissues, Ogden, viscoelastic.
-ElementModel element_model(const Config& config);
+/// filled with elements that are graded towards the circle's rim. `format`: calculix or febio. `elements`:
+/// hexahedra (20 nodes for CalculiX; 8 for FEBio, whose mixed elements these are) or tetrahedra (10 nodes).
+/// Throws what they throw, and UsageError for what these programs are not given: several tissues, Ogden,
+/// viscoelastic.
+ElementModel element_model(const Config& config, const std::string& format, const std::string& elements);
 
-/// Writes it. `format`: calculix or febio, or empty: from the file's name (.inp, .feb). Throws UsageError.
-Outcome export_model(const Config& config, const std::string& format, const std::filesystem::path& file);
+/// Writes it. `format` may be empty: from the file's name (.inp, .feb). Throws UsageError.
+Outcome export_model(const Config& config, const std::string& format, const std::string& elements,
+                     const std::filesystem::path& file);
 
 }  // namespace dimple

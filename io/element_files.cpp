@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <iterator>
 #include <sstream>
@@ -56,6 +57,23 @@ Vec3 three(const std::string& line, const std::string& what) {
 
 }  // namespace
 
+ElementModel without_middles(const ElementModel& model, Index corner_count) {
+  ElementModel m = model;
+  m.X = model.X.leftCols(corner_count).eval();
+  m.elements = model.elements.topRows(model.elements.rows() == 10 ? 4 : 8).eval();
+  for (std::vector<Index>* nodes : {&m.base, &m.circle})
+    nodes->erase(std::lower_bound(nodes->begin(), nodes->end(), corner_count), nodes->end());
+  return m;
+}
+
+std::string calculix_element(const ElementModel& m) {
+  return m.elements.rows() == 10 ? "C3D10" : m.elements.rows() == 20 ? "C3D20R" : "C3D8";
+}
+
+std::string febio_element(const ElementModel& m) {
+  return m.elements.rows() == 10 ? "tet10" : m.elements.rows() == 20 ? "hex20" : "hex8";
+}
+
 std::string calculix_input(const ElementModel& m) {
   std::string text;
   const Text out(text);
@@ -63,14 +81,17 @@ std::string calculix_input(const ElementModel& m) {
   fmt::format_to(
       out,
       "** CalculiX: U = C10 (I1_bar - 3) + 1/D1 (J - 1)^2: the same with C10 = mu/2, D1 = 2/kappa.\n"
-      "** C3D10: linear tetrahedra lock at this kappa / mu; CalculiX has no mixed (hybrid) ones.\n"
-      "*NODE, NSET=all\n");
+      "** {}: linear elements lock at this kappa / mu; CalculiX has no mixed (hybrid) ones.\n"
+      "*NODE, NSET=all\n",
+      calculix_element(m));
   for (Index a = 0; a < m.X.cols(); ++a)
     fmt::format_to(out, "{}, {:.9g}, {:.9g}, {:.9g}\n", a + 1, m.X(0, a), m.X(1, a), m.X(2, a));
-  fmt::format_to(out, "*ELEMENT, TYPE=C3D10, ELSET=tissue\n");
-  for (Index e = 0; e < m.tetrahedra.cols(); ++e) {
+  fmt::format_to(out, "*ELEMENT, TYPE={}, ELSET=tissue\n", calculix_element(m));
+  for (Index e = 0; e < m.elements.cols(); ++e) {
     fmt::format_to(out, "{}", e + 1);
-    for (Index k = 0; k < 10; ++k) fmt::format_to(out, ", {}", m.tetrahedra(k, e) + 1);
+    // A line that ends with a comma goes on.
+    for (Index k = 0; k < m.elements.rows(); ++k)
+      fmt::format_to(out, "{}{}", k == 12 ? ",\n" : ", ", m.elements(k, e) + 1);
     fmt::format_to(out, "\n");
   }
   fmt::format_to(out, "*NSET, NSET=base\n");
@@ -127,7 +148,7 @@ std::string febio_input(const ElementModel& m) {
       "<!-- FEBio: W = c1 (I1_bar - 3) + U(J), U = k/2 (J - 1)^2 with the pressure model Abaqus: c1 = mu/2, "
       "k = "
       "kappa. -->\n"
-      "<!-- Ten-node tetrahedra with one pressure each (three-field): linear ones lock at this k / c1. -->\n"
+      "<!-- {5} with a pressure of their own (three-field): without, they lock at this k / c1. -->\n"
       "<febio_spec version=\"4.0\">\n"
       "  <Module type=\"solid\"/>\n"
       "  <Control>\n    <analysis>STATIC</analysis>\n    <time_steps>{0}</time_steps>\n"
@@ -143,14 +164,15 @@ std::string febio_input(const ElementModel& m) {
       "      <c1>{3:.9g}</c1>\n      <c2>0</c2>\n      <k>{4:.9g}</k>\n"
       "      <pressure_model>Abaqus</pressure_model>\n    </material>\n  </Material>\n"
       "  <Mesh>\n    <Nodes name=\"all\">\n",
-      m.frames, 1.0 / m.frames, 1e-4 / m.frames, 0.5 * m.mu * kPa, m.kappa * kPa);
+      m.frames, 1.0 / m.frames, 1e-4 / m.frames, 0.5 * m.mu * kPa, m.kappa * kPa, febio_element(m));
   for (Index a = 0; a < m.X.cols(); ++a)
     fmt::format_to(out, "      <node id=\"{}\">{:.9g},{:.9g},{:.9g}</node>\n", a + 1, m.X(0, a), m.X(1, a),
                    m.X(2, a));
-  fmt::format_to(out, "    </Nodes>\n    <Elements type=\"tet10\" name=\"tissue\">\n");
-  for (Index e = 0; e < m.tetrahedra.cols(); ++e) {
+  fmt::format_to(out, "    </Nodes>\n    <Elements type=\"{}\" name=\"tissue\">\n", febio_element(m));
+  for (Index e = 0; e < m.elements.cols(); ++e) {
     fmt::format_to(out, "      <elem id=\"{}\">", e + 1);
-    for (Index k = 0; k < 10; ++k) fmt::format_to(out, "{}{}", k == 0 ? "" : ",", m.tetrahedra(k, e) + 1);
+    for (Index k = 0; k < m.elements.rows(); ++k)
+      fmt::format_to(out, "{}{}", k == 0 ? "" : ",", m.elements(k, e) + 1);
     fmt::format_to(out, "</elem>\n");
   }
   fmt::format_to(out, "    </Elements>\n");

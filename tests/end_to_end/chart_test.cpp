@@ -34,7 +34,8 @@ TEST(Export, CalculixGivesTheForceOfTissueThatDoesNotLock) {
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
   const std::string scene =
-      "export block.nrrd -o block.inp --nodes 2000 --frames 2 --depth 1mm --indent-at 0,0,0 --base inferior";
+      "export block.nrrd -o block.inp --nodes 2000 --frames 2 --depth 1mm --indent-at 0,0,0 --base inferior "
+      "--elements tetrahedra";
   // At nu 0.3 ten-node tetrahedra do not lock; hexahedra: 0.00721 N at 1 mm, tests/verification/reference.
   ASSERT_EQ(dimple(folder, scene + " --nu 0.3").code, 0);
   ASSERT_EQ(std::system(("cd '" + folder.string() + "' && ccx block > words.txt 2>&1").c_str()), 0);
@@ -42,6 +43,22 @@ TEST(Export, CalculixGivesTheForceOfTissueThatDoesNotLock) {
   ASSERT_EQ(forces.size(), 2u);
   EXPECT_NEAR(forces[1], 0.00721, 0.0008);
   EXPECT_NEAR(forces[0], 0.5 * forces[1], 0.0003);
+}
+
+TEST(Export, CalculixsHexahedraDoNotLock) {
+  if (std::system("command -v ccx > /dev/null 2>&1") != 0)
+    GTEST_SKIP() << "CalculiX is not installed (apt install calculix-ccx)";
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
+  ASSERT_EQ(dimple(folder,
+                   "export block.nrrd -o block.inp --nodes 1000 --frames 1 --depth 1mm --indent-at 0,0,0 "
+                   "--base inferior")
+                .code,
+            0);
+  ASSERT_EQ(std::system(("cd '" + folder.string() + "' && ccx block > words.txt 2>&1").c_str()), 0);
+  const auto forces = calculix_forces(read_file(folder / "block.dat"), -Vec3::UnitZ());
+  ASSERT_EQ(forces.size(), 1u);
+  EXPECT_NEAR(forces[0], 0.00975, 0.10 * 0.00975);
 }
 
 TEST(Export, RefusesWhatItCannotSay) {
@@ -53,6 +70,9 @@ TEST(Export, RefusesWhatItCannotSay) {
   const Ran name = dimple(folder, "export block.nrrd -o a.txt");
   EXPECT_EQ(name.code, 2);
   EXPECT_THAT(name.err, HasSubstr("does not say for which program"));
+  const Ran elements = dimple(folder, "export block.nrrd -o a.inp --elements pyramids");
+  EXPECT_EQ(elements.code, 2);
+  EXPECT_THAT(elements.err, HasSubstr("'pyramids' are no elements"));
   const Ran ogden =
       dimple(folder, "export block.nrrd -o a.inp --set material.prony_g=0.5 --set material.prony_tau_s=1");
   EXPECT_EQ(ogden.code, 2);
@@ -86,6 +106,7 @@ TEST(Chart, RefusesBeforeTheFirstRun) {
       {"--only a,c", "'c' is not known"},
       {"--only image", "no label image was given"},
       {"--nodes 50", "50 nodes are too few"},
+      {"--elements pyramids", "'pyramids' is not known"},
       {"--time slow", "'slow' is not known"},
       {"--febio no/such/febio4", "there is no program no/such/febio4"},
       {"--calculix no/such/ccx", "there is no program no/such/ccx"}};
