@@ -15,10 +15,10 @@ namespace {
 using Nodal = ForceSystem::Nodal;
 using Kind = Constraints::Kind;
 
-constexpr double steps_per_period = 8.0;
+constexpr double steps_per_period = 6.0;
 constexpr double alpha = -1.0 / 3.0, beta = (1.0 - alpha) * (1.0 - alpha) / 4.0, gamma = 0.5 - alpha;
 // Of a step: its error does not add up, since the next one starts from the forces that were found.
-constexpr double roughly = 1e-3;
+constexpr double roughly = 2e-3;
 constexpr std::size_t remembered =
     3;  // states, for the guess of the next: more would amplify what they are off
 constexpr double shortest = 1.0 / 64.0;  // step, of the first one tried

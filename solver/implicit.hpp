@@ -9,7 +9,7 @@ namespace dimple {
 ///
 ///     u+ = u + dt/2 (v + v+),   v+ = v + dt/2 (a + a+),   M (a+ + c v+) = R - f(u+),
 ///
-/// neither damps nor makes energy. dt is a sixteenth of the period of the slowest shear wave across the body:
+/// neither damps nor makes energy. dt is a sixth of the period of the slowest shear wave across the body:
 /// the lowest swings are resolved, those between neighbouring nodes, of which the tool's slow way excites
 /// none, are not. Where a step does not converge it is halved until the next frame.
 ///

@@ -24,7 +24,7 @@ ForceSystem::ForceSystem(const Model& model, const Tissues& tissues, Precision p
       pairs_(model.support.member.size()),
       patches_(model.patches.count() > 0) {
   // The paper's scheme in double: with its 1.5 points per node rounding decides when it gives way.
-  if (patches_ && precision == Precision::single_)
+  if (precision == Precision::single_)
     single_ = std::make_unique<ProjectedKernel<float>>(model, tissues);
   else
     double_ = std::make_unique<ProjectedKernel<double>>(model, tissues);

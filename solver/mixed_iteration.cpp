@@ -1,11 +1,14 @@
 #include "solver/mixed_iteration.hpp"
 
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_invoke.h>
 
 #include <Eigen/Cholesky>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
+
+#include "solver/huge_pages.hpp"
 
 namespace dimple {
 namespace {
@@ -19,37 +22,96 @@ using Sparse = Eigen::SparseMatrix<double>;
 constexpr double stiffer = 3.0;
 constexpr double neighbour_distance = 1.6;  // of the mean spacing: some 14 neighbours
 constexpr int fewest_neighbours = 6;
-constexpr int remembered = 20;    // steps, by Anderson's acceleration
+constexpr int remembered = 30;    // steps, by Anderson's acceleration
 constexpr int without_gain = 30;  // iterations, and it is given up
 constexpr double setback = 10.0;  // growth of the residual that is taken back
 
 // The Cholesky factor of a scalar matrix over some of the nodes, in single precision: a preconditioner needs
-// no more, and Eigen solves for one column at a time where here three components share each entry.
+// no more, and Eigen solves for one column at a time where here three components share each entry. Nodes are
+// ordered as two halves of the body, which two threads eliminate, and what lies between them.
 struct NodalFactor {
   using Vec4 = float __attribute__((vector_size(16)));
-  Eigen::SimplicialLLT<Sparse, Eigen::Lower, Eigen::AMDOrdering<int>> cholesky;
-  std::vector<Index> node;  // of each row, in the order of elimination
-  std::vector<int> offset, row;
-  std::vector<float> value, inverse;
-  std::vector<Vec4> x;
+  Eigen::SimplicialLLT<Sparse, Eigen::Lower, Eigen::NaturalOrdering<int>> cholesky;
+  Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int>
+      order;                          // row in the matrix -> row in the factor
+  std::size_t half = 0, between = 0;  // where the second half begins, and what separates the two
+  std::vector<Index> node;            // of each row of the factor
+  std::vector<int> offset;
+  LongVector<int> row;
+  LongVector<float> value;
+  std::vector<float> inverse;
+  std::vector<Vec4> x, from_half[2];  // what each half sends to the rest
+
+  // Halves by the longest extent of the body; the nodes of the second that touch the first separate them.
+  void dissect(const Sparse& matrix, const Points& X, const std::vector<Index>& of_row) {
+    const Index n = matrix.rows();
+    Points place(3, n);
+    for (Index i = 0; i < n; ++i) place.col(i) = X.col(of_row[static_cast<std::size_t>(i)]);
+    Index axis = 0;
+    (place.rowwise().maxCoeff() - place.rowwise().minCoeff()).maxCoeff(&axis);
+    std::vector<double> along(place.row(axis).begin(), place.row(axis).end());
+    std::nth_element(along.begin(), along.begin() + n / 2, along.end());
+    const double middle = along[static_cast<std::size_t>(n / 2)];
+    std::vector<int> part(static_cast<std::size_t>(n));
+    for (Index i = 0; i < n; ++i) part[static_cast<std::size_t>(i)] = place(axis, i) < middle ? 0 : 1;
+    for (int j = 0; j < n; ++j)
+      for (Sparse::InnerIterator entry(matrix, j); entry; ++entry) {
+        const auto r = static_cast<std::size_t>(entry.row()), c = static_cast<std::size_t>(j);
+        if (part[r] == 0 && part[c] == 1) part[c] = 2;
+        if (part[c] == 0 && part[r] == 1) part[r] = 2;
+      }
+    order.resize(n);
+    int next = 0;
+    for (int p = 0; p < 3; ++p) {
+      if (p == 1) half = static_cast<std::size_t>(next);
+      if (p == 2) between = static_cast<std::size_t>(next);
+      std::vector<int> mine, number(static_cast<std::size_t>(n), -1);
+      for (int i = 0; i < n; ++i)
+        if (part[static_cast<std::size_t>(i)] == p) {
+          number[static_cast<std::size_t>(i)] = static_cast<int>(mine.size());
+          mine.push_back(i);
+        }
+      if (mine.empty()) continue;
+      std::vector<Eigen::Triplet<double>> entry;
+      for (const int j : mine)
+        for (Sparse::InnerIterator e(matrix, j); e; ++e)
+          if (const int i = number[static_cast<std::size_t>(e.row())]; i >= 0)
+            entry.emplace_back(i, number[static_cast<std::size_t>(j)], 1.0);
+      Sparse block(static_cast<Index>(mine.size()), static_cast<Index>(mine.size()));
+      block.setFromTriplets(entry.begin(), entry.end());
+      Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int> inverse_order;
+      Eigen::AMDOrdering<int>()(block.selfadjointView<Eigen::Lower>(), inverse_order);
+      for (Index k = 0; k < inverse_order.size(); ++k)
+        order.indices()[mine[static_cast<std::size_t>(inverse_order.indices()[k])]] = next++;
+    }
+  }
 
   // `place` [N]: a node's row in `matrix`, or -1.
-  bool factorise(const Sparse& matrix, const std::vector<int>& place) {
-    if (node.empty()) {
-      cholesky.analyzePattern(matrix);
-      const auto& order = cholesky.permutationP().indices();
-      node.resize(static_cast<std::size_t>(matrix.rows()));
+  bool factorise(const Sparse& matrix, const std::vector<int>& place, const Points& X) {
+    Sparse ordered(matrix.rows(), matrix.rows());
+    const bool first = node.empty();
+    if (first) {
+      std::vector<Index> of_row(static_cast<std::size_t>(matrix.rows()));
       for (std::size_t a = 0; a < place.size(); ++a)
-        if (place[a] >= 0) node[static_cast<std::size_t>(order[place[a]])] = static_cast<Index>(a);
+        if (place[a] >= 0) of_row[static_cast<std::size_t>(place[a])] = static_cast<Index>(a);
+      dissect(matrix, X, of_row);
+      node.resize(of_row.size());
+      for (std::size_t i = 0; i < of_row.size(); ++i)
+        node[static_cast<std::size_t>(order.indices()[static_cast<Index>(i)])] = of_row[i];
       x.resize(node.size());
+      for (auto& sent : from_half) sent.resize(node.size() - between);
     }
-    cholesky.factorize(matrix);
+    ordered.selfadjointView<Eigen::Lower>() = matrix.selfadjointView<Eigen::Lower>().twistedBy(order);
+    if (first) cholesky.analyzePattern(ordered);
+    cholesky.factorize(ordered);
     if (cholesky.info() != Eigen::Success) return false;
     const Sparse& L = cholesky.matrixL().nestedExpression();
     offset.assign(1, 0);
     row.clear();
     value.clear();
     inverse.clear();
+    row.reserve(static_cast<std::size_t>(L.nonZeros()));
+    value.reserve(static_cast<std::size_t>(L.nonZeros()));
     for (int j = 0; j < L.outerSize(); ++j) {
       for (Sparse::InnerIterator entry(L, j); entry; ++entry) {
         if (entry.row() == j) {
@@ -64,27 +126,56 @@ struct NodalFactor {
     return true;
   }
 
+  // Rows of a half send what they have for those between the halves to `sent`; rows between know no other.
+  void forward(std::size_t first, std::size_t last, Vec4* sent) {
+    for (std::size_t j = first; j < last; ++j) {
+      const Vec4 now = x[j] *= inverse[j];
+      for (auto k = static_cast<std::size_t>(offset[j]), end = static_cast<std::size_t>(offset[j + 1]);
+           k < end; ++k) {
+        const auto i = static_cast<std::size_t>(row[k]);
+        (i < between ? x[i] : sent[i - between]) -= now * value[k];
+      }
+    }
+  }
+  void backward(std::size_t first, std::size_t last) {
+    for (std::size_t j = last; j-- > first;) {
+      Vec4 sum[2] = {x[j], {}};
+      auto k = static_cast<std::size_t>(offset[j]);
+      const auto end = static_cast<std::size_t>(offset[j + 1]);
+      for (; k + 1 < end; k += 2) {
+        sum[0] -= x[static_cast<std::size_t>(row[k])] * value[k];
+        sum[1] -= x[static_cast<std::size_t>(row[k + 1])] * value[k + 1];
+      }
+      if (k < end) sum[0] -= x[static_cast<std::size_t>(row[k])] * value[k];
+      x[j] = (sum[0] + sum[1]) * inverse[j];
+    }
+  }
+
   // z = A^-1 r at its nodes, zero elsewhere.
   void solve(const Nodal& r, Nodal& z) {
     const auto n = node.size();
-    for (std::size_t j = 0; j < n; ++j)
-      for (int i = 0; i < 4; ++i) x[j][i] = static_cast<float>(r(i, node[j]));
-    for (std::size_t j = 0; j < n; ++j) {
-      const Vec4 now = x[j] *= inverse[j];
-      for (int k = offset[j]; k < offset[j + 1]; ++k)
-        x[static_cast<std::size_t>(row[static_cast<std::size_t>(k)])] -=
-            now * value[static_cast<std::size_t>(k)];
-    }
-    for (std::size_t j = n; j-- > 0;) {
-      Vec4 sum = x[j];
-      for (int k = offset[j]; k < offset[j + 1]; ++k)
-        sum -= x[static_cast<std::size_t>(row[static_cast<std::size_t>(k)])] *
-               value[static_cast<std::size_t>(k)];
-      x[j] = sum * inverse[j];
-    }
+    const auto load = [&](std::size_t first, std::size_t last) {
+      for (std::size_t j = first; j < last; ++j)
+        for (int i = 0; i < 4; ++i) x[j][i] = static_cast<float>(r(i, node[j]));
+    };
+    const auto down = [&](int h) {
+      const std::size_t first = h == 0 ? 0 : half, last = h == 0 ? half : between;
+      std::fill(from_half[h].begin(), from_half[h].end(), Vec4{});
+      load(first, last);
+      forward(first, last, from_half[h].data());
+    };
+    tbb::parallel_invoke([&] { down(0); }, [&] { down(1); });
+    load(between, n);
+    for (std::size_t j = between; j < n; ++j) x[j] += from_half[0][j - between] + from_half[1][j - between];
+    forward(between, n, x.data() + between);
+    backward(between, n);
     z.setZero();
-    for (std::size_t j = 0; j < n; ++j)
-      for (int i = 0; i < 4; ++i) z(i, node[j]) = static_cast<double>(x[j][i]);
+    const auto up = [&](std::size_t first, std::size_t last, std::size_t until) {
+      backward(first, last);
+      for (std::size_t j = first; j < until; ++j)
+        for (int i = 0; i < 4; ++i) z(i, node[j]) = static_cast<double>(x[j][i]);
+    };
+    tbb::parallel_invoke([&] { up(0, half, half); }, [&] { up(half, between, n); });
   }
 };
 
@@ -160,7 +251,8 @@ struct MixedIteration::Parts {
   // Anderson's memory, in variables scaled to be of one kind: what each step changed, in the place and in the
   // step. It outlives a call when the next one is of nearly the same problem, as in time steps.
   struct Memory {
-    Eigen::MatrixXd moved, changed, gram;
+    Eigen::MatrixXf moved, changed;  // a preconditioner's: their digits are worth no more
+    Eigen::MatrixXd gram;
     int kept = 0, next = 0;
   } memory;
   const ForceSystem& system;
@@ -232,7 +324,7 @@ struct MixedIteration::Parts {
         if (const int i = place[static_cast<std::size_t>(a)]; i >= 0) entry.emplace_back(i, i, diagonal[a]);
       Sparse matrix(count, count);
       matrix.setFromTriplets(entry.begin(), entry.end());
-      return factor.factorise(matrix, place);
+      return factor.factorise(matrix, place, model.X);
     };
     return factor_of(across, true) && (!slides || factor_of(along, false));
   }
@@ -416,11 +508,12 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
     scaled(u, lambda, place);
     scaled(du, dlambda, now);
     if (!fresh) {
-      m.moved.col(m.next) = place - last_place;
-      m.changed.col(m.next) = now - last;
+      m.moved.col(m.next) = (place - last_place).cast<float>();
+      m.changed.col(m.next) = (now - last).cast<float>();
       m.kept = std::min(m.kept + 1, remembered);
       for (int k = 0; k < m.kept; ++k)
-        m.gram(m.next, k) = m.gram(k, m.next) = m.changed.col(m.next).dot(m.changed.col(k));
+        m.gram(m.next, k) = m.gram(k, m.next) =
+            static_cast<double>(m.changed.col(m.next).dot(m.changed.col(k)));
       m.next = (m.next + 1) % remembered;
     }
     fresh = false;
@@ -432,9 +525,12 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
       const Eigen::VectorXd unit = m.gram.diagonal().head(m.kept).cwiseSqrt().cwiseMax(1e-300).cwiseInverse();
       Eigen::MatrixXd normal = unit.asDiagonal() * m.gram.topLeftCorner(m.kept, m.kept) * unit.asDiagonal();
       normal.diagonal().array() += 1e-10;
-      const Eigen::VectorXd right = unit.cwiseProduct(m.changed.leftCols(m.kept).transpose() * now);
-      const Eigen::VectorXd share = unit.cwiseProduct(normal.ldlt().solve(right));
-      place -= m.moved.leftCols(m.kept) * share + m.changed.leftCols(m.kept) * share / caution;
+      const Eigen::VectorXd right =
+          unit.cwiseProduct((m.changed.leftCols(m.kept).transpose() * now.cast<float>()).cast<double>());
+      const Eigen::VectorXf share = unit.cwiseProduct(normal.ldlt().solve(right)).cast<float>();
+      place -= (m.moved.leftCols(m.kept) * share +
+                m.changed.leftCols(m.kept) * (share / static_cast<float>(caution)))
+                   .cast<double>();
     }
     u = Eigen::Map<Nodal>(place.data(), 4, n) * p.scale.cwiseInverse().asDiagonal();
     lambda = place.tail(nb).cwiseQuotient(p.dual_scale);

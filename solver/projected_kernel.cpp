@@ -13,7 +13,7 @@
 namespace dimple {
 namespace {
 
-constexpr Index points_per_block = 256;
+constexpr Index points_per_block = 128;
 constexpr Index patches_per_task = 32;
 constexpr double beta = 10.0;
 constexpr double smallest_J = 0.2;  // as in distortional_stress()
@@ -302,6 +302,7 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
   std::vector<std::int32_t> local;
   find_places(model.support, nodes_, nodes_of_block_, local);
   point_offset_.assign(model.support.offset.begin(), model.support.offset.end());
+  pair_.reserve(static_cast<std::size_t>(model.support.member.size()));
   for (Index k = 0; k < model.support.member.size(); ++k)
     pair_.push_back({{static_cast<Real>(model.dphi(0, k)), static_cast<Real>(model.dphi(1, k)),
                       static_cast<Real>(model.dphi(2, k))},
@@ -358,6 +359,7 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
     Variance& mine = variance_.emplace_back();
     mine.tissue = v.tissue;
     mine.rows.offset.assign(v.rows.offset.begin(), v.rows.offset.end());
+    mine.rows.share.reserve(static_cast<std::size_t>(v.K.size()));
     for (Index k = 0; k < v.K.size(); ++k)
       mine.rows.share.push_back({v.rows.member[k], static_cast<Real>(v.K[k])});
     if (const auto terms = material_[static_cast<std::size_t>(mine.tissue)].prony.size(); terms > 0) {

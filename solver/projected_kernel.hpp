@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "preprocess/model.hpp"
+#include "solver/huge_pages.hpp"
 #include "solver/material.hpp"
 
 namespace dimple {
@@ -102,7 +103,7 @@ class ProjectedKernel {
   using Share = ProjectedShare<Real>;
   struct Lists {
     std::vector<std::int32_t> offset;
-    std::vector<Share> share;
+    LongVector<Share> share;
   };
   // Which members (nodes, patches) each block of points meets, all blocks end to end: each place is one
   // number of one block's own. Blocks write only there; then every member sums its places, in their order. So
@@ -123,10 +124,10 @@ class ProjectedKernel {
   std::vector<std::int32_t> tissue_;  // [Q]
   bool plain_ = true;                 // all neo-Hookean and elastic
   std::vector<std::int32_t> point_offset_;
-  std::vector<Pair> pair_;  // by point; numbers are places less the block's first
+  LongVector<Pair> pair_;  // by point; numbers are places less the block's first
   // Of eight points together: their patches' numbers within the block, and psi [8 x members].
   std::vector<std::int32_t> octet_offset_, octet_number_;
-  std::vector<Real> octet_weight_;
+  LongVector<Real> octet_weight_;
   Lists of_patch_;  // points; psi V / V_b
   Places nodes_of_block_, patches_of_block_;
   std::vector<Real> volume_, mu_, ks_, bulk_;  // [Q]; bulk = kappa - ks
@@ -141,7 +142,7 @@ class ProjectedKernel {
   std::vector<Real> u_;          // [4xN]
   std::vector<Real> at_node_,
       at_patch_;  // [4 x places] displacements, then forces; [places] sums, then means
-  std::vector<Columns> gradient_, stress_;  // [Q] F - I; V P
+  LongVector<Columns> gradient_, stress_;  // [Q] F - I; V P
   std::vector<Real> dilation_, pressure_, unresolved_, patch_dilation_, patch_unresolved_;
   std::vector<Real> held_;  // [patches] or empty
   std::vector<Sweep> block_;
