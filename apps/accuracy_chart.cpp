@@ -431,17 +431,17 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
   bool interrupted = false;
   std::vector<Index> nodes = options.nodes;
   std::sort(nodes.begin(), nodes.end());
-  const auto sizes = [&](const std::string& scheme, const std::string& time) {
+  const auto sizes = [&](const std::string& time) {
     if (time != "dynamic") return nodes;
     std::vector<Index> some = options.dynamic_nodes;
     if (some.empty())
       for (const Index count : nodes)
-        if (count <= (scheme == "horton2007" ? 4250 : 1000)) some.push_back(count);
+        if (count <= 4250) some.push_back(count);
     std::sort(some.begin(), some.end());
     return some;
   };
-  if (options.dynamic_nodes.empty() && among("dynamic", options.times) && nodes.back() > 1000)
-    progress("dynamic runs: converging up to 1000 nodes, horton2007 up to 4250 (--dynamic-nodes: others)");
+  if (options.dynamic_nodes.empty() && among("dynamic", options.times) && nodes.back() > 4250)
+    progress("dynamic runs: up to 4250 nodes (--dynamic-nodes: others)");
   const auto note = [&](Subject& subject, AccuracyPoint point) {
     points.push_back(std::move(point));
     std::vector<double> reference = subject.reference;
@@ -484,7 +484,7 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
       if (family.program != "dimple" || !among(family.scheme, options.schemes) ||
           !among(family.time, options.times))
         continue;
-      for (const Index count : sizes(family.scheme, family.time))
+      for (const Index count : sizes(family.time))
         if (!interrupted)
           note(subject, own_point(subject, family.scheme, family.time, count, options.repeat));
     }

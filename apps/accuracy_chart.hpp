@@ -10,8 +10,7 @@ struct AccuracyOptions {
   std::vector<std::string> schemes = {"converging", "horton2007"};
   std::vector<std::string> times = {"quasi-static", "dynamic"};
   int repeat = 1;  ///< clouds of each size (seeds): times are medians, errors the largest of all
-  /// Sizes of dynamic runs; empty: those of `nodes`, horton2007 up to 4250 and converging up to 1000, whose
-  /// time steps at the graded rim are short.
+  /// Sizes of dynamic runs; empty: those of `nodes` up to 4250.
   std::vector<Index> dynamic_nodes;
   std::string calculix = "ccx";                            ///< path or name, or none
   std::string febio;                                       ///< path, or empty: left out

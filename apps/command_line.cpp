@@ -229,7 +229,7 @@ int command_line(int argc, char** argv) {
   chart->add_option("--time", compared.times, "quasi-static, dynamic")->delimiter(',')->capture_default_str();
   chart
       ->add_option("--dynamic-nodes", compared.dynamic_nodes,
-                   "of dynamic runs [those of --nodes, converging up to 1000, horton2007 up to 4250]")
+                   "of dynamic runs [those of --nodes up to 4250]")
       ->delimiter(',');
   chart->add_option("--repeat", compared.repeat, "clouds of each size: times are medians, errors the largest")
       ->capture_default_str();

@@ -265,9 +265,9 @@ std::vector<Option> options_of(Config& c) {
       {"solver.time",
        "--time",
        "",
-       "quasi-static: equilibrium at each frame; dynamic: with inertia; explicit: every wave, by central "
-       "differences, "
-       "as dynamic is for horton2007; auto: by the load's duration, explicit for horton2007",
+       "quasi-static: equilibrium at each frame; explicit: every wave, by central differences; dynamic: inertia "
+       "in steps of the body's own swings, explicit if the load is too short; auto: quasi-static or, if the load is "
+       "short, explicit. horton2007 is explicit",
        &c.solver.time,
        0,
        0,

@@ -369,19 +369,26 @@ Precision precision_of(const Config& config) {
 
 enum class TimeMode { quasi_static, dynamic, explicit_ };
 
-// Inertia plays no part when the load lasts for many of the shear waves' ways through the organ.
+// Inertia plays no part when the load lasts for many of the shear waves' ways through the organ; and where it is
+// followed nevertheless, steps as long as the body's own swings are enough. A shorter load excites shorter waves.
 TimeMode choose_time(const Config& config, const Model& model, const Tissues& tissues, bool is_converging) {
   const std::string& asked = config.solver.time;
   if (asked == "quasi-static") return TimeMode::quasi_static;
   if (asked == "explicit" || !is_converging) return TimeMode::explicit_;
-  if (asked == "dynamic") return TimeMode::dynamic;
   const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
   double slowest = std::numeric_limits<double>::infinity();
   for (const Material& m : tissues.material) slowest = std::min(slowest, shear_wave_speed(m));
   const double waves = loading_of(config).duration() * slowest / (along.maxCoeff() - along.minCoeff());
+  const bool slow = waves >= 8.0;
+  const TimeMode mode = !slow              ? TimeMode::explicit_
+                        : asked == "auto" ? TimeMode::quasi_static
+                                          : TimeMode::dynamic;
   say(fmt::format("time     {}: the load lasts {:.3g} times a shear wave's way through the organ",
-                  waves >= 8.0 ? "quasi-static" : "dynamic", waves));
-  return waves >= 8.0 ? TimeMode::quasi_static : TimeMode::dynamic;
+                  !slow              ? "every wave"
+                  : asked == "auto" ? "quasi-static"
+                                    : "dynamic, in steps of the body's own swings",
+                  waves));
+  return mode;
 }
 
 void solve_by(TimeMode mode, const ForceSystem& system, const Model& model, const Loading& loading,

@@ -1,8 +1,10 @@
 #include "solver/relax.hpp"
 
 #include <gtest/gtest.h>
+#include <tbb/global_control.h>
 
 #include "io/error.hpp"
+#include "solver/implicit.hpp"
 #include "tests/helpers/block.hpp"
 
 namespace dimple {
@@ -70,6 +72,78 @@ TEST(LoadSlowly, GivesTheForceThatSlowDampedMotionEndsIn) {
   ASSERT_EQ(still.force.size(), 3u);
   EXPECT_NEAR(still.force.back().force, moving.force.back().force, 0.01 * moving.force.back().force);
   EXPECT_NEAR(still.energy.back().external, still.energy.back().stored, 0.01 * still.energy.back().stored);
+}
+
+// Nothing of it may grow with the bulk modulus: that is what the pressures of their own are for.
+TEST(LoadSlowly, NeedsFewEvaluationsHoweverIncompressibleTheTissueIs) {
+  const Model model = averaged_block();
+  for (const double nu : {0.45, 0.49, 0.499, 0.4999}) {
+    const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0));
+    History history;
+    load_slowly(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
+    EXPECT_LT(history.steps, 80) << "nu " << nu;
+    EXPECT_LT(history.residual, 1e-4) << "nu " << nu;
+  }
+}
+
+TEST(LoadSlowly, EndsWhereDynamicRelaxationDoes) {
+  const Model model = averaged_block();
+  const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
+  const Constraints constraints = make_constraints(model, Contact::bonded);
+  History mixed;
+  load_slowly(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 1, .tolerance = 1e-5}, {}, mixed);
+  // A model without the variance of its cells' gradients is not served by the mixed iteration: the same
+  // forces are taken from a second system.
+  Model plain = model;
+  plain.variance.clear();
+  Nodal u = Nodal::Zero(4, model.node_count()), f = u;
+  for (const Index a : model.indenter) u.col(a) = constraints.push * 1e-3;
+  system.release_pressures();
+  const Relaxed relaxed = Relaxation(system, plain, constraints)(u, f, {.tolerance = 1e-5});
+  double force = 0.0;
+  for (const Index a : model.indenter) force += f.col(a).dot(constraints.push);
+  EXPECT_GT(relaxed.evaluations, 2 * mixed.steps);
+  EXPECT_NEAR(mixed.force.back().force, force, 1e-3 * force);
+}
+
+TEST(LoadSlowly, GivesTheSameBitsForAnyNumberOfThreads) {
+  const Model model = averaged_block();
+  std::vector<double> force;
+  for (const std::size_t threads : {1, 2, 3}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0), Precision::single_);
+    History history;
+    load_slowly(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
+    force.push_back(history.force.back().force);
+  }
+  EXPECT_EQ(force[0], force[1]);
+  EXPECT_EQ(force[0], force[2]);
+}
+
+TEST(ImplicitSteps, FollowASlowLoadThroughItsEquilibria) {
+  const Model model = averaged_block();
+  const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
+  const Loading loading = {.depth = 1e-3, .rate = 1e-3};
+  for (const Contact contact : {Contact::bonded, Contact::frictionless}) {
+    Loading mine = loading;
+    mine.contact = contact;
+    History still, moving;
+    load_slowly(system, model, mine, {.frames = 2}, {}, still);
+    simulate_implicitly(system, model, mine, {.frames = 2}, {}, moving);
+    EXPECT_NEAR(moving.force.back().force, still.force.back().force, 5e-3 * still.force.back().force);
+    EXPECT_NEAR(moving.energy.back().error(), 0.0, 5e-3 * moving.energy.back().external);
+  }
+}
+
+// Waves that a step can resolve keep their speed: against central differences with their own small steps.
+TEST(ImplicitSteps, SwingAsCentralDifferencesDo) {
+  const Model model = averaged_block(5);
+  const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
+  const Loading loading = {.depth = 1e-3, .rate = 4e-3};
+  History small, large;
+  simulate(system, model, loading, {.frames = 2}, {}, small);
+  simulate_implicitly(system, model, loading, {.frames = 64}, {}, large);
+  EXPECT_NEAR(large.force.back().force, small.force.back().force, 0.03 * small.force.back().force);
 }
 
 TEST(LoadSlowly, LetsAViscoelasticBlockRelax) {
