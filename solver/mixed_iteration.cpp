@@ -24,6 +24,9 @@ constexpr double neighbour_distance = 1.6;  // of the mean spacing: some 14 neig
 constexpr int fewest_neighbours = 6;
 constexpr int remembered = 30;    // steps, by Anderson's acceleration
 constexpr int without_gain = 30;  // iterations, and it is given up
+// Operations of a new factor for each pair of a point and a node, at most: some thirty evaluations' worth of
+// time. A factor's cost grows with the square of the nodes, and what it saves does not.
+constexpr double worthwhile = 300.0;
 constexpr double setback = 10.0;  // growth of the residual that is taken back
 
 // The Cholesky factor of a scalar matrix over some of the nodes, in single precision: a preconditioner needs
@@ -289,6 +292,13 @@ struct MixedIteration::Parts {
     return system.materials()[static_cast<std::size_t>(system.tissues().of_point[q])].mu;
   }
 
+  bool factor_is_cheap() const {
+    double operations = 0.0;
+    for (std::size_t j = 0; j + 1 < across.offset.size(); ++j)
+      operations += std::pow(across.offset[j + 1] - across.offset[j], 2);
+    return operations < worthwhile * static_cast<double>(model.support.member.size());
+  }
+
   // The Laplacian whose energy of any linear field is that of `shear` [Q] Pa: node a's edges have the weight
   // 3 sum_q V shear / sum of their squared lengths.
   bool factorise() {
@@ -452,6 +462,7 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
   if (prepare != Prepare::nothing || p.gradient.cols() == 0) p.system.patch_gradients(p.nodes, p.gradient);
   const Index size = inertia ? n : 0;
   const bool other_inertia = size != p.inertia.size() || (inertia && inertia->inertia != p.inertia);
+  if (prepare == Prepare::all && !p.factor_is_cheap()) prepare = Prepare::volume;
   if (prepare == Prepare::all) p.shear = p.system.stiffness();
   if (other_inertia) p.inertia = inertia ? inertia->inertia : Eigen::VectorXd();
   if ((prepare == Prepare::all || other_inertia || p.across.node.empty()) && !p.factorise()) return result;
