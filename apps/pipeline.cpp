@@ -369,22 +369,20 @@ Precision precision_of(const Config& config) {
 
 enum class TimeMode { quasi_static, dynamic, explicit_ };
 
-// Inertia plays no part when the load lasts for many of the shear waves' ways through the organ; and where it is
-// followed nevertheless, steps as long as the body's own swings are enough. A shorter load excites shorter waves.
+// Inertia plays no part when the load lasts for many of the shear waves' ways through the organ; and where it
+// is followed nevertheless, steps as long as the body's own swings are enough. A shorter load excites shorter
+// waves.
 TimeMode choose_time(const Config& config, const Model& model, const Tissues& tissues, bool is_converging) {
   const std::string& asked = config.solver.time;
   if (asked == "quasi-static") return TimeMode::quasi_static;
   if (asked == "explicit" || !is_converging) return TimeMode::explicit_;
-  const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
-  double slowest = std::numeric_limits<double>::infinity();
-  for (const Material& m : tissues.material) slowest = std::min(slowest, shear_wave_speed(m));
-  const double waves = loading_of(config).duration() * slowest / (along.maxCoeff() - along.minCoeff());
+  const double waves = loading_of(config).duration() / shear_crossing_time(tissues, model);
   const bool slow = waves >= 8.0;
-  const TimeMode mode = !slow              ? TimeMode::explicit_
+  const TimeMode mode = !slow             ? TimeMode::explicit_
                         : asked == "auto" ? TimeMode::quasi_static
                                           : TimeMode::dynamic;
   say(fmt::format("time     {}: the load lasts {:.3g} times a shear wave's way through the organ",
-                  !slow              ? "every wave"
+                  !slow             ? "every wave"
                   : asked == "auto" ? "quasi-static"
                                     : "dynamic, in steps of the body's own swings",
                   waves));
@@ -523,7 +521,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   summary["version"] = DIMPLE_VERSION;
   summary["scheme"] = in.files.scheme;
   summary["time"] = quasi_static ? "quasi-static" : mode == TimeMode::dynamic ? "dynamic" : "explicit";
-  summary["precision"] = is_converging ? config.solver.precision : "double";
+  summary["precision"] = config.solver.precision;
   summary["counts"] = counts_json(model);
   summary["support"] = {{"fewest", support.fewest},
                         {"most", support.most},

@@ -25,15 +25,14 @@ constexpr double shortest = 1.0 / 64.0;  // step, of the first one tried
 // Evaluations for a step, after which it pays to linearise the volume anew, and the stiffness too.
 constexpr std::int64_t many = 8, very_many = 16;
 
-// Of a shear wave that stands between the base and the tool's side.
-double slowest_period(const ForceSystem& system, const Model& model) {
-  double speed = std::numeric_limits<double>::infinity();
-  for (const Material& m : system.materials()) speed = std::min(speed, shear_wave_speed(m));
-  const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
-  return 4.0 * (along.maxCoeff() - along.minCoeff()) / speed;
-}
-
 }  // namespace
+
+double shear_crossing_time(const Tissues& tissues, const Model& model) {
+  double speed = std::numeric_limits<double>::infinity();
+  for (const Material& m : tissues.material) speed = std::min(speed, shear_wave_speed(m));
+  const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
+  return (along.maxCoeff() - along.minCoeff()) / speed;
+}
 
 void simulate_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
                          const SolverOptions& options, const Observer& observer, History& history) {
@@ -43,8 +42,9 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
   const auto held = [&](Index a) { return constraints.kind[static_cast<std::size_t>(a)] != Kind::free; };
   const Eigen::Vector4d push = constraints.push;
   const double segment = loading.duration() / options.frames, damping = options.damping;
-  const auto steps =
-      static_cast<std::int64_t>(std::ceil(segment / (slowest_period(system, model) / steps_per_period)));
+  // Of a shear wave that stands between the base and the tool's side.
+  const double slowest_period = 4.0 * shear_crossing_time(system.tissues(), model);
+  const auto steps = static_cast<std::int64_t>(std::ceil(segment / (slowest_period / steps_per_period)));
   const double longest = segment / static_cast<double>(steps);
 
   Nodal u = Nodal::Zero(4, n), v = u, a = u, f = u;

@@ -4,6 +4,9 @@
 
 namespace dimple {
 
+/// [s] that the slowest shear wave takes through the body along the tool's push.
+double shear_crossing_time(const Tissues& tissues, const Model& model);
+
 /// As simulate(), with steps as long as the waves of the whole body allow, not those between two nodes: each
 /// is an equilibrium with inertia, found by MixedIteration. The trapezoidal rule,
 ///

@@ -18,12 +18,10 @@ ForceSystem::ForceSystem(const Model& model, const Material& material, Precision
 
 ForceSystem::ForceSystem(const Model& model, const Tissues& tissues, Precision precision)
     : tissues_(tissues),
-      material_(tissues.material.front()),
       nodes_(model.node_count()),
       points_(model.point_count()),
       pairs_(model.support.member.size()),
       patches_(model.patches.count() > 0) {
-  // The paper's scheme in double: with its 1.5 points per node rounding decides when it gives way.
   if (precision == Precision::single_)
     single_ = std::make_unique<ProjectedKernel<float>>(model, tissues);
   else

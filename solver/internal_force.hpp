@@ -84,14 +84,13 @@ class ForceSystem {
   const Tissues& tissues() const { return tissues_; }
   Precision precision() const { return single_ ? Precision::single_ : Precision::double_; }
   bool viscoelastic() const;
-  bool as_printed() const { return material_.as_printed; }
+  bool as_printed() const { return tissues_.material.front().as_printed; }
   Index node_count() const { return nodes_; }
   Index point_count() const { return points_; }
   Index pair_count() const { return pairs_; }
 
  private:
   Tissues tissues_;
-  Material material_;  // of the paper's scheme
   Index nodes_, points_, pairs_;
   bool patches_;
   std::unique_ptr<ProjectedKernel<float>> single_;  // one of the two

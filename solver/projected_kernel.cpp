@@ -7,7 +7,7 @@
 #include <array>
 #include <cmath>
 
-#include "solver/clones.hpp"
+#include "preprocess/clones.hpp"
 #include "solver/inverse_cube_root.hpp"
 
 namespace dimple {
@@ -372,10 +372,7 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
   slope_ = material_.front().as_printed ? Real(0) : Real(1);
   smallest_J_ = static_cast<Real>(patches_ > 0 ? smallest_J : 1e-4);
   patch_bulk_.resize(patch_volume_.size());
-  for (std::size_t b = 0; b < patch_bulk_.size();
-       ++b)  // a patch lies in one tissue: that of any of its points
-    patch_bulk_[b] = bulk_[static_cast<std::size_t>(
-        of_patch_.share[static_cast<std::size_t>(of_patch_.offset[b])].number)];
+  find_patch_bulk();
   u_.resize(static_cast<std::size_t>(4 * nodes_));
   at_node_.resize(4 * nodes_of_block_.member.size());
   at_patch_.resize(patches_of_block_.member.size());
@@ -610,9 +607,7 @@ void ProjectedKernel<Real>::begin_step(double dt) {
     ks_[q] = static_cast<Real>(ks[t]);
     bulk_[q] = static_cast<Real>(material_[t].kappa - ks[t]);
   }
-  for (std::size_t b = 0; b < patch_bulk_.size(); ++b)
-    patch_bulk_[b] = bulk_[static_cast<std::size_t>(
-        of_patch_.share[static_cast<std::size_t>(of_patch_.offset[b])].number)];
+  find_patch_bulk();
   for (Variance& v : variance_) {
     if (v.past.empty()) continue;
     const PronyStep& step = history_[static_cast<std::size_t>(v.tissue)].step;
@@ -649,6 +644,14 @@ void ProjectedKernel<Real>::accept(const double* u) {
       v.f0[k] = now[k];
     }
   }
+}
+
+// A patch lies in one tissue: that of any of its points.
+template <class Real>
+void ProjectedKernel<Real>::find_patch_bulk() {
+  for (std::size_t b = 0; b < patch_bulk_.size(); ++b)
+    patch_bulk_[b] = static_cast<double>(bulk_[static_cast<std::size_t>(
+        of_patch_.share[static_cast<std::size_t>(of_patch_.offset[b])].number)]);
 }
 
 // J - J~ of the last stress_sweep, from the term that it enters.

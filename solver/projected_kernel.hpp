@@ -148,6 +148,7 @@ class ProjectedKernel {
   std::vector<Sweep> block_;
 
   double unresolved_dilation(std::size_t q) const;
+  void find_patch_bulk();
   void sum_patches(std::vector<Real>& patch) const;
   void send_patches(const std::vector<Real>& patch);
 };

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "solver/clones.hpp"
+#include "preprocess/clones.hpp"
 #include "solver/inverse_cube_root.hpp"
 
 namespace dimple {
