@@ -350,11 +350,6 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
 
   SupportReport report;
   report.fewest = model.node_count();
-  struct Found {
-    std::vector<int> member;
-    std::vector<double> dphi;
-  };
-  std::vector<Found> slabs;  // in pieces: one vector that grows would be held twice
   const Eigen::VectorXi of_point = tissue.size() > 0 ? tissue : Eigen::VectorXi::Zero(model.point_count());
   std::map<int, std::vector<LowerRow>> variance;  // of each tissue
   if (averaged)
@@ -372,11 +367,11 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
       s = averaged ? over_cell(q, cloud, near.of(k), model.volume[q]) : at_point(q, cloud, near.of(k));
       if (s.ok) s.linear_error = linear_error(model, q, s, mean_radius);
     });
-    Found& kept = slabs.emplace_back();
-    std::size_t members = 0;
-    for (const PointSupport& s : found) members += s.nodes.size();
-    kept.member.reserve(members);
-    kept.dphi.reserve(3 * members);
+    // realloc() moves the pages of what is large: it is never held twice.
+    Index members = model.support.offset[first];
+    for (const PointSupport& s : found) members += static_cast<Index>(s.nodes.size());
+    model.support.member.conservativeResize(members);
+    model.dphi.conservativeResize(3, members);
     for (Index k = 0; k < count; ++k) {
       const Index q = first + k;
       const PointSupport& s = found[static_cast<std::size_t>(k)];
@@ -396,8 +391,8 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
                                    "(--nodes) or a linear basis",
                                    options.effective_radius_factor())});
       }
-      kept.member.insert(kept.member.end(), s.nodes.begin(), s.nodes.end());
-      kept.dphi.insert(kept.dphi.end(), s.dphi.data(), s.dphi.data() + s.dphi.size());
+      std::copy(s.nodes.begin(), s.nodes.end(), model.support.member.data() + model.support.offset[q]);
+      model.dphi.middleCols(model.support.offset[q], n) = s.dphi;
       model.support.offset[q + 1] = model.support.offset[q] + static_cast<int>(n);
 
       report.grown += s.grown;
@@ -417,15 +412,6 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
     GradientVariance& v = model.variance.emplace_back();
     v.tissue = t;
     unfold(rows, v);
-  }
-  model.support.member.resize(members);
-  model.dphi.resize(3, members);
-  Index at = 0;
-  for (Found& part : slabs) {
-    std::copy(part.member.begin(), part.member.end(), model.support.member.data() + at);
-    std::copy(part.dphi.begin(), part.dphi.end(), model.dphi.data() + 3 * at);
-    at += static_cast<Index>(part.member.size());
-    part = {};
   }
   return report;
 }
