@@ -6,6 +6,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "preprocess/neighbours.hpp"
 #include "preprocess/support.hpp"
@@ -16,6 +17,7 @@ namespace {
 // Of the residual: where 1e-6 leaves a patch test some 1e-7 of its scale, this leaves 1e-8; and the force, at
 // 1e-6 as at 1e-12, is the same to a millionth.
 constexpr double tolerance = 1e-7;
+constexpr Index slab = 65536;  // pieces of the surface whose shape functions are held at a time
 
 using Coefficients = Eigen::Matrix<double, 4, 3>;
 
@@ -58,61 +60,73 @@ struct LinearFields {
 
 // sum_q V_q (I - P_q), assembled: each of its rows is used in every iteration.
 struct Operator {
-  Operator(const Model& model, const LinearFields& fields, const CompressedRows& influence) {
+  explicit Operator(const Model& model) {
     const Index n = model.node_count();
-    std::vector<std::vector<std::pair<int, double>>> rows(static_cast<std::size_t>(n));
-    tbb::parallel_for(Index{0}, n, [&](Index a) {
-      thread_local std::vector<double> sum;
-      thread_local std::vector<int> members;
-      if (sum.size() < static_cast<std::size_t>(n)) sum.resize(static_cast<std::size_t>(n), 0.0);
-      members.assign(1, static_cast<int>(a));
-      double volume = 0.0;
-      for (int k = influence.offset[a]; k < influence.offset[a + 1]; ++k) {
-        const int q = influence.member[k];
-        Eigen::Vector4d g = model.volume[q] *
-                            (fields.inverse[static_cast<std::size_t>(q)] * fields.at(q, static_cast<int>(a)));
-        g.tail<3>() /= fields.size[q];
-        const Vec3 x = model.point.col(q);
-        volume += model.volume[q];
-        for (int m = model.support.offset[q]; m < model.support.offset[q + 1]; ++m) {
-          const int b = model.support.member[m];
-          double& at = sum[static_cast<std::size_t>(b)];
-          if (at == 0.0 && b != a) members.push_back(b);
-          at -= g[0] + g.tail<3>().dot(model.X.col(b) - x);
-        }
-      }
-      sum[static_cast<std::size_t>(a)] += volume;
-      std::sort(members.begin(), members.end());
-      auto& row = rows[static_cast<std::size_t>(a)];
-      row.reserve(members.size());
-      for (const int b : members) {
-        double& at = sum[static_cast<std::size_t>(b)];
-        if (at != 0.0) row.push_back({b, at});
-        at = 0.0;
-      }
-    });
+    const LinearFields fields(model);
+    const CompressedRows influence = transpose(model.support, n);
     diagonal.resize(n);
     offset.assign(1, 0);
-    for (auto& row : rows) {
-      const int a = static_cast<int>(offset.size()) - 1;
-      diagonal[a] = std::lower_bound(row.begin(), row.end(), std::pair(a, -1e300))->second;
-      entry.insert(entry.end(), row.begin(), row.end());
-      offset.push_back(entry.size());
-      row = {};
+    struct Row {
+      std::vector<int> column;
+      std::vector<double> value;
+    };
+    std::vector<Row> rows(static_cast<std::size_t>(std::min(n, block)));
+    for (Index first = 0; first < n; first += block) {
+      const Index last = std::min(first + block, n);
+      tbb::parallel_for(first, last, [&](Index a) {
+        thread_local std::vector<double> sum;
+        if (sum.size() < static_cast<std::size_t>(n)) sum.resize(static_cast<std::size_t>(n), 0.0);
+        Row& row = rows[static_cast<std::size_t>(a - first)];
+        row.column.assign(1, static_cast<int>(a));
+        double volume = 0.0;
+        for (int k = influence.offset[a]; k < influence.offset[a + 1]; ++k) {
+          const int q = influence.member[k];
+          Eigen::Vector4d g = model.volume[q] * (fields.inverse[static_cast<std::size_t>(q)] *
+                                                 fields.at(q, static_cast<int>(a)));
+          g.tail<3>() /= fields.size[q];
+          const Vec3 x = model.point.col(q);
+          volume += model.volume[q];
+          for (int m = model.support.offset[q]; m < model.support.offset[q + 1]; ++m) {
+            const int b = model.support.member[m];
+            double& at = sum[static_cast<std::size_t>(b)];
+            if (at == 0.0 && b != a) row.column.push_back(b);
+            at -= g[0] + g.tail<3>().dot(model.X.col(b) - x);
+          }
+        }
+        sum[static_cast<std::size_t>(a)] += volume;
+        diagonal[a] = sum[static_cast<std::size_t>(a)];
+        std::sort(row.column.begin(), row.column.end());
+        row.column.erase(std::unique(row.column.begin(), row.column.end()), row.column.end());
+        row.value.clear();
+        for (const int b : row.column)
+          row.value.push_back(std::exchange(sum[static_cast<std::size_t>(b)], 0.0));
+      });
+      for (Index a = first; a < last; ++a)
+        offset.push_back(offset.back() +
+                         static_cast<Index>(rows[static_cast<std::size_t>(a - first)].column.size()));
+      // realloc() moves the pages of what is large: it is never held twice.
+      column.conservativeResize(offset.back());
+      value.conservativeResize(offset.back());
+      tbb::parallel_for(first, last, [&](Index a) {
+        const Row& row = rows[static_cast<std::size_t>(a - first)];
+        std::copy(row.column.begin(), row.column.end(), column.data() + offset[static_cast<std::size_t>(a)]);
+        std::copy(row.value.begin(), row.value.end(), value.data() + offset[static_cast<std::size_t>(a)]);
+      });
     }
   }
   void apply(const Points& lambda, Points& result) const {
     tbb::parallel_for(Index{0}, lambda.cols(), [&](Index a) {
       Vec3 sum = Vec3::Zero();
-      for (std::size_t k = offset[static_cast<std::size_t>(a)]; k < offset[static_cast<std::size_t>(a) + 1];
-           ++k)
-        sum += entry[k].second * lambda.col(entry[k].first);
+      for (Index k = offset[static_cast<std::size_t>(a)]; k < offset[static_cast<std::size_t>(a) + 1]; ++k)
+        sum += value[k] * lambda.col(column[k]);
       result.col(a) = sum;
     });
   }
+  static constexpr Index block = 4096;  // rows that are made at a time
   Eigen::VectorXd diagonal;
-  std::vector<std::size_t> offset;
-  std::vector<std::pair<int, double>> entry;  // number, value; numbers ascending but for exact zeros
+  std::vector<Index> offset;
+  Eigen::VectorXi column;  // of each row ascending
+  Eigen::VectorXd value;
 };
 
 void divide(const Vec3& a, const Vec3& b, const Vec3& c, const Neighbours& nodes, const Model& model,
@@ -155,24 +169,24 @@ SurfacePieces pieces_of(const Points& vertex, const Triangles& triangles, const 
 ConsistencyReport make_consistent(Model& model, const SupportOptions& options, const SurfacePieces& surface) {
   const Index n = model.node_count();
   Points wanted = Points::Zero(3, n);
-  const Interpolation phi = make_interpolation(model, options, surface.place);
-  for (Index k = 0; k < surface.place.cols(); ++k)
-    for (int e = phi.rows.offset[k]; e < phi.rows.offset[k + 1]; ++e)
-      wanted.col(phi.rows.member[e]) += phi.weight[e] * surface.area.col(k);
+  for (Index first = 0; first < surface.place.cols(); first += slab) {
+    const Index count = std::min(slab, surface.place.cols() - first);
+    const Interpolation phi = make_interpolation(model, options, surface.place.middleCols(first, count));
+    for (Index k = 0; k < count; ++k)
+      for (int e = phi.rows.offset[k]; e < phi.rows.offset[k + 1]; ++e)
+        wanted.col(phi.rows.member[e]) += phi.weight[e] * surface.area.col(first + k);
+  }
 
-  Eigen::VectorXi slot;
-  const CompressedRows influence = transpose(model.support, n, &slot);
-  Eigen::VectorXd scale = Eigen::VectorXd::Zero(n);
+  Eigen::VectorXd scale(n);
   const auto residual = [&] {
     Points r = -wanted;
-    tbb::parallel_for(Index{0}, n, [&](Index a) {
-      scale[a] = 0.0;
-      for (int k = influence.offset[a]; k < influence.offset[a + 1]; ++k) {
-        const double volume = model.volume[influence.member[k]];
-        r.col(a) += volume * model.dphi.col(slot[k]);
-        scale[a] += volume * model.dphi.col(slot[k]).norm();
+    scale.setZero();
+    for (Index q = 0; q < model.point_count(); ++q)
+      for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k) {
+        const int a = model.support.member[k];
+        r.col(a) += model.volume[q] * model.dphi.col(k);
+        scale[a] += model.volume[q] * model.dphi.col(k).norm();
       }
-    });
     return r;
   };
   const auto largest = [&](const Points& r) {
@@ -195,8 +209,7 @@ ConsistencyReport make_consistent(Model& model, const SupportOptions& options, c
   }
 
   // Conjugate gradients for sum_q V_q (I - P_q) lambda = r, all three directions at once.
-  const LinearFields fields(model);
-  const Operator A(model, fields, influence);
+  const Operator A(model);
   const Eigen::RowVectorXd precondition = A.diagonal.cwiseMax(1e-300).cwiseInverse().transpose();
   Points lambda = Points::Zero(3, n), z = r * precondition.asDiagonal(), p = z, Ap = z;
   const double start = r.norm();
@@ -213,6 +226,7 @@ ConsistencyReport make_consistent(Model& model, const SupportOptions& options, c
     ++report.iterations;
   }
 
+  const LinearFields fields(model);  // again, rather than to hold them beside the operator
   Eigen::VectorXd change(model.point_count());
   tbb::parallel_for(Index{0}, model.point_count(), [&](Index q) {
     const Coefficients linear = fields.nearest(q, lambda);
