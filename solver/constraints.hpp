@@ -27,6 +27,15 @@ struct Constraints {
         return Eigen::Vector4d::Zero();
     }
   }
+  /// Puts what is prescribed where the tool is at this depth [m].
+  void prescribe(ForceSystem::Nodal& u, double depth) const {
+    for (Index a = 0; a < u.cols(); ++a) {
+      const Kind its = kind[static_cast<std::size_t>(a)];
+      if (its == Kind::fixed) u.col(a).setZero();
+      if (its == Kind::driven) u.col(a) = push * depth;
+      if (its == Kind::sliding) u.col(a) += push * (depth - u.col(a).dot(push));
+    }
+  }
 };
 
 Constraints make_constraints(const Model& model, Contact contact);

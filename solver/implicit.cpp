@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <deque>
 #include <limits>
 
 #include "io/error.hpp"
 #include "solver/mixed_iteration.hpp"
+#include "solver/path.hpp"
 #include "solver/text.hpp"
 
 namespace dimple {
@@ -22,8 +22,7 @@ constexpr double roughly = 2e-3;
 constexpr std::size_t remembered =
     3;  // states, for the guess of the next: more would amplify what they are off
 constexpr double shortest = 1.0 / 64.0;  // step, of the first one tried
-// Evaluations for a step, after which it pays to linearise the volume anew, and the stiffness too.
-constexpr std::int64_t many = 8, very_many = 16;
+constexpr std::int64_t many = 12;  // evaluations for a step, after which it pays to linearise the volume anew
 
 }  // namespace
 
@@ -56,12 +55,8 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
       v.col(i) = push * loading.rate;
       external += 0.5 * model.mass[i] * loading.rate * loading.rate;
     }
-  struct Past {
-    double t;
-    Nodal u;
-    Eigen::VectorXd lambda;
-  };
-  std::deque<Past> past = {{0.0, u, lambda}};
+  Path past(remembered);
+  past.push(0.0, u, lambda);
   MixedIteration::Inertia inertia;
   double t = 0.0, dt = longest, next_energy = 0.0;
   history.dt_first = history.dt_smallest = dt;
@@ -88,7 +83,7 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
   record(false);
   if (observer.frame) observer.frame({0, 0.0, 0.0, u, f});
   bool stopped = false;
-  auto prepare = MixedIteration::Prepare::all;
+  bool anew = true;
   for (int frame = 1; frame <= options.frames && !stopped; ++frame) {
     const double end = segment * frame;
     dt = longest;
@@ -103,30 +98,19 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
                       (alpha / (1.0 + alpha) / stiff) * f * model.mass.cwiseInverse().asDiagonal();
       Nodal next = Nodal::Zero(4, n);
       Eigen::VectorXd next_lambda = Eigen::VectorXd::Zero(lambda.size());
-      for (const Past& mine : past) {
-        double weight = 1.0;
-        for (const Past& other : past)
-          if (&other != &mine) weight *= (to - other.t) / (mine.t - other.t);
-        next += weight * mine.u;
-        next_lambda += weight * mine.lambda;
-      }
-      for (Index i = 0; i < n; ++i) {
-        const Kind kind = constraints.kind[static_cast<std::size_t>(i)];
-        if (kind == Kind::fixed) next.col(i).setZero();
-        if (kind == Kind::driven) next.col(i) = push * depth;
-        if (kind == Kind::sliding) next.col(i) += push * (depth - next.col(i).dot(push));
-      }
+      past.extrapolate(to, next, next_lambda);
+      constraints.prescribe(next, depth);
       system.begin_step(h);
       const Nodal f_before = f;
       const Relaxed found =
           solve(next, next_lambda, f,
                 {.tolerance = std::max(options.tolerance, roughly), .evaluations = options.evaluations}, {},
-                prepare, &inertia);
+                anew, &inertia);
       history.extra_evaluations += found.evaluations;
       if (!found.converged) {
         f = f_before;
         dt = 0.5 * h;
-        prepare = MixedIteration::Prepare::all;
+        anew = true;
         if (dt < shortest * longest)
           throw SolveError(
               {.fact = text("a time step did not converge: unbalanced forces are ", found.residual,
@@ -138,9 +122,7 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
                .remedy = "use more nodes (--nodes), a smaller --depth, or --time explicit"});
         continue;
       }
-      prepare = found.evaluations > very_many ? MixedIteration::Prepare::all
-                : found.evaluations > many    ? MixedIteration::Prepare::volume
-                                              : MixedIteration::Prepare::nothing;
+      anew = found.evaluations > many;
       for (Index i = 0; i < n; ++i) {
         const Eigen::Vector4d v_before = v.col(i);
         a.col(i) = (next.col(i) - reached.col(i)) / (beta * h * h);
@@ -158,8 +140,7 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
       u = next;
       lambda = next_lambda;
       t = to;
-      past.push_back({t, u, lambda});
-      if (past.size() > remembered) past.pop_front();
+      past.push(t, u, lambda);
       history.dt_smallest = std::min(history.dt_smallest, h);
       history.J_min = std::min(history.J_min, found.sweep.J_min);
       history.inverted = std::max(history.inverted, found.sweep.inverted);

@@ -101,10 +101,6 @@ void ForceSystem::patch_gradients(const CompressedRows& nodes, Eigen::Matrix4Xf&
   if (double_) double_->patch_gradients(nodes, gradient);
 }
 
-Eigen::VectorXd ForceSystem::stiffness() const {
-  return single_ ? single_->stiffness() : double_->stiffness();
-}
-
 bool ForceSystem::viscoelastic() const {
   return std::any_of(tissues_.material.begin(), tissues_.material.end(),
                      [](const Material& m) { return !m.prony.empty(); });

@@ -78,7 +78,6 @@ class ForceSystem {
   };
   void patch_state(Patches& patches) const;
   void patch_gradients(const CompressedRows& nodes, Eigen::Matrix4Xf& gradient) const;
-  Eigen::VectorXd stiffness() const;
 
   const std::vector<Material>& materials() const { return tissues_.material; }
   const Tissues& tissues() const { return tissues_; }

@@ -26,8 +26,8 @@ struct Relaxed {
 ///     [ A   G ] [ du      ]     [ f - external  ]
 ///     [ G'  -1/(bulk V)   ] [ dlambda ] = - [ J - 1 - p/bulk  ]
 ///
-/// where A is a Laplacian of the graph of neighbouring nodes, as stiff as the shear there (one sparse
-/// Cholesky factor serves all three components), and G'A^-1 G is taken for the patches' mass matrix / mu, as
+/// where A is a Laplacian of the graph of neighbouring nodes, as stiff as the shear there (one for all three
+/// components, inverted by Multigrid), and G'A^-1 G is taken for the patches' mass matrix / mu, as
 /// one may for Stokes flow. Anderson's acceleration makes up for what these leave out. The number of
 /// evaluations, some ten for a depth, depends neither on the number of nodes nor on the bulk modulus.
 ///
@@ -43,15 +43,11 @@ class MixedIteration {
     Eigen::VectorXd inertia;
     ForceSystem::Nodal about;
   };
-  /// What is prepared anew before the first iteration, besides what is missing: nothing; dJ/du at the guess,
-  /// as every larger move needs; and the stiffness of the deformed tissue too.
-  enum class Prepare { nothing, volume, all };
-
   /// As Relaxation; `lambda` [patches] N m is the guess of the pressures x volumes, and afterwards what was
-  /// found. Not converged, it leaves u and lambda anywhere. The pressures stay held in `system`. `anew`: the
-  /// stiffness of the deformed tissue replaces that at the last such call, or at rest.
+  /// found. Not converged, it leaves u and lambda anywhere. The pressures stay held in `system`. `anew`:
+  /// dJ/du is that at the guess, as every larger move needs, and not that at the last such call.
   Relaxed operator()(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
-                     const RelaxOptions& options, const ForceSystem::Nodal& external, Prepare prepare,
+                     const RelaxOptions& options, const ForceSystem::Nodal& external, bool anew,
                      const Inertia* inertia = nullptr);
 
   /// Whether this model has what is needed: patches, each with a bulk modulus of its own.

@@ -702,24 +702,6 @@ void ProjectedKernel<Real>::patch_gradients(const CompressedRows& nodes, Eigen::
 }
 
 template <class Real>
-Eigen::VectorXd ProjectedKernel<Real>::stiffness() const {
-  Eigen::VectorXd result(points_);
-  tbb::parallel_for(Index{0}, points_, [&](Index q) {
-    const auto at = static_cast<std::size_t>(q);
-    const double mu = static_cast<double>(mu_[at]), ks = static_cast<double>(ks_[at]);
-    const Mat3 F = to_matrix(gradient_[at]) + Mat3::Identity();
-    const double e = static_cast<double>(dilation_[at]), below = std::min(0.0, 1.0 + e - smallest_J),
-                 J = std::max(1.0 + e, smallest_J), g = std::pow(J, -2.0 / 3.0), g1 = -2.0 / 3.0 * g / J,
-                 g2 = -5.0 / 3.0 * g1 / J, rest = unresolved_dilation(at);
-    // Of the part along cof F a sixth: it acts on one of nine components, and must not be feared too much.
-    result[q] = mu * (g + below * (g1 + 0.5 * g2 * below)) +
-                cofactor(F).squaredNorm() / 6.0 *
-                    (ks * (1.0 + 6.0 * beta * rest * rest) + 0.5 * mu * F.squaredNorm() * g2);
-  });
-  return result;
-}
-
-template <class Real>
 Mat3 ProjectedKernel<Real>::deformation_gradient(Index q) const {
   return to_matrix(gradient_[static_cast<std::size_t>(q)]) + Mat3::Identity();
 }

@@ -91,8 +91,6 @@ class ProjectedKernel {
   void patch_state(Eigen::VectorXd& dilation, Eigen::VectorXd& bulk) const;
   /// [4 x nodes.member] dJ_b / du_a, patch by patch [1/m].
   void patch_gradients(const CompressedRows& nodes, Eigen::Matrix4Xf& gradient) const;
-  /// [Q] an estimate of the tangent's size, as a shear modulus [Pa]: more where the material has stiffened.
-  Eigen::VectorXd stiffness() const;
 
   Mat3 deformation_gradient(Index q) const;  ///< of the last stress_sweep
   Mat3 stress(Index q) const;                ///< first Piola-Kirchhoff [Pa], of the last stress_sweep

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <deque>
 
 #include "io/error.hpp"
+#include "solver/path.hpp"
 #include "solver/text.hpp"
 
 namespace dimple {
@@ -13,7 +13,6 @@ namespace {
 using Nodal = ForceSystem::Nodal;
 using Kind = Constraints::Kind;
 
-constexpr std::int64_t many = 12;  // evaluations, after which it pays to estimate the stiffness anew
 constexpr int between_checks = 10;
 constexpr double touch = 0.02;  // of the first depth
 constexpr int memory = 60;      // iterations over which a change is compared for the frequency
@@ -82,9 +81,7 @@ Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, 
   if (mixed_) {
     Nodal v = u;
     Eigen::VectorXd l = lambda ? *lambda : Eigen::VectorXd::Zero(model_.patches.count());
-    Relaxed found = (*mixed_)(v, l, f, options, external,
-                              laborious_ ? MixedIteration::Prepare::all : MixedIteration::Prepare::volume);
-    laborious_ = found.evaluations > many;
+    Relaxed found = (*mixed_)(v, l, f, options, external, true);
     if (found.converged) {
       u = v;
       if (lambda) *lambda = l;
@@ -221,33 +218,8 @@ void load_slowly(const ForceSystem& system, const Model& model, const Loading& l
   const RelaxOptions exactly{.tolerance = options.tolerance, .evaluations = options.evaluations};
   Nodal u = Nodal::Zero(4, n), f = u;
   Eigen::VectorXd lambda = Eigen::VectorXd::Zero(model.patches.count());
-  // The last equilibria, newest last: where the next one is looked for.
-  struct Past {
-    double depth;
-    Nodal u;
-    Eigen::VectorXd lambda;
-  };
-  std::deque<Past> past = {{0.0, u, lambda}};
-  const auto prescribe = [&](Nodal& v, double depth) {
-    for (Index a = 0; a < n; ++a) {
-      const Kind kind = constraints.kind[static_cast<std::size_t>(a)];
-      if (kind == Kind::fixed) v.col(a).setZero();
-      if (kind == Kind::driven) v.col(a) = constraints.push * depth;
-      if (kind == Kind::sliding) v.col(a) += constraints.push * (depth - v.col(a).dot(constraints.push));
-    }
-  };
-  const auto extrapolate = [&](double depth) {
-    u.setZero();
-    lambda.setZero();
-    for (const Past& mine : past) {
-      double weight = 1.0;
-      for (const Past& other : past)
-        if (&other != &mine) weight *= (depth - other.depth) / (mine.depth - other.depth);
-      u += weight * mine.u;
-      lambda += weight * mine.lambda;
-    }
-    prescribe(u, depth);
-  };
+  Path past(4);  // where the next equilibrium is looked for
+  past.push(0.0, u, lambda);
 
   double external = 0.0, force_before = 0.0, force_before_that = 0.0;
   history.force.push_back({0.0, 0.0, 0.0, 0.0});
@@ -260,22 +232,23 @@ void load_slowly(const ForceSystem& system, const Model& model, const Loading& l
     if (level == 1 && model.patches.count() > 0) {
       // A touch, to a low accuracy: the direction in which the tissue sets off.
       guess(model, constraints, touch * depth, u);
-      prescribe(u, touch * depth);
+      constraints.prescribe(u, touch * depth);
       RelaxOptions roughly = exactly;
       roughly.tolerance = std::max(1e-2, options.tolerance);
       history.steps += relax(u, f, roughly, {}, &lambda).evaluations;
-      past.push_back({touch * depth, u, lambda});
-      extrapolate(depth);
-      past.pop_back();
+      Path touched = past;
+      touched.push(touch * depth, u, lambda);
+      touched.extrapolate(depth, u, lambda);
+      constraints.prescribe(u, depth);
     } else if (level == 1) {
       guess(model, constraints, depth, u);
-      prescribe(u, depth);
+      constraints.prescribe(u, depth);
     } else {
-      extrapolate(depth);
+      past.extrapolate(depth, u, lambda);
+      constraints.prescribe(u, depth);
     }
     const Relaxed relaxed = relax(u, f, exactly, {}, &lambda);
-    past.push_back({depth, u, lambda});
-    if (past.size() > 4) past.pop_front();
+    past.push(depth, u, lambda);
     history.steps += relaxed.evaluations;
     history.J_min = std::min(history.J_min, relaxed.sweep.J_min);
     history.inverted = std::max(history.inverted, relaxed.sweep.inverted);

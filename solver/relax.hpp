@@ -35,7 +35,6 @@ class Relaxation {
   const Constraints& constraints_;
   mutable Eigen::VectorXd mass_;  // made when swing() is first needed
   mutable std::unique_ptr<MixedIteration> mixed_;
-  mutable bool laborious_ = false;  // the last equilibrium took many iterations: the stiffness has changed
 };
 
 /// [N] for each node a bound of what it is held with by all others: sum_b |K_ab|, K the tangent at rest
