@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <cstdlib>
 #include <new>
 #include <vector>
@@ -22,20 +23,40 @@ struct HugePages {
   HugePages(const HugePages<U>&) {}  // NOLINT: allocators convert
 
   T* allocate(std::size_t count) {
-    const std::size_t bytes = (count * sizeof(T) + page - 1) / page * page;
-    void* memory = bytes >= 2 * page ? std::aligned_alloc(page, bytes)
-                                     : std::aligned_alloc(64, (count * sizeof(T) + 63) / 64 * 64);
-    if (!memory) throw std::bad_alloc();
 #if defined(__linux__)
-    if (bytes >= 2 * page) madvise(memory, bytes, MADV_HUGEPAGE);  // a wish: where it fails nothing is lost
+    // Fresh from the system: what the heap hands out again already lies in small pages.
+    if (const std::size_t bytes = whole_pages(count); bytes > 0) {
+      void* room = mmap(nullptr, bytes + page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+      if (room == MAP_FAILED) throw std::bad_alloc();
+      char* begin = static_cast<char*>(room);
+      const std::size_t before = (page - reinterpret_cast<std::uintptr_t>(begin) % page) % page;
+      if (before > 0) munmap(begin, before);
+      munmap(begin + before + bytes, page - before);
+      madvise(begin + before, bytes, MADV_HUGEPAGE);  // a wish: where it fails nothing is lost
+      return reinterpret_cast<T*>(begin + before);
+    }
 #endif
+    void* memory = std::aligned_alloc(64, (count * sizeof(T) + 63) / 64 * 64);
+    if (!memory) throw std::bad_alloc();
     return static_cast<T*>(memory);
   }
-  void deallocate(T* memory, std::size_t) {
+  void deallocate(T* memory, std::size_t count) {
+#if defined(__linux__)
+    if (const std::size_t bytes = whole_pages(count); bytes > 0) {
+      munmap(static_cast<void*>(memory), bytes);
+      return;
+    }
+#endif
     std::free(memory);
   }
   bool operator==(const HugePages&) const {
     return true;
+  }
+
+ private:
+  static std::size_t whole_pages(std::size_t count) {  // 0: too few bytes
+    const std::size_t bytes = count * sizeof(T);
+    return bytes < page / 4 ? 0 : (bytes + page - 1) / page * page;
   }
 };
 

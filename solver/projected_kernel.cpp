@@ -15,6 +15,7 @@ namespace {
 
 constexpr Index points_per_block = 128;
 constexpr Index patches_per_task = 32;
+constexpr int ahead = 48;  // records fetched before they are needed
 constexpr double beta = 10.0;
 constexpr double smallest_J = 0.2;  // as in distortional_stress()
 
@@ -26,6 +27,7 @@ struct Registers<float> {
   using Vec4 = float __attribute__((vector_size(16), aligned(16), may_alias));
   using Lanes = float __attribute__((vector_size(32), aligned(32), may_alias));
   using Octet = float __attribute__((vector_size(32), aligned(4), may_alias));
+  using Loose = float __attribute__((vector_size(16), aligned(4), may_alias));
   static constexpr int count = 8;
 };
 template <>
@@ -39,87 +41,131 @@ struct Registers<double> {
 
 // The bodies are inlined into functions that are not templates, since only those can be cloned per processor.
 
-// Two sums each, or every one would wait for the last.
-template <class Real, class Pair, class Columns>
-[[gnu::always_inline]] inline void gradient_body(const Pair* pair, const std::int32_t* offset, const Real* u,
-                                                 Columns* gradient, Index first, Index last) {
+// Rows of four numbers become columns.
+#define DIMPLE_TRANSPOSE(Vec4, r0, r1, r2, r3, c0, c1, c2, c3)                                          \
+  do {                                                                                                  \
+    const Vec4 t0 = __builtin_shufflevector(r0, r1, 0, 4, 1, 5),                                        \
+               t1 = __builtin_shufflevector(r2, r3, 0, 4, 1, 5),                                        \
+               t2 = __builtin_shufflevector(r0, r1, 2, 6, 3, 7),                                        \
+               t3 = __builtin_shufflevector(r2, r3, 2, 6, 3, 7);                                        \
+    c0 = __builtin_shufflevector(t0, t1, 0, 1, 4, 5), c1 = __builtin_shufflevector(t0, t1, 2, 3, 6, 7); \
+    c2 = __builtin_shufflevector(t2, t3, 0, 1, 4, 5), c3 = __builtin_shufflevector(t2, t3, 2, 3, 6, 7); \
+  } while (false)
+
+// Of a pair of nodes in single precision, one register: the gradients, each number four times.
+#define DIMPLE_TWO_NODES(pairs)                                                                       \
+  const Vec4 first_node = *reinterpret_cast<const Loose*>(pairs),                                     \
+             second_node = *reinterpret_cast<const Loose*>(reinterpret_cast<const Real*>(pairs) + 3); \
+  const Vec8 both = __builtin_shufflevector(first_node, second_node, 0, 1, 2, 3, 4, 5, 6, 7),         \
+             dx = __builtin_shufflevector(both, both, 0, 0, 0, 0, 4, 4, 4, 4),                        \
+             dy = __builtin_shufflevector(both, both, 1, 1, 1, 1, 5, 5, 5, 5),                        \
+             dz = __builtin_shufflevector(both, both, 2, 2, 2, 2, 6, 6, 6, 6)
+
+// F - I of points [first, last), first a multiple of eight; the last octet is filled up with zeros.
+template <class Real>
+[[gnu::always_inline]] inline void gradient_body(const ProjectedPairs<Real>* pair, const std::int32_t* offset,
+                                                 const Real* u, ProjectedOctet<Real>* gradient, Index first,
+                                                 Index last) {
   using Vec4 = typename Registers<Real>::Vec4;
   const Vec4* node = reinterpret_cast<const Vec4*>(u);
-  for (Index q = first; q < last; ++q) {
-    Vec4 h0 = {}, h1 = {}, h2 = {}, g0 = {}, g1 = {}, g2 = {};
-    std::int32_t k = offset[q];
-    const std::int32_t end = offset[q + 1];
-    for (; k + 1 < end; k += 2) {
-      __builtin_prefetch(pair + k + 96);
-      const Vec4 ua = node[pair[k].number], ub = node[pair[k + 1].number];
-      h0 += ua * pair[k].d[0];
-      h1 += ua * pair[k].d[1];
-      h2 += ua * pair[k].d[2];
-      g0 += ub * pair[k + 1].d[0];
-      g1 += ub * pair[k + 1].d[1];
-      g2 += ub * pair[k + 1].d[2];
+  for (Index begin = first; begin < last; begin += 8) {
+    Vec4 column[3][8];
+    for (Index lane = 0; lane < 8; ++lane) {
+      const Index q = std::min(begin + lane, last);  // beyond the last: no pairs
+      const std::int32_t end = offset[std::min(q + 1, last)];
+      if constexpr (sizeof(Real) == 4) {
+        using Vec8 = Registers<float>::Lanes;
+        using Loose = Registers<float>::Loose;
+        Vec8 h0 = {}, h1 = {}, h2 = {};
+        for (std::int32_t k = offset[q]; k < end; ++k) {
+          __builtin_prefetch(pair + k + ahead);
+          const Vec4 ua = node[pair[k].number[0]], ub = node[pair[k].number[1]];
+          const Vec8 uab = __builtin_shufflevector(ua, ub, 0, 1, 2, 3, 4, 5, 6, 7);
+          DIMPLE_TWO_NODES(pair + k);
+          h0 += uab * dx;
+          h1 += uab * dy;
+          h2 += uab * dz;
+        }
+        column[0][lane] =
+            __builtin_shufflevector(h0, h0, 0, 1, 2, 3) + __builtin_shufflevector(h0, h0, 4, 5, 6, 7);
+        column[1][lane] =
+            __builtin_shufflevector(h1, h1, 0, 1, 2, 3) + __builtin_shufflevector(h1, h1, 4, 5, 6, 7);
+        column[2][lane] =
+            __builtin_shufflevector(h2, h2, 0, 1, 2, 3) + __builtin_shufflevector(h2, h2, 4, 5, 6, 7);
+      } else {  // two sums each, or every one would wait for the last
+        Vec4 h0 = {}, h1 = {}, h2 = {}, g0 = {}, g1 = {}, g2 = {};
+        for (std::int32_t k = offset[q]; k < end; ++k) {
+          __builtin_prefetch(pair + k + ahead);
+          const Vec4 ua = node[pair[k].number[0]], ub = node[pair[k].number[1]];
+          h0 += ua * pair[k].d[0][0];
+          h1 += ua * pair[k].d[0][1];
+          h2 += ua * pair[k].d[0][2];
+          g0 += ub * pair[k].d[1][0];
+          g1 += ub * pair[k].d[1][1];
+          g2 += ub * pair[k].d[1][2];
+        }
+        column[0][lane] = h0 + g0;
+        column[1][lane] = h1 + g1;
+        column[2][lane] = h2 + g2;
+      }
     }
-    if (k < end) {
-      const Vec4 ua = node[pair[k].number];
-      h0 += ua * pair[k].d[0];
-      h1 += ua * pair[k].d[1];
-      h2 += ua * pair[k].d[2];
-    }
-    Vec4* out = reinterpret_cast<Vec4*>(gradient[q].column);
-    out[0] = h0 + g0;
-    out[1] = h1 + g1;
-    out[2] = h2 + g2;
+    for (int j = 0; j < 3; ++j)
+      for (int half = 0; half < 8; half += 4) {
+        Vec4* c = column[j] + half;
+        Vec4 row[4];
+        DIMPLE_TRANSPOSE(Vec4, c[0], c[1], c[2], c[3], row[0], row[1], row[2], row[3]);
+        for (int i = 0; i < 3; ++i)
+          *reinterpret_cast<Vec4*>(gradient[begin / 8].column[j][i] + half) = row[i];
+      }
   }
 }
 
 // det(I + H) - 1 without the loss of digits of det F - 1, which kappa would multiply.
-template <class Real, class Columns>
-[[gnu::always_inline]] inline void dilation_body(const Columns* gradient, Real* dilation, Index first,
-                                                 Index last) {
-  for (Index q = first; q < last; ++q) {
-    const auto& h = gradient[q].column;
-    const Real minors = (h[0][0] * h[1][1] - h[1][0] * h[0][1]) + (h[0][0] * h[2][2] - h[2][0] * h[0][2]) +
-                        (h[1][1] * h[2][2] - h[2][1] * h[1][2]);
-    const Real det = h[0][0] * (h[1][1] * h[2][2] - h[2][1] * h[1][2]) -
-                     h[1][0] * (h[0][1] * h[2][2] - h[2][1] * h[0][2]) +
-                     h[2][0] * (h[0][1] * h[1][2] - h[1][1] * h[0][2]);
-    dilation[q] = (h[0][0] + h[1][1] + h[2][2]) + minors + det;
+template <class Real>
+[[gnu::always_inline]] inline void dilation_body(const ProjectedOctet<Real>* gradient, Real* dilation,
+                                                 Index first, Index last) {
+  for (Index o = first / 8; 8 * o < last; ++o) {
+    const auto& h = gradient[o].column;
+    for (int lane = 0; lane < 8; ++lane) {
+      const Real xx = h[0][0][lane], yx = h[0][1][lane], zx = h[0][2][lane], xy = h[1][0][lane],
+                 yy = h[1][1][lane], zy = h[1][2][lane], xz = h[2][0][lane], yz = h[2][1][lane],
+                 zz = h[2][2][lane];
+      const Real minors = (xx * yy - yx * xy) + (xx * zz - zx * xz) + (yy * zz - zy * yz);
+      const Real det = xx * (yy * zz - zy * yz) - yx * (xy * zz - zy * xz) + zx * (xy * yz - yy * xz);
+      dilation[8 * o + lane] = (xx + yy + zz) + minors + det;
+    }
   }
 }
 
-// V P of neo-Hookean points; `pressure` [Q] is the whole coefficient of cof F but W_dist's, of which `share`
-// is taken: none in the paper's printed stress. Below `smallest_J` powers of J are Taylor polynomials.
-template <class Real, class Columns>
-[[gnu::always_inline]] inline void stress_body(const Columns* gradient, const Real* dilation,
+// V P of neo-Hookean points, into `stress` from its beginning; `pressure` [Q] is the whole coefficient of
+// cof F but W_dist's, of which `share` is taken: none in the paper's printed stress. Below `smallest_J`
+// powers of J are Taylor polynomials.
+template <class Real>
+[[gnu::always_inline]] inline void stress_body(const ProjectedOctet<Real>* gradient, const Real* dilation,
                                                const Real* pressure, const Real* mu, const Real* volume,
-                                               Columns* stress, Index first, Index last, Real least_J,
-                                               Real share) {
+                                               ProjectedColumns<Real>* stress, Index first, Index last,
+                                               Real least_J, Real share) {
   using R = Registers<Real>;
   using Lanes = typename R::Lanes;
+  using Vec4 = typename R::Vec4;
   constexpr int count = R::count;
   const Real g0 = std::pow(least_J, Real(-2.0 / 3.0)), g1 = Real(-2.0 / 3.0) * g0 / least_J,
              g2 = Real(-5.0 / 3.0) * g1 / least_J;
   for (Index q = first; q < last; q += count) {
-    const int lanes = static_cast<int>(std::min<Index>(count, last - q));
-    alignas(32) Real H[3][3][count] = {}, D[count] = {}, M[count] = {}, V[count] = {}, B[count] = {};
-    for (int lane = 0; lane < lanes; ++lane) {
-      for (int j = 0; j < 3; ++j)
-        for (int i = 0; i < 3; ++i) H[j][i][lane] = gradient[q + lane].column[j][i];
-      D[lane] = dilation[q + lane];
-      M[lane] = mu[q + lane];
-      V[lane] = volume[q + lane];
-      B[lane] = pressure[q + lane];
-    }
 #define DIMPLE_LOAD(from) (*reinterpret_cast<const Lanes*>(from))  // a function would return a register
-    const Lanes f00 = DIMPLE_LOAD(H[0][0]) + Real(1), f10 = DIMPLE_LOAD(H[0][1]), f20 = DIMPLE_LOAD(H[0][2]),
-                f01 = DIMPLE_LOAD(H[1][0]), f11 = DIMPLE_LOAD(H[1][1]) + Real(1), f21 = DIMPLE_LOAD(H[1][2]),
-                f02 = DIMPLE_LOAD(H[2][0]), f12 = DIMPLE_LOAD(H[2][1]), f22 = DIMPLE_LOAD(H[2][2]) + Real(1);
-    const Lanes J = DIMPLE_LOAD(D) + Real(1);
+    const auto& H = gradient[q / 8].column;
+    const Index part = q % 8;
+    const Lanes f00 = DIMPLE_LOAD(H[0][0] + part) + Real(1), f10 = DIMPLE_LOAD(H[0][1] + part),
+                f20 = DIMPLE_LOAD(H[0][2] + part), f01 = DIMPLE_LOAD(H[1][0] + part),
+                f11 = DIMPLE_LOAD(H[1][1] + part) + Real(1), f21 = DIMPLE_LOAD(H[1][2] + part),
+                f02 = DIMPLE_LOAD(H[2][0] + part), f12 = DIMPLE_LOAD(H[2][1] + part),
+                f22 = DIMPLE_LOAD(H[2][2] + part) + Real(1);
+    const Lanes J = DIMPLE_LOAD(dilation + q) + Real(1);
     const Lanes I1 = (f00 * f00 + f10 * f10 + f20 * f20) + (f01 * f01 + f11 * f11 + f21 * f21) +
                      (f02 * f02 + f12 * f12 + f22 * f22);
     // g = J^(-2/3) and its slope; below 0.2 the Taylor polynomial there.
-    Lanes Jc;
-    for (int lane = 0; lane < count; ++lane) Jc[lane] = J[lane] > least_J ? J[lane] : least_J;
+    const auto inside_out = J < least_J;
+    const Lanes Jc = J > least_J ? J : least_J + Lanes{};
     Lanes root;
     for (int lane = 0; lane < count; ++lane) root[lane] = inverse_cube_root_guess(Jc[lane]);
     for (int pass = 0; pass < (count == 8 ? 3 : 4); ++pass)
@@ -127,11 +173,11 @@ template <class Real, class Columns>
     const Lanes power = root * root, below = J - least_J;
     const Lanes power_slope = Real(-2.0 / 3.0) * power * (root * root * root);
     const Lanes low = g0 + below * (g1 + Real(0.5) * g2 * below), low_slope = g1 + g2 * below;
-    const auto inside_out = J < least_J;
     const Lanes g = inside_out ? low : power, slope = share * (inside_out ? low_slope : power_slope);
 
-    const Lanes volume_lanes = DIMPLE_LOAD(V), shear = volume_lanes * DIMPLE_LOAD(M) * g;
-    const Lanes p = volume_lanes * (DIMPLE_LOAD(B) + Real(0.5) * DIMPLE_LOAD(M) * I1 * slope);
+    const Lanes V = DIMPLE_LOAD(volume + q), M = DIMPLE_LOAD(mu + q), shear = V * M * g;
+    const Lanes p = V * (DIMPLE_LOAD(pressure + q) + Real(0.5) * M * I1 * slope);
+#undef DIMPLE_LOAD
     const Lanes P[3][3] = {
         // [column][row] of V P = shear F + p cof F
         {shear * f00 + p * (f11 * f22 - f21 * f12), shear * f10 + p * (f21 * f02 - f01 * f22),
@@ -140,29 +186,56 @@ template <class Real, class Columns>
          shear * f21 + p * (f02 * f10 - f12 * f00)},
         {shear * f02 + p * (f10 * f21 - f20 * f11), shear * f12 + p * (f20 * f01 - f00 * f21),
          shear * f22 + p * (f00 * f11 - f10 * f01)}};
-#undef DIMPLE_LOAD
-    for (int lane = 0; lane < lanes; ++lane)
-      for (int j = 0; j < 3; ++j) {
-        for (int i = 0; i < 3; ++i) stress[q + lane].column[j][i] = P[j][i][lane];
-        stress[q + lane].column[j][3] = Real(0);
+    for (int j = 0; j < 3; ++j)
+      for (int half = 0; half < count; half += 4) {
+        const Vec4* row[3];
+        for (int i = 0; i < 3; ++i) row[i] = reinterpret_cast<const Vec4*>(&P[j][i]) + half / 4;
+        const Vec4 none = {};
+        Vec4 column[4];
+        DIMPLE_TRANSPOSE(Vec4, *row[0], *row[1], *row[2], none, column[0], column[1], column[2], column[3]);
+        for (int lane = 0; lane < 4; ++lane)
+          *reinterpret_cast<Vec4*>(stress[q - first + half + lane].column[j]) = column[lane];
       }
   }
 }
 
-template <class Real, class Pair, class Columns>
-[[gnu::always_inline]] inline void scatter_body(const Pair* pair, const std::int32_t* offset,
-                                                const Columns* stress, Real* f, Index first, Index last) {
+// `stress` begins with that of point `first`.
+template <class Real>
+[[gnu::always_inline]] inline void scatter_body(const ProjectedPairs<Real>* pair, const std::int32_t* offset,
+                                                const ProjectedColumns<Real>* stress, Real* f, Index first,
+                                                Index last) {
   using Vec4 = typename Registers<Real>::Vec4;
   Vec4* node = reinterpret_cast<Vec4*>(f);
   for (Index q = first; q < last; ++q) {
-    const Vec4* column = reinterpret_cast<const Vec4*>(stress[q].column);
+    const Vec4* column = reinterpret_cast<const Vec4*>(stress[q - first].column);
     const Vec4 c0 = column[0], c1 = column[1], c2 = column[2];
-    for (std::int32_t k = offset[q], end = offset[q + 1]; k < end; ++k) {
-      __builtin_prefetch(pair + k + 96);
-      node[pair[k].number] += c0 * pair[k].d[0] + c1 * pair[k].d[1] + c2 * pair[k].d[2];
+    const std::int32_t end = offset[q + 1];
+    if constexpr (sizeof(Real) == 4) {
+      using Vec8 = Registers<float>::Lanes;
+      using Loose = Registers<float>::Loose;
+      const Vec8 p0 = __builtin_shufflevector(c0, c0, 0, 1, 2, 3, 0, 1, 2, 3),
+                 p1 = __builtin_shufflevector(c1, c1, 0, 1, 2, 3, 0, 1, 2, 3),
+                 p2 = __builtin_shufflevector(c2, c2, 0, 1, 2, 3, 0, 1, 2, 3);
+      for (std::int32_t k = offset[q]; k < end; ++k) {
+        __builtin_prefetch(pair + k + ahead);
+        DIMPLE_TWO_NODES(pair + k);
+        const Vec8 force = p0 * dx + p1 * dy + p2 * dz;
+        node[pair[k].number[0]] += __builtin_shufflevector(force, force, 0, 1, 2, 3);
+        node[pair[k].number[1]] += __builtin_shufflevector(force, force, 4, 5, 6, 7);
+      }
+    } else {
+      for (std::int32_t k = offset[q]; k < end; ++k) {
+        __builtin_prefetch(pair + k + ahead);
+        for (int i = 0; i < 2; ++i) {
+          const Real* d = pair[k].d[i];
+          node[pair[k].number[i]] += c0 * d[0] + c1 * d[1] + c2 * d[2];
+        }
+      }
     }
   }
 }
+#undef DIMPLE_TWO_NODES
+#undef DIMPLE_TRANSPOSE
 
 template <class Real, class Share>
 [[gnu::always_inline]] inline void variance_body(const Share* share, const std::int32_t* offset,
@@ -217,19 +290,35 @@ template <class Real>
   }
 }
 
+// The smallest of eight points' J - 1 apart each, and whether all are numbers.
+template <class Real>
+[[gnu::always_inline]] inline bool least_body(const Real* dilation, Real* least, Index first, Index last) {
+  using Octet = typename Registers<Real>::Octet;
+  Octet smallest = {}, nothing = {};
+  for (Index o = first / 8; 8 * o < last; ++o) {
+    const Octet now = *reinterpret_cast<const Octet*>(dilation + 8 * o);
+    smallest = now < smallest ? now : smallest;
+    nothing += now - now;
+  }
+  *reinterpret_cast<Octet*>(least) = smallest;
+  bool numbers = true;
+  for (int lane = 0; lane < 8; ++lane) numbers = numbers && nothing[lane] == Real(0);
+  return numbers;
+}
+
 #define DIMPLE_CLONED(Real)                                                                                 \
-  DIMPLE_CLONES void gradients(const ProjectedPair<Real>* pair, const std::int32_t* offset, const Real* u,  \
-                               ProjectedColumns<Real>* gradient, Real* dilation, Index first, Index last) { \
+  DIMPLE_CLONES void gradients(const ProjectedPairs<Real>* pair, const std::int32_t* offset, const Real* u, \
+                               ProjectedOctet<Real>* gradient, Real* dilation, Index first, Index last) {   \
     gradient_body<Real>(pair, offset, u, gradient, first, last);                                            \
     dilation_body<Real>(gradient, dilation, first, last);                                                   \
   }                                                                                                         \
-  DIMPLE_CLONES void neo_hookean_stresses(const ProjectedColumns<Real>* gradient, const Real* dilation,     \
+  DIMPLE_CLONES void neo_hookean_stresses(const ProjectedOctet<Real>* gradient, const Real* dilation,       \
                                           const Real* pressure, const Real* mu, const Real* volume,         \
                                           ProjectedColumns<Real>* stress, Index first, Index last,          \
                                           Real least_J, Real share) {                                       \
     stress_body<Real>(gradient, dilation, pressure, mu, volume, stress, first, last, least_J, share);       \
   }                                                                                                         \
-  DIMPLE_CLONES void scatter_forces(const ProjectedPair<Real>* pair, const std::int32_t* offset,            \
+  DIMPLE_CLONES void scatter_forces(const ProjectedPairs<Real>* pair, const std::int32_t* offset,           \
                                     const ProjectedColumns<Real>* stress, Real* f, Index first,             \
                                     Index last) {                                                           \
     scatter_body<Real>(pair, offset, stress, f, first, last);                                               \
@@ -237,6 +326,9 @@ template <class Real>
   DIMPLE_CLONES void variance_forces(const ProjectedShare<Real>* share, const std::int32_t* offset,         \
                                      const Real* u, double scale, double* f, Index first, Index last) {     \
     variance_body<Real>(share, offset, u, scale, f, first, last);                                           \
+  }                                                                                                         \
+  DIMPLE_CLONES bool least_dilations(const Real* dilation, Real* least, Index first, Index last) {          \
+    return least_body<Real>(dilation, least, first, last);                                                  \
   }                                                                                                         \
   DIMPLE_CLONES void means_of_patches(const std::int32_t* number, const Real* weight,                       \
                                       const std::int32_t* offset, const Real* patch, Real* mean,            \
@@ -252,11 +344,12 @@ DIMPLE_CLONED(float)
 DIMPLE_CLONED(double)
 #undef DIMPLE_CLONED
 
+// F at point q.
 template <class Real>
-Mat3 to_matrix(const ProjectedColumns<Real>& c) {
-  Mat3 result;
+Mat3 gradient_at(const LongVector<ProjectedOctet<Real>>& gradient, std::size_t q) {
+  Mat3 result = Mat3::Identity();
   for (int j = 0; j < 3; ++j)
-    for (int i = 0; i < 3; ++i) result(i, j) = static_cast<double>(c.column[j][i]);
+    for (int i = 0; i < 3; ++i) result(i, j) += static_cast<double>(gradient[q / 8].column[j][i][q % 8]);
   return result;
 }
 
@@ -301,12 +394,21 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
   };
   std::vector<std::int32_t> local;
   find_places(model.support, nodes_, nodes_of_block_, local);
-  point_offset_.assign(model.support.offset.begin(), model.support.offset.end());
-  pair_.reserve(static_cast<std::size_t>(model.support.member.size()));
-  for (Index k = 0; k < model.support.member.size(); ++k)
-    pair_.push_back({{static_cast<Real>(model.dphi(0, k)), static_cast<Real>(model.dphi(1, k)),
-                      static_cast<Real>(model.dphi(2, k))},
-                     local[static_cast<std::size_t>(k)]});
+  pair_.reserve(static_cast<std::size_t>(model.support.member.size() + points_) / 2);
+  point_offset_.push_back(0);
+  for (Index q = 0; q < points_; ++q) {
+    for (Index k = model.support.offset[q]; k < model.support.offset[q + 1]; k += 2) {
+      Pairs& pair = pair_.emplace_back();
+      for (Index i = 0; i < 2; ++i) {
+        const bool there = k + i < model.support.offset[q + 1];
+        for (int axis = 0; axis < 3; ++axis)
+          pair.d[i][axis] = there ? static_cast<Real>(model.dphi(axis, k + i)) : Real(0);
+        // A block of points would need 65536 nodes to leave these 16 bits.
+        pair.number[i] = static_cast<std::uint16_t>(local[static_cast<std::size_t>(there ? k + i : k)]);
+      }
+    }
+    point_offset_.push_back(static_cast<std::int32_t>(pair_.size()));
+  }
   if (patches_ > 0) {
     find_places(model.patches.of_point, patches_, patches_of_block_, local);
     octet_offset_.push_back(0);
@@ -377,30 +479,32 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
   at_node_.resize(4 * nodes_of_block_.member.size());
   at_patch_.resize(patches_of_block_.member.size());
   octet_sum_.resize(8 * at_patch_.size());
-  gradient_.resize(static_cast<std::size_t>(points_));
-  stress_.resize(gradient_.size());
+  place_sum_.resize(at_patch_.size());
+  gradient_.resize(static_cast<std::size_t>(points_ + 7) / 8);
   // Whole octets: what no point has is zero.
-  for (auto* values : {&dilation_, &pressure_, &unresolved_, &volume_})
-    values->resize((gradient_.size() + 7) / 8 * 8, Real(0));
+  for (auto* values : {&dilation_, &pressure_, &unresolved_, &volume_, &mu_})
+    values->resize(8 * gradient_.size(), Real(0));
   for (auto* values : {&patch_dilation_, &patch_unresolved_})
     values->resize(static_cast<std::size_t>(patches_));
   block_.resize(static_cast<std::size_t>(blocks));
 }
 
-namespace {
-
+// In turns from the first block to the last and from the last to the first: each pass begins with what the
+// last one has left in the cache.
+template <class Real>
 template <class Body>
-void over_blocks(Index points, const Body& body) {
+void ProjectedKernel<Real>::over_blocks(const Body& body) {
   tbb::parallel_for(
-      tbb::blocked_range<Index>(0, (points + points_per_block - 1) / points_per_block, 2),
+      tbb::blocked_range<Index>(0, static_cast<Index>(block_.size()), 2),
       [&](const tbb::blocked_range<Index>& range) {
-        for (Index b = range.begin(); b < range.end(); ++b)
-          body(b, b * points_per_block, std::min((b + 1) * points_per_block, points));
+        for (Index k = range.begin(); k < range.end(); ++k) {
+          const Index b = backward_ ? range.begin() + range.end() - 1 - k : k;
+          body(b, b * points_per_block, std::min((b + 1) * points_per_block, points_));
+        }
       },
       tbb::static_partitioner());
+  backward_ = !backward_;
 }
-
-}  // namespace
 
 // What the blocks have added up: each patch's mean.
 template <class Real>
@@ -408,29 +512,42 @@ void ProjectedKernel<Real>::sum_patches(std::vector<Real>& patch) const {
   for (std::size_t b = 0; b < patch.size(); ++b) {
     double sum = 0.0;
     for (std::int32_t k = patches_of_block_.of_offset[b]; k < patches_of_block_.of_offset[b + 1]; ++k)
-      for (std::size_t lane = 0; lane < 8; ++lane)
-        sum += static_cast<double>(
-            octet_sum_[8 * static_cast<std::size_t>(patches_of_block_.place[static_cast<std::size_t>(k)]) +
-                       lane]);
+      sum += place_sum_[static_cast<std::size_t>(patches_of_block_.place[static_cast<std::size_t>(k)])];
     patch[b] = static_cast<Real>(sum / patch_volume_[b]);
   }
 }
 
-// And back: every block's own copy.
 template <class Real>
-void ProjectedKernel<Real>::send_patches(const std::vector<Real>& patch) {
-  for (std::size_t k = 0; k < at_patch_.size(); ++k)
-    at_patch_[k] = patch[static_cast<std::size_t>(patches_of_block_.member[k])];
+void ProjectedKernel<Real>::point_stresses(Index first, Index last, Columns* stress) const {
+  if (plain_) {
+    neo_hookean_stresses(gradient_.data(), dilation_.data(), pressure_.data(), mu_.data(), volume_.data(),
+                         stress, first, last, smallest_J_, slope_);
+    if (patches_ == 0)  // inverted, or not a number: no stress there, and the driver stops the run
+      for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
+        if (!(dilation_[q] > Real(-1)) || !std::isfinite(dilation_[q]))
+          stress[q - static_cast<std::size_t>(first)] = {};
+    return;
+  }
+  for (Index q = first; q < last; ++q) {
+    const auto at = static_cast<std::size_t>(q), t = static_cast<std::size_t>(tissue_[at]);
+    const ViscousHistory& history = history_[t];
+    const Mat3 F = gradient_at(gradient_, at);
+    Mat3 P = history.step.c * distortional_stress(material_[t], F) +
+             static_cast<double>(pressure_[at]) * cofactor(F);
+    if (!material_[t].prony.empty()) P += F * history.K(slot_[at]);
+    for (int j = 0; j < 3; ++j)
+      for (int i = 0; i < 4; ++i)
+        stress[q - first].column[j][i] = i < 3 ? static_cast<Real>(P(i, j)) * volume_[at] : Real(0);
+  }
 }
 
 template <class Real>
 typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(const double* u) {
-  for (std::size_t k = 0; k < u_.size(); ++k) u_[k] = static_cast<Real>(u[k]);
   const auto places = [](const Places& p, Index block) {
     return std::pair(static_cast<std::size_t>(p.offset[static_cast<std::size_t>(block)]),
                      static_cast<std::size_t>(p.offset[static_cast<std::size_t>(block) + 1]));
   };
-  // Means over the patches of each point of a block, from at_patch_.
+  // Means over the patches of each point of a block, of the values in at_patch_.
   using Means = std::array<Real, points_per_block>;
   const auto octets = [](Index first, Index last) { return std::pair(first / 8, (last + 7) / 8); };
   const auto means = [&](Index block, Index first, Index last, Means& mean) {
@@ -438,41 +555,73 @@ typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(const 
     means_of_patches(octet_number_.data(), octet_weight_.data(), octet_offset_.data(),
                      at_patch_.data() + places(patches_of_block_, block).first, mean.data(), o, end);
   };
-  const auto spread = [&](Index block, Index first, Index last, const std::vector<Real>& value) {
+  const auto take = [&](Index block, const std::vector<Real>& patch) {
+    const auto [from, to] = places(patches_of_block_, block);
+    for (std::size_t k = from; k < to; ++k)
+      at_patch_[k] = patch[static_cast<std::size_t>(patches_of_block_.member[k])];
+  };
+  const auto spread = [&](Index block, Index first, Index last, const LongVector<Real>& value) {
     const auto [o, end] = octets(first, last);
     const auto [from, to] = places(patches_of_block_, block);
     std::fill_n(octet_sum_.data() + 8 * from, 8 * (to - from), Real(0));
     spread_to_patches(octet_number_.data(), octet_weight_.data(), octet_offset_.data(), value.data(),
                       volume_.data(), octet_sum_.data() + 8 * from, o, end);
+    for (std::size_t k = from; k < to; ++k) {
+      const Real* lane = octet_sum_.data() + 8 * k;
+      const auto two = [&](int i) { return static_cast<double>(lane[i]) + static_cast<double>(lane[i + 4]); };
+      place_sum_[k] = (two(0) + two(1)) + (two(2) + two(3));
+    }
+  };
+  const auto forces = [&](Index block, Index first, Index last) {
+    std::array<Columns, points_per_block> stress;
+    point_stresses(first, last, stress.data());
+    const auto [from, to] = places(nodes_of_block_, block);
+    std::fill_n(at_node_.data() + 4 * from, 4 * (to - from), Real(0));
+    scatter_forces(pair_.data(), point_offset_.data(), stress.data(), at_node_.data() + 4 * from, first,
+                   last);
   };
 
-  over_blocks(points_, [&](Index block, Index first, Index last) {
+  over_blocks([&](Index block, Index first, Index last) {
     const auto [from, to] = places(nodes_of_block_, block);
     for (std::size_t k = from; k < to; ++k)
-      std::copy_n(u_.data() + 4 * nodes_of_block_.member[k], 4, at_node_.data() + 4 * k);
+      for (std::size_t i = 0; i < 4; ++i)
+        at_node_[4 * k + i] =
+            static_cast<Real>(u[4 * static_cast<std::size_t>(nodes_of_block_.member[k]) + i]);
     gradients(pair_.data(), point_offset_.data(), at_node_.data() + 4 * from, gradient_.data(),
               dilation_.data(), first, last);
     Sweep& sweep = block_[static_cast<std::size_t>(block)] = Sweep{};
-    for (Index q = first; q < last; ++q) {
-      const double J = 1.0 + static_cast<double>(dilation_[static_cast<std::size_t>(q)]);
-      if (!std::isfinite(J) && sweep.finite) {
-        sweep.finite = false;
-        sweep.J_min = std::nan("");
-        sweep.point = q;
-      }
-      sweep.inverted += J <= 0.0;
-      if (sweep.finite && J < sweep.J_min) {
-        sweep.J_min = J;
-        sweep.point = q;
-      }
+    std::array<Real, 8> least;
+    sweep.finite = least_dilations(dilation_.data(), least.data(), first, last);
+    const Real smallest = *std::min_element(least.begin(), least.end());
+    const Real* begin = dilation_.data() + first;
+    const Real* end = dilation_.data() + last;
+    if (!sweep.finite) {
+      sweep.J_min = std::nan("");
+      sweep.point = std::find_if(begin, end, [](Real e) { return !std::isfinite(e); }) - dilation_.data();
+    } else if (smallest < Real(0)) {
+      sweep.J_min = 1.0 + static_cast<double>(smallest);
+      sweep.point = std::find(begin, end, smallest) - dilation_.data();
     }
-    if (patches_ > 0) spread(block, first, last, dilation_);
+    if (!sweep.finite || smallest <= Real(-1))
+      sweep.inverted = std::count_if(begin, end, [](Real e) { return e <= Real(-1); });
+    if (!variance_.empty()) {  // a part of the nodes each, for gather()
+      const auto blocks = static_cast<Index>(block_.size());
+      for (Index k = 4 * nodes_ * block / blocks; k < 4 * nodes_ * (block + 1) / blocks; ++k)
+        u_[static_cast<std::size_t>(k)] = static_cast<Real>(u[k]);
+    }
+    if (patches_ > 0) {
+      spread(block, first, last, dilation_);
+    } else {
+      for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
+        pressure_[q] = ks_[q] * dilation_[q];
+      forces(block, first, last);
+    }
   });
   if (patches_ > 0) {
     sum_patches(patch_dilation_);
-    send_patches(patch_dilation_);
-    over_blocks(points_, [&](Index block, Index first, Index last) {
+    over_blocks([&](Index block, Index first, Index last) {
       Means mean;
+      take(block, patch_dilation_);
       means(block, first, last, mean);
       for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q) {
         const Real resolved = mean[q - static_cast<std::size_t>(first)], e = dilation_[q] - resolved;
@@ -494,42 +643,15 @@ typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(const 
       spread(block, first, last, unresolved_);
     });
     sum_patches(patch_unresolved_);
-    send_patches(patch_unresolved_);
-  }
-  over_blocks(points_, [&](Index block, Index first, Index last) {
-    if (patches_ > 0) {
+    over_blocks([&](Index block, Index first, Index last) {
       Means mean;
+      take(block, patch_unresolved_);
       means(block, first, last, mean);
       for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
         pressure_[q] -= mean[q - static_cast<std::size_t>(first)];
-    } else {
-      for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
-        pressure_[q] = ks_[q] * dilation_[q];
-    }
-    if (plain_) {
-      neo_hookean_stresses(gradient_.data(), dilation_.data(), pressure_.data(), mu_.data(), volume_.data(),
-                           stress_.data(), first, last, smallest_J_, slope_);
-      if (patches_ == 0)  // inverted, or not a number: no stress there, and the driver stops the run
-        for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
-          if (!(dilation_[q] > Real(-1)) || !std::isfinite(dilation_[q])) stress_[q] = {};
-    } else {
-      for (Index q = first; q < last; ++q) {
-        const auto at = static_cast<std::size_t>(q), t = static_cast<std::size_t>(tissue_[at]);
-        const ViscousHistory& history = history_[t];
-        const Mat3 F = to_matrix(gradient_[at]) + Mat3::Identity();
-        Mat3 P = history.step.c * distortional_stress(material_[t], F) +
-                 static_cast<double>(pressure_[at]) * cofactor(F);
-        if (!material_[t].prony.empty()) P += F * history.K(slot_[at]);
-        for (int j = 0; j < 3; ++j)
-          for (int i = 0; i < 4; ++i)
-            stress_[at].column[j][i] = i < 3 ? static_cast<Real>(P(i, j)) * volume_[at] : Real(0);
-      }
-    }
-    const auto [from, to] = places(nodes_of_block_, block);
-    std::fill_n(at_node_.data() + 4 * from, 4 * (to - from), Real(0));
-    scatter_forces(pair_.data(), point_offset_.data(), stress_.data(), at_node_.data() + 4 * from, first,
-                   last);
-  });
+      forces(block, first, last);
+    });
+  }
   Sweep result;
   for (const Sweep& sweep : block_) {
     if (result.finite && (!sweep.finite || sweep.J_min < result.J_min)) {
@@ -566,13 +688,13 @@ template <class Real>
 double ProjectedKernel<Real>::stored_energy(const double* u) {
   stress_sweep(u);
   double energy = 0.0;
-  for (std::size_t q = 0; q < gradient_.size(); ++q) {
+  for (std::size_t q = 0; q < static_cast<std::size_t>(points_); ++q) {
     const Material& m = material_[static_cast<std::size_t>(tissue_[q])];
     const double ks = patches_ > 0 ? pointwise_bulk_modulus(m) : m.kappa, e = dilation_[q],
                  rest = patches_ > 0 ? unresolved_dilation(q) : 0.0;
-    energy += static_cast<double>(volume_[q]) *
-              (distortional_energy(m, to_matrix(gradient_[q]) + Mat3::Identity()) + 0.5 * ks * e * e +
-               0.5 * ks * beta * rest * rest * rest * rest);
+    energy +=
+        static_cast<double>(volume_[q]) * (distortional_energy(m, gradient_at(gradient_, q)) +
+                                           0.5 * ks * e * e + 0.5 * ks * beta * rest * rest * rest * rest);
   }
   for (std::size_t b = 0; b < patch_volume_.size(); ++b) {
     const double e = patch_dilation_[b], bulk = patch_bulk_[b];
@@ -626,8 +748,7 @@ void ProjectedKernel<Real>::accept(const double* u) {
   stress_sweep(u);
   tbb::parallel_for(Index{0}, points_, [&](Index q) {
     const auto at = static_cast<std::size_t>(q), t = static_cast<std::size_t>(tissue_[at]);
-    if (!material_[t].prony.empty())
-      history_[t].accept(slot_[at], to_matrix(gradient_[at]) + Mat3::Identity());
+    if (!material_[t].prony.empty()) history_[t].accept(slot_[at], gradient_at(gradient_, at));
   });
   for (Variance& v : variance_) {
     if (v.past.empty()) continue;
@@ -682,15 +803,15 @@ void ProjectedKernel<Real>::patch_gradients(const CompressedRows& nodes, Eigen::
         const auto q = static_cast<std::size_t>(share.number);
         Eigen::Matrix<float, 4, 3> slope = Eigen::Matrix<float, 4, 3>::Zero();
         slope.template topRows<3>() =
-            (static_cast<double>(share.weight) * cofactor(to_matrix(gradient_[q]) + Mat3::Identity()))
-                .template cast<float>();
+            (static_cast<double>(share.weight) * cofactor(gradient_at(gradient_, q))).template cast<float>();
         const std::int32_t* node = nodes_of_block_.member.data() +
                                    nodes_of_block_.offset[q / static_cast<std::size_t>(points_per_block)];
         for (std::int32_t e = point_offset_[q]; e < point_offset_[q + 1]; ++e) {
-          const Pair& pair = pair_[static_cast<std::size_t>(e)];
-          sum.col(node[pair.number]) += slope.col(0) * static_cast<float>(pair.d[0]) +
-                                        slope.col(1) * static_cast<float>(pair.d[1]) +
-                                        slope.col(2) * static_cast<float>(pair.d[2]);
+          const Pairs& pair = pair_[static_cast<std::size_t>(e)];
+          for (int i = 0; i < 2; ++i)
+            sum.col(node[pair.number[i]]) += slope.col(0) * static_cast<float>(pair.d[i][0]) +
+                                             slope.col(1) * static_cast<float>(pair.d[i][1]) +
+                                             slope.col(2) * static_cast<float>(pair.d[i][2]);
         }
       }
       for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k) {
@@ -703,13 +824,19 @@ void ProjectedKernel<Real>::patch_gradients(const CompressedRows& nodes, Eigen::
 
 template <class Real>
 Mat3 ProjectedKernel<Real>::deformation_gradient(Index q) const {
-  return to_matrix(gradient_[static_cast<std::size_t>(q)]) + Mat3::Identity();
+  return gradient_at(gradient_, static_cast<std::size_t>(q));
 }
 
 template <class Real>
 Mat3 ProjectedKernel<Real>::stress(Index q) const {
-  const auto at = static_cast<std::size_t>(q);
-  return to_matrix(stress_[at]) / static_cast<double>(volume_[at]);
+  const auto octet = static_cast<std::size_t>(q) / 8 * 8;
+  std::array<Columns, 8> stress;
+  point_stresses(static_cast<Index>(octet), std::min(points_, static_cast<Index>(octet + 8)), stress.data());
+  Mat3 result;
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i)
+      result(i, j) = static_cast<double>(stress[static_cast<std::size_t>(q) - octet].column[j][i]);
+  return result / static_cast<double>(volume_[static_cast<std::size_t>(q)]);
 }
 
 template class ProjectedKernel<float>;

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstdint>
-#include <type_traits>
 #include <vector>
 
 #include "preprocess/model.hpp"
@@ -16,11 +15,16 @@ struct Tissues {
   Eigen::VectorXi of_point;  ///< [Q] number in `material`
 };
 
-/// Layouts of the hot loops. Gradient and number of a node; three columns, padded; a weighted member.
+/// Layouts of the hot loops. Gradients and numbers of two nodes of a point; a matrix at each of eight points;
+/// three columns, padded; a weighted member.
 template <class Real>
-struct alignas(4 * sizeof(Real)) ProjectedPair {
-  Real d[3];
-  std::conditional_t<sizeof(Real) == 4, std::int32_t, std::int64_t> number;
+struct ProjectedPairs {
+  Real d[2][3];
+  std::uint16_t number[2];
+};
+template <class Real>
+struct alignas(32) ProjectedOctet {
+  Real column[3][3][8];
 };
 template <class Real>
 struct alignas(4 * sizeof(Real)) ProjectedColumns {
@@ -96,7 +100,8 @@ class ProjectedKernel {
   Mat3 stress(Index q) const;                ///< first Piola-Kirchhoff [Pa], of the last stress_sweep
 
  private:
-  using Pair = ProjectedPair<Real>;
+  using Pairs = ProjectedPairs<Real>;
+  using Octet = ProjectedOctet<Real>;
   using Columns = ProjectedColumns<Real>;
   using Share = ProjectedShare<Real>;
   struct Lists {
@@ -122,33 +127,39 @@ class ProjectedKernel {
   std::vector<std::int32_t> tissue_;  // [Q]
   bool plain_ = true;                 // all neo-Hookean and elastic
   std::vector<std::int32_t> point_offset_;
-  LongVector<Pair> pair_;  // by point; numbers are places less the block's first
+  LongVector<Pairs> pair_;  // by point, an odd one filled up; numbers are places less the block's first
   // Of eight points together: their patches' numbers within the block, and psi [8 x members].
   std::vector<std::int32_t> octet_offset_, octet_number_;
   LongVector<Real> octet_weight_;
   Lists of_patch_;  // points; psi V / V_b
   Places nodes_of_block_, patches_of_block_;
-  std::vector<Real> volume_, mu_, ks_, bulk_;  // [Q]; bulk = kappa - ks
-  Real smallest_J_, slope_;                    // see stress_body
+  LongVector<Real> volume_, mu_, ks_, bulk_;  // [Q]; bulk = kappa - ks
+  Real smallest_J_, slope_;                   // see stress_body
   std::vector<double> patch_volume_, patch_bulk_;
   std::vector<Variance> variance_;
   std::vector<ViscousHistory> history_;  // of each material with a Prony series; by tissue
   std::vector<std::int32_t> slot_;       // [Q] of the point in its tissue's history
   double elapsed_ = 0.0, step_ = 0.0;    // [s] until the last accepted step, and of the one under way
 
-  std::vector<Real> octet_sum_;  // [8 x places of patches]
-  std::vector<Real> u_;          // [4xN]
+  std::vector<Real> octet_sum_;    // [8 x places of patches]
+  std::vector<double> place_sum_;  // [places of patches]
+  std::vector<Real> u_;            // [4xN]
   std::vector<Real> at_node_,
-      at_patch_;  // [4 x places] displacements, then forces; [places] sums, then means
-  LongVector<Columns> gradient_, stress_;  // [Q] F - I; V P
-  std::vector<Real> dilation_, pressure_, unresolved_, patch_dilation_, patch_unresolved_;
+      at_patch_;                // [4 x places] displacements, then forces; [places] means
+  LongVector<Octet> gradient_;  // [octets of points] F - I
+  LongVector<Real> dilation_, pressure_, unresolved_;  // [Q]
+  std::vector<Real> patch_dilation_, patch_unresolved_;
   std::vector<Real> held_;  // [patches] or empty
   std::vector<Sweep> block_;
+  bool backward_ = false;  // the next pass over the blocks: from the end, where the last has left its numbers
 
   double unresolved_dilation(std::size_t q) const;
   void find_patch_bulk();
+  template <class Body>
+  void over_blocks(const Body& body);
   void sum_patches(std::vector<Real>& patch) const;
-  void send_patches(const std::vector<Real>& patch);
+  /// V P of points [first, last), into `stress` from its beginning.
+  void point_stresses(Index first, Index last, Columns* stress) const;
 };
 
 }  // namespace dimple
