@@ -55,7 +55,7 @@ int report(const Error& error, bool json) {
                    {{"status", "error"},
                     {"exit_code", static_cast<int>(error.code)},
                     {"error", {{"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}}}})
-                   .dump(2));
+                   .dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
   return static_cast<int>(error.code);
 }
 
@@ -228,8 +228,7 @@ int command_line(int argc, char** argv) {
       ->capture_default_str();
   chart->add_option("--time", compared.times, "quasi-static, dynamic")->delimiter(',')->capture_default_str();
   chart
-      ->add_option("--dynamic-nodes", compared.dynamic_nodes,
-                   "of dynamic runs [those of --nodes up to 4250]")
+      ->add_option("--dynamic-nodes", compared.dynamic_nodes, "of dynamic runs [those of --nodes up to 4250]")
       ->delimiter(',');
   chart->add_option("--repeat", compared.repeat, "clouds of each size: times are medians, errors the largest")
       ->capture_default_str();

@@ -554,7 +554,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   summary["real_time_factor"] = solve_s > 0.0 ? reached / config.load.rate_mm_per_s / solve_s : 0.0;
   summary["threads"] = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
   summary["warnings"] = in.warnings;
-  outcome.summary_json = summary.dump(2) + "\n";
+  outcome.summary_json = summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
   write_file(folder / "summary.json", outcome.summary_json);
   write_file(folder / "config.resolved.toml", to_toml(config, in.notes));
 
@@ -623,7 +623,7 @@ Outcome make_model(const Config& config, const fs::path& folder) {
   summary["counts"] = counts_json(prepared.files.model);
   summary["support"] = {
       {"fewest", support.fewest}, {"most", support.most}, {"mean", support.mean}, {"grown", support.grown}};
-  return {.summary_json = summary.dump(2) + "\n",
+  return {.summary_json = summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n",
           .headline = fmt::format("{} nodes, {} integration points", prepared.files.model.node_count(),
                                   prepared.files.model.point_count())};
 }
@@ -736,9 +736,11 @@ void describe_image(const fs::path& file, const fs::path& label_names, bool as_j
                                {"name", l.name},
                                {"voxels", l.voxels},
                                {"volume_mm3", l.volume_mm3},
+                               {"centre_mm", three(l.centre_mm)},
                                {"pieces", l.pieces},
                                {"touches_border", l.touches_border}});
-    fmt::print("{}\n", out.dump(2));
+    // A file's name may be no UTF-8.
+    fmt::print("{}\n", out.dump(2, ' ', false, Json::error_handler_t::replace));
     return;
   }
   fmt::print(
@@ -746,10 +748,11 @@ void describe_image(const fs::path& file, const fs::path& label_names, bool as_j
       "mm\n  axes run to  {}\n\n",
       file.string(), image.format, image.stored_size[0], image.stored_size[1], image.stored_size[2],
       image.stored_spacing.x(), image.stored_spacing.y(), image.stored_spacing.z(), image.orientation);
-  fmt::print("{:>6}  {:<28} {:>12} {:>14}  {:>6}  {}\n", "label", "name", "voxels", "volume_mm3", "pieces",
-             "touches border");
+  fmt::print("{:>6}  {:<28} {:>12} {:>14}  {:<24}  {:>6}  {}\n", "label", "name", "voxels", "volume_mm3",
+             "centre L, P, S [mm]", "pieces", "touches border");
   for (const LabelMeasure& l : labels)
-    fmt::print("{:>6}  {:<28} {:>12} {:>14.1f}  {:>6}  {}\n", l.value, l.name, l.voxels, l.volume_mm3,
+    fmt::print("{:>6}  {:<28} {:>12} {:>14.1f}  {:<24}  {:>6}  {}\n", l.value, l.name, l.voxels, l.volume_mm3,
+               fmt::format("{:.1f}, {:.1f}, {:.1f}", l.centre_mm.x(), l.centre_mm.y(), l.centre_mm.z()),
                l.pieces, l.touches_border ? "yes" : "no");
   for (const std::string& warning : image.warnings) warn(warning);
 }

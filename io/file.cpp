@@ -142,6 +142,18 @@ void make_folder(const std::filesystem::path& folder) {
                        .remedy = "give another -o"});
 }
 
+void require_regular_file(const fs::path& file) {
+  struct stat status {};
+  if (::stat(file.c_str(), &status) != 0) cannot_read(file, errno);
+  if (S_ISDIR(status.st_mode)) cannot_read(file, EISDIR);
+  if (!S_ISREG(status.st_mode))
+    throw InputError({.fact = fmt::format("'{}' is not a file but a pipe or a device", file.string()),
+                      .where = fmt::format("reading {}", file.filename().string()),
+                      .why = "it has no length, and may never end",
+                      .remedy = "save the content in a file and name that"});
+  if (::access(file.c_str(), R_OK) != 0) cannot_read(file, errno);
+}
+
 std::string read_file(const fs::path& file) {
   const Descriptor in = open_to_read(file);
   struct stat status {};

@@ -24,6 +24,9 @@ void move_into_place(const std::filesystem::path& temporary, const std::filesyst
 /// Makes the folder and those above it. Throws OutputError with the system's reason.
 void make_folder(const std::filesystem::path& folder);
 
+/// Throws InputError unless a file can be there: not a folder, and not a pipe or device, which may never end.
+void require_regular_file(const std::filesystem::path& file);
+
 /// The whole file. Throws InputError with the system's reason.
 std::string read_file(const std::filesystem::path& file);
 

@@ -71,9 +71,18 @@ std::optional<double> millimetres_in(const std::string& unit);
 /// Multiplies spacing and origin alike, with a warning.
 void scale_to_millimetres(StoredImage& image, double factor, const std::string& unit);
 
-/// Throws InputError if the file is too short for its voxels even when compressed as well as deflate can; so
-/// a damaged header cannot ask for memory without end.
+/// Throws InputError if the file is too short for its voxels even when compressed as well as deflate can, or
+/// if this machine (or `ulimit -v`) has not the memory for them; so a header cannot ask for it without end.
 void check_length(const StoredImage& image, const std::filesystem::path& file);
+
+/// Bytes after the voxels that are still unpacked, to check them.
+constexpr std::size_t surplus_limit = std::size_t{1} << 26;
+
+/// Warns if the file goes on after its voxels: then its header may not be its own.
+void warn_of_surplus(StoredImage& image, std::uintmax_t bytes);
+
+/// True if the axes are perpendicular as far as ITK asks.
+bool is_at_right_angles(const Mat3& axes);
 
 InputError truncated(const std::filesystem::path& file, std::string fact);
 

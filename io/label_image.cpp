@@ -1,10 +1,13 @@
 #include "io/label_image.hpp"
 
 #include <fmt/format.h>
+#include <sys/resource.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <fstream>
 #include <limits>
 #include <type_traits>
 #include <utility>
@@ -26,7 +29,7 @@ Format format_of(const fs::path& file) {
   std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::tolower(c); });
   const auto ends = [&](auto... suffix) { return (name.ends_with(suffix) || ...); };
   if (ends(".nrrd", ".nhdr")) return Format::nrrd;
-  if (ends(".nii", ".nii.gz")) return Format::nifti;
+  if (ends(".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz")) return Format::nifti;
   if (ends(".mha", ".mhd")) return Format::metaimage;
   return Format::unknown;
 }
@@ -45,22 +48,53 @@ const char* fault(double label) {
 }
 
 template <class T>
-std::vector<std::int32_t> to_labels(const StoredImage& image, const fs::path& file) {
-  const std::size_t count = image.data.size() / sizeof(T);
-  std::vector<std::int32_t> labels(count);
-  std::size_t faulty = 0, first = 0;
-  double first_value = 0.0;
-  for (std::size_t v = 0; v < count; ++v) {
-    T number;
-    std::memcpy(&number, image.data.data() + v * sizeof(T), sizeof(T));
-    // A double holds every label that is accepted; what it rounds is far above the greatest.
-    const double label = image.slope * static_cast<double>(number) + image.intercept;
-    if (fault(label)) {
-      if (faulty++ == 0) first = v, first_value = label;
-    } else {
-      labels[v] = static_cast<std::int32_t>(label);
-    }
+T number_at(const StoredImage& image, std::size_t v) {
+  T number;
+  std::memcpy(&number, image.data.data() + v * sizeof(T), sizeof(T));
+  return number;
+}
+
+/// Calls `visit` with a zero of the type in which the image is stored.
+void with_type(Number type, const auto& visit) {
+  switch (type) {
+    case Number::int8:
+      return visit(std::int8_t{});
+    case Number::uint8:
+      return visit(std::uint8_t{});
+    case Number::int16:
+      return visit(std::int16_t{});
+    case Number::uint16:
+      return visit(std::uint16_t{});
+    case Number::int32:
+      return visit(std::int32_t{});
+    case Number::uint32:
+      return visit(std::uint32_t{});
+    case Number::int64:
+      return visit(std::int64_t{});
+    case Number::uint64:
+      return visit(std::uint64_t{});
+    case Number::real32:
+      return visit(float{});
+    case Number::real64:
+      return visit(double{});
   }
+}
+
+/// Throws unless every voxel holds a label and one is not background. Before room is made for the labels, so
+/// that a file of nothing takes no more memory than it must.
+void check_voxels(const StoredImage& image, const fs::path& file) {
+  const std::size_t count = image.data.size() / bytes_of(image.type);
+  std::size_t faulty = 0, first = 0, foreground = 0;
+  double first_value = 0.0;
+  with_type(image.type, [&]<class T>(T) {
+    for (std::size_t v = 0; v < count; ++v) {
+      // A double holds every label that is accepted; what it rounds is far above the greatest.
+      const double label = image.slope * static_cast<double>(number_at<T>(image, v)) + image.intercept;
+      if (label == 0.0) continue;
+      ++foreground;
+      if (fault(label) && faulty++ == 0) first = v, first_value = label;
+    }
+  });
   if (faulty > 0) {
     const auto nx = static_cast<std::size_t>(image.size[0]), ny = static_cast<std::size_t>(image.size[1]);
     throw InputError(
@@ -72,33 +106,11 @@ std::vector<std::int32_t> to_labels(const StoredImage& image, const fs::path& fi
                 "segmentation",
          .remedy = "give the segmentation, exported as a label map with an integer type"});
   }
-  return labels;
-}
-
-std::vector<std::int32_t> labels_of(const StoredImage& image, const fs::path& file) {
-  switch (image.type) {
-    case Number::int8:
-      return to_labels<std::int8_t>(image, file);
-    case Number::uint8:
-      return to_labels<std::uint8_t>(image, file);
-    case Number::int16:
-      return to_labels<std::int16_t>(image, file);
-    case Number::uint16:
-      return to_labels<std::uint16_t>(image, file);
-    case Number::int32:
-      return to_labels<std::int32_t>(image, file);
-    case Number::uint32:
-      return to_labels<std::uint32_t>(image, file);
-    case Number::int64:
-      return to_labels<std::int64_t>(image, file);
-    case Number::uint64:
-      return to_labels<std::uint64_t>(image, file);
-    case Number::real32:
-      return to_labels<float>(image, file);
-    case Number::real64:
-      return to_labels<double>(image, file);
-  }
-  return {};
+  if (foreground == 0)
+    throw InputError({.fact = fmt::format("all {} voxels are background (0)", count),
+                      .where = image_place(file),
+                      .why = "an organ is made of the voxels whose label is not 0, and there is none",
+                      .remedy = "check that the segmentation was saved, and that this is the right file"});
 }
 
 // ---------------------------------------------------------------------------------------------------------
@@ -176,7 +188,7 @@ void check_geometry(const Eigen::Affine3d& to_world, const fs::path& file) {
 
 LabelImage canonical(const StoredImage& stored, const fs::path& file) {
   check_geometry(stored.to_world, file);
-  const std::vector<std::int32_t> labels = labels_of(stored, file);
+  check_voxels(stored, file);
   const AxisOrder order = nearest_to_LPS(stored.to_world.linear());
   const Mat3 linear = with_rounded_lengths(stored.to_world.linear());
 
@@ -210,17 +222,25 @@ LabelImage canonical(const StoredImage& stored, const fs::path& file) {
   image.to_world.translation() = origin.array() + 0.0;
   image.to_world.makeAffine();
 
-  image.voxel.reserve(labels.size());
-  for (Index k = 0; k < image.size[2]; ++k)
-    for (Index j = 0; j < image.size[1]; ++j)
-      for (Index i = 0; i < image.size[0]; ++i)
-        image.voxel.push_back(
-            labels[static_cast<std::size_t>(first + i * step[0] + j * step[1] + k * step[2])]);
+  image.voxel.reserve(stored.data.size() / bytes_of(stored.type));
+  with_type(stored.type, [&]<class T>(T) {
+    for (Index k = 0; k < image.size[2]; ++k)
+      for (Index j = 0; j < image.size[1]; ++j)
+        for (Index i = 0; i < image.size[0]; ++i) {
+          const auto v = static_cast<std::size_t>(first + i * step[0] + j * step[1] + k * step[2]);
+          image.voxel.push_back(static_cast<std::int32_t>(
+              stored.slope * static_cast<double>(number_at<T>(stored, v)) + stored.intercept));
+        }
+  });
+  if (!is_at_right_angles(linear))
+    image.warnings.push_back(
+        "The image's axes are not at right angles; the shear is kept. 3D Slicer may refuse this file or show "
+        "it without the shear.");
   return image;
 }
 
-/// Largest extent of the box around the foreground [mm]; throws if there is no foreground.
-double foreground_extent(const LabelImage& image, const fs::path& file) {
+/// Largest extent of the box around the foreground [mm].
+double foreground_extent(const LabelImage& image) {
   std::array<Index, 3> low = image.size, high{-1, -1, -1};
   auto voxel = image.voxel.begin();
   for (Index k = 0; k < image.size[2]; ++k)
@@ -230,11 +250,6 @@ double foreground_extent(const LabelImage& image, const fs::path& file) {
           low = {std::min(low[0], i), std::min(low[1], j), std::min(low[2], k)};
           high = {std::max(high[0], i), std::max(high[1], j), std::max(high[2], k)};
         }
-  if (high[0] < 0)
-    throw InputError({.fact = fmt::format("all {} voxels are background (0)", image.voxel.size()),
-                      .where = image_place(file),
-                      .why = "an organ is made of the voxels whose label is not 0, and there is none",
-                      .remedy = "check that the segmentation was saved, and that this is the right file"});
   double extent = 0.0;
   for (std::size_t c = 0; c < 3; ++c)
     extent =
@@ -242,11 +257,32 @@ double foreground_extent(const LabelImage& image, const fs::path& file) {
   return extent;
 }
 
+/// Grey values of an MRI pass for labels where they are whole numbers, but neighbours differ: in a
+/// segmentation most neighbours are alike.
+bool looks_like_grey_values(const LabelImage& image) {
+  std::size_t pairs = 0, differing = 0;
+  for (std::size_t v = 1; v < image.voxel.size(); ++v) {
+    if (image.voxel[v] == 0 || image.voxel[v - 1] == 0) continue;
+    ++pairs;
+    if (image.voxel[v] != image.voxel[v - 1]) ++differing;
+  }
+  return pairs > 1000 && 2 * differing > pairs;
+}
+
+/// DICOM has no place for it in its name, but says so at byte 128.
+bool is_dicom(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::array<char, 4> word{};
+  in.seekg(128);
+  in.read(word.data(), word.size());
+  return in.gcount() == 4 && std::string_view(word.data(), word.size()) == "DICM";
+}
+
 [[noreturn]] void refuse_suffix(const fs::path& file, bool reading) {
   Report report{
       .fact = fmt::format("'{}' does not end in a known suffix", file.filename().string()),
       .where = image_place(file),
-      .why = reading ? "known are .nrrd, .nhdr, .seg.nrrd, .nii, .nii.gz, .mha and .mhd"
+      .why = reading ? "known are .nrrd, .nhdr, .seg.nrrd, .nii, .nii.gz, .hdr, .img, .mha and .mhd"
                      : "known are .nrrd, .seg.nrrd, .nii, .nii.gz and .mha",
       .remedy = "export the segmentation in one of these formats; from 3D Slicer, save it as .seg.nrrd"};
   if (reading) throw InputError(std::move(report));
@@ -314,6 +350,8 @@ std::array<Index, 3> checked_size(const std::vector<Index>& size, Index componen
     throw refuse(fmt::format("the image has {} axes ({} voxels)", dimensions, fmt::join(size, " x ")),
                  "an organ is segmented in one three-dimensional image",
                  "save one time frame or one channel as an image of its own");
+  if (dimensions == 0)
+    throw refuse("the image has 0 axes", "the header is damaged", "export the segmentation anew");
   if (dimensions < 3 || size[0] == 1 || size[1] == 1 || size[2] == 1)
     throw refuse(fmt::format("the image is flat: {} voxels", fmt::join(size, " x ")),
                  "an organ needs three dimensions, with at least two voxels along each",
@@ -355,6 +393,33 @@ void check_length(const StoredImage& image, const fs::path& file) {
   const std::uintmax_t length = fs::file_size(file, failed);
   if (!failed && static_cast<double>(image.data_bytes()) > deflate_limit * static_cast<double>(length))
     throw truncated(file, fmt::format("{} bytes cannot hold {} bytes of voxels", length, image.data_bytes()));
+
+  rlimit limit{};
+  double memory = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
+  if (getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY)
+    memory = std::min(memory, static_cast<double>(limit.rlim_cur));
+  const double voxels = static_cast<double>(image.data_bytes()) / static_cast<double>(bytes_of(image.type));
+  const double needed = static_cast<double>(image.data_bytes()) + voxels * sizeof(std::int32_t);
+  if (needed > memory)
+    throw InputError({.fact = fmt::format("the voxels need {:.1f} GB of memory, and {:.1f} GB are there",
+                                          needed / 1e9, memory / 1e9),
+                      .where = image_place(file),
+                      .why = fmt::format("the image has {} x {} x {} voxels; or its header is damaged",
+                                         image.size[0], image.size[1], image.size[2]),
+                      .remedy = "crop the image to the organ, resample it to larger voxels, or take a larger "
+                                "machine"});
+}
+
+void warn_of_surplus(StoredImage& image, std::uintmax_t bytes) {
+  if (bytes == 0) return;
+  image.warnings.push_back(fmt::format(
+      "The file goes on for {}{} bytes after its voxels; check that its size of {} x {} x {} is right.",
+      bytes >= surplus_limit ? "more than " : "", bytes, image.size[0], image.size[1], image.size[2]));
+}
+
+bool is_at_right_angles(const Mat3& axes) {
+  const Mat3 unit = axes.colwise().normalized();
+  return (unit.transpose() * unit - Mat3::Identity()).cwiseAbs().maxCoeff() < 5e-4;  // ITK's bound lies here
 }
 
 InputError truncated(const fs::path& file, std::string fact) {
@@ -370,9 +435,13 @@ InputError truncated(const fs::path& file, std::string fact) {
 
 LabelImage read_label_image(const fs::path& file, const fs::path& label_names) {
   const Format format = format_of(file);
-  std::error_code ignored;
-  if (!fs::is_regular_file(file, ignored))
-    read_file(file);  // says why: no such file, a folder, no permission
+  require_regular_file(file);
+  if (is_dicom(file))
+    throw InputError({.fact = "the file is DICOM, which is not read",
+                      .where = image_place(file),
+                      .why = "one slice, or a DICOM segmentation; known are .nrrd, .nii and .mha",
+                      .remedy = "load the series in 3D Slicer and save its segmentation as .seg.nrrd; or "
+                                "convert a DICOM segmentation by segimage2itkimage of dcmqi"});
   if (format == Format::unknown) refuse_suffix(file, true);
   std::map<int, std::string> table;  // read first: it is cheap, and the image may be large
   if (!label_names.empty()) table = read_label_names(label_names);
@@ -383,19 +452,27 @@ LabelImage read_label_image(const fs::path& file, const fs::path& label_names) {
                                file);
   for (auto& [label, name] : table) image.names[label] = std::move(name);
 
-  const double extent = foreground_extent(image, file);
+  const double extent = foreground_extent(image);
   if (extent < 5.0 || extent > 2000.0)
     image.warnings.push_back(
         fmt::format("The labels extend over {:.4g} mm, which is unusual for an organ; check the unit of the "
                     "voxel spacing.",
                     extent));
+  if (looks_like_grey_values(image))
+    image.warnings.push_back(
+        "Most neighbouring voxels have different labels: this may be an MRI or CT rather than its "
+        "segmentation.");
   return image;
 }
 
 void write_label_image(const fs::path& file, const LabelImage& image) {
   const Format format = format_of(file);
-  if (format == Format::unknown || file.extension() == ".nhdr" || file.extension() == ".mhd")
-    refuse_suffix(file, false);  // headers with the data in a second file cannot be replaced in one step
+  // Headers with the data in a second file cannot be replaced in one step.
+  const std::string name = file.filename().string();
+  if (format == Format::unknown ||
+      (format == Format::nifti && !name.ends_with(".nii") && !name.ends_with(".nii.gz")) ||
+      (format != Format::nifti && !name.ends_with(".nrrd") && !name.ends_with(".mha")))
+    refuse_suffix(file, false);
 
   const StoredImage stored = to_stored(image);
   const fs::path temporary = temporary_beside(file);
@@ -403,7 +480,7 @@ void write_label_image(const fs::path& file, const LabelImage& image) {
     claim_temporary(temporary, file);  // the system's reason if the folder is missing or read-only
     StoredImage written;
     if (format == Format::nrrd) {
-      const bool segmentation = file.filename().string().ends_with(".seg.nrrd");
+      const bool segmentation = name.ends_with(".seg.nrrd");
       write_nrrd(temporary, stored, segmentation || !image.names.empty() ? segment_keys(image) : KeyValues{});
       written = read_nrrd(temporary);
     } else if (format == Format::nifti) {
@@ -456,6 +533,8 @@ std::vector<LabelMeasure> measure_labels(const LabelImage& image) {
       todo.pop_back();
       ++piece;
       const std::array<Index, 3> at{v % nx, v / nx % ny, v / nx / ny};
+      measure.centre_mm +=
+          Vec3(static_cast<double>(at[0]), static_cast<double>(at[1]), static_cast<double>(at[2]));
       for (std::size_t axis = 0; axis < 3; ++axis)
         for (const Index side : {-1, 1}) {
           const Index next = at[axis] + side;
@@ -479,6 +558,7 @@ std::vector<LabelMeasure> measure_labels(const LabelImage& image) {
     measure.value = label;
     if (const auto name = image.names.find(label); name != image.names.end()) measure.name = name->second;
     measure.volume_mm3 = static_cast<double>(measure.voxels) * image.voxel_volume();
+    measure.centre_mm = image.to_world * Vec3(measure.centre_mm / static_cast<double>(measure.voxels));
     list.push_back(std::move(measure));
   }
   return list;

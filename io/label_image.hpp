@@ -37,9 +37,9 @@ struct LabelImage {
   double voxel_volume() const { return to_world.linear().determinant(); }
 };
 
-/// Reads .nrrd, .nhdr, .seg.nrrd, .nii, .nii.gz, .mha, .mhd.
+/// Reads .nrrd, .nhdr, .seg.nrrd, .nii, .nii.gz, .hdr with .img, .mha, .mhd.
 ///
-/// Positions are those of ITK and 3D Slicer, except that a NIfTI sheared too far for ITK is read as it is and
+/// Positions are those of 3D Slicer, except that an image sheared too far for it is read as it is and
 /// a file in metres or microns is scaled as a whole, both with a warning. So that one organ stored in two
 /// ways gives the same numbers, spacings are rounded to 1e-9 mm and NIfTI's single-precision numbers are
 /// taken as the shortest decimals that stand for them (1.366, not 1.3660000563). `label_names`, if not empty,
@@ -63,7 +63,8 @@ struct LabelMeasure {
   std::string name;  ///< empty if none is known
   std::int64_t voxels = 0;
   double volume_mm3 = 0.0;
-  int pieces = 0;  ///< face-connected components
+  Vec3 centre_mm = Vec3::Zero();  ///< mean of its voxels' positions, LPS
+  int pieces = 0;                 ///< face-connected components
   std::int64_t largest_piece_voxels = 0;
   bool touches_border = false;
 };

@@ -1,5 +1,7 @@
-// NRRD and MetaImage through ITK's ImageIO classes. Not through ImageFileReader: that wants the voxel type
-// before it has seen the file, and wraps what does not fit.
+// NRRD and MetaImage: headers through ITK's ImageIO classes, voxels by our own hand. ImageFileReader wants
+// the voxel type before it has seen the file, and wraps what does not fit; the ImageIO classes of ITK 5.2
+// crash on short text, take memory for voxels that the file does not hold, and report success when they are
+// missing.
 
 #include <fmt/format.h>
 #include <itkMetaDataObject.h>
@@ -9,11 +11,16 @@
 
 #include <algorithm>
 #include <charconv>
-#include <cstdlib>
+#include <cmath>
+#include <cstring>
 #include <fstream>
+#include <iomanip>
+#include <iostream>
+#include <iterator>
 #include <limits>
 #include <sstream>
 
+#include "io/file.hpp"
 #include "io/label_formats.hpp"
 #include "io/label_names.hpp"
 
@@ -69,15 +76,34 @@ Number number_type(const itk::ImageIOBase& io, const fs::path& file) {
   }
 }
 
-/// Header and checks; the voxels are read afterwards, by read_voxels.
+/// Holds back what a library prints: its reader has no other way to say what is wrong.
+class Silence {
+ public:
+  Silence() : out_(std::cout.rdbuf(said_.rdbuf())), err_(std::cerr.rdbuf(said_.rdbuf())) {}
+  ~Silence() {
+    std::cout.rdbuf(out_);
+    std::cerr.rdbuf(err_);
+  }
+  Silence(const Silence&) = delete;
+  Silence& operator=(const Silence&) = delete;
+
+ private:
+  std::ostringstream said_;
+  std::streambuf *out_, *err_;
+};
+
+/// Header and checks; the voxels are read afterwards.
 StoredImage read_information(itk::ImageIOBase& io, const fs::path& file, std::string format) {
   StoredImage image;
   image.format = std::move(format);
   try {
+    const Silence silence;
     io.SetFileName(file.string());
     io.ReadImageInformation();
   } catch (const itk::ExceptionObject& error) {
     throw unreadable(file, image.format, words_of(error));
+  } catch (const std::exception& error) {  // what a damaged header makes of the library
+    throw unreadable(file, image.format, error.what());
   }
   std::vector<Index> size;
   for (unsigned a = 0; a < io.GetNumberOfDimensions(); ++a) {
@@ -97,21 +123,6 @@ StoredImage read_information(itk::ImageIOBase& io, const fs::path& file, std::st
   return image;
 }
 
-void read_voxels(itk::ImageIOBase& io, StoredImage& image, const fs::path& file) {
-  image.data.resize(image.data_bytes());
-  itk::ImageIORegion everything(io.GetNumberOfDimensions());
-  for (unsigned a = 0; a < io.GetNumberOfDimensions(); ++a) everything.SetSize(a, io.GetDimensions(a));
-  io.SetIORegion(everything);
-  if (static_cast<std::size_t>(io.GetImageSizeInBytes()) !=
-      image.data.size())  // ITK fills what it thinks right
-    throw unreadable(file, image.format, "header and voxel type disagree about the size of the data");
-  try {
-    io.Read(image.data.data());
-  } catch (const itk::ExceptionObject& error) {
-    throw truncated(file, words_of(error));
-  }
-}
-
 KeyValues metadata(const itk::ImageIOBase& io) {
   KeyValues keys;
   for (const std::string& key : io.GetMetaDataDictionary().GetKeys())
@@ -119,93 +130,355 @@ KeyValues metadata(const itk::ImageIOBase& io) {
   return keys;
 }
 
-/// The value of a header line `key<separator>value`; empty if there is none. Both formats start with lines of
-/// text; ITK keeps neither the unit of an NRRD nor where the data of a MetaImage begin.
-struct TextHeader {
-  KeyValues value;
-  std::size_t bytes = 0;  ///< length of the header
-};
-
 std::string_view trimmed(std::string_view text) {
   const auto first = text.find_first_not_of(" \t\r");
   if (first == std::string_view::npos) return {};
   return text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
 }
 
+std::string lower(std::string_view text) {
+  std::string result(text);
+  std::transform(result.begin(), result.end(), result.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
+  return result;
+}
+
+/// The lines `key<separator>value` that both formats start with; ITK keeps neither the unit of an NRRD nor
+/// where the voxels begin, and must not see what it cannot stand.
+struct TextHeader {
+  KeyValues value;
+  std::size_t bytes = 0;  ///< length of the header
+  bool complete = false;
+
+  bool has(const std::string& key) const { return value.contains(key); }
+  std::string at(const std::string& key) const {
+    const auto found = value.find(key);
+    return found == value.end() ? std::string() : found->second;
+  }
+};
+
 /// Ends at an empty line (NRRD) or after the line with `last_key` (MetaImage).
 TextHeader read_text_header(const fs::path& file, char separator, std::string_view last_key) {
-  TextHeader header;
+  constexpr std::size_t longest = 1 << 22;
+  std::string start(longest, '\0');
   std::ifstream in(file, std::ios::binary);
-  std::string line;
-  while (header.bytes < (1u << 24) && std::getline(in, line)) {
-    header.bytes += line.size() + 1;
-    const std::string_view text = trimmed(line);
-    if (text.empty()) break;
+  in.read(start.data(), static_cast<std::streamsize>(longest));
+  start.resize(static_cast<std::size_t>(in.gcount()));
+
+  TextHeader header;
+  while (header.bytes < start.size()) {
+    const auto end = std::min(start.find('\n', header.bytes), start.size());
+    const std::string_view text = trimmed(std::string_view(start).substr(header.bytes, end - header.bytes));
+    header.bytes = std::min(end + 1, start.size());
+    header.complete = text.empty();
+    if (header.complete) break;
     const auto middle = text.find(separator);
     if (middle == std::string_view::npos) continue;
     const std::string key(trimmed(text.substr(0, middle)));
-    header.value[key] = trimmed(text.substr(middle + 1));
-    if (key == last_key) break;
+    header.value.try_emplace(key, trimmed(text.substr(middle + 1)));
+    header.complete = key == last_key;
+    if (header.complete) break;
   }
   return header;
 }
 
-/// ITK's MetaImage reader prints to stderr and reports success when data are missing or damaged, so the data
-/// are checked here first: the file is long enough and, if compressed, inflates to the right number of bytes.
-void check_metaimage_data(const StoredImage& image, const fs::path& file) {
-  TextHeader header = read_text_header(file, '=', "ElementDataFile");
-  const std::string& name = header.value["ElementDataFile"];
-  if (name.starts_with("LIST") || name.find('%') != std::string::npos)
-    throw unreadable(file, image.format, "its voxels are spread over several files, which is not supported");
-  const bool local = name == "LOCAL" || name == "Local" || name == "local";
-  const fs::path data_file = local ? file : file.parent_path() / name;
-  std::error_code failed;
-  const std::uintmax_t length = fs::file_size(data_file, failed);
-  if (failed)
-    throw unreadable(file, image.format,
-                     fmt::format("its voxels should be in '{}': {}", data_file.string(), failed.message()));
+/// The whole text as one number.
+template <class T>
+std::optional<T> number(std::string_view text) {
+  T value{};
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  return value;
+}
 
-  const std::size_t needed = image.data_bytes();
-  std::size_t begin = local ? header.bytes : 0;
-  if (const auto skip = header.value.find("HeaderSize"); skip != header.value.end())
-    begin =
-        std::strtol(skip->second.c_str(), nullptr, 10) > 0
-            ? std::strtoul(skip->second.c_str(), nullptr, 10)
-            : static_cast<std::size_t>(length - std::min<std::uintmax_t>(length, needed));  // -1: at the end
+std::vector<std::string> words_in(const std::string& text) {
+  std::istringstream words(text);
+  return {std::istream_iterator<std::string>(words), {}};
+}
 
-  const std::string& compressed = header.value["CompressedData"];
-  if (compressed.empty() ||
-      (compressed.front() != 'T' && compressed.front() != 't' && compressed.front() != '1')) {
-    if (length < begin + needed)
-      throw truncated(data_file, fmt::format("the file holds {} of {} bytes of voxels",
-                                             length - std::min<std::uintmax_t>(length, begin), needed));
-    return;
+bool are_finite(const std::vector<std::string>& words) {
+  return std::all_of(words.begin(), words.end(), [](const std::string& word) {
+    const auto value = number<double>(std::string_view(word).substr(word.starts_with('+') ? 1 : 0));
+    return value && std::isfinite(*value);
+  });
+}
+
+/// Where the voxels are: the header's own file, or another that it names relative to itself.
+fs::path second_file(const fs::path& header_file, const std::string& name, const std::string& format) {
+  const fs::path data = header_file.parent_path() / name;
+  try {
+    require_regular_file(data);
+  } catch (const InputError& error) {
+    throw unreadable(header_file, format, "its voxels should be in another file: " + error.report.fact);
   }
-  std::ifstream in(data_file, std::ios::binary);
+  return data;
+}
+
+InputError spread_over_files(const fs::path& file, const std::string& format) {
+  return unreadable(file, format, "its voxels are spread over several files, which is not supported");
+}
+
+void swap_bytes(StoredImage& image) {
+  const auto width = static_cast<std::ptrdiff_t>(bytes_of(image.type));
+  for (auto number = image.data.begin(); number != image.data.end(); number += width)
+    std::reverse(number, number + width);
+}
+
+std::uintmax_t length_of(const fs::path& file) {
+  std::error_code failed;
+  const std::uintmax_t length = fs::file_size(file, failed);
+  return failed ? 0 : length;
+}
+
+void read_plain(StoredImage& image, const fs::path& file, std::uintmax_t begin) {
+  const std::uintmax_t length = length_of(file), held = length - std::min(length, begin);
+  const std::size_t needed = image.data_bytes();
+  if (held < needed)
+    throw truncated(file, fmt::format("the file holds {} of {} bytes of voxels", held, needed));
+  image.data.resize(needed);
+  std::ifstream in(file, std::ios::binary);
   in.seekg(static_cast<std::streamoff>(begin));
+  in.read(reinterpret_cast<char*>(image.data.data()), static_cast<std::streamsize>(needed));
+  if (static_cast<std::size_t>(in.gcount()) != needed)
+    throw truncated(file, fmt::format("the file holds {} of {} bytes of voxels", in.gcount(), needed));
+  warn_of_surplus(image, held - needed);
+}
+
+/// zlib or gzip, whichever it is; gzip perhaps in several members.
+void read_deflated(StoredImage& image, const fs::path& file, std::uintmax_t begin) {
+  const std::size_t needed = image.data_bytes();
+  std::size_t got = 0;
+  std::ifstream in(file, std::ios::binary);
+  in.seekg(static_cast<std::streamoff>(begin));
+  image.data.reserve(needed);  // room in name only: memory is taken as the bytes come
   z_stream stream{};
-  inflateInit2(&stream, 15 + 32);  // zlib or gzip, whichever it is
+  inflateInit2(&stream, 15 + 32);
   std::vector<unsigned char> packed(1 << 16), plain(1 << 18);
   int state = Z_OK;
-  while (state == Z_OK) {
-    in.read(reinterpret_cast<char*>(packed.data()), static_cast<std::streamsize>(packed.size()));
-    if (in.gcount() == 0) break;
-    stream.next_in = packed.data();
-    stream.avail_in = static_cast<unsigned>(in.gcount());
-    do {
-      stream.next_out = plain.data();
-      stream.avail_out = static_cast<unsigned>(plain.size());
-      state = inflate(&stream, Z_NO_FLUSH);
-    } while (state == Z_OK && stream.avail_out == 0);
-    if (state == Z_BUF_ERROR) state = Z_OK;  // the input was used up exactly when the output was full
+  stream.avail_out = 1;
+  while (got < needed + surplus_limit) {
+    if (stream.avail_in == 0 && stream.avail_out > 0) {  // all that went in has come out
+      in.read(reinterpret_cast<char*>(packed.data()), static_cast<std::streamsize>(packed.size()));
+      if (in.gcount() == 0) break;
+      stream.next_in = packed.data();
+      stream.avail_in = static_cast<unsigned>(in.gcount());
+    }
+    if (state == Z_STREAM_END) {
+      if (stream.avail_in == 0) continue;
+      if (*stream.next_in != 0x1f) break;  // rubbish, no further member
+      inflateReset(&stream);
+    }
+    stream.next_out = plain.data();
+    stream.avail_out = static_cast<unsigned>(plain.size());
+    state = inflate(&stream, Z_NO_FLUSH);
+    const std::size_t came = plain.size() - stream.avail_out,
+                      wanted = std::min(came, needed - std::min(got, needed));
+    const auto* bytes = reinterpret_cast<const std::byte*>(plain.data());
+    image.data.insert(image.data.end(), bytes, bytes + wanted);
+    got += came;
+    if (state != Z_OK && state != Z_BUF_ERROR && state != Z_STREAM_END) break;
   }
-  const std::size_t got = stream.total_out;
   inflateEnd(&stream);
   if (state == Z_DATA_ERROR || state == Z_NEED_DICT)
-    throw truncated(data_file, fmt::format("the compressed data are damaged after {} of {} bytes of voxels",
-                                           got, needed));
-  if (state != Z_STREAM_END || got < needed)
-    throw truncated(data_file, fmt::format("the compressed data hold {} of {} bytes of voxels", got, needed));
+    throw truncated(
+        file, fmt::format("the compressed data are damaged after {} of {} bytes of voxels", got, needed));
+  if (got < needed || (state != Z_STREAM_END && got < needed + surplus_limit))
+    throw truncated(file, fmt::format("the compressed data hold {} of {} bytes of voxels", got, needed));
+  warn_of_surplus(image, got - needed);
+}
+
+/// Voxels as decimal numbers between blanks.
+void read_ascii(StoredImage& image, const fs::path& file, std::uintmax_t begin) {
+  const std::size_t count = image.data_bytes() / bytes_of(image.type);
+  const std::uintmax_t length = length_of(file), held = length - std::min(length, begin);
+  if (held + 1 < 2 * count)  // a digit each, and a blank between
+    throw truncated(file, fmt::format("{} letters cannot hold {} numbers", held, count));
+  image.type = Number::real64;  // what is written, whatever type it is said to have
+  image.data.resize(count * sizeof(double));
+  std::ifstream in(file, std::ios::binary);
+  in.seekg(static_cast<std::streamoff>(begin));
+  std::string word;
+  for (std::size_t v = 0; v < count; ++v) {
+    if (!(in >> std::setw(64) >> word))
+      throw truncated(file, fmt::format("the file holds {} of {} voxels", v, count));
+    const auto value = number<double>(word);
+    if (!value) throw truncated(file, fmt::format("voxel {} is '{}', which is no number", v, word));
+    std::memcpy(image.data.data() + v * sizeof(double), &*value, sizeof(double));
+  }
+}
+
+std::optional<int> number_of_hex(char c) {
+  int digit = 0;
+  if (std::from_chars(&c, &c + 1, digit, 16).ec != std::errc()) return std::nullopt;
+  return digit;
+}
+
+/// Voxels as two hexadecimal digits a byte.
+void read_hex(StoredImage& image, const fs::path& file, std::uintmax_t begin) {
+  const std::size_t needed = image.data_bytes();
+  const std::uintmax_t length = length_of(file), held = length - std::min(length, begin);
+  std::size_t digits = 0;
+  if (held >= 2 * needed) {
+    image.data.resize(needed);
+    std::ifstream in(file, std::ios::binary);
+    in.seekg(static_cast<std::streamoff>(begin));
+    for (char c = 0; digits < 2 * needed && in >> c; ++digits) {
+      const auto digit = number_of_hex(c);
+      if (!digit) throw truncated(file, fmt::format("'{}' is no hexadecimal digit", c));
+      image.data[digits / 2] |= static_cast<std::byte>(digits % 2 == 0 ? *digit << 4 : *digit);
+    }
+  }
+  if (digits < 2 * needed)
+    throw truncated(file, fmt::format("the file holds {} of {} bytes of voxels",
+                                      std::min<std::uintmax_t>(held / 2, needed - 1), needed));
+}
+
+// ---------------------------------------------------------------------------------------------------------
+// NRRD
+// ---------------------------------------------------------------------------------------------------------
+
+/// What ITK's reader would take wrongly, wait for or break on.
+void check_nrrd_header(const TextHeader& header, const fs::path& file) {
+  const auto refuse = [&](std::string why) { return unreadable(file, "NRRD", std::move(why)); };
+  const auto dimension = number<int>(header.at("dimension"));
+  if (header.has("dimension") && (!dimension || *dimension < 1 || *dimension > 16))
+    throw refuse(fmt::format("it is said to have {} axes", header.at("dimension")));
+  if (const std::string encoding = lower(header.at("encoding")); encoding == "bzip2" || encoding == "bz2")
+    throw refuse("its voxels are compressed with bzip2, which is not read; save it with gzip or raw");
+  if (const std::string directions = header.at("space directions"); dimension && !directions.empty()) {
+    const auto words = words_in(directions);
+    const auto none = std::count(words.begin(), words.end(), "none");
+    if (*dimension >= 3 && *dimension - none < 3)
+      throw refuse(fmt::format("only {} of its axes have a direction", *dimension - none));
+  } else if (!are_finite(words_in(header.at("spacings")))) {
+    throw refuse(fmt::format("its spacings are {}", header.at("spacings")));
+  }
+}
+
+void read_nrrd_voxels(StoredImage& image, const TextHeader& header, const fs::path& file, bool detached) {
+  const std::string encoding = lower(header.at("encoding"));
+  const auto skip = [&](const char* key, const char* other) {
+    const std::string text = header.has(key) ? header.at(key) : header.has(other) ? header.at(other) : "0";
+    const auto value = number<std::int64_t>(text);
+    if (!value || *value < -1) throw unreadable(file, image.format, fmt::format("{} is {}", key, text));
+    return *value;
+  };
+  const std::int64_t lines = skip("line skip", "lineskip"), bytes = skip("byte skip", "byteskip");
+  if (!detached && !header.complete) throw truncated(file, "the header does not end");
+
+  std::uintmax_t begin = detached ? 0 : header.bytes;
+  if (lines > 0) {
+    std::ifstream in(file, std::ios::binary);
+    in.seekg(static_cast<std::streamoff>(begin));
+    for (std::int64_t line = 0; line < lines; ++line)
+      if (!in.ignore(std::numeric_limits<std::streamsize>::max(), '\n') || in.eof())
+        throw truncated(file, fmt::format("the file has {} of {} lines to skip", line, lines));
+    begin = static_cast<std::uintmax_t>(in.tellg());
+  }
+  if (bytes != 0 && encoding != "raw")
+    throw unreadable(file, image.format, fmt::format("byte skip is {} for voxels that are not raw", bytes));
+  if (bytes < 0)  // at the end of the file
+    begin = length_of(file) - std::min<std::uintmax_t>(length_of(file), image.data_bytes());
+  else
+    begin += static_cast<std::uintmax_t>(bytes);
+
+  check_length(image, file);
+  const std::string endian = lower(header.at("endian"));
+  const bool is_text = encoding == "ascii" || encoding == "text" || encoding == "txt";
+  if (!is_text && bytes_of(image.type) > 1 && endian != "little" && endian != "big")
+    throw unreadable(file, image.format, "it does not say the order of the bytes of a number (endian)");
+  if (is_text)
+    read_ascii(image, file, begin);
+  else if (encoding == "raw")
+    read_plain(image, file, begin);
+  else if (encoding == "gzip" || encoding == "gz")
+    read_deflated(image, file, begin);
+  else if (encoding == "hex")
+    read_hex(image, file, begin);
+  else
+    throw unreadable(file, image.format, fmt::format("its encoding is '{}'", header.at("encoding")));
+  if (!is_text && endian == "big") swap_bytes(image);
+}
+
+// ---------------------------------------------------------------------------------------------------------
+// MetaImage
+// ---------------------------------------------------------------------------------------------------------
+
+bool is_true(const std::string& word) {
+  return !word.empty() && (word.front() == 'T' || word.front() == 't' || word.front() == '1');
+}
+
+/// The first of several names of one thing.
+std::string either(const TextHeader& header, std::initializer_list<const char*> keys) {
+  for (const char* key : keys)
+    if (header.has(key)) return key;
+  return {};
+}
+
+/// What ITK's reader would take wrongly, wait for or name by the wrong reason.
+void check_metaimage_header(const TextHeader& header, const fs::path& file,
+                            std::vector<std::string>& warnings) {
+  const auto refuse = [&](std::string why) { return unreadable(file, "MetaImage", std::move(why)); };
+  const auto axes = number<int>(header.at("NDims"));
+  if (!axes || *axes < 1 || *axes > 10)
+    throw refuse(header.has("NDims") ? fmt::format("it is said to have {} axes", header.at("NDims"))
+                                     : "it does not say how many axes it has (no NDims)");
+  if (!header.complete) throw refuse("it does not say where its voxels are (no ElementDataFile)");
+  for (const auto& [key, value] : header.value)
+    if (key.size() > 250 || value.size() > 4000)  // MetaIO's buffers
+      throw refuse(
+          fmt::format("the line of {} is {} letters long", key.substr(0, 40), key.size() + value.size()));
+
+  const auto n = static_cast<std::size_t>(*axes);
+  const auto check = [&](const std::string& key, std::size_t count) {
+    if (key.empty()) return;
+    const auto words = words_in(header.at(key));
+    if (words.size() != count || !are_finite(words))
+      throw refuse(fmt::format("{} is '{}' instead of {} finite numbers", key, header.at(key), count));
+  };
+  const std::string matrix = either(header, {"TransformMatrix", "Rotation", "Orientation"});
+  const std::string origin = either(header, {"Offset", "Position", "Origin"});
+  if (!header.has("DimSize")) throw refuse("it does not say its size (no DimSize)");
+  if (!header.has("ElementSpacing")) throw refuse("it does not say how large a voxel is (no ElementSpacing)");
+  check("DimSize", n);
+  check("ElementSpacing", n);
+  check(origin, n);
+  check(matrix, n * n);
+  const auto spacing = words_in(header.at("ElementSpacing"));
+  if (std::any_of(spacing.begin(), spacing.end(),
+                  [](const auto& word) { return !(number<double>(word) > 0.0); }))
+    throw refuse(fmt::format("the voxel spacing is {} mm", fmt::join(spacing, " x ")));
+  if (header.at("ElementType").ends_with("_ARRAY"))
+    throw refuse(fmt::format("its voxels are of type {}", header.at("ElementType")));
+  if (const std::string key = either(header, {"BinaryData"}); !key.empty() && !is_true(header.at(key)))
+    throw refuse("its voxels are written as text (ASCII), which is not read; save it with BinaryData = True");
+
+  if (matrix.empty())
+    warnings.push_back(
+        "The file does not say how the image lies in the patient (no TransformMatrix); its axes are taken to "
+        "run along left, posterior and superior.");
+  if (origin.empty())
+    warnings.push_back("The file does not say where its first voxel lies (no Offset); the origin is taken.");
+}
+
+void read_metaimage_voxels(StoredImage& image, const TextHeader& header, const fs::path& file,
+                           bool detached) {
+  std::uintmax_t begin = detached ? 0 : header.bytes;
+  if (header.has("HeaderSize")) {
+    const auto skip = number<std::int64_t>(header.at("HeaderSize"));
+    if (!skip) throw unreadable(file, image.format, fmt::format("HeaderSize is {}", header.at("HeaderSize")));
+    const std::uintmax_t length = length_of(file);
+    if (*skip > 0) begin = static_cast<std::uintmax_t>(*skip);
+    if (*skip < 0) begin = length - std::min<std::uintmax_t>(length, image.data_bytes());  // at the end
+  }
+  if (is_true(header.at("CompressedData"))) {
+    check_length(image, file);
+    read_deflated(image, file, begin);
+  } else {
+    read_plain(image, file, begin);
+  }
+  const std::string order = either(header, {"BinaryDataByteOrderMSB", "ElementByteOrderMSB"});
+  if (!order.empty() && is_true(header.at(order))) swap_bytes(image);
 }
 
 template <class ImageIO>
@@ -241,6 +514,16 @@ void write_with(ImageIO& io, const fs::path& file, const StoredImage& image) {
 }  // namespace
 
 StoredImage read_nrrd(const fs::path& file) {
+  const TextHeader header = read_text_header(file, ':', "");
+  check_nrrd_header(header, file);
+  const std::string data_key = either(header, {"data file", "datafile"});
+  fs::path data_file = file;
+  if (!data_key.empty()) {  // before ITK, which would wait for a pipe
+    if (header.at(data_key).starts_with("LIST") || header.at(data_key).find('%') != std::string::npos)
+      throw spread_over_files(file, "NRRD");
+    data_file = second_file(file, header.at(data_key), "NRRD");
+  }
+
   const auto io = itk::NrrdImageIO::New();
   StoredImage image = read_information(*io, file, "NRRD");
   const KeyValues keys = metadata(*io);
@@ -248,23 +531,27 @@ StoredImage read_nrrd(const fs::path& file) {
     return key.first.starts_with("Segment") && key.first.find("_ID") != std::string::npos;
   });
   if (from_slicer) image.format = "3D Slicer segmentation (NRRD)";
-  image.names = names_from_segment_keys(keys);
+  image.names = names_from_segment_keys(keys, image.warnings);
 
-  const TextHeader header = read_text_header(file, ':', "");
   const auto space = keys.find("NRRD_space");
-  if (!header.value.contains("space directions"))
+  if (!header.has("space directions"))
     image.warnings.push_back(
         "The file does not say how the image lies in the patient (no space directions); its axes are taken "
         "to run along left, posterior and superior.");
-  else if (space == keys.end() ||
-           space->second != "left-posterior-superior")  // ITK has turned RAS and LAS to LPS
+  else if (space == keys.end() || space->second != "left-posterior-superior")  // ITK has turned RAS to LPS
     image.warnings.push_back(
         fmt::format("The file does not name patient directions (space: {}); its coordinates are taken as "
                     "left, posterior, "
                     "superior.",
                     space == keys.end() ? "none" : space->second));
-  if (const auto units = header.value.find("space units"); units != header.value.end()) {
-    std::istringstream words(units->second);
+  if (header.has("space directions") && !header.has("space origin"))
+    image.warnings.push_back(
+        "The file does not say where its first voxel lies (no space origin); the origin is taken.");
+  const std::string said_space = lower(header.at("space"));
+  if (said_space == "left-anterior-superior" || said_space == "las")
+    image.to_world.matrix().topRows<2>() *= -1.0;  // ITK 5.2 turns LAS to RAS instead of LPS
+  if (header.has("space units")) {
+    std::istringstream words(header.at("space units"));
     std::string unit;
     words >> unit;
     std::erase(unit, '"');
@@ -275,16 +562,24 @@ StoredImage read_nrrd(const fs::path& file) {
           fmt::format("The file's unit of length '{}' is unknown; millimetres are assumed.", unit));
     }
   }
-  if (!header.value.contains("data file") && !header.value.contains("datafile")) check_length(image, file);
-  read_voxels(*io, image, file);
+  read_nrrd_voxels(image, header, data_file, !data_key.empty());
   return image;
 }
 
 StoredImage read_metaimage(const fs::path& file) {
+  const TextHeader header = read_text_header(file, '=', "ElementDataFile");
+  std::vector<std::string> warnings;
+  check_metaimage_header(header, file, warnings);
+  const std::string name = header.at("ElementDataFile");
+  if (name.starts_with("LIST") || name.find('%') != std::string::npos)
+    throw spread_over_files(file, "MetaImage");
+  const bool detached = lower(name) != "local";
+  const fs::path data_file = detached ? second_file(file, name, "MetaImage") : file;
+
   const auto io = itk::MetaImageIO::New();
   StoredImage image = read_information(*io, file, "MetaImage");
-  check_metaimage_data(image, file);
-  read_voxels(*io, image, file);
+  image.warnings = std::move(warnings);
+  read_metaimage_voxels(image, header, data_file, detached);
   return image;
 }
 

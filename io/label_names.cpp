@@ -24,6 +24,25 @@ std::optional<int> integer(std::string_view text) {
   return value;
 }
 
+/// A name that every later file and terminal can stand: UTF-8 (else it is taken as Latin-1), one line.
+std::string clean_name(const std::string& name) {
+  std::string text;
+  for (std::size_t n = 0; n < name.size();) {
+    const auto lead = static_cast<unsigned char>(name[n]);
+    std::size_t length = lead < 0x80 ? 1 : lead >> 5 == 6 ? 2 : lead >> 4 == 14 ? 3 : lead >> 3 == 30 ? 4 : 0;
+    for (std::size_t b = 1; b < length; ++b)
+      if (n + b >= name.size() || (static_cast<unsigned char>(name[n + b]) & 0xC0) != 0x80) length = 0;
+    if (length == 0) {
+      text += static_cast<char>(0xC0 | lead >> 6);
+      text += static_cast<char>(0x80 | (lead & 0x3F));
+    } else {
+      text += lead < 0x20 || lead == 0x7F ? std::string(1, ' ') : name.substr(n, length);
+    }
+    n += std::max<std::size_t>(length, 1);
+  }
+  return text;
+}
+
 /// Well separated colours that depend on the label's number alone: hues a golden angle apart.
 std::array<int, 3> colour_of(int label) {
   const double hue = std::fmod(0.61803398874989485 * label, 1.0) * 6.0;
@@ -53,7 +72,8 @@ std::map<int, std::array<Index, 6>> extents(const LabelImage& image) {
 
 }  // namespace
 
-std::map<int, std::string> names_from_segment_keys(const KeyValues& keys) {
+std::map<int, std::string> names_from_segment_keys(const KeyValues& keys,
+                                                   std::vector<std::string>& warnings) {
   static const std::regex name_key("Segment([0-9]+)_Name");
   std::map<int, std::string> names;
   for (const auto& [key, name] : keys) {
@@ -62,7 +82,11 @@ std::map<int, std::string> names_from_segment_keys(const KeyValues& keys) {
     const auto value = keys.find("Segment" + number[1].str() + "_LabelValue");
     // Slicer wrote no LabelValue before 4.11; a single segment then has label 1.
     const std::optional<int> label = value == keys.end() ? std::optional(1) : integer(value->second);
-    if (label && *label > 0) names.emplace(*label, name);
+    if (!label || *label <= 0) continue;
+    const auto [known, is_new] = names.emplace(*label, clean_name(name));
+    if (!is_new)
+      warnings.push_back(fmt::format("The file calls label {} both '{}' and '{}'; the first is used.", *label,
+                                     known->second, clean_name(name)));
   }
   return names;
 }
@@ -101,6 +125,7 @@ std::map<int, std::string> read_label_names(const std::filesystem::path& file) {
          .remedy = "correct the line, or give another table with --label-names"});
   };
   std::map<int, std::string> names;
+  require_regular_file(file);
   std::istringstream lines(read_file(file));
   std::string text;
   for (std::size_t line = 1; std::getline(lines, text); ++line) {
@@ -126,7 +151,7 @@ std::map<int, std::string> read_label_names(const std::filesystem::path& file) {
       name = fmt::format("{}",
                          fmt::join(word.begin() + 1, word.end() - static_cast<std::ptrdiff_t>(numbers), " "));
     }
-    if (*label != 0 && !name.empty()) names[*label] = name;
+    if (*label != 0 && !name.empty()) names[*label] = clean_name(name);
   }
   if (names.empty()) throw bad(0, "the table names no label");
   return names;

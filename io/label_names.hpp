@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <map>
 #include <string>
+#include <vector>
 
 #include "io/label_image.hpp"
 
@@ -11,8 +12,8 @@ namespace dimple {
 
 using KeyValues = std::map<std::string, std::string>;
 
-/// Names from 3D Slicer's keys SegmentN_Name and SegmentN_LabelValue.
-std::map<int, std::string> names_from_segment_keys(const KeyValues& keys);
+/// Names from 3D Slicer's keys SegmentN_Name and SegmentN_LabelValue; warns where one label has two.
+std::map<int, std::string> names_from_segment_keys(const KeyValues& keys, std::vector<std::string>& warnings);
 
 /// 3D Slicer's keys for the labels present. `extent` of each label in stored voxels follows the image's axes.
 KeyValues segment_keys(const LabelImage& image);

@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cctype>
 #include <cerrno>
 #include <charconv>
 #include <cmath>
@@ -17,6 +18,7 @@
 #include <stdexcept>
 #include <system_error>
 
+#include "io/file.hpp"
 #include "io/label_formats.hpp"
 
 namespace dimple {
@@ -29,8 +31,44 @@ using GzFile = std::unique_ptr<gzFile_s, decltype(&gzclose)>;
 constexpr int header_bytes = 348;
 static_assert(sizeof(nifti_1_header) == header_bytes);
 
-/// Fills `bytes` or throws; gzread passes a file that is not compressed through.
-void read_exactly(gzFile in, std::byte* bytes, std::size_t count, const fs::path& file) {
+GzFile open_gz(const fs::path& file) {
+  require_regular_file(file);
+  errno = 0;
+  GzFile in(gzopen(file.c_str(), "rb"), &gzclose);
+  if (!in)
+    throw InputError(
+        {.fact = fmt::format("cannot open '{}': {}", file.string(), std::generic_category().message(errno)),
+         .where = image_place(file),
+         .why = "the system refused",
+         .remedy = "check the path and that you may read the file"});
+  return in;
+}
+
+/// Header and voxels: one file, or a pair such as brain.hdr and brain.img.gz.
+struct NiftiFiles {
+  fs::path header, data;
+  bool is_pair = false;
+};
+
+NiftiFiles files_of(const fs::path& file) {
+  std::string stem = file.string();
+  const bool capitals = std::isupper(static_cast<unsigned char>(stem.back())) != 0;
+  if (const auto gz = file.extension(); gz == ".gz" || gz == ".GZ") stem.resize(stem.size() - 3);
+  const std::string suffix = fs::path(stem).extension().string();
+  if (suffix != ".hdr" && suffix != ".img" && suffix != ".HDR" && suffix != ".IMG")
+    return {file, file, false};
+  stem.resize(stem.size() - 4);
+  const auto part = [&](const char* small, const char* large) {
+    const std::string plain = stem + (capitals ? large : small), packed = plain + (capitals ? ".GZ" : ".gz");
+    return fs::path(!fs::exists(plain) && fs::exists(packed) ? packed : plain);
+  };
+  return {part(".hdr", ".HDR"), part(".img", ".IMG"), true};
+}
+
+/// Fills `bytes` or throws; gzread passes a file that is not compressed through. They are bytes `before`
+/// onward of `total`, for the message.
+void read_exactly(gzFile in, std::byte* bytes, std::size_t count, const fs::path& file,
+                  std::size_t before = 0, std::size_t total = 0) {
   std::size_t done = 0;
   while (done < count) {
     const auto chunk = static_cast<unsigned>(std::min<std::size_t>(count - done, 1u << 30));
@@ -40,18 +78,21 @@ void read_exactly(gzFile in, std::byte* bytes, std::size_t count, const fs::path
       continue;
     }
     int code = Z_OK;
-    const std::string text = gzerror(in, &code);
+    gzerror(in, &code);
     if (n < 0 && code == Z_DATA_ERROR)
-      throw truncated(file, fmt::format("the compressed data are damaged after {} bytes", done));
-    throw truncated(file, fmt::format("the file ends after {} of {} bytes", done, count));
+      throw truncated(file, fmt::format("the compressed data are damaged after {} bytes", before + done));
+    throw truncated(file,
+                    fmt::format("the file ends after {} of {} bytes", before + done, std::max(total, count)));
   }
 }
 
-nifti_1_header read_header(gzFile in, const fs::path& file, bool& swapped) {
+nifti_1_header read_header(gzFile in, const fs::path& file, bool is_pair, bool& swapped) {
   const auto refuse = [&](std::string fact, std::string remedy) -> InputError {
     return InputError({.fact = std::move(fact),
                        .where = image_place(file),
-                       .why = "the suffix .nii promises a NIfTI-1 file with header and voxels in one",
+                       .why = is_pair
+                                  ? "the suffix .hdr promises a NIfTI-1 header with its voxels in .img"
+                                  : "the suffix .nii promises a NIfTI-1 file with header and voxels in one",
                        .remedy = std::move(remedy)});
   };
   nifti_1_header header{};
@@ -65,7 +106,10 @@ nifti_1_header read_header(gzFile in, const fs::path& file, bool& swapped) {
     throw refuse("the file is NIfTI-2, which is not read", "convert it to NIfTI-1, NRRD or MetaImage");
   swapped = swapped_size == header_bytes;
   if (swapped) swap_nifti_header(&header, 1);
-  if (header.sizeof_hdr != header_bytes || std::memcmp(header.magic, "n+1", 4) != 0)
+  if (is_pair && header.sizeof_hdr == header_bytes && header.magic[0] == '\0')
+    throw refuse("the file is Analyze 7.5, which does not say how it lies in the patient",
+                 "convert it to NIfTI-1, NRRD or MetaImage and check that left is left");
+  if (header.sizeof_hdr != header_bytes || std::memcmp(header.magic, is_pair ? "ni1" : "n+1", 4) != 0)
     throw refuse("the file is not a NIfTI-1 image", "check the file; export the segmentation anew");
   return header;
 }
@@ -119,13 +163,8 @@ Eigen::Matrix<double, 3, 4> rows(const mat44& m) {
   return rows;
 }
 
-bool is_orthogonal(const Mat3& m) {
-  const Mat3 unit = m.colwise().normalized();
-  return (unit.transpose() * unit - Mat3::Identity()).cwiseAbs().maxCoeff() < 5e-4;  // ITK's bound lies here
-}
-
 /// NIfTI's three methods, chosen among as ITK 5.2 does, so that positions agree with 3D Slicer.
-void read_geometry(const nifti_1_header& h, StoredImage& image) {
+void read_geometry(const nifti_1_header& h, StoredImage& image, const fs::path& file) {
   using Rows = Eigen::Matrix<double, 3, 4>;
   mat44 s{};
   for (int c = 0; c < 4; ++c) s.m[0][c] = h.srow_x[c], s.m[1][c] = h.srow_y[c], s.m[2][c] = h.srow_z[c];
@@ -134,19 +173,31 @@ void read_geometry(const nifti_1_header& h, StoredImage& image) {
                                                  h.qoffset_y, h.qoffset_z, h.pixdim[1], h.pixdim[2],
                                                  h.pixdim[3], h.pixdim[0] < 0.0f ? -1.0f : 1.0f));
   const bool has_s = h.sform_code > 0, has_q = h.qform_code > 0;
-  const bool sform_is_orthogonal = has_s && is_orthogonal(sform.leftCols<3>());
+  const bool sform_is_orthogonal = has_s && is_at_right_angles(sform.leftCols<3>());
 
+  const Vec3 spacing(as_written(h.pixdim[1]), as_written(h.pixdim[2]), as_written(h.pixdim[3]));
+  const bool takes_s = has_s && (!has_q || (h.sform_code == NIFTI_XFORM_SCANNER_ANAT && sform_is_orthogonal));
+  // libnifti would take 1 mm for a spacing that cannot be.
+  if (!takes_s && !(spacing.minCoeff() > 0.0 && spacing.allFinite()))
+    throw InputError(
+        {.fact = fmt::format("the voxel spacing is {:.6g} x {:.6g} x {:.6g} mm{}", spacing[0], spacing[1],
+                             spacing[2], spacing.allFinite() ? "" : ", which is not finite"),
+         .where = image_place(file),
+         .why = "the header's pixdim is damaged or was never set",
+         .remedy = "correct the header, or export the segmentation anew"});
   Rows ras = Rows::Zero();
-  if (has_s && (!has_q || (h.sform_code == NIFTI_XFORM_SCANNER_ANAT && sform_is_orthogonal))) {
+  if (takes_s) {
     ras = sform;
-    if (!sform_is_orthogonal)
-      image.warnings.push_back(
-          "The image's axes are not at right angles (sform matrix); the shear is kept. ITK and 3D Slicer "
-          "would refuse this file.");
+    const Vec3 lengths = sform.leftCols<3>().colwise().norm();
+    if (!has_q && lengths.allFinite() && !lengths.isApprox(spacing, 1e-3))
+      image.warnings.push_back(fmt::format(
+          "The header gives a spacing of {:.6g} x {:.6g} x {:.6g} mm, its sform {:.6g} x {:.6g} x {:.6g} mm; "
+          "the sform is used.",
+          spacing[0], spacing[1], spacing[2], lengths[0], lengths[1], lengths[2]));
   } else if (has_q) {
     ras = qform;
   } else {
-    for (int c = 0; c < 3; ++c) ras(c, c) = as_written(h.pixdim[c + 1]);
+    ras.leftCols<3>() = spacing.asDiagonal();
     ras.topRows<2>() *= -1.0;  // ITK: stored axes along +L, +P, +S
     image.warnings.push_back(
         "The file does not say how the image lies in the patient (no qform, no sform); its axes are taken "
@@ -171,34 +222,41 @@ void read_geometry(const nifti_1_header& h, StoredImage& image) {
 
 }  // namespace
 
-StoredImage read_nifti(const fs::path& file) {
-  errno = 0;
-  const GzFile in(gzopen(file.c_str(), "rb"), &gzclose);
-  if (!in)
-    throw InputError(
-        {.fact = fmt::format("cannot open '{}': {}", file.string(), std::generic_category().message(errno)),
-         .where = image_place(file),
-         .why = "the system refused",
-         .remedy = "check the path and that you may read the file"});
+StoredImage read_nifti(const fs::path& named) {
+  const NiftiFiles files = files_of(named);
+  const fs::path& file = files.data;
+  GzFile in = open_gz(files.header);
   bool swapped = false;
-  const nifti_1_header header = read_header(in.get(), file, swapped);
+  const nifti_1_header header = read_header(in.get(), files.header, files.is_pair, swapped);
+  if (files.is_pair) in = open_gz(file);
 
   StoredImage image;
   image.format = "NIfTI-1";
-  image.type = number_type(header, file);
+  image.type = number_type(header, named);
+  if (header.dim[0] < 1 || header.dim[0] > 7)
+    throw InputError({.fact = fmt::format("the image is said to have {} axes", header.dim[0]),
+                      .where = image_place(files.header),
+                      .why = "a NIfTI-1 image has 1 to 7; the header is damaged",
+                      .remedy = "export the segmentation anew"});
   std::vector<Index> size;
-  for (int a = 1; a <= std::clamp<int>(header.dim[0], 0, 7); ++a) size.push_back(header.dim[a]);
+  for (int a = 1; a <= header.dim[0]; ++a)
+    size.push_back(a > 3 && header.dim[a] == 0 ? 1
+                                               : header.dim[a]);  // 0 stands for an axis that is not there
   // The fifth axis counts components, whatever its length and the intent code say.
   const Index components = size.size() > 4 ? size[4] : 1;
   if (size.size() > 4) size[4] = 1;
-  image.size = checked_size(size, components, file);
+  image.size = checked_size(size, components, named);
   check_length(image, file);
+  if (const auto bits = static_cast<int>(8 * bytes_of(image.type)); header.bitpix != bits)
+    image.warnings.push_back(
+        fmt::format("The header speaks of {} bits per voxel where its type has {}; the type is believed.",
+                    header.bitpix, bits));
   if (header.scl_slope != 0.0f && std::isfinite(header.scl_slope)) {  // 0 means: not scaled
     image.slope = as_written(header.scl_slope);
     image.intercept = as_written(header.scl_inter);
   }
 
-  read_geometry(header, image);
+  read_geometry(header, image, named);
   switch (XYZT_TO_SPACE(header.xyzt_units)) {
     case NIFTI_UNITS_METER:
       scale_to_millimetres(image, 1000.0, "metres");
@@ -206,29 +264,51 @@ StoredImage read_nifti(const fs::path& file) {
     case NIFTI_UNITS_MICRON:
       scale_to_millimetres(image, 0.001, "microns");
       break;
+    case NIFTI_UNITS_MM:
+    case NIFTI_UNITS_UNKNOWN:  // unsaid, which means the same in practice
+      break;
     default:
-      break;  // millimetres, or unsaid, which means the same in practice
+      image.warnings.push_back(
+          fmt::format("The file's unit of length {} is unknown; millimetres are assumed.",
+                      XYZT_TO_SPACE(header.xyzt_units)));
   }
 
   // Skip extensions. A writer that forgot vox_offset meant the end of the header and its four bytes.
-  const double offset = header.vox_offset;
-  if (!(offset >= 0.0 && offset < 1e9))
+  const double offset = header.vox_offset, length = static_cast<double>(fs::file_size(file));
+  const bool is_packed = gzdirect(in.get()) == 0;
+  if (!(offset >= 0.0 && offset < 1e9) || (!is_packed && offset > length))
     throw InputError({.fact = fmt::format("the voxels are said to begin at byte {}", offset),
                       .where = image_place(file),
                       .why = "the header's vox_offset is damaged",
                       .remedy = "export the segmentation anew"});
-  std::vector<std::byte> skipped(
-      static_cast<std::size_t>(std::max(offset, header_bytes + 4.0) - header_bytes));
-  read_exactly(in.get(), skipped.data(), skipped.size(), file);
-
-  image.data.resize(image.data_bytes());
-  read_exactly(in.get(), image.data.data(), image.data.size(), file);
-  char more[4096];
-  int n = 0;
-  while ((n = gzread(in.get(), more, sizeof more)) > 0) {  // to the end, where zlib compares checksums
+  const double begin = files.is_pair ? offset : std::max(offset, header_bytes + 4.0);
+  if (const double held = std::max(length - begin, 0.0);
+      !is_packed && held < static_cast<double>(image.data_bytes()))
+    throw truncated(file,
+                    fmt::format("the file ends after {} of {} bytes of voxels", held, image.data_bytes()));
+  std::vector<std::byte> skipped(1 << 16);
+  auto to_skip = static_cast<std::size_t>(begin) - (files.is_pair ? 0 : header_bytes);
+  while (to_skip > 0) {
+    const std::size_t chunk = std::min(to_skip, skipped.size());
+    read_exactly(in.get(), skipped.data(), chunk, file);
+    to_skip -= chunk;
   }
+
+  image.data.reserve(image.data_bytes());  // room in name only: memory is taken as the bytes come
+  while (image.data.size() < image.data_bytes()) {
+    const std::size_t done = image.data.size(),
+                      chunk = std::min<std::size_t>(image.data_bytes() - done, 1 << 22);
+    image.data.resize(done + chunk);
+    read_exactly(in.get(), image.data.data() + done, chunk, file, done, image.data_bytes());
+  }
+  std::size_t surplus = 0;
+  int n = 0;  // to the end, where zlib compares checksums
+  while (surplus < surplus_limit &&
+         (n = gzread(in.get(), skipped.data(), static_cast<unsigned>(skipped.size()))) > 0)
+    surplus += static_cast<std::size_t>(n);
   if (int code = Z_OK; n < 0 || (gzerror(in.get(), &code), code != Z_OK))
     throw truncated(file, "the checksum at the end of the compressed data does not agree or is missing");
+  warn_of_surplus(image, surplus);
   if (swapped) {
     const std::size_t width = bytes_of(image.type);
     nifti_swap_Nbytes(image.data.size() / width, static_cast<int>(width), image.data.data());
@@ -269,7 +349,7 @@ void write_nifti(const fs::path& file, const StoredImage& image) {
                          &h.qoffset_z, &h.pixdim[1], &h.pixdim[2], &h.pixdim[3], &qfac);
   h.pixdim[0] = qfac;
   // A quaternion cannot say shear; it would contradict the sform.
-  h.qform_code = is_orthogonal(ras.leftCols<3>()) ? NIFTI_XFORM_SCANNER_ANAT : NIFTI_XFORM_UNKNOWN;
+  h.qform_code = is_at_right_angles(ras.leftCols<3>()) ? NIFTI_XFORM_SCANNER_ANAT : NIFTI_XFORM_UNKNOWN;
 
   errno = 0;
   GzFile out(gzopen(file.c_str(), file.extension() == ".gz" ? "wb6" : "wbT"), &gzclose);  // T: not compressed

@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -45,15 +46,22 @@ Program::Program(const fs::path& folder, const std::vector<std::string>& argumen
 Program::~Program() {
   if (!ended_) {
     kill(pid_, SIGKILL);
-    waitpid(pid_, &status_, 0);
+    reap(0);
   }
   std::error_code ignored;
   fs::remove(out_, ignored);
   fs::remove(err_, ignored);
 }
 
+bool Program::reap(int options) {
+  rusage used{};
+  if (wait4(pid_, &status_, options, &used) != pid_) return false;
+  peak_MB_ = static_cast<double>(used.ru_maxrss) / 1024.0;
+  return true;
+}
+
 bool Program::running() {
-  if (!ended_) ended_ = waitpid(pid_, &status_, WNOHANG) == pid_;
+  if (!ended_) ended_ = reap(WNOHANG);
   return !ended_;
 }
 
@@ -66,11 +74,12 @@ void Program::send(int signal) const {
 }
 
 Ran Program::wait() {
-  if (!ended_) waitpid(pid_, &status_, 0);
+  if (!ended_) reap(0);
   ended_ = true;
   return {.code = WIFEXITED(status_) ? WEXITSTATUS(status_) : 128 + WTERMSIG(status_),
           .out = text_of(out_),
-          .err = text_of(err_)};
+          .err = text_of(err_),
+          .peak_MB = peak_MB_};
 }
 
 fs::path fresh_folder() {

@@ -12,6 +12,7 @@ namespace dimple {
 struct Ran {
   int code = -1;  ///< exit code; 128 + signal if it died of one
   std::string out, err;
+  double peak_MB = 0.0;  ///< the most memory that it held
 };
 
 /// The real program at work, started in `folder`; it is killed with the object.
@@ -31,7 +32,10 @@ class Program {
   std::filesystem::path out_, err_;
   pid_t pid_ = -1;
   int status_ = 0;
+  double peak_MB_ = 0.0;
   bool ended_ = false;
+
+  bool reap(int options);
 };
 
 /// An empty folder of the running test's own.
