@@ -15,12 +15,12 @@ struct Tissues {
   Eigen::VectorXi of_point;  ///< [Q] number in `material`
 };
 
-/// Layouts of the hot loops. Gradients and numbers of two nodes of a point; a matrix at each of eight points;
-/// three columns, padded; a weighted member.
+/// Layouts of the hot loops. Gradients and numbers of four nodes of a point; a matrix at each of eight
+/// points; three columns, padded; a weighted member.
 template <class Real>
-struct ProjectedPairs {
-  Real d[2][3];
-  std::uint16_t number[2];
+struct ProjectedQuad {
+  Real d[4][3];
+  std::uint16_t number[4];
 };
 template <class Real>
 struct alignas(32) ProjectedOctet {
@@ -100,7 +100,8 @@ class ProjectedKernel {
   Mat3 stress(Index q) const;                ///< first Piola-Kirchhoff [Pa], of the last stress_sweep
 
  private:
-  using Pairs = ProjectedPairs<Real>;
+  void pointwise_forces(Index first, Index last, std::size_t from, std::size_t to);
+  using Quad = ProjectedQuad<Real>;
   using Octet = ProjectedOctet<Real>;
   using Columns = ProjectedColumns<Real>;
   using Share = ProjectedShare<Real>;
@@ -127,7 +128,7 @@ class ProjectedKernel {
   std::vector<std::int32_t> tissue_;  // [Q]
   bool plain_ = true;                 // all neo-Hookean and elastic
   std::vector<std::int32_t> point_offset_;
-  LongVector<Pairs> pair_;  // by point, an odd one filled up; numbers are places less the block's first
+  LongVector<Quad> quad_;  // by point, the last filled up; numbers are places less the block's first
   // Of eight points together: their patches' numbers within the block, and psi [8 x members].
   std::vector<std::int32_t> octet_offset_, octet_number_;
   LongVector<Real> octet_weight_;
@@ -144,6 +145,7 @@ class ProjectedKernel {
   std::vector<Real> octet_sum_;    // [8 x places of patches]
   std::vector<double> place_sum_;  // [places of patches]
   std::vector<Real> u_;            // [4xN]
+  std::vector<Real> moved_;        // [4 x places] displacements, while forces are added up; without patches
   std::vector<Real> at_node_,
       at_patch_;                // [4 x places] displacements, then forces; [places] means
   LongVector<Octet> gradient_;  // [octets of points] F - I
