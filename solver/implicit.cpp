@@ -7,6 +7,7 @@
 #include "io/error.hpp"
 #include "solver/mixed_iteration.hpp"
 #include "solver/path.hpp"
+#include "solver/stable_time_step.hpp"
 #include "solver/text.hpp"
 
 namespace dimple {
@@ -20,8 +21,9 @@ constexpr double alpha = -1.0 / 3.0, beta = (1.0 - alpha) * (1.0 - alpha) / 4.0,
 // Of a step: its error does not add up, since the next one starts from the forces that were found.
 constexpr double roughly = 2e-3;
 constexpr std::size_t remembered =
-    3;  // states, for the guess of the next: more would amplify what they are off
-constexpr double shortest = 1.0 / 64.0;  // step, of the first one tried
+    3;                            // states, for the guess of the next: more would amplify what they are off
+constexpr double shorter = 0.25;  // step, of the longest, that is tried when that does not converge
+constexpr double of_stable_step = 0.8;
 constexpr std::int64_t many = 12;  // evaluations for a step, after which it pays to linearise the volume anew
 
 }  // namespace
@@ -80,6 +82,63 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
     return !observer.sample || observer.sample(history.force.back(), history);
   };
 
+  // What follows the end of a step. False: stop here.
+  const auto arrive = [&](int frame, double end, double step) {
+    past.push(t, u, lambda);
+    history.dt_smallest = std::min(history.dt_smallest, step);
+    ++history.steps;
+    const bool at_end = end - t <= 1e-6 * longest, goes_on = record(frame == options.frames && at_end);
+    if (at_end && observer.frame) observer.frame({frame, t, loading.rate * t, u, f});
+    system.accept_step(u);
+    return goes_on;
+  };
+  // Central differences until `to`, as simulate(): where the tissue gives way the path jumps, and no step
+  // that is longer than the jump's own waves has an end that an iteration could find.
+  const auto march = [&](double to) {
+    system.release_pressures();
+    const StableStep stable = stable_time_step(system, model, model.mass, constraints, u);
+    if (!(stable.dt > 0.0))
+      throw SolveError({.fact = "a time step did not converge, and no stable one was found",
+                        .where = text("solver, t = ", t, " s, indentation ", loading.rate * t * 1e3, " mm"),
+                        .why = "the load is more than this cloud can follow",
+                        .remedy = "use more nodes (--nodes) or a smaller --depth"});
+    const auto count = static_cast<std::int64_t>(std::ceil((to - t) / (of_stable_step * stable.dt)));
+    const double h = (to - t) / static_cast<double>(count), start = t;
+    const auto accelerate = [&] {
+      const ForceSystem::Sweep sweep = system.internal_force(u, f);
+      if (!sweep.ok())
+        throw SolveError(
+            {.fact = text("the displacement is no longer a number at integration point ", sweep.point),
+             .where =
+                 text("solver, t = ", t, " s, indentation ", loading.rate * t * 1e3, " mm, step ", h, " s"),
+             .why = "the load is more than this cloud can follow",
+             .remedy = "use more nodes (--nodes) or a smaller --depth"});
+      history.J_min = std::min(history.J_min, sweep.J_min);
+      history.inverted = std::max(history.inverted, sweep.inverted);
+      for (Index i = 0; i < n; ++i)
+        a.col(i) = constraints.project(i, -f.col(i) / model.mass[i] - damping * v.col(i));
+    };
+    accelerate();
+    for (std::int64_t k = 1; k <= count; ++k) {
+      v += 0.5 * h * a;
+      u += h * v;
+      t = start + h * static_cast<double>(k);
+      constraints.prescribe(u, loading.rate * t);
+      accelerate();
+      v += 0.5 * h * a;
+      for (Index i = 0; i < n; ++i)
+        if (!held(i)) dissipated += damping * model.mass[i] * v.col(i).squaredNorm() * h;
+      const double force = reaction(model.indenter);
+      external += 0.5 * (force + force_before) * loading.rate * h;
+      force_before = force;
+    }
+    t = to;
+    history.extra_evaluations += stable.iterations + count + 1;
+    ForceSystem::Patches patches;
+    system.patch_state(patches);
+    lambda = patches.dilation.cwiseProduct(patches.bulk).cwiseProduct(model.patches.volume);
+  };
+
   record(false);
   if (observer.frame) observer.frame({0, 0.0, 0.0, u, f});
   bool stopped = false;
@@ -109,17 +168,15 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
       history.extra_evaluations += found.evaluations;
       if (!found.converged) {
         f = f_before;
-        dt = 0.5 * h;
         anew = true;
-        if (dt < shortest * longest)
-          throw SolveError(
-              {.fact = text("a time step did not converge: unbalanced forces are ", found.residual,
-                            " of the reactions"),
-               .where = text("solver, t = ", t, " s, indentation ", loading.rate * t * 1e3, " mm, step ", h,
-                             " s; smallest det F ", found.sweep.J_min, " at integration point ",
-                             found.sweep.point, ", ", found.sweep.inverted, " points inside out"),
-               .why = "the load is more than this cloud can follow",
-               .remedy = "use more nodes (--nodes), a smaller --depth, or --time explicit"});
+        if (h > 1.01 * shorter * longest) {
+          dt = std::max(0.5 * h, shorter * longest);
+          continue;
+        }
+        const double start = t;
+        march(std::min(t + longest, end));
+        stopped = !arrive(frame, end, t - start);
+        dt = shorter * longest;  // the next is tried carefully
         continue;
       }
       anew = found.evaluations > many;
@@ -140,18 +197,14 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
       u = next;
       lambda = next_lambda;
       t = to;
-      past.push(t, u, lambda);
-      history.dt_smallest = std::min(history.dt_smallest, h);
       history.J_min = std::min(history.J_min, found.sweep.J_min);
       history.inverted = std::max(history.inverted, found.sweep.inverted);
       history.residual = std::max(history.residual, found.residual);
-      ++history.steps;
       const double force = reaction(model.indenter);
       external += 0.5 * (force + force_before) * loading.rate * h;
       force_before = force;
-      stopped = !record(frame == options.frames && end - t <= 1e-6 * longest);
-      if (end - t <= 1e-6 * longest && observer.frame) observer.frame({frame, t, loading.rate * t, u, f});
-      system.accept_step(u);
+      stopped = !arrive(frame, end, h);
+      dt = std::min(2.0 * h, longest);
     }
   }
   history.interrupted = stopped;
