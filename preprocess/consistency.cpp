@@ -118,8 +118,8 @@ struct Operator {
       double volume = 0.0;
       for (int k = influence.rows.offset[a]; k < influence.rows.offset[a + 1]; ++k) {
         const int q = influence.rows.member[k];
-        Eigen::Vector4d g = model.volume[q] * (fields.inverse[static_cast<std::size_t>(q)] *
-                                               fields.at(q, static_cast<int>(a)));
+        Eigen::Vector4d g = model.volume[q] *
+                            (fields.inverse[static_cast<std::size_t>(q)] * fields.at(q, static_cast<int>(a)));
         g.tail<3>() /= fields.size[q];
         g[0] -= g.tail<3>().dot(model.point.col(q));
         volume += model.volume[q];
@@ -152,9 +152,9 @@ struct Operator {
 };
 
 // The operator sees only what bends within a cell's support, so smooth fields cost it next to nothing, and
-// conjugate gradients alone would look for them one by one. Linear fields over a hundred or so nodes each hold
-// nearly all that is smooth: the exact solution among them leaves a number of iterations that does not grow
-// with the nodes. (Nicolaides, SIAM J. Numer. Anal. 24, 1987, in its additive form.)
+// conjugate gradients alone would look for them one by one. Linear fields over a hundred or so nodes each
+// hold nearly all that is smooth: the exact solution among them leaves a number of iterations that does not
+// grow with the nodes. (Nicolaides, SIAM J. Numer. Anal. 24, 1987, in its additive form.)
 class CoarseFields {
  public:
   CoarseFields(const Model& model, const Operator& A)
@@ -165,8 +165,7 @@ class CoarseFields {
       const auto X = model.X.middleCols(first(g), first(g + 1) - first(g));
       const Vec3 middle = X.rowwise().mean();
       const double size = std::max((X.colwise() - middle).cwiseAbs().maxCoeff(), 1e-300);
-      for (Index a = first(g); a < first(g + 1); ++a)
-        field_.col(a) << 1.0, (model.X.col(a) - middle) / size;
+      for (Index a = first(g); a < first(g + 1); ++a) field_.col(a) << 1.0, (model.X.col(a) - middle) / size;
     });
     using Block = Eigen::Matrix4d;
     std::vector<std::vector<std::pair<Index, Block>>> blocks(static_cast<std::size_t>(groups_));

@@ -93,8 +93,8 @@ struct Boxes {
 
 Boxes boxes_of(const BodySurface& body, const Sizing& sizing, double far_spacing) {
   Boxes boxes;
-  boxes.leaf = bisect(body, 0.63 * far_spacing, sizing,
-                      [&](double s) { return 0.25 * std::pow(far_spacing * s, 3); });
+  boxes.leaf =
+      bisect(body, 0.63 * far_spacing, sizing, [&](double s) { return 0.25 * std::pow(far_spacing * s, 3); });
   boxes.worth.resize(boxes.leaf.size());
   tbb::parallel_for(std::size_t{0}, boxes.leaf.size(), [&](std::size_t k) {
     const Leaf& box = boxes.leaf[k];

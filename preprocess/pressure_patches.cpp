@@ -60,8 +60,13 @@ Groups split(const Places& places, std::vector<int> group, Index count) {
   at = std::max<std::size_t>(at, 1);
   const auto middle = group.begin() + static_cast<std::ptrdiff_t>(at);
   Groups first, second;
-  tbb::parallel_invoke([&] { first = split(places, {group.begin(), middle}, below); },
-                       [&] { second = split(places, {middle, group.end()}, count - below); });
+  tbb::parallel_invoke(
+      [&] {
+        first = split(places, {group.begin(), middle}, below);
+      },
+      [&] {
+        second = split(places, {middle, group.end()}, count - below);
+      });
   std::move(second.begin(), second.end(), std::back_inserter(first));
   return first;
 }

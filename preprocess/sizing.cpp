@@ -23,8 +23,8 @@ double square(double x) {
   return x * x;
 }
 
-// Is the box larger than `too_large` times the least that is wanted in its middle and towards its corners? The
-// sizing's slope says it of most boxes from the middle alone.
+// Is the box larger than `too_large` times the least that is wanted in its middle and towards its corners?
+// The sizing's slope says it of most boxes from the middle alone.
 bool must_halve(const Leaf& box, const Sizing& sizing, const std::function<double(double)>& wanted) {
   constexpr double towards = 0.7;  // of the way to the corners
   const double volume = box.volume(), reach = towards * box.half.norm();
