@@ -20,6 +20,7 @@ double shear_crossing_time(const Tissues& tissues, const Model& model);
 /// Throws:   SolveError: no convergence with a 64th of the step. `history` holds everything up to that
 /// moment.
 void simulate_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
-                         const SolverOptions& options, const Observer& observer, History& history);
+                         const SolverOptions& options, const Observer& observer, History& history,
+                         const State* from = nullptr);
 
 }  // namespace dimple
