@@ -446,9 +446,9 @@ std::optional<Checkpoint> resumed_in(const ResultFolder& folder, const RunIdenti
 
 Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool()>& stop_requested) {
   const Config& config = in.config;
-  Checkpoint now{
+  Checkpoint kept{
       .run = in.identity, .model_sha256 = sha256_of_model(in.files), .frame_time_s = {}, .state = {}};
-  if (in.resumed && in.resumed->model_sha256 != now.model_sha256)
+  if (in.resumed && in.resumed->model_sha256 != kept.model_sha256)
     throw InputError(
         {.fact = "the model has not come out as it was when the run began",
          .where = "--resume",
@@ -548,11 +548,11 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
           [&](const std::function<State()>& state) {
             if (since_kept.seconds() < std::max(0.2, 100.0 * keeping_s)) return;
             Stopwatch writing;
-            now.state = state();
-            now.frame_time_s = writer.frame_time_s();
-            now.solve_wall_s = solve_s_before + solving.seconds() - writing_s;
-            now.write_wall_s = writing_s_before + writing_s;
-            write_checkpoint(folder / checkpoint_file, now);
+            kept.state = state();
+            kept.frame_time_s = writer.frame_time_s();
+            kept.solve_wall_s = solve_s_before + solving.seconds() - writing_s;
+            kept.write_wall_s = writing_s_before + writing_s;
+            write_checkpoint(folder / checkpoint_file, kept);
             since_kept = {};
             keeping_s = writing.seconds();
             writing_s += keeping_s;

@@ -155,10 +155,10 @@ void ResultWriter::overview(const History& history, const std::string& title,
 
 namespace {
 
-// The checkpoint first: without it nothing else can be taken for the beginning of a run.
-constexpr std::array files_of_a_run = {checkpoint_file, "summary.json", "config.resolved.toml",
-                                       "overview.png",  "force.csv",    "energy.csv",
-                                       "nodes.pvd",     "points.pvd",   "surface.pvd"};
+// In the order in which they are removed: first those that say that others are there.
+constexpr std::array files_of_a_run = {
+    checkpoint_file, "summary.json", "model/model.toml", "nodes.pvd",    "points.pvd",
+    "surface.pvd",   "force.csv",    "energy.csv",       "overview.png", "config.resolved.toml"};
 constexpr std::array files_of_a_model = {"model.toml", "nodes.vtu", "points.vtu", "surface.vtp", "label.vti"};
 constexpr std::array folders_of_a_run = {"nodes", "points", "surface", "model"};
 
