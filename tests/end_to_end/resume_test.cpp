@@ -178,15 +178,15 @@ TEST_F(Resume, OfRunsThatWereKilledAtAnyMomentEndsWithTheSameBits) {
     std::string name, arguments;
     double seconds = 0.0;
   };
-  const std::string cloud = " --nodes 500 -q";
+  const std::string cloud = " --nodes 300 -q";
   std::vector<Scene> scenes = {
-      {"slowly", "--depth 5mm --frames 60" + cloud},
-      {"slowly_relaxing", "--depth 5mm --frames 60 --preset miller_chinzei_2002" + cloud},
-      {"dynamic", "--depth 5mm --frames 12 --time dynamic" + cloud},
+      {"slowly", "--depth 5mm --frames 25" + cloud},
+      {"slowly_relaxing", "--depth 5mm --frames 25 --preset miller_chinzei_2002" + cloud},
+      {"dynamic", "--depth 5mm --frames 6 --time dynamic" + cloud},
       {"dynamic_relaxing",
-       "--depth 5mm --rate 2mm/s --frames 5 --time dynamic --preset miller_chinzei_2002" + cloud},
-      {"every_wave", "--depth 3mm --rate 20mm/s --frames 12 --time explicit" + cloud},
-      {"papers_scheme", "--depth 3mm --rate 4mm/s --frames 12 --scheme horton2007" + cloud},
+       "--depth 5mm --rate 2mm/s --frames 4 --time dynamic --preset miller_chinzei_2002" + cloud},
+      {"every_wave", "--depth 3mm --rate 20mm/s --frames 6 --time explicit" + cloud},
+      {"papers_scheme", "--depth 3mm --rate 4mm/s --frames 6 --scheme horton2007" + cloud},
   };
   for (Scene& scene : scenes) {
     const auto start = Clock::now();
