@@ -86,10 +86,10 @@ class FullDisk : public testing::Test {
   }
   /// Commands that write, each with the place `out` for its results; all need at most some seconds.
   static std::vector<std::string> writers(const std::string& out) {
-    return {"phantom " + out + "/p.nrrd --spacing 4 -q",
-            "phantom " + out + "/p.seg.nrrd --spacing 4 -q",
-            "phantom " + out + "/p.nii.gz --spacing 4 -q",
-            "phantom " + out + "/p.mha --spacing 4 -q",
+    return {"phantom " + out + "/p.nrrd --spacing 3 -q",
+            "phantom " + out + "/p.seg.nrrd --spacing 3 -q",
+            "phantom " + out + "/p.nii.gz --spacing 3 -q",
+            "phantom " + out + "/p.mha --spacing 3 -q",
             "export brain.nrrd --nodes 2000 -q -o " + out + "/scene.inp",
             "export brain.nrrd --nodes 2000 -q -o " + out + "/scene.feb",
             "model brain.nrrd --nodes 500 -q -o " + out + "/model",
