@@ -32,7 +32,7 @@ class Resume : public testing::Test {
  protected:
   const fs::path folder = fresh_folder();
   // Some seconds: long enough to be interrupted.
-  const std::string slow = "run brain.nrrd -o out --nodes 500 --depth 4mm --rate 0.02mm/s --frames 300 -q";
+  const std::string slow = "run brain.nrrd -o out --nodes 500 --depth 4mm --rate 0.02mm/s --frames 100 -q";
   const std::string quick = "run brain.nrrd -o out --nodes 400 --depth 0.5mm --frames 2 -q";
 
   void SetUp() override { ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3 -q").code, 0); }
