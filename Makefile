@@ -14,7 +14,7 @@ DEMO := out/demo
 demo: build
 	@mkdir -p $(DEMO)
 	$(DIMPLE) phantom $(DEMO)/brain.nrrd
-	$(DIMPLE) run $(DEMO)/brain.nrrd -o $(DEMO)/results
+	$(DIMPLE) run $(DEMO)/brain.nrrd -o $(DEMO)/results --force
 	@echo "picture:  $(DEMO)/results/overview.png"
 	@echo "ParaView: $(DEMO)/results/nodes.pvd, points.pvd, surface.pvd, label.vti"
 

@@ -265,8 +265,10 @@ std::vector<Option> options_of(Config& c) {
       {"solver.time",
        "--time",
        "",
-       "quasi-static: equilibrium at each frame; explicit: every wave, by central differences; dynamic: inertia "
-       "in steps of the body's own swings, explicit if the load is too short; auto: quasi-static or, if the load is "
+       "quasi-static: equilibrium at each frame; explicit: every wave, by central differences; dynamic: "
+       "inertia "
+       "in steps of the body's own swings, explicit if the load is too short; auto: quasi-static or, if the "
+       "load is "
        "short, explicit. horton2007 is explicit",
        &c.solver.time,
        0,
@@ -436,6 +438,17 @@ std::string to_toml(const Config& config, const std::map<std::string, std::strin
     }
   }
   return text;
+}
+
+std::map<std::string, std::string> option_values(const Config& config) {
+  Config copy = config;
+  std::map<std::string, std::string> values;
+  for (const Option& option : options_of(copy))
+    if (option.key != "image.file") values[option.key] = toml_value(option);
+  for (const auto& [label, differing] : config.tissue)
+    for (const auto& [key, value] : differing)
+      values[fmt::format("tissue.{}.{}", label, key.substr(key.find('.') + 1))] = value;
+  return values;
 }
 
 std::string option_reference() {

@@ -10,6 +10,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "apps/checkpoint.hpp"
 #include "apps/log.hpp"
 #include "apps/results.hpp"
 #include "io/error.hpp"
@@ -390,15 +391,36 @@ TimeMode choose_time(const Config& config, const Model& model, const Tissues& ti
 }
 
 void solve_by(TimeMode mode, const ForceSystem& system, const Model& model, const Loading& loading,
-              const SolverOptions& options, const Observer& observer, History& history) {
+              const SolverOptions& options, const Observer& observer, History& history,
+              const State* from = nullptr) {
   switch (mode) {
     case TimeMode::quasi_static:
-      return load_slowly(system, model, loading, options, observer, history);
+      return load_slowly(system, model, loading, options, observer, history, from);
     case TimeMode::dynamic:
-      return simulate_implicitly(system, model, loading, options, observer, history);
+      return simulate_implicitly(system, model, loading, options, observer, history, from);
     case TimeMode::explicit_:
-      return simulate(system, model, loading, options, observer, history);
+      return simulate(system, model, loading, options, observer, history, from);
   }
+}
+
+// What an earlier run of the same image or model, by the same options, has left finished. Throws UsageError:
+// it was another run.
+Outcome finished_already(const fs::path& folder, const Config& config, const std::string& input_key,
+                         const std::string& input_sha256) {
+  Outcome outcome;
+  outcome.summary_json = read_file(folder / "summary.json");
+  Config before;
+  read_config(before, folder / "config.resolved.toml");
+  const Json summary = Json::parse(outcome.summary_json, nullptr, false);
+  require_same_run({summary.value("version", ""), option_values(before), summary.value(input_key, "")},
+                   {DIMPLE_VERSION, option_values(config), input_sha256});
+  std::error_code ignored;
+  fs::remove(folder / checkpoint_file, ignored);  // if it was killed between the last file and this
+  remove_temporaries_in(folder);
+  outcome.headline = fmt::format("{:.4f} N at {:.2f} mm", summary.value("force_N", 0.0),
+                                 summary.value("indentation_mm", 0.0));
+  say(fmt::format("resume   {} holds the finished run: nothing to do", folder.string()));
+  return outcome;
 }
 
 struct SolveInput {
@@ -409,11 +431,29 @@ struct SolveInput {
   std::vector<std::string> facts;  // for the picture
   std::map<std::string, std::string> notes;
   std::string subject;
+  RunIdentity identity;
+  std::optional<Checkpoint> resumed;
   Stages stages = {};
 };
 
+// What is to be resumed in the folder, if anything. Throws UsageError: it was another run.
+std::optional<Checkpoint> resumed_in(const ResultFolder& folder, const RunIdentity& identity) {
+  if (!folder.resumable()) return std::nullopt;
+  Checkpoint checkpoint = read_checkpoint(folder.path() / checkpoint_file);
+  require_same_run(checkpoint.run, identity);
+  return checkpoint;
+}
+
 Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool()>& stop_requested) {
   const Config& config = in.config;
+  Checkpoint kept{
+      .run = in.identity, .model_sha256 = sha256_of_model(in.files), .frame_time_s = {}, .state = {}};
+  if (in.resumed && in.resumed->model_sha256 != kept.model_sha256)
+    throw InputError(
+        {.fact = "the model has not come out as it was when the run began",
+         .where = "--resume",
+         .why = "another build of the program, or another processor, computes a little otherwise",
+         .remedy = "start anew with --force, or resume where the run was begun"});
   Model& model = in.files.model;
   Stopwatch preparing;
   const Tissues tissues = tissues_of(config, in.files);
@@ -475,7 +515,18 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   History history;
   Progress progress("solve");
   Stopwatch solving;
-  double writing_s = 0.0;
+  double writing_s = 0.0, solve_s_before = 0.0, writing_s_before = 0.0;
+  if (in.resumed) {
+    solve_s_before = in.resumed->solve_wall_s;
+    writing_s_before = in.resumed->write_wall_s;
+    writer.resume(in.resumed->frame_time_s);
+    say(fmt::format(
+        "resume   after {} frames, at {:.2f} mm", in.resumed->frame_time_s.size(),
+        in.resumed->state.history.force.empty() ? 0.0 : 1e3 * in.resumed->state.history.force.back().depth));
+  }
+  // Where the run stands is kept now and then, within a hundredth of its time.
+  Stopwatch since_kept;
+  double keeping_s = 0.0;
   const Observer observer = {
       .frame =
           [&](const Frame& frame) {
@@ -492,15 +543,30 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
                     : fmt::format("t {:.2f} s, {:.2f} mm, {:.5f} N, step {:.3g} us", now.t, 1e3 * now.depth,
                                   now.force, 1e6 * h.dt_smallest));
             return !stop_requested();
+          },
+      .between_steps =
+          [&](const std::function<State()>& state) {
+            if (since_kept.seconds() < std::max(0.2, 100.0 * keeping_s)) return;
+            Stopwatch writing;
+            kept.state = state();
+            kept.frame_time_s = writer.frame_time_s();
+            kept.solve_wall_s = solve_s_before + solving.seconds() - writing_s;
+            kept.write_wall_s = writing_s_before + writing_s;
+            write_checkpoint(folder / checkpoint_file, kept);
+            since_kept = {};
+            keeping_s = writing.seconds();
+            writing_s += keeping_s;
           }};
   std::optional<SolveError> failure;
   try {
-    solve_by(mode, system, model, loading, options, observer, history);
+    solve_by(mode, system, model, loading, options, observer, history,
+             in.resumed ? &in.resumed->state : nullptr);
   } catch (const SolveError& error) {
     failure = error;
   }
   progress.finish();
-  const double solve_s = solving.seconds() - writing_s;
+  const double solve_s = solve_s_before + solving.seconds() - writing_s;
+  writing_s += writing_s_before;
   writer.tables(history);
 
   Outcome outcome;
@@ -555,7 +621,6 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   summary["threads"] = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
   summary["warnings"] = in.warnings;
   outcome.summary_json = summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
-  write_file(folder / "summary.json", outcome.summary_json);
   write_file(folder / "config.resolved.toml", to_toml(config, in.notes));
 
   outcome.headline = fmt::format("{:.4f} N at {:.2f} mm", force, reached);
@@ -593,16 +658,29 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
                       summary["real_time_factor"].get<double>(),
                       100.0 * summary["energy_error"].get<double>(), summary["base_force_N"].get<double>()));
   }
+  // The last file: a folder with it is complete. Then there is nothing to go on with.
+  write_file(folder / "summary.json", outcome.summary_json);
+  if (!failure && !history.interrupted) {
+    std::error_code ignored;
+    fs::remove(folder / checkpoint_file, ignored);
+  }
   if (failure) throw *failure;
   return outcome;
 }
 
 }  // namespace
 
-Outcome make_model(const Config& config, const fs::path& folder) {
-  check_result_folder(folder);
+Outcome make_model(const Config& config, const fs::path& folder, Existing existing) {
+  ResultFolder results(folder, existing);
+  if (existing == Existing::refuse && fs::exists(folder / "model.toml"))
+    throw OutputError({.fact = fmt::format("{} holds a model already", folder.string()),
+                       .where = "-o",
+                       .why = "it would be lost",
+                       .remedy = "give another folder with -o, or --force to replace it"});
   Prepared prepared = prepare(config);
-  prepare_result_folder(folder);
+  results.prepare();
+  std::error_code ignored;
+  fs::remove(folder / "model.toml", ignored);  // it comes last: with it the model is complete
   write_model(folder, prepared.files);
   write_vti(folder / "label.vti", prepared.image);
   // Supports are found again when the model is solved; here only to refuse a model that cannot be.
@@ -629,33 +707,50 @@ Outcome make_model(const Config& config, const fs::path& folder) {
 }
 
 Outcome solve_model(const Config& config, const fs::path& model, const fs::path& folder,
-                    const std::function<bool()>& stop_requested) {
-  check_result_folder(folder);
+                    const std::function<bool()>& stop_requested, Existing existing) {
+  ResultFolder results(folder, existing);
   ModelFiles files = read_model(model);
   check_materials(materials_of(config), files.scheme);
-  prepare_result_folder(folder);
+  const RunIdentity identity{DIMPLE_VERSION, option_values(config), sha256_of_model(files)};
+  if (existing == Existing::resume && results.finished())
+    return finished_already(folder, config, "model_sha256", identity.input_sha256);
+  std::optional<Checkpoint> resumed = resumed_in(results, identity);
+  results.prepare(fs::is_directory(model) ? model : model.parent_path());
   for (const std::string& note : files.notes) warn(note);
   const fs::path label = (fs::is_directory(model) ? model : model.parent_path()) / "label.vti";
   if (fs::exists(label)) write_file(folder / "label.vti", read_file(label));
   Json summary;
   summary["made_from"] = files.provenance;
+  summary["model_sha256"] = identity.input_sha256;
   SolveInput input{.config = config,
                    .files = files,
                    .summary = summary,
                    .warnings = files.notes,
                    .facts = {},
                    .notes = {},
-                   .subject = model.filename().string()};
+                   .subject = model.filename().string(),
+                   .identity = identity,
+                   .resumed = std::move(resumed)};
   for (const char* key : {"image", "base", "circle"})
     if (const auto found = files.provenance.find(key); found != files.provenance.end())
       input.facts.push_back(fmt::format("{}: {}", key, found->second));
   return solve_in(folder, std::move(input), stop_requested);
 }
 
-Outcome run(const Config& config, const fs::path& folder, const std::function<bool()>& stop_requested) {
-  check_result_folder(folder);
+Outcome run(const Config& config, const fs::path& folder, const std::function<bool()>& stop_requested,
+            Existing existing) {
+  ResultFolder results(folder, existing);
+  RunIdentity identity{DIMPLE_VERSION, option_values(config), ""};
+  std::optional<Checkpoint> resumed;
+  if (existing == Existing::resume && !config.image.file.empty() &&
+      (results.finished() || results.resumable())) {
+    identity.input_sha256 = sha256_of_file(config.image.file);
+    if (results.finished()) return finished_already(folder, config, "image_sha256", identity.input_sha256);
+    resumed = resumed_in(results, identity);
+  }
   Prepared prepared = prepare(config);
-  prepare_result_folder(folder);
+  identity.input_sha256 = prepared.files.provenance.at("image_sha256");
+  results.prepare();
   write_model(folder / "model", prepared.files);
   write_vti(folder / "label.vti", prepared.image);
   Json summary;
@@ -669,6 +764,8 @@ Outcome run(const Config& config, const fs::path& folder, const std::function<bo
                    .facts = {},
                    .notes = prepared.notes,
                    .subject = fs::path(config.image.file).filename().string(),
+                   .identity = identity,
+                   .resumed = std::move(resumed),
                    .stages = prepared.stages};
   const ModelReport& report = prepared.report;
   input.facts = {

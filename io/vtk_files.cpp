@@ -605,9 +605,13 @@ TimeSeries::TimeSeries(fs::path pvd, std::string suffix) : pvd_(std::move(pvd)),
   if (!suffix_.starts_with('.')) suffix_ = fmt::format(".{}", suffix_);
 }
 
-fs::path TimeSeries::next_frame() const {
+fs::path TimeSeries::frame(std::size_t number) const {
   const std::string stem = pvd_.stem().string();
-  const fs::path folder = pvd_.parent_path() / stem;
+  return pvd_.parent_path() / stem / fmt::format("{}_{:04}{}", stem, number, suffix_);
+}
+
+fs::path TimeSeries::next_frame() const {
+  const fs::path folder = frame(0).parent_path();
   std::error_code failure;
   fs::create_directories(folder, failure);
   if (failure)
@@ -615,19 +619,32 @@ fs::path TimeSeries::next_frame() const {
                        .where = fmt::format("writing the frames of {}", pvd_.string()),
                        .why = failure.message(),
                        .remedy = "name another output folder, or make this one writable"});
-  return folder / fmt::format("{}_{:04}{}", stem, frames_.size(), suffix_);
+  return frame(frames_.size());
+}
+
+void TimeSeries::resume(const std::vector<double>& times_s) {
+  std::error_code ignored;
+  frames_.clear();
+  for (const double time_s : times_s) {
+    const fs::path earlier = frame(frames_.size());
+    if (!fs::is_regular_file(earlier, ignored)) disappeared(earlier);
+    frames_.emplace_back(time_s, earlier.lexically_relative(pvd_.parent_path()).generic_string());
+  }
+  for (std::size_t k = frames_.size(); fs::remove(frame(k), ignored);) ++k;
+}
+
+void TimeSeries::disappeared(const fs::path& frame) const {
+  throw OutputError({.fact = fmt::format("the frame {} has disappeared", frame.string()),
+                     .where = fmt::format("listing it in {}", pvd_.string()),
+                     .why = "it was written by this run; something else moved or deleted it",
+                     .remedy = "let nothing else work in that folder; start anew with --force"});
 }
 
 void TimeSeries::add(double time_s) {
-  const fs::path frame = next_frame();
+  const fs::path written = next_frame();
   std::error_code ignored;
-  if (!fs::is_regular_file(frame, ignored))
-    throw OutputError({.fact = fmt::format("the frame {} has disappeared", frame.string()),
-                       .where = fmt::format("listing it in {}", pvd_.string()),
-                       .why = "it was written a moment ago; something else moved or deleted it",
-                       .remedy = "let no two runs share one output folder"});
-  // Relative, so that the folder can be moved.
-  frames_.emplace_back(time_s, frame.lexically_relative(pvd_.parent_path()).generic_string());
+  if (!fs::is_regular_file(written, ignored)) disappeared(written);
+  frames_.emplace_back(time_s, written.lexically_relative(pvd_.parent_path()).generic_string());
 
   // No library: VTK has no writer for this list (it is ParaView's), and it is a few lines of text.
   std::string list =

@@ -62,10 +62,16 @@ class TimeSeries {
   TimeSeries(std::filesystem::path pvd, std::string suffix);
   /// The path for the next frame; creates its folder. Throws OutputError.
   std::filesystem::path next_frame() const;
+  /// Goes on after frames that an earlier run has written at these times; those beyond them are removed.
+  /// Throws OutputError: one is not there.
+  void resume(const std::vector<double>& times_s);
   /// Lists the frame just written under its time. Throws OutputError, also if that frame is not there.
   void add(double time_s);
 
  private:
+  std::filesystem::path frame(std::size_t number) const;
+  [[noreturn]] void disappeared(const std::filesystem::path& frame) const;
+
   std::filesystem::path pvd_;
   std::string suffix_;
   std::vector<std::pair<double, std::string>> frames_;

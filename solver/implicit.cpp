@@ -36,7 +36,8 @@ double shear_crossing_time(const Tissues& tissues, const Model& model) {
 }
 
 void simulate_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
-                         const SolverOptions& options, const Observer& observer, History& history) {
+                         const SolverOptions& options, const Observer& observer, History& history,
+                         const State* from) {
   const Constraints constraints = make_constraints(model, loading.contact);
   MixedIteration solve(system, model, constraints);
   const Index n = model.node_count();
@@ -48,20 +49,33 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
   const auto steps = static_cast<std::int64_t>(std::ceil(segment / (slowest_period / steps_per_period)));
   const double longest = segment / static_cast<double>(steps);
 
-  Nodal u = Nodal::Zero(4, n), v = u, a = u, f = u;
-  Eigen::VectorXd lambda = Eigen::VectorXd::Zero(model.patches.count());
-  // The tool brings its nodes to speed at once: the only work that is not force times way.
-  double external = 0.0, dissipated = 0.0, force_before = 0.0, largest_reaction = 0.0;
-  for (const Index i : model.indenter)
-    if (held(i)) {
-      v.col(i) = push * loading.rate;
-      external += 0.5 * model.mass[i] * loading.rate * loading.rate;
-    }
   Path past(remembered);
-  past.push(0.0, u, lambda);
   MixedIteration::Inertia inertia;
-  double t = 0.0, dt = longest, next_energy = 0.0;
-  history.dt_first = history.dt_smallest = dt;
+  State state;
+  Nodal &u = state.u, &v = state.v, &a = state.a, &f = state.f;
+  Eigen::VectorXd& lambda = state.lambda;
+  double &external = state.external, &dissipated = state.dissipated, &force_before = state.force_before;
+  double &largest_reaction = state.largest_reaction, &next_energy = state.next_energy;
+  double &t = state.t, &dt = state.dt;
+  if (from) {
+    state = *from;
+    history = from->history;
+    past.state = from->path;
+    system.restore_past(from->past);
+    solve.restore(from->mixed);
+    inertia.inertia = from->mixed.inertia;
+  } else {
+    u = v = a = f = Nodal::Zero(4, n);
+    lambda = Eigen::VectorXd::Zero(model.patches.count());
+    past.push(0.0, u, lambda);
+    history.dt_first = history.dt_smallest = longest;
+    // The tool brings its nodes to speed at once: the only work that is not force times way.
+    for (const Index i : model.indenter)
+      if (held(i)) {
+        v.col(i) = push * loading.rate;
+        external += 0.5 * model.mass[i] * loading.rate * loading.rate;
+      }
+  }
 
   const auto reaction = [&](const std::vector<Index>& nodes) {
     double sum = 0.0;
@@ -90,11 +104,21 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
     const bool at_end = end - t <= 1e-6 * longest, goes_on = record(frame == options.frames && at_end);
     if (at_end && observer.frame) observer.frame({frame, t, loading.rate * t, u, f});
     system.accept_step(u);
+    if (observer.between_steps && (frame < options.frames || !at_end))
+      observer.between_steps([&] {
+        State copy = state;
+        copy.path = past.state;
+        copy.mixed = solve.memory();
+        copy.past = system.past();
+        copy.history = history;
+        return copy;
+      });
     return goes_on;
   };
   // Central differences until `to`, as simulate(): where the tissue gives way the path jumps, and no step
   // that is longer than the jump's own waves has an end that an iteration could find.
   const auto march = [&](double to) {
+    system.begin_step(to - t);
     system.release_pressures();
     const StableStep stable = stable_time_step(system, model, model.mass, constraints, u);
     if (!(stable.dt > 0.0))
@@ -139,13 +163,16 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
     lambda = patches.dilation.cwiseProduct(patches.bulk).cwiseProduct(model.patches.volume);
   };
 
-  record(false);
-  if (observer.frame) observer.frame({0, 0.0, 0.0, u, f});
+  if (!from) {
+    record(false);
+    if (observer.frame) observer.frame({0, 0.0, 0.0, u, f});
+  }
   bool stopped = false;
-  bool anew = true;
-  for (int frame = 1; frame <= options.frames && !stopped; ++frame) {
+  bool& anew = state.anew;
+  for (int frame = std::max(state.frame, 1); frame <= options.frames && !stopped; ++frame) {
     const double end = segment * frame;
-    dt = longest;
+    if (frame > state.frame) dt = longest;
+    state.frame = frame;
     while (end - t > 1e-6 * longest && !stopped) {
       const double to = std::min(t + dt, end), h = to - t, depth = loading.rate * to;
       // a+ = (u+ - reached) / (beta h^2), v+ = drift + gamma h a+.
@@ -175,8 +202,8 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
         }
         const double start = t;
         march(std::min(t + longest, end));
-        stopped = !arrive(frame, end, t - start);
         dt = shorter * longest;  // the next is tried carefully
+        stopped = !arrive(frame, end, t - start);
         continue;
       }
       anew = found.evaluations > many;
@@ -203,8 +230,8 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
       const double force = reaction(model.indenter);
       external += 0.5 * (force + force_before) * loading.rate * h;
       force_before = force;
-      stopped = !arrive(frame, end, h);
       dt = std::min(2.0 * h, longest);
+      stopped = !arrive(frame, end, h);
     }
   }
   history.interrupted = stopped;

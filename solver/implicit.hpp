@@ -21,6 +21,7 @@ double shear_crossing_time(const Tissues& tissues, const Model& model);
 /// Source:   Newmark 1959; Hilber, Hughes, Taylor 1977, alpha -1/3.
 /// Throws:   SolveError: a number stopped being one. `history` holds everything up to that moment.
 void simulate_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
-                         const SolverOptions& options, const Observer& observer, History& history);
+                         const SolverOptions& options, const Observer& observer, History& history,
+                         const State* from = nullptr);
 
 }  // namespace dimple

@@ -86,6 +86,15 @@ void ForceSystem::accept_step(const Nodal& u) const {
   if (double_) double_->accept(u.data());
 }
 
+std::vector<double> ForceSystem::past() const {
+  return single_ ? single_->past() : double_->past();
+}
+
+void ForceSystem::restore_past(const std::vector<double>& past) const {
+  if (single_) single_->restore_past(past);
+  if (double_) double_->restore_past(past);
+}
+
 void ForceSystem::hold_pressures(const Eigen::VectorXd& pressure) const {
   if (single_) single_->hold(pressure);
   if (double_) double_->hold(pressure);

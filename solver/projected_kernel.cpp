@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <stdexcept>
 
 #include "preprocess/clones.hpp"
 #include "solver/inverse_cube_root.hpp"
@@ -874,6 +875,39 @@ void ProjectedKernel<Real>::accept(const double* u) {
       v.f0[k] = now[k];
     }
   }
+}
+
+template <class Real>
+template <class Kernel, class Visit>
+void ProjectedKernel<Real>::visit_past(Kernel& kernel, const Visit& visit) {
+  visit(&kernel.elapsed_, 1);
+  for (auto& history : kernel.history_) {
+    if (history.material.prony.empty()) continue;
+    visit(history.S0.data(), history.S0.size());
+    visit(history.H.data(), history.H.size());
+  }
+  for (auto& v : kernel.variance_) {
+    visit(v.h.data(), static_cast<Index>(v.h.size()));
+    visit(v.f0.data(), static_cast<Index>(v.f0.size()));
+  }
+}
+
+template <class Real>
+std::vector<double> ProjectedKernel<Real>::past() const {
+  std::vector<double> past;
+  visit_past(*this, [&](const double* from, Index count) { past.insert(past.end(), from, from + count); });
+  return past;
+}
+
+template <class Real>
+void ProjectedKernel<Real>::restore_past(const std::vector<double>& past) {
+  std::size_t at = 0;
+  visit_past(*this, [&](double* to, Index count) {
+    if (past.size() - at < static_cast<std::size_t>(count))
+      throw std::invalid_argument("the past of another model cannot be taken over");
+    std::copy_n(past.data() + at, count, to);
+    at += static_cast<std::size_t>(count);
+  });
 }
 
 // A patch lies in one tissue: that of any of its points.

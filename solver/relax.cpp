@@ -211,7 +211,8 @@ void guess(const Model& model, const Constraints& constraints, double depth, Nod
 }  // namespace
 
 void load_slowly(const ForceSystem& system, const Model& model, const Loading& loading,
-                 const SolverOptions& options, const Observer& observer, History& history) {
+                 const SolverOptions& options, const Observer& observer, History& history,
+                 const State* from) {
   const Constraints constraints = make_constraints(model, loading.contact);
   const Relaxation relax(system, model, constraints);
   const Index n = model.node_count();
@@ -219,14 +220,22 @@ void load_slowly(const ForceSystem& system, const Model& model, const Loading& l
   Nodal u = Nodal::Zero(4, n), f = u;
   Eigen::VectorXd lambda = Eigen::VectorXd::Zero(model.patches.count());
   Path past(4);  // where the next equilibrium is looked for
-  past.push(0.0, u, lambda);
-
-  double external = 0.0, force_before = 0.0, force_before_that = 0.0;
-  history.force.push_back({0.0, 0.0, 0.0, 0.0});
-  history.energy.push_back({0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
-  if (observer.frame) observer.frame({0, 0.0, 0.0, u, f});
+  State state;
+  double &external = state.external, &force_before = state.force_before,
+         &force_before_that = state.force_before_that;
+  if (from) {
+    state = *from;
+    history = from->history;
+    past.state = from->path;
+    system.restore_past(from->past);
+  } else {
+    past.push(0.0, u, lambda);
+    history.force.push_back({0.0, 0.0, 0.0, 0.0});
+    history.energy.push_back({0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
+    if (observer.frame) observer.frame({0, 0.0, 0.0, u, f});
+  }
   const double step = loading.depth / options.frames;
-  for (int level = 1; level <= options.frames; ++level) {
+  for (int level = state.frame + 1; level <= options.frames; ++level) {
     const double depth = step * level, t = depth / loading.rate;
     system.begin_step(step / loading.rate);
     if (level == 1 && model.patches.count() > 0) {
@@ -271,6 +280,15 @@ void load_slowly(const ForceSystem& system, const Model& model, const Loading& l
       return;
     }
     system.accept_step(u);  // after the frame: its stresses are those of this step
+    state.frame = level;
+    if (observer.between_steps && level < options.frames)
+      observer.between_steps([&] {
+        State copy = state;
+        copy.path = past.state;
+        copy.past = system.past();
+        copy.history = history;
+        return copy;
+      });
   }
 }
 

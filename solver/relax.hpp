@@ -44,6 +44,7 @@ Eigen::VectorXd stiffness_row_sums(const Model& model, const Tissues& tissues);
 /// As simulate(), but so slowly that inertia plays no part: equilibrium at options.frames depths, each from
 /// the last three. With viscoelastic tissue the time between two of them is that of the loading.
 void load_slowly(const ForceSystem& system, const Model& model, const Loading& loading,
-                 const SolverOptions& options, const Observer& observer, History& history);
+                 const SolverOptions& options, const Observer& observer, History& history,
+                 const State* from = nullptr);
 
 }  // namespace dimple

@@ -54,7 +54,7 @@ struct Place {
 }  // namespace
 
 void simulate(const ForceSystem& system, const Model& model, const Loading& loading,
-              const SolverOptions& options, const Observer& observer, History& history) {
+              const SolverOptions& options, const Observer& observer, History& history, const State* from) {
   const Index n = model.node_count();
   const Constraints constraints = make_constraints(model, loading.contact);
   const bool viscoelastic = system.viscoelastic();
@@ -62,18 +62,28 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
   const Eigen::Vector4d push = constraints.push;
   const Eigen::VectorXd inverse_mass = model.mass.cwiseInverse();
 
-  Nodal u = Nodal::Zero(4, n), v = u, f = u;
+  State state;
+  if (from) {
+    state = *from;
+    history = from->history;
+    system.restore_past(from->past);
+  } else {
+    state.u = state.v = Nodal::Zero(4, n);
+  }
+  Nodal &u = state.u, &v = state.v, f = Nodal::Zero(4, n);
   const double duration = loading.duration(), segment = duration / options.frames;
 
-  double previous_force = 0.0, previous_depth = 0.0, external = 0.0, dissipated = 0.0;
-  double next_sample = 0.0, next_energy = 0.0, largest_reaction = 0.0, largest_external = 0.0;
-  double previous_dt = 0.0;
-  double reached = 0.0;  // depth at which the driven nodes are
+  double &previous_force = state.force_before, &previous_depth = state.depth_before;
+  double &external = state.external, &dissipated = state.dissipated;
+  double &next_sample = state.next_sample, &next_energy = state.next_energy;
+  double &largest_reaction = state.largest_reaction, &largest_external = state.largest_external;
+  double& previous_dt = state.dt_before;
+  double& reached = state.depth;  // depth at which the driven nodes are
   bool stopped = false;
 
   // The tool brings its nodes to speed at once: the only work that is not force times way.
   for (const Index a : model.indenter)
-    if (kind(a) == Kind::driven || kind(a) == Kind::sliding) {
+    if (!from && (kind(a) == Kind::driven || kind(a) == Kind::sliding)) {
       v.col(a) = push * loading.rate;
       external += 0.5 * model.mass[a] * loading.rate * loading.rate;
     }
@@ -122,7 +132,7 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
     if (observer.frame) observer.frame({number, now.t, now.depth, u, f});
   };
 
-  for (int k = 0; k < options.frames && !stopped; ++k) {
+  const auto begin_segment = [&](int k) {
     const StableStep stable = stable_time_step(system, model, model.mass, constraints, u);
     history.extra_evaluations += stable.iterations;
     if (!(stable.dt > 0.0))
@@ -130,17 +140,31 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
                         .where = text("solver, indentation ", previous_depth * 1e3, " mm"),
                         .why = "no node is free to move, or the tissue has no stiffness",
                         .remedy = "check the model: nodes, base and material"});
-    const auto steps = static_cast<std::int64_t>(std::ceil(segment / (options.safety * stable.dt)));
-    const double dt = segment / static_cast<double>(steps);
+    state.frame = k;
+    state.step = 0;
+    state.steps = static_cast<std::int64_t>(std::ceil(segment / (options.safety * stable.dt)));
+    state.dt = segment / static_cast<double>(state.steps);
+    state.dt_stable = stable.dt;
     if (k == 0) {
       history.dt_stable_first = stable.dt;
-      history.dt_first = history.dt_smallest = dt;
+      history.dt_first = history.dt_smallest = state.dt;
     }
-    history.dt_smallest = std::min(history.dt_smallest, dt);
+    history.dt_smallest = std::min(history.dt_smallest, state.dt);
+  };
 
-    for (std::int64_t s = 0; s < steps && !stopped; ++s) {
+  for (int k = state.frame; k < options.frames && !stopped; ++k) {
+    if (!from || k > from->frame) begin_segment(k);
+    const double dt = state.dt;
+    for (std::int64_t& s = state.step; s < state.steps && !stopped; ++s) {
+      if (observer.between_steps)
+        observer.between_steps([&] {
+          State copy = state;
+          copy.history = history;
+          copy.past = system.past();
+          return copy;
+        });
       const double t = segment * k + dt * static_cast<double>(s);
-      const Place now = {t, loading.rate * t, dt, stable.dt};
+      const Place now = {t, loading.rate * t, dt, state.dt_stable};
       if (viscoelastic) system.begin_step(previous_dt);
       const ForceSystem::Sweep sweep = system.stress_sweep(u);
       history.J_min = std::min(history.J_min, sweep.J_min);

@@ -4,6 +4,8 @@
 #include <vector>
 
 #include "solver/constraints.hpp"
+#include "solver/mixed_iteration.hpp"
+#include "solver/path.hpp"
 #include "solver/stable_time_step.hpp"
 
 namespace dimple {
@@ -61,9 +63,31 @@ struct History {
   double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction
 };
 
+/// All that one step leaves to the next. A run that starts from it goes on to the same bits as if it had
+/// never stopped. Each way of marching fills in what it needs.
+struct State {
+  int frame = 0;  ///< explicit, implicit: the stretch before the next; slowly: the last done
+  std::int64_t step = 0, steps = 0;  ///< explicit: the next one of that stretch, and their number
+  double t = 0.0, dt = 0.0, dt_before = 0.0, dt_stable = 0.0;  ///< [s]
+  double depth = 0.0, depth_before = 0.0;                      ///< [m]
+  double force_before = 0.0, force_before_that = 0.0;          ///< [N]
+  double external = 0.0, dissipated = 0.0;                     ///< [J]
+  double next_sample = 0.0, next_energy = 0.0;                 ///< [s]
+  double largest_reaction = 0.0, largest_external = 0.0;       ///< [N], [J]
+  bool anew = true;                                            ///< of the next MixedIteration
+  ForceSystem::Nodal u, v, a, f;                               ///< [N] m, m/s, m/s^2, N
+  Eigen::VectorXd lambda;                                      ///< [patches] N m
+  std::deque<Path::State> path;
+  MixedIteration::Memory mixed;
+  std::vector<double> past;  ///< of viscoelastic tissue, as ForceSystem::past()
+  History history;
+};
+
 struct Observer {
   std::function<void(const Frame&)> frame;
   std::function<bool(const ForceSample&, const History&)> sample;  ///< false: stop here, keep what there is
+  /// Between two steps, unless the last frame is done. `state` copies: call it only when it is to be kept.
+  std::function<void(const std::function<State()>& state)> between_steps = {};
 };
 
 /// Marches the paper's explicit scheme: central differences in leapfrog form,
@@ -78,7 +102,10 @@ struct Observer {
 /// its own. Throws:   SolveError: a point turned inside out, a number stopped being one, energy appeared from
 /// nowhere.
 ///           `history` then holds everything up to that moment.
+/// `from`: a state of an earlier run with the same model, loading and options; frames and samples before it
+/// are not given to `observer` again.
 void simulate(const ForceSystem& system, const Model& model, const Loading& loading,
-              const SolverOptions& options, const Observer& observer, History& history);
+              const SolverOptions& options, const Observer& observer, History& history,
+              const State* from = nullptr);
 
 }  // namespace dimple

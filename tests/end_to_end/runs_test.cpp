@@ -263,7 +263,7 @@ TEST_F(Run, TakesAMaterialForEachLabelByNumberOrName) {
 TEST_F(Run, ReplacesAnEarlierRunsResultsWholly) {
   good("run brain.nrrd -o out --nodes 500 --depth 0.5mm --rate 20mm/s --frames 9");
   EXPECT_EQ(frames_of(folder / "out" / "nodes.pvd").size(), 10u);
-  good("run brain.nrrd -o out --nodes 500 --depth 0.5mm --rate 20mm/s --frames 2");
+  good("run brain.nrrd -o out --nodes 500 --depth 0.5mm --rate 20mm/s --frames 2 --force");
   EXPECT_EQ(frames_of(folder / "out" / "nodes.pvd").size(), 3u);
   EXPECT_EQ(std::distance(fs::directory_iterator(folder / "out" / "nodes"), fs::directory_iterator()), 3);
 }
