@@ -49,13 +49,17 @@ int report(const Error& error, bool json) {
   if (!r.where.empty()) fmt::print(stderr, "  where: {}\n", r.where);
   if (!r.why.empty()) fmt::print(stderr, "  why:   {}\n", r.why);
   if (!r.remedy.empty()) fmt::print(stderr, "  try:   {}\n", r.remedy);
+  fmt::print(stderr, "  code:  {}\n", r.code);
   if (json)
-    fmt::print("{}\n",
-               nlohmann::ordered_json(
-                   {{"status", "error"},
-                    {"exit_code", static_cast<int>(error.code)},
-                    {"error", {{"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}}}})
-                   .dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+    fmt::print("{}\n", nlohmann::ordered_json({{"status", "failed"},
+                                               {"exit_code", static_cast<int>(error.code)},
+                                               {"failure",
+                                                {{"code", r.code},
+                                                 {"fact", r.fact},
+                                                 {"where", r.where},
+                                                 {"why", r.why},
+                                                 {"remedy", r.remedy}}}})
+                           .dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
   return static_cast<int>(error.code);
 }
 

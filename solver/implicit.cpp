@@ -66,6 +66,9 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
     for (const Index i : nodes) sum += f.col(i).dot(push);
     return sum;
   };
+  Guards guards(system, model, loading.duration() >= slow_load * shear_crossing_time(system.tissues(), model),
+                options.guards, history.guards);
+  double largest_external = 0.0;
   const auto record = [&](bool last) {
     const double force = reaction(model.indenter), depth = loading.rate * t;
     history.force.push_back({t, depth, force, -reaction(model.base)});
@@ -75,7 +78,12 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
     if (last || t >= next_energy) {
       next_energy = t + 1.0 / options.energy_rate;
       const double kinetic = 0.5 * (v.colwise().squaredNorm() * model.mass).value();
-      history.energy.push_back({t, depth, kinetic, system.stored_energy(u), external, dissipated});
+      double unseen = 0.0;
+      const double stored = system.stored_energy(u, &unseen);
+      history.energy.push_back({t, depth, kinetic, stored, external, dissipated});
+      largest_external = std::max(largest_external, std::abs(external));
+      guards.check(history.energy.back(), largest_external, loading.duration(), false, {t, depth, dt});
+      guards.check_unseen(unseen, stored, {t, depth, dt});
     }
     return !observer.sample || observer.sample(history.force.back(), history);
   };
@@ -119,9 +127,18 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
                              " s; smallest det F ", found.sweep.J_min, " at integration point ",
                              found.sweep.point, ", ", found.sweep.inverted, " points inside out"),
                .why = "the load is more than this cloud can follow",
-               .remedy = "use more nodes (--nodes), a smaller --depth, or --time explicit"});
+               .remedy = "use more nodes (--nodes), a smaller --depth, or --time explicit",
+               .code = "no-equilibrium"});
+        history.retries.push_back(
+            {"no-equilibrium", depth,
+             text("from ", 1e3 * loading.rate * t, " mm on in steps of ", dt, " s until the next frame")});
+        if (observer.retry) observer.retry(history.retries.back());
         continue;
       }
+      const Moment now = {to, depth, h};
+      guards.check(found.sweep, now);
+      guards.check(next, f, now);
+      if (end - to <= 1e-6 * longest) guards.check_points(found.sweep, now);
       anew = found.evaluations > many;
       for (Index i = 0; i < n; ++i) {
         const Eigen::Vector4d v_before = v.col(i);

@@ -106,8 +106,20 @@ bool ForceSystem::viscoelastic() const {
                      [](const Material& m) { return !m.prony.empty(); });
 }
 
-double ForceSystem::stored_energy(const Nodal& u) const {
-  return single_ ? single_->stored_energy(u.data()) : double_->stored_energy(u.data());
+ForceSystem::Past ForceSystem::past() const {
+  Past result;
+  if (single_) result.single_ = single_->past();
+  if (double_) result.double_ = double_->past();
+  return result;
+}
+
+void ForceSystem::restore(const Past& past) const {
+  if (single_) single_->restore(past.single_);
+  if (double_) double_->restore(past.double_);
+}
+
+double ForceSystem::stored_energy(const Nodal& u, double* unseen) const {
+  return single_ ? single_->stored_energy(u.data(), unseen) : double_->stored_energy(u.data(), unseen);
 }
 
 ForceSystem::Nodal to_nodal(const Points& values) {

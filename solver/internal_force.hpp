@@ -59,7 +59,10 @@ class ForceSystem {
 
   /// Total stored energy at u [J]. With the printed stress there is none, and this is the energy of the form
   /// above.
-  double stored_energy(const Nodal& u) const;
+  /// `unseen`: the part of it in what averaged gradients leave out (GradientVariance) [J].
+  double stored_energy(const Nodal& u, double* unseen = nullptr) const;
+  /// J - 1 of point q in the last sweep.
+  double dilation(Index q) const { return single_ ? single_->dilation(q) : double_->dilation(q); }
   /// F at every point, as [9 x Q] column-major 3x3 matrices.
   Eigen::Matrix<double, 9, Eigen::Dynamic> deformation_gradients(const Nodal& u) const;
 
@@ -69,6 +72,13 @@ class ForceSystem {
   /// A step of dt [s] of viscoelastic tissue begins, or has ended at u. Elastic tissue does not notice.
   void begin_step(double dt) const;
   void accept_step(const Nodal& u) const;
+  /// What it remembers at the end of the last accepted step, to go back to.
+  struct Past {
+    ProjectedKernel<float>::Past single_;
+    ProjectedKernel<double>::Past double_;
+  };
+  Past past() const;
+  void restore(const Past& past) const;
 
   /// Of the converging scheme: the patches' pressures as unknowns of their own. See ProjectedKernel.
   void hold_pressures(const Eigen::VectorXd& pressure) const;

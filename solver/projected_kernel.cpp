@@ -685,7 +685,7 @@ void ProjectedKernel<Real>::gather(double* f, Index first, Index last) const {
 }
 
 template <class Real>
-double ProjectedKernel<Real>::stored_energy(const double* u) {
+double ProjectedKernel<Real>::stored_energy(const double* u, double* unseen) {
   stress_sweep(u);
   double energy = 0.0;
   for (std::size_t q = 0; q < static_cast<std::size_t>(points_); ++q) {
@@ -702,6 +702,7 @@ double ProjectedKernel<Real>::stored_energy(const double* u) {
     energy += patch_volume_[b] *
               (held_.empty() ? 0.5 * bulk * e * e : held_[b] * e - 0.5 * held_[b] * held_[b] / bulk);
   }
+  const double seen = energy;
   std::vector<double> f(static_cast<std::size_t>(4 * nodes_));
   for (const Variance& v : variance_) {
     std::fill(f.begin(), f.end(), 0.0);
@@ -709,6 +710,7 @@ double ProjectedKernel<Real>::stored_energy(const double* u) {
                     material_[static_cast<std::size_t>(v.tissue)].mu, f.data(), 0, nodes_);
     for (std::size_t k = 0; k < f.size(); ++k) energy += 0.5 * f[k] * u[k];
   }
+  if (unseen) *unseen = energy - seen;
   return energy;
 }
 
@@ -765,6 +767,30 @@ void ProjectedKernel<Real>::accept(const double* u) {
       v.f0[k] = now[k];
     }
   }
+}
+
+template <class Real>
+typename ProjectedKernel<Real>::Past ProjectedKernel<Real>::past() const {
+  Past result;
+  if (plain_) return result;
+  result.history = history_;
+  for (const Variance& v : variance_) {
+    result.h.push_back(v.h);
+    result.f0.push_back(v.f0);
+  }
+  result.elapsed = elapsed_;
+  return result;
+}
+
+template <class Real>
+void ProjectedKernel<Real>::restore(const Past& past) {
+  if (plain_) return;
+  history_ = past.history;
+  for (std::size_t i = 0; i < variance_.size(); ++i) {
+    variance_[i].h = past.h[i];
+    variance_[i].f0 = past.f0[i];
+  }
+  elapsed_ = past.elapsed;
 }
 
 // A patch lies in one tissue: that of any of its points.

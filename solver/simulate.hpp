@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "solver/constraints.hpp"
+#include "solver/guards.hpp"
 #include "solver/stable_time_step.hpp"
 
 namespace dimple {
@@ -24,6 +25,7 @@ struct SolverOptions {
   double energy_rate = 20.0;         ///< of the energies [1/s]
   double tolerance = 1e-4;           ///< of static equilibrium: unbalanced force / reactions
   std::int64_t evaluations = 20000;  ///< of the force for one static equilibrium, at most
+  bool guards = true;                ///< false: only to measure what they cost
 };
 
 /// The tool at one time. Forces are components along the push, positive when tissue resists.
@@ -31,13 +33,6 @@ struct ForceSample {
   double t, depth;    ///< [s], [m]
   double force;       ///< on the circle's nodes [N]
   double base_force;  ///< on the base's nodes, with which the bed holds the body [N]
-};
-
-/// Energies at one time [J]; balance: external = kinetic + stored + dissipated.
-struct EnergySample {
-  double t, depth;
-  double kinetic, stored, external, dissipated;
-  double error() const { return external - (kinetic + stored + dissipated); }
 };
 
 /// The body at one time.
@@ -59,11 +54,14 @@ struct History {
   double residual = 0.0;  ///< largest that a static equilibrium was left with
   bool interrupted = false;
   double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction
+  std::vector<Finding> guards;
+  std::vector<Retry> retries;
 };
 
 struct Observer {
   std::function<void(const Frame&)> frame;
   std::function<bool(const ForceSample&, const History&)> sample;  ///< false: stop here, keep what there is
+  std::function<void(const Retry&)> retry;
 };
 
 /// Marches the paper's explicit scheme: central differences in leapfrog form,
@@ -75,9 +73,9 @@ struct Observer {
 ///
 /// Source:   Horton et al. 2007, sections 2.3 and 3.2.
 /// Departs:  the step is computed, and again at every frame under load; the paper does not say how it chose
-/// its own. Throws:   SolveError: a point turned inside out, a number stopped being one, energy appeared from
-/// nowhere.
-///           `history` then holds everything up to that moment.
+/// its own. Where a guard says that the number would be wrong, the march goes back to the last frame and
+/// takes smaller steps from there on; at most `most_retries` times. Throws:   SolveError: it came again.
+/// `history` then holds everything up to the last frame.
 void simulate(const ForceSystem& system, const Model& model, const Loading& loading,
               const SolverOptions& options, const Observer& observer, History& history);
 
