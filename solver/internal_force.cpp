@@ -86,6 +86,15 @@ void ForceSystem::accept_step(const Nodal& u) const {
   if (double_) double_->accept(u.data());
 }
 
+std::vector<double> ForceSystem::past() const {
+  return single_ ? single_->past() : double_->past();
+}
+
+void ForceSystem::restore_past(const std::vector<double>& past) const {
+  if (single_) single_->restore_past(past);
+  if (double_) double_->restore_past(past);
+}
+
 void ForceSystem::hold_pressures(const Eigen::VectorXd& pressure) const {
   if (single_) single_->hold(pressure);
   if (double_) double_->hold(pressure);
@@ -104,18 +113,6 @@ void ForceSystem::patch_gradients(const CompressedRows& nodes, Eigen::Matrix4Xf&
 bool ForceSystem::viscoelastic() const {
   return std::any_of(tissues_.material.begin(), tissues_.material.end(),
                      [](const Material& m) { return !m.prony.empty(); });
-}
-
-ForceSystem::Past ForceSystem::past() const {
-  Past result;
-  if (single_) result.single_ = single_->past();
-  if (double_) result.double_ = double_->past();
-  return result;
-}
-
-void ForceSystem::restore(const Past& past) const {
-  if (single_) single_->restore(past.single_);
-  if (double_) double_->restore(past.double_);
 }
 
 double ForceSystem::stored_energy(const Nodal& u, double* unseen) const {

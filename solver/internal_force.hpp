@@ -72,13 +72,10 @@ class ForceSystem {
   /// A step of dt [s] of viscoelastic tissue begins, or has ended at u. Elastic tissue does not notice.
   void begin_step(double dt) const;
   void accept_step(const Nodal& u) const;
-  /// What it remembers at the end of the last accepted step, to go back to.
-  struct Past {
-    ProjectedKernel<float>::Past single_;
-    ProjectedKernel<double>::Past double_;
-  };
-  Past past() const;
-  void restore(const Past& past) const;
+  /// All that accepted steps have left, for a state that is kept. Throws std::invalid_argument: too few
+  /// numbers.
+  std::vector<double> past() const;
+  void restore_past(const std::vector<double>& past) const;
 
   /// Of the converging scheme: the patches' pressures as unknowns of their own. See ProjectedKernel.
   void hold_pressures(const Eigen::VectorXd& pressure) const;

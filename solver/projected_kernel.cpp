@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <stdexcept>
 
 #include "preprocess/clones.hpp"
 #include "solver/inverse_cube_root.hpp"
@@ -770,27 +771,36 @@ void ProjectedKernel<Real>::accept(const double* u) {
 }
 
 template <class Real>
-typename ProjectedKernel<Real>::Past ProjectedKernel<Real>::past() const {
-  Past result;
-  if (plain_) return result;
-  result.history = history_;
-  for (const Variance& v : variance_) {
-    result.h.push_back(v.h);
-    result.f0.push_back(v.f0);
+template <class Kernel, class Visit>
+void ProjectedKernel<Real>::visit_past(Kernel& kernel, const Visit& visit) {
+  visit(&kernel.elapsed_, 1);
+  for (auto& history : kernel.history_) {
+    if (history.material.prony.empty()) continue;
+    visit(history.S0.data(), history.S0.size());
+    visit(history.H.data(), history.H.size());
   }
-  result.elapsed = elapsed_;
-  return result;
+  for (auto& v : kernel.variance_) {
+    visit(v.h.data(), static_cast<Index>(v.h.size()));
+    visit(v.f0.data(), static_cast<Index>(v.f0.size()));
+  }
 }
 
 template <class Real>
-void ProjectedKernel<Real>::restore(const Past& past) {
-  if (plain_) return;
-  history_ = past.history;
-  for (std::size_t i = 0; i < variance_.size(); ++i) {
-    variance_[i].h = past.h[i];
-    variance_[i].f0 = past.f0[i];
-  }
-  elapsed_ = past.elapsed;
+std::vector<double> ProjectedKernel<Real>::past() const {
+  std::vector<double> past;
+  visit_past(*this, [&](const double* from, Index count) { past.insert(past.end(), from, from + count); });
+  return past;
+}
+
+template <class Real>
+void ProjectedKernel<Real>::restore_past(const std::vector<double>& past) {
+  std::size_t at = 0;
+  visit_past(*this, [&](double* to, Index count) {
+    if (past.size() - at < static_cast<std::size_t>(count))
+      throw std::invalid_argument("the past of another model cannot be taken over");
+    std::copy_n(past.data() + at, count, to);
+    at += static_cast<std::size_t>(count);
+  });
 }
 
 // A patch lies in one tissue: that of any of its points.

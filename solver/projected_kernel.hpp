@@ -87,14 +87,9 @@ class ProjectedKernel {
   /// Starts a step of a viscoelastic material, dt [s]; accept() makes u the end of that step.
   void begin_step(double dt);
   void accept(const double* u);
-  /// What viscoelastic tissue remembers of its past at the end of the last accepted step.
-  struct Past {
-    std::vector<ViscousHistory> history;
-    std::vector<std::vector<double>> h, f0;
-    double elapsed = 0.0;
-  };
-  Past past() const;
-  void restore(const Past& past);
+  /// What accepted steps have left, number by number.
+  std::vector<double> past() const;
+  void restore_past(const std::vector<double>& past);
 
   /// From now on patch b has this pressure [Pa] instead of the one that its volume gives it; empty: no
   /// longer. For solvers that look for pressures and displacements together.
@@ -162,6 +157,9 @@ class ProjectedKernel {
   std::vector<Sweep> block_;
   bool backward_ = false;  // the next pass over the blocks: from the end, where the last has left its numbers
 
+  // Every place of what past() lists, in its order.
+  template <class Kernel, class Visit>
+  static void visit_past(Kernel& kernel, const Visit& visit);
   double unresolved_dilation(std::size_t q) const;
   void find_patch_bulk();
   template <class Body>
