@@ -505,8 +505,8 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
       .retry =
           [&](const Retry& retry) {
             progress.finish();
-            say(fmt::format("retry    {} of {}, at {:.3f} mm ({}): {}", history.retries.size(), most_retries,
-                            1e3 * retry.depth, retry.code, retry.what));
+            say(fmt::format("retry    {}, at {:.3f} mm ({}): {}", history.retries.size(), 1e3 * retry.depth,
+                            retry.code, retry.what));
           }};
   // What there is until then is written before a failure is passed on.
   std::exception_ptr failure;

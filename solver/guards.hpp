@@ -68,6 +68,13 @@ class Guards {
   /// `hourglass`: the part of the stored energy in what averaged gradients do not see [J]; see
   /// GradientVariance.
   void check_unseen(double unseen, double stored, const Moment& now);
+  /// `hourglass` of gradients at points, where nothing holds it: what the displacements of each point's nodes
+  /// differ from the linear field with the point's gradient,
+  ///
+  ///     sum_q V_q 3 mu/2 sum_a |u_a - mean u - H_q (X_a - mean X)|^2 / sum_a |X_a - mean X|^2
+  ///
+  /// beside the stored energy. As Ganzenmueller 2015 measures it for particles. It takes two sweeps.
+  void check_fluctuation(const ForceSystem::Nodal& u, const Moment& now);
   /// `time-step`.
   void check_step(const Moment& now) const;
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -46,7 +47,10 @@ class ForceSystem {
     Index point = -1;
     Index inverted = 0;            ///< points with J <= 0
     bool may_be_inverted = false;  ///< the energy is defined there, and a solver may pass through
-    bool ok() const { return J_min > 0.0 || (may_be_inverted && J_min <= 0.0); }
+    bool ok() const {
+      // Not J_min > 0 || (may_be_inverted && J_min <= 0): GCC 12 makes that true for what is no number.
+      return std::isfinite(J_min) && (may_be_inverted || J_min > 0.0);
+    }
   };
 
   /// f [N] = force with which the tissue resists displacement u [m]: the gradient of the stored energy. f

@@ -25,8 +25,9 @@ namespace {
 using Nodal = ForceSystem::Nodal;
 using Kind = Constraints::Kind;
 
-constexpr int between_kinetic = 25;  // steps
-constexpr double smaller = 0.6;      // step, each time that a guard sends the march back
+constexpr int between_kinetic = 25;                 // steps
+constexpr std::int64_t between_fluctuations = 200;  // steps
+constexpr double smaller = 0.6;                     // step, each time that a guard sends the march back
 
 // All that one step leaves to the next.
 struct State {
@@ -67,7 +68,8 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
   double& previous_dt = state.dt_before;
   double& reached = state.depth;  // depth at which the driven nodes are
   bool stopped = false;
-  int observed = -1;  // frames
+  int observed = -1;        // frames
+  std::int64_t looked = 0;  // steps until check_fluctuation()
   Guards guards(system, model, duration >= slow_load * shear_crossing_time(system.tissues(), model),
                 options.guards, history.guards);
 
@@ -206,6 +208,10 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
     const bool last = stopped || state.frame + 1 == options.frames;
     if (!stopped) {
       guards.check(u, f, end);
+      if (last || history.steps - looked >= between_fluctuations) {
+        guards.check_fluctuation(u, end);
+        looked = history.steps;
+      }
       if (options.guards || !last) next_stable = stable_step();
       guards.check_step({end.t, end.depth, previous_dt, next_stable});
     }
@@ -247,14 +253,16 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
       if (options.guards) kept = keep();
     } catch (const SolveError& error) {
       if (!options.guards) throw;
+      const bool smaller_steps_help = error.report.code != "hourglass";
       const double depth = previous_depth, safety = state.safety;
       go_back(kept);
-      if (history.retries.size() == most_retries) {
+      if (history.retries.size() == most_retries || !smaller_steps_help) {
         // The curve ends at the last frame.
         if (viscoelastic) system.begin_step(previous_dt);
         system.internal_force(u, f);
         history.force.push_back(
             {reached / loading.rate, reached, reaction(model.indenter), -reaction(model.base)});
+        if (!smaller_steps_help) throw;
         throw after_retries(error, text("steps down to ", safety, " of the stable one"));
       }
       state.safety = std::min(0.9, smaller * safety);

@@ -61,7 +61,7 @@ struct History {
 struct Observer {
   std::function<void(const Frame&)> frame;
   std::function<bool(const ForceSample&, const History&)> sample;  ///< false: stop here, keep what there is
-  std::function<void(const Retry&)> retry;
+  std::function<void(const Retry&)> retry = {};
 };
 
 /// Marches the paper's explicit scheme: central differences in leapfrog form,

@@ -72,7 +72,7 @@ TEST(ModelGuard, FindsSupportsThatLieNearlyInAPlane) {
 
 TEST(ModelGuard, RefusesGradientsThatAreWrong) {
   const Model model = block(4);
-  const SupportReport wrong = {.linear_error = 1e-3, .fewest_at = 0, .worst_pivot_at = 5};
+  const SupportReport wrong = {.fewest_at = 0, .worst_pivot_at = 5, .linear_error = 1e-3};
   const Report report = report_of<ModelError>([&] { check_model(model, wrong, 1e-3); });
   expect_whole(report, "conditioning");
   EXPECT_THAT(report.where, HasSubstr("point 5"));
@@ -231,18 +231,24 @@ TEST_F(StateGuard, SeesABodyThatSwingsWhereTheAnswerShouldBeStatic) {
   EXPECT_TRUE(none.empty());
 }
 
-// Random displacements of nodes, as of a cloud that hourglasses: means over cells hardly see them.
+// Up and down from node to node of a lattice whose cells are those of the integration: no mean gradient sees
+// it.
 TEST_F(StateGuard, SeesEnergyInModesThatMeanGradientsDoNotSee) {
-  double unseen = 0.0, stored = system.stored_energy(affine(model, 1.01 * Mat3::Identity()), &unseen);
+  const Model lattice = averaged_block(5, 0.0, 1.0);
+  const ForceSystem own(lattice, brain);
+  Guards watch(own, lattice, true, true, findings);
+  double unseen = 0.0, stored = own.stored_energy(affine(lattice, 1.01 * Mat3::Identity()), &unseen);
   EXPECT_LT(unseen, 1e-6 * stored);  // no linear field has any
-  // Up and down from node to node of the lattice.
-  for (Index a = 0; a < model.node_count(); ++a) {
-    const double h = model.spacing[a];
-    const Vec3 cell = (model.X.col(a) / h).array().round();
-    u(0, a) = 0.01 * h * (static_cast<int>(cell.sum()) % 2 == 0 ? 1.0 : -1.0);
+  watch.check_unseen(unseen, stored, now);
+  EXPECT_TRUE(findings.empty());
+  Nodal checkers = Nodal::Zero(4, lattice.node_count());
+  for (Index a = 0; a < lattice.node_count(); ++a) {
+    const double h = lattice.spacing[a];
+    const Vec3 cell = (lattice.X.col(a) / h).array().round();
+    checkers(0, a) = 0.05 * h * (static_cast<int>(cell.sum()) % 2 == 0 ? 1.0 : -1.0);
   }
-  stored = system.stored_energy(u, &unseen);
-  guards.check_unseen(unseen, stored, now);
+  stored = own.stored_energy(checkers, &unseen);
+  watch.check_unseen(unseen, stored, now);
   const Finding* found = finding(findings, "hourglass");
   ASSERT_NE(found, nullptr) << unseen << " of " << stored;
   expect_whole(found->report, "hourglass");
@@ -259,13 +265,13 @@ TEST_F(StateGuard, SeesATimeStepAboveTheStableOne) {
 
 // ------------------------------------------------------------------------------------------- recovery
 
-const Loading push = {.depth = 2e-3, .rate = 10e-3};
+const Loading push = {.depth = 1e-3, .rate = 5e-3};
 
 TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShortOne) {
   const Model model = block(5);
   const ForceSystem system(model, tissue);
   History undisturbed;
-  simulate(system, model, push, {.safety = 0.5, .frames = 4}, {}, undisturbed);
+  simulate(system, model, push, {.damping = 60.0, .frames = 4}, {}, undisturbed);
   EXPECT_TRUE(undisturbed.retries.empty());
   for (const double safety : {1.05, 2.0}) {
     History history;
@@ -273,7 +279,7 @@ TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShort
     const Observer observer = {.frame = {}, .sample = {}, .retry = [&](const Retry&) {
                                  if (steps < 0) steps = history.steps;
                                }};
-    simulate(system, model, push, {.safety = safety, .frames = 4}, observer, history);
+    simulate(system, model, push, {.safety = safety, .damping = 60.0, .frames = 4}, observer, history);
     ASSERT_FALSE(history.retries.empty()) << safety;
     EXPECT_LE(history.retries.size(), static_cast<std::size_t>(most_retries));
     EXPECT_EQ(history.retries.front().code, "time-step");
@@ -287,11 +293,11 @@ TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShort
 
 // So deep in one segment that its step, stable at rest, is not at the end.
 TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
-  const Model model = block(5);
+  const Model model = block(8);
   const ForceSystem system(model, tissue);
   const Loading deep = {.depth = 8e-3, .rate = 40e-3};
   History undisturbed;
-  simulate(system, model, deep, {.safety = 0.3, .frames = 2}, {}, undisturbed);
+  simulate(system, model, deep, {.safety = 0.3, .damping = 60.0, .frames = 2}, {}, undisturbed);
   ASSERT_TRUE(undisturbed.retries.empty());
   std::vector<History> histories;
   for (const std::size_t threads : {1, 2, 3}) {
@@ -300,7 +306,7 @@ TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
     std::vector<int> frames;
     const Observer observer = {
         .frame = [&](const Frame& frame) { frames.push_back(frame.number); }, .sample = {}, .retry = {}};
-    simulate(system, model, deep, {.safety = 0.999, .frames = 2}, observer, history);
+    simulate(system, model, deep, {.damping = 60.0, .frames = 2}, observer, history);
     ASSERT_FALSE(history.retries.empty());
     EXPECT_THAT(history.retries.front().code,
                 testing::AnyOf("time-step", "energy", "inverted", "non-finite"));
@@ -314,6 +320,34 @@ TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
       EXPECT_EQ(history.force[k].force, histories[0].force[k].force);
     EXPECT_EQ(history.retries.size(), histories[0].retries.size());
   }
+}
+
+// Supports so wide, and points so few, that the circle's nodes move on alone.
+TEST(Recovery, IsNotTriedForModesThatNothingResists) {
+  const Model model = block(8, 0.2, 1.15, {.radius_factor = 2.5});
+  const ForceSystem system(model, tissue);
+  History history;
+  const Report report = report_of<SolveError>([&] {
+    simulate(system, model, {.depth = 12e-3, .rate = 40e-3}, {.damping = 60.0, .frames = 6}, {}, history);
+  });
+  expect_whole(report, "hourglass");
+  EXPECT_THAT(report.fact, HasSubstr("times the stored energy"));
+  EXPECT_THAT(report.remedy, HasSubstr("grid.ratio"));
+  EXPECT_THAT(report.why, testing::Not(HasSubstr("retries")));
+  const Finding* found = finding(history.guards, "hourglass");  // it was said before
+  ASSERT_NE(found, nullptr);
+  expect_whole(found->report, "hourglass");
+}
+
+TEST(Recovery, IsOfNoUseOnceTheToolHasPassedTheBody) {
+  const Model model = block(5);
+  const ForceSystem system(model, tissue);
+  History history;
+  const Report report = report_of<SolveError>([&] {
+    simulate(system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 4}, {}, history);  // thrice its height
+  });
+  expect_whole(report, "inverted");
+  EXPECT_LT(history.force.back().depth, 20e-3);
 }
 
 TEST(Recovery, RemembersWhatViscoelasticTissueRemembered) {
@@ -338,7 +372,7 @@ TEST(Recovery, RemembersWhatViscoelasticTissueRemembered) {
 }
 
 TEST(Recovery, EndsInAFailureThatSaysHowOftenItWasTried) {
-  const Model model = block(5);
+  const Model model = block(6, 0.2, 2.2);
   const ForceSystem system(model, tissue);
   History history;
   int last_frame = -1;
@@ -354,12 +388,13 @@ TEST(Recovery, EndsInAFailureThatSaysHowOftenItWasTried) {
     simulate(system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 8}, observer,
              history);  // thrice its height
   });
-  EXPECT_THAT(report.code, testing::AnyOf("time-step", "energy", "inverted", "non-finite"));
+  EXPECT_THAT(report.code, testing::AnyOf("inverted", "time-step"));
   EXPECT_THAT(report.why, HasSubstr("3 retries"));
   EXPECT_EQ(history.retries.size(), static_cast<std::size_t>(most_retries));
   EXPECT_GE(last_frame, 0);
   for (const ForceSample& s : history.force) EXPECT_TRUE(std::isfinite(s.force));
-  if (!history.force.empty()) EXPECT_LE(history.force.back().depth, last_depth + 7.5e-3);
+  ASSERT_FALSE(history.force.empty());
+  EXPECT_NEAR(history.force.back().depth, last_depth, 1e-12);
 }
 
 TEST(Recovery, FindsAnEquilibriumByShorterStepsOfTheLoad) {
