@@ -113,7 +113,12 @@ std::vector<Finding> check_model(const Model& model, const SupportReport& suppor
 
 Guards::Guards(const ForceSystem& system, const Model& model, bool static_answer, bool on,
                std::vector<Finding>& findings)
-    : system_(system), model_(model), static_answer_(static_answer), on_(on), findings_(findings) {}
+    : system_(system),
+      model_(model),
+      static_answer_(static_answer),
+      on_(on),
+      findings_(findings),
+      beneath_((model.X.transpose() * model.tool.push).maxCoeff() - model.tool.centre.dot(model.tool.push)) {}
 
 // One of each code; `worst` grows away from what is good in its own direction, so the later one with the
 // larger excursion wins. J_min is the only one that falls.
@@ -146,6 +151,13 @@ void Guards::check(const ForceSystem::Sweep& sweep, const Moment& now) const {
 }
 
 void Guards::check(const Nodal& u, const Nodal& f, const Moment& now) const {
+  if (on_ && now.depth >= beneath_)
+    throw SolveError({.fact = text("the tool has passed the far side of the body, ", 1e3 * beneath_,
+                                   " mm beneath the circle: what lies between is inside out"),
+                      .where = moment(now),
+                      .why = "the load is deeper than the body; integration points need not see it",
+                      .remedy = "use a smaller --depth",
+                      .code = "inverted"});
   if (!on_ || (std::isfinite(u.sum()) && std::isfinite(f.sum()))) return;
   for (Index a = 0; a < u.cols(); ++a)
     for (int i = 0; i < 3; ++i)
@@ -180,15 +192,6 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
       furthest = q;
     }
   }
-  if (const double beneath =
-          (model_.X.transpose() * model_.tool.push).maxCoeff() - model_.tool.centre.dot(model_.tool.push);
-      now.depth >= beneath)
-    throw SolveError({.fact = text("the tool has passed the far side of the body, ", 1e3 * beneath,
-                                   " mm beneath the circle: what lies between is inside out"),
-                      .where = moment(now),
-                      .why = "the load is deeper than the body; integration points need not see it",
-                      .remedy = "use a smaller --depth",
-                      .code = "inverted"});
   if (const double share = inverted_volume / whole; inverted > 0) {
     const Vec3 x = model_.point.col(sweep.point);
     Report report = {

@@ -55,7 +55,7 @@ class Guards {
 
   /// Of a sweep: `non-finite`, and `inverted` where the energy has no meaning there. Costs nothing.
   void check(const ForceSystem::Sweep& sweep, const Moment& now) const;
-  /// Every component of every node: `non-finite`.
+  /// Every component of every node: `non-finite`; and `inverted`, where the tool has come out of the body.
   void check(const ForceSystem::Nodal& u, const ForceSystem::Nodal& f, const Moment& now) const;
   /// Points after the last sweep, which must have been at an accepted state: `inverted`, `volume`.
   void check_points(const ForceSystem::Sweep& sweep, const Moment& now);
@@ -83,6 +83,7 @@ class Guards {
   const Model& model_;
   bool static_answer_, on_;
   std::vector<Finding>& findings_;
+  double beneath_;  // the circle, as far as the body reaches [m]
 
   void find(Finding finding);
 };

@@ -158,7 +158,6 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
       history.J_min = std::min(history.J_min, sweep.J_min);
       history.inverted = std::max(history.inverted, sweep.inverted);
       guards.check(sweep, now);
-      if (s == 0) guards.check_points(sweep, now);
 
       const double kick = 0.5 * (previous_dt > 0.0 ? previous_dt + dt : dt);
       const double keep = (1.0 - 0.5 * options.damping * kick) / (1.0 + 0.5 * options.damping * kick);
@@ -215,10 +214,12 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
       if (options.guards || !last) next_stable = stable_step();
       guards.check_step({end.t, end.depth, previous_dt, next_stable});
     }
-    if (last) {
-      const ForceSystem::Sweep sweep = system.internal_force(u, f);
+    if (last || options.guards) {
+      const ForceSystem::Sweep sweep = last ? system.internal_force(u, f) : system.stress_sweep(u);
       guards.check(sweep, end);
       guards.check_points(sweep, end);
+    }
+    if (last) {
       record(end, true);
       frame(options.frames, end);
     }
