@@ -202,7 +202,7 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
 
   // The segment that was marched through, looked at from its end; then the next begins.
   const auto finish_segment = [&] {
-    const Moment end = {reached / loading.rate, reached, previous_dt, 0.0};
+    const Moment end = {reached / loading.rate, reached, previous_dt, state.dt_stable};
     double next_stable = state.dt_stable;
     const bool last = stopped || state.frame + 1 == options.frames;
     if (!stopped) {
