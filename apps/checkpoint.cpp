@@ -27,7 +27,7 @@ concept Like = std::same_as<std::remove_const_t<T>, Of>;
 template <class Archive, Like<History> T>
 void members(Archive& io, T& history) {
   auto& [force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
-         residual, interrupted, momentum_error] = history;
+         residual, interrupted, momentum_error, guards, retries] = history;
   io("force", force);
   io("energy", energy);
   io("steps", steps);
@@ -40,6 +40,33 @@ void members(Archive& io, T& history) {
   io("residual", residual);
   io("interrupted", interrupted);
   io("momentum_error", momentum_error);
+  io("guards", guards);
+  io("retries", retries);
+}
+
+template <class Archive, Like<Report> T>
+void members(Archive& io, T& report) {
+  auto& [fact, where, why, remedy, code] = report;
+  io("fact", fact);
+  io("where", where);
+  io("why", why);
+  io("remedy", remedy);
+  io("code", code);
+}
+
+template <class Archive, Like<Finding> T>
+void members(Archive& io, T& finding) {
+  auto& [report, worst] = finding;
+  io("report", report);
+  io("worst", worst);
+}
+
+template <class Archive, Like<Retry> T>
+void members(Archive& io, T& retry) {
+  auto& [code, depth, what] = retry;
+  io("code", code);
+  io("depth", depth);
+  io("what", what);
 }
 
 template <class Archive, Like<Path::State> T>
@@ -65,9 +92,9 @@ void members(Archive& io, T& memory) {
 
 template <class Archive, Like<State> T>
 void members(Archive& io, T& state) {
-  auto& [frame, step, steps, t, dt, dt_before, dt_stable, depth, depth_before, force_before,
-         force_before_that, external, dissipated, next_sample, next_energy, largest_reaction,
-         largest_external, anew, u, v, a, f, lambda, path, mixed, past, history] = state;
+  auto& [frame, step, steps, t, dt, dt_before, dt_stable, depth, depth_before, force_before, external,
+         dissipated, next_sample, next_energy, largest_reaction, largest_external, safety, longest, looked,
+         anew, depths, forces, u, v, a, f, lambda, path, mixed, past, history] = state;
   io("frame", frame);
   io("step", step);
   io("steps", steps);
@@ -78,14 +105,18 @@ void members(Archive& io, T& state) {
   io("depth", depth);
   io("depth_before", depth_before);
   io("force_before", force_before);
-  io("force_before_that", force_before_that);
   io("external", external);
   io("dissipated", dissipated);
   io("next_sample", next_sample);
   io("next_energy", next_energy);
   io("largest_reaction", largest_reaction);
   io("largest_external", largest_external);
+  io("safety", safety);
+  io("longest", longest);
+  io("looked", looked);
   io("anew", anew);
+  io("depths", depths);
+  io("forces", forces);
   io("u", u);
   io("v", v);
   io("a", a);
@@ -110,6 +141,9 @@ void members(Archive& io, T& checkpoint) {
 }
 
 template <class T>
+constexpr bool is_list = std::is_same_v<T, std::deque<Path::State>> ||
+                         std::is_same_v<T, std::vector<Finding>> || std::is_same_v<T, std::vector<Retry>>;
+template <class T>
 constexpr bool is_matrix = std::is_base_of_v<Eigen::EigenBase<T>, T>;
 template <class T>
 constexpr bool is_plain = std::is_arithmetic_v<T> || std::is_same_v<T, std::string> ||
@@ -131,9 +165,9 @@ struct Writer {
     } else if constexpr (is_matrix<T>) {
       json[key] = {value.rows(), value.cols(),
                    bytes_of(value.data(), sizeof(*value.data()) * static_cast<std::size_t>(value.size()))};
-    } else if constexpr (std::is_same_v<T, std::deque<Path::State>>) {
+    } else if constexpr (is_list<T>) {
       json[key] = Json::array();
-      for (const Path::State& item : value) {
+      for (const auto& item : value) {
         Writer inner;
         members(inner, item);
         json[key].push_back(std::move(inner.json));
@@ -166,7 +200,7 @@ struct Reader {
         throw std::runtime_error(fmt::format("{} has not the size that it states", key));
       value.resize(rows, cols);
       if (!data.empty()) std::memcpy(value.data(), data.data(), data.size());
-    } else if constexpr (std::is_same_v<T, std::deque<Path::State>>) {
+    } else if constexpr (is_list<T>) {
       for (const Json& item : from) {
         Reader inner{item};
         members(inner, value.emplace_back());

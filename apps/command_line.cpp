@@ -50,14 +50,18 @@ int report(const Error& error, bool json) {
   if (!r.where.empty()) text += fmt::format("  where: {}\n", r.where);
   if (!r.why.empty()) text += fmt::format("  why:   {}\n", r.why);
   if (!r.remedy.empty()) text += fmt::format("  try:   {}\n", r.remedy);
+  text += fmt::format("  code:  {}\n", r.code);
   std::fputs(text.c_str(), stderr);  // fmt::print throws where stderr is a full disk
   if (json)
-    fmt::print("{}\n",
-               nlohmann::ordered_json(
-                   {{"status", "error"},
-                    {"exit_code", static_cast<int>(error.code)},
-                    {"error", {{"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}}}})
-                   .dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+    fmt::print("{}\n", nlohmann::ordered_json({{"status", "failed"},
+                                               {"exit_code", static_cast<int>(error.code)},
+                                               {"failure",
+                                                {{"code", r.code},
+                                                 {"fact", r.fact},
+                                                 {"where", r.where},
+                                                 {"why", r.why},
+                                                 {"remedy", r.remedy}}}})
+                           .dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
   return static_cast<int>(error.code);
 }
 

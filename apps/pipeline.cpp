@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <exception>
 #include <nlohmann/json.hpp>
 
 #include "apps/checkpoint.hpp"
@@ -333,7 +334,13 @@ Json counts_json(const Model& model) {
 }
 
 Json report_json(const Report& r) {
-  return {{"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
+  return {{"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
+}
+
+// On one line, beside the others of a run that goes on.
+std::string in_words(const Finding& finding) {
+  const Report& r = finding.report;
+  return fmt::format("{} ({}); {}; try: {} [{}]", r.fact, r.where, r.why, r.remedy, r.code);
 }
 
 std::string describe(const Tissues& tissues, std::size_t t) {
@@ -378,7 +385,7 @@ TimeMode choose_time(const Config& config, const Model& model, const Tissues& ti
   if (asked == "quasi-static") return TimeMode::quasi_static;
   if (asked == "explicit" || !is_converging) return TimeMode::explicit_;
   const double waves = loading_of(config).duration() / shear_crossing_time(tissues, model);
-  const bool slow = waves >= 8.0;
+  const bool slow = waves >= slow_load;
   const TimeMode mode = !slow             ? TimeMode::explicit_
                         : asked == "auto" ? TimeMode::quasi_static
                                           : TimeMode::dynamic;
@@ -492,6 +499,8 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
          .why = "the tool would come out on the other side",
          .remedy = "give a smaller --depth, or another place with --indent-at"});
   const SolverOptions options = solver_options(config);
+  std::vector<Finding> findings = check_model(model, support, loading.depth);
+  for (const Finding& finding : findings) warn(in_words(finding));
   for (std::size_t t = 0; t < tissues.material.size(); ++t) say(describe(tissues, t));
   const TimeMode mode = choose_time(config, model, tissues, is_converging);
   const bool quasi_static = mode == TimeMode::quasi_static;
@@ -556,22 +565,33 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
             since_kept = {};
             keeping_s = writing.seconds();
             writing_s += keeping_s;
+          },
+      .retry =
+          [&](const Retry& retry) {
+            progress.finish();
+            say(fmt::format("retry    {}, at {:.3f} mm ({}): {}", history.retries.size(), 1e3 * retry.depth,
+                            retry.code, retry.what));
           }};
-  std::optional<SolveError> failure;
+  // What there is until then is written before a failure is passed on.
+  std::exception_ptr failure;
+  Report reason;
   try {
     solve_by(mode, system, model, loading, options, observer, history,
              in.resumed ? &in.resumed->state : nullptr);
-  } catch (const SolveError& error) {
-    failure = error;
+  } catch (const Error& error) {
+    failure = std::current_exception();
+    reason = error.report;
   }
   progress.finish();
+  for (const Finding& finding : history.guards) warn(in_words(finding));
+  findings.insert(findings.end(), history.guards.begin(), history.guards.end());
   const double solve_s = solve_s_before + solving.seconds() - writing_s;
   writing_s += writing_s_before;
   writer.tables(history);
 
   Outcome outcome;
   outcome.interrupted = history.interrupted;
-  const std::string status = failure ? "failed" : history.interrupted ? "interrupted" : "ok";
+  const std::string status = failure ? "failed" : history.interrupted ? "interrupted" : "finished";
   const double reached = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
   const double force = history.force.empty() ? 0.0 : history.force.back().force;
   const double evaluations = static_cast<double>(history.steps + history.extra_evaluations);
@@ -583,7 +603,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
 
   Json& summary = in.summary;
   summary["status"] = status;
-  if (failure) summary["error"] = report_json(failure->report);
+  if (failure) summary["failure"] = report_json(reason);
   summary["version"] = DIMPLE_VERSION;
   summary["scheme"] = in.files.scheme;
   summary["time"] = quasi_static ? "quasi-static" : mode == TimeMode::dynamic ? "dynamic" : "explicit";
@@ -620,6 +640,15 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   summary["real_time_factor"] = solve_s > 0.0 ? reached / config.load.rate_mm_per_s / solve_s : 0.0;
   summary["threads"] = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
   summary["warnings"] = in.warnings;
+  summary["guards"] = Json::array();
+  for (const Finding& finding : findings) {
+    Json entry = report_json(finding.report);
+    entry["worst"] = finding.worst;
+    summary["guards"].push_back(entry);
+  }
+  summary["retries"] = Json::array();
+  for (const Retry& retry : history.retries)
+    summary["retries"].push_back({{"code", retry.code}, {"at_mm", 1e3 * retry.depth}, {"what", retry.what}});
   outcome.summary_json = summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
   write_file(folder / "config.resolved.toml", to_toml(config, in.notes));
 
@@ -635,15 +664,10 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
           "time",
           history.steps, 1e6 * history.dt_first, 1e6 * history.dt_stable_first,
           summary["ms_per_step"].get<double>(), solve_s, summary["real_time_factor"].get<double>()));
-    writer.overview(
-        history,
-        fmt::format("{}: {}{}", in.subject, outcome.headline, status == "ok" ? "" : " (" + status + ")"),
-        in.facts);
-    if (history.inverted > 0)
-      say(fmt::format(
-          "note     {} of {} points are inside out at the end, smallest det F {:.2f}: the strain at a sharp "
-          "rim is unbounded",
-          history.inverted, model.point_count(), history.J_min));
+    writer.overview(history,
+                    fmt::format("{}: {}{}", in.subject, outcome.headline,
+                                status == "finished" ? "" : " (" + status + ")"),
+                    in.facts);
     if (quasi_static)
       say(fmt::format(
           "done     {} force evaluations, {:.3f} ms each; {:.1f} s wall; unbalanced {:.1e} of the reactions, "
@@ -664,7 +688,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
     std::error_code ignored;
     fs::remove(folder / checkpoint_file, ignored);
   }
-  if (failure) throw *failure;
+  if (failure) std::rethrow_exception(failure);
   return outcome;
 }
 

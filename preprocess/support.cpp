@@ -400,12 +400,16 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
              .why = "the cloud is too sparse or too flat there",
              .remedy = fmt::format("raise support.radius_factor from {:.2f}, or ask for more nodes "
                                    "(--nodes) or a linear basis",
-                                   options.effective_radius_factor())});
+                                   options.effective_radius_factor()),
+             .code = s.failed_nodes < 2 * (options.basis == Basis::linear ? 4u : 10u) ? "supports"
+                                                                                      : "conditioning"});
       }
       model.support.offset[q + 1] = model.support.offset[q] + static_cast<int>(n);
 
       report.grown += s.grown;
       report.largest_growth = std::max(report.largest_growth, s.largest_growth);
+      if (n < report.fewest) report.fewest_at = q;
+      if (s.worst_pivot_ratio < report.worst_pivot_ratio) report.worst_pivot_at = q;
       report.fewest = std::min(report.fewest, n);
       report.most = std::max(report.most, n);
       report.worst_pivot_ratio = std::min(report.worst_pivot_ratio, s.worst_pivot_ratio);

@@ -82,6 +82,9 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
     for (const Index i : nodes) sum += f.col(i).dot(push);
     return sum;
   };
+  Guards guards(system, model, loading.duration() >= slow_load * shear_crossing_time(system.tissues(), model),
+                options.guards, history.guards);
+  double largest_external = 0.0;
   const auto record = [&](bool last) {
     const double force = reaction(model.indenter), depth = loading.rate * t;
     history.force.push_back({t, depth, force, -reaction(model.base)});
@@ -91,7 +94,12 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
     if (last || t >= next_energy) {
       next_energy = t + 1.0 / options.energy_rate;
       const double kinetic = 0.5 * (v.colwise().squaredNorm() * model.mass).value();
-      history.energy.push_back({t, depth, kinetic, system.stored_energy(u), external, dissipated});
+      double unseen = 0.0;
+      const double stored = system.stored_energy(u, &unseen);
+      history.energy.push_back({t, depth, kinetic, stored, external, dissipated});
+      largest_external = std::max(largest_external, std::abs(external));
+      guards.check(history.energy.back(), largest_external, loading.duration(), false, {t, depth, dt});
+      guards.check_unseen(unseen, stored, {t, depth, dt});
     }
     return !observer.sample || observer.sample(history.force.back(), history);
   };
@@ -125,18 +133,13 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
       throw SolveError({.fact = "a time step did not converge, and no stable one was found",
                         .where = text("solver, t = ", t, " s, indentation ", loading.rate * t * 1e3, " mm"),
                         .why = "the load is more than this cloud can follow",
-                        .remedy = "use more nodes (--nodes) or a smaller --depth"});
+                        .remedy = "use more nodes (--nodes) or a smaller --depth",
+                        .code = "no-equilibrium"});
     const auto count = static_cast<std::int64_t>(std::ceil((to - t) / (of_stable_step * stable.dt)));
     const double h = (to - t) / static_cast<double>(count), start = t;
     const auto accelerate = [&] {
       const ForceSystem::Sweep sweep = system.internal_force(u, f);
-      if (!sweep.ok())
-        throw SolveError(
-            {.fact = text("the displacement is no longer a number at integration point ", sweep.point),
-             .where =
-                 text("solver, t = ", t, " s, indentation ", loading.rate * t * 1e3, " mm, step ", h, " s"),
-             .why = "the load is more than this cloud can follow",
-             .remedy = "use more nodes (--nodes) or a smaller --depth"});
+      guards.check(sweep, {t, loading.rate * t, h, stable.dt});
       history.J_min = std::min(history.J_min, sweep.J_min);
       history.inverted = std::max(history.inverted, sweep.inverted);
       for (Index i = 0; i < n; ++i)
@@ -200,12 +203,19 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
           dt = std::max(0.5 * h, shorter * longest);
           continue;
         }
-        const double start = t;
-        march(std::min(t + longest, end));
+        const double start = t, until = std::min(t + longest, end);
+        history.retries.push_back({"no-equilibrium", loading.rate * t,
+                                   text("by central differences to ", 1e3 * loading.rate * until, " mm")});
+        if (observer.retry) observer.retry(history.retries.back());
+        march(until);
         dt = shorter * longest;  // the next is tried carefully
         stopped = !arrive(frame, end, t - start);
         continue;
       }
+      const Moment now = {to, depth, h};
+      guards.check(found.sweep, now);
+      guards.check(next, f, now);
+      if (end - to <= 1e-6 * longest) guards.check_points(found.sweep, now);
       anew = found.evaluations > many;
       for (Index i = 0; i < n; ++i) {
         const Eigen::Vector4d v_before = v.col(i);

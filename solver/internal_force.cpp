@@ -115,8 +115,8 @@ bool ForceSystem::viscoelastic() const {
                      [](const Material& m) { return !m.prony.empty(); });
 }
 
-double ForceSystem::stored_energy(const Nodal& u) const {
-  return single_ ? single_->stored_energy(u.data()) : double_->stored_energy(u.data());
+double ForceSystem::stored_energy(const Nodal& u, double* unseen) const {
+  return single_ ? single_->stored_energy(u.data(), unseen) : double_->stored_energy(u.data(), unseen);
 }
 
 ForceSystem::Nodal to_nodal(const Points& values) {

@@ -792,7 +792,7 @@ void ProjectedKernel<Real>::gather(double* f, Index first, Index last) const {
 }
 
 template <class Real>
-double ProjectedKernel<Real>::stored_energy(const double* u) {
+double ProjectedKernel<Real>::stored_energy(const double* u, double* unseen) {
   stress_sweep(u);
   std::vector<double> of_block(block_.size(), 0.0);  // summed up in their order, whoever made them
   over_blocks([&](Index block, Index first, Index last) {
@@ -812,6 +812,7 @@ double ProjectedKernel<Real>::stored_energy(const double* u) {
     energy += patch_volume_[b] *
               (held_.empty() ? 0.5 * bulk * e * e : held_[b] * e - 0.5 * held_[b] * held_[b] / bulk);
   }
+  const double seen = energy;
   std::vector<double> f(static_cast<std::size_t>(4 * nodes_));
   for (const Variance& v : variance_) {
     std::fill(f.begin(), f.end(), 0.0);
@@ -819,6 +820,7 @@ double ProjectedKernel<Real>::stored_energy(const double* u) {
                     material_[static_cast<std::size_t>(v.tissue)].mu, f.data(), 0, nodes_);
     for (std::size_t k = 0; k < f.size(); ++k) energy += 0.5 * f[k] * u[k];
   }
+  if (unseen) *unseen = energy - seen;
   return energy;
 }
 

@@ -82,7 +82,7 @@ class ProjectedKernel {
   Sweep stress_sweep(const double* u);
   /// f [4xN] N for nodes [first, last).
   void gather(double* f, Index first, Index last) const;
-  double stored_energy(const double* u);
+  double stored_energy(const double* u, double* unseen = nullptr);
 
   /// Starts a step of a viscoelastic material, dt [s]; accept() makes u the end of that step.
   void begin_step(double dt);
@@ -99,6 +99,7 @@ class ProjectedKernel {
   /// [4 x nodes.member] dJ_b / du_a, patch by patch [1/m].
   void patch_gradients(const CompressedRows& nodes, Eigen::Matrix4Xf& gradient) const;
 
+  double dilation(Index q) const { return static_cast<double>(dilation_[static_cast<std::size_t>(q)]); }
   Mat3 deformation_gradient(Index q) const;  ///< of the last stress_sweep
   Mat3 stress(Index q) const;                ///< first Piola-Kirchhoff [Pa], of the last stress_sweep
 

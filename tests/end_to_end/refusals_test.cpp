@@ -212,10 +212,10 @@ TEST_F(Refusal, IsValidJsonForThoseWhoAskForIt) {
   const Ran ran = dimple(folder, "run brain.nrrd -o out --label 7 --json");
   EXPECT_EQ(ran.code, 3);
   const auto json = nlohmann::json::parse(ran.out);
-  EXPECT_EQ(json.at("status"), "error");
+  EXPECT_EQ(json.at("status"), "failed");
   EXPECT_EQ(json.at("exit_code"), 3);
-  for (const char* part : {"fact", "where", "why", "remedy"})
-    EXPECT_FALSE(json.at("error").at(part).get<std::string>().empty()) << part;
+  for (const char* part : {"code", "fact", "where", "why", "remedy"})
+    EXPECT_FALSE(json.at("failure").at(part).get<std::string>().empty()) << part;
 }
 
 }  // namespace
