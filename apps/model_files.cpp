@@ -50,6 +50,8 @@ PointFile read_points(const fs::path& file) {
     refuse(file, fmt::format("'{}' is neither .vtu nor .csv", file.filename().string()),
            "the suffix says what a list of locations is", "give nodes and points as .vtu or .csv");
   const Table table = read_csv(file);
+  if (table.rows() == 0)
+    refuse(file, "the list is empty", "it has a header and no rows", "give at least a few hundred locations");
   PointFile points;
   points.position_mm.resize(3, static_cast<Index>(table.rows()));
   const std::array<const char*, 3> axes = {"x_mm", "y_mm", "z_mm"};
@@ -61,8 +63,6 @@ PointFile read_points(const fs::path& file) {
     points.position_mm.row(d) =
         Eigen::Map<const Eigen::RowVectorXd>(column->data(), points.position_mm.cols());
   }
-  if (table.rows() == 0)
-    refuse(file, "the list is empty", "it has a header and no rows", "give at least a few hundred locations");
   for (const auto& [csv, name] :
        {std::pair{"spacing_mm", "spacing"}, {"node_set", "node_set"}, {"volume_mm3", "volume"}})
     if (const auto* column = table.find(csv))

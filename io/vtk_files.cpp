@@ -289,11 +289,12 @@ std::string fatal_flaw(const std::string& content, const std::string& kind) {
   if (!std::regex_search(content.substr(0, 65536), std::regex(fmt::format("<{}[ >\\r\\n\\t]", kind))))
     return fmt::format("its element <{}> is missing", kind);
   static const std::regex known(R"([ \r\n\t]type *= *["'](U?Int(8|16|32|64)|Float(32|64)|Bit)["'])");
-  for (std::size_t at = 0; (at = content.find("<DataArray", at)) != std::string::npos; ++at) {
-    const std::string element = content.substr(at, std::min(content.find('>', at) - at, std::size_t{1000}));
-    if (!std::regex_search(element, known))
-      return fmt::format("an array is not one of numbers: {}", element.substr(0, 60));
-  }
+  for (const char* element : {"<DataArray", "<Array"})  // what VTK reads arrays from
+    for (std::size_t at = 0; (at = content.find(element, at)) != std::string::npos; ++at) {
+      const std::string tag = content.substr(at, std::min(content.find('>', at) - at, std::size_t{1000}));
+      if (!std::regex_search(tag, known))
+        return fmt::format("an array is not one of numbers: {}", tag.substr(0, 60));
+    }
   return "";
 }
 

@@ -137,6 +137,7 @@ TEST_F(Refusal, OfAModelWhoseNumbersNoBodyCanHave) {
   expect_without(model, "diameter_mm = 4", "diameter_mm = -4", "model.toml", {"diameter_mm is -4"});
   expect_without(model, "interpolation = 0", "interpolation = nan", "model.toml", {"interpolation is nan"});
 
+  expect_without(nodes, nodes, "x_mm,y_mm,z_mm\n", "nodes.csv", {"nodes.csv", "list is empty"});
   const std::string same = "x_mm,y_mm,z_mm\n1,2,3\n1,2,3\n1,2,3\n";
   expect_without(nodes, nodes, same, "nodes.csv", {"nodes.csv", "lie on one place"});
   expect_without(points, points, same, "points.csv", {"points.csv", "lie on one place"});

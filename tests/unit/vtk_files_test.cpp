@@ -246,12 +246,16 @@ TEST(Vtu, RefusesATextArrayWhereverItStands) {
   many.position_mm = Points::Random(3, 20000);  // the array stands beyond the first 64 kB
   many.fields.clear();
   write_vtu(folder / "nodes.vtu", many, 0.0, true);
-  std::string content = content_of(folder / "nodes.vtu");
-  content.insert(content.find("</PointData>") == std::string::npos ? content.find("<Cells>")
-                                                                   : content.find("</PointData>"),
-                 "<DataArray type=\"String\" Name=\"s\" format=\"ascii\">65 \"\" 66 0</DataArray>");
-  put(folder / "bad.vtu", content);
-  expect_report<InputError>([&] { read_vtu(folder / "bad.vtu"); }, "not one of numbers");
+  const std::string content = content_of(folder / "nodes.vtu");
+  for (const std::string element : {"DataArray", "Array"}) {
+    SCOPED_TRACE(element);
+    std::string with_text = content;
+    with_text.insert(
+        content.find("<Cells>"),
+        "<" + element + " type=\"String\" Name=\"s\" format=\"ascii\">65 \"\" 66 0</" + element + ">");
+    put(folder / "bad.vtu", with_text);
+    expect_report<InputError>([&] { read_vtu(folder / "bad.vtu"); }, "not one of numbers");
+  }
 }
 
 TEST(Vtu, RefusesDamagedCompressedData) {
