@@ -15,8 +15,6 @@
 namespace dimple {
 namespace {
 
-constexpr double infinity = std::numeric_limits<double>::infinity();
-
 // What a number may be written in, as multiples of the option's own unit. Three dozen characters of table;
 // the unit libraries at hand bring hundreds of units and no such list to print in a message.
 const std::map<std::string, std::map<std::string, double>>& unit_table() {

@@ -30,12 +30,9 @@
 #include <vtkXMLUnstructuredGridWriter.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 #include <exception>
-#include <fstream>
 #include <limits>
 #include <optional>
 #include <regex>
@@ -286,17 +283,18 @@ class CheckedReader : public Reader {
   }
 };
 
-/// What would make VTK's reader follow a null pointer, as a sentence: `kind` is not there, or an array has no
-/// type that VTK knows. `head` is the beginning of the file.
-std::string fatal_flaw(const std::string& head, const std::string& kind) {
-  if (!std::regex_search(head, std::regex(fmt::format("<{}[ >\\r\\n\\t]", kind))))
+/// What would make VTK's reader follow a null pointer or write outside its arrays, as a sentence: `kind` is
+/// not there, or an array is not of numbers of a type that VTK knows.
+std::string fatal_flaw(const std::string& content, const std::string& kind) {
+  if (!std::regex_search(content.substr(0, 65536), std::regex(fmt::format("<{}[ >\\r\\n\\t]", kind))))
     return fmt::format("its element <{}> is missing", kind);
-  static const std::regex known(R"([ \r\n\t]type *= *["'](U?Int(8|16|32|64)|Float(32|64)|Bit|String)["'])");
-  for (std::size_t at = 0; (at = head.find("<DataArray", at)) != std::string::npos; ++at) {
-    const std::string element = head.substr(at, std::min(head.find('>', at) - at, std::size_t{1000}));
-    if (!std::regex_search(element, known))
-      return fmt::format("an array in its header has no known type: {}", element.substr(0, 60));
-  }
+  static const std::regex known(R"([ \r\n\t]type *= *["'](U?Int(8|16|32|64)|Float(32|64)|Bit)["'])");
+  for (const char* element : {"<DataArray", "<Array"})  // what VTK reads arrays from
+    for (std::size_t at = 0; (at = content.find(element, at)) != std::string::npos; ++at) {
+      const std::string tag = content.substr(at, std::min(content.find('>', at) - at, std::size_t{1000}));
+      if (!std::regex_search(tag, known))
+        return fmt::format("an array is not one of numbers: {}", tag.substr(0, 60));
+    }
   return "";
 }
 
@@ -311,12 +309,8 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
   if (fs::is_directory(file, ignored))
     refuse(file, fmt::format("{} is a folder", name), fmt::format("a {} file is needed", suffix),
            "name a file in it");
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream)
-    refuse(file, fmt::format("{} cannot be opened", name), std::strerror(errno), "check its permissions");
-  std::string head(65536, '\0');
-  stream.read(head.data(), static_cast<std::streamsize>(head.size()));
-  stream.close();
+  require_regular_file(file);
+  const std::string content = read_file(file);
 
   const MessageScope messages;
   vtkNew<vtkXMLFileReadTester> tester;
@@ -331,7 +325,7 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
            fmt::format("a {} file is needed here", suffix),
            fmt::format("name a {} file, or convert this one in ParaView", suffix));
 
-  if (const std::string flaw = fatal_flaw(head, kind); !flaw.empty())
+  if (const std::string flaw = fatal_flaw(content, kind); !flaw.empty())
     refuse(file, fmt::format("{} is damaged", name), flaw, "copy or export it again");
 
   vtkNew<CheckedReader<Reader>> reader;
@@ -453,10 +447,10 @@ vtkSmartPointer<vtkDataArray> labels_as(const LabelImage& image) {
 /// The narrowest of int16, uint16, int32 that holds every label.
 vtkSmartPointer<vtkDataArray> label_array(const LabelImage& image) {
   if (image.voxel.empty()) return labels_as<vtkShortArray>(image);
-  const auto [low, high] = std::minmax_element(image.voxel.begin(), image.voxel.end());
+  const auto range = std::minmax_element(image.voxel.begin(), image.voxel.end());
   const auto fits = [&](auto type) {
     using Limits = std::numeric_limits<decltype(type)>;
-    return *low >= Limits::min() && *high <= Limits::max();
+    return *range.first >= Limits::min() && *range.second <= Limits::max();
   };
   if (fits(short{})) return labels_as<vtkShortArray>(image);
   using UnsignedShort = unsigned short;

@@ -49,8 +49,8 @@ void write_vtp(const std::filesystem::path& file, const SurfaceFile& surface, do
 /// neighbour on a grid along L, P and S with the same three spacings, so that every label stays in its place.
 void write_vti(const std::filesystem::path& file, const LabelImage& image);
 
-/// Points and their fields; cells are ignored, text arrays skipped, integers wider than 32 bits become
-/// real64. Throws InputError: missing, not of this kind, damaged, holds no point, non-finite position.
+/// Points and their fields; cells are ignored, integers wider than 32 bits become real64. Throws InputError:
+/// missing, not of this kind, damaged, holds no point or a text array, non-finite position.
 PointFile read_vtu(const std::filesystem::path& file);
 /// The same for a surface. Throws InputError also if it holds no triangle, or polygons of other kinds.
 SurfaceFile read_vtp(const std::filesystem::path& file);

@@ -15,25 +15,6 @@
 
 namespace dimple {
 
-double metres(double mm) {
-  return std::round(mm * 1e9) / 1e12;
-}
-double millimetres(double m) {
-  return std::round(m * 1e12) / 1e9;
-}
-double square_metres(double mm2) {
-  return std::round(mm2 * 1e9) / 1e15;
-}
-double square_millimetres(double m2) {
-  return std::round(m2 * 1e15) / 1e9;
-}
-double cubic_metres(double mm3) {
-  return std::round(mm3 * 1e9) / 1e18;
-}
-double cubic_millimetres(double m3) {
-  return std::round(m3 * 1e18) / 1e9;
-}
-
 namespace {
 
 Points world_metres(const BodySurface& body, const Points& local) {
