@@ -5,17 +5,6 @@
 
 namespace dimple {
 
-/// What happened while the supports were found: printed, and kept in summary.json.
-struct SupportReport {
-  Index grown = 0;              ///< places whose support was enlarged to condition the moment matrix
-  double largest_growth = 1.0;  ///< by which factor at most
-  Index fewest = 0, most = 0;   ///< nodes in a support
-  double mean = 0.0;
-  double worst_pivot_ratio = 1.0;
-  Index fewest_at = -1, worst_pivot_at = -1;  ///< points
-  double linear_error = 0.0;  ///< largest error in reproducing a constant or linear field's gradient
-};
-
 /// For each integration point: its nodes (those whose radius reaches it) and their shape function gradients.
 ///
 /// A place is accepted when its moment matrix is well conditioned and it has at least twice as many nodes as

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "io/error.hpp"
-#include "preprocess/support.hpp"
+#include "preprocess/model.hpp"
 #include "solver/constraints.hpp"
 
 namespace dimple {

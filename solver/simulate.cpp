@@ -36,6 +36,7 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
   const Index n = model.node_count();
   const Constraints constraints = make_constraints(model, loading.contact);
   const bool viscoelastic = system.viscoelastic();
+  system.release_pressures();  // which another way of marching may have left
   const auto kind = [&](Index a) { return constraints.kind[static_cast<std::size_t>(a)]; };
   const Eigen::Vector4d push = constraints.push;
   const Eigen::VectorXd inverse_mass = model.mass.cwiseInverse();

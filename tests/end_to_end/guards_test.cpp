@@ -95,17 +95,17 @@ TEST_F(GuardedRun, WithALongTimeStepRecoversToTheForceOfAShortOne) {
   EXPECT_EQ(text_of(folder / "one" / "force.csv"), text_of(folder / "three" / "force.csv"));
 }
 
-TEST_F(GuardedRun, ThatIsTooDeepForThePapersSchemeStopsWithItsCode) {
+// Supports of 2.5 spacings leave modes that the paper's points do not see: the force is a third of what it
+// should be, with balanced energy.
+TEST_F(GuardedRun, OfThePapersSchemeWithTooWideSupportsStopsWithItsCode) {
   const Ran ran = dimple(folder,
-                         "run block.nrrd -o out --nodes 400 --depth 26mm --rate 200mm/s --frames 8"
-                         " --scheme horton2007");
+                         "run block.nrrd -o out --nodes 1000 --depth 8mm --rate 50mm/s --frames 8"
+                         " --scheme horton2007 --support 2.5");
   EXPECT_EQ(ran.code, 5) << ran.err;
   const Json s = summary("out");
   EXPECT_EQ(s.at("status"), "failed");
-  EXPECT_THAT(s.at("failure").at("code").get<std::string>(),
-              testing::AnyOf("inverted", "energy", "non-finite", "time-step"));
+  EXPECT_EQ(s.at("failure").at("code"), "hourglass");
   EXPECT_THAT(s.at("failure").at("where").get<std::string>(), HasSubstr("mm"));
-  EXPECT_EQ(s.at("retries").size(), 3u);
   expect_valid("out");
 }
 

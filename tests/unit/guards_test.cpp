@@ -431,8 +431,8 @@ TEST(Guards, ChangeNoBitOfARunInWhichNoneFires) {
   const Loading load = {.depth = 1e-3, .rate = 20e-3};
   for (const auto& march : {&simulate, &load_slowly}) {
     History with, without;
-    march(system, model, load, {.frames = 3}, {}, with);
-    march(system, model, load, {.frames = 3, .guards = false}, {}, without);
+    march(system, model, load, {.frames = 3}, {}, with, nullptr);
+    march(system, model, load, {.frames = 3, .guards = false}, {}, without, nullptr);
     EXPECT_TRUE(with.retries.empty());
     ASSERT_EQ(with.force.size(), without.force.size());
     for (std::size_t k = 0; k < with.force.size(); ++k)

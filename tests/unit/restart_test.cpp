@@ -106,7 +106,7 @@ TEST(Restart, OfEquilibriumAtEachDepth) {
 TEST(Restart, OfEquilibriumOfThePapersSchemeAtEachDepth) {
   const Model model = block(4);
   expect_restarts(load_slowly, model, one(plain, model), {.depth = 1e-3, .rate = 1e-3},
-                  {.frames = 5, .tolerance = 1e-3});
+                  {.frames = 5, .tolerance = 1e-3, .guards = false});  // so coarse a cloud is refused
 }
 
 TEST(Restart, OfImplicitSteps) {
@@ -122,22 +122,21 @@ TEST(Restart, OfImplicitSteps) {
                   Precision::double_);
 }
 
-TEST(Restart, OfImplicitStepsThatHadToBeHalved) {
+TEST(Restart, OfStretchesThatNoImplicitStepCouldEnd) {
   // So few evaluations for a step that some do not converge.
   const Model model = averaged_block(5);
-  const History history =
-      expect_restarts(simulate_implicitly, model, one(plain, model), {.depth = 6e-3, .rate = 20e-3},
-                      {.frames = 3, .evaluations = 14}, 3);
-  EXPECT_LT(history.dt_smallest, 0.6 * history.dt_first);
+  const History history = expect_restarts(simulate_implicitly, model, one(plain, model),
+                                          {.depth = 6e-3, .rate = 20e-3}, {.frames = 3, .evaluations = 6}, 3);
+  EXPECT_FALSE(history.retries.empty());
 }
 
 TEST(Restart, OfEveryWave) {
   const Model paper = block(4);
   const Loading loading{.depth = 0.4e-3, .rate = 20e-3};
-  expect_restarts(simulate, paper, one(plain, paper), loading, {.damping = 5.0, .frames = 3}, 7);
+  expect_restarts(simulate, paper, one(plain, paper), loading, {.damping = 5.0, .frames = 5});
   const Model model = averaged_block(4);
-  expect_restarts(simulate, model, one(plain, model), loading, {.frames = 3, .sample_rate = 2000.0}, 11);
-  expect_restarts(simulate, model, one(relaxing, model), loading, {.frames = 3}, 13, Precision::double_);
+  expect_restarts(simulate, model, one(plain, model), loading, {.frames = 4, .sample_rate = 2000.0});
+  expect_restarts(simulate, model, one(relaxing, model), loading, {.frames = 4}, 1, Precision::double_);
 }
 
 }  // namespace
