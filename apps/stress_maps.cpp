@@ -74,12 +74,13 @@ const std::vector<StressMap>& stress_maps() {
   static const std::vector<StressMap> maps = {
       {.name = "depth-nu",
        .title = "Depth and Poisson's ratio",
-       .scene = "block 60 x 60 x 30 mm, circle of 10 mm, bonded; 1000 nodes",
+       .scene = "block 60 x 60 x 30 mm, circle of 10 mm, bonded; 1000 nodes; at most 5000 evaluations an "
+                "equilibrium",
        .x = {.key = "material.nu",
              .label = "Poisson's ratio",
              .values = {"0.3", "0.45", "0.49", "0.499", "0.4999"}},
        .y = depths(14),
-       .settings = scene({{"cloud.nodes", "1000"}})},
+       .settings = scene({{"cloud.nodes", "1000"}, {"solver.evaluations", "5000"}})},
       {.name = "support-nodes",
        .title = "Support size and node spacing",
        .scene = "block 60 x 60 x 30 mm, circle of 10 mm, bonded, 4 mm deep",
@@ -192,6 +193,7 @@ Config finest_of(const Config& config, Index nodes) {
   fine.tissue = config.tissue;
   fine.load = config.load;
   fine.solver.frames = config.solver.frames;
+  fine.solver.evaluations = config.solver.evaluations;
   fine.cloud.nodes = nodes;
   return fine;
 }
@@ -200,8 +202,8 @@ StressVerdict judge(const StressRun& run, const std::vector<StressRun>& finest, 
                     bool at_last_only, double circle_radius_mm) {
   StressVerdict v{.code = {}, .force_N = nan, .reference_N = nan};
   if (run.frames.size() >= last) v.force_N = run.frames[last - 1].force_N;
-  StressVerdict unused;
   const auto reference = std::find_if(finest.begin(), finest.end(), [&](const StressRun& r) {
+    StressVerdict unused;
     return own_fault(r, last, circle_radius_mm, unused).empty();
   });
   if (reference != finest.end()) {

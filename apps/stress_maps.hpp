@@ -41,7 +41,8 @@ void check_axis(const StressAxis& axis, const std::string& flag);
 /// Whether an option belongs to the physical case; the others say how it is computed.
 bool is_physical(const std::string& key);
 
-/// Of one case: the scheme converging with `nodes` nodes and every numerical option but the frames as usual.
+/// Of one case: the scheme converging with `nodes` nodes and every numerical option but frames and
+/// evaluations as usual.
 Config finest_of(const Config& config, Index nodes);
 
 /// A run at one depth.
