@@ -9,7 +9,7 @@ struct StressOptions {
   std::vector<std::string> maps;  ///< names of stress_maps(); empty: all, unless x and y say another
   std::string x, y;               ///< a map of one's own: "material.nu=0.3,0.45"
   std::vector<std::string> schemes = {"converging", "horton2007"};
-  std::vector<Index> finest = {4000, 2000};  ///< nodes of the runs to compare with, the next where one fails
+  std::vector<Index> finest = {3000, 1500};  ///< nodes of the runs to compare with, the next where one fails
   double limit_s = 300.0;                    ///< for one run
 };
 

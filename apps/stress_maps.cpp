@@ -80,7 +80,7 @@ const std::vector<StressMap>& stress_maps() {
              .label = "Poisson's ratio",
              .values = {"0.3", "0.45", "0.49", "0.499", "0.4999"}},
        .y = depths(14),
-       .settings = scene({{"cloud.nodes", "1000"}, {"solver.evaluations", "5000"}})},
+       .settings = scene({{"cloud.nodes", "1000"}, {"solver.evaluations", "3000"}})},
       {.name = "support-nodes",
        .title = "Support size and node spacing",
        .scene = "block 60 x 60 x 30 mm, circle of 10 mm, bonded, 4 mm deep",

@@ -387,8 +387,9 @@ TEST(Map, GivesACodeTheSameColourInEveryPanel) {
 
 TEST(Map, GivesAskedForColoursInEveryPictureAndGreensToWhatIsOk) {
   const auto drawn = [](const Map& map) {
-    write_map_svg(scratch() / "map.svg", {map});
-    return content_of(scratch() / "map.svg");
+    const fs::path file = scratch() / "map.svg";
+    write_map_svg(file, {map});
+    return content_of(file);
   };
   const std::map<std::string, int> colour = {{"inaccurate", 2}, {"kinked", 0}};
   const Map one{.x_ticks = {"1"}, .y_ticks = {"1"}, .cell = {"kinked"}, .colour = colour};
