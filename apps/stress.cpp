@@ -332,12 +332,16 @@ std::size_t steps(const StressAxis& axis) {
   return axis.is_depth() ? 1 : axis.values.size();
 }
 
-// Frames in a run of a map with a depth axis: twice as many as depths, so that a bend between them shows.
-constexpr std::int64_t frames_a_depth = 2;
+// Frames for each depth of an axis: two at least, so that a bend between depths shows, and sixteen in all, or
+// the work that is summed over them is not that of the curve.
+std::int64_t frames_a_depth(const StressAxis& axis) {
+  const auto count = static_cast<std::int64_t>(axis.values.size());
+  return std::max<std::int64_t>(2, (15 + count) / count);
+}
 
 std::int64_t last_frame(const StressMap& map, const Config& config, std::size_t x, std::size_t y) {
-  if (map.x.is_depth()) return frames_a_depth * static_cast<std::int64_t>(x + 1);
-  if (map.y.is_depth()) return frames_a_depth * static_cast<std::int64_t>(y + 1);
+  if (map.x.is_depth()) return frames_a_depth(map.x) * static_cast<std::int64_t>(x + 1);
+  if (map.y.is_depth()) return frames_a_depth(map.y) * static_cast<std::int64_t>(y + 1);
   return config.solver.frames;
 }
 
@@ -375,7 +379,7 @@ Config config_at(const StressMap& map, const Config& base, const std::string& sc
       size[2] = std::stod(axis->values[k]);
     } else if (axis->is_depth()) {
       set_option(config, axis->key, axis->values.back(), map.name);
-      config.solver.frames = frames_a_depth * static_cast<std::int64_t>(axis->values.size());
+      config.solver.frames = frames_a_depth(*axis) * static_cast<std::int64_t>(axis->values.size());
     } else {
       set_option(config, axis->key, axis->values[k], map.name);
     }
@@ -492,9 +496,12 @@ Result result_of(const Study& study, const StressOptions& options) {
       }
     int alive = 0;
     for (const auto& [code, count] : counts) alive += survived(code) ? count : 0;
+    const auto judged =
+        std::count_if(panel.cell.begin(), panel.cell.end(), [](const auto& code) { return !code.empty(); });
+    if (judged < std::ssize(panel.cell)) panel.legend[""] = "not run yet";
     panel.subtitle.push_back(
         fmt::format("{} of {} cells survive; against the finest stable run of scheme converging ({} nodes)",
-                    alive, panel.cell.size(), fmt::join(options.finest, ", else ")));
+                    alive, judged, fmt::join(options.finest, ", else ")));
     panel.colour = colours;
     result.panels.push_back(panel);
     result.counts.push_back(counts);

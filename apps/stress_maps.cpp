@@ -53,10 +53,10 @@ std::string own_fault(const StressRun& run, std::size_t last, double circle_radi
     const StressFrame& f = run.frames[n - 1];
     if (!std::isfinite(f.force_N) || !std::isfinite(f.energy_error) || !std::isfinite(f.J_min))
       return "non-finite";
-    v.energy_error = std::max(v.energy_error, f.energy_error);
     if (n >= 3) v.kink = std::max(v.kink, kink_at(run, n - 1));
   }
   const StressFrame& f = run.frames[last - 1];
+  v.energy_error = f.energy_error;
   v.J_min = f.J_min;
   v.inverted = f.inverted;
   v.inverted_mm3 = f.inverted_mm3;

@@ -48,7 +48,7 @@ Config finest_of(const Config& config, Index nodes);
 /// A run at one depth.
 struct StressFrame {
   double depth_mm = 0.0, force_N = 0.0;
-  double energy_error = 0.0;  ///< largest so far, as a part of the tool's work so far
+  double energy_error = 0.0;  ///< largest imbalance so far, as a part of the tool's work so far
   double J_min = 1.0;         ///< at any point, at this depth
   Index inverted = 0;         ///< points inside out
   double inverted_mm3 = 0.0;  ///< their volume at rest
