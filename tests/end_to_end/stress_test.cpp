@@ -119,6 +119,30 @@ TEST(Stress, ARunWithoutTimeOrWithoutAModelIsACellWithItsCode) {
   EXPECT_THAT(text_of(folder / "none" / "stress_own.csv"), HasSubstr("converging,90,150,no-model,"));
 }
 
+TEST(Stress, DeepBelowASharpRimPointsTurnInsideOut) {
+  const fs::path folder = fresh_folder();
+  const Ran ran = dimple(folder,
+                         "stress -o out --x material.nu=0.3,0.499 --y load.depth=7mm,14mm --finest 300 "
+                         "--schemes converging --set cloud.nodes=150");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const std::string csv = text_of(folder / "out" / "stress_own.csv");
+  EXPECT_THAT(csv, HasSubstr("converging,0.3,14mm,inverted,"));
+  EXPECT_THAT(csv, testing::Not(HasSubstr("converging,0.3,7mm,inverted,")));
+}
+
+TEST(Stress, ATimeStepAboveTheStableOneIsACellThatFailedAndSaysWhy) {
+  const fs::path folder = fresh_folder();
+  const Ran ran =
+      dimple(folder,
+             "stress -o out --x solver.safety=0.9,2 --y cloud.nodes=150,200 --finest 300 --schemes "
+             "horton2007 --set load.depth=0.2mm --set solver.frames=2");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const std::string csv = text_of(folder / "out" / "stress_own.csv");
+  // Which of the guards stops it first depends on the cloud.
+  EXPECT_THAT(csv, testing::ContainsRegex("horton2007,2,200,(failed|inverted|energy|non-finite|time-step),"));
+  EXPECT_THAT(csv, testing::ContainsRegex("horton2007,0.9,200,(ok|inaccurate),"));
+}
+
 TEST(Stress, RefusesBeforeTheFirstRun) {
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
