@@ -19,7 +19,7 @@ constexpr double circle_mm = 5.0;
 
 /// A curve that stiffens, F = d^1.3, in ten frames.
 StressRun stiffening(double factor = 1.0, Index nodes = 1000) {
-  StressRun run{.ended = "", .fact = "", .frames = {}, .nodes = nodes};
+  StressRun run{.ended = "", .fact = "", .frames = {}, .nodes = nodes, .guards = ""};
   for (int k = 1; k <= 10; ++k)
     run.frames.push_back({.depth_mm = 1.0 * k, .force_N = factor * 0.01 * std::pow(k, 1.3)});
   return run;
