@@ -2,19 +2,22 @@
 # make test   install what is missing, build, run all tests
 # make build  only build
 # make check  the tests under address and undefined-behaviour sanitizers
+# make check-threads   the tests under the thread sanitizer
+# make fuzz   a million damaged files for each reader, under sanitizers (clang)
 # make bench  how long each stage takes, beside what this processor can do; results into tests/bench/results
 # make clean  remove everything that was built
 
 BUILD := build/release
 DIMPLE := $(BUILD)/dimple
 DEMO := out/demo
+FUZZ_RUNS := 1000000
 
-.PHONY: demo test build check bench clean bootstrap
+.PHONY: demo test build check check-threads fuzz bench clean bootstrap
 
 demo: build
 	@mkdir -p $(DEMO)
 	$(DIMPLE) phantom $(DEMO)/brain.nrrd
-	$(DIMPLE) run $(DEMO)/brain.nrrd -o $(DEMO)/results
+	$(DIMPLE) run $(DEMO)/brain.nrrd -o $(DEMO)/results --force
 	@echo "picture:  $(DEMO)/results/overview.png"
 	@echo "ParaView: $(DEMO)/results/nodes.pvd, points.pvd, surface.pvd, label.vti"
 
@@ -31,6 +34,17 @@ check: bootstrap
 	cmake --preset asan
 	cmake --build build/asan
 	LSAN_OPTIONS=suppressions=$(CURDIR)/tests/leaks.supp ctest --test-dir build/asan --output-on-failure -j 2
+
+check-threads: bootstrap
+	cmake --preset tsan
+	cmake --build build/tsan
+	TSAN_OPTIONS=halt_on_error=1 ctest --test-dir build/tsan --output-on-failure
+
+fuzz:
+	@./bootstrap clang libclang-rt-14-dev
+	cmake --preset fuzz
+	cmake --build --preset fuzz
+	tests/fuzz/run build/fuzz/dimple_fuzz $(FUZZ_RUNS)
 
 bench:
 	@./bootstrap libbenchmark-dev

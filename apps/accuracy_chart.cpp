@@ -385,6 +385,8 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
     given = read_label_image(config.image.file, config.image.label_names);
   check_result_folder(folder);
   make_folder(folder);
+  const FolderLock lock(folder);
+  remove_temporaries_in(folder);
   write_file(folder / "chart.csv", csv({}, {}));  // the folder is ours from here on
 
   const int threads =

@@ -39,6 +39,7 @@ constexpr const char* footer = R"(Examples:
   dimple phantom brain.nrrd                  make a swine-brain-sized label image
   dimple run brain.nrrd -o out               from the image to the force curve
   dimple run patient.seg.nrrd -o out --label Brain --indent-at left --depth 5mm
+  dimple run brain.nrrd -o out --resume      go on with that run if it was stopped
   dimple verify -o out                       compare with closed forms and finite elements
 Lengths are in mm, stresses in Pa, unless the number says otherwise (0.3kPa, 1cm). Positions are LPS.
 Exit codes: 0 ok, 1 internal error, 2 command line or configuration, 3 input unreadable or unusable,
@@ -46,17 +47,22 @@ Exit codes: 0 ok, 1 internal error, 2 command line or configuration, 3 input unr
 
 int report(const Error& error, bool json) {
   const Report& r = error.report;
-  fmt::print(stderr, "dimple: {}\n", r.fact);
-  if (!r.where.empty()) fmt::print(stderr, "  where: {}\n", r.where);
-  if (!r.why.empty()) fmt::print(stderr, "  why:   {}\n", r.why);
-  if (!r.remedy.empty()) fmt::print(stderr, "  try:   {}\n", r.remedy);
+  std::string text = fmt::format("dimple: {}\n", r.fact);
+  if (!r.where.empty()) text += fmt::format("  where: {}\n", r.where);
+  if (!r.why.empty()) text += fmt::format("  why:   {}\n", r.why);
+  if (!r.remedy.empty()) text += fmt::format("  try:   {}\n", r.remedy);
+  text += fmt::format("  code:  {}\n", r.code);
+  std::fputs(text.c_str(), stderr);  // fmt::print throws where stderr is a full disk
   if (json)
-    fmt::print("{}\n",
-               nlohmann::ordered_json(
-                   {{"status", "error"},
-                    {"exit_code", static_cast<int>(error.code)},
-                    {"error", {{"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}}}})
-                   .dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+    fmt::print("{}\n", nlohmann::ordered_json({{"status", "failed"},
+                                               {"exit_code", static_cast<int>(error.code)},
+                                               {"failure",
+                                                {{"code", r.code},
+                                                 {"fact", r.fact},
+                                                 {"where", r.where},
+                                                 {"why", r.why},
+                                                 {"remedy", r.remedy}}}})
+                           .dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
   return static_cast<int>(error.code);
 }
 
@@ -141,9 +147,7 @@ struct Flags {
                     .remedy = "see `dimple --help`, or `dimple COMMAND --help`"});
 }
 
-}  // namespace
-
-int command_line(int argc, char** argv) {
+int perform(int argc, char** argv) {
   CLI::App app{
       "From a label image to a force: meshless soft-tissue indentation, without a mesh and by one command.",
       "dimple"};
@@ -151,7 +155,7 @@ int command_line(int argc, char** argv) {
   app.set_version_flag("--version", "dimple " DIMPLE_VERSION);
   app.require_subcommand(0, 1);
 
-  bool quiet = false, verbose = false, json = false;
+  bool quiet = false, verbose = false, json = false, force = false, resume = false;
   int threads = 0;
   std::string image, label_names, out, model;
   const auto common = [&](CLI::App* command) {
@@ -160,6 +164,13 @@ int command_line(int argc, char** argv) {
     command->add_flag("--json", json, "print the result as JSON on stdout");
     command->add_option("--threads", threads, "at most this many; results do not depend on it [all]")
         ->check(CLI::Range(1, 1024));
+  };
+
+  const auto over_results = [&](CLI::App* command, bool resumable) {
+    CLI::Option* anew = command->add_flag("--force", force, "replace what an earlier run left in the folder");
+    if (resumable)
+      command->add_flag("--resume", resume, "go on with a run that was stopped, from its last checkpoint")
+          ->excludes(anew);
   };
 
   CLI::App* phantom = app.add_subcommand("phantom", "make a label image that needs no download");
@@ -183,18 +194,21 @@ int command_line(int argc, char** argv) {
       app.add_subcommand("model", "generate the model of an image: nodes, integration points, base, circle");
   make->add_option("IMAGE", image, "label image");
   make->add_option("-o,--out,--output", out, "folder for the model")->required();
+  over_results(make, false);
   model_flags.add(*make, "model");
   common(make);
 
   CLI::App* solve = app.add_subcommand("solve", "indent a model");
   solve->add_option("MODEL", model, "folder made by `dimple model`, or its model.toml")->required();
   solve->add_option("-o,--out,--output", out, "folder for the results")->required();
+  over_results(solve, true);
   solve_flags.add(*solve, "solve");
   common(solve);
 
   CLI::App* whole = app.add_subcommand("run", "both: from the image to the force curve");
   whole->add_option("IMAGE", image, "label image");
   whole->add_option("-o,--out,--output", out, "folder for the results")->required();
+  over_results(whole, true);
   run_flags.add(*whole, "");
   common(whole);
 
@@ -327,6 +341,7 @@ int command_line(int argc, char** argv) {
       limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
     std::signal(SIGINT, on_interrupt);
     std::signal(SIGTERM, on_interrupt);
+    std::signal(SIGXFSZ, SIG_IGN);  // a limit on the size of files is to be met as a full disk is
     const auto stop_requested = [] { return stop.load(); };
 
     const auto finish = [&](const Outcome& outcome) {
@@ -351,6 +366,7 @@ int command_line(int argc, char** argv) {
                             .remedy = "for instance --size 60,60,30"});
         body.size_mm = *three;
       }
+      remove_temporaries_of(out);
       write_label_image(out, make_phantom(body));
       fmt::print("{}\n", out);
       return 0;
@@ -359,9 +375,10 @@ int command_line(int argc, char** argv) {
       describe_image(image, label_names, json);
       return 0;
     }
-    if (*make) return finish(make_model(with_image(model_flags.config(*make)), out));
-    if (*solve) return finish(solve_model(solve_flags.config(*solve), model, out, stop_requested));
-    if (*whole) return finish(run(with_image(run_flags.config(*whole)), out, stop_requested));
+    const Existing existing = force ? Existing::replace : resume ? Existing::resume : Existing::refuse;
+    if (*make) return finish(make_model(with_image(model_flags.config(*make)), out, existing));
+    if (*solve) return finish(solve_model(solve_flags.config(*solve), model, out, stop_requested, existing));
+    if (*whole) return finish(run(with_image(run_flags.config(*whole)), out, stop_requested, existing));
     if (*several) {
       study.reference = reference;
       // What each of two dozen runs says of itself would hide what the study says.
@@ -414,8 +431,12 @@ int command_line(int argc, char** argv) {
       });
       if (!out.empty()) {
         make_folder(out);
-        write_file(std::filesystem::path(out) / "verify.csv", verify_csv(rows));
-        write_file(std::filesystem::path(out) / "verify.md", verify_markdown(rows));
+        for (const auto& [name, text] :
+             {std::pair{"verify.csv", verify_csv(rows)}, std::pair{"verify.md", verify_markdown(rows)}}) {
+          const std::filesystem::path file = std::filesystem::path(out) / name;
+          remove_temporaries_of(file);
+          write_file(file, text);
+        }
       }
       fmt::print("{}", json ? verify_json(rows) : verify_table(rows));
       if (stop_requested()) return static_cast<int>(ExitCode::interrupted);
@@ -435,12 +456,25 @@ int command_line(int argc, char** argv) {
                               .remedy = "use fewer nodes (--nodes) or crop the image"}),
                   json);
   } catch (const std::exception& error) {
+    if (std::ferror(stdout)) return static_cast<int>(ExitCode::output);  // command_line() says so
     return report(Error(ExitCode::internal, {.fact = error.what(),
                                              .where = "",
                                              .why = "this is a mistake of ours",
                                              .remedy = "please report it with the command that you used"}),
                   json);
   }
+}
+
+}  // namespace
+
+int command_line(int argc, char** argv) {
+  const int code = perform(argc, argv);
+  if (std::fflush(stdout) == 0 && !std::ferror(stdout)) return code;
+  return report(OutputError({.fact = "the result could not be printed",
+                             .where = "standard output",
+                             .why = "what it goes to takes no more: a full disk, for instance",
+                             .remedy = "make room there; files in the output folder are complete"}),
+                false);
 }
 
 }  // namespace dimple

@@ -15,8 +15,6 @@
 namespace dimple {
 namespace {
 
-constexpr double infinity = std::numeric_limits<double>::infinity();
-
 // What a number may be written in, as multiples of the option's own unit. Three dozen characters of table;
 // the unit libraries at hand bring hundreds of units and no such list to print in a message.
 const std::map<std::string, std::map<std::string, double>>& unit_table() {
@@ -265,8 +263,10 @@ std::vector<Option> options_of(Config& c) {
       {"solver.time",
        "--time",
        "",
-       "quasi-static: equilibrium at each frame; explicit: every wave, by central differences; dynamic: inertia "
-       "in steps of the body's own swings, explicit if the load is too short; auto: quasi-static or, if the load is "
+       "quasi-static: equilibrium at each frame; explicit: every wave, by central differences; dynamic: "
+       "inertia "
+       "in steps of the body's own swings, explicit if the load is too short; auto: quasi-static or, if the "
+       "load is "
        "short, explicit. horton2007 is explicit",
        &c.solver.time,
        0,
@@ -436,6 +436,17 @@ std::string to_toml(const Config& config, const std::map<std::string, std::strin
     }
   }
   return text;
+}
+
+std::map<std::string, std::string> option_values(const Config& config) {
+  Config copy = config;
+  std::map<std::string, std::string> values;
+  for (const Option& option : options_of(copy))
+    if (option.key != "image.file") values[option.key] = toml_value(option);
+  for (const auto& [label, differing] : config.tissue)
+    for (const auto& [key, value] : differing)
+      values[fmt::format("tissue.{}.{}", label, key.substr(key.find('.') + 1))] = value;
+  return values;
 }
 
 std::string option_reference() {

@@ -100,6 +100,9 @@ void read_config(Config& config, const std::filesystem::path& file);
 /// chosen.
 std::string to_toml(const Config& config, const std::map<std::string, std::string>& notes);
 
+/// Each option as it stands in that file, by key, but for the path of the image.
+std::map<std::string, std::string> option_values(const Config& config);
+
 /// The reference of all options: key, unit, default, range, meaning.
 std::string option_reference();
 

@@ -106,6 +106,8 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
                       .remedy = "for instance --sizes 1000,2000,4000"});
   check_result_folder(folder);
   make_folder(folder);
+  const FolderLock lock(folder);
+  remove_temporaries_in(folder);
   std::vector<double> depths;
   for (int k = 1; k <= config.solver.frames; ++k)
     depths.push_back(config.load.depth_mm * k / static_cast<double>(config.solver.frames));

@@ -131,6 +131,7 @@ Outcome export_model(const Config& config, const std::string& format, const std:
   const std::string known = chosen_format(format, file);
   const ElementModel model = element_model(config, known, elements);
   for (const std::string& line : model.remarks) say(fmt::format("export   {}", line));
+  remove_temporaries_of(file);
   write_file(file, known == "febio" ? febio_input(model) : calculix_input(model));
   const std::string command = known == "febio"
                                   ? fmt::format("febio4 -i {}", file.string())

@@ -60,8 +60,10 @@ void Progress::update(double share, const std::string& state) {
     if (share < 1.0 && std::chrono::duration<double>(now - last_).count() < 0.1) return;
     last_ = now;
     const int filled = static_cast<int>(std::floor(24.0 * share));
-    fmt::print(stderr, "\r\033[K{} [{:=<{}}{:{}}] {:3.0f} %  {}{}", what_, "", filled, "", 24 - filled,
-               100.0 * share, state, left);
+    std::fputs(fmt::format("\r\033[K{} [{:=<{}}{:{}}] {:3.0f} %  {}{}", what_, "", filled, "", 24 - filled,
+                           100.0 * share, state, left)
+                   .c_str(),
+               stderr);
     std::fflush(stderr);
     open_ = true;
   } else if (const int tenths = static_cast<int>(std::floor(10.0 * share + 1e-9)); tenths > tenths_) {
@@ -71,7 +73,7 @@ void Progress::update(double share, const std::string& state) {
 }
 
 void Progress::finish() {
-  if (open_) fmt::print(stderr, "\n");
+  if (open_) std::fputs("\n", stderr);
   open_ = false;
 }
 

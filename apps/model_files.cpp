@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <sstream>
 
@@ -49,6 +50,8 @@ PointFile read_points(const fs::path& file) {
     refuse(file, fmt::format("'{}' is neither .vtu nor .csv", file.filename().string()),
            "the suffix says what a list of locations is", "give nodes and points as .vtu or .csv");
   const Table table = read_csv(file);
+  if (table.rows() == 0)
+    refuse(file, "the list is empty", "it has a header and no rows", "give at least a few hundred locations");
   PointFile points;
   points.position_mm.resize(3, static_cast<Index>(table.rows()));
   const std::array<const char*, 3> axes = {"x_mm", "y_mm", "z_mm"};
@@ -60,8 +63,6 @@ PointFile read_points(const fs::path& file) {
     points.position_mm.row(d) =
         Eigen::Map<const Eigen::RowVectorXd>(column->data(), points.position_mm.cols());
   }
-  if (table.rows() == 0)
-    refuse(file, "the list is empty", "it has a header and no rows", "give at least a few hundred locations");
   for (const auto& [csv, name] :
        {std::pair{"spacing_mm", "spacing"}, {"node_set", "node_set"}, {"volume_mm3", "volume"}})
     if (const auto* column = table.find(csv))
@@ -70,6 +71,35 @@ PointFile read_points(const fs::path& file) {
            .unit = "",
            .values = Eigen::Map<const Eigen::RowVectorXd>(column->data(), points.position_mm.cols())});
   return points;
+}
+
+// Numbers of a list must be such as a body can have; a damaged file, or one of another unit, is refused here
+// rather than by what cannot be computed with it.
+void require_places(const fs::path& file, const Points& position_mm) {
+  constexpr double farthest_mm = 1e6;
+  for (Index n = 0; n < position_mm.cols(); ++n)
+    if (!(position_mm.col(n).cwiseAbs().maxCoeff() <= farthest_mm))
+      refuse(file,
+             fmt::format("location {} is ({:.6g}, {:.6g}, {:.6g}) mm", n, position_mm(0, n),
+                         position_mm(1, n), position_mm(2, n)),
+             "no organ is more than a kilometre from the origin",
+             "mend that location, or the unit of the list");
+}
+
+// A millionth of a millimetre is zero on the grid of files.
+void require_positive(const fs::path& file, const Field& field, const std::string& what,
+                      const std::string& why) {
+  for (const double value : field.values.row(0))
+    if (!(value > 1e-6) || !std::isfinite(value))
+      refuse(file, fmt::format("{} is {}, not positive", what, value), why,
+             "mend the column, or leave it out");
+}
+
+void require_whole(const fs::path& file, const Field& field, double most) {
+  for (const double value : field.values.row(0))
+    if (!(value >= 0.0 && value <= most) || value != std::floor(value))
+      refuse(file, fmt::format("{} is {}", field.name, value),
+             fmt::format("it is a whole number from 0 to {}", most), "mend the column, or leave it out");
 }
 
 // Distance to the sixth nearest neighbours' mean: what the even clouds of make_node_cloud() call their
@@ -236,27 +266,32 @@ ModelFiles read_model(const fs::path& path) {
   Model& model = files.model;
   const fs::path node_file = beside("nodes"), point_file = beside("points");
   const PointFile nodes = read_points(node_file), points = read_points(point_file);
+  require_places(node_file, nodes.position_mm);
+  require_places(point_file, points.position_mm);
   model.X = to_m(nodes.position_mm);
   model.point = to_m(points.position_mm);
 
   if (const Field* spacing = nodes.find("spacing")) {
+    require_positive(node_file, *spacing, "a node's spacing", "supports are sized by it");
     model.spacing = spacing->values.row(0).transpose().unaryExpr(&metres);
-    if (!(model.spacing.minCoeff() > 0.0))
-      refuse(node_file, "a node's spacing is not positive", "supports are sized by it",
-             "mend the column, or leave it out");
   } else {
     model.spacing = estimate_spacing(model.X);
+    if (!(model.spacing[0] > 0.0))
+      refuse(node_file, "most nodes lie on one place", "their spacing is taken from their distances",
+             "give each node a place of its own");
     files.notes.push_back(
         fmt::format("nodes carry no spacing: taken as {:.3f} mm, the median distance to the six nearest",
                     millimetres(model.spacing[0])));
   }
   if (const Field* volume = points.find("volume")) {
+    require_positive(point_file, *volume, "a point's volume", "each point stands for some tissue");
     model.volume = volume->values.row(0).transpose().unaryExpr(&cubic_metres);
-    if (!(model.volume.minCoeff() > 0.0))
-      refuse(point_file, "a point's volume is not positive", "each point stands for some tissue",
-             "mend the column, or leave it out");
   } else {
     const double cell = estimate_cell_volume(points.position_mm);
+    if (!(cell > 1e-6) || !std::isfinite(cell))
+      refuse(point_file, "most points lie on one place, or there is only one",
+             "their volume is taken from their distances",
+             "give each point a place of its own, or a volume_mm3");
     model.volume = Eigen::VectorXd::Constant(model.point_count(), cubic_metres(cell));
     files.notes.push_back(fmt::format(
         "points carry no volume: each stands for a whole cell of {:.3f} mm^3, the cube of their distance",
@@ -267,16 +302,26 @@ ModelFiles read_model(const fs::path& path) {
   if (files.scheme != "horton2007" && files.scheme != "converging")
     refuse(file, fmt::format("there is no scheme '{}'", files.scheme), "it decides how the points are used",
            "write scheme = \"converging\" or \"horton2007\"");
-  if (const toml::array* axes = table["axes"].as_array(); axes && axes->size() == 3)
+  if (const toml::array* axes = table["axes"].as_array(); axes && axes->size() == 3) {
     for (int d = 0; d < 3; ++d)
       if (const toml::array* axis = (*axes)[static_cast<std::size_t>(d)].as_array();
           axis && axis->size() == 3)
         for (int i = 0; i < 3; ++i)
           model.axes(i, d) = (*axis)[static_cast<std::size_t>(i)].value_or(i == d ? 1.0 : 0.0);
+    if (!((model.axes.colwise().norm().array() - 1.0).abs().maxCoeff() < 1e-6) || !model.axes.allFinite())
+      refuse(file, "axes are not three unit vectors", "the points' cells lie along them",
+             "write axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], or leave the line out");
+  }
   model.label = Eigen::VectorXi::Zero(model.point_count());
-  if (const Field* label = points.find("label")) model.label = label->values.row(0).transpose().cast<int>();
+  if (const Field* label = points.find("label")) {
+    require_whole(point_file, *label, std::numeric_limits<int>::max());
+    model.label = label->values.row(0).transpose().cast<int>();
+  }
   if (files.scheme == "converging") {
     if (const Field* spread = points.find("spread"); spread && spread->values.rows() == 6) {
+      if (!spread->values.allFinite())
+        refuse(point_file, "a point's spread is not finite", "it is the size of the point's cell",
+               "mend the column, or leave it out");
       model.spread = spread->values.unaryExpr(&square_metres);
     } else {
       model.spread = Spread::Zero(6, model.point_count());
@@ -288,13 +333,18 @@ ModelFiles read_model(const fs::path& path) {
   model.tool.centre = to_m(vector_of(table, "indenter", "centre_mm", file));
   model.tool.push = vector_of(table, "indenter", "push", file);
   if (!(std::abs(model.tool.push.norm() - 1.0) < 1e-6)) {
-    if (!(model.tool.push.norm() > 0.0))
+    if (!(model.tool.push.stableNorm() > 0.0))
       refuse(file, "indenter.push is zero", "the tool must move somewhere", "write push = [0.0, 0.0, -1.0]");
-    model.tool.push.normalize();
+    model.tool.push.stableNormalize();
   }
-  model.tool.radius = metres(0.5 * table["indenter"]["diameter_mm"].value_or(10.0));
+  const double diameter_mm = table["indenter"]["diameter_mm"].value_or(10.0);
+  if (!(diameter_mm > 1e-6 && diameter_mm <= 1000.0))
+    refuse(file, fmt::format("indenter.diameter_mm is {}", diameter_mm),
+           "the circle is above 0 to 1000 mm wide", "write for instance diameter_mm = 10");
+  model.tool.radius = metres(0.5 * diameter_mm);
 
   if (const Field* set = nodes.find("node_set")) {
+    require_whole(node_file, *set, base_bit | indenter_bit);
     for (Index a = 0; a < model.node_count(); ++a) {
       const int bits = static_cast<int>(set->values(0, a));
       if (bits & base_bit) model.base.push_back(a);
@@ -328,6 +378,9 @@ ModelFiles read_model(const fs::path& path) {
   word("radius_factor");
   files.support = support_options(words);
   files.support.interpolation = table["support"]["interpolation"].value_or(0.0);
+  if (!(files.support.interpolation >= 0.0 && files.support.interpolation <= 1.0))
+    refuse(file, fmt::format("support.interpolation is {}", files.support.interpolation),
+           "it is a number from 0 to 1", "write interpolation = 0.01");
   if (const auto surface = table["surface"].value<std::string>())
     files.surface = read_vtp(file.parent_path() / *surface);
   if (const toml::table* made = table["made_from"].as_table())

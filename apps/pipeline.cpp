@@ -8,8 +8,10 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <exception>
 #include <nlohmann/json.hpp>
 
+#include "apps/checkpoint.hpp"
 #include "apps/log.hpp"
 #include "apps/results.hpp"
 #include "io/error.hpp"
@@ -332,7 +334,13 @@ Json counts_json(const Model& model) {
 }
 
 Json report_json(const Report& r) {
-  return {{"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
+  return {{"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
+}
+
+// On one line, beside the others of a run that goes on.
+std::string in_words(const Finding& finding) {
+  const Report& r = finding.report;
+  return fmt::format("{} ({}); {}; try: {} [{}]", r.fact, r.where, r.why, r.remedy, r.code);
 }
 
 std::string describe(const Tissues& tissues, std::size_t t) {
@@ -377,7 +385,7 @@ TimeMode choose_time(const Config& config, const Model& model, const Tissues& ti
   if (asked == "quasi-static") return TimeMode::quasi_static;
   if (asked == "explicit" || !is_converging) return TimeMode::explicit_;
   const double waves = loading_of(config).duration() / shear_crossing_time(tissues, model);
-  const bool slow = waves >= 8.0;
+  const bool slow = waves >= slow_load;
   const TimeMode mode = !slow             ? TimeMode::explicit_
                         : asked == "auto" ? TimeMode::quasi_static
                                           : TimeMode::dynamic;
@@ -390,15 +398,36 @@ TimeMode choose_time(const Config& config, const Model& model, const Tissues& ti
 }
 
 void solve_by(TimeMode mode, const ForceSystem& system, const Model& model, const Loading& loading,
-              const SolverOptions& options, const Observer& observer, History& history) {
+              const SolverOptions& options, const Observer& observer, History& history,
+              const State* from = nullptr) {
   switch (mode) {
     case TimeMode::quasi_static:
-      return load_slowly(system, model, loading, options, observer, history);
+      return load_slowly(system, model, loading, options, observer, history, from);
     case TimeMode::dynamic:
-      return simulate_implicitly(system, model, loading, options, observer, history);
+      return simulate_implicitly(system, model, loading, options, observer, history, from);
     case TimeMode::explicit_:
-      return simulate(system, model, loading, options, observer, history);
+      return simulate(system, model, loading, options, observer, history, from);
   }
+}
+
+// What an earlier run of the same image or model, by the same options, has left finished. Throws UsageError:
+// it was another run.
+Outcome finished_already(const fs::path& folder, const Config& config, const std::string& input_key,
+                         const std::string& input_sha256) {
+  Outcome outcome;
+  outcome.summary_json = read_file(folder / "summary.json");
+  Config before;
+  read_config(before, folder / "config.resolved.toml");
+  const Json summary = Json::parse(outcome.summary_json, nullptr, false);
+  require_same_run({summary.value("version", ""), option_values(before), summary.value(input_key, "")},
+                   {DIMPLE_VERSION, option_values(config), input_sha256});
+  std::error_code ignored;
+  fs::remove(folder / checkpoint_file, ignored);  // if it was killed between the last file and this
+  remove_temporaries_in(folder);
+  outcome.headline = fmt::format("{:.4f} N at {:.2f} mm", summary.value("force_N", 0.0),
+                                 summary.value("indentation_mm", 0.0));
+  say(fmt::format("resume   {} holds the finished run: nothing to do", folder.string()));
+  return outcome;
 }
 
 struct SolveInput {
@@ -409,11 +438,29 @@ struct SolveInput {
   std::vector<std::string> facts;  // for the picture
   std::map<std::string, std::string> notes;
   std::string subject;
+  RunIdentity identity;
+  std::optional<Checkpoint> resumed;
   Stages stages = {};
 };
 
+// What is to be resumed in the folder, if anything. Throws UsageError: it was another run.
+std::optional<Checkpoint> resumed_in(const ResultFolder& folder, const RunIdentity& identity) {
+  if (!folder.resumable()) return std::nullopt;
+  Checkpoint checkpoint = read_checkpoint(folder.path() / checkpoint_file);
+  require_same_run(checkpoint.run, identity);
+  return checkpoint;
+}
+
 Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool()>& stop_requested) {
   const Config& config = in.config;
+  Checkpoint kept{
+      .run = in.identity, .model_sha256 = sha256_of_model(in.files), .frame_time_s = {}, .state = {}};
+  if (in.resumed && in.resumed->model_sha256 != kept.model_sha256)
+    throw InputError(
+        {.fact = "the model has not come out as it was when the run began",
+         .where = "--resume",
+         .why = "another build of the program, or another processor, computes a little otherwise",
+         .remedy = "start anew with --force, or resume where the run was begun"});
   Model& model = in.files.model;
   Stopwatch preparing;
   const Tissues tissues = tissues_of(config, in.files);
@@ -452,6 +499,8 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
          .why = "the tool would come out on the other side",
          .remedy = "give a smaller --depth, or another place with --indent-at"});
   const SolverOptions options = solver_options(config);
+  std::vector<Finding> findings = check_model(model, support, loading.depth);
+  for (const Finding& finding : findings) warn(in_words(finding));
   for (std::size_t t = 0; t < tissues.material.size(); ++t) say(describe(tissues, t));
   const TimeMode mode = choose_time(config, model, tissues, is_converging);
   const bool quasi_static = mode == TimeMode::quasi_static;
@@ -475,7 +524,18 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   History history;
   Progress progress("solve");
   Stopwatch solving;
-  double writing_s = 0.0;
+  double writing_s = 0.0, solve_s_before = 0.0, writing_s_before = 0.0;
+  if (in.resumed) {
+    solve_s_before = in.resumed->solve_wall_s;
+    writing_s_before = in.resumed->write_wall_s;
+    writer.resume(in.resumed->frame_time_s);
+    say(fmt::format(
+        "resume   after {} frames, at {:.2f} mm", in.resumed->frame_time_s.size(),
+        in.resumed->state.history.force.empty() ? 0.0 : 1e3 * in.resumed->state.history.force.back().depth));
+  }
+  // Where the run stands is kept now and then, within a hundredth of its time.
+  Stopwatch since_kept;
+  double keeping_s = 0.0;
   const Observer observer = {
       .frame =
           [&](const Frame& frame) {
@@ -492,20 +552,46 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
                     : fmt::format("t {:.2f} s, {:.2f} mm, {:.5f} N, step {:.3g} us", now.t, 1e3 * now.depth,
                                   now.force, 1e6 * h.dt_smallest));
             return !stop_requested();
+          },
+      .between_steps =
+          [&](const std::function<State()>& state) {
+            if (since_kept.seconds() < std::max(0.2, 100.0 * keeping_s)) return;
+            Stopwatch writing;
+            kept.state = state();
+            kept.frame_time_s = writer.frame_time_s();
+            kept.solve_wall_s = solve_s_before + solving.seconds() - writing_s;
+            kept.write_wall_s = writing_s_before + writing_s;
+            write_checkpoint(folder / checkpoint_file, kept);
+            since_kept = {};
+            keeping_s = writing.seconds();
+            writing_s += keeping_s;
+          },
+      .retry =
+          [&](const Retry& retry) {
+            progress.finish();
+            say(fmt::format("retry    {}, at {:.3f} mm ({}): {}", history.retries.size(), 1e3 * retry.depth,
+                            retry.code, retry.what));
           }};
-  std::optional<SolveError> failure;
+  // What there is until then is written before a failure is passed on.
+  std::exception_ptr failure;
+  Report reason;
   try {
-    solve_by(mode, system, model, loading, options, observer, history);
-  } catch (const SolveError& error) {
-    failure = error;
+    solve_by(mode, system, model, loading, options, observer, history,
+             in.resumed ? &in.resumed->state : nullptr);
+  } catch (const Error& error) {
+    failure = std::current_exception();
+    reason = error.report;
   }
   progress.finish();
-  const double solve_s = solving.seconds() - writing_s;
+  for (const Finding& finding : history.guards) warn(in_words(finding));
+  findings.insert(findings.end(), history.guards.begin(), history.guards.end());
+  const double solve_s = solve_s_before + solving.seconds() - writing_s;
+  writing_s += writing_s_before;
   writer.tables(history);
 
   Outcome outcome;
   outcome.interrupted = history.interrupted;
-  const std::string status = failure ? "failed" : history.interrupted ? "interrupted" : "ok";
+  const std::string status = failure ? "failed" : history.interrupted ? "interrupted" : "finished";
   const double reached = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
   const double force = history.force.empty() ? 0.0 : history.force.back().force;
   const double evaluations = static_cast<double>(history.steps + history.extra_evaluations);
@@ -517,7 +603,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
 
   Json& summary = in.summary;
   summary["status"] = status;
-  if (failure) summary["error"] = report_json(failure->report);
+  if (failure) summary["failure"] = report_json(reason);
   summary["version"] = DIMPLE_VERSION;
   summary["scheme"] = in.files.scheme;
   summary["time"] = quasi_static ? "quasi-static" : mode == TimeMode::dynamic ? "dynamic" : "explicit";
@@ -554,8 +640,16 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   summary["real_time_factor"] = solve_s > 0.0 ? reached / config.load.rate_mm_per_s / solve_s : 0.0;
   summary["threads"] = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
   summary["warnings"] = in.warnings;
+  summary["guards"] = Json::array();
+  for (const Finding& finding : findings) {
+    Json entry = report_json(finding.report);
+    entry["worst"] = finding.worst;
+    summary["guards"].push_back(entry);
+  }
+  summary["retries"] = Json::array();
+  for (const Retry& retry : history.retries)
+    summary["retries"].push_back({{"code", retry.code}, {"at_mm", 1e3 * retry.depth}, {"what", retry.what}});
   outcome.summary_json = summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
-  write_file(folder / "summary.json", outcome.summary_json);
   write_file(folder / "config.resolved.toml", to_toml(config, in.notes));
 
   outcome.headline = fmt::format("{:.4f} N at {:.2f} mm", force, reached);
@@ -570,15 +664,10 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
           "time",
           history.steps, 1e6 * history.dt_first, 1e6 * history.dt_stable_first,
           summary["ms_per_step"].get<double>(), solve_s, summary["real_time_factor"].get<double>()));
-    writer.overview(
-        history,
-        fmt::format("{}: {}{}", in.subject, outcome.headline, status == "ok" ? "" : " (" + status + ")"),
-        in.facts);
-    if (history.inverted > 0)
-      say(fmt::format(
-          "note     {} of {} points are inside out at the end, smallest det F {:.2f}: the strain at a sharp "
-          "rim is unbounded",
-          history.inverted, model.point_count(), history.J_min));
+    writer.overview(history,
+                    fmt::format("{}: {}{}", in.subject, outcome.headline,
+                                status == "finished" ? "" : " (" + status + ")"),
+                    in.facts);
     if (quasi_static)
       say(fmt::format(
           "done     {} force evaluations, {:.3f} ms each; {:.1f} s wall; unbalanced {:.1e} of the reactions, "
@@ -593,16 +682,29 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
                       summary["real_time_factor"].get<double>(),
                       100.0 * summary["energy_error"].get<double>(), summary["base_force_N"].get<double>()));
   }
-  if (failure) throw *failure;
+  // The last file: a folder with it is complete. Then there is nothing to go on with.
+  write_file(folder / "summary.json", outcome.summary_json);
+  if (!failure && !history.interrupted) {
+    std::error_code ignored;
+    fs::remove(folder / checkpoint_file, ignored);
+  }
+  if (failure) std::rethrow_exception(failure);
   return outcome;
 }
 
 }  // namespace
 
-Outcome make_model(const Config& config, const fs::path& folder) {
-  check_result_folder(folder);
+Outcome make_model(const Config& config, const fs::path& folder, Existing existing) {
+  ResultFolder results(folder, existing);
+  if (existing == Existing::refuse && fs::exists(folder / "model.toml"))
+    throw OutputError({.fact = fmt::format("{} holds a model already", folder.string()),
+                       .where = "-o",
+                       .why = "it would be lost",
+                       .remedy = "give another folder with -o, or --force to replace it"});
   Prepared prepared = prepare(config);
-  prepare_result_folder(folder);
+  results.prepare();
+  std::error_code ignored;
+  fs::remove(folder / "model.toml", ignored);  // it comes last: with it the model is complete
   write_model(folder, prepared.files);
   write_vti(folder / "label.vti", prepared.image);
   // Supports are found again when the model is solved; here only to refuse a model that cannot be.
@@ -629,33 +731,50 @@ Outcome make_model(const Config& config, const fs::path& folder) {
 }
 
 Outcome solve_model(const Config& config, const fs::path& model, const fs::path& folder,
-                    const std::function<bool()>& stop_requested) {
-  check_result_folder(folder);
+                    const std::function<bool()>& stop_requested, Existing existing) {
+  ResultFolder results(folder, existing);
   ModelFiles files = read_model(model);
   check_materials(materials_of(config), files.scheme);
-  prepare_result_folder(folder);
+  const RunIdentity identity{DIMPLE_VERSION, option_values(config), sha256_of_model(files)};
+  if (existing == Existing::resume && results.finished())
+    return finished_already(folder, config, "model_sha256", identity.input_sha256);
+  std::optional<Checkpoint> resumed = resumed_in(results, identity);
+  results.prepare(fs::is_directory(model) ? model : model.parent_path());
   for (const std::string& note : files.notes) warn(note);
   const fs::path label = (fs::is_directory(model) ? model : model.parent_path()) / "label.vti";
   if (fs::exists(label)) write_file(folder / "label.vti", read_file(label));
   Json summary;
   summary["made_from"] = files.provenance;
+  summary["model_sha256"] = identity.input_sha256;
   SolveInput input{.config = config,
                    .files = files,
                    .summary = summary,
                    .warnings = files.notes,
                    .facts = {},
                    .notes = {},
-                   .subject = model.filename().string()};
+                   .subject = model.filename().string(),
+                   .identity = identity,
+                   .resumed = std::move(resumed)};
   for (const char* key : {"image", "base", "circle"})
     if (const auto found = files.provenance.find(key); found != files.provenance.end())
       input.facts.push_back(fmt::format("{}: {}", key, found->second));
   return solve_in(folder, std::move(input), stop_requested);
 }
 
-Outcome run(const Config& config, const fs::path& folder, const std::function<bool()>& stop_requested) {
-  check_result_folder(folder);
+Outcome run(const Config& config, const fs::path& folder, const std::function<bool()>& stop_requested,
+            Existing existing) {
+  ResultFolder results(folder, existing);
+  RunIdentity identity{DIMPLE_VERSION, option_values(config), ""};
+  std::optional<Checkpoint> resumed;
+  if (existing == Existing::resume && !config.image.file.empty() &&
+      (results.finished() || results.resumable())) {
+    identity.input_sha256 = sha256_of_file(config.image.file);
+    if (results.finished()) return finished_already(folder, config, "image_sha256", identity.input_sha256);
+    resumed = resumed_in(results, identity);
+  }
   Prepared prepared = prepare(config);
-  prepare_result_folder(folder);
+  identity.input_sha256 = prepared.files.provenance.at("image_sha256");
+  results.prepare();
   write_model(folder / "model", prepared.files);
   write_vti(folder / "label.vti", prepared.image);
   Json summary;
@@ -669,6 +788,8 @@ Outcome run(const Config& config, const fs::path& folder, const std::function<bo
                    .facts = {},
                    .notes = prepared.notes,
                    .subject = fs::path(config.image.file).filename().string(),
+                   .identity = identity,
+                   .resumed = std::move(resumed),
                    .stages = prepared.stages};
   const ModelReport& report = prepared.report;
   input.facts = {

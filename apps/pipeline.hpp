@@ -6,11 +6,13 @@
 
 #include "apps/config.hpp"
 #include "apps/model_files.hpp"
+#include "apps/results.hpp"
 
 namespace dimple {
 
 /// What the commands do, without the command line. Each throws Error; none prints to stdout.
-/// `stop_requested` is asked now and then while solving.
+/// `stop_requested` is asked now and then while solving. `existing`: what to do with results that are in the
+/// folder already.
 struct Outcome {
   std::string summary_json;  ///< what summary.json holds
   std::string headline;      ///< one line: the force, and where the pictures are
@@ -19,11 +21,13 @@ struct Outcome {
 
 void describe_image(const std::filesystem::path& image, const std::filesystem::path& label_names,
                     bool as_json);
-Outcome make_model(const Config& config, const std::filesystem::path& folder);
+Outcome make_model(const Config& config, const std::filesystem::path& folder,
+                   Existing existing = Existing::refuse);
 Outcome solve_model(const Config& config, const std::filesystem::path& model,
-                    const std::filesystem::path& folder, const std::function<bool()>& stop_requested);
+                    const std::filesystem::path& folder, const std::function<bool()>& stop_requested,
+                    Existing existing = Existing::refuse);
 Outcome run(const Config& config, const std::filesystem::path& folder,
-            const std::function<bool()>& stop_requested);
+            const std::function<bool()>& stop_requested, Existing existing = Existing::refuse);
 
 /// A force curve and what it cost, without any files.
 struct Measured {

@@ -2,6 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
+#include <nlohmann/json.hpp>
+#include <regex>
 #include <system_error>
 
 #include "io/error.hpp"
@@ -46,6 +50,13 @@ ResultWriter::ResultWriter(fs::path folder, const Model& model, const ForceSyste
   }
 }
 
+void ResultWriter::resume(const std::vector<double>& frame_time_s) {
+  frame_time_s_ = frame_time_s;
+  node_series_.resume(frame_time_s);
+  point_series_.resume(frame_time_s);
+  if (surface_.triangles.cols() > 0) surface_series_.resume(frame_time_s);
+}
+
 void ResultWriter::frame(const Frame& frame) {
   const Points u = frame.u.topRows<3>() * 1e3;
   Points reaction = Points::Zero(3, u.cols());
@@ -87,6 +98,7 @@ void ResultWriter::frame(const Frame& frame) {
   point_series_.add(frame.t);
 
   last_u_mm_ = u;
+  frame_time_s_.push_back(frame.t);
   if (surface_.triangles.cols() == 0) return;
   last_surface_u_mm_ = to_surface_(u);
   write_vtp(
@@ -141,27 +153,108 @@ void ResultWriter::overview(const History& history, const std::string& title,
   write_overview(folder_ / "overview.png", picture);
 }
 
+namespace {
+
+// In the order in which they are removed: first those that say that others are there.
+constexpr std::array files_of_a_run = {
+    checkpoint_file, "summary.json", "model/model.toml", "nodes.pvd",    "points.pvd",
+    "surface.pvd",   "force.csv",    "energy.csv",       "overview.png", "config.resolved.toml"};
+constexpr std::array files_of_a_model = {"model.toml", "nodes.vtu", "points.vtu", "surface.vtp", "label.vti"};
+constexpr std::array folders_of_a_run = {"nodes", "points", "surface", "model"};
+
+template <std::size_t count>
+bool is_among(const fs::path& file, const std::array<const char*, count>& names) {
+  return std::find(names.begin(), names.end(), file.filename()) != names.end();
+}
+
+bool is_frame(const fs::path& file) {
+  static const std::regex frame(R"((nodes|points|surface)_\d{4,}\.vt[up])");
+  return std::regex_match(file.filename().string(), frame);
+}
+
+// The files that a run has made in its folder, finished or not, and folders that it has made and left empty.
+// A run may lie in its model's own folder: the model is no result of it.
+std::vector<fs::path> made_by_a_run(const fs::path& folder) {
+  std::error_code ignored;
+  std::vector<fs::path> list;
+  for (const char* name : files_of_a_run)
+    if (fs::exists(folder / name, ignored)) list.push_back(folder / name);
+  const bool has_model = fs::exists(folder / "model.toml", ignored);
+  for (const auto& entry : fs::directory_iterator(folder, ignored))
+    if (is_temporary(entry) || (!has_model && entry.path().filename() == "label.vti")) list.push_back(entry);
+  for (const std::string name : folders_of_a_run) {
+    for (const auto& entry : fs::directory_iterator(folder / name, ignored))
+      if (is_temporary(entry) || (name == "model" ? is_among(entry, files_of_a_model) : is_frame(entry)))
+        list.push_back(entry);
+    if (fs::is_directory(folder / name, ignored) && fs::is_empty(folder / name, ignored))
+      list.push_back(folder / name);
+  }
+  return list;
+}
+
+bool holds_a_model(const fs::path& folder) {
+  std::error_code ignored;
+  return std::any_of(files_of_a_model.begin(), files_of_a_model.end(),
+                     [&](const char* name) { return fs::exists(folder / name, ignored); });
+}
+
+}  // namespace
+
 void check_result_folder(const fs::path& folder) {
   std::error_code error;
-  if (fs::is_directory(folder) && !fs::is_empty(folder, error) && !fs::exists(folder / "summary.json") &&
-      !fs::exists(folder / "model.toml") && !fs::exists(folder / "config.resolved.toml") &&
-      !fs::exists(folder / "convergence.csv") && !fs::exists(folder / "chart.csv") &&
-      !fs::exists(folder / "label.vti"))
+  if (fs::is_directory(folder) && !fs::is_empty(folder, error) && made_by_a_run(folder).empty() &&
+      !holds_a_model(folder) && !fs::exists(folder / "convergence.csv") && !fs::exists(folder / "chart.csv"))
     throw OutputError({.fact = fmt::format("{} holds files that are not results of dimple", folder.string()),
                        .where = "-o",
                        .why = "they could be overwritten",
                        .remedy = "give an empty or a new folder with -o"});
 }
 
-void prepare_result_folder(const fs::path& folder) {
-  check_result_folder(folder);
-  make_folder(folder);
+ResultFolder::ResultFolder(fs::path folder, Existing existing)
+    : path_(std::move(folder)), existing_(existing) {
+  std::error_code ignored;
+  if (!fs::is_directory(path_, ignored)) return;
+  lock_.emplace(path_);
+  check_result_folder(path_);
+  if (existing_ != Existing::refuse || made_by_a_run(path_).empty()) return;
+  throw OutputError(
+      {.fact =
+           fmt::format("{} holds the results of {} run", path_.string(), finished() ? "a" : "an unfinished"),
+       .where = "-o",
+       .why = "they would be lost",
+       .remedy = finished() ? "give another folder with -o, or --force to replace them"
+                            : "go on with that run by --resume, start anew by --force, or give another -o"});
+}
+
+bool ResultFolder::finished() const {
+  std::error_code ignored;
+  if (!fs::is_regular_file(path_ / "summary.json", ignored)) return false;
+  const auto summary = nlohmann::json::parse(read_file(path_ / "summary.json"), nullptr, false);
+  if (!summary.is_object()) return false;
+  const std::string status = summary.value("status", "");
+  return status != "interrupted" && status != "failed";
+}
+
+bool ResultFolder::resumable() const {
+  std::error_code ignored;
+  return existing_ == Existing::resume && fs::is_regular_file(path_ / checkpoint_file, ignored);
+}
+
+void ResultFolder::prepare(const fs::path& model) {
+  make_folder(path_);
+  if (!lock_) lock_.emplace(path_);
+  if (resumable()) {
+    remove_temporaries_in(path_);
+    for (const char* name : folders_of_a_run) remove_temporaries_in(path_ / name);
+    return;
+  }
   std::error_code error;  // what cannot be removed will be replaced
-  // What an earlier run left must not be mistaken for this one's.
-  for (const char* name :
-       {"summary.json", "overview.png", "force.csv", "energy.csv", "nodes.pvd", "points.pvd", "surface.pvd"})
-    fs::remove(folder / name, error);
-  for (const char* name : {"nodes", "points", "surface"}) fs::remove_all(folder / name, error);
+  const bool keep_model = !model.empty() && fs::equivalent(path_ / "model", model, error);
+  for (const fs::path& file : made_by_a_run(path_))
+    if (!keep_model || (file.parent_path() != path_ / "model" && file.filename() != "label.vti"))
+      fs::remove(file, error);
+  for (const char* name : folders_of_a_run)
+    fs::remove(path_ / name, error);  // unless it holds something else
 }
 
 }  // namespace dimple

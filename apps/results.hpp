@@ -1,10 +1,12 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "apps/config.hpp"
+#include "io/file.hpp"
 #include "io/vtk_files.hpp"
 
 namespace dimple {
@@ -17,6 +19,9 @@ class ResultWriter {
                const SurfaceFile& surface, const SupportOptions& support);
 
   void frame(const Frame& frame);
+  /// Goes on after the frames that an earlier run has written at these times [s].
+  void resume(const std::vector<double>& frame_time_s);
+  const std::vector<double>& frame_time_s() const { return frame_time_s_; }
   void tables(const History& history) const;
   /// overview.png: the model at rest, the last frame, the force curve.
   void overview(const History& history, const std::string& title,
@@ -32,13 +37,42 @@ class ResultWriter {
   Eigen::MatrixXd node_set_;
   Eigen::MatrixXd on_circle_;  // [1 x surface vertices]
   TimeSeries node_series_, point_series_, surface_series_;
+  std::vector<double> frame_time_s_;
   Points last_u_mm_, last_surface_u_mm_;
 };
+
+/// Where a run keeps what it needs to go on; not there when it has finished.
+inline constexpr const char* checkpoint_file = "checkpoint.cbor";
 
 /// Refuses a folder that holds other things than our results, before anything expensive. Throws OutputError.
 void check_result_folder(const std::filesystem::path& folder);
 
-/// Makes the folder, and removes what an earlier run left there. Throws OutputError.
-void prepare_result_folder(const std::filesystem::path& folder);
+/// What to do where results are already.
+enum class Existing {
+  refuse,   ///< say so
+  replace,  ///< remove them and start anew
+  resume    ///< go on with the run that has made them
+};
+
+/// The folder of a run from its first file to its last; other runs are kept out meanwhile.
+class ResultFolder {
+ public:
+  /// Changes nothing yet. Throws OutputError: it holds other things than our results, or results although
+  /// `existing` is refuse, or another run is at work there.
+  ResultFolder(std::filesystem::path folder, Existing existing);
+
+  bool finished() const;   ///< an earlier run has ended there
+  bool resumable() const;  ///< or has left a checkpoint, and is to be resumed
+
+  /// Makes the folder; removes what an earlier run left unfinished there, and, unless that is to be resumed,
+  /// all that it has made, but for the model in the folder `model`. Throws OutputError.
+  void prepare(const std::filesystem::path& model = {});
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+  Existing existing_;
+  std::optional<FolderLock> lock_;
+};
 
 }  // namespace dimple

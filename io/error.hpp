@@ -18,19 +18,45 @@ enum class ExitCode : int {
   interrupted = 130  ///< Ctrl-C; the partial result is valid
 };
 
-/// The four things that a message owes its reader.
+/// The same as a word, for programs: what is wrong when nothing more special is known.
+inline const char* word_of(ExitCode code) {
+  switch (code) {
+    case ExitCode::ok:
+      return "ok";
+    case ExitCode::internal:
+      return "internal";
+    case ExitCode::usage:
+      return "usage";
+    case ExitCode::input:
+      return "input";
+    case ExitCode::model:
+      return "no-model";
+    case ExitCode::solve:
+      return "no-solution";
+    case ExitCode::output:
+      return "output";
+    case ExitCode::interrupted:
+      return "interrupted";
+  }
+  return "internal";
+}
+
+/// The four things that a message owes its reader, and a word for programs.
 struct Report {
-  std::string fact;    ///< what is wrong, with numbers
-  std::string where;   ///< stage, file, place
-  std::string why;     ///< how it came about
-  std::string remedy;  ///< what to do, with the option's name
+  std::string fact;       ///< what is wrong, with numbers
+  std::string where;      ///< stage, file, place
+  std::string why;        ///< how it came about
+  std::string remedy;     ///< what to do, with the option's name
+  std::string code = {};  ///< kebab-case, one for each kind of trouble; empty: that of the exit code
 };
 
 /// Every failure that a user can meet. Thrown whole, printed by apps only.
 class Error : public std::runtime_error {
  public:
   Error(ExitCode exit_code, Report what_to_say)
-      : std::runtime_error(what_to_say.fact), code(exit_code), report(std::move(what_to_say)) {}
+      : std::runtime_error(what_to_say.fact), code(exit_code), report(std::move(what_to_say)) {
+    if (report.code.empty()) report.code = word_of(exit_code);
+  }
   ExitCode code;
   Report report;
 };

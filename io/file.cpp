@@ -3,13 +3,16 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <openssl/evp.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <array>
 #include <atomic>
 #include <cerrno>
+#include <csignal>
 #include <memory>
+#include <regex>
 #include <string>
 #include <system_error>
 
@@ -90,6 +93,56 @@ fs::path temporary_beside(const fs::path& file) {
   return file.parent_path() / fmt::format(".{}-{}-{}", ::getpid(), count++, file.filename().string());
 }
 
+namespace {
+
+// The parts of temporary_beside()'s names.
+const std::regex& temporary_name() {
+  static const std::regex pattern(R"(\.(\d{1,9})-\d+-(.+))");
+  return pattern;
+}
+
+}  // namespace
+
+void remove_temporaries_of(const fs::path& file) {
+  std::error_code ignored;
+  const fs::path folder = file.has_parent_path() ? file.parent_path() : fs::path(".");
+  std::vector<fs::path> left;
+  for (const auto& entry : fs::directory_iterator(folder, ignored)) {
+    const std::string name = entry.path().filename().string();
+    std::smatch part;
+    if (!std::regex_match(name, part, temporary_name()) || part[2] != file.filename().string()) continue;
+    const pid_t writer = std::stoi(part[1]);
+    if (writer == ::getpid() || (::kill(writer, 0) != 0 && errno == ESRCH)) left.push_back(entry.path());
+  }
+  for (const fs::path& path : left) fs::remove(path, ignored);
+}
+
+bool is_temporary(const fs::path& file) {
+  return std::regex_match(file.filename().string(), temporary_name());
+}
+
+void remove_temporaries_in(const fs::path& folder) {
+  std::error_code ignored;
+  std::vector<fs::path> left;
+  for (const auto& entry : fs::directory_iterator(folder, ignored))
+    if (is_temporary(entry.path())) left.push_back(entry.path());
+  for (const fs::path& path : left) fs::remove(path, ignored);
+}
+
+FolderLock::FolderLock(const fs::path& folder)
+    : folder_(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
+  if (folder_ < 0 || ::flock(folder_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
+  ::close(folder_);
+  throw OutputError({.fact = fmt::format("another run is writing to {}", folder.string()),
+                     .where = "-o",
+                     .why = "two runs in one folder would overwrite each other's results",
+                     .remedy = "wait until it has ended, or give another folder with -o"});
+}
+
+FolderLock::~FolderLock() {
+  if (folder_ >= 0) ::close(folder_);
+}
+
 void claim_temporary(const fs::path& temporary, const fs::path& file) {
   const Descriptor out(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
   if (out.number < 0) cannot_write(file, errno);
@@ -167,23 +220,43 @@ std::string read_file(const fs::path& file) {
   return content;
 }
 
+namespace {
+
+class Digest {
+ public:
+  void add(const char* bytes, std::size_t size) {
+    good_ = good_ && EVP_DigestUpdate(context_.get(), bytes, size) == 1;
+  }
+  std::string text() {
+    std::array<unsigned char, EVP_MAX_MD_SIZE> sum{};
+    unsigned int length = 0;
+    good_ = good_ && EVP_DigestFinal_ex(context_.get(), sum.data(), &length) == 1;
+    if (!good_) throw std::runtime_error("OpenSSL could not compute a SHA-256");  // no fault of the user's
+    std::string text;
+    for (unsigned int i = 0; i < length; ++i) text += fmt::format("{:02x}", sum[i]);
+    return text;
+  }
+
+ private:
+  std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context_{EVP_MD_CTX_new(), &EVP_MD_CTX_free};
+  bool good_ = context_ && EVP_DigestInit_ex(context_.get(), EVP_sha256(), nullptr) == 1;
+};
+
+}  // namespace
+
 std::string sha256_of_file(const fs::path& file) {
   const Descriptor in = open_to_read(file);
-  const std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> digest(EVP_MD_CTX_new(), &EVP_MD_CTX_free);
-  bool good = digest && EVP_DigestInit_ex(digest.get(), EVP_sha256(), nullptr) == 1;
-
+  Digest digest;
   std::array<char, 1 << 16> buffer;
   while (const std::size_t n = read_some(in, buffer.data(), buffer.size(), file))
-    good = good && EVP_DigestUpdate(digest.get(), buffer.data(), n) == 1;
+    digest.add(buffer.data(), n);
+  return digest.text();
+}
 
-  std::array<unsigned char, EVP_MAX_MD_SIZE> sum{};
-  unsigned int length = 0;
-  good = good && EVP_DigestFinal_ex(digest.get(), sum.data(), &length) == 1;
-  if (!good) throw std::runtime_error("OpenSSL could not compute a SHA-256");  // no fault of the user's
-
-  std::string text;
-  for (unsigned int i = 0; i < length; ++i) text += fmt::format("{:02x}", sum[i]);
-  return text;
+std::string sha256(std::string_view bytes) {
+  Digest digest;
+  digest.add(bytes.data(), bytes.size());
+  return digest.text();
 }
 
 }  // namespace dimple

@@ -11,7 +11,8 @@ namespace dimple {
 /// (disk full, read-only, no such folder).
 void write_file(const std::filesystem::path& file, std::string_view content);
 
-/// A name beside `file`, with its suffix, for a writer that wants a path; nothing else uses it.
+/// A name beside `file`, with its suffix, for a writer that wants a path; nothing else uses it. It starts
+/// with a dot and the number of this process.
 std::filesystem::path temporary_beside(const std::filesystem::path& file);
 
 /// Makes `temporary`, empty. On failure throws OutputError about `file`, which it is to become.
@@ -20,6 +21,30 @@ void claim_temporary(const std::filesystem::path& temporary, const std::filesyst
 /// Flushes `temporary` to disk and renames it to `file`. On failure removes `temporary` and throws
 /// OutputError.
 void move_into_place(const std::filesystem::path& temporary, const std::filesystem::path& file);
+
+/// Removes what killed programs have left beside `file` on the way to it; not what one that still lives is
+/// writing.
+void remove_temporaries_of(const std::filesystem::path& file);
+
+/// Whether this is the name of one.
+bool is_temporary(const std::filesystem::path& file);
+
+/// Removes such leftovers of any file in `folder`, which nobody else may be writing to.
+void remove_temporaries_in(const std::filesystem::path& folder);
+
+/// Keeps other runs out of a folder for as long as it lives: by flock(), so it ends with the process, and
+/// nothing is left behind. On a file system without such locks it does nothing.
+class FolderLock {
+ public:
+  /// Throws OutputError: another program holds it.
+  explicit FolderLock(const std::filesystem::path& folder);
+  ~FolderLock();
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+
+ private:
+  int folder_;
+};
 
 /// Makes the folder and those above it. Throws OutputError with the system's reason.
 void make_folder(const std::filesystem::path& folder);
@@ -32,5 +57,6 @@ std::string read_file(const std::filesystem::path& file);
 
 /// SHA-256 of the file's bytes, 64 hexadecimal digits. Throws InputError.
 std::string sha256_of_file(const std::filesystem::path& file);
+std::string sha256(std::string_view bytes);
 
 }  // namespace dimple

@@ -157,12 +157,18 @@ struct TextHeader {
   }
 };
 
+std::uintmax_t length_of(const fs::path& file) {
+  std::error_code failed;
+  const std::uintmax_t length = fs::file_size(file, failed);
+  return failed ? 0 : length;
+}
+
 /// Ends at an empty line (NRRD) or after the line with `last_key` (MetaImage).
 TextHeader read_text_header(const fs::path& file, char separator, std::string_view last_key) {
-  constexpr std::size_t longest = 1 << 22;
-  std::string start(longest, '\0');
+  constexpr std::uintmax_t longest = 1 << 22;
+  std::string start(static_cast<std::size_t>(std::min(length_of(file), longest)), '\0');
   std::ifstream in(file, std::ios::binary);
-  in.read(start.data(), static_cast<std::streamsize>(longest));
+  in.read(start.data(), static_cast<std::streamsize>(start.size()));
   start.resize(static_cast<std::size_t>(in.gcount()));
 
   TextHeader header;
@@ -222,12 +228,6 @@ void swap_bytes(StoredImage& image) {
   const auto width = static_cast<std::ptrdiff_t>(bytes_of(image.type));
   for (auto number = image.data.begin(); number != image.data.end(); number += width)
     std::reverse(number, number + width);
-}
-
-std::uintmax_t length_of(const fs::path& file) {
-  std::error_code failed;
-  const std::uintmax_t length = fs::file_size(file, failed);
-  return failed ? 0 : length;
 }
 
 void read_plain(StoredImage& image, const fs::path& file, std::uintmax_t begin) {

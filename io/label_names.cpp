@@ -7,7 +7,6 @@
 #include <cmath>
 #include <iterator>
 #include <optional>
-#include <regex>
 #include <sstream>
 
 #include "io/error.hpp"
@@ -74,12 +73,16 @@ std::map<int, std::array<Index, 6>> extents(const LabelImage& image) {
 
 std::map<int, std::string> names_from_segment_keys(const KeyValues& keys,
                                                    std::vector<std::string>& warnings) {
-  static const std::regex name_key("Segment([0-9]+)_Name");
+  constexpr std::string_view before = "Segment", after = "_Name";
   std::map<int, std::string> names;
   for (const auto& [key, name] : keys) {
-    std::smatch number;
-    if (name.empty() || !std::regex_match(key, number, name_key)) continue;
-    const auto value = keys.find("Segment" + number[1].str() + "_LabelValue");
+    if (name.empty() || !key.starts_with(before) || !key.ends_with(after) ||
+        key.size() <= before.size() + after.size())
+      continue;
+    const std::string segment = key.substr(0, key.size() - after.size());
+    // No std::regex: it descends once a letter, and a long key would end the stack.
+    if (segment.find_first_not_of("0123456789", before.size()) != std::string::npos) continue;
+    const auto value = keys.find(segment + "_LabelValue");
     // Slicer wrote no LabelValue before 4.11; a single segment then has label 1.
     const std::optional<int> label = value == keys.end() ? std::optional(1) : integer(value->second);
     if (!label || *label <= 0) continue;

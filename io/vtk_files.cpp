@@ -30,12 +30,9 @@
 #include <vtkXMLUnstructuredGridWriter.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 #include <exception>
-#include <fstream>
 #include <limits>
 #include <optional>
 #include <regex>
@@ -286,17 +283,18 @@ class CheckedReader : public Reader {
   }
 };
 
-/// What would make VTK's reader follow a null pointer, as a sentence: `kind` is not there, or an array has no
-/// type that VTK knows. `head` is the beginning of the file.
-std::string fatal_flaw(const std::string& head, const std::string& kind) {
-  if (!std::regex_search(head, std::regex(fmt::format("<{}[ >\\r\\n\\t]", kind))))
+/// What would make VTK's reader follow a null pointer or write outside its arrays, as a sentence: `kind` is
+/// not there, or an array is not of numbers of a type that VTK knows.
+std::string fatal_flaw(const std::string& content, const std::string& kind) {
+  if (!std::regex_search(content.substr(0, 65536), std::regex(fmt::format("<{}[ >\\r\\n\\t]", kind))))
     return fmt::format("its element <{}> is missing", kind);
-  static const std::regex known(R"([ \r\n\t]type *= *["'](U?Int(8|16|32|64)|Float(32|64)|Bit|String)["'])");
-  for (std::size_t at = 0; (at = head.find("<DataArray", at)) != std::string::npos; ++at) {
-    const std::string element = head.substr(at, std::min(head.find('>', at) - at, std::size_t{1000}));
-    if (!std::regex_search(element, known))
-      return fmt::format("an array in its header has no known type: {}", element.substr(0, 60));
-  }
+  static const std::regex known(R"([ \r\n\t]type *= *["'](U?Int(8|16|32|64)|Float(32|64)|Bit)["'])");
+  for (const char* element : {"<DataArray", "<Array"})  // what VTK reads arrays from
+    for (std::size_t at = 0; (at = content.find(element, at)) != std::string::npos; ++at) {
+      const std::string tag = content.substr(at, std::min(content.find('>', at) - at, std::size_t{1000}));
+      if (!std::regex_search(tag, known))
+        return fmt::format("an array is not one of numbers: {}", tag.substr(0, 60));
+    }
   return "";
 }
 
@@ -311,12 +309,8 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
   if (fs::is_directory(file, ignored))
     refuse(file, fmt::format("{} is a folder", name), fmt::format("a {} file is needed", suffix),
            "name a file in it");
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream)
-    refuse(file, fmt::format("{} cannot be opened", name), std::strerror(errno), "check its permissions");
-  std::string head(65536, '\0');
-  stream.read(head.data(), static_cast<std::streamsize>(head.size()));
-  stream.close();
+  require_regular_file(file);
+  const std::string content = read_file(file);
 
   const MessageScope messages;
   vtkNew<vtkXMLFileReadTester> tester;
@@ -331,7 +325,7 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
            fmt::format("a {} file is needed here", suffix),
            fmt::format("name a {} file, or convert this one in ParaView", suffix));
 
-  if (const std::string flaw = fatal_flaw(head, kind); !flaw.empty())
+  if (const std::string flaw = fatal_flaw(content, kind); !flaw.empty())
     refuse(file, fmt::format("{} is damaged", name), flaw, "copy or export it again");
 
   vtkNew<CheckedReader<Reader>> reader;
@@ -453,10 +447,10 @@ vtkSmartPointer<vtkDataArray> labels_as(const LabelImage& image) {
 /// The narrowest of int16, uint16, int32 that holds every label.
 vtkSmartPointer<vtkDataArray> label_array(const LabelImage& image) {
   if (image.voxel.empty()) return labels_as<vtkShortArray>(image);
-  const auto [low, high] = std::minmax_element(image.voxel.begin(), image.voxel.end());
+  const auto range = std::minmax_element(image.voxel.begin(), image.voxel.end());
   const auto fits = [&](auto type) {
     using Limits = std::numeric_limits<decltype(type)>;
-    return *low >= Limits::min() && *high <= Limits::max();
+    return *range.first >= Limits::min() && *range.second <= Limits::max();
   };
   if (fits(short{})) return labels_as<vtkShortArray>(image);
   using UnsignedShort = unsigned short;
@@ -605,9 +599,13 @@ TimeSeries::TimeSeries(fs::path pvd, std::string suffix) : pvd_(std::move(pvd)),
   if (!suffix_.starts_with('.')) suffix_ = fmt::format(".{}", suffix_);
 }
 
-fs::path TimeSeries::next_frame() const {
+fs::path TimeSeries::frame(std::size_t number) const {
   const std::string stem = pvd_.stem().string();
-  const fs::path folder = pvd_.parent_path() / stem;
+  return pvd_.parent_path() / stem / fmt::format("{}_{:04}{}", stem, number, suffix_);
+}
+
+fs::path TimeSeries::next_frame() const {
+  const fs::path folder = frame(0).parent_path();
   std::error_code failure;
   fs::create_directories(folder, failure);
   if (failure)
@@ -615,19 +613,32 @@ fs::path TimeSeries::next_frame() const {
                        .where = fmt::format("writing the frames of {}", pvd_.string()),
                        .why = failure.message(),
                        .remedy = "name another output folder, or make this one writable"});
-  return folder / fmt::format("{}_{:04}{}", stem, frames_.size(), suffix_);
+  return frame(frames_.size());
+}
+
+void TimeSeries::resume(const std::vector<double>& times_s) {
+  std::error_code ignored;
+  frames_.clear();
+  for (const double time_s : times_s) {
+    const fs::path earlier = frame(frames_.size());
+    if (!fs::is_regular_file(earlier, ignored)) disappeared(earlier);
+    frames_.emplace_back(time_s, earlier.lexically_relative(pvd_.parent_path()).generic_string());
+  }
+  for (std::size_t k = frames_.size(); fs::remove(frame(k), ignored);) ++k;
+}
+
+void TimeSeries::disappeared(const fs::path& frame) const {
+  throw OutputError({.fact = fmt::format("the frame {} has disappeared", frame.string()),
+                     .where = fmt::format("listing it in {}", pvd_.string()),
+                     .why = "it was written by this run; something else moved or deleted it",
+                     .remedy = "let nothing else work in that folder; start anew with --force"});
 }
 
 void TimeSeries::add(double time_s) {
-  const fs::path frame = next_frame();
+  const fs::path written = next_frame();
   std::error_code ignored;
-  if (!fs::is_regular_file(frame, ignored))
-    throw OutputError({.fact = fmt::format("the frame {} has disappeared", frame.string()),
-                       .where = fmt::format("listing it in {}", pvd_.string()),
-                       .why = "it was written a moment ago; something else moved or deleted it",
-                       .remedy = "let no two runs share one output folder"});
-  // Relative, so that the folder can be moved.
-  frames_.emplace_back(time_s, frame.lexically_relative(pvd_.parent_path()).generic_string());
+  if (!fs::is_regular_file(written, ignored)) disappeared(written);
+  frames_.emplace_back(time_s, written.lexically_relative(pvd_.parent_path()).generic_string());
 
   // No library: VTK has no writer for this list (it is ParaView's), and it is a few lines of text.
   std::string list =

@@ -49,8 +49,8 @@ void write_vtp(const std::filesystem::path& file, const SurfaceFile& surface, do
 /// neighbour on a grid along L, P and S with the same three spacings, so that every label stays in its place.
 void write_vti(const std::filesystem::path& file, const LabelImage& image);
 
-/// Points and their fields; cells are ignored, text arrays skipped, integers wider than 32 bits become
-/// real64. Throws InputError: missing, not of this kind, damaged, holds no point, non-finite position.
+/// Points and their fields; cells are ignored, integers wider than 32 bits become real64. Throws InputError:
+/// missing, not of this kind, damaged, holds no point or a text array, non-finite position.
 PointFile read_vtu(const std::filesystem::path& file);
 /// The same for a surface. Throws InputError also if it holds no triangle, or polygons of other kinds.
 SurfaceFile read_vtp(const std::filesystem::path& file);
@@ -62,10 +62,16 @@ class TimeSeries {
   TimeSeries(std::filesystem::path pvd, std::string suffix);
   /// The path for the next frame; creates its folder. Throws OutputError.
   std::filesystem::path next_frame() const;
+  /// Goes on after frames that an earlier run has written at these times; those beyond them are removed.
+  /// Throws OutputError: one is not there.
+  void resume(const std::vector<double>& times_s);
   /// Lists the frame just written under its time. Throws OutputError, also if that frame is not there.
   void add(double time_s);
 
  private:
+  std::filesystem::path frame(std::size_t number) const;
+  [[noreturn]] void disappeared(const std::filesystem::path& frame) const;
+
   std::filesystem::path pvd_;
   std::string suffix_;
   std::vector<std::pair<double, std::string>> frames_;

@@ -7,6 +7,7 @@
 #include <CGAL/Side_of_triangle_mesh.h>
 #include <CGAL/Surface_mesh.h>
 #include <fmt/format.h>
+#include <tbb/parallel_invoke.h>
 
 #include <algorithm>
 #include <cmath>
@@ -96,14 +97,19 @@ BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isomet
   lower_ = vertex_.rowwise().minCoeff();
   upper_ = vertex_.rowwise().maxCoeff();
 
-  tree_->aabb.insert(faces(mesh).first, faces(mesh).second, mesh);
-  tree_->aabb.build();
-  tree_->aabb.accelerate_distance_queries();
-  tree_->side = std::make_unique<CGAL::Side_of_triangle_mesh<Mesh, Kernel>>(tree_->aabb);
-  const CGAL::Triangle_from_face_descriptor_map<Mesh> triangle_of(&mesh);
-  tree_->triangle.reserve(static_cast<std::size_t>(triangles_.cols()));
-  for (const auto face : faces(mesh)) tree_->triangle.push_back(get(triangle_of, face));
-  tree_->cells.emplace(vertex_, triangles_);
+  tbb::parallel_invoke(
+      [&] {
+        tree_->aabb.insert(faces(mesh).first, faces(mesh).second, mesh);
+        tree_->aabb.build();
+        tree_->aabb.accelerate_distance_queries();
+        tree_->side = std::make_unique<CGAL::Side_of_triangle_mesh<Mesh, Kernel>>(tree_->aabb);
+      },
+      [&] {
+        const CGAL::Triangle_from_face_descriptor_map<Mesh> triangle_of(&mesh);
+        tree_->triangle.reserve(static_cast<std::size_t>(triangles_.cols()));
+        for (const auto face : faces(mesh)) tree_->triangle.push_back(get(triangle_of, face));
+        tree_->cells.emplace(vertex_, triangles_);
+      });
   tree_->cells->mark_clear_cells([&](const Vec3& x) { return tree_->contains(x); });
 }
 

@@ -1,36 +1,19 @@
 #include "preprocess/build_model.hpp"
 
 #include <fmt/format.h>
+#include <tbb/parallel_invoke.h>
 #ifdef __GLIBC__
 #include <malloc.h>
 #endif
 
 #include <cmath>
+#include <exception>
 
 #include "io/error.hpp"
 #include "preprocess/pressure_patches.hpp"
 #include "preprocess/spatial_order.hpp"
 
 namespace dimple {
-
-double metres(double mm) {
-  return std::round(mm * 1e9) / 1e12;
-}
-double millimetres(double m) {
-  return std::round(m * 1e12) / 1e9;
-}
-double square_metres(double mm2) {
-  return std::round(mm2 * 1e9) / 1e15;
-}
-double square_millimetres(double m2) {
-  return std::round(m2 * 1e15) / 1e9;
-}
-double cubic_metres(double mm3) {
-  return std::round(mm3 * 1e9) / 1e18;
-}
-double cubic_millimetres(double m3) {
-  return std::round(m3 * 1e18) / 1e9;
-}
 
 namespace {
 
@@ -61,15 +44,25 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options, con
   const Boundary boundary = report.boundary = find_boundary(body, options.boundary, spacing);
   const Sizing sizing(body, boundary, options.cloud.grading);
   report.stages.done("boundary");
-  const NodeCloud cloud = make_node_cloud(body, boundary, sizing, options.cloud);
+  // Side by side: neither needs more of the other than how many nodes there will be.
+  const CloudSize size = cloud_size(body, sizing, options.cloud);
+  NodeCloud cloud;
+  IntegrationGrid grid;
+  std::exception_ptr grid_failed;  // where both fail it is the cloud's error that is told
+  tbb::parallel_invoke([&] { cloud = make_node_cloud(body, boundary, sizing, options.cloud, size); },
+                       [&] {
+                         try {
+                           grid = options.averaged_cells
+                                      ? make_graded_grid(body, options.grid, size.count, sizing,
+                                                         size.far_spacing, label_at)
+                                      : make_integration_grid(body, options.grid, size.count, label_at);
+                         } catch (...) {
+                           grid_failed = std::current_exception();
+                         }
+                       });
+  if (grid_failed) std::rethrow_exception(grid_failed);
   give_back_memory();
-  report.stages.done("cloud");
-  const IntegrationGrid grid =
-      options.averaged_cells
-          ? make_graded_grid(body, options.grid, cloud.X.cols(), sizing, cloud.far_spacing, label_at)
-          : make_integration_grid(body, options.grid, cloud.X.cols(), label_at);
-  give_back_memory();
-  report.stages.done("grid");
+  report.stages.done("cloud, grid");
 
   const std::vector<Index> nodes = spatial_order(cloud.X), points = spatial_order(grid.point);
   model.X = world_metres(body, cloud.X(Eigen::all, nodes));
@@ -136,18 +129,24 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options, con
 Completion complete_model(Model& model, const SupportOptions& options, const Eigen::VectorXi& tissue,
                           const Eigen::VectorXd& density, const SurfacePieces& surface) {
   Completion report;
-  report.support = find_supports(model, options, tissue);
+  const bool averaged = model.spread.cols() > 0, consistent = averaged && surface.place.cols() > 0;
+  Points wanted;
+  tbb::parallel_invoke([&] { report.support = find_supports(model, options, tissue); },
+                       [&] {
+                         if (consistent) wanted = surface_integrals(model, options, surface);
+                       });
   give_back_memory();
   report.stages.done("support");
-  if (model.spread.cols() > 0) {
-    if (surface.place.cols() > 0) report.consistency = make_consistent(model, options, surface);
-    report.stages.done("consistency");
-    make_pressure_patches(model, tissue);
-    give_back_memory();
-    report.stages.done("patches");
-  }
-  model.mass = lumped_mass(model, density);
-  report.stages.done("other");
+  tbb::parallel_invoke(
+      [&] {
+        if (consistent) report.consistency = make_consistent(model, wanted);
+      },
+      [&] {
+        if (averaged) make_pressure_patches(model, tissue);
+        model.mass = lumped_mass(model, density);
+      });
+  give_back_memory();
+  report.stages.done("consistency, patches");
   return report;
 }
 

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cmath>
+
 #include "preprocess/boundary_conditions.hpp"
 #include "preprocess/consistency.hpp"
 #include "preprocess/integration_grid.hpp"
@@ -53,11 +55,23 @@ Completion complete_model(Model& model, const SupportOptions& options, const Eig
                           const Eigen::VectorXd& density, const SurfacePieces& surface = {});
 
 /// Lengths and volumes on the grid that survives a file in mm. [mm] -> [m], [mm^3] -> [m^3], and back.
-double metres(double mm);
-double millimetres(double m);
-double square_metres(double mm2);
-double square_millimetres(double m2);
-double cubic_metres(double mm3);
-double cubic_millimetres(double m3);
+inline double metres(double mm) {
+  return std::round(mm * 1e9) / 1e12;
+}
+inline double millimetres(double m) {
+  return std::round(m * 1e12) / 1e9;
+}
+inline double square_metres(double mm2) {
+  return std::round(mm2 * 1e9) / 1e15;
+}
+inline double square_millimetres(double m2) {
+  return std::round(m2 * 1e15) / 1e9;
+}
+inline double cubic_metres(double mm3) {
+  return std::round(mm3 * 1e9) / 1e18;
+}
+inline double cubic_millimetres(double m3) {
+  return std::round(m3 * 1e18) / 1e9;
+}
 
 }  // namespace dimple

@@ -1,9 +1,8 @@
 #pragma once
 
 // One binary for every processor: the loader picks the copy that this one can run. All copies round alike,
-// since nothing is reordered and products are not fused with sums. Sanitizers run before the loader's choice.
-#if defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && \
-    !defined(DIMPLE_NO_CLONES)
+// since nothing is reordered and products are not fused with sums.
+#if defined(__x86_64__) && !defined(DIMPLE_NO_CLONES)
 #define DIMPLE_CLONES __attribute__((target_clones("avx2", "default")))
 #else
 #define DIMPLE_CLONES

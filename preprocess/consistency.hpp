@@ -34,6 +34,11 @@ struct ConsistencyReport {
 /// Source:   the condition: Krongauz & Belytschko 1997; Chen, Hillman & Rueter 2013 (variational consistency).
 /// Departs:  they change the test functions only; here the one gradient of energy and force, so that forces stay the
 ///           derivative of an energy.
-ConsistencyReport make_consistent(Model& model, const SupportOptions& options, const SurfacePieces& surface);
+///
+/// Reads supports, dphi and the variance's columns. `wanted` [3xN]: those integrals, of surface_integrals().
+ConsistencyReport make_consistent(Model& model, const Points& wanted);
+
+/// Integral over the surface of phi_a n dS for every node a [m^2], from the places alone: no supports needed.
+Points surface_integrals(const Model& model, const SupportOptions& options, const SurfacePieces& surface);
 
 }  // namespace dimple

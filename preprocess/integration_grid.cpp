@@ -239,15 +239,14 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
                                  const Sizing& sizing, double far_spacing, const LabelAt& label_at) {
   const double wanted = options.count > 0 ? static_cast<double>(options.count)
                                           : options.ratio * static_cast<double>(node_count);
-  const auto cell_volume = [&](const Vec3& x) {
-    const double s = sizing(x);
+  const auto cell_volume = [&](double s) {
     return std::pow(far_spacing * s, 3) / (far_density + (rim_density - far_density) * (1.0 - s));
   };
   double scale = static_cast<double>(node_count) * 5.0 / wanted;
   std::vector<Leaf> leaves;
   for (int trial = 0; trial < 5; ++trial) {
-    leaves = bisect(body, std::cbrt(scale / far_density) * far_spacing,
-                    [&](const Vec3& x) { return scale * cell_volume(x); });
+    leaves = bisect(body, std::cbrt(scale / far_density) * far_spacing, sizing,
+                    [&](double s) { return scale * cell_volume(s); });
     const double error = static_cast<double>(leaves.size()) / wanted;
     if (std::abs(error - 1.0) < 0.03) break;
     if (trial < 4) scale *= error;

@@ -214,8 +214,9 @@ vtkNew<vtkImageData> sample(const Indicator* smoothed, const Crop& crop, const M
   auto linear = itk::LinearInterpolateImageFunction<Indicator, double>::New();
   linear->SetInputImage(smoothed);
   const Mat3 local_to_voxel = voxel_to_local.inverse();
-  float* out = static_cast<float*>(lattice->GetScalarPointer());
-  for (int k = 0; k < n[2]; ++k)
+  auto* const values = static_cast<float*>(lattice->GetScalarPointer());
+  tbb::parallel_for(0, n[2], [&](int k) {
+    float* out = values + static_cast<std::ptrdiff_t>(k) * n[1] * n[0];
     for (int j = 0; j < n[1]; ++j)
       for (int i = 0; i < n[0]; ++i) {
         const Vec3 v = local_to_voxel * (lower + step * Vec3(i, j, k));
@@ -229,6 +230,7 @@ vtkNew<vtkImageData> sample(const Indicator* smoothed, const Crop& crop, const M
         }
         *out++ = inside ? static_cast<float>(linear->EvaluateAtContinuousIndex(at)) : 0.0f;
       }
+  });
   return lattice;
 }
 
@@ -334,14 +336,16 @@ CompressedRows next_corners(const TriangleSoup& surface) {
   return result;
 }
 
-// One sweep of averaging: half of each vertex' value stays, half comes from its neighbours.
-Points averaged(const Points& value, const CompressedRows& next) {
+// One sweep of averaging: half of each vertex' value stays, half comes from its neighbours; then `then` has a
+// look at it.
+template <class Then>
+Points averaged(const Points& value, const CompressedRows& next, const Then& then) {
   Points result(3, value.cols());
   tbb::parallel_for(tbb::blocked_range<Index>(0, value.cols(), 1024), [&](const auto& range) {
     for (Index v = range.begin(); v < range.end(); ++v) {
       Vec3 sum = Vec3::Zero();
       for (int k = next.offset[v]; k < next.offset[v + 1]; ++k) sum += value.col(next.member[k]);
-      result.col(v) = 0.5 * (value.col(v) + sum / static_cast<double>(next.count(v)));
+      result.col(v) = then(v, Vec3(0.5 * (value.col(v) + sum / static_cast<double>(next.count(v)))));
     }
   });
   return result;
@@ -354,15 +358,15 @@ Points averaged(const Points& value, const CompressedRows& next) {
 void relax(TriangleSoup& surface, double reach) {
   const Points start = surface.vertex;
   const CompressedRows next = next_corners(surface);
-  for (int sweep = 0; sweep < relaxation_sweeps; ++sweep) {
-    surface.vertex = averaged(surface.vertex, next);
-    for (Index v = 0; v < start.cols(); ++v) {
-      const Vec3 away = surface.vertex.col(v) - start.col(v);
-      if (away.norm() > reach) surface.vertex.col(v) = start.col(v) + reach / away.norm() * away;
-    }
-  }
+  for (int sweep = 0; sweep < relaxation_sweeps; ++sweep)
+    surface.vertex = averaged(surface.vertex, next, [&](Index v, const Vec3& there) -> Vec3 {
+      const Vec3 away = there - start.col(v);
+      const double length = away.norm();
+      return length > reach ? Vec3(start.col(v) + reach / length * away) : there;
+    });
   Points shrinkage = surface.vertex - start;
-  for (int sweep = 0; sweep < relaxation_sweeps; ++sweep) shrinkage = averaged(shrinkage, next);
+  for (int sweep = 0; sweep < relaxation_sweeps; ++sweep)
+    shrinkage = averaged(shrinkage, next, [](Index, const Vec3& there) { return there; });
   surface.vertex -= shrinkage;
 }
 

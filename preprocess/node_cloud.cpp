@@ -43,11 +43,19 @@ struct Triangle {
   double area;  // [mm^2]
 };
 
+// Triangles with the sizing in the middle of each: what the surface is worth.
+struct Facets {
+  std::vector<Triangle> triangle;
+  std::vector<double> sizing;
+};
+
 // Triangles small enough for the spacing to be nearly the same all over each.
-void subdivide(const Triangle& t, const Spacing& spacing, std::vector<Triangle>& result) {
+void subdivide(const Triangle& t, const Sizing& sizing, double far_spacing, Facets& result) {
   const double longest = std::max({(t.b - t.a).norm(), (t.c - t.b).norm(), (t.a - t.c).norm()});
-  if (longest <= 0.7 * spacing((t.a + t.b + t.c) / 3.0)) {
-    result.push_back(t);
+  const double here = sizing((t.a + t.b + t.c) / 3.0);
+  if (sizing.even() || longest <= 0.7 * (far_spacing * here)) {
+    result.triangle.push_back(t);
+    result.sizing.push_back(here);
     return;
   }
   const Vec3 ab = 0.5 * (t.a + t.b), bc = 0.5 * (t.b + t.c), ca = 0.5 * (t.c + t.a);
@@ -55,39 +63,25 @@ void subdivide(const Triangle& t, const Spacing& spacing, std::vector<Triangle>&
   for (const Triangle& part :
        {Triangle{t.a, ab, ca, t.normal, quarter}, Triangle{ab, t.b, bc, t.normal, quarter},
         Triangle{ca, bc, t.c, t.normal, quarter}, Triangle{ab, bc, ca, t.normal, quarter}})
-    subdivide(part, spacing, result);
+    subdivide(part, sizing, far_spacing, result);
 }
-
-std::vector<Triangle> triangles_of(const BodySurface& body, const Sizing& sizing, double far_spacing) {
-  std::vector<std::vector<Triangle>> parts(static_cast<std::size_t>(body.triangles().cols()));
-  tbb::parallel_for(Index{0}, body.triangles().cols(), [&](Index t) {
-    const Triangle whole = {
-        body.vertex().col(body.triangles()(0, t)), body.vertex().col(body.triangles()(1, t)),
-        body.vertex().col(body.triangles()(2, t)), body.normal().col(t), body.triangle_area()[t]};
-    if (sizing.even())
-      parts[static_cast<std::size_t>(t)].push_back(whole);
-    else
-      subdivide(
-          whole, [&](const Vec3& x) { return far_spacing * sizing(x); }, parts[static_cast<std::size_t>(t)]);
-  });
-  std::vector<Triangle> result;
-  for (const auto& part : parts) result.insert(result.end(), part.begin(), part.end());
-  return result;
-}
-
-// The same triangles with the sizing in the middle of each: what the surface is worth.
-struct Facets {
-  std::vector<Triangle> triangle;
-  std::vector<double> sizing;
-};
 
 Facets facets_of(const BodySurface& body, const Sizing& sizing, double far_spacing) {
-  Facets result = {triangles_of(body, sizing, far_spacing), {}};
-  result.sizing.resize(result.triangle.size());
-  tbb::parallel_for(std::size_t{0}, result.triangle.size(), [&](std::size_t k) {
-    const Triangle& t = result.triangle[k];
-    result.sizing[k] = sizing((t.a + t.b + t.c) / 3.0);
+  constexpr Index block = 256;
+  const Index count = body.triangles().cols();
+  std::vector<Facets> parts(static_cast<std::size_t>((count + block - 1) / block));
+  tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
+    const Index first = block * static_cast<Index>(part);
+    for (Index t = first; t < std::min(first + block, count); ++t)
+      subdivide({body.vertex().col(body.triangles()(0, t)), body.vertex().col(body.triangles()(1, t)),
+                 body.vertex().col(body.triangles()(2, t)), body.normal().col(t), body.triangle_area()[t]},
+                sizing, far_spacing, parts[part]);
   });
+  Facets result;
+  for (const Facets& part : parts) {
+    result.triangle.insert(result.triangle.end(), part.triangle.begin(), part.triangle.end());
+    result.sizing.insert(result.sizing.end(), part.sizing.begin(), part.sizing.end());
+  }
   return result;
 }
 
@@ -99,8 +93,8 @@ struct Boxes {
 
 Boxes boxes_of(const BodySurface& body, const Sizing& sizing, double far_spacing) {
   Boxes boxes;
-  boxes.leaf = bisect(body, 0.63 * far_spacing,
-                      [&](const Vec3& x) { return 0.25 * std::pow(far_spacing * sizing(x), 3); });
+  boxes.leaf =
+      bisect(body, 0.63 * far_spacing, sizing, [&](double s) { return 0.25 * std::pow(far_spacing * s, 3); });
   boxes.worth.resize(boxes.leaf.size());
   tbb::parallel_for(std::size_t{0}, boxes.leaf.size(), [&](std::size_t k) {
     const Leaf& box = boxes.leaf[k];
@@ -247,14 +241,16 @@ std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vecto
   std::vector<std::vector<std::pair<int, double>>> near(m);
   std::vector<double> crowding(m, 0.0);
   tbb::parallel_for(std::size_t{0}, m, [&](std::size_t i) {
-    std::vector<int> found;
+    thread_local std::vector<int> found;
     tree.within(points.col(static_cast<Index>(i)), far_enough * reach * h[i], found);
+    near[i].reserve(found.size());
     for (const int j : found) {
       if (j == static_cast<int>(i)) continue;
       const double within = reach * (0.5 * (h[i] + h[static_cast<std::size_t>(j)]));
       const double d = (points.col(static_cast<Index>(i)) - points.col(j)).norm();
       if (d >= within) continue;
-      const double w = std::pow(1.0 - d / within, 8);
+      double w = 1.0 - d / within;
+      for (int square = 0; square < 3; ++square) w *= w;  // the eighth power
       crowding[i] += w;
       if (j < static_cast<int>(m)) near[i].push_back({j, w});
     }
@@ -382,13 +378,17 @@ Index count_for_spacing(const BodySurface& body, double spacing_mm, const Sizing
   return std::lround(contents_of(body, sizing, spacing_mm).count(spacing_mm));
 }
 
+CloudSize cloud_size(const BodySurface& body, const Sizing& sizing, const CloudOptions& options) {
+  if (options.spacing_mm > 0.0)
+    return {count_for_spacing(body, options.spacing_mm, sizing), options.spacing_mm};
+  return {options.count, spacing_for_count(body, options.count, sizing)};
+}
+
 NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
-                          const CloudOptions& options) {
+                          const CloudOptions& options, const CloudSize& size) {
   NodeCloud cloud;
-  const Index count =
-      options.spacing_mm > 0.0 ? count_for_spacing(body, options.spacing_mm, sizing) : options.count;
-  cloud.far_spacing = options.spacing_mm > 0.0 ? options.spacing_mm : spacing_for_count(body, count, sizing);
-  const double h = cloud.far_spacing;
+  const Index count = size.count;
+  const double h = cloud.far_spacing = size.far_spacing;
   const Spacing spacing = [&](const Vec3& x) { return h * sizing(x); };
 
   const Points circle =

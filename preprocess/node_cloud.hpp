@@ -41,6 +41,13 @@ struct NodeCloud {
 double spacing_for_count(const BodySurface& body, Index count, const Sizing& sizing = {});
 Index count_for_spacing(const BodySurface& body, double spacing_mm, const Sizing& sizing = {});
 
+struct CloudSize {
+  Index count = 0;           ///< nodes
+  double far_spacing = 0.0;  ///< [mm]
+};
+/// Of the cloud that the options ask for.
+CloudSize cloud_size(const BodySurface& body, const Sizing& sizing, const CloudOptions& options);
+
 /// Fills the body. The circle's nodes are given and stay; the surface's nodes keep half a spacing away from
 /// the rim.
 ///
@@ -49,7 +56,11 @@ Index count_for_spacing(const BodySurface& body, double spacing_mm, const Sizing
 /// seed give the same bits. No packaged library fills a volume with a given number of spaced points.
 /// Throws ModelError: fewer nodes asked for than the circle needs, or too few to have any inside.
 NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
-                          const CloudOptions& options);
+                          const CloudOptions& options, const CloudSize& size);
+inline NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
+                                 const CloudOptions& options) {
+  return make_node_cloud(body, boundary, sizing, options, cloud_size(body, sizing, options));
+}
 
 /// `places`: a dense sample of the inside, for the fill distance.
 Evenness measure_evenness(const NodeCloud& cloud, const Points& places);

@@ -1,9 +1,11 @@
 #include "preprocess/pressure_patches.hpp"
 
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_invoke.h>
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 
 #include "preprocess/neighbours.hpp"
@@ -22,12 +24,11 @@ struct Places {
   Eigen::VectorXd worth;  // in nodes
 };
 
+using Groups = std::vector<std::vector<int>>;
+
 // Halves `group` into `count` groups of equal worth, each time across its longest side.
-void split(const Places& places, std::vector<int> group, Index count, std::vector<std::vector<int>>& result) {
-  if (count <= 1 || group.size() < 2) {
-    result.push_back(std::move(group));
-    return;
-  }
+Groups split(const Places& places, std::vector<int> group, Index count) {
+  if (count <= 1 || group.size() < 2) return {std::move(group)};
   Vec3 lower = Vec3::Constant(std::numeric_limits<double>::infinity()), upper = -lower;
   double worth = 0.0;
   for (const int q : group) {
@@ -39,12 +40,15 @@ void split(const Places& places, std::vector<int> group, Index count, std::vecto
   int axis = 0;
   for (int d = 1; d < 3; ++d)
     if (side[d] > side[axis] + snap) axis = d;
-  std::sort(group.begin(), group.end(),
-            [&](int a, int b) { return std::pair(places.x(axis, a), a) < std::pair(places.x(axis, b), b); });
-  for (auto from = group.begin(); from != group.end();) {  // ties: layers of a grid, but for rounding
-    auto to = from + 1;
-    while (to != group.end() && places.x(axis, *to) - places.x(axis, *(to - 1)) < snap) ++to;
-    std::sort(from, to);
+  std::vector<std::pair<double, int>> along;
+  for (const int q : group) along.emplace_back(places.x(axis, q), q);
+  std::sort(along.begin(), along.end());
+  for (std::size_t k = 0; k < group.size(); ++k) group[k] = along[k].second;
+  for (std::size_t from = 0; from < group.size();) {  // ties: layers of a grid, but for rounding
+    std::size_t to = from + 1;
+    while (to < group.size() && along[to].first - along[to - 1].first < snap) ++to;
+    std::sort(group.begin() + static_cast<std::ptrdiff_t>(from),
+              group.begin() + static_cast<std::ptrdiff_t>(to));
     from = to;
   }
   const Index below = count / 2;
@@ -55,8 +59,16 @@ void split(const Places& places, std::vector<int> group, Index count, std::vecto
     sum += places.worth[group[at]];
   at = std::max<std::size_t>(at, 1);
   const auto middle = group.begin() + static_cast<std::ptrdiff_t>(at);
-  split(places, {group.begin(), middle}, below, result);
-  split(places, {middle, group.end()}, count - below, result);
+  Groups first, second;
+  tbb::parallel_invoke(
+      [&] {
+        first = split(places, {group.begin(), middle}, below);
+      },
+      [&] {
+        second = split(places, {middle, group.end()}, count - below);
+      });
+  std::move(second.begin(), second.end(), std::back_inserter(first));
+  return first;
 }
 
 struct Patches {
@@ -65,13 +77,12 @@ struct Patches {
 };
 
 Patches patches_of(const Places& places, const std::vector<int>& points, Index count, double worth) {
-  std::vector<std::vector<int>> groups;
-  split(places, points, count, groups);
+  Groups groups = split(places, points, count);
   Patches result;
   const auto centroids = [&] {
     result.centre.resize(3, static_cast<Index>(groups.size()));
     result.radius.resize(static_cast<Index>(groups.size()));
-    for (std::size_t b = 0; b < groups.size(); ++b) {
+    tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t b) {
       Vec3 sum = Vec3::Zero();
       double total = 0.0, h = 0.0;
       for (const int q : groups[b]) {
@@ -82,23 +93,31 @@ Patches patches_of(const Places& places, const std::vector<int>& points, Index c
       result.centre.col(static_cast<Index>(b)) = sum / total;
       result.radius[static_cast<Index>(b)] =
           reach * std::cbrt(worth / static_cast<double>(groups.size())) * h / total;
-    }
+    });
   };
   centroids();
+  std::vector<int> owner(static_cast<std::size_t>(places.x.cols()));
   for (int sweep = 0; sweep < lloyd_sweeps; ++sweep) {
     const Neighbours tree(result.centre);
-    std::vector<int> owner(points.size());
+    for (std::size_t b = 0; b < groups.size(); ++b)
+      for (const int q : groups[b]) owner[static_cast<std::size_t>(q)] = static_cast<int>(b);
     tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t k) {
       const Vec3 x = places.x.col(points[k]);
-      const std::vector<int> near = tree.nearest(x, 4);
-      const double least = (x - result.centre.col(near.front())).norm();
-      owner[k] = near.front();
+      const auto distance = [&](int b) { return (x - result.centre.col(b)).norm(); };
+      int& mine = owner[static_cast<std::size_t>(points[k])];
+      // None is nearer than those that are as near as the last owner: as a rule one or two.
+      thread_local std::vector<int> near;
+      tree.within_unordered(x, distance(mine) * (1.0 + 2e-6), near);
+      if (near.empty() || near.size() > 4) near = tree.nearest(x, 4);
+      std::pair<double, int> first{distance(near.front()), near.front()};
+      for (const int b : near) first = std::min(first, std::pair{distance(b), b});
+      mine = first.second;
       for (const int b : near)  // of equally near ones, but for rounding, the first
-        if ((x - result.centre.col(b)).norm() < (1.0 + 1e-6) * least) owner[k] = std::min(owner[k], b);
+        if (distance(b) < (1.0 + 1e-6) * first.first) mine = std::min(mine, b);
     });
     for (auto& group : groups) group.clear();
-    for (std::size_t k = 0; k < points.size(); ++k)
-      groups[static_cast<std::size_t>(owner[k])].push_back(points[k]);
+    for (const int q : points)
+      groups[static_cast<std::size_t>(owner[static_cast<std::size_t>(q)])].push_back(q);
     std::erase_if(groups, [](const auto& group) { return group.empty(); });
     centroids();
   }
@@ -113,13 +132,13 @@ void make_pressure_patches(Model& model, const Eigen::VectorXi& tissue, double n
   places.x = model.axes.transpose() * model.point;
   places.h.resize(count);
   places.worth.resize(count);
-  for (Index q = 0; q < count; ++q) {
+  tbb::parallel_for(Index{0}, count, [&](Index q) {
     double sum = 0.0;
     for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
       sum += model.spacing[model.support.member[k]];
     places.h[q] = sum / static_cast<double>(model.support.count(q));
     places.worth[q] = model.volume[q] / std::pow(places.h[q], 3);
-  }
+  });
   const double nodes_per_worth = static_cast<double>(model.node_count()) / places.worth.sum();
 
   std::map<int, std::vector<int>> of_tissue;

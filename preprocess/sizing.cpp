@@ -23,14 +23,21 @@ double square(double x) {
   return x * x;
 }
 
-double wanted_in(const Leaf& box, const std::function<double(const Vec3&)>& wanted) {
-  double least = wanted(box.centre);
-  if (box.volume() < 0.3 * least) return least;
+// Is the box larger than `too_large` times the least that is wanted in its middle and towards its corners?
+// The sizing's slope says it of most boxes from the middle alone.
+bool must_halve(const Leaf& box, const Sizing& sizing, const std::function<double(double)>& wanted) {
+  constexpr double towards = 0.7;  // of the way to the corners
+  const double volume = box.volume(), reach = towards * box.half.norm();
+  const Sizing::Bounds s = sizing.around(box.centre, reach);
+  const double middle = wanted(s.here);
+  if (volume > too_large * middle) return true;
+  if (volume < 0.3 * middle || volume <= too_large * wanted(s.least)) return false;
   for (int corner = 0; corner < 8; ++corner) {
-    const Vec3 sign(corner & 1 ? 0.7 : -0.7, corner & 2 ? 0.7 : -0.7, corner & 4 ? 0.7 : -0.7);
-    least = std::min(least, wanted(box.centre + sign.cwiseProduct(box.half)));
+    const Vec3 sign(corner & 1 ? towards : -towards, corner & 2 ? towards : -towards,
+                    corner & 4 ? towards : -towards);
+    if (volume > too_large * wanted(sizing(box.centre + sign.cwiseProduct(box.half)))) return true;
   }
-  return least;
+  return false;
 }
 
 }  // namespace
@@ -47,14 +54,13 @@ Sizing::Sizing(const BodySurface& body, const Boundary& boundary, const GradingO
   upper_ = rim_.rowwise().maxCoeff().array() + 1e-6 * boundary.radius;
 }
 
-double Sizing::operator()(const Vec3& x) const {
-  if (even()) return 1.0;
-  const double reach = (1.0 - share_) / slope_;
-  if (((x - lower_).array() < -reach).any() || ((x - upper_).array() > reach).any()) return 1.0;
+double Sizing::distance_to_rim(const Vec3& x, double farthest) const {
+  constexpr double beyond = std::numeric_limits<double>::infinity();
+  if (((x - lower_).array() < -farthest).any() || ((x - upper_).array() > farthest).any()) return beyond;
   // Of the edge nearest to x one end is hardly farther than the nearest corner is: half an edge aside.
   std::array<double, rim_corners + 1> corner2;
   std::array<double, 4> least;  // of every fourth corner: the minimum is exact in any order
-  least.fill(std::numeric_limits<double>::infinity());
+  least.fill(beyond);
   for (std::size_t k = 0; k < rim_corners; k += 4)
     for (std::size_t lane = 0; lane < 4; ++lane) {
       const auto c = static_cast<Index>(k + lane);
@@ -65,18 +71,31 @@ double Sizing::operator()(const Vec3& x) const {
     }
   corner2[rim_corners] = corner2[0];
   double nearest2 = std::min(std::min(least[0], least[1]), std::min(least[2], least[3]));
-  if (nearest2 > square(1.000001 * (reach + longest_edge_))) return 1.0;
+  if (nearest2 > square(1.000001 * (farthest + longest_edge_))) return beyond;
   const double limit2 = 1.000001 * (nearest2 + 0.25 * square(longest_edge_));
   for (std::size_t k = 0; k < rim_corners; ++k)
     if (std::min(corner2[k], corner2[k + 1]) < limit2) {
       const auto c = static_cast<Index>(k);
       nearest2 = std::min(nearest2, distance2_to_segment(x, rim_.col(c), rim_.col((c + 1) % rim_corners)));
     }
-  return std::min(1.0, share_ + slope_ * std::sqrt(nearest2));
+  return std::sqrt(nearest2);
 }
 
-std::vector<Leaf> bisect(const BodySurface& body, double edge,
-                         const std::function<double(const Vec3&)>& wanted) {
+double Sizing::operator()(const Vec3& x) const {
+  if (even()) return 1.0;
+  return std::min(1.0, share_ + slope_ * distance_to_rim(x, (1.0 - share_) / slope_));
+}
+
+Sizing::Bounds Sizing::around(const Vec3& x, double radius) const {
+  if (even()) return {1.0, 1.0};
+  const double distance = distance_to_rim(x, (1.0 - share_) / slope_ + radius);
+  // A little less than the slope says: for rounding.
+  return {std::min(1.0, share_ + slope_ * distance),
+          std::min(1.0, share_ + slope_ * (distance - 1.000001 * radius) - 1e-9)};
+}
+
+std::vector<Leaf> bisect(const BodySurface& body, double edge, const Sizing& sizing,
+                         const std::function<double(double)>& wanted) {
   const Vec3 size = body.upper() - body.lower();
   Eigen::Array3d count;
   for (int d = 0; d < 3; ++d) count[d] = std::max(1.0, std::ceil(size[d] / edge - 1e-9));
@@ -102,7 +121,7 @@ std::vector<Leaf> bisect(const BodySurface& body, double edge,
         }
         box.cut = false;
       }
-      fate[k] = box.volume() > too_large * wanted_in(box, wanted) ? halve : done;
+      fate[k] = must_halve(box, sizing, wanted) ? halve : done;
     });
     std::vector<Leaf> next;
     for (std::size_t k = 0; k < level.size(); ++k) {

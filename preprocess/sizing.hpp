@@ -26,7 +26,15 @@ class Sizing {
   double operator()(const Vec3& x) const;
   bool even() const { return rim_.cols() == 0; }
 
+  struct Bounds {
+    double here, least;
+  };
+  /// At x, and what it is nowhere less than within the radius [mm].
+  Bounds around(const Vec3& x, double radius) const;
+
  private:
+  double distance_to_rim(const Vec3& x, double farthest) const;  // exact up to `farthest`, larger beyond
+
   Points rim_;                                       // [3xK] closed polygon on the surface [mm]
   Eigen::Matrix<double, Eigen::Dynamic, 3> corner_;  // the same, a coordinate a column
   Vec3 lower_, upper_;                               // of the polygon's box
@@ -41,9 +49,9 @@ struct Leaf {
 };
 
 /// A regular grid of cells no longer than `edge` [mm] over the body's box, each halved along its longest edge
-/// until it is as small as `wanted(x)` [mm^3] asks, within about a third. Those outside of the body are left
-/// out. In a fixed order.
-std::vector<Leaf> bisect(const BodySurface& body, double edge,
-                         const std::function<double(const Vec3&)>& wanted);
+/// until it is as small as `wanted(s)` [mm^3] asks, within about a third, s the sizing in it; `wanted` grows
+/// with s. Those outside of the body are left out. In a fixed order.
+std::vector<Leaf> bisect(const BodySurface& body, double edge, const Sizing& sizing,
+                         const std::function<double(double)>& wanted);
 
 }  // namespace dimple

@@ -6,6 +6,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstdint>
 #include <map>
 
@@ -17,7 +18,8 @@ namespace dimple {
 namespace {
 
 constexpr double largest_growth = 2.5;
-constexpr Index slab = 8192;  // points whose local matrices are held at a time
+// Points whose local matrices are held at a time: few enough for the processor's cache to hold them too.
+constexpr Index slab = 2048;
 // A moment matrix that looks worse than this beside seven others is looked at by itself.
 constexpr double surely_conditioned = 1e-3;
 
@@ -124,11 +126,8 @@ Mat3 root_of_spread(const Model& model, Index q) {
   return model.axes * solver.eigenvectors() * root.asDiagonal() * solver.eigenvectors().transpose();
 }
 
-// A point's support, and the local matrix of the variance, its lower triangle row by row.
-struct PointSupport {
-  std::vector<int> nodes;
-  Points dphi;
-  std::vector<double> variance;
+// What was met on the way to a point's support.
+struct PointReport {
   Index grown = 0;
   double largest_growth = 1.0;
   double worst_pivot_ratio = 1.0;
@@ -136,6 +135,13 @@ struct PointSupport {
   bool ok = true;
   MlsResult failed;
   std::size_t failed_nodes = 0;
+};
+
+// A point's support, and the local matrix of the variance, its lower triangle row by row.
+struct PointSupport : PointReport {
+  std::vector<int> nodes;
+  Points dphi;
+  std::vector<double> variance;
 };
 
 void take(PointSupport& result, const PlaceSupport& place) {
@@ -148,13 +154,11 @@ void take(PointSupport& result, const PlaceSupport& place) {
   result.failed_nodes = place.nodes.size();
 }
 
-PointSupport at_point(Index q, const Cloud& cloud, std::span<const int> near) {
-  PointSupport result;
+void at_point(Index q, const Cloud& cloud, std::span<const int> near, PointSupport& result) {
   PlaceSupport place = support_of(cloud.model.point.col(q), cloud, near);
   take(result, place);
   result.nodes = std::move(place.nodes);
   result.dphi = std::move(place.dphi);
-  return result;
 }
 
 // What mls_of_eight() can do; and whether it did it at this place, without any doubt.
@@ -194,9 +198,8 @@ bool one_by_one(const Points& x, const Cloud& cloud, std::span<const int> near, 
   return true;
 }
 
-PointSupport over_cell(Index q, const Cloud& cloud, std::span<const int> near, double weight) {
+void over_cell(Index q, const Cloud& cloud, std::span<const int> near, double weight, PointSupport& result) {
   const Mat3 root = root_of_spread(cloud.model, q);
-  PointSupport result;
   Points x(3, cell_places);
   for (int k = 0; k < cell_places; ++k) {
     const Vec3 sign(k & 1 ? 1.0 : -1.0, k & 2 ? 1.0 : -1.0, k & 4 ? 1.0 : -1.0);
@@ -214,8 +217,8 @@ PointSupport over_cell(Index q, const Cloud& cloud, std::span<const int> near, d
     }
   }
   if (!good) {
-    result = {};
-    if (!one_by_one(x, cloud, near, result, gradients)) return result;
+    result.worst_pivot_ratio = 1.0;
+    if (!one_by_one(x, cloud, near, result, gradients)) return;
   }
   result.nodes = gradients.nodes;
   const auto n = static_cast<Index>(result.nodes.size());
@@ -227,7 +230,6 @@ PointSupport over_cell(Index q, const Cloud& cloud, std::span<const int> near, d
   result.variance.resize(static_cast<std::size_t>(n * (n + 1) / 2));
   lower_products(gradients.rows.data() + 3 * stride, 3 * (cell_places - 1), stride, n, weight / cell_places,
                  result.variance.data());
-  return result;
 }
 
 // Row a of a symmetric matrix: columns b <= a, ascending.
@@ -356,22 +358,31 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
     for (const int t : of_point) variance[t].resize(static_cast<std::size_t>(model.node_count()));
   model.support.offset.resize(model.point_count() + 1);
   model.support.offset[0] = 0;
+  Index room = 0;
+  std::vector<PointSupport> found;  // one slab's after the other's, in the same memory
   for (Index first = 0; first < model.point_count(); first += slab) {
     const Index count = std::min(slab, model.point_count() - first);
-    std::vector<PointSupport> found(static_cast<std::size_t>(count));
+    found.resize(static_cast<std::size_t>(count));
     const Near near = nodes_near(model.point.middleCols(first, count), cloud,
                                  averaged ? Eigen::VectorXd(margin.segment(first, count)) : margin);
     tbb::parallel_for(Index{0}, count, [&](Index k) {
       const Index q = first + k;
       PointSupport& s = found[static_cast<std::size_t>(k)];
-      s = averaged ? over_cell(q, cloud, near.of(k), model.volume[q]) : at_point(q, cloud, near.of(k));
+      static_cast<PointReport&>(s) = {};
+      if (averaged)
+        over_cell(q, cloud, near.of(k), model.volume[q], s);
+      else
+        at_point(q, cloud, near.of(k), s);
       if (s.ok) s.linear_error = linear_error(model, q, s, mean_radius);
     });
-    // realloc() moves the pages of what is large: it is never held twice.
     Index members = model.support.offset[first];
     for (const PointSupport& s : found) members += static_cast<Index>(s.nodes.size());
-    model.support.member.conservativeResize(members);
-    model.dphi.conservativeResize(3, members);
+    if (members > room) {  // for all, if the others have about as many
+      room = std::lround(1.05 * static_cast<double>(members) * static_cast<double>(model.point_count()) /
+                         static_cast<double>(first + count));
+      model.support.member.conservativeResize(room);
+      model.dphi.conservativeResize(3, room);
+    }
     for (Index k = 0; k < count; ++k) {
       const Index q = first + k;
       const PointSupport& s = found[static_cast<std::size_t>(k)];
@@ -389,23 +400,33 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
              .why = "the cloud is too sparse or too flat there",
              .remedy = fmt::format("raise support.radius_factor from {:.2f}, or ask for more nodes "
                                    "(--nodes) or a linear basis",
-                                   options.effective_radius_factor())});
+                                   options.effective_radius_factor()),
+             .code = s.failed_nodes < 2 * (options.basis == Basis::linear ? 4u : 10u) ? "supports"
+                                                                                      : "conditioning"});
       }
-      std::copy(s.nodes.begin(), s.nodes.end(), model.support.member.data() + model.support.offset[q]);
-      model.dphi.middleCols(model.support.offset[q], n) = s.dphi;
       model.support.offset[q + 1] = model.support.offset[q] + static_cast<int>(n);
 
       report.grown += s.grown;
       report.largest_growth = std::max(report.largest_growth, s.largest_growth);
+      if (n < report.fewest) report.fewest_at = q;
+      if (s.worst_pivot_ratio < report.worst_pivot_ratio) report.worst_pivot_at = q;
       report.fewest = std::min(report.fewest, n);
       report.most = std::max(report.most, n);
       report.worst_pivot_ratio = std::min(report.worst_pivot_ratio, s.worst_pivot_ratio);
       report.linear_error = std::max(report.linear_error, s.linear_error);
     }
+    tbb::parallel_for(Index{0}, count, [&](Index k) {
+      const PointSupport& s = found[static_cast<std::size_t>(k)];
+      const int at = model.support.offset[first + k];
+      std::copy(s.nodes.begin(), s.nodes.end(), model.support.member.data() + at);
+      model.dphi.middleCols(at, s.dphi.cols()) = s.dphi;
+    });
     for (auto& [t, rows] : variance)
       add_variance(found, {of_point.data() + first, static_cast<std::size_t>(count)}, t, rows);
   }
   const Index members = model.support.offset[model.point_count()];
+  model.support.member.conservativeResize(members);
+  model.dphi.conservativeResize(3, members);
   report.mean = static_cast<double>(members) / static_cast<double>(model.point_count());
   model.variance.clear();
   for (auto& [t, rows] : variance) {

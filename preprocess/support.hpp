@@ -12,6 +12,7 @@ struct SupportReport {
   Index fewest = 0, most = 0;   ///< nodes in a support
   double mean = 0.0;
   double worst_pivot_ratio = 1.0;
+  Index fewest_at = -1, worst_pivot_at = -1;  ///< points
   double linear_error = 0.0;  ///< largest error in reproducing a constant or linear field's gradient
 };
 

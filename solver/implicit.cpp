@@ -7,6 +7,7 @@
 #include "io/error.hpp"
 #include "solver/mixed_iteration.hpp"
 #include "solver/path.hpp"
+#include "solver/stable_time_step.hpp"
 #include "solver/text.hpp"
 
 namespace dimple {
@@ -20,8 +21,9 @@ constexpr double alpha = -1.0 / 3.0, beta = (1.0 - alpha) * (1.0 - alpha) / 4.0,
 // Of a step: its error does not add up, since the next one starts from the forces that were found.
 constexpr double roughly = 2e-3;
 constexpr std::size_t remembered =
-    3;  // states, for the guess of the next: more would amplify what they are off
-constexpr double shortest = 1.0 / 64.0;  // step, of the first one tried
+    3;                            // states, for the guess of the next: more would amplify what they are off
+constexpr double shorter = 0.25;  // step, of the longest, that is tried when that does not converge
+constexpr double of_stable_step = 0.8;
 constexpr std::int64_t many = 12;  // evaluations for a step, after which it pays to linearise the volume anew
 
 }  // namespace
@@ -34,7 +36,8 @@ double shear_crossing_time(const Tissues& tissues, const Model& model) {
 }
 
 void simulate_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
-                         const SolverOptions& options, const Observer& observer, History& history) {
+                         const SolverOptions& options, const Observer& observer, History& history,
+                         const State* from) {
   const Constraints constraints = make_constraints(model, loading.contact);
   MixedIteration solve(system, model, constraints);
   const Index n = model.node_count();
@@ -46,26 +49,42 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
   const auto steps = static_cast<std::int64_t>(std::ceil(segment / (slowest_period / steps_per_period)));
   const double longest = segment / static_cast<double>(steps);
 
-  Nodal u = Nodal::Zero(4, n), v = u, a = u, f = u;
-  Eigen::VectorXd lambda = Eigen::VectorXd::Zero(model.patches.count());
-  // The tool brings its nodes to speed at once: the only work that is not force times way.
-  double external = 0.0, dissipated = 0.0, force_before = 0.0, largest_reaction = 0.0;
-  for (const Index i : model.indenter)
-    if (held(i)) {
-      v.col(i) = push * loading.rate;
-      external += 0.5 * model.mass[i] * loading.rate * loading.rate;
-    }
   Path past(remembered);
-  past.push(0.0, u, lambda);
   MixedIteration::Inertia inertia;
-  double t = 0.0, dt = longest, next_energy = 0.0;
-  history.dt_first = history.dt_smallest = dt;
+  State state;
+  Nodal &u = state.u, &v = state.v, &a = state.a, &f = state.f;
+  Eigen::VectorXd& lambda = state.lambda;
+  double &external = state.external, &dissipated = state.dissipated, &force_before = state.force_before;
+  double &largest_reaction = state.largest_reaction, &next_energy = state.next_energy;
+  double &t = state.t, &dt = state.dt;
+  if (from) {
+    state = *from;
+    history = from->history;
+    past.state = from->path;
+    system.restore_past(from->past);
+    solve.restore(from->mixed);
+    inertia.inertia = from->mixed.inertia;
+  } else {
+    u = v = a = f = Nodal::Zero(4, n);
+    lambda = Eigen::VectorXd::Zero(model.patches.count());
+    past.push(0.0, u, lambda);
+    history.dt_first = history.dt_smallest = longest;
+    // The tool brings its nodes to speed at once: the only work that is not force times way.
+    for (const Index i : model.indenter)
+      if (held(i)) {
+        v.col(i) = push * loading.rate;
+        external += 0.5 * model.mass[i] * loading.rate * loading.rate;
+      }
+  }
 
   const auto reaction = [&](const std::vector<Index>& nodes) {
     double sum = 0.0;
     for (const Index i : nodes) sum += f.col(i).dot(push);
     return sum;
   };
+  Guards guards(system, model, loading.duration() >= slow_load * shear_crossing_time(system.tissues(), model),
+                options.guards, history.guards);
+  double largest_external = 0.0;
   const auto record = [&](bool last) {
     const double force = reaction(model.indenter), depth = loading.rate * t;
     history.force.push_back({t, depth, force, -reaction(model.base)});
@@ -75,18 +94,88 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
     if (last || t >= next_energy) {
       next_energy = t + 1.0 / options.energy_rate;
       const double kinetic = 0.5 * (v.colwise().squaredNorm() * model.mass).value();
-      history.energy.push_back({t, depth, kinetic, system.stored_energy(u), external, dissipated});
+      double unseen = 0.0;
+      const double stored = system.stored_energy(u, &unseen);
+      history.energy.push_back({t, depth, kinetic, stored, external, dissipated});
+      largest_external = std::max(largest_external, std::abs(external));
+      guards.check(history.energy.back(), largest_external, loading.duration(), false, {t, depth, dt});
+      guards.check_unseen(unseen, stored, {t, depth, dt});
     }
     return !observer.sample || observer.sample(history.force.back(), history);
   };
 
-  record(false);
-  if (observer.frame) observer.frame({0, 0.0, 0.0, u, f});
+  // What follows the end of a step. False: stop here.
+  const auto arrive = [&](int frame, double end, double step) {
+    past.push(t, u, lambda);
+    history.dt_smallest = std::min(history.dt_smallest, step);
+    ++history.steps;
+    const bool at_end = end - t <= 1e-6 * longest, goes_on = record(frame == options.frames && at_end);
+    if (at_end && observer.frame) observer.frame({frame, t, loading.rate * t, u, f});
+    system.accept_step(u);
+    if (observer.between_steps && (frame < options.frames || !at_end))
+      observer.between_steps([&] {
+        State copy = state;
+        copy.path = past.state;
+        copy.mixed = solve.memory();
+        copy.past = system.past();
+        copy.history = history;
+        return copy;
+      });
+    return goes_on;
+  };
+  // Central differences until `to`, as simulate(): where the tissue gives way the path jumps, and no step
+  // that is longer than the jump's own waves has an end that an iteration could find.
+  const auto march = [&](double to) {
+    system.begin_step(to - t);
+    system.release_pressures();
+    const StableStep stable = stable_time_step(system, model, model.mass, constraints, u);
+    if (!(stable.dt > 0.0))
+      throw SolveError({.fact = "a time step did not converge, and no stable one was found",
+                        .where = text("solver, t = ", t, " s, indentation ", loading.rate * t * 1e3, " mm"),
+                        .why = "the load is more than this cloud can follow",
+                        .remedy = "use more nodes (--nodes) or a smaller --depth",
+                        .code = "no-equilibrium"});
+    const auto count = static_cast<std::int64_t>(std::ceil((to - t) / (of_stable_step * stable.dt)));
+    const double h = (to - t) / static_cast<double>(count), start = t;
+    const auto accelerate = [&] {
+      const ForceSystem::Sweep sweep = system.internal_force(u, f);
+      guards.check(sweep, {t, loading.rate * t, h, stable.dt});
+      history.J_min = std::min(history.J_min, sweep.J_min);
+      history.inverted = std::max(history.inverted, sweep.inverted);
+      for (Index i = 0; i < n; ++i)
+        a.col(i) = constraints.project(i, -f.col(i) / model.mass[i] - damping * v.col(i));
+    };
+    accelerate();
+    for (std::int64_t k = 1; k <= count; ++k) {
+      v += 0.5 * h * a;
+      u += h * v;
+      t = start + h * static_cast<double>(k);
+      constraints.prescribe(u, loading.rate * t);
+      accelerate();
+      v += 0.5 * h * a;
+      for (Index i = 0; i < n; ++i)
+        if (!held(i)) dissipated += damping * model.mass[i] * v.col(i).squaredNorm() * h;
+      const double force = reaction(model.indenter);
+      external += 0.5 * (force + force_before) * loading.rate * h;
+      force_before = force;
+    }
+    t = to;
+    history.extra_evaluations += stable.iterations + count + 1;
+    ForceSystem::Patches patches;
+    system.patch_state(patches);
+    lambda = patches.dilation.cwiseProduct(patches.bulk).cwiseProduct(model.patches.volume);
+  };
+
+  if (!from) {
+    record(false);
+    if (observer.frame) observer.frame({0, 0.0, 0.0, u, f});
+  }
   bool stopped = false;
-  bool anew = true;
-  for (int frame = 1; frame <= options.frames && !stopped; ++frame) {
+  bool& anew = state.anew;
+  for (int frame = std::max(state.frame, 1); frame <= options.frames && !stopped; ++frame) {
     const double end = segment * frame;
-    dt = longest;
+    if (frame > state.frame) dt = longest;
+    state.frame = frame;
     while (end - t > 1e-6 * longest && !stopped) {
       const double to = std::min(t + dt, end), h = to - t, depth = loading.rate * to;
       // a+ = (u+ - reached) / (beta h^2), v+ = drift + gamma h a+.
@@ -109,19 +198,24 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
       history.extra_evaluations += found.evaluations;
       if (!found.converged) {
         f = f_before;
-        dt = 0.5 * h;
         anew = true;
-        if (dt < shortest * longest)
-          throw SolveError(
-              {.fact = text("a time step did not converge: unbalanced forces are ", found.residual,
-                            " of the reactions"),
-               .where = text("solver, t = ", t, " s, indentation ", loading.rate * t * 1e3, " mm, step ", h,
-                             " s; smallest det F ", found.sweep.J_min, " at integration point ",
-                             found.sweep.point, ", ", found.sweep.inverted, " points inside out"),
-               .why = "the load is more than this cloud can follow",
-               .remedy = "use more nodes (--nodes), a smaller --depth, or --time explicit"});
+        if (h > 1.01 * shorter * longest) {
+          dt = std::max(0.5 * h, shorter * longest);
+          continue;
+        }
+        const double start = t, until = std::min(t + longest, end);
+        history.retries.push_back({"no-equilibrium", loading.rate * t,
+                                   text("by central differences to ", 1e3 * loading.rate * until, " mm")});
+        if (observer.retry) observer.retry(history.retries.back());
+        march(until);
+        dt = shorter * longest;  // the next is tried carefully
+        stopped = !arrive(frame, end, t - start);
         continue;
       }
+      const Moment now = {to, depth, h};
+      guards.check(found.sweep, now);
+      guards.check(next, f, now);
+      if (end - to <= 1e-6 * longest) guards.check_points(found.sweep, now);
       anew = found.evaluations > many;
       for (Index i = 0; i < n; ++i) {
         const Eigen::Vector4d v_before = v.col(i);
@@ -140,18 +234,14 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
       u = next;
       lambda = next_lambda;
       t = to;
-      past.push(t, u, lambda);
-      history.dt_smallest = std::min(history.dt_smallest, h);
       history.J_min = std::min(history.J_min, found.sweep.J_min);
       history.inverted = std::max(history.inverted, found.sweep.inverted);
       history.residual = std::max(history.residual, found.residual);
-      ++history.steps;
       const double force = reaction(model.indenter);
       external += 0.5 * (force + force_before) * loading.rate * h;
       force_before = force;
-      stopped = !record(frame == options.frames && end - t <= 1e-6 * longest);
-      if (end - t <= 1e-6 * longest && observer.frame) observer.frame({frame, t, loading.rate * t, u, f});
-      system.accept_step(u);
+      dt = std::min(2.0 * h, longest);
+      stopped = !arrive(frame, end, h);
     }
   }
   history.interrupted = stopped;

@@ -4,22 +4,27 @@
 
 namespace dimple {
 
+/// A load that lasts so many times as long as a shear wave's way through the body is slow: inertia plays no
+/// part.
+constexpr double slow_load = 8.0;
 /// [s] that the slowest shear wave takes through the body along the tool's push.
 double shear_crossing_time(const Tissues& tissues, const Model& model);
 
 /// As simulate(), with steps as long as the waves of the whole body allow, not those between two nodes: each
-/// is an equilibrium with inertia, found by MixedIteration. The trapezoidal rule,
+/// is an equilibrium with inertia, found by MixedIteration. Hilber, Hughes and Taylor's rule with alpha -1/3,
 ///
-///     u+ = u + dt/2 (v + v+),   v+ = v + dt/2 (a + a+),   M (a+ + c v+) = R - f(u+),
+///     u+ = u + dt v + dt^2 ((1/2 - beta) a + beta a+),   v+ = v + dt ((1 - gamma) a + gamma a+),
+///     M (a+ + c v+) = (1 + alpha) (R - f(u+)) - alpha (R - f(u)),
 ///
-/// neither damps nor makes energy. dt is a sixth of the period of the slowest shear wave across the body:
-/// the lowest swings are resolved, those between neighbouring nodes, of which the tool's slow way excites
-/// none, are not. Where a step does not converge it is halved until the next frame.
+/// damps what the step cannot resolve and nothing else. dt is a sixth of the period of the slowest shear
+/// wave: the lowest swings are resolved, those between neighbouring nodes, of which the tool's slow way
+/// excites none, are not. A step that does not converge is halved, twice; where that does not help the tissue
+/// gives way, and central differences with their small steps carry the body through one long step.
 ///
-/// Source:   Newmark 1959, beta 1/4, gamma 1/2.
-/// Throws:   SolveError: no convergence with a 64th of the step. `history` holds everything up to that
-/// moment.
+/// Source:   Newmark 1959; Hilber, Hughes, Taylor 1977, alpha -1/3.
+/// Throws:   SolveError: a number stopped being one. `history` holds everything up to that moment.
 void simulate_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
-                         const SolverOptions& options, const Observer& observer, History& history);
+                         const SolverOptions& options, const Observer& observer, History& history,
+                         const State* from = nullptr);
 
 }  // namespace dimple

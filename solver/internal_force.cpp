@@ -86,6 +86,15 @@ void ForceSystem::accept_step(const Nodal& u) const {
   if (double_) double_->accept(u.data());
 }
 
+std::vector<double> ForceSystem::past() const {
+  return single_ ? single_->past() : double_->past();
+}
+
+void ForceSystem::restore_past(const std::vector<double>& past) const {
+  if (single_) single_->restore_past(past);
+  if (double_) double_->restore_past(past);
+}
+
 void ForceSystem::hold_pressures(const Eigen::VectorXd& pressure) const {
   if (single_) single_->hold(pressure);
   if (double_) double_->hold(pressure);
@@ -106,8 +115,8 @@ bool ForceSystem::viscoelastic() const {
                      [](const Material& m) { return !m.prony.empty(); });
 }
 
-double ForceSystem::stored_energy(const Nodal& u) const {
-  return single_ ? single_->stored_energy(u.data()) : double_->stored_energy(u.data());
+double ForceSystem::stored_energy(const Nodal& u, double* unseen) const {
+  return single_ ? single_->stored_energy(u.data(), unseen) : double_->stored_energy(u.data(), unseen);
 }
 
 ForceSystem::Nodal to_nodal(const Points& values) {

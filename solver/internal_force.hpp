@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -46,7 +47,10 @@ class ForceSystem {
     Index point = -1;
     Index inverted = 0;            ///< points with J <= 0
     bool may_be_inverted = false;  ///< the energy is defined there, and a solver may pass through
-    bool ok() const { return J_min > 0.0 || (may_be_inverted && J_min <= 0.0); }
+    bool ok() const {
+      // Not J_min > 0 || (may_be_inverted && J_min <= 0): GCC 12 makes that true for what is no number.
+      return std::isfinite(J_min) && (may_be_inverted || J_min > 0.0);
+    }
   };
 
   /// f [N] = force with which the tissue resists displacement u [m]: the gradient of the stored energy. f
@@ -59,7 +63,10 @@ class ForceSystem {
 
   /// Total stored energy at u [J]. With the printed stress there is none, and this is the energy of the form
   /// above.
-  double stored_energy(const Nodal& u) const;
+  /// `unseen`: the part of it in what averaged gradients leave out (GradientVariance) [J].
+  double stored_energy(const Nodal& u, double* unseen = nullptr) const;
+  /// J - 1 of point q in the last sweep.
+  double dilation(Index q) const { return single_ ? single_->dilation(q) : double_->dilation(q); }
   /// F at every point, as [9 x Q] column-major 3x3 matrices.
   Eigen::Matrix<double, 9, Eigen::Dynamic> deformation_gradients(const Nodal& u) const;
 
@@ -69,6 +76,10 @@ class ForceSystem {
   /// A step of dt [s] of viscoelastic tissue begins, or has ended at u. Elastic tissue does not notice.
   void begin_step(double dt) const;
   void accept_step(const Nodal& u) const;
+  /// All that accepted steps have left, for a state that is kept. Throws std::invalid_argument: too few
+  /// numbers.
+  std::vector<double> past() const;
+  void restore_past(const std::vector<double>& past) const;
 
   /// Of the converging scheme: the patches' pressures as unknowns of their own. See ProjectedKernel.
   void hold_pressures(const Eigen::VectorXd& pressure) const;

@@ -115,7 +115,7 @@ CompressedRows nodes_of_patches(const Model& model) {
 struct MixedIteration::Parts {
   // Anderson's memory, in variables scaled to be of one kind: what each step changed, in the place and in the
   // step. It outlives a call when the next one is of nearly the same problem, as in time steps.
-  struct Memory {
+  struct Steps {
     Eigen::MatrixXf moved, changed;  // a preconditioner's: their digits are worth no more
     Eigen::MatrixXd gram;
     int kept = 0, next = 0;
@@ -133,6 +133,8 @@ struct MixedIteration::Parts {
   Eigen::SimplicialLLT<Sparse> schur, schur_of_inertia;
   Eigen::VectorXd inertia;            // [N] N/m or empty, for which `across` was made
   Eigen::VectorXd bulk;               // [patches] for which `schur` was made
+  Eigen::VectorXd bulk_of_inertia;    // and `schur_of_inertia`,
+  Nodal u_of_inertia, u_of_gradient;  // with the gradient here; and where `gradient` is that now
   Eigen::VectorXd scale, dual_scale;  // that make u and lambda of one kind: square roots of energies
 
   Parts(const ForceSystem& s, const Model& m, const Constraints& c)
@@ -233,7 +235,15 @@ struct MixedIteration::Parts {
     Sparse matrix(nodes.rows(), nodes.rows());
     matrix.setFromTriplets(entry.begin(), entry.end());
     schur_of_inertia.compute(matrix);
+    bulk_of_inertia = bulk;
+    u_of_inertia = u_of_gradient;
     return schur_of_inertia.info() == Eigen::Success;
+  }
+
+  // After the forces at u have been asked for.
+  void find_gradient(const Nodal& u) {
+    system.patch_gradients(nodes, gradient);
+    u_of_gradient = u;
   }
 
   void laplacian_solve(const Nodal& r, Nodal& z) {
@@ -272,6 +282,44 @@ struct MixedIteration::Parts {
 MixedIteration::MixedIteration(const ForceSystem& system, const Model& model, const Constraints& constraints)
     : parts_(std::make_unique<Parts>(system, model, constraints)) {}
 MixedIteration::~MixedIteration() = default;
+
+MixedIteration::Memory MixedIteration::memory() const {
+  const Parts& p = *parts_;
+  const Index kept = p.memory.kept;
+  return {.inertia = p.inertia,
+          .bulk_of_inertia = p.bulk_of_inertia,
+          .u_of_inertia = p.u_of_inertia,
+          .u_of_gradient = p.u_of_gradient,
+          .moved = p.memory.moved.leftCols(kept),
+          .changed = p.memory.changed.leftCols(kept),
+          .gram = p.memory.gram.topLeftCorner(kept, kept),
+          .next = p.memory.next};
+}
+
+void MixedIteration::restore(const Memory& memory) {
+  Parts& p = *parts_;
+  Nodal f(4, p.model.node_count());
+  if (memory.inertia.size() > 0) {
+    p.inertia = memory.inertia;
+    p.invert_laplacian();
+    p.bulk = memory.bulk_of_inertia;
+    p.system.internal_force(memory.u_of_inertia, f);
+    p.find_gradient(memory.u_of_inertia);
+    p.factorise_schur_of_inertia();
+    p.bulk.resize(0);  // `schur` is made when it is first needed
+  }
+  p.system.internal_force(memory.u_of_gradient, f);
+  p.find_gradient(memory.u_of_gradient);
+  const Index kept = memory.moved.cols();
+  p.memory.moved.resize(memory.moved.rows(), remembered);
+  p.memory.changed.resize(memory.changed.rows(), remembered);
+  p.memory.gram.resize(remembered, remembered);
+  p.memory.moved.leftCols(kept) = memory.moved;
+  p.memory.changed.leftCols(kept) = memory.changed;
+  p.memory.gram.topLeftCorner(kept, kept) = memory.gram;
+  p.memory.kept = static_cast<int>(kept);
+  p.memory.next = memory.next;
+}
 
 bool MixedIteration::serves(const ForceSystem& system, const Model& model) {
   if (model.patches.count() == 0 || model.variance.empty()) return false;
@@ -314,7 +362,7 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
   };
 
   evaluate();
-  if (anew || p.gradient.cols() == 0) p.system.patch_gradients(p.nodes, p.gradient);
+  if (anew || p.gradient.cols() == 0) p.find_gradient(u);
   const Index size = inertia ? n : 0;
   const bool other_inertia = size != p.inertia.size() || (inertia && inertia->inertia != p.inertia);
   if (other_inertia) p.inertia = inertia ? inertia->inertia : Eigen::VectorXd();
@@ -326,7 +374,7 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
   if (other_inertia && inertia && !p.factorise_schur_of_inertia()) return result;
 
   const Index length = 4 * n + nb;
-  Parts::Memory& m = p.memory;
+  Parts::Steps& m = p.memory;
   if (m.gram.size() == 0) {
     m.moved.resize(length, remembered);
     m.changed.resize(length, remembered);

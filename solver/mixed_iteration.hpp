@@ -50,6 +50,18 @@ class MixedIteration {
                      const RelaxOptions& options, const ForceSystem::Nodal& external, bool anew,
                      const Inertia* inertia = nullptr);
 
+  /// What time steps hand on: steps that Anderson's acceleration remembers, and where the linear problem was
+  /// made.
+  struct Memory {
+    Eigen::VectorXd inertia, bulk_of_inertia;
+    ForceSystem::Nodal u_of_inertia, u_of_gradient;
+    Eigen::MatrixXf moved, changed;
+    Eigen::MatrixXd gram;
+    int next = 0;
+  };
+  Memory memory() const;
+  void restore(const Memory& memory);
+
   /// Whether this model has what is needed: patches, each with a bulk modulus of its own.
   static bool serves(const ForceSystem& system, const Model& model);
 

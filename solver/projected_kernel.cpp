@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
+#include <stdexcept>
 
 #include "preprocess/clones.hpp"
 #include "solver/inverse_cube_root.hpp"
@@ -14,8 +16,9 @@ namespace dimple {
 namespace {
 
 constexpr Index points_per_block = 128;
+constexpr Index points_at_once = 32;
 constexpr Index patches_per_task = 32;
-constexpr int ahead = 48;  // records fetched before they are needed
+constexpr int ahead = 24;  // records fetched before they are needed
 constexpr double beta = 10.0;
 constexpr double smallest_J = 0.2;  // as in distortional_stress()
 
@@ -28,6 +31,8 @@ struct Registers<float> {
   using Lanes = float __attribute__((vector_size(32), aligned(32), may_alias));
   using Octet = float __attribute__((vector_size(32), aligned(4), may_alias));
   using Loose = float __attribute__((vector_size(16), aligned(4), may_alias));
+  using Wide = float __attribute__((vector_size(64), aligned(64), may_alias));
+  using LooseWide = float __attribute__((vector_size(64), aligned(4), may_alias));
   static constexpr int count = 8;
 };
 template <>
@@ -52,18 +57,30 @@ struct Registers<double> {
     c2 = __builtin_shufflevector(t2, t3, 0, 1, 4, 5), c3 = __builtin_shufflevector(t2, t3, 2, 3, 6, 7); \
   } while (false)
 
-// Of a pair of nodes in single precision, one register: the gradients, each number four times.
-#define DIMPLE_TWO_NODES(pairs)                                                                       \
-  const Vec4 first_node = *reinterpret_cast<const Loose*>(pairs),                                     \
-             second_node = *reinterpret_cast<const Loose*>(reinterpret_cast<const Real*>(pairs) + 3); \
-  const Vec8 both = __builtin_shufflevector(first_node, second_node, 0, 1, 2, 3, 4, 5, 6, 7),         \
-             dx = __builtin_shufflevector(both, both, 0, 0, 0, 0, 4, 4, 4, 4),                        \
-             dy = __builtin_shufflevector(both, both, 1, 1, 1, 1, 5, 5, 5, 5),                        \
+// Of two nodes in single precision, one register: the gradients, each number four times.
+#define DIMPLE_TWO_NODES(gradients)                                                           \
+  const Vec4 first_node = *reinterpret_cast<const Loose*>(gradients),                         \
+             second_node = *reinterpret_cast<const Loose*>((gradients) + 3);                  \
+  const Vec8 both = __builtin_shufflevector(first_node, second_node, 0, 1, 2, 3, 4, 5, 6, 7), \
+             dx = __builtin_shufflevector(both, both, 0, 0, 0, 0, 4, 4, 4, 4),                \
+             dy = __builtin_shufflevector(both, both, 1, 1, 1, 1, 5, 5, 5, 5),                \
              dz = __builtin_shufflevector(both, both, 2, 2, 2, 2, 6, 6, 6, 6)
+// The same of four nodes; what follows them in memory is loaded and not used.
+#define DIMPLE_FOUR_NODES(gradients)                                                                     \
+  Wide all = *reinterpret_cast<const LooseWide*>(gradients);                                             \
+  asm("" : "+v"(all)); /* loaded once, not once for each of the three */                                 \
+  const Wide dx = __builtin_shufflevector(all, all, 0, 0, 0, 0, 3, 3, 3, 3, 6, 6, 6, 6, 9, 9, 9, 9),     \
+             dy = __builtin_shufflevector(all, all, 1, 1, 1, 1, 4, 4, 4, 4, 7, 7, 7, 7, 10, 10, 10, 10), \
+             dz = __builtin_shufflevector(all, all, 2, 2, 2, 2, 5, 5, 5, 5, 8, 8, 8, 8, 11, 11, 11, 11)
 
-// F - I of points [first, last), first a multiple of eight; the last octet is filled up with zeros.
-template <class Real>
-[[gnu::always_inline]] inline void gradient_body(const ProjectedPairs<Real>* pair, const std::int32_t* offset,
+#define DIMPLE_TWICE(v) __builtin_shufflevector(v, v, 0, 1, 2, 3, 0, 1, 2, 3)
+#define DIMPLE_FOUR_TIMES(v) \
+  __builtin_shufflevector(DIMPLE_TWICE(v), DIMPLE_TWICE(v), 0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7)
+
+// F - I of points [first, last), first a multiple of eight; the last octet is filled up with zeros. `wide`:
+// in registers of 64 bytes, with the same sums in the same order.
+template <class Real, bool wide>
+[[gnu::always_inline]] inline void gradient_body(const ProjectedQuad<Real>* quad, const std::int32_t* offset,
                                                  const Real* u, ProjectedOctet<Real>* gradient, Index first,
                                                  Index last) {
   using Vec4 = typename Registers<Real>::Vec4;
@@ -71,42 +88,64 @@ template <class Real>
   for (Index begin = first; begin < last; begin += 8) {
     Vec4 column[3][8];
     for (Index lane = 0; lane < 8; ++lane) {
-      const Index q = std::min(begin + lane, last);  // beyond the last: no pairs
+      const Index q = std::min(begin + lane, last);  // beyond the last: no nodes
       const std::int32_t end = offset[std::min(q + 1, last)];
       if constexpr (sizeof(Real) == 4) {
         using Vec8 = Registers<float>::Lanes;
-        using Loose = Registers<float>::Loose;
-        Vec8 h0 = {}, h1 = {}, h2 = {};
-        for (std::int32_t k = offset[q]; k < end; ++k) {
-          __builtin_prefetch(pair + k + ahead);
-          const Vec4 ua = node[pair[k].number[0]], ub = node[pair[k].number[1]];
-          const Vec8 uab = __builtin_shufflevector(ua, ub, 0, 1, 2, 3, 4, 5, 6, 7);
-          DIMPLE_TWO_NODES(pair + k);
-          h0 += uab * dx;
-          h1 += uab * dy;
-          h2 += uab * dz;
+        Vec8 sum[3];
+        if constexpr (wide) {
+          using Wide = Registers<float>::Wide;
+          using LooseWide = Registers<float>::LooseWide;
+          Wide h0 = {}, h1 = {}, h2 = {};
+          for (std::int32_t k = offset[q]; k < end; ++k) {
+            __builtin_prefetch(quad + k + ahead);
+            const auto& number = quad[k].number;
+            const Vec4 ua = node[number[0]], ub = node[number[1]], uc = node[number[2]], ud = node[number[3]];
+            const Vec8 uab = __builtin_shufflevector(ua, ub, 0, 1, 2, 3, 4, 5, 6, 7),
+                       ucd = __builtin_shufflevector(uc, ud, 0, 1, 2, 3, 4, 5, 6, 7);
+            const Wide u4 =
+                __builtin_shufflevector(uab, ucd, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+            DIMPLE_FOUR_NODES(&quad[k].d[0][0]);
+            h0 += u4 * dx;
+            h1 += u4 * dy;
+            h2 += u4 * dz;
+          }
+          sum[0] = __builtin_shufflevector(h0, h0, 0, 1, 2, 3, 4, 5, 6, 7) +
+                   __builtin_shufflevector(h0, h0, 8, 9, 10, 11, 12, 13, 14, 15);
+          sum[1] = __builtin_shufflevector(h1, h1, 0, 1, 2, 3, 4, 5, 6, 7) +
+                   __builtin_shufflevector(h1, h1, 8, 9, 10, 11, 12, 13, 14, 15);
+          sum[2] = __builtin_shufflevector(h2, h2, 0, 1, 2, 3, 4, 5, 6, 7) +
+                   __builtin_shufflevector(h2, h2, 8, 9, 10, 11, 12, 13, 14, 15);
+        } else {
+          using Loose = Registers<float>::Loose;
+          Vec8 h0[2] = {}, h1[2] = {}, h2[2] = {};
+          for (std::int32_t k = offset[q]; k < end; ++k) {
+            __builtin_prefetch(quad + k + ahead);
+            for (int half = 0; half < 2; ++half) {
+              const std::uint16_t* number = quad[k].number + 2 * half;
+              const Vec4 ua = node[number[0]], ub = node[number[1]];
+              const Vec8 uab = __builtin_shufflevector(ua, ub, 0, 1, 2, 3, 4, 5, 6, 7);
+              DIMPLE_TWO_NODES(&quad[k].d[2 * half][0]);
+              h0[half] += uab * dx;
+              h1[half] += uab * dy;
+              h2[half] += uab * dz;
+            }
+          }
+          sum[0] = h0[0] + h0[1];
+          sum[1] = h1[0] + h1[1];
+          sum[2] = h2[0] + h2[1];
         }
-        column[0][lane] =
-            __builtin_shufflevector(h0, h0, 0, 1, 2, 3) + __builtin_shufflevector(h0, h0, 4, 5, 6, 7);
-        column[1][lane] =
-            __builtin_shufflevector(h1, h1, 0, 1, 2, 3) + __builtin_shufflevector(h1, h1, 4, 5, 6, 7);
-        column[2][lane] =
-            __builtin_shufflevector(h2, h2, 0, 1, 2, 3) + __builtin_shufflevector(h2, h2, 4, 5, 6, 7);
+        for (int j = 0; j < 3; ++j)
+          column[j][lane] = __builtin_shufflevector(sum[j], sum[j], 0, 1, 2, 3) +
+                            __builtin_shufflevector(sum[j], sum[j], 4, 5, 6, 7);
       } else {  // two sums each, or every one would wait for the last
-        Vec4 h0 = {}, h1 = {}, h2 = {}, g0 = {}, g1 = {}, g2 = {};
+        Vec4 sum[3][2] = {};
         for (std::int32_t k = offset[q]; k < end; ++k) {
-          __builtin_prefetch(pair + k + ahead);
-          const Vec4 ua = node[pair[k].number[0]], ub = node[pair[k].number[1]];
-          h0 += ua * pair[k].d[0][0];
-          h1 += ua * pair[k].d[0][1];
-          h2 += ua * pair[k].d[0][2];
-          g0 += ub * pair[k].d[1][0];
-          g1 += ub * pair[k].d[1][1];
-          g2 += ub * pair[k].d[1][2];
+          __builtin_prefetch(quad + k + ahead / 2);
+          for (int i = 0; i < 4; ++i)
+            for (int j = 0; j < 3; ++j) sum[j][i % 2] += node[quad[k].number[i]] * quad[k].d[i][j];
         }
-        column[0][lane] = h0 + g0;
-        column[1][lane] = h1 + g1;
-        column[2][lane] = h2 + g2;
+        for (int j = 0; j < 3; ++j) column[j][lane] = sum[j][0] + sum[j][1];
       }
     }
     for (int j = 0; j < 3; ++j)
@@ -200,8 +239,8 @@ template <class Real>
 }
 
 // `stress` begins with that of point `first`.
-template <class Real>
-[[gnu::always_inline]] inline void scatter_body(const ProjectedPairs<Real>* pair, const std::int32_t* offset,
+template <class Real, bool wide>
+[[gnu::always_inline]] inline void scatter_body(const ProjectedQuad<Real>* quad, const std::int32_t* offset,
                                                 const ProjectedColumns<Real>* stress, Real* f, Index first,
                                                 Index last) {
   using Vec4 = typename Registers<Real>::Vec4;
@@ -210,30 +249,48 @@ template <class Real>
     const Vec4* column = reinterpret_cast<const Vec4*>(stress[q - first].column);
     const Vec4 c0 = column[0], c1 = column[1], c2 = column[2];
     const std::int32_t end = offset[q + 1];
-    if constexpr (sizeof(Real) == 4) {
+    if constexpr (sizeof(Real) == 4 && wide) {
+      using Wide = Registers<float>::Wide;
+      using LooseWide = Registers<float>::LooseWide;
+      const Wide p0 = DIMPLE_FOUR_TIMES(c0), p1 = DIMPLE_FOUR_TIMES(c1), p2 = DIMPLE_FOUR_TIMES(c2);
+      for (std::int32_t k = offset[q]; k < end; ++k) {
+        __builtin_prefetch(quad + k + ahead);
+        const auto& number = quad[k].number;
+        DIMPLE_FOUR_NODES(&quad[k].d[0][0]);
+        const Wide force = p0 * dx + p1 * dy + p2 * dz;
+        node[number[0]] += __builtin_shufflevector(force, force, 0, 1, 2, 3);
+        node[number[1]] += __builtin_shufflevector(force, force, 4, 5, 6, 7);
+        node[number[2]] += __builtin_shufflevector(force, force, 8, 9, 10, 11);
+        node[number[3]] += __builtin_shufflevector(force, force, 12, 13, 14, 15);
+      }
+    } else if constexpr (sizeof(Real) == 4) {
       using Vec8 = Registers<float>::Lanes;
       using Loose = Registers<float>::Loose;
-      const Vec8 p0 = __builtin_shufflevector(c0, c0, 0, 1, 2, 3, 0, 1, 2, 3),
-                 p1 = __builtin_shufflevector(c1, c1, 0, 1, 2, 3, 0, 1, 2, 3),
-                 p2 = __builtin_shufflevector(c2, c2, 0, 1, 2, 3, 0, 1, 2, 3);
+      const Vec8 p0 = DIMPLE_TWICE(c0), p1 = DIMPLE_TWICE(c1), p2 = DIMPLE_TWICE(c2);
       for (std::int32_t k = offset[q]; k < end; ++k) {
-        __builtin_prefetch(pair + k + ahead);
-        DIMPLE_TWO_NODES(pair + k);
-        const Vec8 force = p0 * dx + p1 * dy + p2 * dz;
-        node[pair[k].number[0]] += __builtin_shufflevector(force, force, 0, 1, 2, 3);
-        node[pair[k].number[1]] += __builtin_shufflevector(force, force, 4, 5, 6, 7);
+        __builtin_prefetch(quad + k + ahead);
+        for (int half = 0; half < 2; ++half) {
+          const std::uint16_t* number = quad[k].number + 2 * half;
+          DIMPLE_TWO_NODES(&quad[k].d[2 * half][0]);
+          const Vec8 force = p0 * dx + p1 * dy + p2 * dz;
+          node[number[0]] += __builtin_shufflevector(force, force, 0, 1, 2, 3);
+          node[number[1]] += __builtin_shufflevector(force, force, 4, 5, 6, 7);
+        }
       }
     } else {
       for (std::int32_t k = offset[q]; k < end; ++k) {
-        __builtin_prefetch(pair + k + ahead);
-        for (int i = 0; i < 2; ++i) {
-          const Real* d = pair[k].d[i];
-          node[pair[k].number[i]] += c0 * d[0] + c1 * d[1] + c2 * d[2];
+        __builtin_prefetch(quad + k + ahead / 2);
+        for (int i = 0; i < 4; ++i) {
+          const Real* d = quad[k].d[i];
+          node[quad[k].number[i]] += c0 * d[0] + c1 * d[1] + c2 * d[2];
         }
       }
     }
   }
 }
+#undef DIMPLE_FOUR_NODES
+#undef DIMPLE_FOUR_TIMES
+#undef DIMPLE_TWICE
 #undef DIMPLE_TWO_NODES
 #undef DIMPLE_TRANSPOSE
 
@@ -306,43 +363,76 @@ template <class Real>
   return numbers;
 }
 
-#define DIMPLE_CLONED(Real)                                                                                 \
-  DIMPLE_CLONES void gradients(const ProjectedPairs<Real>* pair, const std::int32_t* offset, const Real* u, \
-                               ProjectedOctet<Real>* gradient, Real* dilation, Index first, Index last) {   \
-    gradient_body<Real>(pair, offset, u, gradient, first, last);                                            \
-    dilation_body<Real>(gradient, dilation, first, last);                                                   \
-  }                                                                                                         \
-  DIMPLE_CLONES void neo_hookean_stresses(const ProjectedOctet<Real>* gradient, const Real* dilation,       \
-                                          const Real* pressure, const Real* mu, const Real* volume,         \
-                                          ProjectedColumns<Real>* stress, Index first, Index last,          \
-                                          Real least_J, Real share) {                                       \
-    stress_body<Real>(gradient, dilation, pressure, mu, volume, stress, first, last, least_J, share);       \
-  }                                                                                                         \
-  DIMPLE_CLONES void scatter_forces(const ProjectedPairs<Real>* pair, const std::int32_t* offset,           \
-                                    const ProjectedColumns<Real>* stress, Real* f, Index first,             \
-                                    Index last) {                                                           \
-    scatter_body<Real>(pair, offset, stress, f, first, last);                                               \
-  }                                                                                                         \
-  DIMPLE_CLONES void variance_forces(const ProjectedShare<Real>* share, const std::int32_t* offset,         \
-                                     const Real* u, double scale, double* f, Index first, Index last) {     \
-    variance_body<Real>(share, offset, u, scale, f, first, last);                                           \
-  }                                                                                                         \
-  DIMPLE_CLONES bool least_dilations(const Real* dilation, Real* least, Index first, Index last) {          \
-    return least_body<Real>(dilation, least, first, last);                                                  \
-  }                                                                                                         \
-  DIMPLE_CLONES void means_of_patches(const std::int32_t* number, const Real* weight,                       \
-                                      const std::int32_t* offset, const Real* patch, Real* mean,            \
-                                      Index first, Index last) {                                            \
-    mean_body<Real>(number, weight, offset, patch, mean, first, last);                                      \
-  }                                                                                                         \
-  DIMPLE_CLONES void spread_to_patches(const std::int32_t* number, const Real* weight,                      \
-                                       const std::int32_t* offset, const Real* value, const Real* volume,   \
-                                       Real* patch, Index first, Index last) {                              \
-    spread_body<Real>(number, weight, offset, value, volume, patch, first, last);                           \
+#define DIMPLE_CLONED(Real)                                                                                \
+  DIMPLE_CLONES void gradients(const ProjectedQuad<Real>* quad, const std::int32_t* offset, const Real* u, \
+                               ProjectedOctet<Real>* gradient, Real* dilation, Index first, Index last) {  \
+    gradient_body<Real, false>(quad, offset, u, gradient, first, last);                                    \
+    dilation_body<Real>(gradient, dilation, first, last);                                                  \
+  }                                                                                                        \
+  DIMPLE_CLONES void neo_hookean_stresses(const ProjectedOctet<Real>* gradient, const Real* dilation,      \
+                                          const Real* pressure, const Real* mu, const Real* volume,        \
+                                          ProjectedColumns<Real>* stress, Index first, Index last,         \
+                                          Real least_J, Real share) {                                      \
+    stress_body<Real>(gradient, dilation, pressure, mu, volume, stress, first, last, least_J, share);      \
+  }                                                                                                        \
+  DIMPLE_CLONES void scatter_forces(const ProjectedQuad<Real>* quad, const std::int32_t* offset,           \
+                                    const ProjectedColumns<Real>* stress, Real* f, Index first,            \
+                                    Index last) {                                                          \
+    scatter_body<Real, false>(quad, offset, stress, f, first, last);                                       \
+  }                                                                                                        \
+  DIMPLE_CLONES void variance_forces(const ProjectedShare<Real>* share, const std::int32_t* offset,        \
+                                     const Real* u, double scale, double* f, Index first, Index last) {    \
+    variance_body<Real>(share, offset, u, scale, f, first, last);                                          \
+  }                                                                                                        \
+  DIMPLE_CLONES bool least_dilations(const Real* dilation, Real* least, Index first, Index last) {         \
+    return least_body<Real>(dilation, least, first, last);                                                 \
+  }                                                                                                        \
+  DIMPLE_CLONES void means_of_patches(const std::int32_t* number, const Real* weight,                      \
+                                      const std::int32_t* offset, const Real* patch, Real* mean,           \
+                                      Index first, Index last) {                                           \
+    mean_body<Real>(number, weight, offset, patch, mean, first, last);                                     \
+  }                                                                                                        \
+  DIMPLE_CLONES void spread_to_patches(const std::int32_t* number, const Real* weight,                     \
+                                       const std::int32_t* offset, const Real* value, const Real* volume,  \
+                                       Real* patch, Index first, Index last) {                             \
+    spread_body<Real>(number, weight, offset, value, volume, patch, first, last);                          \
   }
 DIMPLE_CLONED(float)
 DIMPLE_CLONED(double)
 #undef DIMPLE_CLONED
+
+// The loops over nodes, two thirds of an evaluation, four nodes at a time where the processor has AVX-512.
+#if defined(__x86_64__)
+#define DIMPLE_WIDE __attribute__((target("avx512f")))
+const bool has_wide = __builtin_cpu_supports("avx512f");
+#else
+#define DIMPLE_WIDE
+constexpr bool has_wide = false;
+#endif
+DIMPLE_WIDE void wide_gradients(const ProjectedQuad<float>* quad, const std::int32_t* offset, const float* u,
+                                ProjectedOctet<float>* gradient, float* dilation, Index first, Index last) {
+  gradient_body<float, true>(quad, offset, u, gradient, first, last);
+  dilation_body<float>(gradient, dilation, first, last);
+}
+DIMPLE_WIDE void wide_scatter_forces(const ProjectedQuad<float>* quad, const std::int32_t* offset,
+                                     const ProjectedColumns<float>* stress, float* f, Index first,
+                                     Index last) {
+  scatter_body<float, true>(quad, offset, stress, f, first, last);
+}
+template <class Real>
+void gradients_of(const ProjectedQuad<Real>* quad, const std::int32_t* offset, const Real* u,
+                  ProjectedOctet<Real>* gradient, Real* dilation, Index first, Index last) {
+  if constexpr (sizeof(Real) == 4)
+    if (has_wide) return wide_gradients(quad, offset, u, gradient, dilation, first, last);
+  gradients(quad, offset, u, gradient, dilation, first, last);
+}
+template <class Real>
+void scatter(const ProjectedQuad<Real>* quad, const std::int32_t* offset,
+             const ProjectedColumns<Real>* stress, Real* f, Index first, Index last) {
+  if constexpr (sizeof(Real) == 4)
+    if (has_wide) return wide_scatter_forces(quad, offset, stress, f, first, last);
+  scatter_forces(quad, offset, stress, f, first, last);
+}
 
 // F at point q.
 template <class Real>
@@ -394,21 +484,22 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
   };
   std::vector<std::int32_t> local;
   find_places(model.support, nodes_, nodes_of_block_, local);
-  pair_.reserve(static_cast<std::size_t>(model.support.member.size() + points_) / 2);
+  quad_.reserve(static_cast<std::size_t>(model.support.member.size() / 4 + points_ + 1));
   point_offset_.push_back(0);
   for (Index q = 0; q < points_; ++q) {
-    for (Index k = model.support.offset[q]; k < model.support.offset[q + 1]; k += 2) {
-      Pairs& pair = pair_.emplace_back();
-      for (Index i = 0; i < 2; ++i) {
+    for (Index k = model.support.offset[q]; k < model.support.offset[q + 1]; k += 4) {
+      Quad& quad = quad_.emplace_back();
+      for (Index i = 0; i < 4; ++i) {
         const bool there = k + i < model.support.offset[q + 1];
         for (int axis = 0; axis < 3; ++axis)
-          pair.d[i][axis] = there ? static_cast<Real>(model.dphi(axis, k + i)) : Real(0);
+          quad.d[i][axis] = there ? static_cast<Real>(model.dphi(axis, k + i)) : Real(0);
         // A block of points would need 65536 nodes to leave these 16 bits.
-        pair.number[i] = static_cast<std::uint16_t>(local[static_cast<std::size_t>(there ? k + i : k)]);
+        quad.number[i] = static_cast<std::uint16_t>(local[static_cast<std::size_t>(there ? k + i : k)]);
       }
     }
-    point_offset_.push_back(static_cast<std::int32_t>(pair_.size()));
+    point_offset_.push_back(static_cast<std::int32_t>(quad_.size()));
   }
+  quad_.emplace_back();  // wide loads end a few bytes beyond the last
   if (patches_ > 0) {
     find_places(model.patches.of_point, patches_, patches_of_block_, local);
     octet_offset_.push_back(0);
@@ -477,6 +568,7 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
   find_patch_bulk();
   u_.resize(static_cast<std::size_t>(4 * nodes_));
   at_node_.resize(4 * nodes_of_block_.member.size());
+  if (patches_ == 0) moved_.resize(at_node_.size());
   at_patch_.resize(patches_of_block_.member.size());
   octet_sum_.resize(8 * at_patch_.size());
   place_sum_.resize(at_patch_.size());
@@ -541,6 +633,25 @@ void ProjectedKernel<Real>::point_stresses(Index first, Index last, Columns* str
   }
 }
 
+// Without patches a point's force needs nothing of other points: a few at a time, their pairs are still in
+// the innermost cache when their forces go back to the nodes.
+template <class Real>
+void ProjectedKernel<Real>::pointwise_forces(Index first, Index last, std::size_t from, std::size_t to) {
+  std::array<Columns, points_at_once> stress;
+  std::copy_n(at_node_.data() + 4 * from, 4 * (to - from), moved_.data() + 4 * from);
+  const Real* node = moved_.data() + 4 * from;
+  Real* force = at_node_.data() + 4 * from;
+  std::fill_n(force, 4 * (to - from), Real(0));
+  for (Index q = first; q < last; q += points_at_once) {
+    const Index end = std::min(q + points_at_once, last);
+    gradients_of(quad_.data(), point_offset_.data(), node, gradient_.data(), dilation_.data(), q, end);
+    for (auto p = static_cast<std::size_t>(q); p < static_cast<std::size_t>(end); ++p)
+      pressure_[p] = ks_[p] * dilation_[p];
+    point_stresses(q, end, stress.data());
+    scatter(quad_.data(), point_offset_.data(), stress.data(), force, q, end);
+  }
+}
+
 template <class Real>
 typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(const double* u) {
   const auto places = [](const Places& p, Index block) {
@@ -577,8 +688,7 @@ typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(const 
     point_stresses(first, last, stress.data());
     const auto [from, to] = places(nodes_of_block_, block);
     std::fill_n(at_node_.data() + 4 * from, 4 * (to - from), Real(0));
-    scatter_forces(pair_.data(), point_offset_.data(), stress.data(), at_node_.data() + 4 * from, first,
-                   last);
+    scatter(quad_.data(), point_offset_.data(), stress.data(), at_node_.data() + 4 * from, first, last);
   };
 
   over_blocks([&](Index block, Index first, Index last) {
@@ -587,8 +697,11 @@ typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(const 
       for (std::size_t i = 0; i < 4; ++i)
         at_node_[4 * k + i] =
             static_cast<Real>(u[4 * static_cast<std::size_t>(nodes_of_block_.member[k]) + i]);
-    gradients(pair_.data(), point_offset_.data(), at_node_.data() + 4 * from, gradient_.data(),
-              dilation_.data(), first, last);
+    if (patches_ > 0)
+      gradients_of(quad_.data(), point_offset_.data(), at_node_.data() + 4 * from, gradient_.data(),
+                   dilation_.data(), first, last);
+    else
+      pointwise_forces(first, last, from, to);
     Sweep& sweep = block_[static_cast<std::size_t>(block)] = Sweep{};
     std::array<Real, 8> least;
     sweep.finite = least_dilations(dilation_.data(), least.data(), first, last);
@@ -609,13 +722,7 @@ typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(const 
       for (Index k = 4 * nodes_ * block / blocks; k < 4 * nodes_ * (block + 1) / blocks; ++k)
         u_[static_cast<std::size_t>(k)] = static_cast<Real>(u[k]);
     }
-    if (patches_ > 0) {
-      spread(block, first, last, dilation_);
-    } else {
-      for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
-        pressure_[q] = ks_[q] * dilation_[q];
-      forces(block, first, last);
-    }
+    if (patches_ > 0) spread(block, first, last, dilation_);
   });
   if (patches_ > 0) {
     sum_patches(patch_dilation_);
@@ -685,23 +792,27 @@ void ProjectedKernel<Real>::gather(double* f, Index first, Index last) const {
 }
 
 template <class Real>
-double ProjectedKernel<Real>::stored_energy(const double* u) {
+double ProjectedKernel<Real>::stored_energy(const double* u, double* unseen) {
   stress_sweep(u);
-  double energy = 0.0;
-  for (std::size_t q = 0; q < static_cast<std::size_t>(points_); ++q) {
-    const Material& m = material_[static_cast<std::size_t>(tissue_[q])];
-    const double ks = patches_ > 0 ? pointwise_bulk_modulus(m) : m.kappa, e = dilation_[q],
-                 rest = patches_ > 0 ? unresolved_dilation(q) : 0.0;
-    energy +=
-        static_cast<double>(volume_[q]) * (distortional_energy(m, gradient_at(gradient_, q)) +
-                                           0.5 * ks * e * e + 0.5 * ks * beta * rest * rest * rest * rest);
-  }
+  std::vector<double> of_block(block_.size(), 0.0);  // summed up in their order, whoever made them
+  over_blocks([&](Index block, Index first, Index last) {
+    for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q) {
+      const Material& m = material_[static_cast<std::size_t>(tissue_[q])];
+      const double ks = patches_ > 0 ? pointwise_bulk_modulus(m) : m.kappa, e = dilation_[q],
+                   rest = patches_ > 0 ? unresolved_dilation(q) : 0.0;
+      of_block[static_cast<std::size_t>(block)] +=
+          static_cast<double>(volume_[q]) * (distortional_energy(m, gradient_at(gradient_, q)) +
+                                             0.5 * ks * e * e + 0.5 * ks * beta * rest * rest * rest * rest);
+    }
+  });
+  double energy = std::accumulate(of_block.begin(), of_block.end(), 0.0);
   for (std::size_t b = 0; b < patch_volume_.size(); ++b) {
     const double e = patch_dilation_[b], bulk = patch_bulk_[b];
     // Of a held pressure: what is stationary both in it and in u (Hellinger and Reissner).
     energy += patch_volume_[b] *
               (held_.empty() ? 0.5 * bulk * e * e : held_[b] * e - 0.5 * held_[b] * held_[b] / bulk);
   }
+  const double seen = energy;
   std::vector<double> f(static_cast<std::size_t>(4 * nodes_));
   for (const Variance& v : variance_) {
     std::fill(f.begin(), f.end(), 0.0);
@@ -709,6 +820,7 @@ double ProjectedKernel<Real>::stored_energy(const double* u) {
                     material_[static_cast<std::size_t>(v.tissue)].mu, f.data(), 0, nodes_);
     for (std::size_t k = 0; k < f.size(); ++k) energy += 0.5 * f[k] * u[k];
   }
+  if (unseen) *unseen = energy - seen;
   return energy;
 }
 
@@ -767,6 +879,39 @@ void ProjectedKernel<Real>::accept(const double* u) {
   }
 }
 
+template <class Real>
+template <class Kernel, class Visit>
+void ProjectedKernel<Real>::visit_past(Kernel& kernel, const Visit& visit) {
+  visit(&kernel.elapsed_, 1);
+  for (auto& history : kernel.history_) {
+    if (history.material.prony.empty()) continue;
+    visit(history.S0.data(), history.S0.size());
+    visit(history.H.data(), history.H.size());
+  }
+  for (auto& v : kernel.variance_) {
+    visit(v.h.data(), static_cast<Index>(v.h.size()));
+    visit(v.f0.data(), static_cast<Index>(v.f0.size()));
+  }
+}
+
+template <class Real>
+std::vector<double> ProjectedKernel<Real>::past() const {
+  std::vector<double> past;
+  visit_past(*this, [&](const double* from, Index count) { past.insert(past.end(), from, from + count); });
+  return past;
+}
+
+template <class Real>
+void ProjectedKernel<Real>::restore_past(const std::vector<double>& past) {
+  std::size_t at = 0;
+  visit_past(*this, [&](double* to, Index count) {
+    if (past.size() - at < static_cast<std::size_t>(count))
+      throw std::invalid_argument("the past of another model cannot be taken over");
+    std::copy_n(past.data() + at, count, to);
+    at += static_cast<std::size_t>(count);
+  });
+}
+
 // A patch lies in one tissue: that of any of its points.
 template <class Real>
 void ProjectedKernel<Real>::find_patch_bulk() {
@@ -807,11 +952,11 @@ void ProjectedKernel<Real>::patch_gradients(const CompressedRows& nodes, Eigen::
         const std::int32_t* node = nodes_of_block_.member.data() +
                                    nodes_of_block_.offset[q / static_cast<std::size_t>(points_per_block)];
         for (std::int32_t e = point_offset_[q]; e < point_offset_[q + 1]; ++e) {
-          const Pairs& pair = pair_[static_cast<std::size_t>(e)];
-          for (int i = 0; i < 2; ++i)
-            sum.col(node[pair.number[i]]) += slope.col(0) * static_cast<float>(pair.d[i][0]) +
-                                             slope.col(1) * static_cast<float>(pair.d[i][1]) +
-                                             slope.col(2) * static_cast<float>(pair.d[i][2]);
+          const Quad& quad = quad_[static_cast<std::size_t>(e)];
+          for (int i = 0; i < 4; ++i)
+            sum.col(node[quad.number[i]]) += slope.col(0) * static_cast<float>(quad.d[i][0]) +
+                                             slope.col(1) * static_cast<float>(quad.d[i][1]) +
+                                             slope.col(2) * static_cast<float>(quad.d[i][2]);
         }
       }
       for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k) {

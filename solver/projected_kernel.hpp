@@ -15,12 +15,12 @@ struct Tissues {
   Eigen::VectorXi of_point;  ///< [Q] number in `material`
 };
 
-/// Layouts of the hot loops. Gradients and numbers of two nodes of a point; a matrix at each of eight points;
-/// three columns, padded; a weighted member.
+/// Layouts of the hot loops. Gradients and numbers of four nodes of a point; a matrix at each of eight
+/// points; three columns, padded; a weighted member.
 template <class Real>
-struct ProjectedPairs {
-  Real d[2][3];
-  std::uint16_t number[2];
+struct ProjectedQuad {
+  Real d[4][3];
+  std::uint16_t number[4];
 };
 template <class Real>
 struct alignas(32) ProjectedOctet {
@@ -82,11 +82,14 @@ class ProjectedKernel {
   Sweep stress_sweep(const double* u);
   /// f [4xN] N for nodes [first, last).
   void gather(double* f, Index first, Index last) const;
-  double stored_energy(const double* u);
+  double stored_energy(const double* u, double* unseen = nullptr);
 
   /// Starts a step of a viscoelastic material, dt [s]; accept() makes u the end of that step.
   void begin_step(double dt);
   void accept(const double* u);
+  /// What accepted steps have left, number by number.
+  std::vector<double> past() const;
+  void restore_past(const std::vector<double>& past);
 
   /// From now on patch b has this pressure [Pa] instead of the one that its volume gives it; empty: no
   /// longer. For solvers that look for pressures and displacements together.
@@ -96,11 +99,13 @@ class ProjectedKernel {
   /// [4 x nodes.member] dJ_b / du_a, patch by patch [1/m].
   void patch_gradients(const CompressedRows& nodes, Eigen::Matrix4Xf& gradient) const;
 
+  double dilation(Index q) const { return static_cast<double>(dilation_[static_cast<std::size_t>(q)]); }
   Mat3 deformation_gradient(Index q) const;  ///< of the last stress_sweep
   Mat3 stress(Index q) const;                ///< first Piola-Kirchhoff [Pa], of the last stress_sweep
 
  private:
-  using Pairs = ProjectedPairs<Real>;
+  void pointwise_forces(Index first, Index last, std::size_t from, std::size_t to);
+  using Quad = ProjectedQuad<Real>;
   using Octet = ProjectedOctet<Real>;
   using Columns = ProjectedColumns<Real>;
   using Share = ProjectedShare<Real>;
@@ -127,7 +132,7 @@ class ProjectedKernel {
   std::vector<std::int32_t> tissue_;  // [Q]
   bool plain_ = true;                 // all neo-Hookean and elastic
   std::vector<std::int32_t> point_offset_;
-  LongVector<Pairs> pair_;  // by point, an odd one filled up; numbers are places less the block's first
+  LongVector<Quad> quad_;  // by point, the last filled up; numbers are places less the block's first
   // Of eight points together: their patches' numbers within the block, and psi [8 x members].
   std::vector<std::int32_t> octet_offset_, octet_number_;
   LongVector<Real> octet_weight_;
@@ -144,6 +149,7 @@ class ProjectedKernel {
   std::vector<Real> octet_sum_;    // [8 x places of patches]
   std::vector<double> place_sum_;  // [places of patches]
   std::vector<Real> u_;            // [4xN]
+  std::vector<Real> moved_;        // [4 x places] displacements, while forces are added up; without patches
   std::vector<Real> at_node_,
       at_patch_;                // [4 x places] displacements, then forces; [places] means
   LongVector<Octet> gradient_;  // [octets of points] F - I
@@ -153,6 +159,9 @@ class ProjectedKernel {
   std::vector<Sweep> block_;
   bool backward_ = false;  // the next pass over the blocks: from the end, where the last has left its numbers
 
+  // Every place of what past() lists, in its order.
+  template <class Kernel, class Visit>
+  static void visit_past(Kernel& kernel, const Visit& visit);
   double unresolved_dilation(std::size_t q) const;
   void find_patch_bulk();
   template <class Body>

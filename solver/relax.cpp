@@ -187,7 +187,8 @@ Relaxed Relaxation::swing(Nodal& u, Nodal& f, const RelaxOptions& options, const
                          result.sweep.point, ", ", result.sweep.inverted, " points inside out"),
            .why =
                "the load is more than this cloud can follow in one step, or the body has lost its stiffness",
-           .remedy = "use more frames (--frames), more nodes (--nodes), or a smaller --depth"});
+           .remedy = "use more frames (--frames), more nodes (--nodes), or a smaller --depth",
+           .code = "no-equilibrium"});
     u = start;
   }
 }
@@ -208,10 +209,21 @@ void guess(const Model& model, const Constraints& constraints, double depth, Nod
   }
 }
 
+// Of the force over the last piece of the way: the parabola through the last three places, or a line.
+double work_of_last(const std::vector<double>& depth, const std::vector<double>& force) {
+  const std::size_t k = depth.size() - 1;
+  const double h = depth[k] - depth[k - 1], slope = (force[k] - force[k - 1]) / h;
+  const double line = 0.5 * h * (force[k] + force[k - 1]);
+  if (k == 1) return line;
+  const double slope_before = (force[k - 1] - force[k - 2]) / (depth[k - 1] - depth[k - 2]);
+  return line - h * h * h / 6.0 * (slope - slope_before) / (depth[k] - depth[k - 2]);
+}
+
 }  // namespace
 
 void load_slowly(const ForceSystem& system, const Model& model, const Loading& loading,
-                 const SolverOptions& options, const Observer& observer, History& history) {
+                 const SolverOptions& options, const Observer& observer, History& history,
+                 const State* from) {
   const Constraints constraints = make_constraints(model, loading.contact);
   const Relaxation relax(system, model, constraints);
   const Index n = model.node_count();
@@ -219,58 +231,110 @@ void load_slowly(const ForceSystem& system, const Model& model, const Loading& l
   Nodal u = Nodal::Zero(4, n), f = u;
   Eigen::VectorXd lambda = Eigen::VectorXd::Zero(model.patches.count());
   Path past(4);  // where the next equilibrium is looked for
-  past.push(0.0, u, lambda);
-
-  double external = 0.0, force_before = 0.0, force_before_that = 0.0;
-  history.force.push_back({0.0, 0.0, 0.0, 0.0});
-  history.energy.push_back({0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
-  if (observer.frame) observer.frame({0, 0.0, 0.0, u, f});
+  Guards guards(system, model, true, options.guards, history.guards);
   const double step = loading.depth / options.frames;
-  for (int level = 1; level <= options.frames; ++level) {
-    const double depth = step * level, t = depth / loading.rate;
-    system.begin_step(step / loading.rate);
-    if (level == 1 && model.patches.count() > 0) {
-      // A touch, to a low accuracy: the direction in which the tissue sets off.
-      guess(model, constraints, touch * depth, u);
-      constraints.prescribe(u, touch * depth);
-      RelaxOptions roughly = exactly;
-      roughly.tolerance = std::max(1e-2, options.tolerance);
-      history.steps += relax(u, f, roughly, {}, &lambda).evaluations;
-      Path touched = past;
-      touched.push(touch * depth, u, lambda);
-      touched.extrapolate(depth, u, lambda);
-      constraints.prescribe(u, depth);
-    } else if (level == 1) {
-      guess(model, constraints, depth, u);
-      constraints.prescribe(u, depth);
-    } else {
-      past.extrapolate(depth, u, lambda);
-      constraints.prescribe(u, depth);
+  State state;
+  std::vector<double>&depths = state.depths, &forces = state.forces;
+  double &external = state.external, &largest_external = state.largest_external, &longest = state.longest;
+  if (from) {
+    state = *from;
+    history = from->history;
+    past.state = from->path;
+    system.restore_past(from->past);
+  } else {
+    depths = forces = {0.0};
+    longest = step;
+    past.push(0.0, u, lambda);
+    history.force.push_back({0.0, 0.0, 0.0, 0.0});
+    history.energy.push_back({0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
+    if (observer.frame) observer.frame({0, 0.0, 0.0, u, f});
+  }
+  for (int level = state.frame + 1; level <= options.frames;) {
+    const double end = step * level, at = depths.back(), way = std::min(longest, end - at);
+    const bool arrives = end - at - way < 1e-6 * step;
+    const double depth = arrives ? end : at + way, t = depth / loading.rate;
+    const Moment now = {t, depth};
+    system.begin_step((depth - at) / loading.rate);
+    const std::size_t equilibria = depths.size();
+    const bool first = equilibria == 1;
+    Relaxed relaxed;
+    double force = 0.0, base = 0.0, stored = 0.0, work = 0.0;
+    try {
+      if (first && model.patches.count() > 0) {
+        // A touch, to a low accuracy: the direction in which the tissue sets off.
+        guess(model, constraints, touch * depth, u);
+        constraints.prescribe(u, touch * depth);
+        RelaxOptions roughly = exactly;
+        roughly.tolerance = std::max(1e-2, options.tolerance);
+        lambda.setZero();
+        history.steps += relax(u, f, roughly, {}, &lambda).evaluations;
+        Path touched = past;
+        touched.push(touch * depth, u, lambda);
+        touched.extrapolate(depth, u, lambda);
+        constraints.prescribe(u, depth);
+      } else if (first) {
+        guess(model, constraints, depth, u);
+        constraints.prescribe(u, depth);
+      } else {
+        past.extrapolate(depth, u, lambda);
+        constraints.prescribe(u, depth);
+      }
+      relaxed = relax(u, f, exactly, {}, &lambda);
+      history.steps += relaxed.evaluations;
+
+      guards.check(relaxed.sweep, now);
+      guards.check(u, f, now);
+      guards.check_points(relaxed.sweep, now);
+      guards.check_fluctuation(u, now);
+      for (const Index a : model.indenter) force += f.col(a).dot(constraints.push);
+      for (const Index a : model.base) base -= f.col(a).dot(constraints.push);
+      depths.push_back(depth);
+      forces.push_back(force);
+      work = work_of_last(depths, forces);
+      double unseen = 0.0;
+      stored = system.stored_energy(u, &unseen);
+      guards.check_unseen(unseen, stored, now);
+      // Before the third the curve between two is a guess.
+      if (depths.size() > 3)
+        guards.check(EnergySample{t, depth, 0.0, stored, external + work, 0.0},
+                     std::max(largest_external, std::abs(external + work)), t, false, now);
+    } catch (const SolveError& error) {
+      if (!options.guards || error.report.code == "hourglass") throw;  // which no shorter way mends
+      if (history.retries.size() == most_retries)
+        throw after_retries(error, text("steps of the load down to ", 1e3 * way, " mm"));
+      depths.resize(equilibria);
+      forces.resize(equilibria);
+      longest = 0.5 * way;
+      history.retries.push_back(
+          {error.report.code, depth,
+           text("back to ", 1e3 * at, " mm, and on in steps of ", 1e3 * longest, " mm")});
+      if (observer.retry) observer.retry(history.retries.back());
+      continue;
     }
-    const Relaxed relaxed = relax(u, f, exactly, {}, &lambda);
     past.push(depth, u, lambda);
-    history.steps += relaxed.evaluations;
+    external += work;
+    largest_external = std::max(largest_external, std::abs(external));
     history.J_min = std::min(history.J_min, relaxed.sweep.J_min);
     history.inverted = std::max(history.inverted, relaxed.sweep.inverted);
     history.residual = std::max(history.residual, relaxed.residual);
-
-    double force = 0.0, base = 0.0;
-    for (const Index a : model.indenter) force += f.col(a).dot(constraints.push);
-    for (const Index a : model.base) base -= f.col(a).dot(constraints.push);
     history.momentum_error = std::max(history.momentum_error, f.rowwise().sum().norm() / std::abs(force));
-    // The curve through this force and the two before it: a parabola.
-    external += level == 1 ? 0.5 * force * step
-                           : step * (5.0 * force + 8.0 * force_before - force_before_that) / 12.0;
-    force_before_that = force_before;
-    force_before = force;
     history.force.push_back({t, depth, force, base});
-    history.energy.push_back({t, depth, 0.0, system.stored_energy(u), external, 0.0});
-    if (observer.frame) observer.frame({level, t, depth, u, f});
+    history.energy.push_back({t, depth, 0.0, stored, external, 0.0});
+    if (arrives && observer.frame) observer.frame({level, t, depth, u, f});
     if (observer.sample && !observer.sample(history.force.back(), history)) {
-      history.interrupted = level < options.frames;
+      history.interrupted = !arrives || level < options.frames;
       return;
     }
     system.accept_step(u);  // after the frame: its stresses are those of this step
+    if (arrives) state.frame = level++;
+    if (observer.between_steps && level <= options.frames)
+      observer.between_steps([&] {
+        State copy = state;
+        copy.path = past.state;
+        copy.past = system.past();
+        copy.history = history;
+        return copy;
+      });
   }
 }
 

@@ -42,8 +42,11 @@ class Relaxation {
 Eigen::VectorXd stiffness_row_sums(const Model& model, const Tissues& tissues);
 
 /// As simulate(), but so slowly that inertia plays no part: equilibrium at options.frames depths, each from
-/// the last three. With viscoelastic tissue the time between two of them is that of the loading.
+/// the last three. With viscoelastic tissue the time between two of them is that of the loading. Where there
+/// is no equilibrium to be found, or a guard says that it is wrong, the way there is halved, at most
+/// `most_retries` times.
 void load_slowly(const ForceSystem& system, const Model& model, const Loading& loading,
-                 const SolverOptions& options, const Observer& observer, History& history);
+                 const SolverOptions& options, const Observer& observer, History& history,
+                 const State* from = nullptr);
 
 }  // namespace dimple

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "io/error.hpp"
+#include "solver/implicit.hpp"
 #include "solver/text.hpp"
 
 namespace dimple {
@@ -24,37 +25,14 @@ namespace {
 using Nodal = ForceSystem::Nodal;
 using Kind = Constraints::Kind;
 
-struct Place {
-  double t, depth, dt, dt_stable;
-};
-
-[[noreturn]] void stop_inverted(const Model& model, const ForceSystem::Sweep& sweep, const Place& now) {
-  const Vec3 x = model.point.col(sweep.point) * 1e3;
-  const bool number = std::isfinite(sweep.J_min);
-  throw SolveError(
-      {.fact = number ? text("the tissue turned inside out: det F = ", sweep.J_min, " at integration point ",
-                             sweep.point)
-                      : text("the displacement is no longer a number at integration point ", sweep.point),
-       .where =
-           text("solver, t = ", now.t, " s, indentation ", now.depth * 1e3, " mm; point at rest at (", x.x(),
-                ", ", x.y(), ", ", x.z(), ") mm; step ", now.dt, " s, stable ", now.dt_stable, " s"),
-       .why = "the load is more than this cloud can follow, or the time step was too long",
-       .remedy = "use more nodes (--nodes), a smaller --depth, or a smaller solver.safety"});
-}
-
-[[noreturn]] void stop_energy(const EnergySample& e, const Place& now) {
-  throw SolveError({.fact = text("energy appeared from nowhere: the tool did ", e.external,
-                                 " J of work, the tissue holds ", e.kinetic + e.stored + e.dissipated, " J"),
-                    .where = text("solver, t = ", now.t, " s, indentation ", now.depth * 1e3, " mm; step ",
-                                  now.dt, " s, stable ", now.dt_stable, " s"),
-                    .why = "the time integration became unstable",
-                    .remedy = "use a smaller solver.safety, for instance --set solver.safety=0.6"});
-}
+constexpr int between_kinetic = 25;                 // steps
+constexpr std::int64_t between_fluctuations = 200;  // steps
+constexpr double smaller = 0.6;                     // step, each time that a guard sends the march back
 
 }  // namespace
 
 void simulate(const ForceSystem& system, const Model& model, const Loading& loading,
-              const SolverOptions& options, const Observer& observer, History& history) {
+              const SolverOptions& options, const Observer& observer, History& history, const State* from) {
   const Index n = model.node_count();
   const Constraints constraints = make_constraints(model, loading.contact);
   const bool viscoelastic = system.viscoelastic();
@@ -62,18 +40,33 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
   const Eigen::Vector4d push = constraints.push;
   const Eigen::VectorXd inverse_mass = model.mass.cwiseInverse();
 
-  Nodal u = Nodal::Zero(4, n), v = u, f = u;
+  State state;
+  if (from) {
+    state = *from;
+    history = from->history;
+    system.restore_past(from->past);
+  } else {
+    state.safety = options.safety;
+    state.u = state.v = Nodal::Zero(4, n);
+  }
+  Nodal &u = state.u, &v = state.v, f = Nodal::Zero(4, n);
   const double duration = loading.duration(), segment = duration / options.frames;
 
-  double previous_force = 0.0, previous_depth = 0.0, external = 0.0, dissipated = 0.0;
-  double next_sample = 0.0, next_energy = 0.0, largest_reaction = 0.0, largest_external = 0.0;
-  double previous_dt = 0.0;
-  double reached = 0.0;  // depth at which the driven nodes are
+  double &previous_force = state.force_before, &previous_depth = state.depth_before;
+  double &external = state.external, &dissipated = state.dissipated;
+  double &next_sample = state.next_sample, &next_energy = state.next_energy;
+  double &largest_reaction = state.largest_reaction, &largest_external = state.largest_external;
+  double& previous_dt = state.dt_before;
+  double& reached = state.depth;  // depth at which the driven nodes are
   bool stopped = false;
+  int observed = state.frame - 1;  // frames
+  std::int64_t& looked = state.looked;
+  Guards guards(system, model, duration >= slow_load * shear_crossing_time(system.tissues(), model),
+                options.guards, history.guards);
 
   // The tool brings its nodes to speed at once: the only work that is not force times way.
   for (const Index a : model.indenter)
-    if (kind(a) == Kind::driven || kind(a) == Kind::sliding) {
+    if (!from && (kind(a) == Kind::driven || kind(a) == Kind::sliding)) {
       v.col(a) = push * loading.rate;
       external += 0.5 * model.mass[a] * loading.rate * loading.rate;
     }
@@ -85,7 +78,7 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
   };
 
   // Everything that happens once f(u(t)) is known and before u moves on. False: stop here.
-  const auto record = [&](const Place& now, bool last) {
+  const auto record = [&](const Moment& now, bool last) {
     const double force = reaction(model.indenter);
     external += 0.5 * (force + previous_force) * (now.depth - previous_depth);
     previous_force = force;
@@ -94,20 +87,20 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
 
     if (last || now.t >= next_energy) {
       next_energy += 1.0 / options.energy_rate;
-      double kinetic = 0.0;
+      double kinetic = 0.0, unseen = 0.0;
       for (Index a = 0; a < n; ++a) {
         Eigen::Vector4d now_v = v.col(a);  // still of t - dt/2
         if (kind(a) == Kind::free) now_v -= f.col(a) * (0.5 * previous_dt * inverse_mass[a]);
         kinetic += 0.5 * model.mass[a] * now_v.squaredNorm();
       }
-      history.energy.push_back({now.t, now.depth, kinetic, system.stored_energy(u), external, dissipated});
-      const EnergySample& e = history.energy.back();
-      const bool conservative = !system.as_printed() && !viscoelastic;
-      if (!std::isfinite(e.kinetic) || (conservative && -e.error() > 0.1 * largest_external + 1e-9))
-        stop_energy(e, now);
+      const double stored = system.stored_energy(u, &unseen);
+      history.energy.push_back({now.t, now.depth, kinetic, stored, external, dissipated});
+      guards.check(history.energy.back(), largest_external, duration, true, now);
+      guards.check_unseen(unseen, stored, now);
     }
     if (last || now.t >= next_sample) {
       next_sample += 1.0 / options.sample_rate;
+      guards.check(u, f, now);
       history.force.push_back({now.t, now.depth, force, -reaction(model.base)});
       largest_reaction = std::max(largest_reaction, std::abs(force));
       if (largest_reaction > 0.0)
@@ -118,11 +111,12 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
     return true;
   };
 
-  const auto frame = [&](int number, const Place& now) {
-    if (observer.frame) observer.frame({number, now.t, now.depth, u, f});
+  const auto frame = [&](int number, const Moment& now) {
+    if (observer.frame && number > observed) observer.frame({number, now.t, now.depth, u, f});
+    observed = std::max(observed, number);
   };
 
-  for (int k = 0; k < options.frames && !stopped; ++k) {
+  const auto stable_step = [&] {
     const StableStep stable = stable_time_step(system, model, model.mass, constraints, u);
     history.extra_evaluations += stable.iterations;
     if (!(stable.dt > 0.0))
@@ -130,22 +124,31 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
                         .where = text("solver, indentation ", previous_depth * 1e3, " mm"),
                         .why = "no node is free to move, or the tissue has no stiffness",
                         .remedy = "check the model: nodes, base and material"});
-    const auto steps = static_cast<std::int64_t>(std::ceil(segment / (options.safety * stable.dt)));
-    const double dt = segment / static_cast<double>(steps);
-    if (k == 0) {
-      history.dt_stable_first = stable.dt;
-      history.dt_first = history.dt_smallest = dt;
-    }
-    history.dt_smallest = std::min(history.dt_smallest, dt);
+    return stable.dt;
+  };
 
-    for (std::int64_t s = 0; s < steps && !stopped; ++s) {
-      const double t = segment * k + dt * static_cast<double>(s);
-      const Place now = {t, loading.rate * t, dt, stable.dt};
+  const auto begin_segment = [&] {
+    state.step = 0;
+    state.steps = static_cast<std::int64_t>(std::ceil(segment / (state.safety * state.dt_stable)));
+    state.dt = segment / static_cast<double>(state.steps);
+    if (state.frame == 0) {
+      history.dt_stable_first = state.dt_stable;
+      history.dt_first = history.dt_smallest = state.dt;
+    }
+    history.dt_smallest = std::min(history.dt_smallest, state.dt);
+  };
+
+  const auto march = [&] {
+    const double dt = state.dt;
+    for (std::int64_t& s = state.step; s < state.steps && !stopped; ++s) {
+      const double t = segment * state.frame + dt * static_cast<double>(s);
+      const Moment now = {t, loading.rate * t, dt, state.dt_stable};
+      if (s == 0) guards.check_step(now);
       if (viscoelastic) system.begin_step(previous_dt);
       const ForceSystem::Sweep sweep = system.stress_sweep(u);
       history.J_min = std::min(history.J_min, sweep.J_min);
       history.inverted = std::max(history.inverted, sweep.inverted);
-      if (!sweep.ok()) stop_inverted(model, sweep, now);
+      guards.check(sweep, now);
 
       const double kick = 0.5 * (previous_dt > 0.0 ? previous_dt + dt : dt);
       const double keep = (1.0 - 0.5 * options.damping * kick) / (1.0 + 0.5 * options.damping * kick);
@@ -173,7 +176,7 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
       const bool sampling = s == 0 || t >= next_energy;
       system.gather_sweep(f, sampling || viscoelastic ? std::function<void(Index, Index)>{} : advance);
       stopped = !record(now, false);
-      if (s == 0) frame(k, now);
+      if (s == 0) frame(state.frame, now);
       if (viscoelastic) system.accept_step(u);  // after the frame: its stresses are those of this step
       if (sampling || viscoelastic) advance(0, n);
       if (options.damping > 0.0)
@@ -183,14 +186,85 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
       previous_dt = dt;
       reached = next_depth;
       ++history.steps;
+      if (s % between_kinetic == between_kinetic - 1)
+        guards.check_kinetic(0.5 * (v.colwise().squaredNorm() * model.mass).value(), external, now);
+    }
+  };
+
+  // The segment that was marched through, looked at from its end; then the next begins.
+  const auto finish_segment = [&] {
+    const Moment end = {reached / loading.rate, reached, previous_dt, state.dt_stable};
+    double next_stable = state.dt_stable;
+    const bool last = stopped || state.frame + 1 == options.frames;
+    if (!stopped) {
+      guards.check(u, f, end);
+      if (last || history.steps - looked >= between_fluctuations) {
+        guards.check_fluctuation(u, end);
+        looked = history.steps;
+      }
+      if (options.guards || !last) next_stable = stable_step();
+      guards.check_step({end.t, end.depth, previous_dt, next_stable});
+    }
+    if (last || options.guards) {
+      const ForceSystem::Sweep sweep = last ? system.internal_force(u, f) : system.stress_sweep(u);
+      guards.check(sweep, end);
+      guards.check_points(sweep, end);
+    }
+    if (last) {
+      record(end, true);
+      frame(options.frames, end);
+    }
+    ++state.frame;
+    state.dt_stable = next_stable;
+  };
+
+  const auto keep = [&] {
+    State copy = state;
+    copy.past = system.past();
+    copy.history = history;
+    return copy;
+  };
+  const auto go_back = [&](const State& kept) {  // what was counted and tried stays
+    History before = kept.history;
+    before.steps = history.steps;
+    before.extra_evaluations = history.extra_evaluations;
+    before.retries = std::move(history.retries);
+    history = std::move(before);
+    state = kept;
+    system.restore_past(kept.past);
+    stopped = false;
+  };
+
+  if (!from) state.dt_stable = stable_step();
+  State kept = keep();
+  while (state.frame < options.frames && !stopped) {
+    try {
+      begin_segment();
+      march();
+      finish_segment();
+      if (state.frame < options.frames && observer.between_steps) observer.between_steps(keep);
+      if (options.guards) kept = keep();
+    } catch (const SolveError& error) {
+      if (!options.guards) throw;
+      const bool smaller_steps_help = error.report.code != "hourglass";
+      const double depth = previous_depth, safety = state.safety;
+      go_back(kept);
+      if (history.retries.size() == most_retries || !smaller_steps_help) {
+        // The curve ends at the last frame.
+        if (viscoelastic) system.begin_step(previous_dt);
+        system.internal_force(u, f);
+        history.force.push_back(
+            {reached / loading.rate, reached, reaction(model.indenter), -reaction(model.base)});
+        if (!smaller_steps_help) throw;
+        throw after_retries(error, text("steps down to ", safety, " of the stable one"));
+      }
+      state.safety = std::min(0.9, smaller * safety);
+      history.retries.push_back(
+          {error.report.code, depth,
+           text("back to ", 1e3 * reached, " mm, with time steps of ", state.safety, " of the stable one")});
+      if (observer.retry) observer.retry(history.retries.back());
     }
   }
-
-  const Place end = {reached / loading.rate, reached, previous_dt, 0.0};
-  const ForceSystem::Sweep sweep = system.internal_force(u, f);
-  if (!sweep.ok()) stop_inverted(model, sweep, end);
-  record(end, true);
-  frame(options.frames, end);
   history.interrupted = stopped;
 }
 

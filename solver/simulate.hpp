@@ -4,6 +4,9 @@
 #include <vector>
 
 #include "solver/constraints.hpp"
+#include "solver/guards.hpp"
+#include "solver/mixed_iteration.hpp"
+#include "solver/path.hpp"
 #include "solver/stable_time_step.hpp"
 
 namespace dimple {
@@ -24,6 +27,7 @@ struct SolverOptions {
   double energy_rate = 20.0;         ///< of the energies [1/s]
   double tolerance = 1e-4;           ///< of static equilibrium: unbalanced force / reactions
   std::int64_t evaluations = 20000;  ///< of the force for one static equilibrium, at most
+  bool guards = true;                ///< false: only to measure what they cost
 };
 
 /// The tool at one time. Forces are components along the push, positive when tissue resists.
@@ -31,13 +35,6 @@ struct ForceSample {
   double t, depth;    ///< [s], [m]
   double force;       ///< on the circle's nodes [N]
   double base_force;  ///< on the base's nodes, with which the bed holds the body [N]
-};
-
-/// Energies at one time [J]; balance: external = kinetic + stored + dissipated.
-struct EnergySample {
-  double t, depth;
-  double kinetic, stored, external, dissipated;
-  double error() const { return external - (kinetic + stored + dissipated); }
 };
 
 /// The body at one time.
@@ -59,11 +56,40 @@ struct History {
   double residual = 0.0;  ///< largest that a static equilibrium was left with
   bool interrupted = false;
   double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction
+  std::vector<Finding> guards;
+  std::vector<Retry> retries;
+};
+
+/// All that one step leaves to the next. A run that starts from it goes on to the same bits as if it had
+/// never stopped. Each way of marching fills in what it needs.
+struct State {
+  int frame = 0;  ///< explicit, implicit: the stretch before the next; slowly: the last done
+  std::int64_t step = 0, steps = 0;  ///< explicit: the next one of that stretch, and their number
+  double t = 0.0, dt = 0.0, dt_before = 0.0, dt_stable = 0.0;  ///< [s]
+  double depth = 0.0, depth_before = 0.0;                      ///< [m]
+  double force_before = 0.0;                                   ///< [N]
+  double external = 0.0, dissipated = 0.0;                     ///< [J]
+  double next_sample = 0.0, next_energy = 0.0;                 ///< [s]
+  double largest_reaction = 0.0, largest_external = 0.0;       ///< [N], [J]
+  double safety = 0.0, longest = 0.0;  ///< explicit; slowly [m]: smaller once a guard has sent it back
+  std::int64_t looked = 0;             ///< explicit: steps until Guards::check_fluctuation()
+  bool anew = true;                    ///< of the next MixedIteration
+  std::vector<double> depths, forces;  ///< slowly: of all equilibria [m], [N]
+  ForceSystem::Nodal u, v, a, f;       ///< [N] m, m/s, m/s^2, N
+  Eigen::VectorXd lambda;              ///< [patches] N m
+  std::deque<Path::State> path;
+  MixedIteration::Memory mixed;
+  std::vector<double> past;  ///< of viscoelastic tissue, as ForceSystem::past()
+  History history;
 };
 
 struct Observer {
   std::function<void(const Frame&)> frame;
   std::function<bool(const ForceSample&, const History&)> sample;  ///< false: stop here, keep what there is
+  /// Where a run can be taken up again, the last frame apart: explicit: at frames; else between two steps.
+  /// `state` copies: call it only when it is to be kept.
+  std::function<void(const std::function<State()>& state)> between_steps = {};
+  std::function<void(const Retry&)> retry = {};
 };
 
 /// Marches the paper's explicit scheme: central differences in leapfrog form,
@@ -75,10 +101,12 @@ struct Observer {
 ///
 /// Source:   Horton et al. 2007, sections 2.3 and 3.2.
 /// Departs:  the step is computed, and again at every frame under load; the paper does not say how it chose
-/// its own. Throws:   SolveError: a point turned inside out, a number stopped being one, energy appeared from
-/// nowhere.
-///           `history` then holds everything up to that moment.
+/// its own. Where a guard says that the number would be wrong, the march goes back to the last frame and
+/// takes smaller steps from there on; at most `most_retries` times. Throws:   SolveError: it came again.
+/// `history` then holds everything up to the last frame. `from`: a state of an earlier run with the same
+/// model, loading and options; frames and samples before it are not given to `observer` again.
 void simulate(const ForceSystem& system, const Model& model, const Loading& loading,
-              const SolverOptions& options, const Observer& observer, History& history);
+              const SolverOptions& options, const Observer& observer, History& history,
+              const State* from = nullptr);
 
 }  // namespace dimple

@@ -84,7 +84,7 @@ void supports(benchmark::State& state) {
 void consistency(benchmark::State& state) {
   const Before& b = before();
   on_copy(state, b.supported, [&](Model& model) {
-    make_consistent(model, b.final.support, surface_pieces(b.body.surface, model));
+    make_consistent(model, surface_integrals(model, b.final.support, surface_pieces(b.body.surface, model)));
   });
 }
 

@@ -192,7 +192,7 @@ TEST_P(HostileImage, IsRefusedInWordsOrReadRight) {
   arguments.insert(arguments.end(), c.more_arguments.begin(), c.more_arguments.end());
   rlimit unlimited{};
   getrlimit(RLIMIT_AS, &unlimited);
-#ifndef __SANITIZE_ADDRESS__  // whose shadow is larger
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // whose shadows are larger
   const rlimit limited{6'000'000'000, unlimited.rlim_max};
   setrlimit(RLIMIT_AS, &limited);  // for the program, so that no machine is brought down
 #endif
@@ -660,6 +660,8 @@ std::vector<Case> nrrd_cases() {
       named("A segmentation with terminal commands for names", {{"a.seg.nrrd", segments("\x1b[2Jliver", "two\\nlines", "2")}}, " [2Jliver"),
       named("A segmentation that gives one label two names", {{"a.seg.nrrd", segments("liver", "kidney", "1")}}, "liver",
             {"'liver' and 'kidney'"}),
+      named("A segmentation that counts a segment by a million digits",
+            {{"a.seg.nrrd", Nrrd().more("Segment" + std::string(1000000, '1') + "_Name:=liver\n").file()}}, "liver"),
       named("A segmentation with absurd label numbers", {{"a.seg.nrrd", segments("liver", "kidney", "99999999999999999999")}}, "liver"),
   };
   Case pipe = prepared("An NRRD with its voxels in a pipe", "a.nhdr",

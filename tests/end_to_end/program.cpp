@@ -16,12 +16,13 @@ namespace dimple {
 
 namespace fs = std::filesystem;
 
-Program::Program(const fs::path& folder, const std::vector<std::string>& arguments) {
+Program::Program(const fs::path& folder, const std::vector<std::string>& arguments,
+                 const std::string& program) {
   static int count = 0;
   const std::string stem = "dimple_" + std::to_string(getpid()) + "_" + std::to_string(++count);
   out_ = fs::path(testing::TempDir()) / (stem + ".out");
   err_ = fs::path(testing::TempDir()) / (stem + ".err");
-  std::vector<std::string> words = {DIMPLE_PROGRAM};
+  std::vector<std::string> words = {program};
   words.insert(words.end(), arguments.begin(), arguments.end());
   std::vector<char*> argv;
   for (std::string& word : words) argv.push_back(word.data());

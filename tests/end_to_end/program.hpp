@@ -18,7 +18,8 @@ struct Ran {
 /// The real program at work, started in `folder`; it is killed with the object.
 class Program {
  public:
-  Program(const std::filesystem::path& folder, const std::vector<std::string>& arguments);
+  Program(const std::filesystem::path& folder, const std::vector<std::string>& arguments,
+          const std::string& program = DIMPLE_PROGRAM);
   ~Program();
   Program(const Program&) = delete;
   Program& operator=(const Program&) = delete;

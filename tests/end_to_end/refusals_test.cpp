@@ -107,6 +107,42 @@ TEST_F(Refusal, OfADamagedModel) {
   expect(3, "solve unlisted -o out", {"which file holds the points"});
 }
 
+TEST_F(Refusal, OfAModelWhoseNumbersNoBodyCanHave) {
+  std::string nodes = "x_mm,y_mm,z_mm,spacing_mm,node_set\n", points = "x_mm,y_mm,z_mm,volume_mm3\n";
+  for (const char* at : {"0,0,0", "4,0,0", "0,4,0", "0,0,4"}) {
+    nodes += std::string(at) + ",4,3\n";
+    points += std::string(at) + ",64\n";
+  }
+  const std::string model =
+      "format = \"dimple model 1\"\nnodes = \"nodes.csv\"\npoints = \"points.csv\"\n"
+      "axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"
+      "[indenter]\ncentre_mm = [0, 0, 4]\npush = [0, 0, -1]\ndiameter_mm = 4\n[support]\ninterpolation = 0\n";
+  const auto expect_without = [&](std::string text, const std::string& what, const std::string& instead,
+                                  const char* name, const std::vector<std::string>& words) {
+    SCOPED_TRACE(instead);
+    write("nodes.csv", nodes);
+    write("points.csv", points);
+    write("model.toml", model);
+    text.replace(text.find(what), what.size(), instead);
+    write(name, text);
+    expect(3, "solve model.toml -o out", words);
+  };
+  expect_without(nodes, "0,4,0", "0,1e300,0", "nodes.csv", {"nodes.csv", "1e+300", "kilometre"});
+  expect_without(nodes, "4,3", "nan,3", "nodes.csv", {"nodes.csv", "line 2", "not a finite number"});
+  expect_without(nodes, "4,3", "-4,3", "nodes.csv", {"nodes.csv", "spacing is -4, not positive"});
+  expect_without(nodes, "4,3", "4,1e300", "nodes.csv", {"nodes.csv", "node_set is 1e+300", "from 0 to 3"});
+  expect_without(points, "4,0,0,64", "4,0,0,0", "points.csv", {"points.csv", "volume is 0, not positive"});
+  expect_without(model, "[1, 0, 0]", "[nan, 0, 0]", "model.toml", {"three unit vectors"});
+  expect_without(model, "-1]", "0]", "model.toml", {"push is zero"});
+  expect_without(model, "diameter_mm = 4", "diameter_mm = -4", "model.toml", {"diameter_mm is -4"});
+  expect_without(model, "interpolation = 0", "interpolation = nan", "model.toml", {"interpolation is nan"});
+
+  expect_without(nodes, nodes, "x_mm,y_mm,z_mm\n", "nodes.csv", {"nodes.csv", "list is empty"});
+  const std::string same = "x_mm,y_mm,z_mm\n1,2,3\n1,2,3\n1,2,3\n";
+  expect_without(nodes, nodes, same, "nodes.csv", {"nodes.csv", "lie on one place"});
+  expect_without(points, points, same, "points.csv", {"points.csv", "lie on one place"});
+}
+
 // ---------------------------------------------------------------------------------------------- 2: usage
 
 TEST_F(Refusal, OfAMaterialThatCannotBe) {
@@ -212,10 +248,10 @@ TEST_F(Refusal, IsValidJsonForThoseWhoAskForIt) {
   const Ran ran = dimple(folder, "run brain.nrrd -o out --label 7 --json");
   EXPECT_EQ(ran.code, 3);
   const auto json = nlohmann::json::parse(ran.out);
-  EXPECT_EQ(json.at("status"), "error");
+  EXPECT_EQ(json.at("status"), "failed");
   EXPECT_EQ(json.at("exit_code"), 3);
-  for (const char* part : {"fact", "where", "why", "remedy"})
-    EXPECT_FALSE(json.at("error").at(part).get<std::string>().empty()) << part;
+  for (const char* part : {"code", "fact", "where", "why", "remedy"})
+    EXPECT_FALSE(json.at("failure").at(part).get<std::string>().empty()) << part;
 }
 
 }  // namespace

@@ -146,6 +146,18 @@ TEST(ImplicitSteps, SwingAsCentralDifferencesDo) {
   EXPECT_NEAR(large.force.back().force, small.force.back().force, 0.03 * small.force.back().force);
 }
 
+// The iteration is given up after one evaluation: every step is one that has no end to be found.
+TEST(ImplicitSteps, WithoutAnEndAreMarchedThroughByCentralDifferences) {
+  const Model model = averaged_block(5);
+  const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
+  const Loading loading = {.depth = 1e-3, .rate = 4e-3};
+  History small, marched;
+  simulate(system, model, loading, {.safety = 0.8, .frames = 2}, {}, small);  // as long as theirs
+  simulate_implicitly(system, model, loading, {.frames = 2, .evaluations = 1}, {}, marched);
+  EXPECT_NEAR(marched.force.back().force, small.force.back().force, 2e-3 * small.force.back().force);
+  EXPECT_NEAR(marched.energy.back().error(), 0.0, 1e-3 * marched.energy.back().external);
+}
+
 TEST(LoadSlowly, LetsAViscoelasticBlockRelax) {
   const Model model = averaged_block(5);
   Material material = neo_hookean(210.0, 0.45, 1000.0);

@@ -35,7 +35,7 @@ TEST(Organs, OfPeopleCanBeIndentedWithNoOptionOfTheModelButTheLabel) {
     const Ran ran = dimple(folder, words);
     ASSERT_EQ(ran.code, 0) << ran.err;
     const Json summary = Json::parse(ran.out);
-    EXPECT_EQ(summary.at("status"), "ok");
+    EXPECT_EQ(summary.at("status"), "finished");
     EXPECT_EQ(summary.at("counts").at("nodes"), 4250);
     EXPECT_NEAR(summary.at("indentation_mm").get<double>(), 1.0, 1e-9);
     EXPECT_GT(summary.at("force_N").get<double>(), 0.0);

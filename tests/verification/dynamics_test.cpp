@@ -148,7 +148,8 @@ TEST(Verification, APushThroughTheBlockStopsAndSaysWhereAndWhatToDo) {
   } catch (const SolveError& error) {
     EXPECT_EQ(error.code, ExitCode::solve);
     EXPECT_NE(error.report.where.find("indentation"), std::string::npos);
-    EXPECT_NE(error.report.remedy.find("solver.safety"), std::string::npos);
+    EXPECT_NE(error.report.remedy.find("--depth"), std::string::npos);
+    EXPECT_EQ(error.report.code, "inverted");
   }
 }
 

@@ -1,0 +1,94 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "io/error.hpp"
+#include "preprocess/support.hpp"
+#include "solver/constraints.hpp"
+
+namespace dimple {
+
+// What every run watches for, one code each; README, "Guards", is their table. Where the number would be
+// wrong a guard throws, and the march takes up its last good state again, more carefully; where it is honest
+// but less good than one might think it leaves a finding.
+
+constexpr int most_retries = 3;  ///< of one run
+
+/// A guard that fired where the run could go on. `worst`: the number that it watches, at its worst.
+struct Finding {
+  Report report;
+  double worst = 0.0;
+};
+
+/// The last good state was taken up again.
+struct Retry {
+  std::string code;    ///< of the guard
+  double depth = 0.0;  ///< at which it fired [m]
+  std::string what;    ///< what is done differently
+};
+
+/// When and with which step. [s], [m]; dt_stable 0: the march has no limit.
+struct Moment {
+  double t = 0.0, depth = 0.0, dt = 0.0, dt_stable = 0.0;
+};
+
+/// Energies at one time [J]; balance: external = kinetic + stored + dissipated.
+struct EnergySample {
+  double t, depth;
+  double kinetic, stored, external, dissipated;
+  double error() const { return external - (kinetic + stored + dissipated); }
+};
+
+/// Before any load: `conditioning`, `supports`, `circle-nodes`. The last is by what few nodes cost on the
+/// verification block, whose force is known (README, Convergence), at `depth` [m]. Throws ModelError where
+/// gradients are wrong.
+std::vector<Finding> check_model(const Model& model, const SupportReport& support, double depth);
+
+/// Watches one run: what it finds is kept in `findings`, one for each code.
+class Guards {
+ public:
+  /// `static_answer`: inertia should play no part. `on` false: only what costs nothing; to measure what
+  /// guards cost.
+  Guards(const ForceSystem& system, const Model& model, bool static_answer, bool on,
+         std::vector<Finding>& findings);
+
+  /// Of a sweep: `non-finite`, and `inverted` where the energy has no meaning there. Costs nothing.
+  void check(const ForceSystem::Sweep& sweep, const Moment& now) const;
+  /// Every component of every node: `non-finite`; and `inverted`, where the tool has come out of the body.
+  void check(const ForceSystem::Nodal& u, const ForceSystem::Nodal& f, const Moment& now) const;
+  /// Points after the last sweep, which must have been at an accepted state: `inverted`, `volume`.
+  void check_points(const ForceSystem::Sweep& sweep, const Moment& now);
+  /// `energy`, `kinetic`. `largest_external`: so far [J]. `conserves`: the march and the law neither make nor
+  /// lose any.
+  void check(const EnergySample& e, double largest_external, double duration, bool conserves,
+             const Moment& now);
+  /// Of central differences: `energy`, without the stored energy, which is never negative.
+  void check_kinetic(double kinetic, double external, const Moment& now) const;
+  /// `hourglass`: the part of the stored energy in what averaged gradients do not see [J]; see
+  /// GradientVariance.
+  void check_unseen(double unseen, double stored, const Moment& now);
+  /// `hourglass` of gradients at points, where nothing holds it: what the displacements of each point's nodes
+  /// differ from the linear field with the point's gradient,
+  ///
+  ///     sum_q V_q 3 mu/2 sum_a |u_a - mean u - H_q (X_a - mean X)|^2 / sum_a |X_a - mean X|^2
+  ///
+  /// beside the stored energy. As Ganzenmueller 2015 measures it for particles. It takes two sweeps.
+  void check_fluctuation(const ForceSystem::Nodal& u, const Moment& now);
+  /// `time-step`.
+  void check_step(const Moment& now) const;
+
+ private:
+  const ForceSystem& system_;
+  const Model& model_;
+  bool static_answer_, on_;
+  std::vector<Finding>& findings_;
+  double beneath_;  // the circle, as far as the body reaches [m]
+
+  void find(Finding finding);
+};
+
+/// What a message says at last: that it came again after `most_retries`, whatever was done.
+SolveError after_retries(const SolveError& error, const std::string& what);
+
+}  // namespace dimple

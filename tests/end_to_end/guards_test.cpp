@@ -1,0 +1,146 @@
+// What guards say and do, in the real program: summary.json, the console, the exit code, and what lies on
+// disk.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <regex>
+
+#include "io/table.hpp"
+#include "io/vtk_files.hpp"
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+using testing::HasSubstr;
+
+class GuardedRun : public testing::Test {
+ protected:
+  const fs::path folder = fresh_folder();
+
+  void SetUp() override {
+    ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 2 -q").code, 0);
+  }
+  Json summary(const std::string& out) const { return Json::parse(text_of(folder / out / "summary.json")); }
+  Table curve(const std::string& out) const { return read_csv(folder / out / "force.csv"); }
+
+  static const Json* with_code(const Json& list, const std::string& code) {
+    for (const Json& entry : list)
+      if (entry.at("code") == code) return &entry;
+    return nullptr;
+  }
+
+  // What a run that did not finish has left can all be read, and ends where the summary says.
+  void expect_valid(const std::string& out) const {
+    const Table table = curve(out);
+    ASSERT_GE(table.rows(), 1u);
+    for (const double force : *table.find("force_N")) EXPECT_TRUE(std::isfinite(force));
+    EXPECT_EQ(table.find("indentation_mm")->back(), summary(out).at("indentation_mm").get<double>());
+    for (const char* name : {"nodes", "points"}) {
+      const std::string pvd = text_of(folder / out / (std::string(name) + ".pvd"));
+      const std::regex file("file=\"([^\"]+)\"");
+      int frames = 0;
+      for (std::sregex_iterator m(pvd.begin(), pvd.end(), file), end; m != end; ++m, ++frames)
+        EXPECT_GT(read_vtu(folder / out / (*m)[1].str()).position_mm.cols(), 0);
+      EXPECT_GE(frames, 1);
+    }
+  }
+};
+
+TEST_F(GuardedRun, ThatHasNoEquilibriumEndsWithItsCodeAndKeepsWhatThereIs) {
+  // 1e-8 is beyond single precision.
+  const Ran ran =
+      dimple(folder,
+             "run block.nrrd -o out --nodes 300 --depth 2mm --frames 2 --set solver.tolerance=1e-8"
+             " --set solver.evaluations=100 --set solver.precision=single");
+  EXPECT_EQ(ran.code, 5) << ran.err;
+  for (const char* word : {"no equilibrium", "where:", "try:", "code:  no-equilibrium", "3 retries", "retry"})
+    EXPECT_THAT(ran.err, HasSubstr(word));
+  const Json s = summary("out");
+  EXPECT_EQ(s.at("status"), "failed");
+  EXPECT_EQ(s.at("failure").at("code"), "no-equilibrium");
+  for (const char* part : {"fact", "where", "why", "remedy"})
+    EXPECT_FALSE(s.at("failure").at(part).get<std::string>().empty()) << part;
+  ASSERT_EQ(s.at("retries").size(), 3u);
+  EXPECT_EQ(s.at("retries")[0].at("code"), "no-equilibrium");
+  EXPECT_GT(s.at("retries")[0].at("at_mm").get<double>(), s.at("retries")[2].at("at_mm").get<double>());
+  EXPECT_THAT(s.at("retries")[0].at("what").get<std::string>(), HasSubstr("mm"));
+  expect_valid("out");
+}
+
+TEST_F(GuardedRun, WithALongTimeStepRecoversToTheForceOfAShortOne) {
+  const std::string scene =
+      "run block.nrrd --nodes 300 --depth 1mm --rate 2mm/s --frames 4 --scheme horton2007 --damping 60";
+  ASSERT_EQ(dimple(folder, scene + " -o short --safety 0.5 -q").code, 0);
+  EXPECT_TRUE(summary("short").at("retries").empty());
+  const double right = summary("short").at("force_N");
+  for (const char* safety : {"1.05", "2"}) {
+    const std::string out = std::string("long") + safety;
+    const Ran ran = dimple(folder, scene + " -o " + out + " --safety " + safety);
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    EXPECT_THAT(ran.err, HasSubstr("time-step"));
+    const Json s = summary(out);
+    EXPECT_EQ(s.at("status"), "finished");
+    ASSERT_FALSE(s.at("retries").empty());
+    EXPECT_EQ(s.at("retries")[0].at("code"), "time-step");
+    EXPECT_NEAR(s.at("force_N").get<double>(), right, 2e-3 * right) << safety;
+  }
+  ASSERT_EQ(dimple(folder, scene + " -o one --safety 2 --threads 1 -q").code, 0);
+  ASSERT_EQ(dimple(folder, scene + " -o three --safety 2 --threads 3 -q").code, 0);
+  EXPECT_EQ(text_of(folder / "one" / "force.csv"), text_of(folder / "three" / "force.csv"));
+}
+
+TEST_F(GuardedRun, ThatIsTooDeepForThePapersSchemeStopsWithItsCode) {
+  const Ran ran = dimple(folder,
+                         "run block.nrrd -o out --nodes 400 --depth 26mm --rate 200mm/s --frames 8"
+                         " --scheme horton2007");
+  EXPECT_EQ(ran.code, 5) << ran.err;
+  const Json s = summary("out");
+  EXPECT_EQ(s.at("status"), "failed");
+  EXPECT_THAT(s.at("failure").at("code").get<std::string>(),
+              testing::AnyOf("inverted", "energy", "non-finite", "time-step"));
+  EXPECT_THAT(s.at("failure").at("where").get<std::string>(), HasSubstr("mm"));
+  EXPECT_EQ(s.at("retries").size(), 3u);
+  expect_valid("out");
+}
+
+TEST_F(GuardedRun, SaysThatTheCircleHasTooFewNodes) {
+  const Ran ran = dimple(folder, "run block.nrrd -o out --nodes 300 --depth 6mm --frames 4");
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  EXPECT_THAT(ran.err, HasSubstr("nodes lie under the circle"));
+  EXPECT_THAT(ran.err, HasSubstr("[circle-nodes]"));
+  const Json s = summary("out");
+  const Json* found = with_code(s.at("guards"), "circle-nodes");
+  ASSERT_NE(found, nullptr) << s.at("guards").dump(1);
+  EXPECT_EQ(found->at("worst"), s.at("counts").at("circle_nodes"));
+  for (const char* part : {"fact", "where", "why", "remedy"})
+    EXPECT_FALSE(found->at(part).get<std::string>().empty()) << part;
+}
+
+// Some points at the sharp rim are inside out with every fine cloud; the force is right.
+TEST_F(GuardedRun, SaysThatPointsAtTheRimAreInsideOutAndGoesOn) {
+  const Ran ran = dimple(folder, "run block.nrrd -o out --nodes 2000 --frames 8");
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  const Json s = summary("out");
+  EXPECT_EQ(s.at("status"), "finished");
+  const Json* found = with_code(s.at("guards"), "inverted");
+  ASSERT_NE(found, nullptr) << s.at("guards").dump(1);
+  EXPECT_EQ(found->at("worst"), s.at("J_min"));
+  EXPECT_THAT(ran.err, HasSubstr("are inside out"));
+}
+
+TEST_F(GuardedRun, ThatIsWellFindsNothing) {
+  const Ran ran = dimple(folder, "run block.nrrd -o out --nodes 1000 --depth 1mm --frames 4");
+  EXPECT_EQ(ran.code, 0);
+  EXPECT_TRUE(summary("out").at("guards").empty()) << summary("out").at("guards").dump(1);
+  EXPECT_TRUE(summary("out").at("retries").empty());
+  EXPECT_THAT(ran.err, testing::Not(HasSubstr("warning")));
+}
+
+}  // namespace
+}  // namespace dimple

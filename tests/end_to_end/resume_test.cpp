@@ -1,0 +1,228 @@
+// Nothing is lost: what stands in a folder already, and a run that is stopped or killed half-way.
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <fstream>
+#include <iostream>
+#include <nlohmann/json.hpp>
+#include <random>
+#include <thread>
+
+#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/whole_files.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+using Clock = std::chrono::steady_clock;
+
+std::vector<std::string> words(const std::string& line) {
+  std::istringstream in(line);
+  std::vector<std::string> list;
+  for (std::string word; in >> word;) list.push_back(word);
+  return list;
+}
+
+class Resume : public testing::Test {
+ protected:
+  const fs::path folder = fresh_folder();
+  // Some seconds: long enough to be interrupted.
+  const std::string slow = "run brain.nrrd -o out --nodes 500 --depth 4mm --rate 0.02mm/s --frames 100 -q";
+  const std::string quick = "run brain.nrrd -o out --nodes 400 --depth 0.5mm --frames 2 -q";
+
+  void SetUp() override { ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3 -q").code, 0); }
+
+  Ran good(const std::string& arguments) const {
+    const Ran ran = dimple(folder, arguments);
+    EXPECT_EQ(ran.code, 0) << arguments << '\n' << ran.err;
+    return ran;
+  }
+  void refused(int code, const std::string& arguments, const std::vector<std::string>& expected) const {
+    const Ran ran = dimple(folder, arguments);
+    EXPECT_EQ(ran.code, code) << arguments << '\n' << ran.err;
+    for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "})
+      EXPECT_NE(ran.err.find(part), std::string::npos) << "no '" << part << "' in\n" << ran.err;
+    for (const std::string& word : expected)
+      EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
+  }
+  /// The slow run, stopped by `signal` when it has left a checkpoint and gone on for a while.
+  Ran stopped(int signal) const {
+    Program program(folder, words(slow));
+    while (program.running() && !fs::exists(folder / "out" / "checkpoint.cbor"))
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    std::this_thread::sleep_for(std::chrono::milliseconds(60));
+    EXPECT_TRUE(program.running()) << program.err_so_far();
+    program.send(signal);
+    return program.wait();
+  }
+};
+
+TEST_F(Resume, IsOneOfTwoThingsThatMayBeDoneWithResultsThatAreThere) {
+  good(quick);
+  const std::string before = text_of(folder / "out" / "force.csv");
+  refused(6, quick, {"out holds the results of a run", "--force"});
+  refused(6, quick + " --mu 300", {"out holds the results of a run"});
+  refused(2, quick + " --force --resume", {"--force"});
+  EXPECT_EQ(text_of(folder / "out" / "force.csv"), before);
+  good(quick + " --mu 300 --force");
+  EXPECT_NE(text_of(folder / "out" / "force.csv"), before);
+  good("solve out/model -o out --depth 0.5mm --frames 2 -q --force");
+  EXPECT_TRUE(fs::exists(folder / "out" / "model" / "model.toml")) << "what was solved is no result";
+  good("model brain.nrrd -o model --nodes 400 -q");
+  refused(6, "model brain.nrrd -o model --nodes 500 -q", {"model holds a model already", "--force"});
+  good("model brain.nrrd -o model --nodes 450 -q --force");
+  good("solve model -o model --depth 0.5mm --frames 2 -q");  // beside the model: no results are there yet
+  refused(6, "solve model -o model --depth 0.5mm --frames 2 -q", {"model holds the results of a run"});
+  good("solve model -o model --depth 0.5mm --frames 3 -q --force");
+}
+
+TEST_F(Resume, OrReplacementTakesAwayOnlyWhatARunMakes) {
+  good("run brain.nrrd -o out --nodes 400 --depth 0.5mm --frames 4 -q");
+  for (const char* name : {"notes.txt", "nodes/mine.vtu", "model/other.vtu", "points/.hidden"})
+    std::ofstream(folder / "out" / name) << "mine\n";
+  std::ofstream(folder / "out" / "nodes" / ".77-3-nodes_0001.vtu") << "half a fi";
+  good(quick + " --force");
+  for (const char* name : {"notes.txt", "nodes/mine.vtu", "model/other.vtu", "points/.hidden"})
+    EXPECT_EQ(text_of(folder / "out" / name), "mine\n") << name;
+  for (const char* name : {"nodes/nodes_0004.vtu", "nodes/.77-3-nodes_0001.vtu", "checkpoint.cbor"})
+    EXPECT_FALSE(fs::exists(folder / "out" / name)) << name;
+}
+
+TEST_F(Resume, OfAFinishedRunSaysSoAndChangesNothing) {
+  const std::string line =
+      "run brain.nrrd -o out --nodes 400 --depth 0.5mm --frames 2 --preset miller_chinzei_2002 --label 1,2";
+  good(line + " -q");
+  const auto times = [&] {
+    std::vector<fs::file_time_type> list;
+    for (const std::string& name : files_in(folder / "out"))
+      list.push_back(fs::last_write_time(folder / "out" / name));
+    return list;
+  };
+  const auto before = times();
+  const std::string again = line + " --resume";
+  const Ran ran = good(again);
+  EXPECT_NE(ran.err.find("finished"), std::string::npos) << ran.err;
+  EXPECT_NE(ran.out.find(" N at 0.50 mm\tout\n"), std::string::npos) << ran.out;
+  EXPECT_EQ(good(again + " --json").out, text_of(folder / "out" / "summary.json"));
+  EXPECT_EQ(times(), before);
+  refused(2, again + " --mu 300", {"material.mu_Pa is 300.0 now, and was 210.0", "--force"});
+
+  good("solve out/model -o solved --depth 0.5mm --frames 2 -q");
+  good("solve out/model -o solved --depth 0.5mm --frames 2 -q --resume");
+  good("model brain.nrrd -o other --nodes 420 -q");
+  refused(2, "solve other -o solved --depth 0.5mm --frames 2 -q --resume",
+          {"the image or model is another one"});
+}
+
+TEST_F(Resume, OfARunThatWasInterruptedEndsAsIfItHadNotBeen) {
+  good(slow);
+  fs::rename(folder / "out", folder / "undisturbed");
+  const Ran ran = stopped(SIGINT);
+  EXPECT_EQ(ran.code, 130) << ran.err;
+  expect_whole_files(folder / "out", true);
+  EXPECT_EQ(Json::parse(text_of(folder / "out" / "summary.json")).at("status"), "interrupted");
+  refused(6, slow, {"unfinished run", "--resume", "--force"});
+  refused(2, slow + " --resume --mu 300", {"material.mu_Pa is 300.0 now, and was 210.0", "--force"});
+  refused(2, slow + " --resume --set tissue.1.mu=300", {"tissue.1.mu_Pa is", "not set"});
+  fs::rename(folder / "brain.nrrd", folder / "same.nrrd");
+  good("phantom brain.nrrd --spacing 3.1 -q");
+  refused(2, slow + " --resume", {"the image or model is another one"});
+  fs::rename(folder / "same.nrrd", folder / "brain.nrrd");
+  good(slow + " --resume");
+  expect_same_results(folder / "undisturbed", folder / "out");
+}
+
+TEST_F(Resume, OfACheckpointThatIsDamagedIsRefused) {
+  EXPECT_EQ(stopped(SIGKILL).code, 128 + SIGKILL);
+  const fs::path checkpoint = folder / "out" / "checkpoint.cbor";
+  const std::string whole = text_of(checkpoint);
+  for (const std::size_t length : {std::size_t{0}, std::size_t{40}, whole.size() / 2, whole.size() - 1}) {
+    std::ofstream(checkpoint, std::ios::binary) << whole.substr(0, length);
+    refused(3, slow + " --resume", {"checkpoint.cbor", "cannot be read", "--force"});
+  }
+  std::ofstream(checkpoint, std::ios::binary) << whole;
+  fs::remove(folder / "out" / "nodes" / "nodes_0000.vtu");
+  refused(6, slow + " --resume", {"nodes_0000.vtu has disappeared", "--force"});
+}
+
+TEST_F(Resume, OfNothingBeginsAtTheBeginning) {
+  good(quick + " --resume");
+  fs::rename(folder / "out", folder / "one");
+  fs::create_directories(folder / "out" / "model");  // as a kill at the first file leaves it
+  std::ofstream(folder / "out" / "model" / ".12-0-nodes.vtu") << "<VTKF";
+  refused(6, quick, {"unfinished run"});
+  good(quick + " --resume");
+  expect_same_results(folder / "one", folder / "out");
+}
+
+TEST_F(Resume, OrAnythingElseInAFolderWhereARunIsAtWorkIsRefused) {
+  Program program(folder, words(slow));
+  while (program.running() && !fs::exists(folder / "out" / "nodes" / "nodes_0002.vtu"))
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  for (const char* how : {"", " --force", " --resume"})
+    refused(6, slow + how, {"another run is writing to out"});
+  EXPECT_TRUE(program.running());
+}
+
+// ----------------------------------------------------------------------------------------------- kill -9
+
+/// Runs are killed at random, some of them several times, then resumed to their end. DIMPLE_KILLS: how often,
+/// in all.
+TEST_F(Resume, OfRunsThatWereKilledAtAnyMomentEndsWithTheSameBits) {
+  struct Scene {
+    std::string name, arguments;
+    double seconds = 0.0;
+  };
+  const std::string cloud = " --nodes 300 -q";
+  std::vector<Scene> scenes = {
+      {"slowly", "--depth 5mm --frames 25" + cloud},
+      {"slowly_relaxing", "--depth 5mm --frames 25 --preset miller_chinzei_2002" + cloud},
+      {"dynamic", "--depth 5mm --frames 6 --time dynamic" + cloud},
+      {"dynamic_relaxing",
+       "--depth 5mm --rate 2mm/s --frames 4 --time dynamic --preset miller_chinzei_2002" + cloud},
+      {"every_wave", "--depth 3mm --rate 20mm/s --frames 6 --time explicit" + cloud},
+      {"papers_scheme", "--depth 3mm --rate 4mm/s --frames 6 --scheme horton2007" + cloud},
+  };
+  for (Scene& scene : scenes) {
+    const auto start = Clock::now();
+    good("run brain.nrrd -o undisturbed_" + scene.name + ' ' + scene.arguments);
+    scene.seconds = std::chrono::duration<double>(Clock::now() - start).count();
+  }
+  const char* asked = std::getenv("DIMPLE_KILLS");
+  const int wanted = asked ? std::atoi(asked) : 12;
+  std::mt19937 random(7);
+  int kills = 0, resumed_half_way = 0, rounds = 0;
+  for (; kills < wanted && !HasFailure(); ++rounds) {
+    const Scene& scene = scenes[static_cast<std::size_t>(rounds) % scenes.size()];
+    SCOPED_TRACE(scene.name + ", round " + std::to_string(rounds));
+    const std::string line = "run brain.nrrd -o out " + scene.arguments + " --resume";
+    fs::remove_all(folder / "out");
+    for (bool again = true; again;) {
+      Program program(folder, words(line));
+      std::uniform_real_distribution<double> moment(0.0, scene.seconds);
+      std::this_thread::sleep_for(std::chrono::duration<double>(moment(random)));
+      again = program.running() && kills < wanted;
+      if (!again) break;
+      program.send(SIGKILL);
+      ASSERT_EQ(program.wait().code, 128 + SIGKILL);
+      ++kills;
+      if (fs::exists(folder / "out")) expect_whole_files(folder / "out", false);
+      again = random() % 3 == 0;
+    }
+    resumed_half_way += fs::exists(folder / "out" / "checkpoint.cbor") ? 1 : 0;
+    good(line);
+    expect_same_results(folder / ("undisturbed_" + scene.name), folder / "out");
+  }
+  std::cout << kills << " kills in " << rounds << " runs, " << resumed_half_way
+            << " of them resumed half-way\n";
+  EXPECT_EQ(kills, wanted);
+  EXPECT_GT(resumed_half_way, 0);
+}
+
+}  // namespace
+}  // namespace dimple

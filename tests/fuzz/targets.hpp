@@ -1,0 +1,18 @@
+#pragma once
+
+#include <span>
+#include <string_view>
+
+namespace dimple {
+
+/// One reader of the product, given the bytes of a file. It returns if they are read into something valid or
+/// refused in words; anything else (a crash, another exception, a result that contradicts itself) is a
+/// finding.
+struct FuzzTarget {
+  std::string_view name;
+  void (*run)(std::string_view bytes);
+};
+
+std::span<const FuzzTarget> fuzz_targets();
+
+}  // namespace dimple

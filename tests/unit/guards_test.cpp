@@ -1,0 +1,444 @@
+// Each guard is provoked, and its message read.
+
+#include "solver/guards.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <limits>
+
+#include "solver/relax.hpp"
+#include "solver/simulate.hpp"
+#include "tests/helpers/block.hpp"
+
+namespace dimple {
+namespace {
+
+using namespace testing_bodies;
+using testing::HasSubstr;
+using Nodal = ForceSystem::Nodal;
+
+const Material tissue = neo_hookean(210.0, 0.49, 1000.0);
+const Material brain = neo_hookean(210.0, 0.499, 1000.0);
+
+// All five parts are there.
+void expect_whole(const Report& r, const std::string& code) {
+  EXPECT_EQ(r.code, code);
+  for (const std::string* part : {&r.fact, &r.where, &r.why, &r.remedy}) EXPECT_FALSE(part->empty()) << code;
+}
+
+template <class Failure, class Action>
+Report report_of(const Action& action) {
+  try {
+    action();
+  } catch (const Failure& error) {
+    return error.report;
+  }
+  ADD_FAILURE() << "nothing was thrown";
+  return {};
+}
+
+const Finding* finding(const std::vector<Finding>& findings, const std::string& code) {
+  for (const Finding& f : findings)
+    if (f.report.code == code) return &f;
+  return nullptr;
+}
+
+// ------------------------------------------------------------------------------------------ of the model
+
+// A sheet so thin beside its supports that all nodes around a point lie nearly in a plane.
+TEST(ModelGuard, FindsSupportsThatLieNearlyInAPlane) {
+  const auto sheet = [](double thinner) {
+    Model model = block(4);
+    model.X.row(2) *= thinner;
+    model.point.row(2) *= thinner;
+    return model;
+  };
+  Model poor = sheet(6e-3);
+  const SupportReport support = find_supports(poor, {});
+  ASSERT_GT(support.worst_pivot_ratio, 1e-5);
+  const auto findings = check_model(poor, support, 1e-3);
+  const Finding* found = finding(findings, "conditioning");
+  ASSERT_NE(found, nullptr) << "pivot ratio " << support.worst_pivot_ratio;
+  expect_whole(found->report, "conditioning");
+  EXPECT_EQ(found->worst, support.worst_pivot_ratio);
+  EXPECT_THAT(found->report.where, HasSubstr("mm"));
+  EXPECT_THAT(found->report.remedy, HasSubstr("--nodes"));
+
+  Model flat = sheet(1e-4);
+  expect_whole(report_of<ModelError>([&] { find_supports(flat, {}); }), "conditioning");
+}
+
+TEST(ModelGuard, RefusesGradientsThatAreWrong) {
+  const Model model = block(4);
+  const SupportReport wrong = {.fewest_at = 0, .worst_pivot_at = 5, .linear_error = 1e-3};
+  const Report report = report_of<ModelError>([&] { check_model(model, wrong, 1e-3); });
+  expect_whole(report, "conditioning");
+  EXPECT_THAT(report.where, HasSubstr("point 5"));
+}
+
+TEST(ModelGuard, FindsACloudThatIsSparseBesideItsSupports) {
+  Model model = block(4);
+  const SupportReport support = find_supports(model, {.radius_factor = 1.1});
+  ASSERT_GT(support.grown, 0);
+  const auto findings = check_model(model, support, 1e-3);
+  const Finding* found = finding(findings, "supports");
+  ASSERT_NE(found, nullptr);
+  expect_whole(found->report, "supports");
+  EXPECT_THAT(found->report.fact, HasSubstr(std::to_string(support.grown)));
+
+  Model few = block(2);  // so few in all that no support has enough
+  few.X = Points(few.X.leftCols(6));
+  few.spacing = Eigen::VectorXd(few.spacing.head(6));
+  few.base = {0};
+  few.indenter = {5};
+  expect_whole(report_of<ModelError>([&] { find_supports(few, {}); }), "supports");
+}
+
+TEST(ModelGuard, FindsTooFewNodesUnderTheCircleAndSaysHowManyItTakes) {
+  Model model = block(5);
+  const SupportReport support = find_supports(model, {});
+  const auto findings = check_model(model, support, 4e-3);
+  const Finding* found = finding(findings, "circle-nodes");
+  ASSERT_NE(found, nullptr);
+  expect_whole(found->report, "circle-nodes");
+  EXPECT_EQ(found->worst, static_cast<double>(model.indenter.size()));
+  EXPECT_THAT(found->report.remedy, HasSubstr("--nodes"));
+
+  while (model.indenter.size() < 120) model.indenter.push_back(0);
+  EXPECT_EQ(finding(check_model(model, support, 4e-3), "circle-nodes"), nullptr);
+}
+
+// ----------------------------------------------------------------------------------------- of the state
+
+class StateGuard : public testing::Test {
+ protected:
+  const Model model = averaged_block(5);
+  const ForceSystem system{model, brain};
+  const Moment now = {.t = 1.0, .depth = 2e-3};
+  std::vector<Finding> findings;
+  Guards guards{system, model, true, true, findings};
+  Nodal u = Nodal::Zero(4, model.node_count()), f = u;
+};
+
+TEST_F(StateGuard, SeesWhatIsNoNumberInAnyComponentOfAnyNode) {
+  EXPECT_NO_THROW(guards.check(u, f, now));
+  for (const double nonsense :
+       {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()})
+    for (const Index a : {Index{0}, model.node_count() / 2, model.node_count() - 1})
+      for (int i = 0; i < 3; ++i) {
+        Nodal bad = u;
+        bad(i, a) = nonsense;
+        const Report of_u = report_of<SolveError>([&] { guards.check(bad, f, now); });
+        expect_whole(of_u, "non-finite");
+        EXPECT_THAT(of_u.fact, HasSubstr("node " + std::to_string(a)));
+        EXPECT_THAT(of_u.fact, HasSubstr(std::string("along ") + "xyz"[i]));
+        EXPECT_THAT(of_u.where, HasSubstr("2 mm"));
+        EXPECT_THAT(report_of<SolveError>([&] { guards.check(u, bad, now); }).fact, HasSubstr("force on"));
+      }
+}
+
+TEST_F(StateGuard, SeesADisplacementThatIsNoNumberAtAPoint) {
+  u(1, 40) = std::numeric_limits<double>::quiet_NaN();
+  const ForceSystem::Sweep sweep = system.stress_sweep(u);
+  expect_whole(report_of<SolveError>([&] { guards.check(sweep, now); }), "non-finite");
+}
+
+// As a sharp rim does: one node pushed through its neighbours.
+TEST_F(StateGuard, SaysThatAFewPointsAreInsideOutAndStopsForMany) {
+  const Index a = model.indenter.front();
+  u(2, a) = -1.6 * model.spacing[a];
+  ForceSystem::Sweep sweep = system.stress_sweep(u);
+  ASSERT_GT(sweep.inverted, 0);
+  guards.check(sweep, now);
+  guards.check_points(sweep, now);
+  const Finding* found = finding(findings, "inverted");
+  ASSERT_NE(found, nullptr);
+  expect_whole(found->report, "inverted");
+  EXPECT_EQ(found->worst, sweep.J_min);
+  EXPECT_THAT(found->report.fact, HasSubstr(std::to_string(sweep.inverted) + " of "));
+
+  sweep = system.stress_sweep(affine(model, Eigen::Vector3d(1.0, 1.0, -0.5).asDiagonal()));
+  expect_whole(report_of<SolveError>([&] { guards.check_points(sweep, now); }), "inverted");
+}
+
+TEST_F(StateGuard, OfThePapersSchemeStopsForOnePointInsideOut) {
+  const Model paper = block(5);
+  const ForceSystem plain(paper, tissue);
+  std::vector<Finding> none;
+  const Guards strict(plain, paper, true, true, none);
+  Nodal v = Nodal::Zero(4, paper.node_count());
+  v(2, paper.indenter.front()) = -3.0 * paper.spacing[0];
+  const Report report = report_of<SolveError>([&] { strict.check(plain.stress_sweep(v), now); });
+  expect_whole(report, "inverted");
+  EXPECT_THAT(report.where, HasSubstr("mm"));
+}
+
+TEST_F(StateGuard, SeesNearlyIncompressibleTissueChangeItsVolume) {
+  guards.check_points(system.stress_sweep(affine(model, 1.02 * Mat3::Identity())), now);
+  EXPECT_TRUE(findings.empty());
+  // The upper tenth only, then all of it.
+  for (Index a = 0; a < model.node_count(); ++a)
+    if (model.X(2, a) > 17e-3) u(2, a) = 0.5 * (model.X(2, a) - 17e-3);
+  guards.check_points(system.stress_sweep(u), now);
+  const Finding* found = finding(findings, "volume");
+  ASSERT_NE(found, nullptr);
+  expect_whole(found->report, "volume");
+  EXPECT_GT(found->worst, 0.01);
+  const ForceSystem::Sweep all = system.stress_sweep(affine(model, 1.2 * Mat3::Identity()));
+  expect_whole(report_of<SolveError>([&] { guards.check_points(all, now); }), "volume");
+
+  const ForceSystem sponge(model, neo_hookean(210.0, 0.3, 1000.0));  // may be pressed together
+  std::vector<Finding> none;
+  Guards(sponge, model, true, true, none)
+      .check_points(sponge.stress_sweep(affine(model, 1.2 * Mat3::Identity())), now);
+  EXPECT_TRUE(none.empty());
+}
+
+TEST_F(StateGuard, SeesEnergyThatIsNotBalanced) {
+  const double J = 1e-4;
+  const auto sample = [&](double stored) { return EnergySample{1.0, 2e-3, 0.0, stored, J, 0.0}; };
+  guards.check(sample(0.99 * J), J, 1.0, false, now);
+  EXPECT_TRUE(findings.empty());
+  guards.check(sample(1.05 * J), J, 1.0, false, now);
+  const Finding* found = finding(findings, "energy");
+  ASSERT_NE(found, nullptr);
+  expect_whole(found->report, "energy");
+  EXPECT_NEAR(found->worst, 0.05, 1e-9);
+  const Report gained = report_of<SolveError>([&] { guards.check(sample(1.2 * J), J, 1.0, false, now); });
+  expect_whole(gained, "energy");
+  EXPECT_THAT(gained.fact, HasSubstr("appeared from nowhere"));
+  EXPECT_NO_THROW(guards.check(sample(0.8 * J), J, 1.0, false, now));  // lost by steps that damp
+  EXPECT_THAT(report_of<SolveError>([&] { guards.check(sample(0.8 * J), J, 1.0, true, now); }).fact,
+              HasSubstr("lost"));
+  expect_whole(report_of<SolveError>([&] { guards.check_kinetic(2.0 * J, J, now); }), "energy");
+  EXPECT_NO_THROW(guards.check_kinetic(0.5 * J, J, now));
+}
+
+TEST_F(StateGuard, SeesABodyThatSwingsWhereTheAnswerShouldBeStatic) {
+  const EnergySample swinging = {1.0, 2e-3, 0.1e-4, 1e-4, 1.1e-4, 0.0};
+  guards.check(swinging, 1.1e-4, 10.0, true, now);  // the load has only begun
+  EXPECT_TRUE(findings.empty());
+  guards.check(swinging, 1.1e-4, 2.0, true, now);
+  const Finding* found = finding(findings, "kinetic");
+  ASSERT_NE(found, nullptr);
+  expect_whole(found->report, "kinetic");
+  EXPECT_NEAR(found->worst, 0.1, 1e-9);
+  EXPECT_THAT(found->report.remedy, HasSubstr("--damping"));
+  std::vector<Finding> none;
+  Guards(system, model, false, true, none).check(swinging, 1.1e-4, 2.0, true, now);  // a fast push may swing
+  EXPECT_TRUE(none.empty());
+}
+
+// Up and down from node to node of a lattice whose cells are those of the integration: no mean gradient sees
+// it.
+TEST_F(StateGuard, SeesEnergyInModesThatMeanGradientsDoNotSee) {
+  const Model lattice = averaged_block(5, 0.0, 1.0);
+  const ForceSystem own(lattice, brain);
+  Guards watch(own, lattice, true, true, findings);
+  double unseen = 0.0, stored = own.stored_energy(affine(lattice, 1.01 * Mat3::Identity()), &unseen);
+  EXPECT_LT(unseen, 1e-6 * stored);  // no linear field has any
+  watch.check_unseen(unseen, stored, now);
+  EXPECT_TRUE(findings.empty());
+  Nodal checkers = Nodal::Zero(4, lattice.node_count());
+  for (Index a = 0; a < lattice.node_count(); ++a) {
+    const double h = lattice.spacing[a];
+    const Vec3 cell = (lattice.X.col(a) / h).array().round();
+    checkers(0, a) = 0.05 * h * (static_cast<int>(cell.sum()) % 2 == 0 ? 1.0 : -1.0);
+  }
+  stored = own.stored_energy(checkers, &unseen);
+  watch.check_unseen(unseen, stored, now);
+  const Finding* found = finding(findings, "hourglass");
+  ASSERT_NE(found, nullptr) << unseen << " of " << stored;
+  expect_whole(found->report, "hourglass");
+  EXPECT_NEAR(found->worst, unseen / stored, 1e-12);
+}
+
+TEST_F(StateGuard, SeesATimeStepAboveTheStableOne) {
+  EXPECT_NO_THROW(guards.check_step({.t = 0.0, .depth = 0.0, .dt = 1e-3, .dt_stable = 1.001e-3}));
+  const Report report = report_of<SolveError>(
+      [&] { guards.check_step({.t = 0.0, .depth = 0.0, .dt = 1e-3, .dt_stable = 0.99e-3}); });
+  expect_whole(report, "time-step");
+  EXPECT_THAT(report.remedy, HasSubstr("solver.safety"));
+}
+
+// ------------------------------------------------------------------------------------------- recovery
+
+const Loading push = {.depth = 1e-3, .rate = 5e-3};
+
+TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShortOne) {
+  const Model model = block(5);
+  const ForceSystem system(model, tissue);
+  History undisturbed;
+  simulate(system, model, push, {.damping = 60.0, .frames = 4}, {}, undisturbed);
+  EXPECT_TRUE(undisturbed.retries.empty());
+  for (const double safety : {1.05, 2.0}) {
+    History history;
+    std::int64_t steps = -1;
+    const Observer observer = {.frame = {}, .sample = {}, .retry = [&](const Retry&) {
+                                 if (steps < 0) steps = history.steps;
+                               }};
+    simulate(system, model, push, {.safety = safety, .damping = 60.0, .frames = 4}, observer, history);
+    ASSERT_FALSE(history.retries.empty()) << safety;
+    EXPECT_LE(history.retries.size(), static_cast<std::size_t>(most_retries));
+    EXPECT_EQ(history.retries.front().code, "time-step");
+    EXPECT_LE(steps, 100) << safety;
+    EXPECT_NEAR(history.force.back().force, undisturbed.force.back().force,
+                2e-3 * undisturbed.force.back().force)
+        << safety;
+    EXPECT_EQ(history.force.size(), undisturbed.force.size());
+  }
+}
+
+// So deep in one segment that its step, stable at rest, is not at the end.
+TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
+  const Model model = block(8);
+  const ForceSystem system(model, tissue);
+  const Loading deep = {.depth = 8e-3, .rate = 40e-3};
+  History undisturbed;
+  simulate(system, model, deep, {.safety = 0.3, .damping = 60.0, .frames = 2}, {}, undisturbed);
+  ASSERT_TRUE(undisturbed.retries.empty());
+  std::vector<History> histories;
+  for (const std::size_t threads : {1, 2, 3}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    History& history = histories.emplace_back();
+    std::vector<int> frames;
+    const Observer observer = {
+        .frame = [&](const Frame& frame) { frames.push_back(frame.number); }, .sample = {}, .retry = {}};
+    simulate(system, model, deep, {.damping = 60.0, .frames = 2}, observer, history);
+    ASSERT_FALSE(history.retries.empty());
+    EXPECT_THAT(history.retries.front().code,
+                testing::AnyOf("time-step", "energy", "inverted", "non-finite"));
+    EXPECT_THAT(frames, testing::ElementsAre(0, 1, 2));  // each once
+    EXPECT_NEAR(history.force.back().force, undisturbed.force.back().force,
+                2e-3 * undisturbed.force.back().force);
+    for (std::size_t k = 1; k < history.force.size(); ++k)
+      EXPECT_GT(history.force[k].t, history.force[k - 1].t);
+    ASSERT_EQ(history.force.size(), histories[0].force.size());
+    for (std::size_t k = 0; k < history.force.size(); ++k)
+      EXPECT_EQ(history.force[k].force, histories[0].force[k].force);
+    EXPECT_EQ(history.retries.size(), histories[0].retries.size());
+    const Finding* soft = finding(history.guards, "hourglass");  // so few points
+    ASSERT_NE(soft, nullptr);
+    expect_whole(soft->report, "hourglass");
+  }
+}
+
+// Supports so wide, and points so few, that the circle's nodes move on alone.
+TEST(Recovery, IsNotTriedForModesThatNothingResists) {
+  const Model model = block(8, 0.2, 1.15, {.radius_factor = 2.5});
+  const ForceSystem system(model, tissue);
+  History history;
+  const Report report = report_of<SolveError>([&] {
+    simulate(system, model, {.depth = 12e-3, .rate = 40e-3}, {.damping = 60.0, .frames = 6}, {}, history);
+  });
+  expect_whole(report, "hourglass");
+  EXPECT_THAT(report.fact, HasSubstr("times the stored energy"));
+  EXPECT_THAT(report.remedy, HasSubstr("grid.ratio"));
+  EXPECT_THAT(report.why, testing::Not(HasSubstr("retries")));
+}
+
+TEST(Recovery, IsOfNoUseOnceTheToolHasPassedTheBody) {
+  const Model model = block(5);
+  const ForceSystem system(model, tissue);
+  History history;
+  const Report report = report_of<SolveError>([&] {
+    simulate(system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 4}, {}, history);  // thrice its height
+  });
+  expect_whole(report, "inverted");
+  EXPECT_LT(history.force.back().depth, 20e-3);
+}
+
+TEST(Recovery, RemembersWhatViscoelasticTissueRemembered) {
+  const Model model = averaged_block(4);
+  Material relaxing = tissue;
+  relaxing.prony = {{0.5, 0.05}};
+  const ForceSystem system(model, relaxing);
+  Nodal u = affine(model, 1.01 * Mat3::Identity()), one = u, two = u;
+  system.begin_step(0.01);
+  system.accept_step(u);
+  const std::vector<double> past = system.past();
+  system.begin_step(0.01);
+  system.internal_force(u, one);
+  system.accept_step(2.0 * u);  // a wrong way
+  system.begin_step(0.01);
+  system.internal_force(u, two);
+  EXPECT_NE((one - two).cwiseAbs().maxCoeff(), 0.0);
+  system.restore_past(past);
+  system.begin_step(0.01);
+  system.internal_force(u, two);
+  EXPECT_EQ((one - two).cwiseAbs().maxCoeff(), 0.0);
+}
+
+TEST(Recovery, EndsInAFailureThatSaysHowOftenItWasTried) {
+  const Model model = block(6, 0.2, 2.2);
+  const ForceSystem system(model, tissue);
+  History history;
+  int last_frame = -1;
+  double last_depth = -1.0;
+  const Observer observer = {.frame =
+                                 [&](const Frame& frame) {
+                                   last_frame = frame.number;
+                                   last_depth = frame.depth;
+                                 },
+                             .sample = {},
+                             .retry = {}};
+  const Report report = report_of<SolveError>([&] {
+    simulate(system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 8}, observer,
+             history);  // thrice its height
+  });
+  EXPECT_THAT(report.code, testing::AnyOf("inverted", "time-step"));
+  EXPECT_THAT(report.why, HasSubstr("3 retries"));
+  EXPECT_EQ(history.retries.size(), static_cast<std::size_t>(most_retries));
+  EXPECT_GE(last_frame, 0);
+  for (const ForceSample& s : history.force) EXPECT_TRUE(std::isfinite(s.force));
+  ASSERT_FALSE(history.force.empty());
+  EXPECT_NEAR(history.force.back().depth, last_depth, 1e-12);
+}
+
+TEST(Recovery, FindsAnEquilibriumByShorterStepsOfTheLoad) {
+  const Model model = averaged_block(5);
+  const ForceSystem system(model, brain);
+  const Loading load = {.depth = 4e-3, .rate = 1e-3};
+  History undisturbed;
+  load_slowly(system, model, load, {.frames = 2}, {}, undisturbed);
+  ASSERT_TRUE(undisturbed.retries.empty());
+  // So few evaluations for each that the whole way is too long.
+  std::int64_t enough = 20;
+  History history;
+  for (; enough < 200; ++enough) {
+    history = {};
+    try {
+      load_slowly(system, model, load, {.frames = 2, .evaluations = enough}, {}, history);
+      break;
+    } catch (const SolveError& error) {
+      EXPECT_EQ(error.report.code, "no-equilibrium");
+      EXPECT_THAT(error.report.why, HasSubstr("3 retries"));
+      EXPECT_EQ(history.retries.size(), static_cast<std::size_t>(most_retries));
+    }
+  }
+  ASSERT_FALSE(history.retries.empty()) << enough;
+  EXPECT_EQ(history.retries.front().code, "no-equilibrium");
+  EXPECT_NEAR(history.force.back().force, undisturbed.force.back().force,
+              2e-3 * undisturbed.force.back().force);
+  EXPECT_EQ(history.force.back().depth, load.depth);
+}
+
+TEST(Guards, ChangeNoBitOfARunInWhichNoneFires) {
+  const Model model = averaged_block(4);
+  const ForceSystem system(model, brain);
+  const Loading load = {.depth = 1e-3, .rate = 20e-3};
+  for (const auto& march : {&simulate, &load_slowly}) {
+    History with, without;
+    march(system, model, load, {.frames = 3}, {}, with);
+    march(system, model, load, {.frames = 3, .guards = false}, {}, without);
+    EXPECT_TRUE(with.retries.empty());
+    ASSERT_EQ(with.force.size(), without.force.size());
+    for (std::size_t k = 0; k < with.force.size(); ++k)
+      EXPECT_EQ(with.force[k].force, without.force[k].force);
+  }
+}
+
+}  // namespace
+}  // namespace dimple

@@ -1,0 +1,144 @@
+// A run that starts from a state of an earlier one ends with that one's bits.
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+
+#include "solver/implicit.hpp"
+#include "solver/relax.hpp"
+#include "tests/helpers/block.hpp"
+
+namespace dimple {
+namespace {
+
+using namespace testing_bodies;
+using Nodal = ForceSystem::Nodal;
+using March = void (*)(const ForceSystem&, const Model&, const Loading&, const SolverOptions&,
+                       const Observer&, History&, const State*);
+
+struct Kept {
+  int number;
+  double t;
+  Nodal u, f;
+};
+struct Result {
+  History history;
+  std::vector<Kept> frame;
+  std::vector<std::pair<State, std::size_t>> state;  // with the number of frames before it
+};
+
+/// `every`: how many steps lie between two states that are kept; 0: none is asked for.
+Result march(March by, const Model& model, const Tissues& tissues, Precision precision,
+             const Loading& loading, const SolverOptions& options, int every, const State* from = nullptr) {
+  const ForceSystem system(model, tissues, precision);
+  Result result;
+  int steps = 0;
+  Observer observer = {.frame =
+                           [&](const Frame& now) {
+                             result.frame.push_back({now.number, now.t, now.u, now.f});
+                           },
+                       .sample = {}};
+  if (every > 0)
+    observer.between_steps = [&](const std::function<State()>& state) {
+      if (steps++ % every == 0) result.state.emplace_back(state(), result.frame.size());
+    };
+  by(system, model, loading, options, observer, result.history, from);
+  return result;
+}
+
+template <class T>
+bool same_bits(const std::vector<T>& a, const std::vector<T>& b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), sizeof(T) * a.size()) == 0;
+}
+
+void expect_same_end(const Result& whole, const Result& rest, std::size_t frames_before) {
+  EXPECT_TRUE(same_bits(whole.history.force, rest.history.force));
+  EXPECT_TRUE(same_bits(whole.history.energy, rest.history.energy));
+  EXPECT_EQ(whole.history.steps, rest.history.steps);
+  EXPECT_EQ(whole.history.extra_evaluations, rest.history.extra_evaluations);
+  EXPECT_EQ(whole.history.J_min, rest.history.J_min);
+  EXPECT_EQ(whole.history.inverted, rest.history.inverted);
+  EXPECT_EQ(whole.history.residual, rest.history.residual);
+  EXPECT_EQ(whole.history.dt_first, rest.history.dt_first);
+  EXPECT_EQ(whole.history.dt_smallest, rest.history.dt_smallest);
+  EXPECT_EQ(whole.history.momentum_error, rest.history.momentum_error);
+  ASSERT_EQ(whole.frame.size(), frames_before + rest.frame.size());
+  for (std::size_t k = 0; k < rest.frame.size(); ++k) {
+    const Kept &a = whole.frame[frames_before + k], &b = rest.frame[k];
+    EXPECT_EQ(a.number, b.number);
+    EXPECT_EQ(a.t, b.t);
+    EXPECT_EQ(a.u, b.u);
+    EXPECT_EQ(a.f, b.f);
+  }
+}
+
+History expect_restarts(March by, const Model& model, const Tissues& tissues, const Loading& loading,
+                        const SolverOptions& options, int every = 1,
+                        Precision precision = Precision::single_) {
+  const Result alone = march(by, model, tissues, precision, loading, options, 0);
+  const Result watched = march(by, model, tissues, precision, loading, options, every);
+  expect_same_end(alone, watched, 0);
+  EXPECT_GE(watched.state.size(), 3u);
+  for (std::size_t k = 0; k < watched.state.size(); ++k) {
+    SCOPED_TRACE("state " + std::to_string(k) + " of " + std::to_string(watched.state.size()));
+    const auto& [state, frames] = watched.state[k];
+    expect_same_end(alone, march(by, model, tissues, precision, loading, options, 0, &state), frames);
+  }
+  return alone.history;
+}
+
+Tissues one(const Material& material, const Model& model) {
+  return {{material}, Eigen::VectorXi::Zero(model.point_count())};
+}
+const Material plain = neo_hookean(210.0, 0.49, 1000.0);
+const Material relaxing = material_preset("miller_chinzei_2002");
+
+TEST(Restart, OfEquilibriumAtEachDepth) {
+  const Model model = averaged_block(5);
+  const Loading loading{.depth = 4e-3, .rate = 1e-3};
+  expect_restarts(load_slowly, model, one(plain, model), loading, {.frames = 6});
+  expect_restarts(load_slowly, model, one(relaxing, model), loading, {.frames = 6});
+  expect_restarts(load_slowly, model, one(plain, model),
+                  {.depth = 4e-3, .rate = 1e-3, .contact = Contact::frictionless}, {.frames = 6}, 1,
+                  Precision::double_);
+}
+
+TEST(Restart, OfEquilibriumOfThePapersSchemeAtEachDepth) {
+  const Model model = block(4);
+  expect_restarts(load_slowly, model, one(plain, model), {.depth = 1e-3, .rate = 1e-3},
+                  {.frames = 5, .tolerance = 1e-3});
+}
+
+TEST(Restart, OfImplicitSteps) {
+  const Model model = averaged_block(4);
+  const Loading loading{.depth = 4e-3, .rate = 4e-3};
+  expect_restarts(simulate_implicitly, model, one(plain, model), loading, {.frames = 3}, 7);
+  expect_restarts(simulate_implicitly, model, one(relaxing, model), loading, {.damping = 3.0, .frames = 3},
+                  11);
+  const Model two = averaged_block(4, 0.2, 1.8, [](const Vec3& x) { return x.z() > 10e-3 ? 1 : 0; });
+  const Tissues tissues{{relaxing, plain}, two.label};
+  expect_restarts(simulate_implicitly, two, tissues,
+                  {.depth = 4e-3, .rate = 4e-3, .contact = Contact::frictionless}, {.frames = 3}, 13,
+                  Precision::double_);
+}
+
+TEST(Restart, OfImplicitStepsThatHadToBeHalved) {
+  // So few evaluations for a step that some do not converge.
+  const Model model = averaged_block(5);
+  const History history =
+      expect_restarts(simulate_implicitly, model, one(plain, model), {.depth = 6e-3, .rate = 20e-3},
+                      {.frames = 3, .evaluations = 14}, 3);
+  EXPECT_LT(history.dt_smallest, 0.6 * history.dt_first);
+}
+
+TEST(Restart, OfEveryWave) {
+  const Model paper = block(4);
+  const Loading loading{.depth = 0.4e-3, .rate = 20e-3};
+  expect_restarts(simulate, paper, one(plain, paper), loading, {.damping = 5.0, .frames = 3}, 7);
+  const Model model = averaged_block(4);
+  expect_restarts(simulate, model, one(plain, model), loading, {.frames = 3, .sample_rate = 2000.0}, 11);
+  expect_restarts(simulate, model, one(relaxing, model), loading, {.frames = 3}, 13, Precision::double_);
+}
+
+}  // namespace
+}  // namespace dimple
