@@ -17,6 +17,7 @@
 #include "apps/export.hpp"
 #include "apps/log.hpp"
 #include "apps/pipeline.hpp"
+#include "apps/stress.hpp"
 #include "apps/verify.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -261,6 +262,34 @@ int perform(int argc, char** argv) {
   chart_flags.add(*chart, "none of them");  // --config and --set only
   common(chart);
 
+  Flags stress_flags;
+  StressOptions stressed;
+  bool list_maps = false;
+  CLI::App* atlas = app.add_subcommand(
+      "stress",
+      "draw where a scene survives and why not: maps over two options each, both schemes side by side");
+  atlas->add_option("IMAGE", image, "label image of a scene of yours, with --x and --y [a block made here]");
+  atlas->add_option("-o,--out,--output", out, "folder for stress_NAME.csv, .png, .svg; what is done is kept");
+  atlas->add_option("--map", stressed.maps, "only these, by name; see --list")->delimiter(',');
+  atlas->add_flag("--list", list_maps, "list the maps and stop");
+  atlas->add_option("--x", stressed.x, "a map of your own: an option and its values across")
+      ->type_name("KEY=V1,V2,...");
+  atlas->add_option("--y", stressed.y, "and down; load.depth: all depths from one run")
+      ->type_name("KEY=V1,V2,...");
+  atlas->add_option("--schemes", stressed.schemes, "converging, horton2007")
+      ->delimiter(',')
+      ->capture_default_str();
+  atlas
+      ->add_option("--finest", stressed.finest,
+                   "nodes of the runs to compare with; the next where one is not stable")
+      ->delimiter(',')
+      ->capture_default_str();
+  atlas->add_option("--limit", stressed.limit_s, "for each run [s]")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  stress_flags.add(*atlas, "none of them");  // --config and --set only
+  common(atlas);
+
   Flags export_flags;
   std::string format, elements = "hexahedra";
   CLI::App* other = app.add_subcommand(
@@ -363,6 +392,24 @@ int perform(int argc, char** argv) {
       if (!verbose) start_log(Verbosity::quiet);
       return finish(accuracy_chart(
           with_image(chart_flags.config(*chart)), compared, out,
+          [&](const std::string& line) {
+            if (!quiet) fmt::print(stderr, "{}\n", line);
+          },
+          stop_requested));
+    }
+    if (*atlas) {
+      if (list_maps) {
+        for (const StressMap& map : stress_maps())
+          fmt::print("{:<14} {} x {}\n", map.name, map.x.key, map.y.key);
+        return 0;
+      }
+      if (out.empty())
+        throw UsageError({.fact = "no folder for the maps was given",
+                          .where = "-o",
+                          .why = "there is nowhere to put them",
+                          .remedy = "for instance dimple stress -o out, or --list"});
+      return finish(stress(
+          with_image(stress_flags.config(*atlas)), stressed, out,
           [&](const std::string& line) {
             if (!quiet) fmt::print(stderr, "{}\n", line);
           },

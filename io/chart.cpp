@@ -689,6 +689,9 @@ void check(const Map& map) {
     throw std::invalid_argument(fmt::format("the map \"{}\" has {} cells for {} columns and {} rows",
                                             map.title, map.cell.size(), map.x_ticks.size(),
                                             map.y_ticks.size()));
+  if (!map.note.empty() && map.note.size() != map.cell.size())
+    throw std::invalid_argument(
+        fmt::format("the map \"{}\" has {} notes for {} cells", map.title, map.note.size(), map.cell.size()));
 }
 
 using ClassColours = std::map<std::string, Colour>;
@@ -699,13 +702,23 @@ ClassColours colours_of(const std::vector<Map>& maps) {
     for (const auto& entry : map.legend) colours[entry.first] = unknown_grey;
     for (const std::string& code : map.cell) colours[code] = unknown_grey;
   }
-  std::size_t n = 0;
+  std::map<std::string, std::size_t> asked;
+  std::set<std::size_t> taken;
+  for (const Map& map : maps)
+    for (const auto& [code, number] : map.colour)
+      if (colours.contains(code) && number >= 0) taken.insert(asked[code] = static_cast<std::size_t>(number));
+  std::size_t next = 0;
   for (auto& [code, colour] : colours) {
     if (code.empty()) continue;
-    const bool ok = code == "ok";
+    if (code.starts_with("ok")) {
+      colour = code == "ok" ? ok_green : mixed(ok_green, card, 0.5F);
+      continue;
+    }
+    if (!asked.contains(code))
+      while (taken.contains(next)) ++next;
+    const std::size_t n = asked.contains(code) ? asked[code] : next++;
     const auto pale = std::min(0.4F * static_cast<float>(n / classes.size()), 0.8F);  // the palette once more
-    colour = ok ? ok_green : mixed(classes[n % classes.size()], card, pale);
-    if (!ok) ++n;
+    colour = mixed(classes[n % classes.size()], card, pale);
   }
   return colours;
 }
@@ -789,15 +802,25 @@ void draw_panel(Pen& pen, const Rect& tile, const Map& map, const ClassColours& 
 
   double code_width = 1.0;  // at a size of 14
   for (const std::string& code : map.cell) code_width = std::max(code_width, text_width(code, small));
-  const double size = std::floor(std::min({15.0, 0.6 * h, 14.0 * (w - gap - 4.0) / code_width}));
+  double note_width = 1.0;
+  for (const std::string& text : map.note) note_width = std::max(note_width, text_width(text, small));
+  const double lines = map.note.empty() ? 1.0 : 1.7;
+  const double size =
+      std::floor(std::min({15.0, 0.6 * h, 0.9 * h / lines, 14.0 * (w - gap - 4.0) / code_width}));
+  const double note_size = std::floor(std::min(0.85 * size, 14.0 * (w - gap - 4.0) / note_width));
   for (std::size_t n = 0; n < map.cell.size(); ++n) {
     const auto c = static_cast<double>(n % columns), r = static_cast<double>(n / columns);
     const Rect box{plot.x + c * w + gap / 2.0, plot.y + r * h + gap / 2.0, w - gap, h - gap};
     const Colour& colour = colours.at(map.cell[n]);
     pen.rectangle(box, colour, std::min(3.0, gap));
-    if (size >= 6.0)
-      pen.text({box.x + box.w / 2.0, box.y + box.h / 2.0 + 0.36 * size}, map.cell[n],
-               {.size = size, .colour = text_colour_on(colour)}, Align::centre, w);
+    if (size < 6.0) continue;
+    const bool noted = !map.note.empty() && !map.note[n].empty() && note_size >= 6.0;
+    const double middle = box.y + box.h / 2.0 + 0.36 * size - (noted ? 0.55 * note_size : 0.0);
+    const Style style{.size = size, .colour = text_colour_on(colour)};
+    pen.text({box.x + box.w / 2.0, middle}, map.cell[n], style, Align::centre, w);
+    if (noted)
+      pen.text({box.x + box.w / 2.0, middle + 1.15 * note_size}, map.note[n],
+               {.size = note_size, .colour = style.colour}, Align::centre, w);
   }
   draw_classes(pen, {plot.x + plot.w + 28.0, plot.y, legend_width, room.y + room.h - plot.y}, map, colours);
 }

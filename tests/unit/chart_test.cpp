@@ -385,6 +385,28 @@ TEST(Map, GivesACodeTheSameColourInEveryPanel) {
   EXPECT_EQ(count, 4U);  // "zz", the second code of all: a cell and a legend in each panel
 }
 
+TEST(Map, GivesAskedForColoursInEveryPictureAndGreensToWhatIsOk) {
+  const auto drawn = [](const Map& map) {
+    const fs::path file = scratch() / "map.svg";
+    write_map_svg(file, {map});
+    return content_of(file);
+  };
+  const std::map<std::string, int> colour = {{"inaccurate", 2}, {"kinked", 0}};
+  const Map one{.x_ticks = {"1"}, .y_ticks = {"1"}, .cell = {"kinked"}, .colour = colour};
+  const Map two{.x_ticks = {"1", "2"}, .y_ticks = {"1"}, .cell = {"inaccurate", "aa"}, .colour = colour};
+  const Map ok{.x_ticks = {"1", "2"}, .y_ticks = {"1"}, .cell = {"ok", "ok-rim"}, .colour = colour};
+  EXPECT_THAT(drawn(one), testing::HasSubstr("#d55e00"));
+  EXPECT_THAT(drawn(two), testing::AllOf(testing::HasSubstr("#f0c83c"), testing::HasSubstr("#d55e00")));
+  EXPECT_THAT(drawn(ok), testing::AllOf(testing::HasSubstr("#1e9e77"), testing::HasSubstr("#8fcfbb")));
+}
+
+TEST(Map, WritesANoteBelowACode) {
+  Map map{.x_ticks = {"1", "2"}, .y_ticks = {"1"}, .cell = {"ok", "inaccurate"}, .note = {"+1.2 %", ""}};
+  EXPECT_THAT(expect_drawn(map), testing::Contains("+1.2 %"));
+  map.note.pop_back();
+  EXPECT_THROW(write_map_png(scratch() / "map.png", {map}), std::invalid_argument);
+}
+
 TEST(Map, DrawsAnyNumberOfCells) {
   for (const auto& [columns, rows] : {std::pair{0, 0}, {0, 3}, {1, 1}, {3, 60}, {90, 2}, {200, 150}}) {
     SCOPED_TRACE(testing::Message() << columns << " x " << rows);
