@@ -23,7 +23,7 @@ constexpr double roughly = 2e-3;
 constexpr std::size_t remembered =
     3;                            // states, for the guess of the next: more would amplify what they are off
 constexpr double shorter = 0.25;  // step, of the longest, that is tried when that does not converge
-constexpr double of_stable_step = 0.8;
+constexpr double of_stable_step = 0.9;
 constexpr std::int64_t many = 12;  // evaluations for a step, after which it pays to linearise the volume anew
 
 }  // namespace
