@@ -518,7 +518,9 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
     for (const std::string& warning : in.warnings) warn(warning);
   }
   const ForceSystem system(model, tissues, precision_of(config));
+  model.dphi.resize(3, 0);  // the system has its own, in its layout
   ResultWriter writer(folder, model, system, in.files.surface, in.files.support);
+  give_back_memory();
   const double prepare_s = preparing.seconds();
 
   History history;
@@ -541,6 +543,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
           [&](const Frame& frame) {
             Stopwatch writing;
             writer.frame(frame);
+            give_back_memory();
             writing_s += writing.seconds();
           },
       .sample =

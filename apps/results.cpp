@@ -73,16 +73,19 @@ void ResultWriter::frame(const Frame& frame) {
             frame.t);
   node_series_.add(frame.t);
 
-  const auto F = system_.deformation_gradients(frame.u);
-  const auto P = system_.stresses(frame.u);
-  Eigen::MatrixXd J(1, F.cols()), sigma(6, F.cols()), mises(1, F.cols());
-  for (Index q = 0; q < F.cols(); ++q) {
-    const Mat3 Fq = Eigen::Map<const Mat3>(F.col(q).data());
-    const Mat3 s = Eigen::Map<const Mat3>(P.col(q).data()) * Fq.transpose() / Fq.determinant();
-    const Mat3 deviator = s - s.trace() / 3.0 * Mat3::Identity();
-    J(0, q) = Fq.determinant();
-    sigma.col(q) << s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(1, 2), s(0, 2);  // VTK's order
-    mises(0, q) = std::sqrt(1.5) * deviator.norm();
+  const Index points = model_.point_count();
+  Eigen::MatrixXd J(1, points), sigma(6, points), mises(1, points);
+  {  // as soon as it is used their memory is free for the writer
+    const auto F = system_.deformation_gradients(frame.u);
+    const auto P = system_.stresses(frame.u);
+    for (Index q = 0; q < F.cols(); ++q) {
+      const Mat3 Fq = Eigen::Map<const Mat3>(F.col(q).data());
+      const Mat3 s = Eigen::Map<const Mat3>(P.col(q).data()) * Fq.transpose() / Fq.determinant();
+      const Mat3 deviator = s - s.trace() / 3.0 * Mat3::Identity();
+      J(0, q) = Fq.determinant();
+      sigma.col(q) << s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(1, 2), s(0, 2);  // VTK's order
+      mises(0, q) = std::sqrt(1.5) * deviator.norm();
+    }
   }
   write_vtu(point_series_.next_frame(),
             {.position_mm = points_mm_,

@@ -22,15 +22,13 @@ Points world_metres(const BodySurface& body, const Points& local) {
   return world.unaryExpr(&metres);
 }
 
-// Each node's neighbours are a small list; what is freed of millions of them the library keeps, and at a
-// hundred thousand nodes that is a third of a gigabyte.
+}  // namespace
+
 void give_back_memory() {
 #ifdef __GLIBC__
   malloc_trim(0);
 #endif
 }
-
-}  // namespace
 
 BuiltModel build_model(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at) {
   BuiltModel built;

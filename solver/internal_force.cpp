@@ -76,6 +76,13 @@ Eigen::Matrix<double, 9, Eigen::Dynamic> ForceSystem::stresses(const Nodal& u) c
   return result;
 }
 
+void ForceSystem::gradients_at(Index q, std::vector<int>& node, Points& dphi) const {
+  if (single_)
+    single_->gradients_at(q, node, dphi);
+  else
+    double_->gradients_at(q, node, dphi);
+}
+
 void ForceSystem::begin_step(double dt) const {
   if (single_) single_->begin_step(dt);
   if (double_) double_->begin_step(dt);

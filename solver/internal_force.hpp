@@ -90,6 +90,9 @@ class ForceSystem {
   void patch_state(Patches& patches) const;
   void patch_gradients(const CompressedRows& nodes, Eigen::Matrix4Xf& gradient) const;
 
+  /// The nodes of point q and their shape function gradients [3 x nodes] 1/m, in the system's precision.
+  void gradients_at(Index q, std::vector<int>& node, Points& dphi) const;
+
   const std::vector<Material>& materials() const { return tissues_.material; }
   const Tissues& tissues() const { return tissues_; }
   Precision precision() const { return single_ ? Precision::single_ : Precision::double_; }

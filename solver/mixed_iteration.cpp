@@ -196,22 +196,51 @@ struct MixedIteration::Parts {
     return invert(across, true) && (!slides || invert(along, false));
   }
 
+  // The lower triangle of a symmetric matrix between patches, column by column: `visit(c, add)` calls
+  // add(b, value), b >= c. As triplets there would be hundreds for each entry.
+  template <class Visit>
+  Sparse between_patches(const Visit& visit) const {
+    const int count = static_cast<int>(model.patches.count());
+    Sparse matrix(count, count);
+    Eigen::VectorXd sum = Eigen::VectorXd::Zero(count);
+    std::vector<char> seen(static_cast<std::size_t>(count), 0);
+    std::vector<int> rows;
+    for (int c = 0; c < count; ++c) {
+      rows.clear();
+      visit(c, [&](int row, double value) {
+        if (!seen[static_cast<std::size_t>(row)]) {
+          seen[static_cast<std::size_t>(row)] = 1;
+          rows.push_back(row);
+        }
+        sum[row] += value;
+      });
+      std::sort(rows.begin(), rows.end());
+      matrix.startVec(c);
+      for (const int row : rows) {
+        matrix.insertBack(row, c) = sum[row];
+        sum[row] = 0.0;
+        seen[static_cast<std::size_t>(row)] = 0;
+      }
+    }
+    matrix.finalize();
+    return matrix;
+  }
+
   // S = M / (V_b V_c mu) + 1 / (bulk V): M_bc = sum_q V psi_b psi_c.
   bool factorise_schur() {
     const PressurePatches& patches = model.patches;
-    std::vector<Eigen::Triplet<double>> entry;
-    for (Index q = 0; q < model.point_count(); ++q)
-      for (int i = patches.of_point.offset[q]; i < patches.of_point.offset[q + 1]; ++i)
-        for (int j = patches.of_point.offset[q]; j <= i; ++j) {
-          const int b = patches.of_point.member[i], c = patches.of_point.member[j];
-          entry.emplace_back(b, c,
-                             patches.psi[i] * patches.psi[j] * model.volume[q] /
-                                 (mu(q) * patches.volume[b] * patches.volume[c]));
-        }
-    for (int b = 0; b < patches.count(); ++b) entry.emplace_back(b, b, 1.0 / (bulk[b] * patches.volume[b]));
-    Sparse matrix(patches.count(), patches.count());
-    matrix.setFromTriplets(entry.begin(), entry.end());
-    schur.compute(matrix);
+    Eigen::VectorXi slot;
+    const CompressedRows points = transpose(patches.of_point, patches.count(), &slot);
+    schur.compute(between_patches([&](int c, const auto& add) {
+      for (int k = points.offset[c]; k < points.offset[c + 1]; ++k) {
+        const int q = points.member[k];
+        for (int i = patches.of_point.offset[q]; i < patches.of_point.offset[q + 1]; ++i)
+          if (const int b = patches.of_point.member[i]; b >= c)
+            add(b, patches.psi[i] * patches.psi[slot[k]] * model.volume[q] /
+                       (mu(q) * patches.volume[b] * patches.volume[c]));
+      }
+      add(c, 1.0 / (bulk[c] * patches.volume[c]));
+    }));
     return schur.info() == Eigen::Success;
   }
 
@@ -222,19 +251,14 @@ struct MixedIteration::Parts {
       for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k)
         if (constraints.kind[static_cast<std::size_t>(nodes.member[k])] == Kind::free)
           of_node[static_cast<std::size_t>(nodes.member[k])].emplace_back(b, k);
-    std::vector<Eigen::Triplet<double>> entry;
-    for (std::size_t a = 0; a < of_node.size(); ++a)
-      for (const auto& [b, k] : of_node[a])
-        for (const auto& [c, l] : of_node[a])
-          if (c <= b)
-            entry.emplace_back(
-                b, c,
-                static_cast<double>(gradient.col(k).dot(gradient.col(l))) / inertia[static_cast<Index>(a)]);
-    for (int b = 0; b < nodes.rows(); ++b)
-      entry.emplace_back(b, b, 1.0 / (bulk[b] * model.patches.volume[b]));
-    Sparse matrix(nodes.rows(), nodes.rows());
-    matrix.setFromTriplets(entry.begin(), entry.end());
-    schur_of_inertia.compute(matrix);
+    schur_of_inertia.compute(between_patches([&](int c, const auto& add) {
+      for (int k = nodes.offset[c]; k < nodes.offset[c + 1]; ++k) {
+        const int a = nodes.member[k];
+        for (const auto& [b, l] : of_node[static_cast<std::size_t>(a)])
+          if (b >= c) add(b, static_cast<double>(gradient.col(k).dot(gradient.col(l))) / inertia[a]);
+      }
+      add(c, 1.0 / (bulk[c] * model.patches.volume[c]));
+    }));
     bulk_of_inertia = bulk;
     u_of_inertia = u_of_gradient;
     return schur_of_inertia.info() == Eigen::Success;

@@ -968,6 +968,23 @@ void ProjectedKernel<Real>::patch_gradients(const CompressedRows& nodes, Eigen::
 }
 
 template <class Real>
+void ProjectedKernel<Real>::gradients_at(Index q, std::vector<int>& node, Points& dphi) const {
+  const auto at = static_cast<std::size_t>(q);
+  const std::int32_t* member =
+      nodes_of_block_.member.data() + nodes_of_block_.offset[at / static_cast<std::size_t>(points_per_block)];
+  node.clear();
+  dphi.resize(3, 4 * (point_offset_[at + 1] - point_offset_[at]));
+  for (std::int32_t e = point_offset_[at]; e < point_offset_[at + 1]; ++e)
+    for (int i = 0; i < 4; ++i) {
+      const Quad& quad = quad_[static_cast<std::size_t>(e)];
+      if (i > 0 && quad.number[i] == quad.number[0]) continue;  // filled up
+      for (int axis = 0; axis < 3; ++axis)
+        dphi(axis, static_cast<Index>(node.size())) = static_cast<double>(quad.d[i][axis]);
+      node.push_back(member[quad.number[i]]);
+    }
+}
+
+template <class Real>
 Mat3 ProjectedKernel<Real>::deformation_gradient(Index q) const {
   return gradient_at(gradient_, static_cast<std::size_t>(q));
 }

@@ -100,6 +100,9 @@ class ProjectedKernel {
   void patch_gradients(const CompressedRows& nodes, Eigen::Matrix4Xf& gradient) const;
 
   double dilation(Index q) const { return static_cast<double>(dilation_[static_cast<std::size_t>(q)]); }
+  /// The nodes of point q and their shape function gradients [3 x nodes] 1/m, in this precision.
+  void gradients_at(Index q, std::vector<int>& node, Points& dphi) const;
+
   Mat3 deformation_gradient(Index q) const;  ///< of the last stress_sweep
   Mat3 stress(Index q) const;                ///< first Piola-Kirchhoff [Pa], of the last stress_sweep
 

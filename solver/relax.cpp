@@ -19,7 +19,10 @@ constexpr int memory = 60;      // iterations over which a change is compared fo
 
 }  // namespace
 
-Eigen::VectorXd stiffness_row_sums(const Model& model, const Tissues& tissues) {
+Eigen::VectorXd stiffness_row_sums(const ForceSystem& system, const Model& model) {
+  const Tissues& tissues = system.tissues();
+  std::vector<int> node;
+  Points dphi;
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(model.node_count());
   const auto material = [&](Index q) -> const Material& {
     return tissues.material[static_cast<std::size_t>(tissues.of_point[q])];
@@ -28,10 +31,11 @@ Eigen::VectorXd stiffness_row_sums(const Model& model, const Tissues& tissues) {
   for (Index q = 0; q < model.point_count(); ++q) {
     const Material& m = material(q);
     const double stiffness = 2.0 * m.mu + (projected ? pointwise_bulk_modulus(m) : m.kappa);
-    const auto g = model.dphi.middleCols(model.support.offset[q], model.support.count(q)).colwise().norm();
-    const double all = g.sum();
-    for (Index k = 0; k < model.support.count(q); ++k)
-      sum[model.support.member[model.support.offset[q] + k]] += model.volume[q] * stiffness * g[k] * all;
+    system.gradients_at(q, node, dphi);
+    double all = 0.0;
+    for (std::size_t k = 0; k < node.size(); ++k) all += dphi.col(static_cast<Index>(k)).norm();
+    for (std::size_t k = 0; k < node.size(); ++k)
+      sum[node[k]] += model.volume[q] * stiffness * dphi.col(static_cast<Index>(k)).norm() * all;
   }
   // The patches' part: (kappa - ks) V_b g_b g_b^T, g_b = sum_q psi V_q / V_b dphi_q.
   const PressurePatches& patches = model.patches;
@@ -46,10 +50,11 @@ Eigen::VectorXd stiffness_row_sums(const Model& model, const Tissues& tissues) {
       const int q = members.member[k];
       bulk = material(q).kappa - pointwise_bulk_modulus(material(q));
       const double share = patches.psi[slot[k]] * model.volume[q] / patches.volume[b];
-      for (int e = model.support.offset[q]; e < model.support.offset[q + 1]; ++e) {
-        const int a = model.support.member[e];
+      system.gradients_at(q, node, dphi);
+      for (std::size_t e = 0; e < node.size(); ++e) {
+        const int a = node[e];
         if (g.col(a).isZero(0.0)) touched.push_back(a);
-        g.col(a) += share * model.dphi.col(e);
+        g.col(a) += share * dphi.col(static_cast<Index>(e));
       }
     }
     std::sort(touched.begin(), touched.end());
@@ -104,7 +109,7 @@ Relaxed Relaxation::swing(Nodal& u, Nodal& f, const RelaxOptions& options, const
   const Index n = u.cols();
   const bool loaded = external.cols() == n;
   if (mass_.size() == 0) {
-    mass_ = stiffness_row_sums(model_, system_.tissues());
+    mass_ = stiffness_row_sums(system_, model_);
     const double floor = 1e-6 * mass_.maxCoeff();  // a node that no point sees well
     mass_ = mass_.cwiseMax(floor);
   }

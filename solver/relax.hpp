@@ -39,7 +39,7 @@ class Relaxation {
 
 /// [N] for each node a bound of what it is held with by all others: sum_b |K_ab|, K the tangent at rest
 /// [N/m].
-Eigen::VectorXd stiffness_row_sums(const Model& model, const Tissues& tissues);
+Eigen::VectorXd stiffness_row_sums(const ForceSystem& system, const Model& model);
 
 /// As simulate(), but so slowly that inertia plays no part: equilibrium at options.frames depths, each from
 /// the last three. With viscoelastic tissue the time between two of them is that of the loading. Where there
