@@ -17,10 +17,10 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-constexpr const char* format = "dimple checkpoint 1";
+constexpr const char* format = "dimple checkpoint 2";
 
-// One list of members serves both directions. Those of History and State are taken apart by structured
-// bindings: a member that is added there does not compile until it is kept here too.
+// One list of members, in its order, serves both directions. Those of History and State are taken apart by
+// structured bindings: a member that is added there does not compile until it is kept here too.
 template <class T, class Of>
 concept Like = std::same_as<std::remove_const_t<T>, Of>;
 
@@ -28,66 +28,38 @@ template <class Archive, Like<History> T>
 void members(Archive& io, T& history) {
   auto& [force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
          residual, interrupted, momentum_error, guards, retries] = history;
-  io("force", force);
-  io("energy", energy);
-  io("steps", steps);
-  io("extra_evaluations", extra_evaluations);
-  io("dt_stable_first", dt_stable_first);
-  io("dt_first", dt_first);
-  io("dt_smallest", dt_smallest);
-  io("J_min", J_min);
-  io("inverted", inverted);
-  io("residual", residual);
-  io("interrupted", interrupted);
-  io("momentum_error", momentum_error);
-  io("guards", guards);
-  io("retries", retries);
+  io(force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
+     residual, interrupted, momentum_error, guards, retries);
 }
 
 template <class Archive, Like<Report> T>
 void members(Archive& io, T& report) {
   auto& [fact, where, why, remedy, code] = report;
-  io("fact", fact);
-  io("where", where);
-  io("why", why);
-  io("remedy", remedy);
-  io("code", code);
+  io(fact, where, why, remedy, code);
 }
 
 template <class Archive, Like<Finding> T>
 void members(Archive& io, T& finding) {
   auto& [report, worst] = finding;
-  io("report", report);
-  io("worst", worst);
+  io(report, worst);
 }
 
 template <class Archive, Like<Retry> T>
 void members(Archive& io, T& retry) {
   auto& [code, depth, what] = retry;
-  io("code", code);
-  io("depth", depth);
-  io("what", what);
+  io(code, depth, what);
 }
 
 template <class Archive, Like<Path::State> T>
 void members(Archive& io, T& state) {
   auto& [at, u, lambda] = state;
-  io("at", at);
-  io("u", u);
-  io("lambda", lambda);
+  io(at, u, lambda);
 }
 
 template <class Archive, Like<MixedIteration::Memory> T>
 void members(Archive& io, T& memory) {
   auto& [inertia, bulk_of_inertia, u_of_inertia, u_of_gradient, moved, changed, gram, next] = memory;
-  io("inertia", inertia);
-  io("bulk_of_inertia", bulk_of_inertia);
-  io("u_of_inertia", u_of_inertia);
-  io("u_of_gradient", u_of_gradient);
-  io("moved", moved);
-  io("changed", changed);
-  io("gram", gram);
-  io("next", next);
+  io(inertia, bulk_of_inertia, u_of_inertia, u_of_gradient, moved, changed, gram, next);
 }
 
 template <class Archive, Like<State> T>
@@ -95,49 +67,15 @@ void members(Archive& io, T& state) {
   auto& [frame, step, steps, t, dt, dt_before, dt_stable, depth, depth_before, force_before, external,
          dissipated, next_sample, next_energy, largest_reaction, largest_external, safety, longest, looked,
          anew, depths, forces, u, v, a, f, lambda, path, mixed, past, history] = state;
-  io("frame", frame);
-  io("step", step);
-  io("steps", steps);
-  io("t", t);
-  io("dt", dt);
-  io("dt_before", dt_before);
-  io("dt_stable", dt_stable);
-  io("depth", depth);
-  io("depth_before", depth_before);
-  io("force_before", force_before);
-  io("external", external);
-  io("dissipated", dissipated);
-  io("next_sample", next_sample);
-  io("next_energy", next_energy);
-  io("largest_reaction", largest_reaction);
-  io("largest_external", largest_external);
-  io("safety", safety);
-  io("longest", longest);
-  io("looked", looked);
-  io("anew", anew);
-  io("depths", depths);
-  io("forces", forces);
-  io("u", u);
-  io("v", v);
-  io("a", a);
-  io("f", f);
-  io("lambda", lambda);
-  io("path", path);
-  io("mixed", mixed);
-  io("past", past);
-  io("history", history);
+  io(frame, step, steps, t, dt, dt_before, dt_stable, depth, depth_before, force_before, external, dissipated,
+     next_sample, next_energy, largest_reaction, largest_external, safety, longest, looked, anew, depths,
+     forces, u, v, a, f, lambda, path, mixed, past, history);
 }
 
 template <class Archive, Like<Checkpoint> T>
 void members(Archive& io, T& checkpoint) {
-  io("version", checkpoint.run.version);
-  io("options", checkpoint.run.options);
-  io("input_sha256", checkpoint.run.input_sha256);
-  io("model_sha256", checkpoint.model_sha256);
-  io("frame_time_s", checkpoint.frame_time_s);
-  io("solve_wall_s", checkpoint.solve_wall_s);
-  io("write_wall_s", checkpoint.write_wall_s);
-  io("state", checkpoint.state);
+  io(checkpoint.run.version, checkpoint.run.options, checkpoint.run.input_sha256, checkpoint.model_sha256,
+     checkpoint.frame_time_s, checkpoint.solve_wall_s, checkpoint.write_wall_s, checkpoint.state);
 }
 
 template <class T>
@@ -156,39 +94,46 @@ Json::binary_t bytes_of(const void* data, std::size_t size) {
 }
 
 struct Writer {
-  Json json = Json::object();
+  Json json = Json::array();
+
+  template <class... T>
+  void operator()(const T&... values) {
+    (json.push_back(one(values)), ...);
+  }
 
   template <class T>
-  void operator()(const char* key, const T& value) {
+  static Json one(const T& value) {
     if constexpr (is_plain<T>) {
-      json[key] = value;
+      return value;
     } else if constexpr (is_matrix<T>) {
-      json[key] = {value.rows(), value.cols(),
-                   bytes_of(value.data(), sizeof(*value.data()) * static_cast<std::size_t>(value.size()))};
+      return {value.rows(), value.cols(),
+              bytes_of(value.data(), sizeof(*value.data()) * static_cast<std::size_t>(value.size()))};
     } else if constexpr (is_list<T>) {
-      json[key] = Json::array();
-      for (const auto& item : value) {
-        Writer inner;
-        members(inner, item);
-        json[key].push_back(std::move(inner.json));
-      }
+      Json list = Json::array();
+      for (const auto& item : value) list.push_back(one(item));
+      return list;
     } else if constexpr (requires { value.capacity(); }) {
       static_assert(std::is_trivially_copyable_v<typename T::value_type>);
-      json[key] = bytes_of(value.data(), sizeof(*value.data()) * value.size());
+      return bytes_of(value.data(), sizeof(*value.data()) * value.size());
     } else {
       Writer inner;
       members(inner, value);
-      json[key] = std::move(inner.json);
+      return std::move(inner.json);
     }
   }
 };
 
 struct Reader {
   const Json& json;
+  std::size_t next = 0;
+
+  template <class... T>
+  void operator()(T&... values) {
+    (one(json.at(next++), values), ...);
+  }
 
   template <class T>
-  void operator()(const char* key, T& value) {
-    const Json& from = json.at(key);
+  static void one(const Json& from, T& value) {
     if constexpr (is_plain<T>) {
       value = from.get<T>();
     } else if constexpr (is_matrix<T>) {
@@ -197,14 +142,11 @@ struct Reader {
       const std::size_t size = sizeof(*value.data());
       const auto count = static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
       if (rows < 0 || cols < 0 || data.size() != size * count)
-        throw std::runtime_error(fmt::format("{} has not the size that it states", key));
+        throw std::runtime_error("a matrix has not the size that it states");
       value.resize(rows, cols);
       if (!data.empty()) std::memcpy(value.data(), data.data(), data.size());
     } else if constexpr (is_list<T>) {
-      for (const Json& item : from) {
-        Reader inner{item};
-        members(inner, value.emplace_back());
-      }
+      for (const Json& item : from) one(item, value.emplace_back());
     } else if constexpr (requires { value.capacity(); }) {
       const Json::binary_t& data = from.get_binary();
       value.resize(data.size() / sizeof(*value.data()));
@@ -221,8 +163,8 @@ struct Reader {
 void write_checkpoint(const fs::path& file, const Checkpoint& checkpoint) {
   Writer writer;
   members(writer, checkpoint);
-  writer.json["format"] = format;
-  const std::vector<std::uint8_t> bytes = Json::to_cbor(writer.json);
+  const std::vector<std::uint8_t> bytes =
+      Json::to_cbor({{"format", format}, {"state", std::move(writer.json)}});
   write_file(file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
 }
 
@@ -232,7 +174,7 @@ Checkpoint read_checkpoint(const fs::path& file) {
   try {
     const Json json = Json::from_cbor(content);
     if (json.at("format") != format) throw std::runtime_error("it is of another kind");
-    Reader reader{json};
+    Reader reader{json.at("state")};
     members(reader, checkpoint);
   } catch (const std::exception& error) {
     throw InputError({.fact = fmt::format("{} cannot be read", file.string()),

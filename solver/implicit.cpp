@@ -84,7 +84,7 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
   };
   Guards guards(system, model, loading.duration() >= slow_load * shear_crossing_time(system.tissues(), model),
                 options.guards, history.guards);
-  double largest_external = 0.0;
+  double& largest_external = state.largest_external;
   const auto record = [&](bool last) {
     const double force = reaction(model.indenter), depth = loading.rate * t;
     history.force.push_back({t, depth, force, -reaction(model.base)});
@@ -161,9 +161,7 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
     }
     t = to;
     history.extra_evaluations += stable.iterations + count + 1;
-    ForceSystem::Patches patches;
-    system.patch_state(patches);
-    lambda = patches.dilation.cwiseProduct(patches.bulk).cwiseProduct(model.patches.volume);
+    lambda = pressures_of_volumes(system, model);
   };
 
   if (!from) {

@@ -86,8 +86,7 @@ Eigen::VectorXd shear_of_nodes(const Model& model, const Shear& mu) {
 }
 
 // Which nodes the points of a patch see.
-CompressedRows nodes_of_patches(const Model& model) {
-  const CompressedRows points = transpose(model.patches.of_point, model.patches.count());
+CompressedRows nodes_of_patches(const Model& model, const CompressedRows& points) {
   CompressedRows result;
   result.offset = Eigen::VectorXi::Zero(points.rows() + 1);
   std::vector<int> member;
@@ -125,6 +124,8 @@ struct MixedIteration::Parts {
   const Constraints& constraints;
   Edges edge;
   Eigen::VectorXd weight;     // [N] of the edges at each node
+  Eigen::VectorXi slot;       // where in patches.psi each member of `points` stands
+  CompressedRows points;      // of each patch
   CompressedRows nodes;       // of each patch
   Eigen::Matrix4Xf gradient;  // [4 x nodes.member]
   bool slides = false;
@@ -138,7 +139,12 @@ struct MixedIteration::Parts {
   Eigen::VectorXd scale, dual_scale;  // that make u and lambda of one kind: square roots of energies
 
   Parts(const ForceSystem& s, const Model& m, const Constraints& c)
-      : system(s), model(m), constraints(c), edge(neighbours(m)), nodes(nodes_of_patches(m)) {
+      : system(s),
+        model(m),
+        constraints(c),
+        edge(neighbours(m)),
+        points(transpose(m.patches.of_point, m.patches.count(), &slot)),
+        nodes(nodes_of_patches(m, points)) {
     slides = std::find(c.kind.begin(), c.kind.end(), Kind::sliding) != c.kind.end();
     const Eigen::VectorXd shear = shear_of_nodes(model, [&](Index q) { return mu(q); });
     scale = (shear.array() / model.spacing.array().square()).sqrt();
@@ -151,7 +157,6 @@ struct MixedIteration::Parts {
     }
     weight = 3.0 * stiffer * shear.array() / lengths.array().max(1e-30);
     dual_scale.resize(model.patches.count());
-    const CompressedRows points = transpose(model.patches.of_point, model.patches.count());
     for (Index b = 0; b < dual_scale.size(); ++b)
       dual_scale[b] = 1.0 / std::sqrt(mu(points.member[points.offset[b]]) * model.patches.volume[b]);
   }
@@ -229,8 +234,6 @@ struct MixedIteration::Parts {
   // S = M / (V_b V_c mu) + 1 / (bulk V): M_bc = sum_q V psi_b psi_c.
   bool factorise_schur() {
     const PressurePatches& patches = model.patches;
-    Eigen::VectorXi slot;
-    const CompressedRows points = transpose(patches.of_point, patches.count(), &slot);
     schur.compute(between_patches([&](int c, const auto& add) {
       for (int k = points.offset[c]; k < points.offset[c + 1]; ++k) {
         const int q = points.member[k];
@@ -343,6 +346,12 @@ void MixedIteration::restore(const Memory& memory) {
   p.memory.gram.topLeftCorner(kept, kept) = memory.gram;
   p.memory.kept = static_cast<int>(kept);
   p.memory.next = memory.next;
+}
+
+Eigen::VectorXd pressures_of_volumes(const ForceSystem& system, const Model& model) {
+  ForceSystem::Patches patches;
+  system.patch_state(patches);
+  return patches.dilation.cwiseProduct(patches.bulk).cwiseProduct(model.patches.volume);
 }
 
 bool MixedIteration::serves(const ForceSystem& system, const Model& model) {

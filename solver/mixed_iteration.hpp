@@ -70,4 +70,7 @@ class MixedIteration {
   std::unique_ptr<Parts> parts_;
 };
 
+/// [patches] N m, what MixedIteration calls lambda, as the volumes of the last sweep make it.
+Eigen::VectorXd pressures_of_volumes(const ForceSystem& system, const Model& model);
+
 }  // namespace dimple

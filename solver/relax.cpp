@@ -96,11 +96,7 @@ Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, 
     system_.release_pressures();
   }
   Relaxed found = swing(u, f, options, external, spent);
-  if (lambda && mixed_) {
-    ForceSystem::Patches patches;
-    system_.patch_state(patches);
-    *lambda = patches.dilation.cwiseProduct(patches.bulk).cwiseProduct(model_.patches.volume);
-  }
+  if (lambda && mixed_) *lambda = pressures_of_volumes(system_, model_);
   return found;
 }
 
