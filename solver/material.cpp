@@ -13,7 +13,7 @@ namespace dimple {
 namespace {
 
 // Below these the powers of J and of an isochoric stretch give way to Taylor polynomials: see the header.
-constexpr double smallest_J = 0.2;
+constexpr double smallest_J = 0.05, smallest_J_of_barriers = 0.2;
 constexpr double smallest_stretch = 0.1;
 constexpr double largest_stiffening = 1e3;
 constexpr double smallest_J_of_second_stress = 0.05;
@@ -32,8 +32,10 @@ Curve extended_power(double x, double a, double x0) {
   return {power * (1.0 + a * d + 0.5 * a * (a - 1.0) * d * d), power * a / x0 * (1.0 + (a - 1.0) * d)};
 }
 
-Curve isochoric_factor(double J) {
-  return extended_power(J, -2.0 / 3.0, smallest_J);
+Curve isochoric_factor(const Material& m, double J) {
+  const bool barrier =
+      std::any_of(m.ogden.begin(), m.ogden.end(), [](const OgdenTerm& term) { return term.alpha < 0.0; });
+  return extended_power(J, -2.0 / 3.0, barrier ? smallest_J_of_barriers : smallest_J);
 }
 
 /// l^alpha as a function of c = l^2.
@@ -47,16 +49,16 @@ double energy_factor(const OgdenTerm& term) {
   return 2.0 * term.mu / (term.alpha * term.alpha);
 }
 
-/// The energy of one stretch at zero, for terms that repel it, times (1 - J / 0.2)^3 below J = 0.2.
+/// The energy of one stretch at zero, for terms that repel it, times (1 - J / J0)^3 below J0.
 Curve collapse(const Material& m, double J) {
   Curve sum{0.0, 0.0};
-  if (J >= smallest_J) return sum;
-  const double d = 1.0 - J / smallest_J;
+  if (J >= smallest_J_of_barriers) return sum;
+  const double d = 1.0 - J / smallest_J_of_barriers;
   for (const OgdenTerm& term : m.ogden)
     if (term.alpha < 0.0) {
       const double height = std::abs(energy_factor(term)) * stretch_power(0.0, term.alpha).value;
       sum.value += height * d * d * d;
-      sum.slope -= height * 3.0 * d * d / smallest_J;
+      sum.slope -= height * 3.0 * d * d / smallest_J_of_barriers;
     }
   return sum;
 }
@@ -68,7 +70,7 @@ struct Parts {
 };
 
 Parts stress_parts(const Material& m, const Mat3& F, double J) {
-  const Curve g = isochoric_factor(J);
+  const Curve g = isochoric_factor(m, J);
   if (m.ogden.empty()) return {m.mu * g.value * Mat3::Identity(), 0.5 * m.mu * g.slope * F.squaredNorm()};
 
   const Eigen::SelfAdjointEigenSolver<Mat3> principal(F.transpose() * F);
@@ -111,7 +113,7 @@ Material ogden(std::vector<OgdenTerm> terms, double nu, double density) {
 }
 
 double distortional_energy(const Material& m, const Mat3& F) {
-  const double J = F.determinant(), g = isochoric_factor(J).value;
+  const double J = F.determinant(), g = isochoric_factor(m, J).value;
   if (m.ogden.empty()) return 0.5 * m.mu * (g * F.squaredNorm() - 3.0);
 
   const Eigen::SelfAdjointEigenSolver<Mat3> principal(F.transpose() * F, Eigen::EigenvaluesOnly);
@@ -147,7 +149,7 @@ double strain_energy(const Material& m, const Mat3& F) {
 Mat3 pk1_stress(const Material& m, const Mat3& F) {
   const double J = F.determinant();
   if (m.as_printed)
-    return m.mu * isochoric_factor(J).value * F + (m.kappa - 2.0 / 3.0 * m.mu) * (J - 1.0) * cofactor(F);
+    return m.mu * isochoric_factor(m, J).value * F + (m.kappa - 2.0 / 3.0 * m.mu) * (J - 1.0) * cofactor(F);
   const Parts parts = stress_parts(m, F, J);
   return F * parts.A + (m.kappa * (J - 1.0) + parts.b) * cofactor(F);
 }

@@ -51,17 +51,18 @@ Material ogden(std::vector<OgdenTerm> terms, double nu, double density);
 ///     neo-Hookean   W = mu/2 (g(J) tr C - 3)
 ///     Ogden         W = sum_p 2 mu_p / alpha_p^2 (sum_i s_p(g(J) l_i^2) - 3) + collapse(J)
 ///
-///     g(J)   = J^(-2/3)       for J >= J0 = 0.2,  below: its Taylor polynomial of second order at J0
+///     g(J)   = J^(-2/3)       for J >= J0,        below: its Taylor polynomial of second order at J0
 ///     s_p(c) = c^(alpha_p/2)  for c >= l0^2,      below: its Taylor polynomial of second order at l0^2
 ///
 /// g is the square of the factor that makes stretches isochoric, so s_p is l^alpha_p of the isochoric stretch
 /// l, and a term of alpha = 2 is neo-Hookean for every F.
 ///
-/// The energy is extended below J = 0.2, as in Stomakhin et al. 2012, so that a point may pass through
-/// inversion on the way of an iterative solver; the caller reports J <= 0 in what it accepts. With a = -2/3,
-/// d = J / J0 - 1,
+/// The energy is extended below J0, as in Stomakhin et al. 2012, so that a point may pass through
+/// inversion on the way of an iterative solver; the caller reports J <= 0 in what it accepts. The smaller J0,
+/// the fewer points pass for good, and the stiffer are those that are near: J0 = 0.05, a fifth as many as
+/// with 0.2. With a = -2/3, d = J / J0 - 1,
 ///
-///     g = J0^a (1 + a d + a (a - 1) / 2 d^2) = 2.924 (1 - 2/3 d + 5/9 d^2),
+///     g = J0^a (1 + a d + a (a - 1) / 2 d^2) = J0^a (1 - 2/3 d + 5/9 d^2),
 ///
 /// positive for every J (the discriminant 4/9 - 20/9 is negative) and falling in J: the neo-Hookean stress
 /// always drives an inverted point back.
@@ -74,9 +75,10 @@ Material ogden(std::vector<OgdenTerm> terms, double nu, double density);
 ///
 ///     collapse = (1 - J / J0)^3 sum_p 2 |mu_p| / alpha_p^2 s_p(0)   over alpha_p < 0, for J < J0, else 0,
 ///
-/// which outgrows that barrier unless the other two stretches are small as well. All pieces join with two
-/// continuous derivatives, so the stiffness is continuous. For J >= 0.2 and isochoric stretches above l0
-/// nothing is changed.
+/// which outgrows that barrier unless the other two stretches are small as well, and with J0 = 0.2, the value
+/// for a law with such a term: with a smaller one it comes too late. All pieces join with two continuous
+/// derivatives, so the stiffness is continuous. For J >= J0 and isochoric stretches above l0 nothing is
+/// changed.
 ///
 /// Source:   Ogden 1972; Stomakhin, Howes, Schroeder, Teran, Energetically consistent invertible elasticity,
 ///           SCA 2012.
@@ -112,7 +114,7 @@ double strain_energy(const Material& material, const Mat3& F);
 ///
 ///     P = dW/dF = distortional stress + kappa (J - 1) cof F
 ///
-/// which for the neo-Hookean law, and J >= 0.2, is P = F S with
+/// which for the neo-Hookean law, and J >= 0.05, is P = F S with
 ///
 ///     S = 2 dW/dC = mu J^(-2/3) (I - tr(C)/3 C^-1) + kappa J (J - 1) C^-1
 ///

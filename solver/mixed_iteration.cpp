@@ -24,6 +24,10 @@ constexpr int fewest_neighbours = 6;
 constexpr int remembered = 30;    // steps, by Anderson's acceleration
 constexpr int without_gain = 30;  // iterations, and it is given up
 constexpr double setback = 10.0;  // growth of the residual that is taken back
+// Of the strain between neighbours in one iteration; longer steps pass through the law's barriers.
+constexpr double longest_step = 0.3;
+constexpr double stiffest =
+    30.0;  // of what it is at rest: single points have 1e5, and 300 takes no fewer steps
 
 // About the inverse of a scalar matrix over some of the nodes.
 struct NodalInverse {
@@ -85,6 +89,19 @@ Eigen::VectorXd shear_of_nodes(const Model& model, const Shear& mu) {
   return sum;
 }
 
+// Of the size of the tangent at F: of distortion by differences, and of what volume the point bears itself.
+double stiffness(const Material& m, const Mat3& F) {
+  constexpr double h = 1e-5;
+  const Mat3 P = distortional_stress(m, F);
+  double square = 0.0;
+  for (Index k = 0; k < 9; ++k) {
+    Mat3 moved = F;
+    moved(k) += h;
+    square += ((distortional_stress(m, moved) - P) / h).squaredNorm();
+  }
+  return std::sqrt(square) + pointwise_bulk_modulus(m) * cofactor(F).squaredNorm();
+}
+
 // Which nodes the points of a patch see.
 CompressedRows nodes_of_patches(const Model& model, const CompressedRows& points) {
   CompressedRows result;
@@ -123,11 +140,11 @@ struct MixedIteration::Parts {
   const Model& model;
   const Constraints& constraints;
   Edges edge;
-  Eigen::VectorXd weight;     // [N] of the edges at each node
-  Eigen::VectorXi slot;       // where in patches.psi each member of `points` stands
-  CompressedRows points;      // of each patch
-  CompressedRows nodes;       // of each patch
-  Eigen::Matrix4Xf gradient;  // [4 x nodes.member]
+  Eigen::VectorXd weight_at_rest, weight;  // [N] of the edges at each node
+  Eigen::VectorXi slot;                    // where in patches.psi each member of `points` stands
+  CompressedRows points;                   // of each patch
+  CompressedRows nodes;                    // of each patch
+  Eigen::Matrix4Xf gradient;               // [4 x nodes.member]
   bool slides = false;
   NodalInverse across,
       along;  // of nodes that move freely across the push, and along it; the same if none slides
@@ -155,7 +172,7 @@ struct MixedIteration::Parts {
       lengths[a] += length;
       lengths[b] += length;
     }
-    weight = 3.0 * stiffer * shear.array() / lengths.array().max(1e-30);
+    weight_at_rest = weight = 3.0 * stiffer * shear.array() / lengths.array().max(1e-30);
     dual_scale.resize(model.patches.count());
     for (Index b = 0; b < dual_scale.size(); ++b)
       dual_scale[b] = 1.0 / std::sqrt(mu(points.member[points.offset[b]]) * model.patches.volume[b]);
@@ -163,6 +180,35 @@ struct MixedIteration::Parts {
 
   double mu(Index q) const {
     return system.materials()[static_cast<std::size_t>(system.tissues().of_point[q])].mu;
+  }
+
+  // Makes the weights as much stiffer than at rest as the law is at u.
+  void stiffen(const Nodal& u) {
+    const auto F = system.deformation_gradients(u);
+    std::vector<double> at_rest;
+    for (const Material& m : system.materials()) at_rest.push_back(stiffness(m, Mat3::Identity()));
+    Eigen::VectorXd ratio(model.point_count());
+    tbb::parallel_for(tbb::blocked_range<Index>(0, ratio.size(), 256), [&](const auto& range) {
+      for (Index q = range.begin(); q < range.end(); ++q) {
+        const auto tissue = static_cast<std::size_t>(system.tissues().of_point[q]);
+        const Material& m = system.materials()[tissue];
+        ratio[q] = std::clamp(stiffness(m, Eigen::Map<const Mat3>(F.col(q).data())) / at_rest[tissue], 1.0,
+                              stiffest);
+      }
+    });
+    // As points count in the tangent's diagonal.
+    Eigen::VectorXd sum = Eigen::VectorXd::Zero(weight.size()), all = sum;
+    std::vector<int> node;
+    Points dphi;
+    for (Index q = 0; q < ratio.size(); ++q) {
+      system.gradients_at(q, node, dphi);
+      for (std::size_t k = 0; k < node.size(); ++k) {
+        const double share = model.volume[q] * dphi.col(static_cast<Index>(k)).squaredNorm();
+        sum[node[k]] += share * ratio[q];
+        all[node[k]] += share;
+      }
+    }
+    weight = weight_at_rest.cwiseProduct(sum.cwiseQuotient(all.cwiseMax(1e-300)).cwiseMax(1.0));
   }
 
   // The Laplacian, and inertia.
@@ -267,6 +313,16 @@ struct MixedIteration::Parts {
     return schur_of_inertia.info() == Eigen::Success;
   }
 
+  // The largest change of the strain between neighbours.
+  double strain_between(const Nodal& before, const Nodal& after) const {
+    double square = 0.0;
+    for (const auto& [a, b] : edge)
+      square =
+          std::max(square, (after.col(a) - after.col(b) - (before.col(a) - before.col(b))).squaredNorm() /
+                               (model.X.col(a) - model.X.col(b)).squaredNorm());
+    return std::sqrt(square);
+  }
+
   // After the forces at u have been asked for.
   void find_gradient(const Nodal& u) {
     system.patch_gradients(nodes, gradient);
@@ -363,6 +419,25 @@ bool MixedIteration::serves(const ForceSystem& system, const Model& model) {
 Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
                                    const Nodal& external, bool anew, const Inertia* inertia) {
   Parts& p = *parts_;
+  const Relaxed first = iterate(u, lambda, f, options, external, anew, inertia);
+  if (first.converged || !std::isfinite(first.residual) || first.evaluations >= options.evaluations)
+    return first;
+  RelaxOptions rest = options;
+  rest.evaluations -= first.evaluations;
+  Relaxed second = first;
+  p.stiffen(u);
+  if (p.invert_laplacian()) {
+    second = iterate(u, lambda, f, rest, external, true, inertia);
+    second.evaluations += first.evaluations;
+  }
+  p.weight = p.weight_at_rest;
+  p.across.node.clear();  // made again when it is needed
+  return second;
+}
+
+Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
+                                const Nodal& external, bool anew, const Inertia* inertia) {
+  Parts& p = *parts_;
   const Model& model = p.model;
   const Constraints& constraints = p.constraints;
   const Index n = u.cols(), nb = model.patches.count();
@@ -421,14 +496,20 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
   };
   int setbacks = 0, since_gain = 0;
   double best = result.residual, caution = 1.0;
-  Nodal best_u = u, best_du;
+  Nodal best_u = u, best_du, from;
   Eigen::VectorXd best_lambda = lambda, best_dlambda;
   bool fresh = true;  // no step has been remembered since the last setback
+  const auto give_up = [&] {
+    u = best_u;
+    lambda = best_lambda;
+    result.residual = best;
+    return result;
+  };
   for (;; evaluate()) {
     const bool worse = !std::isfinite(result.residual) || !std::isfinite(volume_error) ||
                        (best_du.size() > 0 && result.residual > setback * best);
     if (worse) {
-      if (best_du.size() == 0 || ++setbacks > 4) return result;
+      if (best_du.size() == 0 || ++setbacks > 4) return give_up();
       caution *= 2.0;
       u = best_u + best_du / caution;
       lambda = best_lambda + best_dlambda / caution;
@@ -440,7 +521,7 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
       result.converged = true;
       return result;
     }
-    if (++since_gain > without_gain || result.evaluations >= options.evaluations) return result;
+    if (++since_gain > without_gain || result.evaluations >= options.evaluations) return give_up();
     p.step(r, s, du, dlambda);
     if (result.residual < 0.9 * best || best_du.size() == 0) {
       best = result.residual;
@@ -450,6 +531,7 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
       best_dlambda = dlambda;
       since_gain = 0;
     }
+    from = u;
     scaled(u, lambda, place);
     scaled(du, dlambda, now);
     if (!fresh) {
@@ -478,6 +560,10 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
                    .cast<double>();
     }
     u = Eigen::Map<Nodal>(place.data(), 4, n) * p.scale.cwiseInverse().asDiagonal();
+    if (const double strain = p.strain_between(from, u); strain > longest_step) {
+      place = last_place + longest_step / strain * (place - last_place);
+      u = Eigen::Map<Nodal>(place.data(), 4, n) * p.scale.cwiseInverse().asDiagonal();
+    }
     lambda = place.tail(nb).cwiseQuotient(p.dual_scale);
     // Where a node is held nothing was added but rounding; it must not move at all.
     for (Index a = 0; a < n; ++a)

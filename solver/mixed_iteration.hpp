@@ -31,6 +31,9 @@ struct Relaxed {
 /// one may for Stokes flow. Anderson's acceleration makes up for what these leave out. The number of
 /// evaluations, some ten for a depth, depends neither on the number of nodes nor on the bulk modulus.
 ///
+/// Where strains are large the tangent is stiffer than A by orders of magnitude. An iteration that fails is
+/// tried again with an A as stiff at each node as the law is at the best state that was met.
+///
 /// Source:   Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers, 2014, chapter 4 (Schur
 /// complement by the pressure's mass matrix); Walker and Ni 2011 (Anderson's acceleration).
 class MixedIteration {
@@ -44,7 +47,7 @@ class MixedIteration {
     ForceSystem::Nodal about;
   };
   /// As Relaxation; `lambda` [patches] N m is the guess of the pressures x volumes, and afterwards what was
-  /// found. Not converged, it leaves u and lambda anywhere. The pressures stay held in `system`. `anew`:
+  /// found: not converged, the best that was met. The pressures stay held in `system`. `anew`:
   /// dJ/du is that at the guess, as every larger move needs, and not that at the last such call.
   Relaxed operator()(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                      const RelaxOptions& options, const ForceSystem::Nodal& external, bool anew,
@@ -66,6 +69,9 @@ class MixedIteration {
   static bool serves(const ForceSystem& system, const Model& model);
 
  private:
+  Relaxed iterate(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
+                  const RelaxOptions& options, const ForceSystem::Nodal& external, bool anew,
+                  const Inertia* inertia);
   struct Parts;
   std::unique_ptr<Parts> parts_;
 };

@@ -19,8 +19,8 @@ constexpr Index points_per_block = 128;
 constexpr Index points_at_once = 32;
 constexpr Index patches_per_task = 32;
 constexpr int ahead = 24;  // records fetched before they are needed
-constexpr double beta = 10.0;
-constexpr double smallest_J = 0.2;  // as in distortional_stress()
+constexpr double beta = 1.0;
+constexpr double smallest_J = 0.05;  // as in distortional_stress()
 
 // Four numbers of a node or of a column; and one register of numbers, each of another point.
 template <class Real>
@@ -202,7 +202,7 @@ template <class Real>
     const Lanes J = DIMPLE_LOAD(dilation + q) + Real(1);
     const Lanes I1 = (f00 * f00 + f10 * f10 + f20 * f20) + (f01 * f01 + f11 * f11 + f21 * f21) +
                      (f02 * f02 + f12 * f12 + f22 * f22);
-    // g = J^(-2/3) and its slope; below 0.2 the Taylor polynomial there.
+    // g = J^(-2/3) and its slope; below least_J the Taylor polynomial there.
     const auto inside_out = J < least_J;
     const Lanes Jc = J > least_J ? J : least_J + Lanes{};
     Lanes root;

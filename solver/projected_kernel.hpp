@@ -63,9 +63,10 @@ struct ProjectedShare {
 ///   this ks its linear part is mu |eps|^2, the Stokes operator's, as stiff in dilation as in shear: the size
 ///   of the stabilisation in Dohrmann & Bochev 2004. In viscoelastic tissue it falls with the
 ///   shear modulus.
-/// - beta = 10, quartic: keeps J_q from leaving the patch's mean by much more than 1/sqrt(beta) = 0.3 at a
-/// sharp
-///   rim, where the strain is unbounded; of no weight elsewhere. A choice, not a theory.
+/// - beta = 1, quartic: keeps J_q from leaving the patch's mean by much more than 1/sqrt(beta) at a sharp
+/// rim,
+///   where the strain is unbounded; of no weight elsewhere. From collapse W_dist keeps it, below its J0; from
+///   growth nothing else would: with beta = 0 points swell until they are no numbers. A choice, not a theory.
 template <class Real>
 class ProjectedKernel {
  public:

@@ -13,6 +13,7 @@ namespace {
 using Nodal = ForceSystem::Nodal;
 using Kind = Constraints::Kind;
 
+constexpr double worth_keeping = 1e-2;  // residual at which an iteration that did not end is gone on from
 constexpr int between_checks = 10;
 constexpr double touch = 0.02;  // of the first depth
 constexpr int memory = 60;      // iterations over which a change is compared for the frequency
@@ -94,6 +95,7 @@ Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, 
     }
     spent = found.evaluations;
     system_.release_pressures();
+    if (found.residual < worth_keeping) u = v;
   }
   Relaxed found = swing(u, f, options, external, spent);
   if (lambda && mixed_) *lambda = pressures_of_volumes(system_, model_);

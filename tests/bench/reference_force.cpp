@@ -9,7 +9,7 @@
 namespace dimple {
 namespace {
 
-constexpr double beta = 10.0, smallest_J = 0.2;  // as in solver/projected_kernel.hpp
+constexpr double beta = 1.0, smallest_J = 0.05;  // as in solver/projected_kernel.hpp
 
 std::vector<std::int32_t> plain(const Eigen::VectorXi& values) {
   return {values.begin(), values.end()};

@@ -122,12 +122,12 @@ TEST(Stress, ARunWithoutTimeOrWithoutAModelIsACellWithItsCode) {
 TEST(Stress, DeepBelowASharpRimPointsTurnInsideOut) {
   const fs::path folder = fresh_folder();
   const Ran ran = dimple(folder,
-                         "stress -o out --x material.nu=0.3,0.499 --y load.depth=7mm,14mm --finest 300 "
-                         "--schemes converging --set cloud.nodes=150");
+                         "stress -o out --x material.nu=0.3,0.499 --y load.depth=10.5mm,21mm --finest 600 "
+                         "--schemes converging --set cloud.nodes=300");
   ASSERT_EQ(ran.code, 0) << ran.err;
   const std::string csv = text_of(folder / "out" / "stress_own.csv");
-  EXPECT_THAT(csv, HasSubstr("converging,0.3,14mm,inverted,"));
-  EXPECT_THAT(csv, testing::Not(HasSubstr("converging,0.3,7mm,inverted,")));
+  EXPECT_THAT(csv, HasSubstr("converging,0.3,21mm,inverted,"));
+  EXPECT_THAT(csv, testing::Not(HasSubstr("converging,0.3,10.5mm,inverted,")));
 }
 
 TEST(Stress, ATimeStepAboveTheStableOneIsTakenBackAndItsCellIsThatOfTheShorterStep) {

@@ -126,8 +126,9 @@ TEST(Material, AnInvertedPointIsDrivenBack) {
 TEST(Material, TheStiffnessIsContinuousWhereTheEnergyIsExtended) {
   const double h = 1e-5;
   for (const Material& m : laws) {
-    // Isochoric and with one stretch at the end of a law, or J = 0.2.
-    std::vector<Mat3> joints{std::cbrt(0.2) * Mat3::Identity(), Vec3(1.25, 0.8, 0.2).asDiagonal()};
+    // Isochoric and with one stretch at the end of a law, or J = 0.05 or 0.2.
+    std::vector<Mat3> joints{std::cbrt(0.05) * Mat3::Identity(), std::cbrt(0.2) * Mat3::Identity(),
+                             Vec3(1.25, 0.8, 0.2).asDiagonal()};
     for (const OgdenTerm& term : m.ogden) {
       const double l0 = term.alpha < 0.0 ? std::pow(1e3, 1.0 / (term.alpha - 2.0)) : 0.1;
       joints.push_back(Vec3(2.0, 0.5 / l0, l0).asDiagonal());
