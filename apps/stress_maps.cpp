@@ -74,13 +74,13 @@ const std::vector<StressMap>& stress_maps() {
   static const std::vector<StressMap> maps = {
       {.name = "depth-nu",
        .title = "Depth and Poisson's ratio",
-       .scene = "block 60 x 60 x 30 mm, circle of 10 mm, bonded; 1000 nodes; at most 5000 evaluations an "
+       .scene = "block 60 x 60 x 30 mm, circle of 10 mm, bonded; 2000 nodes; at most 3000 evaluations an "
                 "equilibrium",
        .x = {.key = "material.nu",
              .label = "Poisson's ratio",
              .values = {"0.3", "0.45", "0.49", "0.499", "0.4999"}},
        .y = depths(14, 21.0),
-       .settings = scene({{"cloud.nodes", "1000"}, {"solver.evaluations", "3000"}})},
+       .settings = scene({{"cloud.nodes", "2000"}, {"solver.evaluations", "3000"}})},
       {.name = "support-nodes",
        .title = "Support size and node spacing",
        .scene = "block 60 x 60 x 30 mm, circle of 10 mm, bonded, 4 mm deep",

@@ -134,6 +134,25 @@ TEST_F(GuardedRun, SaysThatPointsAtTheRimAreInsideOutAndGoesOn) {
   EXPECT_THAT(ran.err, HasSubstr("are inside out"));
 }
 
+TEST_F(GuardedRun, PressesABlockToSixtyPercentOfItsHeightAtAnyPoissonRatio) {
+  double before = 0.0;
+  for (const std::string nu : {"0.3", "0.499", "0.4999"}) {
+    const Ran ran = dimple(
+        folder, "run block.nrrd -o " + nu + " --nodes 1000 --depth 18mm --frames 12 --set material.nu=" + nu);
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    const Json s = summary(nu);
+    EXPECT_EQ(s.at("status"), "finished");
+    EXPECT_TRUE(s.at("retries").empty()) << s.at("retries").dump(1);
+    EXPECT_LT(s.at("force_evaluations"), 1000) << "with an iteration that stalls it takes thousands";
+    EXPECT_LT(s.at("inverted_points"), 70) << "of 7000: 1 % of half a ball below the circle is 170";
+    const Table table = curve(nu);
+    const std::vector<double>& F = *table.find("force_N");
+    for (std::size_t k = 1; k < F.size(); ++k) EXPECT_GT(F[k], F[k - 1]) << "nu " << nu << ", sample " << k;
+    if (nu == "0.4999") EXPECT_NEAR(F.back(), before, 0.01 * before);
+    before = F.back();
+  }
+}
+
 TEST_F(GuardedRun, ThatIsWellFindsNothing) {
   const Ran ran = dimple(folder, "run block.nrrd -o out --nodes 1000 --depth 1mm --frames 4");
   EXPECT_EQ(ran.code, 0);
