@@ -467,7 +467,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   const bool is_converging = in.files.scheme == "converging";
   const Material& material = tissues.material.front();
   const SurfacePieces pieces = surface_of(in.files);
-  in.stages.add("consistency", preparing.seconds());
+  in.stages.add("surface pieces", preparing.seconds());
   const auto [support, consistency, stages] =
       complete_model(model, in.files.support, tissues.of_point, density_of(model, tissues), pieces);
   in.stages.add(stages);
@@ -713,7 +713,7 @@ Outcome make_model(const Config& config, const fs::path& folder, Existing existi
   // Supports are found again when the model is solved; here only to refuse a model that cannot be.
   Stages stages;
   const SurfacePieces pieces = surface_of(prepared.files);
-  stages.done("consistency");
+  stages.done("surface pieces");
   const Completion completion = complete_model(
       prepared.files.model, prepared.files.support, Eigen::VectorXi::Zero(prepared.files.model.point_count()),
       Eigen::VectorXd::Constant(prepared.files.model.point_count(), 1000.0), pieces);
