@@ -163,10 +163,11 @@ std::uintmax_t length_of(const fs::path& file) {
   return failed ? 0 : length;
 }
 
+constexpr std::uintmax_t longest_header = 1 << 22;
+
 /// Ends at an empty line (NRRD) or after the line with `last_key` (MetaImage).
 TextHeader read_text_header(const fs::path& file, char separator, std::string_view last_key) {
-  constexpr std::uintmax_t longest = 1 << 22;
-  std::string start(static_cast<std::size_t>(std::min(length_of(file), longest)), '\0');
+  std::string start(static_cast<std::size_t>(std::min(length_of(file), longest_header)), '\0');
   std::ifstream in(file, std::ios::binary);
   in.read(start.data(), static_cast<std::streamsize>(start.size()));
   start.resize(static_cast<std::size_t>(in.gcount()));
@@ -515,6 +516,10 @@ void write_with(ImageIO& io, const fs::path& file, const StoredImage& image) {
 
 StoredImage read_nrrd(const fs::path& file) {
   const TextHeader header = read_text_header(file, ':', "");
+  if (!header.complete &&
+      header.bytes == longest_header)  // where ITK would look for its end in all of the file
+    throw unreadable(file, "NRRD",
+                     fmt::format("its header does not end within {} MiB", longest_header >> 20));
   check_nrrd_header(header, file);
   const std::string data_key = either(header, {"data file", "datafile"});
   fs::path data_file = file;
