@@ -26,8 +26,8 @@ constexpr int without_gain = 30;  // iterations, and it is given up
 constexpr double setback = 10.0;  // growth of the residual that is taken back
 // Of the strain between neighbours in one iteration; longer steps pass through the law's barriers.
 constexpr double longest_step = 0.3;
-constexpr double stiffest =
-    30.0;  // of what it is at rest: single points have 1e5, and 300 takes no fewer steps
+// Of what the law is at rest: single points have 1e5, and 300 takes no fewer steps.
+constexpr double stiffest = 30.0;
 
 // About the inverse of a scalar matrix over some of the nodes.
 struct NodalInverse {

@@ -122,7 +122,7 @@ TEST_F(GuardedRun, SaysThatTheCircleHasTooFewNodes) {
     EXPECT_FALSE(found->at(part).get<std::string>().empty()) << part;
 }
 
-// Some points at the sharp rim are inside out with every fine cloud; the force is right.
+// Deep below the sharp rim some points are inside out with every cloud; the force is right.
 TEST_F(GuardedRun, SaysThatPointsAtTheRimAreInsideOutAndGoesOn) {
   const Ran ran = dimple(folder, "run block.nrrd -o out --nodes 300 --depth 18mm --frames 16");
   EXPECT_EQ(ran.code, 0) << ran.err;
@@ -144,7 +144,7 @@ TEST_F(GuardedRun, PressesABlockToSixtyPercentOfItsHeightAtAnyPoissonRatio) {
     EXPECT_EQ(s.at("status"), "finished");
     EXPECT_TRUE(s.at("retries").empty()) << s.at("retries").dump(1);
     EXPECT_LT(s.at("force_evaluations"), 1000) << "with an iteration that stalls it takes thousands";
-    EXPECT_LT(s.at("inverted_points"), 70) << "of 7000: 1 % of half a ball below the circle is 170";
+    EXPECT_LT(s.at("inverted_points"), 40) << "so many fill 1 % of the half ball below the circle";
     const Table table = curve(nu);
     const std::vector<double>& F = *table.find("force_N");
     for (std::size_t k = 1; k < F.size(); ++k) EXPECT_GT(F[k], F[k - 1]) << "nu " << nu << ", sample " << k;
