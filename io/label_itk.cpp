@@ -18,6 +18,8 @@
 #include <iostream>
 #include <iterator>
 #include <limits>
+#include <regex>
+#include <set>
 #include <sstream>
 
 #include "io/file.hpp"
@@ -147,7 +149,8 @@ std::string lower(std::string_view text) {
 /// where the voxels begin, and must not see what it cannot stand.
 struct TextHeader {
   KeyValues value;
-  std::size_t bytes = 0;  ///< length of the header
+  std::vector<std::string> line;  ///< all of them, without blanks around
+  std::size_t bytes = 0;          ///< length of the header
   bool complete = false;
 
   bool has(const std::string& key) const { return value.contains(key); }
@@ -179,6 +182,7 @@ TextHeader read_text_header(const fs::path& file, char separator, std::string_vi
     header.bytes = std::min(end + 1, start.size());
     header.complete = text.empty();
     if (header.complete) break;
+    header.line.emplace_back(text);
     const auto middle = text.find(separator);
     if (middle == std::string_view::npos) continue;
     const std::string key(trimmed(text.substr(0, middle)));
@@ -309,9 +313,10 @@ void read_ascii(StoredImage& image, const fs::path& file, std::uintmax_t begin) 
 }
 
 std::optional<int> number_of_hex(char c) {
-  int digit = 0;
-  if (std::from_chars(&c, &c + 1, digit, 16).ec != std::errc()) return std::nullopt;
-  return digit;
+  constexpr std::string_view digits = "0123456789abcdef";
+  const auto digit = digits.find(static_cast<char>(std::tolower(static_cast<unsigned char>(c))));
+  if (digit == std::string_view::npos) return std::nullopt;
+  return static_cast<int>(digit);
 }
 
 /// Voxels as two hexadecimal digits a byte.
@@ -341,6 +346,20 @@ void read_hex(StoredImage& image, const fs::path& file, std::uintmax_t begin) {
 /// What ITK's reader would take wrongly, wait for or break on.
 void check_nrrd_header(const TextHeader& header, const fs::path& file) {
   const auto refuse = [&](std::string why) { return unreadable(file, "NRRD", std::move(why)); };
+  // NrrdIO copies a line that it cannot understand into 257 bytes, however long it is.
+  constexpr std::size_t longest = 160;
+  static const std::regex vectors(R"((none|\([-+.,eE0-9 ]{5,80}\))( +(none|\([-+.,eE0-9 ]{5,80}\)))*)");
+  for (const std::string& line : header.line) {
+    const auto field = line.find(": "), key = line.find(":=");
+    if (line.size() <= longest || line.starts_with('#') || (key != std::string::npos && key < field))
+      continue;
+    const std::string name = line.substr(0, std::min({field, line.size(), std::size_t{40}}));
+    if (name == "content" || name == "data file" || name == "datafile") continue;  // any text will do
+    if ((name == "space directions" || name == "measurement frame") &&
+        std::regex_match(std::string(trimmed(line.substr(field + 1))), vectors))
+      continue;
+    throw refuse(fmt::format("the line of {} is {} letters long", name, line.size()));
+  }
   const auto dimension = number<int>(header.at("dimension"));
   if (header.has("dimension") && (!dimension || *dimension < 1 || *dimension > 16))
     throw refuse(fmt::format("it is said to have {} axes", header.at("dimension")));
@@ -425,6 +444,17 @@ void check_metaimage_header(const TextHeader& header, const fs::path& file,
     throw refuse(header.has("NDims") ? fmt::format("it is said to have {} axes", header.at("NDims"))
                                      : "it does not say how many axes it has (no NDims)");
   if (!header.complete) throw refuse("it does not say where its voxels are (no ElementDataFile)");
+  // MetaIO ends a key at a blank or colon too, and of one that comes twice takes the last: with another NDims
+  // it would count for ever.
+  std::set<std::string> keys;
+  for (std::size_t k = 0; k < header.line.size(); ++k) {
+    const std::string& line = header.line[k];
+    if (line.find('=') == std::string::npos ||
+        std::any_of(line.begin(), line.end(), [](unsigned char c) { return std::iscntrl(c) && c != '\t'; }))
+      throw refuse(fmt::format("line {} of its header is not of the form 'key = value'", k + 1));
+    if (!keys.insert(line.substr(0, line.find_first_of(" \t=:"))).second)
+      throw refuse(fmt::format("line {} of its header has a key that another line has", k + 1));
+  }
   for (const auto& [key, value] : header.value)
     if (key.size() > 250 || value.size() > 4000)  // MetaIO's buffers
       throw refuse(

@@ -1,6 +1,7 @@
 #include "io/vtk_files.hpp"
 
 #include <fmt/format.h>
+#include <vtkBase64Utilities.h>
 #include <vtkCellArray.h>
 #include <vtkDataArray.h>
 #include <vtkDoubleArray.h>
@@ -32,6 +33,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
 #include <exception>
 #include <limits>
 #include <optional>
@@ -298,6 +300,66 @@ std::string fatal_flaw(const std::string& content, const std::string& kind) {
   return "";
 }
 
+/// What an attribute of the element that begins at `at` says.
+std::string attribute(const std::string& content, std::size_t at, const std::string& name) {
+  const std::string tag = content.substr(at, std::min(content.find('>', at) - at, std::size_t{1000}));
+  std::smatch found;
+  const std::regex pattern(fmt::format(R"([ \r\n\t]{} *= *["']([^"']*)["'])", name));
+  return std::regex_search(tag, found, pattern) ? found[1].str() : "";
+}
+
+/// Each compressed array begins with how many blocks it has, how large they are, and how large each is
+/// packed: VTK takes memory for all of them, whatever the file holds. True: more than it can hold.
+bool absurd_blocks(const std::string& content) {
+  const std::size_t root = content.find("<VTKFile");
+  if (root == std::string::npos || attribute(content, root, "compressor").empty()) return false;
+  const std::size_t width = attribute(content, root, "header_type") == "UInt64" ? 8 : 4;
+  const bool big = attribute(content, root, "byte_order") == "BigEndian";
+  const std::size_t appended = content.find("<AppendedData"), first = content.find('_', appended);
+  const bool raw = appended != std::string::npos && attribute(content, appended, "encoding") == "raw";
+  // The first words of the data at `at`; fewer where the file ends.
+  const auto words = [&](std::size_t at, std::size_t count, bool is_raw) {
+    const std::size_t bytes = width * count;
+    std::vector<unsigned char> plain(bytes + 3);
+    std::size_t got = 0;
+    if (is_raw) {
+      got = std::min(bytes, content.size() - std::min(at, content.size()));
+      std::copy_n(content.data() + std::min(at, content.size()), got, plain.data());
+    } else if (at < content.size()) {
+      got = vtkBase64Utilities::DecodeSafely(reinterpret_cast<const unsigned char*>(content.data()) + at,
+                                             std::min((bytes + 2) / 3 * 4, (content.size() - at) / 4 * 4),
+                                             plain.data(), plain.size());
+    }
+    std::vector<std::uint64_t> result;
+    for (std::size_t w = 0; (w + 1) * width <= std::min(got, bytes); ++w) {
+      std::uint64_t word = 0;
+      for (std::size_t b = 0; b < width; ++b)
+        word |= std::uint64_t{plain[w * width + (big ? width - 1 - b : b)]} << (8 * b);
+      result.push_back(word);
+    }
+    return result;
+  };
+  const std::uint64_t size = content.size(), unpacked = 1100 * size + (1 << 16);  // zlib packs 1030 to one
+  for (const char* element : {"<DataArray", "<Array"})
+    for (std::size_t at = 0; (at = content.find(element, at)) != std::string::npos; ++at) {
+      const std::string format = attribute(content, at, "format");
+      std::size_t data = std::string::npos;
+      if (format == "binary") data = content.find_first_not_of(" \r\n\t", content.find('>', at) + 1);
+      if (format == "appended" && first != std::string::npos)
+        data = first + 1 + std::strtoull(attribute(content, at, "offset").c_str(), nullptr, 10);
+      if (data >= content.size()) continue;
+      const bool is_raw = format == "appended" && raw;
+      const auto start = words(data, 3, is_raw);
+      if (start.size() < 3) continue;
+      if (start[0] > size / width || start[1] > unpacked || start[2] > unpacked) return true;
+      const auto all = words(data, 3 + static_cast<std::size_t>(start[0]), is_raw);
+      std::uint64_t packed = 0;
+      for (std::size_t k = 3; k < all.size(); ++k)
+        if ((packed += std::min(all[k], size + 1)) > size) return true;
+    }
+  return false;
+}
+
 /// The parsed file, with everything VTK complained about turned into an InputError.
 template <class Reader>
 auto read_xml(const fs::path& file, const std::string& kind, const std::string& suffix) {
@@ -328,6 +390,10 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
   if (const std::string flaw = fatal_flaw(content, kind); !flaw.empty())
     refuse(file, fmt::format("{} is damaged", name), flaw, "copy or export it again");
 
+  if (absurd_blocks(content))
+    refuse(file, fmt::format("{} is damaged", name),
+           fmt::format("a compressed array is said to hold more than {} bytes can", content.size()),
+           "copy or export it again");
   vtkNew<CheckedReader<Reader>> reader;
   reader->SetFileName(file.c_str());
   try {

@@ -269,6 +269,23 @@ TEST(Vtu, RefusesDamagedCompressedData) {
   expect_report<InputError>([&] { read_vtu(folder / "bad.vtu"); }, "bad.vtu");
 }
 
+TEST(Vtu, RefusesMoreCompressedBlocksThanTheFileCanHold) {
+  const fs::path folder = scratch();
+  write_vtu(folder / "nodes.vtu", sample_points(), 0.0);
+  const std::string content = content_of(folder / "nodes.vtu");
+  const std::size_t data =
+      content.find_first_not_of(" \n", content.find('>', content.find("format=\"binary\"")) + 1);
+  // Of the first words, four letters for three bytes: number of blocks, bytes of each, of the last, packed
+  // bytes.
+  for (const std::size_t letter : {3, 8, 14, 19}) {
+    SCOPED_TRACE(letter);
+    std::string damaged = content;
+    damaged[data + letter] = '/';
+    put(folder / "bad.vtu", damaged);
+    expect_report<InputError>([&] { read_vtu(folder / "bad.vtu"); }, "more than");
+  }
+}
+
 TEST(Vtu, GivesAnOutputErrorWhereItCannotWrite) {
   const fs::path folder = scratch();
   put(folder / "file", "not a folder");
