@@ -19,12 +19,10 @@ using Kind = Constraints::Kind;
 constexpr double steps_per_period = 6.0;
 constexpr double alpha = -1.0 / 3.0, beta = (1.0 - alpha) * (1.0 - alpha) / 4.0, gamma = 0.5 - alpha;
 // Of a step: its error does not add up, since the next one starts from the forces that were found.
-constexpr double roughly = 2e-3;
-constexpr std::size_t remembered =
-    3;                            // states, for the guess of the next: more would amplify what they are off
-constexpr double shorter = 0.25;  // step, of the longest, that is tried when that does not converge
+constexpr double roughly = 1e-3;
+constexpr std::size_t remembered = 2;  // states, for the guess of the next: more amplify what they are off
+constexpr double shorter = 0.25;       // step, of the longest, that is tried when that does not converge
 constexpr double of_stable_step = 0.9;
-constexpr std::int64_t many = 12;  // evaluations for a step, after which it pays to linearise the volume anew
 
 }  // namespace
 
@@ -214,7 +212,7 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
       guards.check(found.sweep, now);
       guards.check(next, f, now);
       if (end - to <= 1e-6 * longest) guards.check_points(found.sweep, now);
-      anew = found.evaluations > many;
+      anew = false;
       for (Index i = 0; i < n; ++i) {
         const Eigen::Vector4d v_before = v.col(i);
         a.col(i) = (next.col(i) - reached.col(i)) / (beta * h * h);
