@@ -12,8 +12,8 @@
 namespace dimple {
 namespace {
 
-// Below these the powers of J and of an isochoric stretch give way to Taylor polynomials: see the header.
-constexpr double smallest_J = 0.05, smallest_J_of_barriers = 0.2;
+// Below these, as below smallest_J, powers give way to Taylor polynomials: see the header.
+constexpr double smallest_J_of_barriers = 0.2;
 constexpr double smallest_stretch = 0.1;
 constexpr double largest_stiffening = 1e3;
 constexpr double smallest_J_of_second_stress = 0.05;

@@ -131,6 +131,9 @@ Mat3 cauchy_stress(const Material& material, const Mat3& F);
 /// cof F = J F^-T without a division: column k is the area vector of the other two.
 Mat3 cofactor(const Mat3& F);
 
+/// det F below which powers of it are Taylor polynomials, of laws without a negative exponent: J0 above.
+inline constexpr double smallest_J = 0.05;
+
 /// The part of kappa that the converging scheme lets act at every point, ks = min(2/3 mu, kappa) [Pa]; the
 /// rest acts on patches: see ProjectedKernel.
 double pointwise_bulk_modulus(const Material& material);

@@ -20,7 +20,6 @@ constexpr Index points_at_once = 32;
 constexpr Index patches_per_task = 32;
 constexpr int ahead = 24;  // records fetched before they are needed
 constexpr double beta = 1.0;
-constexpr double smallest_J = 0.05;  // as in distortional_stress()
 
 // Four numbers of a node or of a column; and one register of numbers, each of another point.
 template <class Real>
