@@ -18,7 +18,6 @@
 #include <iostream>
 #include <iterator>
 #include <limits>
-#include <regex>
 #include <set>
 #include <sstream>
 
@@ -214,6 +213,17 @@ bool are_finite(const std::vector<std::string>& words) {
   });
 }
 
+/// As NRRD writes a direction: (1,0,0), or none.
+bool is_vector_of_three(const std::string& word) {
+  if (word == "none") return true;
+  if (word.size() < 3 || word.front() != '(' || word.back() != ')') return false;
+  std::string numbers = word.substr(1, word.size() - 2);
+  if (std::count(numbers.begin(), numbers.end(), ',') != 2) return false;
+  std::replace(numbers.begin(), numbers.end(), ',', ' ');
+  const std::vector<std::string> words = words_in(numbers);
+  return words.size() == 3 && are_finite(words);
+}
+
 /// Where the voxels are: the header's own file, or another that it names relative to itself.
 fs::path second_file(const fs::path& header_file, const std::string& name, const std::string& format) {
   const fs::path data = header_file.parent_path() / name;
@@ -346,23 +356,40 @@ void read_hex(StoredImage& image, const fs::path& file, std::uintmax_t begin) {
 /// What ITK's reader would take wrongly, wait for or break on.
 void check_nrrd_header(const TextHeader& header, const fs::path& file) {
   const auto refuse = [&](std::string why) { return unreadable(file, "NRRD", std::move(why)); };
-  // NrrdIO copies a line that it cannot understand into 257 bytes, however long it is.
-  constexpr std::size_t longest = 160;
-  static const std::regex vectors(R"((none|\([-+.,eE0-9 ]{5,80}\))( +(none|\([-+.,eE0-9 ]{5,80}\)))*)");
-  for (const std::string& line : header.line) {
-    const auto field = line.find(": "), key = line.find(":=");
-    if (line.size() <= longest || line.starts_with('#') || (key != std::string::npos && key < field))
-      continue;
-    const std::string name = line.substr(0, std::min({field, line.size(), std::size_t{40}}));
-    if (name == "content" || name == "data file" || name == "datafile") continue;  // any text will do
-    if ((name == "space directions" || name == "measurement frame") &&
-        std::regex_match(std::string(trimmed(line.substr(field + 1))), vectors))
-      continue;
-    throw refuse(fmt::format("the line of {} is {} letters long", name, line.size()));
-  }
   const auto dimension = number<int>(header.at("dimension"));
   if (header.has("dimension") && (!dimension || *dimension < 1 || *dimension > 16))
     throw refuse(fmt::format("it is said to have {} axes", header.at("dimension")));
+  // NrrdIO copies a line that it cannot understand into 257 bytes, however long it is. Directions of full
+  // precision are longer than what is safe; of them it understands what is checked here.
+  constexpr std::size_t longest = 160;
+  static const std::set<std::string> spaces = {"right-anterior-superior",
+                                               "ras",
+                                               "left-anterior-superior",
+                                               "las",
+                                               "left-posterior-superior",
+                                               "lps",
+                                               "scanner-xyz",
+                                               "3d-right-handed",
+                                               "3d-left-handed"};
+  bool in_space = false;
+  for (const std::string& line : header.line) {
+    const auto field = line.find(": "), key = line.find(":=");
+    if (line.starts_with('#') || (key != std::string::npos && key < field)) continue;
+    const std::string name = lower(line.substr(0, std::min({field, line.size(), std::size_t{40}})));
+    const std::string value(field == std::string::npos ? "" : trimmed(line.substr(field + 1)));
+    in_space = in_space || (name == "space" && spaces.contains(lower(value))) ||
+               (name == "space dimension" && value == "3");
+    if (line.size() <= longest || name == "content" || name == "data file" || name == "datafile") continue;
+    if (name != "space directions" && name != "measurement frame")
+      throw refuse(fmt::format("the line of {} is {} letters long", name, line.size()));
+    const std::vector<std::string> vectors = words_in(value);
+    const std::size_t expected =
+        name == "space directions" ? static_cast<std::size_t>(dimension.value_or(0)) : 3;
+    if (!in_space || vectors.size() != expected ||
+        !std::all_of(vectors.begin(), vectors.end(), is_vector_of_three))
+      throw refuse(fmt::format(
+          "its {} are not {} vectors of three finite numbers in a space of that dimension", name, expected));
+  }
   if (const std::string encoding = lower(header.at("encoding")); encoding == "bzip2" || encoding == "bz2")
     throw refuse("its voxels are compressed with bzip2, which is not read; save it with gzip or raw");
   if (const std::string directions = header.at("space directions"); dimension && !directions.empty()) {
