@@ -690,6 +690,11 @@ void TimeSeries::resume(const std::vector<double>& times_s) {
     if (!fs::is_regular_file(earlier, ignored)) disappeared(earlier);
     frames_.emplace_back(time_s, earlier.lexically_relative(pvd_.parent_path()).generic_string());
   }
+  // The list first: it never names what is gone.
+  if (frames_.empty())
+    fs::remove(pvd_, ignored);
+  else
+    write_list();
   for (std::size_t k = frames_.size(); fs::remove(frame(k), ignored);) ++k;
 }
 
@@ -705,7 +710,10 @@ void TimeSeries::add(double time_s) {
   std::error_code ignored;
   if (!fs::is_regular_file(written, ignored)) disappeared(written);
   frames_.emplace_back(time_s, written.lexically_relative(pvd_.parent_path()).generic_string());
+  write_list();
+}
 
+void TimeSeries::write_list() const {
   // No library: VTK has no writer for this list (it is ParaView's), and it is a few lines of text.
   std::string list =
       "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\">\n  <Collection>\n";

@@ -70,6 +70,7 @@ class TimeSeries {
 
  private:
   std::filesystem::path frame(std::size_t number) const;
+  void write_list() const;
   [[noreturn]] void disappeared(const std::filesystem::path& frame) const;
 
   std::filesystem::path pvd_;

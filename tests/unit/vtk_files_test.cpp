@@ -506,6 +506,25 @@ TEST(TimeSeries, ListsRelativeFilesThatExistAfterEveryFrame) {
   EXPECT_TRUE(fs::exists(folder / "nodes" / "nodes_0002.vtu"));
 }
 
+TEST(TimeSeries, ThatGoesOnFromAnEarlierFrameNeverListsTheRemovedOnes) {
+  const fs::path folder = scratch();
+  TimeSeries first(folder / "nodes.pvd", ".vtu");
+  for (int frame = 0; frame < 4; ++frame) {
+    write_vtu(first.next_frame(), sample_points(), 0.1 * frame);
+    first.add(0.1 * frame);
+  }
+  TimeSeries second(folder / "nodes.pvd", ".vtu");
+  second.resume({0.0, 0.1});
+  const std::string list = content_of(folder / "nodes.pvd");
+  for (const char* name : {"nodes_0000.vtu", "nodes_0001.vtu"}) EXPECT_NE(list.find(name), std::string::npos);
+  for (const char* name : {"nodes_0002.vtu", "nodes_0003.vtu"}) {
+    EXPECT_EQ(list.find(name), std::string::npos);
+    EXPECT_FALSE(fs::exists(folder / "nodes" / name));
+  }
+  second.resume({});
+  EXPECT_FALSE(fs::exists(folder / "nodes.pvd"));
+}
+
 TEST(TimeSeries, EscapesNamesThatXmlWouldMisread) {
   const fs::path folder = scratch();
   TimeSeries series(folder / "a&b.pvd", ".vtu");
