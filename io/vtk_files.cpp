@@ -285,24 +285,22 @@ class CheckedReader : public Reader {
   }
 };
 
-/// What would make VTK's reader follow a null pointer or write outside its arrays, as a sentence: `kind` is
-/// not there, or an array is not of numbers of a type that VTK knows.
-std::string fatal_flaw(const std::string& content, const std::string& kind) {
-  if (!std::regex_search(content.substr(0, 65536), std::regex(fmt::format("<{}[ >\\r\\n\\t]", kind))))
-    return fmt::format("its element <{}> is missing", kind);
-  static const std::regex known(R"([ \r\n\t]type *= *["'](U?Int(8|16|32|64)|Float(32|64)|Bit)["'])");
-  for (const char* element : {"<DataArray", "<Array"})  // what VTK reads arrays from
-    for (std::size_t at = 0; (at = content.find(element, at)) != std::string::npos; ++at) {
-      const std::string tag = content.substr(at, std::min(content.find('>', at) - at, std::size_t{1000}));
-      if (!std::regex_search(tag, known))
-        return fmt::format("an array is not one of numbers: {}", tag.substr(0, 60));
-    }
-  return "";
+/// Where the elements begin that VTK reads arrays from.
+std::vector<std::size_t> arrays_in(const std::string& content) {
+  std::vector<std::size_t> begin;
+  for (const char* element : {"<DataArray", "<Array"})
+    for (std::size_t at = 0; (at = content.find(element, at)) != std::string::npos; ++at) begin.push_back(at);
+  return begin;
+}
+
+/// The element that begins at `at`, without what follows its attributes.
+std::string tag_at(const std::string& content, std::size_t at) {
+  return content.substr(at, std::min(content.find('>', at) - at, std::size_t{1000}));
 }
 
 /// What an attribute of the element that begins at `at` says.
 std::string attribute(const std::string& content, std::size_t at, const std::string& name) {
-  const std::string tag = content.substr(at, std::min(content.find('>', at) - at, std::size_t{1000}));
+  const std::string tag = tag_at(content, at);
   std::smatch found;
   const std::regex pattern(fmt::format(R"([ \r\n\t]{} *= *["']([^"']*)["'])", name));
   return std::regex_search(tag, found, pattern) ? found[1].str() : "";
@@ -340,24 +338,38 @@ bool absurd_blocks(const std::string& content) {
     return result;
   };
   const std::uint64_t size = content.size(), unpacked = 1100 * size + (1 << 16);  // zlib packs 1030 to one
-  for (const char* element : {"<DataArray", "<Array"})
-    for (std::size_t at = 0; (at = content.find(element, at)) != std::string::npos; ++at) {
-      const std::string format = attribute(content, at, "format");
-      std::size_t data = std::string::npos;
-      if (format == "binary") data = content.find_first_not_of(" \r\n\t", content.find('>', at) + 1);
-      if (format == "appended" && first != std::string::npos)
-        data = first + 1 + std::strtoull(attribute(content, at, "offset").c_str(), nullptr, 10);
-      if (data >= content.size()) continue;
-      const bool is_raw = format == "appended" && raw;
-      const auto start = words(data, 3, is_raw);
-      if (start.size() < 3) continue;
-      if (start[0] > size / width || start[1] > unpacked || start[2] > unpacked) return true;
-      const auto all = words(data, 3 + static_cast<std::size_t>(start[0]), is_raw);
-      std::uint64_t packed = 0;
-      for (std::size_t k = 3; k < all.size(); ++k)
-        if ((packed += std::min(all[k], size + 1)) > size) return true;
-    }
+  for (const std::size_t at : arrays_in(content)) {
+    const std::string format = attribute(content, at, "format");
+    std::size_t data = std::string::npos;
+    if (format == "binary") data = content.find_first_not_of(" \r\n\t", content.find('>', at) + 1);
+    if (format == "appended" && first != std::string::npos)
+      data = first + 1 + std::strtoull(attribute(content, at, "offset").c_str(), nullptr, 10);
+    if (data >= content.size()) continue;
+    const bool is_raw = format == "appended" && raw;
+    const auto start = words(data, 3, is_raw);
+    if (start.size() < 3) continue;
+    if (start[0] > size / width || start[1] > unpacked || start[2] > unpacked) return true;
+    const auto all = words(data, 3 + static_cast<std::size_t>(start[0]), is_raw);
+    std::uint64_t packed = 0;
+    for (std::size_t k = 3; k < all.size(); ++k)
+      if ((packed += std::min(all[k], size + 1)) > size) return true;
+  }
   return false;
+}
+
+/// What would make VTK's reader follow a null pointer, write outside its arrays or ask for all memory, as a
+/// sentence: `kind` is not there, or an array is not of numbers of a type that VTK knows or cannot be in the
+/// file.
+std::string fatal_flaw(const std::string& content, const std::string& kind) {
+  if (!std::regex_search(content.substr(0, 65536), std::regex(fmt::format("<{}[ >\\r\\n\\t]", kind))))
+    return fmt::format("its element <{}> is missing", kind);
+  static const std::regex known(R"([ \r\n\t]type *= *["'](U?Int(8|16|32|64)|Float(32|64)|Bit)["'])");
+  for (const std::size_t at : arrays_in(content))
+    if (const std::string tag = tag_at(content, at); !std::regex_search(tag, known))
+      return fmt::format("an array is not one of numbers: {}", tag.substr(0, 60));
+  if (absurd_blocks(content))
+    return fmt::format("a compressed array is said to hold more than {} bytes can", content.size());
+  return "";
 }
 
 /// The parsed file, with everything VTK complained about turned into an InputError.
@@ -390,10 +402,6 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
   if (const std::string flaw = fatal_flaw(content, kind); !flaw.empty())
     refuse(file, fmt::format("{} is damaged", name), flaw, "copy or export it again");
 
-  if (absurd_blocks(content))
-    refuse(file, fmt::format("{} is damaged", name),
-           fmt::format("a compressed array is said to hold more than {} bytes can", content.size()),
-           "copy or export it again");
   vtkNew<CheckedReader<Reader>> reader;
   reader->SetFileName(file.c_str());
   try {
