@@ -83,15 +83,6 @@ Ran Program::wait() {
           .peak_MB = peak_MB_};
 }
 
-fs::path fresh_folder() {
-  const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-  const fs::path folder =
-      fs::path(testing::TempDir()) / "dimple_end_to_end" / test->test_suite_name() / test->name();
-  fs::remove_all(folder);
-  fs::create_directories(folder);
-  return folder;
-}
-
 Ran dimple(const fs::path& folder, const std::vector<std::string>& arguments) {
   return Program(folder, arguments).wait();
 }

@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/helpers/folder.hpp"
+
 namespace dimple {
 
 /// What the program did.
@@ -38,9 +40,6 @@ class Program {
 
   bool reap(int options);
 };
-
-/// An empty folder of the running test's own.
-std::filesystem::path fresh_folder();
 
 /// Runs the program to its end. The second form splits at blanks, as a shell does with plain words.
 Ran dimple(const std::filesystem::path& folder, const std::vector<std::string>& arguments);

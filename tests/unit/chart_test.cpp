@@ -20,6 +20,8 @@
 #include <type_traits>
 
 #include "io/error.hpp"
+#include "io/file.hpp"
+#include "tests/helpers/folder.hpp"
 
 namespace dimple {
 namespace {
@@ -28,21 +30,6 @@ namespace fs = std::filesystem;
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 constexpr double inf = std::numeric_limits<double>::infinity();
-
-/// An empty folder for the running test.
-fs::path scratch() {
-  const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-  const fs::path folder =
-      fs::path(testing::TempDir()) / (std::string("dimple_") + test->test_suite_name() + "_" + test->name());
-  fs::remove_all(folder);
-  fs::create_directories(folder);
-  return folder;
-}
-
-std::string content_of(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
 
 vtkSmartPointer<vtkImageData> decoded(const fs::path& file) {
   vtkNew<vtkPNGReader> reader;
@@ -77,7 +64,7 @@ std::vector<std::string> texts_of(const std::string& svg) {
 /// none. Returns the texts.
 template <class Panel>
 std::vector<std::string> expect_drawn(const std::vector<Panel>& panels, int columns = 1) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   if constexpr (std::is_same_v<Panel, Chart>) {
     EXPECT_NO_THROW(write_chart_png(folder / "picture.png", panels, columns));
     EXPECT_NO_THROW(write_chart_svg(folder / "picture.svg", panels, columns));
@@ -90,7 +77,7 @@ std::vector<std::string> expect_drawn(const std::vector<Panel>& panels, int colu
   EXPECT_EQ(image->GetDimensions()[0], 1000 * across);
   EXPECT_EQ(image->GetDimensions()[1], 650 * ((count + across - 1) / across));
   EXPECT_LT(image->GetScalarRange()[0], 140.0);
-  const std::string svg = content_of(folder / "picture.svg");
+  const std::string svg = read_file(folder / "picture.svg");
   for (const char* bad : {"\"nan", "\"inf", "\"-nan", "\"-inf", " nan", " inf", "href"})
     EXPECT_EQ(svg.find(bad), std::string::npos) << bad;
   return texts_of(svg);
@@ -177,13 +164,13 @@ TEST(Chart, PutsPanelsInAGrid) {
 }
 
 TEST(Chart, IsTheSameFileForTheSameInput) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   for (const char* name : {"a", "b"}) {
     write_chart_png(folder / (std::string(name) + ".png"), {accuracy_against_time()});
     write_chart_svg(folder / (std::string(name) + ".svg"), {accuracy_against_time()});
   }
-  EXPECT_EQ(content_of(folder / "a.png"), content_of(folder / "b.png"));
-  EXPECT_EQ(content_of(folder / "a.svg"), content_of(folder / "b.svg"));
+  EXPECT_EQ(read_file(folder / "a.png"), read_file(folder / "b.png"));
+  EXPECT_EQ(read_file(folder / "a.svg"), read_file(folder / "b.svg"));
 }
 
 TEST(Chart, SaysEveryNameAndEveryLabel) {
@@ -318,9 +305,9 @@ TEST(Chart, GivesTheSameColourToTheSameNumber) {
   chart.series = {{.name = "a", .x = {1, 2}, .y = {1, 2}},
                   {.name = "b", .x = {1, 2}, .y = {2, 3}, .colour = 0},
                   {.name = "c", .x = {1, 2}, .y = {3, 4}, .hollow = true, .colour = 0}};
-  const fs::path file = scratch() / "colours.svg";
+  const fs::path file = fresh_folder() / "colours.svg";
   write_chart_svg(file, {chart});
-  const std::string drawn = content_of(file);
+  const std::string drawn = read_file(file);
   const auto lines_of = [&](const std::string& hue) {
     std::size_t count = 0;
     for (std::size_t at = 0; (at = drawn.find("fill=\"none\" stroke=\"" + hue, at)) != std::string::npos;
@@ -333,7 +320,7 @@ TEST(Chart, GivesTheSameColourToTheSameNumber) {
 }
 
 TEST(Chart, RefusesLengthsThatDoNotAgree) {
-  const fs::path file = scratch() / "chart.png";
+  const fs::path file = fresh_folder() / "chart.png";
   EXPECT_THROW(write_chart_png(file, {Chart{.series = {{.x = {1, 2}, .y = {1}}}}}), std::invalid_argument);
   EXPECT_THROW(write_chart_png(file, {Chart{.series = {{.x = {1}, .y = {1}, .label = {"a", "b"}}}}}),
                std::invalid_argument);
@@ -344,7 +331,7 @@ TEST(Chart, RefusesLengthsThatDoNotAgree) {
 }
 
 TEST(Chart, GivesAnOutputErrorWhereItCannotWrite) {
-  const fs::path absent = scratch() / "absent";
+  const fs::path absent = fresh_folder() / "absent";
   EXPECT_THROW(write_chart_png(absent / "chart.png", {accuracy_against_time()}), OutputError);
   EXPECT_THROW(write_chart_svg(absent / "chart.svg", {accuracy_against_time()}), OutputError);
   EXPECT_THROW(write_map_png(absent / "map.png", {stability_atlas()}), OutputError);
@@ -365,21 +352,21 @@ TEST(Map, SaysEveryCodeEveryTickAndEveryMeaning) {
 }
 
 TEST(Map, IsTheSameFileForTheSameInput) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   for (const char* name : {"a", "b"}) {
     write_map_png(folder / (std::string(name) + ".png"), {stability_atlas()});
     write_map_svg(folder / (std::string(name) + ".svg"), {stability_atlas()});
   }
-  EXPECT_EQ(content_of(folder / "a.png"), content_of(folder / "b.png"));
-  EXPECT_EQ(content_of(folder / "a.svg"), content_of(folder / "b.svg"));
+  EXPECT_EQ(read_file(folder / "a.png"), read_file(folder / "b.png"));
+  EXPECT_EQ(read_file(folder / "a.svg"), read_file(folder / "b.svg"));
 }
 
 TEST(Map, GivesACodeTheSameColourInEveryPanel) {
   Map bad{.x_ticks = {"1"}, .y_ticks = {"1"}, .cell = {"zz"}};
   Map worse{.x_ticks = {"1", "2"}, .y_ticks = {"1"}, .cell = {"aa", "zz"}};
-  const fs::path file = scratch() / "map.svg";
+  const fs::path file = fresh_folder() / "map.svg";
   write_map_svg(file, {bad, worse});
-  const std::string svg = content_of(file);
+  const std::string svg = read_file(file);
   std::size_t count = 0;
   for (std::size_t at = 0; (at = svg.find("fill=\"#0072b2\"", at)) != std::string::npos; ++at) ++count;
   EXPECT_EQ(count, 4U);  // "zz", the second code of all: a cell and a legend in each panel
@@ -387,9 +374,9 @@ TEST(Map, GivesACodeTheSameColourInEveryPanel) {
 
 TEST(Map, GivesAskedForColoursInEveryPictureAndGreensToWhatIsOk) {
   const auto drawn = [](const Map& map) {
-    const fs::path file = scratch() / "map.svg";
+    const fs::path file = fresh_folder() / "map.svg";
     write_map_svg(file, {map});
-    return content_of(file);
+    return read_file(file);
   };
   const std::map<std::string, int> colour = {{"inaccurate", 2}, {"kinked", 0}};
   const Map one{.x_ticks = {"1"}, .y_ticks = {"1"}, .cell = {"kinked"}, .colour = colour};
@@ -404,7 +391,7 @@ TEST(Map, WritesANoteBelowACode) {
   Map map{.x_ticks = {"1", "2"}, .y_ticks = {"1"}, .cell = {"ok", "inaccurate"}, .note = {"+1.2 %", ""}};
   EXPECT_THAT(expect_drawn(map), testing::Contains("+1.2 %"));
   map.note.pop_back();
-  EXPECT_THROW(write_map_png(scratch() / "map.png", {map}), std::invalid_argument);
+  EXPECT_THROW(write_map_png(fresh_folder() / "map.png", {map}), std::invalid_argument);
 }
 
 TEST(Map, DrawsAnyNumberOfCells) {
@@ -422,7 +409,7 @@ TEST(Map, DrawsAnyNumberOfCells) {
 TEST(Map, RefusesCellsThatDoNotFillItsRows) {
   Map map = stability_atlas();
   map.cell.pop_back();
-  EXPECT_THROW(write_map_png(scratch() / "map.png", {map}), std::invalid_argument);
+  EXPECT_THROW(write_map_png(fresh_folder() / "map.png", {map}), std::invalid_argument);
 }
 
 }  // namespace

@@ -15,6 +15,7 @@
 #include "preprocess/hexahedra.hpp"
 #include "preprocess/shapes.hpp"
 #include "preprocess/tetrahedra.hpp"
+#include "tests/helpers/folder.hpp"
 
 namespace dimple {
 namespace {
@@ -203,7 +204,7 @@ TEST(ParetoFront, HoldsWhatNoOtherBeats) {
 }
 
 TEST(RunProgram, ReturnsTheCodeAndEndsWhatTakesTooLong) {
-  const std::filesystem::path folder = testing::TempDir();
+  const std::filesystem::path folder = fresh_folder();
   const ProgramRun three =
       run_program({"/bin/sh", "-c", "echo words; exit 3"}, folder, "run.txt", 10.0, 2, {});
   EXPECT_EQ(three.code, 3);

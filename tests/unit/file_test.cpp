@@ -8,20 +8,12 @@
 #include <fstream>
 
 #include "io/error.hpp"
+#include "tests/helpers/folder.hpp"
 
 namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// An empty folder of the running test's own.
-fs::path fresh_folder() {
-  const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-  const fs::path folder = fs::path(testing::TempDir()) / "dimple_file_test" / test->name();
-  fs::remove_all(folder);
-  fs::create_directories(folder);
-  return folder;
-}
 
 std::size_t entries(const fs::path& folder) {
   return static_cast<std::size_t>(std::distance(fs::directory_iterator(folder), {}));

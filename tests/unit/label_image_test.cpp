@@ -15,6 +15,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "preprocess/phantom.hpp"
+#include "tests/helpers/folder.hpp"
 
 namespace dimple {
 namespace {
@@ -22,14 +23,6 @@ namespace {
 namespace fs = std::filesystem;
 
 /// An empty folder of the running test's own.
-fs::path fresh_folder() {
-  const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-  const fs::path folder = fs::path(testing::TempDir()) / "dimple_label_image_test" / test->name();
-  fs::remove_all(folder);
-  fs::create_directories(folder);
-  return folder;
-}
-
 /// An unsymmetric body of three labels with known names, far from a cube, so that no turn maps it to itself.
 LabelImage body() {
   LabelImage image;
@@ -180,8 +173,7 @@ struct Nifti {
 };
 
 LabelImage read(const std::string& name, const std::string& content) {
-  const fs::path file = fs::path(testing::TempDir()) / "dimple_label_image_test" / name;
-  fs::create_directories(file.parent_path());
+  const fs::path file = test_folder() / name;
   write_file(file, content);
   return read_label_image(file);
 }

@@ -14,25 +14,13 @@
 #include <numbers>
 
 #include "io/error.hpp"
+#include "io/file.hpp"
+#include "tests/helpers/folder.hpp"
 
 namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// An empty folder for the running test.
-fs::path scratch() {
-  const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-  const fs::path folder = fs::path(testing::TempDir()) / (std::string("dimple_picture_") + test->name());
-  fs::remove_all(folder);
-  fs::create_directories(folder);
-  return folder;
-}
-
-std::string content_of(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
 
 vtkSmartPointer<vtkImageData> decoded(const fs::path& file) {
   vtkNew<vtkPNGReader> reader;
@@ -116,7 +104,7 @@ Overview half_ellipsoid() {
 
 /// `overview` drawn and decoded; a picture of the right size that is not empty.
 void expect_drawn(const Overview& overview) {
-  const fs::path file = scratch() / "overview.png";
+  const fs::path file = fresh_folder() / "overview.png";
   ASSERT_NO_THROW(write_overview(file, overview));
   const auto image = decoded(file);
   EXPECT_EQ(image->GetDimensions()[0], 1600);
@@ -130,7 +118,7 @@ TEST(Overview, IsAPngOf1600By1200PixelsDrawnWithoutADisplay) {
 }
 
 TEST(Overview, ShowsTheCircleInEveryPanel) {
-  const fs::path file = scratch() / "overview.png";
+  const fs::path file = fresh_folder() / "overview.png";
   write_overview(file, half_ellipsoid());
   const auto image = decoded(file);
   // Below the legends: nodes on top, the arrow and the foot, nodes in the dimple, the last point of the
@@ -142,15 +130,15 @@ TEST(Overview, ShowsTheCircleInEveryPanel) {
 }
 
 TEST(Overview, IsTheSameFileForTheSameInput) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   write_overview(folder / "a.png", half_ellipsoid());
   write_overview(folder / "b.png", half_ellipsoid());
-  EXPECT_EQ(content_of(folder / "a.png"), content_of(folder / "b.png"));
+  EXPECT_EQ(read_file(folder / "a.png"), read_file(folder / "b.png"));
 }
 
 TEST(Overview, LooksAlongThePushHoweverTheBodyLies) {
   // Turning body and push together moves only the orientation letters: a few pixels in a thousand.
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   const Overview straight = half_ellipsoid();
   Overview turned = straight;
   const Mat3 turn = Eigen::AngleAxisd(0.7, Vec3(1.0, 2.0, -0.5).normalized()).toRotationMatrix();
@@ -266,11 +254,11 @@ TEST(Overview, SurvivesAnyText) {
 TEST(Overview, RefusesTrianglesOfPointsThatDoNotExist) {
   Overview o = half_ellipsoid();
   o.surface_triangles(1, 3) = o.surface_mm.cols();
-  EXPECT_THROW(write_overview(scratch() / "overview.png", o), std::invalid_argument);
+  EXPECT_THROW(write_overview(fresh_folder() / "overview.png", o), std::invalid_argument);
 }
 
 TEST(Overview, GivesAnOutputErrorWhereItCannotWrite) {
-  EXPECT_THROW(write_overview(scratch() / "absent" / "overview.png", half_ellipsoid()), OutputError);
+  EXPECT_THROW(write_overview(fresh_folder() / "absent" / "overview.png", half_ellipsoid()), OutputError);
 }
 
 }  // namespace

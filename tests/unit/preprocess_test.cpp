@@ -12,6 +12,7 @@
 #include "io/error.hpp"
 #include "preprocess/build_model.hpp"
 #include "preprocess/phantom.hpp"
+#include "tests/helpers/folder.hpp"
 
 namespace dimple {
 namespace {
@@ -229,7 +230,7 @@ TEST(Config, KnowsUnitsRangesAndItsOwnFile) {
   EXPECT_THROW(set_option(config, "material.nu", "0.5", "test"), UsageError);
   EXPECT_THROW(set_option(config, "cloud.nodes", "4250.5", "test"), UsageError);
   EXPECT_THROW(set_option(config, "material.mu", "3mm", "test"), UsageError);
-  const auto file = std::filesystem::path(testing::TempDir()) / "dimple_config_test.toml";
+  const auto file = test_folder() / "config.toml";
   std::ofstream(file) << to_toml(config, {});
   Config again;
   read_config(again, file);

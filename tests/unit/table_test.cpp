@@ -8,6 +8,7 @@
 
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "tests/helpers/folder.hpp"
 
 namespace dimple {
 namespace {
@@ -15,10 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 
 fs::path with_content(const std::string& content) {
-  const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-  const fs::path folder = fs::path(testing::TempDir()) / "dimple_table_test";
-  fs::create_directories(folder);
-  const fs::path file = folder / (std::string(test->name()) + ".csv");
+  const fs::path file = test_folder() / "table.csv";
   write_file(file, content);
   return file;
 }

@@ -21,25 +21,13 @@
 #include <sstream>
 
 #include "io/error.hpp"
+#include "io/file.hpp"
+#include "tests/helpers/folder.hpp"
 
 namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// An empty folder for the running test.
-fs::path scratch() {
-  const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-  const fs::path folder = fs::path(testing::TempDir()) / (std::string("dimple_vtk_files_") + test->name());
-  fs::remove_all(folder);
-  fs::create_directories(folder);
-  return folder;
-}
-
-std::string content_of(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
 
 void put(const fs::path& file, const std::string& content) {
   std::ofstream(file, std::ios::binary) << content;
@@ -95,7 +83,7 @@ void expect_report(Action action, const std::string& word) {
 /// Every proper beginning of a valid file must be refused.
 template <class Read>
 void expect_beginnings_refused(const fs::path& whole, Read read) {
-  const std::string content = content_of(whole);
+  const std::string content = read_file(whole);
   const fs::path part = whole.parent_path() / ("part" + whole.extension().string());
   for (std::size_t length = 0; length + 40 < content.size(); length += 97) {
     SCOPED_TRACE(testing::Message() << length << " of " << content.size() << " bytes");
@@ -107,7 +95,7 @@ void expect_beginnings_refused(const fs::path& whole, Read read) {
 // ------------------------------------------------------------------------------------------------------ VTU
 
 TEST(Vtu, IsReadByVtkAsOneVertexPerPointWithUnitsTimeAndActiveDisplacement) {
-  const fs::path file = scratch() / "nodes.vtu";
+  const fs::path file = fresh_folder() / "nodes.vtu";
   const PointFile points = sample_points();
   write_vtu(file, points, 0.1);
 
@@ -137,9 +125,9 @@ TEST(Vtu, IsReadByVtkAsOneVertexPerPointWithUnitsTimeAndActiveDisplacement) {
 }
 
 TEST(Vtu, HoldsNoTextArraysAndNoRawBytes) {
-  const fs::path file = scratch() / "nodes.vtu";
+  const fs::path file = fresh_folder() / "nodes.vtu";
   write_vtu(file, sample_points(), 0.0);
-  const std::string content = content_of(file);
+  const std::string content = read_file(file);
   EXPECT_EQ(content.find("type=\"String\""), std::string::npos);
   EXPECT_NE(content.find("vtkZLibDataCompressor"), std::string::npos);
   EXPECT_EQ(content.find("<AppendedData"), std::string::npos);
@@ -147,7 +135,7 @@ TEST(Vtu, HoldsNoTextArraysAndNoRawBytes) {
 }
 
 TEST(Vtu, GivesBackTheSameBitsWhenExact) {
-  const fs::path file = scratch() / "nodes.vtu";
+  const fs::path file = fresh_folder() / "nodes.vtu";
   const PointFile out = sample_points();
   write_vtu(file, out, 8.0, true);
   const PointFile in = read_vtu(file);
@@ -166,14 +154,14 @@ TEST(Vtu, GivesBackTheSameBitsWhenExact) {
 }
 
 TEST(Vtu, IsTheSameFileForTheSameInput) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   write_vtu(folder / "a.vtu", sample_points(), 1.0);
   write_vtu(folder / "b.vtu", sample_points(), 1.0);
-  EXPECT_EQ(content_of(folder / "a.vtu"), content_of(folder / "b.vtu"));
+  EXPECT_EQ(read_file(folder / "a.vtu"), read_file(folder / "b.vtu"));
 }
 
 TEST(Vtu, RefusesAFieldThatDoesNotMatchThePoints) {
-  const fs::path file = scratch() / "nodes.vtu";
+  const fs::path file = fresh_folder() / "nodes.vtu";
   PointFile points = sample_points();
   points.fields[0].values.resize(1, 7);
   EXPECT_THROW(write_vtu(file, points, 0.0), std::invalid_argument);
@@ -184,7 +172,7 @@ TEST(Vtu, RefusesAFieldThatDoesNotMatchThePoints) {
 }
 
 TEST(Vtu, SaysWhyAFileCannotBeRead) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   expect_report<InputError>([&] { read_vtu(folder / "absent.vtu"); }, "no such file");
   expect_report<InputError>([&] { read_vtu(folder); }, "folder");
   put(folder / "empty.vtu", "");
@@ -207,15 +195,15 @@ TEST(Vtu, SaysWhyAFileCannotBeRead) {
 }
 
 TEST(Vtu, RefusesEveryTruncation) {
-  const fs::path file = scratch() / "nodes.vtu";
+  const fs::path file = fresh_folder() / "nodes.vtu";
   write_vtu(file, sample_points(), 0.0);
   expect_beginnings_refused(file, read_vtu);
 }
 
 TEST(Vtu, RefusesAnAbsurdNumberOfPoints) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   write_vtu(folder / "nodes.vtu", sample_points(), 0.0);
-  const std::string content = content_of(folder / "nodes.vtu");
+  const std::string content = read_file(folder / "nodes.vtu");
   const std::string key = "NumberOfPoints=\"";
   const std::size_t at = content.find(key) + key.size();
   for (const std::string count : {"51", "9000000000000000", "-50", "many"}) {
@@ -226,9 +214,9 @@ TEST(Vtu, RefusesAnAbsurdNumberOfPoints) {
 }
 
 TEST(Vtu, RefusesADamagedHeader) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   write_vtu(folder / "nodes.vtu", sample_points(), 0.0);
-  const std::string content = content_of(folder / "nodes.vtu");
+  const std::string content = read_file(folder / "nodes.vtu");
   for (const std::string key :
        {"<UnstructuredGrid", "type=\"Float64\"", "type=\"Float32\"", "<Points", "<Cells"}) {
     SCOPED_TRACE(key);
@@ -241,12 +229,12 @@ TEST(Vtu, RefusesADamagedHeader) {
 
 TEST(Vtu, RefusesATextArrayWhereverItStands) {
   // VTK's reader takes words that do not end as it expects for memory of its own.
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   PointFile many = sample_points();
   many.position_mm = Points::Random(3, 20000);  // the array stands beyond the first 64 kB
   many.fields.clear();
   write_vtu(folder / "nodes.vtu", many, 0.0, true);
-  const std::string content = content_of(folder / "nodes.vtu");
+  const std::string content = read_file(folder / "nodes.vtu");
   for (const std::string element : {"DataArray", "Array"}) {
     SCOPED_TRACE(element);
     std::string with_text = content;
@@ -259,9 +247,9 @@ TEST(Vtu, RefusesATextArrayWhereverItStands) {
 }
 
 TEST(Vtu, RefusesDamagedCompressedData) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   write_vtu(folder / "nodes.vtu", sample_points(), 0.0);
-  std::string content = content_of(folder / "nodes.vtu");
+  std::string content = read_file(folder / "nodes.vtu");
   const std::size_t data = content.find_first_not_of(" \n", content.find("format=\"binary\"") + 100);
   for (std::size_t i = data + 60; i < data + 90; ++i)
     content[i] = content[i] == 'A' ? 'B' : 'A';  // still base64
@@ -270,9 +258,9 @@ TEST(Vtu, RefusesDamagedCompressedData) {
 }
 
 TEST(Vtu, RefusesMoreCompressedBlocksThanTheFileCanHold) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   write_vtu(folder / "nodes.vtu", sample_points(), 0.0);
-  const std::string content = content_of(folder / "nodes.vtu");
+  const std::string content = read_file(folder / "nodes.vtu");
   const std::size_t data =
       content.find_first_not_of(" \n", content.find('>', content.find("format=\"binary\"")) + 1);
   // Of the first words, four letters for three bytes: number of blocks, bytes of each, of the last, packed
@@ -287,7 +275,7 @@ TEST(Vtu, RefusesMoreCompressedBlocksThanTheFileCanHold) {
 }
 
 TEST(Vtu, GivesAnOutputErrorWhereItCannotWrite) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   put(folder / "file", "not a folder");
   expect_report<OutputError>([&] { write_vtu(folder / "file" / "nodes.vtu", sample_points(), 0.0); },
                              "nodes.vtu");
@@ -296,7 +284,7 @@ TEST(Vtu, GivesAnOutputErrorWhereItCannotWrite) {
 }
 
 TEST(Vtu, GivesAnOutputErrorInAReadOnlyFolder) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   fs::create_directory(folder / "locked");
   fs::permissions(folder / "locked", fs::perms::owner_read | fs::perms::owner_exec);
   if (std::ofstream(folder / "locked" / "probe")) GTEST_SKIP() << "this user may write anywhere";
@@ -307,7 +295,7 @@ TEST(Vtu, GivesAnOutputErrorInAReadOnlyFolder) {
 // ------------------------------------------------------------------------------------------------------ VTP
 
 TEST(Vtp, IsReadByVtkWithItsTrianglesUnitsAndTime) {
-  const fs::path file = scratch() / "surface.vtp";
+  const fs::path file = fresh_folder() / "surface.vtp";
   const SurfaceFile surface = tetrahedron();
   write_vtp(file, surface, 2.5);
   vtkNew<vtkXMLPolyDataReader> reader;
@@ -325,7 +313,7 @@ TEST(Vtp, IsReadByVtkWithItsTrianglesUnitsAndTime) {
 }
 
 TEST(Vtp, GivesBackTheSameBitsWhenExact) {
-  const fs::path file = scratch() / "surface.vtp";
+  const fs::path file = fresh_folder() / "surface.vtp";
   const SurfaceFile out = tetrahedron();
   write_vtp(file, out, 0.0, true);
   const SurfaceFile in = read_vtp(file);
@@ -336,7 +324,7 @@ TEST(Vtp, GivesBackTheSameBitsWhenExact) {
 }
 
 TEST(Vtp, SaysWhyAFileIsNoTriangleSurface) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   const auto file = [&](const std::string& polygons) {
     put(folder / "bad.vtp",
         R"(<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64"><PolyData>)"
@@ -362,7 +350,7 @@ TEST(Vtp, SaysWhyAFileIsNoTriangleSurface) {
 }
 
 TEST(Vtp, RefusesEveryTruncation) {
-  const fs::path file = scratch() / "surface.vtp";
+  const fs::path file = fresh_folder() / "surface.vtp";
   write_vtp(file, tetrahedron(), 0.0);
   expect_beginnings_refused(file, read_vtp);
 }
@@ -370,7 +358,7 @@ TEST(Vtp, RefusesEveryTruncation) {
 TEST(Vtp, RefusesTrianglesOfPointsThatDoNotExist) {
   SurfaceFile surface = tetrahedron();
   surface.triangles(2, 3) = 4;
-  EXPECT_THROW(write_vtp(scratch() / "surface.vtp", surface, 0.0), std::invalid_argument);
+  EXPECT_THROW(write_vtp(fresh_folder() / "surface.vtp", surface, 0.0), std::invalid_argument);
 }
 
 // ------------------------------------------------------------------------------------------------------ VTI
@@ -409,7 +397,7 @@ double label_at(vtkImageData& image, const Vec3& position_mm) {
 }
 
 TEST(Vti, PutsEveryVoxelOfAnObliqueImageInItsPlace) {
-  const fs::path file = scratch() / "label.vti";
+  const fs::path file = fresh_folder() / "label.vti";
   const LabelImage image = oblique_image(3);
   write_vti(file, image);
   const auto grid = read_image(file);
@@ -433,7 +421,7 @@ TEST(Vti, PutsEveryVoxelOfAnObliqueImageInItsPlace) {
 }
 
 TEST(Vti, IsCroppedToTheForegroundAndATenthMore) {
-  const fs::path file = scratch() / "label.vti";
+  const fs::path file = fresh_folder() / "label.vti";
   write_vti(file, oblique_image(1));
   const auto grid = read_image(file);
   EXPECT_EQ(grid->GetDimensions()[0], 12);
@@ -442,7 +430,7 @@ TEST(Vti, IsCroppedToTheForegroundAndATenthMore) {
 }
 
 TEST(Vti, UsesTheNarrowestTypeThatHoldsEveryLabel) {
-  const fs::path file = scratch() / "label.vti";
+  const fs::path file = fresh_folder() / "label.vti";
   for (const auto& [label, type] : {std::pair{32767, VTK_SHORT},
                                     {32768, VTK_UNSIGNED_SHORT},
                                     {65535, VTK_UNSIGNED_SHORT},
@@ -456,7 +444,7 @@ TEST(Vti, UsesTheNarrowestTypeThatHoldsEveryLabel) {
 }
 
 TEST(Vti, StraightensAShearedImageWithoutMovingItsLabels) {
-  const fs::path file = scratch() / "label.vti";
+  const fs::path file = fresh_folder() / "label.vti";
   LabelImage image = oblique_image(5);
   Mat3 shear = Mat3::Identity();
   shear(0, 1) = 0.3;
@@ -482,13 +470,13 @@ TEST(Vti, StraightensAShearedImageWithoutMovingItsLabels) {
 // --------------------------------------------------------------------------------------------------- series
 
 TEST(TimeSeries, ListsRelativeFilesThatExistAfterEveryFrame) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   TimeSeries series(folder / "nodes.pvd", ".vtu");
   for (int frame = 0; frame < 3; ++frame) {
     write_vtu(series.next_frame(), sample_points(), 0.1 * frame);
     series.add(0.1 * frame);
 
-    const std::string list = content_of(folder / "nodes.pvd");
+    const std::string list = read_file(folder / "nodes.pvd");
     EXPECT_NE(list.find("</VTKFile>"), std::string::npos);
     int listed = 0;
     for (std::size_t at = 0; (at = list.find("file=\"", at)) != std::string::npos; ++listed) {
@@ -499,7 +487,7 @@ TEST(TimeSeries, ListsRelativeFilesThatExistAfterEveryFrame) {
     }
     EXPECT_EQ(listed, frame + 1);
   }
-  const std::string list = content_of(folder / "nodes.pvd");
+  const std::string list = read_file(folder / "nodes.pvd");
   EXPECT_NE(list.find("timestep=\"0.2\" group=\"\" part=\"0\" file=\"nodes/nodes_0002.vtu\""),
             std::string::npos)
       << list;
@@ -507,7 +495,7 @@ TEST(TimeSeries, ListsRelativeFilesThatExistAfterEveryFrame) {
 }
 
 TEST(TimeSeries, ThatGoesOnFromAnEarlierFrameNeverListsTheRemovedOnes) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   TimeSeries first(folder / "nodes.pvd", ".vtu");
   for (int frame = 0; frame < 4; ++frame) {
     write_vtu(first.next_frame(), sample_points(), 0.1 * frame);
@@ -515,7 +503,7 @@ TEST(TimeSeries, ThatGoesOnFromAnEarlierFrameNeverListsTheRemovedOnes) {
   }
   TimeSeries second(folder / "nodes.pvd", ".vtu");
   second.resume({0.0, 0.1});
-  const std::string list = content_of(folder / "nodes.pvd");
+  const std::string list = read_file(folder / "nodes.pvd");
   for (const char* name : {"nodes_0000.vtu", "nodes_0001.vtu"}) EXPECT_NE(list.find(name), std::string::npos);
   for (const char* name : {"nodes_0002.vtu", "nodes_0003.vtu"}) {
     EXPECT_EQ(list.find(name), std::string::npos);
@@ -526,20 +514,20 @@ TEST(TimeSeries, ThatGoesOnFromAnEarlierFrameNeverListsTheRemovedOnes) {
 }
 
 TEST(TimeSeries, EscapesNamesThatXmlWouldMisread) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   TimeSeries series(folder / "a&b.pvd", ".vtu");
   write_vtu(series.next_frame(), sample_points(), 0.0);
   series.add(0.0);
-  EXPECT_NE(content_of(folder / "a&b.pvd").find("file=\"a&amp;b/a&amp;b_0000.vtu\""), std::string::npos);
+  EXPECT_NE(read_file(folder / "a&b.pvd").find("file=\"a&amp;b/a&amp;b_0000.vtu\""), std::string::npos);
 }
 
 TEST(TimeSeries, DoesNotListAFrameThatWasNotWritten) {
-  TimeSeries series(scratch() / "nodes.pvd", ".vtu");
+  TimeSeries series(fresh_folder() / "nodes.pvd", ".vtu");
   expect_report<OutputError>([&] { series.add(0.0); }, "nodes_0000.vtu");
 }
 
 TEST(TimeSeries, SaysThatItCannotMakeItsFolder) {
-  const fs::path folder = scratch();
+  const fs::path folder = fresh_folder();
   put(folder / "file", "not a folder");
   TimeSeries series(folder / "file" / "nodes.pvd", ".vtu");
   expect_report<OutputError>([&] { series.next_frame(); }, "folder");
