@@ -6,11 +6,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <numeric>
 #include <stdexcept>
 
+#include "io/error.hpp"
 #include "preprocess/clones.hpp"
 #include "solver/inverse_cube_root.hpp"
+#include "solver/text.hpp"
 
 namespace dimple {
 namespace {
@@ -64,13 +67,33 @@ struct Registers<double> {
              dx = __builtin_shufflevector(both, both, 0, 0, 0, 0, 4, 4, 4, 4),                \
              dy = __builtin_shufflevector(both, both, 1, 1, 1, 1, 5, 5, 5, 5),                \
              dz = __builtin_shufflevector(both, both, 2, 2, 2, 2, 6, 6, 6, 6)
-// The same of four nodes; what follows them in memory is loaded and not used.
+// The same of four nodes; what follows them in the quad is loaded and not used.
 #define DIMPLE_FOUR_NODES(gradients)                                                                     \
   Wide all = *reinterpret_cast<const LooseWide*>(gradients);                                             \
   asm("" : "+v"(all)); /* loaded once, not once for each of the three */                                 \
   const Wide dx = __builtin_shufflevector(all, all, 0, 0, 0, 0, 3, 3, 3, 3, 6, 6, 6, 6, 9, 9, 9, 9),     \
              dy = __builtin_shufflevector(all, all, 1, 1, 1, 1, 4, 4, 4, 4, 7, 7, 7, 7, 10, 10, 10, 10), \
              dz = __builtin_shufflevector(all, all, 2, 2, 2, 2, 5, 5, 5, 5, 8, 8, 8, 8, 11, 11, 11, 11)
+
+// A node's four numbers among those of a block; the four of a quad, found with one load.
+#define DIMPLE_NODE(Vec4, values, twice) (*reinterpret_cast<Vec4*>((values) + 2 * (twice)))
+#define DIMPLE_FOUR_PLACES(Vec4, values, quad)                    \
+  std::uint64_t places;                                           \
+  std::memcpy(&places, (quad).twice, sizeof places);              \
+  Vec4 &node0 = DIMPLE_NODE(Vec4, values, places & 0xffff),       \
+       &node1 = DIMPLE_NODE(Vec4, values, places >> 16 & 0xffff), \
+       &node2 = DIMPLE_NODE(Vec4, values, places >> 32 & 0xffff), \
+       &node3 = DIMPLE_NODE(Vec4, values, places >> 48)
+// Four nodes in one register: what compilers make of shuffles needs the one port that shuffles.
+#if defined(__x86_64__)
+#define DIMPLE_JOIN(to, a, b, c, d)                                                                  \
+  asm("vbroadcastf32x4 %1, %0" : "=v"(to) : "m"(a));                                                 \
+  asm("vbroadcastf32x4 %1, %0%{%2%}" : "+v"(to) : "m"(b), "Yk"(static_cast<std::uint16_t>(0x00f0))); \
+  asm("vbroadcastf32x4 %1, %0%{%2%}" : "+v"(to) : "m"(c), "Yk"(static_cast<std::uint16_t>(0x0f00))); \
+  asm("vbroadcastf32x4 %1, %0%{%2%}" : "+v"(to) : "m"(d), "Yk"(static_cast<std::uint16_t>(0xf000)))
+#else
+#define DIMPLE_JOIN(to, a, b, c, d) to = {}  // never called
+#endif
 
 #define DIMPLE_TWICE(v) __builtin_shufflevector(v, v, 0, 1, 2, 3, 0, 1, 2, 3)
 #define DIMPLE_FOUR_TIMES(v) \
@@ -83,7 +106,6 @@ template <class Real, bool wide>
                                                  const Real* u, ProjectedOctet<Real>* gradient, Index first,
                                                  Index last) {
   using Vec4 = typename Registers<Real>::Vec4;
-  const Vec4* node = reinterpret_cast<const Vec4*>(u);
   for (Index begin = first; begin < last; begin += 8) {
     Vec4 column[3][8];
     for (Index lane = 0; lane < 8; ++lane) {
@@ -98,12 +120,9 @@ template <class Real, bool wide>
           Wide h0 = {}, h1 = {}, h2 = {};
           for (std::int32_t k = offset[q]; k < end; ++k) {
             __builtin_prefetch(quad + k + ahead);
-            const auto& number = quad[k].number;
-            const Vec4 ua = node[number[0]], ub = node[number[1]], uc = node[number[2]], ud = node[number[3]];
-            const Vec8 uab = __builtin_shufflevector(ua, ub, 0, 1, 2, 3, 4, 5, 6, 7),
-                       ucd = __builtin_shufflevector(uc, ud, 0, 1, 2, 3, 4, 5, 6, 7);
-            const Wide u4 =
-                __builtin_shufflevector(uab, ucd, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+            DIMPLE_FOUR_PLACES(const Vec4, u, quad[k]);
+            Wide u4;
+            DIMPLE_JOIN(u4, node0, node1, node2, node3);
             DIMPLE_FOUR_NODES(&quad[k].d[0][0]);
             h0 += u4 * dx;
             h1 += u4 * dy;
@@ -121,8 +140,8 @@ template <class Real, bool wide>
           for (std::int32_t k = offset[q]; k < end; ++k) {
             __builtin_prefetch(quad + k + ahead);
             for (int half = 0; half < 2; ++half) {
-              const std::uint16_t* number = quad[k].number + 2 * half;
-              const Vec4 ua = node[number[0]], ub = node[number[1]];
+              const std::uint16_t* twice = quad[k].twice + 2 * half;
+              const Vec4 ua = DIMPLE_NODE(const Vec4, u, twice[0]), ub = DIMPLE_NODE(const Vec4, u, twice[1]);
               const Vec8 uab = __builtin_shufflevector(ua, ub, 0, 1, 2, 3, 4, 5, 6, 7);
               DIMPLE_TWO_NODES(&quad[k].d[2 * half][0]);
               h0[half] += uab * dx;
@@ -142,7 +161,8 @@ template <class Real, bool wide>
         for (std::int32_t k = offset[q]; k < end; ++k) {
           __builtin_prefetch(quad + k + ahead / 2);
           for (int i = 0; i < 4; ++i)
-            for (int j = 0; j < 3; ++j) sum[j][i % 2] += node[quad[k].number[i]] * quad[k].d[i][j];
+            for (int j = 0; j < 3; ++j)
+              sum[j][i % 2] += DIMPLE_NODE(const Vec4, u, quad[k].twice[i]) * quad[k].d[i][j];
         }
         for (int j = 0; j < 3; ++j) column[j][lane] = sum[j][0] + sum[j][1];
       }
@@ -243,7 +263,6 @@ template <class Real, bool wide>
                                                 const ProjectedColumns<Real>* stress, Real* f, Index first,
                                                 Index last) {
   using Vec4 = typename Registers<Real>::Vec4;
-  Vec4* node = reinterpret_cast<Vec4*>(f);
   for (Index q = first; q < last; ++q) {
     const Vec4* column = reinterpret_cast<const Vec4*>(stress[q - first].column);
     const Vec4 c0 = column[0], c1 = column[1], c2 = column[2];
@@ -254,13 +273,13 @@ template <class Real, bool wide>
       const Wide p0 = DIMPLE_FOUR_TIMES(c0), p1 = DIMPLE_FOUR_TIMES(c1), p2 = DIMPLE_FOUR_TIMES(c2);
       for (std::int32_t k = offset[q]; k < end; ++k) {
         __builtin_prefetch(quad + k + ahead);
-        const auto& number = quad[k].number;
+        DIMPLE_FOUR_PLACES(Vec4, f, quad[k]);
         DIMPLE_FOUR_NODES(&quad[k].d[0][0]);
         const Wide force = p0 * dx + p1 * dy + p2 * dz;
-        node[number[0]] += __builtin_shufflevector(force, force, 0, 1, 2, 3);
-        node[number[1]] += __builtin_shufflevector(force, force, 4, 5, 6, 7);
-        node[number[2]] += __builtin_shufflevector(force, force, 8, 9, 10, 11);
-        node[number[3]] += __builtin_shufflevector(force, force, 12, 13, 14, 15);
+        node0 += __builtin_shufflevector(force, force, 0, 1, 2, 3);
+        node1 += __builtin_shufflevector(force, force, 4, 5, 6, 7);
+        node2 += __builtin_shufflevector(force, force, 8, 9, 10, 11);
+        node3 += __builtin_shufflevector(force, force, 12, 13, 14, 15);
       }
     } else if constexpr (sizeof(Real) == 4) {
       using Vec8 = Registers<float>::Lanes;
@@ -269,11 +288,11 @@ template <class Real, bool wide>
       for (std::int32_t k = offset[q]; k < end; ++k) {
         __builtin_prefetch(quad + k + ahead);
         for (int half = 0; half < 2; ++half) {
-          const std::uint16_t* number = quad[k].number + 2 * half;
+          const std::uint16_t* twice = quad[k].twice + 2 * half;
           DIMPLE_TWO_NODES(&quad[k].d[2 * half][0]);
           const Vec8 force = p0 * dx + p1 * dy + p2 * dz;
-          node[number[0]] += __builtin_shufflevector(force, force, 0, 1, 2, 3);
-          node[number[1]] += __builtin_shufflevector(force, force, 4, 5, 6, 7);
+          DIMPLE_NODE(Vec4, f, twice[0]) += __builtin_shufflevector(force, force, 0, 1, 2, 3);
+          DIMPLE_NODE(Vec4, f, twice[1]) += __builtin_shufflevector(force, force, 4, 5, 6, 7);
         }
       }
     } else {
@@ -281,12 +300,15 @@ template <class Real, bool wide>
         __builtin_prefetch(quad + k + ahead / 2);
         for (int i = 0; i < 4; ++i) {
           const Real* d = quad[k].d[i];
-          node[quad[k].number[i]] += c0 * d[0] + c1 * d[1] + c2 * d[2];
+          DIMPLE_NODE(Vec4, f, quad[k].twice[i]) += c0 * d[0] + c1 * d[1] + c2 * d[2];
         }
       }
     }
   }
 }
+#undef DIMPLE_NODE
+#undef DIMPLE_FOUR_PLACES
+#undef DIMPLE_JOIN
 #undef DIMPLE_FOUR_NODES
 #undef DIMPLE_FOUR_TIMES
 #undef DIMPLE_TWICE
@@ -483,6 +505,13 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
   };
   std::vector<std::int32_t> local;
   find_places(model.support, nodes_, nodes_of_block_, local);
+  for (std::size_t b = 0; b + 1 < nodes_of_block_.offset.size(); ++b)
+    if (const auto met = nodes_of_block_.offset[b + 1] - nodes_of_block_.offset[b]; met > 1 << 15)
+      throw SolveError({.fact = text("the supports of ", points_per_block, " neighbouring points hold ", met,
+                                     " nodes, of 32768 that have a number"),
+                        .where = text("solver, points from ", static_cast<Index>(b) * points_per_block),
+                        .why = "the supports reach across too many nodes",
+                        .remedy = "use smaller supports (support.radius_factor)"});
   quad_.reserve(static_cast<std::size_t>(model.support.member.size() / 4 + points_ + 1));
   point_offset_.push_back(0);
   for (Index q = 0; q < points_; ++q) {
@@ -492,13 +521,11 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
         const bool there = k + i < model.support.offset[q + 1];
         for (int axis = 0; axis < 3; ++axis)
           quad.d[i][axis] = there ? static_cast<Real>(model.dphi(axis, k + i)) : Real(0);
-        // A block of points would need 65536 nodes to leave these 16 bits.
-        quad.number[i] = static_cast<std::uint16_t>(local[static_cast<std::size_t>(there ? k + i : k)]);
+        quad.twice[i] = static_cast<std::uint16_t>(2 * local[static_cast<std::size_t>(there ? k + i : k)]);
       }
     }
     point_offset_.push_back(static_cast<std::int32_t>(quad_.size()));
   }
-  quad_.emplace_back();  // wide loads end a few bytes beyond the last
   if (patches_ > 0) {
     find_places(model.patches.of_point, patches_, patches_of_block_, local);
     octet_offset_.push_back(0);
@@ -953,9 +980,9 @@ void ProjectedKernel<Real>::patch_gradients(const CompressedRows& nodes, Eigen::
         for (std::int32_t e = point_offset_[q]; e < point_offset_[q + 1]; ++e) {
           const Quad& quad = quad_[static_cast<std::size_t>(e)];
           for (int i = 0; i < 4; ++i)
-            sum.col(node[quad.number[i]]) += slope.col(0) * static_cast<float>(quad.d[i][0]) +
-                                             slope.col(1) * static_cast<float>(quad.d[i][1]) +
-                                             slope.col(2) * static_cast<float>(quad.d[i][2]);
+            sum.col(node[quad.twice[i] / 2]) += slope.col(0) * static_cast<float>(quad.d[i][0]) +
+                                                slope.col(1) * static_cast<float>(quad.d[i][1]) +
+                                                slope.col(2) * static_cast<float>(quad.d[i][2]);
         }
       }
       for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k) {
@@ -976,10 +1003,10 @@ void ProjectedKernel<Real>::gradients_at(Index q, std::vector<int>& node, Points
   for (std::int32_t e = point_offset_[at]; e < point_offset_[at + 1]; ++e)
     for (int i = 0; i < 4; ++i) {
       const Quad& quad = quad_[static_cast<std::size_t>(e)];
-      if (i > 0 && quad.number[i] == quad.number[0]) continue;  // filled up
+      if (i > 0 && quad.twice[i] == quad.twice[0]) continue;  // filled up
       for (int axis = 0; axis < 3; ++axis)
         dphi(axis, static_cast<Index>(node.size())) = static_cast<double>(quad.d[i][axis]);
-      node.push_back(member[quad.number[i]]);
+      node.push_back(member[quad.twice[i] / 2]);
     }
 }
 

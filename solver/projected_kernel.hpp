@@ -15,12 +15,13 @@ struct Tissues {
   Eigen::VectorXi of_point;  ///< [Q] number in `material`
 };
 
-/// Layouts of the hot loops. Gradients and numbers of four nodes of a point; a matrix at each of eight
-/// points; three columns, padded; a weighted member.
+/// Layouts of the hot loops. Four nodes of a point, their gradients and twice their numbers (in single
+/// precision a line of the cache, and eight times what it holds is the node's place in bytes); a matrix at
+/// each of eight points; three columns, padded; a weighted member.
 template <class Real>
-struct ProjectedQuad {
+struct alignas(sizeof(Real) == 4 ? 64 : 8) ProjectedQuad {
   Real d[4][3];
-  std::uint16_t number[4];
+  std::uint16_t twice[4];
 };
 template <class Real>
 struct alignas(32) ProjectedOctet {

@@ -7,6 +7,7 @@
 
 #include <Eigen/Geometry>
 
+#include "io/error.hpp"
 #include "solver/internal_force.hpp"
 #include "tests/helpers/block.hpp"
 
@@ -160,6 +161,25 @@ TEST(PressurePatches, LieInOneTissueEach) {
       EXPECT_TRUE(of_patch < 0 || of_patch == model.label[q]);
       of_patch = model.label[q];
     }
+}
+
+TEST(Kernel, RefusesSupportsThatMeetMoreNodesThanItCanNumber) {
+  Model model;
+  const Index points = 256, nodes_of_each = 129, nodes = points * nodes_of_each;
+  model.X = Points::Zero(3, nodes);
+  model.point = Points::Zero(3, points);
+  model.volume = Eigen::VectorXd::Ones(points);
+  model.support.offset = Eigen::VectorXi::LinSpaced(points + 1, 0, static_cast<int>(nodes));
+  model.support.member = Eigen::VectorXi::LinSpaced(nodes, 0, static_cast<int>(nodes) - 1);
+  model.dphi = Points::Zero(3, nodes);
+  try {
+    const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0), Precision::single_);
+    FAIL() << "33024 nodes were numbered";
+  } catch (const SolveError& error) {
+    EXPECT_EQ(error.report.fact,
+              "the supports of 256 neighbouring points hold 33024 nodes, of 32768 that have a number");
+    EXPECT_NE(error.report.remedy.find("support.radius_factor"), std::string::npos);
+  }
 }
 
 }  // namespace
