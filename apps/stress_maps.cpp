@@ -249,6 +249,7 @@ std::string meaning_of(const std::string& code) {
       {"crashed", "the program died"},
       {"volume", "volume far from that at rest, though nearly incompressible"},
       {"kinetic", "waves where the answer should be static"},
+      {"jagged", "the force jumps from sample to sample"},
       {"time-step", "the time step is above the stable one"},
       {"conditioning", "moment matrices near singular"},
       {"supports", "points that see too few nodes"},

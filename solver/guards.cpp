@@ -1,6 +1,7 @@
 #include "solver/guards.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <sstream>
 
@@ -26,7 +27,12 @@ constexpr double volume_poor = 0.01, volume_wrong = 0.2;
 constexpr double energy_poor = 0.02, energy_wrong = 0.1;  // of the largest external work; usual: 1e-4
 constexpr double energy_floor = 1e-9;                     // J: a thousandth of a shallow push's
 constexpr double kinetic_poor = 0.05;                     // of the stored energy, after a fifth of the load
-constexpr double unseen_poor = 0.15;                      // of the stored energy; usual: 0.02 to 0.05
+// Of the largest force, the median of |second differences| of so many samples; usual: 3e-4 to 1e-3, and 0.25
+// with steps of 0.98 of the stable one, whose noise holds 0.4 % of the energy and rings in the few nodes of
+// the circle.
+constexpr double jagged_poor = 0.03;
+constexpr std::size_t jagged_samples = 15;
+constexpr double unseen_poor = 0.15;  // of the stored energy; usual: 0.02 to 0.05
 // Of the stored energy, in the paper's scheme on the block at 8 mm: 0.4 with 4.5 points a node, 1.2 with
 // its 1.5, and 19 with supports of 2.5 spacings, whose force is a third. A circle of three nodes has 5 from
 // the first touch on.
@@ -245,8 +251,10 @@ void Guards::check(const EnergySample& e, double largest_external, double durati
         .remedy = now.dt_stable > 0.0 ? "use a smaller solver.safety, for instance --set solver.safety=0.6"
                                       : "use more frames (--frames)",
         .code = "energy"};
-    if (std::abs(error) > energy_wrong * scale + energy_floor && (gain || conserves))
-      throw SolveError(report);
+    // Central differences gain energy only by instability, and the few nodes under the circle jump long
+    // before the whole body shows much of it.
+    const double wrong = gain && now.dt_stable > 0.0 ? energy_poor : energy_wrong;
+    if (std::abs(error) > wrong * scale + energy_floor && (gain || conserves)) throw SolveError(report);
     if (on_ && std::abs(error) > energy_poor * scale + energy_floor)
       find({report, std::abs(error) / std::max(scale, 1e-300)});
   }
@@ -258,6 +266,29 @@ void Guards::check(const EnergySample& e, double largest_external, double durati
            .remedy = "use --damping, for instance --damping 20, a smaller --rate, or --time quasi-static",
            .code = "kinetic"},
           ratio});
+}
+
+void Guards::check_smooth(const std::vector<double>& force, double largest, double duration,
+                          const Moment& now) {
+  if (!on_ || !static_answer_ || now.t < 0.2 * duration) return;
+  double worst = 0.0;
+  for (std::size_t first = 0; first + jagged_samples + 2 <= force.size(); ++first) {
+    std::array<double, jagged_samples> bend;
+    for (std::size_t k = 0; k < jagged_samples; ++k)
+      bend[k] = std::abs(force[first + k] - 2.0 * force[first + k + 1] + force[first + k + 2]);
+    std::nth_element(bend.begin(), bend.begin() + jagged_samples / 2, bend.end());
+    worst = std::max(worst, bend[jagged_samples / 2] / largest);
+  }
+  if (worst > jagged_poor)
+    find({{.fact = text("the force jumps from sample to sample, by ", percent(worst), " of the largest"),
+           .where = moment(now),
+           .why =
+               "the load lasts long enough for a static answer, but short waves ring in the nodes under the "
+               "tool: nothing damps them, or the time step is close to the stable one",
+           .remedy =
+               "use --damping, for instance --damping 20, a smaller solver.safety, or --time quasi-static",
+           .code = "jagged"},
+          worst});
 }
 
 void Guards::check_kinetic(double kinetic, double external, const Moment& now) const {

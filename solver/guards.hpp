@@ -75,6 +75,9 @@ class Guards {
   ///
   /// beside the stored energy. As Ganzenmueller 2015 measures it for particles. It takes two sweeps.
   void check_fluctuation(const ForceSystem::Nodal& u, const Moment& now);
+  /// Of central differences, `force` [N] at the samples since the last frame: `jagged`, where a load slow
+  /// enough for a static answer makes it jump from one to the next.
+  void check_smooth(const std::vector<double>& force, double largest, double duration, const Moment& now);
   /// `time-step`.
   void check_step(const Moment& now) const;
 

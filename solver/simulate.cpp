@@ -199,6 +199,10 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
     const bool last = stopped || state.frame + 1 == options.frames;
     if (!stopped) {
       guards.check(u, f, end);
+      std::vector<double> force;
+      for (const ForceSample& sample : history.force)
+        if (sample.t >= segment * state.frame) force.push_back(sample.force);
+      guards.check_smooth(force, largest_reaction, duration, end);
       if (last || history.steps - looked >= between_fluctuations) {
         guards.check_fluctuation(u, end);
         looked = history.steps;

@@ -212,8 +212,33 @@ TEST_F(StateGuard, SeesEnergyThatIsNotBalanced) {
   EXPECT_NO_THROW(guards.check(sample(0.8 * J), J, 1.0, false, now));  // lost by steps that damp
   EXPECT_THAT(report_of<SolveError>([&] { guards.check(sample(0.8 * J), J, 1.0, true, now); }).fact,
               HasSubstr("lost"));
+  // Central differences gain none but by instability.
+  const Moment marching = {.t = 1.0, .depth = 2e-3, .dt = 0.9e-3, .dt_stable = 1e-3};
+  EXPECT_NO_THROW(guards.check(sample(1.01 * J), J, 1.0, true, marching));
+  EXPECT_NO_THROW(guards.check(sample(0.97 * J), J, 1.0, true, marching));
+  EXPECT_THAT(report_of<SolveError>([&] { guards.check(sample(1.03 * J), J, 1.0, true, marching); }).remedy,
+              HasSubstr("solver.safety"));
   expect_whole(report_of<SolveError>([&] { guards.check_kinetic(2.0 * J, J, now); }), "energy");
   EXPECT_NO_THROW(guards.check_kinetic(0.5 * J, J, now));
+}
+
+TEST_F(StateGuard, SeesAForceThatJumpsFromSampleToSample) {
+  std::vector<double> force;
+  for (int k = 0; k < 60; ++k) force.push_back(0.05 + 1e-3 * k + (k % 2 == 0 ? 1e-4 : -1e-4));
+  guards.check_smooth(force, 0.1, 2.0, now);  // by 0.4 %
+  EXPECT_TRUE(findings.empty());
+  for (int k = 30; k < 50; ++k) force[static_cast<std::size_t>(k)] += k % 2 == 0 ? 2e-3 : -2e-3;
+  guards.check_smooth(force, 0.1, 10.0, now);  // the load has only begun
+  EXPECT_TRUE(findings.empty());
+  guards.check_smooth(force, 0.1, 2.0, now);
+  const Finding* found = finding(findings, "jagged");
+  ASSERT_NE(found, nullptr);
+  expect_whole(found->report, "jagged");
+  EXPECT_NEAR(found->worst, 0.084, 1e-9);
+  EXPECT_THAT(found->report.fact, HasSubstr("by 8.4 % of the largest"));
+  std::vector<Finding> none;
+  Guards(system, model, false, true, none).check_smooth(force, 0.1, 2.0, now);  // a fast push may ring
+  EXPECT_TRUE(none.empty());
 }
 
 TEST_F(StateGuard, SeesABodyThatSwingsWhereTheAnswerShouldBeStatic) {
