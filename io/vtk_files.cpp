@@ -37,7 +37,7 @@
 #include <exception>
 #include <limits>
 #include <optional>
-#include <regex>
+#include <set>
 #include <stdexcept>
 #include <string_view>
 #include <system_error>
@@ -293,17 +293,30 @@ std::vector<std::size_t> arrays_in(const std::string& content) {
   return begin;
 }
 
-/// The element that begins at `at`, without what follows its attributes.
-std::string tag_at(const std::string& content, std::size_t at) {
-  return content.substr(at, std::min(content.find('>', at) - at, std::size_t{1000}));
-}
+constexpr const char* blanks = " \r\n\t";
 
-/// What an attribute of the element that begins at `at` says.
+/// What an attribute of the element that begins at `at` says. By hand, since VTK's own parser takes memory
+/// for what an element says as soon as it has met it; and no std::regex: it descends once a letter, and a
+/// long value would end the stack.
 std::string attribute(const std::string& content, std::size_t at, const std::string& name) {
-  const std::string tag = tag_at(content, at);
-  std::smatch found;
-  const std::regex pattern(fmt::format(R"([ \r\n\t]{} *= *["']([^"']*)["'])", name));
-  return std::regex_search(tag, found, pattern) ? found[1].str() : "";
+  constexpr std::size_t none = std::string::npos;
+  at = content.find_first_of(std::string(blanks) + "/>", at);
+  while ((at = content.find_first_not_of(blanks, at)) != none && content[at] != '>') {
+    const std::size_t end_of_key = content.find_first_of(std::string(blanks) + "=>", at);
+    const std::size_t equals = content.find_first_not_of(blanks, end_of_key);
+    if (equals == none) return "";
+    if (content[equals] != '=') {  // no attribute
+      at = end_of_key;
+      continue;
+    }
+    const std::size_t open = content.find_first_not_of(blanks, equals + 1);
+    if (open == none || (content[open] != '"' && content[open] != '\'')) return "";
+    const std::size_t close = content.find(content[open], open + 1);
+    if (close == none) return "";
+    if (content.compare(at, end_of_key - at, name) == 0) return content.substr(open + 1, close - open - 1);
+    at = close + 1;
+  }
+  return "";
 }
 
 /// Each compressed array begins with how many blocks it has, how large they are, and how large each is
@@ -311,7 +324,8 @@ std::string attribute(const std::string& content, std::size_t at, const std::str
 bool absurd_blocks(const std::string& content) {
   const std::size_t root = content.find("<VTKFile");
   if (root == std::string::npos || attribute(content, root, "compressor").empty()) return false;
-  const std::size_t width = attribute(content, root, "header_type") == "UInt64" ? 8 : 4;
+  const std::string header = attribute(content, root, "header_type");
+  const std::size_t width = header.empty() || header == "UInt32" ? 4 : 8;
   const bool big = attribute(content, root, "byte_order") == "BigEndian";
   const std::size_t appended = content.find("<AppendedData"), first = content.find('_', appended);
   const bool raw = appended != std::string::npos && attribute(content, appended, "encoding") == "raw";
@@ -340,6 +354,8 @@ bool absurd_blocks(const std::string& content) {
   const std::uint64_t size = content.size(), unpacked = 1100 * size + (1 << 16);  // zlib packs 1030 to one
   for (const std::size_t at : arrays_in(content)) {
     const std::string format = attribute(content, at, "format");
+    if (!format.empty() && format != "ascii" && format != "binary" && format != "appended")
+      return true;  // written so that only VTK understands it
     std::size_t data = std::string::npos;
     if (format == "binary") data = content.find_first_not_of(" \r\n\t", content.find('>', at) + 1);
     if (format == "appended" && first != std::string::npos)
@@ -361,12 +377,17 @@ bool absurd_blocks(const std::string& content) {
 /// sentence: `kind` is not there, or an array is not of numbers of a type that VTK knows or cannot be in the
 /// file.
 std::string fatal_flaw(const std::string& content, const std::string& kind) {
-  if (!std::regex_search(content.substr(0, 65536), std::regex(fmt::format("<{}[ >\\r\\n\\t]", kind))))
-    return fmt::format("its element <{}> is missing", kind);
-  static const std::regex known(R"([ \r\n\t]type *= *["'](U?Int(8|16|32|64)|Float(32|64)|Bit)["'])");
+  std::size_t begin = 0;
+  do {
+    begin = content.find('<' + kind, begin + 1);
+  } while (begin < content.size() && content.find_first_of("> \r\n\t", begin) != begin + kind.size() + 1);
+  if (begin == std::string::npos) return fmt::format("its element <{}> is missing", kind);
+  static const std::set<std::string> known = {"Int8",  "UInt8",  "Int16",   "UInt16",  "Int32", "UInt32",
+                                              "Int64", "UInt64", "Float32", "Float64", "Bit"};
   for (const std::size_t at : arrays_in(content))
-    if (const std::string tag = tag_at(content, at); !std::regex_search(tag, known))
-      return fmt::format("an array is not one of numbers: {}", tag.substr(0, 60));
+    if (known.count(attribute(content, at, "type")) == 0)
+      return fmt::format("an array is not one of numbers: {}",
+                         content.substr(at, std::min(content.find('>', at) - at, std::size_t{60})));
   if (absurd_blocks(content))
     return fmt::format("a compressed array is said to hold more than {} bytes can", content.size());
   return "";

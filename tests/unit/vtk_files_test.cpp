@@ -274,6 +274,32 @@ TEST(Vtu, RefusesMoreCompressedBlocksThanTheFileCanHold) {
   }
 }
 
+TEST(Vtu, SeesThroughUnusualWaysToWriteAnAttribute) {
+  const fs::path folder = fresh_folder();
+  write_vtu(folder / "nodes.vtu", sample_points(), 0.0);
+  const std::string content = read_file(folder / "nodes.vtu");
+  const auto with = [&](const std::string& was, const std::string& is) {
+    std::string changed = content;
+    changed.replace(content.find(was), was.size(), is);
+    put(folder / "changed.vtu", changed);
+    return folder / "changed.vtu";
+  };
+  const std::string compressor = "compressor=\"vtkZLibDataCompressor\"";
+  for (const std::string& is :
+       std::vector<std::string>{"note=\">\" " + compressor, "compressor\n = 'vtkZLibDataCompressor'",
+                                "note=\"" + std::string(300000, 'x') + "\" " + compressor}) {
+    SCOPED_TRACE(is.substr(0, 60));
+    EXPECT_EQ(read_vtu(with(compressor, is)).position_mm.cols(), 50);
+    std::string damaged = read_file(folder / "changed.vtu");
+    damaged[damaged.find_first_not_of(" \n", damaged.find('>', damaged.find("format=\"binary\"")) + 1) + 3] =
+        '/';
+    put(folder / "damaged.vtu", damaged);
+    expect_report<InputError>([&] { read_vtu(folder / "damaged.vtu"); }, "more than");
+  }
+  expect_report<InputError>([&] { read_vtu(with("format=\"binary\"", "format=\"&#98;inary\"")); },
+                            "more than");
+}
+
 TEST(Vtu, GivesAnOutputErrorWhereItCannotWrite) {
   const fs::path folder = fresh_folder();
   put(folder / "file", "not a folder");
