@@ -35,11 +35,12 @@ check: bootstrap
 	cmake --build build/asan
 	LSAN_OPTIONS=suppressions=$(CURDIR)/tests/leaks.supp ctest --test-dir build/asan --output-on-failure -j 2
 
-# ITK's pool hands work over where the sanitizer cannot see it; its plain threads it sees.
+# ITK's pool and VTK's hand work over where the sanitizer cannot see it. ITK's plain threads it sees; VTK gets one.
 check-threads: bootstrap
 	cmake --preset tsan
 	cmake --build build/tsan
-	TSAN_OPTIONS=halt_on_error=1 ITK_GLOBAL_DEFAULT_THREADER=platform ctest --test-dir build/tsan --output-on-failure
+	TSAN_OPTIONS=halt_on_error=1 ITK_GLOBAL_DEFAULT_THREADER=platform VTK_SMP_BACKEND_IN_USE=Sequential \
+	  ctest --test-dir build/tsan --output-on-failure
 
 fuzz:
 	@./bootstrap clang libclang-rt-14-dev
