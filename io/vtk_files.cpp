@@ -384,10 +384,19 @@ std::string fatal_flaw(const std::string& content, const std::string& kind) {
   if (begin == std::string::npos) return fmt::format("its element <{}> is missing", kind);
   static const std::set<std::string> known = {"Int8",  "UInt8",  "Int16",   "UInt16",  "Int32", "UInt32",
                                               "Int64", "UInt64", "Float32", "Float64", "Bit"};
-  for (const std::size_t at : arrays_in(content))
+  for (const std::size_t at : arrays_in(content)) {
     if (known.count(attribute(content, at, "type")) == 0)
       return fmt::format("an array is not one of numbers: {}",
                          content.substr(at, std::min(content.find('>', at) - at, std::size_t{60})));
+    // It looks for a name of each component, and takes memory for each tuple, before it reads a number.
+    for (const auto& [name, most] :
+         {std::pair{"NumberOfComponents", std::size_t{1000}}, {"NumberOfTuples", 1000 * content.size()}}) {
+      const std::string count = attribute(content, at, name);
+      if (count.find_first_not_of("0123456789") != std::string::npos || count.size() > 18 ||
+          std::strtoull(count.c_str(), nullptr, 10) > most)
+        return fmt::format("an array is said to have {} of {}", name, count.substr(0, 60));
+    }
+  }
   if (absurd_blocks(content))
     return fmt::format("a compressed array is said to hold more than {} bytes can", content.size());
   return "";

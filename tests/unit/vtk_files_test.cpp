@@ -300,6 +300,22 @@ TEST(Vtu, SeesThroughUnusualWaysToWriteAnAttribute) {
                             "more than");
 }
 
+TEST(Vtu, RefusesAnAbsurdNumberOfComponentsOrTuples) {
+  const fs::path folder = fresh_folder();
+  write_vtu(folder / "nodes.vtu", sample_points(), 0.0);
+  const std::string content = read_file(folder / "nodes.vtu");
+  for (const std::string name : {"NumberOfComponents", "NumberOfTuples"})
+    for (const std::string count : {"2000000000", "99999999999999999999999999", "-1", "&#50;000000000"}) {
+      SCOPED_TRACE(name + " " + count);
+      const std::size_t at = content.find(name + "=\"") + name.size() + 2;
+      ASSERT_LT(at, content.size());
+      std::string absurd = content;
+      absurd.replace(at, content.find('"', at) - at, count);
+      put(folder / "bad.vtu", absurd);
+      expect_report<InputError>([&] { read_vtu(folder / "bad.vtu"); }, name + " of " + count);
+    }
+}
+
 TEST(Vtu, GivesAnOutputErrorWhereItCannotWrite) {
   const fs::path folder = fresh_folder();
   put(folder / "file", "not a folder");
