@@ -27,8 +27,13 @@ using Eigen::Scaling;
 using Words = std::vector<std::string>;
 using Files = std::vector<std::pair<std::string, std::string>>;  ///< name, bytes
 
-constexpr double memory_limit_MB = 1000.0;
-constexpr double time_limit_s = 20.0;
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr double slower = 5.0;  // and as many times the memory, which a sanitizer keeps beside the program's
+#else
+constexpr double slower = 1.0;
+#endif
+constexpr double memory_limit_MB = 1000.0 * slower;
+constexpr double time_limit_s = 20.0 * slower;
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
 /// One image, and what `dimple info` owes it.
