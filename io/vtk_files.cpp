@@ -357,7 +357,7 @@ bool absurd_blocks(const std::string& content) {
     if (!format.empty() && format != "ascii" && format != "binary" && format != "appended")
       return true;  // written so that only VTK understands it
     std::size_t data = std::string::npos;
-    if (format == "binary") data = content.find_first_not_of(" \r\n\t", content.find('>', at) + 1);
+    if (format == "binary") data = content.find_first_not_of(blanks, content.find('>', at) + 1);
     if (format == "appended" && first != std::string::npos)
       data = first + 1 + std::strtoull(attribute(content, at, "offset").c_str(), nullptr, 10);
     if (data >= content.size()) continue;
@@ -380,7 +380,8 @@ std::string fatal_flaw(const std::string& content, const std::string& kind) {
   std::size_t begin = 0;
   do {
     begin = content.find('<' + kind, begin + 1);
-  } while (begin < content.size() && content.find_first_of("> \r\n\t", begin) != begin + kind.size() + 1);
+  } while (begin < content.size() &&
+           content.find_first_of(std::string(blanks) + '>', begin) != begin + kind.size() + 1);
   if (begin == std::string::npos) return fmt::format("its element <{}> is missing", kind);
   static const std::set<std::string> known = {"Int8",  "UInt8",  "Int16",   "UInt16",  "Int32", "UInt32",
                                               "Int64", "UInt64", "Float32", "Float64", "Bit"};

@@ -258,7 +258,7 @@ void Guards::check(const EnergySample& e, double largest_external, double durati
     if (on_ && std::abs(error) > energy_poor * scale + energy_floor)
       find({report, std::abs(error) / std::max(scale, 1e-300)});
   }
-  if (!on_ || !static_answer_ || now.t < 0.2 * duration) return;
+  if (!should_rest(now, duration)) return;
   if (const double ratio = e.kinetic / std::max(e.stored, 1e-300); ratio > kinetic_poor)
     find({{.fact = text("the body still swings: its kinetic energy is ", percent(ratio), " of the stored"),
            .where = moment(now),
@@ -268,9 +268,13 @@ void Guards::check(const EnergySample& e, double largest_external, double durati
           ratio});
 }
 
+bool Guards::should_rest(const Moment& now, double duration) const {
+  return on_ && static_answer_ && now.t >= 0.2 * duration;
+}
+
 void Guards::check_smooth(const std::vector<double>& force, double largest, double duration,
                           const Moment& now) {
-  if (!on_ || !static_answer_ || now.t < 0.2 * duration) return;
+  if (!should_rest(now, duration)) return;
   double worst = 0.0;
   for (std::size_t first = 0; first + jagged_samples + 2 <= force.size(); ++first) {
     std::array<double, jagged_samples> bend;

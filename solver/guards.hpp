@@ -89,6 +89,8 @@ class Guards {
   double beneath_;  // the circle, as far as the body reaches [m]
 
   void find(Finding finding);
+  /// The load lasts long enough for a static answer, and its beginning is over.
+  bool should_rest(const Moment& now, double duration) const;
 };
 
 /// What a message says at last: that it came again after `most_retries`, whatever was done.

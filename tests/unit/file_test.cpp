@@ -5,7 +5,6 @@
 #include <sys/stat.h>
 
 #include <csignal>
-#include <fstream>
 
 #include "io/error.hpp"
 #include "tests/helpers/folder.hpp"

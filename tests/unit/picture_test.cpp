@@ -9,7 +9,6 @@
 #include <Eigen/Geometry>
 #include <cmath>
 #include <cstdlib>
-#include <fstream>
 #include <limits>
 #include <numbers>
 
