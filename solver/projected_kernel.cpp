@@ -263,6 +263,9 @@ template <class Real, bool wide>
                                                 const ProjectedColumns<Real>* stress, Real* f, Index first,
                                                 Index last) {
   using Vec4 = typename Registers<Real>::Vec4;
+  // The gradients that come next read most likely what follows: fetched here, where the pairs themselves are
+  // at hand.
+  const std::int32_t next = offset[last] - offset[first];
   for (Index q = first; q < last; ++q) {
     const Vec4* column = reinterpret_cast<const Vec4*>(stress[q - first].column);
     const Vec4 c0 = column[0], c1 = column[1], c2 = column[2];
@@ -272,7 +275,7 @@ template <class Real, bool wide>
       using LooseWide = Registers<float>::LooseWide;
       const Wide p0 = DIMPLE_FOUR_TIMES(c0), p1 = DIMPLE_FOUR_TIMES(c1), p2 = DIMPLE_FOUR_TIMES(c2);
       for (std::int32_t k = offset[q]; k < end; ++k) {
-        __builtin_prefetch(quad + k + ahead);
+        __builtin_prefetch(quad + k + next, 0, 2);
         DIMPLE_FOUR_PLACES(Vec4, f, quad[k]);
         DIMPLE_FOUR_NODES(&quad[k].d[0][0]);
         const Wide force = p0 * dx + p1 * dy + p2 * dz;
@@ -286,7 +289,7 @@ template <class Real, bool wide>
       using Loose = Registers<float>::Loose;
       const Vec8 p0 = DIMPLE_TWICE(c0), p1 = DIMPLE_TWICE(c1), p2 = DIMPLE_TWICE(c2);
       for (std::int32_t k = offset[q]; k < end; ++k) {
-        __builtin_prefetch(quad + k + ahead);
+        __builtin_prefetch(quad + k + next, 0, 2);
         for (int half = 0; half < 2; ++half) {
           const std::uint16_t* twice = quad[k].twice + 2 * half;
           DIMPLE_TWO_NODES(&quad[k].d[2 * half][0]);
@@ -297,7 +300,7 @@ template <class Real, bool wide>
       }
     } else {
       for (std::int32_t k = offset[q]; k < end; ++k) {
-        __builtin_prefetch(quad + k + ahead / 2);
+        __builtin_prefetch(quad + k + next, 0, 2);
         for (int i = 0; i < 4; ++i) {
           const Real* d = quad[k].d[i];
           DIMPLE_NODE(Vec4, f, quad[k].twice[i]) += c0 * d[0] + c1 * d[1] + c2 * d[2];
