@@ -87,17 +87,16 @@ void ResultWriter::frame(const Frame& frame) {
       mises(0, q) = std::sqrt(1.5) * deviator.norm();
     }
   }
-  write_vtu(point_series_.next_frame(),
-            {.position_mm = points_mm_,
-             .fields = {{.name = "displacement", .unit = "mm", .values = to_points_(u), .components = xyz},
-                        {.name = "jacobian", .unit = "", .values = J},
-                        {.name = "cauchy_stress",
+  PointFile file{.position_mm = points_mm_};  // one by one: a list of them would be copied
+  file.fields.push_back({.name = "displacement", .unit = "mm", .values = to_points_(u), .components = xyz});
+  file.fields.push_back({.name = "jacobian", .unit = "", .values = std::move(J)});
+  file.fields.push_back({.name = "cauchy_stress",
                          .unit = "Pa",
-                         .values = sigma,
-                         .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"}},
-                        {.name = "von_mises_stress", .unit = "Pa", .values = mises},
-                        {.name = "volume", .unit = "mm^3", .values = model_.volume.transpose() * 1e9}}},
-            frame.t);
+                         .values = std::move(sigma),
+                         .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"}});
+  file.fields.push_back({.name = "von_mises_stress", .unit = "Pa", .values = std::move(mises)});
+  file.fields.push_back({.name = "volume", .unit = "mm^3", .values = model_.volume.transpose() * 1e9});
+  write_vtu(point_series_.next_frame(), file, frame.t);
   point_series_.add(frame.t);
 
   last_u_mm_ = u;
