@@ -6,7 +6,7 @@ namespace dimple {
 
 struct AccuracyOptions {
   std::vector<std::string> only;  ///< of a, b, image; empty: all that there are
-  std::vector<Index> nodes = {500, 1000, 2000, 3000, 4250, 8500};
+  std::vector<Index> nodes = {600, 1000, 2000, 3000, 4250, 8500};
   std::vector<std::string> schemes = {"converging", "horton2007"};
   std::vector<std::string> times = {"quasi-static", "dynamic"};
   int repeat = 1;  ///< clouds of each size (seeds): times are medians, errors the largest of all
