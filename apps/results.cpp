@@ -87,7 +87,7 @@ void ResultWriter::frame(const Frame& frame) {
       mises(0, q) = std::sqrt(1.5) * deviator.norm();
     }
   }
-  PointFile file{.position_mm = points_mm_};  // one by one: a list of them would be copied
+  PointFile file{.position_mm = points_mm_, .fields = {}};  // one by one: a list of them would be copied
   file.fields.push_back({.name = "displacement", .unit = "mm", .values = to_points_(u), .components = xyz});
   file.fields.push_back({.name = "jacobian", .unit = "", .values = std::move(J)});
   file.fields.push_back({.name = "cauchy_stress",

@@ -69,7 +69,7 @@ void measure(const std::string& dimple, const fs::path& results, const std::vect
     rusage children{};
     getrusage(RUSAGE_CHILDREN, &children);  // the largest so far: sizes grow
     const auto moving = summary_of(dimple, folder,
-                                   {"--nodes", std::to_string(nodes), "--frames", "1", "--depth", "0.04mm",
+                                   {"--nodes", std::to_string(nodes), "--frames", "1", "--depth", "0.16mm",
                                     "--time", "explicit", "--scheme", "horton2007"});
     const double step = moving["time_step_s"].get<double>();
     const std::vector<double> row = {still["counts"]["nodes"].get<double>(),
