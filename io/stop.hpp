@@ -1,0 +1,57 @@
+#pragma once
+
+#include <atomic>
+
+#include "io/error.hpp"
+
+namespace dimple {
+
+/// Why the work at hand is to end.
+enum class StopReason : int { none = 0, interrupted, out_of_time };
+
+/// The work at hand was asked to end. Whoever has something to keep catches it, keeps that, and passes it on.
+struct Stopped : Error {
+  explicit Stopped(StopReason why);
+  StopReason reason;
+};
+
+namespace stop_detail {
+inline std::atomic<StopReason> asked{StopReason::none};
+static_assert(std::atomic<StopReason>::is_always_lock_free, "signal handlers set it");
+}  // namespace stop_detail
+
+/// Asks all work of this process to end; the first reason stays. Safe in a signal handler and from any
+/// thread.
+inline void ask_to_stop(StopReason why) noexcept {
+  StopReason none = StopReason::none;
+  stop_detail::asked.compare_exchange_strong(none, why);
+}
+inline StopReason stop_asked() noexcept {
+  return stop_detail::asked.load(std::memory_order_relaxed);
+}
+/// Work may begin again, for programs that go on after a stop.
+inline void forget_stop() noexcept {
+  stop_detail::asked.store(StopReason::none);
+}
+
+/// Throws Stopped if the work was asked to end. It costs one load: every loop that may last asks it at least
+/// ten times a second, in oneTBB's loops too, which pass the exception on.
+inline void stop_if_asked() {
+  if (const StopReason why = stop_asked(); why != StopReason::none) throw Stopped(why);
+}
+
+inline Stopped::Stopped(StopReason why)
+    : Error(ExitCode::interrupted,
+            why == StopReason::out_of_time
+                ? Report{.fact = "the time limit has passed",
+                         .where = "--time-limit",
+                         .why = "the work was not done by then",
+                         .remedy = "give more time, fewer --nodes or fewer --frames",
+                         .code = "out-of-time"}
+                : Report{.fact = "interrupted",
+                         .where = "",
+                         .why = "Ctrl-C or a signal asked for it",
+                         .remedy = "start the command again; `dimple run --resume` goes on with a run"}),
+      reason(why) {}
+
+}  // namespace dimple
