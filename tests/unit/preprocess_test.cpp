@@ -11,6 +11,7 @@
 #include "apps/config.hpp"
 #include "io/error.hpp"
 #include "preprocess/build_model.hpp"
+#include "preprocess/label_surface.hpp"
 #include "preprocess/phantom.hpp"
 #include "tests/helpers/folder.hpp"
 
