@@ -409,10 +409,11 @@ TEST(Vtp, RefusesTrianglesOfPointsThatDoNotExist) {
 LabelImage oblique_image(std::int32_t label) {
   LabelImage image;
   image.size = {20, 16, 12};
-  image.voxel.assign(20 * 16 * 12, 0);
+  std::vector<std::int32_t> voxel(20 * 16 * 12, 0);
   for (Index k = 4; k <= 7; ++k)
     for (Index j = 3; j <= 12; ++j)
-      for (Index i = 8; i <= 17; ++i) image.voxel[static_cast<std::size_t>(i + 20 * (j + 16 * k))] = label;
+      for (Index i = 8; i <= 17; ++i) voxel[static_cast<std::size_t>(i + 20 * (j + 16 * k))] = label;
+  set_voxels(image, voxel);
   image.to_world = Eigen::Translation3d(-31.0, 12.5, 7.0) *
                    Eigen::AngleAxisd(0.4, Vec3(1.0, -2.0, 0.5).normalized()) * Eigen::Scaling(0.5, 1.0, 2.0);
   return image;
