@@ -67,13 +67,12 @@ std::size_t largest(const std::vector<Pieces::Piece>& pieces) {
 }
 
 // The largest piece, with its small cavities filled.
-VoxelSet one_body(const LabelImage& image, const VoxelSet& set, SegmentReport& report) {
+VoxelSet one_body(const LabelImage& image, const VoxelSet& set, double voxel_volume, SegmentReport& report) {
   const Pieces pieces = face_connected(set);
   const std::size_t body = largest(pieces.piece);
   std::int64_t all = 0;
   for (const auto& piece : pieces.piece) all += piece.voxels;
   std::int64_t kept = pieces.piece[body].voxels;
-  const double voxel_volume = image.voxel_volume();
   report.pieces = static_cast<int>(pieces.piece.size());
   report.label_volume_mm3 = voxel_volume * static_cast<double>(all);
   report.dropped_volume_mm3 = voxel_volume * static_cast<double>(all - kept);
@@ -356,10 +355,9 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   report.labels = labels;
   const VoxelSet chosen = chosen_voxels(image, labels);
   report.cut_by_border = touches_border(chosen, image);
-  const VoxelSet body = one_body(image, chosen, report);
-  tell_of_cavities(report);
-
   const Frame frame = frame_of(image);
+  const VoxelSet body = one_body(image, chosen, frame.voxel_to_local.determinant(), report);
+  tell_of_cavities(report);
   const Vec3 spacing = frame.voxel_to_local.colwise().norm();
   const double step = options.step_mm > 0.0 ? std::max(options.step_mm, finest_step(body, spacing))
                                             : lattice_step(body, spacing, report.voxel_volume_mm3,

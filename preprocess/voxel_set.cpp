@@ -18,12 +18,12 @@ VoxelSet voxels_with(const LabelImage& image, const std::vector<int>& labels) {
     stop_if_asked();
     for (Index j = 0; j < image.size[1]; ++j) {
       row.clear();
-      for (std::int32_t i = 0; i < image.size[0]; ++i) {
-        if (!is_chosen(image.at(i, j, k))) continue;
-        if (!row.empty() && row.back().end == i)
-          ++row.back().end;
+      for (const Run& run : image.row(j, k)) {
+        if (!is_chosen(run.label)) continue;
+        if (!row.empty() && row.back().end == run.begin)
+          row.back().end = run.end;
         else
-          row.push_back({i, i + 1});
+          row.push_back({run.begin, run.end});
       }
       count.push_back(row.size());
       if (row.empty()) continue;
