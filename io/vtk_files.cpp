@@ -20,6 +20,7 @@
 #include <vtkPoints.h>
 #include <vtkPolyData.h>
 #include <vtkShortArray.h>
+#include <vtkSignedCharArray.h>
 #include <vtkSmartPointer.h>
 #include <vtkUnsignedShortArray.h>
 #include <vtkUnstructuredGrid.h>
@@ -459,13 +460,13 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
 
 // --------------------------------------------------------------------------------------------------- images
 
-/// The foreground and a tenth of its size on every side; the whole image if it holds none.
+/// The foreground and two voxels on every side, for contours to close; the whole image if it holds none.
 VoxelBox foreground_and_margin(const LabelImage& image) {
   const auto [ni, nj, nk] = image.size;
   VoxelBox box = foreground_box(image);
   if (box.high[0] < 0) return {.low = {0, 0, 0}, .high = {ni - 1, nj - 1, nk - 1}};
   for (std::size_t d = 0; d < 3; ++d) {
-    const Index margin = (box.high[d] - box.low[d] + 1 + 9) / 10;  // rounded up: at least one voxel
+    constexpr Index margin = 2;
     box.low[d] = std::max<Index>(box.low[d] - margin, 0);
     box.high[d] = std::min<Index>(box.high[d] + margin, image.size[d] - 1);
   }
@@ -546,7 +547,8 @@ vtkSmartPointer<vtkDataArray> labels_as(const LabelImage& image) {
   return array;
 }
 
-/// The narrowest of int16, uint16, int32 that holds every label.
+/// The narrowest of int8, int16, uint16, int32 that holds every label; not uint8, which VTK takes for
+/// colours.
 vtkSmartPointer<vtkDataArray> label_array(const LabelImage& image) {
   std::int32_t least = 0, greatest = 0;
   for (const Run& run : image.run)
@@ -555,6 +557,8 @@ vtkSmartPointer<vtkDataArray> label_array(const LabelImage& image) {
     using Limits = std::numeric_limits<decltype(type)>;
     return least >= Limits::min() && greatest <= Limits::max();
   };
+  using SignedChar = signed char;
+  if (fits(SignedChar{})) return labels_as<vtkSignedCharArray>(image);
   if (fits(short{})) return labels_as<vtkShortArray>(image);
   using UnsignedShort = unsigned short;
   if (fits(UnsignedShort{})) return labels_as<vtkUnsignedShortArray>(image);

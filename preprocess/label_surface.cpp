@@ -33,6 +33,7 @@ constexpr double leash =
 constexpr double cavity_share = 1.0 / 500.0;    // of the organ's volume: smaller cavities are filled
 constexpr double level = 0.5, at_level = 1e-3;  // lattice values nearer to the level count as inside
 constexpr double most_lattice_points = 64e6;
+constexpr double most_triangles = 2e6;  // a coarser lattice is taken before there are more
 constexpr double most_lost = 1.0 / 3.0, lost_to_tell = 0.03;  // of the volume, to smoothing
 
 // The lattice: as fine as the voxels, but no finer than a tenth of the indenter and 1/110 of the organ, which
@@ -194,10 +195,11 @@ void set_values(Lattice& lattice, const VoxelSet& set, float to) {
 }
 
 // Leaves one piece above the level, and no small cavity below it: smoothing cuts off specks and closes
-// pockets. Values at the level move off it, so that no triangle of the contour is a point or a line.
-void keep_one_body(Lattice& lattice, double smallest_cavity_points, SegmentReport& report) {
+// pockets. Values at the level move off it, so that no triangle of the contour is a point or a line. Returns
+// how many cavities there are.
+int keep_one_body(Lattice& lattice, double smallest_cavity_points) {
   const VoxelSet inside = inside_of(lattice);
-  if (inside.stretch.empty()) return;
+  if (inside.stretch.empty()) return 0;
   for (float& value : lattice.value)
     if (value > level - at_level && value < level + at_level) value = static_cast<float>(level + at_level);
 
@@ -210,19 +212,13 @@ void keep_one_body(Lattice& lattice, double smallest_cavity_points, SegmentRepor
   const VoxelSet around = complement(selection(inside, pieces, specks));
   const Pieces gaps = face_connected(around);
   std::vector<bool> pocket(gaps.piece.size(), false);
-  std::ptrdiff_t cavities = 0;
+  int cavities = 0;
   for (std::size_t g = 1; g < gaps.piece.size(); ++g) {
     pocket[g] = static_cast<double>(gaps.piece[g].voxels) < smallest_cavity_points;
     cavities += pocket[g] ? 0 : 1;
   }
   set_values(lattice, selection(around, gaps, pocket), 1.0f);
-  const auto kept = std::count_if(report.cavities.begin(), report.cavities.end(),
-                                  [](const Cavity& cavity) { return !cavity.filled; });
-  if (cavities != kept)
-    report.warnings.push_back(fmt::format(
-        "smoothing by {:.2f} mm leaves {} of the size of a kept cavity where the voxels have {}: thin "
-        "gaps or walls closed or opened",
-        report.smoothing_mm, cavities == 1 ? "one hollow" : fmt::format("{} hollows", cavities), kept));
+  return cavities;
 }
 
 // In lattice coordinates.
@@ -251,6 +247,27 @@ TriangleMesh contour(const Lattice& lattice) {
     for (int c = 0; c < 3; ++c) mesh.triangles(c, t) = corner[c];
   if (enclosed_volume(mesh) < 0.0) mesh.triangles.row(1).swap(mesh.triangles.row(2));
   return mesh;
+}
+
+// The contour of the smoothed body, in the local frame.
+struct Drawing {
+  TriangleMesh surface;
+  int cavities = 0;
+};
+
+Drawing draw(const VoxelSet& body, const Frame& frame, double step, SegmentReport& report) {
+  const Vec3 spacing = frame.voxel_to_local.colwise().norm();
+  const Vec3 sigma = (0.5 * step * spacing.cwiseInverse()).cwiseMax(smoothing_voxels);
+  report.step_mm = step;
+  report.smoothing_mm = sigma.cwiseProduct(spacing).maxCoeff();
+  Lattice lattice = smoothed(body, sigma, step * spacing.cwiseInverse());
+  Drawing drawing;
+  drawing.cavities = keep_one_body(lattice, cavity_share * report.voxel_volume_mm3 / (step * step * step));
+  TriangleMesh& surface = drawing.surface = contour(lattice);
+  const Points voxel = (lattice.step.asDiagonal() * surface.vertex).colwise() + lattice.origin;
+  surface.vertex = frame.voxel_to_local * voxel;
+  stop_if_asked();
+  return drawing;
 }
 
 // The next corner in each triangle around a vertex: each edge is seen once from either side.
@@ -359,21 +376,24 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   const VoxelSet body = one_body(image, chosen, frame.voxel_to_local.determinant(), report);
   tell_of_cavities(report);
   const Vec3 spacing = frame.voxel_to_local.colwise().norm();
-  const double step = options.step_mm > 0.0 ? std::max(options.step_mm, finest_step(body, spacing))
-                                            : lattice_step(body, spacing, report.voxel_volume_mm3,
-                                                           options.indenter_diameter_mm);
-  const Vec3 sigma = (0.5 * step * spacing.cwiseInverse()).cwiseMax(smoothing_voxels);
-  report.step_mm = step;
-  report.smoothing_mm = sigma.cwiseProduct(spacing).maxCoeff();
-  TriangleMesh surface;
-  {
-    Lattice lattice = smoothed(body, sigma, step * spacing.cwiseInverse());
-    keep_one_body(lattice, cavity_share * report.voxel_volume_mm3 / (step * step * step), report);
-    surface = contour(lattice);
-    const Points voxel = (lattice.step.asDiagonal() * surface.vertex).colwise() + lattice.origin;
-    surface.vertex = frame.voxel_to_local * voxel;
+  double step = options.step_mm > 0.0
+                    ? std::max(options.step_mm, finest_step(body, spacing))
+                    : lattice_step(body, spacing, report.voxel_volume_mm3, options.indenter_diameter_mm);
+  Drawing drawing = draw(body, frame, step, report);
+  TriangleMesh& surface = drawing.surface;
+  for (int again = 0; again < 8 && static_cast<double>(surface.triangles.cols()) > most_triangles; ++again) {
+    step *= 1.1 * std::sqrt(static_cast<double>(surface.triangles.cols()) / most_triangles);
+    drawing = draw(body, frame, step, report);
   }
-  stop_if_asked();
+  const auto kept = std::count_if(report.cavities.begin(), report.cavities.end(),
+                                  [](const Cavity& cavity) { return !cavity.filled; });
+  if (drawing.cavities != kept)
+    report.warnings.push_back(fmt::format(
+        "smoothing by {:.2f} mm leaves {} of more than 0.2 % of the organ where the voxels have {}: narrow "
+        "gaps "
+        "or thin walls closed or opened",
+        report.smoothing_mm,
+        drawing.cavities == 1 ? "one cavity" : fmt::format("{} cavities", drawing.cavities), kept));
   check_lost_volume(surface, step, report);
   separate_touching_sheets(surface);
   // Terraces are as long as voxels; where the lattice is coarser, smoothing has taken them already.

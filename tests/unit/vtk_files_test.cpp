@@ -445,7 +445,7 @@ TEST(Vti, PutsEveryVoxelOfAnObliqueImageInItsPlace) {
   write_vti(file, image);
   const auto grid = read_image(file);
   EXPECT_STREQ(grid->GetPointData()->GetScalars()->GetName(), "label");
-  EXPECT_EQ(grid->GetPointData()->GetScalars()->GetDataType(), VTK_SHORT);
+  EXPECT_EQ(grid->GetPointData()->GetScalars()->GetDataType(), VTK_SIGNED_CHAR);
 
   const Mat3 direction = image.to_world.rotation();
   for (int r = 0; r < 3; ++r)
@@ -458,23 +458,25 @@ TEST(Vti, PutsEveryVoxelOfAnObliqueImageInItsPlace) {
             image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
         ASSERT_EQ(label_at(*grid, centre), image.at(i, j, k)) << i << ' ' << j << ' ' << k;
       }
-  // And the first voxel of the cropped grid is voxel (7, 2, 3): a tenth of 10, 10 and 4, rounded up.
-  const Vec3 corner = image.to_world * Vec3(7.0, 2.0, 3.0);
+  // And the first voxel of the cropped grid is voxel (6, 1, 2).
+  const Vec3 corner = image.to_world * Vec3(6.0, 1.0, 2.0);
   for (int d = 0; d < 3; ++d) EXPECT_NEAR(grid->GetPoint(0)[d], corner[d], 1e-12);
 }
 
-TEST(Vti, IsCroppedToTheForegroundAndATenthMore) {
+TEST(Vti, IsCroppedToTheForegroundAndTwoVoxelsMore) {
   const fs::path file = fresh_folder() / "label.vti";
   write_vti(file, oblique_image(1));
   const auto grid = read_image(file);
-  EXPECT_EQ(grid->GetDimensions()[0], 12);
-  EXPECT_EQ(grid->GetDimensions()[1], 12);
-  EXPECT_EQ(grid->GetDimensions()[2], 6);
+  EXPECT_EQ(grid->GetDimensions()[0], 14);
+  EXPECT_EQ(grid->GetDimensions()[1], 14);
+  EXPECT_EQ(grid->GetDimensions()[2], 8);
 }
 
 TEST(Vti, UsesTheNarrowestTypeThatHoldsEveryLabel) {
   const fs::path file = fresh_folder() / "label.vti";
-  for (const auto& [label, type] : {std::pair{32767, VTK_SHORT},
+  for (const auto& [label, type] : {std::pair{127, VTK_SIGNED_CHAR},
+                                    {128, VTK_SHORT},
+                                    {32767, VTK_SHORT},
                                     {32768, VTK_UNSIGNED_SHORT},
                                     {65535, VTK_UNSIGNED_SHORT},
                                     {65536, VTK_INT},
