@@ -214,12 +214,8 @@ Prepared prepare(const Config& config) {
 
   Stopwatch building;
   ModelOptions options = model_options(config);
-  // Only to decide how fine the surface is drawn; the cloud itself is measured on the surface.
-  const double rough =
-      options.cloud.spacing_mm > 0.0
-          ? options.cloud.spacing_mm
-          : std::cbrt(largest_piece_volume(image, labels) / static_cast<double>(options.cloud.count));
-  SegmentedBody body = make_body_surface(image, labels, rough);
+  SegmentedBody body =
+      make_body_surface(image, labels, {.indenter_diameter_mm = options.boundary.indenter_diameter_mm});
   result.stages.done("surface");
   result.segment = body.report;
   const SegmentReport& segment = result.segment;
@@ -232,14 +228,12 @@ Prepared prepare(const Config& config) {
     result.warnings.push_back(fmt::format(
         "{:.1f} % of the labelled volume lies in pieces that do not touch the largest and was dropped",
         100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
-  if (segment.cavities_filled > 0)
-    say(fmt::format("organ    {} cavities too small for the cloud were filled, {:.2f} cm3 in all",
-                    segment.cavities_filled, segment.filled_volume_mm3 / 1e3));
-  say(
-      fmt::format("organ    {:.2f} cm3, surface {:.1f} cm2 ({} triangles, smoothed by {:.2f} mm; encloses "
-                  "the voxels' volume to {:+.2f} %)",
-                  segment.voxel_volume_mm3 / 1e3, body.surface.area() / 1e2, body.surface.triangles().cols(),
-                  segment.smoothing_mm, 100.0 * (body.surface.volume() / segment.voxel_volume_mm3 - 1.0)));
+  say(fmt::format(
+      "organ    {:.2f} cm3, surface {:.1f} cm2 ({} triangles, drawn {:.2f} mm apart, smoothed by {:.2f} mm; "
+      "encloses the voxels' volume to {:+.2f} %)",
+      segment.voxel_volume_mm3 / 1e3, body.surface.area() / 1e2, body.surface.triangles().cols(),
+      segment.step_mm, segment.smoothing_mm,
+      100.0 * (body.surface.volume() / segment.voxel_volume_mm3 - 1.0)));
   const Vec3 extent = body.surface.upper() - body.surface.lower();
   if (extent.maxCoeff() < 5.0 || extent.maxCoeff() > 2000.0)
     result.warnings.push_back(fmt::format(
@@ -300,6 +294,13 @@ Prepared prepare(const Config& config) {
   return result;
 }
 
+Json cavities_json(const std::vector<Cavity>& cavities) {
+  Json list = Json::array();
+  for (const Cavity& c : cavities)
+    list.push_back({{"volume_mm3", c.volume_mm3}, {"centre_mm", three(c.centre_mm)}, {"filled", c.filled}});
+  return list;
+}
+
 Json model_json(const Prepared& p) {
   const ModelReport& r = p.report;
   return {{"organ_volume_mm3", p.segment.voxel_volume_mm3},
@@ -307,7 +308,9 @@ Json model_json(const Prepared& p) {
           {"grid_volume_mm3", r.grid_volume_mm3},
           {"pieces", p.segment.pieces},
           {"dropped_volume_mm3", p.segment.dropped_volume_mm3},
-          {"cavities_filled", p.segment.cavities_filled},
+          {"cavities", cavities_json(p.segment.cavities)},
+          {"surface_step_mm", p.segment.step_mm},
+          {"smoothing_mm", p.segment.smoothing_mm},
           {"node_spacing_mm", r.spacing_mm},
           {"rim_spacing_mm", r.rim_spacing_mm},
           {"cell_mm", r.cell_mm},
@@ -837,11 +840,7 @@ SegmentedBody segment(const Config& config) {
                       .remedy = "give one: dimple export IMAGE -o FILE"});
   const LabelImage image = read_label_image(config.image.file, config.image.label_names);
   const std::vector<int> labels = chosen_labels(image, config.image.label);
-  const double rough =
-      config.cloud.spacing_mm > 0.0
-          ? config.cloud.spacing_mm
-          : std::cbrt(largest_piece_volume(image, labels) / static_cast<double>(config.cloud.nodes));
-  return make_body_surface(image, labels, rough);
+  return make_body_surface(image, labels, {.indenter_diameter_mm = config.boundary.indenter_diameter_mm});
 }
 
 void describe_image(const fs::path& file, const fs::path& label_names, bool as_json) {

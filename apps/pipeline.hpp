@@ -7,6 +7,7 @@
 #include "apps/config.hpp"
 #include "apps/model_files.hpp"
 #include "apps/results.hpp"
+#include "preprocess/label_surface.hpp"
 
 namespace dimple {
 

@@ -9,6 +9,7 @@
 #include <cstring>
 #include <fstream>
 #include <limits>
+#include <numeric>
 #include <type_traits>
 #include <utility>
 
@@ -16,6 +17,7 @@
 #include "io/file.hpp"
 #include "io/label_formats.hpp"
 #include "io/label_names.hpp"
+#include "io/stop.hpp"
 
 namespace dimple {
 namespace {
@@ -23,6 +25,8 @@ namespace {
 namespace fs = std::filesystem;
 
 enum class Format { nrrd, nifti, metaimage, unknown };
+
+constexpr std::size_t block = std::size_t{1} << 22;  // voxels between two questions whether to stop
 
 Format format_of(const fs::path& file) {
   std::string name = file.filename().string();
@@ -45,13 +49,6 @@ const char* fault(double label) {
   if (label != std::floor(label)) return "not a whole number";
   if (label > std::numeric_limits<std::int32_t>::max()) return "larger than 2147483647";
   return nullptr;
-}
-
-template <class T>
-T number_at(const StoredImage& image, std::size_t v) {
-  T number;
-  std::memcpy(&number, image.data.data() + v * sizeof(T), sizeof(T));
-  return number;
 }
 
 /// Calls `visit` with a zero of the type in which the image is stored.
@@ -80,19 +77,37 @@ void with_type(Number type, const auto& visit) {
   }
 }
 
-/// Throws unless every voxel holds a label and one is not background. Before room is made for the labels, so
-/// that a file of nothing takes no more memory than it must.
+/// The voxels as they lie in memory; bytes are no objects of another type, but may become some.
+template <class T>
+std::span<const T> numbers(const StoredImage& image) {
+  return {reinterpret_cast<const T*>(image.data.data()), image.data.size() / sizeof(T)};
+}
+
+/// What the file's number stands for. A double holds every label that is accepted; what it rounds is far
+/// above the greatest.
+template <class T>
+double label_of(const StoredImage& image, T number) {
+  return image.slope * static_cast<double>(number) + image.intercept;
+}
+
+/// Throws unless every voxel holds a label.
 void check_voxels(const StoredImage& image, const fs::path& file) {
   const std::size_t count = image.data.size() / bytes_of(image.type);
-  std::size_t faulty = 0, first = 0, foreground = 0;
+  std::size_t faulty = 0, first = 0;
   double first_value = 0.0;
   with_type(image.type, [&]<class T>(T) {
-    for (std::size_t v = 0; v < count; ++v) {
-      // A double holds every label that is accepted; what it rounds is far above the greatest.
-      const double label = image.slope * static_cast<double>(number_at<T>(image, v)) + image.intercept;
-      if (label == 0.0) continue;
-      ++foreground;
-      if (fault(label) && faulty++ == 0) first = v, first_value = label;
+    const std::span<const T> number = numbers<T>(image);
+    const bool is_as_it_stands = image.slope == 1.0 && image.intercept == 0.0;
+    if (std::is_unsigned_v<T> && sizeof(T) < 4 && is_as_it_stands) return;  // nothing can be wrong
+    for (std::size_t begin = 0; begin < count; begin += block) {
+      stop_if_asked();
+      const auto part = number.subspan(begin, std::min(block, count - begin));
+      // Most blocks hold one number, or few: look at those that differ from the one before.
+      for (std::size_t v = 0; v < part.size(); ++v) {
+        if (v > 0 && part[v] == part[v - 1] && faulty == 0) continue;
+        const double label = label_of(image, part[v]);
+        if (fault(label) && faulty++ == 0) first = begin + v, first_value = label;
+      }
     }
   });
   if (faulty > 0) {
@@ -106,11 +121,6 @@ void check_voxels(const StoredImage& image, const fs::path& file) {
                 "segmentation",
          .remedy = "give the segmentation, exported as a label map with an integer type"});
   }
-  if (foreground == 0)
-    throw InputError({.fact = fmt::format("all {} voxels are background (0)", count),
-                      .where = image_place(file),
-                      .why = "an organ is made of the voxels whose label is not 0, and there is none",
-                      .remedy = "check that the segmentation was saved, and that this is the right file"});
 }
 
 // ---------------------------------------------------------------------------------------------------------
@@ -186,6 +196,95 @@ void check_geometry(const Eigen::Affine3d& to_world, const fs::path& file) {
     throw refuse("the image's axes do not span space: they lie in one plane or nearly so");
 }
 
+/// From canonical voxels to stored ones: (i, j, k) is number first + i step[0] + j step[1] + k step[2].
+struct Walk {
+  Index first = 0;
+  std::array<Index, 3> step{};
+};
+
+/// More runs than this are no segmentation: of an organ's labels a run is tens of voxels long, of an MRI's
+/// grey values one. Small images may hold anything; of them the user is warned.
+std::size_t most_runs(const LabelImage& image) {
+  const Index voxels = image.size[0] * image.size[1] * image.size[2];
+  return std::max<std::size_t>(std::size_t{1} << 22, static_cast<std::size_t>(voxels) / 8);
+}
+
+/// Appends the runs of one row of stored numbers.
+template <class T>
+void append_runs(std::vector<Run>& run, const T* number, Index count, const StoredImage& stored) {
+  constexpr Index stride = 64;
+  const std::size_t begin_of_row = run.size();
+  for (Index begin = 0, end = 0; begin < count; begin = end) {
+    end = begin + 1;
+    // Numbers that equal their neighbours to the left, many at once, then one by one.
+    while (end + stride <= count && std::memcmp(number + end, number + end - 1, stride * sizeof(T)) == 0)
+      end += stride;
+    while (end < count && number[end] == number[begin]) ++end;
+    const auto label = static_cast<std::int32_t>(label_of(stored, number[begin]));
+    if (label == 0) continue;
+    const auto first = static_cast<std::int32_t>(begin), after = static_cast<std::int32_t>(end);
+    if (run.size() > begin_of_row && run.back().end == first && run.back().label == label)
+      run.back().end = after;
+    else
+      run.push_back({first, after, label});
+  }
+}
+
+/// Brings the stored voxels into canonical rows. Where rows run across memory, as many of them as lie side by
+/// side there are gathered at once.
+template <class T>
+void take_rows(LabelImage& image, const StoredImage& stored, const Walk& walk, const fs::path& file) {
+  const T* number = numbers<T>(stored).data();
+  const auto [ni, nj, nk] = image.size;
+  const std::size_t limit = most_runs(image);
+  // The axis along which neighbouring rows are neighbours in memory, and the other.
+  const std::size_t along = std::abs(walk.step[1]) < std::abs(walk.step[2]) ? 1 : 2, across = 3 - along;
+  const Index side = std::abs(walk.step[0]) == 1 ? 1 : 64, pitch = ni + 64 / static_cast<Index>(sizeof(T));
+  std::vector<T> tile(static_cast<std::size_t>(side * pitch));
+
+  std::vector<Run> run;  // in the order in which rows are come to
+  const auto row_of = [&, nj = nj](Index a, Index b) {
+    return static_cast<std::size_t>(along == 1 ? a + nj * b : b + nj * a);
+  };
+  image.row_offset.assign(static_cast<std::size_t>(nj * nk) + 1, 0);
+  for (Index b = 0; b < image.size[across]; ++b)
+    for (Index a = 0; a < image.size[along]; a += side) {
+      stop_if_asked();
+      const Index width = std::min(side, image.size[along] - a);
+      const T* corner = number + walk.first + a * walk.step[along] + b * walk.step[across];
+      if (walk.step[0] != 1)
+        for (Index i = 0; i < ni; ++i)
+          for (Index w = 0; w < width; ++w)
+            tile[static_cast<std::size_t>(w * pitch + i)] = corner[i * walk.step[0] + w * walk.step[along]];
+      for (Index w = 0; w < width; ++w) {
+        const std::size_t before = run.size();
+        append_runs(run, walk.step[0] == 1 ? corner : tile.data() + w * pitch, ni, stored);
+        image.row_offset[row_of(a + w, b) + 1] = run.size() - before;
+      }
+      if (run.size() > limit)
+        throw InputError(
+            {.fact = fmt::format("the labels change more than {} times along the rows of {} x {} x {} voxels",
+                                 limit, ni, nj, nk),
+             .where = image_place(file),
+             .why = "neighbours are hardly ever alike: this is an MRI or CT rather than its segmentation",
+             .remedy = "give the segmentation, exported as a label map"});
+    }
+  std::partial_sum(image.row_offset.begin(), image.row_offset.end(), image.row_offset.begin());
+  if (along == 1) {  // rows came in their order
+    image.run = std::move(run);
+    return;
+  }
+  image.run.resize(run.size());
+  auto from = run.begin();
+  for (Index b = 0; b < image.size[across]; ++b)
+    for (Index a = 0; a < image.size[along]; ++a) {
+      const std::size_t row = row_of(a, b);
+      const auto to = from + static_cast<std::ptrdiff_t>(image.row_offset[row + 1] - image.row_offset[row]);
+      std::copy(from, to, image.run.begin() + static_cast<std::ptrdiff_t>(image.row_offset[row]));
+      from = to;
+    }
+}
+
 LabelImage canonical(const StoredImage& stored, const fs::path& file) {
   check_geometry(stored.to_world, file);
   check_voxels(stored, file);
@@ -200,21 +299,19 @@ LabelImage canonical(const StoredImage& stored, const fs::path& file) {
   image.stored_size = stored.size;
   image.stored_spacing = linear.colwise().norm();
 
-  // Walk the stored voxels in canonical order: start at the corner that becomes (0, 0, 0).
+  Walk walk;
   const std::array<Index, 3> stored_step{1, stored.size[0], stored.size[0] * stored.size[1]};
-  std::array<Index, 3> step{};
-  Index first = 0;
   Vec3 origin = stored.to_world.translation();
   for (std::size_t c = 0; c < 3; ++c) {
     const auto a = static_cast<std::size_t>(order.stored[c]);
     const auto column = static_cast<Index>(c);
     image.size[c] = stored.size[a];
-    step[c] = stored_step[a];
+    walk.step[c] = stored_step[a];
     image.to_world.linear().col(column) = linear.col(order.stored[c]);
     if (order.flipped[c]) {
       origin += linear.col(order.stored[c]) * static_cast<double>(stored.size[a] - 1);
-      first += stored_step[a] * (stored.size[a] - 1);
-      step[c] = -step[c];
+      walk.first += stored_step[a] * (stored.size[a] - 1);
+      walk.step[c] = -walk.step[c];
       image.to_world.linear().col(column) *= -1.0;
     }
   }
@@ -222,16 +319,13 @@ LabelImage canonical(const StoredImage& stored, const fs::path& file) {
   image.to_world.translation() = origin.array() + 0.0;
   image.to_world.makeAffine();
 
-  image.voxel.reserve(stored.data.size() / bytes_of(stored.type));
-  with_type(stored.type, [&]<class T>(T) {
-    for (Index k = 0; k < image.size[2]; ++k)
-      for (Index j = 0; j < image.size[1]; ++j)
-        for (Index i = 0; i < image.size[0]; ++i) {
-          const auto v = static_cast<std::size_t>(first + i * step[0] + j * step[1] + k * step[2]);
-          image.voxel.push_back(static_cast<std::int32_t>(
-              stored.slope * static_cast<double>(number_at<T>(stored, v)) + stored.intercept));
-        }
-  });
+  with_type(stored.type, [&]<class T>(T) { take_rows<T>(image, stored, walk, file); });
+  if (image.run.empty())
+    throw InputError(
+        {.fact = fmt::format("all {} voxels are background (0)", stored.data.size() / bytes_of(stored.type)),
+         .where = image_place(file),
+         .why = "an organ is made of the voxels whose label is not 0, and there is none",
+         .remedy = "check that the segmentation was saved, and that this is the right file"});
   if (!is_at_right_angles(linear))
     image.warnings.push_back(
         "The image's axes are not at right angles; the shear is kept. 3D Slicer may refuse this file or show "
@@ -241,15 +335,7 @@ LabelImage canonical(const StoredImage& stored, const fs::path& file) {
 
 /// Largest extent of the box around the foreground [mm].
 double foreground_extent(const LabelImage& image) {
-  std::array<Index, 3> low = image.size, high{-1, -1, -1};
-  auto voxel = image.voxel.begin();
-  for (Index k = 0; k < image.size[2]; ++k)
-    for (Index j = 0; j < image.size[1]; ++j)
-      for (Index i = 0; i < image.size[0]; ++i)
-        if (*voxel++ != 0) {
-          low = {std::min(low[0], i), std::min(low[1], j), std::min(low[2], k)};
-          high = {std::max(high[0], i), std::max(high[1], j), std::max(high[2], k)};
-        }
+  const auto [low, high] = foreground_box(image);
   double extent = 0.0;
   for (std::size_t c = 0; c < 3; ++c)
     extent =
@@ -260,11 +346,12 @@ double foreground_extent(const LabelImage& image) {
 /// Grey values of an MRI pass for labels where they are whole numbers, but neighbours differ: in a
 /// segmentation most neighbours are alike.
 bool looks_like_grey_values(const LabelImage& image) {
-  std::size_t pairs = 0, differing = 0;
-  for (std::size_t v = 1; v < image.voxel.size(); ++v) {
-    if (image.voxel[v] == 0 || image.voxel[v - 1] == 0) continue;
-    ++pairs;
-    if (image.voxel[v] != image.voxel[v - 1]) ++differing;
+  std::int64_t pairs = 0, differing = 0;
+  for (std::size_t r = 0; r < image.run.size(); ++r) {
+    pairs += image.run[r].end - image.run[r].begin - 1;
+    // The next may be of another row, where by chance it begins at the same voxel; those are few.
+    if (r == 0 || image.run[r - 1].end != image.run[r].begin) continue;
+    ++pairs, ++differing;
   }
   return pairs > 1000 && 2 * differing > pairs;
 }
@@ -291,29 +378,30 @@ bool is_dicom(const fs::path& file) {
 }
 
 template <class T>
-void append_as(const std::vector<std::int32_t>& labels, std::vector<std::byte>& data) {
-  data.resize(labels.size() * sizeof(T));
-  for (std::size_t v = 0; v < labels.size(); ++v) {
-    const T number = static_cast<T>(labels[v]);
-    std::memcpy(data.data() + v * sizeof(T), &number, sizeof(T));
-  }
+void store_as(StoredImage& stored, const LabelImage& image) {
+  stored.data.assign(static_cast<std::size_t>(image.size[0] * image.size[1] * image.size[2]) * sizeof(T),
+                     std::byte{0});
+  T* row = reinterpret_cast<T*>(stored.data.data());
+  for (Index k = 0; k < image.size[2]; ++k)
+    for (Index j = 0; j < image.size[1]; ++j, row += image.size[0])
+      for (const Run& r : image.row(j, k)) std::fill(row + r.begin, row + r.end, static_cast<T>(r.label));
 }
 
 StoredImage to_stored(const LabelImage& image) {
   StoredImage stored;
   stored.size = image.size;
   stored.to_world = image.to_world;
-  const std::int32_t largest =
-      image.voxel.empty() ? 0 : *std::max_element(image.voxel.begin(), image.voxel.end());
+  std::int32_t largest = 0;
+  for (const Run& run : image.run) largest = std::max(largest, run.label);
   if (largest <= std::numeric_limits<std::uint8_t>::max()) {
     stored.type = Number::uint8;
-    append_as<std::uint8_t>(image.voxel, stored.data);
+    store_as<std::uint8_t>(stored, image);
   } else if (largest <= std::numeric_limits<std::uint16_t>::max()) {
     stored.type = Number::uint16;
-    append_as<std::uint16_t>(image.voxel, stored.data);
+    store_as<std::uint16_t>(stored, image);
   } else {
     stored.type = Number::int32;
-    append_as<std::int32_t>(image.voxel, stored.data);
+    store_as<std::int32_t>(stored, image);
   }
   return stored;
 }
@@ -398,8 +486,10 @@ void check_length(const StoredImage& image, const fs::path& file) {
   double memory = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
   if (getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY)
     memory = std::min(memory, static_cast<double>(limit.rlim_cur));
+  // Beside the voxels where each row begins; runs are few, or the image is refused.
+  const double thinnest = static_cast<double>(*std::min_element(image.size.begin(), image.size.end()));
   const double voxels = static_cast<double>(image.data_bytes()) / static_cast<double>(bytes_of(image.type));
-  const double needed = static_cast<double>(image.data_bytes()) + voxels * sizeof(std::int32_t);
+  const double needed = static_cast<double>(image.data_bytes()) + voxels / thinnest * sizeof(std::size_t);
   if (needed > memory)
     throw InputError({.fact = fmt::format("the voxels need {:.1f} GB of memory, and {:.1f} GB are there",
                                           needed / 1e9, memory / 1e9),
@@ -432,6 +522,53 @@ InputError truncated(const fs::path& file, std::string fact) {
 // ---------------------------------------------------------------------------------------------------------
 // label_image.hpp
 // ---------------------------------------------------------------------------------------------------------
+
+std::int32_t LabelImage::at(Index i, Index j, Index k) const {
+  const auto runs = row(j, k);
+  const auto found = std::partition_point(runs.begin(), runs.end(), [i](const Run& r) { return r.end <= i; });
+  return found != runs.end() && found->begin <= i ? found->label : 0;
+}
+
+void append_row(LabelImage& image, std::span<const std::int32_t> label) {
+  if (image.row_offset.empty()) image.row_offset.push_back(0);
+  const auto count = static_cast<std::int32_t>(label.size());
+  for (std::int32_t begin = 0, end = 0; begin < count; begin = end) {
+    const std::int32_t value = label[static_cast<std::size_t>(begin)];
+    while (end < count && label[static_cast<std::size_t>(end)] == value) ++end;
+    if (value != 0) image.run.push_back({begin, end, value});
+  }
+  image.row_offset.push_back(image.run.size());
+}
+
+void set_voxels(LabelImage& image, std::span<const std::int32_t> label) {
+  image.run.clear();
+  image.row_offset.clear();
+  const auto length = static_cast<std::size_t>(image.size[0]);
+  for (std::size_t first = 0; first < label.size(); first += length)
+    append_row(image, label.subspan(first, length));
+}
+
+VoxelBox foreground_box(const LabelImage& image) {
+  VoxelBox box{.low = image.size, .high = {-1, -1, -1}};
+  auto& [low, high] = box;
+  for (Index k = 0; k < image.size[2]; ++k)
+    for (Index j = 0; j < image.size[1]; ++j) {
+      const auto row = image.row(j, k);
+      if (row.empty()) continue;
+      low = {std::min<Index>(low[0], row.front().begin), std::min(low[1], j), std::min(low[2], k)};
+      high = {std::max<Index>(high[0], row.back().end - 1), std::max(high[1], j), std::max(high[2], k)};
+    }
+  return box;
+}
+
+std::vector<std::int32_t> every_voxel(const LabelImage& image) {
+  std::vector<std::int32_t> label(static_cast<std::size_t>(image.size[0] * image.size[1] * image.size[2]), 0);
+  std::int32_t* row = label.data();
+  for (Index k = 0; k < image.size[2]; ++k)
+    for (Index j = 0; j < image.size[1]; ++j, row += image.size[0])
+      for (const Run& r : image.row(j, k)) std::fill(row + r.begin, row + r.end, r.label);
+  return label;
+}
 
 LabelImage read_label_image(const fs::path& file, const fs::path& label_names) {
   const Format format = format_of(file);
@@ -512,53 +649,69 @@ void write_label_image(const fs::path& file, const LabelImage& image) {
   move_into_place(temporary, file);
 }
 
-// A flood fill of our own: ITK's ConnectedComponentImageFilter joins labels that touch, so it would need one
-// pass over the image per label.
+// By runs rather than ITK's ConnectedComponentImageFilter, which wants every voxel and one pass per label.
 std::vector<LabelMeasure> measure_labels(const LabelImage& image) {
-  const auto [nx, ny, nz] = image.size;
-  const std::array<Index, 3> step{1, nx, nx * ny};
-  std::vector<bool> seen(image.voxel.size(), false);
-  std::vector<Index> todo;
-  std::map<std::int32_t, LabelMeasure> measures;
-
-  for (Index start = 0; start < static_cast<Index>(image.voxel.size()); ++start) {
-    const std::int32_t label = image.voxel[static_cast<std::size_t>(start)];
-    if (label == 0 || seen[static_cast<std::size_t>(start)]) continue;
-    LabelMeasure& measure = measures[label];
-    std::int64_t piece = 0;
-    seen[static_cast<std::size_t>(start)] = true;
-    todo.push_back(start);
-    while (!todo.empty()) {
-      const Index v = todo.back();
-      todo.pop_back();
-      ++piece;
-      const std::array<Index, 3> at{v % nx, v / nx % ny, v / nx / ny};
-      measure.centre_mm +=
-          Vec3(static_cast<double>(at[0]), static_cast<double>(at[1]), static_cast<double>(at[2]));
-      for (std::size_t axis = 0; axis < 3; ++axis)
-        for (const Index side : {-1, 1}) {
-          const Index next = at[axis] + side;
-          if (next < 0 || next >= image.size[axis]) {
-            measure.touches_border = true;
-            continue;
-          }
-          const auto w = static_cast<std::size_t>(v + side * step[axis]);
-          if (image.voxel[w] != label || seen[w]) continue;
-          seen[w] = true;
-          todo.push_back(static_cast<Index>(w));
-        }
+  // Pieces: a forest over runs. Of two runs that touch, the root that comes later hangs on the earlier one.
+  std::vector<std::size_t> parent(image.run.size());
+  std::iota(parent.begin(), parent.end(), std::size_t{0});
+  const auto root = [&](std::size_t r) {
+    while (parent[r] != r) r = parent[r] = parent[parent[r]];  // always to an earlier run: it ends
+    return r;
+  };
+  const auto join = [&](std::span<const Run> row, std::span<const Run> before) {
+    for (auto a = row.begin(), b = before.begin(); a != row.end() && b != before.end();) {
+      if (a->label == b->label && a->begin < b->end && b->begin < a->end) {
+        const std::size_t x = root(static_cast<std::size_t>(&*a - image.run.data())),
+                          y = root(static_cast<std::size_t>(&*b - image.run.data()));
+        parent[std::max(x, y)] = std::min(x, y);
+      }
+      a->end < b->end ? ++a : ++b;
     }
+  };
+
+  struct Sum {
+    std::int64_t voxels = 0;
+    Vec3 places = Vec3::Zero();
+    bool touches_border = false;
+  };
+  std::map<std::int32_t, Sum> sums;
+  for (Index k = 0; k < image.size[2]; ++k) {
+    stop_if_asked();
+    for (Index j = 0; j < image.size[1]; ++j) {
+      const auto row = image.row(j, k);
+      if (j > 0) join(row, image.row(j - 1, k));
+      if (k > 0) join(row, image.row(j, k - 1));
+      const bool at_border = j == 0 || k == 0 || j == image.size[1] - 1 || k == image.size[2] - 1;
+      for (const Run& run : row) {
+        Sum& sum = sums[run.label];
+        const double n = run.end - run.begin;
+        sum.voxels += run.end - run.begin;
+        sum.places +=
+            n * Vec3(0.5 * (run.begin + run.end - 1), static_cast<double>(j), static_cast<double>(k));
+        sum.touches_border = sum.touches_border || at_border || run.begin == 0 || run.end == image.size[0];
+      }
+    }
+  }
+
+  std::vector<std::int64_t> piece(image.run.size(), 0);  // voxels, at the root
+  for (std::size_t r = 0; r < image.run.size(); ++r) piece[root(r)] += image.run[r].end - image.run[r].begin;
+  std::map<std::int32_t, LabelMeasure> measures;
+  for (std::size_t r = 0; r < image.run.size(); ++r) {
+    if (piece[r] == 0) continue;
+    LabelMeasure& measure = measures[image.run[r].label];
     ++measure.pieces;
-    measure.voxels += piece;
-    measure.largest_piece_voxels = std::max(measure.largest_piece_voxels, piece);
+    measure.largest_piece_voxels = std::max(measure.largest_piece_voxels, piece[r]);
   }
 
   std::vector<LabelMeasure> list;
   for (auto& [label, measure] : measures) {
+    const Sum& sum = sums[label];
     measure.value = label;
     if (const auto name = image.names.find(label); name != image.names.end()) measure.name = name->second;
-    measure.volume_mm3 = static_cast<double>(measure.voxels) * image.voxel_volume();
-    measure.centre_mm = image.to_world * Vec3(measure.centre_mm / static_cast<double>(measure.voxels));
+    measure.voxels = sum.voxels;
+    measure.volume_mm3 = static_cast<double>(sum.voxels) * image.voxel_volume();
+    measure.centre_mm = image.to_world * Vec3(sum.places / static_cast<double>(sum.voxels));
+    measure.touches_border = sum.touches_border;
     list.push_back(std::move(measure));
   }
   return list;

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -12,15 +13,25 @@
 
 namespace dimple {
 
+/// Voxels [begin, end) of a row that hold one label, which is not background.
+struct Run {
+  std::int32_t begin, end, label;
+  bool operator==(const Run&) const = default;
+};
+
 /// A segmentation: one label number per voxel, 0 is background.
+///
+/// Kept as runs along i, because labels are alike over many voxels: 512^3 voxels take a few MB. Runs of a row
+/// ascend, do not overlap, and are as long as they can be.
 ///
 /// Axes are canonical: permuted and flipped on reading so that voxel axes i, j, k run as nearly as
 /// possible along +L, +P, +S. One organ therefore gives one LabelImage, however it was stored.
 struct LabelImage {
-  std::array<Index, 3> size{};       ///< voxels along i, j, k
-  std::vector<std::int32_t> voxel;   ///< labels, i fastest; size[0]*size[1]*size[2] of them
-  Eigen::Affine3d to_world;          ///< voxel centre (i, j, k) -> LPS position [mm]; det > 0
-  std::map<int, std::string> names;  ///< label number -> name, where the file or a table says one
+  std::array<Index, 3> size{};          ///< voxels along i, j, k
+  std::vector<Run> run;                 ///< of all rows, j fastest
+  std::vector<std::size_t> row_offset;  ///< [size[1]*size[2] + 1] where in `run` each row begins
+  Eigen::Affine3d to_world;             ///< voxel centre (i, j, k) -> LPS position [mm]; det > 0
+  std::map<int, std::string> names;     ///< label number -> name, where the file or a table says one
 
   std::string format;                  ///< "NRRD", "3D Slicer segmentation (NRRD)", "NIfTI-1", "MetaImage"
   std::string orientation;             ///< anatomical letters of the stored axes, e.g. "RAS", "PIR"
@@ -28,14 +39,31 @@ struct LabelImage {
   Vec3 stored_spacing = Vec3::Zero();  ///< [mm], along the stored axes
   std::vector<std::string> warnings;   ///< sentences for the user: what was assumed, and why
 
-  std::int32_t at(Index i, Index j, Index k) const {
-    return voxel[static_cast<std::size_t>(i + size[0] * (j + size[1] * k))];
+  std::span<const Run> row(Index j, Index k) const {
+    const std::size_t* offset = row_offset.data() + (j + size[1] * k);
+    return {run.data() + offset[0], run.data() + offset[1]};
   }
+  /// Needs a voxel of the image. Cost: a search among the runs of its row; over many voxels go by row().
+  std::int32_t at(Index i, Index j, Index k) const;
   /// Voxel edge lengths along i, j, k [mm].
   Vec3 spacing() const { return to_world.linear().colwise().norm(); }
   /// Volume of one voxel [mm^3].
   double voxel_volume() const { return to_world.linear().determinant(); }
 };
+
+/// Adds the next row: image.size[0] labels, i ascending. Rows come with j fastest, size[1]*size[2] of them.
+void append_row(LabelImage& image, std::span<const std::int32_t> label);
+/// Replaces all voxels: image.size[0]*size[1]*size[2] labels, i fastest.
+void set_voxels(LabelImage& image, std::span<const std::int32_t> label);
+/// The label of every voxel, i fastest.
+std::vector<std::int32_t> every_voxel(const LabelImage& image);
+
+/// Voxels low to high, both included.
+struct VoxelBox {
+  std::array<Index, 3> low, high;
+};
+/// The box around the foreground; without any, `high` is -1.
+VoxelBox foreground_box(const LabelImage& image);
 
 /// Reads .nrrd, .nhdr, .seg.nrrd, .nii, .nii.gz, .hdr with .img, .mha, .mhd.
 ///
@@ -46,7 +74,8 @@ struct LabelImage {
 /// is a table of names: ITK-SNAP label descriptions (IDX R G B A VIS MSH "LABEL") or a colour table (id name
 /// R G B A); it overrides names in the image. Throws InputError: no such file, unknown format, not
 /// three-dimensional, several components, overlapping segments, labels that are negative or not whole
-/// numbers, nothing but background, truncated data.
+/// numbers, nothing but background, neighbours that are hardly ever alike (so many runs that memory would
+/// be at stake: an MRI), truncated data.
 LabelImage read_label_image(const std::filesystem::path& file, const std::filesystem::path& label_names = {});
 
 /// Writes in the format that the suffix names (.nrrd, .seg.nrrd, .nii, .nii.gz, .mha), compressed except

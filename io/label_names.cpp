@@ -57,14 +57,13 @@ std::array<int, 3> colour_of(int label) {
 /// Extent of each label present: first and last voxel along i, j, k.
 std::map<int, std::array<Index, 6>> extents(const LabelImage& image) {
   std::map<int, std::array<Index, 6>> extent;
-  auto voxel = image.voxel.begin();
   for (Index k = 0; k < image.size[2]; ++k)
     for (Index j = 0; j < image.size[1]; ++j)
-      for (Index i = 0; i < image.size[0]; ++i, ++voxel) {
-        if (*voxel == 0) continue;
-        auto& e = extent.try_emplace(*voxel, std::array<Index, 6>{i, i, j, j, k, k}).first->second;
-        e = {std::min(e[0], i), std::max(e[1], i), std::min(e[2], j),
-             std::max(e[3], j), std::min(e[4], k), std::max(e[5], k)};
+      for (const Run& run : image.row(j, k)) {
+        const Index i = run.begin, last = run.end - 1;
+        auto& e = extent.try_emplace(run.label, std::array<Index, 6>{i, last, j, j, k, k}).first->second;
+        e = {std::min(e[0], i), std::max(e[1], last), std::min(e[2], j),
+             std::max(e[3], j), std::min(e[4], k),    std::max(e[5], k)};
       }
   return extent;
 }

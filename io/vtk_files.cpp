@@ -20,6 +20,7 @@
 #include <vtkPoints.h>
 #include <vtkPolyData.h>
 #include <vtkShortArray.h>
+#include <vtkSignedCharArray.h>
 #include <vtkSmartPointer.h>
 #include <vtkUnsignedShortArray.h>
 #include <vtkUnstructuredGrid.h>
@@ -45,6 +46,7 @@
 
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/stop.hpp"
 
 namespace dimple {
 
@@ -458,46 +460,35 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
 
 // --------------------------------------------------------------------------------------------------- images
 
-/// A box of voxels, inclusive.
-struct Box {
-  std::array<Index, 3> low, high;
-};
-
-/// The foreground and a tenth of its size on every side; the whole image if it holds none.
-Box foreground_and_margin(const LabelImage& image) {
+/// The foreground and two voxels on every side, for contours to close; the whole image if it holds none.
+VoxelBox foreground_and_margin(const LabelImage& image) {
   const auto [ni, nj, nk] = image.size;
-  Box box{.low = image.size, .high = {-1, -1, -1}};
-  for (Index k = 0; k < nk; ++k)
-    for (Index j = 0; j < nj; ++j)
-      for (Index i = 0; i < ni; ++i) {
-        if (image.at(i, j, k) == 0) continue;
-        const std::array<Index, 3> voxel{i, j, k};
-        for (std::size_t d = 0; d < 3; ++d) {
-          box.low[d] = std::min(box.low[d], voxel[d]);
-          box.high[d] = std::max(box.high[d], voxel[d]);
-        }
-      }
+  VoxelBox box = foreground_box(image);
   if (box.high[0] < 0) return {.low = {0, 0, 0}, .high = {ni - 1, nj - 1, nk - 1}};
   for (std::size_t d = 0; d < 3; ++d) {
-    const Index margin = (box.high[d] - box.low[d] + 1 + 9) / 10;  // rounded up: at least one voxel
+    constexpr Index margin = 2;
     box.low[d] = std::max<Index>(box.low[d] - margin, 0);
     box.high[d] = std::min<Index>(box.high[d] + margin, image.size[d] - 1);
   }
   return box;
 }
 
-/// The part of `image` inside `box`.
-LabelImage cropped(const LabelImage& image, const Box& box) {
+/// The part of `image` inside `box`, which holds all of its foreground.
+LabelImage cropped(const LabelImage& image, const VoxelBox& box) {
   LabelImage part;
   for (std::size_t d = 0; d < 3; ++d) part.size[d] = box.high[d] - box.low[d] + 1;
   part.to_world = image.to_world;
   part.to_world.translation() =
       image.to_world *
       Vec3(static_cast<double>(box.low[0]), static_cast<double>(box.low[1]), static_cast<double>(box.low[2]));
-  part.voxel.reserve(static_cast<std::size_t>(part.size[0] * part.size[1] * part.size[2]));
+  const auto first = static_cast<std::int32_t>(box.low[0]);
+  part.row_offset.push_back(0);
   for (Index k = box.low[2]; k <= box.high[2]; ++k)
-    for (Index j = box.low[1]; j <= box.high[1]; ++j)
-      for (Index i = box.low[0]; i <= box.high[0]; ++i) part.voxel.push_back(image.at(i, j, k));
+    for (Index j = box.low[1]; j <= box.high[1]; ++j) {
+      for (const Run& run : image.row(j, k))
+        part.run.push_back({run.begin - first, run.end - first, run.label});
+      part.row_offset.push_back(part.run.size());
+    }
   return part;
 }
 
@@ -524,18 +515,21 @@ LabelImage straightened(const LabelImage& image) {
     const auto row = static_cast<Index>(d);
     grid.size[d] = 1 + static_cast<Index>(std::ceil(bounds.sizes()[row] / step[row] - 1e-9));
   }
-  grid.voxel.reserve(static_cast<std::size_t>(grid.size[0] * grid.size[1] * grid.size[2]));
   const Eigen::Affine3d to_image = image.to_world.inverse() * grid.to_world;
+  std::vector<std::int32_t> label(static_cast<std::size_t>(grid.size[0]));
   for (Index k = 0; k < grid.size[2]; ++k)
-    for (Index j = 0; j < grid.size[1]; ++j)
+    for (Index j = 0; j < grid.size[1]; ++j) {
+      stop_if_asked();
       for (Index i = 0; i < grid.size[0]; ++i) {
         const Vec3 at =
             to_image * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
         const Eigen::Array<Index, 3, 1> voxel = at.array().round().cast<Index>();
         const bool inside = (voxel >= 0).all() && voxel[0] < image.size[0] && voxel[1] < image.size[1] &&
                             voxel[2] < image.size[2];
-        grid.voxel.push_back(inside ? image.at(voxel[0], voxel[1], voxel[2]) : 0);
+        label[static_cast<std::size_t>(i)] = inside ? image.at(voxel[0], voxel[1], voxel[2]) : 0;
       }
+      append_row(grid, label);
+    }
   return grid;
 }
 
@@ -543,20 +537,28 @@ template <class Array>
 vtkSmartPointer<vtkDataArray> labels_as(const LabelImage& image) {
   vtkNew<Array> array;
   array->SetName("label");
-  array->SetNumberOfValues(static_cast<vtkIdType>(image.voxel.size()));
-  std::transform(image.voxel.begin(), image.voxel.end(), array->GetPointer(0),
-                 [](std::int32_t label) { return static_cast<typename Array::ValueType>(label); });
+  array->SetNumberOfValues(static_cast<vtkIdType>(image.size[0] * image.size[1] * image.size[2]));
+  auto* row = array->GetPointer(0);
+  std::fill(row, row + array->GetNumberOfValues(), 0);
+  for (Index k = 0; k < image.size[2]; ++k)
+    for (Index j = 0; j < image.size[1]; ++j, row += image.size[0])
+      for (const Run& run : image.row(j, k))
+        std::fill(row + run.begin, row + run.end, static_cast<typename Array::ValueType>(run.label));
   return array;
 }
 
-/// The narrowest of int16, uint16, int32 that holds every label.
+/// The narrowest of int8, int16, uint16, int32 that holds every label; not uint8, which VTK takes for
+/// colours.
 vtkSmartPointer<vtkDataArray> label_array(const LabelImage& image) {
-  if (image.voxel.empty()) return labels_as<vtkShortArray>(image);
-  const auto range = std::minmax_element(image.voxel.begin(), image.voxel.end());
+  std::int32_t least = 0, greatest = 0;
+  for (const Run& run : image.run)
+    least = std::min(least, run.label), greatest = std::max(greatest, run.label);
   const auto fits = [&](auto type) {
     using Limits = std::numeric_limits<decltype(type)>;
-    return *range.first >= Limits::min() && *range.second <= Limits::max();
+    return least >= Limits::min() && greatest <= Limits::max();
   };
+  using SignedChar = signed char;
+  if (fits(SignedChar{})) return labels_as<vtkSignedCharArray>(image);
   if (fits(short{})) return labels_as<vtkShortArray>(image);
   using UnsignedShort = unsigned short;
   if (fits(UnsignedShort{})) return labels_as<vtkUnsignedShortArray>(image);

@@ -43,8 +43,8 @@ void write_vtu(const std::filesystem::path& file, const PointFile& points, doubl
 /// .vtp with one polygon per triangle.
 void write_vtp(const std::filesystem::path& file, const SurfaceFile& surface, double time_s,
                bool exact = false);
-/// .vti with Origin, Spacing and Direction in LPS mm: the labels as point array "label" (int16, uint16 or
-/// int32, the first that holds them), cropped to the foreground and a tenth of its size on every side. The
+/// .vti with Origin, Spacing and Direction in LPS mm: the labels as point array "label" (int8, int16,
+/// uint16 or int32, the first that holds them), cropped to the foreground and two voxels on every side. The
 /// format knows no shear. If two voxel axes have a cosine above 1e-4, the labels are sampled by nearest
 /// neighbour on a grid along L, P and S with the same three spacings, so that every label stays in its place.
 void write_vti(const std::filesystem::path& file, const LabelImage& image);

@@ -14,6 +14,7 @@
 #include <optional>
 
 #include "io/error.hpp"
+#include "io/stop.hpp"
 #include "preprocess/surface_cells.hpp"
 
 namespace dimple {
@@ -68,6 +69,7 @@ BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isomet
   for (Index v = 0; v < vertex_.cols(); ++v) corner.push_back(mesh.add_vertex(to_cgal(vertex_.col(v))));
   bool closed = triangles_.cols() >= 4;
   for (Index t = 0; t < triangles_.cols() && closed; ++t) {
+    if (t % 65536 == 0) stop_if_asked();
     const auto face = mesh.add_face(corner[static_cast<std::size_t>(triangles_(0, t))],
                                     corner[static_cast<std::size_t>(triangles_(1, t))],
                                     corner[static_cast<std::size_t>(triangles_(2, t))]);
@@ -97,6 +99,7 @@ BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isomet
   lower_ = vertex_.rowwise().minCoeff();
   upper_ = vertex_.rowwise().maxCoeff();
 
+  stop_if_asked();
   tbb::parallel_invoke(
       [&] {
         tree_->aabb.insert(faces(mesh).first, faces(mesh).second, mesh);

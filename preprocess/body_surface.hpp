@@ -2,10 +2,8 @@
 
 #include <Eigen/Geometry>
 #include <memory>
-#include <string>
 #include <vector>
 
-#include "io/label_image.hpp"
 #include "io/types.hpp"
 
 namespace dimple {
@@ -63,36 +61,5 @@ class BodySurface {
   Vec3 centroid_ = Vec3::Zero(), lower_, upper_;
   std::unique_ptr<Tree> tree_;
 };
-
-/// What was taken from the image, and what was not.
-struct SegmentReport {
-  std::vector<int> labels;          ///< taken
-  double label_volume_mm3 = 0.0;    ///< of all voxels with these labels
-  int pieces = 0;                   ///< face-connected; only the largest is kept
-  double dropped_volume_mm3 = 0.0;  ///< of the others
-  int cavities_filled = 0;          ///< holes too small for the cloud to resolve
-  double filled_volume_mm3 = 0.0;
-  double voxel_volume_mm3 = 0.0;  ///< of what is kept and filled: the surface encloses the same
-  bool cut_by_border = false;     ///< the organ goes on outside the image
-  double smoothing_mm = 0.0;      ///< standard deviation of the Gaussian along the coarsest voxel axis
-  std::vector<std::string> warnings;
-};
-
-/// A smooth surface around the voxels with the given labels (none: all foreground), not the voxel staircase.
-///
-/// The indicator (1 inside, 0 outside), smoothed by a Gaussian of 0.7 voxel, is contoured half-way; the
-/// vertices are relaxed by at most half a voxel, so that no terraces stay, and the surface is moved evenly
-/// until it encloses the voxels' volume within 0.1 %. Detail finer than a quarter of `node_spacing_mm`, which
-/// no cloud of that spacing can follow, is not drawn. Throws InputError (a label that is not there),
-/// ModelError (too few voxels for a body).
-struct SegmentedBody {
-  BodySurface surface;
-  SegmentReport report;
-};
-SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>& labels,
-                                double node_spacing_mm);
-
-/// Volume of the largest piece of the chosen labels [mm^3]: what a node count is turned into a spacing with.
-double largest_piece_volume(const LabelImage& image, const std::vector<int>& labels);
 
 }  // namespace dimple

@@ -1,10 +1,6 @@
+#include "preprocess/label_surface.hpp"
+
 #include <fmt/format.h>
-#include <itkConnectedComponentImageFilter.h>
-#include <itkDiscreteGaussianImageFilter.h>
-#include <itkImage.h>
-#include <itkImageRegionConstIterator.h>
-#include <itkLinearInterpolateImageFunction.h>
-#include <itkRelabelComponentImageFilter.h>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <vtkCellArray.h>
@@ -21,134 +17,117 @@
 #include <numeric>
 
 #include "io/error.hpp"
-#include "preprocess/body_surface.hpp"
+#include "io/stop.hpp"
+#include "preprocess/closed_mesh.hpp"
 #include "preprocess/model.hpp"
+#include "preprocess/smooth_lattice.hpp"
+#include "preprocess/voxel_set.hpp"
 
 namespace dimple {
 namespace {
 
-using Mask = itk::Image<std::uint8_t, 3>;
-using Pieces = itk::Image<std::uint32_t, 3>;
-using Indicator = itk::Image<float, 3>;
-
-constexpr Index padding = 4;  // voxels: more than the Gaussian reaches
 constexpr double smoothing_voxels = 0.7;
 constexpr int relaxation_sweeps = 120;  // enough for the terraces of a slope of one in ten
-constexpr double leash = 0.5;  // lattice steps: the voxels do not say more about where the surface is
+constexpr double leash =
+    0.5;  // of a lattice step or voxel: the voxels do not say more about the surface's place
+constexpr double cavity_share = 1.0 / 500.0;    // of the organ's volume: smaller cavities are filled
+constexpr double level = 0.5, at_level = 1e-3;  // lattice values nearer to the level count as inside
+constexpr double most_lattice_points = 64e6;
+constexpr double most_triangles = 2e6;  // a coarser lattice is taken before there are more
+constexpr double most_lost = 1.0 / 3.0, lost_to_tell = 0.03;  // of the volume, to smoothing
 
-// The part of the image that holds the chosen labels, with a border of background.
-struct Crop {
-  std::array<Index, 3> first{}, size{};  // first voxel of the crop may lie outside the image (negative)
-  Mask::Pointer mask;
-  bool touches_border = false;
-};
+// The lattice: as fine as the voxels, but no finer than a tenth of the indenter and 1/110 of the organ, which
+// the force does not feel (tests/unit/body_surface_test.cpp).
+constexpr double steps_across_organ = 110.0, steps_across_indenter = 10.0, most_steps_across_organ = 250.0;
 
-template <class Image>
-typename Image::Pointer make_image(const std::array<Index, 3>& size) {
-  auto image = Image::New();
-  typename Image::SizeType s;
-  for (unsigned d = 0; d < 3; ++d) s[d] = static_cast<itk::SizeValueType>(size[d]);
-  image->SetRegions(typename Image::RegionType(s));
-  image->Allocate(true);
-  return image;
+std::string place(const Vec3& mm) {
+  return fmt::format("({:.1f}, {:.1f}, {:.1f}) mm", mm.x(), mm.y(), mm.z());
 }
 
-bool is_chosen(int value, const std::vector<int>& labels) {
-  return labels.empty() ? value != 0 : std::find(labels.begin(), labels.end(), value) != labels.end();
+VoxelSet chosen_voxels(const LabelImage& image, const std::vector<int>& labels) {
+  VoxelSet set = voxels_with(image, labels);
+  if (!set.stretch.empty()) return set;
+  std::string wanted;
+  for (const int l : labels) wanted += (wanted.empty() ? "" : ", ") + std::to_string(l);
+  throw InputError({.fact = fmt::format("no voxel has label {}", wanted.empty() ? "other than 0" : wanted),
+                    .where = "choice of labels",
+                    .why = "the image does not hold it",
+                    .remedy = "see `dimple info IMAGE` for what it holds and choose with --label"});
 }
 
-Crop crop_to_labels(const LabelImage& image, const std::vector<int>& labels) {
-  std::array<Index, 3> lower = image.size, upper = {-1, -1, -1};
-  for (Index k = 0; k < image.size[2]; ++k)
-    for (Index j = 0; j < image.size[1]; ++j)
-      for (Index i = 0; i < image.size[0]; ++i)
-        if (is_chosen(image.at(i, j, k), labels)) {
-          const std::array<Index, 3> v = {i, j, k};
-          for (std::size_t d = 0; d < 3; ++d) {
-            lower[d] = std::min(lower[d], v[d]);
-            upper[d] = std::max(upper[d], v[d]);
-          }
-        }
-  Crop crop;
-  if (upper[0] < 0) {
-    std::string wanted;
-    for (const int l : labels) wanted += (wanted.empty() ? "" : ", ") + std::to_string(l);
-    throw InputError({.fact = fmt::format("no voxel has label {}", wanted.empty() ? "other than 0" : wanted),
-                      .where = "choice of labels",
-                      .why = "the image does not hold it",
-                      .remedy = "see `dimple info IMAGE` for what it holds and choose with --label"});
-  }
-  for (std::size_t d = 0; d < 3; ++d) {
-    crop.first[d] = lower[d] - padding;
-    crop.size[d] = upper[d] - lower[d] + 1 + 2 * padding;
-  }
-  crop.mask = make_image<Mask>(crop.size);
-  std::uint8_t* out = crop.mask->GetBufferPointer();
-  for (Index k = lower[2]; k <= upper[2]; ++k)
-    for (Index j = lower[1]; j <= upper[1]; ++j)
-      for (Index i = lower[0]; i <= upper[0]; ++i)
-        if (is_chosen(image.at(i, j, k), labels)) {
-          out[(i - crop.first[0]) +
-              crop.size[0] * ((j - crop.first[1]) + crop.size[1] * (k - crop.first[2]))] = 1;
-          crop.touches_border = crop.touches_border || i == 0 || j == 0 || k == 0 || i == image.size[0] - 1 ||
-                                j == image.size[1] - 1 || k == image.size[2] - 1;
-        }
-  return crop;
+bool touches_border(const VoxelSet& set, const LabelImage& image) {
+  for (std::size_t d = 0; d < 3; ++d)
+    if (set.first[d] + 1 == 0 || set.first[d] + set.size[d] - 1 == image.size[d]) return true;
+  return false;
 }
 
-struct Components {
-  Pieces::Pointer image;
-  std::vector<std::uint64_t> voxels;  // [piece - 1], largest first
-};
-
-Components face_connected(Mask* mask) {
-  auto connect = itk::ConnectedComponentImageFilter<Mask, Pieces>::New();
-  connect->SetInput(mask);
-  connect->FullyConnectedOff();
-  auto sort = itk::RelabelComponentImageFilter<Pieces, Pieces>::New();
-  sort->SetInput(connect->GetOutput());
-  sort->Update();
-  Components result;
-  result.image = sort->GetOutput();
-  for (const auto size : sort->GetSizeOfObjectsInPixels()) result.voxels.push_back(size);
-  return result;
+std::size_t largest(const std::vector<Pieces::Piece>& pieces) {
+  const auto found = std::max_element(pieces.begin(), pieces.end(),
+                                      [](const auto& a, const auto& b) { return a.voxels < b.voxels; });
+  return static_cast<std::size_t>(found - pieces.begin());
 }
 
-// Keeps the largest piece and fills holes in it that are smaller than `smallest_cavity_voxels`.
-void keep_largest_piece(Crop& crop, double voxel_volume, double smallest_cavity_mm3, SegmentReport& report) {
-  const Index n = crop.size[0] * crop.size[1] * crop.size[2];
-  std::uint8_t* mask = crop.mask->GetBufferPointer();
-
-  const Components pieces = face_connected(crop.mask);
-  report.pieces = static_cast<int>(pieces.voxels.size());
-  const auto all = std::accumulate(pieces.voxels.begin(), pieces.voxels.end(), std::uint64_t{0});
+// The largest piece, with its small cavities filled.
+VoxelSet one_body(const LabelImage& image, const VoxelSet& set, double voxel_volume, SegmentReport& report) {
+  const Pieces pieces = face_connected(set);
+  const std::size_t body = largest(pieces.piece);
+  std::int64_t all = 0;
+  for (const auto& piece : pieces.piece) all += piece.voxels;
+  std::int64_t kept = pieces.piece[body].voxels;
+  report.pieces = static_cast<int>(pieces.piece.size());
   report.label_volume_mm3 = voxel_volume * static_cast<double>(all);
-  report.dropped_volume_mm3 = voxel_volume * static_cast<double>(all - pieces.voxels.front());
-  const std::uint32_t* piece = pieces.image->GetBufferPointer();
-  for (Index v = 0; v < n; ++v) mask[v] = piece[v] == 1 ? 1 : 0;
+  report.dropped_volume_mm3 = voxel_volume * static_cast<double>(all - kept);
+  std::vector<bool> chosen(pieces.piece.size(), false);
+  chosen[body] = true;
 
-  auto outside = make_image<Mask>(crop.size);
-  std::uint8_t* empty = outside->GetBufferPointer();
-  for (Index v = 0; v < n; ++v) empty[v] = mask[v] ? 0 : 1;
-  const Components holes = face_connected(outside);
-  const std::uint32_t* hole = holes.image->GetBufferPointer();
-  const std::uint32_t surroundings = hole[0];  // the padding
-  std::uint64_t kept = pieces.voxels.front();
-  for (std::uint32_t h = 1; h <= holes.voxels.size(); ++h) {
-    const double volume = voxel_volume * static_cast<double>(holes.voxels[h - 1]);
-    if (h == surroundings || volume >= smallest_cavity_mm3) continue;
-    ++report.cavities_filled;
-    report.filled_volume_mm3 += volume;
-    kept += holes.voxels[h - 1];
-    for (Index v = 0; v < n; ++v)
-      if (hole[v] == h) mask[v] = 1;
+  const VoxelSet around = complement(selection(set, pieces, chosen));
+  const Pieces gaps = face_connected(around);  // the first is what surrounds the organ
+  std::vector<bool> empty(gaps.piece.size(), true);
+  const auto limit = cavity_share * static_cast<double>(kept);
+  for (std::size_t g = 1; g < gaps.piece.size(); ++g) {
+    const auto voxels = gaps.piece[g].voxels;
+    empty[g] = static_cast<double>(voxels) >= limit;
+    const Vec3 centre(gaps.piece[g].centre + Vec3(static_cast<double>(set.first[0]),
+                                                  static_cast<double>(set.first[1]),
+                                                  static_cast<double>(set.first[2])));
+    report.cavities.push_back(
+        {voxel_volume * static_cast<double>(voxels), image.to_world * centre, !empty[g]});
+    if (!empty[g]) kept += voxels;
   }
+  std::stable_sort(report.cavities.begin(), report.cavities.end(),
+                   [](const Cavity& a, const Cavity& b) { return a.volume_mm3 > b.volume_mm3; });
   report.voxel_volume_mm3 = voxel_volume * static_cast<double>(kept);
   if (kept < 64)
     throw ModelError({.fact = fmt::format("the largest piece has {} voxels; a body needs at least 64", kept),
                       .where = "choice of labels",
                       .why = "the label is a speck, or the image is too coarse for it",
                       .remedy = "choose another --label, or give a finer image"});
+  return complement(selection(around, gaps, empty));
+}
+
+void tell_of_cavities(SegmentReport& report) {
+  for (const bool filled : {false, true}) {
+    std::string list;
+    int count = 0;
+    double volume = 0.0;
+    for (const Cavity& cavity : report.cavities) {
+      if (cavity.filled != filled) continue;
+      volume += cavity.volume_mm3;
+      if (++count <= 3)
+        list += fmt::format("{}{:.3g} mm3 at {}", count > 1 ? ", " : "", cavity.volume_mm3,
+                            place(cavity.centre_mm));
+    }
+    if (count == 0) continue;
+    if (count > 3) list += fmt::format(", and {} smaller ones", count - 3);
+    report.warnings.push_back(
+        filled ? fmt::format(
+                     "{} inside the organ {} filled, {:.3g} mm3 in all ({}): {} smaller than 0.2 % of it",
+                     count == 1 ? "one cavity" : fmt::format("{} cavities", count),
+                     count == 1 ? "was" : "were", volume, list, count == 1 ? "it is" : "each is")
+               : fmt::format("the organ has {}, {:.3g} mm3 in all ({}): kept as empty space with free walls; "
+                             "label what lies in it if it is not empty",
+                             count == 1 ? "a cavity" : fmt::format("{} cavities", count), volume, list));
+  }
 }
 
 // The image's own rigid frame, and voxel -> that frame.
@@ -173,156 +152,126 @@ Frame frame_of(const LabelImage& image) {
   return frame;
 }
 
-Indicator::Pointer smooth(const Crop& crop, const Vec3& sigma_voxels) {
-  auto indicator = make_image<Indicator>(crop.size);
-  const Index n = crop.size[0] * crop.size[1] * crop.size[2];
-  for (Index v = 0; v < n; ++v) indicator->GetBufferPointer()[v] = crop.mask->GetBufferPointer()[v];
-  auto gaussian = itk::DiscreteGaussianImageFilter<Indicator, Indicator>::New();
-  gaussian->SetInput(indicator);
-  gaussian->SetUseImageSpacing(false);
-  itk::FixedArray<double, 3> variance;
-  for (unsigned d = 0; d < 3; ++d) variance[d] = sigma_voxels[d] * sigma_voxels[d];
-  gaussian->SetVariance(variance);
-  gaussian->SetMaximumError(1e-4);
-  gaussian->SetMaximumKernelWidth(64);
-  gaussian->Update();
-  return gaussian->GetOutput();
+// Finer than the voxels there is nothing to see, and memory has a bound.
+double finest_step(const VoxelSet& body, const Vec3& spacing) {
+  double box = 1.0;
+  for (std::size_t d = 0; d < 3; ++d)
+    box *= static_cast<double>(body.size[d]) * spacing[static_cast<Index>(d)];
+  return std::max(spacing.minCoeff(), std::cbrt(box / most_lattice_points));
 }
 
-// Samples the smoothed indicator on a cubic lattice in the local frame: isotropic, whatever the voxels are.
-vtkNew<vtkImageData> sample(const Indicator* smoothed, const Crop& crop, const Mat3& voxel_to_local,
-                            double step) {
-  Vec3 lower = Vec3::Constant(1e300), upper = Vec3::Constant(-1e300);
-  for (int corner = 0; corner < 8; ++corner) {
-    Vec3 v;
-    for (int d = 0; d < 3; ++d)
-      v[d] = static_cast<double>(crop.first[static_cast<std::size_t>(d)] +
-                                 ((corner >> d) & 1 ? crop.size[static_cast<std::size_t>(d)] - 1 : 0));
-    const Vec3 x = voxel_to_local * v;
-    lower = lower.cwiseMin(x);
-    upper = upper.cwiseMax(x);
-  }
-  vtkNew<vtkImageData> lattice;
-  std::array<int, 3> n;
-  for (int d = 0; d < 3; ++d)
-    n[static_cast<std::size_t>(d)] = static_cast<int>(std::floor((upper[d] - lower[d]) / step + 1e-9)) + 1;
-  lattice->SetDimensions(n.data());
-  lattice->SetOrigin(lower.x(), lower.y(), lower.z());
-  lattice->SetSpacing(step, step, step);
-  lattice->AllocateScalars(VTK_FLOAT, 1);
-
-  auto linear = itk::LinearInterpolateImageFunction<Indicator, double>::New();
-  linear->SetInputImage(smoothed);
-  const Mat3 local_to_voxel = voxel_to_local.inverse();
-  auto* const values = static_cast<float*>(lattice->GetScalarPointer());
-  tbb::parallel_for(0, n[2], [&](int k) {
-    float* out = values + static_cast<std::ptrdiff_t>(k) * n[1] * n[0];
-    for (int j = 0; j < n[1]; ++j)
-      for (int i = 0; i < n[0]; ++i) {
-        const Vec3 v = local_to_voxel * (lower + step * Vec3(i, j, k));
-        itk::ContinuousIndex<double, 3> at;
-        bool inside = true;
-        for (unsigned d = 0; d < 3; ++d) {
-          at[d] = v[d] - static_cast<double>(crop.first[d]);
-          const double last = static_cast<double>(crop.size[d] - 1);
-          inside = inside && at[d] > -1e-6 && at[d] < last + 1e-6;
-          at[d] = std::clamp(at[d], 0.0, last);
-        }
-        *out++ = inside ? static_cast<float>(linear->EvaluateAtContinuousIndex(at)) : 0.0f;
-      }
-  });
-  return lattice;
+double lattice_step(const VoxelSet& body, const Vec3& spacing, double volume_mm3, double indenter_mm) {
+  const double organ = std::cbrt(volume_mm3);
+  return std::max({finest_step(body, spacing),
+                   std::min(organ / steps_across_organ, indenter_mm / steps_across_indenter),
+                   organ / most_steps_across_organ});
 }
 
-struct TriangleSoup {
-  Points vertex;
-  Triangles triangles;
-};
-
-double enclosed_volume(const TriangleSoup& s) {
-  if (s.triangles.cols() == 0) return 0.0;
-  const Vec3 o = s.vertex.col(0);
-  double volume = 0.0;
-  for (Index t = 0; t < s.triangles.cols(); ++t)
-    volume += (s.vertex.col(s.triangles(0, t)) - o)
-                  .dot((s.vertex.col(s.triangles(1, t)) - o).cross(s.vertex.col(s.triangles(2, t)) - o)) /
-              6.0;
-  return volume;
-}
-
-// The closed surface that encloses the largest volume, with its cavities; specks that smoothing cut off go.
-TriangleSoup largest_shell(const TriangleSoup& all, double smallest_cavity_mm3) {
-  std::vector<Index> parent(static_cast<std::size_t>(all.vertex.cols()));
-  std::iota(parent.begin(), parent.end(), Index{0});
-  const auto root = [&](Index v) {
-    while (parent[static_cast<std::size_t>(v)] != v)
-      v = parent[static_cast<std::size_t>(v)] =
-          parent[static_cast<std::size_t>(parent[static_cast<std::size_t>(v)])];
-    return v;
-  };
-  for (Index t = 0; t < all.triangles.cols(); ++t)
-    for (int c = 1; c < 3; ++c)
-      parent[static_cast<std::size_t>(root(all.triangles(c, t)))] = root(all.triangles(0, t));
-
-  std::map<Index, double> volume;
-  for (Index t = 0; t < all.triangles.cols(); ++t)
-    volume[root(all.triangles(0, t))] +=
-        all.vertex.col(all.triangles(0, t))
-            .dot(all.vertex.col(all.triangles(1, t)).cross(all.vertex.col(all.triangles(2, t)))) /
-        6.0;
-  const auto largest = std::max_element(volume.begin(), volume.end(),
-                                        [](const auto& a, const auto& b) { return a.second < b.second; });
-  TriangleSoup result;
-  std::vector<Index> number(parent.size(), -1);
-  std::vector<Index> kept_vertex, kept_triangle;
-  for (Index t = 0; t < all.triangles.cols(); ++t) {
-    const Index r = root(all.triangles(0, t));
-    if (r != largest->first && volume[r] > -smallest_cavity_mm3) continue;
-    kept_triangle.push_back(t);
-    for (int c = 0; c < 3; ++c) {
-      Index& v = number[static_cast<std::size_t>(all.triangles(c, t))];
-      if (v < 0) {
-        v = static_cast<Index>(kept_vertex.size());
-        kept_vertex.push_back(all.triangles(c, t));
-      }
+// Points of the lattice above or at the level.
+VoxelSet inside_of(const Lattice& lattice) {
+  VoxelSet set;
+  for (std::size_t d = 0; d < 3; ++d) set.size[d] = lattice.n[d];
+  set.offset = {0};
+  const float* value = lattice.value.data();
+  for (int row = 0; row < lattice.n[1] * lattice.n[2]; ++row, value += lattice.n[0]) {
+    for (int i = 0; i < lattice.n[0]; ++i) {
+      if (!(value[i] > level - at_level)) continue;
+      const int begin = i;
+      while (i < lattice.n[0] && value[i] > level - at_level) ++i;
+      set.stretch.push_back({begin, i});
     }
+    set.offset.push_back(set.stretch.size());
   }
-  result.vertex.resize(3, static_cast<Index>(kept_vertex.size()));
-  for (std::size_t v = 0; v < kept_vertex.size(); ++v)
-    result.vertex.col(static_cast<Index>(v)) = all.vertex.col(kept_vertex[v]);
-  result.triangles.resize(3, static_cast<Index>(kept_triangle.size()));
-  for (std::size_t t = 0; t < kept_triangle.size(); ++t)
-    for (int c = 0; c < 3; ++c)
-      result.triangles(c, static_cast<Index>(t)) =
-          number[static_cast<std::size_t>(all.triangles(c, kept_triangle[t]))];
-  return result;
+  return set;
 }
 
-TriangleSoup iso_surface(vtkImageData* lattice, double level, double smallest_cavity_mm3) {
-  vtkNew<vtkFlyingEdges3D> contour;
-  contour->SetInputData(lattice);
-  contour->SetValue(0, level);
-  contour->ComputeNormalsOff();
-  contour->ComputeScalarsOff();
-  contour->Update();
-  vtkPolyData* poly = contour->GetOutput();
+void set_values(Lattice& lattice, const VoxelSet& set, float to) {
+  for (Index k = 0; k < set.size[2]; ++k)
+    for (Index j = 0; j < set.size[1]; ++j)
+      for (const auto& [begin, end] : set.row(j, k)) {
+        float* row = lattice.value.data() + lattice.n[0] * (j + lattice.n[1] * k);
+        std::fill(row + begin, row + end, to);
+      }
+}
 
-  TriangleSoup all;
-  all.vertex.resize(3, poly->GetNumberOfPoints());
-  for (Index v = 0; v < all.vertex.cols(); ++v) poly->GetPoint(v, all.vertex.col(v).data());
-  all.triangles.resize(3, poly->GetNumberOfPolys());
+// Leaves one piece above the level, and no small cavity below it: smoothing cuts off specks and closes
+// pockets. Values at the level move off it, so that no triangle of the contour is a point or a line. Returns
+// how many cavities there are.
+int keep_one_body(Lattice& lattice, double smallest_cavity_points) {
+  const VoxelSet inside = inside_of(lattice);
+  if (inside.stretch.empty()) return 0;
+  for (float& value : lattice.value)
+    if (value > level - at_level && value < level + at_level) value = static_cast<float>(level + at_level);
+
+  const Pieces pieces = face_connected(inside);
+  std::vector<bool> specks(pieces.piece.size(), true);
+  specks[largest(pieces.piece)] = false;
+  set_values(lattice, selection(inside, pieces, specks), 0.0f);
+  specks.flip();
+
+  const VoxelSet around = complement(selection(inside, pieces, specks));
+  const Pieces gaps = face_connected(around);
+  std::vector<bool> pocket(gaps.piece.size(), false);
+  int cavities = 0;
+  for (std::size_t g = 1; g < gaps.piece.size(); ++g) {
+    pocket[g] = static_cast<double>(gaps.piece[g].voxels) < smallest_cavity_points;
+    cavities += pocket[g] ? 0 : 1;
+  }
+  set_values(lattice, selection(around, gaps, pocket), 1.0f);
+  return cavities;
+}
+
+// In lattice coordinates.
+TriangleMesh contour(const Lattice& lattice) {
+  vtkNew<vtkImageData> grid;
+  grid->SetDimensions(lattice.n.data());
+  vtkNew<vtkFloatArray> values;
+  values->SetArray(const_cast<float*>(lattice.value.data()), static_cast<vtkIdType>(lattice.value.size()), 1);
+  grid->GetPointData()->SetScalars(values);
+  vtkNew<vtkFlyingEdges3D> edges;
+  edges->SetInputData(grid);
+  edges->SetValue(0, level);
+  edges->ComputeNormalsOff();
+  edges->ComputeScalarsOff();
+  edges->Update();
+  vtkPolyData* poly = edges->GetOutput();
+
+  TriangleMesh mesh;
+  mesh.vertex.resize(3, poly->GetNumberOfPoints());
+  for (Index v = 0; v < mesh.vertex.cols(); ++v) poly->GetPoint(v, mesh.vertex.col(v).data());
+  mesh.triangles.resize(3, poly->GetNumberOfPolys());
   Index t = 0;
   vtkIdType count = 0;
   const vtkIdType* corner = nullptr;
   for (poly->GetPolys()->InitTraversal(); poly->GetPolys()->GetNextCell(count, corner); ++t)
-    for (int c = 0; c < 3; ++c) all.triangles(c, t) = corner[c];
-  if (all.triangles.cols() == 0) return all;
-  if (enclosed_volume(all) < 0.0) all.triangles.row(1).swap(all.triangles.row(2));
-  return largest_shell(all, smallest_cavity_mm3);
+    for (int c = 0; c < 3; ++c) mesh.triangles(c, t) = corner[c];
+  if (enclosed_volume(mesh) < 0.0) mesh.triangles.row(1).swap(mesh.triangles.row(2));
+  return mesh;
+}
+
+// The contour of the smoothed body, in the local frame.
+struct Drawing {
+  TriangleMesh surface;
+  int cavities = 0;
+};
+
+Drawing draw(const VoxelSet& body, const Frame& frame, double step, SegmentReport& report) {
+  const Vec3 spacing = frame.voxel_to_local.colwise().norm();
+  const Vec3 sigma = (0.5 * step * spacing.cwiseInverse()).cwiseMax(smoothing_voxels);
+  report.step_mm = step;
+  report.smoothing_mm = sigma.cwiseProduct(spacing).maxCoeff();
+  Lattice lattice = smoothed(body, sigma, step * spacing.cwiseInverse());
+  Drawing drawing;
+  drawing.cavities = keep_one_body(lattice, cavity_share * report.voxel_volume_mm3 / (step * step * step));
+  TriangleMesh& surface = drawing.surface = contour(lattice);
+  const Points voxel = (lattice.step.asDiagonal() * surface.vertex).colwise() + lattice.origin;
+  surface.vertex = frame.voxel_to_local * voxel;
+  stop_if_asked();
+  return drawing;
 }
 
 // The next corner in each triangle around a vertex: each edge is seen once from either side.
-CompressedRows next_corners(const TriangleSoup& surface) {
+CompressedRows next_corners(const TriangleMesh& surface) {
   CompressedRows result;
   result.offset = Eigen::VectorXi::Zero(surface.vertex.cols() + 1);
   result.member.resize(surface.triangles.size());
@@ -339,8 +288,8 @@ CompressedRows next_corners(const TriangleSoup& surface) {
 // One sweep of averaging: half of each vertex' value stays, half comes from its neighbours; then `then` has a
 // look at it.
 template <class Then>
-Points averaged(const Points& value, const CompressedRows& next, const Then& then) {
-  Points result(3, value.cols());
+void average(Points& value, Points& result, const CompressedRows& next, const Then& then) {
+  stop_if_asked();
   tbb::parallel_for(tbb::blocked_range<Index>(0, value.cols(), 1024), [&](const auto& range) {
     for (Index v = range.begin(); v < range.end(); ++v) {
       Vec3 sum = Vec3::Zero();
@@ -348,30 +297,31 @@ Points averaged(const Points& value, const CompressedRows& next, const Then& the
       result.col(v) = then(v, Vec3(0.5 * (value.col(v) + sum / static_cast<double>(next.count(v)))));
     }
   });
-  return result;
+  value.swap(result);
 }
 
 // Moves each vertex to the middle of its neighbours, over and over, on a leash around where it began:
 // terraces of the voxels go, and the surface stays between the voxel centres that it separates (Gibson,
 // Constrained elastic surface nets, MICCAI 1998). Averaging also shrinks what is round; that part of the
 // motion is smooth, where the terraces' is not, and is taken back.
-void relax(TriangleSoup& surface, double reach) {
+void relax(TriangleMesh& surface, int sweeps, double reach) {
   const Points start = surface.vertex;
   const CompressedRows next = next_corners(surface);
-  for (int sweep = 0; sweep < relaxation_sweeps; ++sweep)
-    surface.vertex = averaged(surface.vertex, next, [&](Index v, const Vec3& there) -> Vec3 {
+  Points other(3, start.cols());
+  for (int sweep = 0; sweep < sweeps; ++sweep)
+    average(surface.vertex, other, next, [&](Index v, const Vec3& there) -> Vec3 {
       const Vec3 away = there - start.col(v);
       const double length = away.norm();
       return length > reach ? Vec3(start.col(v) + reach / length * away) : there;
     });
   Points shrinkage = surface.vertex - start;
-  for (int sweep = 0; sweep < relaxation_sweeps; ++sweep)
-    shrinkage = averaged(shrinkage, next, [](Index, const Vec3& there) { return there; });
+  for (int sweep = 0; sweep < sweeps; ++sweep)
+    average(shrinkage, other, next, [](Index, const Vec3& there) { return there; });
   surface.vertex -= shrinkage;
 }
 
 // Moves the surface along its normals, everywhere alike, until it encloses the given volume.
-void match_volume(TriangleSoup& surface, double volume_mm3) {
+void match_volume(TriangleMesh& surface, double volume_mm3) {
   for (int pass = 0; pass < 4; ++pass) {
     Points normal = Points::Zero(3, surface.vertex.cols());
     double area = 0.0;
@@ -389,51 +339,81 @@ void match_volume(TriangleSoup& surface, double volume_mm3) {
   }
 }
 
+// Refuses what smoothing takes away: sheets and strands of a voxel or less of the lattice.
+void check_lost_volume(const TriangleMesh& surface, double step, SegmentReport& report) {
+  const double lost = 1.0 - enclosed_volume(surface) / report.voxel_volume_mm3;
+  const double thickness = std::max(2.0 * report.smoothing_mm, 1.5 * step);
+  if (lost > most_lost)
+    throw ModelError(
+        {.fact = fmt::format("{:.0f} % of the organ's {:.3g} mm3 are lost where it is smoothed", 100.0 * lost,
+                             report.voxel_volume_mm3),
+         .where = "body surface",
+         .why =
+             fmt::format("most of it is thinner than {:.2f} mm, which its voxels cannot give a surface: the "
+                         "smoothing is {:.2f} mm, the surface's lattice {:.2f} mm",
+                         thickness, report.smoothing_mm, step),
+         .remedy =
+             "give an image in which the organ is at least three voxels thick, choose another --label, or "
+             "for a lattice coarser than the voxels a smaller --indenter-diameter",
+         .code = "too-thin"});
+  if (std::abs(lost) > lost_to_tell)
+    report.warnings.push_back(fmt::format(
+        "smoothing by {:.2f} mm {} {:.0f} % of the organ's volume where {} {:.2f} mm; the rest is moved "
+        "evenly to make up for it",
+        report.smoothing_mm, lost > 0.0 ? "takes" : "adds", 100.0 * std::abs(lost),
+        lost > 0.0 ? "it is thinner than about" : "gaps are narrower than about", thickness));
+}
+
 }  // namespace
 
 SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>& labels,
-                                double node_spacing_mm) {
+                                const SurfaceOptions& options) {
   SegmentReport report;
   report.labels = labels;
-  const double smallest_cavity = std::pow(2.0 * node_spacing_mm, 3);
-  Crop crop = crop_to_labels(image, labels);
-  report.cut_by_border = crop.touches_border;
-  keep_largest_piece(crop, image.voxel_volume(), smallest_cavity, report);
-
+  const VoxelSet chosen = chosen_voxels(image, labels);
+  report.cut_by_border = touches_border(chosen, image);
   const Frame frame = frame_of(image);
+  const VoxelSet body = one_body(image, chosen, frame.voxel_to_local.determinant(), report);
+  tell_of_cavities(report);
   const Vec3 spacing = frame.voxel_to_local.colwise().norm();
-  const double step = std::max(spacing.minCoeff(), 0.25 * node_spacing_mm);
-  const Vec3 sigma = (0.5 * step * spacing.cwiseInverse()).cwiseMax(smoothing_voxels);
-  report.smoothing_mm = sigma.cwiseProduct(spacing).maxCoeff();
-  const Indicator::Pointer smoothed = smooth(crop, sigma);
-  TriangleSoup surface =
-      iso_surface(sample(smoothed, crop, frame.voxel_to_local, step), 0.5, smallest_cavity);
-  if (surface.triangles.cols() == 0)
-    throw ModelError(
-        {.fact = "the smoothed organ vanishes",
-         .where = "body surface",
-         .why = fmt::format("it is nowhere thicker than {:.2f} mm, the smoothing", report.smoothing_mm),
-         .remedy = "choose another --label, ask for more --nodes, or give a finer image"});
-  relax(surface, leash * step);
+  double step = options.step_mm > 0.0
+                    ? std::max(options.step_mm, finest_step(body, spacing))
+                    : lattice_step(body, spacing, report.voxel_volume_mm3, options.indenter_diameter_mm);
+  Drawing drawing = draw(body, frame, step, report);
+  TriangleMesh& surface = drawing.surface;
+  for (int again = 0; again < 8 && static_cast<double>(surface.triangles.cols()) > most_triangles; ++again) {
+    step *= 1.1 * std::sqrt(static_cast<double>(surface.triangles.cols()) / most_triangles);
+    drawing = draw(body, frame, step, report);
+  }
+  const auto kept = std::count_if(report.cavities.begin(), report.cavities.end(),
+                                  [](const Cavity& cavity) { return !cavity.filled; });
+  if (drawing.cavities != kept)
+    report.warnings.push_back(fmt::format(
+        "smoothing by {:.2f} mm leaves {} of more than 0.2 % of the organ where the voxels have {}: narrow "
+        "gaps "
+        "or thin walls closed or opened",
+        report.smoothing_mm,
+        drawing.cavities == 1 ? "one cavity" : fmt::format("{} cavities", drawing.cavities), kept));
+  check_lost_volume(surface, step, report);
+  separate_touching_sheets(surface);
+  // Terraces are as long as voxels; where the lattice is coarser, smoothing has taken them already.
+  const double ratio = std::max(1.0, step / spacing.maxCoeff());
+  relax(surface, static_cast<int>(std::ceil(relaxation_sweeps / (ratio * ratio))),
+        leash * std::min(step, spacing.maxCoeff()));
   match_volume(surface, report.voxel_volume_mm3);
 
   const double error = enclosed_volume(surface) / report.voxel_volume_mm3 - 1.0;
   if (std::abs(error) > 1e-3)
     report.warnings.push_back(
         fmt::format("the smooth surface encloses {:.2f} % {} than the voxels: parts of the organ are "
-                    "thinner than two voxels, or than half a node spacing",
-                    100.0 * std::abs(error), error > 0.0 ? "more" : "less"));
+                    "thinner than two voxels or lattice steps of {:.2f} mm",
+                    100.0 * std::abs(error), error > 0.0 ? "more" : "less", step));
   if (report.cut_by_border)
     report.warnings.push_back(
         "the organ touches the border of the image: it is cut off there, and the cut face is "
         "taken as its surface");
   return {BodySurface(std::move(surface.vertex), std::move(surface.triangles), frame.to_world),
           std::move(report)};
-}
-
-double largest_piece_volume(const LabelImage& image, const std::vector<int>& labels) {
-  Crop crop = crop_to_labels(image, labels);
-  return image.voxel_volume() * static_cast<double>(face_connected(crop.mask).voxels.front());
 }
 
 }  // namespace dimple

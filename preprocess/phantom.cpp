@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "io/error.hpp"
+#include "io/stop.hpp"
 
 namespace dimple {
 namespace {
@@ -151,12 +152,15 @@ LabelImage make_phantom(const PhantomOptions& options) {
   image.stored_size = image.size;
   image.stored_spacing = Vec3::Constant(h);
 
-  image.voxel.reserve(static_cast<std::size_t>(image.size[0] * image.size[1] * image.size[2]));
+  std::vector<std::int32_t> row(static_cast<std::size_t>(image.size[0]));
   for (Index k = 0; k < image.size[2]; ++k)
-    for (Index j = 0; j < image.size[1]; ++j)
+    for (Index j = 0; j < image.size[1]; ++j) {
+      stop_if_asked();
       for (Index i = 0; i < image.size[0]; ++i)
-        image.voxel.push_back(shape.label(
-            origin + h * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k))));
+        row[static_cast<std::size_t>(i)] = shape.label(
+            origin + h * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)));
+      append_row(image, row);
+    }
   return image;
 }
 

@@ -6,6 +6,9 @@
 #include <cmath>
 #include <limits>
 
+#include "io/stop.hpp"
+#include "preprocess/voxel_set.hpp"
+
 namespace dimple {
 namespace {
 
@@ -36,6 +39,44 @@ double distance2_to(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) 
   return (ap - vb / all * ab - vc / all * ac).squaredNorm();
 }
 
+// From 0 in some cells and the farthest ring in all others to each cell's ring around the nearest 0: one pass
+// onwards and one back, each looking at the half of the neighbours that it has been to.
+void count_rings(std::vector<unsigned char>& ring, const Eigen::Array3i& n) {
+  const auto length = static_cast<std::size_t>(n[0]);
+  std::vector<unsigned char> least(length + 2, farthest_ring);  // of the rows passed, one more at either end
+  const auto pass = [&](int step) {
+    for (int kk = 0; kk < n[2]; ++kk) {
+      stop_if_asked();
+      const int k = step > 0 ? kk : n[2] - 1 - kk;
+      for (int jj = 0; jj < n[1]; ++jj) {
+        const int j = step > 0 ? jj : n[1] - 1 - jj;
+        const auto row_at = [&](int b, int c) {
+          return ring.data() + length * (static_cast<std::size_t>(b) +
+                                         static_cast<std::size_t>(n[1]) * static_cast<std::size_t>(c));
+        };
+        std::fill(least.begin(), least.end(), static_cast<unsigned char>(farthest_ring));
+        const auto look_at = [&](int b, int c) {
+          if (b < 0 || b >= n[1] || c < 0 || c >= n[2]) return;
+          const unsigned char* other = row_at(b, c);
+          for (std::size_t i = 0; i < length; ++i) least[i + 1] = std::min(least[i + 1], other[i]);
+        };
+        look_at(j - step, k);
+        for (const int b : {j - 1, j, j + 1}) look_at(b, k - step);
+        unsigned char* row = row_at(j, k);
+        for (std::size_t i = 0; i < length; ++i)
+          row[i] = std::min(row[i],
+                            static_cast<unsigned char>(std::min({least[i], least[i + 1], least[i + 2]}) + 1));
+        for (std::size_t i = 1; i < length; ++i) {
+          const std::size_t at = step > 0 ? i : length - 1 - i, before = step > 0 ? at - 1 : at + 1;
+          row[at] = std::min(row[at], static_cast<unsigned char>(row[before] + 1));
+        }
+      }
+    }
+  };
+  pass(1);
+  pass(-1);
+}
+
 }  // namespace
 
 SurfaceCells::SurfaceCells(const Points& vertex, const Triangles& triangles) : triangles_(triangles) {
@@ -60,6 +101,7 @@ SurfaceCells::SurfaceCells(const Points& vertex, const Triangles& triangles) : t
       static_cast<std::size_t>(n_[0]) * static_cast<std::size_t>(n_[1]) * static_cast<std::size_t>(n_[2]);
   const auto each = [&](auto&& with) {
     for (Index t = 0; t < count; ++t) {
+      if (t % 65536 == 0) stop_if_asked();
       const Corners& at = corner_[static_cast<std::size_t>(t)];
       const Cell first = cell_of(at.a.cwiseMin(at.b).cwiseMin(at.c).array() - margin).max(0),
                  last = cell_of(at.a.cwiseMax(at.b).cwiseMax(at.c).array() + margin).min(n_ - 1);
@@ -75,38 +117,11 @@ SurfaceCells::SurfaceCells(const Points& vertex, const Triangles& triangles) : t
   std::vector<int> next(offset_.begin(), offset_.end() - 1);
   each([&](std::size_t c, int t) { member_[static_cast<std::size_t>(next[c]++)] = t; });
 
-  // How many cells it is to the next one with a triangle, the longest of the three directions counting: along
-  // one axis after the other.
+  // How many cells it is to the next one with a triangle, the longest of the three directions counting.
   clear_.assign(cells, farthest_ring);
   for (std::size_t c = 0; c < cells; ++c)
     if (offset_[c + 1] > offset_[c]) clear_[c] = 0;
-  for (int sweep = 0; sweep < 3; ++sweep) {
-    const int u = (sweep + 1) % 3, v = (sweep + 2) % 3;
-    std::vector<unsigned char> row(static_cast<std::size_t>(n_[sweep])), spread(row.size());
-    const std::size_t stride = sweep == 0 ? 1
-                               : sweep == 1
-                                   ? static_cast<std::size_t>(n_[0])
-                                   : static_cast<std::size_t>(n_[0]) * static_cast<std::size_t>(n_[1]);
-    for (int b = 0; b < n_[v]; ++b)
-      for (int a = 0; a < n_[u]; ++a) {
-        Cell at;
-        at[sweep] = 0;
-        at[u] = a;
-        at[v] = b;
-        const std::size_t first = number(at);
-        // min over m of max(|m - k|, row[m]): grows by at most one per cell, so the search from k ends early.
-        for (std::size_t k = 0; k < row.size(); ++k) row[k] = clear_[first + k * stride];
-        for (std::size_t k = 0; k < row.size(); ++k) {
-          std::size_t best = row[k];
-          for (std::size_t m = 1; m < best; ++m) {
-            if (m <= k) best = std::min(best, std::max<std::size_t>(m, row[k - m]));
-            if (k + m < row.size()) best = std::min(best, std::max<std::size_t>(m, row[k + m]));
-          }
-          spread[k] = static_cast<unsigned char>(best);
-        }
-        for (std::size_t k = 0; k < row.size(); ++k) clear_[first + k * stride] = spread[k];
-      }
-  }
+  count_rings(clear_, n_);
   side_.assign(cells, Side::mixed);
 }
 
@@ -115,29 +130,32 @@ SurfaceCells::Cell SurfaceCells::cell_of(const Vec3& x) const {
 }
 
 void SurfaceCells::mark_clear_cells(const std::function<bool(const Vec3&)>& is_inside) {
-  std::vector<Cell> stack;
+  VoxelSet clear{.first = {}, .size = {n_[0], n_[1], n_[2]}, .stretch = {}, .offset = {0}};
+  std::vector<Cell> seed;  // of each stretch
   for (int k = 0; k < n_[2]; ++k)
-    for (int j = 0; j < n_[1]; ++j)
+    for (int j = 0; j < n_[1]; ++j) {
+      const unsigned char* row = clear_.data() + number({0, j, k});
       for (int i = 0; i < n_[0]; ++i) {
-        const Cell seed(i, j, k);
-        if (clear_[number(seed)] == 0 || side_[number(seed)] != Side::mixed) continue;
-        const Vec3 centre = origin_ + edge_ * (seed.cast<double>() + 0.5).matrix();
-        const Side side = is_inside(centre) ? Side::inside : Side::outside;
-        side_[number(seed)] = side;
-        stack.push_back(seed);
-        while (!stack.empty()) {
-          const Cell from = stack.back();
-          stack.pop_back();
-          for (int d = 0; d < 3; ++d)
-            for (const int step : {-1, 1}) {
-              Cell to = from;
-              to[d] += step;
-              if (!in_grid(to) || clear_[number(to)] == 0 || side_[number(to)] != Side::mixed) continue;
-              side_[number(to)] = side;
-              stack.push_back(to);
-            }
-        }
+        if (row[i] == 0) continue;
+        const int begin = i;
+        while (i < n_[0] && row[i] != 0) ++i;
+        clear.stretch.push_back({begin, i});
+        seed.push_back({begin, j, k});
       }
+      clear.offset.push_back(clear.stretch.size());
+    }
+  const Pieces groups = face_connected(clear);
+  std::vector<Side> side(groups.piece.size(), Side::mixed);
+  for (std::size_t s = 0; s < seed.size(); ++s) {
+    Side& here = side[static_cast<std::size_t>(groups.of_stretch[s])];
+    if (here == Side::mixed) {
+      stop_if_asked();
+      const Vec3 centre = origin_ + edge_ * (seed[s].cast<double>() + 0.5).matrix();
+      here = is_inside(centre) ? Side::inside : Side::outside;
+    }
+    const auto first = side_.begin() + static_cast<std::ptrdiff_t>(number(seed[s]));
+    std::fill(first, first + (clear.stretch[s].end - clear.stretch[s].begin), here);
+  }
 }
 
 std::optional<bool> SurfaceCells::contains(const Vec3& x) const {

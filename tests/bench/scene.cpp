@@ -6,7 +6,7 @@
 #include <cstdlib>
 #include <map>
 
-#include "preprocess/body_surface.hpp"
+#include "preprocess/label_surface.hpp"
 #include "preprocess/phantom.hpp"
 #include "tests/bench/reference_force.hpp"
 
@@ -69,17 +69,13 @@ LabelImage scene_image() {
   return make_phantom({.shape = "block", .size_mm = {60.0, 60.0, 30.0}});
 }
 
-double rough_spacing(const LabelImage& image, const Config& config) {
-  return std::cbrt(largest_piece_volume(image, {}) / static_cast<double>(config.cloud.nodes));
-}
-
 SurfacePieces surface_pieces(const BodySurface& body, const Model& model) {
   const Points world = body.to_world() * body.vertex().colwise().homogeneous();
   return pieces_of(world * 1e-3, body.triangles(), model);
 }
 
 Model whole_model(const LabelImage& image, const Config& config) {
-  const SegmentedBody body = make_body_surface(image, {}, rough_spacing(image, config));
+  const SegmentedBody body = make_body_surface(image, {});
   Model model = build_model(body.surface, model_options(config)).model;
   complete_model(model, support_options(config), Eigen::VectorXi::Zero(model.point_count()),
                  Eigen::VectorXd::Constant(model.point_count(), material_of(config).density),

@@ -23,9 +23,6 @@ struct Scene {
 Config scene_config(const std::string& scheme, Index nodes);
 LabelImage scene_image();
 
-/// Edge of the cube that one node stands for [mm]: how fine the surface is drawn.
-double rough_spacing(const LabelImage& image, const Config& config);
-
 /// The surface as pieces in metres, as make_consistent() takes it.
 SurfacePieces surface_pieces(const BodySurface& body, const Model& model);
 

@@ -16,8 +16,7 @@ constexpr Index nodes = 4250;
 struct Before {
   const Scene& final = scene("converging", nodes);
   ModelOptions options = model_options(final.config);
-  double rough = rough_spacing(final.image, final.config);
-  SegmentedBody body = make_body_surface(final.image, {}, rough);
+  SegmentedBody body = make_body_surface(final.image, {});
   double spacing = spacing_for_count(body.surface, nodes);
   Boundary boundary = find_boundary(body.surface, options.boundary, spacing);
   Sizing sizing{body.surface, boundary, options.cloud.grading};
@@ -44,7 +43,7 @@ void read_image(benchmark::State& state) {
 }
 
 void surface(benchmark::State& state) {
-  for (auto _ : state) make_body_surface(before().final.image, {}, before().rough);
+  for (auto _ : state) make_body_surface(before().final.image, {});
 }
 
 void boundary_conditions(benchmark::State& state) {

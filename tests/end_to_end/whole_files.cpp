@@ -64,7 +64,7 @@ void read_whole(const fs::path& file) {
     for (const char* part : {"nodes.vtu", "points.vtu", "surface.vtp"})  // it comes last
       EXPECT_TRUE(fs::exists(file.parent_path() / part)) << file;
   } else if (suffix == ".nrrd" || suffix == ".gz" || suffix == ".mha") {
-    EXPECT_GT(read_label_image(file).voxel.size(), 0u) << file;
+    EXPECT_GT(read_label_image(file).run.size(), 0u) << file;
   } else if (suffix == ".txt" || suffix == ".toml" || suffix == ".md") {
     EXPECT_TRUE(text.ends_with('\n')) << file;
   } else {

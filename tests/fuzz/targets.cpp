@@ -71,18 +71,22 @@ void read_or_refuse(const auto& read) {
 }
 
 void check(const LabelImage& image) {
-  Index voxels = 1;
-  for (const Index n : image.size) {
-    require(n > 1, "an image has two voxels along each axis");
-    voxels *= n;
-  }
-  require(static_cast<Index>(image.voxel.size()) == voxels, "an image has a label for each voxel");
-  bool foreground = false;
-  for (const auto label : image.voxel) {
-    require(label >= 0, "labels are not negative");
-    foreground = foreground || label > 0;
-  }
-  require(foreground, "an image holds an organ");
+  for (const Index n : image.size) require(n > 1, "an image has two voxels along each axis");
+  require(static_cast<Index>(image.row_offset.size()) == image.size[1] * image.size[2] + 1 &&
+              image.row_offset.front() == 0 && image.row_offset.back() == image.run.size(),
+          "an image has all its rows");
+  for (Index k = 0; k < image.size[2]; ++k)
+    for (Index j = 0; j < image.size[1]; ++j) {
+      Run before{0, 0, 0};
+      for (const Run& run : image.row(j, k)) {
+        require(run.label > 0, "labels are positive");
+        require(run.begin < run.end && run.end <= image.size[0], "a run lies in its row");
+        require(run.begin > before.end || (run.begin == before.end && run.label != before.label),
+                "runs ascend and are as long as they can be");
+        before = run;
+      }
+    }
+  require(!image.run.empty(), "an image holds an organ");
   require(image.to_world.matrix().allFinite(), "an image lies somewhere");
   require(image.to_world.linear().determinant() > 0.0, "an image is not inside out");
   for (const LabelMeasure& m : measure_labels(image))

@@ -29,7 +29,9 @@ LabelImage body() {
   image.size = {5, 7, 4};
   image.to_world = Eigen::Translation3d(-12.5, 40.25, 7.0) * Eigen::Scaling(0.5, 1.25, 2.0);
   std::mt19937 random(7);
-  for (int v = 0; v < 5 * 7 * 4; ++v) image.voxel.push_back(static_cast<int>(random() % 4));
+  std::vector<std::int32_t> voxel;
+  for (int v = 0; v < 5 * 7 * 4; ++v) voxel.push_back(static_cast<int>(random() % 4));
+  set_voxels(image, voxel);
   image.names = {{1, "cortex"}, {2, "white matter"}, {3, "tumour, \"left\""}};
   return image;
 }
@@ -44,7 +46,8 @@ LabelImage oblique_body() {
 /// Equal labels in equal places.
 void expect_same(const LabelImage& a, const LabelImage& b, double tolerance_mm) {
   EXPECT_EQ(a.size, b.size);
-  EXPECT_EQ(a.voxel, b.voxel);
+  EXPECT_EQ(a.run, b.run);
+  EXPECT_EQ(a.row_offset, b.row_offset);
   EXPECT_LT((a.to_world.matrix() - b.to_world.matrix()).cwiseAbs().maxCoeff(), tolerance_mm)
       << a.to_world.matrix() << "\n\n"
       << b.to_world.matrix();
@@ -381,7 +384,9 @@ TEST(LabelImage, IsWrittenInTheSmallestTypeThatHoldsItsLabels) {
        {std::pair{255, "unsigned char"}, {256, "unsigned short"}, {65536, "int"}}) {
     LabelImage organ = body();
     organ.names.clear();
-    organ.voxel[17] = label;
+    std::vector<std::int32_t> voxel = every_voxel(organ);
+    voxel[17] = label;
+    set_voxels(organ, voxel);
     for (const char* name : {"a.nrrd", "a.mha", "a.nii.gz"}) {
       write_label_image(folder / name, organ);
       expect_same(read_label_image(folder / name), organ, 1e-5);
@@ -432,8 +437,9 @@ TEST(LabelImage, KeepsTheOlderFileWhenTheDiskIsFull) {
   noise.names.clear();
   noise.size = {64, 64, 64};
   std::mt19937 random(5);
-  noise.voxel.resize(64 * 64 * 64);
-  for (auto& v : noise.voxel) v = static_cast<std::int32_t>(random() % 256);
+  std::vector<std::int32_t> voxel(64 * 64 * 64);
+  for (auto& v : voxel) v = static_cast<std::int32_t>(random() % 256);
+  set_voxels(noise, voxel);
   for (const char* name : {"a.nrrd", "a.nii", "a.nii.gz", "a.mha"}) {
     SCOPED_TRACE(name);
     write_label_image(folder / name, body());
@@ -476,7 +482,7 @@ TEST(LabelImage, TakesWholeNumbersOfEveryType) {
   Nifti scaled = as(4, std::int16_t{});  // label = 2 number + 0
   scaled.set(112, 2.0f);
   LabelImage twice = body();
-  for (auto& v : twice.voxel) v *= 2;
+  for (auto& part : twice.run) part.label *= 2;
   expect_same(read("scaled.nii", scaled.file()), twice, 1e-5);
 
   Nifti swapped = as(4, std::int16_t{});  // the other byte order
@@ -592,7 +598,7 @@ TEST(LabelImage, RefusesAGeometryThatIsNoPlaceInSpace) {
 
 TEST(LabelImage, RefusesAnImageThatIsAllBackground) {
   LabelImage empty = body();
-  std::fill(empty.voxel.begin(), empty.voxel.end(), 0);
+  set_voxels(empty, std::vector<std::int32_t>(5 * 7 * 4, 0));
   EXPECT_SAYS(refusal("empty.nrrd", nrrd(as_it_is(empty))).fact, "all 140 voxels are background");
 }
 
@@ -610,7 +616,7 @@ TEST(LabelImage, RefusesEveryTruncation) {
   for (const auto& [name, whole] : {std::pair<std::string, std::string>{"raw.nrrd", nrrd(as_it_is(brain))},
                                     {"raw.mha", metaimage(as_it_is(brain))},
                                     {"raw.nii", Nifti(as_it_is(brain)).file()}}) {
-    EXPECT_EQ(read(name, whole).voxel, brain.voxel);
+    EXPECT_EQ(read(name, whole).run, brain.run);
     EXPECT_SAYS(refusal(name, whole.substr(0, whole.size() - 1)).why, "incomplete");
   }
 }
@@ -621,8 +627,9 @@ TEST(LabelImage, RefusesDamagedCompressedData) {
   noise.size = {32, 32, 32};
   noise.names.clear();
   std::mt19937 random(5);
-  noise.voxel.resize(32 * 32 * 32);
-  for (auto& v : noise.voxel) v = static_cast<std::int32_t>(random() % 8);
+  std::vector<std::int32_t> voxel(32 * 32 * 32);
+  for (auto& v : voxel) v = static_cast<std::int32_t>(random() % 8);
+  set_voxels(noise, voxel);
   for (const char* name : {"a.nrrd", "a.mha", "a.nii.gz"}) {
     write_label_image(folder / name, noise);
     std::string content = read_file(folder / name);
@@ -732,13 +739,14 @@ TEST(LabelImage, IsMeasuredByLabel) {
   LabelImage image;
   image.size = {6, 5, 4};
   image.to_world = Eigen::Affine3d(Eigen::Scaling(1.0, 2.0, 3.0));
-  image.voxel.assign(6 * 5 * 4, 0);
+  std::vector<std::int32_t> voxel(6 * 5 * 4, 0);
   const auto set = [&](Index i, Index j, Index k, int label) {
-    image.voxel[static_cast<std::size_t>(i + 6 * (j + 5 * k))] = label;
+    voxel[static_cast<std::size_t>(i + 6 * (j + 5 * k))] = label;
   };
   set(1, 1, 1, 7), set(2, 1, 1, 7), set(3, 2, 1, 7);  // the third touches by an edge only
   set(2, 2, 1, 3);                                    // another label between them does not join them
   set(5, 4, 3, 9);                                    // a corner of the image
+  set_voxels(image, voxel);
   image.names = {{7, "nucleus"}};
   const auto labels = measure_labels(image);
   ASSERT_EQ(labels.size(), 3u);

@@ -95,8 +95,9 @@ TEST(Phantom, BrainsDeepTissueLiesInsideBothHemispheres) {
   EXPECT_EQ(labels[2].pieces, 1);
   EXPECT_EQ(label_at(deep, {3, 0, 11.5}), 3);
   EXPECT_EQ(label_at(deep, {-3, 0, 11.5}), 3);
-  for (std::size_t v = 0; v < plain.voxel.size(); ++v)
-    ASSERT_EQ(plain.voxel[v] != 0, deep.voxel[v] != 0);  // the same body
+  const auto plain_voxel = every_voxel(plain), deep_voxel = every_voxel(deep);
+  for (std::size_t v = 0; v < plain_voxel.size(); ++v)
+    ASSERT_EQ(plain_voxel[v] != 0, deep_voxel[v] != 0);  // the same body
   for (Index k = 1; k + 1 < deep.size[2]; ++k)           // and wrapped all round
     for (Index j = 1; j + 1 < deep.size[1]; ++j)
       for (Index i = 1; i + 1 < deep.size[0]; ++i)
@@ -168,7 +169,7 @@ TEST(Phantom, HasBackgroundAllRoundAndIsTheSameEachTime) {
     const PhantomOptions options{
         .shape = shape, .size_mm = {33, 21, 17}, .spacing_mm = 0.7, .two_labels = true};
     const LabelImage once = make_phantom(options), twice = make_phantom(options);
-    EXPECT_EQ(once.voxel, twice.voxel);
+    EXPECT_EQ(every_voxel(once), every_voxel(twice));
     for (const LabelMeasure& label : measure_labels(once)) {
       EXPECT_FALSE(label.touches_border) << shape;
       EXPECT_FALSE(label.name.empty()) << shape;

@@ -11,6 +11,7 @@
 #include "apps/config.hpp"
 #include "io/error.hpp"
 #include "preprocess/build_model.hpp"
+#include "preprocess/label_surface.hpp"
 #include "preprocess/phantom.hpp"
 #include "tests/helpers/folder.hpp"
 
@@ -39,12 +40,14 @@ TEST(BodySurface, OfABallIsSmoothWhereItsVoxelsAreStairs) {
   LabelImage image;
   image.size = {44, 44, 44};
   image.to_world = Eigen::Affine3d::Identity();
+  std::vector<std::int32_t> voxel;
   for (Index k = 0; k < 44; ++k)
     for (Index j = 0; j < 44; ++j)
       for (Index i = 0; i < 44; ++i)
-        image.voxel.push_back((Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) -
-                               Vec3::Constant(21.5))
-                                  .norm() < 20.0);
+        voxel.push_back((Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) -
+                         Vec3::Constant(21.5))
+                            .norm() < 20.0);
+  set_voxels(image, voxel);
   const SegmentedBody body = make_body_surface(image, {}, 3.0);
   const double radius = std::cbrt(body.surface.volume() * 3.0 / (4.0 * 3.14159265358979));
   for (const auto& x : body.surface.vertex().colwise())
@@ -54,8 +57,9 @@ TEST(BodySurface, OfABallIsSmoothWhereItsVoxelsAreStairs) {
 TEST(BodySurface, RefusesASpeckAndALabelThatIsNotThere) {
   LabelImage image = make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 3});
   EXPECT_THROW(make_body_surface(image, {9}, 3.0), InputError);
-  for (auto& v : image.voxel) v = 0;
-  image.voxel[image.voxel.size() / 2] = 1;
+  std::vector<std::int32_t> voxel(every_voxel(image).size(), 0);
+  voxel[voxel.size() / 2] = 1;
+  set_voxels(image, voxel);
   EXPECT_THROW(make_body_surface(image, {}, 3.0), ModelError);
 }
 

@@ -409,10 +409,11 @@ TEST(Vtp, RefusesTrianglesOfPointsThatDoNotExist) {
 LabelImage oblique_image(std::int32_t label) {
   LabelImage image;
   image.size = {20, 16, 12};
-  image.voxel.assign(20 * 16 * 12, 0);
+  std::vector<std::int32_t> voxel(20 * 16 * 12, 0);
   for (Index k = 4; k <= 7; ++k)
     for (Index j = 3; j <= 12; ++j)
-      for (Index i = 8; i <= 17; ++i) image.voxel[static_cast<std::size_t>(i + 20 * (j + 16 * k))] = label;
+      for (Index i = 8; i <= 17; ++i) voxel[static_cast<std::size_t>(i + 20 * (j + 16 * k))] = label;
+  set_voxels(image, voxel);
   image.to_world = Eigen::Translation3d(-31.0, 12.5, 7.0) *
                    Eigen::AngleAxisd(0.4, Vec3(1.0, -2.0, 0.5).normalized()) * Eigen::Scaling(0.5, 1.0, 2.0);
   return image;
@@ -444,7 +445,7 @@ TEST(Vti, PutsEveryVoxelOfAnObliqueImageInItsPlace) {
   write_vti(file, image);
   const auto grid = read_image(file);
   EXPECT_STREQ(grid->GetPointData()->GetScalars()->GetName(), "label");
-  EXPECT_EQ(grid->GetPointData()->GetScalars()->GetDataType(), VTK_SHORT);
+  EXPECT_EQ(grid->GetPointData()->GetScalars()->GetDataType(), VTK_SIGNED_CHAR);
 
   const Mat3 direction = image.to_world.rotation();
   for (int r = 0; r < 3; ++r)
@@ -457,23 +458,25 @@ TEST(Vti, PutsEveryVoxelOfAnObliqueImageInItsPlace) {
             image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
         ASSERT_EQ(label_at(*grid, centre), image.at(i, j, k)) << i << ' ' << j << ' ' << k;
       }
-  // And the first voxel of the cropped grid is voxel (7, 2, 3): a tenth of 10, 10 and 4, rounded up.
-  const Vec3 corner = image.to_world * Vec3(7.0, 2.0, 3.0);
+  // And the first voxel of the cropped grid is voxel (6, 1, 2).
+  const Vec3 corner = image.to_world * Vec3(6.0, 1.0, 2.0);
   for (int d = 0; d < 3; ++d) EXPECT_NEAR(grid->GetPoint(0)[d], corner[d], 1e-12);
 }
 
-TEST(Vti, IsCroppedToTheForegroundAndATenthMore) {
+TEST(Vti, IsCroppedToTheForegroundAndTwoVoxelsMore) {
   const fs::path file = fresh_folder() / "label.vti";
   write_vti(file, oblique_image(1));
   const auto grid = read_image(file);
-  EXPECT_EQ(grid->GetDimensions()[0], 12);
-  EXPECT_EQ(grid->GetDimensions()[1], 12);
-  EXPECT_EQ(grid->GetDimensions()[2], 6);
+  EXPECT_EQ(grid->GetDimensions()[0], 14);
+  EXPECT_EQ(grid->GetDimensions()[1], 14);
+  EXPECT_EQ(grid->GetDimensions()[2], 8);
 }
 
 TEST(Vti, UsesTheNarrowestTypeThatHoldsEveryLabel) {
   const fs::path file = fresh_folder() / "label.vti";
-  for (const auto& [label, type] : {std::pair{32767, VTK_SHORT},
+  for (const auto& [label, type] : {std::pair{127, VTK_SIGNED_CHAR},
+                                    {128, VTK_SHORT},
+                                    {32767, VTK_SHORT},
                                     {32768, VTK_UNSIGNED_SHORT},
                                     {65535, VTK_UNSIGNED_SHORT},
                                     {65536, VTK_INT},

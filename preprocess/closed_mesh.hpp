@@ -1,0 +1,21 @@
+#pragma once
+
+#include "io/types.hpp"
+
+namespace dimple {
+
+/// Triangles that share vertices by number.
+struct TriangleMesh {
+  Points vertex;  ///< [3xV]
+  Triangles triangles;
+};
+
+/// Signed: positive if the triangles face outward.
+double enclosed_volume(const TriangleMesh& mesh);
+
+/// Makes a closed surface a manifold, which it may fail to be where it touches itself at an edge or a corner:
+/// there its sheets get vertices of their own, at the same places. Every edge then has two triangles and
+/// every vertex one fan. The volume does not change. Throws ModelError if the surface has a border.
+void separate_touching_sheets(TriangleMesh& mesh);
+
+}  // namespace dimple

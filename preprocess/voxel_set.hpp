@@ -1,0 +1,48 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "io/label_image.hpp"
+
+namespace dimple {
+
+/// Some voxels of a box, as stretches along i. Those of a row ascend and do not touch.
+struct VoxelSet {
+  struct Stretch {
+    std::int32_t begin, end;  ///< voxels [begin, end)
+  };
+  std::array<Index, 3> first{};  ///< where the box begins in the image; may lie outside of it
+  std::array<Index, 3> size{};
+  std::vector<Stretch> stretch;     ///< of all rows, j fastest
+  std::vector<std::size_t> offset;  ///< [size[1]*size[2] + 1] where in `stretch` each row begins
+
+  std::span<const Stretch> row(Index j, Index k) const {
+    const std::size_t* at = offset.data() + (j + size[1] * k);
+    return {stretch.data() + at[0], stretch.data() + at[1]};
+  }
+};
+
+/// Voxels of the image with one of the labels (none: all foreground), in their box and one voxel around it.
+/// Empty if there is none.
+VoxelSet voxels_with(const LabelImage& image, const std::vector<int>& labels);
+
+/// The other voxels of the box.
+VoxelSet complement(const VoxelSet& set);
+
+/// Face-connected pieces, in the order of their first voxels.
+struct Pieces {
+  struct Piece {
+    std::int64_t voxels = 0;
+    Vec3 centre = Vec3::Zero();  ///< mean of its voxels' places in the box
+  };
+  std::vector<Piece> piece;
+  std::vector<std::int32_t> of_stretch;  ///< [stretches]
+};
+Pieces face_connected(const VoxelSet& set);
+
+/// Only the pieces with kept[piece].
+VoxelSet selection(const VoxelSet& set, const Pieces& pieces, const std::vector<bool>& kept);
+
+}  // namespace dimple

@@ -1,0 +1,272 @@
+// From a label image to a closed surface: whatever the body's shape and however fine its voxels.
+
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <array>
+#include <map>
+#include <random>
+
+#include "io/error.hpp"
+#include "preprocess/label_surface.hpp"
+
+namespace dimple {
+namespace {
+
+template <class Inside>
+LabelImage image_of(std::array<Index, 3> size, const Vec3& spacing, const Inside& inside) {
+  LabelImage image;
+  image.size = size;
+  image.to_world = Eigen::Affine3d(Eigen::Scaling(spacing));
+  std::vector<std::int32_t> row(static_cast<std::size_t>(size[0]));
+  for (Index k = 0; k < size[2]; ++k)
+    for (Index j = 0; j < size[1]; ++j) {
+      for (Index i = 0; i < size[0]; ++i) row[static_cast<std::size_t>(i)] = inside(i, j, k) ? 1 : 0;
+      append_row(image, row);
+    }
+  return image;
+}
+
+bool in_box(Index i, Index j, Index k, std::array<Index, 3> low, std::array<Index, 3> high) {
+  return i >= low[0] && i < high[0] && j >= low[1] && j < high[1] && k >= low[2] && k < high[2];
+}
+
+LabelImage ellipsoid(Index across, const Vec3& half) {
+  return image_of({across, across, across}, Vec3::Ones(), [&](Index i, Index j, Index k) {
+    const Vec3 x = Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)).array() -
+                   0.5 * static_cast<double>(across - 1);
+    return x.cwiseQuotient(half).squaredNorm() < 1.0;
+  });
+}
+
+// Every edge has two triangles that run along it in opposite directions, and no triangle is a line.
+void expect_closed_and_outward(const BodySurface& surface) {
+  std::map<std::pair<Index, Index>, int> sides;
+  for (const auto& t : surface.triangles().colwise())
+    for (int c = 0; c < 3; ++c) ++sides[{t[c], t[(c + 1) % 3]}];
+  for (const auto& [side, count] : sides) {
+    ASSERT_NE(side.first, side.second);
+    ASSERT_EQ(count, 1);
+    ASSERT_EQ(sides.count({side.second, side.first}), 1u);
+  }
+  EXPECT_GT(surface.volume(), 0.0);
+}
+
+// What any image may expect: a closed surface around the voxels' volume, or a refusal in words. Says which.
+bool gives_a_surface(const LabelImage& image, const SurfaceOptions& options = {}) {
+  try {
+    const SegmentedBody body = make_body_surface(image, {}, options);
+    expect_closed_and_outward(body.surface);
+    EXPECT_NEAR(body.surface.volume() / body.report.voxel_volume_mm3, 1.0, 0.02);
+    const double error = std::abs(body.surface.volume() / body.report.voxel_volume_mm3 - 1.0);
+    EXPECT_TRUE(error < 1e-3 || !body.report.warnings.empty()) << error;
+    return true;
+  } catch (const ModelError& error) {
+    EXPECT_TRUE(error.report.code == "too-thin" || error.report.fact.find("at least 64") != std::string::npos)
+        << error.report.fact;
+    return false;
+  }
+}
+
+TEST(Surface, OfAnEllipsoidIsClosedHoweverMuchCoarserThanItsVoxels) {
+  const LabelImage image = ellipsoid(127, {60.0, 50.0, 41.0});
+  for (const double step : {1.0, 1.3, 2.0, 2.5, 3.0, 3.7, 5.0, 7.1, 10.0, 14.3}) {
+    SCOPED_TRACE(step);
+    const SegmentedBody body = make_body_surface(image, {}, {.step_mm = step});
+    expect_closed_and_outward(body.surface);
+    EXPECT_NEAR(body.surface.volume() / body.report.voxel_volume_mm3, 1.0, 1e-3);
+    EXPECT_EQ(body.report.step_mm, step);
+    for (const auto& x : body.surface.vertex().colwise()) {
+      const Vec3 from_middle = x.array() - 63.0;
+      const double r = from_middle.cwiseQuotient(Vec3(60.0, 50.0, 41.0)).norm();
+      EXPECT_NEAR(r, 1.0, 0.01 + 0.005 * step);
+    }
+  }
+}
+
+// Made of runs: ever finer voxels of one body, up to 1000 across.
+TEST(Surface, OfAnEllipsoidIsTheSameHoweverFineItsVoxels) {
+  const Vec3 half(50.0, 43.0, 37.0);
+  for (const int fineness : {1, 3, 10, 32, 100}) {
+    SCOPED_TRACE(fineness);
+    const double h = 10.0 / fineness;
+    const auto n = static_cast<Index>(std::ceil(104.0 / h)) + 4;
+    const double middle = 0.5 * static_cast<double>(n - 1);
+    LabelImage image;
+    image.size = {n, n, n};
+    image.to_world = Eigen::Translation3d(Vec3::Constant(-h * middle)) * Eigen::Scaling(h);
+    image.row_offset = {0};
+    for (Index k = 0; k < n; ++k)
+      for (Index j = 0; j < n; ++j) {
+        const double y = h * (static_cast<double>(j) - middle) / half.y(),
+                     z = h * (static_cast<double>(k) - middle) / half.z(), rest = 1.0 - y * y - z * z;
+        if (rest > 0.0) {
+          const double reach = half.x() * std::sqrt(rest) / h;
+          const auto begin = static_cast<std::int32_t>(std::ceil(middle - reach)),
+                     end = static_cast<std::int32_t>(std::floor(middle + reach)) + 1;
+          if (begin < end) image.run.push_back({begin, end, 1});
+        }
+        image.row_offset.push_back(image.run.size());
+      }
+    const SegmentedBody body = make_body_surface(image, {}, {.step_mm = 10.0});
+    expect_closed_and_outward(body.surface);
+    EXPECT_NEAR(body.surface.volume() / body.report.voxel_volume_mm3, 1.0, 1e-3);
+    for (const auto& x : body.surface.vertex().colwise())
+      EXPECT_NEAR((body.surface.to_world() * x).cwiseQuotient(half).norm(), 1.0, fineness == 1 ? 0.1 : 0.05);
+  }
+}
+
+// Bodies that touch themselves, in 24 voxels each way.
+TEST(Surface, OfAFoldedOrTouchingBodyIsClosed) {
+  using Inside = bool (*)(Index, Index, Index);
+  const std::vector<std::pair<const char*, Inside>> bodies = {
+      {"a slit of one voxel",
+       [](Index i, Index j, Index k) {
+         return in_box(i, j, k, {3, 3, 3}, {21, 21, 21}) && !(i == 12 && k > 6);
+       }},
+      {"a slit of two voxels",
+       [](Index i, Index j, Index k) {
+         return in_box(i, j, k, {3, 3, 3}, {21, 21, 21}) && !((i == 12 || i == 11) && k > 6);
+       }},
+      {"two blocks at an edge",
+       [](Index i, Index j, Index k) {
+         return in_box(i, j, k, {2, 2, 2}, {12, 12, 22}) || in_box(i, j, k, {12, 12, 2}, {22, 22, 22}) ||
+                in_box(i, j, k, {2, 2, 2}, {22, 22, 6});
+       }},
+      {"two blocks at a corner",
+       [](Index i, Index j, Index k) {
+         return in_box(i, j, k, {2, 2, 2}, {12, 12, 12}) || in_box(i, j, k, {12, 12, 12}, {22, 22, 22}) ||
+                in_box(i, j, k, {2, 14, 2}, {22, 22, 10}) || in_box(i, j, k, {2, 2, 2}, {8, 20, 10}) ||
+                in_box(i, j, k, {14, 14, 2}, {22, 22, 22});
+       }},
+      {"two lobes joined by one voxel",
+       [](Index i, Index j, Index k) {
+         return in_box(i, j, k, {2, 2, 2}, {11, 22, 22}) || in_box(i, j, k, {12, 2, 2}, {22, 22, 22}) ||
+                (i == 11 && j == 12 && k == 12);
+       }},
+      {"a chessboard of rods in a frame",
+       [](Index i, Index j, Index k) {
+         return in_box(i, j, k, {2, 2, 2}, {22, 22, 22}) && (k < 6 || k >= 18 || ((i / 4 + j / 4) % 2 == 0));
+       }},
+      {"the whole image", [](Index, Index, Index) { return true; }},
+      {"a hollow block",
+       [](Index i, Index j, Index k) {
+         return in_box(i, j, k, {2, 2, 2}, {22, 22, 22}) && !in_box(i, j, k, {6, 6, 6}, {18, 18, 18});
+       }},
+  };
+  for (const auto& [name, inside] : bodies)
+    for (const Vec3& spacing : {Vec3(1, 1, 1), Vec3(0.7, 0.7, 3.0), Vec3(1.0, 0.4, 0.9)}) {
+      SCOPED_TRACE(std::string(name) + " of voxels " + std::to_string(spacing.z()));
+      const LabelImage image = image_of({24, 24, 24}, spacing, inside);
+      EXPECT_TRUE(gives_a_surface(image));
+      for (const double step : {1.1, 1.7, 2.3, 4.0}) gives_a_surface(image, {.step_mm = step});
+    }
+}
+
+TEST(Surface, OfRandomBlobsIsClosedOrRefusedInWords) {
+  std::mt19937 random(20);
+  std::uniform_real_distribution<double> unit(0.0, 1.0);
+  int surfaces = 0;
+  constexpr int bodies = 400;
+  for (int n = 0; n < bodies; ++n) {
+    SCOPED_TRACE(n);
+    // Waves in random directions above a random level; of the last quarter each voxel is drawn by itself.
+    const bool noise = n >= bodies * 3 / 4;
+    const double above = noise ? unit(random) : 2.0 * unit(random) - 1.0;
+    std::vector<std::pair<Vec3, double>> wave;
+    for (int w = 0; w < 6; ++w)
+      wave.push_back({2.5 * unit(random) * Vec3(unit(random) - 0.5, unit(random) - 0.5, unit(random) - 0.5),
+                      6.3 * unit(random)});
+    const std::array<Index, 3> size = {8 + static_cast<Index>(12 * unit(random)),
+                                       8 + static_cast<Index>(12 * unit(random)),
+                                       8 + static_cast<Index>(12 * unit(random))};
+    const Vec3 spacing(0.3 + 2.0 * unit(random), 0.3 + 2.0 * unit(random), 0.3 + 2.0 * unit(random));
+    const LabelImage image =
+        image_of(size, n % 3 == 0 ? Vec3(Vec3::Ones()) : spacing, [&](Index i, Index j, Index k) {
+          if (noise) return unit(random) > above;
+          double sum = 0.0;
+          for (const auto& [k_vector, phase] : wave)
+            sum += std::cos(
+                k_vector.dot(Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k))) +
+                phase);
+          return sum > above || (i < 2 && j < 2 && k < 2);
+        });
+    const double step = n % 2 == 0 ? 0.0 : spacing.minCoeff() * (1.0 + 2.0 * unit(random));
+    surfaces += gives_a_surface(image, {.step_mm = step});
+  }
+  EXPECT_GT(surfaces, bodies / 2);
+  RecordProperty("surfaces", surfaces);
+}
+
+TEST(Surface, OfASheetOfOneVoxelIsRefusedInWords) {
+  const LabelImage sheet = image_of({200, 200, 40}, Vec3::Ones(), [](Index i, Index j, Index k) {
+    return in_box(i, j, k, {20, 20, 20}, {180, 180, 21});
+  });
+  try {
+    make_body_surface(sheet, {});
+    FAIL();
+  } catch (const ModelError& error) {
+    EXPECT_EQ(error.report.code, "too-thin");
+    EXPECT_NE(error.report.why.find("thinner than"), std::string::npos);
+    EXPECT_NE(error.report.remedy.find("three voxels"), std::string::npos);
+  }
+  // Two voxels are enough for a surface, at its place.
+  const SegmentedBody two = make_body_surface(image_of({60, 60, 9}, Vec3::Ones(),
+                                                       [](Index i, Index j, Index k) {
+                                                         return in_box(i, j, k, {5, 5, 4}, {55, 55, 6});
+                                                       }),
+                                              {});
+  expect_closed_and_outward(two.surface);
+  EXPECT_NEAR(two.surface.closest(Vec3(30.0, 30.0, 4.5)).distance, 1.0, 0.15);
+}
+
+TEST(Surface, NamesEveryCavityWithItsVolumeAndPlace) {
+  const LabelImage image = image_of({60, 60, 60}, Vec3(0.5, 0.5, 0.5), [](Index i, Index j, Index k) {
+    return in_box(i, j, k, {5, 5, 5}, {55, 55, 55}) && !in_box(i, j, k, {10, 10, 10}, {30, 30, 30}) &&
+           !in_box(i, j, k, {40, 40, 40}, {44, 44, 44});
+  });
+  const SegmentedBody body = make_body_surface(image, {});
+  ASSERT_EQ(body.report.cavities.size(), 2u);
+  EXPECT_NEAR(body.report.cavities[0].volume_mm3, 1000.0, 1e-9);
+  EXPECT_FALSE(body.report.cavities[0].filled);
+  EXPECT_LT((body.report.cavities[0].centre_mm - Vec3(9.75, 9.75, 9.75)).norm(), 1e-9);
+  EXPECT_NEAR(body.report.cavities[1].volume_mm3, 8.0, 1e-9);
+  EXPECT_TRUE(body.report.cavities[1].filled);
+  EXPECT_NEAR(body.surface.volume(), 15625.0 - 1000.0, 15.0);
+  EXPECT_FALSE(body.surface.contains(Vec3(9.75, 9.75, 9.75)));
+  EXPECT_TRUE(body.surface.contains(Vec3(20.75, 20.75, 20.75)));
+  std::string all;
+  for (const std::string& warning : body.report.warnings) all += warning + "\n";
+  EXPECT_NE(all.find("1e+03 mm3 at (9.8, 9.8, 9.8) mm"), std::string::npos) << all;
+  EXPECT_NE(all.find("8 mm3 at (20.8, 20.8, 20.8) mm"), std::string::npos) << all;
+}
+
+// The readers snap header numbers; what is left below 1e-9 must not reach the vertices, nor must a turn.
+TEST(Surface, IsTheSameToTheLastBitForHeadersThatDifferByRounding) {
+  LabelImage image = ellipsoid(40, {17.0, 14.0, 12.0});
+  image.to_world = Eigen::Affine3d(Eigen::Scaling(Vec3(1.366, 0.703125, 0.9)));
+  const SegmentedBody first = make_body_surface(image, {});
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> noise(-1e-13, 1e-13);
+  for (int n = 0; n < 6; ++n) {
+    LabelImage other = image;
+    const Eigen::Quaterniond turn =
+        n < 3 ? Eigen::Quaterniond::Identity() : Eigen::Quaterniond(0.3 + n, 0.1, -0.4, 0.7).normalized();
+    other.to_world = Eigen::Translation3d(10.0 * n, -3.0, 7.0) * turn * image.to_world;
+    for (int r = 0; r < 3; ++r)
+      for (int c = 0; c < 3; ++c) other.to_world.linear()(r, c) += noise(random);
+    const SegmentedBody again = make_body_surface(other, {});
+    EXPECT_TRUE(again.surface.vertex() == first.surface.vertex());
+    EXPECT_TRUE(again.surface.triangles() == first.surface.triangles());
+  }
+}
+
+TEST(Surface, IsTheSameForAnyNumberOfThreads) {
+  const LabelImage image = ellipsoid(60, {27.0, 24.0, 22.0});
+  const SegmentedBody all = make_body_surface(image, {}, {.step_mm = 1.7});
+  const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
+  EXPECT_TRUE(make_body_surface(image, {}, {.step_mm = 1.7}).surface.vertex() == all.surface.vertex());
+}
+
+}  // namespace
+}  // namespace dimple
