@@ -214,6 +214,7 @@ Prepared prepare(const Config& config) {
 
   Stopwatch building;
   ModelOptions options = model_options(config);
+  options.boundary.voxel_mm = image.spacing().maxCoeff();
   // Only to decide how fine the surface is drawn; the cloud itself is measured on the surface.
   const double rough =
       options.cloud.spacing_mm > 0.0
@@ -251,6 +252,7 @@ Prepared prepare(const Config& config) {
   result.report = built.report;
   result.stages.add(built.report.stages);
   const ModelReport& report = result.report;
+  for (const std::string& warning : report.boundary.warnings) result.warnings.push_back(warning);
   result.build_s = building.seconds();
   say(fmt::format(
       "nodes    {} ({} on the surface), {:.3f} mm apart{}{}; nearest node {:.2f} +- {:.2f}, at least {:.2f}, "
