@@ -3,13 +3,13 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <vector>
 
 #include "io/stop.hpp"
-#include "preprocess/neighbours.hpp"
 
 namespace dimple {
 namespace {
@@ -17,29 +17,67 @@ namespace {
 using Vec2 = Eigen::Vector2d;
 
 constexpr double sought = 2.3;           // radii: a little beyond the room that is wanted
-constexpr double steepest = 1.7320508;   // tan 60 degrees
-constexpr double sharpest = 0.70710678;  // cos 45 degrees: how far a normal may turn within half a radius
+// How much a slope, or a turn of the normal within half a radius, cuts the surface: not at all up to the first
+// angle, wholly from the second on. The room ends where the cuts within it, so weighed, make up this part of the
+// disc's area: no single voxel ends it, and nothing jumps where a fold is about as steep as a limit.
+constexpr double gentle_slope = 60.0, steep_slope = 80.0, gentle_turn = 25.0, sharp_turn = 60.0;  // degrees
+constexpr double negligible = 0.03;
+constexpr Index most_steps = 10;  // of the lattice of cuts, to a radius
 constexpr double whole_disc = 1.1;       // radii: the disc and a little more
-constexpr double nearly_most = 0.9;      // of the most room: places with so much are as good
+constexpr double price_of_room = 2.0;     // radii of height for a whole radius of margin
+// Slopes less than five degrees, such as the voxels' ripples are, decide nothing: of a plateau its middle is
+// taken, along the directions in which the body is longest and shortest.
+constexpr double level = 0.08;
 constexpr double same_height = 0.0025;   // of the height
 constexpr double thick_enough = 0.5;     // of the median thickness
 constexpr double most_places = 60000.0;  // of the lattice over the whole body
 constexpr int most_domes = 8;            // that are looked at closely
 constexpr double infinite = std::numeric_limits<double>::infinity();
 
-// Where a height map is cut.
-struct Cuts {
-  std::vector<Vec3> missing, fold, crease;  // (u, v, 0)
-  double crease_reach = 0.0;                // a crease shows this far to either side of it
+double degrees(double radians) {
+  return radians * 180.0 / std::numbers::pi;
+}
+
+// Where a height map is cut, and how far it is to there.
+class Cuts {
+ public:
+  Cuts(const HeightMap& map, double radius);
+  Room at(const Vec2& p) const;
+
+ private:
+  void grade(const HeightMap& map);
+  double radius_;
+  Vec2 corner_;
+  double step_ = 1.0;
+  Eigen::ArrayXXd cut_;      // 0 ... 1
+  Eigen::ArrayXXd missing_;  // 0 ... 1
 };
 
-Cuts find_cuts(const HeightMap& map, double radius) {
-  const auto steps = [&](double length) {
-    return std::max<Index>(1, std::lround(length / map.step));
+Cuts::Cuts(const HeightMap& map, double radius) : radius_(radius), corner_(map.corner), step_(map.step) {
+  grade(map);
+  // Of a lattice that is finer than the question needs the mean of several places.
+  const Index merge = static_cast<Index>(radius / static_cast<double>(most_steps) / map.step);
+  if (merge < 2) return;
+  const auto coarse = [&](const Eigen::ArrayXXd& fine) {
+    Eigen::ArrayXXd result((fine.rows() + merge - 1) / merge, (fine.cols() + merge - 1) / merge);
+    for (Index j = 0; j < result.cols(); ++j)
+      for (Index i = 0; i < result.rows(); ++i)
+        result(i, j) = fine.block(i * merge, j * merge, std::min(merge, fine.rows() - i * merge),
+                                  std::min(merge, fine.cols() - j * merge))
+                           .mean();
+    return result;
   };
-  const Index rows = map.height.rows(), columns = map.height.cols(), slope = steps(radius / 10.0),
-              aside = steps(radius / 4.0);
-  const double drop = std::max(radius, 3.0 * map.step);
+  cut_ = coarse(cut_);
+  missing_ = coarse(missing_);
+  corner_ += Vec2::Constant(0.5 * static_cast<double>(merge - 1) * step_);
+  step_ *= static_cast<double>(merge);
+}
+
+void Cuts::grade(const HeightMap& map) {
+  const auto steps = [&](double length) { return std::max<Index>(1, std::lround(length / map.step)); };
+  const Index rows = map.height.rows(), columns = map.height.cols(), slope = steps(radius_ / 8.0),
+              aside = steps(radius_ / 4.0), aslant = steps(radius_ / 4.0 / std::numbers::sqrt2);
+  const double drop = std::max(radius_, 3.0 * map.step);
   const auto height = [&](Index i, Index j) {
     return i < 0 || j < 0 || i >= rows || j >= columns ? std::nan("") : map.height(i, j);
   };
@@ -59,85 +97,68 @@ Cuts find_cuts(const HeightMap& map, double radius) {
       gv(i, j) = rise(i, j, 0, 1);
     }
   });
-  enum Kind : char { clear, missing, fold, crease };
-  std::vector<Kind> kind(static_cast<std::size_t>(rows * columns), clear);
+  const auto normal = [&](Index i, Index j) { return Vec3(gu(i, j), gv(i, j), -1.0).normalized(); };
+  const auto between = [](double angle, double first, double last) {
+    return std::clamp((degrees(angle) - first) / (last - first), 0.0, 1.0);
+  };
+  cut_ = missing_ = Eigen::ArrayXXd::Zero(rows, columns);
   tbb::parallel_for(Index{0}, columns, [&](Index j) {
+    stop_if_asked();
     for (Index i = 0; i < rows; ++i) {
-      Kind& k = kind[static_cast<std::size_t>(i + rows * j)];
       const double here = map.height(i, j);
-      if (!std::isfinite(here)) {
-        k = missing;
+      bool whole = std::isfinite(here);
+      for (const auto& [di, dj] : {std::pair<Index, Index>{1, 0}, {-1, 0}, {0, 1}, {0, -1}})
+        whole = whole && !(std::abs(height(i + di, j + dj) - here) > drop);
+      if (!whole) {
+        cut_(i, j) = missing_(i, j) = 1.0;
         continue;
       }
-      const bool drops = std::abs(height(i + 1, j) - here) > drop || std::abs(height(i, j + 1) - here) > drop ||
-                         std::abs(height(i - 1, j) - here) > drop || std::abs(height(i, j - 1) - here) > drop;
-      if (drops)
-        k = missing;
-      else if (std::hypot(gu(i, j), gv(i, j)) > steepest)
-        k = fold;
-      else
-        for (const auto& [di, dj] : {std::pair<Index, Index>{1, 0}, {0, 1}, {1, 1}, {1, -1}}) {
-          const Index a = di && dj ? steps(radius / 4.0 / std::numbers::sqrt2) : aside;
-          const Index i0 = i - a * di, j0 = j - a * dj, i1 = i + a * di, j1 = j + a * dj;
-          if (!std::isfinite(height(i0, j0)) || !std::isfinite(height(i1, j1))) continue;
-          const Vec3 n0 = Vec3(gu(i0, j0), gv(i0, j0), -1.0).normalized(),
-                     n1 = Vec3(gu(i1, j1), gv(i1, j1), -1.0).normalized();
-          if (n0.dot(n1) < sharpest) k = crease;
-        }
+      double turn = 1.0;  // cosine
+      for (const auto& [di, dj] : {std::pair<Index, Index>{aside, 0}, {0, aside}, {aslant, aslant}, {aslant, -aslant}})
+        if (std::isfinite(height(i - di, j - dj)) && std::isfinite(height(i + di, j + dj)))
+          turn = std::min(turn, normal(i - di, j - dj).dot(normal(i + di, j + dj)));
+      cut_(i, j) = std::max(between(std::atan(std::hypot(gu(i, j), gv(i, j))), gentle_slope, steep_slope),
+                            between(std::acos(std::max(turn, -1.0)), gentle_turn, sharp_turn));
     }
   });
-  Cuts cuts;
-  cuts.crease_reach = static_cast<double>(aside) * map.step;
-  for (Index j = 0; j < columns; ++j)
-    for (Index i = 0; i < rows; ++i) {
-      const Vec2 p = map.place(i, j);
-      const Vec3 x(p.x(), p.y(), 0.0);
-      switch (kind[static_cast<std::size_t>(i + rows * j)]) {
-        case clear:
-          break;
-        case missing:
-          cuts.missing.push_back(x);
-          break;
-        case fold:
-          cuts.fold.push_back(x);
-          break;
-        case crease:
-          cuts.crease.push_back(x);
-          break;
-      }
+}
+
+Room Cuts::at(const Vec2& p) const {
+  // What is cut by distance, in rings; of what is missing the nearest place.
+  constexpr int rings = 46;
+  constexpr double width = sought / rings;  // radii
+  std::array<double, rings> cut{};
+  Room room{.whole = infinite, .even = sought * radius_};
+  const double reach = sought * radius_;
+  const Vec2 middle = (p - corner_) / step_;
+  const auto from = [&](int d) { return std::max<Index>(0, static_cast<Index>(std::ceil(middle[d] - reach / step_))); };
+  const auto to = [&](int d, Index count) {
+    return std::min(count - 1, static_cast<Index>(std::floor(middle[d] + reach / step_)));
+  };
+  for (Index j = from(1); j <= to(1, cut_.cols()); ++j)
+    for (Index i = from(0); i <= to(0, cut_.rows()); ++i) {
+      if (cut_(i, j) <= 0.0) continue;
+      const double r = (Vec2(static_cast<double>(i), static_cast<double>(j)) - middle).norm() * step_;
+      if (missing_(i, j) > 0.0) room.whole = std::min(room.whole, r);
+      if (r >= reach) continue;
+      // Shared between the two rings that it lies between: nothing jumps as the place moves.
+      const double ring = r / (width * radius_);
+      const auto k = static_cast<std::size_t>(ring);
+      const double outer = ring - std::floor(ring);
+      cut[k] += (1.0 - outer) * cut_(i, j);
+      if (k + 1 < rings) cut[k + 1] += outer * cut_(i, j);
     }
-  return cuts;
-}
-
-Points as_points(const std::vector<Vec3>& places) {
-  Points result(3, static_cast<Index>(places.size()));
-  for (std::size_t k = 0; k < places.size(); ++k) result.col(static_cast<Index>(k)) = places[k];
-  return result;
-}
-
-// How far it is to the cuts of a map.
-class Distances {
- public:
-  Distances(const HeightMap& map, double radius) : Distances(find_cuts(map, radius), radius) {}
-  Room at(const Vec2& p) const {
-    const Vec3 x(p.x(), p.y(), 0.0);
-    const auto distance = [&](const std::optional<Neighbours>& tree) {
-      return tree ? tree->distance_to_nearest(x) : infinite;
-    };
-    Room room{.whole = distance(missing_), .even = 0.0, .sought = limit_};
-    room.even = std::min({room.whole, distance(fold_), distance(crease_) + crease_reach_, limit_});
-    return room;
+  const double enough = negligible * std::numbers::pi * radius_ * radius_ / (step_ * step_);
+  double sum = 0.0;
+  for (std::size_t k = 0; k < rings; ++k) {
+    if (sum + cut[k] >= enough) {
+      room.even = (static_cast<double>(k) + (enough - sum) / cut[k]) * width * radius_;
+      break;
+    }
+    sum += cut[k];
   }
-
- private:
-  Distances(const Cuts& cuts, double radius) : crease_reach_(cuts.crease_reach), limit_(sought * radius) {
-    if (!cuts.missing.empty()) missing_.emplace(as_points(cuts.missing));
-    if (!cuts.fold.empty()) fold_.emplace(as_points(cuts.fold));
-    if (!cuts.crease.empty()) crease_.emplace(as_points(cuts.crease));
-  }
-  std::optional<Neighbours> missing_, fold_, crease_;
-  double crease_reach_ = 0.0, limit_ = 0.0;
-};
+  return room;
+}
 
 HeightMap map_around(const View& view, const Vec2& centre, double half, double step) {
   const auto n = static_cast<Index>(std::ceil(half / step));
@@ -188,70 +209,86 @@ Eigen::ArrayXXd mean_heights(const HeightMap& map, double radius) {
 // The rule's weighing of places: high, near the middle, and with the room that is asked for.
 struct Rule {
   Vec2 middle;
-  double bend;      // a plateau counts as bent by 1 / this, so that its middle is its highest place [mm]
-  double radius, required;
+  double radius;
   std::optional<Vec2> side;
 
-  double worth(double mean, const Vec2& p) const {
-    return mean - (p - middle).squaredNorm() / (2.0 * bend);
+  // A place that lacks room is worth less, in the end more than any height could make good.
+  double worth(double mean, const Vec2& p, double room) const {
+    const double lack = std::max(0.0, wanted_room - room / radius);
+    return mean - level * (p - middle).lpNorm<1>() - price_of_room * lack * lack * radius;
   }
   bool allowed(const Vec2& p) const { return !side || (p - middle).dot(*side) > 0.0; }
-  // A place without its room is worth less the more it lacks: more than any slope could win.
-  double worth(const HeightMap& map, const Distances& distances, const Vec2& p) const {
-    if (!allowed(p)) return -infinite;
-    const Room room = distances.at(p);
-    const double mean = mean_height(map, p, radius);
-    if (room.whole < whole_disc * radius || !std::isfinite(mean)) return -infinite;
-    return worth(mean, p) - 4.0 * std::max(0.0, required - room.even);
-  }
 };
 
 struct Dome {
-  Vec2 centre;
-  double worth, room;
+  Vec2 centre = Vec2::Zero();
+  double worth = -infinite, room = 0.0;
 };
 
-// The best place near one that was found on a lattice of `step`.
-Dome look_closely(const View& view, const Rule& rule, Vec2 centre, double step) {
-  const double fine = rule.radius / 12.0;
-  Dome best{centre, -infinite, 0.0};
-  while (true) {
-    const double around = 1.5 * step;
-    if (step > fine) step = std::max(fine, step / 4.0);
-    const HeightMap map = map_around(view, centre, around + (sought + 0.2) * rule.radius, step);
-    const Distances distances(map, rule.radius);
-    best.worth = -infinite;
-    const auto n = static_cast<Index>(std::ceil(around / step));
-    const auto consider = [&](const Vec2& p) {
-      const double worth = rule.worth(map, distances, p);
-      if (!(worth > best.worth)) return false;
-      best = {p, worth, distances.at(p).even};
-      return true;
-    };
-    for (Index j = -n; j <= n; ++j)
-      for (Index i = -n; i <= n; ++i)
-        consider(centre + step * Vec2(static_cast<double>(i), static_cast<double>(j)));
-    if (best.worth == -infinite) return best;
-    centre = best.centre;
-    if (step > fine * (1.0 + 1e-9)) continue;
-    for (double stride = 0.5 * step; stride > rule.radius / 1000.0; stride *= 0.5)
+// Keeps the better one of a dome and what is at p.
+bool consider(const HeightMap& map, const Cuts& cuts, const Rule& rule, const Vec2& p, Dome& best) {
+  if (!rule.allowed(p)) return false;
+  const Room room = cuts.at(p);
+  const double mean = mean_height(map, p, rule.radius);
+  if (room.whole < whole_disc * rule.radius || !std::isfinite(mean)) return false;
+  const double worth = rule.worth(mean, p, room.even);
+  if (!(worth > best.worth)) return false;
+  best = {p, worth, room.even};
+  return true;
+}
+
+// The best place within reach of one whose surroundings were sampled at `step`.
+Dome settle(const View& view, const Rule& rule, Vec2 centre, double step) {
+  const double reach = std::max(0.5 * rule.radius, 4.0 * step);
+  Dome best;
+  for (int round = 0; round < 32; ++round) {
+    stop_if_asked();
+    const HeightMap map = map_around(view, centre, reach + (sought + 0.2) * rule.radius, step);
+    const Cuts cuts(map, rule.radius);
+    best = {};
+    if (!consider(map, cuts, rule, centre, best)) return best;
+    for (double stride = step; stride > rule.radius / 1000.0; stride *= 0.5)
       for (int moves = 0; moves < 32; ++moves) {
         const Vec2 from = best.centre;
         bool moved = false;
         for (int way = 0; way < 16; ++way) {
           const double angle = std::numbers::pi * way / 8.0;
-          moved = consider(from + stride * Vec2(std::cos(angle), std::sin(angle))) || moved;
+          const Vec2 p = from + stride * Vec2(std::cos(angle), std::sin(angle));
+          if ((p - centre).norm() < reach) moved = consider(map, cuts, rule, p, best) || moved;
         }
         if (!moved) break;
       }
-    return best;
+    const double moved = (best.centre - centre).norm();
+    centre = best.centre;
+    if (moved < reach - step) break;
   }
+  return best;
+}
+
+// The best place near one that was found on a lattice of `step`, which is refined.
+Dome look_closely(const View& view, const Rule& rule, Vec2 centre, double step) {
+  const double fine = rule.radius / 12.0;
+  while (step > fine) {
+    const double around = 1.5 * step;
+    step = std::max(fine, step / 4.0);
+    const HeightMap map = map_around(view, centre, around + (sought + 0.2) * rule.radius, step);
+    const Cuts cuts(map, rule.radius);
+    Dome best;
+    const auto n = static_cast<Index>(std::ceil(around / step));
+    for (Index j = -n; j <= n; ++j)
+      for (Index i = -n; i <= n; ++i)
+        consider(map, cuts, rule,
+                 centre + step * Vec2(static_cast<double>(i), static_cast<double>(j)), best);
+    if (best.worth == -infinite) return best;
+    centre = best.centre;
+  }
+  return settle(view, rule, centre, step);
 }
 
 }  // namespace
 
 Room room_around(const View& view, const Vec2& centre, double radius) {
-  return Distances(map_around(view, centre, (sought + 0.2) * radius, radius / 12.0), radius).at(centre);
+  return Cuts(map_around(view, centre, (sought + 0.2) * radius, radius / 12.0), radius).at(centre);
 }
 
 std::optional<CirclePlace> highest_dome(const View& view, double radius, double height,
@@ -261,11 +298,9 @@ std::optional<CirclePlace> highest_dome(const View& view, double radius, double 
   const double step = std::max(std::min(radius / 6.0, extent.maxCoeff() / 150.0),
                                std::sqrt(extent.prod() / most_places));
   const HeightMap map = height_map(view, step);
-  const Distances distances(map, radius);
-  Rule rule{.middle = view.flat(view.body->centroid()),
-            .bend = 10.0 * moments.size,
+  const Cuts cuts(map, radius);
+  const Rule rule{.middle = view.flat(view.body->centroid()),
             .radius = radius,
-            .required = 0.0,
             .side = side};
 
   std::vector<double> thicknesses;
@@ -278,7 +313,7 @@ std::optional<CirclePlace> highest_dome(const View& view, double radius, double 
 
   struct Place {
     Vec2 at;
-    double worth, room;
+    double worth;
   };
   std::vector<std::vector<Place>> found(static_cast<std::size_t>(map.height.cols()));
   const Eigen::ArrayXXd mean = mean_heights(map, radius);
@@ -287,19 +322,14 @@ std::optional<CirclePlace> highest_dome(const View& view, double radius, double 
     for (Index i = 0; i < map.height.rows(); ++i) {
       const Vec2 p = map.place(i, j);
       if (!(map.thickness(i, j) > thin) || !rule.allowed(p)) continue;
-      const Room room = distances.at(p);
+      const Room room = cuts.at(p);
       if (room.whole < whole_disc * radius) continue;
-      found[static_cast<std::size_t>(j)].push_back({p, rule.worth(mean(i, j), p), room.even});
+      found[static_cast<std::size_t>(j)].push_back({p, rule.worth(mean(i, j), p, room.even)});
     }
   });
   std::vector<Place> places;
   for (const auto& column : found) places.insert(places.end(), column.begin(), column.end());
   if (places.empty()) return std::nullopt;
-  const double most = std::max_element(places.begin(), places.end(), [](const Place& a, const Place& b) {
-                        return a.room < b.room;
-                      })->room;
-  rule.required = std::min(wanted_room * radius, nearly_most * most);
-
   // One place for each dome, the highest first; what the lattice's step may hide is not yet decided.
   std::stable_sort(places.begin(), places.end(),
                    [](const Place& a, const Place& b) { return a.worth > b.worth; });
@@ -309,7 +339,6 @@ std::optional<CirclePlace> highest_dome(const View& view, double radius, double 
   double highest = -infinite;
   for (const Place& place : places) {
     if (static_cast<int>(begun.size()) == most_domes || place.worth < highest - slack) break;
-    if (place.room < rule.required - 0.5 * step) continue;
     if (std::any_of(begun.begin(), begun.end(), [&](const Vec2& b) { return (b - place.at).norm() < apart; }))
       continue;
     if (begun.empty()) highest = place.worth;

@@ -9,8 +9,7 @@ namespace dimple {
 /// What the surface is like where a circle is to be.
 struct Room {
   double whole = 0.0;  ///< distance from the middle to where the surface ends or drops by a radius [mm]
-  double even = 0.0;   ///< to where a fold, an edge or a slope of 60 degrees cuts it, at most `sought` [mm]
-  double sought = 0.0;  ///< how far was looked [mm]
+  double even = 0.0;   ///< to where a fold, an edge or a steep slope cuts it, at most 2.3 radii [mm]
 };
 
 /// A disc of the circle's size and a margin of a radius around it: what the rule for its place asks for.

@@ -117,7 +117,7 @@ TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
   const Inside brain = [](const Vec3& x) { return in_brain(x, 0.04); };
   const SegmentedBody body = make_body_surface(image_of(brain, 52.0, 2.0), {}, 5.0);
   const Found first = find(body.surface);
-  fmt::print("{}\n", first.words);
+  fmt::print("({:.2f} {:.2f} {:.2f}) {}\n", first.centre.x(), first.centre.y(), first.centre.z(), first.words);
   std::mt19937 random(11);
   Worst with_voxels, within_voxels;
   const int many = rotations(60), few = rotations(12);
@@ -134,7 +134,10 @@ TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
     const Mat3 R = random_rotation(random);
     const SegmentedBody again =
         make_body_surface(image_of([&](const Vec3& x) { return brain(R.transpose() * x); }, 52.0, 2.0), {}, 5.0);
-    within_voxels.add(first, find(again.surface), R, 5.0);
+    const Found f = find(again.surface);
+    const Vec3 c = R.transpose() * f.centre;
+    if (std::getenv("DIMPLE_VERBOSE")) fmt::print("({:.2f} {:.2f} {:.2f}) room {:.2f}; {}\n", c.x(), c.y(), c.z(), f.room, f.words);
+    within_voxels.add(first, f, R, 5.0);
   }
   within_voxels.print("the organ within its voxels", few);
   EXPECT_LT(within_voxels.angle, 0.5);
