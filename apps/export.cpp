@@ -40,11 +40,8 @@ struct Mesh {
 Mesh tetrahedra(const Config& config, const BodySurface& surface, ModelOptions options) {
   // The paper's even cloud would need a hundred thousand tetrahedra to follow the rim.
   if (config.cloud.rim <= 0.0) options.cloud.grading.rim = 0.15;
-  const double first = config.cloud.spacing_mm > 0.0
-                           ? config.cloud.spacing_mm
-                           : tetrahedra_spacing_for_count(surface, options.cloud.count, {});
   Mesh mesh;
-  mesh.boundary = find_boundary(surface, options.boundary, first);
+  mesh.boundary = find_boundary(surface, options.boundary);
   const Sizing sizing(surface, mesh.boundary, options.cloud.grading);
   mesh.rim = options.cloud.grading.rim;
   mesh.spacing = config.cloud.spacing_mm > 0.0
@@ -67,10 +64,7 @@ Mesh hexahedra(const Config& config, const BodySurface& surface, ModelOptions op
   // A mesh without the middles of edges has about a quarter of the nodes.
   const Index count = mixed ? 7 * options.cloud.count / 2 : options.cloud.count;
   Mesh mesh;
-  mesh.boundary = find_boundary(surface, options.boundary,
-                                config.cloud.spacing_mm > 0.0
-                                    ? config.cloud.spacing_mm
-                                    : tetrahedra_spacing_for_count(surface, options.cloud.count, {}));
+  mesh.boundary = find_boundary(surface, options.boundary);
   mesh.rim = grading.rim;
   mesh.spacing = config.cloud.spacing_mm > 0.0
                      ? config.cloud.spacing_mm

@@ -214,6 +214,7 @@ Prepared prepare(const Config& config) {
 
   Stopwatch building;
   ModelOptions options = model_options(config);
+  options.boundary.voxel_mm = image.spacing().maxCoeff();
   SegmentedBody body =
       make_body_surface(image, labels, {.indenter_diameter_mm = options.boundary.indenter_diameter_mm});
   result.stages.done("surface");
@@ -245,6 +246,7 @@ Prepared prepare(const Config& config) {
   result.report = built.report;
   result.stages.add(built.report.stages);
   const ModelReport& report = result.report;
+  for (const std::string& warning : report.boundary.warnings) result.warnings.push_back(warning);
   result.build_s = building.seconds();
   say(fmt::format(
       "nodes    {} ({} on the surface), {:.3f} mm apart{}{}; nearest node {:.2f} +- {:.2f}, at least {:.2f}, "

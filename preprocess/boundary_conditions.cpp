@@ -2,13 +2,17 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <map>
 #include <numbers>
 
 #include "io/error.hpp"
+#include "preprocess/circle_place.hpp"
+#include "preprocess/flat_face.hpp"
 
 namespace dimple {
 namespace {
@@ -17,20 +21,26 @@ struct Side {
   const char* word;
   Vec3 lps;
 };
-// In the order in which ties are decided: an organ in an image lies or stands on its lower side.
 const std::array<Side, 6> sides = {{{"inferior", {0, 0, -1}},
                                     {"posterior", {0, 1, 0}},
                                     {"anterior", {0, -1, 0}},
                                     {"left", {1, 0, 0}},
                                     {"right", {-1, 0, 0}},
                                     {"superior", {0, 0, 1}}}};
+// Other words for them: as 3D Slicer's letters, and as one speaks of an image whose z points up.
+const std::map<std::string, std::string> same_side = {
+    {"bottom", "inferior"}, {"below", "inferior"}, {"under", "inferior"}, {"down", "inferior"},
+    {"top", "superior"},    {"above", "superior"}, {"up", "superior"},    {"front", "anterior"},
+    {"back", "posterior"},  {"I", "inferior"},     {"S", "superior"},     {"A", "anterior"},
+    {"P", "posterior"},     {"L", "left"},         {"R", "right"}};
 
-constexpr double flat_share = 0.25;        // of the outline that must touch for a face to count as flat
-constexpr double flat_tolerance = 0.02;    // of the height
-constexpr double bed_depth = 1.0 / 3.0;    // of the height, for an organ without a flat face
-constexpr double dome_depth = 0.2;         // of the height: the part of a side that counts as its dome
-constexpr double thick_enough = 0.5;       // of the organ's greatest thickness must lie beneath the circle
-constexpr double dome_tolerance = 0.0025;  // of the height: domes that differ by less are equally high
+constexpr double flat_share = 0.25;      // of the outline that must touch for a face to count as flat
+constexpr double same_area = 0.02;       // flat faces that differ by less are as large
+constexpr double bed_depth = 1.0 / 3.0;  // of the height, for an organ without a flat face
+constexpr double dome_depth = 0.2;       // of the height: the part of a side that counts as its dome
+constexpr double same_dome = 0.05;       // domes that differ by less are as broad
+constexpr double same_moment = 0.9;      // variances across two axes: from here on neither is the thinner one
+constexpr double few_voxels = 3.0;       // across the circle
 
 std::string side_name(const Vec3& lps) {
   const auto best = std::max_element(sides.begin(), sides.end(), [&](const Side& a, const Side& b) {
@@ -39,33 +49,33 @@ std::string side_name(const Vec3& lps) {
   return best->word;
 }
 
-struct Stand {
-  double lowest = 0.0, height = 0.0;
-  double touching = 0.0;  // flat area touching the plane [mm^2]
-  double share = 0.0;     // that / outline seen from below
-  double dome = 0.0;      // area of its dome, seen from below / outline
-};
+// "inferior", or "inferior (0.17, 0.00, -0.98)" where it is not along that axis of the patient.
+std::string side_in_words(const BodySurface& body, const Vec3& down) {
+  const Vec3 lps = body.to_world().linear() * down;
+  const std::string name = side_name(lps);
+  if (lps.cwiseAbs().maxCoeff() > 1.0 - 1e-6) return name + " side";
+  return fmt::format("{} side ({:.2f}, {:.2f}, {:.2f})", name, lps.x() + 0.0, lps.y() + 0.0, lps.z() + 0.0);
+}
 
-Stand stand_on(const BodySurface& body, const Vec3& down, double tolerance_mm) {
-  Stand stand;
+// Which of several equal directions an organ rests on: an organ in an image lies or stands on its lower side,
+// then on its back.
+double preference(const BodySurface& body, const Vec3& down) {
+  return (body.to_world().linear() * down).dot(Vec3(0.01, 0.1, -1.0));
+}
+
+// Area of what lies close to the outermost place across `down`, of the body's outline.
+double dome_of(const BodySurface& body, const Vec3& down) {
   const Eigen::VectorXd depth = body.vertex().transpose() * down;
-  stand.lowest = depth.maxCoeff();
-  stand.height = stand.lowest - depth.minCoeff();
-  const double tolerance = std::max(flat_tolerance * stand.height, tolerance_mm);
-  double touching = 0.0, dome = 0.0, outline = 0.0;
+  const double lowest = depth.maxCoeff(), height = lowest - depth.minCoeff();
+  double dome = 0.0, outline = 0.0;
   for (Index t = 0; t < body.triangles().cols(); ++t) {
     const double facing = body.normal().col(t).dot(down);
     outline += 0.5 * std::abs(facing) * body.triangle_area()[t];
     const double centre =
         (depth[body.triangles()(0, t)] + depth[body.triangles()(1, t)] + depth[body.triangles()(2, t)]) / 3.0;
-    if (facing > 0.9 && stand.lowest - centre < tolerance) touching += facing * body.triangle_area()[t];
-    if (facing > 0.0 && stand.lowest - centre < dome_depth * stand.height)
-      dome += facing * body.triangle_area()[t];
+    if (facing > 0.0 && lowest - centre < dome_depth * height) dome += facing * body.triangle_area()[t];
   }
-  stand.touching = touching;
-  stand.share = touching / outline;
-  stand.dome = dome / outline;
-  return stand;
+  return dome / outline;
 }
 
 Vec3 local_direction(const BodySurface& body, const Vec3& lps) {
@@ -80,76 +90,111 @@ Vec3 nearest_axis(const BodySurface& body, const Vec3& lps) {
   return (local[axis] < 0.0 ? -1.0 : 1.0) * Vec3::Unit(axis);
 }
 
-void find_base(const BodySurface& body, const BoundaryOptions& options, double node_spacing_mm,
-               Boundary& result) {
-  const double tolerance = 0.25 * node_spacing_mm;
-  Stand stand;
-  std::string side;
-  if (options.base == "auto") {
-    std::array<Stand, 6> stands;
-    std::array<Vec3, 6> axes;
-    std::size_t flattest = 0;
-    for (std::size_t s = 0; s < 6; ++s) {
-      axes[s] = nearest_axis(body, sides[s].lps);
-      stands[s] = stand_on(body, axes[s], tolerance);
-      // The largest flat face: a block stands on its broad side.
-      const bool flat = stands[s].share >= flat_share, flat_before = stands[flattest].share >= flat_share;
-      if ((flat && !flat_before) ||
-          (flat == flat_before && stands[s].touching > 1.05 * stands[flattest].touching))
-        flattest = s;
-    }
-    std::size_t chosen = flattest;
-    if (stands[flattest].share >= flat_share) {
-      result.base_reason = fmt::format("largest flat face: {:.0f} % of its outline touches the plane there",
-                                       100.0 * stands[flattest].share);
-    } else {
-      chosen = 0;
-      for (std::size_t s = 1; s < 6; ++s) {
-        const bool lower = stands[s].height < 0.9 * stands[chosen].height;
-        const bool opposite = axes[s].dot(axes[chosen]) < -0.5;
-        if (lower || (opposite && stands[s].dome < 0.9 * stands[chosen].dome)) chosen = s;
-      }
-      result.base_reason = fmt::format(
-          "no flat face (at most {:.0f} % of an outline touches): bedded on the {} side, across "
-          "which the organ is {:.0f} mm high; its dome is {:.0f} % of the outline, that of the side above "
-          "{:.0f} %",
-          100.0 * stands[flattest].share, sides[chosen].word, stands[chosen].height,
-          100.0 * stands[chosen].dome, 100.0 * stand_on(body, -axes[chosen], tolerance).dome);
-    }
-    stand = stands[chosen];
-    side = sides[chosen].word;
-    result.down = axes[chosen];
+// The direction across which a body without a flat face is bedded, and why.
+Vec3 bedded_on(const BodySurface& body, std::string& reason) {
+  const Moments moments = moments_of(body);
+  const Eigen::SelfAdjointEigenSolver<Mat3> axes(moments.second);
+  const Vec3 variance = axes.eigenvalues();
+  Vec3 down;
+  if (variance[0] < same_moment * variance[1]) {
+    down = axes.eigenvectors().col(0);
+    down = ((1e5 * down).array().round() * 1e-5).matrix().normalized();
+    reason = "across which the organ is thinnest";
   } else {
-    const auto named =
-        std::find_if(sides.begin(), sides.end(), [&](const Side& s) { return s.word == options.base; });
+    // As thin across two axes, or across all three: the patient's own directions, across what is longer.
+    const bool round = variance[1] >= same_moment * variance[2];
+    const Vec3 along = axes.eigenvectors().col(2);
+    const auto across = [&](const Vec3& lps) {
+      const Vec3 axis = nearest_axis(body, lps);
+      return round ? axis : Vec3(axis - axis.dot(along) * along);
+    };
+    down = across(Vec3(0, 0, -1));
+    if (down.norm() < 0.5) down = across(Vec3(0, 1, 0));
+    down.normalize();
+    reason = fmt::format("as the organ is about as thin in {} directions the patient's own decide",
+                         round ? "all" : "two");
+  }
+  const double below = dome_of(body, down), above = dome_of(body, -down);
+  const double pointed = down.dot(moments.third) / std::pow(moments.size, 3);
+  const bool turn = std::abs(below - above) > same_dome * std::max(below, above) ? below > above
+                    : std::abs(pointed) > 0.02                                  ? pointed < 0.0
+                                                   : preference(body, -down) > preference(body, down);
+  if (turn) down = -down;
+  reason += fmt::format("; its dome there is {:.0f} % of the outline, that of the side above {:.0f} %",
+                        100.0 * (turn ? above : below), 100.0 * (turn ? below : above));
+  return down;
+}
+
+void rest_on(const FlatFace& face, Boundary& result) {
+  result.down = face.out;
+  result.lowest = face.offset;
+  result.height = face.height;
+  result.flat_base = true;
+  result.base_depth = face.tolerance;
+}
+
+void bed_on(const BodySurface& body, const Vec3& down, Boundary& result) {
+  const Eigen::VectorXd depth = body.vertex().transpose() * down;
+  result.down = down;
+  result.lowest = depth.maxCoeff();
+  result.height = result.lowest - depth.minCoeff();
+  result.flat_base = false;
+  result.base_depth = bed_depth * result.height;
+}
+
+void find_base(const BodySurface& body, const BoundaryOptions& options, Boundary& result) {
+  const auto stands = [](const FlatFace& face) { return face.outermost && face.share >= flat_share; };
+  if (options.base == "auto") {
+    const std::vector<FlatFace> faces = flat_faces(body);
+    const FlatFace* largest = nullptr;
+    double share = 0.0;
+    for (const FlatFace& face : faces) {
+      if (face.outermost) share = std::max(share, face.share);
+      if (!stands(face)) continue;
+      if (!largest || (face.area > (1.0 - same_area) * largest->area &&
+                       preference(body, face.out) > preference(body, largest->out) + 1e-6))
+        largest = &face;
+    }
+    if (largest) {
+      rest_on(*largest, result);
+      result.base_reason = fmt::format("largest flat face: {:.0f} % of the outline touches its plane",
+                                       100.0 * largest->share);
+    } else {
+      std::string reason;
+      bed_on(body, bedded_on(body, reason), result);
+      result.base_reason =
+          fmt::format("no flat face (at most {:.0f} % of an outline touches): bedded on the side {}; {:.0f} mm high",
+                      100.0 * share, reason, result.height);
+    }
+  } else {
+    const auto other = same_side.find(options.base);
+    const std::string& word = other == same_side.end() ? options.base : other->second;
+    const auto named = std::find_if(sides.begin(), sides.end(), [&](const Side& s) { return s.word == word; });
     const auto vector = parse_vector(options.base);
+    Vec3 down;
     if (named != sides.end()) {
-      result.down = nearest_axis(body, named->lps);
+      down = nearest_axis(body, named->lps);
     } else if (vector && vector->norm() > 0.0) {
-      result.down = local_direction(body, vector->normalized());
+      down = local_direction(body, vector->normalized());
     } else {
       throw UsageError(
           {.fact = fmt::format("'{}' is not a side", options.base),
            .where = "--base (boundary.base)",
-           .why = "a side is auto, inferior, superior, left, right, anterior, posterior or x,y,z",
+           .why = "a side is auto, inferior (or bottom), superior (top), left, right, anterior (front), posterior "
+                  "(back) or x,y,z",
            .remedy = "give one of these, for instance --base inferior"});
     }
-    stand = stand_on(body, result.down, tolerance);
-    side = side_name(body.to_world().linear() * result.down);
+    const FlatFace face = face_towards(body, down);
+    if (stands(face))
+      rest_on(face, result);
+    else
+      bed_on(body, down, result);
     result.base_reason =
-        fmt::format("asked for; {:.0f} % of its outline touches the plane there", 100.0 * stand.share);
+        fmt::format("asked for; {:.0f} % of the outline touches the plane there", 100.0 * face.share);
   }
-  result.lowest = stand.lowest;
-  result.height = stand.height;
-  result.flat_base = stand.share >= flat_share;
-  if (options.base_depth_mm > 0.0) {
-    result.base_depth = options.base_depth_mm;
-  } else {
-    result.base_depth = result.flat_base ? std::max(flat_tolerance * stand.height, 0.35 * node_spacing_mm)
-                                         : bed_depth * stand.height;
-  }
-  result.base_reason =
-      fmt::format("{} side; {}; held to {:.1f} mm up", side, result.base_reason, result.base_depth);
+  if (options.base_depth_mm > 0.0) result.base_depth = options.base_depth_mm;
+  result.base_reason = fmt::format("{}; {}; held to {:.1f} mm up", side_in_words(body, result.down),
+                                   result.base_reason, result.base_depth);
 }
 
 // The place where the tool, coming along `push` through `x`, first meets the body.
@@ -170,6 +215,62 @@ Frame2 across(const Vec3& push) {
   return {e1, push.cross(e1)};
 }
 
+std::string words(const BodySurface& body, const Vec3& local) {
+  const Vec3 lps = body.to_world() * local;
+  const auto number = [](double x) { return std::round(10.0 * x) / 10.0 + 0.0; };
+  return fmt::format("({:.1f}, {:.1f}, {:.1f}) mm", number(lps.x()), number(lps.y()), number(lps.z()));
+}
+
+void place_as_asked(const BodySurface& body, const std::string& asked_for, const Vec3& asked, const View& view,
+                    Boundary& result) {
+  const auto touch = first_touch(body, asked, result.push);
+  if (!touch) {
+    const Vec3 lower = body.to_world() * body.lower(), upper = body.to_world() * body.upper();
+    throw ModelError(
+        {.fact = fmt::format("the indenter at {} mm misses the organ", asked_for),
+         .where = "--indent-at (boundary.indent_at)",
+         .why = fmt::format("a line through it along the push direction meets no tissue; the organ lies "
+                            "between ({:.1f}, {:.1f}, {:.1f}) and ({:.1f}, {:.1f}, {:.1f}) mm",
+                            std::min(lower.x(), upper.x()), std::min(lower.y(), upper.y()),
+                            std::min(lower.z(), upper.z()), std::max(lower.x(), upper.x()),
+                            std::max(lower.y(), upper.y()), std::max(lower.z(), upper.z())),
+         .remedy = fmt::format("give a place over the organ, such as the nearest of its surface, {}, or "
+                               "--indent-at top",
+                               words(body, body.closest(asked).place))});
+  }
+  result.centre = *touch;
+  const double moved = (*touch - asked).norm();
+  if (moved > 4.0 * result.radius * (1.0 + 1e-6))
+    throw ModelError(
+        {.fact = fmt::format("the place {} mm lies {:.1f} mm from where the circle meets the organ", asked_for,
+                             moved),
+         .where = "--indent-at (boundary.indent_at)",
+         .why = fmt::format("coming along the push the circle of {:.4g} mm diameter touches the organ at {}; more "
+                            "than two diameters away another place is likely to be meant",
+                            2.0 * result.radius, words(body, *touch)),
+         .remedy = fmt::format("give that place; the surface nearest to the one given is at {}, where another "
+                               "--direction may be needed",
+                               words(body, body.closest(asked).place)),
+         .code = "place-moved"});
+  result.circle_reason = fmt::format("asked for; moved {:.1f} mm along the push onto the surface", moved);
+  if (moved > result.radius)
+    result.warnings.push_back(
+        fmt::format("the place {} mm that --indent-at gives was moved by {:.1f} mm, more than the circle's radius: "
+                    "along the push the organ is met first at {}",
+                    asked_for, moved, words(body, *touch)));
+  const Room room = room_around(view, view.flat(*touch), result.radius);
+  result.room = room.even;
+  if (room.whole < result.radius)
+    throw ModelError(
+        {.fact = fmt::format("the indenter's circle of {:.4g} mm diameter at {} hangs over the organ's edge",
+                             2.0 * result.radius, words(body, *touch)),
+         .where = "--indent-at (boundary.indent_at)",
+         .why = fmt::format("{:.1f} mm from its middle the surface ends or drops by more than a radius",
+                            room.whole),
+         .remedy = "move it with --indent-at, make it smaller with --indenter-diameter, or leave the place to "
+                   "--indent-at top"});
+}
+
 void find_circle(const BodySurface& body, const BoundaryOptions& options, Boundary& result) {
   result.radius = 0.5 * options.indenter_diameter_mm;
   result.push = result.down;
@@ -182,128 +283,80 @@ void find_circle(const BodySurface& body, const BoundaryOptions& options, Bounda
                         .remedy = "for instance --direction 0,0,-1 to push down"});
     result.push = local_direction(body, vector->normalized());
   }
-
-  if (const auto asked = parse_vector(options.indent_at)) {
-    const Vec3 local = body.to_world().inverse() * *asked;
-    const auto touch = first_touch(body, local, result.push);
-    if (!touch) {
-      const Vec3 lower = body.to_world() * body.lower(), upper = body.to_world() * body.upper();
-      throw ModelError(
-          {.fact = fmt::format("the indenter at {} mm misses the organ", options.indent_at),
-           .where = "--indent-at (boundary.indent_at)",
-           .why = fmt::format("a line through it along the push direction meets no tissue; the organ lies "
-                              "between ({:.1f}, {:.1f}, {:.1f}) and ({:.1f}, {:.1f}, {:.1f}) mm",
-                              std::min(lower.x(), upper.x()), std::min(lower.y(), upper.y()),
-                              std::min(lower.z(), upper.z()), std::max(lower.x(), upper.x()),
-                              std::max(lower.y(), upper.y()), std::max(lower.z(), upper.z())),
-           .remedy = "give a place over the organ, or --indent-at top"});
-    }
-    result.centre = *touch;
-    result.circle_reason = "asked for; moved along the push direction onto the surface";
-    return;
-  }
-  const bool left = options.indent_at == "left", right = options.indent_at == "right";
-  if (!left && !right && options.indent_at != "top")
-    throw UsageError({.fact = fmt::format("'{}' is not a place to indent", options.indent_at),
-                      .where = "--indent-at (boundary.indent_at)",
-                      .why = "a place is top, left, right or x,y,z in LPS mm",
-                      .remedy = "for instance --indent-at left"});
-
-  // Height map: lines along the push, an eighth of the indenter apart.
-  const auto [e1, e2] = across(result.push);
-  const double step = options.indenter_diameter_mm / 8.0;
-  const Vec3 middle = body.centroid();
-  const Eigen::VectorXd c1 = body.vertex().transpose() * e1, c2 = body.vertex().transpose() * e2;
-  const int half1 = static_cast<int>(
-      std::ceil(std::max(c1.maxCoeff() - middle.dot(e1), middle.dot(e1) - c1.minCoeff()) / step));
-  const int half2 = static_cast<int>(
-      std::ceil(std::max(c2.maxCoeff() - middle.dot(e2), middle.dot(e2) - c2.minCoeff()) / step));
-  const double none = std::numeric_limits<double>::quiet_NaN();
-  Eigen::ArrayXXd height = Eigen::ArrayXXd::Constant(2 * half1 + 1, 2 * half2 + 1, none);  // against the push
-  Eigen::ArrayXXd thickness = Eigen::ArrayXXd::Zero(height.rows(), height.cols());  // of what is met first
-  const auto at = [&](int i, int j) {
-    return Vec3(middle + (i - half1) * step * e1 + (j - half2) * step * e2);
-  };
-  for (int i = 0; i < height.rows(); ++i)
-    for (int j = 0; j < height.cols(); ++j)
-      if (const std::vector<double> t = body.crossings(at(i, j), result.push); !t.empty()) {
-        height(i, j) = -at(i, j).dot(result.push) - t[0];
-        thickness(i, j) = t[1] - t[0];
-      }
-
-  struct Candidate {
-    int i, j;
-    double mean, off_middle;
-  };
-  std::vector<Candidate> candidates;
-  const int reach = 5;  // samples: the disc and a little more, so that the tool does not hang over an edge
-  const Vec3 to_left = local_direction(body, Vec3::UnitX());
-  for (int i = 0; i < height.rows(); ++i)
-    for (int j = 0; j < height.cols(); ++j) {
-      const double leftness = (at(i, j) - middle).dot(to_left);
-      if ((left && leftness <= 0.0) || (right && leftness >= 0.0)) continue;
-      if (thickness(i, j) < thick_enough * thickness.maxCoeff()) continue;  // a rim or a flange
-      double sum = 0.0;
-      int count = 0;
-      bool whole = true;
-      for (int di = -reach; di <= reach && whole; ++di)
-        for (int dj = -reach; dj <= reach && whole; ++dj) {
-          if (di * di + dj * dj > reach * reach) continue;
-          const int ii = i + di, jj = j + dj;
-          whole =
-              ii >= 0 && jj >= 0 && ii < height.rows() && jj < height.cols() && std::isfinite(height(ii, jj));
-          if (whole && di * di + dj * dj <= 16) {
-            sum += height(ii, jj);
-            ++count;
-          }
-        }
-      if (whole) candidates.push_back({i, j, sum / count, (at(i, j) - middle).norm()});
-    }
-  if (candidates.empty())
+  const double across = options.indenter_diameter_mm / std::max(options.voxel_mm, 1e-300);
+  if (options.voxel_mm > 0.0 && across < 1.0)
     throw ModelError(
-        {.fact = fmt::format("no place on the {} takes an indenter of {:.1f} mm diameter", options.indent_at,
-                             options.indenter_diameter_mm),
-         .where = "indenter circle",
-         .why = "it would hang over the organ's edge everywhere",
-         .remedy = "make it smaller with --indenter-diameter, or choose the place with --indent-at x,y,z"});
-  const double best =
-      std::max_element(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) {
-        return a.mean < b.mean;
-      })->mean;
-  const Candidate* chosen = nullptr;
-  double chosen_leftness = 0.0;
-  for (const Candidate& c : candidates) {
-    if (c.mean < best - dome_tolerance * result.height) continue;
-    const double leftness = (at(c.i, c.j) - middle).dot(to_left);
-    const bool nearer =
-        !chosen || c.off_middle < chosen->off_middle - 0.5 * step ||
-        (c.off_middle < chosen->off_middle + 0.5 * step && leftness > chosen_leftness + 0.5 * step);
-    if (nearer) {
-      chosen = &c;
-      chosen_leftness = leftness;
-    }
+        {.fact = fmt::format("the indenter of {:.4g} mm diameter is smaller than a voxel of {:.4g} mm",
+                             options.indenter_diameter_mm, options.voxel_mm),
+         .where = "--indenter-diameter (boundary.indenter_diameter_mm)",
+         .why = "the image does not say what the surface is like beneath it",
+         .remedy = fmt::format("give at least {:.4g} mm, or a finer image", few_voxels * options.voxel_mm),
+         .code = "circle-too-small"});
+  if (options.voxel_mm > 0.0 && across < few_voxels)
+    result.warnings.push_back(
+        fmt::format("the indenter of {:.4g} mm diameter is {:.1f} voxels across: the surface beneath it is hardly "
+                    "known",
+                    options.indenter_diameter_mm, across));
+
+  const View view(body, result.push);
+  if (const auto asked = parse_vector(options.indent_at)) {
+    place_as_asked(body, options.indent_at, body.to_world().inverse() * *asked, view, result);
+  } else {
+    const bool left = options.indent_at == "left", right = options.indent_at == "right";
+    if (!left && !right && options.indent_at != "top")
+      throw UsageError({.fact = fmt::format("'{}' is not a place to indent", options.indent_at),
+                        .where = "--indent-at (boundary.indent_at)",
+                        .why = "a place is top, left, right or x,y,z in LPS mm",
+                        .remedy = "for instance --indent-at left"});
+    std::optional<Eigen::Vector2d> side;
+    if (left || right) side = view.flat(local_direction(body, (left ? 1.0 : -1.0) * Vec3::UnitX()));
+    const auto place = highest_dome(view, result.radius, result.height, side,
+                                    local_direction(body, Vec3(1.0, 0.1, 0.01)));
+    const auto touch = place ? first_touch(body, view.at(place->centre, 0.0), result.push) : std::nullopt;
+    if (!touch)
+      throw ModelError(
+          {.fact = fmt::format("no place on the {} takes an indenter of {:.1f} mm diameter", options.indent_at,
+                               options.indenter_diameter_mm),
+           .where = "indenter circle",
+           .why = "it would hang over the organ's edge everywhere",
+           .remedy = "make it smaller with --indenter-diameter, or choose the place with --indent-at x,y,z"});
+    result.centre = *touch;
+    result.room = place->room;
+    result.circle_reason = fmt::format(
+        "over the highest dome with room{}{}{}",
+        left    ? " of the left half"
+        : right ? " of the right half"
+                : "",
+        options.direction == "auto" ? ", opposite to the base" : "",
+        place->equals > 1 ? fmt::format(", one of {} as high", place->equals) : "");
   }
-  result.centre = *first_touch(body, at(chosen->i, chosen->j), result.push);
-  result.circle_reason = fmt::format(
-      "over the highest dome{}{}: nearest to the middle of all places within {:.2f} mm of its top",
-      left    ? " of the left half"
-      : right ? " of the right half"
-              : "",
-      options.direction == "auto" ? ", opposite to the base" : "", dome_tolerance * result.height);
+  const double short_of_room = 1.75 * result.radius;
+  if (result.room < wanted_room * result.radius)
+    result.circle_reason +=
+        fmt::format("; the nearest fold or edge is {:.1f} mm from its middle", result.room);
+  else
+    result.circle_reason += fmt::format("; no fold or edge within {:.1f} mm of its middle", wanted_room * result.radius);
+  if (result.room < short_of_room)
+    result.warnings.push_back(fmt::format(
+        "the circle of {:.4g} mm diameter has little room: {:.1f} mm from its middle a fold, an edge or a steep slope "
+        "cuts the surface, and {:.4g} mm are wanted; tissue may fold onto itself there under a deep push{}",
+        2.0 * result.radius, result.room, wanted_room * result.radius,
+        parse_vector(options.indent_at) ? "" : "; no other place has more"));
 }
 
 }  // namespace
 
-Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options, double node_spacing_mm) {
+Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options) {
   Boundary result;
-  find_base(body, options, node_spacing_mm, result);
+  find_base(body, options, result);
   find_circle(body, options, result);
   return result;
 }
 
 bool on_base(const Boundary& boundary, const Vec3& x, const Vec3& normal) {
   if (boundary.lowest - x.dot(boundary.down) > boundary.base_depth) return false;
-  return boundary.flat_base || normal.dot(boundary.down) > 0.0;
+  // The sides that rise from a flat face are not part of it; a bed reaches to where the organ overhangs it.
+  return normal.dot(boundary.down) > (boundary.flat_base ? 0.5 : 1e-6);
 }
 
 namespace {

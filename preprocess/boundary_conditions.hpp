@@ -10,8 +10,9 @@
 namespace dimple {
 
 struct BoundaryOptions {
-  /// auto, or the side that the organ rests on: inferior, superior, left, right, anterior, posterior, or
-  /// x,y,z: the LPS direction from the organ towards what it rests on.
+  /// auto, or the side that the organ rests on: inferior, superior, left, right, anterior, posterior (or bottom,
+  /// top, front, back, or 3D Slicer's letters), or x,y,z: the LPS direction from the organ towards what it
+  /// rests on. All are the patient's sides; auto alone looks for the organ's own.
   std::string base = "auto";
   double base_depth_mm = 0.0;  ///< how far up from the lowest point tissue is held; 0: chosen
   /// top: over the highest dome. left, right: over the highest dome of that half. x,y,z: LPS mm.
@@ -19,30 +20,34 @@ struct BoundaryOptions {
   double indenter_diameter_mm = 10.0;
   std::string direction =
       "auto";  ///< auto: towards the base; or x,y,z: LPS direction in which the circle moves
+  double voxel_mm = 0.0;  ///< longest edge of the image's voxels: finer than that nothing is known; 0: unknown
 };
 
 /// The fixed base and the indenter's circle as places on the surface; mm, in the surface's own frame.
 struct Boundary {
   Vec3 down = -Vec3::UnitZ();  ///< unit vector towards what the organ rests on
-  double lowest = 0.0;         ///< largest x . down on the body
-  double height = 0.0;         ///< extent along down
+  double lowest = 0.0;         ///< x . down on the plane that it rests on, or where a bed ends
+  double height = 0.0;         ///< of the body above that
   double base_depth = 0.0;     ///< surface within this of `lowest` and facing down is held
   bool flat_base = false;      ///< the organ stands on a flat face, otherwise it lies in a bed
   Vec3 centre = Vec3::Zero();  ///< of the circle, on the surface
   Vec3 push = -Vec3::UnitZ();  ///< unit vector
   double radius = 5.0;
+  double room = 0.0;  ///< from the centre to the nearest fold or edge, as far as was looked: 2.3 radii
   std::string base_reason, circle_reason;
+  std::vector<std::string> warnings;
 };
 
-/// Finds the surface that the organ rests on, and the circle on the side opposite to it.
+/// Finds the surface that the organ rests on, and the circle on the side opposite to it. Both belong to the
+/// organ: they turn with it. Only where the organ itself leaves a choice do the patient's directions decide.
 ///
-/// Base: of the six axis directions of the image the one on which the organ stands with its largest flat face
-/// (at least a quarter of its outline, within 2 % of its height); otherwise the one across which it is
-/// thinnest, its broader dome up, bedded to a third of its height as in a mould. Circle: where the mean
-/// height over a disc of the indenter's size is greatest ("the highest dome"); places within a quarter per
-/// cent of the height of that count as equal, and the one nearest to the middle is taken. Throws UsageError
-/// (unknown word), ModelError (the indenter misses the organ, or hangs over its edge).
-Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options, double node_spacing_mm);
+/// Base: the largest flat face beyond which the organ does not reach (at least a quarter of its outline within
+/// 2 % of its height of a plane; of several as large the most inferior); otherwise the side across which it is
+/// thinnest by its moments of inertia, its broader dome up, bedded to a third of its height as in a mould; an
+/// organ that is as thin across other axes lies on the patient's inferior side of those. Circle: the highest
+/// dome with room (circle_place.hpp). Throws UsageError (unknown word), ModelError (the indenter misses the
+/// organ, hangs over its edge, is smaller than a voxel, or lies two diameters from the place asked for).
+Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options);
 
 /// Whether a place on the surface, with outward normal n, belongs to the base.
 bool on_base(const Boundary& boundary, const Vec3& x, const Vec3& normal);

@@ -37,9 +37,7 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options, con
   report.surface_volume_mm3 = body.volume();
   report.surface_area_mm2 = body.area();
 
-  const double spacing = options.cloud.spacing_mm > 0.0 ? options.cloud.spacing_mm
-                                                        : spacing_for_count(body, options.cloud.count);
-  const Boundary boundary = report.boundary = find_boundary(body, options.boundary, spacing);
+  const Boundary boundary = report.boundary = find_boundary(body, options.boundary);
   const Sizing sizing(body, boundary, options.cloud.grading);
   report.stages.done("boundary");
   // Side by side: neither needs more of the other than how many nodes there will be.

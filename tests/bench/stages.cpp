@@ -17,8 +17,7 @@ struct Before {
   const Scene& final = scene("converging", nodes);
   ModelOptions options = model_options(final.config);
   SegmentedBody body = make_body_surface(final.image, {});
-  double spacing = spacing_for_count(body.surface, nodes);
-  Boundary boundary = find_boundary(body.surface, options.boundary, spacing);
+  Boundary boundary = find_boundary(body.surface, options.boundary);
   Sizing sizing{body.surface, boundary, options.cloud.grading};
   NodeCloud cloud = make_node_cloud(body.surface, boundary, sizing, options.cloud);
   Model places = build_model(body.surface, options).model;  // no supports yet
@@ -48,7 +47,7 @@ void surface(benchmark::State& state) {
 
 void boundary_conditions(benchmark::State& state) {
   const Before& b = before();
-  for (auto _ : state) benchmark::DoNotOptimize(find_boundary(b.body.surface, b.options.boundary, b.spacing));
+  for (auto _ : state) benchmark::DoNotOptimize(find_boundary(b.body.surface, b.options.boundary));
 }
 
 void node_cloud(benchmark::State& state) {

@@ -63,38 +63,9 @@ TEST(BodySurface, RefusesASpeckAndALabelThatIsNotThere) {
   EXPECT_THROW(make_body_surface(image, {}, 3.0), ModelError);
 }
 
-TEST(Boundary, OfABlockIsItsBroadSideAndTheMiddleOfTheOtherOne) {
-  const SegmentedBody body = block_body();
-  const Boundary found = find_boundary(body.surface, {}, 5.0);
-  EXPECT_TRUE(found.flat_base);
-  EXPECT_LT((body.surface.to_world().linear() * found.down - Vec3(0, 0, -1)).norm(), 1e-12);
-  const Vec3 centre = body.surface.to_world() * found.centre;
-  EXPECT_LT(centre.head<2>().norm(), 1.5);  // within a voxel
-  EXPECT_NEAR(centre.z(), 30.0, 0.2);
-  EXPECT_NE(found.base_reason.find("inferior"), std::string::npos);
-}
-
-TEST(Boundary, OnTheLeftIsOnTheLeft) {
-  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {}, 5.0);
-  const double left =
-      (body.surface.to_world() * find_boundary(body.surface, {.indent_at = "left"}, 5.0).centre).x();
-  const double right =
-      (body.surface.to_world() * find_boundary(body.surface, {.indent_at = "right"}, 5.0).centre).x();
-  EXPECT_GT(left, 4.0);  // LPS: left is positive
-  EXPECT_LT(right, -4.0);
-}
-
-TEST(Boundary, RefusesWordsAndPlacesThatMakeNoSense) {
-  const SegmentedBody body = block_body();
-  EXPECT_THROW(find_boundary(body.surface, {.base = "below"}, 5.0), UsageError);
-  EXPECT_THROW(find_boundary(body.surface, {.indent_at = "bottom"}, 5.0), UsageError);
-  EXPECT_THROW(find_boundary(body.surface, {.direction = "down"}, 5.0), UsageError);
-  EXPECT_THROW(find_boundary(body.surface, {.indent_at = "300,0,0"}, 5.0), ModelError);
-}
-
 TEST(NodeCloud, HasExactlyTheAskedNumberOfEvenlySpacedNodesAndTheCirclesRim) {
   const SegmentedBody body = block_body();
-  const Boundary boundary = find_boundary(body.surface, {}, 5.0);
+  const Boundary boundary = find_boundary(body.surface, {});
   const NodeCloud cloud = make_node_cloud(body.surface, boundary, Sizing{}, {.count = 1200});
   EXPECT_EQ(cloud.X.cols(), 1200);
   const IntegrationGrid grid = make_integration_grid(body.surface, {}, 1200);
@@ -123,7 +94,7 @@ TEST(NodeCloud, HasExactlyTheAskedNumberOfEvenlySpacedNodesAndTheCirclesRim) {
 TEST(NodeCloud, IsAsDenseAtTheRimAsAskedForAndHasExactlyTheAskedNumber) {
   const SegmentedBody body =
       make_body_surface(make_phantom({.shape = "block", .size_mm = Vec3(40, 40, 20)}), {}, 2.0);
-  const Boundary boundary = find_boundary(body.surface, {}, 2.0);
+  const Boundary boundary = find_boundary(body.surface, {});
   const GradingOptions grading = {.rim = 0.2};
   const Sizing sizing(body.surface, boundary, grading);
   const NodeCloud cloud =
@@ -141,7 +112,7 @@ TEST(NodeCloud, IsAsDenseAtTheRimAsAskedForAndHasExactlyTheAskedNumber) {
 TEST(IntegrationGrid, ThatFollowsTheNodesHasTheBodysVolumeCentroidAndInertia) {
   const SegmentedBody body =
       make_body_surface(make_phantom({.shape = "block", .size_mm = Vec3(40, 40, 20)}), {}, 2.0);
-  const Boundary boundary = find_boundary(body.surface, {}, 2.0);
+  const Boundary boundary = find_boundary(body.surface, {});
   const Sizing sizing(body.surface, boundary, {.rim = 0.2});
   const double spacing = spacing_for_count(body.surface, 1500, sizing);
   const IntegrationGrid grid = make_graded_grid(body.surface, {.ratio = 7.0}, 1500, sizing, spacing);
@@ -161,7 +132,7 @@ TEST(IntegrationGrid, ThatFollowsTheNodesHasTheBodysVolumeCentroidAndInertia) {
 
 TEST(NodeCloud, IsTheSameForAnyNumberOfThreads) {
   const SegmentedBody body = block_body();
-  const Boundary boundary = find_boundary(body.surface, {}, 5.0);
+  const Boundary boundary = find_boundary(body.surface, {});
   const NodeCloud all = make_node_cloud(body.surface, boundary, Sizing{}, {.count = 800});
   const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
   EXPECT_EQ(make_node_cloud(body.surface, boundary, Sizing{}, {.count = 800}).X, all.X);
