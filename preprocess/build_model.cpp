@@ -1,16 +1,17 @@
 #include "preprocess/build_model.hpp"
 
 #include <fmt/format.h>
-#include <tbb/parallel_invoke.h>
 #ifdef __GLIBC__
 #include <malloc.h>
 #endif
 
 #include <cmath>
-#include <exception>
 
 #include "io/error.hpp"
+#include "io/memory.hpp"
+#include "io/stop.hpp"
 #include "preprocess/pressure_patches.hpp"
+#include "preprocess/side_by_side.hpp"
 #include "preprocess/spatial_order.hpp"
 
 namespace dimple {
@@ -20,6 +21,27 @@ namespace {
 Points world_metres(const BodySurface& body, const Points& local) {
   Points world = (body.to_world() * local.colwise().homogeneous()).eval();
   return world.unaryExpr(&metres);
+}
+
+// Least that a whole run was seen to take, per integration point.
+constexpr double bytes_per_point = 2000.0;
+
+void refuse_beyond_memory(const ModelOptions& options, Index nodes) {
+  const double points = options.grid.count > 0 ? static_cast<double>(options.grid.count)
+                                               : options.grid.ratio * static_cast<double>(nodes);
+  const double needed = bytes_per_point * points, there = memory_at_hand();
+  if (needed > there)
+    throw ModelError(
+        {.fact = fmt::format("{} nodes with {:.0f} integration points need at least {:.1f} GB of "
+                             "memory, and {:.1f} GB are there",
+                             nodes, points, needed / 1e9, there / 1e9),
+         .where = options.grid.count > 0 ? "node cloud and integration grid; --nodes and --points"
+                                         : "node cloud and integration grid; --nodes",
+         .why =
+             fmt::format("each point needs about {:.1f} kB while supports are found", bytes_per_point / 1e3),
+         .remedy = "ask for fewer nodes (--nodes, or a larger --spacing) or points (--points), or "
+                   "take a larger machine",
+         .code = "memory"});
 }
 
 }  // namespace
@@ -37,29 +59,26 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options, con
   report.surface_volume_mm3 = body.volume();
   report.surface_area_mm2 = body.area();
 
+  if (!(options.cloud.spacing_mm > 0.0)) refuse_beyond_memory(options, options.cloud.count);
   const Boundary boundary = report.boundary = find_boundary(body, options.boundary);
   const Sizing sizing(body, boundary, options.cloud.grading);
   report.stages.done("boundary");
   // Side by side: neither needs more of the other than how many nodes there will be.
   const CloudSize size = cloud_size(body, sizing, options.cloud);
+  refuse_beyond_memory(options, size.count);
   NodeCloud cloud;
   IntegrationGrid grid;
-  std::exception_ptr grid_failed;  // where both fail it is the cloud's error that is told
-  tbb::parallel_invoke([&] { cloud = make_node_cloud(body, boundary, sizing, options.cloud, size); },
-                       [&] {
-                         try {
-                           grid = options.averaged_cells
-                                      ? make_graded_grid(body, options.grid, size.count, sizing,
-                                                         size.far_spacing, label_at)
-                                      : make_integration_grid(body, options.grid, size.count, label_at);
-                         } catch (...) {
-                           grid_failed = std::current_exception();
-                         }
-                       });
-  if (grid_failed) std::rethrow_exception(grid_failed);
+  side_by_side([&] { cloud = make_node_cloud(body, boundary, sizing, options.cloud, size); },
+               [&] {
+                 grid = options.averaged_cells
+                            ? make_graded_grid(body, options.grid, size.count, sizing, size.far_spacing,
+                                               label_at)
+                            : make_integration_grid(body, options.grid, size.count, label_at);
+               });
   give_back_memory();
   report.stages.done("cloud, grid");
 
+  stop_if_asked();
   const std::vector<Index> nodes = spatial_order(cloud.X), points = spatial_order(grid.point);
   model.X = world_metres(body, cloud.X(Eigen::all, nodes));
   model.spacing = cloud.spacing(nodes).unaryExpr(&metres);
@@ -127,13 +146,14 @@ Completion complete_model(Model& model, const SupportOptions& options, const Eig
   Completion report;
   const bool averaged = model.spread.cols() > 0, consistent = averaged && surface.place.cols() > 0;
   Points wanted;
-  tbb::parallel_invoke([&] { report.support = find_supports(model, options, tissue); },
-                       [&] {
-                         if (consistent) wanted = surface_integrals(model, options, surface);
-                       });
+  side_by_side([&] { report.support = find_supports(model, options, tissue); },
+               [&] {
+                 if (consistent) wanted = surface_integrals(model, options, surface);
+               });
   give_back_memory();
+  stop_if_asked();
   report.stages.done("support");
-  tbb::parallel_invoke(
+  side_by_side(
       [&] {
         if (consistent) report.consistency = make_consistent(model, wanted);
       },

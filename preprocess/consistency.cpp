@@ -11,6 +11,7 @@
 #include <iterator>
 #include <utility>
 
+#include "io/stop.hpp"
 #include "preprocess/clones.hpp"
 #include "preprocess/neighbours.hpp"
 #include "preprocess/support.hpp"
@@ -32,6 +33,7 @@ struct LinearFields {
     size.resize(count);
     inverse.resize(static_cast<std::size_t>(count));
     tbb::parallel_for(Index{0}, count, [&](Index q) {
+      if (q % 256 == 0) stop_if_asked();
       size[q] = 0.0;
       for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
         size[q] = std::max(size[q], (model.X.col(model.support.member[k]) - model.point.col(q)).norm());
@@ -113,6 +115,7 @@ struct Operator {
     std::vector<int> next(static_cast<std::size_t>(n));  // place after the diagonal
     // The lower triangle, row by row, points ascending.
     tbb::parallel_for(Index{0}, n, [&](Index a) {
+      if (a % 64 == 0) stop_if_asked();
       thread_local std::vector<double> sum;  // all zero between rows
       if (sum.size() < static_cast<std::size_t>(n)) sum.resize(static_cast<std::size_t>(n), 0.0);
       double volume = 0.0;
@@ -137,9 +140,11 @@ struct Operator {
       next[static_cast<std::size_t>(a)] = k;
     });
     // Rows ascending: what is above the diagonal enters each row in its order.
-    for (Index a = 0; a < n; ++a)
+    for (Index a = 0; a < n; ++a) {
+      if (a % 4096 == 0) stop_if_asked();
       for (int k = rows.offset[a]; k < rows.offset[a + 1] && rows.member[k] < a; ++k)
         value[next[static_cast<std::size_t>(rows.member[k])]++] = value[k];
+    }
   }
   void apply(const Nodal& x, Nodal& result) const {
     tbb::parallel_for(tbb::blocked_range<Index>(0, x.cols(), 128), [&](const auto& range) {
@@ -170,6 +175,7 @@ class CoarseFields {
     using Block = Eigen::Matrix4d;
     std::vector<std::vector<std::pair<Index, Block>>> blocks(static_cast<std::size_t>(groups_));
     tbb::parallel_for(Index{0}, groups_, [&](Index g) {
+      stop_if_asked();
       std::vector<Block> sum(static_cast<std::size_t>(g + 1), Block::Zero());
       std::vector<char> met(sum.size(), 0);
       for (Index a = first(g); a < first(g + 1); ++a)
@@ -229,20 +235,24 @@ class CoarseFields {
   Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor_;
 };
 
+// No triangle is larger than a body, and no spacing is less than a thousandth of one.
+constexpr int deepest = 12;
+
 void divide(const Vec3& a, const Vec3& b, const Vec3& c, const Neighbours& nodes, const Model& model,
-            std::vector<Vec3>& place, std::vector<Vec3>& area) {
+            std::vector<Vec3>& place, std::vector<Vec3>& area, int depth = 0) {
+  stop_if_asked();
   const double longest = std::max({(b - a).norm(), (c - b).norm(), (a - c).norm()});
   const Vec3 middle = (a + b + c) / 3.0;
-  if (longest <= model.spacing[nodes.nearest(middle, 1).front()]) {
+  if (depth == deepest || longest <= model.spacing[nodes.nearest(middle, 1).front()]) {
     place.push_back(middle);
     area.push_back(0.5 * (b - a).cross(c - a));
     return;
   }
   const Vec3 ab = 0.5 * (a + b), bc = 0.5 * (b + c), ca = 0.5 * (c + a);
-  divide(a, ab, ca, nodes, model, place, area);
-  divide(ab, b, bc, nodes, model, place, area);
-  divide(ca, bc, c, nodes, model, place, area);
-  divide(ab, bc, ca, nodes, model, place, area);
+  divide(a, ab, ca, nodes, model, place, area, depth + 1);
+  divide(ab, b, bc, nodes, model, place, area, depth + 1);
+  divide(ca, bc, c, nodes, model, place, area, depth + 1);
+  divide(ab, bc, ca, nodes, model, place, area, depth + 1);
 }
 
 }  // namespace
@@ -286,6 +296,7 @@ ConsistencyReport make_consistent(Model& model, const Points& wanted) {
   const auto residual = [&] {
     Points r = -wanted;
     tbb::parallel_for(Index{0}, n, [&](Index a) {
+      if (a % 256 == 0) stop_if_asked();
       scale[a] = 0.0;
       for (int k = influence.rows.offset[a]; k < influence.rows.offset[a + 1]; ++k) {
         const double volume = model.volume[influence.rows.member[k]];
@@ -331,8 +342,11 @@ ConsistencyReport make_consistent(Model& model, const Points& wanted) {
   const double start = r.norm();
   double rz = r.cwiseProduct(z).sum();
   while (report.iterations < 500 && start > 0.0 && r.norm() > tolerance * start) {
+    stop_if_asked();
     A.apply(p, Ap);
-    const double alpha = rz / p.cwiseProduct(Ap).sum();
+    const double curvature = p.cwiseProduct(Ap).sum();
+    if (!(curvature > 0.0)) break;  // rounding is all that is left
+    const double alpha = rz / curvature;
     lambda += alpha * p;
     r -= alpha * Ap;
     precondition();
@@ -345,6 +359,7 @@ ConsistencyReport make_consistent(Model& model, const Points& wanted) {
   const Points change_of = lambda.topRows<3>();
   Eigen::VectorXd change(model.point_count());
   tbb::parallel_for(Index{0}, model.point_count(), [&](Index q) {
+    if (q % 256 == 0) stop_if_asked();
     const Coefficients linear = fields.nearest(q, change_of);
     double most = 0.0, gradient = 0.0;
     for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k) {

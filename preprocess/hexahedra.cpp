@@ -5,12 +5,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <exception>
 #include <limits>
 #include <map>
 #include <numbers>
 #include <set>
 
 #include "io/error.hpp"
+#include "io/stop.hpp"
 
 namespace dimple {
 namespace {
@@ -21,6 +23,18 @@ using Edge = std::pair<Index, Index>;
 constexpr double core = 0.5;  // half an edge of the square inside the circle / radius
 // Nothing changes as fast along the rim as across it: cells there may be this much longer.
 constexpr double along_rim = 8.0;
+
+// Refused above it: a mesh for a check, not for a machine's memory.
+constexpr double most_cells = 3e6;
+
+void refuse_too_many(double cells, double spacing_mm) {
+  if (!(cells <= most_cells))
+    throw ModelError({.fact = fmt::format("the mesh would have over {:.0f} hexahedra", most_cells),
+                      .where = "hexahedral mesh",
+                      .why = fmt::format("cells of {:.3g} mm are small for this body", spacing_mm),
+                      .remedy = "give a larger --spacing, fewer --nodes or a coarser --rim",
+                      .code = "too-large"});
+}
 
 Edge edge(Index a, Index b) {
   return {std::min(a, b), std::max(a, b)};
@@ -35,6 +49,7 @@ std::vector<double> graded(double length, double near, double slope, double far)
     return (slope > 0.0 ? std::log1p(slope * q / near) / slope : 0.0) + (p - q) / far;
   };
   const double all = steps_to(length);
+  refuse_too_many(all, far);
   const int n = std::max(1, static_cast<int>(std::lround(all)));
   std::vector<double> place(static_cast<std::size_t>(n) + 1, length);
   for (int k = 0; k < n; ++k) {
@@ -59,7 +74,9 @@ struct Outline {
 
 Plane make_plane(double radius, const Outline& outline, double near, double slope, double far) {
   const double circumference = 2.0 * std::numbers::pi * radius;
-  const int n = std::max(2, static_cast<int>(std::lround(circumference / (4.0 * along_rim * near))));
+  const double sides = circumference / (4.0 * along_rim * near);
+  refuse_too_many(sides * sides, far);
+  const int n = std::max(2, static_cast<int>(std::lround(sides)));
   // Corner j of 4n around: side j / n of the square, t from -1 to 1 along it.
   const auto side_of = [&](double j) {
     const int side = static_cast<int>(j / n) % 4;
@@ -115,6 +132,7 @@ Plane make_plane(double radius, const Outline& outline, double near, double slop
 
   Plane plane;
   const int around = 4 * n;
+  refuse_too_many(static_cast<double>(rings.size()) * around, far);
   for (const double share : rings)
     for (int j = 0; j < around; ++j) plane.corner.push_back(on_ring(share, j));
   const auto ring_corner = [&](std::size_t ring, int j) {
@@ -206,8 +224,12 @@ HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
   const double slope = (1.0 - grading.rim) * spacing_mm / (grading.reach * boundary.radius);
   const Plane plane = make_plane(boundary.radius, outline, near, slope, spacing_mm);
   const std::vector<double> level = graded(frame.depth, near, slope, spacing_mm);
+  refuse_too_many(static_cast<double>(plane.quads.size()) * static_cast<double>(level.size()), spacing_mm);
   std::vector<Ends> ends;
-  for (const Vec2& u : plane.corner) ends.push_back(ends_of_column(body, frame, u));
+  for (const Vec2& u : plane.corner) {
+    stop_if_asked();
+    ends.push_back(ends_of_column(body, frame, u));
+  }
   const auto along = [&](const Ends& e, double depth) {
     return e.top + depth / frame.depth * (e.bottom - e.top);
   };
@@ -221,6 +243,7 @@ HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
   std::vector<char> inside(plane.quads.size() * layers, 0), kept(inside.size(), 0);
   for (std::size_t q = 0; q < plane.quads.size(); ++q)
     for (std::size_t k = 0; k < layers; ++k) {
+      stop_if_asked();
       Vec3 middle = Vec3::Zero();
       for (const Index c : plane.quads[q]) middle += 0.125 * (corner_place(c, k) + corner_place(c, k + 1));
       inside[q * layers + k] = body.contains(middle);
@@ -243,6 +266,7 @@ HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
   for (std::size_t q = 0; q < plane.quads.size(); ++q)
     if (in_circle(q)) reach(q * layers);
   while (!front.empty()) {
+    stop_if_asked();
     const std::size_t q = front.back() / layers, k = front.back() % layers;
     front.pop_back();
     if (k > 0) reach(q * layers + k - 1);
@@ -262,6 +286,7 @@ HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
   for (std::size_t q = 0; q < plane.quads.size(); ++q)
     for (std::size_t k = 0; k < layers; ++k) {
       if (!kept[q * layers + k]) continue;
+      stop_if_asked();
       auto& cell = cells.emplace_back();
       cell_place.emplace_back(q, k);
       for (std::size_t s = 0; s < 4; ++s) {
@@ -303,6 +328,7 @@ HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
 
   // Two places a direction are exact for the volume. Curved rims must not turn a cell inside out.
   for (Index e = 0; e < mesh.hexahedra.cols(); ++e) {
+    stop_if_asked();
     Eigen::Matrix<double, 3, 20> x;
     for (Index v = 0; v < 20; ++v) x.col(v) = mesh.X.col(mesh.hexahedra(v, e));
     for (int place = 0; place < 8; ++place) {
@@ -335,6 +361,7 @@ HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
   std::set<Index> base, circle;
   for (Index e = 0; e < mesh.hexahedra.cols(); ++e)
     for (std::size_t side = 0; side < 6; ++side) {
+      stop_if_asked();
       const auto& f = faces[side];
       if (times.at(name(e, f)) != 1) continue;
       const auto x = [&](std::size_t v) -> Vec3 { return mesh.X.col(mesh.hexahedra(f[v], e)); };
@@ -370,14 +397,22 @@ double hexahedra_spacing_for_count(const BodySurface& body, const Boundary& boun
   // The count falls with the spacing in jumps, by a ring or a layer each: the nearest of all that are met.
   double coarse = frame_of(body, boundary).depth, fine = 0.5 * coarse, best = coarse;
   double nearest = std::numeric_limits<double>::infinity();
+  std::exception_ptr last;
   const auto nodes = [&](double spacing) -> double {
     try {
       return static_cast<double>(make_hexahedra(body, boundary, grading, spacing).X.cols());
     } catch (const ModelError&) {
+      last = std::current_exception();
       return 1.0;  // too coarse
     }
   };
-  for (; nodes(fine) < static_cast<double>(count); fine *= 0.7) coarse = fine;
+  // What is refused however fine it is has another reason than coarseness.
+  const double finest = 0.2 * std::cbrt(body.volume() / static_cast<double>(count));
+  for (; nodes(fine) < static_cast<double>(count); fine *= 0.7) {
+    if (fine < finest && last) std::rethrow_exception(last);
+    if (fine < finest) break;
+    coarse = fine;
+  }
   for (int step = 0; step < 9; ++step) {
     const double middle = std::sqrt(fine * coarse);
     const double ratio = nodes(middle) / static_cast<double>(count);

@@ -6,8 +6,10 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <optional>
 
 #include "io/error.hpp"
+#include "io/stop.hpp"
 #include "preprocess/neighbours.hpp"
 
 namespace dimple {
@@ -15,6 +17,11 @@ namespace {
 
 constexpr int lines_per_edge = 4;
 constexpr double sliver = 0.1;  // of a cell
+// Bounds, per point wanted: cells of a body's whole box, and leaves.
+constexpr double box_cells_per_point = 1000.0;
+constexpr std::size_t leaves_per_point = 20, fewest_bound = 20000;
+constexpr int trials = 5;
+constexpr double most_at_a_time = 8.0;  // by which a trial changes the volume of the cells
 
 struct Cells {
   std::array<Index, 3> n{};
@@ -48,6 +55,7 @@ Cells fill(const BodySurface& body, double edge) {
   };
   // One task per row of cells: rows share no cell, so the sums do not depend on the threads.
   tbb::parallel_for(Index{0}, cells.n[1] * cells.n[2], [&](Index row) {
+    if (row % 16 == 0) stop_if_asked();
     const Index j = row % cells.n[1], k = row / cells.n[1];
     const Index first = cells.n[0] * (j + cells.n[1] * k);
     const std::pair<double, double> in_y = strip(1, j), in_z = strip(2, k);
@@ -104,7 +112,10 @@ void merge_slivers(Cells& cells, IntegrationGrid& grid) {
 void set_labels(IntegrationGrid& grid, const LabelAt& label_at) {
   grid.label = Eigen::VectorXi::Zero(grid.point.cols());
   if (label_at)
-    for (Index q = 0; q < grid.point.cols(); ++q) grid.label[q] = label_at(grid.point.col(q));
+    for (Index q = 0; q < grid.point.cols(); ++q) {
+      if (q % 1024 == 0) stop_if_asked();
+      grid.label[q] = label_at(grid.point.col(q));
+    }
 }
 
 // Points per node at the rim and far away, in proportion.
@@ -195,6 +206,16 @@ std::vector<Part> parts_by_label(const BodySurface& body, const Leaf& leaf, cons
   return result;
 }
 
+[[noreturn]] void refuse_grid(const BodySurface& body, double wanted) {
+  const Vec3 size = body.upper() - body.lower();
+  throw ModelError(
+      {.fact = fmt::format("{:.0f} integration points cannot be laid out evenly in this body", wanted),
+       .where = "integration grid",
+       .why = fmt::format("it fills {:.2g} % of its box of {:.4g} x {:.4g} x {:.4g} mm",
+                          100.0 * body.volume() / size.prod(), size.x(), size.y(), size.z()),
+       .remedy = "ask for more nodes (--nodes) or points (--points), or a coarser --rim"});
+}
+
 }  // namespace
 
 IntegrationGrid make_integration_grid(const BodySurface& body, const GridOptions& options, Index node_count,
@@ -204,11 +225,15 @@ IntegrationGrid make_integration_grid(const BodySurface& body, const GridOptions
   // Cut cells make the count larger than volume / cell; the count is then matched by a few trials.
   double edge = std::cbrt(body.volume() / wanted);
   Cells cells;
-  for (int trial = 0; trial < 5; ++trial) {
+  const Vec3 size = body.upper() - body.lower();
+  for (int trial = 0; trial < trials; ++trial) {
+    if (!(((size / edge).array() + 2.0).prod() < box_cells_per_point * wanted + fewest_bound))
+      refuse_grid(body, wanted);
     cells = fill(body, edge);
-    const double error = static_cast<double>(count_points(cells)) / wanted;
+    const double error =
+        std::clamp(static_cast<double>(count_points(cells)) / wanted, 1.0 / most_at_a_time, most_at_a_time);
     if (std::abs(error - 1.0) < 0.005) break;
-    if (trial < 4) edge *= std::pow(error, 1.0 / 2.7);
+    if (trial + 1 < trials) edge *= std::pow(error, 1.0 / 2.7);
   }
 
   IntegrationGrid grid;
@@ -243,17 +268,24 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
     return std::pow(far_spacing * s, 3) / (far_density + (rim_density - far_density) * (1.0 - s));
   };
   double scale = static_cast<double>(node_count) * 5.0 / wanted;
-  std::vector<Leaf> leaves;
-  for (int trial = 0; trial < 5; ++trial) {
-    leaves = bisect(body, std::cbrt(scale / far_density) * far_spacing, sizing,
-                    [&](double s) { return scale * cell_volume(s); });
-    const double error = static_cast<double>(leaves.size()) / wanted;
+  const std::size_t most = std::max(fewest_bound, leaves_per_point * static_cast<std::size_t>(wanted));
+  std::optional<std::vector<Leaf>> found;
+  for (int trial = 0; trial < trials; ++trial) {
+    found = bisect(
+        body, std::cbrt(scale / far_density) * far_spacing, sizing,
+        [&](double s) { return scale * cell_volume(s); }, most);
+    const double error =
+        found ? std::clamp(static_cast<double>(found->size()) / wanted, 1.0 / most_at_a_time, most_at_a_time)
+              : most_at_a_time;
     if (std::abs(error - 1.0) < 0.03) break;
-    if (trial < 4) scale *= error;
+    if (trial + 1 < trials) scale *= error;
   }
+  if (!found) refuse_grid(body, wanted);
+  const std::vector<Leaf>& leaves = *found;
 
   std::vector<std::vector<Part>> parts(leaves.size());
   tbb::parallel_for(std::size_t{0}, leaves.size(), [&](std::size_t k) {
+    stop_if_asked();
     if (label_at && has_interface(leaves[k], label_at))
       parts[k] = parts_by_label(body, leaves[k], label_at);
     else if (Part part = leaves[k].cut ? clip(body, leaves[k]) : whole(leaves[k]); part.volume > 0.0) {
@@ -280,6 +312,7 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
     centre.col(static_cast<Index>(k)) = kept[k].first / kept[k].volume;
   const Neighbours tree(centre);
   for (const Part& small : slivers) {
+    if (grid.merged % 256 == 0) stop_if_asked();
     // To the nearest cell of the same tissue; of equally near ones, but for rounding, to the first.
     const Vec3 x = small.first / small.volume;
     Index best = -1;

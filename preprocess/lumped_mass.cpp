@@ -3,12 +3,14 @@
 #include <fmt/format.h>
 
 #include "io/error.hpp"
+#include "io/stop.hpp"
 
 namespace dimple {
 
 Eigen::VectorXd lumped_mass(const Model& model, const Eigen::VectorXd& density) {
   Eigen::VectorXd mass = Eigen::VectorXd::Zero(model.node_count());
   for (Index q = 0; q < model.point_count(); ++q) {
+    if (q % 4096 == 0) stop_if_asked();
     const double share = density[q] * model.volume[q] / static_cast<double>(model.support.count(q));
     for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
       mass[model.support.member[k]] += share;

@@ -4,11 +4,14 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <numeric>
+#include <optional>
 #include <random>
 
 #include "io/error.hpp"
+#include "io/stop.hpp"
 #include "preprocess/neighbours.hpp"
 
 namespace dimple {
@@ -18,6 +21,20 @@ constexpr int candidates_per_node = 5;
 constexpr int sweeps = 40;
 // Neighbours' spacings differ: how much further than one's own reach another one's may be.
 constexpr double far_enough = 1.2;
+
+// Bounds. What a cloud that can be made at all was seen to take is a tenth of them.
+constexpr std::size_t boxes_per_node = 40, facets_per_node = 40, crowd_per_candidate = 1000;
+constexpr std::size_t fewest_bound = 20000, most_to_measure = 4'000'000;
+// Of a body's box: what fills less is searched box by box.
+constexpr double sparse = 0.2;
+// Places tried for one that is good: where the body is mostly thinner than a spacing it is thousands.
+constexpr Index tries_per_place = 100;
+// Larger numbers overflow the lists of the supports.
+constexpr double most_nodes = 5e6;
+
+std::size_t bound(std::size_t per_node, double nodes) {
+  return std::max(fewest_bound, per_node * static_cast<std::size_t>(std::min(nodes, most_nodes)));
+}
 
 // std::uniform_real_distribution may differ between standard libraries; these bits do not.
 double uniform(std::mt19937_64& random) {
@@ -50,7 +67,9 @@ struct Facets {
 };
 
 // Triangles small enough for the spacing to be nearly the same all over each.
-void subdivide(const Triangle& t, const Sizing& sizing, double far_spacing, Facets& result) {
+void subdivide(const Triangle& t, const Sizing& sizing, double far_spacing, std::size_t room,
+               Facets& result) {
+  if (result.triangle.size() > room) return;
   const double longest = std::max({(t.b - t.a).norm(), (t.c - t.b).norm(), (t.a - t.c).norm()});
   const double here = sizing((t.a + t.b + t.c) / 3.0);
   if (sizing.even() || longest <= 0.7 * (far_spacing * here)) {
@@ -63,20 +82,28 @@ void subdivide(const Triangle& t, const Sizing& sizing, double far_spacing, Face
   for (const Triangle& part :
        {Triangle{t.a, ab, ca, t.normal, quarter}, Triangle{ab, t.b, bc, t.normal, quarter},
         Triangle{ca, bc, t.c, t.normal, quarter}, Triangle{ab, bc, ca, t.normal, quarter}})
-    subdivide(part, sizing, far_spacing, result);
+    subdivide(part, sizing, far_spacing, room, result);
 }
 
-Facets facets_of(const BodySurface& body, const Sizing& sizing, double far_spacing) {
+// Nothing, if it takes more than `most` besides the surface's own.
+std::optional<Facets> facets_of(const BodySurface& body, const Sizing& sizing, double far_spacing,
+                                std::size_t most) {
   constexpr Index block = 256;
   const Index count = body.triangles().cols();
+  const std::size_t room = most + static_cast<std::size_t>(count);
+  std::atomic<std::size_t> all = 0;
   std::vector<Facets> parts(static_cast<std::size_t>((count + block - 1) / block));
   tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
+    stop_if_asked();
+    if (all > room) return;
     const Index first = block * static_cast<Index>(part);
     for (Index t = first; t < std::min(first + block, count); ++t)
       subdivide({body.vertex().col(body.triangles()(0, t)), body.vertex().col(body.triangles()(1, t)),
                  body.vertex().col(body.triangles()(2, t)), body.normal().col(t), body.triangle_area()[t]},
-                sizing, far_spacing, parts[part]);
+                sizing, far_spacing, room, parts[part]);
+    all += parts[part].triangle.size();
   });
+  if (all > room) return std::nullopt;
   Facets result;
   for (const Facets& part : parts) {
     result.triangle.insert(result.triangle.end(), part.triangle.begin(), part.triangle.end());
@@ -91,12 +118,16 @@ struct Boxes {
   std::vector<double> worth;
 };
 
-Boxes boxes_of(const BodySurface& body, const Sizing& sizing, double far_spacing) {
+std::optional<Boxes> boxes_of(const BodySurface& body, const Sizing& sizing, double far_spacing,
+                              std::size_t most) {
+  auto leaves = bisect(
+      body, 0.63 * far_spacing, sizing, [&](double s) { return 0.25 * std::pow(far_spacing * s, 3); }, most);
+  if (!leaves) return std::nullopt;
   Boxes boxes;
-  boxes.leaf =
-      bisect(body, 0.63 * far_spacing, sizing, [&](double s) { return 0.25 * std::pow(far_spacing * s, 3); });
+  boxes.leaf = std::move(*leaves);
   boxes.worth.resize(boxes.leaf.size());
   tbb::parallel_for(std::size_t{0}, boxes.leaf.size(), [&](std::size_t k) {
+    stop_if_asked();
     const Leaf& box = boxes.leaf[k];
     double inside = 1.0;
     if (box.cut) {
@@ -115,14 +146,33 @@ struct Contents {
   double count(double h) const { return volume / (h * h * h) + 0.5 * area / (h * h); }
 };
 
+ModelError too_fine_a_rim(const Sizing& sizing) {
+  return ModelError(
+      {.fact = fmt::format("a spacing on the circle's rim of {:.3g} of that far away takes more "
+                           "nodes than are asked for",
+                           sizing.least()),
+       .where = "node cloud",
+       .why = fmt::format("the rim is {:.3g} mm long", sizing.rim_length()),
+       .remedy = "give a coarser --rim, more --nodes or a smaller --indenter-diameter"});
+}
+
 Contents contents_of(const BodySurface& body, const Sizing& sizing, double rough_spacing) {
   if (sizing.even()) return {body.volume(), body.area()};
-  Contents result = {0.0, 0.0};
-  for (const double worth : boxes_of(body, sizing, rough_spacing).worth) result.volume += worth;
-  const Facets facets = facets_of(body, sizing, rough_spacing);
-  for (std::size_t k = 0; k < facets.triangle.size(); ++k)
-    result.area += facets.triangle[k].area / std::pow(facets.sizing[k], 2);
-  return result;
+  const std::size_t most =
+      std::min(most_to_measure, 5 * bound(boxes_per_node, body.volume() / std::pow(rough_spacing, 3)));
+  // Where the spacing falls very steeply the even cloud's is needlessly fine to measure with.
+  for (int attempt = 0; attempt < 6; ++attempt, rough_spacing *= 2.0) {
+    const auto boxes = boxes_of(body, sizing, rough_spacing, most);
+    if (!boxes) continue;
+    const auto facets = facets_of(body, sizing, rough_spacing, most);
+    if (!facets) continue;
+    Contents result = {0.0, 0.0};
+    for (const double worth : boxes->worth) result.volume += worth;
+    for (std::size_t k = 0; k < facets->triangle.size(); ++k)
+      result.area += facets->triangle[k].area / std::pow(facets->sizing[k], 2);
+    return result;
+  }
+  throw too_fine_a_rim(sizing);
 }
 
 std::vector<Vec3> surface_candidates(const Facets& facets, const Boundary& boundary, Index count,
@@ -136,6 +186,7 @@ std::vector<Vec3> surface_candidates(const Facets& facets, const Boundary& bound
     cumulated[t] = area += triangles[t].area / (s * s);
   }
   for (Index k = 0; k < count; ++k) {
+    if (k % 4096 == 0) stop_if_asked();
     const double at = (static_cast<double>(k) + uniform(random)) / static_cast<double>(count) * area;
     const auto found = std::upper_bound(cumulated.begin(), cumulated.end(), at) - cumulated.begin();
     const Triangle& t = triangles[std::min(static_cast<std::size_t>(found), triangles.size() - 1)];
@@ -154,13 +205,16 @@ std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, const S
     const double z = uniform(random), y = uniform(random);
     return Vec3(uniform(random), y, z);
   };
+  const bool in_boxes = !sizing.even() || body.volume() < sparse * size.prod();
   Boxes boxes;
-  if (!sizing.even()) {
-    boxes = boxes_of(body, sizing, far_spacing);
+  if (in_boxes) {
+    auto found = boxes_of(body, sizing, far_spacing, bound(boxes_per_node, static_cast<double>(count)));
+    if (!found) throw too_fine_a_rim(sizing);
+    boxes = std::move(*found);
     for (std::size_t k = 1; k < boxes.worth.size(); ++k) boxes.worth[k] += boxes.worth[k - 1];
   }
   const auto anywhere = [&]() -> Vec3 {
-    if (sizing.even()) return lower + in_unit_box().cwiseProduct(size);
+    if (!in_boxes) return lower + in_unit_box().cwiseProduct(size);
     const double at = uniform(random) * boxes.worth.back();
     const auto k = static_cast<std::size_t>(std::upper_bound(boxes.worth.begin(), boxes.worth.end(), at) -
                                             boxes.worth.begin());
@@ -168,9 +222,12 @@ std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, const S
     return box.centre + (2.0 * in_unit_box() - Vec3::Ones()).cwiseProduct(box.half);
   };
   std::vector<Vec3> result;
-  // A body fills some share of its box; one that fills less than a thousandth is refused below.
-  const Index most = 1000 * count;
-  for (Index batch = 0; batch < most && static_cast<Index>(result.size()) < count; batch += 4096) {
+  // A body fills some share of its boxes; one that fills less than a hundredth, a spacing's half away from
+  // its surface, is refused below.
+  constexpr Index enough_tries = 100000;
+  for (Index tried = 0; static_cast<Index>(result.size()) < count; tried += 4096) {
+    if (tried > enough_tries && tried > tries_per_place * static_cast<Index>(result.size())) break;
+    stop_if_asked();
     std::vector<Vec3> place(4096);
     for (Vec3& x : place) x = anywhere();
     std::vector<char> good(place.size());
@@ -240,9 +297,13 @@ std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vecto
 
   std::vector<std::vector<std::pair<int, double>>> near(m);
   std::vector<double> crowding(m, 0.0);
+  std::atomic<std::size_t> crowd = 0;
   tbb::parallel_for(std::size_t{0}, m, [&](std::size_t i) {
+    stop_if_asked();
     thread_local std::vector<int> found;
+    if (crowd > crowd_per_candidate * m) return;
     tree.within(points.col(static_cast<Index>(i)), far_enough * reach * h[i], found);
+    crowd += found.size();
     near[i].reserve(found.size());
     for (const int j : found) {
       if (j == static_cast<int>(i)) continue;
@@ -256,9 +317,19 @@ std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vecto
     }
   });
 
+  if (crowd > crowd_per_candidate * m)
+    throw ModelError({.fact = fmt::format("of {} places for nodes each has over {} others in its reach", m,
+                                          crowd_per_candidate),
+                      .where = "node cloud",
+                      .why = "the spacing changes too steeply beside the circle, or the body is folded too "
+                             "finely for it",
+                      .remedy = "ask for more nodes (--nodes), a coarser --rim or a larger "
+                                "--indenter-diameter"});
+
   Heap heap(crowding);
   std::vector<bool> gone(m, false);
   for (Index left = static_cast<Index>(m); left > count; --left) {
+    if (left % 1024 == 0) stop_if_asked();
     const std::size_t i = heap.pop();
     gone[i] = true;
     for (const auto& [j, weight] : near[i])
@@ -289,6 +360,7 @@ class Company {
     around_.resize(static_cast<std::size_t>(cloud.X.cols()));
     const Neighbours tree(X_);
     tbb::parallel_for(cloud.circle_count, cloud.X.cols(), [&](Index a) {
+      stop_if_asked();
       std::vector<int>& list = around_[static_cast<std::size_t>(a)];
       tree.within(X_.col(a), radius_[a], list);
       if (a < cloud.surface_count)
@@ -316,6 +388,7 @@ void spread_out(const BodySurface& body, const Boundary& boundary, const Spacing
     const double stride = 0.35 * (sweep < sweeps / 2 ? 1.0 : 0.5);
     Points next = cloud.X;
     tbb::parallel_for(cloud.circle_count, cloud.X.cols(), [&](Index a) {
+      stop_if_asked();
       const Vec3 x = cloud.X.col(a);
       const bool on_surface = a < cloud.surface_count;
       const double farthest2 = std::pow(far_enough * reach * h[a], 2);
@@ -359,6 +432,15 @@ double rough_spacing(const BodySurface& body, double count) {
   return std::cbrt(body.volume() / count);
 }
 
+void refuse_too_many(double nodes, const char* option) {
+  if (nodes > most_nodes)
+    throw ModelError(
+        {.fact = fmt::format("{:.4g} nodes are asked for, at most {:.0f} can be", nodes, most_nodes),
+         .where = fmt::format("node cloud; {}", option),
+         .why = "their lists are numbered with 32 bits",
+         .remedy = "ask for fewer nodes (--nodes) or a larger --spacing"});
+}
+
 }  // namespace
 
 double spacing_for_count(const BodySurface& body, Index count, const Sizing& sizing) {
@@ -375,12 +457,21 @@ double spacing_for_count(const BodySurface& body, Index count, const Sizing& siz
 }
 
 Index count_for_spacing(const BodySurface& body, double spacing_mm, const Sizing& sizing) {
-  return std::lround(contents_of(body, sizing, spacing_mm).count(spacing_mm));
+  // Two hundred thousand nodes are fine enough to measure with.
+  const double count =
+      contents_of(body, sizing, std::max(spacing_mm, rough_spacing(body, 2e5))).count(spacing_mm);
+  refuse_too_many(count, "--spacing");
+  return std::lround(count);
 }
 
 CloudSize cloud_size(const BodySurface& body, const Sizing& sizing, const CloudOptions& options) {
   if (options.spacing_mm > 0.0)
     return {count_for_spacing(body, options.spacing_mm, sizing), options.spacing_mm};
+  const auto wanted = static_cast<double>(options.count);
+  refuse_too_many(wanted, "--nodes");
+  // A far spacing is never less than an even one.
+  if (sizing.rim_length() > wanted * sizing.least() * rough_spacing(body, wanted))
+    throw too_fine_a_rim(sizing);
   return {options.count, spacing_for_count(body, options.count, sizing)};
 }
 
@@ -396,7 +487,9 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
         return h * (options.grading.rim + (1.0 - options.grading.rim) * (boundary.radius - r) /
                                               (options.grading.reach * boundary.radius));
       });
-  const Facets facets = facets_of(body, sizing, h);
+  const auto found = facets_of(body, sizing, h, bound(facets_per_node, static_cast<double>(count)));
+  if (!found) throw too_fine_a_rim(sizing);
+  const Facets& facets = *found;
   double free_area = 0.0;
   if (sizing.even()) {
     free_area = std::max(body.area() - std::numbers::pi * std::pow(boundary.radius + 0.5 * h, 2), 0.0);
@@ -445,6 +538,7 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
 
   cloud.base.assign(static_cast<std::size_t>(cloud.X.cols()), false);
   for (Index a = cloud.circle_count; a < cloud.surface_count; ++a) {
+    if (a % 1024 == 0) stop_if_asked();
     const auto closest = body.closest(cloud.X.col(a));
     cloud.base[static_cast<std::size_t>(a)] =
         on_base(boundary, cloud.X.col(a), body.normal().col(closest.triangle));
@@ -457,9 +551,11 @@ Evenness measure_evenness(const NodeCloud& cloud, const Points& places) {
   const Index n = cloud.X.cols();
   Eigen::ArrayXd nearest(n), empty(places.cols());
   tbb::parallel_for(Index{0}, n, [&](Index a) {
+    if (a % 256 == 0) stop_if_asked();
     nearest[a] = tree.distance_to_nearest(cloud.X.col(a), static_cast<int>(a)) / cloud.spacing[a];
   });
   tbb::parallel_for(Index{0}, places.cols(), [&](Index k) {
+    if (k % 256 == 0) stop_if_asked();
     const int a = tree.nearest(places.col(k), 1).front();
     empty[k] = (cloud.X.col(a) - places.col(k)).norm() / cloud.spacing[a];
   });

@@ -1,20 +1,24 @@
 #include "preprocess/pressure_patches.hpp"
 
+#include <fmt/format.h>
 #include <tbb/parallel_for.h>
-#include <tbb/parallel_invoke.h>
 
 #include <algorithm>
 #include <cmath>
 #include <iterator>
 #include <map>
 
+#include "io/error.hpp"
+#include "io/stop.hpp"
 #include "preprocess/neighbours.hpp"
+#include "preprocess/side_by_side.hpp"
 
 namespace dimple {
 namespace {
 
 constexpr double reach = 1.3;  // of a patch, in patch spacings
 constexpr int lloyd_sweeps = 4;
+constexpr double largest_growth = 1e4;  // for points in far corners
 constexpr double snap =
     1e-8;  // [m]: coordinates that differ by less are ties, broken by number; and a small share
 
@@ -28,6 +32,7 @@ using Groups = std::vector<std::vector<int>>;
 
 // Halves `group` into `count` groups of equal worth, each time across its longest side.
 Groups split(const Places& places, std::vector<int> group, Index count) {
+  stop_if_asked();
   if (count <= 1 || group.size() < 2) return {std::move(group)};
   Vec3 lower = Vec3::Constant(std::numeric_limits<double>::infinity()), upper = -lower;
   double worth = 0.0;
@@ -60,7 +65,7 @@ Groups split(const Places& places, std::vector<int> group, Index count) {
   at = std::max<std::size_t>(at, 1);
   const auto middle = group.begin() + static_cast<std::ptrdiff_t>(at);
   Groups first, second;
-  tbb::parallel_invoke(
+  side_by_side(
       [&] {
         first = split(places, {group.begin(), middle}, below);
       },
@@ -102,6 +107,7 @@ Patches patches_of(const Places& places, const std::vector<int>& points, Index c
     for (std::size_t b = 0; b < groups.size(); ++b)
       for (const int q : groups[b]) owner[static_cast<std::size_t>(q)] = static_cast<int>(b);
     tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t k) {
+      if (k % 256 == 0) stop_if_asked();
       const Vec3 x = places.x.col(points[k]);
       const auto distance = [&](int b) { return (x - result.centre.col(b)).norm(); };
       int& mine = owner[static_cast<std::size_t>(points[k])];
@@ -155,6 +161,7 @@ void make_pressure_patches(Model& model, const Eigen::VectorXi& tissue, double n
     const double largest_radius = patches.radius.maxCoeff();
     tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t k) {
       const int q = points[k];
+      if (k % 256 == 0) stop_if_asked();
       // Half of them reach far enough, as a rule.
       std::vector<int> near = tree.nearest(places.x.col(q), few);
       if ((places.x.col(q) - patches.centre.col(near.back())).norm() < largest_radius)
@@ -165,6 +172,12 @@ void make_pressure_patches(Model& model, const Eigen::VectorXi& tissue, double n
       const std::size_t enough = std::min<std::size_t>(2, near.size());
       double sum = 0.0;
       for (double grown = 1.0; list.size() < enough; grown *= 1.1) {
+        if (grown > largest_growth)
+          throw ModelError(
+              {.fact = fmt::format("integration point {} lies out of reach of all pressure patches", q),
+               .where = "pressure patches",
+               .why = fmt::format("it is more than {:.0f} times their radius away", largest_growth),
+               .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
         if (grown > 1.0 && static_cast<int>(near.size()) < most) near = tree.nearest(places.x.col(q), most);
         list.clear();
         sum = 0.0;

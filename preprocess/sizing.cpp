@@ -7,6 +7,8 @@
 #include <cmath>
 #include <limits>
 
+#include "io/stop.hpp"
+
 namespace dimple {
 namespace {
 
@@ -81,6 +83,12 @@ double Sizing::distance_to_rim(const Vec3& x, double farthest) const {
   return std::sqrt(nearest2);
 }
 
+double Sizing::rim_length() const {
+  double length = 0.0;
+  for (Index k = 0; k < rim_.cols(); ++k) length += (rim_.col((k + 1) % rim_.cols()) - rim_.col(k)).norm();
+  return length;
+}
+
 double Sizing::operator()(const Vec3& x) const {
   if (even()) return 1.0;
   return std::min(1.0, share_ + slope_ * distance_to_rim(x, (1.0 - share_) / slope_));
@@ -94,11 +102,16 @@ Sizing::Bounds Sizing::around(const Vec3& x, double radius) const {
           std::min(1.0, share_ + slope_ * (distance - 1.000001 * radius) - 1e-9)};
 }
 
-std::vector<Leaf> bisect(const BodySurface& body, double edge, const Sizing& sizing,
-                         const std::function<double(double)>& wanted) {
+std::optional<std::vector<Leaf>> bisect(const BodySurface& body, double edge, const Sizing& sizing,
+                                        const std::function<double(double)>& wanted, std::size_t most) {
+  if (!(edge > 0.0)) return std::nullopt;
   const Vec3 size = body.upper() - body.lower();
   Eigen::Array3d count;
-  for (int d = 0; d < 3; ++d) count[d] = std::max(1.0, std::ceil(size[d] / edge - 1e-9));
+  // A thin body fills little of its box: the grid is then coarser to begin with.
+  for (;; edge *= 2.0) {
+    for (int d = 0; d < 3; ++d) count[d] = std::max(1.0, std::ceil(size[d] / edge - 1e-9));
+    if (!(count.prod() > static_cast<double>(most))) break;
+  }
   const Vec3 half = 0.5 * (size.array() / count).matrix();
   std::vector<Leaf> level;
   for (int k = 0; k < count[2]; ++k)
@@ -110,9 +123,11 @@ std::vector<Leaf> bisect(const BodySurface& body, double edge, const Sizing& siz
   std::vector<Leaf> leaves;
   // Level by level, so that the costly question, how far the surface is, is asked in parallel.
   while (!level.empty()) {
+    if (level.size() + leaves.size() > most) return std::nullopt;
     enum Fate : char { outside, done, halve };
     std::vector<Fate> fate(level.size());
     tbb::parallel_for(std::size_t{0}, level.size(), [&](std::size_t k) {
+      stop_if_asked();
       Leaf& box = level[k];
       if (box.cut && body.farther(box.centre, box.half.norm())) {
         if (!body.contains(box.centre)) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <vector>
 
 #include "preprocess/boundary_conditions.hpp"
@@ -25,6 +26,8 @@ class Sizing {
   Sizing(const BodySurface& body, const Boundary& boundary, const GradingOptions& options);
   double operator()(const Vec3& x) const;
   bool even() const { return rim_.cols() == 0; }
+  double least() const { return share_; }  ///< on the rim
+  double rim_length() const;               ///< [mm]; 0 if even
 
   struct Bounds {
     double here, least;
@@ -50,8 +53,9 @@ struct Leaf {
 
 /// A regular grid of cells no longer than `edge` [mm] over the body's box, each halved along its longest edge
 /// until it is as small as `wanted(s)` [mm^3] asks, within about a third, s the sizing in it; `wanted` grows
-/// with s. Those outside of the body are left out. In a fixed order.
-std::vector<Leaf> bisect(const BodySurface& body, double edge, const Sizing& sizing,
-                         const std::function<double(double)>& wanted);
+/// with s. Those outside of the body are left out. In a fixed order. Nothing, if it would take more than
+/// `most` of them.
+std::optional<std::vector<Leaf>> bisect(const BodySurface& body, double edge, const Sizing& sizing,
+                                        const std::function<double(double)>& wanted, std::size_t most);
 
 }  // namespace dimple

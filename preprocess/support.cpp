@@ -11,6 +11,7 @@
 #include <map>
 
 #include "io/error.hpp"
+#include "io/stop.hpp"
 #include "preprocess/mls_lanes.hpp"
 #include "preprocess/neighbours.hpp"
 
@@ -22,6 +23,7 @@ constexpr double largest_growth = 2.5;
 constexpr Index slab = 2048;
 // A moment matrix that looks worse than this beside seven others is looked at by itself.
 constexpr double surely_conditioned = 1e-3;
+constexpr Index most_members = 2'000'000'000;
 
 struct PlaceSupport {
   std::vector<int> nodes;
@@ -36,7 +38,13 @@ struct PlaceSupport {
 struct Cloud {
   Cloud(const Model& m, const SupportOptions& o)
       : model(m), options(o), tree(m.X), radius(o.effective_radius_factor() * m.spacing) {
-    largest_radius = radius.maxCoeff();
+    std::map<int, std::vector<int>> of_octave;
+    for (Index a = 0; a < m.node_count(); ++a)
+      of_octave[std::ilogb(radius[a])].push_back(static_cast<int>(a));
+    for (auto& [octave, nodes] : of_octave) {
+      const double largest = radius(nodes).maxCoeff();
+      octaves.push_back({Neighbours(m.X(Eigen::all, nodes)), std::move(nodes), largest});
+    }
     pinned.assign(static_cast<std::size_t>(m.node_count()), 0);
     if (o.interpolation <= 0.0) return;
     for (const auto* set : {&m.base, &m.indenter})
@@ -46,20 +54,42 @@ struct Cloud {
   const SupportOptions& options;
   Neighbours tree;
   Eigen::VectorXd radius;
-  double largest_radius = 0.0;
+  // Nodes by the powers of two of their radii: who looks for enlarged ones would meet, in a graded cloud,
+  // most nodes of the fine part within the largest radius of all.
+  struct Octave {
+    Neighbours tree;
+    std::vector<int> nodes;
+    double largest_radius;
+  };
+  std::vector<Octave> octaves;
   std::vector<char> pinned;
+
+  // Nodes whose radius, enlarged by `growth`, reaches x; ascending.
+  void reaching(const Vec3& x, double growth, std::vector<int>& result) const {
+    result.clear();
+    thread_local std::vector<int> found;
+    for (const Octave& octave : octaves) {
+      octave.tree.within_unordered(x, octave.largest_radius * growth, found);
+      for (const int k : found)
+        if (const int a = octave.nodes[static_cast<std::size_t>(k)]; reaches(a, x, growth))
+          result.push_back(a);
+    }
+    std::sort(result.begin(), result.end());
+  }
+  bool reaches(int a, const Vec3& x, double growth) const {
+    return (model.X.col(a) - x).norm() < radius[a] * growth;
+  }
 };
 
 // `near`: all nodes that reach x ungrown, and perhaps others.
 PlaceSupport support_of(const Vec3& x, const Cloud& cloud, std::span<const int> near) {
   const std::size_t terms = cloud.options.basis == Basis::linear ? 4 : 10;
   PlaceSupport result;
+  stop_if_asked();
   result.nodes.assign(near.begin(), near.end());
+  std::erase_if(result.nodes, [&](int a) { return !cloud.reaches(a, x, 1.0); });
   for (result.growth = 1.0; result.growth <= largest_growth; result.growth *= 1.1) {
-    if (result.growth > 1.0) cloud.tree.within(x, cloud.largest_radius * result.growth, result.nodes);
-    std::erase_if(result.nodes, [&](int a) {
-      return (cloud.model.X.col(a) - x).norm() >= cloud.radius[a] * result.growth;
-    });
+    if (result.growth > 1.0) cloud.reaching(x, result.growth, result.nodes);
     if (result.nodes.size() < 2 * terms) continue;
     result.mls = mls_shape_functions(x, cloud.model.X, result.nodes, cloud.radius, result.growth,
                                      cloud.options, cloud.pinned, result.phi, result.dphi);
@@ -92,6 +122,7 @@ Near nodes_near(const Points& places, const Cloud& cloud, const Eigen::VectorXd&
   const Vec3 lower = places.rowwise().minCoeff(), upper = places.rowwise().maxCoeff();
   std::vector<std::vector<int>> of_node(static_cast<std::size_t>(cloud.model.node_count()));
   tbb::parallel_for(Index{0}, cloud.model.node_count(), [&](Index a) {
+    if (a % 256 == 0) stop_if_asked();
     const Vec3 x = cloud.model.X.col(a);
     const double reach = cloud.radius[a] + largest_margin;
     if (((x - lower).array() < -reach).any() || ((x - upper).array() > reach).any()) return;
@@ -128,7 +159,7 @@ Mat3 root_of_spread(const Model& model, Index q) {
 
 // What was met on the way to a point's support.
 struct PointReport {
-  Index grown = 0;
+  bool grown = false;
   double largest_growth = 1.0;
   double worst_pivot_ratio = 1.0;
   double linear_error = 0.0;
@@ -145,7 +176,7 @@ struct PointSupport : PointReport {
 };
 
 void take(PointSupport& result, const PlaceSupport& place) {
-  if (place.growth > 1.0) ++result.grown;
+  result.grown = result.grown || place.growth > 1.0;
   result.largest_growth = std::max(result.largest_growth, place.growth);
   result.worst_pivot_ratio = std::min(result.worst_pivot_ratio, place.mls.pivot_ratio);
   if (place.ok || !result.ok) return;
@@ -255,6 +286,7 @@ void add_variance(const std::vector<PointSupport>& points, std::span<const int> 
         influence[next[static_cast<std::size_t>(points[q].nodes[k])]++] = {static_cast<int>(q),
                                                                            static_cast<int>(k)};
   tbb::parallel_for(std::size_t{0}, rows.size(), [&](std::size_t a) {
+    if (a % 1024 == 0) stop_if_asked();
     if (offset[a] == offset[a + 1]) return;
     thread_local std::vector<double> sum;          // all zero between rows
     thread_local std::vector<std::uint64_t> seen;  // a bit for each column; likewise
@@ -366,6 +398,7 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
     const Near near = nodes_near(model.point.middleCols(first, count), cloud,
                                  averaged ? Eigen::VectorXd(margin.segment(first, count)) : margin);
     tbb::parallel_for(Index{0}, count, [&](Index k) {
+      stop_if_asked();
       const Index q = first + k;
       PointSupport& s = found[static_cast<std::size_t>(k)];
       static_cast<PointReport&>(s) = {};
@@ -377,6 +410,16 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
     });
     Index members = model.support.offset[first];
     for (const PointSupport& s : found) members += static_cast<Index>(s.nodes.size());
+    if (members > most_members) {
+      const Index mean = members / (first + count);
+      throw ModelError(
+          {.fact = fmt::format("the supports hold over {} nodes in all, {} at each of {} points",
+                               most_members, mean, model.point_count()),
+           .where = "support domains",
+           .why = "their lists are numbered with 32 bits",
+           .remedy = "ask for fewer nodes (--nodes) or points (--points), or a smaller --support",
+           .code = "too-large"});
+    }
     if (members > room) {  // for all, if the others have about as many
       room = std::lround(1.05 * static_cast<double>(members) * static_cast<double>(model.point_count()) /
                          static_cast<double>(first + count));
@@ -406,7 +449,7 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
       }
       model.support.offset[q + 1] = model.support.offset[q] + static_cast<int>(n);
 
-      report.grown += s.grown;
+      report.grown += s.grown ? 1 : 0;
       report.largest_growth = std::max(report.largest_growth, s.largest_growth);
       if (n < report.fewest) report.fewest_at = q;
       if (s.worst_pivot_ratio < report.worst_pivot_ratio) report.worst_pivot_at = q;
@@ -454,6 +497,7 @@ Interpolation make_interpolation(const Model& model, const SupportOptions& optio
       row = {{cloud.tree.nearest(places.col(m), 1).front()}, {1.0}};
   };
   tbb::parallel_for(Index{0}, (places.cols() + cell_places - 1) / cell_places, [&](Index group) {
+    stop_if_asked();
     const Index first = group * cell_places, last = std::min(first + cell_places, places.cols());
     if (!serves_eight(options) || last - first < cell_places) {
       for (Index m = first; m < last; ++m) by_itself(m);

@@ -17,6 +17,7 @@
 #include <set>
 
 #include "io/error.hpp"
+#include "io/stop.hpp"
 #include "preprocess/node_cloud.hpp"
 
 namespace dimple {
@@ -39,6 +40,8 @@ constexpr double distance_per_edge = 0.12;
 // Nodes of such a mesh per node of a cloud with the same spacing: measured, 13 to 16 from a thousand nodes
 // up.
 constexpr double nodes_per_cloud_node = 15.0;
+// Of the spacing's edge in a body: refused above it.
+constexpr double most_cubes = 2e5;
 
 using Edge = std::pair<Index, Index>;
 
@@ -54,6 +57,7 @@ struct Field {
   const Sizing* sizing;
   double scale;
   FT operator()(const Point_3& p, int, const Index&) const {
+    stop_if_asked();  // CGAL asks for the field wherever it refines
     return scale * (*sizing)(Vec3(p.x(), p.y(), p.z()));
   }
 };
@@ -62,6 +66,13 @@ struct Field {
 
 TetrahedralMesh make_tetrahedra(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
                                 double spacing_mm) {
+  if (!(body.volume() / std::pow(spacing_mm, 3) <= most_cubes))
+    throw ModelError(
+        {.fact = fmt::format("the mesh would have over {:.0f} nodes", most_cubes * nodes_per_cloud_node),
+         .where = "tetrahedral mesh",
+         .why = fmt::format("edges of {:.3g} mm are short for this body", spacing_mm),
+         .remedy = "give a larger --spacing or fewer --nodes",
+         .code = "too-large"});
   Surface surface;
   std::vector<Surface::Vertex_index> corner;
   for (Index v = 0; v < body.vertex().cols(); ++v)

@@ -47,6 +47,14 @@ TEST(Support, GrowsUntilThereAreTwiceAsManyNodesAsTheBasisHasTermsAndSaysSo) {
   EXPECT_LT(quadratic.linear_error, 1e-10);
 }
 
+// Supports are found at eight places of each cell; a point counts once.
+TEST(Support, HasGrownAtNoMorePointsThanThereAre) {
+  Model model = testing_bodies::averaged_block(5);
+  const SupportReport report = find_supports(model, {.radius_factor = 0.9});
+  EXPECT_GT(report.grown, model.point_count() / 2);
+  EXPECT_LE(report.grown, model.point_count());
+}
+
 // Two sheets of nodes, the upper one out of reach at first: no gradient across the sheet without growing.
 TEST(Support, GrowsWhereTheNodesInReachLieInOnePlane) {
   Model model;

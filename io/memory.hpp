@@ -1,0 +1,26 @@
+#pragma once
+
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <fstream>
+
+namespace dimple {
+
+/// What this process may use of the machine's memory [bytes]: all there is, or the least limit set to it
+/// (ulimit -v, a container's). Not what others leave free: that changes by the second.
+inline double memory_at_hand() {
+  double memory = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
+  rlimit limit{};
+  if (getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY)
+    memory = std::min(memory, static_cast<double>(limit.rlim_cur));
+  for (const char* file : {"/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"}) {
+    std::ifstream in(file);
+    double bytes = 0.0;
+    if (in >> bytes && bytes > 0.0) memory = std::min(memory, bytes);  // "max": no limit
+  }
+  return memory;
+}
+
+}  // namespace dimple

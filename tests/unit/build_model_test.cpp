@@ -1,0 +1,107 @@
+// Whole models: refused in words and at once, or made; and stopped wherever they are.
+
+#include "preprocess/build_model.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <tbb/global_control.h>
+
+#include <ctime>
+#include <random>
+#include <thread>
+
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "preprocess/shapes.hpp"
+
+namespace dimple {
+namespace {
+
+ModelOptions options_for(Index nodes) {
+  return {
+      .cloud = {.count = nodes, .grading = {.rim = 0.15}}, .grid = {.ratio = 7.0}, .averaged_cells = true};
+}
+
+constexpr SupportOptions supports{.radius_factor = 1.6, .interpolation = 0.01};
+
+double cpu_seconds() {
+  timespec now{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+Completion complete(Model& model, const BodySurface& body) {
+  return complete_model(model, supports, Eigen::VectorXi::Zero(model.point_count()),
+                        Eigen::VectorXd::Constant(model.point_count(), 1000.0),
+                        pieces_of(body.vertex() * 1e-3, body.triangles(), model));
+}
+
+TEST(BuildModel, RefusesTooFewNodesEachTimeInTheSameWordsAndAtOnce) {
+  const BodySurface body = block_surface(Vec3(0, 0, 0), Vec3(50, 50, 30));
+  std::string first;
+  const double begin = cpu_seconds();
+  for (int round = 0; round < 10; ++round) try {
+      build_model(body, options_for(80));
+      ADD_FAILURE();
+    } catch (const ModelError& error) {
+      if (round == 0) first = error.report.fact;
+      EXPECT_EQ(error.report.fact, first);
+    }
+  EXPECT_LT(cpu_seconds() - begin, 10.0);
+}
+
+TEST(BuildModel, RefusesMoreThanTheMemoryAtHandBeforeItBegins) {
+  const BodySurface body = block_surface(Vec3(0, 0, 0), Vec3(50, 50, 30));
+  rlimit limit{};
+  getrlimit(RLIMIT_AS, &limit);
+  const rlimit less{std::min<rlim_t>(limit.rlim_max, 8'000'000'000), limit.rlim_max};
+  setrlimit(RLIMIT_AS, &less);
+  const double begin = cpu_seconds();
+  try {
+    build_model(body, options_for(1'000'000));
+    ADD_FAILURE();
+  } catch (const ModelError& error) {
+    EXPECT_EQ(error.report.code, "memory");
+    EXPECT_NE(error.report.where.find("--nodes"), std::string::npos);
+  }
+  EXPECT_LT(cpu_seconds() - begin, 1.0);
+  setrlimit(RLIMIT_AS, &limit);
+}
+
+TEST(BuildModel, StopsWithinHalfASecondWhereverItIsAsked) {
+  const BodySurface body = block_surface(Vec3(0, 0, 0), Vec3(50, 50, 30));
+  const auto threads =
+      static_cast<double>(tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism));
+  std::mt19937 random(5);
+  double latest = 2.0;  // CPU seconds; grows to what a whole model takes
+  int stopped = 0;
+  for (int round = 0; round < 6; ++round) {
+    const double ask_after = latest * std::uniform_real_distribution<double>(0.0, 1.0)(random);
+    std::atomic<double> asked_at = 0.0;
+    std::atomic<bool> done = false;
+    const double begin = cpu_seconds();
+    std::thread asking([&] {
+      while (!done && cpu_seconds() - begin < ask_after)
+        std::this_thread::sleep_for(std::chrono::milliseconds(2));
+      if (done) return;
+      asked_at = cpu_seconds();
+      ask_to_stop(StopReason::interrupted);
+    });
+    try {
+      Model model = build_model(body, options_for(15000)).model;
+      complete(model, body);
+      latest = cpu_seconds() - begin;
+    } catch (const Stopped&) {
+      ++stopped;
+      EXPECT_LT(cpu_seconds() - asked_at, 0.5 * threads) << "asked after " << ask_after << " s";
+      latest = std::max(latest, 2.0 * ask_after);
+    }
+    done = true;
+    asking.join();
+    forget_stop();
+  }
+  EXPECT_GE(stopped, 3);
+}
+
+}  // namespace
+}  // namespace dimple

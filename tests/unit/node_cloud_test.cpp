@@ -1,0 +1,105 @@
+// Clouds, sizings and what bounds them.
+
+#include "preprocess/node_cloud.hpp"
+
+#include <gtest/gtest.h>
+#include <tbb/parallel_for.h>
+
+#include <atomic>
+#include <chrono>
+#include <thread>
+
+#include "io/error.hpp"
+#include "preprocess/hexahedra.hpp"
+#include "preprocess/shapes.hpp"
+#include "preprocess/side_by_side.hpp"
+
+namespace dimple {
+namespace {
+
+BodySurface block() {
+  return block_surface(Vec3(0, 0, 0), Vec3(50, 50, 30));
+}
+
+TEST(SideBySide, LetsTheOneFinishItsLoopsThoughTheOtherHasFailed) {
+  for (int round = 0; round < 20; ++round) {
+    std::atomic<bool> failing = false;
+    std::vector<char> done(1000, 0);
+    EXPECT_THROW(side_by_side(
+                     [&] {
+                       failing = true;
+                       throw ModelError({.fact = "one"});
+                     },
+                     [&] {
+                       for (int wait = 0; wait < 50 && !failing; ++wait)
+                         std::this_thread::sleep_for(std::chrono::milliseconds(1));
+                       std::this_thread::sleep_for(std::chrono::milliseconds(2));
+                       tbb::parallel_for(std::size_t{0}, done.size(), [&](std::size_t k) { done[k] = 1; });
+                     }),
+                 ModelError);
+    EXPECT_EQ(std::count(done.begin(), done.end(), 1), 1000);
+  }
+}
+
+TEST(Bisection, GivesUpBeyondItsBound) {
+  const BodySurface body = block();
+  const auto cube = [](double) { return 1.0; };
+  const auto all = bisect(body, 5.0, {}, cube, 200000);
+  ASSERT_TRUE(all);
+  EXPECT_GT(all->size(), 50000u);
+  EXPECT_FALSE(bisect(body, 5.0, {}, cube, 10000));
+  EXPECT_FALSE(bisect(body, 0.0, {}, cube, 10000));
+  EXPECT_FALSE(bisect(
+      body, 5.0, {}, [](double) { return 0.0; }, 10000));
+}
+
+TEST(Bisection, OfAThinPlateIsTheSameFromACoarserBeginning) {
+  const BodySurface body = block_surface(Vec3(0, 0, 0), Vec3(64, 64, 1));
+  const auto wanted = [](double) { return 1.0; };
+  const auto fine = bisect(body, 1.0, {}, wanted, 1000000), coarse = bisect(body, 1.0, {}, wanted, 4096);
+  ASSERT_TRUE(fine && coarse);
+  double volume = 0.0;
+  for (const Leaf& leaf : *coarse) volume += leaf.volume();
+  EXPECT_NEAR(volume, 4096.0, 1e-6);
+  EXPECT_EQ(fine->size(), coarse->size());
+}
+
+TEST(NodeCloud, RefusesARimFinerThanItsNodesAtOnce) {
+  const BodySurface body = block();
+  const Boundary boundary = find_boundary(body, {}, 3.0);
+  for (const double rim : {1e-12, 1e-6, 1e-3}) {
+    const CloudOptions options{.count = 1000, .grading = {.rim = rim}};
+    const Sizing sizing(body, boundary, options.grading);
+    EXPECT_THROW(cloud_size(body, sizing, options), ModelError);
+  }
+}
+
+TEST(NodeCloud, RefusesSpacingsThatTakeMoreNodesThanListsCanHold) {
+  const BodySurface body = block();
+  const Boundary boundary = find_boundary(body, {}, 3.0);
+  for (const double spacing : {1e-300, 1e-9, 1e-3, 0.02}) {
+    const CloudOptions options{.spacing_mm = spacing, .grading = {.rim = 0.15}};
+    const Sizing sizing(body, boundary, options.grading);
+    EXPECT_THROW(cloud_size(body, sizing, options), ModelError);
+    EXPECT_THROW(cloud_size(body, {}, options), ModelError);
+  }
+}
+
+TEST(NodeCloud, OfManyNodesBySpacingIsAsLargeAsThatByNumber) {
+  const BodySurface body = block();
+  const Boundary boundary = find_boundary(body, {}, 3.0);
+  const Sizing sizing(body, boundary, {.rim = 0.15});
+  const CloudSize size = cloud_size(body, sizing, {.count = 400000, .grading = {.rim = 0.15}});
+  const CloudSize back = cloud_size(body, sizing, {.spacing_mm = size.far_spacing, .grading = {.rim = 0.15}});
+  EXPECT_NEAR(static_cast<double>(back.count), 400000.0, 4000.0);
+}
+
+TEST(Hexahedra, ForACountEndWhereNoneCanBe) {
+  const BodySurface body = block();
+  Boundary boundary = find_boundary(body, {}, 3.0);
+  boundary.centre += 22.0 * boundary.push.unitOrthogonal();  // the circle hangs over the edge
+  EXPECT_THROW(hexahedra_spacing_for_count(body, boundary, {.rim = 0.15}, 2000), ModelError);
+}
+
+}  // namespace
+}  // namespace dimple
