@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <vtkBase64Utilities.h>
+#include <vtkCallbackCommand.h>
 #include <vtkCellArray.h>
 #include <vtkDataArray.h>
 #include <vtkDoubleArray.h>
@@ -45,6 +46,7 @@
 
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/stop.hpp"
 
 namespace dimple {
 
@@ -181,6 +183,7 @@ void add_fields(vtkPointSet& set, const std::vector<Field>& fields, double time_
 /// Into memory first: on a full disk VTK's own files are truncated in silence.
 template <class Writer>
 void write_xml(const fs::path& file, vtkDataObject& data) {
+  stop_if_asked();
   std::string content;
   {
     const MessageScope messages;
@@ -192,7 +195,14 @@ void write_xml(const fs::path& file, vtkDataObject& data) {
     writer->SetCompressorTypeToZLib();
     writer->SetCompressionLevel(1);  // twice as fast as the default, a tenth longer
     writer->WriteToOutputStringOn();
-    if (writer->Write() == 0 || writer->GetErrorCode() != 0 || !messages.empty())
+    vtkNew<vtkCallbackCommand> progress;
+    progress->SetCallback([](vtkObject* caller, unsigned long, void*, void*) {
+      if (stop_asked() != StopReason::none) static_cast<vtkAlgorithm*>(caller)->SetAbortExecute(1);
+    });
+    writer->AddObserver(vtkCommand::ProgressEvent, progress);
+    const int done = writer->Write();
+    if (writer->GetAbortExecute() != 0) stop_if_asked();
+    if (done == 0 || writer->GetErrorCode() != 0 || !messages.empty())
       throw OutputError({.fact = fmt::format("{} could not be encoded", file.filename().string()),
                          .where = fmt::format("writing {}", file.string()),
                          .why = fmt::format("VTK says: {}", messages.text()),
@@ -467,7 +477,7 @@ struct Box {
 Box foreground_and_margin(const LabelImage& image) {
   const auto [ni, nj, nk] = image.size;
   Box box{.low = image.size, .high = {-1, -1, -1}};
-  for (Index k = 0; k < nk; ++k)
+  for (Index k = 0; k < nk; ++k, stop_if_asked())
     for (Index j = 0; j < nj; ++j)
       for (Index i = 0; i < ni; ++i) {
         if (image.at(i, j, k) == 0) continue;
@@ -495,7 +505,7 @@ LabelImage cropped(const LabelImage& image, const Box& box) {
       image.to_world *
       Vec3(static_cast<double>(box.low[0]), static_cast<double>(box.low[1]), static_cast<double>(box.low[2]));
   part.voxel.reserve(static_cast<std::size_t>(part.size[0] * part.size[1] * part.size[2]));
-  for (Index k = box.low[2]; k <= box.high[2]; ++k)
+  for (Index k = box.low[2]; k <= box.high[2]; ++k, stop_if_asked())
     for (Index j = box.low[1]; j <= box.high[1]; ++j)
       for (Index i = box.low[0]; i <= box.high[0]; ++i) part.voxel.push_back(image.at(i, j, k));
   return part;
@@ -526,7 +536,7 @@ LabelImage straightened(const LabelImage& image) {
   }
   grid.voxel.reserve(static_cast<std::size_t>(grid.size[0] * grid.size[1] * grid.size[2]));
   const Eigen::Affine3d to_image = image.to_world.inverse() * grid.to_world;
-  for (Index k = 0; k < grid.size[2]; ++k)
+  for (Index k = 0; k < grid.size[2]; ++k, stop_if_asked())
     for (Index j = 0; j < grid.size[1]; ++j)
       for (Index i = 0; i < grid.size[0]; ++i) {
         const Vec3 at =
