@@ -214,7 +214,7 @@ int perform(int argc, char** argv, Ending& ending) {
         ->add_option("--time-limit", time_limit,
                      "end after this long as Ctrl-C does, with the best state so far and exit code 130, for "
                      "instance 60s, 5min, 2h [none]")
-        ->type_name("s");
+        ->type_name("TIME");
   };
 
   const auto over_results = [&](CLI::App* command, bool resumable) {

@@ -514,7 +514,7 @@ std::string option_reference() {
              std::holds_alternative<std::int64_t*>(option.value))
       range = fmt::format("{} {} ... {}{}", option.least_excluded ? "above" : "from", option.least,
                           option.most, option.unit.empty() ? "" : " " + option.unit);
-    text += fmt::format("{:<32} = {:<14} {}{}\n", option.key, toml_value(option), option.help,
+    text += fmt::format("  {:<32} = {:<14} {}{}\n", option.key, toml_value(option), option.help,
                         range.empty() ? "" : fmt::format(" ({})", range));
   }
   return text;

@@ -8,7 +8,7 @@
 namespace dimple {
 
 /// Hears Ctrl-C, SIGTERM, SIGHUP and the clock for as long as it lives, and asks all work to end
-/// (io/stop.hpp). What has not ended by itself within 1.4 s is ended: temporaries and programs started from
+/// (io/stop.hpp). What has not ended by itself within 1.2 s is ended: temporaries and programs started from
 /// here go, and the process returns 130. A second signal does so at once, a third one kills. One at a time.
 class Ending {
  public:

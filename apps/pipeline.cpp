@@ -764,7 +764,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in) {
   summary["smallest_time_step_s"] = history.dt_smallest;
   summary["steps"] = quasi_static ? 0 : history.steps;
   summary["residual"] = history.residual;
-  summary["inverted_points"] = history.inverted;
+  summary["most_inverted_points"] = history.inverted;  // at any depth; guards tell of the worst one
   summary["force_evaluations"] = history.steps + history.extra_evaluations;
   summary["J_min"] = history.J_min;
   summary["energy_error"] = energy_scale > 0.0 ? energy_error / energy_scale : 0.0;
@@ -783,10 +783,6 @@ Outcome solve_in(const fs::path& folder, SolveInput in) {
           "{} steps of {:.3g} us (stable {:.3g} us), {:.2f} ms each, {:.1f} s: {:.2f} x real time",
           history.steps, 1e6 * history.dt_first, 1e6 * history.dt_stable_first, ms_per_evaluation, solve_s,
           times_real));
-    writer.overview(history,
-                    fmt::format("{}: {}{}", in.subject, outcome.headline,
-                                status == "finished" ? "" : " (" + status + ")"),
-                    in.facts);
     if (quasi_static)
       say(fmt::format(
           "done     {} force evaluations, {:.3f} ms each; unbalanced {:.1e} of the reactions, base "
@@ -799,6 +795,14 @@ Outcome solve_in(const fs::path& folder, SolveInput in) {
           history.steps, 1e6 * history.dt_first, ms_per_evaluation, times_real,
           100.0 * summary["energy_error"].get<double>(), summary["base_force_N"].get<double>()));
   }
+  const auto draw = [&] {
+    if (!history.force.empty())
+      writer.overview(history,
+                      fmt::format("{}: {}{}", in.subject, outcome.headline,
+                                  status == "finished" ? "" : " (" + status + ")"),
+                      in.facts);
+  };
+  if (!history.interrupted) draw();
   writing_s += ending.seconds();
   say(fmt::format(
       "time     {:.1f} s in all: {:.1f} reading, {:.1f} building the model, {:.1f} solving, {:.1f} "
@@ -823,8 +827,10 @@ Outcome solve_in(const fs::path& folder, SolveInput in) {
   for (const Retry& retry : history.retries)
     summary["retries"].push_back({{"code", retry.code}, {"at_mm", 1e3 * retry.depth}, {"what", retry.what}});
   outcome.summary_json = summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
-  // The last file: a folder with it is complete. Then there is nothing to go on with.
+  // The last file: a folder with it is complete. Then there is nothing to go on with. Who is asked to end has
+  // not always the time for a picture.
   write_file(folder / "summary.json", outcome.summary_json);
+  if (history.interrupted) draw();
   if (!failure && !history.interrupted) {
     std::error_code ignored;
     fs::remove(folder / checkpoint_file, ignored);
