@@ -18,6 +18,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_image.hpp"
+#include "io/stop.hpp"
 
 namespace dimple {
 namespace {
@@ -111,7 +112,7 @@ AccuracyPoint own_point(const Subject& subject, const std::string& scheme, const
     }
     point.build_s = median(build);
     point.solve_s = median(solve);
-  } catch (const Error& error) {
+  } catch (const Error& error) {  // Stopped too: it is "interrupted"
     point.status = error.report.fact;
   }
   return point;
@@ -123,8 +124,7 @@ struct Peer {
 };
 
 AccuracyPoint peer_point(const Subject& subject, const Peer& peer, Index nodes,
-                         const AccuracyOptions& options, const fs::path& folder,
-                         const std::function<bool()>& stop_requested) {
+                         const AccuracyOptions& options, const fs::path& folder) {
   AccuracyPoint point{.scene = subject.name,
                       .program = peer.name,
                       .scheme = peer.scheme,
@@ -151,7 +151,8 @@ AccuracyPoint peer_point(const Subject& subject, const Peer& peer, Index nodes,
       const ProgramRun ran =
           run_program(calculix ? std::vector<std::string>{peer.program, "peer"}
                                : std::vector<std::string>{peer.program, "-i", "peer.feb", "-nosplash"},
-                      folder, "words.txt", options.peer_limit_s, threads, stop_requested);
+                      folder, "words.txt", options.peer_limit_s, threads,
+                      [] { return stop_asked() != StopReason::none; });
       solve.push_back(ran.seconds);
       const fs::path results = folder / (calculix ? "peer.dat" : febio_forces_file);
       std::vector<double> force;
@@ -171,7 +172,7 @@ AccuracyPoint peer_point(const Subject& subject, const Peer& peer, Index nodes,
     }
     point.build_s = median(build);
     point.solve_s = median(solve);
-  } catch (const Error& error) {
+  } catch (const Error& error) {  // Stopped too: it is "interrupted"
     point.status = error.report.fact;
   }
   std::error_code ignored;
@@ -344,8 +345,7 @@ std::vector<std::size_t> pareto_front(const std::vector<double>& cost, const std
 }
 
 Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, const fs::path& folder,
-                       const std::function<void(const std::string&)>& progress,
-                       const std::function<bool()>& stop_requested) {
+                       const std::function<void(const std::string&)>& progress) {
   check_words(options.only, {"a", "b", "image"}, "--only");
   check_words(options.schemes, {"converging", "horton2007"}, "--schemes");
   check_words(options.times, {"quasi-static", "dynamic"}, "--time");
@@ -383,10 +383,12 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
   std::optional<LabelImage> given;
   if (wanted("image") && !config.image.file.empty())
     given = read_label_image(config.image.file, config.image.label_names);
+  stop_if_asked();
   check_result_folder(folder);
   make_folder(folder);
   const FolderLock lock(folder);
   remove_temporaries_in(folder);
+  remove_word(folder);
   write_file(folder / "chart.csv", csv({}, {}));  // the folder is ours from here on
 
   const int threads =
@@ -479,7 +481,7 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
         : std::isnan(p.error) ? fmt::format("{:.2f} s, {:.5f} N at 8 mm", p.wall_s(), p.runs.front().back())
                               : fmt::format("{:.2f} s, error {:.2f} % at most, {:.2f} % at 8 mm", p.wall_s(),
                                             100.0 * p.error, 100.0 * p.error_last)));
-    interrupted = interrupted || (stop_requested && stop_requested());
+    interrupted = stop_asked() != StopReason::none;
   };
   for (Subject& subject : subjects) {
     for (const Family& family : families) {
@@ -493,7 +495,7 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
     for (const Peer& peer : peers)
       for (const Index count : options.peer_nodes) {
         if (interrupted) break;
-        note(subject, peer_point(subject, peer, count, options, folder / "peer", stop_requested));
+        note(subject, peer_point(subject, peer, count, options, folder / "peer"));
         // A finer mesh would take longer still.
         if (points.back().status.rfind("stopped", 0) == 0) break;
       }
@@ -506,8 +508,12 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
   Outcome outcome;
   const auto drawn = std::count_if(points.begin(), points.end(), complete);
   outcome.headline = fmt::format("{}{} of {} runs in the chart", comparison(points), drawn, points.size());
-  outcome.summary_json = fmt::format("{{\"runs\": {}, \"in_the_chart\": {}}}\n", points.size(), drawn);
+  outcome.summary_json = fmt::format("{{\"status\": \"{}\", \"runs\": {}, \"in_the_chart\": {}}}\n",
+                                     interrupted ? "interrupted" : "finished", points.size(), drawn);
   outcome.interrupted = interrupted;
+  if (interrupted)
+    outcome.ended_by = fmt::format("{}; chart.csv has the {} runs until then",
+                                   Stopped(stop_asked()).report.fact, points.size());
   return outcome;
 }
 

@@ -47,7 +47,6 @@ std::vector<std::size_t> pareto_front(const std::vector<double>& cost, const std
 /// throws where a scene cannot be made; a run that fails is a row without an error.
 Outcome accuracy_chart(const Config& config, const AccuracyOptions& options,
                        const std::filesystem::path& folder,
-                       const std::function<void(const std::string&)>& progress,
-                       const std::function<bool()>& stop_requested);
+                       const std::function<void(const std::string&)>& progress);
 
 }  // namespace dimple

@@ -4,36 +4,30 @@
 #include <tbb/global_control.h>
 
 #include <CLI/CLI.hpp>
-#include <atomic>
 #include <csignal>
 #include <cstring>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <sstream>
 
 #include "apps/accuracy_chart.hpp"
 #include "apps/config.hpp"
 #include "apps/converge.hpp"
+#include "apps/ending.hpp"
 #include "apps/export.hpp"
 #include "apps/log.hpp"
 #include "apps/pipeline.hpp"
+#include "apps/results.hpp"
 #include "apps/stress.hpp"
 #include "apps/verify.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/stop.hpp"
 #include "preprocess/phantom.hpp"
 
 namespace dimple {
 namespace {
-
-std::atomic<bool> stop{false};
-
-// The first Ctrl-C asks the solver to finish what it has; the second one kills.
-extern "C" void on_interrupt(int) {
-  stop = true;
-  std::signal(SIGINT, SIG_DFL);
-  std::signal(SIGTERM, SIG_DFL);
-}
 
 constexpr const char* footer = R"(Examples:
   dimple phantom brain.nrrd                  make a swine-brain-sized label image
@@ -42,8 +36,38 @@ constexpr const char* footer = R"(Examples:
   dimple run brain.nrrd -o out --resume      go on with that run if it was stopped
   dimple verify -o out                       compare with closed forms and finite elements
 Lengths are in mm, stresses in Pa, unless the number says otherwise (0.3kPa, 1cm). Positions are LPS.
+Ctrl-C ends any command within 2 s, and so does --time-limit: what is on disk then is valid.
 Exit codes: 0 ok, 1 internal error, 2 command line or configuration, 3 input unreadable or unusable,
-4 model could not be built, 5 solution failed, 6 results could not be written, 130 interrupted.)";
+4 model could not be built, 5 solution failed, 6 results could not be written, 130 interrupted, or out
+of the time given by --time-limit.)";
+
+// Lines of at most 100 characters: the rest of a longer one goes below its description, which begins at
+// `column` if the line is one of a list. CLI11 leaves lines as long as they are.
+std::string wrapped(const std::string& text, std::size_t column) {
+  constexpr std::size_t width = 100;
+  std::string result;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    const std::size_t begin = std::min(line.find_first_not_of(' '), line.size());
+    const bool listed = begin > 0 && line.size() > column && line[column - 1] == ' ';
+    const std::size_t indent = listed ? column : begin;
+    while (line.size() > width) {
+      const std::size_t blank = line.rfind(' ', width);
+      if (blank == std::string::npos || blank <= indent) break;
+      result += line.substr(0, blank) + '\n';
+      line = std::string(indent, ' ') + line.substr(blank + 1);
+    }
+    result += line + '\n';
+  }
+  return result;
+}
+
+class WrappedHelp : public CLI::Formatter {
+ public:
+  std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode mode) const override {
+    return wrapped(CLI::Formatter::make_help(app, std::move(name), mode), get_column_width());
+  }
+};
 
 int report(const Error& error, bool json) {
   const Report& r = error.report;
@@ -54,14 +78,15 @@ int report(const Error& error, bool json) {
   text += fmt::format("  code:  {}\n", r.code);
   std::fputs(text.c_str(), stderr);  // fmt::print throws where stderr is a full disk
   if (json)
-    fmt::print("{}\n", nlohmann::ordered_json({{"status", "failed"},
-                                               {"exit_code", static_cast<int>(error.code)},
-                                               {"failure",
-                                                {{"code", r.code},
-                                                 {"fact", r.fact},
-                                                 {"where", r.where},
-                                                 {"why", r.why},
-                                                 {"remedy", r.remedy}}}})
+    fmt::print("{}\n", nlohmann::ordered_json(
+                           {{"status", error.code == ExitCode::interrupted ? "interrupted" : "failed"},
+                            {"exit_code", static_cast<int>(error.code)},
+                            {"failure",
+                             {{"code", r.code},
+                              {"fact", r.fact},
+                              {"where", r.where},
+                              {"why", r.why},
+                              {"remedy", r.remedy}}}})
                            .dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
   return static_cast<int>(error.code);
 }
@@ -118,6 +143,7 @@ struct Flags {
     for (const Option& option : options_of(defaults))
       for (const auto& [key, text] : given)
         if (key == option.key && command.count(option.flag) > 0) set_option(result, key, *text, option.flag);
+    resolve_young(result);
     return result;
   }
 };
@@ -147,23 +173,48 @@ struct Flags {
                     .remedy = "see `dimple --help`, or `dimple COMMAND --help`"});
 }
 
-int perform(int argc, char** argv) {
+// "60,60,30", "6cm,6cm,30mm": three lengths in mm.
+Vec3 lengths(const std::string& text, const std::string& flag, const std::string& help) {
+  std::vector<std::string> parts;
+  std::istringstream list(text);
+  for (std::string part; std::getline(list, part, ',');) parts.push_back(part);
+  if (parts.size() != 3)
+    throw UsageError({.fact = fmt::format("'{}' is not a size", text),
+                      .where = flag,
+                      .why = "a size is three lengths X,Y,Z",
+                      .remedy = "for instance --size 60,60,30, or --size 6cm,6cm,3cm"});
+  Vec3 result;
+  for (Index d = 0; d < 3; ++d)
+    set_value({flag, flag, "mm", help, &result[d], 0, 1e5, true, {}, ""}, parts[static_cast<std::size_t>(d)],
+              flag);
+  return result;
+}
+
+int perform(int argc, char** argv, Ending& ending) {
   CLI::App app{
       "From a label image to a force: meshless soft-tissue indentation, without a mesh and by one command.",
       "dimple"};
+  app.formatter(std::make_shared<WrappedHelp>());
   app.footer(footer);
   app.set_version_flag("--version", "dimple " DIMPLE_VERSION);
   app.require_subcommand(0, 1);
 
   bool quiet = false, verbose = false, json = false, force = false, resume = false;
   int threads = 0;
-  std::string image, label_names, out, model;
+  std::string image, label_names, out, model, time_limit, doing_now;
+  // Where a failure is put down, besides the terminal: commands that write a folder of results.
+  bool leaves_word = false;
   const auto common = [&](CLI::App* command) {
     command->add_flag("-q,--quiet", quiet, "errors only");
     command->add_flag("-v,--verbose", verbose, "more detail");
     command->add_flag("--json", json, "print the result as JSON on stdout");
     command->add_option("--threads", threads, "at most this many; results do not depend on it [all]")
         ->check(CLI::Range(1, 1024));
+    command
+        ->add_option("--time-limit", time_limit,
+                     "end after this long as Ctrl-C does, with the best state so far and exit code 130, for "
+                     "instance 60s, 5min, 2h [none]")
+        ->type_name("TIME");
   };
 
   const auto over_results = [&](CLI::App* command, bool resumable) {
@@ -175,18 +226,19 @@ int perform(int argc, char** argv) {
 
   CLI::App* phantom = app.add_subcommand("phantom", "make a label image that needs no download");
   PhantomOptions body;
-  std::string size;
+  std::string size, voxel;
   phantom->add_option("OUT", out, "image to write: .nrrd, .seg.nrrd, .nii, .nii.gz, .mha")->required();
   phantom->add_option("--shape", body.shape, "brain, block, cut-ellipsoid, cylinder")->capture_default_str();
-  phantom->add_option("--size", size, "extent along L, P, S [mm] (default: the swine brain's)")
+  phantom->add_option("--size", size, "extent along L, P, S (default: the swine brain's) [92.5,62.5,28.5 mm]")
       ->type_name("X,Y,Z");
-  phantom->add_option("--spacing", body.spacing_mm, "voxel edge [mm]")->capture_default_str();
+  phantom->add_option("--spacing", voxel, "voxel edge [1 mm]")->type_name("mm");
   phantom->add_flag("--two-labels", body.two_labels, "with a second tissue inside");
   common(phantom);
 
   CLI::App* info = app.add_subcommand("info", "say what an image holds");
   info->add_option("IMAGE", image, "label image")->required();
-  info->add_option("--label-names", label_names, "table of label names (ITK-SNAP or colour table)");
+  info->add_option("--label-names", label_names,
+                   "table of label names (ITK-SNAP, or a colour table of 3D Slicer), or totalsegmentator");
   common(info);
 
   Flags model_flags, solve_flags, run_flags;
@@ -322,6 +374,15 @@ int perform(int argc, char** argv) {
   check->add_option("-o,--out,--output", out, "folder for verify.csv and verify.md");
   common(check);
 
+  const auto fail = [&](const Error& error) {
+    // Whatever goes wrong while everything is being stopped is a consequence of that.
+    const auto tell = [&](const Error& reason) {
+      if (leaves_word) leave_word(out, doing_now, image, reason);
+      return report(reason, json);
+    };
+    const StopReason why = stop_asked();
+    return why == StopReason::none ? tell(error) : tell(Stopped(why));
+  };
   const std::vector<std::string> words(argv + 1, argv + argc);
   try {
     try {
@@ -339,33 +400,52 @@ int perform(int argc, char** argv) {
     std::optional<tbb::global_control> limit;
     if (threads > 0)
       limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
-    std::signal(SIGINT, on_interrupt);
-    std::signal(SIGTERM, on_interrupt);
+    if (!time_limit.empty()) {
+      double seconds = 0.0;
+      set_value({"--time-limit",
+                 "--time-limit",
+                 "s",
+                 "the time after which to end",
+                 &seconds,
+                 0,
+                 1e9,
+                 true,
+                 {},
+                 ""},
+                time_limit, "--time-limit");
+      ending.limit(seconds);
+    }
+    doing_now = app.get_subcommands().empty() ? "" : app.get_subcommands().front()->get_name();
     std::signal(SIGXFSZ, SIG_IGN);  // a limit on the size of files is to be met as a full disk is
-    const auto stop_requested = [] { return stop.load(); };
 
     const auto finish = [&](const Outcome& outcome) {
       if (json)
         fmt::print("{}", outcome.summary_json);
       else
         fmt::print("{}\t{}\n", outcome.headline, out);
+      if (!outcome.ended_by.empty())
+        std::fputs(fmt::format("dimple: {}\n", outcome.ended_by).c_str(), stderr);
       return static_cast<int>(outcome.interrupted ? ExitCode::interrupted : ExitCode::ok);
     };
     const auto with_image = [&](Config config) {
       if (!image.empty()) set_option(config, "image.file", image, "command line");
       return config;
     };
+    // The command line is understood: from here on a failure is put down where the results would be.
+    const auto into_folder = [&](Config config) {
+      leaves_word = true;
+      if (image.empty()) image = *solve ? model : config.image.file;
+      ending.last_words([folder = out, command = doing_now, input = image](const Stopped& why) {
+        leave_word(folder, command, input, why);
+      });
+      return config;
+    };
 
     if (*phantom) {
-      if (!size.empty()) {
-        const auto three = parse_vector(size);
-        if (!three)
-          throw UsageError({.fact = fmt::format("'{}' is not a size", size),
-                            .where = "--size",
-                            .why = "a size is three numbers x,y,z in mm",
-                            .remedy = "for instance --size 60,60,30"});
-        body.size_mm = *three;
-      }
+      if (!size.empty()) body.size_mm = lengths(size, "--size", "extent of the body");
+      if (!voxel.empty())
+        set_value({"--spacing", "--spacing", "mm", "voxel edge", &body.spacing_mm, 0, 1e5, true, {}, ""},
+                  voxel, "--spacing");
       remove_temporaries_of(out);
       write_label_image(out, make_phantom(body));
       fmt::print("{}\n", out);
@@ -376,26 +456,24 @@ int perform(int argc, char** argv) {
       return 0;
     }
     const Existing existing = force ? Existing::replace : resume ? Existing::resume : Existing::refuse;
-    if (*make) return finish(make_model(with_image(model_flags.config(*make)), out, existing));
-    if (*solve) return finish(solve_model(solve_flags.config(*solve), model, out, stop_requested, existing));
-    if (*whole) return finish(run(with_image(run_flags.config(*whole)), out, stop_requested, existing));
+    if (*make) return finish(make_model(into_folder(with_image(model_flags.config(*make))), out, existing));
+    if (*solve) return finish(solve_model(into_folder(solve_flags.config(*solve)), model, out, existing));
+    if (*whole) return finish(run(into_folder(with_image(run_flags.config(*whole))), out, existing));
     if (*several) {
       study.reference = reference;
       // What each of two dozen runs says of itself would hide what the study says.
       if (!verbose) start_log(Verbosity::quiet);
-      return finish(
-          converge(with_image(study_flags.config(*several)), study, out, [&](const std::string& line) {
-            if (!quiet) fmt::print(stderr, "{}\n", line);
-          }));
+      return finish(converge(into_folder(with_image(study_flags.config(*several))), study, out,
+                             [&](const std::string& line) {
+                               if (!quiet) fmt::print(stderr, "{}\n", line);
+                             }));
     }
     if (*chart) {
       if (!verbose) start_log(Verbosity::quiet);
-      return finish(accuracy_chart(
-          with_image(chart_flags.config(*chart)), compared, out,
-          [&](const std::string& line) {
-            if (!quiet) fmt::print(stderr, "{}\n", line);
-          },
-          stop_requested));
+      return finish(accuracy_chart(into_folder(with_image(chart_flags.config(*chart))), compared, out,
+                                   [&](const std::string& line) {
+                                     if (!quiet) fmt::print(stderr, "{}\n", line);
+                                   }));
     }
     if (*atlas) {
       if (list_maps) {
@@ -408,16 +486,14 @@ int perform(int argc, char** argv) {
                           .where = "-o",
                           .why = "there is nowhere to put them",
                           .remedy = "for instance dimple stress -o out, or --list"});
-      return finish(stress(
-          with_image(stress_flags.config(*atlas)), stressed, out,
-          [&](const std::string& line) {
-            if (!quiet) fmt::print(stderr, "{}\n", line);
-          },
-          stop_requested));
+      return finish(stress(into_folder(with_image(stress_flags.config(*atlas))), stressed, out,
+                           [&](const std::string& line) {
+                             if (!quiet) fmt::print(stderr, "{}\n", line);
+                           }));
     }
     if (*other) return finish(export_model(with_image(export_flags.config(*other)), format, elements, out));
     if (*options) {
-      fmt::print("{}", option_reference());
+      fmt::print("{}", wrapped(option_reference(), 52));
       return 0;
     }
     if (*check) {
@@ -427,8 +503,9 @@ int perform(int argc, char** argv) {
       }
       const auto rows = verify(cases, verify_nodes, [&](const std::string& group) {
         say(fmt::format("verify   {}", group));
-        return !stop_requested();
+        return stop_asked() == StopReason::none;
       });
+      if (rows.empty()) stop_if_asked();
       if (!out.empty()) {
         make_folder(out);
         for (const auto& [name, text] :
@@ -439,36 +516,34 @@ int perform(int argc, char** argv) {
         }
       }
       fmt::print("{}", json ? verify_json(rows) : verify_table(rows));
-      if (stop_requested()) return static_cast<int>(ExitCode::interrupted);
-      // With --json the failing rows are in what was printed; the error goes to stderr alone.
-      json = false;
+      json = false;  // what there is was printed; the error goes to stderr alone
+      if (const StopReason why = stop_asked(); why != StopReason::none) throw Stopped(why);
       require_passed(rows);
       return 0;
     }
     fmt::print("{}", app.help());
     return 0;
   } catch (const Error& error) {
-    return report(error, json);
+    return fail(error);
   } catch (const std::bad_alloc&) {
-    return report(ModelError({.fact = "not enough memory",
-                              .where = "",
-                              .why = "the image or the model is too large for this machine",
-                              .remedy = "use fewer nodes (--nodes) or crop the image"}),
-                  json);
+    return fail(ModelError({.fact = "not enough memory",
+                            .where = "",
+                            .why = "the image or the model is too large for this machine",
+                            .remedy = "use fewer nodes (--nodes) or crop the image"}));
   } catch (const std::exception& error) {
     if (std::ferror(stdout)) return static_cast<int>(ExitCode::output);  // command_line() says so
-    return report(Error(ExitCode::internal, {.fact = error.what(),
-                                             .where = "",
-                                             .why = "this is a mistake of ours",
-                                             .remedy = "please report it with the command that you used"}),
-                  json);
+    return fail(Error(ExitCode::internal, {.fact = error.what(),
+                                           .where = "",
+                                           .why = "this is a mistake of ours",
+                                           .remedy = "please report it with the command that you used"}));
   }
 }
 
 }  // namespace
 
 int command_line(int argc, char** argv) {
-  const int code = perform(argc, argv);
+  Ending ending;  // first of all: a signal is answered from here on
+  const int code = perform(argc, argv, ending);
   if (std::fflush(stdout) == 0 && !std::ferror(stdout)) return code;
   return report(OutputError({.fact = "the result could not be printed",
                              .where = "standard output",

@@ -24,6 +24,7 @@ const std::map<std::string, std::map<std::string, double>>& unit_table() {
       {"mm/s", {{"mm/s", 1.0}, {"cm/s", 10.0}, {"m/s", 1000.0}}},
       {"kg/m3", {{"kg/m3", 1.0}, {"g/cm3", 1000.0}, {"g/ml", 1000.0}}},
       {"1/s", {{"1/s", 1.0}, {"Hz", 1.0}, {"kHz", 1000.0}}},
+      {"s", {{"s", 1.0}, {"ms", 1e-3}, {"min", 60.0}, {"h", 3600.0}}},
   };
   return table;
 }
@@ -118,7 +119,23 @@ Option* find(std::vector<Option>& options, const std::string& key) {
   std::vector<std::string> known;
   for (const Option& option : options) known.push_back(option.key);
   for (const Option& option : options) known.push_back(without_unit(option));
-  throw UsageError({.fact = fmt::format("there is no option '{}'{}", key, did_you_mean(key, known)),
+  // Other names of the same, which spelling alone does not lead to.
+  static const std::map<std::string, std::string> synonyms = {{"e", "material.young"},
+                                                              {"e_pa", "material.young"},
+                                                              {"youngs_modulus", "material.young"},
+                                                              {"young_modulus", "material.young"},
+                                                              {"elastic_modulus", "material.young"},
+                                                              {"g", "material.mu"},
+                                                              {"shear_modulus", "material.mu"},
+                                                              {"poisson", "material.nu"},
+                                                              {"poisson_ratio", "material.nu"},
+                                                              {"rho", "material.density"}};
+  std::string word = key.substr(key.rfind('.') + 1);
+  std::transform(word.begin(), word.end(), word.begin(), [](unsigned char c) { return std::tolower(c); });
+  const auto synonym = synonyms.find(word);
+  const std::string meant = synonym == synonyms.end() ? did_you_mean(key, known)
+                                                      : fmt::format(", did you mean '{}'?", synonym->second);
+  throw UsageError({.fact = fmt::format("there is no option '{}'{}", key, meant),
                     .where = source,
                     .why = "keys are section.name, in lower case",
                     .remedy = "see `dimple options` for all of them"});
@@ -152,7 +169,8 @@ std::vector<Option> options_of(Config& c) {
       {"image.file", "", "", "the label image", &c.image.file, 0, 0, false, any, ""},
       {"image.label", "--label", "", "labels to take, by number or name, comma-separated; empty: all but 0",
        &c.image.label, 0, 0, false, any, "model"},
-      {"image.label_names", "--label-names", "", "table of label names (ITK-SNAP or colour table)",
+      {"image.label_names", "--label-names", "",
+       "table of label names (ITK-SNAP, or a colour table of 3D Slicer), or totalsegmentator",
        &c.image.label_names, 0, 0, false, any, "model"},
       {"scheme.name",
        "--scheme",
@@ -203,7 +221,9 @@ std::vector<Option> options_of(Config& c) {
        "support radius in spacings; 0: 1.6 (converging), 1.8, quadratic 2.6", &c.support.radius_factor, 0, 10,
        false, any, "model"},
       {"boundary.base", "--base", "",
-       "side the organ rests on: auto, inferior, superior, left, right, anterior, posterior, or x,y,z in LPS",
+       "side the organ rests on: auto, inferior (or bottom), superior (top), left, right, anterior, "
+       "posterior, or "
+       "x,y,z in LPS",
        &c.boundary.base, 0, 0, false, any, "model"},
       {"boundary.base_depth_mm", "--base-depth", "mm", "height up to which the base is held; 0: chosen",
        &c.boundary.base_depth_mm, 0, 1000, false, any, "model"},
@@ -215,6 +235,9 @@ std::vector<Option> options_of(Config& c) {
        "way the circle moves: auto (towards the base), or x,y,z in LPS", &c.boundary.direction, 0, 0, false,
        any, "model"},
       {"material.mu_Pa", "--mu", "Pa", "shear modulus", &c.material.mu_Pa, 0, 1e12, true, any, "solve"},
+      {"material.young_Pa", "--young", "Pa",
+       "Young's modulus, instead of mu, which is then E / (2 (1 + nu)); 0: not given", &c.material.young_Pa,
+       0, 1e12, false, any, "solve"},
       {"material.nu", "--nu", "", "Poisson's ratio", &c.material.nu, 0, 0.49999, false, any, "solve"},
       {"material.density_kg_per_m3", "--density", "kg/m3", "mass density", &c.material.density_kg_per_m3, 0,
        1e5, true, any, "solve"},
@@ -337,6 +360,35 @@ void set_option(Config& config, const std::string& key, const std::string& text,
   if (!option) unknown_key(options, key, source);
   assign_text(*option, text, source);
   config.source[option->key] = source;
+}
+
+void set_value(const Option& option, const std::string& text, const std::string& source) {
+  assign_text(option, text, source);
+}
+
+void resolve_young(Config& config) {
+  auto& m = config.material;
+  if (m.young_Pa == 0.0) return;
+  const auto young = config.source.find("material.young_Pa"), mu = config.source.find("material.mu_Pa");
+  // A file of all options states the default of mu beside whatever is chosen.
+  const bool as_in_every_file =
+      m.mu_Pa == Config{}.material.mu_Pa && mu != config.source.end() && !mu->second.starts_with("--");
+  if (mu != config.source.end() && !as_in_every_file)
+    throw UsageError(
+        {.fact = fmt::format("a shear modulus, {} Pa, and Young's modulus, {} Pa, are given both", m.mu_Pa,
+                             m.young_Pa),
+         .where = fmt::format("{} and {}", mu->second, young->second),
+         .why = "one follows from the other: mu = E / (2 (1 + nu))",
+         .remedy = "give one of --mu and --young; material.young_Pa = 0 takes it back"});
+  m.mu_Pa = m.young_Pa / (2.0 * (1.0 + m.nu));
+  config.source["material.mu_Pa"] = fmt::format("Young's modulus {} Pa, {}", m.young_Pa, young->second);
+  m.young_Pa = 0.0;
+}
+
+bool default_stiffness(const Config& config) {
+  const auto& m = config.material;
+  return m.preset == "none" && m.ogden_mu_Pa.empty() && m.mu_Pa == Config{}.material.mu_Pa &&
+         config.source.count("material.mu_Pa") == 0;
 }
 
 void read_config(Config& config, const std::filesystem::path& file) {
@@ -462,7 +514,7 @@ std::string option_reference() {
              std::holds_alternative<std::int64_t*>(option.value))
       range = fmt::format("{} {} ... {}{}", option.least_excluded ? "above" : "from", option.least,
                           option.most, option.unit.empty() ? "" : " " + option.unit);
-    text += fmt::format("{:<32} = {:<14} {}{}\n", option.key, toml_value(option), option.help,
+    text += fmt::format("  {:<32} = {:<14} {}{}\n", option.key, toml_value(option), option.help,
                         range.empty() ? "" : fmt::format(" ({})", range));
   }
   return text;
@@ -579,7 +631,9 @@ std::vector<Material> materials_of(const Config& c) {
   for (const auto& [label, differing] : c.tissue) {
     Config own = c;
     own.tissue.clear();
+    own.source.clear();
     for (const auto& [key, text] : differing) set_option(own, key, text, "tissue." + label);
+    resolve_young(own);
     result.push_back(material_of(own));
   }
   return result;

@@ -46,6 +46,7 @@ struct Config {
   } boundary;
   struct MaterialSection {
     double mu_Pa = 210.0;
+    double young_Pa = 0.0;  ///< until resolve_young(), which puts the shear modulus in its place
     double nu = 0.499;
     double density_kg_per_m3 = 1000.0;
     std::string stress = "consistent";
@@ -92,6 +93,16 @@ std::vector<Option> options_of(Config& config);
 /// Throws UsageError: unknown key (with a suggestion), not a number, unknown unit, out of range, not a
 /// choice.
 void set_option(Config& config, const std::string& key, const std::string& text, const std::string& source);
+
+/// The same for a value that is no part of a Config: a time limit, for instance.
+void set_value(const Option& option, const std::string& text, const std::string& source);
+
+/// Young's modulus, where it was given, becomes the shear modulus E / (2 (1 + nu)). To be called when all
+/// options are set. Throws UsageError: both were given.
+void resolve_young(Config& config);
+
+/// Whether the stiffness is the one that nobody has chosen.
+bool default_stiffness(const Config& config);
 
 /// Reads a TOML file over what is there. Throws UsageError, InputError.
 void read_config(Config& config, const std::filesystem::path& file);

@@ -5,17 +5,30 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
+#include <optional>
 
+#include "apps/log.hpp"
 #include "apps/results.hpp"
 #include "io/chart.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/stop.hpp"
 #include "io/table.hpp"
 
 namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+// Of all runs; most say the same.
+std::vector<std::string> distinct_warnings() {
+  std::vector<std::string> result;
+  for (const std::string& warning : warnings_so_far())
+    if (std::find(result.begin(), result.end(), warning) == result.end()) result.push_back(warning);
+  return result;
+}
 
 struct Study {
   Index nodes = 0;
@@ -104,10 +117,10 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
                       .where = "--sizes, --densities, --seeds",
                       .why = "convergence is a comparison",
                       .remedy = "for instance --sizes 1000,2000,4000"});
+  forget_warnings();
   check_result_folder(folder);
-  make_folder(folder);
-  const FolderLock lock(folder);
-  remove_temporaries_in(folder);
+  std::optional<FolderLock> lock;
+  if (fs::is_directory(folder)) lock.emplace(folder);
   std::vector<double> depths;
   for (int k = 1; k <= config.solver.frames; ++k)
     depths.push_back(config.load.depth_mm * k / static_cast<double>(config.solver.frames));
@@ -118,36 +131,53 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
                          "indentation_mm", "force_N", "reference_N", "evaluations", "wall_s"},
               .column = std::vector<std::vector<double>>(11)};
   std::vector<Study> runs;
+  std::string ended_by;
   for (const Index nodes : options.nodes)
     for (const double density : options.densities)
-      for (int seed = 0; seed < options.seeds; ++seed) {
-        Config own = config;
-        own.cloud.nodes = nodes;
-        own.cloud.spacing_mm = 0.0;
-        own.cloud.seed = config.cloud.seed + seed;
-        own.grid.points = 0;
-        own.grid.ratio = model_options(config).grid.ratio * density;
-        const Measured m = measure(own);
-        runs.push_back({nodes, density, own.cloud.seed, m});
-        for (std::size_t k = 0; k < depths.size(); ++k) {
-          const double row[] = {static_cast<double>(m.nodes),
-                                static_cast<double>(m.points),
-                                density,
-                                static_cast<double>(own.cloud.seed),
-                                m.spacing_mm,
-                                m.rim_spacing_mm,
-                                depths[k],
-                                m.history.force[k + 1].force,
-                                reference.empty() ? std::nan("") : reference[k],
-                                static_cast<double>(m.history.steps),
-                                m.build_s + m.solve_s};
-          for (std::size_t c = 0; c < std::size(row); ++c) table.column[c].push_back(row[c]);
+      for (int seed = 0; seed < options.seeds && ended_by.empty(); ++seed) try {
+          Config own = config;
+          own.cloud.nodes = nodes;
+          own.cloud.spacing_mm = 0.0;
+          own.cloud.seed = config.cloud.seed + seed;
+          own.grid.points = 0;
+          own.grid.ratio = model_options(config).grid.ratio * density;
+          const Measured m = measure(own);
+          if (runs.empty()) {  // image and options have proved good
+            make_folder(folder);
+            if (!lock) lock.emplace(folder);
+            remove_temporaries_in(folder);
+            remove_word(folder);
+          }
+          runs.push_back({nodes, density, own.cloud.seed, m});
+          for (std::size_t k = 0; k < depths.size(); ++k) {
+            const double row[] = {static_cast<double>(m.nodes),
+                                  static_cast<double>(m.points),
+                                  density,
+                                  static_cast<double>(own.cloud.seed),
+                                  m.spacing_mm,
+                                  m.rim_spacing_mm,
+                                  depths[k],
+                                  m.history.force[k + 1].force,
+                                  reference.empty() ? std::nan("") : reference[k],
+                                  static_cast<double>(m.history.steps),
+                                  m.build_s + m.solve_s};
+            for (std::size_t c = 0; c < std::size(row); ++c) table.column[c].push_back(row[c]);
+          }
+          write_csv(folder / "convergence.csv", table);  // after every run: a long study may be stopped
+          progress(fmt::format("{:>6} nodes, {:>7} points, seed {}: {:.5f} N at {:.3g} mm, {:.1f} s", m.nodes,
+                               m.points, own.cloud.seed, m.history.force.back().force, depths.back(),
+                               m.build_s + m.solve_s));
+        } catch (const Stopped& stopped) {
+          if (runs.empty()) throw;  // nothing to keep
+          ended_by = fmt::format("{}; convergence.csv has the {} runs until then [{}]", stopped.report.fact,
+                                 runs.size(), stopped.report.code);
         }
-        write_csv(folder / "convergence.csv", table);  // after every run: a long study may be stopped
-        progress(fmt::format("{:>6} nodes, {:>7} points, seed {}: {:.5f} N at {:.3g} mm, {:.1f} s", m.nodes,
-                             m.points, own.cloud.seed, m.history.force.back().force, depths.back(),
-                             m.build_s + m.solve_s));
-      }
+  for (const std::string& warning : distinct_warnings()) progress("warning: " + warning);
+  if (!ended_by.empty())
+    return {.summary_json = Json({{"status", "interrupted"}, {"runs", runs.size()}}).dump() + "\n",
+            .headline = fmt::format("{} runs", runs.size()),
+            .interrupted = true,
+            .ended_by = ended_by};
 
   const std::vector<Group> groups = grouped(runs, depths.size());
   const auto partner = [&](const Group& g) -> const Group* {
@@ -224,8 +254,13 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
   outcome.headline =
       fmt::format("{}finest {:.5f} N at {:.3g} mm; coarsest differs by {:.2f} %, seeds by at most {:.2f} %",
                   text, finest.mean.back(), depths.back(), estimate, worst_scatter);
-  outcome.summary_json = fmt::format("{{\"force_N\": {}, \"indentation_mm\": {}, \"largest_scatter\": {}}}\n",
-                                     finest.mean.back(), depths.back(), worst_scatter / 100.0);
+  outcome.summary_json = Json({{"status", "finished"},
+                               {"force_N", finest.mean.back()},
+                               {"indentation_mm", depths.back()},
+                               {"largest_scatter", worst_scatter / 100.0},
+                               {"warnings", distinct_warnings()}})
+                             .dump(2, ' ', false, Json::error_handler_t::replace) +
+                         "\n";
   return outcome;
 }
 

@@ -3,10 +3,12 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <nlohmann/json.hpp>
 
 #include "apps/log.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/stop.hpp"
 #include "preprocess/hexahedra.hpp"
 #include "preprocess/tetrahedra.hpp"
 
@@ -14,6 +16,7 @@ namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
 
 std::string chosen_format(const std::string& format, const fs::path& file) {
   const std::string suffix = file.extension().string();
@@ -122,17 +125,23 @@ ElementModel element_model(const Config& config, const std::string& format, cons
 
 Outcome export_model(const Config& config, const std::string& format, const std::string& elements,
                      const fs::path& file) {
+  forget_warnings();
   const std::string known = chosen_format(format, file);
   const ElementModel model = element_model(config, known, elements);
   for (const std::string& line : model.remarks) say(fmt::format("export   {}", line));
+  stop_if_asked();
   remove_temporaries_of(file);
   write_file(file, known == "febio" ? febio_input(model) : calculix_input(model));
   const std::string command = known == "febio"
                                   ? fmt::format("febio4 -i {}", file.string())
                                   : fmt::format("ccx {}", (file.parent_path() / file.stem()).string());
-  return {.summary_json =
-              fmt::format("{{\"file\": \"{}\", \"format\": \"{}\", \"nodes\": {}, \"elements\": {}}}\n",
-                          file.string(), known, model.X.cols(), model.elements.cols()),
+  return {.summary_json = Json({{"file", file.string()},
+                                {"format", known},
+                                {"nodes", model.X.cols()},
+                                {"elements", model.elements.cols()},
+                                {"warnings", warnings_so_far()}})
+                              .dump(2, ' ', false, Json::error_handler_t::replace) +
+                          "\n",
           .headline = fmt::format("{} nodes, {} {}; run it with: {}", model.X.cols(), model.elements.cols(),
                                   elements, command)};
 }

@@ -9,12 +9,24 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <mutex>
 #include <string_view>
 
 namespace dimple {
 namespace {
 
 bool quiet = false;
+
+std::mutex warnings_mutex;
+std::vector<std::string> warnings;
+
+// The line of doing(), which the next one replaces.
+bool open_line = false;
+void close_line() {
+  if (!open_line) return;
+  std::fputs("\r\033[K", stderr);
+  open_line = false;
+}
 
 }  // namespace
 
@@ -35,13 +47,37 @@ void start_log(Verbosity verbosity) {
 }
 
 void say(const std::string& line) {
+  close_line();
   spdlog::info("{}", line);
 }
 void detail(const std::string& line) {
+  close_line();
   spdlog::debug("{}", line);
 }
 void warn(const std::string& line) {
+  {
+    const std::lock_guard lock(warnings_mutex);
+    warnings.push_back(line);
+  }
+  close_line();
   spdlog::warn("warning: {}", line);
+}
+
+std::vector<std::string> warnings_so_far() {
+  const std::lock_guard lock(warnings_mutex);
+  return warnings;
+}
+void forget_warnings() {
+  const std::lock_guard lock(warnings_mutex);
+  warnings.clear();
+}
+
+void doing(const std::string& what) {
+  if (quiet || isatty(STDERR_FILENO) == 0) return;
+  close_line();
+  std::fputs((what + " ...").c_str(), stderr);
+  std::fflush(stderr);
+  open_line = true;
 }
 
 Progress::Progress(std::string what)
@@ -56,6 +92,7 @@ void Progress::update(double share, const std::string& state) {
   const double elapsed = std::chrono::duration<double>(now - start_).count();
   const std::string left =
       share > 0.02 ? fmt::format(", {:.0f} s left", elapsed * (1.0 - share) / share) : "";
+  close_line();
   if (terminal_) {
     if (share < 1.0 && std::chrono::duration<double>(now - last_).count() < 0.1) return;
     last_ = now;
@@ -68,7 +105,7 @@ void Progress::update(double share, const std::string& state) {
     open_ = true;
   } else if (const int tenths = static_cast<int>(std::floor(10.0 * share + 1e-9)); tenths > tenths_) {
     tenths_ = tenths;
-    say(fmt::format("{} {} %  {}{}", what_, 10 * tenths, state, left));
+    say(fmt::format("{} {:.0f} %  {}{}", what_, std::floor(100.0 * share + 1e-7), state, left));
   }
 }
 

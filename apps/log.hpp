@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <string>
+#include <vector>
 
 namespace dimple {
 
@@ -13,8 +14,15 @@ void say(const std::string& line);     ///< what is being done, and why so
 void detail(const std::string& line);  ///< with -v only
 void warn(const std::string& line);
 
-/// Progress of long work: a line that renews itself on a terminal, else one line every tenth. No packaged
-/// progress bar is in Debian 12.
+/// What warn() was given since the last forget_warnings(), printed or not.
+std::vector<std::string> warnings_so_far();
+void forget_warnings();
+
+/// On a terminal, what is being done now, until the next line; elsewhere nothing.
+void doing(const std::string& what);
+
+/// Progress of long work: a line that renews itself on a terminal, else one line about every tenth. No
+/// packaged progress bar is in Debian 12.
 class Progress {
  public:
   explicit Progress(std::string what);

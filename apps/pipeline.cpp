@@ -9,6 +9,7 @@
 #include <chrono>
 #include <cmath>
 #include <exception>
+#include <functional>
 #include <nlohmann/json.hpp>
 
 #include "apps/checkpoint.hpp"
@@ -16,6 +17,7 @@
 #include "apps/results.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/stop.hpp"
 #include "solver/implicit.hpp"
 #include "solver/relax.hpp"
 
@@ -43,8 +45,23 @@ Json three(const Vec3& v) {
   return Json::array({v.x(), v.y(), v.z()});
 }
 
-// Labels given by number or name, as numbers.
-std::vector<int> chosen_labels(const LabelImage& image, const std::vector<std::string>& wanted) {
+// "2 (right_hemisphere)"
+std::string in_words(const LabelMeasure& label) {
+  return label.name.empty() ? std::to_string(label.value) : fmt::format("{} ({})", label.value, label.name);
+}
+
+std::string in_words(const std::vector<LabelMeasure>& labels) {
+  constexpr std::size_t most = 12;
+  std::vector<std::string> words;
+  for (const LabelMeasure& label : labels)
+    if (words.size() < most) words.push_back(in_words(label));
+  return fmt::format("{}{}", fmt::join(words, ", "),
+                     labels.size() > most ? fmt::format(" and {} more", labels.size() - most) : "");
+}
+
+// Labels given by number or name, as numbers; `present`: those of the image.
+std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelMeasure>& present,
+                               const std::vector<std::string>& wanted) {
   std::vector<int> result;
   for (const std::string& word : wanted) {
     if (!word.empty() && word.find_first_not_of("0123456789") == std::string::npos && word.size() < 10) {
@@ -71,18 +88,12 @@ std::vector<int> chosen_labels(const LabelImage& image, const std::vector<std::s
                         .remedy = "choose by number, or give names with --label-names; `dimple info IMAGE` "
                                   "shows what there is"});
   }
-  const auto present = measure_labels(image);
   for (const int value : result)
-    if (std::none_of(present.begin(), present.end(),
-                     [&](const LabelMeasure& m) { return m.value == value; })) {
-      std::vector<std::string> known;
-      for (const LabelMeasure& m : present)
-        known.push_back(m.name.empty() ? std::to_string(m.value) : fmt::format("{} ({})", m.value, m.name));
+    if (std::none_of(present.begin(), present.end(), [&](const LabelMeasure& m) { return m.value == value; }))
       throw InputError({.fact = fmt::format("no voxel has label {}", value),
                         .where = "--label (image.label)",
-                        .why = fmt::format("the image holds {}", fmt::join(known, ", ")),
+                        .why = fmt::format("the image holds {}", in_words(present)),
                         .remedy = "choose one of these with --label"});
-    }
   return result;
 }
 
@@ -161,12 +172,64 @@ Tissues tissues_of(const Config& config, const ModelFiles& files) {
   return tissues;
 }
 
+// What of an image is to be the body.
+struct Taken {
+  std::vector<int> chosen;  // by --label; none: all
+  std::vector<LabelMeasure> labels;
+};
+
+Taken take_labels(const Config& config, const LabelImage& image, const std::map<std::string, int>& names) {
+  for (const std::string& warning : image.warnings) warn(warning);
+  const std::vector<LabelMeasure> present = measure_labels(image);
+  Taken taken{.chosen = chosen_labels(image, present, config.image.label), .labels = {}};
+  for (const LabelMeasure& label : present)
+    if (taken.chosen.empty() ||
+        std::find(taken.chosen.begin(), taken.chosen.end(), label.value) != taken.chosen.end())
+      taken.labels.push_back(label);
+  const auto has = [](const std::vector<LabelMeasure>& labels, int value) {
+    return std::any_of(labels.begin(), labels.end(), [&](const auto& m) { return m.value == value; });
+  };
+  for (const auto& [label, differing] : config.tissue)
+    if (const int value = number_of(label, names); !has(taken.labels, value))
+      throw InputError(
+          {.fact = fmt::format("no part of the body has label '{}'", label),
+           .where = fmt::format("tissue.{}", label),
+           .why = has(present, value) ? "--label leaves it out" : "the image has no such label",
+           .remedy =
+               "`dimple info IMAGE` shows the labels; take several with --label 1,2, or leave --label out"});
+  return taken;
+}
+
+void say_labels(const Config& config, const std::vector<int>& chosen, const std::vector<LabelMeasure>& taken,
+                const std::map<std::string, int>& names) {
+  say(fmt::format("labels   {}: {}", chosen.empty() ? "all" : "chosen", in_words(taken)));
+  std::vector<LabelMeasure> alike;  // of the one material that config.material is
+  for (const LabelMeasure& label : taken)
+    if (std::none_of(config.tissue.begin(), config.tissue.end(),
+                     [&](const auto& tissue) { return number_of(tissue.first, names) == label.value; }))
+      alike.push_back(label);
+  if (chosen.empty() && alike.size() > 1)
+    warn(
+        fmt::format("{} labels are welded into one body of one material, as no --label was given: {}; choose "
+                    "with --label {}, or "
+                    "give one a material of its own, as in --set tissue.{}.mu=300Pa",
+                    alike.size(), in_words(alike), alike.front().value, alike.back().value));
+}
+
+void say_default_stiffness(const Config& config) {
+  if (default_stiffness(config))
+    say(fmt::format(
+        "material mu {:.4g} Pa is swine brain (Horton et al. 2007), taken because none was given; other "
+        "tissues need --mu, --young or --preset",
+        config.material.mu_Pa));
+}
+
 struct Prepared {
   ModelFiles files;
   ModelReport report;
   SegmentReport segment;
   std::map<std::string, std::string> notes;  // option key -> what was chosen
-  std::vector<std::string> warnings;
+  std::vector<LabelMeasure> labels;          // taken
   LabelImage image;
   double read_s = 0.0, build_s = 0.0;
   Stages stages;
@@ -187,31 +250,22 @@ Prepared prepare(const Config& config) {
   check_materials(materials_of(config), config.scheme.name);
   Prepared result;
   Stopwatch reading;
+  doing("reading " + config.image.file);
   result.image = read_label_image(config.image.file, config.image.label_names);
   const LabelImage& image = result.image;
-  for (const std::string& warning : image.warnings) result.warnings.push_back(warning);
-  const std::vector<int> labels = chosen_labels(image, config.image.label);
   for (const auto& [value, name] : image.names) result.files.label_names[name] = value;
-  for (const auto& [label, differing] : config.tissue) {
-    const int value = number_of(label, result.files.label_names);
-    const bool taken = labels.empty() || std::find(labels.begin(), labels.end(), value) != labels.end();
-    const auto present = measure_labels(image);
-    if (!taken ||
-        std::none_of(present.begin(), present.end(), [&](const auto& m) { return m.value == value; }))
-      throw InputError(
-          {.fact = fmt::format("no part of the body has label '{}'", label),
-           .where = fmt::format("tissue.{}", label),
-           .why = taken ? "the image has no such label" : "--label leaves it out",
-           .remedy =
-               "`dimple info IMAGE` shows the labels; take several with --label 1,2, or leave --label out"});
-  }
+  const auto [labels, taken] = take_labels(config, image, result.files.label_names);
+  result.labels = taken;
   result.read_s = reading.seconds();
   result.stages.done("read");
   say(fmt::format("image    {}: {}, {} x {} x {} voxels of {:.4g} x {:.4g} x {:.4g} mm, axes {}",
                   config.image.file, image.format, image.stored_size[0], image.stored_size[1],
                   image.stored_size[2], image.stored_spacing.x(), image.stored_spacing.y(),
                   image.stored_spacing.z(), image.orientation));
+  say_labels(config, labels, taken, result.files.label_names);
+  say_default_stiffness(config);
 
+  doing("drawing the surface");
   Stopwatch building;
   ModelOptions options = model_options(config);
   options.boundary.voxel_mm = image.spacing().maxCoeff();
@@ -220,13 +274,13 @@ Prepared prepare(const Config& config) {
   result.stages.done("surface");
   result.segment = body.report;
   const SegmentReport& segment = result.segment;
-  for (const std::string& warning : segment.warnings) result.warnings.push_back(warning);
+  for (const std::string& warning : segment.warnings) warn(warning);
   if (segment.pieces > 1)
     say(fmt::format("organ    {} pieces: kept the largest, dropped {:.2f} cm3 ({:.2f} %)", segment.pieces,
                     segment.dropped_volume_mm3 / 1e3,
                     100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
   if (segment.dropped_volume_mm3 > 0.05 * segment.label_volume_mm3)
-    result.warnings.push_back(fmt::format(
+    warn(fmt::format(
         "{:.1f} % of the labelled volume lies in pieces that do not touch the largest and was dropped",
         100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
   say(fmt::format(
@@ -235,18 +289,14 @@ Prepared prepare(const Config& config) {
       segment.voxel_volume_mm3 / 1e3, body.surface.area() / 1e2, body.surface.triangles().cols(),
       segment.step_mm, segment.smoothing_mm,
       100.0 * (body.surface.volume() / segment.voxel_volume_mm3 - 1.0)));
-  const Vec3 extent = body.surface.upper() - body.surface.lower();
-  if (extent.maxCoeff() < 5.0 || extent.maxCoeff() > 2000.0)
-    result.warnings.push_back(fmt::format(
-        "the organ is {:.3g} mm long: check that the image's spacing is in millimetres", extent.maxCoeff()));
-
+  doing("placing nodes and points");
   // Cells are split where tissues meet; where all labels are of one tissue their borders mean nothing.
   BuiltModel built = build_model(body.surface, options,
                                  config.tissue.empty() ? LabelAt{} : label_finder(image, body.surface));
   result.report = built.report;
   result.stages.add(built.report.stages);
   const ModelReport& report = result.report;
-  for (const std::string& warning : report.boundary.warnings) result.warnings.push_back(warning);
+  for (const std::string& warning : report.boundary.warnings) warn(warning);
   result.build_s = building.seconds();
   say(fmt::format(
       "nodes    {} ({} on the surface), {:.3f} mm apart{}{}; nearest node {:.2f} +- {:.2f}, at least {:.2f}, "
@@ -278,7 +328,7 @@ Prepared prepare(const Config& config) {
       {"boundary.base_depth_mm", fmt::format("{:.3f} mm", report.boundary.base_depth)},
       {"boundary.indent_at", fmt::format("{}: {}", centre, report.boundary.circle_reason)},
       {"boundary.direction", fmt::format("({:.4f}, {:.4f}, {:.4f})", push.x(), push.y(), push.z())},
-      {"image.label", labels.empty() ? "all but 0" : fmt::format("{}", fmt::join(labels, ", "))}};
+      {"image.label", in_words(result.labels)}};
 
   ModelFiles& files = result.files;
   files.model = std::move(built.model);
@@ -292,7 +342,14 @@ Prepared prepare(const Config& config) {
                       {"base", report.boundary.base_reason},
                       {"circle", report.boundary.circle_reason},
                       {"dimple", DIMPLE_VERSION}};
-  for (const std::string& warning : result.warnings) warn(warning);
+  return result;
+}
+
+Json labels_json(const std::vector<LabelMeasure>& labels) {
+  Json result = Json::array();
+  for (const LabelMeasure& l : labels)
+    result.push_back(
+        {{"value", l.value}, {"name", l.name}, {"voxels", l.voxels}, {"volume_mm3", l.volume_mm3}});
   return result;
 }
 
@@ -348,6 +405,10 @@ std::string in_words(const Finding& finding) {
   return fmt::format("{} ({}); {}; try: {} [{}]", r.fact, r.where, r.why, r.remedy, r.code);
 }
 
+double poisson_ratio(const Material& m) {
+  return (3.0 * m.kappa - 2.0 * m.mu) / (2.0 * (3.0 * m.kappa + m.mu));
+}
+
 std::string describe(const Tissues& tissues, std::size_t t) {
   const Material& m = tissues.material[t];
   std::string law = m.as_printed ? "neo-Hookean as printed" : "neo-Hookean";
@@ -356,12 +417,42 @@ std::string describe(const Tissues& tissues, std::size_t t) {
     for (const OgdenTerm& term : m.ogden) law += fmt::format(" ({:.6g} Pa, {:.4g})", term.mu, term.alpha);
   }
   for (const PronyTerm& term : m.prony) law += fmt::format(", {:.3g} relaxing in {:.3g} s", term.g, term.tau);
-  const double nu = (3.0 * m.kappa - 2.0 * m.mu) / (2.0 * (3.0 * m.kappa + m.mu));
   return fmt::format(
       "material {}{}: mu {:.6g} Pa, nu {:.6g} (kappa {:.6g} Pa), density {:.6g} kg/m3; waves {:.2f} and "
       "{:.3f} m/s",
       t == 0 ? "" : fmt::format("of {} points, ", (tissues.of_point.array() == static_cast<int>(t)).count()),
-      law, m.mu, nu, m.kappa, m.density, pressure_wave_speed(m), shear_wave_speed(m));
+      law, m.mu, poisson_ratio(m), m.kappa, m.density, pressure_wave_speed(m), shear_wave_speed(m));
+}
+
+// The same for programs; `label` is empty for that of all labels without one of their own.
+Json material_json(const Material& m, const std::string& label, Index points, bool is_default) {
+  Json terms = Json::array(), relaxing = Json::array();
+  for (const OgdenTerm& term : m.ogden) terms.push_back({{"mu_Pa", term.mu}, {"alpha", term.alpha}});
+  for (const PronyTerm& term : m.prony) relaxing.push_back({{"g", term.g}, {"tau_s", term.tau}});
+  Json result = {{"label", label.empty() ? "all others" : label},
+                 {"points", points},
+                 {"law", !m.ogden.empty() ? "ogden"
+                         : m.as_printed   ? "neo-hookean as printed"
+                                          : "neo-hookean"},
+                 {"mu_Pa", m.mu},
+                 {"nu", poisson_ratio(m)},
+                 {"kappa_Pa", m.kappa},
+                 {"density_kg_per_m3", m.density},
+                 {"default", is_default}};
+  if (!terms.empty()) result["ogden"] = terms;
+  if (!relaxing.empty()) result["prony"] = relaxing;
+  return result;
+}
+
+Json materials_json(const Config& config, const Tissues& tissues) {
+  Json result = Json::array();
+  auto own = config.tissue.begin();
+  for (std::size_t t = 0; t < tissues.material.size(); ++t) {
+    const auto points = (tissues.of_point.array() == static_cast<int>(t)).count();
+    result.push_back(material_json(tissues.material[t], t == 0 ? "" : (own++)->first, points,
+                                   t == 0 && default_stiffness(config)));
+  }
+  return result;
 }
 
 SurfacePieces surface_of(const ModelFiles& files) {
@@ -378,6 +469,19 @@ Eigen::VectorXd density_of(const Model& model, const Tissues& tissues) {
 
 Precision precision_of(const Config& config) {
   return config.solver.precision == "single" ? Precision::single_ : Precision::double_;
+}
+
+void require_room_beneath(const Config& config, const Model& model) {
+  const double beneath =
+      (model.X.transpose() * model.tool.push).maxCoeff() - model.tool.centre.dot(model.tool.push);
+  if (loading_of(config).depth >= beneath)
+    throw ModelError(
+        {.fact =
+             fmt::format("an indentation of {:.3g} mm is deeper than the organ beneath the circle, {:.3g} mm",
+                         config.load.depth_mm, 1e3 * beneath),
+         .where = "--depth (load.depth_mm)",
+         .why = "the tool would come out on the other side",
+         .remedy = "give a smaller --depth, or another place with --indent-at"});
 }
 
 enum class TimeMode { quasi_static, dynamic, explicit_ };
@@ -438,14 +542,16 @@ Outcome finished_already(const fs::path& folder, const Config& config, const std
 struct SolveInput {
   const Config& config;
   ModelFiles& files;
-  Json summary;  // what is known already
-  std::vector<std::string> warnings;
+  Json summary;                    // what is known already
+  std::function<void()> begin;     // nothing is written before the model and the load are accepted
   std::vector<std::string> facts;  // for the picture
   std::map<std::string, std::string> notes;
   std::string subject;
   RunIdentity identity;
   std::optional<Checkpoint> resumed;
   Stages stages = {};
+  double read_s = 0.0, build_s = 0.0;
+  Stopwatch whole = {};
 };
 
 // What is to be resumed in the folder, if anything. Throws UsageError: it was another run.
@@ -456,7 +562,7 @@ std::optional<Checkpoint> resumed_in(const ResultFolder& folder, const RunIdenti
   return checkpoint;
 }
 
-Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool()>& stop_requested) {
+Outcome solve_in(const fs::path& folder, SolveInput in) {
   const Config& config = in.config;
   Checkpoint kept{
       .run = in.identity, .model_sha256 = sha256_of_model(in.files), .frame_time_s = {}, .state = {}};
@@ -467,12 +573,14 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
          .why = "another build of the program, or another processor, computes a little otherwise",
          .remedy = "start anew with --force, or resume where the run was begun"});
   Model& model = in.files.model;
+  require_room_beneath(config, model);
   Stopwatch preparing;
   const Tissues tissues = tissues_of(config, in.files);
   const bool is_converging = in.files.scheme == "converging";
   const Material& material = tissues.material.front();
   const SurfacePieces pieces = surface_of(in.files);
   in.stages.add("surface pieces", preparing.seconds());
+  doing("finding supports");
   const auto [support, consistency, stages] =
       complete_model(model, in.files.support, tissues.of_point, density_of(model, tissues), pieces);
   in.stages.add(stages);
@@ -493,16 +601,6 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   say(fmt::format("mass     {:.2f} g in all, {:.3g} to {:.3g} g per node", model.mass.sum() * 1e3,
                   model.mass.minCoeff() * 1e3, model.mass.maxCoeff() * 1e3));
   const Loading loading = loading_of(config);
-  const double beneath =
-      (model.X.transpose() * model.tool.push).maxCoeff() - model.tool.centre.dot(model.tool.push);
-  if (loading.depth >= beneath)
-    throw ModelError(
-        {.fact =
-             fmt::format("an indentation of {:.3g} mm is deeper than the organ beneath the circle, {:.3g} mm",
-                         config.load.depth_mm, 1e3 * beneath),
-         .where = "--depth (load.depth_mm)",
-         .why = "the tool would come out on the other side",
-         .remedy = "give a smaller --depth, or another place with --indent-at"});
   const SolverOptions options = solver_options(config);
   std::vector<Finding> findings = check_model(model, support, loading.depth);
   for (const Finding& finding : findings) warn(in_words(finding));
@@ -515,23 +613,33 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
                   : mode == TimeMode::dynamic ? "with inertia, by implicit steps"
                                               : "every wave followed, by central differences"));
   if (material.as_printed) {
-    in.warnings.push_back("the printed stress has no energy: energy.csv shows that of the consistent form");
+    warn("the printed stress has no energy: energy.csv shows that of the consistent form");
     if (options.damping == 0.0)
-      in.warnings.push_back(
+      warn(
           "the printed stress does work on closed paths, so undamped vibration grows: give --damping, for "
           "instance 20");
-    for (const std::string& warning : in.warnings) warn(warning);
   }
+  const double prepare_s = preparing.seconds();
+  Stopwatch beginning;
+  stop_if_asked();
+  doing("writing the model");
+  in.begin();
+  double writing_s = beginning.seconds();
+  doing("");
+  Stopwatch readying;
   const ForceSystem system(model, tissues, precision_of(config));
   model.dphi.resize(3, 0);  // the system has its own, in its layout
   ResultWriter writer(folder, model, system, in.files.surface, in.files.support);
   give_back_memory();
-  const double prepare_s = preparing.seconds();
+  stop_if_asked();
+  in.build_s += prepare_s + readying.seconds();
 
   History history;
   Progress progress("solve");
   Stopwatch solving;
-  double writing_s = 0.0, solve_s_before = 0.0, writing_s_before = 0.0;
+  const double begin_s = writing_s;
+  double solve_s_before = 0.0, writing_s_before = 0.0;
+  writing_s = 0.0;
   if (in.resumed) {
     solve_s_before = in.resumed->solve_wall_s;
     writing_s_before = in.resumed->write_wall_s;
@@ -559,7 +667,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
                     ? fmt::format("{:.2f} mm, {:.5f} N, {} evaluations", 1e3 * now.depth, now.force, h.steps)
                     : fmt::format("t {:.2f} s, {:.2f} mm, {:.5f} N, step {:.3g} us", now.t, 1e3 * now.depth,
                                   now.force, 1e6 * h.dt_smallest));
-            return !stop_requested();
+            return stop_asked() == StopReason::none;
           },
       .between_steps =
           [&](const std::function<State()>& state) {
@@ -586,15 +694,27 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   try {
     solve_by(mode, system, model, loading, options, observer, history,
              in.resumed ? &in.resumed->state : nullptr);
+  } catch (const Stopped&) {
+    history.interrupted = true;
   } catch (const Error& error) {
-    failure = std::current_exception();
-    reason = error.report;
+    // What breaks while everything is being stopped is a consequence of that.
+    if (stop_asked() == StopReason::none) {
+      failure = std::current_exception();
+      reason = error.report;
+    } else {
+      history.interrupted = true;
+    }
   }
   progress.finish();
   for (const Finding& finding : history.guards) warn(in_words(finding));
   findings.insert(findings.end(), history.guards.begin(), history.guards.end());
-  const double solve_s = solve_s_before + solving.seconds() - writing_s;
-  writing_s += writing_s_before;
+  // Stopped before there was anything to keep.
+  if (history.interrupted && (history.force.empty() || writer.frame_time_s().empty()))
+    throw Stopped(stop_asked());
+  const double solve_s_here = solving.seconds() - writing_s, solve_s = solve_s_before + solve_s_here;
+  writing_s += begin_s;
+  Stopwatch ending;
+  doing("writing results");
   writer.tables(history);
 
   Outcome outcome;
@@ -611,11 +731,25 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
 
   Json& summary = in.summary;
   summary["status"] = status;
-  if (failure) summary["failure"] = report_json(reason);
+  if (history.interrupted) {
+    reason = Stopped(stop_asked()).report;
+    outcome.ended_by =
+        fmt::format("{} at {:.3g} of {:.3g} mm, after {:.1f} s; --resume goes on from there [{}]",
+                    reason.fact, reached, config.load.depth_mm, in.whole.seconds(), reason.code);
+  }
+  if (failure || history.interrupted) summary["failure"] = report_json(reason);
+  summary["exit_code"] = static_cast<int>(failure               ? ExitCode::solve
+                                          : history.interrupted ? ExitCode::interrupted
+                                                                : ExitCode::ok);
   summary["version"] = DIMPLE_VERSION;
   summary["scheme"] = in.files.scheme;
   summary["time"] = quasi_static ? "quasi-static" : mode == TimeMode::dynamic ? "dynamic" : "explicit";
   summary["precision"] = config.solver.precision;
+  summary["requested"] = {{"depth_mm", config.load.depth_mm},
+                          {"rate_mm_per_s", config.load.rate_mm_per_s},
+                          {"frames", config.solver.frames}};
+  summary["contact"] = config.load.contact;
+  summary["material"] = materials_json(config, tissues);
   summary["counts"] = counts_json(model);
   summary["support"] = {{"fewest", support.fewest},
                         {"most", support.most},
@@ -635,19 +769,59 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   summary["smallest_time_step_s"] = history.dt_smallest;
   summary["steps"] = quasi_static ? 0 : history.steps;
   summary["residual"] = history.residual;
-  summary["inverted_points"] = history.inverted;
+  summary["most_inverted_points"] = history.inverted;  // at any depth; guards tell of the worst one
   summary["force_evaluations"] = history.steps + history.extra_evaluations;
   summary["J_min"] = history.J_min;
   summary["energy_error"] = energy_scale > 0.0 ? energy_error / energy_scale : 0.0;
   summary["momentum_error"] = history.momentum_error;
+  const double ms_per_evaluation = evaluations > 0.0 ? 1e3 * solve_s / evaluations : 0.0,
+               times_real = solve_s > 0.0 ? reached / config.load.rate_mm_per_s / solve_s : 0.0;
+  write_file(folder / "config.resolved.toml", to_toml(config, in.notes));
+  outcome.headline = fmt::format("{:.4f} N at {:.2f} mm", force, reached);
+  if (!history.force.empty()) {
+    if (quasi_static)
+      in.facts.push_back(
+          fmt::format("equilibrium at {} depths: {} force evaluations, {:.2f} ms each, {:.1f} s",
+                      options.frames, history.steps, ms_per_evaluation, solve_s));
+    else
+      in.facts.push_back(fmt::format(
+          "{} steps of {:.3g} us (stable {:.3g} us), {:.2f} ms each, {:.1f} s: {:.2f} x real time",
+          history.steps, 1e6 * history.dt_first, 1e6 * history.dt_stable_first, ms_per_evaluation, solve_s,
+          times_real));
+    if (quasi_static)
+      say(fmt::format(
+          "done     {} force evaluations, {:.3f} ms each; unbalanced {:.1e} of the reactions, base "
+          "carries {:.4f} N",
+          history.steps, ms_per_evaluation, history.residual, summary["base_force_N"].get<double>()));
+    else
+      say(fmt::format(
+          "done     {} steps of {:.3g} us, {:.3f} ms each, {:.2f} x real time; energy error {:.2g} "
+          "%, base carries {:.4f} N",
+          history.steps, 1e6 * history.dt_first, ms_per_evaluation, times_real,
+          100.0 * summary["energy_error"].get<double>(), summary["base_force_N"].get<double>()));
+  }
+  const auto draw = [&] {
+    if (!history.force.empty())
+      writer.overview(history,
+                      fmt::format("{}: {}{}", in.subject, outcome.headline,
+                                  status == "finished" ? "" : " (" + status + ")"),
+                      in.facts);
+  };
+  if (!history.interrupted) draw();
+  writing_s += ending.seconds();
+  say(fmt::format(
+      "time     {:.1f} s in all: {:.1f} reading, {:.1f} building the model, {:.1f} solving, {:.1f} "
+      "writing",
+      in.whole.seconds(), in.read_s, in.build_s, solve_s_here, writing_s));
   summary["preprocess_wall_s"] = stages_json(in.stages);
   summary["prepare_wall_s"] = prepare_s;
   summary["solve_wall_s"] = solve_s;
-  summary["write_wall_s"] = writing_s;
-  summary["ms_per_step"] = evaluations > 0.0 ? 1e3 * solve_s / evaluations : 0.0;
-  summary["real_time_factor"] = solve_s > 0.0 ? reached / config.load.rate_mm_per_s / solve_s : 0.0;
+  summary["write_wall_s"] = writing_s_before + writing_s;
+  summary["total_wall_s"] = in.whole.seconds();
+  summary["ms_per_step"] = ms_per_evaluation;
+  summary["real_time_factor"] = times_real;
   summary["threads"] = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
-  summary["warnings"] = in.warnings;
+  summary["warnings"] = warnings_so_far();
   summary["guards"] = Json::array();
   for (const Finding& finding : findings) {
     Json entry = report_json(finding.report);
@@ -658,40 +832,10 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
   for (const Retry& retry : history.retries)
     summary["retries"].push_back({{"code", retry.code}, {"at_mm", 1e3 * retry.depth}, {"what", retry.what}});
   outcome.summary_json = summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
-  write_file(folder / "config.resolved.toml", to_toml(config, in.notes));
-
-  outcome.headline = fmt::format("{:.4f} N at {:.2f} mm", force, reached);
-  if (!history.force.empty()) {
-    if (quasi_static)
-      in.facts.push_back(
-          fmt::format("equilibrium at {} depths: {} force evaluations, {:.2f} ms each, {:.1f} s of wall time",
-                      options.frames, history.steps, summary["ms_per_step"].get<double>(), solve_s));
-    else
-      in.facts.push_back(fmt::format(
-          "{} steps of {:.3g} us (stable {:.3g} us), {:.2f} ms each, {:.1f} s of wall time: {:.2f} x real "
-          "time",
-          history.steps, 1e6 * history.dt_first, 1e6 * history.dt_stable_first,
-          summary["ms_per_step"].get<double>(), solve_s, summary["real_time_factor"].get<double>()));
-    writer.overview(history,
-                    fmt::format("{}: {}{}", in.subject, outcome.headline,
-                                status == "finished" ? "" : " (" + status + ")"),
-                    in.facts);
-    if (quasi_static)
-      say(fmt::format(
-          "done     {} force evaluations, {:.3f} ms each; {:.1f} s wall; unbalanced {:.1e} of the reactions, "
-          "base carries {:.4f} N",
-          history.steps, summary["ms_per_step"].get<double>(), solve_s, history.residual,
-          summary["base_force_N"].get<double>()));
-    else
-      say(
-          fmt::format("done     {} steps of {:.3g} us, {:.3f} ms each; {:.1f} s wall, {:.2f} x real time; "
-                      "energy error {:.2g} %, base carries {:.4f} N",
-                      history.steps, 1e6 * history.dt_first, summary["ms_per_step"].get<double>(), solve_s,
-                      summary["real_time_factor"].get<double>(),
-                      100.0 * summary["energy_error"].get<double>(), summary["base_force_N"].get<double>()));
-  }
-  // The last file: a folder with it is complete. Then there is nothing to go on with.
+  // The last file: a folder with it is complete. Then there is nothing to go on with. Who is asked to end has
+  // not always the time for a picture.
   write_file(folder / "summary.json", outcome.summary_json);
+  if (history.interrupted) draw();
   if (!failure && !history.interrupted) {
     std::error_code ignored;
     fs::remove(folder / checkpoint_file, ignored);
@@ -703,6 +847,8 @@ Outcome solve_in(const fs::path& folder, SolveInput in, const std::function<bool
 }  // namespace
 
 Outcome make_model(const Config& config, const fs::path& folder, Existing existing) {
+  forget_warnings();
+  const Stopwatch whole;
   ResultFolder results(folder, existing);
   if (existing == Existing::refuse && fs::exists(folder / "model.toml"))
     throw OutputError({.fact = fmt::format("{} holds a model already", folder.string()),
@@ -710,12 +856,8 @@ Outcome make_model(const Config& config, const fs::path& folder, Existing existi
                        .why = "it would be lost",
                        .remedy = "give another folder with -o, or --force to replace it"});
   Prepared prepared = prepare(config);
-  results.prepare();
-  std::error_code ignored;
-  fs::remove(folder / "model.toml", ignored);  // it comes last: with it the model is complete
-  write_model(folder, prepared.files);
-  write_vti(folder / "label.vti", prepared.image);
   // Supports are found again when the model is solved; here only to refuse a model that cannot be.
+  doing("finding supports");
   Stages stages;
   const SurfacePieces pieces = surface_of(prepared.files);
   stages.done("surface pieces");
@@ -725,7 +867,23 @@ Outcome make_model(const Config& config, const fs::path& folder, Existing existi
   const SupportReport& support = completion.support;
   stages.add(completion.stages);
   prepared.stages.add(stages);
+  stop_if_asked();
+  const double before_writing_s = whole.seconds();
+  doing("writing the model");
+  results.prepare();
+  std::error_code ignored;
+  fs::remove(folder / "model.toml", ignored);  // it comes last: with it the model is complete
+  write_vti(folder / "label.vti", prepared.image);
+  write_model(folder, prepared.files);
+  const double in_all_s = whole.seconds();
+  say(fmt::format("time     {:.1f} s in all: {:.1f} reading, {:.1f} building the model, {:.1f} writing",
+                  in_all_s, prepared.read_s, before_writing_s - prepared.read_s,
+                  in_all_s - before_writing_s));
   Json summary = model_json(prepared);
+  summary["version"] = DIMPLE_VERSION;
+  summary["image"] = config.image.file;
+  summary["labels"] = labels_json(prepared.labels);
+  summary["scheme"] = prepared.files.scheme;
   summary["consistency"] = {{"before", completion.consistency.before},
                             {"after", completion.consistency.after},
                             {"iterations", completion.consistency.iterations}};
@@ -733,44 +891,54 @@ Outcome make_model(const Config& config, const fs::path& folder, Existing existi
   summary["counts"] = counts_json(prepared.files.model);
   summary["support"] = {
       {"fewest", support.fewest}, {"most", support.most}, {"mean", support.mean}, {"grown", support.grown}};
+  summary["warnings"] = warnings_so_far();
   return {.summary_json = summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n",
           .headline = fmt::format("{} nodes, {} integration points", prepared.files.model.node_count(),
                                   prepared.files.model.point_count())};
 }
 
-Outcome solve_model(const Config& config, const fs::path& model, const fs::path& folder,
-                    const std::function<bool()>& stop_requested, Existing existing) {
+Outcome solve_model(const Config& config, const fs::path& model, const fs::path& folder, Existing existing) {
+  forget_warnings();
+  const Stopwatch whole;
   ResultFolder results(folder, existing);
   ModelFiles files = read_model(model);
+  const double read_s = whole.seconds();
   check_materials(materials_of(config), files.scheme);
   const RunIdentity identity{DIMPLE_VERSION, option_values(config), sha256_of_model(files)};
   if (existing == Existing::resume && results.finished())
     return finished_already(folder, config, "model_sha256", identity.input_sha256);
   std::optional<Checkpoint> resumed = resumed_in(results, identity);
-  results.prepare(fs::is_directory(model) ? model : model.parent_path());
   for (const std::string& note : files.notes) warn(note);
-  const fs::path label = (fs::is_directory(model) ? model : model.parent_path()) / "label.vti";
-  if (fs::exists(label)) write_file(folder / "label.vti", read_file(label));
+  say_default_stiffness(config);
+  const fs::path model_folder = fs::is_directory(model) ? model : model.parent_path();
   Json summary;
   summary["made_from"] = files.provenance;
   summary["model_sha256"] = identity.input_sha256;
   SolveInput input{.config = config,
                    .files = files,
                    .summary = summary,
-                   .warnings = files.notes,
+                   .begin =
+                       [&] {
+                         results.prepare(model_folder);
+                         const fs::path label = model_folder / "label.vti";
+                         if (fs::exists(label)) write_file(folder / "label.vti", read_file(label));
+                       },
                    .facts = {},
                    .notes = {},
                    .subject = model.filename().string(),
                    .identity = identity,
-                   .resumed = std::move(resumed)};
+                   .resumed = std::move(resumed),
+                   .read_s = read_s,
+                   .whole = whole};
   for (const char* key : {"image", "base", "circle"})
     if (const auto found = files.provenance.find(key); found != files.provenance.end())
       input.facts.push_back(fmt::format("{}: {}", key, found->second));
-  return solve_in(folder, std::move(input), stop_requested);
+  return solve_in(folder, std::move(input));
 }
 
-Outcome run(const Config& config, const fs::path& folder, const std::function<bool()>& stop_requested,
-            Existing existing) {
+Outcome run(const Config& config, const fs::path& folder, Existing existing) {
+  forget_warnings();
+  const Stopwatch whole;
   ResultFolder results(folder, existing);
   RunIdentity identity{DIMPLE_VERSION, option_values(config), ""};
   std::optional<Checkpoint> resumed;
@@ -782,23 +950,30 @@ Outcome run(const Config& config, const fs::path& folder, const std::function<bo
   }
   Prepared prepared = prepare(config);
   identity.input_sha256 = prepared.files.provenance.at("image_sha256");
-  results.prepare();
-  write_model(folder / "model", prepared.files);
-  write_vti(folder / "label.vti", prepared.image);
   Json summary;
   summary["image"] = config.image.file;
   summary["image_sha256"] = prepared.files.provenance.at("image_sha256");
+  summary["labels"] = labels_json(prepared.labels);
   summary["model"] = model_json(prepared);
   SolveInput input{.config = config,
                    .files = prepared.files,
                    .summary = summary,
-                   .warnings = prepared.warnings,
+                   .begin =
+                       [&] {
+                         results.prepare();
+                         write_model(folder / "model", prepared.files);
+                         write_vti(folder / "label.vti", prepared.image);
+                         prepared.image = {};  // nobody needs it any longer
+                       },
                    .facts = {},
                    .notes = prepared.notes,
                    .subject = fs::path(config.image.file).filename().string(),
                    .identity = identity,
                    .resumed = std::move(resumed),
-                   .stages = prepared.stages};
+                   .stages = prepared.stages,
+                   .read_s = prepared.read_s,
+                   .build_s = prepared.build_s,
+                   .whole = whole};
   const ModelReport& report = prepared.report;
   input.facts = {
       fmt::format("{:.1f} cm3; {} nodes {:.2f} mm apart ({} on the surface), {} integration points in cells "
@@ -809,7 +984,7 @@ Outcome run(const Config& config, const fs::path& folder, const std::function<bo
       fmt::format("base: {} nodes, {}", prepared.files.model.base.size(), report.boundary.base_reason),
       fmt::format("circle: {} nodes at {}, {}", report.circle_nodes,
                   place(prepared.files.model.tool.centre * 1e3), report.boundary.circle_reason)};
-  return solve_in(folder, std::move(input), stop_requested);
+  return solve_in(folder, std::move(input));
 }
 
 Measured measure(const Config& config) {
@@ -828,8 +1003,12 @@ Measured measure(const Config& config) {
                      .history = {},
                      .build_s = building.seconds()};
   Stopwatch solving;
+  const Observer observer = {.frame = {}, .sample = [](const ForceSample&, const History&) {
+                               stop_if_asked();
+                               return true;
+                             }};
   solve_by(choose_time(config, model, tissues, is_converging), system, model, loading_of(config),
-           solver_options(config), {}, result.history);
+           solver_options(config), observer, result.history);
   result.solve_s = solving.seconds();
   return result;
 }
@@ -841,7 +1020,11 @@ SegmentedBody segment(const Config& config) {
                       .why = "there is nothing to work on",
                       .remedy = "give one: dimple export IMAGE -o FILE"});
   const LabelImage image = read_label_image(config.image.file, config.image.label_names);
-  const std::vector<int> labels = chosen_labels(image, config.image.label);
+  std::map<std::string, int> names;
+  for (const auto& [value, name] : image.names) names[name] = value;
+  const auto [labels, taken] = take_labels(config, image, names);
+  say_labels(config, labels, taken, names);
+  say_default_stiffness(config);
   return make_body_surface(image, labels, {.indenter_diameter_mm = config.boundary.indenter_diameter_mm});
 }
 

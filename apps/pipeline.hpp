@@ -1,7 +1,6 @@
 #pragma once
 
 #include <filesystem>
-#include <functional>
 #include <string>
 
 #include "apps/config.hpp"
@@ -11,13 +10,14 @@
 
 namespace dimple {
 
-/// What the commands do, without the command line. Each throws Error; none prints to stdout.
-/// `stop_requested` is asked now and then while solving. `existing`: what to do with results that are in the
+/// What the commands do, without the command line. Each throws Error, Stopped too if there is nothing to
+/// keep; none but describe_image() prints to stdout. `existing`: what to do with results that are in the
 /// folder already.
 struct Outcome {
   std::string summary_json;  ///< what summary.json holds
   std::string headline;      ///< one line: the force, and where the pictures are
   bool interrupted = false;
+  std::string ended_by = {};  ///< where and by what, if it was
 };
 
 void describe_image(const std::filesystem::path& image, const std::filesystem::path& label_names,
@@ -25,10 +25,8 @@ void describe_image(const std::filesystem::path& image, const std::filesystem::p
 Outcome make_model(const Config& config, const std::filesystem::path& folder,
                    Existing existing = Existing::refuse);
 Outcome solve_model(const Config& config, const std::filesystem::path& model,
-                    const std::filesystem::path& folder, const std::function<bool()>& stop_requested,
-                    Existing existing = Existing::refuse);
-Outcome run(const Config& config, const std::filesystem::path& folder,
-            const std::function<bool()>& stop_requested, Existing existing = Existing::refuse);
+                    const std::filesystem::path& folder, Existing existing = Existing::refuse);
+Outcome run(const Config& config, const std::filesystem::path& folder, Existing existing = Existing::refuse);
 
 /// A force curve and what it cost, without any files.
 struct Measured {

@@ -4,19 +4,23 @@
 
 #include <algorithm>
 #include <array>
+#include <mutex>
 #include <nlohmann/json.hpp>
 #include <regex>
 #include <system_error>
 
+#include "apps/log.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/picture.hpp"
+#include "io/stop.hpp"
 #include "io/table.hpp"
 
 namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
 
 Eigen::MatrixXd node_sets(const Model& model) {
   Eigen::MatrixXd set = Eigen::MatrixXd::Zero(1, model.node_count());
@@ -71,7 +75,6 @@ void ResultWriter::frame(const Frame& frame) {
                         {.name = "node_set", .unit = "", .values = node_set_, .type = Field::Type::int32},
                         {.name = "mass", .unit = "kg", .values = model_.mass.transpose()}}},
             frame.t);
-  node_series_.add(frame.t);
 
   const Index points = model_.point_count();
   Eigen::MatrixXd J(1, points), sigma(6, points), mises(1, points);
@@ -97,20 +100,27 @@ void ResultWriter::frame(const Frame& frame) {
   file.fields.push_back({.name = "von_mises_stress", .unit = "Pa", .values = std::move(mises)});
   file.fields.push_back({.name = "volume", .unit = "mm^3", .values = model_.volume.transpose() * 1e9});
   write_vtu(point_series_.next_frame(), file, frame.t);
-  point_series_.add(frame.t);
 
+  const bool has_surface = surface_.triangles.cols() > 0;
+  Points surface_u_mm;
+  if (has_surface) {
+    surface_u_mm = to_surface_(u);
+    write_vtp(
+        surface_series_.next_frame(),
+        {.position_mm = surface_.position_mm + surface_u_mm,
+         .triangles = surface_.triangles,
+         .fields =
+             {{.name = "displacement", .unit = "mm", .values = surface_u_mm, .components = xyz},
+              {.name = "indenter_circle", .unit = "", .values = on_circle_, .type = Field::Type::int32}}},
+        frame.t);
+  }
+  // Listed when all are there: who stops the run between two files finds as many frames in each list.
+  node_series_.add(frame.t);
+  point_series_.add(frame.t);
+  if (has_surface) surface_series_.add(frame.t);
   last_u_mm_ = u;
+  last_surface_u_mm_ = surface_u_mm;
   frame_time_s_.push_back(frame.t);
-  if (surface_.triangles.cols() == 0) return;
-  last_surface_u_mm_ = to_surface_(u);
-  write_vtp(
-      surface_series_.next_frame(),
-      {.position_mm = surface_.position_mm + last_surface_u_mm_,
-       .triangles = surface_.triangles,
-       .fields = {{.name = "displacement", .unit = "mm", .values = last_surface_u_mm_, .components = xyz},
-                  {.name = "indenter_circle", .unit = "", .values = on_circle_, .type = Field::Type::int32}}},
-      frame.t);
-  surface_series_.add(frame.t);
 }
 
 void ResultWriter::tables(const History& history) const {
@@ -200,7 +210,79 @@ bool holds_a_model(const fs::path& folder) {
                      [&](const char* name) { return fs::exists(folder / name, ignored); });
 }
 
+// What a run leaves that somebody may want to keep. A model is made again in a moment.
+constexpr std::array worth_keeping = {checkpoint_file, "nodes.pvd",  "points.pvd",  "surface.pvd",
+                                      "force.csv",     "energy.csv", "overview.png"};
+
+// The run at work in this process has begun to write there.
+std::mutex begun_mutex;
+fs::path begun;
+
+Json summary_in(const fs::path& folder) try {
+  std::error_code ignored;
+  if (!fs::is_regular_file(folder / "summary.json", ignored)) return {};
+  return Json::parse(read_file(folder / "summary.json"), nullptr, false);
+} catch (const Error&) {
+  return {};
+}
+
+// The summary of a run that has no results.
+bool is_a_word(const Json& summary) {
+  if (!summary.is_object() || summary.contains("force_N") || !summary.contains("status")) return false;
+  return summary["status"] == "failed" || summary["status"] == "interrupted";
+}
+
+// Nothing that was made there would be missed.
+bool nothing_to_lose(const fs::path& folder) {
+  std::error_code ignored;
+  return is_a_word(summary_in(folder)) &&
+         std::none_of(worth_keeping.begin(), worth_keeping.end(),
+                      [&](const char* name) { return fs::exists(folder / name, ignored); });
+}
+
 }  // namespace
+
+bool holds_only_a_word(const fs::path& folder) {
+  std::error_code ignored;
+  if (!is_a_word(summary_in(folder))) return false;
+  for (const auto& entry : fs::directory_iterator(folder, ignored))
+    if (entry.path().filename() != "summary.json" && !is_temporary(entry)) return false;
+  return true;
+}
+
+void remove_word(const fs::path& folder) {
+  std::error_code ignored;
+  if (holds_only_a_word(folder)) fs::remove(folder / "summary.json", ignored);
+}
+
+void leave_word(const fs::path& folder, const std::string& command, const std::string& image,
+                const Error& error) noexcept try {
+  if (error.code == ExitCode::usage || error.code == ExitCode::output) return;
+  const auto* stopped = dynamic_cast<const Stopped*>(&error);
+  std::error_code ignored;
+  {
+    const std::lock_guard lock(begun_mutex);
+    if (begun == folder) {
+      if (fs::exists(folder / "summary.json", ignored)) return;
+    } else {
+      if (stopped && stopped->reason == StopReason::interrupted) return;
+      if (fs::exists(folder, ignored) && !fs::is_empty(folder, ignored) && !holds_only_a_word(folder)) return;
+    }
+  }
+  const Report& r = error.report;
+  Json word = Json::object();
+  word["command"] = command;
+  if (!image.empty()) word["image"] = image;
+  word["version"] = DIMPLE_VERSION;
+  word["status"] = stopped ? "interrupted" : "failed";
+  word["exit_code"] = static_cast<int>(error.code);
+  word["failure"] = {
+      {"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
+  word["warnings"] = warnings_so_far();
+  make_folder(folder);
+  write_file(folder / "summary.json", word.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+} catch (...) {  // there is a better reason to end already
+}
 
 void check_result_folder(const fs::path& folder) {
   std::error_code error;
@@ -218,7 +300,7 @@ ResultFolder::ResultFolder(fs::path folder, Existing existing)
   if (!fs::is_directory(path_, ignored)) return;
   lock_.emplace(path_);
   check_result_folder(path_);
-  if (existing_ != Existing::refuse || made_by_a_run(path_).empty()) return;
+  if (existing_ != Existing::refuse || made_by_a_run(path_).empty() || nothing_to_lose(path_)) return;
   throw OutputError(
       {.fact =
            fmt::format("{} holds the results of {} run", path_.string(), finished() ? "a" : "an unfinished"),
@@ -229,9 +311,7 @@ ResultFolder::ResultFolder(fs::path folder, Existing existing)
 }
 
 bool ResultFolder::finished() const {
-  std::error_code ignored;
-  if (!fs::is_regular_file(path_ / "summary.json", ignored)) return false;
-  const auto summary = nlohmann::json::parse(read_file(path_ / "summary.json"), nullptr, false);
+  const Json summary = summary_in(path_);
   if (!summary.is_object()) return false;
   const std::string status = summary.value("status", "");
   return status != "interrupted" && status != "failed";
@@ -245,6 +325,10 @@ bool ResultFolder::resumable() const {
 void ResultFolder::prepare(const fs::path& model) {
   make_folder(path_);
   if (!lock_) lock_.emplace(path_);
+  {
+    const std::lock_guard lock(begun_mutex);
+    begun = path_;
+  }
   if (resumable()) {
     remove_temporaries_in(path_);
     for (const char* name : folders_of_a_run) remove_temporaries_in(path_ / name);

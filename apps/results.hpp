@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "apps/config.hpp"
+#include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/vtk_files.hpp"
 
@@ -46,6 +47,18 @@ inline constexpr const char* checkpoint_file = "checkpoint.cbor";
 
 /// Refuses a folder that holds other things than our results, before anything expensive. Throws OutputError.
 void check_result_folder(const std::filesystem::path& folder);
+
+/// A folder that holds no more than the word of a run that failed, or of one that was stopped before it had
+/// results: there is nothing to lose. False where there is no such folder.
+bool holds_only_a_word(const std::filesystem::path& folder);
+/// Removes that word, if it is all that the folder holds.
+void remove_word(const std::filesystem::path& folder);
+
+/// Says in a summary.json why nothing else is in the folder of a run: makes the folder if it is not there,
+/// and leaves those alone that hold anything else, but for what the present run has begun to write. For
+/// Ctrl-C, which nobody needs to be told of, it makes no folder. Never throws.
+void leave_word(const std::filesystem::path& folder, const std::string& command, const std::string& image,
+                const Error& error) noexcept;
 
 /// What to do where results are already.
 enum class Existing {

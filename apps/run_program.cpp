@@ -13,6 +13,7 @@
 #include <sstream>
 #include <thread>
 
+#include "apps/ending.hpp"
 #include "io/error.hpp"
 
 namespace dimple {
@@ -60,6 +61,7 @@ ProgramRun run_program(const std::vector<std::string>& arguments, const fs::path
                       .why = std::strerror(failed),
                       .remedy = "give the path of a program that works"});
 
+  const Child ends_with_this_process(child);
   ProgramRun run;
   const auto seconds = [&] {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

@@ -21,6 +21,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_image.hpp"
+#include "io/stop.hpp"
 #include "io/table.hpp"
 #include "io/vtk_files.hpp"
 #include "preprocess/phantom.hpp"
@@ -237,12 +238,10 @@ std::optional<StressRun> kept(const fs::path& file, const Json& settings, double
 // Runs what is not done yet, as many at once as there are threads. False: interrupted.
 class Runner {
  public:
-  Runner(fs::path folder, double limit_s, std::function<void(const std::string&)> progress,
-         std::function<bool()> stop_requested)
+  Runner(fs::path folder, double limit_s, std::function<void(const std::string&)> progress)
       : folder_(std::move(folder)),
         limit_s_(limit_s),
         progress_(std::move(progress)),
-        stop_requested_(std::move(stop_requested)),
         program_(fs::read_symlink("/proc/self/exe")),
         program_sha_(sha256_of_file(program_)) {
     make_folder(folder_);
@@ -296,7 +295,7 @@ class Runner {
                                       "1",      "--quiet"};
     for (const std::string& word : arguments_of(job.config)) words.push_back(word);
     const ProgramRun ran = run_program(words, own, "words.txt", limit_s_, 1,
-                                       [&] { return stop || (stop_requested_ && stop_requested_()); });
+                                       [&] { return stop || stop_asked() != StopReason::none; });
     if (!ran.interrupted) job.done = collect(own, ran, job.config);
     std::error_code ignored;
     fs::remove_all(own, ignored);
@@ -318,7 +317,6 @@ class Runner {
   fs::path folder_;
   double limit_s_;
   std::function<void(const std::string&)> progress_;
-  std::function<bool()> stop_requested_;
   fs::path program_;
   std::string program_sha_;
   std::map<std::string, std::string> image_sha_;
@@ -592,8 +590,7 @@ void check(const StressOptions& options) {
 }  // namespace
 
 Outcome stress(const Config& given, const StressOptions& options, const fs::path& folder,
-               const std::function<void(const std::string&)>& progress,
-               const std::function<bool()>& stop_requested) {
+               const std::function<void(const std::string&)>& progress) {
   check(options);
   const std::vector<StressMap> maps = maps_asked_for(given, options);
   Config config = given;
@@ -603,19 +600,21 @@ Outcome stress(const Config& given, const StressOptions& options, const fs::path
       *file = fs::absolute(*file).string();
     }
   std::error_code error;
-  if (fs::is_directory(folder) && !fs::is_empty(folder, error) && !fs::exists(folder / "stress.csv"))
+  if (fs::is_directory(folder) && !fs::is_empty(folder, error) && !fs::exists(folder / "stress.csv") &&
+      !holds_only_a_word(folder))
     throw OutputError(
         {.fact = fmt::format("{} holds files that are not results of dimple stress", folder.string()),
          .where = "-o",
          .why = "they could be overwritten",
          .remedy = "give an empty or a new folder with -o"});
   make_folder(folder);
+  remove_word(folder);
   if (!fs::exists(folder / "stress.csv"))
     write_file(folder / "stress.csv", "map,scheme,cells,survived,codes\n");
   const fs::path whole = fs::absolute(folder);
 
   Blocks blocks(whole);
-  Runner runner(whole / "runs", options.limit_s, progress, stop_requested);
+  Runner runner(whole / "runs", options.limit_s, progress);
   std::vector<Study> studies;
   for (const StressMap& map : maps) {
     Study study{.map = map, .cells = {}, .finest = {}};
@@ -698,6 +697,9 @@ Outcome stress(const Config& given, const StressOptions& options, const fs::path
   outcome.summary_json =
       Json({{"runs", runner.expected()}, {"now", runner.started()}, {"maps", map_list}}).dump(2) + "\n";
   outcome.interrupted = !complete;
+  if (!complete)
+    outcome.ended_by =
+        fmt::format("{}; the same command goes on with what is left", Stopped(stop_asked()).report.fact);
   return outcome;
 }
 

@@ -26,7 +26,6 @@ struct StressOptions {
 /// Throws UsageError; what a run throws that was refused (exit codes 2, 3, 6); a run that fails otherwise is
 /// a cell.
 Outcome stress(const Config& config, const StressOptions& options, const std::filesystem::path& folder,
-               const std::function<void(const std::string&)>& progress,
-               const std::function<bool()>& stop_requested);
+               const std::function<void(const std::string&)>& progress);
 
 }  // namespace dimple

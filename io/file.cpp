@@ -12,9 +12,12 @@
 #include <cerrno>
 #include <csignal>
 #include <memory>
+#include <mutex>
 #include <regex>
+#include <set>
 #include <string>
 #include <system_error>
+#include <vector>
 
 #include "io/error.hpp"
 
@@ -88,8 +91,26 @@ Descriptor open_to_read(const fs::path& file) {
 
 }  // namespace
 
+namespace {
+
+// Where this process has had temporaries, for end_all_writing().
+struct Written {
+  std::mutex mutex;
+  std::set<fs::path> folders;
+};
+Written& written() {
+  static Written* const one = new Written;  // threads may still write while the program's statics go
+  return *one;
+}
+
+}  // namespace
+
 fs::path temporary_beside(const fs::path& file) {
   static std::atomic<unsigned> count = 0;  // two threads may write the same name
+  {
+    const std::lock_guard lock(written().mutex);
+    written().folders.insert(file.has_parent_path() ? file.parent_path() : fs::path("."));
+  }
   return file.parent_path() / fmt::format(".{}-{}-{}", ::getpid(), count++, file.filename().string());
 }
 
@@ -127,6 +148,21 @@ void remove_temporaries_in(const fs::path& folder) {
   for (const auto& entry : fs::directory_iterator(folder, ignored))
     if (is_temporary(entry.path())) left.push_back(entry.path());
   for (const fs::path& path : left) fs::remove(path, ignored);
+}
+
+void end_all_writing() noexcept try {
+  // Never unlocked: whoever wants to write waits until the process has ended.
+  written().mutex.lock();
+  const std::string own = fmt::format(".{}-", ::getpid());
+  for (const fs::path& folder : written().folders) {
+    std::error_code ignored;
+    std::vector<fs::path> left;
+    for (const auto& entry : fs::directory_iterator(folder, ignored))
+      if (is_temporary(entry.path()) && entry.path().filename().string().starts_with(own))
+        left.push_back(entry.path());
+    for (const fs::path& path : left) fs::remove(path, ignored);
+  }
+} catch (...) {
 }
 
 FolderLock::FolderLock(const fs::path& folder)

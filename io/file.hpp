@@ -32,6 +32,10 @@ bool is_temporary(const std::filesystem::path& file);
 /// Removes such leftovers of any file in `folder`, which nobody else may be writing to.
 void remove_temporaries_in(const std::filesystem::path& folder);
 
+/// The last thing before a process ends while its threads are still at work: removes the temporaries of all
+/// of them and lets nobody begin another. Never throws.
+void end_all_writing() noexcept;
+
 /// Keeps other runs out of a folder for as long as it lives: by flock(), so it ends with the process, and
 /// nothing is left behind. On a file system without such locks it does nothing.
 class FolderLock {

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <vtkBase64Utilities.h>
+#include <vtkCallbackCommand.h>
 #include <vtkCellArray.h>
 #include <vtkDataArray.h>
 #include <vtkDoubleArray.h>
@@ -183,6 +184,7 @@ void add_fields(vtkPointSet& set, const std::vector<Field>& fields, double time_
 /// Into memory first: on a full disk VTK's own files are truncated in silence.
 template <class Writer>
 void write_xml(const fs::path& file, vtkDataObject& data) {
+  stop_if_asked();
   std::string content;
   {
     const MessageScope messages;
@@ -194,7 +196,14 @@ void write_xml(const fs::path& file, vtkDataObject& data) {
     writer->SetCompressorTypeToZLib();
     writer->SetCompressionLevel(1);  // twice as fast as the default, a tenth longer
     writer->WriteToOutputStringOn();
-    if (writer->Write() == 0 || writer->GetErrorCode() != 0 || !messages.empty())
+    vtkNew<vtkCallbackCommand> progress;
+    progress->SetCallback([](vtkObject* caller, unsigned long, void*, void*) {
+      if (stop_asked() != StopReason::none) static_cast<vtkAlgorithm*>(caller)->SetAbortExecute(1);
+    });
+    writer->AddObserver(vtkCommand::ProgressEvent, progress);
+    const int done = writer->Write();
+    if (writer->GetAbortExecute() != 0) stop_if_asked();
+    if (done == 0 || writer->GetErrorCode() != 0 || !messages.empty())
       throw OutputError({.fact = fmt::format("{} could not be encoded", file.filename().string()),
                          .where = fmt::format("writing {}", file.string()),
                          .why = fmt::format("VTK says: {}", messages.text()),

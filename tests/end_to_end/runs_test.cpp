@@ -260,6 +260,87 @@ TEST_F(Run, TakesAMaterialForEachLabelByNumberOrName) {
   EXPECT_EQ(force("by_name"), force("by_number"));
 }
 
+TEST_F(Run, SaysWhatWasAskedOfItAndEveryWarning) {
+  const Ran ran = good("run brain.nrrd -o out --contact frictionless --mu 0.3kPa" + cloud + load);
+  const Json json = summary("out");
+  EXPECT_EQ(json.at("exit_code"), 0);
+  EXPECT_EQ(json.at("requested").at("depth_mm"), 0.5);
+  EXPECT_EQ(json.at("contact"), "frictionless");
+  EXPECT_EQ(json.at("scheme"), "converging");
+  ASSERT_EQ(json.at("labels").size(), 2u);
+  EXPECT_EQ(json.at("labels")[1].at("value"), 2);
+  EXPECT_EQ(json.at("labels")[1].at("name"), "right_hemisphere");
+  const Json material = json.at("material").at(0);
+  EXPECT_EQ(material.at("mu_Pa"), 300.0);
+  EXPECT_NEAR(material.at("nu").get<double>(), 0.499, 1e-9);
+  EXPECT_EQ(material.at("law"), "neo-hookean");
+  EXPECT_EQ(material.at("default"), false);
+  EXPECT_EQ(material.at("points"), json.at("counts").at("integration_points"));
+  for (const char* part : {"kappa_Pa", "density_kg_per_m3"}) EXPECT_GT(material.at(part).get<double>(), 0.0);
+
+  // As many on stderr as in the summary, and the guards among them.
+  std::size_t printed = 0;
+  for (std::size_t at = 0; (at = ran.err.find("warning: ", at)) != std::string::npos; ++at) ++printed;
+  EXPECT_EQ(json.at("warnings").size(), printed);
+  for (const Json& warning : json.at("warnings"))
+    EXPECT_NE(ran.err.find("warning: " + warning.get<std::string>()), std::string::npos) << warning;
+  for (const Json& guard : json.at("guards")) {
+    const std::string code = "[" + guard.at("code").get<std::string>() + "]";
+    EXPECT_TRUE(std::any_of(json.at("warnings").begin(), json.at("warnings").end(), [&](const Json& warning) {
+      return warning.get<std::string>().find(code) != std::string::npos;
+    })) << code;
+  }
+  EXPECT_NE(ran.err.find("labels   all: 1 (left_hemisphere), 2 (right_hemisphere)"), std::string::npos)
+      << ran.err;
+  EXPECT_NE(ran.err.find("2 labels are welded into one body of one material"), std::string::npos) << ran.err;
+  EXPECT_TRUE(
+      std::regex_search(ran.err, std::regex("time     [0-9.]+ s in all: [0-9.]+ reading, [0-9.]+ building"
+                                            " the model, [0-9.]+ solving, [0-9.]+ writing")))
+      << ran.err;
+  EXPECT_EQ(ran.err.find("swine brain"), std::string::npos) << ran.err;
+
+  const Ran one = good("run brain.nrrd -o one --label 2 --nodes 400" + load);
+  EXPECT_EQ(one.err.find("welded"), std::string::npos) << one.err;
+  EXPECT_NE(one.err.find("labels   chosen: 2 (right_hemisphere)"), std::string::npos) << one.err;
+  EXPECT_NE(one.err.find("mu 210 Pa is swine brain"), std::string::npos) << one.err;
+  EXPECT_EQ(summary("one").at("material").at(0).at("default"), true);
+}
+
+TEST_F(Run, TakesYoungsModulusInPlaceOfTheShearModulus) {
+  const std::string quick = " --nodes 400 --depth 0.5mm --frames 1 -q --nu 0.45";
+  good("run brain.nrrd -o young --young 0.58kPa" + quick);
+  good("run brain.nrrd -o mu --mu 200" + quick);
+  EXPECT_EQ(force("young"), force("mu"));
+  good("run --config young/config.resolved.toml -o again -q");
+  EXPECT_EQ(force("again"), force("young"));
+  good("run brain.nrrd -o tissue --set tissue.2.young=580 --set tissue.1.mu=200" + quick);
+  EXPECT_EQ(summary("tissue").at("material").at(2).at("mu_Pa"), 200.0);
+}
+
+TEST_F(Run, MakesPhantomsWhoseLengthsHaveUnits) {
+  good("phantom one.nrrd --shape block --size 40,30,20 --spacing 2");
+  good("phantom other.nrrd --shape block --size 4cm,30mm,0.02m --spacing 2mm");
+  EXPECT_EQ(text_of(folder / "one.nrrd"), text_of(folder / "other.nrrd"));
+  for (const char* wrong : {"--spacing 2kPa", "--spacing -1", "--size 40,30", "--size 4,4,4s"})
+    EXPECT_EQ(dimple(folder, "phantom third.nrrd " + std::string(wrong)).code, 2) << wrong;
+}
+
+TEST_F(Run, AsksForTheUnitOfAnImageOfAnotherScale) {
+  good("phantom small.nrrd --shape block --size 60,60,30 --spacing 3");
+  const std::string axes = "(3,0,0) (0,3,0) (0,0,3)";
+  for (const std::string size : {"0.0015", "1500"}) {
+    std::string scaled = text_of(folder / "small.nrrd");
+    scaled.replace(scaled.find(axes), axes.size(),
+                   "(" + size + ",0,0) (0," + size + ",0) (0,0," + size + ")");
+    std::ofstream(folder / "scaled.nrrd", std::ios::binary) << scaled;
+    for (const char* command :
+         {"info scaled.nrrd", "run scaled.nrrd -o out --force --nodes 400 --frames 1"}) {
+      const Ran ran = dimple(folder, command);
+      EXPECT_NE(ran.err.find("check the unit"), std::string::npos) << command << '\n' << ran.err;
+    }
+  }
+}
+
 TEST_F(Run, ReplacesAnEarlierRunsResultsWholly) {
   good("run brain.nrrd -o out --nodes 500 --depth 0.5mm --rate 20mm/s --frames 9");
   EXPECT_EQ(frames_of(folder / "out" / "nodes.pvd").size(), 10u);
@@ -270,10 +351,14 @@ TEST_F(Run, ReplacesAnEarlierRunsResultsWholly) {
 
 TEST_F(Run, ExplainsItself) {
   for (const char* command : {"", "--help", "run --help", "model --help", "solve --help", "info --help",
-                              "phantom --help", "options", "--version"}) {
+                              "phantom --help", "converge --help", "chart --help", "stress --help",
+                              "export --help", "verify --help", "options", "--version"}) {
     const Ran ran = good(command);
     EXPECT_FALSE(ran.out.empty()) << command;
     EXPECT_EQ(ran.err, "") << command;
+    std::istringstream lines(ran.out);
+    for (std::string line; std::getline(lines, line);)
+      EXPECT_LE(line.size(), 100u) << command << ": " << line;
   }
   EXPECT_NE(dimple(folder, "options").out.find("material.mu_Pa"), std::string::npos);
 }

@@ -1,0 +1,143 @@
+#include "apps/ending.hpp"
+
+#include <fmt/format.h>
+#include <poll.h>
+#include <semaphore.h>
+#include <unistd.h>
+
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <cmath>
+#include <csignal>
+#include <ctime>
+#include <limits>
+#include <mutex>
+#include <string>
+#include <utility>
+
+#include "io/file.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double patience_s = 1.2;  // an answer within 2 s is what people wait for, and gigabytes take a while to go
+
+// What signal handlers touch: lock-free atomics, and a semaphore because sem_post() is one of the few calls
+// that they may make.
+sem_t woken;
+std::atomic<int> signals{0};
+std::atomic<bool> ended{false};
+std::array<std::atomic<int>, 256> children{};
+static_assert(std::atomic<int>::is_always_lock_free);
+
+std::atomic<double> latest{std::numeric_limits<double>::infinity()};
+std::mutex words_mutex;
+std::function<void(const Stopped&)> words;
+
+double now() {
+  timespec t{};
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+const double started = now();
+
+void kill_children() {
+  for (const std::atomic<int>& child : children)
+    if (const int group = child.load(); group > 0) kill(-group, SIGKILL);
+}
+
+extern "C" void on_signal(int signal) {
+  const int before_errno = errno;
+  if (signals.fetch_add(1) >= 2) {
+    kill_children();
+    std::signal(signal, SIG_DFL);
+    raise(signal);
+  }
+  ask_to_stop(StopReason::interrupted);
+  sem_post(&woken);
+  errno = before_errno;
+}
+
+// Waits for a post, at most until `deadline` on now()'s clock.
+void wait_until(double deadline) {
+  if (deadline == std::numeric_limits<double>::infinity()) {
+    sem_wait(&woken);
+    return;
+  }
+  const double whole = std::floor(deadline);
+  const timespec until{static_cast<time_t>(whole), static_cast<long>(1e9 * (deadline - whole))};
+  sem_clockwait(&woken, CLOCK_MONOTONIC, &until);
+}
+
+[[noreturn]] void end_now(const Stopped& why) {
+  kill_children();
+  {
+    const std::lock_guard lock(words_mutex);
+    if (words) words(why);
+  }
+  end_all_writing();
+  // To nobody who has stopped reading: that would last for ever.
+  pollfd err{.fd = STDERR_FILENO, .events = POLLOUT, .revents = 0};
+  if (poll(&err, 1, 0) == 1 && (err.revents & POLLOUT) != 0) {
+    const std::string line = fmt::format(
+        "dimple: {}, in the midst of work that does not listen; what lies on disk is valid [{}]\n",
+        why.report.fact, why.report.code);
+    [[maybe_unused]] const auto ignored = write(STDERR_FILENO, line.data(), line.size());
+  }
+  _exit(static_cast<int>(ExitCode::interrupted));
+}
+
+void watch() {
+  while (!ended && stop_asked() == StopReason::none) {
+    wait_until(latest);
+    if (now() >= latest) ask_to_stop(StopReason::out_of_time);
+  }
+  const double last = now() + patience_s;
+  while (!ended && now() < last && signals < 2) wait_until(last);
+  if (!ended) end_now(Stopped(stop_asked()));
+}
+
+}  // namespace
+
+Ending::Ending() {
+  sem_init(&woken, 0, 0);
+  ended = false;
+  signals = 0;
+  latest = std::numeric_limits<double>::infinity();
+  thread_ = std::jthread(watch);
+  // Shells start what runs in the background with SIGINT ignored, and send it nevertheless when asked to.
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+  if (std::signal(SIGHUP, on_signal) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);  // started by nohup
+}
+
+Ending::~Ending() {
+  ended = true;
+  sem_post(&woken);
+  thread_.join();
+  std::signal(SIGINT, SIG_DFL);
+  std::signal(SIGTERM, SIG_DFL);
+}
+
+void Ending::limit(double seconds) {
+  latest = started + seconds;
+  sem_post(&woken);
+}
+
+void Ending::last_words(std::function<void(const Stopped&)> write) {
+  const std::lock_guard lock(words_mutex);
+  words = std::move(write);
+}
+
+Child::Child(int group) {
+  for (std::size_t k = 0; k < children.size() && slot_ < 0; ++k)
+    if (int none = 0; children[k].compare_exchange_strong(none, group)) slot_ = static_cast<int>(k);
+}
+
+Child::~Child() {
+  if (slot_ >= 0) children[static_cast<std::size_t>(slot_)] = 0;
+}
+
+}  // namespace dimple

@@ -1,0 +1,157 @@
+// Ctrl-C, SIGTERM and a limit of time: an answer within two seconds, exit code 130, and only valid files.
+
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <chrono>
+#include <csignal>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <thread>
+
+#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/whole_files.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+std::vector<std::string> words(const std::string& line) {
+  std::istringstream in(line);
+  std::vector<std::string> list;
+  for (std::string word; in >> word;) list.push_back(word);
+  return list;
+}
+
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+class Stop : public testing::Test {
+ protected:
+  const fs::path folder = fresh_folder();
+  // Minutes, if nobody ends it.
+  const std::string slow = "run brain.nrrd -o out --nodes 500 --depth 8mm --rate 0.001mm/s --frames 4000 -q";
+
+  void SetUp() override { ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 2 -q").code, 0); }
+
+  Json summary(const std::string& out) const { return Json::parse(text_of(folder / out / "summary.json")); }
+
+  /// Sends the signal after that time. Every command ends soon, as if nothing had been, or with code 130.
+  Ran expect_end(const std::string& line, milliseconds after, int signal) const {
+    SCOPED_TRACE("dimple " + line + ", signal " + std::to_string(signal) + " after " +
+                 std::to_string(after.count()) + " ms");
+    Program program(folder, words(line));
+    std::this_thread::sleep_for(after);
+    program.send(signal);
+    const auto start = Clock::now();
+    const Ran ran = program.wait();
+    EXPECT_LT(seconds_since(start), 2.0);
+    EXPECT_TRUE(ran.code == 130 || ran.code == 0) << ran.code << '\n' << ran.err;
+    if (ran.code == 130) EXPECT_NE(ran.err.find("interrupted"), std::string::npos) << ran.err;
+    return ran;
+  }
+};
+
+TEST_F(Stop, IsAnsweredWithinTwoSecondsByEveryCommand) {
+  ASSERT_EQ(dimple(folder, "model brain.nrrd -o made --nodes 400 -q").code, 0);
+  const std::vector<std::string> commands = {"info brain.nrrd",
+                                             "phantom out/fine.nrrd --spacing 0.4mm",
+                                             "model brain.nrrd -o out/model --nodes 8000",
+                                             "solve made -o out/solved --frames 200 --rate 0.01mm/s",
+                                             "run brain.nrrd -o out/run --nodes 6000",
+                                             "export brain.nrrd -o out/scene.inp --nodes 30000",
+                                             "converge brain.nrrd -o out/study --sizes 2000,4000,8000",
+                                             "chart -o out/chart --only a --nodes 1000,2000",
+                                             "stress -o out/stress --map depth-nu --finest 500 --limit 20",
+                                             "verify -o out/verify --nodes 2000"};
+  fs::create_directories(folder / "out");
+  int interrupted = 0;
+  for (const int after : {150, 900})
+    for (const std::string& command : commands) {
+      interrupted += expect_end(command, milliseconds(after), after == 150 ? SIGINT : SIGTERM).code == 130;
+      expect_whole_files(folder / "out", true);
+      for (const auto& entry : fs::directory_iterator(folder / "out")) fs::remove_all(entry);
+    }
+  EXPECT_GT(interrupted, 10);
+}
+
+TEST_F(Stop, BeforeThereIsAResultLeavesTheFolderAsItWas) {
+  Program program(folder, words("run brain.nrrd -o out --nodes 20000"));
+  while (program.running() && program.err_so_far().find("organ ") == std::string::npos)
+    std::this_thread::sleep_for(milliseconds(5));
+  program.send(SIGINT);
+  EXPECT_EQ(program.wait().code, 130);
+  EXPECT_FALSE(fs::exists(folder / "out"));
+}
+
+TEST_F(Stop, OfWorkThatDoesNotListenIsDoneForIt) {
+  ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);  // nobody ever writes to it
+  const auto start = Clock::now();
+  const Ran ran = expect_end("run brain.nrrd -o out --config pipe", milliseconds(300), SIGINT);
+  EXPECT_EQ(ran.code, 130);
+  EXPECT_GT(seconds_since(start), 1.0) << "it listens: this test needs work that does not";
+  EXPECT_NE(ran.err.find("does not listen"), std::string::npos) << ran.err;
+}
+
+TEST_F(Stop, AskedForTwiceIsAtOnce) {
+  ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);
+  Program program(folder, words("run brain.nrrd -o out --config pipe"));
+  std::this_thread::sleep_for(milliseconds(300));
+  program.send(SIGINT);
+  std::this_thread::sleep_for(milliseconds(100));
+  const auto start = Clock::now();
+  program.send(SIGINT);
+  EXPECT_EQ(program.wait().code, 130);
+  EXPECT_LT(seconds_since(start), 0.7);
+}
+
+TEST_F(Stop, ByALimitOfTimeKeepsTheBestStateSoFarAndMayBeResumedWithAnother) {
+  const auto start = Clock::now();
+  const Ran ran = dimple(folder, slow + " --time-limit 3s --json");
+  EXPECT_LT(seconds_since(start), 5.0);
+  EXPECT_EQ(ran.code, 130) << ran.err;
+  EXPECT_NE(ran.err.find("[out-of-time]"), std::string::npos) << ran.err;
+  EXPECT_EQ(std::count(ran.err.begin(), ran.err.end(), '\n'), 1) << ran.err;
+  const Json json = summary("out");
+  EXPECT_EQ(Json::parse(ran.out), json);
+  EXPECT_EQ(json.at("status"), "interrupted");
+  EXPECT_EQ(json.at("exit_code"), 130);
+  EXPECT_EQ(json.at("failure").at("code"), "out-of-time");
+  const double reached = json.at("indentation_mm").get<double>();
+  EXPECT_GT(reached, 0.0);
+  expect_whole_files(folder / "out", true);
+
+  EXPECT_EQ(dimple(folder, slow).code, 6);
+  const Ran again = dimple(folder, slow + " --resume --time-limit 0.05min");
+  EXPECT_EQ(again.code, 130) << again.err;
+  EXPECT_GT(summary("out").at("indentation_mm").get<double>(), reached);
+}
+
+TEST_F(Stop, ByALimitOfTimeBeforeThereIsAResultSaysSoAndTheCorrectedCommandJustWorks) {
+  const Ran ran = dimple(folder, "run brain.nrrd -o out --nodes 20000 --time-limit 0.6s -q");
+  EXPECT_EQ(ran.code, 130) << ran.err;
+  EXPECT_EQ(summary("out").at("status"), "interrupted");
+  EXPECT_EQ(summary("out").at("failure").at("code"), "out-of-time");
+  const Ran again =
+      dimple(folder, "run brain.nrrd -o out --nodes 400 --depth 0.5mm --frames 2 --time-limit 1h -q");
+  EXPECT_EQ(again.code, 0) << again.err;
+  EXPECT_EQ(summary("out").at("status"), "finished");
+}
+
+TEST_F(Stop, ByALimitThatIsNoTimeIsRefused) {
+  for (const char* limit : {"5mm", "soon", "-1s", "0"}) {
+    const Ran ran = dimple(folder, "run brain.nrrd -o out --time-limit=" + std::string(limit));
+    EXPECT_EQ(ran.code, 2) << limit << '\n' << ran.err;
+    EXPECT_NE(ran.err.find("--time-limit"), std::string::npos) << ran.err;
+  }
+  EXPECT_FALSE(fs::exists(folder / "out"));
+}
+
+}  // namespace
+}  // namespace dimple
