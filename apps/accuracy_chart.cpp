@@ -406,7 +406,7 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
                     .subtitle = {"against mixed finite elements; " + how, paper},
                     .config = {},
                     .reference = {scene.reference.begin(), scene.reference.end()},
-                    .reference_name = scene.source};
+                    .reference_name = scene.source.front()};
     const fs::path file = folder / fmt::format("scene_{}.nrrd", scene.name);
     write_label_image(file, make_phantom(scene.phantom));
     subject.config.image.file = file.string();
