@@ -42,9 +42,10 @@ std::vector<std::size_t> pareto_front(const std::vector<double>& cost, const std
 /// Runs scenes over schemes, cloud sizes and ways of stepping in time, beside other programs that are
 /// installed, and draws error against wall time: chart.csv, chart.png, chart.svg. Scenes A and B are made
 /// here, as 1 mm images left in the folder (scene_a.nrrd), and have a reference; `config` names another image
-/// and what belongs to it, whose error is the difference from the finest of its own runs. Times are those of
-/// the whole, from the image to the force; of other programs with the mesh. Throws UsageError, and what run()
-/// throws where a scene cannot be made; a run that fails is a row without an error.
+/// and what belongs to it; it has none: its runs are shown by their difference from the finest of them, with
+/// no front and no verdict on other programs. Times are those of the whole, from the image to the force; of
+/// other programs with the mesh. Throws UsageError, and what run() throws where a scene cannot be made; a run
+/// that fails is a row without an error.
 Outcome accuracy_chart(const Config& config, const AccuracyOptions& options,
                        const std::filesystem::path& folder,
                        const std::function<void(const std::string&)>& progress);

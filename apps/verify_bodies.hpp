@@ -86,6 +86,10 @@ Mat3 mean_stress(const Model& model, const ForceSystem::Nodal& f);
 /// Sum of the forces at the nodes of a face [N].
 Vec3 face_force(const LatticeBody& body, const ForceSystem::Nodal& f, int axis, double value);
 
+/// kappa in F = 4 G a d / (1 - nu) kappa(a/h, nu): force of a frictionless flat punch of radius a on an
+/// elastic layer of height h that is bonded to its base, pushed in by d.
+double hayes_factor(double a_over_h, double nu);
+
 /// Rows.
 VerifyCase compared(std::string name, std::string what, double ours, double reference, double tolerance,
                     std::string unit, std::string source);

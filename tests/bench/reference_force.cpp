@@ -9,8 +9,6 @@
 namespace dimple {
 namespace {
 
-constexpr double beta = 1.0, smallest_J = 0.05;  // as in solver/projected_kernel.hpp
-
 std::vector<std::int32_t> plain(const Eigen::VectorXi& values) {
   return {values.begin(), values.end()};
 }
@@ -75,7 +73,7 @@ template <class Real>
     r.patch_dilation[b] = weighted<Real>(r.of_patch, b, r.dilation.data());
   for (std::size_t q = 0; q < r.volume.size(); ++q) {
     const Real mean = weighted<Real>(r.of_point, q, r.patch_dilation.data()), rest = r.dilation[q] - mean;
-    r.unresolved[q] = Real(2 * beta) * r.ks * rest * rest * rest;
+    r.unresolved[q] = Real(2) * r.beta * r.ks * rest * rest * rest;
     r.pressure[q] = r.ks * r.dilation[q] + r.bulk * mean + r.unresolved[q];
   }
   for (std::size_t b = 0; b < r.patch_unresolved.size(); ++b)
@@ -94,7 +92,7 @@ template <class Real>
   Real *__restrict pxx = r.VP[0].data(), *__restrict pxy = r.VP[1].data(), *__restrict pxz = r.VP[2].data(),
        *__restrict pyx = r.VP[3].data(), *__restrict pyy = r.VP[4].data(), *__restrict pyz = r.VP[5].data(),
        *__restrict pzx = r.VP[6].data(), *__restrict pzy = r.VP[7].data(), *__restrict pzz = r.VP[8].data();
-  const Real mu = r.mu, J0 = Real(smallest_J), g0 = std::pow(J0, Real(-2.0 / 3.0)),
+  const Real mu = r.mu, J0 = r.smallest_J, g0 = std::pow(J0, Real(-2.0 / 3.0)),
              g1 = Real(-2.0 / 3.0) * g0 / J0, g2 = Real(-5.0 / 3.0) * g1 / J0;
   for (std::size_t q = 0; q < r.volume.size(); ++q) {
     const Real xx = hxx[q] + 1, xy = hxy[q], xz = hxz[q], yx = hyx[q], yy = hyy[q] + 1, yz = hyz[q],

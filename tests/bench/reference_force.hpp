@@ -27,7 +27,10 @@ struct ReferenceForce {
 
   ReferenceForce(const Model& model, const Material& material);
 
-  Real mu, ks, bulk;                         // [Pa]; bulk = kappa - ks
+  Real mu, ks, bulk;  // [Pa]; bulk = kappa - ks
+  /// The kernel's two choices, typed here a second time so that changing one of them there is noticed. Where
+  /// strains are small neither counts, and what is left is theory.
+  Real beta = Real(1), smallest_J = Real(0.05);
   std::vector<std::int32_t> offset, node;    // row q: the nodes of point q
   std::vector<Real> dphi_x, dphi_y, dphi_z;  // [pairs] 1/m
   std::vector<Real> volume;                  // [Q] m^3

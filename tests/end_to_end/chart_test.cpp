@@ -13,7 +13,9 @@ namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
+using testing::ContainsRegex;
 using testing::HasSubstr;
+using testing::Not;
 
 TEST(Export, WritesTheSameSceneForBothPrograms) {
   const fs::path folder = fresh_folder();
@@ -91,9 +93,10 @@ TEST(Chart, DrawsASmallOneOfAnImageAndAScene) {
   const std::string csv = text_of(folder / "out" / "chart.csv");
   EXPECT_THAT(csv, HasSubstr("b,dimple,converging,quasi-static,200,"));
   EXPECT_THAT(csv, HasSubstr("difference from 300 nodes"));
+  EXPECT_THAT(csv, Not(ContainsRegex("image,[^\n]*,1,\"difference"))) << "on a front without a reference";
   const std::string svg = text_of(folder / "out" / "chart.svg");
   for (const char* words : {"converging 200", "real time, 8 s", "Pareto front", "as reported", "[s]", "[%]",
-                            "difference from our own finest run, 300 nodes"})
+                            "difference from our own finest run, 300 nodes", "That run is no reference"})
     EXPECT_THAT(svg, HasSubstr(words));
   EXPECT_GT(fs::file_size(folder / "out" / "chart.png"), 1000u);
   EXPECT_THAT(ran.err, HasSubstr("error"));

@@ -38,6 +38,30 @@ TEST(ReferenceForce, IsTheKernelsToRounding) {
   }
 }
 
+// What the two share are a weight and a threshold. Without them the forces are the same as long as the tissue
+// is far from collapse, so the agreement above is one of derivations, and not of two copied numbers.
+TEST(ReferenceForce, IsTheKernelsWithoutItsChosenConstantsWhereStrainsAreSmall) {
+  const Model model = averaged_block();
+  const Material material = neo_hookean(210.0, 0.499, 1000.0);
+  const ForceSystem system(model, material);
+  const auto difference_without = [&](double size) {
+    const Nodal u = random_displacement(model, size);
+    Nodal f = u;
+    system.internal_force(u, f);
+    ReferenceForce<double> reference(model, material);
+    reference.beta = 0.0;
+    reference.smallest_J = 1e-4;
+    set_displacement(reference, u);
+    evaluate(reference);
+    return difference(f, force_of(reference));
+  };
+  const double small = difference_without(1e-6), large = difference_without(4e-3);
+  RecordProperty("small_strain", std::to_string(small));
+  RecordProperty("collapse", std::to_string(large));
+  EXPECT_LT(small, 1e-7);
+  EXPECT_GT(large, 1e-3);  // there they do count
+}
+
 TEST(ReferenceForce, IsTheKernelsInSinglePrecision) {
   const Model model = averaged_block();
   const Material material = neo_hookean(210.0, 0.499, 1000.0);

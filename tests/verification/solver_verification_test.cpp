@@ -74,12 +74,16 @@ TEST(Verification, TheForceEqualsThePapersStrainDisplacementForm) {
   system.internal_force(u, f);
 
   // Section 2.2, word for word: B_L (6 x 3n) with Voigt order 11, 22, 33, 12, 23, 13, and f = sum of B_L^T S
-  // V.
-  const auto gradients = system.deformation_gradients(u);
+  // V. F and S = mu J^(-2/3) (I - tr C/3 C^-1) + kappa J (J - 1) C^-1 are written down here, not asked for.
   Points paper = Points::Zero(3, model.node_count());
   for (Index q = 0; q < model.point_count(); ++q) {
-    const Mat3 F = Eigen::Map<const Mat3>(gradients.col(q).data());
-    const Mat3 S = F.inverse() * pk1_stress(tissue, F);
+    Mat3 F = Mat3::Identity();
+    for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
+      F += u.col(model.support.member[k]).head<3>() * model.dphi.col(k).transpose();
+    const Mat3 C = F.transpose() * F, inverse = C.inverse();
+    const double J = F.determinant();
+    const Mat3 S = tissue.mu * std::pow(J, -2.0 / 3.0) * (Mat3::Identity() - C.trace() / 3.0 * inverse) +
+                   tissue.kappa * J * (J - 1.0) * inverse;
     const Eigen::Matrix<double, 6, 1> voigt =
         (Eigen::Matrix<double, 6, 1>() << S(0, 0), S(1, 1), S(2, 2), S(0, 1), S(1, 2), S(0, 2)).finished();
     for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k) {
@@ -130,26 +134,23 @@ struct Homogeneous {
   Mat3 P;  // first Piola-Kirchhoff [Pa]; NaN where the state says nothing simple
 };
 
-// Affine motion of the outside; the inside is left to find its equilibrium. The exact answer is the affine
-// field, and the reaction on a face is P times its area.
+// All nodes moved as the state says: what the points and the nodes then carry. That the inside finds that
+// state by itself is solved for by ABlockPressedBetweenFaces below and by `dimple verify --case homogeneous`.
 class HomogeneousState : public testing::TestWithParam<Homogeneous> {};
 
-TEST_P(HomogeneousState, GivesTheClosedFormStressAndBalancesInside) {
+TEST_P(HomogeneousState, CarriesTheClosedFormStressInItsPointsAndInItsNodes) {
   const Homogeneous& state = GetParam();
   const Model model = block(6, 0.2, 1.5);
   const ForceSystem system(model, tissue);
-  const auto F = system.deformation_gradients(affine(model, state.F));
+  const auto stress = system.stresses(affine(model, state.F));
   double error = 0.0;
-  for (Index q = 0; q < F.cols(); ++q) {
-    const Mat3 P = pk1_stress(tissue, Eigen::Map<const Mat3>(F.col(q).data()));
+  for (Index q = 0; q < stress.cols(); ++q) {
+    const Mat3 P = Eigen::Map<const Mat3>(stress.col(q).data());
     error = std::max(error, (P - state.P).cwiseAbs().maxCoeff());
   }
   EXPECT_LT(error,
             2e-5 * tissue.mu + 1e-8 * state.P.cwiseAbs().maxCoeff());  // digits of the table times kappa / mu
 
-  // The reaction of the block's upper half on its lower half's held nodes: P e_z times the face, exact
-  // because the sum of dphi times volume over a layer is what it is only if quadrature and clipping are
-  // right.
   ForceSystem::Nodal f = ForceSystem::Nodal::Zero(4, model.node_count());
   system.internal_force(affine(model, state.F), f);
   Mat3 virial = Mat3::Zero();  // sum of f (x) X = V P for a homogeneous state
@@ -218,7 +219,7 @@ History indent(const Model& model, const Loading& loading, const SolverOptions& 
   return history;
 }
 
-TEST(Verification, EnergyAndMomentumAreBalancedOverARun) {
+TEST(Verification, EnergyIsBalancedOverARun) {
   const Model model = block();
   const History history = indent(model, {.depth = 2e-3, .rate = 10e-3}, {.frames = 4});
   double worst = 0.0, most = 0.0;
@@ -227,9 +228,36 @@ TEST(Verification, EnergyAndMomentumAreBalancedOverARun) {
     most = std::max(most, e.external);
   }
   RecordProperty("energy_error", std::to_string(worst / most));
-  RecordProperty("momentum_error", std::to_string(history.momentum_error));
-  EXPECT_LT(worst, 1e-2 * most);
-  EXPECT_LT(history.momentum_error, 1e-10);
+  EXPECT_LT(worst, 2e-4 * most);  // 6e-5: what half a step between force and way leaves
+}
+
+// The forces that are reported against the motion that is: the mass of the free nodes has gone where tool and
+// base have pushed it, step by step as central differences add it up.
+TEST(Verification, ToolAndBaseGiveTheTissueTheMotionThatItHas) {
+  const Model model = block();
+  const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
+  const std::vector<Constraints::Kind> kind = make_constraints(model, Contact::bonded).kind;
+  double moved = 0.0;  // sum of mass times way along the push [kg m]
+  const Observer observer = {.frame =
+                                 [&](const Frame& frame) {
+                                   moved = 0.0;
+                                   for (Index a = 0; a < model.node_count(); ++a)
+                                     if (kind[static_cast<std::size_t>(a)] == Constraints::Kind::free)
+                                       moved += model.mass[a] * frame.u.col(a).head<3>().dot(model.tool.push);
+                                 },
+                             .sample = {}};
+  History history;
+  simulate(system, model, {.depth = 2e-3, .rate = 10e-3}, {.frames = 1, .sample_rate = 1e9}, observer,
+           history);
+  double momentum = 0.0, way = 0.0;
+  ASSERT_EQ(history.force.size(), static_cast<std::size_t>(history.steps) + 1);
+  for (std::size_t k = 0; k + 1 < history.force.size(); ++k) {
+    const double dt = history.force[k + 1].t - history.force[k].t;
+    momentum += (k == 0 ? 0.5 : 1.0) * dt * (history.force[k].force - history.force[k].base_force);
+    way += dt * momentum;
+  }
+  EXPECT_GT(moved, 0.0);
+  EXPECT_NEAR(way, moved, 1e-9 * moved);
 }
 
 TEST(Verification, TheBaseCarriesWhatTheIndenterGives) {
