@@ -33,7 +33,7 @@ constexpr double leash =
 constexpr double cavity_share = 1.0 / 500.0;    // of the organ's volume: smaller cavities are filled
 constexpr double level = 0.5, at_level = 1e-3;  // lattice values nearer to the level count as inside
 constexpr double most_lattice_points = 64e6;
-constexpr double most_triangles = 2e6;  // a coarser lattice is taken before there are more
+constexpr double most_triangles = 1e6;  // a coarser lattice is taken before there are more
 constexpr double most_lost = 1.0 / 3.0, lost_to_tell = 0.03;  // of the volume, to smoothing
 
 // The lattice: as fine as the voxels, but no finer than a tenth of the indenter and 1/110 of the organ, which
@@ -379,6 +379,8 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   double step = options.step_mm > 0.0
                     ? std::max(options.step_mm, finest_step(body, spacing))
                     : lattice_step(body, spacing, report.voxel_volume_mm3, options.indenter_diameter_mm);
+  if (const char* e = std::getenv("DIMPLE_STEP"))
+    step = std::max(std::atof(e), finest_step(body, spacing));  // TRIAL
   Drawing drawing = draw(body, frame, step, report);
   TriangleMesh& surface = drawing.surface;
   for (int again = 0; again < 8 && static_cast<double>(surface.triangles.cols()) > most_triangles; ++again) {
