@@ -800,14 +800,12 @@ Outcome solve_in(const fs::path& folder, SolveInput in) {
           history.steps, 1e6 * history.dt_first, ms_per_evaluation, times_real,
           100.0 * summary["energy_error"].get<double>(), summary["base_force_N"].get<double>()));
   }
-  const auto draw = [&] {
-    if (!history.force.empty())
-      writer.overview(history,
-                      fmt::format("{}: {}{}", in.subject, outcome.headline,
-                                  status == "finished" ? "" : " (" + status + ")"),
-                      in.facts);
-  };
-  if (!history.interrupted) draw();
+  // Who is asked to end has not always the time for a picture.
+  if (!history.force.empty() && !history.interrupted)
+    writer.overview(history,
+                    fmt::format("{}: {}{}", in.subject, outcome.headline,
+                                status == "finished" ? "" : " (" + status + ")"),
+                    in.facts);
   writing_s += ending.seconds();
   say(fmt::format(
       "time     {:.1f} s in all: {:.1f} reading, {:.1f} building the model, {:.1f} solving, {:.1f} "
@@ -832,10 +830,8 @@ Outcome solve_in(const fs::path& folder, SolveInput in) {
   for (const Retry& retry : history.retries)
     summary["retries"].push_back({{"code", retry.code}, {"at_mm", 1e3 * retry.depth}, {"what", retry.what}});
   outcome.summary_json = summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
-  // The last file: a folder with it is complete. Then there is nothing to go on with. Who is asked to end has
-  // not always the time for a picture.
+  // The last file: a folder with it is complete. Then there is nothing to go on with.
   write_file(folder / "summary.json", outcome.summary_json);
-  if (history.interrupted) draw();
   if (!failure && !history.interrupted) {
     std::error_code ignored;
     fs::remove(folder / checkpoint_file, ignored);

@@ -175,8 +175,9 @@ TEST_F(Run, SaysEveryTenthWithoutATerminal) {
   EXPECT_EQ(run.err.find('\r'), std::string::npos);
   EXPECT_EQ(run.err.find('\033'), std::string::npos);
   for (int tenth = 1; tenth <= 10; ++tenth) {
-    const std::string line = "solve " + std::to_string(10 * tenth) + " %";
-    EXPECT_NE(run.err.find(line), std::string::npos) << "no '" << line << "' in\n" << run.err;
+    // What has been done, not the tenth below it.
+    const std::string line = std::string("solve ").append(std::to_string(tenth)).append("[0-9] %");
+    EXPECT_TRUE(std::regex_search(run.err, std::regex(line))) << "no '" << line << "' in\n" << run.err;
   }
 }
 
@@ -205,7 +206,7 @@ TEST_F(Run, LeavesAValidPartialResultWhenInterrupted) {
   for (const fs::path& frame : frames) EXPECT_EQ(read_vtu(frame).position_mm.cols(), 500);
   EXPECT_GE(frames_of(folder / "out" / "surface.pvd").size(), 2u);
   EXPECT_GE(frames_of(folder / "out" / "points.pvd").size(), 2u);
-  EXPECT_TRUE(fs::exists(folder / "out" / "overview.png"));
+  EXPECT_FALSE(fs::exists(folder / "out" / "overview.png")) << "there is no time for a picture";
 }
 
 TEST_F(Run, CanSlideUnderTheIndenterAndUseAQuadraticBasis) {
