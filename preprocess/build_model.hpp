@@ -36,7 +36,8 @@ struct ModelReport {
 ///
 /// Positions become LPS metres here, rounded to a picometre, and volumes to a billionth of a mm^3:
 /// a model written to a file in mm and read again is the same, bit for bit. Throws ModelError: no node on the
-/// base, the circle reaches the base; and what the steps throw.
+/// base, the circle reaches the base, more nodes than memory is there for ("memory"), the body too thin for
+/// its nodes under the circle ("thin"); Stopped; and what the steps throw.
 struct BuiltModel {
   Model model;
   ModelReport report;
@@ -45,7 +46,7 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options, con
 
 /// Adds what follows from the places alone: supports, gradients, masses, and where there is a spread the
 /// patches and, if the `surface` is known, gradients that are consistent with it. Per point: `tissue`, its
-/// number, and `density` [kg/m^3].
+/// number, and `density` [kg/m^3]. Throws ModelError where a tenth of the supports had to be enlarged.
 struct Completion {
   SupportReport support;
   ConsistencyReport consistency;

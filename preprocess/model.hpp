@@ -75,7 +75,7 @@ CompressedRows transpose(const CompressedRows& rows, Index columns, Eigen::Vecto
 
 /// What happened while the supports were found: printed, and kept in summary.json.
 struct SupportReport {
-  Index grown = 0;              ///< places whose support was enlarged to condition the moment matrix
+  Index grown = 0;              ///< points with a support that was enlarged to condition the moment matrix
   double largest_growth = 1.0;  ///< by which factor at most
   Index fewest = 0, most = 0;   ///< nodes in a support
   double mean = 0.0;

@@ -457,9 +457,10 @@ double spacing_for_count(const BodySurface& body, Index count, const Sizing& siz
 }
 
 Index count_for_spacing(const BodySurface& body, double spacing_mm, const Sizing& sizing) {
-  // Two hundred thousand nodes are fine enough to measure with.
+  refuse_too_many(Contents{body.volume(), body.area()}.count(spacing_mm), "--spacing");  // a graded has more
+  // Fifty thousand nodes are fine enough to measure with.
   const double count =
-      contents_of(body, sizing, std::max(spacing_mm, rough_spacing(body, 2e5))).count(spacing_mm);
+      contents_of(body, sizing, std::max(spacing_mm, rough_spacing(body, 5e4))).count(spacing_mm);
   refuse_too_many(count, "--spacing");
   return std::lround(count);
 }

@@ -18,8 +18,10 @@ namespace dimple {
 namespace {
 
 ModelOptions options_for(Index nodes) {
-  return {
-      .cloud = {.count = nodes, .grading = {.rim = 0.15}}, .grid = {.ratio = 7.0}, .averaged_cells = true};
+  return {.cloud = {.count = nodes, .grading = {.rim = 0.15}},
+          .grid = {.ratio = 7.0},
+          .boundary = {},
+          .averaged_cells = true};
 }
 
 constexpr SupportOptions supports{.radius_factor = 1.6, .interpolation = 0.01};
@@ -48,6 +50,18 @@ TEST(BuildModel, RefusesTooFewNodesEachTimeInTheSameWordsAndAtOnce) {
       EXPECT_EQ(error.report.fact, first);
     }
   EXPECT_LT(cpu_seconds() - begin, 10.0);
+}
+
+TEST(BuildModel, RefusesASheetThatItsNodesCannotFollowAndSaysHowManyCan) {
+  const BodySurface sheet = block_surface(Vec3(0, 0, 0), Vec3(54, 54, 2.2));
+  try {
+    build_model(sheet, options_for(800));
+    ADD_FAILURE();
+  } catch (const ModelError& error) {
+    EXPECT_EQ(error.report.code, "thin");
+    EXPECT_NE(error.report.remedy.find("--nodes"), std::string::npos);
+  }
+  EXPECT_NO_THROW(build_model(sheet, options_for(2000)));
 }
 
 TEST(BuildModel, RefusesMoreThanTheMemoryAtHandBeforeItBegins) {
