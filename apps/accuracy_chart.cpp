@@ -399,7 +399,8 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
                     .subtitle = {"against mixed finite elements; " + how, paper},
                     .config = {},
                     .reference = {scene.reference.begin(), scene.reference.end()},
-                    .reference_name = scene.source.front()};
+                    .reference_name = fmt::format("{}, to +-{:.2g} % at 8 mm", scene.source.front(),
+                                                  100.0 * scene.known_to.back())};
     const fs::path file = folder / fmt::format("scene_{}.nrrd", scene.name);
     write_label_image(file, make_phantom(scene.phantom));
     subject.config.image.file = file.string();

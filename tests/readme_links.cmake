@@ -1,3 +1,4 @@
+cmake_minimum_required(VERSION 3.25)
 # Every link of every README (and of the other texts in the root) leads to a file, and to a heading if it names one.
 #   cmake -D SOURCE=<root> -P readme_links.cmake
 file(GLOB texts ${SOURCE}/*.md)
