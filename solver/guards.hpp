@@ -41,7 +41,7 @@ struct EnergySample {
 };
 
 /// Before any load: `conditioning`, `supports`, `circle-nodes`. The last is by what few nodes cost on the
-/// verification block, whose force is known (README, Convergence), at `depth` [m]. Throws ModelError where
+/// verification block, whose force is known (tests/verification), at `depth` [m]. Throws ModelError where
 /// gradients are wrong.
 std::vector<Finding> check_model(const Model& model, const SupportReport& support, double depth);
 
