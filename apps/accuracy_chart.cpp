@@ -10,6 +10,7 @@
 #include <limits>
 #include <numeric>
 
+#include "apps/converge.hpp"
 #include "apps/export.hpp"
 #include "apps/results.hpp"
 #include "apps/run_program.hpp"
@@ -66,23 +67,10 @@ fs::path program_asked_for(const std::string& given, const std::string& option) 
   return found;
 }
 
-// Force at the even depths from samples at any depths.
 std::vector<double> at_depths(const std::vector<ForceSample>& samples) {
-  std::vector<double> result;
-  for (int k = 1; k <= depths; ++k) {
-    const double depth = 1e-3 * depth_mm * k / depths;
-    const auto after = std::find_if(samples.begin(), samples.end(),
-                                    [&](const ForceSample& s) { return s.depth >= depth * (1.0 - 1e-9); });
-    if (after == samples.end()) break;
-    if (after == samples.begin()) {
-      result.push_back(after->force);
-      continue;
-    }
-    const ForceSample& before = *std::prev(after);
-    const double share = (depth - before.depth) / (after->depth - before.depth);
-    result.push_back(before.force + std::min(share, 1.0) * (after->force - before.force));
-  }
-  return result;
+  std::vector<double> even;
+  for (int k = 1; k <= depths; ++k) even.push_back(depth_mm * k / depths);
+  return forces_at(samples, even);
 }
 
 double median(std::vector<double> values) {
@@ -413,7 +401,8 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
                     .subtitle = {"against mixed finite elements; " + how, paper},
                     .config = {},
                     .reference = {scene.reference.begin(), scene.reference.end()},
-                    .reference_name = scene.source.front()};
+                    .reference_name = fmt::format("{}, to +-{:.2g} % at 8 mm", scene.source.front(),
+                                                  100.0 * scene.known_to.back())};
     const fs::path file = folder / fmt::format("scene_{}.nrrd", scene.name);
     write_label_image(file, make_phantom(scene.phantom));
     subject.config.image.file = file.string();

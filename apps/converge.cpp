@@ -35,7 +35,7 @@ struct Study {
   double density = 1.0;
   std::int64_t seed = 0;
   Measured measured;
-  double force(std::size_t level) const { return measured.history.force[level].force; }
+  std::vector<double> force;  // [N] at the depths
 };
 
 // force_N at the depths [mm], from a table that holds them.
@@ -58,12 +58,13 @@ std::vector<double> reference_at(const fs::path& file, const std::vector<double>
   return result;
 }
 
-double kink(const Measured& m) {
+// `force`: at even depths, the first of them one step from rest.
+double kink(std::vector<double> force) {
+  force.insert(force.begin(), 0.0);
   double largest = 0.0;
-  const auto& f = m.history.force;
-  for (std::size_t k = 1; k + 1 < f.size(); ++k)
-    largest = std::max(largest, std::abs(f[k + 1].force - 2.0 * f[k].force + f[k - 1].force));
-  return largest / std::abs(f.back().force);
+  for (std::size_t k = 1; k + 1 < force.size(); ++k)
+    largest = std::max(largest, std::abs(force[k + 1] - 2.0 * force[k] + force[k - 1]));
+  return largest / std::abs(force.back());
 }
 
 // Over the seeds of one cloud size and density.
@@ -92,14 +93,14 @@ std::vector<Group> grouped(const std::vector<Study>& runs, std::size_t levels) {
       g.rim += run->measured.rim_spacing_mm / count;
       g.evaluations += static_cast<double>(run->measured.history.steps) / count;
       g.seconds += (run->measured.build_s + run->measured.solve_s) / count;
-      g.worst_kink = std::max(g.worst_kink, kink(run->measured));
+      g.worst_kink = std::max(g.worst_kink, kink(run->force));
     }
-    for (std::size_t k = 1; k <= levels; ++k) {
+    for (std::size_t k = 0; k < levels; ++k) {
       double sum = 0.0, low = std::numeric_limits<double>::infinity(), high = -low;
       for (const Study* run : members) {
-        sum += run->force(k) / count;
-        low = std::min(low, run->force(k));
-        high = std::max(high, run->force(k));
+        sum += run->force[k] / count;
+        low = std::min(low, run->force[k]);
+        high = std::max(high, run->force[k]);
       }
       g.mean.push_back(sum);
       g.scatter.push_back((high - low) / sum);
@@ -109,6 +110,24 @@ std::vector<Group> grouped(const std::vector<Study>& runs, std::size_t levels) {
 }
 
 }  // namespace
+
+std::vector<double> forces_at(const std::vector<ForceSample>& samples, const std::vector<double>& depths_mm) {
+  std::vector<double> result;
+  for (const double mm : depths_mm) {
+    const double depth = 1e-3 * mm;
+    const auto after = std::find_if(samples.begin(), samples.end(),
+                                    [&](const ForceSample& s) { return s.depth >= depth * (1.0 - 1e-9); });
+    if (after == samples.end()) break;
+    if (after == samples.begin()) {
+      result.push_back(after->force);
+      continue;
+    }
+    const ForceSample& before = *std::prev(after);
+    const double share = (depth - before.depth) / (after->depth - before.depth);
+    result.push_back(before.force + std::min(share, 1.0) * (after->force - before.force));
+  }
+  return result;
+}
 
 Outcome converge(const Config& config, const ConvergenceOptions& options, const fs::path& folder,
                  const std::function<void(const std::string&)>& progress) {
@@ -148,7 +167,8 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
             remove_temporaries_in(folder);
             remove_word(folder);
           }
-          runs.push_back({nodes, density, own.cloud.seed, m});
+          const std::vector<double> force = forces_at(m.history.force, depths);
+          runs.push_back({nodes, density, own.cloud.seed, m, force});
           for (std::size_t k = 0; k < depths.size(); ++k) {
             const double row[] = {static_cast<double>(m.nodes),
                                   static_cast<double>(m.points),
@@ -157,7 +177,7 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
                                   m.spacing_mm,
                                   m.rim_spacing_mm,
                                   depths[k],
-                                  m.history.force[k + 1].force,
+                                  force[k],
                                   reference.empty() ? std::nan("") : reference[k],
                                   static_cast<double>(m.history.steps),
                                   m.build_s + m.solve_s};
@@ -165,8 +185,7 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
           }
           write_csv(folder / "convergence.csv", table);  // after every run: a long study may be stopped
           progress(fmt::format("{:>6} nodes, {:>7} points, seed {}: {:.5f} N at {:.3g} mm, {:.1f} s", m.nodes,
-                               m.points, own.cloud.seed, m.history.force.back().force, depths.back(),
-                               m.build_s + m.solve_s));
+                               m.points, own.cloud.seed, force.back(), depths.back(), m.build_s + m.solve_s));
         } catch (const Stopped& stopped) {
           if (runs.empty()) throw;  // nothing to keep
           ended_by = fmt::format("{}; convergence.csv has the {} runs until then [{}]", stopped.report.fact,

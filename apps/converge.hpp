@@ -4,6 +4,10 @@
 
 namespace dimple {
 
+/// Force [N] at each of the depths [mm], ascending, between the samples on both sides: an equilibrium has one
+/// for each frame, central differences hundreds. As many as the samples reach.
+std::vector<double> forces_at(const std::vector<ForceSample>& samples, const std::vector<double>& depths_mm);
+
 struct ConvergenceOptions {
   std::vector<Index> nodes = {1000, 2000, 4250, 8500};
   std::vector<double> densities = {1.0, 2.0};  ///< of points, as multiples of config's

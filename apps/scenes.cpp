@@ -19,7 +19,8 @@ std::array<std::string, 8> labelled(const std::array<std::string, 8>& source,
 }  // namespace
 
 Scene scene_a() {
-  const std::string fine = "P2/P1 tetrahedra, rim 0.3 mm", coarser = "P2/P1 tetrahedra, rim 0.6 mm";
+  const std::string fine = "P2/P1 tetrahedra, rim 0.3 mm, code not here",
+                    coarser = "P2/P1 tetrahedra, rim 0.6 mm, code not here";
   const std::array<double, 8> known = {0.01, 0.01, 0.01, 0.01, 0.01, 0.02, 0.03, 0.04};
   return {.name = "a",
           .title = "Scene A: block 60 x 60 x 30 mm",
@@ -35,14 +36,14 @@ Scene scene_a() {
 Scene scene_b() {
   const std::array<double, 8> known = {0.015, 0.015, 0.015, 0.015, 0.015, 0.02, 0.03, 0.04};
   std::array<std::string, 8> source;
-  source.fill("block's x ratio of both by hexahedra");
+  source.fill("block's x ratio of both by hexahedra.cpp");
   return {.name = "b",
           .title = "Scene B: cut ellipsoid 92.5 x 62.5 x 28.5 mm",
           .reference = {0.00972, 0.01923, 0.02867, 0.03807, 0.04764, 0.05708, 0.06639, 0.0759},
           .known_to = known,
           .source = labelled(source, known),
           .second = {0.00972, 0.0192, 0.0287, 0.0383, 0.0481, 0.0581, 0.0684, 0.0787},
-          .second_source = "P2/P1 tetrahedra, rim 1.2 mm only",
+          .second_source = "P2/P1 tetrahedra, rim 1.2 mm only, code not here",
           .phantom = {.shape = "cut-ellipsoid", .size_mm = {92.5, 62.5, 28.5}, .spacing_mm = 1.0}};
 }
 

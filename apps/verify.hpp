@@ -35,7 +35,7 @@ using VerifyProgress = std::function<bool(const std::string& group)>;
 std::vector<VerifyCase> verify(const std::vector<std::string>& filter, Index nodes,
                                const VerifyProgress& progress);
 
-/// The table for a terminal, for README.md, for a spreadsheet, and as JSON.
+/// The table for a terminal, for a text, for a spreadsheet, and as JSON.
 std::string verify_table(const std::vector<VerifyCase>& rows);
 std::string verify_markdown(const std::vector<VerifyCase>& rows);
 std::string verify_csv(const std::vector<VerifyCase>& rows);

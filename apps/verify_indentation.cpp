@@ -118,7 +118,7 @@ void verify_compressibility(Rows& rows, Index nodes) {
       rows.push_back(compared(fmt::format("compressibility/nu_{}_{}_mm", known.nu, depth),
                               fmt::format("cylinder, nu {}, {} mm", known.nu, depth),
                               ours[static_cast<std::size_t>(depth - 1)], known.force[k], 0.03, "N",
-                              "axisymmetric Q2/P1, rim 0.3 mm"));
+                              "axisymmetric Q2/P1, rim 0.3 mm, code not here"));
     }
   }
 }

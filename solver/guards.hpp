@@ -9,9 +9,9 @@
 
 namespace dimple {
 
-// What every run watches for, one code each; README, "Guards", is their table. Where the number would be
-// wrong a guard throws, and the march takes up its last good state again, more carefully; where it is honest
-// but less good than one might think it leaves a finding.
+// What every run watches for, one code each; apps/README.md, "Guards", is their table. Where the number would
+// be wrong a guard throws, and the march takes up its last good state again, more carefully; where it is
+// honest but less good than one might think it leaves a finding.
 
 constexpr int most_retries = 3;  ///< of one run
 
@@ -41,7 +41,7 @@ struct EnergySample {
 };
 
 /// Before any load: `conditioning`, `supports`, `circle-nodes`. The last is by what few nodes cost on the
-/// verification block, whose force is known (README, Convergence), at `depth` [m]. Throws ModelError where
+/// verification block, whose force is known (tests/verification), at `depth` [m]. Throws ModelError where
 /// gradients are wrong.
 std::vector<Finding> check_model(const Model& model, const SupportReport& support, double depth);
 

@@ -12,7 +12,8 @@ namespace {
 TEST(SwineBrain, HasThePapersSizeAtRestAndResistsTheIndenter) {
   const std::filesystem::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom brain.nrrd").code, 0);
-  const Ran ran = dimple(folder, "run brain.nrrd -o out --scheme horton2007 --depth 0.5mm --rate 5mm/s --frames 1 --json -q");
+  const Ran ran = dimple(
+      folder, "run brain.nrrd -o out --scheme horton2007 --depth 0.5mm --rate 5mm/s --frames 1 --json -q");
   ASSERT_EQ(ran.code, 0) << ran.err;
   const auto summary = nlohmann::json::parse(ran.out);
   EXPECT_EQ(summary.at("status"), "finished");
@@ -23,8 +24,19 @@ TEST(SwineBrain, HasThePapersSizeAtRestAndResistsTheIndenter) {
   EXPECT_GT(summary.at("mass_g").get<double>(), 86.0);
   EXPECT_LT(summary.at("mass_g").get<double>(), 90.0);
   EXPECT_NEAR(summary.at("indentation_mm").get<double>(), 0.5, 1e-9);
-  EXPECT_GT(summary.at("force_N").get<double>(), 0.0);
-  EXPECT_LT(summary.at("force_N").get<double>(), 0.1);
+  // Half an ellipsoid of the same length, width and height, by axisymmetric finite elements: 10.0 mN/mm at
+  // small depth. The paper's scheme is tens of per cent off at this size, either way.
+  EXPECT_NEAR(summary.at("force_N").get<double>(), 0.0050, 0.4 * 0.0050);
+}
+
+// The same half ellipsoid: 9.90 mN at 1 mm, known to 0.2 %. The phantom is another body, with a fissure on
+// top.
+TEST(SwineBrain, ResistsAboutAsHalfAnEllipsoidOfItsSize) {
+  const std::filesystem::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom brain.nrrd").code, 0);
+  const Ran ran = dimple(folder, "run brain.nrrd -o out --depth 1mm --frames 1 --json -q");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  EXPECT_NEAR(nlohmann::json::parse(ran.out).at("force_N").get<double>(), 0.00990, 0.1 * 0.00990);
 }
 
 }  // namespace
