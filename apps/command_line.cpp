@@ -186,7 +186,8 @@ int perform(int argc, char** argv) {
 
   CLI::App* info = app.add_subcommand("info", "say what an image holds");
   info->add_option("IMAGE", image, "label image")->required();
-  info->add_option("--label-names", label_names, "table of label names (ITK-SNAP or colour table)");
+  info->add_option("--label-names", label_names,
+                   "table of label names (ITK-SNAP or colour table), or totalsegmentator");
   common(info);
 
   Flags model_flags, solve_flags, run_flags;

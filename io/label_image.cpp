@@ -12,6 +12,7 @@
 #include <fstream>
 #include <limits>
 #include <numeric>
+#include <optional>
 #include <type_traits>
 #include <utility>
 
@@ -657,14 +658,26 @@ LabelImage read_label_image(const fs::path& file, const fs::path& label_names) {
                       .remedy = "load the series in 3D Slicer and save its segmentation as .seg.nrrd; or "
                                 "convert a DICOM segmentation by segimage2itkimage of dcmqi"});
   if (format == Format::unknown) refuse_suffix(file, true);
-  std::map<int, std::string> table;  // read first: it is cheap, and the image may be large
-  if (!label_names.empty()) table = read_label_names(label_names);
+  LabelTable table;  // read first: it is cheap, and the image may be large
+  std::optional<LabelTable> known;
+  if (!label_names.empty() && !fs::exists(label_names)) known = known_label_names(label_names.string());
+  if (known)
+    table = std::move(*known);
+  else if (!label_names.empty())
+    table = read_label_names(label_names);
 
   LabelImage image = canonical(format == Format::nrrd    ? read_nrrd(file)
                                : format == Format::nifti ? read_nifti(file)
                                                          : read_metaimage(file),
                                file);
-  for (auto& [label, name] : table) image.names[label] = std::move(name);
+  for (const auto& [label, name] : table.names) image.names[label] = name;
+  image.warnings.insert(image.warnings.end(), table.warnings.begin(), table.warnings.end());
+  if (known)
+    if (std::string warning = other_numbering(label_names.string(), image); !warning.empty())
+      image.warnings.push_back(std::move(warning));
+  if (!label_names.empty() && std::none_of(image.run.begin(), image.run.end(),
+                                           [&](const Run& run) { return table.names.contains(run.label); }))
+    image.warnings.push_back("The table of label names names none of the labels in the image.");
 
   const double extent = foreground_extent(image);
   if (extent < 5.0 || extent > 2000.0)

@@ -79,11 +79,10 @@ VoxelBox foreground_box(const LabelImage& image);
 /// the patient's are the patient's.
 ///
 /// `label_names`, if not empty,
-/// is a table of names: ITK-SNAP label descriptions (IDX R G B A VIS MSH "LABEL") or a colour table (id name
-/// R G B A); it overrides names in the image. Throws InputError: no such file, unknown format, not
-/// three-dimensional, several components, overlapping segments, labels that are negative or not whole
-/// numbers, nothing but background, neighbours that are hardly ever alike (so many runs that memory would
-/// be at stake: an MRI), truncated data.
+/// is a table of names, or a numbering known without one; see io/label_names.hpp. It overrides names in the
+/// image. Throws InputError: no such file, unknown format, not three-dimensional, several components,
+/// overlapping segments, labels that are negative or not whole numbers, nothing but background, neighbours
+/// that are hardly ever alike (so many runs that memory would be at stake: an MRI), truncated data.
 LabelImage read_label_image(const std::filesystem::path& file, const std::filesystem::path& label_names = {});
 
 /// Writes in the format that the suffix names (.nrrd, .seg.nrrd, .nii, .nii.gz, .mha), compressed except

@@ -1,5 +1,5 @@
-// Honest label images of many sizes, types, encodings and places, written by ITK and by nibabel, read here and
-// compared voxel by voxel and affine by affine with what ITK's own reader or nibabel says that they hold.
+// Honest label images of many sizes, types, encodings and places, written by ITK and by nibabel, read here
+// and compared voxel by voxel and affine by affine with what ITK's own reader or nibabel says that they hold.
 //
 // DIMPLE_SEED draws other images, DIMPLE_FILES says how many; a failure names the seed and keeps the file.
 
@@ -81,7 +81,8 @@ Mat3 drawn_direction(Random& random) {
     if (random() % 2) axes.col(c) *= -1.0;  // left-handed ones too
   if (random() % 2) {
     const Vec3 about(between(random, -1, 1), between(random, -1, 1), between(random, -1, 1));
-    axes = Eigen::AngleAxisd(between(random, 0, std::numbers::pi), about.normalized()).toRotationMatrix() * axes;
+    axes =
+        Eigen::AngleAxisd(between(random, 0, std::numbers::pi), about.normalized()).toRotationMatrix() * axes;
   }
   return axes;
 }
@@ -93,8 +94,7 @@ Drawn drawn(Random& random, std::int64_t largest, std::size_t bytes_per_voxel) {
     image.size = {64, 64, static_cast<Index>(64 / bytes_per_voxel * (1 + random() % 2))};
     std::shuffle(image.size.begin(), image.size.end(), random);
   } else {
-    for (Index& n : image.size)
-      switch (random() % 3) {
+    for (Index& n : image.size) switch (random() % 3) {
         case 0:
           n = one_of<Index>(random, {2, 4, 8, 16, 32, 64});
           break;
@@ -127,8 +127,9 @@ Drawn drawn(Random& random, std::int64_t largest, std::size_t bytes_per_voxel) {
     for (Index k = 0; k < image.size[2]; ++k)
       for (Index j = 0; j < image.size[1]; ++j)
         for (Index i = 0; i < image.size[0]; ++i, ++v) {
-          const Vec3 x = (Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) - middle)
-                             .cwiseQuotient(half);
+          const Vec3 x =
+              (Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) - middle)
+                  .cwiseQuotient(half);
           if (is_box ? x.cwiseAbs().maxCoeff() < 1.0 : x.norm() < 1.0) image.label[v] = label;
         }
   }
@@ -217,9 +218,10 @@ void encode_anew(const fs::path& nrrd, const std::string& encoding, Random& rand
 template <class T>
 fs::path write_one(Random& random, const fs::path& folder) {
   const std::int64_t largest =
-      std::is_floating_point_v<T> ? 70'000
-                                  : static_cast<std::int64_t>(std::min<std::uint64_t>(
-                                        2'147'483'647, static_cast<std::uint64_t>(std::numeric_limits<T>::max())));
+      std::is_floating_point_v<T>
+          ? 70'000
+          : static_cast<std::int64_t>(std::min<std::uint64_t>(
+                2'147'483'647, static_cast<std::uint64_t>(std::numeric_limits<T>::max())));
   const Drawn image = drawn(random, largest, sizeof(T));
   const std::string way = one_of<std::string>(
       random, {"raw.nrrd", "gzip.nrrd", "ascii.nrrd", "big.nrrd", "hex.nrrd", "pieces.nrrd", "raw.nhdr",
@@ -295,10 +297,10 @@ void expect_agree(const LabelImage& ours, const Told& told) {
   const Eigen::Affine3d map = ours.to_world.inverse() * told.to_world;
   const Eigen::Matrix<Index, 3, 3> turn = map.linear().array().round().cast<Index>();
   const Eigen::Matrix<Index, 3, 1> shift = map.translation().array().round().cast<Index>();
-  const double diagonal = (told.to_world.linear() * Vec3(static_cast<double>(told.size[0]),
-                                                         static_cast<double>(told.size[1]),
-                                                         static_cast<double>(told.size[2])))
-                              .norm();
+  const double diagonal =
+      (told.to_world.linear() * Vec3(static_cast<double>(told.size[0]), static_cast<double>(told.size[1]),
+                                     static_cast<double>(told.size[2])))
+          .norm();
   for (int corner = 0; corner < 8; ++corner) {
     Eigen::Matrix<Index, 3, 1> at;
     for (int a = 0; a < 3; ++a) at[a] = corner >> a & 1 ? told.size[static_cast<std::size_t>(a)] - 1 : 0;
@@ -408,7 +410,8 @@ TEST(Differential, FilesOfNibabelHoldHereWhatTheyHoldThere) {
   EXPECT_EQ(count, files);
 }
 
-// ------------------------------------------------------------------------------------------------- large ones
+// ------------------------------------------------------------------------------------------------- large
+// ones
 
 /// An ellipsoid in n x n x n voxels of 0.4 mm, written slice by slice.
 void write_large(const fs::path& file, Index n, std::size_t width, const std::string& header) {
@@ -486,8 +489,10 @@ TEST(Differential, LargeImagesTakeNoMoreMemoryThanTheyHoldAndHalfAGigabyte) {
   write_large(folder / "256.mha", 256, 2, meta_header(256));
   write_large(folder / "512.nii.gz", 512, 1, nifti_header(512, 1));
   write_large(folder / "512.nrrd", 512, 2, nrrd_header(512));
-  for (const auto& [name, n, width] :
-       {std::tuple{"256.nrrd", 256.0, 2}, {"256.mha", 256.0, 2}, {"512.nii.gz", 512.0, 1}, {"512.nrrd", 512.0, 2}}) {
+  for (const auto& [name, n, width] : {std::tuple{"256.nrrd", 256.0, 2},
+                                       {"256.mha", 256.0, 2},
+                                       {"512.nii.gz", 512.0, 1},
+                                       {"512.nrrd", 512.0, 2}}) {
     SCOPED_TRACE(name);
     const Ran ran = dimple(folder, std::string("info ") + name + " --json");
     ASSERT_EQ(ran.code, 0) << ran.err;

@@ -305,8 +305,9 @@ TEST(LabelImage, TakesTheSformIfItsCodeIsSetAsNibabelAndSlicerDo) {
       const double qform_x = -100.0 - 4 * 0.5;
       const bool takes_sform = s > 0;
       EXPECT_NEAR(image.to_world.translation().x(), takes_sform ? sform_x : q > 0 ? qform_x : 0.0, 1e-5);
-      EXPECT_EQ(warns_of(image, "sform and qform place the image up to 81.1 apart: the sform says 0.5 x 1.25 x 2 mm "
-                                "from (12.5, -40.25, 7), the qform 0.5 x 1.25 x 2 mm from (100, 0, 0)"),
+      EXPECT_EQ(warns_of(image,
+                         "sform and qform place the image up to 81.1 apart: the sform says 0.5 x 1.25 x 2 mm "
+                         "from (12.5, -40.25, 7), the qform 0.5 x 1.25 x 2 mm from (100, 0, 0)"),
                 q > 0 && s > 0);
       EXPECT_EQ(warns_of(image, "does not say how the image lies"), q == 0 && s == 0);
     }
@@ -366,8 +367,8 @@ LabelImage bumpy_body(const Vec3& spacing) {
   return image;
 }
 
-// As programs differ in how they write one image: storage order, format, single or double precision, six digits,
-// and any rounding of a millionth of a millimetre.
+// As programs differ in how they write one image: storage order, format, single or double precision, six
+// digits, and any rounding of a millionth of a millimetre.
 TEST(LabelImage, HasTheSameShapeHoweverItIsStoredAndItsHeaderRounded) {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> rounding(-1e-6, 1e-6);
@@ -388,12 +389,14 @@ TEST(LabelImage, HasTheSameShapeHoweverItIsStoredAndItsHeaderRounded) {
               if (rounded == 1) x += rounding(random);
               if (rounded == 2) x = std::stod((std::ostringstream() << x).str());  // six digits
             }
-            for (const auto& [name, bytes] :
-                 {std::pair{"a.nrrd", nrrd(raw)}, {"ras.nrrd", nrrd(raw, true)}, {"a.mha", metaimage(raw)},
-                  {"a.nii", Nifti(raw).file()}}) {
-              SCOPED_TRACE(testing::Message() << name << ", axes " << axis[0] << axis[1] << axis[2] << ", signs "
-                                              << signs << ", rounded " << rounded << ", spacing "
-                                              << spacing.transpose() << (oblique ? ", oblique" : ""));
+            for (const auto& [name, bytes] : {std::pair{"a.nrrd", nrrd(raw)},
+                                              {"ras.nrrd", nrrd(raw, true)},
+                                              {"a.mha", metaimage(raw)},
+                                              {"a.nii", Nifti(raw).file()}}) {
+              SCOPED_TRACE(testing::Message()
+                           << name << ", axes " << axis[0] << axis[1] << axis[2] << ", signs " << signs
+                           << ", rounded " << rounded << ", spacing " << spacing.transpose()
+                           << (oblique ? ", oblique" : ""));
               const LabelImage image = read(name, bytes);
               ++ways;
               ASSERT_EQ(image.run, first.run);
@@ -687,7 +690,8 @@ TEST(LabelImage, RefusesEveryTruncation) {
   }
 }
 
-// Where the bytes fill a reader's buffer to the brim, the end of the stream comes when nothing is left to take.
+// Where the bytes fill a reader's buffer to the brim, the end of the stream comes when nothing is left to
+// take.
 TEST(LabelImage, ReadsCompressedVoxelsThatFillEveryBuffer) {
   for (const std::array<Index, 3> size : {std::array<Index, 3>{64, 64, 64}, {64, 64, 32}, {128, 64, 64}}) {
     LabelImage box;
@@ -830,6 +834,74 @@ TEST(LabelImage, TakesNamesFromATableOverThoseInTheFile) {
   EXPECT_SAYS(refused("1 0 0 0 1 1 1 \"open\n"), "closing quote");
   EXPECT_SAYS(refused("# only a comment\n"), "names no label");
   EXPECT_THROW(read_label_image(folder / "a.nrrd", folder / "missing.txt"), InputError);
+}
+
+TEST(LabelNames, AreThoseOfTotalSegmentatorWithoutAFile) {
+  const fs::path folder = fresh_folder();
+  LabelImage organ = body();
+  organ.names.clear();
+  for (auto& part : organ.run) part.label = part.label == 1 ? 5 : part.label == 2 ? 51 : 117;
+  write_label_image(folder / "ct.nii.gz", organ);
+  const LabelImage ct = read_label_image(folder / "ct.nii.gz", "totalsegmentator");
+  EXPECT_EQ(ct.names.size(), 117u);
+  EXPECT_EQ(ct.names.at(5), "liver");
+  EXPECT_EQ(ct.names.at(51), "heart");
+  EXPECT_EQ(ct.names.at(117), "costal_cartilages");
+  EXPECT_FALSE(warns_of(ct, "TotalSegmentator"));
+
+  for (auto& part : organ.run) part.label = part.label == 5 ? 5 : part.label == 51 ? 22 : 50;
+  write_label_image(folder / "mr.nii.gz", organ);
+  const LabelImage mr = read_label_image(folder / "mr.nii.gz", "TotalSegmentator-MR");
+  EXPECT_EQ(mr.names.size(), 50u);
+  EXPECT_EQ(mr.names.at(22), "heart");
+  EXPECT_EQ(mr.names.at(50), "brain");
+  EXPECT_FALSE(warns_of(mr, "TotalSegmentator"));
+  EXPECT_TRUE(warns_of(read_label_image(folder / "mr.nii.gz", "totalsegmentator"),
+                       "label 22 is taken for prostate, as in CT; for an MR it is heart"));
+
+  for (auto& part : organ.run) part.label = 5;  // what has the same name in both
+  write_label_image(folder / "liver.nii.gz", organ);
+  EXPECT_TRUE(read_label_image(folder / "liver.nii.gz", "totalsegmentator").warnings.empty());
+  EXPECT_THROW(read_label_image(folder / "liver.nii.gz", "totalsegment"), InputError);
+}
+
+TEST(LabelNames, AreReadFromThreeDSlicersTables) {
+  const fs::path folder = fresh_folder();
+  write_label_image(folder / "a.nrrd", body());
+  const auto with = [&](const std::string& table) {
+    write_file(folder / "table", table);
+    return read_label_image(folder / "a.nrrd", folder / "table");
+  };
+  // .ctbl as 3D Slicer writes it, with numbers that have no name
+  const LabelImage ctbl = with(
+      "# Color table file C:/Users/me/GenericColors.ctbl\r\n# 4 values\r\n0 Background 0 0 0 0\r\n1 artery "
+      "216 101 79 255\r\n"
+      "2 (none) 0 0 0 0\r\n3 connective_tissue 111 184 210 255\r\n");
+  EXPECT_EQ(ctbl.names.at(1), "artery");
+  EXPECT_EQ(ctbl.names.at(2), "white matter");  // the image's own
+  EXPECT_EQ(ctbl.names.at(3), "connective_tissue");
+  EXPECT_TRUE(ctbl.warnings.empty());
+  // .csv, of newer versions
+  const LabelImage csv = with(
+      "LabelValue,Name,Color_R,Color_G,Color_B,Color_A,Type_CodingScheme,Type_CodeValue,Type_CodeMeaning\n"
+      "2,\"liver, left lobe\",221,130,101,255,SCT,10200004,Liver\n1,,216,101,79,255,SCT,51114001,Artery\n");
+  EXPECT_EQ(csv.names.at(1), "Artery");
+  EXPECT_EQ(csv.names.at(2), "liver, left lobe");
+  EXPECT_TRUE(csv.warnings.empty());
+  EXPECT_THROW(with("LabelValue,Name\nfirst,liver\n"), InputError);
+}
+
+TEST(LabelNames, AreWarnedOfWhereTheTableIsAmbiguous) {
+  const fs::path folder = fresh_folder();
+  write_label_image(folder / "a.nrrd", body());
+  const auto with = [&](const std::string& table) {
+    write_file(folder / "table", table);
+    return read_label_image(folder / "a.nrrd", folder / "table");
+  };
+  EXPECT_TRUE(warns_of(with("1 liver 1 2 3 255\n1 spleen 1 2 3 255\n"), "label 1 both 'liver' and 'spleen'"));
+  EXPECT_TRUE(with("1 upper lobe 10 20 30 255\n").warnings.empty());
+  EXPECT_TRUE(warns_of(with("1 upper lobe 3 10 20 30 255\n"), "first in line 1"));
+  EXPECT_TRUE(warns_of(with("8 liver 1 2 3 255\n"), "names none of the labels"));
 }
 
 // -------------------------------------------------------------------------------------------- measures
