@@ -3,7 +3,7 @@
 # make build  only build
 # make check  the tests under address and undefined-behaviour sanitizers
 # make check-threads   the tests under the thread sanitizer
-# make fuzz   a million damaged files for each reader, under sanitizers (clang)
+# make fuzz   a million damaged files for each reader, under sanitizers (clang); 5000 honest ones beside other libraries
 # make bench  how long each stage takes, beside what this processor can do; results into tests/bench/results
 # make clean  remove everything that was built
 
@@ -47,6 +47,9 @@ fuzz:
 	cmake --preset fuzz
 	cmake --build --preset fuzz
 	tests/fuzz/run build/fuzz/dimple_fuzz $(FUZZ_RUNS)
+	cmake --preset release -DDIMPLE_TESTS=ON
+	cmake --build $(BUILD) --target differential_test
+	DIMPLE_SEED=$${DIMPLE_SEED:-$$(date +%s)} DIMPLE_FILES=5000 $(BUILD)/tests/end_to_end/differential_test
 
 bench:
 	@./bootstrap libbenchmark-dev

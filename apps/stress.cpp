@@ -21,6 +21,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_image.hpp"
+#include "io/label_names.hpp"
 #include "io/stop.hpp"
 #include "io/table.hpp"
 #include "io/vtk_files.hpp"
@@ -595,7 +596,7 @@ Outcome stress(const Config& given, const StressOptions& options, const fs::path
   const std::vector<StressMap> maps = maps_asked_for(given, options);
   Config config = given;
   for (std::string* file : {&config.image.file, &config.image.label_names})
-    if (!file->empty()) {
+    if (!file->empty() && (fs::exists(*file) || !known_label_names(*file))) {
       read_file(*file);  // a file that is not there is refused before the first run
       *file = fs::absolute(*file).string();
     }

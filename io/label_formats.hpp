@@ -10,6 +10,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "io/error.hpp"
@@ -84,7 +85,13 @@ void warn_of_surplus(StoredImage& image, std::uintmax_t bytes);
 /// True if the axes are perpendicular as far as ITK asks.
 bool is_at_right_angles(const Mat3& axes);
 
-InputError truncated(const std::filesystem::path& file, std::string fact);
+/// Turns the bytes of each number round.
+void swap_bytes(StoredImage& image);
+
+/// Text of a file as it may stand in a message: control characters as \x00, not endless.
+std::string printable(std::string_view text);
+
+InputError truncated(const std::filesystem::path& file, std::string_view fact);
 
 StoredImage read_nifti(const std::filesystem::path& file);
 StoredImage read_nrrd(const std::filesystem::path& file);

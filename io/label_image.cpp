@@ -4,12 +4,15 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <Eigen/Cholesky>
+#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <fstream>
 #include <limits>
 #include <numeric>
+#include <optional>
 #include <type_traits>
 #include <utility>
 
@@ -85,9 +88,15 @@ std::span<const T> numbers(const StoredImage& image) {
 
 /// What the file's number stands for. A double holds every label that is accepted; what it rounds is far
 /// above the greatest.
+///
+/// A program that scales labels into whole numbers (nibabel: 1 as 85 x 0.0117647) writes the factor in single
+/// precision.
 template <class T>
 double label_of(const StoredImage& image, T number) {
-  return image.slope * static_cast<double>(number) + image.intercept;
+  if (image.slope == 1.0 && image.intercept == 0.0) return static_cast<double>(number);
+  const double label = image.slope * static_cast<double>(number) + image.intercept,
+               nearest = std::round(label);
+  return std::abs(label - nearest) <= 1e-6 * std::max(1.0, std::abs(label)) ? nearest : label;
 }
 
 /// Throws unless every voxel holds a label.
@@ -113,7 +122,7 @@ void check_voxels(const StoredImage& image, const fs::path& file) {
   if (faulty > 0) {
     const auto nx = static_cast<std::size_t>(image.size[0]), ny = static_cast<std::size_t>(image.size[1]);
     throw InputError(
-        {.fact = fmt::format("{} of {} voxels hold no label: the first is {}, which is {}", faulty, count,
+        {.fact = fmt::format("{} of {} voxels hold no label: the first is {:.7g}, which is {}", faulty, count,
                              first_value, fault(first_value)),
          .where = fmt::format("{}, stored voxel ({}, {}, {})", image_place(file), first % nx, first / nx % ny,
                               first / nx / ny),
@@ -138,7 +147,7 @@ struct AxisOrder {
 /// which they are tried, so that the choice does not depend on how the image was stored.
 AxisOrder nearest_to_LPS(const Mat3& linear) {
   const Mat3 unit = linear.colwise().normalized();
-  constexpr double equal = 1e-6;
+  constexpr double equal = 1e-4;  // more than headers of one image differ by
   AxisOrder best;
   Mat3 best_axes = Mat3::Zero();
   bool found = false;
@@ -168,13 +177,45 @@ std::string letters(const AxisOrder& order) {
   return text;
 }
 
-/// Lengths agree to 1e-9 mm however they were stored: 9.9999999999999964 is 10.
-Mat3 with_rounded_lengths(Mat3 linear) {
-  for (int c = 0; c < 3; ++c) {
-    const double length = linear.col(c).norm();
-    linear.col(c) *= std::round(length * 1e9) / 1e9 / length;
-  }
-  return linear.array() + 0.0;  // no -0
+/// Spacings are snapped to this: six significant digits from 1 mm upward, five below.
+double spacing_step(double length) {
+  const int digits = static_cast<int>(std::floor(std::log10(length)));
+  return std::pow(10.0, digits - (length < 1.0 ? 4 : 5));
+}
+
+double rounded_to(double x, double step) {
+  // By a whole number where the step is below 1: 12345 / 10^5 is the double nearest to 0.12345.
+  const double per_mm = std::round(1.0 / step);
+  return step < 1.0 ? std::round(x * per_mm) / per_mm : std::round(x / step) * step;
+}
+
+double with_twelve_digits(double x) {
+  if (!(x > 0.0) || !std::isfinite(x)) return x;
+  return rounded_to(x, std::pow(10.0, std::floor(std::log10(x)) - 11));
+}
+
+constexpr double least_turn = 2e-5;    // rad; 5 um at 250 mm
+constexpr double cosine_step = 1e-6;   // of the angles between axes
+constexpr double least_cosine = 2e-5;  // below, the angle is right
+
+/// The rotation nearest to a matrix with det > 0.
+Mat3 nearest_rotation(const Mat3& m) {
+  const Eigen::JacobiSVD<Mat3> svd(m, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  return svd.matrixU() * svd.matrixV().transpose();
+}
+
+/// A geometry whose lengths and angles are free of the last digits in which headers of one image differ.
+/// `linear` has its axes in canonical order; how they lie in space stays, but for a turn of `least_turn`.
+Mat3 snapped(const Mat3& linear) {
+  Vec3 spacing = linear.colwise().norm();
+  const Mat3 unit = linear * spacing.cwiseInverse().asDiagonal();
+  for (double& length : spacing) length = rounded_to(length, spacing_step(length));
+  Mat3 cosines = unit.transpose() * unit;
+  for (double& c : cosines.reshaped()) c = std::abs(c) < least_cosine ? 0.0 : rounded_to(c, cosine_step);
+  const Mat3 shape = cosines.llt().matrixU();  // unit axes with these angles; the identity, but for a shear
+  Mat3 turn = nearest_rotation(unit * shape.inverse());
+  if (Eigen::AngleAxisd(turn).angle() < least_turn) turn.setIdentity();
+  return turn * shape * spacing.asDiagonal();
 }
 
 void check_geometry(const Eigen::Affine3d& to_world, const fs::path& file) {
@@ -289,7 +330,7 @@ LabelImage canonical(const StoredImage& stored, const fs::path& file) {
   check_geometry(stored.to_world, file);
   check_voxels(stored, file);
   const AxisOrder order = nearest_to_LPS(stored.to_world.linear());
-  const Mat3 linear = with_rounded_lengths(stored.to_world.linear());
+  const Mat3& linear = stored.to_world.linear();
 
   LabelImage image;
   image.names = stored.names;
@@ -297,7 +338,6 @@ LabelImage canonical(const StoredImage& stored, const fs::path& file) {
   image.warnings = stored.warnings;
   image.orientation = letters(order);
   image.stored_size = stored.size;
-  image.stored_spacing = linear.colwise().norm();
 
   Walk walk;
   const std::array<Index, 3> stored_step{1, stored.size[0], stored.size[0] * stored.size[1]};
@@ -315,7 +355,9 @@ LabelImage canonical(const StoredImage& stored, const fs::path& file) {
       image.to_world.linear().col(column) *= -1.0;
     }
   }
-  image.to_world.linear() = image.to_world.linear().array() + 0.0;  // no -0
+  image.to_world.linear() = snapped(image.to_world.linear()).array() + 0.0;  // no -0
+  const Vec3 spacing = image.spacing();
+  for (std::size_t c = 0; c < 3; ++c) image.stored_spacing[order.stored[c]] = spacing[static_cast<Index>(c)];
   image.to_world.translation() = origin.array() + 0.0;
   image.to_world.makeAffine();
 
@@ -507,13 +549,40 @@ void warn_of_surplus(StoredImage& image, std::uintmax_t bytes) {
       bytes >= surplus_limit ? "more than " : "", bytes, image.size[0], image.size[1], image.size[2]));
 }
 
+void swap_bytes(StoredImage& image) {
+  const auto swap = [&]<std::size_t width>(std::integral_constant<std::size_t, width>) {
+    for (std::size_t n = 0; n + width <= image.data.size(); n += width)
+      std::reverse(image.data.data() + n, image.data.data() + n + width);
+  };
+  switch (bytes_of(image.type)) {
+    case 2:
+      return swap(std::integral_constant<std::size_t, 2>{});
+    case 4:
+      return swap(std::integral_constant<std::size_t, 4>{});
+    case 8:
+      return swap(std::integral_constant<std::size_t, 8>{});
+    default:
+      return;
+  }
+}
+
 bool is_at_right_angles(const Mat3& axes) {
   const Mat3 unit = axes.colwise().normalized();
   return (unit.transpose() * unit - Mat3::Identity()).cwiseAbs().maxCoeff() < 5e-4;  // ITK's bound lies here
 }
 
-InputError truncated(const fs::path& file, std::string fact) {
-  return InputError({.fact = std::move(fact),
+std::string printable(std::string_view text) {
+  std::string result;
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (result.size() > 500) return result + "...";
+    result += byte < 0x20 || byte == 0x7F ? fmt::format("\\x{:02x}", byte) : std::string(1, c);
+  }
+  return result;
+}
+
+InputError truncated(const fs::path& file, std::string_view fact) {
+  return InputError({.fact = printable(fact),
                      .where = image_place(file),
                      .why = "the file is incomplete or damaged, as after a copy that was cut short",
                      .remedy = "copy or export the segmentation again"});
@@ -522,6 +591,15 @@ InputError truncated(const fs::path& file, std::string fact) {
 // ---------------------------------------------------------------------------------------------------------
 // label_image.hpp
 // ---------------------------------------------------------------------------------------------------------
+
+Vec3 LabelImage::spacing() const {
+  const Vec3 length = to_world.linear().colwise().norm();
+  return length.unaryExpr([](double x) { return with_twelve_digits(x); });
+}
+
+double LabelImage::voxel_volume() const {
+  return with_twelve_digits(to_world.linear().determinant());
+}
 
 std::int32_t LabelImage::at(Index i, Index j, Index k) const {
   const auto runs = row(j, k);
@@ -580,14 +658,26 @@ LabelImage read_label_image(const fs::path& file, const fs::path& label_names) {
                       .remedy = "load the series in 3D Slicer and save its segmentation as .seg.nrrd; or "
                                 "convert a DICOM segmentation by segimage2itkimage of dcmqi"});
   if (format == Format::unknown) refuse_suffix(file, true);
-  std::map<int, std::string> table;  // read first: it is cheap, and the image may be large
-  if (!label_names.empty()) table = read_label_names(label_names);
+  LabelTable table;  // read first: it is cheap, and the image may be large
+  std::optional<LabelTable> known;
+  if (!label_names.empty() && !fs::exists(label_names)) known = known_label_names(label_names.string());
+  if (known)
+    table = std::move(*known);
+  else if (!label_names.empty())
+    table = read_label_names(label_names);
 
   LabelImage image = canonical(format == Format::nrrd    ? read_nrrd(file)
                                : format == Format::nifti ? read_nifti(file)
                                                          : read_metaimage(file),
                                file);
-  for (auto& [label, name] : table) image.names[label] = std::move(name);
+  for (const auto& [label, name] : table.names) image.names[label] = name;
+  image.warnings.insert(image.warnings.end(), table.warnings.begin(), table.warnings.end());
+  if (known)
+    if (std::string warning = other_numbering(label_names.string(), image); !warning.empty())
+      image.warnings.push_back(std::move(warning));
+  if (!label_names.empty() && std::none_of(image.run.begin(), image.run.end(),
+                                           [&](const Run& run) { return table.names.contains(run.label); }))
+    image.warnings.push_back("The table of label names names none of the labels in the image.");
 
   const double extent = foreground_extent(image);
   if (extent < 5.0 || extent > 2000.0)

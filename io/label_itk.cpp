@@ -12,28 +12,31 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <iomanip>
 #include <iostream>
 #include <iterator>
 #include <limits>
+#include <memory>
 #include <set>
 #include <sstream>
 
 #include "io/file.hpp"
 #include "io/label_formats.hpp"
 #include "io/label_names.hpp"
+#include "io/stop.hpp"
 
 namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
 
-InputError unreadable(const fs::path& file, const std::string& format, std::string why) {
+InputError unreadable(const fs::path& file, const std::string& format, std::string_view why) {
   return InputError({.fact = fmt::format("'{}' cannot be read as {}", file.filename().string(), format),
                      .where = image_place(file),
-                     .why = std::move(why),
+                     .why = printable(why),
                      .remedy = "check that the file is complete and of the format that its suffix names; "
                                "export the segmentation anew"});
 }
@@ -197,7 +200,10 @@ template <class T>
 std::optional<T> number(std::string_view text) {
   T value{};
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  if (end != text.data() + text.size()) return std::nullopt;
+  if constexpr (std::is_floating_point_v<T>)  // 1e-310 is a small number, not a large one
+    if (error == std::errc::result_out_of_range) return std::strtod(std::string(text).c_str(), nullptr);
+  if (error != std::errc()) return std::nullopt;
   return value;
 }
 
@@ -213,19 +219,24 @@ bool are_finite(const std::vector<std::string>& words) {
   });
 }
 
-/// As NRRD writes a direction: (1,0,0), or none.
-bool is_vector_of_three(const std::string& word) {
-  if (word == "none") return true;
-  if (word.size() < 3 || word.front() != '(' || word.back() != ')') return false;
+/// As NRRD writes a direction: (1,0,0).
+std::optional<Vec3> vector_of_three(const std::string& word) {
+  if (word.size() < 3 || word.front() != '(' || word.back() != ')') return std::nullopt;
   std::string numbers = word.substr(1, word.size() - 2);
-  if (std::count(numbers.begin(), numbers.end(), ',') != 2) return false;
+  if (std::count(numbers.begin(), numbers.end(), ',') != 2) return std::nullopt;
   std::replace(numbers.begin(), numbers.end(), ',', ' ');
   const std::vector<std::string> words = words_in(numbers);
-  return words.size() == 3 && are_finite(words);
+  if (words.size() != 3 || !are_finite(words)) return std::nullopt;
+  Vec3 v;
+  for (std::size_t r = 0; r < 3; ++r)
+    v[static_cast<Index>(r)] =
+        *number<double>(std::string_view(words[r]).substr(words[r].starts_with('+') ? 1 : 0));
+  return v;
 }
 
 /// Where the voxels are: the header's own file, or another that it names relative to itself.
 fs::path second_file(const fs::path& header_file, const std::string& name, const std::string& format) {
+  if (name.empty()) throw unreadable(header_file, format, "it does not say in which file its voxels are");
   const fs::path data = header_file.parent_path() / name;
   try {
     require_regular_file(data);
@@ -239,12 +250,6 @@ InputError spread_over_files(const fs::path& file, const std::string& format) {
   return unreadable(file, format, "its voxels are spread over several files, which is not supported");
 }
 
-void swap_bytes(StoredImage& image) {
-  const auto width = static_cast<std::ptrdiff_t>(bytes_of(image.type));
-  for (auto number = image.data.begin(); number != image.data.end(); number += width)
-    std::reverse(number, number + width);
-}
-
 void read_plain(StoredImage& image, const fs::path& file, std::uintmax_t begin) {
   const std::uintmax_t length = length_of(file), held = length - std::min(length, begin);
   const std::size_t needed = image.data_bytes();
@@ -253,13 +258,18 @@ void read_plain(StoredImage& image, const fs::path& file, std::uintmax_t begin) 
   image.data.resize(needed);
   std::ifstream in(file, std::ios::binary);
   in.seekg(static_cast<std::streamoff>(begin));
-  in.read(reinterpret_cast<char*>(image.data.data()), static_cast<std::streamsize>(needed));
-  if (static_cast<std::size_t>(in.gcount()) != needed)
-    throw truncated(file, fmt::format("the file holds {} of {} bytes of voxels", in.gcount(), needed));
+  for (std::size_t got = 0; got < needed;) {
+    stop_if_asked();
+    const std::size_t part = std::min<std::size_t>(needed - got, 1 << 24);
+    in.read(reinterpret_cast<char*>(image.data.data() + got), static_cast<std::streamsize>(part));
+    got += static_cast<std::size_t>(in.gcount());
+    if (!in) throw truncated(file, fmt::format("the file holds {} of {} bytes of voxels", got, needed));
+  }
   warn_of_surplus(image, held - needed);
 }
 
-/// zlib or gzip, whichever it is; gzip perhaps in several members.
+/// zlib or gzip, whichever it is; gzip perhaps in several members. Every turn takes bytes of the file, yields
+/// bytes, or is the last one.
 void read_deflated(StoredImage& image, const fs::path& file, std::uintmax_t begin) {
   const std::size_t needed = image.data_bytes();
   std::size_t got = 0;
@@ -268,21 +278,21 @@ void read_deflated(StoredImage& image, const fs::path& file, std::uintmax_t begi
   image.data.reserve(needed);  // room in name only: memory is taken as the bytes come
   z_stream stream{};
   inflateInit2(&stream, 15 + 32);
+  const std::unique_ptr<z_stream, int (*)(z_stream*)> closed_at_the_end(&stream, &inflateEnd);
   std::vector<unsigned char> packed(1 << 16), plain(1 << 18);
   int state = Z_OK;
-  stream.avail_out = 1;
   while (got < needed + surplus_limit) {
-    if (stream.avail_in == 0 && stream.avail_out > 0) {  // all that went in has come out
+    stop_if_asked();
+    if (stream.avail_in == 0) {  // the stream may hold bytes that have not come out yet, without any more
       in.read(reinterpret_cast<char*>(packed.data()), static_cast<std::streamsize>(packed.size()));
-      if (in.gcount() == 0) break;
       stream.next_in = packed.data();
       stream.avail_in = static_cast<unsigned>(in.gcount());
     }
     if (state == Z_STREAM_END) {
-      if (stream.avail_in == 0) continue;
-      if (*stream.next_in != 0x1f) break;  // rubbish, no further member
+      if (stream.avail_in == 0 || *stream.next_in != 0x1f) break;  // the end, or rubbish: no further member
       inflateReset(&stream);
     }
+    const unsigned before = stream.avail_in;
     stream.next_out = plain.data();
     stream.avail_out = static_cast<unsigned>(plain.size());
     state = inflate(&stream, Z_NO_FLUSH);
@@ -291,9 +301,9 @@ void read_deflated(StoredImage& image, const fs::path& file, std::uintmax_t begi
     const auto* bytes = reinterpret_cast<const std::byte*>(plain.data());
     image.data.insert(image.data.end(), bytes, bytes + wanted);
     got += came;
-    if (state != Z_OK && state != Z_BUF_ERROR && state != Z_STREAM_END) break;
+    if (state != Z_OK && state != Z_STREAM_END) break;  // damaged, or nothing left to take or yield
+    if (came == 0 && stream.avail_in == before) break;
   }
-  inflateEnd(&stream);
   if (state == Z_DATA_ERROR || state == Z_NEED_DICT)
     throw truncated(
         file, fmt::format("the compressed data are damaged after {} of {} bytes of voxels", got, needed));
@@ -313,11 +323,14 @@ void read_ascii(StoredImage& image, const fs::path& file, std::uintmax_t begin) 
   std::ifstream in(file, std::ios::binary);
   in.seekg(static_cast<std::streamoff>(begin));
   std::string word;
+  constexpr int longest = 64;  // letters; more would be taken for two numbers
   for (std::size_t v = 0; v < count; ++v) {
-    if (!(in >> std::setw(64) >> word))
+    if (v % 65536 == 0) stop_if_asked();
+    if (!(in >> std::setw(longest) >> word))
       throw truncated(file, fmt::format("the file holds {} of {} voxels", v, count));
     const auto value = number<double>(word);
-    if (!value) throw truncated(file, fmt::format("voxel {} is '{}', which is no number", v, word));
+    if (!value || word.size() >= longest)
+      throw truncated(file, fmt::format("voxel {} is '{}', which is no number", v, word));
     std::memcpy(image.data.data() + v * sizeof(double), &*value, sizeof(double));
   }
 }
@@ -339,6 +352,7 @@ void read_hex(StoredImage& image, const fs::path& file, std::uintmax_t begin) {
     std::ifstream in(file, std::ios::binary);
     in.seekg(static_cast<std::streamoff>(begin));
     for (char c = 0; digits < 2 * needed && in >> c; ++digits) {
+      if (digits % 65536 == 0) stop_if_asked();
       const auto digit = number_of_hex(c);
       if (!digit) throw truncated(file, fmt::format("'{}' is no hexadecimal digit", c));
       image.data[digits / 2] |= static_cast<std::byte>(digits % 2 == 0 ? *digit << 4 : *digit);
@@ -386,19 +400,29 @@ void check_nrrd_header(const TextHeader& header, const fs::path& file) {
     const std::size_t expected =
         name == "space directions" ? static_cast<std::size_t>(dimension.value_or(0)) : 3;
     if (!in_space || vectors.size() != expected ||
-        !std::all_of(vectors.begin(), vectors.end(), is_vector_of_three))
+        !std::all_of(vectors.begin(), vectors.end(),
+                     [](const std::string& word) { return word == "none" || vector_of_three(word); }))
       throw refuse(fmt::format(
           "its {} are not {} vectors of three finite numbers in a space of that dimension", name, expected));
   }
   if (const std::string encoding = lower(header.at("encoding")); encoding == "bzip2" || encoding == "bz2")
-    throw refuse("its voxels are compressed with bzip2, which is not read; save it with gzip or raw");
+    throw refuse(
+        "its voxels are compressed with bzip2, which is not read; open and save it again in 3D Slicer or "
+        "ITK, or by `unu save -f nrrd -e gzip`, and give that file");
   if (const std::string directions = header.at("space directions"); dimension && !directions.empty()) {
     const auto words = words_in(directions);
     const auto none = std::count(words.begin(), words.end(), "none");
     if (*dimension >= 3 && *dimension - none < 3)
       throw refuse(fmt::format("only {} of its axes have a direction", *dimension - none));
-  } else if (!are_finite(words_in(header.at("spacings")))) {
+    for (std::size_t a = 0; a < words.size(); ++a)  // ITK divides by the length
+      if (const auto v = vector_of_three(words[a]); v && !(v->stableNorm() > 1e-100))
+        throw refuse(fmt::format("axis {} has the direction {}, which has no length", a + 1, words[a]));
+  } else if (const auto spacings = words_in(header.at("spacings")); !are_finite(spacings)) {
     throw refuse(fmt::format("its spacings are {}", header.at("spacings")));
+  } else {
+    for (const std::string& spacing : spacings)
+      if (number<double>(spacing) == 0.0)
+        throw refuse(fmt::format("its spacings are {}: a voxel has no length", header.at("spacings")));
   }
 }
 
@@ -417,9 +441,11 @@ void read_nrrd_voxels(StoredImage& image, const TextHeader& header, const fs::pa
   if (lines > 0) {
     std::ifstream in(file, std::ios::binary);
     in.seekg(static_cast<std::streamoff>(begin));
-    for (std::int64_t line = 0; line < lines; ++line)
+    for (std::int64_t line = 0; line < lines; ++line) {
+      if (line % 65536 == 0) stop_if_asked();
       if (!in.ignore(std::numeric_limits<std::streamsize>::max(), '\n') || in.eof())
         throw truncated(file, fmt::format("the file has {} of {} lines to skip", line, lines));
+    }
     begin = static_cast<std::uintmax_t>(in.tellg());
   }
   if (bytes != 0 && encoding != "raw")

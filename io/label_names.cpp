@@ -7,10 +7,13 @@
 #include <cmath>
 #include <iterator>
 #include <optional>
+#include <set>
 #include <sstream>
+#include <utility>
 
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/stop.hpp"
 
 namespace dimple {
 namespace {
@@ -68,6 +71,68 @@ std::map<int, std::array<Index, 6>> extents(const LabelImage& image) {
   return extent;
 }
 
+// The numbering of TotalSegmentator (Wasserthal et al. 2023, D'Antonoli et al. 2025) from version 2 on, label
+// 1 first: its tasks `total`, for CT, and `total_mr`. Published with it under Apache-2.0.
+constexpr std::string_view totalsegmentator_ct =
+    "spleen kidney_right kidney_left gallbladder liver stomach pancreas adrenal_gland_right "
+    "adrenal_gland_left lung_upper_lobe_left lung_lower_lobe_left lung_upper_lobe_right "
+    "lung_middle_lobe_right lung_lower_lobe_right esophagus trachea thyroid_gland small_bowel "
+    "duodenum colon urinary_bladder prostate kidney_cyst_left kidney_cyst_right sacrum vertebrae_S1 "
+    "vertebrae_L5 vertebrae_L4 vertebrae_L3 vertebrae_L2 vertebrae_L1 vertebrae_T12 vertebrae_T11 "
+    "vertebrae_T10 vertebrae_T9 vertebrae_T8 vertebrae_T7 vertebrae_T6 vertebrae_T5 vertebrae_T4 "
+    "vertebrae_T3 vertebrae_T2 vertebrae_T1 vertebrae_C7 vertebrae_C6 vertebrae_C5 vertebrae_C4 "
+    "vertebrae_C3 vertebrae_C2 vertebrae_C1 heart aorta pulmonary_vein brachiocephalic_trunk "
+    "subclavian_artery_right subclavian_artery_left common_carotid_artery_right "
+    "common_carotid_artery_left brachiocephalic_vein_left brachiocephalic_vein_right "
+    "atrial_appendage_left superior_vena_cava inferior_vena_cava portal_vein_and_splenic_vein "
+    "iliac_artery_left iliac_artery_right iliac_vena_left iliac_vena_right humerus_left humerus_right "
+    "scapula_left scapula_right clavicula_left clavicula_right femur_left femur_right hip_left "
+    "hip_right spinal_cord gluteus_maximus_left gluteus_maximus_right gluteus_medius_left "
+    "gluteus_medius_right gluteus_minimus_left gluteus_minimus_right autochthon_left autochthon_right "
+    "iliopsoas_left iliopsoas_right brain skull rib_left_1 rib_left_2 rib_left_3 rib_left_4 "
+    "rib_left_5 rib_left_6 rib_left_7 rib_left_8 rib_left_9 rib_left_10 rib_left_11 rib_left_12 "
+    "rib_right_1 rib_right_2 rib_right_3 rib_right_4 rib_right_5 rib_right_6 rib_right_7 rib_right_8 "
+    "rib_right_9 rib_right_10 rib_right_11 rib_right_12 sternum costal_cartilages";
+constexpr std::string_view totalsegmentator_mr =
+    "spleen kidney_right kidney_left gallbladder liver stomach pancreas adrenal_gland_right "
+    "adrenal_gland_left lung_left lung_right esophagus small_bowel duodenum colon urinary_bladder "
+    "prostate sacrum vertebrae intervertebral_discs spinal_cord heart aorta inferior_vena_cava "
+    "portal_vein_and_splenic_vein iliac_artery_left iliac_artery_right iliac_vena_left "
+    "iliac_vena_right humerus_left humerus_right scapula_left scapula_right clavicula_left "
+    "clavicula_right femur_left femur_right hip_left hip_right gluteus_maximus_left "
+    "gluteus_maximus_right gluteus_medius_left gluteus_medius_right gluteus_minimus_left "
+    "gluteus_minimus_right autochthon_left autochthon_right iliopsoas_left iliopsoas_right brain";
+
+std::map<int, std::string> numbered(std::string_view names) {
+  std::istringstream words{std::string(names)};
+  std::map<int, std::string> table;
+  for (std::string name; words >> name;) table[static_cast<int>(table.size()) + 1] = name;
+  return table;
+}
+
+std::string lower(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
+  return text;
+}
+
+/// The values of one line of a CSV file; quotes keep commas.
+std::vector<std::string> values_of(std::string_view line) {
+  std::vector<std::string> values(1);
+  bool quoted = false;
+  for (const char c : line)
+    if (c == '"')
+      quoted = !quoted;
+    else if (c == ',' && !quoted)
+      values.emplace_back();
+    else if (c != '\r')
+      values.back() += c;
+  for (std::string& value : values) {
+    const auto first = value.find_first_not_of(" \t"), last = value.find_last_not_of(" \t");
+    value = first == std::string::npos ? "" : value.substr(first, last - first + 1);
+  }
+  return values;
+}
+
 }  // namespace
 
 std::map<int, std::string> names_from_segment_keys(const KeyValues& keys,
@@ -115,25 +180,89 @@ KeyValues segment_keys(const LabelImage& image) {
   return keys;
 }
 
-// No library: two formats of one short line each, and the message must name the line.
-std::map<int, std::string> read_label_names(const std::filesystem::path& file) {
+std::optional<LabelTable> known_label_names(const std::string& word) {
+  const std::string name = lower(word);
+  if (name == "totalsegmentator" || name == "totalsegmentator-ct")
+    return LabelTable{numbered(totalsegmentator_ct), {}};
+  if (name == "totalsegmentator-mr") return LabelTable{numbered(totalsegmentator_mr), {}};
+  return std::nullopt;
+}
+
+std::string other_numbering(const std::string& word, const LabelImage& image) {
+  const std::string name = lower(word);
+  if (name != "totalsegmentator") return {};
+  const auto ct = numbered(totalsegmentator_ct), mr = numbered(totalsegmentator_mr);
+  std::set<int> present;
+  for (const Run& run : image.run) present.insert(run.label);
+  if (*present.rbegin() > static_cast<int>(mr.size())) return {};  // only the one for CT has so many
+  for (const int label : present)
+    if (ct.at(label) != mr.at(label))
+      return fmt::format(
+          "TotalSegmentator numbers CT and MR differently: label {} is taken for {}, as in CT; for an MR it "
+          "is {} "
+          "(--label-names totalsegmentator-mr).",
+          label, ct.at(label), mr.at(label));
+  return {};
+}
+
+// No library: formats of one short line a label, and the message must name the line.
+LabelTable read_label_names(const std::filesystem::path& file) {
   const auto bad = [&](std::size_t line, std::string fact) {
     return InputError(
         {.fact = std::move(fact),
          .where = line == 0 ? fmt::format("table of label names {}", file.string())
                             : fmt::format("table of label names {}, line {}", file.string(), line),
          .why =
-             "a line is either  IDX R G B A VIS MSH \"NAME\"  (ITK-SNAP) or  ID NAME R G B A  (colour table)",
-         .remedy = "correct the line, or give another table with --label-names"});
+             "a line is  IDX R G B A VIS MSH \"NAME\"  (ITK-SNAP) or  ID NAME R G B A  (colour table of 3D "
+             "Slicer or FreeSurfer); a table with commas has a first line with LabelValue and Name (3D "
+             "Slicer)",
+         .remedy = "correct the line, or give another table with --label-names; known without a file are "
+                   "totalsegmentator and totalsegmentator-mr"});
   };
-  std::map<int, std::string> names;
+  LabelTable table;
+  std::size_t unclear = 0, first_unclear = 0;
+  const auto keep = [&](int label, const std::string& text) {
+    // What 3D Slicer writes for numbers without a name.
+    if (label == 0 || text.empty() || text == "(none)" || text == "invalid") return;
+    const std::string name = clean_name(text);
+    const auto [known, is_new] = table.names.emplace(label, name);
+    if (is_new || known->second == name) return;
+    table.warnings.push_back(
+        fmt::format("The table of label names calls label {} both '{}' and '{}'; the last "
+                    "is used.",
+                    label, known->second, name));
+    known->second = name;
+  };
+
   require_regular_file(file);
   std::istringstream lines(read_file(file));
   std::string text;
+  std::vector<std::string> columns;  // of a table with commas
+  bool is_first = true;
   for (std::size_t line = 1; std::getline(lines, text); ++line) {
+    if (line % 4096 == 0) stop_if_asked();
     if (line == 1 && text.starts_with("\xEF\xBB\xBF")) text.erase(0, 3);  // byte order mark
     const auto first = text.find_first_not_of(" \t\r");
     if (first == std::string::npos || text[first] == '#') continue;
+
+    if (std::exchange(is_first, false) && lower(text).find("labelvalue") != std::string::npos &&
+        text.find(',') != std::string::npos) {
+      columns = values_of(lower(text));
+      continue;
+    }
+    if (!columns.empty()) {
+      const std::vector<std::string> values = values_of(text);
+      const auto value = [&](const char* column) {
+        const auto at =
+            static_cast<std::size_t>(std::find(columns.begin(), columns.end(), column) - columns.begin());
+        return at < values.size() ? values[at] : std::string();
+      };
+      const std::optional<int> label = integer(value("labelvalue"));
+      if (!label || *label < 0) throw bad(line, fmt::format("its LabelValue is '{}'", value("labelvalue")));
+      // Where no name is given, its meaning in the terminology.
+      keep(*label, !value("name").empty() ? value("name") : value("type_codemeaning"));
+      continue;
+    }
 
     const auto open = text.find('"'), close = text.rfind('"');
     std::istringstream words(text.substr(0, open));
@@ -150,13 +279,21 @@ std::map<int, std::string> read_label_names(const std::filesystem::path& file) {
       while (numbers < 4 && numbers + 1 < word.size() && integer(word[word.size() - 1 - numbers])) ++numbers;
       if (numbers < 3 || word.size() < numbers + 2)
         throw bad(line, fmt::format("'{}' names no label and colour", text));
+      // "7 lobe 3 10 20 30": a third lobe without opacity, or a lobe with a colour of four numbers?
+      if (numbers == 4 && word.size() > 6 && integer(word[word.size() - 5]) && unclear++ == 0)
+        first_unclear = line;
       name = fmt::format("{}",
                          fmt::join(word.begin() + 1, word.end() - static_cast<std::ptrdiff_t>(numbers), " "));
     }
-    if (*label != 0 && !name.empty()) names[*label] = clean_name(name);
+    keep(*label, name);
   }
-  if (names.empty()) throw bad(0, "the table names no label");
-  return names;
+  if (table.names.empty()) throw bad(0, "the table names no label");
+  if (unclear > 0)
+    table.warnings.push_back(fmt::format(
+        "In {} line{} of the table of label names, first in line {}, a name with blanks ends in a "
+        "number; the last four numbers are taken for the colour.",
+        unclear, unclear == 1 ? "" : "s", first_unclear));
+  return table;
 }
 
 std::string label_descriptions(const LabelImage& image) {

@@ -3,6 +3,7 @@
 #include <array>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,9 +19,24 @@ std::map<int, std::string> names_from_segment_keys(const KeyValues& keys, std::v
 /// 3D Slicer's keys for the labels present. `extent` of each label in stored voxels follows the image's axes.
 KeyValues segment_keys(const LabelImage& image);
 
-/// Reads ITK-SNAP label descriptions or a colour table (3D Slicer .ctbl, FreeSurfer LUT). Background is left
-/// out. Throws InputError naming the line.
-std::map<int, std::string> read_label_names(const std::filesystem::path& file);
+/// Names by label number, and what a user should know about them.
+struct LabelTable {
+  std::map<int, std::string> names;
+  std::vector<std::string> warnings;
+};
+
+/// Reads ITK-SNAP label descriptions, a colour table (3D Slicer .ctbl, FreeSurfer LUT) or 3D Slicer's newer
+/// tables with commas (columns LabelValue, Name or Type_CodeMeaning). Background is left out. Throws
+/// InputError naming the line.
+LabelTable read_label_names(const std::filesystem::path& file);
+
+/// A numbering that needs no file: "totalsegmentator" (its CT task `total`; also "totalsegmentator-ct") or
+/// "totalsegmentator-mr" (`total_mr`), of version 2.
+std::optional<LabelTable> known_label_names(const std::string& word);
+
+/// A sentence if the labels of the image would have other names in a sister numbering and nothing tells which
+/// is meant; else empty.
+std::string other_numbering(const std::string& word, const LabelImage& image);
 
 /// ITK-SNAP label descriptions of the labels present that have a name; empty if there are none.
 std::string label_descriptions(const LabelImage& image);

@@ -1,25 +1,28 @@
-// NIfTI-1 through libnifti (the copy that ITK carries) and zlib rather than ITK's reader, which refuses a
-// sheared sform, scales the spacing but not the origin of a file in metres, turns NaN into 0 and takes a file
-// without orientation in silence.
+// NIfTI-1 and -2 by the byte offsets of the standard and zlib rather than ITK's reader, which refuses a
+// sheared sform, scales the spacing but not the origin of a file in metres, turns NaN into 0, takes a file
+// without orientation in silence, and with the libnifti that ITK 5.2 carries does not know NIfTI-2. Debian's
+// libnifti2 does, but its functions have the names of ITK's with other arguments: a program cannot hold both.
 
 #include <fmt/format.h>
 #include <nifti1_io.h>
 #include <zlib.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cctype>
 #include <cerrno>
-#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <limits>
 #include <memory>
 #include <stdexcept>
+#include <string_view>
 #include <system_error>
 
 #include "io/file.hpp"
 #include "io/label_formats.hpp"
+#include "io/stop.hpp"
 
 namespace dimple {
 namespace {
@@ -28,8 +31,64 @@ namespace fs = std::filesystem;
 
 using GzFile = std::unique_ptr<gzFile_s, decltype(&gzclose)>;
 
-constexpr int header_bytes = 348;
-static_assert(sizeof(nifti_1_header) == header_bytes);
+/// Where a version keeps what counts, and in which types.
+struct Layout {
+  int version;
+  std::size_t bytes;
+  std::size_t datatype, bitpix, dim, pixdim, vox_offset, slope, intercept, units, qform_code, sform_code,
+      quaternion, offset, sform, magic;
+};
+constexpr Layout nifti_1{1, 348, 70, 72, 40, 76, 108, 112, 116, 123, 252, 254, 256, 268, 280, 344};
+constexpr Layout nifti_2{2, 540, 12, 14, 16, 104, 168, 176, 184, 500, 344, 348, 352, 376, 400, 4};
+static_assert(sizeof(nifti_1_header) == nifti_1.bytes);
+
+/// A header of either version, in numbers.
+struct Header {
+  const Layout* layout = &nifti_1;
+  bool swapped = false;  ///< the other byte order, voxels too
+  int datatype = 0, bitpix = 0, units = 0, qform_code = 0, sform_code = 0;
+  std::array<std::int64_t, 8> dim{};
+  std::array<double, 8> pixdim{};
+  double vox_offset = 0.0, slope = 0.0, intercept = 0.0;
+  Vec3 quaternion = Vec3::Zero(), offset = Vec3::Zero();
+  Eigen::Matrix<double, 3, 4> sform = Eigen::Matrix<double, 3, 4>::Zero();
+};
+
+template <class T>
+T number_at(const std::byte* bytes, std::size_t offset, bool swapped) {
+  std::array<std::byte, sizeof(T)> number;
+  std::copy_n(bytes + offset, sizeof(T), number.begin());
+  if (swapped) std::reverse(number.begin(), number.end());
+  return std::bit_cast<T>(number);
+}
+
+template <class Dim, class Real, class Offset, class Code, class Units>
+Header decoded(const std::byte* bytes, const Layout& layout, bool swapped) {
+  const auto at = [&]<class T>(T, std::size_t offset, std::size_t n = 0) {
+    return number_at<T>(bytes, offset + n * sizeof(T), swapped);
+  };
+  Header h;
+  h.layout = &layout;
+  h.swapped = swapped;
+  h.datatype = at(std::int16_t{}, layout.datatype);
+  h.bitpix = at(std::int16_t{}, layout.bitpix);
+  for (std::size_t a = 0; a < 8; ++a) h.dim[a] = at(Dim{}, layout.dim, a);
+  for (std::size_t a = 0; a < 8; ++a) h.pixdim[a] = at(Real{}, layout.pixdim, a);
+  h.vox_offset = static_cast<double>(at(Offset{}, layout.vox_offset));
+  h.slope = at(Real{}, layout.slope);
+  h.intercept = at(Real{}, layout.intercept);
+  h.units = at(Units{}, layout.units);
+  h.qform_code = at(Code{}, layout.qform_code);
+  h.sform_code = at(Code{}, layout.sform_code);
+  for (std::size_t r = 0; r < 3; ++r) {
+    const auto row = static_cast<Index>(r);
+    h.quaternion[row] = at(Real{}, layout.quaternion, r);
+    h.offset[row] = at(Real{}, layout.offset, r);
+    for (std::size_t c = 0; c < 4; ++c)
+      h.sform(row, static_cast<Index>(c)) = at(Real{}, layout.sform, 4 * r + c);
+  }
+  return h;
+}
 
 GzFile open_gz(const fs::path& file) {
   require_regular_file(file);
@@ -41,6 +100,7 @@ GzFile open_gz(const fs::path& file) {
          .where = image_place(file),
          .why = "the system refused",
          .remedy = "check the path and that you may read the file"});
+  gzbuffer(in.get(), 1 << 17);
   return in;
 }
 
@@ -71,7 +131,8 @@ void read_exactly(gzFile in, std::byte* bytes, std::size_t count, const fs::path
                   std::size_t before = 0, std::size_t total = 0) {
   std::size_t done = 0;
   while (done < count) {
-    const auto chunk = static_cast<unsigned>(std::min<std::size_t>(count - done, 1u << 30));
+    stop_if_asked();
+    const auto chunk = static_cast<unsigned>(std::min<std::size_t>(count - done, 1u << 22));
     const int n = gzread(in, bytes + done, chunk);
     if (n > 0) {
       done += static_cast<std::size_t>(n);
@@ -86,35 +147,41 @@ void read_exactly(gzFile in, std::byte* bytes, std::size_t count, const fs::path
   }
 }
 
-nifti_1_header read_header(gzFile in, const fs::path& file, bool is_pair, bool& swapped) {
+Header read_header(gzFile in, const fs::path& file, bool is_pair) {
   const auto refuse = [&](std::string fact, std::string remedy) -> InputError {
     return InputError({.fact = std::move(fact),
                        .where = image_place(file),
-                       .why = is_pair
-                                  ? "the suffix .hdr promises a NIfTI-1 header with its voxels in .img"
-                                  : "the suffix .nii promises a NIfTI-1 file with header and voxels in one",
+                       .why = is_pair ? "the suffix .hdr promises a NIfTI header with its voxels in .img"
+                                      : "the suffix .nii promises a NIfTI file with header and voxels in one",
                        .remedy = std::move(remedy)});
   };
-  nifti_1_header header{};
-  std::byte bytes[header_bytes];
-  read_exactly(in, bytes, header_bytes, file);
-  std::memcpy(&header, bytes, header_bytes);
-
-  int swapped_size = header.sizeof_hdr;
-  nifti_swap_4bytes(1, &swapped_size);
-  if (header.sizeof_hdr == 540 || swapped_size == 540)
-    throw refuse("the file is NIfTI-2, which is not read", "convert it to NIfTI-1, NRRD or MetaImage");
-  swapped = swapped_size == header_bytes;
-  if (swapped) swap_nifti_header(&header, 1);
-  if (is_pair && header.sizeof_hdr == header_bytes && header.magic[0] == '\0')
-    throw refuse("the file is Analyze 7.5, which does not say how it lies in the patient",
-                 "convert it to NIfTI-1, NRRD or MetaImage and check that left is left");
-  if (header.sizeof_hdr != header_bytes || std::memcmp(header.magic, is_pair ? "ni1" : "n+1", 4) != 0)
-    throw refuse("the file is not a NIfTI-1 image", "check the file; export the segmentation anew");
-  return header;
+  std::array<std::byte, nifti_2.bytes> bytes{};
+  read_exactly(in, bytes.data(), nifti_1.bytes, file);
+  const auto length = [&](bool swapped) { return number_at<std::int32_t>(bytes.data(), 0, swapped); };
+  const auto says = [&](const Layout& layout, std::string_view magic) {
+    return std::memcmp(bytes.data() + layout.magic, magic.data(), magic.size()) == 0;
+  };
+  using namespace std::string_view_literals;
+  for (const bool swapped : {false, true}) {
+    if (length(swapped) == nifti_2.bytes) {
+      read_exactly(in, bytes.data() + nifti_1.bytes, nifti_2.bytes - nifti_1.bytes, file);
+      // Its last letters are changed by a transfer that takes the file for text.
+      if (!says(nifti_2, is_pair ? "ni2\0\r\n\032\n"sv : "n+2\0\r\n\032\n"sv))
+        throw refuse("the file is not a NIfTI-2 image", "check the file; export the segmentation anew");
+      return decoded<std::int64_t, double, std::int64_t, std::int32_t, std::int32_t>(bytes.data(), nifti_2,
+                                                                                     swapped);
+    }
+    if (length(swapped) != nifti_1.bytes) continue;
+    if (is_pair && bytes[nifti_1.magic] == std::byte{0})
+      throw refuse("the file is Analyze 7.5, which does not say how it lies in the patient",
+                   "convert it to NIfTI-1, NRRD or MetaImage and check that left is left");
+    if (!says(nifti_1, is_pair ? "ni1\0"sv : "n+1\0"sv)) break;
+    return decoded<std::int16_t, float, float, std::int16_t, std::int8_t>(bytes.data(), nifti_1, swapped);
+  }
+  throw refuse("the file is not a NIfTI-1 image", "check the file; export the segmentation anew");
 }
 
-Number number_type(const nifti_1_header& header, const fs::path& file) {
+Number number_type(const Header& header, const fs::path& file) {
   switch (header.datatype) {
     case NIFTI_TYPE_INT8:
       return Number::int8;
@@ -145,76 +212,79 @@ Number number_type(const nifti_1_header& header, const fs::path& file) {
   }
 }
 
-/// The double that a person would write for this float: 1.366f is 1.366, not 1.3660000562667847. Lets a NIfTI
-/// file agree with an NRRD file of the same image; the change is below the float's own rounding.
-double as_written(float value) {
-  if (!std::isfinite(value)) return value;
-  char text[32];
-  const auto end = std::to_chars(text, text + sizeof text, value).ptr;
-  double exact = 0.0;
-  std::from_chars(text, end, exact);
-  return exact;
+/// What the header's quaternion says, as libnifti takes it.
+Eigen::Matrix<double, 3, 4> qform_of(const Header& h) {
+  Vec3 v = h.quaternion;
+  double w = 1.0 - v.squaredNorm();
+  if (w < (h.layout->version == 1 ? 1e-7 : 1e-15)) {  // a half turn, whose quaternion was rounded
+    v.normalize();
+    w = 0.0;
+  }
+  const Mat3 turn = Eigen::Quaterniond(std::sqrt(w), v.x(), v.y(), v.z()).toRotationMatrix();
+  const double handedness = h.pixdim[0] < 0.0 ? -1.0 : 1.0;
+  Eigen::Matrix<double, 3, 4> m;
+  m << turn * Vec3(h.pixdim[1], h.pixdim[2], handedness * h.pixdim[3]).asDiagonal(), h.offset;
+  return m;
 }
 
-Eigen::Matrix<double, 3, 4> rows(const mat44& m) {
-  Eigen::Matrix<double, 3, 4> rows;
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 4; ++c) rows(r, c) = as_written(m.m[r][c]);
-  return rows;
+std::string in_words(const Eigen::Matrix<double, 3, 4>& ras) {
+  const Vec3 spacing = ras.leftCols<3>().colwise().norm();
+  return fmt::format("{:.6g} x {:.6g} x {:.6g} mm from ({:.6g}, {:.6g}, {:.6g})", spacing[0], spacing[1],
+                     spacing[2], ras(0, 3), ras(1, 3), ras(2, 3));
 }
 
-/// NIfTI's three methods, chosen among as ITK 5.2 does, so that positions agree with 3D Slicer.
-void read_geometry(const nifti_1_header& h, StoredImage& image, const fs::path& file) {
+bool is_a_place(const Eigen::Matrix<double, 3, 4>& m) {
+  return m.allFinite() && m.leftCols<3>().colwise().norm().minCoeff() > 1e-6 &&
+         std::abs(Mat3(m.leftCols<3>().colwise().normalized()).determinant()) > 1e-3;
+}
+
+/// The sform if its code is set, else the qform if its code is set, else pixdim: as nibabel and 3D Slicer do.
+/// An sform that is no place in space gives way to a qform.
+void read_geometry(const Header& h, StoredImage& image, const fs::path& file) {
   using Rows = Eigen::Matrix<double, 3, 4>;
-  mat44 s{};
-  for (int c = 0; c < 4; ++c) s.m[0][c] = h.srow_x[c], s.m[1][c] = h.srow_y[c], s.m[2][c] = h.srow_z[c];
-  const Rows sform = rows(s);
-  const Rows qform = rows(nifti_quatern_to_mat44(h.quatern_b, h.quatern_c, h.quatern_d, h.qoffset_x,
-                                                 h.qoffset_y, h.qoffset_z, h.pixdim[1], h.pixdim[2],
-                                                 h.pixdim[3], h.pixdim[0] < 0.0f ? -1.0f : 1.0f));
-  const bool has_s = h.sform_code > 0, has_q = h.qform_code > 0;
-  const bool sform_is_orthogonal = has_s && is_at_right_angles(sform.leftCols<3>());
-
-  const Vec3 spacing(as_written(h.pixdim[1]), as_written(h.pixdim[2]), as_written(h.pixdim[3]));
-  const bool takes_s = has_s && (!has_q || (h.sform_code == NIFTI_XFORM_SCANNER_ANAT && sform_is_orthogonal));
-  // libnifti would take 1 mm for a spacing that cannot be.
-  if (!takes_s && !(spacing.minCoeff() > 0.0 && spacing.allFinite()))
+  const bool has_q = h.qform_code > 0, has_s = h.sform_code > 0 && (!has_q || is_a_place(h.sform));
+  const Vec3 spacing(h.pixdim[1], h.pixdim[2], h.pixdim[3]);
+  if (!has_s && !(spacing.minCoeff() > 0.0 && spacing.allFinite()))
     throw InputError(
         {.fact = fmt::format("the voxel spacing is {:.6g} x {:.6g} x {:.6g} mm{}", spacing[0], spacing[1],
                              spacing[2], spacing.allFinite() ? "" : ", which is not finite"),
          .where = image_place(file),
          .why = "the header's pixdim is damaged or was never set",
          .remedy = "correct the header, or export the segmentation anew"});
+  const Rows qform = has_q ? qform_of(h) : Rows(Rows::Zero());
   Rows ras = Rows::Zero();
-  if (takes_s) {
-    ras = sform;
-    const Vec3 lengths = sform.leftCols<3>().colwise().norm();
+  if (has_s) {
+    ras = h.sform;
+    const Vec3 lengths = h.sform.leftCols<3>().colwise().norm();
     if (!has_q && lengths.allFinite() && !lengths.isApprox(spacing, 1e-3))
       image.warnings.push_back(fmt::format(
           "The header gives a spacing of {:.6g} x {:.6g} x {:.6g} mm, its sform {:.6g} x {:.6g} x {:.6g} mm; "
           "the sform is used.",
           spacing[0], spacing[1], spacing[2], lengths[0], lengths[1], lengths[2]));
+    double apart = 0.0;
+    for (int corner = 0; has_q && corner < 8; ++corner) {
+      Eigen::Vector4d x(0, 0, 0, 1);
+      for (int a = 0; a < 3; ++a)
+        if (corner >> a & 1) x[a] = static_cast<double>(image.size[static_cast<std::size_t>(a)] - 1);
+      apart = std::max(apart, ((h.sform - qform) * x).norm());
+    }
+    // A tenth of a voxel: what single precision makes of a quaternion stays below. Not a number is apart,
+    // too.
+    if (has_q && !(apart <= 0.1 * lengths.minCoeff()))
+      image.warnings.push_back(fmt::format(
+          "sform and qform place the image up to {:.3g} apart: the sform says {}, the qform {}; the sform is "
+          "used, as in nibabel and 3D Slicer.",
+          apart, in_words(h.sform), in_words(qform)));
   } else if (has_q) {
     ras = qform;
+    if (h.sform_code > 0)
+      image.warnings.push_back("The file's sform does not describe a place in space; the qform is used.");
   } else {
     ras.leftCols<3>() = spacing.asDiagonal();
     ras.topRows<2>() *= -1.0;  // ITK: stored axes along +L, +P, +S
     image.warnings.push_back(
         "The file does not say how the image lies in the patient (no qform, no sform); its axes are taken "
         "to run along left, posterior and superior from the origin.");
-  }
-  if (has_s && has_q) {
-    double apart = 0.0;
-    for (int corner = 0; corner < 8; ++corner) {
-      Eigen::Vector4d x(0, 0, 0, 1);
-      for (int a = 0; a < 3; ++a)
-        if (corner >> a & 1) x[a] = static_cast<double>(image.size[static_cast<std::size_t>(a)] - 1);
-      apart = std::max(apart, ((sform - qform) * x).norm());
-    }
-    if (apart > 0.01)
-      image.warnings.push_back(fmt::format(
-          "sform and qform place the image up to {:.3g} apart; {} is used, as in ITK and 3D Slicer.", apart,
-          ras == sform ? "sform" : "qform"));
   }
   ras.topRows<2>() *= -1.0;  // RAS to LPS
   image.to_world.matrix().topRows<3>() = ras;
@@ -226,20 +296,19 @@ StoredImage read_nifti(const fs::path& named) {
   const NiftiFiles files = files_of(named);
   const fs::path& file = files.data;
   GzFile in = open_gz(files.header);
-  bool swapped = false;
-  const nifti_1_header header = read_header(in.get(), files.header, files.is_pair, swapped);
+  const Header header = read_header(in.get(), files.header, files.is_pair);
   if (files.is_pair) in = open_gz(file);
 
   StoredImage image;
-  image.format = "NIfTI-1";
+  image.format = fmt::format("NIfTI-{}", header.layout->version);
   image.type = number_type(header, named);
   if (header.dim[0] < 1 || header.dim[0] > 7)
     throw InputError({.fact = fmt::format("the image is said to have {} axes", header.dim[0]),
                       .where = image_place(files.header),
-                      .why = "a NIfTI-1 image has 1 to 7; the header is damaged",
+                      .why = "a NIfTI image has 1 to 7; the header is damaged",
                       .remedy = "export the segmentation anew"});
   std::vector<Index> size;
-  for (int a = 1; a <= header.dim[0]; ++a)
+  for (std::size_t a = 1; a <= static_cast<std::size_t>(header.dim[0]); ++a)
     size.push_back(a > 3 && header.dim[a] == 0 ? 1
                                                : header.dim[a]);  // 0 stands for an axis that is not there
   // The fifth axis counts components, whatever its length and the intent code say.
@@ -251,13 +320,13 @@ StoredImage read_nifti(const fs::path& named) {
     image.warnings.push_back(
         fmt::format("The header speaks of {} bits per voxel where its type has {}; the type is believed.",
                     header.bitpix, bits));
-  if (header.scl_slope != 0.0f && std::isfinite(header.scl_slope)) {  // 0 means: not scaled
-    image.slope = as_written(header.scl_slope);
-    image.intercept = as_written(header.scl_inter);
+  if (header.slope != 0.0 && std::isfinite(header.slope)) {  // 0 means: not scaled
+    image.slope = header.slope;
+    image.intercept = header.intercept;
   }
 
   read_geometry(header, image, named);
-  switch (XYZT_TO_SPACE(header.xyzt_units)) {
+  switch (XYZT_TO_SPACE(header.units)) {
     case NIFTI_UNITS_METER:
       scale_to_millimetres(image, 1000.0, "metres");
       break;
@@ -268,9 +337,8 @@ StoredImage read_nifti(const fs::path& named) {
     case NIFTI_UNITS_UNKNOWN:  // unsaid, which means the same in practice
       break;
     default:
-      image.warnings.push_back(
-          fmt::format("The file's unit of length {} is unknown; millimetres are assumed.",
-                      XYZT_TO_SPACE(header.xyzt_units)));
+      image.warnings.push_back(fmt::format(
+          "The file's unit of length {} is unknown; millimetres are assumed.", XYZT_TO_SPACE(header.units)));
   }
 
   // Skip extensions. A writer that forgot vox_offset meant the end of the header and its four bytes.
@@ -281,13 +349,14 @@ StoredImage read_nifti(const fs::path& named) {
                       .where = image_place(file),
                       .why = "the header's vox_offset is damaged",
                       .remedy = "export the segmentation anew"});
-  const double begin = files.is_pair ? offset : std::max(offset, header_bytes + 4.0);
+  const double begin =
+      files.is_pair ? offset : std::max(offset, static_cast<double>(header.layout->bytes) + 4.0);
   if (const double held = std::max(length - begin, 0.0);
       !is_packed && held < static_cast<double>(image.data_bytes()))
     throw truncated(file,
                     fmt::format("the file ends after {} of {} bytes of voxels", held, image.data_bytes()));
   std::vector<std::byte> skipped(1 << 16);
-  auto to_skip = static_cast<std::size_t>(begin) - (files.is_pair ? 0 : header_bytes);
+  auto to_skip = static_cast<std::size_t>(begin) - (files.is_pair ? 0 : header.layout->bytes);
   while (to_skip > 0) {
     const std::size_t chunk = std::min(to_skip, skipped.size());
     read_exactly(in.get(), skipped.data(), chunk, file);
@@ -303,24 +372,24 @@ StoredImage read_nifti(const fs::path& named) {
   }
   std::size_t surplus = 0;
   int n = 0;  // to the end, where zlib compares checksums
-  while (surplus < surplus_limit &&
-         (n = gzread(in.get(), skipped.data(), static_cast<unsigned>(skipped.size()))) > 0)
+  while (surplus < surplus_limit) {
+    stop_if_asked();
+    n = gzread(in.get(), skipped.data(), static_cast<unsigned>(skipped.size()));
+    if (n <= 0) break;
     surplus += static_cast<std::size_t>(n);
+  }
   if (int code = Z_OK; n < 0 || (gzerror(in.get(), &code), code != Z_OK))
     throw truncated(file, "the checksum at the end of the compressed data does not agree or is missing");
   warn_of_surplus(image, surplus);
-  if (swapped) {
-    const std::size_t width = bytes_of(image.type);
-    nifti_swap_Nbytes(image.data.size() / width, static_cast<int>(width), image.data.data());
-  }
+  if (header.swapped) swap_bytes(image);
   return image;
 }
 
 void write_nifti(const fs::path& file, const StoredImage& image) {
   nifti_1_header h{};
-  h.sizeof_hdr = header_bytes;
+  h.sizeof_hdr = nifti_1.bytes;
   std::memcpy(h.magic, "n+1", 4);
-  h.vox_offset = header_bytes + 4;
+  h.vox_offset = nifti_1.bytes + 4;
   h.dim[0] = 3;
   for (std::size_t a = 0; a < 3; ++a) {
     if (image.size[a] > std::numeric_limits<short>::max())

@@ -255,6 +255,28 @@ TEST_P(HostileImage, IsRefusedInWordsOrReadRight) {
 
 // ------------------------------------------------------------------------------------------------- NIfTI
 
+/// NIfTI-2 by the byte offsets of the standard, with an sform.
+std::string nifti_2() {
+  const SmallOrgan organ;
+  std::string header(544, '\0');
+  const auto set = [&](std::size_t offset, auto value) {
+    std::memcpy(header.data() + offset, &value, sizeof value);
+  };
+  set(0, std::int32_t{540});
+  header.replace(4, 8, std::string("n+2\0\r\n\x1a\n", 8));
+  set(12, std::int16_t{2});
+  set(14, std::int16_t{8});
+  set(16, std::int64_t{3});
+  for (std::size_t a = 0; a < 3; ++a) set(24 + 8 * a, std::int64_t{organ.size[a]});
+  set(168, std::int64_t{544});
+  set(348, std::int32_t{1});
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 4; ++c)
+      set(static_cast<std::size_t>(400 + 32 * r + 8 * c), (r < 2 ? -1.0 : 1.0) * organ.to_world.matrix()(r, c));
+  set(500, std::int32_t{2});
+  return header + as_bytes<std::uint8_t>(organ.voxel);
+}
+
 std::vector<Case> nifti_cases() {
   const std::string whole = Nifti().file(), packed = gzip(whole);
   const std::string voxels = as_bytes<std::uint8_t>(SmallOrgan().voxel);
@@ -277,8 +299,7 @@ std::vector<Case> nifti_cases() {
   const Affine3d plain = SmallOrgan().to_world;
   const Affine3d bare = Affine3d(Scaling(1.5, 2.0, 2.5));
 
-  std::string two(540 + 4, '\0');
-  two.replace(0, 12, std::string("\x1c\x02\0\0n+2\0\r\n\x1a\n", 12));
+  const std::string two = nifti_2();
   std::string dicom(2000, '\0');
   dicom.replace(128, 4, "DICM");
   const Nifti pair = Nifti().set(108, 0.0f).set(344, std::array<char, 4>{'n', 'i', '1', '\0'});
@@ -350,7 +371,16 @@ std::vector<Case> nifti_cases() {
       right("A NIfTI with a fourth axis of length 0", {{"a.nii", Nifti().dims({9, 8, 7, 0}).file()}}),
 
       // types and values
-      refused("A NIfTI of the second version", {{"a.nii", two}}, {"NIfTI-2", "convert it"}),
+      right("A NIfTI of the second version", {{"a.nii", two}}),
+      right("A gzipped NIfTI of the second version", {{"a.nii.gz", gzip(two)}}),
+      refused("A NIfTI of the second version cut in its header", {{"a.nii", first(two, 400)}}, {"52 of 192 bytes"}),
+      refused("A NIfTI of the second version cut by one byte", {{"a.nii", without_last(two, 1)}}, {"503 of 504 bytes"}),
+      refused("A NIfTI of the second version sent as a text", {{"a.nii", with_flipped_byte(two, 8)}},
+              {"not a NIfTI-2 image"}),
+      refused("A NIfTI of the second version with sizes beyond any count",
+              {{"a.nii", std::string(two).replace(24, 8, "\xff\xff\xff\xff\xff\xff\xff\x7f", 8)}}, {"e+20 voxels"}),
+      refused("A NIfTI of the second version whose voxels begin nowhere",
+              {{"a.nii", std::string(two).replace(168, 8, "\xff\xff\xff\xff\xff\xff\xff\x7f", 8)}}, {"begin at byte"}),
       refused("A NIfTI of colours", {{"a.nii", of_type(128, 24, voxels + voxels + voxels)}}, {"RGB24"}),
       refused("A NIfTI of colours with opacity", {{"a.nii", of_type(2304, 32, voxels)}}, {"RGBA32"}),
       refused("A NIfTI of complex numbers", {{"a.nii", of_type(32, 64, voxels)}}, {"COMPLEX64"}),
@@ -413,8 +443,9 @@ std::vector<Case> nifti_cases() {
       placed("A NIfTI whose sform and qform disagree",
              {{"a.nii", Nifti().sform(1, Eigen::Translation3d(10, 0, 0) * plain).file()}},
              Eigen::Translation3d(10, 0, 0) * plain, {"sform and qform place the image up to 10"}),
-      right("A NIfTI whose sform leads to an atlas",
-            {{"a.nii", Nifti().sform(4, Scaling(1.25) * plain).file()}}, {"sform and qform"}),
+      placed("A NIfTI whose sform leads to an atlas",
+             {{"a.nii", Nifti().sform(4, Scaling(1.25) * plain).file()}}, Scaling(1.25) * plain,
+             {"sform and qform"}),
       refused("A NIfTI with NaN in its sform", {{"a.nii", sform_only(not_finite())}}, {"not finite"}),
       refused("A NIfTI with infinity in its qform",
               {{"a.nii", qform_only().set(268, std::numeric_limits<float>::infinity()).file()}},
@@ -564,7 +595,7 @@ std::vector<Case> nrrd_cases() {
       refused("An NRRD in ASCII with words in it", {{"a.nrrd", encoded("ascii", "nine " + text)}}, {"a.nrrd"}),
       right("An NRRD in hexadecimal", {{"a.nrrd", encoded("hex", hex)}}),
       refused("An NRRD in hexadecimal cut short", {{"a.nrrd", encoded("hex", first(hex, 500))}}, {"incomplete"}),
-      refused("A bzipped NRRD", {{"a.nrrd", encoded("bzip2", "BZh9" + noise(300))}}, {"bzip2", "gzip"}),
+      refused("A bzipped NRRD", {{"a.nrrd", encoded("bzip2", "BZh9" + noise(300))}}, {"bzip2", "gzip", "unu save"}),
       refused("An NRRD of unknown encoding", {{"a.nrrd", encoded("zip", voxels)}}, {"encoding"}),
 
       // sizes
@@ -628,7 +659,10 @@ std::vector<Case> nrrd_cases() {
       placed("A skewed NRRD", {{"a.nrrd", at(sheared(0.1))}}, sheared(0.1), {"not at right angles"}),
       refused("An NRRD with axes in one plane", {{"a.nrrd", at(degenerate())}}, {"one plane"}),
       refused("An NRRD with NaN in its origin", {{"a.nrrd", at(not_finite())}}, {"nan"}),
-      refused("An NRRD with a spacing of zero", {{"a.nrrd", at(spaced(1.5, 0.0, 2.5))}}, {"a.nrrd"}),
+      refused("An NRRD with a spacing of zero", {{"a.nrrd", at(spaced(1.5, 0.0, 2.5))}},
+              {"axis 2 has the direction (0,0,0), which has no length"}),
+      refused("An NRRD with a spacing of next to nothing",
+              {{"a.nrrd", with("space directions", "(1.5,0,0) (0,1e-310,0) (0,0,2.5)")}}, {"no length"}),
       refused("An NRRD with a direction of one axis missing",
               {{"a.nrrd", with("space directions", "(1.5,0,0) (0,2,0) none")}}, {"a.nrrd"}),
       refused("An NRRD whose space has more letters than the library has room for",
@@ -672,6 +706,10 @@ std::vector<Case> nrrd_cases() {
       refused("An NRRD in a list of files", {{"a.nhdr", detached("LIST") + "a.raw\n"}, {"a.raw", voxels}}, {"several files"}),
       refused("An NRRD in numbered files", {{"a.nhdr", detached("a%d.raw 1 7 1")}, {"a1.raw", voxels}}, {"several files"}),
       refused("An NRRD with its voxels in a device", {{"a.nhdr", detached("/dev/zero")}}, {"/dev/zero", "not a file"}),
+      refused("An NRRD with nothing after data file", {{"a.nhdr", Nrrd().set("data file", "").header()}},
+              {"a.nhdr"}),
+      refused("An NRRD with a NUL in its encoding",
+              {{"a.nrrd", encoded(std::string("ra\0w", 4), voxels)}}, {"\n  try:   "}),
       refused("An NRRD with its voxels in a folder", {{"a.nhdr", detached(".")}}, {"Is a directory"}),
       right("An NRRD with bytes to skip", {{"a.nhdr", Nrrd().set("byte skip", "10").set("data file", "a.raw").header()}, {"a.raw", "0123456789" + voxels}}),
       right("An NRRD with its voxels at the end", {{"a.nhdr", Nrrd().set("byte skip", "-1").set("data file", "a.raw").header()}, {"a.raw", "0123456789" + voxels}}),
@@ -806,7 +844,15 @@ std::vector<Case> metaimage_cases() {
       placed("A skewed MetaImage", {{"a.mha", at(sheared(0.1))}}, sheared(0.1), {"not at right angles"}),
       refused("A MetaImage with axes in one plane", {{"a.mha", at(degenerate())}}, {"one plane"}),
       refused("A MetaImage with NaN in its origin", {{"a.mha", at(not_finite())}}, {"instead of 3 finite numbers"}),
-      refused("A MetaImage with a spacing of zero", {{"a.mha", with("ElementSpacing", "1.5 0 2.5")}}, {"a.mha"}),
+      refused("A MetaImage with a spacing of zero", {{"a.mha", with("ElementSpacing", "1.5 0 2.5")}}, {"1.5 x 0 x 2.5 mm"}),
+      refused("A MetaImage with a spacing of next to nothing", {{"a.mha", with("ElementSpacing", "1.5 1e-310 2.5")}},
+              {"1e-310"}),
+      refused("A MetaImage with an axis of no length", {{"a.mha", with("TransformMatrix", "1 0 0 0 0 0 0 0 1")}},
+              {"has no length"}),
+      refused("A MetaImage with nothing after ElementDataFile", {{"a.mhd", with("ElementDataFile", "")}},
+              {"does not say in which file its voxels are"}),
+      refused("A MetaImage with a NUL where its sizes should be",
+              {{"a.mha", with("DimSize", std::string("9 8\0 7", 6))}}, {"key = value"}),
       refused("A MetaImage with a negative spacing", {{"a.mha", with("ElementSpacing", "1.5 -2 2.5")}}, {"1.5 x -2 x 2.5 mm"}),
       refused("A MetaImage with a spacing that is not a number", {{"a.mha", with("ElementSpacing", "1.5 nan 2.5")}}, {"a.mha"}),
       refused("A MetaImage without a spacing", {{"a.mha", lacking("ElementSpacing")}}, {"no ElementSpacing"}),

@@ -116,7 +116,7 @@ void metaimage(std::string_view bytes) {
 void label_names(std::string_view bytes) {
   const fs::path file = file_of("names.txt", bytes);
   read_or_refuse([&] {
-    const auto names = read_label_names(file);
+    const auto names = read_label_names(file).names;
     require(!names.empty(), "a table names a label");
     for (const auto& [label, name] : names) require(label > 0 && !name.empty(), "labels have names");
   });

@@ -14,6 +14,7 @@
 
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "preprocess/body_surface.hpp"
 #include "preprocess/phantom.hpp"
 #include "tests/helpers/folder.hpp"
 
@@ -290,7 +291,7 @@ TEST(LabelImage, ReadsANiftiWhoseAxesAreNotAtRightAngles) {
   expect_same(read_label_image(file), image, 1e-5);
 }
 
-TEST(LabelImage, ChoosesBetweenSformAndQformAsItkDoes) {
+TEST(LabelImage, TakesTheSformIfItsCodeIsSetAsNibabelAndSlicerDo) {
   const LabelImage organ = body();
   const double sform_x = organ.to_world.translation().x();
   for (int q = 0; q <= 2; ++q)
@@ -302,9 +303,12 @@ TEST(LabelImage, ChoosesBetweenSformAndQformAsItkDoes) {
       const LabelImage image = read("forms.nii", nifti.file());
       // The qform's stored x axis runs to the right from x = 100 in RAS; canonical x begins at its other end.
       const double qform_x = -100.0 - 4 * 0.5;
-      const bool takes_sform = s > 0 && (q == 0 || s == 1);
+      const bool takes_sform = s > 0;
       EXPECT_NEAR(image.to_world.translation().x(), takes_sform ? sform_x : q > 0 ? qform_x : 0.0, 1e-5);
-      EXPECT_EQ(warns_of(image, "sform and qform place the image"), q > 0 && s > 0);
+      EXPECT_EQ(warns_of(image,
+                         "sform and qform place the image up to 81.1 apart: the sform says 0.5 x 1.25 x 2 mm "
+                         "from (12.5, -40.25, 7), the qform 0.5 x 1.25 x 2 mm from (100, 0, 0)"),
+                q > 0 && s > 0);
       EXPECT_EQ(warns_of(image, "does not say how the image lies"), q == 0 && s == 0);
     }
 }
@@ -346,6 +350,71 @@ TEST(LabelImage, WarnsOfAnImageWithoutOrientationOrOfUnusualSize) {
   tiny.to_world = Eigen::Scaling(0.001) * tiny.to_world;  // metres taken for millimetres
   EXPECT_TRUE(warns_of(read("tiny.nrrd", nrrd(as_it_is(tiny))), "check the unit"));
   EXPECT_TRUE(read("plain.nrrd", nrrd(as_it_is(body()))).warnings.empty());
+}
+
+/// An ellipsoid with a bump, no two extents alike.
+LabelImage bumpy_body(const Vec3& spacing) {
+  LabelImage image;
+  image.size = {23, 19, 14};
+  image.to_world = Eigen::Translation3d(-12.5, 40.25, 7.0) * Eigen::Scaling(spacing);
+  std::vector<std::int32_t> voxel;
+  for (int k = 0; k < 14; ++k)
+    for (int j = 0; j < 19; ++j)
+      for (int i = 0; i < 23; ++i)
+        voxel.push_back(std::hypot((i - 11) / 9.5, (j - 9) / 7.5, (k - 6) / 5.0) < 1.0 ||
+                        std::hypot(i - 15, j - 6, k - 9) < 3.6);
+  set_voxels(image, voxel);
+  return image;
+}
+
+// As programs differ in how they write one image: storage order, format, single or double precision, six
+// digits, and any rounding of a millionth of a millimetre.
+TEST(LabelImage, HasTheSameShapeHoweverItIsStoredAndItsHeaderRounded) {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<double> rounding(-1e-6, 1e-6);
+  int ways = 0;
+  for (const Vec3& spacing : {Vec3(0.5, 1.25, 2.0), Vec3(375.0 / 512, 375.0 / 512, 0.7), Vec3(0.4, 0.4, 0.4),
+                              Vec3(1.3671875, 1.3671875, 2.5), Vec3(3.05, 3.05, 10.0)})
+    for (const bool oblique : {false, true}) {
+      LabelImage organ = bumpy_body(spacing);
+      if (oblique) organ.to_world = Eigen::AngleAxisd(0.3, Vec3(1, 2, -1).normalized()) * organ.to_world;
+      const LabelImage first = read("first.nrrd", nrrd(as_it_is(organ)));
+      const SegmentedBody body = make_body_surface(first, {}, 3.0 * spacing.maxCoeff());
+      std::array<int, 3> axis{0, 1, 2};
+      do {
+        for (const int signs : {0, 3, 5, 7})
+          for (int rounded = 0; rounded < 3; ++rounded) {
+            Raw raw = stored_as(organ, axis, {(signs & 1) != 0, (signs & 2) != 0, (signs & 4) != 0});
+            for (double& x : raw.to_world.matrix().topRows<3>().reshaped()) {
+              if (rounded == 1) x += rounding(random);
+              if (rounded == 2) x = std::stod((std::ostringstream() << x).str());  // six digits
+            }
+            for (const auto& [name, bytes] : {std::pair{"a.nrrd", nrrd(raw)},
+                                              {"ras.nrrd", nrrd(raw, true)},
+                                              {"a.mha", metaimage(raw)},
+                                              {"a.nii", Nifti(raw).file()}}) {
+              SCOPED_TRACE(testing::Message()
+                           << name << ", axes " << axis[0] << axis[1] << axis[2] << ", signs " << signs
+                           << ", rounded " << rounded << ", spacing " << spacing.transpose()
+                           << (oblique ? ", oblique" : ""));
+              const LabelImage image = read(name, bytes);
+              ++ways;
+              ASSERT_EQ(image.run, first.run);
+              ASSERT_EQ(image.spacing(), first.spacing());  // to the last bit
+              ASSERT_EQ(image.voxel_volume(), first.voxel_volume());
+              ASSERT_LT((image.to_world.matrix() - organ.to_world.matrix()).cwiseAbs().maxCoeff(), 2e-3);
+              if (!oblique) {
+                ASSERT_EQ(image.to_world.linear(), first.to_world.linear());
+              }
+              if (signs != 3) continue;  // the rest of the way for some
+              const SegmentedBody same = make_body_surface(image, {}, 3.0 * spacing.maxCoeff());
+              ASSERT_EQ(same.surface.vertex().cols(), body.surface.vertex().cols());
+              ASSERT_EQ((same.surface.vertex() - body.surface.vertex()).cwiseAbs().maxCoeff(), 0.0);
+            }
+          }
+      } while (std::next_permutation(axis.begin(), axis.end()));
+    }
+  EXPECT_EQ(ways, 5 * 2 * 6 * 4 * 3 * 4);
 }
 
 TEST(LabelImage, RoundsSpacingToABillionthOfAMillimetre) {
@@ -621,6 +690,40 @@ TEST(LabelImage, RefusesEveryTruncation) {
   }
 }
 
+// Where the bytes fill a reader's buffer to the brim, the end of the stream comes when nothing is left to
+// take.
+TEST(LabelImage, ReadsCompressedVoxelsThatFillEveryBuffer) {
+  for (const std::array<Index, 3> size : {std::array<Index, 3>{64, 64, 64}, {64, 64, 32}, {128, 64, 64}}) {
+    LabelImage box;
+    box.size = size;
+    box.to_world = Eigen::Affine3d::Identity();
+    box.row_offset.push_back(0);
+    for (Index row = 0; row < size[1] * size[2]; ++row) {
+      box.run.push_back({1, static_cast<std::int32_t>(size[0]) - 1, 300});  // two bytes each
+      box.row_offset.push_back(box.run.size());
+    }
+    for (const std::int32_t label : {1, 300, 70000}) {
+      for (auto& part : box.run) part.label = label;
+      const fs::path folder = fresh_folder();
+      for (const char* name : {"a.nrrd", "a.mha", "a.nii.gz"}) {
+        SCOPED_TRACE(testing::Message() << name << ", label " << label << ", " << size[2] << " slices");
+        write_label_image(folder / name, box);
+        expect_same(read_label_image(folder / name), box, 1e-9);
+      }
+    }
+  }
+}
+
+TEST(LabelImage, IsRefusedWhereItsNeighboursAreHardlyEverAlike) {
+  // 260^3 grey values: 17.6 million runs of one voxel would be 12 times the file.
+  Raw mri{{260, 260, 260}, Eigen::Affine3d::Identity(), std::vector<std::uint8_t>(260 * 260 * 260)};
+  std::mt19937 random(2);
+  for (auto& v : mri.voxel) v = static_cast<std::uint8_t>(random() >> 24);
+  const Report report = refusal("mri.nrrd", nrrd(mri));
+  EXPECT_SAYS(report.fact, "change more than 4194304 times along the rows of 260 x 260 x 260 voxels");
+  EXPECT_SAYS(report.why, "an MRI or CT rather than its segmentation");
+}
+
 TEST(LabelImage, RefusesDamagedCompressedData) {
   const fs::path folder = fresh_folder();
   LabelImage noise = body();
@@ -731,6 +834,74 @@ TEST(LabelImage, TakesNamesFromATableOverThoseInTheFile) {
   EXPECT_SAYS(refused("1 0 0 0 1 1 1 \"open\n"), "closing quote");
   EXPECT_SAYS(refused("# only a comment\n"), "names no label");
   EXPECT_THROW(read_label_image(folder / "a.nrrd", folder / "missing.txt"), InputError);
+}
+
+TEST(LabelNames, AreThoseOfTotalSegmentatorWithoutAFile) {
+  const fs::path folder = fresh_folder();
+  LabelImage organ = body();
+  organ.names.clear();
+  for (auto& part : organ.run) part.label = part.label == 1 ? 5 : part.label == 2 ? 51 : 117;
+  write_label_image(folder / "ct.nii.gz", organ);
+  const LabelImage ct = read_label_image(folder / "ct.nii.gz", "totalsegmentator");
+  EXPECT_EQ(ct.names.size(), 117u);
+  EXPECT_EQ(ct.names.at(5), "liver");
+  EXPECT_EQ(ct.names.at(51), "heart");
+  EXPECT_EQ(ct.names.at(117), "costal_cartilages");
+  EXPECT_FALSE(warns_of(ct, "TotalSegmentator"));
+
+  for (auto& part : organ.run) part.label = part.label == 5 ? 5 : part.label == 51 ? 22 : 50;
+  write_label_image(folder / "mr.nii.gz", organ);
+  const LabelImage mr = read_label_image(folder / "mr.nii.gz", "TotalSegmentator-MR");
+  EXPECT_EQ(mr.names.size(), 50u);
+  EXPECT_EQ(mr.names.at(22), "heart");
+  EXPECT_EQ(mr.names.at(50), "brain");
+  EXPECT_FALSE(warns_of(mr, "TotalSegmentator"));
+  EXPECT_TRUE(warns_of(read_label_image(folder / "mr.nii.gz", "totalsegmentator"),
+                       "label 22 is taken for prostate, as in CT; for an MR it is heart"));
+
+  for (auto& part : organ.run) part.label = 5;  // what has the same name in both
+  write_label_image(folder / "liver.nii.gz", organ);
+  EXPECT_TRUE(read_label_image(folder / "liver.nii.gz", "totalsegmentator").warnings.empty());
+  EXPECT_THROW(read_label_image(folder / "liver.nii.gz", "totalsegment"), InputError);
+}
+
+TEST(LabelNames, AreReadFromThreeDSlicersTables) {
+  const fs::path folder = fresh_folder();
+  write_label_image(folder / "a.nrrd", body());
+  const auto with = [&](const std::string& table) {
+    write_file(folder / "table", table);
+    return read_label_image(folder / "a.nrrd", folder / "table");
+  };
+  // .ctbl as 3D Slicer writes it, with numbers that have no name
+  const LabelImage ctbl = with(
+      "# Color table file C:/Users/me/GenericColors.ctbl\r\n# 4 values\r\n0 Background 0 0 0 0\r\n1 artery "
+      "216 101 79 255\r\n"
+      "2 (none) 0 0 0 0\r\n3 connective_tissue 111 184 210 255\r\n");
+  EXPECT_EQ(ctbl.names.at(1), "artery");
+  EXPECT_EQ(ctbl.names.at(2), "white matter");  // the image's own
+  EXPECT_EQ(ctbl.names.at(3), "connective_tissue");
+  EXPECT_TRUE(ctbl.warnings.empty());
+  // .csv, of newer versions
+  const LabelImage csv = with(
+      "LabelValue,Name,Color_R,Color_G,Color_B,Color_A,Type_CodingScheme,Type_CodeValue,Type_CodeMeaning\n"
+      "2,\"liver, left lobe\",221,130,101,255,SCT,10200004,Liver\n1,,216,101,79,255,SCT,51114001,Artery\n");
+  EXPECT_EQ(csv.names.at(1), "Artery");
+  EXPECT_EQ(csv.names.at(2), "liver, left lobe");
+  EXPECT_TRUE(csv.warnings.empty());
+  EXPECT_THROW(with("LabelValue,Name\nfirst,liver\n"), InputError);
+}
+
+TEST(LabelNames, AreWarnedOfWhereTheTableIsAmbiguous) {
+  const fs::path folder = fresh_folder();
+  write_label_image(folder / "a.nrrd", body());
+  const auto with = [&](const std::string& table) {
+    write_file(folder / "table", table);
+    return read_label_image(folder / "a.nrrd", folder / "table");
+  };
+  EXPECT_TRUE(warns_of(with("1 liver 1 2 3 255\n1 spleen 1 2 3 255\n"), "label 1 both 'liver' and 'spleen'"));
+  EXPECT_TRUE(with("1 upper lobe 10 20 30 255\n").warnings.empty());
+  EXPECT_TRUE(warns_of(with("1 upper lobe 3 10 20 30 255\n"), "first in line 1"));
+  EXPECT_TRUE(warns_of(with("8 liver 1 2 3 255\n"), "names none of the labels"));
 }
 
 // -------------------------------------------------------------------------------------------- measures
