@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <functional>
@@ -144,6 +145,216 @@ TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
   EXPECT_LT(within_voxels.plane, 0.2);
   EXPECT_LT(within_voxels.depth, 0.01);
   EXPECT_LT(within_voxels.circle, 0.2);
+}
+
+TEST(Boundary, OfACutOrganIsItsCutFaceWhicheverWayItWasCut) {
+  // Lopsided without the cut, so that no other side is flat.
+  const auto egg = [](const Vec3& x) {
+    const double narrow = 1.0 - 0.15 * x.x() / 40.0;
+    return Vec3(x.x() / 40.0, x.y() / (30.0 * narrow), x.z() / (24.0 * narrow)).norm() < 1.0;
+  };
+  std::mt19937 random(3);
+  double angle = 0.0, plane = 0.0;
+  const int count = rotations(16);
+  for (int k = 0; k < count; ++k) {
+    const Vec3 out = random_rotation(random) * Vec3::UnitZ();
+    const double offset = 6.0 + 0.5 * (k % 8);
+    const SegmentedBody body = make_body_surface(
+        image_of([&](const Vec3& x) { return egg(x) && x.dot(out) < offset; }, 42.0, 2.0), {}, 5.0);
+    const Boundary found = find_boundary(body.surface, {.indenter_diameter_mm = 6.0});
+    EXPECT_TRUE(found.flat_base) << found.base_reason;
+    const Found world = find(body.surface, {.indenter_diameter_mm = 6.0});
+    angle = std::max(angle, degrees_between(world.down, out));
+    plane = std::max(plane, std::abs(world.lowest - offset));
+    EXPECT_LT((world.centre - world.centre.dot(out) * out).norm(), 30.0);
+    EXPECT_LT(world.centre.dot(out), 0.0);
+  }
+  fmt::print("{} cut planes found within {:.2f} degrees and {:.2f} mm\n", count, angle, plane);
+  EXPECT_LT(angle, 2.0);
+  EXPECT_LT(plane, 1.0);  // half a voxel: where between its voxels a plane along them lies is not known
+}
+
+TEST(Boundary, OfATriangulatedBodyIsItsFlatFaceHoweverItIsTurned) {
+  const BodySurface dome = cut_ellipsoid_surface({46.0, 31.0, 17.0}, -11.0, 80);
+  std::mt19937 random(5);
+  Found first = find(dome);
+  EXPECT_LT(degrees_between(first.down, -Vec3::UnitZ()), 1e-9);
+  EXPECT_NEAR(first.lowest, 11.0, 1e-9);
+  Worst worst;
+  const int count = rotations(30);
+  for (int k = 0; k < count; ++k) {
+    const Mat3 R = random_rotation(random);
+    worst.add(first, find(BodySurface(R * dome.vertex(), dome.triangles())), R, 5.0);
+  }
+  worst.print("a dome", count);
+  EXPECT_LT(worst.angle, 0.3);
+  EXPECT_LT(worst.plane, 1e-3);
+  EXPECT_LT(worst.depth, 1e-3);
+  EXPECT_LT(worst.circle, 0.05);
+}
+
+TEST(Boundary, OfABodyWithoutAFlatFaceIsItsThinnestSideHoweverItIsTurned) {
+  const auto bean = [](const Vec3& x) {
+    const double bent = x.z() + 0.004 * x.x() * x.x() - 3.0;
+    return Vec3(x.x() / 44.0, x.y() / (30.0 + 0.1 * x.x()), bent / (bent > 0.0 ? 20.0 : 14.0)).norm() < 1.0;
+  };
+  const SegmentedBody body = make_body_surface(image_of(bean, 50.0, 2.0), {}, 5.0);
+  const Found first = find(body.surface);
+  fmt::print("{}\n", first.words);
+  EXPECT_FALSE(find_boundary(body.surface, {}).flat_base);
+  EXPECT_LT(std::min(degrees_between(first.down, Vec3::UnitZ()), degrees_between(first.down, -Vec3::UnitZ())), 10.0);
+  std::mt19937 random(7);
+  Worst with_voxels, within_voxels;
+  const int many = rotations(30), few = rotations(6);
+  for (int k = 0; k < many; ++k) {
+    const Mat3 R = random_rotation(random);
+    with_voxels.add(first, find(turned(body.surface, R)), R, 5.0);
+  }
+  with_voxels.print("the organ and its voxels", many);
+  EXPECT_LT(with_voxels.circle, 1e-9);
+  for (int k = 0; k < few; ++k) {
+    const Mat3 R = random_rotation(random);
+    const SegmentedBody again =
+        make_body_surface(image_of([&](const Vec3& x) { return bean(R.transpose() * x); }, 50.0, 2.0), {}, 5.0);
+    within_voxels.add(first, find(again.surface), R, 5.0);
+  }
+  within_voxels.print("the organ within its voxels", few);
+  EXPECT_LT(within_voxels.angle, 1.0);
+  EXPECT_LT(within_voxels.plane, 0.5);
+  EXPECT_LT(within_voxels.circle, 0.25);
+}
+
+TEST(Boundary, DoesNotDependOnHowDenselyTheSurfaceIsDrawn) {
+  const BodySurface coarse = cut_ellipsoid_surface({46.0, 31.0, 17.0}, -11.0, 60),
+                    fine = cut_ellipsoid_surface({46.0, 31.0, 17.0}, -11.0, 240);
+  const Boundary a = find_boundary(coarse, {}), b = find_boundary(fine, {});
+  EXPECT_NEAR(a.base_depth, b.base_depth, 1e-3);
+  EXPECT_NEAR(a.lowest, b.lowest, 1e-9);
+  EXPECT_LT((a.centre - b.centre).norm(), 0.1);
+}
+
+TEST(Circle, KeepsARadiusFromTheFissureOfTheDefaultPhantom) {
+  const SegmentedBody body = make_body_surface(make_phantom({}), {}, 3.9);
+  const Boundary found = find_boundary(body.surface, {});
+  const Vec3 centre = body.surface.to_world() * found.centre;
+  fmt::print("({:.2f}, {:.2f}, {:.2f}) room {:.2f}; {}\n", centre.x(), centre.y(), centre.z(), found.room,
+             found.circle_reason);
+  EXPECT_GT(std::abs(centre.x()), 10.0);  // the fissure is 2 mm to either side of x = 0
+  EXPECT_LT(std::abs(centre.x()), 16.0);
+  EXPECT_NEAR(centre.y(), 0.0, 0.5);
+  EXPECT_TRUE(found.warnings.empty());
+}
+
+TEST(Circle, OnTheLeftIsOnTheLeft) {
+  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {}, 5.0);
+  const double left =
+      (body.surface.to_world() * find_boundary(body.surface, {.indent_at = "left"}).centre).x();
+  const double right =
+      (body.surface.to_world() * find_boundary(body.surface, {.indent_at = "right"}).centre).x();
+  EXPECT_GT(left, 8.0);  // LPS: left is positive
+  EXPECT_LT(right, -8.0);
+}
+
+TEST(Circle, UnderATiltedPushLiesOnOneFaceOfABlockNotOnItsEdge) {
+  const SegmentedBody body =
+      make_body_surface(make_phantom({.shape = "block", .size_mm = {80, 80, 40}, .spacing_mm = 1.5}), {}, 5.0);
+  for (const char* direction : {"1,0,-1", "1,1,-1.4", "0.5,0,-1"}) {
+    const Boundary found = find_boundary(body.surface, {.direction = direction});
+    EXPECT_GE(found.room, 1.75 * found.radius) << direction;
+    const Points rim = rim_of_circle(body.surface, found, 24);
+    const Vec3 normal = body.surface.normal().col(body.surface.closest(found.centre).triangle);
+    for (const auto& x : rim.colwise()) EXPECT_NEAR((x - found.centre).dot(normal), 0.0, 0.2) << direction;
+    EXPECT_TRUE(found.warnings.empty());
+  }
+}
+
+TEST(Circle, OnADomeShapedShellIsAtItsTopNotOnItsWall) {
+  const auto shell = [](const Vec3& x) {
+    const Vec3 y(x.x(), x.y(), x.z() + 15.0);
+    return y.z() > 0.0 && y.norm() < 40.0 && y.norm() > 31.0;
+  };
+  const SegmentedBody body = make_body_surface(image_of(shell, 46.0, 1.5), {}, 4.0);
+  const Found found = find(body.surface, {.base = "inferior", .indenter_diameter_mm = 8.0});
+  EXPECT_LT(found.centre.head<2>().norm(), 1.0);
+  EXPECT_NEAR(found.centre.z(), 25.0, 0.5);
+}
+
+TEST(Circle, WithoutRoomIsPlacedWhereThereIsMostAndSaysWhatIsShort) {
+  const SegmentedBody body =
+      make_body_surface(make_phantom({.shape = "cylinder", .size_mm = {24, 24, 30}, .spacing_mm = 1}), {}, 3.0);
+  const Boundary found = find_boundary(body.surface, {.base = "inferior", .indenter_diameter_mm = 18.0});
+  EXPECT_LT((body.surface.to_world() * found.centre).head<2>().norm(), 1.0);
+  ASSERT_EQ(found.warnings.size(), 1u);
+  EXPECT_NE(found.warnings[0].find("little room"), std::string::npos);
+  EXPECT_THROW(find_boundary(body.surface, {.base = "inferior", .indenter_diameter_mm = 24.0}), ModelError);
+}
+
+TEST(Circle, OfHalfAMillimetreIsFoundAsQuicklyAsALargeOne) {
+  const SegmentedBody body = make_body_surface(make_phantom({}), {}, 3.9);
+  for (const double diameter : {0.1, 0.5, 2.0, 20.0, 40.0}) {
+    const auto begin = std::chrono::steady_clock::now();
+    const Boundary found = find_boundary(body.surface, {.indenter_diameter_mm = diameter});
+    const double s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    fmt::print("{} mm: {:.2f} s, room {:.2f} radii\n", diameter, s, found.room / found.radius);
+    EXPECT_LT(s, 10.0);  // minutes to hours before; a tenth of a second on a machine of its own
+  }
+}
+
+TEST(Circle, SmallerThanAVoxelIsRefusedAndOfFewVoxelsWarnedOf) {
+  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {}, 5.0);
+  EXPECT_THROW(find_boundary(body.surface, {.indenter_diameter_mm = 1.9, .voxel_mm = 2.0}), ModelError);
+  EXPECT_EQ(find_boundary(body.surface, {.indenter_diameter_mm = 4.0, .voxel_mm = 2.0}).warnings.size(), 1u);
+  EXPECT_TRUE(find_boundary(body.surface, {.indenter_diameter_mm = 8.0, .voxel_mm = 2.0}).warnings.empty());
+}
+
+TEST(Circle, AskedForFarFromTheSurfaceIsRefusedAndNearItMovedWithAWarning) {
+  const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
+  EXPECT_TRUE(find_boundary(block, {.base = "inferior", .indent_at = "0,0,33"}).warnings.empty());
+  const Boundary moved = find_boundary(block, {.base = "inferior", .indent_at = "2,3,38"});
+  ASSERT_EQ(moved.warnings.size(), 1u);
+  EXPECT_NE(moved.warnings[0].find("8.0 mm"), std::string::npos) << moved.warnings[0];
+  EXPECT_LT((moved.centre - Vec3(2, 3, 30)).norm(), 1e-9);
+  for (const char* far : {"0,0,100", "0,0,0", "0,0,-50"}) {
+    try {
+      find_boundary(block, {.base = "inferior", .indent_at = far});
+      FAIL() << far;
+    } catch (const ModelError& error) {
+      EXPECT_EQ(error.report.code, "place-moved");
+      EXPECT_NE(error.report.why.find("(0.0, 0.0, 30.0) mm"), std::string::npos) << error.report.why;
+    }
+  }
+}
+
+TEST(Circle, InAPocketThatItDoesNotFitIntoIsRefused) {
+  const auto pocket = [](const Vec3& x) {
+    return x.cwiseAbs().maxCoeff() < 25.0 && !(x.z() > 0.0 && x.head<2>().norm() < 6.0);
+  };
+  const SegmentedBody body = make_body_surface(image_of(pocket, 28.0, 1.5), {}, 4.0);
+  const BoundaryOptions options{.base = "inferior", .indent_at = "3,0,0"};
+  EXPECT_THROW(find_boundary(body.surface, options), ModelError);
+  // In its middle the circle fits, with a warning.
+  EXPECT_EQ(find_boundary(body.surface, {.base = "inferior", .indent_at = "0,0,0"}).warnings.size(), 1u);
+  // By itself it keeps away from it.
+  EXPECT_GT((body.surface.to_world() * find_boundary(body.surface, {.base = "inferior"}).centre).head<2>().norm(),
+            13.0);
+}
+
+TEST(Boundary, KnowsTheSidesByOtherWordsToo) {
+  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {}, 5.0);
+  const auto down = [&](const char* word) -> Vec3 {
+    return body.surface.to_world().linear() * find_boundary(body.surface, {.base = word}).down;
+  };
+  for (const char* word : {"bottom", "below", "under", "I", "inferior"})
+    EXPECT_LT((down(word) - Vec3(0, 0, -1)).norm(), 1e-12) << word;
+  for (const char* word : {"back", "P", "posterior"}) EXPECT_LT((down(word) - Vec3(0, 1, 0)).norm(), 1e-12) << word;
+}
+
+TEST(Boundary, RefusesWordsAndPlacesThatMakeNoSense) {
+  const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
+  EXPECT_THROW(find_boundary(block, {.base = "sideways"}), UsageError);
+  EXPECT_THROW(find_boundary(block, {.indent_at = "bottom"}), UsageError);
+  EXPECT_THROW(find_boundary(block, {.direction = "down"}), UsageError);
+  EXPECT_THROW(find_boundary(block, {.indent_at = "300,0,0"}), ModelError);
 }
 
 }  // namespace
