@@ -203,12 +203,15 @@ std::vector<Option> options_of(Config& c) {
        "support radius in spacings; 0: 1.6 (converging), 1.8, quadratic 2.6", &c.support.radius_factor, 0, 10,
        false, any, "model"},
       {"boundary.base", "--base", "",
-       "side the organ rests on: auto, inferior, superior, left, right, anterior, posterior, or x,y,z in LPS",
+       "side the organ rests on: auto, inferior (bottom), superior (top), left, right, anterior, posterior, "
+       "or "
+       "x,y,z in LPS",
        &c.boundary.base, 0, 0, false, any, "model"},
       {"boundary.base_depth_mm", "--base-depth", "mm", "height up to which the base is held; 0: chosen",
        &c.boundary.base_depth_mm, 0, 1000, false, any, "model"},
-      {"boundary.indent_at", "--indent-at", "", "where the circle is: top, left, right, or x,y,z in LPS mm",
-       &c.boundary.indent_at, 0, 0, false, any, "model"},
+      {"boundary.indent_at", "--indent-at", "",
+       "where the circle is: top, left, right, x,y,z in LPS mm, or x,y,top", &c.boundary.indent_at, 0, 0,
+       false, any, "model"},
       {"boundary.indenter_diameter_mm", "--indenter-diameter", "mm", "diameter of the circle",
        &c.boundary.indenter_diameter_mm, 0, 1000, true, any, "model"},
       {"boundary.direction", "--direction", "",
