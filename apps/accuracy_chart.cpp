@@ -407,7 +407,7 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
     write_label_image(file, make_phantom(scene.phantom));
     subject.config.image.file = file.string();
     subject.config.boundary.base = "inferior";
-    subject.config.boundary.indent_at = "0,0,0";
+    subject.config.boundary.indent_at = "0,0,top";
     subject.config.solver.frames = depths;
     subjects.push_back(subject);
   }

@@ -538,7 +538,7 @@ std::vector<StressMap> maps_asked_for(const Config& config, const StressOptions&
       refuse(fmt::format("both axes are {}", map.x.key), "--x, --y", "there would be one line of cells",
              "choose two options");
     if (config.image.file.empty()) {
-      map.settings = {{"boundary.base", "inferior"}, {"boundary.indent_at", "0,0,0"}};
+      map.settings = {{"boundary.base", "inferior"}, {"boundary.indent_at", "0,0,top"}};
       map.scene = "block 60 x 60 x 30 mm";
     } else {
       map.scene = fs::path(config.image.file).filename().string();

@@ -33,7 +33,7 @@ StressAxis depths(int count, double deepest_mm) {
 std::vector<std::pair<std::string, std::string>> scene(
     std::vector<std::pair<std::string, std::string>> special) {
   std::vector<std::pair<std::string, std::string>> all = {
-      {"boundary.base", "inferior"}, {"boundary.indent_at", "0,0,0"}, {"load.rate_mm_per_s", "2"}};
+      {"boundary.base", "inferior"}, {"boundary.indent_at", "0,0,top"}, {"load.rate_mm_per_s", "2"}};
   all.insert(all.end(), special.begin(), special.end());
   return all;
 }

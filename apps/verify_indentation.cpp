@@ -23,7 +23,7 @@ class Indentation {
   Indentation(const BodySurface& body, Index nodes) {
     ModelOptions options = model_options(Config{});
     options.cloud.count = nodes;
-    options.boundary = {.base = "inferior", .indent_at = "0,0,0", .indenter_diameter_mm = 10.0};
+    options.boundary = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = 10.0};
     model_ = build_model(body, options).model;
     tissue_ = Eigen::VectorXi::Zero(model_.point_count());
     complete_model(model_, standard_support(), tissue_,

@@ -91,8 +91,7 @@ Vec3 nearest_axis(const BodySurface& body, const Vec3& lps) {
 }
 
 // The direction across which a body without a flat face is bedded, and why.
-Vec3 bedded_on(const BodySurface& body, std::string& reason) {
-  const Moments moments = moments_of(body);
+Vec3 bedded_on(const BodySurface& body, const Moments& moments, std::string& reason) {
   const Eigen::SelfAdjointEigenSolver<Mat3> axes(moments.second);
   const Vec3 variance = axes.eigenvalues();
   Vec3 down;
@@ -117,8 +116,8 @@ Vec3 bedded_on(const BodySurface& body, std::string& reason) {
   const double below = dome_of(body, down), above = dome_of(body, -down);
   const double pointed = down.dot(moments.third) / std::pow(moments.size, 3);
   const bool turn = std::abs(below - above) > same_dome * std::max(below, above) ? below > above
-                    : std::abs(pointed) > 0.02                                  ? pointed < 0.0
-                                                   : preference(body, -down) > preference(body, down);
+                    : std::abs(pointed) > 0.02                                   ? pointed < 0.0
+                                               : preference(body, -down) > preference(body, down);
   if (turn) down = -down;
   reason += fmt::format("; its dome there is {:.0f} % of the outline, that of the side above {:.0f} %",
                         100.0 * (turn ? above : below), 100.0 * (turn ? below : above));
@@ -142,10 +141,11 @@ void bed_on(const BodySurface& body, const Vec3& down, Boundary& result) {
   result.base_depth = bed_depth * result.height;
 }
 
-void find_base(const BodySurface& body, const BoundaryOptions& options, Boundary& result) {
+void find_base(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
+               Boundary& result) {
   const auto stands = [](const FlatFace& face) { return face.outermost && face.share >= flat_share; };
   if (options.base == "auto") {
-    const std::vector<FlatFace> faces = flat_faces(body);
+    const std::vector<FlatFace> faces = flat_faces(body, moments);
     const FlatFace* largest = nullptr;
     double share = 0.0;
     for (const FlatFace& face : faces) {
@@ -157,19 +157,20 @@ void find_base(const BodySurface& body, const BoundaryOptions& options, Boundary
     }
     if (largest) {
       rest_on(*largest, result);
-      result.base_reason = fmt::format("largest flat face: {:.0f} % of the outline touches its plane",
-                                       100.0 * largest->share);
+      result.base_reason =
+          fmt::format("largest flat face: {:.0f} % of the outline touches its plane", 100.0 * largest->share);
     } else {
       std::string reason;
-      bed_on(body, bedded_on(body, reason), result);
-      result.base_reason =
-          fmt::format("no flat face (at most {:.0f} % of an outline touches): bedded on the side {}; {:.0f} mm high",
-                      100.0 * share, reason, result.height);
+      bed_on(body, bedded_on(body, moments, reason), result);
+      result.base_reason = fmt::format(
+          "no flat face (at most {:.0f} % of an outline touches): bedded on the side {}; {:.0f} mm high",
+          100.0 * share, reason, result.height);
     }
   } else {
     const auto other = same_side.find(options.base);
     const std::string& word = other == same_side.end() ? options.base : other->second;
-    const auto named = std::find_if(sides.begin(), sides.end(), [&](const Side& s) { return s.word == word; });
+    const auto named =
+        std::find_if(sides.begin(), sides.end(), [&](const Side& s) { return s.word == word; });
     const auto vector = parse_vector(options.base);
     Vec3 down;
     if (named != sides.end()) {
@@ -177,14 +178,14 @@ void find_base(const BodySurface& body, const BoundaryOptions& options, Boundary
     } else if (vector && vector->norm() > 0.0) {
       down = local_direction(body, vector->normalized());
     } else {
-      throw UsageError(
-          {.fact = fmt::format("'{}' is not a side", options.base),
-           .where = "--base (boundary.base)",
-           .why = "a side is auto, inferior (or bottom), superior (top), left, right, anterior (front), posterior "
-                  "(back) or x,y,z",
-           .remedy = "give one of these, for instance --base inferior"});
+      throw UsageError({.fact = fmt::format("'{}' is not a side", options.base),
+                        .where = "--base (boundary.base)",
+                        .why = "a side is auto, inferior (or bottom), superior (top), left, right, anterior "
+                               "(front), posterior "
+                               "(back) or x,y,z",
+                        .remedy = "give one of these, for instance --base inferior"});
     }
-    const FlatFace face = face_towards(body, down);
+    const FlatFace face = face_towards(body, moments, down);
     if (stands(face))
       rest_on(face, result);
     else
@@ -221,8 +222,27 @@ std::string words(const BodySurface& body, const Vec3& local) {
   return fmt::format("({:.1f}, {:.1f}, {:.1f}) mm", number(lps.x()), number(lps.y()), number(lps.z()));
 }
 
-void place_as_asked(const BodySurface& body, const std::string& asked_for, const Vec3& asked, const View& view,
-                    Boundary& result) {
+// A place that is asked for in LPS [mm]: x,y,z, or x,y,top where z is not known.
+struct Asked {
+  Vec3 place;
+  bool moved_freely = false;
+};
+
+std::optional<Asked> parse_place(const BodySurface& body, const std::string& text) {
+  const std::string top = ",top";
+  if (text.size() > top.size() && text.compare(text.size() - top.size(), top.size(), top) == 0) {
+    auto flat = parse_vector(text.substr(0, text.size() - top.size()) + ",0");
+    if (!flat) return std::nullopt;
+    flat->z() = (body.to_world() * body.centroid()).z();
+    return Asked{*flat, true};
+  }
+  const auto place = parse_vector(text);
+  return place ? std::optional<Asked>({*place, false}) : std::nullopt;
+}
+
+void place_as_asked(const BodySurface& body, const std::string& asked_for, const Asked& place,
+                    const View& view, Boundary& result) {
+  const Vec3 asked = body.to_world().inverse() * place.place;
   const auto touch = first_touch(body, asked, result.push);
   if (!touch) {
     const Vec3 lower = body.to_world() * body.lower(), upper = body.to_world() * body.upper();
@@ -240,24 +260,26 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
   }
   result.centre = *touch;
   const double moved = (*touch - asked).norm();
-  if (moved > 4.0 * result.radius * (1.0 + 1e-6))
+  if (moved > 4.0 * result.radius && !place.moved_freely)
     throw ModelError(
-        {.fact = fmt::format("the place {} mm lies {:.1f} mm from where the circle meets the organ", asked_for,
-                             moved),
+        {.fact = fmt::format("the place {} mm lies {:.1f} mm from where the circle meets the organ",
+                             asked_for, moved),
          .where = "--indent-at (boundary.indent_at)",
-         .why = fmt::format("coming along the push the circle of {:.4g} mm diameter touches the organ at {}; more "
-                            "than two diameters away another place is likely to be meant",
-                            2.0 * result.radius, words(body, *touch)),
-         .remedy = fmt::format("give that place; the surface nearest to the one given is at {}, where another "
-                               "--direction may be needed",
-                               words(body, body.closest(asked).place)),
+         .why = fmt::format(
+             "coming along the push the circle of {:.4g} mm diameter touches the organ at {}; more "
+             "than two diameters away another place is likely to be meant",
+             2.0 * result.radius, words(body, *touch)),
+         .remedy =
+             fmt::format("give that place; the surface nearest to the one given is at {}, where another "
+                         "--direction may be needed",
+                         words(body, body.closest(asked).place)),
          .code = "place-moved"});
   result.circle_reason = fmt::format("asked for; moved {:.1f} mm along the push onto the surface", moved);
-  if (moved > result.radius)
-    result.warnings.push_back(
-        fmt::format("the place {} mm that --indent-at gives was moved by {:.1f} mm, more than the circle's radius: "
-                    "along the push the organ is met first at {}",
-                    asked_for, moved, words(body, *touch)));
+  if (moved > result.radius && !place.moved_freely)
+    result.warnings.push_back(fmt::format(
+        "the place {} mm that --indent-at gives was moved by {:.1f} mm, more than the circle's radius: "
+        "along the push the organ is met first at {}",
+        asked_for, moved, words(body, *touch)));
   const Room room = room_around(view, view.flat(*touch), result.radius);
   result.room = room.even;
   if (room.whole < result.radius)
@@ -267,11 +289,13 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
          .where = "--indent-at (boundary.indent_at)",
          .why = fmt::format("{:.1f} mm from its middle the surface ends or drops by more than a radius",
                             room.whole),
-         .remedy = "move it with --indent-at, make it smaller with --indenter-diameter, or leave the place to "
-                   "--indent-at top"});
+         .remedy =
+             "move it with --indent-at, make it smaller with --indenter-diameter, or leave the place to "
+             "--indent-at top"});
 }
 
-void find_circle(const BodySurface& body, const BoundaryOptions& options, Boundary& result) {
+void find_circle(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
+                 Boundary& result) {
   result.radius = 0.5 * options.indenter_diameter_mm;
   result.push = result.down;
   if (options.direction != "auto") {
@@ -293,63 +317,67 @@ void find_circle(const BodySurface& body, const BoundaryOptions& options, Bounda
          .remedy = fmt::format("give at least {:.4g} mm, or a finer image", few_voxels * options.voxel_mm),
          .code = "circle-too-small"});
   if (options.voxel_mm > 0.0 && across < few_voxels)
-    result.warnings.push_back(
-        fmt::format("the indenter of {:.4g} mm diameter is {:.1f} voxels across: the surface beneath it is hardly "
-                    "known",
-                    options.indenter_diameter_mm, across));
+    result.warnings.push_back(fmt::format(
+        "the indenter of {:.4g} mm diameter is {:.1f} voxels across: the surface beneath it is hardly "
+        "known",
+        options.indenter_diameter_mm, across));
 
-  const View view(body, result.push);
-  if (const auto asked = parse_vector(options.indent_at)) {
-    place_as_asked(body, options.indent_at, body.to_world().inverse() * *asked, view, result);
+  const View view(body, moments, result.push);
+  const auto asked = parse_place(body, options.indent_at);
+  if (asked) {
+    place_as_asked(body, options.indent_at, *asked, view, result);
   } else {
     const bool left = options.indent_at == "left", right = options.indent_at == "right";
     if (!left && !right && options.indent_at != "top")
       throw UsageError({.fact = fmt::format("'{}' is not a place to indent", options.indent_at),
                         .where = "--indent-at (boundary.indent_at)",
-                        .why = "a place is top, left, right or x,y,z in LPS mm",
+                        .why = "a place is top, left, right, x,y,z in LPS mm, or x,y,top",
                         .remedy = "for instance --indent-at left"});
     std::optional<Eigen::Vector2d> side;
     if (left || right) side = view.flat(local_direction(body, (left ? 1.0 : -1.0) * Vec3::UnitX()));
-    const auto place = highest_dome(view, result.radius, result.height, side,
+    const auto place = highest_dome(view, moments, result.radius, result.height, side,
                                     local_direction(body, Vec3(1.0, 0.1, 0.01)));
     const auto touch = place ? first_touch(body, view.at(place->centre, 0.0), result.push) : std::nullopt;
     if (!touch)
       throw ModelError(
-          {.fact = fmt::format("no place on the {} takes an indenter of {:.1f} mm diameter", options.indent_at,
-                               options.indenter_diameter_mm),
+          {.fact = fmt::format("no place on the {} takes an indenter of {:.1f} mm diameter",
+                               options.indent_at, options.indenter_diameter_mm),
            .where = "indenter circle",
            .why = "it would hang over the organ's edge everywhere",
            .remedy = "make it smaller with --indenter-diameter, or choose the place with --indent-at x,y,z"});
     result.centre = *touch;
     result.room = place->room;
-    result.circle_reason = fmt::format(
-        "over the highest dome with room{}{}{}",
-        left    ? " of the left half"
-        : right ? " of the right half"
-                : "",
-        options.direction == "auto" ? ", opposite to the base" : "",
-        place->equals > 1 ? fmt::format(", one of {} as high", place->equals) : "");
+    result.circle_reason =
+        fmt::format("over the highest dome with room{}{}{}",
+                    left    ? " of the left half"
+                    : right ? " of the right half"
+                            : "",
+                    options.direction == "auto" ? ", opposite to the base" : "",
+                    place->equals > 1 ? fmt::format(", one of {} as high", place->equals) : "");
   }
   const double short_of_room = 1.75 * result.radius;
   if (result.room < wanted_room * result.radius)
     result.circle_reason +=
         fmt::format("; the nearest fold or edge is {:.1f} mm from its middle", result.room);
   else
-    result.circle_reason += fmt::format("; no fold or edge within {:.1f} mm of its middle", wanted_room * result.radius);
+    result.circle_reason +=
+        fmt::format("; no fold or edge within {:.1f} mm of its middle", wanted_room * result.radius);
   if (result.room < short_of_room)
     result.warnings.push_back(fmt::format(
-        "the circle of {:.4g} mm diameter has little room: {:.1f} mm from its middle a fold, an edge or a steep slope "
+        "the circle of {:.4g} mm diameter has little room: {:.1f} mm from its middle a fold, an edge or a "
+        "steep slope "
         "cuts the surface, and {:.4g} mm are wanted; tissue may fold onto itself there under a deep push{}",
         2.0 * result.radius, result.room, wanted_room * result.radius,
-        parse_vector(options.indent_at) ? "" : "; no other place has more"));
+        asked ? "" : "; no other place is better"));
 }
 
 }  // namespace
 
 Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options) {
   Boundary result;
-  find_base(body, options, result);
-  find_circle(body, options, result);
+  const Moments moments = moments_of(body);
+  find_base(body, moments, options, result);
+  find_circle(body, moments, options, result);
   return result;
 }
 

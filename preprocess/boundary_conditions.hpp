@@ -10,17 +10,19 @@
 namespace dimple {
 
 struct BoundaryOptions {
-  /// auto, or the side that the organ rests on: inferior, superior, left, right, anterior, posterior (or bottom,
-  /// top, front, back, or 3D Slicer's letters), or x,y,z: the LPS direction from the organ towards what it
-  /// rests on. All are the patient's sides; auto alone looks for the organ's own.
+  /// auto, or the side that the organ rests on: inferior, superior, left, right, anterior, posterior (or
+  /// bottom, top, front, back, or 3D Slicer's letters), or x,y,z: the LPS direction from the organ towards
+  /// what it rests on. All are the patient's sides; auto alone looks for the organ's own.
   std::string base = "auto";
   double base_depth_mm = 0.0;  ///< how far up from the lowest point tissue is held; 0: chosen
-  /// top: over the highest dome. left, right: over the highest dome of that half. x,y,z: LPS mm.
+  /// top: over the highest dome. left, right: over the highest dome of that half. x,y,z: LPS mm; x,y,top:
+  /// where the push first meets the organ there.
   std::string indent_at = "top";
   double indenter_diameter_mm = 10.0;
   std::string direction =
       "auto";  ///< auto: towards the base; or x,y,z: LPS direction in which the circle moves
-  double voxel_mm = 0.0;  ///< longest edge of the image's voxels: finer than that nothing is known; 0: unknown
+  double voxel_mm =
+      0.0;  ///< longest edge of the image's voxels: finer than that nothing is known; 0: unknown
 };
 
 /// The fixed base and the indenter's circle as places on the surface; mm, in the surface's own frame.
@@ -41,12 +43,13 @@ struct Boundary {
 /// Finds the surface that the organ rests on, and the circle on the side opposite to it. Both belong to the
 /// organ: they turn with it. Only where the organ itself leaves a choice do the patient's directions decide.
 ///
-/// Base: the largest flat face beyond which the organ does not reach (at least a quarter of its outline within
-/// 2 % of its height of a plane; of several as large the most inferior); otherwise the side across which it is
-/// thinnest by its moments of inertia, its broader dome up, bedded to a third of its height as in a mould; an
-/// organ that is as thin across other axes lies on the patient's inferior side of those. Circle: the highest
-/// dome with room (circle_place.hpp). Throws UsageError (unknown word), ModelError (the indenter misses the
-/// organ, hangs over its edge, is smaller than a voxel, or lies two diameters from the place asked for).
+/// Base: the largest flat face beyond which the organ does not reach (at least a quarter of its outline
+/// within 2 % of its height of a plane; of several as large the most inferior); otherwise the side across
+/// which it is thinnest by its moments of inertia, its broader dome up, bedded to a third of its height as in
+/// a mould; an organ that is as thin across other axes lies on the patient's inferior side of those. Circle:
+/// the highest dome with room (circle_place.hpp). Throws UsageError (unknown word), ModelError (the indenter
+/// misses the organ, hangs over its edge, is smaller than a voxel, or lies two diameters from the place asked
+/// for).
 Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options);
 
 /// Whether a place on the surface, with outward normal n, belongs to the base.

@@ -16,15 +16,16 @@ namespace {
 
 using Vec2 = Eigen::Vector2d;
 
-constexpr double sought = 2.3;           // radii: a little beyond the room that is wanted
-// How much a slope, or a turn of the normal within half a radius, cuts the surface: not at all up to the first
-// angle, wholly from the second on. The room ends where the cuts within it, so weighed, make up this part of the
-// disc's area: no single voxel ends it, and nothing jumps where a fold is about as steep as a limit.
+constexpr double sought = 2.3;  // radii: a little beyond the room that is wanted
+// How much a slope, or a turn of the normal within half a radius, cuts the surface: not at all up to the
+// first angle, wholly from the second on. The room ends where the cuts within it, so weighed, make up this
+// part of the disc's area: no single voxel ends it, and nothing jumps where a fold is about as steep as a
+// limit.
 constexpr double gentle_slope = 60.0, steep_slope = 80.0, gentle_turn = 25.0, sharp_turn = 60.0;  // degrees
 constexpr double negligible = 0.03;
-constexpr Index most_steps = 10;  // of the lattice of cuts, to a radius
-constexpr double whole_disc = 1.1;       // radii: the disc and a little more
-constexpr double price_of_room = 2.0;     // radii of height for a whole radius of margin
+constexpr Index most_steps = 10;       // of the lattice of cuts, to a radius
+constexpr double whole_disc = 1.05;    // radii: the disc and a little more
+constexpr double price_of_room = 2.0;  // radii of height for a whole radius of margin
 // Slopes less than five degrees, such as the voxels' ripples are, decide nothing: of a plateau its middle is
 // taken, along the directions in which the body is longest and shortest.
 constexpr double level = 0.08;
@@ -43,6 +44,7 @@ class Cuts {
  public:
   Cuts(const HeightMap& map, double radius);
   Room at(const Vec2& p) const;
+  double step() const { return step_; }
 
  private:
   void grade(const HeightMap& map);
@@ -83,8 +85,9 @@ void Cuts::grade(const HeightMap& map) {
   };
   // Rise per length, from both sides where there are two.
   const auto rise = [&](Index i, Index j, Index di, Index dj) {
-    const double before = height(i - di * slope, j - dj * slope), after = height(i + di * slope, j + dj * slope),
-                 here = height(i, j), length = static_cast<double>(slope) * map.step;
+    const double before = height(i - di * slope, j - dj * slope),
+                 after = height(i + di * slope, j + dj * slope), here = height(i, j),
+                 length = static_cast<double>(slope) * map.step;
     if (std::isfinite(before) && std::isfinite(after)) return (after - before) / (2.0 * length);
     if (std::isfinite(after)) return (after - here) / length;
     if (std::isfinite(before)) return (here - before) / length;
@@ -114,7 +117,8 @@ void Cuts::grade(const HeightMap& map) {
         continue;
       }
       double turn = 1.0;  // cosine
-      for (const auto& [di, dj] : {std::pair<Index, Index>{aside, 0}, {0, aside}, {aslant, aslant}, {aslant, -aslant}})
+      for (const auto& [di, dj] :
+           {std::pair<Index, Index>{aside, 0}, {0, aside}, {aslant, aslant}, {aslant, -aslant}})
         if (std::isfinite(height(i - di, j - dj)) && std::isfinite(height(i + di, j + dj)))
           turn = std::min(turn, normal(i - di, j - dj).dot(normal(i + di, j + dj)));
       cut_(i, j) = std::max(between(std::atan(std::hypot(gu(i, j), gv(i, j))), gentle_slope, steep_slope),
@@ -131,7 +135,9 @@ Room Cuts::at(const Vec2& p) const {
   Room room{.whole = infinite, .even = sought * radius_};
   const double reach = sought * radius_;
   const Vec2 middle = (p - corner_) / step_;
-  const auto from = [&](int d) { return std::max<Index>(0, static_cast<Index>(std::ceil(middle[d] - reach / step_))); };
+  const auto from = [&](int d) {
+    return std::max<Index>(0, static_cast<Index>(std::ceil(middle[d] - reach / step_)));
+  };
   const auto to = [&](int d, Index count) {
     return std::min(count - 1, static_cast<Index>(std::floor(middle[d] + reach / step_)));
   };
@@ -277,8 +283,7 @@ Dome look_closely(const View& view, const Rule& rule, Vec2 centre, double step) 
     const auto n = static_cast<Index>(std::ceil(around / step));
     for (Index j = -n; j <= n; ++j)
       for (Index i = -n; i <= n; ++i)
-        consider(map, cuts, rule,
-                 centre + step * Vec2(static_cast<double>(i), static_cast<double>(j)), best);
+        consider(map, cuts, rule, centre + step * Vec2(static_cast<double>(i), static_cast<double>(j)), best);
     if (best.worth == -infinite) return best;
     centre = best.centre;
   }
@@ -291,23 +296,21 @@ Room room_around(const View& view, const Vec2& centre, double radius) {
   return Cuts(map_around(view, centre, (sought + 0.2) * radius, radius / 12.0), radius).at(centre);
 }
 
-std::optional<CirclePlace> highest_dome(const View& view, double radius, double height,
-                                        const std::optional<Vec2>& side, const Vec3& prefer) {
-  const Moments moments = moments_of(*view.body);
+std::optional<CirclePlace> highest_dome(const View& view, const Moments& moments, double radius,
+                                        double height, const std::optional<Vec2>& side, const Vec3& prefer) {
   const Vec2 extent = view.high - view.low;
-  const double step = std::max(std::min(radius / 6.0, extent.maxCoeff() / 150.0),
-                               std::sqrt(extent.prod() / most_places));
+  const double step =
+      std::max(std::min(radius / 6.0, extent.maxCoeff() / 150.0), std::sqrt(extent.prod() / most_places));
   const HeightMap map = height_map(view, step);
   const Cuts cuts(map, radius);
-  const Rule rule{.middle = view.flat(view.body->centroid()),
-            .radius = radius,
-            .side = side};
+  const Rule rule{.middle = view.flat(view.body->centroid()), .radius = radius, .side = side};
 
   std::vector<double> thicknesses;
   for (Index k = 0; k < map.thickness.size(); ++k)
     if (std::isfinite(map.thickness.data()[k])) thicknesses.push_back(map.thickness.data()[k]);
   if (thicknesses.empty()) return std::nullopt;
-  std::nth_element(thicknesses.begin(), thicknesses.begin() + static_cast<std::ptrdiff_t>(thicknesses.size() / 2),
+  std::nth_element(thicknesses.begin(),
+                   thicknesses.begin() + static_cast<std::ptrdiff_t>(thicknesses.size() / 2),
                    thicknesses.end());
   const double thin = thick_enough * thicknesses[thicknesses.size() / 2];
 
@@ -323,7 +326,8 @@ std::optional<CirclePlace> highest_dome(const View& view, double radius, double 
       const Vec2 p = map.place(i, j);
       if (!(map.thickness(i, j) > thin) || !rule.allowed(p)) continue;
       const Room room = cuts.at(p);
-      if (room.whole < whole_disc * radius) continue;
+      // A little more than looking closely asks for, so that it does not refuse what it is given.
+      if (room.whole < whole_disc * radius + 2.0 * cuts.step()) continue;
       found[static_cast<std::size_t>(j)].push_back({p, rule.worth(mean(i, j), p, room.even)});
     }
   });
@@ -344,7 +348,13 @@ std::optional<CirclePlace> highest_dome(const View& view, double radius, double 
     if (begun.empty()) highest = place.worth;
     begun.push_back(place.at);
     const Dome dome = look_closely(view, rule, place.at, step);
-    if (dome.worth > -infinite) domes.push_back(dome);
+    // Two beginnings may end on the same dome.
+    const auto same = std::find_if(domes.begin(), domes.end(),
+                                   [&](const Dome& d) { return (d.centre - dome.centre).norm() < apart; });
+    if (same == domes.end() && dome.worth > -infinite)
+      domes.push_back(dome);
+    else if (same != domes.end() && dome.worth > same->worth + 1e-3 * radius)
+      *same = dome;
   }
   if (domes.empty()) return std::nullopt;
   const double top = std::max_element(domes.begin(), domes.end(), [](const Dome& a, const Dome& b) {

@@ -23,12 +23,14 @@ struct CirclePlace {
   int equals = 1;     ///< domes as high as this one, this one included
 };
 
-/// The highest dome with room: where the mean height over the disc is greatest, of all places (in the half plane
-/// `side` . x > 0 about the body's middle, if it is given) with room, or, if there is none, of those that have
-/// at least nine tenths of the most. Of two domes as high, within a quarter per cent of `height`, the one towards
-/// the body's heavier end or, in a body that has none, towards `prefer` is taken; on a plateau the place nearest
-/// to the body's middle. Nothing: no place takes the whole disc.
-std::optional<CirclePlace> highest_dome(const View& view, double radius, double height,
-                                        const std::optional<Eigen::Vector2d>& side, const Vec3& prefer);
+/// The highest dome with room, in the half plane `side` . x > 0 about the body's middle if it is given: where
+/// the mean height over the disc is greatest, less what the place lacks of the wanted room (two radii of
+/// height for a margin of none, in proportion to the square) and less a twelfth of the way from the body's
+/// middle, so that of a plateau its middle is taken. Of two domes as high, within a quarter per cent of
+/// `height`, the one away from the body's pointed end or, in a body that has none, towards `prefer` is taken.
+/// Nothing: no place takes the whole disc.
+std::optional<CirclePlace> highest_dome(const View& view, const Moments& moments, double radius,
+                                        double height, const std::optional<Eigen::Vector2d>& side,
+                                        const Vec3& prefer);
 
 }  // namespace dimple

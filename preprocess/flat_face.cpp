@@ -15,18 +15,20 @@ namespace {
 constexpr double flat_tolerance = 0.02;  // of the height
 // Of an edge of the surface's triangles: less than that the voxels do not say, up to this part of the height.
 constexpr double edge_tolerance = 0.15, most_tolerance = 0.05;
-constexpr double facing = 0.85;       // cosine: normals of voxels on an oblique plane waver by some 20 degrees
-constexpr double outer_part = 0.1;    // of the height: where the plane across a direction is looked for
-constexpr double axis_angle = 0.25;   // degrees
+constexpr double facing = 0.85;      // cosine: normals of voxels on an oblique plane waver by some 20 degrees
+constexpr double outer_part = 0.1;   // of the height: where the plane across a direction is looked for
+constexpr double axis_angle = 0.25;  // degrees
 constexpr int most_planes = 24;
-constexpr double least_area = 0.01;   // of the surface: fewer agreeing normals are no face of a quarter outline
+constexpr double least_area =
+    0.03;  // of the surface: where fewer normals agree is no face of a quarter outline
 
 double radians(double degrees) {
   return degrees * std::numbers::pi / 180.0;
 }
 
 double typical_edge(const BodySurface& body) {
-  std::vector<double> area(body.triangle_area().data(), body.triangle_area().data() + body.triangle_area().size());
+  std::vector<double> area(body.triangle_area().data(),
+                           body.triangle_area().data() + body.triangle_area().size());
   std::nth_element(area.begin(), area.begin() + static_cast<std::ptrdiff_t>(area.size() / 2), area.end());
   return std::sqrt(area[area.size() / 2] * 4.0 / std::numbers::sqrt3);
 }
@@ -92,8 +94,8 @@ Plane plane_across(const BodySurface& body, const Vec3& out, double edge) {
   const Eigen::VectorXd depth = body.vertex().transpose() * out;
   plane.lowest = depth.maxCoeff();
   plane.height = plane.lowest - depth.minCoeff();
-  plane.tolerance = std::max(flat_tolerance * plane.height,
-                             std::min(edge_tolerance * edge, most_tolerance * plane.height));
+  plane.tolerance =
+      std::max(flat_tolerance * plane.height, std::min(edge_tolerance * edge, most_tolerance * plane.height));
   plane.offset = plane.lowest;
   struct Facet {
     double depth, area;
@@ -107,8 +109,9 @@ Plane plane_across(const BodySurface& body, const Vec3& out, double edge) {
     if (plane.lowest - at < std::max(outer_part * plane.height, 2.0 * plane.tolerance))
       facets.push_back({at, faces * body.triangle_area()[t], t});
   }
-  std::sort(facets.begin(), facets.end(),
-            [](const Facet& a, const Facet& b) { return a.depth < b.depth || (a.depth == b.depth && a.t < b.t); });
+  std::sort(facets.begin(), facets.end(), [](const Facet& a, const Facet& b) {
+    return a.depth < b.depth || (a.depth == b.depth && a.t < b.t);
+  });
   double inside = 0.0, most = 0.0;
   std::size_t first = 0, best_first = 0, best_last = 0;
   for (std::size_t last = 0; last < facets.size(); ++last) {
@@ -120,13 +123,13 @@ Plane plane_across(const BodySurface& body, const Vec3& out, double edge) {
       best_last = last + 1;
     }
   }
-  double area = 0.0, moment = 0.0;
+  // Half of it lies above and half below: the rounded rim does not count more than it is.
+  double below = 0.0;
   for (std::size_t k = best_first; k < best_last; ++k) {
-    area += facets[k].area;
-    moment += facets[k].area * facets[k].depth;
+    if (below < 0.5 * most) plane.offset = facets[k].depth;
+    below += facets[k].area;
     plane.member.push_back(facets[k].t);
   }
-  if (area > 0.0) plane.offset = moment / area;
   return plane;
 }
 
@@ -155,7 +158,7 @@ Vec3 fitted_normal(const BodySurface& body, const std::vector<Index>& member, co
   return normal.dot(out) < 0.0 ? Vec3(-normal) : normal;
 }
 
-FlatFace measured(const BodySurface& body, const Vec3& out, const Plane& plane) {
+FlatFace measured(const BodySurface& body, const Moments& moments, const Vec3& out, const Plane& plane) {
   FlatFace face{.out = out,
                 .offset = plane.offset,
                 .height = 0.0,
@@ -167,18 +170,18 @@ FlatFace measured(const BodySurface& body, const Vec3& out, const Plane& plane) 
     if (faces > facing && std::abs(centre_of(body, t).dot(out) - plane.offset) <= plane.tolerance)
       face.area += faces * body.triangle_area()[t];
   }
-  const View view(body, out);
+  const View view(body, moments, out);
   face.share = face.area / height_map(view, (view.high - view.low).maxCoeff() / 150.0).outline();
   return face;
 }
 
 }  // namespace
 
-FlatFace face_towards(const BodySurface& body, const Vec3& out) {
-  return measured(body, out, plane_across(body, out, typical_edge(body)));
+FlatFace face_towards(const BodySurface& body, const Moments& moments, const Vec3& out) {
+  return measured(body, moments, out, plane_across(body, out, typical_edge(body)));
 }
 
-std::vector<FlatFace> flat_faces(const BodySurface& body) {
+std::vector<FlatFace> flat_faces(const BodySurface& body, const Moments& moments) {
   const double edge = typical_edge(body);
   std::vector<FlatFace> faces;
   for (Vec3 out : frequent_normals(body)) {
@@ -188,7 +191,7 @@ std::vector<FlatFace> flat_faces(const BodySurface& body) {
       const Vec3 before = out;
       out = fitted_normal(body, plane.member, out);
       plane = plane_across(body, out, edge);
-      if ((out - before).norm() < 1e-6) break;
+      if ((out - before).norm() < 1e-5) break;
     }
     if (plane.member.empty()) continue;
     // Voxels do not know a direction better than this, and a face along them is meant to be along them.
@@ -201,7 +204,7 @@ std::vector<FlatFace> flat_faces(const BodySurface& body) {
     if (std::any_of(faces.begin(), faces.end(),
                     [&](const FlatFace& f) { return f.out.dot(out) > std::cos(radians(5.0)); }))
       continue;
-    faces.push_back(measured(body, out, plane_across(body, out, edge)));
+    faces.push_back(measured(body, moments, out, plane_across(body, out, edge)));
   }
   std::stable_sort(faces.begin(), faces.end(),
                    [](const FlatFace& a, const FlatFace& b) { return a.area > b.area; });

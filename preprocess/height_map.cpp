@@ -40,13 +40,14 @@ Moments moments_of(const BodySurface& body) {
   return result;
 }
 
-View::View(const BodySurface& the_body, const Vec3& along) : body(&the_body), push(along) {
+View::View(const BodySurface& the_body, const Moments& moments, const Vec3& along)
+    : body(&the_body), push(along) {
   Index axis = 0;
   push.cwiseAbs().minCoeff(&axis);
   const Vec3 e1 = (Vec3::Unit(axis) - push[axis] * push).normalized(), e2 = push.cross(e1);
   Eigen::Matrix<double, 3, 2> across;
   across << e1, e2;
-  const Eigen::Matrix2d second = across.transpose() * moments_of(the_body).second * across;
+  const Eigen::Matrix2d second = across.transpose() * moments.second * across;
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(second);
   // A body that is as long as it is wide has no such direction; neither does it matter then.
   const bool round = axes.eigenvalues()[0] > 0.999 * axes.eigenvalues()[1];
@@ -82,8 +83,7 @@ HeightMap height_map(const View& view, const Eigen::Vector2d& corner, double ste
     if (t % 8192 == 0) stop_if_asked();
     const Vec3 a = view.place.col(triangles(0, t)), b = view.place.col(triangles(1, t)),
                c = view.place.col(triangles(2, t));
-    const double double_area =
-        (b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x());
+    const double double_area = (b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x());
     if (double_area == 0.0) continue;
     const auto first = [&](int d) {
       return std::ceil((std::min({a[d], b[d], c[d]}) - corner[d]) / step - 1e-9);
@@ -101,8 +101,10 @@ HeightMap height_map(const View& view, const Eigen::Vector2d& corner, double ste
     for (Index j = j0; j <= j1; ++j)
       for (Index i = i0; i <= i1; ++i) {
         const Eigen::Vector2d p = map.place(i, j);
-        const double wb = ((p.x() - a.x()) * (c.y() - a.y()) - (p.y() - a.y()) * (c.x() - a.x())) / double_area,
-                     wc = ((b.x() - a.x()) * (p.y() - a.y()) - (b.y() - a.y()) * (p.x() - a.x())) / double_area;
+        const double wb = ((p.x() - a.x()) * (c.y() - a.y()) - (p.y() - a.y()) * (c.x() - a.x())) /
+                          double_area,
+                     wc = ((b.x() - a.x()) * (p.y() - a.y()) - (b.y() - a.y()) * (p.x() - a.x())) /
+                          double_area;
         // A place on an edge belongs to both triangles: the highest of two equal heights is the same.
         if (wb < -1e-9 || wc < -1e-9 || wb + wc > 1.0 + 1e-9) continue;
         const double w = a.z() + wb * (b.z() - a.z()) + wc * (c.z() - a.z());

@@ -20,7 +20,7 @@ using testing::Not;
 TEST(Export, WritesTheSameSceneForBothPrograms) {
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
-  const std::string scene = " --nodes 500 --frames 2 --depth 1mm --indent-at 0,0,0 --base inferior";
+  const std::string scene = " --nodes 500 --frames 2 --depth 1mm --indent-at 0,0,top --base inferior";
   const Ran inp = dimple(folder, "export block.nrrd -o block.inp" + scene);
   ASSERT_EQ(inp.code, 0) << inp.err;
   ASSERT_EQ(dimple(folder, "export block.nrrd -o again.feb --format febio" + scene).code, 0);
@@ -36,7 +36,7 @@ TEST(Export, CalculixGivesTheForceOfTissueThatDoesNotLock) {
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
   const std::string scene =
-      "export block.nrrd -o block.inp --nodes 2000 --frames 2 --depth 1mm --indent-at 0,0,0 --base inferior "
+      "export block.nrrd -o block.inp --nodes 2000 --frames 2 --depth 1mm --indent-at 0,0,top --base inferior "
       "--elements tetrahedra";
   // At nu 0.3 ten-node tetrahedra do not lock; hexahedra: 0.00721 N at 1 mm, tests/verification/reference.
   ASSERT_EQ(dimple(folder, scene + " --nu 0.3").code, 0);
@@ -53,7 +53,7 @@ TEST(Export, CalculixsHexahedraDoNotLock) {
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
   ASSERT_EQ(dimple(folder,
-                   "export block.nrrd -o block.inp --nodes 1000 --frames 1 --depth 1mm --indent-at 0,0,0 "
+                   "export block.nrrd -o block.inp --nodes 1000 --frames 1 --depth 1mm --indent-at 0,0,top "
                    "--base inferior")
                 .code,
             0);

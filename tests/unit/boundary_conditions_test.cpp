@@ -5,9 +5,9 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include <chrono>
 #include <cmath>
 #include <cstdlib>
+#include <ctime>
 #include <functional>
 #include <numbers>
 #include <random>
@@ -36,8 +36,8 @@ LabelImage image_of(const Inside& inside, double reach, double h, const Mat3& gr
   for (Index k = 0; k < n; ++k)
     for (Index j = 0; j < n; ++j)
       for (Index i = 0; i < n; ++i)
-        image.voxel.push_back(
-            inside(image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k))));
+        image.voxel.push_back(inside(
+            image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k))));
   return image;
 }
 
@@ -54,14 +54,15 @@ BodySurface turned(const BodySurface& body, const Mat3& rotation) {
   return {body.vertex(), body.triangles(), to_world};
 }
 
-// Two hemispheres on a flat cut face at z = 0, the left one `higher` by this part; 84 x 62 x 30 mm.
+// Two hemispheres on a flat cut face at z = 0, the left one `higher` by this part; 84 x 62 x 30 mm. The
+// fissure is 7 mm wide at half its depth, so that voxels of 2 mm show it.
 bool in_brain(const Vec3& x, double higher) {
   if (x.z() < 0.0) return false;
   const double u = std::max(0.0, std::abs(x.x()) - 5.0) / 26.0, v = (x.y() - higher * 30.0) / 42.0;
   const double rho2 = u * u + v * v;
   if (rho2 >= 1.0) return false;
   const double dome = 30.0 * std::sqrt(1.0 - rho2) * (1.0 + (x.x() > 0.0 ? higher : 0.0));
-  return x.z() < dome * (1.0 - 0.3 * std::exp(-std::pow(x.x() / 2.5, 2)));
+  return x.z() < dome * (1.0 - 0.3 * std::exp(-std::pow(x.x() / 4.0, 2)));
 }
 
 double degrees_between(const Vec3& a, const Vec3& b) {
@@ -77,7 +78,11 @@ struct Found {
 Found find(const BodySurface& body, const BoundaryOptions& options = {}) {
   const Boundary b = find_boundary(body, options);
   const Vec3 down = body.to_world().linear() * b.down;
-  return {down, body.to_world() * b.centre, b.lowest + down.dot(body.to_world().translation()), b.base_depth, b.room,
+  return {down,
+          body.to_world() * b.centre,
+          b.lowest + down.dot(body.to_world().translation()),
+          b.base_depth,
+          b.room,
           b.base_reason + " | " + b.circle_reason};
 }
 
@@ -92,18 +97,21 @@ struct Worst {
     angle = std::max(angle, degrees_between(rotation.transpose() * now.down, first.down));
     plane = std::max(plane, std::abs(now.lowest - first.lowest));
     depth = std::max(depth, std::abs(now.depth / first.depth - 1.0));
-    circle = std::max(circle, (rotation.transpose() * now.centre - first.centre).norm() / radius);
+    const Vec3 away = rotation.transpose() * now.centre - first.centre;
+    circle = std::max(circle, (away - away.dot(first.down) * first.down).norm() / radius);
   }
   void print(const char* what, int count) const {
-    fmt::print("{}: {} rotations: base within {:.2f} degrees and {:.3f} mm, its depth within {:.2f} %, circle within "
-               "{:.3f} radii\n",
-               what, count, angle, plane, 100.0 * depth, circle);
+    fmt::print(
+        "{}: {} rotations: base within {:.2f} degrees and {:.3f} mm, its depth within {:.2f} %, circle "
+        "within "
+        "{:.3f} radii\n",
+        what, count, angle, plane, 100.0 * depth, circle);
   }
 };
 
 TEST(Boundary, OfABlockIsItsBroadSideAndTheMiddleOfTheOtherOne) {
-  const SegmentedBody body =
-      make_body_surface(make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 1.5}), {}, 5.0);
+  const SegmentedBody body = make_body_surface(
+      make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 1.5}), {}, 5.0);
   const Boundary found = find_boundary(body.surface, {});
   EXPECT_TRUE(found.flat_base);
   EXPECT_LT((body.surface.to_world().linear() * found.down - Vec3(0, 0, -1)).norm(), 1e-12);
@@ -116,12 +124,15 @@ TEST(Boundary, OfABlockIsItsBroadSideAndTheMiddleOfTheOtherOne) {
 
 TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
   const Inside brain = [](const Vec3& x) { return in_brain(x, 0.04); };
-  const SegmentedBody body = make_body_surface(image_of(brain, 52.0, 2.0), {}, 5.0);
+  // In a lattice that is not along it: where between its voxels a cut along them lies is not known.
+  const Mat3 lattice = Eigen::AngleAxisd(0.5, Vec3(1, 2, 3).normalized()).toRotationMatrix();
+  const SegmentedBody body = make_body_surface(image_of(brain, 52.0, 2.0, lattice), {}, 5.0);
   const Found first = find(body.surface);
-  fmt::print("({:.2f} {:.2f} {:.2f}) {}\n", first.centre.x(), first.centre.y(), first.centre.z(), first.words);
+  fmt::print("({:.2f} {:.2f} {:.2f}) {}\n", first.centre.x(), first.centre.y(), first.centre.z(),
+             first.words);
   std::mt19937 random(11);
   Worst with_voxels, within_voxels;
-  const int many = rotations(60), few = rotations(12);
+  const int many = rotations(40), few = rotations(8);
   for (int k = 0; k < many; ++k) {
     const Mat3 R = random_rotation(random);
     with_voxels.add(first, find(turned(body.surface, R)), R, 5.0);
@@ -133,18 +144,19 @@ TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
   EXPECT_LT(with_voxels.circle, 1e-9);
   for (int k = 0; k < few; ++k) {
     const Mat3 R = random_rotation(random);
-    const SegmentedBody again =
-        make_body_surface(image_of([&](const Vec3& x) { return brain(R.transpose() * x); }, 52.0, 2.0), {}, 5.0);
+    const SegmentedBody again = make_body_surface(
+        image_of([&](const Vec3& x) { return brain(R.transpose() * x); }, 52.0, 2.0), {}, 5.0);
     const Found f = find(again.surface);
     const Vec3 c = R.transpose() * f.centre;
-    if (std::getenv("DIMPLE_VERBOSE")) fmt::print("({:.2f} {:.2f} {:.2f}) room {:.2f}; {}\n", c.x(), c.y(), c.z(), f.room, f.words);
+    if (std::getenv("DIMPLE_VERBOSE"))
+      fmt::print("({:.2f} {:.2f} {:.2f}) room {:.2f}; {}\n", c.x(), c.y(), c.z(), f.room, f.words);
     within_voxels.add(first, f, R, 5.0);
   }
   within_voxels.print("the organ within its voxels", few);
   EXPECT_LT(within_voxels.angle, 0.5);
   EXPECT_LT(within_voxels.plane, 0.2);
-  EXPECT_LT(within_voxels.depth, 0.01);
-  EXPECT_LT(within_voxels.circle, 0.2);
+  EXPECT_LT(within_voxels.depth, 0.03);
+  EXPECT_LT(within_voxels.circle, 0.25);
 }
 
 TEST(Boundary, OfACutOrganIsItsCutFaceWhicheverWayItWasCut) {
@@ -155,7 +167,7 @@ TEST(Boundary, OfACutOrganIsItsCutFaceWhicheverWayItWasCut) {
   };
   std::mt19937 random(3);
   double angle = 0.0, plane = 0.0;
-  const int count = rotations(16);
+  const int count = rotations(10);
   for (int k = 0; k < count; ++k) {
     const Vec3 out = random_rotation(random) * Vec3::UnitZ();
     const double offset = 6.0 + 0.5 * (k % 8);
@@ -181,7 +193,7 @@ TEST(Boundary, OfATriangulatedBodyIsItsFlatFaceHoweverItIsTurned) {
   EXPECT_LT(degrees_between(first.down, -Vec3::UnitZ()), 1e-9);
   EXPECT_NEAR(first.lowest, 11.0, 1e-9);
   Worst worst;
-  const int count = rotations(30);
+  const int count = rotations(12);
   for (int k = 0; k < count; ++k) {
     const Mat3 R = random_rotation(random);
     worst.add(first, find(BodySurface(R * dome.vertex(), dome.triangles())), R, 5.0);
@@ -195,17 +207,20 @@ TEST(Boundary, OfATriangulatedBodyIsItsFlatFaceHoweverItIsTurned) {
 
 TEST(Boundary, OfABodyWithoutAFlatFaceIsItsThinnestSideHoweverItIsTurned) {
   const auto bean = [](const Vec3& x) {
-    const double bent = x.z() + 0.004 * x.x() * x.x() - 3.0;
-    return Vec3(x.x() / 44.0, x.y() / (30.0 + 0.1 * x.x()), bent / (bent > 0.0 ? 20.0 : 14.0)).norm() < 1.0;
+    return Vec3(x.x() / 44.0, x.y() / (30.0 + 0.1 * x.x()),
+                x.z() / (x.z() > 0.0 ? 20.0 : 14.0 - 0.05 * x.x()))
+               .norm() < 1.0;
   };
-  const SegmentedBody body = make_body_surface(image_of(bean, 50.0, 2.0), {}, 5.0);
+  const Mat3 lattice = Eigen::AngleAxisd(0.5, Vec3(1, 2, 3).normalized()).toRotationMatrix();
+  const SegmentedBody body = make_body_surface(image_of(bean, 50.0, 2.0, lattice), {}, 5.0);
   const Found first = find(body.surface);
   fmt::print("{}\n", first.words);
   EXPECT_FALSE(find_boundary(body.surface, {}).flat_base);
-  EXPECT_LT(std::min(degrees_between(first.down, Vec3::UnitZ()), degrees_between(first.down, -Vec3::UnitZ())), 10.0);
+  EXPECT_LT(std::min(degrees_between(first.down, Vec3::UnitZ()), degrees_between(first.down, -Vec3::UnitZ())),
+            10.0);
   std::mt19937 random(7);
   Worst with_voxels, within_voxels;
-  const int many = rotations(30), few = rotations(6);
+  const int many = rotations(10), few = rotations(4);
   for (int k = 0; k < many; ++k) {
     const Mat3 R = random_rotation(random);
     with_voxels.add(first, find(turned(body.surface, R)), R, 5.0);
@@ -214,9 +229,13 @@ TEST(Boundary, OfABodyWithoutAFlatFaceIsItsThinnestSideHoweverItIsTurned) {
   EXPECT_LT(with_voxels.circle, 1e-9);
   for (int k = 0; k < few; ++k) {
     const Mat3 R = random_rotation(random);
-    const SegmentedBody again =
-        make_body_surface(image_of([&](const Vec3& x) { return bean(R.transpose() * x); }, 50.0, 2.0), {}, 5.0);
-    within_voxels.add(first, find(again.surface), R, 5.0);
+    const SegmentedBody again = make_body_surface(
+        image_of([&](const Vec3& x) { return bean(R.transpose() * x); }, 50.0, 2.0), {}, 5.0);
+    const Found f = find(again.surface);
+    const Vec3 c = R.transpose() * f.centre;
+    if (std::getenv("DIMPLE_VERBOSE"))
+      fmt::print("({:.2f} {:.2f} {:.2f}) room {:.2f}; {}\n", c.x(), c.y(), c.z(), f.room, f.words);
+    within_voxels.add(first, f, R, 5.0);
   }
   within_voxels.print("the organ within its voxels", few);
   EXPECT_LT(within_voxels.angle, 1.0);
@@ -256,8 +275,8 @@ TEST(Circle, OnTheLeftIsOnTheLeft) {
 }
 
 TEST(Circle, UnderATiltedPushLiesOnOneFaceOfABlockNotOnItsEdge) {
-  const SegmentedBody body =
-      make_body_surface(make_phantom({.shape = "block", .size_mm = {80, 80, 40}, .spacing_mm = 1.5}), {}, 5.0);
+  const SegmentedBody body = make_body_surface(
+      make_phantom({.shape = "block", .size_mm = {80, 80, 40}, .spacing_mm = 1.5}), {}, 5.0);
   for (const char* direction : {"1,0,-1", "1,1,-1.4", "0.5,0,-1"}) {
     const Boundary found = find_boundary(body.surface, {.direction = direction});
     EXPECT_GE(found.room, 1.75 * found.radius) << direction;
@@ -280,8 +299,8 @@ TEST(Circle, OnADomeShapedShellIsAtItsTopNotOnItsWall) {
 }
 
 TEST(Circle, WithoutRoomIsPlacedWhereThereIsMostAndSaysWhatIsShort) {
-  const SegmentedBody body =
-      make_body_surface(make_phantom({.shape = "cylinder", .size_mm = {24, 24, 30}, .spacing_mm = 1}), {}, 3.0);
+  const SegmentedBody body = make_body_surface(
+      make_phantom({.shape = "cylinder", .size_mm = {24, 24, 30}, .spacing_mm = 1}), {}, 3.0);
   const Boundary found = find_boundary(body.surface, {.base = "inferior", .indenter_diameter_mm = 18.0});
   EXPECT_LT((body.surface.to_world() * found.centre).head<2>().norm(), 1.0);
   ASSERT_EQ(found.warnings.size(), 1u);
@@ -292,11 +311,11 @@ TEST(Circle, WithoutRoomIsPlacedWhereThereIsMostAndSaysWhatIsShort) {
 TEST(Circle, OfHalfAMillimetreIsFoundAsQuicklyAsALargeOne) {
   const SegmentedBody body = make_body_surface(make_phantom({}), {}, 3.9);
   for (const double diameter : {0.1, 0.5, 2.0, 20.0, 40.0}) {
-    const auto begin = std::chrono::steady_clock::now();
+    const std::clock_t begin = std::clock();
     const Boundary found = find_boundary(body.surface, {.indenter_diameter_mm = diameter});
-    const double s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    fmt::print("{} mm: {:.2f} s, room {:.2f} radii\n", diameter, s, found.room / found.radius);
-    EXPECT_LT(s, 10.0);  // minutes to hours before; a tenth of a second on a machine of its own
+    const double s = static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC;
+    fmt::print("{} mm: {:.2f} s of CPU, room {:.2f} radii\n", diameter, s, found.room / found.radius);
+    EXPECT_LT(s, 2.0);  // of processors' time; hours for the smallest when each was a lattice of its own
   }
 }
 
@@ -314,6 +333,9 @@ TEST(Circle, AskedForFarFromTheSurfaceIsRefusedAndNearItMovedWithAWarning) {
   ASSERT_EQ(moved.warnings.size(), 1u);
   EXPECT_NE(moved.warnings[0].find("8.0 mm"), std::string::npos) << moved.warnings[0];
   EXPECT_LT((moved.centre - Vec3(2, 3, 30)).norm(), 1e-9);
+  const Boundary free = find_boundary(block, {.base = "inferior", .indent_at = "2,3,top"});
+  EXPECT_TRUE(free.warnings.empty());
+  EXPECT_LT((free.centre - moved.centre).norm(), 1e-9);
   for (const char* far : {"0,0,100", "0,0,0", "0,0,-50"}) {
     try {
       find_boundary(block, {.base = "inferior", .indent_at = far});
@@ -327,16 +349,17 @@ TEST(Circle, AskedForFarFromTheSurfaceIsRefusedAndNearItMovedWithAWarning) {
 
 TEST(Circle, InAPocketThatItDoesNotFitIntoIsRefused) {
   const auto pocket = [](const Vec3& x) {
-    return x.cwiseAbs().maxCoeff() < 25.0 && !(x.z() > 0.0 && x.head<2>().norm() < 6.0);
+    return x.cwiseAbs().maxCoeff() < 25.0 && !(x.z() > 0.0 && x.head<2>().norm() < 9.0);
   };
   const SegmentedBody body = make_body_surface(image_of(pocket, 28.0, 1.5), {}, 4.0);
-  const BoundaryOptions options{.base = "inferior", .indent_at = "3,0,0"};
+  const BoundaryOptions options{.base = "inferior", .indent_at = "6,0,top"};
   EXPECT_THROW(find_boundary(body.surface, options), ModelError);
   // In its middle the circle fits, with a warning.
-  EXPECT_EQ(find_boundary(body.surface, {.base = "inferior", .indent_at = "0,0,0"}).warnings.size(), 1u);
+  EXPECT_EQ(find_boundary(body.surface, {.base = "inferior", .indent_at = "0,0,top"}).warnings.size(), 1u);
   // By itself it keeps away from it.
-  EXPECT_GT((body.surface.to_world() * find_boundary(body.surface, {.base = "inferior"}).centre).head<2>().norm(),
-            13.0);
+  EXPECT_GT(
+      (body.surface.to_world() * find_boundary(body.surface, {.base = "inferior"}).centre).head<2>().norm(),
+      16.0);
 }
 
 TEST(Boundary, KnowsTheSidesByOtherWordsToo) {
@@ -346,7 +369,8 @@ TEST(Boundary, KnowsTheSidesByOtherWordsToo) {
   };
   for (const char* word : {"bottom", "below", "under", "I", "inferior"})
     EXPECT_LT((down(word) - Vec3(0, 0, -1)).norm(), 1e-12) << word;
-  for (const char* word : {"back", "P", "posterior"}) EXPECT_LT((down(word) - Vec3(0, 1, 0)).norm(), 1e-12) << word;
+  for (const char* word : {"back", "P", "posterior"})
+    EXPECT_LT((down(word) - Vec3(0, 1, 0)).norm(), 1e-12) << word;
 }
 
 TEST(Boundary, RefusesWordsAndPlacesThatMakeNoSense) {

@@ -106,7 +106,7 @@ TEST(FebioForces, AreSummedOverTheNodesAtTheDepthsOnly) {
 
 TEST(Tetrahedra, FillABlockAndMarkItsBaseAndCircle) {
   const BodySurface block = block_surface({-15, -15, 0}, {15, 15, 15});
-  const Boundary boundary = find_boundary(block, {.base = "inferior", .indent_at = "0,0,0"});
+  const Boundary boundary = find_boundary(block, {.base = "inferior", .indent_at = "0,0,top"});
   const Sizing sizing(block, boundary, {.rim = 0.3});
   const TetrahedralMesh mesh = make_tetrahedra(block, boundary, sizing, 6.0);
   double volume = 0.0;
@@ -156,7 +156,7 @@ TEST(WithoutMiddles, KeepsTheCornersAndTheirSets) {
 
 TEST(Hexahedra, FillABlockExactlyAndMarkItsBaseAndCircle) {
   const BodySurface block = block_surface({-15, -20, 0}, {15, 20, 15});
-  const Boundary boundary = find_boundary(block, {.base = "inferior", .indent_at = "0,0,0"});
+  const Boundary boundary = find_boundary(block, {.base = "inferior", .indent_at = "0,0,top"});
   const GradingOptions grading{.rim = 0.1};
   const double spacing = hexahedra_spacing_for_count(block, boundary, grading, 1500);
   const HexahedralMesh mesh = make_hexahedra(block, boundary, grading, spacing);
@@ -187,7 +187,7 @@ TEST(Hexahedra, FillABlockExactlyAndMarkItsBaseAndCircle) {
 
 TEST(Hexahedra, FollowADomesTopAndFillMostOfIt) {
   const BodySurface dome = cut_ellipsoid_surface({46.25, 31.25, 16.7647}, -11.7353);
-  const Boundary boundary = find_boundary(dome, {.base = "inferior", .indent_at = "0,0,0"});
+  const Boundary boundary = find_boundary(dome, {.base = "inferior", .indent_at = "0,0,top"});
   const GradingOptions grading{.rim = 0.1};
   const HexahedralMesh mesh =
       make_hexahedra(dome, boundary, grading, hexahedra_spacing_for_count(dome, boundary, grading, 2000));
