@@ -293,9 +293,9 @@ void tetrahedra(const fs::path& folder) {
       Config config = scene_config(scheme, 4250);
       if (!brain) {
         config.boundary.base = "inferior";
-        config.boundary.indent_at = "0,0,0";
+        config.boundary.indent_at = "0,0,top";
       }
-      return std::pair(make_body_surface(image, {}, rough_spacing(image, config)),
+      return std::pair(make_body_surface(image, {}),
                        whole_model(image, config));
     };
     const auto [body, model] = model_of("horton2007");

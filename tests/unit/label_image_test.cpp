@@ -14,7 +14,7 @@
 
 #include "io/error.hpp"
 #include "io/file.hpp"
-#include "preprocess/body_surface.hpp"
+#include "preprocess/label_surface.hpp"
 #include "preprocess/phantom.hpp"
 #include "tests/helpers/folder.hpp"
 
@@ -379,7 +379,7 @@ TEST(LabelImage, HasTheSameShapeHoweverItIsStoredAndItsHeaderRounded) {
       LabelImage organ = bumpy_body(spacing);
       if (oblique) organ.to_world = Eigen::AngleAxisd(0.3, Vec3(1, 2, -1).normalized()) * organ.to_world;
       const LabelImage first = read("first.nrrd", nrrd(as_it_is(organ)));
-      const SegmentedBody body = make_body_surface(first, {}, 3.0 * spacing.maxCoeff());
+      const SegmentedBody body = make_body_surface(first, {});
       std::array<int, 3> axis{0, 1, 2};
       do {
         for (const int signs : {0, 3, 5, 7})
@@ -407,7 +407,7 @@ TEST(LabelImage, HasTheSameShapeHoweverItIsStoredAndItsHeaderRounded) {
                 ASSERT_EQ(image.to_world.linear(), first.to_world.linear());
               }
               if (signs != 3) continue;  // the rest of the way for some
-              const SegmentedBody same = make_body_surface(image, {}, 3.0 * spacing.maxCoeff());
+              const SegmentedBody same = make_body_surface(image, {});
               ASSERT_EQ(same.surface.vertex().cols(), body.surface.vertex().cols());
               ASSERT_EQ((same.surface.vertex() - body.surface.vertex()).cwiseAbs().maxCoeff(), 0.0);
             }

@@ -67,7 +67,7 @@ TEST(Bisection, OfAThinPlateIsTheSameFromACoarserBeginning) {
 
 TEST(NodeCloud, RefusesARimFinerThanItsNodesAtOnce) {
   const BodySurface body = block();
-  const Boundary boundary = find_boundary(body, {}, 3.0);
+  const Boundary boundary = find_boundary(body, {});
   for (const double rim : {1e-12, 1e-6, 1e-3}) {
     const CloudOptions options{.count = 1000, .grading = {.rim = rim}};
     const Sizing sizing(body, boundary, options.grading);
@@ -77,7 +77,7 @@ TEST(NodeCloud, RefusesARimFinerThanItsNodesAtOnce) {
 
 TEST(NodeCloud, RefusesSpacingsThatTakeMoreNodesThanListsCanHold) {
   const BodySurface body = block();
-  const Boundary boundary = find_boundary(body, {}, 3.0);
+  const Boundary boundary = find_boundary(body, {});
   for (const double spacing : {1e-300, 1e-9, 1e-3, 0.02}) {
     const CloudOptions options{.spacing_mm = spacing, .grading = {.rim = 0.15}};
     const Sizing sizing(body, boundary, options.grading);
@@ -88,7 +88,7 @@ TEST(NodeCloud, RefusesSpacingsThatTakeMoreNodesThanListsCanHold) {
 
 TEST(NodeCloud, OfManyNodesBySpacingIsAsLargeAsThatByNumber) {
   const BodySurface body = block();
-  const Boundary boundary = find_boundary(body, {}, 3.0);
+  const Boundary boundary = find_boundary(body, {});
   const Sizing sizing(body, boundary, {.rim = 0.15});
   const CloudSize size = cloud_size(body, sizing, {.count = 300000, .grading = {.rim = 0.15}});
   const CloudSize back = cloud_size(body, sizing, {.spacing_mm = size.far_spacing, .grading = {.rim = 0.15}});
@@ -97,7 +97,7 @@ TEST(NodeCloud, OfManyNodesBySpacingIsAsLargeAsThatByNumber) {
 
 TEST(Hexahedra, ForACountEndWhereNoneCanBe) {
   const BodySurface body = block();
-  Boundary boundary = find_boundary(body, {}, 3.0);
+  Boundary boundary = find_boundary(body, {});
   boundary.centre += 22.0 * boundary.push.unitOrthogonal();  // the circle hangs over the edge
   EXPECT_THROW(hexahedra_spacing_for_count(body, boundary, {.rim = 0.15}, 2000), ModelError);
 }
