@@ -113,9 +113,16 @@ TEST_F(Stop, AskedForTwiceIsAtOnce) {
 }
 
 TEST_F(Stop, ByALimitOfTimeKeepsTheBestStateSoFarAndMayBeResumedWithAnother) {
-  const auto start = Clock::now();
-  const Ran ran = dimple(folder, slow + " --time-limit 3s --json");
-  EXPECT_LT(seconds_since(start), 5.0);
+  // As long as this machine needs, at work on other things, to have some result.
+  int limit = 2;
+  Ran ran;
+  for (; limit < 100 && ran.out.empty(); limit *= 2) {
+    const auto start = Clock::now();
+    fs::remove_all(folder / "out");
+    ran = dimple(folder, slow + " --json --time-limit " + std::to_string(limit) + "s");
+    EXPECT_LT(seconds_since(start), limit + 2.0);
+    if (ran.out.find("force_N") == std::string::npos) ran.out.clear();
+  }
   EXPECT_EQ(ran.code, 130) << ran.err;
   EXPECT_NE(ran.err.find("[out-of-time]"), std::string::npos) << ran.err;
   EXPECT_EQ(std::count(ran.err.begin(), ran.err.end(), '\n'), 1) << ran.err;
@@ -129,7 +136,7 @@ TEST_F(Stop, ByALimitOfTimeKeepsTheBestStateSoFarAndMayBeResumedWithAnother) {
   expect_whole_files(folder / "out", true);
 
   EXPECT_EQ(dimple(folder, slow).code, 6);
-  const Ran again = dimple(folder, slow + " --resume --time-limit 0.05min");
+  const Ran again = dimple(folder, slow + " --resume --time-limit " + std::to_string(limit / 60.0) + "min");
   EXPECT_EQ(again.code, 130) << again.err;
   EXPECT_GT(summary("out").at("indentation_mm").get<double>(), reached);
 }
