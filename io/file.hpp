@@ -18,8 +18,8 @@ std::filesystem::path temporary_beside(const std::filesystem::path& file);
 /// Makes `temporary`, empty. On failure throws OutputError about `file`, which it is to become.
 void claim_temporary(const std::filesystem::path& temporary, const std::filesystem::path& file);
 
-/// Flushes `temporary` to disk and renames it to `file`. On failure removes `temporary` and throws
-/// OutputError.
+/// Flushes `temporary` to disk, unless the process was asked to end, and renames it to `file`. On failure
+/// removes `temporary` and throws OutputError.
 void move_into_place(const std::filesystem::path& temporary, const std::filesystem::path& file);
 
 /// Removes what killed programs have left beside `file` on the way to it; not what one that still lives is

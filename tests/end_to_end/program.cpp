@@ -6,11 +6,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <csignal>
 #include <cstdlib>
 #include <fstream>
 #include <sstream>
 #include <stdexcept>
+#include <thread>
 
 namespace dimple {
 
@@ -64,6 +66,15 @@ bool Program::reap(int options) {
 bool Program::running() {
   if (!ended_) ended_ = reap(WNOHANG);
   return !ended_;
+}
+
+void Program::wait_until_it_listens() {
+  for (; running(); std::this_thread::sleep_for(std::chrono::milliseconds(5))) {
+    std::istringstream status(text_of("/proc/" + std::to_string(pid_) + "/status"));
+    for (std::string line; std::getline(status, line);)
+      if (line.starts_with("SigCgt:") && (std::stoull(line.substr(7), nullptr, 16) >> (SIGINT - 1) & 1) != 0)
+        return;
+  }
 }
 
 std::string Program::err_so_far() const {

@@ -27,6 +27,8 @@ class Program {
   Program& operator=(const Program&) = delete;
 
   bool running();
+  /// Waits until it has a handler of SIGINT: before that a signal is answered by the system.
+  void wait_until_it_listens();
   std::string err_so_far() const;
   void send(int signal) const;
   Ran wait();

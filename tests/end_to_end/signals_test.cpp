@@ -47,13 +47,15 @@ class Stop : public testing::Test {
     SCOPED_TRACE("dimple " + line + ", signal " + std::to_string(signal) + " after " +
                  std::to_string(after.count()) + " ms");
     Program program(folder, words(line));
+    program.wait_until_it_listens();
     std::this_thread::sleep_for(after);
     program.send(signal);
     const auto start = Clock::now();
     const Ran ran = program.wait();
     EXPECT_LT(seconds_since(start), 2.0);
     EXPECT_TRUE(ran.code == 130 || ran.code == 0) << ran.code << '\n' << ran.err;
-    if (ran.code == 130) EXPECT_NE(ran.err.find("interrupted"), std::string::npos) << ran.err;
+    EXPECT_EQ(ran.code == 130, ran.err.find("interrupted") != std::string::npos)
+        << ran.code << ' ' << ran.err;
     return ran;
   }
 };
@@ -72,9 +74,9 @@ TEST_F(Stop, IsAnsweredWithinTwoSecondsByEveryCommand) {
                                              "verify -o out/verify --nodes 2000"};
   fs::create_directories(folder / "out");
   int interrupted = 0;
-  for (const int after : {150, 900})
+  for (const int after : {50, 600})
     for (const std::string& command : commands) {
-      interrupted += expect_end(command, milliseconds(after), after == 150 ? SIGINT : SIGTERM).code == 130;
+      interrupted += expect_end(command, milliseconds(after), after == 50 ? SIGINT : SIGTERM).code == 130;
       expect_whole_files(folder / "out", true);
       for (const auto& entry : fs::directory_iterator(folder / "out")) fs::remove_all(entry);
     }
@@ -92,16 +94,15 @@ TEST_F(Stop, BeforeThereIsAResultLeavesTheFolderAsItWas) {
 
 TEST_F(Stop, OfWorkThatDoesNotListenIsDoneForIt) {
   ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);  // nobody ever writes to it
-  const auto start = Clock::now();
   const Ran ran = expect_end("run brain.nrrd -o out --config pipe", milliseconds(300), SIGINT);
   EXPECT_EQ(ran.code, 130);
-  EXPECT_GT(seconds_since(start), 1.0) << "it listens: this test needs work that does not";
   EXPECT_NE(ran.err.find("does not listen"), std::string::npos) << ran.err;
 }
 
 TEST_F(Stop, AskedForTwiceIsAtOnce) {
   ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);
   Program program(folder, words("run brain.nrrd -o out --config pipe"));
+  program.wait_until_it_listens();
   std::this_thread::sleep_for(milliseconds(300));
   program.send(SIGINT);
   std::this_thread::sleep_for(milliseconds(100));
@@ -112,9 +113,16 @@ TEST_F(Stop, AskedForTwiceIsAtOnce) {
 }
 
 TEST_F(Stop, ByALimitOfTimeKeepsTheBestStateSoFarAndMayBeResumedWithAnother) {
-  const auto start = Clock::now();
-  const Ran ran = dimple(folder, slow + " --time-limit 3s --json");
-  EXPECT_LT(seconds_since(start), 5.0);
+  // As long as this machine needs, at work on other things, to have some result.
+  int limit = 2;
+  Ran ran;
+  for (; limit < 100 && ran.out.empty(); limit *= 2) {
+    const auto start = Clock::now();
+    fs::remove_all(folder / "out");
+    ran = dimple(folder, slow + " --json --time-limit " + std::to_string(limit) + "s");
+    EXPECT_LT(seconds_since(start), limit + 2.0);
+    if (ran.out.find("force_N") == std::string::npos) ran.out.clear();
+  }
   EXPECT_EQ(ran.code, 130) << ran.err;
   EXPECT_NE(ran.err.find("[out-of-time]"), std::string::npos) << ran.err;
   EXPECT_EQ(std::count(ran.err.begin(), ran.err.end(), '\n'), 1) << ran.err;
@@ -128,7 +136,7 @@ TEST_F(Stop, ByALimitOfTimeKeepsTheBestStateSoFarAndMayBeResumedWithAnother) {
   expect_whole_files(folder / "out", true);
 
   EXPECT_EQ(dimple(folder, slow).code, 6);
-  const Ran again = dimple(folder, slow + " --resume --time-limit 0.05min");
+  const Ran again = dimple(folder, slow + " --resume --time-limit " + std::to_string(limit / 60.0) + "min");
   EXPECT_EQ(again.code, 130) << again.err;
   EXPECT_GT(summary("out").at("indentation_mm").get<double>(), reached);
 }

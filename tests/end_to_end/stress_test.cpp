@@ -180,7 +180,8 @@ TEST(Stress, RefusesBeforeTheFirstRun) {
     const Ran ran = dimple(folder, command);
     EXPECT_EQ(ran.code, code) << command << "\n" << ran.err;
     EXPECT_THAT(ran.err, HasSubstr(words)) << command;
-    EXPECT_EQ(fs::exists(folder / "out"), code == 3) << command << ": one word of what is wrong with the image";
+    EXPECT_EQ(fs::exists(folder / "out"), code == 3)
+        << command << ": one word of what is wrong with the image";
     fs::remove_all(folder / "out");
   }
 }
