@@ -15,6 +15,7 @@
 #include "io/error.hpp"
 #include "preprocess/circle_place.hpp"
 #include "preprocess/flat_face.hpp"
+#include "preprocess/label_surface.hpp"
 #include "preprocess/phantom.hpp"
 #include "preprocess/shapes.hpp"
 
@@ -33,11 +34,13 @@ LabelImage image_of(const Inside& inside, double reach, double h, const Mat3& gr
   // No place of the lattice is special to the body.
   image.to_world.translation() =
       -h * grid * (Vec3::Constant(0.5 * static_cast<double>(n - 1)) + Vec3(0.13, 0.29, 0.41));
+  std::vector<std::int32_t> voxel;
   for (Index k = 0; k < n; ++k)
     for (Index j = 0; j < n; ++j)
       for (Index i = 0; i < n; ++i)
-        image.voxel.push_back(inside(
-            image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k))));
+        voxel.push_back(inside(image.to_world *
+                               Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k))));
+  set_voxels(image, voxel);
   return image;
 }
 
@@ -110,8 +113,8 @@ struct Worst {
 };
 
 TEST(Boundary, OfABlockIsItsBroadSideAndTheMiddleOfTheOtherOne) {
-  const SegmentedBody body = make_body_surface(
-      make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 1.5}), {}, 5.0);
+  const SegmentedBody body =
+      make_body_surface(make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 1.5}), {});
   const Boundary found = find_boundary(body.surface, {});
   EXPECT_TRUE(found.flat_base);
   EXPECT_LT((body.surface.to_world().linear() * found.down - Vec3(0, 0, -1)).norm(), 1e-12);
@@ -126,7 +129,7 @@ TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
   const Inside brain = [](const Vec3& x) { return in_brain(x, 0.04); };
   // In a lattice that is not along it: where between its voxels a cut along them lies is not known.
   const Mat3 lattice = Eigen::AngleAxisd(0.5, Vec3(1, 2, 3).normalized()).toRotationMatrix();
-  const SegmentedBody body = make_body_surface(image_of(brain, 52.0, 2.0, lattice), {}, 5.0);
+  const SegmentedBody body = make_body_surface(image_of(brain, 52.0, 2.0, lattice), {});
   const Found first = find(body.surface);
   fmt::print("({:.2f} {:.2f} {:.2f}) {}\n", first.centre.x(), first.centre.y(), first.centre.z(),
              first.words);
@@ -145,7 +148,7 @@ TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
   for (int k = 0; k < few; ++k) {
     const Mat3 R = random_rotation(random);
     const SegmentedBody again = make_body_surface(
-        image_of([&](const Vec3& x) { return brain(R.transpose() * x); }, 52.0, 2.0), {}, 5.0);
+        image_of([&](const Vec3& x) { return brain(R.transpose() * x); }, 52.0, 2.0), {});
     const Found f = find(again.surface);
     const Vec3 c = R.transpose() * f.centre;
     if (std::getenv("DIMPLE_VERBOSE"))
@@ -172,7 +175,7 @@ TEST(Boundary, OfACutOrganIsItsCutFaceWhicheverWayItWasCut) {
     const Vec3 out = random_rotation(random) * Vec3::UnitZ();
     const double offset = 6.0 + 0.5 * (k % 8);
     const SegmentedBody body = make_body_surface(
-        image_of([&](const Vec3& x) { return egg(x) && x.dot(out) < offset; }, 42.0, 2.0), {}, 5.0);
+        image_of([&](const Vec3& x) { return egg(x) && x.dot(out) < offset; }, 42.0, 2.0), {});
     const Boundary found = find_boundary(body.surface, {.indenter_diameter_mm = 6.0});
     EXPECT_TRUE(found.flat_base) << found.base_reason;
     const Found world = find(body.surface, {.indenter_diameter_mm = 6.0});
@@ -212,7 +215,7 @@ TEST(Boundary, OfABodyWithoutAFlatFaceIsItsThinnestSideHoweverItIsTurned) {
                .norm() < 1.0;
   };
   const Mat3 lattice = Eigen::AngleAxisd(0.5, Vec3(1, 2, 3).normalized()).toRotationMatrix();
-  const SegmentedBody body = make_body_surface(image_of(bean, 50.0, 2.0, lattice), {}, 5.0);
+  const SegmentedBody body = make_body_surface(image_of(bean, 50.0, 2.0, lattice), {});
   const Found first = find(body.surface);
   fmt::print("{}\n", first.words);
   EXPECT_FALSE(find_boundary(body.surface, {}).flat_base);
@@ -230,7 +233,7 @@ TEST(Boundary, OfABodyWithoutAFlatFaceIsItsThinnestSideHoweverItIsTurned) {
   for (int k = 0; k < few; ++k) {
     const Mat3 R = random_rotation(random);
     const SegmentedBody again = make_body_surface(
-        image_of([&](const Vec3& x) { return bean(R.transpose() * x); }, 50.0, 2.0), {}, 5.0);
+        image_of([&](const Vec3& x) { return bean(R.transpose() * x); }, 50.0, 2.0), {});
     const Found f = find(again.surface);
     const Vec3 c = R.transpose() * f.centre;
     if (std::getenv("DIMPLE_VERBOSE"))
@@ -253,7 +256,7 @@ TEST(Boundary, DoesNotDependOnHowDenselyTheSurfaceIsDrawn) {
 }
 
 TEST(Circle, KeepsARadiusFromTheFissureOfTheDefaultPhantom) {
-  const SegmentedBody body = make_body_surface(make_phantom({}), {}, 3.9);
+  const SegmentedBody body = make_body_surface(make_phantom({}), {});
   const Boundary found = find_boundary(body.surface, {});
   const Vec3 centre = body.surface.to_world() * found.centre;
   fmt::print("({:.2f}, {:.2f}, {:.2f}) room {:.2f}; {}\n", centre.x(), centre.y(), centre.z(), found.room,
@@ -265,7 +268,7 @@ TEST(Circle, KeepsARadiusFromTheFissureOfTheDefaultPhantom) {
 }
 
 TEST(Circle, OnTheLeftIsOnTheLeft) {
-  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {}, 5.0);
+  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {});
   const double left =
       (body.surface.to_world() * find_boundary(body.surface, {.indent_at = "left"}).centre).x();
   const double right =
@@ -275,8 +278,8 @@ TEST(Circle, OnTheLeftIsOnTheLeft) {
 }
 
 TEST(Circle, UnderATiltedPushLiesOnOneFaceOfABlockNotOnItsEdge) {
-  const SegmentedBody body = make_body_surface(
-      make_phantom({.shape = "block", .size_mm = {80, 80, 40}, .spacing_mm = 1.5}), {}, 5.0);
+  const SegmentedBody body =
+      make_body_surface(make_phantom({.shape = "block", .size_mm = {80, 80, 40}, .spacing_mm = 1.5}), {});
   for (const char* direction : {"1,0,-1", "1,1,-1.4", "0.5,0,-1"}) {
     const Boundary found = find_boundary(body.surface, {.direction = direction});
     EXPECT_GE(found.room, 1.75 * found.radius) << direction;
@@ -292,15 +295,15 @@ TEST(Circle, OnADomeShapedShellIsAtItsTopNotOnItsWall) {
     const Vec3 y(x.x(), x.y(), x.z() + 15.0);
     return y.z() > 0.0 && y.norm() < 40.0 && y.norm() > 31.0;
   };
-  const SegmentedBody body = make_body_surface(image_of(shell, 46.0, 1.5), {}, 4.0);
+  const SegmentedBody body = make_body_surface(image_of(shell, 46.0, 1.5), {});
   const Found found = find(body.surface, {.base = "inferior", .indenter_diameter_mm = 8.0});
   EXPECT_LT(found.centre.head<2>().norm(), 1.0);
   EXPECT_NEAR(found.centre.z(), 25.0, 0.5);
 }
 
 TEST(Circle, WithoutRoomIsPlacedWhereThereIsMostAndSaysWhatIsShort) {
-  const SegmentedBody body = make_body_surface(
-      make_phantom({.shape = "cylinder", .size_mm = {24, 24, 30}, .spacing_mm = 1}), {}, 3.0);
+  const SegmentedBody body =
+      make_body_surface(make_phantom({.shape = "cylinder", .size_mm = {24, 24, 30}, .spacing_mm = 1}), {});
   const Boundary found = find_boundary(body.surface, {.base = "inferior", .indenter_diameter_mm = 18.0});
   EXPECT_LT((body.surface.to_world() * found.centre).head<2>().norm(), 1.0);
   ASSERT_EQ(found.warnings.size(), 1u);
@@ -309,7 +312,7 @@ TEST(Circle, WithoutRoomIsPlacedWhereThereIsMostAndSaysWhatIsShort) {
 }
 
 TEST(Circle, OfHalfAMillimetreIsFoundAsQuicklyAsALargeOne) {
-  const SegmentedBody body = make_body_surface(make_phantom({}), {}, 3.9);
+  const SegmentedBody body = make_body_surface(make_phantom({}), {});
   for (const double diameter : {0.1, 0.5, 2.0, 20.0, 40.0}) {
     const std::clock_t begin = std::clock();
     const Boundary found = find_boundary(body.surface, {.indenter_diameter_mm = diameter});
@@ -320,7 +323,7 @@ TEST(Circle, OfHalfAMillimetreIsFoundAsQuicklyAsALargeOne) {
 }
 
 TEST(Circle, SmallerThanAVoxelIsRefusedAndOfFewVoxelsWarnedOf) {
-  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {}, 5.0);
+  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {});
   EXPECT_THROW(find_boundary(body.surface, {.indenter_diameter_mm = 1.9, .voxel_mm = 2.0}), ModelError);
   EXPECT_EQ(find_boundary(body.surface, {.indenter_diameter_mm = 4.0, .voxel_mm = 2.0}).warnings.size(), 1u);
   EXPECT_TRUE(find_boundary(body.surface, {.indenter_diameter_mm = 8.0, .voxel_mm = 2.0}).warnings.empty());
@@ -351,7 +354,7 @@ TEST(Circle, InAPocketThatItDoesNotFitIntoIsRefused) {
   const auto pocket = [](const Vec3& x) {
     return x.cwiseAbs().maxCoeff() < 25.0 && !(x.z() > 0.0 && x.head<2>().norm() < 9.0);
   };
-  const SegmentedBody body = make_body_surface(image_of(pocket, 28.0, 1.5), {}, 4.0);
+  const SegmentedBody body = make_body_surface(image_of(pocket, 28.0, 1.5), {});
   const BoundaryOptions options{.base = "inferior", .indent_at = "6,0,top"};
   EXPECT_THROW(find_boundary(body.surface, options), ModelError);
   // In its middle the circle fits, with a warning.
@@ -363,7 +366,7 @@ TEST(Circle, InAPocketThatItDoesNotFitIntoIsRefused) {
 }
 
 TEST(Boundary, KnowsTheSidesByOtherWordsToo) {
-  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {}, 5.0);
+  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {});
   const auto down = [&](const char* word) -> Vec3 {
     return body.surface.to_world().linear() * find_boundary(body.surface, {.base = word}).down;
   };
