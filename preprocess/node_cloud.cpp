@@ -24,7 +24,7 @@ constexpr double far_enough = 1.2;
 
 // Bounds. What a cloud that can be made at all was seen to take is a tenth of them.
 constexpr std::size_t boxes_per_node = 40, facets_per_node = 40, crowd_per_candidate = 1000;
-constexpr std::size_t fewest_bound = 20000, most_to_measure = 4'000'000;
+constexpr std::size_t fewest_bound = 20000, most_to_measure = 2'500'000;
 // Of a body's box: what fills less is searched box by box.
 constexpr double sparse = 0.2;
 // Places tried for one that is good: where the body is mostly thinner than a spacing it is thousands.
