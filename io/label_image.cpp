@@ -87,16 +87,16 @@ std::span<const T> numbers(const StoredImage& image) {
 }
 
 /// What the file's number stands for. A double holds every label that is accepted; what it rounds is far
-/// above the greatest.
-///
-/// A program that scales labels into whole numbers (nibabel: 1 as 85 x 0.0117647) writes the factor in single
-/// precision.
+/// above the greatest. A program that scales labels into whole numbers (nibabel does, of floats) meets them
+/// within half a step of its scale only, with a factor in single precision.
 template <class T>
 double label_of(const StoredImage& image, T number) {
   if (image.slope == 1.0 && image.intercept == 0.0) return static_cast<double>(number);
   const double label = image.slope * static_cast<double>(number) + image.intercept,
                nearest = std::round(label);
-  return std::abs(label - nearest) <= 1e-6 * std::max(1.0, std::abs(label)) ? nearest : label;
+  const double slack =
+      std::max(1e-6 * std::max(1.0, std::abs(label)), std::min(0.5 * std::abs(image.slope), 0.01));
+  return std::abs(label - nearest) <= slack ? nearest : label;
 }
 
 /// Throws unless every voxel holds a label.
