@@ -358,6 +358,30 @@ void Guards::check_fluctuation(const Nodal& u, const Moment& now) {
   find({report, share});
 }
 
+void Guards::found_limit_point(const Nodal& jump, double way, const Moment& now) {
+  if (!on_ || std::any_of(findings_.begin(), findings_.end(),
+                          [](const Finding& f) { return f.report.code == "limit-point"; }))
+    return;
+  Index furthest = 0;
+  const Eigen::RowVectorXd size = jump.colwise().norm();
+  const double largest = size.maxCoeff(&furthest);
+  find({{.fact = text("the tissue gave way at ", rounded(1e3 * now.depth, 2), " mm: a node moved by ",
+                      rounded(1e3 * largest, 2), " mm while the tool moved by ", rounded(1e3 * way, 2),
+                      " mm, and ", (size.array() > way).count(), " of ", size.size(),
+                      " nodes by more than the tool"),
+         .where = moment(now) + "; " + place_of(model_, furthest),
+         .why =
+             "the path of equilibria has a limit point there: a wall buckled or a fold rolled over. What is "
+             "given from there on is the equilibrium in which it came to rest; that surfaces touch each "
+             "other is not modelled",
+         .remedy =
+             text("trust the curve to ", rounded(1e3 * (now.depth - way), 2),
+                  " mm; beyond, put the circle further from folds and edges (--indent-at), or follow the "
+                  "motion with --time dynamic"),
+         .code = "limit-point"},
+        1e3 * largest});
+}
+
 void Guards::check_step(const Moment& now) const {
   if (!on_ || now.dt <= now.dt_stable) return;
   throw SolveError(
@@ -367,6 +391,10 @@ void Guards::check_step(const Moment& now) const {
                               : "it was asked for",
        .remedy = "use a solver.safety below 1, for instance 0.9, or more frames (--frames)",
        .code = "time-step"});
+}
+
+std::string place_of(const Model& model, Index node) {
+  return text("node ", node, " at rest at ", in_mm(model.X.col(node)));
 }
 
 SolveError after_retries(const SolveError& error, const std::string& what) {

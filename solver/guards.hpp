@@ -78,6 +78,9 @@ class Guards {
   /// Of central differences, `force` [N] at the samples since the last frame: `jagged`, where a load slow
   /// enough for a static answer makes it jump from one to the next.
   void check_smooth(const std::vector<double>& force, double largest, double duration, const Moment& now);
+  /// `limit-point`: the tissue gave way at a held load and came to rest elsewhere, `jump` [m] from where the
+  /// path would have led, the tool having moved by `way` [m]. The first one stays.
+  void found_limit_point(const ForceSystem::Nodal& jump, double way, const Moment& now);
   /// `time-step`.
   void check_step(const Moment& now) const;
 
@@ -92,6 +95,9 @@ class Guards {
   /// The load lasts long enough for a static answer, and its beginning is over.
   bool should_rest(const Moment& now, double duration) const;
 };
+
+/// "node 7 at rest at (1.00, 2.00, 3.00) mm".
+std::string place_of(const Model& model, Index node);
 
 /// What a message says at last: that it came again after `most_retries`, whatever was done.
 SolveError after_retries(const SolveError& error, const std::string& what);

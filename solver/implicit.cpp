@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "io/error.hpp"
+#include "io/stop.hpp"
 #include "solver/mixed_iteration.hpp"
 #include "solver/path.hpp"
 #include "solver/stable_time_step.hpp"
@@ -23,6 +24,7 @@ constexpr double roughly = 1e-3;
 constexpr std::size_t remembered = 2;  // states, for the guess of the next: more amplify what they are off
 constexpr double shorter = 0.25;       // step, of the longest, that is tried when that does not converge
 constexpr double of_stable_step = 0.9;
+constexpr std::int64_t most_small_steps = 20000;  // in place of a long one; usual: some hundreds
 
 }  // namespace
 
@@ -33,9 +35,11 @@ double shear_crossing_time(const Tissues& tissues, const Model& model) {
   return (along.maxCoeff() - along.minCoeff()) / speed;
 }
 
-void simulate_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
-                         const SolverOptions& options, const Observer& observer, History& history,
-                         const State* from) {
+namespace {
+
+void step_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
+                     const SolverOptions& options, const Observer& observer, History& history,
+                     const State* from) {
   const Constraints constraints = make_constraints(model, loading.contact);
   MixedIteration solve(system, model, constraints);
   const Index n = model.node_count();
@@ -133,7 +137,18 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
                         .why = "the load is more than this cloud can follow",
                         .remedy = "use more nodes (--nodes) or a smaller --depth",
                         .code = "no-equilibrium"});
-    const auto count = static_cast<std::int64_t>(std::ceil((to - t) / (of_stable_step * stable.dt)));
+    const double needed = std::ceil((to - t) / (of_stable_step * stable.dt));
+    if (needed > static_cast<double>(most_small_steps))
+      throw SolveError({.fact = text("a time step did not converge, and ", needed,
+                                     " stable ones would be needed in its place"),
+                        .where = text("solver, t = ", t, " s, indentation ", loading.rate * t * 1e3,
+                                      " mm; stable step ", stable.dt, " s"),
+                        .why = text("more than ", most_small_steps,
+                                    " are not taken: tissue is compressed beyond what this cloud can follow"),
+                        .remedy = "use more nodes (--nodes), a smaller --depth, or --time explicit, which "
+                                  "takes as many steps as there must be",
+                        .code = "no-equilibrium"});
+    const auto count = static_cast<std::int64_t>(needed);
     const double h = (to - t) / static_cast<double>(count), start = t;
     const auto accelerate = [&] {
       const ForceSystem::Sweep sweep = system.internal_force(u, f);
@@ -145,6 +160,7 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
     };
     accelerate();
     for (std::int64_t k = 1; k <= count; ++k) {
+      stop_if_asked();
       v += 0.5 * h * a;
       u += h * v;
       t = start + h * static_cast<double>(k);
@@ -241,6 +257,18 @@ void simulate_implicitly(const ForceSystem& system, const Model& model, const Lo
     }
   }
   history.interrupted = stopped;
+}
+
+}  // namespace
+
+void simulate_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
+                         const SolverOptions& options, const Observer& observer, History& history,
+                         const State* from) {
+  try {
+    step_implicitly(system, model, loading, options, observer, history, from);
+  } catch (const Stopped&) {
+    history.interrupted = true;
+  }
 }
 
 }  // namespace dimple

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "io/stop.hpp"
 #include "solver/multigrid.hpp"
 
 namespace dimple {
@@ -53,6 +54,7 @@ Edges neighbours(const Model& model) {
   Edges edge;
   std::vector<std::pair<double, int>> near;
   for (Index a = 0; a < model.node_count(); ++a) {
+    if (a % 4096 == 0) stop_if_asked();
     near.clear();
     for (const GradientVariance& v : model.variance)
       for (int k = v.rows.offset[a]; k < v.rows.offset[a + 1]; ++k)
@@ -76,6 +78,7 @@ template <class Shear>
 Eigen::VectorXd shear_of_nodes(const Model& model, const Shear& mu) {
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(model.node_count()), share;
   for (Index q = 0; q < model.point_count(); ++q) {
+    if (q % 65536 == 0) stop_if_asked();
     const int first = model.support.offset[q];
     share.resize(model.support.count(q));
     for (Index k = 0; k < share.size(); ++k) {
@@ -109,6 +112,7 @@ CompressedRows nodes_of_patches(const Model& model, const CompressedRows& points
   std::vector<int> member;
   std::vector<Index> seen(static_cast<std::size_t>(model.node_count()), -1);
   for (Index b = 0; b < points.rows(); ++b) {
+    if (b % 4096 == 0) stop_if_asked();
     const auto first = static_cast<std::ptrdiff_t>(member.size());
     for (int k = points.offset[b]; k < points.offset[b + 1]; ++k) {
       const int q = points.member[k];
@@ -153,6 +157,7 @@ struct MixedIteration::Parts {
   Eigen::VectorXd bulk;               // [patches] for which `schur` was made
   Eigen::VectorXd bulk_of_inertia;    // and `schur_of_inertia`,
   Nodal u_of_inertia, u_of_gradient;  // with the gradient here; and where `gradient` is that now
+  double viscous_share = 0.0;         // for which `memory` was made
   Eigen::VectorXd scale, dual_scale;  // that make u and lambda of one kind: square roots of energies
 
   Parts(const ForceSystem& s, const Model& m, const Constraints& c)
@@ -189,6 +194,7 @@ struct MixedIteration::Parts {
     for (const Material& m : system.materials()) at_rest.push_back(stiffness(m, Mat3::Identity()));
     Eigen::VectorXd ratio(model.point_count());
     tbb::parallel_for(tbb::blocked_range<Index>(0, ratio.size(), 256), [&](const auto& range) {
+      stop_if_asked();
       for (Index q = range.begin(); q < range.end(); ++q) {
         const auto tissue = static_cast<std::size_t>(system.tissues().of_point[q]);
         const Material& m = system.materials()[tissue];
@@ -201,6 +207,7 @@ struct MixedIteration::Parts {
     std::vector<int> node;
     Points dphi;
     for (Index q = 0; q < ratio.size(); ++q) {
+      if (q % 4096 == 0) stop_if_asked();
       system.gradients_at(q, node, dphi);
       for (std::size_t k = 0; k < node.size(); ++k) {
         const double share = model.volume[q] * dphi.col(static_cast<Index>(k)).squaredNorm();
@@ -209,6 +216,16 @@ struct MixedIteration::Parts {
       }
     }
     weight = weight_at_rest.cwiseProduct(sum.cwiseQuotient(all.cwiseMax(1e-300)).cwiseMax(1.0));
+  }
+
+  // A v, A as at rest.
+  void laplacian(const Nodal& v, Nodal& result) const {
+    result.setZero(4, v.cols());
+    for (const auto& [a, b] : edge) {
+      const Eigen::Vector4d pull = 0.5 * (weight_at_rest[a] + weight_at_rest[b]) * (v.col(a) - v.col(b));
+      result.col(a) += pull;
+      result.col(b) -= pull;
+    }
   }
 
   // The Laplacian, and inertia.
@@ -257,6 +274,7 @@ struct MixedIteration::Parts {
     std::vector<char> seen(static_cast<std::size_t>(count), 0);
     std::vector<int> rows;
     for (int c = 0; c < count; ++c) {
+      if (c % 256 == 0) stop_if_asked();
       rows.clear();
       visit(c, [&](int row, double value) {
         if (!seen[static_cast<std::size_t>(row)]) {
@@ -366,6 +384,12 @@ MixedIteration::MixedIteration(const ForceSystem& system, const Model& model, co
     : parts_(std::make_unique<Parts>(system, model, constraints)) {}
 MixedIteration::~MixedIteration() = default;
 
+double MixedIteration::laplacian_of(const Nodal& v) const {
+  Nodal pull;
+  parts_->laplacian(v, pull);
+  return v.cwiseProduct(pull).sum();
+}
+
 MixedIteration::Memory MixedIteration::memory() const {
   const Parts& p = *parts_;
   const Index kept = p.memory.kept;
@@ -417,17 +441,19 @@ bool MixedIteration::serves(const ForceSystem& system, const Model& model) {
 }
 
 Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
-                                   const Nodal& external, bool anew, const Inertia* inertia) {
+                                   const Nodal& external, bool anew, const Inertia* inertia,
+                                   const Viscosity* viscosity) {
   Parts& p = *parts_;
-  const Relaxed first = iterate(u, lambda, f, options, external, anew, inertia);
-  if (first.converged || !std::isfinite(first.residual) || first.evaluations >= options.evaluations)
+  const Relaxed first = iterate(u, lambda, f, options, external, anew, inertia, viscosity);
+  if (first.converged || viscosity || !std::isfinite(first.residual) ||
+      first.evaluations >= options.evaluations)
     return first;
   RelaxOptions rest = options;
   rest.evaluations -= first.evaluations;
   Relaxed second = first;
   p.stiffen(u);
   if (p.invert_laplacian()) {
-    second = iterate(u, lambda, f, rest, external, true, inertia);
+    second = iterate(u, lambda, f, rest, external, true, inertia, nullptr);
     second.evaluations += first.evaluations;
   }
   p.weight = p.weight_at_rest;
@@ -436,7 +462,8 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
 }
 
 Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
-                                const Nodal& external, bool anew, const Inertia* inertia) {
+                                const Nodal& external, bool anew, const Inertia* inertia,
+                                const Viscosity* viscosity) {
   Parts& p = *parts_;
   const Model& model = p.model;
   const Constraints& constraints = p.constraints;
@@ -446,19 +473,22 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
   Relaxed result;
   result.converged = false;
 
-  Nodal r(4, n), du(4, n);
+  Nodal r(4, n), du(4, n), viscous;
   Eigen::VectorXd s(nb), dlambda(nb);
   ForceSystem::Patches patches;
   double volume_error = 0.0;
   const auto evaluate = [&] {
+    stop_if_asked();
     p.system.hold_pressures(lambda.cwiseQuotient(volume));
     result.sweep = p.system.internal_force(u, f);
     p.system.patch_state(patches);
     ++result.evaluations;
+    if (viscosity) p.laplacian(u - viscosity->about, viscous);
     double unbalanced = 0.0, reactions = 0.0;
     for (Index a = 0; a < n; ++a) {
       Eigen::Vector4d all = f.col(a);
       if (loaded) all -= external.col(a);
+      if (viscosity) all += viscosity->share * viscous.col(a);
       if (inertia) all += inertia->inertia[a] * constraints.project(a, u.col(a) - inertia->about.col(a));
       r.col(a) = constraints.project(a, all);
       unbalanced += r.col(a).squaredNorm();
@@ -472,6 +502,8 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
   evaluate();
   if (anew || p.gradient.cols() == 0) p.find_gradient(u);
   const Index size = inertia ? n : 0;
+  const bool other_viscosity = p.viscous_share != (viscosity ? viscosity->share : 0.0);
+  p.viscous_share = viscosity ? viscosity->share : 0.0;
   const bool other_inertia = size != p.inertia.size() || (inertia && inertia->inertia != p.inertia);
   if (other_inertia) p.inertia = inertia ? inertia->inertia : Eigen::VectorXd();
   if ((other_inertia || p.across.node.empty()) && !p.invert_laplacian()) return result;
@@ -488,7 +520,7 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
     m.changed.resize(length, remembered);
     m.gram.resize(remembered, remembered);
   }
-  if (anew || other_inertia) m.kept = m.next = 0;
+  if (anew || other_inertia || other_viscosity) m.kept = m.next = 0;
   Eigen::VectorXd place(length), last_place(length), now(length), last(length);
   const auto scaled = [&](const Nodal& v, const Eigen::VectorXd& l, Eigen::VectorXd& out) {
     Eigen::Map<Nodal>(out.data(), 4, n) = v * p.scale.asDiagonal();
@@ -522,7 +554,13 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
       return result;
     }
     if (++since_gain > without_gain || result.evaluations >= options.evaluations) return give_up();
-    p.step(r, s, du, dlambda);
+    if (viscosity) {  // of (1 + share) A
+      s *= 1.0 + viscosity->share;
+      p.step(r, s, du, dlambda);
+      du /= 1.0 + viscosity->share;
+    } else {
+      p.step(r, s, du, dlambda);
+    }
     if (result.residual < 0.9 * best || best_du.size() == 0) {
       best = result.residual;
       best_u = u;

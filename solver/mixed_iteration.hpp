@@ -7,8 +7,8 @@
 namespace dimple {
 
 struct RelaxOptions {
-  double tolerance = 1e-4;           ///< unbalanced force / reactions
-  std::int64_t evaluations = 20000;  ///< of the force, at most
+  double tolerance = 1e-4;          ///< unbalanced force / reactions
+  std::int64_t evaluations = 2000;  ///< of the force, at most
 };
 
 struct Relaxed {
@@ -17,6 +17,13 @@ struct Relaxed {
       0.0;  ///< norm of the unbalanced forces / (half the sum of all reactions' sizes + external forces)
   ForceSystem::Sweep sweep;
   bool converged = true;
+  /// Of a motion at a held load, see Relaxation: the least du.K du / du.A du, K the tangent, A as in
+  /// MixedIteration; the energy that went with it [J]; and the node that moved most.
+  double curvature = 1.0;
+  double dissipated = 0.0;
+  Index furthest = -1;
+  /// Under a load that the tissue can bear K is positive.
+  bool gave_way() const { return curvature < -1e-4; }
 };
 
 /// Finds static equilibrium of the converging scheme by looking for displacements u and the patches'
@@ -46,12 +53,20 @@ class MixedIteration {
     Eigen::VectorXd inertia;
     ForceSystem::Nodal about;
   };
+  /// Of a step that viscous forces slow down: share x A (u - about) [N] besides, A as it is at rest; [N] m.
+  struct Viscosity {
+    double share;
+    ForceSystem::Nodal about;
+  };
   /// As Relaxation; `lambda` [patches] N m is the guess of the pressures x volumes, and afterwards what was
   /// found: not converged, the best that was met. The pressures stay held in `system`. `anew`:
   /// dJ/du is that at the guess, as every larger move needs, and not that at the last such call.
   Relaxed operator()(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                      const RelaxOptions& options, const ForceSystem::Nodal& external, bool anew,
-                     const Inertia* inertia = nullptr);
+                     const Inertia* inertia = nullptr, const Viscosity* viscosity = nullptr);
+
+  /// v.A v, A as it is at rest [J].
+  double laplacian_of(const ForceSystem::Nodal& v) const;
 
   /// What time steps hand on: steps that Anderson's acceleration remembers, and where the linear problem was
   /// made.
@@ -71,7 +86,7 @@ class MixedIteration {
  private:
   Relaxed iterate(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                   const RelaxOptions& options, const ForceSystem::Nodal& external, bool anew,
-                  const Inertia* inertia);
+                  const Inertia* inertia, const Viscosity* viscosity);
   struct Parts;
   std::unique_ptr<Parts> parts_;
 };

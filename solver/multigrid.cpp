@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "io/stop.hpp"
+
 namespace dimple {
 namespace {
 
@@ -55,6 +57,7 @@ double largest_eigenvalue(const Sparse& matrix, const Eigen::VectorXd& diagonal)
   for (Eigen::Index i = 0; i < v.size(); ++i) v[i] = std::sin(12.9898 * static_cast<double>(i));
   double largest = 0.0;
   for (int pass = 0; pass < 15; ++pass) {
+    stop_if_asked();
     v = (matrix * (v / v.norm())).cwiseQuotient(diagonal);
     largest = v.norm();
   }
@@ -86,6 +89,7 @@ Multigrid::Rows Multigrid::pack(const Sparse& matrix) {
 bool Multigrid::compute(Sparse matrix) {
   levels_.clear();
   while (matrix.rows() > coarsest_rows) {
+    stop_if_asked();
     Level& level = levels_.emplace_back();
     const Eigen::VectorXd diagonal = matrix.diagonal();
     if (!(diagonal.minCoeff() > 0.0)) return false;
@@ -99,6 +103,7 @@ bool Multigrid::compute(Sparse matrix) {
     tentative.setFromTriplets(one.begin(), one.end());
     const Eigen::VectorXd damped = (4.0 / 3.0 / largest) * diagonal.cwiseInverse();
     const Sparse prolongation = tentative - Sparse(damped.asDiagonal() * Sparse(matrix * tentative));
+    stop_if_asked();
     const Sparse restriction = prolongation.transpose();
     Sparse coarser = restriction * Sparse(matrix * prolongation);
 

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "io/error.hpp"
+#include "io/stop.hpp"
 #include "solver/path.hpp"
 #include "solver/text.hpp"
 
@@ -13,10 +15,38 @@ namespace {
 using Nodal = ForceSystem::Nodal;
 using Kind = Constraints::Kind;
 
-constexpr double worth_keeping = 1e-2;  // residual at which an iteration that did not end is gone on from
+constexpr double near = 1e-2;  // residual at which an iteration that did not end is gone on from
+// Of viscous steps: their viscosity at first, and where it is given up; what one may take, and how few let
+// the next be larger.
+constexpr double first_share = 0.3, largest_share = 30.0;
+constexpr std::int64_t evaluations_of_step = 30, few_evaluations = 12;
 constexpr int between_checks = 10;
-constexpr double touch = 0.02;  // of the first depth
-constexpr int memory = 60;      // iterations over which a change is compared for the frequency
+constexpr double touch = 0.02;  // of the first way
+// Of a frame: the shortest way on which an equilibrium is looked for; and evaluations, on the average, of a
+// whole run.
+constexpr double shortest = 1.0 / 16.0;
+constexpr std::int64_t evaluations_of_frame = 60;
+constexpr int memory = 60;  // iterations over which a change is compared for the frequency
+
+SolveError no_equilibrium(const Relaxed& found, const Model& model) {
+  const bool gave_way = found.gave_way();
+  return SolveError(
+      {.fact = text(gave_way ? "the tissue gave way, and no equilibrium was found beyond: "
+                             : "no equilibrium was found: ",
+                    "unbalanced forces are ", found.residual, " of the reactions after ", found.evaluations,
+                    " evaluations"),
+       .where = text("static solver; smallest det F ", found.sweep.J_min, " at integration point ",
+                     found.sweep.point, ", ", found.sweep.inverted, " points inside out",
+                     found.furthest < 0 ? std::string() : "; moving: " + place_of(model, found.furthest)),
+       .why = gave_way ? "the path of equilibria has a limit point here: a wall has buckled or a fold rolled "
+                         "over, and no surface of the body rests on another one, which is not modelled"
+                       : "the load is more than this cloud can follow in one step, or the body has lost its "
+                         "stiffness",
+       .remedy = gave_way ? "use a smaller --depth, a place further from folds and edges (--indent-at), or "
+                            "--time dynamic"
+                          : "use more frames (--frames), more nodes (--nodes), or a smaller --depth",
+       .code = gave_way ? "limit-point" : "no-equilibrium"});
+}
 
 }  // namespace
 
@@ -85,21 +115,119 @@ Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, 
                                Eigen::VectorXd* lambda) const {
   std::int64_t spent = 0;
   if (mixed_) {
-    Nodal v = u;
     Eigen::VectorXd l = lambda ? *lambda : Eigen::VectorXd::Zero(model_.patches.count());
-    Relaxed found = (*mixed_)(v, l, f, options, external, true);
+    Relaxed found = from_near(u, l, f, options, external);
     if (found.converged) {
-      u = v;
       if (lambda) *lambda = l;
       return found;
     }
     spent = found.evaluations;
     system_.release_pressures();
-    if (found.residual < worth_keeping) u = v;
   }
   Relaxed found = swing(u, f, options, external, spent);
   if (lambda && mixed_) *lambda = pressures_of_volumes(system_, model_);
   return found;
+}
+
+Relaxed Relaxation::from_near(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
+                              const Nodal& external) const {
+  Nodal v = u;
+  Eigen::VectorXd l = lambda;
+  Relaxed found = (*mixed_)(v, l, f, options, external, true);
+  if (!found.converged && found.residual < near) {
+    RelaxOptions rest = options;
+    rest.evaluations -= found.evaluations;
+    const std::int64_t spent = found.evaluations;
+    found = give_way(v, l, f, rest, external);
+    found.evaluations += spent;
+  }
+  if (found.converged) {
+    u = v;
+    lambda = l;
+  }
+  return found;
+}
+
+Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
+                             const Nodal& external) const {
+  const Index n = u.cols();
+  const bool loaded = external.cols() == n;
+  Relaxed result;
+  result.converged = false;
+  // The unbalanced force at u, once `f` is that there.
+  const auto unbalanced = [&](Nodal& force) {
+    double reactions = 0.0;
+    for (Index a = 0; a < n; ++a) {
+      Eigen::Vector4d all = f.col(a);
+      if (loaded) all -= external.col(a);
+      force.col(a) = constraints_.project(a, all);
+      reactions += 0.5 * (all - force.col(a)).norm() + (loaded ? external.col(a).norm() : 0.0);
+    }
+    return force.norm() / std::max(reactions, 1e-30);
+  };
+  const Nodal start = u;
+  Nodal force = Nodal::Zero(4, n), force_before = force, moved = force;
+  Eigen::VectorXd lambda_moved = Eigen::VectorXd::Zero(lambda.size());
+  system_.hold_pressures(lambda.cwiseQuotient(model_.patches.volume));
+  result.sweep = system_.internal_force(u, f);
+  ++result.evaluations;
+  result.residual = unbalanced(force_before);
+  double tried = std::numeric_limits<double>::infinity();  // residual from which no equilibrium was reached
+  MixedIteration::Viscosity viscosity{.share = first_share, .about = {}};
+  for (bool anew = true; result.evaluations < options.evaluations && viscosity.share < largest_share;) {
+    viscosity.about = u;
+    Nodal next = u + moved;
+    Eigen::VectorXd next_lambda = lambda + lambda_moved;
+    const Relaxed step = (*mixed_)(
+        next, next_lambda, f,
+        {.tolerance = std::clamp(0.2 * result.residual, 0.5 * options.tolerance, 10.0 * options.tolerance),
+         .evaluations = std::min(evaluations_of_step, options.evaluations - result.evaluations)},
+        external, anew, nullptr, &viscosity);
+    result.evaluations += step.evaluations;
+    if (!step.converged) {
+      viscosity.share *= 3.0;
+      moved.setZero();
+      lambda_moved.setZero();
+      anew = true;
+      continue;
+    }
+    moved = next - u;
+    lambda_moved = next_lambda - lambda;
+    u = next;
+    lambda = next_lambda;
+    const double before = result.residual;
+    result.residual = unbalanced(force);
+    result.sweep = step.sweep;
+    result.dissipated -= 0.5 * moved.cwiseProduct(force + force_before).sum();
+    if (const double size = mixed_->laplacian_of(moved); size > 0.0)
+      result.curvature = std::min(result.curvature, moved.cwiseProduct(force - force_before).sum() / size);
+    force_before = force;
+    (u - start).colwise().squaredNorm().maxCoeff(&result.furthest);
+    anew = step.evaluations < few_evaluations;
+    if (anew) viscosity.share *= 0.6;
+    if (result.residual < std::min({before, 0.5 * tried, 5.0 * options.tolerance})) {
+      Nodal end = u;
+      Eigen::VectorXd end_lambda = lambda;
+      const Relaxed at_rest =
+          (*mixed_)(end, end_lambda, f,
+                    {.tolerance = options.tolerance,
+                     .evaluations = std::min<std::int64_t>(2 * evaluations_of_step,
+                                                           options.evaluations - result.evaluations)},
+                    external, true);
+      result.evaluations += at_rest.evaluations;
+      if (at_rest.converged) {
+        u = end;
+        lambda = end_lambda;
+        result.residual = at_rest.residual;
+        result.sweep = at_rest.sweep;
+        result.converged = true;
+        return result;
+      }
+      tried = result.residual;
+      anew = true;
+    }
+  }
+  return result;
 }
 
 Relaxed Relaxation::swing(Nodal& u, Nodal& f, const RelaxOptions& options, const Nodal& external,
@@ -119,6 +247,7 @@ Relaxed Relaxation::swing(Nodal& u, Nodal& f, const RelaxOptions& options, const
         a, loaded ? Eigen::Vector4d(f.col(a) - external.col(a)) : Eigen::Vector4d(f.col(a)));
   };
   const auto evaluate = [&] {
+    stop_if_asked();
     result.sweep = system_.internal_force(u, f);
     ++result.evaluations;
   };
@@ -182,23 +311,15 @@ Relaxed Relaxation::swing(Nodal& u, Nodal& f, const RelaxOptions& options, const
         return result;
       work_before = work;
     }
-    if (attempt == 5 || result.evaluations >= options.evaluations)
-      throw SolveError(
-          {.fact = text("no equilibrium was found: unbalanced forces are ", result.residual,
-                        " of the reactions after ", result.evaluations, " evaluations"),
-           .where = text("static solver; smallest det F ", result.sweep.J_min, " at integration point ",
-                         result.sweep.point, ", ", result.sweep.inverted, " points inside out"),
-           .why =
-               "the load is more than this cloud can follow in one step, or the body has lost its stiffness",
-           .remedy = "use more frames (--frames), more nodes (--nodes), or a smaller --depth",
-           .code = "no-equilibrium"});
+    if (attempt == 5 || result.evaluations >= options.evaluations) throw no_equilibrium(result, model_);
     u = start;
   }
 }
 
 namespace {
 
-// A first guess: the tissue follows the tool, less the further away from it and the nearer to the base.
+// A first guess: the tissue follows the tool by `depth` more, less the further away from it and the nearer to
+// the base.
 void guess(const Model& model, const Constraints& constraints, double depth, Nodal& u) {
   const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
   const double top = model.tool.centre.dot(model.tool.push), bottom = along.maxCoeff();
@@ -208,34 +329,42 @@ void guess(const Model& model, const Constraints& constraints, double depth, Nod
     const double away =
         std::hypot(std::max(0.0, lateral - model.tool.radius), d.dot(model.tool.push)) / model.tool.radius;
     const double held = std::clamp((bottom - along[a]) / (bottom - top), 0.0, 1.0);
-    u.col(a) = constraints.push * (depth * held / ((1.0 + away) * (1.0 + away)));
+    u.col(a) += constraints.push * (depth * held / ((1.0 + away) * (1.0 + away)));
   }
 }
 
+SolveError after_halving(const SolveError& error, double depth, double way, std::int64_t evaluations) {
+  Report report = error.report;
+  report.where = text("indentation ", 1e3 * depth, " mm; ", report.where);
+  report.why += text("; it came again with steps of the load down to ", 1e3 * way, " mm, after ", evaluations,
+                     " evaluations in all");
+  return SolveError(report);
+}
+
 // Of the force over the last piece of the way: the parabola through the last three places, or a line.
-double work_of_last(const std::vector<double>& depth, const std::vector<double>& force) {
+double work_of_last(const std::vector<double>& depth, const std::vector<double>& force, bool straight) {
   const std::size_t k = depth.size() - 1;
   const double h = depth[k] - depth[k - 1], slope = (force[k] - force[k - 1]) / h;
   const double line = 0.5 * h * (force[k] + force[k - 1]);
-  if (k == 1) return line;
+  if (k == 1 || straight) return line;
   const double slope_before = (force[k - 1] - force[k - 2]) / (depth[k - 1] - depth[k - 2]);
   return line - h * h * h / 6.0 * (slope - slope_before) / (depth[k] - depth[k - 2]);
 }
 
-}  // namespace
-
-void load_slowly(const ForceSystem& system, const Model& model, const Loading& loading,
-                 const SolverOptions& options, const Observer& observer, History& history,
-                 const State* from) {
+void load_by_depths(const ForceSystem& system, const Model& model, const Loading& loading,
+                    const SolverOptions& options, const Observer& observer, History& history,
+                    const State* from) {
   const Constraints constraints = make_constraints(model, loading.contact);
   const Relaxation relax(system, model, constraints);
   const Index n = model.node_count();
-  const RelaxOptions exactly{.tolerance = options.tolerance, .evaluations = options.evaluations};
   Nodal u = Nodal::Zero(4, n), f = u;
   Eigen::VectorXd lambda = Eigen::VectorXd::Zero(model.patches.count());
   Path past(4);  // where the next equilibrium is looked for
   Guards guards(system, model, true, options.guards, history.guards);
   const double step = loading.depth / options.frames;
+  double halved = step;          // way after an equilibrium that was not found
+  double least_curvature = 1.0;  // since the last that was found
+  bool gave_way = false;
   State state;
   std::vector<double>&depths = state.depths, &forces = state.forces;
   double &external = state.external, &largest_external = state.largest_external, &longest = state.longest;
@@ -252,38 +381,61 @@ void load_slowly(const ForceSystem& system, const Model& model, const Loading& l
     history.energy.push_back({0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
     if (observer.frame) observer.frame({0, 0.0, 0.0, u, f});
   }
+  // All equilibria together.
+  const std::int64_t most = relax.has_mixed() ? options.evaluations + evaluations_of_frame * options.frames
+                                              : options.evaluations * options.frames;
   for (int level = state.frame + 1; level <= options.frames;) {
-    const double end = step * level, at = depths.back(), way = std::min(longest, end - at);
+    const double end = step * level, at = depths.back();
+    // Where it was short it becomes long again by and by.
+    const double last = depths.size() > 1 ? at - depths[depths.size() - 2] : step;
+    const double way = std::min({halved, longest, 2.0 * last, end - at});
     const bool arrives = end - at - way < 1e-6 * step;
     const double depth = arrives ? end : at + way, t = depth / loading.rate;
     const Moment now = {t, depth};
     system.begin_step((depth - at) / loading.rate);
     const std::size_t equilibria = depths.size();
-    const bool first = equilibria == 1;
+    const bool sets_off = past.state.size() == 1;
     Relaxed relaxed;
+    relaxed.converged = false;
     double force = 0.0, base = 0.0, stored = 0.0, work = 0.0;
     try {
-      if (first && model.patches.count() > 0) {
+      const auto find = [&](double tolerance) {
+        const RelaxOptions how{.tolerance = tolerance,
+                               .evaluations = relax.has_mixed()
+                                                  ? std::min(options.evaluations, most - history.steps)
+                                                  : options.evaluations};
+        relaxed.converged = false;
+        relaxed = relax.has_mixed() ? relax.from_near(u, lambda, f, how) : relax(u, f, how, {}, &lambda);
+        history.steps += relaxed.evaluations;
+        least_curvature = std::min(least_curvature, relaxed.curvature);
+        if (relaxed.converged) return;
+        relaxed.curvature = least_curvature;
+        throw no_equilibrium(relaxed, model);
+      };
+      if (sets_off) {
+        u = past.state.back().u;
+        lambda = past.state.back().lambda;
+      }
+      if (sets_off && model.patches.count() > 0) {
         // A touch, to a low accuracy: the direction in which the tissue sets off.
-        guess(model, constraints, touch * depth, u);
-        constraints.prescribe(u, touch * depth);
-        RelaxOptions roughly = exactly;
-        roughly.tolerance = std::max(1e-2, options.tolerance);
-        lambda.setZero();
-        history.steps += relax(u, f, roughly, {}, &lambda).evaluations;
+        const double a_touch = at + touch * (depth - at);
+        guess(model, constraints, touch * (depth - at), u);
+        constraints.prescribe(u, a_touch);
+        find(std::max(1e-2, options.tolerance));
         Path touched = past;
-        touched.push(touch * depth, u, lambda);
+        touched.push(a_touch, u, lambda);
         touched.extrapolate(depth, u, lambda);
         constraints.prescribe(u, depth);
-      } else if (first) {
-        guess(model, constraints, depth, u);
+      } else if (sets_off) {
+        guess(model, constraints, depth - at, u);
         constraints.prescribe(u, depth);
       } else {
         past.extrapolate(depth, u, lambda);
         constraints.prescribe(u, depth);
       }
-      relaxed = relax(u, f, exactly, {}, &lambda);
-      history.steps += relaxed.evaluations;
+      const Nodal expected = u;
+      find(options.tolerance);
+      gave_way = relaxed.gave_way();
 
       guards.check(relaxed.sweep, now);
       guards.check(u, f, now);
@@ -293,26 +445,40 @@ void load_slowly(const ForceSystem& system, const Model& model, const Loading& l
       for (const Index a : model.base) base -= f.col(a).dot(constraints.push);
       depths.push_back(depth);
       forces.push_back(force);
-      work = work_of_last(depths, forces);
+      work = work_of_last(depths, forces, sets_off || gave_way);
       double unseen = 0.0;
       stored = system.stored_energy(u, &unseen);
       guards.check_unseen(unseen, stored, now);
       // Before the third the curve between two is a guess.
       if (depths.size() > 3)
-        guards.check(EnergySample{t, depth, 0.0, stored, external + work, 0.0},
+        guards.check(EnergySample{t, depth, 0.0, stored, external + work,
+                                  state.dissipated + (gave_way ? relaxed.dissipated : 0.0)},
                      std::max(largest_external, std::abs(external + work)), t, false, now);
+      if (gave_way) guards.found_limit_point(u - expected, way, now);
     } catch (const SolveError& error) {
       if (!options.guards || error.report.code == "hourglass") throw;  // which no shorter way mends
-      if (history.retries.size() == most_retries)
-        throw after_retries(error, text("steps of the load down to ", 1e3 * way, " mm"));
       depths.resize(equilibria);
       forces.resize(equilibria);
-      longest = 0.5 * way;
+      if (!relaxed.converged) {
+        halved = 0.5 * way;
+        if (halved < shortest * step || history.steps >= most)
+          throw after_halving(error, depth, way, history.steps);
+      } else {
+        if (history.retries.size() == most_retries)
+          throw after_retries(error, text("steps of the load down to ", 1e3 * way, " mm"));
+        longest = 0.5 * way;
+      }
       history.retries.push_back(
           {error.report.code, depth,
-           text("back to ", 1e3 * at, " mm, and on in steps of ", 1e3 * longest, " mm")});
+           text("back to ", 1e3 * at, " mm, and on in steps of ", 1e3 * 0.5 * way, " mm")});
       if (observer.retry) observer.retry(history.retries.back());
       continue;
+    }
+    halved = step;
+    least_curvature = 1.0;
+    if (gave_way) {  // the new branch has nothing to do with the old one
+      past.state.clear();
+      state.dissipated += relaxed.dissipated;
     }
     past.push(depth, u, lambda);
     external += work;
@@ -322,7 +488,7 @@ void load_slowly(const ForceSystem& system, const Model& model, const Loading& l
     history.residual = std::max(history.residual, relaxed.residual);
     history.momentum_error = std::max(history.momentum_error, f.rowwise().sum().norm() / std::abs(force));
     history.force.push_back({t, depth, force, base});
-    history.energy.push_back({t, depth, 0.0, stored, external, 0.0});
+    history.energy.push_back({t, depth, 0.0, stored, external, state.dissipated});
     if (arrives && observer.frame) observer.frame({level, t, depth, u, f});
     if (observer.sample && !observer.sample(history.force.back(), history)) {
       history.interrupted = !arrives || level < options.frames;
@@ -338,6 +504,18 @@ void load_slowly(const ForceSystem& system, const Model& model, const Loading& l
         copy.history = history;
         return copy;
       });
+  }
+}
+
+}  // namespace
+
+void load_slowly(const ForceSystem& system, const Model& model, const Loading& loading,
+                 const SolverOptions& options, const Observer& observer, History& history,
+                 const State* from) {
+  try {
+    load_by_depths(system, model, loading, options, observer, history, from);
+  } catch (const Stopped&) {
+    history.interrupted = true;
   }
 }
 

@@ -6,9 +6,19 @@
 namespace dimple {
 
 /// Finds static equilibrium: of the converging scheme by MixedIteration, some ten evaluations of the force.
-/// Where that does not converge, since the tissue is about to give way, and for the paper's scheme, by
-/// dynamic relaxation, some hundreds: the body, with fictitious masses that give every node about the same
-/// stable step, is let swing and damped near critically, the damping following the lowest frequency met.
+/// Where that does not converge, since the tissue is about to give way, it is let go at the held load as if
+/// in honey: viscous forces like those of the Laplacian A that the iteration knows how to invert slow it
+/// down,
+///
+///     f(u+) + share A (u+ - u) = external,
+///
+/// each such step some ten evaluations, until it comes to rest. They make the nearby linear problem positive
+/// where the tangent is not, however fine the cloud. Body masses in their place take as many steps again, at
+/// ten times the cost of each, and momentum makes it swing.
+///
+/// For the paper's scheme, and as a last resort, by dynamic relaxation, some hundreds of evaluations: the
+/// body, with fictitious masses that give every node about the same stable step, is let swing and damped near
+/// critically, the damping following the lowest frequency met.
 ///
 ///     u+ = u + r^2 (u - u-) - c M^-1 (f - external),   r = (K - 1)/(K + 1), K = 2/(w dt), c = ((1 + r)
 ///     dt/2)^2
@@ -21,12 +31,19 @@ class Relaxation {
 
   /// u [N] m holds the prescribed values and a guess of the others; afterwards the equilibrium, and f [N] the
   /// internal force there. `external` [N] N: dead loads, or empty. Throws SolveError where there is none to
-  /// be found. `lambda` [patches]: if given, a guess of what MixedIteration calls so; afterwards what was
-  /// found.
+  /// be found; `limit-point`, where the tissue gave way and did not come to rest. `lambda` [patches]: if
+  /// given, a guess of what MixedIteration calls so; afterwards what was found.
   Relaxed operator()(ForceSystem::Nodal& u, ForceSystem::Nodal& f, const RelaxOptions& options = {},
                      const ForceSystem::Nodal& external = {}, Eigen::VectorXd* lambda = nullptr) const;
+  /// The same without the last resort, for a caller who can come nearer: not converged where there is none to
+  /// be found, `u` and `lambda` then as they were. For models that MixedIteration serves.
+  Relaxed from_near(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
+                    const RelaxOptions& options, const ForceSystem::Nodal& external = {}) const;
+  bool has_mixed() const { return mixed_ != nullptr; }
 
  private:
+  Relaxed give_way(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
+                   const RelaxOptions& options, const ForceSystem::Nodal& external) const;
   Relaxed swing(ForceSystem::Nodal& u, ForceSystem::Nodal& f, const RelaxOptions& options,
                 const ForceSystem::Nodal& external, std::int64_t evaluations) const;
 

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "io/error.hpp"
+#include "io/stop.hpp"
 #include "solver/implicit.hpp"
 #include "solver/text.hpp"
 
@@ -29,10 +30,9 @@ constexpr int between_kinetic = 25;                 // steps
 constexpr std::int64_t between_fluctuations = 200;  // steps
 constexpr double smaller = 0.6;                     // step, each time that a guard sends the march back
 
-}  // namespace
-
-void simulate(const ForceSystem& system, const Model& model, const Loading& loading,
-              const SolverOptions& options, const Observer& observer, History& history, const State* from) {
+void follow_every_wave(const ForceSystem& system, const Model& model, const Loading& loading,
+                       const SolverOptions& options, const Observer& observer, History& history,
+                       const State* from) {
   const Index n = model.node_count();
   const Constraints constraints = make_constraints(model, loading.contact);
   const bool viscoelastic = system.viscoelastic();
@@ -142,6 +142,7 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
   const auto march = [&] {
     const double dt = state.dt;
     for (std::int64_t& s = state.step; s < state.steps && !stopped; ++s) {
+      stop_if_asked();
       const double t = segment * state.frame + dt * static_cast<double>(s);
       const Moment now = {t, loading.rate * t, dt, state.dt_stable};
       if (s == 0) guards.check_step(now);
@@ -271,6 +272,17 @@ void simulate(const ForceSystem& system, const Model& model, const Loading& load
     }
   }
   history.interrupted = stopped;
+}
+
+}  // namespace
+
+void simulate(const ForceSystem& system, const Model& model, const Loading& loading,
+              const SolverOptions& options, const Observer& observer, History& history, const State* from) {
+  try {
+    follow_every_wave(system, model, loading, options, observer, history, from);
+  } catch (const Stopped&) {
+    history.interrupted = true;
+  }
 }
 
 }  // namespace dimple

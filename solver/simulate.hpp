@@ -20,14 +20,14 @@ struct Loading {
 };
 
 struct SolverOptions {
-  double safety = 0.9;               ///< time step = safety x stable step
-  double damping = 0.0;              ///< mass-proportional [1/s]
-  int frames = 16;                   ///< after the first; the step is re-estimated at each
-  double sample_rate = 150.0;        ///< of the force [1/s]; the paper's sensor
-  double energy_rate = 20.0;         ///< of the energies [1/s]
-  double tolerance = 1e-4;           ///< of static equilibrium: unbalanced force / reactions
-  std::int64_t evaluations = 20000;  ///< of the force for one static equilibrium, at most
-  bool guards = true;                ///< false: only to measure what they cost
+  double safety = 0.9;              ///< time step = safety x stable step
+  double damping = 0.0;             ///< mass-proportional [1/s]
+  int frames = 16;                  ///< after the first; the step is re-estimated at each
+  double sample_rate = 150.0;       ///< of the force [1/s]; the paper's sensor
+  double energy_rate = 20.0;        ///< of the energies [1/s]
+  double tolerance = 1e-4;          ///< of static equilibrium: unbalanced force / reactions
+  std::int64_t evaluations = 2000;  ///< of the force for one static equilibrium, at most
+  bool guards = true;               ///< false: only to measure what they cost
 };
 
 /// The tool at one time. Forces are components along the push, positive when tissue resists.
@@ -103,8 +103,9 @@ struct Observer {
 /// Departs:  the step is computed, and again at every frame under load; the paper does not say how it chose
 /// its own. Where a guard says that the number would be wrong, the march goes back to the last frame and
 /// takes smaller steps from there on; at most `most_retries` times. Throws:   SolveError: it came again.
-/// `history` then holds everything up to the last frame. `from`: a state of an earlier run with the same
-/// model, loading and options; frames and samples before it are not given to `observer` again.
+/// `history` then holds everything up to the last frame. Asked to stop (io/stop.hpp), this and every other
+/// way of marching returns with `history.interrupted` and what there is. `from`: a state of an earlier run
+/// with the same model, loading and options; frames and samples before it are not given to `observer` again.
 void simulate(const ForceSystem& system, const Model& model, const Loading& loading,
               const SolverOptions& options, const Observer& observer, History& history,
               const State* from = nullptr);

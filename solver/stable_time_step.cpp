@@ -4,6 +4,8 @@
 #include <cmath>
 #include <vector>
 
+#include "io/stop.hpp"
+
 namespace dimple {
 
 StableStep stable_time_step(const ForceSystem& system, const Model& model, const Eigen::VectorXd& mass,
@@ -32,6 +34,7 @@ StableStep stable_time_step(const ForceSystem& system, const Model& model, const
   std::vector<double> alpha, beta;
   double omega2 = 0.0;
   while (result.iterations < most && !result.converged) {
+    stop_if_asked();
     ++result.iterations;
     w = q.array().rowwise() * scale.array();
     const double step = nudge / w.cwiseAbs().maxCoeff();

@@ -4,8 +4,9 @@
 #include <tbb/global_control.h>
 
 #include "io/error.hpp"
+#include "io/stop.hpp"
 #include "solver/implicit.hpp"
-#include "tests/helpers/block.hpp"
+#include "tests/helpers/arch.hpp"
 
 namespace dimple {
 namespace {
@@ -170,6 +171,107 @@ TEST(LoadSlowly, LetsAViscoelasticBlockRelax) {
   load_slowly(elastic, model, slow, {.frames = 2}, {}, a);
   load_slowly(relaxing, model, slow, {.frames = 2}, {}, b);
   EXPECT_NEAR(b.force.back().force, 0.5 * a.force.back().force, 0.02 * a.force.back().force);
+}
+
+Tissues stiff_arch_soft_pad(const Model& model) {
+  return {{neo_hookean(2000.0, 0.45, 1000.0), neo_hookean(120.0, 0.45, 1000.0)}, model.label};
+}
+const Finding* with_code(const History& history, const std::string& code) {
+  for (const Finding& finding : history.guards)
+    if (finding.report.code == code) return &finding;
+  return nullptr;
+}
+
+// At some 12.1 mm the arch snaps through, its own way of 5 mm within no way of the tool.
+TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
+  const Model model = arch_under_a_pad();
+  const ForceSystem system(model, stiff_arch_soft_pad(model));
+  const Loading loading = {.depth = 14e-3, .rate = 1e-3};
+  History moving;
+  simulate_implicitly(system, model, loading, {.frames = 14}, {}, moving);
+  const double end = moving.force.back().force;
+  double largest = 0.0;
+  for (const ForceSample& sample : moving.force) largest = std::max(largest, sample.force);
+  for (const int frames : {7, 14, 28}) {
+    SCOPED_TRACE(frames);
+    History history;
+    load_slowly(system, model, loading, {.frames = frames}, {}, history);
+    EXPECT_NEAR(history.force.back().force, end, 0.01 * largest);
+    EXPECT_LT(history.steps, 1000);
+    EXPECT_LT(history.residual, 1e-4);
+    EXPECT_NEAR(history.energy.back().error(), 0.0, 0.02 * history.energy.back().external);
+    EXPECT_GT(history.energy.back().dissipated, 0.05 * history.energy.back().external);
+    const Finding* found = with_code(history, "limit-point");
+    ASSERT_NE(found, nullptr);
+    EXPECT_GT(found->worst, 4.0) << "mm that a node jumps";
+    EXPECT_NE(found->report.where.find("mm; node"), std::string::npos) << found->report.where;
+  }
+}
+
+TEST(LoadSlowly, FindsNoLimitPointWhereThereIsNone) {
+  const Model model = arch_under_a_pad();
+  const ForceSystem system(model, stiff_arch_soft_pad(model));
+  History history;
+  load_slowly(system, model, {.depth = 11.5e-3, .rate = 1e-3}, {.frames = 23}, {}, history);
+  EXPECT_EQ(with_code(history, "limit-point"), nullptr) << "the force falls, but the path goes on";
+  EXPECT_EQ(history.energy.back().dissipated, 0.0);
+}
+
+// The evaluations that the snap takes are not given.
+TEST(LoadSlowly, EndsWithinItsBoundWhereItGetsNoFurther) {
+  const Model model = arch_under_a_pad();
+  const ForceSystem system(model, stiff_arch_soft_pad(model));
+  const SolverOptions options = {.frames = 14, .evaluations = 100};
+  History history;
+  try {
+    load_slowly(system, model, {.depth = 14e-3, .rate = 1e-3}, options, {}, history);
+    FAIL() << "the snap takes more than 100 evaluations";
+  } catch (const SolveError& error) {
+    EXPECT_EQ(error.report.code, "limit-point") << error.report.fact;
+    EXPECT_NE(error.report.why.find("evaluations in all"), std::string::npos) << error.report.why;
+  }
+  EXPECT_LE(history.steps, 100 + 60 * 14);
+  EXPECT_NEAR(history.force.back().depth, 12e-3, 0.3e-3) << "what was found until then stays";
+  for (const Retry& retry : history.retries) EXPECT_GE(retry.depth, 11e-3);
+}
+
+TEST(LoadSlowly, EndsWithinItsBoundWhereOneLayerIsAThousandTimesStifferThanTheOther) {
+  const Model model = averaged_block(6, 0.2, 1.8, [](const Vec3& x) { return x.z() > 10e-3 ? 1 : 0; });
+  for (const double soft : {1.0, 1000.0}) {
+    const ForceSystem system(
+        model,
+        Tissues{{neo_hookean(1000.0 / soft, 0.499, 1000.0), neo_hookean(soft, 0.499, 1000.0)}, model.label});
+    History history;
+    load_slowly(system, model, {.depth = 4e-3, .rate = 1e-3}, {.frames = 8}, {}, history);
+    EXPECT_LT(history.steps, 1000) << soft;
+  }
+}
+
+// From then on everything that asks is told to stop: within the next equilibrium, or step.
+TEST(EveryMarch, AskedToStopKeepsWhatItHas) {
+  const Model model = averaged_block(4);
+  const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
+  for (const auto march : {load_slowly, simulate_implicitly, simulate}) {
+    for (const std::size_t after : {0, 3}) {
+      forget_stop();
+      if (after == 0) ask_to_stop(StopReason::interrupted);
+      const Observer observer = {.frame = {}, .sample = [&](const ForceSample&, const History& history) {
+                                   if (history.force.size() == after + 1)
+                                     ask_to_stop(StopReason::out_of_time);
+                                   return true;
+                                 }};
+      History history;
+      EXPECT_NO_THROW(
+          march(system, model, {.depth = 2e-3, .rate = 4e-3}, {.frames = 8}, observer, history, nullptr));
+      EXPECT_TRUE(history.interrupted);
+      EXPECT_EQ(stop_asked(), after == 0 ? StopReason::interrupted : StopReason::out_of_time);
+      EXPECT_LE(history.force.size(), after + 1);
+      if (after > 0) {
+        EXPECT_GE(history.force.size(), after);
+      }
+    }
+  }
+  forget_stop();
 }
 
 TEST(StiffnessRowSums, BoundTheStiffnessFromAbove) {

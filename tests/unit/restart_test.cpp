@@ -6,7 +6,7 @@
 
 #include "solver/implicit.hpp"
 #include "solver/relax.hpp"
-#include "tests/helpers/block.hpp"
+#include "tests/helpers/arch.hpp"
 
 namespace dimple {
 namespace {
@@ -101,6 +101,15 @@ TEST(Restart, OfEquilibriumAtEachDepth) {
   expect_restarts(load_slowly, model, one(plain, model),
                   {.depth = 4e-3, .rate = 1e-3, .contact = Contact::frictionless}, {.frames = 6}, 1,
                   Precision::double_);
+}
+
+TEST(Restart, OfEquilibriumBeforeAndAfterTheTissueGaveWay) {
+  const Model model = arch_under_a_pad();
+  const Tissues tissues{{neo_hookean(2000.0, 0.45, 1000.0), neo_hookean(120.0, 0.45, 1000.0)}, model.label};
+  const History history = expect_restarts(load_slowly, model, tissues, {.depth = 14e-3, .rate = 1e-3},
+                                          {.frames = 7}, 2, Precision::double_);
+  ASSERT_FALSE(history.guards.empty());
+  EXPECT_EQ(history.guards.back().report.code, "limit-point");
 }
 
 TEST(Restart, OfEquilibriumOfThePapersSchemeAtEachDepth) {

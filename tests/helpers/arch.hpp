@@ -1,0 +1,61 @@
+#pragma once
+
+#include "tests/helpers/block.hpp"
+
+namespace dimple::testing_bodies {
+
+/// A shallow arch 39 x 7.5 x 3 mm held at both ends, `rise` higher in the middle, with a soft pad 6 mm high
+/// on its crown, on whose top the circle pushes down: tissue 0 the arch, 1 the pad. The arch snaps through
+/// while the pad lets the tool stand still: a path with a limit point, of a few hundred nodes.
+inline Model arch_under_a_pad(double rise = 10e-3) {
+  constexpr double h = 1.5e-3, length = 26 * h, width = 5 * h, arch = 2 * h, top = 6 * h, reach = 3 * h;
+  const auto lifted = [&](Vec3 x) {
+    x.z() += 0.5 * rise * (1.0 - std::cos(2.0 * M_PI * x.x() / length));  // a shear: volumes stay
+    return x;
+  };
+  const auto in_pad = [&](const Vec3& x) { return std::abs(x.x() - 0.5 * length) < reach + 1e-6; };
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> noise(-0.1 * h, 0.1 * h);
+  Model model;
+  std::vector<Vec3> nodes, points;
+  for (int k = 0; k <= 6; ++k)
+    for (int j = 0; j <= 5; ++j)
+      for (int i = 0; i <= 26; ++i) {
+        Vec3 x(i * h, j * h, k * h);
+        if (k > 2 && !in_pad(x)) continue;
+        const auto a = static_cast<Index>(nodes.size());
+        if (i == 0 || i == 26) model.base.push_back(a);
+        if (k == 6) model.indenter.push_back(a);
+        if (i > 0 && i < 26 && k != 6) x += Vec3(noise(random), noise(random), noise(random));
+        nodes.push_back(lifted(x));
+      }
+  const double cell = h / 1.8;
+  for (int k = 0; (k + 0.5) * cell < top; ++k)
+    for (int j = 0; (j + 0.5) * cell < width; ++j)
+      for (int i = 0; (i + 0.5) * cell < length; ++i) {
+        const Vec3 x((i + 0.5) * cell, (j + 0.5) * cell, (k + 0.5) * cell);
+        if (x.z() > arch && !in_pad(x)) continue;
+        points.push_back(x);
+      }
+  model.X.resize(3, static_cast<Index>(nodes.size()));
+  for (std::size_t a = 0; a < nodes.size(); ++a) model.X.col(static_cast<Index>(a)) = nodes[a];
+  model.spacing = Eigen::VectorXd::Constant(model.X.cols(), h);
+  const auto count = static_cast<Index>(points.size());
+  model.point.resize(3, count);
+  model.label.resize(count);
+  for (Index q = 0; q < count; ++q) {
+    const Vec3& x = points[static_cast<std::size_t>(q)];
+    model.point.col(q) = lifted(x);
+    model.label[q] = x.z() > arch ? 1 : 0;
+  }
+  model.volume = Eigen::VectorXd::Constant(count, cell * cell * cell);
+  model.spread = Spread::Zero(6, count);
+  model.spread.topRows<3>().setConstant(cell * cell / 12.0);
+  model.tool = {.centre = lifted({0.5 * length, 0.5 * width, top}), .push = -Vec3::UnitZ(), .radius = reach};
+  find_supports(model, {.radius_factor = 1.6, .interpolation = 0.01}, model.label);
+  make_pressure_patches(model, model.label);
+  model.mass = lumped_mass(model, Eigen::VectorXd::Constant(count, 1000.0));
+  return model;
+}
+
+}  // namespace dimple::testing_bodies
