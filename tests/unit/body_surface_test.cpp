@@ -8,6 +8,8 @@
 #include <random>
 
 #include "io/error.hpp"
+#include "io/stop.hpp"
+#include "preprocess/closed_mesh.hpp"
 #include "preprocess/label_surface.hpp"
 
 namespace dimple {
@@ -50,6 +52,44 @@ void expect_closed_and_outward(const BodySurface& surface) {
     ASSERT_EQ(sides.count({side.second, side.first}), 1u);
   }
   EXPECT_GT(surface.volume(), 0.0);
+}
+
+// Tetrahedra with corners at places 4 n ... 4 n + 3, facing outward.
+TriangleMesh tetrahedra(const std::vector<Vec3>& place, const std::vector<std::array<Index, 4>>& corner) {
+  TriangleMesh mesh;
+  mesh.vertex.resize(3, static_cast<Index>(place.size()));
+  for (std::size_t v = 0; v < place.size(); ++v) mesh.vertex.col(static_cast<Index>(v)) = place[v];
+  mesh.triangles.resize(3, 4 * static_cast<Index>(corner.size()));
+  Index t = 0;
+  for (auto c : corner) {
+    const Vec3 a = place[static_cast<std::size_t>(c[0])];
+    const auto edge = [&](std::size_t n) -> Vec3 { return place[static_cast<std::size_t>(c[n])] - a; };
+    if (edge(1).dot(edge(2).cross(edge(3))) < 0.0) std::swap(c[2], c[3]);
+    for (const auto& [x, y, z] : {std::array{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {0, 3, 2}})
+      mesh.triangles.col(t++) << c[static_cast<std::size_t>(x)], c[static_cast<std::size_t>(y)],
+          c[static_cast<std::size_t>(z)];
+  }
+  return mesh;
+}
+
+TEST(ClosedMesh, GivesEachSheetVerticesOfItsOwnWhereTheyTouch) {
+  const Vec3 o(0, 0, 0), x(1, 0, 0), y(0, 1, 0), z(0, 0, 1);
+  // At a corner, at an edge, at two edges, and at a face and an edge.
+  std::vector<TriangleMesh> touching = {
+      tetrahedra({o, x, y, z, -x, -y, -z}, {{0, 1, 2, 3}, {0, 4, 5, 6}}),
+      tetrahedra({o, x, y, z, -y, -z}, {{0, 1, 2, 3}, {0, 1, 4, 5}}),
+      tetrahedra({o, x, y, z, -y, -z, y - 2 * z, z - 2 * y}, {{0, 1, 2, 3}, {0, 1, 4, 5}, {0, 1, 6, 2}}),
+      tetrahedra({o, x, y, z, -y - z, y + x, -y - x}, {{0, 1, 2, 3}, {0, 1, 4, 6}})};
+  for (TriangleMesh& mesh : touching) {
+    const double volume = enclosed_volume(mesh);
+    EXPECT_GT(volume, 0.0);
+    separate_touching_sheets(mesh);
+    EXPECT_NEAR(enclosed_volume(mesh), volume, 1e-12);
+    expect_closed_and_outward(BodySurface(mesh.vertex, mesh.triangles));
+  }
+  TriangleMesh open = touching.front();
+  open.triangles.conservativeResize(3, open.triangles.cols() - 1);
+  EXPECT_THROW(separate_touching_sheets(open), ModelError);
 }
 
 // What any image may expect: a closed surface around the voxels' volume, or a refusal in words. Says which.
@@ -259,6 +299,12 @@ TEST(Surface, IsTheSameToTheLastBitForHeadersThatDifferByRounding) {
     EXPECT_TRUE(again.surface.vertex() == first.surface.vertex());
     EXPECT_TRUE(again.surface.triangles() == first.surface.triangles());
   }
+}
+
+TEST(Surface, IsLeftWhenTheWorkIsAskedToEnd) {
+  ask_to_stop(StopReason::interrupted);
+  EXPECT_THROW(make_body_surface(ellipsoid(20, {8.0, 8.0, 8.0}), {}), Stopped);
+  forget_stop();
 }
 
 TEST(Surface, IsTheSameForAnyNumberOfThreads) {

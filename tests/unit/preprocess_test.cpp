@@ -19,8 +19,7 @@ namespace dimple {
 namespace {
 
 SegmentedBody block_body() {
-  return make_body_surface(make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 1.5}), {},
-                           5.0);
+  return make_body_surface(make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 1.5}), {});
 }
 
 TEST(BodySurface, EnclosesTheVoxelsVolumeAndKnowsInsideFromOutside) {
@@ -48,7 +47,7 @@ TEST(BodySurface, OfABallIsSmoothWhereItsVoxelsAreStairs) {
                          Vec3::Constant(21.5))
                             .norm() < 20.0);
   set_voxels(image, voxel);
-  const SegmentedBody body = make_body_surface(image, {}, 3.0);
+  const SegmentedBody body = make_body_surface(image, {});
   const double radius = std::cbrt(body.surface.volume() * 3.0 / (4.0 * 3.14159265358979));
   for (const auto& x : body.surface.vertex().colwise())
     EXPECT_NEAR((x - Vec3::Constant(21.5)).norm(), radius, 0.3);  // voxel corners stick out by up to 0.87
@@ -56,11 +55,11 @@ TEST(BodySurface, OfABallIsSmoothWhereItsVoxelsAreStairs) {
 
 TEST(BodySurface, RefusesASpeckAndALabelThatIsNotThere) {
   LabelImage image = make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 3});
-  EXPECT_THROW(make_body_surface(image, {9}, 3.0), InputError);
+  EXPECT_THROW(make_body_surface(image, {9}), InputError);
   std::vector<std::int32_t> voxel(every_voxel(image).size(), 0);
   voxel[voxel.size() / 2] = 1;
   set_voxels(image, voxel);
-  EXPECT_THROW(make_body_surface(image, {}, 3.0), ModelError);
+  EXPECT_THROW(make_body_surface(image, {}), ModelError);
 }
 
 TEST(Boundary, OfABlockIsItsBroadSideAndTheMiddleOfTheOtherOne) {
@@ -75,7 +74,7 @@ TEST(Boundary, OfABlockIsItsBroadSideAndTheMiddleOfTheOtherOne) {
 }
 
 TEST(Boundary, OnTheLeftIsOnTheLeft) {
-  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {}, 5.0);
+  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {});
   const double left =
       (body.surface.to_world() * find_boundary(body.surface, {.indent_at = "left"}, 5.0).centre).x();
   const double right =
@@ -122,7 +121,7 @@ TEST(NodeCloud, HasExactlyTheAskedNumberOfEvenlySpacedNodesAndTheCirclesRim) {
 
 TEST(NodeCloud, IsAsDenseAtTheRimAsAskedForAndHasExactlyTheAskedNumber) {
   const SegmentedBody body =
-      make_body_surface(make_phantom({.shape = "block", .size_mm = Vec3(40, 40, 20)}), {}, 2.0);
+      make_body_surface(make_phantom({.shape = "block", .size_mm = Vec3(40, 40, 20)}), {});
   const Boundary boundary = find_boundary(body.surface, {}, 2.0);
   const GradingOptions grading = {.rim = 0.2};
   const Sizing sizing(body.surface, boundary, grading);
@@ -140,7 +139,7 @@ TEST(NodeCloud, IsAsDenseAtTheRimAsAskedForAndHasExactlyTheAskedNumber) {
 
 TEST(IntegrationGrid, ThatFollowsTheNodesHasTheBodysVolumeCentroidAndInertia) {
   const SegmentedBody body =
-      make_body_surface(make_phantom({.shape = "block", .size_mm = Vec3(40, 40, 20)}), {}, 2.0);
+      make_body_surface(make_phantom({.shape = "block", .size_mm = Vec3(40, 40, 20)}), {});
   const Boundary boundary = find_boundary(body.surface, {}, 2.0);
   const Sizing sizing(body.surface, boundary, {.rim = 0.2});
   const double spacing = spacing_for_count(body.surface, 1500, sizing);
@@ -168,8 +167,7 @@ TEST(NodeCloud, IsTheSameForAnyNumberOfThreads) {
 }
 
 TEST(IntegrationGrid, HasTheBodysVolumeAndCentroidAndAboutTheAskedNumberOfPoints) {
-  const SegmentedBody body =
-      make_body_surface(make_phantom({.shape = "cut-ellipsoid", .spacing_mm = 2}), {}, 4.0);
+  const SegmentedBody body = make_body_surface(make_phantom({.shape = "cut-ellipsoid", .spacing_mm = 2}), {});
   const IntegrationGrid grid = make_integration_grid(body.surface, {.count = 3000}, 2000);
   EXPECT_NEAR(grid.volume.sum(), body.surface.volume(), 0.005 * body.surface.volume());
   EXPECT_LT((grid.point * grid.volume / grid.volume.sum() - body.surface.centroid()).norm(), 0.1);
