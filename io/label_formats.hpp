@@ -91,6 +91,7 @@ void swap_bytes(StoredImage& image);
 /// Text of a file as it may stand in a message: control characters as \x00, not endless.
 std::string printable(std::string_view text);
 
+InputError no_place_in_space(const std::filesystem::path& file, std::string_view fact);
 InputError truncated(const std::filesystem::path& file, std::string_view fact);
 
 StoredImage read_nifti(const std::filesystem::path& file);

@@ -219,13 +219,7 @@ Mat3 snapped(const Mat3& linear) {
 }
 
 void check_geometry(const Eigen::Affine3d& to_world, const fs::path& file) {
-  const auto refuse = [&](std::string fact) {
-    return InputError(
-        {.fact = std::move(fact),
-         .where = image_place(file),
-         .why = "spacing, direction and origin in the file's header do not describe a place in space",
-         .remedy = "correct the header, or export the segmentation anew"});
-  };
+  const auto refuse = [&](const std::string& fact) { return no_place_in_space(file, fact); };
   const Mat3 m = to_world.linear();
   if (!to_world.matrix().allFinite()) throw refuse("the image's geometry holds a number that is not finite");
   const Vec3 spacing = m.colwise().norm();
@@ -579,6 +573,14 @@ std::string printable(std::string_view text) {
     result += byte < 0x20 || byte == 0x7F ? fmt::format("\\x{:02x}", byte) : std::string(1, c);
   }
   return result;
+}
+
+InputError no_place_in_space(const fs::path& file, std::string_view fact) {
+  return InputError(
+      {.fact = printable(fact),
+       .where = image_place(file),
+       .why = "spacing, direction and origin in the file's header do not describe a place in space",
+       .remedy = "correct the header, or export the segmentation anew"});
 }
 
 InputError truncated(const fs::path& file, std::string_view fact) {

@@ -73,10 +73,10 @@ VoxelBox foreground_box(const LabelImage& image);
 ///
 /// One organ has the same shape however it was stored: spacings and angles are snapped, so that nothing that
 /// follows from them hangs on the digits in which headers of one image differ (single precision: 1e-7 of a
-/// number; text with six digits: 5e-6 of it). Spacings to six significant digits from 1 mm upward, five below
-/// (0.73242 for 375/512 mm: 2.5 um over 500 voxels); cosines between axes to 1e-6, and to right angles below
-/// 2e-5. How the image lies in space moves nothing inside of it and stays as it is, but axes within 2e-5 of
-/// the patient's are the patient's.
+/// number; a line of text with six digits: 5e-6 of one). Spacings to six significant digits from 1 mm upward,
+/// five below (0.73242 for 375/512 mm: 2.5 um over 500 voxels); cosines between axes to 1e-6, and to right
+/// angles below 2e-5. How the image lies in space moves nothing inside of it and stays as it is, but axes
+/// within 2e-5 of the patient's are the patient's.
 ///
 /// `label_names`, if not empty,
 /// is a table of names, or a numbering known without one; see io/label_names.hpp. It overrides names in the

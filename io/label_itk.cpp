@@ -21,6 +21,7 @@
 #include <limits>
 #include <memory>
 #include <set>
+#include <span>
 #include <sstream>
 
 #include "io/file.hpp"
@@ -416,13 +417,14 @@ void check_nrrd_header(const TextHeader& header, const fs::path& file) {
       throw refuse(fmt::format("only {} of its axes have a direction", *dimension - none));
     for (std::size_t a = 0; a < words.size(); ++a)  // ITK divides by the length
       if (const auto v = vector_of_three(words[a]); v && !(v->stableNorm() > 1e-100))
-        throw refuse(fmt::format("axis {} has the direction {}, which has no length", a + 1, words[a]));
+        throw no_place_in_space(
+            file, fmt::format("axis {} has the direction {}, which has no length", a + 1, words[a]));
   } else if (const auto spacings = words_in(header.at("spacings")); !are_finite(spacings)) {
     throw refuse(fmt::format("its spacings are {}", header.at("spacings")));
   } else {
     for (const std::string& spacing : spacings)
       if (number<double>(spacing) == 0.0)
-        throw refuse(fmt::format("its spacings are {}: a voxel has no length", header.at("spacings")));
+        throw no_place_in_space(file, fmt::format("the voxel spacing is {} mm", fmt::join(spacings, " x ")));
   }
 }
 
@@ -528,6 +530,15 @@ void check_metaimage_header(const TextHeader& header, const fs::path& file,
   check("ElementSpacing", n);
   check(origin, n);
   check(matrix, n * n);
+  if (const auto cosines = words_in(header.at(matrix)); !matrix.empty())
+    for (std::size_t a = 0; a < n; ++a) {
+      const auto axis = std::span(cosines).subspan(a * n, n);
+      if (std::none_of(axis.begin(), axis.end(), [](const std::string& cosine) {
+            return std::abs(number<double>(cosine).value_or(1.0)) > 1e-100;
+          }))
+        throw no_place_in_space(file, fmt::format("axis {} has the direction ({}), which has no length",
+                                                  a + 1, fmt::join(axis, ", ")));
+    }
   const auto spacing = words_in(header.at("ElementSpacing"));
   if (std::any_of(spacing.begin(), spacing.end(),
                   [](const auto& word) { return !(number<double>(word) > 0.0); }))
