@@ -77,6 +77,16 @@ void subdivide(const Triangle& t, const Sizing& sizing, double far_spacing, std:
     result.sizing.push_back(here);
     return;
   }
+  // A sliver, as fans of triangles have them, is cut across: quarters of it would stay as slim, and be many.
+  if (longest * longest > 8.0 * t.area) {
+    Triangle turned = t;
+    while ((turned.b - turned.a).norm() < longest) turned = {turned.b, turned.c, turned.a, t.normal, t.area};
+    const Vec3 middle = 0.5 * (turned.a + turned.b);
+    for (const Triangle& part : {Triangle{turned.a, middle, turned.c, t.normal, 0.5 * t.area},
+                                 Triangle{middle, turned.b, turned.c, t.normal, 0.5 * t.area}})
+      subdivide(part, sizing, far_spacing, room, result);
+    return;
+  }
   const Vec3 ab = 0.5 * (t.a + t.b), bc = 0.5 * (t.b + t.c), ca = 0.5 * (t.c + t.a);
   const double quarter = 0.25 * t.area;
   for (const Triangle& part :

@@ -5,7 +5,7 @@ set(forbidden_preprocess "^(solver|apps)/")
 set(forbidden_solver "^(apps/|itk|vtk|CGAL/|nanoflann|fmt/|spdlog/|toml|nlohmann/|CLI/)")
 # The solver is handed a Model and speaks in errors: nothing else of the other folders reaches it, but for the macro
 # that both clone their hot loops with.
-set(allowed_solver "^(solver/.*|preprocess/(model|clones)\\.hpp|io/error\\.hpp|io/types\\.hpp)$")
+set(allowed_solver "^(solver/.*|preprocess/(model|clones)\\.hpp|io/(error|stop|types)\\.hpp)$")
 
 set(wrong "")
 foreach(folder io preprocess solver)

@@ -59,16 +59,17 @@ TEST_F(GuardedRun, ThatHasNoEquilibriumEndsWithItsCodeAndKeepsWhatThereIs) {
              "run block.nrrd -o out --nodes 300 --depth 2mm --frames 2 --set solver.tolerance=1e-8"
              " --set solver.evaluations=100 --set solver.precision=single");
   EXPECT_EQ(ran.code, 5) << ran.err;
-  for (const char* word : {"no equilibrium", "where:", "try:", "code:  no-equilibrium", "3 retries", "retry"})
+  for (const char* word :
+       {"no equilibrium", "where:", "try:", "code:  no-equilibrium", "it came again", "retry"})
     EXPECT_THAT(ran.err, HasSubstr(word));
   const Json s = summary("out");
   EXPECT_EQ(s.at("status"), "failed");
   EXPECT_EQ(s.at("failure").at("code"), "no-equilibrium");
   for (const char* part : {"fact", "where", "why", "remedy"})
     EXPECT_FALSE(s.at("failure").at(part).get<std::string>().empty()) << part;
-  ASSERT_EQ(s.at("retries").size(), 3u);
+  ASSERT_GE(s.at("retries").size(), 2u);
   EXPECT_EQ(s.at("retries")[0].at("code"), "no-equilibrium");
-  EXPECT_GT(s.at("retries")[0].at("at_mm").get<double>(), s.at("retries")[2].at("at_mm").get<double>());
+  EXPECT_GT(s.at("retries")[0].at("at_mm").get<double>(), s.at("retries").back().at("at_mm").get<double>());
   EXPECT_THAT(s.at("retries")[0].at("what").get<std::string>(), HasSubstr("mm"));
   expect_valid("out");
 }

@@ -439,8 +439,9 @@ TEST(Recovery, FindsAnEquilibriumByShorterStepsOfTheLoad) {
       break;
     } catch (const SolveError& error) {
       EXPECT_EQ(error.report.code, "no-equilibrium");
-      EXPECT_THAT(error.report.why, HasSubstr("3 retries"));
-      EXPECT_EQ(history.retries.size(), static_cast<std::size_t>(most_retries));
+      EXPECT_THAT(error.report.why, HasSubstr("it came again with steps of the load down to"));
+      EXPECT_GE(history.retries.size(), 1u);
+      EXPECT_LE(history.retries.size(), 4u);  // down to a sixteenth of the way between two frames
     }
   }
   ASSERT_FALSE(history.retries.empty()) << enough;
