@@ -6,7 +6,6 @@
 #include <cstdlib>
 #include <map>
 
-#include "preprocess/label_surface.hpp"
 #include "preprocess/phantom.hpp"
 #include "tests/bench/reference_force.hpp"
 

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "apps/config.hpp"
+#include "preprocess/label_surface.hpp"
 #include "solver/internal_force.hpp"
 
 namespace dimple {
