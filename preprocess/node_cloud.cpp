@@ -22,8 +22,8 @@ constexpr int sweeps = 40;
 // Neighbours' spacings differ: how much further than one's own reach another one's may be.
 constexpr double far_enough = 1.2;
 
-// Bounds. What a cloud that can be made at all was seen to take is a tenth of them.
-constexpr std::size_t boxes_per_node = 40, facets_per_node = 40, crowd_per_candidate = 1000;
+// Bounds. What a cloud that can be made at all was seen to take is a fifth of them: facets of a fan of slivers.
+constexpr std::size_t boxes_per_node = 40, facets_per_node = 200, crowd_per_candidate = 1000;
 constexpr std::size_t fewest_bound = 20000, most_to_measure = 2'500'000;
 // Of a body's box: what fills less is searched box by box.
 constexpr double sparse = 0.2;

@@ -268,6 +268,8 @@ std::string nifti_2() {
   set(14, std::int16_t{8});
   set(16, std::int64_t{3});
   for (std::size_t a = 0; a < 3; ++a) set(24 + 8 * a, std::int64_t{organ.size[a]});
+  for (int a = 0; a < 3; ++a)
+    set(static_cast<std::size_t>(112 + 8 * a), organ.to_world.linear().col(a).norm());  // pixdim
   set(168, std::int64_t{544});
   set(348, std::int32_t{1});
   for (int r = 0; r < 3; ++r)
