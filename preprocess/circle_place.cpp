@@ -26,7 +26,7 @@ constexpr double negligible = 0.03;
 constexpr double smoothing = 0.25;     // radii: of the heights before they are judged
 constexpr Index most_steps = 10;       // of the lattice of cuts, to a radius
 constexpr double whole_disc = 1.05;    // radii: the disc and a little more
-constexpr double price_of_room = 2.0;  // radii of height for a whole radius of margin
+constexpr double price_of_room = 4.0;  // radii of height for a whole radius of margin
 // Slopes less than five degrees, such as the voxels' ripples are, decide nothing: of a plateau its middle is
 // taken, along the directions in which the body is longest and shortest.
 constexpr double level = 0.08;
