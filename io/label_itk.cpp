@@ -540,8 +540,9 @@ void check_metaimage_header(const TextHeader& header, const fs::path& file,
                                                   a + 1, fmt::join(axis, ", ")));
     }
   const auto spacing = words_in(header.at("ElementSpacing"));
-  if (std::any_of(spacing.begin(), spacing.end(),
-                  [](const auto& word) { return !(number<double>(word) > 0.0); }))
+  if (std::any_of(spacing.begin(), spacing.end(), [](const auto& word) {
+        return !(number<double>(word) > 1e-100);
+      }))  // ITK takes the rest for zero
     throw refuse(fmt::format("the voxel spacing is {} mm", fmt::join(spacing, " x ")));
   if (header.at("ElementType").ends_with("_ARRAY"))
     throw refuse(fmt::format("its voxels are of type {}", header.at("ElementType")));

@@ -23,9 +23,10 @@ constexpr double sought = 2.3;  // radii: a little beyond the room that is wante
 // limit.
 constexpr double gentle_slope = 60.0, steep_slope = 80.0, gentle_turn = 25.0, sharp_turn = 60.0;  // degrees
 constexpr double negligible = 0.03;
+constexpr double smoothing = 0.25;     // radii: of the heights before they are judged
 constexpr Index most_steps = 10;       // of the lattice of cuts, to a radius
 constexpr double whole_disc = 1.05;    // radii: the disc and a little more
-constexpr double price_of_room = 2.0;  // radii of height for a whole radius of margin
+constexpr double price_of_room = 4.0;  // radii of height for a whole radius of margin
 // Slopes less than five degrees, such as the voxels' ripples are, decide nothing: of a plateau its middle is
 // taken, along the directions in which the body is longest and shortest.
 constexpr double level = 0.08;
@@ -75,13 +76,41 @@ Cuts::Cuts(const HeightMap& map, double radius) : radius_(radius), corner_(map.c
   step_ *= static_cast<double>(merge);
 }
 
+// Heights without the voxels' ripples: means weighed by a Gaussian, of the places where the body is.
+Eigen::ArrayXXd smoothed(const Eigen::ArrayXXd& height, double sigma) {
+  if (sigma < 0.5) return height;
+  const auto reach = static_cast<Index>(std::ceil(2.5 * sigma));
+  Eigen::ArrayXd weight(reach + 1);
+  for (Index k = 0; k <= reach; ++k) weight[k] = std::exp(-0.5 * std::pow(static_cast<double>(k) / sigma, 2));
+  // Down the columns of an array and of what counts; the transposed result is smoothed once more.
+  const auto along = [&](const Eigen::ArrayXXd& from) {
+    Eigen::ArrayXXd to = Eigen::ArrayXXd::Zero(from.rows(), from.cols());
+    tbb::parallel_for(Index{0}, from.cols(), [&](Index j) {
+      stop_if_asked();
+      to.col(j) = weight[0] * from.col(j);
+      for (Index k = 1; k <= std::min(reach, from.rows() - 1); ++k) {
+        const Index n = from.rows() - k;
+        to.col(j).head(n) += weight[k] * from.col(j).tail(n);
+        to.col(j).tail(n) += weight[k] * from.col(j).head(n);
+      }
+    });
+    return to;
+  };
+  const auto both = [&](const Eigen::ArrayXXd& from) -> Eigen::ArrayXXd {
+    return along(along(from).transpose()).transpose();
+  };
+  const auto there = height.isFinite();
+  return there.select(both(there.select(height, 0.0)) / both(there.cast<double>()), height);
+}
+
 void Cuts::grade(const HeightMap& map) {
+  const Eigen::ArrayXXd smooth = smoothed(map.height, smoothing * radius_ / map.step);
   const auto steps = [&](double length) { return std::max<Index>(1, std::lround(length / map.step)); };
   const Index rows = map.height.rows(), columns = map.height.cols(), slope = steps(radius_ / 8.0),
               aside = steps(radius_ / 4.0), aslant = steps(radius_ / 4.0 / std::numbers::sqrt2);
   const double drop = std::max(radius_, 3.0 * map.step);
   const auto height = [&](Index i, Index j) {
-    return i < 0 || j < 0 || i >= rows || j >= columns ? std::nan("") : map.height(i, j);
+    return i < 0 || j < 0 || i >= rows || j >= columns ? std::nan("") : smooth(i, j);
   };
   // Rise per length, from both sides where there are two.
   const auto rise = [&](Index i, Index j, Index di, Index dj) {
@@ -111,7 +140,8 @@ void Cuts::grade(const HeightMap& map) {
       const double here = map.height(i, j);
       bool whole = std::isfinite(here);
       for (const auto& [di, dj] : {std::pair<Index, Index>{1, 0}, {-1, 0}, {0, 1}, {0, -1}})
-        whole = whole && !(std::abs(height(i + di, j + dj) - here) > drop);
+        if (i + di >= 0 && j + dj >= 0 && i + di < rows && j + dj < columns)
+          whole = whole && !(std::abs(map.height(i + di, j + dj) - here) > drop);
       if (!whole) {
         cut_(i, j) = missing_(i, j) = 1.0;
         continue;

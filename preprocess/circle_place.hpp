@@ -24,7 +24,7 @@ struct CirclePlace {
 };
 
 /// The highest dome with room, in the half plane `side` . x > 0 about the body's middle if it is given: where
-/// the mean height over the disc is greatest, less what the place lacks of the wanted room (two radii of
+/// the mean height over the disc is greatest, less what the place lacks of the wanted room (four radii of
 /// height for a margin of none, in proportion to the square) and less a twelfth of the way from the body's
 /// middle, so that of a plateau its middle is taken. Of two domes as high, within a quarter per cent of
 /// `height`, the one away from the body's pointed end or, in a body that has none, towards `prefer` is taken.

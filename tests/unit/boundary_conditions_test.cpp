@@ -58,14 +58,14 @@ BodySurface turned(const BodySurface& body, const Mat3& rotation) {
 }
 
 // Two hemispheres on a flat cut face at z = 0, the left one `higher` by this part; 84 x 62 x 30 mm. The
-// fissure is 7 mm wide at half its depth, so that voxels of 2 mm show it.
+// fissure is 4 mm wide at half its depth: two voxels.
 bool in_brain(const Vec3& x, double higher) {
   if (x.z() < 0.0) return false;
   const double u = std::max(0.0, std::abs(x.x()) - 5.0) / 26.0, v = (x.y() - higher * 30.0) / 42.0;
   const double rho2 = u * u + v * v;
   if (rho2 >= 1.0) return false;
   const double dome = 30.0 * std::sqrt(1.0 - rho2) * (1.0 + (x.x() > 0.0 ? higher : 0.0));
-  return x.z() < dome * (1.0 - 0.3 * std::exp(-std::pow(x.x() / 4.0, 2)));
+  return x.z() < dome * (1.0 - 0.3 * std::exp(-std::pow(x.x() / 2.5, 2)));
 }
 
 double degrees_between(const Vec3& a, const Vec3& b) {
@@ -126,10 +126,10 @@ TEST(Boundary, OfABlockIsItsBroadSideAndTheMiddleOfTheOtherOne) {
 }
 
 TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
-  const Inside brain = [](const Vec3& x) { return in_brain(x, 0.04); };
+  const Inside brain = [](const Vec3& x) { return in_brain(x, 0.12); };
   // In a lattice that is not along it: where between its voxels a cut along them lies is not known.
   const Mat3 lattice = Eigen::AngleAxisd(0.5, Vec3(1, 2, 3).normalized()).toRotationMatrix();
-  const SegmentedBody body = make_body_surface(image_of(brain, 52.0, 2.0, lattice), {});
+  const SegmentedBody body = make_body_surface(image_of(brain, 56.0, 2.0, lattice), {});
   const Found first = find(body.surface);
   fmt::print("({:.2f} {:.2f} {:.2f}) {}\n", first.centre.x(), first.centre.y(), first.centre.z(),
              first.words);
@@ -147,8 +147,8 @@ TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
   EXPECT_LT(with_voxels.circle, 1e-9);
   for (int k = 0; k < few; ++k) {
     const Mat3 R = random_rotation(random);
-    const SegmentedBody again = make_body_surface(
-        image_of([&](const Vec3& x) { return brain(R.transpose() * x); }, 52.0, 2.0), {});
+    const SegmentedBody again =
+        make_body_surface(image_of([&](const Vec3& x) { return brain(R.transpose() * x); }, 56.0, 2.0), {});
     const Found f = find(again.surface);
     const Vec3 c = R.transpose() * f.centre;
     if (std::getenv("DIMPLE_VERBOSE"))
@@ -159,7 +159,7 @@ TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
   EXPECT_LT(within_voxels.angle, 0.5);
   EXPECT_LT(within_voxels.plane, 0.2);
   EXPECT_LT(within_voxels.depth, 0.03);
-  EXPECT_LT(within_voxels.circle, 0.25);
+  EXPECT_LT(within_voxels.circle, 0.5);  // half a voxel of the fissure moves it
 }
 
 TEST(Boundary, OfACutOrganIsItsCutFaceWhicheverWayItWasCut) {
@@ -232,8 +232,8 @@ TEST(Boundary, OfABodyWithoutAFlatFaceIsItsThinnestSideHoweverItIsTurned) {
   EXPECT_LT(with_voxels.circle, 1e-9);
   for (int k = 0; k < few; ++k) {
     const Mat3 R = random_rotation(random);
-    const SegmentedBody again = make_body_surface(
-        image_of([&](const Vec3& x) { return bean(R.transpose() * x); }, 50.0, 2.0), {});
+    const SegmentedBody again =
+        make_body_surface(image_of([&](const Vec3& x) { return bean(R.transpose() * x); }, 50.0, 2.0), {});
     const Found f = find(again.surface);
     const Vec3 c = R.transpose() * f.centre;
     if (std::getenv("DIMPLE_VERBOSE"))
