@@ -67,7 +67,7 @@ struct Config {
     std::string time = "auto";
     std::string precision = "single";
     double tolerance = 1e-4;
-    std::int64_t evaluations = 20000;
+    std::int64_t evaluations = 2000;
   } solver;
 
   /// key -> why it has its value ("default", "config.toml", "--nodes", ...)

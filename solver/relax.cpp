@@ -134,9 +134,9 @@ Relaxed Relaxation::from_near(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const
   Nodal v = u;
   Eigen::VectorXd l = lambda;
   Relaxed found = (*mixed_)(v, l, f, options, external, true);
-  if (!found.converged && found.residual < near) {
-    RelaxOptions rest = options;
-    rest.evaluations -= found.evaluations;
+  RelaxOptions rest = options;
+  rest.evaluations -= found.evaluations;
+  if (!found.converged && found.residual < near && rest.evaluations > 1) {
     const std::int64_t spent = found.evaluations;
     found = give_way(v, l, f, rest, external);
     found.evaluations += spent;
@@ -172,7 +172,8 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
   result.sweep = system_.internal_force(u, f);
   ++result.evaluations;
   result.residual = unbalanced(force_before);
-  double tried = std::numeric_limits<double>::infinity();  // residual from which no equilibrium was reached
+  double tried = result.residual;  // from which no equilibrium was reached
+  double too_little = 0.0;         // viscosity
   MixedIteration::Viscosity viscosity{.share = first_share, .about = {}};
   for (bool anew = true; result.evaluations < options.evaluations && viscosity.share < largest_share;) {
     viscosity.about = u;
@@ -185,6 +186,7 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
         external, anew, nullptr, &viscosity);
     result.evaluations += step.evaluations;
     if (!step.converged) {
+      too_little = viscosity.share;
       viscosity.share *= 3.0;
       moved.setZero();
       lambda_moved.setZero();
@@ -199,13 +201,18 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
     result.residual = unbalanced(force);
     result.sweep = step.sweep;
     result.dissipated -= 0.5 * moved.cwiseProduct(force + force_before).sum();
+    double curvature = 0.0;
     if (const double size = mixed_->laplacian_of(moved); size > 0.0)
-      result.curvature = std::min(result.curvature, moved.cwiseProduct(force - force_before).sum() / size);
+      curvature = moved.cwiseProduct(force - force_before).sum() / size;
+    result.curvature = std::min(result.curvature, curvature);
     force_before = force;
     (u - start).colwise().squaredNorm().maxCoeff(&result.furthest);
-    anew = step.evaluations < few_evaluations;
+    if (curvature > 0.0) too_little = 0.0;
+    anew = step.evaluations < few_evaluations && 0.6 * viscosity.share > too_little;
     if (anew) viscosity.share *= 0.6;
-    if (result.residual < std::min({before, 0.5 * tried, 5.0 * options.tolerance})) {
+    if (result.evaluations < options.evaluations &&
+        result.residual <
+            std::min({before, std::max(0.5 * tried, options.tolerance), 5.0 * options.tolerance})) {
       Nodal end = u;
       Eigen::VectorXd end_lambda = lambda;
       const Relaxed at_rest =
@@ -405,6 +412,7 @@ void load_by_depths(const ForceSystem& system, const Model& model, const Loading
                                                   ? std::min(options.evaluations, most - history.steps)
                                                   : options.evaluations};
         relaxed.converged = false;
+        if (how.evaluations < 1) throw no_equilibrium(relaxed, model);
         relaxed = relax.has_mixed() ? relax.from_near(u, lambda, f, how) : relax(u, f, how, {}, &lambda);
         history.steps += relaxed.evaluations;
         least_curvature = std::min(least_curvature, relaxed.curvature);
