@@ -5,7 +5,10 @@
 #include <Eigen/Cholesky>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <future>
+#include <thread>
 
 #include "io/stop.hpp"
 #include "solver/multigrid.hpp"
@@ -29,6 +32,7 @@ constexpr double setback = 10.0;  // growth of the residual that is taken back
 constexpr double longest_step = 0.3;
 // Of what the law is at rest: single points have 1e5, and 300 takes no fewer steps.
 constexpr double stiffest = 30.0;
+constexpr Index quickly_factorised = 3000;  // rows, in a tenth of a second; the time grows as their square
 
 // About the inverse of a scalar matrix over some of the nodes.
 struct NodalInverse {
@@ -46,6 +50,23 @@ struct NodalInverse {
       for (int i = 0; i < 4; ++i) z(i, node[j]) = static_cast<double>(x[j][i]);
   }
 };
+
+using Factor = Eigen::SimplicialLLT<Sparse>;
+
+// Null where the matrix is not positive definite. Eigen listens to nobody: where it may last it works on a
+// thread of its own, which is left behind when the work is to end.
+std::shared_ptr<const Factor> factorised(Sparse matrix) {
+  const auto positive = [](std::shared_ptr<const Factor> factor) {
+    return factor->info() == Eigen::Success ? factor : nullptr;
+  };
+  if (matrix.rows() < quickly_factorised) return positive(std::make_shared<const Factor>(matrix));
+  std::packaged_task<std::shared_ptr<const Factor>()> task(
+      [matrix = std::move(matrix)] { return std::make_shared<const Factor>(matrix); });
+  auto result = task.get_future();
+  std::thread(std::move(task)).detach();
+  while (result.wait_for(std::chrono::milliseconds(20)) != std::future_status::ready) stop_if_asked();
+  return positive(result.get());
+}
 
 // Pairs of neighbours a > b.
 using Edges = std::vector<std::pair<int, int>>;
@@ -152,7 +173,7 @@ struct MixedIteration::Parts {
   bool slides = false;
   NodalInverse across,
       along;  // of nodes that move freely across the push, and along it; the same if none slides
-  Eigen::SimplicialLLT<Sparse> schur, schur_of_inertia;
+  std::shared_ptr<const Factor> schur, schur_of_inertia;
   Eigen::VectorXd inertia;            // [N] N/m or empty, for which `across` was made
   Eigen::VectorXd bulk;               // [patches] for which `schur` was made
   Eigen::VectorXd bulk_of_inertia;    // and `schur_of_inertia`,
@@ -298,7 +319,7 @@ struct MixedIteration::Parts {
   // S = M / (V_b V_c mu) + 1 / (bulk V): M_bc = sum_q V psi_b psi_c.
   bool factorise_schur() {
     const PressurePatches& patches = model.patches;
-    schur.compute(between_patches([&](int c, const auto& add) {
+    schur = factorised(between_patches([&](int c, const auto& add) {
       for (int k = points.offset[c]; k < points.offset[c + 1]; ++k) {
         const int q = points.member[k];
         for (int i = patches.of_point.offset[q]; i < patches.of_point.offset[q + 1]; ++i)
@@ -308,7 +329,7 @@ struct MixedIteration::Parts {
       }
       add(c, 1.0 / (bulk[c] * patches.volume[c]));
     }));
-    return schur.info() == Eigen::Success;
+    return schur != nullptr;
   }
 
   // G' (inertia)^-1 G over the nodes that may move: what the Schur complement is of where inertia rules.
@@ -318,7 +339,7 @@ struct MixedIteration::Parts {
       for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k)
         if (constraints.kind[static_cast<std::size_t>(nodes.member[k])] == Kind::free)
           of_node[static_cast<std::size_t>(nodes.member[k])].emplace_back(b, k);
-    schur_of_inertia.compute(between_patches([&](int c, const auto& add) {
+    schur_of_inertia = factorised(between_patches([&](int c, const auto& add) {
       for (int k = nodes.offset[c]; k < nodes.offset[c + 1]; ++k) {
         const int a = nodes.member[k];
         for (const auto& [b, l] : of_node[static_cast<std::size_t>(a)])
@@ -328,7 +349,7 @@ struct MixedIteration::Parts {
     }));
     bulk_of_inertia = bulk;
     u_of_inertia = u_of_gradient;
-    return schur_of_inertia.info() == Eigen::Success;
+    return schur_of_inertia != nullptr;
   }
 
   // The largest change of the strain between neighbours.
@@ -369,8 +390,8 @@ struct MixedIteration::Parts {
       }
     });
     // Cahouet and Chabard 1988: the inverse of the sum is nearly the sum of the inverses.
-    dlambda = schur.solve(rest);
-    if (inertia.size() > 0) dlambda += schur_of_inertia.solve(rest);
+    dlambda = schur->solve(rest);
+    if (inertia.size() > 0) dlambda += schur_of_inertia->solve(rest);
     Nodal held = r;
     for (Index b = 0; b < s.size(); ++b)
       for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k)
@@ -509,9 +530,15 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
   if ((other_inertia || p.across.node.empty()) && !p.invert_laplacian()) return result;
   if (p.bulk.size() != nb || p.bulk != patches.bulk) {
     p.bulk = patches.bulk;
-    if (!p.factorise_schur()) return result;
+    if (!p.factorise_schur()) {
+      p.bulk.resize(0);
+      return result;
+    }
   }
-  if (other_inertia && inertia && !p.factorise_schur_of_inertia()) return result;
+  if (other_inertia && inertia && !p.factorise_schur_of_inertia()) {
+    p.inertia.resize(0);
+    return result;
+  }
 
   const Index length = 4 * n + nb;
   Parts::Steps& m = p.memory;

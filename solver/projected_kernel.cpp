@@ -11,6 +11,7 @@
 #include <stdexcept>
 
 #include "io/error.hpp"
+#include "io/stop.hpp"
 #include "preprocess/clones.hpp"
 #include "solver/inverse_cube_root.hpp"
 #include "solver/text.hpp"
@@ -518,6 +519,7 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
   quad_.reserve(static_cast<std::size_t>(model.support.member.size() / 4 + points_ + 1));
   point_offset_.push_back(0);
   for (Index q = 0; q < points_; ++q) {
+    if (q % 16384 == 0) stop_if_asked();
     for (Index k = model.support.offset[q]; k < model.support.offset[q + 1]; k += 4) {
       Quad& quad = quad_.emplace_back();
       for (Index i = 0; i < 4; ++i) {
@@ -533,6 +535,7 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
     find_places(model.patches.of_point, patches_, patches_of_block_, local);
     octet_offset_.push_back(0);
     for (Index q = 0; q < points_; q += 8) {
+      if (q % 16384 == 0) stop_if_asked();
       const auto start = static_cast<std::size_t>(octet_offset_.back());
       for (Index lane = 0; lane < std::min<Index>(8, points_ - q); ++lane)
         for (int k = model.patches.of_point.offset[q + lane]; k < model.patches.of_point.offset[q + lane + 1];

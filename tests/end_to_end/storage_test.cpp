@@ -262,6 +262,33 @@ TEST(Storage, OfOneObliqueOrganInManyWaysGivesOneModelAndOneForce) {
   expect_one_result_for_every_way(image);
 }
 
+// The last digits of a header, and none of its decisions: what is inside, the base, the circle, where nodes
+// stand.
+TEST(Storage, WithHeadersThatDifferByAMillionthOfAMillimetreGivesOneModelAndOneForce) {
+  const fs::path folder = fresh_folder();
+  LabelImage image = organ();
+  image.to_world =
+      Eigen::Translation3d(-30.123456789, 12.5, -101.75) * Eigen::Scaling(375.0 / 256.0, 1.75, 2.0);
+  write_nrrd(folder / "exact.nrrd", stored_as(image, {0, 1, 2}, {false, false, false}), false);
+  const Result exact = run(folder, "exact.nrrd");
+  ASSERT_EQ(exact.nodes.cols(), 500);
+  const auto moved = [&](const std::array<int, 3>& axis, const std::array<bool, 3>& reversed, double by) {
+    Stored stored = stored_as(image, axis, reversed);
+    double sign = 1.0;
+    for (double& x : stored.to_world.matrix().topRows<3>().reshaped()) x += (sign = -sign) * by;
+    return stored;
+  };
+  write_nrrd(folder / "a.nrrd", moved({0, 1, 2}, {true, true, false}, 1e-6), true);
+  write_nrrd(folder / "b.nrrd", moved({2, 0, 1}, {false, true, true}, -1e-6), false);
+  write_metaimage(folder / "c.mha", moved({1, 0, 2}, {false, false, false}, 1e-6));
+  write_nifti(folder / "d.nii", moved({0, 1, 2}, {true, true, false}, 4e-7));
+  for (const char* name : {"a.nrrd", "b.nrrd", "c.mha", "d.nii"}) {
+    SCOPED_TRACE(name);
+    // Where the organ lies follows the header, and a turn by a millionth moves its far end by 1e-4 mm.
+    expect_same(run(folder, name), exact, 1e-3);
+  }
+}
+
 TEST(Storage, OfATurnedOrganGivesTheTurnedModelAndTheSameForce) {
   const fs::path folder = fresh_folder();
   LabelImage image = organ();
