@@ -52,8 +52,12 @@ std::vector<double> reference_at(const fs::path& file, const std::vector<double>
   for (const double d : depths) {
     const auto at =
         std::find_if(depth->begin(), depth->end(), [&](double x) { return std::abs(x - d) < 1e-6; });
-    result.push_back(at == depth->end() ? std::nan("")
-                                        : (*force)[static_cast<std::size_t>(at - depth->begin())]);
+    if (at == depth->end())
+      throw InputError({.fact = fmt::format("the reference has no force at {:.4g} mm", d),
+                        .where = file.string(),
+                        .why = "the study compares at each frame's depth",
+                        .remedy = "choose --depth and --frames so that every frame has a row there"});
+    result.push_back((*force)[static_cast<std::size_t>(at - depth->begin())]);
   }
   return result;
 }
@@ -147,8 +151,10 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
   if (!options.reference.empty()) reference = reference_at(options.reference, depths);
 
   Table table{.header = {"nodes", "points", "density", "seed", "spacing_mm", "rim_spacing_mm",
-                         "indentation_mm", "force_N", "reference_N", "evaluations", "wall_s"},
-              .column = std::vector<std::vector<double>>(11)};
+                         "indentation_mm", "force_N", "evaluations", "wall_s"},
+              .column = {}};
+  if (!reference.empty()) table.header.push_back("reference_N");
+  table.column.resize(table.header.size());
   std::vector<Study> runs;
   std::string ended_by;
   for (const Index nodes : options.nodes)
@@ -170,18 +176,18 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
           const std::vector<double> force = forces_at(m.history.force, depths);
           runs.push_back({nodes, density, own.cloud.seed, m, force});
           for (std::size_t k = 0; k < depths.size(); ++k) {
-            const double row[] = {static_cast<double>(m.nodes),
-                                  static_cast<double>(m.points),
-                                  density,
-                                  static_cast<double>(own.cloud.seed),
-                                  m.spacing_mm,
-                                  m.rim_spacing_mm,
-                                  depths[k],
-                                  force[k],
-                                  reference.empty() ? std::nan("") : reference[k],
-                                  static_cast<double>(m.history.steps),
-                                  m.build_s + m.solve_s};
-            for (std::size_t c = 0; c < std::size(row); ++c) table.column[c].push_back(row[c]);
+            std::vector<double> row = {static_cast<double>(m.nodes),
+                                       static_cast<double>(m.points),
+                                       density,
+                                       static_cast<double>(own.cloud.seed),
+                                       m.spacing_mm,
+                                       m.rim_spacing_mm,
+                                       depths[k],
+                                       force[k],
+                                       static_cast<double>(m.history.steps),
+                                       m.build_s + m.solve_s};
+            if (!reference.empty()) row.push_back(reference[k]);
+            for (std::size_t c = 0; c < row.size(); ++c) table.column[c].push_back(row[c]);
           }
           write_csv(folder / "convergence.csv", table);  // after every run: a long study may be stopped
           progress(fmt::format("{:>6} nodes, {:>7} points, seed {}: {:.5f} N at {:.3g} mm, {:.1f} s", m.nodes,

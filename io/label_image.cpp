@@ -1,8 +1,6 @@
 #include "io/label_image.hpp"
 
 #include <fmt/format.h>
-#include <sys/resource.h>
-#include <unistd.h>
 
 #include <Eigen/Cholesky>
 #include <Eigen/SVD>
@@ -20,6 +18,7 @@
 #include "io/file.hpp"
 #include "io/label_formats.hpp"
 #include "io/label_names.hpp"
+#include "io/memory.hpp"
 #include "io/stop.hpp"
 
 namespace dimple {
@@ -518,10 +517,7 @@ void check_length(const StoredImage& image, const fs::path& file) {
   if (!failed && static_cast<double>(image.data_bytes()) > deflate_limit * static_cast<double>(length))
     throw truncated(file, fmt::format("{} bytes cannot hold {} bytes of voxels", length, image.data_bytes()));
 
-  rlimit limit{};
-  double memory = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
-  if (getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY)
-    memory = std::min(memory, static_cast<double>(limit.rlim_cur));
+  const double memory = memory_at_hand();
   // Beside the voxels where each row begins; runs are few, or the image is refused.
   const double thinnest = static_cast<double>(*std::min_element(image.size.begin(), image.size.end()));
   const double voxels = static_cast<double>(image.data_bytes()) / static_cast<double>(bytes_of(image.type));

@@ -7,7 +7,6 @@
 #include <CGAL/Side_of_triangle_mesh.h>
 #include <CGAL/Surface_mesh.h>
 #include <fmt/format.h>
-#include <tbb/parallel_invoke.h>
 
 #include <algorithm>
 #include <cmath>
@@ -15,6 +14,7 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
+#include "preprocess/side_by_side.hpp"
 #include "preprocess/surface_cells.hpp"
 
 namespace dimple {
@@ -100,7 +100,7 @@ BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isomet
   upper_ = vertex_.rowwise().maxCoeff();
 
   stop_if_asked();
-  tbb::parallel_invoke(
+  side_by_side(
       [&] {
         tree_->aabb.insert(faces(mesh).first, faces(mesh).second, mesh);
         tree_->aabb.build();

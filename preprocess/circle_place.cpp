@@ -16,7 +16,8 @@ namespace {
 
 using Vec2 = Eigen::Vector2d;
 
-constexpr double sought = 2.3;  // radii: a little beyond the room that is wanted
+constexpr double finest = 1.0 / 12.0;  // radii: step of a lattice
+constexpr double sought = 2.3;         // radii: a little beyond the room that is wanted
 // How much a slope, or a turn of the normal within half a radius, cuts the surface: not at all up to the
 // first angle, wholly from the second on. The room ends where the cuts within it, so weighed, make up this
 // part of the disc's area: no single voxel ends it, and nothing jumps where a fold is about as steep as a
@@ -30,10 +31,12 @@ constexpr double price_of_room = 4.0;  // radii of height for a whole radius of 
 // Slopes less than five degrees, such as the voxels' ripples are, decide nothing: of a plateau its middle is
 // taken, along the directions in which the body is longest and shortest.
 constexpr double level = 0.08;
-constexpr double same_height = 0.0025;   // of the height
-constexpr double thick_enough = 0.5;     // of the median thickness
-constexpr double most_places = 60000.0;  // of the lattice over the whole body
-constexpr int most_domes = 8;            // that are looked at closely
+constexpr double same_height = 0.0025;    // of the height
+constexpr double thick_enough = 0.5;      // of the median thickness
+constexpr double most_places = 400000.0;  // of the lattice over the whole body
+constexpr std::size_t places_at_once =
+    4096;                      // that are judged before it is asked whether others can be better
+constexpr int most_domes = 8;  // that are looked at closely
 constexpr double infinite = std::numeric_limits<double>::infinity();
 
 double degrees(double radians) {
@@ -250,8 +253,11 @@ struct Rule {
 
   // A place that lacks room is worth less, in the end more than any height could make good.
   double worth(double mean, const Vec2& p, double room) const {
+    return mean - level * (p - middle).lpNorm<1>() - price(room);
+  }
+  double price(double room) const {
     const double lack = std::max(0.0, wanted_room - room / radius);
-    return mean - level * (p - middle).lpNorm<1>() - price_of_room * lack * lack * radius;
+    return price_of_room * lack * lack * radius;
   }
   bool allowed(const Vec2& p) const { return !side || (p - middle).dot(*side) > 0.0; }
 };
@@ -303,7 +309,7 @@ Dome settle(const View& view, const Rule& rule, Vec2 centre, double step) {
 
 // The best place near one that was found on a lattice of `step`, which is refined.
 Dome look_closely(const View& view, const Rule& rule, Vec2 centre, double step) {
-  const double fine = rule.radius / 12.0;
+  const double fine = rule.radius * finest;
   while (step > fine) {
     const double around = 1.5 * step;
     step = std::max(fine, step / 4.0);
@@ -323,14 +329,13 @@ Dome look_closely(const View& view, const Rule& rule, Vec2 centre, double step) 
 }  // namespace
 
 Room room_around(const View& view, const Vec2& centre, double radius) {
-  return Cuts(map_around(view, centre, (sought + 0.2) * radius, radius / 12.0), radius).at(centre);
+  return Cuts(map_around(view, centre, (sought + 0.2) * radius, radius * finest), radius).at(centre);
 }
 
 std::optional<CirclePlace> highest_dome(const View& view, const Moments& moments, double radius,
                                         double height, const std::optional<Vec2>& side, const Vec3& prefer) {
   const Vec2 extent = view.high - view.low;
-  const double step =
-      std::max(std::min(radius / 6.0, extent.maxCoeff() / 150.0), std::sqrt(extent.prod() / most_places));
+  const double step = std::max(radius * finest, std::sqrt(extent.prod() / most_places));
   const HeightMap map = height_map(view, step);
   const Cuts cuts(map, radius);
   const Rule rule{.middle = view.flat(view.body->centroid()), .radius = radius, .side = side};
@@ -344,30 +349,40 @@ std::optional<CirclePlace> highest_dome(const View& view, const Moments& moments
                    thicknesses.end());
   const double thin = thick_enough * thicknesses[thicknesses.size() / 2];
 
+  // A place is worth its height at most: from the highest down, until no other can be as good as the best.
   struct Place {
     Vec2 at;
-    double worth;
+    double most, worth;
   };
-  std::vector<std::vector<Place>> found(static_cast<std::size_t>(map.height.cols()));
-  const Eigen::ArrayXXd mean = mean_heights(map, radius);
-  tbb::parallel_for(Index{0}, map.height.cols(), [&](Index j) {
-    stop_if_asked();
-    for (Index i = 0; i < map.height.rows(); ++i) {
-      const Vec2 p = map.place(i, j);
-      if (!(map.thickness(i, j) > thin) || !rule.allowed(p)) continue;
-      const Room room = cuts.at(p);
-      // A little more than looking closely asks for, so that it does not refuse what it is given.
-      if (room.whole < whole_disc * radius + 2.0 * cuts.step()) continue;
-      found[static_cast<std::size_t>(j)].push_back({p, rule.worth(mean(i, j), p, room.even)});
-    }
-  });
   std::vector<Place> places;
-  for (const auto& column : found) places.insert(places.end(), column.begin(), column.end());
+  const Eigen::ArrayXXd mean = mean_heights(map, radius);
+  for (Index j = 0; j < map.height.cols(); ++j)
+    for (Index i = 0; i < map.height.rows(); ++i)
+      if (const Vec2 p = map.place(i, j); map.thickness(i, j) > thin && rule.allowed(p))
+        places.push_back({p, rule.worth(mean(i, j), p, infinite), -infinite});
+  std::stable_sort(places.begin(), places.end(),
+                   [](const Place& a, const Place& b) { return a.most > b.most; });
+  const double slack = 0.01 * height + 2.0 * step;
+  double best = -infinite;
+  std::size_t judged = 0;
+  while (judged < places.size() && places[judged].most >= best - slack) {
+    stop_if_asked();
+    const std::size_t end = std::min(judged + places_at_once, places.size());
+    tbb::parallel_for(judged, end, [&](std::size_t k) {
+      const Room room = cuts.at(places[k].at);
+      // A little more than looking closely asks for, so that it does not refuse what it is given.
+      if (room.whole >= whole_disc * radius + 2.0 * cuts.step())
+        places[k].worth = places[k].most - rule.price(room.even);
+    });
+    for (; judged < end; ++judged) best = std::max(best, places[judged].worth);
+  }
+  places.resize(judged);
+  std::erase_if(places, [](const Place& place) { return place.worth == -infinite; });
   if (places.empty()) return std::nullopt;
   // One place for each dome, the highest first; what the lattice's step may hide is not yet decided.
   std::stable_sort(places.begin(), places.end(),
                    [](const Place& a, const Place& b) { return a.worth > b.worth; });
-  const double apart = std::max(2.0 * radius, 0.25 * moments.size), slack = 0.01 * height + 2.0 * step;
+  const double apart = std::max(2.0 * radius, 0.25 * moments.size);
   std::vector<Dome> domes;
   std::vector<Vec2> begun;
   double highest = -infinite;

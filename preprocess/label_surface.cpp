@@ -130,26 +130,38 @@ void tell_of_cavities(SegmentReport& report) {
   }
 }
 
-// The image's own rigid frame, and voxel -> that frame.
+// A rigid frame along the voxels' axes, and voxel -> that frame.
 struct Frame {
   Eigen::Isometry3d to_world = Eigen::Isometry3d::Identity();
   Mat3 voxel_to_local;  // diagonal, but for sheared images
 };
 
-Frame frame_of(const LabelImage& image) {
+Frame frame_of(const Eigen::Affine3d& to_world, const Vec3& spacing) {
   Frame frame;
-  const Mat3 A = image.to_world.linear();
-  const Eigen::JacobiSVD<Mat3> svd(A * image.spacing().cwiseInverse().asDiagonal(),
+  const Mat3 A = to_world.linear();
+  const Eigen::JacobiSVD<Mat3> svd(A * spacing.cwiseInverse().asDiagonal(),
                                    Eigen::ComputeFullU | Eigen::ComputeFullV);
   frame.to_world.linear() = svd.matrixU() * svd.matrixV().transpose();
-  frame.to_world.translation() = image.to_world.translation();
+  frame.to_world.translation() = to_world.translation();
   Mat3 L = frame.to_world.linear().transpose() * A;
   const Mat3 off_diagonal = L - Mat3(L.diagonal().asDiagonal());
-  if (off_diagonal.cwiseAbs().maxCoeff() < 1e-6 * image.spacing().minCoeff())
+  if (off_diagonal.cwiseAbs().maxCoeff() < 1e-6 * spacing.minCoeff())
     L = Mat3(Vec3(L.diagonal()).asDiagonal());
   // Headers in other formats hold the same numbers with other last digits; the body must not depend on those.
   frame.voxel_to_local = (L.array() * 1e9).round() / 1e9;
   return frame;
+}
+
+// Voxel -> world, of voxels counted in another order.
+Eigen::Affine3d reordered(const LabelImage& image, const AxisOrder& order) {
+  Eigen::Affine3d old_voxel = Eigen::Affine3d::Identity();
+  for (std::size_t d = 0; d < 3; ++d) {
+    const auto column = static_cast<Index>(d), old = static_cast<Index>(order.axis[d]);
+    old_voxel.linear().col(column) = (order.reversed[d] ? -1.0 : 1.0) * Vec3::Unit(old);
+    if (order.reversed[d])
+      old_voxel.translation()[old] = static_cast<double>(image.size[static_cast<std::size_t>(old)] - 1);
+  }
+  return image.to_world * old_voxel;
 }
 
 // Finer than the voxels there is nothing to see, and memory has a bound.
@@ -372,15 +384,18 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   report.labels = labels;
   const VoxelSet chosen = chosen_voxels(image, labels);
   report.cut_by_border = touches_border(chosen, image);
-  const Frame frame = frame_of(image);
-  const VoxelSet body = one_body(image, chosen, frame.voxel_to_local.determinant(), report);
+  const VoxelSet in_image =
+      one_body(image, chosen, frame_of(image.to_world, image.spacing()).voxel_to_local.determinant(), report);
   tell_of_cavities(report);
+  // The organ's own frame: what is built in it comes out the same however the organ was turned in the
+  // scanner.
+  const AxisOrder order = own_order(in_image, image.spacing());
+  const VoxelSet body = reordered(in_image, order, image.size);
+  const Frame frame = frame_of(reordered(image, order), image.spacing()(order.axis));
   const Vec3 spacing = frame.voxel_to_local.colwise().norm();
   double step = options.step_mm > 0.0
                     ? std::max(options.step_mm, finest_step(body, spacing))
                     : lattice_step(body, spacing, report.voxel_volume_mm3, options.indenter_diameter_mm);
-  if (const char* e = std::getenv("DIMPLE_STEP"))
-    step = std::max(std::atof(e), finest_step(body, spacing));  // TRIAL
   Drawing drawing = draw(body, frame, step, report);
   TriangleMesh& surface = drawing.surface;
   for (int again = 0; again < 8 && static_cast<double>(surface.triangles.cols()) > most_triangles; ++again) {

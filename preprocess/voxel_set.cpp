@@ -1,6 +1,7 @@
 #include "preprocess/voxel_set.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 #include "io/stop.hpp"
@@ -67,6 +68,124 @@ VoxelSet complement(const VoxelSet& set) {
       rest.offset.push_back(rest.stretch.size());
     }
   return rest;
+}
+
+namespace {
+
+// Along each axis of a set: variance [voxels^2] and skewness. Of a mirror image exactly the same and exactly
+// the opposite: places count from the middle of the box, in halves, and sums of them are whole numbers.
+struct Spreading {
+  Vec3 variance, skewness;
+};
+
+Spreading spreading_of(const VoxelSet& set) {
+  __extension__ using Whole = __int128;
+  std::array<std::array<Whole, 3>, 3> sum{};  // of the first, second and third power, by axis
+  Whole count = 0;
+  const auto from_middle = [&](Index at, std::size_t d) {
+    return static_cast<Whole>(2 * at - (set.size[d] - 1));
+  };
+  const auto add = [&](std::size_t d, Whole place, Whole times) {
+    sum[d][0] += times * place;
+    sum[d][1] += times * place * place;
+    sum[d][2] += times * place * place * place;
+  };
+  // Of all voxels up to one, exclusive: sums of powers along i, which differences then take.
+  std::vector<std::array<Whole, 3>> until(static_cast<std::size_t>(set.size[0]) + 1);
+  for (Index i = 0; i < set.size[0]; ++i) {
+    const Whole x = from_middle(i, 0);
+    const auto at = static_cast<std::size_t>(i);
+    until[at + 1] = {until[at][0] + x, until[at][1] + x * x, until[at][2] + x * x * x};
+  }
+  for (Index k = 0; k < set.size[2]; ++k)
+    for (Index j = 0; j < set.size[1]; ++j) {
+      Whole in_row = 0;
+      for (const auto& [begin, end] : set.row(j, k)) {
+        in_row += end - begin;
+        for (std::size_t power = 0; power < 3; ++power)
+          sum[0][power] +=
+              until[static_cast<std::size_t>(end)][power] - until[static_cast<std::size_t>(begin)][power];
+      }
+      count += in_row;
+      add(1, from_middle(j, 1), in_row);
+      add(2, from_middle(k, 2), in_row);
+    }
+  Spreading result;
+  for (std::size_t d = 0; d < 3; ++d) {
+    const auto mean = [&](std::size_t power) {
+      return static_cast<double>(sum[d][power - 1]) / static_cast<double>(count);
+    };
+    const double variance = mean(2) - mean(1) * mean(1);
+    const double third = mean(3) - 3.0 * mean(1) * mean(2) + 2.0 * mean(1) * mean(1) * mean(1);
+    result.variance[static_cast<Index>(d)] = 0.25 * variance;
+    result.skewness[static_cast<Index>(d)] = variance > 0.0 ? third / (variance * std::sqrt(variance)) : 0.0;
+  }
+  return result;
+}
+
+}  // namespace
+
+AxisOrder own_order(const VoxelSet& set, const Vec3& spacing) {
+  constexpr double told_apart = 1e-9;
+  const Spreading of = spreading_of(set);
+  const Vec3 length2 = of.variance.cwiseProduct(spacing.cwiseAbs2());
+  const auto more = [](double a, double b) { return a > b + told_apart * (std::abs(a) + std::abs(b)); };
+  const auto skew = [&](int axis) {
+    return std::abs(of.skewness[axis]) > told_apart ? of.skewness[axis] : 0.0;
+  };
+  // The last axis stays where no other is better; so do the other two between themselves.
+  int up = 2;
+  for (const int axis : {1, 0})
+    if (more(std::abs(skew(axis)), std::abs(skew(up))) ||
+        (skew(axis) == 0.0 && skew(up) == 0.0 && more(length2[up], length2[axis])))
+      up = axis;
+  int along = up == 1 ? 2 : 1, across = up == 0 ? 2 : 0;
+  if (more(length2[across], length2[along]) ||
+      (!more(length2[along], length2[across]) && more(std::abs(skew(across)), std::abs(skew(along)))))
+    std::swap(along, across);
+  AxisOrder order{.axis = {across, along, up}, .reversed = {false, skew(along) < 0.0, skew(up) < 0.0}};
+  const bool odd = (across + 1) % 3 != along;
+  order.reversed[0] = odd != (order.reversed[1] != order.reversed[2]);
+  return order;
+}
+
+VoxelSet reordered(const VoxelSet& set, const AxisOrder& order, const std::array<Index, 3>& image_size) {
+  if (order == AxisOrder{}) return set;
+  VoxelSet result;
+  std::array<std::size_t, 3> step{};  // of the old axes among the new voxels
+  std::size_t voxels = 1;
+  for (std::size_t d = 0; d < 3; ++d) {
+    const auto old = static_cast<std::size_t>(order.axis[d]);
+    result.size[d] = set.size[old];
+    result.first[d] = order.reversed[d] ? image_size[old] - set.first[old] - set.size[old] : set.first[old];
+    step[old] = voxels;
+    voxels *= static_cast<std::size_t>(result.size[d]);
+  }
+  std::array<bool, 3> reversed{};  // of the old axes
+  for (std::size_t d = 0; d < 3; ++d) reversed[static_cast<std::size_t>(order.axis[d])] = order.reversed[d];
+  const auto place = [&](std::size_t old, Index at) {
+    return step[old] * static_cast<std::size_t>(reversed[old] ? set.size[old] - 1 - at : at);
+  };
+  std::vector<bool> inside(voxels, false);
+  for (Index k = 0; k < set.size[2]; ++k) {
+    stop_if_asked();
+    for (Index j = 0; j < set.size[1]; ++j)
+      for (const auto& [begin, end] : set.row(j, k))
+        for (Index i = begin; i < end; ++i) inside[place(0, i) + place(1, j) + place(2, k)] = true;
+  }
+  result.offset = {0};
+  const auto length = static_cast<std::size_t>(result.size[0]);
+  for (std::size_t row = 0; row < voxels; row += length) {
+    if (row % (length << 12) == 0) stop_if_asked();
+    for (std::size_t i = 0; i < length; ++i) {
+      if (!inside[row + i]) continue;
+      const std::size_t begin = i;
+      while (i < length && inside[row + i]) ++i;
+      result.stretch.push_back({static_cast<std::int32_t>(begin), static_cast<std::int32_t>(i)});
+    }
+    result.offset.push_back(result.stretch.size());
+  }
+  return result;
 }
 
 Pieces face_connected(const VoxelSet& set) {

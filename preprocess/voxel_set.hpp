@@ -31,6 +31,24 @@ VoxelSet voxels_with(const LabelImage& image, const std::vector<int>& labels);
 /// The other voxels of the box.
 VoxelSet complement(const VoxelSet& set);
 
+/// Axes in another order and direction: new axis d is the old axis[d], backwards where reversed[d]. Never a
+/// mirror image.
+struct AxisOrder {
+  std::array<int, 3> axis = {0, 1, 2};
+  std::array<bool, 3> reversed{};
+  bool operator==(const AxisOrder&) const = default;
+};
+
+/// The order that the voxels themselves suggest, whichever axes the scanner gave them: k along the axis on
+/// which they are most lopsided, to where their tail is thinner (the top of a dome), or else on which they
+/// are thinnest; j along the longer one of the others, likewise. Where nothing tells two orders apart (a
+/// block) the order stays. `spacing` [mm] of the axes.
+AxisOrder own_order(const VoxelSet& set, const Vec3& spacing);
+
+/// The voxels in that order; `first` counts from the corner of an image of this size that is the first voxel
+/// then.
+VoxelSet reordered(const VoxelSet& set, const AxisOrder& order, const std::array<Index, 3>& image_size);
+
 /// Face-connected pieces, in the order of their first voxels.
 struct Pieces {
   struct Piece {

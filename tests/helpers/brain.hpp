@@ -1,0 +1,60 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <functional>
+#include <random>
+
+#include "io/label_image.hpp"
+
+namespace dimple {
+
+using Inside = std::function<bool(const Vec3&)>;
+
+/// A body within `reach` of the origin, in voxels of edge h whose lattice is turned by `grid`.
+inline LabelImage image_of(const Inside& inside, double reach, double h,
+                           const Mat3& grid = Mat3::Identity()) {
+  LabelImage image;
+  const auto n = static_cast<Index>(2.0 * std::ceil(reach / h)) + 2;
+  image.size = {n, n, n};
+  image.to_world = Eigen::Affine3d::Identity();
+  image.to_world.linear() = h * grid;
+  // No place of the lattice is special to the body.
+  image.to_world.translation() =
+      -h * grid * (Vec3::Constant(0.5 * static_cast<double>(n - 1)) + Vec3(0.13, 0.29, 0.41));
+  std::vector<std::int32_t> voxel;
+  for (Index k = 0; k < n; ++k)
+    for (Index j = 0; j < n; ++j)
+      for (Index i = 0; i < n; ++i)
+        voxel.push_back(inside(image.to_world *
+                               Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k))));
+  set_voxels(image, voxel);
+  return image;
+}
+
+inline Mat3 random_rotation(std::mt19937& random) {
+  std::normal_distribution<double> normal;
+  const double w = normal(random), x = normal(random), y = normal(random), z = normal(random);
+  return Eigen::Quaterniond(w, x, y, z).normalized().toRotationMatrix();
+}
+
+/// Two hemispheres on a flat cut face at z = 0, the left one `higher` by this part; 84 x 62 x 30 mm. The
+/// fissure is 4 mm wide at half its depth: two voxels of 2 mm.
+inline bool in_brain(const Vec3& x, double higher) {
+  if (x.z() < 0.0) return false;
+  const double u = std::max(0.0, std::abs(x.x()) - 5.0) / 26.0, v = (x.y() - higher * 30.0) / 42.0;
+  const double rho2 = u * u + v * v;
+  if (rho2 >= 1.0) return false;
+  const double dome = 30.0 * std::sqrt(1.0 - rho2) * (1.0 + (x.x() > 0.0 ? higher : 0.0));
+  return x.z() < dome * (1.0 - 0.3 * std::exp(-std::pow(x.x() / 2.5, 2)));
+}
+
+/// How many random rotations a test draws: DIMPLE_ROTATIONS, or as many as `usual`.
+inline int rotations(int usual) {
+  const char* asked = std::getenv("DIMPLE_ROTATIONS");
+  return asked ? std::atoi(asked) : usual;
+}
+
+}  // namespace dimple
