@@ -1005,6 +1005,7 @@ Measured measure(const Config& config) {
                              }};
   solve_by(choose_time(config, model, tissues, is_converging), system, model, loading_of(config),
            solver_options(config), observer, result.history);
+  if (result.history.interrupted) throw Stopped(stop_asked());  // no numbers of a part for those of the whole
   result.solve_s = solving.seconds();
   return result;
 }

@@ -11,6 +11,7 @@
 #include "apps/config.hpp"
 #include "apps/scenes.hpp"
 #include "apps/verify_bodies.hpp"
+#include "io/stop.hpp"
 #include "preprocess/shapes.hpp"
 
 namespace dimple {
@@ -35,6 +36,7 @@ class Indentation {
     History history;
     load_slowly(system, model_, {.depth = 1e-3 * depth_mm, .contact = contact}, {.frames = count}, {},
                 history);
+    if (history.interrupted) throw Stopped(stop_asked());
     std::vector<double> result;
     for (const ForceSample& sample : history.force) result.push_back(sample.force);
     return {result.begin() + 1, result.end()};

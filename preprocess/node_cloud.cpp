@@ -30,7 +30,7 @@ constexpr double sparse = 0.2;
 // Places tried for one that is good: where the body is mostly thinner than a spacing it is thousands.
 constexpr Index tries_per_place = 100;
 // Larger numbers overflow the lists of the supports.
-constexpr double most_nodes = 5e6;
+constexpr double most_nodes = 1e6;  // as --nodes
 
 std::size_t bound(std::size_t per_node, double nodes) {
   return std::max(fewest_bound, per_node * static_cast<std::size_t>(std::min(nodes, most_nodes)));

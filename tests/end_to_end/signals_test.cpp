@@ -10,6 +10,7 @@
 #include <sstream>
 #include <thread>
 
+#include "io/table.hpp"
 #include "tests/end_to_end/program.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
@@ -81,6 +82,25 @@ TEST_F(Stop, IsAnsweredWithinTwoSecondsByEveryCommand) {
       for (const auto& entry : fs::directory_iterator(folder / "out")) fs::remove_all(entry);
     }
   EXPECT_GT(interrupted, 10);
+}
+
+// Within one of its runs: of a part of a curve it must not make numbers of the whole.
+TEST_F(Stop, OfAStudyAmidARunKeepsTheRunsBeforeIt) {
+  int interrupted = 0;
+  for (int after = 100; after <= 1300; after += 100) {
+    SCOPED_TRACE(after);
+    fs::remove_all(folder / "out");
+    const Ran ran =
+        expect_end("converge brain.nrrd -o out --sizes 300,400,500,600,700,800 --seeds 1 --depth 4mm",
+                   milliseconds(after), SIGINT);
+    interrupted += ran.code == 130;
+    if (!fs::exists(folder / "out")) continue;
+    expect_whole_files(folder / "out", true);
+    if (fs::exists(folder / "out/convergence.csv")) {
+      EXPECT_EQ(read_csv(folder / "out/convergence.csv").rows() % 16, 0u);  // frames of a run
+    }
+  }
+  EXPECT_GT(interrupted, 6);
 }
 
 TEST_F(Stop, BeforeThereIsAResultLeavesTheFolderAsItWas) {
