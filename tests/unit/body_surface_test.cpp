@@ -117,7 +117,7 @@ TEST(Surface, OfAnEllipsoidIsClosedHoweverMuchCoarserThanItsVoxels) {
     EXPECT_NEAR(body.surface.volume() / body.report.voxel_volume_mm3, 1.0, 1e-3);
     EXPECT_EQ(body.report.step_mm, step);
     for (const auto& x : body.surface.vertex().colwise()) {
-      const Vec3 from_middle = x.array() - 63.0;
+      const Vec3 from_middle = (body.surface.to_world() * x).array() - 63.0;
       const double r = from_middle.cwiseQuotient(Vec3(60.0, 50.0, 41.0)).norm();
       EXPECT_NEAR(r, 1.0, 0.01 + 0.005 * step);
     }
@@ -273,8 +273,9 @@ TEST(Surface, NamesEveryCavityWithItsVolumeAndPlace) {
   EXPECT_NEAR(body.report.cavities[1].volume_mm3, 8.0, 1e-9);
   EXPECT_TRUE(body.report.cavities[1].filled);
   EXPECT_NEAR(body.surface.volume(), 15625.0 - 1000.0, 15.0);
-  EXPECT_FALSE(body.surface.contains(Vec3(9.75, 9.75, 9.75)));
-  EXPECT_TRUE(body.surface.contains(Vec3(20.75, 20.75, 20.75)));
+  const Eigen::Isometry3d to_local = body.surface.to_world().inverse();
+  EXPECT_FALSE(body.surface.contains(to_local * Vec3(9.75, 9.75, 9.75)));
+  EXPECT_TRUE(body.surface.contains(to_local * Vec3(20.75, 20.75, 20.75)));
   std::string all;
   for (const std::string& warning : body.report.warnings) all += warning + "\n";
   EXPECT_NE(all.find("1e+03 mm3 at (9.8, 9.8, 9.8) mm"), std::string::npos) << all;
