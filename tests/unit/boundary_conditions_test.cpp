@@ -5,11 +5,11 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <ctime>
 #include <numbers>
-#include <optional>
 #include <random>
 
 #include "io/error.hpp"
@@ -117,30 +117,34 @@ TEST(Boundary, OfALopsidedBrainIsWhereItWasHoweverItLiesInItsVoxels) {
   for (const double voxel : {2.0, 1.0}) {
     SCOPED_TRACE(voxel);
     std::mt19937 random(11);
-    std::optional<Found> first;
-    Differences differences;
-    for (int k = 0, few = rotations(8); k <= few; ++k) {
+    std::vector<std::pair<Found, Mat3>> all;
+    std::array<std::vector<double>, 4> place;  // of the circle, in the brain's frame; and the base's depth
+    for (int k = 0, few = rotations(8); k < few; ++k) {
       const Mat3 R = random_rotation(random);
       const SegmentedBody body = make_body_surface(
           image_of([&](const Vec3& x) { return brain(R.transpose() * x); }, 56.0, voxel), {});
-      Found now = find(body.surface);
-      if (std::getenv("DIMPLE_VERBOSE")) {
-        const Vec3 c = R.transpose() * now.centre;
+      all.emplace_back(find(body.surface), R);
+      const Found& now = all.back().first;
+      const Vec3 c = R.transpose() * now.centre;
+      if (std::getenv("DIMPLE_VERBOSE"))
         fmt::print("({:.2f} {:.2f} {:.2f}) room {:.2f}; {}\n", c.x(), c.y(), c.z(), now.room, now.words);
-      }
-      if (!first) {  // as it would be found without a turn
-        now.down = R.transpose() * now.down;
-        now.centre = R.transpose() * now.centre;
-        first = now;
-        continue;
-      }
-      differences.add(*first, now, R, 5.0);
+      for (std::size_t d = 0; d < 3; ++d) place[d].push_back(c[static_cast<Index>(d)]);
+      place[3].push_back(now.depth);
     }
+    // The cut is known; the circle and the depth are compared with what most of them say.
+    Found usual = all.front().first;
+    usual.down = -Vec3::UnitZ();
+    usual.lowest = 0.0;
+    for (std::size_t d = 0; d < 3; ++d)
+      usual.centre[static_cast<Index>(d)] = Differences::within(place[d], 0.5);
+    usual.depth = Differences::within(place[3], 0.5);
+    Differences differences;
+    for (const auto& [found, R] : all) differences.add(usual, found, R, 5.0);
     differences.print(fmt::format("the organ within voxels of {} mm", voxel));
     EXPECT_LT(Differences::within(differences.angle, 0.95), 0.5);
-    EXPECT_LT(Differences::within(differences.plane, 0.95), 0.1 * voxel);
+    EXPECT_LT(Differences::within(differences.plane, 0.95), 0.15 * voxel);
     EXPECT_LT(Differences::within(differences.depth, 0.95), 0.03);
-    EXPECT_LT(Differences::within(differences.circle, voxel > 1.5 ? 0.75 : 1.0), 0.5);
+    EXPECT_LT(Differences::within(differences.circle, voxel > 1.5 ? 0.85 : 1.0), 0.5);
   }
 }
 
