@@ -38,7 +38,8 @@ class Stopwatch {
 };
 
 std::string place(const Vec3& mm) {
-  return fmt::format("({:.1f}, {:.1f}, {:.1f}) mm", mm.x(), mm.y(), mm.z());
+  const auto tenths = [](double x) { return std::round(10.0 * x) / 10.0 + 0.0; };  // no minus zeros
+  return fmt::format("({:.1f}, {:.1f}, {:.1f}) mm", tenths(mm.x()), tenths(mm.y()), tenths(mm.z()));
 }
 
 Json three(const Vec3& v) {
