@@ -260,6 +260,9 @@ std::vector<Option> options_of(Config& c) {
        &c.material.ogden_mu_Pa, 0, 0, false, any, "solve"},
       {"material.ogden_alpha", "", "", "Ogden exponents, as many", &c.material.ogden_alpha, 0, 0, false, any,
        "solve"},
+      {"material.mooney_c01_Pa", "", "Pa",
+       "constant of the second invariant, at most mu/2: a Mooney-Rivlin law; 0: neo-Hookean",
+       &c.material.mooney_c01_Pa, 0, 1e12, false, any, "solve"},
       {"material.prony_g", "", "", "parts of the shear modulus that relax; none: elastic",
        &c.material.prony_g, 0, 0, false, any, "solve"},
       {"material.prony_tau_s", "", "", "their relaxation times in s", &c.material.prony_tau_s, 0, 0, false,
@@ -581,6 +584,9 @@ Material material_of(const Config& c) {
   const auto refuse_terms = [](const std::string& fact, const std::string& why, const std::string& remedy) {
     throw UsageError({.fact = fact, .where = "[material]", .why = why, .remedy = remedy});
   };
+  if (m.mooney_c01_Pa > 0.0 && (m.preset != "none" || !m.ogden_mu_Pa.empty()))
+    refuse_terms("a Mooney-Rivlin constant is given beside another law", "a tissue has one law",
+                 "leave out material.mooney_c01_Pa, or the preset and the Ogden numbers");
   Material result;
   if (m.preset != "none") {
     result = material_preset(m.preset);
@@ -604,9 +610,21 @@ Material material_of(const Config& c) {
                    "their sum is the shear modulus of small strains, which must be positive",
                    "check the signs and the convention: 2 mu / alpha^2");
     result = ogden(terms, m.nu, m.density_kg_per_m3);
+  } else if (m.mooney_c01_Pa > 0.0) {
+    const double c10 = 0.5 * m.mu_Pa - m.mooney_c01_Pa;
+    if (c10 < 0.0)
+      refuse_terms(fmt::format("c01 is {} Pa, more than mu/2, {} Pa", m.mooney_c01_Pa, 0.5 * m.mu_Pa),
+                   "c10 = mu/2 - c01 would be negative, and the tissue would give way by itself",
+                   "give a smaller material.mooney_c01_Pa or a larger --mu");
+    result = mooney_rivlin(c10, m.mooney_c01_Pa, m.nu, m.density_kg_per_m3);
   } else {
     result = neo_hookean(m.mu_Pa, m.nu, m.density_kg_per_m3, m.stress == "printed");
   }
+  if (m.stress == "printed" && !is_as_printed(result))
+    throw UsageError({.fact = "the printed stress is of a neo-Hookean tissue",
+                      .where = "--stress printed (material.stress)",
+                      .why = fmt::format("another law is asked for, {}", words_of(result).title),
+                      .remedy = "leave --stress out, or the preset and the other law's numbers"});
   const auto g = numbers(m.prony_g, "material.prony_g"), tau = numbers(m.prony_tau_s, "material.prony_tau_s");
   if (g.size() != tau.size())
     refuse_terms(fmt::format("{} relaxing parts and {} relaxation times", g.size(), tau.size()),

@@ -52,6 +52,7 @@ struct Config {
     std::string stress = "consistent";
     std::string preset = "none";
     std::vector<std::string> ogden_mu_Pa, ogden_alpha, prony_g, prony_tau_s;
+    double mooney_c01_Pa = 0.0;
   } material;
   /// Tissues that differ from `material`: label, by number or name -> what differs, option -> text.
   std::map<std::string, std::map<std::string, std::string>> tissue;

@@ -91,7 +91,7 @@ ElementModel element_model(const Config& config, const std::string& format, cons
                       .where = "--elements",
                       .why = "known are hexahedra and tetrahedra",
                       .remedy = "choose one of these"});
-  if (!config.tissue.empty() || !material.ogden.empty() || !material.prony.empty() || material.as_printed)
+  if (!config.tissue.empty() || !is_plain(material) || is_as_printed(material))
     throw UsageError({.fact = "only one neo-Hookean tissue can be exported",
                       .where = "material",
                       .why = "other laws are not written alike by these programs",

@@ -128,12 +128,12 @@ LabelAt label_finder(const LabelImage& image, const BodySurface& body) {
 // What is wrong with the materials is said before anything is built.
 void check_materials(const std::vector<Material>& materials, const std::string& scheme) {
   const Material& m = materials.front();
-  if (scheme != "converging" && (materials.size() > 1 || !m.ogden.empty() || !m.prony.empty()))
+  if (scheme != "converging" && (materials.size() > 1 || !is_plain(m)))
     throw UsageError({.fact = "the paper's scheme knows one neo-Hookean tissue only",
                       .where = "--scheme horton2007",
                       .why = "it is kept as it was printed, for comparison",
-                      .remedy = "leave --scheme out for Ogden, viscoelastic and several tissues"});
-  if (scheme == "converging" && m.as_printed)
+                      .remedy = "leave --scheme out for other laws, viscoelastic and several tissues"});
+  if (scheme == "converging" && is_as_printed(m))
     throw UsageError({.fact = "the printed stress goes with the paper's scheme only",
                       .where = "--stress printed",
                       .why = "the converging scheme is made of energies, and the printed stress has none",
@@ -412,10 +412,13 @@ double poisson_ratio(const Material& m) {
 
 std::string describe(const Tissues& tissues, std::size_t t) {
   const Material& m = tissues.material[t];
-  std::string law = m.as_printed ? "neo-Hookean as printed" : "neo-Hookean";
-  if (!m.ogden.empty()) {
-    law = "Ogden";
-    for (const OgdenTerm& term : m.ogden) law += fmt::format(" ({:.6g} Pa, {:.4g})", term.mu, term.alpha);
+  const LawWords words = words_of(m);
+  std::string law = words.title;
+  for (const auto& term : words.terms) {
+    std::vector<std::string> numbers;
+    for (const auto& [name, value] : term)
+      numbers.push_back(fmt::format("{:.6g}{}", value, name.ends_with("_Pa") ? " Pa" : ""));
+    law += fmt::format(" ({})", fmt::join(numbers, ", "));
   }
   for (const PronyTerm& term : m.prony) law += fmt::format(", {:.3g} relaxing in {:.3g} s", term.g, term.tau);
   return fmt::format(
@@ -427,20 +430,23 @@ std::string describe(const Tissues& tissues, std::size_t t) {
 
 // The same for programs; `label` is empty for that of all labels without one of their own.
 Json material_json(const Material& m, const std::string& label, Index points, bool is_default) {
+  const LawWords law = words_of(m);
   Json terms = Json::array(), relaxing = Json::array();
-  for (const OgdenTerm& term : m.ogden) terms.push_back({{"mu_Pa", term.mu}, {"alpha", term.alpha}});
+  for (const auto& term : law.terms) {
+    Json numbers = Json::object();
+    for (const auto& [name, value] : term) numbers[name] = value;
+    terms.push_back(numbers);
+  }
   for (const PronyTerm& term : m.prony) relaxing.push_back({{"g", term.g}, {"tau_s", term.tau}});
   Json result = {{"label", label.empty() ? "all others" : label},
                  {"points", points},
-                 {"law", !m.ogden.empty() ? "ogden"
-                         : m.as_printed   ? "neo-hookean as printed"
-                                          : "neo-hookean"},
+                 {"law", law.name},
                  {"mu_Pa", m.mu},
                  {"nu", poisson_ratio(m)},
                  {"kappa_Pa", m.kappa},
                  {"density_kg_per_m3", m.density},
                  {"default", is_default}};
-  if (!terms.empty()) result["ogden"] = terms;
+  if (!terms.empty()) result[law.name] = terms;
   if (!relaxing.empty()) result["prony"] = relaxing;
   return result;
 }
@@ -613,7 +619,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in) {
                   quasi_static                ? fmt::format("equilibrium at {} depths", options.frames)
                   : mode == TimeMode::dynamic ? "with inertia, by implicit steps"
                                               : "every wave followed, by central differences"));
-  if (material.as_printed) {
+  if (is_as_printed(material)) {
     warn("the printed stress has no energy: energy.csv shows that of the consistent form");
     if (options.damping == 0.0)
       warn(

@@ -97,7 +97,7 @@ class ForceSystem {
   const Tissues& tissues() const { return tissues_; }
   Precision precision() const { return single_ ? Precision::single_ : Precision::double_; }
   bool viscoelastic() const;
-  bool as_printed() const { return tissues_.material.front().as_printed; }
+  bool as_printed() const { return is_as_printed(tissues_.material.front()); }
   Index node_count() const { return nodes_; }
   Index point_count() const { return points_; }
   Index pair_count() const { return pairs_; }

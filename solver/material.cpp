@@ -18,6 +18,17 @@ constexpr double smallest_stretch = 0.1;
 constexpr double largest_stiffening = 1e3;
 constexpr double smallest_J_of_second_stress = 0.05;
 
+template <class... Of>
+struct Cases : Of... {
+  using Of::operator()...;
+};
+
+// What the law answers; `cases`: one for each, or it does not compile.
+template <class... Of>
+auto ask(const Material& m, Of... cases) {
+  return std::visit(Cases<Of...>{cases...}, m.law);
+}
+
 struct Curve {
   double value, slope;
 };
@@ -32,10 +43,19 @@ Curve extended_power(double x, double a, double x0) {
   return {power * (1.0 + a * d + 0.5 * a * (a - 1.0) * d * d), power * a / x0 * (1.0 + (a - 1.0) * d)};
 }
 
-Curve isochoric_factor(const Material& m, double J) {
-  const bool barrier =
-      std::any_of(m.ogden.begin(), m.ogden.end(), [](const OgdenTerm& term) { return term.alpha < 0.0; });
-  return extended_power(J, -2.0 / 3.0, barrier ? smallest_J_of_barriers : smallest_J);
+// The determinant below which the law's powers of it are Taylor polynomials.
+double least_J(const Ogden& law) {
+  const bool barrier = std::any_of(law.terms.begin(), law.terms.end(),
+                                   [](const OgdenTerm& term) { return term.alpha < 0.0; });
+  return barrier ? smallest_J_of_barriers : smallest_J;
+}
+
+/// J^(-2/3), which makes tr C isochoric; J^(-4/3), which does so for |cof F|^2.
+Curve isochoric_factor(double J, double J0 = smallest_J) {
+  return extended_power(J, -2.0 / 3.0, J0);
+}
+Curve isochoric_factor_of_cofactor(double J) {
+  return extended_power(J, -4.0 / 3.0, smallest_J);
 }
 
 /// l^alpha as a function of c = l^2.
@@ -50,11 +70,11 @@ double energy_factor(const OgdenTerm& term) {
 }
 
 /// The energy of one stretch at zero, for terms that repel it, times (1 - J / J0)^3 below J0.
-Curve collapse(const Material& m, double J) {
+Curve collapse(const Ogden& law, double J) {
   Curve sum{0.0, 0.0};
   if (J >= smallest_J_of_barriers) return sum;
   const double d = 1.0 - J / smallest_J_of_barriers;
-  for (const OgdenTerm& term : m.ogden)
+  for (const OgdenTerm& term : law.terms)
     if (term.alpha < 0.0) {
       const double height = std::abs(energy_factor(term)) * stretch_power(0.0, term.alpha).value;
       sum.value += height * d * d * d;
@@ -69,17 +89,56 @@ struct Parts {
   double b;
 };
 
-Parts stress_parts(const Material& m, const Mat3& F, double J) {
-  const Curve g = isochoric_factor(m, J);
-  if (m.ogden.empty()) return {m.mu * g.value * Mat3::Identity(), 0.5 * m.mu * g.slope * F.squaredNorm()};
+Parts neo_hookean_parts(double mu, const Mat3& F, double J) {
+  const Curve g = isochoric_factor(J);
+  return {mu * g.value * Mat3::Identity(), 0.5 * mu * g.slope * F.squaredNorm()};
+}
 
+Parts mooney_rivlin_parts(double c10, double c01, const Mat3& F, double J) {
+  const Curve g = isochoric_factor(J), h = isochoric_factor_of_cofactor(J);
+  const Mat3 C = F.transpose() * F;
+  return {2.0 * (c10 * g.value * Mat3::Identity() + c01 * h.value * (C.trace() * Mat3::Identity() - C)),
+          c10 * g.slope * C.trace() + c01 * h.slope * cofactor(F).squaredNorm()};
+}
+
+Parts ogden_parts(const Ogden& law, const Mat3& F, double J) {
+  const Curve g = isochoric_factor(J, least_J(law));
   const Eigen::SelfAdjointEigenSolver<Mat3> principal(F.transpose() * F);
   const Vec3 c = principal.eigenvalues();
   Vec3 w = Vec3::Zero();
-  for (const OgdenTerm& term : m.ogden)
+  for (const OgdenTerm& term : law.terms)
     for (int i = 0; i < 3; ++i) w[i] += energy_factor(term) * stretch_power(g.value * c[i], term.alpha).slope;
   const Mat3& N = principal.eigenvectors();
-  return {2.0 * g.value * (N * w.asDiagonal() * N.transpose()), g.slope * w.dot(c) + collapse(m, J).slope};
+  return {2.0 * g.value * (N * w.asDiagonal() * N.transpose()), g.slope * w.dot(c) + collapse(law, J).slope};
+}
+
+Parts stress_parts(const Material& m, const Mat3& F, double J) {
+  return ask(
+      m, [&](const NeoHookean&) { return neo_hookean_parts(m.mu, F, J); },
+      [&](const PrintedNeoHookean&) { return neo_hookean_parts(m.mu, F, J); },
+      [&](const Ogden& law) { return ogden_parts(law, F, J); },
+      [&](const MooneyRivlin& law) { return mooney_rivlin_parts(0.5 * m.mu - law.c01, law.c01, F, J); });
+}
+
+double neo_hookean_energy(double mu, const Mat3& F, double J) {
+  return 0.5 * mu * (isochoric_factor(J).value * F.squaredNorm() - 3.0);
+}
+
+double mooney_rivlin_energy(double c10, double c01, const Mat3& F, double J) {
+  return c10 * (isochoric_factor(J).value * F.squaredNorm() - 3.0) +
+         c01 * (isochoric_factor_of_cofactor(J).value * cofactor(F).squaredNorm() - 3.0);
+}
+
+double ogden_energy(const Ogden& law, const Mat3& F, double J) {
+  const Eigen::SelfAdjointEigenSolver<Mat3> principal(F.transpose() * F, Eigen::EigenvaluesOnly);
+  const Vec3 c = isochoric_factor(J, least_J(law)).value * principal.eigenvalues();
+  double energy = collapse(law, J).value;
+  for (const OgdenTerm& term : law.terms) {
+    double sum = -3.0;
+    for (int i = 0; i < 3; ++i) sum += stretch_power(c[i], term.alpha).value;
+    energy += energy_factor(term) * sum;
+  }
+  return energy;
 }
 
 double bulk_modulus(double mu, double nu) {
@@ -99,7 +158,9 @@ Mat3 cofactor(const Mat3& F) {
 }
 
 Material neo_hookean(double mu, double nu, double density, bool as_printed) {
-  return {.mu = mu, .kappa = bulk_modulus(mu, nu), .density = density, .as_printed = as_printed};
+  Material result = {.mu = mu, .kappa = bulk_modulus(mu, nu), .density = density};
+  if (as_printed) result.law = PrintedNeoHookean{};
+  return result;
 }
 
 Material ogden(std::vector<OgdenTerm> terms, double nu, double density) {
@@ -109,22 +170,51 @@ Material ogden(std::vector<OgdenTerm> terms, double nu, double density) {
     assert(term.alpha != 0.0);
     mu += term.mu;
   }
-  return {.mu = mu, .kappa = bulk_modulus(mu, nu), .density = density, .ogden = std::move(terms)};
+  return {.mu = mu, .kappa = bulk_modulus(mu, nu), .density = density, .law = Ogden{std::move(terms)}};
+}
+
+Material mooney_rivlin(double c10, double c01, double nu, double density) {
+  const double mu = 2.0 * (c10 + c01);
+  return {.mu = mu, .kappa = bulk_modulus(mu, nu), .density = density, .law = MooneyRivlin{c01}};
+}
+
+bool is_plain(const Material& m) {
+  return m.prony.empty() && ask(
+                                m, [](const NeoHookean&) { return true; },
+                                [](const PrintedNeoHookean&) { return true; },
+                                [](const Ogden&) { return false; },
+                                [](const MooneyRivlin&) { return false; });
+}
+
+bool is_as_printed(const Material& m) {
+  return std::holds_alternative<PrintedNeoHookean>(m.law);
+}
+
+LawWords words_of(const Material& m) {
+  return ask(
+      m, [](const NeoHookean&) { return LawWords{"neo-hookean", "neo-Hookean", {}}; },
+      [](const PrintedNeoHookean&) {
+        return LawWords{"neo-hookean as printed", "neo-Hookean as printed", {}};
+      },
+      [](const Ogden& law) {
+        LawWords words{"ogden", "Ogden", {}};
+        for (const OgdenTerm& term : law.terms)
+          words.terms.push_back({{"mu_Pa", term.mu}, {"alpha", term.alpha}});
+        return words;
+      },
+      [&](const MooneyRivlin& law) {
+        return LawWords{
+            "mooney-rivlin", "Mooney-Rivlin", {{{"c10_Pa", 0.5 * m.mu - law.c01}, {"c01_Pa", law.c01}}}};
+      });
 }
 
 double distortional_energy(const Material& m, const Mat3& F) {
-  const double J = F.determinant(), g = isochoric_factor(m, J).value;
-  if (m.ogden.empty()) return 0.5 * m.mu * (g * F.squaredNorm() - 3.0);
-
-  const Eigen::SelfAdjointEigenSolver<Mat3> principal(F.transpose() * F, Eigen::EigenvaluesOnly);
-  const Vec3 c = g * principal.eigenvalues();
-  double energy = collapse(m, J).value;
-  for (const OgdenTerm& term : m.ogden) {
-    double sum = -3.0;
-    for (int i = 0; i < 3; ++i) sum += stretch_power(c[i], term.alpha).value;
-    energy += energy_factor(term) * sum;
-  }
-  return energy;
+  const double J = F.determinant();
+  return ask(
+      m, [&](const NeoHookean&) { return neo_hookean_energy(m.mu, F, J); },
+      [&](const PrintedNeoHookean&) { return neo_hookean_energy(m.mu, F, J); },
+      [&](const Ogden& law) { return ogden_energy(law, F, J); },
+      [&](const MooneyRivlin& law) { return mooney_rivlin_energy(0.5 * m.mu - law.c01, law.c01, F, J); });
 }
 
 Mat3 distortional_stress(const Material& m, const Mat3& F) {
@@ -148,8 +238,8 @@ double strain_energy(const Material& m, const Mat3& F) {
 
 Mat3 pk1_stress(const Material& m, const Mat3& F) {
   const double J = F.determinant();
-  if (m.as_printed)
-    return m.mu * isochoric_factor(m, J).value * F + (m.kappa - 2.0 / 3.0 * m.mu) * (J - 1.0) * cofactor(F);
+  if (is_as_printed(m))
+    return m.mu * isochoric_factor(J).value * F + (m.kappa - 2.0 / 3.0 * m.mu) * (J - 1.0) * cofactor(F);
   const Parts parts = stress_parts(m, F, J);
   return F * parts.A + (m.kappa * (J - 1.0) + parts.b) * cofactor(F);
 }

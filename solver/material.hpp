@@ -1,6 +1,8 @@
 #pragma once
 
 #include <string>
+#include <utility>
+#include <variant>
 #include <vector>
 
 #include "io/types.hpp"
@@ -29,29 +31,60 @@ struct PronyTerm {
   double tau;  ///< relaxation time [s], > 0
 };
 
-/// Isotropic, nearly incompressible solid: neo-Hookean or Ogden, elastic or viscoelastic.
+// The laws: how the energy of distortion depends on F. Each has a shear modulus for small strains, mu, which
+// stands in the Material. A law that is added here must be told to everything that asks for one, or it does
+// not compile: all questions are answered in material.cpp, by visitors without a default.
+
+struct NeoHookean {};
+/// The stress exactly as Horton et al. 2007 print it, for comparison: not zero at rest.
+struct PrintedNeoHookean {};
+struct Ogden {
+  std::vector<OgdenTerm> terms;  ///< at least one; their moduli add up to mu
+};
+struct MooneyRivlin {
+  double c01;  ///< [Pa] of the second invariant, 0 ... mu/2; that of the first is c10 = mu/2 - c01
+};
+using Law = std::variant<NeoHookean, PrintedNeoHookean, Ogden, MooneyRivlin>;
+
+/// Isotropic, nearly incompressible solid, elastic or viscoelastic.
 struct Material {
-  double mu = 210.0;               ///< shear modulus [Pa], > 0: instantaneous; with Ogden terms, their sum
+  double mu = 210.0;               ///< shear modulus for small strains [Pa], > 0: instantaneous
   double kappa = 104930.0;         ///< bulk modulus [Pa], > 0
   double density = 1000.0;         ///< at rest [kg/m^3]
-  std::vector<OgdenTerm> ogden{};  ///< none: neo-Hookean with mu
+  Law law = NeoHookean{};
   std::vector<PronyTerm> prony{};  ///< none: elastic
-  /// The stress exactly as Horton et al. 2007 print it, for comparison: not zero at rest. Neo-Hookean only.
-  bool as_printed = false;
 };
 
-/// kappa = lambda + 2/3 mu with lambda = 2 mu nu / (1 - 2 nu).
+/// kappa = lambda + 2/3 mu with lambda = 2 mu nu / (1 - 2 nu). The law: NeoHookean, or as printed.
 Material neo_hookean(double mu, double nu, double density, bool as_printed = false);
 
 /// mu = sum of the terms' mu; kappa from it and nu as above. Needs: at least one term.
 Material ogden(std::vector<OgdenTerm> terms, double nu, double density);
 
+/// mu = 2 (c10 + c01); kappa from it and nu as above.
+Material mooney_rivlin(double c10, double c01, double nu, double density);
+
+/// The stress is that of NeoHookean, and nothing relaxes: what the quick loop of the kernel does, and what
+/// finite-element programs are given.
+bool is_plain(const Material& material);
+/// The stress is the one printed in the paper.
+bool is_as_printed(const Material& material);
+
+/// A law's name and numbers, for people and for programs: "ogden" and for each term "mu_Pa", "alpha".
+struct LawWords {
+  std::string name, title;  ///< "ogden", "Ogden"
+  std::vector<std::vector<std::pair<std::string, double>>> terms;  ///< none where mu says all
+};
+LawWords words_of(const Material& material);
+
 /// Energy of distortion per reference volume [J/m^3], for any F.
 ///
 ///     neo-Hookean   W = mu/2 (g(J) tr C - 3)
+///     Mooney-Rivlin W = c10 (g(J) tr C - 3) + c01 (h(J) |cof F|^2 - 3)
 ///     Ogden         W = sum_p 2 mu_p / alpha_p^2 (sum_i s_p(g(J) l_i^2) - 3) + collapse(J)
 ///
 ///     g(J)   = J^(-2/3)       for J >= J0,        below: its Taylor polynomial of second order at J0
+///     h(J)   = J^(-4/3)       likewise
 ///     s_p(c) = c^(alpha_p/2)  for c >= l0^2,      below: its Taylor polynomial of second order at l0^2
 ///
 /// g is the square of the factor that makes stretches isochoric, so s_p is l^alpha_p of the isochoric stretch
@@ -88,9 +121,11 @@ Material ogden(std::vector<OgdenTerm> terms, double nu, double density);
 /// Checked:  against finite differences, for J from -0.5 to 3 and at J = 0.
 double distortional_energy(const Material& material, const Mat3& F);
 
-/// First Piola-Kirchhoff stress of distortion P = dW/dF [Pa], for any F. `as_printed` does not touch it.
+/// First Piola-Kirchhoff stress of distortion P = dW/dF [Pa], for any F. PrintedNeoHookean: that of
+/// NeoHookean.
 ///
 ///     neo-Hookean   P = mu g F + mu/2 g' tr C cof F                                        cof F = J F^-T
+///     Mooney-Rivlin P = 2 F (c10 g I + c01 h (tr C I - C)) + (c10 g' tr C + c01 h' |cof F|^2) cof F
 ///     Ogden         P = 2 g F sum_i w_i N_i N_i^T + g' (sum_i w_i l_i^2) cof F
 ///                     + collapse' cof F,    w_i = sum_p 2 mu_p / alpha_p^2 s_p'(g l_i^2)
 ///
@@ -121,7 +156,7 @@ double strain_energy(const Material& material, const Mat3& F);
 /// Source:   Horton et al. 2007, section 3.3.
 /// Departs:  the paper prints W with lambda (J - 1)^2, and S = lambda J (J - 1) C^-1 + mu J^(-2/3) I. That S
 ///           equals mu I at F = I, so a body at rest would be under stress, and it is not 2 dW/dC of the
-///           printed W, nor of any W. We take the stress of the W above; `as_printed` gives the paper's.
+///           printed W, nor of any W. We take the stress of the W above; PrintedNeoHookean gives the paper's.
 /// Checked:  against finite differences of W.
 Mat3 pk1_stress(const Material& material, const Mat3& F);
 

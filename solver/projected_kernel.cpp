@@ -570,13 +570,13 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
     const Material& m = material_[t];
     volume_.push_back(static_cast<Real>(model.volume[q]));
     mu_.push_back(static_cast<Real>(m.mu));
-    const double ks = patches_ > 0   ? pointwise_bulk_modulus(m)
-                      : m.as_printed ? m.kappa - 2.0 / 3.0 * m.mu
-                                     : m.kappa;
+    const double ks = patches_ > 0       ? pointwise_bulk_modulus(m)
+                      : is_as_printed(m) ? m.kappa - 2.0 / 3.0 * m.mu
+                                         : m.kappa;
     ks_.push_back(static_cast<Real>(ks));
     bulk_.push_back(static_cast<Real>(m.kappa - ks));
     slot_.push_back(static_cast<std::int32_t>(count[t]++));
-    plain_ = plain_ && m.ogden.empty() && m.prony.empty();
+    plain_ = plain_ && is_plain(m);
   }
   for (std::size_t t = 0; t < material_.size(); ++t) history_.emplace_back(material_[t], count[t]);
 
@@ -594,7 +594,7 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
     }
   }
 
-  slope_ = material_.front().as_printed ? Real(0) : Real(1);
+  slope_ = is_as_printed(material_.front()) ? Real(0) : Real(1);
   smallest_J_ = static_cast<Real>(patches_ > 0 ? smallest_J : 1e-4);
   patch_bulk_.resize(patch_volume_.size());
   find_patch_bulk();

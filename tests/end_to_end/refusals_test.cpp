@@ -174,6 +174,11 @@ TEST_F(Refusal, OfMaterialTermsThatDoNotBelongTogether) {
          {"2 Ogden moduli and 1 exponents"});
   expect(2, "run brain.nrrd -o out --set material.ogden_mu_Pa=-5 --set material.ogden_alpha=2",
          {"add up to -5"});
+  expect(2, "run brain.nrrd -o out --set material.mooney_c01=106Pa", {"c01 is 106 Pa, more than mu/2, 105"});
+  expect(2,
+         "run brain.nrrd -o out --set material.mooney_c01=50Pa --set material.ogden_mu_Pa=100 "
+         "--set material.ogden_alpha=2",
+         {"beside another law"});
   expect(2, "run brain.nrrd -o out --preset nobody_1999", {"nobody_1999", "miller_chinzei_2002"});
 }
 
@@ -181,6 +186,8 @@ TEST_F(Refusal, OfMaterialsThatThePapersSchemeHasNotAndOfItsStressElsewhere) {
   expect(2, "run brain.nrrd -o out --scheme horton2007 --preset miller_chinzei_2002",
          {"one neo-Hookean tissue only"});
   expect(2, "run brain.nrrd -o out --stress printed", {"--scheme horton2007"});
+  expect(2, "run brain.nrrd -o out --scheme horton2007 --stress printed --set material.mooney_c01=50Pa",
+         {"the printed stress is of a neo-Hookean tissue", "Mooney-Rivlin"});
 }
 
 TEST_F(Refusal, OfATissueThatIsNotThere) {

@@ -52,7 +52,7 @@ TEST(InternalForce, IsThePlainFormulaForAnyNumberOfPoints) {
       SCOPED_TRACE(count);
       const Model model = first_points(whole, count);
       Material material = tissue;
-      material.as_printed = printed;
+      if (printed) material.law = PrintedNeoHookean{};
       const ForceSystem system(model, material);
       EXPECT_EQ(system.point_count(), count);
       EXPECT_EQ(system.pair_count(), model.support.member.size());

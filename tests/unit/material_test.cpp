@@ -21,8 +21,15 @@ const Material one_term = ogden({{842.0, -4.7}}, 0.499, 1000.0);
 const Material two_terms = ogden({{300.0, -8.0}, {120.0, 3.0}}, 0.49, 1000.0);
 /// Ogden's 1972 fit to rubber in this convention, mu_p alpha_p / 2, a thousand times softer.
 const Material three_terms = ogden({{409.5, 1.3}, {3.0, 5.0}, {10.0, -2.0}}, 0.49, 1000.0);
-const std::array laws{swine_brain, one_term, two_terms, three_terms};
+const Material two_invariants = mooney_rivlin(60.0, 45.0, 0.499, 1000.0);
+const std::array laws{swine_brain, one_term, two_terms, three_terms, two_invariants};
 const std::array ogden_laws{one_term, two_terms, three_terms};
+
+const std::vector<OgdenTerm>& terms_of(const Material& m) {
+  static const std::vector<OgdenTerm> none;
+  const Ogden* law = std::get_if<Ogden>(&m.law);
+  return law ? law->terms : none;
+}
 
 Material relaxing(Material material) {
   material.prony = {{0.450, 0.5}, {0.365, 50.0}};
@@ -115,7 +122,7 @@ TEST(Material, IsFiniteForAnyDeformation) {
 TEST(Material, AnInvertedPointIsDrivenBack) {
   // By distortion alone, without the help of kappa.
   for (const Material& m :
-       {swine_brain, one_term, two_terms, three_terms, ogden({{1430.0, -19.0}}, 0.499, 1000.0)})
+       {swine_brain, one_term, two_terms, three_terms, two_invariants, ogden({{1430.0, -19.0}}, 0.499, 1000.0)})
     for (const double across : {0.6, 0.8, 1.0, 1.5})
       for (double l = -1.0; l <= 0.1; l += 0.01) {
         const Mat3 F = Vec3(1.0, across, l).asDiagonal();
@@ -129,7 +136,7 @@ TEST(Material, TheStiffnessIsContinuousWhereTheEnergyIsExtended) {
     // Isochoric and with one stretch at the end of a law, or J = 0.05 or 0.2.
     std::vector<Mat3> joints{std::cbrt(0.05) * Mat3::Identity(), std::cbrt(0.2) * Mat3::Identity(),
                              Vec3(1.25, 0.8, 0.2).asDiagonal()};
-    for (const OgdenTerm& term : m.ogden) {
+    for (const OgdenTerm& term : terms_of(m)) {
       const double l0 = term.alpha < 0.0 ? std::pow(1e3, 1.0 / (term.alpha - 2.0)) : 0.1;
       joints.push_back(Vec3(2.0, 0.5 / l0, l0).asDiagonal());
     }
@@ -207,7 +214,7 @@ Vec3 nominal(const Material& m, const Vec3& l) {
 template <typename Term>
 double sum_of(const Material& m, const Term& term) {
   double sum = 0.0;
-  for (const OgdenTerm& t : m.ogden) sum += 2.0 * t.mu / t.alpha * term(t.alpha);
+  for (const OgdenTerm& t : terms_of(m)) sum += 2.0 * t.mu / t.alpha * term(t.alpha);
   return sum;
 }
 
@@ -215,7 +222,7 @@ TEST(Material, IncompressibleStatesHaveOgdensClosedForms) {
   for (const Material& m : ogden_laws)
     for (const double l : {0.4, 0.6, 0.7, 0.9, 0.999, 1.1, 1.35, 2.0}) {
       if (&m != &ogden_laws.back() && (l < 0.55 || l > 1.35)) continue;  // there the energy is extended
-      SCOPED_TRACE(testing::Message() << m.ogden.size() << " terms, stretch " << l);
+      SCOPED_TRACE(testing::Message() << terms_of(m).size() << " terms, stretch " << l);
       const auto difference = [&](double of) {
         return [=](double a) { return std::pow(l, a - 1.0) - std::pow(l, of * a - 1.0); };
       };
@@ -229,6 +236,44 @@ TEST(Material, IncompressibleStatesHaveOgdensClosedForms) {
       EXPECT_NEAR(nominal(m, {l, 1.0, 1.0 / l})[0], pure_shear, rounding);
       EXPECT_NEAR(nominal(m, {l, 1.0, 1.0 / l})[1], across, rounding);
     }
+}
+
+TEST(Material, IncompressibleStatesHaveMooneysAndRivlinsClosedForms) {
+  const double c10 = 60.0, c01 = 45.0;
+  EXPECT_EQ(two_invariants.mu, 210.0);
+  EXPECT_EQ(two_invariants.kappa, swine_brain.kappa);
+  for (const double l : {0.4, 0.6, 0.9, 0.999, 1.1, 1.35, 2.0, 3.0}) {
+    SCOPED_TRACE(l);
+    const double l2 = l * l, rounding = 1e-11 * two_invariants.mu * std::max(l2, 1.0 / (l2 * l2 * l));
+    EXPECT_NEAR(nominal(two_invariants, {l, 1.0 / std::sqrt(l), 1.0 / std::sqrt(l)})[0],
+                2.0 * (c10 + c01 / l) * (l - 1.0 / l2), rounding);
+    EXPECT_NEAR(nominal(two_invariants, {l, l, 1.0 / l2})[0],
+                2.0 * (c10 + c01 * l2) * (l - 1.0 / (l2 * l2 * l)), rounding);
+    EXPECT_NEAR(nominal(two_invariants, {l, 1.0, 1.0 / l})[0], 2.0 * (c10 + c01) * (l - 1.0 / (l2 * l)),
+                rounding);
+  }
+}
+
+TEST(Material, OfTheFirstInvariantAloneIsNeoHookean) {
+  const Material same = mooney_rivlin(105.0, 0.0, 0.499, 1000.0);
+  for (const Mat3& F : many_deformation_gradients()) {
+    const Mat3 P = distortional_stress(swine_brain, F);
+    EXPECT_LT((distortional_stress(same, F) - P).norm(), 1e-12 * (P.norm() + same.mu));
+    EXPECT_NEAR(distortional_energy(same, F), distortional_energy(swine_brain, F),
+                1e-12 * (distortional_energy(swine_brain, F) + same.mu));
+  }
+}
+
+TEST(Material, SaysItsLawAndItsNumbers) {
+  EXPECT_EQ(words_of(swine_brain).name, "neo-hookean");
+  EXPECT_TRUE(words_of(swine_brain).terms.empty());
+  EXPECT_EQ(words_of(neo_hookean(210.0, 0.499, 1000.0, true)).title, "neo-Hookean as printed");
+  const LawWords two = words_of(two_terms);
+  EXPECT_EQ(two.name, "ogden");
+  ASSERT_EQ(two.terms.size(), 2u);
+  EXPECT_EQ(two.terms[1][0], (std::pair<std::string, double>("mu_Pa", 120.0)));
+  EXPECT_EQ(two.terms[1][1], (std::pair<std::string, double>("alpha", 3.0)));
+  EXPECT_EQ(words_of(two_invariants).terms.at(0).at(0).second, 60.0);
 }
 
 TEST(Material, BrainIsStifferInCompressionThanInTension) {
@@ -475,11 +520,11 @@ TEST(MaterialPreset, HasThePapersNumbers) {
   const Material horton = material_preset("horton_2007");
   EXPECT_EQ(horton.mu, 210.0);
   EXPECT_NEAR(horton.kappa, 104'930.0, 1e-6);
-  EXPECT_TRUE(horton.ogden.empty() && horton.prony.empty());
+  EXPECT_TRUE(std::holds_alternative<NeoHookean>(horton.law) && horton.prony.empty());
 
   const Material miller = material_preset("miller_chinzei_2002");
   EXPECT_EQ(miller.mu, 842.0);
-  EXPECT_EQ(miller.ogden.at(0).alpha, -4.7);
+  EXPECT_EQ(terms_of(miller).at(0).alpha, -4.7);
   EXPECT_NEAR(relaxation(miller, std::numeric_limits<double>::infinity()), 0.185, 1e-15);
   for (const Preset& preset : material_presets()) EXPECT_FALSE(preset.citation.empty()) << preset.name;
 }

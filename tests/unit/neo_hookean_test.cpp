@@ -76,7 +76,7 @@ TEST(NeoHookean, CauchyStressIsSymmetricAndTurnsWithTheBody) {
 
 TEST(NeoHookean, ThePrintedStressIsMuAtRestAndDiffersByItsMissingTerms) {
   Material printed = swine_brain;
-  printed.as_printed = true;
+  printed.law = PrintedNeoHookean{};
   EXPECT_LT((pk1_stress(printed, Mat3::Identity()) - printed.mu * Mat3::Identity()).norm(),
             1e-12 * printed.mu);
   // S = lambda J (J - 1) C^-1 + mu J^(-2/3) I, as in section 3.3 of the paper.

@@ -60,6 +60,20 @@ TEST(ProjectedKernel, ForceIsTheGradientOfTheEnergyOfTwoTissues) {
   EXPECT_LT(error_of_gradient(system, random_displacement(model, 0.3e-3)), 1e-7);
 }
 
+// By the loop for any law, and by that for neo-Hookean points alone.
+TEST(ProjectedKernel, OfAMooneyRivlinBodyIsNeoHookeanWhereTheSecondInvariantHasNoPart) {
+  const Model model = averaged_block();
+  const ForceSystem plain(model, neo_hookean(210.0, 0.499, 1000.0)),
+      other(model, mooney_rivlin(105.0, 0.0, 0.499, 1000.0)),
+      both(model, mooney_rivlin(60.0, 45.0, 0.499, 1000.0));
+  const Nodal u = random_displacement(model, 0.3e-3);
+  Nodal f = u, g = u;
+  plain.internal_force(u, f);
+  other.internal_force(u, g);
+  EXPECT_LT((f - g).norm(), 1e-10 * f.norm());
+  EXPECT_LT(error_of_gradient(both, u), 1e-7);
+}
+
 TEST(ProjectedKernel, OfABodyMovedAsAWholeHasNoForce) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
