@@ -636,7 +636,7 @@ Outcome solve_in(const fs::path& folder, SolveInput in) {
   Stopwatch readying;
   const ForceSystem system(model, tissues, precision_of(config));
   model.dphi.resize(3, 0);  // the system has its own, in its layout
-  ResultWriter writer(folder, model, system, in.files.surface, in.files.support);
+  ResultWriter writer(folder, model, in.files.surface, in.files.support);
   give_back_memory();
   stop_if_asked();
   in.build_s += prepare_s + readying.seconds();

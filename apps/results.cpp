@@ -31,11 +31,10 @@ Eigen::MatrixXd node_sets(const Model& model) {
 
 }  // namespace
 
-ResultWriter::ResultWriter(fs::path folder, const Model& model, const ForceSystem& system,
-                           const SurfaceFile& surface, const SupportOptions& support)
+ResultWriter::ResultWriter(fs::path folder, const Model& model, const SurfaceFile& surface,
+                           const SupportOptions& support)
     : folder_(std::move(folder)),
       model_(model),
-      system_(system),
       surface_(surface),
       to_points_(make_interpolation(model, support, model.point)),
       to_surface_(make_interpolation(model, support, surface.position_mm * 1e-3)),
@@ -78,9 +77,10 @@ void ResultWriter::frame(const Frame& frame) {
 
   const Index points = model_.point_count();
   Eigen::MatrixXd J(1, points), sigma(6, points), mises(1, points);
-  {  // as soon as it is used their memory is free for the writer
-    const auto F = system_.deformation_gradients(frame.u);
-    const auto P = system_.stresses(frame.u);
+  {                                    // as soon as it is used their memory is free for the writer
+    ForceState forces = frame.forces;  // whose last sweep may have been elsewhere
+    forces.stress_sweep(frame.u);
+    const auto F = forces.deformation_gradients(), P = forces.stresses();
     for (Index q = 0; q < F.cols(); ++q) {
       const Mat3 Fq = Eigen::Map<const Mat3>(F.col(q).data());
       const Mat3 s = Eigen::Map<const Mat3>(P.col(q).data()) * Fq.transpose() / Fq.determinant();

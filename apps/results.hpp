@@ -16,8 +16,8 @@ namespace dimple {
 class ResultWriter {
  public:
   /// `surface` [LPS mm] may be empty. `model` must be complete and outlive this.
-  ResultWriter(std::filesystem::path folder, const Model& model, const ForceSystem& system,
-               const SurfaceFile& surface, const SupportOptions& support);
+  ResultWriter(std::filesystem::path folder, const Model& model, const SurfaceFile& surface,
+               const SupportOptions& support);
 
   void frame(const Frame& frame);
   /// Goes on after the frames that an earlier run has written at these times [s].
@@ -31,7 +31,6 @@ class ResultWriter {
  private:
   std::filesystem::path folder_;
   const Model& model_;
-  const ForceSystem& system_;
   const SurfaceFile& surface_;
   Interpolation to_points_, to_surface_;
   Points nodes_mm_, points_mm_;

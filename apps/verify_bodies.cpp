@@ -11,7 +11,6 @@
 namespace dimple {
 namespace {
 
-using Kind = Constraints::Kind;
 using Nodal = ForceSystem::Nodal;
 
 // Where the free nodes start, as a part of what the load's displacement says of them: not where they belong.
@@ -185,13 +184,11 @@ SupportOptions standard_support() {
   return support_options(Config{});
 }
 
-Statics::Statics(LatticeBody body, std::vector<Kind> kind, std::vector<Material> material, const Vec3& push)
-    : body_(std::move(body)) {
-  constraints_.kind = std::move(kind);
-  constraints_.push << push, 0.0;
+Statics::Statics(LatticeBody body, std::vector<HeldSet> held, std::vector<Material> material)
+    : body_(std::move(body)), constraints_(body_.model.node_count(), std::move(held)) {
   Model& model = body_.model;
   for (Index a = 0; a < model.node_count(); ++a)
-    if (constraints_.kind[static_cast<std::size_t>(a)] != Kind::free) model.base.push_back(a);
+    if (!constraints_.is_free(a)) model.base.push_back(a);
   Eigen::VectorXd density(model.point_count());
   for (Index q = 0; q < density.size(); ++q)
     density[q] = material[static_cast<std::size_t>(body_.tissue[q])].density;
@@ -201,29 +198,37 @@ Statics::Statics(LatticeBody body, std::vector<Kind> kind, std::vector<Material>
 
 Equilibrium Statics::solve(const Load& load, int steps, double tolerance) const {
   const Index n = model().node_count();
-  const Relaxation relax(*system_, model(), constraints_);
+  ForceState forces(*system_);
+  const Relaxation relax(forces, model(), constraints_);
   Equilibrium result{guess * to_nodal(load.displacement(1.0 / steps)), Nodal::Zero(4, n)};
   for (int step = 1; step <= steps; ++step) {
     const double share = static_cast<double>(step) / steps;
     if (step > 1) result.u *= static_cast<double>(step) / (step - 1);
     const Nodal wanted = to_nodal(load.displacement(share));
-    for (Index a = 0; a < n; ++a) {
-      const Kind kind = constraints_.kind[static_cast<std::size_t>(a)];
-      if (kind == Kind::fixed || kind == Kind::driven) result.u.col(a) = wanted.col(a);
-      if (kind == Kind::sliding)
-        result.u.col(a) += constraints_.push * (wanted.col(a) - result.u.col(a)).dot(constraints_.push);
-    }
+    constraints_.take_held(result.u, wanted);
     relax(result.u, result.f, {.tolerance = tolerance, .evaluations = 60000},
           load.force ? to_nodal(load.force(share)) : Nodal());
   }
   return result;
 }
 
-std::vector<Kind> boundary_fixed(const LatticeBody& body) {
-  std::vector<Kind> kind(static_cast<std::size_t>(body.model.node_count()), Kind::free);
+HeldSet fixed_nodes(const LatticeBody& body, const std::function<bool(Index)>& chosen) {
+  HeldSet set{.name = "fixed", .node = {}};
   for (Index a = 0; a < body.model.node_count(); ++a)
-    if (body.on_boundary(a)) kind[static_cast<std::size_t>(a)] = Kind::fixed;
-  return kind;
+    if (chosen(a)) set.node.push_back(a);
+  return set;
+}
+
+HeldSet sliding_nodes(const LatticeBody& body, const std::function<bool(Index)>& chosen) {
+  HeldSet set = fixed_nodes(body, chosen);
+  set.name = "sliding";
+  set.hold = HeldSet::Hold::along;
+  set.direction = Vec3::UnitZ();
+  return set;
+}
+
+std::vector<HeldSet> boundary_fixed(const LatticeBody& body) {
+  return {fixed_nodes(body, [&](Index a) { return body.on_boundary(a); })};
 }
 
 Points affine_displacement(const Model& model, const Mat3& F) {

@@ -56,11 +56,10 @@ struct Equilibrium {
 };
 
 /// Marks all held nodes as such, completes the model and finds its equilibrium at the full load, by even
-/// steps, each started from the last one scaled up. `push`: direction of sliding.
+/// steps, each started from the last one scaled up.
 class Statics {
  public:
-  Statics(LatticeBody body, std::vector<Constraints::Kind> kind, std::vector<Material> material,
-          const Vec3& push = Vec3::UnitZ());
+  Statics(LatticeBody body, std::vector<HeldSet> held, std::vector<Material> material);
   Equilibrium solve(const Load& load, int steps = 4, double tolerance = 1e-5) const;
 
   const LatticeBody& body() const { return body_; }
@@ -74,8 +73,12 @@ class Statics {
   std::unique_ptr<ForceSystem> system_;
 };
 
+/// Nodes that are held wholly, or along z only.
+HeldSet fixed_nodes(const LatticeBody& body, const std::function<bool(Index a)>& chosen);
+HeldSet sliding_nodes(const LatticeBody& body, const std::function<bool(Index a)>& chosen);
+
 /// All nodes on the boundary fixed, all others free.
-std::vector<Constraints::Kind> boundary_fixed(const LatticeBody& body);
+std::vector<HeldSet> boundary_fixed(const LatticeBody& body);
 
 /// (F - I) X at every node.
 Points affine_displacement(const Model& model, const Mat3& F);

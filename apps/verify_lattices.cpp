@@ -14,7 +14,6 @@
 namespace dimple {
 namespace {
 
-using Kind = Constraints::Kind;
 using Nodal = ForceSystem::Nodal;
 
 constexpr double pi = std::numbers::pi;
@@ -39,18 +38,17 @@ Mat3 stress_inside(const Statics& held, const Mat3& F) {
 
 Statics held_cube(const Material& material, int intervals = 6) {
   LatticeBody body = make_lattice(box_lattice(Vec3::Constant(0.02), intervals));
-  auto kind = boundary_fixed(body);
-  return Statics(std::move(body), std::move(kind), {material});
+  auto held = boundary_fixed(body);
+  return Statics(std::move(body), std::move(held), {material});
 }
 
 // Nominal stress of a bar, stretched along z between frictionless ends; its sides are free.
 Statics free_bar(const Material& material, int intervals = 4) {
   // Twice as wide as high: a cube between frictionless plates sways to one side before it is half as high.
   LatticeBody body = make_lattice(box_lattice(Vec3(0.04, 0.04, 0.02), intervals));
-  std::vector<Kind> kind(static_cast<std::size_t>(body.model.node_count()), Kind::free);
-  for (Index a = 0; a < body.model.node_count(); ++a)
-    if (body.on_face(a, 2, 0.0) || body.on_face(a, 2, 1.0)) kind[static_cast<std::size_t>(a)] = Kind::sliding;
-  return Statics(std::move(body), std::move(kind), {material});
+  HeldSet ends =
+      sliding_nodes(body, [&](Index a) { return body.on_face(a, 2, 0.0) || body.on_face(a, 2, 1.0); });
+  return Statics(std::move(body), {std::move(ends)}, {material});
 }
 
 double stretched(const Statics& bar, double stretch) {
@@ -133,14 +131,14 @@ void verify_cook(Rows& rows, Index) {
                            .cells = {42, 28, 4},
                            .tissue = {}};
   LatticeBody body = make_lattice(lattice);
-  std::vector<Kind> kind(static_cast<std::size_t>(body.model.node_count()), Kind::free);
   Index corner = 0;
-  for (Index a = 0; a < body.model.node_count(); ++a) {
-    if (body.on_face(a, 2, 0.0) || body.on_face(a, 2, 1.0)) kind[static_cast<std::size_t>(a)] = Kind::sliding;
-    if (body.on_face(a, 0, 0.0)) kind[static_cast<std::size_t>(a)] = Kind::fixed;
+  for (Index a = 0; a < body.model.node_count(); ++a)
     if (body.on_face(a, 0, 1.0) && body.on_face(a, 1, 1.0) && body.at(2, a) == 0.5) corner = a;
-  }
-  const Statics panel(std::move(body), std::move(kind), {{.mu = 80.1938, .kappa = 400943.0}});
+  HeldSet sides =
+      sliding_nodes(body, [&](Index a) { return body.on_face(a, 2, 0.0) || body.on_face(a, 2, 1.0); });
+  HeldSet clamped = fixed_nodes(body, [&](Index a) { return body.on_face(a, 0, 0.0); });
+  const Statics panel(std::move(body), {std::move(sides), std::move(clamped)},
+                      {{.mu = 80.1938, .kappa = 400943.0}});
 
   // The load on the edge, by even places on it.
   constexpr int along = 160, across = 16;
@@ -179,10 +177,9 @@ void verify_torsion(Rows& rows, Index) {
                            .cells = {18, 18, 25},
                            .tissue = {}};
   LatticeBody body = make_lattice(lattice);
-  std::vector<Kind> kind(static_cast<std::size_t>(body.model.node_count()), Kind::free);
-  for (Index a = 0; a < body.model.node_count(); ++a)
-    if (body.on_face(a, 2, 0.0) || body.on_face(a, 2, 1.0)) kind[static_cast<std::size_t>(a)] = Kind::fixed;
-  const Statics rod(std::move(body), std::move(kind), {neo_hookean(mu, 0.499, 1000.0)});
+  HeldSet ends =
+      fixed_nodes(body, [&](Index a) { return body.on_face(a, 2, 0.0) || body.on_face(a, 2, 1.0); });
+  const Statics rod(std::move(body), {std::move(ends)}, {neo_hookean(mu, 0.499, 1000.0)});
   const Equilibrium found =
       rod.solve({.displacement =
                      [&](double share) {
@@ -245,8 +242,8 @@ void verify_manufactured(Rows& rows, Index) {
     std::vector<double> log_h, log_value, log_slope;
     for (const int n : {10, 14, 20, 28}) {
       LatticeBody body = make_lattice(box_lattice(Vec3::Ones(), n));
-      auto kind = boundary_fixed(body);
-      const Statics statics(std::move(body), std::move(kind), {tissue});
+      auto held = boundary_fixed(body);
+      const Statics statics(std::move(body), std::move(held), {tissue});
       const Model& model = statics.model();
       const Index points = model.point_count();
       // Eight places in each cell, as the gradients are averaged over.
@@ -350,18 +347,19 @@ void verify_viscoelastic(Rows& rows, Index) {
   constexpr double gamma = 0.3;
   const Statics held = held_cube(tissue, 5);
   const ForceSystem& system = held.system();
-  const Relaxation relax(system, held.model(), held.constraints());
+  ForceState forces(system);
+  const Relaxation relax(forces, held.model(), held.constraints());
   Nodal u = to_nodal(affine_displacement(held.model(), simple_shear(gamma))), f = u;
   for (Index a = 0; a < u.cols(); ++a)
-    if (held.constraints().kind[static_cast<std::size_t>(a)] == Kind::free) u.col(a) *= 0.9;
+    if (held.constraints().is_free(a)) u.col(a) *= 0.9;
   double t = 0.0;
   for (const double next : {0.0, 0.1, 0.5, 2.0, 20.0, 200.0}) {
     // Steps that do not divide the relaxation times evenly: the history's recursion is exact for a held
     // strain.
     for (int step = 0; step < 3; ++step) {
-      system.begin_step((next - t) / 3.0);
+      forces.begin_step((next - t) / 3.0);
       relax(u, f, {.tolerance = 1e-5});
-      system.accept_step(u);
+      forces.accept_step(u);
     }
     t = next;
     double g = 1.0;
@@ -391,10 +389,10 @@ void verify_layers(Rows& rows, Index) {
   constexpr double height = 0.02, below = 0.5;
   for (const double ratio : {2.0, 5.0, 20.0}) {
     LatticeBody body = two_layers(height, below);
-    auto kind = boundary_fixed(body);
+    auto held = boundary_fixed(body);
     const Material soft = neo_hookean(210.0, 0.499, 1000.0),
                    stiff = neo_hookean(210.0 * ratio, 0.499, 1000.0);
-    const Statics layers(std::move(body), std::move(kind), {soft, stiff});
+    const Statics layers(std::move(body), std::move(held), {soft, stiff});
     const double shift = 0.2 * height;
     const double tau = shift / (below * height / soft.mu + (1.0 - below) * height / stiff.mu);
     const Equilibrium found = layers.solve({.displacement = [&](double share) {
@@ -413,9 +411,9 @@ void verify_layers(Rows& rows, Index) {
   }
   for (const double ratio : {2.0, 5.0}) {
     LatticeBody body = two_layers(height, below);
-    auto kind = boundary_fixed(body);
+    auto held = boundary_fixed(body);
     const Material soft = neo_hookean(210.0, 0.3, 1000.0), stiff = neo_hookean(210.0 * ratio, 0.3, 1000.0);
-    const Statics layers(std::move(body), std::move(kind), {soft, stiff});
+    const Statics layers(std::move(body), std::move(held), {soft, stiff});
     constexpr double total = 0.9;
     const auto stress = [](const Material& m, double l) {
       return nominal_stress(m, stretches(1.0, 1.0, l))(2, 2);
@@ -457,8 +455,8 @@ void verify_inclusion(Rows& rows, Index) {
     const Vec3 middle = Vec3::Constant(0.5 * edge);
     lattice.tissue = [=](const Vec3& x) { return (x - middle).norm() < a ? 1 : 0; };
     LatticeBody body = make_lattice(lattice);
-    auto kind = boundary_fixed(body);
-    const Statics solid(std::move(body), std::move(kind),
+    auto held = boundary_fixed(body);
+    const Statics solid(std::move(body), std::move(held),
                         {neo_hookean(mu, nu, 1000.0), neo_hookean(m * mu, nu, 1000.0)});
     Mat3 e = stretches(-0.5, -0.5, 1.0) * size;
     e(0, 1) = e(1, 0) = 0.3 * size;
@@ -483,7 +481,9 @@ void verify_inclusion(Rows& rows, Index) {
                return u;
              }},
         2);
-    const auto F = solid.system().deformation_gradients(found.u);
+    ForceState forces(solid.system());
+    forces.stress_sweep(found.u);
+    const auto F = forces.deformation_gradients();
     Mat3 mean = Mat3::Zero();
     double volume = 0.0;
     for (Index q = 0; q < F.cols(); ++q)

@@ -1,8 +1,15 @@
 #pragma once
 
-#include "solver/internal_force.hpp"
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "preprocess/model.hpp"
 
 namespace dimple {
+
+/// Vectors of nodes, padded with a zero for the hot loops: [4xN].
+using Nodal = Eigen::Matrix4Xd;
 
 /// How the tool holds the tissue under it.
 enum class Contact {
@@ -10,34 +17,96 @@ enum class Contact {
   frictionless  ///< only along the push; the nodes slide sideways freely under the flat end
 };
 
-/// What each node may do.
-struct Constraints {
-  enum class Kind : std::int8_t { free, fixed, driven, sliding };
-  std::vector<Kind> kind;  ///< [N]
-  Eigen::Vector4d push;    ///< unit vector of the driven and sliding nodes, padded
+/// Nodes whose motion is prescribed: the fixed base, the indenter's circle, a patch that a retractor holds.
+struct HeldSet {
+  enum class Hold {
+    all,   ///< all three components
+    along  ///< the one along `direction`; across it the nodes slide freely
+  };
+  std::string name;
+  std::vector<Index> node;
+  Hold hold = Hold::all;
+  Vec3 direction = Vec3::Zero();  ///< unit vector of the motion, and of the component that is held
+  double share = 0.0;             ///< the set moves along it by this share of the tool's depth; 0: not at all
+};
+
+/// All prescribed motion of a run. Every marcher asks this and nothing else: a further set needs no change in
+/// any of them.
+class Constraints {
+ public:
+  Constraints() = default;
+  /// Needs: nodes below `node_count`. Of a node in several sets the last one counts.
+  Constraints(Index node_count, std::vector<HeldSet> sets);
+
+  bool is_free(Index a) const { return of_node_[static_cast<std::size_t>(a)] < 0; }
+  bool is_held_wholly(Index a) const { return !is_free(a) && held(a).wholly; }
+  bool slides(Index a) const { return !is_free(a) && !held(a).wholly; }
 
   /// The part of a node's velocity, force or mode that is not prescribed.
   Eigen::Vector4d project(Index a, const Eigen::Vector4d& v) const {
-    switch (kind[static_cast<std::size_t>(a)]) {
-      case Kind::free:
-        return v;
-      case Kind::sliding:
-        return v - push * v.dot(push);
-      default:
-        return Eigen::Vector4d::Zero();
-    }
+    if (is_free(a)) return v;
+    const Held& its = held(a);
+    return its.wholly ? Eigen::Vector4d(Eigen::Vector4d::Zero())
+                      : Eigen::Vector4d(v - its.direction * v.dot(its.direction));
   }
-  /// Puts what is prescribed where the tool is at this depth [m].
-  void prescribe(ForceSystem::Nodal& u, double depth) const {
-    for (Index a = 0; a < u.cols(); ++a) {
-      const Kind its = kind[static_cast<std::size_t>(a)];
-      if (its == Kind::fixed) u.col(a).setZero();
-      if (its == Kind::driven) u.col(a) = push * depth;
-      if (its == Kind::sliding) u.col(a) += push * (depth - u.col(a).dot(push));
-    }
+
+  /// Puts what is prescribed of node a where it is when the tool has come to `depth` [m], and to the speed
+  /// that it has when the tool moves at `rate` [m/s].
+  template <class Column>
+  void place(Index a, Column&& u, double depth) const {
+    put(a, u, depth);
+  }
+  template <class Column>
+  void speed(Index a, Column&& v, double rate) const {
+    put(a, v, rate);
+  }
+  /// The same of all nodes.
+  void prescribe(Nodal& u, double depth) const;
+  /// Puts what is held of all nodes where `wanted` has it [4xN] m.
+  void take_held(Nodal& u, const Nodal& wanted) const;
+
+  /// What the sets that move with the tool feel along their motion [N]: the force that does work on the
+  /// depth.
+  double working_force(const Nodal& f) const;
+  /// Brings the moving nodes to speed at once, and returns the work that it takes [J].
+  double set_off(Nodal& v, double rate, const Eigen::VectorXd& mass) const;
+
+  /// Along which the first set that slides is held; zero where none does.
+  Eigen::Vector4d sliding_direction() const;
+  Index node_count() const { return static_cast<Index>(of_node_.size()); }
+  const std::vector<HeldSet>& sets() const { return set_; }
+
+ private:
+  struct Held {
+    Eigen::Vector4d direction;
+    double share;
+    bool wholly;
+  };
+  std::vector<HeldSet> set_;
+  std::vector<Held> held_;
+  std::vector<std::int16_t> of_node_;  // [N] number of its set, or -1
+
+  const Held& held(Index a) const {
+    return held_[static_cast<std::size_t>(of_node_[static_cast<std::size_t>(a)])];
+  }
+  template <class Column>
+  void put(Index a, Column&& value, double of_tool) const {
+    if (is_free(a)) return;
+    const Held& its = held(a);
+    const double way = its.share * of_tool;
+    if (its.wholly)
+      value = its.direction * way;
+    else
+      value += its.direction * (way - value.dot(its.direction));
   }
 };
 
-Constraints make_constraints(const Model& model, Contact contact);
+/// The tool's circle, moved with the tool, the base, which is fixed, and `further` sets.
+Constraints make_constraints(const Model& model, Contact contact, std::vector<HeldSet> further = {});
+
+/// With a zero below.
+inline Eigen::Vector4d padded(const Vec3& v) {
+  return {v.x(), v.y(), v.z(), 0.0};
+}
 
 }  // namespace dimple

@@ -117,9 +117,9 @@ std::vector<Finding> check_model(const Model& model, const SupportReport& suppor
   return findings;
 }
 
-Guards::Guards(const ForceSystem& system, const Model& model, bool static_answer, bool on,
+Guards::Guards(ForceState& forces, const Model& model, bool static_answer, bool on,
                std::vector<Finding>& findings)
-    : system_(system),
+    : forces_(forces),
       model_(model),
       static_answer_(static_answer),
       on_(on),
@@ -178,11 +178,11 @@ void Guards::check(const Nodal& u, const Nodal& f, const Moment& now) const {
 
 void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
   if (!on_) return;
-  const Tissues& tissues = system_.tissues();
+  const Tissues& tissues = forces_.system().tissues();
   Index inverted = 0, far = 0, furthest = -1;
   double inverted_volume = 0.0, far_volume = 0.0, whole = 0.0, largest = 0.0;
   for (Index q = 0; q < model_.point_count(); ++q) {
-    const double e = system_.dilation(q), V = model_.volume[q];
+    const double e = forces_.dilation(q), V = model_.volume[q];
     whole += V;
     if (e <= -1.0) {
       ++inverted;
@@ -219,7 +219,7 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
     Report report = {
         .fact = text("nearly incompressible tissue changed its volume by more than ", percent(far_from_1),
                      " at ", far, " points, ", percent(share), " of the volume; most at one: det F ",
-                     1.0 + system_.dilation(furthest)),
+                     1.0 + forces_.dilation(furthest)),
         .where = moment(now) + text("; that point at rest at ", in_mm(model_.point.col(furthest))),
         .why = "the cloud is too coarse there to bend around the tool at constant volume",
         .remedy = "use more nodes (--nodes) or a smaller --depth",
@@ -238,7 +238,7 @@ void Guards::check(const EnergySample& e, double largest_external, double durati
                       .remedy = "use a smaller solver.safety, for instance --set solver.safety=0.6",
                       .code = "non-finite"});
   // The printed stress has no energy; viscoelastic tissue is not asked how much it has turned into heat.
-  if (!system_.as_printed() && !system_.viscoelastic()) {
+  if (!forces_.system().as_printed() && !forces_.system().viscoelastic()) {
     const double error = e.error(), scale = largest_external;
     const bool gain = error < 0.0;
     Report report = {
@@ -296,7 +296,7 @@ void Guards::check_smooth(const std::vector<double>& force, double largest, doub
 }
 
 void Guards::check_kinetic(double kinetic, double external, const Moment& now) const {
-  if (!on_ || system_.as_printed() || kinetic <= 1.5 * external + energy_floor) return;
+  if (!on_ || forces_.system().as_printed() || kinetic <= 1.5 * external + energy_floor) return;
   throw SolveError({.fact = text("energy appeared from nowhere: the tool did ", external,
                                  " J of work, the motion alone holds ", kinetic, " J"),
                     .where = moment(now),
@@ -319,9 +319,9 @@ void Guards::check_unseen(double unseen, double stored, const Moment& now) {
 
 void Guards::check_fluctuation(const Nodal& u, const Moment& now) {
   if (!on_ || !model_.variance.empty() || now.depth <= 0.0) return;
-  const double stored = system_.stored_energy(u);
-  const auto F = system_.deformation_gradients(u);
-  const Tissues& tissues = system_.tissues();
+  const double stored = forces_.stored_energy(u);
+  const auto F = forces_.deformation_gradients();
+  const Tissues& tissues = forces_.system().tissues();
   double energy = 0.0;
   for (Index q = 0; q < model_.point_count(); ++q) {
     const auto nodes = model_.support.member.segment(model_.support.offset[q], model_.support.count(q));

@@ -5,7 +5,7 @@
 
 #include "io/error.hpp"
 #include "preprocess/model.hpp"
-#include "solver/constraints.hpp"
+#include "solver/internal_force.hpp"
 
 namespace dimple {
 
@@ -50,8 +50,7 @@ class Guards {
  public:
   /// `static_answer`: inertia should play no part. `on` false: only what costs nothing; to measure what
   /// guards cost.
-  Guards(const ForceSystem& system, const Model& model, bool static_answer, bool on,
-         std::vector<Finding>& findings);
+  Guards(ForceState& forces, const Model& model, bool static_answer, bool on, std::vector<Finding>& findings);
 
   /// Of a sweep: `non-finite`, and `inverted` where the energy has no meaning there. Costs nothing.
   void check(const ForceSystem::Sweep& sweep, const Moment& now) const;
@@ -85,7 +84,7 @@ class Guards {
   void check_step(const Moment& now) const;
 
  private:
-  const ForceSystem& system_;
+  ForceState& forces_;
   const Model& model_;
   bool static_answer_, on_;
   std::vector<Finding>& findings_;

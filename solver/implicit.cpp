@@ -15,7 +15,6 @@ namespace dimple {
 namespace {
 
 using Nodal = ForceSystem::Nodal;
-using Kind = Constraints::Kind;
 
 constexpr double steps_per_period = 6.0;
 constexpr double alpha = -1.0 / 3.0, beta = (1.0 - alpha) * (1.0 - alpha) / 4.0, gamma = 0.5 - alpha;
@@ -40,11 +39,11 @@ namespace {
 void step_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
                      const SolverOptions& options, const Observer& observer, History& history,
                      const State* from) {
-  const Constraints constraints = make_constraints(model, loading.contact);
-  MixedIteration solve(system, model, constraints);
+  const Constraints constraints = make_constraints(model, loading.contact, loading.further);
+  ForceState forces(system);
+  MixedIteration solve(forces, model, constraints);
   const Index n = model.node_count();
-  const auto held = [&](Index a) { return constraints.kind[static_cast<std::size_t>(a)] != Kind::free; };
-  const Eigen::Vector4d push = constraints.push;
+  const Eigen::Vector4d push = padded(model.tool.push);
   const double segment = loading.duration() / options.frames, damping = options.damping;
   // Of a shear wave that stands between the base and the tool's side.
   const double slowest_period = 4.0 * shear_crossing_time(system.tissues(), model);
@@ -63,7 +62,7 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
     state = *from;
     history = from->history;
     past.state = from->path;
-    system.restore_past(from->past);
+    forces.restore_past(from->past);
     solve.restore(from->mixed);
     inertia.inertia = from->mixed.inertia;
   } else {
@@ -72,11 +71,7 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
     past.push(0.0, u, lambda);
     history.dt_first = history.dt_smallest = longest;
     // The tool brings its nodes to speed at once: the only work that is not force times way.
-    for (const Index i : model.indenter)
-      if (held(i)) {
-        v.col(i) = push * loading.rate;
-        external += 0.5 * model.mass[i] * loading.rate * loading.rate;
-      }
+    external += constraints.set_off(v, loading.rate, model.mass);
   }
 
   const auto reaction = [&](const std::vector<Index>& nodes) {
@@ -84,7 +79,7 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
     for (const Index i : nodes) sum += f.col(i).dot(push);
     return sum;
   };
-  Guards guards(system, model, loading.duration() >= slow_load * shear_crossing_time(system.tissues(), model),
+  Guards guards(forces, model, loading.duration() >= slow_load * shear_crossing_time(system.tissues(), model),
                 options.guards, history.guards);
   double& largest_external = state.largest_external;
   const auto record = [&](bool last) {
@@ -97,7 +92,7 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
       next_energy = t + 1.0 / options.energy_rate;
       const double kinetic = 0.5 * (v.colwise().squaredNorm() * model.mass).value();
       double unseen = 0.0;
-      const double stored = system.stored_energy(u, &unseen);
+      const double stored = forces.stored_energy(u, &unseen);
       history.energy.push_back({t, depth, kinetic, stored, external, dissipated});
       largest_external = std::max(largest_external, std::abs(external));
       guards.check(history.energy.back(), largest_external, loading.duration(), false, {t, depth, dt});
@@ -112,14 +107,14 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
     history.dt_smallest = std::min(history.dt_smallest, step);
     ++history.steps;
     const bool at_end = end - t <= 1e-6 * longest, goes_on = record(frame == options.frames && at_end);
-    if (at_end && observer.frame) observer.frame({frame, t, loading.rate * t, u, f});
-    system.accept_step(u);
+    if (at_end && observer.frame) observer.frame({frame, t, loading.rate * t, u, f, forces});
+    forces.accept_step(u);
     if (observer.between_steps && (frame < options.frames || !at_end))
       observer.between_steps([&] {
         State copy = state;
         copy.path = past.state;
         copy.mixed = solve.memory();
-        copy.past = system.past();
+        copy.past = forces.past();
         copy.history = history;
         return copy;
       });
@@ -128,9 +123,9 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
   // Central differences until `to`, as simulate(): where the tissue gives way the path jumps, and no step
   // that is longer than the jump's own waves has an end that an iteration could find.
   const auto march = [&](double to) {
-    system.begin_step(to - t);
-    system.release_pressures();
-    const StableStep stable = stable_time_step(system, model, model.mass, constraints, u);
+    forces.begin_step(to - t);
+    forces.hold_pressures({});
+    const StableStep stable = stable_time_step(forces, model, model.mass, constraints, u);
     if (!(stable.dt > 0.0))
       throw SolveError({.fact = "a time step did not converge, and no stable one was found",
                         .where = text("solver, t = ", t, " s, indentation ", loading.rate * t * 1e3, " mm"),
@@ -151,7 +146,7 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
     const auto count = static_cast<std::int64_t>(needed);
     const double h = (to - t) / static_cast<double>(count), start = t;
     const auto accelerate = [&] {
-      const ForceSystem::Sweep sweep = system.internal_force(u, f);
+      const ForceSystem::Sweep sweep = forces.internal_force(u, f);
       guards.check(sweep, {t, loading.rate * t, h, stable.dt});
       history.J_min = std::min(history.J_min, sweep.J_min);
       history.inverted = std::max(history.inverted, sweep.inverted);
@@ -168,19 +163,19 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
       accelerate();
       v += 0.5 * h * a;
       for (Index i = 0; i < n; ++i)
-        if (!held(i)) dissipated += damping * model.mass[i] * v.col(i).squaredNorm() * h;
-      const double force = reaction(model.indenter);
+        if (constraints.is_free(i)) dissipated += damping * model.mass[i] * v.col(i).squaredNorm() * h;
+      const double force = constraints.working_force(f);
       external += 0.5 * (force + force_before) * loading.rate * h;
       force_before = force;
     }
     t = to;
     history.extra_evaluations += stable.iterations + count + 1;
-    lambda = pressures_of_volumes(system, model);
+    lambda = pressures_of_volumes(forces, model);
   };
 
   if (!from) {
     record(false);
-    if (observer.frame) observer.frame({0, 0.0, 0.0, u, f});
+    if (observer.frame) observer.frame({0, 0.0, 0.0, u, f, forces});
   }
   bool stopped = false;
   bool& anew = state.anew;
@@ -201,7 +196,7 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
       Eigen::VectorXd next_lambda = Eigen::VectorXd::Zero(lambda.size());
       past.extrapolate(to, next, next_lambda);
       constraints.prescribe(next, depth);
-      system.begin_step(h);
+      forces.begin_step(h);
       const Nodal f_before = f;
       const Relaxed found =
           solve(next, next_lambda, f,
@@ -233,15 +228,13 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
         const Eigen::Vector4d v_before = v.col(i);
         a.col(i) = (next.col(i) - reached.col(i)) / (beta * h * h);
         v.col(i) = drift.col(i) + gamma * h * a.col(i);
-        if (!held(i)) {
+        if (constraints.is_free(i)) {
           dissipated += damping * model.mass[i] * 0.25 * (v.col(i) + v_before).squaredNorm() * h;
           continue;
         }
-        // Along the push the tool has one speed from the start.
-        v.col(i) +=
-            push * ((constraints.kind[static_cast<std::size_t>(i)] == Kind::fixed ? 0.0 : loading.rate) -
-                    v.col(i).dot(push));
-        a.col(i) -= push * a.col(i).dot(push);
+        // What moves with the tool has one speed from the start.
+        constraints.speed(i, v.col(i), loading.rate);
+        a.col(i) = constraints.project(i, a.col(i));
       }
       u = next;
       lambda = next_lambda;
@@ -249,7 +242,7 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
       history.J_min = std::min(history.J_min, found.sweep.J_min);
       history.inverted = std::max(history.inverted, found.sweep.inverted);
       history.residual = std::max(history.residual, found.residual);
-      const double force = reaction(model.indenter);
+      const double force = constraints.working_force(f);
       external += 0.5 * (force + force_before) * loading.rate * h;
       force_before = force;
       dt = std::min(2.0 * h, longest);

@@ -45,8 +45,8 @@ Curve extended_power(double x, double a, double x0) {
 
 // The determinant below which the law's powers of it are Taylor polynomials.
 double least_J(const Ogden& law) {
-  const bool barrier = std::any_of(law.terms.begin(), law.terms.end(),
-                                   [](const OgdenTerm& term) { return term.alpha < 0.0; });
+  const bool barrier =
+      std::any_of(law.terms.begin(), law.terms.end(), [](const OgdenTerm& term) { return term.alpha < 0.0; });
   return barrier ? smallest_J_of_barriers : smallest_J;
 }
 
@@ -179,11 +179,10 @@ Material mooney_rivlin(double c10, double c01, double nu, double density) {
 }
 
 bool is_plain(const Material& m) {
-  return m.prony.empty() && ask(
-                                m, [](const NeoHookean&) { return true; },
-                                [](const PrintedNeoHookean&) { return true; },
-                                [](const Ogden&) { return false; },
-                                [](const MooneyRivlin&) { return false; });
+  return m.prony.empty() &&
+         ask(
+             m, [](const NeoHookean&) { return true; }, [](const PrintedNeoHookean&) { return true; },
+             [](const Ogden&) { return false; }, [](const MooneyRivlin&) { return false; });
 }
 
 bool is_as_printed(const Material& m) {
@@ -192,7 +191,10 @@ bool is_as_printed(const Material& m) {
 
 LawWords words_of(const Material& m) {
   return ask(
-      m, [](const NeoHookean&) { return LawWords{"neo-hookean", "neo-Hookean", {}}; },
+      m,
+      [](const NeoHookean&) {
+        return LawWords{"neo-hookean", "neo-Hookean", {}};
+      },
       [](const PrintedNeoHookean&) {
         return LawWords{"neo-hookean as printed", "neo-Hookean as printed", {}};
       },

@@ -48,9 +48,9 @@ using Law = std::variant<NeoHookean, PrintedNeoHookean, Ogden, MooneyRivlin>;
 
 /// Isotropic, nearly incompressible solid, elastic or viscoelastic.
 struct Material {
-  double mu = 210.0;               ///< shear modulus for small strains [Pa], > 0: instantaneous
-  double kappa = 104930.0;         ///< bulk modulus [Pa], > 0
-  double density = 1000.0;         ///< at rest [kg/m^3]
+  double mu = 210.0;        ///< shear modulus for small strains [Pa], > 0: instantaneous
+  double kappa = 104930.0;  ///< bulk modulus [Pa], > 0
+  double density = 1000.0;  ///< at rest [kg/m^3]
   Law law = NeoHookean{};
   std::vector<PronyTerm> prony{};  ///< none: elastic
 };
@@ -72,7 +72,7 @@ bool is_as_printed(const Material& material);
 
 /// A law's name and numbers, for people and for programs: "ogden" and for each term "mu_Pa", "alpha".
 struct LawWords {
-  std::string name, title;  ///< "ogden", "Ogden"
+  std::string name, title;                                         ///< "ogden", "Ogden"
   std::vector<std::vector<std::pair<std::string, double>>> terms;  ///< none where mu says all
 };
 LawWords words_of(const Material& material);

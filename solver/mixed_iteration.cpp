@@ -17,7 +17,6 @@ namespace dimple {
 namespace {
 
 using Nodal = ForceSystem::Nodal;
-using Kind = Constraints::Kind;
 using Sparse = Eigen::SparseMatrix<double>;
 
 // The tangent at rest is at most twice the Laplacian; load and the curvature of the law add to that. Too soft
@@ -161,6 +160,7 @@ struct MixedIteration::Parts {
     Eigen::MatrixXd gram;
     int kept = 0, next = 0;
   } memory;
+  ForceState& forces;
   const ForceSystem& system;
   const Model& model;
   const Constraints& constraints;
@@ -171,6 +171,7 @@ struct MixedIteration::Parts {
   CompressedRows nodes;                    // of each patch
   Eigen::Matrix4Xf gradient;               // [4 x nodes.member]
   bool slides = false;
+  Eigen::Vector4d sliding;  // sets that slide along others are only nearly inverted
   NodalInverse across,
       along;  // of nodes that move freely across the push, and along it; the same if none slides
   std::shared_ptr<const Factor> schur, schur_of_inertia;
@@ -181,14 +182,16 @@ struct MixedIteration::Parts {
   double viscous_share = 0.0;         // for which `memory` was made
   Eigen::VectorXd scale, dual_scale;  // that make u and lambda of one kind: square roots of energies
 
-  Parts(const ForceSystem& s, const Model& m, const Constraints& c)
-      : system(s),
+  Parts(ForceState& s, const Model& m, const Constraints& c)
+      : forces(s),
+        system(s.system()),
         model(m),
         constraints(c),
         edge(neighbours(m)),
         points(transpose(m.patches.of_point, m.patches.count(), &slot)),
         nodes(nodes_of_patches(m, points)) {
-    slides = std::find(c.kind.begin(), c.kind.end(), Kind::sliding) != c.kind.end();
+    sliding = c.sliding_direction();
+    slides = !sliding.isZero(0.0);
     const Eigen::VectorXd shear = shear_of_nodes(model, [&](Index q) { return mu(q); });
     scale = (shear.array() / model.spacing.array().square()).sqrt();
     // The Laplacian's energy of any linear field is that of the shear.
@@ -210,7 +213,8 @@ struct MixedIteration::Parts {
 
   // Makes the weights as much stiffer than at rest as the law is at u.
   void stiffen(const Nodal& u) {
-    const auto F = system.deformation_gradients(u);
+    forces.stress_sweep(u);
+    const auto F = forces.deformation_gradients();
     std::vector<double> at_rest;
     for (const Material& m : system.materials()) at_rest.push_back(stiffness(m, Mat3::Identity()));
     Eigen::VectorXd ratio(model.point_count());
@@ -252,11 +256,10 @@ struct MixedIteration::Parts {
   // The Laplacian, and inertia.
   bool invert_laplacian() {
     const auto invert = [&](NodalInverse& inverse, bool sliding_too) {
-      std::vector<int> place(constraints.kind.size(), -1);
+      std::vector<int> place(static_cast<std::size_t>(weight.size()), -1);
       inverse.node.clear();
       for (Index a = 0; a < weight.size(); ++a) {
-        const Kind kind = constraints.kind[static_cast<std::size_t>(a)];
-        if (kind != Kind::free && !(sliding_too && kind == Kind::sliding)) continue;
+        if (!constraints.is_free(a) && !(sliding_too && constraints.slides(a))) continue;
         place[static_cast<std::size_t>(a)] = static_cast<int>(inverse.node.size());
         inverse.node.push_back(a);
       }
@@ -337,7 +340,7 @@ struct MixedIteration::Parts {
     std::vector<std::vector<std::pair<int, int>>> of_node(static_cast<std::size_t>(model.node_count()));
     for (int b = 0; b < nodes.rows(); ++b)
       for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k)
-        if (constraints.kind[static_cast<std::size_t>(nodes.member[k])] == Kind::free)
+        if (constraints.is_free(nodes.member[k]))
           of_node[static_cast<std::size_t>(nodes.member[k])].emplace_back(b, k);
     schur_of_inertia = factorised(between_patches([&](int c, const auto& add) {
       for (int k = nodes.offset[c]; k < nodes.offset[c + 1]; ++k) {
@@ -364,7 +367,7 @@ struct MixedIteration::Parts {
 
   // After the forces at u have been asked for.
   void find_gradient(const Nodal& u) {
-    system.patch_gradients(nodes, gradient);
+    forces.patch_gradients(nodes, gradient);
     u_of_gradient = u;
   }
 
@@ -373,8 +376,7 @@ struct MixedIteration::Parts {
     if (!slides) return;
     Nodal normal(4, r.cols());
     along.solve(r, normal);
-    for (Index a = 0; a < z.cols(); ++a)
-      z.col(a) += constraints.push * constraints.push.dot(normal.col(a) - z.col(a));
+    for (Index a = 0; a < z.cols(); ++a) z.col(a) += sliding * sliding.dot(normal.col(a) - z.col(a));
   }
 
   // The step (du, dlambda) from the unbalanced force r and the unbalanced volume s.
@@ -401,8 +403,8 @@ struct MixedIteration::Parts {
   }
 };
 
-MixedIteration::MixedIteration(const ForceSystem& system, const Model& model, const Constraints& constraints)
-    : parts_(std::make_unique<Parts>(system, model, constraints)) {}
+MixedIteration::MixedIteration(ForceState& forces, const Model& model, const Constraints& constraints)
+    : parts_(std::make_unique<Parts>(forces, model, constraints)) {}
 MixedIteration::~MixedIteration() = default;
 
 double MixedIteration::laplacian_of(const Nodal& v) const {
@@ -431,12 +433,12 @@ void MixedIteration::restore(const Memory& memory) {
     p.inertia = memory.inertia;
     p.invert_laplacian();
     p.bulk = memory.bulk_of_inertia;
-    p.system.internal_force(memory.u_of_inertia, f);
+    p.forces.internal_force(memory.u_of_inertia, f);
     p.find_gradient(memory.u_of_inertia);
     p.factorise_schur_of_inertia();
     p.bulk.resize(0);  // `schur` is made when it is first needed
   }
-  p.system.internal_force(memory.u_of_gradient, f);
+  p.forces.internal_force(memory.u_of_gradient, f);
   p.find_gradient(memory.u_of_gradient);
   const Index kept = memory.moved.cols();
   p.memory.moved.resize(memory.moved.rows(), remembered);
@@ -449,9 +451,9 @@ void MixedIteration::restore(const Memory& memory) {
   p.memory.next = memory.next;
 }
 
-Eigen::VectorXd pressures_of_volumes(const ForceSystem& system, const Model& model) {
-  ForceSystem::Patches patches;
-  system.patch_state(patches);
+Eigen::VectorXd pressures_of_volumes(const ForceState& forces, const Model& model) {
+  ForceState::Patches patches;
+  forces.patch_state(patches);
   return patches.dilation.cwiseProduct(patches.bulk).cwiseProduct(model.patches.volume);
 }
 
@@ -496,13 +498,13 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
 
   Nodal r(4, n), du(4, n), viscous;
   Eigen::VectorXd s(nb), dlambda(nb);
-  ForceSystem::Patches patches;
+  ForceState::Patches patches;
   double volume_error = 0.0;
   const auto evaluate = [&] {
     stop_if_asked();
-    p.system.hold_pressures(lambda.cwiseQuotient(volume));
-    result.sweep = p.system.internal_force(u, f);
-    p.system.patch_state(patches);
+    p.forces.hold_pressures(lambda.cwiseQuotient(volume));
+    result.sweep = p.forces.internal_force(u, f);
+    p.forces.patch_state(patches);
     ++result.evaluations;
     if (viscosity) p.laplacian(u - viscosity->about, viscous);
     double unbalanced = 0.0, reactions = 0.0;
@@ -632,7 +634,7 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
     lambda = place.tail(nb).cwiseQuotient(p.dual_scale);
     // Where a node is held nothing was added but rounding; it must not move at all.
     for (Index a = 0; a < n; ++a)
-      if (constraints.kind[static_cast<std::size_t>(a)] != Kind::free)
+      if (!constraints.is_free(a))
         u.col(a) = best_u.col(a) + constraints.project(a, u.col(a) - best_u.col(a));
   }
 }

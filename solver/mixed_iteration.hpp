@@ -2,7 +2,7 @@
 
 #include <memory>
 
-#include "solver/constraints.hpp"
+#include "solver/internal_force.hpp"
 
 namespace dimple {
 
@@ -45,7 +45,7 @@ struct Relaxed {
 /// complement by the pressure's mass matrix); Walker and Ni 2011 (Anderson's acceleration).
 class MixedIteration {
  public:
-  MixedIteration(const ForceSystem& system, const Model& model, const Constraints& constraints);
+  MixedIteration(ForceState& forces, const Model& model, const Constraints& constraints);
   ~MixedIteration();
 
   /// Of a time step: every free node has inertia[a] (u_a - about_a) [N] besides; [N/m], [N] m.
@@ -59,7 +59,7 @@ class MixedIteration {
     ForceSystem::Nodal about;
   };
   /// As Relaxation; `lambda` [patches] N m is the guess of the pressures x volumes, and afterwards what was
-  /// found: not converged, the best that was met. The pressures stay held in `system`. `anew`:
+  /// found: not converged, the best that was met. The pressures stay held in `forces`. `anew`:
   /// dJ/du is that at the guess, as every larger move needs, and not that at the last such call.
   Relaxed operator()(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                      const RelaxOptions& options, const ForceSystem::Nodal& external, bool anew,
@@ -92,6 +92,6 @@ class MixedIteration {
 };
 
 /// [patches] N m, what MixedIteration calls lambda, as the volumes of the last sweep make it.
-Eigen::VectorXd pressures_of_volumes(const ForceSystem& system, const Model& model);
+Eigen::VectorXd pressures_of_volumes(const ForceState& forces, const Model& model);
 
 }  // namespace dimple

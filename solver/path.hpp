@@ -2,7 +2,7 @@
 
 #include <deque>
 
-#include "solver/constraints.hpp"
+#include "solver/internal_force.hpp"
 
 namespace dimple {
 

@@ -475,9 +475,9 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
     : nodes_(model.node_count()),
       points_(model.point_count()),
       patches_(model.patches.count()),
+      blocks_((points_ + points_per_block - 1) / points_per_block),
       material_(tissues.material),
       tissue_(tissues.of_point.begin(), tissues.of_point.end()) {
-  const Index blocks = (points_ + points_per_block - 1) / points_per_block;
   // The members of each block, numbered within it; `local` [rows.member] receives those numbers.
   const auto find_places = [&](const CompressedRows& rows, Index members, Places& places,
                                std::vector<std::int32_t>& local) {
@@ -485,7 +485,7 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
     local.resize(static_cast<std::size_t>(rows.member.size()));
     places.offset.push_back(0);
     std::vector<std::int32_t> count(static_cast<std::size_t>(members) + 1, 0);
-    for (Index block = 0; block < blocks; ++block) {
+    for (Index block = 0; block < blocks_; ++block) {
       const Index first = rows.offset[block * points_per_block],
                   last = rows.offset[std::min((block + 1) * points_per_block, points_)];
       const auto start = places.offset.back();
@@ -564,22 +564,14 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
   }
   patch_volume_.assign(model.patches.volume.begin(), model.patches.volume.end());
 
-  std::vector<Index> count(material_.size(), 0);
+  points_of_tissue_.assign(material_.size(), 0);
   for (Index q = 0; q < points_; ++q) {
     const auto t = static_cast<std::size_t>(tissue_[static_cast<std::size_t>(q)]);
-    const Material& m = material_[t];
     volume_.push_back(static_cast<Real>(model.volume[q]));
-    mu_.push_back(static_cast<Real>(m.mu));
-    const double ks = patches_ > 0       ? pointwise_bulk_modulus(m)
-                      : is_as_printed(m) ? m.kappa - 2.0 / 3.0 * m.mu
-                                         : m.kappa;
-    ks_.push_back(static_cast<Real>(ks));
-    bulk_.push_back(static_cast<Real>(m.kappa - ks));
-    slot_.push_back(static_cast<std::int32_t>(count[t]++));
-    plain_ = plain_ && is_plain(m);
+    mu_.push_back(static_cast<Real>(material_[t].mu));
+    slot_.push_back(static_cast<std::int32_t>(points_of_tissue_[t]++));
+    plain_ = plain_ && is_plain(material_[t]);
   }
-  for (std::size_t t = 0; t < material_.size(); ++t) history_.emplace_back(material_[t], count[t]);
-
   for (const GradientVariance& v : model.variance) {
     Variance& mine = variance_.emplace_back();
     mine.tissue = v.tissue;
@@ -587,77 +579,97 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
     mine.rows.share.reserve(static_cast<std::size_t>(v.K.size()));
     for (Index k = 0; k < v.K.size(); ++k)
       mine.rows.share.push_back({v.rows.member[k], static_cast<Real>(v.K[k])});
-    if (const auto terms = material_[static_cast<std::size_t>(mine.tissue)].prony.size(); terms > 0) {
-      mine.past.assign(static_cast<std::size_t>(4 * nodes_), 0.0);
-      mine.f0 = mine.past;
-      mine.h.assign(terms * mine.past.size(), 0.0);
-    }
   }
-
   slope_ = is_as_printed(material_.front()) ? Real(0) : Real(1);
   smallest_J_ = static_cast<Real>(patches_ > 0 ? smallest_J : 1e-4);
-  patch_bulk_.resize(patch_volume_.size());
-  find_patch_bulk();
-  u_.resize(static_cast<std::size_t>(4 * nodes_));
-  at_node_.resize(4 * nodes_of_block_.member.size());
-  if (patches_ == 0) moved_.resize(at_node_.size());
-  at_patch_.resize(patches_of_block_.member.size());
-  octet_sum_.resize(8 * at_patch_.size());
-  place_sum_.resize(at_patch_.size());
-  gradient_.resize(static_cast<std::size_t>(points_ + 7) / 8);
   // Whole octets: what no point has is zero.
-  for (auto* values : {&dilation_, &pressure_, &unresolved_, &volume_, &mu_})
-    values->resize(8 * gradient_.size(), Real(0));
-  for (auto* values : {&patch_dilation_, &patch_unresolved_})
+  for (auto* values : {&volume_, &mu_})
+    values->resize(static_cast<std::size_t>(points_ + 7) / 8 * 8, Real(0));
+}
+
+template <class Real>
+typename ProjectedKernel<Real>::State ProjectedKernel<Real>::at_rest() const {
+  State s;
+  for (std::size_t t = 0; t < material_.size(); ++t)
+    s.history.emplace_back(material_[t], points_of_tissue_[t]);
+  for (const Variance& v : variance_) {
+    VariancePast& past = s.variance.emplace_back();
+    if (const auto terms = material_[static_cast<std::size_t>(v.tissue)].prony.size(); terms > 0) {
+      past.force.assign(static_cast<std::size_t>(4 * nodes_), 0.0);
+      past.f0 = past.force;
+      past.h.assign(terms * past.force.size(), 0.0);
+    }
+  }
+  for (const std::int32_t t : tissue_) {
+    const Material& m = material_[static_cast<std::size_t>(t)];
+    const double ks = patches_ > 0       ? pointwise_bulk_modulus(m)
+                      : is_as_printed(m) ? m.kappa - 2.0 / 3.0 * m.mu
+                                         : m.kappa;
+    s.ks.push_back(static_cast<Real>(ks));
+    s.bulk.push_back(static_cast<Real>(m.kappa - ks));
+  }
+  s.patch_bulk.resize(patch_volume_.size());
+  find_patch_bulk(s);
+  s.u.resize(static_cast<std::size_t>(4 * nodes_));
+  s.at_node.resize(4 * nodes_of_block_.member.size());
+  if (patches_ == 0) s.moved.resize(s.at_node.size());
+  s.at_patch.resize(patches_of_block_.member.size());
+  s.octet_sum.resize(8 * s.at_patch.size());
+  s.place_sum.resize(s.at_patch.size());
+  s.gradient.resize(static_cast<std::size_t>(points_ + 7) / 8);
+  for (auto* values : {&s.dilation, &s.pressure, &s.unresolved})
+    values->resize(8 * s.gradient.size(), Real(0));
+  for (auto* values : {&s.patch_dilation, &s.patch_unresolved})
     values->resize(static_cast<std::size_t>(patches_));
-  block_.resize(static_cast<std::size_t>(blocks));
+  s.block.resize(static_cast<std::size_t>(blocks_));
+  return s;
 }
 
 // In turns from the first block to the last and from the last to the first: each pass begins with what the
 // last one has left in the cache.
 template <class Real>
 template <class Body>
-void ProjectedKernel<Real>::over_blocks(const Body& body) {
+void ProjectedKernel<Real>::over_blocks(State& s, const Body& body) const {
   tbb::parallel_for(
-      tbb::blocked_range<Index>(0, static_cast<Index>(block_.size()), 2),
+      tbb::blocked_range<Index>(0, static_cast<Index>(s.block.size()), 2),
       [&](const tbb::blocked_range<Index>& range) {
         for (Index k = range.begin(); k < range.end(); ++k) {
-          const Index b = backward_ ? range.begin() + range.end() - 1 - k : k;
+          const Index b = s.backward ? range.begin() + range.end() - 1 - k : k;
           body(b, b * points_per_block, std::min((b + 1) * points_per_block, points_));
         }
       },
       tbb::static_partitioner());
-  backward_ = !backward_;
+  s.backward = !s.backward;
 }
 
 // What the blocks have added up: each patch's mean.
 template <class Real>
-void ProjectedKernel<Real>::sum_patches(std::vector<Real>& patch) const {
+void ProjectedKernel<Real>::sum_patches(const State& s, std::vector<Real>& patch) const {
   for (std::size_t b = 0; b < patch.size(); ++b) {
     double sum = 0.0;
     for (std::int32_t k = patches_of_block_.of_offset[b]; k < patches_of_block_.of_offset[b + 1]; ++k)
-      sum += place_sum_[static_cast<std::size_t>(patches_of_block_.place[static_cast<std::size_t>(k)])];
+      sum += s.place_sum[static_cast<std::size_t>(patches_of_block_.place[static_cast<std::size_t>(k)])];
     patch[b] = static_cast<Real>(sum / patch_volume_[b]);
   }
 }
 
 template <class Real>
-void ProjectedKernel<Real>::point_stresses(Index first, Index last, Columns* stress) const {
+void ProjectedKernel<Real>::point_stresses(const State& s, Index first, Index last, Columns* stress) const {
   if (plain_) {
-    neo_hookean_stresses(gradient_.data(), dilation_.data(), pressure_.data(), mu_.data(), volume_.data(),
+    neo_hookean_stresses(s.gradient.data(), s.dilation.data(), s.pressure.data(), mu_.data(), volume_.data(),
                          stress, first, last, smallest_J_, slope_);
     if (patches_ == 0)  // inverted, or not a number: no stress there, and the driver stops the run
       for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
-        if (!(dilation_[q] > Real(-1)) || !std::isfinite(dilation_[q]))
+        if (!(s.dilation[q] > Real(-1)) || !std::isfinite(s.dilation[q]))
           stress[q - static_cast<std::size_t>(first)] = {};
     return;
   }
   for (Index q = first; q < last; ++q) {
     const auto at = static_cast<std::size_t>(q), t = static_cast<std::size_t>(tissue_[at]);
-    const ViscousHistory& history = history_[t];
-    const Mat3 F = gradient_at(gradient_, at);
+    const ViscousHistory& history = s.history[t];
+    const Mat3 F = gradient_at(s.gradient, at);
     Mat3 P = history.step.c * distortional_stress(material_[t], F) +
-             static_cast<double>(pressure_[at]) * cofactor(F);
+             static_cast<double>(s.pressure[at]) * cofactor(F);
     if (!material_[t].prony.empty()) P += F * history.K(slot_[at]);
     for (int j = 0; j < 3; ++j)
       for (int i = 0; i < 4; ++i)
@@ -668,131 +680,132 @@ void ProjectedKernel<Real>::point_stresses(Index first, Index last, Columns* str
 // Without patches a point's force needs nothing of other points: a few at a time, their pairs are still in
 // the innermost cache when their forces go back to the nodes.
 template <class Real>
-void ProjectedKernel<Real>::pointwise_forces(Index first, Index last, std::size_t from, std::size_t to) {
+void ProjectedKernel<Real>::pointwise_forces(State& s, Index first, Index last, std::size_t from,
+                                             std::size_t to) const {
   std::array<Columns, points_at_once> stress;
-  std::copy_n(at_node_.data() + 4 * from, 4 * (to - from), moved_.data() + 4 * from);
-  const Real* node = moved_.data() + 4 * from;
-  Real* force = at_node_.data() + 4 * from;
+  std::copy_n(s.at_node.data() + 4 * from, 4 * (to - from), s.moved.data() + 4 * from);
+  const Real* node = s.moved.data() + 4 * from;
+  Real* force = s.at_node.data() + 4 * from;
   std::fill_n(force, 4 * (to - from), Real(0));
   for (Index q = first; q < last; q += points_at_once) {
     const Index end = std::min(q + points_at_once, last);
-    gradients_of(quad_.data(), point_offset_.data(), node, gradient_.data(), dilation_.data(), q, end);
+    gradients_of(quad_.data(), point_offset_.data(), node, s.gradient.data(), s.dilation.data(), q, end);
     for (auto p = static_cast<std::size_t>(q); p < static_cast<std::size_t>(end); ++p)
-      pressure_[p] = ks_[p] * dilation_[p];
-    point_stresses(q, end, stress.data());
+      s.pressure[p] = s.ks[p] * s.dilation[p];
+    point_stresses(s, q, end, stress.data());
     scatter(quad_.data(), point_offset_.data(), stress.data(), force, q, end);
   }
 }
 
 template <class Real>
-typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(const double* u) {
+typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(State& s, const double* u) const {
   const auto places = [](const Places& p, Index block) {
     return std::pair(static_cast<std::size_t>(p.offset[static_cast<std::size_t>(block)]),
                      static_cast<std::size_t>(p.offset[static_cast<std::size_t>(block) + 1]));
   };
-  // Means over the patches of each point of a block, of the values in at_patch_.
+  // Means over the patches of each point of a block, of the values in s.at_patch.
   using Means = std::array<Real, points_per_block>;
   const auto octets = [](Index first, Index last) { return std::pair(first / 8, (last + 7) / 8); };
   const auto means = [&](Index block, Index first, Index last, Means& mean) {
     const auto [o, end] = octets(first, last);
     means_of_patches(octet_number_.data(), octet_weight_.data(), octet_offset_.data(),
-                     at_patch_.data() + places(patches_of_block_, block).first, mean.data(), o, end);
+                     s.at_patch.data() + places(patches_of_block_, block).first, mean.data(), o, end);
   };
   const auto take = [&](Index block, const std::vector<Real>& patch) {
     const auto [from, to] = places(patches_of_block_, block);
     for (std::size_t k = from; k < to; ++k)
-      at_patch_[k] = patch[static_cast<std::size_t>(patches_of_block_.member[k])];
+      s.at_patch[k] = patch[static_cast<std::size_t>(patches_of_block_.member[k])];
   };
   const auto spread = [&](Index block, Index first, Index last, const LongVector<Real>& value) {
     const auto [o, end] = octets(first, last);
     const auto [from, to] = places(patches_of_block_, block);
-    std::fill_n(octet_sum_.data() + 8 * from, 8 * (to - from), Real(0));
+    std::fill_n(s.octet_sum.data() + 8 * from, 8 * (to - from), Real(0));
     spread_to_patches(octet_number_.data(), octet_weight_.data(), octet_offset_.data(), value.data(),
-                      volume_.data(), octet_sum_.data() + 8 * from, o, end);
+                      volume_.data(), s.octet_sum.data() + 8 * from, o, end);
     for (std::size_t k = from; k < to; ++k) {
-      const Real* lane = octet_sum_.data() + 8 * k;
+      const Real* lane = s.octet_sum.data() + 8 * k;
       const auto two = [&](int i) { return static_cast<double>(lane[i]) + static_cast<double>(lane[i + 4]); };
-      place_sum_[k] = (two(0) + two(1)) + (two(2) + two(3));
+      s.place_sum[k] = (two(0) + two(1)) + (two(2) + two(3));
     }
   };
   const auto forces = [&](Index block, Index first, Index last) {
     std::array<Columns, points_per_block> stress;
-    point_stresses(first, last, stress.data());
+    point_stresses(s, first, last, stress.data());
     const auto [from, to] = places(nodes_of_block_, block);
-    std::fill_n(at_node_.data() + 4 * from, 4 * (to - from), Real(0));
-    scatter(quad_.data(), point_offset_.data(), stress.data(), at_node_.data() + 4 * from, first, last);
+    std::fill_n(s.at_node.data() + 4 * from, 4 * (to - from), Real(0));
+    scatter(quad_.data(), point_offset_.data(), stress.data(), s.at_node.data() + 4 * from, first, last);
   };
 
-  over_blocks([&](Index block, Index first, Index last) {
+  over_blocks(s, [&](Index block, Index first, Index last) {
     const auto [from, to] = places(nodes_of_block_, block);
     for (std::size_t k = from; k < to; ++k)
       for (std::size_t i = 0; i < 4; ++i)
-        at_node_[4 * k + i] =
+        s.at_node[4 * k + i] =
             static_cast<Real>(u[4 * static_cast<std::size_t>(nodes_of_block_.member[k]) + i]);
     if (patches_ > 0)
-      gradients_of(quad_.data(), point_offset_.data(), at_node_.data() + 4 * from, gradient_.data(),
-                   dilation_.data(), first, last);
+      gradients_of(quad_.data(), point_offset_.data(), s.at_node.data() + 4 * from, s.gradient.data(),
+                   s.dilation.data(), first, last);
     else
-      pointwise_forces(first, last, from, to);
-    Sweep& sweep = block_[static_cast<std::size_t>(block)] = Sweep{};
+      pointwise_forces(s, first, last, from, to);
+    Sweep& sweep = s.block[static_cast<std::size_t>(block)] = Sweep{};
     std::array<Real, 8> least;
-    sweep.finite = least_dilations(dilation_.data(), least.data(), first, last);
+    sweep.finite = least_dilations(s.dilation.data(), least.data(), first, last);
     const Real smallest = *std::min_element(least.begin(), least.end());
-    const Real* begin = dilation_.data() + first;
-    const Real* end = dilation_.data() + last;
+    const Real* begin = s.dilation.data() + first;
+    const Real* end = s.dilation.data() + last;
     if (!sweep.finite) {
       sweep.J_min = std::nan("");
-      sweep.point = std::find_if(begin, end, [](Real e) { return !std::isfinite(e); }) - dilation_.data();
+      sweep.point = std::find_if(begin, end, [](Real e) { return !std::isfinite(e); }) - s.dilation.data();
     } else if (smallest < Real(0)) {
       sweep.J_min = 1.0 + static_cast<double>(smallest);
-      sweep.point = std::find(begin, end, smallest) - dilation_.data();
+      sweep.point = std::find(begin, end, smallest) - s.dilation.data();
     }
     if (!sweep.finite || smallest <= Real(-1))
       sweep.inverted = std::count_if(begin, end, [](Real e) { return e <= Real(-1); });
     if (!variance_.empty()) {  // a part of the nodes each, for gather()
-      const auto blocks = static_cast<Index>(block_.size());
+      const auto blocks = static_cast<Index>(s.block.size());
       for (Index k = 4 * nodes_ * block / blocks; k < 4 * nodes_ * (block + 1) / blocks; ++k)
-        u_[static_cast<std::size_t>(k)] = static_cast<Real>(u[k]);
+        s.u[static_cast<std::size_t>(k)] = static_cast<Real>(u[k]);
     }
-    if (patches_ > 0) spread(block, first, last, dilation_);
+    if (patches_ > 0) spread(block, first, last, s.dilation);
   });
   if (patches_ > 0) {
-    sum_patches(patch_dilation_);
-    over_blocks([&](Index block, Index first, Index last) {
+    sum_patches(s, s.patch_dilation);
+    over_blocks(s, [&](Index block, Index first, Index last) {
       Means mean;
-      take(block, patch_dilation_);
+      take(block, s.patch_dilation);
       means(block, first, last, mean);
       for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q) {
-        const Real resolved = mean[q - static_cast<std::size_t>(first)], e = dilation_[q] - resolved;
-        unresolved_[q] = Real(2 * beta) * ks_[q] * e * e * e;
-        pressure_[q] = ks_[q] * dilation_[q] + bulk_[q] * resolved + unresolved_[q];
+        const Real resolved = mean[q - static_cast<std::size_t>(first)], e = s.dilation[q] - resolved;
+        s.unresolved[q] = Real(2 * beta) * s.ks[q] * e * e * e;
+        s.pressure[q] = s.ks[q] * s.dilation[q] + s.bulk[q] * resolved + s.unresolved[q];
       }
-      if (!held_.empty()) {
+      if (!s.held.empty()) {
         // Pressures that are unknowns of their own take the place of what the bulk modulus makes of the
         // volume.
         const auto [from, to] = places(patches_of_block_, block);
         for (std::size_t k = from; k < to; ++k) {
           const auto b = static_cast<std::size_t>(patches_of_block_.member[k]);
-          at_patch_[k] = held_[b] - static_cast<Real>(patch_bulk_[b]) * patch_dilation_[b];
+          s.at_patch[k] = s.held[b] - static_cast<Real>(s.patch_bulk[b]) * s.patch_dilation[b];
         }
         means(block, first, last, mean);
         for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
-          pressure_[q] += mean[q - static_cast<std::size_t>(first)];
+          s.pressure[q] += mean[q - static_cast<std::size_t>(first)];
       }
-      spread(block, first, last, unresolved_);
+      spread(block, first, last, s.unresolved);
     });
-    sum_patches(patch_unresolved_);
-    over_blocks([&](Index block, Index first, Index last) {
+    sum_patches(s, s.patch_unresolved);
+    over_blocks(s, [&](Index block, Index first, Index last) {
       Means mean;
-      take(block, patch_unresolved_);
+      take(block, s.patch_unresolved);
       means(block, first, last, mean);
       for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
-        pressure_[q] -= mean[q - static_cast<std::size_t>(first)];
+        s.pressure[q] -= mean[q - static_cast<std::size_t>(first)];
       forces(block, first, last);
     });
   }
   Sweep result;
-  for (const Sweep& sweep : block_) {
+  for (const Sweep& sweep : s.block) {
     if (result.finite && (!sweep.finite || sweep.J_min < result.J_min)) {
       result.J_min = sweep.J_min;
       result.point = sweep.point;
@@ -804,51 +817,52 @@ typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(const 
 }
 
 template <class Real>
-void ProjectedKernel<Real>::gather(double* f, Index first, Index last) const {
+void ProjectedKernel<Real>::gather(const State& s, double* f, Index first, Index last) const {
   for (Index a = first; a < last; ++a) {
     double sum[4] = {};
     for (std::int32_t k = nodes_of_block_.of_offset[static_cast<std::size_t>(a)];
          k < nodes_of_block_.of_offset[static_cast<std::size_t>(a) + 1]; ++k) {
-      const Real* mine = at_node_.data() + 4 * nodes_of_block_.place[static_cast<std::size_t>(k)];
+      const Real* mine = s.at_node.data() + 4 * nodes_of_block_.place[static_cast<std::size_t>(k)];
       for (int i = 0; i < 4; ++i) sum[i] += static_cast<double>(mine[i]);
     }
     for (int i = 0; i < 4; ++i) f[4 * a + i] = sum[i];
   }
-  for (const Variance& v : variance_) {
+  for (std::size_t n = 0; n < variance_.size(); ++n) {
+    const Variance& v = variance_[n];
     const auto t = static_cast<std::size_t>(v.tissue);
-    variance_forces(v.rows.share.data(), v.rows.offset.data(), u_.data(),
-                    material_[t].mu * history_[t].step.c, f, first, last);
-    if (!v.past.empty())
-      for (Index k = 4 * first; k < 4 * last; ++k) f[k] += v.past[static_cast<std::size_t>(k)];
+    variance_forces(v.rows.share.data(), v.rows.offset.data(), s.u.data(),
+                    material_[t].mu * s.history[t].step.c, f, first, last);
+    if (!s.variance[n].force.empty())
+      for (Index k = 4 * first; k < 4 * last; ++k) f[k] += s.variance[n].force[static_cast<std::size_t>(k)];
   }
 }
 
 template <class Real>
-double ProjectedKernel<Real>::stored_energy(const double* u, double* unseen) {
-  stress_sweep(u);
-  std::vector<double> of_block(block_.size(), 0.0);  // summed up in their order, whoever made them
-  over_blocks([&](Index block, Index first, Index last) {
+double ProjectedKernel<Real>::stored_energy(State& s, const double* u, double* unseen) const {
+  stress_sweep(s, u);
+  std::vector<double> of_block(s.block.size(), 0.0);  // summed up in their order, whoever made them
+  over_blocks(s, [&](Index block, Index first, Index last) {
     for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q) {
       const Material& m = material_[static_cast<std::size_t>(tissue_[q])];
-      const double ks = patches_ > 0 ? pointwise_bulk_modulus(m) : m.kappa, e = dilation_[q],
-                   rest = patches_ > 0 ? unresolved_dilation(q) : 0.0;
+      const double ks = patches_ > 0 ? pointwise_bulk_modulus(m) : m.kappa, e = s.dilation[q],
+                   rest = patches_ > 0 ? unresolved_dilation(s, q) : 0.0;
       of_block[static_cast<std::size_t>(block)] +=
-          static_cast<double>(volume_[q]) * (distortional_energy(m, gradient_at(gradient_, q)) +
+          static_cast<double>(volume_[q]) * (distortional_energy(m, gradient_at(s.gradient, q)) +
                                              0.5 * ks * e * e + 0.5 * ks * beta * rest * rest * rest * rest);
     }
   });
   double energy = std::accumulate(of_block.begin(), of_block.end(), 0.0);
   for (std::size_t b = 0; b < patch_volume_.size(); ++b) {
-    const double e = patch_dilation_[b], bulk = patch_bulk_[b];
+    const double e = s.patch_dilation[b], bulk = s.patch_bulk[b];
     // Of a held pressure: what is stationary both in it and in u (Hellinger and Reissner).
     energy += patch_volume_[b] *
-              (held_.empty() ? 0.5 * bulk * e * e : held_[b] * e - 0.5 * held_[b] * held_[b] / bulk);
+              (s.held.empty() ? 0.5 * bulk * e * e : s.held[b] * e - 0.5 * s.held[b] * s.held[b] / bulk);
   }
   const double seen = energy;
   std::vector<double> f(static_cast<std::size_t>(4 * nodes_));
   for (const Variance& v : variance_) {
     std::fill(f.begin(), f.end(), 0.0);
-    variance_forces(v.rows.share.data(), v.rows.offset.data(), u_.data(),
+    variance_forces(v.rows.share.data(), v.rows.offset.data(), s.u.data(),
                     material_[static_cast<std::size_t>(v.tissue)].mu, f.data(), 0, nodes_);
     for (std::size_t k = 0; k < f.size(); ++k) energy += 0.5 * f[k] * u[k];
   }
@@ -857,86 +871,89 @@ double ProjectedKernel<Real>::stored_energy(const double* u, double* unseen) {
 }
 
 template <class Real>
-void ProjectedKernel<Real>::begin_step(double dt) {
+void ProjectedKernel<Real>::begin_step(State& s, double dt) const {
   if (plain_) return;
-  step_ = dt;
-  for (ViscousHistory& history : history_) history.begin_step(dt);
+  s.step = dt;
+  for (ViscousHistory& history : s.history) history.begin_step(dt);
   // ks follows what is left of the shear modulus: after a load that grew evenly until now, the c of one long
   // step.
   std::vector<double> ks;
   for (Material now : material_) {
-    now.mu *= prony_step(now, elapsed_ + dt).c;
+    now.mu *= prony_step(now, s.elapsed + dt).c;
     ks.push_back(pointwise_bulk_modulus(now));
   }
-  for (std::size_t q = 0; q < ks_.size(); ++q) {
+  for (std::size_t q = 0; q < s.ks.size(); ++q) {
     const auto t = static_cast<std::size_t>(tissue_[q]);
-    ks_[q] = static_cast<Real>(ks[t]);
-    bulk_[q] = static_cast<Real>(material_[t].kappa - ks[t]);
+    s.ks[q] = static_cast<Real>(ks[t]);
+    s.bulk[q] = static_cast<Real>(material_[t].kappa - ks[t]);
   }
-  find_patch_bulk();
-  for (Variance& v : variance_) {
-    if (v.past.empty()) continue;
-    const PronyStep& step = history_[static_cast<std::size_t>(v.tissue)].step;
-    for (std::size_t k = 0; k < v.past.size(); ++k) {
-      v.past[k] = 0.0;
+  find_patch_bulk(s);
+  for (std::size_t n = 0; n < variance_.size(); ++n) {
+    VariancePast& past = s.variance[n];
+    if (past.force.empty()) continue;
+    const PronyStep& step = s.history[static_cast<std::size_t>(variance_[n].tissue)].step;
+    for (std::size_t k = 0; k < past.force.size(); ++k) {
+      past.force[k] = 0.0;
       for (std::size_t i = 0; i < step.e.size(); ++i)
-        v.past[k] += step.e[i] * v.h[i * v.past.size() + k] - step.ga[i] * v.f0[k];
+        past.force[k] += step.e[i] * past.h[i * past.force.size() + k] - step.ga[i] * past.f0[k];
     }
   }
 }
 
 template <class Real>
-void ProjectedKernel<Real>::accept(const double* u) {
+void ProjectedKernel<Real>::accept(State& s, const double* u) const {
   if (plain_) return;
-  elapsed_ += step_;
-  stress_sweep(u);
+  s.elapsed += s.step;
+  stress_sweep(s, u);
   tbb::parallel_for(Index{0}, points_, [&](Index q) {
     const auto at = static_cast<std::size_t>(q), t = static_cast<std::size_t>(tissue_[at]);
-    if (!material_[t].prony.empty()) history_[t].accept(slot_[at], gradient_at(gradient_, at));
+    if (!material_[t].prony.empty()) s.history[t].accept(slot_[at], gradient_at(s.gradient, at));
   });
-  for (Variance& v : variance_) {
-    if (v.past.empty()) continue;
+  for (std::size_t n = 0; n < variance_.size(); ++n) {
+    const Variance& v = variance_[n];
+    VariancePast& past = s.variance[n];
+    if (past.force.empty()) continue;
     const auto t = static_cast<std::size_t>(v.tissue);
-    const PronyStep& step = history_[t].step;
-    std::vector<double> now(v.past.size(), 0.0);
-    variance_forces(v.rows.share.data(), v.rows.offset.data(), u_.data(), material_[t].mu, now.data(), 0,
+    const PronyStep& step = s.history[t].step;
+    std::vector<double> now(past.force.size(), 0.0);
+    variance_forces(v.rows.share.data(), v.rows.offset.data(), s.u.data(), material_[t].mu, now.data(), 0,
                     nodes_);
     for (std::size_t k = 0; k < now.size(); ++k) {
       for (std::size_t i = 0; i < step.e.size(); ++i) {
-        double& h = v.h[i * now.size() + k];
-        h = step.e[i] * h + step.ga[i] * (now[k] - v.f0[k]);
+        double& h = past.h[i * now.size() + k];
+        h = step.e[i] * h + step.ga[i] * (now[k] - past.f0[k]);
       }
-      v.f0[k] = now[k];
+      past.f0[k] = now[k];
     }
   }
 }
 
 template <class Real>
-template <class Kernel, class Visit>
-void ProjectedKernel<Real>::visit_past(Kernel& kernel, const Visit& visit) {
-  visit(&kernel.elapsed_, 1);
-  for (auto& history : kernel.history_) {
+template <class OfState, class Visit>
+void ProjectedKernel<Real>::visit_past(OfState& s, const Visit& visit) {
+  visit(&s.elapsed, 1);
+  for (auto& history : s.history) {
     if (history.material.prony.empty()) continue;
     visit(history.S0.data(), history.S0.size());
     visit(history.H.data(), history.H.size());
   }
-  for (auto& v : kernel.variance_) {
+  for (auto& v : s.variance) {
     visit(v.h.data(), static_cast<Index>(v.h.size()));
     visit(v.f0.data(), static_cast<Index>(v.f0.size()));
   }
 }
 
 template <class Real>
-std::vector<double> ProjectedKernel<Real>::past() const {
+std::vector<double> ProjectedKernel<Real>::past(const State& s) const {
   std::vector<double> past;
-  visit_past(*this, [&](const double* from, Index count) { past.insert(past.end(), from, from + count); });
+  visit_past(s, [&](const double* from, Index count) { past.insert(past.end(), from, from + count); });
   return past;
 }
 
 template <class Real>
-void ProjectedKernel<Real>::restore_past(const std::vector<double>& past) {
+void ProjectedKernel<Real>::restore_past(State& s, const std::vector<double>& past) const {
   std::size_t at = 0;
-  visit_past(*this, [&](double* to, Index count) {
+  visit_past(s, [&](double* to, Index count) {
     if (past.size() - at < static_cast<std::size_t>(count))
       throw std::invalid_argument("the past of another model cannot be taken over");
     std::copy_n(past.data() + at, count, to);
@@ -946,30 +963,32 @@ void ProjectedKernel<Real>::restore_past(const std::vector<double>& past) {
 
 // A patch lies in one tissue: that of any of its points.
 template <class Real>
-void ProjectedKernel<Real>::find_patch_bulk() {
-  for (std::size_t b = 0; b < patch_bulk_.size(); ++b)
-    patch_bulk_[b] = static_cast<double>(bulk_[static_cast<std::size_t>(
+void ProjectedKernel<Real>::find_patch_bulk(State& s) const {
+  for (std::size_t b = 0; b < s.patch_bulk.size(); ++b)
+    s.patch_bulk[b] = static_cast<double>(s.bulk[static_cast<std::size_t>(
         of_patch_.share[static_cast<std::size_t>(of_patch_.offset[b])].number)]);
 }
 
 // J - J~ of the last stress_sweep, from the term that it enters.
 template <class Real>
-double ProjectedKernel<Real>::unresolved_dilation(std::size_t q) const {
-  return std::cbrt(static_cast<double>(unresolved_[q]) / (2.0 * beta * static_cast<double>(ks_[q])));
+double ProjectedKernel<Real>::unresolved_dilation(const State& s, std::size_t q) const {
+  return std::cbrt(static_cast<double>(s.unresolved[q]) / (2.0 * beta * static_cast<double>(s.ks[q])));
 }
 
 template <class Real>
-void ProjectedKernel<Real>::patch_state(Eigen::VectorXd& dilation, Eigen::VectorXd& bulk) const {
+void ProjectedKernel<Real>::patch_state(const State& s, Eigen::VectorXd& dilation,
+                                        Eigen::VectorXd& bulk) const {
   dilation.resize(patches_);
   bulk.resize(patches_);
   for (Index b = 0; b < patches_; ++b) {
-    dilation[b] = static_cast<double>(patch_dilation_[static_cast<std::size_t>(b)]);
-    bulk[b] = patch_bulk_[static_cast<std::size_t>(b)];
+    dilation[b] = static_cast<double>(s.patch_dilation[static_cast<std::size_t>(b)]);
+    bulk[b] = s.patch_bulk[static_cast<std::size_t>(b)];
   }
 }
 
 template <class Real>
-void ProjectedKernel<Real>::patch_gradients(const CompressedRows& nodes, Eigen::Matrix4Xf& gradient) const {
+void ProjectedKernel<Real>::patch_gradients(const State& s, const CompressedRows& nodes,
+                                            Eigen::Matrix4Xf& gradient) const {
   gradient.resize(4, nodes.member.size());
   tbb::parallel_for(tbb::blocked_range<Index>(0, patches_, patches_per_task), [&](const auto& range) {
     Eigen::Matrix4Xf sum = Eigen::Matrix4Xf::Zero(4, nodes_);
@@ -980,7 +999,7 @@ void ProjectedKernel<Real>::patch_gradients(const CompressedRows& nodes, Eigen::
         const auto q = static_cast<std::size_t>(share.number);
         Eigen::Matrix<float, 4, 3> slope = Eigen::Matrix<float, 4, 3>::Zero();
         slope.template topRows<3>() =
-            (static_cast<double>(share.weight) * cofactor(gradient_at(gradient_, q))).template cast<float>();
+            (static_cast<double>(share.weight) * cofactor(gradient_at(s.gradient, q))).template cast<float>();
         const std::int32_t* node = nodes_of_block_.member.data() +
                                    nodes_of_block_.offset[q / static_cast<std::size_t>(points_per_block)];
         for (std::int32_t e = point_offset_[q]; e < point_offset_[q + 1]; ++e) {
@@ -1017,20 +1036,25 @@ void ProjectedKernel<Real>::gradients_at(Index q, std::vector<int>& node, Points
 }
 
 template <class Real>
-Mat3 ProjectedKernel<Real>::deformation_gradient(Index q) const {
-  return gradient_at(gradient_, static_cast<std::size_t>(q));
+Mat3 ProjectedKernel<Real>::deformation_gradient(const State& s, Index q) const {
+  return gradient_at(s.gradient, static_cast<std::size_t>(q));
 }
 
 template <class Real>
-Mat3 ProjectedKernel<Real>::stress(Index q) const {
-  const auto octet = static_cast<std::size_t>(q) / 8 * 8;
-  std::array<Columns, 8> stress;
-  point_stresses(static_cast<Index>(octet), std::min(points_, static_cast<Index>(octet + 8)), stress.data());
-  Mat3 result;
-  for (int j = 0; j < 3; ++j)
-    for (int i = 0; i < 3; ++i)
-      result(i, j) = static_cast<double>(stress[static_cast<std::size_t>(q) - octet].column[j][i]);
-  return result / static_cast<double>(volume_[static_cast<std::size_t>(q)]);
+Eigen::Matrix<double, 9, Eigen::Dynamic> ProjectedKernel<Real>::stresses(const State& s) const {
+  Eigen::Matrix<double, 9, Eigen::Dynamic> result(9, points_);
+  tbb::parallel_for(Index{0}, blocks_, [&](Index block) {
+    std::array<Columns, points_per_block> stress;
+    const Index first = block * points_per_block, last = std::min(first + points_per_block, points_);
+    point_stresses(s, first, last, stress.data());
+    for (Index q = first; q < last; ++q)
+      for (int j = 0; j < 3; ++j)
+        for (int i = 0; i < 3; ++i)
+          result(3 * j + i, q) =
+              static_cast<double>(stress[static_cast<std::size_t>(q - first)].column[j][i]) /
+              static_cast<double>(volume_[static_cast<std::size_t>(q)]);
+  });
+  return result;
 }
 
 template class ProjectedKernel<float>;

@@ -53,21 +53,20 @@ struct ProjectedShare {
 /// body. Each term and why it is there:
 ///
 /// - W_dist at the cell's mean gradient: with means, the sum of nodal forces of any constant stress vanishes
-/// at
-///   inner nodes wherever the cells lie (the patch test), as by surface integrals in SCNI (Chen et al. 2001).
+///   at inner nodes wherever the cells lie (the patch test), as by surface integrals in SCNI (Chen et al.
+///   2001).
 /// - the last term: what the mean leaves out of mu/2 |F|^2. It is quadratic, so it is integrated once,
-/// beforehand,
-///   with all eight places of every cell: no zero-energy modes, and no softening with larger cells.
+///   beforehand, with all eight places of every cell: no zero-energy modes, and no softening with larger
+///   cells.
 /// - kappa on J_b: a coarser space for the volume, or the body locks.
 /// - ks = min(2/3 mu, kappa) at every point: W_dist does not resist dilation that the patches average out.
-/// With
-///   this ks its linear part is mu |eps|^2, the Stokes operator's, as stiff in dilation as in shear: the size
-///   of the stabilisation in Dohrmann & Bochev 2004. In viscoelastic tissue it falls with the
-///   shear modulus.
+///   With this ks its linear part is mu |eps|^2, the Stokes operator's, as stiff in dilation as in shear: the
+///   size of the stabilisation in Dohrmann & Bochev 2004. In viscoelastic tissue it falls with the shear
+///   modulus.
 /// - beta = 1, quartic: keeps J_q from leaving the patch's mean by much more than 1/sqrt(beta) at a sharp
-/// rim,
-///   where the strain is unbounded; of no weight elsewhere. From collapse W_dist keeps it, below its J0; from
-///   growth nothing else would: with beta = 0 points swell until they are no numbers. A choice, not a theory.
+///   rim, where the strain is unbounded; of no weight elsewhere. From collapse W_dist keeps it, below its J0;
+///   from growth nothing else would: with beta = 0 points swell until they are no numbers. A choice, not a
+///   theory.
 template <class Real>
 class ProjectedKernel {
  public:
@@ -80,36 +79,68 @@ class ProjectedKernel {
     bool finite = true;
   };
 
+  /// Of viscoelastic tissue's variance of gradients, as ViscousHistory.
+  struct VariancePast {
+    std::vector<double> force;  ///< [4xN] constant part of the force during a step
+    std::vector<double> h, f0;  ///< [4xN x terms], [4xN]: history
+  };
+
+  /// All that changes: the history of viscoelastic tissue, held pressures, and what the last sweep has left.
+  struct State {
+    std::vector<ViscousHistory> history;  ///< by tissue
+    std::vector<VariancePast> variance;   ///< as the kernel's
+    double elapsed = 0.0, step = 0.0;     ///< [s] until the last accepted step, and of the one under way
+    LongVector<Real> ks, bulk;            ///< [Q]; bulk = kappa - ks
+    std::vector<double> patch_bulk;       ///< [patches]
+    std::vector<Real> held;               ///< [patches] pressures, or empty
+
+    std::vector<Real> octet_sum;    ///< [8 x places of patches]
+    std::vector<double> place_sum;  ///< [places of patches]
+    std::vector<Real> u;            ///< [4xN]
+    std::vector<Real> moved;  ///< [4 x places] displacements, while forces are added up; without patches
+    std::vector<Real> at_node, at_patch;        ///< [4 x places] displacements, then forces; [places] means
+    LongVector<ProjectedOctet<Real>> gradient;  ///< [octets of points] F - I
+    LongVector<Real> dilation, pressure, unresolved;  ///< [Q]
+    std::vector<Real> patch_dilation, patch_unresolved;
+    std::vector<Sweep> block;
+    bool backward = false;  ///< the next pass over the blocks begins where the last has left its numbers
+  };
+  State at_rest() const;
+
   /// u [4xN] m; afterwards stress() is that of u.
-  Sweep stress_sweep(const double* u);
+  Sweep stress_sweep(State& s, const double* u) const;
   /// f [4xN] N for nodes [first, last).
-  void gather(double* f, Index first, Index last) const;
-  double stored_energy(const double* u, double* unseen = nullptr);
+  void gather(const State& s, double* f, Index first, Index last) const;
+  double stored_energy(State& s, const double* u, double* unseen = nullptr) const;
 
   /// Starts a step of a viscoelastic material, dt [s]; accept() makes u the end of that step.
-  void begin_step(double dt);
-  void accept(const double* u);
+  void begin_step(State& s, double dt) const;
+  void accept(State& s, const double* u) const;
   /// What accepted steps have left, number by number.
-  std::vector<double> past() const;
-  void restore_past(const std::vector<double>& past);
+  std::vector<double> past(const State& s) const;
+  void restore_past(State& s, const std::vector<double>& past) const;
 
   /// From now on patch b has this pressure [Pa] instead of the one that its volume gives it; empty: no
   /// longer. For solvers that look for pressures and displacements together.
-  void hold(const Eigen::VectorXd& pressure) { held_.assign(pressure.begin(), pressure.end()); }
+  void hold(State& s, const Eigen::VectorXd& pressure) const {
+    s.held.assign(pressure.begin(), pressure.end());
+  }
   /// What linearises the last stress_sweep. [patches]: J_b - 1, and the bulk modulus that acts on it [Pa].
-  void patch_state(Eigen::VectorXd& dilation, Eigen::VectorXd& bulk) const;
+  void patch_state(const State& s, Eigen::VectorXd& dilation, Eigen::VectorXd& bulk) const;
   /// [4 x nodes.member] dJ_b / du_a, patch by patch [1/m].
-  void patch_gradients(const CompressedRows& nodes, Eigen::Matrix4Xf& gradient) const;
+  void patch_gradients(const State& s, const CompressedRows& nodes, Eigen::Matrix4Xf& gradient) const;
 
-  double dilation(Index q) const { return static_cast<double>(dilation_[static_cast<std::size_t>(q)]); }
+  double dilation(const State& s, Index q) const {
+    return static_cast<double>(s.dilation[static_cast<std::size_t>(q)]);
+  }
   /// The nodes of point q and their shape function gradients [3 x nodes] 1/m, in this precision.
   void gradients_at(Index q, std::vector<int>& node, Points& dphi) const;
 
-  Mat3 deformation_gradient(Index q) const;  ///< of the last stress_sweep
-  Mat3 stress(Index q) const;                ///< first Piola-Kirchhoff [Pa], of the last stress_sweep
+  Mat3 deformation_gradient(const State& s, Index q) const;  ///< of the last stress_sweep
+  /// First Piola-Kirchhoff at every point [9 x Q] Pa, of the last stress_sweep.
+  Eigen::Matrix<double, 9, Eigen::Dynamic> stresses(const State& s) const;
 
  private:
-  void pointwise_forces(Index first, Index last, std::size_t from, std::size_t to);
   using Quad = ProjectedQuad<Real>;
   using Octet = ProjectedOctet<Real>;
   using Columns = ProjectedColumns<Real>;
@@ -128,11 +159,9 @@ class ProjectedKernel {
   struct Variance {
     Lists rows;
     int tissue;
-    std::vector<double> past;   // [4xN] of viscoelastic tissue: constant part of the force during a step
-    std::vector<double> h, f0;  // [4xN x terms], [4xN]: history, as ViscousHistory
   };
 
-  Index nodes_, points_, patches_;
+  Index nodes_, points_, patches_, blocks_;
   std::vector<Material> material_;
   std::vector<std::int32_t> tissue_;  // [Q]
   bool plain_ = true;                 // all neo-Hookean and elastic
@@ -143,37 +172,24 @@ class ProjectedKernel {
   LongVector<Real> octet_weight_;
   Lists of_patch_;  // points; psi V / V_b
   Places nodes_of_block_, patches_of_block_;
-  LongVector<Real> volume_, mu_, ks_, bulk_;  // [Q]; bulk = kappa - ks
-  Real smallest_J_, slope_;                   // see stress_body
-  std::vector<double> patch_volume_, patch_bulk_;
+  LongVector<Real> volume_, mu_;  // [Q], and whole octets
+  Real smallest_J_, slope_;       // see stress_body
+  std::vector<double> patch_volume_;
   std::vector<Variance> variance_;
-  std::vector<ViscousHistory> history_;  // of each material with a Prony series; by tissue
-  std::vector<std::int32_t> slot_;       // [Q] of the point in its tissue's history
-  double elapsed_ = 0.0, step_ = 0.0;    // [s] until the last accepted step, and of the one under way
+  std::vector<std::int32_t> slot_;  // [Q] of the point in its tissue's history
+  std::vector<Index> points_of_tissue_;
 
-  std::vector<Real> octet_sum_;    // [8 x places of patches]
-  std::vector<double> place_sum_;  // [places of patches]
-  std::vector<Real> u_;            // [4xN]
-  std::vector<Real> moved_;        // [4 x places] displacements, while forces are added up; without patches
-  std::vector<Real> at_node_,
-      at_patch_;                // [4 x places] displacements, then forces; [places] means
-  LongVector<Octet> gradient_;  // [octets of points] F - I
-  LongVector<Real> dilation_, pressure_, unresolved_;  // [Q]
-  std::vector<Real> patch_dilation_, patch_unresolved_;
-  std::vector<Real> held_;  // [patches] or empty
-  std::vector<Sweep> block_;
-  bool backward_ = false;  // the next pass over the blocks: from the end, where the last has left its numbers
-
+  void pointwise_forces(State& s, Index first, Index last, std::size_t from, std::size_t to) const;
   // Every place of what past() lists, in its order.
-  template <class Kernel, class Visit>
-  static void visit_past(Kernel& kernel, const Visit& visit);
-  double unresolved_dilation(std::size_t q) const;
-  void find_patch_bulk();
+  template <class OfState, class Visit>
+  static void visit_past(OfState& s, const Visit& visit);
+  double unresolved_dilation(const State& s, std::size_t q) const;
+  void find_patch_bulk(State& s) const;
   template <class Body>
-  void over_blocks(const Body& body);
-  void sum_patches(std::vector<Real>& patch) const;
+  void over_blocks(State& s, const Body& body) const;
+  void sum_patches(const State& s, std::vector<Real>& patch) const;
   /// V P of points [first, last), into `stress` from its beginning.
-  void point_stresses(Index first, Index last, Columns* stress) const;
+  void point_stresses(const State& s, Index first, Index last, Columns* stress) const;
 };
 
 }  // namespace dimple

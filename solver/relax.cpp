@@ -13,7 +13,6 @@ namespace dimple {
 namespace {
 
 using Nodal = ForceSystem::Nodal;
-using Kind = Constraints::Kind;
 
 constexpr double near = 1e-2;  // residual at which an iteration that did not end is gone on from
 // Of viscous steps: their viscosity at first, and where it is given up; what one may take, and how few let
@@ -105,10 +104,10 @@ Eigen::VectorXd stiffness_row_sums(const ForceSystem& system, const Model& model
   return sum;
 }
 
-Relaxation::Relaxation(const ForceSystem& system, const Model& model, const Constraints& constraints)
-    : system_(system), model_(model), constraints_(constraints) {
-  if (MixedIteration::serves(system, model))
-    mixed_ = std::make_unique<MixedIteration>(system, model, constraints);
+Relaxation::Relaxation(ForceState& forces, const Model& model, const Constraints& constraints)
+    : forces_(forces), model_(model), constraints_(constraints) {
+  if (MixedIteration::serves(forces.system(), model))
+    mixed_ = std::make_unique<MixedIteration>(forces, model, constraints);
 }
 
 Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, const Nodal& external,
@@ -122,10 +121,10 @@ Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, 
       return found;
     }
     spent = found.evaluations;
-    system_.release_pressures();
+    forces_.hold_pressures({});
   }
   Relaxed found = swing(u, f, options, external, spent);
-  if (lambda && mixed_) *lambda = pressures_of_volumes(system_, model_);
+  if (lambda && mixed_) *lambda = pressures_of_volumes(forces_, model_);
   return found;
 }
 
@@ -168,8 +167,8 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
   const Nodal start = u;
   Nodal force = Nodal::Zero(4, n), force_before = force, moved = force;
   Eigen::VectorXd lambda_moved = Eigen::VectorXd::Zero(lambda.size());
-  system_.hold_pressures(lambda.cwiseQuotient(model_.patches.volume));
-  result.sweep = system_.internal_force(u, f);
+  forces_.hold_pressures(lambda.cwiseQuotient(model_.patches.volume));
+  result.sweep = forces_.internal_force(u, f);
   ++result.evaluations;
   result.residual = unbalanced(force_before);
   double tried = result.residual;  // from which no equilibrium was reached
@@ -242,7 +241,7 @@ Relaxed Relaxation::swing(Nodal& u, Nodal& f, const RelaxOptions& options, const
   const Index n = u.cols();
   const bool loaded = external.cols() == n;
   if (mass_.size() == 0) {
-    mass_ = stiffness_row_sums(system_, model_);
+    mass_ = stiffness_row_sums(forces_.system(), model_);
     const double floor = 1e-6 * mass_.maxCoeff();  // a node that no point sees well
     mass_ = mass_.cwiseMax(floor);
   }
@@ -255,7 +254,7 @@ Relaxed Relaxation::swing(Nodal& u, Nodal& f, const RelaxOptions& options, const
   };
   const auto evaluate = [&] {
     stop_if_asked();
-    result.sweep = system_.internal_force(u, f);
+    result.sweep = forces_.internal_force(u, f);
     ++result.evaluations;
   };
 
@@ -263,7 +262,7 @@ Relaxed Relaxation::swing(Nodal& u, Nodal& f, const RelaxOptions& options, const
   double caution = 1.0;
   Nodal before = u, u_ref = u, f_ref = f;
   for (int attempt = 0;; ++attempt, caution *= 1.5) {
-    const StableStep stable = stable_time_step(system_, model_, mass_, constraints_, u);
+    const StableStep stable = stable_time_step(forces_, model_, mass_, constraints_, u);
     result.evaluations += stable.iterations + 1;
     const double dt = 0.85 * stable.dt / std::sqrt(caution);
     bool diverged = !(stable.dt > 0.0);
@@ -280,9 +279,7 @@ Relaxed Relaxation::swing(Nodal& u, Nodal& f, const RelaxOptions& options, const
       const double K = 2.0 / (w * dt), r = (K - 1.0) / (K + 1.0), keep = r * r,
                    c = std::pow(0.5 * (1.0 + r) * dt, 2);
       for (Index a = 0; a < n; ++a) {
-        if (constraints_.kind[static_cast<std::size_t>(a)] == Kind::fixed ||
-            constraints_.kind[static_cast<std::size_t>(a)] == Kind::driven)
-          continue;
+        if (constraints_.is_held_wholly(a)) continue;
         const Eigen::Vector4d now = u.col(a);
         u.col(a) +=
             keep * constraints_.project(a, now - before.col(a)) - (c * inverse_mass[a]) * free_force(a);
@@ -327,7 +324,7 @@ namespace {
 
 // A first guess: the tissue follows the tool by `depth` more, less the further away from it and the nearer to
 // the base.
-void guess(const Model& model, const Constraints& constraints, double depth, Nodal& u) {
+void guess(const Model& model, double depth, Nodal& u) {
   const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
   const double top = model.tool.centre.dot(model.tool.push), bottom = along.maxCoeff();
   for (Index a = 0; a < model.node_count(); ++a) {
@@ -336,7 +333,7 @@ void guess(const Model& model, const Constraints& constraints, double depth, Nod
     const double away =
         std::hypot(std::max(0.0, lateral - model.tool.radius), d.dot(model.tool.push)) / model.tool.radius;
     const double held = std::clamp((bottom - along[a]) / (bottom - top), 0.0, 1.0);
-    u.col(a) += constraints.push * (depth * held / ((1.0 + away) * (1.0 + away)));
+    u.col(a) += padded(model.tool.push) * (depth * held / ((1.0 + away) * (1.0 + away)));
   }
 }
 
@@ -361,32 +358,33 @@ double work_of_last(const std::vector<double>& depth, const std::vector<double>&
 void load_by_depths(const ForceSystem& system, const Model& model, const Loading& loading,
                     const SolverOptions& options, const Observer& observer, History& history,
                     const State* from) {
-  const Constraints constraints = make_constraints(model, loading.contact);
-  const Relaxation relax(system, model, constraints);
+  const Constraints constraints = make_constraints(model, loading.contact, loading.further);
+  ForceState forces(system);
+  const Relaxation relax(forces, model, constraints);
   const Index n = model.node_count();
   Nodal u = Nodal::Zero(4, n), f = u;
   Eigen::VectorXd lambda = Eigen::VectorXd::Zero(model.patches.count());
   Path past(4);  // where the next equilibrium is looked for
-  Guards guards(system, model, true, options.guards, history.guards);
+  Guards guards(forces, model, true, options.guards, history.guards);
   const double step = loading.depth / options.frames;
   double halved = step;          // way after an equilibrium that was not found
   double least_curvature = 1.0;  // since the last that was found
   bool gave_way = false;
   State state;
-  std::vector<double>&depths = state.depths, &forces = state.forces;
+  std::vector<double>&depths = state.depths, &working = state.forces;
   double &external = state.external, &largest_external = state.largest_external, &longest = state.longest;
   if (from) {
     state = *from;
     history = from->history;
     past.state = from->path;
-    system.restore_past(from->past);
+    forces.restore_past(from->past);
   } else {
-    depths = forces = {0.0};
+    depths = working = {0.0};
     longest = step;
     past.push(0.0, u, lambda);
     history.force.push_back({0.0, 0.0, 0.0, 0.0});
     history.energy.push_back({0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
-    if (observer.frame) observer.frame({0, 0.0, 0.0, u, f});
+    if (observer.frame) observer.frame({0, 0.0, 0.0, u, f, forces});
   }
   // All equilibria together.
   const std::int64_t most = relax.has_mixed() ? options.evaluations + evaluations_of_frame * options.frames
@@ -399,7 +397,7 @@ void load_by_depths(const ForceSystem& system, const Model& model, const Loading
     const bool arrives = end - at - way < 1e-6 * step;
     const double depth = arrives ? end : at + way, t = depth / loading.rate;
     const Moment now = {t, depth};
-    system.begin_step((depth - at) / loading.rate);
+    forces.begin_step((depth - at) / loading.rate);
     const std::size_t equilibria = depths.size();
     const bool sets_off = past.state.size() == 1;
     Relaxed relaxed;
@@ -427,7 +425,7 @@ void load_by_depths(const ForceSystem& system, const Model& model, const Loading
       if (sets_off && model.patches.count() > 0) {
         // A touch, to a low accuracy: the direction in which the tissue sets off.
         const double a_touch = at + touch * (depth - at);
-        guess(model, constraints, touch * (depth - at), u);
+        guess(model, touch * (depth - at), u);
         constraints.prescribe(u, a_touch);
         find(std::max(1e-2, options.tolerance));
         Path touched = past;
@@ -435,7 +433,7 @@ void load_by_depths(const ForceSystem& system, const Model& model, const Loading
         touched.extrapolate(depth, u, lambda);
         constraints.prescribe(u, depth);
       } else if (sets_off) {
-        guess(model, constraints, depth - at, u);
+        guess(model, depth - at, u);
         constraints.prescribe(u, depth);
       } else {
         past.extrapolate(depth, u, lambda);
@@ -449,13 +447,14 @@ void load_by_depths(const ForceSystem& system, const Model& model, const Loading
       guards.check(u, f, now);
       guards.check_points(relaxed.sweep, now);
       guards.check_fluctuation(u, now);
-      for (const Index a : model.indenter) force += f.col(a).dot(constraints.push);
-      for (const Index a : model.base) base -= f.col(a).dot(constraints.push);
+      const Eigen::Vector4d push = padded(model.tool.push);
+      for (const Index a : model.indenter) force += f.col(a).dot(push);
+      for (const Index a : model.base) base -= f.col(a).dot(push);
       depths.push_back(depth);
-      forces.push_back(force);
-      work = work_of_last(depths, forces, sets_off || gave_way);
+      working.push_back(constraints.working_force(f));
+      work = work_of_last(depths, working, sets_off || gave_way);
       double unseen = 0.0;
-      stored = system.stored_energy(u, &unseen);
+      stored = forces.stored_energy(u, &unseen);
       guards.check_unseen(unseen, stored, now);
       // Before the third the curve between two is a guess.
       if (depths.size() > 3)
@@ -466,7 +465,7 @@ void load_by_depths(const ForceSystem& system, const Model& model, const Loading
     } catch (const SolveError& error) {
       if (!options.guards || error.report.code == "hourglass") throw;  // which no shorter way mends
       depths.resize(equilibria);
-      forces.resize(equilibria);
+      working.resize(equilibria);
       if (!relaxed.converged) {
         halved = 0.5 * way;
         if (halved < shortest * step || history.steps >= most)
@@ -497,18 +496,18 @@ void load_by_depths(const ForceSystem& system, const Model& model, const Loading
     history.momentum_error = std::max(history.momentum_error, f.rowwise().sum().norm() / std::abs(force));
     history.force.push_back({t, depth, force, base});
     history.energy.push_back({t, depth, 0.0, stored, external, state.dissipated});
-    if (arrives && observer.frame) observer.frame({level, t, depth, u, f});
+    if (arrives && observer.frame) observer.frame({level, t, depth, u, f, forces});
     if (observer.sample && !observer.sample(history.force.back(), history)) {
       history.interrupted = !arrives || level < options.frames;
       return;
     }
-    system.accept_step(u);  // after the frame: its stresses are those of this step
+    forces.accept_step(u);  // after the frame: its stresses are those of this step
     if (arrives) state.frame = level++;
     if (observer.between_steps && level <= options.frames)
       observer.between_steps([&] {
         State copy = state;
         copy.path = past.state;
-        copy.past = system.past();
+        copy.past = forces.past();
         copy.history = history;
         return copy;
       });

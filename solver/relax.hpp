@@ -20,14 +20,15 @@ namespace dimple {
 /// body, with fictitious masses that give every node about the same stable step, is let swing and damped near
 /// critically, the damping following the lowest frequency met.
 ///
-///     u+ = u + r^2 (u - u-) - c M^-1 (f - external),   r = (K - 1)/(K + 1), K = 2/(w dt), c = ((1 + r)
-///     dt/2)^2
+///     u+ = u + r^2 (u - u-) - c M^-1 (f - external),
+///     r = (K - 1)/(K + 1),   K = 2/(w dt),   c = ((1 + r) dt/2)^2
 ///
-/// Source:   Papadrakakis 1981; Joldes, Wittek, Miller 2011. Departs: masses are row sums of a bound of the
-/// stiffness; the frequency is a Rayleigh quotient of the change over the last iterations.
+/// Source:   Papadrakakis 1981; Joldes, Wittek, Miller 2011.
+/// Departs:  masses are row sums of a bound of the stiffness; the frequency is a Rayleigh quotient of the
+///           change over the last iterations.
 class Relaxation {
  public:
-  Relaxation(const ForceSystem& system, const Model& model, const Constraints& constraints);
+  Relaxation(ForceState& forces, const Model& model, const Constraints& constraints);
 
   /// u [N] m holds the prescribed values and a guess of the others; afterwards the equilibrium, and f [N] the
   /// internal force there. `external` [N] N: dead loads, or empty. Throws SolveError where there is none to
@@ -47,7 +48,7 @@ class Relaxation {
   Relaxed swing(ForceSystem::Nodal& u, ForceSystem::Nodal& f, const RelaxOptions& options,
                 const ForceSystem::Nodal& external, std::int64_t evaluations) const;
 
-  const ForceSystem& system_;
+  ForceState& forces_;
   const Model& model_;
   const Constraints& constraints_;
   mutable Eigen::VectorXd mass_;  // made when swing() is first needed

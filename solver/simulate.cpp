@@ -10,21 +10,9 @@
 
 namespace dimple {
 
-Constraints make_constraints(const Model& model, Contact contact) {
-  Constraints result;
-  result.kind.assign(static_cast<std::size_t>(model.node_count()), Constraints::Kind::free);
-  for (const Index a : model.indenter)
-    result.kind[static_cast<std::size_t>(a)] =
-        contact == Contact::bonded ? Constraints::Kind::driven : Constraints::Kind::sliding;
-  for (const Index a : model.base) result.kind[static_cast<std::size_t>(a)] = Constraints::Kind::fixed;
-  result.push << model.tool.push, 0.0;
-  return result;
-}
-
 namespace {
 
 using Nodal = ForceSystem::Nodal;
-using Kind = Constraints::Kind;
 
 constexpr int between_kinetic = 25;                 // steps
 constexpr std::int64_t between_fluctuations = 200;  // steps
@@ -34,18 +22,17 @@ void follow_every_wave(const ForceSystem& system, const Model& model, const Load
                        const SolverOptions& options, const Observer& observer, History& history,
                        const State* from) {
   const Index n = model.node_count();
-  const Constraints constraints = make_constraints(model, loading.contact);
+  const Constraints constraints = make_constraints(model, loading.contact, loading.further);
   const bool viscoelastic = system.viscoelastic();
-  system.release_pressures();  // which another way of marching may have left
-  const auto kind = [&](Index a) { return constraints.kind[static_cast<std::size_t>(a)]; };
-  const Eigen::Vector4d push = constraints.push;
+  ForceState forces(system);
+  const Eigen::Vector4d push = padded(model.tool.push);
   const Eigen::VectorXd inverse_mass = model.mass.cwiseInverse();
 
   State state;
   if (from) {
     state = *from;
     history = from->history;
-    system.restore_past(from->past);
+    forces.restore_past(from->past);
   } else {
     state.safety = options.safety;
     state.u = state.v = Nodal::Zero(4, n);
@@ -62,15 +49,11 @@ void follow_every_wave(const ForceSystem& system, const Model& model, const Load
   bool stopped = false;
   int observed = state.frame - 1;  // frames
   std::int64_t& looked = state.looked;
-  Guards guards(system, model, duration >= slow_load * shear_crossing_time(system.tissues(), model),
+  Guards guards(forces, model, duration >= slow_load * shear_crossing_time(system.tissues(), model),
                 options.guards, history.guards);
 
   // The tool brings its nodes to speed at once: the only work that is not force times way.
-  for (const Index a : model.indenter)
-    if (!from && (kind(a) == Kind::driven || kind(a) == Kind::sliding)) {
-      v.col(a) = push * loading.rate;
-      external += 0.5 * model.mass[a] * loading.rate * loading.rate;
-    }
+  if (!from) external += constraints.set_off(v, loading.rate, model.mass);
 
   const auto reaction = [&](const std::vector<Index>& nodes) {
     double sum = 0.0;
@@ -80,9 +63,9 @@ void follow_every_wave(const ForceSystem& system, const Model& model, const Load
 
   // Everything that happens once f(u(t)) is known and before u moves on. False: stop here.
   const auto record = [&](const Moment& now, bool last) {
-    const double force = reaction(model.indenter);
-    external += 0.5 * (force + previous_force) * (now.depth - previous_depth);
-    previous_force = force;
+    const double force = reaction(model.indenter), working = constraints.working_force(f);
+    external += 0.5 * (working + previous_force) * (now.depth - previous_depth);
+    previous_force = working;
     previous_depth = now.depth;
     largest_external = std::max(largest_external, std::abs(external));
 
@@ -91,10 +74,10 @@ void follow_every_wave(const ForceSystem& system, const Model& model, const Load
       double kinetic = 0.0, unseen = 0.0;
       for (Index a = 0; a < n; ++a) {
         Eigen::Vector4d now_v = v.col(a);  // still of t - dt/2
-        if (kind(a) == Kind::free) now_v -= f.col(a) * (0.5 * previous_dt * inverse_mass[a]);
+        if (constraints.is_free(a)) now_v -= f.col(a) * (0.5 * previous_dt * inverse_mass[a]);
         kinetic += 0.5 * model.mass[a] * now_v.squaredNorm();
       }
-      const double stored = system.stored_energy(u, &unseen);
+      const double stored = forces.stored_energy(u, &unseen);
       history.energy.push_back({now.t, now.depth, kinetic, stored, external, dissipated});
       guards.check(history.energy.back(), largest_external, duration, true, now);
       guards.check_unseen(unseen, stored, now);
@@ -113,12 +96,12 @@ void follow_every_wave(const ForceSystem& system, const Model& model, const Load
   };
 
   const auto frame = [&](int number, const Moment& now) {
-    if (observer.frame && number > observed) observer.frame({number, now.t, now.depth, u, f});
+    if (observer.frame && number > observed) observer.frame({number, now.t, now.depth, u, f, forces});
     observed = std::max(observed, number);
   };
 
   const auto stable_step = [&] {
-    const StableStep stable = stable_time_step(system, model, model.mass, constraints, u);
+    const StableStep stable = stable_time_step(forces, model, model.mass, constraints, u);
     history.extra_evaluations += stable.iterations;
     if (!(stable.dt > 0.0))
       throw SolveError({.fact = "no stable time step was found",
@@ -146,8 +129,8 @@ void follow_every_wave(const ForceSystem& system, const Model& model, const Load
       const double t = segment * state.frame + dt * static_cast<double>(s);
       const Moment now = {t, loading.rate * t, dt, state.dt_stable};
       if (s == 0) guards.check_step(now);
-      if (viscoelastic) system.begin_step(previous_dt);
-      const ForceSystem::Sweep sweep = system.stress_sweep(u);
+      if (viscoelastic) forces.begin_step(previous_dt);
+      const ForceSystem::Sweep sweep = forces.stress_sweep(u);
       history.J_min = std::min(history.J_min, sweep.J_min);
       history.inverted = std::max(history.inverted, sweep.inverted);
       guards.check(sweep, now);
@@ -158,32 +141,24 @@ void follow_every_wave(const ForceSystem& system, const Model& model, const Load
       const double next_depth = loading.rate * (t + dt);
       const auto advance = [&](Index first, Index last) {
         for (Index a = first; a < last; ++a) {
-          switch (kind(a)) {
-            case Kind::fixed:
-              break;
-            case Kind::driven:
-              v.col(a) = push * loading.rate;
-              u.col(a) = push * next_depth;
-              break;
-            default:
-              v.col(a) = keep * v.col(a) - f.col(a) * (impulse * inverse_mass[a]);
-              u.col(a) += v.col(a) * dt;
-              if (kind(a) == Kind::free) break;
-              v.col(a) += push * (loading.rate - v.col(a).dot(push));
-              u.col(a) += push * (next_depth - u.col(a).dot(push));
+          if (!constraints.is_held_wholly(a)) {
+            v.col(a) = keep * v.col(a) - f.col(a) * (impulse * inverse_mass[a]);
+            u.col(a) += v.col(a) * dt;
           }
+          constraints.speed(a, v.col(a), loading.rate);
+          constraints.place(a, u.col(a), next_depth);
         }
       };
       // Frames and energies need u(t) and v(t - dt/2): there, gather first and move afterwards.
       const bool sampling = s == 0 || t >= next_energy;
-      system.gather_sweep(f, sampling || viscoelastic ? std::function<void(Index, Index)>{} : advance);
+      forces.gather_sweep(f, sampling || viscoelastic ? std::function<void(Index, Index)>{} : advance);
       stopped = !record(now, false);
       if (s == 0) frame(state.frame, now);
-      if (viscoelastic) system.accept_step(u);  // after the frame: its stresses are those of this step
+      if (viscoelastic) forces.accept_step(u);  // after the frame: its stresses are those of this step
       if (sampling || viscoelastic) advance(0, n);
       if (options.damping > 0.0)
         for (Index a = 0; a < n; ++a)
-          if (kind(a) == Kind::free)
+          if (constraints.is_free(a))
             dissipated += options.damping * model.mass[a] * v.col(a).squaredNorm() * dt;
       previous_dt = dt;
       reached = next_depth;
@@ -212,7 +187,7 @@ void follow_every_wave(const ForceSystem& system, const Model& model, const Load
       guards.check_step({end.t, end.depth, previous_dt, next_stable});
     }
     if (last || options.guards) {
-      const ForceSystem::Sweep sweep = last ? system.internal_force(u, f) : system.stress_sweep(u);
+      const ForceSystem::Sweep sweep = last ? forces.internal_force(u, f) : forces.stress_sweep(u);
       guards.check(sweep, end);
       guards.check_points(sweep, end);
     }
@@ -226,7 +201,7 @@ void follow_every_wave(const ForceSystem& system, const Model& model, const Load
 
   const auto keep = [&] {
     State copy = state;
-    copy.past = system.past();
+    copy.past = forces.past();
     copy.history = history;
     return copy;
   };
@@ -237,7 +212,7 @@ void follow_every_wave(const ForceSystem& system, const Model& model, const Load
     before.retries = std::move(history.retries);
     history = std::move(before);
     state = kept;
-    system.restore_past(kept.past);
+    forces.restore_past(kept.past);
     stopped = false;
   };
 
@@ -257,8 +232,8 @@ void follow_every_wave(const ForceSystem& system, const Model& model, const Load
       go_back(kept);
       if (history.retries.size() == most_retries || !smaller_steps_help) {
         // The curve ends at the last frame.
-        if (viscoelastic) system.begin_step(previous_dt);
-        system.internal_force(u, f);
+        if (viscoelastic) forces.begin_step(previous_dt);
+        forces.internal_force(u, f);
         history.force.push_back(
             {reached / loading.rate, reached, reaction(model.indenter), -reaction(model.base)});
         if (!smaller_steps_help) throw;

@@ -16,6 +16,7 @@ struct Loading {
   double depth = 8e-3;  ///< [m]
   double rate = 1e-3;   ///< [m/s]
   Contact contact = Contact::bonded;
+  std::vector<HeldSet> further{};  ///< beside the circle and the base
   double duration() const { return depth / rate; }
 };
 
@@ -43,6 +44,7 @@ struct Frame {
   double t, depth;
   const ForceSystem::Nodal& u;  ///< [N] m
   const ForceSystem::Nodal& f;  ///< [N] N, internal force at u; on held nodes it is the reaction
+  const ForceState& forces;     ///< with the history and the pressures that belong to f
 };
 
 struct History {
@@ -79,7 +81,7 @@ struct State {
   Eigen::VectorXd lambda;              ///< [patches] N m
   std::deque<Path::State> path;
   MixedIteration::Memory mixed;
-  std::vector<double> past;  ///< of viscoelastic tissue, as ForceSystem::past()
+  std::vector<double> past;  ///< of viscoelastic tissue, as ForceState::past()
   History history;
 };
 
@@ -101,11 +103,13 @@ struct Observer {
 ///
 /// Source:   Horton et al. 2007, sections 2.3 and 3.2.
 /// Departs:  the step is computed, and again at every frame under load; the paper does not say how it chose
-/// its own. Where a guard says that the number would be wrong, the march goes back to the last frame and
-/// takes smaller steps from there on; at most `most_retries` times. Throws:   SolveError: it came again.
-/// `history` then holds everything up to the last frame. Asked to stop (io/stop.hpp), this and every other
-/// way of marching returns with `history.interrupted` and what there is. `from`: a state of an earlier run
-/// with the same model, loading and options; frames and samples before it are not given to `observer` again.
+///           its own. Where a guard says that the number would be wrong, the march goes back to the last frame
+///           and takes smaller steps from there on; at most `most_retries` times.
+/// Throws:   SolveError: it came again. `history` then holds everything up to the last frame.
+///
+/// Asked to stop (io/stop.hpp), this and every other way of marching returns with `history.interrupted` and
+/// what there is. `from`: a state of an earlier run with the same model, loading and options; frames and
+/// samples before it are not given to `observer` again.
 void simulate(const ForceSystem& system, const Model& model, const Loading& loading,
               const SolverOptions& options, const Observer& observer, History& history,
               const State* from = nullptr);

@@ -8,11 +8,11 @@
 
 namespace dimple {
 
-StableStep stable_time_step(const ForceSystem& system, const Model& model, const Eigen::VectorXd& mass,
+StableStep stable_time_step(ForceState& forces, const Model& model, const Eigen::VectorXd& mass,
                             const Constraints& constraints, const ForceSystem::Nodal& u) {
   constexpr int most = 150, between_checks = 5;
   // m: how far nodes are moved for a difference; float kernels round displacements at a tenth of a nanometre.
-  const double nudge = system.precision() == Precision::single_ ? 1e-6 : 1e-8;
+  const double nudge = forces.system().precision() == Precision::single_ ? 1e-6 : 1e-8;
   const Index n = u.cols();
   const Eigen::RowVectorXd scale = mass.cwiseSqrt().cwiseInverse().transpose();
 
@@ -22,14 +22,14 @@ StableStep stable_time_step(const ForceSystem& system, const Model& model, const
     const double s = std::sin(1.0 + 12.9898 * static_cast<double>(a)),
                  c = std::cos(2.0 + 78.233 * static_cast<double>(a));
     const Vec3 from_tool = model.X.col(a) - model.tool.centre;
-    Eigen::Vector4d start = s * constraints.push;
+    Eigen::Vector4d start = s * padded(model.tool.push);
     start.head<3>() += c * from_tool.normalized() + s * c * from_tool.cross(model.tool.push).normalized();
     q.col(a) = constraints.project(a, start);
   }
   StableStep result;
   if (!(q.norm() > 0.0)) return result;
   q /= q.norm();
-  system.internal_force(u, f0);
+  forces.internal_force(u, f0);
 
   std::vector<double> alpha, beta;
   double omega2 = 0.0;
@@ -38,7 +38,7 @@ StableStep stable_time_step(const ForceSystem& system, const Model& model, const
     ++result.iterations;
     w = q.array().rowwise() * scale.array();
     const double step = nudge / w.cwiseAbs().maxCoeff();
-    system.internal_force(u + step * w, f);
+    forces.internal_force(u + step * w, f);
     for (Index a = 0; a < n; ++a)
       w.col(a) = constraints.project(a, (f.col(a) - f0.col(a)) * (scale[a] / step));
 

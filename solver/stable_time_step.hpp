@@ -1,6 +1,6 @@
 #pragma once
 
-#include "solver/constraints.hpp"
+#include "solver/internal_force.hpp"
 
 namespace dimple {
 
@@ -20,7 +20,7 @@ struct StableStep {
 /// Source:   Golub & Van Loan, Matrix Computations, section 10.1. The closed-form bound of Joldes et al. 2012
 /// is safe
 ///           too, but the step is then 3 to 6 times smaller.
-StableStep stable_time_step(const ForceSystem& system, const Model& model, const Eigen::VectorXd& mass,
+StableStep stable_time_step(ForceState& forces, const Model& model, const Eigen::VectorXd& mass,
                             const Constraints& constraints, const ForceSystem::Nodal& u);
 
 }  // namespace dimple

@@ -246,6 +246,7 @@ constexpr double force_depth_mm = 0.1;
 // [N] in equilibrium.
 double force(const Model& model, const Material& material) {
   const ForceSystem system(model, material);
+  ForceState forces(system);
   History history;
   load_slowly(system, model, {.depth = 1e-3 * force_depth_mm},
               {.frames = 1, .tolerance = 1e-3, .evaluations = 30000, .guards = false}, {}, history);
@@ -264,11 +265,11 @@ void tetrahedra(const fs::path& folder) {
   for (const bool brain : {true, false}) {
     const std::string name = brain ? "phantom brain" : "block 60 x 60 x 30 mm";
     const LabelImage image = brain ? make_phantom({}) : scene_image();
-    const auto add = [&](const std::string& method, const Model& model, const ForceSystem& system,
+    const auto add = [&](const std::string& method, const Model& model, ForceState& forces,
                          double newtons, const std::function<void()>& call) {
       const double seconds = cost(call);
       const StableStep step =
-          stable_time_step(system, model, model.mass, make_constraints(model, Contact::bonded),
+          stable_time_step(forces, model, model.mass, make_constraints(model, Contact::bonded),
                            Nodal::Zero(4, model.node_count()));
       const double whole = 8.0 / (0.9 * step.dt) * seconds;
       fmt::print(
@@ -285,8 +286,9 @@ void tetrahedra(const fs::path& folder) {
       const double newtons = force(model, material);
       for (const Precision precision : {Precision::double_, Precision::single_}) {
         const ForceSystem system(model, material, precision);
+        ForceState forces(system);
         add(scheme + (precision == Precision::single_ ? ", single" : ", double"), model, system, newtons,
-            [&] { system.internal_force(u, f); });
+            [&] { forces.internal_force(u, f); });
       }
     };
     const auto model_of = [&](const std::string& scheme) {
@@ -312,6 +314,7 @@ void tetrahedra(const fs::path& folder) {
     Nodal f = u;
     PlainTetrahedra loop = plain(linear, u);
     const ForceSystem product(linear, material);
+    ForceState product_forces(product);
     evaluate(loop);
     product.internal_force(u, f);
     double difference = 0.0;

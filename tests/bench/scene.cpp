@@ -37,6 +37,7 @@ double difference_of_reference(const Scene& scene, const ForceSystem::Nodal& f) 
 void compare_with_reference(const Scene& scene) {
   const ForceSystem exact(scene.model, scene.material),
       single(scene.model, scene.material, Precision::single_);
+  ForceState exact_forces(exact);
   ForceSystem::Nodal f = scene.u, g = scene.u;
   exact.internal_force(scene.u, f);
   single.internal_force(scene.u, g);

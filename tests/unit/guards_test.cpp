@@ -116,9 +116,10 @@ class StateGuard : public testing::Test {
  protected:
   const Model model = averaged_block(5);
   const ForceSystem system{model, brain};
+  ForceState forces{system};
   const Moment now = {.t = 1.0, .depth = 2e-3};
   std::vector<Finding> findings;
-  Guards guards{system, model, true, true, findings};
+  Guards guards{forces, model, true, true, findings};
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
 };
 
@@ -141,7 +142,7 @@ TEST_F(StateGuard, SeesWhatIsNoNumberInAnyComponentOfAnyNode) {
 
 TEST_F(StateGuard, SeesADisplacementThatIsNoNumberAtAPoint) {
   u(1, 40) = std::numeric_limits<double>::quiet_NaN();
-  const ForceSystem::Sweep sweep = system.stress_sweep(u);
+  const ForceSystem::Sweep sweep = forces.stress_sweep(u);
   expect_whole(report_of<SolveError>([&] { guards.check(sweep, now); }), "non-finite");
 }
 
@@ -149,7 +150,7 @@ TEST_F(StateGuard, SeesADisplacementThatIsNoNumberAtAPoint) {
 TEST_F(StateGuard, SaysThatAFewPointsAreInsideOutAndStopsForMany) {
   const Index a = model.indenter.front();
   u(2, a) = -1.6 * model.spacing[a];
-  ForceSystem::Sweep sweep = system.stress_sweep(u);
+  ForceSystem::Sweep sweep = forces.stress_sweep(u);
   ASSERT_GT(sweep.inverted, 0);
   guards.check(sweep, now);
   guards.check_points(sweep, now);
@@ -159,40 +160,42 @@ TEST_F(StateGuard, SaysThatAFewPointsAreInsideOutAndStopsForMany) {
   EXPECT_EQ(found->worst, sweep.J_min);
   EXPECT_THAT(found->report.fact, HasSubstr(std::to_string(sweep.inverted) + " of "));
 
-  sweep = system.stress_sweep(affine(model, Eigen::Vector3d(1.0, 1.0, -0.5).asDiagonal()));
+  sweep = forces.stress_sweep(affine(model, Eigen::Vector3d(1.0, 1.0, -0.5).asDiagonal()));
   expect_whole(report_of<SolveError>([&] { guards.check_points(sweep, now); }), "inverted");
 }
 
 TEST_F(StateGuard, OfThePapersSchemeStopsForOnePointInsideOut) {
   const Model paper = block(5);
   const ForceSystem plain(paper, tissue);
+  ForceState plain_forces(plain);
   std::vector<Finding> none;
-  const Guards strict(plain, paper, true, true, none);
+  const Guards strict(plain_forces, paper, true, true, none);
   Nodal v = Nodal::Zero(4, paper.node_count());
   v(2, paper.indenter.front()) = -3.0 * paper.spacing[0];
-  const Report report = report_of<SolveError>([&] { strict.check(plain.stress_sweep(v), now); });
+  const Report report = report_of<SolveError>([&] { strict.check(plain_forces.stress_sweep(v), now); });
   expect_whole(report, "inverted");
   EXPECT_THAT(report.where, HasSubstr("mm"));
 }
 
 TEST_F(StateGuard, SeesNearlyIncompressibleTissueChangeItsVolume) {
-  guards.check_points(system.stress_sweep(affine(model, 1.02 * Mat3::Identity())), now);
+  guards.check_points(forces.stress_sweep(affine(model, 1.02 * Mat3::Identity())), now);
   EXPECT_TRUE(findings.empty());
   // The upper tenth only, then all of it.
   for (Index a = 0; a < model.node_count(); ++a)
     if (model.X(2, a) > 17e-3) u(2, a) = 0.5 * (model.X(2, a) - 17e-3);
-  guards.check_points(system.stress_sweep(u), now);
+  guards.check_points(forces.stress_sweep(u), now);
   const Finding* found = finding(findings, "volume");
   ASSERT_NE(found, nullptr);
   expect_whole(found->report, "volume");
   EXPECT_GT(found->worst, 0.01);
-  const ForceSystem::Sweep all = system.stress_sweep(affine(model, 1.2 * Mat3::Identity()));
+  const ForceSystem::Sweep all = forces.stress_sweep(affine(model, 1.2 * Mat3::Identity()));
   expect_whole(report_of<SolveError>([&] { guards.check_points(all, now); }), "volume");
 
   const ForceSystem sponge(model, neo_hookean(210.0, 0.3, 1000.0));  // may be pressed together
+  ForceState sponge_forces(sponge);
   std::vector<Finding> none;
-  Guards(sponge, model, true, true, none)
-      .check_points(sponge.stress_sweep(affine(model, 1.2 * Mat3::Identity())), now);
+  Guards(sponge_forces, model, true, true, none)
+      .check_points(sponge_forces.stress_sweep(affine(model, 1.2 * Mat3::Identity())), now);
   EXPECT_TRUE(none.empty());
 }
 
@@ -237,7 +240,7 @@ TEST_F(StateGuard, SeesAForceThatJumpsFromSampleToSample) {
   EXPECT_NEAR(found->worst, 0.084, 1e-9);
   EXPECT_THAT(found->report.fact, HasSubstr("by 8.4 % of the largest"));
   std::vector<Finding> none;
-  Guards(system, model, false, true, none).check_smooth(force, 0.1, 2.0, now);  // a fast push may ring
+  Guards(forces, model, false, true, none).check_smooth(force, 0.1, 2.0, now);  // a fast push may ring
   EXPECT_TRUE(none.empty());
 }
 
@@ -252,7 +255,7 @@ TEST_F(StateGuard, SeesABodyThatSwingsWhereTheAnswerShouldBeStatic) {
   EXPECT_NEAR(found->worst, 0.1, 1e-9);
   EXPECT_THAT(found->report.remedy, HasSubstr("--damping"));
   std::vector<Finding> none;
-  Guards(system, model, false, true, none).check(swinging, 1.1e-4, 2.0, true, now);  // a fast push may swing
+  Guards(forces, model, false, true, none).check(swinging, 1.1e-4, 2.0, true, now);  // a fast push may swing
   EXPECT_TRUE(none.empty());
 }
 
@@ -261,8 +264,9 @@ TEST_F(StateGuard, SeesABodyThatSwingsWhereTheAnswerShouldBeStatic) {
 TEST_F(StateGuard, SeesEnergyInModesThatMeanGradientsDoNotSee) {
   const Model lattice = averaged_block(5, 0.0, 1.0);
   const ForceSystem own(lattice, brain);
-  Guards watch(own, lattice, true, true, findings);
-  double unseen = 0.0, stored = own.stored_energy(affine(lattice, 1.01 * Mat3::Identity()), &unseen);
+  ForceState own_forces(own);
+  Guards watch(own_forces, lattice, true, true, findings);
+  double unseen = 0.0, stored = own_forces.stored_energy(affine(lattice, 1.01 * Mat3::Identity()), &unseen);
   EXPECT_LT(unseen, 1e-6 * stored);  // no linear field has any
   watch.check_unseen(unseen, stored, now);
   EXPECT_TRUE(findings.empty());
@@ -272,7 +276,7 @@ TEST_F(StateGuard, SeesEnergyInModesThatMeanGradientsDoNotSee) {
     const Vec3 cell = (lattice.X.col(a) / h).array().round();
     checkers(0, a) = 0.05 * h * (static_cast<int>(cell.sum()) % 2 == 0 ? 1.0 : -1.0);
   }
-  stored = own.stored_energy(checkers, &unseen);
+  stored = own_forces.stored_energy(checkers, &unseen);
   watch.check_unseen(unseen, stored, now);
   const Finding* found = finding(findings, "hourglass");
   ASSERT_NE(found, nullptr) << unseen << " of " << stored;
@@ -295,6 +299,7 @@ const Loading push = {.depth = 1e-3, .rate = 5e-3};
 TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShortOne) {
   const Model model = block(5);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   History undisturbed;
   simulate(system, model, push, {.damping = 60.0, .frames = 4}, {}, undisturbed);
   EXPECT_TRUE(undisturbed.retries.empty());
@@ -320,6 +325,7 @@ TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShort
 TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
   const Model model = block(8);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   const Loading deep = {.depth = 8e-3, .rate = 40e-3};
   History undisturbed;
   simulate(system, model, deep, {.safety = 0.3, .damping = 60.0, .frames = 2}, {}, undisturbed);
@@ -354,6 +360,7 @@ TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
 TEST(Recovery, IsNotTriedForModesThatNothingResists) {
   const Model model = block(8, 0.2, 1.15, {.radius_factor = 2.5});
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   History history;
   const Report report = report_of<SolveError>([&] {
     simulate(system, model, {.depth = 12e-3, .rate = 40e-3}, {.damping = 60.0, .frames = 6}, {}, history);
@@ -367,6 +374,7 @@ TEST(Recovery, IsNotTriedForModesThatNothingResists) {
 TEST(Recovery, IsOfNoUseOnceTheToolHasPassedTheBody) {
   const Model model = block(5);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   History history;
   const Report report = report_of<SolveError>([&] {
     simulate(system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 4}, {}, history);  // thrice its height
@@ -380,25 +388,27 @@ TEST(Recovery, RemembersWhatViscoelasticTissueRemembered) {
   Material relaxing = tissue;
   relaxing.prony = {{0.5, 0.05}};
   const ForceSystem system(model, relaxing);
+  ForceState forces(system);
   Nodal u = affine(model, 1.01 * Mat3::Identity()), one = u, two = u;
-  system.begin_step(0.01);
-  system.accept_step(u);
-  const std::vector<double> past = system.past();
-  system.begin_step(0.01);
-  system.internal_force(u, one);
-  system.accept_step(2.0 * u);  // a wrong way
-  system.begin_step(0.01);
-  system.internal_force(u, two);
+  forces.begin_step(0.01);
+  forces.accept_step(u);
+  const std::vector<double> past = forces.past();
+  forces.begin_step(0.01);
+  forces.internal_force(u, one);
+  forces.accept_step(2.0 * u);  // a wrong way
+  forces.begin_step(0.01);
+  forces.internal_force(u, two);
   EXPECT_NE((one - two).cwiseAbs().maxCoeff(), 0.0);
-  system.restore_past(past);
-  system.begin_step(0.01);
-  system.internal_force(u, two);
+  forces.restore_past(past);
+  forces.begin_step(0.01);
+  forces.internal_force(u, two);
   EXPECT_EQ((one - two).cwiseAbs().maxCoeff(), 0.0);
 }
 
 TEST(Recovery, EndsInAFailureThatSaysHowOftenItWasTried) {
   const Model model = block(6, 0.2, 2.2);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   History history;
   int last_frame = -1;
   double last_depth = -1.0;
@@ -425,6 +435,7 @@ TEST(Recovery, EndsInAFailureThatSaysHowOftenItWasTried) {
 TEST(Recovery, FindsAnEquilibriumByShorterStepsOfTheLoad) {
   const Model model = averaged_block(5);
   const ForceSystem system(model, brain);
+  ForceState forces(system);
   const Loading load = {.depth = 4e-3, .rate = 1e-3};
   History undisturbed;
   load_slowly(system, model, load, {.frames = 2}, {}, undisturbed);
@@ -454,6 +465,7 @@ TEST(Recovery, FindsAnEquilibriumByShorterStepsOfTheLoad) {
 TEST(Guards, ChangeNoBitOfARunInWhichNoneFires) {
   const Model model = averaged_block(4);
   const ForceSystem system(model, brain);
+  ForceState forces(system);
   const Loading load = {.depth = 1e-3, .rate = 20e-3};
   for (const auto& march : {&simulate, &load_slowly}) {
     History with, without;

@@ -54,10 +54,11 @@ TEST(InternalForce, IsThePlainFormulaForAnyNumberOfPoints) {
       Material material = tissue;
       if (printed) material.law = PrintedNeoHookean{};
       const ForceSystem system(model, material);
+      ForceState forces(system);
       EXPECT_EQ(system.point_count(), count);
       EXPECT_EQ(system.pair_count(), model.support.member.size());
       Nodal f = Nodal::Constant(4, model.node_count(), 7.0);  // what was there before does not matter
-      EXPECT_TRUE(system.internal_force(u, f).ok());
+      EXPECT_TRUE(forces.internal_force(u, f).ok());
       EXPECT_LT((f - plain_force(model, material, u)).cwiseAbs().maxCoeff(), 1e-12 * force_scale(model));
       EXPECT_EQ(f.row(3).cwiseAbs().maxCoeff(), 0.0);  // the padding
     }
@@ -66,36 +67,39 @@ TEST(InternalForce, IsThePlainFormulaForAnyNumberOfPoints) {
 TEST(InternalForce, VanishesAtRestAndUnderATranslation) {
   const Model model = block(5);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
-  system.internal_force(u, f);
+  forces.internal_force(u, f);
   EXPECT_LT(f.cwiseAbs().maxCoeff(), 1e-14 * force_scale(model));
   u.topRows<3>().colwise() += Vec3(0.3, -0.1, 0.2);  // ten times the body; digits of the sum of dphi are lost
-  system.internal_force(u, f);
+  forces.internal_force(u, f);
   EXPECT_LT(f.cwiseAbs().maxCoeff(), 1e-10 * force_scale(model));
 }
 
 TEST(InternalForce, TurnsWithTheBody) {
   const Model model = block(4);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   const Mat3 R = (Mat3() << 0, -1, 0, 1, 0, 0, 0, 0, 1).finished();
   const Nodal u = random_displacement(model, 3e-4);
   Nodal f = u, f_turned = u;
-  system.internal_force(u, f);
+  forces.internal_force(u, f);
   const Points turned = R * (model.X + u.topRows<3>()) - model.X;
-  system.internal_force(to_nodal(turned), f_turned);
+  forces.internal_force(to_nodal(turned), f_turned);
   EXPECT_LT((f_turned.topRows<3>() - R * f.topRows<3>()).cwiseAbs().maxCoeff(), 1e-10 * force_scale(model));
 }
 
 TEST(InternalForce, IsTheGradientOfTheStoredEnergyInRandomDirections) {
   const Model model = block(4);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   const Nodal u = random_displacement(model, 2e-4);
   Nodal f = u;
-  system.internal_force(u, f);
+  forces.internal_force(u, f);
   for (const unsigned seed : {1u, 2u, 3u}) {
     const Nodal w = random_displacement(model, 1.0, seed);
     const double h = 1e-9;  // m; central differences keep some six digits
-    const double slope = (system.stored_energy(u + h * w) - system.stored_energy(u - h * w)) / (2.0 * h);
+    const double slope = (forces.stored_energy(u + h * w) - forces.stored_energy(u - h * w)) / (2.0 * h);
     EXPECT_NEAR(f.cwiseProduct(w).sum(), slope, 1e-6 * f.norm() * w.norm());
   }
 }
@@ -103,14 +107,16 @@ TEST(InternalForce, IsTheGradientOfTheStoredEnergyInRandomDirections) {
 TEST(InternalForce, ReportsTheSmallestVolumeRatioAndWhereItIs) {
   const Model model = block(5);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   const Nodal u = random_displacement(model, 3e-4);
-  const auto F = system.deformation_gradients(u);
+  forces.stress_sweep(u);
+  const auto F = forces.deformation_gradients();
   double least = 2.0;
   Index where = -1;
   for (Index q = 0; q < F.cols(); ++q)
     if (const double J = Eigen::Map<const Mat3>(F.col(q).data()).determinant(); J < least)
       least = J, where = q;
-  const ForceSystem::Sweep sweep = system.stress_sweep(u);
+  const ForceSystem::Sweep sweep = forces.stress_sweep(u);
   ASSERT_LT(least, 1.0);
   EXPECT_EQ(sweep.point, where);
   EXPECT_NEAR(sweep.J_min, least, 1e-13);
@@ -129,9 +135,10 @@ TEST(InternalForce, ReportsTheBadPointInsteadOfThrowingWhereverItIs) {
       for (int k = model.support.offset[bad]; k < model.support.offset[bad + 1]; ++k)
         model.dphi.col(k) *= spoilt;
       const ForceSystem system(model, tissue);
+      ForceState forces(system);
       Nodal f = Nodal::Zero(4, model.node_count());
       const ForceSystem::Sweep sweep =
-          system.internal_force(affine(model, Vec3(1.001, 1.0, 1.0).asDiagonal()), f);
+          forces.internal_force(affine(model, Vec3(1.001, 1.0, 1.0).asDiagonal()), f);
       EXPECT_FALSE(sweep.ok());
       EXPECT_EQ(sweep.point, bad);
       EXPECT_EQ(std::isfinite(sweep.J_min), std::isfinite(spoilt));
@@ -140,31 +147,62 @@ TEST(InternalForce, ReportsTheBadPointInsteadOfThrowingWhereverItIs) {
 
 TEST(InternalForce, ABadPointCarriesNoStressAndLeavesTheOthersTheirs) {
   const Model model = first_points(block(4), 3);
-  const ForceSystem system(model, tissue);
   Model spoilt = model;
   for (int k = spoilt.support.offset[1]; k < spoilt.support.offset[2]; ++k) spoilt.dphi.col(k) *= -1e6;
   const Nodal u = affine(model, Vec3(1.001, 1.0, 1.0).asDiagonal());
   Model without = model;
   without.volume[1] = 0.0;
   Nodal f = u, f_without = u;
-  EXPECT_FALSE(ForceSystem(spoilt, tissue).internal_force(u, f).ok());
-  ForceSystem(without, tissue).internal_force(u, f_without);
+  const ForceSystem with_a_bad_one(spoilt, tissue), with_two(without, tissue);
+  EXPECT_FALSE(ForceState(with_a_bad_one).internal_force(u, f).ok());
+  ForceState(with_two).internal_force(u, f_without);
   EXPECT_EQ(f, f_without);
+}
+
+// One system serves any number of states, and what one does the other does not notice.
+TEST(InternalForce, IsAFunctionOfTheDisplacementAndTheStateAlone) {
+  const Model model = averaged_block(5);
+  Material relaxing = neo_hookean(842.0, 0.49, 1000.0);
+  relaxing.prony = {{.g = 0.45, .tau = 0.5}};
+  const ForceSystem system(model, relaxing);
+  const Nodal u = random_displacement(model, 2e-4);
+  ForceState first(system), second(system);
+  Nodal f = u, g = u;
+  first.begin_step(0.1);
+  first.internal_force(u, f);
+  first.accept_step(u);
+  const ForceState kept = first;
+  first.begin_step(0.2);
+  first.accept_step(2.0 * u);
+  first.hold_pressures(Eigen::VectorXd::Constant(model.patches.count(), 100.0));
+  second.begin_step(0.1);
+  second.internal_force(u, g);
+  EXPECT_EQ(f, g);
+  second.accept_step(u);
+  EXPECT_EQ(second.past(), kept.past());
+  EXPECT_NE(second.past(), first.past());
+  ForceState copy = kept;
+  copy.begin_step(0.1);
+  second.begin_step(0.1);
+  copy.internal_force(2.0 * u, f);
+  second.internal_force(2.0 * u, g);
+  EXPECT_EQ(f, g);
 }
 
 TEST(InternalForce, IsBitwiseEqualForAnyNumberOfThreads) {
   const Model model = block(6);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   const Nodal u = random_displacement(model, 2e-4);
-  std::vector<Nodal> forces;
+  std::vector<Nodal> found;
   std::vector<ForceSystem::Sweep> sweeps;
   for (const std::size_t threads : {1, 2, 3}) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    forces.push_back(u);
-    sweeps.push_back(system.internal_force(u, forces.back()));
+    found.push_back(u);
+    sweeps.push_back(forces.internal_force(u, found.back()));
   }
   for (std::size_t k : {1, 2}) {
-    EXPECT_EQ(forces[0], forces[k]);
+    EXPECT_EQ(found[0], found[k]);
     EXPECT_EQ(sweeps[0].J_min, sweeps[k].J_min);
     EXPECT_EQ(sweeps[0].point, sweeps[k].point);
   }
@@ -173,12 +211,13 @@ TEST(InternalForce, IsBitwiseEqualForAnyNumberOfThreads) {
 TEST(InternalForce, TheGatherVisitsEveryNodeOnce) {
   const Model model = block(6);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   const Nodal u = random_displacement(model, 2e-4);
   Nodal f = u, expected = u;
-  system.internal_force(u, expected);
+  forces.internal_force(u, expected);
   std::vector<int> visits(static_cast<std::size_t>(model.node_count()), 0);
-  system.stress_sweep(u);
-  system.gather_sweep(f, [&](Index first, Index last) {
+  forces.stress_sweep(u);
+  forces.gather_sweep(f, [&](Index first, Index last) {
     for (Index a = first; a < last; ++a) {
       ++visits[static_cast<std::size_t>(a)];
       EXPECT_EQ(f.col(a), expected.col(a));
@@ -191,10 +230,11 @@ TEST(InternalForce, TheGatherVisitsEveryNodeOnce) {
 TEST(InternalForce, KeepsItsDigitsNearRest) {
   const Model model = block(4);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   const Nodal u = random_displacement(model, 1e-12);
   Nodal f = u, f_twice = u;
-  system.internal_force(u, f);
-  system.internal_force(2.0 * u, f_twice);
+  forces.internal_force(u, f);
+  forces.internal_force(2.0 * u, f_twice);
   EXPECT_LT((f_twice - 2.0 * f).norm(), 1e-6 * f.norm());
 }
 

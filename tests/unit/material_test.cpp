@@ -121,8 +121,8 @@ TEST(Material, IsFiniteForAnyDeformation) {
 
 TEST(Material, AnInvertedPointIsDrivenBack) {
   // By distortion alone, without the help of kappa.
-  for (const Material& m :
-       {swine_brain, one_term, two_terms, three_terms, two_invariants, ogden({{1430.0, -19.0}}, 0.499, 1000.0)})
+  for (const Material& m : {swine_brain, one_term, two_terms, three_terms, two_invariants,
+                            ogden({{1430.0, -19.0}}, 0.499, 1000.0)})
     for (const double across : {0.6, 0.8, 1.0, 1.5})
       for (double l = -1.0; l <= 0.1; l += 0.01) {
         const Mat3 F = Vec3(1.0, across, l).asDiagonal();

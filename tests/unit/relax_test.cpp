@@ -17,18 +17,20 @@ using Nodal = ForceSystem::Nodal;
 TEST(Relaxation, EndsInEquilibriumWithWhatIsHeldInPlace) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
+  ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
-  for (const Index a : model.indenter) u.col(a) = constraints.push * 1e-3;
-  const Relaxed relaxed = Relaxation(system, model, constraints)(u, f, {.tolerance = 1e-6});
+  constraints.prescribe(u, 1e-3);
+  const Relaxed relaxed = Relaxation(forces, model, constraints)(u, f, {.tolerance = 1e-6});
   EXPECT_LT(relaxed.residual, 1e-6);
   double circle = 0.0, base = 0.0, unbalanced = 0.0;
   for (Index a = 0; a < model.node_count(); ++a) unbalanced += constraints.project(a, f.col(a)).squaredNorm();
+  const Eigen::Vector4d push = padded(model.tool.push);
   for (const Index a : model.indenter) {
-    circle += f.col(a).dot(constraints.push);
-    EXPECT_EQ(u.col(a), constraints.push * 1e-3);
+    circle += f.col(a).dot(push);
+    EXPECT_EQ(u.col(a), push * 1e-3);
   }
-  for (const Index a : model.base) base -= f.col(a).dot(constraints.push);
+  for (const Index a : model.base) base -= f.col(a).dot(push);
   EXPECT_GT(circle, 0.0);
   EXPECT_NEAR(base, circle, 1e-5 * circle);
   EXPECT_LT(std::sqrt(unbalanced), 1e-5 * circle);
@@ -37,12 +39,11 @@ TEST(Relaxation, EndsInEquilibriumWithWhatIsHeldInPlace) {
 TEST(Relaxation, OfADeadLoadHangsItOnTheBase) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
-  Constraints constraints = make_constraints(model, Contact::bonded);
-  for (auto& kind : constraints.kind)
-    if (kind == Constraints::Kind::driven) kind = Constraints::Kind::free;
+  ForceState forces(system);
+  const Constraints constraints(model.node_count(), {{.name = "base", .node = model.base}});
   Nodal u = Nodal::Zero(4, model.node_count()), f = u, weight = u;
   for (Index a = 0; a < model.node_count(); ++a) weight(2, a) = 0.05 * 9.81 * model.mass[a];
-  Relaxation(system, model, constraints)(u, f, {.tolerance = 1e-6}, weight);
+  Relaxation(forces, model, constraints)(u, f, {.tolerance = 1e-6}, weight);
   double base = 0.0;
   for (const Index a : model.base) base += f(2, a) - weight(2, a);
   EXPECT_NEAR(base, -weight.row(2).sum(), 1e-4 * weight.row(2).sum());
@@ -52,11 +53,12 @@ TEST(Relaxation, OfADeadLoadHangsItOnTheBase) {
 TEST(Relaxation, SaysWhereItGaveUp) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
+  ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
-  for (const Index a : model.indenter) u.col(a) = constraints.push * 1e-3;
+  constraints.prescribe(u, 1e-3);
   try {
-    Relaxation(system, model, constraints)(u, f, {.tolerance = 1e-6, .evaluations = 5});
+    Relaxation(forces, model, constraints)(u, f, {.tolerance = 1e-6, .evaluations = 5});
     FAIL() << "5 evaluations cannot be enough";
   } catch (const SolveError& error) {
     EXPECT_NE(error.report.fact.find("no equilibrium"), std::string::npos) << error.report.fact;
@@ -66,6 +68,7 @@ TEST(Relaxation, SaysWhereItGaveUp) {
 TEST(LoadSlowly, GivesTheForceThatSlowDampedMotionEndsIn) {
   const Model model = averaged_block(5);
   const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
+  ForceState forces(system);
   const Loading loading = {.depth = 1e-3, .rate = 1e-3};
   History still, moving;
   load_slowly(system, model, loading, {.frames = 2}, {}, still);
@@ -80,6 +83,7 @@ TEST(LoadSlowly, NeedsFewEvaluationsHoweverIncompressibleTheTissueIs) {
   const Model model = averaged_block();
   for (const double nu : {0.45, 0.49, 0.499, 0.4999}) {
     const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0));
+    ForceState forces(system);
     History history;
     load_slowly(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
     EXPECT_LT(history.steps, 80) << "nu " << nu;
@@ -90,6 +94,7 @@ TEST(LoadSlowly, NeedsFewEvaluationsHoweverIncompressibleTheTissueIs) {
 TEST(LoadSlowly, EndsWhereDynamicRelaxationDoes) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
+  ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   History mixed;
   load_slowly(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 1, .tolerance = 1e-5}, {}, mixed);
@@ -98,11 +103,10 @@ TEST(LoadSlowly, EndsWhereDynamicRelaxationDoes) {
   Model plain = model;
   plain.variance.clear();
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
-  for (const Index a : model.indenter) u.col(a) = constraints.push * 1e-3;
-  system.release_pressures();
-  const Relaxed relaxed = Relaxation(system, plain, constraints)(u, f, {.tolerance = 1e-5});
+  constraints.prescribe(u, 1e-3);
+  const Relaxed relaxed = Relaxation(forces, plain, constraints)(u, f, {.tolerance = 1e-5});
   double force = 0.0;
-  for (const Index a : model.indenter) force += f.col(a).dot(constraints.push);
+  for (const Index a : model.indenter) force += f.col(a).dot(padded(model.tool.push));
   EXPECT_GT(relaxed.evaluations, 2 * mixed.steps);
   EXPECT_NEAR(mixed.force.back().force, force, 1e-3 * force);
 }
@@ -113,6 +117,7 @@ TEST(LoadSlowly, GivesTheSameBitsForAnyNumberOfThreads) {
   for (const std::size_t threads : {1, 2, 3}) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
     const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0), Precision::single_);
+    ForceState forces(system);
     History history;
     load_slowly(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
     force.push_back(history.force.back().force);
@@ -124,6 +129,7 @@ TEST(LoadSlowly, GivesTheSameBitsForAnyNumberOfThreads) {
 TEST(ImplicitSteps, FollowASlowLoadThroughItsEquilibria) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
+  ForceState forces(system);
   const Loading loading = {.depth = 1e-3, .rate = 1e-3};
   for (const Contact contact : {Contact::bonded, Contact::frictionless}) {
     Loading mine = loading;
@@ -140,6 +146,7 @@ TEST(ImplicitSteps, FollowASlowLoadThroughItsEquilibria) {
 TEST(ImplicitSteps, SwingAsCentralDifferencesDo) {
   const Model model = averaged_block(5);
   const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
+  ForceState forces(system);
   const Loading loading = {.depth = 1e-3, .rate = 4e-3};
   History small, large;
   simulate(system, model, loading, {.frames = 2}, {}, small);
@@ -151,6 +158,7 @@ TEST(ImplicitSteps, SwingAsCentralDifferencesDo) {
 TEST(ImplicitSteps, WithoutAnEndAreMarchedThroughByCentralDifferences) {
   const Model model = averaged_block(5);
   const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
+  ForceState forces(system);
   const Loading loading = {.depth = 1e-3, .rate = 4e-3};
   History small, marched;
   simulate(system, model, loading, {.frames = 2}, {}, small);
@@ -164,8 +172,10 @@ TEST(LoadSlowly, LetsAViscoelasticBlockRelax) {
   Material material = neo_hookean(210.0, 0.45, 1000.0);
   material.kappa = 1e5;
   const ForceSystem elastic(model, material);
+  ForceState elastic_forces(elastic);
   material.prony = {{0.5, 1e-3}};
   const ForceSystem relaxing(model, material);
+  ForceState relaxing_forces(relaxing);
   const Loading slow = {.depth = 0.5e-3, .rate = 1e-4};  // thousands of relaxation times
   History a, b;
   load_slowly(elastic, model, slow, {.frames = 2}, {}, a);
@@ -186,9 +196,11 @@ const Finding* with_code(const History& history, const std::string& code) {
 TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
   const Model model = arch_under_a_pad();
   const ForceSystem system(model, stiff_arch_soft_pad(model));
+  ForceState forces(system);
   const Loading loading = {.depth = 14e-3, .rate = 1e-3};
   History moving;
-  // Damped, so that what swings after the snap has come to rest at the end; the drag itself is 1e-3 of the force.
+  // Damped, so that what swings after the snap has come to rest at the end; the drag itself is 1e-3 of the
+  // force.
   simulate_implicitly(system, model, loading, {.damping = 5.0, .frames = 14}, {}, moving);
   const double end = moving.force.back().force;
   double largest = 0.0;
@@ -212,6 +224,7 @@ TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
 TEST(LoadSlowly, FindsNoLimitPointWhereThereIsNone) {
   const Model model = arch_under_a_pad();
   const ForceSystem system(model, stiff_arch_soft_pad(model));
+  ForceState forces(system);
   History history;
   load_slowly(system, model, {.depth = 11.5e-3, .rate = 1e-3}, {.frames = 23}, {}, history);
   EXPECT_EQ(with_code(history, "limit-point"), nullptr) << "the force falls, but the path goes on";
@@ -222,6 +235,7 @@ TEST(LoadSlowly, FindsNoLimitPointWhereThereIsNone) {
 TEST(LoadSlowly, EndsWithinItsBoundWhereItGetsNoFurther) {
   const Model model = arch_under_a_pad();
   const ForceSystem system(model, stiff_arch_soft_pad(model));
+  ForceState forces(system);
   const SolverOptions options = {.frames = 14, .evaluations = 150};
   History history;
   try {
@@ -242,6 +256,7 @@ TEST(LoadSlowly, EndsWithinItsBoundWhereOneLayerIsAThousandTimesStifferThanTheOt
     const ForceSystem system(
         model,
         Tissues{{neo_hookean(1000.0 / soft, 0.499, 1000.0), neo_hookean(soft, 0.499, 1000.0)}, model.label});
+    ForceState forces(system);
     History history;
     load_slowly(system, model, {.depth = 4e-3, .rate = 1e-3}, {.frames = 8}, {}, history);
     EXPECT_LT(history.steps, 1000) << soft;
@@ -252,6 +267,7 @@ TEST(LoadSlowly, EndsWithinItsBoundWhereOneLayerIsAThousandTimesStifferThanTheOt
 TEST(EveryMarch, AskedToStopKeepsWhatItHas) {
   const Model model = averaged_block(4);
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
+  ForceState forces(system);
   for (const auto march : {load_slowly, simulate_implicitly, simulate}) {
     for (const std::size_t after : {0, 3}) {
       forget_stop();
@@ -280,9 +296,10 @@ TEST(StiffnessRowSums, BoundTheStiffnessFromAbove) {
   const Model model = averaged_block();
   const Material material = neo_hookean(210.0, 0.499, 1000.0);
   const ForceSystem system(model, material);
+  ForceState forces(system);
   const Eigen::VectorXd mass = stiffness_row_sums(system, model);
   EXPECT_GT(mass.minCoeff(), 0.0);
-  EXPECT_GT(stable_time_step(system, model, mass, make_constraints(model, Contact::bonded),
+  EXPECT_GT(stable_time_step(forces, model, mass, make_constraints(model, Contact::bonded),
                              Nodal::Zero(4, model.node_count()))
                 .dt,
             2.0);

@@ -31,6 +31,7 @@ struct Result {
 Result march(March by, const Model& model, const Tissues& tissues, Precision precision,
              const Loading& loading, const SolverOptions& options, int every, const State* from = nullptr) {
   const ForceSystem system(model, tissues, precision);
+  ForceState forces(system);
   Result result;
   int steps = 0;
   Observer observer = {.frame =

@@ -26,7 +26,9 @@ TEST(Verification, LinearFieldsAreReproducedByDphiAtEveryPoint) {
   const Model model = block();
   const Mat3 A = (Mat3() << 0.3, -0.1, 0.2, 0.05, -0.2, 0.4, 0.1, 0.6, -0.3).finished();
   const ForceSystem system(model, tissue);
-  const auto F = system.deformation_gradients(affine(model, Mat3::Identity() + A));
+  ForceState forces(system);
+  forces.stress_sweep(affine(model, Mat3::Identity() + A));
+  const auto F = forces.deformation_gradients();
   double error = 0.0;
   for (Index q = 0; q < F.cols(); ++q)
     error = std::max(error,
@@ -38,13 +40,14 @@ TEST(Verification, LinearFieldsAreReproducedByDphiAtEveryPoint) {
 TEST(Verification, RigidTranslationAndRotationGiveNoForce) {
   const Model model = block();
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   ForceSystem::Nodal f = ForceSystem::Nodal::Zero(4, model.node_count());
   const Mat3 turn = (Mat3() << 0, -1, 0, 1, 0, 0, 0, 0, 1).finished();  // 90 degrees about z
   const Mat3 oblique = Eigen::AngleAxisd(1.1, Vec3(1, 2, 3).normalized()).toRotationMatrix();
   for (const Mat3& R : {Mat3(Mat3::Identity()), turn, oblique}) {
     ForceSystem::Nodal u = affine(model, R);
     u.topRows<3>().colwise() += Vec3(0.1, -0.2, 0.3);
-    system.internal_force(u, f);
+    forces.internal_force(u, f);
     EXPECT_LT(f.cwiseAbs().maxCoeff(), 1e-10 * force_scale(model));
   }
 }
@@ -52,15 +55,16 @@ TEST(Verification, RigidTranslationAndRotationGiveNoForce) {
 TEST(Verification, TheForceIsTheGradientOfTheStoredEnergy) {
   const Model model = block(4);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   ForceSystem::Nodal u = random_displacement(model, 2e-4), f = u;
-  system.internal_force(u, f);
+  forces.internal_force(u, f);
   const double h = 1e-8;
   for (const Index a : {Index{0}, Index{17}, model.node_count() / 2, model.node_count() - 1})
     for (int i = 0; i < 3; ++i) {
       ForceSystem::Nodal plus = u, minus = u;
       plus(i, a) += h;
       minus(i, a) -= h;
-      const double slope = (system.stored_energy(plus) - system.stored_energy(minus)) / (2.0 * h);
+      const double slope = (forces.stored_energy(plus) - forces.stored_energy(minus)) / (2.0 * h);
       EXPECT_NEAR(f(i, a), slope,
                   1e-5 * f.cwiseAbs().maxCoeff());  // central differences keep half the digits
     }
@@ -69,9 +73,10 @@ TEST(Verification, TheForceIsTheGradientOfTheStoredEnergy) {
 TEST(Verification, TheForceEqualsThePapersStrainDisplacementForm) {
   const Model model = block(4);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   const ForceSystem::Nodal u = random_displacement(model, 2e-4);
   ForceSystem::Nodal f = u;
-  system.internal_force(u, f);
+  forces.internal_force(u, f);
 
   // Section 2.2, word for word: B_L (6 x 3n) with Voigt order 11, 22, 33, 12, 23, 13, and f = sum of B_L^T S
   // V. F and S = mu J^(-2/3) (I - tr C/3 C^-1) + kappa J (J - 1) C^-1 are written down here, not asked for.
@@ -99,9 +104,10 @@ TEST(Verification, TheForceEqualsThePapersStrainDisplacementForm) {
 TEST(Verification, ForcesAndMomentsSumToZero) {
   const Model model = block();
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   const ForceSystem::Nodal u = random_displacement(model, 2e-4);
   ForceSystem::Nodal f = u;
-  system.internal_force(u, f);
+  forces.internal_force(u, f);
   Vec3 moment = Vec3::Zero();
   for (Index a = 0; a < model.node_count(); ++a)
     moment += (model.X.col(a) + u.col(a).head<3>()).cross(f.col(a).head<3>());
@@ -118,13 +124,14 @@ TEST(Verification, MassAndVolumeAddUp) {
 TEST(Verification, AnInvertedPointIsReportedAndNotThrown) {
   const Model model = block(4);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   ForceSystem::Nodal f = ForceSystem::Nodal::Zero(4, model.node_count());
-  const auto sweep = system.internal_force(affine(model, Vec3(1, 1, -1).asDiagonal()), f);
+  const auto sweep = forces.internal_force(affine(model, Vec3(1, 1, -1).asDiagonal()), f);
   EXPECT_FALSE(sweep.ok());
   EXPECT_NEAR(sweep.J_min, -1.0, 1e-9);
   ForceSystem::Nodal u = ForceSystem::Nodal::Zero(4, model.node_count());
   u(1, 30) = std::nan("");
-  EXPECT_FALSE(system.internal_force(u, f).ok());
+  EXPECT_FALSE(forces.internal_force(u, f).ok());
 }
 
 // Nominal stress and stretch of the exact solutions, bisected to all digits, for mu = 210 Pa, nu = 0.499.
@@ -142,7 +149,9 @@ TEST_P(HomogeneousState, CarriesTheClosedFormStressInItsPointsAndInItsNodes) {
   const Homogeneous& state = GetParam();
   const Model model = block(6, 0.2, 1.5);
   const ForceSystem system(model, tissue);
-  const auto stress = system.stresses(affine(model, state.F));
+  ForceState forces(system);
+  forces.stress_sweep(affine(model, state.F));
+  const auto stress = forces.stresses();
   double error = 0.0;
   for (Index q = 0; q < stress.cols(); ++q) {
     const Mat3 P = Eigen::Map<const Mat3>(stress.col(q).data());
@@ -152,7 +161,7 @@ TEST_P(HomogeneousState, CarriesTheClosedFormStressInItsPointsAndInItsNodes) {
             2e-5 * tissue.mu + 1e-8 * state.P.cwiseAbs().maxCoeff());  // digits of the table times kappa / mu
 
   ForceSystem::Nodal f = ForceSystem::Nodal::Zero(4, model.node_count());
-  system.internal_force(affine(model, state.F), f);
+  forces.internal_force(affine(model, state.F), f);
   Mat3 virial = Mat3::Zero();  // sum of f (x) X = V P for a homogeneous state
   for (Index a = 0; a < model.node_count(); ++a) virial += f.col(a).head<3>() * model.X.col(a).transpose();
   EXPECT_LT((virial / 18e-6 - state.P).cwiseAbs().maxCoeff(),
@@ -187,18 +196,20 @@ TEST(Verification, ABlockPressedBetweenFacesFindsTheHomogeneousStateByItself) {
   // patch-test error.
   const Model model = block(6, 0.2, 2.0);
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   const ForceSystem::Nodal goal = affine(model, diagonal(1.05398672, 1.05398672, 0.9));
   const std::vector<bool> held = on_boundary(model);
-  Constraints constraints = make_constraints(model, Contact::bonded);
+  HeldSet faces{.name = "faces", .node = {}};
   for (std::size_t a = 0; a < held.size(); ++a)
-    constraints.kind[a] = held[a] ? Constraints::Kind::fixed : Constraints::Kind::free;
+    if (held[a]) faces.node.push_back(static_cast<Index>(a));
+  const Constraints constraints(model.node_count(), {faces});
   const ForceSystem::Nodal rest = ForceSystem::Nodal::Zero(4, model.node_count());
-  const double dt = 0.5 * stable_time_step(system, model, model.mass, constraints, rest).dt;
+  const double dt = 0.5 * stable_time_step(forces, model, model.mass, constraints, rest).dt;
   ForceSystem::Nodal u = goal, v = rest, f = rest;
   for (Index a = 0; a < u.cols(); ++a)
     if (!held[static_cast<std::size_t>(a)]) u.col(a) *= 0.9;  // not the answer
   for (int step = 0; step < 6000; ++step) {
-    ASSERT_TRUE(system.internal_force(u, f).ok());
+    ASSERT_TRUE(forces.internal_force(u, f).ok());
     for (Index a = 0; a < u.cols(); ++a)
       if (!held[static_cast<std::size_t>(a)]) {
         v.col(a) = 0.99 * (v.col(a) - dt / model.mass[a] * f.col(a));
@@ -214,6 +225,7 @@ TEST(Verification, ABlockPressedBetweenFacesFindsTheHomogeneousStateByItself) {
 
 History indent(const Model& model, const Loading& loading, const SolverOptions& options, double nu = 0.49) {
   const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0));
+  ForceState forces(system);
   History history;
   simulate(system, model, loading, options, {}, history);
   return history;
@@ -236,13 +248,14 @@ TEST(Verification, EnergyIsBalancedOverARun) {
 TEST(Verification, ToolAndBaseGiveTheTissueTheMotionThatItHas) {
   const Model model = block();
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
-  const std::vector<Constraints::Kind> kind = make_constraints(model, Contact::bonded).kind;
+  ForceState forces(system);
+  const Constraints constraints = make_constraints(model, Contact::bonded);
   double moved = 0.0;  // sum of mass times way along the push [kg m]
   const Observer observer = {.frame =
                                  [&](const Frame& frame) {
                                    moved = 0.0;
                                    for (Index a = 0; a < model.node_count(); ++a)
-                                     if (kind[static_cast<std::size_t>(a)] == Constraints::Kind::free)
+                                     if (constraints.is_free(a))
                                        moved += model.mass[a] * frame.u.col(a).head<3>().dot(model.tool.push);
                                  },
                              .sample = {}};
@@ -298,6 +311,7 @@ TEST(Verification, AStepBeyondTheStableOneIsTakenBackAndGivesTheForceOfAShorterO
 TEST(Verification, AFrictionlessCircleFeelsNoSidewaysForceOnceItHasSettled) {
   const Model model = block();
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
+  ForceState forces(system);
   double sideways = 0.0, along = 0.0;
   History history;
   const Observer observer = {.frame =
@@ -319,6 +333,7 @@ TEST(Verification, TheStableStepIsTheOneOfTheHighestFrequency) {
   // Dense eigenvalues of M^-1 K, K by differences of the force, on a block small enough for that.
   const Model model = block(2, 0.1, 1.5, {.radius_factor = 2.0});
   const ForceSystem system(model, tissue);
+  ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   const Index n = model.node_count();
   ForceSystem::Nodal rest = ForceSystem::Nodal::Zero(4, n), plus = rest, minus = rest;
@@ -327,20 +342,19 @@ TEST(Verification, TheStableStepIsTheOneOfTheHighestFrequency) {
     for (int i = 0; i < 3; ++i) {
       ForceSystem::Nodal u = rest;
       u(i, a) = 1e-8;
-      system.internal_force(u, plus);
+      forces.internal_force(u, plus);
       u(i, a) = -1e-8;
-      system.internal_force(u, minus);
+      forces.internal_force(u, minus);
       for (Index b = 0; b < n; ++b)
         for (int j = 0; j < 3; ++j) {
-          const bool free = constraints.kind[static_cast<std::size_t>(a)] == Constraints::Kind::free &&
-                            constraints.kind[static_cast<std::size_t>(b)] == Constraints::Kind::free;
+          const bool free = constraints.is_free(a) && constraints.is_free(b);
           K(3 * b + j, 3 * a + i) =
               free ? (plus(j, b) - minus(j, b)) / 2e-8 / std::sqrt(model.mass[a] * model.mass[b]) : 0.0;
         }
     }
   const double omega2 =
       Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(0.5 * (K + K.transpose())).eigenvalues().maxCoeff();
-  const StableStep step = stable_time_step(system, model, model.mass, constraints, rest);
+  const StableStep step = stable_time_step(forces, model, model.mass, constraints, rest);
   EXPECT_TRUE(step.converged);
   EXPECT_NEAR(step.dt, 2.0 / std::sqrt(omega2), 2e-3 * step.dt);
   EXPECT_LE(step.dt, 2.0 / std::sqrt(omega2) * (1.0 + 1e-6));

@@ -67,8 +67,8 @@ TEST(Verify, SwappingTheNumbersOfTwoTissuesChangesNothing) {
     const auto inner = [](const Vec3& x) { return (x - Vec3::Constant(0.01)).norm() < 0.006; };
     lattice.tissue = [=](const Vec3& x) { return inner(x) != swapped ? 1 : 0; };
     LatticeBody body = make_lattice(lattice);
-    auto kind = boundary_fixed(body);
-    const Statics cube(std::move(body), std::move(kind),
+    auto held = boundary_fixed(body);
+    const Statics cube(std::move(body), std::move(held),
                        swapped ? std::vector<Material>{material[1], material[0]} : material);
     const Mat3 F = (Mat3() << 1.0, 0.2, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0).finished();
     const Equilibrium found = cube.solve(

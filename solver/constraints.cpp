@@ -1,0 +1,73 @@
+#include "solver/constraints.hpp"
+
+#include <utility>
+
+namespace dimple {
+
+Constraints::Constraints(Index node_count, std::vector<HeldSet> sets)
+    : set_(std::move(sets)), of_node_(static_cast<std::size_t>(node_count), -1) {
+  for (std::size_t s = 0; s < set_.size(); ++s) {
+    held_.push_back({padded(set_[s].direction), set_[s].share, set_[s].hold == HeldSet::Hold::all});
+    for (const Index a : set_[s].node) of_node_[static_cast<std::size_t>(a)] = static_cast<std::int16_t>(s);
+  }
+}
+
+void Constraints::prescribe(Nodal& u, double depth) const {
+  for (Index a = 0; a < u.cols(); ++a) place(a, u.col(a), depth);
+}
+
+void Constraints::take_held(Nodal& u, const Nodal& wanted) const {
+  for (Index a = 0; a < u.cols(); ++a) {
+    if (is_held_wholly(a)) u.col(a) = wanted.col(a);
+    if (slides(a)) {
+      const Eigen::Vector4d& direction = held(a).direction;
+      u.col(a) += direction * (wanted.col(a) - u.col(a)).dot(direction);
+    }
+  }
+}
+
+double Constraints::working_force(const Nodal& f) const {
+  double sum = 0.0;
+  for (std::size_t s = 0; s < set_.size(); ++s) {
+    if (held_[s].share == 0.0) continue;
+    double of_set = 0.0;
+    for (const Index a : set_[s].node)
+      if (of_node_[static_cast<std::size_t>(a)] == static_cast<std::int16_t>(s))
+        of_set += f.col(a).dot(held_[s].direction);
+    sum += held_[s].share * of_set;
+  }
+  return sum;
+}
+
+double Constraints::set_off(Nodal& v, double rate, const Eigen::VectorXd& mass) const {
+  double work = 0.0;
+  for (std::size_t s = 0; s < set_.size(); ++s) {
+    const double speed = held_[s].share * rate;
+    if (held_[s].share == 0.0) continue;
+    for (const Index a : set_[s].node)
+      if (of_node_[static_cast<std::size_t>(a)] == static_cast<std::int16_t>(s)) {
+        v.col(a) = held_[s].direction * speed;
+        work += 0.5 * mass[a] * speed * speed;
+      }
+  }
+  return work;
+}
+
+Eigen::Vector4d Constraints::sliding_direction() const {
+  for (const Held& held : held_)
+    if (!held.wholly) return held.direction;
+  return Eigen::Vector4d::Zero();
+}
+
+Constraints make_constraints(const Model& model, Contact contact, std::vector<HeldSet> further) {
+  std::vector<HeldSet> sets = std::move(further);
+  sets.push_back({.name = "indenter",
+                  .node = model.indenter,
+                  .hold = contact == Contact::bonded ? HeldSet::Hold::all : HeldSet::Hold::along,
+                  .direction = model.tool.push,
+                  .share = 1.0});
+  sets.push_back({.name = "base", .node = model.base});
+  return {model.node_count(), std::move(sets)};
+}
+
+}  // namespace dimple

@@ -1,0 +1,106 @@
+#include "solver/constraints.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "solver/implicit.hpp"
+#include "solver/relax.hpp"
+#include "tests/helpers/block.hpp"
+
+namespace dimple {
+namespace {
+
+using namespace testing_bodies;
+
+TEST(Constraints, HoldTheBaseAndDriveTheCircle) {
+  const Model model = block(5);
+  const Constraints bonded = make_constraints(model, Contact::bonded);
+  const Constraints frictionless = make_constraints(model, Contact::frictionless);
+  for (Index a = 0; a < model.node_count(); ++a) {
+    const bool base = std::find(model.base.begin(), model.base.end(), a) != model.base.end();
+    const bool circle = std::find(model.indenter.begin(), model.indenter.end(), a) != model.indenter.end();
+    EXPECT_EQ(bonded.is_held_wholly(a), base || circle);
+    EXPECT_EQ(frictionless.is_held_wholly(a), base);
+    EXPECT_EQ(frictionless.slides(a), circle && !base);
+    EXPECT_EQ(bonded.is_free(a), !base && !circle);
+  }
+}
+
+TEST(Constraints, ProjectLeavesWhatIsNotPrescribed) {
+  const Vec3 push = Vec3(1, 2, -2) / 3.0;
+  const Constraints c(4, {{.name = "fixed", .node = {1}},
+                          {.name = "moved", .node = {2}, .direction = push, .share = 1.0},
+                          {.name = "slides", .node = {3}, .hold = HeldSet::Hold::along, .direction = push}});
+  const Eigen::Vector4d v(0.3, -0.7, 1.1, 0.0), along = padded(push);
+  EXPECT_EQ(c.project(0, v), v);
+  EXPECT_EQ(c.project(1, v), Eigen::Vector4d::Zero());
+  EXPECT_EQ(c.project(2, v), Eigen::Vector4d::Zero());
+  EXPECT_NEAR(c.project(3, v).dot(along), 0.0, 1e-15);
+  EXPECT_LT((c.project(3, c.project(3, v)) - c.project(3, v)).norm(), 1e-15);
+  EXPECT_LT((c.project(3, v) + along * v.dot(along) - v).norm(), 1e-15);
+}
+
+TEST(Constraints, PutEachSetWhereItsShareOfTheWayHasBroughtIt) {
+  const Constraints c(4, {{.name = "fixed", .node = {1}},
+                          {.name = "half", .node = {2}, .direction = Vec3::UnitX(), .share = 0.5},
+                          {.name = "slides",
+                           .node = {3},
+                           .hold = HeldSet::Hold::along,
+                           .direction = Vec3::UnitZ(),
+                           .share = -1.0}});
+  Nodal u = Nodal::Constant(4, 4, 7.0), v = u;
+  u.row(3).setZero();
+  c.prescribe(u, 2.0);
+  EXPECT_EQ(u.col(0), Eigen::Vector4d(7, 7, 7, 0));
+  EXPECT_EQ(u.col(1), Eigen::Vector4d::Zero());
+  EXPECT_EQ(u.col(2), Eigen::Vector4d(1, 0, 0, 0));
+  EXPECT_EQ(u.col(3), Eigen::Vector4d(7, 7, -2, 0));
+  v.setZero();
+  EXPECT_DOUBLE_EQ(c.set_off(v, 4.0, Eigen::VectorXd::Constant(4, 3.0)), 0.5 * 3.0 * (4.0 + 16.0));
+  EXPECT_EQ(v.col(2), Eigen::Vector4d(2, 0, 0, 0));
+  Nodal f = Nodal::Constant(4, 4, 1.0);
+  EXPECT_DOUBLE_EQ(c.working_force(f), 0.5 - 1.0);
+  Nodal wanted = Nodal::Constant(4, 4, 3.0);
+  c.take_held(u, wanted);
+  EXPECT_EQ(u.col(0), Eigen::Vector4d(7, 7, 7, 0));
+  EXPECT_EQ(u.col(2), wanted.col(2));
+  EXPECT_EQ(u.col(3), Eigen::Vector4d(7, 7, 3, 0));
+}
+
+// A patch of a side that is drawn outwards while the tool comes down: known to no marcher.
+TEST(Constraints, ARetractorIsFollowedByEveryWayOfMarching) {
+  const Model model = averaged_block(5);
+  const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
+  ForceState forces(system);
+  HeldSet retractor{.name = "retractor", .node = {}, .direction = Vec3::UnitX(), .share = 0.5};
+  const double side = model.X.row(0).maxCoeff(), middle = 0.5 * model.X.row(2).maxCoeff();
+  for (Index a = 0; a < model.node_count(); ++a)
+    if (model.X(0, a) > side - 1e-9 && std::abs(model.X(2, a) - middle) < 4e-3) retractor.node.push_back(a);
+  ASSERT_GT(retractor.node.size(), 3u);
+  const Loading alone{.depth = 1e-3, .rate = 1e-3}, held{.depth = 1e-3, .rate = 1e-3, .further = {retractor}};
+  double still = 0.0;
+  using Marcher = void (*)(const ForceSystem&, const Model&, const Loading&, const SolverOptions&,
+                           const Observer&, History&, const State*);
+  for (const Marcher march : {Marcher(load_slowly), Marcher(simulate_implicitly), Marcher(simulate)}) {
+    History history, without;
+    Nodal u;
+    const Observer observer{.frame = [&](const Frame& frame) { u = frame.u; }, .sample = {}};
+    const SolverOptions options{.damping = 20.0, .frames = 4};
+    march(system, model, held, options, observer, history, nullptr);
+    for (const Index a : retractor.node)
+      EXPECT_LT((u.col(a) - Eigen::Vector4d(0.5e-3, 0, 0, 0)).norm(), 1e-12);
+    const double force = history.force.back().force;
+    if (march == Marcher(load_slowly)) still = force;
+    EXPECT_NEAR(force, still, 0.02 * still);
+    // What retractor and tool have done is stored.
+    EXPECT_NEAR(history.energy.back().external - history.energy.back().dissipated,
+                history.energy.back().stored, 0.03 * history.energy.back().stored);
+    if (march != Marcher(load_slowly)) continue;
+    march(system, model, alone, options, {}, without, nullptr);
+    EXPECT_GT(std::abs(without.force.back().force - force), 0.01 * force);
+  }
+}
+
+}  // namespace
+}  // namespace dimple
