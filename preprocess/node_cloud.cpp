@@ -29,8 +29,8 @@ constexpr std::size_t fewest_bound = 20000, most_to_measure = 2'500'000;
 constexpr double sparse = 0.2;
 // Places tried for one that is good: where the body is mostly thinner than a spacing it is thousands.
 constexpr Index tries_per_place = 100;
-// Larger numbers overflow the lists of the supports.
-constexpr double most_nodes = 1e6;  // as --nodes
+// As many as --nodes may ask for; beyond five times that the lists of the supports would overflow.
+constexpr double most_nodes = 1e6;
 
 std::size_t bound(std::size_t per_node, double nodes) {
   return std::max(fewest_bound, per_node * static_cast<std::size_t>(std::min(nodes, most_nodes)));

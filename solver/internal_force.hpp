@@ -86,8 +86,8 @@ class ForceState {
   explicit ForceState(const ForceSystem& system);
   const ForceSystem& system() const { return *system_; }
 
-  /// f [N] = force with which the tissue resists displacement u [m]: the gradient of the stored energy. f
-  /// [N]. Where a point is inverted its stress is left at zero and the sweep says so; it never throws.
+  /// f [4xN] N = force with which the tissue resists displacement u [4xN] m: the gradient of the stored energy.
+  /// Where a point is inverted its stress is left at zero and the sweep says so; it never throws.
   Sweep internal_force(const Nodal& u, Nodal& f);
 
   /// The two sweeps apart, for a caller that does more with nodes [first, last) once their force is known.
