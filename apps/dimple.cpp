@@ -8,7 +8,7 @@
 //   $ dimple solve block_model -o block_results --depth 0.5mm --rate 10mm/s
 //   $ dimple run block.nrrd -o block_run --nodes 500 --depth 0.5mm --rate 10mm/s --set material.mu=300Pa
 
-#include "apps/command_line.hpp"
+#include "apps/commands/command_line.hpp"
 
 int main(int argc, char** argv) {
   return dimple::command_line(argc, argv);

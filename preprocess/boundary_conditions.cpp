@@ -11,6 +11,7 @@
 #include <numbers>
 
 #include "io/error.hpp"
+#include "io/words.hpp"
 #include "preprocess/circle_place.hpp"
 #include "preprocess/flat_face.hpp"
 
@@ -217,9 +218,7 @@ Frame2 across(const Vec3& push) {
 }
 
 std::string words(const BodySurface& body, const Vec3& local) {
-  const Vec3 lps = body.to_world() * local;
-  const auto number = [](double x) { return std::round(10.0 * x) / 10.0 + 0.0; };
-  return fmt::format("({:.1f}, {:.1f}, {:.1f}) mm", number(lps.x()), number(lps.y()), number(lps.z()));
+  return in_words(Vec3(body.to_world() * local));
 }
 
 // A place that is asked for in LPS [mm]: x,y,z, or x,y,top where z is not known.

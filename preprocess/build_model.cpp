@@ -1,16 +1,14 @@
 #include "preprocess/build_model.hpp"
 
 #include <fmt/format.h>
-#ifdef __GLIBC__
-#include <malloc.h>
-#endif
 
 #include <cmath>
+#include <limits>
 
 #include "io/error.hpp"
 #include "io/memory.hpp"
 #include "io/stop.hpp"
-#include "preprocess/pressure_patches.hpp"
+#include "io/units.hpp"
 #include "preprocess/side_by_side.hpp"
 #include "preprocess/spatial_order.hpp"
 
@@ -46,25 +44,6 @@ double layers_under_circle(const BodySurface& body, const Boundary& boundary, co
 // scheme, 2.2 and less 3.4 to 6 times, 2.8 and more within 6 %. Bodies thicker than the disc have more than
 // five.
 constexpr double fewest_layers = 2.5, enough_layers = 2.7;
-
-// Where supports of the usual size are too small at so many of the points, the cloud does not fill the body.
-constexpr double most_grown = 0.1;
-
-void refuse_too_many_grown(const Model& model, const SupportReport& support, const SupportOptions& options) {
-  constexpr double usual = 1.5;
-  const double share = static_cast<double>(support.grown) / static_cast<double>(model.point_count());
-  if (options.effective_radius_factor() < usual || share <= most_grown) return;
-  const Vec3 x = model.point.col(std::max<Index>(support.fewest_at, 0)) * 1e3;
-  throw ModelError(
-      {.fact = fmt::format("{} of {} supports ({:.0f} %) had to be enlarged, by up to {:.2f}, to have "
-                           "nodes enough",
-                           support.grown, model.point_count(), 100.0 * share, support.largest_growth),
-       .where = fmt::format("support domains; fewest nodes, {}, at ({:.2f}, {:.2f}, {:.2f}) mm",
-                            support.fewest, x.x(), x.y(), x.z()),
-       .why = "the body is thinner than the nodes are apart, or its nodes lie nearly in a plane",
-       .remedy = "ask for more nodes (--nodes) or a smaller --spacing",
-       .code = "supports"});
-}
 
 void refuse_too_thin(double layers, Index nodes) {
   if (layers >= fewest_layers) return;
@@ -104,16 +83,18 @@ void refuse_beyond_memory(const ModelOptions& options, Index nodes) {
 
 }  // namespace
 
-void give_back_memory() {
-#ifdef __GLIBC__
-  malloc_trim(0);
-#endif
+ModelOptions options_of(const Scheme& scheme) {
+  ModelOptions options;
+  options.scheme = scheme;
+  options.cloud.grading.rim = scheme.rim;
+  options.grid.ratio = scheme.points_per_node;
+  return options;
 }
 
-BuiltModel build_model(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at) {
-  BuiltModel built;
-  Model& model = built.model;
-  ModelReport& report = built.report;
+Discretised discretise(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at) {
+  Discretised result;
+  Discretisation& places = result.places;
+  ModelReport& report = result.report;
   report.surface_volume_mm3 = body.volume();
   report.surface_area_mm2 = body.area();
 
@@ -128,7 +109,7 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options, con
   IntegrationGrid grid;
   side_by_side([&] { cloud = make_node_cloud(body, boundary, sizing, options.cloud, size); },
                [&] {
-                 grid = options.averaged_cells
+                 grid = options.scheme.averaged_gradients
                             ? make_graded_grid(body, options.grid, size.count, sizing, size.far_spacing,
                                                label_at)
                             : make_integration_grid(body, options.grid, size.count, label_at);
@@ -139,30 +120,32 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options, con
 
   stop_if_asked();
   const std::vector<Index> nodes = spatial_order(cloud.X), points = spatial_order(grid.point);
-  model.X = world_metres(body, cloud.X(Eigen::all, nodes));
-  model.spacing = cloud.spacing(nodes).unaryExpr(&metres);
-  model.point = world_metres(body, grid.point(Eigen::all, points));
-  model.volume = grid.volume(points).unaryExpr(&cubic_metres);
-  model.label = grid.label(points);
-  model.axes = body.to_world().linear();
+  places.X = world_metres(body, cloud.X(Eigen::all, nodes));
+  places.spacing = cloud.spacing(nodes).unaryExpr(&metres);
+  places.point = world_metres(body, grid.point(Eigen::all, points));
+  places.volume = grid.volume(points).unaryExpr(&cubic_metres);
+  places.label = grid.label(points);
+  places.axes = body.to_world().linear();
+  places.surface.vertex_mm = body.to_world() * body.vertex().colwise().homogeneous();
+  places.surface.triangles = body.triangles();
   if (grid.spread.cols() > 0) {
-    model.spread.resize(6, grid.spread.cols());
+    places.spread.resize(6, grid.spread.cols());
     for (Index q = 0; q < grid.spread.cols(); ++q) {
       const auto s = grid.spread.col(points[static_cast<std::size_t>(q)]);
       Mat3 about;
       about << s[0], s[3], s[5], s[3], s[1], s[4], s[5], s[4], s[2];
-      about = model.axes * about * model.axes.transpose();
-      model.spread.col(q) << about(0, 0), about(1, 1), about(2, 2), about(0, 1), about(1, 2), about(2, 0);
+      about = places.axes * about * places.axes.transpose();
+      places.spread.col(q) << about(0, 0), about(1, 1), about(2, 2), about(0, 1), about(1, 2), about(2, 0);
     }
-    model.spread = model.spread.unaryExpr(&square_metres).eval();
+    places.spread = places.spread.unaryExpr(&square_metres).eval();
   }
-  model.tool.centre = world_metres(body, boundary.centre);
-  model.tool.push = body.to_world().linear() * boundary.push + Vec3::Zero();  // no minus zeros
-  model.tool.radius = metres(boundary.radius);
-  for (Index a = 0; a < model.node_count(); ++a) {
+  places.tool.centre = world_metres(body, boundary.centre);
+  places.tool.push = body.to_world().linear() * boundary.push + Vec3::Zero();  // no minus zeros
+  places.tool.radius = metres(boundary.radius);
+  for (Index a = 0; a < places.node_count(); ++a) {
     const Index in_cloud = nodes[static_cast<std::size_t>(a)];
-    if (in_cloud < cloud.circle_count) model.indenter.push_back(a);
-    if (cloud.base[static_cast<std::size_t>(in_cloud)]) model.base.push_back(a);
+    if (in_cloud < cloud.circle_count) places.indenter.push_back(a);
+    if (cloud.base[static_cast<std::size_t>(in_cloud)]) places.base.push_back(a);
   }
 
   report.spacing_mm = cloud.far_spacing;
@@ -181,7 +164,7 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options, con
   report.evenness = measure_evenness(cloud, grid.point);
   report.stages.done("other");
 
-  if (model.base.empty())
+  if (places.base.empty())
     throw ModelError(
         {.fact = "no node lies on the base",
          .where = "fixed base",
@@ -197,33 +180,64 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options, con
                               boundary.base_depth),
            .remedy = "choose another place (--indent-at), another --base, or less boundary.base_depth_mm"});
   }
-  return built;
+  return result;
 }
 
-Completion complete_model(Model& model, const SupportOptions& options, const Eigen::VectorXi& tissue,
-                          const Eigen::VectorXd& density, const SurfacePieces& surface) {
-  Completion report;
-  const bool averaged = model.spread.cols() > 0, consistent = averaged && surface.place.cols() > 0;
-  Points wanted;
-  side_by_side([&] { report.support = find_supports(model, options, tissue); },
-               [&] {
-                 if (consistent) wanted = surface_integrals(model, options, surface);
-               });
-  give_back_memory();
-  stop_if_asked();
-  refuse_too_many_grown(model, report.support, options);
-  report.stages.done("support");
-  side_by_side(
-      [&] {
-        if (consistent) report.consistency = make_consistent(model, wanted);
-      },
-      [&] {
-        if (averaged) make_pressure_patches(model, tissue);
-        model.mass = lumped_mass(model, density);
-      });
-  give_back_memory();
-  report.stages.done("consistency, patches");
-  return report;
+LabelAt label_finder(const LabelImage& image, const BodySurface& body) {
+  const Eigen::Affine3d to_voxel = image.to_world.inverse() * body.to_world();
+  return [&image, to_voxel](const Vec3& x) {
+    const Vec3 v = to_voxel * x;
+    const Eigen::Matrix<Index, 3, 1> at = v.array().round().cast<Index>();
+    int best = 0;
+    double nearest = std::numeric_limits<double>::infinity();
+    for (Index reach = 0; reach <= 2 && best == 0; ++reach)
+      for (Index k = at[2] - reach; k <= at[2] + reach; ++k)
+        for (Index j = at[1] - reach; j <= at[1] + reach; ++j)
+          for (Index i = at[0] - reach; i <= at[0] + reach; ++i) {
+            if (i < 0 || j < 0 || k < 0 || i >= image.size[0] || j >= image.size[1] || k >= image.size[2])
+              continue;
+            const int label = image.at(i, j, k);
+            const double away =
+                (Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) - v)
+                    .squaredNorm();
+            if (label == 0 || away >= nearest) continue;
+            nearest = away;
+            best = label;
+          }
+    return best;
+  };
+}
+
+Eigen::VectorXi tissue_of_points(const Discretisation& places, const TissueOptions& tissues) {
+  Eigen::VectorXi tissue(places.point_count());
+  for (Index q = 0; q < tissue.size(); ++q) {
+    const auto own = tissues.of_label.find(places.label[q]);
+    tissue[q] = own == tissues.of_label.end() ? 0 : own->second;
+  }
+  return tissue;
+}
+
+BuiltModel build_model(const BodySurface& body, const ModelOptions& options, const TissueOptions& tissues,
+                       const LabelAt& label_at) {
+  auto [places, report] = discretise(body, options, label_at);
+  Eigen::VectorXi tissue = tissue_of_points(places, tissues);
+  Stages& stages = report.stages;
+  return {make_model(std::move(places), options.scheme, std::move(tissue), tissues.density, &stages),
+          std::move(report),
+          {}};
+}
+
+BuiltModel build_model(const LabelImage& image, const std::vector<int>& labels, const ModelOptions& options,
+                       const TissueOptions& tissues) {
+  SegmentedBody body =
+      make_body_surface(image, labels, {.indenter_diameter_mm = options.boundary.indenter_diameter_mm});
+  ModelOptions here = options;
+  here.boundary.voxel_mm = image.spacing().maxCoeff();
+  // Cells are split where tissues meet; where all labels are of one tissue their borders mean nothing.
+  BuiltModel built = build_model(body.surface, here, tissues,
+                                 tissues.of_label.empty() ? LabelAt{} : label_finder(image, body.surface));
+  built.segment = std::move(body.report);
+  return built;
 }
 
 }  // namespace dimple

@@ -238,31 +238,34 @@ class CoarseFields {
 // No triangle is larger than a body, and no spacing is less than a thousandth of one.
 constexpr int deepest = 12;
 
-void divide(const Vec3& a, const Vec3& b, const Vec3& c, const Neighbours& nodes, const Model& model,
-            std::vector<Vec3>& place, std::vector<Vec3>& area, int depth = 0) {
+void divide(const Vec3& a, const Vec3& b, const Vec3& c, const Neighbours& nodes,
+            const Eigen::VectorXd& spacing, std::vector<Vec3>& place, std::vector<Vec3>& area,
+            int depth = 0) {
   stop_if_asked();
   const double longest = std::max({(b - a).norm(), (c - b).norm(), (a - c).norm()});
   const Vec3 middle = (a + b + c) / 3.0;
-  if (depth == deepest || longest <= model.spacing[nodes.nearest(middle, 1).front()]) {
+  if (depth == deepest || longest <= spacing[nodes.nearest(middle, 1).front()]) {
     place.push_back(middle);
     area.push_back(0.5 * (b - a).cross(c - a));
     return;
   }
   const Vec3 ab = 0.5 * (a + b), bc = 0.5 * (b + c), ca = 0.5 * (c + a);
-  divide(a, ab, ca, nodes, model, place, area, depth + 1);
-  divide(ab, b, bc, nodes, model, place, area, depth + 1);
-  divide(ca, bc, c, nodes, model, place, area, depth + 1);
-  divide(ab, bc, ca, nodes, model, place, area, depth + 1);
+  divide(a, ab, ca, nodes, spacing, place, area, depth + 1);
+  divide(ab, b, bc, nodes, spacing, place, area, depth + 1);
+  divide(ca, bc, c, nodes, spacing, place, area, depth + 1);
+  divide(ab, bc, ca, nodes, spacing, place, area, depth + 1);
 }
 
 }  // namespace
 
-SurfacePieces pieces_of(const Points& vertex, const Triangles& triangles, const Model& model) {
-  const Neighbours nodes(model.X);
+SurfacePieces pieces_of(const Discretisation& cloud) {
+  const Points vertex = cloud.surface.vertex_mm * 1e-3;
+  const Triangles& triangles = cloud.surface.triangles;
+  const Neighbours nodes(cloud.X);
   std::vector<std::vector<Vec3>> place(static_cast<std::size_t>(triangles.cols())), area = place;
   tbb::parallel_for(Index{0}, triangles.cols(), [&](Index t) {
     divide(vertex.col(triangles(0, t)), vertex.col(triangles(1, t)), vertex.col(triangles(2, t)), nodes,
-           model, place[static_cast<std::size_t>(t)], area[static_cast<std::size_t>(t)]);
+           cloud.spacing, place[static_cast<std::size_t>(t)], area[static_cast<std::size_t>(t)]);
   });
   Index count = 0;
   for (const auto& list : place) count += static_cast<Index>(list.size());
@@ -276,11 +279,12 @@ SurfacePieces pieces_of(const Points& vertex, const Triangles& triangles, const 
   return result;
 }
 
-Points surface_integrals(const Model& model, const SupportOptions& options, const SurfacePieces& surface) {
-  Points result = Points::Zero(3, model.node_count());
+Points surface_integrals(const Discretisation& cloud, const SupportOptions& options,
+                         const SurfacePieces& surface) {
+  Points result = Points::Zero(3, cloud.node_count());
   for (Index first = 0; first < surface.place.cols(); first += slab) {
     const Index count = std::min(slab, surface.place.cols() - first);
-    const Interpolation phi = make_interpolation(model, options, surface.place.middleCols(first, count));
+    const Interpolation phi = make_interpolation(cloud, options, surface.place.middleCols(first, count));
     for (Index k = 0; k < count; ++k)
       for (int e = phi.rows.offset[k]; e < phi.rows.offset[k + 1]; ++e)
         result.col(phi.rows.member[e]) += phi.weight[e] * surface.area.col(first + k);
@@ -288,7 +292,7 @@ Points surface_integrals(const Model& model, const SupportOptions& options, cons
   return result;
 }
 
-ConsistencyReport make_consistent(Model& model, const Points& wanted) {
+void make_consistent(Model& model, const Points& wanted) {
   const Index n = model.node_count();
   const LinearFields fields(model);
   const Influence influence(model);
@@ -314,7 +318,7 @@ ConsistencyReport make_consistent(Model& model, const Points& wanted) {
   // A surface of flat pieces may enclose another volume than the cells have, by a little: of the residual
   // that part is left, which no change that spares linear fields can take away.
   Nodal r = Nodal::Zero(4, n);
-  ConsistencyReport report;
+  ConsistencyReport& report = model.consistency_report = {};
   {
     Points left = residual();
     report.before = largest(left);
@@ -373,7 +377,6 @@ ConsistencyReport make_consistent(Model& model, const Points& wanted) {
   });
   report.largest_change = change.maxCoeff();
   report.after = largest(residual());
-  return report;
 }
 
 }  // namespace dimple

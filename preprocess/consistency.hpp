@@ -11,14 +11,8 @@ struct SurfacePieces {
   Points area;   ///< [3xK] m^2: outward normal x area
 };
 
-/// Triangles (vertices in m), divided until none is longer than the spacing of the nodes near it.
-SurfacePieces pieces_of(const Points& vertex, const Triangles& triangles, const Model& model);
-
-struct ConsistencyReport {
-  double before = 0.0, after = 0.0;  ///< largest |sum_q V_q dphi_qa - integral phi_a n dS| / sum_q V_q |dphi_qa|
-  double largest_change = 0.0;       ///< of a gradient, as a part of the largest gradient of its cell
-  int iterations = 0;
-};
+/// The body's surface, its triangles divided until none is longer than the spacing of the nodes near it.
+SurfacePieces pieces_of(const Discretisation& cloud);
 
 /// Changes the cells' gradients, as little as possible, so that the divergence theorem holds for every shape function:
 ///
@@ -35,10 +29,12 @@ struct ConsistencyReport {
 /// Departs:  they change the test functions only; here the one gradient of energy and force, so that forces stay the
 ///           derivative of an energy.
 ///
-/// Reads supports, dphi and the variance's columns. `wanted` [3xN]: those integrals, of surface_integrals().
-ConsistencyReport make_consistent(Model& model, const Points& wanted);
+/// A step of make_model(), after find_supports(): changes dphi and fills consistency_report. `wanted` [3xN]: those
+/// integrals, of surface_integrals().
+void make_consistent(Model& model, const Points& wanted);
 
 /// Integral over the surface of phi_a n dS for every node a [m^2], from the places alone: no supports needed.
-Points surface_integrals(const Model& model, const SupportOptions& options, const SurfacePieces& surface);
+Points surface_integrals(const Discretisation& cloud, const SupportOptions& options,
+                         const SurfacePieces& surface);
 
 }  // namespace dimple

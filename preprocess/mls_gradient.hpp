@@ -1,29 +1,11 @@
 #pragma once
 
 #include <span>
-#include <string>
 
 #include "io/types.hpp"
+#include "preprocess/scheme.hpp"
 
 namespace dimple {
-
-enum class Basis { linear, quadratic };
-enum class Weight { quartic, cubic, gauss };
-
-/// Size and form of the support domains.
-struct SupportOptions {
-  Basis basis = Basis::linear;
-  Weight weight = Weight::quartic;
-  /// A node's support radius = radius_factor x the cloud's spacing at that node. 0: 1.8 (linear), 2.6
-  /// (quadratic).
-  double radius_factor = 0.0;
-  /// At prescribed nodes the weight is multiplied by (1 + e) / (s^2 + e), s = distance / radius, so that the
-  /// field nearly takes their values there; e = this. 0: ordinary weights everywhere. Most & Bucher 2005.
-  double interpolation = 0.0;
-  double effective_radius_factor() const {
-    return radius_factor > 0.0 ? radius_factor : basis == Basis::linear ? 1.8 : 2.6;
-  }
-};
 
 /// Moving least squares at one place.
 struct MlsResult {

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "io/types.hpp"
+#include "preprocess/scheme.hpp"
 
 namespace dimple {
 
@@ -44,8 +45,17 @@ struct Indenter {
   double radius = 5e-3;        ///< [m]
 };
 
-/// Everything that stays fixed during a run. SI units; positions are LPS, in metres.
-struct Model {
+/// The body's boundary as triangles, as the image has it.
+struct Surface {
+  Points vertex_mm;  ///< [3xV] LPS mm, to the last bit as files have it
+  Triangles triangles;
+  bool empty() const { return triangles.cols() == 0; }
+};
+
+/// Where nodes and integration points lie, what they stand for, and which nodes are held: what a model folder
+/// keeps, and what a program of another's can make. SI units but for the surface; positions are LPS, in
+/// metres.
+struct Discretisation {
   Points X;                     ///< [3xN] nodes at rest
   Eigen::VectorXd spacing;      ///< [N] distance to the next nodes that the cloud aimed at there
   Points point;                 ///< [3xQ] integration points
@@ -57,21 +67,11 @@ struct Model {
   Indenter tool;
   Mat3 axes =
       Mat3::Identity();  ///< columns: the image's axes; what has a direction of its own is made along them
-
-  CompressedRows support;  ///< row q: the nodes that point q sees
-  /// [3 x support.member] gradient of each such node's shape function at q, or its mean over q's cell [1/m]
-  Points dphi;
-  PressurePatches patches;                 ///< empty: the volume is held at every point
-  std::vector<GradientVariance> variance;  ///< of each tissue; empty: left out
-  Eigen::VectorXd mass;                    ///< [N] kg
+  Surface surface;       ///< may be empty
 
   Index node_count() const { return X.cols(); }
   Index point_count() const { return point.cols(); }
 };
-
-/// Row r of the result lists the rows of `rows` that hold r, ascending: for a support, each node's influence.
-/// `slot`, if given, receives the place in rows.member that each member of the result came from.
-CompressedRows transpose(const CompressedRows& rows, Index columns, Eigen::VectorXi* slot = nullptr);
 
 /// What happened while the supports were found: printed, and kept in summary.json.
 struct SupportReport {
@@ -83,5 +83,33 @@ struct SupportReport {
   Index fewest_at = -1, worst_pivot_at = -1;  ///< points
   double linear_error = 0.0;  ///< largest error in reproducing a constant or linear field's gradient
 };
+
+/// How far the gradients were from the divergence theorem, and are: see make_consistent().
+struct ConsistencyReport {
+  double before = 0.0,
+         after = 0.0;           ///< largest |sum_q V_q dphi_qa - integral phi_a n dS| / sum_q V_q |dphi_qa|
+  double largest_change = 0.0;  ///< of a gradient, as a part of the largest gradient of its cell
+  int iterations = 0;
+};
+
+/// Everything that stays fixed during a run, complete as make_model() or build_model() returns it.
+struct Model : Discretisation {
+  Scheme scheme = converging;
+  Eigen::VectorXi tissue;  ///< [Q] number of each point's tissue, from 0
+
+  CompressedRows support;  ///< row q: the nodes that point q sees
+  /// [3 x support.member] gradient of each such node's shape function at q, or its mean over q's cell [1/m]
+  Points dphi;
+  PressurePatches patches;                 ///< empty: the volume is held at every point
+  std::vector<GradientVariance> variance;  ///< of each tissue; empty: left out
+  Eigen::VectorXd mass;                    ///< [N] kg
+
+  SupportReport support_report;
+  ConsistencyReport consistency_report;
+};
+
+/// Row r of the result lists the rows of `rows` that hold r, ascending: for a support, each node's influence.
+/// `slot`, if given, receives the place in rows.member that each member of the result came from.
+CompressedRows transpose(const CompressedRows& rows, Index columns, Eigen::VectorXi* slot = nullptr);
 
 }  // namespace dimple

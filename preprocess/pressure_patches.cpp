@@ -132,7 +132,7 @@ Patches patches_of(const Places& places, const std::vector<int>& points, Index c
 
 }  // namespace
 
-void make_pressure_patches(Model& model, const Eigen::VectorXi& tissue, double nodes_per_patch) {
+void make_pressure_patches(Model& model, double nodes_per_patch) {
   const Index count = model.point_count();
   Places places;
   places.x = model.axes.transpose() * model.point;
@@ -148,7 +148,7 @@ void make_pressure_patches(Model& model, const Eigen::VectorXi& tissue, double n
   const double nodes_per_worth = static_cast<double>(model.node_count()) / places.worth.sum();
 
   std::map<int, std::vector<int>> of_tissue;
-  for (Index q = 0; q < count; ++q) of_tissue[tissue[q]].push_back(static_cast<int>(q));
+  for (Index q = 0; q < count; ++q) of_tissue[model.tissue[q]].push_back(static_cast<int>(q));
   std::vector<std::vector<std::pair<int, double>>> share(static_cast<std::size_t>(count));
   Index first = 0;
   for (const auto& [number, points] : of_tissue) {

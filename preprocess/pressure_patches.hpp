@@ -15,8 +15,7 @@ namespace dimple {
 ///
 /// Why: at nu near 1/2 a volume constraint at every point is more than the nodes can satisfy (the body
 /// locks). A coarser space of overlapping patches satisfies the inf-sup condition in practice; see
-/// solver/README.md. Needs: support, spacing, point, volume, axes. `tissue` [Q]: number of each point's; a
-/// patch lies in one.
-void make_pressure_patches(Model& model, const Eigen::VectorXi& tissue, double nodes_per_patch = 7.0);
+/// solver/README.md. A step of make_model(), after find_supports(). A patch lies in one tissue.
+void make_pressure_patches(Model& model, double nodes_per_patch = 7.0);
 
 }  // namespace dimple

@@ -36,7 +36,7 @@ struct PlaceSupport {
 
 // What the places of one model share.
 struct Cloud {
-  Cloud(const Model& m, const SupportOptions& o)
+  Cloud(const Discretisation& m, const SupportOptions& o)
       : model(m), options(o), tree(m.X), radius(o.effective_radius_factor() * m.spacing) {
     std::map<int, std::vector<int>> of_octave;
     for (Index a = 0; a < m.node_count(); ++a)
@@ -50,7 +50,7 @@ struct Cloud {
     for (const auto* set : {&m.base, &m.indenter})
       for (const Index a : *set) pinned[static_cast<std::size_t>(a)] = 1;
   }
-  const Model& model;
+  const Discretisation& model;
   const SupportOptions& options;
   Neighbours tree;
   Eigen::VectorXd radius;
@@ -145,7 +145,7 @@ Near nodes_near(const Points& places, const Cloud& cloud, const Eigen::VectorXd&
 }
 
 // The symmetric root in the frame of the image's axes: smooth in the spread, and it turns with the body.
-Mat3 root_of_spread(const Model& model, Index q) {
+Mat3 root_of_spread(const Discretisation& model, Index q) {
   const auto s = model.spread.col(q);
   Mat3 about;
   about << s[0], s[3], s[5], s[3], s[1], s[4], s[5], s[4], s[2];
@@ -374,17 +374,18 @@ double linear_error(const Model& model, Index q, const PointSupport& s, double r
 
 }  // namespace
 
-SupportReport find_supports(Model& model, const SupportOptions& options, const Eigen::VectorXi& tissue) {
+void find_supports(Model& model) {
+  const SupportOptions& options = model.scheme.support;
   const Cloud cloud(model, options);
-  const bool averaged = model.spread.cols() > 0;
+  const bool averaged = model.scheme.averaged_gradients;
   Eigen::VectorXd margin;
   if (averaged)
     margin = model.spread.topRows<3>().colwise().sum().cwiseMax(0.0).cwiseSqrt().transpose() * 1.8;
   const double mean_radius = options.effective_radius_factor() * model.spacing.mean();
 
-  SupportReport report;
+  SupportReport& report = model.support_report = {};
   report.fewest = model.node_count();
-  const Eigen::VectorXi of_point = tissue.size() > 0 ? tissue : Eigen::VectorXi::Zero(model.point_count());
+  const Eigen::VectorXi& of_point = model.tissue;
   std::map<int, std::vector<LowerRow>> variance;  // of each tissue
   if (averaged)
     for (const int t : of_point) variance[t].resize(static_cast<std::size_t>(model.node_count()));
@@ -477,11 +478,11 @@ SupportReport find_supports(Model& model, const SupportOptions& options, const E
     v.tissue = t;
     unfold(rows, v);
   }
-  return report;
 }
 
-Interpolation make_interpolation(const Model& model, const SupportOptions& options, const Points& places) {
-  const Cloud cloud(model, options);
+Interpolation make_interpolation(const Discretisation& body, const SupportOptions& options,
+                                 const Points& places) {
+  const Cloud cloud(body, options);
   const auto near = nodes_near(places, cloud, {});
   struct Row {
     std::vector<int> member;
@@ -509,7 +510,7 @@ Interpolation make_interpolation(const Model& model, const SupportOptions& optio
     for (Index m = first; m < last; ++m) nodes.insert(nodes.end(), near.of(m).begin(), near.of(m).end());
     std::sort(nodes.begin(), nodes.end());
     nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
-    mls_of_eight(places.middleCols(first, cell_places), model.X, nodes, cloud.radius, cloud.pinned,
+    mls_of_eight(places.middleCols(first, cell_places), body.X, nodes, cloud.radius, cloud.pinned,
                  options.interpolation, false, eight);
     for (Index m = first; m < last; ++m) {
       const auto k = static_cast<std::size_t>(m - first);

@@ -10,15 +10,15 @@ namespace dimple {
 /// A place is accepted when its moment matrix is well conditioned and it has at least twice as many nodes as
 /// the basis has terms; until then all radii are enlarged for that place by a tenth, at most to 2.5 times.
 ///
-/// Where the model has a `spread`, the gradients are means over the point's cell, by the eight places
+/// Where the scheme averages gradients, they are means over the point's cell, by the eight places
 /// point + spread^(1/2) (+-1, +-1, +-1), which integrate quadratics exactly; and `variance` receives what the
 /// mean leaves out of |F|^2. Means make the sum of forces independent of where the points lie; the
 /// variance makes it independent of how many there are.
 ///
-/// Fills support, dphi and variance from X, spacing, point, spread and axes. `tissue` [Q]: number of each
-/// point's; empty: all one. Throws ModelError where even that is not enough: the place, the count, what to
+/// A step of make_model(): fills support, dphi, variance and support_report from the discretisation, the
+/// scheme and the tissues. Throws ModelError where even that is not enough: the place, the count, what to
 /// change.
-SupportReport find_supports(Model& model, const SupportOptions& options, const Eigen::VectorXi& tissue = {});
+void find_supports(Model& model);
 
 /// Shape functions at places that are not integration points, kept for use at many times; for pictures and
 /// surfaces. A place that no support can be found for takes the nearest node's value.
@@ -28,6 +28,7 @@ struct Interpolation {
   /// Nodal values [dim x N] -> values at the places [dim x M].
   Eigen::MatrixXd operator()(const Eigen::MatrixXd& nodal) const;
 };
-Interpolation make_interpolation(const Model& model, const SupportOptions& options, const Points& places);
+Interpolation make_interpolation(const Discretisation& cloud, const SupportOptions& options,
+                                 const Points& places);
 
 }  // namespace dimple

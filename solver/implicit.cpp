@@ -25,17 +25,6 @@ constexpr double shorter = 0.25;       // step, of the longest, that is tried wh
 constexpr double of_stable_step = 0.9;
 constexpr std::int64_t most_small_steps = 20000;  // in place of a long one; usual: some hundreds
 
-}  // namespace
-
-double shear_crossing_time(const Tissues& tissues, const Model& model) {
-  double speed = std::numeric_limits<double>::infinity();
-  for (const Material& m : tissues.material) speed = std::min(speed, shear_wave_speed(m));
-  const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
-  return (along.maxCoeff() - along.minCoeff()) / speed;
-}
-
-namespace {
-
 void step_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
                      const SolverOptions& options, const Observer& observer, History& history,
                      const State* from) {
@@ -254,9 +243,9 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
 
 }  // namespace
 
-void simulate_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
-                         const SolverOptions& options, const Observer& observer, History& history,
-                         const State* from) {
+void march_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
+                      const SolverOptions& options, const Observer& observer, History& history,
+                      const State* from) {
   try {
     step_implicitly(system, model, loading, options, observer, history, from);
   } catch (const Stopped&) {

@@ -1,16 +1,10 @@
 #pragma once
 
-#include "solver/simulate.hpp"
+#include "solver/march.hpp"
 
 namespace dimple {
 
-/// A load that lasts so many times as long as a shear wave's way through the body is slow: inertia plays no
-/// part.
-constexpr double slow_load = 8.0;
-/// [s] that the slowest shear wave takes through the body along the tool's push.
-double shear_crossing_time(const Tissues& tissues, const Model& model);
-
-/// As simulate(), with steps as long as the waves of the whole body allow, not those between two nodes: each
+/// As march_explicitly(), with steps as long as the waves of the whole body allow, not those between two nodes: each
 /// is an equilibrium with inertia, found by MixedIteration. Hilber, Hughes and Taylor's rule with alpha -1/3,
 ///
 ///     u+ = u + dt v + dt^2 ((1/2 - beta) a + beta a+),   v+ = v + dt ((1 - gamma) a + gamma a+),
@@ -26,8 +20,8 @@ double shear_crossing_time(const Tissues& tissues, const Model& model);
 ///
 /// Source:   Newmark 1959; Hilber, Hughes, Taylor 1977, alpha -1/3.
 /// Throws:   SolveError: a number stopped being one. `history` holds everything up to that moment.
-void simulate_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
-                         const SolverOptions& options, const Observer& observer, History& history,
-                         const State* from = nullptr);
+void march_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
+                      const SolverOptions& options, const Observer& observer, History& history,
+                      const State* from = nullptr);
 
 }  // namespace dimple

@@ -21,7 +21,7 @@ ForceSystem::ForceSystem(const Model& model, const Tissues& tissues, Precision p
       nodes_(model.node_count()),
       points_(model.point_count()),
       pairs_(model.support.member.size()),
-      patches_(model.patches.count() > 0) {
+      patches_(model.scheme.pressure_patches) {
   if (precision == Precision::single_)
     single_ = std::make_unique<ProjectedKernel<float>>(model, tissues);
   else

@@ -458,7 +458,7 @@ Eigen::VectorXd pressures_of_volumes(const ForceState& forces, const Model& mode
 }
 
 bool MixedIteration::serves(const ForceSystem& system, const Model& model) {
-  if (model.patches.count() == 0 || model.variance.empty()) return false;
+  if (!model.scheme.pressure_patches || !model.scheme.averaged_gradients) return false;
   return std::all_of(system.materials().begin(), system.materials().end(),
                      [](const Material& m) { return m.kappa - pointwise_bulk_modulus(m) > 1e-2 * m.mu; });
 }

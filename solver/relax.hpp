@@ -1,7 +1,7 @@
 #pragma once
 
+#include "io/error.hpp"
 #include "solver/mixed_iteration.hpp"
-#include "solver/simulate.hpp"
 
 namespace dimple {
 
@@ -59,12 +59,7 @@ class Relaxation {
 /// [N/m].
 Eigen::VectorXd stiffness_row_sums(const ForceSystem& system, const Model& model);
 
-/// As simulate(), but so slowly that inertia plays no part: equilibrium at options.frames depths, each from
-/// the last three. With viscoelastic tissue the time between two of them is that of the loading. Where there
-/// is no equilibrium to be found, or a guard says that it is wrong, the way there is halved, at most
-/// `most_retries` times.
-void load_slowly(const ForceSystem& system, const Model& model, const Loading& loading,
-                 const SolverOptions& options, const Observer& observer, History& history,
-                 const State* from = nullptr);
+/// Why there is none, in words.
+SolveError no_equilibrium(const Relaxed& found, const Model& model);
 
 }  // namespace dimple

@@ -65,4 +65,11 @@ StableStep stable_time_step(ForceState& forces, const Model& model, const Eigen:
   return result;
 }
 
+double shear_crossing_time(const Tissues& tissues, const Model& model) {
+  double speed = std::numeric_limits<double>::infinity();
+  for (const Material& m : tissues.material) speed = std::min(speed, shear_wave_speed(m));
+  const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
+  return (along.maxCoeff() - along.minCoeff()) / speed;
+}
+
 }  // namespace dimple

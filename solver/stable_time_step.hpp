@@ -23,4 +23,10 @@ struct StableStep {
 StableStep stable_time_step(ForceState& forces, const Model& model, const Eigen::VectorXd& mass,
                             const Constraints& constraints, const ForceSystem::Nodal& u);
 
+/// A load that lasts so many times as long as a shear wave's way through the body is slow: inertia plays no
+/// part.
+constexpr double slow_load = 8.0;
+/// [s] that the slowest shear wave takes through the body along the tool's push.
+double shear_crossing_time(const Tissues& tissues, const Model& model);
+
 }  // namespace dimple

@@ -22,14 +22,14 @@
 #include <ctime>
 #include <functional>
 
-#include "apps/config.hpp"
-#include "apps/pipeline.hpp"
+#include "apps/run/config.hpp"
+#include "apps/studies/measure.hpp"
 #include "io/chart.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "preprocess/clones.hpp"
 #include "preprocess/phantom.hpp"
-#include "solver/relax.hpp"
+#include "solver/quasi_static.hpp"
 #include "tests/bench/scene.hpp"
 
 namespace dimple {
@@ -135,6 +135,7 @@ Tetrahedra tetrahedra_of(const Model& model, const BodySurface& body) {
 // solvers this is a linear tetrahedral mesh.
 Model as_tetrahedra(const Model& nodes, const Tetrahedra& mesh) {
   Model model = nodes;
+  model.scheme = horton2007;
   const auto count = static_cast<Index>(mesh.corner.size());
   model.point.resize(3, count);
   model.volume.resize(count);
@@ -248,8 +249,9 @@ double force(const Model& model, const Material& material) {
   const ForceSystem system(model, material);
   ForceState forces(system);
   History history;
-  load_slowly(system, model, {.depth = 1e-3 * force_depth_mm},
-              {.frames = 1, .tolerance = 1e-3, .evaluations = 30000, .guards = false}, {}, history);
+  march_quasi_statically(system, model, {.depth = 1e-3 * force_depth_mm},
+                         {.frames = 1, .tolerance = 1e-3, .evaluations = 30000, .guards = false}, {},
+                         history);
   return history.force.back().force;
 }
 
@@ -265,8 +267,8 @@ void tetrahedra(const fs::path& folder) {
   for (const bool brain : {true, false}) {
     const std::string name = brain ? "phantom brain" : "block 60 x 60 x 30 mm";
     const LabelImage image = brain ? make_phantom({}) : scene_image();
-    const auto add = [&](const std::string& method, const Model& model, ForceState& forces,
-                         double newtons, const std::function<void()>& call) {
+    const auto add = [&](const std::string& method, const Model& model, ForceState& forces, double newtons,
+                         const std::function<void()>& call) {
       const double seconds = cost(call);
       const StableStep step =
           stable_time_step(forces, model, model.mass, make_constraints(model, Contact::bonded),
@@ -297,8 +299,7 @@ void tetrahedra(const fs::path& folder) {
         config.boundary.base = "inferior";
         config.boundary.indent_at = "0,0,top";
       }
-      return std::pair(make_body_surface(image, {}),
-                       whole_model(image, config));
+      return std::pair(make_body_surface(image, {}), whole_model(image, config));
     };
     const auto [body, model] = model_of("horton2007");
     const Tetrahedra mesh = tetrahedra_of(model, body.surface);

@@ -14,7 +14,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "apps/run_program.hpp"
+#include "apps/studies/run_program.hpp"
 #include "io/chart.hpp"
 #include "io/error.hpp"
 #include "io/table.hpp"

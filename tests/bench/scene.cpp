@@ -37,10 +37,10 @@ double difference_of_reference(const Scene& scene, const ForceSystem::Nodal& f) 
 void compare_with_reference(const Scene& scene) {
   const ForceSystem exact(scene.model, scene.material),
       single(scene.model, scene.material, Precision::single_);
-  ForceState exact_forces(exact);
+  ForceState exact_forces(exact), single_forces(single);
   ForceSystem::Nodal f = scene.u, g = scene.u;
-  exact.internal_force(scene.u, f);
-  single.internal_force(scene.u, g);
+  exact_forces.internal_force(scene.u, f);
+  single_forces.internal_force(scene.u, g);
   const auto demand = [&](const char* what, double difference, double least) {
     if (difference <= least) return;
     fmt::print(
@@ -69,18 +69,9 @@ LabelImage scene_image() {
   return make_phantom({.shape = "block", .size_mm = {60.0, 60.0, 30.0}});
 }
 
-SurfacePieces surface_pieces(const BodySurface& body, const Model& model) {
-  const Points world = body.to_world() * body.vertex().colwise().homogeneous();
-  return pieces_of(world * 1e-3, body.triangles(), model);
-}
-
 Model whole_model(const LabelImage& image, const Config& config) {
   const SegmentedBody body = make_body_surface(image, {});
-  Model model = build_model(body.surface, model_options(config)).model;
-  complete_model(model, support_options(config), Eigen::VectorXi::Zero(model.point_count()),
-                 Eigen::VectorXd::Constant(model.point_count(), material_of(config).density),
-                 surface_pieces(body.surface, model));
-  return model;
+  return build_model(body.surface, model_options(config), {.density = {material_of(config).density}}).model;
 }
 
 namespace {
@@ -94,10 +85,9 @@ const Scene& scene(const std::string& scheme, Index nodes) {
   now.config = scene_config(scheme, nodes);
   now.image = scene_image();
   now.material = material_of(now.config);
-  now.support = support_options(now.config);
   now.model = whole_model(now.image, now.config);
   now.u = dent(now.model);
-  if (converging(now.config)) compare_with_reference(now);
+  if (now.model.scheme.pressure_patches) compare_with_reference(now);
   return now;
 }
 

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "apps/config.hpp"
+#include "apps/run/config.hpp"
 #include "preprocess/label_surface.hpp"
 #include "solver/internal_force.hpp"
 
@@ -16,16 +16,12 @@ struct Scene {
   Config config;
   LabelImage image;
   Material material;
-  SupportOptions support;
-  Model model;           ///< complete
+  Model model;
   ForceSystem::Nodal u;  ///< [N] m: a dent as under the tool, for force evaluations
 };
 
 Config scene_config(const std::string& scheme, Index nodes);
 LabelImage scene_image();
-
-/// The surface as pieces in metres, as make_consistent() takes it.
-SurfacePieces surface_pieces(const BodySurface& body, const Model& model);
 
 /// From the image to a model that a solver can take.
 Model whole_model(const LabelImage& image, const Config& config);

@@ -3,7 +3,9 @@
 
 #include <filesystem>
 
+#include "preprocess/consistency.hpp"
 #include "preprocess/pressure_patches.hpp"
+#include "preprocess/support.hpp"
 #include "tests/bench/bench.hpp"
 #include "tests/bench/scene.hpp"
 
@@ -20,14 +22,8 @@ struct Before {
   Boundary boundary = find_boundary(body.surface, options.boundary);
   Sizing sizing{body.surface, boundary, options.cloud.grading};
   NodeCloud cloud = make_node_cloud(body.surface, boundary, sizing, options.cloud);
-  Model places = build_model(body.surface, options).model;  // no supports yet
-  Eigen::VectorXi tissue = Eigen::VectorXi::Zero(places.point_count());
-  Model supported = with_supports(places, final.support, tissue);
-
-  static Model with_supports(Model model, const SupportOptions& support, const Eigen::VectorXi& tissue) {
-    find_supports(model, support, tissue);
-    return model;
-  }
+  Model supported = final.model;  // with gradients as find_supports() leaves them
+  Before() { find_supports(supported); }
 };
 const Before& before() {
   static const Before made;
@@ -76,19 +72,19 @@ void on_copy(benchmark::State& state, const Model& start, const Stage& stage) {
 
 void supports(benchmark::State& state) {
   const Before& b = before();
-  on_copy(state, b.places, [&](Model& model) { find_supports(model, b.final.support, b.tissue); });
+  on_copy(state, b.final.model, [&](Model& model) { find_supports(model); });
 }
 
 void consistency(benchmark::State& state) {
   const Before& b = before();
   on_copy(state, b.supported, [&](Model& model) {
-    make_consistent(model, surface_integrals(model, b.final.support, surface_pieces(b.body.surface, model)));
+    make_consistent(model, surface_integrals(model, model.scheme.support, pieces_of(model)));
   });
 }
 
 void patches(benchmark::State& state) {
   const Before& b = before();
-  on_copy(state, b.supported, [&](Model& model) { make_pressure_patches(model, b.tissue); });
+  on_copy(state, b.supported, [&](Model& model) { make_pressure_patches(model); });
 }
 
 void complete_from_image(benchmark::State& state) {

@@ -9,8 +9,8 @@
 #include <fstream>
 #include <string>
 
-#include "apps/config.hpp"
-#include "apps/model_files.hpp"
+#include "apps/run/config.hpp"
+#include "apps/run/model_files.hpp"
 #include "io/error.hpp"
 #include "io/label_image.hpp"
 #include "io/label_names.hpp"

@@ -16,7 +16,7 @@ inline Model arch_under_a_pad(double rise = 10e-3) {
   const auto in_pad = [&](const Vec3& x) { return std::abs(x.x() - 0.5 * length) < reach + 1e-6; };
   std::mt19937 random(7);
   std::uniform_real_distribution<double> noise(-0.1 * h, 0.1 * h);
-  Model model;
+  Discretisation places;
   std::vector<Vec3> nodes, points;
   for (int k = 0; k <= 6; ++k)
     for (int j = 0; j <= 5; ++j)
@@ -24,8 +24,8 @@ inline Model arch_under_a_pad(double rise = 10e-3) {
         Vec3 x(i * h, j * h, k * h);
         if (k > 2 && !in_pad(x)) continue;
         const auto a = static_cast<Index>(nodes.size());
-        if (i == 0 || i == 26) model.base.push_back(a);
-        if (k == 6) model.indenter.push_back(a);
+        if (i == 0 || i == 26) places.base.push_back(a);
+        if (k == 6) places.indenter.push_back(a);
         if (i > 0 && i < 26 && k != 6) x += Vec3(noise(random), noise(random), noise(random));
         nodes.push_back(lifted(x));
       }
@@ -37,25 +37,23 @@ inline Model arch_under_a_pad(double rise = 10e-3) {
         if (x.z() > arch && !in_pad(x)) continue;
         points.push_back(x);
       }
-  model.X.resize(3, static_cast<Index>(nodes.size()));
-  for (std::size_t a = 0; a < nodes.size(); ++a) model.X.col(static_cast<Index>(a)) = nodes[a];
-  model.spacing = Eigen::VectorXd::Constant(model.X.cols(), h);
+  places.X.resize(3, static_cast<Index>(nodes.size()));
+  for (std::size_t a = 0; a < nodes.size(); ++a) places.X.col(static_cast<Index>(a)) = nodes[a];
+  places.spacing = Eigen::VectorXd::Constant(places.X.cols(), h);
   const auto count = static_cast<Index>(points.size());
-  model.point.resize(3, count);
-  model.label.resize(count);
+  places.point.resize(3, count);
+  places.label.resize(count);
   for (Index q = 0; q < count; ++q) {
     const Vec3& x = points[static_cast<std::size_t>(q)];
-    model.point.col(q) = lifted(x);
-    model.label[q] = x.z() > arch ? 1 : 0;
+    places.point.col(q) = lifted(x);
+    places.label[q] = x.z() > arch ? 1 : 0;
   }
-  model.volume = Eigen::VectorXd::Constant(count, cell * cell * cell);
-  model.spread = Spread::Zero(6, count);
-  model.spread.topRows<3>().setConstant(cell * cell / 12.0);
-  model.tool = {.centre = lifted({0.5 * length, 0.5 * width, top}), .push = -Vec3::UnitZ(), .radius = reach};
-  find_supports(model, {.radius_factor = 1.6, .interpolation = 0.01}, model.label);
-  make_pressure_patches(model, model.label);
-  model.mass = lumped_mass(model, Eigen::VectorXd::Constant(count, 1000.0));
-  return model;
+  places.volume = Eigen::VectorXd::Constant(count, cell * cell * cell);
+  places.spread = Spread::Zero(6, count);
+  places.spread.topRows<3>().setConstant(cell * cell / 12.0);
+  places.tool = {.centre = lifted({0.5 * length, 0.5 * width, top}), .push = -Vec3::UnitZ(), .radius = reach};
+  Eigen::VectorXi tissue = places.label;
+  return make_model(std::move(places), converging, std::move(tissue), {1000.0, 1000.0});
 }
 
 }  // namespace dimple::testing_bodies

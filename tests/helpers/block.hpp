@@ -3,23 +3,33 @@
 #include <functional>
 #include <random>
 
-#include "preprocess/lumped_mass.hpp"
-#include "preprocess/pressure_patches.hpp"
-#include "preprocess/support.hpp"
+#include "preprocess/make_model.hpp"
 #include "solver/internal_force.hpp"
+#include "tests/helpers/steps.hpp"
 
 namespace dimple::testing_bodies {
 
+/// The surface of a box [mm]: two triangles a face, outward.
+inline Surface box_surface(const Vec3& lower_mm, const Vec3& upper_mm) {
+  Surface surface{Points(3, 8), Triangles(3, 12)};
+  for (int v = 0; v < 8; ++v)
+    surface.vertex_mm.col(v) << (v & 1 ? upper_mm : lower_mm).x(), (v & 2 ? upper_mm : lower_mm).y(),
+        (v & 4 ? upper_mm : lower_mm).z();
+  surface.triangles << 0, 0, 4, 4, 0, 0, 2, 2, 0, 0, 1, 1,  //
+      2, 3, 5, 7, 1, 5, 7, 6, 4, 6, 3, 7,                   //
+      3, 1, 7, 6, 5, 4, 3, 7, 6, 2, 7, 5;
+  return surface;
+}
+
 /// A block 30 x 30 x 20 mm standing on z = 0, without any image: nodes on a lattice of n cells along z, inner
 /// ones moved by up to `jitter` spacings, points in the middle of cells `cells_per_spacing` times finer, base
-/// below, a circle of 4 mm radius pushed down on top. Supports, gradients and masses included.
-inline Model block(Index n = 6, double jitter = 0.2, double cells_per_spacing = 1.15,
-                   const SupportOptions& support = {}, unsigned seed = 7) {
+/// below, a circle of 4 mm radius pushed down on top.
+inline Discretisation block_places(Index n, double jitter, double cells_per_spacing, unsigned seed = 7) {
   const Vec3 size(30e-3, 30e-3, 20e-3);
   const double h = size.z() / static_cast<double>(n);
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> noise(-jitter * h, jitter * h);
-  Model model;
+  Discretisation places;
   std::vector<Vec3> nodes;
   const Index nx = static_cast<Index>(std::lround(size.x() / h)),
               ny = static_cast<Index>(std::lround(size.y() / h));
@@ -33,43 +43,51 @@ inline Model block(Index n = 6, double jitter = 0.2, double cells_per_spacing = 
         if (j > 0 && j < ny) x.y() += noise(random);
         if (k > 0 && k < n) x.z() += noise(random);
         const Index a = static_cast<Index>(nodes.size());
-        if (k == 0) model.base.push_back(a);
+        if (k == 0) places.base.push_back(a);
         if (k == n && (x.head<2>() - Eigen::Vector2d(15e-3, 15e-3)).norm() < 4e-3)
-          model.indenter.push_back(a);
+          places.indenter.push_back(a);
         nodes.push_back(x);
       }
-  model.X.resize(3, static_cast<Index>(nodes.size()));
-  for (std::size_t a = 0; a < nodes.size(); ++a) model.X.col(static_cast<Index>(a)) = nodes[a];
-  model.spacing = Eigen::VectorXd::Constant(model.X.cols(), h);
+  places.X.resize(3, static_cast<Index>(nodes.size()));
+  for (std::size_t a = 0; a < nodes.size(); ++a) places.X.col(static_cast<Index>(a)) = nodes[a];
+  places.spacing = Eigen::VectorXd::Constant(places.X.cols(), h);
 
   const Eigen::Array3d cells = (size.array() / h * cells_per_spacing).round();
   const Vec3 cell = size.cwiseQuotient(cells.matrix());
-  model.point.resize(3, static_cast<Index>(cells.prod()));
+  places.point.resize(3, static_cast<Index>(cells.prod()));
   Index q = 0;
   for (int k = 0; k < cells.z(); ++k)
     for (int j = 0; j < cells.y(); ++j)
       for (int i = 0; i < cells.x(); ++i)
-        model.point.col(q++) = (Vec3(i, j, k).array() + 0.5).matrix().cwiseProduct(cell);
-  model.volume = Eigen::VectorXd::Constant(q, cell.prod());
-  model.tool = {.centre = Vec3(15e-3, 15e-3, 20e-3), .push = -Vec3::UnitZ(), .radius = 4e-3};
-  model.label = Eigen::VectorXi::Zero(q);
-  find_supports(model, support);
-  model.mass = lumped_mass(model, Eigen::VectorXd::Constant(model.point_count(), 1000.0));
-  return model;
+        places.point.col(q++) = (Vec3(i, j, k).array() + 0.5).matrix().cwiseProduct(cell);
+  places.volume = Eigen::VectorXd::Constant(q, cell.prod());
+  places.tool = {.centre = Vec3(15e-3, 15e-3, 20e-3), .push = -Vec3::UnitZ(), .radius = 4e-3};
+  places.label = Eigen::VectorXi::Zero(q);
+  places.surface = box_surface(Vec3::Zero(), 1e3 * size);
+  return places;
 }
 
-/// The same block for the converging scheme: cells with a spread, gradients averaged over them, pressure
-/// patches. `tissue`, if given, numbers each point by its place.
+/// That block as the product makes it for the paper's scheme.
+inline Model block(Index n = 6, double jitter = 0.2, double cells_per_spacing = 1.15,
+                   const SupportOptions& support = {}, unsigned seed = 7) {
+  Scheme scheme = horton2007;
+  scheme.support = support;
+  Discretisation places = block_places(n, jitter, cells_per_spacing, seed);
+  Eigen::VectorXi tissue = places.label;
+  return make_model(std::move(places), scheme, std::move(tissue), {1000.0});
+}
+
+/// And for the converging scheme. `tissue`, if given, numbers each point by its place.
 inline Model averaged_block(Index n = 6, double jitter = 0.2, double cells_per_spacing = 1.8,
                             const std::function<int(const Vec3&)>& tissue = {}) {
-  Model model = block(n, jitter, cells_per_spacing);
-  model.spread = Spread::Zero(6, model.point_count());
-  model.spread.topRows<3>().setConstant(std::pow(model.volume[0], 2.0 / 3.0) / 12.0);
+  Discretisation places = block_places(n, jitter, cells_per_spacing);
+  places.spread = Spread::Zero(6, places.point_count());
+  places.spread.topRows<3>().setConstant(std::pow(places.volume[0], 2.0 / 3.0) / 12.0);
   if (tissue)
-    for (Index q = 0; q < model.point_count(); ++q) model.label[q] = tissue(model.point.col(q));
-  find_supports(model, {.radius_factor = 1.6, .interpolation = 0.01}, model.label);
-  make_pressure_patches(model, model.label);
-  return model;
+    for (Index q = 0; q < places.point_count(); ++q) places.label[q] = tissue(places.point.col(q));
+  Eigen::VectorXi of_point = places.label;
+  const auto tissues = static_cast<std::size_t>(of_point.maxCoeff()) + 1;
+  return make_model(std::move(places), converging, std::move(of_point), std::vector<double>(tissues, 1000.0));
 }
 
 /// Nodes on the outside of the block.

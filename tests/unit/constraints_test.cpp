@@ -4,8 +4,9 @@
 
 #include <algorithm>
 
+#include "solver/explicit.hpp"
 #include "solver/implicit.hpp"
-#include "solver/relax.hpp"
+#include "solver/quasi_static.hpp"
 #include "tests/helpers/block.hpp"
 
 namespace dimple {
@@ -82,7 +83,8 @@ TEST(Constraints, ARetractorIsFollowedByEveryWayOfMarching) {
   double still = 0.0;
   using Marcher = void (*)(const ForceSystem&, const Model&, const Loading&, const SolverOptions&,
                            const Observer&, History&, const State*);
-  for (const Marcher march : {Marcher(load_slowly), Marcher(simulate_implicitly), Marcher(simulate)}) {
+  for (const Marcher march :
+       {Marcher(march_quasi_statically), Marcher(march_implicitly), Marcher(march_explicitly)}) {
     History history, without;
     Nodal u;
     const Observer observer{.frame = [&](const Frame& frame) { u = frame.u; }, .sample = {}};
@@ -91,12 +93,12 @@ TEST(Constraints, ARetractorIsFollowedByEveryWayOfMarching) {
     for (const Index a : retractor.node)
       EXPECT_LT((u.col(a) - Eigen::Vector4d(0.5e-3, 0, 0, 0)).norm(), 1e-12);
     const double force = history.force.back().force;
-    if (march == Marcher(load_slowly)) still = force;
+    if (march == Marcher(march_quasi_statically)) still = force;
     EXPECT_NEAR(force, still, 0.02 * still);
     // What retractor and tool have done is stored.
     EXPECT_NEAR(history.energy.back().external - history.energy.back().dissipated,
                 history.energy.back().stored, 0.03 * history.energy.back().stored);
-    if (march != Marcher(load_slowly)) continue;
+    if (march != Marcher(march_quasi_statically)) continue;
     march(system, model, alone, options, {}, without, nullptr);
     EXPECT_GT(std::abs(without.force.back().force - force), 0.01 * force);
   }

@@ -7,8 +7,8 @@
 #include <cmath>
 #include <limits>
 
-#include "apps/accuracy_chart.hpp"
-#include "apps/run_program.hpp"
+#include "apps/studies/accuracy_chart.hpp"
+#include "apps/studies/run_program.hpp"
 #include "io/element_files.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"

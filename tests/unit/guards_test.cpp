@@ -8,8 +8,8 @@
 
 #include <limits>
 
-#include "solver/relax.hpp"
-#include "solver/simulate.hpp"
+#include "solver/explicit.hpp"
+#include "solver/quasi_static.hpp"
 #include "tests/helpers/block.hpp"
 
 namespace dimple {
@@ -301,7 +301,7 @@ TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShort
   const ForceSystem system(model, tissue);
   ForceState forces(system);
   History undisturbed;
-  simulate(system, model, push, {.damping = 60.0, .frames = 4}, {}, undisturbed);
+  march_explicitly(system, model, push, {.damping = 60.0, .frames = 4}, {}, undisturbed);
   EXPECT_TRUE(undisturbed.retries.empty());
   for (const double safety : {1.05, 2.0}) {
     History history;
@@ -309,7 +309,8 @@ TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShort
     const Observer observer = {.frame = {}, .sample = {}, .retry = [&](const Retry&) {
                                  if (steps < 0) steps = history.steps;
                                }};
-    simulate(system, model, push, {.safety = safety, .damping = 60.0, .frames = 4}, observer, history);
+    march_explicitly(system, model, push, {.safety = safety, .damping = 60.0, .frames = 4}, observer,
+                     history);
     ASSERT_FALSE(history.retries.empty()) << safety;
     EXPECT_LE(history.retries.size(), static_cast<std::size_t>(most_retries));
     EXPECT_EQ(history.retries.front().code, "time-step");
@@ -328,7 +329,7 @@ TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
   ForceState forces(system);
   const Loading deep = {.depth = 8e-3, .rate = 40e-3};
   History undisturbed;
-  simulate(system, model, deep, {.safety = 0.3, .damping = 60.0, .frames = 2}, {}, undisturbed);
+  march_explicitly(system, model, deep, {.safety = 0.3, .damping = 60.0, .frames = 2}, {}, undisturbed);
   ASSERT_TRUE(undisturbed.retries.empty());
   std::vector<History> histories;
   for (const std::size_t threads : {1, 2, 3}) {
@@ -337,7 +338,7 @@ TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
     std::vector<int> frames;
     const Observer observer = {
         .frame = [&](const Frame& frame) { frames.push_back(frame.number); }, .sample = {}, .retry = {}};
-    simulate(system, model, deep, {.damping = 60.0, .frames = 2}, observer, history);
+    march_explicitly(system, model, deep, {.damping = 60.0, .frames = 2}, observer, history);
     ASSERT_FALSE(history.retries.empty());
     EXPECT_THAT(history.retries.front().code,
                 testing::AnyOf("time-step", "energy", "inverted", "non-finite"));
@@ -363,7 +364,8 @@ TEST(Recovery, IsNotTriedForModesThatNothingResists) {
   ForceState forces(system);
   History history;
   const Report report = report_of<SolveError>([&] {
-    simulate(system, model, {.depth = 12e-3, .rate = 40e-3}, {.damping = 60.0, .frames = 6}, {}, history);
+    march_explicitly(system, model, {.depth = 12e-3, .rate = 40e-3}, {.damping = 60.0, .frames = 6}, {},
+                     history);
   });
   expect_whole(report, "hourglass");
   EXPECT_THAT(report.fact, HasSubstr("times the stored energy"));
@@ -377,7 +379,8 @@ TEST(Recovery, IsOfNoUseOnceTheToolHasPassedTheBody) {
   ForceState forces(system);
   History history;
   const Report report = report_of<SolveError>([&] {
-    simulate(system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 4}, {}, history);  // thrice its height
+    march_explicitly(system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 4}, {},
+                     history);  // thrice its height
   });
   expect_whole(report, "inverted");
   EXPECT_LT(history.force.back().depth, 20e-3);
@@ -420,8 +423,8 @@ TEST(Recovery, EndsInAFailureThatSaysHowOftenItWasTried) {
                              .sample = {},
                              .retry = {}};
   const Report report = report_of<SolveError>([&] {
-    simulate(system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 8}, observer,
-             history);  // thrice its height
+    march_explicitly(system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 8}, observer,
+                     history);  // thrice its height
   });
   EXPECT_THAT(report.code, testing::AnyOf("inverted", "time-step"));
   EXPECT_THAT(report.why, HasSubstr("3 retries"));
@@ -438,7 +441,7 @@ TEST(Recovery, FindsAnEquilibriumByShorterStepsOfTheLoad) {
   ForceState forces(system);
   const Loading load = {.depth = 4e-3, .rate = 1e-3};
   History undisturbed;
-  load_slowly(system, model, load, {.frames = 2}, {}, undisturbed);
+  march_quasi_statically(system, model, load, {.frames = 2}, {}, undisturbed);
   ASSERT_TRUE(undisturbed.retries.empty());
   // So few evaluations for each that the whole way is too long.
   std::int64_t enough = 20;
@@ -446,7 +449,7 @@ TEST(Recovery, FindsAnEquilibriumByShorterStepsOfTheLoad) {
   for (; enough < 200; ++enough) {
     history = {};
     try {
-      load_slowly(system, model, load, {.frames = 2, .evaluations = enough}, {}, history);
+      march_quasi_statically(system, model, load, {.frames = 2, .evaluations = enough}, {}, history);
       break;
     } catch (const SolveError& error) {
       EXPECT_EQ(error.report.code, "no-equilibrium");
@@ -467,7 +470,7 @@ TEST(Guards, ChangeNoBitOfARunInWhichNoneFires) {
   const ForceSystem system(model, brain);
   ForceState forces(system);
   const Loading load = {.depth = 1e-3, .rate = 20e-3};
-  for (const auto& march : {&simulate, &load_slowly}) {
+  for (const auto& march : {&march_explicitly, &march_quasi_statically}) {
     History with, without;
     march(system, model, load, {.frames = 3}, {}, with, nullptr);
     march(system, model, load, {.frames = 3, .guards = false}, {}, without, nullptr);

@@ -22,6 +22,7 @@ TEST(LumpedMass, AddsUpToDensityTimesVolume) {
 
 TEST(LumpedMass, SharesAPointsMassEquallyAmongItsNodes) {
   Model model;
+  model.scheme = horton2007;
   model.X = Points::Zero(3, 3);
   model.point = Points::Zero(3, 2);
   model.volume = Eigen::Vector2d(6.0, 2.0);

@@ -8,12 +8,13 @@
 #include <numeric>
 #include <random>
 
-#include "apps/config.hpp"
+#include "apps/run/config.hpp"
 #include "io/error.hpp"
 #include "preprocess/build_model.hpp"
 #include "preprocess/label_surface.hpp"
 #include "preprocess/phantom.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/steps.hpp"
 
 namespace dimple {
 namespace {
@@ -174,20 +175,21 @@ TEST(MovingLeastSquares, ReproducesWhatItsBasisHoldsAndDifferentiatesItself) {
 
 TEST(Support, GrowsWhereTooFewNodesAreNearAndSaysSo) {
   Model model;
+  model.scheme = horton2007;
   std::mt19937 random(6);
   std::uniform_real_distribution<double> place(0.0, 10e-3);
   model.X = Points::NullaryExpr(3, 300, [&] { return place(random); });
   model.spacing = Eigen::VectorXd::Constant(300, 1.0e-3);  // too small for this cloud on purpose
   model.point = Points::NullaryExpr(3, 50, [&] { return place(random); });
   model.volume = Eigen::VectorXd::Constant(50, 1e-9);
-  const SupportReport report = find_supports(model, {});
+  const SupportReport report = testing_bodies::find_supports(model, {});
   EXPECT_GT(report.grown, 0);
   EXPECT_GT(report.largest_growth, 1.0);
   EXPECT_GE(report.fewest, 8);
   EXPECT_LT(report.linear_error, 1e-10);
   model.spacing *= 0.2;
   try {
-    find_supports(model, {});
+    testing_bodies::find_supports(model, {});
     FAIL();
   } catch (const ModelError& error) {
     EXPECT_NE(error.report.remedy.find("support.radius_factor"), std::string::npos);

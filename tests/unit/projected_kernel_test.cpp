@@ -188,6 +188,7 @@ TEST(PressurePatches, LieInOneTissueEach) {
 
 TEST(Kernel, RefusesSupportsThatMeetMoreNodesThanItCanNumber) {
   Model model;
+  model.scheme = horton2007;
   const Index points = 256, nodes_of_each = 129, nodes = points * nodes_of_each;
   model.X = Points::Zero(3, nodes);
   model.point = Points::Zero(3, points);

@@ -5,7 +5,9 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
+#include "solver/explicit.hpp"
 #include "solver/implicit.hpp"
+#include "solver/quasi_static.hpp"
 #include "tests/helpers/arch.hpp"
 
 namespace dimple {
@@ -71,8 +73,8 @@ TEST(LoadSlowly, GivesTheForceThatSlowDampedMotionEndsIn) {
   ForceState forces(system);
   const Loading loading = {.depth = 1e-3, .rate = 1e-3};
   History still, moving;
-  load_slowly(system, model, loading, {.frames = 2}, {}, still);
-  simulate(system, model, loading, {.damping = 20.0, .frames = 2}, {}, moving);
+  march_quasi_statically(system, model, loading, {.frames = 2}, {}, still);
+  march_explicitly(system, model, loading, {.damping = 20.0, .frames = 2}, {}, moving);
   ASSERT_EQ(still.force.size(), 3u);
   EXPECT_NEAR(still.force.back().force, moving.force.back().force, 0.01 * moving.force.back().force);
   EXPECT_NEAR(still.energy.back().external, still.energy.back().stored, 0.01 * still.energy.back().stored);
@@ -85,7 +87,7 @@ TEST(LoadSlowly, NeedsFewEvaluationsHoweverIncompressibleTheTissueIs) {
     const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0));
     ForceState forces(system);
     History history;
-    load_slowly(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
+    march_quasi_statically(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
     EXPECT_LT(history.steps, 80) << "nu " << nu;
     EXPECT_LT(history.residual, 1e-4) << "nu " << nu;
   }
@@ -97,11 +99,12 @@ TEST(LoadSlowly, EndsWhereDynamicRelaxationDoes) {
   ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   History mixed;
-  load_slowly(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 1, .tolerance = 1e-5}, {}, mixed);
-  // A model without the variance of its cells' gradients is not served by the mixed iteration: the same
+  march_quasi_statically(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 1, .tolerance = 1e-5}, {},
+                         mixed);
+  // A model without averaged gradients is not served by the mixed iteration: the same
   // forces are taken from a second system.
   Model plain = model;
-  plain.variance.clear();
+  plain.scheme.averaged_gradients = false;
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
   constraints.prescribe(u, 1e-3);
   const Relaxed relaxed = Relaxation(forces, plain, constraints)(u, f, {.tolerance = 1e-5});
@@ -119,7 +122,7 @@ TEST(LoadSlowly, GivesTheSameBitsForAnyNumberOfThreads) {
     const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0), Precision::single_);
     ForceState forces(system);
     History history;
-    load_slowly(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
+    march_quasi_statically(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
     force.push_back(history.force.back().force);
   }
   EXPECT_EQ(force[0], force[1]);
@@ -135,8 +138,8 @@ TEST(ImplicitSteps, FollowASlowLoadThroughItsEquilibria) {
     Loading mine = loading;
     mine.contact = contact;
     History still, moving;
-    load_slowly(system, model, mine, {.frames = 2}, {}, still);
-    simulate_implicitly(system, model, mine, {.frames = 2}, {}, moving);
+    march_quasi_statically(system, model, mine, {.frames = 2}, {}, still);
+    march_implicitly(system, model, mine, {.frames = 2}, {}, moving);
     EXPECT_NEAR(moving.force.back().force, still.force.back().force, 5e-3 * still.force.back().force);
     EXPECT_NEAR(moving.energy.back().error(), 0.0, 5e-3 * moving.energy.back().external);
   }
@@ -149,8 +152,8 @@ TEST(ImplicitSteps, SwingAsCentralDifferencesDo) {
   ForceState forces(system);
   const Loading loading = {.depth = 1e-3, .rate = 4e-3};
   History small, large;
-  simulate(system, model, loading, {.frames = 2}, {}, small);
-  simulate_implicitly(system, model, loading, {.frames = 64}, {}, large);
+  march_explicitly(system, model, loading, {.frames = 2}, {}, small);
+  march_implicitly(system, model, loading, {.frames = 64}, {}, large);
   EXPECT_NEAR(large.force.back().force, small.force.back().force, 0.03 * small.force.back().force);
 }
 
@@ -161,8 +164,8 @@ TEST(ImplicitSteps, WithoutAnEndAreMarchedThroughByCentralDifferences) {
   ForceState forces(system);
   const Loading loading = {.depth = 1e-3, .rate = 4e-3};
   History small, marched;
-  simulate(system, model, loading, {.frames = 2}, {}, small);
-  simulate_implicitly(system, model, loading, {.frames = 2, .evaluations = 1}, {}, marched);
+  march_explicitly(system, model, loading, {.frames = 2}, {}, small);
+  march_implicitly(system, model, loading, {.frames = 2, .evaluations = 1}, {}, marched);
   EXPECT_NEAR(marched.force.back().force, small.force.back().force, 2e-3 * small.force.back().force);
   EXPECT_NEAR(marched.energy.back().error(), 0.0, 1e-3 * marched.energy.back().external);
 }
@@ -178,8 +181,8 @@ TEST(LoadSlowly, LetsAViscoelasticBlockRelax) {
   ForceState relaxing_forces(relaxing);
   const Loading slow = {.depth = 0.5e-3, .rate = 1e-4};  // thousands of relaxation times
   History a, b;
-  load_slowly(elastic, model, slow, {.frames = 2}, {}, a);
-  load_slowly(relaxing, model, slow, {.frames = 2}, {}, b);
+  march_quasi_statically(elastic, model, slow, {.frames = 2}, {}, a);
+  march_quasi_statically(relaxing, model, slow, {.frames = 2}, {}, b);
   EXPECT_NEAR(b.force.back().force, 0.5 * a.force.back().force, 0.02 * a.force.back().force);
 }
 
@@ -201,14 +204,14 @@ TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
   History moving;
   // Damped, so that what swings after the snap has come to rest at the end; the drag itself is 1e-3 of the
   // force.
-  simulate_implicitly(system, model, loading, {.damping = 5.0, .frames = 14}, {}, moving);
+  march_implicitly(system, model, loading, {.damping = 5.0, .frames = 14}, {}, moving);
   const double end = moving.force.back().force;
   double largest = 0.0;
   for (const ForceSample& sample : moving.force) largest = std::max(largest, sample.force);
   for (const int frames : {7, 14, 28}) {
     SCOPED_TRACE(frames);
     History history;
-    load_slowly(system, model, loading, {.frames = frames}, {}, history);
+    march_quasi_statically(system, model, loading, {.frames = frames}, {}, history);
     EXPECT_NEAR(history.force.back().force, end, 0.01 * largest);
     EXPECT_LT(history.steps, 1000);
     EXPECT_LT(history.residual, 1e-4);
@@ -226,7 +229,7 @@ TEST(LoadSlowly, FindsNoLimitPointWhereThereIsNone) {
   const ForceSystem system(model, stiff_arch_soft_pad(model));
   ForceState forces(system);
   History history;
-  load_slowly(system, model, {.depth = 11.5e-3, .rate = 1e-3}, {.frames = 23}, {}, history);
+  march_quasi_statically(system, model, {.depth = 11.5e-3, .rate = 1e-3}, {.frames = 23}, {}, history);
   EXPECT_EQ(with_code(history, "limit-point"), nullptr) << "the force falls, but the path goes on";
   EXPECT_EQ(history.energy.back().dissipated, 0.0);
 }
@@ -239,7 +242,7 @@ TEST(LoadSlowly, EndsWithinItsBoundWhereItGetsNoFurther) {
   const SolverOptions options = {.frames = 14, .evaluations = 150};
   History history;
   try {
-    load_slowly(system, model, {.depth = 14e-3, .rate = 1e-3}, options, {}, history);
+    march_quasi_statically(system, model, {.depth = 14e-3, .rate = 1e-3}, options, {}, history);
     FAIL() << "the snap takes more than 150 evaluations";
   } catch (const SolveError& error) {
     EXPECT_EQ(error.report.code, "limit-point") << error.report.fact;
@@ -258,7 +261,7 @@ TEST(LoadSlowly, EndsWithinItsBoundWhereOneLayerIsAThousandTimesStifferThanTheOt
         Tissues{{neo_hookean(1000.0 / soft, 0.499, 1000.0), neo_hookean(soft, 0.499, 1000.0)}, model.label});
     ForceState forces(system);
     History history;
-    load_slowly(system, model, {.depth = 4e-3, .rate = 1e-3}, {.frames = 8}, {}, history);
+    march_quasi_statically(system, model, {.depth = 4e-3, .rate = 1e-3}, {.frames = 8}, {}, history);
     EXPECT_LT(history.steps, 1000) << soft;
   }
 }
@@ -268,7 +271,7 @@ TEST(EveryMarch, AskedToStopKeepsWhatItHas) {
   const Model model = averaged_block(4);
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
   ForceState forces(system);
-  for (const auto march : {load_slowly, simulate_implicitly, simulate}) {
+  for (const auto march : {march_quasi_statically, march_implicitly, march_explicitly}) {
     for (const std::size_t after : {0, 3}) {
       forget_stop();
       if (after == 0) ask_to_stop(StopReason::interrupted);

@@ -4,8 +4,9 @@
 
 #include <cstring>
 
+#include "solver/explicit.hpp"
 #include "solver/implicit.hpp"
-#include "solver/relax.hpp"
+#include "solver/quasi_static.hpp"
 #include "tests/helpers/arch.hpp"
 
 namespace dimple {
@@ -97,9 +98,9 @@ const Material relaxing = material_preset("miller_chinzei_2002");
 TEST(Restart, OfEquilibriumAtEachDepth) {
   const Model model = averaged_block(5);
   const Loading loading{.depth = 4e-3, .rate = 1e-3};
-  expect_restarts(load_slowly, model, one(plain, model), loading, {.frames = 6});
-  expect_restarts(load_slowly, model, one(relaxing, model), loading, {.frames = 6});
-  expect_restarts(load_slowly, model, one(plain, model),
+  expect_restarts(march_quasi_statically, model, one(plain, model), loading, {.frames = 6});
+  expect_restarts(march_quasi_statically, model, one(relaxing, model), loading, {.frames = 6});
+  expect_restarts(march_quasi_statically, model, one(plain, model),
                   {.depth = 4e-3, .rate = 1e-3, .contact = Contact::frictionless}, {.frames = 6}, 1,
                   Precision::double_);
 }
@@ -107,27 +108,27 @@ TEST(Restart, OfEquilibriumAtEachDepth) {
 TEST(Restart, OfEquilibriumBeforeAndAfterTheTissueGaveWay) {
   const Model model = arch_under_a_pad();
   const Tissues tissues{{neo_hookean(2000.0, 0.45, 1000.0), neo_hookean(120.0, 0.45, 1000.0)}, model.label};
-  const History history = expect_restarts(load_slowly, model, tissues, {.depth = 14e-3, .rate = 1e-3},
-                                          {.frames = 7}, 2, Precision::double_);
+  const History history =
+      expect_restarts(march_quasi_statically, model, tissues, {.depth = 14e-3, .rate = 1e-3}, {.frames = 7},
+                      2, Precision::double_);
   ASSERT_FALSE(history.guards.empty());
   EXPECT_EQ(history.guards.back().report.code, "limit-point");
 }
 
 TEST(Restart, OfEquilibriumOfThePapersSchemeAtEachDepth) {
   const Model model = block(4);
-  expect_restarts(load_slowly, model, one(plain, model), {.depth = 1e-3, .rate = 1e-3},
+  expect_restarts(march_quasi_statically, model, one(plain, model), {.depth = 1e-3, .rate = 1e-3},
                   {.frames = 5, .tolerance = 1e-3, .guards = false});  // so coarse a cloud is refused
 }
 
 TEST(Restart, OfImplicitSteps) {
   const Model model = averaged_block(4);
   const Loading loading{.depth = 4e-3, .rate = 4e-3};
-  expect_restarts(simulate_implicitly, model, one(plain, model), loading, {.frames = 3}, 7);
-  expect_restarts(simulate_implicitly, model, one(relaxing, model), loading, {.damping = 3.0, .frames = 3},
-                  11);
+  expect_restarts(march_implicitly, model, one(plain, model), loading, {.frames = 3}, 7);
+  expect_restarts(march_implicitly, model, one(relaxing, model), loading, {.damping = 3.0, .frames = 3}, 11);
   const Model two = averaged_block(4, 0.2, 1.8, [](const Vec3& x) { return x.z() > 10e-3 ? 1 : 0; });
   const Tissues tissues{{relaxing, plain}, two.label};
-  expect_restarts(simulate_implicitly, two, tissues,
+  expect_restarts(march_implicitly, two, tissues,
                   {.depth = 4e-3, .rate = 4e-3, .contact = Contact::frictionless}, {.frames = 3}, 13,
                   Precision::double_);
 }
@@ -135,7 +136,7 @@ TEST(Restart, OfImplicitSteps) {
 TEST(Restart, OfStretchesThatNoImplicitStepCouldEnd) {
   // So few evaluations for a step that some do not converge.
   const Model model = averaged_block(5);
-  const History history = expect_restarts(simulate_implicitly, model, one(plain, model),
+  const History history = expect_restarts(march_implicitly, model, one(plain, model),
                                           {.depth = 6e-3, .rate = 20e-3}, {.frames = 3, .evaluations = 6}, 3);
   EXPECT_FALSE(history.retries.empty());
 }
@@ -143,10 +144,11 @@ TEST(Restart, OfStretchesThatNoImplicitStepCouldEnd) {
 TEST(Restart, OfEveryWave) {
   const Model paper = block(4);
   const Loading loading{.depth = 0.4e-3, .rate = 20e-3};
-  expect_restarts(simulate, paper, one(plain, paper), loading, {.damping = 5.0, .frames = 5});
+  expect_restarts(march_explicitly, paper, one(plain, paper), loading, {.damping = 5.0, .frames = 5});
   const Model model = averaged_block(4);
-  expect_restarts(simulate, model, one(plain, model), loading, {.frames = 4, .sample_rate = 2000.0});
-  expect_restarts(simulate, model, one(relaxing, model), loading, {.frames = 4}, 1, Precision::double_);
+  expect_restarts(march_explicitly, model, one(plain, model), loading, {.frames = 4, .sample_rate = 2000.0});
+  expect_restarts(march_explicitly, model, one(relaxing, model), loading, {.frames = 4}, 1,
+                  Precision::double_);
 }
 
 }  // namespace

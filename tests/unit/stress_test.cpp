@@ -7,7 +7,7 @@
 #include <limits>
 #include <set>
 
-#include "apps/stress_maps.hpp"
+#include "apps/studies/stress_maps.hpp"
 #include "io/error.hpp"
 
 namespace dimple {

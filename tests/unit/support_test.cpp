@@ -58,6 +58,7 @@ TEST(Support, HasGrownAtNoMorePointsThanThereAre) {
 // Two sheets of nodes, the upper one out of reach at first: no gradient across the sheet without growing.
 TEST(Support, GrowsWhereTheNodesInReachLieInOnePlane) {
   Model model;
+  model.scheme = horton2007;
   model.X.resize(3, 2 * 49);
   for (int a = 0; a < 98; ++a) model.X.col(a) = 1e-3 * Vec3(a % 7, (a / 7) % 7, a < 49 ? 0.0 : 2.3);
   model.spacing = Eigen::VectorXd::Constant(98, 1e-3);
@@ -71,6 +72,7 @@ TEST(Support, GrowsWhereTheNodesInReachLieInOnePlane) {
 
 TEST(Support, WhereNoGrowthHelpsTheMessageSaysWhereAndNamesTheOption) {
   Model model;
+  model.scheme = horton2007;
   model.X.resize(3, 49);
   for (int a = 0; a < 49; ++a) model.X.col(a) = 1e-3 * Vec3(a % 7, a / 7, 0.0);  // one sheet
   model.spacing = Eigen::VectorXd::Constant(49, 1e-3);

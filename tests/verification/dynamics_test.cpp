@@ -8,7 +8,7 @@
 #include <numbers>
 
 #include "io/error.hpp"
-#include "solver/simulate.hpp"
+#include "solver/explicit.hpp"
 #include "tests/helpers/block.hpp"
 
 namespace dimple {
@@ -107,7 +107,8 @@ TEST(Verification, PressureAndShearWavesTravelAtTheirSpeeds) {
 
 History indent(const Model& model, const Loading& loading, const SolverOptions& options) {
   History history;
-  simulate(ForceSystem(model, neo_hookean(210.0, 0.49, 1000.0)), model, loading, options, {}, history);
+  march_explicitly(ForceSystem(model, neo_hookean(210.0, 0.49, 1000.0)), model, loading, options, {},
+                   history);
   return history;
 }
 

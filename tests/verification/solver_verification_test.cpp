@@ -7,7 +7,7 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
-#include "solver/simulate.hpp"
+#include "solver/explicit.hpp"
 #include "tests/helpers/block.hpp"
 
 namespace dimple {
@@ -227,7 +227,7 @@ History indent(const Model& model, const Loading& loading, const SolverOptions& 
   const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0));
   ForceState forces(system);
   History history;
-  simulate(system, model, loading, options, {}, history);
+  march_explicitly(system, model, loading, options, {}, history);
   return history;
 }
 
@@ -260,8 +260,8 @@ TEST(Verification, ToolAndBaseGiveTheTissueTheMotionThatItHas) {
                                  },
                              .sample = {}};
   History history;
-  simulate(system, model, {.depth = 2e-3, .rate = 10e-3}, {.frames = 1, .sample_rate = 1e9}, observer,
-           history);
+  march_explicitly(system, model, {.depth = 2e-3, .rate = 10e-3}, {.frames = 1, .sample_rate = 1e9}, observer,
+                   history);
   double momentum = 0.0, way = 0.0;
   ASSERT_EQ(history.force.size(), static_cast<std::size_t>(history.steps) + 1);
   for (std::size_t k = 0; k + 1 < history.force.size(); ++k) {
@@ -323,8 +323,8 @@ TEST(Verification, AFrictionlessCircleFeelsNoSidewaysForceOnceItHasSettled) {
                                    }
                                  },
                              .sample = {}};
-  simulate(system, model, {.depth = 1e-3, .rate = 1e-3, .contact = Contact::frictionless},
-           {.damping = 40.0, .frames = 2}, observer, history);
+  march_explicitly(system, model, {.depth = 1e-3, .rate = 1e-3, .contact = Contact::frictionless},
+                   {.damping = 40.0, .frames = 2}, observer, history);
   EXPECT_GT(along, 0.0);
   EXPECT_LT(sideways, 0.01 * along);
 }

@@ -1,13 +1,13 @@
 // All that `dimple verify` computes, a group a test, so that ctest runs them side by side.
 
-#include "apps/verify.hpp"
+#include "apps/studies/verify.hpp"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 
-#include "apps/verify_bodies.hpp"
+#include "apps/studies/verify_bodies.hpp"
 #include "io/error.hpp"
 
 namespace dimple {

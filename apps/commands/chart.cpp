@@ -1,0 +1,62 @@
+#include "apps/commands/command.hpp"
+#include "apps/commands/log.hpp"
+#include "apps/studies/accuracy_chart.hpp"
+
+namespace dimple {
+namespace {
+
+struct Options {
+  Flags flags;
+  AccuracyOptions compared;
+};
+
+}  // namespace
+
+Command add_chart(CLI::App& app, Invocation& shared) {
+  const auto options = std::make_shared<Options>();
+  AccuracyOptions& compared = options->compared;
+  CLI::App* command = app.add_subcommand(
+      "chart",
+      "draw error against wall time: two scenes whose force is known, an image of yours, and other "
+      "programs where they are installed (apt install calculix-ccx)");
+  command->add_option("IMAGE", shared.image,
+                      "label image of a third scene; --set and --config are about it alone");
+  command->add_option("-o,--out,--output", shared.out, "folder for chart.csv, chart.png, chart.svg")
+      ->required();
+  command->add_option("--only", compared.only, "scenes: a, b, image [all]")->delimiter(',');
+  command->add_option("--nodes", compared.nodes, "numbers of nodes")->delimiter(',')->capture_default_str();
+  command->add_option("--schemes", compared.schemes, "converging, horton2007 (dynamic only)")
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--time", compared.times, "quasi-static, dynamic")
+      ->delimiter(',')
+      ->capture_default_str();
+  command
+      ->add_option("--dynamic-nodes", compared.dynamic_nodes, "of dynamic runs [those of --nodes up to 4250]")
+      ->delimiter(',');
+  command
+      ->add_option("--repeat", compared.repeat, "clouds of each size: times are medians, errors the largest")
+      ->capture_default_str();
+  command->add_option("--calculix", compared.calculix, "CalculiX, if not as ccx on PATH; none: leave it out")
+      ->type_name("PATH");
+  command->add_option("--febio", compared.febio, "FEBio 4, to run it too")->type_name("PATH");
+  command->add_option("--elements", compared.peer_elements, "of their meshes: hexahedra, tetrahedra")
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--peer-nodes", compared.peer_nodes, "nodes of their meshes, about")
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--peer-limit", compared.peer_limit_s, "for each run of theirs [s]")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  options->flags.add(*command, "none of them");  // --config and --set only
+  add_common(*command, shared);
+  return {command, [&shared, command, options] {
+            const Config config = options->flags.config(*command, shared.image);
+            into_folder(shared, config.image.file);
+            if (!shared.verbose) start_log(Verbosity::quiet);
+            return finish(shared, accuracy_chart(config, options->compared, shared.out, progress_of(shared)));
+          }};
+}
+
+}  // namespace dimple

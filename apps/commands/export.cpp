@@ -1,0 +1,37 @@
+#include "apps/commands/command.hpp"
+#include "apps/commands/log.hpp"
+#include "apps/studies/peer_mesh.hpp"
+
+namespace dimple {
+namespace {
+
+struct Options {
+  Flags flags;
+  std::string format, elements = "hexahedra";
+};
+
+}  // namespace
+
+Command add_export(CLI::App& app, Invocation& shared) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand(
+      "export",
+      "write the scene for another program, as a mesh: CalculiX or FEBio; --nodes or --spacing say how "
+      "fine");
+  command->add_option("IMAGE", shared.image, "label image");
+  command->add_option("-o,--out,--output", shared.out, "file to write: .inp (CalculiX) or .feb (FEBio)")
+      ->required();
+  command->add_option("--format", options->format, "calculix, febio [from the file's name]");
+  command
+      ->add_option("--elements", options->elements,
+                   "hexahedra (columns along the push) or tetrahedra (CGAL's)")
+      ->capture_default_str();
+  options->flags.add(*command, "");
+  add_common(*command, shared);
+  return {command, [&shared, command, options] {
+            return finish(shared, export_model(options->flags.config(*command, shared.image), options->format,
+                                               options->elements, shared.out, {.line = to_log().line}));
+          }};
+}
+
+}  // namespace dimple

@@ -1,0 +1,65 @@
+#include "preprocess/phantom.hpp"
+
+#include <fmt/format.h>
+
+#include <sstream>
+
+#include "apps/commands/command.hpp"
+#include "io/error.hpp"
+#include "io/file.hpp"
+
+namespace dimple {
+namespace {
+
+struct Options {
+  PhantomOptions body;
+  std::string size, voxel;
+};
+
+// "60,60,30", "6cm,6cm,30mm": three lengths in mm.
+Vec3 lengths(const std::string& text, const std::string& flag, const std::string& help) {
+  std::vector<std::string> parts;
+  std::istringstream list(text);
+  for (std::string part; std::getline(list, part, ',');) parts.push_back(part);
+  if (parts.size() != 3)
+    throw UsageError({.fact = fmt::format("'{}' is not a size", text),
+                      .where = flag,
+                      .why = "a size is three lengths X,Y,Z",
+                      .remedy = "for instance --size 60,60,30, or --size 6cm,6cm,3cm"});
+  Vec3 result;
+  for (Index d = 0; d < 3; ++d)
+    set_value({flag, flag, "mm", help, &result[d], 0, 1e5, true, {}, ""}, parts[static_cast<std::size_t>(d)],
+              flag);
+  return result;
+}
+
+}  // namespace
+
+Command add_phantom(CLI::App& app, Invocation& shared) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand("phantom", "make a label image that needs no download");
+  command->add_option("OUT", shared.out, "image to write: .nrrd, .seg.nrrd, .nii, .nii.gz, .mha")->required();
+  command->add_option("--shape", options->body.shape, "brain, block, cut-ellipsoid, cylinder")
+      ->capture_default_str();
+  command
+      ->add_option("--size", options->size,
+                   "extent along L, P, S (default: the swine brain's) [92.5,62.5,28.5 mm]")
+      ->type_name("X,Y,Z");
+  command->add_option("--spacing", options->voxel, "voxel edge [1 mm]")->type_name("mm");
+  command->add_flag("--two-labels", options->body.two_labels, "with a second tissue inside");
+  add_common(*command, shared);
+  return {command, [&shared, options] {
+            PhantomOptions& body = options->body;
+            if (!options->size.empty()) body.size_mm = lengths(options->size, "--size", "extent of the body");
+            if (!options->voxel.empty())
+              set_value(
+                  {"--spacing", "--spacing", "mm", "voxel edge", &body.spacing_mm, 0, 1e5, true, {}, ""},
+                  options->voxel, "--spacing");
+            remove_temporaries_of(shared.out);
+            write_label_image(shared.out, make_phantom(body));
+            fmt::print("{}\n", shared.out);
+            return 0;
+          }};
+}
+
+}  // namespace dimple

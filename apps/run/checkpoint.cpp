@@ -1,0 +1,240 @@
+#include "apps/run/checkpoint.hpp"
+
+#include <fmt/format.h>
+
+#include <concepts>
+#include <cstring>
+#include <nlohmann/json.hpp>
+#include <string_view>
+#include <type_traits>
+
+#include "io/error.hpp"
+#include "io/file.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+constexpr const char* format = "dimple checkpoint 2";
+
+// One list of members, in its order, serves both directions. Those of History and State are taken apart by
+// structured bindings: a member that is added there does not compile until it is kept here too.
+template <class T, class Of>
+concept Like = std::same_as<std::remove_const_t<T>, Of>;
+
+template <class Archive, Like<History> T>
+void members(Archive& io, T& history) {
+  auto& [force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
+         residual, interrupted, momentum_error, guards, retries] = history;
+  io(force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
+     residual, interrupted, momentum_error, guards, retries);
+}
+
+template <class Archive, Like<Report> T>
+void members(Archive& io, T& report) {
+  auto& [fact, where, why, remedy, code] = report;
+  io(fact, where, why, remedy, code);
+}
+
+template <class Archive, Like<Finding> T>
+void members(Archive& io, T& finding) {
+  auto& [report, worst] = finding;
+  io(report, worst);
+}
+
+template <class Archive, Like<Retry> T>
+void members(Archive& io, T& retry) {
+  auto& [code, depth, what] = retry;
+  io(code, depth, what);
+}
+
+template <class Archive, Like<Path::State> T>
+void members(Archive& io, T& state) {
+  auto& [at, u, lambda] = state;
+  io(at, u, lambda);
+}
+
+template <class Archive, Like<MixedIteration::Memory> T>
+void members(Archive& io, T& memory) {
+  auto& [inertia, bulk_of_inertia, u_of_inertia, u_of_gradient, moved, changed, gram, next] = memory;
+  io(inertia, bulk_of_inertia, u_of_inertia, u_of_gradient, moved, changed, gram, next);
+}
+
+template <class Archive, Like<State> T>
+void members(Archive& io, T& state) {
+  auto& [frame, step, steps, t, dt, dt_before, dt_stable, depth, depth_before, force_before, external,
+         dissipated, next_sample, next_energy, largest_reaction, largest_external, safety, longest, looked,
+         anew, depths, forces, u, v, a, f, lambda, path, mixed, past, history] = state;
+  io(frame, step, steps, t, dt, dt_before, dt_stable, depth, depth_before, force_before, external, dissipated,
+     next_sample, next_energy, largest_reaction, largest_external, safety, longest, looked, anew, depths,
+     forces, u, v, a, f, lambda, path, mixed, past, history);
+}
+
+template <class Archive, Like<Checkpoint> T>
+void members(Archive& io, T& checkpoint) {
+  io(checkpoint.run.version, checkpoint.run.options, checkpoint.run.input_sha256, checkpoint.model_sha256,
+     checkpoint.frame_time_s, checkpoint.solve_wall_s, checkpoint.write_wall_s, checkpoint.state);
+}
+
+template <class T>
+constexpr bool is_list = std::is_same_v<T, std::deque<Path::State>> ||
+                         std::is_same_v<T, std::vector<Finding>> || std::is_same_v<T, std::vector<Retry>>;
+template <class T>
+constexpr bool is_matrix = std::is_base_of_v<Eigen::EigenBase<T>, T>;
+template <class T>
+constexpr bool is_plain = std::is_arithmetic_v<T> || std::is_same_v<T, std::string> ||
+                          std::is_same_v<T, std::map<std::string, std::string>>;
+
+Json::binary_t bytes_of(const void* data, std::size_t size) {
+  std::vector<std::uint8_t> bytes(size);
+  if (size > 0) std::memcpy(bytes.data(), data, size);
+  return Json::binary_t(std::move(bytes));
+}
+
+struct Writer {
+  Json json = Json::array();
+
+  template <class... T>
+  void operator()(const T&... values) {
+    (json.push_back(one(values)), ...);
+  }
+
+  template <class T>
+  static Json one(const T& value) {
+    if constexpr (is_plain<T>) {
+      return value;
+    } else if constexpr (is_matrix<T>) {
+      return {value.rows(), value.cols(),
+              bytes_of(value.data(), sizeof(*value.data()) * static_cast<std::size_t>(value.size()))};
+    } else if constexpr (is_list<T>) {
+      Json list = Json::array();
+      for (const auto& item : value) list.push_back(one(item));
+      return list;
+    } else if constexpr (requires { value.capacity(); }) {
+      static_assert(std::is_trivially_copyable_v<typename T::value_type>);
+      return bytes_of(value.data(), sizeof(*value.data()) * value.size());
+    } else {
+      Writer inner;
+      members(inner, value);
+      return std::move(inner.json);
+    }
+  }
+};
+
+struct Reader {
+  const Json& json;
+  std::size_t next = 0;
+
+  template <class... T>
+  void operator()(T&... values) {
+    (one(json.at(next++), values), ...);
+  }
+
+  template <class T>
+  static void one(const Json& from, T& value) {
+    if constexpr (is_plain<T>) {
+      value = from.get<T>();
+    } else if constexpr (is_matrix<T>) {
+      const auto rows = from.at(0).get<Index>(), cols = from.at(1).get<Index>();
+      const Json::binary_t& data = from.at(2).get_binary();
+      const std::size_t size = sizeof(*value.data());
+      const auto count = static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
+      if (rows < 0 || cols < 0 || data.size() != size * count)
+        throw std::runtime_error("a matrix has not the size that it states");
+      value.resize(rows, cols);
+      if (!data.empty()) std::memcpy(value.data(), data.data(), data.size());
+    } else if constexpr (is_list<T>) {
+      for (const Json& item : from) one(item, value.emplace_back());
+    } else if constexpr (requires { value.capacity(); }) {
+      const Json::binary_t& data = from.get_binary();
+      value.resize(data.size() / sizeof(*value.data()));
+      if (!value.empty()) std::memcpy(value.data(), data.data(), sizeof(*value.data()) * value.size());
+    } else {
+      Reader inner{from};
+      members(inner, value);
+    }
+  }
+};
+
+}  // namespace
+
+void write_checkpoint(const fs::path& file, const Checkpoint& checkpoint) {
+  Writer writer;
+  members(writer, checkpoint);
+  const std::vector<std::uint8_t> bytes =
+      Json::to_cbor({{"format", format}, {"state", std::move(writer.json)}});
+  write_file(file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+}
+
+Checkpoint read_checkpoint(const fs::path& file) {
+  const std::string content = read_file(file);
+  Checkpoint checkpoint;
+  try {
+    const Json json = Json::from_cbor(content);
+    if (json.at("format") != format) throw std::runtime_error("it is of another kind");
+    Reader reader{json.at("state")};
+    members(reader, checkpoint);
+  } catch (const std::exception& error) {
+    throw InputError({.fact = fmt::format("{} cannot be read", file.string()),
+                      .where = "--resume",
+                      .why = fmt::format("it is no checkpoint of this version: {}", error.what()),
+                      .remedy = "start the run anew with --force"});
+  }
+  return checkpoint;
+}
+
+void require_same_run(const RunIdentity& before, const RunIdentity& now) {
+  std::string differs;
+  if (before.version != now.version)
+    differs = fmt::format("the program is version {} now, and was {}", now.version, before.version);
+  else if (before.input_sha256 != now.input_sha256)
+    differs = "the image or model is another one, or has changed";
+  for (const auto& [key, value] : now.options) {
+    const auto found = before.options.find(key);
+    const std::string was = found == before.options.end() ? "not set" : found->second;
+    if (differs.empty() && was != value) differs = fmt::format("{} is {} now, and was {}", key, value, was);
+  }
+  for (const auto& [key, value] : before.options)
+    if (differs.empty() && now.options.count(key) == 0)
+      differs = fmt::format("{} is not set now, and was {}", key, value);
+  if (!differs.empty())
+    throw UsageError({.fact = "the run in that folder is another one: " + differs,
+                      .where = "--resume",
+                      .why = "what would come out is neither of the two",
+                      .remedy = "give the same image and options, or start anew with --force"});
+}
+
+std::string sha256_of_model(const Discretisation& m, const Scheme& scheme) {
+  std::string bytes;
+  const auto add = [&](const void* data, std::size_t size) {
+    const std::uint64_t count = size;
+    bytes.append(reinterpret_cast<const char*>(&count), sizeof count);
+    if (size > 0) bytes.append(static_cast<const char*>(data), size);
+  };
+  const auto matrix = [&](const auto& values) {
+    add(values.data(), sizeof(*values.data()) * static_cast<std::size_t>(values.size()));
+  };
+  matrix(m.X);
+  matrix(m.spacing);
+  matrix(m.point);
+  matrix(m.volume);
+  matrix(m.spread);
+  matrix(m.label);
+  for (const auto* set : {&m.base, &m.indenter}) add(set->data(), sizeof(Index) * set->size());
+  matrix(m.tool.centre);
+  matrix(m.tool.push);
+  add(&m.tool.radius, sizeof m.tool.radius);
+  matrix(m.axes);
+  matrix(m.surface.vertex_mm);
+  matrix(m.surface.triangles);
+  add(scheme.name.data(), scheme.name.size());
+  const std::string support =
+      fmt::format("{} {} {} {}", basis_word(scheme.support.basis), weight_word(scheme.support.weight),
+                  scheme.support.effective_radius_factor(), scheme.support.interpolation);
+  add(support.data(), support.size());
+  return sha256(bytes);
+}
+
+}  // namespace dimple

@@ -1,0 +1,679 @@
+#include "apps/run/config.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <sstream>
+
+#include "io/error.hpp"
+#include "io/file.hpp"
+
+namespace dimple {
+namespace {
+
+// What a number may be written in, as multiples of the option's own unit. Three dozen characters of table;
+// the unit libraries at hand bring hundreds of units and no such list to print in a message.
+const std::map<std::string, std::map<std::string, double>>& unit_table() {
+  static const std::map<std::string, std::map<std::string, double>> table = {
+      {"mm", {{"mm", 1.0}, {"cm", 10.0}, {"m", 1000.0}, {"um", 1e-3}}},
+      {"Pa", {{"Pa", 1.0}, {"kPa", 1e3}, {"MPa", 1e6}}},
+      {"mm/s", {{"mm/s", 1.0}, {"cm/s", 10.0}, {"m/s", 1000.0}}},
+      {"kg/m3", {{"kg/m3", 1.0}, {"g/cm3", 1000.0}, {"g/ml", 1000.0}}},
+      {"1/s", {{"1/s", 1.0}, {"Hz", 1.0}, {"kHz", 1000.0}}},
+      {"s", {{"s", 1.0}, {"ms", 1e-3}, {"min", 60.0}, {"h", 3600.0}}},
+  };
+  return table;
+}
+
+std::string trimmed(const std::string& text) {
+  const auto first = text.find_first_not_of(" \t"), last = text.find_last_not_of(" \t");
+  return first == std::string::npos ? "" : text.substr(first, last - first + 1);
+}
+
+// "mu_Pa" -> "mu"; keys without a unit suffix stay.
+std::string without_unit(const Option& option) {
+  static const std::map<std::string, std::string> suffix = {
+      {"mm", "_mm"}, {"Pa", "_Pa"}, {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"}, {"1/s", "_per_s"}};
+  const auto found = suffix.find(option.unit);
+  if (found == suffix.end() || !option.key.ends_with(found->second)) return option.key;
+  return option.key.substr(0, option.key.size() - found->second.size());
+}
+
+[[noreturn]] void refuse(const Option& option, const std::string& text, const std::string& source,
+                         const std::string& why) {
+  std::string range;
+  if (!option.choices.empty()) {
+    range = fmt::format("one of {}", fmt::join(option.choices, ", "));
+  } else if (!std::holds_alternative<std::string*>(option.value)) {
+    range = fmt::format("a number {} {}{}{}", option.least_excluded ? "above" : "from", option.least,
+                        std::isfinite(option.most) ? fmt::format(" to {}", option.most) : "",
+                        option.unit.empty() ? "" : " " + option.unit);
+  }
+  throw UsageError({.fact = fmt::format("{} = {} is not allowed", option.key, text),
+                    .where = source,
+                    .why = why,
+                    .remedy = fmt::format("{}: give {}", option.help, range)});
+}
+
+void assign_number(const Option& option, double value, const std::string& text, const std::string& source) {
+  if (!std::isfinite(value)) refuse(option, text, source, "it is not a finite number");
+  if (value < option.least || value > option.most || (option.least_excluded && value == option.least))
+    refuse(option, text, source, "it is out of range");
+  if (auto* real = std::get_if<double*>(&option.value)) {
+    **real = value;
+  } else {
+    if (value != std::round(value)) refuse(option, text, source, "it is not a whole number");
+    **std::get_if<std::int64_t*>(&option.value) = static_cast<std::int64_t>(value);
+  }
+}
+
+double parse_quantity(const Option& option, const std::string& text, const std::string& source) {
+  const std::string t = trimmed(text);
+  double value = 0.0;
+  const char* begin = t.data() + (t.starts_with('+') ? 1 : 0);
+  const auto [end, error] = std::from_chars(begin, t.data() + t.size(), value);
+  if (error != std::errc{}) refuse(option, text, source, "it is not a number");
+  const std::string unit = trimmed(std::string(end, t.data() + t.size()));
+  if (unit.empty()) return value;
+  const auto table = unit_table().find(option.unit);
+  if (table == unit_table().end())
+    refuse(option, text, source, fmt::format("'{}' after the number: this one has no unit", unit));
+  const auto factor = table->second.find(unit);
+  if (factor == table->second.end()) {
+    std::vector<std::string> known;
+    for (const auto& [name, unused] : table->second) known.push_back(name);
+    refuse(option, text, source,
+           fmt::format("'{}' is not one of its units ({})", unit, fmt::join(known, ", ")));
+  }
+  return value * factor->second;
+}
+
+void assign_text(const Option& option, const std::string& text, const std::string& source) {
+  if (auto* word = std::get_if<std::string*>(&option.value)) {
+    if (!option.choices.empty() &&
+        std::find(option.choices.begin(), option.choices.end(), text) == option.choices.end())
+      refuse(option, text, source, "it is not one of its words" + did_you_mean(text, option.choices));
+    **word = text;
+  } else if (auto* list = std::get_if<std::vector<std::string>*>(&option.value)) {
+    (*list)->clear();
+    std::stringstream parts(text);
+    for (std::string part; std::getline(parts, part, ',');)
+      if (!trimmed(part).empty()) (*list)->push_back(trimmed(part));
+  } else {
+    assign_number(option, parse_quantity(option, text, source), text, source);
+  }
+}
+
+Option* find(std::vector<Option>& options, const std::string& key) {
+  for (Option& option : options)
+    if (option.key == key || without_unit(option) == key) return &option;
+  return nullptr;
+}
+
+[[noreturn]] void unknown_key(std::vector<Option>& options, const std::string& key,
+                              const std::string& source) {
+  std::vector<std::string> known;
+  for (const Option& option : options) known.push_back(option.key);
+  for (const Option& option : options) known.push_back(without_unit(option));
+  // Other names of the same, which spelling alone does not lead to.
+  static const std::map<std::string, std::string> synonyms = {{"e", "material.young"},
+                                                              {"e_pa", "material.young"},
+                                                              {"youngs_modulus", "material.young"},
+                                                              {"young_modulus", "material.young"},
+                                                              {"elastic_modulus", "material.young"},
+                                                              {"g", "material.mu"},
+                                                              {"shear_modulus", "material.mu"},
+                                                              {"poisson", "material.nu"},
+                                                              {"poisson_ratio", "material.nu"},
+                                                              {"rho", "material.density"}};
+  std::string word = key.substr(key.rfind('.') + 1);
+  std::transform(word.begin(), word.end(), word.begin(), [](unsigned char c) { return std::tolower(c); });
+  const auto synonym = synonyms.find(word);
+  const std::string meant = synonym == synonyms.end() ? did_you_mean(key, known)
+                                                      : fmt::format(", did you mean '{}'?", synonym->second);
+  throw UsageError({.fact = fmt::format("there is no option '{}'{}", key, meant),
+                    .where = source,
+                    .why = "keys are section.name, in lower case",
+                    .remedy = "see `dimple options` for all of them"});
+}
+
+std::string toml_value(const Option& option) {
+  if (auto* real = std::get_if<double*>(&option.value)) {
+    const std::string s = fmt::format("{}", **real);  // shortest form that reads back to the same bits
+    return s.find_first_of(".en") == std::string::npos ? s + ".0" : s;
+  }
+  if (auto* whole = std::get_if<std::int64_t*>(&option.value)) return fmt::format("{}", **whole);
+  const auto quoted = [](const std::string& text) {
+    std::ostringstream out;
+    out << toml::value<std::string>(text);
+    return out.str();
+  };
+  if (auto* word = std::get_if<std::string*>(&option.value)) return quoted(**word);
+  std::vector<std::string> items;
+  for (const std::string& item : **std::get_if<std::vector<std::string>*>(&option.value))
+    items.push_back(quoted(item));
+  return fmt::format("[{}]", fmt::join(items, ", "));
+}
+
+}  // namespace
+
+std::vector<Option> options_of(Config& c) {
+  const std::vector<std::string> any = {};
+  std::vector<std::string> presets = {"none"};
+  for (const Preset& preset : material_presets()) presets.push_back(preset.name);
+  return {
+      {"image.file", "", "", "the label image", &c.image.file, 0, 0, false, any, ""},
+      {"image.label", "--label", "", "labels to take, by number or name, comma-separated; empty: all but 0",
+       &c.image.label, 0, 0, false, any, "model"},
+      {"image.label_names", "--label-names", "",
+       "table of label names (ITK-SNAP, or a colour table of 3D Slicer), or totalsegmentator",
+       &c.image.label_names, 0, 0, false, any, "model"},
+      {"scheme.name",
+       "--scheme",
+       "",
+       "converging: averaged gradients, volume held on patches, nodes graded to the rim; horton2007: the "
+       "paper's",
+       &c.scheme.name,
+       0,
+       0,
+       false,
+       {"converging", "horton2007"},
+       "model"},
+      {"cloud.nodes", "--nodes", "", "number of nodes", &c.cloud.nodes, 100, 1e6, false, any, "model"},
+      {"cloud.spacing_mm", "--spacing", "mm", "node spacing, instead of a number; 0: from the number",
+       &c.cloud.spacing_mm, 0, 1000, false, any, "model"},
+      {"cloud.rim", "--rim", "",
+       "node spacing on the circle's rim as a part of that far away; 1: even; 0: 0.15 (converging), 1 "
+       "(horton2007)",
+       &c.cloud.rim, 0, 1, false, any, "model"},
+      {"cloud.jitter", "", "", "move inner nodes by up to this part of their spacing", &c.cloud.jitter, 0,
+       0.5, false, any, "model"},
+      {"cloud.seed", "--seed", "", "of the node cloud", &c.cloud.seed, 0, 1e15, false, any, "model"},
+      {"grid.points", "--points", "", "number of integration points, about; 0: from the ratio",
+       &c.grid.points, 0, 1e7, false, any, "model"},
+      {"grid.ratio", "", "", "integration points per node; 0: 7 (converging), 1.499 (horton2007)",
+       &c.grid.ratio, 0, 100, false, any, "model"},
+      {"support.basis",
+       "--basis",
+       "",
+       "moving least squares basis",
+       &c.support.basis,
+       0,
+       0,
+       false,
+       {"linear", "quadratic"},
+       "model"},
+      {"support.weight",
+       "--weight",
+       "",
+       "moving least squares weight function",
+       &c.support.weight,
+       0,
+       0,
+       false,
+       {"quartic", "cubic", "gauss"},
+       "model"},
+      {"support.radius_factor", "--support", "",
+       "support radius in spacings; 0: 1.6 (converging), 1.8, quadratic 2.6", &c.support.radius_factor, 0, 10,
+       false, any, "model"},
+      {"boundary.base", "--base", "",
+       "side the organ rests on: auto, inferior (or bottom), superior (top), left, right, anterior, "
+       "posterior, or "
+       "x,y,z in LPS",
+       &c.boundary.base, 0, 0, false, any, "model"},
+      {"boundary.base_depth_mm", "--base-depth", "mm", "height up to which the base is held; 0: chosen",
+       &c.boundary.base_depth_mm, 0, 1000, false, any, "model"},
+      {"boundary.indent_at", "--indent-at", "",
+       "where the circle is: top, left, right, x,y,z in LPS mm, or x,y,top", &c.boundary.indent_at, 0, 0,
+       false, any, "model"},
+      {"boundary.indenter_diameter_mm", "--indenter-diameter", "mm", "diameter of the circle",
+       &c.boundary.indenter_diameter_mm, 0, 1000, true, any, "model"},
+      {"boundary.direction", "--direction", "",
+       "way the circle moves: auto (towards the base), or x,y,z in LPS", &c.boundary.direction, 0, 0, false,
+       any, "model"},
+      {"material.mu_Pa", "--mu", "Pa", "shear modulus", &c.material.mu_Pa, 0, 1e12, true, any, "solve"},
+      {"material.young_Pa", "--young", "Pa",
+       "Young's modulus, instead of mu, which is then E / (2 (1 + nu)); 0: not given", &c.material.young_Pa,
+       0, 1e12, false, any, "solve"},
+      {"material.nu", "--nu", "", "Poisson's ratio", &c.material.nu, 0, 0.49999, false, any, "solve"},
+      {"material.density_kg_per_m3", "--density", "kg/m3", "mass density", &c.material.density_kg_per_m3, 0,
+       1e5, true, any, "solve"},
+      {"material.stress",
+       "--stress",
+       "",
+       "consistent: zero at rest; printed: the form printed in the paper",
+       &c.material.stress,
+       0,
+       0,
+       false,
+       {"consistent", "printed"},
+       "solve"},
+      {"material.preset", "--preset", "",
+       "published parameters, instead of mu, nu, density, Ogden and Prony terms", &c.material.preset, 0, 0,
+       false, presets, "solve"},
+      {"material.ogden_mu_Pa", "", "",
+       "Ogden moduli in Pa, 2 mu/alpha^2 (sum of stretches^alpha - 3); none: neo-Hookean",
+       &c.material.ogden_mu_Pa, 0, 0, false, any, "solve"},
+      {"material.ogden_alpha", "", "", "Ogden exponents, as many", &c.material.ogden_alpha, 0, 0, false, any,
+       "solve"},
+      {"material.mooney_c01_Pa", "", "Pa",
+       "constant of the second invariant, at most mu/2: a Mooney-Rivlin law; 0: neo-Hookean",
+       &c.material.mooney_c01_Pa, 0, 1e12, false, any, "solve"},
+      {"material.prony_g", "", "", "parts of the shear modulus that relax; none: elastic",
+       &c.material.prony_g, 0, 0, false, any, "solve"},
+      {"material.prony_tau_s", "", "", "their relaxation times in s", &c.material.prony_tau_s, 0, 0, false,
+       any, "solve"},
+      {"load.depth_mm", "--depth", "mm", "indentation at the end", &c.load.depth_mm, 0, 1000, true, any,
+       "solve"},
+      {"load.rate_mm_per_s", "--rate", "mm/s", "speed of the circle", &c.load.rate_mm_per_s, 0, 1e5, true,
+       any, "solve"},
+      {"load.contact",
+       "--contact",
+       "",
+       "bonded: the circle's nodes move with the tool; frictionless: they slide under it",
+       &c.load.contact,
+       0,
+       0,
+       false,
+       {"bonded", "frictionless"},
+       "solve"},
+      {"solver.safety", "--safety", "", "time step as a part of the stable step", &c.solver.safety, 0, 2,
+       true, any, "solve"},
+      {"solver.damping_per_s", "--damping", "1/s", "mass-proportional damping", &c.solver.damping_per_s, 0,
+       1e6, false, any, "solve"},
+      {"solver.frames", "--frames", "", "frames written after the first", &c.solver.frames, 1, 100000, false,
+       any, "solve"},
+      {"solver.time",
+       "--time",
+       "",
+       "quasi-static: equilibrium at each frame; explicit: every wave, by central differences; dynamic: "
+       "inertia "
+       "in steps of the body's own swings, explicit if the load is too short; auto: quasi-static or, if the "
+       "load is "
+       "short, explicit. horton2007 is explicit",
+       &c.solver.time,
+       0,
+       0,
+       false,
+       {"auto", "quasi-static", "dynamic", "explicit"},
+       "solve"},
+      {"solver.precision",
+       "--precision",
+       "",
+       "of the numbers in the hot loop",
+       &c.solver.precision,
+       0,
+       0,
+       false,
+       {"single", "double"},
+       "solve"},
+      {"solver.tolerance", "", "", "of equilibrium: unbalanced force / reactions", &c.solver.tolerance, 1e-8,
+       0.1, false, any, "solve"},
+      {"solver.evaluations", "", "", "of the force for one equilibrium, at most", &c.solver.evaluations, 100,
+       1e9, false, any, "solve"},
+      {"solver.sample_rate_per_s", "", "1/s", "rows per second of force.csv", &c.solver.sample_rate_per_s, 0,
+       1e6, true, any, "solve"},
+  };
+}
+
+namespace {
+
+// "tissue.2.mu" -> label "2" and "material.mu_Pa", checked as that option is.
+bool set_tissue(Config& config, const std::string& key, const std::string& text, const std::string& source) {
+  if (!key.starts_with("tissue.")) return false;
+  const auto dot = key.rfind('.');
+  if (dot <= 7)
+    throw UsageError({.fact = fmt::format("'{}' names no option of a tissue", key),
+                      .where = source,
+                      .why = "keys are tissue.label.option",
+                      .remedy = "for instance --set tissue.2.mu=900Pa"});
+  const std::string label = key.substr(7, dot - 7);
+  Config scratch;
+  set_option(scratch, "material." + key.substr(dot + 1), text, source);
+  std::vector<Option> options = options_of(scratch);
+  config.tissue[label][find(options, "material." + key.substr(dot + 1))->key] = text;
+  return true;
+}
+
+std::vector<double> numbers(const std::vector<std::string>& texts, const std::string& key) {
+  std::vector<double> result;
+  for (const std::string& text : texts) {
+    double value = 0.0;
+    const char* begin = text.data() + (text.starts_with('+') ? 1 : 0);
+    const auto [end, error] = std::from_chars(begin, text.data() + text.size(), value);
+    if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(value))
+      throw UsageError({.fact = fmt::format("'{}' is not a number", text),
+                        .where = key,
+                        .why = "a list of numbers was expected",
+                        .remedy = "for instance [0.45, 0.365], or --set " + key + "=0.45,0.365"});
+    result.push_back(value);
+  }
+  return result;
+}
+
+}  // namespace
+
+void set_option(Config& config, const std::string& key, const std::string& text, const std::string& source) {
+  if (set_tissue(config, key, text, source)) return;
+  std::vector<Option> options = options_of(config);
+  Option* option = find(options, key);
+  if (!option) unknown_key(options, key, source);
+  assign_text(*option, text, source);
+  config.source[option->key] = source;
+}
+
+void set_value(const Option& option, const std::string& text, const std::string& source) {
+  assign_text(option, text, source);
+}
+
+void resolve_young(Config& config) {
+  auto& m = config.material;
+  if (m.young_Pa == 0.0) return;
+  const auto young = config.source.find("material.young_Pa"), mu = config.source.find("material.mu_Pa");
+  // A file of all options states the default of mu beside whatever is chosen.
+  const bool as_in_every_file =
+      m.mu_Pa == Config{}.material.mu_Pa && mu != config.source.end() && !mu->second.starts_with("--");
+  if (mu != config.source.end() && !as_in_every_file)
+    throw UsageError(
+        {.fact = fmt::format("a shear modulus, {} Pa, and Young's modulus, {} Pa, are given both", m.mu_Pa,
+                             m.young_Pa),
+         .where = fmt::format("{} and {}", mu->second, young->second),
+         .why = "one follows from the other: mu = E / (2 (1 + nu))",
+         .remedy = "give one of --mu and --young; material.young_Pa = 0 takes it back"});
+  m.mu_Pa = m.young_Pa / (2.0 * (1.0 + m.nu));
+  config.source["material.mu_Pa"] = fmt::format("Young's modulus {} Pa, {}", m.young_Pa, young->second);
+  m.young_Pa = 0.0;
+}
+
+bool default_stiffness(const Config& config) {
+  const auto& m = config.material;
+  return m.preset == "none" && m.ogden_mu_Pa.empty() && m.mu_Pa == Config{}.material.mu_Pa &&
+         config.source.count("material.mu_Pa") == 0;
+}
+
+void read_config(Config& config, const std::filesystem::path& file) {
+  toml::table table;
+  try {
+    table = toml::parse(read_file(file), file.string());
+  } catch (const toml::parse_error& error) {
+    throw UsageError(
+        {.fact = fmt::format("{} is not valid TOML: {}", file.string(), error.description()),
+         .where = fmt::format("line {}, column {}", error.source().begin.line, error.source().begin.column),
+         .why = "the file cannot be read as a configuration",
+         .remedy = "mend that line; strings need quotes, tables look like [material]"});
+  }
+  std::vector<Option> options = options_of(config);
+  for (const auto& [section, node] : table) {
+    const toml::table* entries = node.as_table();
+    if (!entries) unknown_key(options, std::string(section.str()), file.string());
+    for (const auto& [name, value] : *entries) {
+      if (section.str() == "tissue") {
+        const toml::table* differing = value.as_table();
+        if (!differing) unknown_key(options, "tissue." + std::string(name.str()), file.string());
+        for (const auto& [what, text] : *differing) {
+          std::ostringstream shown;
+          if (const auto word = text.value_exact<std::string>())
+            shown << *word;
+          else if (const toml::array* list = text.as_array())
+            for (std::size_t k = 0; k < list->size(); ++k) {
+              shown << (k ? "," : "");
+              (*list)[k].visit([&](auto&& v) { shown << v; });
+            }
+          else
+            text.visit([&](auto&& v) { shown << v; });
+          set_option(config, fmt::format("tissue.{}.{}", name.str(), what.str()), shown.str(),
+                     fmt::format("{}, line {}", file.string(), text.source().begin.line));
+        }
+        continue;
+      }
+      const std::string key = std::string(section.str()) + "." + std::string(name.str());
+      const std::string place = fmt::format("{}, line {}", file.string(), value.source().begin.line);
+      Option* option = find(options, key);
+      if (!option) unknown_key(options, key, place);
+      const bool is_text = !std::holds_alternative<double*>(option->value) &&
+                           !std::holds_alternative<std::int64_t*>(option->value);
+      if (const auto text = value.value_exact<std::string>()) {
+        assign_text(*option, *text, place);
+      } else if (const toml::array* list = value.as_array(); list && is_text) {
+        std::vector<std::string> items;
+        for (const auto& item : *list) {
+          if (const auto word = item.value_exact<std::string>())
+            items.push_back(*word);
+          else if (const auto number = item.value_exact<std::int64_t>())
+            items.push_back(std::to_string(*number));
+          else if (const auto real = item.value_exact<double>())
+            items.push_back(fmt::format("{}", *real));
+          else
+            refuse(*option, "a list with something else than words and numbers", place, "it cannot be read");
+        }
+        assign_text(*option, fmt::format("{}", fmt::join(items, ",")), place);
+      } else if (const auto number = value.value<double>(); number && !value.is_boolean() && !is_text) {
+        assign_number(*option, *number, fmt::format("{}", *number), place);
+      } else {
+        std::ostringstream shown;
+        value.visit([&](auto&& v) { shown << v; });
+        refuse(*option, shown.str(), place,
+               is_text ? "it must be a word in quotes"
+                       : "it must be a number, or a number with its unit in quotes");
+      }
+      config.source[option->key] = place;
+    }
+  }
+}
+
+std::string to_toml(const Config& config, const std::map<std::string, std::string>& notes) {
+  Config copy = config;
+  std::string text = "# Every option of this run. `dimple run --config THIS -o OUT` repeats it bit by bit.\n";
+  std::string section;
+  for (const Option& option : options_of(copy)) {
+    const auto dot = option.key.find('.');
+    if (option.key.substr(0, dot) != section) {
+      section = option.key.substr(0, dot);
+      text += fmt::format("\n[{}]\n", section);
+    }
+    const auto source = config.source.find(option.key);
+    std::string comment = source == config.source.end() ? "default" : source->second;
+    if (const auto note = notes.find(option.key); note != notes.end()) comment += "; " + note->second;
+    std::replace(comment.begin(), comment.end(), '\n', ' ');
+    text += fmt::format("{} = {}  # {}\n", option.key.substr(dot + 1), toml_value(option), comment);
+  }
+  for (const auto& [label, differing] : config.tissue) {
+    std::ostringstream name;
+    name << toml::value<std::string>(label);
+    text += fmt::format("\n[tissue.{}]\n", name.str());
+    for (const auto& [key, value] : differing) {
+      std::ostringstream quoted;
+      quoted << toml::value<std::string>(value);
+      text += fmt::format("{} = {}\n", key.substr(key.find('.') + 1), quoted.str());
+    }
+  }
+  return text;
+}
+
+std::map<std::string, std::string> option_values(const Config& config) {
+  Config copy = config;
+  std::map<std::string, std::string> values;
+  for (const Option& option : options_of(copy))
+    if (option.key != "image.file") values[option.key] = toml_value(option);
+  for (const auto& [label, differing] : config.tissue)
+    for (const auto& [key, value] : differing)
+      values[fmt::format("tissue.{}.{}", label, key.substr(key.find('.') + 1))] = value;
+  return values;
+}
+
+std::string option_reference() {
+  Config config;
+  std::string text =
+      "Options, as `--set key=value` or in a TOML file given with --config. Bare numbers are in the unit "
+      "shown.\n\n";
+  for (const Option& option : options_of(config)) {
+    std::string range;
+    if (!option.choices.empty())
+      range = fmt::format("{}", fmt::join(option.choices, " | "));
+    else if (std::holds_alternative<double*>(option.value) ||
+             std::holds_alternative<std::int64_t*>(option.value))
+      range = fmt::format("{} {} ... {}{}", option.least_excluded ? "above" : "from", option.least,
+                          option.most, option.unit.empty() ? "" : " " + option.unit);
+    text += fmt::format("  {:<32} = {:<14} {}{}\n", option.key, toml_value(option), option.help,
+                        range.empty() ? "" : fmt::format(" ({})", range));
+  }
+  return text;
+}
+
+std::string did_you_mean(const std::string& word, const std::vector<std::string>& known) {
+  std::string best;
+  std::size_t least = std::max<std::size_t>(2, word.size() / 3) + 1;
+  for (const std::string& candidate : known) {
+    std::vector<std::size_t> row(candidate.size() + 1);
+    for (std::size_t j = 0; j < row.size(); ++j) row[j] = j;
+    for (std::size_t i = 0; i < word.size(); ++i) {
+      std::size_t diagonal = row[0];
+      row[0] = i + 1;
+      for (std::size_t j = 0; j < candidate.size(); ++j) {
+        const std::size_t keep = diagonal + (word[i] == candidate[j] ? 0 : 1);
+        diagonal = row[j + 1];
+        row[j + 1] = std::min({keep, row[j] + 1, row[j + 1] + 1});
+      }
+    }
+    if (row.back() < least) {
+      least = row.back();
+      best = candidate;
+    }
+  }
+  return best.empty() ? "" : fmt::format(", did you mean '{}'?", best);
+}
+
+Scheme scheme_of(const Config& c) {
+  const Scheme* named = scheme_named(c.scheme.name);  // one of the option's choices
+  Scheme scheme = *named;
+  if (c.cloud.rim > 0.0) scheme.rim = c.cloud.rim;
+  if (c.grid.ratio > 0.0) scheme.points_per_node = c.grid.ratio;
+  SupportOptions& support = scheme.support;
+  support.basis = c.support.basis == "linear" ? Basis::linear : Basis::quadratic;
+  support.weight = c.support.weight == "quartic" ? Weight::quartic
+                   : c.support.weight == "cubic" ? Weight::cubic
+                                                 : Weight::gauss;
+  // A scheme's own radius is one for its own basis.
+  if (support.basis != named->support.basis) support.radius_factor = 0.0;
+  if (c.support.radius_factor > 0.0) support.radius_factor = c.support.radius_factor;
+  return scheme;
+}
+
+ModelOptions model_options(const Config& c) {
+  ModelOptions options = options_of(scheme_of(c));
+  options.cloud.count = c.cloud.nodes;
+  options.cloud.spacing_mm = c.cloud.spacing_mm;
+  options.cloud.seed = static_cast<std::uint64_t>(c.cloud.seed);
+  options.cloud.jitter = c.cloud.jitter;
+  options.grid.count = c.grid.points;
+  options.boundary = {.base = c.boundary.base,
+                      .base_depth_mm = c.boundary.base_depth_mm,
+                      .indent_at = c.boundary.indent_at,
+                      .indenter_diameter_mm = c.boundary.indenter_diameter_mm,
+                      .direction = c.boundary.direction};
+  return options;
+}
+
+Precision precision_of(const Config& c) {
+  return c.solver.precision == "single" ? Precision::single_ : Precision::double_;
+}
+
+Material material_of(const Config& c) {
+  const auto& m = c.material;
+  const auto refuse_terms = [](const std::string& fact, const std::string& why, const std::string& remedy) {
+    throw UsageError({.fact = fact, .where = "[material]", .why = why, .remedy = remedy});
+  };
+  if (m.mooney_c01_Pa > 0.0 && (m.preset != "none" || !m.ogden_mu_Pa.empty()))
+    refuse_terms("a Mooney-Rivlin constant is given beside another law", "a tissue has one law",
+                 "leave out material.mooney_c01_Pa, or the preset and the Ogden numbers");
+  Material result;
+  if (m.preset != "none") {
+    result = material_preset(m.preset);
+  } else if (const auto mu = numbers(m.ogden_mu_Pa, "material.ogden_mu_Pa"),
+             alpha = numbers(m.ogden_alpha, "material.ogden_alpha");
+             !mu.empty() || !alpha.empty()) {
+    if (mu.size() != alpha.size() || mu.size() > 3)
+      refuse_terms(fmt::format("{} Ogden moduli and {} exponents", mu.size(), alpha.size()),
+                   "each term has one of both, and there are at most three",
+                   "give as many numbers in material.ogden_mu_Pa as in material.ogden_alpha");
+    std::vector<OgdenTerm> terms;
+    double sum = 0.0;
+    for (std::size_t k = 0; k < mu.size(); ++k) {
+      if (alpha[k] == 0.0)
+        refuse_terms("an Ogden exponent is 0", "2 mu / alpha^2 has no meaning then", "give another exponent");
+      terms.push_back({mu[k], alpha[k]});
+      sum += mu[k];
+    }
+    if (!(sum > 0.0))
+      refuse_terms(fmt::format("the Ogden moduli add up to {} Pa", sum),
+                   "their sum is the shear modulus of small strains, which must be positive",
+                   "check the signs and the convention: 2 mu / alpha^2");
+    result = ogden(terms, m.nu, m.density_kg_per_m3);
+  } else if (m.mooney_c01_Pa > 0.0) {
+    const double c10 = 0.5 * m.mu_Pa - m.mooney_c01_Pa;
+    if (c10 < 0.0)
+      refuse_terms(fmt::format("c01 is {} Pa, more than mu/2, {} Pa", m.mooney_c01_Pa, 0.5 * m.mu_Pa),
+                   "c10 = mu/2 - c01 would be negative, and the tissue would give way by itself",
+                   "give a smaller material.mooney_c01_Pa or a larger --mu");
+    result = mooney_rivlin(c10, m.mooney_c01_Pa, m.nu, m.density_kg_per_m3);
+  } else {
+    result = neo_hookean(m.mu_Pa, m.nu, m.density_kg_per_m3, m.stress == "printed");
+  }
+  if (m.stress == "printed" && !is_as_printed(result))
+    throw UsageError({.fact = "the printed stress is of a neo-Hookean tissue",
+                      .where = "--stress printed (material.stress)",
+                      .why = fmt::format("another law is asked for, {}", words_of(result).title),
+                      .remedy = "leave --stress out, or the preset and the other law's numbers"});
+  const auto g = numbers(m.prony_g, "material.prony_g"), tau = numbers(m.prony_tau_s, "material.prony_tau_s");
+  if (g.size() != tau.size())
+    refuse_terms(fmt::format("{} relaxing parts and {} relaxation times", g.size(), tau.size()),
+                 "each Prony term has one of both",
+                 "give as many numbers in material.prony_g as in prony_tau_s");
+  if (!g.empty()) result.prony.clear();
+  double relaxing = 0.0;
+  for (std::size_t k = 0; k < g.size(); ++k) {
+    if (!(g[k] > 0.0) || !(tau[k] > 0.0))
+      refuse_terms("a Prony term is not positive", "a part of the modulus relaxes within some time",
+                   "give positive numbers");
+    result.prony.push_back({g[k], tau[k]});
+    relaxing += g[k];
+  }
+  if (relaxing >= 1.0)
+    refuse_terms(fmt::format("{} of the modulus relaxes", relaxing), "nothing would be left in the end",
+                 "the parts in material.prony_g must add up to less than 1");
+  return result;
+}
+
+std::vector<Material> materials_of(const Config& c) {
+  std::vector<Material> result = {material_of(c)};
+  for (const auto& [label, differing] : c.tissue) {
+    Config own = c;
+    own.tissue.clear();
+    own.source.clear();
+    for (const auto& [key, text] : differing) set_option(own, key, text, "tissue." + label);
+    resolve_young(own);
+    result.push_back(material_of(own));
+  }
+  return result;
+}
+
+Loading loading_of(const Config& c) {
+  return {.depth = 1e-3 * c.load.depth_mm,
+          .rate = 1e-3 * c.load.rate_mm_per_s,
+          .contact = c.load.contact == "bonded" ? Contact::bonded : Contact::frictionless};
+}
+
+SolverOptions solver_options(const Config& c) {
+  return {.safety = c.solver.safety,
+          .damping = c.solver.damping_per_s,
+          .frames = static_cast<int>(c.solver.frames),
+          .sample_rate = c.solver.sample_rate_per_s,
+          .tolerance = c.solver.tolerance,
+          .evaluations = c.solver.evaluations};
+}
+
+}  // namespace dimple

@@ -1,0 +1,136 @@
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "preprocess/build_model.hpp"
+#include "solver/march.hpp"
+
+namespace dimple {
+
+/// Everything that decides a result. Units as in the names; conversion to SI is in the functions below.
+struct Config {
+  struct Image {
+    std::string file;
+    std::vector<std::string> label;  ///< numbers or names; empty: all foreground
+    std::string label_names;         ///< table of names, or empty
+  } image;
+  struct Scheme {
+    std::string name{converging.name};
+  } scheme;
+  struct Cloud {
+    std::int64_t nodes = 4250;
+    double spacing_mm = 0.0;
+    double rim = 0.0;
+    std::int64_t seed = 1;
+    double jitter = 0.0;
+  } cloud;
+  struct Grid {
+    std::int64_t points = 0;
+    double ratio = 0.0;
+  } grid;
+  struct Support {
+    std::string basis = "linear";
+    std::string weight = "quartic";
+    double radius_factor = 0.0;
+  } support;
+  struct BoundarySection {
+    std::string base = "auto";
+    double base_depth_mm = 0.0;
+    std::string indent_at = "top";
+    double indenter_diameter_mm = 10.0;
+    std::string direction = "auto";
+  } boundary;
+  struct MaterialSection {
+    double mu_Pa = 210.0;
+    double young_Pa = 0.0;  ///< until resolve_young(), which puts the shear modulus in its place
+    double nu = 0.499;
+    double density_kg_per_m3 = 1000.0;
+    std::string stress = "consistent";
+    std::string preset = "none";
+    std::vector<std::string> ogden_mu_Pa, ogden_alpha, prony_g, prony_tau_s;
+    double mooney_c01_Pa = 0.0;
+  } material;
+  /// Tissues that differ from `material`: label, by number or name -> what differs, option -> text.
+  std::map<std::string, std::map<std::string, std::string>> tissue;
+  struct Load {
+    double depth_mm = 8.0;
+    double rate_mm_per_s = 1.0;
+    std::string contact = "bonded";
+  } load;
+  struct SolverSection {
+    double safety = 0.9;
+    double damping_per_s = 0.0;
+    std::int64_t frames = 16;
+    double sample_rate_per_s = 150.0;
+    std::string time = "auto";
+    std::string precision = "single";
+    double tolerance = 1e-4;
+    std::int64_t evaluations = 2000;
+  } solver;
+
+  /// key -> why it has its value ("default", "config.toml", "--nodes", ...)
+  std::map<std::string, std::string> source;
+};
+
+/// One option, declared once: the help, the checks, the file format and `--set` are all made from it.
+struct Option {
+  std::string key;   ///< "material.mu_Pa": section, name, unit
+  std::string flag;  ///< "--mu" or empty
+  std::string unit;  ///< "Pa" or empty; bare numbers are in it
+  std::string help;
+  std::variant<double*, std::int64_t*, std::string*, std::vector<std::string>*> value;
+  double least = 0.0, most = 0.0;  ///< range of numbers, both allowed
+  bool least_excluded = false;
+  std::vector<std::string> choices;  ///< of words; empty: free text
+  std::string stage;                 ///< which commands have the flag: "model", "solve" (run has both)
+};
+std::vector<Option> options_of(Config& config);
+
+/// Sets one option from text ("300Pa", "top", "1,Tumour"). `key` with or without its unit suffix.
+/// Throws UsageError: unknown key (with a suggestion), not a number, unknown unit, out of range, not a
+/// choice.
+void set_option(Config& config, const std::string& key, const std::string& text, const std::string& source);
+
+/// The same for a value that is no part of a Config: a time limit, for instance.
+void set_value(const Option& option, const std::string& text, const std::string& source);
+
+/// Young's modulus, where it was given, becomes the shear modulus E / (2 (1 + nu)). To be called when all
+/// options are set. Throws UsageError: both were given.
+void resolve_young(Config& config);
+
+/// Whether the stiffness is the one that nobody has chosen.
+bool default_stiffness(const Config& config);
+
+/// Reads a TOML file over what is there. Throws UsageError, InputError.
+void read_config(Config& config, const std::filesystem::path& file);
+
+/// The whole configuration as TOML, each line with where its value came from. `notes`: key -> what was
+/// chosen.
+std::string to_toml(const Config& config, const std::map<std::string, std::string>& notes);
+
+/// Each option as it stands in that file, by key, but for the path of the image.
+std::map<std::string, std::string> option_values(const Config& config);
+
+/// The reference of all options: key, unit, default, range, meaning.
+std::string option_reference();
+
+/// The word among `known` nearest to `word`, if it is near enough to have been meant, as ", did you mean
+/// ...?".
+std::string did_you_mean(const std::string& word, const std::vector<std::string>& known);
+
+ModelOptions model_options(const Config& config);
+/// The scheme of that name, with what was asked for in place of its own choices.
+Scheme scheme_of(const Config& config);
+Material material_of(const Config& config);
+/// The material of all labels that have no tissue of their own, then those of config.tissue, in its order.
+/// Throws UsageError: Ogden or Prony numbers that make no material, or that the chosen scheme has not.
+std::vector<Material> materials_of(const Config& config);
+Loading loading_of(const Config& config);
+SolverOptions solver_options(const Config& config);
+Precision precision_of(const Config& config);
+
+}  // namespace dimple

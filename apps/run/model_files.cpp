@@ -1,0 +1,400 @@
+#include "apps/run/model_files.hpp"
+
+#include <fmt/format.h>
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <sstream>
+
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "io/table.hpp"
+#include "io/units.hpp"
+#include "preprocess/neighbours.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int base_bit = 1, indenter_bit = 2;
+
+Points to_mm(const Points& x) {
+  return x.unaryExpr(&millimetres);
+}
+Points to_m(const Points& x) {
+  return x.unaryExpr(&metres);
+}
+
+Field node_set_field(const Discretisation& model) {
+  Field field{.name = "node_set",
+              .unit = "",
+              .values = Eigen::MatrixXd::Zero(1, model.node_count()),
+              .components = {},
+              .type = Field::Type::int32};
+  for (const Index a : model.base) field.values(0, a) += base_bit;
+  for (const Index a : model.indenter) field.values(0, a) += indenter_bit;
+  return field;
+}
+
+[[noreturn]] void refuse(const fs::path& file, const std::string& fact, const std::string& why,
+                         const std::string& remedy) {
+  throw InputError({.fact = fact, .where = file.string(), .why = why, .remedy = remedy});
+}
+
+PointFile read_points(const fs::path& file) {
+  if (file.extension() == ".vtu") return read_vtu(file);
+  if (file.extension() != ".csv")
+    refuse(file, fmt::format("'{}' is neither .vtu nor .csv", file.filename().string()),
+           "the suffix says what a list of locations is", "give nodes and points as .vtu or .csv");
+  const Table table = read_csv(file);
+  if (table.rows() == 0)
+    refuse(file, "the list is empty", "it has a header and no rows", "give at least a few hundred locations");
+  PointFile points;
+  points.position_mm.resize(3, static_cast<Index>(table.rows()));
+  const std::array<const char*, 3> axes = {"x_mm", "y_mm", "z_mm"};
+  for (int d = 0; d < 3; ++d) {
+    const auto* column = table.find(axes[static_cast<std::size_t>(d)]);
+    if (!column)
+      refuse(file, fmt::format("there is no column {}", axes[static_cast<std::size_t>(d)]),
+             "locations need three coordinates", "name the columns x_mm,y_mm,z_mm");
+    points.position_mm.row(d) =
+        Eigen::Map<const Eigen::RowVectorXd>(column->data(), points.position_mm.cols());
+  }
+  for (const auto& [csv, name] :
+       {std::pair{"spacing_mm", "spacing"}, {"node_set", "node_set"}, {"volume_mm3", "volume"}})
+    if (const auto* column = table.find(csv))
+      points.fields.push_back(
+          {.name = name,
+           .unit = "",
+           .values = Eigen::Map<const Eigen::RowVectorXd>(column->data(), points.position_mm.cols())});
+  return points;
+}
+
+// Numbers of a list must be such as a body can have; a damaged file, or one of another unit, is refused here
+// rather than by what cannot be computed with it.
+void require_places(const fs::path& file, const Points& position_mm) {
+  constexpr double farthest_mm = 1e6;
+  for (Index n = 0; n < position_mm.cols(); ++n)
+    if (!(position_mm.col(n).cwiseAbs().maxCoeff() <= farthest_mm))
+      refuse(file,
+             fmt::format("location {} is ({:.6g}, {:.6g}, {:.6g}) mm", n, position_mm(0, n),
+                         position_mm(1, n), position_mm(2, n)),
+             "no organ is more than a kilometre from the origin",
+             "mend that location, or the unit of the list");
+}
+
+// A millionth of a millimetre is zero on the grid of files.
+void require_positive(const fs::path& file, const Field& field, const std::string& what,
+                      const std::string& why) {
+  for (const double value : field.values.row(0))
+    if (!(value > 1e-6) || !std::isfinite(value))
+      refuse(file, fmt::format("{} is {}, not positive", what, value), why,
+             "mend the column, or leave it out");
+}
+
+void require_whole(const fs::path& file, const Field& field, double most) {
+  for (const double value : field.values.row(0))
+    if (!(value >= 0.0 && value <= most) || value != std::floor(value))
+      refuse(file, fmt::format("{} is {}", field.name, value),
+             fmt::format("it is a whole number from 0 to {}", most), "mend the column, or leave it out");
+}
+
+// Distance to the sixth nearest neighbours' mean: what the even clouds of make_node_cloud() call their
+// spacing.
+Eigen::VectorXd estimate_spacing(const Points& X) {
+  const Neighbours tree(X);
+  Eigen::VectorXd spacing(X.cols());
+  for (Index a = 0; a < X.cols(); ++a) {
+    double sum = 0.0;
+    const auto near = tree.nearest(X.col(a), 7);
+    for (const int b : near) sum += (X.col(b) - X.col(a)).norm();
+    spacing[a] = sum / static_cast<double>(std::max<std::size_t>(near.size() - 1, 1));
+  }
+  // Surface nodes see only half a neighbourhood; the median is the cloud's.
+  std::vector<double> sorted(spacing.begin(), spacing.end());
+  std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2),
+                   sorted.end());
+  return Eigen::VectorXd::Constant(X.cols(), metres(1e3 * sorted[sorted.size() / 2]));
+}
+
+// A regular grid's cell: the shortest distance between two of its points, which whole cells have.
+double estimate_cell_volume(const Points& points_mm) {
+  const Neighbours tree(points_mm);
+  std::vector<double> nearest;
+  for (Index q = 0; q < points_mm.cols(); ++q)
+    nearest.push_back(tree.distance_to_nearest(points_mm.col(q), static_cast<int>(q)));
+  std::nth_element(nearest.begin(), nearest.begin() + static_cast<std::ptrdiff_t>(nearest.size() / 2),
+                   nearest.end());
+  return std::pow(nearest[nearest.size() / 2], 3);
+}
+
+// Lists of locations without node sets: the base is the flat end of the cloud that the tool moves towards,
+// the circle what the tool meets first.
+void choose_sets_by_place(ModelFiles& files) {
+  Discretisation& model = files.places;
+  const Vec3 push = model.tool.push;
+  const double h = model.spacing[0];
+  const Eigen::VectorXd depth = model.X.transpose() * push;
+  for (Index a = 0; a < model.node_count(); ++a) {
+    const Vec3 d = model.X.col(a) - model.tool.centre;
+    const double lateral = (d - d.dot(push) * push).norm();
+    if (depth.maxCoeff() - depth[a] < 0.35 * h)
+      model.base.push_back(a);
+    else if (lateral <= model.tool.radius * (1.0 + 1e-9) && std::abs(d.dot(push)) < 0.35 * h)
+      model.indenter.push_back(a);
+  }
+  files.notes.push_back(fmt::format(
+      "nodes carry no node_set: {} within a third of a spacing of the far end are the base, {} within the "
+      "circle and as near to its plane are the indenter's",
+      model.base.size(), model.indenter.size()));
+}
+
+Vec3 vector_of(const toml::table& table, const std::string& section, const std::string& key,
+               const fs::path& file) {
+  const toml::array* list = table[section][key].as_array();
+  Vec3 v;
+  bool good = list && list->size() == 3;
+  for (std::size_t d = 0; good && d < 3; ++d) {
+    const auto number = (*list)[d].value<double>();
+    good = number && std::isfinite(*number);
+    if (good) v[static_cast<Index>(d)] = *number;
+  }
+  if (!good)
+    refuse(file, fmt::format("{}.{} is not a list of three numbers", section, key), "the model needs it",
+           fmt::format("write for instance {} = [0.0, 0.0, -1.0] under [{}]", key, section));
+  return v;
+}
+
+}  // namespace
+
+std::string_view basis_word(Basis basis) {
+  return basis == Basis::linear ? "linear" : "quadratic";
+}
+std::string_view weight_word(Weight weight) {
+  return weight == Weight::quartic ? "quartic" : weight == Weight::cubic ? "cubic" : "gauss";
+}
+
+void write_model(const fs::path& folder, const Discretisation& model, const Scheme& scheme,
+                 const std::map<std::string, std::string>& provenance) {
+  using Type = Field::Type;
+  make_folder(folder);
+  write_vtu(folder / "nodes.vtu",
+            {.position_mm = to_mm(model.X),
+             .fields = {{.name = "spacing",
+                         .unit = "mm",
+                         .values = model.spacing.transpose().unaryExpr(&millimetres),
+                         .type = Type::real64},
+                        node_set_field(model)}},
+            0.0, true);
+  std::vector<Field> fields = {
+      {.name = "volume",
+       .unit = "mm^3",
+       .values = model.volume.transpose().unaryExpr(&cubic_millimetres),
+       .type = Type::real64},
+      {.name = "label", .unit = "", .values = model.label.transpose().cast<double>(), .type = Type::int32}};
+  if (model.spread.cols() > 0)
+    fields.push_back({.name = "spread",
+                      .unit = "mm^2",
+                      .values = model.spread.unaryExpr(&square_millimetres),
+                      .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"},
+                      .type = Type::real64});
+  write_vtu(folder / "points.vtu", {.position_mm = to_mm(model.point), .fields = fields}, 0.0, true);
+  if (!model.surface.empty())
+    write_vtp(folder / "surface.vtp", {model.surface.vertex_mm, model.surface.triangles, {}}, 0.0, true);
+
+  const auto list = [](const Vec3& v) {
+    std::ostringstream out;
+    out << toml::array{v.x(), v.y(), v.z()};
+    return out.str();
+  };
+  std::string text =
+      "# A model for `dimple solve`. Positions are LPS, in millimetres.\nformat = \"dimple model 1\"\n" +
+      fmt::format("scheme = \"{}\"\n", scheme.name) +
+      "nodes = \"nodes.vtu\"    # or a .csv with columns x_mm,y_mm,z_mm (and spacing_mm, node_set: 1 base, 2 "
+      "indenter)\n"
+      "points = \"points.vtu\"  # or a .csv with columns x_mm,y_mm,z_mm (and volume_mm3)\n";
+  if (!model.surface.empty()) text += "surface = \"surface.vtp\"\n";
+  const Vec3 centre = to_mm(model.tool.centre);
+  if (!model.axes.isIdentity(0.0))
+    text += fmt::format("axes = [{}, {}, {}]  # of the image, as unit vectors\n", list(model.axes.col(0)),
+                        list(model.axes.col(1)), list(model.axes.col(2)));
+  text += fmt::format("\n[indenter]\ncentre_mm = {}\npush = {}\ndiameter_mm = {}\n", list(centre),
+                      list(model.tool.push), 2.0 * millimetres(model.tool.radius));
+  text += fmt::format("\n[support]\nbasis = \"{}\"\nweight = \"{}\"\nradius_factor = {}\n",
+                      basis_word(scheme.support.basis), weight_word(scheme.support.weight),
+                      scheme.support.effective_radius_factor());
+  text += fmt::format("interpolation = {}\n", scheme.support.interpolation);
+  text += "\n[made_from]\n";
+  for (const auto& [key, value] : provenance) {
+    std::ostringstream quoted;
+    quoted << toml::value<std::string>(value);
+    text += fmt::format("{} = {}\n", key, quoted.str());
+  }
+  write_file(folder / "model.toml", text);
+}
+
+ModelFiles read_model(const fs::path& path) {
+  const fs::path file = fs::is_directory(path) ? path / "model.toml" : path;
+  if (!fs::exists(file))
+    refuse(file, "there is no model here", "a model is a folder with a model.toml",
+           "make one with `dimple model IMAGE -o MODEL`");
+  toml::table table;
+  try {
+    table = toml::parse(read_file(file), file.string());
+  } catch (const toml::parse_error& error) {
+    refuse(file, fmt::format("not valid TOML: {}", error.description()),
+           fmt::format("line {}, column {}", error.source().begin.line, error.source().begin.column),
+           "mend that line");
+  }
+  if (table["format"].value_or(std::string()) != "dimple model 1")
+    refuse(file, "the format is not \"dimple model 1\"",
+           "the file was made by something else, or by another version",
+           "add format = \"dimple model 1\" if it follows it");
+
+  const auto beside = [&](const char* key) {
+    const auto name = table[key].value<std::string>();
+    if (!name || name->empty())
+      refuse(file, fmt::format("it does not say which file holds the {}", key),
+             fmt::format("the key {} is missing", key),
+             fmt::format("add {} = \"{}.vtu\" or a .csv", key, key));
+    return file.parent_path() / *name;
+  };
+
+  ModelFiles files;
+  Discretisation& model = files.places;
+  const fs::path node_file = beside("nodes"), point_file = beside("points");
+  const PointFile nodes = read_points(node_file), points = read_points(point_file);
+  require_places(node_file, nodes.position_mm);
+  require_places(point_file, points.position_mm);
+  model.X = to_m(nodes.position_mm);
+  model.point = to_m(points.position_mm);
+
+  if (const Field* spacing = nodes.find("spacing")) {
+    require_positive(node_file, *spacing, "a node's spacing", "supports are sized by it");
+    model.spacing = spacing->values.row(0).transpose().unaryExpr(&metres);
+  } else {
+    model.spacing = estimate_spacing(model.X);
+    if (!(model.spacing[0] > 0.0))
+      refuse(node_file, "most nodes lie on one place", "their spacing is taken from their distances",
+             "give each node a place of its own");
+    files.notes.push_back(
+        fmt::format("nodes carry no spacing: taken as {:.3f} mm, the median distance to the six nearest",
+                    millimetres(model.spacing[0])));
+  }
+  if (const Field* volume = points.find("volume")) {
+    require_positive(point_file, *volume, "a point's volume", "each point stands for some tissue");
+    model.volume = volume->values.row(0).transpose().unaryExpr(&cubic_metres);
+  } else {
+    const double cell = estimate_cell_volume(points.position_mm);
+    if (!(cell > 1e-6) || !std::isfinite(cell))
+      refuse(point_file, "most points lie on one place, or there is only one",
+             "their volume is taken from their distances",
+             "give each point a place of its own, or a volume_mm3");
+    model.volume = Eigen::VectorXd::Constant(model.point_count(), cubic_metres(cell));
+    files.notes.push_back(fmt::format(
+        "points carry no volume: each stands for a whole cell of {:.3f} mm^3, the cube of their distance",
+        cell));
+  }
+
+  const std::string scheme = table["scheme"].value_or(std::string(files.scheme.name));
+  if (const Scheme* named = scheme_named(scheme))
+    files.scheme = *named;
+  else
+    refuse(file, fmt::format("there is no scheme '{}'", scheme), "it decides how the points are used",
+           "write scheme = \"converging\" or \"horton2007\"");
+  if (const toml::array* axes = table["axes"].as_array(); axes && axes->size() == 3) {
+    for (int d = 0; d < 3; ++d)
+      if (const toml::array* axis = (*axes)[static_cast<std::size_t>(d)].as_array();
+          axis && axis->size() == 3)
+        for (int i = 0; i < 3; ++i)
+          model.axes(i, d) = (*axis)[static_cast<std::size_t>(i)].value_or(i == d ? 1.0 : 0.0);
+    if (!((model.axes.colwise().norm().array() - 1.0).abs().maxCoeff() < 1e-6) || !model.axes.allFinite())
+      refuse(file, "axes are not three unit vectors", "the points' cells lie along them",
+             "write axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], or leave the line out");
+  }
+  model.label = Eigen::VectorXi::Zero(model.point_count());
+  if (const Field* label = points.find("label")) {
+    require_whole(point_file, *label, std::numeric_limits<int>::max());
+    model.label = label->values.row(0).transpose().cast<int>();
+  }
+  if (files.scheme.averaged_gradients) {
+    if (const Field* spread = points.find("spread"); spread && spread->values.rows() == 6) {
+      if (!spread->values.allFinite())
+        refuse(point_file, "a point's spread is not finite", "it is the size of the point's cell",
+               "mend the column, or leave it out");
+      model.spread = spread->values.unaryExpr(&square_metres);
+    } else {
+      model.spread = Spread::Zero(6, model.point_count());
+      for (int d = 0; d < 3; ++d)
+        model.spread.row(d) = model.volume.transpose().array().pow(2.0 / 3.0) / 12.0;
+      files.notes.push_back("points carry no spread: each stands for a cube of its volume");
+    }
+  }
+  model.tool.centre = to_m(vector_of(table, "indenter", "centre_mm", file));
+  model.tool.push = vector_of(table, "indenter", "push", file);
+  if (!(std::abs(model.tool.push.norm() - 1.0) < 1e-6)) {
+    if (!(model.tool.push.stableNorm() > 0.0))
+      refuse(file, "indenter.push is zero", "the tool must move somewhere", "write push = [0.0, 0.0, -1.0]");
+    model.tool.push.stableNormalize();
+  }
+  const double diameter_mm = table["indenter"]["diameter_mm"].value_or(10.0);
+  if (!(diameter_mm > 1e-6 && diameter_mm <= 1000.0))
+    refuse(file, fmt::format("indenter.diameter_mm is {}", diameter_mm),
+           "the circle is above 0 to 1000 mm wide", "write for instance diameter_mm = 10");
+  model.tool.radius = metres(0.5 * diameter_mm);
+
+  if (const Field* set = nodes.find("node_set")) {
+    require_whole(node_file, *set, base_bit | indenter_bit);
+    for (Index a = 0; a < model.node_count(); ++a) {
+      const int bits = static_cast<int>(set->values(0, a));
+      if (bits & base_bit) model.base.push_back(a);
+      if (bits & indenter_bit) model.indenter.push_back(a);
+    }
+  } else {
+    choose_sets_by_place(files);
+  }
+  if (model.base.empty())
+    refuse(node_file, "no node belongs to the base",
+           "node_set has no odd number, or no node lies at the far end",
+           "set node_set to 1 for the nodes to hold");
+  if (model.indenter.empty())
+    refuse(node_file, "no node belongs to the indenter's circle",
+           "node_set has no 2, or the circle misses the nodes",
+           "set node_set to 2 for the nodes to push, or mend indenter.centre_mm");
+
+  Config words;
+  const auto word = [&](const char* key) {
+    if (const auto node = table["support"][key]; node) {
+      std::ostringstream shown;
+      if (const auto s = node.value<std::string>())
+        shown << *s;
+      else
+        node.visit([&](auto&& v) { shown << v; });
+      set_option(words, std::string("support.") + key, shown.str(), file.string());
+    }
+  };
+  word("basis");
+  word("weight");
+  word("radius_factor");
+  words.scheme.name = scheme;
+  files.scheme = scheme_of(words);
+  double& interpolation = files.scheme.support.interpolation;
+  interpolation = table["support"]["interpolation"].value_or(0.0);
+  if (!(interpolation >= 0.0 && interpolation <= 1.0))
+    refuse(file, fmt::format("support.interpolation is {}", interpolation), "it is a number from 0 to 1",
+           "write interpolation = 0.01");
+  if (const auto surface = table["surface"].value<std::string>()) {
+    SurfaceFile read = read_vtp(file.parent_path() / *surface);
+    model.surface = {std::move(read.position_mm), std::move(read.triangles)};
+  }
+  if (const toml::table* made = table["made_from"].as_table())
+    for (const auto& [key, value] : *made)
+      if (const auto text = value.value<std::string>()) files.provenance[std::string(key.str())] = *text;
+  return files;
+}
+
+}  // namespace dimple

@@ -1,0 +1,375 @@
+#include "apps/run/record.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <exception>
+#include <nlohmann/json.hpp>
+
+#include "apps/run/checkpoint.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "apps/run/summary.hpp"
+#include "apps/run/words.hpp"
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "io/memory.hpp"
+#include "io/stop.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Line = RunObserver::Line;
+
+void say(const RecordObserver& observer, const std::string& text) {
+  if (observer.line) observer.line(Line::said, text);
+}
+void doing(const RecordObserver& observer, const std::string& text) {
+  if (observer.line) observer.line(Line::doing, text);
+}
+
+// What an earlier run of the same image or model, by the same options, has left finished. Throws UsageError:
+// it was another run.
+Outcome finished_already(const fs::path& folder, const Config& config, const std::string& input_key,
+                         const std::string& input_sha256, const RecordObserver& observer) {
+  Outcome outcome;
+  outcome.summary_json = read_file(folder / "summary.json");
+  Config before;
+  read_config(before, folder / "config.resolved.toml");
+  const Json summary = Json::parse(outcome.summary_json, nullptr, false);
+  require_same_run({summary.value("version", ""), option_values(before), summary.value(input_key, "")},
+                   {DIMPLE_VERSION, option_values(config), input_sha256});
+  std::error_code ignored;
+  fs::remove(folder / checkpoint_file, ignored);  // if it was killed between the last file and this
+  remove_temporaries_in(folder);
+  outcome.headline = fmt::format("{:.4f} N at {:.2f} mm", summary.value("force_N", 0.0),
+                                 summary.value("indentation_mm", 0.0));
+  say(observer, fmt::format("resume   {} holds the finished run: nothing to do", folder.string()));
+  return outcome;
+}
+
+// What is to be resumed in the folder, if anything. Throws UsageError: it was another run.
+std::optional<Checkpoint> resumed_in(const ResultFolder& folder, const RunIdentity& identity) {
+  if (!folder.resumable()) return std::nullopt;
+  Checkpoint checkpoint = read_checkpoint(folder.path() / checkpoint_file);
+  require_same_run(checkpoint.run, identity);
+  return checkpoint;
+}
+
+// What differs between a run from an image and one from a model's files.
+struct Recording {
+  fs::path folder;
+  RunIdentity identity;
+  std::optional<Checkpoint> resumed = {};
+  std::function<void(Result&)> write_model;  // nothing is written before the model and the load are accepted
+  std::function<Json(const Result&)> summary;                    // what it begins with
+  std::function<std::vector<std::string>(const Result&)> facts;  // for the picture
+  std::string subject;
+  double read_s = 0.0;  // before simulate()
+  Stopwatch whole = {};
+};
+
+// Between the march and the disk: frames as they come, and now and then where the march stands.
+class Recorder {
+ public:
+  Recorder(const Case& given, Recording& how, const RecordObserver& observer)
+      : given_(given), how_(how), observer_(observer) {
+    kept_.run = how.identity;
+  }
+
+  RunObserver hooks() {
+    return {.line = observer_.line,
+            .placed = [this](const Discretisation& places, const Scheme& scheme) { compare(places, scheme); },
+            .begin = [this](Result& result) { begin(result); },
+            .march = {.frame = [this](const Frame& frame) { write(frame); },
+                      .sample = [this](const ForceSample& now, const History& h) { return tell(now, h); },
+                      .between_steps = [this](const auto& state) { keep(state); },
+                      .retry = [this](const Retry& retry) { tell(retry); }}};
+  }
+
+  bool has_begun() const { return writer_.has_value(); }
+  /// After the march, however it ended.
+  Outcome conclude(const std::exception_ptr& failure, const Report& reason);
+
+  Result result;
+
+ private:
+  void compare(const Discretisation& places, const Scheme& scheme) {
+    kept_.model_sha256 = sha256_of_model(places, scheme);
+    if (!given_.model) kept_.run.input_sha256 = result.provenance.at("image_sha256");
+    if (how_.resumed && how_.resumed->model_sha256 != kept_.model_sha256)
+      throw InputError(
+          {.fact = "the model has not come out as it was when the run began",
+           .where = "--resume",
+           .why = "another build of the program, or another processor, computes a little otherwise",
+           .remedy = "start anew with --force, or resume where the run was begun"});
+  }
+
+  void begin(Result& now) {
+    const Stopwatch writing;
+    how_.write_model(now);
+    before_march_s_ = writing.seconds();
+    writer_.emplace(how_.folder, now.model);
+    marching_ = since_kept_ = {};
+    if (!how_.resumed) return;
+    const Checkpoint& from = *how_.resumed;
+    writer_->resume(from.frame_time_s);
+    say(observer_,
+        fmt::format("resume   after {} frames, at {:.2f} mm", from.frame_time_s.size(),
+                    from.state.history.force.empty() ? 0.0 : 1e3 * from.state.history.force.back().depth));
+  }
+
+  void write(const Frame& frame) {
+    const Stopwatch writing;
+    writer_->frame(frame);
+    give_back_memory();
+    writing_s_ += writing.seconds();
+  }
+
+  bool tell(const ForceSample& now, const History& h) {
+    if (observer_.progress)
+      observer_.progress(
+          now.depth / result.loading.depth,
+          result.time == TimeMode::quasi_static
+              ? fmt::format("{:.2f} mm, {:.5f} N, {} evaluations", 1e3 * now.depth, now.force, h.steps)
+              : fmt::format("t {:.2f} s, {:.2f} mm, {:.5f} N, step {:.3g} us", now.t, 1e3 * now.depth,
+                            now.force, 1e6 * h.dt_smallest));
+    return stop_asked() == StopReason::none;
+  }
+
+  void tell(const Retry& retry) {
+    say(observer_, fmt::format("retry    {}, at {:.3f} mm ({}): {}", result.history.retries.size(),
+                               1e3 * retry.depth, retry.code, retry.what));
+  }
+
+  // Where the run stands is kept now and then, within a hundredth of its time.
+  void keep(const std::function<State()>& state) {
+    if (since_kept_.seconds() < std::max(0.2, 100.0 * keeping_s_)) return;
+    const Stopwatch writing;
+    kept_.state = state();
+    kept_.frame_time_s = writer_->frame_time_s();
+    kept_.solve_wall_s = solve_s_before() + marching_.seconds() - writing_s_;
+    kept_.write_wall_s = write_s_before() + writing_s_;
+    write_checkpoint(how_.folder / checkpoint_file, kept_);
+    since_kept_ = {};
+    keeping_s_ = writing.seconds();
+    writing_s_ += keeping_s_;
+  }
+
+  double solve_s_before() const { return how_.resumed ? how_.resumed->solve_wall_s : 0.0; }
+  double write_s_before() const { return how_.resumed ? how_.resumed->write_wall_s : 0.0; }
+
+  const Case& given_;
+  Recording& how_;
+  const RecordObserver& observer_;
+  Checkpoint kept_;
+  std::optional<ResultWriter> writer_;
+  Stopwatch marching_, since_kept_;
+  double before_march_s_ = 0.0, writing_s_ = 0.0, keeping_s_ = 0.0;
+};
+
+Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reason) {
+  const Config& config = given_.config;
+  const History& history = result.history;
+  const bool quasi_static = result.time == TimeMode::quasi_static;
+  // Stopped before there was anything to keep.
+  if (history.interrupted && (history.force.empty() || writer_->frame_time_s().empty()))
+    throw Stopped(stop_asked());
+  const double solve_s_here = result.solve_s - writing_s_, solve_s = solve_s_before() + solve_s_here;
+  const Stopwatch ending;
+  doing(observer_, "writing results");
+  writer_->tables(history);
+
+  Outcome outcome;
+  outcome.interrupted = history.interrupted;
+  const double reached = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
+  outcome.headline =
+      fmt::format("{:.4f} N at {:.2f} mm", history.force.empty() ? 0.0 : history.force.back().force, reached);
+  const Report stopped = history.interrupted ? Stopped(stop_asked()).report : Report{};
+  if (history.interrupted)
+    outcome.ended_by =
+        fmt::format("{} at {:.3g} of {:.3g} mm, after {:.1f} s; --resume goes on from there [{}]",
+                    stopped.fact, reached, config.load.depth_mm, how_.whole.seconds(), stopped.code);
+  write_file(how_.folder / "config.resolved.toml", to_toml(config, result.chosen));
+
+  const std::string status = failure ? "failed" : history.interrupted ? "interrupted" : "finished";
+  const double evaluations = evaluations_of(history),
+               ms = evaluations > 0.0 ? 1e3 * solve_s / evaluations : 0.0,
+               times_real = solve_s > 0.0 ? reached / config.load.rate_mm_per_s / solve_s : 0.0;
+  if (!history.force.empty()) {
+    std::vector<std::string> facts = how_.facts(result);
+    facts.push_back(
+        quasi_static
+            ? fmt::format("equilibrium at {} depths: {} force evaluations, {:.2f} ms each, {:.1f} s",
+                          config.solver.frames, history.steps, ms, solve_s)
+            : fmt::format("{} steps of {:.3g} us (stable {:.3g} us), {:.2f} ms each, {:.1f} s: {:.2f} x real "
+                          "time",
+                          history.steps, 1e6 * history.dt_first, 1e6 * history.dt_stable_first, ms, solve_s,
+                          times_real));
+    const double base = history.force.back().base_force;
+    say(observer_,
+        quasi_static
+            ? fmt::format("done     {} force evaluations, {:.3f} ms each; relative residual {:.1e}, base "
+                          "carries {:.4f} N",
+                          history.steps, ms, history.residual, base)
+            : fmt::format("done     {} steps of {:.3g} us, {:.3f} ms each, {:.2f} x real time; energy error "
+                          "{:.2g} %, base carries {:.4f} N",
+                          history.steps, 1e6 * history.dt_first, ms, times_real,
+                          100.0 * largest_energy_error(history), base));
+    // Who is asked to end has not always the time for a picture.
+    if (!history.interrupted)
+      writer_->overview(history,
+                        fmt::format("{}: {}{}", how_.subject, outcome.headline,
+                                    status == "finished" ? "" : " (" + status + ")"),
+                        facts);
+  }
+  const double write_s = writing_s_ + before_march_s_ + ending.seconds();
+  say(observer_,
+      fmt::format(
+          "time     {:.1f} s in all: {:.1f} reading, {:.1f} building the model, {:.1f} solving, {:.1f} "
+          "writing",
+          how_.whole.seconds(), how_.read_s + result.read_s, result.build_s + result.complete_s, solve_s_here,
+          write_s));
+  Json summary = how_.summary(result);
+  add_run(summary, config, result,
+          {.solve_s = solve_s, .write_s = write_s_before() + write_s, .total_s = how_.whole.seconds()},
+          status,
+          failure               ? ExitCode::solve
+          : history.interrupted ? ExitCode::interrupted
+                                : ExitCode::ok,
+          failure               ? &reason
+          : history.interrupted ? &stopped
+                                : nullptr);
+  outcome.summary_json = as_text(summary);
+  // The last file: a folder with it is complete. Then there is nothing to go on with.
+  write_file(how_.folder / "summary.json", outcome.summary_json);
+  if (!failure && !history.interrupted) {
+    std::error_code ignored;
+    fs::remove(how_.folder / checkpoint_file, ignored);
+  }
+  if (failure) std::rethrow_exception(failure);
+  return outcome;
+}
+
+Outcome record(Case given, Recording how, const RecordObserver& observer) {
+  if (how.resumed) given.from = &how.resumed->state;
+  Recorder recorder(given, how, observer);
+  // What there is until then is written before a failure of the march is passed on.
+  std::exception_ptr failure;
+  Report reason;
+  try {
+    simulate(given, recorder.hooks(), recorder.result);
+  } catch (const Stopped&) {
+    throw;
+  } catch (const Error& error) {
+    if (!recorder.has_begun()) throw;
+    failure = std::current_exception();
+    reason = error.report;
+  }
+  return recorder.conclude(failure, reason);
+}
+
+}  // namespace
+
+Outcome record_run(const Config& config, const fs::path& folder, Existing existing,
+                   const RecordObserver& observer) {
+  const Stopwatch whole;
+  ResultFolder results(folder, existing);
+  RunIdentity identity{DIMPLE_VERSION, option_values(config), ""};
+  Recording how{.folder = folder, .identity = identity, .whole = whole};
+  if (existing == Existing::resume && !config.image.file.empty() &&
+      (results.finished() || results.resumable())) {
+    identity.input_sha256 = sha256_of_file(config.image.file);
+    if (results.finished())
+      return finished_already(folder, config, "image_sha256", identity.input_sha256, observer);
+    how.resumed = resumed_in(results, identity);
+  }
+  how.write_model = [&](Result& result) {
+    results.prepare();
+    write_model(folder / "model", result.model, result.model.scheme, result.provenance);
+    write_vti(folder / "label.vti", result.image);
+  };
+  how.summary = [&](const Result& result) { return summary_of_image(config, result); };
+  how.facts = [](const Result& result) {
+    const ModelReport& report = result.report;
+    const Model& model = result.model;
+    return std::vector<std::string>{
+        fmt::format(
+            "{:.1f} cm3; {} nodes {:.2f} mm apart ({} on the surface), {} integration points in cells "
+            "of {:.2f} mm",
+            result.segment.voxel_volume_mm3 / 1e3, model.node_count(), report.spacing_mm,
+            report.surface_nodes, model.point_count(), report.cell_mm),
+        fmt::format("base: {} nodes, {}", model.base.size(), report.boundary.base_reason),
+        fmt::format("circle: {} nodes at {}, {}", report.circle_nodes, in_words(model.tool.centre * 1e3),
+                    report.boundary.circle_reason)};
+  };
+  how.subject = fs::path(config.image.file).filename().string();
+  return record({.config = config}, std::move(how), observer);
+}
+
+Outcome record_solve(const Config& config, const fs::path& model, const fs::path& folder, Existing existing,
+                     const RecordObserver& observer) {
+  const Stopwatch whole;
+  ResultFolder results(folder, existing);
+  Case given{.config = config, .model = read_model(model)};
+  const ModelFiles& files = *given.model;
+  Recording how{
+      .folder = folder,
+      .identity = {DIMPLE_VERSION, option_values(config), sha256_of_model(files.places, files.scheme)},
+      .read_s = whole.seconds(),
+      .whole = whole};
+  if (existing == Existing::resume && results.finished())
+    return finished_already(folder, config, "model_sha256", how.identity.input_sha256, observer);
+  how.resumed = resumed_in(results, how.identity);
+  const fs::path model_folder = fs::is_directory(model) ? model : model.parent_path();
+  how.write_model = [&](Result&) {
+    results.prepare(model_folder);
+    const fs::path label = model_folder / "label.vti";
+    if (fs::exists(label)) write_file(folder / "label.vti", read_file(label));
+  };
+  how.summary = [&, sha256 = how.identity.input_sha256](const Result&) {
+    Json summary;
+    summary["made_from"] = files.provenance;
+    summary["model_sha256"] = sha256;
+    return summary;
+  };
+  how.facts = [&](const Result&) {
+    std::vector<std::string> facts;
+    for (const char* key : {"image", "base", "circle"})
+      if (const auto found = files.provenance.find(key); found != files.provenance.end())
+        facts.push_back(fmt::format("{}: {}", key, found->second));
+    return facts;
+  };
+  how.subject = model.filename().string();
+  return record(given, std::move(how), observer);
+}
+
+Outcome record_model(const Config& config, const fs::path& folder, Existing existing,
+                     const RecordObserver& observer) {
+  const Stopwatch whole;
+  ResultFolder results(folder, existing);
+  if (existing == Existing::refuse && fs::exists(folder / "model.toml"))
+    throw OutputError({.fact = fmt::format("{} holds a model already", folder.string()),
+                       .where = "-o",
+                       .why = "it would be lost",
+                       .remedy = "give another folder with -o, or --force to replace it"});
+  Result result;
+  build_case({.config = config}, {.line = observer.line}, result);
+  stop_if_asked();
+  const double before_writing_s = whole.seconds();
+  doing(observer, "writing the model");
+  results.prepare();
+  std::error_code ignored;
+  fs::remove(folder / "model.toml", ignored);  // it comes last: with it the model is complete
+  write_vti(folder / "label.vti", result.image);
+  write_model(folder, result.model, result.model.scheme, result.provenance);
+  const double in_all_s = whole.seconds();
+  say(observer,
+      fmt::format("time     {:.1f} s in all: {:.1f} reading, {:.1f} building the model, {:.1f} writing",
+                  in_all_s, result.read_s, before_writing_s - result.read_s, in_all_s - before_writing_s));
+  return {.summary_json = as_text(summary_of_model(config, result)),
+          .headline = fmt::format("{} nodes, {} integration points", result.model.node_count(),
+                                  result.model.point_count())};
+}
+
+}  // namespace dimple

@@ -1,0 +1,39 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "apps/run/results.hpp"
+#include "apps/run/simulate.hpp"
+
+namespace dimple {
+
+/// What a command has come to, for people and programs.
+struct Outcome {
+  std::string summary_json;  ///< what summary.json holds
+  std::string headline;      ///< one line: the force, and where the pictures are
+  bool interrupted = false;
+  std::string ended_by = {};  ///< where and by what, if it was
+};
+
+/// What is heard while it goes, beside the lines: how far the march has come, in [0, 1], and a few words.
+struct RecordObserver {
+  std::function<void(RunObserver::Line, const std::string&)> line = {};
+  std::function<void(double share, const std::string& state)> progress = {};
+};
+
+// simulate() with its results written to a folder as they come: frames, tables, picture, summary, and now and
+// then a checkpoint to go on from. Each throws Error; Stopped too if there is nothing to keep.
+
+/// From the image to the force curve.
+Outcome record_run(const Config& config, const std::filesystem::path& folder, Existing existing,
+                   const RecordObserver& observer = {});
+/// From a model's files.
+Outcome record_solve(const Config& config, const std::filesystem::path& model,
+                     const std::filesystem::path& folder, Existing existing,
+                     const RecordObserver& observer = {});
+/// From the image to a model's files.
+Outcome record_model(const Config& config, const std::filesystem::path& folder, Existing existing,
+                     const RecordObserver& observer = {});
+
+}  // namespace dimple

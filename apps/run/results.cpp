@@ -1,0 +1,344 @@
+#include "apps/run/results.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <system_error>
+
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "io/picture.hpp"
+#include "io/stop.hpp"
+#include "io/table.hpp"
+#include "io/units.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+Eigen::MatrixXd node_sets(const Model& model) {
+  Eigen::MatrixXd set = Eigen::MatrixXd::Zero(1, model.node_count());
+  for (const Index a : model.base) set(0, a) += 1.0;
+  for (const Index a : model.indenter) set(0, a) += 2.0;
+  return set;
+}
+
+}  // namespace
+
+ResultWriter::ResultWriter(fs::path folder, const Model& model)
+    : folder_(std::move(folder)),
+      model_(model),
+      to_points_(make_interpolation(model, model.scheme.support, model.point)),
+      to_surface_(make_interpolation(model, model.scheme.support, model.surface.vertex_mm * 1e-3)),
+      nodes_mm_(model.X.unaryExpr(&millimetres)),
+      points_mm_(model.point.unaryExpr(&millimetres)),
+      node_set_(node_sets(model)),
+      on_circle_(Eigen::MatrixXd::Zero(1, model.surface.vertex_mm.cols())),
+      node_series_(folder_ / "nodes.pvd", ".vtu"),
+      point_series_(folder_ / "points.pvd", ".vtu"),
+      surface_series_(folder_ / "surface.pvd", ".vtp") {
+  for (Index m = 0; m < on_circle_.cols(); ++m) {
+    const Vec3 d = model.surface.vertex_mm.col(m) * 1e-3 - model.tool.centre;
+    const double along = d.dot(model.tool.push);
+    on_circle_(0, m) =
+        (d - along * model.tool.push).norm() <= model.tool.radius && std::abs(along) < model.tool.radius;
+  }
+}
+
+void ResultWriter::resume(const std::vector<double>& frame_time_s) {
+  frame_time_s_ = frame_time_s;
+  node_series_.resume(frame_time_s);
+  point_series_.resume(frame_time_s);
+  if (!model_.surface.empty()) surface_series_.resume(frame_time_s);
+}
+
+void ResultWriter::frame(const Frame& frame) {
+  const Points u = frame.u.topRows<3>() * 1e3;
+  Points reaction = Points::Zero(3, u.cols());
+  for (const auto* set : {&model_.base, &model_.indenter})
+    for (const Index a : *set) reaction.col(a) = frame.f.col(a).head<3>();
+
+  const std::vector<std::string> xyz = {"X", "Y", "Z"};
+  write_vtu(node_series_.next_frame(),
+            {.position_mm = nodes_mm_,
+             .fields = {{.name = "displacement", .unit = "mm", .values = u, .components = xyz},
+                        {.name = "reaction_force", .unit = "N", .values = reaction, .components = xyz},
+                        {.name = "node_set", .unit = "", .values = node_set_, .type = Field::Type::int32},
+                        {.name = "mass", .unit = "kg", .values = model_.mass.transpose()}}},
+            frame.t);
+
+  const Index points = model_.point_count();
+  Eigen::MatrixXd J(1, points), sigma(6, points), mises(1, points);
+  {                                    // as soon as it is used their memory is free for the writer
+    ForceState forces = frame.forces;  // whose last sweep may have been elsewhere
+    forces.stress_sweep(frame.u);
+    const auto F = forces.deformation_gradients(), P = forces.stresses();
+    for (Index q = 0; q < F.cols(); ++q) {
+      const Mat3 Fq = Eigen::Map<const Mat3>(F.col(q).data());
+      const Mat3 s = Eigen::Map<const Mat3>(P.col(q).data()) * Fq.transpose() / Fq.determinant();
+      const Mat3 deviator = s - s.trace() / 3.0 * Mat3::Identity();
+      J(0, q) = Fq.determinant();
+      sigma.col(q) << s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(1, 2), s(0, 2);  // VTK's order
+      mises(0, q) = std::sqrt(1.5) * deviator.norm();
+    }
+  }
+  PointFile file{.position_mm = points_mm_, .fields = {}};  // one by one: a list of them would be copied
+  file.fields.push_back({.name = "displacement", .unit = "mm", .values = to_points_(u), .components = xyz});
+  file.fields.push_back({.name = "jacobian", .unit = "", .values = std::move(J)});
+  file.fields.push_back({.name = "cauchy_stress",
+                         .unit = "Pa",
+                         .values = std::move(sigma),
+                         .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"}});
+  file.fields.push_back({.name = "von_mises_stress", .unit = "Pa", .values = std::move(mises)});
+  file.fields.push_back({.name = "volume", .unit = "mm^3", .values = model_.volume.transpose() * 1e9});
+  write_vtu(point_series_.next_frame(), file, frame.t);
+
+  const bool has_surface = !model_.surface.empty();
+  Points surface_u_mm;
+  if (has_surface) {
+    surface_u_mm = to_surface_(u);
+    write_vtp(
+        surface_series_.next_frame(),
+        {.position_mm = model_.surface.vertex_mm + surface_u_mm,
+         .triangles = model_.surface.triangles,
+         .fields =
+             {{.name = "displacement", .unit = "mm", .values = surface_u_mm, .components = xyz},
+              {.name = "indenter_circle", .unit = "", .values = on_circle_, .type = Field::Type::int32}}},
+        frame.t);
+  }
+  // Listed when all are there: who stops the run between two files finds as many frames in each list.
+  node_series_.add(frame.t);
+  point_series_.add(frame.t);
+  if (has_surface) surface_series_.add(frame.t);
+  last_u_mm_ = u;
+  last_surface_u_mm_ = surface_u_mm;
+  frame_time_s_.push_back(frame.t);
+}
+
+void ResultWriter::tables(const History& history) const {
+  Table force{.header = {"time_s", "indentation_mm", "force_N", "base_force_N"},
+              .column = std::vector<std::vector<double>>(4)};
+  for (const ForceSample& s : history.force) {
+    const std::array<double, 4> row = {s.t, 1e3 * s.depth, s.force, s.base_force};
+    for (std::size_t c = 0; c < row.size(); ++c) force.column[c].push_back(row[c]);
+  }
+  write_csv(folder_ / "force.csv", force);
+
+  Table energy{.header = {"time_s", "indentation_mm", "kinetic_J", "stored_J", "external_work_J",
+                          "dissipated_J", "error_J"},
+               .column = std::vector<std::vector<double>>(7)};
+  for (const EnergySample& s : history.energy) {
+    const std::array<double, 7> row = {s.t,        1e3 * s.depth, s.kinetic, s.stored,
+                                       s.external, s.dissipated,  s.error()};
+    for (std::size_t c = 0; c < row.size(); ++c) energy.column[c].push_back(row[c]);
+  }
+  write_csv(folder_ / "energy.csv", energy);
+}
+
+void ResultWriter::overview(const History& history, const std::string& title,
+                            const std::vector<std::string>& lines) const {
+  Overview picture;
+  picture.title = title;
+  picture.lines = lines;
+  picture.nodes_mm = nodes_mm_;
+  picture.displacement_mm = last_u_mm_;
+  for (Index a = 0; a < node_set_.cols(); ++a) picture.node_set.push_back(static_cast<int>(node_set_(0, a)));
+  picture.points_mm = points_mm_;
+  picture.surface_mm = model_.surface.vertex_mm;
+  picture.surface_displacement_mm = last_surface_u_mm_;
+  picture.surface_triangles = model_.surface.triangles;
+  picture.centre_mm = model_.tool.centre * 1e3;
+  picture.push = model_.tool.push;
+  picture.radius_mm = model_.tool.radius * 1e3;
+  for (const ForceSample& s : history.force) {
+    picture.depth_mm.push_back(1e3 * s.depth);
+    picture.force_N.push_back(s.force);
+  }
+  write_overview(folder_ / "overview.png", picture);
+}
+
+namespace {
+
+// In the order in which they are removed: first those that say that others are there.
+constexpr std::array files_of_a_run = {
+    checkpoint_file, "summary.json", "model/model.toml", "nodes.pvd",    "points.pvd",
+    "surface.pvd",   "force.csv",    "energy.csv",       "overview.png", "config.resolved.toml"};
+constexpr std::array files_of_a_model = {"model.toml", "nodes.vtu", "points.vtu", "surface.vtp", "label.vti"};
+constexpr std::array folders_of_a_run = {"nodes", "points", "surface", "model"};
+
+template <std::size_t count>
+bool is_among(const fs::path& file, const std::array<const char*, count>& names) {
+  return std::find(names.begin(), names.end(), file.filename()) != names.end();
+}
+
+bool is_frame(const fs::path& file) {
+  static const std::regex frame(R"((nodes|points|surface)_\d{4,}\.vt[up])");
+  return std::regex_match(file.filename().string(), frame);
+}
+
+// The files that a run has made in its folder, finished or not, and folders that it has made and left empty.
+// A run may lie in its model's own folder: the model is no result of it.
+std::vector<fs::path> made_by_a_run(const fs::path& folder) {
+  std::error_code ignored;
+  std::vector<fs::path> list;
+  for (const char* name : files_of_a_run)
+    if (fs::exists(folder / name, ignored)) list.push_back(folder / name);
+  const bool has_model = fs::exists(folder / "model.toml", ignored);
+  for (const auto& entry : fs::directory_iterator(folder, ignored))
+    if (is_temporary(entry) || (!has_model && entry.path().filename() == "label.vti")) list.push_back(entry);
+  for (const std::string name : folders_of_a_run) {
+    for (const auto& entry : fs::directory_iterator(folder / name, ignored))
+      if (is_temporary(entry) || (name == "model" ? is_among(entry, files_of_a_model) : is_frame(entry)))
+        list.push_back(entry);
+    if (fs::is_directory(folder / name, ignored) && fs::is_empty(folder / name, ignored))
+      list.push_back(folder / name);
+  }
+  return list;
+}
+
+bool holds_a_model(const fs::path& folder) {
+  std::error_code ignored;
+  return std::any_of(files_of_a_model.begin(), files_of_a_model.end(),
+                     [&](const char* name) { return fs::exists(folder / name, ignored); });
+}
+
+// What a run leaves that somebody may want to keep. A model is made again in a moment.
+constexpr std::array worth_keeping = {checkpoint_file, "nodes.pvd",  "points.pvd",  "surface.pvd",
+                                      "force.csv",     "energy.csv", "overview.png"};
+
+// The run at work in this process has begun to write there.
+std::mutex begun_mutex;
+fs::path begun;
+
+Json summary_in(const fs::path& folder) try {
+  std::error_code ignored;
+  if (!fs::is_regular_file(folder / "summary.json", ignored)) return {};
+  return Json::parse(read_file(folder / "summary.json"), nullptr, false);
+} catch (const Error&) {
+  return {};
+}
+
+// The summary of a run that has no results.
+bool is_a_word(const Json& summary) {
+  if (!summary.is_object() || summary.contains("force_N") || !summary.contains("status")) return false;
+  return summary["status"] == "failed" || summary["status"] == "interrupted";
+}
+
+// Nothing that was made there would be missed.
+bool nothing_to_lose(const fs::path& folder) {
+  std::error_code ignored;
+  return is_a_word(summary_in(folder)) &&
+         std::none_of(worth_keeping.begin(), worth_keeping.end(),
+                      [&](const char* name) { return fs::exists(folder / name, ignored); });
+}
+
+}  // namespace
+
+bool holds_only_a_word(const fs::path& folder) {
+  std::error_code ignored;
+  if (!is_a_word(summary_in(folder))) return false;
+  for (const auto& entry : fs::directory_iterator(folder, ignored))
+    if (entry.path().filename() != "summary.json" && !is_temporary(entry)) return false;
+  return true;
+}
+
+void remove_word(const fs::path& folder) {
+  std::error_code ignored;
+  if (holds_only_a_word(folder)) fs::remove(folder / "summary.json", ignored);
+}
+
+void leave_word(const fs::path& folder, const std::string& command, const std::string& image,
+                const Error& error, const std::vector<std::string>& warnings) noexcept try {
+  if (error.code == ExitCode::usage || error.code == ExitCode::output) return;
+  const auto* stopped = dynamic_cast<const Stopped*>(&error);
+  std::error_code ignored;
+  {
+    const std::lock_guard lock(begun_mutex);
+    if (begun == folder) {
+      if (fs::exists(folder / "summary.json", ignored)) return;
+    } else {
+      if (stopped && stopped->reason == StopReason::interrupted) return;
+      if (fs::exists(folder, ignored) && !fs::is_empty(folder, ignored) && !holds_only_a_word(folder)) return;
+    }
+  }
+  const Report& r = error.report;
+  Json word = Json::object();
+  word["command"] = command;
+  if (!image.empty()) word["image"] = image;
+  word["version"] = DIMPLE_VERSION;
+  word["status"] = stopped ? "interrupted" : "failed";
+  word["exit_code"] = static_cast<int>(error.code);
+  word["failure"] = {
+      {"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
+  word["warnings"] = warnings;
+  make_folder(folder);
+  write_file(folder / "summary.json", word.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+} catch (...) {  // there is a better reason to end already
+}
+
+void check_result_folder(const fs::path& folder) {
+  std::error_code error;
+  if (fs::is_directory(folder) && !fs::is_empty(folder, error) && made_by_a_run(folder).empty() &&
+      !holds_a_model(folder) && !fs::exists(folder / "convergence.csv") && !fs::exists(folder / "chart.csv"))
+    throw OutputError({.fact = fmt::format("{} holds files that are not results of dimple", folder.string()),
+                       .where = "-o",
+                       .why = "they could be overwritten",
+                       .remedy = "give an empty or a new folder with -o"});
+}
+
+ResultFolder::ResultFolder(fs::path folder, Existing existing)
+    : path_(std::move(folder)), existing_(existing) {
+  std::error_code ignored;
+  if (!fs::is_directory(path_, ignored)) return;
+  lock_.emplace(path_);
+  check_result_folder(path_);
+  if (existing_ != Existing::refuse || made_by_a_run(path_).empty() || nothing_to_lose(path_)) return;
+  throw OutputError(
+      {.fact =
+           fmt::format("{} holds the results of {} run", path_.string(), finished() ? "a" : "an unfinished"),
+       .where = "-o",
+       .why = "they would be lost",
+       .remedy = finished() ? "give another folder with -o, or --force to replace them"
+                            : "go on with that run by --resume, start anew by --force, or give another -o"});
+}
+
+bool ResultFolder::finished() const {
+  const Json summary = summary_in(path_);
+  if (!summary.is_object()) return false;
+  const std::string status = summary.value("status", "");
+  return status != "interrupted" && status != "failed";
+}
+
+bool ResultFolder::resumable() const {
+  std::error_code ignored;
+  return existing_ == Existing::resume && fs::is_regular_file(path_ / checkpoint_file, ignored);
+}
+
+void ResultFolder::prepare(const fs::path& model) {
+  make_folder(path_);
+  if (!lock_) lock_.emplace(path_);
+  {
+    const std::lock_guard lock(begun_mutex);
+    begun = path_;
+  }
+  if (resumable()) {
+    remove_temporaries_in(path_);
+    for (const char* name : folders_of_a_run) remove_temporaries_in(path_ / name);
+    return;
+  }
+  std::error_code error;  // what cannot be removed will be replaced
+  const bool keep_model = !model.empty() && fs::equivalent(path_ / "model", model, error);
+  for (const fs::path& file : made_by_a_run(path_))
+    if (!keep_model || (file.parent_path() != path_ / "model" && file.filename() != "label.vti"))
+      fs::remove(file, error);
+  for (const char* name : folders_of_a_run)
+    fs::remove(path_ / name, error);  // unless it holds something else
+}
+
+}  // namespace dimple

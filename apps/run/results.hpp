@@ -1,0 +1,89 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "apps/run/config.hpp"
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "io/vtk_files.hpp"
+#include "preprocess/support.hpp"
+
+namespace dimple {
+
+/// Writes a run's results while it goes: frames as they come, tables and the summary at the end.
+class ResultWriter {
+ public:
+  /// `model` must outlive this.
+  ResultWriter(std::filesystem::path folder, const Model& model);
+
+  void frame(const Frame& frame);
+  /// Goes on after the frames that an earlier run has written at these times [s].
+  void resume(const std::vector<double>& frame_time_s);
+  const std::vector<double>& frame_time_s() const { return frame_time_s_; }
+  void tables(const History& history) const;
+  /// overview.png: the model at rest, the last frame, the force curve.
+  void overview(const History& history, const std::string& title,
+                const std::vector<std::string>& lines) const;
+
+ private:
+  std::filesystem::path folder_;
+  const Model& model_;
+  Interpolation to_points_, to_surface_;
+  Points nodes_mm_, points_mm_;
+  Eigen::MatrixXd node_set_;
+  Eigen::MatrixXd on_circle_;  // [1 x surface vertices]
+  TimeSeries node_series_, point_series_, surface_series_;
+  std::vector<double> frame_time_s_;
+  Points last_u_mm_, last_surface_u_mm_;
+};
+
+/// Where a run keeps what it needs to go on; not there when it has finished.
+inline constexpr const char* checkpoint_file = "checkpoint.cbor";
+
+/// Refuses a folder that holds other things than our results, before anything expensive. Throws OutputError.
+void check_result_folder(const std::filesystem::path& folder);
+
+/// A folder that holds no more than the word of a run that failed, or of one that was stopped before it had
+/// results: there is nothing to lose. False where there is no such folder.
+bool holds_only_a_word(const std::filesystem::path& folder);
+/// Removes that word, if it is all that the folder holds.
+void remove_word(const std::filesystem::path& folder);
+
+/// Says in a summary.json why nothing else is in the folder of a run: makes the folder if it is not there,
+/// and leaves those alone that hold anything else, but for what the present run has begun to write. For
+/// Ctrl-C, which nobody needs to be told of, it makes no folder. Never throws.
+void leave_word(const std::filesystem::path& folder, const std::string& command, const std::string& image,
+                const Error& error, const std::vector<std::string>& warnings) noexcept;
+
+/// What to do where results are already.
+enum class Existing {
+  refuse,   ///< say so
+  replace,  ///< remove them and start anew
+  resume    ///< go on with the run that has made them
+};
+
+/// The folder of a run from its first file to its last; other runs are kept out meanwhile.
+class ResultFolder {
+ public:
+  /// Changes nothing yet. Throws OutputError: it holds other things than our results, or results although
+  /// `existing` is refuse, or another run is at work there.
+  ResultFolder(std::filesystem::path folder, Existing existing);
+
+  bool finished() const;   ///< an earlier run has ended there
+  bool resumable() const;  ///< or has left a checkpoint, and is to be resumed
+
+  /// Makes the folder; removes what an earlier run left unfinished there, and, unless that is to be resumed,
+  /// all that it has made, but for the model in the folder `model`. Throws OutputError.
+  void prepare(const std::filesystem::path& model = {});
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+  Existing existing_;
+  std::optional<FolderLock> lock_;
+};
+
+}  // namespace dimple

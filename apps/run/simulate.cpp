@@ -1,0 +1,459 @@
+#include "apps/run/simulate.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "apps/run/stopwatch.hpp"
+#include "apps/run/words.hpp"
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "io/memory.hpp"
+#include "io/stop.hpp"
+
+namespace dimple {
+namespace {
+
+using Line = RunObserver::Line;
+
+// What is told to the observer; warnings are kept too.
+struct Talk {
+  const RunObserver& observer;
+  Result& result;
+  void line(Line kind, const std::string& text) const {
+    if (observer.line) observer.line(kind, text);
+  }
+  void doing(const std::string& text) const { line(Line::doing, text); }
+  void say(const std::string& text) const { line(Line::said, text); }
+  void detail(const std::string& text) const { line(Line::detail, text); }
+  void warn(const std::string& text) const {
+    result.warnings.push_back(text);
+    line(Line::warning, text);
+  }
+};
+
+// Labels given by number or name, as numbers; `present`: those of the image.
+std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelMeasure>& present,
+                               const std::vector<std::string>& wanted) {
+  std::vector<int> result;
+  for (const std::string& word : wanted) {
+    if (!word.empty() && word.find_first_not_of("0123456789") == std::string::npos && word.size() < 10) {
+      result.push_back(std::stoi(word));
+      continue;
+    }
+    const auto same = [](const std::string& a, const std::string& b) {
+      return std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                        [](unsigned char x, unsigned char y) { return std::tolower(x) == std::tolower(y); });
+    };
+    std::vector<std::string> known;
+    bool found = false;
+    for (const auto& [value, name] : image.names) {
+      known.push_back(name);
+      if (!same(name, word)) continue;
+      result.push_back(value);
+      found = true;
+    }
+    if (!found)
+      throw InputError({.fact = fmt::format("no label is called '{}'{}", word, did_you_mean(word, known)),
+                        .where = "--label (image.label)",
+                        .why = known.empty() ? std::string("the image has no label names")
+                                             : fmt::format("the image names {}", fmt::join(known, ", ")),
+                        .remedy = "choose by number, or give names with --label-names; `dimple info IMAGE` "
+                                  "shows what there is"});
+  }
+  for (const int value : result)
+    if (std::none_of(present.begin(), present.end(), [&](const LabelMeasure& m) { return m.value == value; }))
+      throw InputError({.fact = fmt::format("no voxel has label {}", value),
+                        .where = "--label (image.label)",
+                        .why = fmt::format("the image holds {}", in_words(present)),
+                        .remedy = "choose one of these with --label"});
+  return result;
+}
+
+// What is wrong with the materials is said before anything is built.
+void check_materials(const std::vector<Material>& materials, const Scheme& scheme) {
+  const Material& m = materials.front();
+  if (!scheme.pressure_patches && (materials.size() > 1 || !is_plain(m)))
+    throw UsageError({.fact = "the paper's scheme knows one neo-Hookean tissue only",
+                      .where = "--scheme horton2007",
+                      .why = "it is kept as it was printed, for comparison",
+                      .remedy = "leave --scheme out for other laws, viscoelastic and several tissues"});
+  if (scheme.pressure_patches && is_as_printed(m))
+    throw UsageError({.fact = "the printed stress goes with the paper's scheme only",
+                      .where = "--stress printed",
+                      .why = "the converging scheme is made of energies, and the printed stress has none",
+                      .remedy = "add --scheme horton2007"});
+}
+
+// A label that config.tissue names, as a number; -1 if it is neither a number nor a known name.
+int number_of(const std::string& label, const std::map<std::string, int>& names) {
+  if (!label.empty() && label.find_first_not_of("0123456789") == std::string::npos && label.size() < 10)
+    return std::stoi(label);
+  const auto known = names.find(label);
+  return known == names.end() ? -1 : known->second;
+}
+
+// The tissues of config.tissue by their labels; each must have a point.
+TissueOptions tissues_of(const Config& config, const std::map<std::string, int>& label_names,
+                         const Discretisation& places) {
+  TissueOptions tissues{.of_label = {}, .density = {}};
+  for (const Material& material : materials_of(config)) tissues.density.push_back(material.density);
+  int number = 0;
+  for (const auto& [label, differing] : config.tissue) {
+    const int value = number_of(label, label_names);
+    tissues.of_label[value] = ++number;
+    if (!(places.label.array() == value).any())
+      throw InputError(
+          {.fact = fmt::format("no tissue of the model has label '{}'", label),
+           .where = fmt::format("tissue.{}", label),
+           .why = "no integration point lies in it",
+           .remedy =
+               "`dimple info IMAGE` shows the labels; take them all with --label, or leave --label out; "
+               "a model made without tissues knows only one"});
+  }
+  return tissues;
+}
+
+// What of an image is to be the body.
+struct Taken {
+  std::vector<int> chosen;  // by --label; none: all
+  std::vector<LabelMeasure> labels;
+};
+
+Taken take_labels(const Talk& talk, const Config& config, const LabelImage& image,
+                  const std::map<std::string, int>& names) {
+  for (const std::string& warning : image.warnings) talk.warn(warning);
+  const std::vector<LabelMeasure> present = measure_labels(image);
+  Taken taken{.chosen = chosen_labels(image, present, config.image.label), .labels = {}};
+  for (const LabelMeasure& label : present)
+    if (taken.chosen.empty() ||
+        std::find(taken.chosen.begin(), taken.chosen.end(), label.value) != taken.chosen.end())
+      taken.labels.push_back(label);
+  const auto has = [](const std::vector<LabelMeasure>& labels, int value) {
+    return std::any_of(labels.begin(), labels.end(), [&](const auto& m) { return m.value == value; });
+  };
+  for (const auto& [label, differing] : config.tissue)
+    if (const int value = number_of(label, names); !has(taken.labels, value))
+      throw InputError(
+          {.fact = fmt::format("no part of the body has label '{}'", label),
+           .where = fmt::format("tissue.{}", label),
+           .why = has(present, value) ? "--label leaves it out" : "the image has no such label",
+           .remedy =
+               "`dimple info IMAGE` shows the labels; take several with --label 1,2, or leave --label out"});
+  return taken;
+}
+
+void say_labels(const Talk& talk, const Config& config, const std::vector<int>& chosen,
+                const std::vector<LabelMeasure>& taken, const std::map<std::string, int>& names) {
+  talk.say(fmt::format("labels   {}: {}", chosen.empty() ? "all" : "chosen", in_words(taken)));
+  std::vector<LabelMeasure> alike;  // of the one material that config.material is
+  for (const LabelMeasure& label : taken)
+    if (std::none_of(config.tissue.begin(), config.tissue.end(),
+                     [&](const auto& tissue) { return number_of(tissue.first, names) == label.value; }))
+      alike.push_back(label);
+  if (chosen.empty() && alike.size() > 1)
+    talk.warn(
+        fmt::format("{} labels are welded into one body of one material, as no --label was given: {}; choose "
+                    "with --label {}, or "
+                    "give one a material of its own, as in --set tissue.{}.mu=300Pa",
+                    alike.size(), in_words(alike), alike.front().value, alike.back().value));
+}
+
+void say_default_stiffness(const Talk& talk, const Config& config) {
+  if (default_stiffness(config))
+    talk.say(fmt::format(
+        "material mu {:.4g} Pa is swine brain (Horton et al. 2007), taken because none was given; other "
+        "tissues need --mu, --young or --preset",
+        config.material.mu_Pa));
+}
+
+// From the image to places: nodes, points, base and circle.
+Discretisation place_nodes(const Config& config, const ModelOptions& given, const Talk& talk, Result& result,
+                           std::map<std::string, int>& label_names) {
+  if (config.image.file.empty())
+    throw UsageError({.fact = "no label image was given",
+                      .where = "command line",
+                      .why = "there is nothing to work on",
+                      .remedy = "give one: dimple run IMAGE -o OUT"});
+  check_materials(materials_of(config), given.scheme);
+  const Stopwatch reading;
+  talk.doing("reading " + config.image.file);
+  result.image = read_label_image(config.image.file, config.image.label_names);
+  const LabelImage& image = result.image;
+  for (const auto& [value, name] : image.names) label_names[name] = value;
+  const auto [labels, taken] = take_labels(talk, config, image, label_names);
+  result.labels = taken;
+  result.read_s = reading.seconds();
+  result.stages.done("read");
+  talk.say(fmt::format("image    {}: {}, {} x {} x {} voxels of {:.4g} x {:.4g} x {:.4g} mm, axes {}",
+                       config.image.file, image.format, image.stored_size[0], image.stored_size[1],
+                       image.stored_size[2], image.stored_spacing.x(), image.stored_spacing.y(),
+                       image.stored_spacing.z(), image.orientation));
+  say_labels(talk, config, labels, taken, label_names);
+  say_default_stiffness(talk, config);
+
+  talk.doing("drawing the surface");
+  const Stopwatch building;
+  ModelOptions options = given;
+  options.boundary.voxel_mm = image.spacing().maxCoeff();
+  SegmentedBody body =
+      make_body_surface(image, labels, {.indenter_diameter_mm = options.boundary.indenter_diameter_mm});
+  result.stages.done("surface");
+  result.segment = body.report;
+  const SegmentReport& segment = result.segment;
+  for (const std::string& warning : segment.warnings) talk.warn(warning);
+  if (segment.pieces > 1)
+    talk.say(fmt::format("organ    {} pieces: kept the largest, dropped {:.2f} cm3 ({:.2f} %)",
+                         segment.pieces, segment.dropped_volume_mm3 / 1e3,
+                         100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
+  if (segment.dropped_volume_mm3 > 0.05 * segment.label_volume_mm3)
+    talk.warn(fmt::format(
+        "{:.1f} % of the labelled volume lies in pieces that do not touch the largest and was dropped",
+        100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
+  talk.say(fmt::format(
+      "organ    {:.2f} cm3, surface {:.1f} cm2 ({} triangles, drawn {:.2f} mm apart, smoothed by {:.2f} mm; "
+      "encloses the voxels' volume to {:+.2f} %)",
+      segment.voxel_volume_mm3 / 1e3, body.surface.area() / 1e2, body.surface.triangles().cols(),
+      segment.step_mm, segment.smoothing_mm,
+      100.0 * (body.surface.volume() / segment.voxel_volume_mm3 - 1.0)));
+
+  talk.doing("placing nodes and points");
+  // Cells are split where tissues meet; where all labels are of one tissue their borders mean nothing.
+  auto [places, report] = discretise(body.surface, options,
+                                     config.tissue.empty() ? LabelAt{} : label_finder(image, body.surface));
+  result.stages.add(report.stages);
+  for (const std::string& warning : report.boundary.warnings) talk.warn(warning);
+  result.build_s = building.seconds();
+  talk.say(fmt::format(
+      "nodes    {} ({} on the surface), {:.3f} mm apart{}{}; nearest node {:.2f} +- {:.2f}, at least {:.2f}, "
+      "largest gap {:.2f} spacings",
+      places.node_count(), report.surface_nodes, report.spacing_mm,
+      options.cloud.spacing_mm > 0.0 ? "" : " for this number",
+      report.rim_spacing_mm < report.spacing_mm ? fmt::format(", {:.3f} mm at the rim", report.rim_spacing_mm)
+                                                : "",
+      report.evenness.mean, report.evenness.spread * report.evenness.mean, report.evenness.minimum,
+      report.evenness.fill));
+  talk.say(fmt::format(
+      "points   {} in cells of {}{:.3f} mm, {} clipped by the surface, {} slivers merged; volume {:.2f} cm3, "
+      "{:+.3f} % of the organ's",
+      places.point_count(), options.scheme.averaged_gradients ? "up to " : "", report.cell_mm, report.clipped,
+      report.merged, report.grid_volume_mm3 / 1e3,
+      100.0 * (report.grid_volume_mm3 / segment.voxel_volume_mm3 - 1.0)));
+  talk.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
+  const std::string centre = in_words(places.tool.centre * 1e3);
+  talk.say(fmt::format("circle   {} nodes, {} on its rim, {:.1f} mm across at {}: {}", report.circle_nodes,
+                       report.rim_nodes, 2e3 * places.tool.radius, centre, report.boundary.circle_reason));
+
+  const Vec3& push = places.tool.push;
+  result.chosen = {
+      {"cloud.spacing_mm", fmt::format("{:.4f} mm", report.spacing_mm)},
+      {"cloud.nodes", fmt::format("{} nodes", places.node_count())},
+      {"grid.points", fmt::format("{} points", places.point_count())},
+      {"boundary.base", report.boundary.base_reason},
+      {"boundary.base_depth_mm", fmt::format("{:.3f} mm", report.boundary.base_depth)},
+      {"boundary.indent_at", fmt::format("{}: {}", centre, report.boundary.circle_reason)},
+      {"boundary.direction", fmt::format("({:.4f}, {:.4f}, {:.4f})", push.x(), push.y(), push.z())},
+      {"image.label", in_words(result.labels)}};
+  result.provenance = {{"image", config.image.file},
+                       {"image_sha256", sha256_of_file(config.image.file)},
+                       {"labels", result.chosen["image.label"]},
+                       {"base", report.boundary.base_reason},
+                       {"circle", report.boundary.circle_reason},
+                       {"dimple", DIMPLE_VERSION}};
+  result.report = std::move(report);
+  return std::move(places);
+}
+
+struct Placed {
+  Discretisation places;
+  Scheme scheme;
+  std::map<std::string, int> label_names;
+};
+
+Placed place(const Case& given, const RunObserver& observer, const Talk& talk, Result& result) {
+  Placed placed;
+  if (given.model) {
+    check_materials(materials_of(given.config), given.model->scheme);
+    for (const std::string& note : given.model->notes) talk.warn(note);
+    say_default_stiffness(talk, given.config);
+    placed = {given.model->places, given.model->scheme, given.model->label_names};
+    result.provenance = given.model->provenance;
+  } else {
+    const ModelOptions options = model_options(given.config);
+    placed.scheme = options.scheme;
+    placed.places = place_nodes(given.config, options, talk, result, placed.label_names);
+  }
+  if (observer.placed) observer.placed(placed.places, placed.scheme);
+  return placed;
+}
+
+void complete(const Case& given, Placed placed, const Talk& talk, Result& result) {
+  const Stopwatch completing;
+  const TissueOptions tissues = tissues_of(given.config, placed.label_names, placed.places);
+  Eigen::VectorXi of_point = tissue_of_points(placed.places, tissues);
+  talk.doing("finding supports");
+  const Model& model = result.model = make_model(std::move(placed.places), placed.scheme, std::move(of_point),
+                                                 tissues.density, &result.stages);
+  result.tissues = {materials_of(given.config), model.tissue};
+  const SupportOptions& options = model.scheme.support;
+  const SupportReport& support = model.support_report;
+  const ConsistencyReport& consistency = model.consistency_report;
+  talk.say(fmt::format(
+      "support  {} basis, {} weight, radius {:.2f} spacings: {} to {} nodes per point, mean {:.1f}; {} grown "
+      "for conditioning",
+      basis_word(options.basis), weight_word(options.weight), options.effective_radius_factor(),
+      support.fewest, support.most, support.mean, support.grown));
+  talk.detail(fmt::format("support  linear fields reproduced to {:.1e}; worst pivot ratio {:.1e}",
+                          support.linear_error, support.worst_pivot_ratio));
+  if (consistency.iterations > 0)
+    talk.detail(fmt::format(
+        "patch    forces of a constant pressure: {:.1e} off before, {:.1e} after a change of gradients by at "
+        "most {:.2f} of a cell's largest",
+        consistency.before, consistency.after, consistency.largest_change));
+  else if (model.scheme.consistent_gradients)
+    talk.warn("without a surface the gradients are not made consistent: forces at high pressure are too low");
+  talk.say(fmt::format("mass     {:.2f} g in all, {:.3g} to {:.3g} g per node", model.mass.sum() * 1e3,
+                       model.mass.minCoeff() * 1e3, model.mass.maxCoeff() * 1e3));
+  result.complete_s = completing.seconds();
+}
+
+void require_room_beneath(const Config& config, const Discretisation& places) {
+  const double beneath =
+      (places.X.transpose() * places.tool.push).maxCoeff() - places.tool.centre.dot(places.tool.push);
+  if (loading_of(config).depth >= beneath)
+    throw ModelError(
+        {.fact =
+             fmt::format("an indentation of {:.3g} mm is deeper than the organ beneath the circle, {:.3g} mm",
+                         config.load.depth_mm, 1e3 * beneath),
+         .where = "--depth (load.depth_mm)",
+         .why = "the tool would come out on the other side",
+         .remedy = "give a smaller --depth, or another place with --indent-at"});
+}
+
+std::string describe(const Tissues& tissues, std::size_t t) {
+  const Material& m = tissues.material[t];
+  const LawWords words = words_of(m);
+  std::string law = words.title;
+  for (const auto& term : words.terms) {
+    std::vector<std::string> numbers;
+    for (const auto& [name, value] : term)
+      numbers.push_back(fmt::format("{:.6g}{}", value, name.ends_with("_Pa") ? " Pa" : ""));
+    law += fmt::format(" ({})", fmt::join(numbers, ", "));
+  }
+  for (const PronyTerm& term : m.prony) law += fmt::format(", {:.3g} relaxing in {:.3g} s", term.g, term.tau);
+  return fmt::format(
+      "material {}{}: mu {:.6g} Pa, nu {:.6g} (kappa {:.6g} Pa), density {:.6g} kg/m3; waves {:.2f} and "
+      "{:.3f} m/s",
+      t == 0 ? "" : fmt::format("of {} points, ", (tissues.of_point.array() == static_cast<int>(t)).count()),
+      law, m.mu, poisson_ratio(m), m.kappa, m.density, pressure_wave_speed(m), shear_wave_speed(m));
+}
+
+// As config.solver.time asks: "auto" and "dynamic" look at how long the load lasts.
+TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
+  const std::string& asked = config.solver.time;
+  if (asked == "quasi-static") return TimeMode::quasi_static;
+  if (asked == "explicit" || !result.model.scheme.pressure_patches) return TimeMode::explicit_;
+  TimeMode mode = choose_time(result.model, result.tissues, result.loading);
+  if (mode == TimeMode::quasi_static && asked == "dynamic") mode = TimeMode::dynamic;
+  talk.say(fmt::format("time     {}: the load lasts {:.3g} times a shear wave's way through the organ",
+                       mode == TimeMode::dynamic ? "implicit dynamics, in steps of the body's natural modes"
+                       : mode == TimeMode::explicit_ ? "explicit dynamics"
+                                                     : "quasi-static",
+                       shear_crossings(result.model, result.tissues, result.loading)));
+  return mode;
+}
+
+}  // namespace
+
+void build_case(const Case& given, const RunObserver& observer, Result& result) {
+  const Talk talk{observer, result};
+  complete(given, place(given, observer, talk, result), talk, result);
+}
+
+void simulate(const Case& given, const RunObserver& observer, Result& result) {
+  const Talk talk{observer, result};
+  const Config& config = given.config;
+  Placed placed = place(given, observer, talk, result);
+  require_room_beneath(config, placed.places);
+  const Stopwatch preparing;
+  complete(given, std::move(placed), talk, result);
+  const Model& model = result.model;
+  const Loading& loading = result.loading = loading_of(config);
+  const SolverOptions options = solver_options(config);
+  result.findings = check_model(model, model.support_report, loading.depth);
+  for (const Finding& finding : result.findings) talk.warn(in_words(finding));
+  for (std::size_t t = 0; t < result.tissues.material.size(); ++t) talk.say(describe(result.tissues, t));
+  result.time = time_of(config, talk, result);
+  talk.say(fmt::format("load     {:.3g} mm at {:.3g} mm/s: {:.3g} s, {}, {}", config.load.depth_mm,
+                       config.load.rate_mm_per_s, loading.duration(), config.load.contact,
+                       result.time == TimeMode::quasi_static
+                           ? fmt::format("equilibrium at {} depths", options.frames)
+                       : result.time == TimeMode::dynamic ? "with inertia, by implicit steps"
+                                                          : "with inertia, by central differences"));
+  if (is_as_printed(result.tissues.material.front())) {
+    talk.warn("the printed stress has no energy: energy.csv shows that of the consistent form");
+    if (options.damping == 0.0)
+      talk.warn(
+          "the printed stress does work on closed paths, so undamped vibration grows: give --damping, for "
+          "instance 20");
+  }
+  result.complete_s = preparing.seconds();
+  stop_if_asked();
+  talk.doing("writing the model");
+  if (observer.begin) observer.begin(result);
+  result.image = {};  // nobody needs it any longer
+  talk.doing("");
+  const Stopwatch readying;
+  const ForceSystem system(model, result.tissues, precision_of(config));
+  give_back_memory();
+  stop_if_asked();
+  result.complete_s += readying.seconds();
+
+  // What the guards find counts also where the march ends by an error.
+  const auto conclude = [&] {
+    for (const Finding& finding : result.history.guards) talk.warn(in_words(finding));
+    result.findings.insert(result.findings.end(), result.history.guards.begin(), result.history.guards.end());
+  };
+  const Stopwatch solving;
+  try {
+    solve(result.time, system, model, loading, options, observer.march, result.history, given.from);
+  } catch (const Stopped&) {
+    result.history.interrupted = true;
+  } catch (const Error&) {
+    result.solve_s = solving.seconds();
+    conclude();
+    // What breaks while everything is being stopped is a consequence of that.
+    if (stop_asked() == StopReason::none) throw;
+    result.history.interrupted = true;
+    return;
+  }
+  result.solve_s = solving.seconds();
+  conclude();
+}
+
+Result simulate(const Case& given, const RunObserver& observer) {
+  Result result;
+  simulate(given, observer, result);
+  return result;
+}
+
+SegmentedBody segment(const Config& config, const RunObserver& observer) {
+  if (config.image.file.empty())
+    throw UsageError({.fact = "no label image was given",
+                      .where = "command line",
+                      .why = "there is nothing to work on",
+                      .remedy = "give one: dimple export IMAGE -o FILE"});
+  Result unused;
+  const Talk talk{observer, unused};
+  const LabelImage image = read_label_image(config.image.file, config.image.label_names);
+  std::map<std::string, int> names;
+  for (const auto& [value, name] : image.names) names[name] = value;
+  const auto [labels, taken] = take_labels(talk, config, image, names);
+  say_labels(talk, config, labels, taken, names);
+  say_default_stiffness(talk, config);
+  return make_body_surface(image, labels, {.indenter_diameter_mm = config.boundary.indenter_diameter_mm});
+}
+
+}  // namespace dimple

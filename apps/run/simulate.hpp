@@ -1,0 +1,79 @@
+#pragma once
+
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "apps/run/config.hpp"
+#include "apps/run/model_files.hpp"
+#include "preprocess/build_model.hpp"
+#include "preprocess/label_surface.hpp"
+#include "solver/solve.hpp"
+
+namespace dimple {
+
+/// What is to be computed: the image that config.image.file names, or a model that was made before, and every
+/// choice that decides the result.
+struct Case {
+  Config config;
+  std::optional<ModelFiles> model = {};  ///< instead of an image
+  const State* from = nullptr;           ///< where an earlier run of the same case stood
+};
+
+/// What came of it. Each part is there as soon as it is known: also when simulate() throws later.
+struct Result {
+  /// Of the image; empty where the case began with a model.
+  LabelImage image;
+  std::vector<LabelMeasure> labels;  ///< taken
+  SegmentReport segment;
+  ModelReport report;
+  std::map<std::string, std::string> chosen;      ///< option key -> what was chosen for it
+  std::map<std::string, std::string> provenance;  ///< image, its SHA-256, labels, reasons
+
+  Model model;
+  Tissues tissues;
+  Loading loading;
+  TimeMode time = TimeMode::quasi_static;
+  std::vector<Finding> findings;  ///< of the guards: of the model, then of the march
+  History history;                ///< the force curve; `interrupted` if it was asked to stop
+
+  std::vector<std::string> warnings;
+  Stages stages;  ///< of the preprocessing [s]
+  /// [s] Reading the image, making the model from it, completing it, marching; without what an observer takes
+  /// before the march.
+  double read_s = 0.0, build_s = 0.0, complete_s = 0.0, solve_s = 0.0;
+};
+
+/// What a caller may want to hear of. All may be empty.
+struct RunObserver {
+  enum class Line {
+    doing,   ///< what begins now, until the next line
+    said,    ///< what was done, and why so
+    detail,  ///< the same, for who wants more
+    warning  ///< what may make the result another than was meant; kept in Result::warnings too
+  };
+  std::function<void(Line, const std::string&)> line = {};
+  /// Nodes and points are placed; nothing expensive is done yet.
+  std::function<void(const Discretisation&, const Scheme&)> placed = {};
+  /// The model is complete and the case is accepted: the march begins.
+  std::function<void(Result&)> begin = {};
+  Observer march = {};
+};
+
+/// From the case to its force curve. Prints nothing, writes no file, minds no signal; asked to stop
+/// (io/stop.hpp), it throws Stopped, or, once the march has begun, returns what there is.
+///
+/// Throws UsageError, InputError, ModelError: what is wrong with the case; SolveError: why the march ended,
+/// and `result` holds everything up to there.
+Result simulate(const Case& given, const RunObserver& observer = {});
+void simulate(const Case& given, const RunObserver& observer, Result& result);
+
+/// The first half alone: up to the complete model.
+void build_case(const Case& given, const RunObserver& observer, Result& result);
+
+/// The body of the case's image and no more: for other programs' meshes. `names` [option]: only label names.
+SegmentedBody segment(const Config& config, const RunObserver& observer = {});
+
+}  // namespace dimple

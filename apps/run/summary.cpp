@@ -1,0 +1,223 @@
+#include "apps/run/summary.hpp"
+
+#include <tbb/global_control.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "apps/run/words.hpp"
+
+namespace dimple {
+namespace {
+
+Json three(const Vec3& v) {
+  return Json::array({v.x(), v.y(), v.z()});
+}
+
+Json stages_json(const Stages& stages) {
+  Json result = Json::object();
+  for (const auto& [name, s] : stages.seconds()) result[name] = s;
+  return result;
+}
+
+Json labels_json(const std::vector<LabelMeasure>& labels) {
+  Json result = Json::array();
+  for (const LabelMeasure& l : labels)
+    result.push_back(
+        {{"value", l.value}, {"name", l.name}, {"voxels", l.voxels}, {"volume_mm3", l.volume_mm3}});
+  return result;
+}
+
+Json cavities_json(const std::vector<Cavity>& cavities) {
+  Json list = Json::array();
+  for (const Cavity& c : cavities)
+    list.push_back({{"volume_mm3", c.volume_mm3}, {"centre_mm", three(c.centre_mm)}, {"filled", c.filled}});
+  return list;
+}
+
+Json model_json(const Result& p) {
+  const ModelReport& r = p.report;
+  return {{"organ_volume_mm3", p.segment.voxel_volume_mm3},
+          {"surface_volume_mm3", r.surface_volume_mm3},
+          {"grid_volume_mm3", r.grid_volume_mm3},
+          {"pieces", p.segment.pieces},
+          {"dropped_volume_mm3", p.segment.dropped_volume_mm3},
+          {"cavities", cavities_json(p.segment.cavities)},
+          {"surface_step_mm", p.segment.step_mm},
+          {"smoothing_mm", p.segment.smoothing_mm},
+          {"node_spacing_mm", r.spacing_mm},
+          {"rim_spacing_mm", r.rim_spacing_mm},
+          {"cell_mm", r.cell_mm},
+          {"evenness",
+           {{"nearest_mean", r.evenness.mean},
+            {"nearest_spread", r.evenness.spread},
+            {"nearest_min", r.evenness.minimum},
+            {"fill_distance", r.evenness.fill}}},
+          {"circle_rim_nodes", r.rim_nodes},
+          {"base_reason", r.boundary.base_reason},
+          {"circle_reason", r.boundary.circle_reason},
+          {"image_read_s", p.read_s},
+          {"model_build_s", p.build_s}};
+}
+
+Json counts_json(const Model& model) {
+  return {{"nodes", model.node_count()},
+          {"integration_points", model.point_count()},
+          {"base_nodes", model.base.size()},
+          {"circle_nodes", model.indenter.size()},
+          {"circle_centre_mm", three(model.tool.centre * 1e3)},
+          {"push", three(model.tool.push)},
+          {"circle_diameter_mm", 2e3 * model.tool.radius}};
+}
+
+Json report_json(const Report& r) {
+  return {{"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
+}
+
+// `label` is empty for that of all labels without one of their own.
+Json material_json(const Material& m, const std::string& label, Index points, bool is_default) {
+  const LawWords law = words_of(m);
+  Json terms = Json::array(), relaxing = Json::array();
+  for (const auto& term : law.terms) {
+    Json numbers = Json::object();
+    for (const auto& [name, value] : term) numbers[name] = value;
+    terms.push_back(numbers);
+  }
+  for (const PronyTerm& term : m.prony) relaxing.push_back({{"g", term.g}, {"tau_s", term.tau}});
+  Json result = {{"label", label.empty() ? "all others" : label},
+                 {"points", points},
+                 {"law", law.name},
+                 {"mu_Pa", m.mu},
+                 {"nu", poisson_ratio(m)},
+                 {"kappa_Pa", m.kappa},
+                 {"density_kg_per_m3", m.density},
+                 {"default", is_default}};
+  if (!terms.empty()) result[law.name] = terms;
+  if (!relaxing.empty()) result["prony"] = relaxing;
+  return result;
+}
+
+Json materials_json(const Config& config, const Tissues& tissues) {
+  Json result = Json::array();
+  auto own = config.tissue.begin();
+  for (std::size_t t = 0; t < tissues.material.size(); ++t) {
+    const auto points = (tissues.of_point.array() == static_cast<int>(t)).count();
+    result.push_back(material_json(tissues.material[t], t == 0 ? "" : (own++)->first, points,
+                                   t == 0 && default_stiffness(config)));
+  }
+  return result;
+}
+
+Json support_json(const SupportReport& support) {
+  return {
+      {"fewest", support.fewest}, {"most", support.most}, {"mean", support.mean}, {"grown", support.grown}};
+}
+
+Json consistency_json(const ConsistencyReport& consistency) {
+  return {
+      {"before", consistency.before}, {"after", consistency.after}, {"iterations", consistency.iterations}};
+}
+
+}  // namespace
+
+std::string as_text(const Json& json) {
+  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+Json summary_of_image(const Config& config, const Result& result) {
+  Json summary;
+  summary["image"] = config.image.file;
+  summary["image_sha256"] = result.provenance.at("image_sha256");
+  summary["labels"] = labels_json(result.labels);
+  summary["model"] = model_json(result);
+  return summary;
+}
+
+Json summary_of_model(const Config& config, const Result& result) {
+  Json summary = model_json(result);
+  summary["version"] = DIMPLE_VERSION;
+  summary["image"] = config.image.file;
+  summary["labels"] = labels_json(result.labels);
+  summary["scheme"] = result.model.scheme.name;
+  summary["consistency"] = consistency_json(result.model.consistency_report);
+  summary["preprocess_wall_s"] = stages_json(result.stages);
+  summary["counts"] = counts_json(result.model);
+  summary["support"] = support_json(result.model.support_report);
+  summary["warnings"] = result.warnings;
+  return summary;
+}
+
+double evaluations_of(const History& history) {
+  return static_cast<double>(history.steps + history.extra_evaluations);
+}
+
+double largest_energy_error(const History& history) {
+  double error = 0.0, scale = 0.0;
+  for (const EnergySample& e : history.energy) {
+    error = std::max(error, std::abs(e.error()));
+    scale = std::max(scale, std::abs(e.external));
+  }
+  return scale > 0.0 ? error / scale : 0.0;
+}
+
+void add_run(Json& summary, const Config& config, const Result& result, const RunTimes& times,
+             const std::string& status, ExitCode code, const Report* reason) {
+  const Model& model = result.model;
+  const History& history = result.history;
+  const double reached = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
+  const double evaluations = evaluations_of(history);
+  summary["status"] = status;
+  if (reason) summary["failure"] = report_json(*reason);
+  summary["exit_code"] = static_cast<int>(code);
+  summary["version"] = DIMPLE_VERSION;
+  summary["scheme"] = model.scheme.name;
+  summary["time"] = name_of(result.time);
+  summary["precision"] = config.solver.precision;
+  summary["requested"] = {{"depth_mm", config.load.depth_mm},
+                          {"rate_mm_per_s", config.load.rate_mm_per_s},
+                          {"frames", config.solver.frames}};
+  summary["contact"] = config.load.contact;
+  summary["material"] = materials_json(config, result.tissues);
+  summary["counts"] = counts_json(model);
+  summary["support"] = support_json(model.support_report);
+  summary["support"]["worst_pivot_ratio"] = model.support_report.worst_pivot_ratio;
+  summary["support"]["linear_error"] = model.support_report.linear_error;
+  summary["consistency"] = consistency_json(model.consistency_report);
+  summary["volume_mm3"] = model.volume.sum() * 1e9;
+  summary["mass_g"] = model.mass.sum() * 1e3;
+  summary["indentation_mm"] = reached;
+  summary["force_N"] = history.force.empty() ? 0.0 : history.force.back().force;
+  summary["base_force_N"] = history.force.empty() ? 0.0 : history.force.back().base_force;
+  summary["stable_step_s"] = history.dt_stable_first;
+  summary["time_step_s"] = history.dt_first;
+  summary["smallest_time_step_s"] = history.dt_smallest;
+  summary["steps"] = result.time == TimeMode::quasi_static ? 0 : history.steps;
+  summary["residual"] = history.residual;
+  summary["most_inverted_points"] = history.inverted;  // at any depth; guards tell of the worst one
+  summary["force_evaluations"] = history.steps + history.extra_evaluations;
+  summary["J_min"] = history.J_min;
+  summary["energy_error"] = largest_energy_error(history);
+  summary["momentum_error"] = history.momentum_error;
+  summary["preprocess_wall_s"] = stages_json(result.stages);
+  summary["prepare_wall_s"] = result.complete_s;
+  summary["solve_wall_s"] = times.solve_s;
+  summary["write_wall_s"] = times.write_s;
+  summary["total_wall_s"] = times.total_s;
+  summary["ms_per_step"] = evaluations > 0.0 ? 1e3 * times.solve_s / evaluations : 0.0;
+  summary["real_time_factor"] =
+      times.solve_s > 0.0 ? reached / config.load.rate_mm_per_s / times.solve_s : 0.0;
+  summary["threads"] = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
+  summary["warnings"] = result.warnings;
+  summary["guards"] = Json::array();
+  for (const Finding& finding : result.findings) {
+    Json entry = report_json(finding.report);
+    entry["worst"] = finding.worst;
+    summary["guards"].push_back(entry);
+  }
+  summary["retries"] = Json::array();
+  for (const Retry& retry : history.retries)
+    summary["retries"].push_back({{"code", retry.code}, {"at_mm", 1e3 * retry.depth}, {"what", retry.what}});
+}
+
+}  // namespace dimple

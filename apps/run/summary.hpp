@@ -1,0 +1,36 @@
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+
+#include "apps/run/simulate.hpp"
+#include "io/error.hpp"
+
+namespace dimple {
+
+// What summary.json holds.
+
+using Json = nlohmann::ordered_json;
+
+/// Indented, with a newline at its end; what is no UTF-8 (a file's name may be none) is replaced.
+std::string as_text(const Json& json);
+
+/// Of a run that began with an image: what was taken from it, and the model's report.
+Json summary_of_image(const Config& config, const Result& result);
+/// Of `dimple model`.
+Json summary_of_model(const Config& config, const Result& result);
+
+/// [s] Of all parts of a run that was resumed together.
+struct RunTimes {
+  double solve_s = 0.0, write_s = 0.0, total_s = 0.0;
+};
+/// Adds what came of the march. `reason`: why it ended before its depth, or nullptr.
+void add_run(Json& summary, const Config& config, const Result& result, const RunTimes& times,
+             const std::string& status, ExitCode code, const Report* reason);
+
+/// Force evaluations of the march.
+double evaluations_of(const History& history);
+/// Largest imbalance of the energies, as a part of the largest work of the tool.
+double largest_energy_error(const History& history);
+
+}  // namespace dimple

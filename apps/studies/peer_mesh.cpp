@@ -1,0 +1,154 @@
+#include "apps/studies/peer_mesh.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "io/stop.hpp"
+#include "preprocess/hexahedra.hpp"
+#include "preprocess/tetrahedra.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+std::string chosen_format(const std::string& format, const fs::path& file) {
+  const std::string suffix = file.extension().string();
+  if (format == "calculix" || format == "febio") return format;
+  if (!format.empty())
+    throw UsageError({.fact = fmt::format("'{}' is no format of another program", format),
+                      .where = "--format",
+                      .why = "known are calculix and febio",
+                      .remedy = "choose one of these"});
+  if (suffix == ".inp") return "calculix";
+  if (suffix == ".feb") return "febio";
+  throw UsageError({.fact = fmt::format("'{}' does not say for which program it is", file.string()),
+                    .where = "-o",
+                    .why = "CalculiX reads .inp, FEBio .feb",
+                    .remedy = "name it so, or give --format calculix or --format febio"});
+}
+
+struct Mesh {
+  ElementModel model;  // X in the surface's frame; nodes and elements only
+  Boundary boundary;
+  double spacing = 0.0, rim = 1.0, volume_mm3 = 0.0;
+};
+
+Mesh tetrahedra(const Config& config, const BodySurface& surface, ModelOptions options) {
+  // The paper's even cloud would need a hundred thousand tetrahedra to follow the rim.
+  if (config.cloud.rim <= 0.0) options.cloud.grading.rim = 0.15;
+  Mesh mesh;
+  mesh.boundary = find_boundary(surface, options.boundary);
+  const Sizing sizing(surface, mesh.boundary, options.cloud.grading);
+  mesh.rim = options.cloud.grading.rim;
+  mesh.spacing = config.cloud.spacing_mm > 0.0
+                     ? config.cloud.spacing_mm
+                     : tetrahedra_spacing_for_count(surface, options.cloud.count, sizing);
+  const TetrahedralMesh made = make_tetrahedra(surface, mesh.boundary, sizing, mesh.spacing);
+  mesh.model.X = made.X;
+  mesh.model.elements = made.tetrahedra;
+  mesh.model.base = made.base;
+  mesh.model.circle = made.circle;
+  mesh.volume_mm3 = made.volume_mm3;
+  return mesh;
+}
+
+// Of 20 nodes, or, if they are `mixed`, of 8.
+Mesh hexahedra(const Config& config, const BodySurface& surface, ModelOptions options, bool mixed) {
+  // With CalculiX on the block: 0.2 errs by 17 % where 0.1 does by 9 %; 0.05 goes soft at depth.
+  if (config.cloud.rim <= 0.0) options.cloud.grading.rim = 0.1;
+  const GradingOptions& grading = options.cloud.grading;
+  // A mesh without the middles of edges has about a quarter of the nodes.
+  const Index count = mixed ? 7 * options.cloud.count / 2 : options.cloud.count;
+  Mesh mesh;
+  mesh.boundary = find_boundary(surface, options.boundary);
+  mesh.rim = grading.rim;
+  mesh.spacing = config.cloud.spacing_mm > 0.0
+                     ? config.cloud.spacing_mm
+                     : hexahedra_spacing_for_count(surface, mesh.boundary, grading, count);
+  const HexahedralMesh made = make_hexahedra(surface, mesh.boundary, grading, mesh.spacing);
+  mesh.model.X = made.X;
+  mesh.model.elements = made.hexahedra;
+  mesh.model.base = made.base;
+  mesh.model.circle = made.circle;
+  mesh.volume_mm3 = made.volume_mm3;
+  if (mixed) mesh.model = without_middles(mesh.model, made.corner_count);
+  return mesh;
+}
+
+}  // namespace
+
+ElementModel element_model(const Config& config, const std::string& format, const std::string& elements,
+                           const RunObserver& observer) {
+  const Material material = material_of(config);
+  if (elements != "hexahedra" && elements != "tetrahedra")
+    throw UsageError({.fact = fmt::format("'{}' are no elements", elements),
+                      .where = "--elements",
+                      .why = "known are hexahedra and tetrahedra",
+                      .remedy = "choose one of these"});
+  if (!config.tissue.empty() || !is_plain(material) || is_as_printed(material))
+    throw UsageError({.fact = "only one neo-Hookean tissue can be exported",
+                      .where = "material",
+                      .why = "other laws are not written alike by these programs",
+                      .remedy = "leave out tissues, presets, --stress printed, Ogden and Prony numbers"});
+  const SegmentedBody body = segment(config, observer);
+  const BodySurface& surface = body.surface;
+  const ModelOptions options = model_options(config);
+  const bool mixed = elements == "hexahedra" && format == "febio";
+  const Mesh mesh = elements == "hexahedra" ? hexahedra(config, surface, options, mixed)
+                                            : tetrahedra(config, surface, options);
+  ElementModel model = mesh.model;
+  model.X = surface.to_world() * model.X.colwise().homogeneous();
+  model.mu = material.mu;
+  model.kappa = material.kappa;
+  model.push = surface.to_world().linear() * mesh.boundary.push + Vec3::Zero();
+  model.depth_mm = config.load.depth_mm;
+  model.bonded = loading_of(config).contact == Contact::bonded;
+  model.frames = static_cast<int>(config.solver.frames);
+  model.remarks = {
+      fmt::format("{}, indented by {:.6g} mm ({}); written by dimple {}",
+                  fs::path(config.image.file).filename().string(), config.load.depth_mm, config.load.contact,
+                  DIMPLE_VERSION),
+      fmt::format("{} nodes, {} {}, edges of {:.4g} mm, {:.4g} mm at the circle's rim; {:.2f} cm3, the "
+                  "surface's {:.2f} cm3",
+                  model.X.cols(), model.elements.cols(), elements, mesh.spacing, mesh.spacing * mesh.rim,
+                  mesh.volume_mm3 / 1e3, surface.volume() / 1e3),
+      fmt::format("base: {} nodes, {}", model.base.size(), mesh.boundary.base_reason),
+      fmt::format("circle: {} nodes, {}", model.circle.size(), mesh.boundary.circle_reason)};
+  return model;
+}
+
+Outcome export_model(const Config& config, const std::string& format, const std::string& elements,
+                     const fs::path& file, const RunObserver& observer) {
+  std::vector<std::string> warnings;
+  const RunObserver keeping = {.line = [&](RunObserver::Line kind, const std::string& text) {
+    if (kind == RunObserver::Line::warning) warnings.push_back(text);
+    if (observer.line) observer.line(kind, text);
+  }};
+  const std::string known = chosen_format(format, file);
+  const ElementModel model = element_model(config, known, elements, keeping);
+  for (const std::string& line : model.remarks)
+    keeping.line(RunObserver::Line::said, fmt::format("export   {}", line));
+  stop_if_asked();
+  remove_temporaries_of(file);
+  write_file(file, known == "febio" ? febio_input(model) : calculix_input(model));
+  const std::string command = known == "febio"
+                                  ? fmt::format("febio4 -i {}", file.string())
+                                  : fmt::format("ccx {}", (file.parent_path() / file.stem()).string());
+  return {.summary_json = Json({{"file", file.string()},
+                                {"format", known},
+                                {"nodes", model.X.cols()},
+                                {"elements", model.elements.cols()},
+                                {"warnings", warnings}})
+                              .dump(2, ' ', false, Json::error_handler_t::replace) +
+                          "\n",
+          .headline = fmt::format("{} nodes, {} {}; run it with: {}", model.X.cols(), model.elements.cols(),
+                                  elements, command)};
+}
+
+}  // namespace dimple

@@ -1,0 +1,114 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+
+#include "apps/studies/verify.hpp"
+#include "preprocess/build_model.hpp"
+#include "solver/relax.hpp"
+
+namespace dimple {
+
+// What the verification cases share: bodies that are smooth images of the unit cube, without any image or
+// surface, and their equilibrium.
+
+/// A lattice in the unit cube and what it becomes. SI units.
+struct Lattice {
+  std::function<Vec3(const Vec3&)> place;  ///< from the unit cube [0, 1]^3 to the body [m]
+  Eigen::Array3i intervals;                ///< nodes along an edge of the cube, less one
+  Eigen::Array3i cells;                    ///< of integration, along an edge
+  double jitter = 0.0;  ///< each node moves by up to this part of an interval, within its face
+  std::function<int(const Vec3&)> tissue;  ///< number of the tissue at a place [m]; none: all one
+  std::uint32_t seed = 1;
+};
+
+struct LatticeBody {
+  Discretisation places;  ///< a point's label is the number of its tissue
+  Points at;              ///< [3xN] of each node in the unit cube; 0 and 1 exactly on its faces
+  bool on_face(Index a, int axis, double value) const { return at(axis, a) == value; }
+  bool on_boundary(Index a) const {
+    return (at.col(a).array() == 0.0).any() || (at.col(a).array() == 1.0).any();
+  }
+};
+
+/// Nodes, and cells with their exact volumes, centroids and spreads: by 27 Gauss points each; by 512 even
+/// parts where tissues meet in a cell, which then becomes a point for each of them.
+LatticeBody make_lattice(const Lattice& lattice);
+
+/// A box from the origin with as many intervals along its shortest edge; cells 1.75 times as fine.
+Lattice box_lattice(const Vec3& size, int intervals, double jitter = 0.2);
+
+/// What is prescribed at a share of the load in (0, 1]: displacements [3xN] m of the held nodes, of which
+/// only the component along the push counts for sliding ones; and nodal forces [3xN] N, or none. Free nodes
+/// start near theirs, and find their own.
+struct Load {
+  std::function<Points(double share)> displacement;
+  std::function<Points(double share)> force = {};
+};
+
+struct Equilibrium {
+  ForceSystem::Nodal u, f;
+};
+
+/// Marks all held nodes as such, makes the model and finds its equilibrium at the full load, by even
+/// steps, each started from the last one scaled up.
+class Statics {
+ public:
+  Statics(LatticeBody body, std::vector<HeldSet> held, std::vector<Material> material);
+  Equilibrium solve(const Load& load, int steps = 4, double tolerance = 1e-5) const;
+
+  const LatticeBody& body() const { return body_; }
+  const Model& model() const { return model_; }
+  const ForceSystem& system() const { return *system_; }
+  const Constraints& constraints() const { return constraints_; }
+
+ private:
+  LatticeBody body_;  // its places are the model's
+  Constraints constraints_;
+  Model model_;
+  std::unique_ptr<ForceSystem> system_;
+};
+
+/// Nodes that are held wholly, or along z only.
+HeldSet fixed_nodes(const LatticeBody& body, const std::function<bool(Index a)>& chosen);
+HeldSet sliding_nodes(const LatticeBody& body, const std::function<bool(Index a)>& chosen);
+
+/// All nodes on the boundary fixed, all others free.
+std::vector<HeldSet> boundary_fixed(const LatticeBody& body);
+
+/// (F - I) X at every node.
+Points affine_displacement(const Model& model, const Mat3& F);
+
+/// Mean first Piola-Kirchhoff stress sum_a f_a X_a^T / V [Pa]: what the reactions say, exact by virtual work.
+Mat3 mean_stress(const Model& model, const ForceSystem::Nodal& f);
+
+/// Sum of the forces at the nodes of a face [N].
+Vec3 face_force(const LatticeBody& body, const ForceSystem::Nodal& f, int axis, double value);
+
+/// kappa in F = 4 G a d / (1 - nu) kappa(a/h, nu): force of a frictionless flat punch of radius a on an
+/// elastic layer of height h that is bonded to its base, pushed in by d.
+double hayes_factor(double a_over_h, double nu);
+
+/// Rows.
+VerifyCase compared(std::string name, std::string what, double ours, double reference, double tolerance,
+                    std::string unit, std::string source);
+/// An order of convergence: more than expected is no error.
+VerifyCase order_reached(std::string name, std::string what, double ours, double expected, double tolerance,
+                         std::string source);
+
+/// The groups, each appending its rows.
+using Rows = std::vector<VerifyCase>;
+void verify_scene_a(Rows& rows, Index nodes);
+void verify_scene_b(Rows& rows, Index nodes);
+void verify_compressibility(Rows& rows, Index nodes);
+void verify_hayes(Rows& rows, Index nodes);
+void verify_homogeneous(Rows& rows, Index nodes);
+void verify_cook(Rows& rows, Index nodes);
+void verify_torsion(Rows& rows, Index nodes);
+void verify_manufactured(Rows& rows, Index nodes);
+void verify_ogden(Rows& rows, Index nodes);
+void verify_viscoelastic(Rows& rows, Index nodes);
+void verify_layers(Rows& rows, Index nodes);
+void verify_inclusion(Rows& rows, Index nodes);
+
+}  // namespace dimple

@@ -1,0 +1,78 @@
+#include "preprocess/make_model.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "io/error.hpp"
+#include "io/memory.hpp"
+#include "io/stop.hpp"
+#include "preprocess/consistency.hpp"
+#include "preprocess/lumped_mass.hpp"
+#include "preprocess/pressure_patches.hpp"
+#include "preprocess/side_by_side.hpp"
+#include "preprocess/support.hpp"
+
+namespace dimple {
+namespace {
+
+// Where supports of the usual size are too small at so many of the points, the cloud does not fill the body.
+constexpr double most_grown = 0.1;
+
+void refuse_too_many_grown(const Model& model) {
+  constexpr double usual = 1.5;
+  const SupportReport& support = model.support_report;
+  const double share = static_cast<double>(support.grown) / static_cast<double>(model.point_count());
+  if (model.scheme.support.effective_radius_factor() < usual || share <= most_grown) return;
+  const Vec3 x = model.point.col(std::max<Index>(support.fewest_at, 0)) * 1e3;
+  throw ModelError(
+      {.fact = fmt::format("{} of {} supports ({:.0f} %) had to be enlarged, by up to {:.2f}, to have "
+                           "nodes enough",
+                           support.grown, model.point_count(), 100.0 * share, support.largest_growth),
+       .where = fmt::format("support domains; fewest nodes, {}, at ({:.2f}, {:.2f}, {:.2f}) mm",
+                            support.fewest, x.x(), x.y(), x.z()),
+       .why = "the body is thinner than the nodes are apart, or its nodes lie nearly in a plane",
+       .remedy = "ask for more nodes (--nodes) or a smaller --spacing",
+       .code = "supports"});
+}
+
+}  // namespace
+
+Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi tissue,
+                 const std::vector<double>& density, Stages* stages) {
+  Stages here;
+  Model model{std::move(places), scheme, std::move(tissue), {}, {}, {}, {}, {}, {}, {}};
+  const bool consistent = scheme.consistent_gradients && !model.surface.empty();
+  SurfacePieces pieces;
+  if (consistent) pieces = pieces_of(model);
+  here.done("surface pieces");
+
+  // Side by side: what the surface asks of the gradients needs none of the supports.
+  Points wanted;
+  side_by_side([&] { find_supports(model); },
+               [&] {
+                 if (consistent) wanted = surface_integrals(model, scheme.support, pieces);
+               });
+  give_back_memory();
+  stop_if_asked();
+  refuse_too_many_grown(model);
+  here.done("support");
+
+  side_by_side(
+      [&] {
+        if (consistent) make_consistent(model, wanted);
+      },
+      [&] {
+        if (scheme.pressure_patches) make_pressure_patches(model);
+        Eigen::VectorXd of_point(model.point_count());
+        for (Index q = 0; q < of_point.size(); ++q)
+          of_point[q] = density[static_cast<std::size_t>(model.tissue[q])];
+        model.mass = lumped_mass(model, of_point);
+      });
+  give_back_memory();
+  here.done("consistency, patches");
+  if (stages) stages->add(here);
+  return model;
+}
+
+}  // namespace dimple

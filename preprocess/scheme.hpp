@@ -1,0 +1,72 @@
+#pragma once
+
+#include <array>
+#include <string_view>
+
+namespace dimple {
+
+enum class Basis { linear, quadratic };
+enum class Weight { quartic, cubic, gauss };
+
+/// Size and form of the support domains.
+struct SupportOptions {
+  Basis basis = Basis::linear;
+  Weight weight = Weight::quartic;
+  /// A node's support radius = radius_factor x the cloud's spacing at that node. 0: 1.8 (linear), 2.6
+  /// (quadratic).
+  double radius_factor = 0.0;
+  /// At prescribed nodes the weight is multiplied by (1 + e) / (s^2 + e), s = distance / radius, so that the
+  /// field nearly takes their values there; e = this. 0: ordinary weights everywhere. Most & Bucher 2005.
+  double interpolation = 0.0;
+  double effective_radius_factor() const {
+    return radius_factor > 0.0 ? radius_factor : basis == Basis::linear ? 1.8 : 2.6;
+  }
+};
+
+/// How the integral over the body becomes sums over its nodes and points: every choice in which one
+/// discretisation differs from another, and nothing else in the code asks for a scheme by its name.
+struct Scheme {
+  std::string_view name;  ///< one of scheme_names
+  /// Each point stands for a cell with a spread that follows the nodes, and its gradients are means over that
+  /// cell. False: gradients at the points of an even grid.
+  bool averaged_gradients;
+  /// Gradients are changed so that the divergence theorem holds for every shape function (make_consistent).
+  bool consistent_gradients;
+  /// The change of volume lives in a coarser space of patches (make_pressure_patches). False: at every point.
+  bool pressure_patches;
+  double rim;              ///< spacing of the nodes on the circle's rim over that far away, unless asked for
+  double points_per_node;  ///< unless asked for
+  SupportOptions support;
+};
+
+/// Makes the force independent of where nodes and points lie: solver/README.md.
+inline constexpr Scheme converging = {
+    .name = "converging",
+    .averaged_gradients = true,
+    .consistent_gradients = true,
+    .pressure_patches = true,
+    .rim = 0.15,
+    .points_per_node = 7.0,
+    .support = {
+        .basis = Basis::linear, .weight = Weight::quartic, .radius_factor = 1.6, .interpolation = 0.01}};
+
+/// As the paper has it: an even cloud, an even grid of single points, one neo-Hookean tissue, and central
+/// differences. Horton et al. 2007.
+inline constexpr Scheme horton2007 = {.name = "horton2007",
+                                      .averaged_gradients = false,
+                                      .consistent_gradients = false,
+                                      .pressure_patches = false,
+                                      .rim = 1.0,
+                                      .points_per_node = 1.499,
+                                      .support = {}};
+
+inline constexpr std::array<std::string_view, 2> scheme_names = {converging.name, horton2007.name};
+
+/// The one of that name, or nullptr.
+constexpr const Scheme* scheme_named(std::string_view name) {
+  for (const Scheme* scheme : {&converging, &horton2007})
+    if (scheme->name == name) return scheme;
+  return nullptr;
+}
+
+}  // namespace dimple

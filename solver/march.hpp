@@ -1,0 +1,99 @@
+#pragma once
+
+// What every way of marching is given and hands out: explicit.hpp, implicit.hpp, quasi_static.hpp; solve.hpp chooses.
+
+#include <functional>
+#include <vector>
+
+#include "solver/constraints.hpp"
+#include "solver/guards.hpp"
+#include "solver/mixed_iteration.hpp"
+#include "solver/path.hpp"
+#include "solver/stable_time_step.hpp"
+
+namespace dimple {
+
+/// How the tool moves: straight, at constant speed, from touching to `depth`.
+struct Loading {
+  double depth = 8e-3;  ///< [m]
+  double rate = 1e-3;   ///< [m/s]
+  Contact contact = Contact::bonded;
+  std::vector<HeldSet> further{};  ///< beside the circle and the base
+  double duration() const { return depth / rate; }
+};
+
+struct SolverOptions {
+  double safety = 0.9;              ///< time step = safety x stable step
+  double damping = 0.0;             ///< mass-proportional [1/s]
+  int frames = 16;                  ///< after the first; the step is re-estimated at each
+  double sample_rate = 150.0;       ///< of the force [1/s]; the paper's sensor
+  double energy_rate = 20.0;        ///< of the energies [1/s]
+  double tolerance = 1e-4;          ///< of static equilibrium: unbalanced force / reactions
+  std::int64_t evaluations = 2000;  ///< of the force for one static equilibrium, at most
+  bool guards = true;               ///< false: only to measure what they cost
+};
+
+/// The tool at one time. Forces are components along the push, positive when tissue resists.
+struct ForceSample {
+  double t, depth;    ///< [s], [m]
+  double force;       ///< on the circle's nodes [N]
+  double base_force;  ///< on the base's nodes, with which the bed holds the body [N]
+};
+
+/// The body at one time.
+struct Frame {
+  int number;
+  double t, depth;
+  const ForceSystem::Nodal& u;  ///< [N] m
+  const ForceSystem::Nodal& f;  ///< [N] N, internal force at u; on held nodes it is the reaction
+  const ForceState& forces;     ///< with the history and the pressures that belong to f
+};
+
+struct History {
+  std::vector<ForceSample> force;
+  std::vector<EnergySample> energy;
+  std::int64_t steps = 0;
+  std::int64_t extra_evaluations = 0;                               ///< of the force, for the stable step
+  double dt_stable_first = 0.0, dt_first = 0.0, dt_smallest = 0.0;  ///< [s]
+  double J_min = 1.0;                                               ///< smallest det F at any point and step
+  Index inverted = 0;     ///< most points that were inside out at once
+  double residual = 0.0;  ///< largest that a static equilibrium was left with
+  bool interrupted = false;
+  double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction
+  std::vector<Finding> guards;
+  std::vector<Retry> retries;
+};
+
+/// All that one step leaves to the next. A run that starts from it goes on to the same bits as if it had
+/// never stopped. Each way of marching fills in what it needs.
+struct State {
+  int frame = 0;  ///< explicit, implicit: the stretch before the next; slowly: the last done
+  std::int64_t step = 0, steps = 0;  ///< explicit: the next one of that stretch, and their number
+  double t = 0.0, dt = 0.0, dt_before = 0.0, dt_stable = 0.0;  ///< [s]
+  double depth = 0.0, depth_before = 0.0;                      ///< [m]
+  double force_before = 0.0;                                   ///< [N]
+  double external = 0.0, dissipated = 0.0;                     ///< [J]
+  double next_sample = 0.0, next_energy = 0.0;                 ///< [s]
+  double largest_reaction = 0.0, largest_external = 0.0;       ///< [N], [J]
+  double safety = 0.0, longest = 0.0;  ///< explicit; slowly [m]: smaller once a guard has sent it back
+  std::int64_t looked = 0;             ///< explicit: steps until Guards::check_fluctuation()
+  bool anew = true;                    ///< of the next MixedIteration
+  std::vector<double> depths, forces;  ///< slowly: of all equilibria [m], [N]
+  ForceSystem::Nodal u, v, a, f;       ///< [N] m, m/s, m/s^2, N
+  Eigen::VectorXd lambda;              ///< [patches] N m
+  std::deque<Path::State> path;
+  MixedIteration::Memory mixed;
+  std::vector<double> past;  ///< of viscoelastic tissue, as ForceState::past()
+  History history;
+};
+
+struct Observer {
+  std::function<void(const Frame&)> frame;
+  std::function<bool(const ForceSample&, const History&)> sample;  ///< false: stop here, keep what there is
+  /// Where a run can be taken up again, the last frame apart: explicit: at frames; else between two steps.
+  /// `state` copies: call it only when it is to be kept.
+  std::function<void(const std::function<State()>& state)> between_steps = {};
+  std::function<void(const Retry&)> retry = {};
+};
+
+}  // namespace dimple

@@ -1,0 +1,228 @@
+#include "solver/quasi_static.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "solver/path.hpp"
+#include "solver/relax.hpp"
+#include "solver/text.hpp"
+
+namespace dimple {
+namespace {
+
+using Nodal = ForceSystem::Nodal;
+
+constexpr double touch = 0.02;  // of the first way
+// Of a frame: the shortest way on which an equilibrium is looked for; and evaluations, on the average, of a
+// whole run.
+constexpr double shortest = 1.0 / 16.0;
+constexpr std::int64_t evaluations_of_frame = 60;
+
+// A first guess: the tissue follows the tool by `depth` more, less the further away from it and the nearer to
+// the base.
+void guess(const Model& model, double depth, Nodal& u) {
+  const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
+  const double top = model.tool.centre.dot(model.tool.push), bottom = along.maxCoeff();
+  for (Index a = 0; a < model.node_count(); ++a) {
+    const Vec3 d = model.X.col(a) - model.tool.centre;
+    const double lateral = (d - d.dot(model.tool.push) * model.tool.push).norm();
+    const double away =
+        std::hypot(std::max(0.0, lateral - model.tool.radius), d.dot(model.tool.push)) / model.tool.radius;
+    const double held = std::clamp((bottom - along[a]) / (bottom - top), 0.0, 1.0);
+    u.col(a) += padded(model.tool.push) * (depth * held / ((1.0 + away) * (1.0 + away)));
+  }
+}
+
+SolveError after_halving(const SolveError& error, double depth, double way, std::int64_t evaluations) {
+  Report report = error.report;
+  report.where = text("indentation ", 1e3 * depth, " mm; ", report.where);
+  report.why += text("; it came again with steps of the load down to ", 1e3 * way, " mm, after ", evaluations,
+                     " evaluations in all");
+  return SolveError(report);
+}
+
+// Of the force over the last piece of the way: the parabola through the last three places, or a line.
+double work_of_last(const std::vector<double>& depth, const std::vector<double>& force, bool straight) {
+  const std::size_t k = depth.size() - 1;
+  const double h = depth[k] - depth[k - 1], slope = (force[k] - force[k - 1]) / h;
+  const double line = 0.5 * h * (force[k] + force[k - 1]);
+  if (k == 1 || straight) return line;
+  const double slope_before = (force[k - 1] - force[k - 2]) / (depth[k - 1] - depth[k - 2]);
+  return line - h * h * h / 6.0 * (slope - slope_before) / (depth[k] - depth[k - 2]);
+}
+
+void find_equilibria(const ForceSystem& system, const Model& model, const Loading& loading,
+                     const SolverOptions& options, const Observer& observer, History& history,
+                     const State* from) {
+  const Constraints constraints = make_constraints(model, loading.contact, loading.further);
+  ForceState forces(system);
+  const Relaxation relax(forces, model, constraints);
+  const Index n = model.node_count();
+  Nodal u = Nodal::Zero(4, n), f = u;
+  Eigen::VectorXd lambda = Eigen::VectorXd::Zero(model.patches.count());
+  Path past(4);  // where the next equilibrium is looked for
+  Guards guards(forces, model, true, options.guards, history.guards);
+  const double step = loading.depth / options.frames;
+  double halved = step;          // way after an equilibrium that was not found
+  double least_curvature = 1.0;  // since the last that was found
+  bool gave_way = false;
+  State state;
+  std::vector<double>&depths = state.depths, &working = state.forces;
+  double &external = state.external, &largest_external = state.largest_external, &longest = state.longest;
+  if (from) {
+    state = *from;
+    history = from->history;
+    past.state = from->path;
+    forces.restore_past(from->past);
+  } else {
+    depths = working = {0.0};
+    longest = step;
+    past.push(0.0, u, lambda);
+    history.force.push_back({0.0, 0.0, 0.0, 0.0});
+    history.energy.push_back({0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
+    if (observer.frame) observer.frame({0, 0.0, 0.0, u, f, forces});
+  }
+  // All equilibria together.
+  const std::int64_t most = relax.has_mixed() ? options.evaluations + evaluations_of_frame * options.frames
+                                              : options.evaluations * options.frames;
+  for (int level = state.frame + 1; level <= options.frames;) {
+    const double end = step * level, at = depths.back();
+    // Where it was short it becomes long again by and by.
+    const double last = depths.size() > 1 ? at - depths[depths.size() - 2] : step;
+    const double way = std::min({halved, longest, 2.0 * last, end - at});
+    const bool arrives = end - at - way < 1e-6 * step;
+    const double depth = arrives ? end : at + way, t = depth / loading.rate;
+    const Moment now = {t, depth};
+    forces.begin_step((depth - at) / loading.rate);
+    const std::size_t equilibria = depths.size();
+    const bool sets_off = past.state.size() == 1;
+    Relaxed relaxed;
+    relaxed.converged = false;
+    double force = 0.0, base = 0.0, stored = 0.0, work = 0.0;
+    try {
+      const auto find = [&](double tolerance) {
+        const RelaxOptions how{.tolerance = tolerance,
+                               .evaluations = relax.has_mixed()
+                                                  ? std::min(options.evaluations, most - history.steps)
+                                                  : options.evaluations};
+        relaxed.converged = false;
+        if (how.evaluations < 1) throw no_equilibrium(relaxed, model);
+        relaxed = relax.has_mixed() ? relax.from_near(u, lambda, f, how) : relax(u, f, how, {}, &lambda);
+        history.steps += relaxed.evaluations;
+        least_curvature = std::min(least_curvature, relaxed.curvature);
+        if (relaxed.converged) return;
+        relaxed.curvature = least_curvature;
+        throw no_equilibrium(relaxed, model);
+      };
+      if (sets_off) {
+        u = past.state.back().u;
+        lambda = past.state.back().lambda;
+      }
+      if (sets_off && model.scheme.pressure_patches) {
+        // A touch, to a low accuracy: the direction in which the tissue sets off.
+        const double a_touch = at + touch * (depth - at);
+        guess(model, touch * (depth - at), u);
+        constraints.prescribe(u, a_touch);
+        find(std::max(1e-2, options.tolerance));
+        Path touched = past;
+        touched.push(a_touch, u, lambda);
+        touched.extrapolate(depth, u, lambda);
+        constraints.prescribe(u, depth);
+      } else if (sets_off) {
+        guess(model, depth - at, u);
+        constraints.prescribe(u, depth);
+      } else {
+        past.extrapolate(depth, u, lambda);
+        constraints.prescribe(u, depth);
+      }
+      const Nodal expected = u;
+      find(options.tolerance);
+      gave_way = relaxed.gave_way();
+
+      guards.check(relaxed.sweep, now);
+      guards.check(u, f, now);
+      guards.check_points(relaxed.sweep, now);
+      guards.check_fluctuation(u, now);
+      const Eigen::Vector4d push = padded(model.tool.push);
+      for (const Index a : model.indenter) force += f.col(a).dot(push);
+      for (const Index a : model.base) base -= f.col(a).dot(push);
+      depths.push_back(depth);
+      working.push_back(constraints.working_force(f));
+      work = work_of_last(depths, working, sets_off || gave_way);
+      double unseen = 0.0;
+      stored = forces.stored_energy(u, &unseen);
+      guards.check_unseen(unseen, stored, now);
+      // Before the third the curve between two is a guess.
+      if (depths.size() > 3)
+        guards.check(EnergySample{t, depth, 0.0, stored, external + work,
+                                  state.dissipated + (gave_way ? relaxed.dissipated : 0.0)},
+                     std::max(largest_external, std::abs(external + work)), t, false, now);
+      if (gave_way) guards.found_limit_point(u - expected, way, now);
+    } catch (const SolveError& error) {
+      if (!options.guards || error.report.code == "hourglass") throw;  // which no shorter way mends
+      depths.resize(equilibria);
+      working.resize(equilibria);
+      if (!relaxed.converged) {
+        halved = 0.5 * way;
+        if (halved < shortest * step || history.steps >= most)
+          throw after_halving(error, depth, way, history.steps);
+      } else {
+        if (history.retries.size() == most_retries)
+          throw after_retries(error, text("steps of the load down to ", 1e3 * way, " mm"));
+        longest = 0.5 * way;
+      }
+      history.retries.push_back(
+          {error.report.code, depth,
+           text("back to ", 1e3 * at, " mm, and on in steps of ", 1e3 * 0.5 * way, " mm")});
+      if (observer.retry) observer.retry(history.retries.back());
+      continue;
+    }
+    halved = step;
+    least_curvature = 1.0;
+    if (gave_way) {  // the new branch has nothing to do with the old one
+      past.state.clear();
+      state.dissipated += relaxed.dissipated;
+    }
+    past.push(depth, u, lambda);
+    external += work;
+    largest_external = std::max(largest_external, std::abs(external));
+    history.J_min = std::min(history.J_min, relaxed.sweep.J_min);
+    history.inverted = std::max(history.inverted, relaxed.sweep.inverted);
+    history.residual = std::max(history.residual, relaxed.residual);
+    history.momentum_error = std::max(history.momentum_error, f.rowwise().sum().norm() / std::abs(force));
+    history.force.push_back({t, depth, force, base});
+    history.energy.push_back({t, depth, 0.0, stored, external, state.dissipated});
+    if (arrives && observer.frame) observer.frame({level, t, depth, u, f, forces});
+    if (observer.sample && !observer.sample(history.force.back(), history)) {
+      history.interrupted = !arrives || level < options.frames;
+      return;
+    }
+    forces.accept_step(u);  // after the frame: its stresses are those of this step
+    if (arrives) state.frame = level++;
+    if (observer.between_steps && level <= options.frames)
+      observer.between_steps([&] {
+        State copy = state;
+        copy.path = past.state;
+        copy.past = forces.past();
+        copy.history = history;
+        return copy;
+      });
+  }
+}
+
+}  // namespace
+
+void march_quasi_statically(const ForceSystem& system, const Model& model, const Loading& loading,
+                            const SolverOptions& options, const Observer& observer, History& history,
+                            const State* from) {
+  try {
+    find_equilibria(system, model, loading, options, observer, history, from);
+  } catch (const Stopped&) {
+    history.interrupted = true;
+  }
+}
+
+}  // namespace dimple

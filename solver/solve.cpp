@@ -1,0 +1,51 @@
+#include "solver/solve.hpp"
+
+#include "solver/explicit.hpp"
+#include "solver/implicit.hpp"
+#include "solver/quasi_static.hpp"
+#include "solver/stable_time_step.hpp"
+
+namespace dimple {
+
+std::string_view name_of(TimeMode mode) {
+  switch (mode) {
+    case TimeMode::quasi_static:
+      return "quasi-static";
+    case TimeMode::dynamic:
+      return "dynamic";
+    case TimeMode::explicit_:
+      return "explicit";
+  }
+  return "";
+}
+
+double shear_crossings(const Model& model, const Tissues& tissues, const Loading& loading) {
+  return loading.duration() / shear_crossing_time(tissues, model);
+}
+
+TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& loading) {
+  const bool slow = shear_crossings(model, tissues, loading) >= slow_load;
+  return model.scheme.pressure_patches && slow ? TimeMode::quasi_static : TimeMode::explicit_;
+}
+
+void solve(TimeMode mode, const ForceSystem& system, const Model& model, const Loading& loading,
+           const SolverOptions& options, const Observer& observer, History& history, const State* from) {
+  switch (mode) {
+    case TimeMode::quasi_static:
+      return march_quasi_statically(system, model, loading, options, observer, history, from);
+    case TimeMode::dynamic:
+      return march_implicitly(system, model, loading, options, observer, history, from);
+    case TimeMode::explicit_:
+      return march_explicitly(system, model, loading, options, observer, history, from);
+  }
+}
+
+History solve(const Model& model, const Tissues& tissues, const Loading& loading,
+              const SolverOptions& options, Precision precision) {
+  History history;
+  const ForceSystem system(model, tissues, precision);
+  solve(choose_time(model, tissues, loading), system, model, loading, options, {}, history);
+  return history;
+}
+
+}  // namespace dimple

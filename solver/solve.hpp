@@ -1,0 +1,34 @@
+#pragma once
+
+#include <string_view>
+
+#include "solver/march.hpp"
+
+namespace dimple {
+
+/// How time is followed.
+enum class TimeMode {
+  quasi_static,  ///< equilibrium at each depth: march_quasi_statically()
+  dynamic,       ///< with inertia, by implicit steps as long as the body's natural modes: march_implicitly()
+  explicit_      ///< central differences: march_explicitly()
+};
+std::string_view name_of(TimeMode mode);
+
+/// How many times a shear wave crosses the body while the load lasts.
+double shear_crossings(const Model& model, const Tissues& tissues, const Loading& loading);
+
+/// The cheapest way that loses nothing: equilibrium where the load is slow, so that inertia plays no part
+/// (slow_load crossings or more), else central differences. The paper's scheme knows only those.
+TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& loading);
+
+/// Marches from rest, or from where an earlier run of the same case stood, to the depth of the load.
+/// `history` receives the force curve as it goes. Throws SolveError: why it ended before.
+void solve(TimeMode mode, const ForceSystem& system, const Model& model, const Loading& loading,
+           const SolverOptions& options, const Observer& observer, History& history,
+           const State* from = nullptr);
+
+/// The same for who wants only the curve. `interrupted` if it was asked to stop.
+History solve(const Model& model, const Tissues& tissues, const Loading& loading,
+              const SolverOptions& options = {}, Precision precision = Precision::single_);
+
+}  // namespace dimple
