@@ -83,14 +83,6 @@ void refuse_beyond_memory(const ModelOptions& options, Index nodes) {
 
 }  // namespace
 
-ModelOptions options_of(const Scheme& scheme) {
-  ModelOptions options;
-  options.scheme = scheme;
-  options.cloud.grading.rim = scheme.rim;
-  options.grid.ratio = scheme.points_per_node;
-  return options;
-}
-
 Discretised discretise(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at) {
   Discretised result;
   Discretisation& places = result.places;

@@ -19,7 +19,13 @@ struct ModelOptions {
   BoundaryOptions boundary;
 };
 /// With the nodes' grading and the points per node that the scheme has of itself.
-ModelOptions options_of(const Scheme& scheme);
+inline ModelOptions options_of(const Scheme& scheme) {
+  ModelOptions options;
+  options.scheme = scheme;
+  options.cloud.grading.rim = scheme.rim;
+  options.grid.ratio = scheme.points_per_node;
+  return options;
+}
 
 /// What was built, for people: printed, and kept in summary.json. Lengths in mm.
 struct ModelReport {

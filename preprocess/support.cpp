@@ -546,6 +546,10 @@ Interpolation make_interpolation(const Discretisation& body, const SupportOption
   return result;
 }
 
+Interpolation surface_interpolation(const Model& model) {
+  return make_interpolation(model, model.scheme.support, model.surface.vertex_mm * 1e-3);
+}
+
 Eigen::MatrixXd Interpolation::operator()(const Eigen::MatrixXd& nodal) const {
   Eigen::MatrixXd result = Eigen::MatrixXd::Zero(nodal.rows(), rows.rows());
   for (Index m = 0; m < rows.rows(); ++m)

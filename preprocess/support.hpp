@@ -31,4 +31,7 @@ struct Interpolation {
 Interpolation make_interpolation(const Discretisation& cloud, const SupportOptions& options,
                                  const Points& places);
 
+/// At the vertices of the model's surface.
+Interpolation surface_interpolation(const Model& model);
+
 }  // namespace dimple

@@ -21,21 +21,6 @@ constexpr double touch = 0.02;  // of the first way
 constexpr double shortest = 1.0 / 16.0;
 constexpr std::int64_t evaluations_of_frame = 60;
 
-// A first guess: the tissue follows the tool by `depth` more, less the further away from it and the nearer to
-// the base.
-void guess(const Model& model, double depth, Nodal& u) {
-  const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
-  const double top = model.tool.centre.dot(model.tool.push), bottom = along.maxCoeff();
-  for (Index a = 0; a < model.node_count(); ++a) {
-    const Vec3 d = model.X.col(a) - model.tool.centre;
-    const double lateral = (d - d.dot(model.tool.push) * model.tool.push).norm();
-    const double away =
-        std::hypot(std::max(0.0, lateral - model.tool.radius), d.dot(model.tool.push)) / model.tool.radius;
-    const double held = std::clamp((bottom - along[a]) / (bottom - top), 0.0, 1.0);
-    u.col(a) += padded(model.tool.push) * (depth * held / ((1.0 + away) * (1.0 + away)));
-  }
-}
-
 SolveError after_halving(const SolveError& error, double depth, double way, std::int64_t evaluations) {
   Report report = error.report;
   report.where = text("indentation ", 1e3 * depth, " mm; ", report.where);
@@ -124,7 +109,7 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
       if (sets_off && model.scheme.pressure_patches) {
         // A touch, to a low accuracy: the direction in which the tissue sets off.
         const double a_touch = at + touch * (depth - at);
-        guess(model, touch * (depth - at), u);
+        first_guess(model, touch * (depth - at), u);
         constraints.prescribe(u, a_touch);
         find(std::max(1e-2, options.tolerance));
         Path touched = past;
@@ -132,7 +117,7 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
         touched.extrapolate(depth, u, lambda);
         constraints.prescribe(u, depth);
       } else if (sets_off) {
-        guess(model, depth - at, u);
+        first_guess(model, depth - at, u);
         constraints.prescribe(u, depth);
       } else {
         past.extrapolate(depth, u, lambda);
@@ -214,6 +199,19 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
 }
 
 }  // namespace
+
+void first_guess(const Model& model, double depth, Nodal& u) {
+  const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
+  const double top = model.tool.centre.dot(model.tool.push), bottom = along.maxCoeff();
+  for (Index a = 0; a < model.node_count(); ++a) {
+    const Vec3 d = model.X.col(a) - model.tool.centre;
+    const double lateral = (d - d.dot(model.tool.push) * model.tool.push).norm();
+    const double away =
+        std::hypot(std::max(0.0, lateral - model.tool.radius), d.dot(model.tool.push)) / model.tool.radius;
+    const double held = std::clamp((bottom - along[a]) / (bottom - top), 0.0, 1.0);
+    u.col(a) += padded(model.tool.push) * (depth * held / ((1.0 + away) * (1.0 + away)));
+  }
+}
 
 void march_quasi_statically(const ForceSystem& system, const Model& model, const Loading& loading,
                             const SolverOptions& options, const Observer& observer, History& history,

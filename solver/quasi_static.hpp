@@ -12,4 +12,8 @@ void march_quasi_statically(const ForceSystem& system, const Model& model, const
                             const SolverOptions& options, const Observer& observer, History& history,
                             const State* from = nullptr);
 
+/// A first guess of the displacements u [4xN] m when the tool has moved by `depth` [m] from rest: they fade away
+/// from the circle and towards the base.
+void first_guess(const Model& model, double depth, ForceSystem::Nodal& u);
+
 }  // namespace dimple

@@ -1,15 +1,21 @@
-# Who may include whom: io <- preprocess <- solver (its plain headers only) <- apps. Run as
+# Who may include whom: io <- preprocess <- solver (its plain headers only) <- apps; and within apps
+# run <- studies <- commands. Run as
 #   cmake -D SOURCE=<root> -P include_direction.cmake
 set(forbidden_io "^(preprocess|solver|apps)/")
 set(forbidden_preprocess "^(solver|apps)/")
 set(forbidden_solver "^(apps/|itk|vtk|CGAL/|nanoflann|fmt/|spdlog/|toml|nlohmann/|CLI/)")
 # The solver is handed a Model and speaks in errors: nothing else of the other folders reaches it, but for the macro
 # that both clone their hot loops with.
-set(allowed_solver "^(solver/.*|preprocess/(model|clones)\\.hpp|io/(error|stop|types)\\.hpp)$")
+set(allowed_solver "^(solver/.*|preprocess/(model|scheme|clones)\\.hpp|io/(error|stop|types)\\.hpp)$")
+# What computes prints nothing: the log and the command line are known to the commands alone.
+set(forbidden_apps/run "^(apps/(studies|commands|ending|examples)|spdlog/|CLI/)")
+set(forbidden_apps/studies "^(apps/(commands|examples)/|spdlog/|CLI/)")
+set(forbidden_apps/commands "^apps/examples/")
+set(forbidden_apps/examples "^apps/")
 
 set(wrong "")
-foreach(folder io preprocess solver)
-  file(GLOB files ${SOURCE}/${folder}/*.cpp ${SOURCE}/${folder}/*.hpp)
+foreach(folder io preprocess solver apps/run apps/studies apps/commands apps/examples)
+  file(GLOB_RECURSE files ${SOURCE}/${folder}/*.cpp ${SOURCE}/${folder}/*.hpp)
   if(NOT files)
     list(APPEND wrong "no sources in ${SOURCE}/${folder}")
   endif()

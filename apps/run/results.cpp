@@ -35,7 +35,7 @@ ResultWriter::ResultWriter(fs::path folder, const Model& model)
     : folder_(std::move(folder)),
       model_(model),
       to_points_(make_interpolation(model, model.scheme.support, model.point)),
-      to_surface_(make_interpolation(model, model.scheme.support, model.surface.vertex_mm * 1e-3)),
+      to_surface_(surface_interpolation(model)),
       nodes_mm_(model.X.unaryExpr(&millimetres)),
       points_mm_(model.point.unaryExpr(&millimetres)),
       node_set_(node_sets(model)),

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <tbb/global_control.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <atomic>
@@ -16,15 +17,15 @@
 #include <set>
 #include <thread>
 
-#include "apps/studies/run_program.hpp"
+#include "apps/run/simulate.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "apps/studies/converge.hpp"
 #include "io/chart.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_image.hpp"
 #include "io/label_names.hpp"
 #include "io/stop.hpp"
-#include "io/table.hpp"
-#include "io/vtk_files.hpp"
 #include "preprocess/phantom.hpp"
 
 namespace dimple {
@@ -83,99 +84,85 @@ std::vector<std::string> arguments_of(const Config& config) {
   return words;
 }
 
-// ------------------------------------------------------------------------------------------- what a run left
+// ---------------------------------------------------------------------------------------------------- one run
 
-// Between the rows of a table.
-double at_depth(const std::vector<double>& depth, const std::vector<double>& value, double d) {
-  const auto after =
-      std::find_if(depth.begin(), depth.end(), [&](double x) { return x >= d * (1.0 - 1e-9); });
-  const auto k = static_cast<std::size_t>(after - depth.begin());
-  if (k == 0 || depth[k] - depth[k - 1] < 1e-12) return value[k];
-  const double share = std::min((d - depth[k - 1]) / (depth[k] - depth[k - 1]), 1.0);
-  return value[k - 1] + share * (value[k] - value[k - 1]);
-}
-
-std::vector<StressFrame> frames_in(const fs::path& results, const Config& config) {
-  std::vector<StressFrame> frames;
-  if (!fs::exists(results / "force.csv") || !fs::exists(results / "energy.csv")) return frames;
-  const Table force = read_csv(results / "force.csv"), energy = read_csv(results / "energy.csv");
-  const std::vector<double>&depth = *force.find("indentation_mm"), &F = *force.find("force_N");
-  const std::vector<double>&energy_depth = *energy.find("indentation_mm"), &error = *energy.find("error_J"),
-        &work = *energy.find("external_work_J");
-  for (std::int64_t n = 1; n <= config.solver.frames; ++n) {
-    StressFrame frame{.depth_mm = config.load.depth_mm * static_cast<double>(n) /
-                                  static_cast<double>(config.solver.frames)};
-    const fs::path points = results / "points" / fmt::format("points_{:04}.vtu", n);
-    if (!fs::exists(points) || depth.empty() || depth.back() < frame.depth_mm * (1.0 - 1e-6)) break;
-    frame.force_N = at_depth(depth, F, std::min(frame.depth_mm, depth.back()));
-    double largest = 0.0, done = 0.0;
-    for (std::size_t k = 0; k < energy_depth.size() && energy_depth[k] <= frame.depth_mm * (1.0 + 1e-6);
-         ++k) {
-      largest = std::max(largest, std::abs(error[k]));
-      done = std::max(done, std::abs(work[k]));
-    }
-    frame.energy_error = done > 0.0 ? largest / done : 0.0;
-    const PointFile file = read_vtu(points);
-    const Eigen::MatrixXd &J = file.find("jacobian")->values, &volume = file.find("volume")->values;
-    frame.J_min = J.minCoeff();
-    for (Index q = 0; q < J.cols(); ++q) {
-      if (!std::isfinite(J(0, q))) frame.J_min = J(0, q);
-      if (J(0, q) > 0.0) continue;
-      ++frame.inverted;
-      frame.inverted_mm3 += volume(0, q);
-    }
-    frames.push_back(frame);
+// Largest imbalance of the energies up to a depth [m], as a part of the largest work up to there.
+double energy_error_until(const std::vector<EnergySample>& energy, double depth) {
+  double largest = 0.0, done = 0.0;
+  for (const EnergySample& e : energy) {
+    if (e.depth > depth * (1.0 + 1e-6)) break;
+    largest = std::max(largest, std::abs(e.error()));
+    done = std::max(done, std::abs(e.external));
   }
-  return frames;
+  return done > 0.0 ? largest / done : 0.0;
 }
 
-// The first line that an error prints, or a whole report for one that is ours to repeat.
-Report words_in(const fs::path& log) {
-  Report report{.fact = "it said nothing", .where = {}, .why = {}, .remedy = {}};
-  std::istringstream lines(fs::exists(log) ? read_file(log) : "");
-  for (std::string line; std::getline(lines, line);)
-    for (const auto& [start, member] : {std::pair{"dimple: ", &Report::fact},
-                                        {"  where: ", &Report::where},
-                                        {"  why:   ", &Report::why},
-                                        {"  try:   ", &Report::remedy}})
-      if (line.starts_with(start)) report.*member = line.substr(std::string(start).size());
-  return report;
+// The points of a frame; its force and energies are known when the march is over.
+StressFrame points_of(const Frame& frame, const Model& model) {
+  StressFrame result{.depth_mm = 1e3 * frame.depth};
+  ForceState forces = frame.forces;  // whose last sweep may have been elsewhere
+  forces.stress_sweep(frame.u);
+  const auto F = forces.deformation_gradients();
+  result.J_min = std::numeric_limits<double>::infinity();
+  bool finite = true;
+  for (Index q = 0; q < F.cols(); ++q) {
+    const double J = Eigen::Map<const Mat3>(F.col(q).data()).determinant();
+    finite = finite && std::isfinite(J);
+    result.J_min = std::min(result.J_min, J);
+    if (J > 0.0) continue;
+    ++result.inverted;
+    result.inverted_mm3 += 1e9 * model.volume[q];
+  }
+  if (!finite) result.J_min = std::numeric_limits<double>::quiet_NaN();
+  return result;
 }
 
-StressRun collect(const fs::path& folder, const ProgramRun& ran, const Config& config) {
+// One case in memory, on one thread. Throws what was refused for the user to mend (UsageError, InputError,
+// OutputError), and Stopped.
+StressRun run_case(const Config& config, double limit_s) {
   StressRun run;
-  const fs::path results = folder / "results";
-  Json summary = Json::object();
-  if (fs::exists(results / "summary.json")) summary = Json::parse(read_file(results / "summary.json"));
-  const Report said = words_in(folder / "words.txt");
-  if (ran.out_of_time)
-    run.ended = "time-out";
-  else if (ran.code == 4)
-    run.ended = "no-model";
-  else if (ran.code == 5)
-    run.ended = summary.contains("failure") ? summary["failure"].value("code", "failed") : "failed";
-  else if (ran.code == 2 || ran.code == 3 || ran.code == 6)
-    throw Error(static_cast<ExitCode>(ran.code), said);
-  else if (ran.code != 0)
-    run.ended = "crashed";
-  if (!run.ended.empty())
-    run.fact = ran.out_of_time                  ? "stopped by the limit of time"
-               : ran.code == 4 || ran.code == 5 ? said.fact
-                                                : fmt::format("it ended with code {}", ran.code);
-  if (summary.contains("counts")) {
-    run.nodes = summary["counts"].value("nodes", Index{0});
-    run.points = summary["counts"].value("integration_points", Index{0});
-  }
-  if (summary.contains("retries")) run.retries = static_cast<Index>(summary["retries"].size());
-  if (summary.contains("guards")) {
-    std::set<std::string> codes;
-    for (const Json& guard : summary["guards"]) codes.insert(guard.value("code", ""));
-    run.guards = fmt::format("{}", fmt::join(codes, " "));
-  }
+  Result result;
+  const Stopwatch whole;
+  bool out_of_time = false;
+  RunObserver observer;
+  observer.march.frame = [&](const Frame& frame) {
+    if (frame.number > 0) run.frames.push_back(points_of(frame, result.model));
+  };
+  observer.march.sample = [&](const ForceSample&, const History&) {
+    out_of_time = whole.seconds() > limit_s;
+    return !out_of_time;
+  };
   try {
-    run.frames = frames_in(results, config);
-  } catch (const InputError& error) {  // tables with numbers that are none
-    if (run.ended.empty()) run.ended = "non-finite", run.fact = error.report.fact;
+    tbb::task_arena(1).execute([&] { simulate({.config = config}, observer, result); });
+    if (out_of_time)
+      run.ended = "time-out", run.fact = "stopped by the limit of time";
+    else if (result.history.interrupted)
+      throw Stopped(stop_asked());
+  } catch (const Stopped&) {
+    throw;
+  } catch (const ModelError& error) {
+    run.ended = "no-model", run.fact = error.report.fact;
+  } catch (const SolveError& error) {
+    run.ended = error.report.code, run.fact = error.report.fact;
+  } catch (const Error&) {
+    throw;
+  } catch (const std::exception& error) {
+    run.ended = "crashed", run.fact = error.what();
+  }
+  run.nodes = result.model.node_count();
+  run.points = result.model.point_count();
+  run.retries = static_cast<Index>(result.history.retries.size());
+  std::set<std::string> codes;
+  for (const Finding& finding : result.findings) codes.insert(finding.report.code);
+  run.guards = fmt::format("{}", fmt::join(codes, " "));
+
+  std::vector<double> depths;
+  for (const StressFrame& frame : run.frames) depths.push_back(frame.depth_mm);
+  const std::vector<double> force = forces_at(result.history.force, depths);
+  run.frames.resize(force.size());
+  for (std::size_t k = 0; k < force.size(); ++k) {
+    run.frames[k].force_N = force[k];
+    run.frames[k].energy_error = energy_error_until(result.history.energy, 1e-3 * depths[k]);
   }
   return run;
 }
@@ -243,8 +230,7 @@ class Runner {
       : folder_(std::move(folder)),
         limit_s_(limit_s),
         progress_(std::move(progress)),
-        program_(fs::read_symlink("/proc/self/exe")),
-        program_sha_(sha256_of_file(program_)) {
+        program_sha_(sha256_of_file(fs::read_symlink("/proc/self/exe"))) {
     make_folder(folder_);
   }
 
@@ -272,7 +258,7 @@ class Runner {
     std::exception_ptr failure;
     const auto work = [&] {
       for (std::size_t k = next++; k < left.size() && !stop; k = next++) try {
-          if (!run(*left[k], stop)) stop = true;
+          if (!run(*left[k])) stop = true;
         } catch (...) {
           const std::lock_guard lock(mutex_);
           if (!failure) failure = std::current_exception();
@@ -288,19 +274,13 @@ class Runner {
   }
 
  private:
-  bool run(Job& job, const std::atomic<bool>& stop) {
-    const fs::path own = folder_ / job.name;
-    fs::remove_all(own);
-    make_folder(own);
-    std::vector<std::string> words = {program_, "run",    job.config.image.file, "-o", "results", "--threads",
-                                      "1",      "--quiet"};
-    for (const std::string& word : arguments_of(job.config)) words.push_back(word);
-    const ProgramRun ran = run_program(words, own, "words.txt", limit_s_, 1,
-                                       [&] { return stop || stop_asked() != StopReason::none; });
-    if (!ran.interrupted) job.done = collect(own, ran, job.config);
-    std::error_code ignored;
-    fs::remove_all(own, ignored);
-    if (ran.interrupted) return false;
+  bool run(Job& job) {
+    const Stopwatch running;
+    try {
+      job.done = run_case(job.config, limit_s_);
+    } catch (const Stopped&) {
+      return false;
+    }
     keep(folder_ / (job.name + ".json"), settings_of(job, program_sha_, image_sha_.at(job.config.image.file)),
          *job.done, limit_s_);
     const std::lock_guard lock(mutex_);
@@ -311,14 +291,13 @@ class Runner {
                                                   : fmt::format("{} after {} of {} frames ({})",
                                                                 job.done->ended, job.done->frames.size(),
                                                                 job.config.solver.frames, job.done->fact),
-                          ran.seconds));
+                          running.seconds()));
     return true;
   }
 
   fs::path folder_;
   double limit_s_;
   std::function<void(const std::string&)> progress_;
-  fs::path program_;
   std::string program_sha_;
   std::map<std::string, std::string> image_sha_;
   std::mutex mutex_;

@@ -17,14 +17,13 @@ struct StressOptions {
 /// .svg with a panel for each scheme, and stress.csv with how many cells came to what. The scene is a block
 /// made here, left in the folder; or config's image, with x and y.
 ///
-/// Each run is this program started anew (`dimple run`, one thread), as many at once as there are threads:
-/// one that dies takes nothing with it. What is left of it goes to runs/NAME.json as soon as it ends; a later
-/// call takes it from there if options, image and program are the same. CSVs and pictures depend on these
+/// Each run is one case in memory, on one thread, as many at once as there are threads. What is left of it goes
+/// to runs/NAME.json as soon as it ends; a later call takes it from there if options, image and program are the same. CSVs and pictures depend on these
 /// alone: same input, same bytes, however often it was interrupted. A run that was out of time is taken again
 /// if the limit is another one.
 ///
 /// Throws UsageError; what a run throws that was refused (exit codes 2, 3, 6); a run that fails otherwise is
-/// a cell.
+/// a cell. The limit of time is looked at after each equilibrium or sample.
 Outcome stress(const Config& config, const StressOptions& options, const std::filesystem::path& folder,
                const std::function<void(const std::string&)>& progress);
 

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "solver/constraints.hpp"
+#include "solver/internal_force.hpp"
+
+namespace dimple {
+
+struct SessionOptions {
+  Contact contact = Contact::bonded;
+  Precision precision = Precision::single_;
+  double tolerance = 1e-4;           ///< of an equilibrium: relative residual
+  std::vector<HeldSet> further = {};  ///< beside the circle and the base
+};
+
+/// A body under a tool that someone moves, step by step: for interactive use. All of it is in memory; the
+/// model is its own. The tool stands where it touches the body at first. SI units, positions LPS in metres.
+///
+///     Session session(std::move(built.model), {neo_hookean(210.0, 0.499, 1000.0)});
+///     session.equilibrate(1e-3);
+///     double newtons = session.force();
+class Session {
+ public:
+  /// `materials`: of each tissue of the model, by its number.
+  Session(Model model, std::vector<Material> materials, const SessionOptions& options = {});
+  ~Session();
+  Session(Session&&) noexcept;
+  Session& operator=(Session&&) noexcept;
+
+  /// Moves the tool along its push to `depth` [m] from where it first touched, or back, and lets the body come
+  /// to rest there; way by way where it is far. `dt` [s]: how long the move takes, for viscoelastic tissue.
+  /// Returns the evaluations of the force that it took. Throws SolveError: there is no equilibrium to be found;
+  /// the body is then as it was.
+  std::int64_t equilibrate(double depth, double dt = 0.0);
+
+  /// Moves the tool to `depth` [m] at an even speed within `dt` [s] and follows the body with its inertia, by
+  /// central differences. Returns their number. Throws SolveError: a number stopped being one, or an
+  /// integration point was inverted; the body is then as it was.
+  std::int64_t step(double depth, double dt);
+
+  double depth() const;       ///< of the tool [m]
+  double force() const;       ///< along the push on the tool [N], positive when the tissue resists
+  double base_force() const;  ///< along the push on the base [N]
+  Points displacement() const;  ///< 3 x N, metres, of each node
+  Points positions() const;     ///< 3 x N, metres LPS, of each node
+  /// 3 x N, newtons: what the tissue resists with at each node; on held nodes the reaction.
+  Points forces() const;
+  const Model& model() const;
+
+ private:
+  struct Parts;
+  std::unique_ptr<Parts> parts_;
+};
+
+}  // namespace dimple
