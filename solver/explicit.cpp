@@ -70,16 +70,16 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
 
     if (last || now.t >= next_energy) {
       next_energy += 1.0 / options.energy_rate;
-      double kinetic = 0.0, unseen = 0.0;
+      double kinetic = 0.0, hourglass = 0.0;
       for (Index a = 0; a < n; ++a) {
         Eigen::Vector4d now_v = v.col(a);  // still of t - dt/2
         if (constraints.is_free(a)) now_v -= f.col(a) * (0.5 * previous_dt * inverse_mass[a]);
         kinetic += 0.5 * model.mass[a] * now_v.squaredNorm();
       }
-      const double stored = forces.stored_energy(u, &unseen);
+      const double stored = forces.stored_energy(u, &hourglass);
       history.energy.push_back({now.t, now.depth, kinetic, stored, external, dissipated});
       guards.check(history.energy.back(), largest_external, duration, true, now);
-      guards.check_unseen(unseen, stored, now);
+      guards.check_hourglass(hourglass, stored, now);
     }
     if (last || now.t >= next_sample) {
       next_sample += 1.0 / options.sample_rate;

@@ -19,7 +19,7 @@ constexpr double linear_noise = 1e-9,
 constexpr double many_grown = 0.02;    // of the points
 constexpr double accuracy = 0.05;      // of the force: what `dimple stress` calls survival, too
 // Volume shares. At a sharp rim the strain is unbounded: tens of points there, a hundred thousandth of the
-// volume, turn inside out with every fine cloud, and the force stays within 1 % of the reference.
+// volume, are inverted with every fine cloud, and the force stays within 1 % of the reference.
 constexpr double inverted_wrong = 0.01;
 constexpr double nearly_incompressible = 20.0;  // kappa / mu: nu 0.475
 constexpr double far_from_1 = 0.3;              // |J - 1|; patches hold their volume, points only nearly
@@ -32,7 +32,7 @@ constexpr double kinetic_poor = 0.05;                     // of the stored energ
 // the circle.
 constexpr double jagged_poor = 0.03;
 constexpr std::size_t jagged_samples = 15;
-constexpr double unseen_poor = 0.15;  // of the stored energy; usual: 0.02 to 0.05
+constexpr double hourglass_poor = 0.15;  // of the stored energy; usual: 0.02 to 0.05
 // Of the stored energy, in the paper's scheme on the block at 8 mm: 0.4 with 4.5 points a node, 1.2 with
 // its 1.5, and 19 with supports of 2.5 spacings, whose force is a third. A circle of three nodes has 5 from
 // the first touch on.
@@ -148,7 +148,7 @@ void Guards::check(const ForceSystem::Sweep& sweep, const Moment& now) const {
          .why = "the time step was too long, or the load more than this cloud can follow",
          .remedy = "use a smaller solver.safety, more nodes (--nodes), or a smaller --depth",
          .code = "non-finite"});
-  throw SolveError({.fact = text("the tissue turned inside out: det F = ", sweep.J_min,
+  throw SolveError({.fact = text("the tissue was inverted: det F = ", sweep.J_min,
                                  " at integration point ", sweep.point),
                     .where = where,
                     .why = "the load is more than this cloud can follow, or the time step was too long",
@@ -159,7 +159,7 @@ void Guards::check(const ForceSystem::Sweep& sweep, const Moment& now) const {
 void Guards::check(const Nodal& u, const Nodal& f, const Moment& now) const {
   if (on_ && now.depth >= beneath_)
     throw SolveError({.fact = text("the tool has passed the far side of the body, ", 1e3 * beneath_,
-                                   " mm beneath the circle: what lies between is inside out"),
+                                   " mm beneath the circle: what lies between is inverted"),
                       .where = moment(now),
                       .why = "the load is deeper than the body; integration points need not see it",
                       .remedy = "use a smaller --depth",
@@ -202,7 +202,7 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
     const Vec3 x = model_.point.col(sweep.point);
     Report report = {
         .fact = text(inverted, " of ", model_.point_count(), " points, ", percent(share),
-                     " of the volume, are inside out; smallest det F ", sweep.J_min),
+                     " of the volume, are inverted; smallest det F ", sweep.J_min),
         .where = moment(now) + text("; worst point at rest at ", in_mm(x), ", ",
                                     1e3 * (x - model_.tool.centre).norm(), " mm from the circle's centre"),
         .why = "the strain at a sharp rim is unbounded; the force hardly feels so little of the volume",
@@ -260,7 +260,7 @@ void Guards::check(const EnergySample& e, double largest_external, double durati
   }
   if (!should_rest(now, duration)) return;
   if (const double ratio = e.kinetic / std::max(e.stored, 1e-300); ratio > kinetic_poor)
-    find({{.fact = text("the body still swings: its kinetic energy is ", percent(ratio), " of the stored"),
+    find({{.fact = text("the body still vibrates: its kinetic energy is ", percent(ratio), " of the stored"),
            .where = moment(now),
            .why = "the load lasts long enough for a static answer, but nothing or little damps the waves",
            .remedy = "use --damping, for instance --damping 20, a smaller --rate, or --time quasi-static",
@@ -305,16 +305,16 @@ void Guards::check_kinetic(double kinetic, double external, const Moment& now) c
                     .code = "energy"});
 }
 
-void Guards::check_unseen(double unseen, double stored, const Moment& now) {
-  if (!on_ || !(stored > energy_floor) || unseen <= unseen_poor * stored) return;
-  find({{.fact = text(percent(unseen / stored),
+void Guards::check_hourglass(double hourglass, double stored, const Moment& now) {
+  if (!on_ || !(stored > energy_floor) || hourglass <= hourglass_poor * stored) return;
+  find({{.fact = text(percent(hourglass / stored),
                       " of the stored energy is in modes that the cells' mean gradients do not see"),
          .where = moment(now),
          .why = "displacements change within a cell as much as from cell to cell: the cloud is too coarse "
                 "for this load",
          .remedy = "use more nodes (--nodes) or more points (--set grid.ratio)",
          .code = "hourglass"},
-        unseen / stored});
+        hourglass / stored});
 }
 
 void Guards::check_fluctuation(const Nodal& u, const Moment& now) {

@@ -66,7 +66,7 @@ class Guards {
   void check_kinetic(double kinetic, double external, const Moment& now) const;
   /// `hourglass`: the part of the stored energy in what averaged gradients do not see [J]; see
   /// GradientVariance.
-  void check_unseen(double unseen, double stored, const Moment& now);
+  void check_hourglass(double hourglass, double stored, const Moment& now);
   /// `hourglass` of gradients at points, where nothing holds it: what the displacements of each point's nodes
   /// differ from the linear field with the point's gradient,
   ///

@@ -80,12 +80,12 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
     if (last || t >= next_energy) {
       next_energy = t + 1.0 / options.energy_rate;
       const double kinetic = 0.5 * (v.colwise().squaredNorm() * model.mass).value();
-      double unseen = 0.0;
-      const double stored = forces.stored_energy(u, &unseen);
+      double hourglass = 0.0;
+      const double stored = forces.stored_energy(u, &hourglass);
       history.energy.push_back({t, depth, kinetic, stored, external, dissipated});
       largest_external = std::max(largest_external, std::abs(external));
       guards.check(history.energy.back(), largest_external, loading.duration(), false, {t, depth, dt});
-      guards.check_unseen(unseen, stored, {t, depth, dt});
+      guards.check_hourglass(hourglass, stored, {t, depth, dt});
     }
     return !observer.sample || observer.sample(history.force.back(), history);
   };

@@ -10,10 +10,10 @@ namespace dimple {
 ///     u+ = u + dt v + dt^2 ((1/2 - beta) a + beta a+),   v+ = v + dt ((1 - gamma) a + gamma a+),
 ///     M (a+ + c v+) = (1 + alpha) (R - f(u+)) - alpha (R - f(u)),
 ///
-/// damps what the step cannot resolve most, and what it does resolve too: a swing of six steps a period loses
+/// damps what the step cannot resolve most, and what it does resolve too: a mode of six steps a period loses
 /// 8 % of its amplitude in each period and takes 12 % longer for it, 2 % and 5 % at ten, 0.3 % and 1 % at
 /// twenty. dt is a sixth of the period of the
-/// slowest shear wave: for a slow load, whose swings have to die away, not for counting them. Swings between
+/// slowest shear wave: for a slow load, whose modes have to die away, not to be counted. Modes between
 /// neighbouring nodes, of which the tool's slow way excites none, are not resolved. A step that does not
 /// converge is halved, twice; where that does not help the tissue gives way, and central differences with
 /// their small steps carry the body through one long step.

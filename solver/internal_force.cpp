@@ -87,8 +87,8 @@ ForceState::Sweep ForceState::internal_force(const Nodal& u, Nodal& f) {
   return sweep;
 }
 
-double ForceState::stored_energy(const Nodal& u, double* unseen) {
-  return with([&](const auto& kernel, auto& state) { return kernel.stored_energy(state, u.data(), unseen); });
+double ForceState::stored_energy(const Nodal& u, double* hourglass) {
+  return with([&](const auto& kernel, auto& state) { return kernel.stored_energy(state, u.data(), hourglass); });
 }
 
 double ForceState::dilation(Index q) const {

@@ -95,8 +95,8 @@ class ForceState {
   void gather_sweep(Nodal& f, const std::function<void(Index first, Index last)>& then) const;
 
   /// Total stored energy at u [J]. With the printed stress there is none, and this is the energy of the form
-  /// above. `unseen`: the part of it in what averaged gradients leave out (GradientVariance) [J].
-  double stored_energy(const Nodal& u, double* unseen = nullptr);
+  /// above. `hourglass`: the part of it in what averaged gradients leave out (GradientVariance) [J].
+  double stored_energy(const Nodal& u, double* hourglass = nullptr);
 
   /// Of the last sweep: J - 1 of point q; F [9 x Q] and first Piola-Kirchhoff stress [9 x Q] Pa at every
   /// point, column-major 3x3 matrices.

@@ -104,7 +104,7 @@ LawWords words_of(const Material& material);
 /// F, where l has a kink at 0. l0 is where the term is 1000 times as stiff as at rest, l0^(alpha - 2) = 1000:
 /// 0.36 for alpha = -4.7, a few times as stiff as kappa at nu = 0.499 and far beyond the strains to which
 /// such laws are fitted; and 0.1 at least, also for alpha > 0. s_p has no sign of l, so for alpha < 0 it
-/// would hold an inverted point inside out: it repels l = 0 from both sides. Hence
+/// would hold a point inverted: it repels l = 0 from both sides. Hence
 ///
 ///     collapse = (1 - J / J0)^3 sum_p 2 |mu_p| / alpha_p^2 s_p(0)   over alpha_p < 0, for J < J0, else 0,
 ///

@@ -137,9 +137,9 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
       depths.push_back(depth);
       working.push_back(constraints.working_force(f));
       work = work_of_last(depths, working, sets_off || gave_way);
-      double unseen = 0.0;
-      stored = forces.stored_energy(u, &unseen);
-      guards.check_unseen(unseen, stored, now);
+      double hourglass = 0.0;
+      stored = forces.stored_energy(u, &hourglass);
+      guards.check_hourglass(hourglass, stored, now);
       // Before the third the curve between two is a guess.
       if (depths.size() > 3)
         guards.check(EnergySample{t, depth, 0.0, stored, external + work,

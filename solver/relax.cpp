@@ -33,7 +33,7 @@ SolveError no_equilibrium(const Relaxed& found, const Model& model) {
                     "unbalanced forces are ", found.residual, " of the reactions after ", found.evaluations,
                     " evaluations"),
        .where = text("static solver; smallest det F ", found.sweep.J_min, " at integration point ",
-                     found.sweep.point, ", ", found.sweep.inverted, " points inside out",
+                     found.sweep.point, ", ", found.sweep.inverted, " inverted points",
                      found.furthest < 0 ? std::string() : "; moving: " + place_of(model, found.furthest)),
        .why = gave_way ? "the path of equilibria has a limit point here: a wall has buckled or a fold rolled "
                          "over, and no surface of the body rests on another one, which is not modelled"
@@ -119,7 +119,7 @@ Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, 
     spent = found.evaluations;
     forces_.hold_pressures({});
   }
-  Relaxed found = swing(u, f, options, external, spent);
+  Relaxed found = relax_dynamically(u, f, options, external, spent);
   if (lambda && mixed_) *lambda = pressures_of_volumes(forces_, model_);
   return found;
 }
@@ -232,7 +232,7 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
   return result;
 }
 
-Relaxed Relaxation::swing(Nodal& u, Nodal& f, const RelaxOptions& options, const Nodal& external,
+Relaxed Relaxation::relax_dynamically(Nodal& u, Nodal& f, const RelaxOptions& options, const Nodal& external,
                           std::int64_t evaluations) const {
   const Index n = u.cols();
   const bool loaded = external.cols() == n;

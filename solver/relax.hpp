@@ -14,10 +14,10 @@ namespace dimple {
 ///
 /// each such step some ten evaluations, until it comes to rest. They make the nearby linear problem positive
 /// where the tangent is not, however fine the cloud. Body masses in their place take as many steps again, at
-/// ten times the cost of each, and momentum makes it swing.
+/// ten times the cost of each, and momentum makes it oscillate.
 ///
 /// For the paper's scheme, and as a last resort, by dynamic relaxation, some hundreds of evaluations: the
-/// body, with fictitious masses that give every node about the same stable step, is let swing and damped near
+/// body, with fictitious masses that give every node about the same stable step, is let vibrate and damped near
 /// critically, the damping following the lowest frequency met.
 ///
 ///     u+ = u + r^2 (u - u-) - c M^-1 (f - external),
@@ -45,13 +45,13 @@ class Relaxation {
  private:
   Relaxed give_way(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                    const RelaxOptions& options, const ForceSystem::Nodal& external) const;
-  Relaxed swing(ForceSystem::Nodal& u, ForceSystem::Nodal& f, const RelaxOptions& options,
+  Relaxed relax_dynamically(ForceSystem::Nodal& u, ForceSystem::Nodal& f, const RelaxOptions& options,
                 const ForceSystem::Nodal& external, std::int64_t evaluations) const;
 
   ForceState& forces_;
   const Model& model_;
   const Constraints& constraints_;
-  mutable Eigen::VectorXd mass_;  // made when swing() is first needed
+  mutable Eigen::VectorXd mass_;  // made when relax_dynamically() is first needed
   mutable std::unique_ptr<MixedIteration> mixed_;
 };
 

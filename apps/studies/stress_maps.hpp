@@ -50,7 +50,7 @@ struct StressFrame {
   double depth_mm = 0.0, force_N = 0.0;
   double energy_error = 0.0;  ///< largest imbalance so far, as a part of the tool's work so far
   double J_min = 1.0;         ///< at any point, at this depth
-  Index inverted = 0;         ///< points inside out
+  Index inverted = 0;         ///< inverted points
   double inverted_mm3 = 0.0;  ///< their volume at rest
 };
 
@@ -70,7 +70,7 @@ namespace survival {
 /// however much it stiffens, makes this small as frames come closer; a bend or a drop does not.
 constexpr double kink = 0.25;
 constexpr double energy = 0.02;  ///< unbalanced, as a part of the tool's work
-/// Volume inside out, as a part of the half ball under the circle, where the strain at the sharp rim of a
+/// Inverted volume, as a part of the half ball under the circle, where the strain at the sharp rim of a
 /// bonded circle is unbounded and no cloud keeps every point upright.
 constexpr double inverted = 0.01;
 constexpr double error = 0.05;  ///< of the force against the finest stable run
@@ -91,7 +91,7 @@ struct StressVerdict {
 /// `at_last_only` the force counts at that frame alone, else at each up to it.
 ///
 /// Codes, the first that applies: why the run did not get there; non-finite; energy; inverted; kinked;
-/// unchecked (no finer stable run); inaccurate; ok-rim (survived, with points inside out at the rim); ok.
+/// unchecked (no finer stable run); inaccurate; ok-rim (survived, with inverted points at the rim); ok.
 StressVerdict judge(const StressRun& run, const std::vector<StressRun>& finest, std::size_t last,
                     bool at_last_only, double circle_radius_mm);
 

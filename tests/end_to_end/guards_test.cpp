@@ -123,7 +123,7 @@ TEST_F(GuardedRun, SaysThatTheCircleHasTooFewNodes) {
     EXPECT_FALSE(found->at(part).get<std::string>().empty()) << part;
 }
 
-// Deep below the sharp rim some points are inside out with every cloud; the force is right.
+// Deep below the sharp rim some points are inverted with every cloud; the force is right.
 TEST_F(GuardedRun, SaysThatPointsAtTheRimAreInsideOutAndGoesOn) {
   const Ran ran = dimple(folder, "run block.nrrd -o out --nodes 300 --depth 18mm --frames 16");
   EXPECT_EQ(ran.code, 0) << ran.err;
@@ -132,7 +132,7 @@ TEST_F(GuardedRun, SaysThatPointsAtTheRimAreInsideOutAndGoesOn) {
   const Json* found = with_code(s.at("guards"), "inverted");
   ASSERT_NE(found, nullptr) << s.at("guards").dump(1);
   EXPECT_EQ(found->at("worst"), s.at("J_min"));
-  EXPECT_THAT(ran.err, HasSubstr("are inside out"));
+  EXPECT_THAT(ran.err, HasSubstr("are inverted"));
 }
 
 TEST_F(GuardedRun, PressesABlockToSixtyPercentOfItsHeightAtAnyPoissonRatio) {

@@ -134,7 +134,7 @@ Map stability_atlas() {
                          : r == 7 && c > 6 ? ""
                                            : "ok");
   map.legend = {{"ok", "ends with an error of the energy below 1 %"},
-                {"inv", "an integration point turned inside out"},
+                {"inv", "an integration point was inverted"},
                 {"nan", "a displacement that is not a number"},
                 {"few", "too few nodes in a support"},
                 {"slow", "more than ten times real time"},

@@ -245,17 +245,17 @@ TEST_F(StateGuard, SeesAForceThatJumpsFromSampleToSample) {
 }
 
 TEST_F(StateGuard, SeesABodyThatSwingsWhereTheAnswerShouldBeStatic) {
-  const EnergySample swinging = {1.0, 2e-3, 0.1e-4, 1e-4, 1.1e-4, 0.0};
-  guards.check(swinging, 1.1e-4, 10.0, true, now);  // the load has only begun
+  const EnergySample vibrating = {1.0, 2e-3, 0.1e-4, 1e-4, 1.1e-4, 0.0};
+  guards.check(vibrating, 1.1e-4, 10.0, true, now);  // the load has only begun
   EXPECT_TRUE(findings.empty());
-  guards.check(swinging, 1.1e-4, 2.0, true, now);
+  guards.check(vibrating, 1.1e-4, 2.0, true, now);
   const Finding* found = finding(findings, "kinetic");
   ASSERT_NE(found, nullptr);
   expect_whole(found->report, "kinetic");
   EXPECT_NEAR(found->worst, 0.1, 1e-9);
   EXPECT_THAT(found->report.remedy, HasSubstr("--damping"));
   std::vector<Finding> none;
-  Guards(forces, model, false, true, none).check(swinging, 1.1e-4, 2.0, true, now);  // a fast push may swing
+  Guards(forces, model, false, true, none).check(vibrating, 1.1e-4, 2.0, true, now);  // a fast push may vibrate
   EXPECT_TRUE(none.empty());
 }
 
@@ -266,9 +266,9 @@ TEST_F(StateGuard, SeesEnergyInModesThatMeanGradientsDoNotSee) {
   const ForceSystem own(lattice, brain);
   ForceState own_forces(own);
   Guards watch(own_forces, lattice, true, true, findings);
-  double unseen = 0.0, stored = own_forces.stored_energy(affine(lattice, 1.01 * Mat3::Identity()), &unseen);
-  EXPECT_LT(unseen, 1e-6 * stored);  // no linear field has any
-  watch.check_unseen(unseen, stored, now);
+  double hourglass = 0.0, stored = own_forces.stored_energy(affine(lattice, 1.01 * Mat3::Identity()), &hourglass);
+  EXPECT_LT(hourglass, 1e-6 * stored);  // no linear field has any
+  watch.check_hourglass(hourglass, stored, now);
   EXPECT_TRUE(findings.empty());
   Nodal checkers = Nodal::Zero(4, lattice.node_count());
   for (Index a = 0; a < lattice.node_count(); ++a) {
@@ -276,12 +276,12 @@ TEST_F(StateGuard, SeesEnergyInModesThatMeanGradientsDoNotSee) {
     const Vec3 cell = (lattice.X.col(a) / h).array().round();
     checkers(0, a) = 0.05 * h * (static_cast<int>(cell.sum()) % 2 == 0 ? 1.0 : -1.0);
   }
-  stored = own_forces.stored_energy(checkers, &unseen);
-  watch.check_unseen(unseen, stored, now);
+  stored = own_forces.stored_energy(checkers, &hourglass);
+  watch.check_hourglass(hourglass, stored, now);
   const Finding* found = finding(findings, "hourglass");
-  ASSERT_NE(found, nullptr) << unseen << " of " << stored;
+  ASSERT_NE(found, nullptr) << hourglass << " of " << stored;
   expect_whole(found->report, "hourglass");
-  EXPECT_NEAR(found->worst, unseen / stored, 1e-12);
+  EXPECT_NEAR(found->worst, hourglass / stored, 1e-12);
 }
 
 TEST_F(StateGuard, SeesATimeStepAboveTheStableOne) {

@@ -31,7 +31,7 @@ TEST(ReferenceForce, IsTheKernelsToRounding) {
   const Material material = neo_hookean(210.0, 0.499, 1000.0);
   const ForceSystem system(model, material);
   ForceState forces(system);
-  for (const double size : {0.1e-3, 0.5e-3, 4e-3}) {  // the last turns points inside out
+  for (const double size : {0.1e-3, 0.5e-3, 4e-3}) {  // the last turns inverted points
     const Nodal u = random_displacement(model, size);
     Nodal f = u;
     forces.internal_force(u, f);

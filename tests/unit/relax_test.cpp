@@ -202,7 +202,7 @@ TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
   ForceState forces(system);
   const Loading loading = {.depth = 14e-3, .rate = 1e-3};
   History moving;
-  // Damped, so that what swings after the snap has come to rest at the end; the drag itself is 1e-3 of the
+  // Damped, so that what vibrates after the snap has come to rest at the end; the drag itself is 1e-3 of the
   // force.
   march_implicitly(system, model, loading, {.damping = 5.0, .frames = 14}, {}, moving);
   const double end = moving.force.back().force;

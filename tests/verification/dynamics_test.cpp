@@ -42,7 +42,7 @@ TEST(Verification, FreeVibrationKeepsItsEnergyOverTenThousandSteps) {
   forces.internal_force(u, f);
   const double dt = 0.2 * stable_time_step(forces, model, model.mass, constraints, u).dt;
   const double start = forces.stored_energy(u);
-  // The energy of central differences swings by (omega dt)^2 / 4 about one that stays: means over a thousand
+  // The energy of central differences oscillates by (omega dt)^2 / 4 about one that stays: means over a thousand
   // steps.
   std::array<double, 10> mean{};
   double most_kinetic = 0.0;
@@ -57,7 +57,7 @@ TEST(Verification, FreeVibrationKeepsItsEnergyOverTenThousandSteps) {
   const auto [least, most] = std::minmax_element(mean.begin(), mean.end());
   RecordProperty("energy_drift", std::to_string((*most - *least) / start));
   EXPECT_LT(*most - *least, 1e-3 * start);
-  EXPECT_GT(most_kinetic, 0.3 * start);  // it did swing
+  EXPECT_GT(most_kinetic, 0.3 * start);  // it did vibrate
 }
 
 // A layer that is held below, free above and moves along one direction only: its lowest mode is a quarter of
