@@ -19,8 +19,6 @@
 namespace dimple {
 namespace {
 
-constexpr Index points_per_block = 256;
-constexpr Index points_at_once = 32;
 constexpr Index patches_per_task = 32;
 constexpr int ahead = 24;  // records fetched before they are needed
 constexpr double beta = 1.0;

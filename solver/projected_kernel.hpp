@@ -9,6 +9,11 @@
 
 namespace dimple {
 
+/// Points that lie one after the other and are the work of one thread at a time; without patches, so many of
+/// them at once go from displacements to forces.
+constexpr Index points_per_block = 256;
+constexpr Index points_at_once = 32;
+
 /// What each point is made of.
 struct Tissues {
   std::vector<Material> material;
