@@ -9,6 +9,11 @@
 
 namespace dimple {
 
+/// Points that lie one after the other and are the work of one thread at a time; without patches, so many of
+/// them at once go from displacements to forces.
+constexpr Index points_per_block = 256;
+constexpr Index points_at_once = 32;
+
 /// What each point is made of.
 struct Tissues {
   std::vector<Material> material;
@@ -111,7 +116,7 @@ class ProjectedKernel {
   Sweep stress_sweep(State& s, const double* u) const;
   /// f [4xN] N for nodes [first, last).
   void gather(const State& s, double* f, Index first, Index last) const;
-  double stored_energy(State& s, const double* u, double* unseen = nullptr) const;
+  double stored_energy(State& s, const double* u, double* hourglass = nullptr) const;
 
   /// Starts a step of a viscoelastic material, dt [s]; accept() makes u the end of that step.
   void begin_step(State& s, double dt) const;
@@ -173,7 +178,7 @@ class ProjectedKernel {
   Lists of_patch_;  // points; psi V / V_b
   Places nodes_of_block_, patches_of_block_;
   LongVector<Real> volume_, mu_;  // [Q], and whole octets
-  Real smallest_J_, slope_;       // see stress_body
+  Real smallest_J_, slope_;       // see neo_hookean_stresses
   std::vector<double> patch_volume_;
   std::vector<Variance> variance_;
   std::vector<std::int32_t> slot_;  // [Q] of the point in its tissue's history

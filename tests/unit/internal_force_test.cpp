@@ -15,7 +15,8 @@ using Nodal = ForceSystem::Nodal;
 
 const Material tissue = neo_hookean(210.0, 0.499, 1000.0);
 
-// The first `count` points of a model: the sweep takes four at once, and a block of 128 at a time.
+// The first `count` points of a model: the sweep takes four or eight at once, points_at_once from their nodes
+// and back, and a block of points_per_block at a time.
 Model first_points(const Model& whole, Index count) {
   Model part = whole;
   part.point.conservativeResize(3, count);
@@ -45,10 +46,13 @@ double force_scale(const Model& model) {
 }
 
 TEST(InternalForce, IsThePlainFormulaForAnyNumberOfPoints) {
-  const Model whole = block(4);
+  const Model whole = block(5);
+  ASSERT_GT(whole.point_count(), points_per_block + 3);
   const Nodal u = random_displacement(whole, 3e-4);
   for (const bool printed : {false, true})
-    for (const Index count : {1, 2, 3, 4, 5, 127, 128, 129, 131}) {
+    for (const Index count : {Index{1}, Index{2}, Index{3}, Index{4}, Index{5}, Index{7}, Index{8}, Index{9},
+                              points_at_once - 1, points_at_once, points_at_once + 1, points_per_block - 1,
+                              points_per_block, points_per_block + 1, points_per_block + 3}) {
       SCOPED_TRACE(count);
       const Model model = first_points(whole, count);
       Material material = tissue;
@@ -125,8 +129,10 @@ TEST(InternalForce, ReportsTheSmallestVolumeRatioAndWhereItIs) {
 // One point, in each lane and in a lane beside the last whole four, is turned inside out or made not a
 // number.
 TEST(InternalForce, ReportsTheBadPointInsteadOfThrowingWhereverItIs) {
-  const Model whole = first_points(block(4), 131);
-  for (const Index bad : {0, 1, 2, 3, 64, 127, 128, 130})
+  const Model whole = first_points(block(5), points_per_block + 3);
+  ASSERT_EQ(whole.point_count(), points_per_block + 3);
+  for (const Index bad : {Index{0}, Index{1}, Index{2}, Index{3}, points_per_block / 2, points_per_block - 1,
+                          points_per_block, points_per_block + 2})
     for (const double spoilt : {-1e9, std::nan(""), std::numeric_limits<double>::infinity()}) {
       SCOPED_TRACE(testing::Message() << "point " << bad << ", " << spoilt);
       Model model = whole;
@@ -190,7 +196,8 @@ TEST(InternalForce, IsAFunctionOfTheDisplacementAndTheStateAlone) {
 }
 
 TEST(InternalForce, IsBitwiseEqualForAnyNumberOfThreads) {
-  const Model model = block(6);
+  const Model model = block(8);
+  ASSERT_GT(model.point_count(), 6 * points_per_block);  // threads take two blocks at a time: work for three
   const ForceSystem system(model, tissue);
   ForceState forces(system);
   const Nodal u = random_displacement(model, 2e-4);
