@@ -6,170 +6,84 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
 #include <numeric>
 #include <stdexcept>
 
 #include "preprocess/clones.hpp"
 #include "solver/inverse_cube_root.hpp"
+#include "solver/wide.hpp"
+
+// The layout that the loops below walk over; projected_kernel_layout.cpp builds it.
+//
+//   points    0 ................. 255 | 256 ............... 511 | ...    blocks: one thread's work at a time
+//             |
+//             +- octets of eight points, one register for each number of them:
+//             |    gradient      column[3][3][8]    F - I
+//             |    octet_number_ the patches that any of the eight meets;  octet_weight_  psi [8] of each
+//             |
+//             +- point q: quads point_offset_[q] to point_offset_[q + 1], four nodes each, zeros at the end
+//
+//                  | d[0] x y z | d[1] x y z | d[2] x y z | d[3] x y z | twice[4] |    a line of the cache
+//                    gradients of the four nodes' shape functions        |             in single precision
+//                                                                        | twice the number of the place
+//                                                                        v
+//   at_node   | x y z 0 | x y z 0 | ...  places of block 0 | x y z 0 | ...  places of block 1 | ...
+//
+// Every node (and patch) that a block meets has a place there of the block's own: one thread copies
+// displacements into it and then adds up forces in it. Last, every node sums its places, in their order: the
+// bits are the same for any number of threads.
+//
+// One sweep: places <- u; gradients, F - I and J - 1; spread and means, the pressures that patches give;
+// stresses, V P; scatter, forces into places. gather() makes f of them.
 
 namespace dimple {
 namespace {
 
+using namespace wide;  // the vector verbs
+
 constexpr Index patches_per_task = 32;
-constexpr int ahead = 24;  // records fetched before they are needed
+template <class Real>
+constexpr int ahead = sizeof(Real) == 4 ? 24 : 12;  // quads fetched before they are needed
 constexpr double beta = 1.0;
 
-// Four numbers of a node or of a column; and one register of numbers, each of another point.
-template <class Real>
-struct Registers;
-template <>
-struct Registers<float> {
-  using Vec4 = float __attribute__((vector_size(16), aligned(16), may_alias));
-  using Lanes = float __attribute__((vector_size(32), aligned(32), may_alias));
-  using Octet = float __attribute__((vector_size(32), aligned(4), may_alias));
-  using Loose = float __attribute__((vector_size(16), aligned(4), may_alias));
-  using Wide = float __attribute__((vector_size(64), aligned(64), may_alias));
-  using LooseWide = float __attribute__((vector_size(64), aligned(4), may_alias));
-  static constexpr int count = 8;
-};
-template <>
-struct Registers<double> {
-  // Nodal vectors of doubles are aligned as their allocator likes, to 16 bytes as a rule.
-  using Vec4 = double __attribute__((vector_size(32), aligned(8), may_alias));
-  using Lanes = double __attribute__((vector_size(32), aligned(32), may_alias));
-  using Octet = double __attribute__((vector_size(64), aligned(8), may_alias));
-  static constexpr int count = 4;
-};
-
-// The bodies are inlined into functions that are not templates, since only those can be cloned per processor.
-
-// Rows of four numbers become columns.
-#define DIMPLE_TRANSPOSE(Vec4, r0, r1, r2, r3, c0, c1, c2, c3)                                          \
-  do {                                                                                                  \
-    const Vec4 t0 = __builtin_shufflevector(r0, r1, 0, 4, 1, 5),                                        \
-               t1 = __builtin_shufflevector(r2, r3, 0, 4, 1, 5),                                        \
-               t2 = __builtin_shufflevector(r0, r1, 2, 6, 3, 7),                                        \
-               t3 = __builtin_shufflevector(r2, r3, 2, 6, 3, 7);                                        \
-    c0 = __builtin_shufflevector(t0, t1, 0, 1, 4, 5), c1 = __builtin_shufflevector(t0, t1, 2, 3, 6, 7); \
-    c2 = __builtin_shufflevector(t2, t3, 0, 1, 4, 5), c3 = __builtin_shufflevector(t2, t3, 2, 3, 6, 7); \
-  } while (false)
-
-// Of two nodes in single precision, one register: the gradients, each number four times.
-#define DIMPLE_TWO_NODES(gradients)                                                           \
-  const Vec4 first_node = *reinterpret_cast<const Loose*>(gradients),                         \
-             second_node = *reinterpret_cast<const Loose*>((gradients) + 3);                  \
-  const Vec8 both = __builtin_shufflevector(first_node, second_node, 0, 1, 2, 3, 4, 5, 6, 7), \
-             dx = __builtin_shufflevector(both, both, 0, 0, 0, 0, 4, 4, 4, 4),                \
-             dy = __builtin_shufflevector(both, both, 1, 1, 1, 1, 5, 5, 5, 5),                \
-             dz = __builtin_shufflevector(both, both, 2, 2, 2, 2, 6, 6, 6, 6)
-// The same of four nodes; what follows them in the quad is loaded and not used.
-#define DIMPLE_FOUR_NODES(gradients)                                                                     \
-  Wide all = *reinterpret_cast<const LooseWide*>(gradients);                                             \
-  asm("" : "+v"(all)); /* loaded once, not once for each of the three */                                 \
-  const Wide dx = __builtin_shufflevector(all, all, 0, 0, 0, 0, 3, 3, 3, 3, 6, 6, 6, 6, 9, 9, 9, 9),     \
-             dy = __builtin_shufflevector(all, all, 1, 1, 1, 1, 4, 4, 4, 4, 7, 7, 7, 7, 10, 10, 10, 10), \
-             dz = __builtin_shufflevector(all, all, 2, 2, 2, 2, 5, 5, 5, 5, 8, 8, 8, 8, 11, 11, 11, 11)
-
-// A node's four numbers among those of a block; the four of a quad, found with one load.
-#define DIMPLE_NODE(Vec4, values, twice) (*reinterpret_cast<Vec4*>((values) + 2 * (twice)))
-#define DIMPLE_FOUR_PLACES(Vec4, values, quad)                    \
-  std::uint64_t places;                                           \
-  std::memcpy(&places, (quad).twice, sizeof places);              \
-  Vec4 &node0 = DIMPLE_NODE(Vec4, values, places & 0xffff),       \
-       &node1 = DIMPLE_NODE(Vec4, values, places >> 16 & 0xffff), \
-       &node2 = DIMPLE_NODE(Vec4, values, places >> 32 & 0xffff), \
-       &node3 = DIMPLE_NODE(Vec4, values, places >> 48)
-// Four nodes in one register: what compilers make of shuffles needs the one port that shuffles.
-#if defined(__x86_64__)
-#define DIMPLE_JOIN(to, a, b, c, d)                                                                  \
-  asm("vbroadcastf32x4 %1, %0" : "=v"(to) : "m"(a));                                                 \
-  asm("vbroadcastf32x4 %1, %0%{%2%}" : "+v"(to) : "m"(b), "Yk"(static_cast<std::uint16_t>(0x00f0))); \
-  asm("vbroadcastf32x4 %1, %0%{%2%}" : "+v"(to) : "m"(c), "Yk"(static_cast<std::uint16_t>(0x0f00))); \
-  asm("vbroadcastf32x4 %1, %0%{%2%}" : "+v"(to) : "m"(d), "Yk"(static_cast<std::uint16_t>(0xf000)))
-#else
-#define DIMPLE_JOIN(to, a, b, c, d) to = {}  // never called
-#endif
-
-#define DIMPLE_TWICE(v) __builtin_shufflevector(v, v, 0, 1, 2, 3, 0, 1, 2, 3)
-#define DIMPLE_FOUR_TIMES(v) \
-  __builtin_shufflevector(DIMPLE_TWICE(v), DIMPLE_TWICE(v), 0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7)
-
-// F - I of points [first, last), first a multiple of eight; the last octet is filled up with zeros. `wide`:
-// in registers of 64 bytes, with the same sums in the same order.
-template <class Real, bool wide>
+// F - I of points [first, last), first a multiple of eight; the last octet is filled up with zeros. `nodes`
+// of a quad are taken at once, and each adds to a sum of its own (of doubles, every second one to the same):
+// any number gives the same sums in the same order, and no addition waits for the one just before.
+template <class Real, int nodes>
 [[gnu::always_inline]] inline void gradient_body(const ProjectedQuad<Real>* quad, const std::int32_t* offset,
                                                  const Real* u, ProjectedOctet<Real>* gradient, Index first,
                                                  Index last) {
-  using Vec4 = typename Registers<Real>::Vec4;
+  constexpr int sums = sizeof(Real) == 4 ? 4 / nodes : 2;
   for (Index begin = first; begin < last; begin += 8) {
-    Vec4 column[3][8];
+    Pack<Real, 4> column[3][8];
     for (Index lane = 0; lane < 8; ++lane) {
       const Index q = std::min(begin + lane, last);  // beyond the last: no nodes
       const std::int32_t end = offset[std::min(q + 1, last)];
-      if constexpr (sizeof(Real) == 4) {
-        using Vec8 = Registers<float>::Lanes;
-        Vec8 sum[3];
-        if constexpr (wide) {
-          using Wide = Registers<float>::Wide;
-          using LooseWide = Registers<float>::LooseWide;
-          Wide h0 = {}, h1 = {}, h2 = {};
-          for (std::int32_t k = offset[q]; k < end; ++k) {
-            __builtin_prefetch(quad + k + ahead);
-            DIMPLE_FOUR_PLACES(const Vec4, u, quad[k]);
-            Wide u4;
-            DIMPLE_JOIN(u4, node0, node1, node2, node3);
-            DIMPLE_FOUR_NODES(&quad[k].d[0][0]);
-            h0 += u4 * dx;
-            h1 += u4 * dy;
-            h2 += u4 * dz;
-          }
-          sum[0] = __builtin_shufflevector(h0, h0, 0, 1, 2, 3, 4, 5, 6, 7) +
-                   __builtin_shufflevector(h0, h0, 8, 9, 10, 11, 12, 13, 14, 15);
-          sum[1] = __builtin_shufflevector(h1, h1, 0, 1, 2, 3, 4, 5, 6, 7) +
-                   __builtin_shufflevector(h1, h1, 8, 9, 10, 11, 12, 13, 14, 15);
-          sum[2] = __builtin_shufflevector(h2, h2, 0, 1, 2, 3, 4, 5, 6, 7) +
-                   __builtin_shufflevector(h2, h2, 8, 9, 10, 11, 12, 13, 14, 15);
-        } else {
-          using Loose = Registers<float>::Loose;
-          Vec8 h0[2] = {}, h1[2] = {}, h2[2] = {};
-          for (std::int32_t k = offset[q]; k < end; ++k) {
-            __builtin_prefetch(quad + k + ahead);
-            for (int half = 0; half < 2; ++half) {
-              const std::uint16_t* twice = quad[k].twice + 2 * half;
-              const Vec4 ua = DIMPLE_NODE(const Vec4, u, twice[0]), ub = DIMPLE_NODE(const Vec4, u, twice[1]);
-              const Vec8 uab = __builtin_shufflevector(ua, ub, 0, 1, 2, 3, 4, 5, 6, 7);
-              DIMPLE_TWO_NODES(&quad[k].d[2 * half][0]);
-              h0[half] += uab * dx;
-              h1[half] += uab * dy;
-              h2[half] += uab * dz;
-            }
-          }
-          sum[0] = h0[0] + h0[1];
-          sum[1] = h1[0] + h1[1];
-          sum[2] = h2[0] + h2[1];
+      Nodes<Real, nodes> sum[3][sums] = {};
+      for (std::int32_t k = offset[q]; k < end; ++k) {
+        __builtin_prefetch(quad + k + ahead<Real>);
+        for (int i = 0; i < 4; i += nodes) {
+          const auto moved = gather<nodes>(u, quad[k].twice + i);
+          const auto d = load_gradients<nodes>(quad[k].d + i);
+          const int s = i / nodes % sums;
+          sum[0][s] += moved * d.x;
+          sum[1][s] += moved * d.y;
+          sum[2][s] += moved * d.z;
         }
-        for (int j = 0; j < 3; ++j)
-          column[j][lane] = __builtin_shufflevector(sum[j], sum[j], 0, 1, 2, 3) +
-                            __builtin_shufflevector(sum[j], sum[j], 4, 5, 6, 7);
-      } else {  // two sums each, or every one would wait for the last
-        Vec4 sum[3][2] = {};
-        for (std::int32_t k = offset[q]; k < end; ++k) {
-          __builtin_prefetch(quad + k + ahead / 2);
-          for (int i = 0; i < 4; ++i)
-            for (int j = 0; j < 3; ++j)
-              sum[j][i % 2] += DIMPLE_NODE(const Vec4, u, quad[k].twice[i]) * quad[k].d[i][j];
-        }
-        for (int j = 0; j < 3; ++j) column[j][lane] = sum[j][0] + sum[j][1];
+      }
+      for (int j = 0; j < 3; ++j) {
+        // Written out: sums that a loop runs over would lie in memory all the time.
+        if constexpr (sums == 4) sum[j][0] += sum[j][2], sum[j][1] += sum[j][3];
+        if constexpr (sums > 1) sum[j][0] += sum[j][1];
+        column[j][lane] = sum_of_nodes<Real, nodes>(sum[j][0]);
       }
     }
     for (int j = 0; j < 3; ++j)
       for (int half = 0; half < 8; half += 4) {
-        Vec4* c = column[j] + half;
-        Vec4 row[4];
-        DIMPLE_TRANSPOSE(Vec4, c[0], c[1], c[2], c[3], row[0], row[1], row[2], row[3]);
-        for (int i = 0; i < 3; ++i)
-          *reinterpret_cast<Vec4*>(gradient[begin / 8].column[j][i] + half) = row[i];
+        const auto* c = column[j] + half;
+        Pack<Real, 4> row[4];
+        transpose<Real>(c[0], c[1], c[2], c[3], row);
+        for (int i = 0; i < 3; ++i) four(gradient[begin / 8].column[j][i] + half) = row[i];
       }
   }
 }
@@ -191,30 +105,56 @@ template <class Real>
   }
 }
 
+// The loops over nodes, two thirds of an evaluation, take as many nodes at once as the registers hold.
+template <class Real>
+DIMPLE_CLONES void cloned_gradients(const ProjectedQuad<Real>* quad, const std::int32_t* offset,
+                                    const Real* u, ProjectedOctet<Real>* gradient, Real* dilation,
+                                    Index first, Index last) {
+  gradient_body<Real, 1>(quad, offset, u, gradient, first, last);
+  dilation_body(gradient, dilation, first, last);
+}
+DIMPLE_AVX2 void avx2_gradients(const ProjectedQuad<float>* quad, const std::int32_t* offset, const float* u,
+                                ProjectedOctet<float>* gradient, float* dilation, Index first, Index last) {
+  gradient_body<float, 2>(quad, offset, u, gradient, first, last);
+  dilation_body(gradient, dilation, first, last);
+}
+DIMPLE_AVX512 void avx512_gradients(const ProjectedQuad<float>* quad, const std::int32_t* offset,
+                                    const float* u, ProjectedOctet<float>* gradient, float* dilation,
+                                    Index first, Index last) {
+  gradient_body<float, 4>(quad, offset, u, gradient, first, last);
+  dilation_body(gradient, dilation, first, last);
+}
+template <class Real>
+void gradients(const ProjectedQuad<Real>* quad, const std::int32_t* offset, const Real* u,
+               ProjectedOctet<Real>* gradient, Real* dilation, Index first, Index last) {
+  if constexpr (sizeof(Real) == 4) {
+    if (has_avx512) return avx512_gradients(quad, offset, u, gradient, dilation, first, last);
+    if (has_avx2) return avx2_gradients(quad, offset, u, gradient, dilation, first, last);
+  }
+  cloned_gradients(quad, offset, u, gradient, dilation, first, last);
+}
+
 // V P of neo-Hookean points, into `stress` from its beginning; `pressure` [Q] is the whole coefficient of
-// cof F but W_dist's, of which `share` is taken: none in the paper's printed stress. Below `smallest_J`
+// cof F but W_dist's, of which `share` is taken: none in the paper's printed stress. Below `least_J`
 // powers of J are Taylor polynomials.
 template <class Real>
-[[gnu::always_inline]] inline void stress_body(const ProjectedOctet<Real>* gradient, const Real* dilation,
-                                               const Real* pressure, const Real* mu, const Real* volume,
-                                               ProjectedColumns<Real>* stress, Index first, Index last,
-                                               Real least_J, Real share) {
-  using R = Registers<Real>;
-  using Lanes = typename R::Lanes;
-  using Vec4 = typename R::Vec4;
-  constexpr int count = R::count;
+DIMPLE_CLONES void neo_hookean_stresses(const ProjectedOctet<Real>* gradient, const Real* dilation,
+                                        const Real* pressure, const Real* mu, const Real* volume,
+                                        ProjectedColumns<Real>* stress, Index first, Index last, Real least_J,
+                                        Real share) {
+  constexpr int count = sizeof(Real) == 4 ? 8 : 4;  // points at a time
+  using Lanes = Pack<Real, count>;
   const Real g0 = std::pow(least_J, Real(-2.0 / 3.0)), g1 = Real(-2.0 / 3.0) * g0 / least_J,
              g2 = Real(-5.0 / 3.0) * g1 / least_J;
   for (Index q = first; q < last; q += count) {
-#define DIMPLE_LOAD(from) (*reinterpret_cast<const Lanes*>(from))  // a function would return a register
     const auto& H = gradient[q / 8].column;
     const Index part = q % 8;
-    const Lanes f00 = DIMPLE_LOAD(H[0][0] + part) + Real(1), f10 = DIMPLE_LOAD(H[0][1] + part),
-                f20 = DIMPLE_LOAD(H[0][2] + part), f01 = DIMPLE_LOAD(H[1][0] + part),
-                f11 = DIMPLE_LOAD(H[1][1] + part) + Real(1), f21 = DIMPLE_LOAD(H[1][2] + part),
-                f02 = DIMPLE_LOAD(H[2][0] + part), f12 = DIMPLE_LOAD(H[2][1] + part),
-                f22 = DIMPLE_LOAD(H[2][2] + part) + Real(1);
-    const Lanes J = DIMPLE_LOAD(dilation + q) + Real(1);
+    const Lanes f00 = load<count>(H[0][0] + part) + Real(1), f10 = load<count>(H[0][1] + part),
+                f20 = load<count>(H[0][2] + part), f01 = load<count>(H[1][0] + part),
+                f11 = load<count>(H[1][1] + part) + Real(1), f21 = load<count>(H[1][2] + part),
+                f02 = load<count>(H[2][0] + part), f12 = load<count>(H[2][1] + part),
+                f22 = load<count>(H[2][2] + part) + Real(1);
+    const Lanes J = load<count>(dilation + q) + Real(1);
     const Lanes I1 = (f00 * f00 + f10 * f10 + f20 * f20) + (f01 * f01 + f11 * f11 + f21 * f21) +
                      (f02 * f02 + f12 * f12 + f22 * f22);
     // g = J^(-2/3) and its slope; below least_J the Taylor polynomial there.
@@ -229,9 +169,8 @@ template <class Real>
     const Lanes low = g0 + below * (g1 + Real(0.5) * g2 * below), low_slope = g1 + g2 * below;
     const Lanes g = inside_out ? low : power, slope = share * (inside_out ? low_slope : power_slope);
 
-    const Lanes V = DIMPLE_LOAD(volume + q), M = DIMPLE_LOAD(mu + q), shear = V * M * g;
-    const Lanes p = V * (DIMPLE_LOAD(pressure + q) + Real(0.5) * M * I1 * slope);
-#undef DIMPLE_LOAD
+    const Lanes V = load<count>(volume + q), M = load<count>(mu + q), shear = V * M * g;
+    const Lanes p = V * (load<count>(pressure + q) + Real(0.5) * M * I1 * slope);
     const Lanes P[3][3] = {
         // [column][row] of V P = shear F + p cof F
         {shear * f00 + p * (f11 * f22 - f21 * f12), shear * f10 + p * (f21 * f02 - f01 * f22),
@@ -240,96 +179,72 @@ template <class Real>
          shear * f21 + p * (f02 * f10 - f12 * f00)},
         {shear * f02 + p * (f10 * f21 - f20 * f11), shear * f12 + p * (f20 * f01 - f00 * f21),
          shear * f22 + p * (f00 * f11 - f10 * f01)}};
-    for (int j = 0; j < 3; ++j)
-      for (int half = 0; half < count; half += 4) {
-        const Vec4* row[3];
-        for (int i = 0; i < 3; ++i) row[i] = reinterpret_cast<const Vec4*>(&P[j][i]) + half / 4;
-        const Vec4 none = {};
-        Vec4 column[4];
-        DIMPLE_TRANSPOSE(Vec4, *row[0], *row[1], *row[2], none, column[0], column[1], column[2], column[3]);
-        for (int lane = 0; lane < 4; ++lane)
-          *reinterpret_cast<Vec4*>(stress[q - first + half + lane].column[j]) = column[lane];
-      }
+    for (int j = 0; j < 3; ++j) {
+      Pack<Real, 4> column[count];
+      columns<Real, count>(P[j][0], P[j][1], P[j][2], column);
+      for (int lane = 0; lane < count; ++lane) four(stress[q - first + lane].column[j]) = column[lane];
+    }
   }
 }
 
 // `stress` begins with that of point `first`.
-template <class Real, bool wide>
+template <class Real, int nodes>
 [[gnu::always_inline]] inline void scatter_body(const ProjectedQuad<Real>* quad, const std::int32_t* offset,
                                                 const ProjectedColumns<Real>* stress, Real* f, Index first,
                                                 Index last) {
-  using Vec4 = typename Registers<Real>::Vec4;
   // The gradients that come next read most likely what follows: fetched here, where the pairs themselves are
   // at hand.
   const std::int32_t next = offset[last] - offset[first];
   for (Index q = first; q < last; ++q) {
-    const Vec4* column = reinterpret_cast<const Vec4*>(stress[q - first].column);
-    const Vec4 c0 = column[0], c1 = column[1], c2 = column[2];
+    const auto& column = stress[q - first].column;
+    const auto p0 = repeat<nodes>(column[0]), p1 = repeat<nodes>(column[1]), p2 = repeat<nodes>(column[2]);
     const std::int32_t end = offset[q + 1];
-    if constexpr (sizeof(Real) == 4 && wide) {
-      using Wide = Registers<float>::Wide;
-      using LooseWide = Registers<float>::LooseWide;
-      const Wide p0 = DIMPLE_FOUR_TIMES(c0), p1 = DIMPLE_FOUR_TIMES(c1), p2 = DIMPLE_FOUR_TIMES(c2);
-      for (std::int32_t k = offset[q]; k < end; ++k) {
-        __builtin_prefetch(quad + k + next, 0, 2);
-        DIMPLE_FOUR_PLACES(Vec4, f, quad[k]);
-        DIMPLE_FOUR_NODES(&quad[k].d[0][0]);
-        const Wide force = p0 * dx + p1 * dy + p2 * dz;
-        node0 += __builtin_shufflevector(force, force, 0, 1, 2, 3);
-        node1 += __builtin_shufflevector(force, force, 4, 5, 6, 7);
-        node2 += __builtin_shufflevector(force, force, 8, 9, 10, 11);
-        node3 += __builtin_shufflevector(force, force, 12, 13, 14, 15);
-      }
-    } else if constexpr (sizeof(Real) == 4) {
-      using Vec8 = Registers<float>::Lanes;
-      using Loose = Registers<float>::Loose;
-      const Vec8 p0 = DIMPLE_TWICE(c0), p1 = DIMPLE_TWICE(c1), p2 = DIMPLE_TWICE(c2);
-      for (std::int32_t k = offset[q]; k < end; ++k) {
-        __builtin_prefetch(quad + k + next, 0, 2);
-        for (int half = 0; half < 2; ++half) {
-          const std::uint16_t* twice = quad[k].twice + 2 * half;
-          DIMPLE_TWO_NODES(&quad[k].d[2 * half][0]);
-          const Vec8 force = p0 * dx + p1 * dy + p2 * dz;
-          DIMPLE_NODE(Vec4, f, twice[0]) += __builtin_shufflevector(force, force, 0, 1, 2, 3);
-          DIMPLE_NODE(Vec4, f, twice[1]) += __builtin_shufflevector(force, force, 4, 5, 6, 7);
-        }
-      }
-    } else {
-      for (std::int32_t k = offset[q]; k < end; ++k) {
-        __builtin_prefetch(quad + k + next, 0, 2);
-        for (int i = 0; i < 4; ++i) {
-          const Real* d = quad[k].d[i];
-          DIMPLE_NODE(Vec4, f, quad[k].twice[i]) += c0 * d[0] + c1 * d[1] + c2 * d[2];
-        }
+    for (std::int32_t k = offset[q]; k < end; ++k) {
+      __builtin_prefetch(quad + k + next, 0, 2);
+      for (int i = 0; i < 4; i += nodes) {
+        const auto d = load_gradients<nodes>(quad[k].d + i);
+        scatter_add<nodes>(f, quad[k].twice + i, p0 * d.x + p1 * d.y + p2 * d.z);
       }
     }
   }
 }
-#undef DIMPLE_NODE
-#undef DIMPLE_FOUR_PLACES
-#undef DIMPLE_JOIN
-#undef DIMPLE_FOUR_NODES
-#undef DIMPLE_FOUR_TIMES
-#undef DIMPLE_TWICE
-#undef DIMPLE_TWO_NODES
-#undef DIMPLE_TRANSPOSE
 
-template <class Real, class Share>
-[[gnu::always_inline]] inline void variance_body(const Share* share, const std::int32_t* offset,
-                                                 const Real* u, double scale, double* f, Index first,
-                                                 Index last) {
-  using Vec4 = typename Registers<Real>::Vec4;
-  const Vec4* node = reinterpret_cast<const Vec4*>(u);
+template <class Real>
+DIMPLE_CLONES void cloned_scatter(const ProjectedQuad<Real>* quad, const std::int32_t* offset,
+                                  const ProjectedColumns<Real>* stress, Real* f, Index first, Index last) {
+  scatter_body<Real, 1>(quad, offset, stress, f, first, last);
+}
+DIMPLE_AVX2 void avx2_scatter(const ProjectedQuad<float>* quad, const std::int32_t* offset,
+                              const ProjectedColumns<float>* stress, float* f, Index first, Index last) {
+  scatter_body<float, 2>(quad, offset, stress, f, first, last);
+}
+DIMPLE_AVX512 void avx512_scatter(const ProjectedQuad<float>* quad, const std::int32_t* offset,
+                                  const ProjectedColumns<float>* stress, float* f, Index first, Index last) {
+  scatter_body<float, 4>(quad, offset, stress, f, first, last);
+}
+template <class Real>
+void scatter(const ProjectedQuad<Real>* quad, const std::int32_t* offset,
+             const ProjectedColumns<Real>* stress, Real* f, Index first, Index last) {
+  if constexpr (sizeof(Real) == 4) {
+    if (has_avx512) return avx512_scatter(quad, offset, stress, f, first, last);
+    if (has_avx2) return avx2_scatter(quad, offset, stress, f, first, last);
+  }
+  cloned_scatter(quad, offset, stress, f, first, last);
+}
+
+template <class Real>
+DIMPLE_CLONES void variance_forces(const ProjectedShare<Real>* share, const std::int32_t* offset,
+                                   const Real* u, double scale, double* f, Index first, Index last) {
   for (Index a = first; a < last; ++a) {
-    Vec4 sum[4] = {};
+    Four<Real> sum[4] = {};
     std::int32_t k = offset[a];
     const std::int32_t end = offset[a + 1];
     for (; k + 3 < end; k += 4) {
       __builtin_prefetch(share + k + 128);
-      for (int i = 0; i < 4; ++i) sum[i] += node[share[k + i].number] * share[k + i].weight;
+      for (int i = 0; i < 4; ++i) sum[i] += four(u, share[k + i].number) * share[k + i].weight;
     }
-    for (; k < end; ++k) sum[0] += node[share[k].number] * share[k].weight;
-    const Vec4 all = (sum[0] + sum[1]) + (sum[2] + sum[3]);
+    for (; k < end; ++k) sum[0] += four(u, share[k].number) * share[k].weight;
+    const auto all = (sum[0] + sum[1]) + (sum[2] + sum[3]);
     for (int i = 0; i < 4; ++i) f[4 * a + i] += scale * static_cast<double>(all[i]);
   }
 }
@@ -337,121 +252,48 @@ template <class Real, class Share>
 // Eight points that follow each other have most of their patches in common: one list serves them. The mean
 // over each point's patches; and what `value` x volume x weight adds to each patch, eight sums a patch.
 template <class Real>
-[[gnu::always_inline]] inline void mean_body(const std::int32_t* number, const Real* weight,
-                                             const std::int32_t* offset, const Real* patch, Real* mean,
-                                             Index first, Index last) {
-  using Octet = typename Registers<Real>::Octet;
+DIMPLE_CLONES void means_of_patches(const std::int32_t* number, const Real* weight,
+                                    const std::int32_t* offset, const Real* patch, Real* mean, Index first,
+                                    Index last) {
+  using Octet = Pack<Real, 8>;
   for (Index o = first; o < last; ++o) {
     Octet even = {}, odd = {};
     std::int32_t k = offset[o];
     const std::int32_t end = offset[o + 1];
     for (; k + 1 < end; k += 2) {
-      even += *reinterpret_cast<const Octet*>(weight + 8 * k) * patch[number[k]];
-      odd += *reinterpret_cast<const Octet*>(weight + 8 * k + 8) * patch[number[k + 1]];
+      even += load<8>(weight + 8 * k) * patch[number[k]];
+      odd += load<8>(weight + 8 * k + 8) * patch[number[k + 1]];
     }
-    if (k < end) even += *reinterpret_cast<const Octet*>(weight + 8 * k) * patch[number[k]];
-    *reinterpret_cast<Octet*>(mean + 8 * (o - first)) = even + odd;
+    if (k < end) even += load<8>(weight + 8 * k) * patch[number[k]];
+    store<8>(mean + 8 * (o - first), even + odd);
   }
 }
 template <class Real>
-[[gnu::always_inline]] inline void spread_body(const std::int32_t* number, const Real* weight,
-                                               const std::int32_t* offset, const Real* value,
-                                               const Real* volume, Real* patch, Index first, Index last) {
-  using Octet = typename Registers<Real>::Octet;
+DIMPLE_CLONES void spread_to_patches(const std::int32_t* number, const Real* weight,
+                                     const std::int32_t* offset, const Real* value, const Real* volume,
+                                     Real* patch, Index first, Index last) {
+  using Octet = Pack<Real, 8>;
   for (Index o = first; o < last; ++o) {
-    const Octet all =
-        *reinterpret_cast<const Octet*>(value + 8 * o) * *reinterpret_cast<const Octet*>(volume + 8 * o);
+    const Octet all = load<8>(value + 8 * o) * load<8>(volume + 8 * o);
     for (std::int32_t k = offset[o], end = offset[o + 1]; k < end; ++k)
-      *reinterpret_cast<Octet*>(patch + 8 * number[k]) +=
-          *reinterpret_cast<const Octet*>(weight + 8 * k) * all;
+      store<8>(patch + 8 * number[k], load<8>(patch + 8 * number[k]) + load<8>(weight + 8 * k) * all);
   }
 }
 
 // The smallest of eight points' J - 1 apart each, and whether all are numbers.
 template <class Real>
-[[gnu::always_inline]] inline bool least_body(const Real* dilation, Real* least, Index first, Index last) {
-  using Octet = typename Registers<Real>::Octet;
+DIMPLE_CLONES bool least_dilations(const Real* dilation, Real* least, Index first, Index last) {
+  using Octet = Pack<Real, 8>;
   Octet smallest = {}, nothing = {};
   for (Index o = first / 8; 8 * o < last; ++o) {
-    const Octet now = *reinterpret_cast<const Octet*>(dilation + 8 * o);
+    const Octet now = load<8>(dilation + 8 * o);
     smallest = now < smallest ? now : smallest;
     nothing += now - now;
   }
-  *reinterpret_cast<Octet*>(least) = smallest;
+  store<8>(least, smallest);
   bool numbers = true;
   for (int lane = 0; lane < 8; ++lane) numbers = numbers && nothing[lane] == Real(0);
   return numbers;
-}
-
-#define DIMPLE_CLONED(Real)                                                                                \
-  DIMPLE_CLONES void gradients(const ProjectedQuad<Real>* quad, const std::int32_t* offset, const Real* u, \
-                               ProjectedOctet<Real>* gradient, Real* dilation, Index first, Index last) {  \
-    gradient_body<Real, false>(quad, offset, u, gradient, first, last);                                    \
-    dilation_body<Real>(gradient, dilation, first, last);                                                  \
-  }                                                                                                        \
-  DIMPLE_CLONES void neo_hookean_stresses(const ProjectedOctet<Real>* gradient, const Real* dilation,      \
-                                          const Real* pressure, const Real* mu, const Real* volume,        \
-                                          ProjectedColumns<Real>* stress, Index first, Index last,         \
-                                          Real least_J, Real share) {                                      \
-    stress_body<Real>(gradient, dilation, pressure, mu, volume, stress, first, last, least_J, share);      \
-  }                                                                                                        \
-  DIMPLE_CLONES void scatter_forces(const ProjectedQuad<Real>* quad, const std::int32_t* offset,           \
-                                    const ProjectedColumns<Real>* stress, Real* f, Index first,            \
-                                    Index last) {                                                          \
-    scatter_body<Real, false>(quad, offset, stress, f, first, last);                                       \
-  }                                                                                                        \
-  DIMPLE_CLONES void variance_forces(const ProjectedShare<Real>* share, const std::int32_t* offset,        \
-                                     const Real* u, double scale, double* f, Index first, Index last) {    \
-    variance_body<Real>(share, offset, u, scale, f, first, last);                                          \
-  }                                                                                                        \
-  DIMPLE_CLONES bool least_dilations(const Real* dilation, Real* least, Index first, Index last) {         \
-    return least_body<Real>(dilation, least, first, last);                                                 \
-  }                                                                                                        \
-  DIMPLE_CLONES void means_of_patches(const std::int32_t* number, const Real* weight,                      \
-                                      const std::int32_t* offset, const Real* patch, Real* mean,           \
-                                      Index first, Index last) {                                           \
-    mean_body<Real>(number, weight, offset, patch, mean, first, last);                                     \
-  }                                                                                                        \
-  DIMPLE_CLONES void spread_to_patches(const std::int32_t* number, const Real* weight,                     \
-                                       const std::int32_t* offset, const Real* value, const Real* volume,  \
-                                       Real* patch, Index first, Index last) {                             \
-    spread_body<Real>(number, weight, offset, value, volume, patch, first, last);                          \
-  }
-DIMPLE_CLONED(float)
-DIMPLE_CLONED(double)
-#undef DIMPLE_CLONED
-
-// The loops over nodes, two thirds of an evaluation, four nodes at a time where the processor has AVX-512.
-#if defined(__x86_64__)
-#define DIMPLE_WIDE __attribute__((target("avx512f")))
-const bool has_wide = __builtin_cpu_supports("avx512f");
-#else
-#define DIMPLE_WIDE
-constexpr bool has_wide = false;
-#endif
-DIMPLE_WIDE void wide_gradients(const ProjectedQuad<float>* quad, const std::int32_t* offset, const float* u,
-                                ProjectedOctet<float>* gradient, float* dilation, Index first, Index last) {
-  gradient_body<float, true>(quad, offset, u, gradient, first, last);
-  dilation_body<float>(gradient, dilation, first, last);
-}
-DIMPLE_WIDE void wide_scatter_forces(const ProjectedQuad<float>* quad, const std::int32_t* offset,
-                                     const ProjectedColumns<float>* stress, float* f, Index first,
-                                     Index last) {
-  scatter_body<float, true>(quad, offset, stress, f, first, last);
-}
-template <class Real>
-void gradients_of(const ProjectedQuad<Real>* quad, const std::int32_t* offset, const Real* u,
-                  ProjectedOctet<Real>* gradient, Real* dilation, Index first, Index last) {
-  if constexpr (sizeof(Real) == 4)
-    if (has_wide) return wide_gradients(quad, offset, u, gradient, dilation, first, last);
-  gradients(quad, offset, u, gradient, dilation, first, last);
-}
-template <class Real>
-void scatter(const ProjectedQuad<Real>* quad, const std::int32_t* offset,
-             const ProjectedColumns<Real>* stress, Real* f, Index first, Index last) {
-  if constexpr (sizeof(Real) == 4)
-    if (has_wide) return wide_scatter_forces(quad, offset, stress, f, first, last);
-  scatter_forces(quad, offset, stress, f, first, last);
 }
 
 // F at point q.
@@ -567,7 +409,7 @@ void ProjectedKernel<Real>::pointwise_forces(State& s, Index first, Index last, 
   std::fill_n(force, 4 * (to - from), Real(0));
   for (Index q = first; q < last; q += points_at_once) {
     const Index end = std::min(q + points_at_once, last);
-    gradients_of(quad_.data(), point_offset_.data(), node, s.gradient.data(), s.dilation.data(), q, end);
+    gradients(quad_.data(), point_offset_.data(), node, s.gradient.data(), s.dilation.data(), q, end);
     for (auto p = static_cast<std::size_t>(q); p < static_cast<std::size_t>(end); ++p)
       s.pressure[p] = s.ks[p] * s.dilation[p];
     point_stresses(s, q, end, stress.data());
@@ -621,8 +463,8 @@ typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(State&
         s.at_node[4 * k + i] =
             static_cast<Real>(u[4 * static_cast<std::size_t>(nodes_of_block_.member[k]) + i]);
     if (patches_ > 0)
-      gradients_of(quad_.data(), point_offset_.data(), s.at_node.data() + 4 * from, s.gradient.data(),
-                   s.dilation.data(), first, last);
+      gradients(quad_.data(), point_offset_.data(), s.at_node.data() + 4 * from, s.gradient.data(),
+                s.dilation.data(), first, last);
     else
       pointwise_forces(s, first, last, from, to);
     Sweep& sweep = s.block[static_cast<std::size_t>(block)] = Sweep{};

@@ -178,7 +178,7 @@ class ProjectedKernel {
   Lists of_patch_;  // points; psi V / V_b
   Places nodes_of_block_, patches_of_block_;
   LongVector<Real> volume_, mu_;  // [Q], and whole octets
-  Real smallest_J_, slope_;       // see stress_body
+  Real smallest_J_, slope_;       // see neo_hookean_stresses
   std::vector<double> patch_volume_;
   std::vector<Variance> variance_;
   std::vector<std::int32_t> slot_;  // [Q] of the point in its tissue's history

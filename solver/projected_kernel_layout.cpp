@@ -1,4 +1,4 @@
-// Builds the layout of the hot loops in projected_kernel.cpp.
+// Builds the layout that is drawn at the top of projected_kernel.cpp.
 
 #include <algorithm>
 
