@@ -149,14 +149,18 @@ DIMPLE_CLONES void neo_hookean_stresses(const ProjectedOctet<Real>* gradient, co
   for (Index q = first; q < last; q += count) {
     const auto& H = gradient[q / 8].column;
     const Index part = q % 8;
-    const Lanes f00 = load<count>(H[0][0] + part) + Real(1), f10 = load<count>(H[0][1] + part),
-                f20 = load<count>(H[0][2] + part), f01 = load<count>(H[1][0] + part),
-                f11 = load<count>(H[1][1] + part) + Real(1), f21 = load<count>(H[1][2] + part),
-                f02 = load<count>(H[2][0] + part), f12 = load<count>(H[2][1] + part),
-                f22 = load<count>(H[2][2] + part) + Real(1);
-    const Lanes J = load<count>(dilation + q) + Real(1);
-    const Lanes I1 = (f00 * f00 + f10 * f10 + f20 * f20) + (f01 * f01 + f11 * f11 + f21 * f21) +
-                     (f02 * f02 + f12 * f12 + f22 * f22);
+    const Lanes h00 = load<count>(H[0][0] + part), h10 = load<count>(H[0][1] + part),
+                h20 = load<count>(H[0][2] + part), h01 = load<count>(H[1][0] + part),
+                h11 = load<count>(H[1][1] + part), h21 = load<count>(H[1][2] + part),
+                h02 = load<count>(H[2][0] + part), h12 = load<count>(H[2][1] + part),
+                h22 = load<count>(H[2][2] + part);
+    const Lanes e = load<count>(dilation + q), J = e + Real(1);
+    // (|F|^2 - 3) / 3, and |F|^2
+    const Lanes stretch =
+        Real(1.0 / 3.0) * (Real(2) * (h00 + h11 + h22) +
+                           ((h00 * h00 + h10 * h10 + h20 * h20) + (h01 * h01 + h11 * h11 + h21 * h21) +
+                            (h02 * h02 + h12 * h12 + h22 * h22)));
+    const Lanes I1 = Real(3) * stretch + Real(3);
     // g = J^(-2/3) and its slope; below least_J the Taylor polynomial there.
     const auto inverted = J < least_J;
     const Lanes Jc = J > least_J ? J : least_J + Lanes{};
@@ -169,16 +173,26 @@ DIMPLE_CLONES void neo_hookean_stresses(const ProjectedOctet<Real>* gradient, co
     const Lanes low = g0 + below * (g1 + Real(0.5) * g2 * below), low_slope = g1 + g2 * below;
     const Lanes g = inverted ? low : power, slope = share * (inverted ? low_slope : power_slope);
 
+    // P = M g F + (pressure + M I1 slope / 2) cof F, where M (g F - g / (3 J) I1 cof F), all of it at rest, is
+    // the difference of numbers that are nearly alike: of small strains it would leave the rounding of 1. So
+    // of F = I + H and cof F = I + K what the two identities leave is taken together:
+    // g + I1 slope / 2 = (g / J) (J - 1 - stretch).
+    const Lanes cofactor = Real(0.5) * I1 * slope;
+    const Lanes direct = g + cofactor, upright = power * (root * root * root) * (e - stretch);
+    const Lanes of_identity = share == Real(0) ? direct : inverted ? direct : upright;
     const Lanes V = load<count>(volume + q), M = load<count>(mu + q), shear = V * M * g;
-    const Lanes p = V * (load<count>(pressure + q) + Real(0.5) * M * I1 * slope);
+    const Lanes VP = V * load<count>(pressure + q), p = VP + V * M * cofactor,
+                rest = VP + V * M * of_identity;
     const Lanes P[3][3] = {
-        // [column][row] of V P = shear F + p cof F
-        {shear * f00 + p * (f11 * f22 - f21 * f12), shear * f10 + p * (f21 * f02 - f01 * f22),
-         shear * f20 + p * (f01 * f12 - f11 * f02)},
-        {shear * f01 + p * (f12 * f20 - f22 * f10), shear * f11 + p * (f22 * f00 - f02 * f20),
-         shear * f21 + p * (f02 * f10 - f12 * f00)},
-        {shear * f02 + p * (f10 * f21 - f20 * f11), shear * f12 + p * (f20 * f01 - f00 * f21),
-         shear * f22 + p * (f00 * f11 - f10 * f01)}};
+        // [column][row] of V P = shear H + p K + rest I
+        {shear * h00 + p * (h11 + h22 + (h11 * h22 - h21 * h12)) + rest,
+         shear * h10 + p * ((h21 * h02 - h01 * h22) - h01),
+         shear * h20 + p * ((h01 * h12 - h11 * h02) - h02)},
+        {shear * h01 + p * ((h12 * h20 - h22 * h10) - h10),
+         shear * h11 + p * (h22 + h00 + (h22 * h00 - h02 * h20)) + rest,
+         shear * h21 + p * ((h02 * h10 - h12 * h00) - h12)},
+        {shear * h02 + p * ((h10 * h21 - h20 * h11) - h20), shear * h12 + p * ((h20 * h01 - h00 * h21) - h21),
+         shear * h22 + p * (h00 + h11 + (h00 * h11 - h10 * h01)) + rest}};
     for (int j = 0; j < 3; ++j) {
       Pack<Real, 4> column[count];
       columns<Real, count>(P[j][0], P[j][1], P[j][2], column);

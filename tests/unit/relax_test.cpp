@@ -114,6 +114,36 @@ TEST(LoadSlowly, EndsWhereDynamicRelaxationDoes) {
   EXPECT_NEAR(mixed.force.back().force, force, 1e-3 * force);
 }
 
+// Small strains leave of F = I + H only what float keeps beside 1: the stress must not be made of that.
+TEST(LoadSlowly, SinglePrecisionFindsTheForceOfMovesOfTwoMicrometres) {
+  const Model model = averaged_block();
+  std::vector<double> force;
+  for (const Precision precision : {Precision::double_, Precision::single_}) {
+    const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0), precision);
+    History history;
+    march_quasi_statically(system, model, {.depth = 1e-5, .rate = 1e-6}, {.frames = 5}, {}, history);
+    EXPECT_LT(history.steps, 200);
+    force.push_back(history.force.back().force);
+  }
+  EXPECT_NEAR(force[1], force[0], 1e-4 * force[0]);
+}
+
+TEST(LoadSlowly, SinglePrecisionFindsTheForceOfLayersAThousandTimesAsStiff) {
+  const Model model = averaged_block(6, 0.2, 1.8, [](const Vec3& x) { return x.z() < 10e-3 ? 0 : 1; });
+  for (const bool stiff_below : {true, false}) {
+    const Material soft = neo_hookean(210.0, 0.499, 1000.0), stiff = neo_hookean(210e3, 0.499, 1000.0);
+    std::vector<double> force;
+    for (const Precision precision : {Precision::double_, Precision::single_}) {
+      const ForceSystem system(
+          model, {{stiff_below ? stiff : soft, stiff_below ? soft : stiff}, model.tissue}, precision);
+      History history;
+      march_quasi_statically(system, model, {.depth = 1e-3, .rate = 1e-4}, {.frames = 2}, {}, history);
+      force.push_back(history.force.back().force);
+    }
+    EXPECT_NEAR(force[1], force[0], 1e-3 * force[0]);
+  }
+}
+
 TEST(LoadSlowly, GivesTheSameBitsForAnyNumberOfThreads) {
   const Model model = averaged_block();
   std::vector<double> force;
