@@ -136,6 +136,13 @@ struct Frame {
   Mat3 voxel_to_local;  // diagonal, but for sheared images
 };
 
+// To a picometre: headers in other formats, or of an image with another corner, hold the same numbers with
+// other last digits, and the body must not depend on those.
+template <class Matrix>
+Matrix rounded(const Matrix& mm) {
+  return (mm.array() * 1e9).round() / 1e9;
+}
+
 Frame frame_of(const Mat3& A, const Vec3& spacing) {
   Frame frame;
   const Eigen::JacobiSVD<Mat3> svd(A * spacing.cwiseInverse().asDiagonal(),
@@ -145,8 +152,7 @@ Frame frame_of(const Mat3& A, const Vec3& spacing) {
   const Mat3 off_diagonal = L - Mat3(L.diagonal().asDiagonal());
   if (off_diagonal.cwiseAbs().maxCoeff() < 1e-6 * spacing.minCoeff())
     L = Mat3(Vec3(L.diagonal()).asDiagonal());
-  // Headers in other formats hold the same numbers with other last digits; the body must not depend on those.
-  frame.voxel_to_local = (L.array() * 1e9).round() / 1e9;
+  frame.voxel_to_local = rounded(L);
   return frame;
 }
 
@@ -172,7 +178,7 @@ Frame own_frame(const LabelImage& image, const AxisOrder& order, VoxelSet& body)
     corner[static_cast<Index>(d)] = static_cast<double>(body.first[d] - 1);
     body.first[d] = 1;
   }
-  frame.to_world.translation() = to_world * corner;
+  frame.to_world.translation() = rounded(Vec3(to_world * corner));
   return frame;
 }
 
