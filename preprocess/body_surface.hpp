@@ -11,9 +11,9 @@ namespace dimple {
 /// The closed surface of one body: what decides inside and outside, and how far away. Lengths in mm.
 ///
 /// Coordinates are the body's own frame: the image's axes, in an order and direction that the body itself
-/// suggests (own_order), with the origin at the corner of the image from which they start. `to_world` is the
-/// rigid motion to LPS. Everything that is built on the surface therefore comes out the same, bit for bit,
-/// however the image was stored, and moves with the body when the body is turned.
+/// suggests (own_order), with the origin two voxels before the body's own box. `to_world` is the rigid motion
+/// to LPS. Everything that is built on the surface therefore comes out the same, bit for bit, however the image
+/// was stored and however much of it is empty, and moves with the body when the body is turned.
 class BodySurface {
  public:
   /// Takes a closed, outward-oriented triangle surface. Throws ModelError if it is not closed.

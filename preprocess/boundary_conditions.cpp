@@ -42,6 +42,7 @@ constexpr double dome_depth = 0.2;       // of the height: the part of a side th
 constexpr double same_dome = 0.05;       // domes that differ by less are as broad
 constexpr double same_moment = 0.9;      // variances across two axes: from here on neither is the thinner one
 constexpr double few_voxels = 3.0;       // across the circle
+constexpr double widest_circle = 1000.0;  // mm: as wide as --indenter-diameter takes
 
 std::string side_name(const Vec3& lps) {
   const auto best = std::max_element(sides.begin(), sides.end(), [&](const Side& a, const Side& b) {
@@ -313,7 +314,12 @@ void find_circle(const BodySurface& body, const Moments& moments, const Boundary
                              options.indenter_diameter_mm, options.voxel_mm),
          .where = "--indenter-diameter (boundary.indenter_diameter_mm)",
          .why = "the image does not say what the surface is like beneath it",
-         .remedy = fmt::format("give at least {:.4g} mm, or a finer image", few_voxels * options.voxel_mm),
+         .remedy =
+             few_voxels * options.voxel_mm > widest_circle
+                 ? std::string(
+                       "no circle is wide enough for such voxels: check the unit of the image's voxel "
+                       "spacing, which is taken as millimetres")
+                 : fmt::format("give at least {:.4g} mm, or a finer image", few_voxels * options.voxel_mm),
          .code = "circle-too-small"});
   if (options.voxel_mm > 0.0 && across < few_voxels)
     result.warnings.push_back(fmt::format(

@@ -64,7 +64,7 @@ std::size_t largest(const std::vector<Pieces::Piece>& pieces) {
   return static_cast<std::size_t>(found - pieces.begin());
 }
 
-// The largest piece, with its small cavities filled.
+// The largest piece, with its small cavities filled, in a box of its own: what is dropped decides nothing.
 VoxelSet one_body(const LabelImage& image, const VoxelSet& set, double voxel_volume, SegmentReport& report) {
   const Pieces pieces = face_connected(set);
   const std::size_t body = largest(pieces.piece);
@@ -99,7 +99,7 @@ VoxelSet one_body(const LabelImage& image, const VoxelSet& set, double voxel_vol
                       .where = "choice of labels",
                       .why = "the label is a speck, or the image is too coarse for it",
                       .remedy = "choose another --label, or give a finer image"});
-  return complement(selection(around, gaps, empty));
+  return cropped(complement(selection(around, gaps, empty)));
 }
 
 void tell_of_cavities(SegmentReport& report) {
@@ -127,25 +127,29 @@ void tell_of_cavities(SegmentReport& report) {
   }
 }
 
-// A rigid frame along the voxels' axes, and voxel -> that frame.
+// A rigid frame along the voxels' axes, and voxel -> that frame. Both count from the same place.
 struct Frame {
   Eigen::Isometry3d to_world = Eigen::Isometry3d::Identity();
   Mat3 voxel_to_local;  // diagonal, but for sheared images
 };
 
-Frame frame_of(const Eigen::Affine3d& to_world, const Vec3& spacing) {
+// To a picometre: headers in other formats, or of an image with another corner, hold the same numbers with
+// other last digits, and the body must not depend on those.
+template <class Matrix>
+Matrix rounded(const Matrix& mm) {
+  return (mm.array() * 1e9).round() / 1e9;
+}
+
+Frame frame_of(const Mat3& A, const Vec3& spacing) {
   Frame frame;
-  const Mat3 A = to_world.linear();
   const Eigen::JacobiSVD<Mat3> svd(A * spacing.cwiseInverse().asDiagonal(),
                                    Eigen::ComputeFullU | Eigen::ComputeFullV);
   frame.to_world.linear() = svd.matrixU() * svd.matrixV().transpose();
-  frame.to_world.translation() = to_world.translation();
   Mat3 L = frame.to_world.linear().transpose() * A;
   const Mat3 off_diagonal = L - Mat3(L.diagonal().asDiagonal());
   if (off_diagonal.cwiseAbs().maxCoeff() < 1e-6 * spacing.minCoeff())
     L = Mat3(Vec3(L.diagonal()).asDiagonal());
-  // Headers in other formats hold the same numbers with other last digits; the body must not depend on those.
-  frame.voxel_to_local = (L.array() * 1e9).round() / 1e9;
+  frame.voxel_to_local = rounded(L);
   return frame;
 }
 
@@ -159,6 +163,20 @@ Eigen::Affine3d reordered(const LabelImage& image, const AxisOrder& order) {
       old_voxel.translation()[old] = static_cast<double>(image.size[static_cast<std::size_t>(old)] - 1);
   }
   return image.to_world * old_voxel;
+}
+
+// The body's own frame, and the body's voxels as they count in it. It begins at the body and not at the image's
+// corner: how many empty voxels are around the body is no property of it. Two voxels before it, as in a phantom.
+Frame own_frame(const LabelImage& image, const AxisOrder& order, VoxelSet& body) {
+  const Eigen::Affine3d to_world = reordered(image, order);
+  Frame frame = frame_of(to_world.linear(), image.spacing()(order.axis));
+  Vec3 corner;
+  for (std::size_t d = 0; d < 3; ++d) {
+    corner[static_cast<Index>(d)] = static_cast<double>(body.first[d] - 1);
+    body.first[d] = 1;
+  }
+  frame.to_world.translation() = rounded(Vec3(to_world * corner));
+  return frame;
 }
 
 // Finer than the voxels there is nothing to see, and memory has a bound.
@@ -381,14 +399,14 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   report.labels = labels;
   const VoxelSet chosen = chosen_voxels(image, labels);
   report.cut_by_border = touches_border(chosen, image);
-  const VoxelSet in_image =
-      one_body(image, chosen, frame_of(image.to_world, image.spacing()).voxel_to_local.determinant(), report);
+  const VoxelSet in_image = one_body(
+      image, chosen, frame_of(image.to_world.linear(), image.spacing()).voxel_to_local.determinant(), report);
   tell_of_cavities(report);
   // The organ's own frame: what is built in it comes out the same however the organ was turned in the
-  // scanner.
+  // scanner, and wherever it lies in the image.
   const AxisOrder order = own_order(in_image, image.spacing());
-  const VoxelSet body = reordered(in_image, order, image.size);
-  const Frame frame = frame_of(reordered(image, order), image.spacing()(order.axis));
+  VoxelSet body = reordered(in_image, order, image.size);
+  const Frame frame = own_frame(image, order, body);
   const Vec3 spacing = frame.voxel_to_local.colwise().norm();
   double step = options.step_mm > 0.0
                     ? std::max(options.step_mm, finest_step(body, spacing))

@@ -54,6 +54,32 @@ VoxelSet voxels_with(const LabelImage& image, const std::vector<int>& labels) {
   return set;
 }
 
+VoxelSet cropped(const VoxelSet& set) {
+  if (set.stretch.empty()) return set;
+  std::array<Index, 3> lower = set.size, upper = {-1, -1, -1};
+  for (Index k = 0; k < set.size[2]; ++k)
+    for (Index j = 0; j < set.size[1]; ++j) {
+      const auto row = set.row(j, k);
+      if (row.empty()) continue;
+      lower = {std::min<Index>(lower[0], row.front().begin), std::min(lower[1], j), std::min(lower[2], k)};
+      upper = {std::max<Index>(upper[0], row.back().end - 1), std::max(upper[1], j), k};
+    }
+  VoxelSet part;
+  for (std::size_t d = 0; d < 3; ++d) {
+    part.first[d] = set.first[d] + lower[d] - 1;
+    part.size[d] = upper[d] - lower[d] + 3;
+  }
+  const auto before = static_cast<std::int32_t>(lower[0] - 1);
+  part.offset = {0};
+  for (Index k = lower[2] - 1; k <= upper[2] + 1; ++k)
+    for (Index j = lower[1] - 1; j <= upper[1] + 1; ++j) {
+      if (j >= lower[1] && j <= upper[1] && k >= lower[2] && k <= upper[2])
+        for (const auto& [begin, end] : set.row(j, k)) part.stretch.push_back({begin - before, end - before});
+      part.offset.push_back(part.stretch.size());
+    }
+  return part;
+}
+
 VoxelSet complement(const VoxelSet& set) {
   VoxelSet rest{.first = set.first, .size = set.size, .stretch = {}, .offset = {0}};
   const auto length = static_cast<std::int32_t>(set.size[0]);

@@ -28,6 +28,9 @@ struct VoxelSet {
 /// Empty if there is none.
 VoxelSet voxels_with(const LabelImage& image, const std::vector<int>& labels);
 
+/// The same voxels in their own box and one voxel around it.
+VoxelSet cropped(const VoxelSet& set);
+
 /// The other voxels of the box.
 VoxelSet complement(const VoxelSet& set);
 

@@ -1,6 +1,7 @@
 // One organ, stored in every way that files allow, gives one model and one force; a turned organ the turned
 // ones.
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -73,6 +74,29 @@ Stored stored_as(const LabelImage& image, const std::array<int, 3>& axis,
           from[static_cast<std::size_t>(axis[c])] = reversed[c] ? result.size[c] - 1 - at[c] : at[c];
         result.voxels += static_cast<char>(image.at(from[0], from[1], from[2]));
       }
+  return result;
+}
+
+/// With up to eleven more empty planes of voxels at each of the six sides.
+Stored padded(const Stored& image, std::mt19937& random) {
+  Stored result = image;
+  std::array<Index, 3> before{};
+  Vec3 corner;
+  for (std::size_t d = 0; d < 3; ++d) {
+    before[d] = static_cast<Index>(random() % 12);
+    result.size[d] += before[d] + static_cast<Index>(random() % 12);
+    corner[static_cast<Index>(d)] = -static_cast<double>(before[d]);
+  }
+  result.to_world.translation() = image.to_world * corner;
+  result.voxels.assign(static_cast<std::size_t>(result.size[0] * result.size[1] * result.size[2]), '\0');
+  for (Index k = 0; k < image.size[2]; ++k)
+    for (Index j = 0; j < image.size[1]; ++j) {
+      const Index from = image.size[0] * (j + image.size[1] * k),
+                  to = before[0] + result.size[0] * (j + before[1] + result.size[1] * (k + before[2]));
+      result.voxels.replace(static_cast<std::size_t>(to), static_cast<std::size_t>(image.size[0]),
+                            image.voxels, static_cast<std::size_t>(from),
+                            static_cast<std::size_t>(image.size[0]));
+    }
   return result;
 }
 
@@ -149,23 +173,27 @@ void write_nifti(const fs::path& file, const Stored& image) {
 
 struct Result {
   Points nodes;
-  Vec3 centroid;  // of the integration points, by volume
+  Eigen::RowVectorXd sets;  // of the base, of the circle, or neither
+  Vec3 centroid;            // of the integration points, by volume
   Eigen::VectorXd force;
 };
 
-Result run(const fs::path& folder, const std::string& image) {
+const std::string precisely = "--precision double --time quasi-static --set solver.tolerance=1e-8";
+
+Result run(const fs::path& folder, const std::string& image, const std::string& options = precisely) {
   SCOPED_TRACE(image);
   const std::string out = image + ".out";
-  const Ran ran = dimple(folder, "run " + image + " -o " + out +
-                                     " -q --nodes 500 --depth 1mm --frames 1 --precision double " +
-                                     "--time quasi-static --set solver.tolerance=1e-8");
+  const Ran ran =
+      dimple(folder, "run " + image + " -o " + out + " -q --nodes 500 --depth 1mm --frames 1 " + options);
   EXPECT_EQ(ran.code, 0) << ran.err;
   if (ran.code != 0) return {};
   const PointFile points = read_vtu(folder / out / "model" / "points.vtu");
   const auto volume = points.find("volume")->values.row(0);
   const Table table = read_csv(folder / out / "force.csv");
   const auto* force = table.find("force_N");
-  return {.nodes = read_vtu(folder / out / "model" / "nodes.vtu").position_mm,
+  const PointFile nodes = read_vtu(folder / out / "model" / "nodes.vtu");
+  return {.nodes = nodes.position_mm,
+          .sets = nodes.find("node_set")->values.row(0),
           .centroid = points.position_mm * volume.transpose() / volume.sum(),
           .force = Eigen::Map<const Eigen::VectorXd>(force->data(), static_cast<Index>(force->size()))};
 }
@@ -191,6 +219,38 @@ Vec3 centroid_of_labels(const Stored& image) {
           count += 1.0;
         }
   return sum / count;
+}
+
+// How much of an image is empty says nothing about the organ. With what a run does of itself, whose forces stop
+// at a tolerance: where these are the same, so is all that is before them.
+TEST(Storage, WithAnyNumberOfEmptyPlanesAroundTheOrganGivesOneModelAndOneForce) {
+  const fs::path folder = fresh_folder();
+  std::mt19937 random(5);
+  LabelImage image = organ();
+  for (const bool oblique : {false, true}) {
+    if (oblique)
+      image.to_world = Eigen::Translation3d(17.123456, -33.987, 91.31) *
+                       Eigen::AngleAxisd(0.4, Vec3(0.3, -0.5, 1.0).normalized()) *
+                       Eigen::Scaling(0.9375, 1.01, 1.013) * image.to_world;
+    const Stored plain = stored_as(image, {0, 1, 2}, {false, false, false});
+    write_nrrd(folder / "plain.nrrd", plain, false);
+    for (const char* place : {"top", "asked"}) {
+      std::string options;
+      if (place != std::string("top")) {
+        const Vec3 at = image.to_world * Vec3(27.3, 14.6, 19.0);
+        options = fmt::format("--base inferior --indent-at={},{},{}", at.x(), at.y(), at.z());
+      }
+      const Result first = run(folder, "plain.nrrd", options + " --force");
+      ASSERT_EQ(first.nodes.cols(), 500);
+      for (int draw = 0; draw < 3; ++draw) {
+        SCOPED_TRACE(fmt::format("oblique {}, {}, draw {}", oblique, place, draw));
+        write_nrrd(folder / "padded.nrrd", padded(plain, random), false);
+        const Result again = run(folder, "padded.nrrd", options + " --force");
+        expect_same(again, first, 1e-9);
+        EXPECT_EQ(again.sets, first.sets);
+      }
+    }
+  }
 }
 
 const Mat3 turn = Eigen::AngleAxisd(0.35, Vec3(0.3, -0.5, 1.0).normalized()).toRotationMatrix();

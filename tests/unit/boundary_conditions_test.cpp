@@ -315,6 +315,22 @@ TEST(Circle, SmallerThanAVoxelIsRefusedAndOfFewVoxelsWarnedOf) {
   EXPECT_TRUE(find_boundary(body.surface, {.indenter_diameter_mm = 8.0, .voxel_mm = 2.0}).warnings.empty());
 }
 
+// The option takes a metre at most: three such voxels across would be refused as well.
+TEST(Circle, ThatWouldHaveToBeWiderThanAnyAsksForTheUnitOfTheVoxels) {
+  const BodySurface block = block_surface({-3e4, -3e4, 0}, {3e4, 3e4, 3e4});
+  const auto remedy = [&](double voxel_mm) -> std::string {
+    try {
+      find_boundary(block, {.voxel_mm = voxel_mm});
+    } catch (const ModelError& error) {
+      return error.report.remedy;
+    }
+    return "";
+  };
+  EXPECT_NE(remedy(300.0).find("give at least 900 mm"), std::string::npos) << remedy(300.0);
+  EXPECT_NE(remedy(1500.0).find("check the unit"), std::string::npos) << remedy(1500.0);
+  EXPECT_EQ(remedy(1500.0).find("give at least"), std::string::npos) << remedy(1500.0);
+}
+
 TEST(Circle, AskedForFarFromTheSurfaceIsRefusedAndNearItMovedWithAWarning) {
   const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
   EXPECT_TRUE(find_boundary(block, {.base = "inferior", .indent_at = "0,0,33"}).warnings.empty());

@@ -54,6 +54,68 @@ TEST(BodySurface, OfABallIsSmoothWhereItsVoxelsAreStairs) {
     EXPECT_NEAR((x - Vec3::Constant(21.5)).norm(), radius, 0.3);  // voxel corners stick out by up to 0.87
 }
 
+/// The same voxels with so many empty ones before and behind each axis.
+LabelImage padded(const LabelImage& image, const std::array<Index, 3>& before,
+                  const std::array<Index, 3>& behind) {
+  LabelImage result;
+  result.to_world = image.to_world;
+  Vec3 corner;
+  for (std::size_t d = 0; d < 3; ++d) {
+    result.size[d] = before[d] + image.size[d] + behind[d];
+    corner[static_cast<Index>(d)] = -static_cast<double>(before[d]);
+  }
+  result.to_world.translation() = image.to_world * corner;
+  std::vector<std::int32_t> voxel;
+  for (Index k = -before[2]; k < image.size[2] + behind[2]; ++k)
+    for (Index j = -before[1]; j < image.size[1] + behind[1]; ++j)
+      for (Index i = -before[0]; i < image.size[0] + behind[0]; ++i)
+        voxel.push_back(i >= 0 && j >= 0 && k >= 0 && i < image.size[0] && j < image.size[1] &&
+                                k < image.size[2]
+                            ? image.at(i, j, k)
+                            : 0);
+  set_voxels(result, voxel);
+  return result;
+}
+
+TEST(BodySurface, IsTheSameHoweverManyEmptyVoxelsSurroundTheBody) {
+  std::mt19937 random(11);
+  for (const char* shape : {"brain", "cut-ellipsoid"}) {
+    SCOPED_TRACE(shape);
+    LabelImage image = make_phantom({.shape = shape, .size_mm = {61, 44, 23}, .spacing_mm = 1.7});
+    // No place of the lattice, and no direction, is special to the body.
+    image.to_world = Eigen::Translation3d(17.123, -33.98, 91.3) *
+                     Eigen::AngleAxisd(0.4, Vec3(0.3, -0.5, 1.0).normalized()) *
+                     Eigen::Scaling(0.9, 1.0, 1.3) * image.to_world;
+    const BodySurface body = make_body_surface(image, {}).surface;
+    for (int draw = 0; draw < 4; ++draw) {
+      std::array<Index, 3> before{}, behind{};
+      for (std::size_t d = 0; d < 3; ++d) {
+        before[d] = static_cast<Index>(random() % 12);
+        behind[d] = static_cast<Index>(random() % 12);
+      }
+      const BodySurface again = make_body_surface(padded(image, before, behind), {}).surface;
+      EXPECT_EQ(again.vertex(), body.vertex());
+      EXPECT_EQ(again.triangles(), body.triangles());
+      EXPECT_LT((again.to_world() * again.vertex() - body.to_world() * body.vertex()).cwiseAbs().maxCoeff(),
+                1e-9);
+    }
+  }
+}
+
+TEST(BodySurface, IsTheSameWithASpeckElsewhereInTheImage) {
+  const LabelImage image = make_phantom({.shape = "brain", .size_mm = {60, 44, 24}, .spacing_mm = 2});
+  LabelImage speckled = padded(image, {9, 5, 7}, {4, 8, 6});
+  std::vector<std::int32_t> voxel = every_voxel(speckled);
+  voxel.front() = voxel.back() = 1;
+  set_voxels(speckled, voxel);
+  const SegmentedBody body = make_body_surface(image, {}), again = make_body_surface(speckled, {});
+  EXPECT_EQ(again.report.pieces, 3);
+  EXPECT_EQ(again.surface.vertex(), body.surface.vertex());
+  EXPECT_EQ(again.surface.triangles(), body.surface.triangles());
+  EXPECT_LT((again.surface.to_world().matrix() - body.surface.to_world().matrix()).cwiseAbs().maxCoeff(),
+            1e-9);
+}
+
 TEST(BodySurface, RefusesASpeckAndALabelThatIsNotThere) {
   LabelImage image = make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 3});
   EXPECT_THROW(make_body_surface(image, {9}), InputError);

@@ -69,6 +69,27 @@ TEST(VoxelSet, CountedInAnotherOrderHoldsTheSameVoxels) {
   }
 }
 
+TEST(VoxelSet, CroppedHasTheBoxOfItsOwnVoxelsWhateverWasThereBefore) {
+  const auto body = [](Index i, Index j, Index k) { return organ(i, j, k) && i > 3 && j < 6 && k > 2; };
+  const VoxelSet all = set_of(size, [&](Index i, Index j, Index k) {
+    return body(i, j, k) || i + j + k == 0 || i + j + k == size[0] + size[1] + size[2] - 3;
+  });
+  const Pieces pieces = face_connected(all);
+  ASSERT_EQ(pieces.piece.size(), 3u);
+  const VoxelSet wanted = set_of(size, body), part = cropped(selection(all, pieces, {false, true, false}));
+  EXPECT_NE(all.size, wanted.size);
+  for (const VoxelSet& same : {part, cropped(wanted)}) {
+    EXPECT_EQ(same.first, wanted.first);
+    EXPECT_EQ(same.size, wanted.size);
+    EXPECT_EQ(same.offset, wanted.offset);
+    ASSERT_EQ(same.stretch.size(), wanted.stretch.size());
+    for (std::size_t s = 0; s < wanted.stretch.size(); ++s) {
+      EXPECT_EQ(same.stretch[s].begin, wanted.stretch[s].begin);
+      EXPECT_EQ(same.stretch[s].end, wanted.stretch[s].end);
+    }
+  }
+}
+
 // However the scanner's axes lay, the organ's own order gives one set of voxels.
 TEST(VoxelSet, InItsOwnOrderIsTheSameHoweverItWasTurned) {
   const Vec3 spacing(1.0, 1.5, 2.0);
