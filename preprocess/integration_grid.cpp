@@ -296,12 +296,14 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
 
   IntegrationGrid grid;
   std::vector<Part> kept, slivers;
-  for (std::size_t k = 0; k < leaves.size(); ++k)
+  for (std::size_t k = 0; k < leaves.size(); ++k) {
+    if (k % 65536 == 0) stop_if_asked();
     for (const Part& part : parts[k]) {
       grid.cell = std::max(grid.cell, std::cbrt(leaves[k].volume()));
       if (part.volume < (1.0 - 1e-9) * leaves[k].volume()) ++grid.clipped;
       (part.volume < sliver * leaves[k].volume() ? slivers : kept).push_back(part);
     }
+  }
   if (kept.size() < 8)
     throw ModelError({.fact = fmt::format("only {} integration cells meet the body", kept.size()),
                       .where = "integration grid",

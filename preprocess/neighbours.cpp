@@ -8,6 +8,8 @@
 #include <nanoflann.hpp>
 #include <numeric>
 
+#include "io/stop.hpp"
+
 namespace dimple {
 
 namespace {
@@ -25,13 +27,21 @@ struct List {
   std::size_t size() const { return slot.size(); }
 };
 
+// What searches read.
+struct Places {
+  Points points;
+  double kdtree_get_pt(std::size_t i, std::size_t axis) const {
+    return points(static_cast<Index>(axis), static_cast<Index>(i));
+  }
+};
+
 }  // namespace
 
-struct Neighbours::Tree {
+struct Neighbours::Tree : Places {
   using Index_ =
-      nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Tree>, Tree, 3, int>;
+      nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Places>, Tree, 3, int>;
 
-  explicit Tree(const Points& p) : points(p), index(3, *this, {16}), number(index.vAcc) {
+  explicit Tree(const Points& p) : Places{p}, index(3, *this, {16}), number(index.vAcc) {
     // In the order of the leaves: a search then reads its places one after the other.
     for (std::size_t slot = 0; slot < number.size(); ++slot)
       points.col(static_cast<Index>(slot)) = p.col(number[slot]);
@@ -39,8 +49,10 @@ struct Neighbours::Tree {
   }
 
   std::size_t kdtree_get_point_count() const { return static_cast<std::size_t>(points.cols()); }
+  // What the tree's building reads. Of millions of places it lasts seconds: it has to hear that it is to end.
   double kdtree_get_pt(std::size_t i, std::size_t axis) const {
-    return points(static_cast<Index>(axis), static_cast<Index>(i));
+    if (++read % (1U << 20) == 0) stop_if_asked();
+    return Places::kdtree_get_pt(i, axis);
   }
   template <class Box>
   bool kdtree_get_bbox(Box&) const {
@@ -76,7 +88,7 @@ struct Neighbours::Tree {
     return order;
   }
 
-  Points points;
+  mutable std::size_t read = 0;
   Index_ index;
   std::vector<int> number;  // of the point in each slot
 };

@@ -9,6 +9,7 @@
 #include <numeric>
 #include <optional>
 #include <random>
+#include <span>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -256,7 +257,10 @@ class Heap {
   explicit Heap(std::vector<double>& value) : value_(value), order_(value.size()), place_(value.size()) {
     std::iota(order_.begin(), order_.end(), std::size_t{0});
     std::iota(place_.begin(), place_.end(), std::size_t{0});
-    for (std::size_t k = order_.size() / 2; k-- > 0;) sink(k);
+    for (std::size_t k = order_.size() / 2; k-- > 0;) {
+      if (k % 65536 == 0) stop_if_asked();
+      sink(k);
+    }
   }
   std::size_t pop() {
     const std::size_t top = order_.front(), last = order_.back();
@@ -291,6 +295,16 @@ class Heap {
   std::vector<std::size_t> order_, place_;
 };
 
+// Whom some candidates crowd, and how much. Lists of their own for millions of candidates would take long to
+// free where the work is to end.
+struct Crowded {
+  std::vector<std::pair<int, double>> other;
+  std::vector<std::size_t> end = {};  // of each candidate's, in `other`
+  std::span<const std::pair<int, double>> of(std::size_t i) const {
+    return std::span(other).subspan(i > 0 ? end[i - 1] : 0, end[i] - (i > 0 ? end[i - 1] : 0));
+  }
+};
+
 // Weighted sample elimination: removes the most crowded candidate until `count` are left; `fixed` ones only
 // crowd. Two crowd each other within `reach` times the mean of their spacings. Yuksel, Sample elimination for
 // generating Poisson disk sample sets, CGF 34 (2015) 25-32, with exponent 8.
@@ -305,26 +319,31 @@ std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vecto
   std::vector<double> h(all.size());
   tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) { h[i] = spacing(all[i]); });
 
-  std::vector<std::vector<std::pair<int, double>>> near(m);
+  constexpr std::size_t block = 256;
+  std::vector<Crowded> near((m + block - 1) / block);
   std::vector<double> crowding(m, 0.0);
   std::atomic<std::size_t> crowd = 0;
-  tbb::parallel_for(std::size_t{0}, m, [&](std::size_t i) {
-    stop_if_asked();
+  tbb::parallel_for(std::size_t{0}, near.size(), [&](std::size_t part) {
     thread_local std::vector<int> found;
-    if (crowd > crowd_per_candidate * m) return;
-    tree.within(points.col(static_cast<Index>(i)), far_enough * reach * h[i], found);
-    crowd += found.size();
-    near[i].reserve(found.size());
-    for (const int j : found) {
-      if (j == static_cast<int>(i)) continue;
-      const double within = reach * (0.5 * (h[i] + h[static_cast<std::size_t>(j)]));
-      const double d = (points.col(static_cast<Index>(i)) - points.col(j)).norm();
-      if (d >= within) continue;
-      double w = 1.0 - d / within;
-      for (int square = 0; square < 3; ++square) w *= w;  // the eighth power
-      crowding[i] += w;
-      if (j < static_cast<int>(m)) near[i].push_back({j, w});
+    Crowded& here = near[part];
+    for (std::size_t i = block * part; i < std::min(block * (part + 1), m); ++i) {
+      stop_if_asked();
+      if (crowd > crowd_per_candidate * m) return;
+      tree.within(points.col(static_cast<Index>(i)), far_enough * reach * h[i], found);
+      crowd += found.size();
+      for (const int j : found) {
+        if (j == static_cast<int>(i)) continue;
+        const double within = reach * (0.5 * (h[i] + h[static_cast<std::size_t>(j)]));
+        const double d = (points.col(static_cast<Index>(i)) - points.col(j)).norm();
+        if (d >= within) continue;
+        double w = 1.0 - d / within;
+        for (int square = 0; square < 3; ++square) w *= w;  // the eighth power
+        crowding[i] += w;
+        if (j < static_cast<int>(m)) here.other.push_back({j, w});
+      }
+      here.end.push_back(here.other.size());
     }
+    here.other.shrink_to_fit();
   });
 
   if (crowd > crowd_per_candidate * m)
@@ -342,7 +361,7 @@ std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vecto
     if (left % 1024 == 0) stop_if_asked();
     const std::size_t i = heap.pop();
     gone[i] = true;
-    for (const auto& [j, weight] : near[i])
+    for (const auto& [j, weight] : near[i / block].of(i % block))
       if (!gone[static_cast<std::size_t>(j)]) heap.lower(static_cast<std::size_t>(j), weight);
   }
   std::vector<Vec3> result;

@@ -140,6 +140,7 @@ std::optional<std::vector<Leaf>> bisect(const BodySurface& body, double edge, co
     });
     std::vector<Leaf> next;
     for (std::size_t k = 0; k < level.size(); ++k) {
+      if (k % 65536 == 0) stop_if_asked();
       const Leaf& box = level[k];
       if (fate[k] == done) leaves.push_back(box);
       if (fate[k] != halve) continue;

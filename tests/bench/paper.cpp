@@ -289,7 +289,7 @@ void tetrahedra(const fs::path& folder) {
       for (const Precision precision : {Precision::double_, Precision::single_}) {
         const ForceSystem system(model, material, precision);
         ForceState forces(system);
-        add(scheme + (precision == Precision::single_ ? ", single" : ", double"), model, system, newtons,
+        add(scheme + (precision == Precision::single_ ? ", single" : ", double"), model, forces, newtons,
             [&] { forces.internal_force(u, f); });
       }
     };
@@ -317,7 +317,7 @@ void tetrahedra(const fs::path& folder) {
     const ForceSystem product(linear, material);
     ForceState product_forces(product);
     evaluate(loop);
-    product.internal_force(u, f);
+    product_forces.internal_force(u, f);
     double difference = 0.0;
     for (Index a = 0; a < u.cols(); ++a)
       for (int i = 0; i < 3; ++i)
@@ -325,8 +325,8 @@ void tetrahedra(const fs::path& folder) {
     if (!(difference < 1e-9 * f.cwiseAbs().maxCoeff()))
       throw std::runtime_error(fmt::format("the two forces of tetrahedra differ by {}", difference));
     const double stiff = force(linear, material);
-    add("linear tetrahedra, plain loop", linear, product, stiff, [&] { evaluate(loop); });
-    add("linear tetrahedra, our kernel", linear, product, stiff, [&] { product.internal_force(u, f); });
+    add("linear tetrahedra, plain loop", linear, product_forces, stiff, [&] { evaluate(loop); });
+    add("linear tetrahedra, our kernel", linear, product_forces, stiff, [&] { product_forces.internal_force(u, f); });
     add_own("horton2007", model);
     add_own("converging", model_of("converging").second);
   }

@@ -177,14 +177,14 @@ void model(std::string_view bytes) {
   const fs::path file = file_of("model.toml", bytes);
   read_or_refuse([&] {
     const ModelFiles read = read_model(file);
-    const Model& m = read.model;
+    const Discretisation& m = read.places;
     require(m.X.allFinite() && m.point.allFinite() && m.axes.allFinite(), "a model lies somewhere");
     require(m.spacing.size() == m.X.cols() && m.spacing.minCoeff() > 0.0, "nodes have a spacing");
     require(m.volume.size() == m.point.cols() && m.volume.minCoeff() > 0.0, "points have a volume");
     require(m.tool.radius > 0.0 && std::isfinite(m.tool.radius), "the circle has a size");
     require(m.tool.centre.allFinite() && std::abs(m.tool.push.norm() - 1.0) < 1e-6, "the tool moves");
     require(!m.base.empty() && !m.indenter.empty(), "some nodes are held and some pushed");
-    require(read.support.interpolation >= 0.0 && std::isfinite(read.support.interpolation),
+    require(read.scheme.support.interpolation >= 0.0 && std::isfinite(read.scheme.support.interpolation),
             "supports have a weight");
   });
 }
@@ -198,7 +198,7 @@ void locations(std::string_view bytes) {
               "format = \"dimple model 1\"\nnodes = \"nodes.csv\"\npoints = \"points.csv\"\n"
               "[indenter]\ncentre_mm = [0.5, 0.5, 1]\npush = [0, 0, -1]\ndiameter_mm = 2\n");
   read_or_refuse([&] {
-    const Model m = read_model(file).model;
+    const Discretisation m = read_model(file).places;
     require(m.X.allFinite() && m.spacing.size() == m.X.cols(), "each node has a spacing");
     require(m.spacing.allFinite() && m.spacing.minCoeff() > 0.0, "and it is positive");
     require(m.volume.allFinite() && m.volume.minCoeff() > 0.0, "points have a volume");
