@@ -9,9 +9,9 @@
 #include <regex>
 #include <system_error>
 
+#include "io/draw/picture.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
-#include "io/picture.hpp"
 #include "io/stop.hpp"
 #include "io/table.hpp"
 #include "io/units.hpp"

@@ -15,7 +15,7 @@
 #include "apps/studies/peer_mesh.hpp"
 #include "apps/studies/run_program.hpp"
 #include "apps/studies/scenes.hpp"
-#include "io/chart.hpp"
+#include "io/draw/chart.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_image.hpp"

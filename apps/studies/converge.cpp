@@ -9,7 +9,7 @@
 #include <optional>
 
 #include "apps/run/results.hpp"
-#include "io/chart.hpp"
+#include "io/draw/chart.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"

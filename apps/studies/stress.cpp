@@ -20,7 +20,7 @@
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/studies/converge.hpp"
-#include "io/chart.hpp"
+#include "io/draw/chart.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_image.hpp"
@@ -405,7 +405,7 @@ std::string note_of(const StressVerdict& v) {
   return {};
 }
 
-// Colours that stay the same from map to map; io/chart gives the greens to "ok...".
+// Colours that stay the same from map to map; io/draw/chart gives the greens to "ok...".
 const std::map<std::string, int> colours = {
     {"inaccurate", 2}, {"inverted", 0},     {"kinked", 3},    {"unchecked", 4},     {"no-equilibrium", 1},
     {"no-model", 6},   {"time-step", 5},    {"energy", 7},    {"non-finite", 13},   {"time-out", 14},

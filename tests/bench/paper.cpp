@@ -24,7 +24,7 @@
 
 #include "apps/run/config.hpp"
 #include "apps/studies/measure.hpp"
-#include "io/chart.hpp"
+#include "io/draw/chart.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "preprocess/clones.hpp"
@@ -326,7 +326,8 @@ void tetrahedra(const fs::path& folder) {
       throw std::runtime_error(fmt::format("the two forces of tetrahedra differ by {}", difference));
     const double stiff = force(linear, material);
     add("linear tetrahedra, plain loop", linear, product_forces, stiff, [&] { evaluate(loop); });
-    add("linear tetrahedra, our kernel", linear, product_forces, stiff, [&] { product_forces.internal_force(u, f); });
+    add("linear tetrahedra, our kernel", linear, product_forces, stiff,
+        [&] { product_forces.internal_force(u, f); });
     add_own("horton2007", model);
     add_own("converging", model_of("converging").second);
   }

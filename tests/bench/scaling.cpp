@@ -15,7 +15,7 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/studies/run_program.hpp"
-#include "io/chart.hpp"
+#include "io/draw/chart.hpp"
 #include "io/error.hpp"
 #include "io/table.hpp"
 

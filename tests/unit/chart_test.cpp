@@ -1,4 +1,4 @@
-#include "io/chart.hpp"
+#include "io/draw/chart.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

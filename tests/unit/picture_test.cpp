@@ -1,4 +1,4 @@
-#include "io/picture.hpp"
+#include "io/draw/picture.hpp"
 
 #include <gtest/gtest.h>
 #include <vtkImageData.h>

@@ -1,4 +1,4 @@
-#include "io/canvas.hpp"
+#include "io/draw/canvas.hpp"
 
 #include <fmt/format.h>
 #include <vtkAutoInit.h>

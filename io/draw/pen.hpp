@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "io/canvas.hpp"
+#include "io/draw/canvas.hpp"
 
 namespace dimple::draw {
 

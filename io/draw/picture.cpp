@@ -1,4 +1,4 @@
-#include "io/picture.hpp"
+#include "io/draw/picture.hpp"
 
 #include <fmt/format.h>
 
@@ -11,9 +11,9 @@
 #include <stdexcept>
 #include <utility>
 
-#include "io/canvas.hpp"
+#include "io/draw/canvas.hpp"
 
-// No library draws this: io/canvas.hpp says why.
+// No library draws this: io/draw/canvas.hpp says why.
 
 namespace dimple {
 

@@ -1,4 +1,4 @@
-#include "io/chart.hpp"
+#include "io/draw/chart.hpp"
 
 #include <fmt/format.h>
 
@@ -11,8 +11,8 @@
 #include <stdexcept>
 #include <utility>
 
-#include "io/canvas.hpp"
-#include "io/pen.hpp"
+#include "io/draw/canvas.hpp"
+#include "io/draw/pen.hpp"
 
 // No library draws this: VTK's charts need its renderer, which aborts the process where there is no display.
 

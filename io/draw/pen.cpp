@@ -1,4 +1,4 @@
-#include "io/pen.hpp"
+#include "io/draw/pen.hpp"
 
 #include <fmt/format.h>
 
