@@ -20,6 +20,7 @@
 #include <iterator>
 #include <limits>
 #include <memory>
+#include <mutex>
 #include <set>
 #include <span>
 #include <sstream>
@@ -93,6 +94,9 @@ class Silence {
   Silence& operator=(const Silence&) = delete;
 
  private:
+  // The streams are the process's: who reads beside this one waits.
+  inline static std::recursive_mutex one_;
+  std::lock_guard<std::recursive_mutex> alone_{one_};
   std::ostringstream said_;
   std::streambuf *out_, *err_;
 };

@@ -38,6 +38,7 @@
 #include <cstdlib>
 #include <exception>
 #include <limits>
+#include <mutex>
 #include <optional>
 #include <set>
 #include <stdexcept>
@@ -104,6 +105,9 @@ class MessageScope {
   bool empty() const { return window_->first.empty(); }
 
  private:
+  // The window is the process's: who reads or writes beside this one waits.
+  inline static std::recursive_mutex one_;
+  std::lock_guard<std::recursive_mutex> alone_{one_};
   vtkNew<CapturedMessages> window_;
   vtkSmartPointer<vtkOutputWindow> before_ = vtkOutputWindow::GetInstance();
   int displayed_ = vtkObject::GetGlobalWarningDisplay();

@@ -5,7 +5,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <filesystem>
+#include <iostream>
+#include <thread>
 
 #include "apps/run/model_files.hpp"
 #include "io/error.hpp"
@@ -43,7 +46,6 @@ TEST(Simulate, PrintsNothingAndWritesNoFile) {
   EXPECT_GT(result.history.force.back().force, 0.0);
   EXPECT_EQ(result.model.node_count(), 400);
   EXPECT_EQ(result.model.tissue.size(), result.model.point_count());
-  EXPECT_FALSE(result.warnings.empty());  // the default stiffness apart, 400 nodes are few under the circle
 }
 
 TEST(Simulate, TellsItsObserverWhatItDoesInOrder) {
@@ -89,6 +91,25 @@ TEST(Simulate, AskedToStopAmidTheMarchReturnsWhatThereIs) {
   const Result result = simulate(small_case(), observer);
   EXPECT_TRUE(result.history.interrupted);
   EXPECT_NEAR(result.history.force.back().depth, 0.5e-3, 1e-12);
+}
+
+// The libraries behind the readers print and warn by way of the whole process.
+TEST(Simulate, ManyAtOnceGiveWhatOneGivesAndLeaveTheStreamsAlone) {
+  const Case given = small_case();
+  const double alone = simulate(given).history.force.back().force;
+  const std::streambuf *out = std::cout.rdbuf(), *err = std::cerr.rdbuf();
+  std::array<double, 8> force{};
+  {
+    std::vector<std::jthread> threads;
+    for (std::size_t t = 0; t < 4; ++t)
+      threads.emplace_back([&, t] {
+        for (std::size_t k = t; k < force.size(); k += 4)
+          force[k] = simulate(given).history.force.back().force;
+      });
+  }
+  for (const double each : force) EXPECT_EQ(each, alone);
+  EXPECT_EQ(std::cout.rdbuf(), out);
+  EXPECT_EQ(std::cerr.rdbuf(), err);
 }
 
 TEST(Simulate, ThrowsWhatIsWrongWithTheCase) {
