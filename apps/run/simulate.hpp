@@ -73,7 +73,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result);
 /// The first half alone: up to the complete model.
 void build_case(const Case& given, const RunObserver& observer, Result& result);
 
-/// The body of the case's image and no more: for other programs' meshes. `names` [option]: only label names.
+/// The body of the case's image and no more: for other programs' meshes.
 SegmentedBody segment(const Config& config, const RunObserver& observer = {});
 
 }  // namespace dimple
