@@ -21,7 +21,8 @@
 namespace dimple {
 namespace {
 
-constexpr double patience_s = 1.2;  // an answer within 2 s is what people wait for, and gigabytes take a while to go
+constexpr double patience_s =
+    1.2;  // an answer within 2 s is what people wait for, and gigabytes take a while to go
 
 // What signal handlers touch: lock-free atomics, and a semaphore because sem_post() is one of the few calls
 // that they may make.

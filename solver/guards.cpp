@@ -148,12 +148,12 @@ void Guards::check(const ForceSystem::Sweep& sweep, const Moment& now) const {
          .why = "the time step was too long, or the load more than this cloud can follow",
          .remedy = "use a smaller solver.safety, more nodes (--nodes), or a smaller --depth",
          .code = "non-finite"});
-  throw SolveError({.fact = text("the tissue was inverted: det F = ", sweep.J_min,
-                                 " at integration point ", sweep.point),
-                    .where = where,
-                    .why = "the load is more than this cloud can follow, or the time step was too long",
-                    .remedy = "use more nodes (--nodes), a smaller --depth, or a smaller solver.safety",
-                    .code = "inverted"});
+  throw SolveError(
+      {.fact = text("the tissue was inverted: det F = ", sweep.J_min, " at integration point ", sweep.point),
+       .where = where,
+       .why = "the load is more than this cloud can follow, or the time step was too long",
+       .remedy = "use more nodes (--nodes), a smaller --depth, or a smaller solver.safety",
+       .code = "inverted"});
 }
 
 void Guards::check(const Nodal& u, const Nodal& f, const Moment& now) const {

@@ -88,7 +88,8 @@ ForceState::Sweep ForceState::internal_force(const Nodal& u, Nodal& f) {
 }
 
 double ForceState::stored_energy(const Nodal& u, double* hourglass) {
-  return with([&](const auto& kernel, auto& state) { return kernel.stored_energy(state, u.data(), hourglass); });
+  return with(
+      [&](const auto& kernel, auto& state) { return kernel.stored_energy(state, u.data(), hourglass); });
 }
 
 double ForceState::dilation(Index q) const {

@@ -56,7 +56,7 @@ struct History {
   std::int64_t extra_evaluations = 0;                               ///< of the force, for the stable step
   double dt_stable_first = 0.0, dt_first = 0.0, dt_smallest = 0.0;  ///< [s]
   double J_min = 1.0;                                               ///< smallest det F at any point and step
-  Index inverted = 0;     ///< most points inverted at once
+  Index inverted = 0;                                               ///< most points inverted at once
   double residual = 0.0;  ///< largest that a static equilibrium was left with
   bool interrupted = false;
   double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction

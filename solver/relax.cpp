@@ -233,7 +233,7 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
 }
 
 Relaxed Relaxation::relax_dynamically(Nodal& u, Nodal& f, const RelaxOptions& options, const Nodal& external,
-                          std::int64_t evaluations) const {
+                                      std::int64_t evaluations) const {
   const Index n = u.cols();
   const bool loaded = external.cols() == n;
   if (mass_.size() == 0) {

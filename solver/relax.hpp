@@ -46,7 +46,7 @@ class Relaxation {
   Relaxed give_way(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                    const RelaxOptions& options, const ForceSystem::Nodal& external) const;
   Relaxed relax_dynamically(ForceSystem::Nodal& u, ForceSystem::Nodal& f, const RelaxOptions& options,
-                const ForceSystem::Nodal& external, std::int64_t evaluations) const;
+                            const ForceSystem::Nodal& external, std::int64_t evaluations) const;
 
   ForceState& forces_;
   const Model& model_;

@@ -142,8 +142,7 @@ std::int64_t Session::step(double depth, double dt) {
   Parts& p = *parts_;
   if (!(dt > 0.0)) throw std::invalid_argument("Session::step: dt must be positive");
   return p.whole([&] {
-    const double stable =
-        safety * stable_time_step(p.state, p.model, p.model.mass, p.constraints, p.u).dt;
+    const double stable = safety * stable_time_step(p.state, p.model, p.model.mass, p.constraints, p.u).dt;
     const auto steps = std::max<std::int64_t>(1, static_cast<std::int64_t>(std::ceil(dt / stable)));
     const double h = dt / static_cast<double>(steps), from = p.depth, rate = (depth - from) / dt;
     const Eigen::VectorXd inverse_mass = p.model.mass.cwiseInverse();

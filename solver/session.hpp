@@ -11,7 +11,7 @@ namespace dimple {
 struct SessionOptions {
   Contact contact = Contact::bonded;
   Precision precision = Precision::single_;
-  double tolerance = 1e-4;           ///< of an equilibrium: relative residual
+  double tolerance = 1e-4;            ///< of an equilibrium: relative residual
   std::vector<HeldSet> further = {};  ///< beside the circle and the base
 };
 
@@ -40,9 +40,9 @@ class Session {
   /// integration point was inverted; the body is then as it was.
   std::int64_t step(double depth, double dt);
 
-  double depth() const;       ///< of the tool [m]
-  double force() const;       ///< along the push on the tool [N], positive when the tissue resists
-  double base_force() const;  ///< along the push on the base [N]
+  double depth() const;         ///< of the tool [m]
+  double force() const;         ///< along the push on the tool [N], positive when the tissue resists
+  double base_force() const;    ///< along the push on the base [N]
   Points displacement() const;  ///< 3 x N, metres, of each node
   Points positions() const;     ///< 3 x N, metres LPS, of each node
   /// 3 x N, newtons: what the tissue resists with at each node; on held nodes the reaction.

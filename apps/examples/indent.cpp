@@ -14,7 +14,8 @@
 
 int main(int argc, char** argv) try {
   if (argc < 2) return std::fprintf(stderr, "usage: indent IMAGE [DEPTH_MM]\n"), 2;
-  const double depth = argc > 2 ? 1e-3 * std::atof(argv[2]) : 2e-3;  // metres: all but images and files are SI
+  const double depth =
+      argc > 2 ? 1e-3 * std::atof(argv[2]) : 2e-3;  // metres: all but images and files are SI
 
   // Image to model: surface, base and circle, nodes, integration points, supports.
   dimple::ModelOptions options;

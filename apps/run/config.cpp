@@ -290,7 +290,8 @@ std::vector<Option> options_of(Config& c) {
       {"solver.time",
        "--time",
        "",
-       "quasi-static: equilibrium at each frame; explicit: central differences; dynamic: implicit steps as long "
+       "quasi-static: equilibrium at each frame; explicit: central differences; dynamic: implicit steps as "
+       "long "
        "as the body's natural modes allow, explicit if the load is too short; auto: quasi-static or, if the "
        "load is short, explicit. horton2007 is explicit",
        &c.solver.time,
@@ -309,8 +310,8 @@ std::vector<Option> options_of(Config& c) {
        false,
        {"single", "double"},
        "solve"},
-      {"solver.tolerance", "", "", "of equilibrium: relative residual, unbalanced force / reactions", &c.solver.tolerance, 1e-8,
-       0.1, false, any, "solve"},
+      {"solver.tolerance", "", "", "of equilibrium: relative residual, unbalanced force / reactions",
+       &c.solver.tolerance, 1e-8, 0.1, false, any, "solve"},
       {"solver.evaluations", "", "", "of the force for one equilibrium, at most", &c.solver.evaluations, 100,
        1e9, false, any, "solve"},
       {"solver.sample_rate_per_s", "", "1/s", "rows per second of force.csv", &c.solver.sample_rate_per_s, 0,

@@ -32,7 +32,8 @@ struct Result {
   std::map<std::string, std::string> chosen;      ///< option key -> what was chosen for it
   std::map<std::string, std::string> provenance;  ///< image, its SHA-256, labels, reasons
 
-  Model model;  ///< complete until `begin` has returned; the march's force system then takes over its gradients
+  Model
+      model;  ///< complete until `begin` has returned; the march's force system then takes over its gradients
   Tissues tissues;
   Loading loading;
   TimeMode time = TimeMode::quasi_static;

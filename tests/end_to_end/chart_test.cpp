@@ -36,7 +36,8 @@ TEST(Export, CalculixGivesTheForceOfTissueThatDoesNotLock) {
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
   const std::string scene =
-      "export block.nrrd -o block.inp --nodes 2000 --frames 2 --depth 1mm --indent-at 0,0,top --base inferior "
+      "export block.nrrd -o block.inp --nodes 2000 --frames 2 --depth 1mm --indent-at 0,0,top --base "
+      "inferior "
       "--elements tetrahedra";
   // At nu 0.3 ten-node tetrahedra do not lock; hexahedra: 0.00721 N at 1 mm, tests/verification/reference.
   ASSERT_EQ(dimple(folder, scene + " --nu 0.3").code, 0);

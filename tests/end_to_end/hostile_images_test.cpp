@@ -274,7 +274,8 @@ std::string nifti_2() {
   set(348, std::int32_t{1});
   for (int r = 0; r < 3; ++r)
     for (int c = 0; c < 4; ++c)
-      set(static_cast<std::size_t>(400 + 32 * r + 8 * c), (r < 2 ? -1.0 : 1.0) * organ.to_world.matrix()(r, c));
+      set(static_cast<std::size_t>(400 + 32 * r + 8 * c),
+          (r < 2 ? -1.0 : 1.0) * organ.to_world.matrix()(r, c));
   set(500, std::int32_t{2});
   return header + as_bytes<std::uint8_t>(organ.voxel);
 }
@@ -375,14 +376,18 @@ std::vector<Case> nifti_cases() {
       // types and values
       right("A NIfTI of the second version", {{"a.nii", two}}),
       right("A gzipped NIfTI of the second version", {{"a.nii.gz", gzip(two)}}),
-      refused("A NIfTI of the second version cut in its header", {{"a.nii", first(two, 400)}}, {"52 of 192 bytes"}),
-      refused("A NIfTI of the second version cut by one byte", {{"a.nii", without_last(two, 1)}}, {"503 of 504 bytes"}),
+      refused("A NIfTI of the second version cut in its header", {{"a.nii", first(two, 400)}},
+              {"52 of 192 bytes"}),
+      refused("A NIfTI of the second version cut by one byte", {{"a.nii", without_last(two, 1)}},
+              {"503 of 504 bytes"}),
       refused("A NIfTI of the second version sent as a text", {{"a.nii", with_flipped_byte(two, 8)}},
               {"not a NIfTI-2 image"}),
       refused("A NIfTI of the second version with sizes beyond any count",
-              {{"a.nii", std::string(two).replace(24, 8, "\xff\xff\xff\xff\xff\xff\xff\x7f", 8)}}, {"e+20 voxels"}),
+              {{"a.nii", std::string(two).replace(24, 8, "\xff\xff\xff\xff\xff\xff\xff\x7f", 8)}},
+              {"e+20 voxels"}),
       refused("A NIfTI of the second version whose voxels begin nowhere",
-              {{"a.nii", std::string(two).replace(168, 8, "\xff\xff\xff\xff\xff\xff\xff\x7f", 8)}}, {"begin at byte"}),
+              {{"a.nii", std::string(two).replace(168, 8, "\xff\xff\xff\xff\xff\xff\xff\x7f", 8)}},
+              {"begin at byte"}),
       refused("A NIfTI of colours", {{"a.nii", of_type(128, 24, voxels + voxels + voxels)}}, {"RGB24"}),
       refused("A NIfTI of colours with opacity", {{"a.nii", of_type(2304, 32, voxels)}}, {"RGBA32"}),
       refused("A NIfTI of complex numbers", {{"a.nii", of_type(32, 64, voxels)}}, {"COMPLEX64"}),

@@ -255,7 +255,8 @@ TEST_F(StateGuard, SeesABodyThatSwingsWhereTheAnswerShouldBeStatic) {
   EXPECT_NEAR(found->worst, 0.1, 1e-9);
   EXPECT_THAT(found->report.remedy, HasSubstr("--damping"));
   std::vector<Finding> none;
-  Guards(forces, model, false, true, none).check(vibrating, 1.1e-4, 2.0, true, now);  // a fast push may vibrate
+  Guards(forces, model, false, true, none)
+      .check(vibrating, 1.1e-4, 2.0, true, now);  // a fast push may vibrate
   EXPECT_TRUE(none.empty());
 }
 
@@ -266,7 +267,8 @@ TEST_F(StateGuard, SeesEnergyInModesThatMeanGradientsDoNotSee) {
   const ForceSystem own(lattice, brain);
   ForceState own_forces(own);
   Guards watch(own_forces, lattice, true, true, findings);
-  double hourglass = 0.0, stored = own_forces.stored_energy(affine(lattice, 1.01 * Mat3::Identity()), &hourglass);
+  double hourglass = 0.0,
+         stored = own_forces.stored_energy(affine(lattice, 1.01 * Mat3::Identity()), &hourglass);
   EXPECT_LT(hourglass, 1e-6 * stored);  // no linear field has any
   watch.check_hourglass(hourglass, stored, now);
   EXPECT_TRUE(findings.empty());
