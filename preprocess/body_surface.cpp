@@ -15,6 +15,7 @@
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "preprocess/side_by_side.hpp"
+#include "preprocess/sight.hpp"
 #include "preprocess/surface_cells.hpp"
 
 namespace dimple {
@@ -141,6 +142,10 @@ BodySurface::Closest BodySurface::closest(const Vec3& x) const {
 bool BodySurface::farther(const Vec3& x, double distance) const {
   const std::optional<bool> answer = tree_->cells->farther(x, distance);
   return answer ? *answer : closest(x).distance > distance;
+}
+
+bool BodySurface::sees(const Vec3& x, const Vec3& y, double spacing) const {
+  return dimple::sees(*tree_->cells, x, y, spacing);
 }
 
 std::vector<double> BodySurface::chord(const Vec3& origin, int axis, double length) const {

@@ -44,6 +44,9 @@ class BodySurface {
   /// closest(x).distance > distance, which is cheaper to say.
   bool farther(const Vec3& x, double distance) const;
 
+  /// Does the straight way from x to y stay in the body? `spacing`: of the nodes there. As sees() of sight.hpp.
+  bool sees(const Vec3& x, const Vec3& y, double spacing) const;
+
   /// Where the line origin + t direction passes through the surface: ascending t, always an even number of
   /// them.
   std::vector<double> crossings(const Vec3& origin, const Vec3& direction) const;

@@ -83,7 +83,8 @@ void refuse_beyond_memory(const ModelOptions& options, Index nodes) {
 
 }  // namespace
 
-Discretised discretise(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at) {
+Discretised discretise(const BodySurface& body, const ModelOptions& given, const LabelAt& label_at) {
+  ModelOptions options = given;
   Discretised result;
   Discretisation& places = result.places;
   ModelReport& report = result.report;
@@ -92,10 +93,19 @@ Discretised discretise(const BodySurface& body, const ModelOptions& options, con
 
   if (!(options.cloud.spacing_mm > 0.0)) refuse_beyond_memory(options, options.cloud.count);
   const Boundary boundary = report.boundary = find_boundary(body, options.boundary);
-  const Sizing sizing(body, boundary, options.cloud.grading);
+  GradingOptions& grading = options.cloud.grading;
+  Sizing sizing(body, boundary, grading);
   report.stages.done("boundary");
+  CloudSize size = cloud_size(body, sizing, options.cloud);
+  // Many nodes would make the rim finer than a sharp rim's equilibrium bears: they go elsewhere. Each pass leaves a
+  // third of what was missing, or less.
+  const double least = grading.least * boundary.radius;
+  for (int pass = 0; pass < 6 && grading.rim < 1.0 && grading.rim * size.far_spacing < 0.99 * least; ++pass) {
+    grading.rim = std::min(1.0, least / size.far_spacing);
+    sizing = Sizing(body, boundary, grading);
+    size = cloud_size(body, sizing, options.cloud);
+  }
   // Side by side: neither needs more of the other than how many nodes there will be.
-  const CloudSize size = cloud_size(body, sizing, options.cloud);
   refuse_beyond_memory(options, size.count);
   NodeCloud cloud;
   IntegrationGrid grid;

@@ -14,7 +14,8 @@ namespace dimple {
 
 struct ModelOptions {
   Scheme scheme = converging;
-  CloudOptions cloud{.grading = {.rim = converging.rim}};
+  CloudOptions cloud{
+      .grading = {.rim = converging.rim, .reach = converging.reach, .least = converging.least_rim}};
   GridOptions grid{.ratio = converging.points_per_node};
   BoundaryOptions boundary;
 };
@@ -22,7 +23,7 @@ struct ModelOptions {
 inline ModelOptions options_of(const Scheme& scheme) {
   ModelOptions options;
   options.scheme = scheme;
-  options.cloud.grading.rim = scheme.rim;
+  options.cloud.grading = {.rim = scheme.rim, .reach = scheme.reach, .least = scheme.least_rim};
   options.grid.ratio = scheme.points_per_node;
   return options;
 }

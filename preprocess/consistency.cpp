@@ -244,7 +244,9 @@ void divide(const Vec3& a, const Vec3& b, const Vec3& c, const Neighbours& nodes
   stop_if_asked();
   const double longest = std::max({(b - a).norm(), (c - b).norm(), (a - c).norm()});
   const Vec3 middle = (a + b + c) / 3.0;
-  if (depth == deepest || longest <= spacing[nodes.nearest(middle, 1).front()]) {
+  // A corner may lie where the nodes are much closer together than in the middle.
+  const auto fine = [&](const Vec3& x) { return longest <= spacing[nodes.nearest(x, 1).front()]; };
+  if (depth == deepest || (fine(middle) && fine(a) && fine(b) && fine(c))) {
     place.push_back(middle);
     area.push_back(0.5 * (b - a).cross(c - a));
     return;

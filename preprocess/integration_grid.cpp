@@ -144,8 +144,9 @@ Part whole(const Leaf& leaf) {
   return part;
 }
 
-// The part inside the body, from lines along the axis that meets the surface most squarely.
-Part clip(const BodySurface& body, const Leaf& leaf) {
+// The parts inside the body, from lines along the axis that meets the surface most squarely. Where a line leaves the
+// body and enters it again, pieces that no neighbouring line connects are parts of their own: the two banks of a gap.
+std::vector<Part> clip(const BodySurface& body, const Leaf& leaf) {
   const auto closest = body.closest(leaf.centre);
   // Not the triangle's normal: which of two triangles is the closest, at an edge, rounding decides.
   Vec3 square = (closest.place - leaf.centre).cwiseAbs();
@@ -158,7 +159,15 @@ Part clip(const BodySurface& body, const Leaf& leaf) {
   half[other] /= lines_per_edge;
   half[third] /= lines_per_edge;
   const double from = leaf.centre[axis] - leaf.half[axis], to = leaf.centre[axis] + leaf.half[axis];
-  Part part;
+  struct Piece {
+    int a, b;
+    double begin, end;
+    int group;
+  };
+  thread_local std::vector<Piece> pieces;
+  pieces.clear();
+  std::vector<Part> parts;
+  bool gap = false;
   for (int a = 0; a < lines_per_edge; ++a)
     for (int b = 0; b < lines_per_edge; ++b) {
       Vec3 x = leaf.centre;
@@ -171,10 +180,33 @@ Part clip(const BodySurface& body, const Leaf& leaf) {
         Vec3 middle = x;
         middle[axis] = from + 0.5 * (begin + end);
         half[axis] = 0.5 * (end - begin);
-        add_box(part, middle, half);
+        gap = gap || pair > 0;
+        pieces.push_back({a, b, begin, end, static_cast<int>(parts.size())});
+        add_box(parts.emplace_back(), middle, half);
       }
     }
-  return part;
+  if (parts.empty()) return {};
+  // Each group is named by its first piece; without a gap there is one.
+  for (std::size_t k = 0; k < pieces.size(); ++k)
+    for (std::size_t other = 0; other < k; ++other) {
+      const Piece &p = pieces[k], &q = pieces[other];
+      const bool touch = std::abs(p.a - q.a) + std::abs(p.b - q.b) == 1 &&
+                         std::min(p.end, q.end) > std::max(p.begin, q.begin);
+      if ((gap && !touch) || p.group == q.group) continue;
+      const int kept = std::min(p.group, q.group), gone = std::max(p.group, q.group);
+      for (Piece& piece : pieces)
+        if (piece.group == gone) piece.group = kept;
+    }
+  for (std::size_t k = 0; k < pieces.size(); ++k) {
+    const auto group = static_cast<std::size_t>(pieces[k].group);
+    if (group == k) continue;
+    parts[group].volume += parts[k].volume;
+    parts[group].first += parts[k].first;
+    parts[group].second += parts[k].second;
+    parts[k].volume = 0.0;
+  }
+  std::erase_if(parts, [](const Part& part) { return !(part.volume > 0.0); });
+  return parts;
 }
 
 bool has_interface(const Leaf& leaf, const LabelAt& label_at) {
@@ -286,12 +318,13 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
   std::vector<std::vector<Part>> parts(leaves.size());
   tbb::parallel_for(std::size_t{0}, leaves.size(), [&](std::size_t k) {
     stop_if_asked();
-    if (label_at && has_interface(leaves[k], label_at))
+    if (label_at && has_interface(leaves[k], label_at)) {
       parts[k] = parts_by_label(body, leaves[k], label_at);
-    else if (Part part = leaves[k].cut ? clip(body, leaves[k]) : whole(leaves[k]); part.volume > 0.0) {
-      if (label_at) part.label = label_at(part.first / part.volume);
-      parts[k].push_back(part);
+      return;
     }
+    parts[k] = leaves[k].cut ? clip(body, leaves[k]) : std::vector<Part>{whole(leaves[k])};
+    if (label_at)
+      for (Part& part : parts[k]) part.label = label_at(part.first / part.volume);
   });
 
   IntegrationGrid grid;
@@ -323,6 +356,7 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
       if (kept[static_cast<std::size_t>(k)].label != small.label) continue;
       const double away = (x - centre.col(k)).norm();
       if (best >= 0 && away > (1.0 + 1e-6) * least) break;
+      if (!body.sees(x, centre.col(k), std::cbrt(kept[static_cast<std::size_t>(k)].volume))) continue;
       if (best < 0) least = away;
       best = best < 0 ? k : std::min<Index>(best, k);
     }

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <optional>
 
 #include "io/error.hpp"
 #include "io/memory.hpp"
@@ -42,14 +43,18 @@ Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi ti
                  const std::vector<double>& density, Stages* stages) {
   Stages here;
   Model model{std::move(places), scheme, std::move(tissue), {}, {}, {}, {}, {}, {}, {}};
-  const bool consistent = scheme.consistent_gradients && !model.surface.empty();
+  const std::optional<Sight> sight = sight_in(model, scheme.support);
+  here.done("sight");
+  // Where a fold hides nodes from points the shape functions end at the line of sight, inside the body: then no
+  // integral over its surface says what their gradients sum to.
+  const bool consistent = scheme.consistent_gradients && !model.surface.empty() && !sight;
   SurfacePieces pieces;
   if (consistent) pieces = pieces_of(model);
   here.done("surface pieces");
 
   // Side by side: what the surface asks of the gradients needs none of the supports.
   Points wanted;
-  side_by_side([&] { find_supports(model); },
+  side_by_side([&] { find_supports(model, sight ? &*sight : nullptr); },
                [&] {
                  if (consistent) wanted = surface_integrals(model, scheme.support, pieces);
                });
@@ -63,7 +68,7 @@ Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi ti
         if (consistent) make_consistent(model, wanted);
       },
       [&] {
-        if (scheme.pressure_patches) make_pressure_patches(model);
+        if (scheme.pressure_patches) make_pressure_patches(model, sight.has_value());
         Eigen::VectorXd of_point(model.point_count());
         for (Index q = 0; q < of_point.size(); ++q)
           of_point[q] = density[static_cast<std::size_t>(model.tissue[q])];

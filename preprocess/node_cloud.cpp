@@ -5,10 +5,13 @@
 
 #include <algorithm>
 #include <atomic>
+#include <limits>
+#include <map>
 #include <cmath>
 #include <numeric>
 #include <optional>
 #include <random>
+#include <set>
 #include <span>
 
 #include "io/error.hpp"
@@ -73,7 +76,9 @@ void subdivide(const Triangle& t, const Sizing& sizing, double far_spacing, std:
   if (result.triangle.size() > room) return;
   const double longest = std::max({(t.b - t.a).norm(), (t.c - t.b).norm(), (t.a - t.c).norm()});
   const double here = sizing((t.a + t.b + t.c) / 3.0);
-  if (sizing.even() || longest <= 0.7 * (far_spacing * here)) {
+  // A corner may lie where the spacing is much less than in the middle.
+  if (sizing.even() ||
+      longest <= 0.7 * far_spacing * std::min({here, sizing(t.a), sizing(t.b), sizing(t.c)})) {
     result.triangle.push_back(t);
     result.sizing.push_back(here);
     return;
@@ -380,7 +385,7 @@ class Company {
       const auto moved = (cloud.X - X_).colwise().norm().transpose().eval();
       const double most = moved.maxCoeff();
       bool close = true;  // may two have come within reach that are not in the list?
-      for (Index a = cloud.circle_count; a < cloud.X.cols() && close; ++a)
+      for (Index a = cloud.fixed_count; a < cloud.X.cols() && close; ++a)
         close = reach_ * cloud.spacing[a] + moved[a] + most < radius_[a];
       if (close) return;
     }
@@ -388,7 +393,7 @@ class Company {
     radius_ = (reach_ + margin) * cloud.spacing;
     around_.resize(static_cast<std::size_t>(cloud.X.cols()));
     const Neighbours tree(X_);
-    tbb::parallel_for(cloud.circle_count, cloud.X.cols(), [&](Index a) {
+    tbb::parallel_for(cloud.fixed_count, cloud.X.cols(), [&](Index a) {
       stop_if_asked();
       std::vector<int>& list = around_[static_cast<std::size_t>(a)];
       tree.within(X_.col(a), radius_[a], list);
@@ -416,7 +421,7 @@ void spread_out(const BodySurface& body, const Boundary& boundary, const Spacing
     company.follow(cloud);
     const double stride = 0.35 * (sweep < sweeps / 2 ? 1.0 : 0.5);
     Points next = cloud.X;
-    tbb::parallel_for(cloud.circle_count, cloud.X.cols(), [&](Index a) {
+    tbb::parallel_for(cloud.fixed_count, cloud.X.cols(), [&](Index a) {
       stop_if_asked();
       const Vec3 x = cloud.X.col(a);
       const bool on_surface = a < cloud.surface_count;
@@ -455,6 +460,52 @@ void shake(const BodySurface& body, double part, std::mt19937_64& random, NodeCl
     const Vec3 there = cloud.X.col(a) + part * cloud.spacing[a] * (2.0 * Vec3(x, y, z) - Vec3::Ones());
     if (body.contains(there)) cloud.X.col(a) = there;
   }
+}
+
+// Nodes along the outline of the base: where it ends is felt (a strip of half a spacing that is left free beside it
+// made a block's force up to a tenth too small), and others only lie near it.
+std::vector<Vec3> outline_of_base(const BodySurface& body, const Boundary& boundary, const Spacing& spacing) {
+  constexpr double apart = 0.95, at_least = 0.6, shortest = 4.0;  // spacings: along a loop; of any two; of a loop
+  const Triangles& triangles = body.triangles();
+  const auto corner = [&](Index v) -> Vec3 { return body.vertex().col(v); };
+  std::set<std::pair<Index, Index>> edges;  // of the base's triangles, as they turn
+  for (Index t = 0; t < triangles.cols(); ++t) {
+    const Vec3 middle = (corner(triangles(0, t)) + corner(triangles(1, t)) + corner(triangles(2, t))) / 3.0;
+    if (!on_base(boundary, middle, body.normal().col(t))) continue;
+    for (int k = 0; k < 3; ++k) edges.insert({triangles(k, t), triangles((k + 1) % 3, t)});
+  }
+  std::multimap<Index, Index> next;
+  for (const auto& [from, to] : edges)
+    if (!edges.contains({to, from})) next.insert({from, to});
+  std::vector<Vec3> nodes;
+  while (!next.empty()) {
+    std::vector<Vec3> loop = {corner(next.begin()->first)};
+    double length = 0.0;  // in spacings
+    for (auto step = next.begin(); step != next.end();) {
+      const Index to = step->second;
+      next.erase(step);
+      length += (corner(to) - loop.back()).norm() / spacing(0.5 * (corner(to) + loop.back()));
+      loop.push_back(corner(to));
+      step = next.find(to);
+    }
+    if (length < shortest) continue;
+    Vec3 last = Vec3::Constant(std::numeric_limits<double>::infinity());
+    for (std::size_t k = 1; k < loop.size(); ++k) {
+      const Vec3 from = loop[k - 1], way = loop[k] - from;
+      const int parts = std::max(1, static_cast<int>(std::ceil(10.0 * way.norm() / spacing(from))));
+      for (int i = 0; i < parts; ++i) {
+        const Vec3 x = from + way * i / parts;
+        const double h = spacing(x);
+        if ((x - last).norm() < apart * h) continue;
+        if (std::any_of(nodes.begin(), nodes.end(),
+                        [&](const Vec3& other) { return (x - other).norm() < at_least * h; }))
+          continue;
+        nodes.push_back(x);
+        last = x;
+      }
+    }
+  }
+  return nodes;
 }
 
 double rough_spacing(const BodySurface& body, double count) {
@@ -544,10 +595,13 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
   std::vector<Vec3> placed;
   for (const auto& x : circle.colwise()) placed.push_back(x);
   cloud.circle_count = circle.cols();
+  for (const Vec3& x : outline_of_base(body, boundary, spacing)) placed.push_back(x);
+  const Index fixed = static_cast<Index>(placed.size()), outline = fixed - cloud.circle_count;
+  cloud.fixed_count = fixed;
 
   const auto on_surface =
       surface_candidates(facets, boundary, candidates_per_node * free_surface, sizing, h, random);
-  for (const Vec3& x : thin_out(on_surface, placed, free_surface, 1.07, spacing)) placed.push_back(x);
+  for (const Vec3& x : thin_out(on_surface, placed, std::max<Index>(free_surface - outline, 0), 1.07, spacing)) placed.push_back(x);
   cloud.surface_count = static_cast<Index>(placed.size());
 
   const Index wanted = count - cloud.surface_count;
@@ -567,7 +621,8 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
   if (options.jitter > 0.0) shake(body, options.jitter, random, cloud);
 
   cloud.base.assign(static_cast<std::size_t>(cloud.X.cols()), false);
-  for (Index a = cloud.circle_count; a < cloud.surface_count; ++a) {
+  for (Index a = cloud.circle_count; a < fixed; ++a) cloud.base[static_cast<std::size_t>(a)] = true;
+  for (Index a = fixed; a < cloud.surface_count; ++a) {
     if (a % 1024 == 0) stop_if_asked();
     const auto closest = body.closest(cloud.X.col(a));
     cloud.base[static_cast<std::size_t>(a)] =

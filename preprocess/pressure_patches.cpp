@@ -19,6 +19,7 @@ namespace {
 constexpr double reach = 1.3;  // of a patch, in patch spacings
 constexpr int lloyd_sweeps = 4;
 constexpr double largest_growth = 1e4;  // for points in far corners
+constexpr double far_corner = 3.0;      // from this growth on the nearest patch is taken, connected or not
 constexpr double snap =
     1e-8;  // [m]: coordinates that differ by less are ties, broken by number; and a small share
 
@@ -79,10 +80,46 @@ Groups split(const Places& places, std::vector<int> group, Index count) {
 struct Patches {
   Points centre;
   Eigen::VectorXd radius;
+  std::vector<int> middle;  // the point nearest to each centre
 };
 
-Patches patches_of(const Places& places, const std::vector<int>& points, Index count, double worth) {
+// Have two points a node in common? On the two banks of a gap they have none.
+bool share_a_node(const CompressedRows& support, int p, int q) {
+  int i = support.offset[p], j = support.offset[q];
+  while (i < support.offset[p + 1] && j < support.offset[q + 1]) {
+    if (support.member[i] == support.member[j]) return true;
+    ++(support.member[i] < support.member[j] ? i : j);
+  }
+  return false;
+}
+
+// Groups of which all points are connected through common nodes.
+Groups connected(const CompressedRows& support, const Groups& groups) {
+  std::vector<Groups> parts(groups.size());
+  tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) {
+    stop_if_asked();
+    std::vector<int> left = groups[g];
+    while (!left.empty()) {
+      std::vector<int>& part = parts[g].emplace_back();
+      part.push_back(left.front());
+      left.erase(left.begin());
+      for (std::size_t k = 0; k < part.size() && !left.empty(); ++k) {
+        const auto rest = std::stable_partition(
+            left.begin(), left.end(), [&](int q) { return !share_a_node(support, part[k], q); });
+        part.insert(part.end(), rest, left.end());
+        left.erase(rest, left.end());
+      }
+    }
+  });
+  Groups result;
+  for (Groups& list : parts) std::move(list.begin(), list.end(), std::back_inserter(result));
+  return result;
+}
+
+Patches patches_of(const Places& places, const std::vector<int>& points, Index count, double worth,
+                   const CompressedRows* support) {
   Groups groups = split(places, points, count);
+  const auto whole = static_cast<double>(groups.size());
   Patches result;
   const auto centroids = [&] {
     result.centre.resize(3, static_cast<Index>(groups.size()));
@@ -97,7 +134,7 @@ Patches patches_of(const Places& places, const std::vector<int>& points, Index c
       }
       result.centre.col(static_cast<Index>(b)) = sum / total;
       result.radius[static_cast<Index>(b)] =
-          reach * std::cbrt(worth / static_cast<double>(groups.size())) * h / total;
+          reach * std::cbrt(worth / whole) * h / total;
     });
   };
   centroids();
@@ -127,12 +164,22 @@ Patches patches_of(const Places& places, const std::vector<int>& points, Index c
     std::erase_if(groups, [](const auto& group) { return group.empty(); });
     centroids();
   }
+  if (!support) return result;
+  groups = connected(*support, groups);
+  centroids();
+  for (std::size_t b = 0; b < groups.size(); ++b)
+    result.middle.push_back(*std::min_element(groups[b].begin(), groups[b].end(), [&](int p, int q) {
+      const auto away = [&](int k) {
+        return (places.x.col(k) - result.centre.col(static_cast<Index>(b))).norm();
+      };
+      return away(p) < away(q) * (1.0 - 1e-9);
+    }));
   return result;
 }
 
 }  // namespace
 
-void make_pressure_patches(Model& model, double nodes_per_patch) {
+void make_pressure_patches(Model& model, bool folded, double nodes_per_patch) {
   const Index count = model.point_count();
   Places places;
   places.x = model.axes.transpose() * model.point;
@@ -155,7 +202,7 @@ void make_pressure_patches(Model& model, double nodes_per_patch) {
     double worth = 0.0;
     for (const int q : points) worth += places.worth[q];
     const Index wanted = std::max<Index>(1, std::lround(worth * nodes_per_worth / nodes_per_patch));
-    const Patches patches = patches_of(places, points, wanted, worth);
+    const Patches patches = patches_of(places, points, wanted, worth, folded ? &model.support : nullptr);
     const Neighbours tree(patches.centre);
     const int most = static_cast<int>(std::min<Index>(40, patches.centre.cols())), few = std::min(most, 20);
     const double largest_radius = patches.radius.maxCoeff();
@@ -184,6 +231,9 @@ void make_pressure_patches(Model& model, double nodes_per_patch) {
         for (const int b : near) {
           const double s = (places.x.col(q) - patches.centre.col(b)).norm() / (grown * patches.radius[b]);
           if (s >= 1.0) continue;
+          if (folded && grown < far_corner &&
+              !share_a_node(model.support, q, patches.middle[static_cast<std::size_t>(b)]))
+            continue;
           const double w = 1.0 + s * s * (-6.0 + s * (8.0 - 3.0 * s));
           if (w <= 0.0) continue;
           list.push_back({static_cast<int>(first) + b, w});

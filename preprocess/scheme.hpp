@@ -18,6 +18,8 @@ struct SupportOptions {
   /// At prescribed nodes the weight is multiplied by (1 + e) / (s^2 + e), s = distance / radius, so that the
   /// field nearly takes their values there; e = this. 0: ordinary weights everywhere. Most & Bucher 2005.
   double interpolation = 0.0;
+  /// A node belongs to a place only if it sees it through the tissue (sight.hpp). False: distance alone decides.
+  bool through_tissue = false;
   double effective_radius_factor() const {
     return radius_factor > 0.0 ? radius_factor : basis == Basis::linear ? 1.8 : 2.6;
   }
@@ -34,7 +36,9 @@ struct Scheme {
   bool consistent_gradients;
   /// The change of volume lives in a coarser space of patches (make_pressure_patches). False: at every point.
   bool pressure_patches;
-  double rim;              ///< spacing of the nodes on the circle's rim over that far away, unless asked for
+  double rim;        ///< spacing of the nodes on the circle's rim over that far away, unless asked for
+  double reach;      ///< distance from the rim at which the far spacing is reached [radii of the circle]
+  double least_rim;  ///< spacing on the rim below which none is taken, unless asked for [radii]
   double points_per_node;  ///< unless asked for
   SupportOptions support;
 };
@@ -45,10 +49,12 @@ inline constexpr Scheme converging = {
     .averaged_gradients = true,
     .consistent_gradients = true,
     .pressure_patches = true,
-    .rim = 0.15,
+    .rim = 0.03,
+    .reach = 12.0,
+    .least_rim = 0.1,
     .points_per_node = 7.0,
     .support = {
-        .basis = Basis::linear, .weight = Weight::quartic, .radius_factor = 1.6, .interpolation = 0.01}};
+        .basis = Basis::linear, .weight = Weight::quartic, .radius_factor = 1.6, .interpolation = 0.01, .through_tissue = true}};
 
 /// As the paper has it: an even cloud, an even grid of single points, one neo-Hookean tissue, and central
 /// differences. Horton et al. 2007.
@@ -57,6 +63,8 @@ inline constexpr Scheme horton2007 = {.name = "horton2007",
                                       .consistent_gradients = false,
                                       .pressure_patches = false,
                                       .rim = 1.0,
+                                      .reach = 3.0,
+                                      .least_rim = 0.0,
                                       .points_per_node = 1.499,
                                       .support = {}};
 

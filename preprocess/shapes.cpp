@@ -1,5 +1,6 @@
 #include "preprocess/shapes.hpp"
 
+#include <array>
 #include <cassert>
 #include <cmath>
 #include <numbers>
@@ -54,6 +55,43 @@ BodySurface block_surface(const Vec3& lower, const Vec3& upper) {
       4, 5, 7, 4, 7, 6,                       // above
       0, 1, 5, 0, 5, 4, 2, 6, 7, 2, 7, 3,     // small y, large y
       0, 4, 6, 0, 6, 2, 1, 3, 7, 1, 7, 5;     // small x, large x
+  return {std::move(vertex), std::move(triangles)};
+}
+
+BodySurface slit_block_surface(const Vec3& size, double wall, double width, double depth) {
+  // Boxes, three by one by two, of which the one in the middle above is left out.
+  const std::array<double, 4> x = {-0.5 * size.x(), wall, wall + width, 0.5 * size.x()};
+  const std::array<double, 3> z = {0.0, size.z() - depth, size.z()};
+  const auto number = [](int i, int j, int k) { return static_cast<Index>(i + 4 * (j + 2 * k)); };
+  Points vertex(3, 24);
+  for (int k = 0; k < 3; ++k)
+    for (int j = 0; j < 2; ++j)
+      for (int i = 0; i < 4; ++i)
+        vertex.col(number(i, j, k)) << x[static_cast<std::size_t>(i)], (j - 0.5) * size.y(),
+            z[static_cast<std::size_t>(k)];
+  const auto filled = [](int i, int k) { return i >= 0 && i < 3 && k >= 0 && k < 2 && !(i == 1 && k == 1); };
+  std::vector<std::array<Index, 3>> triangle;
+  const auto add = [&](Index a, Index b, Index c, Index d) {
+    triangle.push_back({a, b, c});
+    triangle.push_back({a, c, d});
+  };
+  for (int k = 0; k < 2; ++k)
+    for (int i = 0; i < 3; ++i) {
+      if (!filled(i, k)) continue;
+      add(number(i, 0, k), number(i + 1, 0, k), number(i + 1, 0, k + 1), number(i, 0, k + 1));
+      add(number(i, 1, k), number(i, 1, k + 1), number(i + 1, 1, k + 1), number(i + 1, 1, k));
+      if (!filled(i - 1, k))
+        add(number(i, 0, k), number(i, 0, k + 1), number(i, 1, k + 1), number(i, 1, k));
+      if (!filled(i + 1, k))
+        add(number(i + 1, 0, k), number(i + 1, 1, k), number(i + 1, 1, k + 1), number(i + 1, 0, k + 1));
+      if (!filled(i, k - 1))
+        add(number(i, 0, k), number(i, 1, k), number(i + 1, 1, k), number(i + 1, 0, k));
+      if (!filled(i, k + 1))
+        add(number(i, 0, k + 1), number(i + 1, 0, k + 1), number(i + 1, 1, k + 1), number(i, 1, k + 1));
+    }
+  Triangles triangles(3, static_cast<Index>(triangle.size()));
+  for (std::size_t t = 0; t < triangle.size(); ++t)
+    triangles.col(static_cast<Index>(t)) << triangle[t][0], triangle[t][1], triangle[t][2];
   return {std::move(vertex), std::move(triangles)};
 }
 

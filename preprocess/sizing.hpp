@@ -12,6 +12,7 @@ namespace dimple {
 struct GradingOptions {
   double rim = 1.0;    ///< spacing at the rim / spacing far away; 1: even everywhere
   double reach = 3.0;  ///< distance from the rim at which the far spacing is reached [radii of the circle]
+  double least = 0.0;  ///< spacing at the rim that a cloud does not go below [radii of the circle]
 };
 
 /// Spacing at a place as a part of the spacing far away,

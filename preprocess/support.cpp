@@ -8,12 +8,15 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <map>
+#include <optional>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "preprocess/mls_lanes.hpp"
 #include "preprocess/neighbours.hpp"
+#include "preprocess/sight.hpp"
 
 namespace dimple {
 namespace {
@@ -21,7 +24,8 @@ namespace {
 constexpr double largest_growth = 2.5;
 // Points whose local matrices are held at a time: few enough for the processor's cache to hold them too.
 constexpr Index slab = 2048;
-// A moment matrix that looks worse than this beside seven others is looked at by itself.
+// A moment matrix that looks worse than this beside seven others is looked at by itself; and of nodes that lie on one
+// bank of a fold, nearly in a plane, more are wanted (with 1e-5 some bodies found no equilibrium).
 constexpr double surely_conditioned = 1e-3;
 constexpr Index most_members = 2'000'000'000;
 
@@ -30,6 +34,7 @@ struct PlaceSupport {
   Eigen::VectorXd phi;
   Points dphi;
   double growth = 1.0;
+  bool unconnected = false;  // too few nodes are connected with it: those that are near were taken
   MlsResult mls;
   bool ok = false;
 };
@@ -81,22 +86,29 @@ struct Cloud {
   }
 };
 
-// `near`: all nodes that reach x ungrown, and perhaps others.
-PlaceSupport support_of(const Vec3& x, const Cloud& cloud, std::span<const int> near) {
+// `near`: all nodes that reach x ungrown, and perhaps others. `connected`, if given: is a node, by the tissue?
+PlaceSupport support_of(const Vec3& x, const Cloud& cloud, std::span<const int> near,
+                        const std::function<bool(int)>& connected = {}) {
   const std::size_t terms = cloud.options.basis == Basis::linear ? 4 : 10;
   PlaceSupport result;
   stop_if_asked();
   result.nodes.assign(near.begin(), near.end());
   std::erase_if(result.nodes, [&](int a) { return !cloud.reaches(a, x, 1.0); });
-  for (result.growth = 1.0; result.growth <= largest_growth; result.growth *= 1.1) {
-    if (result.growth > 1.0) cloud.reaching(x, result.growth, result.nodes);
-    if (result.nodes.size() < 2 * terms) continue;
-    result.mls = mls_shape_functions(x, cloud.model.X, result.nodes, cloud.radius, result.growth,
-                                     cloud.options, cloud.pinned, result.phi, result.dphi);
-    if (result.mls.ok()) {
-      result.ok = true;
-      break;
+  const auto find = [&](bool only_connected) {
+    for (result.growth = 1.0; result.growth <= largest_growth; result.growth *= 1.1) {
+      if (result.growth > 1.0 || result.unconnected) cloud.reaching(x, result.growth, result.nodes);
+      if (only_connected) std::erase_if(result.nodes, [&](int a) { return !connected(a); });
+      if (result.nodes.size() < 2 * terms) continue;
+      result.mls = mls_shape_functions(x, cloud.model.X, result.nodes, cloud.radius, result.growth,
+                                       cloud.options, cloud.pinned, result.phi, result.dphi);
+      if (result.mls.ok() && (!only_connected || result.mls.pivot_ratio > surely_conditioned)) return true;
     }
+    return false;
+  };
+  result.ok = find(static_cast<bool>(connected));
+  if (!result.ok && connected) {
+    result.unconnected = true;
+    result.ok = find(false);
   }
   return result;
 }
@@ -111,9 +123,10 @@ struct Near {
   }
 };
 
-// For each place the nodes whose radius comes within `margin` of it. Nodes ask, not places: in a graded cloud
-// a place would have to look as far as the largest radius of all.
-Near nodes_near(const Points& places, const Cloud& cloud, const Eigen::VectorXd& margin) {
+// For each place the nodes whose radius comes within `margin` of it and that `connected`(node, place), if given, does
+// not exclude. Nodes ask, not places: in a graded cloud a place would have to look as far as the largest radius of all.
+Near nodes_near(const Points& places, const Cloud& cloud, const Eigen::VectorXd& margin,
+                const Connected& connected = {}) {
   Near result;
   result.offset.assign(static_cast<std::size_t>(places.cols()) + 1, 0);
   if (places.cols() == 0) return result;
@@ -131,7 +144,8 @@ Near nodes_near(const Points& places, const Cloud& cloud, const Eigen::VectorXd&
     tree.within_unordered(x, reach, all);
     for (const int q : all)
       if (const double within = cloud.radius[a] + (margin.size() > 0 ? margin[q] : 0.0);
-          (places.col(q) - x).squaredNorm() < within * within)
+          (places.col(q) - x).squaredNorm() < within * within &&
+          (!connected || connected(static_cast<int>(a), q)))
         found.push_back(q);
   });
   for (const auto& found : of_node)
@@ -159,7 +173,7 @@ Mat3 root_of_spread(const Discretisation& model, Index q) {
 
 // What was met on the way to a point's support.
 struct PointReport {
-  bool grown = false;
+  bool grown = false, unconnected = false;
   double largest_growth = 1.0;
   double worst_pivot_ratio = 1.0;
   double linear_error = 0.0;
@@ -177,6 +191,7 @@ struct PointSupport : PointReport {
 
 void take(PointSupport& result, const PlaceSupport& place) {
   result.grown = result.grown || place.growth > 1.0;
+  result.unconnected = result.unconnected || place.unconnected;
   result.largest_growth = std::max(result.largest_growth, place.growth);
   result.worst_pivot_ratio = std::min(result.worst_pivot_ratio, place.mls.pivot_ratio);
   if (place.ok || !result.ok) return;
@@ -185,8 +200,9 @@ void take(PointSupport& result, const PlaceSupport& place) {
   result.failed_nodes = place.nodes.size();
 }
 
-void at_point(Index q, const Cloud& cloud, std::span<const int> near, PointSupport& result) {
-  PlaceSupport place = support_of(cloud.model.point.col(q), cloud, near);
+void at_point(Index q, const Cloud& cloud, std::span<const int> near,
+              const std::function<bool(int)>& connected, PointSupport& result) {
+  PlaceSupport place = support_of(cloud.model.point.col(q), cloud, near, connected);
   take(result, place);
   result.nodes = std::move(place.nodes);
   result.dphi = std::move(place.dphi);
@@ -201,13 +217,13 @@ bool surely_good(const MlsOfEight& eight, std::size_t place) {
 }
 
 // The gradients at each place, found one by one, with larger supports where they need it.
-bool one_by_one(const Points& x, const Cloud& cloud, std::span<const int> near, PointSupport& result,
-                MlsOfEight& gradients) {
+bool one_by_one(const Points& x, const Cloud& cloud, std::span<const int> near,
+                const std::function<bool(int)>& connected, PointSupport& result, MlsOfEight& gradients) {
   std::array<PlaceSupport, cell_places> at;
   std::vector<int>& nodes = gradients.nodes;
   nodes.clear();
   for (int k = 0; k < cell_places; ++k) {
-    PlaceSupport& place = at[static_cast<std::size_t>(k)] = support_of(x.col(k), cloud, near);
+    PlaceSupport& place = at[static_cast<std::size_t>(k)] = support_of(x.col(k), cloud, near, connected);
     take(result, place);
     if (!result.ok) return false;
     nodes.insert(nodes.end(), place.nodes.begin(), place.nodes.end());
@@ -229,7 +245,8 @@ bool one_by_one(const Points& x, const Cloud& cloud, std::span<const int> near, 
   return true;
 }
 
-void over_cell(Index q, const Cloud& cloud, std::span<const int> near, double weight, PointSupport& result) {
+void over_cell(Index q, const Cloud& cloud, std::span<const int> near,
+               const std::function<bool(int)>& connected, double weight, PointSupport& result) {
   const Mat3 root = root_of_spread(cloud.model, q);
   Points x(3, cell_places);
   for (int k = 0; k < cell_places; ++k) {
@@ -249,7 +266,7 @@ void over_cell(Index q, const Cloud& cloud, std::span<const int> near, double we
   }
   if (!good) {
     result.worst_pivot_ratio = 1.0;
-    if (!one_by_one(x, cloud, near, result, gradients)) return;
+    if (!one_by_one(x, cloud, near, connected, result, gradients)) return;
   }
   result.nodes = gradients.nodes;
   const auto n = static_cast<Index>(result.nodes.size());
@@ -374,9 +391,17 @@ double linear_error(const Model& model, Index q, const PointSupport& s, double r
 
 }  // namespace
 
-void find_supports(Model& model) {
+std::optional<Sight> sight_in(const Discretisation& model, const SupportOptions& options) {
+  if (!options.through_tissue || model.surface.empty()) return std::nullopt;
+  std::optional<Sight> sight(std::in_place, model, options.effective_radius_factor() * model.spacing);
+  if (sight->all_clear()) sight.reset();
+  return sight;
+}
+
+void find_supports(Model& model, const Sight* sight) {
   const SupportOptions& options = model.scheme.support;
   const Cloud cloud(model, options);
+  const bool hidden = sight != nullptr;
   const bool averaged = model.scheme.averaged_gradients;
   Eigen::VectorXd margin;
   if (averaged)
@@ -396,17 +421,21 @@ void find_supports(Model& model) {
   for (Index first = 0; first < model.point_count(); first += slab) {
     const Index count = std::min(slab, model.point_count() - first);
     found.resize(static_cast<std::size_t>(count));
+    const Connected connected = [&](int a, Index k) { return sight->sees(a, first + k); };
     const Near near = nodes_near(model.point.middleCols(first, count), cloud,
-                                 averaged ? Eigen::VectorXd(margin.segment(first, count)) : margin);
+                                 averaged ? Eigen::VectorXd(margin.segment(first, count)) : margin,
+                                 hidden ? connected : Connected());
     tbb::parallel_for(Index{0}, count, [&](Index k) {
       stop_if_asked();
       const Index q = first + k;
       PointSupport& s = found[static_cast<std::size_t>(k)];
       static_cast<PointReport&>(s) = {};
+      std::function<bool(int)> to_point;
+      if (hidden) to_point = [&](int a) { return connected(a, k); };
       if (averaged)
-        over_cell(q, cloud, near.of(k), model.volume[q], s);
+        over_cell(q, cloud, near.of(k), to_point, model.volume[q], s);
       else
-        at_point(q, cloud, near.of(k), s);
+        at_point(q, cloud, near.of(k), to_point, s);
       if (s.ok) s.linear_error = linear_error(model, q, s, mean_radius);
     });
     Index members = model.support.offset[first];
@@ -451,6 +480,7 @@ void find_supports(Model& model) {
       model.support.offset[q + 1] = model.support.offset[q] + static_cast<int>(n);
 
       report.grown += s.grown ? 1 : 0;
+      report.unconnected += s.unconnected ? 1 : 0;
       report.largest_growth = std::max(report.largest_growth, s.largest_growth);
       if (n < report.fewest) report.fewest_at = q;
       if (s.worst_pivot_ratio < report.worst_pivot_ratio) report.worst_pivot_at = q;
@@ -481,21 +511,30 @@ void find_supports(Model& model) {
 }
 
 Interpolation make_interpolation(const Discretisation& body, const SupportOptions& options,
-                                 const Points& places) {
+                                 const Points& places, const Connected& connected) {
   const Cloud cloud(body, options);
-  const auto near = nodes_near(places, cloud, {});
+  const bool masked = static_cast<bool>(connected);
+  const auto near = nodes_near(places, cloud, {}, connected);
   struct Row {
     std::vector<int> member;
     std::vector<double> weight;
   };
   std::vector<Row> rows(static_cast<std::size_t>(places.cols()));
   const auto by_itself = [&](Index m) {
-    const PlaceSupport s = support_of(places.col(m), cloud, near.of(m));
+    std::function<bool(int)> to_place;
+    if (masked) to_place = [&](int a) { return connected(a, m); };
+    const PlaceSupport s = support_of(places.col(m), cloud, near.of(m), to_place);
     Row& row = rows[static_cast<std::size_t>(m)];
-    if (s.ok)
+    if (s.ok && !s.unconnected) {
       row = {s.nodes, {s.phi.begin(), s.phi.end()}};
-    else
-      row = {{cloud.tree.nearest(places.col(m), 1).front()}, {1.0}};
+      return;
+    }
+    const auto away = [&](int a) { return (body.X.col(a) - places.col(m)).norm(); };
+    const auto there = near.of(m);
+    row = {{there.empty() ? cloud.tree.nearest(places.col(m), 1).front()
+                          : *std::min_element(there.begin(), there.end(),
+                                              [&](int a, int b) { return away(a) < away(b); })},
+           {1.0}};
   };
   tbb::parallel_for(Index{0}, (places.cols() + cell_places - 1) / cell_places, [&](Index group) {
     stop_if_asked();
@@ -514,7 +553,9 @@ Interpolation make_interpolation(const Discretisation& body, const SupportOption
                  options.interpolation, false, eight);
     for (Index m = first; m < last; ++m) {
       const auto k = static_cast<std::size_t>(m - first);
-      if (!surely_good(eight, k)) {
+      // Another place of the eight may be connected with a node that this one is not.
+      const bool same = !masked || eight.reached[k] == static_cast<int>(near.of(m).size());
+      if (!same || !surely_good(eight, k)) {
         by_itself(m);
         continue;
       }
@@ -546,8 +587,67 @@ Interpolation make_interpolation(const Discretisation& body, const SupportOption
   return result;
 }
 
+namespace {
+
+Connected members_of(const CompressedRows& rows) {
+  return [&rows](int a, Index m) {
+    return std::binary_search(rows.member.data() + rows.offset[m], rows.member.data() + rows.offset[m + 1], a);
+  };
+}
+
+// Of places on the surface, with the normals there, the nodes that they are connected with: those of the supports of
+// the nearest points behind the surface that they see. Good enough for pictures, and cheaper than to ask every node.
+CompressedRows nodes_behind(const Model& model, const Sight& sight, const Points& places,
+                            const Points& normals) {
+  constexpr int asked = 12, enough = 2;
+  const Neighbours points(model.point);
+  std::vector<std::vector<int>> nodes(static_cast<std::size_t>(places.cols()));
+  tbb::parallel_for(Index{0}, places.cols(), [&](Index m) {
+    if (m % 256 == 0) stop_if_asked();
+    std::vector<int>& list = nodes[static_cast<std::size_t>(m)];
+    const Vec3 x = places.col(m);
+    int taken = 0;
+    for (const int q : points.nearest(x, asked)) {
+      if ((model.point.col(q) - x).dot(normals.col(m)) >= 0.0 || !sight.point_sees(q, x)) continue;
+      list.insert(list.end(), model.support.member.data() + model.support.offset[q],
+                  model.support.member.data() + model.support.offset[q + 1]);
+      if (++taken == enough) break;
+    }
+    std::sort(list.begin(), list.end());
+    list.erase(std::unique(list.begin(), list.end()), list.end());
+  });
+  CompressedRows result;
+  result.offset.resize(places.cols() + 1);
+  result.offset[0] = 0;
+  for (Index m = 0; m < places.cols(); ++m)
+    result.offset[m + 1] = result.offset[m] + static_cast<int>(nodes[static_cast<std::size_t>(m)].size());
+  result.member.resize(result.offset[places.cols()]);
+  for (Index m = 0; m < places.cols(); ++m)
+    std::copy(nodes[static_cast<std::size_t>(m)].begin(), nodes[static_cast<std::size_t>(m)].end(),
+              result.member.data() + result.offset[m]);
+  return result;
+}
+
+}  // namespace
+
 Interpolation surface_interpolation(const Model& model) {
-  return make_interpolation(model, model.scheme.support, model.surface.vertex_mm * 1e-3);
+  const Points places = model.surface.vertex_mm * 1e-3;
+  CompressedRows allowed;
+  if (const auto sight = sight_in(model, model.scheme.support)) {
+    Points normal = Points::Zero(3, places.cols());
+    for (const auto& t : model.surface.triangles.colwise()) {
+      const Vec3 a = places.col(t[0]), n = (places.col(t[1]) - a).cross(places.col(t[2]) - a);
+      for (const Index v : t) normal.col(v) += n;
+    }
+    allowed = nodes_behind(model, *sight, places, normal);
+  }
+  return make_interpolation(model, model.scheme.support, places,
+                            allowed.offset.size() > 0 ? members_of(allowed) : Connected());
+}
+
+Interpolation point_interpolation(const Model& model) {
+  return make_interpolation(model, model.scheme.support, model.point,
+                            model.scheme.support.through_tissue ? members_of(model.support) : Connected());
 }
 
 Eigen::MatrixXd Interpolation::operator()(const Eigen::MatrixXd& nodal) const {

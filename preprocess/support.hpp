@@ -1,7 +1,11 @@
 #pragma once
 
+#include <functional>
+#include <optional>
+
 #include "preprocess/mls_gradient.hpp"
 #include "preprocess/model.hpp"
+#include "preprocess/sight.hpp"
 
 namespace dimple {
 
@@ -16,22 +20,29 @@ namespace dimple {
 /// variance makes it independent of how many there are.
 ///
 /// A step of make_model(): fills support, dphi, variance and support_report from the discretisation, the
-/// scheme and the tissues. Throws ModelError where even that is not enough: the place, the count, what to
+/// scheme and the tissues. Where the scheme wants supports connected through the tissue, a node belongs only to
+/// points that it sees (sight.hpp); a place that sees too few takes those that are near. Throws ModelError where even that is not enough: the place, the count, what to
 /// change.
-void find_supports(Model& model);
+void find_supports(Model& model, const Sight* sight = nullptr);
+
+/// What the model's nodes see, if its scheme connects supports through the tissue and something is hidden from some.
+std::optional<Sight> sight_in(const Discretisation& model, const SupportOptions& options);
 
 /// Shape functions at places that are not integration points, kept for use at many times; for pictures and
-/// surfaces. A place that no support can be found for takes the nearest node's value.
+/// surfaces. A place that no support can be found for takes the nearest node's value. `connected`(node,
+/// place), if given, says who may belong to whom.
 struct Interpolation {
   CompressedRows rows;
   Eigen::VectorXd weight;  ///< [rows.member]
   /// Nodal values [dim x N] -> values at the places [dim x M].
   Eigen::MatrixXd operator()(const Eigen::MatrixXd& nodal) const;
 };
+using Connected = std::function<bool(int, Index)>;
 Interpolation make_interpolation(const Discretisation& cloud, const SupportOptions& options,
-                                 const Points& places);
+                                 const Points& places, const Connected& connected = {});
 
-/// At the vertices of the model's surface.
+/// At the vertices of the model's surface, and at its points, connected as its supports are.
 Interpolation surface_interpolation(const Model& model);
+Interpolation point_interpolation(const Model& model);
 
 }  // namespace dimple

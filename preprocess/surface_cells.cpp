@@ -82,11 +82,14 @@ void count_rings(std::vector<unsigned char>& ring, const Eigen::Array3i& n) {
 SurfaceCells::SurfaceCells(const Points& vertex, const Triangles& triangles) : triangles_(triangles) {
   const Index count = triangles.cols();
   corner_.resize(static_cast<std::size_t>(count));
+  normal_.resize(3, count);
   double area = 0.0;
   for (Index t = 0; t < count; ++t) {
     Corners& at = corner_[static_cast<std::size_t>(t)];
     at = {vertex.col(triangles(0, t)), vertex.col(triangles(1, t)), vertex.col(triangles(2, t))};
-    area += 0.5 * (at.b - at.a).cross(at.c - at.a).norm();
+    const Vec3 n = (at.b - at.a).cross(at.c - at.a);
+    area += 0.5 * n.norm();
+    normal_.col(t) = n.norm() > 0.0 ? Vec3(n.normalized()) : Vec3(Vec3::Zero());
   }
   const Vec3 lower = vertex.rowwise().minCoeff(), upper = vertex.rowwise().maxCoeff();
   size_ = (upper - lower).norm();
@@ -263,7 +266,7 @@ void SurfaceCells::around(const Vec3& x, Visit&& visit) const {
   }
 }
 
-void SurfaceCells::nearest(const Vec3& x, std::vector<Index>& candidates) const {
+double SurfaceCells::nearest(const Vec3& x, std::vector<Index>& candidates) const {
   struct Visit {
     double least = std::numeric_limits<double>::infinity(), slack;
     std::vector<std::pair<double, Index>> found;
@@ -283,6 +286,7 @@ void SurfaceCells::nearest(const Vec3& x, std::vector<Index>& candidates) const 
   for (const auto& [distance, t] : visit.found)
     if (distance <= visit.reach() && std::find(candidates.begin(), candidates.end(), t) == candidates.end())
       candidates.push_back(t);
+  return visit.least;
 }
 
 std::optional<bool> SurfaceCells::farther(const Vec3& x, double d) const {
@@ -300,6 +304,80 @@ std::optional<bool> SurfaceCells::farther(const Vec3& x, double d) const {
   Visit nearer{.limit = d - slack};
   around(x, nearer);
   return nearer.least < d - slack ? std::optional<bool>(false) : std::nullopt;
+}
+
+void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>& crossings) const {
+  crossings.clear();
+  const Vec3 way = to - from;
+  const double length = way.norm();
+  if (!(length > 0.0)) return;
+  const double least = 1e-6 * edge_ / length;  // of progress: what rounding could undo
+  double t = 0.0;
+  while (t <= 1.0) {
+    const Vec3 x = from + t * way;
+    const Cell at = cell_of(x);
+    int free = 0;  // rings of cells without a triangle around this one
+    if (in_grid(at)) {
+      const std::size_t c = number(at);
+      free = std::max(static_cast<int>(clear_[c]) - 1, 0);
+      for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
+        const int triangle = member_[static_cast<std::size_t>(m)];
+        const Corners& corner = corner_[static_cast<std::size_t>(triangle)];
+        // Moeller & Trumbore, J. Graphics Tools 2 (1997) 21; a little beyond the edges, so that none is missed.
+        const Vec3 ab = corner.b - corner.a, ac = corner.c - corner.a, p = way.cross(ac);
+        const double determinant = ab.dot(p);
+        if (std::abs(determinant) < 1e-12 * length * ab.norm() * ac.norm()) continue;
+        const Vec3 s = (from - corner.a) / determinant;
+        const double u = s.dot(p);
+        if (u < -doubt || u > 1.0 + doubt) continue;
+        const Vec3 q = s.cross(ab);
+        const double v = way.dot(q);
+        if (v < -doubt || u + v > 1.0 + doubt) continue;
+        const double place = ac.dot(q);
+        if (place < 0.0 || place > 1.0) continue;
+        if (std::none_of(crossings.begin(), crossings.end(),
+                         [&](const Crossing& other) { return other.triangle == triangle; }))
+          crossings.push_back({triangle, place, determinant < 0.0});
+      }
+    }
+    // To where the way leaves the cells that are known.
+    const Vec3 low = origin_ + edge_ * (at - free).cast<double>().matrix(),
+               high = origin_ + edge_ * (at + free + 1).cast<double>().matrix();
+    double next = 2.0;
+    for (int d = 0; d < 3; ++d)
+      if (way[d] != 0.0) next = std::min(next, ((way[d] > 0.0 ? high[d] : low[d]) - from[d]) / way[d]);
+    if (next <= t && !in_grid(at)) break;  // away from the body
+    t = std::max(next, t) + least;
+  }
+  std::sort(crossings.begin(), crossings.end(), [](const Crossing& a, const Crossing& b) {
+    return std::pair(a.t, a.triangle) < std::pair(b.t, b.triangle);
+  });
+}
+
+bool SurfaceCells::any_above(const Vec3& x, double d, double above) const {
+  const Cell middle = cell_of(x).max(0).min(n_ - 1);
+  const Cell first = cell_of(x.array() - d).max(0), last = cell_of(x.array() + d).min(n_ - 1);
+  const auto in_cell = [&](const Cell& at) {
+    const std::size_t c = number(at);
+    for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
+      const int t = member_[static_cast<std::size_t>(m)];
+      if (height(x, t) <= above) continue;
+      const Corners& corner = corner_[static_cast<std::size_t>(t)];
+      if (distance2_to(x, corner.a, corner.b, corner.c) < d * d) return true;
+    }
+    return false;
+  };
+  // What there is lies near, as a rule.
+  const Cell near_first = (middle - 2).max(first), near_last = (middle + 2).min(last);
+  for (int k = near_first[2]; k <= near_last[2]; ++k)
+    for (int j = near_first[1]; j <= near_last[1]; ++j)
+      for (int i = near_first[0]; i <= near_last[0]; ++i)
+        if (in_cell({i, j, k})) return true;
+  for (int k = first[2]; k <= last[2]; ++k)
+    for (int j = first[1]; j <= last[1]; ++j)
+      for (int i = first[0]; i <= last[0]; ++i)
+        if (in_cell({i, j, k})) return true;
+  return false;
 }
 
 }  // namespace dimple

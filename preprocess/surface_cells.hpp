@@ -20,8 +20,8 @@ class SurfaceCells {
   /// Is x inside? Nothing: too near to the surface, or to a triangle's edge along the way, to say.
   std::optional<bool> contains(const Vec3& x) const;
 
-  /// The triangles that may be the nearest to x, but for rounding: as a rule one.
-  void nearest(const Vec3& x, std::vector<Index>& candidates) const;
+  /// The triangles that may be the nearest to x, but for rounding: as a rule one. Returns how far they are.
+  double nearest(const Vec3& x, std::vector<Index>& candidates) const;
 
   /// Is every triangle farther from x than d? Nothing: rounding decides.
   std::optional<bool> farther(const Vec3& x, double d) const;
@@ -33,6 +33,24 @@ class SurfaceCells {
   /// Triangles that the line through x along an axis meets between two coordinates, unordered; false if an
   /// edge is met, or nearly.
   bool line(const Vec3& x, int axis, double from, double to, std::vector<Hit>& hits) const;
+
+  struct Crossing {
+    Index triangle;
+    double t;    ///< place: from + t (to - from)
+    bool leave;  ///< outwards through the triangle, otherwise inwards
+  };
+  /// Triangles that the straight way between two places passes through, in its order. Where it passes an edge or
+  /// a corner, one or several of those that meet there.
+  void pass(const Vec3& from, const Vec3& to, std::vector<Crossing>& crossings) const;
+
+  /// Is there a triangle, some of it within d of x, above whose plane x lies by more than `height`?
+  bool any_above(const Vec3& x, double d, double height) const;
+
+  /// Of x above the plane of a triangle, outwards.
+  double height(const Vec3& x, Index triangle) const {
+    return normal_.col(triangle).dot(x - corner_[static_cast<std::size_t>(triangle)].a);
+  }
+  const Points& normal() const { return normal_; }  ///< [3xT] outward unit normals
 
  private:
   struct Corners {
@@ -58,6 +76,7 @@ class SurfaceCells {
   std::vector<unsigned char> clear_;  // how many cells it is to the next one with a triangle, at least
   std::vector<Side> side_;
   std::vector<Corners> corner_;
+  Points normal_;
   Triangles triangles_;
 };
 

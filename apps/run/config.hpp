@@ -22,7 +22,7 @@ struct Config {
     std::string name{converging.name};
   } scheme;
   struct Cloud {
-    std::int64_t nodes = 4250;
+    std::int64_t nodes = 1500;
     double spacing_mm = 0.0;
     double rim = 0.0;
     std::int64_t seed = 1;

@@ -34,7 +34,7 @@ Eigen::MatrixXd node_sets(const Model& model) {
 ResultWriter::ResultWriter(fs::path folder, const Model& model)
     : folder_(std::move(folder)),
       model_(model),
-      to_points_(make_interpolation(model, model.scheme.support, model.point)),
+      to_points_(point_interpolation(model)),
       to_surface_(surface_interpolation(model)),
       nodes_mm_(model.X.unaryExpr(&millimetres)),
       points_mm_(model.point.unaryExpr(&millimetres)),
