@@ -55,19 +55,24 @@ struct Options {
   double rim = 1.2, depth = 4;
   int levels = 4;
   std::map<std::string, double> named = {
-      {"label", -1},        {"mu", 210e-6},
-      {"nu", 0.499},        {"lame", 0},  // 1: bulk = lambda instead of the bulk modulus, as in hexahedra.cpp
-      {"extend", 0.2},                    // below this J, J^(-2/3) goes on as its quadratic Taylor polynomial
-      {"slit", 1},                        // width
-      {"gap", 3},                         // from the rim to the slit's near wall
-      {"slit_depth", 25},   {"growth", 0.3},  // of the wanted edge by the distance from the rim
-      {"far", 6},                             // largest wanted edge
-      {"near", 0.08},                         // distance allowed between mesh and surface / wanted edge
-      {"farthest", 1},                        // the same, largest, mm
-      {"share", 0},  // wanted edge / width of the body or of the air gap, where that is narrow; 0: not asked for
-      {"least", 1},  // the edge that narrow places do not go below
-      {"first_depth", 0.5}, {"smallest_step", 0.01},
-      {"mesh_only", 0},     {"manifold", 1},  // 0: do not ask CGAL for a manifold surface
+      {"label", -1},         // of the image; -1: all foreground
+      {"mu", 210e-6},        // N/mm^2
+      {"nu", 0.499},         // Poisson's ratio
+      {"lame", 0},           // 1: bulk = lambda instead of the bulk modulus, as in hexahedra.cpp
+      {"extend", 0.2},       // below this J, J^(-2/3) goes on as its quadratic Taylor polynomial
+      {"slit", 1},           // width
+      {"gap", 3},            // from the rim to the slit's near wall
+      {"slit_depth", 25},    // from the top
+      {"growth", 0.3},       // of the wanted edge by the distance from the rim
+      {"far", 6},            // largest wanted edge
+      {"near", 0.08},        // distance allowed between mesh and surface / wanted edge
+      {"farthest", 1},       // the same, largest, mm
+      {"share", 0},          // wanted edge / width of body or air gap where that is narrow; 0: not asked for
+      {"least", 1},          // the edge that narrow places do not go below
+      {"manifold", 1},       // 0: do not ask CGAL for a manifold surface
+      {"mesh_only", 0},      // 1: nothing is solved
+      {"first_depth", 0.5},  // reported before the others
+      {"smallest_step", 0.01},  // mm
   };
   double operator[](const char* name) const { return named.at(name); }
 };
@@ -365,7 +370,7 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
   }
   mesh.euler =
       static_cast<int>(outside_nodes.size()) - static_cast<int>(outside_edges.size()) + outside_faces;
-  // An image's base ends somewhere in a triangle: each node is asked for itself, with the surface's own normal.
+  // An image's base ends somewhere in a triangle: each node is asked for itself, with the surface's normal.
   if (!scene.sharp)
     for (size_t node = 0; node < total; ++node)
       if (mesh.on_outside[node]) {
