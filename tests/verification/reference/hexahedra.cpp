@@ -2,16 +2,18 @@
 //
 // Static, nearly incompressible neo-Hooke:
 //   W = mu/2 (J^(-2/3) I1 - 3) + bulk/2 (J - 1)^2
-// A quarter of the body (planes x = 0 and y = 0 are mirrors) is meshed with 27-node hexahedra;
+// A quarter of the body (planes x = 0 and y = 0 are mirrors; of the slit block a half, plane y = 0) is meshed
+// with 27-node hexahedra;
 // J - 1 of the second term is replaced by its projection on four functions per element
 // (1, X, Y, Z: the discontinuous linear pressure), eliminated element by element.
 // Full Newton on displacement and pressure, sparse Cholesky, load steps that halve when they fail.
 //
 //   hexahedra scene rim_mm depth_mm levels [name=value ...]
-//   hexahedra patch rim_mm                  (homogeneous stretch of the same mesh)
-//   scene: block | cylinder | ellipsoid     options: see Options
+//   hexahedra patch rim_mm                  (homogeneous stretch of the block's mesh)
+//   hexahedra slit_patch rim_mm             (the same of the slit block's)
+//   scene: block | cylinder | ellipsoid | slit     options: see Options
 //
-// Lengths in mm, stress in N/mm^2, force in N (of the whole body, four quarters).
+// Lengths in mm, stress in N/mm^2, force in N (of the whole body).
 // Build: g++ -std=c++20 -O3 -march=native -I/usr/include/eigen3 -I/usr/include/suitesparse
 //        hexahedra.cpp -o hexahedra -lcholmod -lopenblas
 #include <Eigen/CholmodSupport>
@@ -52,6 +54,11 @@ struct Options {
       {"axis_z", 16.7647},
       {"cut", -11.7353},    // ellipsoid
       {"seam", 0.3},        // height (in axis_z) at which the ellipsoid's top meets its side
+      {"slit", 1},          // width of the slit of scene slit, a block of 60 x 60 x 30 mm
+      {"gap", 3},           // from the rim to the slit's near wall
+      {"slit_depth", 25},   // from the top
+      {"filled", 0},        // 1: tissue fills the slit, so that the plain block is computed on the same mesh
+      {"tip", 1},           // element at the slit's end
       {"half_sectors", 3},  // elements along 45 degrees of the circle
       {"growth", 1.35},
       {"far", 4},
@@ -90,6 +97,11 @@ struct Mesh {
   std::vector<Vector3d> nodes;
   std::vector<std::array<int, 27>> elements;
   std::vector<char> on_base, on_circle, on_outside;
+  std::array<bool, 2> mirrored = {true, true};  // at the planes x = 0 and y = 0
+  std::vector<int> near_wall;                   // of the slit
+  double far_wall = 0;                          // its x
+
+  int copies() const { return (mirrored[0] ? 2 : 1) * (mirrored[1] ? 2 : 1); }
 };
 
 // Outline of the body as the mesh sees it: height fraction 0 (base) .. 1 (top).
@@ -234,6 +246,184 @@ Mesh make_mesh(const Options& options) {
     for (int p = 0; p + 2 < core_points; p += 2) add_column(core_index, p, q);
   for (int radial = 0; radial + 2 <= radial_points; radial += 2)
     for (int around = 0; around + 2 < ring_points; around += 2) add_column(ring_index, radial, around);
+  return mesh;
+}
+
+// Two entries per element, as graded_fractions(), for elements that end at `ends`.
+std::vector<double> with_middles(const std::vector<double>& ends) {
+  std::vector<double> places = {ends.front()};
+  for (size_t i = 1; i < ends.size(); ++i) {
+    places.push_back((ends[i - 1] + ends[i]) / 2);
+    places.push_back(ends[i]);
+  }
+  return places;
+}
+
+// Places from `from` to `to`: the elements grow from `first` up to `largest`.
+std::vector<double> graded_places(double from, double to, double first, double growth, double largest) {
+  std::vector<double> places;
+  for (double fraction : graded_fractions(std::abs(to - from), first, growth, largest))
+    places.push_back(from + fraction * (to - from));
+  return places;
+}
+
+// The same, growing from both ends.
+std::vector<double> places_graded_from_both_ends(double from, double to, double first, double last,
+                                                 double growth, double largest) {
+  const double length = std::abs(to - from);
+  std::vector<double> sizes_first, sizes_last;
+  double sum = 0, next_first = first, next_last = last;
+  while (sum < length * (1 - 1e-9)) {
+    double& size = next_first <= next_last ? next_first : next_last;
+    if (!sizes_first.empty() && !sizes_last.empty() && length - sum < size / 2) break;
+    (&size == &next_first ? sizes_first : sizes_last).push_back(size);
+    sum += size;
+    size = std::min(largest, size * growth);
+  }
+  sizes_first.insert(sizes_first.end(), sizes_last.rbegin(), sizes_last.rend());
+  std::vector<double> ends = {from};
+  for (double size : sizes_first) ends.push_back(ends.back() + size / sum * (to - from));
+  ends.back() = to;
+  return with_middles(ends);
+}
+
+// `count` elements on a length, the first of the given size (or of an even share, if that is less) and each
+// larger than the one before by the same factor. Fractions with middles.
+std::vector<double> stretched_fractions(double length, double first, int count) {
+  auto total = [&](double factor) {
+    double sum = 0, size = std::min(first, length / count);
+    for (int i = 0; i < count; ++i, size *= factor) sum += size;
+    return sum;
+  };
+  double low = 1, high = 10;
+  for (int i = 0; i < 100; ++i) (total((low + high) / 2) < length ? low : high) = (low + high) / 2;
+  std::vector<double> ends = {0};
+  double size = std::min(first, length / count);
+  for (int i = 0; i < count; ++i, size *= low) ends.push_back(ends.back() + size);
+  for (double& end : ends) end /= ends.back();
+  return with_middles(ends);
+}
+
+// Half of the block with a slit. Its plan is a square around the circle, whose side touches the slit's near
+// wall, with rings of elements between the two, and rows of rectangles outside; all are extruded along z.
+Mesh make_slit_mesh(const Options& options) {
+  const double circle = options["circle"], growth = options["growth"], far = options["far"],
+               rim = options.rim, width = options["slit"], half_x = options["width"] / 2,
+               half_y = options["length"] / 2, height = options["height"], tip = options["tip"];
+  const double wall = circle + options["gap"], end = height - options["slit_depth"];
+  const bool filled = options["filled"] > 0;
+  const int sectors = static_cast<int>(options["half_sectors"]);
+  const double core_size = 0.55, core_bulge = 0.22;  // as in make_mesh()
+
+  std::vector<Vector2d> plan_nodes;
+  std::vector<std::array<int, 9>> plan_elements;
+  std::map<std::pair<long, long>, int> known;
+  auto plan_node = [&](const Vector2d& place) {
+    const long x = std::lround(place.x() * 1e6), y = std::lround(place.y() * 1e6);
+    for (long dx = -1; dx <= 1; ++dx)
+      for (long dy = -1; dy <= 1; ++dy)
+        if (const auto found = known.find({x + dx, y + dy}); found != known.end()) return found->second;
+    known[{x, y}] = static_cast<int>(plan_nodes.size());
+    plan_nodes.push_back(place);
+    return static_cast<int>(plan_nodes.size()) - 1;
+  };
+  // Right-handed: the second index goes anticlockwise from the first.
+  auto add_patch = [&](int first_points, int second_points, const std::function<Vector2d(int, int)>& place) {
+    for (int j = 0; j + 2 < second_points; j += 2)
+      for (int i = 0; i + 2 < first_points; i += 2) {
+        std::array<int, 9> element;
+        for (int b = 0; b < 3; ++b)
+          for (int a = 0; a < 3; ++a) element[3 * b + a] = plan_node(place(i + a, j + b));
+        plan_elements.push_back(element);
+      }
+  };
+  auto add_rectangles = [&](const std::vector<double>& x, const std::vector<double>& y) {
+    add_patch(static_cast<int>(x.size()), static_cast<int>(y.size()),
+              [&](int i, int j) { return Vector2d(x[i], y[j]); });
+  };
+
+  auto core_position = [&](int p, int q) {
+    const double s = p / (2.0 * sectors) - 1, t = q / (2.0 * sectors), size = core_size * circle;
+    return Vector2d(size * s * (1 - core_bulge * t * t), size * t * (1 - core_bulge * s * s));
+  };
+  add_patch(4 * sectors + 1, 2 * sectors + 1, core_position);
+  const auto inside = graded_fractions(circle * (1 - core_size), rim, growth, options["inner"]);
+  const int inside_points = static_cast<int>(inside.size());
+  const int diagonal_elements =
+      static_cast<int>(graded_fractions(std::sqrt(2) * wall - circle, rim, growth, far).size()) / 2;
+  auto ring_position = [&](int radial, int around) -> Vector2d {
+    const double angle = M_PI / 4 * around / (2.0 * sectors);
+    const Vector2d on_circle = circle * Vector2d(std::cos(angle), std::sin(angle));
+    const int corner = 2 * sectors;
+    if (radial < inside_points) {
+      const Vector2d on_core = around <= corner       ? core_position(2 * corner, around)
+                               : around <= 3 * corner ? core_position(3 * corner - around, corner)
+                                                      : core_position(0, 4 * corner - around);
+      return on_circle + inside[inside_points - 1 - radial] * (on_core - on_circle);
+    }
+    const double cosine = std::cos(angle), sine = std::sin(angle);
+    const Vector2d on_square = wall / std::max(std::abs(cosine), sine) * Vector2d(cosine, sine);
+    const auto outside = stretched_fractions((on_square - on_circle).norm(), rim, diagonal_elements);
+    return on_circle + outside[radial - inside_points + 1] * (on_square - on_circle);
+  };
+  add_patch(inside_points + 2 * diagonal_elements, 8 * sectors + 1, ring_position);
+
+  // the square's own places along x and y go on outside of it
+  std::vector<double> square_x, square_y;
+  for (int k = 0; k <= 2 * sectors; ++k) square_y.push_back(wall * std::tan(M_PI / 4 * k / (2 * sectors)));
+  for (int k = 2 * sectors; k > 0; --k) square_x.push_back(-square_y[k]);
+  square_x.insert(square_x.end(), square_y.begin(), square_y.end());
+  const double last_ring = std::max(rim, options["gap"] / 2);
+  const auto beyond_y = graded_places(wall, half_y, last_ring, growth, far);
+  auto left_x = graded_places(-wall, -half_x, last_ring, growth, far);
+  std::reverse(left_x.begin(), left_x.end());
+  const auto strip_x = with_middles({wall, wall + width});
+  const auto right_x = graded_places(wall + width, half_x, std::max(width, 2 * rim), growth, far);
+  add_rectangles(square_x, beyond_y);
+  add_rectangles(left_x, square_y), add_rectangles(left_x, beyond_y);
+  const size_t strip_begin = plan_elements.size();
+  add_rectangles(strip_x, square_y), add_rectangles(strip_x, beyond_y);
+  const size_t strip_end = plan_elements.size();
+  add_rectangles(right_x, square_y), add_rectangles(right_x, beyond_y);
+
+  auto layers = graded_places(end, 0, tip, growth, far);
+  std::reverse(layers.begin(), layers.end());
+  const auto upper = places_graded_from_both_ends(end, height, tip, rim, growth, far);
+  const int end_layer = static_cast<int>(layers.size()) - 1;
+  layers.insert(layers.end(), upper.begin() + 1, upper.end());
+  const int layer_count = static_cast<int>(layers.size()), plan_count = static_cast<int>(plan_nodes.size());
+
+  Mesh mesh;
+  mesh.mirrored = {false, true};
+  mesh.far_wall = wall + width;
+  std::vector<int> number(size_t(plan_count) * layer_count, -1);
+  for (size_t plan = 0; plan < plan_elements.size(); ++plan)
+    for (int layer = 0; layer + 2 < layer_count; layer += 2) {
+      if (!filled && plan >= strip_begin && plan < strip_end && layer >= end_layer) continue;
+      std::array<int, 27> element;
+      for (int k = 0; k < 27; ++k) {
+        const int at = plan_elements[plan][k % 9], height_layer = layer + k / 9;
+        int& node = number[size_t(height_layer) * plan_count + at];
+        if (node < 0) {
+          node = static_cast<int>(mesh.nodes.size());
+          const Vector2d& place = plan_nodes[at];
+          const double z = layers[height_layer];
+          mesh.nodes.emplace_back(place.x(), place.y(), z);
+          const bool base = height_layer == 0, top = height_layer == layer_count - 1;
+          const bool above = z > end - 1e-9, at_near = std::abs(place.x() - wall) < 1e-9,
+                     at_far = std::abs(place.x() - wall - width) < 1e-9;
+          const bool at_end = std::abs(z - end) < 1e-9 && place.x() > wall && place.x() < wall + width;
+          mesh.on_base.push_back(base);
+          mesh.on_circle.push_back(top && place.norm() < circle + 1e-9);
+          mesh.on_outside.push_back(base || top || std::abs(place.x()) > half_x - 1e-9 ||
+                                    place.y() > half_y - 1e-9 ||
+                                    (!filled && (at_end || (above && (at_near || at_far)))));
+          if (!filled && above && at_near) mesh.near_wall.push_back(node);
+        }
+        element[k] = node;
+      }
+      mesh.elements.push_back(element);
+    }
   return mesh;
 }
 
@@ -493,7 +683,7 @@ SparseMatrix lower_pattern(const Body& body) {
 
 Body make_body(const Options& options, bool patch) {
   Body body;
-  body.mesh = make_mesh(options);
+  body.mesh = options.scene == "slit" ? make_slit_mesh(options) : make_mesh(options);
   const double mu = options["mu"], nu = options["nu"];
   const double lambda = 2 * mu * nu / (1 - 2 * nu);
   const double bulk = options["lame"] > 0 ? lambda : lambda + 2 * mu / 3,
@@ -510,7 +700,7 @@ Body make_body(const Options& options, bool patch) {
   for (int node = 0; node < count; ++node)
     for (int i = 0; i < 3; ++i) {
       const Vector3d& place = body.mesh.nodes[node];
-      const bool mirror = i < 2 && std::abs(place[i]) < 1e-9;
+      const bool mirror = i < 2 && body.mesh.mirrored[i] && std::abs(place[i]) < 1e-9;
       const bool held =
           patch ? bool(body.mesh.on_outside[node]) : body.mesh.on_base[node] || body.mesh.on_circle[node];
       const int at = entry(node, i);
@@ -661,7 +851,7 @@ double driven_force(const Body& body, const Response& response) {
   double sum = 0;
   for (int at = 0; at < response.force.size(); ++at)
     if (body.driven[at]) sum += body.direction[at] * response.force[at];
-  return 4 * sum;
+  return body.mesh.copies() * sum;
 }
 
 void run_patch(const Options& options) {
@@ -673,17 +863,31 @@ void run_patch(const Options& options) {
       for (int i = 0; i < 3; ++i)
         error = std::max(error, std::abs(state.displacement[entry(node, i)] - exact[i]));
     }
-    const double volume = (options["width"] / 2) * (options["length"] / 2) * options["height"];
+    double volume = 0;
+    for (const Element& element : body.elements)
+      for (const GaussPoint& point : element.points) volume += point.weight;
     const Matrix3d F = Vector3d(1 + 0.2 * load, 1 - 0.1 * load, 1 - 0.15 * load).asDiagonal();
     const double J = F.determinant();
     const Matrix3d stress =
         body.material.mu * std::pow(J, -2.0 / 3) * (F - F.squaredNorm() / 3 * F.inverse().transpose()) +
         (body.material.bulk + body.material.pointwise_bulk) * (J - 1) * cofactor(F);
-    const double exact = 4 * volume * (stress * Vector3d(0.2, -0.1, -0.15).asDiagonal()).trace();
+    const double exact =
+        body.mesh.copies() * volume * (stress * Vector3d(0.2, -0.1, -0.15).asDiagonal()).trace();
     std::printf(
-        "patch load %.2f: largest displacement error %.2e mm, work %.12g exact %.12g, J %.12g exact %.12g\n",
-        load, error, driven_force(body, response), exact, response.smallest_J, J);
+        "patch load %.2f: volume %.6f mm^3, largest displacement error %.2e mm, work %.12g exact %.12g, "
+        "J %.12g exact %.12g\n",
+        load, body.mesh.copies() * volume, error, driven_force(body, response), exact, response.smallest_J,
+        J);
   });
+}
+
+// Smallest distance from the slit's near wall to where its far wall lies at rest: the far wall hardly moves.
+double wall_distance(const Body& body, const State& state) {
+  double smallest = 1e9;
+  for (int node : body.mesh.near_wall)
+    smallest = std::min(smallest,
+                        body.mesh.far_wall - body.mesh.nodes[node].x() - state.displacement[entry(node, 0)]);
+  return smallest;
 }
 
 void run_scene(const Options& options) {
@@ -697,15 +901,23 @@ void run_scene(const Options& options) {
     stops.push_back(options.depth * level / options.levels);
   // the last four columns: J below which the energy is extended (0: plain), pointwise part of the bulk
   // modulus (mu), whether the stiffness was positive definite, seconds
+  const bool slit = options.scene == "slit";
   std::printf(
-      "scene,rim_mm,nu,unknowns,depth_mm,force_N,J_min,extended_below,pointwise,positive_definite,seconds\n");
+      "scene,rim_mm,nu,unknowns,depth_mm,force_N,J_min,extended_below,pointwise,positive_definite,seconds%"
+      "s\n",
+      slit ? ",slit_mm,gap_mm,filled,half_sectors,growth,far_mm,wall_distance_mm" : "");
   follow(body, stops, options["smallest_step"],
-         [&](double load, const State&, const Response& response, bool positive) {
+         [&](double load, const State& state, const Response& response, bool positive) {
            const double seconds =
                std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-           std::printf("%s,%g,%g,%d,%g,%.7f,%.3f,%g,%g,%d,%.0f\n", options.scene.c_str(), options.rim,
+           std::printf("%s,%g,%g,%d,%g,%.7f,%.3f,%g,%g,%d,%.0f", options.scene.c_str(), options.rim,
                        options["nu"], body.unknowns, load, driven_force(body, response), response.smallest_J,
                        options["extend"], options["pointwise"], int(positive), seconds);
+           if (slit)
+             std::printf(",%g,%g,%g,%g,%g,%g,%.3f", options["slit"], options["gap"], options["filled"],
+                         options["half_sectors"], options["growth"], options["far"],
+                         body.mesh.near_wall.empty() ? 0 : wall_distance(body, state));
+           std::printf("\n");
            std::fflush(stdout);
          });
 }
@@ -713,8 +925,8 @@ void run_scene(const Options& options) {
 int main(int count, char** text) {
   try {
     Options options = read_options(count, text);
-    if (options.scene == "patch") {
-      options.scene = "block";
+    if (options.scene == "patch" || options.scene == "slit_patch") {
+      options.scene = options.scene == "patch" ? "block" : "slit";
       run_patch(options);
     } else {
       run_scene(options);
