@@ -149,8 +149,10 @@ class Recorder {
   // Where the run stands is kept now and then, within a hundredth of its time.
   void keep(const std::function<State()>& state) {
     if (since_kept_.seconds() < std::max(0.2, 100.0 * keeping_s_)) return;
-    const Stopwatch writing;
+    const Stopwatch waiting;
     writer_->finish_frames();  // only what is on the disk can be gone on from
+    writing_s_ += waiting.seconds();
+    const Stopwatch writing;
     kept_.state = state();
     kept_.frame_time_s = writer_->frame_time_s();
     kept_.solve_wall_s = solve_s_before() + marching_.seconds() - writing_s_;

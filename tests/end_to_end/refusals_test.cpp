@@ -223,7 +223,7 @@ TEST_F(Refusal, OfFilesThatNoRunWrites) {
   expect(2, "run brain.nrrd -o out --write ,", {"output.write = ,", "it names nothing"});
   write("none.toml", "[output]\nwrite = []\n");
   expect(2, "run brain.nrrd -o out --config none.toml", {"output.write = nothing", "it names nothing"});
-  expect(2, "model brain.nrrd -o out --write nodes", {"no option --write"});
+  expect(2, "model brain.nrrd -o out --write nodes", {"not expected: nodes --write"});
 }
 
 TEST_F(Refusal, OfGapsThatCannotBeClosed) {

@@ -151,7 +151,7 @@ TEST(Vtu, HoldsNoTextArraysAndNoRawBytes) {
   write_vtu(file, sample_points(), 0.0);
   const std::string content = read_file(file);
   EXPECT_EQ(content.find("type=\"String\""), std::string::npos);
-  EXPECT_NE(content.find("vtkZLibDataCompressor"), std::string::npos);
+  EXPECT_NE(content.find("vtkLZ4DataCompressor"), std::string::npos);
   EXPECT_EQ(content.find("<AppendedData"), std::string::npos);
   EXPECT_NE(content.find("format=\"binary\""), std::string::npos);
 }
@@ -306,9 +306,9 @@ TEST(Vtu, SeesThroughUnusualWaysToWriteAnAttribute) {
     put(folder / "changed.vtu", changed);
     return folder / "changed.vtu";
   };
-  const std::string compressor = "compressor=\"vtkZLibDataCompressor\"";
+  const std::string compressor = "compressor=\"vtkLZ4DataCompressor\"";
   for (const std::string& is :
-       std::vector<std::string>{"note=\">\" " + compressor, "compressor\n = 'vtkZLibDataCompressor'",
+       std::vector<std::string>{"note=\">\" " + compressor, "compressor\n = 'vtkLZ4DataCompressor'",
                                 "note=\"" + std::string(300000, 'x') + "\" " + compressor}) {
     SCOPED_TRACE(is.substr(0, 60));
     EXPECT_EQ(read_vtu(with(compressor, is)).position_mm.cols(), 50);
