@@ -33,7 +33,7 @@ struct SurfaceFile {
   std::vector<Field> fields;
 };
 
-/// All writers here write inline base64 data with zlib, beside the final name, then rename; they throw
+/// All writers here write inline base64 data packed by LZ4, beside the final name, then rename; they throw
 /// OutputError (disk, permissions) and std::invalid_argument (a field that does not match the points: the
 /// caller's mistake). The unit of each array is its UNITS_LABEL, the time the field data TimeValue; a field
 /// "displacement" is the active vector. `exact` keeps positions in double precision, else they are Float32.

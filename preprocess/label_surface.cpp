@@ -448,4 +448,25 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
           std::move(report)};
 }
 
+double facing_share(const BodySurface& surface, double width_mm) {
+  constexpr Index most_triangles_asked = 2000;
+  constexpr double lift = 0.05;  // of the width: off the triangle itself, whose neighbours may bend up to it
+  const Index every = (surface.triangles().cols() + most_triangles_asked - 1) / most_triangles_asked;
+  double area = 0.0, facing = 0.0;
+  for (Index t = 0; t < surface.triangles().cols(); t += every) {
+    const Vec3 middle =
+        (surface.vertex().col(surface.triangles()(0, t)) + surface.vertex().col(surface.triangles()(1, t)) +
+         surface.vertex().col(surface.triangles()(2, t))) /
+        3.0;
+    const Vec3 normal = surface.normal().col(t);
+    const double here = surface.triangle_area()[t];
+    area += here;
+    const std::vector<double> met = surface.crossings(middle, normal);
+    if (std::any_of(met.begin(), met.end(),
+                    [&](double far) { return far > lift * width_mm && far < width_mm; }))
+      facing += here;
+  }
+  return area > 0.0 ? facing / area : 0.0;
+}
+
 }  // namespace dimple

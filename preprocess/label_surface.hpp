@@ -52,4 +52,9 @@ struct SegmentedBody {
 SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>& labels,
                                 const SurfaceOptions& options = {});
 
+/// Share of the surface's area, in [0, 1], that faces another part of it across less than `width_mm`: its
+/// outward normal meets the surface again within that. A smooth organ has none, one with folds a third. Asked
+/// of at most 2000 triangles, spread over all: known to about one per cent.
+double facing_share(const BodySurface& surface, double width_mm);
+
 }  // namespace dimple

@@ -5,9 +5,9 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <limits>
 #include <map>
-#include <cmath>
 #include <numeric>
 #include <optional>
 #include <random>
@@ -465,7 +465,8 @@ void shake(const BodySurface& body, double part, std::mt19937_64& random, NodeCl
 // Nodes along the outline of the base: where it ends is felt (a strip of half a spacing that is left free beside it
 // made a block's force up to a tenth too small), and others only lie near it.
 std::vector<Vec3> outline_of_base(const BodySurface& body, const Boundary& boundary, const Spacing& spacing) {
-  constexpr double apart = 0.95, at_least = 0.6, shortest = 4.0;  // spacings: along a loop; of any two; of a loop
+  constexpr double apart = 0.95, at_least = 0.6,
+                   shortest = 4.0;  // spacings: along a loop; of any two; of a loop
   const Triangles& triangles = body.triangles();
   const auto corner = [&](Index v) -> Vec3 { return body.vertex().col(v); };
   std::set<std::pair<Index, Index>> edges;  // of the base's triangles, as they turn
@@ -601,7 +602,9 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
 
   const auto on_surface =
       surface_candidates(facets, boundary, candidates_per_node * free_surface, sizing, h, random);
-  for (const Vec3& x : thin_out(on_surface, placed, std::max<Index>(free_surface - outline, 0), 1.07, spacing)) placed.push_back(x);
+  for (const Vec3& x :
+       thin_out(on_surface, placed, std::max<Index>(free_surface - outline, 0), 1.07, spacing))
+    placed.push_back(x);
   cloud.surface_count = static_cast<Index>(placed.size());
 
   const Index wanted = count - cloud.surface_count;

@@ -30,7 +30,7 @@ struct Evenness {
 struct NodeCloud {
   Points X;  ///< [3xN]: the circle's nodes, then the rest of the surface's, then the inner ones
   Index circle_count = 0;
-  Index fixed_count = 0;  ///< the circle's and those on the outline of the base
+  Index fixed_count = 0;     ///< the circle's and those on the outline of the base
   Index surface_count = 0;   ///< the circle's included
   double far_spacing = 0.0;  ///< wanted far from the circle [mm]
   Eigen::VectorXd spacing;   ///< [N] wanted at each node [mm]

@@ -104,8 +104,8 @@ Groups connected(const CompressedRows& support, const Groups& groups) {
       part.push_back(left.front());
       left.erase(left.begin());
       for (std::size_t k = 0; k < part.size() && !left.empty(); ++k) {
-        const auto rest = std::stable_partition(
-            left.begin(), left.end(), [&](int q) { return !share_a_node(support, part[k], q); });
+        const auto rest = std::stable_partition(left.begin(), left.end(),
+                                                [&](int q) { return !share_a_node(support, part[k], q); });
         part.insert(part.end(), rest, left.end());
         left.erase(rest, left.end());
       }
@@ -133,8 +133,7 @@ Patches patches_of(const Places& places, const std::vector<int>& points, Index c
         total += places.worth[q];
       }
       result.centre.col(static_cast<Index>(b)) = sum / total;
-      result.radius[static_cast<Index>(b)] =
-          reach * std::cbrt(worth / whole) * h / total;
+      result.radius[static_cast<Index>(b)] = reach * std::cbrt(worth / whole) * h / total;
     });
   };
   centroids();

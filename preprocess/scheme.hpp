@@ -44,17 +44,19 @@ struct Scheme {
 };
 
 /// Makes the force independent of where nodes and points lie: solver/README.md.
-inline constexpr Scheme converging = {
-    .name = "converging",
-    .averaged_gradients = true,
-    .consistent_gradients = true,
-    .pressure_patches = true,
-    .rim = 0.03,
-    .reach = 12.0,
-    .least_rim = 0.1,
-    .points_per_node = 7.0,
-    .support = {
-        .basis = Basis::linear, .weight = Weight::quartic, .radius_factor = 1.6, .interpolation = 0.01, .through_tissue = true}};
+inline constexpr Scheme converging = {.name = "converging",
+                                      .averaged_gradients = true,
+                                      .consistent_gradients = true,
+                                      .pressure_patches = true,
+                                      .rim = 0.03,
+                                      .reach = 12.0,
+                                      .least_rim = 0.1,
+                                      .points_per_node = 7.0,
+                                      .support = {.basis = Basis::linear,
+                                                  .weight = Weight::quartic,
+                                                  .radius_factor = 1.6,
+                                                  .interpolation = 0.01,
+                                                  .through_tissue = true}};
 
 /// As the paper has it: an even cloud, an even grid of single points, one neo-Hookean tissue, and central
 /// differences. Horton et al. 2007.

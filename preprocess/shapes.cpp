@@ -80,12 +80,10 @@ BodySurface slit_block_surface(const Vec3& size, double wall, double width, doub
       if (!filled(i, k)) continue;
       add(number(i, 0, k), number(i + 1, 0, k), number(i + 1, 0, k + 1), number(i, 0, k + 1));
       add(number(i, 1, k), number(i, 1, k + 1), number(i + 1, 1, k + 1), number(i + 1, 1, k));
-      if (!filled(i - 1, k))
-        add(number(i, 0, k), number(i, 0, k + 1), number(i, 1, k + 1), number(i, 1, k));
+      if (!filled(i - 1, k)) add(number(i, 0, k), number(i, 0, k + 1), number(i, 1, k + 1), number(i, 1, k));
       if (!filled(i + 1, k))
         add(number(i + 1, 0, k), number(i + 1, 1, k), number(i + 1, 1, k + 1), number(i + 1, 0, k + 1));
-      if (!filled(i, k - 1))
-        add(number(i, 0, k), number(i, 1, k), number(i + 1, 1, k), number(i + 1, 0, k));
+      if (!filled(i, k - 1)) add(number(i, 0, k), number(i, 1, k), number(i + 1, 1, k), number(i + 1, 0, k));
       if (!filled(i, k + 1))
         add(number(i, 0, k + 1), number(i + 1, 0, k + 1), number(i + 1, 1, k + 1), number(i, 1, k + 1));
     }

@@ -32,13 +32,15 @@ class Sight {
   bool sees(Index node, Index point) const;  ///< a node and an integration point
   /// Does an integration point see x?
   bool point_sees(Index point, const Vec3& x) const;
-  bool all_clear() const { return all_clear_; }  ///< no node has anything within its radius that it may not see
+  bool all_clear() const {
+    return all_clear_;
+  }  ///< no node has anything within its radius that it may not see
 
  private:
   const Discretisation& model_;
   std::optional<SurfaceCells> surface_;
-  Eigen::VectorXd clear_radius_;  ///< [N] within which a node sees everything [m]
-  Eigen::VectorXd depth_;         ///< [N] below the surface [m]
+  Eigen::VectorXd clear_radius_;                 ///< [N] within which a node sees everything [m]
+  Eigen::VectorXd depth_;                        ///< [N] below the surface [m]
   Eigen::VectorXd point_depth_, point_spacing_;  ///< [Q] likewise; and of the nearest node [m]
   bool all_clear_ = true;
 };

@@ -591,7 +591,8 @@ namespace {
 
 Connected members_of(const CompressedRows& rows) {
   return [&rows](int a, Index m) {
-    return std::binary_search(rows.member.data() + rows.offset[m], rows.member.data() + rows.offset[m + 1], a);
+    return std::binary_search(rows.member.data() + rows.offset[m], rows.member.data() + rows.offset[m + 1],
+                              a);
   };
 }
 

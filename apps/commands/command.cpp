@@ -1,6 +1,7 @@
 #include "apps/commands/command.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <cstdio>
 #include <sstream>
@@ -10,10 +11,20 @@
 
 namespace dimple {
 
+namespace {
+
+// "run" has all flags, "" all that decide a result, "solve" those of the simulation and of its files.
+bool has_flag(const std::string& command, const std::string& option) {
+  if (option == "files") return command == "run" || command == "solve";
+  return command.empty() || command == "run" || option == command;
+}
+
+}  // namespace
+
 void Flags::add(CLI::App& command, const std::string& stage) {
   Config defaults;
   for (const Option& option : options_of(defaults)) {
-    if (option.flag.empty() || (!stage.empty() && option.stage != stage)) continue;
+    if (option.flag.empty() || !has_flag(stage, option.stage)) continue;
     given.emplace_back(option.key, std::make_unique<std::string>());
     std::string help = option.help;
     if (!option.choices.empty()) {
@@ -25,10 +36,14 @@ void Flags::add(CLI::App& command, const std::string& stage) {
     if (auto* real = std::get_if<double*>(&option.value)) standard = fmt::format("{}", **real);
     if (auto* whole = std::get_if<std::int64_t*>(&option.value)) standard = fmt::format("{}", **whole);
     if (auto* word = std::get_if<std::string*>(&option.value)) standard = **word;
+    if (auto* list = std::get_if<std::vector<std::string>*>(&option.value))
+      standard = fmt::format("{}", fmt::join(**list, ","));
     if (!standard.empty())
       help += fmt::format(" [{}{}{}]", standard, option.unit.empty() ? "" : " ", option.unit);
     command.add_option(option.flag, *given.back().second, help)
-        ->group(option.stage == "model" ? "Model" : "Simulation")
+        ->group(option.stage == "model"   ? "Model"
+                : option.stage == "files" ? "Files"
+                                          : "Simulation")
         ->type_name(option.unit.empty() ? "" : option.unit);
   }
   command.add_option("--config", config_file, "TOML file with options; see `dimple options`")

@@ -41,7 +41,7 @@ struct Flags {
   std::string config_file;
   std::vector<std::string> sets;
 
-  /// Those of one stage; "": all; "none": --config and --set alone.
+  /// Those of one stage; "": all but of files; "run": those too; "none": --config and --set alone.
   void add(CLI::App& command, const std::string& stage);
   /// Defaults, then the file, then --set, then flags.
   Config config(const CLI::App& command) const;

@@ -16,7 +16,7 @@ Command add_run(CLI::App& app, Invocation& shared) {
   command->add_option("IMAGE", shared.image, "label image");
   command->add_option("-o,--out,--output", shared.out, "folder for the results")->required();
   add_over_results(*command, shared, true);
-  options->flags.add(*command, "");
+  options->flags.add(*command, "run");
   add_common(*command, shared);
   return {command, [&shared, command, options] {
             const Config config = options->flags.config(*command, shared.image);

@@ -47,7 +47,9 @@ std::string without_unit(const Option& option) {
                          const std::string& why) {
   std::string range;
   if (!option.choices.empty()) {
-    range = fmt::format("one of {}", fmt::join(option.choices, ", "));
+    range = fmt::format("{} of {}",
+                        std::holds_alternative<std::vector<std::string>*>(option.value) ? "some" : "one",
+                        fmt::join(option.choices, ", "));
   } else if (!std::holds_alternative<std::string*>(option.value)) {
     range = fmt::format("a number {} {}{}{}", option.least_excluded ? "above" : "from", option.least,
                         std::isfinite(option.most) ? fmt::format(" to {}", option.most) : "",
@@ -103,6 +105,12 @@ void assign_text(const Option& option, const std::string& text, const std::strin
     std::stringstream parts(text);
     for (std::string part; std::getline(parts, part, ',');)
       if (!trimmed(part).empty()) (*list)->push_back(trimmed(part));
+    if (option.choices.empty()) return;
+    if ((*list)->empty()) refuse(option, text.empty() ? "nothing" : text, source, "it names nothing");
+    for (const std::string& part : **list)
+      if (std::find(option.choices.begin(), option.choices.end(), part) == option.choices.end())
+        refuse(option, text, source,
+               fmt::format("'{}' is not one of its words{}", part, did_you_mean(part, option.choices)));
   } else {
     assign_number(option, parse_quantity(option, text, source), text, source);
   }
@@ -172,6 +180,9 @@ std::vector<Option> options_of(Config& c) {
       {"image.label_names", "--label-names", "",
        "table of label names (ITK-SNAP, or a colour table of 3D Slicer), or totalsegmentator",
        &c.image.label_names, 0, 0, false, any, "model"},
+      {"image.close_mm", "--close", "mm",
+       "close gaps in the organ narrower than this before its surface is drawn; 0: as segmented",
+       &c.image.close_mm, 0, 1000, false, any, "model"},
       {"scheme.name",
        "--scheme",
        "",
@@ -316,6 +327,17 @@ std::vector<Option> options_of(Config& c) {
        1e9, false, any, "solve"},
       {"solver.sample_rate_per_s", "", "1/s", "rows per second of force.csv", &c.solver.sample_rate_per_s, 0,
        1e6, true, any, "solve"},
+      {"output.write",
+       "--write",
+       "",
+       "files wanted, comma-separated; tables and summary are always written, \"force\" asks for nothing "
+       "else",
+       &c.output.write,
+       0,
+       0,
+       false,
+       {"all", "force", "nodes", "points", "surface", "picture", "model", "label"},
+       "files"},
   };
 }
 

@@ -17,6 +17,7 @@ struct Config {
     std::string file;
     std::vector<std::string> label;  ///< numbers or names; empty: all foreground
     std::string label_names;         ///< table of names, or empty
+    double close_mm = 0.0;           ///< gaps narrower than this are closed
   } image;
   struct Scheme {
     std::string name{converging.name};
@@ -71,6 +72,9 @@ struct Config {
     double tolerance = 1e-4;
     std::int64_t evaluations = 2000;
   } solver;
+  struct Output {
+    std::vector<std::string> write = {"all"};  ///< which files; see wanted_of() in results.hpp
+  } output;
 
   /// key -> why it has its value ("default", "config.toml", "--nodes", ...)
   std::map<std::string, std::string> source;
@@ -85,8 +89,10 @@ struct Option {
   std::variant<double*, std::int64_t*, std::string*, std::vector<std::string>*> value;
   double least = 0.0, most = 0.0;  ///< range of numbers, both allowed
   bool least_excluded = false;
-  std::vector<std::string> choices;  ///< of words; empty: free text
-  std::string stage;                 ///< which commands have the flag: "model", "solve" (run has both)
+  std::vector<std::string> choices;  ///< of a word, or of each of a list, which then names one at least;
+                                     ///< empty: free text
+  std::string
+      stage;  ///< which commands have the flag: "model", "solve" (run has both), "files" (run and solve)
 };
 std::vector<Option> options_of(Config& config);
 

@@ -12,7 +12,6 @@
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
-#include "io/memory.hpp"
 #include "io/stop.hpp"
 
 namespace dimple {
@@ -88,6 +87,12 @@ class Recorder {
   }
 
   bool has_begun() const { return writer_.has_value(); }
+  /// Until all frames are on the disk. Throws what the last one met.
+  void finish_frames() {
+    const Stopwatch writing;
+    if (writer_) writer_->finish_frames();
+    finishing_s_ = writing.seconds();
+  }
   /// After the march, however it ended.
   Outcome conclude(const std::exception_ptr& failure, const Report& reason);
 
@@ -109,7 +114,7 @@ class Recorder {
     const Stopwatch writing;
     how_.write_model(now);
     before_march_s_ = writing.seconds();
-    writer_.emplace(how_.folder, now.model);
+    writer_.emplace(how_.folder, now.model, wanted_of(given_.config));
     marching_ = since_kept_ = {};
     if (!how_.resumed) return;
     const Checkpoint& from = *how_.resumed;
@@ -122,7 +127,6 @@ class Recorder {
   void write(const Frame& frame) {
     const Stopwatch writing;
     writer_->frame(frame);
-    give_back_memory();
     writing_s_ += writing.seconds();
   }
 
@@ -145,6 +149,9 @@ class Recorder {
   // Where the run stands is kept now and then, within a hundredth of its time.
   void keep(const std::function<State()>& state) {
     if (since_kept_.seconds() < std::max(0.2, 100.0 * keeping_s_)) return;
+    const Stopwatch waiting;
+    writer_->finish_frames();  // only what is on the disk can be gone on from
+    writing_s_ += waiting.seconds();
     const Stopwatch writing;
     kept_.state = state();
     kept_.frame_time_s = writer_->frame_time_s();
@@ -165,7 +172,8 @@ class Recorder {
   Checkpoint kept_;
   std::optional<ResultWriter> writer_;
   Stopwatch marching_, since_kept_;
-  double before_march_s_ = 0.0, writing_s_ = 0.0, keeping_s_ = 0.0;
+  // What the march waits for: frames are packed and written beside it.
+  double before_march_s_ = 0.0, writing_s_ = 0.0, keeping_s_ = 0.0, finishing_s_ = 0.0;
 };
 
 Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reason) {
@@ -223,7 +231,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
                                     status == "finished" ? "" : " (" + status + ")"),
                         facts);
   }
-  const double write_s = writing_s_ + before_march_s_ + ending.seconds();
+  const double write_s = writing_s_ + before_march_s_ + finishing_s_ + ending.seconds();
   say(observer_,
       fmt::format(
           "time     {:.1f} s in all: {:.1f} reading, {:.1f} building the model, {:.1f} solving, {:.1f} "
@@ -266,6 +274,13 @@ Outcome record(Case given, Recording how, const RecordObserver& observer) {
     failure = std::current_exception();
     reason = error.report;
   }
+  try {
+    recorder.finish_frames();
+  } catch (const Stopped&) {
+    recorder.result.history.interrupted = true;
+  } catch (const Error& error) {
+    if (!failure) failure = std::current_exception(), reason = error.report;
+  }
   return recorder.conclude(failure, reason);
 }
 
@@ -286,8 +301,9 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
   }
   how.write_model = [&](Result& result) {
     results.prepare();
-    write_model(folder / "model", result.model, result.model.scheme, result.provenance);
-    write_vti(folder / "label.vti", result.image);
+    const Wanted wanted = wanted_of(config);
+    if (wanted.model) write_model(folder / "model", result.model, result.model.scheme, result.provenance);
+    if (wanted.label) write_vti(folder / "label.vti", result.image);
   };
   how.summary = [&](const Result& result) { return summary_of_image(config, result); };
   how.facts = [](const Result& result) {
@@ -325,7 +341,7 @@ Outcome record_solve(const Config& config, const fs::path& model, const fs::path
   how.write_model = [&](Result&) {
     results.prepare(model_folder);
     const fs::path label = model_folder / "label.vti";
-    if (fs::exists(label)) write_file(folder / "label.vti", read_file(label));
+    if (wanted_of(config).label && fs::exists(label)) write_file(folder / "label.vti", read_file(label));
   };
   how.summary = [&, sha256 = how.identity.input_sha256](const Result&) {
     Json summary;

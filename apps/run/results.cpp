@@ -1,6 +1,7 @@
 #include "apps/run/results.hpp"
 
 #include <fmt/format.h>
+#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <array>
@@ -12,6 +13,7 @@
 #include "io/draw/picture.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/memory.hpp"
 #include "io/stop.hpp"
 #include "io/table.hpp"
 #include "io/units.hpp"
@@ -31,11 +33,45 @@ Eigen::MatrixXd node_sets(const Model& model) {
 
 }  // namespace
 
-ResultWriter::ResultWriter(fs::path folder, const Model& model)
+Wanted wanted_of(const Config& config) {
+  const std::vector<std::string>& list = config.output.write;
+  const auto asked = [&](const char* word) {
+    return std::any_of(list.begin(), list.end(),
+                       [&](const std::string& given) { return given == word || given == "all"; });
+  };
+  return {.nodes = asked("nodes"),
+          .points = asked("points"),
+          .surface = asked("surface"),
+          .picture = asked("picture"),
+          .model = asked("model"),
+          .label = asked("label")};
+}
+
+// What is written of a frame, beside what stays the same.
+struct ResultWriter::Packing {
+  double time_s;
+  Points u, reaction;
+  Eigen::MatrixXd point_u, J, sigma, mises;
+};
+
+namespace {
+
+// A frame's numbers at 200,000 points take 20 MB, and twice that while they are packed.
+constexpr Index most_points_beside = 200'000;
+
+bool may_write_beside(const Model& model) {
+  using tbb::global_control;
+  return model.point_count() <= most_points_beside &&
+         global_control::active_value(global_control::max_allowed_parallelism) > 1;
+}
+
+}  // namespace
+
+ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wanted)
     : folder_(std::move(folder)),
       model_(model),
-      to_points_(point_interpolation(model)),
-      to_surface_(surface_interpolation(model)),
+      wanted_(wanted),
+      beside_(may_write_beside(model)),
       nodes_mm_(model.X.unaryExpr(&millimetres)),
       points_mm_(model.point.unaryExpr(&millimetres)),
       node_set_(node_sets(model)),
@@ -43,6 +79,10 @@ ResultWriter::ResultWriter(fs::path folder, const Model& model)
       node_series_(folder_ / "nodes.pvd", ".vtu"),
       point_series_(folder_ / "points.pvd", ".vtu"),
       surface_series_(folder_ / "surface.pvd", ".vtp") {
+  wanted_.surface = wanted.surface && !model.surface.empty();
+  if (wanted_.points) to_points_ = point_interpolation(model);
+  if (wanted_.surface || (wanted_.picture && !model.surface.empty()))
+    to_surface_ = surface_interpolation(model);
   for (Index m = 0; m < on_circle_.cols(); ++m) {
     const Vec3 d = model.surface.vertex_mm.col(m) * 1e-3 - model.tool.centre;
     const double along = d.dot(model.tool.push);
@@ -53,29 +93,24 @@ ResultWriter::ResultWriter(fs::path folder, const Model& model)
 
 void ResultWriter::resume(const std::vector<double>& frame_time_s) {
   frame_time_s_ = frame_time_s;
-  node_series_.resume(frame_time_s);
-  point_series_.resume(frame_time_s);
-  if (!model_.surface.empty()) surface_series_.resume(frame_time_s);
+  if (wanted_.nodes) node_series_.resume(frame_time_s);
+  if (wanted_.points) point_series_.resume(frame_time_s);
+  if (wanted_.surface) surface_series_.resume(frame_time_s);
 }
 
 void ResultWriter::frame(const Frame& frame) {
-  const Points u = frame.u.topRows<3>() * 1e3;
-  Points reaction = Points::Zero(3, u.cols());
-  for (const auto* set : {&model_.base, &model_.indenter})
-    for (const Index a : *set) reaction.col(a) = frame.f.col(a).head<3>();
-
-  const std::vector<std::string> xyz = {"X", "Y", "Z"};
-  write_vtu(node_series_.next_frame(),
-            {.position_mm = nodes_mm_,
-             .fields = {{.name = "displacement", .unit = "mm", .values = u, .components = xyz},
-                        {.name = "reaction_force", .unit = "N", .values = reaction, .components = xyz},
-                        {.name = "node_set", .unit = "", .values = node_set_, .type = Field::Type::int32},
-                        {.name = "mass", .unit = "kg", .values = model_.mass.transpose()}}},
-            frame.t);
-
-  const Index points = model_.point_count();
-  Eigen::MatrixXd J(1, points), sigma(6, points), mises(1, points);
-  {                                    // as soon as it is used their memory is free for the writer
+  Packing packing{.time_s = frame.t, .u = frame.u.topRows<3>() * 1e3};
+  const Points& u = packing.u;
+  if (wanted_.nodes) {
+    packing.reaction = Points::Zero(3, u.cols());
+    for (const auto* set : {&model_.base, &model_.indenter})
+      for (const Index a : *set) packing.reaction.col(a) = frame.f.col(a).head<3>();
+  }
+  if (wanted_.points) {
+    const Index points = model_.point_count();
+    packing.J.resize(1, points);
+    packing.sigma.resize(6, points);
+    packing.mises.resize(1, points);
     ForceState forces = frame.forces;  // whose last sweep may have been elsewhere
     forces.stress_sweep(frame.u);
     const auto F = forces.deformation_gradients(), P = forces.stresses();
@@ -83,42 +118,69 @@ void ResultWriter::frame(const Frame& frame) {
       const Mat3 Fq = Eigen::Map<const Mat3>(F.col(q).data());
       const Mat3 s = Eigen::Map<const Mat3>(P.col(q).data()) * Fq.transpose() / Fq.determinant();
       const Mat3 deviator = s - s.trace() / 3.0 * Mat3::Identity();
-      J(0, q) = Fq.determinant();
-      sigma.col(q) << s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(1, 2), s(0, 2);  // VTK's order
-      mises(0, q) = std::sqrt(1.5) * deviator.norm();
+      packing.J(0, q) = Fq.determinant();
+      packing.sigma.col(q) << s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(1, 2), s(0, 2);  // VTK's order
+      packing.mises(0, q) = std::sqrt(1.5) * deviator.norm();
     }
   }
-  PointFile file{.position_mm = points_mm_, .fields = {}};  // one by one: a list of them would be copied
-  file.fields.push_back({.name = "displacement", .unit = "mm", .values = to_points_(u), .components = xyz});
-  file.fields.push_back({.name = "jacobian", .unit = "", .values = std::move(J)});
-  file.fields.push_back({.name = "cauchy_stress",
-                         .unit = "Pa",
-                         .values = std::move(sigma),
-                         .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"}});
-  file.fields.push_back({.name = "von_mises_stress", .unit = "Pa", .values = std::move(mises)});
-  file.fields.push_back({.name = "volume", .unit = "mm^3", .values = model_.volume.transpose() * 1e9});
-  write_vtu(point_series_.next_frame(), file, frame.t);
+  finish_frames();
+  last_u_mm_ = u;
+  pending_time_s_ = frame.t;
+  if (beside_) {
+    pending_ = std::async(std::launch::async,
+                          [this, kept = std::move(packing)]() mutable { write(std::move(kept)); });
+  } else {
+    write(std::move(packing));
+    give_back_memory();
+    frame_time_s_.push_back(pending_time_s_);
+  }
+}
 
-  const bool has_surface = !model_.surface.empty();
-  Points surface_u_mm;
-  if (has_surface) {
-    surface_u_mm = to_surface_(u);
+void ResultWriter::finish_frames() {
+  if (!pending_.valid()) return;
+  pending_.get();
+  frame_time_s_.push_back(pending_time_s_);
+}
+
+void ResultWriter::write(Packing frame) {
+  const std::vector<std::string> xyz = {"X", "Y", "Z"};
+  if (wanted_.nodes)
+    write_vtu(
+        node_series_.next_frame(),
+        {.position_mm = nodes_mm_,
+         .fields = {{.name = "displacement", .unit = "mm", .values = frame.u, .components = xyz},
+                    {.name = "reaction_force", .unit = "N", .values = frame.reaction, .components = xyz},
+                    {.name = "node_set", .unit = "", .values = node_set_, .type = Field::Type::int32},
+                    {.name = "mass", .unit = "kg", .values = model_.mass.transpose()}}},
+        frame.time_s);
+  if (wanted_.points) {
+    PointFile file{.position_mm = points_mm_, .fields = {}};  // one by one: a list of them would be copied
+    file.fields.push_back(
+        {.name = "displacement", .unit = "mm", .values = to_points_(frame.u), .components = xyz});
+    file.fields.push_back({.name = "jacobian", .unit = "", .values = std::move(frame.J)});
+    file.fields.push_back({.name = "cauchy_stress",
+                           .unit = "Pa",
+                           .values = std::move(frame.sigma),
+                           .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"}});
+    file.fields.push_back({.name = "von_mises_stress", .unit = "Pa", .values = std::move(frame.mises)});
+    file.fields.push_back({.name = "volume", .unit = "mm^3", .values = model_.volume.transpose() * 1e9});
+    write_vtu(point_series_.next_frame(), file, frame.time_s);
+  }
+  if (wanted_.surface) {
+    const Points u = to_surface_(frame.u);
     write_vtp(
         surface_series_.next_frame(),
-        {.position_mm = model_.surface.vertex_mm + surface_u_mm,
+        {.position_mm = model_.surface.vertex_mm + u,
          .triangles = model_.surface.triangles,
          .fields =
-             {{.name = "displacement", .unit = "mm", .values = surface_u_mm, .components = xyz},
+             {{.name = "displacement", .unit = "mm", .values = u, .components = xyz},
               {.name = "indenter_circle", .unit = "", .values = on_circle_, .type = Field::Type::int32}}},
-        frame.t);
+        frame.time_s);
   }
   // Listed when all are there: who stops the run between two files finds as many frames in each list.
-  node_series_.add(frame.t);
-  point_series_.add(frame.t);
-  if (has_surface) surface_series_.add(frame.t);
-  last_u_mm_ = u;
-  last_surface_u_mm_ = surface_u_mm;
-  frame_time_s_.push_back(frame.t);
+  if (wanted_.nodes) node_series_.add(frame.time_s);
+  if (wanted_.points) point_series_.add(frame.time_s);
+  if (wanted_.surface) surface_series_.add(frame.time_s);
 }
 
 void ResultWriter::tables(const History& history) const {
@@ -143,6 +205,7 @@ void ResultWriter::tables(const History& history) const {
 
 void ResultWriter::overview(const History& history, const std::string& title,
                             const std::vector<std::string>& lines) const {
+  if (!wanted_.picture) return;
   Overview picture;
   picture.title = title;
   picture.lines = lines;
@@ -151,7 +214,8 @@ void ResultWriter::overview(const History& history, const std::string& title,
   for (Index a = 0; a < node_set_.cols(); ++a) picture.node_set.push_back(static_cast<int>(node_set_(0, a)));
   picture.points_mm = points_mm_;
   picture.surface_mm = model_.surface.vertex_mm;
-  picture.surface_displacement_mm = last_surface_u_mm_;
+  if (!model_.surface.empty() && last_u_mm_.cols() > 0)
+    picture.surface_displacement_mm = to_surface_(last_u_mm_);
   picture.surface_triangles = model_.surface.triangles;
   picture.centre_mm = model_.tool.centre * 1e3;
   picture.push = model_.tool.push;
@@ -160,6 +224,7 @@ void ResultWriter::overview(const History& history, const std::string& title,
     picture.depth_mm.push_back(1e3 * s.depth);
     picture.force_N.push_back(s.force);
   }
+  picture.two_threads = beside_;
   write_overview(folder_ / "overview.png", picture);
 }
 

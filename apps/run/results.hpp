@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <future>
 #include <optional>
 #include <string>
 #include <vector>
@@ -13,15 +14,30 @@
 
 namespace dimple {
 
+/// Which files are asked for, beside those that every run writes: force.csv, energy.csv, config.resolved.toml,
+/// summary.json.
+struct Wanted {
+  bool nodes = true, points = true, surface = true, picture = true, model = true, label = true;
+};
+Wanted wanted_of(const Config& config);
+
 /// Writes a run's results while it goes: frames as they come, tables and the summary at the end.
+///
+/// A frame is packed and written by a thread of its own while the march goes on, one frame at a time and in
+/// order; with one thread allowed, or where two frames in memory would be many, at once. The bytes are the
+/// same.
 class ResultWriter {
  public:
-  /// `model` must outlive this.
-  ResultWriter(std::filesystem::path folder, const Model& model);
+  /// `model` must outlive this, and its discretisation must not change.
+  ResultWriter(std::filesystem::path folder, const Model& model, const Wanted& wanted = {});
 
+  /// Throws what the frame before this one met, as if it had met that itself.
   void frame(const Frame& frame);
+  /// Until the last frame is on the disk; throws what it met.
+  void finish_frames();
   /// Goes on after the frames that an earlier run has written at these times [s].
   void resume(const std::vector<double>& frame_time_s);
+  /// Of the frames on the disk.
   const std::vector<double>& frame_time_s() const { return frame_time_s_; }
   void tables(const History& history) const;
   /// overview.png: the model at rest, the last frame, the force curve.
@@ -29,15 +45,22 @@ class ResultWriter {
                 const std::vector<std::string>& lines) const;
 
  private:
+  struct Packing;
+  void write(Packing frame);
+
   std::filesystem::path folder_;
   const Model& model_;
+  Wanted wanted_;
+  bool beside_;  // frames are written while the march goes on
   Interpolation to_points_, to_surface_;
   Points nodes_mm_, points_mm_;
   Eigen::MatrixXd node_set_;
   Eigen::MatrixXd on_circle_;  // [1 x surface vertices]
   TimeSeries node_series_, point_series_, surface_series_;
   std::vector<double> frame_time_s_;
-  Points last_u_mm_, last_surface_u_mm_;
+  Points last_u_mm_;
+  double pending_time_s_ = 0.0;
+  std::future<void> pending_;  // the last member: whoever destroys this waits for it first
 };
 
 /// Where a run keeps what it needs to go on; not there when it has finished.

@@ -22,11 +22,16 @@ struct Case {
   const State* from = nullptr;           ///< where an earlier run of the same case stood
 };
 
+/// Gaps narrower than this are told of: across them the banks of a brain's folds face each other.
+inline constexpr double narrow_gap_mm = 4.0;
+
 /// What came of it. Each part is there as soon as it is known: also when simulate() throws later.
 struct Result {
   /// Of the image; empty where the case began with a model.
   LabelImage image;
   std::vector<LabelMeasure> labels;  ///< taken
+  double closed_mm3 = 0.0;           ///< added where gaps were closed
+  double facing_share = 0.0;         ///< of the surface: what faces another part across narrow_gap_mm or less
   SegmentReport segment;
   ModelReport report;
   std::map<std::string, std::string> chosen;      ///< option key -> what was chosen for it

@@ -43,6 +43,8 @@ Json model_json(const Result& p) {
           {"grid_volume_mm3", r.grid_volume_mm3},
           {"pieces", p.segment.pieces},
           {"dropped_volume_mm3", p.segment.dropped_volume_mm3},
+          {"closed_volume_mm3", p.closed_mm3},
+          {"facing_share", p.facing_share},
           {"cavities", cavities_json(p.segment.cavities)},
           {"surface_step_mm", p.segment.step_mm},
           {"smoothing_mm", p.segment.smoothing_mm},

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <future>
 #include <limits>
 #include <numbers>
 #include <stdexcept>
@@ -281,6 +282,11 @@ class Scene {
 
 constexpr double header = 40.0;  // of a panel [pixels]
 
+/// What a heading leaves of a panel.
+Rect room_of(const Rect& panel) {
+  return panel.inset(14.0, header, 14.0, 12.0);
+}
+
 /// A white card with a heading and a few words; returns the room that is left.
 Rect panel(Canvas& canvas, const Rect& r, const std::string& heading, const std::string& words) {
   canvas.rectangle({r.x - 1.0, r.y - 1.0, r.w + 2.0, r.h + 2.0}, hairline, 9.0);
@@ -289,7 +295,7 @@ Rect panel(Canvas& canvas, const Rect& r, const std::string& heading, const std:
   write(canvas, {r.x + 18.0, r.y + 28.0}, heading, title);
   const double used = text_width(heading, title) + 34.0;
   write(canvas, {r.x + used, r.y + 28.0}, shortened(words, r.w - used - 14.0, note), note);
-  return r.inset(14.0, header, 14.0, 12.0);
+  return room_of(r);
 }
 
 void scale_bar(Canvas& canvas, const Rect& room, double pixels_per_mm) {
@@ -503,7 +509,15 @@ void colour_bar(Canvas& canvas, const Rect& room, double most_mm) {
   }
 }
 
-void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Frame& frame, double spacing) {
+/// The body at the end, drawn and not yet laid on; nothing in it is text, which VTK sets in one thread only.
+struct Deformed {
+  bool has_surface = false, empty = false;
+  double most_mm = 0.0;  ///< displacement
+  Projection projection;
+  Scene scene;
+};
+
+Deformed deformed(const Rect& rect, const Overview& o, const Frame& frame, double spacing) {
   const Points nodes = moved(o.nodes_mm, o.displacement_mm);
   const Points surface = moved(o.surface_mm, o.surface_displacement_mm);
   const bool has_surface = o.surface_triangles.cols() > 0 && surface.cols() > 0;
@@ -511,15 +525,13 @@ void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Fram
   double most = 0.0;
   for (Index n = 0; n < shown.cols(); ++n)
     if (usable(shown.col(n))) most = std::max(most, shown.col(n).norm());
-  const Rect room = panel(canvas, rect, has_surface ? "Deformed surface" : "Deformed nodes",
-                          fmt::format("coloured by displacement, up to {} mm", three_digits(most)));
   const auto value = [&](Index n) {
     return n < shown.cols() && most > 0.0 && usable(shown.col(n)) ? shown.col(n).norm() / most : 0.0;
   };
 
-  const Camera view = camera(frame, 42.0, 18.0);
-  const Projection projection =
-      fitted(view, room.inset(20.0, 34.0, 100.0, 44.0), {&nodes, &surface}, spacing / 2.0);
+  const Rect room = room_of(rect);
+  const Projection projection = fitted(camera(frame, 42.0, 18.0), room.inset(20.0, 34.0, 100.0, 44.0),
+                                       {&nodes, &surface}, spacing / 2.0);
   Scene scene(projection, room);
   if (has_surface) {
     Points normal = Points::Zero(3, surface.cols());
@@ -529,12 +541,16 @@ void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Fram
       if (!n.allFinite()) continue;
       for (int c = 0; c < 3; ++c) normal.col(o.surface_triangles(c, t)) += n;
     }
+    Eigen::VectorXd level(surface.cols());
+    for (Index v = 0; v < surface.cols(); ++v) {
+      normal.col(v).normalize();
+      level[v] = value(v);
+    }
     for (Index t = 0; t < o.surface_triangles.cols(); ++t) {
       const Index a = o.surface_triangles(0, t), b = o.surface_triangles(1, t), c = o.surface_triangles(2, t);
       if (!usable(surface.col(a)) || !usable(surface.col(b)) || !usable(surface.col(c))) continue;
       scene.triangle({surface.col(a), surface.col(b), surface.col(c)},
-                     {normal.col(a).normalized(), normal.col(b).normalized(), normal.col(c).normalized()},
-                     {value(a), value(b), value(c)});
+                     {normal.col(a), normal.col(b), normal.col(c)}, {level[a], level[b], level[c]});
     }
   }
   for (Index n = 0; n < nodes.cols(); ++n) {
@@ -545,11 +561,17 @@ void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Fram
     else if (!has_surface)
       scene.ball(nodes.col(n), 0.42 * spacing, heat(value(n)));
   }
-  if (!has_surface && nodes.cols() == 0) say_nothing_to_show(canvas, room, "no surface and no nodes");
-  scene.lay_on(canvas, 2.0 * spacing);
-  triad(canvas, room, view);
-  scale_bar(canvas, room, projection.scale);
-  if (most > 1e-9) colour_bar(canvas, room, most);
+  return {has_surface, !has_surface && nodes.cols() == 0, most, projection, std::move(scene)};
+}
+
+void draw_dimple(Canvas& canvas, const Rect& rect, const Deformed& body, double spacing) {
+  const Rect room = panel(canvas, rect, body.has_surface ? "Deformed surface" : "Deformed nodes",
+                          fmt::format("coloured by displacement, up to {} mm", three_digits(body.most_mm)));
+  if (body.empty) say_nothing_to_show(canvas, room, "no surface and no nodes");
+  body.scene.lay_on(canvas, 2.0 * spacing);
+  triad(canvas, room, body.projection.camera);
+  scale_bar(canvas, room, body.projection.scale);
+  if (body.most_mm > 1e-9) colour_bar(canvas, room, body.most_mm);
   legend(canvas, {room.x + 6.0, room.y + 18.0}, {{"nodes of the indenter circle", circle, 'o'}});
 }
 
@@ -661,9 +683,12 @@ void write_overview(const std::filesystem::path& file, const Overview& overview)
   const double right = edge + w + between, low = top + h + between;
   const Frame frame = frame_of(overview);
   const double spacing = node_spacing(overview.nodes_mm);
+  const Rect at_the_end{edge, low, w, h};
+  auto body = std::async(overview.two_threads ? std::launch::async : std::launch::deferred,
+                         [&] { return deformed(at_the_end, overview, frame, spacing); });
   draw_cloud(canvas, {edge, top, w, h}, overview, frame, spacing);
   draw_section(canvas, {right, top, w, h}, overview, frame, spacing);
-  draw_dimple(canvas, {edge, low, w, h}, overview, frame, spacing);
+  draw_dimple(canvas, at_the_end, body.get(), spacing);
   draw_chart(canvas, {right, low, w, h}, overview);
   write_png(file, canvas);
 }

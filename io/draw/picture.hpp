@@ -24,6 +24,7 @@ struct Overview {
   double radius_mm = 0.0;          ///< of the circle
   std::vector<double> depth_mm;    ///< force curve
   std::vector<double> force_N;
+  bool two_threads = false;  ///< draw with a second one; the same picture
 };
 
 /// Draws the overview, 1600 x 1200 pixels, PNG: the node cloud, a section, the deformed surface, the force

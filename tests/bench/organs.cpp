@@ -53,19 +53,20 @@ std::vector<Body> bodies(const fs::path& data) {
   const auto from_file = [&](const std::string& name, std::vector<int> labels) {
     return [=] { return make_body_surface(read_label_image(data / name), labels); };
   };
-  std::vector<Body> list = {
-      {"scene_a", block(60, 60, 30), on_top},
-      {"scene_b", ellipsoid, on_top},
-      {"ellipsoid_15", ellipsoid, on_top_with(10.0, "15,0,top")},
-      {"ellipsoid_25", ellipsoid, on_top_with(10.0, "25,0,top")},
-      {"block_100_100_20", block(100, 100, 20), on_top_with(12.0), 4.0},
-      {"block_40", block(40, 40, 40), on_top_with(20.0), 8.0},
-      {"layer_10", block(60, 60, 10), on_top},
-      {"layer_15", block(60, 60, 15), on_top}};
+  std::vector<Body> list = {{"scene_a", block(60, 60, 30), on_top},
+                            {"scene_b", ellipsoid, on_top},
+                            {"ellipsoid_15", ellipsoid, on_top_with(10.0, "15,0,top")},
+                            {"ellipsoid_25", ellipsoid, on_top_with(10.0, "25,0,top")},
+                            {"block_100_100_20", block(100, 100, 20), on_top_with(12.0), 4.0},
+                            {"block_40", block(40, 40, 40), on_top_with(20.0), 8.0},
+                            {"layer_10", block(60, 60, 10), on_top},
+                            {"layer_15", block(60, 60, 15), on_top}};
   for (const double gap : {1.0, 3.0, 8.0})
     for (const double width : {0.5, 1.0, 2.0})
-      list.push_back({fmt::format("slit_{:g}_gap_{:g}", width, gap),
-                      exact([=] { return slit_block_surface({60, 60, 30}, 5.0 + gap, width, 25.0); }), on_top});
+      list.push_back({fmt::format("slit_{:g}_gap_{:g}", width, gap), exact([=] {
+                        return slit_block_surface({60, 60, 30}, 5.0 + gap, width, 25.0);
+                      }),
+                      on_top});
   list.push_back({"two_labels",
                   [] { return make_body_surface(make_phantom({.two_labels = true}), {}); },
                   {},
@@ -132,8 +133,8 @@ void measure(const Body& body, const Options& wanted, std::string& csv) {
         const ModelReport report = built.report;
         const Index unconnected = built.model.support_report.unconnected;
         const Index points = built.model.point_count(), count = built.model.node_count();
-        const History history = solve(built.model, {material, built.model.tissue},
-                                      {.depth = 1e-3 * depth}, {.frames = wanted.frames});
+        const History history = solve(built.model, {material, built.model.tissue}, {.depth = 1e-3 * depth},
+                                      {.frames = wanted.frames});
         std::string line = fmt::format("{:18} {:6} seed {} h {:.2f}/{:.2f}:", body.name, count, seed,
                                        report.rim_spacing_mm, report.spacing_mm);
         int frame = 0;
@@ -142,14 +143,15 @@ void measure(const Body& body, const Options& wanted, std::string& csv) {
           if (std::abs(1e3 * sample.depth - wanted_depth) > 1e-6) continue;
           ++frame;
           line += fmt::format(" {:.3f}", 1e3 * sample.force);
-          csv += fmt::format("{},{},{},{},{:.6g},{:.7g},{:.4g},{:.4g},{},{:.3g},{:.3g}\n", body.name, count, points,
-                             seed, 1e3 * sample.depth, sample.force, report.rim_spacing_mm, report.spacing_mm,
-                             history.steps, built_s, seconds() - start - built_s);
+          csv += fmt::format("{},{},{},{},{:.6g},{:.7g},{:.4g},{:.4g},{},{:.3g},{:.3g}\n", body.name, count,
+                             points, seed, 1e3 * sample.depth, sample.force, report.rim_spacing_mm,
+                             report.spacing_mm, history.steps, built_s, seconds() - start - built_s);
         }
         fmt::print("{} mN; {} ev, {:.2f} + {:.2f} s, {} of {} unconnected\n", line, history.steps, built_s,
                    seconds() - start - built_s, unconnected, points);
       } catch (const Error& error) {
-        fmt::print("{:18} {:6} seed {}: {}; {}; {}\n", body.name, nodes, seed, error.report.fact, error.report.where, error.report.why);
+        fmt::print("{:18} {:6} seed {}: {}; {}; {}\n", body.name, nodes, seed, error.report.fact,
+                   error.report.where, error.report.why);
       }
       std::fflush(stdout);
     }
@@ -174,7 +176,8 @@ int main(int argc, char** argv) try {
   app.add_option("--depth", wanted.depth_mm, "mm");
   CLI11_PARSE(app, argc, argv);
   std::string csv =
-      "body,nodes,points,seed,indentation_mm,force_N,rim_spacing_mm,far_spacing_mm,evaluations,build_s,solve_s\n";
+      "body,nodes,points,seed,indentation_mm,force_N,rim_spacing_mm,far_spacing_mm,evaluations,build_s,solve_"
+      "s\n";
   dimple::make_folder(wanted.folder);
   for (const dimple::Body& body : dimple::bodies(wanted.data)) {
     if (!wanted.bodies.empty() &&

@@ -216,6 +216,24 @@ TEST_F(Refusal, OfWordsItDoesNotKnow) {
   expect(2, "run brain.nrrd", {"--out"});
 }
 
+TEST_F(Refusal, OfFilesThatNoRunWrites) {
+  expect(2, "run brain.nrrd -o out --write nodes,pictur",
+         {"output.write = nodes,pictur", "'pictur' is not one of its words", "did you mean 'picture'?",
+          "give some of all, force, nodes"});
+  expect(2, "run brain.nrrd -o out --write ,", {"output.write = ,", "it names nothing"});
+  write("none.toml", "[output]\nwrite = []\n");
+  expect(2, "run brain.nrrd -o out --config none.toml", {"output.write = nothing", "it names nothing"});
+  expect(2, "model brain.nrrd -o out --write nodes", {"not expected: nodes --write"});
+}
+
+TEST_F(Refusal, OfGapsThatCannotBeClosed) {
+  expect(2, "run brain.nrrd -o out --close -1mm", {"image.close_mm = -1mm", "out of range"});
+  expect(2, "run brain.nrrd -o out --close wide", {"image.close_mm = wide", "not a number"});
+  expect(2, "run brain.nrrd -o out --close 4Pa", {"image.close_mm = 4Pa", "'Pa' is not one of its units"});
+  expect(4, "run brain.nrrd -o out --close 200mm",
+         {"gaps of 200 mm are to be closed in an organ", "--close (image.close_mm)", "close-too-wide"});
+}
+
 TEST_F(Refusal, OfAUnitThatMeasuresSomethingElse) {
   expect(2, "run brain.nrrd -o out --depth 3kPa",
          {"load.depth_mm = 3kPa", "'kPa' is not one of its units", "mm"});

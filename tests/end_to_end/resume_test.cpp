@@ -111,6 +111,7 @@ TEST_F(Resume, OfAFinishedRunSaysSoAndChangesNothing) {
   EXPECT_EQ(good(again + " --json").out, text_of(folder / "out" / "summary.json"));
   EXPECT_EQ(times(), before);
   refused(2, again + " --mu 300", {"material.mu_Pa is 300.0 now, and was 210.0", "--force"});
+  refused(2, again + " --write force", {"output.write is ['force'] now, and was ['all']", "--force"});
 
   good("solve out/model -o solved --depth 0.5mm --frames 2 -q");
   good("solve out/model -o solved --depth 0.5mm --frames 2 -q --resume");

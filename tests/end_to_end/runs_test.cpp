@@ -7,8 +7,10 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <regex>
+#include <set>
 #include <thread>
 
+#include "io/label_image.hpp"
 #include "io/table.hpp"
 #include "io/vtk_files.hpp"
 #include "tests/end_to_end/program.hpp"
@@ -110,6 +112,100 @@ TEST_F(Run, GivesTheSameBitsWithAnyNumberOfThreads) {
     good("run brain.nrrd -o threads" + std::string(threads) + cloud + load + " --threads " + threads);
   EXPECT_EQ(force("threads1"), force("threads2"));
   EXPECT_EQ(force("threads1"), force("threads3"));
+}
+
+TEST_F(Run, WritesTheSameFilesBesideTheMarchAsWithOneThread) {
+  for (const char* threads : {"1", "2", "3"})
+    good("run brain.nrrd -o threads" + std::string(threads) + cloud + load + " --threads " + threads);
+  int frames = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(folder / "threads1")) {
+    const std::string file = entry.path().filename().string();
+    if (!entry.is_regular_file() || file == "summary.json" || file == "overview.png")
+      continue;  // these tell times
+    const fs::path name = entry.path().lexically_relative(folder / "threads1");
+    frames += name.string().find("_000") != std::string::npos;
+    for (const char* other : {"threads2", "threads3"})
+      EXPECT_TRUE(text_of(entry.path()) == text_of(folder / other / name)) << other << ": " << name;
+  }
+  EXPECT_EQ(frames, 15);
+}
+
+TEST_F(Run, WritesWhatIsAskedForAndTheSameForce) {
+  const auto files = [&](const std::string& out) {
+    std::set<std::string> names;
+    for (const auto& entry : fs::directory_iterator(folder / out))
+      names.insert(entry.path().filename().string());
+    return names;
+  };
+  const std::set<std::string> always = {"config.resolved.toml", "energy.csv", "force.csv", "summary.json"};
+  good("run brain.nrrd -o all" + cloud + load);
+  good("run brain.nrrd -o little --write force" + cloud + load);
+  EXPECT_EQ(files("little"), always);
+  EXPECT_EQ(force("little"), force("all"));
+
+  good("run brain.nrrd -o some --write surface,picture" + cloud + load);
+  std::set<std::string> expected = always;
+  expected.insert({"overview.png", "surface", "surface.pvd"});
+  EXPECT_EQ(files("some"), expected);
+  EXPECT_EQ(text_of(folder / "some" / "surface" / "surface_0004.vtp"),
+            text_of(folder / "all" / "surface" / "surface_0004.vtp"));
+  good("run --config some/config.resolved.toml -o again");
+  EXPECT_EQ(files("again"), expected);
+
+  good("solve all/model -o solved --write points" + load);
+  expected = always;
+  expected.insert({"points", "points.pvd"});
+  EXPECT_EQ(files("solved"), expected);
+  EXPECT_EQ(force("solved"), force("all"));
+  good("run brain.nrrd -o all --force --write force" + cloud + load);
+  EXPECT_EQ(files("all"), always) << "an earlier run's files are gone";
+}
+
+/// A block of 60 x 60 x 30 mm in voxels of 1.5 mm; three slits 3 mm wide go 18 mm into its left side.
+void write_comb(const fs::path& file) {
+  LabelImage image;
+  image.size = {44, 44, 24};
+  image.to_world = Eigen::Affine3d(Eigen::Scaling(1.5));
+  std::vector<std::int32_t> voxel;
+  for (Index k = 0; k < 24; ++k)
+    for (Index j = 0; j < 44; ++j)
+      for (Index i = 0; i < 44; ++i) {
+        const bool block = i >= 2 && i < 42 && j >= 2 && j < 42 && k >= 2 && k < 22;
+        voxel.push_back(block && !(i >= 30 && k % 6 >= 4) ? 1 : 0);
+      }
+  set_voxels(image, voxel);
+  write_label_image(file, image);
+}
+
+TEST_F(Run, TellsOfNarrowFoldsAndClosesThemOnRequest) {
+  write_comb(folder / "comb.nrrd");
+  const std::string scene = " --nodes 600 --depth 1mm --frames 2 --write model";
+  const Ran open = good("run comb.nrrd -o open" + scene);
+  const auto warns = [](const Ran& ran) {
+    return ran.err.find("of the surface faces another part of it across less than 4 mm") !=
+               std::string::npos &&
+           ran.err.find("--close 4mm") != std::string::npos;
+  };
+  EXPECT_TRUE(warns(open)) << open.err;
+  EXPECT_GT(summary("open").at("model").at("facing_share").get<double>(), 0.2);
+  EXPECT_EQ(summary("open").at("model").at("closed_volume_mm3"), 0.0);
+
+  const Ran closed = good("run comb.nrrd -o closed --close 4mm" + scene);
+  EXPECT_FALSE(warns(closed)) << closed.err;
+  EXPECT_TRUE(std::regex_search(
+      closed.err, std::regex("closed   gaps narrower than 4 mm: [0-9.]+ cm3 added \\([0-9.]+ %\\)")))
+      << closed.err;
+  const Json model = summary("closed").at("model");
+  EXPECT_LT(model.at("facing_share").get<double>(), 0.02);
+  EXPECT_NEAR(model.at("closed_volume_mm3").get<double>(), 3 * 3.0 * 60 * 18, 1500.0);
+  EXPECT_NEAR(model.at("organ_volume_mm3").get<double>(), 60 * 60 * 30, 1500.0);
+  EXPECT_NE(text_of(folder / "closed" / "model" / "model.toml").find("gaps narrower than 4 mm"),
+            std::string::npos);
+
+  const Ran plain = good("run brain.nrrd -o plain" + scene);
+  EXPECT_FALSE(warns(plain)) << plain.err;
+  EXPECT_NE(good("model comb.nrrd -o thin --nodes 600 --close 2mm").err.find("closes nothing"),
+            std::string::npos);
 }
 
 TEST_F(Run, SolvesTwoPlainListsOfLocations) {

@@ -135,6 +135,15 @@ TEST(Overview, IsTheSameFileForTheSameInput) {
   EXPECT_EQ(read_file(folder / "a.png"), read_file(folder / "b.png"));
 }
 
+TEST(Overview, IsTheSameFileDrawnByTwoThreads) {
+  const fs::path folder = fresh_folder();
+  Overview overview = half_ellipsoid();
+  write_overview(folder / "one.png", overview);
+  overview.two_threads = true;
+  write_overview(folder / "two.png", overview);
+  EXPECT_TRUE(read_file(folder / "one.png") == read_file(folder / "two.png"));
+}
+
 TEST(Overview, LooksAlongThePushHoweverTheBodyLies) {
   // Turning body and push together moves only the orientation letters: a few pixels in a thousand.
   const fs::path folder = fresh_folder();
