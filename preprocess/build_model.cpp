@@ -93,6 +93,7 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
 
   if (!(options.cloud.spacing_mm > 0.0)) refuse_beyond_memory(options, options.cloud.count);
   const Boundary boundary = report.boundary = find_boundary(body, options.boundary);
+  options.cloud.base_outline = options.scheme.base_outline;
   GradingOptions& grading = options.cloud.grading;
   Sizing sizing(body, boundary, grading);
   report.stages.done("boundary");

@@ -54,7 +54,7 @@ Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi ti
 
   // Side by side: what the surface asks of the gradients needs none of the supports.
   Points wanted;
-  side_by_side([&] { find_supports(model, sight ? &*sight : nullptr); },
+  side_by_side([&] { sight ? find_supports(model, *sight) : find_supports(model); },
                [&] {
                  if (consistent) wanted = surface_integrals(model, scheme.support, pieces);
                });

@@ -596,7 +596,8 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
   std::vector<Vec3> placed;
   for (const auto& x : circle.colwise()) placed.push_back(x);
   cloud.circle_count = circle.cols();
-  for (const Vec3& x : outline_of_base(body, boundary, spacing)) placed.push_back(x);
+  if (options.base_outline)
+    for (const Vec3& x : outline_of_base(body, boundary, spacing)) placed.push_back(x);
   const Index fixed = static_cast<Index>(placed.size()), outline = fixed - cloud.circle_count;
   cloud.fixed_count = fixed;
 

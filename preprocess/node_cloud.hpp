@@ -14,6 +14,7 @@ struct CloudOptions {
       0.0;  ///< edge of the cube that one inner node far from the circle stands for; 0: from count
   std::uint64_t seed = 1;  ///< of the random candidates
   GradingOptions grading = {};
+  bool base_outline = true;  ///< nodes along the outline of the base
   double jitter =
       0.0;  ///< every inner node is moved by up to this part of its spacing: for tests of robustness
 };

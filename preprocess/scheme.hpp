@@ -36,6 +36,8 @@ struct Scheme {
   bool consistent_gradients;
   /// The change of volume lives in a coarser space of patches (make_pressure_patches). False: at every point.
   bool pressure_patches;
+  /// Nodes stand along the outline of the base. False: on it and within it only as they fall.
+  bool base_outline;
   double rim;        ///< spacing of the nodes on the circle's rim over that far away, unless asked for
   double reach;      ///< distance from the rim at which the far spacing is reached [radii of the circle]
   double least_rim;  ///< spacing on the rim below which none is taken, unless asked for [radii]
@@ -48,6 +50,7 @@ inline constexpr Scheme converging = {.name = "converging",
                                       .averaged_gradients = true,
                                       .consistent_gradients = true,
                                       .pressure_patches = true,
+                                      .base_outline = true,
                                       .rim = 0.03,
                                       .reach = 12.0,
                                       .least_rim = 0.1,
@@ -64,6 +67,7 @@ inline constexpr Scheme horton2007 = {.name = "horton2007",
                                       .averaged_gradients = false,
                                       .consistent_gradients = false,
                                       .pressure_patches = false,
+                                      .base_outline = false,
                                       .rim = 1.0,
                                       .reach = 3.0,
                                       .least_rim = 0.0,

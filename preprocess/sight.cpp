@@ -49,42 +49,50 @@ bool sees_all_within(const SurfaceCells& surface, const Vec3& x, double radius, 
   return !surface.any_above(x, radius, narrowest * spacing);
 }
 
+// In the body's own axes and to a tenth of a nanometre: what is seen does not hang on how the image is turned.
+Vec3 Sight::own(const Vec3& x) const {
+  return ((model_.axes.transpose() * (x - model_.tool.centre)).array() * 1e10).round() * 1e-7;
+}
+
 Sight::Sight(const Discretisation& model, const Eigen::VectorXd& radius)
     : model_(model),
+      X_(3, model.node_count()),
       clear_radius_(looked_within * radius),
       depth_(Eigen::VectorXd::Zero(model.node_count())) {
-  if (model.surface.empty()) return;
-  surface_.emplace(model.surface.vertex_mm, model.surface.triangles);
+  for (Index a = 0; a < model.node_count(); ++a) X_.col(a) = own(model.X.col(a));
+  Points vertex(3, model.surface.vertex_mm.cols());
+  for (Index v = 0; v < vertex.cols(); ++v) vertex.col(v) = own(1e-3 * model.surface.vertex_mm.col(v));
+  surface_.emplace(vertex, model.surface.triangles);
   tbb::parallel_for(Index{0}, model.node_count(), [&](Index a) {
     if (a % 16 == 0) stop_if_asked();
-    const Vec3 x = 1e3 * model.X.col(a);
-    if (sees_all_within(*surface_, x, 1e3 * clear_radius_[a], 1e3 * model.spacing[a])) return;
+    if (sees_all_within(*surface_, X_.col(a), 1e3 * clear_radius_[a], 1e3 * model.spacing[a])) return;
     clear_radius_[a] = 0.0;
-    depth_[a] = 1e-3 * distance_to_surface(*surface_, x);
+    depth_[a] = 1e-3 * distance_to_surface(*surface_, X_.col(a));
   });
   all_clear_ = clear_radius_.minCoeff() > 0.0;
   if (all_clear_) return;
+  point_.resize(3, model.point_count());
   point_depth_.resize(model.point_count());
   point_spacing_.resize(model.point_count());
   const Neighbours nodes(model.X);
   tbb::parallel_for(Index{0}, model.point_count(), [&](Index q) {
     if (q % 64 == 0) stop_if_asked();
-    point_depth_[q] = 1e-3 * distance_to_surface(*surface_, 1e3 * model.point.col(q));
+    point_.col(q) = own(model.point.col(q));
+    point_depth_[q] = 1e-3 * distance_to_surface(*surface_, point_.col(q));
     point_spacing_[q] = model.spacing[nodes.nearest(model.point.col(q), 1).front()];
   });
 }
 
 bool Sight::point_sees(Index point, const Vec3& x) const {
-  const Vec3 from = model_.point.col(point);
-  return (x - from).norm() <= point_depth_[point] ||
-         dimple::sees(*surface_, 1e3 * from, 1e3 * x, 1e3 * point_spacing_[point]);
+  return (x - model_.point.col(point)).norm() <= point_depth_[point] ||
+         dimple::sees(*surface_, point_.col(point), own(x), 1e3 * point_spacing_[point]);
 }
 
 bool Sight::sees(Index node, Index point) const {
-  const Vec3 X = model_.X.col(node), x = model_.point.col(point);
+  const double away = (model_.point.col(point) - model_.X.col(node)).norm();
   // Around each of the two a ball lies in the tissue: if both together reach, there is no need to look.
-  if ((x - X).norm() <= std::max(clear_radius_[node], depth_[node] + point_depth_[point])) return true;
-  return dimple::sees(*surface_, 1e3 * X, 1e3 * x, 1e3 * model_.spacing[node]);
+  if (away <= std::max(clear_radius_[node], depth_[node] + point_depth_[point])) return true;
+  return dimple::sees(*surface_, X_.col(node), point_.col(point), 1e3 * model_.spacing[node]);
 }
 
 }  // namespace dimple

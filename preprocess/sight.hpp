@@ -27,7 +27,7 @@ bool sees_all_within(const SurfaceCells& surface, const Vec3& x, double radius, 
 /// What the nodes of a model see. Lengths in metres.
 class Sight {
  public:
-  /// `radius` [N]: of the nodes' supports. A model without a surface hides nothing.
+  /// `radius` [N]: of the nodes' supports. The model has a surface.
   Sight(const Discretisation& model, const Eigen::VectorXd& radius);
   bool sees(Index node, Index point) const;  ///< a node and an integration point
   /// Does an integration point see x?
@@ -37,8 +37,10 @@ class Sight {
   }  ///< no node has anything within its radius that it may not see
 
  private:
+  Vec3 own(const Vec3& x) const;
   const Discretisation& model_;
   std::optional<SurfaceCells> surface_;
+  Points X_, point_;                             // nodes and points in the body's own axes [mm]
   Eigen::VectorXd clear_radius_;                 ///< [N] within which a node sees everything [m]
   Eigen::VectorXd depth_;                        ///< [N] below the surface [m]
   Eigen::VectorXd point_depth_, point_spacing_;  ///< [Q] likewise; and of the nearest node [m]

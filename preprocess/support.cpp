@@ -398,7 +398,9 @@ std::optional<Sight> sight_in(const Discretisation& model, const SupportOptions&
   return sight;
 }
 
-void find_supports(Model& model, const Sight* sight) {
+namespace {
+
+void supports_of(Model& model, const Sight* sight) {
   const SupportOptions& options = model.scheme.support;
   const Cloud cloud(model, options);
   const bool hidden = sight != nullptr;
@@ -508,6 +510,15 @@ void find_supports(Model& model, const Sight* sight) {
     v.tissue = t;
     unfold(rows, v);
   }
+}
+
+}  // namespace
+
+void find_supports(Model& model) {
+  supports_of(model, nullptr);
+}
+void find_supports(Model& model, const Sight& sight) {
+  supports_of(model, &sight);
 }
 
 Interpolation make_interpolation(const Discretisation& body, const SupportOptions& options,

@@ -23,7 +23,8 @@ namespace dimple {
 /// scheme and the tissues. Where the scheme wants supports connected through the tissue, a node belongs only to
 /// points that it sees (sight.hpp); a place that sees too few takes those that are near. Throws ModelError where even that is not enough: the place, the count, what to
 /// change.
-void find_supports(Model& model, const Sight* sight = nullptr);
+void find_supports(Model& model);
+void find_supports(Model& model, const Sight& sight);
 
 /// What the model's nodes see, if its scheme connects supports through the tissue and something is hidden from some.
 std::optional<Sight> sight_in(const Discretisation& model, const SupportOptions& options);

@@ -12,8 +12,9 @@ namespace {
 TEST(SwineBrain, HasThePapersSizeAtRestAndResistsTheIndenter) {
   const std::filesystem::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom brain.nrrd").code, 0);
-  const Ran ran = dimple(
-      folder, "run brain.nrrd -o out --scheme horton2007 --depth 0.5mm --rate 5mm/s --frames 1 --json -q");
+  const Ran ran = dimple(folder,
+                         "run brain.nrrd -o out --scheme horton2007 --nodes 4250 --depth 0.5mm --rate 5mm/s "
+                         "--frames 1 --json -q");
   ASSERT_EQ(ran.code, 0) << ran.err;
   const auto summary = nlohmann::json::parse(ran.out);
   EXPECT_EQ(summary.at("status"), "finished");
