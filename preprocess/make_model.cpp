@@ -45,19 +45,8 @@ Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi ti
   Model model{std::move(places), scheme, std::move(tissue), {}, {}, {}, {}, {}, {}, {}};
   const std::optional<Sight> sight = sight_in(model, scheme.support);
   here.done("sight");
-  // Where a fold hides nodes from points the shape functions end at the line of sight, inside the body: then no
-  // integral over its surface says what their gradients sum to.
-  const bool consistent = scheme.consistent_gradients && !model.surface.empty() && !sight;
-  SurfacePieces pieces;
-  if (consistent) pieces = pieces_of(model);
-  here.done("surface pieces");
-
-  // Side by side: what the surface asks of the gradients needs none of the supports.
-  Points wanted;
-  side_by_side([&] { sight ? find_supports(model, *sight) : find_supports(model); },
-               [&] {
-                 if (consistent) wanted = surface_integrals(model, scheme.support, pieces);
-               });
+  sight ? find_supports(model, *sight) : find_supports(model);
+  const bool folded = model.support_report.unseen > 0;
   give_back_memory();
   stop_if_asked();
   refuse_too_many_grown(model);
@@ -65,10 +54,13 @@ Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi ti
 
   side_by_side(
       [&] {
-        if (consistent) make_consistent(model, wanted);
+        // Where a fold hides nodes from points the shape functions end at the line of sight, inside the body: then
+        // no integral over its surface says what their gradients sum to.
+        if (scheme.consistent_gradients && !model.surface.empty() && !folded)
+          make_consistent(model, surface_integrals(model, scheme.support, pieces_of(model)));
       },
       [&] {
-        if (scheme.pressure_patches) make_pressure_patches(model, sight.has_value());
+        if (scheme.pressure_patches) make_pressure_patches(model, folded);
         Eigen::VectorXd of_point(model.point_count());
         for (Index q = 0; q < of_point.size(); ++q)
           of_point[q] = density[static_cast<std::size_t>(model.tissue[q])];

@@ -84,12 +84,13 @@ Sight::Sight(const Discretisation& model, const Eigen::VectorXd& radius)
 }
 
 bool Sight::point_sees(Index point, const Vec3& x) const {
-  return (x - model_.point.col(point)).norm() <= point_depth_[point] ||
-         dimple::sees(*surface_, point_.col(point), own(x), 1e3 * point_spacing_[point]);
+  const Vec3 there = own(x);
+  return (there - point_.col(point)).norm() <= 1e3 * point_depth_[point] ||
+         dimple::sees(*surface_, point_.col(point), there, 1e3 * point_spacing_[point]);
 }
 
 bool Sight::sees(Index node, Index point) const {
-  const double away = (model_.point.col(point) - model_.X.col(node)).norm();
+  const double away = 1e-3 * (point_.col(point) - X_.col(node)).norm();
   // Around each of the two a ball lies in the tissue: if both together reach, there is no need to look.
   if (away <= std::max(clear_radius_[node], depth_[node] + point_depth_[point])) return true;
   return dimple::sees(*surface_, X_.col(node), point_.col(point), 1e3 * model_.spacing[node]);

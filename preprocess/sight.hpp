@@ -38,7 +38,7 @@ class Sight {
 
  private:
   Vec3 own(const Vec3& x) const;
-  const Discretisation& model_;
+  const Discretisation& model_;  // only distances: supports are found in other axes
   std::optional<SurfaceCells> surface_;
   Points X_, point_;                             // nodes and points in the body's own axes [mm]
   Eigen::VectorXd clear_radius_;                 ///< [N] within which a node sees everything [m]

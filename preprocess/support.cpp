@@ -5,6 +5,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <atomic>
 #include <bit>
 #include <cmath>
 #include <cstdint>
@@ -101,7 +102,8 @@ PlaceSupport support_of(const Vec3& x, const Cloud& cloud, std::span<const int> 
       if (result.nodes.size() < 2 * terms) continue;
       result.mls = mls_shape_functions(x, cloud.model.X, result.nodes, cloud.radius, result.growth,
                                        cloud.options, cloud.pinned, result.phi, result.dphi);
-      if (result.mls.ok() && (!only_connected || result.mls.pivot_ratio > surely_conditioned)) return true;
+      if (result.mls.ok() && (!only_connected || terms > 4 || result.mls.pivot_ratio > surely_conditioned))
+        return true;
     }
     return false;
   };
@@ -400,7 +402,37 @@ std::optional<Sight> sight_in(const Discretisation& model, const SupportOptions&
 
 namespace {
 
+// In the body's own axes: how well nodes span the basis is judged along the axes, and must not depend on how the image
+// is turned.
+struct Turned {
+  explicit Turned(Model& m) : model(m), axes(m.axes), X(m.X), point(m.point), spread(m.spread) {
+    model.X = axes.transpose() * X;
+    model.point = axes.transpose() * point;
+    for (Index q = 0; q < spread.cols(); ++q) {
+      const auto s = spread.col(q);
+      Mat3 about;
+      about << s[0], s[3], s[5], s[3], s[1], s[4], s[5], s[4], s[2];
+      about = axes.transpose() * about * axes;
+      model.spread.col(q) << about(0, 0), about(1, 1), about(2, 2), about(0, 1), about(1, 2), about(2, 0);
+    }
+    model.axes.setIdentity();
+  }
+  ~Turned() {
+    model.X.swap(X);
+    model.point.swap(point);
+    model.spread.swap(spread);
+    model.axes = axes;
+  }
+  Turned(const Turned&) = delete;
+  Turned& operator=(const Turned&) = delete;
+  Model& model;
+  Mat3 axes;
+  Points X, point;
+  Spread spread;
+};
+
 void supports_of(Model& model, const Sight* sight) {
+  const Turned turned(model);
   const SupportOptions& options = model.scheme.support;
   const Cloud cloud(model, options);
   const bool hidden = sight != nullptr;
@@ -423,7 +455,12 @@ void supports_of(Model& model, const Sight* sight) {
   for (Index first = 0; first < model.point_count(); first += slab) {
     const Index count = std::min(slab, model.point_count() - first);
     found.resize(static_cast<std::size_t>(count));
-    const Connected connected = [&](int a, Index k) { return sight->sees(a, first + k); };
+    std::atomic<Index> unseen = 0;
+    const Connected connected = [&](int a, Index k) {
+      const bool seen = sight->sees(a, first + k);
+      if (!seen) unseen.fetch_add(1, std::memory_order_relaxed);
+      return seen;
+    };
     const Near near = nodes_near(model.point.middleCols(first, count), cloud,
                                  averaged ? Eigen::VectorXd(margin.segment(first, count)) : margin,
                                  hidden ? connected : Connected());
@@ -440,6 +477,7 @@ void supports_of(Model& model, const Sight* sight) {
         at_point(q, cloud, near.of(k), to_point, s);
       if (s.ok) s.linear_error = linear_error(model, q, s, mean_radius);
     });
+    report.unseen += unseen;
     Index members = model.support.offset[first];
     for (const PointSupport& s : found) members += static_cast<Index>(s.nodes.size());
     if (members > most_members) {
@@ -463,7 +501,7 @@ void supports_of(Model& model, const Sight* sight) {
       const PointSupport& s = found[static_cast<std::size_t>(k)];
       const Index n = static_cast<Index>(s.nodes.size());
       if (!s.ok) {
-        const Vec3 x = model.point.col(q) * 1e3;
+        const Vec3 x = turned.point.col(q) * 1e3;
         throw ModelError(
             {.fact = fmt::format("integration point {} has {} nodes in its support, which do not span "
                                  "the {} basis (pivot ratio {:.1e})",
@@ -503,6 +541,10 @@ void supports_of(Model& model, const Sight* sight) {
   const Index members = model.support.offset[model.point_count()];
   model.support.member.conservativeResize(members);
   model.dphi.conservativeResize(3, members);
+  if (!turned.axes.isIdentity(0.0))
+    tbb::parallel_for(tbb::blocked_range<Index>(0, members, 4096), [&](const auto& range) {
+      for (Index k = range.begin(); k < range.end(); ++k) model.dphi.col(k) = turned.axes * model.dphi.col(k);
+    });
   report.mean = static_cast<double>(members) / static_cast<double>(model.point_count());
   model.variance.clear();
   for (auto& [t, rows] : variance) {

@@ -356,7 +356,13 @@ void complete(const Case& given, Placed placed, const Talk& talk, Result& result
         "patch    forces of a constant pressure: {:.1e} off before, {:.1e} after a change of gradients by at "
         "most {:.2f} of a cell's largest",
         consistency.before, consistency.after, consistency.largest_change));
-  else if (model.scheme.consistent_gradients)
+  if (support.unseen > 0)
+    talk.say(
+        fmt::format("folds    {} pairs of a node and a point are near each other across a gap and do not "
+                    "belong together; {} "
+                    "points see too few nodes and take what is near",
+                    support.unseen, support.unconnected));
+  else if (model.scheme.consistent_gradients && model.surface.empty())
     talk.warn("without a surface the gradients are not made consistent: forces at high pressure are too low");
   talk.say(fmt::format("mass     {:.2f} g in all, {:.3g} to {:.3g} g per node", model.mass.sum() * 1e3,
                        model.mass.minCoeff() * 1e3, model.mass.maxCoeff() * 1e3));

@@ -365,7 +365,7 @@ TEST(Storage, OfATurnedOrganGivesTheTurnedModelAndTheSameForce) {
 
 double force_of_brain(const fs::path& folder, const LabelImage& image, const std::string& options) {
   write_nrrd(folder / "brain.nrrd", stored_as(image, {0, 1, 2}, {false, false, false}), false);
-  const Ran ran = dimple(folder, "run brain.nrrd -o out --force -q " + options);
+  const Ran ran = dimple(folder, "run brain.nrrd -o out --force -q --nodes 4250 " + options);
   EXPECT_EQ(ran.code, 0) << ran.err;
   return ran.code == 0 ? read_csv(folder / "out/force.csv").find("force_N")->back() : std::nan("");
 }
