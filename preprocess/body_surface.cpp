@@ -148,6 +148,12 @@ bool BodySurface::sees(const Vec3& x, const Vec3& y, double spacing) const {
   return dimple::sees(*tree_->cells, x, y, spacing);
 }
 
+bool BodySurface::is_between(const Vec3& x, const Vec3& y) const {
+  thread_local std::vector<SurfaceCells::Crossing> crossings;
+  tree_->cells->pass(x, y, crossings);
+  return !crossings.empty();
+}
+
 std::vector<double> BodySurface::chord(const Vec3& origin, int axis, double length) const {
   std::vector<double> t;
   thread_local std::vector<SurfaceCells::Hit> hits;

@@ -47,6 +47,9 @@ class BodySurface {
   /// Does the straight way from x to y stay in the body? `spacing`: of the nodes there. As sees() of sight.hpp.
   bool sees(const Vec3& x, const Vec3& y, double spacing) const;
 
+  /// Does the straight way from x to y pass through the surface?
+  bool is_between(const Vec3& x, const Vec3& y) const;
+
   /// Where the line origin + t direction passes through the surface: ascending t, always an even number of
   /// them.
   std::vector<double> crossings(const Vec3& origin, const Vec3& direction) const;

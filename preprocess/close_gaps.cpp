@@ -40,10 +40,8 @@ struct Room {
 
 VoxelSet largest_piece(const VoxelSet& set) {
   const Pieces pieces = face_connected(set);
-  const auto largest = std::max_element(pieces.piece.begin(), pieces.piece.end(),
-                                        [](const auto& a, const auto& b) { return a.voxels < b.voxels; });
   std::vector<bool> kept(pieces.piece.size(), false);
-  kept[static_cast<std::size_t>(largest - pieces.piece.begin())] = true;
+  kept[largest(pieces)] = true;
   return cropped(selection(set, pieces, kept));
 }
 

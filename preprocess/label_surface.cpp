@@ -58,16 +58,10 @@ bool touches_border(const VoxelSet& set, const LabelImage& image) {
   return false;
 }
 
-std::size_t largest(const std::vector<Pieces::Piece>& pieces) {
-  const auto found = std::max_element(pieces.begin(), pieces.end(),
-                                      [](const auto& a, const auto& b) { return a.voxels < b.voxels; });
-  return static_cast<std::size_t>(found - pieces.begin());
-}
-
 // The largest piece, with its small cavities filled, in a box of its own: what is dropped decides nothing.
 VoxelSet one_body(const LabelImage& image, const VoxelSet& set, double voxel_volume, SegmentReport& report) {
   const Pieces pieces = face_connected(set);
-  const std::size_t body = largest(pieces.piece);
+  const std::size_t body = largest(pieces);
   std::int64_t all = 0;
   for (const auto& piece : pieces.piece) all += piece.voxels;
   std::int64_t kept = pieces.piece[body].voxels;
@@ -232,7 +226,7 @@ int keep_one_body(Lattice& lattice, double smallest_cavity_points) {
 
   const Pieces pieces = face_connected(inside);
   std::vector<bool> specks(pieces.piece.size(), true);
-  specks[largest(pieces.piece)] = false;
+  specks[largest(pieces)] = false;
   set_values(lattice, selection(inside, pieces, specks), 0.0f);
   specks.flip();
 
@@ -454,6 +448,7 @@ double facing_share(const BodySurface& surface, double width_mm) {
   const Index every = (surface.triangles().cols() + most_triangles_asked - 1) / most_triangles_asked;
   double area = 0.0, facing = 0.0;
   for (Index t = 0; t < surface.triangles().cols(); t += every) {
+    stop_if_asked();
     const Vec3 middle =
         (surface.vertex().col(surface.triangles()(0, t)) + surface.vertex().col(surface.triangles()(1, t)) +
          surface.vertex().col(surface.triangles()(2, t))) /
@@ -461,10 +456,7 @@ double facing_share(const BodySurface& surface, double width_mm) {
     const Vec3 normal = surface.normal().col(t);
     const double here = surface.triangle_area()[t];
     area += here;
-    const std::vector<double> met = surface.crossings(middle, normal);
-    if (std::any_of(met.begin(), met.end(),
-                    [&](double far) { return far > lift * width_mm && far < width_mm; }))
-      facing += here;
+    if (surface.is_between(middle + lift * width_mm * normal, middle + width_mm * normal)) facing += here;
   }
   return area > 0.0 ? facing / area : 0.0;
 }

@@ -20,6 +20,10 @@ struct CompressedRows {
 /// Symmetric 3x3 matrices, one a column: xx, yy, zz, xy, yz, zx.
 using Spread = Eigen::Matrix<double, 6, Eigen::Dynamic>;
 
+/// Column q as a matrix; and all of them after the rotation R, R S R^T.
+Mat3 as_matrix(const Spread& spread, Index q);
+Spread turned(const Spread& spread, const Mat3& R);
+
 /// A coarser space for the change of volume: overlapping patches, each with a part in the points around it.
 /// Each patch lies in one tissue.
 struct PressurePatches {

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <optional>
 #include <vector>
 
 #include "preprocess/model.hpp"
@@ -11,13 +10,13 @@ namespace dimple {
 /// Does the straight way from x to y stay in the tissue? `spacing`: of the nodes there. Lengths in mm.
 ///
 /// What leaves the body and comes back through a wall that faces the one it left by (a fold, a slit, two lobes
-/// that lie side by side) is cut off, however narrow the gap is, down to a fiftieth of the spacing. What cuts
+/// that lie side by side) is cut off, however narrow the gap is, down to a twenty-fifth of the spacing. What cuts
 /// across a shallow hollow is not: a hollow counts where it is deeper than a tenth of the spacing and than a
 /// fifth of the part of the way that lies in it, which a rounded surface's is not.
 ///
 /// Source:   the visibility criterion: Belytschko, Lu, Gu 1994; Organ, Fleming, Terry, Belytschko 1996, section 2.
-/// Departs:  it has a tolerance, for a surface of small triangles is nowhere quite convex. The distance stays
-///           straight: tests/verification/README.md compares with the way around the end of a slit.
+/// Departs:  it has a tolerance, for a surface of small triangles is nowhere quite convex. Their diffraction method,
+///           distances around the end of a gap, was not compared.
 bool sees(const SurfaceCells& surface, const Vec3& x, const Vec3& y, double spacing);
 
 /// Does x surely see all of the body within `radius`? If no triangle there turns its outer side towards x, by more
@@ -32,19 +31,19 @@ class Sight {
   bool sees(Index node, Index point) const;  ///< a node and an integration point
   /// Does an integration point see x?
   bool point_sees(Index point, const Vec3& x) const;
-  bool all_clear() const {
-    return all_clear_;
-  }  ///< no node has anything within its radius that it may not see
+  /// No node has anything within its radius that it may not see.
+  bool all_clear() const { return clear_radius_.minCoeff() > 0.0; }
 
  private:
-  Vec3 own(const Vec3& x) const;
-  const Discretisation& model_;  // only distances: supports are found in other axes
-  std::optional<SurfaceCells> surface_;
-  Points X_, point_;                             // nodes and points in the body's own axes [mm]
-  Eigen::VectorXd clear_radius_;                 ///< [N] within which a node sees everything [m]
-  Eigen::VectorXd depth_;                        ///< [N] below the surface [m]
-  Eigen::VectorXd point_depth_, point_spacing_;  ///< [Q] likewise; and of the nearest node [m]
-  bool all_clear_ = true;
+  Points own(const Points& x) const;
+  Mat3 axes_;
+  Vec3 centre_;
+  Eigen::VectorXd spacing_;                      // [N] m
+  SurfaceCells surface_;                         // like all places here in the body's own axes [mm]
+  Points X_, point_;                             // nodes and points
+  Eigen::VectorXd clear_radius_;                 // [N] within which a node sees everything [m]
+  Eigen::VectorXd depth_;                        // [N] below the surface [m]
+  Eigen::VectorXd point_depth_, point_spacing_;  // [Q] likewise; and of the nearest node [m]
 };
 
 }  // namespace dimple

@@ -160,17 +160,14 @@ Near nodes_near(const Points& places, const Cloud& cloud, const Eigen::VectorXd&
   return result;
 }
 
-// The symmetric root in the frame of the image's axes: smooth in the spread, and it turns with the body.
+// The symmetric root, in the frame of the body's axes: smooth in the spread, and it turns with the body.
 Mat3 root_of_spread(const Discretisation& model, Index q) {
-  const auto s = model.spread.col(q);
-  Mat3 about;
-  about << s[0], s[3], s[5], s[3], s[1], s[4], s[5], s[4], s[2];
-  about = model.axes.transpose() * about * model.axes;
+  const Mat3 about = as_matrix(model.spread, q);
   const double size = about.trace();
   if (!(size > 0.0)) return Mat3::Zero();
   const Eigen::SelfAdjointEigenSolver<Mat3> solver(about / size);
   const Vec3 root = (solver.eigenvalues().cwiseMax(0.0) * size).cwiseSqrt();
-  return model.axes * solver.eigenvectors() * root.asDiagonal() * solver.eigenvectors().transpose();
+  return solver.eigenvectors() * root.asDiagonal() * solver.eigenvectors().transpose();
 }
 
 // What was met on the way to a point's support.
@@ -404,27 +401,21 @@ namespace {
 
 // In the body's own axes: how well nodes span the basis is judged along the axes, and must not depend on how the image
 // is turned.
-struct Turned {
-  explicit Turned(Model& m) : model(m), axes(m.axes), X(m.X), point(m.point), spread(m.spread) {
+struct InOwnAxes {
+  explicit InOwnAxes(Model& m) : model(m), axes(m.axes), X(m.X), point(m.point), spread(m.spread) {
     model.X = axes.transpose() * X;
     model.point = axes.transpose() * point;
-    for (Index q = 0; q < spread.cols(); ++q) {
-      const auto s = spread.col(q);
-      Mat3 about;
-      about << s[0], s[3], s[5], s[3], s[1], s[4], s[5], s[4], s[2];
-      about = axes.transpose() * about * axes;
-      model.spread.col(q) << about(0, 0), about(1, 1), about(2, 2), about(0, 1), about(1, 2), about(2, 0);
-    }
+    model.spread = turned(spread, axes.transpose());
     model.axes.setIdentity();
   }
-  ~Turned() {
+  ~InOwnAxes() {
     model.X.swap(X);
     model.point.swap(point);
     model.spread.swap(spread);
     model.axes = axes;
   }
-  Turned(const Turned&) = delete;
-  Turned& operator=(const Turned&) = delete;
+  InOwnAxes(const InOwnAxes&) = delete;
+  InOwnAxes& operator=(const InOwnAxes&) = delete;
   Model& model;
   Mat3 axes;
   Points X, point;
@@ -432,7 +423,7 @@ struct Turned {
 };
 
 void supports_of(Model& model, const Sight* sight) {
-  const Turned turned(model);
+  const InOwnAxes at_rest(model);
   const SupportOptions& options = model.scheme.support;
   const Cloud cloud(model, options);
   const bool hidden = sight != nullptr;
@@ -501,7 +492,7 @@ void supports_of(Model& model, const Sight* sight) {
       const PointSupport& s = found[static_cast<std::size_t>(k)];
       const Index n = static_cast<Index>(s.nodes.size());
       if (!s.ok) {
-        const Vec3 x = turned.point.col(q) * 1e3;
+        const Vec3 x = at_rest.point.col(q) * 1e3;
         throw ModelError(
             {.fact = fmt::format("integration point {} has {} nodes in its support, which do not span "
                                  "the {} basis (pivot ratio {:.1e})",
@@ -541,9 +532,10 @@ void supports_of(Model& model, const Sight* sight) {
   const Index members = model.support.offset[model.point_count()];
   model.support.member.conservativeResize(members);
   model.dphi.conservativeResize(3, members);
-  if (!turned.axes.isIdentity(0.0))
+  if (!at_rest.axes.isIdentity(0.0))
     tbb::parallel_for(tbb::blocked_range<Index>(0, members, 4096), [&](const auto& range) {
-      for (Index k = range.begin(); k < range.end(); ++k) model.dphi.col(k) = turned.axes * model.dphi.col(k);
+      for (Index k = range.begin(); k < range.end(); ++k)
+        model.dphi.col(k) = at_rest.axes * model.dphi.col(k);
     });
   report.mean = static_cast<double>(members) / static_cast<double>(model.point_count());
   model.variance.clear();
@@ -686,6 +678,7 @@ CompressedRows nodes_behind(const Model& model, const Sight& sight, const Points
 
 Interpolation surface_interpolation(const Model& model) {
   const Points places = model.surface.vertex_mm * 1e-3;
+  if (model.support_report.unseen == 0) return make_interpolation(model, model.scheme.support, places);
   CompressedRows allowed;
   if (const auto sight = sight_in(model, model.scheme.support)) {
     Points normal = Points::Zero(3, places.cols());
@@ -701,7 +694,7 @@ Interpolation surface_interpolation(const Model& model) {
 
 Interpolation point_interpolation(const Model& model) {
   return make_interpolation(model, model.scheme.support, model.point,
-                            model.scheme.support.through_tissue ? members_of(model.support) : Connected());
+                            model.support_report.unseen > 0 ? members_of(model.support) : Connected());
 }
 
 Eigen::MatrixXd Interpolation::operator()(const Eigen::MatrixXd& nodal) const {

@@ -21,8 +21,8 @@ namespace dimple {
 ///
 /// A step of make_model(): fills support, dphi, variance and support_report from the discretisation, the
 /// scheme and the tissues. Where the scheme wants supports connected through the tissue, a node belongs only to
-/// points that it sees (sight.hpp); a place that sees too few takes those that are near. Throws ModelError where even that is not enough: the place, the count, what to
-/// change.
+/// points that it sees (sight.hpp); a place that sees too few takes those that are near. Throws ModelError where
+/// even that is not enough: the place, the count, what to change.
 void find_supports(Model& model);
 void find_supports(Model& model, const Sight& sight);
 

@@ -214,6 +214,12 @@ VoxelSet reordered(const VoxelSet& set, const AxisOrder& order, const std::array
   return result;
 }
 
+std::size_t largest(const Pieces& pieces) {
+  const auto found = std::max_element(pieces.piece.begin(), pieces.piece.end(),
+                                      [](const auto& a, const auto& b) { return a.voxels < b.voxels; });
+  return static_cast<std::size_t>(found - pieces.piece.begin());
+}
+
 Pieces face_connected(const VoxelSet& set) {
   // A forest over stretches; of two that touch, the root of the later hangs on that of the earlier.
   std::vector<std::int32_t> parent(set.stretch.size());

@@ -63,6 +63,9 @@ struct Pieces {
 };
 Pieces face_connected(const VoxelSet& set);
 
+/// Number of the piece with the most voxels, of several the first.
+std::size_t largest(const Pieces& pieces);
+
 /// Only the pieces with kept[piece].
 VoxelSet selection(const VoxelSet& set, const Pieces& pieces, const std::vector<bool>& kept);
 

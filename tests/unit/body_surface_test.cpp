@@ -11,23 +11,10 @@
 #include "io/stop.hpp"
 #include "preprocess/closed_mesh.hpp"
 #include "preprocess/label_surface.hpp"
+#include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {
-
-template <class Inside>
-LabelImage image_of(std::array<Index, 3> size, const Vec3& spacing, const Inside& inside) {
-  LabelImage image;
-  image.size = size;
-  image.to_world = Eigen::Affine3d(Eigen::Scaling(spacing));
-  std::vector<std::int32_t> row(static_cast<std::size_t>(size[0]));
-  for (Index k = 0; k < size[2]; ++k)
-    for (Index j = 0; j < size[1]; ++j) {
-      for (Index i = 0; i < size[0]; ++i) row[static_cast<std::size_t>(i)] = inside(i, j, k) ? 1 : 0;
-      append_row(image, row);
-    }
-  return image;
-}
 
 bool in_box(Index i, Index j, Index k, std::array<Index, 3> low, std::array<Index, 3> high) {
   return i >= low[0] && i < high[0] && j >= low[1] && j < high[1] && k >= low[2] && k < high[2];

@@ -11,23 +11,10 @@
 #include "io/stop.hpp"
 #include "preprocess/label_surface.hpp"
 #include "preprocess/phantom.hpp"
+#include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {
-
-template <class Label>
-LabelImage image_of(std::array<Index, 3> size, const Vec3& spacing, const Label& label) {
-  LabelImage image;
-  image.size = size;
-  image.to_world = Eigen::Affine3d(Eigen::Scaling(spacing));
-  std::vector<std::int32_t> row(static_cast<std::size_t>(size[0]));
-  for (Index k = 0; k < size[2]; ++k)
-    for (Index j = 0; j < size[1]; ++j) {
-      for (Index i = 0; i < size[0]; ++i) row[static_cast<std::size_t>(i)] = label(i, j, k);
-      append_row(image, row);
-    }
-  return image;
-}
 
 std::int64_t voxels(const LabelImage& image) {
   std::int64_t count = 0;
