@@ -97,17 +97,11 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
   GradingOptions& grading = options.cloud.grading;
   Sizing sizing(body, boundary, grading);
   report.stages.done("boundary");
-  CloudSize size = cloud_size(body, sizing, options.cloud);
-  // Many nodes would make the rim finer than a sharp rim's equilibrium bears: they go elsewhere. Each pass leaves a
-  // third of what was missing, or less.
-  const double least = grading.least * boundary.radius;
-  for (int pass = 0; pass < 6 && grading.rim < 1.0 && grading.rim * size.far_spacing < 0.99 * least; ++pass) {
-    grading.rim = std::min(1.0, least / size.far_spacing);
-    sizing = Sizing(body, boundary, grading);
-    size = cloud_size(body, sizing, options.cloud);
-  }
-  // Side by side: neither needs more of the other than how many nodes there will be.
+  const CloudSize size = cloud_size(body, sizing, options.cloud, grading.least * boundary.radius);
+  grading.rim = size.rim;
+  sizing = sizing.with_rim(size.rim);
   refuse_beyond_memory(options, size.count);
+  // Side by side: neither needs more of the other than how many nodes there will be.
   NodeCloud cloud;
   IntegrationGrid grid;
   side_by_side([&] { cloud = make_node_cloud(body, boundary, sizing, options.cloud, size); },
@@ -132,15 +126,8 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
   places.surface.vertex_mm = body.to_world() * body.vertex().colwise().homogeneous();
   places.surface.triangles = body.triangles();
   if (grid.spread.cols() > 0) {
-    places.spread.resize(6, grid.spread.cols());
-    for (Index q = 0; q < grid.spread.cols(); ++q) {
-      const auto s = grid.spread.col(points[static_cast<std::size_t>(q)]);
-      Mat3 about;
-      about << s[0], s[3], s[5], s[3], s[1], s[4], s[5], s[4], s[2];
-      about = places.axes * about * places.axes.transpose();
-      places.spread.col(q) << about(0, 0), about(1, 1), about(2, 2), about(0, 1), about(1, 2), about(2, 0);
-    }
-    places.spread = places.spread.unaryExpr(&square_metres).eval();
+    const Spread in_order = grid.spread(Eigen::all, points);
+    places.spread = turned(in_order, places.axes).unaryExpr(&square_metres);
   }
   places.tool.centre = world_metres(body, boundary.centre);
   places.tool.push = body.to_world().linear() * boundary.push + Vec3::Zero();  // no minus zeros

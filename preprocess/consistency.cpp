@@ -238,20 +238,26 @@ class CoarseFields {
 // No triangle is larger than a body, and no spacing is less than a thousandth of one.
 constexpr int deepest = 12;
 
-void divide(const Vec3& a, const Vec3& b, const Vec3& c, const Neighbours& nodes,
+// A place on the surface, and the spacing of the node nearest to it.
+struct Corner {
+  Vec3 x;
+  double spacing;
+};
+
+void divide(const Corner& a, const Corner& b, const Corner& c, const Neighbours& nodes,
             const Eigen::VectorXd& spacing, std::vector<Vec3>& place, std::vector<Vec3>& area,
             int depth = 0) {
   stop_if_asked();
-  const double longest = std::max({(b - a).norm(), (c - b).norm(), (a - c).norm()});
-  const Vec3 middle = (a + b + c) / 3.0;
+  const auto at = [&](const Vec3& x) { return Corner{x, spacing[nodes.nearest(x, 1).front()]}; };
+  const double longest = std::max({(b.x - a.x).norm(), (c.x - b.x).norm(), (a.x - c.x).norm()});
+  const Corner middle = at((a.x + b.x + c.x) / 3.0);
   // A corner may lie where the nodes are much closer together than in the middle.
-  const auto fine = [&](const Vec3& x) { return longest <= spacing[nodes.nearest(x, 1).front()]; };
-  if (depth == deepest || (fine(middle) && fine(a) && fine(b) && fine(c))) {
-    place.push_back(middle);
-    area.push_back(0.5 * (b - a).cross(c - a));
+  if (depth == deepest || longest <= std::min({middle.spacing, a.spacing, b.spacing, c.spacing})) {
+    place.push_back(middle.x);
+    area.push_back(0.5 * (b.x - a.x).cross(c.x - a.x));
     return;
   }
-  const Vec3 ab = 0.5 * (a + b), bc = 0.5 * (b + c), ca = 0.5 * (c + a);
+  const Corner ab = at(0.5 * (a.x + b.x)), bc = at(0.5 * (b.x + c.x)), ca = at(0.5 * (c.x + a.x));
   divide(a, ab, ca, nodes, spacing, place, area, depth + 1);
   divide(ab, b, bc, nodes, spacing, place, area, depth + 1);
   divide(ca, bc, c, nodes, spacing, place, area, depth + 1);
@@ -264,10 +270,17 @@ SurfacePieces pieces_of(const Discretisation& cloud) {
   const Points vertex = cloud.surface.vertex_mm * 1e-3;
   const Triangles& triangles = cloud.surface.triangles;
   const Neighbours nodes(cloud.X);
+  std::vector<Corner> corner(static_cast<std::size_t>(vertex.cols()));
+  tbb::parallel_for(Index{0}, vertex.cols(), [&](Index v) {
+    if (v % 256 == 0) stop_if_asked();
+    corner[static_cast<std::size_t>(v)] = {vertex.col(v),
+                                           cloud.spacing[nodes.nearest(vertex.col(v), 1).front()]};
+  });
   std::vector<std::vector<Vec3>> place(static_cast<std::size_t>(triangles.cols())), area = place;
   tbb::parallel_for(Index{0}, triangles.cols(), [&](Index t) {
-    divide(vertex.col(triangles(0, t)), vertex.col(triangles(1, t)), vertex.col(triangles(2, t)), nodes,
-           cloud.spacing, place[static_cast<std::size_t>(t)], area[static_cast<std::size_t>(t)]);
+    const auto of = [&](int k) -> const Corner& { return corner[static_cast<std::size_t>(triangles(k, t))]; };
+    divide(of(0), of(1), of(2), nodes, cloud.spacing, place[static_cast<std::size_t>(t)],
+           area[static_cast<std::size_t>(t)]);
   });
   Index count = 0;
   for (const auto& list : place) count += static_cast<Index>(list.size());

@@ -11,7 +11,6 @@
 #include <numeric>
 #include <optional>
 #include <random>
-#include <set>
 #include <span>
 
 #include "io/error.hpp"
@@ -128,10 +127,10 @@ std::optional<Facets> facets_of(const BodySurface& body, const Sizing& sizing, d
   return result;
 }
 
-// Boxes a few to a node, and of how many nodes each is worth at far spacing 1.
+// Boxes a few to a node, and how much of the body each holds [mm^3].
 struct Boxes {
   std::vector<Leaf> leaf;
-  std::vector<double> worth;
+  std::vector<double> size;
 };
 
 std::optional<Boxes> boxes_of(const BodySurface& body, const Sizing& sizing, double far_spacing,
@@ -141,7 +140,7 @@ std::optional<Boxes> boxes_of(const BodySurface& body, const Sizing& sizing, dou
   if (!leaves) return std::nullopt;
   Boxes boxes;
   boxes.leaf = std::move(*leaves);
-  boxes.worth.resize(boxes.leaf.size());
+  boxes.size.resize(boxes.leaf.size());
   tbb::parallel_for(std::size_t{0}, boxes.leaf.size(), [&](std::size_t k) {
     stop_if_asked();
     const Leaf& box = boxes.leaf[k];
@@ -151,15 +150,43 @@ std::optional<Boxes> boxes_of(const BodySurface& body, const Sizing& sizing, dou
       const double d = body.farther(box.centre, 1.000001 * r) ? 2.0 * r : body.closest(box.centre).distance;
       inside = std::clamp(0.5 + (body.contains(box.centre) ? 0.5 : -0.5) * d / r, 0.0, 1.0);
     }
-    boxes.worth[k] = inside * box.volume() / std::pow(sizing(box.centre), 3);
+    boxes.size[k] = inside * box.volume();
   });
   return boxes;
 }
 
 // count = volume / h^3 + area / (2 h^2), both weighted with the powers of the sizing.
 struct Contents {
-  double volume, area;
+  double volume = 0.0, area = 0.0;
   double count(double h) const { return volume / (h * h * h) + 0.5 * area / (h * h); }
+  double spacing(double wanted) const {
+    double low = 0.0, high = std::cbrt(volume) + std::sqrt(area);
+    for (int k = 0; k < 100; ++k) {
+      const double h = 0.5 * (low + high);
+      (count(h) > wanted ? low : high) = h;
+    }
+    return 0.5 * (low + high);
+  }
+};
+
+// A body part by part, and how far from the rim each is: what it holds for any spacing at the rim is then a sum.
+struct Measured {
+  struct Piece {
+    double size, distance;  // [mm^3] or [mm^2], [mm]
+  };
+  std::vector<Piece> boxes, facets;
+  Contents contents(const Sizing& sizing) const {
+    Contents result;
+    for (const Piece& box : boxes) {
+      const double s = sizing.at_distance(box.distance);
+      result.volume += box.size / (s * s * s);
+    }
+    for (const Piece& facet : facets) {
+      const double s = sizing.at_distance(facet.distance);
+      result.area += facet.size / (s * s);
+    }
+    return result;
+  }
 };
 
 ModelError too_fine_a_rim(const Sizing& sizing) {
@@ -172,20 +199,28 @@ ModelError too_fine_a_rim(const Sizing& sizing) {
        .remedy = "give a coarser --rim, more --nodes or a smaller --indenter-diameter"});
 }
 
-Contents contents_of(const BodySurface& body, const Sizing& sizing, double rough_spacing) {
-  if (sizing.even()) return {body.volume(), body.area()};
+Measured measure(const BodySurface& body, const Sizing& sizing, double rough_spacing) {
+  constexpr double nowhere_near = std::numeric_limits<double>::infinity();
+  if (sizing.even()) return {{{body.volume(), nowhere_near}}, {{body.area(), nowhere_near}}};
   const std::size_t most =
       std::min(most_to_measure, 5 * bound(boxes_per_node, body.volume() / std::pow(rough_spacing, 3)));
-  // Where the spacing falls very steeply the even cloud's is needlessly fine to measure with.
-  for (int attempt = 0; attempt < 6; ++attempt, rough_spacing *= 2.0) {
+  // A graded cloud's far spacing is about twice an even one's; where it falls very steeply, more.
+  for (int attempt = 0; attempt < 6; ++attempt) {
+    rough_spacing *= 2.0;
     const auto boxes = boxes_of(body, sizing, rough_spacing, most);
     if (!boxes) continue;
     const auto facets = facets_of(body, sizing, rough_spacing, most);
     if (!facets) continue;
-    Contents result = {0.0, 0.0};
-    for (const double worth : boxes->worth) result.volume += worth;
-    for (std::size_t k = 0; k < facets->triangle.size(); ++k)
-      result.area += facets->triangle[k].area / std::pow(facets->sizing[k], 2);
+    Measured result;
+    result.boxes.resize(boxes->leaf.size());
+    tbb::parallel_for(std::size_t{0}, result.boxes.size(), [&](std::size_t k) {
+      result.boxes[k] = {boxes->size[k], sizing.distance(boxes->leaf[k].centre)};
+    });
+    result.facets.resize(facets->triangle.size());
+    tbb::parallel_for(std::size_t{0}, result.facets.size(), [&](std::size_t k) {
+      const Triangle& t = facets->triangle[k];
+      result.facets[k] = {t.area, sizing.distance((t.a + t.b + t.c) / 3.0)};
+    });
     return result;
   }
   throw too_fine_a_rim(sizing);
@@ -223,17 +258,19 @@ std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, const S
   };
   const bool in_boxes = !sizing.even() || body.volume() < sparse * size.prod();
   Boxes boxes;
+  std::vector<double> worth;  // in nodes at far spacing 1, summed up
   if (in_boxes) {
     auto found = boxes_of(body, sizing, far_spacing, bound(boxes_per_node, static_cast<double>(count)));
     if (!found) throw too_fine_a_rim(sizing);
     boxes = std::move(*found);
-    for (std::size_t k = 1; k < boxes.worth.size(); ++k) boxes.worth[k] += boxes.worth[k - 1];
+    double sum = 0.0;
+    for (std::size_t k = 0; k < boxes.leaf.size(); ++k)
+      worth.push_back(sum += boxes.size[k] / std::pow(sizing(boxes.leaf[k].centre), 3));
   }
   const auto anywhere = [&]() -> Vec3 {
     if (!in_boxes) return lower + in_unit_box().cwiseProduct(size);
-    const double at = uniform(random) * boxes.worth.back();
-    const auto k = static_cast<std::size_t>(std::upper_bound(boxes.worth.begin(), boxes.worth.end(), at) -
-                                            boxes.worth.begin());
+    const double at = uniform(random) * worth.back();
+    const auto k = static_cast<std::size_t>(std::upper_bound(worth.begin(), worth.end(), at) - worth.begin());
     const Leaf& box = boxes.leaf[std::min(k, boxes.leaf.size() - 1)];
     return box.centre + (2.0 * in_unit_box() - Vec3::Ones()).cwiseProduct(box.half);
   };
@@ -465,19 +502,21 @@ void shake(const BodySurface& body, double part, std::mt19937_64& random, NodeCl
 // Nodes along the outline of the base: where it ends is felt (a strip of half a spacing that is left free beside it
 // made a block's force up to a tenth too small), and others only lie near it.
 std::vector<Vec3> outline_of_base(const BodySurface& body, const Boundary& boundary, const Spacing& spacing) {
-  constexpr double apart = 0.95, at_least = 0.6,
-                   shortest = 4.0;  // spacings: along a loop; of any two; of a loop
+  // In spacings: along a loop, of any two, and length of a loop.
+  constexpr double apart = 0.95, at_least = 0.6, shortest = 4.0;
   const Triangles& triangles = body.triangles();
   const auto corner = [&](Index v) -> Vec3 { return body.vertex().col(v); };
-  std::set<std::pair<Index, Index>> edges;  // of the base's triangles, as they turn
+  std::vector<std::pair<Index, Index>> edges;  // of the base's triangles, as they turn
   for (Index t = 0; t < triangles.cols(); ++t) {
+    if (t % 65536 == 0) stop_if_asked();
     const Vec3 middle = (corner(triangles(0, t)) + corner(triangles(1, t)) + corner(triangles(2, t))) / 3.0;
     if (!on_base(boundary, middle, body.normal().col(t))) continue;
-    for (int k = 0; k < 3; ++k) edges.insert({triangles(k, t), triangles((k + 1) % 3, t)});
+    for (int k = 0; k < 3; ++k) edges.emplace_back(triangles(k, t), triangles((k + 1) % 3, t));
   }
+  std::sort(edges.begin(), edges.end());
   std::multimap<Index, Index> next;
   for (const auto& [from, to] : edges)
-    if (!edges.contains({to, from})) next.insert({from, to});
+    if (!std::binary_search(edges.begin(), edges.end(), std::pair(to, from))) next.insert({from, to});
   std::vector<Vec3> nodes;
   while (!next.empty()) {
     std::vector<Vec3> loop = {corner(next.begin()->first)};
@@ -492,6 +531,7 @@ std::vector<Vec3> outline_of_base(const BodySurface& body, const Boundary& bound
     if (length < shortest) continue;
     Vec3 last = Vec3::Constant(std::numeric_limits<double>::infinity());
     for (std::size_t k = 1; k < loop.size(); ++k) {
+      stop_if_asked();
       const Vec3 from = loop[k - 1], way = loop[k] - from;
       const int parts = std::max(1, static_cast<int>(std::ceil(10.0 * way.norm() / spacing(from))));
       for (int i = 0; i < parts; ++i) {
@@ -526,35 +566,39 @@ void refuse_too_many(double nodes, const char* option) {
 
 double spacing_for_count(const BodySurface& body, Index count, const Sizing& sizing) {
   const auto wanted = static_cast<double>(count);
-  // A graded cloud's far spacing is wider than an even one's; how much decides only how finely it is
-  // measured.
-  const Contents contents = contents_of(body, sizing, rough_spacing(body, wanted));
-  double low = 0.0, high = std::cbrt(contents.volume) + std::sqrt(contents.area);
-  for (int k = 0; k < 100; ++k) {
-    const double h = 0.5 * (low + high);
-    (contents.count(h) > wanted ? low : high) = h;
-  }
-  return 0.5 * (low + high);
+  return measure(body, sizing, rough_spacing(body, wanted)).contents(sizing).spacing(wanted);
 }
 
 Index count_for_spacing(const BodySurface& body, double spacing_mm, const Sizing& sizing) {
   refuse_too_many(Contents{body.volume(), body.area()}.count(spacing_mm), "--spacing");  // a graded has more
   // Fifty thousand nodes are fine enough to measure with.
-  const double count =
-      contents_of(body, sizing, std::max(spacing_mm, rough_spacing(body, 5e4))).count(spacing_mm);
+  const double count = measure(body, sizing, std::max(spacing_mm, rough_spacing(body, 5e4)))
+                           .contents(sizing)
+                           .count(spacing_mm);
   refuse_too_many(count, "--spacing");
   return std::lround(count);
 }
 
-CloudSize cloud_size(const BodySurface& body, const Sizing& sizing, const CloudOptions& options) {
-  if (options.spacing_mm > 0.0)
-    return {count_for_spacing(body, options.spacing_mm, sizing), options.spacing_mm};
+CloudSize cloud_size(const BodySurface& body, const Sizing& sizing, const CloudOptions& options,
+                     double least_mm) {
+  double rim = sizing.least();
+  if (const double h = options.spacing_mm; h > 0.0) {
+    rim = std::min(1.0, std::max(rim, least_mm / h));
+    return {count_for_spacing(body, h, sizing.with_rim(rim)), h, rim};
+  }
   const auto wanted = static_cast<double>(options.count);
   refuse_too_many(wanted, "--nodes");
   // A far spacing is never less than an even one.
-  if (sizing.rim_length() > wanted * sizing.least() * rough_spacing(body, wanted))
-    throw too_fine_a_rim(sizing);
-  return {options.count, spacing_for_count(body, options.count, sizing)};
+  const double rough = rough_spacing(body, wanted);
+  if (sizing.rim_length() > wanted * std::max(rim * rough, least_mm)) throw too_fine_a_rim(sizing);
+  const Measured measured = measure(body, sizing, rough);
+  double h = measured.contents(sizing).spacing(wanted);
+  // A coarser rim leaves more nodes for the rest, whose spacing falls a little: hence again.
+  for (int pass = 0; pass < 20 && rim < 1.0 && rim * h < 0.999 * least_mm; ++pass) {
+    rim = std::min(1.0, least_mm / h);
+    h = measured.contents(sizing.with_rim(rim)).spacing(wanted);
+  }
+  return {options.count, h, rim};
 }
 
 NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
@@ -583,7 +627,14 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
         free_area += t.area / (s * s);
     }
   }
-  const Index free_surface = std::lround(free_area / (h * h));
+  std::vector<Vec3> placed;
+  for (const auto& x : circle.colwise()) placed.push_back(x);
+  cloud.circle_count = circle.cols();
+  if (options.base_outline)
+    for (const Vec3& x : outline_of_base(body, boundary, spacing)) placed.push_back(x);
+  const Index fixed = cloud.fixed_count = static_cast<Index>(placed.size());
+  const Index outline = fixed - cloud.circle_count;
+  const Index free_surface = std::max<Index>(std::lround(free_area / (h * h)), outline);
   const Index inner = count - circle.cols() - free_surface;
   if (inner < 8)
     throw ModelError(
@@ -593,18 +644,9 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
          .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
 
   std::mt19937_64 random(options.seed);
-  std::vector<Vec3> placed;
-  for (const auto& x : circle.colwise()) placed.push_back(x);
-  cloud.circle_count = circle.cols();
-  if (options.base_outline)
-    for (const Vec3& x : outline_of_base(body, boundary, spacing)) placed.push_back(x);
-  const Index fixed = static_cast<Index>(placed.size()), outline = fixed - cloud.circle_count;
-  cloud.fixed_count = fixed;
-
   const auto on_surface =
       surface_candidates(facets, boundary, candidates_per_node * free_surface, sizing, h, random);
-  for (const Vec3& x :
-       thin_out(on_surface, placed, std::max<Index>(free_surface - outline, 0), 1.07, spacing))
+  for (const Vec3& x : thin_out(on_surface, placed, free_surface - outline, 1.07, spacing))
     placed.push_back(x);
   cloud.surface_count = static_cast<Index>(placed.size());
 

@@ -46,9 +46,12 @@ Index count_for_spacing(const BodySurface& body, double spacing_mm, const Sizing
 struct CloudSize {
   Index count = 0;           ///< nodes
   double far_spacing = 0.0;  ///< [mm]
+  double rim = 1.0;          ///< spacing at the rim over that
 };
-/// Of the cloud that the options ask for.
-CloudSize cloud_size(const BodySurface& body, const Sizing& sizing, const CloudOptions& options);
+/// Of the cloud that the options ask for. Many nodes would make the rim finer than the equilibrium at a sharp rim
+/// bears: below `least_mm` at the rim they go elsewhere.
+CloudSize cloud_size(const BodySurface& body, const Sizing& sizing, const CloudOptions& options,
+                     double least_mm = 0.0);
 
 /// Fills the body. The circle's nodes are given and stay; the surface's nodes keep half a spacing away from
 /// the rim.

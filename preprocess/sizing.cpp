@@ -49,7 +49,8 @@ Sizing::Sizing(const BodySurface& body, const Boundary& boundary, const GradingO
   rim_ = rim_of_circle(body, boundary, rim_corners);
   corner_ = rim_.transpose();
   share_ = options.rim;
-  slope_ = (1.0 - options.rim) / (options.reach * boundary.radius);
+  reach_ = options.reach * boundary.radius;
+  slope_ = (1.0 - options.rim) / reach_;
   for (int k = 0; k < rim_corners; ++k)
     longest_edge_ = std::max(longest_edge_, (rim_.col((k + 1) % rim_corners) - rim_.col(k)).norm());
   lower_ = rim_.rowwise().minCoeff().array() - 1e-6 * boundary.radius;
@@ -89,14 +90,21 @@ double Sizing::rim_length() const {
   return length;
 }
 
-double Sizing::operator()(const Vec3& x) const {
-  if (even()) return 1.0;
-  return std::min(1.0, share_ + slope_ * distance_to_rim(x, (1.0 - share_) / slope_));
+double Sizing::distance(const Vec3& x) const {
+  return even() ? std::numeric_limits<double>::infinity() : distance_to_rim(x, reach_);
+}
+
+Sizing Sizing::with_rim(double rim) const {
+  if (even() || rim >= 1.0) return {};
+  Sizing result = *this;
+  result.share_ = rim;
+  result.slope_ = (1.0 - rim) / reach_;
+  return result;
 }
 
 Sizing::Bounds Sizing::around(const Vec3& x, double radius) const {
   if (even()) return {1.0, 1.0};
-  const double distance = distance_to_rim(x, (1.0 - share_) / slope_ + radius);
+  const double distance = distance_to_rim(x, reach_ + radius);
   // A little less than the slope says: for rounding.
   return {std::min(1.0, share_ + slope_ * distance),
           std::min(1.0, share_ + slope_ * (distance - 1.000001 * radius) - 1e-9)};

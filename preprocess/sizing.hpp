@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <functional>
 #include <optional>
 #include <vector>
@@ -25,7 +26,13 @@ class Sizing {
  public:
   Sizing() = default;  ///< even: 1 everywhere
   Sizing(const BodySurface& body, const Boundary& boundary, const GradingOptions& options);
-  double operator()(const Vec3& x) const;
+  double operator()(const Vec3& x) const { return at_distance(distance(x)); }
+  double distance(const Vec3& x) const;  ///< to the rim [mm]; where the far spacing holds, infinite
+  double at_distance(double distance) const {
+    return even() ? 1.0 : std::min(1.0, share_ + slope_ * distance);
+  }
+  /// The same with another spacing at the rim.
+  Sizing with_rim(double rim) const;
   bool even() const { return rim_.cols() == 0; }
   double least() const { return share_; }  ///< on the rim
   double rim_length() const;               ///< [mm]; 0 if even
@@ -42,7 +49,7 @@ class Sizing {
   Points rim_;                                       // [3xK] closed polygon on the surface [mm]
   Eigen::Matrix<double, Eigen::Dynamic, 3> corner_;  // the same, a coordinate a column
   Vec3 lower_, upper_;                               // of the polygon's box
-  double longest_edge_ = 0.0, share_ = 1.0, slope_ = 0.0;
+  double longest_edge_ = 0.0, share_ = 1.0, slope_ = 0.0, reach_ = 0.0;  // reach in mm
 };
 
 /// Part of a body: a box of the background grid.
