@@ -27,7 +27,6 @@ Scene scene_a() {
           .reference = {0.00975, 0.0193, 0.0288, 0.0383, 0.0480, 0.0576, 0.0672, 0.0769},
           .known_to = known,
           .source = labelled({fine, fine, fine, fine, fine, fine, coarser, coarser}, known),
-          .second_source = "",
           .phantom = {.shape = "block", .size_mm = {60.0, 60.0, 30.0}, .spacing_mm = 1.0}};
 }
 
@@ -42,8 +41,6 @@ Scene scene_b() {
           .reference = {0.00972, 0.01923, 0.02867, 0.03807, 0.04764, 0.05708, 0.06639, 0.0759},
           .known_to = known,
           .source = labelled(source, known),
-          .second = {0.00972, 0.0192, 0.0287, 0.0383, 0.0481, 0.0581, 0.0684, 0.0787},
-          .second_source = "P2/P1 tetrahedra, rim 1.2 mm only, code not here",
           .phantom = {.shape = "cut-ellipsoid", .size_mm = {92.5, 62.5, 28.5}, .spacing_mm = 1.0}};
 }
 

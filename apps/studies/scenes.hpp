@@ -18,9 +18,6 @@ struct Scene {
   std::array<double, 8> reference{};  ///< [N] at 1, 2, ... 8 mm
   std::array<double, 8> known_to{};   ///< uncertainty of the reference, as a part of it
   std::array<std::string, 8> source;  ///< of the reference, and how well it is known
-  /// Of a second computation of the same body, as well known; zeros: there is none.
-  std::array<double, 8> second{};
-  std::string second_source;
   PhantomOptions phantom;  ///< the same body as an image
 };
 Scene scene_a();

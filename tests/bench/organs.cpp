@@ -8,11 +8,11 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
-#include <chrono>
 #include <filesystem>
 #include <functional>
 #include <optional>
 
+#include "apps/run/stopwatch.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_image.hpp"
@@ -85,19 +85,12 @@ std::vector<Body> bodies(const fs::path& data) {
   return list;
 }
 
-double seconds() {
-  using namespace std::chrono;
-  return duration<double>(steady_clock::now().time_since_epoch()).count();
-}
-
 struct Options {
   fs::path folder, data;
   std::vector<std::string> bodies;
   std::vector<Index> nodes = {1000, 2000, 4250};
   int seeds = 1, frames = 4;
   double depth_mm = 0.0;  // 0: each body's own
-  double points = 0.0;    // per node; 0: the scheme's
-  double rim = 0.0, reach = 0.0, spacing = 0.0;
 };
 
 void measure(const Body& body, const Options& wanted, std::string& csv) {
@@ -114,12 +107,8 @@ void measure(const Body& body, const Options& wanted, std::string& csv) {
       ModelOptions options;
       options.cloud.count = nodes;
       options.cloud.seed = static_cast<std::uint64_t>(seed);
-      if (wanted.points > 0.0) options.grid.ratio = wanted.points;
       options.boundary = body.boundary;
-      if (wanted.rim > 0.0) options.cloud.grading.rim = wanted.rim;
-      if (wanted.spacing > 0.0) options.cloud.spacing_mm = wanted.spacing;
-      if (wanted.reach > 0.0) options.cloud.grading.reach = wanted.reach;
-      const double start = seconds();
+      const Stopwatch building;
       try {
         TissueOptions tissues;
         std::vector<Material> material = {neo_hookean(210.0, 0.499, 1000.0)};
@@ -129,12 +118,14 @@ void measure(const Body& body, const Options& wanted, std::string& csv) {
         }
         BuiltModel built = build_model(segmented.surface, options, tissues,
                                        image ? label_finder(*image, segmented.surface) : LabelAt{});
-        const double built_s = seconds() - start;
+        const double built_s = building.seconds();
         const ModelReport report = built.report;
         const Index unconnected = built.model.support_report.unconnected;
         const Index points = built.model.point_count(), count = built.model.node_count();
+        const Stopwatch solving;
         const History history = solve(built.model, {material, built.model.tissue}, {.depth = 1e-3 * depth},
                                       {.frames = wanted.frames});
+        const double solved_s = solving.seconds();
         std::string line = fmt::format("{:18} {:6} seed {} h {:.2f}/{:.2f}:", body.name, count, seed,
                                        report.rim_spacing_mm, report.spacing_mm);
         int frame = 0;
@@ -145,10 +136,10 @@ void measure(const Body& body, const Options& wanted, std::string& csv) {
           line += fmt::format(" {:.3f}", 1e3 * sample.force);
           csv += fmt::format("{},{},{},{},{:.6g},{:.7g},{:.4g},{:.4g},{},{:.3g},{:.3g}\n", body.name, count,
                              points, seed, 1e3 * sample.depth, sample.force, report.rim_spacing_mm,
-                             report.spacing_mm, history.steps, built_s, seconds() - start - built_s);
+                             report.spacing_mm, history.steps, built_s, solved_s);
         }
         fmt::print("{} mN; {} ev, {:.2f} + {:.2f} s, {} of {} unconnected\n", line, history.steps, built_s,
-                   seconds() - start - built_s, unconnected, points);
+                   solved_s, unconnected, points);
       } catch (const Error& error) {
         fmt::print("{:18} {:6} seed {}: {}; {}; {}\n", body.name, nodes, seed, error.report.fact,
                    error.report.where, error.report.why);
@@ -169,10 +160,6 @@ int main(int argc, char** argv) try {
   app.add_option("--nodes", wanted.nodes)->delimiter(',');
   app.add_option("--seeds", wanted.seeds);
   app.add_option("--frames", wanted.frames);
-  app.add_option("--points", wanted.points, "per node");
-  app.add_option("--rim", wanted.rim);
-  app.add_option("--spacing", wanted.spacing);
-  app.add_option("--reach", wanted.reach);
   app.add_option("--depth", wanted.depth_mm, "mm");
   CLI11_PARSE(app, argc, argv);
   std::string csv =

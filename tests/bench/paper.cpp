@@ -56,6 +56,7 @@ void curve(const fs::path& folder) {
     Config config;
     config.image.file = image.string();
     config.scheme.name = scheme;
+    config.cloud.nodes = 4250;
     const Measured m = measure(config);
     ChartSeries series{.name = fmt::format("Dimple, {}, {} points", scheme, m.points), .markers = false};
     double next = 0.0;

@@ -1,0 +1,60 @@
+// Indented bodies against the independent finite elements in reference/, beside the scenes of `dimple verify`.
+
+#include <gtest/gtest.h>
+
+#include "io/table.hpp"
+#include "preprocess/build_model.hpp"
+#include "preprocess/shapes.hpp"
+#include "solver/solve.hpp"
+
+namespace dimple {
+namespace {
+
+// Forces [N] at even depths of a circle pressed onto the top of a body that stands on a flat base.
+std::vector<double> forces(const BodySurface& body, double diameter_mm, double depth_mm, int count) {
+  ModelOptions options;
+  options.cloud.count = 2000;
+  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = diameter_mm};
+  const BuiltModel built = build_model(body, options);
+  std::vector<double> result;
+  for (const ForceSample& sample :
+       solve(built.model, {{neo_hookean(210.0, 0.499, 1000.0)}, built.model.tissue},
+             {.depth = 1e-3 * depth_mm}, {.frames = count})
+           .force)
+    result.push_back(sample.force);
+  return {result.begin() + 1, result.end()};
+}
+
+TEST(Indentation, BesideASlitIsAsSoftAsFiniteElementsSay) {
+  const Table known = read_csv(DIMPLE_REFERENCE_DIR "/slits.csv");
+  int compared = 0;
+  for (const auto& [width, gap] : {std::pair{0.5, 1.0}, {1.0, 3.0}, {2.0, 8.0}}) {
+    SCOPED_TRACE(testing::Message() << width << " mm wide, " << gap << " mm from the rim");
+    const auto ours = forces(slit_block_surface({60.0, 60.0, 30.0}, 5.0 + gap, width, 25.0), 10.0, 3.0, 3);
+    for (std::size_t row = 0; row < known.rows(); ++row) {
+      const auto at = [&](const char* column) { return (*known.find(column))[row]; };
+      if (at("slit_mm") != width || at("gap_mm") != gap || at("indentation_mm") > 3.5) continue;
+      const double reference = at("force_N");
+      EXPECT_NEAR(ours[static_cast<std::size_t>(at("indentation_mm")) - 1], reference, 0.02 * reference);
+      ++compared;
+    }
+  }
+  EXPECT_EQ(compared, 9);
+}
+
+// The whole width of the base carries: without nodes along its outline the force was 9 % less. With them 2 % are left.
+TEST(Indentation, OfASlenderBlockFeelsTheEdgeOfItsBase) {
+  const Table known = read_csv(DIMPLE_REFERENCE_DIR "/blocks.csv");
+  const auto ours = forces(block_surface({-20, -20, 0}, {20, 20, 40}), 20.0, 2.0, 1);
+  double reference = 0.0;
+  for (std::size_t row = 0; row < known.rows(); ++row) {
+    const auto at = [&](const char* column) { return (*known.find(column))[row]; };
+    if (at("width_mm") == 40.0 && at("rim_mm") == 0.6 && at("indentation_mm") == 2.0)
+      reference = at("force_N");
+  }
+  ASSERT_GT(reference, 0.0);
+  EXPECT_NEAR(ours.front(), reference, 0.03 * reference);
+}
+
+}  // namespace
+}  // namespace dimple
