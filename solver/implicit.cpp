@@ -24,6 +24,7 @@ constexpr std::size_t remembered = 2;  // states, for the guess of the next: mor
 constexpr double shorter = 0.25;       // step, of the longest, that is tried when that does not converge
 constexpr double of_stable_step = 0.9;
 constexpr std::int64_t most_small_steps = 20000;  // in place of a long one; usual: some hundreds
+constexpr std::int64_t same_step = 200;           // of them, until the stable step is asked for again
 
 void step_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
                      const SolverOptions& options, const Observer& observer, History& history,
@@ -114,51 +115,59 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
   const auto march = [&](double to) {
     forces.begin_step(to - t);
     forces.hold_pressures({});
-    const StableStep stable = stable_time_step(forces, model, model.mass, constraints, u);
-    if (!(stable.dt > 0.0))
-      throw SolveError({.fact = "a time step did not converge, and no stable one was found",
-                        .where = text("solver, t = ", t, " s, indentation ", loading.rate * t * 1e3, " mm"),
-                        .why = "the load is more than this cloud can follow",
-                        .remedy = "use more nodes (--nodes) or a smaller --depth",
-                        .code = "no-equilibrium"});
-    const double needed = std::ceil((to - t) / (of_stable_step * stable.dt));
-    if (needed > static_cast<double>(most_small_steps))
-      throw SolveError({.fact = text("a time step did not converge, and ", needed,
-                                     " stable ones would be needed in its place"),
-                        .where = text("solver, t = ", t, " s, indentation ", loading.rate * t * 1e3,
-                                      " mm; stable step ", stable.dt, " s"),
-                        .why = text("more than ", most_small_steps,
-                                    " are not taken: tissue is compressed beyond what this cloud can follow"),
-                        .remedy = "use more nodes (--nodes), a smaller --depth, or --time explicit, which "
-                                  "takes as many steps as there must be",
-                        .code = "no-equilibrium"});
-    const auto count = static_cast<std::int64_t>(needed);
-    const double h = (to - t) / static_cast<double>(count), start = t;
-    const auto accelerate = [&] {
+    const auto where = [&] {
+      return text("solver, t = ", t, " s, indentation ", loading.rate * t * 1e3, " mm");
+    };
+    const auto accelerate = [&](double h, double stable) {
       const ForceSystem::Sweep sweep = forces.internal_force(u, f);
-      guards.check(sweep, {t, loading.rate * t, h, stable.dt});
+      guards.check(sweep, {t, loading.rate * t, h, stable});
       history.J_min = std::min(history.J_min, sweep.J_min);
       history.inverted = std::max(history.inverted, sweep.inverted);
       for (Index i = 0; i < n; ++i)
         a.col(i) = constraints.project(i, -f.col(i) / model.mass[i] - damping * v.col(i));
+      ++history.extra_evaluations;
     };
-    accelerate();
-    for (std::int64_t k = 1; k <= count; ++k) {
-      stop_if_asked();
-      v += 0.5 * h * a;
-      u += h * v;
-      t = start + h * static_cast<double>(k);
-      constraints.prescribe(u, loading.rate * t);
-      accelerate();
-      v += 0.5 * h * a;
-      for (Index i = 0; i < n; ++i)
-        if (constraints.is_free(i)) dissipated += damping * model.mass[i] * v.col(i).squaredNorm() * h;
-      const double force = constraints.working_force(f);
-      external += 0.5 * (force + force_before) * loading.rate * h;
-      force_before = force;
+    std::int64_t taken = 0;
+    while (to - t > 1e-9 * longest) {
+      // Again and again: tissue that is squeezed on the way bears shorter steps only.
+      const StableStep stable = stable_time_step(forces, model, model.mass, constraints, u);
+      history.extra_evaluations += stable.iterations;
+      if (!(stable.dt > 0.0))
+        throw SolveError({.fact = "a time step did not converge, and no stable one was found",
+                          .where = where(),
+                          .why = "the load is more than this cloud can follow",
+                          .remedy = "use more nodes (--nodes) or a smaller --depth",
+                          .code = "no-equilibrium"});
+      const double needed = std::ceil((to - t) / (of_stable_step * stable.dt));
+      if (needed + static_cast<double>(taken) > static_cast<double>(most_small_steps))
+        throw SolveError(
+            {.fact = text("a time step did not converge, and ", needed,
+                          " stable ones would be needed in its place"),
+             .where = text(where(), "; stable step ", stable.dt, " s"),
+             .why = text("more than ", most_small_steps,
+                         " are not taken: tissue is compressed beyond what this cloud can follow"),
+             .remedy = "use more nodes (--nodes), a smaller --depth, or --time explicit, which "
+                       "takes as many steps as there must be",
+             .code = "no-equilibrium"});
+      const auto left = static_cast<std::int64_t>(needed), count = std::min(left, same_step);
+      const double h = (to - t) / static_cast<double>(left), start = t;
+      accelerate(h, stable.dt);
+      for (std::int64_t k = 1; k <= count; ++k) {
+        stop_if_asked();
+        v += 0.5 * h * a;
+        u += h * v;
+        t = k == left ? to : start + h * static_cast<double>(k);
+        constraints.prescribe(u, loading.rate * t);
+        accelerate(h, stable.dt);
+        v += 0.5 * h * a;
+        for (Index i = 0; i < n; ++i)
+          if (constraints.is_free(i)) dissipated += damping * model.mass[i] * v.col(i).squaredNorm() * h;
+        const double force = constraints.working_force(f);
+        external += 0.5 * (force + force_before) * loading.rate * h;
+        force_before = force;
+      }
+      taken += count;
     }
-    t = to;
-    history.extra_evaluations += stable.iterations + count + 1;
     lambda = pressures_of_volumes(forces, model);
   };
 

@@ -59,6 +59,7 @@ ForceState::ForceState(const ForceSystem& system) : system_(&system) {
 }
 
 ForceState::Sweep ForceState::stress_sweep(const Nodal& u) {
+  ++sweeps_;
   assert(u.cols() == system_->node_count());
   return with([&](const auto& kernel, auto& state) {
     const auto sweep = kernel.stress_sweep(state, u.data());

@@ -92,6 +92,7 @@ class ForceState {
 
   /// The two sweeps apart, for a caller that does more with nodes [first, last) once their force is known.
   Sweep stress_sweep(const Nodal& u);
+  std::int64_t sweeps() const { return sweeps_; }  ///< so far
   void gather_sweep(Nodal& f, const std::function<void(Index first, Index last)>& then) const;
 
   /// Total stored energy at u [J]. With the printed stress there is none, and this is the energy of the form
@@ -122,6 +123,7 @@ class ForceState {
 
  private:
   const ForceSystem* system_;
+  std::int64_t sweeps_ = 0;
   std::variant<ProjectedKernel<float>::State, ProjectedKernel<double>::State> state_;
 
   // The kernel and its state.

@@ -95,7 +95,13 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
                                                   : options.evaluations};
         relaxed.converged = false;
         if (how.evaluations < 1) throw no_equilibrium(relaxed, model);
-        relaxed = relax.has_mixed() ? relax.from_near(u, lambda, f, how) : relax(u, f, how, {}, &lambda);
+        const std::int64_t before = forces.sweeps();
+        try {
+          relaxed = relax.has_mixed() ? relax.from_near(u, lambda, f, how) : relax(u, f, how, {}, &lambda);
+        } catch (const Stopped&) {
+          history.steps += forces.sweeps() - before;
+          throw;
+        }
         history.steps += relaxed.evaluations;
         least_curvature = std::min(least_curvature, relaxed.curvature);
         if (relaxed.converged) return;

@@ -143,7 +143,17 @@ std::int64_t Session::step(double depth, double dt) {
   if (!(dt > 0.0)) throw std::invalid_argument("Session::step: dt must be positive");
   return p.whole([&] {
     const double stable = safety * stable_time_step(p.state, p.model, p.model.mass, p.constraints, p.u).dt;
-    const auto steps = std::max<std::int64_t>(1, static_cast<std::int64_t>(std::ceil(dt / stable)));
+    const double needed = std::max(1.0, std::ceil(dt / stable));
+    if (!(needed <= static_cast<double>(p.options.steps)))
+      throw SolveError({.fact = text("a move of ", dt, " s takes ", needed, " stable steps"),
+                        .where = text("Session::step, ", 1e3 * p.depth, " mm"),
+                        .why = text("at most ", p.options.steps,
+                                    " are taken at once (SessionOptions::steps); the "
+                                    "stable step is ",
+                                    stable, " s"),
+                        .remedy = "move in parts, or call equilibrate(), which does not follow waves",
+                        .code = "time-step"});
+    const auto steps = static_cast<std::int64_t>(needed);
     const double h = dt / static_cast<double>(steps), from = p.depth, rate = (depth - from) / dt;
     const Eigen::VectorXd inverse_mass = p.model.mass.cwiseInverse();
     for (std::int64_t s = 1; s <= steps; ++s) {

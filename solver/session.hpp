@@ -12,6 +12,7 @@ struct SessionOptions {
   Contact contact = Contact::bonded;
   Precision precision = Precision::single_;
   double tolerance = 1e-4;            ///< of an equilibrium: relative residual
+  std::int64_t steps = 20000;         ///< of one step(), at most: the bound of its time
   std::vector<HeldSet> further = {};  ///< beside the circle and the base
 };
 
@@ -36,8 +37,8 @@ class Session {
   std::int64_t equilibrate(double depth, double dt = 0.0);
 
   /// Moves the tool to `depth` [m] at an even speed within `dt` [s] and follows the body with its inertia, by
-  /// central differences. Returns their number. Throws SolveError: a number stopped being one, or an
-  /// integration point was inverted; the body is then as it was.
+  /// central differences. Returns their number. Throws SolveError: they would be more than SessionOptions::steps, a
+  /// number stopped being one, or an integration point was inverted; the body is then as it was.
   std::int64_t step(double depth, double dt);
 
   double depth() const;         ///< of the tool [m]

@@ -69,5 +69,13 @@ TEST(Session, AMoveThatCannotBeFollowedLeavesTheBodyAsItWas) {
   EXPECT_TRUE(session.displacement() == before);
 }
 
+TEST(Session, AMoveOfTooManyStepsIsRefusedBeforeTheFirst) {
+  Session session(testing_bodies::averaged_block(), {tissue}, {.steps = 50});
+  EXPECT_GT(session.step(1e-5, 1e-3), 0);
+  const Points before = session.displacement();
+  EXPECT_THROW(session.step(2e-5, 1e3), SolveError);
+  EXPECT_TRUE(session.displacement() == before);
+}
+
 }  // namespace
 }  // namespace dimple
