@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "io/error.hpp"
+#include "solver/text.hpp"
 
 namespace dimple {
 namespace {
@@ -325,6 +326,81 @@ Material material_preset(const std::string& name) {
                     .where = "material",
                     .why = "presets are named after their paper: family names and year",
                     .remedy = "use one of: " + names});
+}
+
+namespace {
+
+[[noreturn]] void refuse_numbers(const std::string& fact, const std::string& why, const std::string& remedy) {
+  throw UsageError({.fact = fact, .where = "[material]", .why = why, .remedy = remedy});
+}
+
+Material ogden_from(const MaterialNumbers& m) {
+  if (m.ogden_mu_Pa.size() != m.ogden_alpha.size() || m.ogden_mu_Pa.size() > 3)
+    refuse_numbers(text(m.ogden_mu_Pa.size(), " Ogden moduli and ", m.ogden_alpha.size(), " exponents"),
+                   "each term has one of both, and there are at most three",
+                   "give as many numbers in material.ogden_mu_Pa as in material.ogden_alpha");
+  std::vector<OgdenTerm> terms;
+  double sum = 0.0;
+  for (std::size_t k = 0; k < m.ogden_mu_Pa.size(); ++k) {
+    if (m.ogden_alpha[k] == 0.0)
+      refuse_numbers("an Ogden exponent is 0", "2 mu / alpha^2 has no meaning then", "give another exponent");
+    terms.push_back({m.ogden_mu_Pa[k], m.ogden_alpha[k]});
+    sum += m.ogden_mu_Pa[k];
+  }
+  if (!(sum > 0.0))
+    refuse_numbers(text("the Ogden moduli add up to ", sum, " Pa"),
+                   "their sum is the shear modulus of small strains, which must be positive",
+                   "check the signs and the convention: 2 mu / alpha^2");
+  return ogden(std::move(terms), m.nu, m.density_kg_per_m3);
+}
+
+Material mooney_rivlin_from(const MaterialNumbers& m) {
+  const double c10 = 0.5 * m.mu_Pa - m.mooney_c01_Pa;
+  if (c10 < 0.0)
+    refuse_numbers(text("c01 is ", m.mooney_c01_Pa, " Pa, more than mu/2, ", 0.5 * m.mu_Pa, " Pa"),
+                   "c10 = mu/2 - c01 would be negative, and the tissue would give way by itself",
+                   "give a smaller material.mooney_c01_Pa or a larger --mu");
+  return mooney_rivlin(c10, m.mooney_c01_Pa, m.nu, m.density_kg_per_m3);
+}
+
+void set_prony(const MaterialNumbers& m, Material& material) {
+  if (m.prony_g.size() != m.prony_tau_s.size())
+    refuse_numbers(text(m.prony_g.size(), " relaxing parts and ", m.prony_tau_s.size(), " relaxation times"),
+                   "each Prony term has one of both",
+                   "give as many numbers in material.prony_g as in prony_tau_s");
+  if (!m.prony_g.empty()) material.prony.clear();
+  double relaxing = 0.0;
+  for (std::size_t k = 0; k < m.prony_g.size(); ++k) {
+    if (!(m.prony_g[k] > 0.0) || !(m.prony_tau_s[k] > 0.0))
+      refuse_numbers("a Prony term is not positive", "a part of the modulus relaxes within some time",
+                     "give positive numbers");
+    material.prony.push_back({m.prony_g[k], m.prony_tau_s[k]});
+    relaxing += m.prony_g[k];
+  }
+  if (relaxing >= 1.0)
+    refuse_numbers(text(relaxing, " of the modulus relaxes"), "nothing would be left in the end",
+                   "the parts in material.prony_g must add up to less than 1");
+}
+
+}  // namespace
+
+Material material_from(const MaterialNumbers& m, const std::string& preset, bool as_printed) {
+  const bool is_ogden = !m.ogden_mu_Pa.empty() || !m.ogden_alpha.empty();
+  const bool is_mooney_rivlin = m.mooney_c01_Pa > 0.0;
+  if (is_mooney_rivlin && (preset != "none" || is_ogden))
+    refuse_numbers("a Mooney-Rivlin constant is given beside another law", "a tissue has one law",
+                   "leave out material.mooney_c01_Pa, or the preset and the Ogden numbers");
+  Material result = preset != "none"   ? material_preset(preset)
+                    : is_ogden         ? ogden_from(m)
+                    : is_mooney_rivlin ? mooney_rivlin_from(m)
+                                       : neo_hookean(m.mu_Pa, m.nu, m.density_kg_per_m3, as_printed);
+  if (as_printed && !is_as_printed(result))
+    throw UsageError({.fact = "the printed stress is of a neo-Hookean tissue",
+                      .where = "--stress printed (material.stress)",
+                      .why = text("another law is asked for, ", words_of(result).title),
+                      .remedy = "leave --stress out, or the preset and the other law's numbers"});
+  set_prony(m, result);
+  return result;
 }
 
 }  // namespace dimple

@@ -55,6 +55,18 @@ struct Material {
   std::vector<PronyTerm> prony{};  ///< none: elastic
 };
 
+/// A tissue by the numbers that people give. Those of laws that are not wanted are 0 or none.
+struct MaterialNumbers {
+  double mu_Pa = 210.0, nu = 0.499, density_kg_per_m3 = 1000.0;
+  std::vector<double> ogden_mu_Pa, ogden_alpha;  ///< as many of both; mu_Pa is not asked then
+  double mooney_c01_Pa = 0.0;                    ///< at most mu/2
+  std::vector<double> prony_g, prony_tau_s;      ///< as many of both
+};
+/// The law whose numbers are given, neo-Hookean if none are; or a preset, which they but for Prony terms give way to.
+/// `as_printed`: PrintedNeoHookean. Throws UsageError: two laws, or numbers with which a tissue would give way.
+Material material_from(const MaterialNumbers& numbers, const std::string& preset = "none",
+                       bool as_printed = false);
+
 /// kappa = lambda + 2/3 mu with lambda = 2 mu nu / (1 - 2 nu). The law: NeoHookean, or as printed.
 Material neo_hookean(double mu, double nu, double density, bool as_printed = false);
 

@@ -94,6 +94,15 @@ double parse_quantity(const Option& option, const std::string& text, const std::
   return value * factor->second;
 }
 
+// "a, b" -> a and b
+std::vector<std::string> parts_of(const std::string& text) {
+  std::vector<std::string> result;
+  std::stringstream parts(text);
+  for (std::string part; std::getline(parts, part, ',');)
+    if (!trimmed(part).empty()) result.push_back(trimmed(part));
+  return result;
+}
+
 void assign_text(const Option& option, const std::string& text, const std::string& source) {
   if (auto* word = std::get_if<std::string*>(&option.value)) {
     if (!option.choices.empty() &&
@@ -101,16 +110,27 @@ void assign_text(const Option& option, const std::string& text, const std::strin
       refuse(option, text, source, "it is not one of its words" + did_you_mean(text, option.choices));
     **word = text;
   } else if (auto* list = std::get_if<std::vector<std::string>*>(&option.value)) {
-    (*list)->clear();
-    std::stringstream parts(text);
-    for (std::string part; std::getline(parts, part, ',');)
-      if (!trimmed(part).empty()) (*list)->push_back(trimmed(part));
+    **list = parts_of(text);
     if (option.choices.empty()) return;
     if ((*list)->empty()) refuse(option, text.empty() ? "nothing" : text, source, "it names nothing");
     for (const std::string& part : **list)
       if (std::find(option.choices.begin(), option.choices.end(), part) == option.choices.end())
         refuse(option, text, source,
                fmt::format("'{}' is not one of its words{}", part, did_you_mean(part, option.choices)));
+  } else if (auto* numbers = std::get_if<std::vector<double>*>(&option.value)) {
+    std::vector<double> read;
+    for (const std::string& part : parts_of(text)) {
+      double value = 0.0;
+      const char* begin = part.data() + (part.starts_with('+') ? 1 : 0);
+      const auto [end, error] = std::from_chars(begin, part.data() + part.size(), value);
+      if (error != std::errc{} || end != part.data() + part.size() || !std::isfinite(value))
+        throw UsageError({.fact = fmt::format("'{}' is not a number", part),
+                          .where = option.key,
+                          .why = "a list of numbers was expected",
+                          .remedy = "for instance [0.45, 0.365], or --set " + option.key + "=0.45,0.365"});
+      read.push_back(value);
+    }
+    **numbers = std::move(read);
   } else {
     assign_number(option, parse_quantity(option, text, source), text, source);
   }
@@ -161,6 +181,8 @@ std::string toml_value(const Option& option) {
     return out.str();
   };
   if (auto* word = std::get_if<std::string*>(&option.value)) return quoted(**word);
+  if (auto* numbers = std::get_if<std::vector<double>*>(&option.value))
+    return fmt::format("[{}]", fmt::join(**numbers, ", "));
   std::vector<std::string> items;
   for (const std::string& item : **std::get_if<std::vector<std::string>*>(&option.value))
     items.push_back(quoted(item));
@@ -358,22 +380,6 @@ bool set_tissue(Config& config, const std::string& key, const std::string& text,
   std::vector<Option> options = options_of(scratch);
   config.tissue[label][find(options, "material." + key.substr(dot + 1))->key] = text;
   return true;
-}
-
-std::vector<double> numbers(const std::vector<std::string>& texts, const std::string& key) {
-  std::vector<double> result;
-  for (const std::string& text : texts) {
-    double value = 0.0;
-    const char* begin = text.data() + (text.starts_with('+') ? 1 : 0);
-    const auto [end, error] = std::from_chars(begin, text.data() + text.size(), value);
-    if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(value))
-      throw UsageError({.fact = fmt::format("'{}' is not a number", text),
-                        .where = key,
-                        .why = "a list of numbers was expected",
-                        .remedy = "for instance [0.45, 0.365], or --set " + key + "=0.45,0.365"});
-    result.push_back(value);
-  }
-  return result;
 }
 
 }  // namespace
@@ -607,69 +613,7 @@ Precision precision_of(const Config& c) {
 }
 
 Material material_of(const Config& c) {
-  const auto& m = c.material;
-  const auto refuse_terms = [](const std::string& fact, const std::string& why, const std::string& remedy) {
-    throw UsageError({.fact = fact, .where = "[material]", .why = why, .remedy = remedy});
-  };
-  if (m.mooney_c01_Pa > 0.0 && (m.preset != "none" || !m.ogden_mu_Pa.empty()))
-    refuse_terms("a Mooney-Rivlin constant is given beside another law", "a tissue has one law",
-                 "leave out material.mooney_c01_Pa, or the preset and the Ogden numbers");
-  Material result;
-  if (m.preset != "none") {
-    result = material_preset(m.preset);
-  } else if (const auto mu = numbers(m.ogden_mu_Pa, "material.ogden_mu_Pa"),
-             alpha = numbers(m.ogden_alpha, "material.ogden_alpha");
-             !mu.empty() || !alpha.empty()) {
-    if (mu.size() != alpha.size() || mu.size() > 3)
-      refuse_terms(fmt::format("{} Ogden moduli and {} exponents", mu.size(), alpha.size()),
-                   "each term has one of both, and there are at most three",
-                   "give as many numbers in material.ogden_mu_Pa as in material.ogden_alpha");
-    std::vector<OgdenTerm> terms;
-    double sum = 0.0;
-    for (std::size_t k = 0; k < mu.size(); ++k) {
-      if (alpha[k] == 0.0)
-        refuse_terms("an Ogden exponent is 0", "2 mu / alpha^2 has no meaning then", "give another exponent");
-      terms.push_back({mu[k], alpha[k]});
-      sum += mu[k];
-    }
-    if (!(sum > 0.0))
-      refuse_terms(fmt::format("the Ogden moduli add up to {} Pa", sum),
-                   "their sum is the shear modulus of small strains, which must be positive",
-                   "check the signs and the convention: 2 mu / alpha^2");
-    result = ogden(terms, m.nu, m.density_kg_per_m3);
-  } else if (m.mooney_c01_Pa > 0.0) {
-    const double c10 = 0.5 * m.mu_Pa - m.mooney_c01_Pa;
-    if (c10 < 0.0)
-      refuse_terms(fmt::format("c01 is {} Pa, more than mu/2, {} Pa", m.mooney_c01_Pa, 0.5 * m.mu_Pa),
-                   "c10 = mu/2 - c01 would be negative, and the tissue would give way by itself",
-                   "give a smaller material.mooney_c01_Pa or a larger --mu");
-    result = mooney_rivlin(c10, m.mooney_c01_Pa, m.nu, m.density_kg_per_m3);
-  } else {
-    result = neo_hookean(m.mu_Pa, m.nu, m.density_kg_per_m3, m.stress == "printed");
-  }
-  if (m.stress == "printed" && !is_as_printed(result))
-    throw UsageError({.fact = "the printed stress is of a neo-Hookean tissue",
-                      .where = "--stress printed (material.stress)",
-                      .why = fmt::format("another law is asked for, {}", words_of(result).title),
-                      .remedy = "leave --stress out, or the preset and the other law's numbers"});
-  const auto g = numbers(m.prony_g, "material.prony_g"), tau = numbers(m.prony_tau_s, "material.prony_tau_s");
-  if (g.size() != tau.size())
-    refuse_terms(fmt::format("{} relaxing parts and {} relaxation times", g.size(), tau.size()),
-                 "each Prony term has one of both",
-                 "give as many numbers in material.prony_g as in prony_tau_s");
-  if (!g.empty()) result.prony.clear();
-  double relaxing = 0.0;
-  for (std::size_t k = 0; k < g.size(); ++k) {
-    if (!(g[k] > 0.0) || !(tau[k] > 0.0))
-      refuse_terms("a Prony term is not positive", "a part of the modulus relaxes within some time",
-                   "give positive numbers");
-    result.prony.push_back({g[k], tau[k]});
-    relaxing += g[k];
-  }
-  if (relaxing >= 1.0)
-    refuse_terms(fmt::format("{} of the modulus relaxes", relaxing), "nothing would be left in the end",
-                 "the parts in material.prony_g must add up to less than 1");
-  return result;
+  return material_from(c.material, c.material.preset, c.material.stress == "printed");
 }
 
 std::vector<Material> materials_of(const Config& c) {

@@ -8,6 +8,7 @@
 
 #include "preprocess/build_model.hpp"
 #include "solver/march.hpp"
+#include "solver/material.hpp"
 
 namespace dimple {
 
@@ -45,15 +46,10 @@ struct Config {
     double indenter_diameter_mm = 10.0;
     std::string direction = "auto";
   } boundary;
-  struct MaterialSection {
-    double mu_Pa = 210.0;
+  struct MaterialSection : MaterialNumbers {
     double young_Pa = 0.0;  ///< until resolve_young(), which puts the shear modulus in its place
-    double nu = 0.499;
-    double density_kg_per_m3 = 1000.0;
     std::string stress = "consistent";
     std::string preset = "none";
-    std::vector<std::string> ogden_mu_Pa, ogden_alpha, prony_g, prony_tau_s;
-    double mooney_c01_Pa = 0.0;
   } material;
   /// Tissues that differ from `material`: label, by number or name -> what differs, option -> text.
   std::map<std::string, std::map<std::string, std::string>> tissue;
@@ -86,7 +82,7 @@ struct Option {
   std::string flag;  ///< "--mu" or empty
   std::string unit;  ///< "Pa" or empty; bare numbers are in it
   std::string help;
-  std::variant<double*, std::int64_t*, std::string*, std::vector<std::string>*> value;
+  std::variant<double*, std::int64_t*, std::string*, std::vector<std::string>*, std::vector<double>*> value;
   double least = 0.0, most = 0.0;  ///< range of numbers, both allowed
   bool least_excluded = false;
   std::vector<std::string> choices;  ///< of a word, or of each of a list, which then names one at least;

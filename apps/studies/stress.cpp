@@ -63,6 +63,8 @@ std::string text_of(const Option& option) {
   if (auto* real = std::get_if<double*>(&option.value)) return fmt::format("{}", **real);
   if (auto* whole = std::get_if<std::int64_t*>(&option.value)) return fmt::format("{}", **whole);
   if (auto* word = std::get_if<std::string*>(&option.value)) return **word;
+  if (auto* list = std::get_if<std::vector<double>*>(&option.value))
+    return fmt::format("{}", fmt::join(**list, ","));
   return fmt::format("{}", fmt::join(**std::get_if<std::vector<std::string>*>(&option.value), ","));
 }
 

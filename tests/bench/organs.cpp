@@ -2,17 +2,24 @@
 //
 //   dimple_organs FOLDER [--data DIR] [--bodies A,B] [--nodes 1000,2000] [--seeds N] [--depth MM] [--frames N]
 //
-// Writes forces.csv: a row for each body, number of nodes, seed and depth. Bodies whose images are not there are
-// left out, in words.
+// Writes organs_forces.csv: a row for each body, number of nodes, seed and depth; and organs.md, .png and .svg: how far
+// the means over the seeds are from the finite elements of tests/verification/reference at 2 and 4 mm. Bodies whose
+// images are not there are left out, in words.
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <CLI/CLI.hpp>
+#include <array>
 #include <filesystem>
 #include <functional>
+#include <map>
+#include <numeric>
 #include <optional>
+#include <sstream>
 
 #include "apps/run/stopwatch.hpp"
+#include "io/draw/chart.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_image.hpp"
@@ -33,6 +40,10 @@ struct Body {
   double depth_mm = 4.0;
   std::string image = {};  // below --data
   bool two_tissues = false;
+  // Its rows in a table of tests/verification/reference: their first fields; depth, force and, if it is there, the
+  // uncertainty follow.
+  std::string reference = {}, rows = {};
+  double known_to_percent = 0.0;
 };
 
 const BoundaryOptions on_top = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = 10.0};
@@ -53,20 +64,28 @@ std::vector<Body> bodies(const fs::path& data) {
   const auto from_file = [&](const std::string& name, std::vector<int> labels) {
     return [=] { return make_body_surface(read_label_image(data / name), labels); };
   };
-  std::vector<Body> list = {{"scene_a", block(60, 60, 30), on_top},
-                            {"scene_b", ellipsoid, on_top},
-                            {"ellipsoid_15", ellipsoid, on_top_with(10.0, "15,0,top")},
-                            {"ellipsoid_25", ellipsoid, on_top_with(10.0, "25,0,top")},
-                            {"block_100_100_20", block(100, 100, 20), on_top_with(12.0), 4.0},
-                            {"block_40", block(40, 40, 40), on_top_with(20.0), 8.0},
-                            {"layer_10", block(60, 60, 10), on_top},
-                            {"layer_15", block(60, 60, 15), on_top}};
+  const auto compared = [](Body body, const std::string& file, const std::string& rows,
+                           double known_to_percent) {
+    body.reference = file, body.rows = rows, body.known_to_percent = known_to_percent;
+    return body;
+  };
+  std::vector<Body> list = {
+      compared({"scene_a", block(60, 60, 30), on_top}, "block.csv", "", 1.0),
+      compared({"scene_b", ellipsoid, on_top}, "cut_ellipsoid.csv", "", 1.5),
+      {"ellipsoid_15", ellipsoid, on_top_with(10.0, "15,0,top")},
+      {"ellipsoid_25", ellipsoid, on_top_with(10.0, "25,0,top")},
+      compared({"block_100_100_20", block(100, 100, 20), on_top_with(12.0)}, "blocks.csv", "100,20,12,0.6,",
+               1.5),
+      compared({"block_40", block(40, 40, 40), on_top_with(20.0), 8.0}, "blocks.csv", "40,40,20,1.2,", 1.5),
+      compared({"layer_10", block(60, 60, 10), on_top}, "blocks.csv", "60,10,10,0.6,", 1.5),
+      compared({"layer_15", block(60, 60, 15), on_top}, "blocks.csv", "60,15,10,0.6,", 1.5)};
   for (const double gap : {1.0, 3.0, 8.0})
     for (const double width : {0.5, 1.0, 2.0})
-      list.push_back({fmt::format("slit_{:g}_gap_{:g}", width, gap), exact([=] {
-                        return slit_block_surface({60, 60, 30}, 5.0 + gap, width, 25.0);
-                      }),
-                      on_top});
+      list.push_back(compared({fmt::format("slit_{:g}_gap_{:g}", width, gap), exact([=] {
+                                 return slit_block_surface({60, 60, 30}, 5.0 + gap, width, 25.0);
+                               }),
+                               on_top},
+                              "slits.csv", fmt::format("{:g},{:g},", width, gap), 1.5));
   list.push_back({"two_labels",
                   [] { return make_body_surface(make_phantom({.two_labels = true}), {}); },
                   {},
@@ -75,7 +94,9 @@ std::vector<Body> bodies(const fs::path& data) {
                   true});
   list.push_back({"phantom_brain", [] { return make_body_surface(make_phantom({}), {}); }, {}});
   const auto add_file = [&](const std::string& name, const std::string& file, std::vector<int> labels) {
-    list.push_back({name, from_file(file, std::move(labels)), {}, 4.0, file});
+    const std::string in_table = name == "right_lung" ? "lung" : name == "human_brain" ? "brain" : name;
+    list.push_back(compared({name, from_file(file, std::move(labels)), {}, 4.0, file}, "organs.csv",
+                            in_table + ",", 3.0));
   };
   add_file("heart", "heart_ct_1.5mm.nii.gz", {});
   add_file("liver", "abdomen_mr_3mm.nii.gz", {5});
@@ -93,10 +114,14 @@ struct Options {
   double depth_mm = 0.0;  // 0: each body's own
 };
 
-void measure(const Body& body, const Options& wanted, std::string& csv) {
+// Forces of a body: nodes, seed -> depth in mm -> N.
+using Forces = std::map<std::pair<Index, int>, std::map<double, double>>;
+
+Forces measure(const Body& body, const Options& wanted, std::string& csv) {
+  Forces forces;
   if (!body.image.empty() && !fs::exists(wanted.data / body.image)) {
     fmt::print("{}: left out, {} is not in --data\n", body.name, body.image);
-    return;
+    return forces;
   }
   const double depth = wanted.depth_mm > 0.0 ? wanted.depth_mm : body.depth_mm;
   const SegmentedBody segmented = body.surface();
@@ -133,6 +158,7 @@ void measure(const Body& body, const Options& wanted, std::string& csv) {
           const double wanted_depth = depth * (frame + 1) / wanted.frames;
           if (std::abs(1e3 * sample.depth - wanted_depth) > 1e-6) continue;
           ++frame;
+          forces[{nodes, seed}][wanted_depth] = sample.force;
           line += fmt::format(" {:.3f}", 1e3 * sample.force);
           csv += fmt::format("{},{},{},{},{:.6g},{:.7g},{:.4g},{:.4g},{},{:.3g},{:.3g}\n", body.name, count,
                              points, seed, 1e3 * sample.depth, sample.force, report.rim_spacing_mm,
@@ -146,6 +172,92 @@ void measure(const Body& body, const Options& wanted, std::string& csv) {
       }
       std::fflush(stdout);
     }
+  return forces;
+}
+
+struct Known {
+  double force, percent;
+};
+
+// Depth in mm -> what the finite elements give. Fields of text stand in these tables, so read_csv() does not serve.
+std::map<double, Known> reference_of(const Body& body) {
+  std::map<double, Known> result;
+  if (body.reference.empty()) return result;
+  std::istringstream lines(read_file(fs::path(DIMPLE_REFERENCE_DIR) / body.reference));
+  for (std::string line; std::getline(lines, line);) {
+    if (line.empty() || !line.starts_with(body.rows) || (body.rows.empty() && !std::isdigit(line.front())))
+      continue;
+    std::replace(line.begin(), line.end(), ',', ' ');
+    std::istringstream fields(line.substr(body.rows.size()));
+    double depth = 0.0, more = 0.0;
+    Known known{0.0, body.known_to_percent};
+    if (!(fields >> depth >> known.force)) continue;
+    if (fields >> more && more < 100.0) known.percent = more;
+    result[depth] = known;
+  }
+  return result;
+}
+
+struct Spread {
+  double mean = 0.0, scatter = 0.0;  // of forces: N; largest less smallest over the mean
+};
+
+Spread over_seeds(const Forces& forces, Index nodes, double depth) {
+  std::vector<double> all;
+  for (const auto& [run, curve] : forces)
+    if (const auto at = curve.find(depth); run.first == nodes && at != curve.end()) all.push_back(at->second);
+  if (all.empty()) return {};
+  const auto [least, most] = std::minmax_element(all.begin(), all.end());
+  const double mean = std::accumulate(all.begin(), all.end(), 0.0) / static_cast<double>(all.size());
+  return {mean, (*most - *least) / mean};
+}
+
+constexpr std::array depths = {2.0, 4.0};  // mm
+
+void compare(const std::vector<std::pair<Body, Forces>>& measured, const Options& wanted) {
+  std::string table = "| body | known to, % |";
+  for (const Index n : wanted.nodes) table += fmt::format(" {} nodes | scatter |", n);
+  table += "\n|---|---:|";
+  for (std::size_t k = 0; k < wanted.nodes.size(); ++k) table += "---:|---:|";
+  table += "\n";
+  std::vector<Chart> panels;
+  for (const double depth : depths) {
+    panels.push_back(
+        {.title = fmt::format("Difference from the finite elements at {:g} mm", depth),
+         .subtitle = {fmt::format("mean over {} seeds; each reference is known to 1 to 3.4 %", wanted.seeds)},
+         .x_label = "nodes",
+         .y_label = "difference of the force [%]",
+         .log_x = true});
+    panels.back().lines.push_back({.at = 0.0, .text = "reference"});
+  }
+  int colour = 0;
+  for (const auto& [body, forces] : measured) {
+    const std::map<double, Known> known = reference_of(body);
+    if (forces.empty() || !known.contains(depths[0]) || !known.contains(depths[1])) continue;
+    table += fmt::format("| {} | {:.2g} / {:.2g} |", body.name, known.at(depths[0]).percent,
+                         known.at(depths[1]).percent);
+    std::array<ChartSeries, 2> series;
+    for (ChartSeries& line : series) line = {.name = body.name, .colour = colour};
+    ++colour;
+    for (const Index n : wanted.nodes) {
+      std::vector<std::string> off, scatter;
+      for (std::size_t d = 0; d < depths.size(); ++d) {
+        const Spread spread = over_seeds(forces, n, depths[d]);
+        const double percent = 100.0 * (spread.mean / known.at(depths[d]).force - 1.0);
+        off.push_back(spread.mean > 0.0 ? fmt::format("{:+.1f}", percent) : "none");
+        scatter.push_back(fmt::format("{:.1f}", 100.0 * spread.scatter));
+        if (!(spread.mean > 0.0)) continue;
+        series[d].x.push_back(static_cast<double>(n));
+        series[d].y.push_back(percent);
+      }
+      table += fmt::format(" {} | {} |", fmt::join(off, " / "), fmt::join(scatter, " / "));
+    }
+    table += "\n";
+    for (std::size_t d = 0; d < depths.size(); ++d) panels[d].series.push_back(series[d]);
+  }
+  write_file(wanted.folder / "organs.md", table);
+  write_chart_png(wanted.folder / "organs.png", panels, 2);
+  write_chart_svg(wanted.folder / "organs.svg", panels, 2);
 }
 
 }  // namespace
@@ -154,7 +266,7 @@ void measure(const Body& body, const Options& wanted, std::string& csv) {
 int main(int argc, char** argv) try {
   dimple::Options wanted;
   CLI::App app("Forces of many bodies over the number of nodes");
-  app.add_option("folder", wanted.folder, "for forces.csv")->required();
+  app.add_option("folder", wanted.folder, "for tables and pictures")->required();
   app.add_option("--data", wanted.data, "folder of the label images");
   app.add_option("--bodies", wanted.bodies, "some of them only")->delimiter(',');
   app.add_option("--nodes", wanted.nodes)->delimiter(',');
@@ -166,14 +278,16 @@ int main(int argc, char** argv) try {
       "body,nodes,points,seed,indentation_mm,force_N,rim_spacing_mm,far_spacing_mm,evaluations,build_s,solve_"
       "s\n";
   dimple::make_folder(wanted.folder);
+  std::vector<std::pair<dimple::Body, dimple::Forces>> measured;
   for (const dimple::Body& body : dimple::bodies(wanted.data)) {
     if (!wanted.bodies.empty() &&
         std::none_of(wanted.bodies.begin(), wanted.bodies.end(),
                      [&](const std::string& name) { return body.name.starts_with(name); }))
       continue;
-    dimple::measure(body, wanted, csv);
-    dimple::write_file(wanted.folder / "forces.csv", csv);
+    measured.emplace_back(body, dimple::measure(body, wanted, csv));
+    dimple::write_file(wanted.folder / "organs_forces.csv", csv);
   }
+  dimple::compare(measured, wanted);
 } catch (const dimple::Error& error) {
   fmt::print(stderr, "{}\n{}\n", error.report.fact, error.report.remedy);
   return static_cast<int>(error.code);
