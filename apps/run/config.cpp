@@ -50,6 +50,10 @@ std::string without_unit(const Option& option) {
     range = fmt::format("{} of {}",
                         std::holds_alternative<std::vector<std::string>*>(option.value) ? "some" : "one",
                         fmt::join(option.choices, ", "));
+  } else if (std::holds_alternative<std::vector<double>*>(option.value)) {
+    range = "numbers, separated by commas";
+  } else if (std::holds_alternative<std::vector<std::string>*>(option.value)) {
+    range = "words, separated by commas";
   } else if (!std::holds_alternative<std::string*>(option.value)) {
     range = fmt::format("a number {} {}{}{}", option.least_excluded ? "above" : "from", option.least,
                         std::isfinite(option.most) ? fmt::format(" to {}", option.most) : "",

@@ -167,6 +167,11 @@ TEST_F(Refusal, OfAMaterialThatCannotBe) {
 }
 
 TEST_F(Refusal, OfMaterialTermsThatDoNotBelongTogether) {
+  expect(2, "run brain.nrrd -o out --set material.prony_g=half",
+         {"'half' is not a number", "material.prony_g", "a list of numbers"});
+  write("nested.toml", "[material]\nprony_g = [[0.5]]\n");
+  expect(2, "run brain.nrrd -o out --config nested.toml",
+         {"nested.toml, line 2", "give numbers, separated by commas"});
   expect(2, "run brain.nrrd -o out --set material.prony_g=0.5", {"1 relaxing parts and 0 relaxation times"});
   expect(2, "run brain.nrrd -o out --set material.prony_g=0.6,0.4 --set material.prony_tau_s=1,2",
          {"nothing would be left"});
