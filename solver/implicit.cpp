@@ -110,7 +110,7 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
       });
     return goes_on;
   };
-  // Central differences until `to`, as simulate(): where the tissue gives way the path jumps, and no step
+  // Central differences until `to`, as march_explicitly(): where the tissue gives way the path jumps, and no step
   // that is longer than the jump's own waves has an end that an iteration could find.
   const auto march = [&](double to) {
     forces.begin_step(to - t);

@@ -62,7 +62,7 @@ struct MaterialNumbers {
   double mooney_c01_Pa = 0.0;                    ///< at most mu/2
   std::vector<double> prony_g, prony_tau_s;      ///< as many of both
 };
-/// The law whose numbers are given, neo-Hookean if none are; or a preset, which they but for Prony terms give way to.
+/// The law whose numbers are given, neo-Hookean if none are. With a preset only the Prony terms are asked.
 /// `as_printed`: PrintedNeoHookean. Throws UsageError: two laws, or numbers with which a tissue would give way.
 Material material_from(const MaterialNumbers& numbers, const std::string& preset = "none",
                        bool as_printed = false);
