@@ -14,8 +14,7 @@ namespace dimple {
 
 struct ModelOptions {
   Scheme scheme = converging;
-  CloudOptions cloud{
-      .grading = {.rim = converging.rim, .reach = converging.reach, .least = converging.least_rim}};
+  CloudOptions cloud{.grading = converging.grading};
   GridOptions grid{.ratio = converging.points_per_node};
   BoundaryOptions boundary;
 };
@@ -23,7 +22,7 @@ struct ModelOptions {
 inline ModelOptions options_of(const Scheme& scheme) {
   ModelOptions options;
   options.scheme = scheme;
-  options.cloud.grading = {.rim = scheme.rim, .reach = scheme.reach, .least = scheme.least_rim};
+  options.cloud.grading = scheme.grading;
   options.grid.ratio = scheme.points_per_node;
   return options;
 }

@@ -118,9 +118,6 @@ void set_labels(IntegrationGrid& grid, const LabelAt& label_at) {
     }
 }
 
-// Points per node at the rim and far away, in proportion.
-constexpr double rim_density = 16.0, far_density = 3.0;
-
 // Part of a cell: integrals of 1, x and x x^T over it.
 struct Part {
   double volume = 0.0;
@@ -296,8 +293,9 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
                                  const Sizing& sizing, double far_spacing, const LabelAt& label_at) {
   const double wanted = options.count > 0 ? static_cast<double>(options.count)
                                           : options.ratio * static_cast<double>(node_count);
+  const PointDensity& density = options.density;
   const auto cell_volume = [&](double s) {
-    return std::pow(far_spacing * s, 3) / (far_density + (rim_density - far_density) * (1.0 - s));
+    return std::pow(far_spacing * s, 3) / (density.far + (density.rim - density.far) * (1.0 - s));
   };
   double scale =
       static_cast<double>(node_count) * 13.0 / wanted;  // as clouds of 1000 to 30,000 nodes have it
@@ -305,7 +303,7 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
   std::optional<std::vector<Leaf>> found;
   for (int trial = 0; trial < trials; ++trial) {
     found = bisect(
-        body, std::cbrt(scale / far_density) * far_spacing, sizing,
+        body, std::cbrt(scale / density.far) * far_spacing, sizing,
         [&](double s) { return scale * cell_volume(s); }, most);
     const double error =
         found ? std::clamp(static_cast<double>(found->size()) / wanted, 1.0 / most_at_a_time, most_at_a_time)

@@ -8,6 +8,7 @@ namespace dimple {
 struct GridOptions {
   Index count = 0;     ///< integration points, about; 0: ratio x nodes
   double ratio = 1.5;  ///< points per node (Horton et al. 2007: 6371 / 4250)
+  PointDensity density = {};
 };
 
 /// A background grid that does not conform to the body; mm, in the surface's own frame.

@@ -172,17 +172,17 @@ struct Contents {
 // A body part by part, and how far from the rim each is: what it holds for any spacing at the rim is then a sum.
 struct Measured {
   struct Piece {
-    double size, distance;  // [mm^3] or [mm^2], [mm]
+    double size, distance, finer;  // [mm^3] or [mm^2], [mm], of Sizing
   };
   std::vector<Piece> boxes, facets;
   Contents contents(const Sizing& sizing) const {
     Contents result;
     for (const Piece& box : boxes) {
-      const double s = sizing.at_distance(box.distance);
+      const double s = sizing.at(box.distance, box.finer);
       result.volume += box.size / (s * s * s);
     }
     for (const Piece& facet : facets) {
-      const double s = sizing.at_distance(facet.distance);
+      const double s = sizing.at(facet.distance, facet.finer);
       result.area += facet.size / (s * s);
     }
     return result;
@@ -201,7 +201,7 @@ ModelError too_fine_a_rim(const Sizing& sizing) {
 
 Measured measure(const BodySurface& body, const Sizing& sizing, double rough_spacing) {
   constexpr double nowhere_near = std::numeric_limits<double>::infinity();
-  if (sizing.even()) return {{{body.volume(), nowhere_near}}, {{body.area(), nowhere_near}}};
+  if (sizing.even()) return {{{body.volume(), nowhere_near, 1.0}}, {{body.area(), nowhere_near, 1.0}}};
   const std::size_t most =
       std::min(most_to_measure, 5 * bound(boxes_per_node, body.volume() / std::pow(rough_spacing, 3)));
   // A graded cloud's far spacing is about twice an even one's; where it falls very steeply, more.
@@ -214,12 +214,14 @@ Measured measure(const BodySurface& body, const Sizing& sizing, double rough_spa
     Measured result;
     result.boxes.resize(boxes->leaf.size());
     tbb::parallel_for(std::size_t{0}, result.boxes.size(), [&](std::size_t k) {
-      result.boxes[k] = {boxes->size[k], sizing.distance(boxes->leaf[k].centre)};
+      const Vec3& x = boxes->leaf[k].centre;
+      result.boxes[k] = {boxes->size[k], sizing.distance(x), sizing.finer(x)};
     });
     result.facets.resize(facets->triangle.size());
     tbb::parallel_for(std::size_t{0}, result.facets.size(), [&](std::size_t k) {
       const Triangle& t = facets->triangle[k];
-      result.facets[k] = {t.area, sizing.distance((t.a + t.b + t.c) / 3.0)};
+      const Vec3 x = (t.a + t.b + t.c) / 3.0;
+      result.facets[k] = {t.area, sizing.distance(x), sizing.finer(x)};
     });
     return result;
   }
@@ -608,10 +610,10 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
   const double h = cloud.far_spacing = size.far_spacing;
   const Spacing spacing = [&](const Vec3& x) { return h * sizing(x); };
 
+  const double at_circle = sizing.finer(boundary.centre);
   const Points circle =
       sizing.even() ? circle_nodes(body, boundary, h) : graded_circle_nodes(body, boundary, [&](double r) {
-        return h * (options.grading.rim + (1.0 - options.grading.rim) * (boundary.radius - r) /
-                                              (options.grading.reach * boundary.radius));
+        return h * sizing.at(std::max(boundary.radius - r, 0.0), at_circle);
       });
   const auto found = facets_of(body, sizing, h, bound(facets_per_node, static_cast<double>(count)));
   if (!found) throw too_fine_a_rim(sizing);

@@ -8,6 +8,21 @@ namespace dimple {
 enum class Basis { linear, quadratic };
 enum class Weight { quartic, cubic, gauss };
 
+/// How the node spacing follows the load. Each number's effect, halved and doubled: tests/verification/README.md.
+struct GradingOptions {
+  double rim = 1.0;    ///< spacing at the rim of the indenter's circle / spacing far away; 1: even everywhere
+  double reach = 3.0;  ///< distance from the rim at which the far spacing is reached [radii of the circle]
+  double least = 0.0;  ///< spacing at the rim that a cloud does not go below [radii of the circle]
+  /// Where tissue keeps the load together, (its flux there / a half-space's)^-this is a factor (LoadPath). 0: 1.
+  double load_exponent = 0.0;
+  double load_slope = 2.0;  ///< of that factor at most [per reach]
+};
+
+/// Integration points per node, in proportion.
+struct PointDensity {
+  double rim = 16.0, far = 3.0;
+};
+
 /// Size and form of the support domains.
 struct SupportOptions {
   Basis basis = Basis::linear;
@@ -38,28 +53,25 @@ struct Scheme {
   bool pressure_patches;
   /// Nodes stand along the outline of the base. False: on it and within it only as they fall.
   bool base_outline;
-  double rim;        ///< spacing of the nodes on the circle's rim over that far away, unless asked for
-  double reach;      ///< distance from the rim at which the far spacing is reached [radii of the circle]
-  double least_rim;  ///< spacing on the rim below which none is taken, unless asked for [radii]
+  GradingOptions grading;  ///< unless another rim is asked for
   double points_per_node;  ///< unless asked for
   SupportOptions support;
 };
 
 /// Makes the force independent of where nodes and points lie: solver/README.md.
-inline constexpr Scheme converging = {.name = "converging",
-                                      .averaged_gradients = true,
-                                      .consistent_gradients = true,
-                                      .pressure_patches = true,
-                                      .base_outline = true,
-                                      .rim = 0.03,
-                                      .reach = 12.0,
-                                      .least_rim = 0.1,
-                                      .points_per_node = 7.0,
-                                      .support = {.basis = Basis::linear,
-                                                  .weight = Weight::quartic,
-                                                  .radius_factor = 1.6,
-                                                  .interpolation = 0.01,
-                                                  .through_tissue = true}};
+inline constexpr Scheme converging = {
+    .name = "converging",
+    .averaged_gradients = true,
+    .consistent_gradients = true,
+    .pressure_patches = true,
+    .base_outline = true,
+    .grading = {.rim = 0.03, .reach = 12.0, .least = 0.1, .load_exponent = 0.4},
+    .points_per_node = 7.0,
+    .support = {.basis = Basis::linear,
+                .weight = Weight::quartic,
+                .radius_factor = 1.6,
+                .interpolation = 0.01,
+                .through_tissue = true}};
 
 /// As the paper has it: an even cloud, an even grid of single points, one neo-Hookean tissue, and central
 /// differences. Horton et al. 2007.
@@ -68,9 +80,7 @@ inline constexpr Scheme horton2007 = {.name = "horton2007",
                                       .consistent_gradients = false,
                                       .pressure_patches = false,
                                       .base_outline = false,
-                                      .rim = 1.0,
-                                      .reach = 3.0,
-                                      .least_rim = 0.0,
+                                      .grading = {},
                                       .points_per_node = 1.499,
                                       .support = {}};
 

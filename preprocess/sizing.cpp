@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include "io/stop.hpp"
 
@@ -51,6 +52,8 @@ Sizing::Sizing(const BodySurface& body, const Boundary& boundary, const GradingO
   share_ = options.rim;
   reach_ = options.reach * boundary.radius;
   slope_ = (1.0 - options.rim) / reach_;
+  if (options.load_exponent > 0.0)
+    path_ = std::make_shared<LoadPath>(body, boundary, options.load_exponent, options.load_slope / reach_);
   for (int k = 0; k < rim_corners; ++k)
     longest_edge_ = std::max(longest_edge_, (rim_.col((k + 1) % rim_corners) - rim_.col(k)).norm());
   lower_ = rim_.rowwise().minCoeff().array() - 1e-6 * boundary.radius;
@@ -105,9 +108,11 @@ Sizing Sizing::with_rim(double rim) const {
 Sizing::Bounds Sizing::around(const Vec3& x, double radius) const {
   if (even()) return {1.0, 1.0};
   const double distance = distance_to_rim(x, reach_ + radius);
-  // A little less than the slope says: for rounding.
-  return {std::min(1.0, share_ + slope_ * distance),
-          std::min(1.0, share_ + slope_ * (distance - 1.000001 * radius) - 1e-9)};
+  const double f = finer(x);
+  // A little less than the slopes say: for rounding. Linear between places of a lattice: sqrt(3) times its slope.
+  const double steepest = path_ ? std::numbers::sqrt3 * path_->slope() : 0.0;
+  const double least = std::max(0.0, f - 1.000001 * steepest * radius);
+  return {at(distance, f), at(distance - 1.000001 * radius, least) - 1e-9};
 }
 
 std::optional<std::vector<Leaf>> bisect(const BodySurface& body, double edge, const Sizing& sizing,

@@ -2,34 +2,31 @@
 
 #include <algorithm>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <vector>
 
 #include "preprocess/boundary_conditions.hpp"
+#include "preprocess/load_path.hpp"
+#include "preprocess/scheme.hpp"
 
 namespace dimple {
 
-/// How the node spacing falls towards the rim of the indenter's circle, where the strain is singular.
-struct GradingOptions {
-  double rim = 1.0;    ///< spacing at the rim / spacing far away; 1: even everywhere
-  double reach = 3.0;  ///< distance from the rim at which the far spacing is reached [radii of the circle]
-  double least = 0.0;  ///< spacing at the rim that a cloud does not go below [radii of the circle]
-};
-
 /// Spacing at a place as a part of the spacing far away,
 ///
-///     s(x) = min(1, rim + (1 - rim) d(x) / (reach a)),   d = distance to the rim, a = the circle's radius.
+///     s(x) = max(rim, f(x) min(1, rim + (1 - rim) d(x) / (reach a))),   d = distance to the rim, a = its radius,
 ///
-/// Linear in d, so that neighbouring spacings differ by a fixed share; everything scales with the circle, so
-/// that no length of one scene is built in.
+/// f <= 1 where tissue keeps the load together (LoadPath). Linear in d, so that neighbouring spacings differ by a
+/// fixed share; everything scales with the circle, so that no length of one scene is built in.
 class Sizing {
  public:
   Sizing() = default;  ///< even: 1 everywhere
   Sizing(const BodySurface& body, const Boundary& boundary, const GradingOptions& options);
-  double operator()(const Vec3& x) const { return at_distance(distance(x)); }
+  double operator()(const Vec3& x) const { return at(distance(x), finer(x)); }
   double distance(const Vec3& x) const;  ///< to the rim [mm]; where the far spacing holds, infinite
-  double at_distance(double distance) const {
-    return even() ? 1.0 : std::min(1.0, share_ + slope_ * distance);
+  double finer(const Vec3& x) const { return path_ ? (*path_)(x) : 1.0; }  ///< f
+  double at(double distance, double finer) const {
+    return even() ? 1.0 : std::max(share_, finer * std::min(1.0, share_ + slope_ * distance));
   }
   /// The same with another spacing at the rim.
   Sizing with_rim(double rim) const;
@@ -46,6 +43,7 @@ class Sizing {
  private:
   double distance_to_rim(const Vec3& x, double farthest) const;  // exact up to `farthest`, larger beyond
 
+  std::shared_ptr<const LoadPath> path_;
   Points rim_;                                       // [3xK] closed polygon on the surface [mm]
   Eigen::Matrix<double, Eigen::Dynamic, 3> corner_;  // the same, a coordinate a column
   Vec3 lower_, upper_;                               // of the polygon's box

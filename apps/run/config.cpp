@@ -582,8 +582,8 @@ Scheme scheme_of(const Config& c) {
   const Scheme* named = scheme_named(c.scheme.name);  // one of the option's choices
   Scheme scheme = *named;
   if (c.cloud.rim > 0.0) {
-    scheme.rim = c.cloud.rim;
-    scheme.least_rim = 0.0;
+    scheme.grading.rim = c.cloud.rim;
+    scheme.grading.least = 0.0;
   }
   if (c.grid.ratio > 0.0) scheme.points_per_node = c.grid.ratio;
   SupportOptions& support = scheme.support;

@@ -1,10 +1,12 @@
 // How far the force is from its limit, body by body: real organs, odd bodies and slits, and not only the block.
 //
 //   dimple_organs FOLDER [--data DIR] [--bodies A,B] [--nodes 1000,2000] [--seeds N] [--depth MM] [--frames N]
+//                 [--vary CONSTANT=FACTOR] [--sensitivity]
 //
 // Writes organs_forces.csv: a row for each body, number of nodes, seed and depth; and organs.md, .png and .svg: how far
 // the means over the seeds are from the finite elements of tests/verification/reference at 2 and 4 mm. Bodies whose
-// images are not there are left out, in words.
+// images are not there are left out, in words. --sensitivity halves and doubles each constant of the scheme instead, and
+// writes sensitivity.csv and .md.
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -106,8 +108,48 @@ std::vector<Body> bodies(const fs::path& data) {
   return list;
 }
 
+// A constant of the scheme times a factor.
+struct Variation {
+  std::string constant;
+  double factor = 1.0;
+};
+
+struct Constant {
+  std::string name, meaning;
+  std::function<double&(ModelOptions&)> of;
+};
+
+const std::vector<Constant>& constants() {
+  static const std::vector<Constant> list = {
+      {"rim", "spacing on the rim / far away",
+       [](ModelOptions& o) -> double& { return o.cloud.grading.rim; }},
+      {"least", "least spacing on the rim, in radii",
+       [](ModelOptions& o) -> double& { return o.cloud.grading.least; }},
+      {"reach", "distance from the rim where the far spacing is reached, in radii",
+       [](ModelOptions& o) -> double& { return o.cloud.grading.reach; }},
+      {"load_exponent", "of the load path's factor",
+       [](ModelOptions& o) -> double& { return o.cloud.grading.load_exponent; }},
+      {"load_slope", "of that factor, per reach",
+       [](ModelOptions& o) -> double& { return o.cloud.grading.load_slope; }},
+      {"points_per_node", "integration points per node",
+       [](ModelOptions& o) -> double& { return o.grid.ratio; }},
+      {"density_rim", "points per node at the rim over that far away",
+       [](ModelOptions& o) -> double& { return o.grid.density.rim; }},
+      {"radius_factor", "radius of a support, in spacings",
+       [](ModelOptions& o) -> double& { return o.scheme.support.radius_factor; }},
+      {"interpolation", "of the weight at prescribed nodes",
+       [](ModelOptions& o) -> double& { return o.scheme.support.interpolation; }}};
+  return list;
+}
+
+void vary(ModelOptions& options, const Variation& variation) {
+  for (const Constant& constant : constants())
+    if (constant.name == variation.constant) constant.of(options) *= variation.factor;
+}
+
 struct Options {
   fs::path folder, data;
+  std::vector<Variation> varied = {};
   std::vector<std::string> bodies;
   std::vector<Index> nodes = {1000, 2000, 4250};
   int seeds = 1, frames = 4;
@@ -133,6 +175,7 @@ Forces measure(const Body& body, const Options& wanted, std::string& csv) {
       options.cloud.count = nodes;
       options.cloud.seed = static_cast<std::uint64_t>(seed);
       options.boundary = body.boundary;
+      for (const Variation& variation : wanted.varied) vary(options, variation);
       const Stopwatch building;
       try {
         TissueOptions tissues;
@@ -260,6 +303,94 @@ void compare(const std::vector<std::pair<Body, Forces>>& measured, const Options
   write_chart_svg(wanted.folder / "organs.svg", panels, 2);
 }
 
+// Orders of convergence in the spacing, h ~ nodes^(-1/3), from each three sizes that stand in the same ratio: of the
+// differences between neighbours. Positive: the second is smaller than the first.
+void write_orders(const std::vector<std::pair<Body, Forces>>& measured, const Options& wanted) {
+  std::string csv =
+      "body,indentation_mm,nodes_1,nodes_2,nodes_3,change_12_percent,change_23_percent,scatter_percent,"
+      "order\n";
+  bool any = false;
+  for (const auto& [body, forces] : measured)
+    for (std::size_t a = 0; a < wanted.nodes.size(); ++a)
+      for (std::size_t b = a + 1; b < wanted.nodes.size(); ++b)
+        for (std::size_t c = b + 1; c < wanted.nodes.size(); ++c) {
+          const auto n = [&](std::size_t k) { return static_cast<double>(wanted.nodes[k]); };
+          if (n(a) * n(c) != n(b) * n(b)) continue;
+          std::map<double, double> all_depths;
+          for (const auto& [run, curve] : forces) all_depths.insert(curve.begin(), curve.end());
+          for (const auto& [depth, force] : all_depths) {
+            const Spread one = over_seeds(forces, wanted.nodes[a], depth),
+                         two = over_seeds(forces, wanted.nodes[b], depth),
+                         three = over_seeds(forces, wanted.nodes[c], depth);
+            if (!(one.mean > 0.0 && two.mean > 0.0 && three.mean > 0.0)) continue;
+            const double first = 100.0 * (two.mean / one.mean - 1.0),
+                         second = 100.0 * (three.mean / two.mean - 1.0);
+            csv += fmt::format("{},{:g},{},{},{},{:.3f},{:.3f},{:.2f},{:.2f}\n", body.name, depth,
+                               wanted.nodes[a], wanted.nodes[b], wanted.nodes[c], first, second,
+                               100.0 * std::max({one.scatter, two.scatter, three.scatter}),
+                               std::log(std::abs(first / second)) / std::log(std::cbrt(n(b) / n(a))));
+            any = true;
+          }
+        }
+  if (any) write_file(wanted.folder / "organs_orders.csv", csv);
+}
+
+// What each constant, halved and doubled, does to the mean force over the seeds.
+void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
+  struct Run {
+    Variation variation;
+    std::string text = {};
+  };
+  std::vector<Run> runs = {{{"none", 1.0}}};
+  for (const Constant& constant : constants())
+    for (const double factor : {0.5, 2.0}) runs.push_back({{constant.name, factor}});
+  std::string csv =
+      "constant,value,factor,body,nodes,indentation_mm,force_N,scatter_percent,change_percent,difference_"
+      "percent\n";
+  std::string table = "| constant | value | times |", rule = "|---|---:|---:|";
+  for (const Body& body : list) table += fmt::format(" {} |", body.name), rule += "---|";
+  table += "\n" + rule + "\n";
+  std::map<std::string, Forces> plain;
+  const Index nodes = wanted.nodes.front();
+  for (const Run& run : runs) {
+    ModelOptions options;
+    double value = 0.0;
+    for (const Constant& constant : constants())
+      if (constant.name == run.variation.constant) value = constant.of(options);
+    table +=
+        fmt::format("| {} | {} | {:g} |", run.variation.constant,
+                    run.variation.constant == "none" ? "" : fmt::format("{:g}", value), run.variation.factor);
+    for (const Body& body : list) {
+      Options here = wanted;
+      here.nodes = {nodes};
+      here.varied.push_back(run.variation);
+      std::string unused;
+      const Forces forces = measure(body, here, unused);
+      if (run.variation.constant == "none") plain[body.name] = forces;
+      const std::map<double, Known> known = reference_of(body);
+      std::vector<std::string> changes, scatters;
+      for (const double depth : depths) {
+        const Spread now = over_seeds(forces, nodes, depth),
+                     before = over_seeds(plain[body.name], nodes, depth);
+        if (!(now.mean > 0.0 && before.mean > 0.0)) continue;
+        const double change = 100.0 * (now.mean / before.mean - 1.0);
+        const double off = known.contains(depth) ? 100.0 * (now.mean / known.at(depth).force - 1.0) : 0.0;
+        csv += fmt::format("{},{:g},{:g},{},{},{:g},{:.6g},{:.2f},{:.2f},{}\n", run.variation.constant, value,
+                           run.variation.factor, body.name, nodes, depth, now.mean, 100.0 * now.scatter,
+                           change, known.contains(depth) ? fmt::format("{:.2f}", off) : "");
+        changes.push_back(fmt::format("{:+.1f}", run.variation.constant == "none" ? off : change));
+        scatters.push_back(fmt::format("{:.1f}", 100.0 * now.scatter));
+      }
+      table += changes.empty()
+                   ? " refused |"
+                   : fmt::format(" {} ({}) |", fmt::join(changes, " / "), fmt::join(scatters, " / "));
+    }
+    table += "\n";
+    write_file(wanted.folder / "sensitivity.csv", csv);
+    write_file(wanted.folder / "sensitivity.md", table);
+  }
+}
+
 }  // namespace
 }  // namespace dimple
 
@@ -273,21 +404,43 @@ int main(int argc, char** argv) try {
   app.add_option("--seeds", wanted.seeds);
   app.add_option("--frames", wanted.frames);
   app.add_option("--depth", wanted.depth_mm, "mm");
+  std::vector<std::string> varied;
+  bool sensitivity = false;
+  app.add_option("--vary", varied, "CONSTANT=FACTOR")->delimiter(',');
+  app.add_flag("--sensitivity", sensitivity,
+               "each constant halved and doubled, with the first number of nodes");
   CLI11_PARSE(app, argc, argv);
+  for (const std::string& text : varied) {
+    const std::size_t sign = text.find('=');
+    if (sign == std::string::npos ||
+        std::none_of(dimple::constants().begin(), dimple::constants().end(),
+                     [&](const auto& c) { return c.name == text.substr(0, sign); })) {
+      fmt::print(stderr, "{} is not CONSTANT=FACTOR\n", text);
+      return 2;
+    }
+    wanted.varied.push_back({text.substr(0, sign), std::atof(text.c_str() + sign + 1)});
+  }
   std::string csv =
       "body,nodes,points,seed,indentation_mm,force_N,rim_spacing_mm,far_spacing_mm,evaluations,build_s,solve_"
       "s\n";
   dimple::make_folder(wanted.folder);
   std::vector<std::pair<dimple::Body, dimple::Forces>> measured;
-  for (const dimple::Body& body : dimple::bodies(wanted.data)) {
-    if (!wanted.bodies.empty() &&
-        std::none_of(wanted.bodies.begin(), wanted.bodies.end(),
-                     [&](const std::string& name) { return body.name.starts_with(name); }))
-      continue;
+  std::vector<dimple::Body> list = dimple::bodies(wanted.data);
+  std::erase_if(list, [&](const dimple::Body& body) {
+    return !wanted.bodies.empty() &&
+           std::none_of(wanted.bodies.begin(), wanted.bodies.end(),
+                        [&](const std::string& name) { return body.name.starts_with(name); });
+  });
+  if (sensitivity) {
+    dimple::measure_sensitivity(list, wanted);
+    return 0;
+  }
+  for (const dimple::Body& body : list) {
     measured.emplace_back(body, dimple::measure(body, wanted, csv));
     dimple::write_file(wanted.folder / "organs_forces.csv", csv);
   }
   dimple::compare(measured, wanted);
+  dimple::write_orders(measured, wanted);
 } catch (const dimple::Error& error) {
   fmt::print(stderr, "{}\n{}\n", error.report.fact, error.report.remedy);
   return static_cast<int>(error.code);
