@@ -24,6 +24,8 @@ Command add_chart(CLI::App& app, Invocation& shared) {
   command->add_option("-o,--out,--output", shared.out, "folder for chart.csv, chart.png, chart.svg")
       ->required();
   command->add_option("--only", compared.only, "scenes: a, b, image [all]")->delimiter(',');
+  command->add_option("--reference", compared.reference,
+                      "CSV with columns indentation_mm, force_N of the image: its depths are run");
   command->add_option("--nodes", compared.nodes, "numbers of nodes")->delimiter(',')->capture_default_str();
   command->add_option("--schemes", compared.schemes, "converging, horton2007 (dynamic only)")
       ->delimiter(',')

@@ -224,7 +224,7 @@ std::vector<Option> options_of(Config& c) {
       {"cloud.spacing_mm", "--spacing", "mm", "node spacing, instead of a number; 0: from the number",
        &c.cloud.spacing_mm, 0, 1000, false, any, "model"},
       {"cloud.rim", "--rim", "",
-       "node spacing on the circle's rim as a part of that far away; 1: even; 0: 0.03, but no less "
+       "node spacing on the circle's rim as a part of that far away; 1: even; 0: 0.02, but no less "
        "than a tenth of the circle's radius (converging), 1 (horton2007)",
        &c.cloud.rim, 0, 1, false, any, "model"},
       {"cloud.jitter", "", "", "move inner nodes by up to this part of their spacing", &c.cloud.jitter, 0,

@@ -20,14 +20,14 @@
 #include "io/file.hpp"
 #include "io/label_image.hpp"
 #include "io/stop.hpp"
+#include "io/table.hpp"
 
 namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int depths = 8;
-constexpr double depth_mm = 8.0, load_s = 8.0;
+constexpr int most_depths = 8;  // 1, 2, ... mm
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
 // Horton, Wittek, Miller, MICCAI 2007, section 5: 0.131 N computed; 0.181 and 0.125 N measured at the two
@@ -41,6 +41,7 @@ struct Subject {
   Config config;
   std::vector<double> reference;  // [N] at the depths; empty: the finest own run
   std::string reference_name;
+  std::size_t depths = 8;  // 1, 2, ... mm, a second each
 };
 
 bool among(const std::string& word, const std::vector<std::string>& words) {
@@ -67,10 +68,27 @@ fs::path program_asked_for(const std::string& given, const std::string& option) 
   return found;
 }
 
-std::vector<double> at_depths(const std::vector<ForceSample>& samples) {
-  std::vector<double> even;
-  for (int k = 1; k <= depths; ++k) even.push_back(depth_mm * k / depths);
-  return forces_at(samples, even);
+std::vector<double> whole_millimetres(std::size_t depths) {
+  std::vector<double> result(depths);
+  std::iota(result.begin(), result.end(), 1.0);
+  return result;
+}
+
+// Forces at 1, 2, ... mm, as many as the table has from the first on.
+std::vector<double> reference_of(const fs::path& file) {
+  const Table table = read_csv(file);
+  const auto* depth = table.find("indentation_mm");
+  std::size_t rows = 0;
+  while (depth && rows < 8 && std::any_of(depth->begin(), depth->end(), [&](double d) {
+           return std::abs(d - static_cast<double>(rows + 1)) < 1e-6;
+         }))
+    ++rows;
+  if (depth && rows == 0)
+    throw InputError({.fact = "the reference has no force at 1 mm",
+                      .where = file.string(),
+                      .why = "the chart compares at 1, 2, ... mm",
+                      .remedy = "give a table with a row for each of them, to 8 mm at most"});
+  return reference_at(file, whole_millimetres(rows));
 }
 
 double median(std::vector<double> values) {
@@ -80,8 +98,12 @@ double median(std::vector<double> values) {
 
 AccuracyPoint own_point(const Subject& subject, const std::string& scheme, const std::string& time,
                         Index nodes, int repeat) {
-  AccuracyPoint point{
-      .scene = subject.name, .program = "dimple", .scheme = scheme, .time = time, .nodes = nodes};
+  AccuracyPoint point{.scene = subject.name,
+                      .program = "dimple",
+                      .scheme = scheme,
+                      .time = time,
+                      .nodes = nodes,
+                      .depths = subject.depths};
   Config config = subject.config;
   config.scheme.name = scheme;
   config.solver.time = time;
@@ -96,7 +118,7 @@ AccuracyPoint own_point(const Subject& subject, const std::string& scheme, const
       point.points = m.points;
       build.push_back(m.build_s);
       solve.push_back(m.solve_s);
-      point.runs.push_back(at_depths(m.history.force));
+      point.runs.push_back(forces_at(m.history.force, whole_millimetres(subject.depths)));
     }
     point.build_s = median(build);
     point.solve_s = median(solve);
@@ -117,7 +139,8 @@ AccuracyPoint peer_point(const Subject& subject, const Peer& peer, Index nodes,
                       .program = peer.name,
                       .scheme = peer.scheme,
                       .time = "quasi-static",
-                      .nodes = nodes};
+                      .nodes = nodes,
+                      .depths = subject.depths};
   const int threads =
       static_cast<int>(tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism));
   const bool calculix = peer.name == "calculix";
@@ -146,15 +169,15 @@ AccuracyPoint peer_point(const Subject& subject, const Peer& peer, Index nodes,
       std::vector<double> force;
       if (fs::exists(results))
         force = calculix ? calculix_forces(read_file(results), model.push)
-                         : febio_forces(read_file(results), model.push, depths);
+                         : febio_forces(read_file(results), model.push, static_cast<int>(subject.depths));
       if (ran.interrupted)
         point.status = "interrupted";
       else if (ran.out_of_time)
         point.status = fmt::format("stopped after {:.3g} s at {} of {} depths", options.peer_limit_s,
-                                   force.size(), depths);
-      else if (force.size() < depths)
+                                   force.size(), subject.depths);
+      else if (force.size() < subject.depths)
         point.status =
-            fmt::format("ended with code {} after {} of {} depths", ran.code, force.size(), depths);
+            fmt::format("ended with code {} after {} of {} depths", ran.code, force.size(), subject.depths);
       point.runs.push_back(force);
       if (point.status != "ok") break;
     }
@@ -185,7 +208,7 @@ void set_errors(std::vector<AccuracyPoint>& points, const Subject& subject,
 
 // Only runs that went the whole way have a place in the picture.
 bool complete(const AccuracyPoint& p) {
-  return p.status == "ok" && !p.runs.empty() && p.runs.front().size() == depths && p.error > 0.0;
+  return p.status == "ok" && !p.runs.empty() && p.runs.front().size() == p.depths && p.error > 0.0;
 }
 
 // `known`: there is a reference. Differences between our own runs say nothing of whose are right.
@@ -205,9 +228,9 @@ void mark_front(std::vector<AccuracyPoint>& points, const std::string& scene, bo
 
 std::string csv(const std::vector<AccuracyPoint>& points, const std::vector<Subject>& subjects) {
   std::string text =
-      "scene,program,scheme,time,nodes,points,build_s,solve_s,wall_s,largest_error,error_at_8_mm,on_front,"
+      "scene,program,scheme,time,nodes,points,build_s,solve_s,wall_s,largest_error,error_at_the_end,on_front,"
       "compared_with,status";
-  for (int k = 1; k <= depths; ++k) text += fmt::format(",force_{}_mm_N", k);  // of the first cloud
+  for (int k = 1; k <= most_depths; ++k) text += fmt::format(",force_{}_mm_N", k);  // of the first cloud
   text += "\n";
   const auto number = [](double value) { return std::isfinite(value) ? fmt::format("{:.6g}", value) : ""; };
   const auto quoted = [](std::string words) {
@@ -222,7 +245,7 @@ std::string csv(const std::vector<AccuracyPoint>& points, const std::vector<Subj
                         number(p.error_last), p.on_front ? 1 : 0, quoted(subject->reference_name),
                         quoted(p.status));
     const std::vector<double> force = p.runs.empty() ? std::vector<double>{} : p.runs.front();
-    for (std::size_t k = 0; k < depths; ++k)
+    for (std::size_t k = 0; k < most_depths; ++k)
       text += fmt::format(",{}", k < force.size() ? number(force[k]) : "");
     text += "\n";
   }
@@ -246,13 +269,15 @@ const std::vector<Family> families = {
 
 Chart panel(const Subject& subject, const std::vector<AccuracyPoint>& points) {
   const bool known = !subject.reference.empty();
-  Chart chart{.title = subject.title,
-              .subtitle = subject.subtitle,
-              .x_label = "wall time, from the image to the force curve [s]",
-              .y_label = known ? "largest error of the force at 1, 2, ... 8 mm [%]"
-                               : "largest difference from that run at 1, 2, ... 8 mm [%]",
-              .log_x = true,
-              .log_y = true};
+  Chart chart{
+      .title = subject.title,
+      .subtitle = subject.subtitle,
+      .x_label = "wall time, from the image to the force curve [s]",
+      .y_label = known
+                     ? fmt::format("largest error of the force at 1, 2, ... {} mm [%]", subject.depths)
+                     : fmt::format("largest difference from that run at 1, 2, ... {} mm [%]", subject.depths),
+      .log_x = true,
+      .log_y = true};
   // What came to no point is said.
   for (const AccuracyPoint& p : points)
     if (p.scene == subject.name && p.status != "ok")
@@ -285,24 +310,28 @@ Chart panel(const Subject& subject, const std::vector<AccuracyPoint>& points) {
     }
     if (!series.x.empty()) chart.series.push_back(series);
   }
-  chart.lines = {{.vertical = true, .at = load_s, .text = "real time, 8 s"}};
+  const auto load_s = static_cast<double>(subject.depths);
+  chart.lines = {{.vertical = true, .at = load_s, .text = fmt::format("real time, {:g} s", load_s)}};
   if (!known) return chart;
-  chart.series.push_back({.name = "Horton et al. 2007, as reported",
-                          .x = {paper_s},
-                          .y = {100.0 * paper_error},
-                          .label = {"Horton 2007, as reported: 55 s"},
-                          .line = false,
-                          .hollow = true,
-                          .colour = 7});
+  if (subject.name != "image")
+    chart.series.push_back({.name = "Horton et al. 2007, as reported",
+                            .x = {paper_s},
+                            .y = {100.0 * paper_error},
+                            .label = {"Horton 2007, as reported: 55 s"},
+                            .line = false,
+                            .hollow = true,
+                            .colour = 7});
   chart.lines.push_back({.vertical = false, .at = 2.0, .text = "2 %"});
   return chart;
 }
 
 // How much faster the quickest own run is that errs no more than another program's, where that is known.
-std::string comparison(const std::vector<AccuracyPoint>& points) {
+std::string comparison(const std::vector<AccuracyPoint>& points, const std::vector<Subject>& subjects) {
   std::string text;
   for (const AccuracyPoint& peer : points) {
-    if (peer.program == "dimple" || peer.scene == "image" || !complete(peer)) continue;
+    const auto known = [&](const Subject& s) { return s.name == peer.scene && !s.reference.empty(); };
+    if (peer.program == "dimple" || std::none_of(subjects.begin(), subjects.end(), known) || !complete(peer))
+      continue;
     const AccuracyPoint* best = nullptr;
     for (const AccuracyPoint& own : points)
       if (own.scene == peer.scene && own.program == "dimple" && complete(own) && own.error <= peer.error &&
@@ -376,6 +405,8 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
   std::optional<LabelImage> given;
   if (wanted("image") && !config.image.file.empty())
     given = read_label_image(config.image.file, config.image.label_names);
+  const std::vector<double> known =
+      options.reference.empty() ? std::vector<double>{} : reference_of(options.reference);
   stop_if_asked();
   check_result_folder(folder);
   make_folder(folder);
@@ -408,7 +439,7 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
     subject.config.image.file = file.string();
     subject.config.boundary.base = "inferior";
     subject.config.boundary.indent_at = "0,0,top";
-    subject.config.solver.frames = depths;
+    subject.config.solver.frames = most_depths;
     subjects.push_back(subject);
   }
   if (given) {
@@ -419,9 +450,18 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
         .config = config,
         .reference = {},
         .reference_name = ""};
-    subject.config.load.depth_mm = depth_mm;
-    subject.config.load.rate_mm_per_s = depth_mm / load_s;
-    subject.config.solver.frames = depths;
+    if (!known.empty()) {
+      subject.title = fs::path(config.image.file).filename().string() + ": error against wall time";
+      subject.subtitle = {fmt::format("against {}; circle of {:g} mm, bonded, {} mm deep; {} threads",
+                                      options.reference.filename().string(),
+                                      config.boundary.indenter_diameter_mm, known.size(), threads)};
+      subject.reference = known;
+      subject.reference_name = options.reference.filename().string();
+      subject.depths = known.size();
+    }
+    subject.config.load.depth_mm = static_cast<double>(subject.depths);
+    subject.config.load.rate_mm_per_s = 1.0;
+    subject.config.solver.frames = static_cast<int>(subject.depths);
     subjects.push_back(subject);
   }
 
@@ -448,7 +488,7 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
       // Of two with as many nodes the first: quasi-static comes before dynamic.
       for (AccuracyPoint& p : points)
         if (p.scene == subject.name && p.program == "dimple" && p.scheme == "converging" &&
-            p.status == "ok" && p.runs.front().size() == depths && (!finest || p.nodes > finest->nodes))
+            p.status == "ok" && p.runs.front().size() == p.depths && (!finest || p.nodes > finest->nodes))
           finest = &p;
       if (finest) {
         reference = finest->runs.front();
@@ -473,8 +513,8 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
         "{:<5} {:<8} {:<10} {:<12} {:>6} nodes: {}", p.scene, p.program, p.scheme, p.time, p.nodes,
         p.status != "ok" ? p.status
         : std::isnan(p.error)
-            ? fmt::format("{:.2f} s, {:.5f} N at 8 mm", p.wall_s(), p.runs.front().back())
-            : fmt::format("{:.2f} s, {} {:.2f} % at most, {:.2f} % at 8 mm", p.wall_s(),
+            ? fmt::format("{:.2f} s, {:.5f} N at the end", p.wall_s(), p.runs.front().back())
+            : fmt::format("{:.2f} s, {} {:.2f} % at most, {:.2f} % at the end", p.wall_s(),
                           finest ? "difference" : "error", 100.0 * p.error, 100.0 * p.error_last)));
     interrupted = stop_asked() != StopReason::none;
   };
@@ -502,7 +542,8 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
   write_chart_svg(folder / "chart.svg", panels);
   Outcome outcome;
   const auto drawn = std::count_if(points.begin(), points.end(), complete);
-  outcome.headline = fmt::format("{}{} of {} runs in the chart", comparison(points), drawn, points.size());
+  outcome.headline =
+      fmt::format("{}{} of {} runs in the chart", comparison(points, subjects), drawn, points.size());
   outcome.summary_json = fmt::format("{{\"status\": \"{}\", \"runs\": {}, \"in_the_chart\": {}}}\n",
                                      interrupted ? "interrupted" : "finished", points.size(), drawn);
   outcome.interrupted = interrupted;

@@ -6,6 +6,7 @@ namespace dimple {
 
 struct AccuracyOptions {
   std::vector<std::string> only;  ///< of a, b, image; empty: all that there are
+  std::filesystem::path reference;  ///< of the image: CSV with indentation_mm at even steps and force_N, or empty
   std::vector<Index> nodes = {600, 1000, 2000, 3000, 4250, 8500};
   std::vector<std::string> schemes = {"converging", "horton2007"};
   std::vector<std::string> times = {"quasi-static", "dynamic"};
@@ -27,10 +28,11 @@ struct AccuracyPoint {
   std::string time;     ///< quasi-static, dynamic
   Index nodes = 0, points = 0;
   double build_s = 0.0, solve_s = 0.0;
-  std::vector<std::vector<double>> runs = {};  ///< per cloud: [N] at 1, 2, ... 8 mm, as far as it came
+  std::size_t depths = 8;  ///< that were asked for
+  std::vector<std::vector<double>> runs = {};  ///< per cloud: [N] at those depths, as far as it came
   std::string status = "ok";                   ///< or why there is no more
   double error = 0.0;       ///< largest |force / reference - 1| over the depths; not a number where unknown
-  double error_last = 0.0;  ///< at 8 mm
+  double error_last = 0.0;  ///< at the deepest
   bool on_front = false;
   double wall_s() const { return build_s + solve_s; }
 };
@@ -42,8 +44,8 @@ std::vector<std::size_t> pareto_front(const std::vector<double>& cost, const std
 /// Runs scenes over schemes, cloud sizes and ways of stepping in time, beside other programs that are
 /// installed, and draws error against wall time: chart.csv, chart.png, chart.svg. Scenes A and B are made
 /// here, as 1 mm images left in the folder (scene_a.nrrd), and have a reference; `config` names another image
-/// and what belongs to it; it has none: its runs are shown by their difference from the finest of them, with
-/// no front and no verdict on other programs. Times are those of the whole, from the image to the force; of
+/// and what belongs to it. Without a reference of its own its runs are shown by their difference from the finest of
+/// them, with no front and no verdict on other programs. Times are those of the whole, from the image to the force; of
 /// other programs with the mesh. Throws UsageError, and what run() throws where a scene cannot be made; a run
 /// that fails is a row without an error.
 Outcome accuracy_chart(const Config& config, const AccuracyOptions& options,

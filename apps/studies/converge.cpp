@@ -38,30 +38,6 @@ std::vector<std::string> distinct_warnings(const std::vector<Study>& runs) {
   return result;
 }
 
-// force_N at the depths [mm], from a table that holds them.
-std::vector<double> reference_at(const fs::path& file, const std::vector<double>& depths) {
-  const Table table = read_csv(file);
-  const auto* depth = table.find("indentation_mm");
-  const auto* force = table.find("force_N");
-  if (!depth || !force)
-    throw InputError({.fact = "there is no column indentation_mm or force_N",
-                      .where = file.string(),
-                      .why = "a reference is a force at each of several depths",
-                      .remedy = "name the columns indentation_mm,force_N"});
-  std::vector<double> result;
-  for (const double d : depths) {
-    const auto at =
-        std::find_if(depth->begin(), depth->end(), [&](double x) { return std::abs(x - d) < 1e-6; });
-    if (at == depth->end())
-      throw InputError({.fact = fmt::format("the reference has no force at {:.4g} mm", d),
-                        .where = file.string(),
-                        .why = "the study compares at each frame's depth",
-                        .remedy = "choose --depth and --frames so that every frame has a row there"});
-    result.push_back((*force)[static_cast<std::size_t>(at - depth->begin())]);
-  }
-  return result;
-}
-
 // `force`: at even depths, the first of them one step from rest.
 double kink(std::vector<double> force) {
   force.insert(force.begin(), 0.0);
@@ -114,6 +90,29 @@ std::vector<Group> grouped(const std::vector<Study>& runs, std::size_t levels) {
 }
 
 }  // namespace
+
+std::vector<double> reference_at(const fs::path& file, const std::vector<double>& depths) {
+  const Table table = read_csv(file);
+  const auto* depth = table.find("indentation_mm");
+  const auto* force = table.find("force_N");
+  if (!depth || !force)
+    throw InputError({.fact = "there is no column indentation_mm or force_N",
+                      .where = file.string(),
+                      .why = "a reference is a force at each of several depths",
+                      .remedy = "name the columns indentation_mm,force_N"});
+  std::vector<double> result;
+  for (const double d : depths) {
+    const auto at =
+        std::find_if(depth->begin(), depth->end(), [&](double x) { return std::abs(x - d) < 1e-6; });
+    if (at == depth->end())
+      throw InputError({.fact = fmt::format("the reference has no force at {:.4g} mm", d),
+                        .where = file.string(),
+                        .why = "the study compares at each frame's depth",
+                        .remedy = "choose --depth and --frames so that every frame has a row there"});
+    result.push_back((*force)[static_cast<std::size_t>(at - depth->begin())]);
+  }
+  return result;
+}
 
 std::vector<double> forces_at(const std::vector<ForceSample>& samples, const std::vector<double>& depths_mm) {
   std::vector<double> result;

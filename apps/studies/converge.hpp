@@ -9,6 +9,9 @@ namespace dimple {
 /// for each frame, central differences hundreds. As many as the samples reach.
 std::vector<double> forces_at(const std::vector<ForceSample>& samples, const std::vector<double>& depths_mm);
 
+/// force_N at each of the depths [mm], from a table that holds them. Throws InputError: no such column or row.
+std::vector<double> reference_at(const std::filesystem::path& file, const std::vector<double>& depths_mm);
+
 struct ConvergenceOptions {
   std::vector<Index> nodes = {1000, 2000, 4250, 8500};
   std::vector<double> densities = {1.0, 2.0};  ///< of points, as multiples of config's

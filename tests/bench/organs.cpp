@@ -97,8 +97,8 @@ std::vector<Body> bodies(const fs::path& data) {
   list.push_back({"phantom_brain", [] { return make_body_surface(make_phantom({}), {}); }, {}});
   const auto add_file = [&](const std::string& name, const std::string& file, std::vector<int> labels) {
     const std::string in_table = name == "right_lung" ? "lung" : name == "human_brain" ? "brain" : name;
-    list.push_back(compared({name, from_file(file, std::move(labels)), {}, 4.0, file}, "organs.csv",
-                            in_table + ",", 3.0));
+    list.push_back(
+        compared({name, from_file(file, std::move(labels)), {}, 4.0, file}, in_table + ".csv", "", 3.0));
   };
   add_file("heart", "heart_ct_1.5mm.nii.gz", {});
   add_file("liver", "abdomen_mr_3mm.nii.gz", {5});

@@ -87,21 +87,44 @@ TEST(Chart, DrawsASmallOneOfAnImageAndAScene) {
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3").code, 0);
   const std::string command =
-      "chart brain.nrrd -o out --only b,image --nodes 200,300 --schemes converging --time quasi-static "
+      "chart brain.nrrd -o out --only b,image --nodes 300,400 --schemes converging --time quasi-static "
       "--calculix none";
   const Ran ran = dimple(folder, command);
   ASSERT_EQ(ran.code, 0) << ran.err;
   const std::string csv = text_of(folder / "out" / "chart.csv");
-  EXPECT_THAT(csv, HasSubstr("b,dimple,converging,quasi-static,200,"));
-  EXPECT_THAT(csv, HasSubstr("difference from 300 nodes"));
+  EXPECT_THAT(csv, HasSubstr("b,dimple,converging,quasi-static,300,"));
+  EXPECT_THAT(csv, HasSubstr("difference from 400 nodes"));
   EXPECT_THAT(csv, Not(ContainsRegex("image,[^\n]*,1,\"difference"))) << "on a front without a reference";
   const std::string svg = text_of(folder / "out" / "chart.svg");
-  for (const char* words : {"converging 200", "real time, 8 s", "Pareto front", "as reported", "[s]", "[%]",
-                            "difference from our own finest run, 300 nodes", "That run is no reference"})
+  for (const char* words : {"converging 300", "real time, 8 s", "Pareto front", "as reported", "[s]", "[%]",
+                            "difference from our own finest run, 400 nodes", "That run is no reference"})
     EXPECT_THAT(svg, HasSubstr(words));
   EXPECT_GT(fs::file_size(folder / "out" / "chart.png"), 1000u);
   EXPECT_THAT(ran.err, HasSubstr("error"));
   EXPECT_EQ(dimple(folder, command + " -q").code, 0) << "a second time";
+}
+
+TEST(Chart, ComparesAnImageWithItsOwnReferenceToTheDepthsThatItHas) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
+  write_file(folder / "known.csv", "indentation_mm,force_N\n1,0.00975\n2,0.0193\n3,0.0288\n");
+  const std::string command =
+      "chart block.nrrd -o out --only image --nodes 400 --schemes converging --time quasi-static --calculix "
+      "none";
+  const Ran ran = dimple(folder, command + " --reference known.csv");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const std::string csv = text_of(folder / "out" / "chart.csv");
+  EXPECT_THAT(csv,
+              ContainsRegex(
+                  "image,dimple,converging,quasi-static,400,[^\n]*,1,\"known.csv\",\"ok\",0.0[^\n]*,,,,,\n"));
+  const std::string svg = text_of(folder / "out" / "chart.svg");
+  for (const char* words :
+       {"error against wall time", "against known.csv", "1, 2, ... 3 mm", "real time, 3 s"})
+    EXPECT_THAT(svg, HasSubstr(words));
+  write_file(folder / "half.csv", "indentation_mm,force_N\n0.5,0.005\n");
+  const Ran half = dimple(folder, command + " --reference half.csv");
+  EXPECT_EQ(half.code, 3);
+  EXPECT_THAT(half.err, HasSubstr("no force at 1 mm"));
 }
 
 TEST(Chart, RefusesBeforeTheFirstRun) {

@@ -111,7 +111,7 @@ TEST_F(GuardedRun, OfThePapersSchemeWithTooWideSupportsStopsWithItsCode) {
 }
 
 TEST_F(GuardedRun, SaysThatTheCircleHasTooFewNodes) {
-  const Ran ran = dimple(folder, "run block.nrrd -o out --nodes 300 --depth 6mm --frames 4");
+  const Ran ran = dimple(folder, "run block.nrrd -o out --nodes 300 --rim 0.05 --depth 6mm --frames 4");
   EXPECT_EQ(ran.code, 0) << ran.err;
   EXPECT_THAT(ran.err, HasSubstr("nodes lie under the circle"));
   EXPECT_THAT(ran.err, HasSubstr("[circle-nodes]"));

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes slits.csv and organs.csv: the ratio of a body to the plain block on a matching mesh, times block.csv.
+"""Writes slits.csv and a file for each organ: the ratio of a body to the plain block on a matching mesh, times block.csv.
 
 Run it in this folder; it reads slit_runs.csv (hexahedra.cpp), tetrahedra.csv (tetrahedra.cpp) and block.csv.
 """
@@ -35,8 +35,8 @@ def organs():
     for r in csv.DictReader(open("tetrahedra.csv")):
         force[r["body"], r["rim_mm"], r["growth"], float(r["depth_mm"])] = float(r["force_N"])
     bodies = list(dict.fromkeys(k[0] for k in force if k[0] != "block" and not k[0].startswith("slit")))
-    rows = []
     for body in bodies:
+        rows = []
         for depth in DEPTHS:
             by_rim = {}
             for (name, rim, growth, at), f in force.items():
@@ -57,8 +57,11 @@ def organs():
                     uncertainty += 2.0
             else:
                 uncertainty += 0.5
-            rows.append((body, depth, take, max(2.0, uncertainty)))
-    write("organs.csv", "body", rows)
+            rows.append((depth, take, max(2.0, uncertainty)))
+        with open(f"{body}.csv", "w") as file:
+            file.write("indentation_mm,force_N,uncertainty_percent\n")
+            for depth, force_N, known_to in rows:
+                file.write(f"{depth:g},{force_N:.5f},{known_to:.1f}\n")
 
 
 def write(name, columns, rows):

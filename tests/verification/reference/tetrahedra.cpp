@@ -4,11 +4,11 @@
 //   W = mu/2 (J^(-2/3) I1 - 3) + bulk/2 (J - 1)^2
 // CGAL's Mesh_3 fills the body with tetrahedra; displacement is quadratic, pressure linear and continuous
 // (Taylor-Hood), faces are flat. Full Newton on displacement and pressure, MUMPS, load steps that halve when
-// they fail. Surface, base and circle of an image's body are those of Dimple's preprocess library; nothing
-// else of Dimple is used.
+// they fail. Surface, base and circle of an image's body, and which label is where, are those of Dimple's
+// preprocess library; nothing else of Dimple is used.
 //
 //   dimple_reference_tetrahedra BODY rim_mm depth_mm levels [name=value ...]
-//   BODY: block | slit | patch (a homogeneous stretch of the block's mesh) | a label image
+//   BODY: block | slit | patch (a homogeneous stretch of the block's mesh) | ellipsoid (cut) | a label image
 //   options: see Options; label=N takes one label of the image, without it all foreground is the body
 //
 // Lengths in mm, force in N. Built by -DDIMPLE_BENCH=ON where MUMPS is installed (libmumps-seq-dev).
@@ -42,6 +42,7 @@
 
 #include "io/label_image.hpp"
 #include "preprocess/boundary_conditions.hpp"
+#include "preprocess/build_model.hpp"
 #include "preprocess/label_surface.hpp"
 #include "preprocess/shapes.hpp"
 
@@ -56,6 +57,9 @@ struct Options {
   int levels = 4;
   std::map<std::string, double> named = {
       {"label", -1},         // of the image; -1: all foreground
+      {"stiff", -1},         // label of a second tissue, of the element that has its centroid in it
+      {"times", 5},          // its mu and bulk modulus over the others'
+      {"x", 0},              // of the circle on the ellipsoid
       {"mu", 210e-6},        // N/mm^2
       {"nu", 0.499},         // Poisson's ratio
       {"lame", 0},           // 1: bulk = lambda instead of the bulk modulus, as in hexahedra.cpp
@@ -110,7 +114,8 @@ using Criteria = CGAL::Mesh_criteria_3<Triangulation>;
 struct Scene {
   BodySurface surface;
   Boundary boundary;
-  bool sharp = false;  // its edges are features of the mesh
+  bool sharp = false;                                 // its edges are features of the mesh
+  std::function<double(const Vec3&)> stiffness = {};  // of the tissue there over mu; empty: 1
 };
 
 // The block of 60 x 60 x 30 mm, with a slit along y or without.
@@ -156,8 +161,17 @@ Scene analytic_scene(const Options& options) {
   return scene;
 }
 
+// As tests/bench/organs.cpp has it.
+Scene ellipsoid_scene(const Options& options) {
+  BodySurface surface = dimple::cut_ellipsoid_surface({46.25, 31.25, 16.7647}, -11.7353);
+  const dimple::BoundaryOptions wanted{.base = "inferior",
+                                       .indent_at = std::to_string(options["x"]) + ",0,top"};
+  const Boundary boundary = dimple::find_boundary(surface, wanted);
+  return {std::move(surface), boundary, true};
+}
+
 Scene image_scene(const Options& options) {
-  const dimple::LabelImage image = dimple::read_label_image(options.body);
+  static const dimple::LabelImage image = dimple::read_label_image(options.body);
   std::vector<int> labels;
   if (options["label"] >= 0) labels.push_back(static_cast<int>(options["label"]));
   dimple::SegmentedBody body = dimple::make_body_surface(image, labels);
@@ -167,7 +181,13 @@ Scene image_scene(const Options& options) {
   const Vec3 centre = body.surface.to_world() * boundary.centre;
   std::fprintf(stderr, "base: %s\ncircle at %.1f, %.1f, %.1f: %s\n", boundary.base_reason.c_str(), centre.x(),
                centre.y(), centre.z(), boundary.circle_reason.c_str());
-  return {std::move(body.surface), boundary, false};
+  Scene scene{std::move(body.surface), boundary, false};
+  if (options["stiff"] >= 0)
+    scene.stiffness = [label_at = dimple::label_finder(image, scene.surface), stiff = options["stiff"],
+                       times = options["times"]](const Vec3& x) {
+      return label_at(x) == stiff ? times : 1.0;
+    };
+  return scene;
 }
 
 // ---------------------------------------------------------------- mesh
@@ -468,7 +488,7 @@ Matrix3d second_cofactor(const Matrix3d& F, int i, int j) {
 // Stresses are in units of mu here.
 struct Element {
   Eigen::Matrix<double, 4, 3> slopes;  // of the barycentric coordinates
-  double volume;
+  double volume, stiffness = 1.0;
 };
 
 Element make_element(const Mesh& mesh, const std::array<int, 10>& nodes) {
@@ -494,9 +514,10 @@ Gradients shape_gradients(const Element& element, const Eigen::Vector4d& place) 
 }
 
 // Force and, when wanted, stiffness (full, symmetric) of an element.
-void element_response(const Element& element, double bulk, double extend, const Gradients& displacement,
+void element_response(const Element& element, double plain_bulk, double extend, const Gradients& displacement,
                       const Eigen::Vector4d& pressure, ElementVector& force, ElementMatrix* stiffness,
                       double& smallest_J) {
+  const double bulk = plain_bulk * element.stiffness;
   force.setZero();
   if (stiffness) stiffness->setZero();
   const Quadrature& rule = quadrature();
@@ -513,7 +534,8 @@ void element_response(const Element& element, double bulk, double extend, const 
     const Matrix3d C = cofactor(F);
     const double J = F.row(0).dot(C.row(0)), square = F.squaredNorm(), p = pressure.dot(modes);
     smallest_J = std::min(smallest_J, J);
-    const auto [factor, slope, curvature] = isochoric_factor(J, extend);
+    auto [factor, slope, curvature] = isochoric_factor(J, extend);
+    factor *= element.stiffness, slope *= element.stiffness, curvature *= element.stiffness;
     const double along_J = slope * square / 2 + p;
     const Gradients nodal = weight * gradients * (factor * F + along_J * C).transpose();
     for (int k = 0; k < 10; ++k)
@@ -648,6 +670,14 @@ Body make_body(const Scene& scene, const Options& options) {
   body.bulk = options["lame"] > 0 ? lambda : lambda + 2.0 / 3;
   body.extend = options["extend"];
   for (const auto& nodes : body.mesh.elements) body.elements.push_back(make_element(body.mesh, nodes));
+  if (scene.stiffness)
+    for (size_t e = 0; e < body.elements.size(); ++e) {
+      const auto& corner = body.mesh.elements[e];
+      const Vec3 middle = (body.mesh.nodes[corner[0]] + body.mesh.nodes[corner[1]] +
+                           body.mesh.nodes[corner[2]] + body.mesh.nodes[corner[3]]) /
+                          4;
+      body.elements[e].stiffness = scene.stiffness(middle);
+    }
   const int count = static_cast<int>(body.mesh.nodes.size()), entries = 3 * count + body.mesh.corners;
   body.unknown_of.assign(entries, -1);
   body.driven.assign(entries, 0);
@@ -876,6 +906,8 @@ void run_scene(const Body& body, const Options& options) {
     stops.push_back(options.depth * level / options.levels);
   std::string name = options.body.substr(options.body.find_last_of('/') + 1);
   name = name.substr(0, name.find('.'));
+  if (options.body == "ellipsoid") name += ":" + std::to_string(static_cast<int>(options["x"]));
+  if (options["stiff"] >= 0) name = "two_labels";
   if (options["label"] >= 0) name += ":" + std::to_string(static_cast<int>(options["label"]));
   if (options.body == "slit") {
     char text[64];
@@ -903,7 +935,9 @@ int main(int count, char** text) {
   try {
     const Options options = read_options(count, text);
     const bool analytic = options.body == "block" || options.body == "slit" || options.body == "patch";
-    const Scene scene = analytic ? analytic_scene(options) : image_scene(options);
+    const Scene scene = analytic                      ? analytic_scene(options)
+                        : options.body == "ellipsoid" ? ellipsoid_scene(options)
+                                                      : image_scene(options);
     const Body body = make_body(scene, options);
     if (options["mesh_only"] > 0) return 0;
     if (options.body == "patch")
