@@ -74,8 +74,8 @@ std::vector<Body> bodies(const fs::path& data) {
   std::vector<Body> list = {
       compared({"scene_a", block(60, 60, 30), on_top}, "block.csv", "", 1.0),
       compared({"scene_b", ellipsoid, on_top}, "cut_ellipsoid.csv", "", 1.5),
-      {"ellipsoid_15", ellipsoid, on_top_with(10.0, "15,0,top")},
-      {"ellipsoid_25", ellipsoid, on_top_with(10.0, "25,0,top")},
+      compared({"ellipsoid_15", ellipsoid, on_top_with(10.0, "15,0,top")}, "ellipsoid_15.csv", "", 2.0),
+      compared({"ellipsoid_25", ellipsoid, on_top_with(10.0, "25,0,top")}, "ellipsoid_25.csv", "", 2.0),
       compared({"block_100_100_20", block(100, 100, 20), on_top_with(12.0)}, "blocks.csv", "100,20,12,0.6,",
                1.5),
       compared({"block_40", block(40, 40, 40), on_top_with(20.0), 8.0}, "blocks.csv", "40,40,20,1.2,", 1.5),
@@ -88,12 +88,9 @@ std::vector<Body> bodies(const fs::path& data) {
                                }),
                                on_top},
                               "slits.csv", fmt::format("{:g},{:g},", width, gap), 1.5));
-  list.push_back({"two_labels",
-                  [] { return make_body_surface(make_phantom({.two_labels = true}), {}); },
-                  {},
-                  4.0,
-                  {},
-                  true});
+  Body two_labels = {"two_labels", [] { return make_body_surface(make_phantom({.two_labels = true}), {}); }};
+  two_labels.two_tissues = true;
+  list.push_back(compared(two_labels, "two_labels.csv", "", 2.0));
   list.push_back({"phantom_brain", [] { return make_body_surface(make_phantom({}), {}); }, {}});
   const auto add_file = [&](const std::string& name, const std::string& file, std::vector<int> labels) {
     const std::string in_table = name == "right_lung" ? "lung" : name == "human_brain" ? "brain" : name;

@@ -29,8 +29,9 @@ def slits():
 
 
 def organs():
-    # Growth of the edges: the finer mesh of the two that differ far away only.
-    far_away = {"heart": ("0.35", "0.25"), "brain": ("0.5", "0.3")}
+    # Growth of the edges, from the coarse mesh to the fine ones that differ far away only.
+    far_away = {"heart": ("0.35", "0.25"), "brain": ("0.5", "0.3"), "two_labels": ("0.35", "0.25", "0.18"),
+                "ellipsoid_15": ("0.35", "0.25", "0.18"), "ellipsoid_25": ("0.35", "0.25", "0.18")}
     force = {}
     for r in csv.DictReader(open("tetrahedra.csv")):
         force[r["body"], r["rim_mm"], r["growth"], float(r["depth_mm"])] = float(r["force_N"])
@@ -40,7 +41,7 @@ def organs():
         for depth in DEPTHS:
             by_rim = {}
             for (name, rim, growth, at), f in force.items():
-                if name == body and at == depth and growth != far_away.get(body, (0, 0))[1]:
+                if name == body and at == depth and growth not in far_away.get(body, ())[1:]:
                     block = force.get(("block", rim, growth, depth), force["block", rim, "0.35", depth])
                     by_rim[rim] = f / block * BLOCK[depth]
             if not by_rim:
@@ -49,10 +50,10 @@ def organs():
             # What is not known is taken as the most that was seen in other bodies, or more.
             uncertainty = 1.0 + (100 * abs(by_rim["0.6"] / by_rim["1.2"] - 1) if len(by_rim) > 1 else 1.5)
             if body in far_away:
-                coarse, fine = ((body, "1.2", growth, depth) for growth in far_away[body])
-                if fine in force:
-                    take *= force[fine] / force[coarse]
-                    uncertainty += 2 * 100 * abs(force[fine] / force[coarse] - 1)
+                meshes = [(body, "1.2", growth, depth) for growth in far_away[body]]
+                if meshes[-1] in force:
+                    take *= force[meshes[-1]] / force[meshes[0]]
+                    uncertainty += 2 * 100 * abs(force[meshes[-1]] / force[meshes[-2]] - 1)
                 else:
                     uncertainty += 2.0
             else:
