@@ -15,8 +15,11 @@ namespace dimple {
 /// fifth of the part of the way that lies in it, which a rounded surface's is not.
 ///
 /// Source:   the visibility criterion: Belytschko, Lu, Gu 1994; Organ, Fleming, Terry, Belytschko 1996, section 2.
-/// Departs:  it has a tolerance, for a surface of small triangles is nowhere quite convex. Their diffraction method,
-///           distances around the end of a gap, was not compared.
+/// Departs:  it has a tolerance, for a surface of small triangles is nowhere quite convex. Their diffraction method
+///           (weights by the shortest way around the end of a gap, through a node that sees both) was compared on
+///           slit blocks and a heart: 0.2 to 1.2 % stiffer with 2000 nodes or more and nearer to one limit from above,
+///           but with 1000 nodes the heart is 4.6 % off instead of 0.9 and slits' seeds scatter by up to 6 instead of
+///           0.9 %, at more than twice the cost.
 bool sees(const SurfaceCells& surface, const Vec3& x, const Vec3& y, double spacing);
 
 /// Does x surely see all of the body within `radius`? If no triangle there turns its outer side towards x, by more
