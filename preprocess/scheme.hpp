@@ -65,7 +65,7 @@ inline constexpr Scheme converging = {
     .consistent_gradients = true,
     .pressure_patches = true,
     .base_outline = true,
-    .grading = {.rim = 0.02, .reach = 12.0, .least = 0.12, .load_exponent = 0.4},
+    .grading = {.rim = 0.02, .reach = 12.0, .least = 0.11, .load_exponent = 0.4},
     .points_per_node = 7.0,
     .support = {.basis = Basis::linear,
                 .weight = Weight::quartic,

@@ -225,7 +225,7 @@ std::vector<Option> options_of(Config& c) {
        &c.cloud.spacing_mm, 0, 1000, false, any, "model"},
       {"cloud.rim", "--rim", "",
        "node spacing on the circle's rim as a part of that far away; 1: even; 0: 0.02, but no less "
-       "than 0.12 radii of the circle (converging), 1 (horton2007)",
+       "than 0.11 radii of the circle (converging), 1 (horton2007)",
        &c.cloud.rim, 0, 1, false, any, "model"},
       {"cloud.jitter", "", "", "move inner nodes by up to this part of their spacing", &c.cloud.jitter, 0,
        0.5, false, any, "model"},
