@@ -129,6 +129,7 @@ LoadPath::LoadPath(const BodySurface& body, const Boundary& boundary, double exp
   solver.compute(matrix);
   const Eigen::VectorXd phi = solver.solve(flux);
   stop_if_asked();
+  if (!phi.allFinite()) return;  // then nothing is made finer
 
   // Flux through a cell's faces, the mean of each two.
   tbb::parallel_for(Index{0}, rows, [&](Index r) {

@@ -79,7 +79,7 @@ std::vector<double> reference_of(const fs::path& file) {
   const Table table = read_csv(file);
   const auto* depth = table.find("indentation_mm");
   std::size_t rows = 0;
-  while (depth && rows < 8 && std::any_of(depth->begin(), depth->end(), [&](double d) {
+  while (depth && rows < most_depths && std::any_of(depth->begin(), depth->end(), [&](double d) {
            return std::abs(d - static_cast<double>(rows + 1)) < 1e-6;
          }))
     ++rows;
@@ -391,6 +391,11 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
                       .where = "--only image",
                       .why = "there is nothing to run",
                       .remedy = "give one: dimple chart IMAGE -o OUT"});
+  if (config.image.file.empty() && !options.reference.empty())
+    throw UsageError({.fact = "a reference was given, but no label image that it is of",
+                      .where = "--reference",
+                      .why = "the two scenes have references of their own",
+                      .remedy = "give the image: dimple chart IMAGE -o OUT --reference FILE"});
   std::vector<Peer> peers;
   if (options.calculix == "ccx" && find_program("ccx").empty())
     progress("CalculiX is not installed (apt install calculix-ccx) and is left out");

@@ -132,6 +132,7 @@ TEST(Chart, RefusesBeforeTheFirstRun) {
   const std::vector<std::pair<std::string, std::string>> wrong = {
       {"--only a,c", "'c' is not known"},
       {"--only image", "no label image was given"},
+      {"--reference known.csv", "a reference was given, but no label image"},
       {"--nodes 50", "50 nodes are too few"},
       {"--elements pyramids", "'pyramids' is not known"},
       {"--time slow", "'slow' is not known"},

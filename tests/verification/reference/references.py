@@ -25,7 +25,7 @@ def slits():
                 coarse = (1.2, 2)  # has all widths
                 ratio *= force[coarse, width, gap, depth] / force[coarse, 1.0, gap, depth]
                 rows.append((f"{width:g},{gap:g}", depth, ratio * BLOCK[depth], 1.5 if depth < 4 else 2.0))
-    write("slits.csv", "slit_mm,gap_mm", rows)
+    write("slits.csv", rows, "slit_mm,gap_mm,")
 
 
 def organs():
@@ -59,17 +59,14 @@ def organs():
             else:
                 uncertainty += 0.5
             rows.append((depth, take, max(2.0, uncertainty)))
-        with open(f"{body}.csv", "w") as file:
-            file.write("indentation_mm,force_N,uncertainty_percent\n")
-            for depth, force_N, known_to in rows:
-                file.write(f"{depth:g},{force_N:.5f},{known_to:.1f}\n")
+        write(f"{body}.csv", rows)
 
 
-def write(name, columns, rows):
+def write(name, rows, first_columns=""):
     with open(name, "w") as file:
-        file.write(columns + ",indentation_mm,force_N,uncertainty_percent\n")
-        for body, depth, force, uncertainty in rows:
-            file.write(f"{body},{depth:g},{force:.5f},{uncertainty:.1f}\n")
+        file.write(first_columns + "indentation_mm,force_N,uncertainty_percent\n")
+        for *first, depth, force, uncertainty in rows:
+            file.write("".join(f"{word}," for word in first) + f"{depth:g},{force:.5f},{uncertainty:.1f}\n")
 
 
 slits()
