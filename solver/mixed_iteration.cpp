@@ -3,6 +3,7 @@
 #include <tbb/parallel_for.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/IterativeLinearSolvers>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <chrono>
@@ -32,6 +33,7 @@ constexpr double longest_step = 0.3;
 // Of what the law is at rest: single points have 1e5, and 300 takes no fewer steps.
 constexpr double stiffest = 30.0;
 constexpr Index quickly_factorised = 3000;  // rows, in a tenth of a second; the time grows as their square
+constexpr Index worth_factorising = 20000;  // rows, in some five seconds
 
 // About the inverse of a scalar matrix over some of the nodes.
 struct NodalInverse {
@@ -51,6 +53,20 @@ struct NodalInverse {
 };
 
 using Factor = Eigen::SimplicialLLT<Sparse>;
+
+// The inverse of a matrix that is like a mass: as well conditioned with many rows as with few. It is factorised, but
+// where that would take longer than all else it is left to conjugate gradients, nearly to the end.
+struct MassInverse {
+  std::shared_ptr<const Factor> factor;
+  Sparse matrix = {};  // lower half, without a factor
+  Eigen::VectorXd operator()(const Eigen::VectorXd& b) const {
+    if (factor) return factor->solve(b);
+    Eigen::ConjugateGradient<Sparse, Eigen::Lower> iteration(matrix);
+    iteration.setTolerance(1e-6).setMaxIterations(100);
+    stop_if_asked();
+    return iteration.solve(b);
+  }
+};
 
 // Null where the matrix is not positive definite. Eigen listens to nobody: where it may last it works on a
 // thread of its own, which is left behind when the work is to end.
@@ -174,7 +190,8 @@ struct MixedIteration::Parts {
   Eigen::Vector4d sliding;  // sets that slide along others are only nearly inverted
   NodalInverse across,
       along;  // of nodes that move freely across the push, and along it; the same if none slides
-  std::shared_ptr<const Factor> schur, schur_of_inertia;
+  MassInverse schur;
+  std::shared_ptr<const Factor> schur_of_inertia;
   Eigen::VectorXd inertia;            // [N] N/m or empty, for which `across` was made
   Eigen::VectorXd bulk;               // [patches] for which `schur` was made
   Eigen::VectorXd bulk_of_inertia;    // and `schur_of_inertia`,
@@ -322,7 +339,7 @@ struct MixedIteration::Parts {
   // S = M / (V_b V_c mu) + 1 / (bulk V): M_bc = sum_q V psi_b psi_c.
   bool factorise_schur() {
     const PressurePatches& patches = model.patches;
-    schur = factorised(between_patches([&](int c, const auto& add) {
+    Sparse matrix = between_patches([&](int c, const auto& add) {
       for (int k = points.offset[c]; k < points.offset[c + 1]; ++k) {
         const int q = points.member[k];
         for (int i = patches.of_point.offset[q]; i < patches.of_point.offset[q + 1]; ++i)
@@ -331,8 +348,14 @@ struct MixedIteration::Parts {
                        (mu(q) * patches.volume[b] * patches.volume[c]));
       }
       add(c, 1.0 / (bulk[c] * patches.volume[c]));
-    }));
-    return schur != nullptr;
+    });
+    schur = {};
+    if (matrix.rows() > worth_factorising) {
+      schur.matrix = std::move(matrix);
+      return Eigen::VectorXd(schur.matrix.diagonal()).minCoeff() > 0.0;
+    }
+    schur.factor = factorised(std::move(matrix));
+    return schur.factor != nullptr;
   }
 
   // G' (inertia)^-1 G over the nodes that may move: what the Schur complement is of where inertia rules.
@@ -392,7 +415,7 @@ struct MixedIteration::Parts {
       }
     });
     // Cahouet and Chabard 1988: the inverse of the sum is nearly the sum of the inverses.
-    dlambda = schur->solve(rest);
+    dlambda = schur(rest);
     if (inertia.size() > 0) dlambda += schur_of_inertia->solve(rest);
     Nodal held = r;
     for (Index b = 0; b < s.size(); ++b)
