@@ -16,6 +16,7 @@ namespace {
 // "run" has all flags, "" all that decide a result, "solve" those of the simulation and of its files.
 bool has_flag(const std::string& command, const std::string& option) {
   if (option == "files") return command == "run" || command == "solve";
+  if (option == "run") return command == "run";
   return command.empty() || command == "run" || option == command;
 }
 
@@ -43,6 +44,7 @@ void Flags::add(CLI::App& command, const std::string& stage) {
     command.add_option(option.flag, *given.back().second, help)
         ->group(option.stage == "model"   ? "Model"
                 : option.stage == "files" ? "Files"
+                : option.stage == "run"   ? "Accuracy"
                                           : "Simulation")
         ->type_name(option.unit.empty() ? "" : option.unit);
   }

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "apps/run/band.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 
@@ -25,6 +26,8 @@ const std::map<std::string, std::map<std::string, double>>& unit_table() {
       {"kg/m3", {{"kg/m3", 1.0}, {"g/cm3", 1000.0}, {"g/ml", 1000.0}}},
       {"1/s", {{"1/s", 1.0}, {"Hz", 1.0}, {"kHz", 1000.0}}},
       {"s", {{"s", 1.0}, {"ms", 1e-3}, {"min", 60.0}, {"h", 3600.0}}},
+      {"%", {{"%", 1.0}}},
+      {"N", {{"N", 1.0}, {"mN", 1e-3}}},
   };
   return table;
 }
@@ -36,8 +39,9 @@ std::string trimmed(const std::string& text) {
 
 // "mu_Pa" -> "mu"; keys without a unit suffix stay.
 std::string without_unit(const Option& option) {
-  static const std::map<std::string, std::string> suffix = {
-      {"mm", "_mm"}, {"Pa", "_Pa"}, {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"}, {"1/s", "_per_s"}};
+  static const std::map<std::string, std::string> suffix = {{"mm", "_mm"},         {"Pa", "_Pa"},
+                                                            {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"},
+                                                            {"1/s", "_per_s"},     {"s", "_s"}};
   const auto found = suffix.find(option.unit);
   if (found == suffix.end() || !option.key.ends_with(found->second)) return option.key;
   return option.key.substr(0, option.key.size() - found->second.size());
@@ -272,7 +276,10 @@ std::vector<Option> options_of(Config& c) {
       {"boundary.direction", "--direction", "",
        "way the circle moves: auto (towards the base), or x,y,z in LPS", &c.boundary.direction, 0, 0, false,
        any, "model"},
-      {"material.mu_Pa", "--mu", "Pa", "shear modulus", &c.material.mu_Pa, 0, 1e12, true, any, "solve"},
+      {"material.mu_Pa", "--mu", "Pa", "shear modulus; 210Pa+-30% tells how well it is known",
+       &c.material.mu_Pa, 0, 1e12, true, any, "solve"},
+      {"material.mu_spread_percent", "", "%", "how well mu is known, +-; --mu 210Pa+-30% sets both",
+       &c.material.mu_spread_percent, 0, 100, false, any, "solve"},
       {"material.young_Pa", "--young", "Pa",
        "Young's modulus, instead of mu, which is then E / (2 (1 + nu)); 0: not given", &c.material.young_Pa,
        0, 1e12, false, any, "solve"},
@@ -353,6 +360,24 @@ std::vector<Option> options_of(Config& c) {
        1e9, false, any, "solve"},
       {"solver.sample_rate_per_s", "", "1/s", "rows per second of force.csv", &c.solver.sample_rate_per_s, 0,
        1e6, true, any, "solve"},
+      {"accuracy.goal", "--accuracy", "",
+       "take as many nodes as it takes to know the force this well, by its discretisation: a share of it, "
+       "2%, or a "
+       "force, 1mN",
+       &c.accuracy.goal, 0, 0, false, any, "run"},
+      {"accuracy.budget_s", "--budget", "s",
+       "take as many nodes as make the force known best in about this time; 0: no matter how long",
+       &c.accuracy.budget_s, 0, 1e9, false, any, "run"},
+      {"accuracy.band",
+       "--band",
+       "",
+       "how far the force may be off by its discretisation, from a coarser cloud",
+       &c.accuracy.band,
+       0,
+       0,
+       false,
+       {"on", "off"},
+       "run"},
       {"output.write",
        "--write",
        "",
@@ -393,6 +418,10 @@ void set_option(Config& config, const std::string& key, const std::string& text,
   std::vector<Option> options = options_of(config);
   Option* option = find(options, key);
   if (!option) unknown_key(options, key, source);
+  if (const auto spread = text.find("+-"); spread != std::string::npos && option->key == "material.mu_Pa") {
+    set_option(config, "material.mu_spread_percent", text.substr(spread + 2), source);
+    return set_option(config, key, text.substr(0, spread), source);
+  }
   assign_text(*option, text, source);
   config.source[option->key] = source;
 }
@@ -595,6 +624,69 @@ Scheme scheme_of(const Config& c) {
   if (support.basis != named->support.basis) support.radius_factor = 0.0;
   if (c.support.radius_factor > 0.0) support.radius_factor = c.support.radius_factor;
   return scheme;
+}
+
+double spread_of(const Config& config) {
+  const double spread = 0.01 * config.material.mu_spread_percent;
+  if (!(spread > 0.0)) return 0.0;
+  std::string why;
+  if (!config.tissue.empty())
+    why = "several tissues share the body, and the force is proportional to none of them";
+  if (!config.material.ogden_mu_Pa.empty() || config.material.preset != "none")
+    why = "the modulus of this material is not given by --mu";
+  if (config.material.mooney_c01_Pa > 0.0)
+    why = "the second constant of a Mooney-Rivlin law is given apart from mu";
+  if (config.scheme.name != converging.name || config.solver.time == "explicit" ||
+      config.solver.time == "dynamic")
+    why = "inertia, which does not grow with mu, takes part in it";
+  if (why.empty()) return spread;
+  throw UsageError(
+      {.fact = fmt::format("mu is given as known to {:g} %, and what that does to the force would take "
+                           "several runs",
+                           100.0 * spread),
+       .where = "--mu (material.mu_spread_percent)",
+       .why = why,
+       .remedy = "run it once with the smallest and once with the largest modulus"});
+}
+
+std::optional<Goal> goal_of(const Config& config) {
+  const std::string& text = config.accuracy.goal;
+  Goal goal{.budget_s = config.accuracy.budget_s};
+  if (text.empty() && !(goal.budget_s > 0.0)) return std::nullopt;
+  for (const char* key : {"cloud.nodes", "cloud.spacing_mm"})
+    if (const auto source = config.source.find(key);
+        source != config.source.end() && source->second.starts_with("--"))
+      throw UsageError(
+          {.fact = "an accuracy and a number of nodes are asked for both",
+           .where = fmt::format("{} and --{}", source->second, text.empty() ? "budget" : "accuracy"),
+           .why = "the nodes follow from the accuracy",
+           .remedy = "leave one of them out"});
+  if (text.empty()) return goal;
+  const bool is_force = text.find('N') != std::string::npos;
+  double value = 0.0;
+  set_value(
+      {"accuracy.goal",
+       "--accuracy",
+       is_force ? "N" : "%",
+       is_force ? "how well the force is to be known" : "how well the force is to be known, as 2% or 1mN",
+       &value,
+       0,
+       is_force ? 1e6 : 100.0,
+       true,
+       {},
+       ""},
+      text, "--accuracy (accuracy.goal)");
+  (is_force ? goal.force : goal.share) = is_force ? value : 0.01 * value;
+  if (const double least = narrowest_band(2.0 * config.load.depth_mm / config.boundary.indenter_diameter_mm);
+      goal.share > 0.0 && goal.share < least)
+    throw UsageError(
+        {.fact = fmt::format("an accuracy of {} is asked for", text),
+         .where = "--accuracy (accuracy.goal)",
+         .why = fmt::format("no band of this load is narrower than {:.2g} %: so far apart may forces of "
+                            "clouds lie that agree by chance",
+                            100.0 * least),
+         .remedy = "ask for less accuracy, or for less depth than the circle's radius"});
+  return goal;
 }
 
 ModelOptions model_options(const Config& c) {

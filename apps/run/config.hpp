@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <string>
 #include <variant>
 #include <vector>
@@ -47,7 +48,8 @@ struct Config {
     std::string direction = "auto";
   } boundary;
   struct MaterialSection : MaterialNumbers {
-    double young_Pa = 0.0;  ///< until resolve_young(), which puts the shear modulus in its place
+    double mu_spread_percent = 0.0;  ///< how well the shear modulus is known: +- this
+    double young_Pa = 0.0;           ///< until resolve_young(), which puts the shear modulus in its place
     std::string stress = "consistent";
     std::string preset = "none";
   } material;
@@ -68,6 +70,11 @@ struct Config {
     double tolerance = 1e-4;
     std::int64_t evaluations = 2000;
   } solver;
+  struct Accuracy {
+    std::string goal;  ///< "2%", "1mN", or empty; see goal_of()
+    double budget_s = 0.0;
+    std::string band = "on";
+  } accuracy;
   struct Output {
     std::vector<std::string> write = {"all"};  ///< which files; see wanted_of() in results.hpp
   } output;
@@ -88,7 +95,7 @@ struct Option {
   std::vector<std::string> choices;  ///< of a word, or of each of a list, which then names one at least;
                                      ///< empty: free text
   std::string
-      stage;  ///< which commands have the flag: "model", "solve" (run has both), "files" (run and solve)
+      stage;  ///< which commands have the flag: "model", "solve" (run has both), "run" (run alone), "files" (run and solve)
 };
 std::vector<Option> options_of(Config& config);
 
@@ -123,6 +130,20 @@ std::string option_reference();
 /// The word among `known` nearest to `word`, if it is near enough to have been meant, as ", did you mean
 /// ...?".
 std::string did_you_mean(const std::string& word, const std::vector<std::string>& known);
+
+/// How well the force is known by its material, as a share of it: in equilibrium under a tool whose way is given
+/// it is proportional to the one modulus that the whole body has. Throws UsageError: it is not so here.
+double spread_of(const Config& config);
+
+/// Half the width that the force's band may have, and the time in which the nodes for it are to be found.
+struct Goal {
+  double share = 0.0, force = 0.0;  ///< of the force, or [N]; both 0: as narrow as the time allows
+  double budget_s = 0.0;            ///< 0: without an end
+  double half_width(double of_force) const { return force > 0.0 ? force : share * of_force; }
+};
+/// Nothing if no accuracy was asked for. Throws UsageError: neither a share nor a force; a number of nodes is
+/// given as well.
+std::optional<Goal> goal_of(const Config& config);
 
 ModelOptions model_options(const Config& config);
 /// The scheme of that name, with what was asked for in place of its own choices.

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <exception>
 #include <nlohmann/json.hpp>
 
@@ -27,6 +28,18 @@ void doing(const RecordObserver& observer, const std::string& text) {
   if (observer.line) observer.line(Line::doing, text);
 }
 
+// "0.0437 N at 8.00 mm, 0.0425 to 0.0449 (discretisation)".
+std::string headline_of(double force_N, double depth_mm, double half_N, const std::string& unknown,
+                        double spread) {
+  const auto from_to = [&](double half, const std::string& by) {
+    return fmt::format(", {:.4f} to {:.4f} ({})", force_N - half, force_N + half, by);
+  };
+  return fmt::format("{:.4f} N at {:.2f} mm", force_N, depth_mm) +
+         (unknown.empty() ? from_to(half_N, "discretisation") : ", band unknown: " + unknown) +
+         (spread > 0.0 ? from_to(spread * std::abs(force_N), fmt::format("mu +- {:g} %", 100.0 * spread))
+                       : "");
+}
+
 // What an earlier run of the same image or model, by the same options, has left finished. Throws UsageError:
 // it was another run.
 Outcome finished_already(const fs::path& folder, const Config& config, const std::string& input_key,
@@ -41,8 +54,10 @@ Outcome finished_already(const fs::path& folder, const Config& config, const std
   std::error_code ignored;
   fs::remove(folder / checkpoint_file, ignored);  // if it was killed between the last file and this
   remove_temporaries_in(folder);
-  outcome.headline = fmt::format("{:.4f} N at {:.2f} mm", summary.value("force_N", 0.0),
-                                 summary.value("indentation_mm", 0.0));
+  const Json band = summary.value("band", Json::object());
+  outcome.headline = headline_of(summary.value("force_N", 0.0), summary.value("indentation_mm", 0.0),
+                                 band.value("half_N", 0.0), band.value("unknown", ""),
+                                 0.01 * before.material.mu_spread_percent);
   say(observer, fmt::format("resume   {} holds the finished run: nothing to do", folder.string()));
   return outcome;
 }
@@ -79,7 +94,7 @@ class Recorder {
   RunObserver hooks() {
     return {.line = observer_.line,
             .placed = [this](const Discretisation& places, const Scheme& scheme) { compare(places, scheme); },
-            .begin = [this](Result& result) { begin(result); },
+            .begin = [this](Result& now) { begin(now); },
             .march = {.frame = [this](const Frame& frame) { write(frame); },
                       .sample = [this](const ForceSample& now, const History& h) { return tell(now, h); },
                       .between_steps = [this](const auto& state) { keep(state); },
@@ -114,7 +129,9 @@ class Recorder {
     const Stopwatch writing;
     how_.write_model(now);
     before_march_s_ = writing.seconds();
-    writer_.emplace(how_.folder, now.model, wanted_of(given_.config));
+    // A ladder that was stopped has little time to write what it has.
+    writer_.emplace(how_.folder, now.model,
+                    now.history.interrupted ? tables_alone : wanted_of(given_.config));
     marching_ = since_kept_ = {};
     if (!how_.resumed) return;
     const Checkpoint& from = *how_.resumed;
@@ -181,23 +198,28 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   const History& history = result.history;
   const bool quasi_static = result.time == TimeMode::quasi_static;
   // Stopped before there was anything to keep.
-  if (history.interrupted && (history.force.empty() || writer_->frame_time_s().empty()))
+  if (history.interrupted &&
+      (history.force.empty() || (result.ladder.empty() && writer_->frame_time_s().empty())))
     throw Stopped(stop_asked());
   const double solve_s_here = result.solve_s - writing_s_, solve_s = solve_s_before() + solve_s_here;
   const Stopwatch ending;
   doing(observer_, "writing results");
-  writer_->tables(history);
+  const Band& band = result.band;
+  writer_->tables(history, band, result.spread);
 
   Outcome outcome;
   outcome.interrupted = history.interrupted;
   const double reached = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
+  const double force = history.force.empty() ? 0.0 : history.force.back().force;
   outcome.headline =
-      fmt::format("{:.4f} N at {:.2f} mm", history.force.empty() ? 0.0 : history.force.back().force, reached);
+      headline_of(force, reached, band.known() ? band.half.back() : 0.0, band.unknown, result.spread);
   const Report stopped = history.interrupted ? Stopped(stop_asked()).report : Report{};
   if (history.interrupted)
-    outcome.ended_by =
-        fmt::format("{} at {:.3g} of {:.3g} mm, after {:.1f} s; --resume goes on from there [{}]",
-                    stopped.fact, reached, config.load.depth_mm, how_.whole.seconds(), stopped.code);
+    outcome.ended_by = fmt::format(
+        "{} at {:.3g} of {:.3g} mm, after {:.1f} s; {} [{}]", stopped.fact, reached, config.load.depth_mm,
+        how_.whole.seconds(),
+        result.ladder.empty() ? "--resume goes on from there" : "this is the finest cloud until then",
+        stopped.code);
   write_file(how_.folder / "config.resolved.toml", to_toml(config, result.chosen));
 
   const std::string status = failure ? "failed" : history.interrupted ? "interrupted" : "finished";
@@ -224,12 +246,23 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
                           "{:.2g} %, base carries {:.4f} N",
                           history.steps, 1e6 * history.dt_first, ms, times_real,
                           100.0 * largest_energy_error(history), base));
+    if (band.known())
+      say(observer_,
+          fmt::format("band     {:.4f} to {:.4f} N, +- {:.1f} %, by the discretisation alone: {} nodes are "
+                      "compared with {}, in {:.1f} s",
+                      force - band.half.back(), force + band.half.back(),
+                      100.0 * band.half.back() / std::abs(force), result.model.node_count(),
+                      band.coarse_nodes, band.seconds));
     // Who is asked to end has not always the time for a picture.
     if (!history.interrupted)
-      writer_->overview(history,
-                        fmt::format("{}: {}{}", how_.subject, outcome.headline,
-                                    status == "finished" ? "" : " (" + status + ")"),
-                        facts);
+      writer_->overview(
+          history, band,
+          fmt::format("{}: {:.4f} N at {:.2f} mm{}{}", how_.subject, force, reached,
+                      band.known() ? fmt::format(", {:.4f} to {:.4f} (discretisation)",
+                                                 force - band.half.back(), force + band.half.back())
+                                   : "",
+                      status == "finished" ? "" : " (" + status + ")"),
+          facts);
   }
   const double write_s = writing_s_ + before_march_s_ + finishing_s_ + ending.seconds();
   say(observer_,
@@ -301,7 +334,7 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
   }
   how.write_model = [&](Result& result) {
     results.prepare();
-    const Wanted wanted = wanted_of(config);
+    const Wanted wanted = result.history.interrupted ? tables_alone : wanted_of(config);
     if (wanted.model) write_model(folder / "model", result.model, result.model.scheme, result.provenance);
     if (wanted.label) write_vti(folder / "label.vti", result.image);
   };
@@ -320,7 +353,7 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
                     report.boundary.circle_reason)};
   };
   how.subject = fs::path(config.image.file).filename().string();
-  return record({.config = config}, std::move(how), observer);
+  return record({.config = config, .band = config.accuracy.band == "on"}, std::move(how), observer);
 }
 
 Outcome record_solve(const Config& config, const fs::path& model, const fs::path& folder, Existing existing,
@@ -357,6 +390,7 @@ Outcome record_solve(const Config& config, const fs::path& model, const fs::path
     return facts;
   };
   how.subject = model.filename().string();
+  given.band = true;  // which then says why there is none
   return record(given, std::move(how), observer);
 }
 

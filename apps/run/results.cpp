@@ -183,13 +183,27 @@ void ResultWriter::write(Packing frame) {
   if (wanted_.surface) surface_series_.add(frame.time_s);
 }
 
-void ResultWriter::tables(const History& history) const {
+void ResultWriter::tables(const History& history, const Band& band, double spread) const {
   Table force{.header = {"time_s", "indentation_mm", "force_N", "base_force_N"},
               .column = std::vector<std::vector<double>>(4)};
   for (const ForceSample& s : history.force) {
     const std::array<double, 4> row = {s.t, 1e3 * s.depth, s.force, s.base_force};
     for (std::size_t c = 0; c < row.size(); ++c) force.column[c].push_back(row[c]);
   }
+  const auto add_from_to = [&](const char* low, const char* high, const auto& half) {
+    std::vector<double> least, most;
+    for (std::size_t k = 0; k < history.force.size(); ++k) {
+      least.push_back(history.force[k].force - half(k));
+      most.push_back(history.force[k].force + half(k));
+    }
+    force.header.insert(force.header.end(), {low, high});
+    force.column.push_back(std::move(least));
+    force.column.push_back(std::move(most));
+  };
+  if (band.known()) add_from_to("low_N", "high_N", [&](std::size_t k) { return band.half[k]; });
+  if (spread > 0.0)
+    add_from_to("mu_low_N", "mu_high_N",
+                [&](std::size_t k) { return spread * std::abs(history.force[k].force); });
   write_csv(folder_ / "force.csv", force);
 
   Table energy{.header = {"time_s", "indentation_mm", "kinetic_J", "stored_J", "external_work_J",
@@ -203,7 +217,7 @@ void ResultWriter::tables(const History& history) const {
   write_csv(folder_ / "energy.csv", energy);
 }
 
-void ResultWriter::overview(const History& history, const std::string& title,
+void ResultWriter::overview(const History& history, const Band& band, const std::string& title,
                             const std::vector<std::string>& lines) const {
   if (!wanted_.picture) return;
   Overview picture;
@@ -224,6 +238,7 @@ void ResultWriter::overview(const History& history, const std::string& title,
     picture.depth_mm.push_back(1e3 * s.depth);
     picture.force_N.push_back(s.force);
   }
+  if (band.known()) picture.half_N = band.half;
   picture.two_threads = beside_;
   write_overview(folder_ / "overview.png", picture);
 }

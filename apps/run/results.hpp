@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/run/band.hpp"
 #include "apps/run/config.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -20,6 +21,7 @@ struct Wanted {
   bool nodes = true, points = true, surface = true, picture = true, model = true, label = true;
 };
 Wanted wanted_of(const Config& config);
+inline constexpr Wanted tables_alone = {false, false, false, false, false, false};
 
 /// Writes a run's results while it goes: frames as they come, tables and the summary at the end.
 ///
@@ -39,9 +41,10 @@ class ResultWriter {
   void resume(const std::vector<double>& frame_time_s);
   /// Of the frames on the disk.
   const std::vector<double>& frame_time_s() const { return frame_time_s_; }
-  void tables(const History& history) const;
+  /// `spread`: of the force by its material, as a share of it; 0: not known.
+  void tables(const History& history, const Band& band, double spread) const;
   /// overview.png: the model at rest, the last frame, the force curve.
-  void overview(const History& history, const std::string& title,
+  void overview(const History& history, const Band& band, const std::string& title,
                 const std::vector<std::string>& lines) const;
 
  private:

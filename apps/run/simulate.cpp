@@ -5,7 +5,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
+#include <utility>
 
+#include "apps/run/organ.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
@@ -19,301 +22,11 @@ namespace {
 
 using Line = RunObserver::Line;
 
-// What is told to the observer; warnings are kept too.
-struct Talk {
-  const RunObserver& observer;
-  Result& result;
-  void line(Line kind, const std::string& text) const {
-    if (observer.line) observer.line(kind, text);
-  }
-  void doing(const std::string& text) const { line(Line::doing, text); }
-  void say(const std::string& text) const { line(Line::said, text); }
-  void detail(const std::string& text) const { line(Line::detail, text); }
-  void warn(const std::string& text) const {
-    result.warnings.push_back(text);
-    line(Line::warning, text);
-  }
-};
-
-// Labels given by number or name, as numbers; `present`: those of the image.
-std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelMeasure>& present,
-                               const std::vector<std::string>& wanted) {
-  std::vector<int> result;
-  for (const std::string& word : wanted) {
-    if (!word.empty() && word.find_first_not_of("0123456789") == std::string::npos && word.size() < 10) {
-      result.push_back(std::stoi(word));
-      continue;
-    }
-    const auto same = [](const std::string& a, const std::string& b) {
-      return std::equal(a.begin(), a.end(), b.begin(), b.end(),
-                        [](unsigned char x, unsigned char y) { return std::tolower(x) == std::tolower(y); });
-    };
-    std::vector<std::string> known;
-    bool found = false;
-    for (const auto& [value, name] : image.names) {
-      known.push_back(name);
-      if (!same(name, word)) continue;
-      result.push_back(value);
-      found = true;
-    }
-    if (!found)
-      throw InputError({.fact = fmt::format("no label is called '{}'{}", word, did_you_mean(word, known)),
-                        .where = "--label (image.label)",
-                        .why = known.empty() ? std::string("the image has no label names")
-                                             : fmt::format("the image names {}", fmt::join(known, ", ")),
-                        .remedy = "choose by number, or give names with --label-names; `dimple info IMAGE` "
-                                  "shows what there is"});
-  }
-  for (const int value : result)
-    if (std::none_of(present.begin(), present.end(), [&](const LabelMeasure& m) { return m.value == value; }))
-      throw InputError({.fact = fmt::format("no voxel has label {}", value),
-                        .where = "--label (image.label)",
-                        .why = fmt::format("the image holds {}", in_words(present)),
-                        .remedy = "choose one of these with --label"});
-  return result;
-}
-
-// What is wrong with the materials is said before anything is built.
-void check_materials(const std::vector<Material>& materials, const Scheme& scheme) {
-  const Material& m = materials.front();
-  if (!scheme.pressure_patches && (materials.size() > 1 || !is_plain(m)))
-    throw UsageError({.fact = "the paper's scheme knows one neo-Hookean tissue only",
-                      .where = "--scheme horton2007",
-                      .why = "it is kept as it was printed, for comparison",
-                      .remedy = "leave --scheme out for other laws, viscoelastic and several tissues"});
-  if (scheme.pressure_patches && is_as_printed(m))
-    throw UsageError({.fact = "the printed stress goes with the paper's scheme only",
-                      .where = "--stress printed",
-                      .why = "the converging scheme is made of energies, and the printed stress has none",
-                      .remedy = "add --scheme horton2007"});
-}
-
-// A label that config.tissue names, as a number; -1 if it is neither a number nor a known name.
-int number_of(const std::string& label, const std::map<std::string, int>& names) {
-  if (!label.empty() && label.find_first_not_of("0123456789") == std::string::npos && label.size() < 10)
-    return std::stoi(label);
-  const auto known = names.find(label);
-  return known == names.end() ? -1 : known->second;
-}
-
-// The tissues of config.tissue by their labels; each must have a point.
-TissueOptions tissues_of(const Config& config, const std::map<std::string, int>& label_names,
-                         const Discretisation& places) {
-  TissueOptions tissues{.of_label = {}, .density = {}};
-  for (const Material& material : materials_of(config)) tissues.density.push_back(material.density);
-  int number = 0;
-  for (const auto& [label, differing] : config.tissue) {
-    const int value = number_of(label, label_names);
-    tissues.of_label[value] = ++number;
-    if (!(places.label.array() == value).any())
-      throw InputError(
-          {.fact = fmt::format("no tissue of the model has label '{}'", label),
-           .where = fmt::format("tissue.{}", label),
-           .why = "no integration point lies in it",
-           .remedy =
-               "`dimple info IMAGE` shows the labels; take them all with --label, or leave --label out; "
-               "a model made without tissues knows only one"});
-  }
-  return tissues;
-}
-
-// What of an image is to be the body.
-struct Taken {
-  std::vector<int> chosen;  // by --label; none: all
-  std::vector<LabelMeasure> labels;
-};
-
-Taken take_labels(const Talk& talk, const Config& config, const LabelImage& image,
-                  const std::map<std::string, int>& names) {
-  for (const std::string& warning : image.warnings) talk.warn(warning);
-  const std::vector<LabelMeasure> present = measure_labels(image);
-  Taken taken{.chosen = chosen_labels(image, present, config.image.label), .labels = {}};
-  for (const LabelMeasure& label : present)
-    if (taken.chosen.empty() ||
-        std::find(taken.chosen.begin(), taken.chosen.end(), label.value) != taken.chosen.end())
-      taken.labels.push_back(label);
-  const auto has = [](const std::vector<LabelMeasure>& labels, int value) {
-    return std::any_of(labels.begin(), labels.end(), [&](const auto& m) { return m.value == value; });
-  };
-  for (const auto& [label, differing] : config.tissue)
-    if (const int value = number_of(label, names); !has(taken.labels, value))
-      throw InputError(
-          {.fact = fmt::format("no part of the body has label '{}'", label),
-           .where = fmt::format("tissue.{}", label),
-           .why = has(present, value) ? "--label leaves it out" : "the image has no such label",
-           .remedy =
-               "`dimple info IMAGE` shows the labels; take several with --label 1,2, or leave --label out"});
-  return taken;
-}
-
-void say_labels(const Talk& talk, const Config& config, const std::vector<int>& chosen,
-                const std::vector<LabelMeasure>& taken, const std::map<std::string, int>& names) {
-  talk.say(fmt::format("labels   {}: {}", chosen.empty() ? "all" : "chosen", in_words(taken)));
-  std::vector<LabelMeasure> alike;  // of the one material that config.material is
-  for (const LabelMeasure& label : taken)
-    if (std::none_of(config.tissue.begin(), config.tissue.end(),
-                     [&](const auto& tissue) { return number_of(tissue.first, names) == label.value; }))
-      alike.push_back(label);
-  if (chosen.empty() && alike.size() > 1)
-    talk.warn(
-        fmt::format("{} labels are welded into one body of one material, as no --label was given: {}; choose "
-                    "with --label {}, or "
-                    "give one a material of its own, as in --set tissue.{}.mu=300Pa",
-                    alike.size(), in_words(alike), alike.front().value, alike.back().value));
-}
-
-void say_default_stiffness(const Talk& talk, const Config& config) {
-  if (default_stiffness(config))
-    talk.say(fmt::format(
-        "material mu {:.4g} Pa is swine brain (Horton et al. 2007), taken because none was given; other "
-        "tissues need --mu, --young or --preset",
-        config.material.mu_Pa));
-}
-
-// Above this share of the surface, facing itself across narrow_gap_mm, a run says what may be done. A human
-// brain's was 0.21 in voxels of 2 mm; a phantom's with one fissure 0.03, a heart's 0.02, a liver's and lungs' 0.002.
-constexpr double most_facing = 0.1;
-
-// The image as its gaps are closed, where that is asked for; what was done goes into `sentence`.
-std::optional<ClosedImage> closed(const Config& config, const LabelImage& image,
-                                  const std::vector<int>& labels, const Talk& talk, std::string& sentence) {
-  const double width = config.image.close_mm;
-  if (!(width > 0.0)) return std::nullopt;
-  talk.doing("closing gaps");
-  ClosedImage result = close_gaps(image, labels, width);
-  sentence = fmt::format("gaps narrower than {:.4g} mm: {:.4g} cm3 added ({:.1f} %)", width,
-                         result.added_mm3 / 1e3, 100.0 * result.added_mm3 / result.body_mm3);
-  talk.say("closed   " + sentence);
-  if (const double finest = image.spacing().minCoeff(); 0.5 * width < finest)
-    talk.warn(
-        fmt::format("--close {:.4g}mm closes nothing: the narrowest gap between voxels of {:.4g} mm that it "
-                    "could close is {:.4g} mm wide; give at least --close {:.4g}mm",
-                    width, finest, finest, 2.0 * finest));
-  return result;
-}
-
-// Narrow gaps that the model keeps open decide much of the force.
-void warn_of_narrow_gaps(const Config& config, double share, const Talk& talk) {
-  if (share <= most_facing || config.image.close_mm >= narrow_gap_mm) return;
-  talk.warn(
-      fmt::format("{:.0f} % of the surface faces another part of it across less than {:.0f} mm of air: folds "
-                  "whose banks touch in life move freely here; --close {:.0f}mm closes such folds: compare "
-                  "the forces, which may differ much",
-                  100.0 * share, narrow_gap_mm, narrow_gap_mm));
-}
-
-// From the image to places: nodes, points, base and circle.
-Discretisation place_nodes(const Config& config, const ModelOptions& given, const Talk& talk, Result& result,
-                           std::map<std::string, int>& label_names) {
-  if (config.image.file.empty())
-    throw UsageError({.fact = "no label image was given",
-                      .where = "command line",
-                      .why = "there is nothing to work on",
-                      .remedy = "give one: dimple run IMAGE -o OUT"});
-  check_materials(materials_of(config), given.scheme);
-  const Stopwatch reading;
-  talk.doing("reading " + config.image.file);
-  result.image = read_label_image(config.image.file, config.image.label_names);
-  for (const auto& [value, name] : result.image.names) label_names[name] = value;
-  const auto [labels, taken] = take_labels(talk, config, result.image, label_names);
-  result.labels = taken;
-  result.read_s = reading.seconds();
-  result.stages.done("read");
-  talk.say(fmt::format("image    {}: {}, {} x {} x {} voxels of {:.4g} x {:.4g} x {:.4g} mm, axes {}",
-                       config.image.file, result.image.format, result.image.stored_size[0],
-                       result.image.stored_size[1], result.image.stored_size[2],
-                       result.image.stored_spacing.x(), result.image.stored_spacing.y(),
-                       result.image.stored_spacing.z(), result.image.orientation));
-  say_labels(talk, config, labels, taken, label_names);
-  say_default_stiffness(talk, config);
-
-  const Stopwatch building;
-  std::string closing;
-  const auto with_closed_gaps = closed(config, result.image, labels, talk, closing);
-  const LabelImage& image = with_closed_gaps ? with_closed_gaps->image : result.image;
-  if (with_closed_gaps) {
-    result.closed_mm3 = with_closed_gaps->added_mm3;
-    result.stages.done("close gaps");
-  }
-  talk.doing("drawing the surface");
-  ModelOptions options = given;
-  options.boundary.voxel_mm = image.spacing().maxCoeff();
-  SegmentedBody body =
-      make_body_surface(image, labels, {.indenter_diameter_mm = options.boundary.indenter_diameter_mm});
-  result.stages.done("surface");
-  result.segment = body.report;
-  const SegmentReport& segment = result.segment;
-  for (const std::string& warning : segment.warnings) talk.warn(warning);
-  if (segment.pieces > 1)
-    talk.say(fmt::format("organ    {} pieces: kept the largest, dropped {:.2f} cm3 ({:.2f} %)",
-                         segment.pieces, segment.dropped_volume_mm3 / 1e3,
-                         100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
-  if (segment.dropped_volume_mm3 > 0.05 * segment.label_volume_mm3)
-    talk.warn(fmt::format(
-        "{:.1f} % of the labelled volume lies in pieces that do not touch the largest and was dropped",
-        100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
-  talk.say(fmt::format(
-      "organ    {:.2f} cm3, surface {:.1f} cm2 ({} triangles, drawn {:.2f} mm apart, smoothed by {:.2f} mm; "
-      "encloses the voxels' volume to {:+.2f} %)",
-      segment.voxel_volume_mm3 / 1e3, body.surface.area() / 1e2, body.surface.triangles().cols(),
-      segment.step_mm, segment.smoothing_mm,
-      100.0 * (body.surface.volume() / segment.voxel_volume_mm3 - 1.0)));
-
-  result.facing_share = facing_share(body.surface, narrow_gap_mm);
-  warn_of_narrow_gaps(config, result.facing_share, talk);
-
-  talk.doing("placing nodes and points");
-  // Cells are split where tissues meet; where all labels are of one tissue their borders mean nothing.
-  auto [places, report] = discretise(body.surface, options,
-                                     config.tissue.empty() ? LabelAt{} : label_finder(image, body.surface));
-  result.stages.add(report.stages);
-  for (const std::string& warning : report.boundary.warnings) talk.warn(warning);
-  result.build_s = building.seconds();
-  talk.say(fmt::format(
-      "nodes    {} ({} on the surface), {:.3f} mm apart{}{}; nearest node {:.2f} +- {:.2f}, at least {:.2f}, "
-      "largest gap {:.2f} spacings",
-      places.node_count(), report.surface_nodes, report.spacing_mm,
-      options.cloud.spacing_mm > 0.0 ? "" : " for this number",
-      report.rim_spacing_mm < report.spacing_mm ? fmt::format(", {:.3f} mm at the rim", report.rim_spacing_mm)
-                                                : "",
-      report.evenness.mean, report.evenness.spread * report.evenness.mean, report.evenness.minimum,
-      report.evenness.fill));
-  talk.say(fmt::format(
-      "points   {} in cells of {}{:.3f} mm, {} clipped by the surface, {} slivers merged; volume {:.2f} cm3, "
-      "{:+.3f} % of the organ's",
-      places.point_count(), options.scheme.averaged_gradients ? "up to " : "", report.cell_mm, report.clipped,
-      report.merged, report.grid_volume_mm3 / 1e3,
-      100.0 * (report.grid_volume_mm3 / segment.voxel_volume_mm3 - 1.0)));
-  talk.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
-  const std::string centre = in_words(places.tool.centre * 1e3);
-  talk.say(fmt::format("circle   {} nodes, {} on its rim, {:.1f} mm across at {}: {}", report.circle_nodes,
-                       report.rim_nodes, 2e3 * places.tool.radius, centre, report.boundary.circle_reason));
-
-  const Vec3& push = places.tool.push;
-  result.chosen = {
-      {"cloud.spacing_mm", fmt::format("{:.4f} mm", report.spacing_mm)},
-      {"cloud.nodes", fmt::format("{} nodes", places.node_count())},
-      {"grid.points", fmt::format("{} points", places.point_count())},
-      {"boundary.base", report.boundary.base_reason},
-      {"boundary.base_depth_mm", fmt::format("{:.3f} mm", report.boundary.base_depth)},
-      {"boundary.indent_at", fmt::format("{}: {}", centre, report.boundary.circle_reason)},
-      {"boundary.direction", fmt::format("({:.4f}, {:.4f}, {:.4f})", push.x(), push.y(), push.z())},
-      {"image.label", in_words(result.labels)}};
-  result.provenance = {{"image", config.image.file},
-                       {"image_sha256", sha256_of_file(config.image.file)},
-                       {"labels", result.chosen["image.label"]},
-                       {"base", report.boundary.base_reason},
-                       {"circle", report.boundary.circle_reason},
-                       {"dimple", DIMPLE_VERSION}};
-  if (!closing.empty()) result.provenance["closed"] = closing;
-  result.report = std::move(report);
-  return std::move(places);
-}
-
 struct Placed {
   Discretisation places;
   Scheme scheme;
   std::map<std::string, int> label_names;
+  std::optional<Organ> organ = {};  // of an image
 };
 
 Placed place(const Case& given, const RunObserver& observer, const Talk& talk, Result& result) {
@@ -322,12 +35,16 @@ Placed place(const Case& given, const RunObserver& observer, const Talk& talk, R
     check_materials(materials_of(given.config), given.model->scheme);
     for (const std::string& note : given.model->notes) talk.warn(note);
     say_default_stiffness(talk, given.config);
-    placed = {given.model->places, given.model->scheme, given.model->label_names};
+    placed.places = given.model->places;
+    placed.scheme = given.model->scheme;
+    placed.label_names = given.model->label_names;
     result.provenance = given.model->provenance;
   } else {
     const ModelOptions options = model_options(given.config);
     placed.scheme = options.scheme;
-    placed.places = place_nodes(given.config, options, talk, result, placed.label_names);
+    placed.organ.emplace(read_organ(given.config, options, talk, result));
+    placed.label_names = placed.organ->label_names;
+    placed.places = place_nodes(given.config, *placed.organ, options, result.image, talk, result);
   }
   if (observer.placed) observer.placed(placed.places, placed.scheme);
   return placed;
@@ -415,17 +132,9 @@ TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
   return mode;
 }
 
-}  // namespace
-
-void build_case(const Case& given, const RunObserver& observer, Result& result) {
-  const Talk talk{observer, result};
-  complete(given, place(given, observer, talk, result), talk, result);
-}
-
-void simulate(const Case& given, const RunObserver& observer, Result& result) {
-  const Talk talk{observer, result};
+// From places to a model that is complete, and a load that is accepted.
+void make_ready(const Case& given, Placed placed, const Talk& talk, Result& result) {
   const Config& config = given.config;
-  Placed placed = place(given, observer, talk, result);
   require_room_beneath(config, placed.places);
   const Stopwatch preparing;
   complete(given, std::move(placed), talk, result);
@@ -449,66 +158,342 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
           "the printed stress does work on closed paths, so undamped vibration grows: give --damping, for "
           "instance 20");
   }
+  if (result.time != TimeMode::quasi_static && config.material.mu_spread_percent > 0.0)
+    throw UsageError(
+        {.fact = "mu is given as known to a share of it, and inertia takes part in the force",
+         .where = "--mu (material.mu_spread_percent)",
+         .why = "the load is so short that the run is dynamic, and its force not proportional to mu",
+         .remedy = "run it once with the smallest and once with the largest modulus, or slower"});
+  result.spread = spread_of(config);
   result.complete_s = preparing.seconds();
-  stop_if_asked();
-  talk.doing("writing the model");
-  if (observer.begin) observer.begin(result);
-  result.image = {};  // nobody needs it any longer
-  talk.doing("");
+}
+
+std::unique_ptr<ForceSystem> force_system(const Config& config, Result& result) {
   const Stopwatch readying;
-  const ForceSystem system(model, result.tissues, precision_of(config));
+  auto system = std::make_unique<ForceSystem>(result.model, result.tissues, precision_of(config));
   result.model.dphi.resize(
       3, 0);  // the system has them in a layout of its own; twice is 0.4 GB at 100,000 nodes
   give_back_memory();
   stop_if_asked();
   result.complete_s += readying.seconds();
+  return system;
+}
 
-  // What the guards find counts also where the march ends by an error.
-  const auto conclude = [&] {
-    for (const Finding& finding : result.history.guards) talk.warn(in_words(finding));
-    result.findings.insert(result.findings.end(), result.history.guards.begin(), result.history.guards.end());
-  };
+void keep_findings(const Talk& talk, Result& result) {
+  for (const Finding& finding : result.history.guards) talk.warn(in_words(finding));
+  result.findings.insert(result.findings.end(), result.history.guards.begin(), result.history.guards.end());
+}
+
+// Why the band of such a run cannot be told, or nothing: it was measured for what is the default.
+std::string no_band(const Config& config) {
+  const Config usual;
+  if (config.scheme.name != usual.scheme.name) return "it was measured for the converging scheme alone";
+  if (config.solver.time == "explicit" || config.solver.time == "dynamic")
+    return "it was measured in equilibrium, not for dynamics";
+  if (config.load.contact != usual.load.contact)
+    return "it was measured for a circle to which the tissue is bonded";
+  for (const Material& material : materials_of(config))
+    if (!material.prony.empty()) return "it was measured for elastic tissue alone";
+  if (config.cloud.rim != usual.cloud.rim || config.cloud.jitter != usual.cloud.jitter ||
+      config.grid.points != usual.grid.points || config.grid.ratio != usual.grid.ratio ||
+      config.support.basis != usual.support.basis || config.support.weight != usual.support.weight ||
+      config.support.radius_factor != usual.support.radius_factor)
+    return "it was measured for the default nodes, points and supports alone";
+  if (config.load.depth_mm > deepest_with_band * 0.5 * config.boundary.indenter_diameter_mm)
+    return fmt::format("it was measured down to {} radii of the circle", deepest_with_band);
+  return {};
+}
+
+// Likewise, once it is known how time is followed.
+std::string no_band(const Case& given, const Result& result) {
+  if (given.model) return "a model's files hold one cloud, and it takes two";
+  if (result.time != TimeMode::quasi_static) return "it was measured in equilibrium, not for dynamics";
+  return no_band(given.config);
+}
+
+constexpr int coarse_frames = 4;
+
+// The force curve of the same body with fewer nodes, at few depths.
+History force_with(Index nodes, const Case& given, const Organ& organ, const Result& result) {
+  const Config& config = given.config;
+  ModelOptions options = organ.options;
+  options.cloud.count = nodes;
+  options.cloud.spacing_mm = 0.0;
+  Discretisation places =
+      discretise(organ.body->surface, options, labels_of(config, organ, result.image)).places;
+  const TissueOptions tissues = tissues_of(config, organ.label_names, places);
+  Eigen::VectorXi of_point = tissue_of_points(places, tissues);
+  const Model model = make_model(std::move(places), options.scheme, std::move(of_point), tissues.density);
+  const ForceSystem system(model, {materials_of(config), model.tissue}, precision_of(config));
+  SolverOptions how = solver_options(config);
+  how.frames = std::min(how.frames, coarse_frames);
+  History history;
+  solve(result.time, system, model, result.loading, how, {}, history);
+  if (history.interrupted) throw Stopped(stop_asked());
+  return history;
+}
+
+void find_band(const Case& given, const std::optional<Organ>& organ, const Talk& talk, Result& result) {
+  if (!given.band) return;
+  Band& band = result.band;
+  band.unknown = no_band(given, result);
+  const Index fewest = fewest_nodes_with_band(result.facing_share);
+  if (band.known() && result.model.node_count() < fewest)
+    band.unknown = fmt::format("it was measured from {} nodes on{}", fewest,
+                               result.facing_share > most_facing ? " where a body has folds" : "");
+  if (!band.known()) return;
+  talk.doing("a coarser cloud, for the band");
+  const Stopwatch whole;
+  band.coarse_nodes =
+      static_cast<Index>(std::lround(static_cast<double>(result.model.node_count()) / coarser));
+  const std::string cloud = fmt::format("with {} nodes, with which it is compared, ", band.coarse_nodes);
+  try {
+    const History coarse = force_with(band.coarse_nodes, given, *organ, result);
+    band.half =
+        half_widths(result.history.force, result.model.node_count(), coarse.force, result.model.tool.radius);
+    if (band.half.empty()) band.unknown = cloud + "the force ends before";
+  } catch (const Stopped&) {
+    band.unknown = "the run was stopped before";
+    result.history.interrupted = true;
+  } catch (const Error& error) {
+    band.unknown = cloud + error.report.fact;
+  }
+  band.seconds = whole.seconds();
+}
+
+// A frame that is kept, because whether its cloud is fine enough shows only at the end.
+struct KeptFrame {
+  int number;
+  double t, depth;
+  ForceSystem::Nodal u, f;
+  ForceState forces;
+};
+
+// One cloud of a ladder, marched to the end.
+struct Rung {
+  Result result;
+  std::vector<std::pair<Line, std::string>> lines;  // that it would have told
+  std::unique_ptr<ForceSystem> system;
+  std::vector<KeptFrame> frames;
+  double seconds = 0.0;
+};
+
+void require_a_band(const std::string& none) {
+  if (none.empty()) return;
+  throw UsageError({.fact = "the accuracy of this run cannot be told",
+                    .where = "--accuracy (accuracy.goal) or --budget (accuracy.budget_s)",
+                    .why = "it is told by a band of the force, and " + none,
+                    .remedy = "leave them out, and compare several --nodes"});
+}
+
+// `base`: what the image gave. Throws Stopped too.
+std::unique_ptr<Rung> march_with(Index nodes, const Case& given, const Organ& organ, const Result& base,
+                                 const RunObserver& observer) {
+  const Stopwatch whole;
+  auto rung = std::make_unique<Rung>();
+  Result& result = rung->result;
+  result.labels = base.labels;
+  result.closed_mm3 = base.closed_mm3;
+  result.facing_share = base.facing_share;
+  result.segment = base.segment;
+  result.warnings = base.warnings;
+  result.read_s = base.read_s;
+  result.build_s = base.build_s;
+  result.stages.add(base.stages);
+  const RunObserver keeping{.line = [&](Line kind, const std::string& text) {
+    if (kind != Line::doing)
+      rung->lines.emplace_back(kind, text);
+    else if (observer.line)
+      observer.line(Line::doing, fmt::format("{} nodes: {}", nodes, text));
+  }};
+  const Talk talk{keeping, result};
+  ModelOptions options = organ.options;
+  options.cloud.count = nodes;
+  options.cloud.spacing_mm = 0.0;
+  Placed placed;
+  placed.places = place_nodes(given.config, organ, options, base.image, talk, result);
+  placed.scheme = options.scheme;
+  placed.label_names = organ.label_names;
+  make_ready(given, std::move(placed), talk, result);
+  require_a_band(no_band(given, result));
+  rung->system = force_system(given.config, result);
+  talk.doing("finding equilibria");
+  const Stopwatch solving;
+  const Observer march{
+      .frame =
+          [&](const Frame& frame) {
+            rung->frames.push_back({frame.number, frame.t, frame.depth, frame.u, frame.f, frame.forces});
+          },
+      .sample = [](const ForceSample&, const History&) { return stop_asked() == StopReason::none; },
+      .retry =
+          [&](const Retry& retry) {
+            talk.detail(
+                fmt::format("retry    at {:.3f} mm ({}): {}", 1e3 * retry.depth, retry.code, retry.what));
+          }};
+  solve(result.time, *rung->system, result.model, result.loading, solver_options(given.config), march,
+        result.history);
+  if (result.history.interrupted) throw Stopped(stop_asked());
+  result.solve_s = solving.seconds();
+  keep_findings(talk, result);
+  rung->seconds = whole.seconds();
+  return rung;
+}
+
+// The march of a rung, for who has not seen it.
+void replay(Rung rung, const RunObserver& observer, Result& result) {
+  rung.result.image = std::move(result.image);
+  rung.result.ladder = std::move(result.ladder);
+  result = std::move(rung.result);
+  for (const auto& [kind, text] : rung.lines)
+    if (observer.line) observer.line(kind, text);
+  if (observer.placed) observer.placed(result.model, result.model.scheme);
+  Stopwatch writing;
+  try {
+    stop_if_asked();
+    if (observer.begin) observer.begin(result);
+    writing = {};
+    for (const KeptFrame& frame : rung.frames)
+      if (observer.march.frame)
+        observer.march.frame({frame.number, frame.t, frame.depth, frame.u, frame.f, frame.forces});
+    if (observer.march.sample) observer.march.sample(result.history.force.back(), result.history);
+  } catch (const Stopped&) {
+    // The force is known, and takes a moment to write.
+    result.history.interrupted = true;
+    if (observer.begin) observer.begin(result);
+  }
+  result.image = {};
+  result.solve_s += writing.seconds();
+}
+
+// Clouds from coarse to fine, until the band of one is as narrow as asked.
+void climb(const Case& given, const Goal& goal, const RunObserver& observer, Result& result) {
+  const Stopwatch whole;
+  const Talk talk{observer, result};
+  const Config& config = given.config;
+  if (given.model)
+    throw UsageError({.fact = "a model's files hold one cloud, and an accuracy takes several",
+                      .where = "--accuracy (accuracy.goal)",
+                      .why = "the surface from which clouds are made is not in them",
+                      .remedy = "begin with the image: dimple run"});
+  require_a_band(no_band(config));
+  const Organ organ = read_organ(config, model_options(config), talk, result);
+  std::unique_ptr<Rung> best;
+  std::vector<ForceSample> coarse;
+  std::string ended;  // why, if not by the goal
+  for (Index nodes = first_rung(goal.share, result.facing_share); ended.empty();) {
+    std::unique_ptr<Rung> rung;
+    try {
+      rung = march_with(nodes, given, organ, result, observer);
+    } catch (const Stopped&) {
+      if (!best) throw;
+      ended = "the run was stopped";
+      break;
+    } catch (const Error& error) {
+      if (stop_asked() != StopReason::none) {  // of which this is a consequence
+        if (!best) throw Stopped(stop_asked());
+        ended = "the run was stopped";
+        break;
+      }
+      const bool may_be_too_coarse = error.code == ExitCode::model || error.code == ExitCode::solve;
+      const bool in_time = goal.budget_s == 0.0 || whole.seconds() < goal.budget_s;
+      if (!may_be_too_coarse || !in_time || nodes >= most_nodes_for_accuracy) {
+        if (!best) throw;
+        ended = fmt::format("with {} nodes: {}", nodes, error.report.fact);
+        break;
+      }
+      talk.say(fmt::format("rung     {} nodes: {}", nodes, error.report.fact));
+      nodes *= 2;
+      continue;
+    }
+    Result& now = rung->result;
+    const std::vector<ForceSample>& force = now.history.force;
+    if (!coarse.empty()) {
+      now.band.half = half_widths(force, now.model.node_count(), coarse, now.model.tool.radius);
+      now.band.unknown = "";
+      now.band.coarse_nodes = best->result.model.node_count();
+    } else {
+      now.band.unknown = "the run ended with its first cloud";
+    }
+    const double half = now.band.known() ? now.band.half.back() : 0.0, last = std::abs(force.back().force);
+    result.ladder.push_back({now.model.node_count(), force.back().force, half, rung->seconds});
+    talk.say(
+        fmt::format("rung     {} nodes: {:.4f} N{}, {:.1f} s", now.model.node_count(), force.back().force,
+                    now.band.known() ? fmt::format(" +- {:.1f} %", 100.0 * half / last) : "", rung->seconds));
+    coarse = force;
+    best = std::move(rung);
+    const double wanted = goal.half_width(last);
+    if (best->result.band.known() && half <= wanted) break;
+    const Index next = next_rung(nodes, half, wanted);
+    const double expected = best->seconds * static_cast<double>(next) / static_cast<double>(nodes);
+    if (goal.budget_s > 0.0 && whole.seconds() + expected > goal.budget_s)
+      ended = fmt::format("{} nodes would take about {:.0f} s more, beyond the {:g} s given", next, expected,
+                          goal.budget_s);
+    else if (next > most_nodes_for_accuracy)
+      ended = fmt::format("more than {} nodes are not tried", most_nodes_for_accuracy);
+    nodes = next;
+  }
+  const double others_s = whole.seconds() - best->seconds;
+  if (!ended.empty() && (goal.share > 0.0 || goal.force > 0.0)) {
+    const Band& band = best->result.band;
+    const double force = std::abs(best->result.history.force.back().force);
+    const Talk last{observer, best->result};
+    last.warn(fmt::format("the accuracy asked for, {}, was not reached: {}; {}", config.accuracy.goal,
+                          band.known()
+                              ? fmt::format("the band is +- {:.1f} % wide", 100.0 * band.half.back() / force)
+                              : "there is no band yet",
+                          ended));
+  } else if (!ended.empty()) {
+    talk.say("ladder   " + ended);
+  }
+  replay(std::move(*best), observer, result);
+  result.band.seconds = others_s;
+}
+
+}  // namespace
+
+void build_case(const Case& given, const RunObserver& observer, Result& result) {
+  const Talk talk{observer, result};
+  complete(given, place(given, observer, talk, result), talk, result);
+}
+
+void simulate(const Case& given, const RunObserver& observer, Result& result) {
+  spread_of(given.config);  // what is wrong with it is said before anything is built
+  if (const std::optional<Goal> goal = goal_of(given.config)) return climb(given, *goal, observer, result);
+  const Talk talk{observer, result};
+  const Config& config = given.config;
+  Placed placed = place(given, observer, talk, result);
+  const std::optional<Organ> organ = std::move(placed.organ);
+  make_ready(given, std::move(placed), talk, result);
+  stop_if_asked();
+  talk.doing("writing the model");
+  if (observer.begin) observer.begin(result);
+  if (!given.band || config.tissue.empty()) result.image = {};  // nobody needs it any longer
+  talk.doing("");
+  const std::unique_ptr<ForceSystem> system = force_system(config, result);
+
   const Stopwatch solving;
   try {
-    solve(result.time, system, model, loading, options, observer.march, result.history, given.from);
+    solve(result.time, *system, result.model, result.loading, solver_options(config), observer.march,
+          result.history, given.from);
   } catch (const Stopped&) {
     result.history.interrupted = true;
   } catch (const Error&) {
     result.solve_s = solving.seconds();
-    conclude();
+    keep_findings(talk, result);  // they count also where the march ends by an error
     // What breaks while everything is being stopped is a consequence of that.
     if (stop_asked() == StopReason::none) throw;
     result.history.interrupted = true;
     return;
   }
   result.solve_s = solving.seconds();
-  conclude();
+  keep_findings(talk, result);
+  if (!result.history.interrupted) find_band(given, organ, talk, result);
 }
 
 Result simulate(const Case& given, const RunObserver& observer) {
   Result result;
   simulate(given, observer, result);
   return result;
-}
-
-SegmentedBody segment(const Config& config, const RunObserver& observer) {
-  if (config.image.file.empty())
-    throw UsageError({.fact = "no label image was given",
-                      .where = "command line",
-                      .why = "there is nothing to work on",
-                      .remedy = "give one: dimple export IMAGE -o FILE"});
-  Result unused;
-  const Talk talk{observer, unused};
-  const LabelImage image = read_label_image(config.image.file, config.image.label_names);
-  std::map<std::string, int> names;
-  for (const auto& [value, name] : image.names) names[name] = value;
-  const auto [labels, taken] = take_labels(talk, config, image, names);
-  say_labels(talk, config, labels, taken, names);
-  say_default_stiffness(talk, config);
-  std::string closing;
-  const auto with_closed_gaps = closed(config, image, labels, talk, closing);
-  return make_body_surface(with_closed_gaps ? with_closed_gaps->image : image, labels,
-                           {.indenter_diameter_mm = config.boundary.indenter_diameter_mm});
 }
 
 }  // namespace dimple

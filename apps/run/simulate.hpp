@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/run/band.hpp"
 #include "apps/run/config.hpp"
 #include "apps/run/model_files.hpp"
 #include "preprocess/build_model.hpp"
@@ -20,10 +21,18 @@ struct Case {
   Config config;
   std::optional<ModelFiles> model = {};  ///< instead of an image
   const State* from = nullptr;           ///< where an earlier run of the same case stood
+  bool band = false;  ///< of the force, by a coarser cloud after the march; it takes about half as long again
 };
 
 /// Gaps narrower than this are told of: across them the banks of a brain's folds face each other.
 inline constexpr double narrow_gap_mm = 4.0;
+
+/// One cloud of those that were tried for an accuracy.
+struct LadderStep {
+  Index nodes = 0;
+  double force = 0.0, half = 0.0;  ///< at the load's depth, and half its band's width; 0: not known [N]
+  double seconds = 0.0;
+};
 
 /// What came of it. Each part is there as soon as it is known: also when simulate() throws later.
 struct Result {
@@ -44,11 +53,14 @@ struct Result {
   TimeMode time = TimeMode::quasi_static;
   std::vector<Finding> findings;  ///< of the guards: of the model, then of the march
   History history;                ///< the force curve; `interrupted` if it was asked to stop
+  Band band;
+  double spread = 0.0;             ///< of the force by its material: +- this share of it; 0: not asked for
+  std::vector<LadderStep> ladder;  ///< where an accuracy was asked for: all clouds, the last is this one
 
   std::vector<std::string> warnings;
   Stages stages;  ///< of the preprocessing [s]
   /// [s] Reading the image, making the model from it, completing it, marching; without what an observer takes
-  /// before the march.
+  /// before the march, and without the band.
   double read_s = 0.0, build_s = 0.0, complete_s = 0.0, solve_s = 0.0;
 };
 
@@ -70,6 +82,9 @@ struct RunObserver {
 
 /// From the case to its force curve. Prints nothing, writes no file, minds no signal; asked to stop
 /// (io/stop.hpp), it throws Stopped, or, once the march has begun, returns what there is.
+///
+/// Where the configuration asks for an accuracy, clouds of more and more nodes are marched until the band of
+/// one is as narrow as that, and the result is this one's: its frames come after the march.
 ///
 /// Throws UsageError, InputError, ModelError: what is wrong with the case; SolveError: why the march ended,
 /// and `result` holds everything up to there.

@@ -121,6 +121,17 @@ Json consistency_json(const ConsistencyReport& consistency) {
       {"before", consistency.before}, {"after", consistency.after}, {"iterations", consistency.iterations}};
 }
 
+// Of the last force.
+Json band_json(const Band& band, const History& history) {
+  if (!band.known()) return {{"unknown", band.unknown}};
+  const double force = history.force.back().force, half = band.half.back();
+  return {{"low_N", force - half},
+          {"high_N", force + half},
+          {"half_N", half},
+          {"of", "discretisation"},
+          {"coarser_nodes", band.coarse_nodes}};
+}
+
 }  // namespace
 
 std::string as_text(const Json& json) {
@@ -191,6 +202,18 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   summary["indentation_mm"] = reached;
   summary["force_N"] = history.force.empty() ? 0.0 : history.force.back().force;
   summary["base_force_N"] = history.force.empty() ? 0.0 : history.force.back().base_force;
+  summary["band"] = band_json(result.band, history);
+  if (result.spread > 0.0)
+    summary["band_of_mu"] = {{"low_N", (1.0 - result.spread) * summary["force_N"].get<double>()},
+                             {"high_N", (1.0 + result.spread) * summary["force_N"].get<double>()}};
+  if (!result.ladder.empty()) {
+    summary["ladder"] = Json::array();
+    for (const LadderStep& step : result.ladder)
+      summary["ladder"].push_back({{"nodes", step.nodes},
+                                   {"force_N", step.force},
+                                   {"half_N", step.half > 0.0 ? Json(step.half) : Json()},
+                                   {"wall_s", step.seconds}});
+  }
   summary["stable_step_s"] = history.dt_stable_first;
   summary["time_step_s"] = history.dt_first;
   summary["smallest_time_step_s"] = history.dt_smallest;
@@ -205,6 +228,7 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   summary["prepare_wall_s"] = result.complete_s;
   summary["solve_wall_s"] = times.solve_s;
   summary["write_wall_s"] = times.write_s;
+  summary["band_wall_s"] = result.band.seconds;
   summary["total_wall_s"] = times.total_s;
   summary["ms_per_step"] = evaluations > 0.0 ? 1e3 * times.solve_s / evaluations : 0.0;
   summary["real_time_factor"] =

@@ -27,7 +27,7 @@ constexpr int height = 1200;
 
 // Hues that the common colour-vision deficiencies keep apart; the lightness differs as well.
 const Colour interior = rgb(0xB9C8D8), base = rgb(0x1560A0), circle = rgb(0xE8590C), cross = rgb(0x8794A4),
-             curve = rgb(0x1560A0), node_dot = rgb(0x6F8AA6);
+             curve = rgb(0x1560A0), band = rgb(0xBCD5EA), node_dot = rgb(0x6F8AA6);
 
 bool is_base(int set) {
   return (set & 1) != 0;
@@ -576,17 +576,26 @@ void draw_dimple(Canvas& canvas, const Rect& rect, const Deformed& body, double 
 }
 
 void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
-  const Rect room = panel(canvas, rect, "Force against indentation", "reaction of the circle's nodes");
+  const bool has_band = !o.half_N.empty() && o.half_N.size() == o.force_N.size();
+  const Rect room =
+      panel(canvas, rect, "Force against indentation",
+            has_band ? "reaction of the circle's nodes; shaded: how far the discretisation may be off"
+                     : "reaction of the circle's nodes; its error is not known");
   std::vector<Vec2> points;
+  std::vector<double> half;
   for (std::size_t i = 0; i < std::min(o.depth_mm.size(), o.force_N.size()); ++i)
-    if (std::isfinite(o.depth_mm[i]) && std::isfinite(o.force_N[i]))
+    if (std::isfinite(o.depth_mm[i]) && std::isfinite(o.force_N[i])) {
       points.emplace_back(o.depth_mm[i], o.force_N[i]);
+      if (has_band) half.push_back(o.half_N[i]);
+    }
   if (points.empty()) return say_nothing_to_show(canvas, room, "no force recorded");
 
   Eigen::AlignedBox2d range(Vec2(0.0, 0.0));
   for (const Vec2& p : points) range.extend(p);
+  for (std::size_t i = 0; i < half.size(); ++i) range.extend(points[i] + Vec2(0.0, half[i]));
   const Scale scale = force_scale(std::max(range.max().y(), -range.min().y()));
   for (Vec2& p : points) p.y() *= scale.factor;
+  for (double& h : half) h *= scale.factor;
   Vec2 low(range.min().x(), range.min().y() * scale.factor),
       high(range.max().x(), range.max().y() * scale.factor);
   if (!(high.x() - low.x() > 1e-9)) high.x() = low.x() + 1.0;
@@ -619,12 +628,20 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   write(canvas, {plot.x + plot.w / 2.0, plot.y + plot.h + 44.0}, "indentation [mm]", label, Align::centre);
   write(canvas, {room.x + 6.0, plot.y - 14.0}, fmt::format("force [{}]", scale.unit), label);
 
+  for (std::size_t i = 1; i < half.size(); ++i) {
+    std::vector<Vec2> corners = {at(points[i - 1] + Vec2(0.0, half[i - 1])),
+                                 at(points[i] + Vec2(0.0, half[i])), at(points[i] - Vec2(0.0, half[i]))};
+    if (half[i - 1] > 0.0) corners.push_back(at(points[i - 1] - Vec2(0.0, half[i - 1])));
+    canvas.polygon(corners, band, 0.2);
+  }
   for (std::size_t i = 1; i < points.size(); ++i) canvas.line(at(points[i - 1]), at(points[i]), 2.6, curve);
   const Vec2 last = at(points.back());
   canvas.disc(last, 6.5, card);
   canvas.disc(last, 5.0, circle);
-  const std::string text = fmt::format("{} {} at {} mm", three_digits(points.back().y()), scale.unit,
-                                       three_digits(points.back().x()));
+  std::string text = fmt::format("{} {} at {} mm", three_digits(points.back().y()), scale.unit,
+                                 three_digits(points.back().x()));
+  if (has_band)
+    text += fmt::format(", +- {:.2g} %", 100.0 * half.back() / std::abs(points.back().y()));
   const Style strong{.size = 16.0, .bold = true};
   // Above the last point, unless the curve comes down to it; inside the plot in any case.
   const bool falls = points.size() > 1 && points[points.size() - 2].y() > points.back().y();

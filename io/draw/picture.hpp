@@ -24,7 +24,8 @@ struct Overview {
   double radius_mm = 0.0;          ///< of the circle
   std::vector<double> depth_mm;    ///< force curve
   std::vector<double> force_N;
-  bool two_threads = false;  ///< draw with a second one; the same picture
+  std::vector<double> half_N;  ///< half the width of the band about it; empty: not known
+  bool two_threads = false;    ///< draw with a second one; the same picture
 };
 
 /// Draws the overview, 1600 x 1200 pixels, PNG: the node cloud, a section, the deformed surface, the force

@@ -72,7 +72,11 @@ TEST_F(Run, GoesFromImageToForceStepByStep) {
     EXPECT_TRUE(fs::is_regular_file(folder / "model" / name)) << name;
 
   const Ran solve = good("solve model -o out" + load);
-  EXPECT_TRUE(std::regex_match(solve.out, std::regex("[0-9.]+ N at 0.50 mm\tout\n"))) << solve.out;
+  EXPECT_TRUE(std::regex_match(
+      solve.out,
+      std::regex(
+          "[0-9.]+ N at 0.50 mm, band unknown: a model's files hold one cloud, and it takes two\tout\n")))
+      << solve.out;
   for (const char* name :
        {"summary.json", "config.resolved.toml", "force.csv", "energy.csv", "overview.png", "label.vti"})
     EXPECT_GT(fs::file_size(folder / "out" / name), 0u) << name;
@@ -106,6 +110,92 @@ TEST_F(Run, IsRepeatedBitForBitByTheConfigurationItWrote) {
   good("run --config first/config.resolved.toml -o third --mu 600");  // the command line wins
   EXPECT_NE(force("first"), force("third"));
   EXPECT_NEAR(last_force("third") / last_force("first"), 2.0, 0.5);
+}
+
+// What follows is in equilibrium, for which the band was measured.
+const std::string slow_load = " --depth 1mm --frames 4 --write force,picture";
+
+TEST_F(Run, TellsItsForceWithItsBand) {
+  const Ran ran = good("run brain.nrrd -o out --nodes 1000" + slow_load);
+  std::smatch told;
+  const std::regex line("([0-9.]+) N at 1.00 mm, ([0-9.]+) to ([0-9.]+) \\(discretisation\\)\tout\n");
+  ASSERT_TRUE(std::regex_match(ran.out, told, line)) << ran.out;
+  const Table curve = read_csv(folder / "out" / "force.csv");
+  ASSERT_NE(curve.find("low_N"), nullptr);
+  const double low = curve.find("low_N")->back(), force = last_force("out"),
+               high = curve.find("high_N")->back();
+  EXPECT_NEAR(std::stod(told[2]), low, 5e-5);
+  EXPECT_NEAR(std::stod(told[3]), high, 5e-5);
+  EXPECT_LT(low, force);
+  EXPECT_NEAR(high - force, force - low, 1e-12);
+  EXPECT_DOUBLE_EQ(summary("out").at("band").at("low_N").get<double>(), low);
+  EXPECT_EQ(summary("out").at("band").at("coarser_nodes"), 500);
+
+  good("run brain.nrrd -o without --nodes 1000 --band off" + slow_load);
+  EXPECT_EQ(last_force("without"), force) << "the band changes no force";
+  EXPECT_EQ(read_csv(folder / "without" / "force.csv").find("low_N"), nullptr);
+
+  good("run brain.nrrd -o finer --nodes 8000 --band off" + slow_load);
+  EXPECT_GT(last_force("finer"), low);
+  EXPECT_LT(last_force("finer"), high);
+}
+
+TEST_F(Run, SaysWhyItsBandIsUnknown) {
+  const std::map<std::string, std::string> why = {
+      {"--nodes 999", "from 1000 nodes on"},
+      {"--nodes 1000 --rim 0.1", "default nodes"},
+      {"--nodes 1000 --time dynamic", "not for dynamics"},
+      {"--nodes 1000 --contact frictionless", "bonded"},
+      {"--nodes 1000 --contact frictionless", "bonded"},
+      {"--nodes 1000 --preset miller_chinzei_2002", "elastic tissue"}};
+  for (const auto& [options, reason] : why) {
+    const Ran ran = good("run brain.nrrd --force -o out -q " + options + slow_load);
+    EXPECT_NE(ran.out.find("band unknown: it was measured"), std::string::npos) << ran.out;
+    EXPECT_NE(ran.out.find(reason), std::string::npos) << ran.out;
+    EXPECT_NE(summary("out").at("band").at("unknown").get<std::string>().find(reason), std::string::npos);
+  }
+}
+
+TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsLadder) {
+  const Ran ran = good("run brain.nrrd -o out --accuracy 6%" + slow_load);
+  const Json ladder = summary("out").at("ladder");
+  ASSERT_GE(ladder.size(), 2u);
+  EXPECT_EQ(ladder.front().at("nodes"), 500);
+  EXPECT_TRUE(ladder.front().at("half_N").is_null()) << "one cloud has no band";
+  EXPECT_LE(ladder.back().at("half_N").get<double>(), 0.06 * last_force("out"));
+  for (std::size_t k = 1; k + 1 < ladder.size(); ++k)
+    EXPECT_GT(ladder[k].at("half_N").get<double>(), 0.06 * ladder[k].at("force_N").get<double>());
+  EXPECT_NE(ran.err.find("rung "), std::string::npos) << ran.err;
+  for (const char* name : {"overview.png", "force.csv"})
+    EXPECT_GT(fs::file_size(folder / "out" / name), 0u) << name;
+
+  const std::string nodes = std::to_string(ladder.back().at("nodes").get<int>());
+  good("run brain.nrrd -o plain --nodes " + nodes + slow_load);
+  EXPECT_EQ(last_force("plain"), last_force("out"));
+
+  const Ran in_time = good("run brain.nrrd -o in_time --budget 0.01s" + slow_load);
+  EXPECT_EQ(summary("in_time").at("ladder").size(), 1u) << "there is one cloud in any case";
+  EXPECT_NE(in_time.out.find("band unknown"), std::string::npos) << in_time.out;
+  good("run brain.nrrd -o by_force --accuracy 1N" + slow_load);
+  EXPECT_EQ(summary("by_force").at("ladder").size(), 2u) << "the first cloud that has a band";
+}
+
+TEST_F(Run, IsProportionalToAModulusThatIsKnownToAShare) {
+  const Ran ran = good("run brain.nrrd -o out --mu 210Pa+-30%" + cloud + slow_load);
+  EXPECT_NE(ran.out.find("(mu +- 30 %)"), std::string::npos) << ran.out;
+  const Table curve = read_csv(folder / "out" / "force.csv");
+  good("run brain.nrrd -o stiff --mu 273Pa" + cloud + slow_load);
+  EXPECT_NEAR(curve.find("mu_high_N")->back() / last_force("stiff"), 1.0, 2e-4);
+  good("run brain.nrrd -o soft --mu 147Pa" + cloud + slow_load);
+  EXPECT_NEAR(curve.find("mu_low_N")->back() / last_force("soft"), 1.0, 2e-4);
+  EXPECT_DOUBLE_EQ(summary("out").at("band_of_mu").at("low_N").get<double>(), curve.find("mu_low_N")->back());
+
+  for (const char* other :
+       {" --set tissue.2.mu=900Pa", " --time dynamic", " --set material.mooney_c01=20Pa"}) {
+    const Ran refused = dimple(folder, "run brain.nrrd -o no --mu 210Pa+-30%" + std::string(other));
+    EXPECT_EQ(refused.code, 2) << other;
+    EXPECT_NE(refused.err.find("several runs"), std::string::npos) << refused.err;
+  }
 }
 
 TEST_F(Run, GivesTheSameBitsWithAnyNumberOfThreads) {

@@ -103,6 +103,26 @@ TEST_F(Stop, OfAStudyAmidARunKeepsTheRunsBeforeIt) {
   EXPECT_GT(interrupted, 6);
 }
 
+// The finest cloud until then, as if it alone had been asked for.
+TEST_F(Stop, OfALadderKeepsItsBestForceWithItsBand) {
+  const std::string line = "run brain.nrrd -o out --accuracy 0.5% --depth 2mm --frames 4";
+  int with_band = 0;
+  for (int after = 100; after <= 3100; after += 300) {
+    SCOPED_TRACE(after);
+    fs::remove_all(folder / "out");
+    const Ran ran = expect_end(line, milliseconds(after), SIGINT);
+    if (!fs::exists(folder / "out/force.csv")) continue;
+    expect_whole_files(folder / "out", true);
+    const Json told = summary("out"), ladder = told.at("ladder");
+    const Table curve = read_csv(folder / "out/force.csv");
+    EXPECT_EQ(curve.find("force_N")->back(), ladder.back().at("force_N").get<double>());
+    EXPECT_EQ(ladder.size() > 1, curve.find("low_N") != nullptr);
+    EXPECT_EQ(ladder.size() > 1, told.at("band").contains("low_N"));
+    with_band += ladder.size() > 1;
+  }
+  EXPECT_GT(with_band, 0);
+}
+
 TEST_F(Stop, BeforeThereIsAResultLeavesTheFolderAsItWas) {
   Program program(folder, words("run brain.nrrd -o out --nodes 20000"));
   while (program.running() && program.err_so_far().find("organ ") == std::string::npos)

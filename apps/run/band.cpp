@@ -1,0 +1,77 @@
+#include "apps/run/band.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace dimple {
+namespace {
+
+// y at x, by a line between neighbours; before the first and after the last as there. x_of: rising.
+double between(const std::vector<double>& x_of, const std::vector<double>& y_of, double x) {
+  const auto after = static_cast<std::size_t>(std::lower_bound(x_of.begin(), x_of.end(), x) - x_of.begin());
+  if (after == 0) return y_of.front();
+  if (after == x_of.size()) return y_of.back();
+  const double part = (x - x_of[after - 1]) / (x_of[after] - x_of[after - 1]);
+  return (1.0 - part) * y_of[after - 1] + part * y_of[after];
+}
+
+// Depths, and forces over them, which change slowly; without the beginning, where there is neither.
+struct Stiffness {
+  std::vector<double> depth, force_by_depth;
+};
+Stiffness stiffness_of(const std::vector<ForceSample>& curve) {
+  Stiffness result;
+  for (const ForceSample& sample : curve)
+    if (sample.depth > 0.0) {
+      result.depth.push_back(sample.depth);
+      result.force_by_depth.push_back(sample.force / sample.depth);
+    }
+  return result;
+}
+
+}  // namespace
+
+double band_measure(double change, Index nodes, double radii) {
+  constexpr double floor = 0.01, nodes_of_floor = 1000.0;
+  return std::abs(change) +
+         floor * (radii > 1.0 + 1e-9 ? 1.0 : std::sqrt(nodes_of_floor / static_cast<double>(nodes)));
+}
+
+double band_half_width(double change, Index nodes, double radii) {
+  return (radii > 1.0 + 1e-9 ? band_multiplier_deep : band_multiplier) * band_measure(change, nodes, radii);
+}
+
+double narrowest_band(double radii) {
+  return band_half_width(0.0, most_nodes_for_accuracy, radii);
+}
+
+Index first_rung(double wanted_share, double facing_share) {
+  constexpr double coarse_enough = 0.04;
+  const Index fewest = fewest_nodes_with_band(facing_share);
+  return wanted_share > 0.0 && wanted_share < coarse_enough ? fewest : fewest / 2;
+}
+
+Index next_rung(Index nodes, double half, double wanted) {
+  constexpr double far_too_wide = 2.2;
+  return nodes * (wanted > 0.0 && half > far_too_wide * wanted ? 4 : 2);
+}
+
+std::vector<double> half_widths(const std::vector<ForceSample>& force, Index nodes,
+                                const std::vector<ForceSample>& coarse, double radius) {
+  const Stiffness fine = stiffness_of(force), other = stiffness_of(coarse);
+  if (fine.depth.empty() || other.depth.empty() || other.depth.back() < fine.depth.back() * (1.0 - 1e-9))
+    return {};
+  std::vector<double> change;  // where the coarser cloud has a force: the largest until there
+  for (std::size_t k = 0; k < other.depth.size(); ++k) {
+    const double here =
+        std::abs(between(fine.depth, fine.force_by_depth, other.depth[k]) / other.force_by_depth[k] - 1.0);
+    change.push_back(k > 0 ? std::max(change.back(), here) : here);
+  }
+  std::vector<double> half;
+  for (const ForceSample& sample : force)
+    half.push_back(std::abs(sample.force) *
+                   band_half_width(between(other.depth, change, sample.depth), nodes, sample.depth / radius));
+  return half;
+}
+
+}  // namespace dimple

@@ -1,0 +1,317 @@
+#include "apps/run/organ.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+
+#include "apps/run/stopwatch.hpp"
+#include "apps/run/words.hpp"
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "preprocess/label_surface.hpp"
+
+namespace dimple {
+namespace {
+
+// Labels given by number or name, as numbers; `present`: those of the image.
+std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelMeasure>& present,
+                               const std::vector<std::string>& wanted) {
+  std::vector<int> result;
+  for (const std::string& word : wanted) {
+    if (!word.empty() && word.find_first_not_of("0123456789") == std::string::npos && word.size() < 10) {
+      result.push_back(std::stoi(word));
+      continue;
+    }
+    const auto same = [](const std::string& a, const std::string& b) {
+      return std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                        [](unsigned char x, unsigned char y) { return std::tolower(x) == std::tolower(y); });
+    };
+    std::vector<std::string> known;
+    bool found = false;
+    for (const auto& [value, name] : image.names) {
+      known.push_back(name);
+      if (!same(name, word)) continue;
+      result.push_back(value);
+      found = true;
+    }
+    if (!found)
+      throw InputError({.fact = fmt::format("no label is called '{}'{}", word, did_you_mean(word, known)),
+                        .where = "--label (image.label)",
+                        .why = known.empty() ? std::string("the image has no label names")
+                                             : fmt::format("the image names {}", fmt::join(known, ", ")),
+                        .remedy = "choose by number, or give names with --label-names; `dimple info IMAGE` "
+                                  "shows what there is"});
+  }
+  for (const int value : result)
+    if (std::none_of(present.begin(), present.end(), [&](const LabelMeasure& m) { return m.value == value; }))
+      throw InputError({.fact = fmt::format("no voxel has label {}", value),
+                        .where = "--label (image.label)",
+                        .why = fmt::format("the image holds {}", in_words(present)),
+                        .remedy = "choose one of these with --label"});
+  return result;
+}
+
+// A label that config.tissue names, as a number; -1 if it is neither a number nor a known name.
+int number_of(const std::string& label, const std::map<std::string, int>& names) {
+  if (!label.empty() && label.find_first_not_of("0123456789") == std::string::npos && label.size() < 10)
+    return std::stoi(label);
+  const auto known = names.find(label);
+  return known == names.end() ? -1 : known->second;
+}
+
+// What of an image is to be the body.
+struct Taken {
+  std::vector<int> chosen;  // by --label; none: all
+  std::vector<LabelMeasure> labels;
+};
+
+Taken take_labels(const Talk& talk, const Config& config, const LabelImage& image,
+                  const std::map<std::string, int>& names) {
+  for (const std::string& warning : image.warnings) talk.warn(warning);
+  const std::vector<LabelMeasure> present = measure_labels(image);
+  Taken taken{.chosen = chosen_labels(image, present, config.image.label), .labels = {}};
+  for (const LabelMeasure& label : present)
+    if (taken.chosen.empty() ||
+        std::find(taken.chosen.begin(), taken.chosen.end(), label.value) != taken.chosen.end())
+      taken.labels.push_back(label);
+  const auto has = [](const std::vector<LabelMeasure>& labels, int value) {
+    return std::any_of(labels.begin(), labels.end(), [&](const auto& m) { return m.value == value; });
+  };
+  for (const auto& [label, differing] : config.tissue)
+    if (const int value = number_of(label, names); !has(taken.labels, value))
+      throw InputError(
+          {.fact = fmt::format("no part of the body has label '{}'", label),
+           .where = fmt::format("tissue.{}", label),
+           .why = has(present, value) ? "--label leaves it out" : "the image has no such label",
+           .remedy =
+               "`dimple info IMAGE` shows the labels; take several with --label 1,2, or leave --label out"});
+  return taken;
+}
+
+void say_labels(const Talk& talk, const Config& config, const std::vector<int>& chosen,
+                const std::vector<LabelMeasure>& taken, const std::map<std::string, int>& names) {
+  talk.say(fmt::format("labels   {}: {}", chosen.empty() ? "all" : "chosen", in_words(taken)));
+  std::vector<LabelMeasure> alike;  // of the one material that config.material is
+  for (const LabelMeasure& label : taken)
+    if (std::none_of(config.tissue.begin(), config.tissue.end(),
+                     [&](const auto& tissue) { return number_of(tissue.first, names) == label.value; }))
+      alike.push_back(label);
+  if (chosen.empty() && alike.size() > 1)
+    talk.warn(
+        fmt::format("{} labels are welded into one body of one material, as no --label was given: {}; choose "
+                    "with --label {}, or "
+                    "give one a material of its own, as in --set tissue.{}.mu=300Pa",
+                    alike.size(), in_words(alike), alike.front().value, alike.back().value));
+}
+
+// The image as its gaps are closed, where that is asked for; what was done goes into `sentence`.
+std::optional<ClosedImage> closed(const Config& config, const LabelImage& image,
+                                  const std::vector<int>& labels, const Talk& talk, std::string& sentence) {
+  const double width = config.image.close_mm;
+  if (!(width > 0.0)) return std::nullopt;
+  talk.doing("closing gaps");
+  ClosedImage result = close_gaps(image, labels, width);
+  sentence = fmt::format("gaps narrower than {:.4g} mm: {:.4g} cm3 added ({:.1f} %)", width,
+                         result.added_mm3 / 1e3, 100.0 * result.added_mm3 / result.body_mm3);
+  talk.say("closed   " + sentence);
+  if (const double finest = image.spacing().minCoeff(); 0.5 * width < finest)
+    talk.warn(
+        fmt::format("--close {:.4g}mm closes nothing: the narrowest gap between voxels of {:.4g} mm that it "
+                    "could close is {:.4g} mm wide; give at least --close {:.4g}mm",
+                    width, finest, finest, 2.0 * finest));
+  return result;
+}
+
+// Narrow gaps that the model keeps open decide much of the force.
+void warn_of_narrow_gaps(const Config& config, double share, const Talk& talk) {
+  if (share <= most_facing || config.image.close_mm >= narrow_gap_mm) return;
+  talk.warn(
+      fmt::format("{:.0f} % of the surface faces another part of it across less than {:.0f} mm of air: folds "
+                  "whose banks touch in life move freely here; --close {:.0f}mm closes such folds: compare "
+                  "the forces, which may differ much",
+                  100.0 * share, narrow_gap_mm, narrow_gap_mm));
+}
+
+}  // namespace
+
+void check_materials(const std::vector<Material>& materials, const Scheme& scheme) {
+  const Material& m = materials.front();
+  if (!scheme.pressure_patches && (materials.size() > 1 || !is_plain(m)))
+    throw UsageError({.fact = "the paper's scheme knows one neo-Hookean tissue only",
+                      .where = "--scheme horton2007",
+                      .why = "it is kept as it was printed, for comparison",
+                      .remedy = "leave --scheme out for other laws, viscoelastic and several tissues"});
+  if (scheme.pressure_patches && is_as_printed(m))
+    throw UsageError({.fact = "the printed stress goes with the paper's scheme only",
+                      .where = "--stress printed",
+                      .why = "the converging scheme is made of energies, and the printed stress has none",
+                      .remedy = "add --scheme horton2007"});
+}
+
+void say_default_stiffness(const Talk& talk, const Config& config) {
+  if (default_stiffness(config))
+    talk.say(fmt::format(
+        "material mu {:.4g} Pa is swine brain (Horton et al. 2007), taken because none was given; other "
+        "tissues need --mu, --young or --preset",
+        config.material.mu_Pa));
+}
+
+TissueOptions tissues_of(const Config& config, const std::map<std::string, int>& label_names,
+                         const Discretisation& places) {
+  TissueOptions tissues{.of_label = {}, .density = {}};
+  for (const Material& material : materials_of(config)) tissues.density.push_back(material.density);
+  int number = 0;
+  for (const auto& [label, differing] : config.tissue) {
+    const int value = number_of(label, label_names);
+    tissues.of_label[value] = ++number;
+    if (!(places.label.array() == value).any())
+      throw InputError(
+          {.fact = fmt::format("no tissue of the model has label '{}'", label),
+           .where = fmt::format("tissue.{}", label),
+           .why = "no integration point lies in it",
+           .remedy =
+               "`dimple info IMAGE` shows the labels; take them all with --label, or leave --label out; "
+               "a model made without tissues knows only one"});
+  }
+  return tissues;
+}
+
+Organ read_organ(const Config& config, const ModelOptions& given, const Talk& talk, Result& result) {
+  if (config.image.file.empty())
+    throw UsageError({.fact = "no label image was given",
+                      .where = "command line",
+                      .why = "there is nothing to work on",
+                      .remedy = "give one: dimple run IMAGE -o OUT"});
+  check_materials(materials_of(config), given.scheme);
+  const Stopwatch reading;
+  talk.doing("reading " + config.image.file);
+  result.image = read_label_image(config.image.file, config.image.label_names);
+  Organ organ{.options = given, .labels = {}};
+  for (const auto& [value, name] : result.image.names) organ.label_names[name] = value;
+  const auto [labels, taken] = take_labels(talk, config, result.image, organ.label_names);
+  organ.labels = labels;
+  result.labels = taken;
+  result.read_s = reading.seconds();
+  result.stages.done("read");
+  talk.say(fmt::format("image    {}: {}, {} x {} x {} voxels of {:.4g} x {:.4g} x {:.4g} mm, axes {}",
+                       config.image.file, result.image.format, result.image.stored_size[0],
+                       result.image.stored_size[1], result.image.stored_size[2],
+                       result.image.stored_spacing.x(), result.image.stored_spacing.y(),
+                       result.image.stored_spacing.z(), result.image.orientation));
+  say_labels(talk, config, labels, taken, organ.label_names);
+  say_default_stiffness(talk, config);
+
+  const Stopwatch building;
+  organ.closed = closed(config, result.image, labels, talk, organ.closing);
+  const LabelImage& image = organ.closed ? organ.closed->image : result.image;
+  if (organ.closed) {
+    result.closed_mm3 = organ.closed->added_mm3;
+    result.stages.done("close gaps");
+  }
+  talk.doing("drawing the surface");
+  organ.options.boundary.voxel_mm = image.spacing().maxCoeff();
+  organ.body.emplace(
+      make_body_surface(image, labels, {.indenter_diameter_mm = given.boundary.indenter_diameter_mm}));
+  const SegmentedBody& body = *organ.body;
+  result.stages.done("surface");
+  result.segment = body.report;
+  const SegmentReport& segment = result.segment;
+  for (const std::string& warning : segment.warnings) talk.warn(warning);
+  if (segment.pieces > 1)
+    talk.say(fmt::format("organ    {} pieces: kept the largest, dropped {:.2f} cm3 ({:.2f} %)",
+                         segment.pieces, segment.dropped_volume_mm3 / 1e3,
+                         100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
+  if (segment.dropped_volume_mm3 > 0.05 * segment.label_volume_mm3)
+    talk.warn(fmt::format(
+        "{:.1f} % of the labelled volume lies in pieces that do not touch the largest and was dropped",
+        100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
+  talk.say(fmt::format(
+      "organ    {:.2f} cm3, surface {:.1f} cm2 ({} triangles, drawn {:.2f} mm apart, smoothed by {:.2f} mm; "
+      "encloses the voxels' volume to {:+.2f} %)",
+      segment.voxel_volume_mm3 / 1e3, body.surface.area() / 1e2, body.surface.triangles().cols(),
+      segment.step_mm, segment.smoothing_mm,
+      100.0 * (body.surface.volume() / segment.voxel_volume_mm3 - 1.0)));
+
+  result.facing_share = facing_share(body.surface, narrow_gap_mm);
+  warn_of_narrow_gaps(config, result.facing_share, talk);
+  result.build_s = building.seconds();
+  return organ;
+}
+
+LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& image) {
+  if (config.tissue.empty()) return {};
+  return label_finder(organ.closed ? organ.closed->image : image, organ.body->surface);
+}
+
+Discretisation place_nodes(const Config& config, const Organ& organ, const ModelOptions& options,
+                           const LabelImage& image, const Talk& talk, Result& result) {
+  const Stopwatch building;
+  const SegmentReport& segment = result.segment;
+  talk.doing("placing nodes and points");
+  auto [places, report] = discretise(organ.body->surface, options, labels_of(config, organ, image));
+  result.stages.add(report.stages);
+  for (const std::string& warning : report.boundary.warnings) talk.warn(warning);
+  result.build_s += building.seconds();
+  talk.say(fmt::format(
+      "nodes    {} ({} on the surface), {:.3f} mm apart{}{}; nearest node {:.2f} +- {:.2f}, at least {:.2f}, "
+      "largest gap {:.2f} spacings",
+      places.node_count(), report.surface_nodes, report.spacing_mm,
+      options.cloud.spacing_mm > 0.0 ? "" : " for this number",
+      report.rim_spacing_mm < report.spacing_mm ? fmt::format(", {:.3f} mm at the rim", report.rim_spacing_mm)
+                                                : "",
+      report.evenness.mean, report.evenness.spread * report.evenness.mean, report.evenness.minimum,
+      report.evenness.fill));
+  talk.say(fmt::format(
+      "points   {} in cells of {}{:.3f} mm, {} clipped by the surface, {} slivers merged; volume {:.2f} cm3, "
+      "{:+.3f} % of the organ's",
+      places.point_count(), options.scheme.averaged_gradients ? "up to " : "", report.cell_mm, report.clipped,
+      report.merged, report.grid_volume_mm3 / 1e3,
+      100.0 * (report.grid_volume_mm3 / segment.voxel_volume_mm3 - 1.0)));
+  talk.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
+  const std::string centre = in_words(places.tool.centre * 1e3);
+  talk.say(fmt::format("circle   {} nodes, {} on its rim, {:.1f} mm across at {}: {}", report.circle_nodes,
+                       report.rim_nodes, 2e3 * places.tool.radius, centre, report.boundary.circle_reason));
+
+  const Vec3& push = places.tool.push;
+  result.chosen = {
+      {"cloud.spacing_mm", fmt::format("{:.4f} mm", report.spacing_mm)},
+      {"cloud.nodes", fmt::format("{} nodes", places.node_count())},
+      {"grid.points", fmt::format("{} points", places.point_count())},
+      {"boundary.base", report.boundary.base_reason},
+      {"boundary.base_depth_mm", fmt::format("{:.3f} mm", report.boundary.base_depth)},
+      {"boundary.indent_at", fmt::format("{}: {}", centre, report.boundary.circle_reason)},
+      {"boundary.direction", fmt::format("({:.4f}, {:.4f}, {:.4f})", push.x(), push.y(), push.z())},
+      {"image.label", in_words(result.labels)}};
+  result.provenance = {{"image", config.image.file},
+                       {"image_sha256", sha256_of_file(config.image.file)},
+                       {"labels", result.chosen["image.label"]},
+                       {"base", report.boundary.base_reason},
+                       {"circle", report.boundary.circle_reason},
+                       {"dimple", DIMPLE_VERSION}};
+  if (!organ.closing.empty()) result.provenance["closed"] = organ.closing;
+  result.report = std::move(report);
+  return std::move(places);
+}
+
+SegmentedBody segment(const Config& config, const RunObserver& observer) {
+  if (config.image.file.empty())
+    throw UsageError({.fact = "no label image was given",
+                      .where = "command line",
+                      .why = "there is nothing to work on",
+                      .remedy = "give one: dimple export IMAGE -o FILE"});
+  Result unused;
+  const Talk talk{observer, unused};
+  const LabelImage image = read_label_image(config.image.file, config.image.label_names);
+  std::map<std::string, int> names;
+  for (const auto& [value, name] : image.names) names[name] = value;
+  const auto [labels, taken] = take_labels(talk, config, image, names);
+  say_labels(talk, config, labels, taken, names);
+  say_default_stiffness(talk, config);
+  std::string closing;
+  const auto with_closed_gaps = closed(config, image, labels, talk, closing);
+  return make_body_surface(with_closed_gaps ? with_closed_gaps->image : image, labels,
+                           {.indenter_diameter_mm = config.boundary.indenter_diameter_mm});
+}
+
+}  // namespace dimple

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "apps/run/simulate.hpp"
+#include "preprocess/close_gaps.hpp"
+
+namespace dimple {
+
+// What simulate() is made of, up to the places of nodes and points.
+
+/// What is told to the observer; warnings are kept too.
+struct Talk {
+  const RunObserver& observer;
+  Result& result;
+  void line(RunObserver::Line kind, const std::string& text) const {
+    if (observer.line) observer.line(kind, text);
+  }
+  void doing(const std::string& text) const { line(RunObserver::Line::doing, text); }
+  void say(const std::string& text) const { line(RunObserver::Line::said, text); }
+  void detail(const std::string& text) const { line(RunObserver::Line::detail, text); }
+  void warn(const std::string& text) const {
+    result.warnings.push_back(text);
+    line(RunObserver::Line::warning, text);
+  }
+};
+
+/// Says what is wrong with the materials before anything is built. Throws UsageError.
+void check_materials(const std::vector<Material>& materials, const Scheme& scheme);
+void say_default_stiffness(const Talk& talk, const Config& config);
+
+/// The tissues of config.tissue by their labels. Throws InputError: one has no point.
+TissueOptions tissues_of(const Config& config, const std::map<std::string, int>& label_names,
+                         const Discretisation& places);
+
+/// The body as the image and the options give it, before any node is placed.
+struct Organ {
+  ModelOptions options;
+  std::vector<int> labels;                 ///< taken; none: all
+  std::optional<ClosedImage> closed = {};  ///< instead of the image
+  std::string closing = {};                ///< what was closed, in a sentence
+  std::optional<SegmentedBody> body = {};
+  std::map<std::string, int> label_names = {};
+};
+
+/// Reads the image, takes its labels, closes its gaps, draws the surface.
+Organ read_organ(const Config& config, const ModelOptions& given, const Talk& talk, Result& result);
+
+/// The label of a place, where labels are of several tissues; where they are all of one their borders mean
+/// nothing. Good for as long as the image is.
+LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& image);
+
+/// Nodes, points, base and circle; `options` differ from the organ's in the number of nodes, if at all.
+Discretisation place_nodes(const Config& config, const Organ& organ, const ModelOptions& options,
+                           const LabelImage& image, const Talk& talk, Result& result);
+
+}  // namespace dimple

@@ -1,0 +1,385 @@
+// What the band of a force is made from: how far forces of coarse clouds are from those of clouds many times finer, on
+// scenes drawn at random.
+//
+//   dimple_calibrate FOLDER --data DIR [--scenes 165] [--again]
+//
+// Writes band_scenes.csv, a row for each scene, number of nodes and depth. Scenes 51 to 120 prove the band, and
+// from the others its multiplier is taken: no organ is in both. A scene that the file holds is not
+// computed again, so that a study that was stopped goes on. Then band.md and band.png: what the band says against what
+// is true; --again makes these alone.
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <optional>
+#include <random>
+#include <sstream>
+
+#include "apps/run/band.hpp"
+#include "apps/run/simulate.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "io/draw/chart.hpp"
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "io/label_image.hpp"
+#include "preprocess/build_model.hpp"
+#include "preprocess/phantom.hpp"
+#include "preprocess/shapes.hpp"
+#include "solver/solve.hpp"
+#include "tests/helpers/band_scenes.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Scenes with these numbers prove, those before and after them calibrate.
+constexpr int first_proof = 51, last_proof = 120;
+constexpr bool proves(int number) {
+  return number >= first_proof && number <= last_proof;
+}
+constexpr std::array<Index, 5> rungs = {500, 1000, 2000, 4000, 8000};
+constexpr Index finest = band_truth;
+constexpr int frames = 4;
+
+// The same numbers everywhere: the standard's distributions are each library's own.
+struct Draw {
+  std::mt19937_64 bits;
+  double between(double low, double high) {
+    return low + (high - low) * 0x1p-53 * static_cast<double>(bits() >> 11U);
+  }
+  template <class T, std::size_t n>
+  T of(const std::array<T, n>& list) {
+    return list[static_cast<std::size_t>(between(0.0, static_cast<double>(n)))];
+  }
+};
+
+struct Scene {
+  int number = 0;
+  std::string body, law = "neo-Hookean";
+  std::function<SegmentedBody()> surface;
+  std::string image = {};  // below --data
+  bool core = false;       // stiffer than what is around it
+  BoundaryOptions boundary = {};
+  double depth_mm = 0.0, nu = 0.499;
+};
+
+struct Organ {
+  const char *name, *file;
+  int label;
+};
+constexpr std::array<Organ, 4> organs_to_calibrate = {{{"liver", "abdomen_mr_3mm.nii.gz", 5},
+                                                       {"spleen", "abdomen_mr_3mm.nii.gz", 6},
+                                                       {"chest_right_lung", "chest_ct_10mm.seg.nrrd", 5},
+                                                       {"chest_left_lung", "chest_ct_10mm.seg.nrrd", 6}}};
+constexpr std::array<Organ, 3> organs_to_prove = {{{"heart", "heart_ct_1.5mm.nii.gz", 0},
+                                                   {"human_brain", "human_brain_mri_2mm.nrrd", 0},
+                                                   {"right_lung", "lung_ct_aniso.mha", 0}}};
+
+const PhantomOptions phantom = {.spacing_mm = 1.5, .two_labels = true};
+
+Scene scene_of(int number, const fs::path& data) {
+  Draw draw{std::mt19937_64(static_cast<std::uint64_t>(number))};
+  Scene scene;
+  scene.number = number;
+  const double diameter = draw.between(6.0, 20.0);
+  double thickness = 30.0, reach_x = 0.0,
+         reach_y = 0.0;  // of the body, and how far from its middle the circle may be
+  const auto exactly = [](auto make) { return [make] { return SegmentedBody{make(), {}}; }; };
+  switch (number % 7) {
+    case 0: {
+      const Vec3 size(draw.between(3.0, 8.0) * diameter, draw.between(3.0, 8.0) * diameter,
+                      draw.between(1.2, 4.0) * diameter);
+      scene.body = fmt::format("block {:.0f}x{:.0f}x{:.0f}", size.x(), size.y(), size.z());
+      scene.surface = exactly([size] {
+        return block_surface({-size.x() / 2, -size.y() / 2, 0.0}, {size.x() / 2, size.y() / 2, size.z()});
+      });
+      thickness = size.z(), reach_x = 0.3 * size.x() - 0.2 * diameter,
+      reach_y = 0.3 * size.y() - 0.2 * diameter;
+      break;
+    }
+    case 1: {
+      const Vec3 half(draw.between(2.0, 4.0) * diameter, draw.between(1.6, 3.0) * diameter,
+                      draw.between(1.2, 2.0) * diameter);
+      scene.body = fmt::format("ellipsoid {:.0f}x{:.0f}x{:.0f}", half.x(), half.y(), half.z());
+      scene.surface = exactly([half] { return cut_ellipsoid_surface(half, -0.7 * half.z()); });
+      thickness = 1.4 * half.z(), reach_x = 0.4 * half.x(), reach_y = 0.3 * half.y();
+      break;
+    }
+    case 2: {
+      const double radius = draw.between(1.5, 3.5) * diameter, height = draw.between(1.2, 4.0) * diameter;
+      scene.body = fmt::format("cylinder {:.0f}x{:.0f}", radius, height);
+      scene.surface = exactly([=] { return cylinder_surface(radius, height); });
+      thickness = height, reach_x = reach_y = 0.4 * radius;
+      break;
+    }
+    case 3: {
+      const Vec3 size(5.0 * diameter, 5.0 * diameter, draw.between(2.0, 3.5) * diameter);
+      const double wall = diameter * draw.between(0.6, 1.3), width = draw.between(0.5, 2.0),
+                   deep = draw.between(0.4, 0.85) * size.z();
+      scene.body = fmt::format("slit block {:.0f}x{:.0f}, wall at {:.1f}, {:.1f} wide, {:.0f} deep", size.x(),
+                               size.z(), wall, width, deep);
+      scene.surface = exactly([=] { return slit_block_surface(size, wall, width, deep); });
+      thickness = size.z();
+      break;
+    }
+    case 4:
+      scene.body = "phantom with a core";
+      scene.surface = [] { return make_body_surface(make_phantom(phantom), {}); };
+      scene.core = true;
+      reach_x = 6.0, reach_y = 15.0;
+      break;
+    default: {
+      const Organ organ = proves(number) ? draw.of(organs_to_prove) : draw.of(organs_to_calibrate);
+      scene.body = organ.name, scene.image = organ.file;
+      scene.surface = [=] {
+        return make_body_surface(read_label_image(data / organ.file),
+                                 organ.label > 0 ? std::vector<int>{organ.label} : std::vector<int>{});
+      };
+      scene.boundary.base = draw.of(std::array{"auto", "inferior", "posterior", "left", "right"});
+    }
+  }
+  scene.boundary.indenter_diameter_mm = diameter;
+  if (scene.image.empty()) {
+    scene.boundary.base = "inferior";
+    scene.boundary.indent_at =
+        fmt::format("{:.2f},{:.2f},top", draw.between(-reach_x, reach_x), draw.between(-reach_y, reach_y));
+  }
+  scene.depth_mm = std::min(draw.between(0.3, 1.7) * 0.5 * diameter, 0.35 * thickness);
+  scene.nu = draw.of(std::array{0.45, 0.49, 0.499});
+  scene.law = draw.of(std::array{"neo-Hookean", "neo-Hookean", "Mooney-Rivlin", "Ogden"});
+  return scene;
+}
+
+Material material_of(const Scene& scene, double mu) {
+  if (scene.law == "Mooney-Rivlin") return mooney_rivlin(0.35 * mu, 0.15 * mu, scene.nu, 1000.0);
+  if (scene.law == "Ogden") return ogden({{.mu = mu, .alpha = -4.7}}, scene.nu, 1000.0);
+  return neo_hookean(mu, scene.nu, 1000.0);
+}
+
+constexpr const char* header =
+    "scene,set,body,base,indent_at,facing_share,diameter_mm,nu,law,nodes,indentation_mm,force_N,build_s,"
+    "solve_s\n";
+
+std::string measure(const Scene& scene) {
+  const SegmentedBody body = scene.surface();
+  const double facing = facing_share(body.surface, narrow_gap_mm);
+  std::optional<LabelImage> labels;
+  if (scene.core) labels = make_phantom(phantom);
+  TissueOptions tissues;
+  std::vector<Material> materials = {material_of(scene, 210.0)};
+  if (scene.core) {
+    tissues = {.of_label = {{3, 1}}, .density = {1000.0, 1000.0}};
+    materials.push_back(material_of(scene, 840.0));
+  }
+  std::string rows;
+  std::vector<Index> sizes(rungs.begin(), rungs.end());
+  sizes.insert(sizes.begin(), finest);  // where that is refused the others are of no use
+  for (const Index nodes : sizes) {
+    ModelOptions options;
+    options.cloud.count = nodes;
+    options.boundary = scene.boundary;
+    try {
+      const Stopwatch building;
+      const BuiltModel built = build_model(body.surface, options, tissues,
+                                           labels ? label_finder(*labels, body.surface) : LabelAt{});
+      const double built_s = building.seconds();
+      const Stopwatch solving;
+      const History history = solve(built.model, {materials, built.model.tissue},
+                                    {.depth = 1e-3 * scene.depth_mm}, {.frames = frames, .evaluations = 600});
+      const double solved_s = solving.seconds();
+      int frame = 1;  // between the frames each cloud has equilibria of its own
+      for (const ForceSample& sample : history.force)
+        if (std::abs(1e3 * sample.depth - frame * scene.depth_mm / frames) < 1e-6 && frame++ > 0)
+          rows += fmt::format("{},{},\"{}\",{},\"{}\",{:.3f},{:.2f},{:g},{},{},{:.6g},{:.7g},{:.3g},{:.3g}\n",
+                              scene.number, proves(scene.number) ? "proof" : "calibration", scene.body,
+                              scene.boundary.base, scene.boundary.indent_at, facing,
+                              scene.boundary.indenter_diameter_mm, scene.nu, scene.law, nodes,
+                              1e3 * sample.depth, sample.force, built_s, solved_s);
+    } catch (const Error& error) {
+      fmt::print("{}: {}, {} nodes: {}\n", scene.number, scene.body, nodes, error.report.fact);
+      if (nodes == finest) return {};
+    }
+  }
+  return rows;
+}
+
+double median(std::vector<double> values) {
+  if (values.empty()) return 0.0;
+  std::sort(values.begin(), values.end());
+  return values[values.size() / 2];
+}
+
+// What the band says against what is true, with each number of nodes.
+std::string table_of_bands(const std::vector<BandScene>& scenes, Chart& stated_against_true,
+                           std::string& misses) {
+  std::string table =
+      "| scenes | depth | nodes | bands | hold the truth | median half width, % | median error, % "
+      "|\n|---|---|---:|---:|---:|---:|"
+      "---:|\n";
+  for (const bool proving : {false, true}) {
+    ChartSeries points{.name = proving ? "proof" : "calibration", .line = false, .hollow = !proving};
+    for (const bool deep : {false, true})
+      for (Index nodes = fewest_nodes_with_band(0.0); nodes <= band_finest; nodes *= 2) {
+        std::vector<double> halves, errors;
+        int held = 0;
+        for (const BandScene& scene : scenes) {
+          if (nodes < fewest_nodes_with_band(scene.facing_share)) continue;
+          if (scene.proves != proving || !scene.forces.contains(nodes) || !scene.forces.contains(nodes / 2))
+            continue;
+          const auto &fine = scene.forces.at(nodes), &coarse = scene.forces.at(nodes / 2);
+          const std::vector<double> half = half_widths(fine, nodes, coarse, scene.radius);
+          if (half.empty() || fine.size() != scene.forces.at(band_truth).size()) continue;
+          double widest = 0.0, largest = 0.0;
+          bool holds = true;
+          for (std::size_t k = 1; k < fine.size(); ++k) {
+            if ((fine[k].depth > scene.radius * (1.0 + 1e-9)) != deep) continue;
+            const double said = half[k] / std::abs(fine[k].force),
+                         error = std::abs(band_error(scene, nodes, k));
+            widest = said, largest = std::max(largest, error);
+            holds = holds && error <= said;
+            points.x.push_back(100.0 * said);
+            points.y.push_back(100.0 * error);
+            if (proving && error > said)
+              misses += fmt::format(
+                  "- scene {} ({}), {} nodes, {:.2f} radii deep: {:.2f} % off, said {:.2f} %\n", scene.number,
+                  scene.body, nodes, fine[k].depth / scene.radius, 100.0 * error, 100.0 * said);
+          }
+          if (!(widest > 0.0)) continue;
+          halves.push_back(100.0 * widest);
+          errors.push_back(100.0 * largest);
+          held += holds;
+        }
+        table += fmt::format(
+            "| {} | {} | {} | {} | {} | {:.1f} | {:.1f} |\n", proving ? "proof" : "calibration",
+            deep ? "1 to 1.7 radii" : "to 1 radius", nodes, halves.size(),
+            halves.empty() ? "" : fmt::format("{:.0f} %", 100.0 * held / static_cast<double>(halves.size())),
+            median(halves), median(errors));
+      }
+    stated_against_true.series.push_back(std::move(points));
+  }
+  return table;
+}
+
+// What asking for an accuracy comes to: the program's ladder over the recorded clouds, up to the finest of them.
+std::string table_of_goals(const std::vector<BandScene>& scenes, std::string& misses) {
+  std::string table =
+      "| asked for | proof scenes | reached with 8000 nodes or fewer | truth in the band | error within what "
+      "was asked | median nodes | "
+      "median cost / its last cloud's | median s |\n|---:|---:|---:|---:|---:|---:|---:|---:|\n";
+  for (const double goal : {0.05, 0.02, 0.01}) {
+    int asked = 0, reached = 0, in_band = 0, in_goal = 0;
+    std::vector<double> costs, sizes, times;
+    for (const BandScene& scene : scenes) {
+      if (!scene.proves) continue;
+      ++asked;
+      double seconds = 0.0;
+      Index before = 0;
+      for (Index nodes = first_rung(goal, scene.facing_share); nodes <= rungs.back();) {
+        if (!scene.forces.contains(nodes)) {  // it was refused
+          nodes *= 2;
+          continue;
+        }
+        const std::vector<ForceSample>& fine = scene.forces.at(nodes);
+        seconds += scene.seconds.at(nodes);
+        const std::vector<double> half = before > 0
+                                             ? half_widths(fine, nodes, scene.forces.at(before), scene.radius)
+                                             : std::vector<double>();
+        const double force = std::abs(fine.back().force);
+        if (half.empty() || half.back() > goal * force) {
+          before = nodes;
+          nodes = next_rung(nodes, half.empty() ? 0.0 : half.back(), goal * force);
+          continue;
+        }
+        ++reached;
+        const double error = std::abs(band_error(scene, nodes, fine.size() - 1));
+        in_band += error <= half.back() / force;
+        in_goal += error <= goal;
+        if (error > goal || error > half.back() / force)
+          misses += fmt::format("- asked for {:g} %, scene {} ({}), {} nodes: {:.2f} % off, said {:.2f} %\n",
+                                100.0 * goal, scene.number, scene.body, nodes, 100.0 * error,
+                                100.0 * half.back() / force);
+        costs.push_back(seconds / scene.seconds.at(nodes));
+        sizes.push_back(static_cast<double>(nodes));
+        times.push_back(seconds);
+        break;
+      }
+    }
+    const auto share = [&](int count) { return reached > 0 ? 100.0 * count / reached : 0.0; };
+    table += fmt::format("| {:g} % | {} | {} | {:.0f} % | {:.0f} % | {:.0f} | {:.1f} | {:.1f} |\n",
+                         100.0 * goal, asked, reached, share(in_band), share(in_goal), median(sizes),
+                         median(costs), median(times));
+  }
+  return table;
+}
+
+void report(const fs::path& folder) {
+  const std::vector<BandScene> scenes = band_scenes(folder / "band_scenes.csv");
+  const std::vector<double> shallow = band_scores(scenes, false, 0.0, 1.0 + 1e-9),
+                            deep = band_scores(scenes, false, 1.0 + 1e-9, 10.0);
+  Chart chart{
+      .title = "What the band says against what is true",
+      .subtitle = {fmt::format("points below the line: the force of {} nodes lies in the band", band_truth)},
+      .x_label = "half the band's width [% of the force]",
+      .y_label = fmt::format("difference from {} nodes [%]", band_truth),
+      .log_x = true,
+      .log_y = true,
+      .x_range = std::array{0.5, 30.0},
+      .y_range = std::array{0.005, 30.0}};
+  std::string missed_bands, missed_goals;
+  const std::string bands = table_of_bands(scenes, chart, missed_bands),
+                    goals = table_of_goals(scenes, missed_goals);
+  chart.series.push_back(
+      {.name = "as large as said", .x = {0.5, 30.0}, .y = {0.5, 30.0}, .markers = false, .dashed = true});
+  const std::string text = fmt::format(
+      "Multiplier down to one radius: {:.3f}, from {} scenes; deeper: {:.3f}, from {}.\n\n{}\n{}\nBands that "
+      "missed:\n\n{}"
+      "\nGoals that were missed:\n\n{}",
+      conformal(shallow, 0.95), shallow.size(), conformal(deep, 0.95), deep.size(), bands, goals,
+      missed_bands, missed_goals);
+  write_file(folder / "band.md", text);
+  write_chart_png(folder / "band.png", {chart}, 1);
+  write_chart_svg(folder / "band.svg", {chart}, 1);
+  fmt::print("{}", text);
+}
+
+}  // namespace
+}  // namespace dimple
+
+int main(int argc, char** argv) try {
+  namespace fs = std::filesystem;
+  fs::path folder, data;
+  int scenes = 165;
+  CLI::App app("Scenes at random, from which the band of a force is taken and on which it is proved");
+  app.add_option("folder", folder, "for tables and pictures")->required();
+  app.add_option("--data", data, "folder of the label images");
+  app.add_option("--scenes", scenes);
+  bool again = false;
+  app.add_flag("--again", again, "tables and picture of band_scenes.csv, without a run");
+  CLI11_PARSE(app, argc, argv);
+  dimple::make_folder(folder);
+  const fs::path file = folder / "band_scenes.csv";
+  std::string csv = fs::exists(file) ? dimple::read_file(file) : dimple::header;
+  for (int number = 1; !again && number <= scenes; ++number) {
+    if (csv.find(fmt::format("\n{},", number)) != std::string::npos) continue;
+    const dimple::Scene scene = dimple::scene_of(number, data);
+    if (!scene.image.empty() && !fs::exists(data / scene.image)) {
+      fmt::print("{}: left out, {} is not in --data\n", scene.body, scene.image);
+      continue;
+    }
+    const dimple::Stopwatch whole;
+    csv += dimple::measure(scene);
+    dimple::write_file(file, csv);
+    fmt::print("{}: {}, {:.1f} s\n", number, scene.body, whole.seconds());
+    std::fflush(stdout);
+  }
+  dimple::report(folder);
+} catch (const dimple::Error& error) {
+  fmt::print(stderr, "{}\n{}\n", error.report.fact, error.report.remedy);
+  return static_cast<int>(error.code);
+}

@@ -1,0 +1,108 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "apps/run/band.hpp"
+#include "io/file.hpp"
+
+namespace dimple {
+
+// The scenes of tests/verification/results/band_scenes.csv, which dimple_calibrate writes, and what follows from them.
+
+inline constexpr Index band_truth = 16'000;  ///< nodes of the cloud that counts as the truth
+inline constexpr Index band_finest =
+    4'000;  ///< and of the finest that is compared with it for the multiplier
+
+struct BandScene {
+  int number = 0;
+  bool proves = false;
+  std::string body;
+  double facing_share = 0.0;
+  double radius = 0.0;                               ///< of the circle [m]
+  std::map<Index, std::vector<ForceSample>> forces;  ///< nodes -> force curve
+  std::map<Index, double> seconds;                   ///< from the surface to the curve
+};
+
+/// In the order of their numbers; those without a truth are left out.
+inline std::vector<BandScene> band_scenes(const std::filesystem::path& file) {
+  std::map<int, BandScene> scenes;
+  std::istringstream lines(read_file(file));
+  std::string line;
+  std::getline(lines, line);
+  while (std::getline(lines, line)) {
+    std::vector<std::string> field(1);  // some are quoted, with commas in them
+    bool quoted = false;
+    for (const char c : line)
+      if (c == '"')
+        quoted = !quoted;
+      else if (c == ',' && !quoted)
+        field.emplace_back();
+      else
+        field.back() += c;
+    const int number = std::stoi(field[0]);
+    BandScene& scene = scenes[number];
+    scene.number = number;
+    scene.proves = field[1] == "proof";
+    scene.body = field[2];
+    scene.facing_share = std::stod(field[5]);
+    scene.radius = 0.5e-3 * std::stod(field[6]);
+    const Index nodes = std::stol(field[9]);
+    std::vector<ForceSample>& curve = scene.forces[nodes];
+    if (curve.empty()) curve.push_back({0.0, 0.0, 0.0, 0.0});
+    const double depth = 1e-3 * std::stod(field[10]), force = std::stod(field[11]);
+    curve.push_back({depth, depth, force, force});
+    scene.seconds[nodes] = std::stod(field[12]) + std::stod(field[13]);
+  }
+  std::vector<BandScene> result;
+  for (auto& [number, scene] : scenes)
+    if (scene.forces.contains(band_truth)) result.push_back(std::move(scene));
+  return result;
+}
+
+/// The force of `nodes` over the truth at the depth of sample k, less one.
+inline double band_error(const BandScene& scene, Index nodes, std::size_t k) {
+  return scene.forces.at(nodes)[k].force / scene.forces.at(band_truth)[k].force - 1.0;
+}
+
+/// The largest error of each scene's clouds over what band_measure() makes of their changes, from the least to the
+/// largest; at the depths above `from` and up to `to` radii.
+inline std::vector<double> band_scores(const std::vector<BandScene>& scenes, bool proving, double from,
+                                       double to) {
+  std::vector<double> scores;
+  for (const BandScene& scene : scenes) {
+    if (scene.proves != proving) continue;
+    double largest = -1.0;
+    for (Index nodes = fewest_nodes_with_band(scene.facing_share); nodes <= band_finest; nodes *= 2) {
+      const Index other = nodes / 2;
+      if (!scene.forces.contains(nodes) || !scene.forces.contains(other)) continue;
+      const auto &fine = scene.forces.at(nodes), &coarse = scene.forces.at(other);
+      double change = 0.0;
+      for (std::size_t k = 1; k < std::min({fine.size(), coarse.size(), scene.forces.at(band_truth).size()});
+           ++k) {
+        const double radii = fine[k].depth / scene.radius;
+        change = std::max(change, std::abs(fine[k].force / coarse[k].force - 1.0));
+        if (radii > from && radii <= to)
+          largest =
+              std::max(largest, std::abs(band_error(scene, nodes, k)) / band_measure(change, nodes, radii));
+      }
+    }
+    if (largest >= 0.0) scores.push_back(largest);
+  }
+  std::sort(scores.begin(), scores.end());
+  return scores;
+}
+
+/// The least multiplier with which a new scene's band holds with that probability: split conformal prediction.
+inline double conformal(const std::vector<double>& scores, double probability) {
+  const auto rank =
+      static_cast<std::size_t>(std::ceil(probability * (static_cast<double>(scores.size()) + 1.0)));
+  return rank > scores.size() ? INFINITY : scores[rank - 1];
+}
+
+}  // namespace dimple
