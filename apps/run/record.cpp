@@ -268,9 +268,9 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   say(observer_,
       fmt::format(
           "time     {:.1f} s in all: {:.1f} reading, {:.1f} building the model, {:.1f} solving, {:.1f} "
-          "writing",
+          "writing{}",
           how_.whole.seconds(), how_.read_s + result.read_s, result.build_s + result.complete_s, solve_s_here,
-          write_s));
+          write_s, band.seconds > 0.0 ? fmt::format(", {:.1f} for the band", band.seconds) : ""));
   Json summary = how_.summary(result);
   add_run(summary, config, result,
           {.solve_s = solve_s, .write_s = write_s_before() + write_s, .total_s = how_.whole.seconds()},

@@ -640,8 +640,7 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   canvas.disc(last, 5.0, circle);
   std::string text = fmt::format("{} {} at {} mm", three_digits(points.back().y()), scale.unit,
                                  three_digits(points.back().x()));
-  if (has_band)
-    text += fmt::format(", +- {:.2g} %", 100.0 * half.back() / std::abs(points.back().y()));
+  if (has_band) text += fmt::format(", +- {:.2g} %", 100.0 * half.back() / std::abs(points.back().y()));
   const Style strong{.size = 16.0, .bold = true};
   // Above the last point, unless the curve comes down to it; inside the plot in any case.
   const bool falls = points.size() > 1 && points[points.size() - 2].y() > points.back().y();
