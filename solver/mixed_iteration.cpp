@@ -34,7 +34,7 @@ constexpr double longest_step = 0.3;
 constexpr double stiffest = 30.0;
 constexpr Index quickly_factorised = 3000;  // rows, in a tenth of a second; the time grows as their square
 // Rows. With 100,000 nodes the factors took three times as long as the rest of the solution.
-constexpr Index worth_factorising = 20000;
+constexpr Index worth_factorising = 12000;
 
 // About the inverse of a scalar matrix over some of the nodes.
 struct NodalInverse {

@@ -27,8 +27,8 @@ constexpr int threads = 2;
 
 nlohmann::json summary_of(const std::string& dimple, const fs::path& folder, std::vector<std::string> words) {
   fs::remove_all(folder / "out");
-  words.insert(words.begin(),
-               {dimple, "run", "block.nrrd", "-o", "out", "-q", "--threads", std::to_string(threads)});
+  words.insert(words.begin(), {dimple, "run", "block.nrrd", "-o", "out", "-q", "--band", "off", "--threads",
+                               std::to_string(threads)});
   const ProgramRun run = run_program(words, folder, "log.txt", 3600.0, threads, [] { return false; });
   if (run.code != 0)
     throw std::runtime_error(fmt::format("{} ended with {}", fmt::join(words, " "), run.code));
