@@ -406,6 +406,12 @@ bool set_tissue(Config& config, const std::string& key, const std::string& text,
   const std::string label = key.substr(7, dot - 7);
   Config scratch;
   set_option(scratch, "material." + key.substr(dot + 1), text, source);
+  if (scratch.material.mu_spread_percent > 0.0)
+    throw UsageError(
+        {.fact = fmt::format("tissue '{}' is given a modulus that is known to a share of it", label),
+         .where = source,
+         .why = "the force is proportional to none of several tissues, and this would take several runs",
+         .remedy = "run it once with the smallest and once with the largest modulus"});
   std::vector<Option> options = options_of(scratch);
   config.tissue[label][find(options, "material." + key.substr(dot + 1))->key] = text;
   return true;
@@ -497,7 +503,7 @@ void read_config(Config& config, const std::filesystem::path& file) {
       const bool is_text = !std::holds_alternative<double*>(option->value) &&
                            !std::holds_alternative<std::int64_t*>(option->value);
       if (const auto text = value.value_exact<std::string>()) {
-        assign_text(*option, *text, place);
+        set_option(config, option->key, *text, place);
       } else if (const toml::array* list = value.as_array(); list && is_text) {
         std::vector<std::string> items;
         for (const auto& item : *list) {

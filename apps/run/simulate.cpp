@@ -12,10 +12,8 @@
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
-#include "io/file.hpp"
 #include "io/memory.hpp"
 #include "io/stop.hpp"
-#include "preprocess/close_gaps.hpp"
 
 namespace dimple {
 namespace {
@@ -471,6 +469,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   talk.doing("");
   const std::unique_ptr<ForceSystem> system = force_system(config, result);
 
+  if (given.band) result.band.unknown = "the run ended before";  // until find_band()
   const Stopwatch solving;
   try {
     solve(result.time, *system, result.model, result.loading, solver_options(config), observer.march,
