@@ -34,11 +34,11 @@ Stiffness stiffness_of(const std::vector<ForceSample>& curve) {
 double band_measure(double change, Index nodes, double radii) {
   constexpr double floor = 0.01, nodes_of_floor = 1000.0;
   return std::abs(change) +
-         floor * (radii > 1.0 + 1e-9 ? 1.0 : std::sqrt(nodes_of_floor / static_cast<double>(nodes)));
+         floor * (is_deep(radii) ? 1.0 : std::sqrt(nodes_of_floor / static_cast<double>(nodes)));
 }
 
 double band_half_width(double change, Index nodes, double radii) {
-  return (radii > 1.0 + 1e-9 ? band_multiplier_deep : band_multiplier) * band_measure(change, nodes, radii);
+  return (is_deep(radii) ? band_multiplier_deep : band_multiplier) * band_measure(change, nodes, radii);
 }
 
 double narrowest_band(double radii) {

@@ -44,6 +44,10 @@ inline constexpr double deepest_with_band = 1.7;
 double band_half_width(double change, Index nodes, double radii);
 inline constexpr double band_multiplier = 1.392;       ///< down to one radius
 inline constexpr double band_multiplier_deep = 1.443;  ///< deeper
+/// Whether the second holds, with room for the last bits of a depth.
+inline bool is_deep(double radii) {
+  return radii > 1.0 + 1e-9;
+}
 /// The sum in brackets.
 double band_measure(double change, Index nodes, double radii);
 

@@ -94,8 +94,8 @@ struct Option {
   bool least_excluded = false;
   std::vector<std::string> choices;  ///< of a word, or of each of a list, which then names one at least;
                                      ///< empty: free text
-  std::string
-      stage;  ///< which commands have the flag: "model", "solve" (run has both), "run" (run alone), "files" (run and solve)
+  std::string stage;  ///< which commands have the flag: "model", "solve" (run has both), "run" (that alone),
+                      ///< "files" (run and solve)
 };
 std::vector<Option> options_of(Config& config);
 

@@ -28,16 +28,23 @@ void doing(const RecordObserver& observer, const std::string& text) {
   if (observer.line) observer.line(Line::doing, text);
 }
 
-// "0.0437 N at 8.00 mm, 0.0425 to 0.0449 (discretisation)".
-std::string headline_of(double force_N, double depth_mm, double half_N, const std::string& unknown,
-                        double spread) {
-  const auto from_to = [&](double half, const std::string& by) {
-    return fmt::format(", {:.4f} to {:.4f} ({})", force_N - half, force_N + half, by);
-  };
-  return fmt::format("{:.4f} N at {:.2f} mm", force_N, depth_mm) +
-         (unknown.empty() ? from_to(half_N, "discretisation") : ", band unknown: " + unknown) +
-         (spread > 0.0 ? from_to(spread * std::abs(force_N), fmt::format("mu +- {:g} %", 100.0 * spread))
-                       : "");
+// ", 0.0425 to 0.0449 (discretisation)".
+std::string from_to(double force_N, double half_N, const std::string& by) {
+  return fmt::format(", {:.4f} to {:.4f} ({})", force_N - half_N, force_N + half_N, by);
+}
+
+// "0.0437 N at 8.00 mm, 0.0425 to 0.0449 (discretisation)", without a band the first half alone.
+std::string title_of(double force_N, double depth_mm, bool band, double half_N) {
+  return fmt::format("{:.4f} N at {:.2f} mm{}", force_N, depth_mm,
+                     band ? from_to(force_N, half_N, "discretisation") : "");
+}
+
+// The same with why there is no band, and with what the material's band adds.
+std::string headline_of(const std::string& title, double force_N, const std::string& unknown, double spread) {
+  return title + (unknown.empty() ? "" : ", band unknown: " + unknown) +
+         (spread > 0.0
+              ? from_to(force_N, spread * std::abs(force_N), fmt::format("mu +- {:g} %", 100.0 * spread))
+              : "");
 }
 
 // What an earlier run of the same image or model, by the same options, has left finished. Throws UsageError:
@@ -55,9 +62,11 @@ Outcome finished_already(const fs::path& folder, const Config& config, const std
   fs::remove(folder / checkpoint_file, ignored);  // if it was killed between the last file and this
   remove_temporaries_in(folder);
   const Json band = summary.value("band", Json::object());
-  outcome.headline = headline_of(summary.value("force_N", 0.0), summary.value("indentation_mm", 0.0),
-                                 band.value("half_N", 0.0), band.value("unknown", ""),
-                                 0.01 * before.material.mu_spread_percent);
+  const double force = summary.value("force_N", 0.0);
+  const std::string unknown = band.value("unknown", "");
+  outcome.headline = headline_of(
+      title_of(force, summary.value("indentation_mm", 0.0), unknown.empty(), band.value("half_N", 0.0)),
+      force, unknown, 0.01 * before.material.mu_spread_percent);
   say(observer, fmt::format("resume   {} holds the finished run: nothing to do", folder.string()));
   return outcome;
 }
@@ -211,8 +220,9 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   outcome.interrupted = history.interrupted;
   const double reached = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
   const double force = history.force.empty() ? 0.0 : history.force.back().force;
-  outcome.headline =
-      headline_of(force, reached, band.known() ? band.half.back() : 0.0, band.unknown, result.spread);
+  const double half = band.known() ? band.half.back() : 0.0;
+  const std::string title = title_of(force, reached, band.known(), half);
+  outcome.headline = headline_of(title, force, band.unknown, result.spread);
   const Report stopped = history.interrupted ? Stopped(stop_asked()).report : Report{};
   if (history.interrupted)
     outcome.ended_by = fmt::format(
@@ -250,18 +260,13 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
       say(observer_,
           fmt::format("band     {:.4f} to {:.4f} N, +- {:.1f} %, by the discretisation alone: {} nodes are "
                       "compared with {}, in {:.1f} s",
-                      force - band.half.back(), force + band.half.back(),
-                      100.0 * band.half.back() / std::abs(force), result.model.node_count(),
+                      force - half, force + half, 100.0 * half / std::abs(force), result.model.node_count(),
                       band.coarse_nodes, band.seconds));
     // Who is asked to end has not always the time for a picture.
     if (!history.interrupted)
       writer_->overview(
           history, band,
-          fmt::format("{}: {:.4f} N at {:.2f} mm{}{}", how_.subject, force, reached,
-                      band.known() ? fmt::format(", {:.4f} to {:.4f} (discretisation)",
-                                                 force - band.half.back(), force + band.half.back())
-                                   : "",
-                      status == "finished" ? "" : " (" + status + ")"),
+          fmt::format("{}: {}{}", how_.subject, title, status == "finished" ? "" : " (" + status + ")"),
           facts);
   }
   const double write_s = writing_s_ + before_march_s_ + finishing_s_ + ending.seconds();

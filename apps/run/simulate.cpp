@@ -182,12 +182,13 @@ void keep_findings(const Talk& talk, Result& result) {
   result.findings.insert(result.findings.end(), result.history.guards.begin(), result.history.guards.end());
 }
 
+constexpr const char* not_for_dynamics = "it was measured in equilibrium, not for dynamics";
+
 // Why the band of such a run cannot be told, or nothing: it was measured for what is the default.
 std::string no_band(const Config& config) {
   const Config usual;
   if (config.scheme.name != usual.scheme.name) return "it was measured for the converging scheme alone";
-  if (config.solver.time == "explicit" || config.solver.time == "dynamic")
-    return "it was measured in equilibrium, not for dynamics";
+  if (config.solver.time == "explicit" || config.solver.time == "dynamic") return not_for_dynamics;
   if (config.load.contact != usual.load.contact)
     return "it was measured for a circle to which the tissue is bonded";
   for (const Material& material : materials_of(config))
@@ -205,8 +206,15 @@ std::string no_band(const Config& config) {
 // Likewise, once it is known how time is followed.
 std::string no_band(const Case& given, const Result& result) {
   if (given.model) return "a model's files hold one cloud, and it takes two";
-  if (result.time != TimeMode::quasi_static) return "it was measured in equilibrium, not for dynamics";
+  if (result.time != TimeMode::quasi_static) return not_for_dynamics;
   return no_band(given.config);
+}
+
+ModelOptions with_nodes(const Organ& organ, Index nodes) {
+  ModelOptions options = organ.options;
+  options.cloud.count = nodes;
+  options.cloud.spacing_mm = 0.0;
+  return options;
 }
 
 constexpr int coarse_frames = 4;
@@ -214,21 +222,19 @@ constexpr int coarse_frames = 4;
 // The force curve of the same body with fewer nodes, at few depths.
 History force_with(Index nodes, const Case& given, const Organ& organ, const Result& result) {
   const Config& config = given.config;
-  ModelOptions options = organ.options;
-  options.cloud.count = nodes;
-  options.cloud.spacing_mm = 0.0;
-  Discretisation places =
-      discretise(organ.body->surface, options, labels_of(config, organ, result.image)).places;
-  const TissueOptions tissues = tissues_of(config, organ.label_names, places);
-  Eigen::VectorXi of_point = tissue_of_points(places, tissues);
-  const Model model = make_model(std::move(places), options.scheme, std::move(of_point), tissues.density);
-  const ForceSystem system(model, {materials_of(config), model.tissue}, precision_of(config));
+  const ModelOptions options = with_nodes(organ, nodes);
+  Result coarse;
+  const RunObserver unheard;
+  complete(given,
+           {discretise(organ.body->surface, options, labels_of(config, organ, result.image)).places,
+            options.scheme, organ.label_names},
+           Talk{unheard, coarse}, coarse);
+  const std::unique_ptr<ForceSystem> system = force_system(config, coarse);
   SolverOptions how = solver_options(config);
   how.frames = std::min(how.frames, coarse_frames);
-  History history;
-  solve(result.time, system, model, result.loading, how, {}, history);
-  if (history.interrupted) throw Stopped(stop_asked());
-  return history;
+  solve(result.time, *system, coarse.model, result.loading, how, {}, coarse.history);
+  if (coarse.history.interrupted) throw Stopped(stop_asked());
+  return std::move(coarse.history);
 }
 
 void find_band(const Case& given, const std::optional<Organ>& organ, const Talk& talk, Result& result) {
@@ -305,14 +311,11 @@ std::unique_ptr<Rung> march_with(Index nodes, const Case& given, const Organ& or
       observer.line(Line::doing, fmt::format("{} nodes: {}", nodes, text));
   }};
   const Talk talk{keeping, result};
-  ModelOptions options = organ.options;
-  options.cloud.count = nodes;
-  options.cloud.spacing_mm = 0.0;
-  Placed placed;
-  placed.places = place_nodes(given.config, organ, options, base.image, talk, result);
-  placed.scheme = options.scheme;
-  placed.label_names = organ.label_names;
-  make_ready(given, std::move(placed), talk, result);
+  const ModelOptions options = with_nodes(organ, nodes);
+  make_ready(given,
+             {place_nodes(given.config, organ, options, base.image, talk, result), options.scheme,
+              organ.label_names},
+             talk, result);
   require_a_band(no_band(given, result));
   rung->system = force_system(given.config, result);
   talk.doing("finding equilibria");
@@ -375,6 +378,7 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
                       .remedy = "begin with the image: dimple run"});
   require_a_band(no_band(config));
   const Organ organ = read_organ(config, model_options(config), talk, result);
+  const Stopwatch climbing;
   std::unique_ptr<Rung> best;
   std::vector<ForceSample> coarse;
   std::string ended;  // why, if not by the goal
@@ -430,7 +434,7 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
       ended = fmt::format("more than {} nodes are not tried", most_nodes_for_accuracy);
     nodes = next;
   }
-  const double others_s = whole.seconds() - best->seconds;
+  const double others_s = climbing.seconds() - best->seconds;
   if (!ended.empty() && (goal.share > 0.0 || goal.force > 0.0)) {
     const Band& band = best->result.band;
     const double force = std::abs(best->result.history.force.back().force);
@@ -467,7 +471,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   if (observer.begin) observer.begin(result);
   if (!given.band || config.tissue.empty()) result.image = {};  // nobody needs it any longer
   talk.doing("");
-  const std::unique_ptr<ForceSystem> system = force_system(config, result);
+  std::unique_ptr<ForceSystem> system = force_system(config, result);
 
   if (given.band) result.band.unknown = "the run ended before";  // until find_band()
   const Stopwatch solving;
@@ -486,6 +490,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   }
   result.solve_s = solving.seconds();
   keep_findings(talk, result);
+  system.reset();  // the band's coarser cloud needs the room
   if (!result.history.interrupted) find_band(given, organ, talk, result);
 }
 

@@ -21,7 +21,7 @@ struct Case {
   Config config;
   std::optional<ModelFiles> model = {};  ///< instead of an image
   const State* from = nullptr;           ///< where an earlier run of the same case stood
-  bool band = false;  ///< of the force, by a coarser cloud after the march; it takes about half as long again
+  bool band = false;                     ///< of the force is wanted: by a coarser cloud, after the march
 };
 
 /// Gaps narrower than this are told of: across them the banks of a brain's folds face each other.
@@ -46,8 +46,9 @@ struct Result {
   std::map<std::string, std::string> chosen;      ///< option key -> what was chosen for it
   std::map<std::string, std::string> provenance;  ///< image, its SHA-256, labels, reasons
 
-  Model
-      model;  ///< complete until `begin` has returned; the march's force system then takes over its gradients
+  /// Complete until the march: its force system then takes over the gradients. For an accuracy the march comes
+  /// before `begin`.
+  Model model;
   Tissues tissues;
   Loading loading;
   TimeMode time = TimeMode::quasi_static;

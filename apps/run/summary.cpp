@@ -200,12 +200,13 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   summary["volume_mm3"] = model.volume.sum() * 1e9;
   summary["mass_g"] = model.mass.sum() * 1e3;
   summary["indentation_mm"] = reached;
-  summary["force_N"] = history.force.empty() ? 0.0 : history.force.back().force;
+  const double force = history.force.empty() ? 0.0 : history.force.back().force;
+  summary["force_N"] = force;
   summary["base_force_N"] = history.force.empty() ? 0.0 : history.force.back().base_force;
   summary["band"] = band_json(result.band, history);
   if (result.spread > 0.0)
-    summary["band_of_mu"] = {{"low_N", (1.0 - result.spread) * summary["force_N"].get<double>()},
-                             {"high_N", (1.0 + result.spread) * summary["force_N"].get<double>()}};
+    summary["band_of_mu"] = {{"low_N", force - result.spread * std::abs(force)},
+                             {"high_N", force + result.spread * std::abs(force)}};
   if (!result.ladder.empty()) {
     summary["ladder"] = Json::array();
     for (const LadderStep& step : result.ladder)

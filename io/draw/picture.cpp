@@ -592,7 +592,8 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
 
   Eigen::AlignedBox2d range(Vec2(0.0, 0.0));
   for (const Vec2& p : points) range.extend(p);
-  for (std::size_t i = 0; i < half.size(); ++i) range.extend(points[i] + Vec2(0.0, half[i]));
+  for (std::size_t i = 0; i < half.size(); ++i)
+    range.extend(points[i] + Vec2(0.0, half[i])).extend(points[i] - Vec2(0.0, half[i]));
   const Scale scale = force_scale(std::max(range.max().y(), -range.min().y()));
   for (Vec2& p : points) p.y() *= scale.factor;
   for (double& h : half) h *= scale.factor;

@@ -4,9 +4,9 @@
 //   dimple_calibrate FOLDER --data DIR [--scenes 165] [--again]
 //
 // Writes band_scenes.csv, a row for each scene, number of nodes and depth. Scenes 51 to 120 prove the band, and
-// from the others its multiplier is taken: no organ is in both. A scene that the file holds is not
-// computed again, so that a study that was stopped goes on. Then band.md and band.png: what the band says against what
-// is true; --again makes these alone.
+// from the others its multipliers are taken: no organ is in both. A scene that the file holds is not computed again, so
+// that a study that was stopped goes on. Then band.md, .png and .svg: what the band says against what is true; --again
+// makes these alone.
 
 #include <fmt/format.h>
 
@@ -238,7 +238,7 @@ std::string table_of_bands(const std::vector<BandScene>& scenes, Chart& stated_a
           double widest = 0.0, largest = 0.0;
           bool holds = true;
           for (std::size_t k = 1; k < fine.size(); ++k) {
-            if ((fine[k].depth > scene.radius * (1.0 + 1e-9)) != deep) continue;
+            if (is_deep(fine[k].depth / scene.radius) != deep) continue;
             const double said = half[k] / std::abs(fine[k].force),
                          error = std::abs(band_error(scene, nodes, k));
             widest = said, largest = std::max(largest, error);
@@ -320,8 +320,7 @@ std::string table_of_goals(const std::vector<BandScene>& scenes, std::string& mi
 
 void report(const fs::path& folder) {
   const std::vector<BandScene> scenes = band_scenes(folder / "band_scenes.csv");
-  const std::vector<double> shallow = band_scores(scenes, false, 0.0, 1.0 + 1e-9),
-                            deep = band_scores(scenes, false, 1.0 + 1e-9, 10.0);
+  const std::vector<double> shallow = band_scores(scenes, false), deep = band_scores(scenes, true);
   Chart chart{
       .title = "What the band says against what is true",
       .subtitle = {fmt::format("points below the line: the force of {} nodes lies in the band", band_truth)},

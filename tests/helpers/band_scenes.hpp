@@ -29,14 +29,15 @@ struct BandScene {
   std::map<Index, double> seconds;                   ///< from the surface to the curve
 };
 
-/// In the order of their numbers; those without a truth are left out.
+/// In the order of their numbers; those without a truth are left out. read_csv() takes numbers alone, and these rows
+/// name bodies and places, some with commas.
 inline std::vector<BandScene> band_scenes(const std::filesystem::path& file) {
   std::map<int, BandScene> scenes;
   std::istringstream lines(read_file(file));
   std::string line;
   std::getline(lines, line);
   while (std::getline(lines, line)) {
-    std::vector<std::string> field(1);  // some are quoted, with commas in them
+    std::vector<std::string> field(1);
     bool quoted = false;
     for (const char c : line)
       if (c == '"')
@@ -70,13 +71,12 @@ inline double band_error(const BandScene& scene, Index nodes, std::size_t k) {
   return scene.forces.at(nodes)[k].force / scene.forces.at(band_truth)[k].force - 1.0;
 }
 
-/// The largest error of each scene's clouds over what band_measure() makes of their changes, from the least to the
-/// largest; at the depths above `from` and up to `to` radii.
-inline std::vector<double> band_scores(const std::vector<BandScene>& scenes, bool proving, double from,
-                                       double to) {
+/// The largest error of each calibration scene's clouds over what band_measure() makes of their changes, from the least
+/// to the largest; at the depths that are deep, or at those that are not.
+inline std::vector<double> band_scores(const std::vector<BandScene>& scenes, bool deep) {
   std::vector<double> scores;
   for (const BandScene& scene : scenes) {
-    if (scene.proves != proving) continue;
+    if (scene.proves) continue;
     double largest = -1.0;
     for (Index nodes = fewest_nodes_with_band(scene.facing_share); nodes <= band_finest; nodes *= 2) {
       const Index other = nodes / 2;
@@ -87,7 +87,7 @@ inline std::vector<double> band_scores(const std::vector<BandScene>& scenes, boo
            ++k) {
         const double radii = fine[k].depth / scene.radius;
         change = std::max(change, std::abs(fine[k].force / coarse[k].force - 1.0));
-        if (radii > from && radii <= to)
+        if (is_deep(radii) == deep)
           largest =
               std::max(largest, std::abs(band_error(scene, nodes, k)) / band_measure(change, nodes, radii));
       }

@@ -20,8 +20,7 @@ std::vector<ForceSample> curve(const std::vector<double>& depths_mm, double k) {
 
 TEST(Band, HoldsTheForceOf95In100ScenesWithTheMultipliersThatItHas) {
   const std::vector<BandScene> scenes = band_scenes(DIMPLE_BAND_SCENES);
-  const std::vector<double> shallow = band_scores(scenes, false, 0.0, 1.0 + 1e-9),
-                            deep = band_scores(scenes, false, 1.0 + 1e-9, 10.0);
+  const std::vector<double> shallow = band_scores(scenes, false), deep = band_scores(scenes, true);
   EXPECT_GE(shallow.size(), 40u);
   EXPECT_NEAR(conformal(shallow, 0.95), band_multiplier, 0.005);
   EXPECT_NEAR(conformal(deep, 0.95), band_multiplier_deep, 0.005);
