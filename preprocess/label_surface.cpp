@@ -31,8 +31,8 @@ constexpr double smoothing_voxels = 0.7;
 constexpr int relaxation_sweeps = 120;  // enough for the terraces of a slope of one in ten
 constexpr double leash =
     0.5;  // lattice steps or voxels: the voxels do not say more about where the surface is
-constexpr double cavity_share = 1.0 / 500.0;    // of the organ's volume: smaller cavities are filled
-constexpr double level = 0.5, at_level = 1e-3;  // lattice values nearer to the level count as inside
+constexpr double cavity_share = 1.0 / 500.0;       // of the organ's volume: smaller cavities are filled
+constexpr double half_way = 0.5, at_level = 1e-3;  // lattice values nearer to the level count as inside
 constexpr double most_lattice_points = 64e6;
 constexpr double most_triangles = 1e6;  // a coarser lattice is taken before there are more
 constexpr double most_lost = 1.0 / 3.0, lost_to_tell = 0.03;  // of the volume, to smoothing
@@ -189,7 +189,7 @@ double lattice_step(const VoxelSet& body, const Vec3& spacing, double volume_mm3
 }
 
 // Points of the lattice above or at the level.
-VoxelSet inside_of(const Lattice& lattice) {
+VoxelSet inside_of(const Lattice& lattice, double level) {
   VoxelSet set;
   for (std::size_t d = 0; d < 3; ++d) set.size[d] = lattice.n[d];
   set.offset = {0};
@@ -218,8 +218,8 @@ void set_values(Lattice& lattice, const VoxelSet& set, float to) {
 // Leaves one piece above the level, and no small cavity below it: smoothing cuts off specks and closes
 // pockets. Values at the level move off it, so that no triangle of the contour is a point or a line. Returns
 // how many cavities there are.
-int keep_one_body(Lattice& lattice, double smallest_cavity_points) {
-  const VoxelSet inside = inside_of(lattice);
+int keep_one_body(Lattice& lattice, double level, double smallest_cavity_points) {
+  const VoxelSet inside = inside_of(lattice, level);
   if (inside.stretch.empty()) return 0;
   for (float& value : lattice.value)
     if (value > level - at_level && value < level + at_level) value = static_cast<float>(level + at_level);
@@ -243,7 +243,7 @@ int keep_one_body(Lattice& lattice, double smallest_cavity_points) {
 }
 
 // In lattice coordinates.
-TriangleMesh contour(const Lattice& lattice) {
+TriangleMesh contour(const Lattice& lattice, double level) {
   vtkNew<vtkImageData> grid;
   grid->SetDimensions(lattice.n.data());
   vtkNew<vtkFloatArray> values;
@@ -274,19 +274,36 @@ TriangleMesh contour(const Lattice& lattice) {
 struct Drawing {
   TriangleMesh surface;
   int cavities = 0;
+  double added_mm3 = 0.0;  // by drawing it further out
 };
 
-Drawing draw(const VoxelSet& body, const Frame& frame, double step, SegmentReport& report) {
+Drawing draw(const VoxelSet& body, const Frame& frame, double step, const SurfaceOptions& options,
+             SegmentReport& report) {
   const Vec3 spacing = frame.voxel_to_local.colwise().norm();
-  const Vec3 sigma = (0.5 * step * spacing.cwiseInverse()).cwiseMax(smoothing_voxels);
+  const Vec3 sigma = options.smoothing * (0.5 * step * spacing.cwiseInverse()).cwiseMax(smoothing_voxels);
   report.step_mm = step;
   report.smoothing_mm = sigma.cwiseProduct(spacing).maxCoeff();
   Lattice lattice = smoothed(body, sigma, step * spacing.cwiseInverse());
   Drawing drawing;
-  drawing.cavities = keep_one_body(lattice, cavity_share * report.voxel_volume_mm3 / (step * step * step));
-  TriangleMesh& surface = drawing.surface = contour(lattice);
-  const Points voxel = (lattice.step.asDiagonal() * surface.vertex).colwise() + lattice.origin;
-  surface.vertex = frame.voxel_to_local * voxel;
+  const double smallest_cavity_points = cavity_share * report.voxel_volume_mm3 / (step * step * step);
+  const auto in_frame = [&](TriangleMesh mesh) {
+    const Points voxel = (lattice.step.asDiagonal() * mesh.vertex).colwise() + lattice.origin;
+    mesh.vertex = frame.voxel_to_local * voxel;
+    return mesh;
+  };
+  double level = half_way;
+  if (options.outward_mm != 0.0) {
+    // What the Gaussian has made of a flat border, that far outside of it: a level, unlike a way along normals,
+    // closes what grows together.
+    Lattice unmoved = lattice;
+    keep_one_body(unmoved, level, smallest_cavity_points);
+    drawing.added_mm3 = -enclosed_volume(in_frame(contour(unmoved, level)));
+    const double deviation = std::cbrt(sigma.cwiseProduct(spacing).prod());
+    level = 0.5 * std::erfc(options.outward_mm / (std::sqrt(2.0) * deviation));
+  }
+  drawing.cavities = keep_one_body(lattice, level, smallest_cavity_points);
+  drawing.surface = in_frame(contour(lattice, level));
+  if (options.outward_mm != 0.0) drawing.added_mm3 += enclosed_volume(drawing.surface);
   stop_if_asked();
   return drawing;
 }
@@ -361,8 +378,8 @@ void match_volume(TriangleMesh& surface, double volume_mm3) {
 }
 
 // Refuses what smoothing takes away: sheets and strands of a voxel or less of the lattice.
-void check_lost_volume(const TriangleMesh& surface, double step, SegmentReport& report) {
-  const double lost = 1.0 - enclosed_volume(surface) / report.voxel_volume_mm3;
+void check_lost_volume(double enclosed_mm3, double step, SegmentReport& report) {
+  const double lost = 1.0 - enclosed_mm3 / report.voxel_volume_mm3;
   const double thickness = std::max(2.0 * report.smoothing_mm, 1.5 * step);
   if (lost > most_lost)
     throw ModelError(
@@ -405,11 +422,11 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   double step = options.step_mm > 0.0
                     ? std::max(options.step_mm, finest_step(body, spacing))
                     : lattice_step(body, spacing, report.voxel_volume_mm3, options.indenter_diameter_mm);
-  Drawing drawing = draw(body, frame, step, report);
+  Drawing drawing = draw(body, frame, step, options, report);
   TriangleMesh& surface = drawing.surface;
   for (int again = 0; again < 8 && static_cast<double>(surface.triangles.cols()) > most_triangles; ++again) {
     step *= 1.1 * std::sqrt(static_cast<double>(surface.triangles.cols()) / most_triangles);
-    drawing = draw(body, frame, step, report);
+    drawing = draw(body, frame, step, options, report);
   }
   const auto kept = std::count_if(report.cavities.begin(), report.cavities.end(),
                                   [](const Cavity& cavity) { return !cavity.filled; });
@@ -420,15 +437,16 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
         "or thin walls closed or opened",
         report.smoothing_mm,
         drawing.cavities == 1 ? "one cavity" : fmt::format("{} cavities", drawing.cavities), kept));
-  check_lost_volume(surface, step, report);
+  check_lost_volume(enclosed_volume(surface) - drawing.added_mm3, step, report);
   separate_touching_sheets(surface);
   // Terraces are as long as voxels; where the lattice is coarser, smoothing has taken them already.
   const double ratio = std::max(1.0, step / spacing.maxCoeff());
   relax(surface, static_cast<int>(std::ceil(relaxation_sweeps / (ratio * ratio))),
         leash * std::min(step, spacing.maxCoeff()));
-  match_volume(surface, report.voxel_volume_mm3);
+  const double wanted_mm3 = report.voxel_volume_mm3 + drawing.added_mm3;
+  match_volume(surface, wanted_mm3);
 
-  const double error = enclosed_volume(surface) / report.voxel_volume_mm3 - 1.0;
+  const double error = enclosed_volume(surface) / wanted_mm3 - 1.0;
   if (std::abs(error) > 1e-3)
     report.warnings.push_back(
         fmt::format("the smooth surface encloses {:.2f} % {} than the voxels: parts of the organ are "

@@ -1,12 +1,28 @@
+#include <filesystem>
+
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
+#include "apps/studies/explain.hpp"
 
 namespace dimple {
 namespace {
 
 struct Options {
   Flags flags;
+  bool explain = false;
 };
+
+// After a run: what its force depends on.
+Outcome explained(const Config& config, const Invocation& shared, Outcome outcome) {
+  const Explanation explanation =
+      explain(config, 0, [](const std::string& line) { to_log().line(RunObserver::Line::said, line); });
+  write_explanation(shared.out, explanation, std::filesystem::path(config.image.file).filename().string());
+  if (!explanation.ended_by.empty()) {
+    outcome.interrupted = true;
+    outcome.ended_by = explanation.ended_by + "; explain.md has what was compared until then";
+  }
+  return outcome;
+}
 
 }  // namespace
 
@@ -16,12 +32,18 @@ Command add_run(CLI::App& app, Invocation& shared) {
   command->add_option("IMAGE", shared.image, "label image");
   command->add_option("-o,--out,--output", shared.out, "folder for the results")->required();
   add_over_results(*command, shared, true);
+  command->add_flag("--explain", options->explain,
+                    "then make one choice after another otherwise, and tell what the force depends on");
   options->flags.add(*command, "run");
   add_common(*command, shared);
   return {command, [&shared, command, options] {
             const Config config = options->flags.config(*command, shared.image);
             into_folder(shared, config.image.file);
-            return finish(shared, record_run(config, shared.out, shared.existing(), to_log()));
+            if (options->explain) check_explainable(config);
+            Outcome outcome = record_run(config, shared.out, shared.existing(), to_log());
+            if (options->explain && !outcome.interrupted)
+              outcome = explained(config, shared, std::move(outcome));
+            return finish(shared, outcome);
           }};
 }
 

@@ -56,6 +56,10 @@ Index next_rung(Index nodes, double half, double wanted) {
   return nodes * (wanted > 0.0 && half > far_too_wide * wanted ? 4 : 2);
 }
 
+double nodes_for_half_the_band(double radii) {
+  return std::pow(2.0, 1.0 / (is_deep(radii) ? 0.52 : 0.75));
+}
+
 std::vector<double> half_widths(const std::vector<ForceSample>& force, Index nodes,
                                 const std::vector<ForceSample>& coarse, double radius) {
   const Stiffness fine = stiffness_of(force), other = stiffness_of(coarse);

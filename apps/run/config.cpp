@@ -428,6 +428,11 @@ void set_option(Config& config, const std::string& key, const std::string& text,
     set_option(config, "material.mu_spread_percent", text.substr(spread + 2), source);
     return set_option(config, key, text.substr(0, spread), source);
   }
+  // A modulus given anew is not known as another in a file was.
+  if (option->key == "material.mu_Pa" && source.starts_with("--"))
+    if (const auto before = config.source.find("material.mu_spread_percent");
+        before != config.source.end() && !before->second.starts_with("--"))
+      config.material.mu_spread_percent = 0.0;
   assign_text(*option, text, source);
   config.source[option->key] = source;
 }
@@ -659,9 +664,13 @@ std::optional<Goal> goal_of(const Config& config) {
   const std::string& text = config.accuracy.goal;
   Goal goal{.budget_s = config.accuracy.budget_s};
   if (text.empty() && !(goal.budget_s > 0.0)) return std::nullopt;
-  for (const char* key : {"cloud.nodes", "cloud.spacing_mm"})
+  const Config usual;
+  const std::map<std::string, bool> other_than_usual = {
+      {"cloud.nodes", config.cloud.nodes != usual.cloud.nodes},
+      {"cloud.spacing_mm", config.cloud.spacing_mm != usual.cloud.spacing_mm}};
+  for (const auto& [key, is_other] : other_than_usual)  // a file of all options states the usual ones too
     if (const auto source = config.source.find(key);
-        source != config.source.end() && source->second.starts_with("--"))
+        source != config.source.end() && (is_other || source->second.starts_with("--")))
       throw UsageError(
           {.fact = "an accuracy and a number of nodes are asked for both",
            .where = fmt::format("{} and --{}", source->second, text.empty() ? "budget" : "accuracy"),
@@ -693,6 +702,15 @@ std::optional<Goal> goal_of(const Config& config) {
                             100.0 * least),
          .remedy = "ask for less accuracy, or for less depth than the circle's radius"});
   return goal;
+}
+
+void require_no_goal(const Config& config, const std::string& command) {
+  if (config.accuracy.goal.empty() && !(config.accuracy.budget_s > 0.0)) return;
+  const std::string key = config.accuracy.goal.empty() ? "accuracy.budget_s" : "accuracy.goal";
+  throw UsageError({.fact = fmt::format("{} is asked for an accuracy", command),
+                    .where = key,
+                    .why = "it takes the number of nodes that it is given",
+                    .remedy = "dimple run finds the nodes for an accuracy; leave it out here"});
 }
 
 ModelOptions model_options(const Config& c) {

@@ -145,6 +145,9 @@ struct Goal {
 /// given as well.
 std::optional<Goal> goal_of(const Config& config);
 
+/// Throws UsageError: an accuracy was asked for, of a command that has no ladder of clouds.
+void require_no_goal(const Config& config, const std::string& command);
+
 ModelOptions model_options(const Config& config);
 /// The scheme of that name, with what was asked for in place of its own choices.
 Scheme scheme_of(const Config& config);

@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/words.hpp"
@@ -177,17 +178,19 @@ TissueOptions tissues_of(const Config& config, const std::map<std::string, int>&
   return tissues;
 }
 
-Organ read_organ(const Config& config, const ModelOptions& given, const Talk& talk, Result& result) {
+Organ read_organ(const Case& given, const ModelOptions& options, const Talk& talk, Result& result) {
+  const Config& config = given.config;
   if (config.image.file.empty())
     throw UsageError({.fact = "no label image was given",
                       .where = "command line",
                       .why = "there is nothing to work on",
                       .remedy = "give one: dimple run IMAGE -o OUT"});
-  check_materials(materials_of(config), given.scheme);
+  check_materials(materials_of(config), options.scheme);
   const Stopwatch reading;
   talk.doing("reading " + config.image.file);
   result.image = read_label_image(config.image.file, config.image.label_names);
-  Organ organ{.options = given, .labels = {}};
+  if (given.change.image) result.image = given.change.image(result.image);
+  Organ organ{.options = options, .labels = {}};
   for (const auto& [value, name] : result.image.names) organ.label_names[name] = value;
   const auto [labels, taken] = take_labels(talk, config, result.image, organ.label_names);
   organ.labels = labels;
@@ -212,7 +215,10 @@ Organ read_organ(const Config& config, const ModelOptions& given, const Talk& ta
   talk.doing("drawing the surface");
   organ.options.boundary.voxel_mm = image.spacing().maxCoeff();
   organ.body.emplace(
-      make_body_surface(image, labels, {.indenter_diameter_mm = given.boundary.indenter_diameter_mm}));
+      make_body_surface(image, labels,
+                        {.indenter_diameter_mm = options.boundary.indenter_diameter_mm,
+                         .smoothing = given.change.smoothing,
+                         .outward_mm = given.change.outward_voxels * std::cbrt(image.voxel_volume())}));
   const SegmentedBody& body = *organ.body;
   result.stages.done("surface");
   result.segment = body.report;

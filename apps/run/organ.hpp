@@ -47,7 +47,7 @@ struct Organ {
 };
 
 /// Reads the image, takes its labels, closes its gaps, draws the surface.
-Organ read_organ(const Config& config, const ModelOptions& given, const Talk& talk, Result& result);
+Organ read_organ(const Case& given, const ModelOptions& options, const Talk& talk, Result& result);
 
 /// The label of a place, where labels are of several tissues; where they are all of one their borders mean
 /// nothing. Good for as long as the image is.

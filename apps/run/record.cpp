@@ -402,6 +402,7 @@ Outcome record_solve(const Config& config, const fs::path& model, const fs::path
 Outcome record_model(const Config& config, const fs::path& folder, Existing existing,
                      const RecordObserver& observer) {
   const Stopwatch whole;
+  require_no_goal(config, "dimple model");
   ResultFolder results(folder, existing);
   if (existing == Existing::refuse && fs::exists(folder / "model.toml"))
     throw OutputError({.fact = fmt::format("{} holds a model already", folder.string()),

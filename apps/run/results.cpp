@@ -248,7 +248,8 @@ namespace {
 // In the order in which they are removed: first those that say that others are there.
 constexpr std::array files_of_a_run = {
     checkpoint_file, "summary.json", "model/model.toml", "nodes.pvd",    "points.pvd",
-    "surface.pvd",   "force.csv",    "energy.csv",       "overview.png", "config.resolved.toml"};
+    "surface.pvd",   "force.csv",    "energy.csv",       "overview.png", "config.resolved.toml",
+    "explain.md",    "explain.csv",  "explain.png",      "explain.svg"};
 constexpr std::array files_of_a_model = {"model.toml", "nodes.vtu", "points.vtu", "surface.vtp", "label.vti"};
 constexpr std::array folders_of_a_run = {"nodes", "points", "surface", "model"};
 

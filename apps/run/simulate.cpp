@@ -40,7 +40,7 @@ Placed place(const Case& given, const RunObserver& observer, const Talk& talk, R
   } else {
     const ModelOptions options = model_options(given.config);
     placed.scheme = options.scheme;
-    placed.organ.emplace(read_organ(given.config, options, talk, result));
+    placed.organ.emplace(read_organ(given, options, talk, result));
     placed.label_names = placed.organ->label_names;
     placed.places = place_nodes(given.config, *placed.organ, options, result.image, talk, result);
   }
@@ -182,6 +182,9 @@ void keep_findings(const Talk& talk, Result& result) {
   result.findings.insert(result.findings.end(), result.history.guards.begin(), result.history.guards.end());
 }
 
+// Depths at which clouds are compared for a band.
+constexpr int coarse_frames = 4;
+
 constexpr const char* not_for_dynamics = "it was measured in equilibrium, not for dynamics";
 
 // Why the band of such a run cannot be told, or nothing: it was measured for what is the default.
@@ -191,8 +194,17 @@ std::string no_band(const Config& config) {
   if (config.solver.time == "explicit" || config.solver.time == "dynamic") return not_for_dynamics;
   if (config.load.contact != usual.load.contact)
     return "it was measured for a circle to which the tissue is bonded";
-  for (const Material& material : materials_of(config))
+  for (const Material& material : materials_of(config)) {
     if (!material.prony.empty()) return "it was measured for elastic tissue alone";
+    constexpr double least_nu = 0.45, most_nu = 0.499, rounding = 1e-9;
+    const double nu = poisson_ratio(material);
+    if (nu < least_nu - rounding || nu > most_nu + rounding)
+      return fmt::format("it was measured for nu from {:g} to {:g}", least_nu, most_nu);
+  }
+  if (config.solver.tolerance > usual.solver.tolerance)
+    return fmt::format("it was measured for a tolerance of {:g}", usual.solver.tolerance);
+  if (config.solver.frames < coarse_frames)
+    return fmt::format("it is the largest over {} depths, and --frames asks for fewer", coarse_frames);
   if (config.cloud.rim != usual.cloud.rim || config.cloud.jitter != usual.cloud.jitter ||
       config.grid.points != usual.grid.points || config.grid.ratio != usual.grid.ratio ||
       config.support.basis != usual.support.basis || config.support.weight != usual.support.weight ||
@@ -217,8 +229,6 @@ ModelOptions with_nodes(const Organ& organ, Index nodes) {
   return options;
 }
 
-constexpr int coarse_frames = 4;
-
 // The force curve of the same body with fewer nodes, at few depths.
 History force_with(Index nodes, const Case& given, const Organ& organ, const Result& result) {
   const Config& config = given.config;
@@ -231,7 +241,7 @@ History force_with(Index nodes, const Case& given, const Organ& organ, const Res
            Talk{unheard, coarse}, coarse);
   const std::unique_ptr<ForceSystem> system = force_system(config, coarse);
   SolverOptions how = solver_options(config);
-  how.frames = std::min(how.frames, coarse_frames);
+  how.frames = coarse_frames;
   solve(result.time, *system, coarse.model, result.loading, how, {}, coarse.history);
   if (coarse.history.interrupted) throw Stopped(stop_asked());
   return std::move(coarse.history);
@@ -260,7 +270,10 @@ void find_band(const Case& given, const std::optional<Organ>& organ, const Talk&
     band.unknown = "the run was stopped before";
     result.history.interrupted = true;
   } catch (const Error& error) {
-    band.unknown = cloud + error.report.fact;
+    result.history.interrupted = stop_asked() != StopReason::none;  // of which this is a consequence
+    band.unknown = result.history.interrupted ? "the run was stopped before" : cloud + error.report.fact;
+  } catch (const std::bad_alloc&) {
+    band.unknown = cloud + "memory is short";
   }
   band.seconds = whole.seconds();
 }
@@ -279,6 +292,7 @@ struct Rung {
   std::vector<std::pair<Line, std::string>> lines;  // that it would have told
   std::unique_ptr<ForceSystem> system;
   std::vector<KeptFrame> frames;
+  Index asked = 0;  // nodes
   double seconds = 0.0;
 };
 
@@ -295,6 +309,7 @@ std::unique_ptr<Rung> march_with(Index nodes, const Case& given, const Organ& or
                                  const RunObserver& observer) {
   const Stopwatch whole;
   auto rung = std::make_unique<Rung>();
+  rung->asked = nodes;
   Result& result = rung->result;
   result.labels = base.labels;
   result.closed_mm3 = base.closed_mm3;
@@ -377,13 +392,17 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
                       .why = "the surface from which clouds are made is not in them",
                       .remedy = "begin with the image: dimple run"});
   require_a_band(no_band(config));
-  const Organ organ = read_organ(config, model_options(config), talk, result);
+  const Organ organ = read_organ(given, model_options(config), talk, result);
   const Stopwatch climbing;
   std::unique_ptr<Rung> best;
   std::vector<ForceSample> coarse;
   std::string ended;  // why, if not by the goal
+  // A cloud may be too coarse for its body; what two in a row meet has another reason.
+  constexpr int most_failures = 2;
+  int failures = 0;
   for (Index nodes = first_rung(goal.share, result.facing_share); ended.empty();) {
     std::unique_ptr<Rung> rung;
+    const Stopwatch marching;
     try {
       rung = march_with(nodes, given, organ, result, observer);
     } catch (const Stopped&) {
@@ -396,9 +415,10 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
         ended = "the run was stopped";
         break;
       }
-      const bool may_be_too_coarse = error.code == ExitCode::model || error.code == ExitCode::solve;
-      const bool in_time = goal.budget_s == 0.0 || whole.seconds() < goal.budget_s;
-      if (!may_be_too_coarse || !in_time || nodes >= most_nodes_for_accuracy) {
+      const bool may_be_too_coarse = (error.code == ExitCode::model || error.code == ExitCode::solve) &&
+                                     error.report.code != "memory" && ++failures < most_failures;
+      const bool in_time = goal.budget_s == 0.0 || whole.seconds() + 2.0 * marching.seconds() < goal.budget_s;
+      if (!may_be_too_coarse || !in_time || 2 * nodes > most_nodes_for_accuracy) {
         if (!best) throw;
         ended = fmt::format("with {} nodes: {}", nodes, error.report.fact);
         break;
@@ -407,6 +427,7 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
       nodes *= 2;
       continue;
     }
+    failures = 0;
     Result& now = rung->result;
     const std::vector<ForceSample>& force = now.history.force;
     if (!coarse.empty()) {
@@ -438,15 +459,25 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
   if (!ended.empty() && (goal.share > 0.0 || goal.force > 0.0)) {
     const Band& band = best->result.band;
     const double force = std::abs(best->result.history.force.back().force);
-    const Talk last{observer, best->result};
-    last.warn(fmt::format("the accuracy asked for, {}, was not reached: {}; {}", config.accuracy.goal,
-                          band.known()
-                              ? fmt::format("the band is +- {:.1f} % wide", 100.0 * band.half.back() / force)
-                              : "there is no band yet",
-                          ended));
+    Talk{observer, best->result}.warn(fmt::format(
+        "the accuracy asked for, {}, was not reached: {}; {}", config.accuracy.goal,
+        band.known() ? fmt::format("the band is +- {:.1f} % wide", 100.0 * band.half.back() / force)
+                     : "there is no band yet",
+        ended));
   } else if (!ended.empty()) {
     talk.say("ladder   " + ended);
   }
+  const Result& last = best->result;
+  const double radii = last.loading.depth / last.model.tool.radius;
+  if (const double more = nodes_for_half_the_band(radii),
+      nodes = more * static_cast<double>(last.model.node_count());
+      last.band.known() && nodes <= most_nodes_for_accuracy)
+    talk.say(fmt::format(
+        "ladder   {} nodes in {:.1f} s; half as wide a band would take about {:.0f} nodes and {:.0f} s",
+        last.model.node_count(), climbing.seconds(), nodes, more * best->seconds + climbing.seconds()));
+  if (goal.budget_s > 0.0)
+    best->result.chosen["accuracy.budget_s"] = fmt::format(
+        "another machine finds another cloud; these bits again: --budget 0 --nodes {}", best->asked);
   replay(std::move(*best), observer, result);
   result.band.seconds = others_s;
 }

@@ -15,6 +15,13 @@
 
 namespace dimple {
 
+/// What a comparison changes of the body before its surface is drawn: no options of a run.
+struct BodyChange {
+  std::function<LabelImage(const LabelImage&)> image = {};
+  double smoothing = 1.0;       ///< SurfaceOptions::smoothing
+  double outward_voxels = 0.0;  ///< SurfaceOptions::outward_mm in voxels, of their mean edge
+};
+
 /// What is to be computed: the image that config.image.file names, or a model that was made before, and every
 /// choice that decides the result.
 struct Case {
@@ -22,6 +29,7 @@ struct Case {
   std::optional<ModelFiles> model = {};  ///< instead of an image
   const State* from = nullptr;           ///< where an earlier run of the same case stood
   bool band = false;                     ///< of the force is wanted: by a coarser cloud, after the march
+  BodyChange change = {};
 };
 
 /// Gaps narrower than this are told of: across them the banks of a brain's folds face each other.

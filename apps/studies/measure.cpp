@@ -5,6 +5,7 @@
 namespace dimple {
 
 Measured measure(const Config& config) {
+  require_no_goal(config, "a study");
   RunObserver observer;
   observer.march.sample = [](const ForceSample&, const History&) {
     stop_if_asked();

@@ -574,6 +574,7 @@ void check(const StressOptions& options) {
 Outcome stress(const Config& given, const StressOptions& options, const fs::path& folder,
                const std::function<void(const std::string&)>& progress) {
   check(options);
+  require_no_goal(given, "a study");
   const std::vector<StressMap> maps = maps_asked_for(given, options);
   Config config = given;
   for (std::string* file : {&config.image.file, &config.image.label_names})

@@ -825,6 +825,74 @@ void draw_panel(Pen& pen, const Rect& tile, const Map& map, const ClassColours& 
   draw_classes(pen, {plot.x + plot.w + 28.0, plot.y, legend_width, room.y + room.h - plot.y}, map, colours);
 }
 
+// -------------------------------------------------------------------------------------------------- tornado
+
+void check(const Tornado& tornado) {
+  for (const Tornado::Row& row : tornado.rows)
+    if (!(std::abs(row.low) <= largest_shown) || !(std::abs(row.high) <= largest_shown))
+      throw std::invalid_argument(fmt::format("the bar \"{}\" ends nowhere", row.name));
+}
+
+void draw_panel(Pen& pen, const Rect& tile, const Tornado& tornado) {
+  const Rect room = card_with_title(pen, tile, tornado.title, tornado.subtitle);
+  constexpr double names = 430.0, numbers = 70.0, most_row = 46.0;
+  const double legend_height = tornado.legend.empty() ? 0.0 : legend_row + 6.0;
+  Rect plot = room.inset(names, 16.0, 12.0, 58.0 + legend_height);
+  if (tornado.rows.empty()) return say_in_the_middle(pen, room, "no data");
+
+  std::vector<double> values = {0.0, -tornado.shade, tornado.shade};
+  for (const Tornado::Row& row : tornado.rows) values.insert(values.end(), {row.low, row.high});
+  Axis axis = axis_of(values, false, std::nullopt);
+  // Room for the numbers at the ends of the bars.
+  const double margin = numbers / plot.w * (axis.high - axis.low);
+  axis.low = std::min(axis.low, *std::min_element(values.begin(), values.end()) - margin);
+  axis.high = std::max(axis.high, *std::max_element(values.begin(), values.end()) + margin);
+  const double height = std::min(plot.h / static_cast<double>(tornado.rows.size()), most_row);
+  plot.h = height * static_cast<double>(tornado.rows.size());
+  const auto across = [&](double value) { return plot.x + axis.fraction(value) * plot.w; };
+  if (tornado.shade > 0.0)
+    pen.rectangle({across(-tornado.shade), plot.y, across(tornado.shade) - across(-tornado.shade), plot.h},
+                  mixed(card, hairline, 0.55F), 0.0);
+  draw_grid(pen, plot, axis,
+            ticks_of(axis, plot.w, [](const std::string& text) { return text_width(text, small) + 18.0; }),
+            true);
+  for (std::size_t r = 0; r < tornado.rows.size(); ++r) {
+    const Tornado::Row& row = tornado.rows[r];
+    const double middle = plot.y + (static_cast<double>(r) + 0.5) * height;
+    const bool two_lines = height >= 34.0;
+    const Style bold{.size = 14.0, .bold = true};
+    if (two_lines || row.note.empty()) {
+      pen.text({plot.x - 14.0, middle + (row.note.empty() ? 5.0 : -2.0)}, row.name, bold, Align::right,
+               names - 16.0);
+      pen.text({plot.x - 14.0, middle + 14.0}, row.note, note, Align::right, names - 16.0);
+    } else {
+      pen.text({plot.x - 14.0, middle + 5.0}, fmt::format("{}: {}", row.name, row.note), small, Align::right,
+               names - 16.0);
+    }
+    const double low = std::min(row.low, 0.0), high = std::max(row.high, 0.0),
+                 thick = std::min(0.62 * height, 24.0);
+    const auto number = static_cast<std::size_t>(std::max(row.colour, 0));
+    pen.rectangle({across(low), middle - thick / 2.0, std::max(across(high) - across(low), 2.0), thick},
+                  hues[number % hues.size()], 2.0);
+    const auto text = [](double value) { return fmt::format("{:+.1f}", value); };
+    if (row.low < 0.0 || row.high <= 0.0)
+      pen.text({across(low) - 6.0, middle + 5.0}, text(row.low), small, Align::right);
+    if (row.high > 0.0) pen.text({across(high) + 6.0, middle + 5.0}, text(row.high), small, Align::left);
+  }
+  pen.line({{across(0.0), plot.y}, {across(0.0), plot.y + plot.h}}, 1.4, soft_ink, false);
+  double baseline = plot.y + plot.h + 44.0;
+  pen.text({plot.x + plot.w / 2.0, baseline}, tornado.x_label, small, Align::centre, plot.w);
+  if (tornado.shade > 0.0) pen.text({room.x, baseline}, tornado.shade_text, note, Align::left, names - 20.0);
+  double x = room.x;
+  baseline += legend_row;
+  for (const auto& [colour, meaning] : tornado.legend) {
+    const auto number = static_cast<std::size_t>(std::max(colour, 0));
+    pen.rectangle({x, baseline - 12.0, 14.0, 14.0}, hues[number % hues.size()], 2.0);
+    pen.text({x + 20.0, baseline}, meaning, small, Align::left);
+    x += 20.0 + text_width(meaning, small) + 26.0;
+  }
+}
+
 // ----------------------------------------------------------------------------------------------------- both
 
 template <class Panel, class Draw>
@@ -860,6 +928,12 @@ void write_maps(const std::filesystem::path& file, const std::vector<Map>& panel
                [&](Pen& pen, const Rect& tile, const Map& map) { draw_panel(pen, tile, map, colours); });
 }
 
+void write_tornados(const std::filesystem::path& file, const std::vector<Tornado>& panels, int columns,
+                    std::unique_ptr<Pen> (*make_pen)(int, int)) {
+  write_panels(file, panels, columns, make_pen,
+               [](Pen& pen, const Rect& tile, const Tornado& tornado) { draw_panel(pen, tile, tornado); });
+}
+
 }  // namespace
 
 void write_chart_png(const std::filesystem::path& file, const std::vector<Chart>& panels, int columns) {
@@ -876,6 +950,14 @@ void write_map_png(const std::filesystem::path& file, const std::vector<Map>& pa
 
 void write_map_svg(const std::filesystem::path& file, const std::vector<Map>& panels, int columns) {
   write_maps(file, panels, columns, svg_pen);
+}
+
+void write_tornado_png(const std::filesystem::path& file, const std::vector<Tornado>& panels, int columns) {
+  write_tornados(file, panels, columns, raster_pen);
+}
+
+void write_tornado_svg(const std::filesystem::path& file, const std::vector<Tornado>& panels, int columns) {
+  write_tornados(file, panels, columns, svg_pen);
 }
 
 }  // namespace dimple

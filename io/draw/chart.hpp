@@ -51,6 +51,22 @@ struct Map {
   std::map<std::string, int> colour = {};  ///< code -> the same number, the same colour in every picture
 };
 
+/// What a result depends on, the largest first: a bar for each row from its least to its greatest effect.
+struct Tornado {
+  struct Row {
+    std::string name = {}, note = {};  ///< what it is, and between what
+    double low = 0.0, high = 0.0;      ///< of the effect; one of them may be 0
+    int colour = 0;                    ///< same number, same hue
+  };
+  std::string title = {};
+  std::vector<std::string> subtitle = {};
+  std::string x_label = {};                ///< with the unit
+  std::vector<Row> rows = {};              ///< from the top
+  double shade = 0.0;                      ///< half the width of a band around zero that means nothing
+  std::string shade_text = {};             ///< what it is
+  std::map<int, std::string> legend = {};  ///< colour -> meaning
+};
+
 /// Draw the panels, 1000 x 650 pixels each, row by row in a grid of at most that many columns. Both files
 /// show the same picture: the same input gives the same bytes, no display is needed, the SVG refers to
 /// nothing outside itself. Points left out for a logarithmic axis or a range are counted in a note.
@@ -64,5 +80,11 @@ void write_chart_svg(const std::filesystem::path& file, const std::vector<Chart>
 /// deficiencies keep apart, then of eight paler ones.
 void write_map_png(const std::filesystem::path& file, const std::vector<Map>& panels, int columns = 1);
 void write_map_svg(const std::filesystem::path& file, const std::vector<Map>& panels, int columns = 1);
+
+/// Likewise.
+void write_tornado_png(const std::filesystem::path& file, const std::vector<Tornado>& panels,
+                       int columns = 1);
+void write_tornado_svg(const std::filesystem::path& file, const std::vector<Tornado>& panels,
+                       int columns = 1);
 
 }  // namespace dimple

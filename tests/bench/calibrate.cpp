@@ -1,12 +1,13 @@
 // What the band of a force is made from: how far forces of coarse clouds are from those of clouds many times finer, on
 // scenes drawn at random.
 //
-//   dimple_calibrate FOLDER --data DIR [--scenes 165] [--again]
+//   dimple_calibrate FOLDER --data DIR [--atlases DIR] [--scenes 285] [--again]
 //
-// Writes band_scenes.csv, a row for each scene, number of nodes and depth. Scenes 51 to 120 prove the band, and
-// from the others its multipliers are taken: no organ is in both. A scene that the file holds is not computed again, so
-// that a study that was stopped goes on. Then band.md, .png and .svg: what the band says against what is true; --again
-// makes these alone.
+// Writes band_scenes.csv, a row for each scene, number of nodes and depth. Scenes 51 to 120 and 166 to 225 prove the
+// band, and from the others its multipliers are taken: no organ is in both. From 256 on they are folded brains of
+// atlases, such as Debian's mricron-data has in /usr/share/mricron/templates. A scene that the file holds is not computed
+// again, so that a study that was stopped goes on. Then band.md, .png and .svg: what the band says against what is true;
+// --again makes these alone.
 
 #include <fmt/format.h>
 
@@ -38,11 +39,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Scenes with these numbers prove, those before and after them calibrate.
-constexpr int first_proof = 51, last_proof = 120;
+// Scenes with these numbers prove, the others calibrate. The second range was drawn when the multipliers that the first
+// had been proved with were known.
 constexpr bool proves(int number) {
-  return number >= first_proof && number <= last_proof;
+  return (number >= 51 && number <= 120) || (number >= 166 && number <= 225);
 }
+constexpr int first_folded = 256;
 constexpr std::array<Index, 5> rungs = {500, 1000, 2000, 4000, 8000};
 constexpr Index finest = band_truth;
 constexpr int frames = 4;
@@ -63,8 +65,8 @@ struct Scene {
   int number = 0;
   std::string body, law = "neo-Hookean";
   std::function<SegmentedBody()> surface;
-  std::string image = {};  // below --data
-  bool core = false;       // stiffer than what is around it
+  fs::path image = {};
+  bool core = false;  // stiffer than what is around it
   BoundaryOptions boundary = {};
   double depth_mm = 0.0, nu = 0.499;
 };
@@ -81,9 +83,12 @@ constexpr std::array<Organ, 3> organs_to_prove = {{{"heart", "heart_ct_1.5mm.nii
                                                    {"human_brain", "human_brain_mri_2mm.nrrd", 0},
                                                    {"right_lung", "lung_ct_aniso.mha", 0}}};
 
+// Of two people and a macaque: other brains than the one that proves.
+constexpr std::array folded = {"brodmann.nii.gz", "natbrainlab.nii.gz", "inia19-NeuroMaps.nii.gz"};
+
 const PhantomOptions phantom = {.spacing_mm = 1.5, .two_labels = true};
 
-Scene scene_of(int number, const fs::path& data) {
+Scene scene_of(int number, const fs::path& data, const fs::path& atlases) {
   Draw draw{std::mt19937_64(static_cast<std::uint64_t>(number))};
   Scene scene;
   scene.number = number;
@@ -91,7 +96,8 @@ Scene scene_of(int number, const fs::path& data) {
   double thickness = 30.0, reach_x = 0.0,
          reach_y = 0.0;  // of the body, and how far from its middle the circle may be
   const auto exactly = [](auto make) { return [make] { return SegmentedBody{make(), {}}; }; };
-  switch (number % 7) {
+  constexpr int an_organ = 7;
+  switch (number < first_folded ? number % 7 : an_organ) {
     case 0: {
       const Vec3 size(draw.between(3.0, 8.0) * diameter, draw.between(3.0, 8.0) * diameter,
                       draw.between(1.2, 4.0) * diameter);
@@ -134,9 +140,17 @@ Scene scene_of(int number, const fs::path& data) {
       scene.core = true;
       reach_x = 6.0, reach_y = 15.0;
       break;
+    case an_organ: {
+      const char* file = draw.of(folded);
+      scene.body = file, scene.image = atlases / file;
+      scene.surface = [=] { return make_body_surface(read_label_image(atlases / file), {}); };
+      scene.boundary.base = draw.of(std::array{"auto", "inferior", "posterior", "left", "right"});
+      scene.boundary.indent_at = draw.of(std::array{"top", "left", "right"});
+      break;
+    }
     default: {
       const Organ organ = proves(number) ? draw.of(organs_to_prove) : draw.of(organs_to_calibrate);
-      scene.body = organ.name, scene.image = organ.file;
+      scene.body = organ.name, scene.image = data / organ.file;
       scene.surface = [=] {
         return make_body_surface(read_label_image(data / organ.file),
                                  organ.label > 0 ? std::vector<int>{organ.label} : std::vector<int>{});
@@ -352,11 +366,12 @@ void report(const fs::path& folder) {
 
 int main(int argc, char** argv) try {
   namespace fs = std::filesystem;
-  fs::path folder, data;
-  int scenes = 165;
+  fs::path folder, data, atlases;
+  int scenes = 285;
   CLI::App app("Scenes at random, from which the band of a force is taken and on which it is proved");
   app.add_option("folder", folder, "for tables and pictures")->required();
   app.add_option("--data", data, "folder of the label images");
+  app.add_option("--atlases", atlases, "folder of the folded brains");
   app.add_option("--scenes", scenes);
   bool again = false;
   app.add_flag("--again", again, "tables and picture of band_scenes.csv, without a run");
@@ -366,9 +381,9 @@ int main(int argc, char** argv) try {
   std::string csv = fs::exists(file) ? dimple::read_file(file) : dimple::header;
   for (int number = 1; !again && number <= scenes; ++number) {
     if (csv.find(fmt::format("\n{},", number)) != std::string::npos) continue;
-    const dimple::Scene scene = dimple::scene_of(number, data);
-    if (!scene.image.empty() && !fs::exists(data / scene.image)) {
-      fmt::print("{}: left out, {} is not in --data\n", scene.body, scene.image);
+    const dimple::Scene scene = dimple::scene_of(number, data, atlases);
+    if (!scene.image.empty() && !fs::exists(scene.image)) {
+      fmt::print("{}: left out, {} is not there\n", scene.body, scene.image.string());
       continue;
     }
     const dimple::Stopwatch whole;

@@ -1,0 +1,359 @@
+#include "apps/studies/explain.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <optional>
+
+#include "apps/run/band.hpp"
+#include "apps/run/simulate.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "apps/studies/converge.hpp"
+#include "io/draw/chart.hpp"
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "io/stop.hpp"
+#include "preprocess/change_image.hpp"
+
+namespace dimple {
+namespace {
+
+using Kind = Alternative::Kind;
+
+constexpr int frames = 4;
+constexpr double far_radii = 5.0;           // of the circle: tissue beyond is cut away
+constexpr double small_depth_radii = 0.01;  // where a strain is small: the force is proportional to the depth
+constexpr double tool_step_mm = 1.0;
+
+struct Trial {
+  std::string what, instead, all;
+  Kind kind;
+  Case given;
+  bool linear = false;  // its force is that of one small depth, and proportional to the depth
+};
+
+// A case and its forces, as deep as there are any.
+struct Tried {
+  Result result;
+  std::vector<double> force;  // [N] at each of the depths
+  double seconds = 0.0;
+};
+
+Tried run(const Case& given, const std::vector<double>& depths_mm) {
+  const Stopwatch whole;
+  Tried tried;
+  const RunObserver observer{.march = {.sample = [](const ForceSample&, const History&) {
+                               return stop_asked() == StopReason::none;
+                             }}};
+  try {
+    simulate(given, observer, tried.result);
+  } catch (const SolveError&) {
+    if (stop_asked() != StopReason::none) throw Stopped(stop_asked());  // of which this is a consequence
+    tried.force = forces_at(tried.result.history.force, depths_mm);
+    if (tried.force.empty()) throw;
+  }
+  if (tried.result.history.interrupted) throw Stopped(stop_asked());
+  tried.force = forces_at(tried.result.history.force, depths_mm);
+  tried.seconds = whole.seconds();
+  return tried;
+}
+
+std::string vector_text(const Vec3& v) {
+  return fmt::format("{:.9g},{:.9g},{:.9g}", v.x(), v.y(), v.z());
+}
+
+// The scene as it was found, with its places as numbers: a change of the body does not move the tool.
+Config pinned(Config config, const Result& found, const Vec3& down) {
+  const auto& tool = found.model.tool;
+  config.boundary.indent_at = vector_text(1e3 * tool.centre);
+  config.boundary.direction = vector_text(tool.push);
+  config.boundary.base = vector_text(down);
+  return config;
+}
+
+// In the order in which they are run.
+std::vector<Trial> trials_of(const Config& config, const Config& held, const Result& found,
+                             const Vec3& down) {
+  std::vector<Trial> trials;
+  const auto add = [&](const char* what, const std::string& all, const std::string& instead, Kind kind,
+                       auto change) {
+    Trial trial{what, instead, all.empty() ? instead : all, kind, {.config = held}};
+    change(trial.given);
+    trials.push_back(std::move(trial));
+  };
+  const Boundary& boundary = found.report.boundary;
+  const auto& tool = found.model.tool;
+  const double radius_mm = 1e3 * tool.radius;
+
+  for (const int more : {1, 2})
+    add("cloud", "two other random clouds",
+        fmt::format("seed {} instead of {}", config.cloud.seed + more, config.cloud.seed), Kind::cloud,
+        [&](Case& c) { c.config.cloud.seed += more; });
+  add("number of nodes", "", fmt::format("{} instead of {}", 2 * config.cloud.nodes, config.cloud.nodes),
+      Kind::cloud, [](Case& c) { c.config.cloud.nodes *= 2; });
+
+  const bool bonded = config.load.contact == "bonded";
+  add("contact", "", bonded ? "frictionless instead of bonded" : "bonded instead of frictionless",
+      Kind::doubt, [&](Case& c) { c.config.load.contact = bonded ? "frictionless" : "bonded"; });
+
+  const std::vector<double> heights =
+      boundary.flat_base ? std::vector<double>{boundary.height / 6.0}
+                         : std::vector<double>{0.5 * boundary.base_depth, 1.5 * boundary.base_depth};
+  for (const double height : heights)
+    add("base",
+        heights.size() < 2 ? ""
+                           : fmt::format("held to {:.1f} or {:.1f} mm instead of {:.1f} mm", heights[0],
+                                         heights[1], boundary.base_depth),
+        fmt::format("held to {:.1f} mm instead of {:.1f} mm", height, boundary.base_depth), Kind::doubt,
+        [&](Case& c) { c.config.boundary.base_depth_mm = height; });
+
+  Index axis = 0;
+  tool.push.cwiseAbs().minCoeff(&axis);
+  const Vec3 u = (Vec3::Unit(axis) - tool.push[axis] * tool.push).normalized(), v = tool.push.cross(u);
+  for (const Vec3& step : {u, Vec3(-u), v, Vec3(-v)}) {
+    const Vec3 shown = step.array() + 0.0;  // no -0
+    add("circle", fmt::format("moved by {:g} mm in four directions", tool_step_mm),
+        fmt::format("moved by {:g} mm to ({:+.1f}, {:+.1f}, {:+.1f})", tool_step_mm, shown.x(), shown.y(),
+                    shown.z()),
+        Kind::doubt,
+        [&](Case& c) { c.config.boundary.indent_at = vector_text(1e3 * tool.centre + tool_step_mm * step); });
+  }
+
+  for (const double outward : {0.5, -0.5})
+    add("segmentation", "half a voxel larger or smaller",
+        fmt::format("half a voxel {}", outward > 0.0 ? "larger" : "smaller"), Kind::doubt,
+        [&](Case& c) { c.change.outward_voxels = outward; });
+  for (const double smoothing : {0.5, 2.0})
+    add("surface",
+        fmt::format("smoothed by {:.2f} or {:.2f} mm instead of {:.2f} mm", 0.5 * found.segment.smoothing_mm,
+                    2.0 * found.segment.smoothing_mm, found.segment.smoothing_mm),
+        fmt::format("smoothed by {:.2f} mm instead of {:.2f} mm", smoothing * found.segment.smoothing_mm,
+                    found.segment.smoothing_mm),
+        Kind::doubt, [&](Case& c) { c.change.smoothing = smoothing; });
+  add("voxels", "", "twice as large", Kind::simplification,
+      [](Case& c) { c.change.image = in_double_voxels; });
+  if (config.image.close_mm > 0.0)
+    add("folds", "", fmt::format("open instead of closed below {:g} mm", config.image.close_mm), Kind::doubt,
+        [](Case& c) { c.config.image.close_mm = 0.0; });
+  else
+    add("folds", "", fmt::format("closed below {:g} mm", narrow_gap_mm), Kind::doubt,
+        [](Case& c) { c.config.image.close_mm = narrow_gap_mm; });
+
+  const double small_mm = small_depth_radii * radius_mm;
+  if (small_mm < config.load.depth_mm) {
+    add("strain", "", "small instead of large", Kind::simplification, [&](Case& c) {
+      c.config.load.depth_mm = small_mm;
+      c.config.solver.frames = 1;
+    });
+    trials.back().linear = true;
+  }
+  add("far tissue", "", fmt::format("cut away beyond {:.0f} mm of the circle's axis", far_radii * radius_mm),
+      Kind::simplification, [&](Case& c) {
+        const std::vector<int> labels = found.segment.labels;
+        const Vec3 centre = 1e3 * tool.centre, push = tool.push;
+        const double away = far_radii * radius_mm;
+        const LabelImage near = without_far_tissue(found.image, centre, push, away);
+        // Without its lowest part the body is held as far up as before.
+        if (!boundary.flat_base)
+          c.config.boundary.base_depth_mm = std::max(
+              boundary.base_depth - reach_of(found.image, labels, down) + reach_of(near, labels, down), 0.1);
+        c.change.image = [=](const LabelImage& image) {
+          return without_far_tissue(image, centre, push, away);
+        };
+      });
+  if (config.material.preset == "none") {
+    constexpr double nearly = 0.49, more_nearly = 0.499;
+    const double nu = config.material.nu > 0.5 * (nearly + more_nearly) ? nearly : more_nearly;
+    add("Poisson's ratio", "", fmt::format("{:g} instead of {:g}", nu, config.material.nu),
+        Kind::simplification, [&](Case& c) { c.config.material.nu = nu; });
+  }
+  const bool dynamic = found.time != TimeMode::quasi_static;
+  add("inertia", "", dynamic ? "left out" : "taken in", dynamic ? Kind::simplification : Kind::doubt,
+      [&](Case& c) { c.config.solver.time = dynamic ? "quasi-static" : "dynamic"; });
+  if (!config.tissue.empty())
+    add("tissues", "", "all of one", Kind::simplification, [](Case& c) { c.config.tissue.clear(); });
+  return trials;
+}
+
+// Whether the change has changed nothing: then it has nothing to say.
+std::string left_out(const Trial& trial, const Result& now, const Result& found) {
+  if (trial.what == "folds" && trial.given.config.image.close_mm > 0.0 && now.closed_mm3 == 0.0)
+    return "there are none";
+  if (trial.what == "far tissue" && now.segment.voxel_volume_mm3 == found.segment.voxel_volume_mm3)
+    return "there is none";
+  return {};
+}
+
+void sort(std::vector<Alternative>& alternatives) {
+  std::map<std::string, double> largest;
+  for (const Alternative& a : alternatives)
+    if (a.failed.empty()) largest[a.what] = std::max(largest[a.what], std::abs(a.effect));
+  std::stable_sort(alternatives.begin(), alternatives.end(), [&](const Alternative& a, const Alternative& b) {
+    if (a.failed.empty() != b.failed.empty()) return a.failed.empty();
+    const double x = largest[a.what], y = largest[b.what];
+    return x != y ? x > y : a.what < b.what;
+  });
+}
+
+const char* word(Kind kind) {
+  return kind == Kind::cloud ? "discretisation" : kind == Kind::doubt ? "doubt" : "simplification";
+}
+
+}  // namespace
+
+Index nodes_to_explain(double facing_share) {
+  return std::max(static_cast<Index>(Config{}.cloud.nodes), fewest_nodes_with_band(facing_share));
+}
+
+void check_explainable(const Config& config) {
+  if (config.scheme.name != Config{}.scheme.name)
+    throw UsageError({.fact = "choices are compared with the converging scheme",
+                      .where = "--explain and --scheme",
+                      .why = "the other one's own error is larger than most of what is compared",
+                      .remedy = "leave one of them out"});
+}
+
+Explanation explain(const Config& given, Index nodes,
+                    const std::function<void(const std::string&)>& progress) {
+  check_explainable(given);
+  const Stopwatch whole;
+  Config config = given;
+  config.accuracy = {};
+  config.material.mu_spread_percent = 0.0;
+  config.cloud.spacing_mm = 0.0;
+  config.cloud.nodes = nodes > 0 ? nodes : nodes_to_explain(0.0);
+  config.solver.frames = frames;
+  const auto say = [&](const std::string& text) {
+    if (progress) progress(text);
+  };
+
+  std::vector<double> depths_mm;
+  for (int k = 1; k <= frames; ++k) depths_mm.push_back(config.load.depth_mm * k / frames);
+
+  // simulate() lets go of the image, and cutting away what is far needs it.
+  LabelImage image;
+  Tried found;
+  const auto run_as_it_is = [&] {
+    found = run({.config = config, .change = {.image = [&](const LabelImage& read) { return image = read; }}},
+                depths_mm);
+  };
+  run_as_it_is();
+  if (nodes == 0 && nodes_to_explain(found.result.facing_share) > config.cloud.nodes) {
+    config.cloud.nodes = nodes_to_explain(found.result.facing_share);
+    run_as_it_is();
+  }
+  found.result.image = std::move(image);
+  const Vec3 down = found.result.model.axes * found.result.report.boundary.down;
+  Explanation explanation{.nodes = config.cloud.nodes,
+                          .depth_mm = depths_mm[found.force.size() - 1],
+                          .force = found.force.back(),
+                          .seconds = found.seconds};
+  say(fmt::format("explain  {} nodes, as it is: {:.4f} N at {:g} mm, {:.1f} s", explanation.nodes,
+                  explanation.force, explanation.depth_mm, found.seconds));
+
+  try {
+    // Numbers in place of words can move the tool by a last digit, and a cloud with it: changes are measured from there.
+    const Config held = pinned(config, found.result, down);
+    const std::vector<double> as_it_is = run({.config = held}, depths_mm).force;
+    for (const Trial& trial : trials_of(config, held, found.result, down)) {
+      Alternative alternative{trial.what, trial.instead, trial.all, trial.kind};
+      const Stopwatch trying;
+      try {
+        Tried now =
+            run(trial.given, trial.linear ? std::vector{trial.given.config.load.depth_mm} : depths_mm);
+        if (const std::string why = left_out(trial, now.result, found.result); !why.empty()) {
+          say(fmt::format("explain  {}: {}", trial.what, why));
+          continue;
+        }
+        if (trial.linear) {
+          const double stiffness = now.force.front() / trial.given.config.load.depth_mm;
+          now.force.clear();
+          for (const double depth_mm : depths_mm) now.force.push_back(stiffness * depth_mm);
+        }
+        const std::size_t last = std::min({now.force.size(), as_it_is.size(), found.force.size()}) - 1;
+        alternative.depth_mm = depths_mm[last];
+        alternative.effect = now.force[last] / as_it_is[last] - 1.0;
+        alternative.force = (1.0 + alternative.effect) * found.force[last];
+        if (alternative.depth_mm < explanation.depth_mm)
+          alternative.instead += fmt::format(", to {:g} mm: no equilibrium beyond", alternative.depth_mm);
+        if (trial.what == "cloud")
+          explanation.noise = std::max(explanation.noise, std::abs(alternative.effect));
+      } catch (const Stopped&) {
+        throw;
+      } catch (const Error& error) {
+        if (stop_asked() != StopReason::none) throw Stopped(stop_asked());  // of which this is a consequence
+        alternative.failed = error.report.fact;
+      }
+      alternative.seconds = trying.seconds();
+      say(fmt::format("explain  {}, {}: {}, {:.1f} s", trial.what, alternative.instead,
+                      alternative.failed.empty() ? fmt::format("{:+.1f} %", 100.0 * alternative.effect)
+                                                 : alternative.failed,
+                      alternative.seconds));
+      explanation.alternatives.push_back(std::move(alternative));
+    }
+  } catch (const Stopped& stopped) {
+    if (explanation.alternatives.empty()) throw;
+    explanation.ended_by = stopped.report.fact;
+  }
+  sort(explanation.alternatives);
+  explanation.total_s = whole.seconds();
+  return explanation;
+}
+
+std::string verdict(const Explanation& explanation, const Alternative& a) {
+  if (!a.failed.empty()) return "no force: " + a.failed;
+  if (std::abs(a.effect) > threshold(explanation)) return "matters";
+  return a.kind == Kind::simplification && a.seconds < explanation.seconds ? "free" : "no matter";
+}
+
+void write_explanation(const std::filesystem::path& folder, const Explanation& e,
+                       const std::string& subject) {
+  // write_csv() takes numbers alone.
+  std::string csv = "choice,instead,kind,indentation_mm,force_N,effect_percent,wall_s,verdict\n";
+  std::string text = fmt::format(
+      "{}: {:.4f} N at {:g} mm with {} nodes, in {:.1f} s. Each line is one choice made otherwise, "
+      "everything else as it "
+      "is. Effects below {:.1f} % do not matter: another random cloud changes the force by {:.1f} %. The "
+      "program takes no "
+      "simplification by itself.\n\n| choice | instead | kind | effect on the force, % | s | "
+      "|\n|---|---|---|---:|---:|---|\n",
+      subject, e.force, e.depth_mm, e.nodes, e.seconds, 100.0 * threshold(e), 100.0 * e.noise);
+  if (!e.ended_by.empty()) text = "Not all choices: " + e.ended_by + ".\n\n" + text;
+  std::map<std::string, std::size_t> place;
+  Tornado tornado{
+      .title = fmt::format("What the force depends on: {}", subject),
+      .subtitle = {fmt::format(
+          "{:.4f} N at {:g} mm with {} nodes; one choice made otherwise at a time, {:.0f} s in all", e.force,
+          e.depth_mm, e.nodes, e.total_s)},
+      .x_label = "effect on the force [%]",
+      .shade = 100.0 * threshold(e),
+      .shade_text = fmt::format("grey: below {:.1f} %, no matter", 100.0 * threshold(e)),
+      .legend = {{0, "not known from the image"}, {1, "could be left out"}, {2, "the discretisation"}}};
+  for (const Alternative& a : e.alternatives) {
+    const bool there = a.failed.empty();
+    csv += fmt::format("\"{}\",\"{}\",{},{:g},{},{},{:.3g},\"{}\"\n", a.what, a.instead, word(a.kind),
+                       a.depth_mm, there ? fmt::format("{:.6g}", a.force) : "",
+                       there ? fmt::format("{:.4g}", 100.0 * a.effect) : "", a.seconds, verdict(e, a));
+    text += fmt::format("| {} | {} | {} | {} | {:.1f} | {} |\n", a.what, a.instead, word(a.kind),
+                        there ? fmt::format("{:+.1f}", 100.0 * a.effect) : "", a.seconds, verdict(e, a));
+    if (!there) continue;
+    const auto [at, is_new] = place.emplace(a.what, tornado.rows.size());
+    if (is_new)
+      tornado.rows.push_back({.name = a.what,
+                              .note = a.all,
+                              .colour = a.kind == Kind::cloud   ? 2
+                                        : a.kind == Kind::doubt ? 0
+                                                                : 1});
+    Tornado::Row& row = tornado.rows[at->second];
+    row.low = std::min(row.low, 100.0 * a.effect);
+    row.high = std::max(row.high, 100.0 * a.effect);
+  }
+  write_file(folder / "explain.csv", csv);
+  write_tornado_png(folder / "explain.png", {tornado});
+  write_tornado_svg(folder / "explain.svg", {tornado});
+  write_file(folder / "explain.md", text);
+}
+
+}  // namespace dimple

@@ -1,0 +1,70 @@
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "apps/run/config.hpp"
+#include "io/types.hpp"
+
+namespace dimple {
+
+/// One choice made otherwise, and the force that this gives.
+struct Alternative {
+  enum class Kind {
+    cloud,          ///< the discretisation: nothing smaller than what another random cloud does means anything
+    doubt,          ///< what an image and a scene do not say
+    simplification  ///< what a model may leave out
+  };
+  std::string what, instead;  ///< "base", "held to 15.0 mm instead of 30.0 mm"
+  std::string all;            ///< what was tried of `what`, in a few words: "held to 15.0 or 45.0 mm"
+  Kind kind = Kind::doubt;
+  double depth_mm = 0.0;  ///< where forces are compared: the load's depth, or less if no equilibrium was found there
+  double force = 0.0;     ///< [N] there
+  double effect = 0.0;   ///< on it: force / the force of the scene as it is - 1
+  double seconds = 0.0;  ///< from the image to the force
+  std::string failed;    ///< why there is none; empty: there is one
+};
+
+/// What the force of one image and load depends on, measured.
+struct Explanation {
+  Index nodes = 0;
+  double depth_mm = 0.0, force = 0.0, seconds = 0.0;  ///< [N] of the scene as it is; [s] that it took
+  double noise = 0.0;                     ///< largest effect of another random cloud, as a share of the force
+  std::vector<Alternative> alternatives;  ///< by `what` the largest effect first, those that failed last
+  std::string ended_by;                   ///< by what it was stopped before its end; empty: it was not
+  double total_s = 0.0;
+};
+
+/// What is smaller than this [share of the force], or than the noise, does not matter.
+inline constexpr double least_effect = 0.01;
+inline double threshold(const Explanation& e) {
+  return e.noise > least_effect ? e.noise : least_effect;
+}
+
+/// Nodes with which choices are compared: as many as a run has by itself, and no fewer than it takes on a folded body.
+Index nodes_to_explain(double facing_share);
+
+/// Throws UsageError: the scheme is not the converging one.
+void check_explainable(const Config& config);
+
+/// Runs the scene of `config` and then with one choice after another made otherwise: other clouds, the contact, the
+/// base's height, the circle's place, the segmentation's border, the surface's smoothing, the voxels' size, folds that
+/// are narrow, and what a model may leave out: large strain, far tissue, incompressibility, inertia, tissues of their
+/// own. The circle, its direction and the base stay where the scene as it is has them.
+///
+/// `nodes`: 0: nodes_to_explain(). An accuracy that was asked for plays no part. `progress` hears a line about each run.
+/// Throws what simulate() throws where the scene as it is has no force, and what check_explainable() throws; a choice that has none is listed with why. Stopped: before the first comparison; after it, what
+/// there is is returned.
+Explanation explain(const Config& config, Index nodes,
+                    const std::function<void(const std::string&)>& progress);
+
+/// explain.csv, .md, .png and .svg. `subject`: what it is of.
+void write_explanation(const std::filesystem::path& folder, const Explanation& explanation,
+                       const std::string& subject);
+
+/// "matters", "no matter" or, of a simplification that does not matter, "free"; why there is no force.
+std::string verdict(const Explanation& explanation, const Alternative& alternative);
+
+}  // namespace dimple
