@@ -36,10 +36,12 @@ LabelImage in_double_voxels(const LabelImage& image) {
         std::sort(votes.begin(), votes.end());
         int most = 0;
         row[i] = 0;
-        if (std::count(votes.begin(), votes.end(), 0) <= 4)
+        const auto empty = std::count(votes.begin(), votes.end(), 0);
+        const bool even = (static_cast<Index>(i) + j + k) % 2 == 0;
+        if (empty < 4 || (empty == 4 && even))
           for (const std::int32_t label : votes)
             if (const auto count = static_cast<int>(std::count(votes.begin(), votes.end(), label));
-                label != 0 && count > most)
+                label != 0 && (count > most || (count == most && !even)))
               row[i] = label, most = count;
       }
       append_row(result, row);

@@ -5,8 +5,8 @@
 namespace dimple {
 
 /// The image in voxels twice as long along each axis. Of eight voxels the new one takes the label that most of the
-/// foreground has (of several the smallest), or background if that is more than half. What of the last ones lies outside
-/// of the image counts as background.
+/// foreground has, or background if that is more than half. Where two are as many they take turns, as on a chessboard,
+/// so that nothing grows or shrinks. What of the last ones lies outside of the image counts as background.
 LabelImage in_double_voxels(const LabelImage& image);
 
 /// The image without what is farther than `radius_mm` from the line through `place_mm` along `direction`; both LPS.

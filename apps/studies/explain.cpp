@@ -197,6 +197,11 @@ void sort(std::vector<Alternative>& alternatives) {
   });
 }
 
+std::string in_words(const Alternative& a, const Explanation& e) {
+  if (!a.failed.empty() || !(a.depth_mm < e.depth_mm)) return a.instead;
+  return fmt::format("{} (at {:g} mm: no equilibrium was found deeper)", a.instead, a.depth_mm);
+}
+
 const char* word(Kind kind) {
   return kind == Kind::cloud ? "discretisation" : kind == Kind::doubt ? "doubt" : "simplification";
 }
@@ -276,8 +281,6 @@ Explanation explain(const Config& given, Index nodes,
         alternative.depth_mm = depths_mm[last];
         alternative.effect = now.force[last] / as_it_is[last] - 1.0;
         alternative.force = (1.0 + alternative.effect) * found.force[last];
-        if (alternative.depth_mm < explanation.depth_mm)
-          alternative.instead += fmt::format(", to {:g} mm: no equilibrium beyond", alternative.depth_mm);
         if (trial.what == "cloud")
           explanation.noise = std::max(explanation.noise, std::abs(alternative.effect));
       } catch (const Stopped&) {
@@ -287,7 +290,7 @@ Explanation explain(const Config& given, Index nodes,
         alternative.failed = error.report.fact;
       }
       alternative.seconds = trying.seconds();
-      say(fmt::format("explain  {}, {}: {}, {:.1f} s", trial.what, alternative.instead,
+      say(fmt::format("explain  {}, {}: {}, {:.1f} s", trial.what, in_words(alternative, explanation),
                       alternative.failed.empty() ? fmt::format("{:+.1f} %", 100.0 * alternative.effect)
                                                  : alternative.failed,
                       alternative.seconds));
@@ -336,7 +339,7 @@ void write_explanation(const std::filesystem::path& folder, const Explanation& e
     csv += fmt::format("\"{}\",\"{}\",{},{:g},{},{},{:.3g},\"{}\"\n", a.what, a.instead, word(a.kind),
                        a.depth_mm, there ? fmt::format("{:.6g}", a.force) : "",
                        there ? fmt::format("{:.4g}", 100.0 * a.effect) : "", a.seconds, verdict(e, a));
-    text += fmt::format("| {} | {} | {} | {} | {:.1f} | {} |\n", a.what, a.instead, word(a.kind),
+    text += fmt::format("| {} | {} | {} | {} | {:.1f} | {} |\n", a.what, in_words(a, e), word(a.kind),
                         there ? fmt::format("{:+.1f}", 100.0 * a.effect) : "", a.seconds, verdict(e, a));
     if (!there) continue;
     const auto [at, is_new] = place.emplace(a.what, tornado.rows.size());

@@ -179,6 +179,52 @@ TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsLadder) {
   EXPECT_EQ(summary("by_force").at("ladder").size(), 2u) << "the first cloud that has a band";
 }
 
+TEST_F(Run, TellsWhatItsForceDependsOn) {
+  const std::string sample = std::string(DIMPLE_SAMPLE_DATA) + "/block_3mm.nrrd";
+  const std::string line = "run " + sample + " -o out --depth 3mm --frames 4 --band off --write force";
+  const Ran ran = good(line + " --explain");
+  for (const char* name : {"explain.csv", "explain.md", "explain.png", "explain.svg"})
+    EXPECT_GT(fs::file_size(folder / "out" / name), 0u) << name;
+  EXPECT_NE(ran.err.find("explain  "), std::string::npos) << ran.err;
+
+  // choice -> least and largest effect [%], in the order of the lines
+  std::istringstream lines(text_of(folder / "out/explain.csv"));
+  std::string row;
+  std::getline(lines, row);
+  EXPECT_EQ(row, "choice,instead,kind,indentation_mm,force_N,effect_percent,wall_s,verdict");
+  std::map<std::string, std::pair<double, double>> effect;
+  std::vector<std::string> order;
+  const std::regex fields("\"([^\"]*)\",\"([^\"]*)\",([a-z]+),([^,]*),([^,]*),([^,]*),.*");
+  for (std::smatch field; std::getline(lines, row);) {
+    ASSERT_TRUE(std::regex_match(row, field, fields)) << row;
+    const std::string what = field[1];
+    ASSERT_FALSE(field[6].str().empty()) << row << ": no force";
+    const double percent = std::stod(field[6]);
+    if (!effect.count(what)) effect[what] = {percent, percent}, order.push_back(what);
+    effect[what] = {std::min(effect[what].first, percent), std::max(effect[what].second, percent)};
+  }
+  for (const char* what : {"cloud", "number of nodes", "contact", "base", "circle", "segmentation", "surface",
+                           "voxels", "strain", "far tissue", "Poisson's ratio", "inertia"})
+    EXPECT_TRUE(effect.count(what)) << what;
+  EXPECT_FALSE(effect.count("folds")) << "a block has none";
+  const auto size = [&](const std::string& what) {
+    return std::max(std::abs(effect[what].first), std::abs(effect[what].second));
+  };
+  for (std::size_t k = 1; k < order.size(); ++k) EXPECT_GE(size(order[k - 1]), size(order[k])) << order[k];
+  EXPECT_LT(effect["contact"].second, -1.0) << "what slides is softer";
+  EXPECT_LT(effect["Poisson's ratio"].second, 0.0) << "and what may be compressed";
+  EXPECT_LT(effect["far tissue"].second, 0.0) << "and what has less around it";
+  EXPECT_LT(size("inertia"), 1.0) << "a slow load";
+
+  // The force itself is the run's own, and a run without the flag leaves no word of an older one.
+  good(line + " --force -q");
+  EXPECT_FALSE(fs::exists(folder / "out/explain.md"));
+  const Ran refused = dimple(folder, "run brain.nrrd -o no --scheme horton2007 --explain");
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_NE(refused.err.find("--explain"), std::string::npos) << refused.err;
+  EXPECT_FALSE(fs::exists(folder / "no"));
+}
+
 TEST_F(Run, IsProportionalToAModulusThatIsKnownToAShare) {
   const Ran ran = good("run brain.nrrd -o out --mu 210Pa+-30%" + cloud + slow_load);
   EXPECT_NE(ran.out.find("(mu +- 30 %)"), std::string::npos) << ran.out;

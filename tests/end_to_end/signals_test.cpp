@@ -43,12 +43,21 @@ class Stop : public testing::Test {
 
   Json summary(const std::string& out) const { return Json::parse(text_of(folder / out / "summary.json")); }
 
-  /// Sends the signal after that time. Every command ends soon, as if nothing had been, or with code 130.
-  Ran expect_end(const std::string& line, milliseconds after, int signal) const {
+  /// Sends the signal after that time, counted from its start or from when it has said `word` that often. Every
+  /// command ends soon, as if nothing had been, or with code 130.
+  Ran expect_end(const std::string& line, milliseconds after, int signal, const std::string& word = "",
+                 int often = 0) const {
     SCOPED_TRACE("dimple " + line + ", signal " + std::to_string(signal) + " after " +
                  std::to_string(after.count()) + " ms");
     Program program(folder, words(line));
     program.wait_until_it_listens();
+    const auto said = [&] {
+      const std::string err = program.err_so_far();
+      int count = 0;
+      for (auto at = err.find(word); at != std::string::npos; at = err.find(word, at + 1)) ++count;
+      return count;
+    };
+    while (often > 0 && program.running() && said() < often) std::this_thread::sleep_for(milliseconds(5));
     std::this_thread::sleep_for(after);
     program.send(signal);
     const auto start = Clock::now();
@@ -107,10 +116,10 @@ TEST_F(Stop, OfAStudyAmidARunKeepsTheRunsBeforeIt) {
 TEST_F(Stop, OfALadderKeepsItsBestForceWithItsBand) {
   const std::string line = "run brain.nrrd -o out --accuracy 0.5% --depth 2mm --frames 4";
   int with_band = 0;
-  for (int after = 100; after <= 3100; after += 300) {
-    SCOPED_TRACE(after);
+  for (int stop = 0; stop < 8; ++stop) {  // amid the first four clouds
+    SCOPED_TRACE(stop);
     fs::remove_all(folder / "out");
-    const Ran ran = expect_end(line, milliseconds(after), SIGINT);
+    const Ran ran = expect_end(line, milliseconds(100 + 300 * (stop % 2)), SIGINT, "rung ", stop / 2);
     if (!fs::exists(folder / "out/force.csv")) continue;
     expect_whole_files(folder / "out", true);
     const Json told = summary("out"), ladder = told.at("ladder");
@@ -121,6 +130,21 @@ TEST_F(Stop, OfALadderKeepsItsBestForceWithItsBand) {
     with_band += ladder.size() > 1;
   }
   EXPECT_GT(with_band, 0);
+}
+
+// What was compared until then, and the force that the run had found before.
+TEST_F(Stop, OfAnExplanationKeepsTheForceAndTheLinesBeforeIt) {
+  int with_lines = 0;
+  for (const int said : {0, 1, 2, 5}) {
+    SCOPED_TRACE(said);
+    fs::remove_all(folder / "out");
+    const Ran ran = expect_end("run brain.nrrd -o out --explain --band off --depth 2mm --frames 4",
+                               milliseconds(200), SIGINT, "explain  ", said);
+    if (!fs::exists(folder / "out/force.csv")) continue;
+    expect_whole_files(folder / "out", true);
+    with_lines += fs::exists(folder / "out/explain.csv");
+  }
+  EXPECT_GT(with_lines, 0);
 }
 
 TEST_F(Stop, BeforeThereIsAResultLeavesTheFolderAsItWas) {

@@ -67,6 +67,9 @@ std::vector<std::string> expect_drawn(const std::vector<Panel>& panels, int colu
   if constexpr (std::is_same_v<Panel, Chart>) {
     EXPECT_NO_THROW(write_chart_png(folder / "picture.png", panels, columns));
     EXPECT_NO_THROW(write_chart_svg(folder / "picture.svg", panels, columns));
+  } else if constexpr (std::is_same_v<Panel, Tornado>) {
+    EXPECT_NO_THROW(write_tornado_png(folder / "picture.png", panels, columns));
+    EXPECT_NO_THROW(write_tornado_svg(folder / "picture.svg", panels, columns));
   } else {
     EXPECT_NO_THROW(write_map_png(folder / "picture.png", panels, columns));
     EXPECT_NO_THROW(write_map_svg(folder / "picture.svg", panels, columns));
@@ -409,6 +412,44 @@ TEST(Map, RefusesCellsThatDoNotFillItsRows) {
   Map map = stability_atlas();
   map.cell.pop_back();
   EXPECT_THROW(write_map_png(fresh_folder() / "map.png", {map}), std::invalid_argument);
+}
+
+Tornado doubts(std::size_t rows) {
+  Tornado tornado{.title = "What the force depends on",
+                  .x_label = "effect on the force [%]",
+                  .shade = 1.0,
+                  .shade_text = "grey: no matter",
+                  .legend = {{0, "not known"}, {1, "could be left out"}}};
+  for (std::size_t n = 0; n < rows; ++n)
+    tornado.rows.push_back({.name = "choice " + std::to_string(n),
+                            .note = "this in place of that",
+                            .low = n % 3 == 0 ? 0.0 : -12.0 / static_cast<double>(n),
+                            .high = n % 3 == 1 ? 0.0 : 30.0 / static_cast<double>(n + 1),
+                            .colour = static_cast<int>(n % 2)});
+  return tornado;
+}
+
+TEST(Tornado, SaysEveryNameEveryEndAndEveryMeaning) {
+  const std::vector<std::string> texts = expect_drawn(std::vector<Tornado>{doubts(5)});
+  for (const char* text : {"choice 0", "choice 4", "this in place of that", "+30.0", "-12.0", "not known",
+                           "could be left out", "grey: no matter", "effect on the force [%]"})
+    EXPECT_THAT(texts, testing::Contains(testing::HasSubstr(text)));
+}
+
+TEST(Tornado, DrawsAnyNumberOfRowsAndNothing) {
+  for (const std::size_t rows : {0, 1, 12, 60}) expect_drawn(std::vector<Tornado>{doubts(rows)});
+  Tornado nothing = doubts(2);
+  nothing.shade = 0.0;
+  for (Tornado::Row& row : nothing.rows) row.low = row.high = 0.0;
+  expect_drawn(std::vector<Tornado>{nothing});
+}
+
+TEST(Tornado, RefusesABarThatEndsNowhere) {
+  for (const double end : {nan, inf}) {
+    Tornado tornado = doubts(3);
+    tornado.rows[1].high = end;
+    EXPECT_THROW(write_tornado_svg(fresh_folder() / "picture.svg", {tornado}), std::invalid_argument);
+  }
 }
 
 }  // namespace
