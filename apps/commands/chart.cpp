@@ -27,6 +27,9 @@ Command add_chart(CLI::App& app, Invocation& shared) {
   command->add_option("--reference", compared.reference,
                       "CSV with columns indentation_mm, force_N of the image: its depths are run");
   command->add_option("--nodes", compared.nodes, "numbers of nodes")->delimiter(',')->capture_default_str();
+  command->add_option("--goals", compared.goals, "accuracies to ask for, or none")
+      ->delimiter(',')
+      ->capture_default_str();
   command->add_option("--schemes", compared.schemes, "converging, horton2007 (dynamic only)")
       ->delimiter(',')
       ->capture_default_str();
@@ -57,6 +60,7 @@ Command add_chart(CLI::App& app, Invocation& shared) {
             const Config config = options->flags.config(*command, shared.image);
             into_folder(shared, config.image.file);
             if (!shared.verbose) start_log(Verbosity::quiet);
+            std::erase(options->compared.goals, "none");
             return finish(shared, accuracy_chart(config, options->compared, shared.out, progress_of(shared)));
           }};
 }

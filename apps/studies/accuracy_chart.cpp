@@ -11,6 +11,7 @@
 #include <numeric>
 
 #include "apps/run/results.hpp"
+#include "apps/run/stopwatch.hpp"
 #include "apps/studies/converge.hpp"
 #include "apps/studies/peer_mesh.hpp"
 #include "apps/studies/run_program.hpp"
@@ -121,6 +122,41 @@ AccuracyPoint own_point(const Subject& subject, const std::string& scheme, const
       point.runs.push_back(forces_at(m.history.force, whole_millimetres(subject.depths)));
     }
     point.build_s = median(build);
+    point.solve_s = median(solve);
+  } catch (const Error& error) {  // Stopped too: it is "interrupted"
+    point.status = error.report.fact;
+  }
+  return point;
+}
+
+constexpr const char* dial =
+    "accuracy";  // the scheme of a point for which an accuracy was asked for, not nodes
+
+// The ladder for an accuracy, all its clouds together.
+AccuracyPoint dial_point(const Subject& subject, const std::string& goal, int repeat) {
+  AccuracyPoint point{.scene = subject.name,
+                      .program = "dimple",
+                      .scheme = fmt::format("{} {}", dial, goal),
+                      .time = "quasi-static",
+                      .depths = subject.depths};
+  Config config = subject.config;
+  config.accuracy.goal = goal;
+  std::vector<double> solve;
+  try {
+    for (int run = 0; run < repeat; ++run) {
+      config.cloud.seed = subject.config.cloud.seed + run;
+      const Stopwatch whole;
+      const Result result = simulate({.config = config});
+      stop_if_asked();
+      solve.push_back(whole.seconds());
+      point.nodes = std::max(point.nodes, result.model.node_count());
+      point.points = std::max(point.points, result.model.point_count());
+      point.runs.push_back(forces_at(result.history.force, whole_millimetres(subject.depths)));
+      const double half = result.band.known() ? result.band.half.back() : nan,
+                   force = result.history.force.back().force;
+      if (point.status == "ok" && !(half <= goal_of(config)->half_width(force)))
+        point.status = fmt::format("not reached: half the band is {:.1f} %", 100.0 * half / force);
+    }
     point.solve_s = median(solve);
   } catch (const Error& error) {  // Stopped too: it is "interrupted"
     point.status = error.report.fact;
@@ -260,6 +296,7 @@ struct Family {
 };
 const std::vector<Family> families = {
     {"dimple", "converging", "quasi-static", "converging, quasi-static", "converging", 0},
+    {"dimple", dial, "quasi-static", "an accuracy asked for: all clouds of its ladder", "", 2},
     {"dimple", "converging", "dynamic", "converging, dynamic", "converging, dynamic", 5},
     {"dimple", "horton2007", "dynamic", "horton2007, dynamic", "horton2007", 1},
     {"calculix", "C3D20R", "quasi-static", "CalculiX, hexahedra (C3D20R)", "CalculiX", 3},
@@ -301,12 +338,14 @@ Chart panel(const Subject& subject, const std::vector<AccuracyPoint>& points) {
   for (const Family& family : families) {
     ChartSeries series{.name = family.name, .hollow = family.hollow, .colour = family.colour};
     for (const AccuracyPoint& p : points) {
-      if (p.scene != subject.name || p.program != family.program || p.scheme != family.scheme ||
-          p.time != family.time || !complete(p))
+      const bool belongs = family.scheme == dial ? p.scheme.starts_with(dial) : p.scheme == family.scheme;
+      if (p.scene != subject.name || p.program != family.program || !belongs || p.time != family.time ||
+          !complete(p))
         continue;
       series.x.push_back(p.wall_s());
       series.y.push_back(100.0 * p.error);
-      series.label.push_back(fmt::format("{} {}", family.short_name, p.nodes));
+      series.label.push_back(family.scheme == dial ? p.scheme
+                                                   : fmt::format("{} {}", family.short_name, p.nodes));
     }
     if (!series.x.empty()) chart.series.push_back(series);
   }
@@ -378,6 +417,12 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
                         .where = "--nodes",
                         .why = "a cloud has at least 100",
                         .remedy = "for instance --nodes 500,1000,2000"});
+  for (const std::string& goal : options.goals) {
+    Config asked;
+    asked.accuracy.goal = goal;
+    asked.load.depth_mm = 1.0;  // at which all that are meant at all are allowed
+    goal_of(asked);
+  }
   if (options.nodes.empty() || options.repeat < 1)
     throw UsageError({.fact = "a chart needs at least one cloud size and one run of it",
                       .where = "--nodes, --repeat",
@@ -525,13 +570,15 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
   };
   for (Subject& subject : subjects) {
     for (const Family& family : families) {
-      if (family.program != "dimple" || !among(family.scheme, options.schemes) ||
+      if (family.program != "dimple" || family.scheme == dial || !among(family.scheme, options.schemes) ||
           !among(family.time, options.times))
         continue;
       for (const Index count : sizes(family.time))
         if (!interrupted)
           note(subject, own_point(subject, family.scheme, family.time, count, options.repeat));
     }
+    for (const std::string& goal : options.goals)
+      if (!interrupted) note(subject, dial_point(subject, goal, options.repeat));
     for (const Peer& peer : peers)
       for (const Index count : options.peer_nodes) {
         if (interrupted) break;

@@ -10,6 +10,7 @@
 #include "apps/run/band.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/words.hpp"
 #include "apps/studies/converge.hpp"
 #include "io/draw/chart.hpp"
 #include "io/error.hpp"
@@ -197,7 +198,7 @@ void sort(std::vector<Alternative>& alternatives) {
   });
 }
 
-std::string in_words(const Alternative& a, const Explanation& e) {
+std::string instead_of(const Alternative& a, const Explanation& e) {
   if (!a.failed.empty() || !(a.depth_mm < e.depth_mm)) return a.instead;
   return fmt::format("{} (at {:g} mm: no equilibrium was found deeper)", a.instead, a.depth_mm);
 }
@@ -255,6 +256,7 @@ Explanation explain(const Config& given, Index nodes,
                           .depth_mm = depths_mm[found.force.size() - 1],
                           .force = found.force.back(),
                           .seconds = found.seconds};
+  for (const Finding& finding : found.result.findings) explanation.warnings.push_back(in_words(finding));
   say(fmt::format("explain  {} nodes, as it is: {:.4f} N at {:g} mm, {:.1f} s", explanation.nodes,
                   explanation.force, explanation.depth_mm, found.seconds));
 
@@ -290,7 +292,7 @@ Explanation explain(const Config& given, Index nodes,
         alternative.failed = error.report.fact;
       }
       alternative.seconds = trying.seconds();
-      say(fmt::format("explain  {}, {}: {}, {:.1f} s", trial.what, in_words(alternative, explanation),
+      say(fmt::format("explain  {}, {}: {}, {:.1f} s", trial.what, instead_of(alternative, explanation),
                       alternative.failed.empty() ? fmt::format("{:+.1f} %", 100.0 * alternative.effect)
                                                  : alternative.failed,
                       alternative.seconds));
@@ -323,6 +325,7 @@ void write_explanation(const std::filesystem::path& folder, const Explanation& e
       "simplification by itself.\n\n| choice | instead | kind | effect on the force, % | s | "
       "|\n|---|---|---|---:|---:|---|\n",
       subject, e.force, e.depth_mm, e.nodes, e.seconds, 100.0 * threshold(e), 100.0 * e.noise);
+  for (const std::string& warning : e.warnings) text = "As it is: " + warning + ".\n\n" + text;
   if (!e.ended_by.empty()) text = "Not all choices: " + e.ended_by + ".\n\n" + text;
   std::map<std::string, std::size_t> place;
   Tornado tornado{
@@ -339,7 +342,7 @@ void write_explanation(const std::filesystem::path& folder, const Explanation& e
     csv += fmt::format("\"{}\",\"{}\",{},{:g},{},{},{:.3g},\"{}\"\n", a.what, a.instead, word(a.kind),
                        a.depth_mm, there ? fmt::format("{:.6g}", a.force) : "",
                        there ? fmt::format("{:.4g}", 100.0 * a.effect) : "", a.seconds, verdict(e, a));
-    text += fmt::format("| {} | {} | {} | {} | {:.1f} | {} |\n", a.what, in_words(a, e), word(a.kind),
+    text += fmt::format("| {} | {} | {} | {} | {:.1f} | {} |\n", a.what, instead_of(a, e), word(a.kind),
                         there ? fmt::format("{:+.1f}", 100.0 * a.effect) : "", a.seconds, verdict(e, a));
     if (!there) continue;
     const auto [at, is_new] = place.emplace(a.what, tornado.rows.size());

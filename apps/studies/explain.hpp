@@ -13,15 +13,16 @@ namespace dimple {
 /// One choice made otherwise, and the force that this gives.
 struct Alternative {
   enum class Kind {
-    cloud,          ///< the discretisation: nothing smaller than what another random cloud does means anything
-    doubt,          ///< what an image and a scene do not say
+    cloud,  ///< the discretisation: nothing smaller than what another random cloud does means anything
+    doubt,  ///< what an image and a scene do not say
     simplification  ///< what a model may leave out
   };
   std::string what, instead;  ///< "base", "held to 15.0 mm instead of 30.0 mm"
   std::string all;            ///< what was tried of `what`, in a few words: "held to 15.0 or 45.0 mm"
   Kind kind = Kind::doubt;
-  double depth_mm = 0.0;  ///< where forces are compared: the load's depth, or less if no equilibrium was found there
-  double force = 0.0;     ///< [N] there
+  double depth_mm =
+      0.0;  ///< where forces are compared: the load's depth, or less if no equilibrium was found there
+  double force = 0.0;    ///< [N] there
   double effect = 0.0;   ///< on it: force / the force of the scene as it is - 1
   double seconds = 0.0;  ///< from the image to the force
   std::string failed;    ///< why there is none; empty: there is one
@@ -33,6 +34,7 @@ struct Explanation {
   double depth_mm = 0.0, force = 0.0, seconds = 0.0;  ///< [N] of the scene as it is; [s] that it took
   double noise = 0.0;                     ///< largest effect of another random cloud, as a share of the force
   std::vector<Alternative> alternatives;  ///< by `what` the largest effect first, those that failed last
+  std::vector<std::string> warnings;      ///< of the guards, about the scene as it is
   std::string ended_by;                   ///< by what it was stopped before its end; empty: it was not
   double total_s = 0.0;
 };

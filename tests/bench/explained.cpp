@@ -1,7 +1,7 @@
 // How much of what `dimple run --explain` says is true: each of its lines, from short runs, beside the same comparison
 // with several times as many nodes.
 //
-//   dimple_explained FOLDER IMAGE... [--nodes 4000]
+//   dimple_explained FOLDER IMAGE... [--nodes 4000] [--depth 4]
 //
 // Writes explained.csv, a row for each line, and explained.md: how many agree in sign and size, within a third of the
 // effect or one per cent of the force.
@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
 
 constexpr double share = 1.0 / 3.0, least = 0.01;
 
-void compare(const fs::path& folder, const std::vector<std::string>& images, Index nodes) {
+void compare(const fs::path& folder, const std::vector<std::string>& images, Index nodes, double depth_mm) {
   const auto say = [](const std::string& line) {
     fmt::print("{}\n", line);
     std::fflush(stdout);
@@ -38,6 +38,7 @@ void compare(const fs::path& folder, const std::vector<std::string>& images, Ind
   for (const std::string& image : images) {
     Config config;
     config.image.file = image;
+    config.load.depth_mm = depth_mm;
     const std::string name = fs::path(image).filename().string();
     const Explanation told = explain(config, 0, say);
     write_explanation(folder, told, name);  // the last image's stays: one picture is enough
@@ -78,13 +79,15 @@ int main(int argc, char** argv) try {
   std::filesystem::path folder;
   std::vector<std::string> images;
   dimple::Index nodes = 4000;
+  double depth_mm = 4.0;  // deeper than the circle's radius no number of nodes is near a converged force
   CLI::App app("What --explain says, beside the same with many nodes");
   app.add_option("folder", folder, "for tables and pictures")->required();
   app.add_option("images", images)->required();
   app.add_option("--nodes", nodes);
+  app.add_option("--depth", depth_mm, "[mm]");
   CLI11_PARSE(app, argc, argv);
   dimple::make_folder(folder);
-  dimple::compare(folder, images, nodes);
+  dimple::compare(folder, images, nodes, depth_mm);
 } catch (const dimple::Error& error) {
   fmt::print(stderr, "{}\n{}\n", error.report.fact, error.report.remedy);
   return static_cast<int>(error.code);

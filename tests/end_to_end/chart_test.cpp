@@ -88,7 +88,7 @@ TEST(Chart, DrawsASmallOneOfAnImageAndAScene) {
   ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3").code, 0);
   const std::string command =
       "chart brain.nrrd -o out --only b,image --nodes 300,400 --schemes converging --time quasi-static "
-      "--calculix none";
+      "--calculix none --goals none";
   const Ran ran = dimple(folder, command);
   ASSERT_EQ(ran.code, 0) << ran.err;
   const std::string csv = text_of(folder / "out" / "chart.csv");
@@ -110,7 +110,7 @@ TEST(Chart, ComparesAnImageWithItsOwnReferenceToTheDepthsThatItHas) {
   write_file(folder / "known.csv", "indentation_mm,force_N\n1,0.00975\n2,0.0193\n3,0.0288\n");
   const std::string command =
       "chart block.nrrd -o out --only image --nodes 400 --schemes converging --time quasi-static --calculix "
-      "none";
+      "none --goals 10%";
   const Ran ran = dimple(folder, command + " --reference known.csv");
   ASSERT_EQ(ran.code, 0) << ran.err;
   const std::string csv = text_of(folder / "out" / "chart.csv");
@@ -119,7 +119,7 @@ TEST(Chart, ComparesAnImageWithItsOwnReferenceToTheDepthsThatItHas) {
                   "image,dimple,converging,quasi-static,400,[^\n]*,1,\"known.csv\",\"ok\",0.0[^\n]*,,,,,\n"));
   const std::string svg = text_of(folder / "out" / "chart.svg");
   for (const char* words :
-       {"error against wall time", "against known.csv", "1, 2, ... 3 mm", "real time, 3 s"})
+       {"error against wall time", "against known.csv", "1, 2, ... 3 mm", "real time, 3 s", "accuracy 10%"})
     EXPECT_THAT(svg, HasSubstr(words));
   write_file(folder / "half.csv", "indentation_mm,force_N\n0.5,0.005\n");
   const Ran half = dimple(folder, command + " --reference half.csv");
@@ -134,6 +134,7 @@ TEST(Chart, RefusesBeforeTheFirstRun) {
       {"--only image", "no label image was given"},
       {"--reference known.csv", "a reference was given, but no label image"},
       {"--nodes 50", "50 nodes are too few"},
+      {"--goals 5%,much", "accuracy.goal = much is not allowed"},
       {"--elements pyramids", "'pyramids' is not known"},
       {"--time slow", "'slow' is not known"},
       {"--febio no/such/febio4", "there is no program no/such/febio4"},
