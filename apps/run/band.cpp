@@ -32,9 +32,8 @@ Stiffness stiffness_of(const std::vector<ForceSample>& curve) {
 }  // namespace
 
 double band_measure(double change, Index nodes, double radii) {
-  constexpr double floor = 0.01, nodes_of_floor = 1000.0;
-  return std::abs(change) +
-         floor * (is_deep(radii) ? 1.0 : std::sqrt(nodes_of_floor / static_cast<double>(nodes)));
+  const double thousands = static_cast<double>(nodes) / 1000.0;
+  return std::abs(change) + (is_deep(radii) ? 0.04 / std::pow(thousands, 0.25) : 0.03 / std::sqrt(thousands));
 }
 
 double band_half_width(double change, Index nodes, double radii) {

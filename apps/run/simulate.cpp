@@ -253,7 +253,7 @@ void find_band(const Case& given, const std::optional<Organ>& organ, const Talk&
   band.unknown = no_band(given, result);
   const Index fewest = fewest_nodes_with_band(result.facing_share);
   if (band.known() && result.model.node_count() < fewest)
-    band.unknown = fmt::format("it was measured from {} nodes on{}", fewest,
+    band.unknown = fmt::format("it was measured from {0} nodes on{1}; give --nodes {0}", fewest,
                                result.facing_share > most_facing ? " where a body has folds" : "");
   if (!band.known()) return;
   talk.doing("a coarser cloud, for the band");

@@ -95,6 +95,18 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
   add("number of nodes", "", fmt::format("{} instead of {}", 2 * config.cloud.nodes, config.cloud.nodes),
       Kind::cloud, [](Case& c) { c.config.cloud.nodes *= 2; });
 
+  const double ratio = scheme_of(config).points_per_node;
+  add("integration points", "", fmt::format("{:g} for a node instead of {:g}", 2.0 * ratio, ratio),
+      Kind::cloud, [&](Case& c) {
+        c.config.grid.points = 0;
+        c.config.grid.ratio = 2.0 * ratio;
+      });
+  const double tolerance = config.solver.tolerance;
+  add("equilibrium", "", fmt::format("to {:g} of the reactions instead of {:g}", 0.1 * tolerance, tolerance),
+      Kind::cloud, [&](Case& c) { c.config.solver.tolerance = std::max(0.1 * tolerance, 1e-8); });
+  add("steps of the load", "", fmt::format("{} instead of {}", 4 * frames, frames), Kind::cloud,
+      [&](Case& c) { c.config.solver.frames = 4 * frames; });
+
   const bool bonded = config.load.contact == "bonded";
   add("contact", "", bonded ? "frictionless instead of bonded" : "bonded instead of frictionless",
       Kind::doubt, [&](Case& c) { c.config.load.contact = bonded ? "frictionless" : "bonded"; });
@@ -210,7 +222,7 @@ const char* word(Kind kind) {
 }  // namespace
 
 Index nodes_to_explain(double facing_share) {
-  return std::max(static_cast<Index>(Config{}.cloud.nodes), fewest_nodes_with_band(facing_share));
+  return facing_share > most_facing ? 2000 : Config{}.cloud.nodes;
 }
 
 void check_explainable(const Config& config) {

@@ -44,7 +44,7 @@ namespace fs = std::filesystem;
 constexpr bool proves(int number) {
   return (number >= 51 && number <= 120) || (number >= 166 && number <= 225);
 }
-constexpr int first_folded = 256;
+constexpr int second_proof = 166, first_folded = 256;
 constexpr std::array<Index, 5> rungs = {500, 1000, 2000, 4000, 8000};
 constexpr Index finest = band_truth;
 constexpr int frames = 4;
@@ -84,7 +84,7 @@ constexpr std::array<Organ, 3> organs_to_prove = {{{"heart", "heart_ct_1.5mm.nii
                                                    {"human_brain", "human_brain_mri_2mm.nrrd", 0},
                                                    {"right_lung", "lung_ct_aniso.mha", 0}}};
 
-// Of two people and a macaque: other brains than the one that proves.
+// Of two people and a macaque: other brains than the one that proves. The second is its tracts of white matter alone.
 constexpr std::array folded = {"brodmann.nii.gz", "natbrainlab.nii.gz", "inia19-NeuroMaps.nii.gz"};
 
 const PhantomOptions phantom = {.spacing_mm = 1.5, .two_labels = true};
@@ -177,6 +177,12 @@ Material material_of(const Scene& scene, double mu) {
   return neo_hookean(mu, scene.nu, 1000.0);
 }
 
+// The tracts of white matter are no body that anybody can touch: as thin as their own nodes, so that 8000 of these are
+// not enough.
+const char* set_of(const Scene& scene) {
+  return proves(scene.number) ? "proof" : scene.body == folded[1] ? "aside" : "calibration";
+}
+
 constexpr const char* header =
     "scene,set,body,base,indent_at,facing_share,diameter_mm,nu,law,nodes,indentation_mm,force_N,build_s,"
     "solve_s\n";
@@ -221,10 +227,9 @@ std::string measure(const Scene& scene) {
       for (const ForceSample& sample : history.force)
         if (std::abs(1e3 * sample.depth - frame * scene.depth_mm / frames) < 1e-6 && frame++ > 0)
           rows += fmt::format("{},{},\"{}\",{},\"{}\",{:.3f},{:.2f},{:g},{},{},{:.6g},{:.7g},{:.3g},{:.3g}\n",
-                              scene.number, proves(scene.number) ? "proof" : "calibration", scene.body,
-                              scene.boundary.base, scene.boundary.indent_at, facing,
-                              scene.boundary.indenter_diameter_mm, scene.nu, scene.law, nodes,
-                              1e3 * sample.depth, sample.force, built_s, solved_s);
+                              scene.number, set_of(scene), scene.body, scene.boundary.base,
+                              scene.boundary.indent_at, facing, scene.boundary.indenter_diameter_mm, scene.nu,
+                              scene.law, nodes, 1e3 * sample.depth, sample.force, built_s, solved_s);
     } catch (const Error& error) {
       fmt::print("{}: {}, {} nodes: {}\n", scene.number, scene.body, nodes, error.report.fact);
       if (nodes == finest) return {};
@@ -239,59 +244,71 @@ double median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
-// What the band says against what is true, with each number of nodes.
+// As a reader wants them apart: the second proof was drawn later.
+std::string group_of(const BandScene& scene) {
+  return scene.set != "proof" ? scene.set : scene.number < second_proof ? "first proof" : "second proof";
+}
+const std::array groups = {"calibration", "first proof", "second proof", "aside"};
+
+// What the band says against what is true, with each number of nodes. A band holds if all that the truth may be lies in
+// it.
 std::string table_of_bands(const std::vector<BandScene>& scenes, Chart& stated_against_true,
                            std::string& misses) {
   std::string table =
       "| scenes | depth | nodes | bands | hold the truth | median half width, % | median error, % "
       "|\n|---|---|---:|---:|---:|---:|"
       "---:|\n";
-  for (const bool proving : {false, true}) {
-    ChartSeries points{.name = proving ? "proof" : "calibration", .line = false, .hollow = !proving};
+  for (const std::string group : groups) {
+    ChartSeries points{.name = group, .line = false, .hollow = group == "calibration"};
     for (const bool deep : {false, true})
       for (Index nodes = fewest_nodes_with_band(0.0); nodes <= band_finest; nodes *= 2) {
         std::vector<double> halves, errors;
         int held = 0;
         for (const BandScene& scene : scenes) {
           if (nodes < fewest_nodes_with_band(scene.facing_share)) continue;
-          if (scene.proves != proving || !scene.forces.contains(nodes) || !scene.forces.contains(nodes / 2))
+          if (group_of(scene) != group || !scene.forces.contains(nodes) || !scene.forces.contains(nodes / 2))
             continue;
           const auto &fine = scene.forces.at(nodes), &coarse = scene.forces.at(nodes / 2);
           const std::vector<double> half = half_widths(fine, nodes, coarse, scene.radius);
           if (half.empty() || fine.size() != scene.forces.at(band_truth).size()) continue;
           double widest = 0.0, largest = 0.0;
           bool holds = true;
+          std::string missed;
           for (std::size_t k = 1; k < fine.size(); ++k) {
             if (is_deep(fine[k].depth / scene.radius) != deep) continue;
             const double said = half[k] / std::abs(fine[k].force),
-                         error = std::abs(band_error(scene, nodes, k));
+                         error = std::abs(band_error(scene, nodes, k)),
+                         error_most = error_at_most(scene, nodes, k);
             widest = said, largest = std::max(largest, error);
-            holds = holds && error <= said;
+            holds = holds && error_most <= said;
             points.x.push_back(100.0 * said);
             points.y.push_back(100.0 * error);
-            if (proving && error > said)
-              misses += fmt::format(
-                  "- scene {} ({}), {} nodes, {:.2f} radii deep: {:.2f} % off, said {:.2f} %\n", scene.number,
-                  scene.body, nodes, fine[k].depth / scene.radius, 100.0 * error, 100.0 * said);
+            if (error_most > said)
+              missed = fmt::format(
+                  "- {}, scene {} ({}), {} nodes, {:.2f} radii deep: {:.2f} % off and {:.2f} % unsure, said "
+                  "{:.2f} %\n",
+                  group, scene.number, scene.body, nodes, fine[k].depth / scene.radius, 100.0 * error,
+                  100.0 * (error_most - error), 100.0 * said);
           }
           if (!(widest > 0.0)) continue;
+          if (group != "calibration") misses += missed;  // at the deepest of its depths
           halves.push_back(100.0 * widest);
           errors.push_back(100.0 * largest);
           held += holds;
         }
-        table += fmt::format(
-            "| {} | {} | {} | {} | {} | {:.1f} | {:.1f} |\n", proving ? "proof" : "calibration",
-            deep ? "1 to 1.7 radii" : "to 1 radius", nodes, halves.size(),
-            halves.empty() ? "" : fmt::format("{:.0f} %", 100.0 * held / static_cast<double>(halves.size())),
-            median(halves), median(errors));
+        if (halves.empty()) continue;
+        table +=
+            fmt::format("| {} | {} | {} | {} | {:.0f} % | {:.1f} | {:.1f} |\n", group,
+                        deep ? "1 to 1.7 radii" : "to 1 radius", nodes, halves.size(),
+                        100.0 * held / static_cast<double>(halves.size()), median(halves), median(errors));
       }
-    stated_against_true.series.push_back(std::move(points));
+    if (!points.x.empty()) stated_against_true.series.push_back(std::move(points));
   }
   return table;
 }
 
 // What asking for an accuracy comes to: the program's ladder over the recorded clouds, up to the finest of them.
-std::string table_of_goals(const std::vector<BandScene>& scenes, std::string& misses) {
+std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std::string& misses) {
   std::string table =
       "| asked for | proof scenes | reached with 8000 nodes or fewer | truth in the band | error within what "
       "was asked | median nodes | "
@@ -300,7 +317,7 @@ std::string table_of_goals(const std::vector<BandScene>& scenes, std::string& mi
     int asked = 0, reached = 0, in_band = 0, in_goal = 0;
     std::vector<double> costs, sizes, times;
     for (const BandScene& scene : scenes) {
-      if (!scene.proves) continue;
+      if (scene.set != "proof" || scene.number < first) continue;
       ++asked;
       double seconds = 0.0;
       Index before = 0;
@@ -321,13 +338,17 @@ std::string table_of_goals(const std::vector<BandScene>& scenes, std::string& mi
           continue;
         }
         ++reached;
-        const double error = std::abs(band_error(scene, nodes, fine.size() - 1));
-        in_band += error <= half.back() / force;
-        in_goal += error <= goal;
-        if (error > goal || error > half.back() / force)
-          misses += fmt::format("- asked for {:g} %, scene {} ({}), {} nodes: {:.2f} % off, said {:.2f} %\n",
-                                100.0 * goal, scene.number, scene.body, nodes, 100.0 * error,
-                                100.0 * half.back() / force);
+        const std::size_t last = fine.size() - 1;
+        const double error = std::abs(band_error(scene, nodes, last)),
+                     error_most = error_at_most(scene, nodes, last);
+        in_band += error_most <= half.back() / force;
+        in_goal += error_most <= goal;
+        if (error_most > half.back() / force)
+          misses += fmt::format(
+              "- asked for {:g} %, scene {} ({}), {} nodes: {:.2f} % off and {:.2f} % unsure, said {:.2f} "
+              "%\n",
+              100.0 * goal, scene.number, scene.body, nodes, 100.0 * error, 100.0 * (error_most - error),
+              100.0 * half.back() / force);
         costs.push_back(seconds / scene.seconds.at(nodes));
         sizes.push_back(static_cast<double>(nodes));
         times.push_back(seconds);
@@ -355,15 +376,17 @@ void report(const fs::path& folder) {
       .x_range = std::array{0.5, 30.0},
       .y_range = std::array{0.005, 30.0}};
   std::string missed_bands, missed_goals;
+  std::string unlisted;
   const std::string bands = table_of_bands(scenes, chart, missed_bands),
-                    goals = table_of_goals(scenes, missed_goals);
+                    goals = table_of_goals(scenes, 1, missed_goals),
+                    second = table_of_goals(scenes, second_proof, unlisted);
   chart.series.push_back(
       {.name = "as large as said", .x = {0.5, 30.0}, .y = {0.5, 30.0}, .markers = false, .dashed = true});
   const std::string text = fmt::format(
-      "Multiplier down to one radius: {:.3f}, from {} scenes; deeper: {:.3f}, from {}.\n\n{}\n{}\nBands that "
-      "missed:\n\n{}"
-      "\nGoals that were missed:\n\n{}",
-      conformal(shallow, 0.95), shallow.size(), conformal(deep, 0.95), deep.size(), bands, goals,
+      "Multiplier down to one radius: {:.3f}, from {} scenes; deeper: {:.3f}, from {}.\n\n{}\nBoth "
+      "proofs:\n\n{}\nThe "
+      "second proof alone:\n\n{}\nBands that missed:\n\n{}\nGoals whose band missed:\n\n{}",
+      conformal(shallow, 0.95), shallow.size(), conformal(deep, 0.95), deep.size(), bands, goals, second,
       missed_bands, missed_goals);
   write_file(folder / "band.md", text);
   write_chart_png(folder / "band.png", {chart}, 1);

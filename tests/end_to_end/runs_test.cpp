@@ -203,7 +203,8 @@ TEST_F(Run, TellsWhatItsForceDependsOn) {
     if (!effect.count(what)) effect[what] = {percent, percent}, order.push_back(what);
     effect[what] = {std::min(effect[what].first, percent), std::max(effect[what].second, percent)};
   }
-  for (const char* what : {"cloud", "number of nodes", "contact", "base", "circle", "segmentation", "surface",
+  for (const char* what : {"cloud", "number of nodes", "integration points", "equilibrium",
+                           "steps of the load", "contact", "base", "circle", "segmentation", "surface",
                            "voxels", "strain", "far tissue", "Poisson's ratio", "inertia"})
     EXPECT_TRUE(effect.count(what)) << what;
   EXPECT_FALSE(effect.count("folds")) << "a block has none";
@@ -215,6 +216,7 @@ TEST_F(Run, TellsWhatItsForceDependsOn) {
   EXPECT_LT(effect["Poisson's ratio"].second, 0.0) << "and what may be compressed";
   EXPECT_LT(effect["far tissue"].second, 0.0) << "and what has less around it";
   EXPECT_LT(size("inertia"), 1.0) << "a slow load";
+  for (const char* what : {"equilibrium", "steps of the load"}) EXPECT_LT(size(what), 0.1) << what;
 
   // The force itself is the run's own, and a run without the flag leaves no word of an older one.
   good(line + " --force -q");

@@ -21,7 +21,7 @@ inline constexpr Index band_finest =
 
 struct BandScene {
   int number = 0;
-  bool proves = false;
+  std::string set;  ///< "proof", "calibration", or "aside": in neither
   std::string body;
   double facing_share = 0.0;
   double radius = 0.0;                               ///< of the circle [m]
@@ -49,7 +49,7 @@ inline std::vector<BandScene> band_scenes(const std::filesystem::path& file) {
     const int number = std::stoi(field[0]);
     BandScene& scene = scenes[number];
     scene.number = number;
-    scene.proves = field[1] == "proof";
+    scene.set = field[1];
     scene.body = field[2];
     scene.facing_share = std::stod(field[5]);
     scene.radius = 0.5e-3 * std::stod(field[6]);
@@ -62,7 +62,9 @@ inline std::vector<BandScene> band_scenes(const std::filesystem::path& file) {
   }
   std::vector<BandScene> result;
   for (auto& [number, scene] : scenes)
-    if (scene.forces.contains(band_truth)) result.push_back(std::move(scene));
+    if (scene.forces.contains(band_truth) && scene.forces.contains(band_truth / 2) &&
+        scene.forces[band_truth].size() == scene.forces[band_truth / 2].size())
+      result.push_back(std::move(scene));
   return result;
 }
 
@@ -71,25 +73,34 @@ inline double band_error(const BandScene& scene, Index nodes, std::size_t k) {
   return scene.forces.at(nodes)[k].force / scene.forces.at(band_truth)[k].force - 1.0;
 }
 
-/// The largest error of each calibration scene's clouds over what band_measure() makes of their changes, from the least
+/// How far the truth itself may be off at that depth: as far as the next coarser cloud is from it.
+inline double truth_error(const BandScene& scene, std::size_t k) {
+  return std::abs(scene.forces.at(band_truth / 2)[k].force / scene.forces.at(band_truth)[k].force - 1.0);
+}
+
+/// The error with the truth's own.
+inline double error_at_most(const BandScene& scene, Index nodes, std::size_t k) {
+  return std::abs(band_error(scene, nodes, k)) + truth_error(scene, k);
+}
+
+/// The largest error of each calibration scene's clouds, with the truth's own, over what band_measure() makes of their changes, from the least
 /// to the largest; at the depths that are deep, or at those that are not.
 inline std::vector<double> band_scores(const std::vector<BandScene>& scenes, bool deep) {
   std::vector<double> scores;
   for (const BandScene& scene : scenes) {
-    if (scene.proves) continue;
+    if (scene.set != "calibration") continue;
     double largest = -1.0;
     for (Index nodes = fewest_nodes_with_band(scene.facing_share); nodes <= band_finest; nodes *= 2) {
       const Index other = nodes / 2;
       if (!scene.forces.contains(nodes) || !scene.forces.contains(other)) continue;
       const auto &fine = scene.forces.at(nodes), &coarse = scene.forces.at(other);
       double change = 0.0;
-      for (std::size_t k = 1; k < std::min({fine.size(), coarse.size(), scene.forces.at(band_truth).size()});
-           ++k) {
+      const std::size_t samples = std::min({fine.size(), coarse.size(), scene.forces.at(band_truth).size()});
+      for (std::size_t k = 1; k < samples; ++k) {
         const double radii = fine[k].depth / scene.radius;
         change = std::max(change, std::abs(fine[k].force / coarse[k].force - 1.0));
         if (is_deep(radii) == deep)
-          largest =
-              std::max(largest, std::abs(band_error(scene, nodes, k)) / band_measure(change, nodes, radii));
+          largest = std::max(largest, error_at_most(scene, nodes, k) / band_measure(change, nodes, radii));
       }
     }
     if (largest >= 0.0) scores.push_back(largest);
