@@ -28,6 +28,7 @@ namespace fs = std::filesystem;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
+constexpr double least_modulus = 1e-3, most_modulus = 1e12;  // [Pa]
 constexpr double infinite = std::numeric_limits<double>::infinity();
 
 // --------------------------------------------------------------------------------------- least squares
@@ -161,13 +162,15 @@ CurveFit fit_curve(const std::vector<double>& depth, const std::vector<double>& 
   }
   const VectorXd unit = problem.unit(x);
   const double mu = problem.modulus(unit);
-  if (!(mu > 0.0))
-    throw InputError(
-        {.fact = fmt::format("the best modulus would be {:.3g} Pa", mu),
-         .where = "--curve",
-         .why = "the forces do not grow with the depth",
-         .remedy = "look at the file: the force is positive where tissue resists, and near 0 at contact",
-         .code = "bad-curve"});
+  // Far beyond any tissue; the option of the modulus takes no more.
+  if (!(mu > least_modulus && mu < most_modulus))
+    throw InputError({.fact = fmt::format("the best modulus would be {:.3g} Pa", mu),
+                      .where = "--curve",
+                      .why = mu > 0.0 ? "no tissue has that" : "the forces do not grow with the depth",
+                      .remedy =
+                          "look at the file: units as the columns say, force positive where tissue resists, "
+                          "near 0 at contact",
+                      .code = "bad-curve"});
   const VectorXd model = mu * unit, r = measured - model;
   MatrixXd J(n, p);  // of the forces, by the numbers themselves
   J.col(0) = unit;
@@ -551,11 +554,18 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
        .series = {{.x = depth_mm, .y = in(residual, unit), .line = false}}}};
   write_chart_png(folder / "fit.png", charts);
   write_chart_svg(folder / "fit.svg", charts);
-  const std::string source = fmt::format("fitted to {}", curve.name);
-  for (const char* key : {"material.mu_Pa", "material.ogden_mu_Pa", "material.ogden_alpha",
-                          "material.prony_g", "material.prony_tau_s"})
-    if (option_values(found).at(key) != option_values(config).at(key)) found.source[key] = source;
-  write_file(folder / "fitted.toml", to_toml(found, {{"material.mu_Pa", words[0]}}));
+  const std::map<std::string, std::vector<std::string>> keys = {
+      {"mu", {"material.mu_Pa", "material.ogden_mu_Pa"}},
+      {"alpha", {"material.ogden_alpha"}},
+      {"g", {"material.prony_g"}},
+      {"tau", {"material.prony_tau_s"}}};
+  std::map<std::string, std::string> notes;
+  for (std::size_t k = 0; k < best.number.size(); ++k)
+    for (const std::string& key : keys.at(best.number[k].name)) {
+      found.source[key] = fmt::format("fitted to {}", curve.name);
+      notes[key] = words[k];
+    }
+  write_file(folder / "fitted.toml", to_toml(found, notes));
 
   Json summary;
   summary["image"] = config.image.file;
@@ -565,9 +575,11 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
   summary["version"] = DIMPLE_VERSION;
   summary["of"] = options.of;
   const FittedNumber& mu = best.number[0];
-  summary["mu_Pa"] = mu.value;
-  summary["mu_low_Pa"] = std::isfinite(mu.half()) ? Json(std::max(0.0, mu.value - mu.half())) : Json();
-  summary["mu_high_Pa"] = std::isfinite(mu.half()) ? Json(mu.value + mu.half()) : Json();
+  // No number under that name that the curve does not tell.
+  const auto told = [&](double x) { return mu.determined && std::isfinite(x) ? Json(x) : Json(); };
+  summary["mu_Pa"] = told(mu.value);
+  summary["mu_low_Pa"] = told(mu.value - mu.half());
+  summary["mu_high_Pa"] = told(mu.value + mu.half());
   summary["noise_share"] = std::isfinite(mu.noise) ? Json(mu.noise / mu.value) : Json();
   summary["discretisation_share"] = unknown.empty() ? Json(mu.discretisation / mu.value) : Json();
   if (!unknown.empty()) summary["discretisation_unknown"] = unknown;

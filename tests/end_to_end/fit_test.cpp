@@ -57,7 +57,7 @@ TEST_F(Fit, FindsTheModulusOfACurveMadeWithAnotherCloud) {
 }
 
 TEST_F(Fit, FindsOgdensExponentOfACurveMadeWithAnotherCloud) {
-  const std::string cloud = " --nodes 300 --frames 4";
+  const std::string cloud = " --nodes 300 --frames 3";
   good("run " + block + " -o made --write force --seed 2 --depth 5mm" + cloud +
        " --set material.ogden_mu_Pa=300 --set material.ogden_alpha=-4.7");
   good("fit " + block + " -o out --curve made/force.csv --of mu,alpha" + cloud);

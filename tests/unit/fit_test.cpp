@@ -126,6 +126,13 @@ TEST(Fit, AModulusAloneLiesBetweenWhatBothEndsOfTheForcesBandGive) {
   EXPECT_NEAR(fit.number[0].discretisation, 1.0 / 0.95 - 1.0, 1e-12);
 }
 
+TEST(Fit, RefusesAModulusThatNoTissueHas) {
+  const std::vector<double> depth = depths(10);
+  std::vector<double> huge = bent(depth, 1.0);
+  for (double& f : huge) f *= 1e300;
+  EXPECT_THROW(fit_curve(depth, huge, {}, [&](const auto&) { return bent(depth, 1.0); }), InputError);
+}
+
 TEST(Fit, RefusesFewerRowsThanItNeedsAndForcesThatFall) {
   const std::vector<double> one = {8e-3}, depth = depths(10);
   EXPECT_THROW(fit_curve(one, {0.1}, {}, [](const auto&) { return std::vector<double>{1.0}; }), InputError);
