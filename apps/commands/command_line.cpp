@@ -22,6 +22,7 @@ Command add_model(CLI::App& app, Invocation& shared);
 Command add_solve(CLI::App& app, Invocation& shared);
 Command add_run(CLI::App& app, Invocation& shared);
 Command add_converge(CLI::App& app, Invocation& shared);
+Command add_fit(CLI::App& app, Invocation& shared);
 Command add_chart(CLI::App& app, Invocation& shared);
 Command add_stress(CLI::App& app, Invocation& shared);
 Command add_export(CLI::App& app, Invocation& shared);
@@ -31,14 +32,15 @@ Command add_verify(CLI::App& app, Invocation& shared);
 namespace {
 
 constexpr Command (*subcommands[])(CLI::App&, Invocation&) = {
-    add_phantom, add_info,   add_model,  add_solve,   add_run,   add_converge,
-    add_chart,   add_stress, add_export, add_options, add_verify};
+    add_phantom, add_info,  add_model,  add_solve,  add_run,     add_converge,
+    add_fit,     add_chart, add_stress, add_export, add_options, add_verify};
 
 constexpr const char* footer = R"(Examples:
   dimple phantom brain.nrrd                  make a swine-brain-sized label image
   dimple run brain.nrrd -o out               from the image to the force curve
   dimple run patient.seg.nrrd -o out --label Brain --indent-at left --depth 5mm
   dimple run brain.nrrd -o out --resume      go on with that run if it was stopped
+  dimple fit brain.nrrd --curve measured.csv -o out   the modulus from a measured curve
   dimple verify -o out                       compare with closed forms and finite elements
 Lengths are in mm, stresses in Pa, unless the number says otherwise (0.3kPa, 1cm). Positions are LPS.
 Ctrl-C ends any command within 2 s, and so does --time-limit: what is on disk then is valid.

@@ -77,4 +77,24 @@ std::vector<double> half_widths(const std::vector<ForceSample>& force, Index nod
   return half;
 }
 
+std::vector<double> forces_between(const std::vector<ForceSample>& curve, const std::vector<double>& depth) {
+  const Stiffness ours = stiffness_of(curve);
+  std::vector<double> force;
+  for (const double d : depth) force.push_back(d * between(ours.depth, ours.force_by_depth, d));
+  return force;
+}
+
+std::vector<double> halves_between(const std::vector<ForceSample>& curve, const std::vector<double>& half,
+                                   const std::vector<double>& depth) {
+  std::vector<double> depth_of, share, result = forces_between(curve, depth);
+  for (std::size_t k = 0; k < curve.size(); ++k)
+    if (curve[k].depth > 0.0 && curve[k].force != 0.0) {
+      depth_of.push_back(curve[k].depth);
+      share.push_back(half[k] / std::abs(curve[k].force));
+    }
+  for (std::size_t k = 0; k < depth.size(); ++k)
+    result[k] = share.empty() ? 0.0 : std::abs(result[k]) * between(depth_of, share, depth[k]);
+  return result;
+}
+
 }  // namespace dimple

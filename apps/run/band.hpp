@@ -71,4 +71,10 @@ double nodes_for_half_the_band(double radii);
 std::vector<double> half_widths(const std::vector<ForceSample>& force, Index nodes,
                                 const std::vector<ForceSample>& coarse, double radius);
 
+/// Force [N] of a curve, and half its band's width, at other depths [m], rising or not, none deeper than the curve. What is
+/// interpolated is divided by the depth, or by the force: it changes slowly. Needs: a sample with a depth.
+std::vector<double> forces_between(const std::vector<ForceSample>& curve, const std::vector<double>& depth);
+std::vector<double> halves_between(const std::vector<ForceSample>& curve, const std::vector<double>& half,
+                                   const std::vector<double>& depth);
+
 }  // namespace dimple

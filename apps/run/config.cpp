@@ -389,6 +389,11 @@ std::vector<Option> options_of(Config& c) {
        false,
        {"all", "force", "nodes", "points", "surface", "picture", "model", "label"},
        "files"},
+      {"output.compare", "--compare", "",
+       "a measured curve beside ours, which it does not change: CSV with indentation_mm and force_N (or "
+       "force_mN), or "
+       "horton2007",
+       &c.output.compare, 0, 0, false, any, "files"},
   };
 }
 
@@ -637,19 +642,24 @@ Scheme scheme_of(const Config& c) {
   return scheme;
 }
 
+std::string why_not_proportional(const Config& config) {
+  if (config.scheme.name != converging.name || config.solver.time == "explicit" ||
+      config.solver.time == "dynamic")
+    return "inertia, which does not grow with mu, takes part in it";
+  if (config.material.mooney_c01_Pa > 0.0)
+    return "the second constant of a Mooney-Rivlin law is given apart from mu";
+  if (config.material.preset != "none") return "the modulus of this material is not given by --mu";
+  if (!config.tissue.empty())
+    return "several tissues share the body, and the force is proportional to none of them";
+  return {};
+}
+
 double spread_of(const Config& config) {
   const double spread = 0.01 * config.material.mu_spread_percent;
   if (!(spread > 0.0)) return 0.0;
-  std::string why;
-  if (!config.tissue.empty())
-    why = "several tissues share the body, and the force is proportional to none of them";
-  if (!config.material.ogden_mu_Pa.empty() || config.material.preset != "none")
+  std::string why = why_not_proportional(config);
+  if (why.empty() && !config.material.ogden_mu_Pa.empty())
     why = "the modulus of this material is not given by --mu";
-  if (config.material.mooney_c01_Pa > 0.0)
-    why = "the second constant of a Mooney-Rivlin law is given apart from mu";
-  if (config.scheme.name != converging.name || config.solver.time == "explicit" ||
-      config.solver.time == "dynamic")
-    why = "inertia, which does not grow with mu, takes part in it";
   if (why.empty()) return spread;
   throw UsageError(
       {.fact = fmt::format("mu is given as known to {:g} %, and what that does to the force would take "

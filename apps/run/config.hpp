@@ -77,6 +77,7 @@ struct Config {
   } accuracy;
   struct Output {
     std::vector<std::string> write = {"all"};  ///< which files; see wanted_of() in results.hpp
+    std::string compare;                       ///< a measured curve, paper_word, or empty; see compare.hpp
   } output;
 
   /// key -> why it has its value ("default", "config.toml", "--nodes", ...)
@@ -130,6 +131,10 @@ std::string option_reference();
 /// The word among `known` nearest to `word`, if it is near enough to have been meant, as ", did you mean
 /// ...?".
 std::string did_you_mean(const std::string& word, const std::vector<std::string>& known);
+
+/// Why the force is not proportional to the constants of one law, all multiplied alike; empty: it is, in equilibrium under
+/// a tool whose way is given.
+std::string why_not_proportional(const Config& config);
 
 /// How well the force is known by its material, as a share of it: in equilibrium under a tool whose way is given
 /// it is proportional to the one modulus that the whole body has. Throws UsageError: it is not so here.

@@ -79,6 +79,13 @@ std::optional<Checkpoint> resumed_in(const ResultFolder& folder, const RunIdenti
   return checkpoint;
 }
 
+// What is wrong with the curve is said before anything is computed.
+std::optional<MeasuredCurve> compared_curve(const Config& config) {
+  const std::string& name = config.output.compare;
+  if (name.empty()) return std::nullopt;
+  return name == paper_word ? paper_curve() : read_measured_curve(name);
+}
+
 // What differs between a run from an image and one from a model's files.
 struct Recording {
   fs::path folder;
@@ -88,7 +95,8 @@ struct Recording {
   std::function<Json(const Result&)> summary;                    // what it begins with
   std::function<std::vector<std::string>(const Result&)> facts;  // for the picture
   std::string subject;
-  double read_s = 0.0;  // before simulate()
+  std::optional<MeasuredCurve> beside = {};  // what the force is compared with
+  double read_s = 0.0;                       // before simulate()
   Stopwatch whole = {};
 };
 
@@ -236,6 +244,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   const double evaluations = evaluations_of(history),
                ms = evaluations > 0.0 ? 1e3 * solve_s / evaluations : 0.0,
                times_real = solve_s > 0.0 ? reached / config.load.rate_mm_per_s / solve_s : 0.0;
+  std::optional<Comparison> comparison;
   if (!history.force.empty()) {
     std::vector<std::string> facts = how_.facts(result);
     facts.push_back(
@@ -262,10 +271,17 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
                       "compared with {}, in {:.1f} s",
                       force - half, force + half, 100.0 * half / std::abs(force), result.model.node_count(),
                       band.coarse_nodes, band.seconds));
+    if (how_.beside) {
+      comparison = dimple::compare(*how_.beside, history.force, band);
+      write_comparison(how_.folder / "compare.csv", *comparison);
+      facts.push_back("compared with " + in_words(*comparison));
+      say(observer_, "compare  " + in_words(*comparison));
+      if (!comparison->measured.left_out.empty()) say(observer_, "compare  " + comparison->measured.left_out);
+    }
     // Who is asked to end has not always the time for a picture.
     if (!history.interrupted)
       writer_->overview(
-          history, band,
+          history, band, comparison,
           fmt::format("{}: {}{}", how_.subject, title, status == "finished" ? "" : " (" + status + ")"),
           facts);
   }
@@ -286,6 +302,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
           failure               ? &reason
           : history.interrupted ? &stopped
                                 : nullptr);
+  if (comparison) summary["compare"] = to_json(*comparison);
   outcome.summary_json = as_text(summary);
   // The last file: a folder with it is complete. Then there is nothing to go on with.
   write_file(how_.folder / "summary.json", outcome.summary_json);
@@ -329,7 +346,7 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
   const Stopwatch whole;
   ResultFolder results(folder, existing);
   RunIdentity identity{DIMPLE_VERSION, option_values(config), ""};
-  Recording how{.folder = folder, .identity = identity, .whole = whole};
+  Recording how{.folder = folder, .identity = identity, .beside = compared_curve(config), .whole = whole};
   if (existing == Existing::resume && !config.image.file.empty() &&
       (results.finished() || results.resumable())) {
     identity.input_sha256 = sha256_of_file(config.image.file);
@@ -370,6 +387,7 @@ Outcome record_solve(const Config& config, const fs::path& model, const fs::path
   Recording how{
       .folder = folder,
       .identity = {DIMPLE_VERSION, option_values(config), sha256_of_model(files.places, files.scheme)},
+      .beside = compared_curve(config),
       .read_s = whole.seconds(),
       .whole = whole};
   if (existing == Existing::resume && results.finished())

@@ -217,7 +217,8 @@ void ResultWriter::tables(const History& history, const Band& band, double sprea
   write_csv(folder_ / "energy.csv", energy);
 }
 
-void ResultWriter::overview(const History& history, const Band& band, const std::string& title,
+void ResultWriter::overview(const History& history, const Band& band,
+                            const std::optional<Comparison>& comparison, const std::string& title,
                             const std::vector<std::string>& lines) const {
   if (!wanted_.picture) return;
   Overview picture;
@@ -239,6 +240,12 @@ void ResultWriter::overview(const History& history, const Band& band, const std:
     picture.force_N.push_back(s.force);
   }
   if (band.known()) picture.half_N = band.half;
+  if (comparison) {
+    const MeasuredCurve& measured = comparison->measured;
+    for (const double depth : measured.depth) picture.beside_depth_mm.push_back(1e3 * depth);
+    picture.beside_force_N = measured.force;
+    picture.beside = measured.row_name.empty() ? "measured" : "paper";
+  }
   picture.two_threads = beside_;
   write_overview(folder_ / "overview.png", picture);
 }
@@ -249,7 +256,7 @@ namespace {
 constexpr std::array files_of_a_run = {
     checkpoint_file, "summary.json", "model/model.toml", "nodes.pvd",    "points.pvd",
     "surface.pvd",   "force.csv",    "energy.csv",       "overview.png", "config.resolved.toml",
-    "explain.md",    "explain.csv",  "explain.png",      "explain.svg"};
+    "compare.csv",   "explain.md",   "explain.csv",      "explain.png",  "explain.svg"};
 constexpr std::array files_of_a_model = {"model.toml", "nodes.vtu", "points.vtu", "surface.vtp", "label.vti"};
 constexpr std::array folders_of_a_run = {"nodes", "points", "surface", "model"};
 
@@ -366,7 +373,8 @@ void leave_word(const fs::path& folder, const std::string& command, const std::s
 void check_result_folder(const fs::path& folder) {
   std::error_code error;
   if (fs::is_directory(folder) && !fs::is_empty(folder, error) && made_by_a_run(folder).empty() &&
-      !holds_a_model(folder) && !fs::exists(folder / "convergence.csv") && !fs::exists(folder / "chart.csv"))
+      !holds_a_model(folder) && !fs::exists(folder / "convergence.csv") && !fs::exists(folder / "fit.csv") &&
+      !fs::exists(folder / "chart.csv"))
     throw OutputError({.fact = fmt::format("{} holds files that are not results of dimple", folder.string()),
                        .where = "-o",
                        .why = "they could be overwritten",

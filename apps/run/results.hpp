@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "apps/run/band.hpp"
+#include "apps/run/compare.hpp"
 #include "apps/run/config.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -43,9 +44,9 @@ class ResultWriter {
   const std::vector<double>& frame_time_s() const { return frame_time_s_; }
   /// `spread`: of the force by its material, as a share of it; 0: not known.
   void tables(const History& history, const Band& band, double spread) const;
-  /// overview.png: the model at rest, the last frame, the force curve.
-  void overview(const History& history, const Band& band, const std::string& title,
-                const std::vector<std::string>& lines) const;
+  /// overview.png: the model at rest, the last frame, the force curve, and what it is compared with.
+  void overview(const History& history, const Band& band, const std::optional<Comparison>& comparison,
+                const std::string& title, const std::vector<std::string>& lines) const;
 
  private:
   struct Packing;

@@ -27,7 +27,8 @@ constexpr int height = 1200;
 
 // Hues that the common colour-vision deficiencies keep apart; the lightness differs as well.
 const Colour interior = rgb(0xB9C8D8), base = rgb(0x1560A0), circle = rgb(0xE8590C), cross = rgb(0x8794A4),
-             curve = rgb(0x1560A0), band = rgb(0xBCD5EA), node_dot = rgb(0x6F8AA6);
+             curve = rgb(0x1560A0), band = rgb(0xBCD5EA), other_curve = rgb(0x00805E),
+             node_dot = rgb(0x6F8AA6);
 
 bool is_base(int set) {
   return (set & 1) != 0;
@@ -589,13 +590,19 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
       if (has_band) half.push_back(o.half_N[i]);
     }
   if (points.empty()) return say_nothing_to_show(canvas, room, "no force recorded");
+  std::vector<Vec2> beside;
+  for (std::size_t i = 0; i < std::min(o.beside_depth_mm.size(), o.beside_force_N.size()); ++i)
+    if (std::isfinite(o.beside_depth_mm[i]) && std::isfinite(o.beside_force_N[i]))
+      beside.emplace_back(o.beside_depth_mm[i], o.beside_force_N[i]);
 
   Eigen::AlignedBox2d range(Vec2(0.0, 0.0));
   for (const Vec2& p : points) range.extend(p);
+  for (const Vec2& p : beside) range.extend(p);
   for (std::size_t i = 0; i < half.size(); ++i)
     range.extend(points[i] + Vec2(0.0, half[i])).extend(points[i] - Vec2(0.0, half[i]));
   const Scale scale = force_scale(std::max(range.max().y(), -range.min().y()));
   for (Vec2& p : points) p.y() *= scale.factor;
+  for (Vec2& p : beside) p.y() *= scale.factor;
   for (double& h : half) h *= scale.factor;
   Vec2 low(range.min().x(), range.min().y() * scale.factor),
       high(range.max().x(), range.max().y() * scale.factor);
@@ -636,6 +643,10 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
     canvas.polygon(corners, band, 0.2);
   }
   for (std::size_t i = 1; i < points.size(); ++i) canvas.line(at(points[i - 1]), at(points[i]), 2.6, curve);
+  const double dot = beside.size() > 40 ? 2.4 : 4.5;
+  for (const Vec2& p : beside) canvas.disc(at(p), dot, other_curve);
+  if (!beside.empty())
+    legend(canvas, {plot.x + 14.0, plot.y + 20.0}, {{"this run", curve, '-'}, {o.beside, other_curve, 'o'}});
   const Vec2 last = at(points.back());
   canvas.disc(last, 6.5, card);
   canvas.disc(last, 5.0, circle);

@@ -25,7 +25,9 @@ struct Overview {
   std::vector<double> depth_mm;    ///< force curve
   std::vector<double> force_N;
   std::vector<double> half_N;  ///< half the width of the band about it; empty: not known
-  bool two_threads = false;    ///< draw with a second one; the same picture
+  std::vector<double> beside_depth_mm, beside_force_N;  ///< another curve, as dots; empty: none
+  std::string beside;                                   ///< its word in the legend
+  bool two_threads = false;                             ///< draw with a second one; the same picture
 };
 
 /// Draws the overview, 1600 x 1200 pixels, PNG: the node cloud, a section, the deformed surface, the force

@@ -1,0 +1,48 @@
+#include "apps/studies/fit.hpp"
+
+#include "apps/commands/command.hpp"
+#include "apps/commands/log.hpp"
+
+namespace dimple {
+namespace {
+
+struct Options {
+  Flags flags;
+  FitOptions fit;
+  std::string curve;
+};
+
+}  // namespace
+
+Command add_fit(CLI::App& app, Invocation& shared) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* command =
+      app.add_subcommand("fit", "the tissue's modulus from a measured force curve, with its band");
+  command->add_option("IMAGE", shared.image, "label image");
+  command
+      ->add_option("-o,--out,--output", shared.out,
+                   "folder for fit.csv, .png, .svg, fitted.toml, summary.json")
+      ->required();
+  command
+      ->add_option("--curve", options->curve,
+                   "CSV with indentation_mm and force_N (or force_mN), and time_s if it is known: one "
+                   "loading, from contact")
+      ->required();
+  command
+      ->add_option(
+          "--of", options->fit.of,
+          "what is looked for: mu, by one run; mu,alpha: Ogden's exponent too; mu,g,tau: one Prony term too")
+      ->capture_default_str();
+  options->flags.add(*command, "");
+  add_common(*command, shared);
+  return {command, [&shared, command, options] {
+            const Config config = options->flags.config(*command, shared.image);
+            into_folder(shared, config.image.file);
+            options->fit.curve = options->curve;
+            // What each of many runs says of itself would hide what the fit says.
+            if (!shared.verbose) start_log(Verbosity::quiet);
+            return finish(shared, fit(config, options->fit, shared.out, progress_of(shared)));
+          }};
+}
+
+}  // namespace dimple

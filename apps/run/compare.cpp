@@ -1,0 +1,232 @@
+#include "apps/run/compare.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "io/error.hpp"
+#include "io/table.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+// What the options take too.
+constexpr double deepest_mm = 1000.0;
+
+[[noreturn]] void refuse(const fs::path& file, const std::string& fact, const std::string& why,
+                         const std::string& remedy) {
+  throw InputError({.fact = fact, .where = file.string(), .why = why, .remedy = remedy, .code = "bad-curve"});
+}
+
+// In newtons.
+std::vector<double> forces_in(const Table& table, const fs::path& file) {
+  const auto *newtons = table.find("force_N"), *milli = table.find("force_mN");
+  if (!table.find("indentation_mm") || (!newtons && !milli))
+    refuse(file,
+           fmt::format("there is no column {}", table.find("indentation_mm") ? "force_N" : "indentation_mm"),
+           fmt::format("the columns are named {}, and a unit is not guessed", fmt::join(table.header, ", ")),
+           "name them indentation_mm and force_N (or force_mN), and convert the numbers where they are in "
+           "other units");
+  if (newtons && milli)
+    refuse(file, "there are two forces, force_N and force_mN", "one of them would be ignored",
+           "leave one of them out");
+  std::vector<double> forces = newtons ? *newtons : *milli;
+  if (!newtons)
+    for (double& force : forces) force *= 1e-3;
+  return forces;
+}
+
+}  // namespace
+
+MeasuredCurve read_measured_curve(const fs::path& file) {
+  const Table table = read_csv(file);
+  const std::vector<double> force = forces_in(table, file);
+  const std::vector<double>& depth = *table.find("indentation_mm");
+  const auto* time = table.find("time_s");
+  const auto deepest = std::max_element(depth.begin(), depth.end());
+  if (deepest == depth.end() || !(*deepest > 0.0))
+    refuse(file, "no row has an indentation above 0", "a curve needs forces at depths",
+           "count the indentation from the first contact, positive into the tissue");
+  if (*deepest > deepest_mm)
+    refuse(file, fmt::format("the curve is {:g} mm deep", *deepest), "no organ is",
+           "give indentation_mm in millimetres");
+  MeasuredCurve curve{.name = file.filename().string()};
+  const auto last = static_cast<std::size_t>(deepest - depth.begin());
+  for (std::size_t k = 0; k <= last; ++k) {
+    if (!(depth[k] > 0.0)) {
+      if (curve.depth.empty()) continue;  // before contact
+      refuse(file, fmt::format("row {} is at {:g} mm, after deeper ones", k + 1, depth[k]),
+             "a curve is one loading: its depths rise",
+             "cut the file before that row, and keep one cycle of loading");
+    }
+    if (!curve.depth.empty() && !(1e-3 * depth[k] > curve.depth.back()))
+      refuse(file,
+             fmt::format("row {} is at {:g} mm, the one before at {:g} mm, and deeper ones follow", k + 1,
+                         depth[k], 1e3 * curve.depth.back()),
+             "a curve is one loading: its depths rise",
+             "keep one cycle of loading; where the sensor's noise does it, average over rows");
+    curve.depth.push_back(1e-3 * depth[k]);
+    curve.force.push_back(force[k]);
+    if (time) curve.time.push_back((*time)[k]);
+  }
+  if (const std::size_t after = depth.size() - last - 1; after > 0)
+    curve.left_out = fmt::format(
+        "{} of {} rows, which come after the largest depth, {:g} mm, are left out: they are no loading",
+        after, depth.size(), *deepest);
+  double sum = 0.0;
+  for (const double f : curve.force) sum += f;
+  if (!(sum > 0.0))
+    refuse(
+        file, fmt::format("the forces of the {} rows with a depth add up to {:g} N", curve.force.size(), sum),
+        "tissue resists the tool: its force is positive",
+        curve.left_out.empty() ? "turn the sign of the force, if the sensor counts it the other way"
+                               : "turn the sign of the force, or bring the rows into the order of loading");
+  return curve;
+}
+
+double ramp_rate(const MeasuredCurve& curve) {
+  const auto refused = [&](const std::string& fact, const std::string& why) {
+    refuse(curve.name, fact, why,
+           "give the part with a constant speed, or leave time_s out where time plays no part in the fit");
+  };
+  if (curve.time.empty())
+    refused("there is no column time_s", "what relaxes in time cannot be told from depths");
+  for (std::size_t k = 1; k < curve.time.size(); ++k)
+    if (!(curve.time[k] > curve.time[k - 1]))
+      refused(fmt::format("the time does not rise: {:g} s after {:g} s", curve.time[k], curve.time[k - 1]),
+              "each row is one moment of a loading");
+  if (curve.time.size() < 2) refused("there is one row with a depth", "a speed takes two");
+  // The clock may have been started before contact: depth = rate (t - t0), by least squares.
+  const auto n = static_cast<double>(curve.time.size());
+  double t_mean = 0.0, d_mean = 0.0, tt = 0.0, td = 0.0;
+  for (std::size_t k = 0; k < curve.time.size(); ++k)
+    t_mean += curve.time[k] / n, d_mean += curve.depth[k] / n;
+  for (std::size_t k = 0; k < curve.time.size(); ++k) {
+    tt += (curve.time[k] - t_mean) * (curve.time[k] - t_mean);
+    td += (curve.time[k] - t_mean) * (curve.depth[k] - d_mean);
+  }
+  const double rate = td / tt;
+  for (std::size_t k = 0; k < curve.time.size(); ++k) {
+    const double off = curve.depth[k] - d_mean - rate * (curve.time[k] - t_mean);
+    if (std::abs(off) > 0.05 * curve.depth.back())
+      refused(fmt::format(
+                  "at {:g} s the tool is {:.2g} mm from where a constant speed of {:.3g} mm/s would have it",
+                  curve.time[k], 1e3 * std::abs(off), 1e3 * rate),
+              fmt::format("the tool moves at one speed here, and that is more than 5 % of the {:g} mm in all",
+                          1e3 * curve.depth.back()));
+  }
+  return rate;
+}
+
+MeasuredCurve paper_curve() {
+  // Horton, Wittek, Miller 2007, section 5: one swine brain, a circle of 10 mm, at 1 mm/s.
+  return {.name = paper_word,
+          .depth = {8e-3, 8e-3, 8e-3},
+          .force = {0.181, 0.125, 0.131},
+          .time = {},
+          .row_name = {"left hemisphere", "right hemisphere", "their simulation"},
+          .simulated = 1,
+          .left_out = {}};
+}
+
+Comparison compare(const MeasuredCurve& measured, const std::vector<ForceSample>& ours, const Band& band) {
+  Comparison result;
+  MeasuredCurve& kept = result.measured;
+  kept.name = measured.name;
+  kept.left_out = measured.left_out;
+  kept.simulated = measured.simulated;
+  const double reached = ours.empty() ? 0.0 : ours.back().depth;
+  for (std::size_t k = 0; k < measured.depth.size(); ++k) {
+    if (measured.depth[k] > reached * (1.0 + 1e-6)) {
+      ++result.deeper;
+      continue;
+    }
+    kept.depth.push_back(measured.depth[k]);
+    kept.force.push_back(measured.force[k]);
+    if (!measured.row_name.empty()) kept.row_name.push_back(measured.row_name[k]);
+  }
+  if (kept.depth.empty()) return result;
+  result.force = forces_between(ours, kept.depth);
+  if (band.known()) result.half = halves_between(ours, band.half, kept.depth);
+  const std::size_t rows = kept.depth.size() - kept.simulated;
+  double sum = 0.0, sum_ours = 0.0, sum2 = 0.0, inside = 0.0, end = 0.0, at_end = 0.0;
+  for (std::size_t k = 0; k < rows; ++k) {
+    const double off = kept.force[k] - result.force[k];
+    sum += kept.force[k];
+    sum_ours += result.force[k];
+    sum2 += off * off;
+    if (!result.half.empty() && std::abs(off) <= result.half[k]) inside += 1.0;
+    if (kept.depth[k] == kept.depth[rows - 1]) at_end += kept.force[k] / result.force[k], end += 1.0;
+  }
+  const auto count = static_cast<double>(rows);
+  result.at_end = at_end / end;
+  result.mean = sum / sum_ours;
+  result.rms = std::sqrt(sum2 / count);
+  if (!result.half.empty()) result.inside_band = inside / count;
+  return result;
+}
+
+std::string in_words(const Comparison& c) {
+  const MeasuredCurve& m = c.measured;
+  std::string text = m.name + ": ";
+  if (c.force.empty()) {
+    text += "nothing to compare";
+  } else if (!m.row_name.empty()) {
+    std::vector<std::string> rows;
+    for (std::size_t k = 0; k < m.row_name.size(); ++k)
+      rows.push_back(fmt::format("{} {:.2f}", m.row_name[k], m.force[k] / c.force[k]));
+    text += fmt::format("theirs / ours at {:.2f} mm: {}", 1e3 * m.depth.back(), fmt::join(rows, ", "));
+  } else {
+    text += fmt::format("measured / ours {:.2f} at {:.2f} mm, {:.2f} on average over {} depths", c.at_end,
+                        1e3 * m.depth.back(), c.mean, m.depth.size());
+    if (c.inside_band) text += fmt::format(", {:.0f} % of them inside the band", 100.0 * *c.inside_band);
+  }
+  if (c.deeper > 0)
+    text += fmt::format("; {} row{} deeper than this run {} not compared", c.deeper, c.deeper == 1 ? "" : "s",
+                        c.deeper == 1 ? "is" : "are");
+  return text;
+}
+
+nlohmann::ordered_json to_json(const Comparison& c) {
+  using Json = nlohmann::ordered_json;
+  const bool some = !c.force.empty();
+  Json json = {{"file", c.measured.name},
+               {"rows", c.measured.depth.size()},
+               {"deeper_rows", c.deeper},
+               {"depth_mm", some ? Json(1e3 * c.measured.depth.back()) : Json()},
+               {"ratio_at_end", some ? Json(c.at_end) : Json()},
+               {"mean_ratio", some ? Json(c.mean) : Json()},
+               {"rms_N", some ? Json(c.rms) : Json()},
+               {"inside_band", c.inside_band ? Json(*c.inside_band) : Json()}};
+  for (std::size_t k = 0; k < c.measured.row_name.size(); ++k)
+    json["values"].push_back({{"name", c.measured.row_name[k]},
+                              {"force_N", c.measured.force[k]},
+                              {"ratio", c.measured.force[k] / c.force[k]}});
+  return json;
+}
+
+void write_comparison(const fs::path& file, const Comparison& c) {
+  Table table{.header = {"indentation_mm", "measured_N", "force_N"},
+              .column = std::vector<std::vector<double>>(3)};
+  for (std::size_t k = 0; k < c.force.size(); ++k) {
+    table.column[0].push_back(1e3 * c.measured.depth[k]);
+    table.column[1].push_back(c.measured.force[k]);
+    table.column[2].push_back(c.force[k]);
+  }
+  if (!c.half.empty()) {
+    table.header.insert(table.header.end(), {"low_N", "high_N"});
+    table.column.resize(5);
+    for (std::size_t k = 0; k < c.force.size(); ++k) {
+      table.column[3].push_back(c.force[k] - c.half[k]);
+      table.column[4].push_back(c.force[k] + c.half[k]);
+    }
+  }
+  write_csv(file, table);
+}
+
+}  // namespace dimple

@@ -1,0 +1,22 @@
+#pragma once
+
+#include <cmath>
+#include <numbers>
+#include <random>
+
+namespace dimple {
+
+/// The same random numbers everywhere: the standard's distributions are each library's own.
+struct Draw {
+  std::mt19937_64 bits;
+  double between(double low, double high) {
+    return low + (high - low) * 0x1p-53 * static_cast<double>(bits() >> 11U);
+  }
+  /// Of mean 0 and standard deviation 1, by Box and Muller's transform.
+  double gaussian() {
+    const double u = between(0.0, 1.0), v = between(0.0, 1.0);
+    return std::sqrt(-2.0 * std::log(1.0 - u)) * std::cos(2.0 * std::numbers::pi * v);
+  }
+};
+
+}  // namespace dimple
