@@ -42,8 +42,8 @@ inline constexpr double deepest_with_band = 1.7;
 /// from it as 8000 are, at all depths and with 1000, 2000 and 4000 nodes at once (split conformal prediction; Lei et al.
 /// 2018): tests/verification/README.md. A test computes them again from the scenes.
 double band_half_width(double change, Index nodes, double radii);
-inline constexpr double band_multiplier = 1.392;       ///< down to one radius
-inline constexpr double band_multiplier_deep = 1.443;  ///< deeper
+inline constexpr double band_multiplier = 1.047;       ///< down to one radius
+inline constexpr double band_multiplier_deep = 0.898;  ///< deeper
 /// Whether the second holds, with room for the last bits of a depth.
 inline bool is_deep(double radii) {
   return radii > 1.0 + 1e-9;

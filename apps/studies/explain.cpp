@@ -27,6 +27,7 @@ constexpr int frames = 4;
 constexpr double far_radii = 5.0;           // of the circle: tissue beyond is cut away
 constexpr double small_depth_radii = 0.01;  // where a strain is small: the force is proportional to the depth
 constexpr double tool_step_mm = 1.0;
+constexpr Index most_nodes_to_explain = 6000;  // some two minutes
 
 struct Trial {
   std::string what, instead, all;
@@ -71,6 +72,8 @@ Config pinned(Config config, const Result& found, const Vec3& down) {
   config.boundary.indent_at = vector_text(1e3 * tool.centre);
   config.boundary.direction = vector_text(tool.push);
   config.boundary.base = vector_text(down);
+  if (config.solver.time == "auto")
+    config.solver.time = found.time == TimeMode::quasi_static ? "quasi-static" : "explicit";
   return config;
 }
 
@@ -155,7 +158,7 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
         [](Case& c) { c.config.image.close_mm = narrow_gap_mm; });
 
   const double small_mm = small_depth_radii * radius_mm;
-  if (small_mm < config.load.depth_mm) {
+  if (small_mm < config.load.depth_mm && found.time == TimeMode::quasi_static) {
     add("strain", "", "small instead of large", Kind::simplification, [&](Case& c) {
       c.config.load.depth_mm = small_mm;
       c.config.solver.frames = 1;
@@ -233,15 +236,18 @@ void check_explainable(const Config& config) {
                       .remedy = "leave one of them out"});
 }
 
-Explanation explain(const Config& given, Index nodes,
-                    const std::function<void(const std::string&)>& progress) {
-  check_explainable(given);
+namespace {
+
+// All comparisons with so many nodes; nothing, where these are too few: on a folded body, or because another random
+// cloud has more effect than is to matter. Then `more` is how many to take, if it is asked for.
+std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& given,
+                                        const std::function<void(const std::string&)>& progress) {
   const Stopwatch whole;
   Config config = given;
   config.accuracy = {};
   config.material.mu_spread_percent = 0.0;
   config.cloud.spacing_mm = 0.0;
-  config.cloud.nodes = nodes > 0 ? nodes : nodes_to_explain(0.0);
+  config.cloud.nodes = nodes;
   config.solver.frames = frames;
   const auto say = [&](const std::string& text) {
     if (progress) progress(text);
@@ -252,15 +258,12 @@ Explanation explain(const Config& given, Index nodes,
 
   // simulate() lets go of the image, and cutting away what is far needs it.
   LabelImage image;
-  Tried found;
-  const auto run_as_it_is = [&] {
-    found = run({.config = config, .change = {.image = [&](const LabelImage& read) { return image = read; }}},
-                depths_mm);
-  };
-  run_as_it_is();
-  if (nodes == 0 && nodes_to_explain(found.result.facing_share) > config.cloud.nodes) {
-    config.cloud.nodes = nodes_to_explain(found.result.facing_share);
-    run_as_it_is();
+  Tried found =
+      run({.config = config, .change = {.image = [&](const LabelImage& read) { return image = read; }}},
+          depths_mm);
+  if (const Index least = nodes_to_explain(found.result.facing_share); more && nodes < least) {
+    *more = least;
+    return std::nullopt;
   }
   found.result.image = std::move(image);
   const Vec3 down = found.result.model.axes * found.result.report.boundary.down;
@@ -295,8 +298,15 @@ Explanation explain(const Config& given, Index nodes,
         alternative.depth_mm = depths_mm[last];
         alternative.effect = now.force[last] / as_it_is[last] - 1.0;
         alternative.force = (1.0 + alternative.effect) * found.force[last];
-        if (trial.what == "cloud")
+        if (trial.what == "cloud") {
           explanation.noise = std::max(explanation.noise, std::abs(alternative.effect));
+          if (more && explanation.noise > least_effect) {
+            say(fmt::format("explain  another cloud changes the force by {:.1f} %: more nodes are taken",
+                            100.0 * explanation.noise));
+            *more = std::min(2 * nodes, most_nodes_to_explain);
+            return std::nullopt;
+          }
+        }
       } catch (const Stopped&) {
         throw;
       } catch (const Error& error) {
@@ -317,6 +327,23 @@ Explanation explain(const Config& given, Index nodes,
   sort(explanation.alternatives);
   explanation.total_s = whole.seconds();
   return explanation;
+}
+
+}  // namespace
+
+Explanation explain(const Config& config, Index nodes,
+                    const std::function<void(const std::string&)>& progress) {
+  check_explainable(config);
+  if (nodes > 0) return *explain_with(nodes, nullptr, config, progress);
+  const Stopwatch whole;
+  for (Index more = nodes_to_explain(0.0);;) {
+    nodes = more;
+    if (std::optional<Explanation> explanation =
+            explain_with(nodes, nodes < most_nodes_to_explain ? &more : nullptr, config, progress)) {
+      explanation->total_s = whole.seconds();
+      return *std::move(explanation);
+    }
+  }
 }
 
 std::string verdict(const Explanation& explanation, const Alternative& a) {

@@ -45,7 +45,7 @@ inline double threshold(const Explanation& e) {
   return e.noise > least_effect ? e.noise : least_effect;
 }
 
-/// Nodes with which choices are compared: as many as a run has by itself, and no fewer than it takes on a folded body.
+/// Nodes with which choices are compared at first: as many as a run has by itself, and more on a folded body.
 Index nodes_to_explain(double facing_share);
 
 /// Throws UsageError: the scheme is not the converging one.
@@ -56,7 +56,7 @@ void check_explainable(const Config& config);
 /// are narrow, and what a model may leave out: large strain, far tissue, incompressibility, inertia, tissues of their
 /// own. The circle, its direction and the base stay where the scene as it is has them.
 ///
-/// `nodes`: 0: nodes_to_explain(). An accuracy that was asked for plays no part. `progress` hears a line about each run.
+/// `nodes`: 0: nodes_to_explain(), and more where another random cloud has more than `least_effect`. An accuracy that was asked for plays no part. `progress` hears a line about each run.
 /// Throws what simulate() throws where the scene as it is has no force, and what check_explainable() throws; a choice that has none is listed with why. Stopped: before the first comparison; after it, what
 /// there is is returned.
 Explanation explain(const Config& config, Index nodes,

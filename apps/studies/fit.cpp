@@ -283,11 +283,7 @@ void refuse_given(const Config& config, const std::vector<std::string>& keys, co
 // The case that the curve belongs to, but for the numbers that are sought.
 Config case_of(const Config& config, const FitOptions& options, const MeasuredCurve& curve) {
   require_proportional(why_not_proportional(config));
-  if (goal_of(config))
-    throw UsageError({.fact = "an accuracy is asked for",
-                      .where = "--accuracy (accuracy.goal) or --budget (accuracy.budget_s)",
-                      .why = "a fit compares runs of one cloud",
-                      .remedy = "leave it out, and give --nodes"});
+  require_no_goal(config, "dimple fit");
   refuse_given(config, {"load.depth_mm"}, "the run is as deep as the curve");
   refuse_given(config, {"material.mu_Pa", "material.young_Pa", "material.mu_spread_percent"},
                "the modulus is what is looked for");
@@ -299,6 +295,10 @@ Config case_of(const Config& config, const FitOptions& options, const MeasuredCu
     refuse_given(config, {"load.rate_mm_per_s"}, "the curve has times");
     own.load.rate_mm_per_s = 1e3 * ramp_rate(curve);
     own.source["load.rate_mm_per_s"] = curve.name;
+  }
+  if (options.of == "mu" && config.source.count("cloud.nodes") == 0 && !(config.cloud.spacing_mm > 0.0)) {
+    own.cloud.nodes = nodes_for_one_run;
+    own.source["cloud.nodes"] = "one run is all that it takes";
   }
   auto& m = own.material;
   if (options.of == "mu,alpha") {

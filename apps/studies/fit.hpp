@@ -75,6 +75,9 @@ std::vector<std::string> settle(CurveFit& fit, bool discretisation_known);
 /// The worse fit is not worse beyond the noise: the curve does not choose between the two.
 bool alike(const CurveFit& better, const CurveFit& worse);
 
+/// Nodes that the modulus alone is fitted with, where no others are asked for.
+inline constexpr Index nodes_for_one_run = 4000;
+
 struct FitOptions {
   std::string of = "mu";        ///< "mu", "mu,alpha", "mu,g,tau"
   std::filesystem::path curve;  ///< see read_measured_curve()

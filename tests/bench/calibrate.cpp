@@ -18,7 +18,6 @@
 #include <functional>
 #include <map>
 #include <optional>
-#include <random>
 #include <sstream>
 
 #include "apps/run/band.hpp"
@@ -33,6 +32,7 @@
 #include "preprocess/shapes.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/band_scenes.hpp"
+#include "tests/helpers/draw.hpp"
 
 namespace dimple {
 namespace {
@@ -49,18 +49,6 @@ constexpr std::array<Index, 5> rungs = {500, 1000, 2000, 4000, 8000};
 constexpr Index finest = band_truth;
 constexpr int frames = 4;
 constexpr std::int64_t most_evaluations = 2000;  // of the force, for one curve
-
-// The same numbers everywhere: the standard's distributions are each library's own.
-struct Draw {
-  std::mt19937_64 bits;
-  double between(double low, double high) {
-    return low + (high - low) * 0x1p-53 * static_cast<double>(bits() >> 11U);
-  }
-  template <class T, std::size_t n>
-  T of(const std::array<T, n>& list) {
-    return list[static_cast<std::size_t>(between(0.0, static_cast<double>(n)))];
-  }
-};
 
 struct Scene {
   int number = 0;

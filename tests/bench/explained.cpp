@@ -1,7 +1,7 @@
 // How much of what `dimple run --explain` says is true: each of its lines, from short runs, beside the same comparison
 // with several times as many nodes.
 //
-//   dimple_explained FOLDER IMAGE... [--nodes 4000] [--depth 4]
+//   dimple_explained FOLDER IMAGE... [--nodes 8000] [--depth 4]
 //
 // Writes explained.csv, a row for each line, and explained.md: how many agree in sign and size, within a third of the
 // effect or one per cent of the force.
@@ -78,7 +78,7 @@ void compare(const fs::path& folder, const std::vector<std::string>& images, Ind
 int main(int argc, char** argv) try {
   std::filesystem::path folder;
   std::vector<std::string> images;
-  dimple::Index nodes = 4000;
+  dimple::Index nodes = 8000;
   double depth_mm = 4.0;  // deeper than the circle's radius no number of nodes is near a converged force
   CLI::App app("What --explain says, beside the same with many nodes");
   app.add_option("folder", folder, "for tables and pictures")->required();

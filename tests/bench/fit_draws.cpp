@@ -2,8 +2,8 @@
 //
 //   dimple_fit_draws FOLDER --data DIR [--draws 100]
 //
-// Writes fit.csv, a row for each body, depth and noise, and fit.md. A body takes two runs of the finer cloud and one of the
-// default cloud with its band for each depth, and a dozen of the default cloud for the exponent: draws cost nothing.
+// Writes fit.csv, a row for each body, depth and noise, and fit.md. A body takes a run of the finer cloud and one of fit's own
+// with its band for each depth, and a dozen of the default cloud for the exponent: draws cost nothing.
 
 #include <fmt/format.h>
 
@@ -136,6 +136,7 @@ void study_modulus(const Body& body, double depth_mm, int draws, Tally& to) {
   Config config = case_of(body, depth_mm);
   config.material.mu_Pa = mu;
   const std::vector<double> depth = depths_to(depth_mm), truth = truth_of(config, depth);
+  config.cloud.nodes = nodes_for_one_run;
   const Result ours = simulate({.config = config, .band = true});
   if (!ours.band.known()) fmt::print("{}, {} mm: no band, {}\n", body.name, depth_mm, ours.band.unknown);
   std::vector<double> unit = forces_between(ours.history.force, depth);

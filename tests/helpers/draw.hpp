@@ -1,6 +1,8 @@
 #pragma once
 
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <numbers>
 #include <random>
 
@@ -11,6 +13,10 @@ struct Draw {
   std::mt19937_64 bits;
   double between(double low, double high) {
     return low + (high - low) * 0x1p-53 * static_cast<double>(bits() >> 11U);
+  }
+  template <class T, std::size_t n>
+  T of(const std::array<T, n>& list) {
+    return list[static_cast<std::size_t>(between(0.0, static_cast<double>(n)))];
   }
   /// Of mean 0 and standard deviation 1, by Box and Muller's transform.
   double gaussian() {
