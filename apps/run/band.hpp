@@ -22,8 +22,8 @@ inline constexpr double coarser = 2.0;
 /// Above this share of the surface, facing itself across narrow_gap_mm, a body counts as folded. A human brain's was
 /// 0.21 in voxels of 2 mm; a phantom's with one fissure 0.03, a heart's 0.02, a liver's and lungs' 0.002.
 inline constexpr double most_facing = 0.1;
-/// Clouds for which band_half_width() was measured begin with this many nodes. Of a folded body 2000 are too few: on other
-/// brains than the one that proves, they were up to 5 % off where 1000 were no further.
+/// Clouds for which band_half_width() was measured begin with this many nodes. Of a folded body 2000 are too few: on
+/// atlases' brains they were up to 5 % off where 1000 were within 2 % of them.
 inline Index fewest_nodes_with_band(double facing_share) {
   return facing_share > most_facing ? 4000 : 1000;
 }
