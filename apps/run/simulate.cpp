@@ -204,7 +204,7 @@ std::string no_band(const Config& config) {
   if (config.solver.tolerance > usual.solver.tolerance)
     return fmt::format("it was measured for a tolerance of {:g}", usual.solver.tolerance);
   if (config.solver.frames < coarse_frames)
-    return fmt::format("it is the largest over {} depths, and --frames asks for fewer", coarse_frames);
+    return fmt::format("it takes forces at {} depths, and --frames asks for fewer", coarse_frames);
   if (config.cloud.rim != usual.cloud.rim || config.cloud.jitter != usual.cloud.jitter ||
       config.grid.points != usual.grid.points || config.grid.ratio != usual.grid.ratio ||
       config.support.basis != usual.support.basis || config.support.weight != usual.support.weight ||

@@ -655,10 +655,14 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   if (has_band) text += fmt::format(", +- {:.2g} %", 100.0 * half.back() / std::abs(points.back().y()));
   const Style strong{.size = 16.0, .bold = true};
   // Above the last point, unless the curve comes down to it; inside the plot in any case.
-  const bool falls = points.size() > 1 && points[points.size() - 2].y() > points.back().y();
+  const bool falls = (points.size() > 1 && points[points.size() - 2].y() > points.back().y()) ||
+                     (!beside.empty() && beside.back().y() > points.back().y());
   const double room_for_text = text_width(text, strong);
   const double end = std::clamp(last.x() + 12.0, plot.x + room_for_text + 8.0, plot.x + plot.w);
-  write(canvas, {end, last.y() + (falls ? 26.0 : -14.0)}, text, strong, Align::right);
+  const Vec2 foot(end, last.y() + (falls ? 26.0 : -14.0));
+  if (!beside.empty())
+    canvas.rectangle({foot.x() - room_for_text - 4.0, foot.y() - 16.0, room_for_text + 8.0, 22.0}, card, 4.0);
+  write(canvas, foot, text, strong, Align::right);
 }
 
 }  // namespace

@@ -32,7 +32,7 @@ TEST(Band, IsAsWideAsTheChangeAndTheFloorTimesTheMultiplier) {
   ASSERT_EQ(half.size(), 5u);
   EXPECT_EQ(half[0], 0.0);
   for (std::size_t k = 1; k < half.size(); ++k)
-    EXPECT_NEAR(half[k], 1.02 * static_cast<double>(k) * band_multiplier * (0.02 + 0.005), 1e-12) << k;
+    EXPECT_NEAR(half[k], 1.02 * static_cast<double>(k) * band_multiplier * (0.02 + 0.015), 1e-12) << k;
 }
 
 TEST(Band, DoesNotTrustCloudsThatComeTogetherDeeperDown) {
@@ -50,7 +50,7 @@ TEST(Band, IsNotKnownDeeperThanTheCoarserCloudGoes) {
 TEST(Band, ALadderLeapsWhereItsBandIsFarTooWide) {
   EXPECT_EQ(first_rung(0.05, 0.0), 500);
   EXPECT_EQ(first_rung(0.01, 0.0), 1000);
-  EXPECT_EQ(first_rung(0.05, 0.2), 1000) << "of a folded body";
+  EXPECT_EQ(first_rung(0.05, 0.2), 2000) << "of a folded body";
   EXPECT_EQ(next_rung(1000, 0.015, 0.01), 2000);
   EXPECT_EQ(next_rung(1000, 0.05, 0.01), 4000);
   EXPECT_EQ(next_rung(500, 0.0, 0.01), 1000) << "the first has no band";
