@@ -58,6 +58,11 @@ Tried run(const Case& given, const std::vector<double>& depths_mm) {
   }
   if (tried.result.history.interrupted) throw Stopped(stop_asked());
   tried.force = forces_at(tried.result.history.force, depths_mm);
+  if (tried.force.empty())
+    throw SolveError({.fact = fmt::format("there is no force at {:g} mm", depths_mm.front()),
+                      .where = "--explain",
+                      .why = "the load ends before",
+                      .remedy = "give a larger --depth"});
   tried.seconds = whole.seconds();
   return tried;
 }
