@@ -34,7 +34,9 @@ class Sight {
   bool sees(Index node, Index point) const;  ///< a node and an integration point
   /// Does an integration point see x?
   bool point_sees(Index point, const Vec3& x) const;
-  /// No node has anything within its radius that it may not see.
+  /// A node has nothing within its radius that it may not see.
+  bool sees_all(Index node) const { return clear_radius_[node] > 0.0; }
+  /// No node has.
   bool all_clear() const { return clear_radius_.minCoeff() > 0.0; }
 
  private:

@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <memory>
 #include <optional>
 
 #include "io/error.hpp"
@@ -641,20 +642,19 @@ Connected members_of(const CompressedRows& rows) {
   };
 }
 
-// Of places on the surface, with the normals there, the nodes that they are connected with: those of the supports of
-// the nearest points behind the surface that they see. Good enough for pictures, and cheaper than to ask every node.
-CompressedRows nodes_behind(const Model& model, const Sight& sight, const Points& places,
-                            const Points& normals) {
+// Of places, the nodes that they are connected with: those of the supports of the nearest points that `reaches`(point,
+// place) holds for. Good enough for pictures, and cheaper than to ask every node.
+template <class Reaches>
+CompressedRows nodes_by_points(const Model& model, const Points& places, Reaches&& reaches) {
   constexpr int asked = 12, enough = 2;
   const Neighbours points(model.point);
   std::vector<std::vector<int>> nodes(static_cast<std::size_t>(places.cols()));
   tbb::parallel_for(Index{0}, places.cols(), [&](Index m) {
     if (m % 256 == 0) stop_if_asked();
     std::vector<int>& list = nodes[static_cast<std::size_t>(m)];
-    const Vec3 x = places.col(m);
     int taken = 0;
-    for (const int q : points.nearest(x, asked)) {
-      if ((model.point.col(q) - x).dot(normals.col(m)) >= 0.0 || !sight.point_sees(q, x)) continue;
+    for (const int q : points.nearest(places.col(m), asked)) {
+      if (!reaches(q, m)) continue;
       list.insert(list.end(), model.support.member.data() + model.support.offset[q],
                   model.support.member.data() + model.support.offset[q + 1]);
       if (++taken == enough) break;
@@ -686,10 +686,31 @@ Interpolation surface_interpolation(const Model& model) {
       const Vec3 a = places.col(t[0]), n = (places.col(t[1]) - a).cross(places.col(t[2]) - a);
       for (const Index v : t) normal.col(v) += n;
     }
-    allowed = nodes_behind(model, *sight, places, normal);
+    allowed = nodes_by_points(model, places, [&](int q, Index m) {  // behind the surface
+      return (model.point.col(q) - places.col(m)).dot(normal.col(m)) < 0.0 &&
+             sight->point_sees(q, places.col(m));
+    });
   }
   return make_interpolation(model, model.scheme.support, places,
                             allowed.offset.size() > 0 ? members_of(allowed) : Connected());
+}
+
+Interpolation inner_interpolation(const Model& model, const Points& places) {
+  CompressedRows allowed;
+  if (model.support_report.unseen > 0)
+    if (const auto sight = sight_in(model, model.scheme.support))
+      allowed =
+          nodes_by_points(model, places, [&](int q, Index m) { return sight->point_sees(q, places.col(m)); });
+  return make_interpolation(model, model.scheme.support, places,
+                            allowed.offset.size() > 0 ? members_of(allowed) : Connected());
+}
+
+Interpolation node_interpolation(const Model& model) {
+  if (model.support_report.unseen == 0) return make_interpolation(model, model.scheme.support, model.X);
+  const Connected belongs = members_of(model.support);
+  const CompressedRows allowed =
+      nodes_by_points(model, model.X, [&](int q, Index m) { return belongs(static_cast<int>(m), q); });
+  return make_interpolation(model, model.scheme.support, model.X, members_of(allowed));
 }
 
 Interpolation point_interpolation(const Model& model) {
@@ -703,6 +724,153 @@ Eigen::MatrixXd Interpolation::operator()(const Eigen::MatrixXd& nodal) const {
     for (int k = rows.offset[m]; k < rows.offset[m + 1]; ++k)
       result.col(m) += weight[k] * nodal.col(rows.member[k]);
   return result;
+}
+
+struct FieldAnywhere::Parts {
+  explicit Parts(const Model& m) : model(m), cloud(m, m.scheme.support) {
+    if (m.support_report.unseen > 0) sight = sight_in(m, m.scheme.support);
+    if (sight) points.emplace(m.point);
+  }
+  const Model& model;
+  Cloud cloud;
+  std::optional<Sight> sight;
+  std::optional<Neighbours> points;
+
+  // Nodes whose radius comes within `extent` of x, ascending.
+  void near(const Vec3& x, double extent, std::vector<int>& result) const {
+    result.clear();
+    thread_local std::vector<int> found;
+    for (const Cloud::Octave& octave : cloud.octaves) {
+      octave.tree.within_unordered(x, octave.largest_radius + extent, found);
+      for (const int k : found) {
+        const int a = octave.nodes[static_cast<std::size_t>(k)];
+        if ((model.X.col(a) - x).norm() < cloud.radius[a] + extent) result.push_back(a);
+      }
+    }
+    std::sort(result.begin(), result.end());
+  }
+
+  // The nodes that x is connected with, by the nearest points that see it; `first` of them, or -1.
+  void connected_with(const Vec3& x, std::vector<int>& nodes, int& first) const {
+    constexpr int asked = 12, enough = 2;
+    nodes.clear();
+    first = -1;
+    int taken = 0;
+    const auto take = [&](int q) {
+      nodes.insert(nodes.end(), model.support.member.data() + model.support.offset[q],
+                   model.support.member.data() + model.support.offset[q + 1]);
+      if (first < 0) first = q;
+      return ++taken == enough;
+    };
+    const std::vector<int> nearest = points->nearest(x, asked);
+    for (const int q : nearest)
+      if (sight->point_sees(q, x) && take(q)) break;
+    if (nodes.empty()) take(nearest.front());
+    std::sort(nodes.begin(), nodes.end());
+    nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
+  }
+
+  // One place with larger supports where it needs them; where none serves, the nearest node's value.
+  void by_itself(const Vec3& x, const Points& nodal, std::span<const int> near_x,
+                 const std::vector<int>* allowed, Index k, Points& value,
+                 Eigen::Matrix<double, 9, Eigen::Dynamic>* derivative) const {
+    std::function<bool(int)> connected;
+    if (allowed) connected = [&](int a) { return std::binary_search(allowed->begin(), allowed->end(), a); };
+    std::vector<int> reaching(near_x.begin(), near_x.end());
+    if (connected) std::erase_if(reaching, [&](int a) { return !connected(a); });
+    const PlaceSupport s = support_of(x, cloud, reaching, connected);
+    value.col(k).setZero();
+    if (derivative) derivative->col(k).setZero();
+    if (!s.ok) {
+      value.col(k) = nodal.col(cloud.tree.nearest(x, 1).front());
+      return;
+    }
+    for (std::size_t m = 0; m < s.nodes.size(); ++m) {
+      const auto column = static_cast<Index>(m);
+      const Vec3 u = nodal.col(s.nodes[m]);
+      value.col(k) += s.phi[column] * u;
+      if (derivative) derivative->col(k) += (u * s.dphi.col(column).transpose()).reshaped();
+    }
+  }
+};
+
+FieldAnywhere::FieldAnywhere(const Model& model) : parts_(std::make_unique<Parts>(model)) {}
+FieldAnywhere::~FieldAnywhere() = default;
+
+void FieldAnywhere::at(const Points& places, const Points& nodal, Points& value,
+                       Eigen::Matrix<double, 9, Eigen::Dynamic>* derivative) const {
+  const Parts& p = *parts_;
+  const Index count = places.cols();
+  value.resize(3, count);
+  if (derivative) derivative->resize(9, count);
+  if (count == 0) return;
+  const Vec3 centre = places.rowwise().mean();
+  const double extent = (places.colwise() - centre).colwise().norm().maxCoeff();
+  thread_local std::vector<int> nodes;
+  p.near(centre, extent, nodes);
+
+  // Places of which the first one's nearest point sees all are connected with the same nodes.
+  bool alike = true;
+  thread_local std::array<std::vector<int>, most_places> allowed;
+  thread_local std::vector<int> all_allowed, reaching;
+  const bool hidden =
+      p.sight && std::any_of(nodes.begin(), nodes.end(), [&](int a) { return !p.sight->sees_all(a); });
+  reaching.assign(nodes.begin(), nodes.end());
+  if (hidden) {
+    all_allowed.clear();
+    int first = -1, own = -1;
+    for (Index k = 0; k < count; ++k) {
+      auto& list = allowed[static_cast<std::size_t>(k)];
+      p.connected_with(places.col(k), list, own);
+      if (k == 0) first = own;
+      alike = alike && (k == 0 || own == first || p.sight->point_sees(first, places.col(k)));
+      all_allowed.insert(all_allowed.end(), list.begin(), list.end());
+    }
+    std::sort(all_allowed.begin(), all_allowed.end());
+    all_allowed.erase(std::unique(all_allowed.begin(), all_allowed.end()), all_allowed.end());
+    std::erase_if(reaching,
+                  [&](int a) { return !std::binary_search(all_allowed.begin(), all_allowed.end(), a); });
+  }
+  const auto single = [&](Index k) {
+    const std::vector<int>* list = !hidden ? nullptr
+                                   : alike ? &all_allowed
+                                           : &allowed[static_cast<std::size_t>(k)];
+    p.by_itself(places.col(k), nodal, nodes, list, k, value, derivative);
+  };
+  const SupportOptions& options = p.cloud.options;
+  if (!serves_eight(options) || !alike || reaching.empty()) {
+    for (Index k = 0; k < count; ++k) single(k);
+    return;
+  }
+  thread_local MlsOfEight eight;
+  Points x(3, cell_places);  // places that are not there repeat the last
+  for (Index k = 0; k < cell_places; ++k) x.col(k) = places.col(std::min(k, count - 1));
+  value.setZero();
+  mls_of_eight(x, p.model.X, reaching, p.cloud.radius, p.cloud.pinned, options.interpolation, false, eight);
+  std::array<bool, most_places> good{};
+  for (Index k = 0; k < count; ++k) {
+    good[static_cast<std::size_t>(k)] = surely_good(eight, static_cast<std::size_t>(k));
+    if (!good[static_cast<std::size_t>(k)]) {
+      single(k);
+      continue;
+    }
+    const double* phi = eight.rows.data() + k * eight.stride;
+    Vec3 sum = Vec3::Zero();
+    for (std::size_t e = 0; e < eight.nodes.size(); ++e) sum += phi[e] * nodal.col(eight.nodes[e]);
+    value.col(k) = sum;
+  }
+  if (!derivative) return;
+  mls_of_eight(x, p.model.X, reaching, p.cloud.radius, p.cloud.pinned, options.interpolation, true, eight);
+  for (Index k = 0; k < count; ++k) {
+    if (!good[static_cast<std::size_t>(k)]) continue;
+    Mat3 sum = Mat3::Zero();
+    const double* row = eight.rows.data() + 3 * k * eight.stride;
+    for (std::size_t e = 0; e < eight.nodes.size(); ++e)
+      sum += nodal.col(eight.nodes[e]) *
+             Eigen::RowVector3d(row[e], row[static_cast<std::size_t>(eight.stride) + e],
+                                row[2 * static_cast<std::size_t>(eight.stride) + e]);
+    derivative->col(k) = sum.reshaped();
+  }
 }
 
 }  // namespace dimple

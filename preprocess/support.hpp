@@ -1,7 +1,9 @@
 #pragma once
 
 #include <functional>
+#include <memory>
 #include <optional>
+#include <span>
 
 #include "preprocess/mls_gradient.hpp"
 #include "preprocess/model.hpp"
@@ -42,8 +44,35 @@ using Connected = std::function<bool(int, Index)>;
 Interpolation make_interpolation(const Discretisation& cloud, const SupportOptions& options,
                                  const Points& places, const Connected& connected = {});
 
-/// At the vertices of the model's surface, and at its points, connected as its supports are.
+/// At the vertices of the model's surface, at its points, at its nodes, and at other places inside of it [m], connected
+/// as its supports are.
 Interpolation surface_interpolation(const Model& model);
 Interpolation point_interpolation(const Model& model);
+Interpolation node_interpolation(const Model& model);
+Interpolation inner_interpolation(const Model& model, const Points& places);
+
+/// The field that nodal values stand for, at any number of places in the body and no matter in which order; for images,
+/// whose places are too many to keep the shape functions of.
+///
+/// Where a surface lies between nodes and places it takes, as surface_interpolation() does, the nodes that the nearest
+/// integration points are connected with.
+class FieldAnywhere {
+ public:
+  /// `model` must outlive this.
+  explicit FieldAnywhere(const Model& model);
+  ~FieldAnywhere();
+  FieldAnywhere(const FieldAnywhere&) = delete;
+  FieldAnywhere& operator=(const FieldAnywhere&) = delete;
+
+  static constexpr Index most_places = 8;
+  /// At up to eight places [3 x count, m] near each other: values [3 x count]; and `derivative`, if given: column k
+  /// holds d u_i / d x_j of place k, i fastest. Without any memory of earlier calls; several threads may ask at once.
+  void at(const Points& places, const Points& nodal, Points& value,
+          Eigen::Matrix<double, 9, Eigen::Dynamic>* derivative = nullptr) const;
+
+ private:
+  struct Parts;
+  std::unique_ptr<Parts> parts_;
+};
 
 }  // namespace dimple

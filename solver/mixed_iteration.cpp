@@ -60,6 +60,7 @@ using Factor = Eigen::SimplicialLLT<Sparse>;
 struct MassInverse {
   std::shared_ptr<const Factor> factor;
   Sparse matrix = {};  // lower half, without a factor
+  bool ready() const { return factor || matrix.rows() > 0; }
   Eigen::VectorXd operator()(const Eigen::VectorXd& b) const {
     if (factor) return factor->solve(b);
     Eigen::ConjugateGradient<Sparse, Eigen::Lower> iteration(matrix);
@@ -193,12 +194,13 @@ struct MixedIteration::Parts {
       along;  // of nodes that move freely across the push, and along it; the same if none slides
   MassInverse schur;
   std::shared_ptr<const Factor> schur_of_inertia;
-  Eigen::VectorXd inertia;            // [N] N/m or empty, for which `across` was made
-  Eigen::VectorXd bulk;               // [patches] for which `schur` was made
-  Eigen::VectorXd bulk_of_inertia;    // and `schur_of_inertia`,
-  Nodal u_of_inertia, u_of_gradient;  // with the gradient here; and where `gradient` is that now
-  double viscous_share = 0.0;         // for which `memory` was made
-  Eigen::VectorXd scale, dual_scale;  // that make u and lambda of one kind: square roots of energies
+  Eigen::VectorXd inertia;                    // [N] N/m or empty, for which `across` was made
+  Eigen::VectorXd bulk;                       // [patches] for which `schur` was made
+  Eigen::VectorXd bulk_of_inertia;            // and `schur_of_inertia`,
+  Nodal u_of_inertia, u_of_gradient;          // with the gradient here; and where `gradient` is that now
+  double viscous_share = 0.0;                 // for which `memory` was made
+  std::chrono::steady_clock::duration lap{};  // of an iteration in bounded time, mean of the last few
+  Eigen::VectorXd scale, dual_scale;          // that make u and lambda of one kind: square roots of energies
 
   Parts(ForceState& s, const Model& m, const Constraints& c)
       : forces(s),
@@ -508,9 +510,23 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
   return second;
 }
 
+Relaxed MixedIteration::within(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
+                               bool anew, Left& left, const Inertia* inertia) {
+  Parts& p = *parts_;
+  left.force.setZero(4, u.cols());
+  left.volume.setZero(lambda.size());
+  left.late = false;
+  const Relaxed found = iterate(u, lambda, f, options, {}, anew, inertia, nullptr, &left);
+  if (p.across.node.empty() || !p.schur.ready()) return found;
+  Nodal z(4, u.cols());
+  p.laplacian_solve(left.force, z);
+  left.energy = left.force.cwiseProduct(z).sum() + left.volume.dot(p.schur(left.volume));
+  return found;
+}
+
 Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
                                 const Nodal& external, bool anew, const Inertia* inertia,
-                                const Viscosity* viscosity) {
+                                const Viscosity* viscosity, Left* left) {
   Parts& p = *parts_;
   const Model& model = p.model;
   const Constraints& constraints = p.constraints;
@@ -584,11 +600,37 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
   Nodal best_u = u, best_du, from;
   Eigen::VectorXd best_lambda = lambda, best_dlambda;
   bool fresh = true;  // no step has been remembered since the last setback
+  Nodal best_f;       // of `left`
+  ForceSystem::Sweep best_sweep;
+  const auto keep_left = [&] {
+    if (!left) return;
+    best_f = f;
+    best_sweep = result.sweep;
+    left->force = r;
+    left->volume = s;
+  };
   const auto give_up = [&] {
     u = best_u;
     lambda = best_lambda;
     result.residual = best;
+    if (left) {
+      f = best_f;
+      result.sweep = best_sweep;
+    }
     return result;
+  };
+  keep_left();
+  using Clock = std::chrono::steady_clock;
+  const bool timed = options.until != Clock::time_point::max();
+  Clock::time_point last_lap = timed ? Clock::now() : Clock::time_point();
+  const auto out_of_time = [&] {
+    if (!timed) return false;
+    const Clock::time_point time = Clock::now();
+    if (best_du.size() > 0) p.lap += (time - last_lap - p.lap) / 5;
+    last_lap = time;
+    const bool late = time + p.lap + p.lap / 2 > options.until;
+    if (left) left->late = late;
+    return late;
   };
   for (;; evaluate()) {
     const bool worse = !std::isfinite(result.residual) || !std::isfinite(volume_error) ||
@@ -604,9 +646,18 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
     }
     if (result.residual < options.tolerance && volume_error < options.tolerance) {
       result.converged = true;
+      keep_left();
       return result;
     }
-    if (++since_gain > without_gain || result.evaluations >= options.evaluations) return give_up();
+    if (++since_gain > without_gain || result.evaluations >= options.evaluations || out_of_time()) {
+      if (left && result.residual < best) {
+        best = result.residual;
+        best_u = u;
+        best_lambda = lambda;
+        keep_left();
+      }
+      return give_up();
+    }
     if (viscosity) {  // of (1 + share) A
       s *= 1.0 + viscosity->share;
       p.step(r, s, du, dlambda);
@@ -620,6 +671,7 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
       best_lambda = lambda;
       best_du = du;
       best_dlambda = dlambda;
+      keep_left();
       since_gain = 0;
     }
     from = u;

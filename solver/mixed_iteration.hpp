@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <memory>
 
 #include "solver/internal_force.hpp"
@@ -9,6 +10,8 @@ namespace dimple {
 struct RelaxOptions {
   double tolerance = 1e-4;          ///< unbalanced force / reactions
   std::int64_t evaluations = 2000;  ///< of the force, at most
+  /// No evaluation begins that would end after this, were it half as long again as the last few.
+  std::chrono::steady_clock::time_point until = std::chrono::steady_clock::time_point::max();
 };
 
 struct Relaxed {
@@ -65,6 +68,18 @@ class MixedIteration {
                      const RelaxOptions& options, const ForceSystem::Nodal& external, bool anew,
                      const Inertia* inertia = nullptr, const Viscosity* viscosity = nullptr);
 
+  /// What is left unbalanced at the best state that was met.
+  struct Left {
+    ForceSystem::Nodal force;  ///< [N] N, of what is free to move
+    Eigen::VectorXd volume;    ///< [patches] J - 1 - p / bulk
+    bool late = false;         ///< RelaxOptions::until ended it
+    double energy = 0.0;       ///< about that of the way which is left: force.A^-1 force, and of volumes [J]
+  };
+  /// As above without external forces, in one try. Where it ends by a limit, `u`, `lambda`, `f` and `left` are
+  /// those of the best state that was met.
+  Relaxed within(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
+                 const RelaxOptions& options, bool anew, Left& left, const Inertia* inertia = nullptr);
+
   /// v.A v, A as it is at rest [J].
   double laplacian_of(const ForceSystem::Nodal& v) const;
 
@@ -86,7 +101,7 @@ class MixedIteration {
  private:
   Relaxed iterate(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                   const RelaxOptions& options, const ForceSystem::Nodal& external, bool anew,
-                  const Inertia* inertia, const Viscosity* viscosity);
+                  const Inertia* inertia, const Viscosity* viscosity, Left* left = nullptr);
   struct Parts;
   std::unique_ptr<Parts> parts_;
 };

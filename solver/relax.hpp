@@ -41,6 +41,7 @@ class Relaxation {
   Relaxed from_near(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                     const RelaxOptions& options, const ForceSystem::Nodal& external = {}) const;
   bool has_mixed() const { return mixed_ != nullptr; }
+  MixedIteration& mixed() const { return *mixed_; }  ///< of models that it serves
 
  private:
   Relaxed give_way(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,

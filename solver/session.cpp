@@ -1,10 +1,13 @@
 #include "solver/session.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <optional>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
+#include "solver/known_states.hpp"
 #include "solver/path.hpp"
 #include "solver/quasi_static.hpp"
 #include "solver/relax.hpp"
@@ -19,6 +22,17 @@ using Nodal = ForceSystem::Nodal;
 
 constexpr double longest_way = 0.1;  // of the tool between two equilibria, in radii of its circle
 constexpr double safety = 0.8;       // of the stable step, which is that at the begin of a move
+
+// Of a tool that is followed. In radii: between two states that are kept.
+constexpr double kept_apart = 0.04;
+constexpr double shown = 0.05;          // residual of a state that is shown
+constexpr double passed = 0.01;         // and of one on the way to where the tool is to be
+constexpr double slowest = 1.0 / 32.0;  // of longest_way, where the tool stops
+constexpr double folded = 0.01;         // share of inverted points
+constexpr double widest = 2.5;          // displacement, in depths of the tool
+constexpr double gradient_good = 0.1;   // radii, for which dJ/du serves
+// Of the error: shares of the correction, of the mean of the energies left and of the tool, and of the force. Guesses.
+constexpr double of_correction = 0.5, of_energy = 0.1, of_force = 1e-3;
 
 }  // namespace
 
@@ -35,6 +49,10 @@ struct Session::Parts {
         f(u),
         lambda(Eigen::VectorXd::Zero(model.patches.count())) {
     path.push(0.0, u, lambda);
+    known.apart = kept_apart * model.tool.radius;
+    known.add({0.0, u, lambda, 0.0, 0.0});
+    left.force = u;
+    left.volume = lambda;
   }
 
   Model model;
@@ -47,6 +65,21 @@ struct Session::Parts {
   Eigen::VectorXd lambda;
   Path path{2};  // the last equilibria
   double depth = 0.0;
+
+  // Of follow().
+  using Clock = std::chrono::steady_clock;
+  KnownStates known;
+  MixedIteration::Left left;  // at u
+  double residual = 0.0;      // there
+  double caution = 1.0;       // how much of longest_way is tried
+  double gradient_at = -1.0;  // depth, of dJ/du
+  Clock::duration beside{};   // what a frame takes beside the iteration, mean of the last few
+  struct Begun {              // an equilibrium that is not good enough yet
+    double at = 0.0, residual = 0.0;
+    Nodal u;
+    Eigen::VectorXd lambda;
+  };
+  std::optional<Begun> begun;
 
   // Where the next equilibrium is looked for: on the line through the last two, if they are as far apart.
   void look_ahead(double to) {
@@ -76,7 +109,150 @@ struct Session::Parts {
     depth = to;
     path.push(depth, u, lambda);
     v.setZero();
+    begun.reset();
+    left.force.setZero(), left.volume.setZero();
+    left.energy = 0.0;
+    residual = found.residual;
     return found.evaluations;
+  }
+
+  // Where to look for the equilibrium at a depth.
+  void guess(double to, Nodal& next, Eigen::VectorXd& l) const {
+    if (known.state.size() < 2) {
+      next.setZero(4, model.node_count());
+      l.setZero(lambda.size());
+      first_guess(model, to, next);
+    } else if (system.viscoelastic()) {  // its states are no curve
+      const KnownStates::Slope slope = known.slope(depth);
+      next = u + (to - depth) * slope.u;
+      l = lambda + (to - depth) * slope.lambda;
+    } else {
+      known.guess(to, next, l);
+    }
+    constraints.prescribe(next, to);
+  }
+
+  // The next place on the way: as near to what is known as can be trusted.
+  double towards(double asked) const {
+    if (known.state.size() < 2) return known.apart;
+    const double way = caution * longest_way * model.tool.radius;
+    if (system.viscoelastic()) return std::clamp(asked, depth - way, depth + way);
+    return std::min(asked, known.deepest() + way);
+  }
+
+  bool good(const Relaxed& found, const Nodal& its, double at) const {
+    return std::isfinite(found.residual) && found.residual < shown && found.sweep.ok() &&
+           static_cast<double>(found.sweep.inverted) <= folded * static_cast<double>(model.point_count()) &&
+           its.colwise().norm().maxCoeff() < widest * std::max(at, depth);
+  }
+
+  LiveFrame felt(double asked, std::int64_t evaluations) const {
+    LiveFrame frame{.asked = asked, .depth = depth, .residual = residual, .evaluations = evaluations};
+    frame.force = along_push(model.indenter);
+    if (known.state.size() < 2) return frame;
+    const KnownStates::Slope slope = known.slope(depth);
+    const double correction = slope.u.cwiseProduct(left.force).sum() + slope.lambda.dot(left.volume);
+    frame.stiffness = slope.force;
+    frame.force += correction;
+    frame.error = of_correction * std::abs(correction) +
+                  of_energy * std::sqrt(left.energy * std::max(0.0, slope.force)) +
+                  of_force * std::abs(frame.force);
+    return frame;
+  }
+
+  void lift() {
+    u.setZero(), v.setZero(), f.setZero(), lambda.setZero();
+    left.force.setZero(), left.volume.setZero();
+    left.energy = residual = depth = 0.0;
+    begun.reset();
+  }
+
+  LiveFrame follow(double asked, const FrameLimit& limit, double dt) {
+    const bool timed = limit.evaluations == 0;
+    const Clock::time_point begin = timed ? Clock::now() : Clock::time_point();
+    RelaxOptions how{.tolerance = options.tolerance, .evaluations = timed ? 100000 : limit.evaluations};
+    if (timed)
+      how.until = begin +
+                  std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(limit.seconds)) -
+                  beside - beside / 2;
+    const std::int64_t all = how.evaluations;
+    const double to_end = std::max(0.0, asked);
+    LiveFrame::Tool tool = LiveFrame::Tool::there;
+    Clock::duration iterating{};
+    bool moved = false, back = false;
+    state.begin_step(dt);
+    v.setZero();
+    if (to_end == 0.0 && !system.viscoelastic()) lift();
+    Begun now;
+    Nodal force(4, u.cols());
+    MixedIteration::Left its_left;
+    while (to_end > 0.0 || system.viscoelastic()) {
+      const Clock::time_point lap = timed ? Clock::now() : Clock::time_point();
+      if (back) {
+        const KnownStates::State& near = known.nearest(to_end);
+        now = {.at = near.at, .residual = 0.0, .u = near.u, .lambda = near.lambda};
+      } else if (begun && (begun->at <= to_end || known.state.size() < 2)) {
+        now = std::move(*begun);
+      } else if (now.at = towards(to_end), now.residual = 0.0; now.at == depth && depth > 0.0) {
+        now.u = u;
+        now.lambda = lambda;
+      } else {
+        guess(now.at, now.u, now.lambda);
+      }
+      begun.reset();
+      const bool arrives = now.at == to_end;
+      how.tolerance = arrives ? options.tolerance : std::max(options.tolerance, passed);
+      const bool anew =
+          gradient_at < 0.0 || std::abs(now.at - gradient_at) > gradient_good * model.tool.radius;
+      if (anew) gradient_at = now.at;
+      const Relaxed found = relax.mixed().within(now.u, now.lambda, force, how, anew, its_left);
+      if (timed) iterating += Clock::now() - lap;
+      how.evaluations -= found.evaluations;
+      const bool time_is_up = how.evaluations < 1 || its_left.late;
+      if (good(found, now.u, now.at)) {
+        u.swap(now.u), lambda.swap(now.lambda), f.swap(force);
+        std::swap(left, its_left);
+        residual = found.residual;
+        depth = now.at;
+        moved = true;
+        caution = std::min(1.0, 1.3 * caution);
+        known.add({depth, u, lambda, system.viscoelastic() ? 0.0 : residual, felt(asked, 0).force});
+        if (arrives || back) break;
+      } else if (back) {
+        break;
+      } else {
+        const bool nears =
+            std::isfinite(found.residual) && (now.residual == 0.0 || found.residual < 0.7 * now.residual);
+        // A tool that is lifted again must follow, by what is known if not by what lies between.
+        back = now.at < depth && !system.viscoelastic();
+        if (back) {
+          gradient_at = -1.0;
+          how.evaluations = std::max<std::int64_t>(how.evaluations, 1);
+          continue;
+        }
+        if (time_is_up && nears) {
+          now.residual = found.residual;
+          begun = std::move(now);
+        } else {
+          caution *= 0.5;
+          gradient_at = -1.0;
+          if (caution < slowest) {
+            caution = 2.0 * slowest;
+            tool = LiveFrame::Tool::stopped;
+            break;
+          }
+        }
+      }
+      if (time_is_up) break;
+    }
+    if (system.viscoelastic() && moved) state.accept_step(u);
+    path.state.clear();
+    path.push(depth, u, lambda);
+    if (depth != to_end && tool == LiveFrame::Tool::there) tool = LiveFrame::Tool::lags;
+    LiveFrame frame = felt(asked, all - how.evaluations);
+    frame.tool = tool;
+    if (timed) beside += (Clock::now() - begin - iterating - beside) / 5;
+    return frame;
   }
 
   // The force at u, where it is one.
@@ -136,6 +312,20 @@ std::int64_t Session::equilibrate(double depth, double dt) {
     }
     return evaluations;
   });
+}
+
+LiveFrame Session::follow(double depth, const FrameLimit& limit, double dt) {
+  Parts& p = *parts_;
+  if (!std::isfinite(depth) || limit.evaluations < 0 || (limit.evaluations == 0 && !(limit.seconds > 0.0)))
+    throw std::invalid_argument("Session::follow: the depth must be a number, and the limit positive");
+  if (!p.relax.has_mixed())
+    throw SolveError(
+        {.fact = "this scheme or material cannot be followed in bounded time",
+         .where = "Session::follow",
+         .why = "its equilibria are found by hundreds of evaluations of the force",
+         .remedy = "take the scheme 'converging' and a Poisson's ratio above 0.3, or call equilibrate()",
+         .code = "no-live"});
+  return p.follow(depth, limit, dt);
 }
 
 std::int64_t Session::step(double depth, double dt) {

@@ -16,6 +16,29 @@ struct SessionOptions {
   std::vector<HeldSet> further = {};  ///< beside the circle and the base
 };
 
+/// What one frame may take: a time, or, for the same bits whatever the machine, evaluations of the force.
+struct FrameLimit {
+  double seconds = 0.04;         ///< counts where `evaluations` is 0
+  std::int64_t evaluations = 0;  ///< at most; then no clock is read
+};
+
+/// Where a tool that is followed stands, and what it feels there.
+struct LiveFrame {
+  enum class Tool {
+    there,   ///< where it was asked to be
+    lags,    ///< the time did not suffice: it is on its way, and the next frames go on
+    stopped  ///< no equilibrium is found any deeper: it stays at the deepest that is known
+  };
+  double asked = 0.0, depth = 0.0;  ///< where the tool was to be, and where it is [m]
+  double force = 0.0;  ///< on the tool along the push [N], with what is left unbalanced accounted for
+  /// Estimate of how far this is from the force of equilibrium at `depth` [N]. Not calibrated: its constants are guesses.
+  double error = 0.0;
+  double stiffness = 0.0;  ///< d force / d depth [N/m]
+  double residual = 0.0;   ///< relative, as SessionOptions::tolerance
+  std::int64_t evaluations = 0;
+  Tool tool = Tool::there;
+};
+
 /// A body under a tool that someone moves, step by step: for interactive use. All of it is in memory; the
 /// model is its own. The tool stands where it touches the body at first. SI units, positions LPS in metres.
 ///
@@ -35,6 +58,19 @@ class Session {
   /// Returns the evaluations of the force that it took. Throws SolveError: there is no equilibrium to be found;
   /// the body is then as it was.
   std::int64_t equilibrate(double depth, double dt = 0.0);
+
+  /// Moves the tool towards `depth` [m] and follows the body for as long as the limit allows: the tool
+  /// lags where that does not suffice, and every later frame goes on from there. No state is shown that is far from
+  /// equilibrium, has folded over or lies beyond the tool; in its place the last good one stays. Lifted (depth <= 0)
+  /// the body is at rest. `dt` [s]: since the last frame, for viscoelastic tissue.
+  ///
+  /// The force is that on the tool plus w.r + m.s, with r, s the forces and volumes left unbalanced and w, m the
+  /// derivatives of displacements and pressures by the depth: its error is of second order in theirs.
+  ///
+  /// Source:   Becker, Rannacher, Acta Numerica 10, 2001 (dual weighted residuals), the dual solution
+  ///           by differences of equilibria along the tool's way, which symmetry makes the same.
+  /// Throws SolveError: a scheme that MixedIteration does not serve; Stopped.
+  LiveFrame follow(double depth, const FrameLimit& limit, double dt = 0.0);
 
   /// Moves the tool to `depth` [m] at an even speed within `dt` [s] and follows the body with its inertia, by
   /// central differences. Returns their number. Throws SolveError: they would be more than SessionOptions::steps, a

@@ -114,6 +114,15 @@ TEST(Interpolation, ReproducesLinearFieldsAtPlacesOfItsOwn) {
   EXPECT_LT((at(nodal) - exact).cwiseAbs().maxCoeff(), 1e-10 * exact.cwiseAbs().maxCoeff());
 }
 
+TEST(Interpolation, IsTheSameFieldAtNodesInsideAndOnTheSurface) {
+  Model model = block(5);
+  model.surface.vertex_mm = 1e3 * model.X;  // one place in three files
+  const Points nodal = model.X.unaryExpr([](double x) { return std::sin(300.0 * x); });
+  const Points at_nodes = node_interpolation(model)(nodal);
+  EXPECT_LT((at_nodes - surface_interpolation(model)(nodal)).cwiseAbs().maxCoeff(), 1e-12);
+  EXPECT_LT((at_nodes - inner_interpolation(model, model.X)(nodal)).cwiseAbs().maxCoeff(), 1e-12);
+}
+
 TEST(Interpolation, TakesTheNearestNodeWherePlacesLieFarOut) {
   const Model model = block(5);
   const Interpolation at = make_interpolation(model, {}, Vec3(1.0, 1.0, 1.0));

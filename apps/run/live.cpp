@@ -1,0 +1,215 @@
+#include "apps/run/live.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "apps/run/stopwatch.hpp"
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "io/table.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double aside = 0.25;           // radii from the axis within which a touch is the same
+constexpr double longest_path = 3600.0;  // s
+
+[[noreturn]] void refuse(const fs::path& file, const std::string& fact, const std::string& why,
+                         const std::string& remedy) {
+  throw InputError({.fact = fact, .where = file.string(), .why = why, .remedy = remedy, .code = "bad-path"});
+}
+
+double quantile(std::vector<double> values, double share) {
+  if (values.empty()) return 0.0;
+  std::sort(values.begin(), values.end());
+  const auto k = static_cast<std::size_t>(share * static_cast<double>(values.size()));
+  return values[std::min(k, values.size() - 1)];
+}
+
+}  // namespace
+
+LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
+  LiveOrgan live{.config = config, .result = {}};
+  const Talk talk{observer, live.result};
+  live.organ.emplace(read_organ({.config = config}, model_options(config), talk, live.result));
+  live.materials = materials_of(config);
+  return live;
+}
+
+Session touch(const LiveOrgan& live, Index nodes, const std::optional<Vec3>& tip) {
+  ModelOptions options = live.organ->options;
+  options.cloud.count = nodes;
+  options.cloud.spacing_mm = 0.0;
+  if (tip)
+    options.boundary.indent_at = fmt::format("{},{},{}", 1e3 * tip->x(), 1e3 * tip->y(), 1e3 * tip->z());
+  const LabelAt label_at = labels_of(live.config, *live.organ, live.result.image);
+  Discretisation places = discretise(live.organ->body->surface, options, label_at).places;
+  const TissueOptions tissues = tissues_of(live.config, live.organ->label_names, places);
+  Eigen::VectorXi tissue = tissue_of_points(places, tissues);
+  return Session(make_model(std::move(places), options.scheme, std::move(tissue), tissues.density),
+                 live.materials, {.tolerance = live.config.solver.tolerance});
+}
+
+LiveTool make_live_tool(const LiveOrgan& organ, Index nodes) {
+  LiveTool tool{.organ = &organ, .nodes = nodes};
+  const Stopwatch making;
+  tool.session.emplace(touch(organ, nodes));
+  tool.made_s = making.seconds();
+  tool.touches = 1;
+  tool.tip = tool.session->model().tool.centre;
+  return tool;
+}
+
+double depth_of(const LiveTool& tool, const Vec3& tip) {
+  const Indenter& at = tool.session->model().tool;
+  return (tip - at.centre).dot(at.push);
+}
+
+LiveFrame move_depth(LiveTool& tool, double depth, const FrameLimit& limit, double dt) {
+  const Indenter& at = tool.session->model().tool;
+  tool.tip = at.centre + depth * at.push;
+  return tool.frame = tool.session->follow(depth, limit, dt);
+}
+
+LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt) {
+  const BodySurface& surface = tool.organ->organ->body->surface;
+  const Indenter& at = tool.session->model().tool;
+  const Vec3 from = tip - at.centre;
+  const bool beside = (from - from.dot(at.push) * at.push).norm() > aside * at.radius;
+  const bool inside = surface.contains(surface.to_world().inverse() * (1e3 * tip));
+  const bool in_touch = tool.session->depth() > 0.0 && from.dot(at.push) > 0.0;
+  if (beside && !in_touch) {
+    if (!inside) {  // in the air, on its way elsewhere
+      tool.tip = tip;
+      tool.session->follow(0.0, limit, dt);
+      return tool.frame = {};
+    }
+    const Stopwatch making;
+    tool.session.emplace(touch(*tool.organ, tool.nodes, tip));
+    tool.made_s = making.seconds();
+    ++tool.touches;
+  }
+  tool.tip = tip;
+  return tool.frame = tool.session->follow(depth_of(tool, tip), limit, dt);
+}
+
+ToolPath read_tool_path(const fs::path& file) {
+  const Table table = read_csv(file);
+  const auto *time = table.find("time_s"), *depth = table.find("depth_mm"), *x = table.find("x_mm"),
+             *y = table.find("y_mm"), *z = table.find("z_mm");
+  const bool has_tip = x && y && z;
+  if (!time || (depth == nullptr) == !has_tip)
+    refuse(file,
+           !time   ? "there is no column time_s"
+           : depth ? "there are both depth_mm and x_mm, y_mm, z_mm"
+                   : "there is neither depth_mm nor x_mm, y_mm, z_mm",
+           fmt::format("the columns are named {}, and a path is one of the two over time",
+                       fmt::join(table.header, ", ")),
+           "give time_s and depth_mm, or time_s, x_mm, y_mm and z_mm (LPS)");
+  if (table.rows() < 2)
+    refuse(file, fmt::format("the path has {} row{}", table.rows(), table.rows() == 1 ? "" : "s"),
+           "a way takes two", "give at least where it begins and where it ends");
+  for (std::size_t k = 1; k < time->size(); ++k)
+    if (!((*time)[k] > (*time)[k - 1]))
+      refuse(file,
+             fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, (*time)[k], (*time)[k - 1]),
+             "time rises along a path", "sort the rows, and leave out those that stand twice");
+  if (time->back() - time->front() > longest_path)
+    refuse(file, fmt::format("the path lasts {:g} s", time->back() - time->front()),
+           "one of an hour is the longest that is followed", "give time_s in seconds, or cut the path");
+  ToolPath path;
+  path.time = *time;
+  if (depth) {
+    for (const double d : *depth) path.depth.push_back(1e-3 * d);
+  } else {
+    path.tip.resize(3, static_cast<Index>(time->size()));
+    for (std::size_t k = 0; k < time->size(); ++k)
+      path.tip.col(static_cast<Index>(k)) = 1e-3 * Vec3((*x)[k], (*y)[k], (*z)[k]);
+  }
+  return path;
+}
+
+std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const PathOptions& options,
+                                   const std::function<void(const PathFrame&)>& each) {
+  std::vector<PathFrame> frames;
+  const double lasts = path.time.back() - path.time.front(), dt = 1.0 / options.rate;
+  const auto count = static_cast<std::int64_t>(std::floor(lasts * options.rate + 1e-9)) + 1;
+  std::size_t k = 0;
+  for (std::int64_t i = 0; i < count && stop_asked() == StopReason::none; ++i) {
+    PathFrame now{.time = path.time.front() + static_cast<double>(i) * dt};
+    while (k + 2 < path.time.size() && path.time[k + 1] < now.time) ++k;
+    const double share = std::clamp((now.time - path.time[k]) / (path.time[k + 1] - path.time[k]), 0.0, 1.0);
+    const Stopwatch watch;
+    if (path.depth.empty()) {
+      now.tip = (1.0 - share) * path.tip.col(static_cast<Index>(k)) +
+                share * path.tip.col(static_cast<Index>(k) + 1);
+      now.frame = move_tip(tool, now.tip, options.limit, dt);
+    } else {
+      now.frame =
+          move_depth(tool, (1.0 - share) * path.depth[k] + share * path.depth[k + 1], options.limit, dt);
+      now.tip = tool.tip;
+    }
+    now.seconds = watch.seconds();
+    frames.push_back(now);
+    if (each) each(now);
+  }
+  return frames;
+}
+
+void write_path_frames(const fs::path& file, const std::vector<PathFrame>& frames) {
+  Table table{.header = {"time_s", "asked_mm", "depth_mm", "force_N", "error_N", "stiffness_N_per_m",
+                         "residual", "evaluations", "tool", "frame_ms"},
+              .column = std::vector<std::vector<double>>(10)};
+  for (const PathFrame& now : frames) {
+    const LiveFrame& f = now.frame;
+    const double row[] = {now.time,
+                          1e3 * f.asked,
+                          1e3 * f.depth,
+                          f.force,
+                          f.error,
+                          f.stiffness,
+                          f.residual,
+                          static_cast<double>(f.evaluations),
+                          static_cast<double>(f.tool),
+                          1e3 * now.seconds};
+    for (std::size_t c = 0; c < 10; ++c) table.column[c].push_back(row[c]);
+  }
+  write_csv(file, table);
+}
+
+Index nodes_for_rate(const LiveOrgan& organ, double rate) {
+  constexpr Index tried = 1000;
+  constexpr double wanted = 10.0;  // evaluations of a frame
+  LiveTool tool = make_live_tool(organ, tried);
+  const double way = 0.01 / rate, deepest = 0.5 * tool.session->model().tool.radius;
+  double spent = 0.0, evaluations = 0.0;
+  move_depth(tool, way, {.evaluations = 100});
+  for (double depth = 2.0 * way; depth < deepest && spent < 0.3; depth += way) {
+    const Stopwatch watch;
+    evaluations += static_cast<double>(move_depth(tool, depth, {.evaluations = 8}).evaluations);
+    spent += watch.seconds();
+  }
+  const double each =
+      spent / std::max(1.0, evaluations) / static_cast<double>(tool.session->model().node_count());
+  const double nodes = 0.8 / (rate * wanted * each);
+  return std::clamp<Index>(100 * static_cast<Index>(nodes / 100.0), 500, 4000);
+}
+
+std::string in_words(Index nodes, const std::vector<PathFrame>& frames) {
+  std::vector<double> seconds, error;
+  for (const PathFrame& now : frames) {
+    seconds.push_back(now.seconds);
+    if (now.frame.force > 0.0) error.push_back(now.frame.error / now.frame.force);
+  }
+  const std::string thousands =
+      nodes >= 1000 ? fmt::format("{},{:03}", nodes / 1000, nodes % 1000) : fmt::format("{}", nodes);
+  return fmt::format("{} nodes, {:.0f} fps, force +-{:.2g} %", thousands,
+                     1.0 / std::max(1e-6, quantile(seconds, 0.99)), 100.0 * quantile(error, 0.95));
+}
+
+}  // namespace dimple

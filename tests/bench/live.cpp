@@ -1,0 +1,571 @@
+// A body under a tool that is followed in bounded time: how far the forces are from those of equilibrium.
+//
+//   dimple_live ways IMAGE [--nodes N]            ways to follow, by the error of the force over the evaluations of a frame
+//   dimple_live minute IMAGE [--nodes N]          a scripted minute: frames a second, error of the forces
+//   dimple_live jerks IMAGE [--nodes N]           a thousand random jerks
+//   dimple_live moves IMAGE [--nodes N]           how long a touch at a new place takes
+//   dimple_live socket IMAGE [--nodes N]          a minute of 200 questions a second
+
+#include "apps/run/live.hpp"
+
+#include <fmt/format.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <Eigen/Dense>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <functional>
+#include <random>
+#include <thread>
+
+#include "apps/run/live_socket.hpp"
+#include "io/draw/chart.hpp"
+#include "io/error.hpp"
+#include "io/label_image.hpp"
+#include "io/table.hpp"
+#include "preprocess/build_model.hpp"
+#include "solver/mixed_iteration.hpp"
+#include "solver/quasi_static.hpp"
+#include "solver/session.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Nodal = ForceSystem::Nodal;
+
+double wall() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+double processor() {
+  timespec t{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+const Material brain = neo_hookean(210.0, 0.499, 1000.0);
+
+Model model_of(const fs::path& image, Index nodes) {
+  ModelOptions options;
+  options.cloud.count = nodes;
+  return build_model(read_label_image(image), {}, options).model;
+}
+
+// Depth over time [m, s].
+struct Script {
+  struct Moment {
+    double depth;
+    bool still;  // it has stood for a fifth of a second
+  };
+  std::vector<Moment> frame;
+};
+
+// Stops of 0.3 to 0.8 s at random depths, and the way between them at `speed` [m/s].
+Script stops_and_ways(double seconds, double rate, double deepest, double speed, unsigned seed) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> unit(0.0, 1.0);
+  Script script;
+  double depth = 0.0, to = 0.0, rest = 0.0, stood = 0.0;
+  while (static_cast<double>(script.frame.size()) < seconds * rate) {
+    if (depth != to) {
+      const double step = speed / rate;
+      depth = std::abs(to - depth) <= step ? to : depth + std::copysign(step, to - depth);
+      stood = 0.0;
+    } else if ((rest -= 1.0 / rate) < 0.0) {
+      to = deepest * (0.05 + 0.95 * unit(random));
+      rest = 0.3 + 0.5 * unit(random);
+    } else {
+      stood += 1.0 / rate;
+    }
+    script.frame.push_back({depth, stood >= 0.2});
+  }
+  return script;
+}
+
+// The converged force over the depth, by equilibria 0.1 mm apart.
+struct Converged {
+  std::vector<double> depth, force;
+  Converged(const Model& model, double deepest) {
+    Session session(model, {brain}, {.tolerance = 1e-5});
+    depth = force = {0.0};
+    try {
+      for (double d = 1e-4; d < deepest + 1.5e-4; d += 1e-4) {
+        session.equilibrate(d);
+        depth.push_back(d);
+        force.push_back(session.force());
+      }
+    } catch (const SolveError& error) {
+      fmt::print("converged to {:.2f} mm: {}\n", 1e3 * depth.back(), error.report.fact);
+    }
+  }
+  double operator()(double at) const {
+    const auto last = static_cast<std::ptrdiff_t>(depth.size()) - 1;
+    const auto k = std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(at / 1e-4) - 1, 0,
+                                              std::max<std::ptrdiff_t>(last - 3, 0));
+    double sum = 0.0;
+    for (std::ptrdiff_t i = k; i <= std::min(last, k + 3); ++i) {
+      double weight = 1.0;
+      for (std::ptrdiff_t j = k; j <= std::min(last, k + 3); ++j)
+        if (j != i)
+          weight *= (at - depth[static_cast<std::size_t>(j)]) /
+                    (depth[static_cast<std::size_t>(i)] - depth[static_cast<std::size_t>(j)]);
+      sum += weight * force[static_cast<std::size_t>(i)];
+    }
+    return sum;
+  }
+};
+
+struct Measured {
+  double still_95 = 0.0, still = 0.0, moving_95 = 0.0, moving = 0.0;  // share of the force at that depth
+  double held = 0.0;    // share of frames whose error the stated one holds
+  double stated = 0.0;  // its median
+  double evaluations = 0.0, wall_ms = 0.0, processor_ms = 0.0, late = 0.0, slowest_ms = 0.0;
+  double lag = 0.0;  // largest [mm]
+};
+
+double quantile(std::vector<double> v, double q) {
+  if (v.empty()) return 0.0;
+  std::sort(v.begin(), v.end());
+  return v[std::min(v.size() - 1, static_cast<std::size_t>(q * static_cast<double>(v.size())))];
+}
+
+using Follow = std::function<LiveFrame(double depth)>;
+
+Measured measure(const Script& script, const Converged& converged, const Follow& follow, double limit_s,
+                 double least = 2e-4, const std::function<void(const LiveFrame&, double)>& each = {}) {
+  std::vector<double> still, moving, wall_ms, stated;
+  Measured m;
+  double held = 0.0, counted = 0.0;
+  const double cpu = processor();
+  for (const Script::Moment& now : script.frame) {
+    const double t = wall();
+    const LiveFrame frame = follow(now.depth);
+    wall_ms.push_back(1e3 * (wall() - t));
+    m.evaluations += static_cast<double>(frame.evaluations);
+    m.lag = std::max(m.lag, 1e3 * std::abs(frame.depth - frame.asked));
+    if (each) each(frame, converged(frame.depth));
+    if (frame.depth < least || frame.asked < least) continue;
+    const double true_force = converged(frame.asked), here = converged(frame.depth);
+    (now.still ? still : moving).push_back(std::abs(frame.force - true_force) / true_force);
+    ++counted;
+    held += std::abs(frame.force - here) <= frame.error;
+    stated.push_back(frame.error / here);
+  }
+  const auto frames = static_cast<double>(script.frame.size());
+  m.processor_ms = 1e3 * (processor() - cpu) / frames;
+  m.evaluations /= frames;
+  m.wall_ms = quantile(wall_ms, 0.5);
+  m.slowest_ms = quantile(wall_ms, 0.99);
+  m.late = static_cast<double>(
+               std::count_if(wall_ms.begin(), wall_ms.end(), [&](double w) { return w > 1e3 * limit_s; })) /
+           frames;
+  m.still_95 = quantile(still, 0.95), m.still = quantile(still, 1.0);
+  m.moving_95 = quantile(moving, 0.95), m.moving = quantile(moving, 1.0);
+  m.held = held / counted;
+  m.stated = quantile(stated, 0.5);
+  return m;
+}
+
+void tell(const std::string& what, const Measured& m) {
+  fmt::print(
+      "{:<28} still {:.2f} / {:.2f} %  moving {:.2f} / {:.2f} %  stated {:.2f} % held {:.1f} %  {:.1f} "
+      "evaluations  {:.2f} ms ({:.2f} at 99 %, {:.2f} of the processor)  late {:.2f} %  lag {:.2f} mm\n",
+      what, 100 * m.still_95, 100 * m.still, 100 * m.moving_95, 100 * m.moving, 100 * m.stated, 100 * m.held,
+      m.evaluations, m.wall_ms, m.slowest_ms, m.processor_ms, 100 * m.late, m.lag);
+  std::fflush(stdout);
+}
+
+// ------------------------------------------------------------------------------------------------------- ways
+
+struct Body {
+  explicit Body(const Model& m)
+      : model(m),
+        system(model, {{brain}, model.tissue}, Precision::single_),
+        state(system),
+        constraints(make_constraints(model, Contact::bonded)),
+        mixed(state, model, constraints) {}
+  double along_push(const Nodal& f) const {
+    double sum = 0.0;
+    for (const Index a : model.indenter) sum += f.col(a).head<3>().dot(model.tool.push);
+    return sum;
+  }
+  const Model& model;
+  ForceSystem system;
+  ForceState state;
+  Constraints constraints;
+  MixedIteration mixed;
+};
+
+// The iteration alone, from the line through the last two states; it goes on where it stopped.
+struct Plain : Body {
+  explicit Plain(const Model& m)
+      : Body(m),
+        u(Nodal::Zero(4, m.node_count())),
+        before(u),
+        f(u),
+        lambda(Eigen::VectorXd::Zero(m.patches.count())),
+        lambda_before(lambda) {}
+  Nodal u, before, f;
+  Eigen::VectorXd lambda, lambda_before;
+  double depth = 0.0, depth_before = 0.0;
+  bool anew = true;
+  LiveFrame follow(double to, std::int64_t evaluations) {
+    if (to == 0.0) return {};
+    Nodal v = u;
+    Eigen::VectorXd l = lambda;
+    if (depth == 0.0) {
+      first_guess(model, to, v);
+    } else if (depth != depth_before) {
+      const double share = std::clamp((to - depth) / (depth - depth_before), -2.0, 2.0);
+      v += share * (u - before);
+      l += share * (lambda - lambda_before);
+    }
+    constraints.prescribe(v, to);
+    MixedIteration::Left left;
+    const Relaxed found = mixed.within(v, l, f, {.evaluations = evaluations}, anew, left);
+    if (to != depth) before = u, lambda_before = lambda, depth_before = depth;
+    u = v, lambda = l, depth = to;
+    return {.asked = to,
+            .depth = to,
+            .force = along_push(f),
+            .residual = found.residual,
+            .evaluations = found.evaluations};
+  }
+};
+
+// Backward Euler with the body's own mass.
+struct Dynamic : Body {
+  Dynamic(const Model& m, double step)
+      : Body(m),
+        dt(step),
+        u(Nodal::Zero(4, m.node_count())),
+        v(u),
+        f(u),
+        lambda(Eigen::VectorXd::Zero(m.patches.count())) {}
+  double dt;
+  Nodal u, v, f;
+  Eigen::VectorXd lambda;
+  bool begun = false;
+  LiveFrame follow(double to, std::int64_t evaluations) {
+    MixedIteration::Inertia inertia{model.mass / (dt * dt), u + dt * v};
+    Nodal next = inertia.about;
+    if (!begun && to > 0.0) first_guess(model, to, next), begun = true;
+    if (!begun) return {};
+    constraints.prescribe(next, to);
+    Eigen::VectorXd l = lambda;
+    MixedIteration::Left left;
+    const Relaxed found = mixed.within(next, l, f, {.evaluations = evaluations}, true, left, &inertia);
+    v = (next - u) / dt;
+    u = next, lambda = l;
+    return {.asked = to,
+            .depth = to,
+            .force = along_push(f),
+            .residual = found.residual,
+            .evaluations = found.evaluations};
+  }
+};
+
+// Galerkin's method in the span of equilibria that were computed beforehand, by Broyden's method.
+struct Reduced : Body {
+  Reduced(const Model& m, double deepest, int snapshots, int modes) : Body(m) {
+    Session session(m, {brain}, {.tolerance = 1e-5});
+    Eigen::MatrixXd all(4 * m.node_count(), snapshots);
+    for (int k = 0; k < snapshots; ++k) {
+      at.push_back(deepest * (k + 1) / snapshots);
+      session.equilibrate(at.back());
+      const Nodal u = to_nodal(session.displacement());
+      all.col(k) = Eigen::Map<const Eigen::VectorXd>(u.data(), u.size()) / at.back();
+    }
+    mean = all.rowwise().mean();
+    Eigen::MatrixXd rest = all.colwise() - mean;
+    const Eigen::BDCSVD<Eigen::MatrixXd> svd(rest, Eigen::ComputeThinU);
+    basis = svd.matrixU().leftCols(modes);
+    f.setZero(4, m.node_count());
+    a.setZero(modes);
+  }
+  std::vector<double> at;
+  Eigen::VectorXd mean, a;
+  Eigen::MatrixXd basis, jacobian;
+  Nodal f;
+  double depth = 0.0;
+  Nodal state_of(double to, const Eigen::VectorXd& c) const {
+    const Eigen::VectorXd u = to * (mean + basis * c);
+    Nodal v = Eigen::Map<const Nodal>(u.data(), 4, model.node_count());
+    constraints.prescribe(v, to);
+    return v;
+  }
+  Eigen::VectorXd unbalanced(double to, const Eigen::VectorXd& c) {
+    state.internal_force(state_of(to, c), f);
+    return basis.transpose() * Eigen::Map<const Eigen::VectorXd>(f.data(), f.size());
+  }
+  LiveFrame follow(double to, std::int64_t evaluations) {
+    if (to == 0.0) return {};
+    state.hold_pressures({});
+    std::int64_t spent = 1;
+    Eigen::VectorXd r = unbalanced(to, a);
+    if (jacobian.size() == 0 || std::abs(to - depth) > 0.25e-3) {  // as the tangent goes with the depth
+      jacobian.resize(a.size(), a.size());
+      for (Index k = 0; k < a.size(); ++k) {
+        Eigen::VectorXd c = a;
+        c[k] += 1e-3;
+        jacobian.col(k) = (unbalanced(to, c) - r) / 1e-3;
+        ++spent;
+      }
+      depth = to;
+    }
+    for (; spent < std::max<std::int64_t>(evaluations, 2); ++spent) {
+      const Eigen::VectorXd step = -jacobian.fullPivLu().solve(r);
+      const Eigen::VectorXd next = unbalanced(to, a + step);
+      jacobian += (next - r - jacobian * step) * step.transpose() / std::max(step.squaredNorm(), 1e-300);
+      a += step;
+      r = next;
+      if (step.norm() < 1e-5 * a.norm()) break;
+    }
+    return {.asked = to, .depth = to, .force = along_push(f), .evaluations = spent};
+  }
+};
+
+void ways(const fs::path& image, Index nodes) {
+  const Model model = model_of(image, nodes);
+  const double deepest = model.tool.radius;
+  const Converged converged(model, deepest);
+  const double rate = 25.0;
+  const Script script = stops_and_ways(20.0, rate, deepest, 0.01, 1);
+  fmt::print("{} nodes, {} points, {} patches\n", model.node_count(), model.point_count(),
+             model.patches.count());
+  for (const std::int64_t n : {2, 3, 4, 6, 8, 12, 16, 24}) {
+    {
+      Session session(model, {brain});
+      tell(fmt::format("known {}", n),
+           measure(
+               script, converged, [&](double d) { return session.follow(d, {.evaluations = n}); }, 0.04));
+    }
+    {
+      Plain plain(model);
+      tell(fmt::format("iteration {}", n),
+           measure(
+               script, converged, [&](double d) { return plain.follow(d, n); }, 0.04));
+    }
+    {
+      Dynamic dynamic(model, 1.0 / rate);
+      tell(fmt::format("dynamics {}", n),
+           measure(
+               script, converged, [&](double d) { return dynamic.follow(d, n); }, 0.04));
+    }
+    if (n >= 2) {
+      Reduced reduced(model, deepest, 12, 5);
+      tell(fmt::format("reduced {}", n),
+           measure(
+               script, converged, [&](double d) { return reduced.follow(d, n); }, 0.04));
+    }
+  }
+}
+
+void minute(const fs::path& image, Index nodes, double rate, double seconds, std::int64_t evaluations,
+            double limit, double speed) {
+  const Model model = model_of(image, nodes);
+  const double deepest = model.tool.radius;
+  const Converged converged(model, deepest);
+  const Script script = stops_and_ways(seconds, rate, deepest, speed, 1);
+  Session session(model, {brain});
+  const FrameLimit how{.seconds = limit, .evaluations = evaluations};
+  tell(fmt::format("{} nodes, {:.0f} fps", model.node_count(), rate),
+       measure(
+           script, converged, [&](double d) { return session.follow(d, how); }, 1.0 / rate));
+}
+
+void jerks(const fs::path& image, Index nodes, double rate, std::int64_t evaluations, int count) {
+  const Model model = model_of(image, nodes);
+  const double height =
+      (model.X.transpose() * model.tool.push).maxCoeff() - model.tool.centre.dot(model.tool.push);
+  const double deepest = 0.6 * height;
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> unit(0.0, 1.0);
+  Session session(model, {brain});
+  double depth = 0.0;
+  int frames = 0, there = 0, lags = 0, stopped = 0, bad = 0, frozen = 0, still = 0;
+  double last = 0.0, farthest = 0.0, slowest = 0.0;
+  for (int k = 0; k < count; ++k) {
+    const double to = deepest * unit(random) * (unit(random) < 0.1 ? 0.0 : 1.0),
+                 speed = 0.05 * (0.1 + 0.9 * unit(random));
+    const int hold = static_cast<int>(unit(random) * 8);
+    for (int h = 0; depth != to || h < hold;) {
+      if (depth != to) {
+        const double step = speed / rate;
+        depth = std::abs(to - depth) <= step ? to : depth + std::copysign(step, to - depth);
+      } else
+        ++h;
+      const double t = wall();
+      const LiveFrame f = session.follow(depth, {.evaluations = evaluations});
+      slowest = std::max(slowest, wall() - t);
+      ++frames;
+      there += f.tool == LiveFrame::Tool::there, lags += f.tool == LiveFrame::Tool::lags,
+          stopped += f.tool == LiveFrame::Tool::stopped;
+      const double furthest = session.displacement().colwise().norm().maxCoeff();
+      const bool wrong =
+          !std::isfinite(f.force) || f.force < -1e-6 || furthest > 2.5 * std::max(f.depth, 1e-9);
+      if (wrong)
+        fmt::print("bad frame: asked {} at {} force {} furthest {}\n", f.asked, f.depth, f.force, furthest);
+      bad += wrong;
+      still = f.depth == last && f.asked < last - 1e-6 ? still + 1 : 0;  // it does not even go back
+      frozen += still > 2;
+      last = f.depth;
+      farthest = std::max(farthest, f.depth);
+    }
+  }
+  fmt::print(
+      "{} jerks to {:.1f} mm ({:.1f} mm thick), {} frames: there {}, lags {}, stopped {}, bad {}, frozen {}; "
+      "deepest {:.2f} mm; slowest {:.1f} ms\n",
+      count, 1e3 * deepest, 1e3 * height, frames, there, lags, stopped, bad, frozen, 1e3 * farthest,
+      1e3 * slowest);
+}
+
+Config config_of(const fs::path& image) {
+  Config config;
+  config.image.file = image.string();
+  return config;
+}
+
+// From the decision to touch elsewhere to the first frame there.
+void moves(const fs::path& image, Index nodes, int count) {
+  const LiveOrgan organ = read_live_organ(config_of(image));
+  LiveTool tool = make_live_tool(organ, nodes);
+  const Indenter first = tool.session->model().tool;
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> unit(-1.0, 1.0);
+  std::vector<double> whole, made;
+  int refused = 0;
+  Vec3 across = first.push.unitOrthogonal(), other = first.push.cross(across);
+  for (int k = 0; k < count; ++k) {
+    const Vec3 place = first.centre + 2.0 * first.radius * (unit(random) * across + unit(random) * other);
+    // Where a tool that comes down there meets the surface.
+    const BodySurface& surface = organ.organ->body->surface;
+    const Eigen::Isometry3d own = surface.to_world().inverse();
+    const Vec3 above = own * (1e3 * place) - 1e3 * (own.linear() * first.push) * 0.1;
+    const std::vector<double> cut = surface.crossings(above, own.linear() * first.push);
+    if (cut.empty()) continue;
+    const Vec3 tip =
+        1e-3 * (surface.to_world() * (above + (cut.front() + 0.3) * (own.linear() * first.push)));
+    move_depth(tool, -1e-3, {.evaluations = 1});
+    const double t = wall();
+    try {
+      LiveFrame frame = move_tip(tool, tip, {.seconds = 0.04});
+      int frames = 1;
+      while (frame.depth == 0.0 && frames++ < 20) frame = move_tip(tool, tip, {.seconds = 0.04});
+      whole.push_back(wall() - t);
+      made.push_back(tool.made_s);
+    } catch (const Error& error) {
+      ++refused;
+      fmt::print("({:.1f}, {:.1f}, {:.1f}) mm: {}\n", 1e3 * tip.x(), 1e3 * tip.y(), 1e3 * tip.z(),
+                 error.report.fact);
+    }
+  }
+  fmt::print(
+      "{} nodes: first frame at a new place after {:.3f} s at least, {:.3f} in the middle, {:.3f} at most "
+      "(cloud and "
+      "session {:.3f} at least, {:.3f} in the middle); {} places, {} refused\n",
+      tool.session->model().node_count(), quantile(whole, 0.0), quantile(whole, 0.5), quantile(whole, 1.0),
+      quantile(made, 0.0), quantile(made, 0.5), whole.size(), refused);
+}
+
+// A program that asks 200 times a second, as a device does.
+void socket(const fs::path& image, Index nodes, double rate, double seconds) {
+  const LiveOrgan organ = read_live_organ(config_of(image));
+  LiveTool tool = make_live_tool(organ, nodes);
+  const double deepest = 0.6 * tool.session->model().tool.radius;
+  const fs::path path = fs::temp_directory_path() / fmt::format("dimple_live_{}.sock", getpid());
+  std::vector<double> late_ms, jump;
+  const Vec3 push = tool.session->model().tool.push;
+  std::thread client([&] {
+    sockaddr_un address{};
+    address.sun_family = AF_UNIX;
+    std::strncpy(address.sun_path, path.c_str(), sizeof address.sun_path - 1);
+    int to = -1;
+    for (int tries = 0; tries < 500; ++tries) {
+      to = ::socket(AF_UNIX, SOCK_STREAM, 0);
+      if (connect(to, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) break;
+      ::close(to);
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    const double begin = wall();
+    double last = 0.0, largest = 0.0;
+    std::vector<double> change;
+    for (std::int64_t k = 0; wall() - begin < seconds - 0.5; ++k) {
+      const double t = 0.005 * static_cast<double>(k);
+      std::this_thread::sleep_until(std::chrono::steady_clock::time_point(
+          std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+              std::chrono::duration<double>(begin + t))));
+      // A smooth way, at most 10 mm/s.
+      const double depth = 0.5 * deepest * (1.0 - std::cos(0.01 / (0.5 * deepest) * t));
+      const std::string line = fmt::format("{:.6f}\n", 1e3 * depth);
+      const double asked = wall();
+      if (send(to, line.data(), line.size(), MSG_NOSIGNAL) < 0) break;
+      char answer[512];
+      const ssize_t got = recv(to, answer, sizeof answer - 1, 0);
+      if (got <= 0) break;
+      late_ms.push_back(1e3 * (wall() - asked));
+      answer[got] = 0;
+      Vec3 force;
+      std::sscanf(answer, "%lf %lf %lf", &force.x(), &force.y(), &force.z());
+      const double now = -force.dot(push);
+      largest = std::max(largest, now);
+      change.push_back(now - last);
+      last = now;
+    }
+    // What does not come of the way: the change less the mean of those around it.
+    for (std::size_t k = 12; k + 10 < change.size(); ++k)
+      jump.push_back(std::abs(change[k] - 0.5 * (change[k - 1] + change[k + 1])) / largest);
+    ::close(to);
+  });
+  const Served served = serve_forces(tool, path, rate, seconds);
+  client.join();
+  const auto within = std::count_if(late_ms.begin(), late_ms.end(), [](double ms) { return ms <= 5.0; });
+  fmt::print(
+      "{} nodes: {} answers, {:.3f} % within 5 ms, median {:.3f} ms, slowest {:.2f} ms; {} frames in {:.0f} "
+      "s; jumps "
+      "{:.2f} % of the largest force at most\n",
+      tool.session->model().node_count(), late_ms.size(),
+      100.0 * static_cast<double>(within) / static_cast<double>(late_ms.size()), quantile(late_ms, 0.5),
+      quantile(late_ms, 1.0), served.frames, seconds, 100.0 * quantile(jump, 1.0));
+}
+
+}  // namespace
+}  // namespace dimple
+
+int main(int count, char** argument) {
+  CLI::App app("A tool that is followed in bounded time.");
+  app.require_subcommand(1);
+  std::string image;
+  dimple::Index nodes = 2000;
+  double rate = 25.0, seconds = 60.0, limit = 0.04, speed = 0.01;
+  std::int64_t evaluations = 0;
+  int jerks = 1000;
+  for (const char* name : {"ways", "minute", "jerks", "moves", "socket"}) {
+    CLI::App* one = app.add_subcommand(name);
+    one->add_option("IMAGE", image)->required();
+    one->add_option("--nodes", nodes);
+    one->add_option("--rate", rate);
+    one->add_option("--seconds", seconds);
+    one->add_option("--limit", limit);
+    one->add_option("--evaluations", evaluations);
+    one->add_option("--jerks", jerks);
+    one->add_option("--speed", speed);
+  }
+  CLI11_PARSE(app, count, argument);
+  try {
+    if (app.got_subcommand("ways")) dimple::ways(image, nodes);
+    if (app.got_subcommand("minute")) dimple::minute(image, nodes, rate, seconds, evaluations, limit, speed);
+    if (app.got_subcommand("moves")) dimple::moves(image, nodes, 12);
+    if (app.got_subcommand("socket")) dimple::socket(image, nodes, rate, seconds);
+    if (app.got_subcommand("jerks")) dimple::jerks(image, nodes, rate, evaluations, jerks);
+  } catch (const dimple::Error& error) {
+    fmt::print(stderr, "error: {}: {}\n", error.what(), error.report.where);
+    return 1;
+  }
+}
