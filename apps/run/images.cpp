@@ -1,0 +1,399 @@
+#include "apps/run/images.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "apps/run/results.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "io/stop.hpp"
+#include "preprocess/section.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr Index voxels_at_once = 2'000'000;
+
+// To a micrometre, and to four digits: the digits behind are not known, and take most of a packed file.
+float rounded_mm(float x) {
+  return std::nearbyint(x * 1024.0f) / 1024.0f;
+}
+float with_four_digits(float x) {
+  return std::bit_cast<float>((std::bit_cast<std::uint32_t>(x) + 0x400u) & ~0x7FFu);
+}
+
+// "patient.nii.gz" -> "patient"
+std::string stem_of(const fs::path& file) {
+  std::string stem = file.filename().string();
+  for (const std::string suffix :
+       {".gz", ".nii", ".seg.nrrd", ".nrrd", ".nhdr", ".mha", ".mhd", ".hdr", ".img"})
+    if (stem.size() > suffix.size() && stem.ends_with(suffix)) stem.resize(stem.size() - suffix.size());
+  return stem;
+}
+
+// A segmentation of 3D Slicer stays one.
+std::string suffix_of_labels(const fs::path& file) {
+  return file.filename().string().ends_with(".seg.nrrd") ? ".seg.nrrd" : volume_suffix(file);
+}
+
+// The voxel whose label a voxel gets that shows the place X, where it is another than the nearest one's; else -1. At
+// the body's border its smooth surface decides, and not the voxels' staircase: that moves by whole voxels alone, and
+// would lose what bulges out by less than half of one. What has not moved keeps its label.
+Index at_border(const VoxelGrid& grid, const std::vector<char>& body, const DeformationMap& map,
+                const Vec3& X, Index own) {
+  const Eigen::Matrix<Index, 3, 1> nearest = (X.array() + 0.5).floor().cast<Index>();
+  for (Index a = 0; a < 3; ++a)
+    if (nearest[a] < 0 || nearest[a] >= grid.size[static_cast<std::size_t>(a)]) return -1;
+  const auto number = [&](const Eigen::Matrix<Index, 3, 1>& at) {
+    return at[0] + grid.size[0] * (at[1] + grid.size[1] * at[2]);
+  };
+  const Index there = number(nearest);
+  const bool is_body = body[static_cast<std::size_t>(there)];
+  Index best = -1;
+  double least = 0.0;
+  for (Index k = -1; k <= 1; ++k)
+    for (Index j = -1; j <= 1; ++j)
+      for (Index i = -1; i <= 1; ++i) {
+        const Eigen::Matrix<Index, 3, 1> at = nearest + Eigen::Matrix<Index, 3, 1>(i, j, k);
+        bool in_image = true;
+        for (Index a = 0; a < 3; ++a)
+          in_image = in_image && at[a] >= 0 && at[a] < grid.size[static_cast<std::size_t>(a)];
+        if (!in_image || static_cast<bool>(body[static_cast<std::size_t>(number(at))]) == is_body) continue;
+        const double away = (at.cast<double>() - X).squaredNorm();
+        if (best < 0 || away < least) best = number(at), least = away;
+      }
+  if (best < 0 || (there == own && (X - nearest.cast<double>()).squaredNorm() == 0.0)) return -1;
+  const std::optional<bool> inside = map.inside_near_surface(X);
+  return inside && *inside != is_body ? best : -1;
+}
+
+}  // namespace
+
+ImageTask images_asked_for(const Config& config, bool of_model) {
+  const Config::Output& output = config.output;
+  ImageTask task;
+  task.each_frame = output.write_frames == "all";
+  const bool images = wanted_of(config).images;
+  if (images && of_model)
+    throw UsageError(
+        {.fact = "images on the grid of the label image are asked for, and a model's files hold no image",
+         .where = "--write images (output.write)",
+         .why = "dimple solve begins with nodes and points",
+         .remedy = "begin with the image: dimple run; or name an image of the patient with --warp"});
+  if (images && config.image.file.empty())
+    throw UsageError(
+        {.fact = "images on the grid of the label image are asked for, and the label image is in memory",
+         .where = "--write images (output.write)",
+         .why = "they are written as its file is: in its format, on its stored axes",
+         .remedy = "begin with a file of it, or name an image of the patient with --warp"});
+  if (images) task.label_image = config.image.file;
+  std::set<std::string> names;
+  const auto add = [&](const std::vector<std::string>& files, Sampling how) {
+    for (const std::string& file : files) {
+      const std::string name = "warped_" + stem_of(file);
+      if (!names.insert(name).second)
+        throw UsageError({.fact = fmt::format("two images to be warped are called {}", stem_of(file)),
+                          .where = "--warp, --warp-labels (output.warp, output.warp_labels)",
+                          .why = "the results are named after them, and one would replace the other",
+                          .remedy = "give one of them another name, or warp it in a run of its own"});
+      try {
+        task.warped.push_back({file, how, name, VolumeImage(file).grid()});
+      } catch (const InputError& error) {
+        Report report = error.report;
+        report.where =
+            fmt::format("{}: {}", how == Sampling::linear ? "--warp" : "--warp-labels", report.where);
+        throw InputError(std::move(report));
+      }
+    }
+  };
+  add(output.warp, Sampling::linear);
+  add(output.warp_labels, Sampling::nearest);
+  if (task.each_frame && !task.any())
+    throw UsageError({.fact = "images are wanted of each frame, but no images",
+                      .where = "--write-frames (output.write_frames)",
+                      .why = "it says of which frames --write images and --warp write",
+                      .remedy = "add --write all,images or --warp IMAGE, or leave it out"});
+  return task;
+}
+
+void require_overlap(const ImageTask& task, const Discretisation& body) {
+  if (task.any() && body.surface.empty())
+    throw InputError({.fact = "the model has no surface, and images are asked for",
+                      .where = "--warp (output.warp)",
+                      .why = "the surface says which voxels lie inside of the body",
+                      .remedy = "make the model by dimple model, which writes surface.vtp"});
+  for (const ImageTask::Warped& image : task.warped) {
+    const Points place = image.grid.to_world.inverse() * (1e3 * body.X);
+    const Vec3 last(static_cast<double>(image.grid.size[0] - 1), static_cast<double>(image.grid.size[1] - 1),
+                    static_cast<double>(image.grid.size[2] - 1));
+    const bool overlap = std::any_of(place.colwise().begin(), place.colwise().end(), [&](const auto& x) {
+      return (x.array() >= 0.0).all() && (x.array() <= last.array()).all();
+    });
+    if (overlap) continue;
+    const Points corners = image.grid.to_world * (Points(3, 2) << Vec3::Zero(), last).finished();
+    const auto in_words = [](const Vec3& x) {
+      return fmt::format("({:.4g}, {:.4g}, {:.4g})", x[0], x[1], x[2]);
+    };
+    throw InputError(
+        {.fact = fmt::format("{} does not overlap the body", image.file.string()),
+         .where = "--warp (output.warp)",
+         .why = fmt::format("it reaches from {} to {} mm, and the body from {} to {} mm (LPS)",
+                            in_words(corners.rowwise().minCoeff()), in_words(corners.rowwise().maxCoeff()),
+                            in_words(1e3 * body.X.rowwise().minCoeff()),
+                            in_words(1e3 * body.X.rowwise().maxCoeff())),
+         .remedy =
+             "give an image of the same patient in the same coordinates; register it first if it is not",
+         .code = "no-overlap"});
+  }
+}
+
+ImageWriter::ImageWriter(ImageTask task, fs::path folder, const Model& model, std::vector<int> labels)
+    : task_(std::move(task)),
+      folder_(std::move(folder) / "images"),
+      model_(model),
+      labels_(std::move(labels)) {}
+ImageWriter::~ImageWriter() = default;
+
+void ImageWriter::keep(const Frame& frame) {
+  frame_ = frame.number;
+  u_ = frame.u.topRows<3>();
+  const PointStress stress = stress_at_points(frame);
+  mises_ = stress.mises.row(0);
+  deformed_mm3_ = 1e9 * stress.J.row(0).transpose().dot(model_.volume);
+}
+
+fs::path ImageWriter::file_of(const std::string& name, const std::string& suffix) const {
+  return folder_ / (task_.each_frame ? fmt::format("{}_{:04}{}", name, frame_, suffix) : name + suffix);
+}
+
+// All that lies on one grid.
+struct ImageWriter::Group {
+  VoxelGrid grid;
+  const VolumeImage* labels = nullptr;  // the label image, if it is this one's grid
+  std::vector<const ImageTask::Warped*> warped = {};
+};
+
+void ImageWriter::write() {
+  const Stopwatch watch;
+  if (!field_) field_ = std::make_unique<FieldAnywhere>(model_);
+  make_folder(folder_);
+  way_back_ = {};
+  written_.clear();
+  std::vector<Group> groups;
+  std::optional<VolumeImage> labels;
+  if (!task_.label_image.empty()) {
+    labels.emplace(task_.label_image);
+    groups.push_back({.grid = labels->grid(), .labels = &*labels});
+  }
+  for (const ImageTask::Warped& image : task_.warped) {
+    const auto same = std::find_if(groups.begin(), groups.end(),
+                                   [&](const Group& group) { return group.grid == image.grid; });
+    Group& group = same != groups.end() ? *same : groups.emplace_back(Group{.grid = image.grid});
+    group.warped.push_back(&image);
+  }
+  for (const Group& group : groups) write_group(group);
+  seconds_ += watch.seconds();
+  const auto& n = groups.front().grid.size;
+  told_ = fmt::format("{} files on {} x {} x {} voxels, {:.1f} s", written_.size(), n[0], n[1], n[2],
+                      watch.seconds());
+  if (!task_.label_image.empty())
+    told_ += fmt::format("; labels {:.2f} cm3, {:.2f} cm3 at rest, the deformed body {:.2f} cm3",
+                         1e-3 * labels_mm3_, 1e-3 * labels_at_rest_mm3_, 1e-3 * deformed_mm3_);
+}
+
+void ImageWriter::write_group(const Group& group) {
+  const VoxelGrid& grid = group.grid;
+  const DeformationMap map(model_, *field_, u_, grid);
+  if (group.labels || task_.label_image.empty()) share_beyond_ = std::max(share_beyond_, map.share_beyond());
+  const auto slice = static_cast<std::size_t>(grid.slice());
+  const auto add = [&](std::vector<VolumeWriter>& list, const fs::path& file, const VolumeKind& kind) {
+    list.emplace_back(file, grid, kind);
+    written_.push_back((fs::path("images") / file.filename()).string());
+  };
+
+  if (group.labels) {  // where the tissue was
+    const std::string suffix = volume_suffix(task_.label_image);
+    std::vector<VolumeWriter> out;
+    add(out, file_of("displacement_mm", suffix), {.components = 3, .meaning = "modeling"});
+    add(out, file_of("jacobian", suffix), {});
+    add(out, file_of("von_mises_Pa", suffix), {});
+    std::vector<float> u(3 * slice), jacobian(slice), mises(slice);
+    std::vector<char> inside(slice);
+    for (Index k = 0; k < grid.size[2]; ++k) {
+      map.displacement(k, u, jacobian);
+      map.inside(k, inside);
+      std::vector<std::size_t> voxel;
+      for (std::size_t v = 0; v < slice; ++v)
+        if (inside[v]) voxel.push_back(v);
+      Points places(3, static_cast<Index>(voxel.size()));
+      for (std::size_t m = 0; m < voxel.size(); ++m) {
+        const auto v = static_cast<Index>(voxel[m]);
+        const Vec3 x(static_cast<double>(v % grid.size[0]), static_cast<double>(v / grid.size[0]),
+                     static_cast<double>(k));
+        places.col(static_cast<Index>(m)) = 1e-3 * (grid.to_world * x);
+      }
+      const Eigen::RowVectorXd means = make_point_means(model_.point, places)(mises_);
+      std::fill(mises.begin(), mises.end(), 0.0f);
+      for (std::size_t m = 0; m < voxel.size(); ++m) {
+        mises[voxel[m]] = with_four_digits(static_cast<float>(means[static_cast<Index>(m)]));
+        jacobian[voxel[m]] = with_four_digits(jacobian[voxel[m]]);
+      }
+      std::transform(u.begin(), u.end(), u.begin(), &rounded_mm);
+      out[0].write(u);
+      out[1].write(jacobian);
+      out[2].write(mises);
+    }
+    for (VolumeWriter& writer : out) writer.finish();
+  }
+
+  // Where it came to lie.
+  struct Target {
+    const VolumeImage* image = nullptr;  // none: the transform itself
+    Sampling how = Sampling::nearest;
+  };
+  std::vector<Target> targets;
+  std::vector<VolumeWriter> out;
+  std::vector<VolumeImage> images;
+  images.reserve(group.warped.size());
+  if (group.labels) {
+    const std::string suffix = volume_suffix(task_.label_image);
+    targets.push_back({});
+    add(out, file_of("transform", suffix), {.components = 3, .meaning = "resampling"});
+    targets.push_back({.image = group.labels});
+    add(out, file_of("labels", suffix_of_labels(task_.label_image)), {.like = group.labels});
+  }
+  for (const ImageTask::Warped* image : group.warped) {
+    const VolumeImage& read = images.emplace_back(image->file);
+    targets.push_back({.image = &read, .how = image->how});
+    if (!(read.grid() == grid))
+      throw InputError(
+          {.fact = fmt::format("{} is not the image any longer that it was", image->file.string()),
+           .where = "images",
+           .why = "another program has written to it during this run",
+           .remedy = "run it again"});
+    add(out, file_of(image->name, suffix_of_labels(image->file)), {.like = &read});
+  }
+  const Index together = std::clamp<Index>(voxels_at_once / grid.slice(), 1, grid.size[2]);
+  std::vector<float> place(3 * slice * static_cast<std::size_t>(together)), vectors;
+  std::vector<std::byte> voxels;
+  std::int64_t counted = 0, counted_at_rest = 0;
+  const auto is_body = [&](std::int64_t label) {
+    return label != 0 &&
+           (labels_.empty() || std::find(labels_.begin(), labels_.end(), label) != labels_.end());
+  };
+  // Of each voxel of the label image.
+  std::vector<char> body(group.labels ? static_cast<std::size_t>(grid.voxels()) : 0);
+  tbb::parallel_for(Index{0}, group.labels ? grid.size[1] * grid.size[2] : Index{0}, [&](Index row) {
+    if (row % 256 == 0) stop_if_asked();
+    for (Index v = row * grid.size[0]; v < (row + 1) * grid.size[0]; ++v)
+      body[static_cast<std::size_t>(v)] = is_body(group.labels->label_of(group.labels->voxel(v)));
+  });
+  const auto count = [&](const VolumeImage& image, const std::byte* number, Index n) {
+    // Of long stretches of the same label one is looked at.
+    const std::size_t width = image.bytes_per_voxel();
+    std::int64_t sum = 0;
+    bool body = false;
+    for (Index v = 0; v < n; ++v, number += width) {
+      if (v == 0 || !std::equal(number, number + width, number - width))
+        body = is_body(image.label_of(number));
+      sum += body;
+    }
+    return sum;
+  };
+  for (Index first = 0; first < grid.size[2]; first += together) {
+    const Index last = std::min(first + together, grid.size[2]), now = (last - first) * grid.slice();
+    const std::span<float> places(place.data(), 3 * static_cast<std::size_t>(now));
+    way_back_.add(map.places_at_rest(first, last, places));
+    for (std::size_t t = 0; t < targets.size(); ++t) {
+      stop_if_asked();
+      const Target& target = targets[t];
+      const Index rows = now / grid.size[0];
+      if (!target.image) {
+        vectors.resize(places.size());
+        const Eigen::Matrix3f axes = grid.to_world.linear().cast<float>();
+        tbb::parallel_for(Index{0}, rows, [&](Index row) {
+          for (Index i = 0; i < grid.size[0]; ++i) {
+            const Index v = i + grid.size[0] * row;
+            const Eigen::Map<const Eigen::Vector3f> X(places.data() + 3 * v);
+            const Eigen::Vector3f x(static_cast<float>(i), static_cast<float>(row % grid.size[1]),
+                                    static_cast<float>(first + row / grid.size[1]));
+            Eigen::Map<Eigen::Vector3f>(vectors.data() + 3 * v) = (axes * (X - x)).unaryExpr(&rounded_mm);
+          }
+        });
+        out[t].write(vectors);
+        continue;
+      }
+      const std::size_t width = target.image->bytes_per_voxel();
+      voxels.resize(static_cast<std::size_t>(now) * width);
+      tbb::parallel_for(Index{0}, rows, [&](Index row) {
+        const auto begin = static_cast<std::size_t>(row * grid.size[0]),
+                   length = static_cast<std::size_t>(grid.size[0]);
+        target.image->sample(places.subspan(3 * begin, 3 * length), target.how,
+                             voxels.data() + width * begin);
+      });
+      if (target.image == group.labels)
+        tbb::parallel_for(Index{0}, rows, [&](Index row) {
+          if (row % 64 == 0) stop_if_asked();
+          for (Index v = row * grid.size[0]; v < (row + 1) * grid.size[0]; ++v) {
+            const float* X = places.data() + 3 * v;
+            const Index own = first * grid.slice() + v;
+            if (const Index other = at_border(grid, body, map, Vec3(X[0], X[1], X[2]), own); other >= 0)
+              std::copy_n(target.image->voxel(other), width,
+                          voxels.data() + width * static_cast<std::size_t>(v));
+          }
+        });
+      out[t].write(voxels);
+      if (target.image != group.labels) continue;
+      counted += count(*target.image, voxels.data(), now);
+      counted_at_rest += count(*target.image, target.image->voxel(first * grid.slice()), now);
+    }
+  }
+  for (VolumeWriter& writer : out) writer.finish();
+  if (!group.labels) return;
+  labels_mm3_ = static_cast<double>(counted) * grid.voxel_volume();
+  labels_at_rest_mm3_ = static_cast<double>(counted_at_rest) * grid.voxel_volume();
+}
+
+std::string ImageWriter::warning() const {
+  std::string text;
+  if (share_beyond_ > 0.0)
+    text = fmt::format("{:.2g} % of the deformed surface lies beyond the image, whose grid the images keep",
+                       100.0 * share_beyond_);
+  if (100 * way_back_.unsettled > way_back_.solved)
+    text += fmt::format(
+        "{}{:.2g} % of the images' voxels at the body show the nearest place at rest that was found, not "
+        "the exact one: there the tissue is folded",
+        text.empty() ? "" : "; ",
+        100.0 * static_cast<double>(way_back_.unsettled) / static_cast<double>(way_back_.solved));
+  return text;
+}
+
+nlohmann::ordered_json ImageWriter::summary() const {
+  nlohmann::ordered_json json;
+  json["wall_s"] = seconds_;
+  json["files"] = written_;
+  if (!task_.label_image.empty()) {
+    json["labels_at_rest_mm3"] = labels_at_rest_mm3_;
+    json["labels_mm3"] = labels_mm3_;
+  }
+  json["deformed_mm3"] = deformed_mm3_;
+  json["moved_voxels"] = way_back_.moved;
+  json["solved_voxels"] = way_back_.solved;
+  json["unsettled_voxels"] = way_back_.unsettled;
+  json["folded_voxels"] = way_back_.folded;
+  json["largest_residual_voxels"] = way_back_.largest_residual;
+  json["surface_beyond_the_image"] = share_beyond_;
+  return json;
+}
+
+}  // namespace dimple

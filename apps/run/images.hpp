@@ -1,0 +1,83 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "apps/run/config.hpp"
+#include "io/volume_image.hpp"
+#include "preprocess/deformation_map.hpp"
+#include "solver/march.hpp"
+
+namespace dimple {
+
+// Images that a run writes on the grids of its input images: the folder `images` of its results.
+
+/// What was asked for.
+struct ImageTask {
+  std::filesystem::path
+      label_image;  ///< on whose grid displacement, labels and stress are; empty: none of them
+  struct Warped {
+    std::filesystem::path file;
+    Sampling how;
+    std::string name;  ///< "warped_mri"
+    VoxelGrid grid;
+  };
+  std::vector<Warped> warped;
+  bool each_frame = false;  ///< else the last alone
+
+  bool any() const { return !label_image.empty() || !warped.empty(); }
+};
+
+/// Reads every image to its end, so that nothing is computed for one that cannot be read. `of_model`: the case begins
+/// with a model's files, which hold no image. Throws UsageError, InputError.
+ImageTask images_asked_for(const Config& config, bool of_model);
+/// Throws InputError: an image to be warped lies elsewhere; or the model has no surface, and so no inside.
+void require_overlap(const ImageTask& task, const Discretisation& body);
+
+/// Writes them, of one frame after the other.
+class ImageWriter {
+ public:
+  /// `model` must outlive this, and its discretisation must not change. `labels`: those that are the body; none: all.
+  ImageWriter(ImageTask task, std::filesystem::path folder, const Model& model, std::vector<int> labels);
+  ~ImageWriter();
+
+  bool each_frame() const { return task_.each_frame; }
+  /// To be written later, or never.
+  void keep(const Frame& frame);
+  /// Of the frame kept last. Throws OutputError, InputError, Stopped.
+  void write();
+  /// What was written last, in a line; empty: nothing yet.
+  const std::string& told() const { return told_; }
+  /// What of it is not as one might expect, in a sentence; empty: nothing.
+  std::string warning() const;
+  nlohmann::ordered_json summary() const;
+  double seconds() const { return seconds_; }
+
+ private:
+  struct Group;
+  void write_group(const Group& group);
+  std::filesystem::path file_of(const std::string& name, const std::string& suffix) const;
+
+  ImageTask task_;
+  std::filesystem::path folder_;
+  const Model& model_;
+  std::vector<int> labels_;
+  std::unique_ptr<FieldAnywhere> field_;
+
+  int frame_ = -1;
+  Points u_;                  // [3xN] m
+  Eigen::RowVectorXd mises_;  // [Q] Pa
+  double deformed_mm3_ = 0.0;
+
+  std::vector<std::string> written_;
+  WayBackReport way_back_;
+  double labels_at_rest_mm3_ = 0.0, labels_mm3_ = 0.0, share_beyond_ = 0.0;
+  std::string told_;
+  double seconds_ = 0.0;
+};
+
+}  // namespace dimple
