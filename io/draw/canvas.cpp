@@ -119,7 +119,7 @@ void Canvas::average(unsigned char* to) const {
     }
 }
 
-void write_png(const std::filesystem::path& file, const Canvas& canvas) {
+std::string png(const Canvas& canvas) {
   vtkNew<vtkImageData> image;
   image->SetDimensions(canvas.width(), canvas.height(), 1);
   image->AllocateScalars(VTK_UNSIGNED_CHAR, 3);
@@ -131,12 +131,16 @@ void write_png(const std::filesystem::path& file, const Canvas& canvas) {
   writer->Write();
   vtkUnsignedCharArray* bytes = writer->GetResult();
   if (bytes == nullptr || bytes->GetNumberOfValues() == 0)
-    throw OutputError({.fact = fmt::format("{} could not be encoded", file.filename().string()),
-                       .where = fmt::format("writing {}", file.string()),
+    throw OutputError({.fact = "a picture could not be encoded",
+                       .where = "writing pictures",
                        .why = "the PNG encoder returned nothing",
                        .remedy = "check the free memory"});
-  write_file(file, {reinterpret_cast<const char*>(bytes->GetPointer(0)),
-                    static_cast<std::size_t>(bytes->GetNumberOfValues())});
+  return {reinterpret_cast<const char*>(bytes->GetPointer(0)),
+          static_cast<std::size_t>(bytes->GetNumberOfValues())};
+}
+
+void write_png(const std::filesystem::path& file, const Canvas& canvas) {
+  write_file(file, png(canvas));
 }
 
 // ----------------------------------------------------------------------------------------------------- text

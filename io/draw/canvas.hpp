@@ -109,6 +109,8 @@ class Canvas {
   std::vector<Pixel> pixel_;
 };
 
+/// The bytes of a PNG. Throws OutputError: there is no memory for it.
+std::string png(const Canvas& canvas);
 /// Through write_file(). Throws OutputError.
 void write_png(const std::filesystem::path& file, const Canvas& canvas);
 

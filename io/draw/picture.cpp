@@ -2,7 +2,7 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,7 +12,9 @@
 #include <stdexcept>
 #include <utility>
 
+#include "io/draw/body_frame.hpp"
 #include "io/draw/canvas.hpp"
+#include "io/words.hpp"
 
 // No library draws this: io/draw/canvas.hpp says why.
 
@@ -28,7 +30,8 @@ constexpr int height = 1200;
 // Hues that the common colour-vision deficiencies keep apart; the lightness differs as well.
 const Colour interior = rgb(0xB9C8D8), base = rgb(0x1560A0), circle = rgb(0xE8590C), cross = rgb(0x8794A4),
              curve = rgb(0x1560A0), band = rgb(0xBCD5EA), other_curve = rgb(0x00805E),
-             node_dot = rgb(0x6F8AA6);
+             node_dot = rgb(0x6F8AA6), tool_fill = rgb(0xF3E9E2), tool_edge = rgb(0xC98E6A),
+             tool_ink = rgb(0xB8430A), warning_ink = rgb(0x8A4B00), warning_fill = rgb(0xFFF3DC);
 
 bool is_base(int set) {
   return (set & 1) != 0;
@@ -57,10 +60,10 @@ struct Scale {
   std::string unit;
 };
 
-/// The unit in which `largest` newtons reads best.
+/// The unit of an axis up to `largest` newtons.
 Scale force_scale(double largest_N) {
   if (largest_N >= 1.0 || !(largest_N > 0.0)) return {1.0, "N"};
-  return largest_N >= 1e-3 ? Scale{1e3, "mN"} : Scale{1e6, "\xC2\xB5N"};
+  return largest_N >= 1e-3 ? Scale{1e3, "mN"} : Scale{1e6, "uN"};
 }
 
 // ----------------------------------------------------------------------------------------------------- view
@@ -71,56 +74,16 @@ struct Camera {
   Vec3 seen(const Vec3& p) const { return {right.dot(p), up.dot(p), toward.dot(p)}; }
 };
 
-/// How the body lies to the push: three unit vectors.
-struct Frame {
-  Vec3 up;     ///< against the push
-  Vec3 broad;  ///< the longest direction of the body across the push
-  Vec3 front;  ///< out of the picture, toward the viewer
-};
-
 bool usable(const Vec3& p) {
   return p.allFinite();
 }
 
-/// Deterministic: the same body gives the same picture, whatever the signs of its eigenvectors.
-Frame frame_of(const Overview& o) {
-  Frame f;
-  f.up = usable(o.push) && o.push.norm() > 1e-9 ? Vec3(-o.push.normalized()) : Vec3::UnitZ();
-  // Any two directions across the push, from the axis that is least along it.
-  Index least = 0;
-  f.up.cwiseAbs().minCoeff(&least);
-  const Vec3 a = f.up.cross(Vec3::Unit(least)).normalized(), b = f.up.cross(a);
-
-  Vec3 mean = Vec3::Zero();
-  double count = 0.0;
-  for (Index n = 0; n < o.nodes_mm.cols(); ++n)
-    if (usable(o.nodes_mm.col(n))) mean += o.nodes_mm.col(n), count += 1.0;
-  mean /= std::max(count, 1.0);
-  Eigen::Matrix2d spread = Eigen::Matrix2d::Zero();
-  for (Index n = 0; n < o.nodes_mm.cols(); ++n) {
-    if (!usable(o.nodes_mm.col(n))) continue;
-    const Vec2 q((o.nodes_mm.col(n) - mean).dot(a), (o.nodes_mm.col(n) - mean).dot(b));
-    spread += q * q.transpose();
-  }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(spread);
-  const bool round = axes.eigenvalues()[1] < 1.05 * axes.eigenvalues()[0] || !(axes.eigenvalues()[1] > 0.0);
-  const Vec2 longest = round ? Vec2(1.0, 0.0) : Vec2(axes.eigenvectors().col(1));
-  f.broad = (longest[0] * a + longest[1] * b).normalized();
-  f.front = f.broad.cross(f.up).normalized();
-
-  // From the side on which the circle lies: the skin slopes toward the viewer there. Without such a side,
-  // from the one that shows left, posterior or superior on the right.
-  const double reach = std::sqrt(std::max(axes.eigenvalues()[0], 0.0) / std::max(count, 1.0));
-  const double offset = usable(o.centre_mm) ? (o.centre_mm - mean).dot(f.front) : 0.0;
-  Index main = 0;
-  f.broad.cwiseAbs().maxCoeff(&main);
-  const bool turn = std::abs(offset) > 0.1 * reach ? offset < 0.0 : f.broad[main] < 0.0;
-  if (turn) f.broad = -f.broad, f.front = -f.front;
-  return f;
+BodyFrame frame_of(const Overview& o) {
+  return body_frame(o.nodes_mm, o.centre_mm, o.push);
 }
 
 /// From above the horizon by `elevation` degrees and turned by `azimuth` degrees about the push.
-Camera camera(const Frame& f, double elevation, double azimuth) {
+Camera camera(const BodyFrame& f, double elevation, double azimuth) {
   const double e = elevation * std::numbers::pi / 180.0, a = azimuth * std::numbers::pi / 180.0;
   const Vec3 right = std::cos(a) * f.broad - std::sin(a) * f.front;
   const Vec3 front = std::sin(a) * f.broad + std::cos(a) * f.front;
@@ -392,7 +355,7 @@ double node_spacing(const Points& nodes) {
   return *middle;
 }
 
-void draw_cloud(Canvas& canvas, const Rect& rect, const Overview& o, const Frame& frame, double spacing) {
+void draw_cloud(Canvas& canvas, const Rect& rect, const Overview& o, const BodyFrame& frame, double spacing) {
   const auto count = o.nodes_mm.cols();
   const Rect room = panel(canvas, rect, "Nodes at rest",
                           fmt::format("{} nodes, seen from the side of the indenter", count));
@@ -435,7 +398,14 @@ std::vector<std::pair<Vec3, Vec3>> cut(const Points& surface, const Triangles& t
   return pieces;
 }
 
-void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Frame& frame, double spacing) {
+double depth_of(const Overview& o) {
+  return !o.depth_mm.empty() && std::isfinite(o.depth_mm.back()) ? std::max(o.depth_mm.back(), 0.0) : 0.0;
+}
+
+constexpr double tool_above = 50.0;  // the surface at rest [pixels]
+
+void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const BodyFrame& frame,
+                  double spacing) {
   const double thickness = 1.25 * spacing;
   const Rect room = panel(canvas, rect, "Section through the indenter's axis",
                           fmt::format("nodes at rest in a slab of {} mm", three_digits(thickness)));
@@ -449,6 +419,16 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Fra
   const auto at = [&](const Vec3& p) { return Vec2(projection(p).head<2>()); };
 
   const Points end = moved(o.surface_mm, o.surface_displacement_mm);
+  // The tool where it stands at the end, first: what it presses upon is drawn over it.
+  if (o.radius_mm > 0.0 && usable(o.centre_mm)) {
+    const double half = o.radius_mm * projection.scale;
+    const Vec2 foot = at(centre + depth_of(o) * -frame.up), head = at(centre) - Vec2(0.0, tool_above);
+    canvas.rectangle({foot.x() - half, head.y(), 2.0 * half, foot.y() - head.y()}, tool_fill);
+    canvas.line({foot.x() - half, head.y()}, {foot.x() - half, foot.y()}, 1.4, tool_edge);
+    canvas.line({foot.x() + half, head.y()}, {foot.x() + half, foot.y()}, 1.4, tool_edge);
+    canvas.line({foot.x() - half, foot.y()}, {foot.x() + half, foot.y()}, 1.4, tool_edge);
+    canvas.arrow(head + Vec2(0.0, 4.0), head + Vec2(0.0, 38.0), 2.4, tool_ink);
+  }
   for (const auto& [a, b] : cut(o.surface_mm, o.surface_triangles, centre, view.toward))
     canvas.line(at(a), at(b), 1.2, soft_ink, 0.8);
   const double step = spacing * projection.scale;  // nodes on the picture are about this far apart
@@ -470,18 +450,12 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Fra
       canvas.line(at(a), at(b), 1.8, circle);
 
   if (o.radius_mm > 0.0 && usable(o.centre_mm)) {
-    const double gap = 12.0, foot = o.radius_mm * projection.scale;
-    const Vec2 touch = at(centre) - Vec2(0.0, gap);
-    const Vec2 left = touch - Vec2(foot, 0.0), right = touch + Vec2(foot, 0.0);
-    canvas.line(left, right, 3.0, circle);
-    canvas.arrow(touch - Vec2(0.0, 46.0), touch - Vec2(0.0, 3.0), 3.0, circle);
-    const double depth = o.depth_mm.empty() ? 0.0 : o.depth_mm.back();
-    write(
-        canvas, touch + Vec2(12.0, -26.0),
-        std::isfinite(depth) && depth > 0.0
-            ? fmt::format("{} mm, on a circle of {} mm", three_digits(depth), three_digits(2.0 * o.radius_mm))
-            : fmt::format("circle of {} mm", three_digits(2.0 * o.radius_mm)),
-        {.size = 14.0, .colour = rgb(0xB8430A)});
+    const double depth = depth_of(o);
+    write(canvas, at(centre) + Vec2(o.radius_mm * projection.scale + 10.0, -tool_above + 6.0),
+          depth > 0.0 ? fmt::format("{} mm deep, on a circle of {} mm", three_digits(depth),
+                                    three_digits(2.0 * o.radius_mm))
+                      : fmt::format("circle of {} mm", three_digits(2.0 * o.radius_mm)),
+          {.size = 14.0, .colour = tool_ink});
   }
   triad(canvas, room, view);
   scale_bar(canvas, room, projection.scale);
@@ -518,7 +492,7 @@ struct Deformed {
   Scene scene;
 };
 
-Deformed deformed(const Rect& rect, const Overview& o, const Frame& frame, double spacing) {
+Deformed deformed(const Rect& room, const Overview& o, const BodyFrame& frame, double spacing) {
   const Points nodes = moved(o.nodes_mm, o.displacement_mm);
   const Points surface = moved(o.surface_mm, o.surface_displacement_mm);
   const bool has_surface = o.surface_triangles.cols() > 0 && surface.cols() > 0;
@@ -530,7 +504,6 @@ Deformed deformed(const Rect& rect, const Overview& o, const Frame& frame, doubl
     return n < shown.cols() && most > 0.0 && usable(shown.col(n)) ? shown.col(n).norm() / most : 0.0;
   };
 
-  const Rect room = room_of(rect);
   const Projection projection = fitted(camera(frame, 42.0, 18.0), room.inset(20.0, 34.0, 100.0, 44.0),
                                        {&nodes, &surface}, spacing / 2.0);
   Scene scene(projection, room);
@@ -565,15 +538,42 @@ Deformed deformed(const Rect& rect, const Overview& o, const Frame& frame, doubl
   return {has_surface, !has_surface && nodes.cols() == 0, most, projection, std::move(scene)};
 }
 
-void draw_dimple(Canvas& canvas, const Rect& rect, const Deformed& body, double spacing) {
-  const Rect room = panel(canvas, rect, body.has_surface ? "Deformed surface" : "Deformed nodes",
-                          fmt::format("coloured by displacement, up to {} mm", three_digits(body.most_mm)));
+/// The tool's edges at the end: as lines, for its body would hide what it does.
+void draw_tool(Canvas& canvas, const Overview& o, const Projection& projection) {
+  if (!(o.radius_mm > 0.0) || !usable(o.centre_mm) || !usable(o.push) || !(o.push.norm() > 1e-9)) return;
+  const Vec3 push = o.push.normalized(), u = push.unitOrthogonal(), v = push.cross(u);
+  const Vec3 foot = o.centre_mm + depth_of(o) * push, top = foot - 3.0 * o.radius_mm * push;
+  constexpr int around = 72;
+  const auto on_ring = [&](const Vec3& centre, int k) {
+    const double angle = 2.0 * std::numbers::pi * k / around;
+    return Vec2(projection(centre + o.radius_mm * (std::cos(angle) * u + std::sin(angle) * v)).head<2>());
+  };
+  int left = 0, right = 0;
+  for (int k = 0; k < around; ++k) {
+    if (on_ring(top, k).x() < on_ring(top, left).x()) left = k;
+    if (on_ring(top, k).x() > on_ring(top, right).x()) right = k;
+    for (const Vec3& centre : {foot, top})
+      canvas.line(on_ring(centre, k), on_ring(centre, k + 1), 1.6, tool_ink, 0.85);
+  }
+  for (const int k : {left, right}) canvas.line(on_ring(foot, k), on_ring(top, k), 1.6, tool_ink, 0.85);
+}
+
+void draw_body(Canvas& canvas, const Rect& room, const Overview& o, const Deformed& body, double spacing) {
   if (body.empty) say_nothing_to_show(canvas, room, "no surface and no nodes");
   body.scene.lay_on(canvas, 2.0 * spacing);
+  draw_tool(canvas, o, body.projection);
   triad(canvas, room, body.projection.camera);
   scale_bar(canvas, room, body.projection.scale);
   if (body.most_mm > 1e-9) colour_bar(canvas, room, body.most_mm);
-  legend(canvas, {room.x + 6.0, room.y + 18.0}, {{"nodes of the indenter circle", circle, 'o'}});
+  legend(canvas, {room.x + 6.0, room.y + 18.0},
+         {{"nodes of the indenter circle", circle, 'o'}, {"tool", tool_ink, '-'}});
+}
+
+void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Deformed& body, double spacing) {
+  draw_body(canvas,
+            panel(canvas, rect, body.has_surface ? "Deformed surface" : "Deformed nodes",
+                  fmt::format("coloured by displacement, up to {} mm", three_digits(body.most_mm))),
+            o, body, spacing);
 }
 
 void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
@@ -650,8 +650,8 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   const Vec2 last = at(points.back());
   canvas.disc(last, 6.5, card);
   canvas.disc(last, 5.0, circle);
-  std::string text = fmt::format("{} {} at {} mm", three_digits(points.back().y()), scale.unit,
-                                 three_digits(points.back().x()));
+  const double end_N = points.back().y() / scale.factor;
+  std::string text = fmt::format("{} at {} mm", force_written(end_N)(end_N), three_digits(points.back().x()));
   if (has_band) text += fmt::format(", +- {:.2g} %", 100.0 * half.back() / std::abs(points.back().y()));
   const Style strong{.size = 16.0, .bold = true};
   // Above the last point, unless the curve comes down to it; inside the plot in any case.
@@ -667,62 +667,92 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
 
 }  // namespace
 
-void write_overview(const std::filesystem::path& file, const Overview& overview) {
+namespace {
+
+void check(const Overview& overview) {
   const Triangles& triangles = overview.surface_triangles;
   if (triangles.size() > 0 &&
       (triangles.minCoeff() < 0 || triangles.maxCoeff() >= overview.surface_mm.cols()))
     throw std::invalid_argument(fmt::format("triangle corners run from {} to {}, on {} points",
                                             triangles.minCoeff(), triangles.maxCoeff(),
                                             overview.surface_mm.cols()));
-  Canvas canvas(width, height);
-  constexpr double edge = 20.0, between = 14.0;
+}
 
-  // Facts at the bottom take what they need, in two columns if they are many; the panels share the rest.
-  const Style fact{.size = 15.0, .colour = rgb(0x3A4654)};
-  constexpr double row = 22.0;
-  constexpr std::size_t most_rows = 8;
-  const double inner = width - 2.0 * edge - 20.0;
-  const auto rows_at = [&](double room) {
-    std::vector<std::string> rows;
-    for (const std::string& line : overview.lines) {
-      const std::vector<std::string> parts = wrapped(line, room - 16.0, fact);
-      for (std::size_t i = 0; i < parts.size(); ++i) rows.push_back((i > 0 ? "    " : "") + parts[i]);
+constexpr double row = 21.0;  // of small text
+
+/// Lines between words, at most `most` of them: the last then says how many are left out.
+std::vector<std::string> rows_of(const std::vector<std::string>& texts, double room, const Style& style,
+                                 std::size_t most, std::size_t most_of_one) {
+  std::vector<std::string> rows;
+  for (std::size_t k = 0; k < texts.size(); ++k) {
+    std::vector<std::string> parts = wrapped(texts[k], room - 16.0, style);
+    if (parts.size() > most_of_one) {
+      parts.resize(most_of_one);
+      parts.back() = shortened(parts.back() + " ...", room - 16.0, style);
     }
-    return rows;
-  };
-  std::vector<std::string> rows = rows_at(inner);
-  std::size_t columns = 1;
-  if (rows.size() > 3) columns = 2, rows = rows_at(inner / 2.0 - 15.0);
-  if (rows.size() > columns * most_rows) {
-    const std::size_t left_out = rows.size() - columns * most_rows + 1;
-    rows.resize(columns * most_rows);
-    rows.back() = fmt::format("... and {} more lines", left_out);
+    if (rows.size() + parts.size() > most || (rows.size() + parts.size() == most && k + 1 < texts.size())) {
+      rows.push_back(fmt::format("and {} more, in summary.json", texts.size() - k));
+      break;
+    }
+    for (std::size_t i = 0; i < parts.size(); ++i) rows.push_back((i > 0 ? "    " : "") + parts[i]);
   }
-  const std::size_t deep = (rows.size() + columns - 1) / columns;
-  const double strip = rows.empty() ? 0.0 : static_cast<double>(deep) * row + 12.0;
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    const double x = edge + 4.0 + static_cast<double>(i / deep) * (inner / 2.0 + 15.0);
-    const double y = height - edge - strip + 28.0 + static_cast<double>(i % deep) * row;
-    write(canvas, {x, y}, rows[i], fact);
+  return rows;
+}
+
+}  // namespace
+
+void write_overview(const std::filesystem::path& file, const Overview& overview) {
+  check(overview);
+  Canvas canvas(width, height);
+  constexpr double edge = 20.0, between = 14.0, inner = width - 2.0 * edge - 8.0;
+
+  double top = 66.0;
+  const Style title{.size = 26.0, .bold = true};
+  write(canvas, {edge + 4.0, 44.0}, shortened(overview.title, inner, title), title);
+  const Style warning{.size = 15.0, .colour = warning_ink};
+  std::vector<std::string> warnings;
+  for (const std::string& text : overview.warnings) warnings.push_back("Warning: " + text);
+  warnings = rows_of(warnings, inner - 20.0, warning, 6, 2);
+  if (!warnings.empty()) {
+    const double tall = static_cast<double>(warnings.size()) * row + 12.0;
+    canvas.rectangle({edge, top, width - 2.0 * edge, tall}, warning_fill, 6.0);
+    for (std::size_t i = 0; i < warnings.size(); ++i)
+      write(canvas, {edge + 14.0, top + 21.0 + static_cast<double>(i) * row}, warnings[i], warning);
+    top += tall + between;
   }
 
-  constexpr double top = 66.0;
-  const Style title{.size = 26.0, .bold = true};
-  write(canvas, {edge + 4.0, 44.0}, shortened(overview.title, width - 2.0 * edge - 8.0, title), title);
+  // Facts at the bottom take what they need; the panels share the rest.
+  const Style fact{.size = 15.0, .colour = rgb(0x3A4654)};
+  const std::vector<std::string> facts = rows_of(overview.lines, inner, fact, 8, 8);
+  const double strip = facts.empty() ? 0.0 : static_cast<double>(facts.size()) * row + 10.0;
+  for (std::size_t i = 0; i < facts.size(); ++i)
+    write(canvas, {edge + 4.0, height - edge - strip + 24.0 + static_cast<double>(i) * row}, facts[i], fact);
 
   const double w = (width - 2.0 * edge - between) / 2.0;
   const double h = (height - top - edge - strip - between) / 2.0;
   const double right = edge + w + between, low = top + h + between;
-  const Frame frame = frame_of(overview);
+  const BodyFrame frame = frame_of(overview);
   const double spacing = node_spacing(overview.nodes_mm);
   const Rect at_the_end{edge, low, w, h};
   auto body = std::async(overview.two_threads ? std::launch::async : std::launch::deferred,
-                         [&] { return deformed(at_the_end, overview, frame, spacing); });
+                         [&] { return deformed(room_of(at_the_end), overview, frame, spacing); });
   draw_cloud(canvas, {edge, top, w, h}, overview, frame, spacing);
   draw_section(canvas, {right, top, w, h}, overview, frame, spacing);
-  draw_dimple(canvas, at_the_end, body.get(), spacing);
+  draw_dimple(canvas, at_the_end, overview, body.get(), spacing);
   draw_chart(canvas, {right, low, w, h}, overview);
   write_png(file, canvas);
+}
+
+std::string body_png(const Overview& overview) {
+  check(overview);
+  constexpr int wide = 1040, tall = 640;
+  Canvas canvas(wide, tall);
+  const Rect all{0.0, 0.0, wide, tall};
+  canvas.rectangle(all, card);
+  const Rect room = all.inset(12.0, 8.0, 12.0, 12.0);
+  const double spacing = node_spacing(overview.nodes_mm);
+  draw_body(canvas, room, overview, deformed(room, overview, frame_of(overview), spacing), spacing);
+  return png(canvas);
 }
 
 }  // namespace dimple

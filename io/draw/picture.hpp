@@ -10,7 +10,8 @@ namespace dimple {
 
 /// What overview.png shows. Positions in LPS mm.
 struct Overview {
-  std::string title;               ///< one line, e.g. "brain.nrrd: 0.0712 N at 8 mm"
+  std::string title;                       ///< one line, e.g. "brain.nrrd: 0.0712 N at 8 mm"
+  std::vector<std::string> warnings = {};  ///< below the title, as many as there is room for
   std::vector<std::string> lines;  ///< a few facts: counts, spacing, base and circle with their reasons
   Points nodes_mm;                 ///< [3xN] at rest
   Points displacement_mm;          ///< [3xN] at the end
@@ -36,5 +37,8 @@ struct Overview {
 /// same input gives the same bytes. Throws OutputError, and std::invalid_argument for triangles of points
 /// that do not exist.
 void write_overview(const std::filesystem::path& file, const Overview& overview);
+
+/// The body at the end alone, with the tool: the bytes of a PNG, 1040 x 640 pixels. Throws as write_overview().
+std::string body_png(const Overview& overview);
 
 }  // namespace dimple

@@ -1,0 +1,235 @@
+// The body's surface to turn, and its frames to play, by vtk.js.
+import '@kitware/vtk.js/Rendering/OpenGL/Profiles/Geometry.js';
+import vtkActor from '@kitware/vtk.js/Rendering/Core/Actor.js';
+import vtkColorTransferFunction from '@kitware/vtk.js/Rendering/Core/ColorTransferFunction.js';
+import vtkDataArray from '@kitware/vtk.js/Common/Core/DataArray.js';
+import vtkInteractorStyleTrackballCamera from '@kitware/vtk.js/Interaction/Style/InteractorStyleTrackballCamera.js';
+import vtkMapper from '@kitware/vtk.js/Rendering/Core/Mapper.js';
+import vtkOpenGLRenderWindow from '@kitware/vtk.js/Rendering/OpenGL/RenderWindow.js';
+import vtkPolyData from '@kitware/vtk.js/Common/DataModel/PolyData.js';
+import vtkRenderWindow from '@kitware/vtk.js/Rendering/Core/RenderWindow.js';
+import vtkRenderWindowInteractor from '@kitware/vtk.js/Rendering/Core/RenderWindowInteractor.js';
+import vtkRenderer from '@kitware/vtk.js/Rendering/Core/Renderer.js';
+import { at, data, element, heat, svg, unpacked } from './numbers.js';
+
+export function canDraw() {
+  if (!data.body) return false;
+  try {
+    const context = document.createElement('canvas').getContext('webgl2');
+    context?.getExtension('WEBGL_lose_context')?.loseContext();
+    return Boolean(context);
+  } catch {
+    return false;
+  }
+}
+
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const plus = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
+const unit = (a) => {
+  const length = Math.sqrt(dot(a, a)) || 1;
+  return [a[0] / length, a[1] / length, a[2] / length];
+};
+
+/** Places at rest, triangles, and each frame's displacement. */
+function unpack() {
+  const { body } = data;
+  const whole = unpacked(body.places, Uint16Array);
+  const rest = Float32Array.from(whole, (n, k) => body.low_mm[k % 3] + n * body.step_mm);
+  const frames = body.frames.map((frame) => {
+    const u = Float32Array.from(unpacked(frame.displacement, Int8Array), (n) => n * frame.step_mm);
+    const size = new Float32Array(u.length / 3);
+    for (let v = 0; v < size.length; ++v) size[v] = Math.hypot(u[3 * v], u[3 * v + 1], u[3 * v + 2]);
+    return { u, size, depth: frame.time_s * at('requested.rate_mm_per_s') };
+  });
+  return { rest, triangles: unpacked(body.triangles, Uint16Array), frames };
+}
+
+function normalsOf(places, triangles, normals) {
+  normals.fill(0);
+  for (let t = 0; t < triangles.length; t += 3) {
+    const [a, b, c] = [3 * triangles[t], 3 * triangles[t + 1], 3 * triangles[t + 2]];
+    const ux = places[b] - places[a], uy = places[b + 1] - places[a + 1], uz = places[b + 2] - places[a + 2];
+    const vx = places[c] - places[a], vy = places[c + 1] - places[a + 1], vz = places[c + 2] - places[a + 2];
+    const n = [uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx];
+    for (const corner of [a, b, c]) for (let k = 0; k < 3; ++k) normals[corner + k] += n[k];
+  }
+  for (let v = 0; v < normals.length; v += 3) {
+    const length = Math.hypot(normals[v], normals[v + 1], normals[v + 2]) || 1;
+    for (let k = 0; k < 3; ++k) normals[v + k] /= length;
+  }
+}
+
+function cells(triangles) {
+  const list = new Uint32Array((triangles.length / 3) * 4);
+  for (let t = 0; t < triangles.length / 3; ++t) list.set([3, triangles[3 * t], triangles[3 * t + 1], triangles[3 * t + 2]], 4 * t);
+  return list;
+}
+
+/** Two directions across the push. */
+function across(push) {
+  const least = push.map(Math.abs).indexOf(Math.min(...push.map(Math.abs)));
+  const u = unit(cross(push, [0, 1, 2].map((k) => (k === least ? 1 : 0))));
+  return [u, cross(push, u)];
+}
+
+/** A cylinder from its foot at the circle's place against the push; its edges sharp. */
+function toolData() {
+  const { centre_mm: centre, push, radius_mm: radius } = data.tool;
+  const [u, v] = across(push);
+  const around = 64;
+  const top = plus(centre, push, -3 * radius);
+  const places = [], normals = [], triangles = [];
+  const ring = (middle, normal) => {
+    const first = places.length / 3;
+    for (let k = 0; k < around; ++k) {
+      const angle = (2 * Math.PI * k) / around;
+      const out = plus([0, 1, 2].map((i) => Math.cos(angle) * u[i]), v, Math.sin(angle));
+      places.push(...plus(middle, out, radius));
+      normals.push(...(normal ?? out));
+    }
+    return first;
+  };
+  const side = [ring(centre), ring(top)];
+  for (let k = 0; k < around; ++k) {
+    const next = (k + 1) % around;
+    triangles.push(side[0] + k, side[0] + next, side[1] + next, side[0] + k, side[1] + next, side[1] + k);
+  }
+  for (const [middle, normal] of [[centre, push], [top, push.map((x) => -x)]]) {
+    const first = ring(middle, normal);
+    for (let k = 1; k + 1 < around; ++k) triangles.push(first, first + k, first + k + 1);
+  }
+  return { places: Float32Array.from(places), normals: Float32Array.from(normals), triangles };
+}
+
+function polyData(places, normals, triangles) {
+  const made = vtkPolyData.newInstance();
+  made.getPoints().setData(places, 3);
+  made.getPolys().setData(cells(triangles));
+  const array = vtkDataArray.newInstance({ name: 'normals', numberOfComponents: 3, values: normals });
+  made.getPointData().setNormals(array);
+  return { made, array };
+}
+
+/** From above and somewhat to the side on which the circle lies, as overview.png looks at it. */
+function lookFrom(rest) {
+  const up = data.tool.push.map((x) => -x);
+  const middle = [0, 1, 2].map((k) => {
+    let low = Infinity, high = -Infinity;
+    for (let i = k; i < rest.length; i += 3) (low = Math.min(low, rest[i])), (high = Math.max(high, rest[i]));
+    return (low + high) / 2;
+  });
+  let front = plus(data.tool.centre_mm, middle, -1);
+  front = plus(front, up, -dot(front, up));
+  if (Math.sqrt(dot(front, front)) < data.tool.radius_mm) front = across(data.tool.push)[0];
+  front = unit(front);
+  const side = cross(up, front);
+  const turned = plus([0, 1, 2].map((k) => Math.cos(0.35) * front[k]), side, Math.sin(0.35));
+  const elevation = (40 * Math.PI) / 180;
+  return { up, middle, toward: plus([0, 1, 2].map((k) => Math.sin(elevation) * up[k]), turned, Math.cos(elevation)) };
+}
+
+/** Which way left, posterior and superior (or their opposites) point, as the camera turns. */
+function compass(camera) {
+  const picture = svg('svg', { viewBox: '-38 -38 76 76', class: 'compass', 'aria-hidden': 'true' });
+  const turn = () => {
+    picture.replaceChildren();
+    const toward = unit(plus(camera.getPosition(), camera.getFocalPoint(), -1));
+    const up = unit(camera.getViewUp());
+    const right = unit(cross(up, toward));
+    const above = cross(toward, right);
+    for (const [k, letters] of [['L', 'R'], ['P', 'A'], ['S', 'I']].entries()) {
+      const flip = toward[k] < -0.2 || (Math.abs(toward[k]) <= 0.2 && above[k] + 0.5 * right[k] < 0);
+      const sign = flip ? -1 : 1;
+      const [x, y] = [24 * sign * right[k], -24 * sign * above[k]];
+      const length = Math.hypot(x, y) || 1;
+      picture.append(
+        svg('line', { x1: 0, y1: 0, x2: x, y2: y }),
+        svg('text', { x: x + (9 * x) / length, y: y + (9 * y) / length + 4, 'text-anchor': 'middle' }, letters[flip ? 1 : 0]),
+      );
+    }
+  };
+  camera.onModified(turn);
+  turn();
+  return picture;
+}
+
+/** Fills `place`; returns what shows a frame. */
+export function body(place) {
+  const { rest, triangles, frames } = unpack();
+  const places = Float32Array.from(rest);
+  const normals = new Float32Array(rest.length);
+  const surface = polyData(places, normals, triangles);
+  const size = vtkDataArray.newInstance({ name: 'displacement', values: new Float32Array(rest.length / 3) });
+  surface.made.getPointData().setScalars(size);
+  const most = Math.max(...frames.map((frame) => frame.size.reduce((a, b) => Math.max(a, b), 0)), 1e-9);
+
+  const colours = vtkColorTransferFunction.newInstance();
+  heat.forEach((hex, k) => {
+    const [r, g, b] = [1, 3, 5].map((from) => parseInt(hex.slice(from, from + 2), 16) / 255);
+    colours.addRGBPoint((most * k) / (heat.length - 1), r, g, b);
+  });
+  const mapper = vtkMapper.newInstance({ scalarVisibility: true, useLookupTableScalarRange: true, lookupTable: colours });
+  mapper.setInputData(surface.made);
+  const actor = vtkActor.newInstance();
+  actor.setMapper(mapper);
+  actor.getProperty().set({ ambient: 0.15, diffuse: 0.9, specular: 0.12, specularPower: 24 });
+
+  const tool = toolData();
+  const toolMapper = vtkMapper.newInstance({ scalarVisibility: false });
+  toolMapper.setInputData(polyData(tool.places, tool.normals, tool.triangles).made);
+  const toolActor = vtkActor.newInstance();
+  toolActor.setMapper(toolMapper);
+  toolActor.getProperty().set({ color: [0.45, 0.5, 0.56], opacity: 0.45, ambient: 0.2, diffuse: 0.8, specular: 0.3, specularPower: 30 });
+
+  const renderer = vtkRenderer.newInstance({ background: [1, 1, 1] });
+  renderer.addActor(actor);
+  renderer.addActor(toolActor);
+  const window3d = vtkRenderWindow.newInstance();
+  window3d.addRenderer(renderer);
+  const view = vtkOpenGLRenderWindow.newInstance();
+  view.setContainer(place);
+  window3d.addView(view);
+
+  const camera = renderer.getActiveCamera();
+  const { up, middle, toward } = lookFrom(rest);
+  camera.setParallelProjection(true);
+  const reset = () => {
+    camera.setFocalPoint(...middle);
+    camera.setPosition(...plus(middle, toward, 500));
+    camera.setViewUp(...up);
+    renderer.resetCamera(actor.getBounds());
+    camera.setParallelScale(camera.getParallelScale() * 0.78);
+  };
+
+  // The wheel moves the page; with Ctrl it zooms.
+  place.addEventListener('wheel', (event) => event.ctrlKey || event.stopImmediatePropagation(), { capture: true });
+  const interactor = vtkRenderWindowInteractor.newInstance();
+  interactor.setView(view);
+  interactor.initialize();
+  interactor.setContainer(place);
+  interactor.setInteractorStyle(vtkInteractorStyleTrackballCamera.newInstance());
+
+  const fit = () => {
+    const ratio = Math.max(window.devicePixelRatio || 1, 1);
+    view.setSize(Math.round(place.clientWidth * ratio), Math.round(place.clientHeight * ratio));
+    window3d.render();
+  };
+  const show = (k) => {
+    const frame = frames[k];
+    for (let i = 0; i < rest.length; ++i) places[i] = rest[i] + frame.u[i];
+    normalsOf(places, triangles, normals);
+    size.setData(frame.size);
+    surface.made.getPoints().modified();
+    surface.array.modified();
+    surface.made.modified();
+    toolActor.setPosition(...data.tool.push.map((x) => x * frame.depth));
+    window3d.render();
+  };
+  show(frames.length - 1);
+  reset();
+  fit();
+  place.append(compass(camera));
+  new ResizeObserver(fit).observe(place);
+  return { show, depths: frames.map((frame) => frame.depth), most, reset: () => (reset(), window3d.render()) };
+}

@@ -1,0 +1,75 @@
+// The force curve. A line, a band and some dots are drawn by hand; a chart library would outweigh all else here.
+import { scaleLinear } from 'd3-scale';
+import { at, data, element, forceUnit, number, svg } from './numbers.js';
+
+const width = 680;
+const height = 400;
+const plot = { left: 64, right: 18, top: 34, bottom: 50 };
+
+export function forceChart() {
+  const { depth_mm: depth, force_N: force, half_N: half } = data.curve;
+  const beside = data.beside;
+  const largest = Math.max(...force.map((f, k) => f + (half[k] ?? 0)), ...(beside ? beside.force_N : []), 1e-12);
+  const least = Math.min(0, ...force.map((f, k) => f - (half[k] ?? 0)));
+  const unit = largest >= 1 ? { unit: 'N', scale: 1 } : largest >= 1e-3 ? { unit: 'mN', scale: 1e3 } : { unit: 'uN', scale: 1e6 };
+  const x = scaleLinear([0, Math.max(...depth, ...(beside ? beside.depth_mm : []), 1e-9) * 1.04], [plot.left, width - plot.right]);
+  const y = scaleLinear([least * unit.scale, largest * unit.scale * 1.1], [height - plot.bottom, plot.top]);
+  const px = (d) => x(d).toFixed(1);
+  const py = (f) => y(f * unit.scale).toFixed(1);
+
+  const chart = svg('svg', { viewBox: `0 0 ${width} ${height}`, class: 'chart', role: 'img', 'aria-label': 'force against indentation' });
+  const axes = svg('g', { class: 'axes' });
+  for (const value of x.ticks(6))
+    axes.append(
+      svg('line', { x1: x(value), x2: x(value), y1: plot.top, y2: height - plot.bottom }),
+      svg('text', { x: x(value), y: height - plot.bottom + 20, 'text-anchor': 'middle' }, String(value)),
+    );
+  for (const value of y.ticks(5))
+    axes.append(
+      svg('line', { x1: plot.left, x2: width - plot.right, y1: y(value), y2: y(value) }),
+      svg('text', { x: plot.left - 9, y: y(value) + 4.5, 'text-anchor': 'end' }, y.tickFormat(5)(value).replace('−', '−')),
+    );
+  axes.append(
+    svg('line', { class: 'zero', x1: plot.left, x2: width - plot.right, y1: y(0), y2: y(0) }),
+    svg('line', { class: 'zero', x1: plot.left, x2: plot.left, y1: plot.top, y2: height - plot.bottom }),
+    svg('text', { x: (plot.left + width - plot.right) / 2, y: height - 8, 'text-anchor': 'middle' }, 'indentation in mm'),
+    svg('text', { x: 8, y: 16 }, `force in ${unit.unit}`),
+  );
+  chart.append(axes);
+
+  const way = (points) => `M${points.map(([d, f]) => `${px(d)} ${py(f)}`).join('L')}`;
+  const curve = depth.map((d, k) => [d, force[k]]);
+  if (half.length > 0) {
+    const upper = depth.map((d, k) => [d, force[k] + half[k]]);
+    const lower = depth.map((d, k) => [d, force[k] - half[k]]).reverse();
+    chart.append(svg('path', { class: 'band', d: `${way([...upper, ...lower])}Z` }));
+  }
+  if (curve.length > 0) chart.append(svg('path', { class: 'curve', d: way(curve) }));
+  if (beside) {
+    const dots = svg('g', { class: 'beside' });
+    const size = beside.force_N.length > 40 ? 2.2 : 4;
+    beside.depth_mm.forEach((d, k) => {
+      const dot = svg('circle', { cx: px(d), cy: py(beside.force_N[k]), r: size });
+      if (beside.rows.length > 0) dot.append(svg('title', {}, beside.rows[k]));
+      dots.append(dot);
+    });
+    chart.append(dots);
+  }
+  if (curve.length > 0) {
+    const [d, f] = curve[curve.length - 1];
+    chart.append(svg('circle', { class: 'end', cx: px(d), cy: py(f), r: 5 }));
+  }
+  return chart;
+}
+
+/** What the marks of the chart are. */
+export function chartLegend() {
+  const entry = (mark, text) => element('li', {}, element('span', { class: `mark ${mark}` }), text);
+  const list = element('ul', { class: 'legend' }, entry('curve', 'this run'));
+  if (data.curve.half_N.length > 0) list.append(entry('band', 'band of its discretisation'));
+  if (data.beside) {
+    const name = data.beside.name === 'horton2007' ? 'Horton et al. 2007' : data.beside.name;
+    list.append(entry('beside', data.beside.rows.length > 0 ? `${name}, in order of depth: ${data.beside.rows.join(', ')}` : name));
+  }
+  return list;
+}

@@ -1,0 +1,323 @@
+// What the page says, from the top: verdict, warnings, force, body, slices, and how it came about.
+import { chartLegend, forceChart } from './chart.js';
+import { body, canDraw } from './body.js';
+import { at, data, element, force, heat, number, quantity, summary, volume, word } from './numbers.js';
+import { slices, taken, tintOf } from './slices.js';
+
+const section = (id) => document.getElementById(id);
+const there = (key) => at(key) !== undefined && at(key) !== null;
+const baseName = (path) => path.split('/').pop();
+
+/** A table of facts; rows without a value are left out. */
+function facts(rows, css = 'facts') {
+  const table = element('table', { class: css });
+  for (const [name, ...value] of rows.filter(Boolean)) table.append(element('tr', {}, element('th', { scope: 'row' }, name), element('td', {}, ...value.flat().filter((part) => part !== false))));
+  return table;
+}
+
+// ------------------------------------------------------------------------------------------------------- head
+
+function head() {
+  const subject = there('image') ? at('image') : (at('made_from.image') ?? 'a model');
+  document.title = `${baseName(subject)}: indentation`;
+  const place = section('head');
+  place.append(element('p', { class: 'subject' }, element('strong', {}, baseName(subject)), ', indented by Dimple ', word('version')));
+  const title = element('h1', {}, force('force_N'), ' at ', quantity('indentation_mm', 'mm', { decimals: 2 }));
+  place.append(title);
+  if (there('band.low_N'))
+    place.append(element('p', { class: 'band' }, force('band.low_N', at('force_N'), false), ' to ', force('band.high_N', at('force_N')), ', as far as its discretisation is known'));
+  else if (there('band.unknown')) place.append(element('p', { class: 'band' }, 'No band is known: ', word('band.unknown')));
+  if (there('band_of_mu.low_N'))
+    place.append(element('p', { class: 'band' }, force('band_of_mu.low_N', at('force_N'), false), ' to ', force('band_of_mu.high_N', at('force_N')), ' by what is known of the modulus'));
+}
+
+// ---------------------------------------------------------------------------------------------------- verdict
+
+const questions = { image: 'Image understood', model: 'Model sane', equilibrium: 'Equilibrium', energy: 'Energy', accuracy: 'Accuracy' };
+
+function verdict() {
+  const strip = element('ul', { class: 'verdict' });
+  for (const [key, question] of Object.entries(questions)) {
+    const answer = `verdict.${key}`;
+    const percent = at(`${answer}.unit`) === '%';
+    const value = at(`${answer}.value`);
+    const size = Math.abs(value);
+    const decimals = !percent || (size >= 99.95 && size < 100.05) ? 0 : Math.min(Math.max(1 - Math.floor(Math.log10(Math.max(size, 1e-9))), 0), 4);
+    const card = element('li', { class: at(`${answer}.word`) }, element('h3', {}, question));
+    card.append(element('p', { class: 'word' }, word(`${answer}.word`)));
+    card.append(element('p', { class: 'figure' }, number(`${answer}.value`, { decimals, plain: true }), ' ', word(`${answer}.unit`)));
+    card.append(element('p', { class: 'of' }, word(`${answer}.of`)));
+    for (const k of (at(`${answer}.reasons`) ?? []).keys()) card.append(element('p', { class: 'reason' }, word(`${answer}.reasons.${k}`)));
+    strip.append(card);
+  }
+  section('verdict').append(strip);
+}
+
+function warnings() {
+  const place = section('warnings');
+  if (there('failure'))
+    place.append(
+      element('div', { class: at('status') === 'failed' ? 'note bad' : 'note check' },
+        element('p', {}, element('strong', {}, at('status') === 'failed' ? 'The run failed. ' : 'The run was interrupted. '), word('failure.fact'), '; ', word('failure.where')),
+        element('p', {}, word('failure.why'), '. ', element('strong', {}, 'Remedy: '), word('failure.remedy'))));
+  const list = at('warnings') ?? [];
+  if (list.length > 0) place.append(element('h2', {}, list.length === 1 ? '1 warning' : `${list.length} warnings`));
+  for (const k of list.keys()) place.append(element('p', { class: 'note check' }, word(`warnings.${k}`)));
+  const retries = at('retries') ?? [];
+  for (const k of retries.keys())
+    place.append(element('p', { class: 'note plain' }, 'Tried again at ', quantity(`retries.${k}.at_mm`, 'mm', { decimals: 2 }), ' (', word(`retries.${k}.code`), '): ', word(`retries.${k}.what`)));
+  if (list.length === 0 && retries.length === 0 && !there('failure')) place.append(element('p', { class: 'note plain' }, 'There were no warnings.'));
+}
+
+// ------------------------------------------------------------------------------------------------------ force
+
+function forceSection() {
+  const place = section('force');
+  const like = at('force_N');
+  const rows = [
+    ['force on the tool', force('force_N', like)],
+    ['force on the base', force('base_force_N', like)],
+    there('band.half_N') && ['half the band', force('band.half_N', like), ', from ', number('counts.nodes', { decimals: 0 }), ' and ', number('band.coarser_nodes', { decimals: 0 }), ' nodes'],
+    there('band.unknown') && ['band', 'not known: ', word('band.unknown')],
+    ['indentation', quantity('indentation_mm', 'mm', { decimals: 2 }), ' of ', quantity('requested.depth_mm', 'mm', { decimals: 2 })],
+  ];
+  const table = facts(rows);
+  const words = element('div', {}, table);
+  if (there('compare.file')) words.append(element('h3', {}, 'Beside ', word('compare.file')), comparison());
+  if (there('ladder')) words.append(element('h3', {}, 'Clouds that were tried'), ladder());
+  place.append(element('div', { class: 'beside' }, element('div', { class: 'wide' }, forceChart(), chartLegend()), words));
+}
+
+function comparison() {
+  if (!there('compare.ratio_at_end')) return element('p', {}, 'There is no depth at which both are known.');
+  const named = (at('compare.values') ?? []).map((value, k) => [value.name, force(`compare.values.${k}.force_N`, at('force_N')), ', ', number(`compare.values.${k}.ratio`, { decimals: 2 }), ' of ours']);
+  return facts([
+    ...named,
+    named.length === 0 && ['measured / ours at the end', number('compare.ratio_at_end', { decimals: 2 }), ', at ', quantity('compare.depth_mm', 'mm', { decimals: 2 })],
+    named.length === 0 && ['on average', number('compare.mean_ratio', { decimals: 2 }), ', over ', number('compare.rows', { decimals: 0 }), ' depths'],
+    named.length === 0 && ['root mean square difference', force('compare.rms_N')],
+    there('compare.inside_band') && ['inside the band', quantity('compare.inside_band', '%', { scale: 100, decimals: 0 }), ' of the rows'],
+    at('compare.deeper_rows') > 0 && ['not compared', number('compare.deeper_rows', { decimals: 0 }), ' rows deeper than this run'],
+  ]);
+}
+
+function ladder() {
+  const table = element('table', { class: 'list' }, element('tr', {}, ...['nodes', 'force', 'half the band', 's'].map((name) => element('th', { scope: 'col' }, name))));
+  for (const k of at('ladder').keys()) {
+    const step = `ladder.${k}`;
+    table.append(element('tr', {}, element('td', {}, number(`${step}.nodes`, { decimals: 0 })), element('td', {}, force(`${step}.force_N`, at('force_N'))),
+      element('td', {}, there(`${step}.half_N`) ? force(`${step}.half_N`, at('force_N')) : '–'), element('td', {}, number(`${step}.wall_s`, { decimals: 1 }))));
+  }
+  return table;
+}
+
+// ------------------------------------------------------------------------------------------------------- body
+
+function bodySection() {
+  const place = section('body');
+  if (!data.body && !data.picture) return place.append(element('p', {}, 'No frame was kept of this run.'));
+  if (data.picture) place.append(element('img', { class: 'drawn', src: data.picture, alt: 'the deformed body with the tool, coloured by displacement' }));
+  if (!canDraw()) {
+    document.documentElement.classList.add('flat');
+    const why = data.body ? 'This browser has no WebGL: a picture is shown in place of the body that can be turned.' : '';
+    if (!data.picture) place.append(element('p', {}, `${why} The run was ended before it drew one.`));
+    else if (why) place.append(element('p', { class: 'soft screen' }, why));
+    return undefined;
+  }
+  const view = element('div', { class: 'view3d' });
+  const play = element('button', { type: 'button' }, 'Play');
+  const slider = element('input', { type: 'range', min: 0, max: data.body.frames.length - 1, value: data.body.frames.length - 1, 'aria-label': 'indentation' });
+  const depth = element('output', {});
+  const again = element('button', { type: 'button' }, 'Reset view');
+  const stage = element('div', { class: 'stage' }, view);
+  place.append(stage, element('div', { class: 'controls' }, play, slider, depth, again), element('p', { class: 'soft screen' }, 'Drag to turn, Shift and drag to move, Ctrl and wheel to zoom.'));
+  let shown;
+  try {
+    shown = body(view);
+  } catch (problem) {
+    document.documentElement.classList.add('flat');
+    for (const made of place.querySelectorAll('.stage, .controls, .screen')) made.remove();
+    place.append(element('p', { class: 'soft' }, `The body cannot be shown to turn here: ${problem.message}`));
+    return undefined;
+  }
+  stage.append(colourBar(shown.most));
+  const show = (k) => {
+    slider.value = k;
+    depth.textContent = `${shown.depths[k].toFixed(2)} mm`;
+    shown.show(k);
+  };
+  let timer = 0;
+  const stop = () => {
+    clearInterval(timer);
+    timer = 0;
+    play.textContent = 'Play';
+  };
+  play.addEventListener('click', () => {
+    if (timer) return stop();
+    play.textContent = 'Pause';
+    let k = Number(slider.value) % (shown.depths.length - 1);
+    const pace = Math.max(2400 / shown.depths.length, 60);
+    timer = setInterval(() => {
+      show(k);
+      if (++k === shown.depths.length) stop();
+    }, pace);
+    return undefined;
+  });
+  slider.addEventListener('input', () => (stop(), show(Number(slider.value))));
+  again.addEventListener('click', shown.reset);
+  show(shown.depths.length - 1);
+  return undefined;
+}
+
+function colourBar(most) {
+  const bar = element('div', { class: 'colours', 'aria-label': 'displacement in mm' });
+  const step = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20].find((s) => most / s <= 5) ?? 50;
+  bar.append(element('span', { class: 'title' }, 'displacement, mm'), element('div', { class: 'ramp', style: `background:linear-gradient(to top,${heat.join(',')})` }));
+  for (let value = 0; value <= most * 1.0001; value += step) bar.append(element('span', { class: 'tick', style: `bottom:${(100 * value) / most}%` }, String(Number(value.toFixed(2)))));
+  return bar;
+}
+
+// ----------------------------------------------------------------------------------------------------- slices
+
+function sliceSection() {
+  const place = section('slices');
+  if (data.slices.length === 0) return place.remove();
+  const entry = (mark, text) => element('li', {}, element('span', { class: `mark ${mark}` }), text);
+  const legend = element('ul', { class: 'legend' });
+  for (const k of (at('labels') ?? []).keys()) {
+    const label = at(`labels.${k}`);
+    if (k < 8) legend.append(element('li', {}, element('span', { class: 'mark tint', style: `background:${tintOf(label.value)}` }), label.name ? `${label.value} ${label.name}` : `label ${label.value}`));
+  }
+  if (taken.length > 8) legend.append(element('li', {}, `and ${taken.length - 8} more labels`));
+  legend.append(entry('node', 'node'), entry('node base', 'fixed base'), entry('node circle', "tool's circle"), entry('outline', 'outline at rest'), entry('outline moved', 'at the end'), entry('tool', 'tool at the end'));
+  place.append(slices(), legend);
+  const tilt = data.tilt_degrees > 1 ? ` The image's axes are turned by ${data.tilt_degrees} degrees against the patient's; the letters name the nearest.` : '';
+  place.append(element('p', { class: 'soft' }, `Planes through the middle of the tool's way, seen from the left, from the front and from the feet: the patient's right is on the left. Nodes at rest within ${(data.slab_mm / 2).toFixed(1)} mm of the plane; the tool is seen along it.${tilt}`));
+  return undefined;
+}
+
+// ---------------------------------------------------------------------------------------------------- assumed
+
+function labelList() {
+  const table = element('table', { class: 'list' });
+  const most = 30;
+  for (const k of at('labels').keys()) {
+    if (k === most) break;
+    const label = `labels.${k}`;
+    table.append(element('tr', {}, element('td', {}, number(`${label}.value`, { decimals: 0 })), element('td', { class: 'text' }, at(`${label}.name`) ? word(`${label}.name`) : ''), element('td', {}, volume(`${label}.volume_mm3`)), element('td', {}, quantity(`${label}.voxels`, 'voxels', { decimals: 0 }))));
+  }
+  if (at('labels').length > most) table.append(element('tr', {}, element('td', { colspan: 4, class: 'text' }, `and ${at('labels').length - most} more`)));
+  return table;
+}
+
+function place3(key) {
+  return element('span', {}, '(', ...[0, 1, 2].flatMap((k) => [k > 0 ? ', ' : '', number(`${key}.${k}`, { decimals: 1, plain: true })]), ')');
+}
+const modulus = (key) => (at(key) >= 1e4 ? quantity(key, 'kPa', { scale: 1e-3, digits: 4 }) : quantity(key, 'Pa', { digits: 4 }));
+
+function materials() {
+  return at('material').map((material, k) => {
+    const one = `material.${k}`;
+    const line = element('div', {}, at('material').length > 1 ? element('strong', {}, 'label ', word(`${one}.label`), ': ') : '', word(`${one}.law`), ', mu ', modulus(`${one}.mu_Pa`), ', nu ', number(`${one}.nu`, { digits: 4 }), ', density ', quantity(`${one}.density_kg_per_m3`, 'kg/m³', { decimals: 0 }));
+    if (material.default) line.append(element('div', { class: 'soft' }, 'swine brain (Horton et al. 2007), taken because none was given'));
+    return line;
+  });
+}
+
+function assumed() {
+  const reason = (key) => there(key) && element('div', { class: 'soft' }, word(key));
+  section('assumed').append(
+    facts([
+      there('image') && ['Image', word('image'), reason('image_read_as')],
+      there('labels') && ['Labels', labelList()],
+      there('model.organ_volume_mm3') && ['Body', volume('model.organ_volume_mm3'), ', ', quantity('model.pieces', at('model.pieces') === 1 ? 'piece' : 'pieces', { decimals: 0 }), at('model.pieces') > 1 ? [', of which the largest was kept and ', volume('model.dropped_volume_mm3'), ' dropped'] : '',
+        at('model.closed_volume_mm3') > 0 ? [', ', volume('model.closed_volume_mm3'), ' added by closing gaps'] : '',
+        element('div', { class: 'soft' }, 'surface drawn ', quantity('model.surface_step_mm', 'mm', { decimals: 2 }), ' apart, smoothed by ', quantity('model.smoothing_mm', 'mm', { decimals: 2 }))],
+      ['Material', ...materials()],
+      ['Base', number('counts.base_nodes', { decimals: 0 }), ' nodes held', reason('model.base_reason'), reason('made_from.base')],
+      ['Tool', quantity('counts.circle_diameter_mm', 'mm', { decimals: 1 }), ' across, on ', number('counts.circle_nodes', { decimals: 0 }), ' nodes at ', place3('counts.circle_centre_mm'), ' mm, pushed along ', place3('counts.push'), reason('model.circle_reason'), reason('made_from.circle')],
+      ['Load', quantity('requested.depth_mm', 'mm', { decimals: 2 }), ' at ', quantity('requested.rate_mm_per_s', 'mm/s'), ', ', word('contact'), ', ', word('time')],
+      ['Discretisation', number('counts.nodes', { decimals: 0 }), ' nodes', there('model.node_spacing_mm') ? [' ', quantity('model.node_spacing_mm', 'mm', { decimals: 2 }), ' apart, ', quantity('model.rim_spacing_mm', 'mm', { decimals: 2 }), ' at the rim of the circle'] : '', ', ', number('counts.integration_points', { decimals: 0 }), ' integration points',
+        element('div', { class: 'soft' }, 'scheme ', word('scheme'), ', ', word('precision'), ' precision')],
+    ], 'facts broad'),
+    element('p', { class: 'soft' }, 'Places are in mm along left, posterior and superior (LPS).'));
+}
+
+// ------------------------------------------------------------------------------------------------------ times
+
+function times() {
+  const parts = [
+    ['reading the image', 'model.image_read_s'],
+    ['building the model', 'model.model_build_s'],
+    ['shape functions and checks', 'prepare_wall_s'],
+    ['solving', 'solve_wall_s'],
+    ['coarser clouds for the band', 'band_wall_s'],
+    ['writing', 'write_wall_s'],
+  ].filter(([, key]) => there(key) && at(key) > 0);
+  const total = Math.max(at('total_wall_s'), parts.reduce((sum, [, key]) => sum + at(key), 0), 1e-9);
+  const bar = element('div', { class: 'bar', 'aria-hidden': 'true' });
+  const table = element('table', { class: 'list times' });
+  parts.forEach(([name, key], k) => {
+    bar.append(element('span', { class: `part p${k}`, style: `width:${(100 * at(key)) / total}%` }));
+    table.append(element('tr', {}, element('td', { class: 'text' }, element('span', { class: `mark part p${k}` }), name), element('td', {}, quantity(key, 's', { decimals: 2 }))));
+  });
+  table.append(element('tr', { class: 'sum' }, element('td', { class: 'text' }, 'in all, with ', number('threads', { decimals: 0 }), at('threads') === 1 ? ' thread' : ' threads'), element('td', {}, quantity('total_wall_s', 's', { decimals: 2 }))));
+  section('times').append(bar, table, element('p', { class: 'soft' }, number('force_evaluations', { decimals: 0 }), ' evaluations of the force, ', quantity('ms_per_step', 'ms', { decimals: 2 }), ' each.'));
+}
+
+// ---------------------------------------------------------------------------------------------- again and cite
+
+function copied(text, css = '') {
+  const button = element('button', { type: 'button', class: 'copy' }, 'Copy');
+  const shown = element('pre', { class: css, tabindex: 0 }, text);
+  button.addEventListener('click', async () => {
+    try {
+      await navigator.clipboard.writeText(text);
+      button.textContent = 'Copied';
+    } catch { // a page from the disk may not be allowed to
+      getSelection().selectAllChildren(shown);
+      button.textContent = document.execCommand('copy') ? 'Copied' : 'Selected';
+    }
+    setTimeout(() => (button.textContent = 'Copy'), 1500);
+  });
+  return element('div', { class: 'copied' }, button, shown);
+}
+
+function again() {
+  const place = section('again');
+  const command = there('image') ? 'dimple run --config config.resolved.toml -o again' : 'dimple solve MODEL --config config.resolved.toml -o again';
+  place.append(copied(command));
+  const hash = there('image_sha256') ? 'image_sha256' : 'model_sha256';
+  place.append(element('p', { class: 'soft' }, there('image') ? 'The image has the SHA-256 ' : 'The model has the SHA-256 ', element('code', {}, word(hash)), '. With the file below, which lies beside this page, the same version of the program gives the same bits.'));
+  place.append(element('h3', {}, 'config.resolved.toml'), copied(data.options, 'long'));
+}
+
+function cite() {
+  const software = `@software{dimple,
+  title   = {Dimple: from a label image to a force, meshless soft-tissue indentation},
+  author  = {{The Dimple authors}},
+  version = {${at('version')}}
+}`;
+  const paper = `@inproceedings{horton2007,
+  title     = {Subject-Specific Biomechanical Simulation of Brain Indentation Using a Meshless Method},
+  author    = {Horton, Ashley and Wittek, Adam and Miller, Karol},
+  booktitle = {Medical Image Computing and Computer-Assisted Intervention (MICCAI)},
+  year      = {2007}
+}`;
+  section('cite').append(element('p', {}, 'The software, and the paper that its method grew from:'), copied(`${software}\n\n${paper}\n`));
+}
+
+function depends() {
+  const place = section('depends');
+  if (place.querySelector('svg')) return;
+  place.append(element('p', {}, 'This was not measured. ', element('code', {}, 'dimple run … --explain'), ' makes one choice after another otherwise, each in a run of its own, and puts a chart of the effects here.'));
+}
+
+for (const part of [head, verdict, warnings, forceSection, bodySection, sliceSection, depends, assumed, times, again, cite]) {
+  try {
+    part();
+  } catch (problem) { // what one part lacks is no reason to lose the others
+    document.querySelector('main').append(element('p', { class: 'note bad', 'data-problem': part.name }, `A part of this page could not be drawn: ${problem.message}`));
+  }
+}
+document.documentElement.classList.add('ready');

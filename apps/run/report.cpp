@@ -1,0 +1,369 @@
+#include "apps/run/report.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <stdexcept>
+#include <string_view>
+
+#include "apps/run/summary.hpp"
+#include "io/error.hpp"
+#include "io/file.hpp"
+
+namespace dimple {
+
+/// apps/report/template.html, as the build has put it into the program.
+extern const std::string_view report_template;
+
+namespace {
+
+namespace fs = std::filesystem;
+static_assert(std::endian::native == std::endian::little, "numbers in the page are of little endian");
+
+constexpr std::string_view data_place = "<!--dimple:data-->", chart_place = "<!--dimple:explanation-->";
+
+// ------------------------------------------------------------------------------------------------------ slices
+
+// Which axes of the image lie to the right and down, and whether down is against the second.
+struct Plane {
+  const char* name;
+  int right, down;
+  bool flipped;
+  std::array<const char*, 4> letters;
+};
+// As radiologists look at them: from the feet, from the front, from the left.
+constexpr std::array<Plane, 3> planes = {{{"sagittal", 1, 2, true, {"A", "P", "S", "I"}},
+                                          {"coronal", 0, 2, true, {"R", "L", "S", "I"}},
+                                          {"axial", 0, 1, false, {"R", "L", "A", "P"}}}};
+
+// Picture elements along the longer side, at most.
+constexpr Index most_pixels = 480;
+
+// From places counted along three axes in mm, between two corners, to places on a plane.
+Eigen::Affine3d onto(const Plane& plane, const Vec3& low, const Vec3& high, double through) {
+  const int out = 3 - plane.right - plane.down;
+  Eigen::Affine3d place = Eigen::Affine3d::Identity();
+  Mat3 turn = Mat3::Zero();
+  turn(0, plane.right) = 1.0;
+  turn(1, plane.down) = plane.flipped ? -1.0 : 1.0;
+  turn(2, out) = 1.0;
+  place.linear() = turn;
+  place.translation() << -low[plane.right], plane.flipped ? high[plane.down] : -low[plane.down], -through;
+  return place;
+}
+
+Slice empty_slice(const Plane& plane, const Vec3& low, const Vec3& high) {
+  Slice slice{.name = plane.name};
+  for (std::size_t k = 0; k < plane.letters.size(); ++k) slice.letters[k] = plane.letters[k];
+  slice.width_mm = high[plane.right] - low[plane.right];
+  slice.height_mm = high[plane.down] - low[plane.down];
+  return slice;
+}
+
+// Labels by the nearest voxel, of a box of voxels.
+void fill(Slice& slice, const Plane& plane, const LabelImage& image, const VoxelBox& box, Index through) {
+  const int out = 3 - plane.right - plane.down;
+  const auto extent = [&](int axis) {
+    return box.high[static_cast<std::size_t>(axis)] - box.low[static_cast<std::size_t>(axis)] + 1;
+  };
+  const Index stride = (std::max(extent(plane.right), extent(plane.down)) + most_pixels - 1) / most_pixels;
+  slice.columns = (extent(plane.right) + stride - 1) / stride;
+  slice.rows = (extent(plane.down) + stride - 1) / stride;
+  slice.label.reserve(static_cast<std::size_t>(slice.columns * slice.rows));
+  std::array<Index, 3> at{};
+  at[static_cast<std::size_t>(out)] = through;
+  for (Index row = 0; row < slice.rows; ++row)
+    for (Index column = 0; column < slice.columns; ++column) {
+      const auto right = static_cast<std::size_t>(plane.right), down = static_cast<std::size_t>(plane.down);
+      at[right] = std::min(box.low[right] + column * stride + stride / 2, box.high[right]);
+      const Index steps = std::min(row * stride + stride / 2, box.high[down] - box.low[down]);
+      at[down] = plane.flipped ? box.high[down] - steps : box.low[down] + steps;
+      slice.label.push_back(image.at(at[0], at[1], at[2]));
+    }
+  // What the last row and column stand for may reach beyond the box.
+  const Vec3 spacing = image.spacing();
+  slice.width_mm = static_cast<double>(slice.columns * stride) * spacing[plane.right];
+  slice.height_mm = static_cast<double>(slice.rows * stride) * spacing[plane.down];
+}
+
+// ----------------------------------------------------------------------------------------------------- numbers
+
+// Whole numbers of 1 or 2 bytes as they lie in memory.
+template <class Number>
+std::string packed(const std::vector<Number>& numbers) {
+  std::string bytes(numbers.size() * sizeof(Number), '\0');
+  if (!numbers.empty()) std::memcpy(bytes.data(), numbers.data(), bytes.size());
+  return base64(bytes);
+}
+
+double rounded(double x, double per_unit) {
+  return std::round(x * per_unit) / per_unit + 0.0;
+}
+
+// Places on a slice in hundredths of a millimetre.
+Json hundredths(const Vec3& place) {
+  return {static_cast<std::int64_t>(std::lround(100.0 * place.x())),
+          static_cast<std::int64_t>(std::lround(100.0 * place.y()))};
+}
+
+// Where a surface crosses the plane: four numbers for each piece of it, in hundredths of a millimetre.
+Json outline(const Points& on_slice, const Triangles& triangles) {
+  Json pieces = Json::array();
+  for (const auto& t : triangles.colwise()) {
+    std::array<Vec3, 2> end;
+    std::size_t found = 0;
+    for (int e = 0; e < 3; ++e) {
+      const Vec3 a = on_slice.col(t[e]), b = on_slice.col(t[(e + 1) % 3]);
+      if ((a.z() < 0.0) != (b.z() < 0.0) && found < 2) end[found++] = a + (b - a) * (a.z() / (a.z() - b.z()));
+    }
+    if (found < 2 || !end[0].allFinite() || !end[1].allFinite()) continue;
+    for (const Vec3& place : end)
+      for (const Json& number : hundredths(place)) pieces.push_back(number);
+  }
+  return pieces;
+}
+
+// ------------------------------------------------------------------------------------------------------- parts
+
+Json slice_json(const Slice& slice, const ReportInput& input, double slab_mm) {
+  const Model& model = input.model;
+  Json result = {{"name", slice.name},
+                 {"letters", slice.letters},
+                 {"width_mm", rounded(slice.width_mm, 1e3)},
+                 {"height_mm", rounded(slice.height_mm, 1e3)},
+                 {"columns", slice.columns},
+                 {"rows", slice.rows}};
+  Json runs = Json::array();  // label, how many times, label, ...
+  for (std::size_t first = 0, last = 0; first < slice.label.size(); first = last) {
+    while (last < slice.label.size() && slice.label[last] == slice.label[first]) ++last;
+    runs.push_back(slice.label[first]);
+    runs.push_back(last - first);
+  }
+  result["labels"] = std::move(runs);
+
+  const auto moved = [&](const Points& places_mm) {
+    return Points((slice.place.linear() * places_mm).colwise() + slice.place.translation());
+  };
+  const Points nodes = moved(model.X * 1e3);
+  std::vector<bool> base(static_cast<std::size_t>(nodes.cols())), circle(base);
+  for (const Index a : model.base) base[static_cast<std::size_t>(a)] = true;
+  for (const Index a : model.indenter) circle[static_cast<std::size_t>(a)] = true;
+  Json free = Json::array(), held = Json::array(), pushed = Json::array();
+  for (Index a = 0; a < nodes.cols(); ++a) {
+    if (!(std::abs(nodes(2, a)) <= 0.5 * slab_mm)) continue;
+    Json& list = circle[static_cast<std::size_t>(a)] ? pushed
+                 : base[static_cast<std::size_t>(a)] ? held
+                                                     : free;
+    for (const Json& number : hundredths(nodes.col(a))) list.push_back(number);
+  }
+  result["nodes"] = {{"free", free}, {"base", held}, {"circle", pushed}};
+
+  const Surface& surface = model.surface;
+  if (!surface.empty()) {
+    result["outline_at_rest"] = outline(moved(surface.vertex_mm), surface.triangles);
+    if (input.surface_displacement_mm.cols() == surface.vertex_mm.cols())
+      result["outline_at_end"] =
+          outline(moved(surface.vertex_mm + input.surface_displacement_mm), surface.triangles);
+  }
+  // The tool's two ends, as rings.
+  const double depth = input.history.force.empty() ? 0.0 : input.history.force.back().depth;
+  const Vec3 push = model.tool.push, u = push.unitOrthogonal(), v = push.cross(u);
+  constexpr int around = 24;
+  constexpr double length = 3.0;  // radii
+  for (const bool foot : {true, false}) {
+    Json ring = Json::array();
+    for (int k = 0; k < around; ++k) {
+      const double angle = 2.0 * std::numbers::pi * k / around;
+      const Vec3 on_ring = model.tool.centre + push * (depth - (foot ? 0.0 : length * model.tool.radius)) +
+                           model.tool.radius * (std::cos(angle) * u + std::sin(angle) * v);
+      for (const Json& number : hundredths(slice.place * Vec3(1e3 * on_ring))) ring.push_back(number);
+    }
+    result[foot ? "tool_foot" : "tool_top"] = std::move(ring);
+  }
+  return result;
+}
+
+// The surface in whole numbers: of two bytes at rest, of one for each frame's displacement.
+Json body_json(const ReportInput& input) {
+  const ReducedSurface& body = input.frames.body;
+  const Surface& surface = input.model.surface;
+  const auto count = static_cast<Index>(body.vertex.size());
+  Points rest(3, count);
+  for (Index v = 0; v < count; ++v)
+    rest.col(v) = surface.vertex_mm.col(body.vertex[static_cast<std::size_t>(v)]);
+  const Vec3 low = rest.rowwise().minCoeff();
+  const double step = std::max((rest.colwise() - low).maxCoeff() / 65535.0, 1e-9);
+  std::vector<std::uint16_t> place;
+  for (Index v = 0; v < count; ++v)
+    for (int c = 0; c < 3; ++c)
+      place.push_back(
+          static_cast<std::uint16_t>(std::clamp(std::lround((rest(c, v) - low[c]) / step), 0L, 65535L)));
+  std::vector<std::uint16_t> corner;
+  for (const Index c : body.triangles.reshaped()) corner.push_back(static_cast<std::uint16_t>(c));
+
+  Json frames = Json::array();
+  for (const BodyFrames::Frame& frame : input.frames.frame) {
+    const double largest = frame.displacement_mm.allFinite() && frame.displacement_mm.size() > 0
+                               ? static_cast<double>(frame.displacement_mm.cwiseAbs().maxCoeff())
+                               : 0.0;
+    std::vector<std::int8_t> moved;
+    for (const float u : frame.displacement_mm.reshaped())
+      moved.push_back(static_cast<std::int8_t>(largest > 0.0 ? std::lround(127.0 * u / largest) : 0L));
+    frames.push_back({{"time_s", rounded(frame.time_s, 1e6)},
+                      {"step_mm", largest / 127.0},
+                      {"displacement", packed(moved)}});
+  }
+  return {{"low_mm", {low.x(), low.y(), low.z()}},
+          {"step_mm", step},
+          {"places", packed(place)},
+          {"triangles", packed(corner)},
+          {"frames", frames}};
+}
+
+// Of a long march every so many samples, and the last.
+Json curve_json(const History& history, const Band& band) {
+  constexpr std::size_t most = 400;
+  const std::size_t count = history.force.size(), stride = (count + most - 1) / most;
+  Json depth = Json::array(), force = Json::array(), half = Json::array();
+  for (std::size_t k = 0; k < count; ++k) {
+    if (k % stride != 0 && k + 1 != count) continue;
+    depth.push_back(1e3 * history.force[k].depth);
+    force.push_back(history.force[k].force);
+    if (band.known()) half.push_back(band.half[k]);
+  }
+  return {{"depth_mm", depth}, {"force_N", force}, {"half_N", half}};
+}
+
+Json beside_json(const std::optional<Comparison>& comparison) {
+  if (!comparison || comparison->measured.depth.empty()) return nullptr;
+  const MeasuredCurve& measured = comparison->measured;
+  Json depth = Json::array();
+  for (const double d : measured.depth) depth.push_back(1e3 * d);
+  return {
+      {"name", measured.name}, {"depth_mm", depth}, {"force_N", measured.force}, {"rows", measured.row_name}};
+}
+
+// Nothing in a page's data can end the element that it lies in.
+std::string within_script(const Json& json) {
+  std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace), safe;
+  safe.reserve(text.size());
+  for (const char c : text)
+    if (c == '<')
+      safe += "\\u003c";
+    else
+      safe += c;
+  return safe;
+}
+
+}  // namespace
+
+std::vector<Slice> slices_through(const Vec3& centre, const Model& model, const LabelImage& image) {
+  std::vector<Slice> slices(planes.size());
+  if (image.row_offset.empty()) {
+    const Points& shape = model.surface.empty() ? Points(1e3 * model.X) : model.surface.vertex_mm;
+    const Points along = model.axes.transpose() * shape;
+    const Vec3 low = along.rowwise().minCoeff(), high = along.rowwise().maxCoeff();
+    const Vec3 room = Vec3::Constant(0.03 * (high - low).maxCoeff());
+    for (std::size_t k = 0; k < planes.size(); ++k) {
+      const Plane& plane = planes[k];
+      slices[k] = empty_slice(plane, low - room, high + room);
+      const Vec3 through = model.axes.transpose() * centre;
+      slices[k].place = onto(plane, low - room, high + room, through[3 - plane.right - plane.down]) *
+                        model.axes.transpose();
+    }
+    return slices;
+  }
+  VoxelBox box = foreground_box(image);
+  const Vec3 spacing = image.spacing(), at = image.to_world.inverse() * centre;
+  std::array<Index, 3> through{};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const auto a = static_cast<Index>(axis);
+    const auto margin = static_cast<Index>(std::ceil(3.0 / spacing[a]));
+    box.low[axis] = std::max<Index>(box.low[axis] - margin, 0);
+    box.high[axis] = std::min<Index>(box.high[axis] + margin, image.size[axis] - 1);
+    through[axis] = std::clamp<Index>(std::lround(at[a]), 0, image.size[axis] - 1);
+  }
+  // Along the image's axes in mm, counted from the corner of the box.
+  const Eigen::Affine3d along = Eigen::Scaling(spacing) * image.to_world.inverse();
+  Vec3 low, high;
+  for (Index a = 0; a < 3; ++a) {
+    const auto axis = static_cast<std::size_t>(a);
+    low[a] = (static_cast<double>(box.low[axis]) - 0.5) * spacing[a];
+    high[a] = (static_cast<double>(box.high[axis]) + 0.5) * spacing[a];
+  }
+  for (std::size_t k = 0; k < planes.size(); ++k) {
+    const Plane& plane = planes[k];
+    const int out = 3 - plane.right - plane.down;
+    slices[k] = empty_slice(plane, low, high);
+    fill(slices[k], plane, image, box, through[static_cast<std::size_t>(out)]);
+    slices[k].place = onto(plane, low, high, (along * centre)[out]) * along;
+  }
+  return slices;
+}
+
+void keep(BodyFrames& frames, BodyFrames::Frame frame) {
+  const auto left_out = [&](const BodyFrames::Frame& kept) { return kept.number % frames.every != 0; };
+  if (!frames.frame.empty() && left_out(frames.frame.back())) frames.frame.pop_back();  // it was the last
+  frames.frame.push_back(std::move(frame));
+  if (frames.frame.size() <= most_frames_shown) return;
+  frames.every *= 2;
+  BodyFrames::Frame last = std::move(frames.frame.back());
+  frames.frame.pop_back();
+  std::erase_if(frames.frame, left_out);
+  frames.frame.push_back(std::move(last));
+}
+
+Json report_data(const ReportInput& input) {
+  const Model& model = input.model;
+  Json data;
+  data["options"] = input.options;
+  data["curve"] = curve_json(input.history, input.band);
+  data["beside"] = beside_json(input.comparison);
+  // Nodes in a slab: where they are dense a few layers of them.
+  const double far_mm = model.spacing.size() > 0 ? 1e3 * model.spacing.maxCoeff() : 0.0;
+  const double slab_mm = std::clamp(0.5 * far_mm, 0.2e3 * model.tool.radius, 1e3 * model.tool.radius);
+  data["slab_mm"] = slab_mm;
+  data["slices"] = Json::array();
+  for (const Slice& slice : input.slices) data["slices"].push_back(slice_json(slice, input, slab_mm));
+  data["tilt_degrees"] = rounded(
+      std::acos(std::clamp(model.axes.diagonal().minCoeff(), -1.0, 1.0)) * 180.0 / std::numbers::pi, 10.0);
+  if (!input.frames.frame.empty()) data["body"] = body_json(input);
+  const Indenter& tool = model.tool;
+  data["tool"] = {{"centre_mm", {1e3 * tool.centre.x(), 1e3 * tool.centre.y(), 1e3 * tool.centre.z()}},
+                  {"push", {tool.push.x(), tool.push.y(), tool.push.z()}},
+                  {"radius_mm", 1e3 * tool.radius}};
+  if (!input.picture.empty()) data["picture"] = "data:image/png;base64," + base64(input.picture);
+  return data;
+}
+
+void write_report(const fs::path& file, const Json& summary, const Json& data) {
+  const std::size_t at = report_template.find(data_place);
+  if (at == std::string_view::npos) throw std::logic_error("the page has no place for its data");
+  std::string page(report_template.substr(0, at));
+  const auto add = [&](const char* id, const Json& json) {
+    page += fmt::format("<script type=\"application/json\" id=\"{}\">", id);
+    page += within_script(json);
+    page += "</script>\n";
+  };
+  add("dimple-summary", summary);
+  add("dimple-data", data);
+  page += report_template.substr(at + data_place.size());
+  write_file(file, page);
+}
+
+void add_explanation(const fs::path& file, const std::string& chart_svg) {
+  std::error_code ignored;
+  if (!fs::is_regular_file(file, ignored)) return;
+  std::string page = read_file(file);
+  const std::size_t at = page.find(chart_place);
+  if (at == std::string::npos) return;
+  write_file(file, page.replace(at, chart_place.size(), chart_svg));
+}
+
+}  // namespace dimple

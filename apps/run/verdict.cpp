@@ -1,0 +1,145 @@
+#include "apps/run/verdict.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <initializer_list>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "apps/run/summary.hpp"
+#include "apps/run/words.hpp"
+
+namespace dimple {
+namespace {
+
+struct Answer {
+  double value = 0.0;
+  std::string unit, of;
+  std::set<std::string> reasons = {};
+  bool bad = false;
+
+  Json json() const {
+    return {{"word", bad               ? "bad"
+                     : reasons.empty() ? "good"
+                                       : "check"},
+            {"value", value},
+            {"unit", unit},
+            {"of", of},
+            {"reasons", reasons}};
+  }
+  void check_beyond(double limit_percent) {
+    if (!(std::abs(value) <= limit_percent)) reasons.insert(fmt::format("above {:g} %", limit_percent));
+  }
+};
+
+// Of the guards that fired; a march that went back and found another way has been looked after by one too. That a few
+// points at a sharp rim are inverted the force hardly feels, and every fine cloud has some.
+std::set<std::string> fired(const Result& result, const std::set<std::string>& about) {
+  std::set<std::string> codes;
+  for (const Finding& finding : result.findings)
+    if (finding.report.code != "inverted" && about.contains(finding.report.code))
+      codes.insert(finding.report.code);
+  for (const Retry& retry : result.history.retries)
+    if (about.contains(retry.code)) codes.insert(retry.code);
+  return codes;
+}
+
+std::string counted(std::size_t warnings) {
+  return fmt::format("{} warning{}", warnings, warnings == 1 ? "" : "s");
+}
+
+Answer of_image(const Result& result) {
+  double labelled = 0.0;
+  for (const LabelMeasure& label : result.labels) labelled += label.volume_mm3;
+  Answer answer{.value = labelled > 0.0 ? 100.0 * result.segment.voxel_volume_mm3 / labelled : 0.0,
+                .unit = "%",
+                .of = "of the labelled volume is in the body"};
+  if (!(labelled > 0.0)) {  // the run began with a model's files
+    answer.value = static_cast<double>(result.model.node_count());
+    answer.unit = "nodes";
+    answer.of = "of a model that was made before: no image was read";
+    return answer;
+  }
+  if (result.image_warnings > 0) answer.reasons.insert(counted(result.image_warnings));
+  if (!(std::abs(answer.value - 100.0) <= 100.0 * volume_to_check))
+    answer.reasons.insert(fmt::format("differs from 100 % by more than {:g} %", 100.0 * volume_to_check));
+  return answer;
+}
+
+Answer of_model(const Result& result) {
+  const double voxels = result.segment.voxel_volume_mm3, points = result.model.volume.sum() * 1e9;
+  Answer answer{.value = voxels > 0.0 ? 100.0 * (points / voxels - 1.0) : 0.0,
+                .unit = "%",
+                .of = "difference between the integration points' volume and the image's"};
+  answer.reasons = fired(result, {"conditioning", "supports", "circle-nodes", "hourglass"});
+  if (const std::size_t others = result.model_warnings - result.image_warnings;
+      others > answer.reasons.size())
+    answer.reasons.insert(counted(others));
+  answer.check_beyond(100.0 * grid_volume_to_check);
+  if (!(voxels > 0.0)) {
+    answer.value = 100.0 * result.model.support_report.linear_error;
+    answer.of = "error in the gradients of linear fields";
+  }
+  return answer;
+}
+
+Answer of_equilibrium(const Result& result, const std::string& status) {
+  const History& history = result.history;
+  Answer answer{.value = 100.0 * history.residual,
+                .unit = "%",
+                .of = "of the reactions is unbalanced, at the worst depth"};
+  if (result.time != TimeMode::quasi_static && !history.force.empty()) {
+    const ForceSample& last = history.force.back();
+    answer.value = last.force != 0.0 ? 100.0 * std::abs(last.base_force / last.force - 1.0) : 0.0;
+    answer.of = "difference between the tool's and the base's force at the end";
+  }
+  answer.reasons = fired(result, {"non-finite", "inverted", "volume", "time-step", "limit-point",
+                                  "no-equilibrium", "kinetic", "jagged"});
+  if (status != "finished") answer.reasons.insert("the run was " + status);
+  answer.bad = status == "failed";
+  return answer;
+}
+
+Answer of_energy(const Result& result) {
+  Answer answer{.value = 100.0 * largest_energy_error(result.history),
+                .unit = "%",
+                .of = "of the tool's work is not accounted for"};
+  answer.reasons = fired(result, {"energy"});
+  answer.check_beyond(100.0 * energy_to_check);
+  return answer;
+}
+
+Answer of_accuracy(const Config& config, const Result& result) {
+  const Band& band = result.band;
+  if (!band.known() || result.history.force.empty())
+    return {.value = static_cast<double>(result.model.node_count()),
+            .unit = "nodes",
+            .of = "and no band of the force",
+            .reasons = {band.unknown.empty() ? "there is no force" : band.unknown}};
+  const double force = std::abs(result.history.force.back().force), half = band.half.back();
+  Answer answer{.value = 100.0 * half / force,
+                .unit = "%",
+                .of = "of the force, up or down: half the band of its discretisation"};
+  const std::optional<Goal> goal = goal_of(config);
+  const bool asked = goal && (goal->share > 0.0 || goal->absolute > 0.0);
+  if (asked && half > goal->half_width(force))
+    answer.reasons.insert("wider than the accuracy asked for");
+  else if (!asked)
+    answer.check_beyond(100.0 * band_to_check);
+  answer.bad = !(half <= band_too_wide * force);
+  return answer;
+}
+
+}  // namespace
+
+Json verdict_of(const Config& config, const Result& result, const std::string& status) {
+  return {{"image", of_image(result).json()},
+          {"model", of_model(result).json()},
+          {"equilibrium", of_equilibrium(result, status).json()},
+          {"energy", of_energy(result).json()},
+          {"accuracy", of_accuracy(config, result).json()}};
+}
+
+}  // namespace dimple

@@ -1,0 +1,86 @@
+#include "apps/run/view.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <optional>
+#include <vector>
+
+#include "preprocess/neighbours.hpp"
+
+namespace dimple {
+namespace {
+
+// How far the circle's nodes lie along the push from its plane, at other places of it: from the nearest of them.
+class Foot {
+ public:
+  explicit Foot(const Discretisation& model)
+      : across_(3, static_cast<Index>(model.indenter.size())), along_(across_.cols()) {
+    for (Index k = 0; k < along_.size(); ++k) {
+      const Vec3 d = model.X.col(model.indenter[static_cast<std::size_t>(k)]) - model.tool.centre;
+      along_[k] = d.dot(model.tool.push);
+      across_.col(k) = d - along_[k] * model.tool.push;
+    }
+    tree_.emplace(across_);
+  }
+  double along(const Vec3& across) const {
+    double sum = 0.0, weights = 0.0;
+    for (const int k : tree_->nearest(across, 4)) {
+      const double weight = 1.0 / ((across_.col(k) - across).squaredNorm() + 1e-16);
+      sum += weight * along_[k], weights += weight;
+    }
+    return weights > 0.0 ? sum / weights : 0.0;
+  }
+
+ private:
+  Points across_;
+  Eigen::VectorXd along_;
+  std::optional<Neighbours> tree_;
+};
+
+}  // namespace
+
+SurfaceFile tool_body(const Discretisation& model) {
+  constexpr Index around = 96, rings = 6;
+  const Indenter& tool = model.tool;
+  Index least = 0;
+  tool.push.cwiseAbs().minCoeff(&least);
+  const Vec3 right = tool.push.cross(Vec3::Unit(least)).normalized(), ahead = tool.push.cross(right);
+  const Foot foot(model);
+
+  // The foot's middle, its rings from within, the upper ring, and its middle.
+  SurfaceFile body;
+  body.position_mm.resize(3, 2 + (rings + 1) * around);
+  const auto put = [&](Index n, const Vec3& across, double along) {
+    body.position_mm.col(n) = 1e3 * (tool.centre + across + along * tool.push);
+  };
+  const double top = -3.0 * tool.radius;
+  put(0, Vec3::Zero(), foot.along(Vec3::Zero()));
+  for (Index ring = 0; ring <= rings; ++ring)
+    for (Index k = 0; k < around; ++k) {
+      const double angle = 2.0 * std::numbers::pi * static_cast<double>(k) / static_cast<double>(around);
+      const double r =
+          tool.radius * static_cast<double>(std::min(ring + 1, rings)) / static_cast<double>(rings);
+      const Vec3 across = r * (std::cos(angle) * right + std::sin(angle) * ahead);
+      put(1 + ring * around + k, across, ring < rings ? foot.along(across) : top);
+    }
+  const Index last = 1 + (rings + 1) * around;
+  put(last, Vec3::Zero(), top);
+
+  body.triangles.resize(3, 2 * around * (rings + 1));
+  Index t = 0;
+  const auto add = [&](Index a, Index b, Index c) { body.triangles.col(t++) << a, b, c; };
+  for (Index k = 0; k < around; ++k) {
+    const Index next = (k + 1) % around, upper = 1 + rings * around;
+    add(0, 1 + k, 1 + next);
+    for (Index ring = 0; ring < rings; ++ring) {
+      const Index a = 1 + ring * around + k, b = 1 + ring * around + next;
+      add(a, a + around, b + around);
+      add(a, b + around, b);
+    }
+    add(upper + k, last, upper + next);
+  }
+  return body;
+}
+
+}  // namespace dimple

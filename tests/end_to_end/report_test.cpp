@@ -1,0 +1,173 @@
+// report.html as a browser shows it: its numbers are the summary's, it asks nobody for anything, and where nothing can
+// be turned or the page is printed, pictures and numbers are still there.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <set>
+#include <sstream>
+
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+// Empty: there is none.
+std::string program_named(const std::string& name) {
+  std::istringstream path(std::getenv("PATH") ? std::getenv("PATH") : "");
+  for (std::string folder; std::getline(path, folder, ':');)
+    if (fs::exists(fs::path(folder) / name)) return (fs::path(folder) / name).string();
+  return {};
+}
+
+std::string replaced(std::string text, const std::string& from, const std::string& to) {
+  for (std::size_t at = 0; (at = text.find(from, at)) != std::string::npos; at += to.size())
+    text.replace(at, from.size(), to);
+  return text;
+}
+
+/// What stands at "counts.circle_centre_mm.0".
+const Json& found(const Json& summary, const std::string& key) {
+  return summary.at(Json::json_pointer("/" + replaced(key, ".", "/")));
+}
+
+/// The object that the page holds under that name.
+Json held(const std::string& page, const std::string& id) {
+  const std::string head = "<script type=\"application/json\" id=\"" + id + "\">";
+  const std::size_t from = page.find(head) + head.size();
+  return Json::parse(page.substr(from, page.find("</script>", from) - from));
+}
+
+class Report : public testing::Test {
+ protected:
+  const fs::path folder = fresh_folder();
+  const std::string browser = program_named("chromium");
+
+  void SetUp() override {
+    if (browser.empty()) GTEST_SKIP() << "no chromium is installed, so the page is not opened";
+    ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3").code, 0);
+  }
+  void run(const std::string& options = "") const {
+    const Ran ran = dimple(folder, "run brain.nrrd -o out --nodes 1000 --depth 4mm --frames 4" + options);
+    ASSERT_EQ(ran.code, 0) << ran.err;
+  }
+  Ran browse(const std::vector<std::string>& how) const {
+    std::vector<std::string> words = {"--headless",
+                                      "--no-sandbox",
+                                      "--disable-gpu",
+                                      "--disable-quic",
+                                      "--no-first-run",
+                                      "--disable-background-networking",
+                                      "--disable-component-update",
+                                      "--disable-sync",
+                                      "--host-resolver-rules=MAP * ~NOTFOUND",
+                                      "--virtual-time-budget=5000",
+                                      "--user-data-dir=" + (folder / "profile").string()};
+    words.insert(words.end(), how.begin(), how.end());
+    words.push_back("file://" + (folder / "out" / "report.html").string());
+    return Program(folder, words, browser).wait();
+  }
+  std::string shown(const std::vector<std::string>& how = {"--disable-3d-apis"}) const {
+    std::vector<std::string> words = how;
+    words.push_back("--dump-dom");
+    const std::string page = browse(words).out;
+    EXPECT_EQ(page.find(" data-problem=\""), std::string::npos) << "a part was not drawn";
+    EXPECT_TRUE(std::regex_search(page.substr(0, 300), std::regex("<html[^>]*class=\"[a-z ]*ready")));
+    return page;
+  }
+  Json summary() const { return Json::parse(text_of(folder / "out" / "summary.json")); }
+};
+
+TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthers) {
+  std::ofstream(folder / "measured.csv") << "indentation_mm,force_N\n1,0.01\n2,0.02\n4,0.05\n";
+  run(" --compare measured.csv");
+  const Json numbers = summary();
+  EXPECT_EQ(held(text_of(folder / "out" / "report.html"), "dimple-summary"), numbers);
+  EXPECT_LT(fs::file_size(folder / "out" / "report.html"), 4'000'000u);
+
+  const std::string page = shown();
+  const std::regex mark("<span([^>]*) ?data-key=\"([^\"]+)\"(?: data-scale=\"([^\"]+)\")?>([^<]*)</span>");
+  std::set<std::string> keys;
+  for (std::sregex_iterator m(page.begin(), page.end(), mark), end; m != end; ++m) {
+    const std::string key = (*m)[2], scale = (*m)[3];
+    std::string text = replaced(replaced((*m)[4], "&lt;", "<"), "&gt;", ">");
+    text = replaced(text, "&amp;", "&");
+    SCOPED_TRACE(key + ": " + text);
+    keys.insert(key);
+    const Json& value = found(numbers, key);
+    if (scale.empty()) {
+      EXPECT_EQ(text, value.is_string() ? value.get<std::string>() : value.dump());
+      continue;
+    }
+    text = replaced(text, "\xE2\x88\x92", "-");
+    const std::size_t power = text.find('e'), point = text.find('.');
+    const double exact = value.get<double>() * std::stod(scale);
+    const double places =
+        point == std::string::npos ? 0.0 : static_cast<double>(std::min(power, text.size()) - point - 1);
+    const double last =
+        std::pow(10.0, -places + (power == std::string::npos ? 0.0 : std::stod(text.substr(power + 1))));
+    EXPECT_NEAR(std::stod(text), exact, 0.5000001 * last);
+  }
+  for (const char* key :
+       {"force_N", "indentation_mm", "band.low_N", "band.high_N", "verdict.image.value",
+        "verdict.model.value", "verdict.equilibrium.value", "verdict.energy.value", "verdict.accuracy.value",
+        "verdict.accuracy.word", "warnings.0", "material.0.mu_Pa", "counts.nodes", "model.base_reason",
+        "model.circle_reason", "total_wall_s", "compare.ratio_at_end", "image_sha256", "version"})
+    EXPECT_TRUE(keys.contains(key)) << key;
+}
+
+TEST_F(Report, AsksNobodyForAnything) {
+  run();
+  const fs::path log = folder / "net.json";
+  shown({"--disable-3d-apis", "--log-net-log=" + log.string()});
+  const std::string text = text_of(log);
+  ASSERT_FALSE(text.empty());
+  const std::regex initiated("\"initiator\":\"(file|null)[^\"]*\"[^}]*\"url\":\"(https?|wss?):[^\"]*\"");
+  EXPECT_FALSE(std::regex_search(text, initiated));
+  const std::string page = text_of(folder / "out" / "report.html");
+  EXPECT_NE(page.find("default-src 'none'"), std::string::npos) << "the browser would refuse it too";
+  EXPECT_FALSE(
+      std::regex_search(page.substr(0, page.find("dimple-data")), std::regex("(src|href)=\"?https?:")));
+}
+
+TEST_F(Report, TurnsTheBodyWithWebGLAndShowsAPictureWithout) {
+  run();
+  const std::string flat = shown();
+  EXPECT_NE(flat.find("class=\"drawn\" src=\"data:image/png;base64,"), std::string::npos);
+  EXPECT_TRUE(std::regex_search(flat.substr(0, 300), std::regex("<html[^>]*class=\"flat")));
+  EXPECT_EQ(flat.find("class=\"view3d\""), std::string::npos);
+  const std::string solid =
+      shown({"--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"});
+  EXPECT_NE(solid.find("class=\"view3d\""), std::string::npos);
+  EXPECT_FALSE(std::regex_search(solid.substr(0, 300), std::regex("<html[^>]*flat")));
+}
+
+TEST_F(Report, PrintsItsVerdict) {
+  run();
+  const fs::path pdf = folder / "report.pdf";
+  browse({"--disable-3d-apis", "--print-to-pdf=" + pdf.string()});
+  ASSERT_TRUE(text_of(pdf).starts_with("%PDF"));
+  const std::string reader = program_named("pdftotext");
+  if (reader.empty()) GTEST_SKIP() << "no pdftotext is installed, so the words on paper are not read";
+  const std::string words = Program(folder, {pdf.string(), "-"}, reader).wait().out;
+  for (const char* word :
+       {"Image understood", "Model sane", "Equilibrium", "Energy", "Accuracy", "at 4.00 mm"})
+    EXPECT_NE(words.find(word), std::string::npos) << word;
+}
+
+TEST_F(Report, IsWrittenWithoutAnImageToo) {
+  ASSERT_EQ(dimple(folder, "model brain.nrrd -o model --nodes 1000").code, 0);
+  ASSERT_EQ(dimple(folder, "solve model -o out --depth 2mm --frames 2 --write report").code, 0);
+  EXPECT_NE(shown().find("no image was read"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace dimple
