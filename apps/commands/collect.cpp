@@ -1,0 +1,81 @@
+#include "apps/studies/collect.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+
+#include "apps/commands/command.hpp"
+#include "apps/commands/log.hpp"
+#include "apps/studies/cohort.hpp"
+#include "io/file.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Options {
+  std::string folder, table, page, bids, cases;
+  std::vector<std::string> depths;
+};
+
+std::vector<double> depths_in(const std::vector<std::string>& words) {
+  std::vector<double> depths;
+  for (const std::string& word : words) {
+    double depth = 0.0;
+    const std::string flag = "--depths";
+    set_value({flag, flag, "mm", "where the force is wanted", &depth, 0, 1000, true, {}, ""}, word, flag);
+    if (std::find(depths.begin(), depths.end(), depth) == depths.end()) depths.push_back(depth);
+  }
+  return depths;
+}
+
+int perform(const Invocation& shared, const Options& options) {
+  const std::vector<double> depths = depths_in(options.depths);
+  std::vector<std::string> expected;
+  if (!options.cases.empty()) {
+    const Cohort cohort = read_cohort(options.cases);
+    for (std::size_t row = 0; row < cohort.size(); ++row) expected.push_back(cohort.id(row));
+  }
+  const fs::path folder = options.folder;
+  const std::vector<CollectedCase> cases = collect(folder, depths, expected);
+  const std::string table = to_csv(table_of(cases, depths));
+  if (!options.bids.empty()) {
+    const std::size_t count = write_bids(cases, folder, options.bids);
+    say(fmt::format("bids     {} cases with a force, in {}", count, options.bids));
+  }
+  const fs::path page = options.page.empty() ? folder / "index.html" : fs::path(options.page);
+  const fs::path way = fs::absolute(folder).lexically_normal().lexically_relative(
+      fs::absolute(page).lexically_normal().parent_path());
+  write_file(page, page_of(cases, way == "." ? "" : (way / "").string()));
+  const auto finished = std::count_if(cases.begin(), cases.end(),
+                                      [](const CollectedCase& c) { return c.status == "finished"; });
+  say(fmt::format("page     {}: {} cases, {} finished", page.string(), cases.size(), finished));
+  if (shared.out.empty())
+    fmt::print("{}", table);
+  else
+    write_file(shared.out, table);
+  return 0;
+}
+
+}  // namespace
+
+Command add_collect(CLI::App& app, Invocation& shared) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand("collect", "one table and one page of all runs in a folder");
+  command->add_option("FOLDER", options->folder, "which `dimple batch -o` has filled")->required();
+  command->add_option("-o,--out,--output", shared.out, "CSV file for the table [printed]");
+  command
+      ->add_option("--depths", options->depths,
+                   "where the force is wanted besides at the end, for instance 2mm,4mm")
+      ->delimiter(',');
+  command->add_option("--cases", options->cases, "the batch's CSV: cases that were never run are listed too");
+  command->add_option("--page", options->page, "HTML page with a picture a case [index.html in the folder]");
+  command->add_option("--bids", options->bids,
+                      "folder for the force curves and pictures once more, named as BIDS derivatives");
+  command->add_flag("-q,--quiet", shared.quiet, "errors only");
+  return {command, [&shared, options] { return perform(shared, *options); }};
+}
+
+}  // namespace dimple

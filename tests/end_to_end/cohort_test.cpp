@@ -1,0 +1,423 @@
+// Many cases by one command: a table of them, their results, and one table of all.
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <thread>
+#include <tuple>
+
+#include "io/table.hpp"
+#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/whole_files.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+class Batch : public testing::Test {
+ protected:
+  const fs::path folder = fresh_folder();
+
+  void SetUp() override {
+    ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);
+  }
+
+  void write(const std::string& name, const std::string& content) const {
+    fs::create_directories((folder / name).parent_path());
+    std::ofstream(folder / name, std::ios::binary) << content;
+  }
+
+  Json summary(const std::string& out) const { return Json::parse(text_of(folder / out / "summary.json")); }
+
+  /// Row of the table by id, column -> field.
+  std::map<std::string, std::map<std::string, std::string>> collected(const std::string& arguments) const {
+    const Ran ran = dimple(folder, "collect " + arguments);
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    write("collected.csv", ran.out);
+    const TextTable table = read_text_csv(folder / "collected.csv");
+    std::map<std::string, std::map<std::string, std::string>> rows;
+    for (const TextTable::Row& row : table.row)
+      for (std::size_t c = 0; c < row.field.size(); ++c) rows[row.field[0]][table.header[c]] = row.field[c];
+    return rows;
+  }
+
+  /// Nothing runs: what is wrong is the table.
+  void expect_refused(int code, const std::string& content, const std::vector<std::string>& words) const {
+    SCOPED_TRACE(content.substr(0, 200));
+    write("bad.csv", content);
+    const Ran ran = dimple(folder, "batch bad.csv -o out");
+    EXPECT_EQ(ran.code, code) << ran.err;
+    EXPECT_EQ(ran.out, "");
+    for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   ", "\n  code:  "})
+      EXPECT_NE(ran.err.find(part), std::string::npos) << "no '" << part << "' in\n" << ran.err;
+    for (const std::string& word : words)
+      EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
+    EXPECT_FALSE(fs::exists(folder / "out"));
+  }
+};
+
+TEST_F(Batch, GivesEachCaseTheBitsOfARunOfItsOwn) {
+  // Semicolons, CRLF, a byte order mark, a path from the table's folder, a list in quotes, a name that is not English.
+  write("tables/cases.csv",
+        "\xEF\xBB\xBFid;image;mu_Pa;indent-at;output.write;image.label\r\n"
+        "a;../block.nrrd;300;;\"force,nodes\";\r\n"
+        "M\xC3\xBCller 2;../block.nrrd;0.5kPa;5,0,top;force;1\r\n;;;;;\r\n");
+  const Ran ran = dimple(folder, "batch tables/cases.csv -o out --nodes 400 --depth 2mm --frames 4");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  EXPECT_EQ(ran.out.rfind("2 finished, 0 skipped, 0 failed of 2 cases", 0), 0u) << ran.out;
+
+  ASSERT_EQ(
+      dimple(folder, "run block.nrrd -o one --nodes 400 --depth 2mm --frames 4 --mu 300 --write force,nodes")
+          .code,
+      0);
+  ASSERT_EQ(
+      dimple(
+          folder,
+          "run block.nrrd -o two --nodes 400 --depth 2mm --frames 4 --mu 500 --indent-at 5,0,top --label 1 "
+          "--write force --threads 2")
+          .code,
+      0);
+  for (const auto& [case_, alone] : {std::pair{"out/a", "one"}, std::pair{"out/M\xC3\xBCller 2", "two"}}) {
+    std::set<std::string> here, there;
+    for (const auto& [root, files] : {std::pair{folder / case_, &here}, std::pair{folder / alone, &there}})
+      for (const auto& entry : fs::recursive_directory_iterator(root))
+        files->insert(entry.path().lexically_relative(root).string());
+    EXPECT_EQ(here, there);
+    for (const std::string& file : there)
+      if (fs::is_regular_file(folder / alone / file) && file != "summary.json" &&
+          file != "config.resolved.toml") {
+        EXPECT_EQ(text_of(folder / case_ / file), text_of(folder / alone / file)) << case_ << ' ' << file;
+      }
+    EXPECT_EQ(summary(case_).at("force_N"), summary(alone).at("force_N"));
+  }
+  EXPECT_EQ(summary("out/a").at("threads"), 1);
+}
+
+TEST_F(Batch, GoesOnAfterCasesThatFailAndTellsWhyEachDid) {
+  write("words.nrrd", "these are words\n");
+  write("cases.csv",
+        "id,image,mu,depth\n"
+        "good,block.nrrd,200,1\n"
+        "missing,nowhere.nrrd,200,1\n"
+        "soft,block.nrrd,soft,1\n"
+        "words,words.nrrd,200,1\n"
+        "through,block.nrrd,200,80\n"
+        "no_image,,200,1\n"
+        "also_good,block.nrrd,300,1\n");
+  const std::string line = "batch cases.csv -o out --nodes 400 --frames 2 --write force";
+  const Ran ran = dimple(folder, line);
+  EXPECT_EQ(ran.code, 3) << ran.err;  // of the first that failed
+  EXPECT_NE(ran.out.find("2 finished, 0 skipped, 5 failed of 7 cases"), std::string::npos) << ran.out;
+  const std::vector<std::tuple<std::string, int, std::string>> failures = {{"missing", 3, "nowhere.nrrd"},
+                                                                           {"soft", 2, "soft is not allowed"},
+                                                                           {"words", 3, "words.nrrd"},
+                                                                           {"through", 4, "80 mm"},
+                                                                           {"no_image", 3, "no image"}};
+  for (const auto& [id, code, word] : failures) {
+    SCOPED_TRACE(id);
+    const Json failure = summary("out/" + id);
+    EXPECT_EQ(failure.at("status"), "failed");
+    EXPECT_EQ(failure.at("exit_code"), code);
+    EXPECT_NE(failure.at("failure").at("fact").get<std::string>().find(word), std::string::npos) << failure;
+    for (const char* part : {"code", "where", "why", "remedy"})
+      EXPECT_NE(failure.at("failure").at(part), "") << part;
+    EXPECT_NE(ran.out.find(failure.at("failure").at("fact").get<std::string>()), std::string::npos)
+        << ran.out;
+  }
+  EXPECT_NE(summary("out/soft").at("failure").at("where").get<std::string>().find("cases.csv, line 4"),
+            std::string::npos);
+  EXPECT_EQ(summary("out/missing").at("image"), "nowhere.nrrd");
+  EXPECT_EQ(summary("out/words").at("image"), "words.nrrd");
+  EXPECT_FALSE(summary("out/no_image").contains("image"));
+  EXPECT_FALSE(fs::exists(folder / "out/good.log"));
+
+  // The same words from an array job of each row, for which a failure is the task's.
+  for (std::size_t k = 0; k < failures.size(); ++k) {
+    const auto& [id, code, word] = failures[k];
+    const Json before = summary("out/" + id);
+    const Ran task = dimple(folder, line + " --id " + id + " -q");
+    EXPECT_EQ(task.code, code) << task.err;
+    EXPECT_NE(task.err.find(word), std::string::npos) << task.err;
+    EXPECT_EQ(summary("out/" + id).at("failure"), before.at("failure"));
+    EXPECT_EQ(summary("out/" + id).value("image", ""), before.value("image", ""));
+  }
+
+  // Mended, they run, and the others do not.
+  write("words.nrrd", text_of(folder / "block.nrrd"));
+  write("cases.csv",
+        "id,image,mu,depth\n"
+        "good,block.nrrd,200,1\n"
+        "missing,block.nrrd,200,1\n"
+        "soft,block.nrrd,150,1\n"
+        "words,words.nrrd,200,1\n"
+        "through,block.nrrd,200,1\n"
+        "also_good,block.nrrd,300,1\n");
+  const Ran again = dimple(folder, line + " --json");
+  EXPECT_EQ(again.code, 0) << again.err;
+  const Json told = Json::parse(again.out);
+  EXPECT_EQ(told.at("finished"), Json({"missing", "soft", "words", "through"}));
+  EXPECT_EQ(told.at("skipped"), Json({"good", "also_good"}));
+  EXPECT_EQ(told.at("failed"), Json::array());
+}
+
+TEST_F(Batch, SkipsWhatIsFinishedAndSaysSoOfWhatIsAnotherRun) {
+  write("a.nrrd", text_of(folder / "block.nrrd"));
+  write("cases.csv", "id,image,mu\none,block.nrrd,200\ntwo,a.nrrd,200\n");
+  const std::string line = "batch cases.csv -o out --nodes 400 --depth 1 --frames 2 --write force";
+  ASSERT_EQ(dimple(folder, line).code, 0);
+  const std::string before = text_of(folder / "out/one/summary.json");
+  Ran ran = dimple(folder, line);
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  EXPECT_NE(ran.out.find("0 finished, 2 skipped, 0 failed"), std::string::npos) << ran.out;
+
+  // Another option in one row, another image in the other.
+  write("cases.csv", "id,image,mu\none,block.nrrd,300\ntwo,a.nrrd,200\n");
+  ASSERT_EQ(dimple(folder, "phantom a.nrrd --shape block --size 60,60,24 --spacing 3").code, 0);
+  ran = dimple(folder, line);
+  EXPECT_EQ(ran.code, 2) << ran.err;
+  for (const char* words : {"0 finished, 0 skipped, 2 failed", "material.mu_Pa is 300.0 now, and was 200.0",
+                            "the image or model is another one, or has changed", "--force", "[other-run]"})
+    EXPECT_NE(ran.out.find(words), std::string::npos) << words << "\n" << ran.out;
+  EXPECT_EQ(text_of(folder / "out/one/summary.json"), before);
+
+  // With --force that is made anew which would be another, and no more.
+  write("cases.csv", "id,image,mu\none,block.nrrd,200\ntwo,a.nrrd,200\n");
+  ran = dimple(folder, line + " --force");
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  EXPECT_NE(ran.out.find("1 finished, 1 skipped, 0 failed"), std::string::npos) << ran.out;
+  EXPECT_EQ(text_of(folder / "out/one/summary.json"), before);
+
+  // What is not ours stays.
+  fs::remove_all(folder / "out/one");
+  write("out/one/thesis.txt", "years of work");
+  ran = dimple(folder, line + " --force");
+  EXPECT_EQ(ran.code, 6) << ran.err;
+  EXPECT_NE(ran.out.find("not results of dimple"), std::string::npos) << ran.out;
+  EXPECT_EQ(text_of(folder / "out/one/thesis.txt"), "years of work");
+  EXPECT_FALSE(fs::exists(folder / "out/one/summary.json"));
+}
+
+TEST_F(Batch, TakesOneRowOfAnArrayJob) {
+  write("cases.csv", "id,image,mu\none,block.nrrd,200\ntwo,block.nrrd,300\n");
+  const std::string line = "batch cases.csv -o out --nodes 400 --depth 1 --frames 2 --write force --index ";
+  const Ran ran = dimple(folder, line + "2");
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  EXPECT_NE(ran.out.find("N at 1.00 mm"), std::string::npos) << ran.out;
+  EXPECT_TRUE(fs::exists(folder / "out/two/summary.json"));
+  EXPECT_FALSE(fs::exists(folder / "out/one"));
+  const Ran again = dimple(folder, line + "2");
+  EXPECT_EQ(again.code, 0);
+  EXPECT_NE(again.err.find("nothing to do"), std::string::npos) << again.err;
+  EXPECT_EQ(again.out, ran.out);
+  const Ran beyond = dimple(folder, line + "3");
+  EXPECT_EQ(beyond.code, 2);
+  EXPECT_NE(beyond.err.find("row 3 is asked for, and the table has 2"), std::string::npos) << beyond.err;
+  EXPECT_EQ(dimple(folder, line + "0").code, 2);
+  const Ran unknown = dimple(folder, "batch cases.csv -o out --id tow");
+  EXPECT_EQ(unknown.code, 2);
+  EXPECT_NE(unknown.err.find("did you mean 'two'?"), std::string::npos) << unknown.err;
+
+  // The table shows what has not been run, if it knows of it.
+  EXPECT_EQ(collected("out").size(), 1u);
+  const auto rows = collected("out --cases cases.csv");
+  EXPECT_EQ(rows.at("one").at("status"), "missing");
+  EXPECT_EQ(rows.at("two").at("status"), "finished");
+}
+
+TEST_F(Batch, RefusesATableThatIsWrongAsAWhole) {
+  expect_refused(3, "", {"empty"});
+  expect_refused(3, "id,image\n", {"no rows"});
+  expect_refused(3, "image,mu\nblock.nrrd,200\n", {"no column id"});
+  expect_refused(3, "id,mu\na,200\n", {"no column image"});
+  expect_refused(3, "id,image\na,block.nrrd\nb,block.nrrd\na,block.nrrd\n",
+                 {"'a' is there twice", "line 4", "line 2"});
+  expect_refused(3, "id,image\na,block.nrrd\nA,block.nrrd\n", {"'A' is there twice"});
+  expect_refused(3, "id,image\n,block.nrrd\n", {"it is empty", "line 2"});
+  for (const std::string id :
+       {"../a", "a/b", "..", ".", ".hidden", "-q", "a\\b", "a:b", "a.", "a.log", "tab\x01"})
+    expect_refused(3, "id,image\n\"" + id + "\",block.nrrd\n", {"cannot be the id of a case", "line 2"});
+  expect_refused(3, "id,image\n" + std::string(201, 'a') + ",block.nrrd\n", {"longer than 200 bytes"});
+  expect_refused(3, "id,image\nM\xFCller,block.nrrd\n", {"not UTF-8"});
+  expect_refused(3, "id,image,mu\na,block.nrrd\n", {"the row has 2 fields", "names 3 columns", "line 2"});
+  expect_refused(3, "id,image\na,\"block.nrrd\n", {"a quote is opened and not closed", "line 2"});
+  expect_refused(3, "id,image,\na,block.nrrd,\n", {"column 3 of 3 has no name"});
+  expect_refused(3, std::string("\xFF\xFEi\0d\0", 6), {"plain text", "UTF-8"});
+  expect_refused(2, "id,image,mu_pa\na,block.nrrd,200\n", {"'mu_pa'", "did you mean 'mu", "bad.csv"});
+  expect_refused(2, "id,imgae\na,block.nrrd\n", {"did you mean 'image'?"});
+  expect_refused(2, "id,image,indent at\na,block.nrrd,top\n", {"did you mean 'indent_at'?"});
+  expect_refused(2, "id,image,mu,material.mu_Pa\na,block.nrrd,200,200\n",
+                 {"two columns give material.mu_Pa"});
+  expect_refused(3, "id,image,id\na,block.nrrd,b\n", {"two columns are called 'id'"});
+  expect_refused(2, "id,image,tissue.2.mo\na,block.nrrd,200\n", {"material.mo"});
+  expect_refused(2, "id,image,age\na,block.nrrd,40\n", {"'age'"});
+  const Ran ran = dimple(folder, "batch nowhere.csv -o out");
+  EXPECT_EQ(ran.code, 3);
+  EXPECT_NE(ran.err.find("nowhere.csv"), std::string::npos) << ran.err;
+}
+
+TEST_F(Batch, ReadsTenThousandRows) {
+  std::string content = "id,image,mu,label\n";
+  for (int n = 0; n < 10000; ++n) content += "case_" + std::to_string(n) + ",block.nrrd,210,\"1,2\"\n";
+  write("cases.csv", content);
+  const Ran ran = dimple(
+      folder,
+      "batch cases.csv -o out --nodes 400 --depth 1 --frames 2 --write force --label 1 --index 10000 -q");
+  EXPECT_EQ(ran.code, 3) << ran.err;  // the block has no label 2
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder / "out"), fs::directory_iterator()), 1);
+  EXPECT_TRUE(fs::exists(folder / "out/case_9999/summary.json"));
+}
+
+TEST_F(Batch, IsStoppedWithinTwoSecondsAndGoesOnFromThere) {
+  std::string content = "id,image,mu,frames\nquick,block.nrrd,200,2\n";
+  for (int n = 1; n <= 4; ++n)
+    content += "slow_" + std::to_string(n) + ",block.nrrd,21" + std::to_string(n) + ",400\n";
+  write("cases.csv", content);
+  const std::vector<std::string> words = {"batch",   "cases.csv", "-o",      "out",   "--nodes", "400",
+                                          "--depth", "2mm",       "--write", "force", "--jobs",  "2"};
+  Program program(folder, words);
+  program.wait_until_it_listens();
+  while (program.running() && !fs::exists(folder / "out/slow_2/checkpoint.cbor"))
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  program.send(SIGINT);
+  const auto start = std::chrono::steady_clock::now();
+  Ran ran = program.wait();
+  EXPECT_LT(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), 2.0);
+  EXPECT_EQ(ran.code, 130) << ran.err;
+  EXPECT_NE(ran.err.find("interrupted"), std::string::npos) << ran.err;
+  expect_whole_files(folder / "out", true);
+  EXPECT_EQ(summary("out/quick").at("status"), "finished");
+  EXPECT_FALSE(fs::exists(folder / "out/slow_4/force.csv"));
+
+  ran = dimple(folder, words);
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  EXPECT_NE(ran.out.find(" skipped, 0 failed of 5 cases"), std::string::npos) << ran.out;
+  ASSERT_EQ(
+      dimple(folder, "run block.nrrd -o alone --mu 212 --frames 400 --nodes 400 --depth 2mm --write force -q")
+          .code,
+      0);
+  EXPECT_EQ(text_of(folder / "out/slow_2/force.csv"), text_of(folder / "alone/force.csv"));
+}
+
+// By kill -9, as the system does where memory is short.
+TEST_F(Batch, LosesNoOtherCaseWhenTheProcessOfOneDies) {
+  write("cases.csv", "id,image,frames\nslow,block.nrrd,400\nquick,block.nrrd,2\n");
+  const std::vector<std::string> words = {"batch",  "cases.csv", "-o",  "out",     "--nodes",
+                                          "400",    "--depth",   "2mm", "--write", "force",
+                                          "--jobs", "1",         "-v"};
+  Program program(folder, words);
+  while (program.running() && !fs::exists(folder / "out/slow/checkpoint.cbor"))
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  pid_t victim = -1;
+  for (const auto& entry : fs::directory_iterator("/proc")) {
+    const std::string line = text_of(entry.path() / "cmdline");
+    std::error_code error;
+    if (line.ends_with(std::string("--index\0"
+                                   "1\0",
+                                   10)) &&
+        fs::read_symlink(entry.path() / "cwd", error) == fs::canonical(folder))
+      victim = std::stoi(entry.path().filename().string());
+  }
+  ASSERT_GT(victim, 0);
+  kill(victim, SIGKILL);
+  Ran ran = program.wait();
+  EXPECT_EQ(ran.code, 4) << ran.err;
+  EXPECT_NE(ran.out.find("1 finished, 0 skipped, 1 failed"), std::string::npos) << ran.out;
+  EXPECT_NE(ran.out.find("died of signal 9"), std::string::npos) << ran.out;
+  EXPECT_EQ(summary("out/slow").at("failure").at("code"), "crashed");
+  EXPECT_TRUE(fs::exists(folder / "out/slow.log"));
+  ran = dimple(folder, words);
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  EXPECT_NE(ran.out.find("1 finished, 1 skipped, 0 failed"), std::string::npos) << ran.out;
+  EXPECT_FALSE(fs::exists(folder / "out/slow.log"));
+}
+
+// ------------------------------------------------------------------------------------------------- collect
+
+TEST_F(Batch, IsCollectedAsOneTableWithForcesAtDepths) {
+  write("cases.csv",
+        "id,image,mu,depth\nb,block.nrrd,200,2\na & "
+        "b's,block.nrrd,400,1\nc,nowhere.nrrd,200,1\nd,block.nrrd,200,2mm\n");
+  ASSERT_EQ(dimple(folder, "batch cases.csv -o out --nodes 1200 --frames 4 -q").code, 3);
+  write("out/d/summary.json", "{\"status\": \"fin");
+  const auto rows = collected("out --depths 1mm,1.7mm,2mm");
+  ASSERT_EQ(rows.size(), 4u);
+  const auto& b = rows.at("b");
+  const Table force = read_csv(folder / "out/b/force.csv");
+  ASSERT_NE(force.find("low_N"), nullptr);
+  for (std::size_t k = 0; k < force.rows(); ++k)
+    if (std::abs(force.find("indentation_mm")->at(k) - 1.0) < 1e-9) {
+      EXPECT_EQ(b.at("force_at_1mm_N"), shortest(force.find("force_N")->at(k)));
+    }
+  EXPECT_EQ(b.at("low_at_2mm_N"), shortest(force.find("low_N")->back()));
+  EXPECT_EQ(b.at("force_at_2mm_N"), b.at("force_N"));
+  EXPECT_LT(std::stod(b.at("force_at_1mm_N")), std::stod(b.at("force_at_1.7mm_N")));
+  EXPECT_LT(std::stod(b.at("force_at_1.7mm_N")), std::stod(b.at("force_at_2mm_N")));
+  EXPECT_EQ(b.at("mu_Pa"), "200");
+  EXPECT_EQ(b.at("image"), "block.nrrd");
+  EXPECT_EQ(b.at("nodes"), std::to_string(summary("out/b").at("counts").at("nodes").get<int>()));
+  EXPECT_EQ(b.at("volume_mm3"), shortest(summary("out/b").at("volume_mm3").get<double>()));
+  EXPECT_EQ(b.at("warnings"), std::to_string(summary("out/b").at("warnings").size()));
+  EXPECT_EQ(rows.at("a & b's").at("force_at_1.7mm_N"), "");  // it does not go so deep
+  EXPECT_NE(rows.at("a & b's").at("force_at_1mm_N"), "");
+  EXPECT_EQ(rows.at("c").at("status"), "failed");
+  EXPECT_EQ(rows.at("c").at("code"), "input");
+  EXPECT_NE(rows.at("c").at("fact").find("nowhere.nrrd"), std::string::npos);
+  EXPECT_EQ(rows.at("d").at("status"), "failed");
+  EXPECT_NE(rows.at("d").at("fact").find("damaged"), std::string::npos);
+
+  // The page: failures first, pictures by links that lead somewhere, names as text.
+  const std::string page = text_of(folder / "out/index.html");
+  EXPECT_LT(page.find("nowhere.nrrd"), page.find("src=\"a%20%26%20b%27s/overview.png\""));
+  EXPECT_NE(page.find("<b>a &amp; b's</b>"), std::string::npos);
+  EXPECT_EQ(page.find("<b>a & b"), std::string::npos);
+  EXPECT_NE(page.find("loading=lazy"), std::string::npos);
+  EXPECT_TRUE(fs::exists(folder / "out/b/overview.png"));
+  ASSERT_EQ(dimple(folder, "collect out -o table.csv --page pages.html -q").code, 0);
+  EXPECT_NE(text_of(folder / "pages.html").find("src=\"out/b/overview.png\""), std::string::npos);
+  EXPECT_EQ(read_text_csv(folder / "table.csv").row.size(), 4u);
+
+  EXPECT_EQ(dimple(folder, "collect nowhere").code, 3);
+  fs::create_directories(folder / "empty");
+  EXPECT_EQ(dimple(folder, "collect empty").code, 3);
+  EXPECT_EQ(dimple(folder, "collect out --depths deep").code, 2);
+  const Ran names = dimple(folder, "collect out --bids bids");
+  EXPECT_EQ(names.code, 2);
+  EXPECT_NE(names.err.find("sub-01"), std::string::npos) << names.err;
+  EXPECT_FALSE(fs::exists(folder / "bids"));
+}
+
+TEST_F(Batch, IsCollectedUnderTheNamesOfBids) {
+  write("cases.csv", "id,image\nsub-01,block.nrrd\nsub-02_ses-a,block.nrrd\nsub-03,nowhere.nrrd\n");
+  ASSERT_EQ(dimple(folder, "batch cases.csv -o out --nodes 400 --depth 1 --frames 2 -q").code, 3);
+  const Ran ran = dimple(folder, "collect out --bids bids");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  std::set<std::string> files;
+  for (const auto& entry : fs::recursive_directory_iterator(folder / "bids"))
+    if (entry.is_regular_file()) files.insert(entry.path().lexically_relative(folder / "bids").string());
+  EXPECT_EQ(files,
+            (std::set<std::string>{"dataset_description.json", "sub-01/sub-01_desc-indentation_force.json",
+                                   "sub-01/sub-01_desc-indentation_force.tsv",
+                                   "sub-01/sub-01_desc-indentation_overview.png",
+                                   "sub-02/ses-a/sub-02_ses-a_desc-indentation_force.json",
+                                   "sub-02/ses-a/sub-02_ses-a_desc-indentation_force.tsv",
+                                   "sub-02/ses-a/sub-02_ses-a_desc-indentation_overview.png"}));
+  const Json description = Json::parse(text_of(folder / "bids/dataset_description.json"));
+  EXPECT_EQ(description.at("DatasetType"), "derivative");
+  EXPECT_EQ(description.at("GeneratedBy").at(0).at("Name"), "Dimple");
+  const std::string tsv = text_of(folder / "bids/sub-01/sub-01_desc-indentation_force.tsv");
+  EXPECT_EQ(tsv.substr(0, tsv.find('\n')), "time_s\tindentation_mm\tforce_N\tbase_force_N");
+  const Json about = Json::parse(text_of(folder / "bids/sub-01/sub-01_desc-indentation_force.json"));
+  EXPECT_EQ(about.at("force_N").at("Units"), "N");
+  EXPECT_EQ(about.at("Sources").at(0), "block.nrrd");
+}
+
+}  // namespace
+}  // namespace dimple
