@@ -1,0 +1,717 @@
+// pydimple._core: the library as the package in pydimple/ hands it to its users. Here are views of arrays, the
+// interpreter's lock, Ctrl-C and errors; names of options, images and their affines are matters of __init__.py.
+
+#include <fmt/format.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <tbb/global_control.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <future>
+#include <memory>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
+
+#include "apps/run/organ.hpp"
+#include "apps/run/record.hpp"
+#include "apps/run/simulate.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "apps/run/summary.hpp"
+#include "io/stop.hpp"
+#include "preprocess/make_model.hpp"
+#include "preprocess/support.hpp"
+#include "solver/session.hpp"
+
+namespace py = pybind11;
+
+namespace dimple {
+namespace {
+
+// ---------------------------------------------------------------------------------------------------------
+// Errors, Ctrl-C and the interpreter's lock
+// ---------------------------------------------------------------------------------------------------------
+
+const char* class_of(ExitCode code) {
+  switch (code) {
+    case ExitCode::usage:
+      return "UsageError";
+    case ExitCode::input:
+      return "InputError";
+    case ExitCode::model:
+      return "ModelError";
+    case ExitCode::solve:
+      return "SolveError";
+    case ExitCode::output:
+      return "OutputError";
+    case ExitCode::interrupted:
+      return "Stopped";
+    default:
+      return "Error";
+  }
+}
+
+// File names need not be UTF-8.
+py::object words(const std::string& text) {
+  return py::reinterpret_steal<py::object>(
+      PyUnicode_DecodeUTF8(text.data(), static_cast<Py_ssize_t>(text.size()), "replace"));
+}
+
+void raise(const Error& error) {
+  const Report& r = error.report;
+  const py::object type = py::module_::import("pydimple").attr(class_of(error.code));
+  const py::object raised = type(words(r.fact), words(r.where), words(r.why), words(r.remedy), words(r.code));
+  PyErr_SetObject(type.ptr(), raised.ptr());
+}
+
+// Of all computations under way: a request to stop is to all of them, and done with when the last has ended.
+std::mutex under_way_mutex;
+int under_way = 0;
+
+class UnderWay {
+ public:
+  UnderWay() {
+    const std::lock_guard lock(under_way_mutex);
+    ++under_way;
+  }
+  ~UnderWay() {
+    const std::lock_guard lock(under_way_mutex);
+    if (--under_way == 0) forget_stop();
+  }
+  UnderWay(const UnderWay&) = delete;
+  UnderWay& operator=(const UnderWay&) = delete;
+};
+
+// Does work in a thread of its own, without the interpreter's lock. This thread hears signals meanwhile, as Python
+// alone can: what the handler raises, KeyboardInterrupt by default, ends the work and is raised then.
+template <class Work>
+auto computing(const Work& work) {
+  const UnderWay counted;
+  auto result = std::async(std::launch::async, work);
+  std::optional<py::error_already_set> raised;
+  for (bool ready = false; !ready;) {
+    {
+      const py::gil_scoped_release others_may_run;
+      ready = result.wait_for(std::chrono::milliseconds(50)) == std::future_status::ready;
+    }
+    if (!raised && PyErr_CheckSignals() != 0) {
+      raised.emplace();
+      ask_to_stop(StopReason::interrupted);
+    }
+  }
+  if (!raised) return result.get();
+  try {
+    result.get();
+  } catch (...) {  // a consequence of the stop
+  }
+  if (raised->matches(PyExc_KeyboardInterrupt)) throw Stopped(StopReason::interrupted);
+  throw *raised;
+}
+
+// The program's lines go to Python's logging, as those of "pydimple".
+void log(RunObserver::Line kind, const std::string& text) {
+  using Line = RunObserver::Line;
+  if (kind == Line::doing) return;
+  const int level = kind == Line::warning ? 30 : kind == Line::said ? 20 : 10;
+  const py::gil_scoped_acquire lock;
+  try {
+    const py::object logger = py::module_::import("logging").attr("getLogger")("pydimple");
+    if (logger.attr("isEnabledFor")(level).cast<bool>()) logger.attr("log")(level, "%s", words(text));
+  } catch (py::error_already_set& error) {
+    error.discard_as_unraisable("pydimple");
+  }
+}
+
+// ---------------------------------------------------------------------------------------------------------
+// Arrays
+// ---------------------------------------------------------------------------------------------------------
+
+using Shape = std::vector<py::ssize_t>;
+
+// Numbers where they are: read-only, and `owner` lives as long as the array.
+template <class T>
+py::array view(const py::object& owner, const T* first, const Shape& shape, const Shape& strides = {}) {
+  py::array array(py::dtype::of<T>(), shape, strides, first, owner);
+  array.attr("setflags")(py::arg("write") = false);
+  return array;
+}
+
+// Vectors side by side, [3xN], are the rows of [N, 3].
+template <class T>
+py::array view(const py::object& owner, const Eigen::Matrix<T, 3, Eigen::Dynamic>& rows) {
+  return view(owner, rows.data(), {rows.cols(), 3});
+}
+
+// The array becomes the owner.
+template <class Numbers>
+py::array_t<double> handed_over(Numbers&& numbers, Shape shape) {
+  auto* kept = new std::decay_t<Numbers>(std::forward<Numbers>(numbers));
+  const py::capsule owner(kept, [](void* it) { delete static_cast<std::decay_t<Numbers>*>(it); });
+  return py::array_t<double>(std::move(shape), kept->data(), owner);
+}
+py::array_t<double> handed_over(Points&& rows) {
+  const Index count = rows.cols();
+  return handed_over(std::move(rows), {count, 3});
+}
+
+template <class T>
+LabelArray label_array(const py::array& array) {
+  LabelArray labels;
+  labels.voxel = static_cast<const T*>(array.data());
+  for (std::size_t a = 0; a < 3; ++a) {
+    labels.size[a] = array.shape(static_cast<py::ssize_t>(a));
+    labels.step[a] = array.strides(static_cast<py::ssize_t>(a)) / array.itemsize();
+  }
+  return labels;
+}
+
+LabelArray labels_in(const py::array& array) {
+  const char kind = array.dtype().kind();
+  const auto bytes = array.itemsize();
+  if (kind == 'f') return bytes == 4 ? label_array<float>(array) : label_array<double>(array);
+  const bool is_signed = kind == 'i';
+  switch (bytes) {
+    case 1:
+      return is_signed ? label_array<std::int8_t>(array) : label_array<std::uint8_t>(array);
+    case 2:
+      return is_signed ? label_array<std::int16_t>(array) : label_array<std::uint16_t>(array);
+    case 4:
+      return is_signed ? label_array<std::int32_t>(array) : label_array<std::uint32_t>(array);
+    default:
+      return is_signed ? label_array<std::int64_t>(array) : label_array<std::uint64_t>(array);
+  }
+}
+
+// `array`: of one of the types above, three axes, side by side in memory; `to_world`: 4x4, to LPS mm.
+std::shared_ptr<LabelImage> label_image(const py::array& array, const py::array_t<double>& to_world,
+                                        const std::string& label_names) {
+  LabelArray labels = labels_in(array);
+  for (int r = 0; r < 4; ++r)
+    for (int c = 0; c < 4; ++c) labels.to_world.matrix()(r, c) = to_world.at(r, c);
+  return computing([&] { return std::make_shared<LabelImage>(label_image_of(labels, label_names)); });
+}
+
+// ---------------------------------------------------------------------------------------------------------
+// Options
+// ---------------------------------------------------------------------------------------------------------
+
+// The word of the flag with the unit of the key: "--mu" of material.mu_Pa is mu_Pa.
+std::string keyword_of(const Option& option) {
+  const std::string last = option.key.substr(option.key.find('.') + 1);
+  if (option.flag.empty()) return last;
+  std::string word = option.flag.substr(2);
+  std::replace(word.begin(), word.end(), '-', '_');
+  return last.starts_with(word) ? last : word;
+}
+
+py::list options() {
+  Config defaults;
+  py::list result;
+  for (const Option& option : options_of(defaults)) {
+    if (option.key == "image.file") continue;
+    py::dict entry;
+    entry["keyword"] = keyword_of(option);
+    entry["key"] = option.key;
+    entry["stage"] = option.stage;
+    entry["unit"] = option.unit;
+    entry["help"] = option.help;
+    entry["choices"] = option.choices;
+    entry["default"] = std::visit([](const auto* value) { return py::cast(*value); }, option.value);
+    result.append(std::move(entry));
+  }
+  return result;
+}
+
+// As the package hands them over: a file of options or "", then key, text and where it was given.
+struct Settings {
+  std::string config_file;
+  std::vector<std::array<std::string, 3>> given;
+
+  Config config() const {
+    Config result;
+    if (!config_file.empty()) read_config(result, config_file);
+    for (const auto& [key, text, source] : given) set_option(result, key, text, source);
+    resolve_young(result);
+    return result;
+  }
+};
+
+// ---------------------------------------------------------------------------------------------------------
+// Model
+// ---------------------------------------------------------------------------------------------------------
+
+struct ModelInMemory {
+  Model model;  // its discretisation and its scheme: who solves makes the rest, which hangs on the tissues
+  Config config;
+  std::map<std::string, int> label_names;
+  std::map<std::string, std::string> provenance;
+  std::vector<std::string> warnings;
+  std::string report_json;
+
+  // At the vertices of the surface; made when it is asked for at first.
+  const Interpolation& to_surface() const {
+    std::call_once(made_, [this] { to_surface_ = surface_interpolation(model); });
+    return to_surface_;
+  }
+
+ private:
+  mutable std::once_flag made_;
+  mutable Interpolation to_surface_;
+};
+using ModelHolder = std::shared_ptr<ModelInMemory>;
+
+// Leaves the rest of the result.
+ModelHolder take_model(Result& result, const Config& config) {
+  auto built = std::make_shared<ModelInMemory>();
+  for (const LabelMeasure& label : result.labels)
+    if (!label.name.empty()) built->label_names[label.name] = label.value;
+  built->config = config;
+  built->provenance = result.provenance;
+  built->warnings = result.warnings;
+  built->report_json = as_text(summary_of_model(config, result));
+  built->model = std::move(result.model);
+  return built;
+}
+
+ModelHolder build(const Settings& settings, const LabelImage* image) {
+  return computing([&] {
+    const Config config = settings.config();
+    Result result;
+    build_case({.config = config, .image = image}, {.line = log}, result);
+    stop_if_asked();
+    return take_model(result, config);
+  });
+}
+
+py::array_t<double> at_surface(const ModelInMemory& built,
+                               const py::array_t<double, py::array::c_style>& nodal) {
+  if (nodal.ndim() != 2 || nodal.shape(0) != built.model.node_count())
+    throw UsageError(
+        {.fact = fmt::format("values of shape {} are given", std::string(py::str(nodal.attr("shape")))),
+         .where = "Model.at_surface",
+         .why = fmt::format("the model has {} nodes, and takes a row of values for each",
+                            built.model.node_count()),
+         .remedy = "give an array of shape (nodes, components), such as displacement_m[-1]"});
+  const Index components = nodal.shape(1);
+  const Eigen::Map<const Eigen::MatrixXd> values(nodal.data(), components, nodal.shape(0));
+  Eigen::MatrixXd at = computing([&] { return built.to_surface()(values); });
+  const Index vertices = at.cols();
+  return handed_over(std::move(at), {vertices, components});
+}
+
+// ---------------------------------------------------------------------------------------------------------
+// Result
+// ---------------------------------------------------------------------------------------------------------
+
+struct Solved {
+  std::vector<ForceSample> force;
+  Band band;
+  std::vector<std::string> warnings;
+  std::string summary_json;
+  ModelHolder model;
+  std::vector<double> frame_time, frame_depth, frame_u;  // [F], [F], [F x N x 3]
+
+  void add(const Frame& frame) {
+    frame_time.push_back(frame.t);
+    frame_depth.push_back(frame.depth);
+    for (Index a = 0; a < frame.u.cols(); ++a)
+      frame_u.insert(frame_u.end(), &frame.u(0, a), &frame.u(0, a) + 3);
+  }
+  void take(Result& result, const Config& config) {
+    force = std::move(result.history.force);
+    band = result.band;
+    warnings = result.warnings;
+    model = take_model(result, config);
+  }
+};
+
+// A column of the force curve, as it lies among the others.
+py::array curve(const py::object& self, double ForceSample::*column) {
+  const std::vector<ForceSample>& force = self.cast<const Solved&>().force;
+  return view(self, force.empty() ? nullptr : &(force.front().*column),
+              {static_cast<py::ssize_t>(force.size())}, {sizeof(ForceSample)});
+}
+
+py::object band_edge(const Solved& solved, double side) {
+  if (!solved.band.known()) return py::none();
+  std::vector<double> edge;
+  for (std::size_t k = 0; k < solved.force.size(); ++k)
+    edge.push_back(solved.force[k].force + side * solved.band.half[k]);
+  const auto count = static_cast<py::ssize_t>(edge.size());
+  return handed_over(std::move(edge), {count});
+}
+
+std::string shown(const Solved& solved) {
+  if (solved.force.empty()) return "<pydimple.Result: no force>";
+  const ForceSample& last = solved.force.back();
+  std::string text = fmt::format("<pydimple.Result: {:.4f} N at {:.2f} mm, ", last.force, 1e3 * last.depth);
+  if (!solved.band.known()) return text + "band unknown: " + solved.band.unknown + ">";
+  const double half = solved.band.half.back();
+  return text + fmt::format("{:.4f} to {:.4f} (discretisation)>", last.force - half, last.force + half);
+}
+
+// What simulate() makes of a case, all in memory. `summary` begins it.
+std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const Result&)>& summary) {
+  return computing([&] {
+    const Stopwatch whole;
+    auto kept = std::make_unique<Solved>();
+    Result result;
+    simulate(given,
+             {.line = log,
+              .march = {.frame = [&](const Frame& frame) { kept->add(frame); },
+                        .sample = [](const ForceSample&,
+                                     const History&) { return stop_asked() == StopReason::none; }}},
+             result);
+    if (result.history.interrupted) throw Stopped(stop_asked());
+    Json all = summary(result);
+    add_run(all, given.config, result, {.solve_s = result.solve_s, .total_s = whole.seconds()}, "finished",
+            ExitCode::ok, nullptr);
+    kept->summary_json = as_text(all);
+    kept->take(result, given.config);
+    return kept;
+  });
+}
+
+std::unique_ptr<Solved> solve_model(const ModelInMemory& built, const Settings& settings) {
+  Case given{.config = settings.config(), .band = true};  // which then says why there is none
+  given.model = ModelFiles{.places = built.model,
+                           .scheme = built.model.scheme,
+                           .label_names = built.label_names,
+                           .provenance = built.provenance,
+                           .notes = {}};
+  return solved(given, [&](const Result&) { return Json{{"made_from", built.provenance}}; });
+}
+
+std::unique_ptr<Solved> run_in_memory(const Settings& settings, const LabelImage* image) {
+  const Config config = settings.config();
+  return solved({.config = config, .image = image, .band = config.accuracy.band == "on"},
+                [&](const Result& result) { return summary_of_image(config, result); });
+}
+
+std::unique_ptr<Solved> run_into_folder(const Settings& settings, const LabelImage* image,
+                                        const std::string& folder, bool overwrite) {
+  return computing([&] {
+    const Config config = settings.config();
+    auto kept = std::make_unique<Solved>();
+    const Outcome outcome = record_run(config, folder, overwrite ? Existing::replace : Existing::refuse,
+                                       {.line = log,
+                                        .frame = [&](const Frame& frame) { kept->add(frame); },
+                                        .result = [&](Result& result) { kept->take(result, config); }},
+                                       image);
+    if (outcome.interrupted) throw Stopped(stop_asked());
+    kept->summary_json = outcome.summary_json;
+    return kept;
+  });
+}
+
+// ---------------------------------------------------------------------------------------------------------
+// Session
+// ---------------------------------------------------------------------------------------------------------
+
+// One thing at a time is asked of it, by whatever thread.
+class LiveSession {
+ public:
+  LiveSession(const ModelInMemory& built, const Settings& settings) {
+    session_ = computing([&] {
+      const Config config = settings.config();
+      const std::vector<Material> materials = materials_of(config);
+      check_materials(materials, built.model.scheme);
+      const TissueOptions tissues = tissues_of(config, built.label_names, built.model);
+      SessionOptions options;
+      options.contact = loading_of(config).contact;
+      options.precision = precision_of(config);
+      options.tolerance = config.solver.tolerance;
+      return std::make_unique<Session>(make_model(built.model, built.model.scheme,
+                                                  tissue_of_points(built.model, tissues), tissues.density),
+                                       materials, options);
+    });
+  }
+
+  // `ask`: of the session. Without the interpreter's lock, which another thread may need to finish.
+  template <class Ask>
+  auto now(const Ask& ask) {
+    const py::gil_scoped_release others_may_run;
+    const std::lock_guard alone(mutex_);
+    return ask(*session_);
+  }
+  template <class Move>
+  std::int64_t move(const Move& move) {
+    return computing([&] {
+      const std::lock_guard alone(mutex_);
+      return move(*session_);
+    });
+  }
+
+ private:
+  std::mutex mutex_;
+  std::unique_ptr<Session> session_;
+};
+
+void require(const char* name, double value, bool allowed, const char* why) {
+  if (std::isfinite(value) && allowed) return;
+  throw UsageError({.fact = fmt::format("{} = {} is not allowed", name, value),
+                    .where = "Session",
+                    .why = why,
+                    .remedy = "give another number"});
+}
+
+std::optional<tbb::global_control> thread_limit;
+
+}  // namespace
+
+PYBIND11_MODULE(_core, m) {
+  py::register_exception_translator([](std::exception_ptr thrown) {
+    try {
+      if (thrown) std::rethrow_exception(thrown);
+    } catch (const Error& error) {
+      raise(error);
+    }
+  });
+
+  m.attr("version") = DIMPLE_VERSION;
+  m.def("options", &options);
+  m.def("limit_threads", [](std::optional<int> count) {
+    thread_limit.reset();
+    if (count)
+      thread_limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(*count));
+  });
+
+  py::class_<LabelImage, std::shared_ptr<LabelImage>>(m, "LabelImage").def(py::init(&label_image));
+  py::class_<Settings>(m, "Settings")
+      .def(py::init([](std::string file, std::vector<std::array<std::string, 3>> given) {
+        return Settings{std::move(file), std::move(given)};
+      }))
+      .def("set", [](Settings& self, std::string key, std::string text, std::string source) {
+        self.given.push_back({std::move(key), std::move(text), std::move(source)});
+      });
+  m.def("build", &build);
+  m.def("solve", &solve_model);
+  m.def("run_in_memory", &run_in_memory);
+  m.def("run_into_folder", &run_into_folder);
+
+  // Documented in numpydoc's style: shape, type, unit, meaning.
+  using py::object;
+  const auto model = [](const object& self) -> const Model& {
+    return self.cast<const ModelInMemory&>().model;
+  };
+  const auto nodes = [](const object& self, const std::vector<Index>& list) {
+    return view(self, list.data(), {static_cast<py::ssize_t>(list.size())});
+  };
+  const auto dictionary = [](const std::string& json) {
+    return py::module_::import("json").attr("loads")(json);
+  };
+  py::class_<ModelInMemory, ModelHolder>(
+      m, "Model", R"(A body as nodes and integration points, with its base and the circle of the tool.
+
+Made by `build_model`. Its arrays are read-only views of the library's own memory, which lives as long as one of them.
+Positions are LPS, in metres, but for those whose name ends in `_mm`.)")
+      .def_property_readonly(
+          "positions_m", [=](const object& self) { return view(self, model(self).X); },
+          "(N, 3) float64, metres, LPS: the nodes at rest.")
+      .def_property_readonly(
+          "circle", [=](const object& self) { return nodes(self, model(self).indenter); },
+          "(n,) int64: numbers of the nodes that move with the tool, ascending.")
+      .def_property_readonly(
+          "base", [=](const object& self) { return nodes(self, model(self).base); },
+          "(n,) int64: numbers of the nodes that are held, ascending.")
+      .def_property_readonly(
+          "points_m", [=](const object& self) { return view(self, model(self).point); },
+          "(Q, 3) float64, metres, LPS: the integration points at rest.")
+      .def_property_readonly(
+          "volume_m3",
+          [=](const object& self) {
+            return view(self, model(self).volume.data(), {model(self).point_count()});
+          },
+          "(Q,) float64, cubic metres: of the tissue that each integration point stands for.")
+      .def_property_readonly(
+          "label",
+          [=](const object& self) {
+            return view(self, model(self).label.data(), {model(self).label.size()});
+          },
+          "(Q,) int32: the image's label at each integration point, where the model was made for several "
+          "tissues.")
+      .def_property_readonly(
+          "circle_centre_m",
+          [=](const object& self) { return view(self, model(self).tool.centre.data(), {3}); },
+          "(3,) float64, metres, LPS: where the tool touches the body at first.")
+      .def_property_readonly(
+          "circle_radius_m", [](const ModelInMemory& self) { return self.model.tool.radius; },
+          "float, metres.")
+      .def_property_readonly(
+          "push", [=](const object& self) { return view(self, model(self).tool.push.data(), {3}); },
+          "(3,) float64: unit vector, LPS, the way in which the tool moves.")
+      .def_property_readonly(
+          "surface_mm", [=](const object& self) { return view(self, model(self).surface.vertex_mm); },
+          "(V, 3) float64, millimetres, LPS: vertices of the boundary at rest, for pictures.")
+      .def_property_readonly(
+          "triangles", [=](const object& self) { return view(self, model(self).surface.triangles); },
+          "(T, 3) int64: vertices of each triangle of the boundary, outward when counted anticlockwise.")
+      .def("at_surface", &at_surface, py::arg("nodal"),
+           R"(Values at the vertices of the boundary from values at the nodes.
+
+Parameters
+----------
+nodal : (N, k) array
+    A row for each node, for instance ``result.displacement_m[-1]``.
+
+Returns
+-------
+(V, k) float64 array
+    In the same unit: with displacements, ``model.surface_mm + 1e3 * model.at_surface(u)`` is the deformed boundary.)")
+      .def_property_readonly(
+          "report", [=](const ModelInMemory& self) { return dictionary(self.report_json); },
+          "dict: counts, volumes, spacings, and why the base and the circle are where they are.")
+      .def_property_readonly(
+          "warnings", [](const ModelInMemory& self) { return self.warnings; },
+          "list of str: what may make the model another than was meant.")
+      .def("__repr__", [](const ModelInMemory& self) {
+        return fmt::format("<pydimple.Model: {} nodes, {} integration points>", self.model.node_count(),
+                           self.model.point_count());
+      });
+
+  py::class_<Solved>(m, "Result",
+                     R"(A force curve, the body's displacement along it, and how well the force is known.
+
+Made by `run` and `solve`. S samples, F frames, N nodes; all but the two edges of the band are read-only views of the
+library's own memory, which lives as long as one of them.)")
+      .def_property_readonly(
+          "depth_m", [](const object& self) { return curve(self, &ForceSample::depth); },
+          "(S,) float64, metres: how far the tool has come from where it touched.")
+      .def_property_readonly(
+          "force_N", [](const object& self) { return curve(self, &ForceSample::force); },
+          "(S,) float64, newtons: on the tool along its push, positive where the tissue resists.")
+      .def_property_readonly(
+          "base_force_N", [](const object& self) { return curve(self, &ForceSample::base_force); },
+          "(S,) float64, newtons: with which the base holds the body.")
+      .def_property_readonly(
+          "time_s", [](const object& self) { return curve(self, &ForceSample::t); },
+          "(S,) float64, seconds since the tool touched.")
+      .def_property_readonly(
+          "band_low_N", [](const Solved& self) { return band_edge(self, -1.0); },
+          "(S,) float64, newtons, or None: lower edge of the band that the discretisation gives the force.")
+      .def_property_readonly(
+          "band_high_N", [](const Solved& self) { return band_edge(self, 1.0); },
+          "(S,) float64, newtons, or None: its upper edge.")
+      .def_property_readonly(
+          "band_unknown", [](const Solved& self) { return self.band.unknown; },
+          "str: why there is no band; empty where there is one.")
+      .def_property_readonly(
+          "displacement_m",
+          [](const object& self) {
+            const auto& kept = self.cast<const Solved&>();
+            return view(
+                self, kept.frame_u.data(),
+                {static_cast<py::ssize_t>(kept.frame_time.size()), kept.model->model.node_count(), 3});
+          },
+          "(F, N, 3) float64, metres, LPS: of each node at each frame, the first at rest.")
+      .def_property_readonly(
+          "frame_depth_m",
+          [](const object& self) {
+            const auto& depth = self.cast<const Solved&>().frame_depth;
+            return view(self, depth.data(), {static_cast<py::ssize_t>(depth.size())});
+          },
+          "(F,) float64, metres: the tool's way at each frame.")
+      .def_property_readonly(
+          "frame_time_s",
+          [](const object& self) {
+            const auto& time = self.cast<const Solved&>().frame_time;
+            return view(self, time.data(), {static_cast<py::ssize_t>(time.size())});
+          },
+          "(F,) float64, seconds since the tool touched, at each frame.")
+      .def_property_readonly(
+          "model", [](const Solved& self) { return self.model; }, "Model: the body at rest.")
+      .def_property_readonly(
+          "summary", [=](const Solved& self) { return dictionary(self.summary_json); },
+          "dict: what summary.json holds: status, material, counts, force and band, guards, times.")
+      .def_property_readonly(
+          "warnings", [](const Solved& self) { return self.warnings; },
+          "list of str: what may make the force another than was meant.")
+      .def("__repr__", &shown);
+
+  py::class_<LiveSession>(m, "Session")
+      .def(py::init<const ModelInMemory&, const Settings&>())
+      .def(
+          "equilibrate",
+          [](LiveSession& self, double depth_mm, double dt_s) {
+            require("depth_mm", depth_mm, true, "it must be a finite number");
+            require("dt_s", dt_s, dt_s >= 0.0, "it must be a finite number from 0 on");
+            return self.move([=](Session& s) { return s.equilibrate(1e-3 * depth_mm, dt_s); });
+          },
+          py::kw_only(), py::arg("depth_mm"), py::arg("dt_s") = 0.0,
+          R"(Moves the tool to a depth, or back, and lets the body come to rest there.
+
+Parameters
+----------
+depth_mm : float
+    The tool's way along its push from where it first touched, millimetres.
+dt_s : float
+    How long the move takes, seconds: for viscoelastic tissue.
+
+Returns
+-------
+int
+    Evaluations of the force that it took.
+
+Raises
+------
+SolveError
+    There is no equilibrium to be found; the body is then as it was.)")
+      .def(
+          "step",
+          [](LiveSession& self, double depth_mm, double dt_s) {
+            require("depth_mm", depth_mm, true, "it must be a finite number");
+            require("dt_s", dt_s, dt_s > 0.0, "it must be a finite number above 0");
+            return self.move([=](Session& s) { return s.step(1e-3 * depth_mm, dt_s); });
+          },
+          py::kw_only(), py::arg("depth_mm"), py::arg("dt_s"),
+          R"(Moves the tool to a depth at an even speed and follows the body with its inertia, by central differences.
+
+Parameters
+----------
+depth_mm : float
+    The tool's way along its push from where it first touched, millimetres.
+dt_s : float
+    How long the move takes, seconds.
+
+Returns
+-------
+int
+    Steps that it took.
+
+Raises
+------
+SolveError
+    They would be more than 20000, or the body cannot follow; it is then as it was.)")
+      .def_property_readonly(
+          "depth_m", [](LiveSession& self) { return self.now([](Session& s) { return s.depth(); }); },
+          "float, metres: the tool's way from where it first touched.")
+      .def_property_readonly(
+          "force_N", [](LiveSession& self) { return self.now([](Session& s) { return s.force(); }); },
+          "float, newtons: on the tool along its push, positive where the tissue resists.")
+      .def_property_readonly(
+          "base_force_N",
+          [](LiveSession& self) { return self.now([](Session& s) { return s.base_force(); }); },
+          "float, newtons: with which the base holds the body.")
+      .def_property_readonly(
+          "displacement_m",
+          [](LiveSession& self) {
+            return handed_over(self.now([](Session& s) { return s.displacement(); }));
+          },
+          "(N, 3) float64, metres, LPS: of each node now; a new array each time.")
+      .def_property_readonly(
+          "positions_m",
+          [](LiveSession& self) { return handed_over(self.now([](Session& s) { return s.positions(); })); },
+          "(N, 3) float64, metres, LPS: the nodes now; a new array each time.")
+      .def_property_readonly(
+          "forces_N",
+          [](LiveSession& self) { return handed_over(self.now([](Session& s) { return s.forces(); })); },
+          "(N, 3) float64, newtons, LPS: what the tissue resists with at each node now; a new array each "
+          "time.");
+}
+
+}  // namespace dimple

@@ -1,0 +1,74 @@
+"""Makes the wheel: CMake compiles the extension; the type stubs are completed from the option table."""
+
+import importlib.util
+import inspect
+import os
+import pathlib
+import re
+import subprocess
+import sys
+
+from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
+
+HERE = pathlib.Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+# DIMPLE_BUILD=build/release: what a build there has made is taken as it is.
+GIVEN = os.environ.get("DIMPLE_BUILD")
+BUILD = pathlib.Path(GIVEN or ROOT / "build" / "python").resolve()
+VERSION = re.search(r"project\(Dimple VERSION ([\d.]+)", (ROOT / "CMakeLists.txt").read_text()).group(1)
+
+
+def typed(default):
+    """The type of an option's keyword."""
+    if isinstance(default, (int, float)):
+        return "float | str"  # numbers with their unit are strings
+    if isinstance(default, list):
+        return "float | str | Sequence[float] | Sequence[str]"
+    return "str | float | Sequence[float]"  # a word, or x,y,z
+
+
+class CMakeBuild(build_ext):
+    def build_extension(self, extension):
+        made = BUILD / "python" / self.get_ext_filename("_core")
+        if not GIVEN:
+            self.spawn(
+                ["cmake", "-S", str(ROOT), "-B", str(BUILD), "-G", "Ninja", "-D", "CMAKE_BUILD_TYPE=Release"]
+                + ["-D", "DIMPLE_TESTS=OFF", "-D", "DIMPLE_PYTHON=ON", "-D", f"Python_EXECUTABLE={sys.executable}"]
+            )
+            self.spawn(["cmake", "--build", str(BUILD), "--target", "dimple_python"])
+        elif not made.exists():
+            raise SystemExit(
+                f"{made} is not there: build the target dimple_python, with this Python, in {BUILD} first (make wheel does)"
+            )
+        package = pathlib.Path(self.get_ext_fullpath(extension.name)).resolve().parent
+        package.mkdir(parents=True, exist_ok=True)
+        self.copy_file(str(made), str(package / made.name))
+        self.complete_stubs(made, package / "__init__.pyi")
+
+    def complete_stubs(self, made, stubs):
+        """`**options` of each function becomes the keywords that it takes."""
+        sys.path.insert(0, str(stubs.parent.parent))
+        import pydimple
+
+        text = (HERE / "pydimple" / "__init__.pyi").read_text()
+        for name in ("build_model", "solve", "run", "Session"):
+            keywords = ", ".join(
+                f"{p.name}: {typed(p.default)} | None = ..."
+                for p in inspect.signature(getattr(pydimple, name)).parameters.values()
+                if p.name in pydimple._OPTIONS
+            )
+            start = text.index(f"class {name}:" if inspect.isclass(getattr(pydimple, name)) else f"def {name}(")
+            text = text[:start] + text[start:].replace("**options: Any", keywords, 1)
+        stubs.write_text(text)
+
+
+setup(
+    version=VERSION,
+    packages=["pydimple"],
+    package_data={"pydimple": ["py.typed", "__init__.pyi"]},
+    ext_modules=[Extension("pydimple._core", sources=[])],
+    cmdclass={"build_ext": CMakeBuild},
+    # What is made on the way lies where everything else is built, and not among the sources.
+    options={"build": {"build_base": str(BUILD / "wheel")}, "egg_info": {"egg_base": str(BUILD)}},
+)
