@@ -1,3 +1,5 @@
+#include <fmt/format.h>
+
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/studies/accuracy_chart.hpp"
@@ -8,6 +10,7 @@ namespace {
 struct Options {
   Flags flags;
   AccuracyOptions compared;
+  std::string peer_limit;
 };
 
 }  // namespace
@@ -51,13 +54,18 @@ Command add_chart(CLI::App& app, Invocation& shared) {
   command->add_option("--peer-nodes", compared.peer_nodes, "nodes of their meshes, about")
       ->delimiter(',')
       ->capture_default_str();
-  command->add_option("--peer-limit", compared.peer_limit_s, "for each run of theirs [s]")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
+  command
+      ->add_option("--peer-limit", options->peer_limit,
+                   fmt::format("for each run of theirs [{:g} s]", compared.peer_limit_s))
+      ->type_name("TIME");
   options->flags.add(*command, "none of them");  // --config and --set only
   add_common(*command, shared);
   return {command, [&shared, command, options] {
             const Config config = options->flags.config(*command, shared.image);
+            const std::string& limit = options->peer_limit;
+            if (!limit.empty())
+              options->compared.peer_limit_s =
+                  quantity(limit, "--peer-limit", "s", "time for each run of theirs");
             into_folder(shared, config.image.file);
             if (!shared.verbose) start_log(Verbosity::quiet);
             std::erase(options->compared.goals, "none");

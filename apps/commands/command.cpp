@@ -4,7 +4,8 @@
 #include <fmt/ranges.h>
 
 #include <cstdio>
-#include <sstream>
+#include <cstdlib>
+#include <filesystem>
 
 #include "apps/commands/log.hpp"
 #include "io/error.hpp"
@@ -20,6 +21,24 @@ bool has_flag(const std::string& command, const std::string& option) {
   return command.empty() || command == "run" || option == command;
 }
 
+std::string default_of(const Option& option) {
+  if (const auto* real = std::get_if<double*>(&option.value)) return fmt::format("{}", **real);
+  if (const auto* whole = std::get_if<std::int64_t*>(&option.value)) return fmt::format("{}", **whole);
+  if (const auto* word = std::get_if<std::string*>(&option.value)) return **word;
+  if (const auto* list = std::get_if<std::vector<std::string>*>(&option.value))
+    return fmt::format("{}", fmt::join(**list, ","));
+  return {};
+}
+
+// Also "10.0" where the default is 10.
+bool is_default(const Option& option, const std::string& text) {
+  if (text == default_of(option)) return true;
+  const bool number =
+      std::holds_alternative<double*>(option.value) || std::holds_alternative<std::int64_t*>(option.value);
+  char* end = nullptr;
+  return number && std::strtod(text.c_str(), &end) == std::stod(default_of(option)) && *end == '\0';
+}
+
 }  // namespace
 
 void Flags::add(CLI::App& command, const std::string& stage) {
@@ -33,16 +52,12 @@ void Flags::add(CLI::App& command, const std::string& stage) {
       for (const std::string& choice : option.choices)
         help += choice + (&choice == &option.choices.back() ? ")" : " | ");
     }
-    std::string standard;
-    if (auto* real = std::get_if<double*>(&option.value)) standard = fmt::format("{}", **real);
-    if (auto* whole = std::get_if<std::int64_t*>(&option.value)) standard = fmt::format("{}", **whole);
-    if (auto* word = std::get_if<std::string*>(&option.value)) standard = **word;
-    if (auto* list = std::get_if<std::vector<std::string>*>(&option.value))
-      standard = fmt::format("{}", fmt::join(**list, ","));
+    const std::string standard = default_of(option);
     if (!standard.empty())
       help += fmt::format(" [{}{}{}]", standard, option.unit.empty() ? "" : " ", option.unit);
     command.add_option(option.flag, *given.back().second, help)
-        ->group(option.stage == "model"   ? "Model"
+        ->group(option.common             ? "Options"
+                : option.stage == "model" ? "Model"
                 : option.stage == "files" ? "Files"
                 : option.stage == "run"   ? "Accuracy"
                                           : "Simulation")
@@ -55,7 +70,7 @@ void Flags::add(CLI::App& command, const std::string& stage) {
       ->allow_extra_args(false);
 }
 
-Config Flags::config(const CLI::App& command) const {
+Config Flags::stated(const CLI::App& command) const {
   Config result;
   if (!config_file.empty()) read_config(result, config_file);
   for (const std::string& pair : sets) {
@@ -70,7 +85,14 @@ Config Flags::config(const CLI::App& command) const {
   Config defaults;
   for (const Option& option : options_of(defaults))
     for (const auto& [key, text] : given)
-      if (key == option.key && command.count(option.flag) > 0) set_option(result, key, *text, option.flag);
+      if (key == option.key && command.count(option.flag) > 0 &&
+          !(defaults_are_unsaid && is_default(option, *text)))
+        set_option(result, key, *text, option.flag);
+  return result;
+}
+
+Config Flags::config(const CLI::App& command) const {
+  Config result = stated(command);
   resolve_young(result);
   return result;
 }
@@ -79,6 +101,13 @@ Config Flags::config(const CLI::App& command, const std::string& image) const {
   Config result = config(command);
   if (!image.empty()) set_option(result, "image.file", image, "command line");
   return result;
+}
+
+double quantity(const std::string& text, const std::string& flag, const std::string& unit,
+                const std::string& help) {
+  double value = 0.0;
+  set_value({flag, flag, unit, help, &value, 0, 1e9, true, {}, ""}, text, flag);
+  return value;
 }
 
 void add_common(CLI::App& command, Invocation& shared) {
@@ -112,12 +141,34 @@ void into_folder(Invocation& shared, const std::string& input) {
       });
 }
 
+namespace {
+
+// What there is to look at, of what stands in the folder.
+std::string to_open(const std::filesystem::path& folder) {
+  std::vector<std::string> words;
+  for (const char* file : {"report.html", "overview.png"})
+    if (words.empty() && std::filesystem::exists(folder / file))
+      words.push_back((folder / file).string() + (std::string(file) == "report.html" ? " in a browser" : ""));
+  if (std::filesystem::exists(folder / "view.py"))
+    words.push_back("paraview --state=" + (folder / "view.py").string());
+  return fmt::format("{}", fmt::join(words, ", "));
+}
+
+}  // namespace
+
 int finish(const Invocation& shared, const Outcome& outcome) {
+  clear_stage_line();
+  if (!outcome.times.empty()) say("time     " + times_in_words(seconds_since_start(), outcome.times));
   if (shared.json)
     fmt::print("{}", outcome.summary_json);
   else
-    fmt::print("{}\t{}\n", outcome.headline, shared.out);
-  if (!outcome.ended_by.empty()) std::fputs(fmt::format("dimple: {}\n", outcome.ended_by).c_str(), stderr);
+    fmt::print("{}\t{}\n{}{}", outcome.headline, shared.out, outcome.further,
+               outcome.further.empty() ? "" : "\n");
+  std::fflush(stdout);
+  if (!outcome.ended_by.empty())
+    std::fputs(fmt::format("dimple: {}\n", outcome.ended_by).c_str(), stderr);
+  else if (const std::string open = to_open(shared.out); !open.empty())
+    say("open     " + open);
   return static_cast<int>(outcome.interrupted ? ExitCode::interrupted : ExitCode::ok);
 }
 
@@ -125,25 +176,6 @@ std::function<void(const std::string&)> progress_of(const Invocation& shared) {
   return [&shared](const std::string& line) {
     if (!shared.quiet) fmt::print(stderr, "{}\n", line);
   };
-}
-
-std::string wrapped(const std::string& text, std::size_t column) {
-  constexpr std::size_t width = 100;
-  std::string result;
-  std::istringstream lines(text);
-  for (std::string line; std::getline(lines, line);) {
-    const std::size_t begin = std::min(line.find_first_not_of(' '), line.size());
-    const bool listed = begin > 0 && line.size() > column && line[column - 1] == ' ';
-    const std::size_t indent = listed ? column : begin;
-    while (line.size() > width) {
-      const std::size_t blank = line.rfind(' ', width);
-      if (blank == std::string::npos || blank <= indent) break;
-      result += line.substr(0, blank) + '\n';
-      line = std::string(indent, ' ') + line.substr(blank + 1);
-    }
-    result += line + '\n';
-  }
-  return result;
 }
 
 }  // namespace dimple

@@ -17,8 +17,10 @@ namespace dimple {
 struct Invocation {
   Ending& ending;
   bool quiet = false, verbose = false, json = false, force = false, resume = false;
+  bool slicer = false;  ///< started by 3D Slicer, which gives all options and reads progress on stdout
   int threads = 0;
   std::string command, image, out, time_limit;
+  std::vector<std::string> words;  ///< of the command line, after the program's name
   /// A failure is put down in the folder, besides the terminal: of commands that write results, once the
   /// command line is understood.
   bool leaves_word = false;
@@ -40,14 +42,20 @@ struct Flags {
   std::vector<std::pair<std::string, std::unique_ptr<std::string>>> given;  // key, text
   std::string config_file;
   std::vector<std::string> sets;
+  bool defaults_are_unsaid = false;  ///< a flag with its default says no more than none
 
   /// Those of one stage; "": all but of files; "run": those too; "none": --config and --set alone.
   void add(CLI::App& command, const std::string& stage);
-  /// Defaults, then the file, then --set, then flags.
+  /// Defaults, then the file, then --set, then flags; before resolve_young().
+  Config stated(const CLI::App& command) const;
   Config config(const CLI::App& command) const;
   /// The same of a command that takes an image.
   Config config(const CLI::App& command, const std::string& image) const;
 };
+
+/// A number above 0 of an option that is not in the table, with or without a unit. Throws UsageError.
+double quantity(const std::string& text, const std::string& flag, const std::string& unit,
+                const std::string& help);
 
 /// --quiet, --verbose, --json, --threads, --time-limit.
 void add_common(CLI::App& command, Invocation& shared);
@@ -56,13 +64,9 @@ void add_over_results(CLI::App& command, Invocation& shared, bool resumable);
 
 /// From here on a failure is put down where the results of `input` would be.
 void into_folder(Invocation& shared, const std::string& input);
-/// Prints what a command has come to.
+/// Prints what a command has come to: the result on stdout, then where the time went and what to open next on stderr.
 int finish(const Invocation& shared, const Outcome& outcome);
 /// A line of a long study, on stderr unless --quiet.
 std::function<void(const std::string&)> progress_of(const Invocation& shared);
-
-/// At most 100 characters a line; the rest of a longer one goes below its description, which begins at
-/// `column` if the line is one of a list. CLI11 leaves lines as long as they are.
-std::string wrapped(const std::string& text, std::size_t column);
 
 }  // namespace dimple

@@ -1,7 +1,9 @@
 #include "apps/commands/command_line.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <tbb/global_control.h>
+#include <unistd.h>
 
 #include <csignal>
 #include <memory>
@@ -10,6 +12,8 @@
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
+#include "apps/commands/slicer.hpp"
+#include "apps/commands/terminal.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 
@@ -28,31 +32,64 @@ Command add_stress(CLI::App& app, Invocation& shared);
 Command add_export(CLI::App& app, Invocation& shared);
 Command add_options(CLI::App& app, Invocation& shared);
 Command add_verify(CLI::App& app, Invocation& shared);
+Command add_batch(CLI::App& app, Invocation& shared);
+Command add_collect(CLI::App& app, Invocation& shared);
+Command add_cite(CLI::App& app, Invocation& shared);
+Command add_doctor(CLI::App& app, Invocation& shared);
+Command add_man(CLI::App& app, Invocation& shared);         // man.cpp
+Command add_completion(CLI::App& app, Invocation& shared);  // man.cpp
 
 namespace {
 
 constexpr Command (*subcommands[])(CLI::App&, Invocation&) = {
-    add_phantom, add_info,  add_model,  add_solve,  add_run,     add_converge,
-    add_fit,     add_chart, add_stress, add_export, add_options, add_verify};
+    add_phantom, add_info,     add_model, add_solve,  add_run,    add_batch,
+    add_collect, add_converge, add_fit,   add_chart,  add_stress, add_export,
+    add_options, add_verify,   add_cite,  add_doctor, add_man,    add_completion};
 
 constexpr const char* footer = R"(Examples:
-  dimple phantom brain.nrrd                  make a swine-brain-sized label image
-  dimple run brain.nrrd -o out               from the image to the force curve
-  dimple run patient.seg.nrrd -o out --label Brain --indent-at left --depth 5mm
-  dimple run brain.nrrd -o out --resume      go on with that run if it was stopped
-  dimple fit brain.nrrd --curve measured.csv -o out   the modulus from a measured curve
-  dimple verify -o out                       compare with closed forms and finite elements
+  dimple phantom brain.nrrd                make a swine-brain-sized image
+  dimple run brain.nrrd -o out             from the image to the force curve
+  dimple run patient.seg.nrrd -o out --label Brain --depth 5mm
+  dimple run brain.nrrd -o out --resume    go on with a run that was stopped
+  dimple fit brain.nrrd --curve a.csv -o out   the modulus of a measured curve
+  dimple batch cases.csv -o out            one run for each row of a table
+  dimple verify -o out                     compare with closed forms
 Lengths are in mm, stresses in Pa, unless the number says otherwise (0.3kPa, 1cm). Positions are LPS.
 Ctrl-C ends any command within 2 s, and so does --time-limit: what is on disk then is valid.
-Exit codes: 0 ok, 1 internal error, 2 command line or configuration, 3 input unreadable or unusable,
-4 model could not be built, 5 solution failed, 6 results could not be written, 130 interrupted, or out
-of the time given by --time-limit.)";
+Exit codes: 0 ok, 1 internal error, 2 command line or configuration, 3 input unreadable or unusable, 4 model could not be built, 5 solution failed, 6 results could not be written, 130 interrupted, or out of the time given by --time-limit.)";
 
+// The common options alone, unless all are asked for, as wide as the terminal.
 class WrappedHelp : public CLI::Formatter {
  public:
-  std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode mode) const override {
-    return wrapped(CLI::Formatter::make_help(app, std::move(name), mode), get_column_width());
+  WrappedHelp() {
+    width_ = terminal_width(STDOUT_FILENO);
+    constexpr std::size_t narrow = 80;
+    if (width_ < narrow) column_width(24);
   }
+  std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode mode) const override {
+    const std::string text = mode == CLI::AppFormatMode::Normal
+                                 ? make_description(app) + make_usage(app, name) + make_positionals(app) +
+                                       common_options(app) + make_subcommands(app, mode) +
+                                       (app->get_parent() ? "" : '\n' + make_footer(app))
+                                 : CLI::Formatter::make_help(app, name, mode);
+    return wrapped(text, get_column_width(), width_);
+  }
+
+ private:
+  std::string common_options(const CLI::App* app) const {
+    const std::string common = "Options";
+    std::vector<std::string> others;
+    for (const std::string& group : app->get_groups())
+      if (!group.empty() && group != common) others.push_back(group);
+    std::string text = make_group(common, false, app->get_options([&](const CLI::Option* option) {
+      return option->get_group() == common && option->nonpositional();
+    }));
+    if (!others.empty())
+      text += fmt::format("\n--help-all lists more options, in the groups {}.\n", fmt::join(others, ", "));
+    return text;
+  }
+
+  std::size_t width_ = 80;
 };
 
 int report(const Error& error, bool json) {
@@ -62,6 +99,7 @@ int report(const Error& error, bool json) {
   if (!r.why.empty()) text += fmt::format("  why:   {}\n", r.why);
   if (!r.remedy.empty()) text += fmt::format("  try:   {}\n", r.remedy);
   text += fmt::format("  code:  {}\n", r.code);
+  clear_stage_line();
   std::fputs(text.c_str(), stderr);  // fmt::print throws where stderr is a full disk
   if (json)
     fmt::print("{}\n", nlohmann::ordered_json(
@@ -93,13 +131,21 @@ int report(const Error& error, bool json) {
     for (const std::string& word : words) {
       const std::string flag = word.substr(0, word.find('='));
       if (flag.rfind("--", 0) == 0 && std::find(flags.begin(), flags.end(), flag) == flags.end() &&
-          flag != "--help" && flag != "--version")
+          flag != "--help" && flag != "--help-all" && flag != "--version")
         fact = fmt::format("there is no option {}{}", flag, did_you_mean(flag, flags));
     }
   throw UsageError({.fact = fact,
                     .where = "command line",
                     .why = "it does not follow the usage of the command",
                     .remedy = "see `dimple --help`, or `dimple COMMAND --help`"});
+}
+
+// 3D Slicer knows one program as one module, and gives flags without a command.
+std::vector<std::string> as_run(std::vector<std::string> words) {
+  const std::vector<std::string> own = {"-h", "--help", "--help-all", "--version"};
+  if (!words.empty() && words[0].starts_with("-") && std::find(own.begin(), own.end(), words[0]) == own.end())
+    words.insert(words.begin(), "run");
+  return words;
 }
 
 // The command that was asked for.
@@ -109,14 +155,19 @@ int perform(int argc, char** argv, Invocation& shared) {
       "dimple"};
   app.formatter(std::make_shared<WrappedHelp>());
   app.footer(footer);
+  app.set_help_all_flag("--help-all", "all options");
   app.set_version_flag("--version", "dimple " DIMPLE_VERSION);
   app.require_subcommand(0, 1);
   std::vector<Command> commands;
   for (const auto add : subcommands) commands.push_back(add(app, shared));
 
-  const std::vector<std::string> words(argv + 1, argv + argc);
+  const std::vector<std::string>& words = shared.words = as_run(std::move(shared.words));
+  if (std::find(words.begin(), words.end(), "--xml") != words.end() && words.front() == "run") {
+    fmt::print("{}", slicer_xml());
+    return 0;
+  }
   try {
-    app.parse(argc, argv);
+    app.parse(std::vector<std::string>(words.rbegin(), words.rend()));  // it takes them from the end
   } catch (const CLI::CallForHelp& e) {
     return app.exit(e);
   } catch (const CLI::CallForAllHelp& e) {
@@ -126,17 +177,15 @@ int perform(int argc, char** argv, Invocation& shared) {
   } catch (const CLI::ParseError& e) {
     usage_error(app, e, words);
   }
-  start_log(shared.quiet ? Verbosity::quiet : shared.verbose ? Verbosity::verbose : Verbosity::normal);
+  start_log(shared.quiet     ? Verbosity::quiet
+            : shared.verbose ? Verbosity::verbose
+                             : Verbosity::normal,
+            shared.slicer);
   std::optional<tbb::global_control> limit;
   if (shared.threads > 0)
     limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(shared.threads));
-  if (!shared.time_limit.empty()) {
-    double seconds = 0.0;
-    const std::string flag = "--time-limit";
-    set_value({flag, flag, "s", "the time after which to end", &seconds, 0, 1e9, true, {}, ""},
-              shared.time_limit, flag);
-    shared.ending.limit(seconds);
-  }
+  if (!shared.time_limit.empty())
+    shared.ending.limit(quantity(shared.time_limit, "--time-limit", "s", "the time after which to end"));
   std::signal(SIGXFSZ, SIG_IGN);  // a limit on the size of files is to be met as a full disk is
 
   for (const Command& command : commands)
@@ -181,7 +230,9 @@ int answered(int argc, char** argv, Invocation& shared) {
 int command_line(int argc, char** argv) {
   Ending ending;  // first of all: a signal is answered from here on
   Invocation shared{.ending = ending};
+  shared.words.assign(argv + (argc > 0 ? 1 : 0), argv + argc);
   const int code = answered(argc, argv, shared);
+  end_log();
   if (std::fflush(stdout) == 0 && !std::ferror(stdout)) return code;
   return report(OutputError({.fact = "the result could not be printed",
                              .where = "standard output",

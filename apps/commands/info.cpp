@@ -61,7 +61,8 @@ Command add_info(CLI::App& app, Invocation& shared) {
   CLI::App* command = app.add_subcommand("info", "say what an image holds");
   command->add_option("IMAGE", shared.image, "label image")->required();
   command->add_option("--label-names", *label_names,
-                      "table of label names (ITK-SNAP, or a colour table of 3D Slicer), or totalsegmentator");
+                      "table of label names (ITK-SNAP, a colour table of 3D Slicer or FreeSurfer), or "
+                      "totalsegmentator, totalsegmentator-mr, freesurfer");
   add_common(*command, shared);
   return {command, [&shared, label_names] {
             describe_image(shared.image, *label_names, shared.json);

@@ -6,31 +6,198 @@
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <condition_variable>
 #include <cstdio>
 #include <cstdlib>
+#include <functional>
 #include <mutex>
+#include <optional>
+#include <stop_token>
 #include <string_view>
+#include <thread>
+
+#include "apps/commands/terminal.hpp"
+#include "apps/run/stopwatch.hpp"
 
 namespace dimple {
 namespace {
 
-bool quiet = false;
+bool quiet = false, verbose = false;
 
 std::mutex warnings_mutex;
 std::vector<std::string> warnings;
 
-// The line of doing(), which the next one replaces.
-bool open_line = false;
-void close_line() {
-  if (!open_line) return;
-  std::fputs("\r\033[K", stderr);
-  open_line = false;
+std::string left_in_words(double s) {
+  if (s < 1.0) return "less than 1 s left";
+  if (s < 99.5) return fmt::format("{:.0f} s left", s);
+  return s < 5400.0 ? fmt::format("{:.0f} min left", s / 60.0) : fmt::format("{:.1f} h left", s / 3600.0);
+}
+
+// The line at the bottom of a terminal. No packaged progress bar is in Debian 12.
+class StageLine {
+ public:
+  explicit StageLine(bool slicer) : slicer_(slicer), terminal_(!quiet && isatty(STDERR_FILENO) != 0) {
+    if (slicer_)
+      tag("<filter-start>\n<filter-name>dimple</filter-name>\n"
+          "<filter-comment>from a label image to a force</filter-comment>\n</filter-start>\n");
+    if (terminal_) ticker_ = std::jthread([this](const std::stop_token& stop) { tick(stop); });
+  }
+  ~StageLine() {
+    if (ticker_.joinable()) {
+      ticker_.request_stop();
+      ticker_.join();
+    }
+    erase();
+    if (slicer_)
+      tag(
+          fmt::format("<filter-end>\n<filter-name>dimple</filter-name>\n<filter-time>{:.2f}</filter-time>\n"
+                      "</filter-end>\n",
+                      whole_.seconds()));
+  }
+  StageLine(const StageLine&) = delete;
+  StageLine& operator=(const StageLine&) = delete;
+
+  void begin(Part part, const Work& work) {
+    const std::lock_guard lock(mutex_);
+    if (own_s_ > 0.0) {  // how long the last part took tells how fast this machine is
+      taken_s_ += since_.seconds();
+      expected_before_s_ += own_s_;
+    }
+    what_ = name_of(part);
+    state_.clear();
+    share_ = 0.0;
+    tenths_ = 0;
+    own_s_ = expected_s(part, work);
+    after_s_ = 0.0;
+    for (const Part later : all_parts)
+      if (later > part) after_s_ += expected_s(later, work);
+    foreseen_ = !work.ladder;
+    since_ = {};
+    draw();
+  }
+
+  void name(const std::string& what) {
+    const std::lock_guard lock(mutex_);
+    what_ = what;
+    draw();
+  }
+
+  // How far the march has come.
+  void update(double share, const std::string& state) {
+    std::optional<std::string> line;
+    {
+      const std::lock_guard lock(mutex_);
+      share_ = std::clamp(share, 0.0, 1.0);
+      state_ = state;
+      const int tenths = static_cast<int>(std::floor(10.0 * share + 1e-9));
+      constexpr double long_s = 60.0;
+      const bool each = verbose || own_s_ >= long_s;
+      if (!terminal_ && (each ? tenths > tenths_ : tenths_ < 5 && tenths >= 5 && tenths < 10))
+        line = fmt::format("{:<8} {:.0f} %  {}{}", what_, std::floor(100.0 * share + 1e-7), state,
+                           share < 1.0 && foreseen_ ? ", " + left_in_words(left_s()) : "");
+      tenths_ = std::max(tenths, tenths_);
+      if (terminal_ && drawn_.seconds() < 0.1) return;
+      draw();
+    }
+    if (line) say(*line);
+  }
+
+  // Prints lines in its place; it comes again below them.
+  void above(const std::function<void()>& print) {
+    const std::lock_guard lock(mutex_);
+    erase();
+    print();
+  }
+  // Nothing is being done any longer.
+  void idle() {
+    const std::lock_guard lock(mutex_);
+    erase();
+    what_.clear();
+  }
+
+ private:
+  // Of all parts that are left, by their counts and by how this machine has done until now.
+  double left_s() const {
+    constexpr double doubt_s = 0.3;  // the first parts are short and say little
+    const double pace = std::clamp((taken_s_ + doubt_s) / (expected_before_s_ + doubt_s), 0.1, 30.0);
+    const double here = since_.seconds();
+    const double done = std::pow(share_, 1.5);  // deep equilibria take longer than shallow ones
+    const double own = share_ > 0.05 ? here * (1.0 - done) / done : std::max(0.0, pace * own_s_ - here);
+    return own + pace * after_s_;
+  }
+
+  void draw() {
+    const double left = left_s(), passed = whole_.seconds();
+    if (slicer_ && foreseen_ && own_s_ > 0.0) {
+      told_ = std::max(told_, std::min(0.99, passed / std::max(passed + left, 1e-9)));
+      tag(fmt::format("<filter-progress>{:.3f}</filter-progress>\n", told_));
+    }
+    if (!terminal_ || what_.empty()) return;
+    drawn_ = {};
+    std::string line = fmt::format("{:<8}", what_);
+    if (own_s_ > 0.0) {
+      const double share = foreseen_ ? passed / std::max(passed + left, 1e-9) : share_;
+      const int filled = static_cast<int>(std::floor(24.0 * share));
+      line += fmt::format(" [{:=<{}}{:{}}]", "", filled, "", 24 - filled);
+      if (!state_.empty()) line += ' ' + state_;
+      if (foreseen_) line += (state_.empty() ? " " : ", ") + left_in_words(left);
+    } else {
+      line += " ...";
+    }
+    const std::size_t width = terminal_width(STDERR_FILENO) - 1;
+    if (line.size() > width) line.resize(width);
+    std::fputs(("\r\033[K" + line).c_str(), stderr);
+    std::fflush(stderr);
+    open_ = true;
+  }
+
+  void erase() {
+    if (open_) std::fputs("\r\033[K", stderr);
+    open_ = false;
+  }
+
+  void tick(const std::stop_token& stop) {
+    std::mutex asleep;
+    std::condition_variable_any never;
+    for (std::unique_lock lock(asleep); !stop.stop_requested();) {
+      never.wait_for(lock, stop, std::chrono::milliseconds(200), [] { return false; });
+      const std::lock_guard own(mutex_);
+      if (!stop.stop_requested() && drawn_.seconds() > 0.15) draw();
+    }
+  }
+
+  void tag(const std::string& text) const {
+    std::fputs(text.c_str(), stdout);
+    std::fflush(stdout);
+  }
+
+  bool slicer_, terminal_, foreseen_ = true;
+  std::mutex mutex_;
+  std::string what_, state_;
+  double share_ = 0.0, own_s_ = 0.0, after_s_ = 0.0;
+  double taken_s_ = 0.0, expected_before_s_ = 0.0;  // of the parts that are over
+  double told_ = 0.0;
+  int tenths_ = 0;
+  bool open_ = false;
+  Stopwatch whole_, since_, drawn_;
+  std::jthread ticker_;
+};
+
+std::optional<StageLine> stage_line;
+
+void above_stage_line(const std::function<void()>& print) {
+  if (stage_line)
+    stage_line->above(print);
+  else
+    print();
 }
 
 }  // namespace
 
-void start_log(Verbosity verbosity) {
+void start_log(Verbosity verbosity, bool slicer) {
   // https://no-color.org: any value of NO_COLOR means plain text.
   const bool plain =
       std::getenv("NO_COLOR") || std::string_view(std::getenv("TERM") ? std::getenv("TERM") : "") == "dumb";
@@ -44,23 +211,30 @@ void start_log(Verbosity verbosity) {
                                                   : spdlog::level::debug);
   spdlog::set_default_logger(log);
   quiet = verbosity == Verbosity::quiet;
+  verbose = verbosity == Verbosity::verbose;
+  stage_line.emplace(slicer);
+}
+
+void end_log() {
+  stage_line.reset();
+}
+
+void clear_stage_line() {
+  if (stage_line) stage_line->idle();
 }
 
 void say(const std::string& line) {
-  close_line();
-  spdlog::info("{}", line);
+  above_stage_line([&] { spdlog::info("{}", line); });
 }
 void detail(const std::string& line) {
-  close_line();
-  spdlog::debug("{}", line);
+  if (verbose) above_stage_line([&] { spdlog::debug("{}", line); });
 }
 void warn(const std::string& line) {
   {
     const std::lock_guard lock(warnings_mutex);
     warnings.push_back(line);
   }
-  close_line();
-  spdlog::warn("warning: {}", line);
+  above_stage_line([&] { spdlog::warn("warning: {}", line); });
 }
 
 std::vector<std::string> warnings_so_far() {
@@ -68,56 +242,13 @@ std::vector<std::string> warnings_so_far() {
   return warnings;
 }
 
-void doing(const std::string& what) {
-  if (quiet || isatty(STDERR_FILENO) == 0) return;
-  close_line();
-  std::fputs((what + " ...").c_str(), stderr);
-  std::fflush(stderr);
-  open_line = true;
-}
-
-Progress::Progress(std::string what)
-    : what_(std::move(what)),
-      start_(std::chrono::steady_clock::now()),
-      last_(start_),
-      terminal_(isatty(STDERR_FILENO) != 0) {}
-
-void Progress::update(double share, const std::string& state) {
-  if (quiet) return;
-  const auto now = std::chrono::steady_clock::now();
-  const double elapsed = std::chrono::duration<double>(now - start_).count();
-  const std::string left =
-      share > 0.02 ? fmt::format(", {:.0f} s left", elapsed * (1.0 - share) / share) : "";
-  close_line();
-  if (terminal_) {
-    if (share < 1.0 && std::chrono::duration<double>(now - last_).count() < 0.1) return;
-    last_ = now;
-    const int filled = static_cast<int>(std::floor(24.0 * share));
-    std::fputs(fmt::format("\r\033[K{} [{:=<{}}{:{}}] {:3.0f} %  {}{}", what_, "", filled, "", 24 - filled,
-                           100.0 * share, state, left)
-                   .c_str(),
-               stderr);
-    std::fflush(stderr);
-    open_ = true;
-  } else if (const int tenths = static_cast<int>(std::floor(10.0 * share + 1e-9)); tenths > tenths_) {
-    tenths_ = tenths;
-    say(fmt::format("{} {:.0f} %  {}{}", what_, std::floor(100.0 * share + 1e-7), state, left));
-  }
-}
-
-void Progress::finish() {
-  if (open_) std::fputs("\n", stderr);
-  open_ = false;
-}
-
 RecordObserver to_log() {
-  const auto progress = std::make_shared<Progress>("solve");
   return {.line =
-              [progress](RunObserver::Line kind, const std::string& text) {
-                progress->finish();
+              [](RunObserver::Line kind, const std::string& text) {
                 switch (kind) {
                   case RunObserver::Line::doing:
-                    return doing(text);
+                    if (stage_line) stage_line->name(text);
+                    return;
                   case RunObserver::Line::said:
                     return say(text);
                   case RunObserver::Line::detail:
@@ -126,7 +257,41 @@ RecordObserver to_log() {
                     return warn(text);
                 }
               },
-          .progress = [progress](double share, const std::string& state) { progress->update(share, state); }};
+          .part =
+              [](Part part, const Work& work) {
+                if (stage_line) stage_line->begin(part, work);
+              },
+          .progress =
+              [](double share, const std::string& state) {
+                if (stage_line) stage_line->update(share, state);
+              }};
+}
+
+std::string times_in_words(double total_s, std::vector<std::pair<std::string, double>> parts) {
+  double rest_s = total_s;
+  for (const auto& [name, s] : parts) rest_s -= s;
+  parts.emplace_back("starting and ending", std::max(0.0, rest_s));
+  // Whole units, of which the largest remainders get what is missing: the sum is the total.
+  const int decimals = total_s < 10.0 ? 2 : 1;
+  const double unit = std::pow(10.0, -decimals), in_all = std::round(total_s / unit);
+  std::vector<double> whole;
+  double missing = in_all;
+  for (const auto& [name, s] : parts) missing -= whole.emplace_back(std::floor(std::max(0.0, s) / unit));
+  std::vector<std::size_t> order(parts.size());
+  for (std::size_t k = 0; k < order.size(); ++k) order[k] = k;
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    return parts[a].second / unit - whole[a] > parts[b].second / unit - whole[b];
+  });
+  for (std::size_t k = 0; k < order.size() && missing >= 1.0; ++k, --missing) ++whole[order[k]];
+  for (; missing <= -1.0; ++missing) --*std::max_element(whole.begin(), whole.end());
+  std::string text = fmt::format("{:.{}f} s", in_all * unit, decimals);
+  const char* before = ": ";
+  for (std::size_t k = 0; k < parts.size(); ++k) {
+    if (whole[k] <= 0.0) continue;
+    text += fmt::format("{}{:.{}f} {}", before, whole[k] * unit, decimals, parts[k].first);
+    before = ", ";
+  }
+  return text;
 }
 
 }  // namespace dimple

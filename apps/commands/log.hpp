@@ -1,8 +1,7 @@
 #pragma once
 
-#include <chrono>
-#include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "apps/run/record.hpp"
@@ -12,7 +11,10 @@ namespace dimple {
 enum class Verbosity { quiet, normal, verbose };
 
 /// Everything a person reads while the program works goes to stderr; stdout is for the result alone.
-void start_log(Verbosity verbosity);
+/// `slicer`: the progress goes to stdout as well, between the tags that 3D Slicer reads.
+void start_log(Verbosity verbosity, bool slicer = false);
+/// After the last line.
+void end_log();
 void say(const std::string& line);     ///< what is being done, and why so
 void detail(const std::string& line);  ///< with -v only
 void warn(const std::string& line);
@@ -20,26 +22,14 @@ void warn(const std::string& line);
 /// What warn() was given, printed or not.
 std::vector<std::string> warnings_so_far();
 
-/// On a terminal, what is being done now, until the next line; elsewhere nothing.
-void doing(const std::string& what);
-
-/// Progress of long work: a line that renews itself on a terminal, else one line about every tenth. No
-/// packaged progress bar is in Debian 12.
-class Progress {
- public:
-  explicit Progress(std::string what);
-  /// `share` in [0, 1]; `state` is a few words after it.
-  void update(double share, const std::string& state);
-  void finish();
-
- private:
-  std::string what_;
-  std::chrono::steady_clock::time_point start_, last_;
-  int tenths_ = 0;
-  bool terminal_ = false, open_ = false;
-};
-
-/// What a run tells, on stderr.
+/// What a run tells, on stderr. On a terminal a line at the bottom says what is being done and how much time is left;
+/// elsewhere there is a line at half of the march, or at every tenth with -v and where it is long.
 RecordObserver to_log();
+
+/// Clears the line at the bottom: another program's words, or an error, come next.
+void clear_stage_line();
+
+/// "4.2 s: 0.1 reading, 2.3 solving, ...", and what the parts leave of `total_s`, so that the sum is that.
+std::string times_in_words(double total_s, std::vector<std::pair<std::string, double>> parts);
 
 }  // namespace dimple

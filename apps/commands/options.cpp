@@ -1,12 +1,16 @@
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include "apps/commands/command.hpp"
+#include "apps/commands/terminal.hpp"
 
 namespace dimple {
 
 Command add_options(CLI::App& app, Invocation&) {
-  return {app.add_subcommand("options", "list every option with its unit, default, range and meaning"), [] {
-            fmt::print("{}", wrapped(option_reference(), 52));
+  return {app.add_subcommand("options", "list every option with its unit, default, range and meaning")
+              ->group("About the program"),
+          [] {
+            fmt::print("{}", wrapped(option_reference(), 52, terminal_width(STDOUT_FILENO)));
             return 0;
           }};
 }

@@ -27,9 +27,7 @@ Vec3 lengths(const std::string& text, const std::string& flag, const std::string
                       .why = "a size is three lengths X,Y,Z",
                       .remedy = "for instance --size 60,60,30, or --size 6cm,6cm,3cm"});
   Vec3 result;
-  for (Index d = 0; d < 3; ++d)
-    set_value({flag, flag, "mm", help, &result[d], 0, 1e5, true, {}, ""}, parts[static_cast<std::size_t>(d)],
-              flag);
+  for (Index d = 0; d < 3; ++d) result[d] = quantity(parts[static_cast<std::size_t>(d)], flag, "mm", help);
   return result;
 }
 
@@ -52,9 +50,7 @@ Command add_phantom(CLI::App& app, Invocation& shared) {
             PhantomOptions& body = options->body;
             if (!options->size.empty()) body.size_mm = lengths(options->size, "--size", "extent of the body");
             if (!options->voxel.empty())
-              set_value(
-                  {"--spacing", "--spacing", "mm", "voxel edge", &body.spacing_mm, 0, 1e5, true, {}, ""},
-                  options->voxel, "--spacing");
+              body.spacing_mm = quantity(options->voxel, "--spacing", "mm", "voxel edge");
             remove_temporaries_of(shared.out);
             write_label_image(shared.out, make_phantom(body));
             fmt::print("{}\n", shared.out);

@@ -2,7 +2,11 @@
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
+#include "apps/commands/slicer.hpp"
+#include "apps/run/report.hpp"
+#include "apps/run/stopwatch.hpp"
 #include "apps/studies/explain.hpp"
+#include "io/file.hpp"
 
 namespace dimple {
 namespace {
@@ -10,13 +14,18 @@ namespace {
 struct Options {
   Flags flags;
   bool explain = false;
+  std::string return_parameters;
 };
 
 // After a run: what its force depends on.
 Outcome explained(const Config& config, const Invocation& shared, Outcome outcome) {
+  const Stopwatch comparing;
   const Explanation explanation =
       explain(config, 0, [](const std::string& line) { to_log().line(RunObserver::Line::said, line); });
-  write_explanation(shared.out, explanation, std::filesystem::path(config.image.file).filename().string());
+  const std::filesystem::path out = shared.out;
+  write_explanation(out, explanation, std::filesystem::path(config.image.file).filename().string());
+  add_explanation(out / "report.html", read_file(out / "explain.svg"));
+  outcome.times.emplace_back("comparing", comparing.seconds());
   if (!explanation.ended_by.empty()) {
     outcome.interrupted = true;
     outcome.ended_by = explanation.ended_by + "; explain.md has what was compared until then";
@@ -34,15 +43,20 @@ Command add_run(CLI::App& app, Invocation& shared) {
   add_over_results(*command, shared, true);
   command->add_flag("--explain", options->explain,
                     "then make one choice after another otherwise, and tell what the force depends on");
+  command->add_flag(slicer_flag, shared.slicer, "as 3D Slicer gives options and reads progress")->group("");
+  command->add_option("--returnparameterfile", options->return_parameters)->group("");
   options->flags.add(*command, "run");
   add_common(*command, shared);
   return {command, [&shared, command, options] {
+            options->flags.defaults_are_unsaid = shared.slicer;
             const Config config = options->flags.config(*command, shared.image);
             into_folder(shared, config.image.file);
             if (options->explain) check_explainable(config);
             Outcome outcome = record_run(config, shared.out, shared.existing(), to_log());
             if (options->explain && !outcome.interrupted)
               outcome = explained(config, shared, std::move(outcome));
+            if (!options->return_parameters.empty())
+              write_return_parameters(options->return_parameters, outcome.summary_json);
             return finish(shared, outcome);
           }};
 }

@@ -13,6 +13,7 @@ struct Options {
   Flags flags;
   StressOptions stressed;
   bool list = false;
+  std::string limit;
 };
 
 }  // namespace
@@ -41,9 +42,8 @@ Command add_stress(CLI::App& app, Invocation& shared) {
                    "nodes of the runs to compare with; the next where one is not stable")
       ->delimiter(',')
       ->capture_default_str();
-  command->add_option("--limit", stressed.limit_s, "for each run [s]")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
+  command->add_option("--limit", options->limit, fmt::format("for each run [{:g} s]", stressed.limit_s))
+      ->type_name("TIME");
   options->flags.add(*command, "none of them");  // --config and --set only
   add_common(*command, shared);
   return {command, [&shared, command, options] {
@@ -58,6 +58,8 @@ Command add_stress(CLI::App& app, Invocation& shared) {
                                 .why = "there is nowhere to put them",
                                 .remedy = "for instance dimple stress -o out, or --list"});
             const Config config = options->flags.config(*command, shared.image);
+            if (!options->limit.empty())
+              options->stressed.limit_s = quantity(options->limit, "--limit", "s", "time for each run");
             into_folder(shared, config.image.file);
             return finish(shared, stress(config, options->stressed, shared.out, progress_of(shared)));
           }};

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+#include <vector>
+
+namespace dimple {
+
+/// A flag or an argument of a command, as other programs are told of it: man pages, shells, 3D Slicer.
+struct FlagWords {
+  std::vector<std::string> names;  ///< "-o", "--out"; of an argument "IMAGE"
+  std::string value;               ///< "mm", "FILE"; empty: none is taken
+  std::string help;
+  std::string group;
+  std::vector<std::string> choices;  ///< of the value, as the option table has them
+  bool takes_value = false, positional = false, required = false;
+};
+
+/// Those of a command, in the order of its help, without hidden ones.
+std::vector<FlagWords> flags_of(const CLI::App& command);
+
+/// dimple(1), or dimple-COMMAND(1), as roff.
+std::string man_page(const CLI::App& app, const CLI::App* command);
+
+/// For bash, zsh or fish; empty for another word.
+std::string completion_for(const CLI::App& app, const std::string& shell);
+
+}  // namespace dimple

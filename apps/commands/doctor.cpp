@@ -1,0 +1,165 @@
+#include <fmt/format.h>
+#include <tbb/global_control.h>
+#include <tbb/info.h>
+#include <unistd.h>
+
+#include <clocale>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+
+#include "apps/commands/command.hpp"
+#include "apps/commands/terminal.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "apps/studies/measure.hpp"
+#include "apps/studies/scenes.hpp"
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "io/memory.hpp"
+#include "io/words.hpp"
+#include "preprocess/clones.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+// One line each; a remedy where something is not as it should be.
+struct Check {
+  bool ok;
+  std::string what, found, remedy = {};
+  ExitCode code = ExitCode::ok;  ///< if it is not
+};
+
+// A folder of this process alone, gone with it.
+struct Scratch {
+  fs::path path = fs::temp_directory_path() / fmt::format("dimple_doctor_{}", getpid());
+  Scratch() { fs::create_directories(path); }
+  ~Scratch() {
+    std::error_code ignored;
+    fs::remove_all(path, ignored);
+  }
+  Scratch(const Scratch&) = delete;
+  Scratch& operator=(const Scratch&) = delete;
+};
+
+Check check_threads() {
+  const auto used = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
+  return {true, "threads",
+          fmt::format("{} used, {} processors at hand; results do not depend on it", used,
+                      tbb::info::default_concurrency())};
+}
+
+Check check_simd() {
+#if defined(__x86_64__) && !defined(DIMPLE_NO_CLONES)
+  return {true, "SIMD",
+          __builtin_cpu_supports("avx2") ? "AVX2, which this processor has"
+                                         : "SSE2: this processor has no AVX2, and a run takes longer"};
+#else
+  return {true, "SIMD", "what the compiler chose: this build has no copies of the hot loops for AVX2"};
+#endif
+}
+
+Check check_memory() {
+  // tests/bench/results/scaling.csv: 1.9 GB at 100,000 nodes, 0.15 GB at 2000.
+  constexpr double per_node = 18e3, beside = 0.12e9;
+  const double bytes = memory_at_hand(), nodes = std::floor((bytes - beside) / per_node / 1e3) * 1e3;
+  constexpr double enough = 4000.0;
+  return {nodes >= enough, "memory",
+          fmt::format("{:.1f} GB, enough for about {:.0f} nodes", bytes / 1e9, std::clamp(nodes, 0.0, 1e6)),
+          "a run of 4000 nodes may fail for lack of memory: give fewer --nodes, or lift the limit (ulimit "
+          "-v, the "
+          "container's)",
+          ExitCode::model};
+}
+
+Check check_writing(const std::string& what, const fs::path& folder, const std::string& remedy) {
+  std::error_code error;
+  const fs::path absolute = fs::absolute(folder, error);
+  const fs::path file = absolute / fmt::format(".dimple_doctor_{}", getpid());
+  const bool written = static_cast<bool>(std::ofstream(file) << "dimple" << std::flush);
+  fs::remove(file, error);
+  const fs::space_info space = fs::space(absolute, error);
+  return {
+      written, what,
+      fmt::format("{} {}{}", absolute.string(), written ? "can be written" : "cannot be written",
+                  error ? "" : fmt::format(", {:.1f} GB free", static_cast<double>(space.available) / 1e9)),
+      remedy, ExitCode::output};
+}
+
+Check check_locale() {
+  const char* all = std::getenv("LC_ALL");
+  const char* lang = std::getenv("LANG");
+  return {std::localeconv()->decimal_point == std::string("."), "locale",
+          fmt::format("{}; files and numbers are written with a point in every locale",
+                      all    ? fmt::format("LC_ALL={}", all)
+                      : lang ? fmt::format("LANG={}", lang)
+                             : "none set"),
+          "unset LC_ALL", ExitCode::internal};
+}
+
+// A block whose force is known from finite elements.
+Check check_force() {
+  constexpr int depth_mm = 5;
+  constexpr double reference_of_600_nodes = 0.08;  // 7.1 % at most at eight depths, tests/bench
+  const Stopwatch whole;
+  const std::string what = "self test";
+  try {
+    Scene scene = scene_a();
+    scene.phantom.spacing_mm = 2.0;
+    const double known = scene.reference[depth_mm - 1];
+    const Scratch scratch;
+    const fs::path image = scratch.path / "block.nrrd";
+    write_label_image(image, make_phantom(scene.phantom));
+    Config config;
+    config.image.file = image.string();
+    config.cloud.nodes = 600;
+    config.load.depth_mm = depth_mm;
+    config.solver.frames = depth_mm;
+    const double force = measure(config).history.force.back().force;
+    return {std::abs(force - known) < reference_of_600_nodes * known, what,
+            fmt::format("{} under a block indented by {} mm, {} by finite elements; {:.1f} s",
+                        force_written(force)(force), depth_mm, force_written(known)(known), whole.seconds()),
+            "the force is wrong by more than a coarse model explains: please report it with this text",
+            ExitCode::solve};
+  } catch (const Stopped&) {
+    throw;
+  } catch (const Error& error) {
+    return {false, what, error.report.fact, error.report.remedy, error.code};
+  }
+}
+
+int examine(const fs::path& folder) {
+  std::vector<Check> checks = {
+      {true, "libraries", DIMPLE_LIBRARIES}, check_threads(), check_simd(), check_memory(), check_locale()};
+  std::error_code error;
+  checks.push_back(check_writing("temporary", fs::temp_directory_path(error),
+                                 "set TMPDIR to a folder that can be written"));
+  checks.push_back(check_writing("output", folder, "give another folder to -o"));
+  checks.push_back(check_force());
+  ExitCode code = ExitCode::ok;
+  fmt::print("dimple {}\n", DIMPLE_VERSION);
+  for (const Check& check : checks) {
+    std::string text = fmt::format("  {:<6} {:<11} {}\n", check.ok ? "ok" : "wrong", check.what, check.found);
+    if (!check.ok) text += fmt::format("{:21}try: {}\n", "", check.remedy);
+    fmt::print("{}", wrapped(text, 21, terminal_width(STDOUT_FILENO)));
+    if (!check.ok && code == ExitCode::ok) code = check.code;
+  }
+  return static_cast<int>(code);
+}
+
+}  // namespace
+
+Command add_doctor(CLI::App& app, Invocation& shared) {
+  CLI::App* command =
+      app.add_subcommand(
+             "doctor",
+             "look whether the program works here: libraries, threads, memory, a force that is known")
+          ->group("About the program");
+  command->add_option("-o,--out,--output", shared.out, "folder in which results are to be written [.]");
+  add_common(*command, shared);
+  return {command, [&shared] { return examine(shared.out.empty() ? "." : shared.out); }};
+}
+
+}  // namespace dimple

@@ -1,0 +1,51 @@
+#include "apps/run/work.hpp"
+
+namespace dimple {
+
+const char* name_of(Part part) {
+  switch (part) {
+    case Part::reading:
+      return "reading";
+    case Part::surface:
+      return "surface";
+    case Part::cloud:
+      return "cloud";
+    case Part::supports:
+      return "supports";
+    case Part::solving:
+      return "solving";
+    case Part::band:
+      return "band";
+    case Part::writing:
+      return "writing";
+  }
+  return "";
+}
+
+double expected_s(Part part, const Work& work) {
+  // A millionth of a second for each voxel, node, point.
+  constexpr double us = 1e-6;
+  const auto evaluations_s = [](double depths, double points) {
+    constexpr double a_depth = 14.0;
+    return a_depth * depths * (1e-3 + 0.28 * us * points);
+  };
+  switch (part) {
+    case Part::reading:
+      return 0.02 + 0.02 * us * work.voxels;
+    case Part::surface:
+      return 0.2 + 0.3 * us * work.voxels;
+    case Part::cloud:
+      return 0.3 + 130.0 * us * work.nodes;
+    case Part::supports:
+      return 130.0 * us * work.nodes;
+    case Part::solving:
+      return evaluations_s(work.depths, work.points);
+    case Part::band:
+      return work.band ? 0.3 + 130.0 * us * work.nodes + evaluations_s(4.0, 0.5 * work.points) : 0.0;
+    case Part::writing:
+      return work.picture ? 0.8 : 0.05;
+  }
+  return 0.0;
+}
+
+}  // namespace dimple

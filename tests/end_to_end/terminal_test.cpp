@@ -1,0 +1,313 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <sstream>
+
+#include "tests/end_to_end/program.hpp"
+
+// What a person reads: on a terminal, in a log, in the help.
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+using testing::HasSubstr;
+using testing::Not;
+
+const std::vector<std::string> commands = {"phantom", "info",     "model", "solve",  "run",    "batch",
+                                           "collect", "converge", "fit",   "chart",  "stress", "export",
+                                           "options", "verify",   "cite",  "doctor", "man",    "completion"};
+
+class Terminal : public testing::Test {
+ protected:
+  const fs::path folder = fresh_folder();
+
+  Ran good(const std::string& arguments) const {
+    const Ran ran = dimple(folder, arguments);
+    EXPECT_EQ(ran.code, 0) << arguments << '\n' << ran.err;
+    return ran;
+  }
+};
+
+std::vector<std::string> lines_of(const std::string& text) {
+  std::vector<std::string> lines;
+  std::istringstream in(text);
+  for (std::string line; std::getline(in, line);) {
+    line.erase(std::remove(line.begin(), line.end(), '\r'), line.end());
+    lines.push_back(line);
+  }
+  return lines;
+}
+
+// What a terminal shows in the end: a line that was begun anew has taken the place of what stood there.
+std::vector<std::string> shown(const std::string& sent) {
+  const std::string plain = std::regex_replace(sent, std::regex("\033\\[[0-9;]*m"), "");
+  std::vector<std::string> lines(1);
+  for (std::size_t k = 0; k < plain.size(); ++k)
+    if (plain.compare(k, 4, "\r\033[K") == 0) {
+      lines.back().clear();
+      k += 3;
+    } else if (plain[k] == '\n') {
+      lines.emplace_back();
+    } else if (plain[k] != '\r') {
+      lines.back() += plain[k];
+    }
+  if (lines.back().empty()) lines.pop_back();
+  return lines;
+}
+
+void expect_times_add_up(const std::string& text) {
+  std::smatch line;
+  ASSERT_TRUE(std::regex_search(text, line, std::regex("time     ([0-9.]+) s: ([^\n]*)"))) << text;
+  double sum = 0.0;
+  const std::string parts = line[2];
+  const std::regex part("([0-9.]+) [a-z]");
+  for (auto p = std::sregex_iterator(parts.begin(), parts.end(), part); p != std::sregex_iterator(); ++p)
+    sum += std::stod((*p)[1]);
+  EXPECT_NEAR(sum, std::stod(line[1]), 1e-6) << line[0];
+}
+
+TEST_F(Terminal, ANovicesRunIsATwelveLinesAtMost) {
+  EXPECT_EQ(good("phantom brain.nrrd").err, "");
+  const auto begun = std::chrono::steady_clock::now();
+  const Ran run = good("run brain.nrrd -o out");
+  const double passed = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
+  EXPECT_LE(lines_of(run.err).size() + lines_of(run.out).size(), 12u) << run.err << run.out;
+  EXPECT_EQ(run.err.find('\r'), std::string::npos);
+  for (const char* word : {"image ", "organ ", "base ", "circle ", "solving  50 %", "open     out/"})
+    EXPECT_THAT(run.err, HasSubstr(word));
+  for (const char* word : {"slivers", "conditioning", "waves", "residual"})
+    EXPECT_THAT(run.err, Not(HasSubstr(word)));
+  EXPECT_THAT(run.out, testing::MatchesRegex(
+                           "0\\.0[0-9]+ N at 8\\.00 mm, [0-9.]+ to [0-9.]+ \\(discretisation\\)\tout\n"));
+  expect_times_add_up(run.err);
+  // What the person has waited for: all of it, and no more than passed.
+  std::smatch total;
+  ASSERT_TRUE(std::regex_search(run.err, total, std::regex("time     ([0-9.]+) s")));
+  const Json summary = Json::parse(text_of(folder / "out" / "summary.json"));
+  constexpr double rounding = 0.06;
+  EXPECT_LE(std::stod(total[1]), passed + rounding);
+  EXPECT_GE(std::stod(total[1]), summary.at("total_wall_s").get<double>() - rounding);
+}
+
+TEST_F(Terminal, WhatANoviceIsSparedIsThereWhenAskedFor) {
+  good("phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
+  const Ran run = good("run block.nrrd -o out -v --nodes 300 --depth 1 --frames 10 --write force");
+  for (const char* word : {"slivers", "conditioning", "waves", "residual", "load ", "mass ", "solving  10 %"})
+    EXPECT_THAT(run.err, HasSubstr(word));
+  expect_times_add_up(run.err);
+}
+
+TEST_F(Terminal, OneLineRenewsItselfAndIsGoneInTheEnd) {
+  good("phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
+  const Ran run = dimple_on_terminal(
+      folder, words_of("run block.nrrd -o out --nodes 300 --depth 1 --frames 4 --write force"), 100);
+  EXPECT_EQ(run.code, 0) << run.out;
+  for (const char* part : {"reading", "surface", "cloud", "supports", "solving", "writing"})
+    EXPECT_TRUE(
+        std::regex_search(run.out, std::regex(std::string("\r\033\\[K") + part + " +\\[=* *\\] .*left")))
+        << "no line for " << part << " in\n"
+        << run.out;
+  const std::vector<std::string> lines = shown(run.out);
+  EXPECT_LE(lines.size(), 12u) << run.out;
+  for (const std::string& line : lines) EXPECT_THAT(line, Not(HasSubstr(" left")));
+  // The line itself fits into one of the terminal.
+  for (const int columns : {40, 60}) {
+    const Ran narrow = dimple_on_terminal(
+        folder, words_of("run block.nrrd -o out --force --nodes 300 --depth 1 --frames 4 --write force"),
+        columns);
+    const std::regex drawn("\r\033\\[K([^\r\n]*)");
+    for (auto line = std::sregex_iterator(narrow.out.begin(), narrow.out.end(), drawn);
+         line != std::sregex_iterator(); ++line) {
+      if ((*line)[1].str().find(" [") == 9) EXPECT_LT((*line)[1].length(), columns) << (*line)[1];
+    }
+  }
+}
+
+TEST_F(Terminal, ASmallForceNeverLooksLikeNothing) {
+  good("phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
+  const std::string coarse =
+      "run block.nrrd --force --quiet --nodes 300 --frames 4 --write force --time quasi-static --depth 1 -o "
+      "out --mu ";
+  EXPECT_THAT(good(coarse + "60Pa").out, testing::MatchesRegex("[0-9]\\.[0-9][0-9] mN at 1.00 mm, [^\n]*\n"));
+  EXPECT_THAT(good(coarse + "0.06Pa").out,
+              testing::MatchesRegex("[0-9]\\.[0-9][0-9] uN at 1.00 mm, [^\n]*\n"));
+  EXPECT_THAT(good(coarse + "6kPa").out, testing::MatchesRegex("0\\.[0-9]{4} N at 1.00 mm, [^\n]*\n"));
+  good("phantom small.nrrd --shape block --size 4,4,2 --spacing 0.2");
+  EXPECT_THAT(
+      good("run small.nrrd -o small --nodes 300 --indenter-diameter 1 --depth 0.05 --write force").err,
+      HasSubstr("organ    32.0 mm3"));
+}
+
+TEST_F(Terminal, HelpIsAsWideAsTheTerminal) {
+  for (const int columns : {60, 80, 120, 200}) {
+    std::size_t longest = 0;
+    for (const std::string& command : commands)
+      for (const char* help : {"--help", "--help-all"}) {
+        const Ran ran = dimple_on_terminal(folder, {command, help}, columns);
+        EXPECT_EQ(ran.code, 0) << command;
+        for (const std::string& line : lines_of(ran.out)) {
+          EXPECT_LE(line.size(), static_cast<std::size_t>(columns)) << command << ": " << line;
+          longest = std::max(longest, line.size());
+        }
+      }
+    EXPECT_GT(longest, static_cast<std::size_t>(columns) * 4 / 5) << "the width is not made use of";
+    for (const std::string& line : lines_of(dimple_on_terminal(folder, {"options"}, columns).out))
+      EXPECT_LE(line.size(), static_cast<std::size_t>(columns)) << line;
+  }
+}
+
+TEST_F(Terminal, HelpIsEightyWideWhereThereIsNoTerminal) {
+  std::vector<std::string> all = {"", "--help", "--help-all", "options", "--version"};
+  for (const std::string& command : commands) {
+    all.push_back(command + " --help");
+    all.push_back(command + " --help-all");
+  }
+  for (const std::string& command : all) {
+    const Ran ran = good(command);
+    EXPECT_FALSE(ran.out.empty()) << command;
+    EXPECT_EQ(ran.err, "") << command;
+    for (const std::string& line : lines_of(ran.out)) EXPECT_LE(line.size(), 80u) << command << ": " << line;
+  }
+  EXPECT_THAT(good("options").out, HasSubstr("material.mu_Pa"));
+}
+
+TEST_F(Terminal, HelpShowsWhatIsCommonAndAllWhenAskedFor) {
+  const std::string common = good("run --help").out, all = good("run --help-all").out;
+  for (const char* flag :
+       {"--label", "--depth", "--mu", "--indent-at", "--accuracy", "--nodes", "--help-all"}) {
+    EXPECT_THAT(common, HasSubstr(flag));
+    EXPECT_THAT(all, HasSubstr(flag));
+  }
+  for (const char* flag : {"--safety", "--weight", "--seed", "--rim"}) {
+    EXPECT_THAT(common, Not(HasSubstr(flag)));
+    EXPECT_THAT(all, HasSubstr(flag));
+  }
+  EXPECT_LT(all.find("--depth"), all.find("--safety"));
+  EXPECT_LE(lines_of(common).size(), 60u) << "more than a page: " << common;
+}
+
+TEST_F(Terminal, EveryLengthTimeAndModulusTakesAUnitOrNone) {
+  good("phantom a.nrrd --shape block --size 60,60,30 --spacing 3");
+  good("phantom b.nrrd --shape block --size 6cm,0.06m,30mm --spacing 0.3cm");
+  EXPECT_EQ(text_of(folder / "a.nrrd"), text_of(folder / "b.nrrd"));
+  const auto force = [&](const std::string& options) {
+    good("run a.nrrd -o out --force --quiet --nodes 300 --frames 2 --write force " + options);
+    return text_of(folder / "out" / "force.csv");
+  };
+  const std::string plain =
+      "--indent-at 3,-2,30 --indenter-diameter 12 --depth 1 --mu 300 --base bottom --time-limit 600";
+  EXPECT_EQ(
+      force(plain),
+      force(
+          "--indent-at 3mm,-0.2cm,0.03m --indenter-diameter 1.2cm --depth 1000um --mu 0.3kPa --base inferior "
+          "--time-limit 10min"));
+  EXPECT_EQ(force("--set material.ogden_mu=842 --set material.ogden_alpha=-4.7"),
+            force("--set material.ogden_mu_Pa=0.842kPa --set material.ogden_alpha=-4.7"));
+}
+
+TEST_F(Terminal, WordsOfTheFieldLeadToTheOptionThatIsMeant) {
+  good("phantom a.nrrd --shape block --size 60,60,30 --spacing 3");
+  EXPECT_THAT(dimple(folder, "run a.nrrd -o out --set material.E=600").err,
+              HasSubstr("did you mean 'material.young'"));
+  EXPECT_THAT(dimple(folder, "run a.nrrd -o out --base botom").err, HasSubstr("inferior (or bottom)"));
+  const Ran far = dimple(folder, "run a.nrrd -o out --indent-at 0,0,100");
+  EXPECT_EQ(far.code, 4);
+  EXPECT_THAT(far.err, HasSubstr("lies 69.3 mm from where the circle meets the organ"));
+  EXPECT_THAT(dimple(folder, "model a.nrrd -o model --nodes 300 --indent-at 0,0,38").err,
+              HasSubstr("was moved by 7.3 mm"));
+}
+
+TEST_F(Terminal, ALabelIsFoundByItsNameInTheUsualNumberings) {
+  good("phantom brain.nrrd --two-labels --spacing 3");
+  const std::string run = "run brain.nrrd -o out --force --nodes 300 --depth 0.5 --frames 2 --write force ";
+  EXPECT_THAT(good(run + "--label-names freesurfer --label left-cerebral-white-matter").err,
+              HasSubstr("chosen: 2 (Left-Cerebral-White-Matter)"));
+  EXPECT_THAT(good(run + "--label-names totalsegmentator --label kidney_right").err,
+              HasSubstr("chosen: 2 (kidney_right)"));
+  good("phantom plain.nrrd --shape block --size 60,60,30 --spacing 3");
+  const Ran refused = dimple(folder, "run plain.nrrd -o out --force --label liver");
+  EXPECT_EQ(refused.code, 3);
+  EXPECT_THAT(refused.err, HasSubstr("label 5 of totalsegmentator"));
+  EXPECT_THAT(refused.err, HasSubstr("--label-names totalsegmentator"));
+}
+
+TEST_F(Terminal, CitesWhatTheCitationFileSays) {
+  std::string text = good("cite").out;
+  const std::string bibtex = good("cite --bibtex").out,
+                    file = text_of(fs::path(DIMPLE_SOURCE) / "CITATION.cff");
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  int compared = 0;
+  const std::regex field(
+      "\n *(- )?(title|name|family-names|given-names|collection-title|version|year): *\"?([^\"\n]*)\"?");
+  for (auto part = std::sregex_iterator(file.begin(), file.end(), field); part != std::sregex_iterator();
+       ++part) {
+    EXPECT_THAT(text, HasSubstr((*part)[3].str()));
+    EXPECT_THAT(bibtex, HasSubstr((*part)[3].str()));
+    ++compared;
+  }
+  EXPECT_GE(compared, 11);
+}
+
+TEST_F(Terminal, TheDoctorTellsWhetherTheProgramWorksHere) {
+  const Ran well = good("doctor");
+  const std::string said = std::regex_replace(well.out, std::regex("\\s+"), " ");  // wherever lines end
+  for (const char* word : {"ITK", "VTK", "oneTBB", "threads", "SIMD", "memory", "self test",
+                           "by finite elements", "temporary", "output", "locale"})
+    EXPECT_THAT(said, HasSubstr(word));
+  EXPECT_THAT(well.out, Not(HasSubstr("wrong")));
+  const Ran ill = dimple(folder, "doctor -o /proc");  // where nobody can make a file
+  EXPECT_EQ(ill.code, 6);
+  EXPECT_THAT(ill.out, HasSubstr("/proc cannot be written"));
+}
+
+// What a shell says to a script; empty if there is no such shell.
+std::string said_by(const std::string& shell, const std::string& script) {
+  if (std::system(("command -v " + shell + " > /dev/null 2>&1").c_str()) != 0) return {};
+  const fs::path out = fs::path(testing::TempDir()) / "said_by_a_shell";
+  const int code = std::system((shell + " -c '" + script + "' > " + out.string() + " 2>&1").c_str());
+  return text_of(out) + (code == 0 ? "" : "\nended with an error");
+}
+
+TEST_F(Terminal, PagesOfTheManualAreWholeAndRight) {
+  good("man -o pages");
+  for (const std::string& command : commands) {
+    const std::string page = text_of(folder / "pages" / ("dimple-" + command + ".1"));
+    EXPECT_EQ(page, good("man " + command).out);
+    EXPECT_THAT(page, HasSubstr(".SH NAME"));
+  }
+  EXPECT_THAT(text_of(folder / "pages" / "dimple-run.1"), HasSubstr("\\-\\-safety"));
+  EXPECT_THAT(text_of(folder / "pages" / "dimple.1"), HasSubstr("Exit codes"));
+  EXPECT_THAT(dimple(folder, "man rum").err, HasSubstr("did you mean 'run'"));
+  const std::string groff =
+      "cd " + folder.string() + "; for page in pages/*.1; do groff -man -Tascii -ww -z $page; done";
+  if (std::system("command -v groff > /dev/null 2>&1") != 0)
+    GTEST_SKIP() << "groff, which would look at the pages, is not installed";
+  EXPECT_EQ(said_by("sh", groff), "");
+}
+
+TEST_F(Terminal, ShellsCompleteCommandsOptionsAndWords) {
+  const std::string source = "cd " + folder.string() + "; " + DIMPLE_PROGRAM + " completion ";
+  const std::string bash = source + "bash > bash; . ./bash; COMP_WORDS=(dimple ";
+  EXPECT_EQ(said_by("bash", bash + "ver); COMP_CWORD=1; _dimple; echo ${COMPREPLY[@]}"), "verify\n");
+  EXPECT_EQ(said_by("bash", bash + "run --sch); COMP_CWORD=2; _dimple; echo ${COMPREPLY[@]}"), "--scheme\n");
+  EXPECT_EQ(said_by("bash", bash + "run --scheme hor); COMP_CWORD=3; _dimple; echo ${COMPREPLY[@]}"),
+            "horton2007\n");
+  EXPECT_EQ(said_by("bash", bash + "run --depth 5); COMP_CWORD=3; _dimple; echo ${COMPREPLY[@]}"), "\n");
+  EXPECT_EQ(said_by("bash", bash + "run br); COMP_CWORD=2; _dimple; echo ${COMPREPLY[@]}"), "\n");  // files
+  EXPECT_EQ(dimple(folder, "completion tcsh").code, 2);
+  EXPECT_EQ(said_by("zsh", source + "zsh > _dimple; zsh -n _dimple"), "");
+  const std::string fish =
+      said_by("fish", source + "fish > dimple.fish; source dimple.fish; complete -C \"dimple run --sch\"");
+  if (!fish.empty()) EXPECT_THAT(fish, testing::StartsWith("--scheme"));
+  if (fish.empty()) GTEST_SKIP() << "fish is not installed: its completion was not tried";
+}
+
+}  // namespace
+}  // namespace dimple
