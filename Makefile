@@ -1,10 +1,12 @@
-# make demo   install what is missing, build, make a phantom, indent it, say the force and where the pictures are
+# make demo   install what is missing, build, make a phantom, indent it, say the force and what to open
 # make test   install what is missing, build, run all tests
 # make build  only build
 # make check  the tests under address and undefined-behaviour sanitizers
 # make check-threads   the tests under the thread sanitizer
 # make fuzz   a million damaged files for each reader, under sanitizers (clang); 5000 honest ones beside other libraries
 # make bench  how long each stage takes, beside what this processor can do; results into tests/bench/results
+# make wheel  the Python module as a wheel, for this system: build/wheel
+# make deb    packages for Debian 12: build/package/dimple_*.deb, libdimple-dev_*.deb
 # make clean  remove everything that was built
 
 BUILD := build/release
@@ -12,14 +14,12 @@ DIMPLE := $(BUILD)/dimple
 DEMO := out/demo
 FUZZ_RUNS := 1000000
 
-.PHONY: demo test build check check-threads fuzz bench clean bootstrap
+.PHONY: demo test build check check-threads fuzz bench wheel deb clean bootstrap
 
 demo: build
 	@mkdir -p $(DEMO)
 	$(DIMPLE) phantom $(DEMO)/brain.nrrd
 	$(DIMPLE) run $(DEMO)/brain.nrrd -o $(DEMO)/results --force
-	@echo "picture:  $(DEMO)/results/overview.png"
-	@echo "ParaView: $(DEMO)/results/nodes.pvd, points.pvd, surface.pvd, label.vti"
 
 test: bootstrap
 	cmake --preset release -DDIMPLE_TESTS=ON
@@ -56,6 +56,19 @@ bench:
 	cmake --preset release -DDIMPLE_BENCH=ON
 	cmake --build $(BUILD) --target dimple_bench
 	$(BUILD)/dimple_bench --results=tests/bench/results --version=$$(git describe --always --dirty)
+
+# Debian's Python, whatever else a path may hold before it.
+wheel: bootstrap
+	@./bootstrap pybind11-dev python3-dev python3-build python3-venv python3-numpy python3-wheel
+	cmake --preset release -DDIMPLE_PYTHON=ON
+	cmake --build $(BUILD) --target dimple_python
+	DIMPLE_BUILD=$(BUILD) /usr/bin/python3 -m build --wheel --no-isolation -o build/wheel apps/python
+
+deb:
+	@./bootstrap dpkg-dev file
+	cmake --preset release -B build/package -DDIMPLE_TESTS=OFF
+	cmake --build build/package
+	cd build/package && cpack
 
 clean:
 	rm -rf build out

@@ -5,14 +5,19 @@
 #include <semaphore.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cerrno>
 #include <cmath>
 #include <csignal>
+#include <cstdlib>
 #include <ctime>
+#include <fstream>
+#include <iterator>
 #include <limits>
 #include <mutex>
+#include <sstream>
 #include <string>
 #include <utility>
 
@@ -120,6 +125,24 @@ Ending::~Ending() {
   thread_.join();
   std::signal(SIGINT, SIG_DFL);
   std::signal(SIGTERM, SIG_DFL);
+}
+
+double seconds_since_start() {
+  const double since_main = now() - started;
+  // Libraries are loaded before anything here runs. The system keeps when that began, in ticks since it was booted itself.
+  std::ifstream in("/proc/self/stat");
+  std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+  std::istringstream fields(
+      text.substr(std::min(text.size(), text.rfind(')') + 1)));  // a name may hold blanks
+  constexpr int begun = 20;                                      // of those after the name
+  std::string field;
+  for (int k = 0; k < begun; ++k) fields >> field;
+  timespec t{};
+  if (!fields || clock_gettime(CLOCK_BOOTTIME, &t) != 0) return since_main;
+  const double since_begun = static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec) -
+                             std::strtod(field.c_str(), nullptr) / static_cast<double>(sysconf(_SC_CLK_TCK));
+  constexpr double longest_loading_s = 60.0;  // else the two clocks have nothing to do with each other
+  return since_begun > since_main && since_begun < since_main + longest_loading_s ? since_begun : since_main;
 }
 
 void Ending::limit(double seconds) {

@@ -26,6 +26,9 @@ class Ending {
   std::jthread thread_;
 };
 
+/// Wall time since the system started this process: what a person has waited for [s].
+double seconds_since_start();
+
 /// A program started from here, with the group of its own that it leads: it ends when this process is ended.
 class Child {
  public:

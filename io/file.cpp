@@ -298,4 +298,20 @@ std::string sha256(std::string_view bytes) {
   return digest.text();
 }
 
+std::string base64(std::string_view bytes) {
+  std::string text;
+  text.reserve(4 * (bytes.size() / 3 + 2));
+  constexpr std::size_t piece =
+      3 << 20;  // the library counts in int; whole triples, so that only the last one pads
+  for (std::size_t from = 0; from < bytes.size(); from += piece) {
+    const std::string_view part = bytes.substr(from, piece);
+    std::string room(4 * (part.size() / 3 + 1) + 1, '\0');
+    const int length =
+        EVP_EncodeBlock(reinterpret_cast<unsigned char*>(room.data()),
+                        reinterpret_cast<const unsigned char*>(part.data()), static_cast<int>(part.size()));
+    text.append(room, 0, static_cast<std::size_t>(length));
+  }
+  return text;
+}
+
 }  // namespace dimple

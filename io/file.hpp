@@ -63,4 +63,7 @@ std::string read_file(const std::filesystem::path& file);
 std::string sha256_of_file(const std::filesystem::path& file);
 std::string sha256(std::string_view bytes);
 
+/// On one line, with the characters of RFC 4648.
+std::string base64(std::string_view bytes);
+
 }  // namespace dimple

@@ -1,6 +1,6 @@
 #pragma once
 
-// What the image formats have in common; used by label_image.cpp and the two readers, by nobody else.
+// What the image formats have in common; used by label_image.cpp, volume_image.cpp and the readers, by nobody else.
 
 #include <Eigen/Geometry>
 #include <array>
@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -44,16 +45,18 @@ inline std::size_t bytes_of(Number type) {
 struct StoredImage {
   std::array<Index, 3> size{};
   Number type = Number::uint8;
-  std::vector<std::byte> data;                             ///< native byte order, first axis fastest
-  double slope = 1.0, intercept = 0.0;                     ///< label = slope * number + intercept
+  std::vector<std::byte> data;                ///< native byte order, first axis fastest
+  std::span<const std::byte> elsewhere = {};  ///< instead of `data`: in another's memory
+  std::array<Index, 3> step{};                ///< there: numbers from a voxel to the next along each axis
+  double slope = 1.0, intercept = 0.0;        ///< label = slope * number + intercept
   Eigen::Affine3d to_world = Eigen::Affine3d::Identity();  ///< stored voxel (i, j, k) -> LPS [mm]
   std::map<int, std::string> names;
+  std::map<std::string, std::string> segment_keys;  ///< of a 3D Slicer segmentation, as they stand there
   std::string format;
   std::vector<std::string> warnings;
 
-  std::size_t data_bytes() const {
-    return static_cast<std::size_t>(size[0] * size[1] * size[2]) * bytes_of(type);
-  }
+  std::size_t count() const { return static_cast<std::size_t>(size[0] * size[1] * size[2]); }
+  std::size_t data_bytes() const { return count() * bytes_of(type); }
 };
 
 /// Where a stage or an error speaks of a file: "label image brain.nrrd".
@@ -97,6 +100,43 @@ InputError truncated(const std::filesystem::path& file, std::string_view fact);
 StoredImage read_nifti(const std::filesystem::path& file);
 StoredImage read_nrrd(const std::filesystem::path& file);
 StoredImage read_metaimage(const std::filesystem::path& file);
+
+/// Calls `visit` with a zero of the type in which the image is stored.
+void with_type(Number type, const auto& visit) {
+  switch (type) {
+    case Number::int8:
+      return visit(std::int8_t{});
+    case Number::uint8:
+      return visit(std::uint8_t{});
+    case Number::int16:
+      return visit(std::int16_t{});
+    case Number::uint16:
+      return visit(std::uint16_t{});
+    case Number::int32:
+      return visit(std::int32_t{});
+    case Number::uint32:
+      return visit(std::uint32_t{});
+    case Number::int64:
+      return visit(std::int64_t{});
+    case Number::uint64:
+      return visit(std::uint64_t{});
+    case Number::real32:
+      return visit(float{});
+    case Number::real64:
+      return visit(double{});
+  }
+}
+
+/// The voxels as they lie in memory; bytes are no objects of another type, but may become some.
+template <class T>
+std::span<const T> numbers(const StoredImage& image) {
+  const std::byte* first = image.elsewhere.empty() ? image.data.data() : image.elsewhere.data();
+  return {reinterpret_cast<const T*>(first), image.count()};
+}
+
+/// NIfTI-1: the header of such an image, with `components` numbers per voxel, and the four bytes after it. Throws
+/// std::runtime_error: more voxels along an axis than it has room for.
+std::vector<std::byte> nifti_header(const StoredImage& image, int components);
 
 /// Writers to a temporary name; they throw std::runtime_error with the library's or the system's words.
 void write_nifti(const std::filesystem::path& file, const StoredImage& image);

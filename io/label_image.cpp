@@ -53,36 +53,26 @@ const char* fault(double label) {
   return nullptr;
 }
 
-/// Calls `visit` with a zero of the type in which the image is stored.
-void with_type(Number type, const auto& visit) {
-  switch (type) {
-    case Number::int8:
-      return visit(std::int8_t{});
-    case Number::uint8:
-      return visit(std::uint8_t{});
-    case Number::int16:
-      return visit(std::int16_t{});
-    case Number::uint16:
-      return visit(std::uint16_t{});
-    case Number::int32:
-      return visit(std::int32_t{});
-    case Number::uint32:
-      return visit(std::uint32_t{});
-    case Number::int64:
-      return visit(std::int64_t{});
-    case Number::uint64:
-      return visit(std::uint64_t{});
-    case Number::real32:
-      return visit(float{});
-    case Number::real64:
-      return visit(double{});
+template <class T>
+constexpr Number number_type() {
+  if constexpr (std::is_floating_point_v<T>) return sizeof(T) == 4 ? Number::real32 : Number::real64;
+  constexpr bool is_signed = std::is_signed_v<T>;
+  switch (sizeof(T)) {
+    case 1:
+      return is_signed ? Number::int8 : Number::uint8;
+    case 2:
+      return is_signed ? Number::int16 : Number::uint16;
+    case 4:
+      return is_signed ? Number::int32 : Number::uint32;
+    default:
+      return is_signed ? Number::int64 : Number::uint64;
   }
 }
 
-/// The voxels as they lie in memory; bytes are no objects of another type, but may become some.
-template <class T>
-std::span<const T> numbers(const StoredImage& image) {
-  return {reinterpret_cast<const T*>(image.data.data()), image.data.size() / sizeof(T)};
+/// How many numbers apart neighbours along each stored axis are.
+std::array<Index, 3> steps_of(const StoredImage& image) {
+  return image.elsewhere.empty() ? std::array<Index, 3>{1, image.size[0], image.size[0] * image.size[1]}
+                                 : image.step;
 }
 
 /// What the file's number stands for. A double holds every label that is accepted; what it rounds is far
@@ -100,7 +90,7 @@ double label_of(const StoredImage& image, T number) {
 
 /// Throws unless every voxel holds a label.
 void check_voxels(const StoredImage& image, const fs::path& file) {
-  const std::size_t count = image.data.size() / bytes_of(image.type);
+  const std::size_t count = image.count();
   std::size_t faulty = 0, first = 0;
   double first_value = 0.0;
   with_type(image.type, [&]<class T>(T) {
@@ -119,12 +109,13 @@ void check_voxels(const StoredImage& image, const fs::path& file) {
     }
   });
   if (faulty > 0) {
-    const auto nx = static_cast<std::size_t>(image.size[0]), ny = static_cast<std::size_t>(image.size[1]);
+    const std::array<Index, 3> step = steps_of(image);
+    const auto along = [&](std::size_t a) { return static_cast<Index>(first) / step[a] % image.size[a]; };
     throw InputError(
         {.fact = fmt::format("{} of {} voxels hold no label: the first is {:.7g}, which is {}", faulty, count,
                              first_value, fault(first_value)),
-         .where = fmt::format("{}, stored voxel ({}, {}, {})", image_place(file), first % nx, first / nx % ny,
-                              first / nx / ny),
+         .where =
+             fmt::format("{}, stored voxel ({}, {}, {})", image_place(file), along(0), along(1), along(2)),
          .why = "a label is a whole number from 0 (background) upward; an MRI or a probability map is no "
                 "segmentation",
          .remedy = "give the segmentation, exported as a label map with an integer type"});
@@ -333,7 +324,7 @@ LabelImage canonical(const StoredImage& stored, const fs::path& file) {
   image.stored_size = stored.size;
 
   Walk walk;
-  const std::array<Index, 3> stored_step{1, stored.size[0], stored.size[0] * stored.size[1]};
+  const std::array<Index, 3> stored_step = steps_of(stored);
   Vec3 origin = stored.to_world.translation();
   for (std::size_t c = 0; c < 3; ++c) {
     const auto a = static_cast<std::size_t>(order.stored[c]);
@@ -356,11 +347,10 @@ LabelImage canonical(const StoredImage& stored, const fs::path& file) {
 
   with_type(stored.type, [&]<class T>(T) { take_rows<T>(image, stored, walk, file); });
   if (image.run.empty())
-    throw InputError(
-        {.fact = fmt::format("all {} voxels are background (0)", stored.data.size() / bytes_of(stored.type)),
-         .where = image_place(file),
-         .why = "an organ is made of the voxels whose label is not 0, and there is none",
-         .remedy = "check that the segmentation was saved, and that this is the right file"});
+    throw InputError({.fact = fmt::format("all {} voxels are background (0)", stored.count()),
+                      .where = image_place(file),
+                      .why = "an organ is made of the voxels whose label is not 0, and there is none",
+                      .remedy = "check that the segmentation was saved, and that this is the right file"});
   if (!is_at_right_angles(linear))
     image.warnings.push_back(
         "The image's axes are not at right angles; the shear is kept. 3D Slicer may refuse this file or show "
@@ -389,6 +379,50 @@ bool looks_like_grey_values(const LabelImage& image) {
     ++pairs, ++differing;
   }
   return pairs > 1000 && 2 * differing > pairs;
+}
+
+/// What a table of names says, or a numbering known without one.
+struct Naming {
+  std::string given;  ///< empty: nothing
+  LabelTable table;
+  bool known_without_file = false;
+};
+
+Naming read_naming(const fs::path& label_names) {
+  Naming naming{.given = label_names.string(), .table = {}};
+  if (label_names.empty()) return naming;
+  if (auto known = fs::exists(label_names) ? std::nullopt : known_label_names(label_names.string())) {
+    naming.table = std::move(*known);
+    naming.known_without_file = true;
+  } else {
+    naming.table = read_label_names(label_names);
+  }
+  return naming;
+}
+
+/// With its names, and with what is unusual about it.
+LabelImage judged(LabelImage image, const Naming& naming) {
+  const LabelTable& table = naming.table;
+  for (const auto& [label, name] : table.names) image.names[label] = name;
+  image.warnings.insert(image.warnings.end(), table.warnings.begin(), table.warnings.end());
+  if (naming.known_without_file)
+    if (std::string warning = other_numbering(naming.given, image); !warning.empty())
+      image.warnings.push_back(std::move(warning));
+  if (!naming.given.empty() && std::none_of(image.run.begin(), image.run.end(),
+                                            [&](const Run& run) { return table.names.contains(run.label); }))
+    image.warnings.push_back("The table of label names names none of the labels in the image.");
+
+  const double extent = foreground_extent(image);
+  if (extent < 5.0 || extent > 2000.0)
+    image.warnings.push_back(
+        fmt::format("The labels extend over {:.4g} mm, which is unusual for an organ; check the unit of the "
+                    "voxel spacing.",
+                    extent));
+  if (looks_like_grey_values(image))
+    image.warnings.push_back(
+        "Most neighbouring voxels have different labels: this may be an MRI or CT rather than its "
+        "segmentation.");
+  return image;
 }
 
 /// DICOM has no place for it in its name, but says so at byte 128.
@@ -656,38 +690,29 @@ LabelImage read_label_image(const fs::path& file, const fs::path& label_names) {
                       .remedy = "load the series in 3D Slicer and save its segmentation as .seg.nrrd; or "
                                 "convert a DICOM segmentation by segimage2itkimage of dcmqi"});
   if (format == Format::unknown) refuse_suffix(file, true);
-  LabelTable table;  // read first: it is cheap, and the image may be large
-  std::optional<LabelTable> known;
-  if (!label_names.empty() && !fs::exists(label_names)) known = known_label_names(label_names.string());
-  if (known)
-    table = std::move(*known);
-  else if (!label_names.empty())
-    table = read_label_names(label_names);
+  const Naming naming = read_naming(label_names);  // first: it is cheap, and the image may be large
+  return judged(canonical(format == Format::nrrd    ? read_nrrd(file)
+                          : format == Format::nifti ? read_nifti(file)
+                                                    : read_metaimage(file),
+                          file),
+                naming);
+}
 
-  LabelImage image = canonical(format == Format::nrrd    ? read_nrrd(file)
-                               : format == Format::nifti ? read_nifti(file)
-                                                         : read_metaimage(file),
-                               file);
-  for (const auto& [label, name] : table.names) image.names[label] = name;
-  image.warnings.insert(image.warnings.end(), table.warnings.begin(), table.warnings.end());
-  if (known)
-    if (std::string warning = other_numbering(label_names.string(), image); !warning.empty())
-      image.warnings.push_back(std::move(warning));
-  if (!label_names.empty() && std::none_of(image.run.begin(), image.run.end(),
-                                           [&](const Run& run) { return table.names.contains(run.label); }))
-    image.warnings.push_back("The table of label names names none of the labels in the image.");
-
-  const double extent = foreground_extent(image);
-  if (extent < 5.0 || extent > 2000.0)
-    image.warnings.push_back(
-        fmt::format("The labels extend over {:.4g} mm, which is unusual for an organ; check the unit of the "
-                    "voxel spacing.",
-                    extent));
-  if (looks_like_grey_values(image))
-    image.warnings.push_back(
-        "Most neighbouring voxels have different labels: this may be an MRI or CT rather than its "
-        "segmentation.");
-  return image;
+LabelImage label_image_of(const LabelArray& array, const fs::path& label_names) {
+  const fs::path place = "in memory";
+  const Naming naming = read_naming(label_names);
+  StoredImage stored;
+  stored.size = checked_size({array.size.begin(), array.size.end()}, 1, place);
+  std::visit(
+      [&]<class T>(const T* voxel) {
+        stored.type = number_type<T>();
+        stored.elsewhere = std::as_bytes(std::span(voxel, stored.count()));
+      },
+      array.voxel);
+  stored.step = array.step;
+  stored.to_world = array.to_world;
+  stored.format = "array";
+  return judged(canonical(stored, place), naming);
 }
 
 void write_label_image(const fs::path& file, const LabelImage& image) {

@@ -7,6 +7,7 @@
 #include <map>
 #include <span>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "io/types.hpp"
@@ -84,6 +85,19 @@ VoxelBox foreground_box(const LabelImage& image);
 /// overlapping segments, labels that are negative or not whole numbers, nothing but background, neighbours
 /// that are hardly ever alike (so many runs that memory would be at stake: an MRI), truncated data.
 LabelImage read_label_image(const std::filesystem::path& file, const std::filesystem::path& label_names = {});
+
+/// Labels that another program holds in memory, side by side, whichever axis runs fastest.
+struct LabelArray {
+  std::variant<const std::int8_t*, const std::uint8_t*, const std::int16_t*, const std::uint16_t*,
+               const std::int32_t*, const std::uint32_t*, const std::int64_t*, const std::uint64_t*,
+               const float*, const double*>
+      voxel;
+  std::array<Index, 3> size{};
+  std::array<Index, 3> step{};  ///< numbers from a voxel to the next along each axis
+  Eigen::Affine3d to_world;     ///< voxel centre (i, j, k) -> LPS position [mm]
+};
+/// The same image as that of a file with these numbers; they are read where they are, and not kept.
+LabelImage label_image_of(const LabelArray& array, const std::filesystem::path& label_names = {});
 
 /// Writes in the format that the suffix names (.nrrd, .seg.nrrd, .nii, .nii.gz, .mha), compressed except
 /// .nii, as uint8, uint16 or int32 by the largest label. Written beside its name, read back, then renamed.

@@ -636,6 +636,9 @@ StoredImage read_nrrd(const fs::path& file) {
   });
   if (from_slicer) image.format = "3D Slicer segmentation (NRRD)";
   image.names = names_from_segment_keys(keys, image.warnings);
+  if (from_slicer)
+    for (const auto& [key, value] : keys)
+      if (key.starts_with("Segment")) image.segment_keys[key] = value;
 
   const auto space = keys.find("NRRD_space");
   if (!header.has("space directions"))

@@ -103,6 +103,44 @@ constexpr std::string_view totalsegmentator_mr =
     "gluteus_maximus_right gluteus_medius_left gluteus_medius_right gluteus_minimus_left "
     "gluteus_minimus_right autochthon_left autochthon_right iliopsoas_left iliopsoas_right brain";
 
+// The numbering of FreeSurfer's FreeSurferColorLUT.txt, of what its segmentations hold: aseg.mgz (number, name; ...) and,
+// by the Desikan-Killiany names from 1000 (left) and 2000 (right) on, aparc+aseg.mgz; wmparc.mgz from 3000 and 4000 on.
+constexpr std::string_view freesurfer_aseg =
+    "2 Left-Cerebral-White-Matter 3 Left-Cerebral-Cortex 4 Left-Lateral-Ventricle 5 Left-Inf-Lat-Vent "
+    "7 Left-Cerebellum-White-Matter 8 Left-Cerebellum-Cortex 10 Left-Thalamus 11 Left-Caudate 12 "
+    "Left-Putamen "
+    "13 Left-Pallidum 14 3rd-Ventricle 15 4th-Ventricle 16 Brain-Stem 17 Left-Hippocampus 18 Left-Amygdala "
+    "24 CSF 25 Left-Lesion 26 Left-Accumbens-area 28 Left-VentralDC 30 Left-vessel 31 Left-choroid-plexus "
+    "41 Right-Cerebral-White-Matter 42 Right-Cerebral-Cortex 43 Right-Lateral-Ventricle 44 "
+    "Right-Inf-Lat-Vent "
+    "46 Right-Cerebellum-White-Matter 47 Right-Cerebellum-Cortex 49 Right-Thalamus 50 Right-Caudate "
+    "51 Right-Putamen 52 Right-Pallidum 53 Right-Hippocampus 54 Right-Amygdala 57 Right-Lesion "
+    "58 Right-Accumbens-area 60 Right-VentralDC 62 Right-vessel 63 Right-choroid-plexus 72 5th-Ventricle "
+    "77 WM-hypointensities 78 Left-WM-hypointensities 79 Right-WM-hypointensities 80 non-WM-hypointensities "
+    "81 Left-non-WM-hypointensities 82 Right-non-WM-hypointensities 85 Optic-Chiasm 192 Corpus_Callosum "
+    "250 Fornix 251 CC_Posterior 252 CC_Mid_Posterior 253 CC_Central 254 CC_Mid_Anterior 255 CC_Anterior "
+    "257 CSF-ExtraCerebral 258 Head-ExtraCerebral 5001 Left-UnsegmentedWhiteMatter "
+    "5002 Right-UnsegmentedWhiteMatter";
+constexpr std::string_view freesurfer_cortex =
+    "unknown bankssts caudalanteriorcingulate caudalmiddlefrontal corpuscallosum cuneus entorhinal fusiform "
+    "inferiorparietal inferiortemporal isthmuscingulate lateraloccipital lateralorbitofrontal lingual "
+    "medialorbitofrontal middletemporal parahippocampal paracentral parsopercularis parsorbitalis "
+    "parstriangularis pericalcarine postcentral posteriorcingulate precentral precuneus "
+    "rostralanteriorcingulate rostralmiddlefrontal superiorfrontal superiorparietal superiortemporal "
+    "supramarginal frontalpole temporalpole transversetemporal insula";
+
+std::map<int, std::string> freesurfer() {
+  std::map<int, std::string> table;
+  std::istringstream aseg{std::string(freesurfer_aseg)}, cortex{std::string(freesurfer_cortex)};
+  std::string name;
+  for (int label = 0; aseg >> label >> name;) table[label] = name;
+  for (int k = 0; cortex >> name; ++k)
+    for (const auto& [first, before] : {std::pair{1000, "ctx-lh-"}, std::pair{2000, "ctx-rh-"},
+                                        std::pair{3000, "wm-lh-"}, std::pair{4000, "wm-rh-"}})
+      table[first + k] = before + name;
+  return table;
+}
+
 std::map<int, std::string> numbered(std::string_view names) {
   std::istringstream words{std::string(names)};
   std::map<int, std::string> table;
@@ -185,7 +223,17 @@ std::optional<LabelTable> known_label_names(const std::string& word) {
   if (name == "totalsegmentator" || name == "totalsegmentator-ct")
     return LabelTable{numbered(totalsegmentator_ct), {}};
   if (name == "totalsegmentator-mr") return LabelTable{numbered(totalsegmentator_mr), {}};
+  if (name == "freesurfer") return LabelTable{freesurfer(), {}};
   return std::nullopt;
+}
+
+std::string numbering_with(const std::string& label_name) {
+  for (const char* word : {"totalsegmentator", "freesurfer", "totalsegmentator-mr"}) {
+    const std::optional<LabelTable> table = known_label_names(word);
+    for (const auto& [label, name] : table->names)
+      if (lower(name) == lower(label_name)) return fmt::format("label {} of {}", label, word);
+  }
+  return {};
 }
 
 std::string other_numbering(const std::string& word, const LabelImage& image) {
@@ -217,7 +265,7 @@ LabelTable read_label_names(const std::filesystem::path& file) {
              "Slicer or FreeSurfer); a table with commas has a first line with LabelValue and Name (3D "
              "Slicer)",
          .remedy = "correct the line, or give another table with --label-names; known without a file are "
-                   "totalsegmentator and totalsegmentator-mr"});
+                   "totalsegmentator, totalsegmentator-mr and freesurfer"});
   };
   LabelTable table;
   std::size_t unclear = 0, first_unclear = 0;

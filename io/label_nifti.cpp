@@ -385,12 +385,42 @@ StoredImage read_nifti(const fs::path& named) {
   return image;
 }
 
-void write_nifti(const fs::path& file, const StoredImage& image) {
+namespace {
+
+short datatype_of(Number type) {
+  switch (type) {
+    case Number::int8:
+      return NIFTI_TYPE_INT8;
+    case Number::uint8:
+      return NIFTI_TYPE_UINT8;
+    case Number::int16:
+      return NIFTI_TYPE_INT16;
+    case Number::uint16:
+      return NIFTI_TYPE_UINT16;
+    case Number::int32:
+      return NIFTI_TYPE_INT32;
+    case Number::uint32:
+      return NIFTI_TYPE_UINT32;
+    case Number::int64:
+      return NIFTI_TYPE_INT64;
+    case Number::uint64:
+      return NIFTI_TYPE_UINT64;
+    case Number::real32:
+      return NIFTI_TYPE_FLOAT32;
+    case Number::real64:
+      return NIFTI_TYPE_FLOAT64;
+  }
+  return NIFTI_TYPE_UINT8;
+}
+
+}  // namespace
+
+std::vector<std::byte> nifti_header(const StoredImage& image, int components) {
   nifti_1_header h{};
   h.sizeof_hdr = nifti_1.bytes;
   std::memcpy(h.magic, "n+1", 4);
   h.vox_offset = nifti_1.bytes + 4;
-  h.dim[0] = 3;
+  h.dim[0] = components > 1 ? 5 : 3;  // components stand on the fifth axis, behind time
   for (std::size_t a = 0; a < 3; ++a) {
     if (image.size[a] > std::numeric_limits<short>::max())
       throw std::runtime_error(
@@ -398,12 +428,16 @@ void write_nifti(const fs::path& file, const StoredImage& image) {
     h.dim[a + 1] = static_cast<short>(image.size[a]);
   }
   for (int a = 4; a < 8; ++a) h.dim[a] = 1;
-  h.datatype = image.type == Number::uint8    ? NIFTI_TYPE_UINT8
-               : image.type == Number::uint16 ? NIFTI_TYPE_UINT16
-                                              : NIFTI_TYPE_INT32;
+  if (components > 1) {
+    h.dim[5] = static_cast<short>(components);
+    h.intent_code = NIFTI_INTENT_VECTOR;
+    for (int a = 4; a < 8; ++a) h.pixdim[a] = 1.0f;
+  }
+  h.datatype = datatype_of(image.type);
   h.bitpix = static_cast<short>(8 * bytes_of(image.type));
   h.xyzt_units = NIFTI_UNITS_MM;
-  h.scl_slope = 1.0f;
+  h.scl_slope = static_cast<float>(image.slope);
+  h.scl_inter = static_cast<float>(image.intercept);
 
   Eigen::Matrix<double, 3, 4> ras = image.to_world.matrix().topRows<3>();
   ras.topRows<2>() *= -1.0;  // LPS to RAS
@@ -420,6 +454,13 @@ void write_nifti(const fs::path& file, const StoredImage& image) {
   // A quaternion cannot say shear; it would contradict the sform.
   h.qform_code = is_at_right_angles(ras.leftCols<3>()) ? NIFTI_XFORM_SCANNER_ANAT : NIFTI_XFORM_UNKNOWN;
 
+  std::vector<std::byte> bytes(sizeof h + 4, std::byte{0});  // four more: no extension follows
+  std::memcpy(bytes.data(), &h, sizeof h);
+  return bytes;
+}
+
+void write_nifti(const fs::path& file, const StoredImage& image) {
+  const std::vector<std::byte> header = nifti_header(image, 1);
   errno = 0;
   GzFile out(gzopen(file.c_str(), file.extension() == ".gz" ? "wb6" : "wbT"), &gzclose);  // T: not compressed
   const auto write = [&](const void* bytes, std::size_t count) {
@@ -431,9 +472,7 @@ void write_nifti(const fs::path& file, const StoredImage& image) {
     }
     return out != nullptr;
   };
-  const char no_extension[4] = {};
-  const bool written =
-      write(&h, sizeof h) && write(no_extension, 4) && write(image.data.data(), image.data.size());
+  const bool written = write(header.data(), header.size()) && write(image.data.data(), image.data.size());
   const int closed = out ? gzclose(out.release()) : Z_ERRNO;
   if (!written || closed != Z_OK)
     throw std::runtime_error(errno != 0 ? std::generic_category().message(errno) : "zlib could not write");

@@ -15,13 +15,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Shortest text that reads back to the same bits; "nan" and "inf" for what is not finite.
-std::string shortest(double value) {
-  char buffer[32];
-  const auto end = std::to_chars(buffer, buffer + sizeof buffer, value).ptr;
-  return {buffer, end};
-}
-
 /// RFC 4180: a field with a comma, a quote or a line break stands in quotes, its quotes doubled.
 std::string quoted(const std::string& field) {
   if (field.find_first_of(",\"\r\n") == std::string::npos) return field;
@@ -40,9 +33,8 @@ std::string_view trimmed(std::string_view text) {
   return text.substr(first, text.find_last_not_of(blanks) - first + 1);
 }
 
-/// Splits at `separator` outside quotes; ' ' stands for any run of blanks.
-std::vector<std::string> split(std::string_view line, char separator) {
-  std::vector<std::string> fields;
+/// Splits at `separator` outside quotes; ' ' stands for any run of blanks. False: a quote is open at the end.
+bool split(std::string_view line, char separator, std::vector<std::string>& fields) {
   std::string field;
   bool in_quotes = false, was_quoted = false;
   const auto finish = [&] {
@@ -50,7 +42,7 @@ std::vector<std::string> split(std::string_view line, char separator) {
     field.clear();
     was_quoted = false;
   };
-  line = trimmed(line);
+  if (separator == ' ') line = trimmed(line);
   for (std::size_t i = 0; i < line.size(); ++i) {
     const char c = line[i];
     const bool separates = separator == ' ' ? c == ' ' || c == '\t' : c == separator;
@@ -67,7 +59,40 @@ std::vector<std::string> split(std::string_view line, char separator) {
     }
   }
   finish();
-  return fields;
+  return !in_quotes;
+}
+
+/// What a file holds beside comments and blank lines, line by line.
+class Lines {
+ public:
+  explicit Lines(std::string_view content) : rest_(content) {
+    if (rest_.starts_with("\xEF\xBB\xBF")) rest_.remove_prefix(3);  // the byte order mark of spreadsheets
+  }
+  /// Without its end; false: there is none left.
+  bool next(std::string_view& text) {
+    while (!rest_.empty()) {
+      ++number_;
+      const auto end = rest_.find('\n');
+      text = rest_.substr(0, end);
+      rest_.remove_prefix(end == std::string_view::npos ? rest_.size() : end + 1);
+      if (text.ends_with('\r')) text.remove_suffix(1);
+      if (const std::string_view inner = trimmed(text); !inner.empty() && inner.front() != '#') return true;
+    }
+    return false;
+  }
+  std::size_t number() const { return number_; }
+
+ private:
+  std::string_view rest_;
+  std::size_t number_ = 0;
+};
+
+/// The last of `candidates` that the header holds, or the first of them.
+char separator_in(std::string_view header, std::string_view candidates) {
+  char separator = candidates.front();
+  for (const char candidate : candidates)
+    if (header.find(candidate) != std::string_view::npos) separator = candidate;
+  return separator;
 }
 
 InputError bad_table(const fs::path& file, std::size_t line, std::string fact, std::string why,
@@ -123,21 +148,15 @@ void write_csv(const fs::path& file, const Table& table) {
 
 Table read_csv(const fs::path& file) {
   const std::string content = read_file(file);
-  std::string_view rest = content;
-  if (rest.starts_with("\xEF\xBB\xBF")) rest.remove_prefix(3);  // the byte order mark of spreadsheets
-
   Table table;
   char separator = ',';
-  for (std::size_t line = 1; !rest.empty(); ++line) {
-    const auto end = rest.find('\n');
-    const std::string_view text = trimmed(rest.substr(0, end));
-    rest.remove_prefix(end == std::string_view::npos ? rest.size() : end + 1);
-    if (text.empty() || text.front() == '#') continue;
-
+  Lines lines(content);
+  for (std::string_view text; lines.next(text);) {
+    const std::size_t line = lines.number();
+    text = trimmed(text);
     if (table.header.empty()) {
-      for (const char candidate : {' ', ';', ','})  // the last one found in the header wins
-        if (candidate == ' ' || text.find(candidate) != std::string_view::npos) separator = candidate;
-      table.header = split(text, separator);
+      separator = separator_in(text, " ;,");
+      split(text, separator, table.header);
       table.column.resize(table.header.size());
       double value = 0.0;
       const std::string& first = table.header.front();
@@ -148,7 +167,8 @@ Table read_csv(const fs::path& file) {
                         "put such a header above the numbers");
       continue;
     }
-    const std::vector<std::string> fields = split(text, separator);
+    std::vector<std::string> fields;
+    split(text, separator, fields);
     if (fields.size() != table.header.size())
       throw bad_table(file, line, fmt::format("the row has {} fields", fields.size()),
                       fmt::format("the header names {} columns", table.header.size()),
@@ -160,6 +180,70 @@ Table read_csv(const fs::path& file) {
     throw bad_table(file, 0, "the table is empty", "it holds no line but blank ones and comments",
                     "write a header line such as depth_mm,force_N and rows of numbers below it");
   return table;
+}
+
+TextTable read_text_csv(const fs::path& file) {
+  const std::string content = read_file(file);
+  if (content.find('\0') != std::string::npos)  // UTF-16 too
+    throw bad_table(file, 0, "the table is not plain text", "it may be a spreadsheet's own format, or UTF-16",
+                    "save it as CSV, with UTF-8 as the encoding");
+  TextTable table;
+  char separator = ',';
+  Lines lines(content);
+  for (std::string_view text; lines.next(text);) {
+    const bool is_header = table.header.empty();
+    if (is_header) separator = separator_in(text, ",;\t");
+    std::vector<std::string> fields;
+    if (!split(text, separator, fields))
+      throw bad_table(file, lines.number(), "a quote is opened and not closed",
+                      "a field in quotes ends in its line, and a quote within it is written twice",
+                      "close the quote, or take it out");
+    if (is_header) {
+      for (auto name = fields.begin(); name != fields.end(); ++name)
+        if (name->empty() || std::find(fields.begin(), name, *name) != name)
+          throw bad_table(
+              file, lines.number(),
+              name->empty()
+                  ? fmt::format("column {} of {} has no name", name - fields.begin() + 1, fields.size())
+                  : fmt::format("two columns are called '{}'", *name),
+              "what a column holds is told by its name alone", "name it in the header, or take it out");
+      table.header = std::move(fields);
+      continue;
+    }
+    if (fields.size() != table.header.size())
+      throw bad_table(
+          file, lines.number(), fmt::format("the row has {} fields", fields.size()),
+          fmt::format("the header names {} columns", table.header.size()),
+          "give every row one field per column, empty where there is nothing; put a field that holds the "
+          "separator in quotes");
+    const auto is_empty = [](const std::string& field) { return field.empty(); };
+    if (std::all_of(fields.begin(), fields.end(), is_empty)) continue;  // as spreadsheets end a table
+    table.row.push_back({lines.number(), std::move(fields)});
+  }
+  if (table.header.empty())
+    throw bad_table(file, 0, "the table is empty", "it holds no line but blank ones and comments",
+                    "write a header line such as id,image and a row for each case below it");
+  return table;
+}
+
+std::string to_csv(const TextTable& table) {
+  std::string text;
+  const auto add = [&text](const std::vector<std::string>& fields) {
+    for (const std::string& field : fields) {
+      if (&field != &fields.front()) text += ',';
+      text += quoted(field);
+    }
+    text += "\r\n";
+  };
+  add(table.header);
+  for (const TextTable::Row& row : table.row) add(row.field);
+  return text;
+}
+
+std::string shortest(double value) {
+  char buffer[32];
+  const auto end = std::to_chars(buffer, buffer + sizeof buffer, value).ptr;
+  return {buffer, end};
 }
 
 }  // namespace dimple

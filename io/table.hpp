@@ -25,4 +25,23 @@ void write_csv(const std::filesystem::path& file, const Table& table);
 /// length.
 Table read_csv(const std::filesystem::path& file);
 
+/// Rows of words with a header.
+struct TextTable {
+  struct Row {
+    std::size_t line;                ///< in the file, 1 is its first
+    std::vector<std::string> field;  ///< one for each header entry
+  };
+  std::vector<std::string> header;
+  std::vector<Row> row;
+};
+
+/// The same as read_csv(), of words: commas, semicolons or tabs separate, for a word may hold blanks; a field may
+/// be empty. Throws InputError: no such file, zero bytes in it, no header, a header entry that is empty or there twice, quotes
+/// that do not close in their line, rows of different length.
+TextTable read_text_csv(const std::filesystem::path& file);
+/// RFC 4180 CSV of rows of words.
+std::string to_csv(const TextTable& table);
+/// Shortest text that reads back to the same bits; "nan" and "inf" for what is not finite.
+std::string shortest(double value);
+
 }  // namespace dimple

@@ -4,6 +4,7 @@
 #include <vtkBase64Utilities.h>
 #include <vtkCallbackCommand.h>
 #include <vtkCellArray.h>
+#include <vtkCellData.h>
 #include <vtkDataArray.h>
 #include <vtkDoubleArray.h>
 #include <vtkFieldData.h>
@@ -176,9 +177,10 @@ vtkSmartPointer<vtkPoints> vtk_points(const Points& position_mm, bool exact) {
 void add_fields(vtkPointSet& set, const std::vector<Field>& fields, double time_s) {
   for (const Field& field : fields) set.GetPointData()->AddArray(vtk_array(field, set.GetNumberOfPoints()));
   // ParaView then offers the displacement first, for Warp By Vector. No text arrays: meshio exits on them.
-  vtkDataArray* displacement = set.GetPointData()->GetArray("displacement");
+  constexpr const char* warp = "displacement_mm";
+  vtkDataArray* displacement = set.GetPointData()->GetArray(warp);
   if (displacement != nullptr && displacement->GetNumberOfComponents() == 3)
-    set.GetPointData()->SetActiveVectors("displacement");
+    set.GetPointData()->SetActiveVectors(warp);
 
   vtkNew<vtkDoubleArray> time;
   time->SetName("TimeValue");
@@ -658,6 +660,9 @@ void write_vtp(const fs::path& file, const SurfaceFile& surface, double time_s, 
   mesh->SetPolys(triangles);
 
   add_fields(*mesh, surface.fields, time_s);
+  for (const Field& field : surface.on_triangles)
+    mesh->GetCellData()->AddArray(vtk_array(field, surface.triangles.cols()));
+  for (const Field& fact : surface.facts) mesh->GetFieldData()->AddArray(vtk_array(fact, 1));
   write_xml<vtkXMLPolyDataWriter>(file, *mesh);
 }
 

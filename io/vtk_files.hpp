@@ -9,9 +9,9 @@
 
 namespace dimple {
 
-/// Named values on points. Unit goes into the file as VTK's UNITS_LABEL.
+/// Named values on points. The unit stands in the name, and goes into the file as VTK's UNITS_LABEL.
 struct Field {
-  std::string name;                          ///< lower snake case, without the unit
+  std::string name;                          ///< snake case, with the unit behind it: "displacement_mm"
   std::string unit;                          ///< "mm", "N", "Pa", "kg", "" for a number
   Eigen::MatrixXd values;                    ///< [components x N]
   std::vector<std::string> components = {};  ///< component names; empty: VTK's own
@@ -31,12 +31,14 @@ struct SurfaceFile {
   Points position_mm;
   Triangles triangles;
   std::vector<Field> fields;
+  std::vector<Field> on_triangles = {};  ///< written, not read
+  std::vector<Field> facts = {};  ///< of the whole, one column each: VTK's field data; written, not read
 };
 
 /// All writers here write inline base64 data packed by LZ4, beside the final name, then rename; they throw
 /// OutputError (disk, permissions) and std::invalid_argument (a field that does not match the points: the
 /// caller's mistake). The unit of each array is its UNITS_LABEL, the time the field data TimeValue; a field
-/// "displacement" is the active vector. `exact` keeps positions in double precision, else they are Float32.
+/// "displacement_mm" is the active vector. `exact` keeps positions in double precision, else they are Float32.
 
 /// .vtu with one VTK_VERTEX per point.
 void write_vtu(const std::filesystem::path& file, const PointFile& points, double time_s, bool exact = false);

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -173,9 +174,10 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
   return result;
 }
 
-LabelAt label_finder(const LabelImage& image, const BodySurface& body) {
-  const Eigen::Affine3d to_voxel = image.to_world.inverse() * body.to_world();
-  return [&image, to_voxel](const Vec3& x) {
+LabelAt label_finder(const LabelImage& image, const Eigen::Isometry3d& to_world,
+                     const std::vector<int>& labels) {
+  const Eigen::Affine3d to_voxel = image.to_world.inverse() * to_world;
+  return [&image, to_voxel, labels](const Vec3& x) {
     const Vec3 v = to_voxel * x;
     const Eigen::Matrix<Index, 3, 1> at = v.array().round().cast<Index>();
     int best = 0;
@@ -191,11 +193,16 @@ LabelAt label_finder(const LabelImage& image, const BodySurface& body) {
                 (Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) - v)
                     .squaredNorm();
             if (label == 0 || away >= nearest) continue;
+            if (!labels.empty() && std::find(labels.begin(), labels.end(), label) == labels.end()) continue;
             nearest = away;
             best = label;
           }
     return best;
   };
+}
+
+LabelAt label_finder(const LabelImage& image, const BodySurface& body) {
+  return label_finder(image, body.to_world());
 }
 
 Eigen::VectorXi tissue_of_points(const Discretisation& places, const TissueOptions& tissues) {

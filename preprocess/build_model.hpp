@@ -53,8 +53,10 @@ Discretised discretise(const BodySurface& body, const ModelOptions& options, con
 
 /// Label of the image's voxel at a place in the surface's frame; outside, or on background, of the nearest
 /// foreground voxel within two voxels: the smooth surface runs a little outside of the labels. `image` must
-/// outlive it.
+/// outlive it. `to_world`: of another frame; `labels`: that alone count, none: all.
 LabelAt label_finder(const LabelImage& image, const BodySurface& body);
+LabelAt label_finder(const LabelImage& image, const Eigen::Isometry3d& to_world,
+                     const std::vector<int>& labels = {});
 
 /// Which tissue each label is, from 0 (all labels that are not listed), and each tissue's density [kg/m^3].
 struct TissueOptions {

@@ -12,9 +12,10 @@ set(forbidden_apps/run "^(apps/(studies|commands|ending|examples)|spdlog/|CLI/)"
 set(forbidden_apps/studies "^(apps/(commands|examples)/|spdlog/|CLI/)")
 set(forbidden_apps/commands "^apps/examples/")
 set(forbidden_apps/examples "^apps/")
+set(forbidden_apps/python "^(apps/(studies|commands|examples)/|spdlog/|CLI/)")
 
 set(wrong "")
-foreach(folder io preprocess solver apps/run apps/studies apps/commands apps/examples)
+foreach(folder io preprocess solver apps/run apps/studies apps/commands apps/examples apps/python)
   file(GLOB_RECURSE files ${SOURCE}/${folder}/*.cpp ${SOURCE}/${folder}/*.hpp)
   if(NOT files)
     list(APPEND wrong "no sources in ${SOURCE}/${folder}")

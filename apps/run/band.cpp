@@ -44,10 +44,22 @@ double narrowest_band(double radii) {
   return band_half_width(0.0, most_nodes_for_accuracy, radii);
 }
 
-Index first_rung(double wanted_share, double facing_share) {
-  constexpr double coarse_enough = 0.04;
-  const Index fewest = fewest_nodes_with_band(facing_share);
-  return wanted_share > 0.0 && wanted_share < coarse_enough ? fewest : fewest / 2;
+Index expected_nodes(double wanted_share, double facing_share, double radii) {
+  constexpr double change = 1.1;  // of the floor; chosen on the calibration's scenes
+  Index nodes = fewest_nodes_with_band(facing_share);
+  while (wanted_share > 0.0 && change * band_half_width(0.0, nodes, radii) > wanted_share &&
+         2 * nodes <= most_nodes_for_accuracy)
+    nodes *= 2;
+  return nodes;
+}
+
+Index first_rung(Index expected) {
+  constexpr Index soon = 4000;
+  return std::min(expected / 2, soon);
+}
+
+Index second_rung(Index first, Index expected) {
+  return std::clamp(expected, 2 * first, 4 * first);
 }
 
 Index next_rung(Index nodes, double half, double wanted) {

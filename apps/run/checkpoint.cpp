@@ -203,7 +203,8 @@ void require_same_run(const RunIdentity& before, const RunIdentity& now) {
     throw UsageError({.fact = "the run in that folder is another one: " + differs,
                       .where = "--resume",
                       .why = "what would come out is neither of the two",
-                      .remedy = "give the same image and options, or start anew with --force"});
+                      .remedy = "give the same image and options, or start anew with --force",
+                      .code = other_run});
 }
 
 std::string sha256_of_model(const Discretisation& m, const Scheme& scheme) {

@@ -31,6 +31,8 @@ void write_checkpoint(const std::filesystem::path& file, const Checkpoint& check
 /// Throws InputError: no file, or not one that write_checkpoint() has made.
 Checkpoint read_checkpoint(const std::filesystem::path& file);
 
+/// Code of what require_same_run() throws.
+inline constexpr const char* other_run = "other-run";
 /// Throws UsageError, naming what differs, unless a run of identity `now` would give what `before` has begun.
 void require_same_run(const RunIdentity& before, const RunIdentity& now);
 

@@ -27,7 +27,7 @@ const std::map<std::string, std::map<std::string, double>>& unit_table() {
       {"1/s", {{"1/s", 1.0}, {"Hz", 1.0}, {"kHz", 1000.0}}},
       {"s", {{"s", 1.0}, {"ms", 1e-3}, {"min", 60.0}, {"h", 3600.0}}},
       {"%", {{"%", 1.0}}},
-      {"N", {{"N", 1.0}, {"mN", 1e-3}}},
+      {"N", {{"N", 1.0}, {"mN", 1e-3}, {"uN", 1e-6}}},
   };
   return table;
 }
@@ -55,7 +55,7 @@ std::string without_unit(const Option& option) {
                         std::holds_alternative<std::vector<std::string>*>(option.value) ? "some" : "one",
                         fmt::join(option.choices, ", "));
   } else if (std::holds_alternative<std::vector<double>*>(option.value)) {
-    range = "numbers, separated by commas";
+    range = fmt::format("numbers{}, separated by commas", option.unit.empty() ? "" : " in " + option.unit);
   } else if (std::holds_alternative<std::vector<std::string>*>(option.value)) {
     range = "words, separated by commas";
   } else if (!std::holds_alternative<std::string*>(option.value)) {
@@ -111,6 +111,19 @@ std::vector<std::string> parts_of(const std::string& text) {
   return result;
 }
 
+// "1cm,2cm,30mm" -> "10,20,30": a place is kept in mm. Parts that are no lengths stay as they are.
+std::string place_in_mm(const std::string& text) {
+  std::string result;
+  for (const std::string& part : parts_of(text)) {
+    double value = 0.0;
+    const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), value);
+    const auto unit = unit_table().at("mm").find(trimmed(std::string(end, part.data() + part.size())));
+    const bool length = error == std::errc{} && unit != unit_table().at("mm").end();
+    result += (result.empty() ? "" : ",") + (length ? fmt::format("{}", value * unit->second) : part);
+  }
+  return result;
+}
+
 void assign_text(const Option& option, const std::string& text, const std::string& source) {
   if (auto* word = std::get_if<std::string*>(&option.value)) {
     if (!option.choices.empty() &&
@@ -128,15 +141,8 @@ void assign_text(const Option& option, const std::string& text, const std::strin
   } else if (auto* numbers = std::get_if<std::vector<double>*>(&option.value)) {
     std::vector<double> read;
     for (const std::string& part : parts_of(text)) {
-      double value = 0.0;
-      const char* begin = part.data() + (part.starts_with('+') ? 1 : 0);
-      const auto [end, error] = std::from_chars(begin, part.data() + part.size(), value);
-      if (error != std::errc{} || end != part.data() + part.size() || !std::isfinite(value))
-        throw UsageError({.fact = fmt::format("'{}' is not a number", part),
-                          .where = option.key,
-                          .why = "a list of numbers was expected",
-                          .remedy = "for instance [0.45, 0.365], or --set " + option.key + "=0.45,0.365"});
-      read.push_back(value);
+      read.push_back(parse_quantity(option, part, source));
+      if (!std::isfinite(read.back())) refuse(option, part, source, "it is not a finite number");
     }
     **numbers = std::move(read);
   } else {
@@ -150,9 +156,8 @@ Option* find(std::vector<Option>& options, const std::string& key) {
   return nullptr;
 }
 
-[[noreturn]] void unknown_key(std::vector<Option>& options, const std::string& key,
-                              const std::string& source) {
-  std::vector<std::string> known;
+[[noreturn]] void unknown_key(std::vector<Option>& options, const std::string& key, const std::string& source,
+                              std::vector<std::string> known = {}) {
   for (const Option& option : options) known.push_back(option.key);
   for (const Option& option : options) known.push_back(without_unit(option));
   // Other names of the same, which spelling alone does not lead to.
@@ -206,13 +211,14 @@ std::vector<Option> options_of(Config& c) {
   return {
       {"image.file", "", "", "the label image", &c.image.file, 0, 0, false, any, ""},
       {"image.label", "--label", "", "labels to take, by number or name, comma-separated; empty: all but 0",
-       &c.image.label, 0, 0, false, any, "model"},
+       &c.image.label, 0, 0, false, any, "model", true},
       {"image.label_names", "--label-names", "",
-       "table of label names (ITK-SNAP, or a colour table of 3D Slicer), or totalsegmentator",
+       "table of label names (ITK-SNAP, a colour table of 3D Slicer or FreeSurfer), or totalsegmentator, "
+       "totalsegmentator-mr, freesurfer",
        &c.image.label_names, 0, 0, false, any, "model"},
       {"image.close_mm", "--close", "mm",
        "close gaps in the organ narrower than this before its surface is drawn; 0: as segmented",
-       &c.image.close_mm, 0, 1000, false, any, "model"},
+       &c.image.close_mm, 0, 1000, false, any, "model", true},
       {"scheme.name",
        "--scheme",
        "",
@@ -224,7 +230,7 @@ std::vector<Option> options_of(Config& c) {
        false,
        {"converging", "horton2007"},
        "model"},
-      {"cloud.nodes", "--nodes", "", "number of nodes", &c.cloud.nodes, 100, 1e6, false, any, "model"},
+      {"cloud.nodes", "--nodes", "", "number of nodes", &c.cloud.nodes, 100, 1e6, false, any, "model", true},
       {"cloud.spacing_mm", "--spacing", "mm", "node spacing, instead of a number; 0: from the number",
        &c.cloud.spacing_mm, 0, 1000, false, any, "model"},
       {"cloud.rim", "--rim", "",
@@ -265,25 +271,25 @@ std::vector<Option> options_of(Config& c) {
        "side the organ rests on: auto, inferior (or bottom), superior (top), left, right, anterior, "
        "posterior, or "
        "x,y,z in LPS",
-       &c.boundary.base, 0, 0, false, any, "model"},
+       &c.boundary.base, 0, 0, false, any, "model", true},
       {"boundary.base_depth_mm", "--base-depth", "mm", "height up to which the base is held; 0: chosen",
        &c.boundary.base_depth_mm, 0, 1000, false, any, "model"},
       {"boundary.indent_at", "--indent-at", "",
-       "where the circle is: top, left, right, x,y,z in LPS mm, or x,y,top", &c.boundary.indent_at, 0, 0,
-       false, any, "model"},
+       "where the circle is: top, left, right, x,y,z in LPS (20,-5,30 are mm; 2cm,-5mm,3cm), or x,y,top",
+       &c.boundary.indent_at, 0, 0, false, any, "model", true},
       {"boundary.indenter_diameter_mm", "--indenter-diameter", "mm", "diameter of the circle",
-       &c.boundary.indenter_diameter_mm, 0, 1000, true, any, "model"},
+       &c.boundary.indenter_diameter_mm, 0, 1000, true, any, "model", true},
       {"boundary.direction", "--direction", "",
        "way the circle moves: auto (towards the base), or x,y,z in LPS", &c.boundary.direction, 0, 0, false,
        any, "model"},
       {"material.mu_Pa", "--mu", "Pa", "shear modulus; 210Pa+-30% tells how well it is known",
-       &c.material.mu_Pa, 0, 1e12, true, any, "solve"},
+       &c.material.mu_Pa, 0, 1e12, true, any, "solve", true},
       {"material.mu_spread_percent", "", "%", "how well mu is known, +-; --mu 210Pa+-30% sets both",
        &c.material.mu_spread_percent, 0, 100, false, any, "solve"},
       {"material.young_Pa", "--young", "Pa",
        "Young's modulus, instead of mu, which is then E / (2 (1 + nu)); 0: not given", &c.material.young_Pa,
-       0, 1e12, false, any, "solve"},
-      {"material.nu", "--nu", "", "Poisson's ratio", &c.material.nu, 0, 0.49999, false, any, "solve"},
+       0, 1e12, false, any, "solve", true},
+      {"material.nu", "--nu", "", "Poisson's ratio", &c.material.nu, 0, 0.49999, false, any, "solve", true},
       {"material.density_kg_per_m3", "--density", "kg/m3", "mass density", &c.material.density_kg_per_m3, 0,
        1e5, true, any, "solve"},
       {"material.stress",
@@ -298,10 +304,10 @@ std::vector<Option> options_of(Config& c) {
        "solve"},
       {"material.preset", "--preset", "",
        "published parameters, instead of mu, nu, density, Ogden and Prony terms", &c.material.preset, 0, 0,
-       false, presets, "solve"},
-      {"material.ogden_mu_Pa", "", "",
-       "Ogden moduli in Pa, 2 mu/alpha^2 (sum of stretches^alpha - 3); none: neo-Hookean",
-       &c.material.ogden_mu_Pa, 0, 0, false, any, "solve"},
+       false, presets, "solve", true},
+      {"material.ogden_mu_Pa", "", "Pa",
+       "Ogden moduli, 2 mu/alpha^2 (sum of stretches^alpha - 3); none: neo-Hookean", &c.material.ogden_mu_Pa,
+       0, 0, false, any, "solve"},
       {"material.ogden_alpha", "", "", "Ogden exponents, as many", &c.material.ogden_alpha, 0, 0, false, any,
        "solve"},
       {"material.mooney_c01_Pa", "", "Pa",
@@ -309,12 +315,12 @@ std::vector<Option> options_of(Config& c) {
        &c.material.mooney_c01_Pa, 0, 1e12, false, any, "solve"},
       {"material.prony_g", "", "", "parts of the shear modulus that relax; none: elastic",
        &c.material.prony_g, 0, 0, false, any, "solve"},
-      {"material.prony_tau_s", "", "", "their relaxation times in s", &c.material.prony_tau_s, 0, 0, false,
-       any, "solve"},
-      {"load.depth_mm", "--depth", "mm", "indentation at the end", &c.load.depth_mm, 0, 1000, true, any,
+      {"material.prony_tau_s", "", "s", "their relaxation times", &c.material.prony_tau_s, 0, 0, false, any,
        "solve"},
+      {"load.depth_mm", "--depth", "mm", "indentation at the end", &c.load.depth_mm, 0, 1000, true, any,
+       "solve", true},
       {"load.rate_mm_per_s", "--rate", "mm/s", "speed of the circle", &c.load.rate_mm_per_s, 0, 1e5, true,
-       any, "solve"},
+       any, "solve", true},
       {"load.contact",
        "--contact",
        "",
@@ -324,7 +330,8 @@ std::vector<Option> options_of(Config& c) {
        0,
        false,
        {"bonded", "frictionless"},
-       "solve"},
+       "solve",
+       true},
       {"solver.safety", "--safety", "", "time step as a part of the stable step", &c.solver.safety, 0, 2,
        true, any, "solve"},
       {"solver.damping_per_s", "--damping", "1/s", "mass-proportional damping", &c.solver.damping_per_s, 0,
@@ -362,9 +369,12 @@ std::vector<Option> options_of(Config& c) {
        1e6, true, any, "solve"},
       {"accuracy.goal", "--accuracy", "",
        "take as many nodes as it takes to know the force this well, by its discretisation: a share of it, "
-       "2%, or a "
-       "force, 1mN",
-       &c.accuracy.goal, 0, 0, false, any, "run"},
+       "2%, or a force, 1mN",
+       &c.accuracy.goal, 0, 0, false, any, "run", true},
+      {"accuracy.quantity", "--quantity", "",
+       "what is to be known, beside the force: displacement@x,y,z of the place of the body at rest there, in "
+       "LPS mm",
+       &c.accuracy.quantity, 0, 0, false, any, "run"},
       {"accuracy.budget_s", "--budget", "s",
        "take as many nodes as make the force known best in about this time; 0: no matter how long",
        &c.accuracy.budget_s, 0, 1e9, false, any, "run"},
@@ -382,18 +392,34 @@ std::vector<Option> options_of(Config& c) {
        "--write",
        "",
        "files wanted, comma-separated; tables and summary are always written, \"force\" asks for nothing "
-       "else",
+       "else; images: on the label image's grid, and not among all",
        &c.output.write,
        0,
        0,
        false,
-       {"all", "force", "nodes", "points", "surface", "picture", "model", "label"},
+       {"all", "force", "nodes", "points", "surface", "picture", "model", "label", "report", "images"},
+       "files"},
+      {"output.warp", "--warp", "",
+       "images of the same patient to be deformed as the body is, comma-separated; linear between voxels",
+       &c.output.warp, 0, 0, false, any, "files"},
+      {"output.warp_labels", "--warp-labels", "",
+       "the same for label maps: each voxel takes the nearest voxel's number", &c.output.warp_labels, 0, 0,
+       false, any, "files"},
+      {"output.write_frames",
+       "--write-frames",
+       "",
+       "of which frames images are written",
+       &c.output.write_frames,
+       0,
+       0,
+       false,
+       {"last", "all"},
        "files"},
       {"output.compare", "--compare", "",
        "a measured curve beside ours, which it does not change: CSV with indentation_mm and force_N (or "
        "force_mN), or "
        "horton2007",
-       &c.output.compare, 0, 0, false, any, "files"},
+       &c.output.compare, 0, 0, false, any, "files", true},
   };
 }
 
@@ -438,8 +464,37 @@ void set_option(Config& config, const std::string& key, const std::string& text,
     if (const auto before = config.source.find("material.mu_spread_percent");
         before != config.source.end() && !before->second.starts_with("--"))
       config.material.mu_spread_percent = 0.0;
-  assign_text(*option, text, source);
+  const bool place = option->key == "boundary.indent_at" && text.find(',') != std::string::npos;
+  assign_text(*option, place ? place_in_mm(text) : text, source);
   config.source[option->key] = source;
+}
+
+std::string option_named(const std::string& name, const std::string& source,
+                         const std::vector<std::string>& others) {
+  Config config;
+  if (name.starts_with("tissue.") && name.rfind('.') > 7) {
+    option_named("material." + name.substr(name.rfind('.') + 1), source, others);
+    return name;
+  }
+  std::vector<Option> options = options_of(config);
+  const auto in_words = [](std::string text) {  // "--indent-at" and "indent_at" are one
+    text.erase(0, text.find_first_not_of('-'));
+    std::replace(text.begin(), text.end(), '-', '_');
+    return text;
+  };
+  const auto without_section = [](const std::string& key) { return key.substr(key.find('.') + 1); };
+  const std::string wanted = in_words(name);
+  std::vector<std::string> known = others;
+  const Option* by_its_end = nullptr;
+  for (const Option& option : options) {
+    const std::string flag = in_words(option.flag), bare = without_unit(option);
+    if (wanted == option.key || wanted == bare || (!flag.empty() && wanted == flag)) return option.key;
+    if (wanted == without_section(option.key) || wanted == without_section(bare)) by_its_end = &option;
+    known.push_back(flag.empty() ? without_section(bare) : flag);
+    known.push_back(without_section(option.key));
+  }
+  if (by_its_end) return by_its_end->key;
+  unknown_key(options, name, source, std::move(known));
 }
 
 void set_value(const Option& option, const std::string& text, const std::string& source) {
@@ -687,6 +742,12 @@ std::optional<Goal> goal_of(const Config& config) {
            .why = "the nodes follow from the accuracy",
            .remedy = "leave one of them out"});
   if (text.empty()) return goal;
+  if (followed_place(config))
+    throw UsageError(
+        {.fact = "an accuracy of a displacement is asked for",
+         .where = "--accuracy (accuracy.goal) with --quantity (accuracy.quantity)",
+         .why = "how far a displacement may be off has not been measured on scenes with a known one",
+         .remedy = "leave one of them out; a run tells how far the displacement of a coarser cloud is"});
   const bool is_force = text.find('N') != std::string::npos;
   double value = 0.0;
   set_value(
@@ -701,7 +762,7 @@ std::optional<Goal> goal_of(const Config& config) {
        {},
        ""},
       text, "--accuracy (accuracy.goal)");
-  (is_force ? goal.force : goal.share) = is_force ? value : 0.01 * value;
+  (is_force ? goal.absolute : goal.share) = is_force ? value : 0.01 * value;
   if (const double least = narrowest_band(2.0 * config.load.depth_mm / config.boundary.indenter_diameter_mm);
       goal.share > 0.0 && goal.share < least)
     throw UsageError(
@@ -712,6 +773,18 @@ std::optional<Goal> goal_of(const Config& config) {
                             100.0 * least),
          .remedy = "ask for less accuracy, or for less depth than the circle's radius"});
   return goal;
+}
+
+std::optional<Vec3> followed_place(const Config& config) {
+  const std::string& text = config.accuracy.quantity;
+  const std::string displacement = "displacement@";
+  if (text == "force") return std::nullopt;
+  if (text.starts_with(displacement))
+    if (const auto place = parse_vector(text.substr(displacement.size()))) return *place * 1e-3;
+  throw UsageError({.fact = fmt::format("'{}' is not a quantity", text),
+                    .where = "--quantity (accuracy.quantity)",
+                    .why = "it is force, or the displacement of a place in LPS mm",
+                    .remedy = "give it as displacement@12,-30,45"});
 }
 
 void require_no_goal(const Config& config, const std::string& command) {

@@ -71,13 +71,17 @@ struct Config {
     std::int64_t evaluations = 2000;
   } solver;
   struct Accuracy {
-    std::string goal;  ///< "2%", "1mN", or empty; see goal_of()
+    std::string goal;                ///< "2%", "1mN", or empty; see goal_of()
+    std::string quantity = "force";  ///< or "displacement@x,y,z"; see followed_place()
     double budget_s = 0.0;
     std::string band = "on";
   } accuracy;
   struct Output {
     std::vector<std::string> write = {"all"};  ///< which files; see wanted_of() in results.hpp
-    std::string compare;                       ///< a measured curve, paper_word, or empty; see compare.hpp
+    std::vector<std::string> warp;         ///< images of the patient, linear between voxels; see images.hpp
+    std::vector<std::string> warp_labels;  ///< the same, the nearest voxel's number
+    std::string write_frames = "last";     ///< of which frames images are written
+    std::string compare;                   ///< a measured curve, paper_word, or empty; see compare.hpp
   } output;
 
   /// key -> why it has its value ("default", "config.toml", "--nodes", ...)
@@ -97,6 +101,7 @@ struct Option {
                                      ///< empty: free text
   std::string stage;  ///< which commands have the flag: "model", "solve" (run has both), "run" (that alone),
                       ///< "files" (run and solve)
+  bool common = false;  ///< of those that `--help` lists; `--help-all` lists all
 };
 std::vector<Option> options_of(Config& config);
 
@@ -105,7 +110,13 @@ std::vector<Option> options_of(Config& config);
 /// choice.
 void set_option(Config& config, const std::string& key, const std::string& text, const std::string& source);
 
-/// The same for a value that is no part of a Config: a time limit, for instance.
+/// The key of the option that somebody calls `name`, as the head of a column: its key, with or without section and unit
+/// ("material.mu_Pa", "mu"), or its flag ("indent-at", "indent_at"). Throws UsageError: there is none, with a suggestion
+/// from these names and from `others`.
+std::string option_named(const std::string& name, const std::string& source,
+                         const std::vector<std::string>& others);
+
+/// set_option() for a value that is no part of a Config: a time limit, for instance.
 void set_value(const Option& option, const std::string& text, const std::string& source);
 
 /// Young's modulus, where it was given, becomes the shear modulus E / (2 (1 + nu)). To be called when all
@@ -142,13 +153,17 @@ double spread_of(const Config& config);
 
 /// Half the width that the force's band may have, and the time in which the nodes for it are to be found.
 struct Goal {
-  double share = 0.0, force = 0.0;  ///< of the force, or [N]; both 0: as narrow as the time allows
-  double budget_s = 0.0;            ///< 0: without an end
-  double half_width(double of_force) const { return force > 0.0 ? force : share * of_force; }
+  double share = 0.0, absolute = 0.0;  ///< of the force, or [N]; both 0: as narrow as the time allows
+  double budget_s = 0.0;               ///< 0: without an end
+  double half_width(double of_force) const { return absolute > 0.0 ? absolute : share * of_force; }
 };
 /// Nothing if no accuracy was asked for. Throws UsageError: neither a share nor a force; a number of nodes is
-/// given as well.
+/// given as well, or a displacement asked for.
 std::optional<Goal> goal_of(const Config& config);
+
+/// The place of the body [m, LPS, at rest] whose displacement is asked for, beside the force. Throws UsageError: neither
+/// "force" nor "displacement@x,y,z" in mm.
+std::optional<Vec3> followed_place(const Config& config);
 
 /// Throws UsageError: an accuracy was asked for, of a command that has no ladder of clouds.
 void require_no_goal(const Config& config, const std::string& command);

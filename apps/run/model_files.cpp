@@ -46,7 +46,17 @@ Field node_set_field(const Discretisation& model) {
 }
 
 PointFile read_points(const fs::path& file) {
-  if (file.extension() == ".vtu") return read_vtu(file);
+  if (file.extension() == ".vtu") {
+    PointFile points = read_vtu(file);
+    // Earlier versions wrote names without units. Taken for another array, the numbers would be guessed anew.
+    for (const auto& [before, now] :
+         {std::pair{"spacing", "spacing_mm"}, {"volume", "volume_mm3"}, {"spread", "spread_mm2"}})
+      if (points.find(before) && !points.find(now))
+        refuse(file, fmt::format("its array '{}' has no unit in its name", before),
+               "the file was written by an earlier version or by something else",
+               fmt::format("make the model anew with `dimple model`, or call the array {}", now));
+    return points;
+  }
   if (file.extension() != ".csv")
     refuse(file, fmt::format("'{}' is neither .vtu nor .csv", file.filename().string()),
            "the suffix says what a list of locations is", "give nodes and points as .vtu or .csv");
@@ -64,9 +74,8 @@ PointFile read_points(const fs::path& file) {
     points.position_mm.row(d) =
         Eigen::Map<const Eigen::RowVectorXd>(column->data(), points.position_mm.cols());
   }
-  for (const auto& [csv, name] :
-       {std::pair{"spacing_mm", "spacing"}, {"node_set", "node_set"}, {"volume_mm3", "volume"}})
-    if (const auto* column = table.find(csv))
+  for (const char* name : {"spacing_mm", "node_set", "volume_mm3"})
+    if (const auto* column = table.find(name))
       points.fields.push_back(
           {.name = name,
            .unit = "",
@@ -184,20 +193,20 @@ void write_model(const fs::path& folder, const Discretisation& model, const Sche
   make_folder(folder);
   write_vtu(folder / "nodes.vtu",
             {.position_mm = to_mm(model.X),
-             .fields = {{.name = "spacing",
+             .fields = {{.name = "spacing_mm",
                          .unit = "mm",
                          .values = model.spacing.transpose().unaryExpr(&millimetres),
                          .type = Type::real64},
                         node_set_field(model)}},
             0.0, true);
   std::vector<Field> fields = {
-      {.name = "volume",
+      {.name = "volume_mm3",
        .unit = "mm^3",
        .values = model.volume.transpose().unaryExpr(&cubic_millimetres),
        .type = Type::real64},
       {.name = "label", .unit = "", .values = model.label.transpose().cast<double>(), .type = Type::int32}};
   if (model.spread.cols() > 0)
-    fields.push_back({.name = "spread",
+    fields.push_back({.name = "spread_mm2",
                       .unit = "mm^2",
                       .values = model.spread.unaryExpr(&square_millimetres),
                       .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"},
@@ -273,7 +282,7 @@ ModelFiles read_model(const fs::path& path) {
   model.X = to_m(nodes.position_mm);
   model.point = to_m(points.position_mm);
 
-  if (const Field* spacing = nodes.find("spacing")) {
+  if (const Field* spacing = nodes.find("spacing_mm")) {
     require_positive(node_file, *spacing, "a node's spacing", "supports are sized by it");
     model.spacing = spacing->values.row(0).transpose().unaryExpr(&metres);
   } else {
@@ -285,7 +294,7 @@ ModelFiles read_model(const fs::path& path) {
         fmt::format("nodes carry no spacing: taken as {:.3f} mm, the median distance to the six nearest",
                     millimetres(model.spacing[0])));
   }
-  if (const Field* volume = points.find("volume")) {
+  if (const Field* volume = points.find("volume_mm3")) {
     require_positive(point_file, *volume, "a point's volume", "each point stands for some tissue");
     model.volume = volume->values.row(0).transpose().unaryExpr(&cubic_metres);
   } else {
@@ -322,7 +331,7 @@ ModelFiles read_model(const fs::path& path) {
     model.label = label->values.row(0).transpose().cast<int>();
   }
   if (files.scheme.averaged_gradients) {
-    if (const Field* spread = points.find("spread"); spread && spread->values.rows() == 6) {
+    if (const Field* spread = points.find("spread_mm2"); spread && spread->values.rows() == 6) {
       if (!spread->values.allFinite())
         refuse(point_file, "a point's spread is not finite", "it is the size of the point's cell",
                "mend the column, or leave it out");

@@ -12,8 +12,8 @@ namespace dimple {
 /// A model as files that a person can open and another program can make:
 ///
 ///     model.toml    which files, the tool, the support options; provenance
-///     nodes.vtu     positions [LPS mm, double], spacing [mm], node_set (1 base, 2 indenter)
-///     points.vtu    positions [LPS mm, double], volume [mm^3]
+///     nodes.vtu     positions [LPS mm, double], spacing_mm, node_set (1 base, 2 indenter)
+///     points.vtu    positions [LPS mm, double], volume_mm3, label, spread_mm2
 ///     surface.vtp   the body's surface, for pictures; optional
 ///     label.vti     the label image, for pictures; optional
 ///

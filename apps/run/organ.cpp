@@ -6,10 +6,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/label_names.hpp"
 #include "preprocess/label_surface.hpp"
 
 namespace dimple {
@@ -36,13 +38,21 @@ std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelM
       result.push_back(value);
       found = true;
     }
-    if (!found)
-      throw InputError({.fact = fmt::format("no label is called '{}'{}", word, did_you_mean(word, known)),
-                        .where = "--label (image.label)",
-                        .why = known.empty() ? std::string("the image has no label names")
-                                             : fmt::format("the image names {}", fmt::join(known, ", ")),
-                        .remedy = "choose by number, or give names with --label-names; `dimple info IMAGE` "
-                                  "shows what there is"});
+    if (found) continue;
+    const std::string elsewhere = numbering_with(word);
+    throw InputError(
+        {.fact = fmt::format("no label is called '{}'{}", word, did_you_mean(word, known)),
+         .where = "--label (image.label)",
+         .why = (known.empty() ? std::string("the image has no label names")
+                               : fmt::format("the image names {}", fmt::join(known, ", "))) +
+                (elsewhere.empty() ? "" : "; it would be " + elsewhere),
+         .remedy =
+             elsewhere.empty()
+                 ? "choose by number, or give names with --label-names; `dimple info IMAGE` shows what there "
+                   "is"
+                 : fmt::format("add --label-names {} if that made the image; `dimple info IMAGE` shows what "
+                               "there is",
+                               elsewhere.substr(elsewhere.rfind(' ') + 1))});
   }
   for (const int value : result)
     if (std::none_of(present.begin(), present.end(), [&](const LabelMeasure& m) { return m.value == value; }))
@@ -113,8 +123,9 @@ std::optional<ClosedImage> closed(const Config& config, const LabelImage& image,
   if (!(width > 0.0)) return std::nullopt;
   talk.doing("closing gaps");
   ClosedImage result = close_gaps(image, labels, width);
-  sentence = fmt::format("gaps narrower than {:.4g} mm: {:.4g} cm3 added ({:.1f} %)", width,
-                         result.added_mm3 / 1e3, 100.0 * result.added_mm3 / result.body_mm3);
+  sentence = fmt::format("gaps narrower than {:.4g} mm: {} added ({:.1f} %)", width,
+                         volume_written(result.added_mm3)(result.added_mm3),
+                         100.0 * result.added_mm3 / result.body_mm3);
   talk.say("closed   " + sentence);
   if (const double finest = image.spacing().minCoeff(); 0.5 * width < finest)
     talk.warn(
@@ -135,6 +146,38 @@ void warn_of_narrow_gaps(const Config& config, double share, const Talk& talk) {
 }
 
 }  // namespace
+
+std::string name_of_image(const Config& config) {
+  return config.image.file.empty() ? "image in memory" : config.image.file;
+}
+
+std::string sha256_of_image(const Config& config, const LabelImage& image) {
+  if (!config.image.file.empty()) return sha256_of_file(config.image.file);
+  const auto bytes_of = [](const auto& numbers, std::size_t count) {
+    return std::string_view(reinterpret_cast<const char*>(numbers.data()), count * sizeof(numbers.data()[0]));
+  };
+  std::string bytes(bytes_of(image.size, image.size.size()));
+  bytes += bytes_of(image.to_world.matrix(), 16);
+  bytes += bytes_of(image.row_offset, image.row_offset.size());
+  bytes += bytes_of(image.run, image.run.size());
+  return sha256(bytes);
+}
+
+Work work_of(const Config& config, const Result& result) {
+  const bool placed = result.model.node_count() > 0;
+  const double nodes = static_cast<double>(placed ? result.model.node_count() : config.cloud.nodes);
+  const Wanted wanted = wanted_of(config);
+  const auto& size = result.image.size;
+  return {
+      .voxels = static_cast<double>(size[0]) * static_cast<double>(size[1]) * static_cast<double>(size[2]),
+      .nodes = nodes,
+      .points = placed ? static_cast<double>(result.model.point_count())
+                       : nodes * scheme_of(config).points_per_node,
+      .depths = static_cast<double>(config.solver.frames),
+      .picture = wanted.picture,
+      .band = config.accuracy.band == "on",
+      .ladder = !config.accuracy.goal.empty() || config.accuracy.budget_s > 0.0};
+}
 
 void check_materials(const std::vector<Material>& materials, const Scheme& scheme) {
   const Material& m = materials.front();
@@ -180,15 +223,15 @@ TissueOptions tissues_of(const Config& config, const std::map<std::string, int>&
 
 Organ read_organ(const Case& given, const ModelOptions& options, const Talk& talk, Result& result) {
   const Config& config = given.config;
-  if (config.image.file.empty())
+  if (config.image.file.empty() && !given.image)
     throw UsageError({.fact = "no label image was given",
                       .where = "command line",
                       .why = "there is nothing to work on",
                       .remedy = "give one: dimple run IMAGE -o OUT"});
   check_materials(materials_of(config), options.scheme);
   const Stopwatch reading;
-  talk.doing("reading " + config.image.file);
-  result.image = read_label_image(config.image.file, config.image.label_names);
+  talk.begin(Part::reading, config);
+  result.image = given.image ? *given.image : read_label_image(config.image.file, config.image.label_names);
   if (given.change.image) result.image = given.change.image(result.image);
   Organ organ{.options = options, .labels = {}};
   for (const auto& [value, name] : result.image.names) organ.label_names[name] = value;
@@ -197,11 +240,12 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
   result.labels = taken;
   result.read_s = reading.seconds();
   result.stages.done("read");
-  talk.say(fmt::format("image    {}: {}, {} x {} x {} voxels of {:.4g} x {:.4g} x {:.4g} mm, axes {}",
-                       config.image.file, result.image.format, result.image.stored_size[0],
-                       result.image.stored_size[1], result.image.stored_size[2],
-                       result.image.stored_spacing.x(), result.image.stored_spacing.y(),
-                       result.image.stored_spacing.z(), result.image.orientation));
+  result.image_words =
+      fmt::format("{}, {} x {} x {} voxels of {:.4g} x {:.4g} x {:.4g} mm, axes {}", result.image.format,
+                  result.image.stored_size[0], result.image.stored_size[1], result.image.stored_size[2],
+                  result.image.stored_spacing.x(), result.image.stored_spacing.y(),
+                  result.image.stored_spacing.z(), result.image.orientation);
+  talk.say(fmt::format("image    {}: {}", name_of_image(config), result.image_words));
   say_labels(talk, config, labels, taken, organ.label_names);
   say_default_stiffness(talk, config);
 
@@ -212,7 +256,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
     result.closed_mm3 = organ.closed->added_mm3;
     result.stages.done("close gaps");
   }
-  talk.doing("drawing the surface");
+  talk.begin(Part::surface, config);
   organ.options.boundary.voxel_mm = image.spacing().maxCoeff();
   organ.body.emplace(
       make_body_surface(image, labels,
@@ -225,22 +269,24 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
   const SegmentReport& segment = result.segment;
   for (const std::string& warning : segment.warnings) talk.warn(warning);
   if (segment.pieces > 1)
-    talk.say(fmt::format("organ    {} pieces: kept the largest, dropped {:.2f} cm3 ({:.2f} %)",
-                         segment.pieces, segment.dropped_volume_mm3 / 1e3,
+    talk.say(fmt::format("organ    {} pieces: kept the largest, dropped {} ({:.2f} %)", segment.pieces,
+                         volume_written(segment.dropped_volume_mm3)(segment.dropped_volume_mm3),
                          100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
   if (segment.dropped_volume_mm3 > 0.05 * segment.label_volume_mm3)
     talk.warn(fmt::format(
         "{:.1f} % of the labelled volume lies in pieces that do not touch the largest and was dropped",
         100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
-  talk.say(fmt::format(
-      "organ    {:.2f} cm3, surface {:.1f} cm2 ({} triangles, drawn {:.2f} mm apart, smoothed by {:.2f} mm; "
-      "encloses the voxels' volume to {:+.2f} %)",
-      segment.voxel_volume_mm3 / 1e3, body.surface.area() / 1e2, body.surface.triangles().cols(),
-      segment.step_mm, segment.smoothing_mm,
-      100.0 * (body.surface.volume() / segment.voxel_volume_mm3 - 1.0)));
+  const double volume = segment.voxel_volume_mm3;
+  talk.say("organ    " + volume_written(volume)(volume));
+  talk.detail(fmt::format(
+      "surface  {:.4g} cm2: {} triangles, drawn {:.2f} mm apart, smoothed by {:.2f} mm; encloses the voxels' "
+      "volume to {:+.2f} %",
+      body.surface.area() / 1e2, body.surface.triangles().cols(), segment.step_mm, segment.smoothing_mm,
+      100.0 * (body.surface.volume() / volume - 1.0)));
 
   result.facing_share = facing_share(body.surface, narrow_gap_mm);
   warn_of_narrow_gaps(config, result.facing_share, talk);
+  result.image_warnings = result.warnings.size();
   result.build_s = building.seconds();
   return organ;
 }
@@ -254,25 +300,26 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
                            const LabelImage& image, const Talk& talk, Result& result) {
   const Stopwatch building;
   const SegmentReport& segment = result.segment;
-  talk.doing("placing nodes and points");
+  talk.begin(Part::cloud, config);
   auto [places, report] = discretise(organ.body->surface, options, labels_of(config, organ, image));
   result.stages.add(report.stages);
   for (const std::string& warning : report.boundary.warnings) talk.warn(warning);
   result.build_s += building.seconds();
-  talk.say(fmt::format(
-      "nodes    {} ({} on the surface), {:.3f} mm apart{}{}; nearest node {:.2f} +- {:.2f}, at least {:.2f}, "
-      "largest gap {:.2f} spacings",
-      places.node_count(), report.surface_nodes, report.spacing_mm,
-      options.cloud.spacing_mm > 0.0 ? "" : " for this number",
-      report.rim_spacing_mm < report.spacing_mm ? fmt::format(", {:.3f} mm at the rim", report.rim_spacing_mm)
-                                                : "",
-      report.evenness.mean, report.evenness.spread * report.evenness.mean, report.evenness.minimum,
-      report.evenness.fill));
-  talk.say(fmt::format(
-      "points   {} in cells of {}{:.3f} mm, {} clipped by the surface, {} slivers merged; volume {:.2f} cm3, "
-      "{:+.3f} % of the organ's",
-      places.point_count(), options.scheme.averaged_gradients ? "up to " : "", report.cell_mm, report.clipped,
-      report.merged, report.grid_volume_mm3 / 1e3,
+  const std::string at_rim = report.rim_spacing_mm < report.spacing_mm
+                                 ? fmt::format(", {:.3g} mm at the circle's rim", report.rim_spacing_mm)
+                                 : "";
+  talk.say(fmt::format("model    {} nodes, {:.3g} mm apart{}; {} integration points", places.node_count(),
+                       report.spacing_mm, at_rim, places.point_count()));
+  talk.detail(fmt::format(
+      "nodes    {} on the surface; nearest node {:.2f} +- {:.2f}, at least {:.2f}, largest gap {:.2f} "
+      "spacings",
+      report.surface_nodes, report.evenness.mean, report.evenness.spread * report.evenness.mean,
+      report.evenness.minimum, report.evenness.fill));
+  talk.detail(fmt::format(
+      "points   in cells of {}{:.3f} mm, {} clipped by the surface, {} slivers merged; volume {}, {:+.3f} % "
+      "of the organ's",
+      options.scheme.averaged_gradients ? "up to " : "", report.cell_mm, report.clipped, report.merged,
+      volume_written(report.grid_volume_mm3)(report.grid_volume_mm3),
       100.0 * (report.grid_volume_mm3 / segment.voxel_volume_mm3 - 1.0)));
   talk.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
   const std::string centre = in_words(places.tool.centre * 1e3);
@@ -289,12 +336,10 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
       {"boundary.indent_at", fmt::format("{}: {}", centre, report.boundary.circle_reason)},
       {"boundary.direction", fmt::format("({:.4f}, {:.4f}, {:.4f})", push.x(), push.y(), push.z())},
       {"image.label", in_words(result.labels)}};
-  result.provenance = {{"image", config.image.file},
-                       {"image_sha256", sha256_of_file(config.image.file)},
-                       {"labels", result.chosen["image.label"]},
-                       {"base", report.boundary.base_reason},
-                       {"circle", report.boundary.circle_reason},
-                       {"dimple", DIMPLE_VERSION}};
+  result.provenance = {
+      {"image", name_of_image(config)},          {"image_sha256", sha256_of_image(config, image)},
+      {"labels", result.chosen["image.label"]},  {"base", report.boundary.base_reason},
+      {"circle", report.boundary.circle_reason}, {"dimple", DIMPLE_VERSION}};
   if (!organ.closing.empty()) result.provenance["closed"] = organ.closing;
   result.report = std::move(report);
   return std::move(places);

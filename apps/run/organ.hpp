@@ -12,6 +12,9 @@ namespace dimple {
 
 // What simulate() is made of, up to the places of nodes and points.
 
+/// As far as it is known yet.
+Work work_of(const Config& config, const Result& result);
+
 /// What is told to the observer; warnings are kept too.
 struct Talk {
   const RunObserver& observer;
@@ -20,6 +23,9 @@ struct Talk {
     if (observer.line) observer.line(kind, text);
   }
   void doing(const std::string& text) const { line(RunObserver::Line::doing, text); }
+  void begin(Part part, const Config& config) const {
+    if (observer.part) observer.part(part, work_of(config, result));
+  }
   void say(const std::string& text) const { line(RunObserver::Line::said, text); }
   void detail(const std::string& text) const { line(RunObserver::Line::detail, text); }
   void warn(const std::string& text) const {
@@ -27,6 +33,11 @@ struct Talk {
     line(RunObserver::Line::warning, text);
   }
 };
+
+/// For people: the image's file, or that it was given without one.
+std::string name_of_image(const Config& config);
+/// Of the file; of an image without one, of its labels and where they lie.
+std::string sha256_of_image(const Config& config, const LabelImage& image);
 
 /// Says what is wrong with the materials before anything is built. Throws UsageError.
 void check_materials(const std::vector<Material>& materials, const Scheme& scheme);

@@ -8,6 +8,8 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/run/checkpoint.hpp"
+#include "apps/run/images.hpp"
+#include "apps/run/organ.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/words.hpp"
@@ -28,15 +30,23 @@ void doing(const RecordObserver& observer, const std::string& text) {
   if (observer.line) observer.line(Line::doing, text);
 }
 
-// ", 0.0425 to 0.0449 (discretisation)".
+void detail(const RecordObserver& observer, const std::string& text) {
+  if (observer.line) observer.line(Line::detail, text);
+}
+
+// ", 0.0425 to 0.0449 (discretisation)", in the unit of the force itself.
 std::string from_to(double force_N, double half_N, const std::string& by) {
-  return fmt::format(", {:.4f} to {:.4f} ({})", force_N - half_N, force_N + half_N, by);
+  const Written written = force_written(force_N);
+  return fmt::format(", {} to {} ({})", written.number(force_N - half_N), written.number(force_N + half_N),
+                     by);
 }
 
 // "0.0437 N at 8.00 mm, 0.0425 to 0.0449 (discretisation)", without a band the first half alone.
 std::string title_of(double force_N, double depth_mm, bool band, double half_N) {
-  return fmt::format("{:.4f} N at {:.2f} mm{}", force_N, depth_mm,
-                     band ? from_to(force_N, half_N, "discretisation") : "");
+  return fmt::format(
+      "{} at {} mm{}", force_written(force_N)(force_N),
+      depth_mm == 0.0 || depth_mm >= 0.1 ? fmt::format("{:.2f}", depth_mm) : fmt::format("{:.3g}", depth_mm),
+      band ? from_to(force_N, half_N, "discretisation") : "");
 }
 
 // The same with why there is no band, and with what the material's band adds.
@@ -45,6 +55,29 @@ std::string headline_of(const std::string& title, double force_N, const std::str
          (spread > 0.0
               ? from_to(force_N, spread * std::abs(force_N), fmt::format("mu +- {:g} %", 100.0 * spread))
               : "");
+}
+
+// "moved by 1.234 mm at (12.0, -30.0, 45.0) mm, 0.010 mm from where 750 nodes bring it".
+std::string displacement_title(const Json& displacement) {
+  const auto& place = displacement["place_mm"];
+  std::string title = fmt::format("moved by {:.3f} mm at {}", displacement["length_mm"].get<double>(),
+                                  in_words(Vec3(place[0], place[1], place[2])));
+  if (displacement.contains("coarser_nodes"))
+    title += fmt::format(", {:.3f} mm from where {} nodes bring it",
+                         displacement["differs_from_coarser_mm"].get<double>(),
+                         displacement["coarser_nodes"].get<Index>());
+  return title;
+}
+
+// Where the time of a run went that has made its own model.
+std::vector<std::pair<std::string, double>> times_of(const Result& result, double read_s) {
+  double surface_s = 0.0;
+  for (const auto& [stage, s] : result.stages.seconds())
+    if (stage == "surface" || stage == "close gaps") surface_s += s;
+  return {{"reading", read_s + result.read_s},
+          {"surface", surface_s},
+          {"cloud", std::max(0.0, result.build_s - surface_s)},
+          {"supports", result.complete_s}};
 }
 
 // What an earlier run of the same image or model, by the same options, has left finished. Throws UsageError:
@@ -67,6 +100,7 @@ Outcome finished_already(const fs::path& folder, const Config& config, const std
   outcome.headline = headline_of(
       title_of(force, summary.value("indentation_mm", 0.0), unknown.empty(), band.value("half_N", 0.0)),
       force, unknown, 0.01 * before.material.mu_spread_percent);
+  if (summary.contains("displacement")) outcome.further = displacement_title(summary["displacement"]);
   say(observer, fmt::format("resume   {} holds the finished run: nothing to do", folder.string()));
   return outcome;
 }
@@ -96,7 +130,8 @@ struct Recording {
   std::function<std::vector<std::string>(const Result&)> facts;  // for the picture
   std::string subject;
   std::optional<MeasuredCurve> beside = {};  // what the force is compared with
-  double read_s = 0.0;                       // before simulate()
+  ImageTask images = {};
+  double read_s = 0.0;  // before simulate()
   Stopwatch whole = {};
 };
 
@@ -110,6 +145,7 @@ class Recorder {
 
   RunObserver hooks() {
     return {.line = observer_.line,
+            .part = observer_.part,
             .placed = [this](const Discretisation& places, const Scheme& scheme) { compare(places, scheme); },
             .begin = [this](Result& now) { begin(now); },
             .march = {.frame = [this](const Frame& frame) { write(frame); },
@@ -125,6 +161,14 @@ class Recorder {
     if (writer_) writer_->finish_frames();
     finishing_s_ = writing.seconds();
   }
+  /// Of the last frame, once it is known. Throws what the stage meets.
+  void write_images() {
+    if (!images_ || images_->each_frame() || result.history.interrupted) return;
+    const Stopwatch writing;
+    doing(observer_, "warping images");
+    images_->write();
+    images_s_ = writing.seconds();
+  }
   /// After the march, however it ended.
   Outcome conclude(const std::exception_ptr& failure, const Report& reason);
 
@@ -132,6 +176,7 @@ class Recorder {
 
  private:
   void compare(const Discretisation& places, const Scheme& scheme) {
+    require_overlap(how_.images, places);
     kept_.model_sha256 = sha256_of_model(places, scheme);
     if (!given_.model) kept_.run.input_sha256 = result.provenance.at("image_sha256");
     if (how_.resumed && how_.resumed->model_sha256 != kept_.model_sha256)
@@ -147,8 +192,22 @@ class Recorder {
     how_.write_model(now);
     before_march_s_ = writing.seconds();
     // A ladder that was stopped has little time to write what it has.
-    writer_.emplace(how_.folder, now.model,
-                    now.history.interrupted ? tables_alone : wanted_of(given_.config));
+    LabelAt label_at;
+    if (!now.labels.empty()) {
+      std::vector<int> taken;
+      for (const LabelMeasure& label : now.labels) taken.push_back(label.value);
+      label_at = label_finder(now.image, Eigen::Isometry3d::Identity(), taken);
+    }
+    writer_.emplace(how_.folder, now.model, now.history.interrupted ? tables_alone : wanted_of(given_.config),
+                    label_at);
+    if (wanted_of(given_.config).report)
+      slices_ = slices_through(1e3 * (now.model.tool.centre + 0.5 * now.loading.depth * now.model.tool.push),
+                               now.model, now.image);
+    if (how_.images.any() && !now.history.interrupted) {
+      std::vector<int> labels;
+      for (const LabelMeasure& label : now.labels) labels.push_back(label.value);
+      images_.emplace(how_.images, how_.folder, now.model, std::move(labels));
+    }
     marching_ = since_kept_ = {};
     if (!how_.resumed) return;
     const Checkpoint& from = *how_.resumed;
@@ -161,17 +220,24 @@ class Recorder {
   void write(const Frame& frame) {
     const Stopwatch writing;
     writer_->frame(frame);
+    if (images_) {
+      images_->keep(frame);
+      if (images_->each_frame()) images_->write();
+    }
     writing_s_ += writing.seconds();
+    if (observer_.frame) observer_.frame(frame);
   }
 
   bool tell(const ForceSample& now, const History& h) {
-    if (observer_.progress)
+    if (observer_.progress) {
+      const std::string where =
+          fmt::format("{:.2f} mm, {}", 1e3 * now.depth, force_written(now.force)(now.force));
       observer_.progress(
           now.depth / result.loading.depth,
           result.time == TimeMode::quasi_static
-              ? fmt::format("{:.2f} mm, {:.5f} N, {} evaluations", 1e3 * now.depth, now.force, h.steps)
-              : fmt::format("t {:.2f} s, {:.2f} mm, {:.5f} N, step {:.3g} us", now.t, 1e3 * now.depth,
-                            now.force, 1e6 * h.dt_smallest));
+              ? where
+              : fmt::format("t {:.2f} s, {}, step {:.3g} us", now.t, where, 1e6 * h.dt_smallest));
+    }
     return stop_asked() == StopReason::none;
   }
 
@@ -205,9 +271,11 @@ class Recorder {
   const RecordObserver& observer_;
   Checkpoint kept_;
   std::optional<ResultWriter> writer_;
+  std::vector<Slice> slices_;  // for the page
+  std::optional<ImageWriter> images_;
   Stopwatch marching_, since_kept_;
   // What the march waits for: frames are packed and written beside it.
-  double before_march_s_ = 0.0, writing_s_ = 0.0, keeping_s_ = 0.0, finishing_s_ = 0.0;
+  double before_march_s_ = 0.0, writing_s_ = 0.0, keeping_s_ = 0.0, finishing_s_ = 0.0, images_s_ = 0.0;
 };
 
 Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reason) {
@@ -220,7 +288,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
     throw Stopped(stop_asked());
   const double solve_s_here = result.solve_s - writing_s_, solve_s = solve_s_before() + solve_s_here;
   const Stopwatch ending;
-  doing(observer_, "writing results");
+  if (observer_.part) observer_.part(Part::writing, work_of(config, result));
   const Band& band = result.band;
   writer_->tables(history, band, result.spread);
 
@@ -238,13 +306,15 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
         how_.whole.seconds(),
         result.ladder.empty() ? "--resume goes on from there" : "this is the finest cloud until then",
         stopped.code);
-  write_file(how_.folder / "config.resolved.toml", to_toml(config, result.chosen));
+  const std::string options = to_toml(config, result.chosen);
+  write_file(how_.folder / "config.resolved.toml", options);
 
   const std::string status = failure ? "failed" : history.interrupted ? "interrupted" : "finished";
   const double evaluations = evaluations_of(history),
                ms = evaluations > 0.0 ? 1e3 * solve_s / evaluations : 0.0,
                times_real = solve_s > 0.0 ? reached / config.load.rate_mm_per_s / solve_s : 0.0;
   std::optional<Comparison> comparison;
+  Json page;  // but for the summary
   if (!history.force.empty()) {
     std::vector<std::string> facts = how_.facts(result);
     facts.push_back(
@@ -256,21 +326,23 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
                           history.steps, 1e6 * history.dt_first, 1e6 * history.dt_stable_first, ms, solve_s,
                           times_real));
     const double base = history.force.back().base_force;
-    say(observer_,
+    const Written written = force_written(force);
+    detail(
+        observer_,
         quasi_static
             ? fmt::format("done     {} force evaluations, {:.3f} ms each; relative residual {:.1e}, base "
-                          "carries {:.4f} N",
-                          history.steps, ms, history.residual, base)
+                          "carries {}",
+                          history.steps, ms, history.residual, written(base))
             : fmt::format("done     {} steps of {:.3g} us, {:.3f} ms each, {:.2f} x real time; energy error "
-                          "{:.2g} %, base carries {:.4f} N",
+                          "{:.2g} %, base carries {}",
                           history.steps, 1e6 * history.dt_first, ms, times_real,
-                          100.0 * largest_energy_error(history), base));
+                          100.0 * largest_energy_error(history), written(base)));
     if (band.known())
-      say(observer_,
-          fmt::format("band     {:.4f} to {:.4f} N, +- {:.1f} %, by the discretisation alone: {} nodes are "
-                      "compared with {}, in {:.1f} s",
-                      force - half, force + half, 100.0 * half / std::abs(force), result.model.node_count(),
-                      band.coarse_nodes, band.seconds));
+      detail(observer_,
+             fmt::format("band     {} to {}, +- {:.1f} %, by the discretisation alone: {} nodes are "
+                         "compared with {}, in {:.1f} s",
+                         written.number(force - half), written(force + half), 100.0 * half / std::abs(force),
+                         result.model.node_count(), band.coarse_nodes, band.seconds));
     if (how_.beside) {
       comparison = dimple::compare(*how_.beside, history.force, band);
       write_comparison(how_.folder / "compare.csv", *comparison);
@@ -283,15 +355,22 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
       writer_->overview(
           history, band, comparison,
           fmt::format("{}: {}{}", how_.subject, title, status == "finished" ? "" : " (" + status + ")"),
-          facts);
+          facts, result.warnings);
+    if (wanted_of(config).report)
+      page = writer_->report(history, band, comparison, slices_, options, !history.interrupted);
+  }
+  const bool has_images = images_ && !images_->told().empty();
+  if (has_images) say(observer_, "images   " + images_->told());
+  if (const std::string warning = has_images ? images_->warning() : ""; !warning.empty()) {
+    result.warnings.push_back(warning);
+    if (observer_.line) observer_.line(Line::warning, warning);
   }
   const double write_s = writing_s_ + before_march_s_ + finishing_s_ + ending.seconds();
-  say(observer_,
-      fmt::format(
-          "time     {:.1f} s in all: {:.1f} reading, {:.1f} building the model, {:.1f} solving, {:.1f} "
-          "writing{}",
-          how_.whole.seconds(), how_.read_s + result.read_s, result.build_s + result.complete_s, solve_s_here,
-          write_s, band.seconds > 0.0 ? fmt::format(", {:.1f} for the band", band.seconds) : ""));
+  outcome.times = times_of(result, how_.read_s);
+  outcome.times.emplace_back("solving", solve_s_here);
+  outcome.times.emplace_back(result.ladder.empty() ? "band" : "coarser clouds", band.seconds);
+  outcome.times.emplace_back("writing", write_s);
+  if (images_s_ > 0.0) outcome.times.emplace_back("images", images_s_);
   Json summary = how_.summary(result);
   add_run(summary, config, result,
           {.solve_s = solve_s, .write_s = write_s_before() + write_s, .total_s = how_.whole.seconds()},
@@ -303,7 +382,10 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
           : history.interrupted ? &stopped
                                 : nullptr);
   if (comparison) summary["compare"] = to_json(*comparison);
+  if (result.followed) outcome.further = displacement_title(summary["displacement"]);
+  if (has_images) summary["images"] = images_->summary();
   outcome.summary_json = as_text(summary);
+  if (!page.is_null()) write_report(how_.folder / "report.html", summary, page);
   // The last file: a folder with it is complete. Then there is nothing to go on with.
   write_file(how_.folder / "summary.json", outcome.summary_json);
   if (!failure && !history.interrupted) {
@@ -331,22 +413,29 @@ Outcome record(Case given, Recording how, const RecordObserver& observer) {
   }
   try {
     recorder.finish_frames();
+    if (!failure) recorder.write_images();
   } catch (const Stopped&) {
     recorder.result.history.interrupted = true;
   } catch (const Error& error) {
     if (!failure) failure = std::current_exception(), reason = error.report;
   }
-  return recorder.conclude(failure, reason);
+  Outcome outcome = recorder.conclude(failure, reason);
+  if (observer.result) observer.result(recorder.result);
+  return outcome;
 }
 
 }  // namespace
 
 Outcome record_run(const Config& config, const fs::path& folder, Existing existing,
-                   const RecordObserver& observer) {
+                   const RecordObserver& observer, const LabelImage* image) {
   const Stopwatch whole;
   ResultFolder results(folder, existing);
   RunIdentity identity{DIMPLE_VERSION, option_values(config), ""};
-  Recording how{.folder = folder, .identity = identity, .beside = compared_curve(config), .whole = whole};
+  Recording how{.folder = folder,
+                .identity = identity,
+                .beside = compared_curve(config),
+                .images = images_asked_for(config, false),
+                .whole = whole};
   if (existing == Existing::resume && !config.image.file.empty() &&
       (results.finished() || results.resumable())) {
     identity.input_sha256 = sha256_of_file(config.image.file);
@@ -365,17 +454,18 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
     const ModelReport& report = result.report;
     const Model& model = result.model;
     return std::vector<std::string>{
-        fmt::format(
-            "{:.1f} cm3; {} nodes {:.2f} mm apart ({} on the surface), {} integration points in cells "
-            "of {:.2f} mm",
-            result.segment.voxel_volume_mm3 / 1e3, model.node_count(), report.spacing_mm,
-            report.surface_nodes, model.point_count(), report.cell_mm),
+        fmt::format("{}; {} nodes {:.2f} mm apart ({} on the surface), {} integration points in cells "
+                    "of {:.2f} mm",
+                    volume_written(result.segment.voxel_volume_mm3)(result.segment.voxel_volume_mm3),
+                    model.node_count(), report.spacing_mm, report.surface_nodes, model.point_count(),
+                    report.cell_mm),
         fmt::format("base: {} nodes, {}", model.base.size(), report.boundary.base_reason),
         fmt::format("circle: {} nodes at {}, {}", report.circle_nodes, in_words(model.tool.centre * 1e3),
                     report.boundary.circle_reason)};
   };
-  how.subject = fs::path(config.image.file).filename().string();
-  return record({.config = config, .band = config.accuracy.band == "on"}, std::move(how), observer);
+  how.subject = fs::path(name_of_image(config)).filename().string();
+  return record({.config = config, .image = image, .band = config.accuracy.band == "on"}, std::move(how),
+                observer);
 }
 
 Outcome record_solve(const Config& config, const fs::path& model, const fs::path& folder, Existing existing,
@@ -388,6 +478,7 @@ Outcome record_solve(const Config& config, const fs::path& model, const fs::path
       .folder = folder,
       .identity = {DIMPLE_VERSION, option_values(config), sha256_of_model(files.places, files.scheme)},
       .beside = compared_curve(config),
+      .images = images_asked_for(config, true),
       .read_s = whole.seconds(),
       .whole = whole};
   if (existing == Existing::resume && results.finished())
@@ -428,7 +519,7 @@ Outcome record_model(const Config& config, const fs::path& folder, Existing exis
                        .why = "it would be lost",
                        .remedy = "give another folder with -o, or --force to replace it"});
   Result result;
-  build_case({.config = config}, {.line = observer.line}, result);
+  build_case({.config = config}, {.line = observer.line, .part = observer.part}, result);
   stop_if_asked();
   const double before_writing_s = whole.seconds();
   doing(observer, "writing the model");
@@ -437,13 +528,12 @@ Outcome record_model(const Config& config, const fs::path& folder, Existing exis
   fs::remove(folder / "model.toml", ignored);  // it comes last: with it the model is complete
   write_vti(folder / "label.vti", result.image);
   write_model(folder, result.model, result.model.scheme, result.provenance);
-  const double in_all_s = whole.seconds();
-  say(observer,
-      fmt::format("time     {:.1f} s in all: {:.1f} reading, {:.1f} building the model, {:.1f} writing",
-                  in_all_s, result.read_s, before_writing_s - result.read_s, in_all_s - before_writing_s));
+  auto times = times_of(result, 0.0);
+  times.emplace_back("writing", whole.seconds() - before_writing_s);
   return {.summary_json = as_text(summary_of_model(config, result)),
           .headline = fmt::format("{} nodes, {} integration points", result.model.node_count(),
-                                  result.model.point_count())};
+                                  result.model.point_count()),
+          .times = std::move(times)};
 }
 
 }  // namespace dimple

@@ -2,6 +2,8 @@
 
 #include <filesystem>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "apps/run/results.hpp"
 #include "apps/run/simulate.hpp"
@@ -12,22 +14,28 @@ namespace dimple {
 struct Outcome {
   std::string summary_json;  ///< what summary.json holds
   std::string headline;      ///< one line: the force, and where the pictures are
+  std::string further = {};  ///< another: the displacement that was asked for
   bool interrupted = false;
-  std::string ended_by = {};  ///< where and by what, if it was
+  std::string ended_by = {};                               ///< where and by what, if it was
+  std::vector<std::pair<std::string, double>> times = {};  ///< where the time went [s]
 };
 
 /// What is heard while it goes, beside the lines: how far the march has come, in [0, 1], and a few words.
 struct RecordObserver {
   std::function<void(RunObserver::Line, const std::string&)> line = {};
+  std::function<void(Part, const Work&)> part = {};
   std::function<void(double share, const std::string& state)> progress = {};
+  std::function<void(const Frame&)> frame = {};
+  /// When all is written, also of a march that was stopped: for who goes on with it in memory.
+  std::function<void(Result&)> result = {};
 };
 
 // simulate() with its results written to a folder as they come: frames, tables, picture, summary, and now and
 // then a checkpoint to go on from. Each throws Error; Stopped too if there is nothing to keep.
 
-/// From the image to the force curve.
+/// From the image to the force curve. `image`, if given, stands for the file that config.image.file names.
 Outcome record_run(const Config& config, const std::filesystem::path& folder, Existing existing,
-                   const RecordObserver& observer = {});
+                   const RecordObserver& observer = {}, const LabelImage* image = nullptr);
 /// From a model's files.
 Outcome record_solve(const Config& config, const std::filesystem::path& model,
                      const std::filesystem::path& folder, Existing existing,

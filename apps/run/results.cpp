@@ -5,12 +5,13 @@
 
 #include <algorithm>
 #include <array>
+#include <limits>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <regex>
 #include <system_error>
 
-#include "io/draw/picture.hpp"
+#include "apps/run/view.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/memory.hpp"
@@ -23,6 +24,24 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
+
+// At some of its places.
+Interpolation some_of(const Interpolation& all, const std::vector<Index>& place) {
+  Interpolation some;
+  some.rows.offset.setZero(static_cast<Index>(place.size()) + 1);
+  for (std::size_t r = 0; r < place.size(); ++r)
+    some.rows.offset[static_cast<Index>(r) + 1] =
+        some.rows.offset[static_cast<Index>(r)] + static_cast<int>(all.rows.count(place[r]));
+  some.rows.member.resize(some.rows.offset[some.rows.rows()]);
+  some.weight.resize(some.rows.member.size());
+  for (std::size_t r = 0; r < place.size(); ++r) {
+    const Index from = all.rows.offset[place[r]], count = all.rows.count(place[r]),
+                to = some.rows.offset[static_cast<Index>(r)];
+    some.rows.member.segment(to, count) = all.rows.member.segment(from, count);
+    some.weight.segment(to, count) = all.weight.segment(from, count);
+  }
+  return some;
+}
 
 Eigen::MatrixXd node_sets(const Model& model) {
   Eigen::MatrixXd set = Eigen::MatrixXd::Zero(1, model.node_count());
@@ -44,14 +63,16 @@ Wanted wanted_of(const Config& config) {
           .surface = asked("surface"),
           .picture = asked("picture"),
           .model = asked("model"),
-          .label = asked("label")};
+          .label = asked("label"),
+          .report = asked("report"),
+          .images = std::find(list.begin(), list.end(), "images") != list.end()};
 }
 
 // What is written of a frame, beside what stays the same.
 struct ResultWriter::Packing {
-  double time_s;
-  Points u, reaction;
-  Eigen::MatrixXd point_u, J, sigma, mises;
+  double time_s, depth, force;  // [s], [m], [N]
+  Points u, reaction;           // [mm], [N]
+  Eigen::MatrixXd J, sigma, mises;
 };
 
 namespace {
@@ -67,7 +88,7 @@ bool may_write_beside(const Model& model) {
 
 }  // namespace
 
-ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wanted)
+ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wanted, const LabelAt& label_at)
     : folder_(std::move(folder)),
       model_(model),
       wanted_(wanted),
@@ -78,11 +99,31 @@ ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wa
       on_circle_(Eigen::MatrixXd::Zero(1, model.surface.vertex_mm.cols())),
       node_series_(folder_ / "nodes.pvd", ".vtu"),
       point_series_(folder_ / "points.pvd", ".vtu"),
-      surface_series_(folder_ / "surface.pvd", ".vtp") {
+      surface_series_(folder_ / "surface.pvd", ".vtp"),
+      section_series_(folder_ / "section.pvd", ".vtp"),
+      tool_series_(folder_ / "tool.pvd", ".vtp") {
   wanted_.surface = wanted.surface && !model.surface.empty();
+  if (wanted_.nodes) to_nodes_ = node_interpolation(model);
   if (wanted_.points) to_points_ = point_interpolation(model);
-  if (wanted_.surface || (wanted_.picture && !model.surface.empty()))
+  if (wanted_.surface) {
+    section_ = cut_open(model);
+    tool_ = tool_body(model);
+    to_section_ = inner_interpolation(model, section_.place * 1e-3);
+    on_surface_ = make_point_means(points_mm_, model.surface.vertex_mm);
+    on_section_ = make_point_means(points_mm_, section_.place);
+    if (label_at) {
+      label_.resize(1, section_.triangles.cols());
+      for (Index t = 0; t < label_.cols(); ++t)
+        label_(0, t) = label_at(section_.place(Eigen::all, section_.triangles.col(t)).rowwise().mean());
+    }
+    write_file(folder_ / view_file, view_script);
+  }
+  if (wanted_.surface || ((wanted_.picture || wanted_.report) && !model.surface.empty()))
     to_surface_ = surface_interpolation(model);
+  if (wanted_.report && !model.surface.empty()) {
+    shown_.body = reduced_surface(model.surface, model.tool, most_triangles_shown);
+    to_body_ = some_of(to_surface_, shown_.body.vertex);
+  }
   for (Index m = 0; m < on_circle_.cols(); ++m) {
     const Vec3 d = model.surface.vertex_mm.col(m) * 1e-3 - model.tool.centre;
     const double along = d.dot(model.tool.push);
@@ -95,33 +136,53 @@ void ResultWriter::resume(const std::vector<double>& frame_time_s) {
   frame_time_s_ = frame_time_s;
   if (wanted_.nodes) node_series_.resume(frame_time_s);
   if (wanted_.points) point_series_.resume(frame_time_s);
-  if (wanted_.surface) surface_series_.resume(frame_time_s);
+  if (wanted_.surface)
+    for (TimeSeries* series : {&surface_series_, &section_series_, &tool_series_})
+      series->resume(frame_time_s);
+  if (!wanted_.nodes || shown_.body.vertex.empty()) return;
+  for (std::size_t k = 0; k < frame_time_s.size(); ++k) try {
+      const PointFile nodes = read_vtu(folder_ / "nodes" / fmt::format("nodes_{:04d}.vtu", k));
+      if (const Field* u = nodes.find("nodal_parameter_mm"))
+        keep(shown_, {k, frame_time_s[k], to_body_(u->values).cast<float>()});
+    } catch (const InputError&) {  // then the page does without
+    }
+}
+
+PointStress stress_at_points(const Frame& frame) {
+  ForceState forces = frame.forces;  // whose last sweep may have been elsewhere
+  forces.stress_sweep(frame.u);
+  const auto F = forces.deformation_gradients(), P = forces.stresses();
+  PointStress at{Eigen::MatrixXd(1, F.cols()), Eigen::MatrixXd(6, F.cols()), Eigen::MatrixXd(1, F.cols())};
+  for (Index q = 0; q < F.cols(); ++q) {
+    const Mat3 Fq = Eigen::Map<const Mat3>(F.col(q).data());
+    at.J(0, q) = Fq.determinant();
+    if (!(at.J(0, q) > 0.0)) {  // the law holds for no such F: what it says there is no stress
+      at.sigma.col(q).setConstant(std::numeric_limits<double>::quiet_NaN());
+      at.mises(0, q) = std::numeric_limits<double>::quiet_NaN();
+      continue;
+    }
+    const Mat3 s = Eigen::Map<const Mat3>(P.col(q).data()) * Fq.transpose() / Fq.determinant();
+    const Mat3 deviator = s - s.trace() / 3.0 * Mat3::Identity();
+    at.sigma.col(q) << s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(1, 2), s(0, 2);
+    at.mises(0, q) = std::sqrt(1.5) * deviator.norm();
+  }
+  return at;
 }
 
 void ResultWriter::frame(const Frame& frame) {
-  Packing packing{.time_s = frame.t, .u = frame.u.topRows<3>() * 1e3};
+  Packing packing{.time_s = frame.t, .depth = frame.depth, .force = 0.0, .u = frame.u.topRows<3>() * 1e3};
+  for (const Index a : model_.indenter) packing.force += frame.f.col(a).head<3>().dot(model_.tool.push);
   const Points& u = packing.u;
   if (wanted_.nodes) {
     packing.reaction = Points::Zero(3, u.cols());
     for (const auto* set : {&model_.base, &model_.indenter})
       for (const Index a : *set) packing.reaction.col(a) = frame.f.col(a).head<3>();
   }
-  if (wanted_.points) {
-    const Index points = model_.point_count();
-    packing.J.resize(1, points);
-    packing.sigma.resize(6, points);
-    packing.mises.resize(1, points);
-    ForceState forces = frame.forces;  // whose last sweep may have been elsewhere
-    forces.stress_sweep(frame.u);
-    const auto F = forces.deformation_gradients(), P = forces.stresses();
-    for (Index q = 0; q < F.cols(); ++q) {
-      const Mat3 Fq = Eigen::Map<const Mat3>(F.col(q).data());
-      const Mat3 s = Eigen::Map<const Mat3>(P.col(q).data()) * Fq.transpose() / Fq.determinant();
-      const Mat3 deviator = s - s.trace() / 3.0 * Mat3::Identity();
-      packing.J(0, q) = Fq.determinant();
-      packing.sigma.col(q) << s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(1, 2), s(0, 2);  // VTK's order
-      packing.mises(0, q) = std::sqrt(1.5) * deviator.norm();
-    }
+  if (wanted_.points || wanted_.surface) {
+    PointStress at_points = stress_at_points(frame);
+    packing.J = std::move(at_points.J);
+    packing.sigma = std::move(at_points.sigma);
+    packing.mises = std::move(at_points.mises);
   }
   finish_frames();
   last_u_mm_ = u;
@@ -148,39 +209,75 @@ void ResultWriter::write(Packing frame) {
     write_vtu(
         node_series_.next_frame(),
         {.position_mm = nodes_mm_,
-         .fields = {{.name = "displacement", .unit = "mm", .values = frame.u, .components = xyz},
-                    {.name = "reaction_force", .unit = "N", .values = frame.reaction, .components = xyz},
-                    {.name = "node_set", .unit = "", .values = node_set_, .type = Field::Type::int32},
-                    {.name = "mass", .unit = "kg", .values = model_.mass.transpose()}}},
+         .fields =
+             {{.name = "displacement_mm", .unit = "mm", .values = to_nodes_(frame.u), .components = xyz},
+              {.name = "nodal_parameter_mm", .unit = "mm", .values = frame.u, .components = xyz},
+              {.name = "reaction_N", .unit = "N", .values = frame.reaction, .components = xyz},
+              {.name = "node_set", .unit = "", .values = node_set_, .type = Field::Type::int32},
+              {.name = "mass_kg", .unit = "kg", .values = model_.mass.transpose()}}},
         frame.time_s);
+  if (wanted_.surface) write_view(frame);
   if (wanted_.points) {
     PointFile file{.position_mm = points_mm_, .fields = {}};  // one by one: a list of them would be copied
     file.fields.push_back(
-        {.name = "displacement", .unit = "mm", .values = to_points_(frame.u), .components = xyz});
+        {.name = "displacement_mm", .unit = "mm", .values = to_points_(frame.u), .components = xyz});
     file.fields.push_back({.name = "jacobian", .unit = "", .values = std::move(frame.J)});
-    file.fields.push_back({.name = "cauchy_stress",
+    file.fields.push_back({.name = "cauchy_stress_Pa",
                            .unit = "Pa",
                            .values = std::move(frame.sigma),
                            .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"}});
-    file.fields.push_back({.name = "von_mises_stress", .unit = "Pa", .values = std::move(frame.mises)});
-    file.fields.push_back({.name = "volume", .unit = "mm^3", .values = model_.volume.transpose() * 1e9});
+    file.fields.push_back({.name = "von_mises_Pa", .unit = "Pa", .values = std::move(frame.mises)});
+    file.fields.push_back({.name = "volume_mm3", .unit = "mm^3", .values = model_.volume.transpose() * 1e9});
     write_vtu(point_series_.next_frame(), file, frame.time_s);
   }
-  if (wanted_.surface) {
+  if (!shown_.body.vertex.empty())
+    keep(shown_, {frame_time_s_.size(), frame.time_s, to_body_(frame.u).cast<float>()});
+  // Listed when all are there: who stops the run between two files finds as many frames in each list.
+  if (wanted_.nodes) node_series_.add(frame.time_s);
+  if (wanted_.points) point_series_.add(frame.time_s);
+  if (wanted_.surface)
+    for (TimeSeries* series : {&surface_series_, &section_series_, &tool_series_}) series->add(frame.time_s);
+}
+
+// What view.py shows: the skin, the body cut open, and the tool.
+void ResultWriter::write_view(const Packing& frame) {
+  const std::vector<std::string> xyz = {"X", "Y", "Z"};
+  const auto fact = [](const char* name, const char* unit, const Eigen::MatrixXd& value) {
+    return Field{.name = name, .unit = unit, .values = value, .type = Field::Type::real64};
+  };
+  const auto number = [](double value) { return Eigen::MatrixXd::Constant(1, 1, value); };
+  {
     const Points u = to_surface_(frame.u);
     write_vtp(
         surface_series_.next_frame(),
         {.position_mm = model_.surface.vertex_mm + u,
          .triangles = model_.surface.triangles,
          .fields =
-             {{.name = "displacement", .unit = "mm", .values = u, .components = xyz},
+             {{.name = "displacement_mm", .unit = "mm", .values = u, .components = xyz},
+              {.name = "von_mises_Pa", .unit = "Pa", .values = on_surface_(frame.mises)},
               {.name = "indenter_circle", .unit = "", .values = on_circle_, .type = Field::Type::int32}}},
         frame.time_s);
   }
-  // Listed when all are there: who stops the run between two files finds as many frames in each list.
-  if (wanted_.nodes) node_series_.add(frame.time_s);
-  if (wanted_.points) point_series_.add(frame.time_s);
-  if (wanted_.surface) surface_series_.add(frame.time_s);
+  const Points u = to_section_(frame.u);
+  SurfaceFile section{.position_mm = section_.place + u,
+                      .triangles = section_.triangles,
+                      .fields = {{.name = "displacement_mm", .unit = "mm", .values = u, .components = xyz},
+                                 {.name = "von_mises_Pa", .unit = "Pa", .values = on_section_(frame.mises)}}};
+  if (label_.size() > 0)
+    section.on_triangles.push_back(
+        {.name = "label", .unit = "", .values = label_, .type = Field::Type::int32});
+  write_vtp(section_series_.next_frame(), section, frame.time_s);
+  const Indenter& tool = model_.tool;
+  write_vtp(tool_series_.next_frame(),
+            {.position_mm = tool_.position_mm.colwise() + 1e3 * frame.depth * tool.push,
+             .triangles = tool_.triangles,
+             .fields = {},
+             .facts = {fact("indentation_mm", "mm", number(1e3 * frame.depth)),
+                       fact("force_N", "N", number(frame.force)),
+                       fact("radius_mm", "mm", number(1e3 * tool.radius)),
+                       fact("centre_mm", "mm", 1e3 * tool.centre), fact("push", "", tool.push),
+                       fact("front", "", section_.front)}},
+            frame.time_s);
 }
 
 void ResultWriter::tables(const History& history, const Band& band, double spread) const {
@@ -217,13 +314,8 @@ void ResultWriter::tables(const History& history, const Band& band, double sprea
   write_csv(folder_ / "energy.csv", energy);
 }
 
-void ResultWriter::overview(const History& history, const Band& band,
-                            const std::optional<Comparison>& comparison, const std::string& title,
-                            const std::vector<std::string>& lines) const {
-  if (!wanted_.picture) return;
+Overview ResultWriter::picture_of(const History& history, const Band& band) const {
   Overview picture;
-  picture.title = title;
-  picture.lines = lines;
   picture.nodes_mm = nodes_mm_;
   picture.displacement_mm = last_u_mm_;
   for (Index a = 0; a < node_set_.cols(); ++a) picture.node_set.push_back(static_cast<int>(node_set_(0, a)));
@@ -240,14 +332,41 @@ void ResultWriter::overview(const History& history, const Band& band,
     picture.force_N.push_back(s.force);
   }
   if (band.known()) picture.half_N = band.half;
+  picture.two_threads = beside_;
+  return picture;
+}
+
+void ResultWriter::overview(const History& history, const Band& band,
+                            const std::optional<Comparison>& comparison, const std::string& title,
+                            const std::vector<std::string>& lines,
+                            const std::vector<std::string>& warnings) const {
+  if (!wanted_.picture) return;
+  Overview picture = picture_of(history, band);
+  picture.title = title;
+  picture.lines = lines;
+  picture.warnings = warnings;
   if (comparison) {
     const MeasuredCurve& measured = comparison->measured;
     for (const double depth : measured.depth) picture.beside_depth_mm.push_back(1e3 * depth);
     picture.beside_force_N = measured.force;
     picture.beside = measured.row_name.empty() ? "measured" : "paper";
   }
-  picture.two_threads = beside_;
   write_overview(folder_ / "overview.png", picture);
+}
+
+Json ResultWriter::report(const History& history, const Band& band,
+                          const std::optional<Comparison>& comparison, const std::vector<Slice>& slices,
+                          const std::string& options, bool drawn) const {
+  const Overview picture = picture_of(history, band);
+  return report_data({.model = model_,
+                      .slices = slices,
+                      .frames = shown_,
+                      .history = history,
+                      .band = band,
+                      .comparison = comparison,
+                      .surface_displacement_mm = picture.surface_displacement_mm,
+                      .options = options,
+                      .picture = drawn ? body_png(picture) : ""});
 }
 
 namespace {
@@ -256,9 +375,10 @@ namespace {
 constexpr std::array files_of_a_run = {
     checkpoint_file, "summary.json", "model/model.toml", "nodes.pvd",    "points.pvd",
     "surface.pvd",   "force.csv",    "energy.csv",       "overview.png", "config.resolved.toml",
-    "compare.csv",   "explain.md",   "explain.csv",      "explain.png",  "explain.svg"};
+    "compare.csv",   "explain.md",   "explain.csv",      "explain.png",  "explain.svg",
+    "report.html",   "section.pvd",  "tool.pvd",         view_file};
 constexpr std::array files_of_a_model = {"model.toml", "nodes.vtu", "points.vtu", "surface.vtp", "label.vti"};
-constexpr std::array folders_of_a_run = {"nodes", "points", "surface", "model"};
+constexpr std::array folders_of_a_run = {"nodes", "points", "surface", "section", "tool", "model", "images"};
 
 template <std::size_t count>
 bool is_among(const fs::path& file, const std::array<const char*, count>& names) {
@@ -266,8 +386,14 @@ bool is_among(const fs::path& file, const std::array<const char*, count>& names)
 }
 
 bool is_frame(const fs::path& file) {
-  static const std::regex frame(R"((nodes|points|surface)_\d{4,}\.vt[up])");
+  static const std::regex frame(R"((nodes|points|surface|section|tool)_\d{4,}\.vt[up])");
   return std::regex_match(file.filename().string(), frame);
+}
+
+bool is_image(const fs::path& file) {
+  static const std::regex image(
+      R"((displacement_mm|transform|labels|jacobian|von_mises_Pa|warped_.+)(_\d{4,})?\.(nii|nii\.gz|nrrd|seg\.nrrd|mha))");
+  return std::regex_match(file.filename().string(), image);
 }
 
 // The files that a run has made in its folder, finished or not, and folders that it has made and left empty.
@@ -282,7 +408,9 @@ std::vector<fs::path> made_by_a_run(const fs::path& folder) {
     if (is_temporary(entry) || (!has_model && entry.path().filename() == "label.vti")) list.push_back(entry);
   for (const std::string name : folders_of_a_run) {
     for (const auto& entry : fs::directory_iterator(folder / name, ignored))
-      if (is_temporary(entry) || (name == "model" ? is_among(entry, files_of_a_model) : is_frame(entry)))
+      if (is_temporary(entry) || (name == "model"    ? is_among(entry, files_of_a_model)
+                                  : name == "images" ? is_image(entry)
+                                                     : is_frame(entry)))
         list.push_back(entry);
     if (fs::is_directory(folder / name, ignored) && fs::is_empty(folder / name, ignored))
       list.push_back(folder / name);
@@ -297,8 +425,9 @@ bool holds_a_model(const fs::path& folder) {
 }
 
 // What a run leaves that somebody may want to keep. A model is made again in a moment.
-constexpr std::array worth_keeping = {checkpoint_file, "nodes.pvd",  "points.pvd",  "surface.pvd",
-                                      "force.csv",     "energy.csv", "overview.png"};
+constexpr std::array worth_keeping = {checkpoint_file, "nodes.pvd",  "points.pvd",   "surface.pvd",
+                                      "force.csv",     "energy.csv", "overview.png", "report.html",
+                                      "section.pvd",   "tool.pvd"};
 
 // The run at work in this process has begun to write there.
 std::mutex begun_mutex;
@@ -341,6 +470,22 @@ void remove_word(const fs::path& folder) {
   if (holds_only_a_word(folder)) fs::remove(folder / "summary.json", ignored);
 }
 
+void write_word(const fs::path& folder, const std::string& command, const std::string& image,
+                const Error& error, const std::vector<std::string>& warnings) {
+  const Report& r = error.report;
+  Json word = Json::object();
+  word["command"] = command;
+  if (!image.empty()) word["image"] = image;
+  word["version"] = DIMPLE_VERSION;
+  word["status"] = error.code == ExitCode::interrupted ? "interrupted" : "failed";
+  word["exit_code"] = static_cast<int>(error.code);
+  word["failure"] = {
+      {"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
+  word["warnings"] = warnings;
+  make_folder(folder);
+  write_file(folder / "summary.json", word.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
 void leave_word(const fs::path& folder, const std::string& command, const std::string& image,
                 const Error& error, const std::vector<std::string>& warnings) noexcept try {
   if (error.code == ExitCode::usage || error.code == ExitCode::output) return;
@@ -355,18 +500,7 @@ void leave_word(const fs::path& folder, const std::string& command, const std::s
       if (fs::exists(folder, ignored) && !fs::is_empty(folder, ignored) && !holds_only_a_word(folder)) return;
     }
   }
-  const Report& r = error.report;
-  Json word = Json::object();
-  word["command"] = command;
-  if (!image.empty()) word["image"] = image;
-  word["version"] = DIMPLE_VERSION;
-  word["status"] = stopped ? "interrupted" : "failed";
-  word["exit_code"] = static_cast<int>(error.code);
-  word["failure"] = {
-      {"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
-  word["warnings"] = warnings;
-  make_folder(folder);
-  write_file(folder / "summary.json", word.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  write_word(folder, command, image, error, warnings);
 } catch (...) {  // there is a better reason to end already
 }
 

@@ -9,9 +9,13 @@
 #include "apps/run/band.hpp"
 #include "apps/run/compare.hpp"
 #include "apps/run/config.hpp"
+#include "apps/run/report.hpp"
+#include "io/draw/picture.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/vtk_files.hpp"
+#include "preprocess/integration_grid.hpp"
+#include "preprocess/section.hpp"
 #include "preprocess/support.hpp"
 
 namespace dimple {
@@ -19,10 +23,19 @@ namespace dimple {
 /// Which files are asked for, beside those that every run writes: force.csv, energy.csv, config.resolved.toml,
 /// summary.json.
 struct Wanted {
-  bool nodes = true, points = true, surface = true, picture = true, model = true, label = true;
+  bool nodes = true, points = true, surface = true, picture = true, model = true, label = true, report = true;
+  bool images = false;  ///< not among "all": they take longer than the rest of a run, and more room
 };
 Wanted wanted_of(const Config& config);
-inline constexpr Wanted tables_alone = {false, false, false, false, false, false};
+inline constexpr Wanted tables_alone = {false, false, false, false, false, false, false};
+
+/// At the integration points.
+struct PointStress {
+  Eigen::MatrixXd J;      ///< [1xQ] det F
+  Eigen::MatrixXd sigma;  ///< [6xQ] Cauchy stress in VTK's order, XX, YY, ZZ, XY, YZ, XZ [Pa]
+  Eigen::MatrixXd mises;  ///< [1xQ] von Mises stress [Pa]
+};
+PointStress stress_at_points(const Frame& frame);
 
 /// Writes a run's results while it goes: frames as they come, tables and the summary at the end.
 ///
@@ -31,8 +44,10 @@ inline constexpr Wanted tables_alone = {false, false, false, false, false, false
 /// same.
 class ResultWriter {
  public:
-  /// `model` must outlive this, and its discretisation must not change.
-  ResultWriter(std::filesystem::path folder, const Model& model, const Wanted& wanted = {});
+  /// `model` must outlive this, and its discretisation must not change. `label_at`: the image's label at a place in
+  /// LPS mm; empty: there is no image.
+  ResultWriter(std::filesystem::path folder, const Model& model, const Wanted& wanted = {},
+               const LabelAt& label_at = {});
 
   /// Throws what the frame before this one met, as if it had met that itself.
   void frame(const Frame& frame);
@@ -46,23 +61,35 @@ class ResultWriter {
   void tables(const History& history, const Band& band, double spread) const;
   /// overview.png: the model at rest, the last frame, the force curve, and what it is compared with.
   void overview(const History& history, const Band& band, const std::optional<Comparison>& comparison,
-                const std::string& title, const std::vector<std::string>& lines) const;
+                const std::string& title, const std::vector<std::string>& lines,
+                const std::vector<std::string>& warnings) const;
+  /// What report.html shows beside the summary; `drawn`: with a picture of the body, for who cannot turn it.
+  nlohmann::ordered_json report(const History& history, const Band& band,
+                                const std::optional<Comparison>& comparison, const std::vector<Slice>& slices,
+                                const std::string& options, bool drawn) const;
 
  private:
   struct Packing;
   void write(Packing frame);
+  Overview picture_of(const History& history, const Band& band) const;
+  void write_view(const Packing& frame);
 
   std::filesystem::path folder_;
   const Model& model_;
   Wanted wanted_;
   bool beside_;  // frames are written while the march goes on
-  Interpolation to_points_, to_surface_;
+  Section section_;
+  SurfaceFile tool_;  // at rest
+  Interpolation to_nodes_, to_points_, to_surface_, to_section_, to_body_;
+  PointMeans on_surface_, on_section_;
   Points nodes_mm_, points_mm_;
   Eigen::MatrixXd node_set_;
   Eigen::MatrixXd on_circle_;  // [1 x surface vertices]
-  TimeSeries node_series_, point_series_, surface_series_;
+  Eigen::MatrixXd label_;      // [1 x section triangles]; empty: there is no image
+  TimeSeries node_series_, point_series_, surface_series_, section_series_, tool_series_;
   std::vector<double> frame_time_s_;
   Points last_u_mm_;
+  BodyFrames shown_;
   double pending_time_s_ = 0.0;
   std::future<void> pending_;  // the last member: whoever destroys this waits for it first
 };
@@ -84,6 +111,10 @@ void remove_word(const std::filesystem::path& folder);
 /// Ctrl-C, which nobody needs to be told of, it makes no folder. Never throws.
 void leave_word(const std::filesystem::path& folder, const std::string& command, const std::string& image,
                 const Error& error, const std::vector<std::string>& warnings) noexcept;
+
+/// Says in a summary.json that the run of this folder has failed, and why. Throws OutputError.
+void write_word(const std::filesystem::path& folder, const std::string& command, const std::string& image,
+                const Error& error, const std::vector<std::string>& warnings);
 
 /// What to do where results are already.
 enum class Existing {

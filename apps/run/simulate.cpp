@@ -14,6 +14,7 @@
 #include "io/error.hpp"
 #include "io/memory.hpp"
 #include "io/stop.hpp"
+#include "preprocess/support.hpp"
 
 namespace dimple {
 namespace {
@@ -51,15 +52,15 @@ Placed place(const Case& given, const RunObserver& observer, const Talk& talk, R
 void complete(const Case& given, Placed placed, const Talk& talk, Result& result) {
   const Stopwatch completing;
   const TissueOptions tissues = tissues_of(given.config, placed.label_names, placed.places);
+  talk.begin(Part::supports, given.config);
   Eigen::VectorXi of_point = tissue_of_points(placed.places, tissues);
-  talk.doing("finding supports");
   const Model& model = result.model = make_model(std::move(placed.places), placed.scheme, std::move(of_point),
                                                  tissues.density, &result.stages);
   result.tissues = {materials_of(given.config), model.tissue};
   const SupportOptions& options = model.scheme.support;
   const SupportReport& support = model.support_report;
   const ConsistencyReport& consistency = model.consistency_report;
-  talk.say(fmt::format(
+  talk.detail(fmt::format(
       "support  {} basis, {} weight, radius {:.2f} spacings: {} to {} nodes per point, mean {:.1f}; {} grown "
       "for conditioning",
       basis_word(options.basis), weight_word(options.weight), options.effective_radius_factor(),
@@ -72,15 +73,15 @@ void complete(const Case& given, Placed placed, const Talk& talk, Result& result
         "most {:.2f} of a cell's largest",
         consistency.before, consistency.after, consistency.largest_change));
   if (support.unseen > 0)
-    talk.say(
+    talk.detail(
         fmt::format("folds    {} pairs of a node and a point are near each other across a gap and do not "
                     "belong together; {} "
                     "points see too few nodes and take what is near",
                     support.unseen, support.unconnected));
   else if (model.scheme.consistent_gradients && model.surface.empty())
     talk.warn("without a surface the gradients are not made consistent: forces at high pressure are too low");
-  talk.say(fmt::format("mass     {:.2f} g in all, {:.3g} to {:.3g} g per node", model.mass.sum() * 1e3,
-                       model.mass.minCoeff() * 1e3, model.mass.maxCoeff() * 1e3));
+  talk.detail(fmt::format("mass     {:.4g} g in all, {:.3g} to {:.3g} g per node", model.mass.sum() * 1e3,
+                          model.mass.minCoeff() * 1e3, model.mass.maxCoeff() * 1e3));
   result.complete_s = completing.seconds();
 }
 
@@ -109,10 +110,9 @@ std::string describe(const Tissues& tissues, std::size_t t) {
   }
   for (const PronyTerm& term : m.prony) law += fmt::format(", {:.3g} relaxing in {:.3g} s", term.g, term.tau);
   return fmt::format(
-      "material {}{}: mu {:.6g} Pa, nu {:.6g} (kappa {:.6g} Pa), density {:.6g} kg/m3; waves {:.2f} and "
-      "{:.3f} m/s",
+      "material {}{}: mu {:.6g} Pa, nu {:.6g}, density {:.6g} kg/m3",
       t == 0 ? "" : fmt::format("of {} points, ", (tissues.of_point.array() == static_cast<int>(t)).count()),
-      law, m.mu, poisson_ratio(m), m.kappa, m.density, pressure_wave_speed(m), shear_wave_speed(m));
+      law, m.mu, poisson_ratio(m), m.density);
 }
 
 // As config.solver.time asks: "auto" and "dynamic" look at how long the load lasts.
@@ -122,11 +122,12 @@ TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
   if (asked == "explicit" || !result.model.scheme.pressure_patches) return TimeMode::explicit_;
   TimeMode mode = choose_time(result.model, result.tissues, result.loading);
   if (mode == TimeMode::quasi_static && asked == "dynamic") mode = TimeMode::dynamic;
-  talk.say(fmt::format("time     {}: the load lasts {:.3g} times a shear wave's way through the organ",
-                       mode == TimeMode::dynamic ? "implicit dynamics, in steps of the body's natural modes"
-                       : mode == TimeMode::explicit_ ? "explicit dynamics"
-                                                     : "quasi-static",
-                       shear_crossings(result.model, result.tissues, result.loading)));
+  talk.line(mode == TimeMode::quasi_static ? Line::detail : Line::said,
+            fmt::format("time     {}: the load lasts {:.3g} times a shear wave's way through the organ",
+                        mode == TimeMode::dynamic ? "implicit dynamics, in steps of the body's natural modes"
+                        : mode == TimeMode::explicit_ ? "explicit dynamics"
+                                                      : "quasi-static",
+                        shear_crossings(result.model, result.tissues, result.loading)));
   return mode;
 }
 
@@ -141,14 +142,20 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
   for (const Finding& finding : result.findings) talk.warn(in_words(finding));
-  for (std::size_t t = 0; t < result.tissues.material.size(); ++t) talk.say(describe(result.tissues, t));
+  for (std::size_t t = 0; t < result.tissues.material.size(); ++t) {
+    const Material& m = result.tissues.material[t];
+    // The stiffness that nobody has chosen was told of before.
+    talk.line(t == 0 && default_stiffness(config) ? Line::detail : Line::said, describe(result.tissues, t));
+    talk.detail(fmt::format("waves    kappa {:.6g} Pa, so {:.2f} and {:.3f} m/s", m.kappa,
+                            pressure_wave_speed(m), shear_wave_speed(m)));
+  }
   result.time = time_of(config, talk, result);
-  talk.say(fmt::format("load     {:.3g} mm at {:.3g} mm/s: {:.3g} s, {}, {}", config.load.depth_mm,
-                       config.load.rate_mm_per_s, loading.duration(), config.load.contact,
-                       result.time == TimeMode::quasi_static
-                           ? fmt::format("equilibrium at {} depths", options.frames)
-                       : result.time == TimeMode::dynamic ? "with inertia, by implicit steps"
-                                                          : "with inertia, by central differences"));
+  talk.detail(fmt::format("load     {:.3g} mm at {:.3g} mm/s: {:.3g} s, {}, {}", config.load.depth_mm,
+                          config.load.rate_mm_per_s, loading.duration(), config.load.contact,
+                          result.time == TimeMode::quasi_static
+                              ? fmt::format("equilibrium at {} depths", options.frames)
+                          : result.time == TimeMode::dynamic ? "with inertia, by implicit steps"
+                                                             : "with inertia, by central differences"));
   if (is_as_printed(result.tissues.material.front())) {
     talk.warn("the printed stress has no energy: energy.csv shows that of the consistent form");
     if (options.damping == 0.0)
@@ -163,6 +170,7 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
          .why = "the load is so short that the run is dynamic, and its force not proportional to mu",
          .remedy = "run it once with the smallest and once with the largest modulus, or slower"});
   result.spread = spread_of(config);
+  result.model_warnings = result.warnings.size();
   result.complete_s = preparing.seconds();
 }
 
@@ -229,8 +237,39 @@ ModelOptions with_nodes(const Organ& organ, Index nodes) {
   return options;
 }
 
-// The force curve of the same body with fewer nodes, at few depths.
-History force_with(Index nodes, const Case& given, const Organ& organ, const Result& result) {
+// What moves the place that is followed, in this model.
+std::optional<Interpolation> to_followed(const Result& result) {
+  if (!result.followed) return std::nullopt;
+  return inner_interpolation(result.model, result.followed->place);
+}
+
+Vec3 displacement_at(const Interpolation& place, const ForceSystem::Nodal& u) {
+  return place(u.topRows<3>()).col(0);
+}
+
+// A place outside of the body moves nowhere. Throws UsageError.
+std::optional<Followed> followed_in(const Config& config, const Organ& organ) {
+  const std::optional<Vec3> place = followed_place(config);
+  if (!place) return std::nullopt;
+  const BodySurface& surface = organ.body->surface;
+  const Vec3 there = surface.to_world().inverse() * (*place * 1e3);
+  if (!surface.contains(there)) {
+    const BodySurface::Closest closest = surface.closest(there);
+    throw UsageError({.fact = fmt::format("the place {} lies outside of the body", in_words(*place * 1e3)),
+                      .where = "--quantity (accuracy.quantity)",
+                      .why = fmt::format("its surface is {:.1f} mm away, at {}", closest.distance,
+                                         in_words(surface.to_world() * closest.place)),
+                      .remedy = "give a place of the body at rest, in LPS mm"});
+  }
+  return Followed{.place = *place};
+}
+
+// The force curve of the same body with fewer nodes, at few depths, and the displacement of the place that is followed.
+struct Coarser {
+  History history;
+  Vec3 u = Vec3::Zero();
+};
+Coarser coarser_with(Index nodes, const Case& given, const Organ& organ, const Result& result) {
   const Config& config = given.config;
   const ModelOptions options = with_nodes(organ, nodes);
   Result coarse;
@@ -239,12 +278,17 @@ History force_with(Index nodes, const Case& given, const Organ& organ, const Res
            {discretise(organ.body->surface, options, labels_of(config, organ, result.image)).places,
             options.scheme, organ.label_names},
            Talk{unheard, coarse}, coarse);
+  coarse.followed = result.followed;
+  const std::optional<Interpolation> place = to_followed(coarse);
   const std::unique_ptr<ForceSystem> system = force_system(config, coarse);
   SolverOptions how = solver_options(config);
   how.frames = coarse_frames;
-  solve(result.time, *system, coarse.model, result.loading, how, {}, coarse.history);
+  Observer observer;
+  if (place)
+    observer.frame = [&](const Frame& frame) { coarse.followed->u = displacement_at(*place, frame.u); };
+  solve(result.time, *system, coarse.model, result.loading, how, observer, coarse.history);
   if (coarse.history.interrupted) throw Stopped(stop_asked());
-  return std::move(coarse.history);
+  return {std::move(coarse.history), place ? coarse.followed->u : Vec3::Zero()};
 }
 
 void find_band(const Case& given, const std::optional<Organ>& organ, const Talk& talk, Result& result) {
@@ -256,16 +300,19 @@ void find_band(const Case& given, const std::optional<Organ>& organ, const Talk&
     band.unknown = fmt::format("it was measured from {0} nodes on{1}; give --nodes {0}", fewest,
                                result.facing_share > most_facing ? " where a body has folds" : "");
   if (!band.known()) return;
-  talk.doing("a coarser cloud, for the band");
+  talk.begin(Part::band, given.config);
   const Stopwatch whole;
   band.coarse_nodes =
       static_cast<Index>(std::lround(static_cast<double>(result.model.node_count()) / coarser));
   const std::string cloud = fmt::format("with {} nodes, with which it is compared, ", band.coarse_nodes);
   try {
-    const History coarse = force_with(band.coarse_nodes, given, *organ, result);
-    band.half =
-        half_widths(result.history.force, result.model.node_count(), coarse.force, result.model.tool.radius);
-    if (band.half.empty()) band.unknown = cloud + "the force ends before";
+    const Coarser coarse = coarser_with(band.coarse_nodes, given, *organ, result);
+    band.half = half_widths(result.history.force, result.model.node_count(), coarse.history.force,
+                            result.model.tool.radius);
+    if (band.half.empty())
+      band.unknown = cloud + "the force ends before";
+    else if (Followed* followed = result.followed ? &*result.followed : nullptr)
+      followed->change = (followed->u - coarse.u).norm();
   } catch (const Stopped&) {
     band.unknown = "the run was stopped before";
     result.history.interrupted = true;
@@ -311,20 +358,25 @@ std::unique_ptr<Rung> march_with(Index nodes, const Case& given, const Organ& or
   auto rung = std::make_unique<Rung>();
   rung->asked = nodes;
   Result& result = rung->result;
+  result.image_words = base.image_words;
   result.labels = base.labels;
   result.closed_mm3 = base.closed_mm3;
   result.facing_share = base.facing_share;
   result.segment = base.segment;
   result.warnings = base.warnings;
+  result.image_warnings = base.image_warnings;
   result.read_s = base.read_s;
   result.build_s = base.build_s;
   result.stages.add(base.stages);
-  const RunObserver keeping{.line = [&](Line kind, const std::string& text) {
-    if (kind != Line::doing)
-      rung->lines.emplace_back(kind, text);
-    else if (observer.line)
-      observer.line(Line::doing, fmt::format("{} nodes: {}", nodes, text));
-  }};
+  const RunObserver keeping{.line =
+                                [&](Line kind, const std::string& text) {
+                                  if (kind == Line::doing && observer.line) return observer.line(kind, text);
+                                  rung->lines.emplace_back(kind, text);
+                                },
+                            .part =
+                                [&](Part part, const Work& work) {
+                                  if (observer.part) observer.part(part, work);
+                                }};
   const Talk talk{keeping, result};
   const ModelOptions options = with_nodes(organ, nodes);
   make_ready(given,
@@ -332,13 +384,16 @@ std::unique_ptr<Rung> march_with(Index nodes, const Case& given, const Organ& or
               organ.label_names},
              talk, result);
   require_a_band(no_band(given, result));
+  result.followed = base.followed;
+  const std::optional<Interpolation> place = to_followed(result);
   rung->system = force_system(given.config, result);
-  talk.doing("finding equilibria");
+  talk.begin(Part::solving, given.config);
   const Stopwatch solving;
   const Observer march{
       .frame =
           [&](const Frame& frame) {
             rung->frames.push_back({frame.number, frame.t, frame.depth, frame.u, frame.f, frame.forces});
+            if (place) result.followed->u = displacement_at(*place, frame.u);
           },
       .sample = [](const ForceSample&, const History&) { return stop_asked() == StopReason::none; },
       .retry =
@@ -393,6 +448,7 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
                       .remedy = "begin with the image: dimple run"});
   require_a_band(no_band(config));
   const Organ organ = read_organ(given, model_options(config), talk, result);
+  result.followed = followed_in(config, organ);
   const Stopwatch climbing;
   std::unique_ptr<Rung> best;
   std::vector<ForceSample> coarse;
@@ -400,7 +456,9 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
   // A cloud may be too coarse for its body; what two in a row meet has another reason.
   constexpr int most_failures = 2;
   int failures = 0;
-  for (Index nodes = first_rung(goal.share, result.facing_share); ended.empty();) {
+  const double radii = 2.0 * config.load.depth_mm / config.boundary.indenter_diameter_mm;
+  const Index hoped = expected_nodes(goal.share, result.facing_share, radii);
+  for (Index nodes = first_rung(hoped); ended.empty();) {
     std::unique_ptr<Rung> rung;
     const Stopwatch marching;
     try {
@@ -434,19 +492,26 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
       now.band.half = half_widths(force, now.model.node_count(), coarse, now.model.tool.radius);
       now.band.unknown = "";
       now.band.coarse_nodes = best->result.model.node_count();
+      if (now.followed) now.followed->change = (now.followed->u - best->result.followed->u).norm();
     } else {
       now.band.unknown = "the run ended with its first cloud";
     }
-    const double half = now.band.known() ? now.band.half.back() : 0.0, last = std::abs(force.back().force);
-    result.ladder.push_back({now.model.node_count(), force.back().force, half, rung->seconds});
-    talk.say(
-        fmt::format("rung     {} nodes: {:.4f} N{}, {:.1f} s", now.model.node_count(), force.back().force,
-                    now.band.known() ? fmt::format(" +- {:.1f} %", 100.0 * half / last) : "", rung->seconds));
+    LadderStep step{.nodes = now.model.node_count(),
+                    .force = force.back().force,
+                    .half = now.band.known() ? now.band.half.back() : 0.0,
+                    .seconds = rung->seconds};
+    if (now.followed) step.length = now.followed->u.norm(), step.change = now.followed->change;
+    result.ladder.push_back(step);
+    const double half = step.half, last = std::abs(step.force);
+    talk.say(fmt::format("rung     {} nodes: {}{}{}, {:.1f} s", step.nodes,
+                         force_written(step.force)(step.force),
+                         now.band.known() ? fmt::format(" +- {:.1f} %", 100.0 * half / last) : "",
+                         now.followed ? fmt::format(", {:.3f} mm", 1e3 * step.length) : "", step.seconds));
     coarse = force;
     best = std::move(rung);
     const double wanted = goal.half_width(last);
     if (best->result.band.known() && half <= wanted) break;
-    const Index next = next_rung(nodes, half, wanted);
+    const Index next = best->result.band.known() ? next_rung(nodes, half, wanted) : second_rung(nodes, hoped);
     const double expected = best->seconds * static_cast<double>(next) / static_cast<double>(nodes);
     if (goal.budget_s > 0.0 && whole.seconds() + expected > goal.budget_s)
       ended = fmt::format("{} nodes would take about {:.0f} s more, beyond the {:g} s given", next, expected,
@@ -456,19 +521,18 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
     nodes = next;
   }
   const double others_s = climbing.seconds() - best->seconds;
-  if (!ended.empty() && (goal.share > 0.0 || goal.force > 0.0)) {
-    const Band& band = best->result.band;
-    const double force = std::abs(best->result.history.force.back().force);
-    Talk{observer, best->result}.warn(fmt::format(
-        "the accuracy asked for, {}, was not reached: {}; {}", config.accuracy.goal,
-        band.known() ? fmt::format("the band is +- {:.1f} % wide", 100.0 * band.half.back() / force)
-                     : "there is no band yet",
-        ended));
+  if (!ended.empty() && (goal.share > 0.0 || goal.absolute > 0.0)) {
+    const LadderStep& step = result.ladder.back();
+    const double share = step.half / std::abs(step.force);
+    Talk{observer, best->result}.warn(
+        fmt::format("the accuracy asked for, {}, was not reached: {}; {}", config.accuracy.goal,
+                    best->result.band.known() ? fmt::format("the band is +- {:.1f} % wide", 100.0 * share)
+                                              : "there is no band yet",
+                    ended));
   } else if (!ended.empty()) {
     talk.say("ladder   " + ended);
   }
   const Result& last = best->result;
-  const double radii = last.loading.depth / last.model.tool.radius;
   if (const double more = nodes_for_half_the_band(radii),
       nodes = more * static_cast<double>(last.model.node_count());
       last.band.known() && nodes <= most_nodes_for_accuracy)
@@ -496,19 +560,28 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   const Config& config = given.config;
   Placed placed = place(given, observer, talk, result);
   const std::optional<Organ> organ = std::move(placed.organ);
+  if (organ) result.followed = followed_in(config, *organ);
   make_ready(given, std::move(placed), talk, result);
   stop_if_asked();
-  talk.doing("writing the model");
+  talk.begin(Part::solving, config);
   if (observer.begin) observer.begin(result);
   if (!given.band || config.tissue.empty()) result.image = {};  // nobody needs it any longer
-  talk.doing("");
+  Observer march = observer.march;
+  const std::optional<Interpolation> place = to_followed(result);
+  if (place) {
+    if (given.from) result.followed->u = displacement_at(*place, given.from->u);  // no frame may be left
+    march.frame = [&](const Frame& frame) {
+      result.followed->u = displacement_at(*place, frame.u);
+      if (observer.march.frame) observer.march.frame(frame);
+    };
+  }
   std::unique_ptr<ForceSystem> system = force_system(config, result);
 
   if (given.band) result.band.unknown = "the run ended before";  // until find_band()
   const Stopwatch solving;
   try {
-    solve(result.time, *system, result.model, result.loading, solver_options(config), observer.march,
-          result.history, given.from);
+    solve(result.time, *system, result.model, result.loading, solver_options(config), march, result.history,
+          given.from);
   } catch (const Stopped&) {
     result.history.interrupted = true;
   } catch (const Error&) {

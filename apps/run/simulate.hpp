@@ -9,6 +9,7 @@
 #include "apps/run/band.hpp"
 #include "apps/run/config.hpp"
 #include "apps/run/model_files.hpp"
+#include "apps/run/work.hpp"
 #include "preprocess/build_model.hpp"
 #include "preprocess/label_surface.hpp"
 #include "solver/solve.hpp"
@@ -27,6 +28,7 @@ struct BodyChange {
 struct Case {
   Config config;
   std::optional<ModelFiles> model = {};  ///< instead of an image
+  const LabelImage* image = nullptr;     ///< instead of the file that config.image.file names
   const State* from = nullptr;           ///< where an earlier run of the same case stood
   bool band = false;                     ///< of the force is wanted: by a coarser cloud, after the march
   BodyChange change = {};
@@ -38,7 +40,8 @@ inline constexpr double narrow_gap_mm = 4.0;
 /// One cloud of those that were tried for an accuracy.
 struct LadderStep {
   Index nodes = 0;
-  double force = 0.0, half = 0.0;  ///< at the load's depth, and half its band's width; 0: not known [N]
+  double force = 0.0, half = 0.0;     ///< at the load's depth, and half its band's width; 0: not known [N]
+  double length = 0.0, change = 0.0;  ///< of the displacement that was asked for [m]; see Followed
   double seconds = 0.0;
 };
 
@@ -46,6 +49,7 @@ struct LadderStep {
 struct Result {
   /// Of the image; empty where the case began with a model.
   LabelImage image;
+  std::string image_words;           ///< its format, size and axes
   std::vector<LabelMeasure> labels;  ///< taken
   double closed_mm3 = 0.0;           ///< added where gaps were closed
   double facing_share = 0.0;         ///< of the surface: what faces another part across narrow_gap_mm or less
@@ -63,10 +67,13 @@ struct Result {
   std::vector<Finding> findings;  ///< of the guards: of the model, then of the march
   History history;                ///< the force curve; `interrupted` if it was asked to stop
   Band band;
-  double spread = 0.0;             ///< of the force by its material: +- this share of it; 0: not asked for
-  std::vector<LadderStep> ladder;  ///< where an accuracy was asked for: all clouds, the last is this one
+  std::optional<Followed> followed;  ///< where a displacement is asked for
+  double spread = 0.0;               ///< of the force by its material: +- this share of it; 0: not asked for
+  std::vector<LadderStep> ladder;    ///< where an accuracy was asked for: all clouds, the last is this one
 
   std::vector<std::string> warnings;
+  /// The first so many are of the image; so many were there before the march.
+  std::size_t image_warnings = 0, model_warnings = 0;
   Stages stages;  ///< of the preprocessing [s]
   /// [s] Reading the image, making the model from it, completing it, marching; without what an observer takes
   /// before the march, and without the band.
@@ -82,6 +89,8 @@ struct RunObserver {
     warning  ///< what may make the result another than was meant; kept in Result::warnings too
   };
   std::function<void(Line, const std::string&)> line = {};
+  /// A part of the run begins; counts of its work and of what comes after it, as far as they are known.
+  std::function<void(Part, const Work&)> part = {};
   /// Nodes and points are placed; nothing expensive is done yet.
   std::function<void(const Discretisation&, const Scheme&)> placed = {};
   /// The model is complete and the case is accepted: the march begins.

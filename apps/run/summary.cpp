@@ -6,6 +6,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "apps/run/organ.hpp"
+#include "apps/run/verdict.hpp"
 #include "apps/run/words.hpp"
 
 namespace dimple {
@@ -132,6 +134,18 @@ Json band_json(const Band& band, const History& history) {
           {"coarser_nodes", band.coarse_nodes}};
 }
 
+// At the last depth, likewise.
+Json displacement_json(const Followed& followed, const Band& band) {
+  Json result = {{"place_mm", three(followed.place * 1e3)},
+                 {"displacement_mm", three(followed.u * 1e3)},
+                 {"length_mm", 1e3 * followed.u.norm()}};
+  if (band.known()) {
+    result["coarser_nodes"] = band.coarse_nodes;
+    result["differs_from_coarser_mm"] = 1e3 * followed.change;
+  }
+  return result;
+}
+
 }  // namespace
 
 std::string as_text(const Json& json) {
@@ -140,8 +154,9 @@ std::string as_text(const Json& json) {
 
 Json summary_of_image(const Config& config, const Result& result) {
   Json summary;
-  summary["image"] = config.image.file;
+  summary["image"] = name_of_image(config);
   summary["image_sha256"] = result.provenance.at("image_sha256");
+  summary["image_read_as"] = result.image_words;
   summary["labels"] = labels_json(result.labels);
   summary["model"] = model_json(result);
   return summary;
@@ -150,7 +165,7 @@ Json summary_of_image(const Config& config, const Result& result) {
 Json summary_of_model(const Config& config, const Result& result) {
   Json summary = model_json(result);
   summary["version"] = DIMPLE_VERSION;
-  summary["image"] = config.image.file;
+  summary["image"] = name_of_image(config);
   summary["labels"] = labels_json(result.labels);
   summary["scheme"] = result.model.scheme.name;
   summary["consistency"] = consistency_json(result.model.consistency_report);
@@ -182,6 +197,7 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   const double evaluations = evaluations_of(history);
   summary["status"] = status;
   if (reason) summary["failure"] = report_json(*reason);
+  summary["verdict"] = verdict_of(config, result, status);
   summary["exit_code"] = static_cast<int>(code);
   summary["version"] = DIMPLE_VERSION;
   summary["scheme"] = model.scheme.name;
@@ -207,13 +223,19 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   if (result.spread > 0.0)
     summary["band_of_mu"] = {{"low_N", force - result.spread * std::abs(force)},
                              {"high_N", force + result.spread * std::abs(force)}};
+  if (result.followed) summary["displacement"] = displacement_json(*result.followed, result.band);
   if (!result.ladder.empty()) {
     summary["ladder"] = Json::array();
-    for (const LadderStep& step : result.ladder)
-      summary["ladder"].push_back({{"nodes", step.nodes},
-                                   {"force_N", step.force},
-                                   {"half_N", step.half > 0.0 ? Json(step.half) : Json()},
-                                   {"wall_s", step.seconds}});
+    const auto or_null = [](double half, double factor) { return half > 0.0 ? Json(factor * half) : Json(); };
+    for (const LadderStep& step : result.ladder) {
+      Json rung = {{"nodes", step.nodes}, {"force_N", step.force}, {"half_N", or_null(step.half, 1.0)}};
+      if (result.followed) {
+        rung["displacement_mm"] = 1e3 * step.length;
+        rung["differs_from_coarser_mm"] = or_null(step.change, 1e3);
+      }
+      rung["wall_s"] = step.seconds;
+      summary["ladder"].push_back(rung);
+    }
   }
   summary["stable_step_s"] = history.dt_stable_first;
   summary["time_step_s"] = history.dt_first;

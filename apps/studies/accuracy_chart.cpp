@@ -22,6 +22,7 @@
 #include "io/label_image.hpp"
 #include "io/stop.hpp"
 #include "io/table.hpp"
+#include "io/words.hpp"
 
 namespace dimple {
 namespace {
@@ -563,7 +564,8 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
         "{:<5} {:<8} {:<10} {:<12} {:>6} nodes: {}", p.scene, p.program, p.scheme, p.time, p.nodes,
         p.status != "ok" ? p.status
         : std::isnan(p.error)
-            ? fmt::format("{:.2f} s, {:.5f} N at the end", p.wall_s(), p.runs.front().back())
+            ? fmt::format("{:.2f} s, {} at the end", p.wall_s(),
+                          force_written(p.runs.front().back())(p.runs.front().back()))
             : fmt::format("{:.2f} s, {} {:.2f} % at most, {:.2f} % at the end", p.wall_s(),
                           finest ? "difference" : "error", 100.0 * p.error, 100.0 * p.error_last)));
     interrupted = stop_asked() != StopReason::none;

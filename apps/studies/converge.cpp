@@ -14,9 +14,17 @@
 #include "io/file.hpp"
 #include "io/stop.hpp"
 #include "io/table.hpp"
+#include "io/words.hpp"
 
 namespace dimple {
 namespace {
+
+// It is digits that are compared.
+std::string with_a_digit_more(double force_N) {
+  Written written = force_written(force_N);
+  if (written.decimals >= 0) ++written.decimals;
+  return written(force_N);
+}
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
@@ -188,8 +196,9 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
             for (std::size_t c = 0; c < row.size(); ++c) table.column[c].push_back(row[c]);
           }
           write_csv(folder / "convergence.csv", table);  // after every run: a long study may be stopped
-          progress(fmt::format("{:>6} nodes, {:>7} points, seed {}: {:.5f} N at {:.3g} mm, {:.1f} s", m.nodes,
-                               m.points, own.cloud.seed, force.back(), depths.back(), m.build_s + m.solve_s));
+          progress(fmt::format("{:>6} nodes, {:>7} points, seed {}: {} at {:.3g} mm, {:.1f} s", m.nodes,
+                               m.points, own.cloud.seed, with_a_digit_more(force.back()), depths.back(),
+                               m.build_s + m.solve_s));
         } catch (const Stopped& stopped) {
           if (runs.empty()) throw;  // nothing to keep
           ended_by = fmt::format("{}; convergence.csv has the {} runs until then [{}]", stopped.report.fact,
@@ -275,8 +284,8 @@ Outcome converge(const Config& config, const ConvergenceOptions& options, const 
   Outcome outcome;
   const double estimate = 100.0 * std::abs(groups.front().mean.back() / finest.mean.back() - 1.0);
   outcome.headline =
-      fmt::format("{}finest {:.5f} N at {:.3g} mm; coarsest differs by {:.2f} %, seeds by at most {:.2f} %",
-                  text, finest.mean.back(), depths.back(), estimate, worst_scatter);
+      fmt::format("{}finest {} at {:.3g} mm; coarsest differs by {:.2f} %, seeds by at most {:.2f} %", text,
+                  with_a_digit_more(finest.mean.back()), depths.back(), estimate, worst_scatter);
   outcome.summary_json = Json({{"status", "finished"},
                                {"force_N", finest.mean.back()},
                                {"indentation_mm", depths.back()},

@@ -277,8 +277,8 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
                           .force = found.force.back(),
                           .seconds = found.seconds};
   for (const Finding& finding : found.result.findings) explanation.warnings.push_back(in_words(finding));
-  say(fmt::format("explain  {} nodes, as it is: {:.4f} N at {:g} mm, {:.1f} s", explanation.nodes,
-                  explanation.force, explanation.depth_mm, found.seconds));
+  say(fmt::format("explain  {} nodes, as it is: {} at {:g} mm, {:.1f} s", explanation.nodes,
+                  force_written(explanation.force)(explanation.force), explanation.depth_mm, found.seconds));
 
   try {
     // Numbers in place of words can move the tool by a last digit, and a cloud with it: changes are measured from there.
@@ -362,21 +362,22 @@ void write_explanation(const std::filesystem::path& folder, const Explanation& e
   // write_csv() takes numbers alone.
   std::string csv = "choice,instead,kind,indentation_mm,force_N,effect_percent,wall_s,verdict\n";
   std::string text = fmt::format(
-      "{}: {:.4f} N at {:g} mm with {} nodes, in {:.1f} s. Each line is one choice made otherwise, "
+      "{}: {} at {:g} mm with {} nodes, in {:.1f} s. Each line is one choice made otherwise, "
       "everything else as it "
       "is. Effects below {:.1f} % do not matter: another random cloud changes the force by {:.1f} %. The "
       "program takes no "
       "simplification by itself.\n\n| choice | instead | kind | effect on the force, % | s | "
       "|\n|---|---|---|---:|---:|---|\n",
-      subject, e.force, e.depth_mm, e.nodes, e.seconds, 100.0 * threshold(e), 100.0 * e.noise);
+      subject, force_written(e.force)(e.force), e.depth_mm, e.nodes, e.seconds, 100.0 * threshold(e),
+      100.0 * e.noise);
   for (const std::string& warning : e.warnings) text = "As it is: " + warning + ".\n\n" + text;
   if (!e.ended_by.empty()) text = "Not all choices: " + e.ended_by + ".\n\n" + text;
   std::map<std::string, std::size_t> place;
   Tornado tornado{
       .title = fmt::format("What the force depends on: {}", subject),
       .subtitle = {fmt::format(
-          "{:.4f} N at {:g} mm with {} nodes; one choice made otherwise at a time, {:.0f} s in all", e.force,
-          e.depth_mm, e.nodes, e.total_s)},
+          "{} at {:g} mm with {} nodes; one choice made otherwise at a time, {:.0f} s in all",
+          force_written(e.force)(e.force), e.depth_mm, e.nodes, e.total_s)},
       .x_label = "effect on the force [%]",
       .shade = 100.0 * threshold(e),
       .shade_text = fmt::format("grey: below {:.1f} %, no matter", 100.0 * threshold(e)),

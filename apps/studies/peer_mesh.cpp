@@ -8,6 +8,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
+#include "io/words.hpp"
 #include "preprocess/hexahedra.hpp"
 #include "preprocess/tetrahedra.hpp"
 
@@ -114,16 +115,16 @@ ElementModel element_model(const Config& config, const std::string& format, cons
   model.depth_mm = config.load.depth_mm;
   model.bonded = loading_of(config).contact == Contact::bonded;
   model.frames = static_cast<int>(config.solver.frames);
-  model.remarks = {
-      fmt::format("{}, indented by {:.6g} mm ({}); written by dimple {}",
-                  fs::path(config.image.file).filename().string(), config.load.depth_mm, config.load.contact,
-                  DIMPLE_VERSION),
-      fmt::format("{} nodes, {} {}, edges of {:.4g} mm, {:.4g} mm at the circle's rim; {:.2f} cm3, the "
-                  "surface's {:.2f} cm3",
-                  model.X.cols(), model.elements.cols(), elements, mesh.spacing, mesh.spacing * mesh.rim,
-                  mesh.volume_mm3 / 1e3, surface.volume() / 1e3),
-      fmt::format("base: {} nodes, {}", model.base.size(), mesh.boundary.base_reason),
-      fmt::format("circle: {} nodes, {}", model.circle.size(), mesh.boundary.circle_reason)};
+  model.remarks = {fmt::format("{}, indented by {:.6g} mm ({}); written by dimple {}",
+                               fs::path(config.image.file).filename().string(), config.load.depth_mm,
+                               config.load.contact, DIMPLE_VERSION),
+                   fmt::format("{} nodes, {} {}, edges of {:.4g} mm, {:.4g} mm at the circle's rim; {}, the "
+                               "surface's {}",
+                               model.X.cols(), model.elements.cols(), elements, mesh.spacing,
+                               mesh.spacing * mesh.rim, volume_written(mesh.volume_mm3)(mesh.volume_mm3),
+                               volume_written(surface.volume())(surface.volume())),
+                   fmt::format("base: {} nodes, {}", model.base.size(), mesh.boundary.base_reason),
+                   fmt::format("circle: {} nodes, {}", model.circle.size(), mesh.boundary.circle_reason)};
   return model;
 }
 

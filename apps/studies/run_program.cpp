@@ -32,7 +32,7 @@ std::vector<char*> pointers(std::vector<std::string>& words) {
 
 ProgramRun run_program(const std::vector<std::string>& arguments, const fs::path& folder,
                        const std::string& log, double limit_s, int threads,
-                       const std::function<bool()>& stop_requested) {
+                       const std::function<bool()>& stop_requested, double grace_s) {
   std::vector<std::string> words = arguments, environment;
   for (char** entry = environ; *entry != nullptr; ++entry)
     if (std::strncmp(*entry, "OMP_NUM_THREADS=", 16) != 0) environment.emplace_back(*entry);
@@ -67,10 +67,15 @@ ProgramRun run_program(const std::vector<std::string>& arguments, const fs::path
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   };
   int status = 0;
+  double asked_at_s = 0.0;
   while (waitpid(child, &status, WNOHANG) == 0) {
-    run.interrupted = stop_requested && stop_requested();
+    if (!run.interrupted && stop_requested && stop_requested()) {
+      run.interrupted = true;
+      asked_at_s = seconds();
+      if (grace_s > 0.0) kill(-child, SIGTERM);
+    }
     run.out_of_time = seconds() > limit_s;
-    if (run.interrupted || run.out_of_time) {
+    if ((run.interrupted && seconds() >= asked_at_s + grace_s) || run.out_of_time) {
       kill(-child, SIGKILL);
       waitpid(child, &status, 0);
       break;

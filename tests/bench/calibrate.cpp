@@ -1,12 +1,13 @@
 // What the band of a force is made from: how far forces of coarse clouds are from those of clouds many times finer, on
 // scenes drawn at random.
 //
-//   dimple_calibrate FOLDER --data DIR [--atlases DIR] [--scenes 285] [--from 1] [--again]
+//   dimple_calibrate FOLDER --data DIR [--atlases DIR] [--scenes 285] [--from 1] [--finer] [--points] [--again]
 //
 // Writes band_scenes.csv, a row for each scene, number of nodes and depth. Scenes 51 to 120 and 166 to 225 prove the
 // band, and from the others its multipliers are taken: no organ is in both. From 256 on they are folded brains of
 // atlases, such as Debian's mricron-data has in /usr/share/mricron/templates. A scene that the file holds is not computed
-// again, so that a study that was stopped goes on. Then band.md, .png and .svg: what the band says against what is true;
+// again, so that a study that was stopped goes on. --finer adds a cloud twice as fine as the finest to scenes that the file
+// holds, --points writes band_points.csv: where a random place of each scene's body goes. Then band.md, .png and .svg: what the band says against what is true;
 // --again makes these alone.
 
 #include <fmt/format.h>
@@ -18,6 +19,7 @@
 #include <functional>
 #include <map>
 #include <optional>
+#include <set>
 #include <sstream>
 
 #include "apps/run/band.hpp"
@@ -30,6 +32,7 @@
 #include "preprocess/build_model.hpp"
 #include "preprocess/phantom.hpp"
 #include "preprocess/shapes.hpp"
+#include "preprocess/support.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/band_scenes.hpp"
 #include "tests/helpers/draw.hpp"
@@ -175,7 +178,30 @@ constexpr const char* header =
     "scene,set,body,base,indent_at,facing_share,diameter_mm,nu,law,nodes,indentation_mm,force_N,build_s,"
     "solve_s\n";
 
-std::string measure(const Scene& scene) {
+constexpr const char* points_header =
+    "scene,set,body,facing_share,nodes,x_mm,y_mm,z_mm,indentation_mm,u_x_mm,u_y_mm,u_z_mm\n";
+
+// A place inside the body, not far from the circle: what somebody would ask after.
+Vec3 random_place(const Scene& scene, const BodySurface& body, const Vec3& circle) {
+  Draw draw{std::mt19937_64(static_cast<std::uint64_t>(scene.number) + 1'000'000)};
+  const double near = 3e-3 * scene.boundary.indenter_diameter_mm;
+  Vec3 place = Vec3::Zero();
+  for (int tried = 0; tried < 100'000; ++tried) {
+    const Vec3 there(draw.between(body.lower().x(), body.upper().x()),
+                     draw.between(body.lower().y(), body.upper().y()),
+                     draw.between(body.lower().z(), body.upper().z()));
+    place = body.to_world() * there * 1e-3;
+    if ((place - circle).norm() < near && body.contains(there)) break;
+  }
+  return place;
+}
+
+// What the clouds of these sizes give: a row for each depth in `forces`, and in `points`, where those are wanted. Nothing
+// where the first cloud is refused: without it the others are of no use.
+struct Rows {
+  std::string forces, points;
+};
+Rows measure(const Scene& scene, const std::vector<Index>& sizes, bool with_points) {
   const SegmentedBody body = scene.surface();
   const double facing = facing_share(body.surface, narrow_gap_mm);
   std::optional<LabelImage> labels;
@@ -186,9 +212,8 @@ std::string measure(const Scene& scene) {
     tissues = {.of_label = {{3, 1}}, .density = {1000.0, 1000.0}};
     materials.push_back(material_of(scene, 840.0));
   }
-  std::string rows;
-  std::vector<Index> sizes(rungs.begin(), rungs.end());
-  sizes.insert(sizes.begin(), finest);  // where that is refused the others are of no use
+  Rows rows;
+  std::optional<Vec3> place;
   for (const Index nodes : sizes) {
     ModelOptions options;
     options.cloud.count = nodes;
@@ -200,8 +225,19 @@ std::string measure(const Scene& scene) {
       const double built_s = building.seconds();
       const Stopwatch solving;
       // A march that guards have sent back goes on in short steps, some for ten minutes.
-      const Observer observer{
+      Observer observer{
           .sample = [](const ForceSample&, const History& h) { return h.steps < most_evaluations; }};
+      if (with_points) {
+        if (!place) place = random_place(scene, body.surface, built.model.tool.centre);
+        observer.frame = [&, at = inner_interpolation(built.model, *place)](const Frame& frame) {
+          const Vec3 u = at(frame.u.topRows<3>()).col(0) * 1e3;
+          if (frame.number > 0)
+            rows.points +=
+                fmt::format("{},{},\"{}\",{:.3f},{},{:.2f},{:.2f},{:.2f},{:.6g},{:.7g},{:.7g},{:.7g}\n",
+                            scene.number, set_of(scene), scene.body, facing, nodes, 1e3 * place->x(),
+                            1e3 * place->y(), 1e3 * place->z(), 1e3 * frame.depth, u.x(), u.y(), u.z());
+        };
+      }
       const Tissues materials_of_points{materials, built.model.tissue};
       const Loading loading{.depth = 1e-3 * scene.depth_mm};
       const ForceSystem system(built.model, materials_of_points, Precision::single_);
@@ -214,13 +250,14 @@ std::string measure(const Scene& scene) {
       int frame = 1;  // between the frames each cloud has equilibria of its own
       for (const ForceSample& sample : history.force)
         if (std::abs(1e3 * sample.depth - frame * scene.depth_mm / frames) < 1e-6 && frame++ > 0)
-          rows += fmt::format("{},{},\"{}\",{},\"{}\",{:.3f},{:.2f},{:g},{},{},{:.6g},{:.7g},{:.3g},{:.3g}\n",
-                              scene.number, set_of(scene), scene.body, scene.boundary.base,
-                              scene.boundary.indent_at, facing, scene.boundary.indenter_diameter_mm, scene.nu,
-                              scene.law, nodes, 1e3 * sample.depth, sample.force, built_s, solved_s);
+          rows.forces +=
+              fmt::format("{},{},\"{}\",{},\"{}\",{:.3f},{:.2f},{:g},{},{},{:.6g},{:.7g},{:.3g},{:.3g}\n",
+                          scene.number, set_of(scene), scene.body, scene.boundary.base,
+                          scene.boundary.indent_at, facing, scene.boundary.indenter_diameter_mm, scene.nu,
+                          scene.law, nodes, 1e3 * sample.depth, sample.force, built_s, solved_s);
     } catch (const Error& error) {
       fmt::print("{}: {}, {} nodes: {}\n", scene.number, scene.body, nodes, error.report.fact);
-      if (nodes == finest) return {};
+      if (nodes == sizes.front()) return {};
     }
   }
   return rows;
@@ -309,7 +346,9 @@ std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std:
       ++asked;
       double seconds = 0.0;
       Index before = 0;
-      for (Index nodes = first_rung(goal, scene.facing_share); nodes <= rungs.back();) {
+      const double radii = scene.forces.at(band_truth).back().depth / scene.radius;
+      const Index expected = expected_nodes(goal, scene.facing_share, radii);
+      for (Index nodes = first_rung(expected); nodes <= rungs.back();) {
         if (!scene.forces.contains(nodes)) {  // it was refused
           nodes *= 2;
           continue;
@@ -322,7 +361,7 @@ std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std:
         const double force = std::abs(fine.back().force);
         if (half.empty() || half.back() > goal * force) {
           before = nodes;
-          nodes = next_rung(nodes, half.empty() ? 0.0 : half.back(), goal * force);
+          nodes = half.empty() ? second_rung(nodes, expected) : next_rung(nodes, half.back(), goal * force);
           continue;
         }
         ++reached;
@@ -351,6 +390,38 @@ std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std:
   return table;
 }
 
+// Of displacements, likewise.
+std::string table_of_points(const std::vector<PointScene>& scenes, double multiplier) {
+  std::string table =
+                  "| scenes | nodes | bands | hold the truth | median half width, % of the displacement | "
+                  "median error at most, % "
+                  "|\n|---|---:|---:|---:|---:|---:|\n",
+              misses;
+  for (const std::string set : {"calibration", "proof"})
+    for (Index nodes = fewest_nodes_with_band(0.0); nodes <= point_truth / 4; nodes *= 2) {
+      std::vector<double> halves, errors;
+      int held = 0;
+      for (const PointScene& scene : scenes) {
+        if (scene.set != set) continue;
+        for (const PointError& e : point_errors(scene)) {
+          if (e.nodes != nodes) continue;
+          const double half = multiplier * e.measure;
+          held += e.error <= half;
+          halves.push_back(100.0 * half / e.length);
+          errors.push_back(100.0 * e.error / e.length);
+          if (e.error > half && set == "proof")
+            misses += fmt::format("- displacement, scene {}, {} nodes: {:.1f} % off at most, said {:.1f} %\n",
+                                  scene.number, nodes, errors.back(), halves.back());
+        }
+      }
+      if (!halves.empty())
+        table +=
+            fmt::format("| {} | {} | {} | {:.0f} % | {:.1f} | {:.1f} |\n", set, nodes, halves.size(),
+                        100.0 * held / static_cast<double>(halves.size()), median(halves), median(errors));
+    }
+  return table + (misses.empty() ? "" : "\n" + misses);
+}
+
 void report(const fs::path& folder) {
   const std::vector<BandScene> scenes = band_scenes(folder / "band_scenes.csv");
   const std::vector<double> shallow = band_scores(scenes, false), deep = band_scores(scenes, true);
@@ -370,12 +441,19 @@ void report(const fs::path& folder) {
                     second = table_of_goals(scenes, second_proof, unlisted);
   chart.series.push_back(
       {.name = "as large as said", .x = {0.5, 30.0}, .y = {0.5, 30.0}, .markers = false, .dashed = true});
-  const std::string text = fmt::format(
+  std::string text = fmt::format(
       "Multiplier down to one radius: {:.3f}, from {} scenes; deeper: {:.3f}, from {}.\n\n{}\nBoth "
       "proofs:\n\n{}\nThe "
       "second proof alone:\n\n{}\nBands that missed:\n\n{}\nGoals whose band missed:\n\n{}",
       conformal(shallow, 0.95), shallow.size(), conformal(deep, 0.95), deep.size(), bands, goals, second,
       missed_bands, missed_goals);
+  if (const fs::path file = folder / "band_points.csv"; fs::exists(file)) {
+    const std::vector<PointScene> points = point_scenes(file);
+    const std::vector<double> scores = point_scores(points);
+    text +=
+        fmt::format("\nDisplacement of a random place: multiplier {:.3f}, from {} scenes.\n\n{}",
+                    conformal(scores, 0.95), scores.size(), table_of_points(points, conformal(scores, 0.95)));
+  }
   write_file(folder / "band.md", text);
   write_chart_png(folder / "band.png", {chart}, 1);
   write_chart_svg(folder / "band.svg", {chart}, 1);
@@ -395,21 +473,38 @@ int main(int argc, char** argv) try {
   app.add_option("--atlases", atlases, "folder of the folded brains");
   app.add_option("--scenes", scenes, "how many");
   app.add_option("--from", first, "the first to be computed");
-  bool again = false;
+  bool again = false, finer = false, points = false;
+  app.add_flag("--finer", finer, "twice as many nodes as the finest, on scenes that are there");
+  app.add_flag("--points", points, "displacements of a random place, instead of forces");
   app.add_flag("--again", again, "tables and picture of band_scenes.csv, without a run");
   CLI11_PARSE(app, argc, argv);
   dimple::make_folder(folder);
-  const fs::path file = folder / "band_scenes.csv";
-  std::string csv = fs::exists(file) ? dimple::read_file(file) : dimple::header;
+  const fs::path file = folder / (points ? "band_points.csv" : "band_scenes.csv");
+  std::string csv = fs::exists(file) ? dimple::read_file(file)
+                    : points         ? dimple::points_header
+                                     : dimple::header;
+  std::vector<dimple::Index> sizes(dimple::rungs.begin(), dimple::rungs.end());
+  if (points)
+    std::reverse(sizes.begin(), sizes.end());
+  else
+    sizes.insert(sizes.begin(), dimple::finest);
+  std::set<int> done;  // also by the finer cloud
+  if (finer) {
+    sizes = {2 * dimple::finest};
+    for (const dimple::BandScene& scene : dimple::band_scenes(file))
+      if (scene.forces.contains(sizes.front())) done.insert(scene.number);
+  }
   for (int number = first; !again && number <= scenes; ++number) {
-    if (csv.find(fmt::format("\n{},", number)) != std::string::npos) continue;
+    const bool there = csv.find(fmt::format("\n{},", number)) != std::string::npos;
+    if (there != finer || done.contains(number)) continue;
     const dimple::Scene scene = dimple::scene_of(number, data, atlases);
     if (!scene.image.empty() && !fs::exists(scene.image)) {
       fmt::print("{}: left out, {} is not there\n", scene.body, scene.image.string());
       continue;
     }
     const dimple::Stopwatch whole;
-    csv += dimple::measure(scene);
+    const auto [forces, places] = dimple::measure(scene, sizes, points);
+    csv += points ? places : forces;
     dimple::write_file(file, csv);
     fmt::print("{}: {}, {:.1f} s\n", number, scene.body, whole.seconds());
     std::fflush(stdout);

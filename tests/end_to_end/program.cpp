@@ -2,6 +2,8 @@
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
+#include <pty.h>
+#include <sys/ioctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -98,11 +100,46 @@ Ran dimple(const fs::path& folder, const std::vector<std::string>& arguments) {
   return Program(folder, arguments).wait();
 }
 
-Ran dimple(const fs::path& folder, const std::string& arguments) {
+std::vector<std::string> words_of(const std::string& arguments) {
   std::istringstream words(arguments);
   std::vector<std::string> list;
   for (std::string word; words >> word;) list.push_back(word);
-  return dimple(folder, list);
+  return list;
+}
+
+Ran dimple(const fs::path& folder, const std::string& arguments) {
+  return dimple(folder, words_of(arguments));
+}
+
+Ran dimple_on_terminal(const fs::path& folder, const std::vector<std::string>& arguments, int columns) {
+  std::vector<std::string> words = {DIMPLE_PROGRAM};
+  words.insert(words.end(), arguments.begin(), arguments.end());
+  std::vector<char*> argv;
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  winsize size{};
+  size.ws_row = 50;
+  size.ws_col = static_cast<unsigned short>(columns);
+  int terminal = -1;
+  const pid_t pid = forkpty(&terminal, nullptr, nullptr, &size);
+  if (pid < 0) throw std::runtime_error("forkpty failed");
+  if (pid == 0) {
+    unsetenv("COLUMNS");
+    setenv("TERM", "xterm", 1);
+    if (chdir(folder.c_str()) != 0) _exit(125);
+    execv(argv[0], argv.data());
+    _exit(127);
+  }
+  Ran ran;
+  char text[4096];
+  for (ssize_t got = 0;
+       (got = read(terminal, text, sizeof text)) > 0;)  // ends by an error when the last one has closed it
+    ran.out.append(text, static_cast<std::size_t>(got));
+  close(terminal);
+  int status = 0;
+  waitpid(pid, &status, 0);
+  ran.code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  return ran;
 }
 
 std::string text_of(const fs::path& file) {

@@ -47,6 +47,12 @@ class Program {
 Ran dimple(const std::filesystem::path& folder, const std::vector<std::string>& arguments);
 Ran dimple(const std::filesystem::path& folder, const std::string& arguments);
 
+/// The same on a terminal of its own with so many columns: `out` is all that the terminal was sent.
+Ran dimple_on_terminal(const std::filesystem::path& folder, const std::vector<std::string>& arguments,
+                       int columns);
+/// The words of a plain command line.
+std::vector<std::string> words_of(const std::string& arguments);
+
 std::string text_of(const std::filesystem::path& file);
 
 }  // namespace dimple

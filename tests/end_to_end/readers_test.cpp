@@ -1,6 +1,7 @@
 // Results in VTK's own readers, those of ParaView and 3D Slicer: what they show lies where the organ is.
 
 #include <gtest/gtest.h>
+#include <vtkCellData.h>
 #include <vtkCellType.h>
 #include <vtkDataArray.h>
 #include <vtkFieldData.h>
@@ -15,8 +16,10 @@
 #include <vtkXMLPolyDataReader.h>
 #include <vtkXMLUnstructuredGridReader.h>
 
+#include <algorithm>
 #include <cmath>
 
+#include "io/table.hpp"
 #include "tests/end_to_end/program.hpp"
 
 namespace dimple {
@@ -48,7 +51,7 @@ void expect_finite(vtkDataSet* data, const char* name, int components, const cha
 TEST(ResultFiles, OpenInVtksOwnReadersAndLieOverTheLabels) {
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3").code, 0);
-  const Ran ran = dimple(folder, "run brain.nrrd -o out -q --nodes 500 --depth 1mm --rate 20mm/s --frames 2");
+  const Ran ran = dimple(folder, "run brain.nrrd -o out -q --nodes 500 --depth 1mm --time quasi-static --frames 2");
   ASSERT_EQ(ran.code, 0) << ran.err;
 
   vtkNew<vtkXMLImageDataReader> label;
@@ -63,6 +66,7 @@ TEST(ResultFiles, OpenInVtksOwnReadersAndLieOverTheLabels) {
   double box[6];
   image->GetBounds(box);
 
+  const Table forces = read_csv(folder / "out" / "force.csv");
   for (const char* frame : {"0000", "0001", "0002"}) {
     SCOPED_TRACE(frame);
     vtkNew<vtkXMLUnstructuredGridReader> nodes;
@@ -71,11 +75,11 @@ TEST(ResultFiles, OpenInVtksOwnReadersAndLieOverTheLabels) {
     EXPECT_EQ(grid->GetNumberOfPoints(), 500);
     EXPECT_EQ(grid->GetNumberOfCells(), 500);
     EXPECT_EQ(grid->GetCellType(0), VTK_VERTEX);
-    expect_finite(grid, "displacement", 3, "mm");
-    expect_finite(grid, "reaction_force", 3, "N");
+    expect_finite(grid, "displacement_mm", 3, "mm");
+    expect_finite(grid, "reaction_N", 3, "N");
     expect_finite(grid, "node_set", 1, "");
-    expect_finite(grid, "mass", 1, "kg");
-    EXPECT_STREQ(grid->GetPointData()->GetVectors()->GetName(), "displacement");
+    expect_finite(grid, "mass_kg", 1, "kg");
+    EXPECT_STREQ(grid->GetPointData()->GetVectors()->GetName(), "displacement_mm");
     ASSERT_NE(grid->GetFieldData()->GetArray("TimeValue"), nullptr);
     double bounds[6];
     grid->GetBounds(bounds);
@@ -86,27 +90,54 @@ TEST(ResultFiles, OpenInVtksOwnReadersAndLieOverTheLabels) {
 
     vtkNew<vtkXMLUnstructuredGridReader> points;
     read(*points, folder / "out" / "points" / (std::string("points_") + frame + ".vtu"));
-    expect_finite(points->GetOutput(), "displacement", 3, "mm");
-    expect_finite(points->GetOutput(), "cauchy_stress", 6, "Pa");
-    expect_finite(points->GetOutput(), "von_mises_stress", 1, "Pa");
+    expect_finite(points->GetOutput(), "displacement_mm", 3, "mm");
+    expect_finite(points->GetOutput(), "cauchy_stress_Pa", 6, "Pa");
+    expect_finite(points->GetOutput(), "von_mises_Pa", 1, "Pa");
     expect_finite(points->GetOutput(), "jacobian", 1, "");
-    expect_finite(points->GetOutput(), "volume", 1, "mm^3");
-    EXPECT_STREQ(points->GetOutput()->GetPointData()->GetArray("cauchy_stress")->GetComponentName(3), "XY");
+    expect_finite(points->GetOutput(), "volume_mm3", 1, "mm^3");
+    EXPECT_STREQ(points->GetOutput()->GetPointData()->GetArray("cauchy_stress_Pa")->GetComponentName(3),
+                 "XY");
 
     vtkNew<vtkXMLPolyDataReader> surface;
     read(*surface, folder / "out" / "surface" / (std::string("surface_") + frame + ".vtp"));
     EXPECT_GT(surface->GetOutput()->GetNumberOfPolys(), 100);
-    expect_finite(surface->GetOutput(), "displacement", 3, "mm");
+    expect_finite(surface->GetOutput(), "displacement_mm", 3, "mm");
+    expect_finite(surface->GetOutput(), "von_mises_Pa", 1, "Pa");
+
+    vtkNew<vtkXMLPolyDataReader> section;
+    read(*section, folder / "out" / "section" / (std::string("section_") + frame + ".vtp"));
+    expect_finite(section->GetOutput(), "displacement_mm", 3, "mm");
+    expect_finite(section->GetOutput(), "von_mises_Pa", 1, "Pa");
+    vtkDataArray* labels = section->GetOutput()->GetCellData()->GetArray("label");
+    ASSERT_NE(labels, nullptr);
+    labels->GetRange(range);
+    EXPECT_GE(range[0], 1.0);
+    EXPECT_LE(range[1], 2.0);
+
+    vtkNew<vtkXMLPolyDataReader> tool;
+    read(*tool, folder / "out" / "tool" / (std::string("tool_") + frame + ".vtp"));
+    const auto fact = [&](const char* name) {
+      return tool->GetOutput()->GetFieldData()->GetArray(name)->GetComponent(0, 0);
+    };
+    const auto& depths = *forces.find("indentation_mm");
+    const auto row = static_cast<std::size_t>(std::min_element(depths.begin(), depths.end(),
+                                                               [&](double a, double b) {
+                                                                 return std::abs(a - fact("indentation_mm")) <
+                                                                        std::abs(b - fact("indentation_mm"));
+                                                               }) -
+                                              depths.begin());
+    EXPECT_NEAR(depths[row], fact("indentation_mm"), 1e-9);
+    EXPECT_NEAR((*forces.find("force_N"))[row], fact("force_N"), 1e-3 * forces.find("force_N")->back());
   }
 
-  // The circle went down by what was asked, the base stayed.
+  // What is prescribed are the nodes' parameters: the circle went down by what was asked, the base stayed.
   vtkNew<vtkXMLUnstructuredGridReader> last;
   read(*last, folder / "out" / "nodes" / "nodes_0002.vtu");
   vtkPointData* data = last->GetOutput()->GetPointData();
   int base = 0, circle = 0;
   for (vtkIdType a = 0; a < 500; ++a) {
     const auto set = static_cast<int>(data->GetArray("node_set")->GetComponent(a, 0));
-    const double down = -data->GetArray("displacement")->GetComponent(a, 2);
+    const double down = -data->GetArray("nodal_parameter_mm")->GetComponent(a, 2);
     if (set & 1) {
       EXPECT_EQ(down, 0.0);
     }

@@ -188,7 +188,7 @@ Result run(const fs::path& folder, const std::string& image, const std::string& 
   EXPECT_EQ(ran.code, 0) << ran.err;
   if (ran.code != 0) return {};
   const PointFile points = read_vtu(folder / out / "model" / "points.vtu");
-  const auto volume = points.find("volume")->values.row(0);
+  const auto volume = points.find("volume_mm3")->values.row(0);
   const Table table = read_csv(folder / out / "force.csv");
   const auto* force = table.find("force_N");
   const PointFile nodes = read_vtu(folder / out / "model" / "nodes.vtu");

@@ -29,15 +29,15 @@ struct BandScene {
   std::map<Index, double> seconds;                   ///< from the surface to the curve
 };
 
-/// In the order of their numbers; those without a truth are left out. read_csv() takes numbers alone, and these rows
-/// name bodies and places, some with commas.
-inline std::vector<BandScene> band_scenes(const std::filesystem::path& file) {
-  std::map<int, BandScene> scenes;
+/// The rows of a file, without its header. read_csv() takes numbers alone, and these rows name bodies and places, some
+/// with commas.
+inline std::vector<std::vector<std::string>> rows_of(const std::filesystem::path& file) {
+  std::vector<std::vector<std::string>> rows;
   std::istringstream lines(read_file(file));
   std::string line;
   std::getline(lines, line);
   while (std::getline(lines, line)) {
-    std::vector<std::string> field(1);
+    std::vector<std::string>& field = rows.emplace_back(1);
     bool quoted = false;
     for (const char c : line)
       if (c == '"')
@@ -46,6 +46,14 @@ inline std::vector<BandScene> band_scenes(const std::filesystem::path& file) {
         field.emplace_back();
       else
         field.back() += c;
+  }
+  return rows;
+}
+
+/// In the order of their numbers; those without a truth are left out.
+inline std::vector<BandScene> band_scenes(const std::filesystem::path& file) {
+  std::map<int, BandScene> scenes;
+  for (const std::vector<std::string>& field : rows_of(file)) {
     const int number = std::stoi(field[0]);
     BandScene& scene = scenes[number];
     scene.number = number;
@@ -103,6 +111,68 @@ inline std::vector<double> band_scores(const std::vector<BandScene>& scenes, boo
           largest = std::max(largest, error_at_most(scene, nodes, k) / band_measure(change, nodes, radii));
       }
     }
+    if (largest >= 0.0) scores.push_back(largest);
+  }
+  std::sort(scores.begin(), scores.end());
+  return scores;
+}
+
+/// Where a random place of a scene's body goes: band_points.csv. The truth is the finest of these clouds, and may itself be
+/// off by as much as the one before is from it.
+struct PointScene {
+  int number = 0;
+  std::string set;
+  double facing_share = 0.0;
+  std::map<Index, Vec3> u;  ///< nodes -> displacement at the last depth [mm]
+};
+inline constexpr Index point_truth = 8'000;
+
+inline std::vector<PointScene> point_scenes(const std::filesystem::path& file) {
+  std::map<int, PointScene> scenes;
+  for (const std::vector<std::string>& field : rows_of(file)) {  // the last depth comes last
+    PointScene& scene = scenes[std::stoi(field[0])];
+    scene.number = std::stoi(field[0]);
+    scene.set = field[1];
+    scene.facing_share = std::stod(field[3]);
+    scene.u[std::stol(field[4])] = Vec3(std::stod(field[9]), std::stod(field[10]), std::stod(field[11]));
+  }
+  std::vector<PointScene> result;
+  for (auto& [number, scene] : scenes)
+    if (scene.u.contains(point_truth) && scene.u.contains(point_truth / 2))
+      result.push_back(std::move(scene));
+  return result;
+}
+
+/// What a band of a displacement may be made from: as band_measure(), with the floor of the force down to one radius.
+inline double displacement_measure(const Vec3& u, const Vec3& coarse, Index nodes) {
+  return (u - coarse).norm() + band_measure(0.0, nodes, 1.0) * u.norm();
+}
+
+/// Of each cloud with a coarser one and a finer one than the truth's own doubt: its error at most, with the truth's own, and
+/// what displacement_measure() makes of its change [mm].
+struct PointError {
+  Index nodes;
+  double error, measure, length;
+};
+inline std::vector<PointError> point_errors(const PointScene& scene) {
+  std::vector<PointError> errors;
+  const Vec3 truth = scene.u.at(point_truth);
+  const double unsure = (scene.u.at(point_truth / 2) - truth).norm();
+  for (Index nodes = fewest_nodes_with_band(scene.facing_share); nodes <= point_truth / 4; nodes *= 2)
+    if (scene.u.contains(nodes) && scene.u.contains(nodes / 2))
+      errors.push_back({nodes, (scene.u.at(nodes) - truth).norm() + unsure,
+                        displacement_measure(scene.u.at(nodes), scene.u.at(nodes / 2), nodes),
+                        scene.u.at(nodes).norm()});
+  return errors;
+}
+
+/// As band_scores().
+inline std::vector<double> point_scores(const std::vector<PointScene>& scenes) {
+  std::vector<double> scores;
+  for (const PointScene& scene : scenes) {
+    if (scene.set != "calibration") continue;
+    double largest = -1.0;
+    for (const PointError& e : point_errors(scene)) largest = std::max(largest, e.error / e.measure);
     if (largest >= 0.0) scores.push_back(largest);
   }
   std::sort(scores.begin(), scores.end());

@@ -47,13 +47,24 @@ TEST(Band, IsNotKnownDeeperThanTheCoarserCloudGoes) {
   EXPECT_TRUE(half_widths({}, 1000, {}, radius).empty());
 }
 
+TEST(Band, ALadderBeginsBelowTheNodesThatMayWellDo) {
+  const auto first_two = [](double wanted, double facing, double radii) {
+    const Index expected = expected_nodes(wanted, facing, radii), first = first_rung(expected);
+    return std::pair(first, second_rung(first, expected));
+  };
+  EXPECT_EQ(first_two(0.05, 0.0, 1.0), std::pair(Index{500}, Index{1000}));
+  EXPECT_EQ(first_two(0.02, 0.0, 1.0), std::pair(Index{2000}, Index{4000}));
+  EXPECT_EQ(first_two(0.01, 0.0, 1.0), std::pair(Index{4000}, Index{16'000}))
+      << "soon an answer, if not that one";
+  EXPECT_EQ(first_two(0.05, 0.2, 1.0), std::pair(Index{2000}, Index{4000})) << "of a folded body";
+  EXPECT_EQ(first_two(0.0, 0.0, 1.0), std::pair(Index{500}, Index{1000}))
+      << "nobody knows how much of it that is";
+  EXPECT_EQ(first_two(1e-9, 0.0, 2.0).first, 4000) << "too much to ask for";
+}
+
 TEST(Band, ALadderLeapsWhereItsBandIsFarTooWide) {
-  EXPECT_EQ(first_rung(0.05, 0.0), 500);
-  EXPECT_EQ(first_rung(0.01, 0.0), 1000);
-  EXPECT_EQ(first_rung(0.05, 0.2), 2000) << "of a folded body";
   EXPECT_EQ(next_rung(1000, 0.015, 0.01), 2000);
   EXPECT_EQ(next_rung(1000, 0.05, 0.01), 4000);
-  EXPECT_EQ(next_rung(500, 0.0, 0.01), 1000) << "the first has no band";
 }
 
 }  // namespace

@@ -798,6 +798,36 @@ TEST(LabelImage, ReadsAHeaderWithItsVoxelsInASecondFile) {
 
 // -------------------------------------------------------------------------------------------- names
 
+TEST(LabelImage, IsTheSameOfLabelsInMemoryInWhateverOrderTheyLie) {
+  const LabelImage image = oblique_body();
+  std::array<int, 3> axis{0, 1, 2};
+  do {
+    const Raw raw = stored_as(image, axis, {axis[0] == 1, false, axis[2] != 2});
+    const auto [nx, ny, nz] = raw.size;
+    const std::vector<double> number(raw.voxel.begin(), raw.voxel.end());
+    LabelArray array{
+        .voxel = number.data(), .size = raw.size, .step = {1, nx, nx * ny}, .to_world = raw.to_world};
+    expect_same(label_image_of(array), image, 1e-9);
+    // The same numbers with the last axis fastest, as C and numpy keep them.
+    std::vector<std::int64_t> turned(raw.voxel.size());
+    for (Index k = 0; k < nz; ++k)
+      for (Index j = 0; j < ny; ++j)
+        for (Index i = 0; i < nx; ++i)
+          turned[static_cast<std::size_t>((i * ny + j) * nz + k)] =
+              raw.voxel[static_cast<std::size_t>(i + nx * (j + ny * k))];
+    array.voxel = turned.data();
+    array.step = {ny * nz, nz, 1};
+    expect_same(label_image_of(array), image, 1e-9);
+    turned[static_cast<std::size_t>((1 * ny + 2) * nz + 3)] = -1;
+    try {
+      label_image_of(array);
+      FAIL() << "a label of -1 is taken";
+    } catch (const InputError& error) {
+      EXPECT_EQ(error.report.where, "label image in memory, stored voxel (1, 2, 3)");
+    }
+  } while (std::next_permutation(axis.begin(), axis.end()));
+}
+
 TEST(LabelImage, TakesNamesFromATableOverThoseInTheFile) {
   const fs::path folder = fresh_folder();
   write_label_image(folder / "a.nrrd", body());

@@ -2,6 +2,7 @@
 
 #include "apps/run/simulate.hpp"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -53,7 +54,8 @@ TEST(Simulate, TellsItsObserverWhatItDoesInOrder) {
   std::vector<int> frames;
   RunObserver observer;
   observer.line = [&](RunObserver::Line kind, const std::string& text) {
-    if (kind == RunObserver::Line::said) heard.push_back(text.substr(0, text.find(' ')));
+    if (kind == RunObserver::Line::said || kind == RunObserver::Line::detail)
+      heard.push_back(text.substr(0, text.find(' ')));
   };
   observer.placed = [&](const Discretisation& places, const Scheme& scheme) {
     heard.push_back("placed");
@@ -110,6 +112,35 @@ TEST(Simulate, ManyAtOnceGiveWhatOneGivesAndLeaveTheStreamsAlone) {
   for (const double each : force) EXPECT_EQ(each, alone);
   EXPECT_EQ(std::cout.rdbuf(), out);
   EXPECT_EQ(std::cerr.rdbuf(), err);
+}
+
+// The block stands on its base, and its top is at 30 mm.
+TEST(Simulate, APlaceBelowTheToolGoesWithItAndOneAboveTheBaseStays) {
+  Case given = small_case();
+  given.config.boundary.base = "inferior";
+  given.config.boundary.indent_at = "0,0,top";
+  Result built;
+  build_case(given, {}, built);
+  const Vec3 centre = built.model.tool.centre, push = built.model.tool.push;
+  const auto displacement_at = [&](const Vec3& place) {
+    given.config.accuracy.quantity =
+        fmt::format("displacement@{},{},{}", 1e3 * place.x(), 1e3 * place.y(), 1e3 * place.z());
+    const Result result = simulate(given);
+    EXPECT_TRUE(result.followed.has_value());
+    return result.followed->u;
+  };
+  const Vec3 below = displacement_at(centre + 0.5e-3 * push);
+  EXPECT_NEAR(below.dot(push), 1e-3, 0.1e-3);
+  EXPECT_LT((below - below.dot(push) * push).norm(), 0.05e-3);
+  EXPECT_LT(displacement_at(centre + 29.5e-3 * push).norm(), 0.02e-3);
+}
+
+TEST(Simulate, RefusesAPlaceOutsideOfTheBodyAndAQuantityThatIsNone) {
+  Case given = small_case();
+  for (const char* quantity : {"displacement@500,0,0", "displacement@1,2", "displacement@", "stress", ""}) {
+    given.config.accuracy.quantity = quantity;
+    EXPECT_THROW(simulate(given), UsageError) << quantity;
+  }
 }
 
 TEST(Simulate, ThrowsWhatIsWrongWithTheCase) {

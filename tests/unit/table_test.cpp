@@ -94,5 +94,27 @@ TEST(Table, NamesLineAndColumnOfWhatItRefuses) {
   EXPECT_THROW(read_csv("/no/such/table.csv"), InputError);
 }
 
+TEST(TextTable, IsReadAsSpreadsheetsWriteIt) {
+  for (const char* content :
+       {"id,image,label\na,\"scans/a, left.nrrd\",\"Brain \"\"L\"\"\"\n\nb, b c.nrrd ,\n",
+        "\xEF\xBB\xBFid;image;label\r\na;scans/a, left.nrrd;\"Brain \"\"L\"\"\"\r\nb;b c.nrrd;\r\n;;\r\n",
+        "# a comment\nid\timage\tlabel\na\tscans/a, left.nrrd\t\"Brain \"\"L\"\"\"\n# b\nb\tb c.nrrd\t"}) {
+    const TextTable table = read_text_csv(with_content(content));
+    EXPECT_EQ(table.header, (std::vector<std::string>{"id", "image", "label"})) << content;
+    ASSERT_EQ(table.row.size(), 2u) << content;
+    EXPECT_EQ(table.row[0].field, (std::vector<std::string>{"a", "scans/a, left.nrrd", "Brain \"L\""}));
+    EXPECT_EQ(table.row[1].field, (std::vector<std::string>{"b", "b c.nrrd", ""}));
+    EXPECT_GT(table.row[1].line, table.row[0].line);
+  }
+}
+
+TEST(TextTable, ReadsBackWhatIsWritten) {
+  const TextTable table{{"id", "why, \"so\""}, {{2, {"a", "b,c"}}, {3, {"", "\"quoted\" ; and\ttabs"}}}};
+  const TextTable back = read_text_csv(with_content(to_csv(table)));
+  EXPECT_EQ(back.header, table.header);
+  ASSERT_EQ(back.row.size(), 2u);
+  for (std::size_t r = 0; r < 2; ++r) EXPECT_EQ(back.row[r].field, table.row[r].field);
+}
+
 }  // namespace
 }  // namespace dimple

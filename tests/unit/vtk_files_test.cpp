@@ -45,8 +45,8 @@ PointFile sample_points(Index count = 50) {
   set(0, 0) = 1;
   set(0, 1) = 3;
   return {.position_mm = random_values(3, count, 1),
-          .fields = {{.name = "mass", .unit = "kg", .values = random_values(1, count, 2)},
-                     {.name = "displacement",
+          .fields = {{.name = "mass_kg", .unit = "kg", .values = random_values(1, count, 2)},
+                     {.name = "displacement_mm",
                       .unit = "mm",
                       .values = random_values(3, count, 3),
                       .components = {"L", "P", "S"},
@@ -59,7 +59,7 @@ SurfaceFile tetrahedron() {
   surface.position_mm = random_values(3, 4, 4);
   surface.triangles.resize(3, 4);
   surface.triangles << 0, 0, 0, 1, /**/ 2, 1, 3, 2, /**/ 1, 3, 2, 3;
-  surface.fields = {{.name = "displacement", .unit = "mm", .values = random_values(3, 4, 5)}};
+  surface.fields = {{.name = "displacement_mm", .unit = "mm", .values = random_values(3, 4, 5)}};
   return surface;
 }
 
@@ -105,7 +105,7 @@ TEST(Vtu, IsPackedByWhatIsFastInNumbersAsLongAsTheyNeedBe) {
 
 TEST(Vtu, OfManyBlocksIsReadBackToTheLastBit) {
   PointFile points{.position_mm = Points::Random(3, 40000), .fields = {}};  // 960 kB of positions
-  points.fields.push_back({.name = "mass",
+  points.fields.push_back({.name = "mass_kg",
                            .unit = "kg",
                            .values = Eigen::MatrixXd::Random(1, 40000),
                            .type = Field::Type::real64});
@@ -133,12 +133,12 @@ TEST(Vtu, IsReadByVtkAsOneVertexPerPointWithUnitsTimeAndActiveDisplacement) {
     for (int c = 0; c < 3; ++c)
       EXPECT_EQ(grid->GetPoint(n)[c], static_cast<double>(static_cast<float>(points.position_mm(c, n))));
 
-  vtkDataArray* displacement = grid->GetPointData()->GetArray("displacement");
+  vtkDataArray* displacement = grid->GetPointData()->GetArray("displacement_mm");
   ASSERT_NE(displacement, nullptr);
   EXPECT_EQ(grid->GetPointData()->GetVectors(), displacement);
   EXPECT_STREQ(displacement->GetInformation()->Get(vtkDataArray::UNITS_LABEL()), "mm");
   EXPECT_STREQ(displacement->GetComponentName(2), "S");
-  EXPECT_EQ(grid->GetPointData()->GetArray("mass")->GetDataType(), VTK_FLOAT);
+  EXPECT_EQ(grid->GetPointData()->GetArray("mass_kg")->GetDataType(), VTK_FLOAT);
   EXPECT_EQ(grid->GetPointData()->GetArray("node_set")->GetDataType(), VTK_INT);
 
   auto* time = vtkDoubleArray::SafeDownCast(grid->GetFieldData()->GetArray("TimeValue"));
@@ -169,9 +169,9 @@ TEST(Vtu, GivesBackTheSameBitsWhenExact) {
     EXPECT_EQ(in.fields[f].components, out.fields[f].components);
     EXPECT_EQ(in.fields[f].type, out.fields[f].type);
   }
-  EXPECT_EQ(in.find("displacement")->values, out.find("displacement")->values);
+  EXPECT_EQ(in.find("displacement_mm")->values, out.find("displacement_mm")->values);
   EXPECT_EQ(in.find("node_set")->values, out.find("node_set")->values);
-  EXPECT_EQ(in.find("mass")->values, out.find("mass")->values.cast<float>().cast<double>());
+  EXPECT_EQ(in.find("mass_kg")->values, out.find("mass_kg")->values.cast<float>().cast<double>());
   EXPECT_EQ(in.find("temperature"), nullptr);
 }
 
@@ -371,7 +371,7 @@ TEST(Vtp, IsReadByVtkWithItsTrianglesUnitsAndTime) {
   EXPECT_EQ(mesh->GetCellType(0), VTK_TRIANGLE);
   vtkDataArray* displacement = mesh->GetPointData()->GetVectors();
   ASSERT_NE(displacement, nullptr);
-  EXPECT_STREQ(displacement->GetName(), "displacement");
+  EXPECT_STREQ(displacement->GetName(), "displacement_mm");
   EXPECT_STREQ(displacement->GetInformation()->Get(vtkDataArray::UNITS_LABEL()), "mm");
   EXPECT_EQ(mesh->GetFieldData()->GetArray("TimeValue")->GetTuple1(0), 2.5);
 }
