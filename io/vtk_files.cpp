@@ -260,10 +260,10 @@ Field::Type type_of(vtkDataArray& array) {
   }
 }
 
-std::vector<Field> fields_of(vtkPointData& data) {
+std::vector<Field> fields_of(vtkFieldData& data) {
   std::vector<Field> fields;
   for (int a = 0; a < data.GetNumberOfArrays(); ++a) {
-    vtkDataArray* array = data.GetArray(a);
+    auto* array = vtkDataArray::SafeDownCast(data.GetAbstractArray(a));
     if (array == nullptr || array->GetName() == nullptr) continue;  // text: not a field
     Field field{.name = array->GetName(), .unit = "", .values = unpacked(*array), .type = type_of(*array)};
     vtkInformation* information = array->GetInformation();
@@ -697,7 +697,8 @@ PointFile read_vtu(const fs::path& file) {
 SurfaceFile read_vtp(const fs::path& file) {
   const auto mesh = read_xml<vtkXMLPolyDataReader>(file, "PolyData", ".vtp");
   SurfaceFile surface{
-      .position_mm = positions_of(file, *mesh), .triangles = {}, .fields = fields_of(*mesh->GetPointData())};
+      .position_mm = positions_of(file, *mesh), .triangles = {}, .fields = fields_of(*mesh->GetPointData()),
+      .on_triangles = fields_of(*mesh->GetCellData()), .facts = fields_of(*mesh->GetFieldData())};
 
   const std::string name = file.filename().string();
   const std::string triangulate = "apply the Triangulate filter in ParaView and save the result";

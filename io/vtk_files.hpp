@@ -31,8 +31,8 @@ struct SurfaceFile {
   Points position_mm;
   Triangles triangles;
   std::vector<Field> fields;
-  std::vector<Field> on_triangles = {};  ///< written, not read
-  std::vector<Field> facts = {};  ///< of the whole, one column each: VTK's field data; written, not read
+  std::vector<Field> on_triangles = {};
+  std::vector<Field> facts = {};  ///< of the whole, one column each: VTK's field data
 };
 
 /// All writers here write inline base64 data packed by LZ4, beside the final name, then rename; they throw

@@ -32,6 +32,8 @@ Command add_stress(CLI::App& app, Invocation& shared);
 Command add_export(CLI::App& app, Invocation& shared);
 Command add_options(CLI::App& app, Invocation& shared);
 Command add_verify(CLI::App& app, Invocation& shared);
+Command add_view(CLI::App& app, Invocation& shared);
+Command add_poke(CLI::App& app, Invocation& shared);
 Command add_batch(CLI::App& app, Invocation& shared);
 Command add_collect(CLI::App& app, Invocation& shared);
 Command add_cite(CLI::App& app, Invocation& shared);
@@ -42,7 +44,7 @@ Command add_completion(CLI::App& app, Invocation& shared);  // man.cpp
 namespace {
 
 constexpr Command (*subcommands[])(CLI::App&, Invocation&) = {
-    add_phantom, add_info,     add_model, add_solve,  add_run,    add_batch,
+    add_phantom, add_info,     add_model, add_solve,  add_run,    add_view,   add_poke, add_batch,
     add_collect, add_converge, add_fit,   add_chart,  add_stress, add_export,
     add_options, add_verify,   add_cite,  add_doctor, add_man,    add_completion};
 

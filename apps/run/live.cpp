@@ -65,6 +65,14 @@ LiveTool make_live_tool(const LiveOrgan& organ, Index nodes) {
   return tool;
 }
 
+void put_down(LiveTool& tool, const Vec3& tip) {
+  const Stopwatch making;
+  tool.session.emplace(touch(*tool.organ, tool.nodes, tip));
+  tool.made_s = making.seconds();
+  tool.frame = {};
+  ++tool.touches;
+}
+
 double depth_of(const LiveTool& tool, const Vec3& tip) {
   const Indenter& at = tool.session->model().tool;
   return (tip - at.centre).dot(at.push);
@@ -89,10 +97,7 @@ LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, dou
       tool.session->follow(0.0, limit, dt);
       return tool.frame = {};
     }
-    const Stopwatch making;
-    tool.session.emplace(touch(*tool.organ, tool.nodes, tip));
-    tool.made_s = making.seconds();
-    ++tool.touches;
+    put_down(tool, tip);
   }
   tool.tip = tip;
   return tool.frame = tool.session->follow(depth_of(tool, tip), limit, dt);
@@ -134,52 +139,53 @@ ToolPath read_tool_path(const fs::path& file) {
   return path;
 }
 
+PathFrame path_frame(LiveTool& tool, const ToolPath& path, double time, const FrameLimit& limit, double dt) {
+  const auto after = std::upper_bound(path.time.begin() + 1, path.time.end() - 1, time) - path.time.begin();
+  const auto k = static_cast<std::size_t>(after - 1);
+  const double share = std::clamp((time - path.time[k]) / (path.time[k + 1] - path.time[k]), 0.0, 1.0);
+  PathFrame now{.time = time};
+  const Stopwatch watch;
+  if (path.depth.empty()) {
+    now.tip = (1.0 - share) * path.tip.col(static_cast<Index>(k)) + share * path.tip.col(static_cast<Index>(k) + 1);
+    now.frame = move_tip(tool, now.tip, limit, dt);
+  } else {
+    now.frame = move_depth(tool, (1.0 - share) * path.depth[k] + share * path.depth[k + 1], limit, dt);
+    now.tip = tool.tip;
+  }
+  now.seconds = watch.seconds();
+  return now;
+}
+
 std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const PathOptions& options,
                                    const std::function<void(const PathFrame&)>& each) {
   std::vector<PathFrame> frames;
   const double lasts = path.time.back() - path.time.front(), dt = 1.0 / options.rate;
   const auto count = static_cast<std::int64_t>(std::floor(lasts * options.rate + 1e-9)) + 1;
-  std::size_t k = 0;
   for (std::int64_t i = 0; i < count && stop_asked() == StopReason::none; ++i) {
-    PathFrame now{.time = path.time.front() + static_cast<double>(i) * dt};
-    while (k + 2 < path.time.size() && path.time[k + 1] < now.time) ++k;
-    const double share = std::clamp((now.time - path.time[k]) / (path.time[k + 1] - path.time[k]), 0.0, 1.0);
-    const Stopwatch watch;
-    if (path.depth.empty()) {
-      now.tip = (1.0 - share) * path.tip.col(static_cast<Index>(k)) +
-                share * path.tip.col(static_cast<Index>(k) + 1);
-      now.frame = move_tip(tool, now.tip, options.limit, dt);
-    } else {
-      now.frame =
-          move_depth(tool, (1.0 - share) * path.depth[k] + share * path.depth[k + 1], options.limit, dt);
-      now.tip = tool.tip;
-    }
-    now.seconds = watch.seconds();
-    frames.push_back(now);
-    if (each) each(now);
+    frames.push_back(
+        path_frame(tool, path, path.time.front() + static_cast<double>(i) * dt, options.limit, dt));
+    if (each) each(frames.back());
   }
   return frames;
 }
 
-void write_path_frames(const fs::path& file, const std::vector<PathFrame>& frames) {
-  Table table{.header = {"time_s", "asked_mm", "depth_mm", "force_N", "error_N", "stiffness_N_per_m",
-                         "residual", "evaluations", "tool", "frame_ms"},
-              .column = std::vector<std::vector<double>>(10)};
+void write_path_frames(const fs::path& folder, const std::vector<PathFrame>& frames) {
+  Table forces{.header = {"time_s", "asked_mm", "depth_mm", "force_N", "error_N", "stiffness_N_per_m",
+                          "residual", "evaluations", "tool"},
+               .column = std::vector<std::vector<double>>(9)};
+  Table times{.header = {"time_s", "frame_ms"}, .column = std::vector<std::vector<double>>(2)};
   for (const PathFrame& now : frames) {
     const LiveFrame& f = now.frame;
-    const double row[] = {now.time,
-                          1e3 * f.asked,
-                          1e3 * f.depth,
-                          f.force,
-                          f.error,
-                          f.stiffness,
-                          f.residual,
-                          static_cast<double>(f.evaluations),
-                          static_cast<double>(f.tool),
-                          1e3 * now.seconds};
-    for (std::size_t c = 0; c < 10; ++c) table.column[c].push_back(row[c]);
+    const double row[] = {now.time,    1e3 * f.asked, 1e3 * f.depth,
+                          f.force,     f.error,       f.stiffness,
+                          f.residual,  static_cast<double>(f.evaluations),
+                          static_cast<double>(f.tool)};
+    for (std::size_t c = 0; c < 9; ++c) forces.column[c].push_back(row[c]);
+    times.column[0].push_back(now.time);
+    times.column[1].push_back(1e3 * now.seconds);
   }
-  write_csv(file, table);
+  write_csv(folder / "forces.csv", forces);
+  write_csv(folder / "times.csv", times);
 }
 
 Index nodes_for_rate(const LiveOrgan& organ, double rate) {

@@ -41,6 +41,8 @@ struct LiveTool {
 };
 /// Begins at the place that the options name, in touch.
 LiveTool make_live_tool(const LiveOrgan& organ, Index nodes);
+/// It comes down somewhere else, at `tip` [3] LPS m: a new cloud, under no load.
+void put_down(LiveTool& tool, const Vec3& tip);
 /// Along the push from the middle of the circle [m].
 double depth_of(const LiveTool& tool, const Vec3& tip);
 /// The tip goes to a place [3] LPS m, or as far as the body can be followed within the limit.
@@ -62,6 +64,9 @@ struct PathFrame {
   LiveFrame frame = {};
   Vec3 tip = Vec3::Zero();  ///< asked for [3] LPS m
 };
+/// The frame of a path at one time on it; where the path begins before or ends after that, at its end. `dt` [s]: since
+/// the last one.
+PathFrame path_frame(LiveTool& tool, const ToolPath& path, double time, const FrameLimit& limit, double dt);
 struct PathOptions {
   double rate = 25.0;  ///< frames in a second of the path
   FrameLimit limit = {};
@@ -70,8 +75,9 @@ struct PathOptions {
 /// is.
 std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const PathOptions& options,
                                    const std::function<void(const PathFrame&)>& each = {});
-/// time_s, asked_mm, depth_mm, force_N, error_N, residual, evaluations, state, frame_ms
-void write_path_frames(const std::filesystem::path& file, const std::vector<PathFrame>& frames);
+/// forces.csv: time_s, asked_mm, depth_mm, force_N, error_N, stiffness_N_per_m, residual, evaluations, tool; and what differs
+/// from one time to the next, times.csv: time_s, frame_ms.
+void write_path_frames(const std::filesystem::path& folder, const std::vector<PathFrame>& frames);
 
 /// As many nodes as can be followed at `rate` frames a second on this machine, tried with the cloud of 1000 at a way of 10
 /// mm/s. In hundreds, 500 to 4000.

@@ -1,0 +1,311 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <optional>
+#include <thread>
+
+#include "apps/commands/command.hpp"
+#include "apps/commands/log.hpp"
+#include "apps/run/live.hpp"
+#include "apps/run/live_socket.hpp"
+#include "apps/run/results.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "apps/run/view.hpp"
+#include "apps/window/body_window.hpp"
+#include "io/draw/body_frame.hpp"
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "io/vtk_files.hpp"
+#include "preprocess/reduce_surface.hpp"
+#include "preprocess/support.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Options {
+  Flags flags;
+  std::string script, record, socket;
+  double rate = 25.0, seconds = 3600.0;
+  std::int64_t evaluations = 0;
+  bool window = false;
+};
+
+constexpr double for_solving = 0.7;      // of a frame's time; the rest is for drawing
+constexpr Index most_triangles = 12'000;  // that are drawn
+constexpr double recorded_rate = 5.0;    // surfaces a second
+
+// The surface under the tool of one touch, small enough to be drawn in a few milliseconds.
+struct Skin {
+  ReducedSurface part;
+  Points rest_mm;
+  Interpolation moved;
+
+  explicit Skin(const Model& model) : part(reduced_surface(model.surface, model.tool, most_triangles)) {
+    rest_mm = model.surface.vertex_mm(Eigen::all, part.vertex);
+    moved = inner_interpolation(model, 1e-3 * rest_mm);
+  }
+  Points displacement_mm(const Session& session) const { return 1e3 * moved(session.displacement()); }
+};
+
+// Frames of the tool's way: forces.csv, surface.pvd, and how long each took.
+class Recording {
+ public:
+  explicit Recording(const fs::path& folder) : folder_(folder), surfaces_(folder / "surface.pvd", ".vtp") {}
+
+  void add(const PathFrame& now, const Session& session, const Skin& skin) {
+    frames_.push_back(now);
+    if (now.time < next_) return;
+    next_ = now.time + 1.0 / recorded_rate;
+    const Points u = skin.displacement_mm(session);
+    write_vtp(surfaces_.next_frame(),
+              {.position_mm = skin.rest_mm + u,
+               .triangles = skin.part.triangles,
+               .fields = {{.name = "displacement_mm", .unit = "mm", .values = u, .components = {"X", "Y", "Z"}}}},
+              now.time);
+    surfaces_.add(now.time);
+  }
+  const std::vector<PathFrame>& frames() const { return frames_; }
+  void finish() const {
+    if (!frames_.empty()) write_path_frames(folder_, frames_);
+  }
+
+ private:
+  fs::path folder_;
+  TimeSeries surfaces_;
+  std::vector<PathFrame> frames_;
+  double next_ = 0.0;
+};
+
+// What the tool is asked to do at a time, where a script says so.
+struct Asked {
+  std::optional<Vec3> tip = {};
+  double depth = 0.0;
+};
+
+class Poking {
+ public:
+  Poking(const LiveOrgan& organ, LiveTool& tool, const Options& options)
+      : organ_(organ), tool_(tool), options_(options), window_({.title = "Dimple", .abscissa = "time [s]"}) {
+    if (!options.record.empty()) recording_.emplace(options.record);
+    if (!options.script.empty()) path_ = read_tool_path(options.script);
+    touched(true);
+  }
+
+  std::vector<PathFrame> run() {
+    window_.pressed = [this](const Vec3& place_mm) {
+      if (path_) return false;
+      const Indenter& at = tool_.session->model().tool;
+      if ((1e-3 * place_mm - at.centre).norm() > 0.25 * at.radius) {
+        try {
+          put_down(tool_, 1e-3 * place_mm);
+          touched(false);
+        } catch (const ModelError& error) {
+          notice_ = error.report.fact;
+          return true;
+        }
+      }
+      notice_.clear();
+      return true;
+    };
+    window_.dragged = [this](double along_mm) { asked_.depth = 1e-3 * std::max(0.0, along_mm); };
+    window_.released = [this] { asked_.depth = 0.0; };
+    window_.tick = [this] { return tick(); };
+    window_.run();
+    if (recording_) recording_->finish();
+    return frames_;
+  }
+
+ private:
+  void touched(bool look) {
+    const Model& model = tool_.session->model();
+    skin_.emplace(model);
+    const BodyFrame frame = body_frame(model.X, model.tool.centre, model.tool.push);
+    const SurfaceFile tool = tool_body(model);
+    window_.show({.surface_mm = skin_->rest_mm,
+                  .triangles = skin_->part.triangles,
+                  .tool_mm = tool.position_mm,
+                  .tool_triangles = tool.triangles,
+                  .up = frame.up,
+                  .front = frame.front,
+                  .centre_mm = 1e3 * model.tool.centre},
+                 1e3 * model.tool.radius, look);
+    if (look) shown_up_ = frame.up;
+    asked_.depth = 0.0;
+  }
+
+  bool tick() {
+    if (stop_asked() != StopReason::none) return false;
+    const double period = 1.0 / options_.rate, now = clock_.seconds();
+    if (now < next_) return true;
+    next_ = std::max(next_ + period, now);
+    const double time = path_ ? static_cast<double>(frames_.size()) * period : now;
+    if (time > options_.seconds) return false;
+    const Index touches = tool_.touches;
+    const FrameLimit limit{.seconds = for_solving * period, .evaluations = options_.evaluations};
+    const Stopwatch solving;
+    PathFrame frame{.time = time};
+    if (path_) {
+      const double at = path_->time.front() + time;
+      if (at > path_->time.back() + 1e-9) return false;
+      frame = path_frame(tool_, *path_, at, limit, period);
+      frame.time = time;
+    } else {
+      frame.frame = move_depth(tool_, asked_.depth, limit, period);
+      frame.tip = tool_.tip;
+    }
+    solve_s_ = solving.seconds();
+    frame.seconds = solve_s_;
+    if (tool_.touches != touches) touched(false);
+    frames_.push_back(frame);
+    if (recording_) recording_->add(frame, *tool_.session, *skin_);
+    const Stopwatch drawing;
+    draw(frame);
+    draw_s_ = drawing.seconds();
+    busy_ += 0.1 * (std::max(period, solve_s_ + draw_s_) - busy_);
+    return true;
+  }
+
+  void draw(const PathFrame& now) {
+    const LiveFrame& f = now.frame;
+    const Points u = skin_->displacement_mm(*tool_.session);
+    curve_.push_back({now.time, f.force, f.force - f.error, f.force + f.error});
+    constexpr double shown_s = 10.0;
+    curve_.erase(curve_.begin(), std::find_if(curve_.begin(), curve_.end(), [&](const ShownForce& s) {
+                   return s.x > now.time - shown_s;
+                 }));
+    const std::string force =
+        f.force > 0.0 ? fmt::format("force {:.4g} N +- {:.2g} %, {:.2f} mm", f.force, 100.0 * f.error / f.force,
+                                    1e3 * f.depth)
+                      : std::string("no touch: press the left button on the body and draw it in");
+    window_.show(ShownFrame{
+        .surface_mm = skin_->rest_mm + u,
+        .displacement_mm = u.colwise().norm(),
+        .tool_mm = 1e3 * f.depth * tool_.session->model().tool.push,
+        .words = fmt::format("{}{}\n{} nodes, {:.0f} frames a second: solving {:.0f} ms, drawing {:.0f} ms{}", force,
+                             f.tool == LiveFrame::Tool::stopped  ? " (no equilibrium any deeper)"
+                             : f.tool == LiveFrame::Tool::lags ? " (the body lags)"
+                                                               : "",
+                             tool_.session->model().node_count(), 1.0 / busy_, 1e3 * solve_s_, 1e3 * draw_s_,
+                             notice_.empty() ? "" : "\n" + notice_)});
+    window_.show(curve_);
+    window_.draw();
+  }
+
+  const LiveOrgan& organ_;
+  LiveTool& tool_;
+  const Options& options_;
+  BodyWindow window_;
+  std::optional<Skin> skin_;
+  std::optional<Recording> recording_;
+  std::optional<ToolPath> path_;
+  Asked asked_;
+  Stopwatch clock_;
+  std::vector<PathFrame> frames_;
+  std::vector<ShownForce> curve_;
+  std::string notice_;
+  Vec3 shown_up_ = Vec3::UnitZ();
+  double next_ = 0.0, solve_s_ = 0.0, draw_s_ = 0.0, busy_ = 0.04;
+};
+
+// Without a window: along the script as fast as it goes.
+std::vector<PathFrame> follow_script(LiveTool& tool, const Options& options) {
+  const ToolPath path = read_tool_path(options.script);
+  std::optional<Recording> recording;
+  if (!options.record.empty()) recording.emplace(options.record);
+  std::optional<Skin> skin;
+  Index touches = 0;
+  std::vector<PathFrame> frames =
+      follow_path(tool, path, {.rate = options.rate,
+                               .limit = {.seconds = 1.0 / options.rate, .evaluations = options.evaluations}},
+                  [&](const PathFrame& now) {
+                    if (!recording) return;
+                    if (touches != tool.touches) skin.emplace(tool.session->model()), touches = tool.touches;
+                    recording->add(now, *tool.session, *skin);
+                  });
+  if (recording) recording->finish();
+  return frames;
+}
+
+void check(const Options& options) {
+  const auto refuse = [](const char* fact, const char* where, const char* why, const char* remedy) {
+    throw UsageError({.fact = fact, .where = where, .why = why, .remedy = remedy});
+  };
+  if (!(options.rate >= 1.0 && options.rate <= 1000.0))
+    refuse("the rate is not between 1 and 1000 frames a second", "--fps", "a frame takes a time", "give one, such as 25");
+  if (!options.socket.empty() && !options.script.empty())
+    refuse("the tool is moved by a script and through a socket", "--script, --socket", "it is in one place",
+           "give one of them");
+  if (!options.record.empty() && options.script.empty() && !options.socket.empty())
+    refuse("what comes through a socket is not recorded", "--record", "the program that asks has the forces",
+           "leave one of them out");
+}
+
+int poke(const Invocation& shared, const CLI::App& command, const Options& options) {
+  check(options);
+  Config config = options.flags.config(command, shared.image);
+  const bool windowed = options.window || (options.script.empty() && options.socket.empty());
+  if (!options.record.empty()) {
+    ResultFolder folder(options.record, shared.existing());
+    folder.prepare();
+  }
+  const LiveOrgan organ = read_live_organ(config, {.line = to_log().line});
+  // A count that was not asked for is what this machine can follow; with a limit in evaluations nothing depends on it.
+  const bool asked = command.count("--nodes") > 0 || options.evaluations > 0;
+  const Index nodes = asked ? config.cloud.nodes
+                            : nodes_for_rate(organ, options.rate / (windowed ? for_solving : 1.0));
+  LiveTool tool = make_live_tool(organ, nodes);
+  say(fmt::format("tool     {} nodes, made in {:.2f} s", tool.session->model().node_count(), tool.made_s));
+  if (!options.socket.empty()) {
+    say(fmt::format("socket   {}: a line `x_mm y_mm z_mm` or `depth_mm` is answered by fx_N fy_N fz_N depth_mm error_N",
+                    options.socket));
+    const Served served = serve_forces(tool, options.socket, options.rate, options.seconds);
+    fmt::print("{} answers, the slowest after {:.2f} ms; {} frames\n", served.answers, 1e3 * served.slowest_s,
+               served.frames);
+    return 0;
+  }
+  std::vector<PathFrame> frames;
+  if (windowed)
+    frames = Poking(organ, tool, options).run();
+  else
+    frames = follow_script(tool, options);
+  if (!frames.empty()) fmt::print("{}\n", in_words(tool.session->model().node_count(), frames));
+  stop_if_asked();
+  return 0;
+}
+
+}  // namespace
+
+Command add_poke(CLI::App& app, Invocation& shared) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand(
+      "poke", "a live organ: press the tool into it with the mouse, a script or a device, and feel the force");
+  command->add_option("IMAGE", shared.image, "label image");
+  command
+      ->add_option("--script", options->script,
+                   "CSV with time_s, and depth_mm or the tip's x_mm, y_mm, z_mm (LPS): moves the tool without a hand")
+      ->type_name("FILE");
+  command
+      ->add_option("--record", options->record,
+                   "folder for forces.csv, times.csv and the surface, five times a second")
+      ->type_name("FOLDER");
+  command
+      ->add_option("--socket", options->socket, "answer a device's poses with forces on this unix domain socket")
+      ->type_name("PATH");
+  command->add_flag("--window", options->window, "a window also where a script moves the tool");
+  command->add_option("--fps", options->rate, "frames a second")->capture_default_str();
+  command
+      ->add_option("--evaluations", options->evaluations,
+                   "of the force a frame, instead of a time: the same forces on every machine")
+      ->check(CLI::Range(1, 1000));
+  command->add_option("--seconds", options->seconds, "end after this long")->capture_default_str();
+  command->add_flag("--force", shared.force, "replace what an earlier one left in the folder of --record");
+  options->flags.add(*command, "");
+  add_common(*command, shared);
+  return {command, [&shared, command, options] { return poke(shared, *command, *options); }};
+}
+
+}  // namespace dimple

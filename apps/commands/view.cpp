@@ -1,0 +1,225 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <optional>
+
+#include "apps/commands/command.hpp"
+#include "apps/window/body_window.hpp"
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "io/table.hpp"
+#include "io/vtk_files.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Options {
+  std::string folder, picture;
+  int frame = -1;
+  bool labels = false;
+};
+
+[[noreturn]] void refuse(const fs::path& where, const std::string& fact, const std::string& why) {
+  throw InputError({.fact = fact,
+                    .where = where.string(),
+                    .why = why,
+                    .remedy = "name the folder of a run; --write surface or all makes what a window shows",
+                    .code = "no-view"});
+}
+
+const Field& needed(const std::vector<Field>& fields, const std::string& name, const fs::path& file) {
+  const auto found =
+      std::find_if(fields.begin(), fields.end(), [&](const Field& f) { return f.name == name; });
+  if (found == fields.end())
+    refuse(file, fmt::format("{} has no {}", file.filename().string(), name),
+           "it was not written by a run, or by an older version");
+  return *found;
+}
+
+// The frames of a run's results: read when they are looked at.
+class Results {
+ public:
+  explicit Results(fs::path folder) : folder_(std::move(folder)) {
+    std::error_code ignored;
+    while (fs::exists(file("surface", count_), ignored)) ++count_;
+    if (count_ == 0)
+      refuse(folder_, fmt::format("{} holds no surface", folder_.string()),
+             "there is no surface/surface_0000.vtp in it");
+    const Table force = read_csv(folder_ / "force.csv");
+    const auto *depth = force.find("indentation_mm"), *newtons = force.find("force_N"),
+               *low = force.find("low_N"), *high = force.find("high_N");
+    if (!depth || !newtons)
+      refuse(folder_ / "force.csv", "it has no indentation_mm and force_N", "it is no force curve of a run");
+    for (std::size_t k = 0; k < depth->size(); ++k)
+      curve_.push_back({(*depth)[k], (*newtons)[k], low ? (*low)[k] : (*newtons)[k],
+                        high ? (*high)[k] : (*newtons)[k]});
+  }
+
+  int last() const { return count_ - 1; }
+
+  ShownBody body() const {
+    const Read now = read(0);
+    ShownBody body{.surface_mm = now.surface.position_mm - now.moved,
+                   .triangles = now.surface.triangles,
+                   .section_mm = now.section.position_mm - now.section_moved,
+                   .section_triangles = now.section.triangles,
+                   .tool_mm = now.tool.position_mm,
+                   .tool_triangles = now.tool.triangles,
+                   .up = -needed(now.tool.facts, "push", file("tool", 0)).values.col(0),
+                   .front = needed(now.tool.facts, "front", file("tool", 0)).values.col(0),
+                   .centre_mm = needed(now.tool.facts, "centre_mm", file("tool", 0)).values.col(0)};
+    body.tool_mm.colwise() += depth_of(now) * body.up;
+    for (const Field& field : now.section.on_triangles)
+      if (field.name == "label")
+        for (Index t = 0; t < field.values.cols(); ++t)
+          body.section_label.push_back(static_cast<int>(field.values(0, t)));
+    return body;
+  }
+
+  double most_mm() const { return read(last()).moved.colwise().norm().maxCoeff(); }
+
+  ShownFrame frame(int number, const Vec3& up) const {
+    const Read now = read(number);
+    const double depth = depth_of(now);
+    ShownFrame frame{.surface_mm = now.surface.position_mm,
+                     .displacement_mm = now.moved.colwise().norm(),
+                     .section_mm = now.section.position_mm,
+                     .section_displacement_mm = now.section_moved.colwise().norm(),
+                     .tool_mm = -depth * up,
+                     .words = {}};
+    const double force = needed(now.tool.facts, "force_N", file("tool", number)).values(0, 0);
+    frame.words = fmt::format("frame {} of {}: {:.2f} mm, {:.4g} N", number, last(), depth, force);
+    const auto at = std::find_if(curve_.begin(), curve_.end(),
+                                 [&](const ShownForce& f) { return std::abs(f.x - depth) < 1e-6; });
+    if (at != curve_.end() && at->high_N > at->low_N)
+      frame.words += fmt::format(", {:.4g} to {:.4g} N (discretisation)", at->low_N, at->high_N);
+    return frame;
+  }
+
+  // Of the curve, what has been by then.
+  std::vector<ShownForce> curve_to(int number) const {
+    const double depth = depth_of(read(number));
+    std::vector<ShownForce> until;
+    for (const ShownForce& f : curve_)
+      if (f.x <= depth + 1e-6) until.push_back(f);
+    return until;
+  }
+
+ private:
+  struct Read {
+    SurfaceFile surface, section, tool;
+    Points moved, section_moved;
+  };
+
+  fs::path file(const std::string& series, int number) const {
+    return folder_ / series / fmt::format("{}_{:04d}.vtp", series, number);
+  }
+
+  double depth_of(const Read& now) const {
+    return needed(now.tool.facts, "indentation_mm", file("tool", 0)).values(0, 0);
+  }
+
+  const Read& read(int number) const {
+    if (read_ && number_ == number) return *read_;
+    Read now{.surface = read_vtp(file("surface", number)),
+             .section = read_vtp(file("section", number)),
+             .tool = read_vtp(file("tool", number)),
+             .moved = {},
+             .section_moved = {}};
+    now.moved = needed(now.surface.fields, "displacement_mm", file("surface", number)).values;
+    now.section_moved = needed(now.section.fields, "displacement_mm", file("section", number)).values;
+    read_ = std::move(now), number_ = number;
+    return *read_;
+  }
+
+  fs::path folder_;
+  int count_ = 0;
+  std::vector<ShownForce> curve_;
+  mutable std::optional<Read> read_;
+  mutable int number_ = -1;
+};
+
+void view(const Options& options) {
+  const Results results(options.folder);
+  if (options.frame > results.last())
+    throw UsageError({.fact = fmt::format("there is no frame {}", options.frame),
+                      .where = "--frame",
+                      .why = fmt::format("{} holds frames 0 to {}", options.folder, results.last()),
+                      .remedy = "name one of them, or leave --frame out for the last"});
+  BodyWindow window({.title = "Dimple: " + options.folder, .hidden = !options.picture.empty()});
+  const ShownBody body = results.body();
+  int now = options.frame < 0 ? results.last() : options.frame;
+  bool labels = options.labels, cut = body.section_mm.cols() > 0, playing = false;
+  double before = 0.0;
+  const double step = 0.02 * (body.surface_mm.rowwise().maxCoeff() - body.surface_mm.rowwise().minCoeff()).norm();
+  const auto go_to = [&](int number) {
+    now = std::clamp(number, 0, results.last());
+    window.show(results.frame(now, body.up));
+    window.show(results.curve_to(now));
+    window.move_slider(now);
+  };
+  window.show(body, results.most_mm(), true);
+  window.colour_by_label(labels);
+  window.cut(cut);
+  go_to(now);
+  if (!options.picture.empty()) {
+    window.save_picture(options.picture);
+    return;
+  }
+  window.add_slider("frame      space: play   c: cut open   up, down: move the cut   l: labels   q: close",
+                    results.last(), [&](int number) {
+                      if (number != now) go_to(number), window.draw();
+                    });
+  window.key = [&](const std::string& key) {
+    if (key == "Right" || key == "Left") {
+      go_to(now + (key == "Right" ? 1 : -1));
+    } else if (key == "space") {
+      playing = !playing;
+      if (playing && now == results.last()) go_to(0);
+    } else if (key == "c") {
+      window.cut(cut = !cut, before = 0.0);
+    } else if (key == "Up" || key == "Down") {
+      window.cut(cut = true, before += key == "Up" ? step : -step);
+    } else if (key == "l") {
+      window.colour_by_label(labels = !labels);
+    } else {
+      return false;
+    }
+    return true;
+  };
+  int ticks = 0;
+  window.tick = [&] {
+    constexpr int ticks_of_a_frame = 12;
+    if (playing && ++ticks % ticks_of_a_frame == 0) {
+      go_to(now + 1);
+      playing = now < results.last();
+      window.draw();
+    }
+    return stop_asked() == StopReason::none;
+  };
+  window.run();
+  stop_if_asked();
+}
+
+}  // namespace
+
+Command add_view(CLI::App& app, Invocation&) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand("view", "a window on a run's results: time, section, labels, force");
+  command->add_option("OUT", options->folder, "folder of a run's results")->required();
+  command->add_option("--picture", options->picture, "write what the window shows to this PNG, and end")
+      ->type_name("FILE");
+  command->add_option("--frame", options->frame, "begin with this one, from 0 [the last]")
+      ->check(CLI::NonNegativeNumber);
+  command->add_flag("--labels", options->labels, "colour the section by its labels");
+  return {command, [options] {
+            view(*options);
+            return 0;
+          }};
+}
+
+}  // namespace dimple

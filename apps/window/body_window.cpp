@@ -1,0 +1,510 @@
+#include "apps/window/body_window.hpp"
+
+#include <vtkActor.h>
+#include <vtkAxis.h>
+#include <vtkCallbackCommand.h>
+#include <vtkCamera.h>
+#include <vtkCellArray.h>
+#include <vtkCellData.h>
+#include <vtkCellPicker.h>
+#include <vtkChartXY.h>
+#include <vtkColorTransferFunction.h>
+#include <vtkContextActor.h>
+#include <vtkContextScene.h>
+#include <vtkDoubleArray.h>
+#include <vtkFloatArray.h>
+#include <vtkIntArray.h>
+#include <vtkInteractorStyleTrackballCamera.h>
+#include <vtkLookupTable.h>
+#include <vtkNew.h>
+#include <vtkObjectFactory.h>
+#include <vtkPNGWriter.h>
+#include <vtkPen.h>
+#include <vtkPlane.h>
+#include <vtkPlot.h>
+#include <vtkPointData.h>
+#include <vtkPoints.h>
+#include <vtkPolyData.h>
+#include <vtkPolyDataMapper.h>
+#include <vtkPolyDataNormals.h>
+#include <vtkProperty.h>
+#include <vtkProperty2D.h>
+#include <vtkRenderWindow.h>
+#include <vtkRenderWindowInteractor.h>
+#include <vtkRenderer.h>
+#include <vtkScalarBarActor.h>
+#include <vtkSliderRepresentation2D.h>
+#include <vtkSliderWidget.h>
+#include <vtkTable.h>
+#include <vtkTextActor.h>
+#include <vtkTextProperty.h>
+#include <vtkTrivialProducer.h>
+#include <vtkWindowToImageFilter.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "apps/window/display.hpp"
+#include "io/error.hpp"
+#include "io/file.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double chart_from = 0.66;  // of the window's width
+
+using Rgb = std::array<double, 3>;
+// As in overview.png and view.py.
+constexpr std::array<Rgb, 7> pale_to_dark = {{{0.925, 0.922, 0.902},
+                                              {0.976, 0.875, 0.639},
+                                              {0.976, 0.718, 0.408},
+                                              {0.933, 0.498, 0.322},
+                                              {0.796, 0.290, 0.361},
+                                              {0.549, 0.169, 0.420},
+                                              {0.278, 0.090, 0.353}}};
+constexpr std::array<Rgb, 8> of_labels = {{{0.612, 0.765, 0.902},
+                                           {0.914, 0.706, 0.298},
+                                           {0.435, 0.725, 0.561},
+                                           {0.851, 0.533, 0.502},
+                                           {0.718, 0.604, 0.784},
+                                           {0.957, 0.886, 0.522},
+                                           {0.373, 0.620, 0.627},
+                                           {0.749, 0.749, 0.749}}};
+
+void put(const Points& places, vtkPoints& points) {
+  points.SetNumberOfPoints(places.cols());
+  for (Index n = 0; n < places.cols(); ++n)
+    points.SetPoint(n, places(0, n), places(1, n), places(2, n));
+  points.Modified();
+}
+
+void put(const Triangles& triangles, vtkPolyData& mesh) {
+  vtkNew<vtkCellArray> cells;
+  cells->AllocateExact(triangles.cols(), 3 * triangles.cols());
+  for (Index t = 0; t < triangles.cols(); ++t) {
+    const std::array<vtkIdType, 3> corner = {triangles(0, t), triangles(1, t), triangles(2, t)};
+    cells->InsertNextCell(3, corner.data());
+  }
+  mesh.SetPolys(cells);
+}
+
+// A mesh, and how it is drawn.
+struct Shape {
+  Shape() {
+    mesh->SetPoints(points);
+    mapper->SetInputData(mesh);
+    mapper->ScalarVisibilityOff();
+    actor->SetMapper(mapper);
+  }
+  void set(const Points& places, const Triangles& triangles) {
+    put(places, *points);
+    put(triangles, *mesh);
+    mesh->GetPointData()->Initialize();
+    mesh->GetCellData()->Initialize();
+  }
+  void move(const Points& places) {
+    put(places, *points);
+    mesh->Modified();
+  }
+  void colour(const Eigen::VectorXd& value) {
+    vtkNew<vtkFloatArray> array;
+    array->SetNumberOfTuples(value.size());
+    for (Index n = 0; n < value.size(); ++n) array->SetValue(n, static_cast<float>(value[n]));
+    mesh->GetPointData()->SetScalars(array);
+  }
+  vtkNew<vtkPoints> points;
+  vtkNew<vtkPolyData> mesh;
+  vtkNew<vtkPolyDataMapper> mapper;
+  vtkNew<vtkActor> actor;
+};
+
+// The left button belongs to the tool where somebody takes it, the right one turns the body.
+class ToolStyle : public vtkInteractorStyleTrackballCamera {
+ public:
+  static ToolStyle* New();
+  vtkTypeMacro(ToolStyle, vtkInteractorStyleTrackballCamera);
+
+  std::function<bool(int x, int y)> down;
+  std::function<void(int x, int y)> moved;
+  std::function<void()> up;
+  std::function<bool(const std::string&)> key;
+
+  void OnLeftButtonDown() override {
+    const int* at = Interactor->GetEventPosition();
+    taken_ = down && down(at[0], at[1]);
+    if (!taken_) Superclass::OnLeftButtonDown();
+  }
+  void OnMouseMove() override {
+    const int* at = Interactor->GetEventPosition();
+    if (taken_)
+      moved(at[0], at[1]);
+    else
+      Superclass::OnMouseMove();
+  }
+  void OnLeftButtonUp() override {
+    if (taken_)
+      up();
+    else
+      Superclass::OnLeftButtonUp();
+    taken_ = false;
+  }
+  void OnRightButtonDown() override { Superclass::OnLeftButtonDown(); }
+  void OnRightButtonUp() override { Superclass::OnLeftButtonUp(); }
+  // VTK's own keys would change how the body is drawn.
+  void OnChar() override {}
+  void OnKeyPress() override {
+    const char* name = Interactor->GetKeySym();
+    if (!name) return;
+    if (std::string(name) == "q" || std::string(name) == "Escape")
+      Interactor->TerminateApp();
+    else if (key && key(name))
+      Interactor->Render();
+  }
+
+ private:
+  bool taken_ = false;
+};
+vtkStandardNewMacro(ToolStyle)
+
+void tell(vtkObject*, unsigned long, void* what, void*) {
+  (*static_cast<std::function<void()>*>(what))();
+}
+
+}  // namespace
+
+struct BodyWindow::Parts {
+  vtkNew<vtkRenderer> view, chart_view;
+  vtkNew<vtkRenderWindow> window;
+  vtkNew<vtkRenderWindowInteractor> interactor;
+  vtkNew<ToolStyle> style;
+  Shape body, section, tool;
+  vtkNew<vtkPlane> plane;
+  vtkNew<vtkColorTransferFunction> heat;
+  vtkNew<vtkLookupTable> label_colours;
+  vtkNew<vtkScalarBarActor> legend;
+  vtkNew<vtkTextActor> words;
+  vtkNew<vtkContextActor> chart_actor;
+  vtkNew<vtkChartXY> chart;
+  vtkNew<vtkTable> table;
+  vtkNew<vtkSliderWidget> slider;
+  vtkNew<vtkSliderRepresentation2D> slider_look;
+  std::function<void()> slider_moved, ticked;
+  vtkNew<vtkCallbackCommand> on_slider, on_tick;
+  Vec3 up = Vec3::UnitZ(), front = -Vec3::UnitY(), centre = Vec3::Zero();
+  bool cut = false, by_label = false, running = false;
+  double before = 0.0;
+  int from_x = 0, from_y = 0;  // of a drag
+
+  void look() {
+    vtkCamera& camera = *view->GetActiveCamera();
+    const double angle = 28.0 * 3.14159265358979 / 180.0;
+    const Vec3 toward = std::cos(angle) * front + std::sin(angle) * up;
+    camera.ParallelProjectionOn();
+    std::array<double, 6> box{};
+    view->ComputeVisiblePropBounds(box.data());
+    const Vec3 middle(0.5 * (box[0] + box[1]), 0.5 * (box[2] + box[3]), 0.5 * (box[4] + box[5]));
+    const Vec3 from = middle + 500.0 * toward;
+    camera.SetFocalPoint(middle.data());
+    camera.SetPosition(from.data());
+    camera.SetViewUp(up.data());
+    view->ResetCamera();
+    camera.Zoom(1.25);
+  }
+
+  // The push in pixels of the screen for one mm, and how long that is.
+  std::array<double, 2> push_on_screen() {
+    const auto seen = [&](const Vec3& p) {
+      view->SetWorldPoint(p.x(), p.y(), p.z(), 1.0);
+      view->WorldToDisplay();
+      const double* d = view->GetDisplayPoint();
+      return std::array<double, 2>{d[0], d[1]};
+    };
+    const auto a = seen(centre), b = seen(centre - up);
+    return {b[0] - a[0], b[1] - a[1]};
+  }
+};
+
+BodyWindow::BodyWindow(const WindowOptions& options) {
+  if (!has_display())
+    throw UsageError({.fact = "no window can be opened",
+                      .where = "the display",
+                      .why = "DISPLAY names no X server that answers",
+                      .remedy = "start it where windows are shown, or under xvfb-run; `dimple poke --script` needs none"});
+  parts_ = std::make_unique<Parts>();
+  Parts& p = *parts_;
+  p.view->SetViewport(0.0, 0.0, chart_from, 1.0);
+  p.view->SetBackground(1.0, 1.0, 1.0);
+  p.chart_view->SetViewport(chart_from, 0.0, 1.0, 1.0);
+  p.chart_view->SetBackground(1.0, 1.0, 1.0);
+  p.window->SetSize(options.width, options.height);
+  p.window->SetWindowName(options.title.c_str());
+  p.window->SetMultiSamples(0);  // software rendering would take as many times longer
+  p.window->SetOffScreenRendering(options.hidden ? 1 : 0);
+  p.window->AddRenderer(p.view);
+  p.window->AddRenderer(p.chart_view);
+
+  for (std::size_t k = 0; k < pale_to_dark.size(); ++k)
+    p.heat->AddRGBPoint(static_cast<double>(k), pale_to_dark[k][0], pale_to_dark[k][1], pale_to_dark[k][2]);
+  p.heat->SetColorSpaceToLab();
+  for (Shape* shape : {&p.body, &p.section}) {
+    shape->mapper->SetLookupTable(p.heat);
+    shape->mapper->UseLookupTableScalarRangeOn();
+    shape->mapper->ScalarVisibilityOn();
+    p.view->AddActor(shape->actor);
+  }
+  p.section.actor->GetProperty()->LightingOff();
+  p.body.actor->GetProperty()->SetAmbient(0.25);
+  p.body.actor->GetProperty()->SetDiffuse(0.75);
+  p.tool.actor->GetProperty()->SetColor(0.72, 0.74, 0.78);
+  p.tool.actor->PickableOff();
+  p.section.actor->PickableOff();
+  p.view->AddActor(p.tool.actor);
+
+  p.legend->SetLookupTable(p.heat);
+  p.legend->SetTitle("displacement [mm]");
+  p.legend->SetOrientationToHorizontal();
+  p.legend->SetNumberOfLabels(4);
+  p.legend->SetLabelFormat("%.2g");
+  p.legend->SetPosition(0.27, 0.88);
+  p.legend->SetWidth(0.46);
+  p.legend->SetHeight(0.10);
+  p.legend->SetVerticalTitleSeparation(8);
+  p.legend->UnconstrainedFontSizeOn();
+  for (vtkTextProperty* text : {p.legend->GetTitleTextProperty(), p.legend->GetLabelTextProperty()}) {
+    text->SetColor(0.15, 0.15, 0.15);
+    text->SetFontSize(13);
+    text->ItalicOff();
+    text->BoldOff();
+    text->ShadowOff();
+  }
+  p.view->AddActor2D(p.legend);
+
+  p.words->GetTextProperty()->SetColor(0.15, 0.15, 0.15);
+  p.words->GetTextProperty()->SetFontSize(16);
+  p.words->SetPosition(14, 12);
+  p.view->AddActor2D(p.words);
+
+  for (const char* name : {"x", "force", "low", "high"}) {
+    vtkNew<vtkDoubleArray> column;
+    column->SetName(name);
+    p.table->AddColumn(column);
+  }
+  vtkNew<vtkContextScene> scene;
+  scene->AddItem(p.chart);
+  p.chart_actor->SetScene(scene);
+  p.chart_view->AddActor(p.chart_actor);
+  p.chart->SetForceAxesToBounds(true);
+  p.chart->GetAxis(vtkAxis::BOTTOM)->SetTitle(options.abscissa);
+  p.chart->GetAxis(vtkAxis::LEFT)->SetTitle("force [N]");
+  const std::array<std::pair<int, Rgb>, 3> lines = {
+      {{2, {0.62, 0.76, 0.88}}, {3, {0.62, 0.76, 0.88}}, {1, {0.08, 0.38, 0.63}}}};
+  for (const auto& [column, colour] : lines) {
+    vtkPlot* line = p.chart->AddPlot(vtkChart::LINE);
+    line->SetInputData(p.table, 0, column);
+    line->SetColor(colour[0], colour[1], colour[2]);
+    line->SetWidth(column == 1 ? 2.5F : 1.5F);
+    line->SetVisible(false);
+  }
+
+  p.interactor->SetRenderWindow(p.window);
+  p.interactor->SetInteractorStyle(p.style);
+  p.style->SetDefaultRenderer(p.view);
+  p.style->SetCurrentRenderer(p.view);
+  p.style->AutoAdjustCameraClippingRangeOn();
+  p.style->down = [this](int x, int y) {
+    if (!pressed) return false;
+    vtkNew<vtkCellPicker> picker;
+    picker->SetTolerance(0.0005);
+    if (!picker->Pick(x, y, 0.0, parts_->view)) return false;
+    parts_->from_x = x, parts_->from_y = y;
+    return pressed(Vec3(picker->GetPickPosition()));
+  };
+  p.style->moved = [this](int x, int y) {
+    const auto push = parts_->push_on_screen();
+    const double mm = std::hypot(push[0], push[1]);  // pixels
+    const double dx = x - parts_->from_x, dy = y - parts_->from_y;
+    const double in_one = 0.5 * parts_->view->GetSize()[1] / parts_->view->GetActiveCamera()->GetParallelScale();
+    // Seen from straight above, a push has no way on the screen: then down is in.
+    const double along = mm > 0.3 * in_one ? (dx * push[0] + dy * push[1]) / (mm * mm) : -dy / in_one;
+    if (dragged) dragged(along);
+  };
+  p.style->up = [this] {
+    if (released) released();
+  };
+  p.style->key = [this](const std::string& name) { return key && key(name); };
+}
+
+BodyWindow::~BodyWindow() = default;
+
+void BodyWindow::show(const ShownBody& body, double most_mm, bool look) {
+  Parts& p = *parts_;
+  p.up = body.up, p.front = body.front, p.centre = body.centre_mm;
+  p.body.set(body.surface_mm, body.triangles);
+  p.section.set(body.section_mm, body.section_triangles);
+  p.tool.set(body.tool_mm, body.tool_triangles);
+  p.tool.actor->SetPosition(0.0, 0.0, 0.0);
+  const double top = std::max(most_mm, 1e-6);
+  p.heat->RemoveAllPoints();
+  for (std::size_t k = 0; k < pale_to_dark.size(); ++k)
+    p.heat->AddRGBPoint(top * static_cast<double>(k) / 6.0, pale_to_dark[k][0], pale_to_dark[k][1],
+                        pale_to_dark[k][2]);
+  if (!body.section_label.empty()) {
+    vtkNew<vtkIntArray> label;
+    label->SetName("label");
+    label->SetNumberOfTuples(static_cast<vtkIdType>(body.section_label.size()));
+    std::vector<int> numbers = body.section_label;
+    std::sort(numbers.begin(), numbers.end());
+    numbers.erase(std::unique(numbers.begin(), numbers.end()), numbers.end());
+    for (std::size_t t = 0; t < body.section_label.size(); ++t)
+      label->SetValue(static_cast<vtkIdType>(t),
+                      static_cast<int>(std::lower_bound(numbers.begin(), numbers.end(), body.section_label[t]) -
+                                       numbers.begin()));
+    p.section.mesh->GetCellData()->AddArray(label);
+    const auto count = static_cast<vtkIdType>(numbers.size());
+    p.label_colours->SetNumberOfTableValues(std::max<vtkIdType>(count, 1));
+    p.label_colours->SetTableRange(0.0, static_cast<double>(std::max<vtkIdType>(count - 1, 1)));
+    for (vtkIdType k = 0; k < count; ++k) {
+      const Rgb& c = of_labels[static_cast<std::size_t>(k) % of_labels.size()];
+      p.label_colours->SetTableValue(k, c[0], c[1], c[2], 1.0);
+    }
+  }
+  colour_by_label(p.by_label);
+  cut(p.cut, p.before);
+  if (look) p.look();
+}
+
+void BodyWindow::show(const ShownFrame& frame) {
+  Parts& p = *parts_;
+  p.body.move(frame.surface_mm);
+  p.body.colour(frame.displacement_mm);
+  if (frame.section_mm.cols() > 0) {
+    p.section.move(frame.section_mm);
+    p.section.colour(frame.section_displacement_mm);
+  }
+  p.tool.actor->SetPosition(frame.tool_mm.x(), frame.tool_mm.y(), frame.tool_mm.z());
+  p.words->SetInput(frame.words.c_str());
+}
+
+void BodyWindow::show(const std::vector<ShownForce>& curve) {
+  Parts& p = *parts_;
+  const auto count = static_cast<vtkIdType>(curve.size());
+  p.table->SetNumberOfRows(count);
+  for (vtkIdType k = 0; k < count; ++k) {
+    const ShownForce& now = curve[static_cast<std::size_t>(k)];
+    const std::array<double, 4> row = {now.x, now.force_N, now.low_N, now.high_N};
+    for (vtkIdType c = 0; c < 4; ++c)
+      vtkDoubleArray::SafeDownCast(p.table->GetColumn(c))->SetValue(k, row[static_cast<std::size_t>(c)]);
+  }
+  for (vtkIdType c = 0; c < 4; ++c) p.table->GetColumn(c)->Modified();
+  p.table->Modified();
+  for (vtkIdType k = 0; k < p.chart->GetNumberOfPlots(); ++k) {
+    p.chart->GetPlot(k)->SetVisible(count > 1);
+    p.chart->GetPlot(k)->Modified();
+  }
+  if (count > 1) p.chart->RecalculateBounds();
+}
+
+void BodyWindow::draw() {
+  parts_->view->ResetCameraClippingRange();
+  parts_->window->Render();
+}
+
+void BodyWindow::save_picture(const std::filesystem::path& png) {
+  draw();
+  vtkNew<vtkWindowToImageFilter> picture;
+  picture->SetInput(parts_->window);
+  picture->ReadFrontBufferOff();
+  picture->Update();
+  vtkNew<vtkPNGWriter> writer;
+  writer->SetInputConnection(picture->GetOutputPort());
+  writer->WriteToMemoryOn();
+  writer->Write();
+  const vtkUnsignedCharArray* bytes = writer->GetResult();
+  write_file(png, std::string(reinterpret_cast<const char*>(const_cast<vtkUnsignedCharArray*>(bytes)->GetPointer(0)),
+                              static_cast<std::size_t>(const_cast<vtkUnsignedCharArray*>(bytes)->GetNumberOfValues())));
+}
+
+void BodyWindow::add_slider(const std::string& title, int last, std::function<void(int)> moved) {
+  Parts& p = *parts_;
+  vtkSliderRepresentation2D& look = *p.slider_look;
+  look.SetMinimumValue(0.0);
+  look.SetMaximumValue(std::max(last, 1));
+  look.SetValue(last);
+  look.SetTitleText(title.c_str());
+  look.SetLabelFormat("%.0f");
+  look.GetPoint1Coordinate()->SetCoordinateSystemToNormalizedViewport();
+  look.GetPoint1Coordinate()->SetValue(0.45, 0.07);
+  look.GetPoint2Coordinate()->SetCoordinateSystemToNormalizedViewport();
+  look.GetPoint2Coordinate()->SetValue(0.95, 0.07);
+  look.SetSliderLength(0.02);
+  look.SetSliderWidth(0.025);
+  look.SetTubeWidth(0.008);
+  look.SetTitleHeight(0.02);
+  look.SetLabelHeight(0.02);
+  look.GetTubeProperty()->SetColor(0.75, 0.77, 0.80);
+  look.GetSliderProperty()->SetColor(0.08, 0.38, 0.63);
+  look.GetSelectedProperty()->SetColor(0.91, 0.35, 0.05);
+  look.GetCapProperty()->SetColor(0.75, 0.77, 0.80);
+  for (vtkTextProperty* text : {look.GetTitleProperty(), look.GetLabelProperty()}) {
+    text->SetColor(0.15, 0.15, 0.15);
+    text->BoldOff();
+    text->ShadowOff();
+  }
+  p.slider->SetInteractor(p.interactor);
+  p.slider->SetCurrentRenderer(p.view);
+  p.slider->SetRepresentation(p.slider_look);
+  p.slider->SetAnimationModeToAnimate();
+  p.slider_moved = [this, moved = std::move(moved)] {
+    moved(static_cast<int>(std::lround(parts_->slider_look->GetValue())));
+  };
+  p.on_slider->SetCallback(tell);
+  p.on_slider->SetClientData(&p.slider_moved);
+  p.slider->AddObserver(vtkCommand::InteractionEvent, p.on_slider);
+}
+
+void BodyWindow::move_slider(int to) {
+  parts_->slider_look->SetValue(to);
+}
+
+void BodyWindow::colour_by_label(bool labels) {
+  Parts& p = *parts_;
+  p.by_label = labels;
+  if (labels && p.section.mesh->GetCellData()->HasArray("label")) {
+    p.section.mapper->SetScalarModeToUseCellFieldData();
+    p.section.mapper->SelectColorArray("label");
+    p.section.mapper->SetLookupTable(p.label_colours);
+  } else {
+    p.section.mapper->SetScalarModeToUsePointData();
+    p.section.mapper->SetLookupTable(p.heat);
+  }
+}
+
+void BodyWindow::cut(bool on, double before_mm) {
+  Parts& p = *parts_;
+  p.cut = on, p.before = before_mm;
+  p.body.mapper->RemoveAllClippingPlanes();
+  p.section.actor->SetVisibility(on && before_mm <= 0.0 ? 1 : 0);
+  if (!on) return;
+  const Vec3 origin = p.centre + before_mm * p.front, behind = -p.front;
+  p.plane->SetOrigin(origin.data());
+  p.plane->SetNormal(behind.data());
+  p.body.mapper->AddClippingPlane(p.plane);
+}
+
+void BodyWindow::run() {
+  Parts& p = *parts_;
+  p.interactor->Initialize();
+  if (p.slider->GetRepresentation() == p.slider_look.GetPointer()) p.slider->On();
+  p.ticked = [this] {
+    if (tick && !tick()) parts_->interactor->TerminateApp();
+  };
+  p.on_tick->SetCallback(tell);
+  p.on_tick->SetClientData(&p.ticked);
+  p.interactor->AddObserver(vtkCommand::TimerEvent, p.on_tick);
+  p.interactor->CreateRepeatingTimer(4);
+  draw();
+  p.interactor->Start();
+}
+
+}  // namespace dimple
