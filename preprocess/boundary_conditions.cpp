@@ -378,10 +378,20 @@ void find_circle(const BodySurface& body, const Moments& moments, const Boundary
 
 }  // namespace
 
-Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options) {
+Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options, const Boundary* known) {
   Boundary result;
   const Moments moments = moments_of(body);
-  find_base(body, moments, options, result);
+  if (known)
+    result = {.down = known->down,
+              .lowest = known->lowest,
+              .height = known->height,
+              .base_depth = known->base_depth,
+              .flat_base = known->flat_base,
+              .base_reason = known->base_reason,
+              .circle_reason = {},
+              .warnings = {}};
+  else
+    find_base(body, moments, options, result);
   find_circle(body, moments, options, result);
   return result;
 }

@@ -50,7 +50,10 @@ struct Boundary {
 /// the highest dome with room (circle_place.hpp). Throws UsageError (unknown word), ModelError (the indenter
 /// misses the organ, hangs over its edge, is smaller than a voxel, or lies two diameters from the place asked
 /// for).
-Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options);
+///
+/// `known`: of the same body under the same options for its base, whose base is taken instead of being looked for.
+Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options,
+                       const Boundary* known = nullptr);
 
 /// Whether a place on the surface, with outward normal n, belongs to the base.
 bool on_base(const Boundary& boundary, const Vec3& x, const Vec3& normal);

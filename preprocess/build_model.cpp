@@ -84,7 +84,8 @@ void refuse_beyond_memory(const ModelOptions& options, Index nodes) {
 
 }  // namespace
 
-Discretised discretise(const BodySurface& body, const ModelOptions& given, const LabelAt& label_at) {
+Discretised discretise(const BodySurface& body, const ModelOptions& given, const LabelAt& label_at,
+                       const Boundary* known) {
   ModelOptions options = given;
   Discretised result;
   Discretisation& places = result.places;
@@ -93,7 +94,7 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
   report.surface_area_mm2 = body.area();
 
   if (!(options.cloud.spacing_mm > 0.0)) refuse_beyond_memory(options, options.cloud.count);
-  const Boundary boundary = report.boundary = find_boundary(body, options.boundary);
+  const Boundary boundary = report.boundary = find_boundary(body, options.boundary, known);
   options.cloud.base_outline = options.scheme.base_outline;
   GradingOptions& grading = options.cloud.grading;
   Sizing sizing(body, boundary, grading);

@@ -49,7 +49,9 @@ struct Discretised {
   Discretisation places;
   ModelReport report;
 };
-Discretised discretise(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at = {});
+/// `known`: see find_boundary().
+Discretised discretise(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at = {},
+                       const Boundary* known = nullptr);
 
 /// Label of the image's voxel at a place in the surface's frame; outside, or on background, of the nearest
 /// foreground voxel within two voxels: the smooth surface runs a little outside of the labels. `image` must

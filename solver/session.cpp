@@ -140,22 +140,35 @@ struct Session::Parts {
     return std::min(asked, known.deepest() + way);
   }
 
+  // What the forces and volumes left unbalanced at a depth are to the force on the tool; see Session::follow().
+  double correction_at(double at, const MixedIteration::Left& its) const {
+    const KnownStates::Slope slope = known.slope(at);
+    return slope.u.cwiseProduct(its.force).sum() + slope.lambda.dot(its.volume);
+  }
+
+  // Elastic tissue under a bonded tool pushes back: a state in which it does not lies on another branch.
+  bool pushes_back(const Nodal& force, const MixedIteration::Left& its, double at) const {
+    if (system.viscoelastic() || at <= 0.0) return true;
+    const double raw = along_push(model.indenter, force);
+    return raw > 0.0 && (known.state.size() < 2 || raw + correction_at(at, its) > 0.0);
+  }
+
   bool good(const Relaxed& found, const Nodal& its, double at) const {
+    const double reach = system.viscoelastic() ? std::max(at, depth) : at;
     return std::isfinite(found.residual) && found.residual < shown && found.sweep.ok() &&
            static_cast<double>(found.sweep.inverted) <= folded * static_cast<double>(model.point_count()) &&
-           its.colwise().norm().maxCoeff() < widest * std::max(at, depth);
+           its.colwise().norm().maxCoeff() < widest * reach;
   }
 
   LiveFrame felt(double asked, std::int64_t evaluations) const {
     LiveFrame frame{.asked = asked, .depth = depth, .residual = residual, .evaluations = evaluations};
     frame.force = along_push(model.indenter);
     if (known.state.size() < 2) return frame;
-    const KnownStates::Slope slope = known.slope(depth);
-    const double correction = slope.u.cwiseProduct(left.force).sum() + slope.lambda.dot(left.volume);
-    frame.stiffness = slope.force;
+    const double correction = correction_at(depth, left), stiffness = known.slope(depth).force;
+    frame.stiffness = stiffness;
     frame.force += correction;
     frame.error = of_correction * std::abs(correction) +
-                  of_energy * std::sqrt(left.energy * std::max(0.0, slope.force)) +
+                  of_energy * std::sqrt(left.energy * std::max(0.0, stiffness)) +
                   of_force * std::abs(frame.force);
     return frame;
   }
@@ -209,7 +222,7 @@ struct Session::Parts {
       if (timed) iterating += Clock::now() - lap;
       how.evaluations -= found.evaluations;
       const bool time_is_up = how.evaluations < 1 || its_left.late;
-      if (good(found, now.u, now.at)) {
+      if (good(found, now.u, now.at) && pushes_back(force, its_left, now.at)) {
         u.swap(now.u), lambda.swap(now.lambda), f.swap(force);
         std::swap(left, its_left);
         residual = found.residual;
@@ -284,9 +297,10 @@ struct Session::Parts {
     }
   }
 
-  double along_push(const std::vector<Index>& nodes) const {
+  double along_push(const std::vector<Index>& nodes) const { return along_push(nodes, f); }
+  double along_push(const std::vector<Index>& nodes, const Nodal& force) const {
     double sum = 0.0;
-    for (const Index a : nodes) sum += f.col(a).head<3>().dot(model.tool.push);
+    for (const Index a : nodes) sum += force.col(a).head<3>().dot(model.tool.push);
     return sum;
   }
 };

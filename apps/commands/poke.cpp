@@ -16,6 +16,7 @@
 #include "apps/window/body_window.hpp"
 #include "io/draw/body_frame.hpp"
 #include "io/error.hpp"
+#include "io/file.hpp"
 #include "io/stop.hpp"
 #include "io/vtk_files.hpp"
 #include "preprocess/reduce_surface.hpp"
@@ -56,9 +57,10 @@ class Recording {
  public:
   explicit Recording(const fs::path& folder) : folder_(folder), surfaces_(folder / "surface.pvd", ".vtp") {}
 
-  void add(const PathFrame& now, const Session& session, const Skin& skin) {
+  /// Whether a surface was written, and a picture is due: `picture()`.
+  bool add(const PathFrame& now, const Session& session, const Skin& skin) {
     frames_.push_back(now);
-    if (now.time < next_) return;
+    if (now.time < next_) return false;
     next_ = now.time + 1.0 / recorded_rate;
     const Points u = skin.displacement_mm(session);
     write_vtp(surfaces_.next_frame(),
@@ -67,8 +69,13 @@ class Recording {
                .fields = {{.name = "displacement_mm", .unit = "mm", .values = u, .components = {"X", "Y", "Z"}}}},
               now.time);
     surfaces_.add(now.time);
+    return true;
   }
-  const std::vector<PathFrame>& frames() const { return frames_; }
+  fs::path picture() {
+    const fs::path folder = folder_ / "window";
+    make_folder(folder);
+    return folder / fmt::format("window_{:04d}.png", pictures_++);
+  }
   void finish() const {
     if (!frames_.empty()) write_path_frames(folder_, frames_);
   }
@@ -78,12 +85,7 @@ class Recording {
   TimeSeries surfaces_;
   std::vector<PathFrame> frames_;
   double next_ = 0.0;
-};
-
-// What the tool is asked to do at a time, where a script says so.
-struct Asked {
-  std::optional<Vec3> tip = {};
-  double depth = 0.0;
+  int pictures_ = 0;
 };
 
 class Poking {
@@ -101,7 +103,7 @@ class Poking {
       const Indenter& at = tool_.session->model().tool;
       if ((1e-3 * place_mm - at.centre).norm() > 0.25 * at.radius) {
         try {
-          put_down(tool_, 1e-3 * place_mm);
+          put_down(tool_, 1e-3 * place_mm, options_.evaluations == 0);
           touched(false);
         } catch (const ModelError& error) {
           notice_ = error.report.fact;
@@ -111,8 +113,8 @@ class Poking {
       notice_.clear();
       return true;
     };
-    window_.dragged = [this](double along_mm) { asked_.depth = 1e-3 * std::max(0.0, along_mm); };
-    window_.released = [this] { asked_.depth = 0.0; };
+    window_.dragged = [this](double along_mm) { asked_ = 1e-3 * std::max(0.0, along_mm); };
+    window_.released = [this] { asked_ = 0.0; };
     window_.tick = [this] { return tick(); };
     window_.run();
     if (recording_) recording_->finish();
@@ -133,8 +135,7 @@ class Poking {
                   .front = frame.front,
                   .centre_mm = 1e3 * model.tool.centre},
                  1e3 * model.tool.radius, look);
-    if (look) shown_up_ = frame.up;
-    asked_.depth = 0.0;
+    asked_ = 0.0;
   }
 
   bool tick() {
@@ -144,7 +145,7 @@ class Poking {
     next_ = std::max(next_ + period, now);
     const double time = path_ ? static_cast<double>(frames_.size()) * period : now;
     if (time > options_.seconds) return false;
-    const Index touches = tool_.touches;
+    const Index clouds = tool_.clouds, touches = tool_.touches;
     const FrameLimit limit{.seconds = for_solving * period, .evaluations = options_.evaluations};
     const Stopwatch solving;
     PathFrame frame{.time = time};
@@ -154,17 +155,20 @@ class Poking {
       frame = path_frame(tool_, *path_, at, limit, period);
       frame.time = time;
     } else {
-      frame.frame = move_depth(tool_, asked_.depth, limit, period);
+      frame.frame = move_depth(tool_, asked_, limit, period);
       frame.tip = tool_.tip;
     }
     solve_s_ = solving.seconds();
     frame.seconds = solve_s_;
-    if (tool_.touches != touches) touched(false);
+    frame.half_band = half_band(tool_);
+    const double depth = asked_;
+    if (tool_.clouds != clouds) touched(false);
+    if (tool_.touches == touches) asked_ = depth;
     frames_.push_back(frame);
-    if (recording_) recording_->add(frame, *tool_.session, *skin_);
     const Stopwatch drawing;
     draw(frame);
     draw_s_ = drawing.seconds();
+    if (recording_ && recording_->add(frame, *tool_.session, *skin_)) window_.save_picture(recording_->picture());
     busy_ += 0.1 * (std::max(period, solve_s_ + draw_s_) - busy_);
     return true;
   }
@@ -172,14 +176,15 @@ class Poking {
   void draw(const PathFrame& now) {
     const LiveFrame& f = now.frame;
     const Points u = skin_->displacement_mm(*tool_.session);
-    curve_.push_back({now.time, f.force, f.force - f.error, f.force + f.error});
+    const double error = f.error + now.half_band.value_or(0.0);
+    curve_.push_back({now.time, f.force, f.force - error, f.force + error});
     constexpr double shown_s = 10.0;
     curve_.erase(curve_.begin(), std::find_if(curve_.begin(), curve_.end(), [&](const ShownForce& s) {
                    return s.x > now.time - shown_s;
                  }));
     const std::string force =
-        f.force > 0.0 ? fmt::format("force {:.4g} N +- {:.2g} %, {:.2f} mm", f.force, 100.0 * f.error / f.force,
-                                    1e3 * f.depth)
+        f.force > 0.0 ? fmt::format("force {:.4g} N +- {:.2g} %{}, {:.2f} mm", f.force, 100.0 * error / f.force,
+                                    now.half_band ? "" : " and what the discretisation leaves", 1e3 * f.depth)
                       : std::string("no touch: press the left button on the body and draw it in");
     window_.show(ShownFrame{
         .surface_mm = skin_->rest_mm + u,
@@ -202,12 +207,11 @@ class Poking {
   std::optional<Skin> skin_;
   std::optional<Recording> recording_;
   std::optional<ToolPath> path_;
-  Asked asked_;
+  double asked_ = 0.0;  // depth [m]
   Stopwatch clock_;
   std::vector<PathFrame> frames_;
   std::vector<ShownForce> curve_;
   std::string notice_;
-  Vec3 shown_up_ = Vec3::UnitZ();
   double next_ = 0.0, solve_s_ = 0.0, draw_s_ = 0.0, busy_ = 0.04;
 };
 
@@ -217,13 +221,13 @@ std::vector<PathFrame> follow_script(LiveTool& tool, const Options& options) {
   std::optional<Recording> recording;
   if (!options.record.empty()) recording.emplace(options.record);
   std::optional<Skin> skin;
-  Index touches = 0;
+  Index clouds = 0;
   std::vector<PathFrame> frames =
       follow_path(tool, path, {.rate = options.rate,
                                .limit = {.seconds = 1.0 / options.rate, .evaluations = options.evaluations}},
                   [&](const PathFrame& now) {
                     if (!recording) return;
-                    if (touches != tool.touches) skin.emplace(tool.session->model()), touches = tool.touches;
+                    if (clouds != tool.clouds) skin.emplace(tool.session->model()), clouds = tool.clouds;
                     recording->add(now, *tool.session, *skin);
                   });
   if (recording) recording->finish();
@@ -265,6 +269,7 @@ int poke(const Invocation& shared, const CLI::App& command, const Options& optio
     const Served served = serve_forces(tool, options.socket, options.rate, options.seconds);
     fmt::print("{} answers, the slowest after {:.2f} ms; {} frames\n", served.answers, 1e3 * served.slowest_s,
                served.frames);
+    stop_if_asked();
     return 0;
   }
   std::vector<PathFrame> frames;
@@ -290,7 +295,7 @@ Command add_poke(CLI::App& app, Invocation& shared) {
       ->type_name("FILE");
   command
       ->add_option("--record", options->record,
-                   "folder for forces.csv, times.csv and the surface, five times a second")
+                   "folder for forces.csv, times.csv and, five times a second, the surface and the window")
       ->type_name("FOLDER");
   command
       ->add_option("--socket", options->socket, "answer a device's poses with forces on this unix domain socket")

@@ -3,7 +3,10 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <tbb/task_arena.h>
+
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 
 #include "apps/run/stopwatch.hpp"
@@ -38,6 +41,7 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   const Talk talk{observer, live.result};
   live.organ.emplace(read_organ({.config = config}, model_options(config), talk, live.result));
   live.materials = materials_of(config);
+  live.base = find_boundary(live.organ->body->surface, live.organ->options.boundary);
   return live;
 }
 
@@ -48,29 +52,107 @@ Session touch(const LiveOrgan& live, Index nodes, const std::optional<Vec3>& tip
   if (tip)
     options.boundary.indent_at = fmt::format("{},{},{}", 1e3 * tip->x(), 1e3 * tip->y(), 1e3 * tip->z());
   const LabelAt label_at = labels_of(live.config, *live.organ, live.result.image);
-  Discretisation places = discretise(live.organ->body->surface, options, label_at).places;
+  Discretisation places =
+      discretise(live.organ->body->surface, options, label_at, live.base ? &*live.base : nullptr).places;
   const TissueOptions tissues = tissues_of(live.config, live.organ->label_names, places);
   Eigen::VectorXi tissue = tissue_of_points(places, tissues);
   return Session(make_model(std::move(places), options.scheme, std::move(tissue), tissues.density),
                  live.materials, {.tolerance = live.config.solver.tolerance});
 }
 
+namespace {
+
+// Forces at equilibria down to one radius, as far as there are any.
+std::vector<ForceSample> forces_to_radius(Session& session) {
+  std::vector<ForceSample> curve = {{}};
+  for (int k = 1; k <= 4; ++k) {
+    const LiveFrame frame = session.follow(0.25 * k * session.model().tool.radius, {.evaluations = 500});
+    if (frame.tool != LiveFrame::Tool::there) break;
+    curve.push_back({.t = 0.0, .depth = frame.depth, .force = frame.force, .base_force = frame.force});
+  }
+  session.follow(0.0, {.evaluations = 1});
+  return curve;
+}
+
+// The finer cloud takes the coarse one's place, where the tool is.
+void take_finer(LiveTool& tool, const FrameLimit& limit, double dt) {
+  if (!tool.finer.valid() || tool.finer.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return;
+  try {
+    TriedTouch tried = tool.finer.get();
+    if (tool.frame.depth > 0.0) tried.session.follow(tool.frame.depth, limit, dt);
+    tool.session.emplace(std::move(tried.session));
+    tool.fine = std::move(tried.fine);
+    tool.coarse = std::move(tried.coarse);
+    ++tool.clouds;
+  } catch (const ModelError&) {  // then the coarse one goes on
+  } catch (const SolveError&) {
+  }
+}
+
+}  // namespace
+
+TriedTouch try_touch(const LiveOrgan& live, Index nodes, const std::optional<Vec3>& tip) {
+  TriedTouch tried{.session = touch(live, nodes, tip)};
+  std::vector<ForceSample> fine = forces_to_radius(tried.session);
+  if (nodes < fewest_nodes_with_band(live.result.facing_share) || fine.size() < 2) return tried;
+  Session coarse = touch(live, std::max(first_nodes, nodes / 4), tip);
+  std::vector<ForceSample> its = forces_to_radius(coarse);
+  fine.resize(std::min(fine.size(), its.size()));
+  its.resize(fine.size());
+  if (fine.size() > 1) tried.fine = std::move(fine), tried.coarse = std::move(its);
+  return tried;
+}
+
 LiveTool make_live_tool(const LiveOrgan& organ, Index nodes) {
   LiveTool tool{.organ = &organ, .nodes = nodes};
   const Stopwatch making;
-  tool.session.emplace(touch(organ, nodes));
+  TriedTouch tried = try_touch(organ, nodes);
+  tool.session.emplace(std::move(tried.session));
+  tool.fine = std::move(tried.fine), tool.coarse = std::move(tried.coarse);
   tool.made_s = making.seconds();
-  tool.touches = 1;
+  tool.touches = tool.clouds = 1;
   tool.tip = tool.session->model().tool.centre;
   return tool;
 }
 
-void put_down(LiveTool& tool, const Vec3& tip) {
+void put_down(LiveTool& tool, const Vec3& tip, bool beside) {
   const Stopwatch making;
-  tool.session.emplace(touch(*tool.organ, tool.nodes, tip));
+  beside = beside && tool.nodes > first_nodes;
+  if (tool.finer.valid()) tool.given_up.push_back(std::move(tool.finer));
+  std::erase_if(tool.given_up, [](const auto& one) {
+    return one.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+  });
+  constexpr std::size_t most_given_up = 2;  // each takes a processor until it is done
+  if (tool.given_up.size() > most_given_up) tool.given_up.front().wait();
+  if (beside) {
+    tool.session.emplace(touch(*tool.organ, first_nodes, tip));
+    tool.fine.clear(), tool.coarse.clear();
+    tool.finer = std::async(std::launch::async, [organ = tool.organ, nodes = tool.nodes, tip] {
+      tbb::task_arena one(1);  // the frames need the other processors
+      return one.execute([&] { return try_touch(*organ, nodes, tip); });
+    });
+  } else {
+    TriedTouch tried = try_touch(*tool.organ, tool.nodes, tip);
+    tool.session.emplace(std::move(tried.session));
+    tool.fine = std::move(tried.fine), tool.coarse = std::move(tried.coarse);
+  }
   tool.made_s = making.seconds();
   tool.frame = {};
-  ++tool.touches;
+  ++tool.touches, ++tool.clouds;
+}
+
+std::optional<double> half_band(const LiveTool& tool) {
+  const LiveFrame& now = tool.frame;
+  if (tool.fine.size() < 2) return {};
+  if (now.depth <= 0.0) return 0.0;
+  const double radius = tool.session->model().tool.radius, radii = now.depth / radius;
+  if (radii > deepest_with_band) return {};
+  double change = 0.0;
+  for (std::size_t k = 1; k < tool.fine.size(); ++k) {
+    change = std::max(change, std::abs(tool.fine[k].force / tool.coarse[k].force - 1.0));
+    if (tool.fine[k].depth >= now.depth) break;
+  }
+  return std::abs(now.force) * band_half_width(change, tool.session->model().node_count(), radii);
 }
 
 double depth_of(const LiveTool& tool, const Vec3& tip) {
@@ -79,6 +161,7 @@ double depth_of(const LiveTool& tool, const Vec3& tip) {
 }
 
 LiveFrame move_depth(LiveTool& tool, double depth, const FrameLimit& limit, double dt) {
+  take_finer(tool, limit, dt);
   const Indenter& at = tool.session->model().tool;
   tool.tip = at.centre + depth * at.push;
   return tool.frame = tool.session->follow(depth, limit, dt);
@@ -97,7 +180,9 @@ LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, dou
       tool.session->follow(0.0, limit, dt);
       return tool.frame = {};
     }
-    put_down(tool, tip);
+    put_down(tool, tip, limit.evaluations == 0);
+  } else {
+    take_finer(tool, limit, dt);
   }
   tool.tip = tip;
   return tool.frame = tool.session->follow(depth_of(tool, tip), limit, dt);
@@ -153,6 +238,7 @@ PathFrame path_frame(LiveTool& tool, const ToolPath& path, double time, const Fr
     now.tip = tool.tip;
   }
   now.seconds = watch.seconds();
+  now.half_band = half_band(tool);
   return now;
 }
 
@@ -170,17 +256,17 @@ std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const P
 }
 
 void write_path_frames(const fs::path& folder, const std::vector<PathFrame>& frames) {
-  Table forces{.header = {"time_s", "asked_mm", "depth_mm", "force_N", "error_N", "stiffness_N_per_m",
+  Table forces{.header = {"time_s", "asked_mm", "depth_mm", "force_N", "error_N", "half_band_N", "stiffness_N_per_m",
                           "residual", "evaluations", "tool"},
-               .column = std::vector<std::vector<double>>(9)};
+               .column = std::vector<std::vector<double>>(10)};
   Table times{.header = {"time_s", "frame_ms"}, .column = std::vector<std::vector<double>>(2)};
   for (const PathFrame& now : frames) {
     const LiveFrame& f = now.frame;
     const double row[] = {now.time,    1e3 * f.asked, 1e3 * f.depth,
-                          f.force,     f.error,       f.stiffness,
+                          f.force,     f.error,       now.half_band.value_or(std::nan("")), f.stiffness,
                           f.residual,  static_cast<double>(f.evaluations),
                           static_cast<double>(f.tool)};
-    for (std::size_t c = 0; c < 9; ++c) forces.column[c].push_back(row[c]);
+    for (std::size_t c = 0; c < 10; ++c) forces.column[c].push_back(row[c]);
     times.column[0].push_back(now.time);
     times.column[1].push_back(1e3 * now.seconds);
   }
@@ -191,7 +277,8 @@ void write_path_frames(const fs::path& folder, const std::vector<PathFrame>& fra
 Index nodes_for_rate(const LiveOrgan& organ, double rate) {
   constexpr Index tried = 1000;
   constexpr double wanted = 10.0;  // evaluations of a frame
-  LiveTool tool = make_live_tool(organ, tried);
+  LiveTool tool{.organ = &organ, .nodes = tried};
+  tool.session.emplace(touch(organ, tried));
   const double way = 0.01 / rate, deepest = 0.5 * tool.session->model().tool.radius;
   double spent = 0.0, evaluations = 0.0;
   move_depth(tool, way, {.evaluations = 100});
@@ -208,14 +295,18 @@ Index nodes_for_rate(const LiveOrgan& organ, double rate) {
 
 std::string in_words(Index nodes, const std::vector<PathFrame>& frames) {
   std::vector<double> seconds, error;
+  bool known = true;
   for (const PathFrame& now : frames) {
     seconds.push_back(now.seconds);
-    if (now.frame.force > 0.0) error.push_back(now.frame.error / now.frame.force);
+    if (!(now.frame.force > 0.0)) continue;
+    error.push_back((now.frame.error + now.half_band.value_or(0.0)) / now.frame.force);
+    known = known && now.half_band;
   }
   const std::string thousands =
       nodes >= 1000 ? fmt::format("{},{:03}", nodes / 1000, nodes % 1000) : fmt::format("{}", nodes);
-  return fmt::format("{} nodes, {:.0f} fps, force +-{:.2g} %", thousands,
-                     1.0 / std::max(1e-6, quantile(seconds, 0.99)), 100.0 * quantile(error, 0.95));
+  return fmt::format("{} nodes, {:.0f} fps, force +-{:.2g} %{}", thousands,
+                     1.0 / std::max(1e-6, quantile(seconds, 0.99)), 100.0 * quantile(error, 0.95),
+                     known ? "" : " and what the discretisation leaves, unknown in some frames");
 }
 
 }  // namespace dimple

@@ -54,6 +54,8 @@ void read_whole(const fs::path& file) {
     const std::regex frame("file=\"([^\"]+)\"");
     for (std::sregex_iterator m(text.begin(), text.end(), frame), end; m != end; ++m)
       EXPECT_TRUE(fs::is_regular_file(file.parent_path() / (*m)[1].str())) << file << " lists " << (*m)[1];
+  } else if (suffix == ".py") {
+    EXPECT_TRUE(text.ends_with("RenderAllViews()\n")) << file;
   } else if (suffix == ".html") {
     EXPECT_TRUE(text.ends_with("</html>\n")) << file;
   } else if (suffix == ".svg") {

@@ -15,9 +15,10 @@ namespace dimple {
 
 // The scenes of tests/verification/results/band_scenes.csv, which dimple_calibrate writes, and what follows from them.
 
-inline constexpr Index band_truth = 16'000;  ///< nodes of the cloud that counts as the truth
-inline constexpr Index band_finest =
-    4'000;  ///< and of the finest that is compared with it for the multiplier
+/// Nodes of the finest cloud of every scene, and of those that were computed twice as fine: the finest counts as the truth.
+inline constexpr Index band_truth = 16'000, band_finer_truth = 32'000;
+/// Clouds with up to this part of the truth's nodes are compared with it for the multiplier.
+inline constexpr Index band_compared = 4;
 
 struct BandScene {
   int number = 0;
@@ -27,6 +28,7 @@ struct BandScene {
   double radius = 0.0;                               ///< of the circle [m]
   std::map<Index, std::vector<ForceSample>> forces;  ///< nodes -> force curve
   std::map<Index, double> seconds;                   ///< from the surface to the curve
+  Index truth = 0;                                   ///< nodes of its finest cloud
 };
 
 /// The rows of a file, without its header. read_csv() takes numbers alone, and these rows name bodies and places, some
@@ -69,21 +71,25 @@ inline std::vector<BandScene> band_scenes(const std::filesystem::path& file) {
     scene.seconds[nodes] = std::stod(field[12]) + std::stod(field[13]);
   }
   std::vector<BandScene> result;
-  for (auto& [number, scene] : scenes)
-    if (scene.forces.contains(band_truth) && scene.forces.contains(band_truth / 2) &&
-        scene.forces[band_truth].size() == scene.forces[band_truth / 2].size())
-      result.push_back(std::move(scene));
+  for (auto& [number, scene] : scenes) {
+    const auto has = [&](Index nodes) {
+      return scene.forces.contains(nodes) && scene.forces.contains(nodes / 2) &&
+             scene.forces[nodes].size() == scene.forces[nodes / 2].size();
+    };
+    scene.truth = has(band_finer_truth) ? band_finer_truth : has(band_truth) ? band_truth : 0;
+    if (scene.truth > 0) result.push_back(std::move(scene));
+  }
   return result;
 }
 
 /// The force of `nodes` over the truth at the depth of sample k, less one.
 inline double band_error(const BandScene& scene, Index nodes, std::size_t k) {
-  return scene.forces.at(nodes)[k].force / scene.forces.at(band_truth)[k].force - 1.0;
+  return scene.forces.at(nodes)[k].force / scene.forces.at(scene.truth)[k].force - 1.0;
 }
 
 /// How far the truth itself may be off at that depth: as far as the next coarser cloud is from it.
 inline double truth_error(const BandScene& scene, std::size_t k) {
-  return std::abs(scene.forces.at(band_truth / 2)[k].force / scene.forces.at(band_truth)[k].force - 1.0);
+  return std::abs(scene.forces.at(scene.truth / 2)[k].force / scene.forces.at(scene.truth)[k].force - 1.0);
 }
 
 /// The error with the truth's own.
@@ -98,12 +104,13 @@ inline std::vector<double> band_scores(const std::vector<BandScene>& scenes, boo
   for (const BandScene& scene : scenes) {
     if (scene.set != "calibration") continue;
     double largest = -1.0;
-    for (Index nodes = fewest_nodes_with_band(scene.facing_share); nodes <= band_finest; nodes *= 2) {
+    for (Index nodes = fewest_nodes_with_band(scene.facing_share); nodes <= scene.truth / band_compared;
+         nodes *= 2) {
       const Index other = nodes / 2;
       if (!scene.forces.contains(nodes) || !scene.forces.contains(other)) continue;
       const auto &fine = scene.forces.at(nodes), &coarse = scene.forces.at(other);
       double change = 0.0;
-      const std::size_t samples = std::min({fine.size(), coarse.size(), scene.forces.at(band_truth).size()});
+      const std::size_t samples = std::min({fine.size(), coarse.size(), scene.forces.at(scene.truth).size()});
       for (std::size_t k = 1; k < samples; ++k) {
         const double radii = fine[k].depth / scene.radius;
         change = std::max(change, std::abs(fine[k].force / coarse[k].force - 1.0));
