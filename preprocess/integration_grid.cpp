@@ -185,8 +185,8 @@ std::vector<Part> clip(const BodySurface& body, const Leaf& leaf) {
   if (!gap)
     for (Piece& piece : pieces) piece.group = 0;
   for (std::size_t k = 0; gap && k < pieces.size(); ++k)
-    for (std::size_t other = 0; other < k; ++other) {
-      const Piece &p = pieces[k], &q = pieces[other];
+    for (std::size_t before = 0; before < k; ++before) {
+      const Piece &p = pieces[k], &q = pieces[before];
       if (std::abs(p.a - q.a) + std::abs(p.b - q.b) != 1 ||
           std::min(p.end, q.end) <= std::max(p.begin, q.begin))
         continue;

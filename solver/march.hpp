@@ -88,8 +88,8 @@ struct State {
 };
 
 struct Observer {
-  std::function<void(const Frame&)> frame;
-  std::function<bool(const ForceSample&, const History&)> sample;  ///< false: stop here, keep what there is
+  std::function<void(const Frame&)> frame = {};
+  std::function<bool(const ForceSample&, const History&)> sample = {};  ///< false: stop here, keep what there is
   /// Where a run can be taken up again, the last frame apart: explicit: at frames; else between two steps.
   /// `state` copies: call it only when it is to be kept.
   std::function<void(const std::function<State()>& state)> between_steps = {};

@@ -31,7 +31,8 @@ constexpr double slowest = 1.0 / 32.0;  // of longest_way, where the tool stops
 constexpr double folded = 0.01;         // share of inverted points
 constexpr double widest = 2.5;          // displacement, in depths of the tool
 constexpr double gradient_good = 0.1;   // radii, for which dJ/du serves
-// Of the error: shares of the correction, of the mean of the energies left and of the tool, and of the force. Guesses.
+// Of the error: shares of the correction, of the mean of the energies left and of the tool, and of the force. Chosen before the study
+// that counts how often it holds (tests/bench/README.md).
 constexpr double of_correction = 0.5, of_energy = 0.1, of_force = 1e-3;
 
 }  // namespace

@@ -19,8 +19,8 @@ struct Invocation {
   bool quiet = false, verbose = false, json = false, force = false, resume = false;
   bool slicer = false;  ///< started by 3D Slicer, which gives all options and reads progress on stdout
   int threads = 0;
-  std::string command, image, out, time_limit;
-  std::vector<std::string> words;  ///< of the command line, after the program's name
+  std::string command = {}, image = {}, out = {}, time_limit = {};
+  std::vector<std::string> words = {};  ///< of the command line, after the program's name
   /// A failure is put down in the folder, besides the terminal: of commands that write results, once the
   /// command line is understood.
   bool leaves_word = false;

@@ -151,7 +151,7 @@ std::vector<std::string> as_run(std::vector<std::string> words) {
 }
 
 // The command that was asked for.
-int perform(int argc, char** argv, Invocation& shared) {
+int perform(Invocation& shared) {
   CLI::App app{
       "From a label image to a force: meshless soft-tissue indentation, without a mesh and by one command.",
       "dimple"};
@@ -199,7 +199,7 @@ int perform(int argc, char** argv, Invocation& shared) {
   return 0;
 }
 
-int answered(int argc, char** argv, Invocation& shared) {
+int answered(Invocation& shared) {
   const auto fail = [&](const Error& error) {
     // Whatever goes wrong while everything is being stopped is a consequence of that.
     const auto tell = [&](const Error& reason) {
@@ -210,7 +210,7 @@ int answered(int argc, char** argv, Invocation& shared) {
     return why == StopReason::none ? tell(error) : tell(Stopped(why));
   };
   try {
-    return perform(argc, argv, shared);
+    return perform(shared);
   } catch (const Error& error) {
     return fail(error);
   } catch (const std::bad_alloc&) {
@@ -233,7 +233,7 @@ int command_line(int argc, char** argv) {
   Ending ending;  // first of all: a signal is answered from here on
   Invocation shared{.ending = ending};
   shared.words.assign(argv + (argc > 0 ? 1 : 0), argv + argc);
-  const int code = answered(argc, argv, shared);
+  const int code = answered(shared);
   end_log();
   if (std::fflush(stdout) == 0 && !std::ferror(stdout)) return code;
   return report(OutputError({.fact = "the result could not be printed",

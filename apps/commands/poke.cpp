@@ -14,6 +14,7 @@
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/view.hpp"
 #include "apps/window/body_window.hpp"
+#include "apps/window/display.hpp"
 #include "io/draw/body_frame.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -33,6 +34,7 @@ struct Options {
   double rate = 25.0, seconds = 3600.0;
   std::int64_t evaluations = 0;
   bool window = false;
+  std::optional<ToolPath> path = {};  // the script's
 };
 
 constexpr double for_solving = 0.7;      // of a frame's time; the rest is for drawing
@@ -93,7 +95,7 @@ class Poking {
   Poking(const LiveOrgan& organ, LiveTool& tool, const Options& options)
       : organ_(organ), tool_(tool), options_(options), window_({.title = "Dimple", .abscissa = "time [s]"}) {
     if (!options.record.empty()) recording_.emplace(options.record);
-    if (!options.script.empty()) path_ = read_tool_path(options.script);
+    path_ = options.path;
     touched(true);
   }
 
@@ -217,13 +219,12 @@ class Poking {
 
 // Without a window: along the script as fast as it goes.
 std::vector<PathFrame> follow_script(LiveTool& tool, const Options& options) {
-  const ToolPath path = read_tool_path(options.script);
   std::optional<Recording> recording;
   if (!options.record.empty()) recording.emplace(options.record);
   std::optional<Skin> skin;
   Index clouds = 0;
   std::vector<PathFrame> frames =
-      follow_path(tool, path, {.rate = options.rate,
+      follow_path(tool, *options.path, {.rate = options.rate,
                                .limit = {.seconds = 1.0 / options.rate, .evaluations = options.evaluations}},
                   [&](const PathFrame& now) {
                     if (!recording) return;
@@ -248,10 +249,12 @@ void check(const Options& options) {
            "leave one of them out");
 }
 
-int poke(const Invocation& shared, const CLI::App& command, const Options& options) {
+int poke(const Invocation& shared, const CLI::App& command, Options& options) {
   check(options);
+  if (!options.script.empty()) options.path = read_tool_path(options.script);
   Config config = options.flags.config(command, shared.image);
   const bool windowed = options.window || (options.script.empty() && options.socket.empty());
+  if (windowed) require_display();
   if (!options.record.empty()) {
     ResultFolder folder(options.record, shared.existing());
     folder.prepare();

@@ -302,11 +302,11 @@ void ImageWriter::write_group(const Group& group) {
     // Of long stretches of the same label one is looked at.
     const std::size_t width = image.bytes_per_voxel();
     std::int64_t sum = 0;
-    bool body = false;
+    bool in_body = false;
     for (Index v = 0; v < n; ++v, number += width) {
       if (v == 0 || !std::equal(number, number + width, number - width))
-        body = is_body(image.label_of(number));
-      sum += body;
+        in_body = is_body(image.label_of(number));
+      sum += in_body;
     }
     return sum;
   };

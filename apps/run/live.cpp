@@ -256,17 +256,17 @@ std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const P
 }
 
 void write_path_frames(const fs::path& folder, const std::vector<PathFrame>& frames) {
-  Table forces{.header = {"time_s", "asked_mm", "depth_mm", "force_N", "error_N", "half_band_N", "stiffness_N_per_m",
+  Table forces{.header = {"time_s", "asked_mm", "depth_mm", "force_N", "error_N", "half_band_N", "band_known", "stiffness_N_per_m",
                           "residual", "evaluations", "tool"},
-               .column = std::vector<std::vector<double>>(10)};
+               .column = std::vector<std::vector<double>>(11)};
   Table times{.header = {"time_s", "frame_ms"}, .column = std::vector<std::vector<double>>(2)};
   for (const PathFrame& now : frames) {
     const LiveFrame& f = now.frame;
     const double row[] = {now.time,    1e3 * f.asked, 1e3 * f.depth,
-                          f.force,     f.error,       now.half_band.value_or(std::nan("")), f.stiffness,
+                          f.force,     f.error,       now.half_band.value_or(0.0), now.half_band ? 1.0 : 0.0, f.stiffness,
                           f.residual,  static_cast<double>(f.evaluations),
                           static_cast<double>(f.tool)};
-    for (std::size_t c = 0; c < 10; ++c) forces.column[c].push_back(row[c]);
+    for (std::size_t c = 0; c < 11; ++c) forces.column[c].push_back(row[c]);
     times.column[0].push_back(now.time);
     times.column[1].push_back(1e3 * now.seconds);
   }

@@ -37,7 +37,7 @@ struct TriedTouch {
 TriedTouch try_touch(const LiveOrgan& live, Index nodes, const std::optional<Vec3>& tip = {});
 
 /// Nodes of the cloud that serves until a finer one is there, and that this one's forces are compared with.
-inline constexpr Index first_nodes = 500;
+inline constexpr Index first_nodes = 400;
 
 /// A tool that is moved freely: the tip's pose in, the frame out. Between two touches it is in the air, and the force is
 /// zero; where it comes down more than a quarter of its radius away from the last touch a cloud of first_nodes is made,
@@ -97,7 +97,7 @@ struct PathOptions {
 /// is.
 std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const PathOptions& options,
                                    const std::function<void(const PathFrame&)>& each = {});
-/// forces.csv: time_s, asked_mm, depth_mm, force_N, error_N, half_band_N, stiffness_N_per_m, residual, evaluations, tool; and what differs
+/// forces.csv: time_s, asked_mm, depth_mm, force_N, error_N, half_band_N, band_known, stiffness_N_per_m, residual, evaluations, tool; and what differs
 /// from one time to the next, times.csv: time_s, frame_ms.
 void write_path_frames(const std::filesystem::path& folder, const std::vector<PathFrame>& frames);
 

@@ -5,8 +5,10 @@
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
+#include <tbb/task_arena.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <charconv>
@@ -122,6 +124,8 @@ void find_frames(LiveTool& tool, double rate, const std::function<void(const Pat
   const Clock::time_point begin = Clock::now();
   const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1.0 / rate));
   Clock::time_point next = begin;
+  // One processor is left to the answers.
+  tbb::task_arena others(std::max(1, tbb::this_task_arena::max_concurrency() - 1));
   while (!shared.end.load()) {
     Vec3 tip;
     bool along;
@@ -132,8 +136,9 @@ void find_frames(LiveTool& tool, double rate, const std::function<void(const Pat
     }
     const Clock::time_point now = Clock::now();
     const FrameLimit limit{.seconds = 0.9 / rate};
-    const LiveFrame frame =
-        along ? move_depth(tool, depth, limit, 1.0 / rate) : move_tip(tool, tip, limit, 1.0 / rate);
+    const LiveFrame frame = others.execute([&] {
+      return along ? move_depth(tool, depth, limit, 1.0 / rate) : move_tip(tool, tip, limit, 1.0 / rate);
+    });
     {
       const std::lock_guard lock(shared.mutex);
       shared.tool = tool.session->model().tool;

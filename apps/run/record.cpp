@@ -125,10 +125,10 @@ struct Recording {
   fs::path folder;
   RunIdentity identity;
   std::optional<Checkpoint> resumed = {};
-  std::function<void(Result&)> write_model;  // nothing is written before the model and the load are accepted
-  std::function<Json(const Result&)> summary;                    // what it begins with
-  std::function<std::vector<std::string>(const Result&)> facts;  // for the picture
-  std::string subject;
+  std::function<void(Result&)> write_model = {};  // nothing is written before the model and the load are accepted
+  std::function<Json(const Result&)> summary = {};                    // what it begins with
+  std::function<std::vector<std::string>(const Result&)> facts = {};  // for the picture
+  std::string subject = {};
   std::optional<MeasuredCurve> beside = {};  // what the force is compared with
   ImageTask images = {};
   double read_s = 0.0;  // before simulate()

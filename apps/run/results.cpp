@@ -71,8 +71,8 @@ Wanted wanted_of(const Config& config) {
 // What is written of a frame, beside what stays the same.
 struct ResultWriter::Packing {
   double time_s, depth, force;  // [s], [m], [N]
-  Points u, reaction;           // [mm], [N]
-  Eigen::MatrixXd J, sigma, mises;
+  Points u, reaction = {};      // [mm], [N]
+  Eigen::MatrixXd J = {}, sigma = {}, mises = {};
 };
 
 namespace {

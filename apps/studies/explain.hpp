@@ -25,7 +25,7 @@ struct Alternative {
   double force = 0.0;    ///< [N] there
   double effect = 0.0;   ///< on it: force / the force of the scene as it is - 1
   double seconds = 0.0;  ///< from the image to the force
-  std::string failed;    ///< why there is none; empty: there is one
+  std::string failed = {};    ///< why there is none; empty: there is one
 };
 
 /// What the force of one image and load depends on, measured.
@@ -33,9 +33,9 @@ struct Explanation {
   Index nodes = 0;
   double depth_mm = 0.0, force = 0.0, seconds = 0.0;  ///< [N] of the scene as it is; [s] that it took
   double noise = 0.0;                     ///< largest effect of another random cloud, as a share of the force
-  std::vector<Alternative> alternatives;  ///< by `what` the largest effect first, those that failed last
-  std::vector<std::string> warnings;      ///< of the guards, about the scene as it is
-  std::string ended_by;                   ///< by what it was stopped before its end; empty: it was not
+  std::vector<Alternative> alternatives = {};  ///< by `what` the largest effect first, those that failed last
+  std::vector<std::string> warnings = {};      ///< of the guards, about the scene as it is
+  std::string ended_by = {};  ///< by what it was stopped before its end; empty: it was not
   double total_s = 0.0;
 };
 

@@ -46,7 +46,6 @@
 #include <cmath>
 
 #include "apps/window/display.hpp"
-#include "io/error.hpp"
 #include "io/file.hpp"
 
 namespace dimple {
@@ -123,7 +122,7 @@ struct Shape {
 class ToolStyle : public vtkInteractorStyleTrackballCamera {
  public:
   static ToolStyle* New();
-  vtkTypeMacro(ToolStyle, vtkInteractorStyleTrackballCamera);
+  vtkTypeMacro(ToolStyle, vtkInteractorStyleTrackballCamera)
 
   std::function<bool(int x, int y)> down;
   std::function<void(int x, int y)> moved;
@@ -226,11 +225,7 @@ struct BodyWindow::Parts {
 };
 
 BodyWindow::BodyWindow(const WindowOptions& options) {
-  if (!has_display())
-    throw UsageError({.fact = "no window can be opened",
-                      .where = "the display",
-                      .why = "DISPLAY names no X server that answers",
-                      .remedy = "start it where windows are shown, or under xvfb-run; `dimple poke --script` needs none"});
+  require_display();
   parts_ = std::make_unique<Parts>();
   Parts& p = *parts_;
   p.view->SetViewport(0.0, 0.0, chart_from, 1.0);

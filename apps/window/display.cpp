@@ -2,12 +2,18 @@
 
 #include <X11/Xlib.h>
 
+#include "io/error.hpp"
+
 namespace dimple {
 
-bool has_display() {
-  ::Display* display = XOpenDisplay(nullptr);
-  if (display) XCloseDisplay(display);
-  return display != nullptr;
+void require_display() {
+  if (::Display* display = XOpenDisplay(nullptr))
+    XCloseDisplay(display);
+  else
+    throw UsageError({.fact = "no window can be opened",
+                      .where = "the display",
+                      .why = "DISPLAY names no X server that answers",
+                      .remedy = "start it where windows are shown, or under xvfb-run; `dimple poke --script` needs none"});
 }
 
 }  // namespace dimple

@@ -2,7 +2,7 @@
 
 namespace dimple {
 
-/// Whether a window can be opened here. VTK ends the program where it cannot.
-bool has_display();
+/// Throws UsageError where no window can be opened: VTK would end the program.
+void require_display();
 
 }  // namespace dimple

@@ -245,7 +245,10 @@ Rows measure(const Scene& scene, const std::vector<Index>& sizes, bool with_poin
       solve(choose_time(built.model, materials_of_points, loading), system, built.model, loading,
             {.frames = frames, .evaluations = 600}, observer, history);
       if (history.interrupted)
-        throw SolveError({.fact = fmt::format("no end after {} evaluations", most_evaluations)});
+        throw SolveError({.fact = fmt::format("no end after {} evaluations", most_evaluations),
+                          .where = "the march",
+                          .why = "a guard has shortened its steps",
+                          .remedy = "leave this scene out"});
       const double solved_s = solving.seconds();
       int frame = 1;  // between the frames each cloud has equilibria of its own
       for (const ForceSample& sample : history.force)

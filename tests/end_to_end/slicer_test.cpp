@@ -101,9 +101,13 @@ TEST_F(Slicer, TheDescriptionHasTheElementsOfTheExecutionModel) {
     EXPECT_TRUE(names.insert(name).second) << "a name that is not its own";
     EXPECT_FALSE(text(parameter, "label").empty());
     EXPECT_FALSE(text(parameter, "description").empty());
-    if (!flag.empty()) EXPECT_TRUE(flags.insert(flag).second) << flag;
+    if (!flag.empty()) {
+      EXPECT_TRUE(flags.insert(flag).second) << flag;
+    }
     // Only what has a place on the command line, or comes back in a file, has no flag.
-    if (flag.empty()) EXPECT_TRUE(kind == "image" || text(parameter, "channel") == "output");
+    if (flag.empty()) {
+      EXPECT_TRUE(kind == "image" || text(parameter, "channel") == "output");
+    }
     if (kind == "string-enumeration") {
       std::set<std::string> words;
       for (int k = 0; k < parameter->GetNumberOfNestedElements(); ++k)
@@ -111,8 +115,12 @@ TEST_F(Slicer, TheDescriptionHasTheElementsOfTheExecutionModel) {
           words.insert(parameter->GetNestedElement(k)->GetCharacterData());
       EXPECT_TRUE(words.count(text(parameter, "default")));
     }
-    if (kind == "image") EXPECT_STREQ(parameter->GetAttribute("type"), "label");
-    if (kind == "point") EXPECT_STREQ(parameter->GetAttribute("coordinateSystem"), "lps");
+    if (kind == "image") {
+      EXPECT_STREQ(parameter->GetAttribute("type"), "label");
+    }
+    if (kind == "point") {
+      EXPECT_STREQ(parameter->GetAttribute("coordinateSystem"), "lps");
+    }
   }
   // All options of the command line are there, but those that make no sense in a panel.
   const std::string help = dimple(folder, "run --help-all").out;

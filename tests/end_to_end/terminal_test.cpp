@@ -125,7 +125,9 @@ TEST_F(Terminal, OneLineRenewsItselfAndIsGoneInTheEnd) {
     const std::regex drawn("\r\033\\[K([^\r\n]*)");
     for (auto line = std::sregex_iterator(narrow.out.begin(), narrow.out.end(), drawn);
          line != std::sregex_iterator(); ++line) {
-      if ((*line)[1].str().find(" [") == 9) EXPECT_LT((*line)[1].length(), columns) << (*line)[1];
+      if ((*line)[1].str().find(" [") == 9) {
+        EXPECT_LT((*line)[1].length(), columns) << (*line)[1];
+      }
     }
   }
 }
@@ -305,7 +307,9 @@ TEST_F(Terminal, ShellsCompleteCommandsOptionsAndWords) {
   EXPECT_EQ(said_by("zsh", source + "zsh > _dimple; zsh -n _dimple"), "");
   const std::string fish =
       said_by("fish", source + "fish > dimple.fish; source dimple.fish; complete -C \"dimple run --sch\"");
-  if (!fish.empty()) EXPECT_THAT(fish, testing::StartsWith("--scheme"));
+  if (!fish.empty()) {
+    EXPECT_THAT(fish, testing::StartsWith("--scheme"));
+  }
   if (fish.empty()) GTEST_SKIP() << "fish is not installed: its completion was not tried";
 }
 

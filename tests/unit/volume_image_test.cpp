@@ -72,7 +72,9 @@ TEST(VolumeImage, KeepsTypeScaleAndSegmentsOfTheImageItIsLike) {
     EXPECT_EQ(again.run, labels.run);
     EXPECT_EQ(again.to_world.matrix(), labels.to_world.matrix());
     EXPECT_EQ(again.format, read_label_image(file).format);
-    if (suffix.ends_with("nrrd")) EXPECT_EQ(again.names, labels.names);
+    if (suffix.ends_with("nrrd")) {
+      EXPECT_EQ(again.names, labels.names);
+    }
     EXPECT_EQ(VolumeImage(copy).bytes_per_voxel(), 2u);
     EXPECT_EQ(image.label_of(image.voxel(119)), 700);
   }
