@@ -16,7 +16,7 @@ file(MAKE_DIRECTORY ${FOLDER}/project)
 run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${FOLDER}/prefix)
 file(COPY ${SOURCE}/apps/examples/indent.cpp DESTINATION ${FOLDER}/project)
 file(WRITE ${FOLDER}/project/CMakeLists.txt "cmake_minimum_required(VERSION 3.25)
-project(Outside C CXX)   # C: VTK's package looks for HDF5 with it
+project(Outside CXX)
 find_package(Dimple REQUIRED)
 add_executable(with_static indent.cpp)
 target_link_libraries(with_static PRIVATE Dimple::preprocess Dimple::solver)
