@@ -16,13 +16,22 @@ file(MAKE_DIRECTORY ${FOLDER}/project)
 run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${FOLDER}/prefix)
 file(COPY ${SOURCE}/apps/examples/indent.cpp DESTINATION ${FOLDER}/project)
 file(WRITE ${FOLDER}/project/CMakeLists.txt "cmake_minimum_required(VERSION 3.25)
-project(Outside C CXX)   # C: VTK's package looks for HDF5 with it
+project(Outside CXX)
 find_package(Dimple REQUIRED)
 add_executable(with_static indent.cpp)
 target_link_libraries(with_static PRIVATE Dimple::preprocess Dimple::solver)
 add_executable(with_shared indent.cpp)
 target_link_libraries(with_shared PRIVATE Dimple::shared)
 ")
+file(WRITE ${FOLDER}/solver_alone/CMakeLists.txt "cmake_minimum_required(VERSION 3.25)
+project(SolverAlone CXX)
+find_package(Dimple REQUIRED COMPONENTS solver)
+if(NOT TARGET Dimple::solver OR TARGET Dimple::io OR ITK_FOUND OR VTK_FOUND)
+  message(FATAL_ERROR \"the solver alone was asked for\")
+endif()
+")
+run(${CMAKE_COMMAND} -S ${FOLDER}/solver_alone -B ${FOLDER}/solver_alone/build
+    -D CMAKE_PREFIX_PATH=${FOLDER}/prefix -D CMAKE_CXX_COMPILER=${COMPILER})
 run(${CMAKE_COMMAND} -S ${FOLDER}/project -B ${FOLDER}/build -D CMAKE_BUILD_TYPE=Release
     -D CMAKE_PREFIX_PATH=${FOLDER}/prefix -D CMAKE_CXX_COMPILER=${COMPILER}
     -D CMAKE_CXX_COMPILER_LAUNCHER=${LAUNCHER})

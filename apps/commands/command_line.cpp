@@ -51,7 +51,7 @@ constexpr Command (*subcommands[])(CLI::App&, Invocation&) = {
 constexpr const char* footer = R"(Examples:
   dimple phantom brain.nrrd                make a swine-brain-sized image
   dimple run brain.nrrd -o out             from the image to the force curve
-  dimple run patient.seg.nrrd -o out --label Brain --depth 5mm
+  dimple run brain.nrrd -o out --label left_hemisphere --depth 5mm
   dimple run brain.nrrd -o out --resume    go on with a run that was stopped
   dimple fit brain.nrrd --curve a.csv -o out   the modulus of a measured curve
   dimple batch cases.csv -o out            one run for each row of a table

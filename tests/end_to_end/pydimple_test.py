@@ -476,13 +476,13 @@ class Documentation(InAFolder):
         text = (SOURCE / "apps" / "python" / "README.md").read_text()
         blocks = re.findall(r"```python\n(.*?)```", text, re.S)
         self.assertTrue(blocks)
-        shutil.copy(SOURCE / "sample_data" / "brain_3mm.nrrd", self.folder / "patient.nrrd")
+        shutil.copy(SOURCE / "sample_data" / "brain_3mm.nrrd", self.folder / "brain.nrrd")
         code = "\n".join(blocks)
         if "nibabel" in code:
             try:
                 import nibabel
 
-                shutil.copy(TWO_LABELS, self.folder / "patient.nii.gz")
+                shutil.copy(TWO_LABELS, self.folder / "brain.nii.gz")
             except ImportError:
                 self.skipTest("nibabel is not installed (Debian: python3-nibabel)")
         subprocess.run([sys.executable, "-c", code], cwd=self.folder, check=True, stdout=subprocess.DEVNULL)

@@ -1,7 +1,7 @@
 """Dimple computes the force of an indentation from a segmented medical image, with a meshless method.
 
     import pydimple
-    result = pydimple.run("patient.nii.gz", label="Brain", mu_Pa=210, depth_mm=8)
+    result = pydimple.run("brain.nrrd", label="left_hemisphere", mu_Pa=210, depth_mm=8)
     print(result)                             # the force and its band
     result.depth_m, result.force_N            # numpy arrays
 
