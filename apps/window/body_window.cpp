@@ -259,7 +259,7 @@ BodyWindow::BodyWindow(const WindowOptions& options) {
   p.legend->SetLookupTable(p.heat);
   p.legend->SetTitle("displacement [mm]");
   p.legend->SetOrientationToHorizontal();
-  p.legend->SetNumberOfLabels(4);
+  p.legend->SetNumberOfLabels(3);
   p.legend->SetLabelFormat("%.2g");
   p.legend->SetPosition(0.27, 0.88);
   p.legend->SetWidth(0.46);

@@ -13,7 +13,7 @@ void require_display() {
     throw UsageError({.fact = "no window can be opened",
                       .where = "the display",
                       .why = "DISPLAY names no X server that answers",
-                      .remedy = "start it where windows are shown, or under xvfb-run; `dimple poke --script` needs none"});
+                      .remedy = "start it where windows are shown, or under xvfb-run; results open in report.html, and `dimple poke --script` moves a tool without a window"});
 }
 
 }  // namespace dimple
