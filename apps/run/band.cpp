@@ -31,9 +31,13 @@ Stiffness stiffness_of(const std::vector<ForceSample>& curve) {
 
 }  // namespace
 
+// dimple_calibrate prints them.
+const double band_multiplier = 1.292, band_multiplier_deep = 1.260;
+
 double band_measure(double change, Index nodes, double radii) {
   const double thousands = static_cast<double>(nodes) / 1000.0;
-  return std::abs(change) + (is_deep(radii) ? 0.04 / std::pow(thousands, 0.25) : 0.03 / std::sqrt(thousands));
+  return 0.5 * std::abs(change) +
+         (is_deep(radii) ? 0.04 / std::sqrt(thousands) : 0.03 / std::pow(thousands, 0.6));
 }
 
 double band_half_width(double change, Index nodes, double radii) {
@@ -68,7 +72,7 @@ Index next_rung(Index nodes, double half, double wanted) {
 }
 
 double nodes_for_half_the_band(double radii) {
-  return std::pow(2.0, 1.0 / (is_deep(radii) ? 0.52 : 0.75));
+  return std::pow(2.0, 1.0 / (is_deep(radii) ? 0.55 : 0.62));
 }
 
 std::vector<double> half_widths(const std::vector<ForceSample>& force, Index nodes,

@@ -30,20 +30,21 @@ inline Index fewest_nodes_with_band(double facing_share) {
 /// Depths up to which it was measured [radii of the circle].
 inline constexpr double deepest_with_band = 1.7;
 
-/// Half the width of the band as a part of the force: multiplier * (change + floor). `change`: of the force from that of
+/// Half the width of the band as a part of the force: multiplier * (change / 2 + floor). `change`: of the force from that of
 /// a cloud with half as many nodes or fewer, as a part of it, the largest down to this depth; `nodes`: of the finer
 /// cloud; `radii`: the depth over the circle's radius. The floor is what the change does not see, because two clouds can
-/// agree by chance: 3 % with 1000 nodes, and less by their root; beyond one radius, where the rim's strain is too sharp for
-/// any of these clouds, 4 %, and less by the fourth root.
+/// agree by chance: 3 % with 1000 nodes, and less by their power 0.6; beyond one radius, where the rim's strain is too
+/// sharp for any of these clouds, 4 %, and less by their root.
 ///
 /// There is no order of convergence in it: forces of two random clouds differ by their scatter too, which three clouds
 /// cannot tell from an order (Eca & Hoekstra 2014 meet data that scatter so by factors of safety). The multipliers are
-/// those with which the bands of 95 in 100 scenes, drawn at random, hold the force of 16,000 nodes and all that lies as far
-/// from it as 8000 are, at all depths and with 1000, 2000 and 4000 nodes at once (split conformal prediction; Lei et al.
-/// 2018): tests/verification/README.md. A test computes them again from the scenes.
+/// those with which the bands of 95 in 100 scenes, drawn at random, hold the force of the finest cloud (32,000 or 16,000
+/// nodes) and all that lies as far from it as the cloud half as fine is, at all depths and with all clouds of a quarter of
+/// its nodes or fewer at once (split conformal prediction; Lei et al. 2018): tests/verification/README.md. A test computes
+/// them again from the scenes.
 double band_half_width(double change, Index nodes, double radii);
-inline constexpr double band_multiplier = 1.047;       ///< down to one radius
-inline constexpr double band_multiplier_deep = 0.898;  ///< deeper
+extern const double band_multiplier;       ///< down to one radius
+extern const double band_multiplier_deep;  ///< deeper
 /// Whether the second holds, with room for the last bits of a depth.
 inline bool is_deep(double radii) {
   return radii > 1.0 + 1e-9;
@@ -69,7 +70,7 @@ Index second_rung(Index first, Index expected);
 Index next_rung(Index nodes, double half, double wanted);
 
 /// About how many times as many nodes make the band half as wide: on the scenes of the calibration its median falls with
-/// the power 0.75 of the nodes down to one radius, 0.52 deeper.
+/// the power 0.62 of the nodes down to one radius, 0.55 deeper.
 double nodes_for_half_the_band(double radii);
 
 /// A place of the body, and where the load brings it.

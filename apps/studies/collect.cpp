@@ -223,8 +223,10 @@ std::string as_tsv(const Table& table) {
   for (const std::string& name : table.header) text += (text.empty() ? "" : "\t") + name;
   text += '\n';
   for (std::size_t r = 0; r < table.rows(); ++r) {
-    for (std::size_t c = 0; c < table.header.size(); ++c)
-      text += (c ? "\t" : "") + shortest(table.column[c][r]);
+    for (std::size_t c = 0; c < table.header.size(); ++c) {
+      if (c > 0) text += '\t';
+      text += shortest(table.column[c][r]);
+    }
     text += '\n';
   }
   return text;
