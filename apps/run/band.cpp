@@ -32,12 +32,11 @@ Stiffness stiffness_of(const std::vector<ForceSample>& curve) {
 }  // namespace
 
 // dimple_calibrate prints them.
-const double band_multiplier = 1.292, band_multiplier_deep = 1.260;
+const double band_multiplier = 1.024, band_multiplier_deep = 1.019;
 
 double band_measure(double change, Index nodes, double radii) {
   const double thousands = static_cast<double>(nodes) / 1000.0;
-  return 0.5 * std::abs(change) +
-         (is_deep(radii) ? 0.04 / std::sqrt(thousands) : 0.03 / std::pow(thousands, 0.6));
+  return std::abs(change) + (is_deep(radii) ? 0.04 / std::pow(thousands, 0.25) : 0.03 / std::sqrt(thousands));
 }
 
 double band_half_width(double change, Index nodes, double radii) {
@@ -72,7 +71,7 @@ Index next_rung(Index nodes, double half, double wanted) {
 }
 
 double nodes_for_half_the_band(double radii) {
-  return std::pow(2.0, 1.0 / (is_deep(radii) ? 0.55 : 0.62));
+  return std::pow(2.0, 1.0 / (is_deep(radii) ? 0.34 : 0.56));
 }
 
 std::vector<double> half_widths(const std::vector<ForceSample>& force, Index nodes,

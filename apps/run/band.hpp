@@ -30,11 +30,11 @@ inline Index fewest_nodes_with_band(double facing_share) {
 /// Depths up to which it was measured [radii of the circle].
 inline constexpr double deepest_with_band = 1.7;
 
-/// Half the width of the band as a part of the force: multiplier * (change / 2 + floor). `change`: of the force from that of
+/// Half the width of the band as a part of the force: multiplier * (change + floor). `change`: of the force from that of
 /// a cloud with half as many nodes or fewer, as a part of it, the largest down to this depth; `nodes`: of the finer
 /// cloud; `radii`: the depth over the circle's radius. The floor is what the change does not see, because two clouds can
-/// agree by chance: 3 % with 1000 nodes, and less by their power 0.6; beyond one radius, where the rim's strain is too
-/// sharp for any of these clouds, 4 %, and less by their root.
+/// agree by chance: 3 % with 1000 nodes, and less by their root; beyond one radius, where the rim's strain is too
+/// sharp for any of these clouds, 4 %, and less by the fourth root.
 ///
 /// There is no order of convergence in it: forces of two random clouds differ by their scatter too, which three clouds
 /// cannot tell from an order (Eca & Hoekstra 2014 meet data that scatter so by factors of safety). The multipliers are
@@ -70,7 +70,7 @@ Index second_rung(Index first, Index expected);
 Index next_rung(Index nodes, double half, double wanted);
 
 /// About how many times as many nodes make the band half as wide: on the scenes of the calibration its median falls with
-/// the power 0.62 of the nodes down to one radius, 0.55 deeper.
+/// the power 0.56 of the nodes down to one radius, 0.34 deeper.
 double nodes_for_half_the_band(double radii);
 
 /// A place of the body, and where the load brings it.

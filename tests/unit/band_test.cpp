@@ -32,7 +32,7 @@ TEST(Band, IsAsWideAsTheChangeAndTheFloorTimesTheMultiplier) {
   ASSERT_EQ(half.size(), 5u);
   EXPECT_EQ(half[0], 0.0);
   for (std::size_t k = 1; k < half.size(); ++k)
-    EXPECT_NEAR(half[k], 1.02 * static_cast<double>(k) * band_multiplier * (0.5 * 0.02 + 0.03 / std::pow(4.0, 0.6)), 1e-12) << k;
+    EXPECT_NEAR(half[k], 1.02 * static_cast<double>(k) * band_multiplier * (0.02 + 0.015), 1e-12) << k;
 }
 
 TEST(Band, DoesNotTrustCloudsThatComeTogetherDeeperDown) {
