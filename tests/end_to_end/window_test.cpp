@@ -159,6 +159,27 @@ TEST(Poke, FeelsAtEachStopTheForceOfARun) {
   EXPECT_TRUE(fs::exists(folder / "live" / "surface.pvd"));
 }
 
+TEST(Poke, FollowsATipThroughTheAirToAnotherPlace) {
+  const fs::path folder = folder_with_brain();
+  // Into the dome of one half, out, across, and into that of the other, which is its mirror image.
+  write_file(folder / "path.csv",
+             "time_s,x_mm,y_mm,z_mm\n0,13.9,0,27.6\n0.4,13.9,0,23.6\n0.8,13.9,0,23.6\n1.2,13.9,0,31\n"
+             "1.6,-13.9,0,31\n2.4,-13.9,0,23.6\n2.8,-13.9,0,23.6\n");
+  const Ran ran = dimple(folder, "poke brain.nrrd --script path.csv --nodes 700 --evaluations 12 -q --record rec");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Table felt = read_csv(folder / "rec" / "forces.csv");
+  const auto &time = *felt.find("time_s"), &force = *felt.find("force_N");
+  double here = 0.0, between = 1.0, there = 0.0;
+  for (std::size_t k = 0; k < time.size(); ++k) {
+    if (std::abs(time[k] - 0.8) < 1e-6) here = force[k];
+    if (std::abs(time[k] - 1.4) < 1e-6) between = force[k];
+    if (std::abs(time[k] - 2.8) < 1e-6) there = force[k];
+  }
+  EXPECT_GT(here, 0.01);
+  EXPECT_EQ(between, 0.0);
+  EXPECT_NEAR(there, here, 0.1 * here);
+}
+
 TEST(Poke, PressesTheToolInWhereTheMouseTouchesTheBody) {
   if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
   const fs::path folder = folder_with_brain();

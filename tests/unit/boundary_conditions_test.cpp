@@ -89,6 +89,19 @@ TEST(Boundary, OfABlockIsItsBroadSideAndTheMiddleOfTheOtherOne) {
   EXPECT_TRUE(found.warnings.empty());
 }
 
+TEST(Boundary, WithABaseThatIsKnownHasTheCircleThatItWouldHaveFound) {
+  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2.0}), {});
+  const Boundary first = find_boundary(body.surface, {});
+  const BoundaryOptions elsewhere = {.indent_at = "-14,5,top"};
+  const Boundary found = find_boundary(body.surface, elsewhere),
+                 again = find_boundary(body.surface, elsewhere, &first);
+  EXPECT_EQ(again.centre, found.centre);
+  EXPECT_EQ(again.push, found.push);
+  EXPECT_EQ(again.lowest, found.lowest);
+  EXPECT_EQ(again.base_depth, found.base_depth);
+  EXPECT_EQ(again.circle_reason, found.circle_reason);
+}
+
 TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
   const Inside brain = [](const Vec3& x) { return in_brain(x, 0.12); };
   // In a lattice that is not along it: where between its voxels a cut along them lies is not known.
