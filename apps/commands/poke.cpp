@@ -244,6 +244,9 @@ void check(const Options& options) {
   if (!options.socket.empty() && !options.script.empty())
     refuse("the tool is moved by a script and through a socket", "--script, --socket", "it is in one place",
            "give one of them");
+  if (options.socket.size() > 107)
+    refuse("the path of the socket is too long", "--socket", "the system takes 107 characters at most",
+           "give a shorter one, in /tmp for instance");
   if (!options.record.empty() && options.script.empty() && !options.socket.empty())
     refuse("what comes through a socket is not recorded", "--record", "the program that asks has the forces",
            "leave one of them out");

@@ -248,8 +248,10 @@ class Device {
 
 TEST(Poke, AnswersADeviceWithForcesThatDoNotJump) {
   const fs::path folder = folder_with_brain();
-  Program program(folder, words_of("poke brain.nrrd --socket tool.sock --nodes 600 -q"));
-  Device device(folder / "tool.sock");
+  // The path of a socket has 107 characters at most.
+  const fs::path at = fs::temp_directory_path() / fmt::format("dimple_{}.sock", getpid());
+  Program program(folder, {"poke", "brain.nrrd", "--socket", at.string(), "--nodes", "600", "-q"});
+  Device device(at);
   ASSERT_TRUE(device.connected()) << program.err_so_far();
   std::vector<double> force;
   for (int k = 0; k <= 400; ++k) {  // two seconds at 200 Hz, 3 mm in and out again
@@ -266,7 +268,7 @@ TEST(Poke, AnswersADeviceWithForcesThatDoNotJump) {
   EXPECT_EQ(device.ask("left a bit\n").rfind("error", 0), 0U);
   program.send(SIGINT);
   EXPECT_EQ(program.wait().code, 130);
-  EXPECT_FALSE(fs::exists(folder / "tool.sock"));
+  EXPECT_FALSE(fs::exists(at));
 }
 
 TEST(Poke, RefusesAPathThatIsNone) {
@@ -283,6 +285,9 @@ TEST(Poke, RefusesAPathThatIsNone) {
   refused("time_s,depth_mm\n0,1\n9000,2\n", "9000 s");
   EXPECT_EQ(dimple(folder, "poke brain.nrrd --script path.csv --socket a.sock").code, 2);
   EXPECT_EQ(dimple(folder, "poke brain.nrrd --script path.csv --fps 0").code, 2);
+  const Ran far = dimple(folder, {"poke", "brain.nrrd", "--socket", std::string(120, 's')});
+  EXPECT_EQ(far.code, 2);
+  EXPECT_NE(far.err.find("107 characters"), std::string::npos) << far.err;
 }
 
 }  // namespace
