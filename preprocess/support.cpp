@@ -71,20 +71,20 @@ struct Cloud {
   std::vector<Octave> octaves;
   std::vector<char> pinned;
 
-  // Nodes whose radius, enlarged by `growth`, reaches x; ascending.
-  void reaching(const Vec3& x, double growth, std::vector<int>& result) const {
+  // Nodes whose radius, enlarged by `growth`, comes within `extent` of x; ascending.
+  void reaching(const Vec3& x, double growth, std::vector<int>& result, double extent = 0.0) const {
     result.clear();
     thread_local std::vector<int> found;
     for (const Octave& octave : octaves) {
-      octave.tree.within_unordered(x, octave.largest_radius * growth, found);
+      octave.tree.within_unordered(x, octave.largest_radius * growth + extent, found);
       for (const int k : found)
-        if (const int a = octave.nodes[static_cast<std::size_t>(k)]; reaches(a, x, growth))
+        if (const int a = octave.nodes[static_cast<std::size_t>(k)]; reaches(a, x, growth, extent))
           result.push_back(a);
     }
     std::sort(result.begin(), result.end());
   }
-  bool reaches(int a, const Vec3& x, double growth) const {
-    return (model.X.col(a) - x).norm() < radius[a] * growth;
+  bool reaches(int a, const Vec3& x, double growth, double extent = 0.0) const {
+    return (model.X.col(a) - x).norm() < radius[a] * growth + extent;
   }
 };
 
@@ -736,20 +736,6 @@ struct FieldAnywhere::Parts {
   std::optional<Sight> sight;
   std::optional<Neighbours> points;
 
-  // Nodes whose radius comes within `extent` of x, ascending.
-  void near(const Vec3& x, double extent, std::vector<int>& result) const {
-    result.clear();
-    thread_local std::vector<int> found;
-    for (const Cloud::Octave& octave : cloud.octaves) {
-      octave.tree.within_unordered(x, octave.largest_radius + extent, found);
-      for (const int k : found) {
-        const int a = octave.nodes[static_cast<std::size_t>(k)];
-        if ((model.X.col(a) - x).norm() < cloud.radius[a] + extent) result.push_back(a);
-      }
-    }
-    std::sort(result.begin(), result.end());
-  }
-
   // The nodes that x is connected with, by the nearest points that see it; `first` of them, or -1.
   void connected_with(const Vec3& x, std::vector<int>& nodes, int& first) const {
     constexpr int asked = 12, enough = 2;
@@ -807,7 +793,7 @@ void FieldAnywhere::at(const Points& places, const Points& nodal, Points& value,
   const Vec3 centre = places.rowwise().mean();
   const double extent = (places.colwise() - centre).colwise().norm().maxCoeff();
   thread_local std::vector<int> nodes;
-  p.near(centre, extent, nodes);
+  p.cloud.reaching(centre, 1.0, nodes, extent);
 
   // Places of which the first one's nearest point sees all are connected with the same nodes.
   bool alike = true;

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <filesystem>
 #include <optional>
-#include <thread>
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
@@ -92,8 +91,8 @@ class Recording {
 
 class Poking {
  public:
-  Poking(const LiveOrgan& organ, LiveTool& tool, const Options& options)
-      : organ_(organ), tool_(tool), options_(options), window_({.title = "Dimple", .abscissa = "time [s]"}) {
+  Poking(LiveTool& tool, const Options& options)
+      : tool_(tool), options_(options), window_({.title = "Dimple", .abscissa = "time [s]"}) {
     if (!options.record.empty()) recording_.emplace(options.record);
     path_ = options.path;
     touched(true);
@@ -159,10 +158,10 @@ class Poking {
     } else {
       frame.frame = move_depth(tool_, asked_, limit, period);
       frame.tip = tool_.tip;
+      frame.half_band = half_band(tool_);
+      frame.seconds = solving.seconds();
     }
-    solve_s_ = solving.seconds();
-    frame.seconds = solve_s_;
-    frame.half_band = half_band(tool_);
+    solve_s_ = frame.seconds;
     const double depth = asked_;
     if (tool_.clouds != clouds) touched(false);
     if (tool_.touches == touches) asked_ = depth;
@@ -202,7 +201,6 @@ class Poking {
     window_.draw();
   }
 
-  const LiveOrgan& organ_;
   LiveTool& tool_;
   const Options& options_;
   BodyWindow window_;
@@ -244,6 +242,9 @@ void check(const Options& options) {
   if (!options.socket.empty() && !options.script.empty())
     refuse("the tool is moved by a script and through a socket", "--script, --socket", "it is in one place",
            "give one of them");
+  if (!options.socket.empty() && options.window)
+    refuse("a window is asked for where a device moves the tool", "--socket, --window", "only a hand or a script has a window",
+           "leave --window out");
   if (options.socket.size() > 107)
     refuse("the path of the socket is too long", "--socket", "the system takes 107 characters at most",
            "give a shorter one, in /tmp for instance");
@@ -264,7 +265,7 @@ int poke(const Invocation& shared, const CLI::App& command, Options& options) {
   }
   const LiveOrgan organ = read_live_organ(config, {.line = to_log().line});
   // A count that was not asked for is what this machine can follow; with a limit in evaluations nothing depends on it.
-  const bool asked = command.count("--nodes") > 0 || options.evaluations > 0;
+  const bool asked = command.count("--nodes") > 0 || config.cloud.nodes != Config().cloud.nodes || options.evaluations > 0;
   const Index nodes = asked ? config.cloud.nodes
                             : nodes_for_rate(organ, options.rate / (windowed ? for_solving : 1.0));
   LiveTool tool = make_live_tool(organ, nodes);
@@ -280,7 +281,7 @@ int poke(const Invocation& shared, const CLI::App& command, Options& options) {
   }
   std::vector<PathFrame> frames;
   if (windowed)
-    frames = Poking(organ, tool, options).run();
+    frames = Poking(tool, options).run();
   else
     frames = follow_script(tool, options);
   if (!frames.empty()) fmt::print("{}\n", in_words(tool.session->model().node_count(), frames));

@@ -74,16 +74,21 @@ std::vector<ForceSample> forces_to_radius(Session& session) {
   return curve;
 }
 
+// From here on the tool is on this cloud.
+void use(LiveTool& tool, TriedTouch tried) {
+  tool.session.emplace(std::move(tried.session));
+  tool.fine = std::move(tried.fine);
+  tool.coarse = std::move(tried.coarse);
+  ++tool.clouds;
+}
+
 // The finer cloud takes the coarse one's place, where the tool is.
 void take_finer(LiveTool& tool, const FrameLimit& limit, double dt) {
   if (!tool.finer.valid() || tool.finer.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return;
   try {
     TriedTouch tried = tool.finer.get();
     if (tool.frame.depth > 0.0) tried.session.follow(tool.frame.depth, limit, dt);
-    tool.session.emplace(std::move(tried.session));
-    tool.fine = std::move(tried.fine);
-    tool.coarse = std::move(tried.coarse);
-    ++tool.clouds;
+    use(tool, std::move(tried));
   } catch (const ModelError&) {  // then the coarse one goes on
   } catch (const SolveError&) {
   }
@@ -106,11 +111,9 @@ TriedTouch try_touch(const LiveOrgan& live, Index nodes, const std::optional<Vec
 LiveTool make_live_tool(const LiveOrgan& organ, Index nodes) {
   LiveTool tool{.organ = &organ, .nodes = nodes};
   const Stopwatch making;
-  TriedTouch tried = try_touch(organ, nodes);
-  tool.session.emplace(std::move(tried.session));
-  tool.fine = std::move(tried.fine), tool.coarse = std::move(tried.coarse);
+  use(tool, try_touch(organ, nodes));
   tool.made_s = making.seconds();
-  tool.touches = tool.clouds = 1;
+  tool.touches = 1;
   tool.tip = tool.session->model().tool.centre;
   return tool;
 }
@@ -125,20 +128,17 @@ void put_down(LiveTool& tool, const Vec3& tip, bool beside) {
   constexpr std::size_t most_given_up = 2;  // each takes a processor until it is done
   if (tool.given_up.size() > most_given_up) tool.given_up.front().wait();
   if (beside) {
-    tool.session.emplace(touch(*tool.organ, first_nodes, tip));
-    tool.fine.clear(), tool.coarse.clear();
+    use(tool, {.session = touch(*tool.organ, first_nodes, tip)});
     tool.finer = std::async(std::launch::async, [organ = tool.organ, nodes = tool.nodes, tip] {
       tbb::task_arena one(1);  // the frames need the other processors
       return one.execute([&] { return try_touch(*organ, nodes, tip); });
     });
   } else {
-    TriedTouch tried = try_touch(*tool.organ, tool.nodes, tip);
-    tool.session.emplace(std::move(tried.session));
-    tool.fine = std::move(tried.fine), tool.coarse = std::move(tried.coarse);
+    use(tool, try_touch(*tool.organ, tool.nodes, tip));
   }
   tool.made_s = making.seconds();
   tool.frame = {};
-  ++tool.touches, ++tool.clouds;
+  ++tool.touches;
 }
 
 std::optional<double> half_band(const LiveTool& tool) {

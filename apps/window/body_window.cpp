@@ -44,6 +44,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 
 #include "apps/window/display.hpp"
 #include "io/file.hpp"
@@ -197,7 +198,7 @@ struct BodyWindow::Parts {
 
   void look() {
     vtkCamera& camera = *view->GetActiveCamera();
-    const double angle = 28.0 * 3.14159265358979 / 180.0;
+    const double angle = 28.0 * std::numbers::pi / 180.0;
     const Vec3 toward = std::cos(angle) * front + std::sin(angle) * up;
     camera.ParallelProjectionOn();
     std::array<double, 6> box{};
@@ -209,6 +210,14 @@ struct BodyWindow::Parts {
     camera.SetViewUp(up.data());
     view->ResetCamera();
     camera.Zoom(1.25);
+  }
+
+  // Of displacements from none to this.
+  void colours_to(double top) {
+    heat->RemoveAllPoints();
+    const double step = top / static_cast<double>(pale_to_dark.size() - 1);
+    for (std::size_t k = 0; k < pale_to_dark.size(); ++k)
+      heat->AddRGBPoint(step * static_cast<double>(k), pale_to_dark[k][0], pale_to_dark[k][1], pale_to_dark[k][2]);
   }
 
   // The push in pixels of the screen for one mm, and how long that is.
@@ -239,9 +248,8 @@ BodyWindow::BodyWindow(const WindowOptions& options) {
   p.window->AddRenderer(p.view);
   p.window->AddRenderer(p.chart_view);
 
-  for (std::size_t k = 0; k < pale_to_dark.size(); ++k)
-    p.heat->AddRGBPoint(static_cast<double>(k), pale_to_dark[k][0], pale_to_dark[k][1], pale_to_dark[k][2]);
   p.heat->SetColorSpaceToLab();
+  p.colours_to(1.0);
   for (Shape* shape : {&p.body, &p.section}) {
     shape->mapper->SetLookupTable(p.heat);
     shape->mapper->UseLookupTableScalarRangeOn();
@@ -339,11 +347,7 @@ void BodyWindow::show(const ShownBody& body, double most_mm, bool look) {
   p.section.set(body.section_mm, body.section_triangles);
   p.tool.set(body.tool_mm, body.tool_triangles);
   p.tool.actor->SetPosition(0.0, 0.0, 0.0);
-  const double top = std::max(most_mm, 1e-6);
-  p.heat->RemoveAllPoints();
-  for (std::size_t k = 0; k < pale_to_dark.size(); ++k)
-    p.heat->AddRGBPoint(top * static_cast<double>(k) / 6.0, pale_to_dark[k][0], pale_to_dark[k][1],
-                        pale_to_dark[k][2]);
+  p.colours_to(std::max(most_mm, 1e-6));
   if (!body.section_label.empty()) {
     vtkNew<vtkIntArray> label;
     label->SetName("label");

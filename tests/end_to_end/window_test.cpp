@@ -155,6 +155,8 @@ TEST(Poke, FeelsAtEachStopTheForceOfARun) {
     ++compared;
   }
   EXPECT_EQ(compared, 2);
+  const Ran by_key = dimple(folder, "poke brain.nrrd --script path.csv --set cloud.nodes=900 -q");
+  EXPECT_NE(by_key.out.find("900 nodes"), std::string::npos) << by_key.out;
   EXPECT_EQ(force.back(), 0.0);
   EXPECT_TRUE(fs::exists(folder / "live" / "surface.pvd"));
 }
@@ -285,6 +287,7 @@ TEST(Poke, RefusesAPathThatIsNone) {
   refused("time_s,depth_mm\n0,1\n9000,2\n", "9000 s");
   EXPECT_EQ(dimple(folder, "poke brain.nrrd --script path.csv --socket a.sock").code, 2);
   EXPECT_EQ(dimple(folder, "poke brain.nrrd --script path.csv --fps 0").code, 2);
+  EXPECT_EQ(dimple(folder, "poke brain.nrrd --socket a.sock --window").code, 2);
   const Ran far = dimple(folder, {"poke", "brain.nrrd", "--socket", std::string(120, 's')});
   EXPECT_EQ(far.code, 2);
   EXPECT_NE(far.err.find("107 characters"), std::string::npos) << far.err;
