@@ -2,14 +2,12 @@
 // paraview_root puts it beside the system, and DIMPLE_PVPYTHON names its pvpython.
 
 #include <gtest/gtest.h>
-#include <vtkImageData.h>
-#include <vtkNew.h>
-#include <vtkPNGReader.h>
 
 #include <algorithm>
 #include <cstdlib>
 #include <string>
 
+#include "tests/end_to_end/picture_pixels.hpp"
 #include "tests/end_to_end/program.hpp"
 
 namespace dimple {
@@ -29,21 +27,10 @@ struct Shares {
 };
 
 Shares shares_of(const fs::path& picture) {
-  vtkNew<vtkPNGReader> reader;
-  reader->SetFileName(picture.c_str());
-  reader->Update();
-  vtkImageData* image = reader->GetOutput();
-  int size[3];
-  image->GetDimensions(size);
-  Shares shares;
-  const double each = 1.0 / (static_cast<double>(size[0]) * size[1]);
-  for (int y = 0; y < size[1]; ++y)
-    for (int x = 0; x < size[0]; ++x) {
-      const auto* p = static_cast<const unsigned char*>(image->GetScalarPointer(x, y, 0));
-      if (std::min({p[0], p[1], p[2]}) > 250) shares.paper += each;
-      if (p[0] > 55 && p[0] < 160 && p[1] < 60 && p[2] > 70 && p[2] < 125) shares.dark += each;
-    }
-  return shares;
+  const auto is_dark = [](int red, int green, int blue) {
+    return red > 55 && red < 160 && green < 60 && blue > 70 && blue < 125;
+  };
+  return {share_of_pixels(picture, is_white), share_of_pixels(picture, is_dark)};
 }
 
 TEST(ParaView, ShowsTheLastFrameOfAResultByOneFileWhereverTheFolderLies) {

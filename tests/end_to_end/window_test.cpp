@@ -5,9 +5,6 @@
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
-#include <vtkImageData.h>
-#include <vtkNew.h>
-#include <vtkPNGReader.h>
 
 #include <algorithm>
 #include <chrono>
@@ -20,6 +17,7 @@
 
 #include "io/file.hpp"
 #include "io/table.hpp"
+#include "tests/end_to_end/picture_pixels.hpp"
 #include "tests/end_to_end/program.hpp"
 
 namespace dimple {
@@ -54,21 +52,10 @@ struct Shares {
   double paper = 0.0, dark = 0.0;
 };
 Shares shares_of(const fs::path& picture) {
-  vtkNew<vtkPNGReader> reader;
-  reader->SetFileName(picture.c_str());
-  reader->Update();
-  vtkImageData* image = reader->GetOutput();
-  int size[3];
-  image->GetDimensions(size);
-  Shares shares;
-  const double each = 1.0 / (static_cast<double>(size[0]) * size[1]);
-  for (int y = 0; y < size[1]; ++y)
-    for (int x = 0; x < size[0]; ++x) {
-      const auto* p = static_cast<const unsigned char*>(image->GetScalarPointer(x, y, 0));
-      if (std::min({p[0], p[1], p[2]}) > 250) shares.paper += each;
-      if (p[0] > 40 && p[0] < 215 && p[1] < 90 && p[2] > 60 && p[2] < 125) shares.dark += each;
-    }
-  return shares;
+  const auto is_dark = [](int red, int green, int blue) {
+    return red > 40 && red < 215 && green < 90 && blue > 60 && blue < 125;
+  };
+  return {share_of_pixels(picture, is_white), share_of_pixels(picture, is_dark)};
 }
 
 // Two of them may run side by side: one phantom each.
