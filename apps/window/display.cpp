@@ -7,9 +7,10 @@
 namespace dimple {
 
 void require_display() {
-  if (::Display* display = XOpenDisplay(nullptr))
-    XCloseDisplay(display);
-  else
+  // Kept open: a server such as Xvfb starts anew when its last client leaves, and refuses the next one for a moment.
+  static ::Display* display = nullptr;
+  if (!display) display = XOpenDisplay(nullptr);
+  if (!display)
     throw UsageError({.fact = "no window can be opened",
                       .where = "the display",
                       .why = "DISPLAY names no X server that answers",
