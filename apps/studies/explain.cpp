@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 #include <optional>
+#include <tuple>
 
 #include "apps/run/band.hpp"
 #include "apps/run/simulate.hpp"
@@ -33,31 +34,46 @@ struct Trial {
   std::string what, instead, all;
   Kind kind;
   Case given;
-  bool linear = false;  // its force is that of one small depth, and proportional to the depth
+  bool same_cloud = false;  // nodes and points are those of the scene as it is
+  bool linear = false;      // its force is that of one small depth, and proportional to the depth
 };
 
 // A case and its forces, as deep as there are any.
 struct Tried {
   Result result;
   std::vector<double> force;  // [N] at each of the depths
+  std::string deeper;         // why not at all of them
   double seconds = 0.0;
 };
+
+bool has_limit_point(const History& history) {
+  return std::any_of(history.guards.begin(), history.guards.end(),
+                     [](const Finding& f) { return f.report.code == "limit-point"; });
+}
 
 Tried run(const Case& given, const std::vector<double>& depths_mm) {
   const Stopwatch whole;
   Tried tried;
-  const RunObserver observer{.march = {.sample = [](const ForceSample&, const History&) {
-                               return stop_asked() == StopReason::none;
-                             }}};
+  double gave_way_mm = INFINITY;
+  const RunObserver observer{
+      .march = {.sample = [&](const ForceSample& sample, const History& history) {
+        if (!(gave_way_mm < INFINITY) && has_limit_point(history)) gave_way_mm = 1e3 * sample.depth;
+        return stop_asked() == StopReason::none;
+      }}};
   try {
     simulate(given, observer, tried.result);
   } catch (const SolveError&) {
     if (stop_asked() != StopReason::none) throw Stopped(stop_asked());  // of which this is a consequence
     tried.force = forces_at(tried.result.history.force, depths_mm);
     if (tried.force.empty()) throw;
+    tried.deeper = "no equilibrium was found deeper";
   }
   if (tried.result.history.interrupted) throw Stopped(stop_asked());
   tried.force = forces_at(tried.result.history.force, depths_mm);
+  while (tried.force.size() > 1 && depths_mm[tried.force.size() - 1] > gave_way_mm - 1e-6) {
+    tried.force.pop_back();
+    tried.deeper = "the tissue gave way deeper";
+  }
   if (tried.force.empty())
     throw SolveError({.fact = fmt::format("there is no force at {:g} mm", depths_mm.front()),
                       .where = "--explain",
@@ -112,12 +128,15 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
   const double tolerance = config.solver.tolerance;
   add("equilibrium", "", fmt::format("to {:g} of the reactions instead of {:g}", 0.1 * tolerance, tolerance),
       Kind::cloud, [&](Case& c) { c.config.solver.tolerance = std::max(0.1 * tolerance, 1e-8); });
+  trials.back().same_cloud = true;
   add("steps of the load", "", fmt::format("{} instead of {}", 4 * frames, frames), Kind::cloud,
       [&](Case& c) { c.config.solver.frames = 4 * frames; });
+  trials.back().same_cloud = true;
 
   const bool bonded = config.load.contact == "bonded";
   add("contact", "", bonded ? "frictionless instead of bonded" : "bonded instead of frictionless",
       Kind::doubt, [&](Case& c) { c.config.load.contact = bonded ? "frictionless" : "bonded"; });
+  trials.back().same_cloud = true;
 
   const std::vector<double> heights =
       boundary.flat_base ? std::vector<double>{boundary.height / 6.0}
@@ -168,7 +187,7 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
       c.config.load.depth_mm = small_mm;
       c.config.solver.frames = 1;
     });
-    trials.back().linear = true;
+    trials.back().linear = trials.back().same_cloud = true;
   }
   add("far tissue", "", fmt::format("cut away beyond {:.0f} mm of the circle's axis", far_radii * radius_mm),
       Kind::simplification, [&](Case& c) {
@@ -189,12 +208,16 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
     const double nu = config.material.nu > 0.5 * (nearly + more_nearly) ? nearly : more_nearly;
     add("Poisson's ratio", "", fmt::format("{:g} instead of {:g}", nu, config.material.nu),
         Kind::simplification, [&](Case& c) { c.config.material.nu = nu; });
+    trials.back().same_cloud = true;
   }
   const bool dynamic = found.time != TimeMode::quasi_static;
   add("inertia", "", dynamic ? "left out" : "taken in", dynamic ? Kind::simplification : Kind::doubt,
       [&](Case& c) { c.config.solver.time = dynamic ? "quasi-static" : "dynamic"; });
-  if (!config.tissue.empty())
+  trials.back().same_cloud = true;
+  if (!config.tissue.empty()) {
     add("tissues", "", "all of one", Kind::simplification, [](Case& c) { c.config.tissue.clear(); });
+    trials.back().same_cloud = true;
+  }
   return trials;
 }
 
@@ -220,7 +243,7 @@ void sort(std::vector<Alternative>& alternatives) {
 
 std::string instead_of(const Alternative& a, const Explanation& e) {
   if (!a.failed.empty() || !(a.depth_mm < e.depth_mm)) return a.instead;
-  return fmt::format("{} (at {:g} mm: no equilibrium was found deeper)", a.instead, a.depth_mm);
+  return fmt::format("{} (at {:g} mm: {})", a.instead, a.depth_mm, a.deeper);
 }
 
 const char* word(Kind kind) {
@@ -283,7 +306,9 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
   try {
     // Numbers in place of words can move the tool by a last digit, and a cloud with it: changes are measured from there.
     const Config held = pinned(config, found.result, down);
-    const std::vector<double> as_it_is = run({.config = held}, depths_mm).force;
+    const Tried as_it_is = run({.config = held}, depths_mm);
+    std::vector<double> mean = as_it_is.force;  // of the clouds so far
+    int clouds = 1;
     for (const Trial& trial : trials_of(config, held, found.result, down)) {
       Alternative alternative{trial.what, trial.instead, trial.all, trial.kind};
       const Stopwatch trying;
@@ -299,11 +324,18 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
           now.force.clear();
           for (const double depth_mm : depths_mm) now.force.push_back(stiffness * depth_mm);
         }
-        const std::size_t last = std::min({now.force.size(), as_it_is.size(), found.force.size()}) - 1;
-        alternative.depth_mm = depths_mm[last];
-        alternative.effect = now.force[last] / as_it_is[last] - 1.0;
-        alternative.force = (1.0 + alternative.effect) * found.force[last];
+        const bool is_cloud = trial.kind == Kind::cloud;
+        const std::vector<double>& compared = trial.same_cloud || is_cloud ? as_it_is.force : mean;
+        const std::size_t depths = std::min({now.force.size(), compared.size(), found.force.size()});
+        for (std::size_t k = 0; k < depths; ++k)
+          alternative.effects.emplace_back(depths_mm[k], now.force[k] / compared[k] - 1.0);
+        std::tie(alternative.depth_mm, alternative.effect) = alternative.effects.back();
+        alternative.force = (1.0 + alternative.effect) * found.force[depths - 1];
+        alternative.deeper = depths == now.force.size() ? now.deeper : "as it is, there is nothing deeper to compare with";
         if (trial.what == "cloud") {
+          mean.resize(std::min(mean.size(), now.force.size()));
+          for (std::size_t k = 0; k < mean.size(); ++k) mean[k] += (now.force[k] - mean[k]) / (clouds + 1);
+          ++clouds;
           explanation.noise = std::max(explanation.noise, std::abs(alternative.effect));
           if (more && explanation.noise > least_effect) {
             say(fmt::format("explain  another cloud changes the force by {:.1f} %: more nodes are taken",

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "apps/run/config.hpp"
@@ -20,10 +21,11 @@ struct Alternative {
   std::string what, instead;  ///< "base", "held to 15.0 mm instead of 30.0 mm"
   std::string all;            ///< what was tried of `what`, in a few words: "held to 15.0 or 45.0 mm"
   Kind kind = Kind::doubt;
-  double depth_mm =
-      0.0;  ///< where forces are compared: the load's depth, or less if no equilibrium was found there
-  double force = 0.0;    ///< [N] there
-  double effect = 0.0;   ///< on it: force / the force of the scene as it is - 1
+  double depth_mm = 0.0;  ///< where forces are compared: the load's depth, or less: `deeper`
+  double force = 0.0;     ///< [N] there
+  double effect = 0.0;    ///< on it: force / the force of the scene as it is - 1
+  std::vector<std::pair<double, double>> effects = {};  ///< depth [mm], and the effect there: the last is `effect`
+  std::string deeper = {};  ///< why there is nothing beyond depth_mm: no equilibrium, or the tissue gave way
   double seconds = 0.0;  ///< from the image to the force
   std::string failed = {};    ///< why there is none; empty: there is one
 };
@@ -54,7 +56,9 @@ void check_explainable(const Config& config);
 /// Runs the scene of `config` and then with one choice after another made otherwise: other clouds, the contact, the
 /// base's height, the circle's place, the segmentation's border, the surface's smoothing, the voxels' size, folds that
 /// are narrow, and what a model may leave out: large strain, far tissue, incompressibility, inertia, tissues of their
-/// own. The circle, its direction and the base stay where the scene as it is has them.
+/// own. The circle, its direction and the base stay where the scene as it is has them. A choice that gives the run another
+/// cloud is compared with the mean of three clouds, any other with the force on the same cloud. Where the tissue gives way,
+/// forces are compared above: where it comes to rest differs from cloud to cloud by more than any choice does.
 ///
 /// `nodes`: 0: nodes_to_explain(), and more where another random cloud has more than `least_effect`. An accuracy that was asked for plays no part. `progress` hears a line about each run.
 /// Throws what simulate() throws where the scene as it is has no force, and what check_explainable() throws; a choice that has none is listed with why. Stopped: before the first comparison; after it, what

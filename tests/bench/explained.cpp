@@ -4,7 +4,7 @@
 //   dimple_explained FOLDER IMAGE... [--nodes 8000] [--depth 4]
 //
 // Writes explained.csv, a row for each line, and explained.md: how many agree in sign and size, within a third of the
-// effect or one per cent of the force.
+// effect or one per cent of the force. Where the tissue gives way with one of both clouds, they are compared above.
 
 #include <fmt/format.h>
 
@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <tuple>
 
 #include "apps/studies/explain.hpp"
 #include "io/error.hpp"
@@ -48,19 +49,25 @@ void compare(const fs::path& folder, const std::vector<std::string>& images, Ind
       if (a.kind == Alternative::Kind::cloud) continue;  // that is the discretisation's own
       const auto same = [&](const Alternative& b) { return b.what == a.what && b.instead == a.instead; };
       const auto other = std::find_if(direct.alternatives.begin(), direct.alternatives.end(), same);
-      const bool compared = other != direct.alternatives.end() && a.failed.empty() && other->failed.empty() &&
-                            a.depth_mm == other->depth_mm;
+      // The deepest place that both have.
+      double at_mm = 0.0, effect = 0.0, direct_effect = 0.0;
+      if (other != direct.alternatives.end())
+        for (std::size_t k = 0; k < std::min(a.effects.size(), other->effects.size()); ++k)
+          std::tie(at_mm, effect) = a.effects[k], direct_effect = other->effects[k].second;
+      const bool compared = at_mm > 0.0;
       const bool agrees =
-          compared && std::abs(a.effect - other->effect) <= std::max(least, share * std::abs(other->effect));
-      const std::string verdict = compared ? agrees ? "yes" : "no" : "one of them ended before";
-      const std::string direct_effect =
-          compared ? fmt::format("{:+.2f}", 100.0 * other->effect) : std::string();
+          compared && std::abs(effect - direct_effect) <= std::max(least, share * std::abs(direct_effect));
+      const std::string verdict = compared ? agrees ? "yes" : "no" : "one of them has no force";
+      const std::string instead = !compared || at_mm == depth_mm ? a.instead
+                                  : fmt::format("{} (at {:g} mm: {})", a.instead, at_mm,
+                                                other->deeper.empty() ? a.deeper : other->deeper);
+      const std::string with_many = compared ? fmt::format("{:+.2f}", 100.0 * direct_effect) : std::string();
       ++lines;
       agreeing += agrees;
-      csv += fmt::format("{},\"{}\",\"{}\",{:g},{},{:.3f},{},{},{}\n", name, a.what, a.instead, a.depth_mm,
-                         told.nodes, 100.0 * a.effect, nodes, direct_effect, verdict);
-      text += fmt::format("| {} | {} | {} | {:+.1f} | {} | {} |\n", name, a.what, a.instead, 100.0 * a.effect,
-                          direct_effect, agrees ? "" : verdict);
+      csv += fmt::format("{},\"{}\",\"{}\",{:g},{},{:.3f},{},{},{}\n", name, a.what, a.instead, at_mm, told.nodes,
+                         100.0 * effect, nodes, with_many, verdict);
+      text += fmt::format("| {} | {} | {} | {:+.1f} | {} | {} |\n", name, a.what, instead, 100.0 * effect, with_many,
+                          agrees ? "" : verdict);
     }
     sums += fmt::format(
         "- {}: {} of {} lines agree; {:.0f} s with {} nodes, {:.0f} s with {}; noise {:.1f} and {:.1f} %\n",
