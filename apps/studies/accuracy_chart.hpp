@@ -1,5 +1,7 @@
 #pragma once
 
+#include <limits>
+
 #include "apps/run/record.hpp"
 
 namespace dimple {
@@ -35,6 +37,9 @@ struct AccuracyPoint {
   double error = 0.0;       ///< largest |force / reference - 1| over the depths; not a number where unknown
   double error_last = 0.0;  ///< at the deepest
   bool on_front = false;
+  double stated = std::numeric_limits<double>::quiet_NaN();  ///< half the band at the deepest, as a part of the force
+  double band_s = 0.0;                                       ///< that the band took besides
+  bool on_stated_front = false;  ///< among the points with a band: none is as cheap and states as little
   double wall_s() const { return build_s + solve_s; }
 };
 
@@ -43,7 +48,8 @@ struct AccuracyPoint {
 std::vector<std::size_t> pareto_front(const std::vector<double>& cost, const std::vector<double>& error);
 
 /// Runs scenes over schemes, cloud sizes and ways of stepping in time, beside other programs that are
-/// installed, and draws error against wall time: chart.csv, chart.png, chart.svg. Scenes A and B are made
+/// installed, and draws error against wall time, and below it what the runs with a band say of their error, the band's
+/// time counted in: chart.csv, chart.png, chart.svg. Scenes A and B are made
 /// here, as 1 mm images left in the folder (scene_a.nrrd), and have a reference; `config` names another image
 /// and what belongs to it. Without a reference of its own its runs are shown by their difference from the finest of
 /// them, with no front and no verdict on other programs. Times are those of the whole, from the image to the force; of
