@@ -285,6 +285,9 @@ TEST_F(Terminal, PagesOfTheManualAreWholeAndRight) {
     EXPECT_THAT(page, HasSubstr(".SH NAME"));
   }
   EXPECT_THAT(text_of(folder / "pages" / "dimple-run.1"), HasSubstr("\\-\\-safety"));
+  // What whatis(1) shows stands alone.
+  EXPECT_THAT(text_of(folder / "pages" / "dimple-run.1"),
+              HasSubstr("dimple\\-run \\- model and solve in one:"));
   EXPECT_THAT(text_of(folder / "pages" / "dimple.1"), HasSubstr("Exit codes"));
   EXPECT_THAT(dimple(folder, "man rum").err, HasSubstr("did you mean 'run'"));
   const std::string groff =
