@@ -59,7 +59,7 @@ bench:
 
 # Debian's Python, whatever else a path may hold before it.
 wheel: bootstrap
-	@./bootstrap pybind11-dev python3-dev python3-build python3-venv python3-numpy python3-wheel
+	@./bootstrap pybind11-dev python3-dev python3-build python3-setuptools python3-venv python3-numpy python3-wheel
 	cmake --preset release -DDIMPLE_PYTHON=ON
 	cmake --build $(BUILD) --target dimple_python
 	DIMPLE_BUILD=$(BUILD) /usr/bin/python3 -m build --wheel --no-isolation -o build/wheel apps/python

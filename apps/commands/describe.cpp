@@ -66,6 +66,13 @@ std::vector<std::string> names_of(const std::vector<FlagWords>& flags) {
   return names;
 }
 
+// The words that an argument may be, as that of `dimple completion`; empty: names of files.
+std::vector<std::string> words_of_argument(const std::vector<FlagWords>& flags) {
+  for (const FlagWords& flag : flags)
+    if (flag.positional) return flag.choices;
+  return {};
+}
+
 std::string for_bash(const CLI::App& app) {
   std::vector<std::string> commands;
   std::string cases;
@@ -79,8 +86,9 @@ std::string for_bash(const CLI::App& app) {
                               fmt::join(flag.choices, " "));
       else if (flag.takes_value && !flag.positional)
         values += fmt::format("        {}) return ;;\n", fmt::join(flag.names, "|"));
-    cases +=
-        fmt::format("    {})\n      words=\"{}\"\n", command->get_name(), fmt::join(names_of(flags), " "));
+    std::vector<std::string> words = words_of_argument(flags);
+    for (const std::string& name : names_of(flags)) words.push_back(name);
+    cases += fmt::format("    {})\n      words=\"{}\"\n", command->get_name(), fmt::join(words, " "));
     if (!values.empty()) cases += "      case \"$before\" in\n" + values + "      esac\n";
     cases += "      ;;\n";
   }
@@ -124,7 +132,9 @@ std::string for_zsh(const CLI::App& app) {
         cases += fmt::format("        {} \\\n", in_quotes(line));
       }
     }
-    cases += "        '*:file:_files'\n      ;;\n";
+    const std::vector<std::string> words = words_of_argument(flags_of(*command));
+    cases += words.empty() ? "        '*:file:_files'\n      ;;\n"
+                           : fmt::format("        '1:word:({})'\n      ;;\n", fmt::join(words, " "));
   }
   return fmt::format(R"(#compdef dimple
 # zsh completion for dimple, made by `dimple completion zsh`
@@ -152,16 +162,23 @@ std::string for_fish(const CLI::App& app) {
   for (const CLI::App* command : commands_of(app)) {
     text += fmt::format("complete -c dimple -n __fish_use_subcommand -f -a {} -d {}\n", command->get_name(),
                         in_quotes(command->get_description()));
+    const std::string here =
+        fmt::format("complete -c dimple -n '__fish_seen_subcommand_from {}'", command->get_name());
+    const auto one_of = [](const std::vector<std::string>& words) {
+      return fmt::format(" -f -a '{}'\n", fmt::join(words, " "));
+    };
     for (const FlagWords& flag : flags_of(*command)) {
-      if (flag.positional) continue;
+      if (flag.positional) {
+        if (!flag.choices.empty()) text += here + one_of(flag.choices);
+        continue;
+      }
       std::string names;
       for (const std::string& name : flag.names)
         names += name.starts_with("--") ? " -l " + name.substr(2) : " -s " + name.substr(1);
-      text +=
-          fmt::format("complete -c dimple -n '__fish_seen_subcommand_from {}'{}{}{} -d {}\n",
-                      command->get_name(), names, flag.takes_value ? " -r" : "",
-                      flag.choices.empty() ? "" : fmt::format(" -f -a '{}'", fmt::join(flag.choices, " ")),
-                      in_quotes(first_line(flag.help)));
+      if (flag.takes_value) names += " -r";
+      text += fmt::format("{}{} -d {}\n", here, names, in_quotes(first_line(flag.help)));
+      // By themselves: what describes the flag does not describe each word.
+      if (!flag.choices.empty()) text += here + names + one_of(flag.choices);
     }
   }
   return text;
@@ -187,6 +204,10 @@ std::vector<FlagWords> flags_of(const CLI::App& command) {
     for (const std::string& name : option->get_lnames()) {
       flag.names.push_back("--" + name);
       if (const auto known = choices.find("--" + name); known != choices.end()) flag.choices = known->second;
+    }
+    if (flag.value.find('|') != std::string::npos) {
+      std::istringstream words(flag.value);
+      for (std::string one; std::getline(words, one, '|');) flag.choices.push_back(one);
     }
     result.push_back(std::move(flag));
   }

@@ -9,10 +9,10 @@ namespace dimple {
 /// A flag or an argument of a command, as other programs are told of it: man pages, shells, 3D Slicer.
 struct FlagWords {
   std::vector<std::string> names;  ///< "-o", "--out"; of an argument "IMAGE"
-  std::string value;               ///< "mm", "FILE"; empty: none is taken
+  std::string value;               ///< "mm", "FILE", "bash|zsh|fish"; empty: none is taken
   std::string help;
   std::string group;
-  std::vector<std::string> choices;  ///< of the value, as the option table has them
+  std::vector<std::string> choices;  ///< of the value, as the option table or `value` has them
   bool takes_value = false, positional = false, required = false;
 };
 

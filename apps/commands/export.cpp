@@ -21,10 +21,12 @@ Command add_export(CLI::App& app, Invocation& shared) {
   command->add_option("IMAGE", shared.image, "label image");
   command->add_option("-o,--out,--output", shared.out, "file to write: .inp (CalculiX) or .feb (FEBio)")
       ->required();
-  command->add_option("--format", options->format, "calculix, febio [from the file's name]");
+  command->add_option("--format", options->format, "the other program [from the file's name]")
+      ->type_name("calculix|febio");
   command
       ->add_option("--elements", options->elements,
-                   "hexahedra (columns along the push) or tetrahedra (CGAL's)")
+                   "columns of hexahedra along the push, or CGAL's tetrahedra")
+      ->type_name("hexahedra|tetrahedra")
       ->capture_default_str();
   options->flags.add(*command, "");
   add_common(*command, shared);

@@ -56,7 +56,9 @@ Command add_completion(CLI::App& app, Invocation&) {
   CLI::App* command =
       app.add_subcommand("completion", "print what a shell needs to complete commands and options")
           ->group("About the program");
-  command->add_option("SHELL", *shell, "bash, zsh or fish")->required();
+  command->add_option("SHELL", *shell, "the shell that is to complete")
+      ->type_name("bash|zsh|fish")
+      ->required();
   return {command, [&app, shell] {
             const std::string text = completion_for(app, *shell);
             if (text.empty())

@@ -37,7 +37,8 @@ Command add_phantom(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<Options>();
   CLI::App* command = app.add_subcommand("phantom", "make a label image that needs no download");
   command->add_option("OUT", shared.out, "image to write: .nrrd, .seg.nrrd, .nii, .nii.gz, .mha")->required();
-  command->add_option("--shape", options->body.shape, "brain, block, cut-ellipsoid, cylinder")
+  command->add_option("--shape", options->body.shape, "what it shows")
+      ->type_name("brain|block|cut-ellipsoid|cylinder")
       ->capture_default_str();
   command
       ->add_option("--size", options->size,

@@ -37,7 +37,7 @@ Outcome explained(const Config& config, const Invocation& shared, Outcome outcom
 
 Command add_run(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<Options>();
-  CLI::App* command = app.add_subcommand("run", "both: from the image to the force curve");
+  CLI::App* command = app.add_subcommand("run", "model and solve in one: from the image to the force curve");
   command->add_option("IMAGE", shared.image, "label image");
   command->add_option("-o,--out,--output", shared.out, "folder for the results")->required();
   add_over_results(*command, shared, true);

@@ -13,9 +13,9 @@ from setuptools.command.build_ext import build_ext
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
-# DIMPLE_BUILD=build/release: what a build there has made is taken as it is.
+# DIMPLE_BUILD=build/release, counted from the root: what a build there has made is taken as it is.
 GIVEN = os.environ.get("DIMPLE_BUILD")
-BUILD = pathlib.Path(GIVEN or ROOT / "build" / "python").resolve()
+BUILD = (ROOT / (GIVEN or "build/python")).resolve()
 VERSION = re.search(r"project\(Dimple VERSION ([\d.]+)", (ROOT / "CMakeLists.txt").read_text()).group(1)
 
 

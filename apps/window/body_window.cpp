@@ -265,7 +265,7 @@ BodyWindow::BodyWindow(const WindowOptions& options) {
   p.view->AddActor(p.tool.actor);
 
   p.legend->SetLookupTable(p.heat);
-  p.legend->SetTitle("displacement [mm]");
+  p.legend->SetTitle("displacement [mm]\n ");  // a line free: the library sets the numbers too close
   p.legend->SetOrientationToHorizontal();
   p.legend->SetNumberOfLabels(3);
   p.legend->SetLabelFormat("%.2g");

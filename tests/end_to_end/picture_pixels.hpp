@@ -26,6 +26,29 @@ double share_of_pixels(const std::filesystem::path& png, const Is& is) {
   return static_cast<double>(count) / (static_cast<double>(size[0]) * size[1]);
 }
 
+/// Lines of grey letters, one above the other and apart, down to the first row with colours; white is around them.
+inline int lines_above_colours(const std::filesystem::path& png) {
+  vtkNew<vtkPNGReader> reader;
+  reader->SetFileName(png.c_str());
+  reader->Update();
+  vtkImageData* image = reader->GetOutput();
+  int size[3], lines = 0;
+  image->GetDimensions(size);
+  bool before = false;
+  for (int y = size[1] - 1; y >= 0; --y) {
+    int dark = 0, coloured = 0;
+    for (int x = 0; x < size[0] / 2; ++x) {
+      const auto* p = static_cast<const unsigned char*>(image->GetScalarPointer(x, y, 0));
+      coloured += p[0] > p[2] + 60;
+      dark += p[0] < 140;
+    }
+    if (coloured > 0) break;
+    lines += dark > 0 && !before;
+    before = dark > 0;
+  }
+  return lines;
+}
+
 inline bool is_white(int red, int green, int blue) {
   return red > 250 && green > 250 && blue > 250;
 }

@@ -108,8 +108,13 @@ TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthers) {
       continue;
     }
     text = replaced(text, "\xE2\x88\x92", "-");
-    const std::size_t power = text.find('e'), point = text.find('.');
     const double exact = value.get<double>() * std::stod(scale);
+    if (text.starts_with("< ")) {
+      EXPECT_LT(std::abs(exact), std::stod(text.substr(2)));
+      EXPECT_NE(exact, 0.0);
+      continue;
+    }
+    const std::size_t power = text.find('e'), point = text.find('.');
     const double places =
         point == std::string::npos ? 0.0 : static_cast<double>(std::min(power, text.size()) - point - 1);
     const double last =
@@ -122,6 +127,29 @@ TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthers) {
         "verdict.accuracy.word", "warnings.0", "material.0.mu_Pa", "counts.nodes", "model.base_reason",
         "model.circle_reason", "total_wall_s", "compare.ratio_at_end", "image_sha256", "version"})
     EXPECT_TRUE(keys.contains(key)) << key;
+}
+
+// What the page shows of a summary's number.
+std::string shown_number(const std::string& page, const std::string& key) {
+  std::smatch found;
+  return std::regex_search(page, found, std::regex("data-key=\"" + key + "\"[^>]*>([^<]*)<")) ? found[1].str()
+                                                                                              : "nothing";
+}
+
+TEST_F(Report, SaysOfAShareTooSmallToMatterThatItIsSmallAndNotThatItIsNothing) {
+  run();
+  const Json verdict = summary()["verdict"];
+  const std::string page = shown();
+  int small = 0;
+  for (const char* question : {"model", "equilibrium", "energy"}) {
+    const double percent = std::abs(verdict[question]["value"].get<double>());
+    const std::string text = shown_number(page, std::string("verdict\\.") + question + "\\.value");
+    SCOPED_TRACE(question + (": " + text));
+    EXPECT_EQ(text == "&lt; 0.01", percent > 0.0 && percent < 0.01) << percent;
+    EXPECT_EQ(text == "0", percent == 0.0) << percent;
+    if (text == "&lt; 0.01") ++small;
+  }
+  EXPECT_GE(small, 1) << "the integration points' volume is the image's but for rounding";
 }
 
 TEST_F(Report, AsksNobodyForAnything) {

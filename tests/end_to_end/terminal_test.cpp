@@ -285,6 +285,9 @@ TEST_F(Terminal, PagesOfTheManualAreWholeAndRight) {
     EXPECT_THAT(page, HasSubstr(".SH NAME"));
   }
   EXPECT_THAT(text_of(folder / "pages" / "dimple-run.1"), HasSubstr("\\-\\-safety"));
+  // What whatis(1) shows stands alone.
+  EXPECT_THAT(text_of(folder / "pages" / "dimple-run.1"),
+              HasSubstr("dimple\\-run \\- model and solve in one:"));
   EXPECT_THAT(text_of(folder / "pages" / "dimple.1"), HasSubstr("Exit codes"));
   EXPECT_THAT(dimple(folder, "man rum").err, HasSubstr("did you mean 'run'"));
   const std::string groff =
@@ -303,12 +306,24 @@ TEST_F(Terminal, ShellsCompleteCommandsOptionsAndWords) {
             "horton2007\n");
   EXPECT_EQ(said_by("bash", bash + "run --depth 5); COMP_CWORD=3; _dimple; echo ${COMPREPLY[@]}"), "\n");
   EXPECT_EQ(said_by("bash", bash + "run br); COMP_CWORD=2; _dimple; echo ${COMPREPLY[@]}"), "\n");  // files
+  EXPECT_EQ(said_by("bash", bash + "phantom --shape cut); COMP_CWORD=3; _dimple; echo ${COMPREPLY[@]}"),
+            "cut-ellipsoid\n");
+  EXPECT_EQ(said_by("bash", bash + "completion \"\"); COMP_CWORD=2; _dimple; echo ${COMPREPLY[@]:0:3}"),
+            "bash zsh fish\n");
   EXPECT_EQ(dimple(folder, "completion tcsh").code, 2);
   EXPECT_EQ(said_by("zsh", source + "zsh > _dimple; zsh -n _dimple"), "");
   const std::string fish =
       said_by("fish", source + "fish > dimple.fish; source dimple.fish; complete -C \"dimple run --sch\"");
   if (!fish.empty()) {
     EXPECT_THAT(fish, testing::StartsWith("--scheme"));
+    const auto completed = [&](const std::string& line) {
+      return said_by("fish",
+                     "source " + (folder / "dimple.fish").string() + "; complete -C \"" + line + "\"");
+    };
+    // Each word alone: what describes the flag is true of one of them at most.
+    EXPECT_EQ(completed("dimple run brain.nrrd --write-frames "), "all\nlast\n");
+    EXPECT_EQ(completed("dimple phantom --shape b"), "block\nbrain\n");
+    EXPECT_EQ(completed("dimple completion "), "bash\nfish\nzsh\n");
   }
   if (fish.empty()) GTEST_SKIP() << "fish is not installed: its completion was not tried";
 }

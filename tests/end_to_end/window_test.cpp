@@ -86,6 +86,7 @@ TEST(View, ShowsAFrameOfResultsWithItsSectionAndForce) {
   EXPECT_LT(last.paper, 0.95);
   EXPECT_GT(last.dark, first.dark + 1e-3);
   EXPECT_NE(read_file(folder / "last.png"), read_file(folder / "labels.png"));
+  EXPECT_EQ(lines_above_colours(folder / "last.png"), 2) << "what the colours are, and their numbers, apart";
 }
 
 TEST(View, SaysWhatIsMissingInAFolderWithoutResults) {

@@ -119,5 +119,24 @@ TEST(File, HasATemporaryNameWithItsSuffixBesideIt) {
   EXPECT_TRUE(one.string().ends_with("brain.seg.nrrd"));
 }
 
+TEST(Base64, IsThatOfTheStandard) {  // RFC 4648, section 10
+  EXPECT_EQ(base64(""), "");
+  EXPECT_EQ(base64("f"), "Zg==");
+  EXPECT_EQ(base64("fo"), "Zm8=");
+  EXPECT_EQ(base64("foo"), "Zm9v");
+  EXPECT_EQ(base64("foobar"), "Zm9vYmFy");
+  EXPECT_EQ(base64(std::string("\0\xff\xfe", 3)), "AP/+");
+}
+
+TEST(Base64, OfAFileThatIsTakenInPiecesIsThatOfTheWhole) {
+  const std::size_t piece = 3 << 20;
+  for (const std::size_t more : {0, 1, 2}) {
+    const std::string text = base64(std::string(2 * piece + more, 'f'));
+    std::string expected;
+    for (std::size_t k = 0; k < 2 * piece; k += 3) expected += "ZmZm";
+    EXPECT_EQ(text == expected + (more == 0 ? "" : more == 1 ? "Zg==" : "ZmY="), true) << more;
+  }
+}
+
 }  // namespace
 }  // namespace dimple

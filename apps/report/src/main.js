@@ -42,10 +42,10 @@ function verdict() {
     const percent = at(`${answer}.unit`) === '%';
     const value = at(`${answer}.value`);
     const size = Math.abs(value);
-    const decimals = !percent || (size >= 99.95 && size < 100.05) ? 0 : Math.min(Math.max(1 - Math.floor(Math.log10(Math.max(size, 1e-9))), 0), 4);
+    const decimals = !percent || size === 0 || (size >= 99.95 && size < 100.05) ? 0 : Math.min(Math.max(1 - Math.floor(Math.log10(size)), 0), 3);
     const card = element('li', { class: at(`${answer}.word`) }, element('h3', {}, question));
     card.append(element('p', { class: 'word' }, word(`${answer}.word`)));
-    card.append(element('p', { class: 'figure' }, number(`${answer}.value`, { decimals, plain: true }), ' ', word(`${answer}.unit`)));
+    card.append(element('p', { class: 'figure' }, number(`${answer}.value`, { decimals, least: percent ? 0.01 : 0 }), ' ', word(`${answer}.unit`)));
     card.append(element('p', { class: 'of' }, word(`${answer}.of`)));
     for (const k of (at(`${answer}.reasons`) ?? []).keys()) card.append(element('p', { class: 'reason' }, word(`${answer}.reasons.${k}`)));
     strip.append(card);
@@ -259,7 +259,7 @@ function times() {
   const table = element('table', { class: 'list times' });
   parts.forEach(([name, key], k) => {
     bar.append(element('span', { class: `part p${k}`, style: `width:${(100 * at(key)) / total}%` }));
-    table.append(element('tr', {}, element('td', { class: 'text' }, element('span', { class: `mark part p${k}` }), name), element('td', {}, quantity(key, 's', { decimals: 2 }))));
+    table.append(element('tr', {}, element('td', { class: 'text' }, element('span', { class: `mark part p${k}` }), name), element('td', {}, quantity(key, 's', { decimals: 2, least: 0.01 }))));
   });
   table.append(element('tr', { class: 'sum' }, element('td', { class: 'text' }, 'in all, with ', number('threads', { decimals: 0 }), at('threads') === 1 ? ' thread' : ' threads'), element('td', {}, quantity('total_wall_s', 's', { decimals: 2 }))));
   section('times').append(bar, table, element('p', { class: 'soft' }, number('force_evaluations', { decimals: 0 }), ' evaluations of the force, ', quantity('ms_per_step', 'ms', { decimals: 2 }), ' each.'));

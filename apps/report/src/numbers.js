@@ -22,15 +22,15 @@ export function word(key) {
   return element('span', { 'data-key': key }, String(at(key)));
 }
 
-/** A number of the summary times `scale`. */
-export function number(key, { scale = 1, decimals, digits = 3, plain = false } = {}) {
+/** A number of the summary times `scale`; one that is smaller than `least`, but is not nothing, is only said to be so. */
+export function number(key, { scale = 1, decimals, digits = 3, plain = false, least = 0 } = {}) {
   const value = at(key);
   if (typeof value !== 'number') return element('span', {}, '–');
   const shown = value * scale;
   const places = decimals ?? decimalsFor(shown, digits);
   // Nothing small is shown as nothing, unless it is an error or a place.
   const lost = !plain && shown !== 0 && Math.abs(shown) < 0.5 * 10 ** -places;
-  const text = lost ? shown.toExponential(1) : shown.toFixed(places).replace(/^-(0(\.0*)?)$/, '$1');
+  const text = shown !== 0 && Math.abs(shown) < least ? `< ${least}` : lost ? shown.toExponential(1) : shown.toFixed(places).replace(/^-(0(\.0*)?)$/, '$1');
   return element('span', { class: 'number', 'data-key': key, 'data-scale': String(scale) }, text.replace('-', '−'));
 }
 

@@ -1,0 +1,95 @@
+// sample_data/tutorial.md: its commands work in the order in which a reader types them, say what the page shows, and leave
+// the files that it names.
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <regex>
+#include <set>
+#include <sstream>
+
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+const std::string page = text_of(fs::path(DIMPLE_SAMPLE_DATA) / "tutorial.md");
+
+struct Step {
+  std::string command;             ///< after the word dimple
+  std::vector<std::string> shown;  ///< lines that the page shows of its output
+};
+
+std::vector<std::vector<std::string>> blocks() {
+  std::vector<std::vector<std::string>> all;
+  std::istringstream in(page);
+  bool within = false;
+  for (std::string line; std::getline(in, line);)
+    if (line.starts_with("```")) {
+      within = !within;
+      if (within) all.emplace_back();
+    } else if (within) {
+      all.back().push_back(line);
+    }
+  return all;
+}
+
+std::vector<Step> steps() {
+  std::vector<Step> all;
+  for (const auto& block : blocks()) {
+    bool ours = false;
+    for (const std::string& line : block) {
+      const std::string typed = line.starts_with("$ ") ? line.substr(2) : line;
+      if (typed.starts_with("dimple ")) {
+        all.push_back({.command = typed.substr(7, typed.find("  ") - 7), .shown = {}});
+        ours = line.starts_with("$ ");
+      } else if (ours && !line.empty() && line != "...") {
+        all.back().shown.push_back(line);
+      }
+    }
+  }
+  return all;
+}
+
+// Numbers are other ones on other machines: times, and now and then a last digit. Words are not, and lines end anywhere.
+std::string words_only(const std::string& text) {
+  return std::regex_replace(std::regex_replace(text, std::regex("[0-9]+(\\.[0-9]+)?"), "#"),
+                            std::regex("\\s+"), " ");
+}
+
+TEST(Tutorial, CommandsWorkInTheirOrderAndSayWhatThePageShows) {
+  const fs::path folder = fresh_folder();
+  for (const auto& block : blocks())
+    if (!block.empty() && block.front().starts_with("indentation_mm,")) {
+      std::ofstream file(folder / "measured.csv");
+      for (const std::string& line : block) file << line << '\n';
+    }
+  std::set<std::string> tried;
+  for (const Step& step : steps()) {
+    // A window needs a display, which window_test has; and --explain takes a minute, its lines are tried by runs_test.
+    if (step.command.starts_with("view ") || step.command.find("--explain") != std::string::npos) continue;
+    SCOPED_TRACE(step.command);
+    const Ran ran = dimple(folder, step.command);
+    ASSERT_EQ(ran.code, 0) << ran.err;
+    const std::string said = words_only(ran.out + ran.err);
+    for (const std::string& line : step.shown)
+      EXPECT_NE(said.find(words_only(line)), std::string::npos) << line << '\n' << ran.err;
+    tried.insert(step.command.substr(0, step.command.find(' ')));
+  }
+  EXPECT_EQ(tried, (std::set<std::string>{"cite", "fit", "info", "phantom", "run"}));
+
+  const std::regex named("[ `(=\"]((out|fit|paper)/[a-z_./]*[a-z])");
+  int there = 0;
+  for (std::sregex_iterator name(page.begin(), page.end(), named), end; name != end; ++name) {
+    const std::string file = (*name)[1];
+    if (file.starts_with("out/explain.")) continue;
+    EXPECT_TRUE(fs::exists(folder / file)) << file;
+    ++there;
+  }
+  EXPECT_GE(there, 10);
+}
+
+}  // namespace
+}  // namespace dimple

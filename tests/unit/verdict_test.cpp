@@ -1,0 +1,130 @@
+#include "apps/run/verdict.hpp"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+namespace dimple {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+LabelMeasure label_of(double volume_mm3) {
+  LabelMeasure label;
+  label.volume_mm3 = volume_mm3;
+  return label;
+}
+
+// A body of 1000 mm3 whose run ended well: every word is "good".
+Result good_run() {
+  Result result;
+  result.labels.push_back(label_of(1000.0));
+  result.segment.voxel_volume_mm3 = 1000.0;
+  result.model.X = Points::Zero(3, 2000);
+  result.model.volume = Eigen::VectorXd::Constant(10, 100e-9);
+  result.history.force = {{0.0, 0.0, 0.0, 0.0}, {1.0, 1e-3, 0.05, 0.05}};
+  result.band.unknown.clear();
+  result.band.half = {0.0, 0.002};
+  return result;
+}
+
+std::string words(const Result& result, const Config& config = {}, const std::string& status = "finished") {
+  std::string all;
+  for (const auto& answer : verdict_of(config, result, status))
+    all += answer["word"].get<std::string>() + " ";
+  return all;
+}
+
+Finding finding(const std::string& code) {
+  Finding fired;
+  fired.report.code = code;
+  return fired;
+}
+
+TEST(Verdict, IsGoodWhereNothingSpeaksAgainstIt) {
+  EXPECT_EQ(words(good_run()), "good good good good good ");
+  EXPECT_NEAR(verdict_of({}, good_run(), "finished")["accuracy"]["value"].get<double>(), 4.0, 1e-12);
+}
+
+TEST(Verdict, AGuardSpeaksToItsOwnQuestionAlone) {
+  const std::pair<const char*, const char*> guards[] = {{"supports", "good check good good good "},
+                                                        {"limit-point", "good good check good good "},
+                                                        {"energy", "good good good check good "}};
+  for (const auto& [code, expected] : guards) {
+    Result result = good_run();
+    result.findings.push_back(finding(code));
+    EXPECT_EQ(words(result), expected) << code;
+  }
+}
+
+TEST(Verdict, AFewInvertedPointsAtARimAreNoReasonButARetryForThemIs) {
+  Result result = good_run();
+  result.findings.push_back(finding("inverted"));
+  EXPECT_EQ(words(result), "good good good good good ");
+  result.history.retries.push_back({"inverted", 1e-3, "a smaller step"});
+  EXPECT_EQ(words(result), "good good check good good ");
+}
+
+TEST(Verdict, APartOfTheLabelsThatIsNotInTheBodyIsToBeLookedAt) {
+  Result result = good_run();
+  result.labels.push_back(label_of(50.0));  // 4.8 % are not in it
+  EXPECT_EQ(words(result), "good good good good good ");
+  result.labels.push_back(label_of(10.0));  // 5.7 %
+  EXPECT_EQ(words(result), "check good good good good ");
+}
+
+TEST(Verdict, IntegrationPointsMustFillTheBody) {
+  Result result = good_run();
+  result.model.volume *= 0.994;
+  EXPECT_EQ(words(result), "good check good good good ");
+}
+
+TEST(Verdict, ABandIsToBeLookedAtAboveATenthAndBadAboveAQuarterOfTheForce) {
+  Result result = good_run();
+  result.band.half.back() = 0.0049;
+  EXPECT_EQ(words(result), "good good good good good ");
+  result.band.half.back() = 0.0051;
+  EXPECT_EQ(words(result), "good good good good check ");
+  result.band.half.back() = 0.0126;
+  EXPECT_EQ(words(result), "good good good good bad ");
+}
+
+TEST(Verdict, HoldsABandToTheAccuracyAskedForWhereOneWas) {
+  Config config;
+  config.accuracy.goal = "3%";
+  EXPECT_EQ(words(good_run(), config), "good good good good check ");
+  config.accuracy.goal = "2.1mN";
+  EXPECT_EQ(words(good_run(), config), "good good good good good ");
+}
+
+TEST(Verdict, WithoutABandSaysWhyThereIsNone) {
+  Result result = good_run();
+  result.band.unknown = "supports are other than the default";
+  const Json accuracy = verdict_of({}, result, "finished")["accuracy"];
+  EXPECT_EQ(accuracy["word"], "check");
+  EXPECT_EQ(accuracy["reasons"], Json::array({"supports are other than the default"}));
+  EXPECT_EQ(accuracy["value"], 2000.0);
+  EXPECT_EQ(accuracy["unit"], "nodes");
+}
+
+TEST(Verdict, ARunThatFailedIsNotInEquilibrium) {
+  EXPECT_EQ(words(good_run(), {}, "failed"), "good good bad good good ");
+  EXPECT_EQ(words(good_run(), {}, "interrupted"), "good good check good good ");
+}
+
+TEST(Verdict, ANumberThatIsNoneIsNeverGood) {
+  Result result = good_run();
+  result.model.volume[0] = std::nan("");
+  result.band.half.back() = std::nan("");
+  EXPECT_EQ(words(result), "good check good good bad ");
+}
+
+TEST(Verdict, InDynamicsTheBaseMustCarryWhatTheToolPresses) {
+  Result result = good_run();
+  result.time = TimeMode::dynamic;
+  result.history.force.back().base_force = 0.04;
+  EXPECT_NEAR(verdict_of({}, result, "finished")["equilibrium"]["value"].get<double>(), 20.0, 1e-12);
+}
+
+}  // namespace
+}  // namespace dimple
