@@ -29,29 +29,50 @@ Stiffness stiffness_of(const std::vector<ForceSample>& curve) {
   return result;
 }
 
+// By how much forces of clouds of so many nodes may differ by chance.
+double chance(double thousands) {
+  return 0.01 * std::pow(thousands, -0.6);
+}
+
+double in_thousands(Index nodes) {
+  return static_cast<double>(nodes) / 1000.0;
+}
+
 }  // namespace
 
 // dimple_calibrate prints them.
-const double band_multiplier = 1.024, band_multiplier_deep = 1.019;
+const double band_multiplier = 2.894, displacement_multiplier = 1.382;
 
-double band_measure(double change, Index nodes, double radii) {
-  const double thousands = static_cast<double>(nodes) / 1000.0;
-  return std::abs(change) + (is_deep(radii) ? 0.04 / std::pow(thousands, 0.25) : 0.03 / std::sqrt(thousands));
+double band_measure(double change, Index nodes, const BandLoad& load) {
+  const double thousands = in_thousands(nodes),
+               at_the_rim = 0.01 * 0.15 * std::pow(load.radii, 4.0) * std::pow(thousands, -0.25);
+  return 0.3 * std::abs(change) + (chance(thousands) + at_the_rim) * (load.several_tissues ? 1.7 : 1.0);
 }
 
-double band_half_width(double change, Index nodes, double radii) {
-  return (is_deep(radii) ? band_multiplier_deep : band_multiplier) * band_measure(change, nodes, radii);
+double band_half_width(double change, Index nodes, const BandLoad& load) {
+  return band_multiplier * band_measure(change, nodes, load);
 }
 
-double narrowest_band(double radii) {
-  return band_half_width(0.0, most_nodes_for_accuracy, radii);
+double displacement_measure(double change, double depth, Index nodes) {
+  return change + chance(in_thousands(nodes)) * depth;
 }
 
-Index expected_nodes(double wanted_share, double facing_share, double radii) {
+double displacement_half_width(double change, double depth, Index nodes) {
+  return displacement_multiplier * displacement_measure(change, depth, nodes);
+}
+
+FloorOfBand floor_of_force(const BandLoad& load) {
+  return [load](Index nodes) { return band_half_width(0.0, nodes, load); };
+}
+
+FloorOfBand floor_of_displacement() {
+  return [](Index nodes) { return displacement_half_width(0.0, 1.0, nodes); };
+}
+
+Index expected_nodes(double wanted_share, double facing_share, const FloorOfBand& floor) {
   constexpr double change = 1.1;  // of the floor; chosen on the calibration's scenes
   Index nodes = fewest_nodes_with_band(facing_share);
-  while (wanted_share > 0.0 && change * band_half_width(0.0, nodes, radii) > wanted_share &&
-         2 * nodes <= most_nodes_for_accuracy)
+  while (wanted_share > 0.0 && change * floor(nodes) > wanted_share && 2 * nodes <= most_nodes_for_accuracy)
     nodes *= 2;
   return nodes;
 }
@@ -70,12 +91,14 @@ Index next_rung(Index nodes, double half, double wanted) {
   return nodes * (wanted > 0.0 && half > far_too_wide * wanted ? 4 : 2);
 }
 
-double nodes_for_half_the_band(double radii) {
-  return std::pow(2.0, 1.0 / (is_deep(radii) ? 0.34 : 0.56));
+Index nodes_for_half_the_band(Index nodes, const FloorOfBand& floor) {
+  Index more = nodes;
+  while (floor(more) > 0.5 * floor(nodes) && more <= most_nodes_for_accuracy) more += nodes / 4 + 1;
+  return more;
 }
 
 std::vector<double> half_widths(const std::vector<ForceSample>& force, Index nodes,
-                                const std::vector<ForceSample>& coarse, double radius) {
+                                const std::vector<ForceSample>& coarse, double radius, bool several_tissues) {
   const Stiffness fine = stiffness_of(force), other = stiffness_of(coarse);
   if (fine.depth.empty() || other.depth.empty() || other.depth.back() < fine.depth.back() * (1.0 - 1e-9))
     return {};
@@ -88,7 +111,8 @@ std::vector<double> half_widths(const std::vector<ForceSample>& force, Index nod
   std::vector<double> half;
   for (const ForceSample& sample : force)
     half.push_back(std::abs(sample.force) *
-                   band_half_width(between(other.depth, change, sample.depth), nodes, sample.depth / radius));
+                   band_half_width(between(other.depth, change, sample.depth), nodes,
+                                   {sample.depth / radius, several_tissues}));
   return half;
 }
 

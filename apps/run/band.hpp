@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -30,36 +31,52 @@ inline Index fewest_nodes_with_band(double facing_share) {
 /// Depths up to which it was measured [radii of the circle].
 inline constexpr double deepest_with_band = 1.7;
 
-/// Half the width of the band as a part of the force: multiplier * (change + floor). `change`: of the force from that of
-/// a cloud with half as many nodes or fewer, as a part of it, the largest down to this depth; `nodes`: of the finer
-/// cloud; `radii`: the depth over the circle's radius. The floor is what the change does not see, because two clouds can
-/// agree by chance: 3 % with 1000 nodes, and less by their root; beyond one radius, where the rim's strain is too
-/// sharp for any of these clouds, 4 %, and less by the fourth root.
+/// What a band depends on besides clouds: how deep the tool is [radii of the circle], and whether the body is of several
+/// tissues. Where they meet, points lie on either side by chance.
+struct BandLoad {
+  double radii = 0.0;
+  bool several_tissues = false;
+};
+
+/// Half the width of the band as a part of the force: multiplier * (0.3 change + floor). `change`: of the force from that
+/// of a cloud with half as many nodes or fewer, as a part of it, the largest down to this depth; `nodes`: of the finer
+/// cloud. The floor is what the change does not see, because two clouds can agree by chance, and deeper down because the
+/// rim's strain is too sharp for either of them:
+///
+///     floor = 1 % ((nodes / 1000)^-0.6 + 0.15 radii^4 (nodes / 1000)^-0.25), and 1.7 times that of several tissues.
 ///
 /// There is no order of convergence in it: forces of two random clouds differ by their scatter too, which three clouds
-/// cannot tell from an order (Eca & Hoekstra 2014 meet data that scatter so by factors of safety). The multipliers are
-/// those with which the bands of 95 in 100 scenes, drawn at random, hold the force of the finest cloud (32,000 or 16,000
-/// nodes) and all that lies as far from it as the cloud half as fine is, at all depths and with all clouds of a quarter of
-/// its nodes or fewer at once (split conformal prediction; Lei et al. 2018): tests/verification/README.md. A test computes
-/// them again from the scenes.
-double band_half_width(double change, Index nodes, double radii);
-extern const double band_multiplier;       ///< down to one radius
-extern const double band_multiplier_deep;  ///< deeper
-/// Whether the second holds, with room for the last bits of a depth.
-inline bool is_deep(double radii) {
-  return radii > 1.0 + 1e-9;
-}
+/// cannot tell from an order (Eca & Hoekstra 2014 meet data that scatter so by factors of safety). The constants, rounded,
+/// make the bands of the calibration's scenes narrow. With the multiplier the bands of 95 in 100 scenes drawn at
+/// random hold, with 1000, 2000, 4000 and 8000 nodes each, and at all depths at once, the force of the finest cloud
+/// (16,000 to 64,000 nodes, at least four times as many as the band's) and all that lies as far from it as the cloud half as
+/// fine is (split conformal prediction; Lei et al. 2018): tests/verification/README.md. A test computes it again from the
+/// scenes.
+double band_half_width(double change, Index nodes, const BandLoad& load);
+extern const double band_multiplier;
 /// The sum in brackets.
-double band_measure(double change, Index nodes, double radii);
+double band_measure(double change, Index nodes, const BandLoad& load);
+
+/// Half the width of the band of a place's displacement [m]: multiplier * (change + 1 % (nodes / 1000)^-0.6 depth).
+/// `change`: from where the coarser cloud brings it; `depth` of the tool: far away from it a place moves little, and how far
+/// it may be off is a part of the tool's way and not of that. The multiplier is made in the same way as the force's, from a
+/// random place of each scene, at most three diameters of the circle away from it, and a truth of 8000 nodes.
+double displacement_half_width(double change, double depth, Index nodes);
+extern const double displacement_multiplier;
+/// The sum in brackets.
+double displacement_measure(double change, double depth, Index nodes);
 
 /// As many nodes as an accuracy may take.
 inline constexpr Index most_nodes_for_accuracy = 64'000;
-/// What the band is with so many nodes and no change: no goal may be narrower.
-double narrowest_band(double radii);
+/// Half the width of the band, as a part of the force, or of a displacement as a part of the depth, where the change is
+/// nothing.
+using FloorOfBand = std::function<double(Index nodes)>;
+FloorOfBand floor_of_force(const BandLoad& load);
+FloorOfBand floor_of_displacement();
 
-/// As many nodes as may well do for an accuracy: where the band of a change by a tenth of the floor is that narrow.
+/// As many nodes as may well do for an accuracy: where the band is that narrow, and a tenth of its floor more.
 /// `wanted_share` 0: not known.
-Index expected_nodes(double wanted_share, double facing_share, double radii);
+Index expected_nodes(double wanted_share, double facing_share, const FloorOfBand& floor);
 /// The ladder of clouds for an accuracy. The first has half as many nodes as are expected, but few enough for it to end
 /// soon; the second as many as are expected, if that is no more than four times as many. After a cloud whose band is
 /// `half` wide where `wanted` is asked for (in the same unit) four times as many are taken where that is far too
@@ -69,21 +86,20 @@ Index first_rung(Index expected);
 Index second_rung(Index first, Index expected);
 Index next_rung(Index nodes, double half, double wanted);
 
-/// About how many times as many nodes make the band half as wide: on the scenes of the calibration its median falls with
-/// the power 0.56 of the nodes down to one radius, 0.34 deeper.
-double nodes_for_half_the_band(double radii);
+/// About how many nodes make the band half as wide: where its floor is.
+Index nodes_for_half_the_band(Index nodes, const FloorOfBand& floor);
 
 /// A place of the body, and where the load brings it.
 struct Followed {
   Vec3 place = Vec3::Zero();  ///< at rest [m, LPS]
   Vec3 u = Vec3::Zero();      ///< its displacement at the last depth [m]
-  double change = 0.0;        ///< from that of the coarser cloud [m], where there is a band of the force
+  double half = 0.0;          ///< half its band's width [m], where there is a band of the force
 };
 
 /// Half the band's width at each depth of a force curve of so many nodes, against the coarser cloud's [N]: at other
 /// depths than that has, the change is interpolated. Empty if the coarser curve ends before. `radius` of the circle [m].
 std::vector<double> half_widths(const std::vector<ForceSample>& force, Index nodes,
-                                const std::vector<ForceSample>& coarse, double radius);
+                                const std::vector<ForceSample>& coarse, double radius, bool several_tissues);
 
 /// Force [N] of a curve, and half its band's width, at other depths [m], rising or not, none deeper than the curve. What is
 /// interpolated is divided by the depth, or by the force: it changes slowly. Needs: a sample with a depth.

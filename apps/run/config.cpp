@@ -9,7 +9,6 @@
 #include <cmath>
 #include <sstream>
 
-#include "apps/run/band.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 
@@ -742,37 +741,39 @@ std::optional<Goal> goal_of(const Config& config) {
            .why = "the nodes follow from the accuracy",
            .remedy = "leave one of them out"});
   if (text.empty()) return goal;
-  if (followed_place(config))
-    throw UsageError(
-        {.fact = "an accuracy of a displacement is asked for",
-         .where = "--accuracy (accuracy.goal) with --quantity (accuracy.quantity)",
-         .why = "how far a displacement may be off has not been measured on scenes with a known one",
-         .remedy = "leave one of them out; a run tells how far the displacement of a coarser cloud is"});
-  const bool is_force = text.find('N') != std::string::npos;
+  const bool of_place = followed_place(config).has_value();
+  const std::string unit = of_place ? "mm" : "N";
+  const bool is_absolute = text.find(of_place ? 'm' : 'N') != std::string::npos;
   double value = 0.0;
   set_value(
       {"accuracy.goal",
        "--accuracy",
-       is_force ? "N" : "%",
-       is_force ? "how well the force is to be known" : "how well the force is to be known, as 2% or 1mN",
+       is_absolute ? unit : "%",
+       is_absolute ? "how well it is to be known"
+                   : fmt::format("how well it is to be known, as 2% or {}", of_place ? "0.1mm" : "1mN"),
        &value,
        0,
-       is_force ? 1e6 : 100.0,
+       is_absolute ? 1e6 : 100.0,
        true,
        {},
        ""},
       text, "--accuracy (accuracy.goal)");
-  (is_force ? goal.absolute : goal.share) = is_force ? value : 0.01 * value;
-  if (const double least = narrowest_band(2.0 * config.load.depth_mm / config.boundary.indenter_diameter_mm);
-      goal.share > 0.0 && goal.share < least)
+  (is_absolute ? goal.absolute : goal.share) = !is_absolute ? 0.01 * value : of_place ? 1e-3 * value : value;
+  if (const double least = band_floor(config)(most_nodes_for_accuracy);
+      !of_place && goal.share > 0.0 && goal.share < least)
     throw UsageError(
         {.fact = fmt::format("an accuracy of {} is asked for", text),
          .where = "--accuracy (accuracy.goal)",
-         .why = fmt::format("no band of this load is narrower than {:.2g} %: so far apart may forces of "
-                            "clouds lie that agree by chance",
+         .why = fmt::format("no band of this load is narrower than {:.2g} %: so far apart may clouds lie that agree by "
+                            "chance",
                             100.0 * least),
          .remedy = "ask for less accuracy, or for less depth than the circle's radius"});
   return goal;
+}
+
+FloorOfBand band_floor(const Config& config) {
+  if (followed_place(config)) return floor_of_displacement();
+  return floor_of_force({2.0 * config.load.depth_mm / config.boundary.indenter_diameter_mm, !config.tissue.empty()});
 }
 
 std::optional<Vec3> followed_place(const Config& config) {

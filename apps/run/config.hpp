@@ -7,6 +7,7 @@
 #include <variant>
 #include <vector>
 
+#include "apps/run/band.hpp"
 #include "preprocess/build_model.hpp"
 #include "solver/march.hpp"
 #include "solver/material.hpp"
@@ -151,15 +152,19 @@ std::string why_not_proportional(const Config& config);
 /// it is proportional to the one modulus that the whole body has. Throws UsageError: it is not so here.
 double spread_of(const Config& config);
 
-/// Half the width that the force's band may have, and the time in which the nodes for it are to be found.
+/// Half the width that the band may have, of the force or of the displacement that is asked for, and the time in which the
+/// nodes for it are to be found.
 struct Goal {
-  double share = 0.0, absolute = 0.0;  ///< of the force, or [N]; both 0: as narrow as the time allows
+  double share = 0.0, absolute = 0.0;  ///< of it, or [N], [m]; both 0: as narrow as the time allows
   double budget_s = 0.0;               ///< 0: without an end
-  double half_width(double of_force) const { return absolute > 0.0 ? absolute : share * of_force; }
+  double half_width(double of) const { return absolute > 0.0 ? absolute : share * of; }
 };
-/// Nothing if no accuracy was asked for. Throws UsageError: neither a share nor a force; a number of nodes is
-/// given as well, or a displacement asked for.
+/// Nothing if no accuracy was asked for. Throws UsageError: neither a share nor a force, or of a displacement a length; a
+/// number of nodes is given as well.
 std::optional<Goal> goal_of(const Config& config);
+
+/// How narrow the band of what is asked for gets: see FloorOfBand.
+FloorOfBand band_floor(const Config& config);
 
 /// The place of the body [m, LPS, at rest] whose displacement is asked for, beside the force. Throws UsageError: neither
 /// "force" nor "displacement@x,y,z" in mm.

@@ -152,7 +152,7 @@ std::optional<double> half_band(const LiveTool& tool) {
     change = std::max(change, std::abs(tool.fine[k].force / tool.coarse[k].force - 1.0));
     if (tool.fine[k].depth >= now.depth) break;
   }
-  return std::abs(now.force) * band_half_width(change, tool.session->model().node_count(), radii);
+  return std::abs(now.force) * band_half_width(change, tool.session->model().node_count(), {radii, !tool.organ->config.tissue.empty()});
 }
 
 double depth_of(const LiveTool& tool, const Vec3& tip) {

@@ -57,15 +57,13 @@ std::string headline_of(const std::string& title, double force_N, const std::str
               : "");
 }
 
-// "moved by 1.234 mm at (12.0, -30.0, 45.0) mm, 0.010 mm from where 750 nodes bring it".
+// "moved by 1.234 mm at (12.0, -30.0, 45.0) mm, +- 0.010 mm (discretisation)".
 std::string displacement_title(const Json& displacement) {
   const auto& place = displacement["place_mm"];
   std::string title = fmt::format("moved by {:.3f} mm at {}", displacement["length_mm"].get<double>(),
                                   in_words(Vec3(place[0], place[1], place[2])));
   if (displacement.contains("coarser_nodes"))
-    title += fmt::format(", {:.3f} mm from where {} nodes bring it",
-                         displacement["differs_from_coarser_mm"].get<double>(),
-                         displacement["coarser_nodes"].get<Index>());
+    title += fmt::format(", +- {:.2g} mm (discretisation)", displacement["half_mm"].get<double>());
   return title;
 }
 

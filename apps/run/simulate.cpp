@@ -291,6 +291,11 @@ Coarser coarser_with(Index nodes, const Case& given, const Organ& organ, const R
   return {std::move(coarse.history), place ? coarse.followed->u : Vec3::Zero()};
 }
 
+double half_of_displacement(const Result& result, const Vec3& coarse) {
+  return displacement_half_width((result.followed->u - coarse).norm(), result.history.force.back().depth,
+                                 result.model.node_count());
+}
+
 void find_band(const Case& given, const std::optional<Organ>& organ, const Talk& talk, Result& result) {
   if (!given.band) return;
   Band& band = result.band;
@@ -308,11 +313,11 @@ void find_band(const Case& given, const std::optional<Organ>& organ, const Talk&
   try {
     const Coarser coarse = coarser_with(band.coarse_nodes, given, *organ, result);
     band.half = half_widths(result.history.force, result.model.node_count(), coarse.history.force,
-                            result.model.tool.radius);
+                            result.model.tool.radius, !given.config.tissue.empty());
     if (band.half.empty())
       band.unknown = cloud + "the force ends before";
     else if (Followed* followed = result.followed ? &*result.followed : nullptr)
-      followed->change = (followed->u - coarse.u).norm();
+      followed->half = half_of_displacement(result, coarse.u);
   } catch (const Stopped&) {
     band.unknown = "the run was stopped before";
     result.history.interrupted = true;
@@ -410,6 +415,11 @@ std::unique_ptr<Rung> march_with(Index nodes, const Case& given, const Organ& or
   return rung;
 }
 
+// What an accuracy is asked of, and half its band's width: of the displacement where one is asked for.
+std::pair<double, double> asked_for(const LadderStep& step, const Result& result) {
+  return result.followed ? std::pair(step.length, step.half_length) : std::pair(std::abs(step.force), step.half);
+}
+
 // The march of a rung, for who has not seen it.
 void replay(Rung rung, const RunObserver& observer, Result& result) {
   rung.result.image = std::move(result.image);
@@ -456,8 +466,8 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
   // A cloud may be too coarse for its body; what two in a row meet has another reason.
   constexpr int most_failures = 2;
   int failures = 0;
-  const double radii = 2.0 * config.load.depth_mm / config.boundary.indenter_diameter_mm;
-  const Index hoped = expected_nodes(goal.share, result.facing_share, radii);
+  // How much of a displacement its floor is, nobody knows before.
+  const Index hoped = expected_nodes(result.followed ? 0.0 : goal.share, result.facing_share, band_floor(config));
   for (Index nodes = first_rung(hoped); ended.empty();) {
     std::unique_ptr<Rung> rung;
     const Stopwatch marching;
@@ -489,10 +499,11 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
     Result& now = rung->result;
     const std::vector<ForceSample>& force = now.history.force;
     if (!coarse.empty()) {
-      now.band.half = half_widths(force, now.model.node_count(), coarse, now.model.tool.radius);
+      now.band.half = half_widths(force, now.model.node_count(), coarse, now.model.tool.radius,
+                                  !config.tissue.empty());
       now.band.unknown = "";
       now.band.coarse_nodes = best->result.model.node_count();
-      if (now.followed) now.followed->change = (now.followed->u - best->result.followed->u).norm();
+      if (now.followed) now.followed->half = half_of_displacement(now, best->result.followed->u);
     } else {
       now.band.unknown = "the run ended with its first cloud";
     }
@@ -500,13 +511,18 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
                     .force = force.back().force,
                     .half = now.band.known() ? now.band.half.back() : 0.0,
                     .seconds = rung->seconds};
-    if (now.followed) step.length = now.followed->u.norm(), step.change = now.followed->change;
+    if (now.followed) step.length = now.followed->u.norm(), step.half_length = now.followed->half;
     result.ladder.push_back(step);
-    const double half = step.half, last = std::abs(step.force);
+    const auto width = [&](double half, double of) {
+      return now.band.known() ? fmt::format(" +- {:.1f} %", 100.0 * half / of) : std::string();
+    };
     talk.say(fmt::format("rung     {} nodes: {}{}{}, {:.1f} s", step.nodes,
-                         force_written(step.force)(step.force),
-                         now.band.known() ? fmt::format(" +- {:.1f} %", 100.0 * half / last) : "",
-                         now.followed ? fmt::format(", {:.3f} mm", 1e3 * step.length) : "", step.seconds));
+                         force_written(step.force)(step.force), width(step.half, std::abs(step.force)),
+                         now.followed ? fmt::format(", {:.3f} mm{}", 1e3 * step.length,
+                                                    width(step.half_length, step.length))
+                                      : "",
+                         step.seconds));
+    const auto [last, half] = asked_for(step, now);
     coarse = force;
     best = std::move(rung);
     const double wanted = goal.half_width(last);
@@ -523,7 +539,8 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
   const double others_s = climbing.seconds() - best->seconds;
   if (!ended.empty() && (goal.share > 0.0 || goal.absolute > 0.0)) {
     const LadderStep& step = result.ladder.back();
-    const double share = step.half / std::abs(step.force);
+    const auto [value, half] = asked_for(step, best->result);
+    const double share = half / value;
     Talk{observer, best->result}.warn(
         fmt::format("the accuracy asked for, {}, was not reached: {}; {}", config.accuracy.goal,
                     best->result.band.known() ? fmt::format("the band is +- {:.1f} % wide", 100.0 * share)
@@ -533,12 +550,13 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
     talk.say("ladder   " + ended);
   }
   const Result& last = best->result;
-  if (const double more = nodes_for_half_the_band(radii),
-      nodes = more * static_cast<double>(last.model.node_count());
-      last.band.known() && nodes <= most_nodes_for_accuracy)
+  const Index more = nodes_for_half_the_band(last.model.node_count(), band_floor(config));
+  if (last.band.known() && more <= most_nodes_for_accuracy) {
+    const double more_s = best->seconds * static_cast<double>(more) / static_cast<double>(last.model.node_count());
     talk.say(fmt::format(
-        "ladder   {} nodes in {:.1f} s; half as wide a band would take about {:.0f} nodes and {:.0f} s",
-        last.model.node_count(), climbing.seconds(), nodes, more * best->seconds + climbing.seconds()));
+        "ladder   {} nodes in {:.1f} s; half as wide a band would take about {} nodes and {:.0f} s",
+        last.model.node_count(), climbing.seconds(), (more + 50) / 100 * 100, more_s + climbing.seconds()));
+  }
   if (goal.budget_s > 0.0)
     best->result.chosen["accuracy.budget_s"] = fmt::format(
         "another machine finds another cloud; these bits again: --budget 0 --nodes {}", best->asked);

@@ -41,7 +41,7 @@ inline constexpr double narrow_gap_mm = 4.0;
 struct LadderStep {
   Index nodes = 0;
   double force = 0.0, half = 0.0;     ///< at the load's depth, and half its band's width; 0: not known [N]
-  double length = 0.0, change = 0.0;  ///< of the displacement that was asked for [m]; see Followed
+  double length = 0.0, half_length = 0.0;  ///< of the displacement that was asked for, likewise [m]
   double seconds = 0.0;
 };
 

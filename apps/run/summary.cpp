@@ -141,7 +141,7 @@ Json displacement_json(const Followed& followed, const Band& band) {
                  {"length_mm", 1e3 * followed.u.norm()}};
   if (band.known()) {
     result["coarser_nodes"] = band.coarse_nodes;
-    result["differs_from_coarser_mm"] = 1e3 * followed.change;
+    result["half_mm"] = 1e3 * followed.half;
   }
   return result;
 }
@@ -231,7 +231,7 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
       Json rung = {{"nodes", step.nodes}, {"force_N", step.force}, {"half_N", or_null(step.half, 1.0)}};
       if (result.followed) {
         rung["displacement_mm"] = 1e3 * step.length;
-        rung["differs_from_coarser_mm"] = or_null(step.change, 1e3);
+        rung["half_mm"] = or_null(step.half_length, 1e3);
       }
       rung["wall_s"] = step.seconds;
       summary["ladder"].push_back(rung);

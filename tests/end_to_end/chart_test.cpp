@@ -107,7 +107,7 @@ TEST(Chart, DrawsASmallOneOfAnImageAndAScene) {
 TEST(Chart, ComparesAnImageWithItsOwnReferenceToTheDepthsThatItHas) {
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
-  write_file(folder / "known.csv", "indentation_mm,force_N\n1,0.00975\n2,0.0193\n3,0.0288\n");
+  write_file(folder / "known.csv", "indentation_mm,force_N\n1,0.00975\n2,0.0193\n3,0.0288\n4,0.0381\n");
   const std::string command =
       "chart block.nrrd -o out --only image --nodes 400 --schemes converging --time quasi-static --calculix "
       "none --goals 10%";
@@ -116,10 +116,14 @@ TEST(Chart, ComparesAnImageWithItsOwnReferenceToTheDepthsThatItHas) {
   const std::string csv = text_of(folder / "out" / "chart.csv");
   EXPECT_THAT(csv,
               ContainsRegex(
-                  "image,dimple,converging,quasi-static,400,[^\n]*,1,\"known.csv\",\"ok\",0.0[^\n]*,,,,,\n"));
+                  "image,dimple,converging,quasi-static,400,[^\n]*,1,0,,0,\"known.csv\",\"ok\",0.0[^\n]*,,,,\n"))
+      << "400 nodes have no band";
+  EXPECT_THAT(csv, ContainsRegex("image,dimple,accuracy 10%,quasi-static,[0-9]+,[^\n]*,0,0.0[0-9]+,1,\"known.csv\",\"ok\""))
+      << "which states its error, and nothing else does";
   const std::string svg = text_of(folder / "out" / "chart.svg");
   for (const char* words :
-       {"error against wall time", "against known.csv", "1, 2, ... 3 mm", "real time, 3 s", "accuracy 10%"})
+       {"error against wall time", "against known.csv", "1, 2, ... 4 mm", "real time, 4 s", "accuracy 10%",
+        "stated error against wall time"})
     EXPECT_THAT(svg, HasSubstr(words));
   write_file(folder / "half.csv", "indentation_mm,force_N\n0.5,0.005\n");
   const Ran half = dimple(folder, command + " --reference half.csv");

@@ -179,6 +179,23 @@ TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsLadder) {
   EXPECT_EQ(summary("by_force").at("ladder").size(), 2u) << "the first cloud that has a band";
 }
 
+TEST_F(Run, ForTheAccuracyOfADisplacementClimbsUntilItsBandIsAsNarrow) {
+  const std::string place = " --quantity displacement@13.9,0,20";
+  const Ran ran = good("run brain.nrrd -o out --accuracy 10%" + place + slow_load);
+  const Json moved = summary("out").at("displacement"), ladder = summary("out").at("ladder");
+  ASSERT_GE(ladder.size(), 2u);
+  EXPECT_TRUE(ladder.front().at("half_mm").is_null()) << "one cloud has no band";
+  EXPECT_GT(moved.at("half_mm").get<double>(), 0.0);
+  EXPECT_LE(moved.at("half_mm").get<double>(), 0.1 * moved.at("length_mm").get<double>());
+  EXPECT_NE(ran.out.find("moved by"), std::string::npos) << ran.out;
+  EXPECT_NE(ran.out.find("(discretisation)"), std::string::npos) << ran.out;
+  good("run brain.nrrd -o by_length --accuracy 1mm" + place + slow_load);
+  EXPECT_EQ(summary("by_length").at("ladder").size(), 2u) << "the first cloud that has a band";
+  const Ran in_newton = dimple(folder, "run brain.nrrd -o no --accuracy 1mN" + place);
+  EXPECT_EQ(in_newton.code, 2);
+  EXPECT_NE(in_newton.err.find("not one of its units"), std::string::npos) << in_newton.err;
+}
+
 TEST_F(Run, TellsWhatItsForceDependsOn) {
   const std::string sample = std::string(DIMPLE_SAMPLE_DATA) + "/block_3mm.nrrd";
   const std::string line = "run " + sample + " -o out --depth 3mm --frames 4 --band off --write report";

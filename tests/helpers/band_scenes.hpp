@@ -15,8 +15,8 @@ namespace dimple {
 
 // The scenes of tests/verification/results/band_scenes.csv, which dimple_calibrate writes, and what follows from them.
 
-/// Nodes of the finest cloud of every scene, and of those that were computed twice as fine: the finest counts as the truth.
-inline constexpr Index band_truth = 16'000, band_finer_truth = 32'000;
+/// Nodes of the finest cloud of every scene, and of any scene: the finest of a scene counts as the truth.
+inline constexpr Index band_truth = 16'000, band_finest_truth = 64'000;
 /// Clouds with up to this part of the truth's nodes are compared with it for the multiplier.
 inline constexpr Index band_compared = 4;
 
@@ -26,6 +26,7 @@ struct BandScene {
   std::string body;
   double facing_share = 0.0;
   double radius = 0.0;                               ///< of the circle [m]
+  bool several_tissues = false;
   std::map<Index, std::vector<ForceSample>> forces;  ///< nodes -> force curve
   std::map<Index, double> seconds;                   ///< from the surface to the curve
   Index truth = 0;                                   ///< nodes of its finest cloud
@@ -63,6 +64,7 @@ inline std::vector<BandScene> band_scenes(const std::filesystem::path& file) {
     scene.body = field[2];
     scene.facing_share = std::stod(field[5]);
     scene.radius = 0.5e-3 * std::stod(field[6]);
+    scene.several_tissues = scene.body == "phantom with a core";
     const Index nodes = std::stol(field[9]);
     std::vector<ForceSample>& curve = scene.forces[nodes];
     if (curve.empty()) curve.push_back({0.0, 0.0, 0.0, 0.0});
@@ -76,7 +78,8 @@ inline std::vector<BandScene> band_scenes(const std::filesystem::path& file) {
       return scene.forces.contains(nodes) && scene.forces.contains(nodes / 2) &&
              scene.forces[nodes].size() == scene.forces[nodes / 2].size();
     };
-    scene.truth = has(band_finer_truth) ? band_finer_truth : has(band_truth) ? band_truth : 0;
+    for (Index nodes = band_truth; nodes <= band_finest_truth; nodes *= 2)
+      if (has(nodes)) scene.truth = nodes;
     if (scene.truth > 0) result.push_back(std::move(scene));
   }
   return result;
@@ -97,30 +100,29 @@ inline double error_at_most(const BandScene& scene, Index nodes, std::size_t k) 
   return std::abs(band_error(scene, nodes, k)) + truth_error(scene, k);
 }
 
-/// The largest error of each calibration scene's clouds, with the truth's own, over what band_measure() makes of their changes, from the least
-/// to the largest; at the depths that are deep, or at those that are not.
-inline std::vector<double> band_scores(const std::vector<BandScene>& scenes, bool deep) {
-  std::vector<double> scores;
+/// Of the calibration's scenes, nodes -> the largest error over the depths, with the truth's own, over what band_measure()
+/// makes of that cloud's change.
+using BandScores = std::map<Index, std::vector<double>>;
+inline BandScores band_scores(const std::vector<BandScene>& scenes) {
+  BandScores scores;
   for (const BandScene& scene : scenes) {
     if (scene.set != "calibration") continue;
-    double largest = -1.0;
     for (Index nodes = fewest_nodes_with_band(scene.facing_share); nodes <= scene.truth / band_compared;
          nodes *= 2) {
       const Index other = nodes / 2;
       if (!scene.forces.contains(nodes) || !scene.forces.contains(other)) continue;
       const auto &fine = scene.forces.at(nodes), &coarse = scene.forces.at(other);
-      double change = 0.0;
-      const std::size_t samples = std::min({fine.size(), coarse.size(), scene.forces.at(scene.truth).size()});
+      const std::size_t samples = scene.forces.at(scene.truth).size();
+      if (fine.size() < samples || coarse.size() < samples) continue;
+      double change = 0.0, largest = 0.0;
       for (std::size_t k = 1; k < samples; ++k) {
-        const double radii = fine[k].depth / scene.radius;
+        const BandLoad load{fine[k].depth / scene.radius, scene.several_tissues};
         change = std::max(change, std::abs(fine[k].force / coarse[k].force - 1.0));
-        if (is_deep(radii) == deep)
-          largest = std::max(largest, error_at_most(scene, nodes, k) / band_measure(change, nodes, radii));
+        largest = std::max(largest, error_at_most(scene, nodes, k) / band_measure(change, nodes, load));
       }
+      scores[nodes].push_back(largest);
     }
-    if (largest >= 0.0) scores.push_back(largest);
   }
-  std::sort(scores.begin(), scores.end());
   return scores;
 }
 
@@ -129,7 +131,7 @@ inline std::vector<double> band_scores(const std::vector<BandScene>& scenes, boo
 struct PointScene {
   int number = 0;
   std::string set;
-  double facing_share = 0.0;
+  double facing_share = 0.0, depth = 0.0;  ///< of the tool [mm]
   std::map<Index, Vec3> u;  ///< nodes -> displacement at the last depth [mm]
 };
 inline constexpr Index point_truth = 8'000;
@@ -141,6 +143,7 @@ inline std::vector<PointScene> point_scenes(const std::filesystem::path& file) {
     scene.number = std::stoi(field[0]);
     scene.set = field[1];
     scene.facing_share = std::stod(field[3]);
+    scene.depth = std::stod(field[8]);
     scene.u[std::stol(field[4])] = Vec3(std::stod(field[9]), std::stod(field[10]), std::stod(field[11]));
   }
   std::vector<PointScene> result;
@@ -148,11 +151,6 @@ inline std::vector<PointScene> point_scenes(const std::filesystem::path& file) {
     if (scene.u.contains(point_truth) && scene.u.contains(point_truth / 2))
       result.push_back(std::move(scene));
   return result;
-}
-
-/// What a band of a displacement may be made from: as band_measure(), with the floor of the force down to one radius.
-inline double displacement_measure(const Vec3& u, const Vec3& coarse, Index nodes) {
-  return (u - coarse).norm() + band_measure(0.0, nodes, 1.0) * u.norm();
 }
 
 /// Of each cloud with a coarser one and a finer one than the truth's own doubt: its error at most, with the truth's own, and
@@ -168,29 +166,42 @@ inline std::vector<PointError> point_errors(const PointScene& scene) {
   for (Index nodes = fewest_nodes_with_band(scene.facing_share); nodes <= point_truth / 4; nodes *= 2)
     if (scene.u.contains(nodes) && scene.u.contains(nodes / 2))
       errors.push_back({nodes, (scene.u.at(nodes) - truth).norm() + unsure,
-                        displacement_measure(scene.u.at(nodes), scene.u.at(nodes / 2), nodes),
+                        displacement_measure((scene.u.at(nodes) - scene.u.at(nodes / 2)).norm(), scene.depth, nodes),
                         scene.u.at(nodes).norm()});
   return errors;
 }
 
 /// As band_scores().
-inline std::vector<double> point_scores(const std::vector<PointScene>& scenes) {
-  std::vector<double> scores;
-  for (const PointScene& scene : scenes) {
-    if (scene.set != "calibration") continue;
-    double largest = -1.0;
-    for (const PointError& e : point_errors(scene)) largest = std::max(largest, e.error / e.measure);
-    if (largest >= 0.0) scores.push_back(largest);
-  }
-  std::sort(scores.begin(), scores.end());
+inline BandScores point_scores(const std::vector<PointScene>& scenes) {
+  BandScores scores;
+  for (const PointScene& scene : scenes)
+    if (scene.set == "calibration")
+      for (const PointError& e : point_errors(scene)) scores[e.nodes].push_back(e.error / e.measure);
   return scores;
 }
 
-/// The least multiplier with which a new scene's band holds with that probability: split conformal prediction.
-inline double conformal(const std::vector<double>& scores, double probability) {
-  const auto rank =
-      static_cast<std::size_t>(std::ceil(probability * (static_cast<double>(scores.size()) + 1.0)));
-  return rank > scores.size() ? INFINITY : scores[rank - 1];
+/// The least multiplier with which a new scene's band holds with that probability, with each number of nodes for which there
+/// are at least so many scenes: split conformal prediction.
+inline double conformal(BandScores scores, double probability, std::size_t least) {
+  double multiplier = 0.0;
+  for (auto& [nodes, of_scenes] : scores) {
+    if (of_scenes.size() < least) continue;
+    std::sort(of_scenes.begin(), of_scenes.end());
+    const auto rank =
+        static_cast<std::size_t>(std::ceil(probability * (static_cast<double>(of_scenes.size()) + 1.0)));
+    multiplier = std::max(multiplier, rank > of_scenes.size() ? INFINITY : of_scenes[rank - 1]);
+  }
+  return multiplier;
+}
+/// Scenes with a number of nodes, for it to be counted.
+inline constexpr std::size_t least_scenes = 40, least_points = 20;
+inline std::string counted(const BandScores& scores, std::size_t least) {
+  std::string text;
+  for (const auto& [nodes, of_scenes] : scores)
+    if (of_scenes.size() >= least)
+      text += (text.empty() ? "" : ", ") + std::to_string(of_scenes.size()) + " scenes with " + std::to_string(nodes) +
+              " nodes";
+  return text;
 }
 
 }  // namespace dimple
