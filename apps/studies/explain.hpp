@@ -57,7 +57,8 @@ void check_explainable(const Config& config);
 /// base's height, the circle's place, the segmentation's border, the surface's smoothing, the voxels' size, folds that
 /// are narrow, and what a model may leave out: large strain, far tissue, incompressibility, inertia, tissues of their
 /// own. The circle, its direction and the base stay where the scene as it is has them. A choice that gives the run another
-/// cloud is compared with the mean of three clouds, any other with the force on the same cloud. Where the tissue gives way,
+/// cloud is compared with the mean of three clouds, and is the mean of two itself where its effect is below three times what
+/// clouds differ by; any other is compared with the force on the same cloud. Where the tissue gives way,
 /// forces are compared above: where it comes to rest differs from cloud to cloud by more than any choice does.
 ///
 /// `nodes`: 0: nodes_to_explain(), and more where another random cloud has more than `least_effect`. An accuracy that was asked for plays no part. `progress` hears a line about each run.
