@@ -35,8 +35,7 @@ struct Trial {
   std::string what, instead, all;
   Kind kind;
   Case given;
-  bool same_cloud = false;  // nodes and points are those of the scene as it is
-  bool linear = false;      // its force is that of one small depth, and proportional to the depth
+  bool linear = false;  // its force is that of one small depth, and proportional to the depth
 };
 
 // A case and its forces, as deep as there are any.
@@ -129,15 +128,12 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
   const double tolerance = config.solver.tolerance;
   add("equilibrium", "", fmt::format("to {:g} of the reactions instead of {:g}", 0.1 * tolerance, tolerance),
       Kind::cloud, [&](Case& c) { c.config.solver.tolerance = std::max(0.1 * tolerance, 1e-8); });
-  trials.back().same_cloud = true;
   add("steps of the load", "", fmt::format("{} instead of {}", 4 * frames, frames), Kind::cloud,
       [&](Case& c) { c.config.solver.frames = 4 * frames; });
-  trials.back().same_cloud = true;
 
   const bool bonded = config.load.contact == "bonded";
   add("contact", "", bonded ? "frictionless instead of bonded" : "bonded instead of frictionless",
       Kind::doubt, [&](Case& c) { c.config.load.contact = bonded ? "frictionless" : "bonded"; });
-  trials.back().same_cloud = true;
 
   const std::vector<double> heights =
       boundary.flat_base ? std::vector<double>{boundary.height / 6.0}
@@ -188,7 +184,7 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
       c.config.load.depth_mm = small_mm;
       c.config.solver.frames = 1;
     });
-    trials.back().linear = trials.back().same_cloud = true;
+    trials.back().linear = true;
   }
   add("far tissue", "", fmt::format("cut away beyond {:.0f} mm of the circle's axis", far_radii * radius_mm),
       Kind::simplification, [&](Case& c) {
@@ -209,16 +205,13 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
     const double nu = config.material.nu > 0.5 * (nearly + more_nearly) ? nearly : more_nearly;
     add("Poisson's ratio", "", fmt::format("{:g} instead of {:g}", nu, config.material.nu),
         Kind::simplification, [&](Case& c) { c.config.material.nu = nu; });
-    trials.back().same_cloud = true;
-  }
+    }
   const bool dynamic = found.time != TimeMode::quasi_static;
   add("inertia", "", dynamic ? "left out" : "taken in", dynamic ? Kind::simplification : Kind::doubt,
       [&](Case& c) { c.config.solver.time = dynamic ? "quasi-static" : "dynamic"; });
-  trials.back().same_cloud = true;
   if (!config.tissue.empty()) {
     add("tissues", "", "all of one", Kind::simplification, [](Case& c) { c.config.tissue.clear(); });
-    trials.back().same_cloud = true;
-  }
+    }
   return trials;
 }
 
@@ -229,6 +222,10 @@ std::string left_out(const Trial& trial, const Result& now, const Result& found)
   if (trial.what == "far tissue" && now.segment.voxel_volume_mm3 == found.segment.voxel_volume_mm3)
     return "there is none";
   return {};
+}
+
+bool same_nodes(const Model& a, const Model& b) {
+  return a.node_count() == b.node_count() && a.X == b.X;
 }
 
 void sort(std::vector<Alternative>& alternatives) {
@@ -325,7 +322,7 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
           now.force.clear();
           for (const double depth_mm : depths_mm) now.force.push_back(stiffness * depth_mm);
         }
-        const bool same_cloud = trial.same_cloud || trial.kind == Kind::cloud;
+        const bool same_cloud = trial.kind == Kind::cloud || same_nodes(now.result.model, as_it_is.result.model);
         const std::vector<double>& compared = same_cloud ? as_it_is.force : mean;
         std::size_t depths = std::min({now.force.size(), compared.size(), found.force.size()});
         // What is hardly more than clouds differ by is told from two.
