@@ -367,8 +367,8 @@ std::vector<Option> options_of(Config& c) {
       {"solver.sample_rate_per_s", "", "1/s", "rows per second of force.csv", &c.solver.sample_rate_per_s, 0,
        1e6, true, any, "solve"},
       {"accuracy.goal", "--accuracy", "",
-       "take as many nodes as it takes to know the force, or with --quantity the displacement, this well by its "
-       "discretisation: a share of it, 2%, a force, 1mN, or a length, 0.1mm",
+       "take as many nodes as it takes to know the force, or the displacement of --quantity, this well by its "
+       "discretisation: 2% of it, 1mN or 0.1mm",
        &c.accuracy.goal, 0, 0, false, any, "run", true},
       {"accuracy.quantity", "--quantity", "",
        "what is to be known, beside the force: displacement@x,y,z of the place of the body at rest there, in "
