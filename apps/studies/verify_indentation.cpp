@@ -50,7 +50,7 @@ void add_curve(Rows& rows, const std::string& group, const std::string& what, co
   for (std::size_t k = 0; k < 8; ++k)
     rows.push_back(compared(fmt::format("{}/{}_mm", group, k + 1),
                             fmt::format("{}, force at {} mm", what, k + 1), ours[k], scene.reference[k],
-                            scene.known_to[k], "N", scene.source[k]));
+                            scene.tolerance[k], "N", scene.source[k]));
 }
 
 }  // namespace

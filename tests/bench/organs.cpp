@@ -265,7 +265,7 @@ void compare(const std::vector<std::pair<Body, Forces>>& measured, const Options
   for (const double depth : depths) {
     panels.push_back(
         {.title = fmt::format("Difference from the finite elements at {:g} mm", depth),
-         .subtitle = {fmt::format("mean over {} seeds; each reference is known to 1 to 3.4 %", wanted.seeds)},
+         .subtitle = {fmt::format("mean over {} seeds; each reference is known to 0.3 to 6 %", wanted.seeds)},
          .x_label = "nodes",
          .y_label = "difference of the force [%]",
          .log_x = true});

@@ -7,8 +7,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "apps/studies/scenes.hpp"
 #include "apps/studies/verify_bodies.hpp"
 #include "io/error.hpp"
+#include "io/table.hpp"
 
 namespace dimple {
 namespace {
@@ -30,7 +32,6 @@ std::vector<std::string> group_names() {
 
 class EveryRow : public testing::TestWithParam<std::string> {};
 
-// Of the two scenes the tolerance is how well their references are known, and nothing else.
 TEST_P(EveryRow, IsWithinItsTolerance) {
 #ifdef DIMPLE_QUICK_GROUPS_ONLY
   const std::vector<std::string> slow = {"inclusion", "manufactured", "hayes", "compressibility"};
@@ -43,7 +44,20 @@ TEST_P(EveryRow, IsWithinItsTolerance) {
 INSTANTIATE_TEST_SUITE_P(Verify, EveryRow, testing::ValuesIn(group_names()),
                          [](const auto& name) { return name.param; });
 
-// With half as many nodes the scheme's own error is added to what is not known of the reference.
+// The program has no files of references with it: what it knows of them by heart is what the files say.
+TEST(Verify, TheTwoScenesAreThoseOfTheReferenceFiles) {
+  for (const auto& [scene, file] : {std::pair(scene_a(), "block.csv"), {scene_b(), "cut_ellipsoid.csv"}}) {
+    const Table known = read_csv(std::string(DIMPLE_REFERENCE_DIR) + "/" + file);
+    ASSERT_EQ(known.rows(), 8u);
+    for (std::size_t k = 0; k < 8; ++k) {
+      EXPECT_DOUBLE_EQ((*known.find("indentation_mm"))[k], static_cast<double>(k + 1));
+      EXPECT_DOUBLE_EQ((*known.find("force_N"))[k], scene.reference[k]);
+      EXPECT_NEAR((*known.find("uncertainty_percent"))[k], 100.0 * scene.known_to[k], 1e-9);
+    }
+  }
+}
+
+// With half as many nodes the scheme's own error is larger.
 TEST(Verify, ForcesOfHalfAsManyNodesAreAPercentFartherFromTheReferencesAtMost) {
   expect_within(verify({"scene_a", "scene_b"}, 2000, {}), 0.01);
 }
