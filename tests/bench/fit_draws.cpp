@@ -6,6 +6,7 @@
 // with its band for each depth, and a dozen of the default cloud for the exponent: draws cost nothing.
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -181,7 +182,7 @@ int main(int argc, char** argv) try {
   app.add_option("--draws", draws);
   CLI11_PARSE(app, argc, argv);
   make_folder(folder);
-  const fs::path images = fs::temp_directory_path() / "dimple_fit_draws";
+  const fs::path images = fs::temp_directory_path() / fmt::format("dimple_fit_draws_{}", getpid());
   make_folder(images);
   write_label_image(images / "block.nrrd",
                     make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 2.0}));

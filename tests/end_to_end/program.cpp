@@ -23,9 +23,9 @@ namespace fs = std::filesystem;
 Program::Program(const fs::path& folder, const std::vector<std::string>& arguments,
                  const std::string& program) {
   static int count = 0;
-  const std::string stem = "dimple_" + std::to_string(getpid()) + "_" + std::to_string(++count);
-  out_ = fs::path(testing::TempDir()) / (stem + ".out");
-  err_ = fs::path(testing::TempDir()) / (stem + ".err");
+  const std::string stem = "said_" + std::to_string(++count);
+  out_ = process_folder() / (stem + ".out");
+  err_ = process_folder() / (stem + ".err");
   std::vector<std::string> words = {program};
   words.insert(words.end(), arguments.begin(), arguments.end());
   std::vector<char*> argv;

@@ -1,17 +1,43 @@
 #pragma once
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
+#include <cstdlib>
 #include <filesystem>
+#include <stdexcept>
+#include <string>
 
 namespace dimple {
 
-/// The running test's own folder, made if need be. No two tests share one: they run side by side. Nor do two
-/// builds: ctest gives each a place of its own (TEST_TMPDIR in tests/CMakeLists.txt).
+/// A folder of this process alone, in TEST_TMPDIR or where gtest has temporary files: neither another test
+/// nor another checkout's shares it. It goes with the process if all tests have passed.
+inline const std::filesystem::path& process_folder() {
+  struct Folder {
+    std::filesystem::path path;
+    pid_t owner = getpid();  // a forked child leaves it alone
+    Folder() {
+      std::string name = (std::filesystem::path(testing::TempDir()) / "dimple_tests_XXXXXX").string();
+      if (mkdtemp(name.data()) == nullptr)
+        throw std::runtime_error("no folder can be made in " + testing::TempDir());
+      path = name;
+    }
+    ~Folder() {
+      std::error_code ignored;
+      if (getpid() == owner && !testing::UnitTest::GetInstance()->Failed())
+        std::filesystem::remove_all(path, ignored);
+    }
+    Folder(const Folder&) = delete;
+    Folder& operator=(const Folder&) = delete;
+  };
+  static const Folder folder;
+  return folder.path;
+}
+
+/// The running test's own folder there, made if need be.
 inline std::filesystem::path test_folder() {
   const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-  const std::filesystem::path folder =
-      std::filesystem::path(testing::TempDir()) / "dimple_tests" / test->test_suite_name() / test->name();
+  const std::filesystem::path folder = process_folder() / test->test_suite_name() / test->name();
   std::filesystem::create_directories(folder);
   return folder;
 }
