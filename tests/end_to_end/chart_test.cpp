@@ -32,7 +32,7 @@ TEST(Export, WritesTheSameSceneForBothPrograms) {
 
 TEST(Export, CalculixGivesTheForceOfTissueThatDoesNotLock) {
   if (std::system("command -v ccx > /dev/null 2>&1") != 0)
-    GTEST_SKIP() << "CalculiX is not installed (apt install calculix-ccx)";
+    GTEST_SKIP() << "CalculiX is not installed (Debian: calculix-ccx)";
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
   const std::string scene =
@@ -50,7 +50,7 @@ TEST(Export, CalculixGivesTheForceOfTissueThatDoesNotLock) {
 
 TEST(Export, CalculixsHexahedraDoNotLock) {
   if (std::system("command -v ccx > /dev/null 2>&1") != 0)
-    GTEST_SKIP() << "CalculiX is not installed (apt install calculix-ccx)";
+    GTEST_SKIP() << "CalculiX is not installed (Debian: calculix-ccx)";
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
   ASSERT_EQ(dimple(folder,

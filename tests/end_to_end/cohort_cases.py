@@ -20,7 +20,7 @@ def skip_without(*programs):
     for program in programs:
         folders = os.environ["PATH"].split(os.pathsep) + ["/usr/sbin", "/sbin"]
         if not any(os.access(os.path.join(folder, program), os.X_OK) for folder in folders):
-            print(f"Skipped: {program} is not installed")
+            print(f"Skipped: {program} is not installed (Debian: slurm-wlm, munge, snakemake)")
             sys.exit(0)
 
 

@@ -52,7 +52,8 @@ class Report : public testing::Test {
   const std::string browser = program_named("chromium");
 
   void SetUp() override {
-    if (browser.empty()) GTEST_SKIP() << "no chromium is installed, so the page is not opened";
+    if (browser.empty())
+      GTEST_SKIP() << "no browser is installed, so the page is not opened (Debian: chromium)";
     ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3").code, 0);
   }
   void run(const std::string& options = "") const {
@@ -184,7 +185,8 @@ TEST_F(Report, PrintsItsVerdict) {
   browse({"--disable-3d-apis", "--print-to-pdf=" + pdf.string()});
   ASSERT_TRUE(text_of(pdf).starts_with("%PDF"));
   const std::string reader = program_named("pdftotext");
-  if (reader.empty()) GTEST_SKIP() << "no pdftotext is installed, so the words on paper are not read";
+  if (reader.empty())
+    GTEST_SKIP() << "pdftotext is not installed, so the words on paper are not read (Debian: poppler-utils)";
   const std::string words = Program(folder, {pdf.string(), "-"}, reader).wait().out;
   for (const char* word :
        {"Image understood", "Model sane", "Equilibrium", "Energy", "Accuracy", "at 4.00 mm"})

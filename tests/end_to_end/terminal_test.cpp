@@ -272,7 +272,7 @@ TEST_F(Terminal, TheDoctorTellsWhetherTheProgramWorksHere) {
 // What a shell says to a script; empty if there is no such shell.
 std::string said_by(const std::string& shell, const std::string& script) {
   if (std::system(("command -v " + shell + " > /dev/null 2>&1").c_str()) != 0) return {};
-  const fs::path out = fs::path(testing::TempDir()) / "said_by_a_shell";
+  const fs::path out = test_folder() / "said_by_a_shell";
   const int code = std::system((shell + " -c '" + script + "' > " + out.string() + " 2>&1").c_str());
   return text_of(out) + (code == 0 ? "" : "\nended with an error");
 }
@@ -293,7 +293,7 @@ TEST_F(Terminal, PagesOfTheManualAreWholeAndRight) {
   const std::string groff =
       "cd " + folder.string() + "; for page in pages/*.1; do groff -man -Tascii -ww -z $page; done";
   if (std::system("command -v groff > /dev/null 2>&1") != 0)
-    GTEST_SKIP() << "groff, which would look at the pages, is not installed";
+    GTEST_SKIP() << "groff, which would look at the pages, is not installed (Debian: groff)";
   EXPECT_EQ(said_by("sh", groff), "");
 }
 
@@ -325,7 +325,7 @@ TEST_F(Terminal, ShellsCompleteCommandsOptionsAndWords) {
     EXPECT_EQ(completed("dimple phantom --shape b"), "block\nbrain\n");
     EXPECT_EQ(completed("dimple completion "), "bash\nfish\nzsh\n");
   }
-  if (fish.empty()) GTEST_SKIP() << "fish is not installed: its completion was not tried";
+  if (fish.empty()) GTEST_SKIP() << "fish is not installed, so its completion was not tried (Debian: fish)";
 }
 
 }  // namespace
