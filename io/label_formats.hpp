@@ -91,8 +91,8 @@ bool is_at_right_angles(const Mat3& axes);
 /// Turns the bytes of each number round.
 void swap_bytes(StoredImage& image);
 
-/// Text of a file as it may stand in a message: control characters as \x00, not endless.
-std::string printable(std::string_view text);
+/// Letters of a file that a message repeats.
+inline constexpr std::size_t most_repeated = 500;
 
 InputError no_place_in_space(const std::filesystem::path& file, std::string_view fact);
 InputError truncated(const std::filesystem::path& file, std::string_view fact);

@@ -20,6 +20,7 @@
 #include "io/label_names.hpp"
 #include "io/memory.hpp"
 #include "io/stop.hpp"
+#include "io/text.hpp"
 
 namespace dimple {
 namespace {
@@ -595,26 +596,16 @@ bool is_at_right_angles(const Mat3& axes) {
   return (unit.transpose() * unit - Mat3::Identity()).cwiseAbs().maxCoeff() < 5e-4;  // ITK's bound lies here
 }
 
-std::string printable(std::string_view text) {
-  std::string result;
-  for (const char c : text) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (result.size() > 500) return result + "...";
-    result += byte < 0x20 || byte == 0x7F ? fmt::format("\\x{:02x}", byte) : std::string(1, c);
-  }
-  return result;
-}
-
 InputError no_place_in_space(const fs::path& file, std::string_view fact) {
   return InputError(
-      {.fact = printable(fact),
+      {.fact = printable(fact, most_repeated),
        .where = image_place(file),
        .why = "spacing, direction and origin in the file's header do not describe a place in space",
        .remedy = "correct the header, or export the segmentation anew"});
 }
 
 InputError truncated(const fs::path& file, std::string_view fact) {
-  return InputError({.fact = printable(fact),
+  return InputError({.fact = printable(fact, most_repeated),
                      .where = image_place(file),
                      .why = "the file is incomplete or damaged, as after a copy that was cut short",
                      .remedy = "copy or export the segmentation again"});

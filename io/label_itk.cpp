@@ -29,6 +29,7 @@
 #include "io/label_formats.hpp"
 #include "io/label_names.hpp"
 #include "io/stop.hpp"
+#include "io/text.hpp"
 
 namespace dimple {
 namespace {
@@ -38,18 +39,31 @@ namespace fs = std::filesystem;
 InputError unreadable(const fs::path& file, const std::string& format, std::string_view why) {
   return InputError({.fact = fmt::format("'{}' cannot be read as {}", file.filename().string(), format),
                      .where = image_place(file),
-                     .why = printable(why),
+                     .why = printable(why, most_repeated),
                      .remedy = "check that the file is complete and of the format that its suffix names; "
                                "export the segmentation anew"});
 }
 
-/// What an ITK exception has to say, without file and line of ITK's own sources.
-std::string words_of(const itk::ExceptionObject& error) {
-  std::string text = error.GetDescription();
-  if (const auto prefix = text.find("): "); prefix != std::string::npos) text.erase(0, prefix + 3);
+/// What an ITK exception says of a header: the innermost reason that NrrdIO gives, without the functions and
+/// files of the library's own sources that it came through. Where nothing else is left, that the library gave
+/// up.
+std::string words_of(const std::exception& error) {
+  const auto* of_itk = dynamic_cast<const itk::ExceptionObject*>(&error);
+  std::string text = of_itk ? of_itk->GetDescription() : "";
+  while (!text.empty() && std::isspace(static_cast<unsigned char>(text.back())) != 0) text.pop_back();
+  if (const auto last = text.rfind("[nrrd] "); last != std::string::npos) {
+    text.erase(0, last);
+    const auto function = text.find(": ");
+    text.erase(0, function == std::string::npos ? text.size() : function + 2);
+  } else if (const auto prefix = text.find("): "); prefix != std::string::npos) {
+    text.erase(0, prefix + 3);
+  }
   std::replace(text.begin(), text.end(), '\n', ' ');
-  while (!text.empty() && text.back() == ' ') text.pop_back();
-  return text;
+  for (const char* trace : {"itk::", "ITK ", "ITK_", "/usr/", ".cxx", ".hxx", ".h:", "0x", "[nrrd]", "biff"})
+    if (text.find(trace) != std::string::npos) text.clear();
+  return text.empty()
+             ? "its header is damaged, or says what no image can be: the library that reads it gave up"
+             : text;
 }
 
 Number number_type(const itk::ImageIOBase& io, const fs::path& file) {
@@ -109,10 +123,8 @@ StoredImage read_information(itk::ImageIOBase& io, const fs::path& file, std::st
     const Silence silence;
     io.SetFileName(file.string());
     io.ReadImageInformation();
-  } catch (const itk::ExceptionObject& error) {
+  } catch (const std::exception& error) {  // ITK's own, or what a damaged header makes of the library
     throw unreadable(file, image.format, words_of(error));
-  } catch (const std::exception& error) {  // what a damaged header makes of the library
-    throw unreadable(file, image.format, error.what());
   }
   std::vector<Index> size;
   for (unsigned a = 0; a < io.GetNumberOfDimensions(); ++a) {

@@ -15,15 +15,27 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// RFC 4180: a field with a comma, a quote or a line break stands in quotes, its quotes doubled.
-std::string quoted(const std::string& field) {
-  if (field.find_first_of(",\"\r\n") == std::string::npos) return field;
+/// RFC 4180: in quotes, its own doubled.
+std::string in_quotes(const std::string& field) {
   std::string text = "\"";
   for (const char c : field) {
     if (c == '"') text += '"';
     text += c;
   }
   return text + '"';
+}
+
+/// A field with a comma, a quote or a line break needs them.
+std::string quoted(const std::string& field) {
+  return field.find_first_of(",\"\r\n") == std::string::npos ? field : in_quotes(field);
+}
+
+/// As shortest() writes it.
+bool is_number(const std::string& field) {
+  double value = 0.0;
+  const char* const end = field.data() + field.size();
+  const auto [stop, error] = std::from_chars(field.data(), end, value);
+  return !field.empty() && stop == end && error == std::errc();
 }
 
 std::string_view trimmed(std::string_view text) {
@@ -147,7 +159,7 @@ void write_csv(const fs::path& file, const Table& table) {
 }
 
 Table read_csv(const fs::path& file) {
-  const std::string content = read_file(file);
+  const std::string content = read_file(file, most_bytes_of_table);
   Table table;
   char separator = ',';
   Lines lines(content);
@@ -183,7 +195,7 @@ Table read_csv(const fs::path& file) {
 }
 
 TextTable read_text_csv(const fs::path& file) {
-  const std::string content = read_file(file);
+  const std::string content = read_file(file, most_bytes_of_table);
   if (content.find('\0') != std::string::npos)  // UTF-16 too
     throw bad_table(file, 0, "the table is not plain text", "it may be a spreadsheet's own format, or UTF-16",
                     "save it as CSV, with UTF-8 as the encoding");
@@ -231,13 +243,23 @@ std::string to_csv(const TextTable& table) {
   const auto add = [&text](const std::vector<std::string>& fields) {
     for (const std::string& field : fields) {
       if (&field != &fields.front()) text += ',';
-      text += quoted(field);
+      text += is_number(field) ? field : quoted(as_text(field));
     }
     text += "\r\n";
   };
   add(table.header);
   for (const TextTable::Row& row : table.row) add(row.field);
   return text;
+}
+
+std::string as_text(const std::string& words) {
+  const bool formula =
+      !words.empty() && std::string_view("=+-@\t\r\n").find(words[0]) != std::string_view::npos;
+  return formula ? '\'' + words : words;
+}
+
+std::string csv_field(const std::string& words) {
+  return in_quotes(as_text(words));
 }
 
 std::string shortest(double value) {

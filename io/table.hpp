@@ -39,8 +39,13 @@ struct TextTable {
 /// be empty. Throws InputError: no such file, zero bytes in it, no header, a header entry that is empty or there twice, quotes
 /// that do not close in their line, rows of different length.
 TextTable read_text_csv(const std::filesystem::path& file);
-/// RFC 4180 CSV of rows of words.
+/// RFC 4180 CSV of rows of words. What is no number stands as_text().
 std::string to_csv(const TextTable& table);
+/// Words of others for a field of a table: behind an apostrophe if a spreadsheet would take them for a
+/// formula, which begins with = + - @ or with a blank control character before those.
+std::string as_text(const std::string& words);
+/// The same in quotes.
+std::string csv_field(const std::string& words);
 /// Shortest text that reads back to the same bits; "nan" and "inf" for what is not finite.
 std::string shortest(double value);
 

@@ -8,9 +8,11 @@
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
+#include "apps/commands/terminal.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/studies/cohort.hpp"
 #include "io/stop.hpp"
+#include "io/text.hpp"
 
 namespace dimple {
 namespace {
@@ -31,21 +33,21 @@ std::size_t count(const std::vector<CaseEnd>& ends, How how) {
 
 void print_table(const Cohort& cohort, const std::vector<CaseEnd>& ends, double seconds,
                  const std::string& out) {
-  fmt::print("{} finished, {} skipped, {} failed", count(ends, How::finished), count(ends, How::skipped),
-             count(ends, How::failed));
+  print(fmt::format("{} finished, {} skipped, {} failed", count(ends, How::finished),
+                    count(ends, How::skipped), count(ends, How::failed)));
   if (const std::size_t left = count(ends, How::interrupted) + count(ends, How::not_begun); left > 0)
-    fmt::print(", {} left to do", left);
-  fmt::print(" of {} cases in {:.1f} s\t{}\n", ends.size(), seconds, out);
+    print(fmt::format(", {} left to do", left));
+  print(fmt::format(" of {} cases in {:.1f} s\t{}\n", ends.size(), seconds, printable(out)));
   std::size_t widest = 0;
   for (std::size_t row = 0; row < ends.size(); ++row)
     if (ends[row].how == How::failed) widest = std::max(widest, cohort.id(row).size());
   for (std::size_t row = 0; row < ends.size(); ++row) {
     const CaseEnd& end = ends[row];
     if (end.how != How::failed) continue;
-    fmt::print("  row {:>{}}  {:<{}}  {} [{}]\n", row + 1, std::to_string(ends.size()).size(), cohort.id(row),
-               widest, end.reason.fact, end.reason.code);
-    fmt::print("  {:>{}}  try: {}\n", "", 4 + std::to_string(ends.size()).size() + 2 + widest,
-               end.reason.remedy);
+    print(fmt::format("  row {:>{}}  {:<{}}  {} [{}]\n", row + 1, std::to_string(ends.size()).size(),
+                      cohort.id(row), widest, printable(end.reason.fact), printable(end.reason.code)));
+    print(fmt::format("  {:>{}}  try: {}\n", "", 4 + std::to_string(ends.size()).size() + 2 + widest,
+                      printable(end.reason.remedy)));
   }
 }
 
@@ -73,7 +75,7 @@ void print_json(const Cohort& cohort, const std::vector<CaseEnd>& ends, double s
   for (const auto& [name, how] :
        {std::pair{"interrupted", How::interrupted}, std::pair{"not_begun", How::not_begun}})
     out[name] = left(how);
-  fmt::print("{}\n", out.dump(2, ' ', false, Json::error_handler_t::replace));
+  print_json(out.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 // Counted from 1, of the row with that id.
@@ -118,10 +120,8 @@ int run_all(const Cohort& cohort, const Config& of_all_rows, const Invocation& s
   else
     print_table(cohort, ends, whole.seconds(), shared.out);
   if (const StopReason why = stop_asked(); why != StopReason::none) {
-    std::fputs(fmt::format("dimple: {}; the same command goes on from there [{}]\n", Stopped(why).report.fact,
-                           Stopped(why).report.code)
-                   .c_str(),
-               stderr);
+    print_error(fmt::format("dimple: {}; the same command goes on from there [{}]\n",
+                            Stopped(why).report.fact, Stopped(why).report.code));
     return static_cast<int>(ExitCode::interrupted);
   }
   for (const CaseEnd& end : ends)

@@ -38,9 +38,9 @@ Command add_cite(CLI::App& app, Invocation&) {
   command->add_flag("--bibtex", *as_bibtex, "as BibTeX entries");
   return {command, [as_bibtex] {
             if (*as_bibtex)
-              fmt::print(bibtex, DIMPLE_VERSION);
+              print(fmt::format(bibtex, DIMPLE_VERSION));
             else
-              fmt::print("{}", wrapped(fmt::format(text, DIMPLE_VERSION), 0, terminal_width(STDOUT_FILENO)));
+              print(wrapped(fmt::format(text, DIMPLE_VERSION), 0, terminal_width(STDOUT_FILENO)));
             return 0;
           }};
 }

@@ -5,7 +5,9 @@
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
+#include "apps/commands/terminal.hpp"
 #include "io/label_image.hpp"
+#include "io/text.hpp"
 
 namespace dimple {
 namespace {
@@ -37,20 +39,23 @@ void describe_image(const std::filesystem::path& file, const std::filesystem::pa
                                {"pieces", l.pieces},
                                {"touches_border", l.touches_border}});
     // A file's name may be no UTF-8.
-    fmt::print("{}\n", out.dump(2, ' ', false, Json::error_handler_t::replace));
+    print_json(out.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
     return;
   }
-  fmt::print(
+  print(fmt::format(
       "{}\n  format       {}\n  size         {} x {} x {} voxels\n  spacing      {:.6g} x {:.6g} x {:.6g} "
       "mm\n  axes run to  {}\n\n",
-      file.string(), image.format, image.stored_size[0], image.stored_size[1], image.stored_size[2],
-      image.stored_spacing.x(), image.stored_spacing.y(), image.stored_spacing.z(), image.orientation);
-  fmt::print("{:>6}  {:<28} {:>12} {:>14}  {:<24}  {:>6}  {}\n", "label", "name", "voxels", "volume_mm3",
-             "centre L, P, S [mm]", "pieces", "touches border");
+      printable(file.string()), printable(image.format), image.stored_size[0], image.stored_size[1],
+      image.stored_size[2], image.stored_spacing.x(), image.stored_spacing.y(), image.stored_spacing.z(),
+      image.orientation));
+  print(fmt::format("{:>6}  {:<28} {:>12} {:>14}  {:<24}  {:>6}  {}\n", "label", "name", "voxels",
+                    "volume_mm3", "centre L, P, S [mm]", "pieces", "touches border"));
   for (const LabelMeasure& l : labels)
-    fmt::print("{:>6}  {:<28} {:>12} {:>14.1f}  {:<24}  {:>6}  {}\n", l.value, l.name, l.voxels, l.volume_mm3,
-               fmt::format("{:.1f}, {:.1f}, {:.1f}", l.centre_mm.x(), l.centre_mm.y(), l.centre_mm.z()),
-               l.pieces, l.touches_border ? "yes" : "no");
+    print(
+        fmt::format("{:>6}  {:<28} {:>12} {:>14.1f}  {:<24}  {:>6}  {}\n", l.value, printable(l.name),
+                    l.voxels, l.volume_mm3,
+                    fmt::format("{:.1f}, {:.1f}, {:.1f}", l.centre_mm.x(), l.centre_mm.y(), l.centre_mm.z()),
+                    l.pieces, l.touches_border ? "yes" : "no"));
   for (const std::string& warning : image.warnings) warn(warning);
 }
 

@@ -21,6 +21,7 @@
 
 #include "apps/commands/terminal.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "io/text.hpp"
 
 namespace dimple {
 namespace {
@@ -148,6 +149,7 @@ class StageLine {
       line += " ...";
     }
     const std::size_t width = terminal_width(STDERR_FILENO) - 1;
+    line = printable(line);
     if (line.size() > width) line.resize(width);
     std::fputs(("\r\033[K" + line).c_str(), stderr);
     std::fflush(stderr);
@@ -224,17 +226,17 @@ void clear_stage_line() {
 }
 
 void say(const std::string& line) {
-  above_stage_line([&] { spdlog::info("{}", line); });
+  above_stage_line([&] { spdlog::info("{}", printable(line)); });
 }
 void detail(const std::string& line) {
-  if (verbose) above_stage_line([&] { spdlog::debug("{}", line); });
+  if (verbose) above_stage_line([&] { spdlog::debug("{}", printable(line)); });
 }
 void warn(const std::string& line) {
   {
     const std::lock_guard lock(warnings_mutex);
     warnings.push_back(line);
   }
-  above_stage_line([&] { spdlog::warn("warning: {}", line); });
+  above_stage_line([&] { spdlog::warn("warning: {}", printable(line)); });
 }
 
 std::vector<std::string> warnings_so_far() {

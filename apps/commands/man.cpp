@@ -4,6 +4,7 @@
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/describe.hpp"
+#include "apps/commands/terminal.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 
@@ -37,9 +38,7 @@ Command add_man(CLI::App& app, Invocation&) {
                       "write the pages of all commands into this folder");
   return {command, [&app, options] {
             if (options->folder.empty()) {
-              fmt::print(
-                  "{}",
-                  man_page(app, options->command.empty() ? nullptr : command_named(app, options->command)));
+              print(man_page(app, options->command.empty() ? nullptr : command_named(app, options->command)));
               return 0;
             }
             make_folder(options->folder);
@@ -67,7 +66,7 @@ Command add_completion(CLI::App& app, Invocation&) {
                                 .where = "dimple completion",
                                 .why = "it is made for bash, zsh and fish",
                                 .remedy = "for instance dimple completion bash"});
-            fmt::print("{}", text);
+            print(text);
             return 0;
           }};
 }

@@ -1,4 +1,3 @@
-#include <fmt/format.h>
 #include <unistd.h>
 
 #include "apps/commands/command.hpp"
@@ -10,7 +9,7 @@ Command add_options(CLI::App& app, Invocation&) {
   return {app.add_subcommand("options", "list every option with its unit, default, range and meaning")
               ->group("About the program"),
           [] {
-            fmt::print("{}", wrapped(option_reference(), 52, terminal_width(STDOUT_FILENO)));
+            print(wrapped(option_reference(), 52, terminal_width(STDOUT_FILENO)));
             return 0;
           }};
 }

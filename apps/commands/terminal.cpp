@@ -3,8 +3,11 @@
 #include <sys/ioctl.h>
 
 #include <algorithm>
+#include <cstdio>
 #include <cstdlib>
 #include <sstream>
+
+#include "io/text.hpp"
 
 namespace dimple {
 
@@ -45,6 +48,27 @@ std::string wrapped(const std::string& text, std::size_t column, std::size_t wid
     result += line + '\n';
   }
   return result;
+}
+
+namespace {
+
+// stdio keeps in mind that a write has failed, where fmt::print throws: command_line() says so in the end.
+void put(const std::string& text, std::FILE* file) {
+  std::fwrite(text.data(), 1, text.size(), file);
+}
+
+}  // namespace
+
+void print(const std::string& text) {
+  put(printable_lines(text), stdout);
+}
+
+void print_error(const std::string& text) {
+  put(printable_lines(text), stderr);
+}
+
+void print_json(const std::string& json) {
+  put(printable_json(json), stdout);
 }
 
 }  // namespace dimple

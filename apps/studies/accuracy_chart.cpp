@@ -285,18 +285,13 @@ std::string csv(const std::vector<AccuracyPoint>& points, const std::vector<Subj
   for (int k = 1; k <= most_depths; ++k) text += fmt::format(",force_{}_mm_N", k);  // of the first cloud
   text += "\n";
   const auto number = [](double value) { return std::isfinite(value) ? fmt::format("{:.6g}", value) : ""; };
-  const auto quoted = [](std::string words) {
-    std::replace(words.begin(), words.end(), '"', '\'');
-    return fmt::format("\"{}\"", words);
-  };
   for (const AccuracyPoint& p : points) {
     const auto subject =
         std::find_if(subjects.begin(), subjects.end(), [&](const Subject& s) { return s.name == p.scene; });
-    text += fmt::format("{},{},{},{},{},{},{:.4g},{:.4g},{:.4g},{},{},{},{:.4g},{},{},{},{}", p.scene, p.program, p.scheme,
-                        p.time, p.nodes, p.points, p.build_s, p.solve_s, p.wall_s(), number(p.error),
-                        number(p.error_last), p.on_front ? 1 : 0, p.band_s, number(p.stated),
-                        p.on_stated_front ? 1 : 0, quoted(subject->reference_name),
-                        quoted(p.status));
+    text += fmt::format("{},{},{},{},{},{},{:.4g},{:.4g},{:.4g},{},{},{},{:.4g},{},{},{},{}", p.scene,
+                        p.program, p.scheme, p.time, p.nodes, p.points, p.build_s, p.solve_s, p.wall_s(),
+                        number(p.error), number(p.error_last), p.on_front ? 1 : 0, p.band_s, number(p.stated),
+                        p.on_stated_front ? 1 : 0, csv_field(subject->reference_name), csv_field(p.status));
     const std::vector<double> force = p.runs.empty() ? std::vector<double>{} : p.runs.front();
     for (std::size_t k = 0; k < most_depths; ++k)
       text += fmt::format(",{}", k < force.size() ? number(force[k]) : "");
@@ -502,13 +497,13 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
     for (const std::string& elements : options.peer_elements)
       peers.push_back({"febio", elements == "hexahedra" ? "hex8" : "tet10", "FEBio", elements,
                        program_asked_for(options.febio, "--febio")});
+  check_result_folder(folder);
   std::optional<LabelImage> given;
   if (wanted("image") && !config.image.file.empty())
     given = read_label_image(config.image.file, config.image.label_names);
   const std::vector<double> known =
       options.reference.empty() ? std::vector<double>{} : reference_of(options.reference);
   stop_if_asked();
-  check_result_folder(folder);
   make_folder(folder);
   const FolderLock lock(folder);
   remove_temporaries_in(folder);

@@ -17,6 +17,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
+#include "io/table.hpp"
 #include "preprocess/change_image.hpp"
 
 namespace dimple {
@@ -425,9 +426,10 @@ void write_explanation(const std::filesystem::path& folder, const Explanation& e
       .legend = {{0, "not known from the image"}, {1, "could be left out"}, {2, "the discretisation"}}};
   for (const Alternative& a : e.alternatives) {
     const bool there = a.failed.empty();
-    csv += fmt::format("\"{}\",\"{}\",{},{:g},{},{},{:.3g},\"{}\"\n", a.what, a.instead, word(a.kind),
-                       a.depth_mm, there ? fmt::format("{:.6g}", a.force) : "",
-                       there ? fmt::format("{:.4g}", 100.0 * a.effect) : "", a.seconds, verdict(e, a));
+    csv += fmt::format("{},{},{},{:g},{},{},{:.3g},{}\n", csv_field(a.what), csv_field(a.instead),
+                       word(a.kind), a.depth_mm, there ? fmt::format("{:.6g}", a.force) : "",
+                       there ? fmt::format("{:.4g}", 100.0 * a.effect) : "", a.seconds,
+                       csv_field(verdict(e, a)));
     text += fmt::format("| {} | {} | {} | {} | {:.1f} | {} |\n", a.what, instead_of(a, e), word(a.kind),
                         there ? fmt::format("{:+.1f}", 100.0 * a.effect) : "", a.seconds, verdict(e, a));
     if (!there) continue;

@@ -225,6 +225,9 @@ TEST_P(HostileImage, IsRefusedInWordsOrReadRight) {
     for (const std::string& word : with_four_parts(c.words))
       EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
     EXPECT_EQ(json.at("exit_code"), c.code);
+    for (const char* trace :
+         {"itk::", "ITK ERROR", "/usr/include", ".cxx", ".hxx", "[nrrd]", "0x5", "std::", "vector::"})
+      EXPECT_EQ(ran.err.find(trace), std::string::npos) << "the library's own words: " << ran.err;
     return;
   }
   EXPECT_EQ(ran.err, "");

@@ -1,0 +1,98 @@
+#include "io/text.hpp"
+
+#include <fmt/format.h>
+
+namespace dimple {
+namespace {
+
+/// Bytes of the character that begins `text`; 0: it is not UTF-8.
+std::size_t length_of_character(std::string_view text) {
+  const auto byte = [&](std::size_t k) { return static_cast<unsigned char>(text[k]); };
+  const unsigned char first = byte(0);
+  if (first < 0x80) return 1;
+  const std::size_t length = first >= 0xC2 && first <= 0xDF   ? 2
+                             : first >= 0xE0 && first <= 0xEF ? 3
+                             : first >= 0xF0 && first <= 0xF4 ? 4
+                                                              : 0;
+  if (length == 0 || text.size() < length) return 0;
+  for (std::size_t k = 1; k < length; ++k)
+    if ((byte(k) & 0xC0) != 0x80) return 0;
+  // Neither longer than need be, nor half of a pair, nor beyond the last.
+  const bool wrong = (first == 0xE0 && byte(1) < 0xA0) || (first == 0xED && byte(1) > 0x9F) ||
+                     (first == 0xF0 && byte(1) < 0x90) || (first == 0xF4 && byte(1) > 0x8F);
+  return wrong ? 0 : length;
+}
+
+bool is_control(std::string_view character) {
+  const auto first = static_cast<unsigned char>(character[0]);
+  return first < 0x20 || first == 0x7F || (first == 0xC2 && static_cast<unsigned char>(character[1]) < 0xA0);
+}
+
+/// `keep(rest)`: the text goes on with a control character that stays.
+template <class Keep>
+std::string cleaned(std::string_view text, std::size_t most, const Keep& keep) {
+  std::string result;
+  while (!text.empty()) {
+    if (result.size() > most) return result + "...";
+    const std::size_t length = length_of_character(text);
+    const std::string_view character = text.substr(0, length == 0 ? 1 : length);
+    if (length > 0 && (!is_control(character) || keep(text)))
+      result += character;
+    else
+      for (const char c : character) result += fmt::format("\\x{:02x}", static_cast<unsigned char>(c));
+    text.remove_prefix(character.size());
+  }
+  return result;
+}
+
+}  // namespace
+
+std::string printable(std::string_view text, std::size_t most) {
+  return cleaned(text, most, [](std::string_view) { return false; });
+}
+
+std::string printable_lines(std::string_view text) {
+  return cleaned(text, std::string_view::npos, [](std::string_view rest) {
+    return rest[0] == '\n' || rest[0] == '\t' || rest.starts_with("\r\n");
+  });
+}
+
+std::string printable_json(std::string_view json) {
+  std::string result;
+  for (std::size_t i = 0; i < json.size(); ++i) {
+    const auto byte = static_cast<unsigned char>(json[i]);
+    const unsigned char next = i + 1 < json.size() ? static_cast<unsigned char>(json[i + 1]) : 0;
+    if (byte == 0x7F)
+      result += "\\u007f";
+    else if (byte == 0xC2 && next >= 0x80 && next < 0xA0)
+      result += fmt::format("\\u00{:02x}", static_cast<unsigned char>(json[++i]));
+    else
+      result += json[i];
+  }
+  return result;
+}
+
+bool is_utf8(std::string_view text) {
+  while (!text.empty()) {
+    const std::size_t length = length_of_character(text);
+    if (length == 0) return false;
+    text.remove_prefix(length);
+  }
+  return true;
+}
+
+std::string toml_string(std::string_view text) {
+  std::string result = "\"";
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (c == '"' || c == '\\')
+      result += fmt::format("\\{}", c);
+    else if (byte < 0x20 || byte == 0x7F)
+      result += fmt::format("\\u{:04X}", byte);
+    else
+      result += c;
+  }
+  return result + '"';
+}
+
+}  // namespace dimple
