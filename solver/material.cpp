@@ -299,14 +299,26 @@ void ViscousHistory::accept(Index q, const Mat3& F) {
 }
 
 std::vector<Preset> material_presets() {
-  Material miller_chinzei = ogden({{.mu = 842.0, .alpha = -4.7}}, 0.499, 1000.0);
-  miller_chinzei.prony = {{.g = 0.450, .tau = 0.5}, {.g = 0.365, .tau = 50.0}};
+  const MaterialNumbers horton{.mu_Pa = 210.0,
+                               .nu = 0.499,
+                               .density_kg_per_m3 = 1000.0,
+                               .ogden_mu_Pa = {},
+                               .ogden_alpha = {},
+                               .prony_g = {},
+                               .prony_tau_s = {}};
+  const MaterialNumbers miller_chinzei{.mu_Pa = 842.0,
+                                       .nu = 0.499,
+                                       .density_kg_per_m3 = 1000.0,
+                                       .ogden_mu_Pa = {842.0},
+                                       .ogden_alpha = {-4.7},
+                                       .prony_g = {0.450, 0.365},
+                                       .prony_tau_s = {0.5, 50.0}};
   return {
       {"horton_2007",
        "Horton, Wittek, Miller, Subject-Specific Biomechanical Simulation of Brain Indentation Using a "
        "Meshless "
        "Method, MICCAI 2007, LNCS 4791: swine brain, neo-Hookean, mu 210 Pa, nu 0.499, 1000 kg/m^3",
-       neo_hookean(210.0, 0.499, 1000.0)},
+       horton},
       {"miller_chinzei_2002",
        "Miller, Chinzei, Mechanical properties of brain tissue in tension, J. Biomechanics 35 (2002) "
        "483-490: "
@@ -316,16 +328,20 @@ std::vector<Preset> material_presets() {
   };
 }
 
-Material material_preset(const std::string& name) {
+MaterialNumbers numbers_of_preset(const std::string& name) {
   std::string names;
   for (Preset& preset : material_presets()) {
-    if (preset.name == name) return std::move(preset.material);
+    if (preset.name == name) return std::move(preset.numbers);
     names += (names.empty() ? "" : ", ") + preset.name;
   }
   throw UsageError({.fact = "there is no material preset '" + name + "'",
                     .where = "material",
                     .why = "presets are named after their paper: family names and year",
                     .remedy = "use one of: " + names});
+}
+
+Material material_preset(const std::string& name) {
+  return material_from(numbers_of_preset(name));
 }
 
 namespace {
@@ -368,7 +384,6 @@ void set_prony(const MaterialNumbers& m, Material& material) {
     refuse_numbers(text(m.prony_g.size(), " relaxing parts and ", m.prony_tau_s.size(), " relaxation times"),
                    "each Prony term has one of both",
                    "give as many numbers in material.prony_g as in prony_tau_s");
-  if (!m.prony_g.empty()) material.prony.clear();
   double relaxing = 0.0;
   for (std::size_t k = 0; k < m.prony_g.size(); ++k) {
     if (!(m.prony_g[k] > 0.0) || !(m.prony_tau_s[k] > 0.0))
@@ -384,14 +399,13 @@ void set_prony(const MaterialNumbers& m, Material& material) {
 
 }  // namespace
 
-Material material_from(const MaterialNumbers& m, const std::string& preset, bool as_printed) {
+Material material_from(const MaterialNumbers& m, bool as_printed) {
   const bool is_ogden = !m.ogden_mu_Pa.empty() || !m.ogden_alpha.empty();
   const bool is_mooney_rivlin = m.mooney_c01_Pa > 0.0;
-  if (is_mooney_rivlin && (preset != "none" || is_ogden))
+  if (is_mooney_rivlin && is_ogden)
     refuse_numbers("a Mooney-Rivlin constant is given beside another law", "a tissue has one law",
                    "leave out material.mooney_c01_Pa, or the preset and the Ogden numbers");
-  Material result = preset != "none"   ? material_preset(preset)
-                    : is_ogden         ? ogden_from(m)
+  Material result = is_ogden           ? ogden_from(m)
                     : is_mooney_rivlin ? mooney_rivlin_from(m)
                                        : neo_hookean(m.mu_Pa, m.nu, m.density_kg_per_m3, as_printed);
   if (as_printed && !is_as_printed(result))

@@ -62,10 +62,9 @@ struct MaterialNumbers {
   double mooney_c01_Pa = 0.0;                    ///< at most mu/2
   std::vector<double> prony_g, prony_tau_s;      ///< as many of both
 };
-/// The law whose numbers are given, neo-Hookean if none are. With a preset only the Prony terms are asked.
-/// `as_printed`: PrintedNeoHookean. Throws UsageError: two laws, or numbers with which a tissue would give way.
-Material material_from(const MaterialNumbers& numbers, const std::string& preset = "none",
-                       bool as_printed = false);
+/// The law whose numbers are given, neo-Hookean if none are. `as_printed`: PrintedNeoHookean. Throws
+/// UsageError: two laws, or numbers with which a tissue would give way.
+Material material_from(const MaterialNumbers& numbers, bool as_printed = false);
 
 /// kappa = lambda + 2/3 mu with lambda = 2 mu nu / (1 - 2 nu). The law: NeoHookean, or as printed.
 Material neo_hookean(double mu, double nu, double density, bool as_printed = false);
@@ -237,12 +236,13 @@ struct ViscousHistory {
 struct Preset {
   std::string name;      ///< as typed: family name and year
   std::string citation;  ///< where the numbers stand, and what was chosen that does not stand there
-  Material material;
+  MaterialNumbers numbers;
 };
 
 std::vector<Preset> material_presets();
 
 /// Throws: UsageError if there is none of that name; it lists all names.
+MaterialNumbers numbers_of_preset(const std::string& name);
 Material material_preset(const std::string& name);
 
 }  // namespace dimple

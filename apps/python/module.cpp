@@ -236,7 +236,7 @@ struct Settings {
     Config result;
     if (!config_file.empty()) read_config(result, config_file);
     for (const auto& [key, text, source] : given) set_option(result, key, text, source);
-    resolve_young(result);
+    resolve_material(result);
     return result;
   }
 };

@@ -5,12 +5,14 @@
 #include <toml++/toml.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <sstream>
 
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/text.hpp"
 
 namespace dimple {
 namespace {
@@ -30,6 +32,9 @@ const std::map<std::string, std::map<std::string, double>>& unit_table() {
   };
   return table;
 }
+
+// Before the name of the preset that a number is of.
+const std::string of_preset = "preset ";
 
 std::string trimmed(const std::string& text) {
   const auto first = text.find_first_not_of(" \t"), last = text.find_last_not_of(" \t");
@@ -124,6 +129,12 @@ std::string place_in_mm(const std::string& text) {
 }
 
 void assign_text(const Option& option, const std::string& text, const std::string& source) {
+  if (!is_utf8(text))
+    throw UsageError(
+        {.fact = fmt::format("{} = {} is not UTF-8", option.key, text),
+         .where = source,
+         .why = "the configuration that a run leaves behind repeats every name, and holds no other bytes",
+         .remedy = "rename the file, or save the table with that encoding"});
   if (auto* word = std::get_if<std::string*>(&option.value)) {
     if (!option.choices.empty() &&
         std::find(option.choices.begin(), option.choices.end(), text) == option.choices.end())
@@ -187,17 +198,12 @@ std::string toml_value(const Option& option) {
     return s.find_first_of(".en") == std::string::npos ? s + ".0" : s;
   }
   if (auto* whole = std::get_if<std::int64_t*>(&option.value)) return fmt::format("{}", **whole);
-  const auto quoted = [](const std::string& text) {
-    std::ostringstream out;
-    out << toml::value<std::string>(text);
-    return out.str();
-  };
-  if (auto* word = std::get_if<std::string*>(&option.value)) return quoted(**word);
+  if (auto* word = std::get_if<std::string*>(&option.value)) return toml_string(**word);
   if (auto* numbers = std::get_if<std::vector<double>*>(&option.value))
     return fmt::format("[{}]", fmt::join(**numbers, ", "));
   std::vector<std::string> items;
   for (const std::string& item : **std::get_if<std::vector<std::string>*>(&option.value))
-    items.push_back(quoted(item));
+    items.push_back(toml_string(item));
   return fmt::format("[{}]", fmt::join(items, ", "));
 }
 
@@ -343,7 +349,7 @@ std::vector<Option> options_of(Config& c) {
        "quasi-static: equilibrium at each frame; explicit: central differences; dynamic: implicit steps as "
        "long "
        "as the body's natural modes allow, explicit if the load is too short; auto: quasi-static or, if the "
-       "load is short, explicit. horton2007 is explicit",
+       "tool is fast for the body, explicit. horton2007 is explicit",
        &c.solver.time,
        0,
        0,
@@ -500,14 +506,60 @@ void set_value(const Option& option, const std::string& text, const std::string&
   assign_text(option, text, source);
 }
 
+namespace {
+
+constexpr std::array keys_of_a_preset = {
+    "material.mu_Pa",       "material.nu",          "material.density_kg_per_m3",
+    "material.ogden_mu_Pa", "material.ogden_alpha", "material.mooney_c01_Pa",
+    "material.prony_g",     "material.prony_tau_s"};
+
+bool is_of_a_preset(const Option& option) {
+  return std::find(keys_of_a_preset.begin(), keys_of_a_preset.end(), option.key) != keys_of_a_preset.end();
+}
+
+// How much an option was meant: 0, not at all, or as a file of all options states whatever nobody has chosen;
+// 1, for all cases of a table, each of which may say otherwise; 2, in a file; 3, on the command line.
+int weight_of(const Config& config, const std::string& key) {
+  const auto source = config.source.find(key);
+  if (source == config.source.end() || source->second.starts_with(of_preset)) return 0;
+  if (source->second.starts_with(for_all_cases)) return 1;
+  if (source->second.starts_with("--")) return 3;
+  Config usual, own = config;
+  std::vector<Option> all = options_of(own), as_usual = options_of(usual);
+  return toml_value(*find(all, key)) == toml_value(*find(as_usual, key)) ? 0 : 2;
+}
+
+// Whether a number is of a preset that was there before.
+bool was_of_a_preset(const Config& config, const std::string& key) {
+  const auto source = config.source.find(key);
+  return source != config.source.end() && (source->second.starts_with(of_preset) ||
+                                           source->second.starts_with(for_all_cases + of_preset));
+}
+
+void take_preset(Config& config, bool young_given) {
+  const std::string& preset = config.material.preset;
+  const bool none = preset == "none";
+  Config published;
+  if (!none) static_cast<MaterialNumbers&>(published.material) = numbers_of_preset(preset);
+  const int weight = weight_of(config, "material.preset");
+  std::vector<Option> own = options_of(config), theirs = options_of(published);
+  for (std::size_t k = 0; k < own.size(); ++k) {
+    const std::string& key = own[k].key;
+    if (!is_of_a_preset(own[k]) || (key == "material.mu_Pa" && young_given)) continue;
+    if (none ? !was_of_a_preset(config, key) : weight_of(config, key) >= weight) continue;
+    std::visit([&](auto* value) { *value = *std::get<decltype(value)>(theirs[k].value); }, own[k].value);
+    if (none)
+      config.source.erase(key);
+    else
+      config.source[key] = of_preset + preset;
+  }
+}
+
 void resolve_young(Config& config) {
   auto& m = config.material;
   if (m.young_Pa == 0.0) return;
   const auto young = config.source.find("material.young_Pa"), mu = config.source.find("material.mu_Pa");
-  // A file of all options states the default of mu beside whatever is chosen.
-  const bool as_in_every_file =
-      m.mu_Pa == Config{}.material.mu_Pa && mu != config.source.end() && !mu->second.starts_with("--");
-  if (mu != config.source.end() && !as_in_every_file)
+  if (weight_of(config, "material.mu_Pa") > 1)
     throw UsageError(
         {.fact = fmt::format("a shear modulus, {} Pa, and Young's modulus, {} Pa, are given both", m.mu_Pa,
                              m.young_Pa),
@@ -519,6 +571,61 @@ void resolve_young(Config& config) {
   m.young_Pa = 0.0;
 }
 
+// Of Ogden's law the shear modulus is the sum of its moduli.
+void match_ogden(Config& config, int weight_of_modulus) {
+  auto& m = config.material;
+  double sum = 0.0;
+  for (const double mu : m.ogden_mu_Pa) sum += mu;
+  constexpr double rounding = 1e-12;
+  if (!(sum > 0.0) || std::abs(sum - m.mu_Pa) <= rounding * sum)
+    return;  // what is no law is refused elsewhere
+  const int weight = weight_of(config, "material.ogden_mu_Pa");
+  if (weight == weight_of_modulus && weight > 0)
+    throw UsageError(
+        {.fact = fmt::format("a shear modulus, {} Pa, and Ogden moduli that add up to {} Pa are given both",
+                             m.mu_Pa, sum),
+         .where = fmt::format("{} and {}", config.source.at("material.mu_Pa"),
+                              config.source.at("material.ogden_mu_Pa")),
+         .why = "the moduli of Ogden's terms add up to the shear modulus",
+         .remedy = "give one of them"});
+  if (weight_of_modulus > weight) {
+    for (double& mu : m.ogden_mu_Pa) mu *= m.mu_Pa / sum;
+    config.source["material.ogden_mu_Pa"] += ", scaled to mu";
+  } else {
+    m.mu_Pa = sum;
+    config.source["material.mu_Pa"] = "the sum of ogden_mu_Pa";
+  }
+}
+
+}  // namespace
+
+void resolve_material(Config& config) {
+  const int young = config.material.young_Pa > 0.0 ? weight_of(config, "material.young_Pa") : 0;
+  const bool young_given = young > 0 && young >= weight_of(config, "material.preset");
+  if (!young_given && config.material.preset != "none") config.material.young_Pa = 0.0;
+  const int weight_of_modulus = std::max(weight_of(config, "material.mu_Pa"), young);
+  take_preset(config, young_given);
+  resolve_young(config);
+  match_ogden(config, weight_of_modulus);
+}
+
+std::string beside_preset(const Config& config) {
+  if (config.material.preset == "none") return {};
+  Config own = config, published;
+  static_cast<MaterialNumbers&>(published.material) = numbers_of_preset(config.material.preset);
+  const std::vector<Option> ours = options_of(own), theirs = options_of(published);
+  std::string text;
+  for (std::size_t k = 0; k < ours.size(); ++k) {
+    const std::string now = toml_value(ours[k]), then = toml_value(theirs[k]);
+    if (!is_of_a_preset(ours[k]) || now == then) continue;
+    const auto source = config.source.find(ours[k].key);
+    text += fmt::format("{}{} {}{} in place of {}", text.empty() ? config.material.preset + ", but " : "; ",
+                        ours[k].key.substr(ours[k].key.find('.') + 1), now,
+                        source == config.source.end() ? "" : " (" + source->second + ")", then);
+  }
+  return text;
+}
+
 bool default_stiffness(const Config& config) {
   const auto& m = config.material;
   return m.preset == "none" && m.ogden_mu_Pa.empty() && m.mu_Pa == Config{}.material.mu_Pa &&
@@ -528,7 +635,7 @@ bool default_stiffness(const Config& config) {
 void read_config(Config& config, const std::filesystem::path& file) {
   toml::table table;
   try {
-    table = toml::parse(read_file(file), file.string());
+    table = toml::parse(read_file(file, most_bytes_of_text), file.string());
   } catch (const toml::parse_error& error) {
     throw UsageError(
         {.fact = fmt::format("{} is not valid TOML: {}", file.string(), error.description()),
@@ -608,18 +715,13 @@ std::string to_toml(const Config& config, const std::map<std::string, std::strin
     const auto source = config.source.find(option.key);
     std::string comment = source == config.source.end() ? "default" : source->second;
     if (const auto note = notes.find(option.key); note != notes.end()) comment += "; " + note->second;
-    std::replace(comment.begin(), comment.end(), '\n', ' ');
-    text += fmt::format("{} = {}  # {}\n", option.key.substr(dot + 1), toml_value(option), comment);
+    text +=
+        fmt::format("{} = {}  # {}\n", option.key.substr(dot + 1), toml_value(option), printable(comment));
   }
   for (const auto& [label, differing] : config.tissue) {
-    std::ostringstream name;
-    name << toml::value<std::string>(label);
-    text += fmt::format("\n[tissue.{}]\n", name.str());
-    for (const auto& [key, value] : differing) {
-      std::ostringstream quoted;
-      quoted << toml::value<std::string>(value);
-      text += fmt::format("{} = {}\n", key.substr(key.find('.') + 1), quoted.str());
-    }
+    text += fmt::format("\n[tissue.{}]\n", toml_string(label));
+    for (const auto& [key, value] : differing)
+      text += fmt::format("{} = {}\n", key.substr(key.find('.') + 1), toml_string(value));
   }
   return text;
 }
@@ -702,7 +804,7 @@ std::string why_not_proportional(const Config& config) {
     return "inertia, which does not grow with mu, takes part in it";
   if (config.material.mooney_c01_Pa > 0.0)
     return "the second constant of a Mooney-Rivlin law is given apart from mu";
-  if (config.material.preset != "none") return "the modulus of this material is not given by --mu";
+  if (config.material.preset != "none") return "the material is a published one (--preset)";
   if (!config.tissue.empty())
     return "several tissues share the body, and the force is proportional to none of them";
   return {};
@@ -817,7 +919,7 @@ Precision precision_of(const Config& c) {
 }
 
 Material material_of(const Config& c) {
-  return material_from(c.material, c.material.preset, c.material.stress == "printed");
+  return material_from(c.material, c.material.stress == "printed");
 }
 
 std::vector<Material> materials_of(const Config& c) {
@@ -826,8 +928,10 @@ std::vector<Material> materials_of(const Config& c) {
     Config own = c;
     own.tissue.clear();
     own.source.clear();
+    if (c.material.preset != "none" && differing.contains("material.preset"))
+      static_cast<MaterialNumbers&>(own.material) = {};
     for (const auto& [key, text] : differing) set_option(own, key, text, "tissue." + label);
-    resolve_young(own);
+    resolve_material(own);
     result.push_back(material_of(own));
   }
   return result;

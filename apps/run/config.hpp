@@ -120,9 +120,18 @@ std::string option_named(const std::string& name, const std::string& source,
 /// set_option() for a value that is no part of a Config: a time limit, for instance.
 void set_value(const Option& option, const std::string& text, const std::string& source);
 
-/// Young's modulus, where it was given, becomes the shear modulus E / (2 (1 + nu)). To be called when all
-/// options are set. Throws UsageError: both were given.
-void resolve_young(Config& config);
+/// To be called when all options are set: the numbers of the material become those that are used. A preset's
+/// numbers stand where nobody has given others; Young's modulus, where it was given, becomes the shear
+/// modulus E / (2 (1 + nu)); Ogden moduli are scaled to a shear modulus that was given beside a preset's, and
+/// else add up to it. Throws UsageError: two of these were given that contradict each other.
+void resolve_material(Config& config);
+
+/// The preset, and which of its numbers were given otherwise: "horton_2007, but mu_Pa 3.0 (--mu) in place of
+/// 210.0". Empty: there is no preset, or it is taken as it is.
+std::string beside_preset(const Config& config);
+
+/// Before the source of an option that is of all cases of a table; each of them may say otherwise.
+inline constexpr const char* for_all_cases = "all cases: ";
 
 /// Whether the stiffness is the one that nobody has chosen.
 bool default_stiffness(const Config& config);

@@ -12,6 +12,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/table.hpp"
+#include "io/text.hpp"
 #include "io/units.hpp"
 #include "preprocess/neighbours.hpp"
 
@@ -238,11 +239,7 @@ void write_model(const fs::path& folder, const Discretisation& model, const Sche
                       scheme.support.effective_radius_factor());
   text += fmt::format("interpolation = {}\n", scheme.support.interpolation);
   text += "\n[made_from]\n";
-  for (const auto& [key, value] : provenance) {
-    std::ostringstream quoted;
-    quoted << toml::value<std::string>(value);
-    text += fmt::format("{} = {}\n", key, quoted.str());
-  }
+  for (const auto& [key, value] : provenance) text += fmt::format("{} = {}\n", key, toml_string(value));
   write_file(folder / "model.toml", text);
 }
 
@@ -253,7 +250,7 @@ ModelFiles read_model(const fs::path& path) {
            "make one with `dimple model IMAGE -o MODEL`");
   toml::table table;
   try {
-    table = toml::parse(read_file(file), file.string());
+    table = toml::parse(read_file(file, most_bytes_of_text), file.string());
   } catch (const toml::parse_error& error) {
     refuse(file, fmt::format("not valid TOML: {}", error.description()),
            fmt::format("line {}, column {}", error.source().begin.line, error.source().begin.column),

@@ -127,7 +127,7 @@ Error crashed(int signal, const fs::path& log) {
 Error failure_of(int code, const fs::path& folder, const fs::path& log) {
   const auto exit_code = static_cast<ExitCode>(code);
   try {
-    const Json summary = Json::parse(read_file(folder / "summary.json"), nullptr, false);
+    const Json summary = Json::parse(read_file(folder / "summary.json", most_bytes_of_text), nullptr, false);
     // One of another code is older: not every failure may write there.
     if (summary.is_object() && summary.value("exit_code", 0) == code && summary.contains("failure")) {
       const Json& r = summary.at("failure");
@@ -244,10 +244,13 @@ std::string image_of(const Cohort& cohort, std::size_t row) {
 Config case_of(const Cohort& cohort, std::size_t row, Config config) {
   const std::string line = line_of(cohort, row);
   const TextTable::Row& fields = cohort.table.row[row];
+  resolve_material(config);  // what the row says of it counts more
+  for (auto& [key, source] : config.source)
+    if (key.starts_with("material.")) source = for_all_cases + source;
   for (std::size_t c = 0; c < cohort.key.size(); ++c)
     if (const std::string& key = cohort.key[c]; key != "id" && !fields.field[c].empty())
       set_option(config, key, beside(cohort, key, fields.field[c]), line);
-  resolve_young(config);
+  resolve_material(config);
   if (config.image.file.empty())
     throw InputError({.fact = "the case has no image",
                       .where = line,
@@ -286,6 +289,7 @@ std::vector<CaseEnd> run_cohort(const Cohort& cohort, const Config& of_all_rows,
                                 const CohortOptions& options,
                                 const std::function<void(const std::string&)>& progress) {
   using How = CaseEnd::How;
+  try_folder(out);
   make_folder(out);
   std::vector<CaseEnd> ends(cohort.size());
   std::size_t ended = 0;
