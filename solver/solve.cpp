@@ -1,5 +1,7 @@
 #include "solver/solve.hpp"
 
+#include <algorithm>
+
 #include "solver/explicit.hpp"
 #include "solver/implicit.hpp"
 #include "solver/quasi_static.hpp"
@@ -19,12 +21,18 @@ std::string_view name_of(TimeMode mode) {
   return "";
 }
 
+namespace {
+constexpr double shallow = 0.5;  // radii of the circle: see choose_time()
+}
+
 double shear_crossings(const Model& model, const Tissues& tissues, const Loading& loading) {
   return loading.duration() / shear_crossing_time(tissues, model);
 }
 
 TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& loading) {
-  const bool slow = shear_crossings(model, tissues, loading) >= slow_load;
+  Loading no_shallower = loading;
+  no_shallower.depth = std::max(loading.depth, shallow * model.tool.radius);
+  const bool slow = shear_crossings(model, tissues, no_shallower) >= slow_load;
   return model.scheme.pressure_patches && slow ? TimeMode::quasi_static : TimeMode::explicit_;
 }
 

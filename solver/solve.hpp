@@ -19,6 +19,11 @@ double shear_crossings(const Model& model, const Tissues& tissues, const Loading
 
 /// The cheapest way that loses nothing: equilibrium where the load is slow, so that inertia plays no part
 /// (slow_load crossings or more), else central differences. The paper's scheme knows only those.
+///
+/// A load that ends before half a radius of the circle is taken to last as long as one that deep: however
+/// slow its tool, it would be over before the tissue has moved, and its force would be that of a wave, rho c
+/// v pi R^2, however small the depth. At the speeds v that pass so, and half a radius deep, that is at most
+/// pi / 64 R / L of a flat punch's 8 mu R d: R is the circle's radius, c the shear wave's speed, L its way.
 TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& loading);
 
 /// Marches from rest, or from where an earlier run of the same case stood, to the depth of the load.

@@ -15,6 +15,7 @@
 #include "io/memory.hpp"
 #include "io/stop.hpp"
 #include "preprocess/support.hpp"
+#include "solver/stable_time_step.hpp"
 
 namespace dimple {
 namespace {
@@ -122,12 +123,16 @@ TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
   if (asked == "explicit" || !result.model.scheme.pressure_patches) return TimeMode::explicit_;
   TimeMode mode = choose_time(result.model, result.tissues, result.loading);
   if (mode == TimeMode::quasi_static && asked == "dynamic") mode = TimeMode::dynamic;
-  talk.line(mode == TimeMode::quasi_static ? Line::detail : Line::said,
-            fmt::format("time     {}: the load lasts {:.3g} times a shear wave's way through the organ",
-                        mode == TimeMode::dynamic ? "implicit dynamics, in steps of the body's natural modes"
-                        : mode == TimeMode::explicit_ ? "explicit dynamics"
-                                                      : "quasi-static",
-                        shear_crossings(result.model, result.tissues, result.loading)));
+  const double crossings = shear_crossings(result.model, result.tissues, result.loading);
+  const bool shallow = mode == TimeMode::quasi_static && crossings < slow_load;
+  talk.line(mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
+            fmt::format(
+                "time     {}: the load lasts {:.3g} times a shear wave's way through the organ{}",
+                mode == TimeMode::dynamic     ? "implicit dynamics, in steps of the body's natural modes"
+                : mode == TimeMode::explicit_ ? "explicit dynamics"
+                                              : "quasi-static",
+                crossings,
+                shallow ? ", which is short, but its tool is slow; --time explicit follows the waves" : ""));
   return mode;
 }
 
@@ -149,6 +154,7 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
     talk.detail(fmt::format("waves    kappa {:.6g} Pa, so {:.2f} and {:.3f} m/s", m.kappa,
                             pressure_wave_speed(m), shear_wave_speed(m)));
   }
+  if (const std::string preset = beside_preset(config); !preset.empty()) talk.say("preset   " + preset);
   result.time = time_of(config, talk, result);
   talk.detail(fmt::format("load     {:.3g} mm at {:.3g} mm/s: {:.3g} s, {}, {}", config.load.depth_mm,
                           config.load.rate_mm_per_s, loading.duration(), config.load.contact,
