@@ -41,6 +41,30 @@ std::vector<double> forces_in(const Table& table, const fs::path& file) {
   return forces;
 }
 
+// Means of groups of rows that follow each other; the last row alone.
+void average(MeasuredCurve& curve) {
+  const std::size_t rows = curve.depth.size();
+  if (rows <= most_rows_of_curve) return;
+  const std::size_t group = (rows - 1 + most_rows_of_curve - 2) / (most_rows_of_curve - 1);
+  const auto means = [&](std::vector<double>& list) {
+    std::vector<double> result;
+    for (std::size_t from = 0; from + 1 < list.size(); from += group) {
+      const std::size_t to = std::min(from + group, list.size() - 1);
+      double sum = 0.0;
+      for (std::size_t k = from; k < to; ++k) sum += list[k];
+      result.push_back(sum / static_cast<double>(to - from));
+    }
+    if (!list.empty()) result.push_back(list.back());
+    list = std::move(result);
+  };
+  means(curve.depth);
+  means(curve.force);
+  means(curve.time);
+  curve.averaged =
+      fmt::format("the curve has {} rows: means of {} that follow each other are taken, {} in all", rows,
+                  group, curve.depth.size());
+}
+
 }  // namespace
 
 MeasuredCurve read_measured_curve(const fs::path& file) {
@@ -86,6 +110,7 @@ MeasuredCurve read_measured_curve(const fs::path& file) {
         "tissue resists the tool: its force is positive",
         curve.left_out.empty() ? "turn the sign of the force, if the sensor counts it the other way"
                                : "turn the sign of the force, or bring the rows into the order of loading");
+  average(curve);
   return curve;
 }
 
@@ -139,6 +164,7 @@ Comparison compare(const MeasuredCurve& measured, const std::vector<ForceSample>
   MeasuredCurve& kept = result.measured;
   kept.name = measured.name;
   kept.left_out = measured.left_out;
+  kept.averaged = measured.averaged;
   kept.simulated = measured.simulated;
   const double reached = ours.empty() ? 0.0 : ours.back().depth;
   for (std::size_t k = 0; k < measured.depth.size(); ++k) {

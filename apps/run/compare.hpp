@@ -20,10 +20,16 @@ struct MeasuredCurve {
   std::vector<std::string> row_name = {};      ///< as many, or none where the depths tell the rows apart
   std::size_t simulated = 0;                   ///< of the last rows: not measured, and in no mean
   std::string left_out = {};                   ///< rows that are no part of the loading, in words
+  std::string averaged = {};                   ///< how rows were put together, in words
 };
 
+/// A sensor's rows beyond this many say no more of a curve.
+inline constexpr std::size_t most_rows_of_curve = 4000;
+
 /// Reads a CSV with the columns indentation_mm and force_N (or force_mN), and time_s if there is one. Depths rise until the
-/// largest; what comes after it, a hold or the unloading, is left out. Throws InputError: no such columns, depths that fall
+/// largest; what comes after it, a hold or the unloading, is left out. Of more than most_rows_of_curve rows
+/// groups of one size are averaged, but for the deepest, which stays. Throws InputError: no such columns,
+/// depths that fall
 /// and rise again, no depth above 0, forces that do not resist.
 MeasuredCurve read_measured_curve(const std::filesystem::path& file);
 

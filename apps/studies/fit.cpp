@@ -441,7 +441,8 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
   const Config own = case_of(config, options, curve);
 
   std::vector<std::string> warnings;
-  if (!curve.left_out.empty()) warnings.push_back(curve.left_out);
+  for (const std::string* words : {&curve.left_out, &curve.averaged})
+    if (!words->empty()) warnings.push_back(*words);
   if (curve.time.empty() && !own.material.prony_g.empty())
     warnings.push_back(
         fmt::format("the curve has no time_s, and the tissue relaxes: {:g} mm/s is taken for the speed",
