@@ -7,14 +7,17 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cerrno>
 #include <csignal>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <regex>
 #include <set>
+#include <sstream>
 #include <string>
 #include <system_error>
 #include <vector>
@@ -180,6 +183,68 @@ FolderLock::~FolderLock() {
   if (folder_ >= 0) ::close(folder_);
 }
 
+namespace {
+
+struct Lists {
+  std::mutex mutex;
+  std::map<fs::path, std::set<std::string>> of_folder;
+};
+Lists& lists() {
+  static Lists* const one = new Lists;  // threads may still write while the program's statics go
+  return *one;
+}
+
+// A line more in each list that the file belongs to. What cannot be put down is not: the file itself matters
+// more.
+void put_down_in_lists(const fs::path& file) {
+  const std::lock_guard lock(lists().mutex);
+  for (auto& [folder, known] : lists().of_folder) {
+    const std::string name = file.lexically_normal().lexically_relative(folder).generic_string();
+    const bool within = !name.empty() && !name.starts_with("..") && name.find('\n') == std::string::npos;
+    if (!within || !known.insert(name).second) continue;
+    const Descriptor list(::open((folder / file_list_name).c_str(),
+                                 O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0666));
+    const std::string line = name + '\n';
+    if (list.number >= 0) [[maybe_unused]]
+      const auto ignored = ::write(list.number, line.data(), line.size());
+  }
+}
+
+}  // namespace
+
+FileList::FileList(const fs::path& folder) : folder_(folder.lexically_normal()) {
+  const std::set<std::string> before = listed_files(folder_).value_or(std::set<std::string>{});
+  const Descriptor list(::open((folder_ / file_list_name).c_str(),
+                               O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0666));
+  if (list.number < 0) cannot_write(folder_ / file_list_name, errno);
+  const std::lock_guard lock(lists().mutex);
+  lists().of_folder[folder_] = before;
+}
+
+FileList::~FileList() try {
+  std::string text;
+  {
+    const std::lock_guard lock(lists().mutex);
+    std::error_code ignored;
+    for (const std::string& name :
+         lists().of_folder[folder_])  // in order, and without those that are gone again
+      if (fs::exists(fs::symlink_status(folder_ / name, ignored))) text += name + '\n';
+    lists().of_folder.erase(folder_);
+  }
+  write_file(folder_ / file_list_name, text);
+} catch (...) {  // the one that has grown stays
+}
+
+std::optional<std::set<std::string>> listed_files(const fs::path& folder) {
+  std::error_code ignored;
+  const fs::path list = folder / file_list_name;
+  if (fs::symlink_status(list, ignored).type() != fs::file_type::regular) return std::nullopt;
+  std::set<std::string> names;
+  std::istringstream lines(read_file(list, most_bytes_of_text));
+  for (std::string name; std::getline(lines, name);) names.insert(name);
+  return names;
+}
+
 void claim_temporary(const fs::path& temporary, const fs::path& file) {
   const Descriptor out(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
   if (out.number < 0) cannot_write(file, errno);
@@ -193,6 +258,7 @@ void move_into_place(const fs::path& temporary, const fs::path& file) {
     const bool in_haste = stop_asked() != StopReason::none;
     if (written.number < 0 || (!in_haste && ::fsync(written.number) != 0)) error_number = errno;
   }
+  if (error_number == 0) put_down_in_lists(file);
   if (error_number == 0 && ::rename(temporary.c_str(), file.c_str()) != 0) error_number = errno;
   if (error_number != 0) {
     ::unlink(temporary.c_str());
@@ -223,15 +289,77 @@ void write_file(const fs::path& file, std::string_view content) {
   move_into_place(temporary, file);
 }
 
+namespace {
+
+OutputError no_folder(const fs::path& folder, const std::string& what) {
+  return OutputError({.fact = fmt::format("the folder {} cannot be {}", folder.string(), what),
+                      .where = "results",
+                      .why = "a file has that name, or the place cannot be written to",
+                      .remedy = "give another -o"});
+}
+
+/// Of a folder and those above it the first that is there. Throws OutputError: something else has its name.
+fs::path nearest_folder(const fs::path& folder) {
+  for (fs::path at = folder;; at = at.has_parent_path() ? at.parent_path() : fs::path(".")) {
+    struct stat status {};
+    if (::stat(at.c_str(), &status) == 0) {
+      if (S_ISDIR(status.st_mode)) return at;
+      throw no_folder(folder, fmt::format("made: {} is {}", at.string(),
+                                          S_ISREG(status.st_mode) ? "a file" : "no folder"));
+    }
+    const int error_number = errno;
+    if (error_number != ENOENT) throw no_folder(folder, "made: " + reason(error_number));
+    if (::lstat(at.c_str(), &status) == 0)
+      throw no_folder(folder, fmt::format("made: {} is a link that leads nowhere", at.string()));
+  }
+}
+
+/// The system's error number, or 0: what is to become that file can be made beside it and be written to.
+int try_writing(const fs::path& file) {
+  const fs::path temporary = temporary_beside(file);
+  const Descriptor out(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
+  if (out.number < 0) return errno;
+  const int error_number = ::write(out.number, "dimple", 6) == 6 ? 0 : errno;
+  ::unlink(temporary.c_str());
+  return error_number;
+}
+
+}  // namespace
+
 void make_folder(const std::filesystem::path& folder) {
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error || !std::filesystem::is_directory(folder))
-    throw OutputError({.fact = fmt::format("the folder {} cannot be made{}", folder.string(),
-                                           error ? ": " + error.message() : ""),
-                       .where = "results",
-                       .why = "a file has that name, or the place cannot be written to",
-                       .remedy = "give another -o"});
+    throw no_folder(folder, error ? "made: " + error.message() : "made");
+}
+
+void try_folder(const fs::path& folder) {
+  if (folder.empty()) throw no_folder(folder, "made: it has no name");
+  const fs::path there = nearest_folder(folder);
+  if (there == folder) {
+    if (const int error_number = try_writing(folder / "try"); error_number != 0)
+      throw no_folder(folder, "written to: " + reason(error_number));
+    return;
+  }
+  const fs::path trial = temporary_beside(there / "try");
+  int error_number = ::mkdir(trial.c_str(), 0777) == 0 ? 0 : errno;
+  if (error_number == 0) {
+    error_number = try_writing(trial / "try");
+    ::rmdir(trial.c_str());
+  }
+  if (error_number != 0) throw no_folder(folder, "made: " + reason(error_number));
+}
+
+void try_file(const fs::path& file) {
+  struct stat status {};
+  if (::stat(file.c_str(), &status) == 0 && !S_ISREG(status.st_mode)) {
+    if (S_ISDIR(status.st_mode)) cannot_write(file, EISDIR);
+    throw OutputError({.fact = fmt::format("cannot write '{}': it is a pipe or a device", file.string()),
+                       .where = fmt::format("writing {}", file.filename().string()),
+                       .why = "a file is written beside its name and then takes its place",
+                       .remedy = "give the name of a file"});
+  }
+  if (const int error_number = try_writing(file); error_number != 0) cannot_write(file, error_number);
 }
 
 void require_regular_file(const fs::path& file) {
@@ -246,16 +374,24 @@ void require_regular_file(const fs::path& file) {
   if (::access(file.c_str(), R_OK) != 0) cannot_read(file, errno);
 }
 
-std::string read_file(const fs::path& file) {
+std::string read_file(const fs::path& file, std::uintmax_t most_bytes) {
   const Descriptor in = open_to_read(file);
   struct stat status {};
   if (::fstat(in.number, &status) != 0) cannot_read(file, errno);
 
   std::string content;
-  content.reserve(static_cast<std::size_t>(status.st_size));  // a hint: 0 for a pipe
+  const auto said = static_cast<std::uintmax_t>(std::max<off_t>(status.st_size, 0));
+  content.reserve(static_cast<std::size_t>(std::min(said, most_bytes)));  // a hint: 0 for a pipe
   std::array<char, 1 << 16> buffer;
-  while (const std::size_t n = read_some(in, buffer.data(), buffer.size(), file))
+  while (const std::size_t n = read_some(in, buffer.data(), buffer.size(), file)) {
     content.append(buffer.data(), n);
+    if (content.size() > most_bytes)
+      throw InputError(
+          {.fact = fmt::format("'{}' is larger than {} MB", file.string(), most_bytes / 1'000'000),
+           .where = fmt::format("reading {}", file.filename().string()),
+           .why = "no file of its kind is, and it may never end",
+           .remedy = "check that it is the file that you mean"});
+  }
   return content;
 }
 

@@ -1,6 +1,9 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
+#include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 
@@ -53,11 +56,41 @@ class FolderLock {
 /// Makes the folder and those above it. Throws OutputError with the system's reason.
 void make_folder(const std::filesystem::path& folder);
 
+/// Tries, by making something and removing it, whether a folder can be made there, or the one that is there
+/// be written to, and leaves nothing. To be called before what takes long. Throws OutputError with the
+/// system's reason.
+void try_folder(const std::filesystem::path& folder);
+
+/// The same for a file: its folder is there and can be written to, and nothing but a file has its name.
+void try_file(const std::filesystem::path& file);
+
+/// As long as it lives, each file that comes into place below `folder` is first put down in the folder's
+/// list: what a program has made there can be told from what others have put there, also after it was killed.
+class FileList {
+ public:
+  explicit FileList(const std::filesystem::path& folder);
+  ~FileList();
+  FileList(const FileList&) = delete;
+  FileList& operator=(const FileList&) = delete;
+
+ private:
+  std::filesystem::path folder_;
+};
+/// Of that list.
+inline constexpr const char* file_list_name = ".dimple_files";
+/// What it holds, relative to the folder; nothing: there is none.
+std::optional<std::set<std::string>> listed_files(const std::filesystem::path& folder);
+
 /// Throws InputError unless a file can be there: not a folder, and not a pipe or device, which may never end.
 void require_regular_file(const std::filesystem::path& file);
 
-/// The whole file. Throws InputError with the system's reason.
-std::string read_file(const std::filesystem::path& file);
+/// The whole file. Throws InputError with the system's reason, or because it does not end within
+/// `most_bytes`.
+std::string read_file(const std::filesystem::path& file, std::uintmax_t most_bytes = UINTMAX_MAX);
+
+/// What somebody wrote by hand or another run as a summary is no larger; tables of measured numbers are no
+/// larger.
+inline constexpr std::uintmax_t most_bytes_of_text = 10'000'000, most_bytes_of_table = 500'000'000;
 
 /// SHA-256 of the file's bytes, 64 hexadecimal digits. Throws InputError.
 std::string sha256_of_file(const std::filesystem::path& file);

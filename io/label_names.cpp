@@ -283,7 +283,7 @@ LabelTable read_label_names(const std::filesystem::path& file) {
   };
 
   require_regular_file(file);
-  std::istringstream lines(read_file(file));
+  std::istringstream lines(read_file(file, most_bytes_of_text));
   std::string text;
   std::vector<std::string> columns;  // of a table with commas
   bool is_first = true;

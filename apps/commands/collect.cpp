@@ -7,6 +7,7 @@
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
+#include "apps/commands/terminal.hpp"
 #include "apps/studies/cohort.hpp"
 #include "io/file.hpp"
 
@@ -39,13 +40,16 @@ int perform(const Invocation& shared, const Options& options) {
     for (std::size_t row = 0; row < cohort.size(); ++row) expected.push_back(cohort.id(row));
   }
   const fs::path folder = options.folder;
+  const fs::path page = options.page.empty() ? folder / "index.html" : fs::path(options.page);
+  if (!shared.out.empty()) try_file(shared.out);
+  if (!options.page.empty() || fs::is_directory(folder)) try_file(page);
+  if (!options.bids.empty()) try_folder(options.bids);
   const std::vector<CollectedCase> cases = collect(folder, depths, expected);
   const std::string table = to_csv(table_of(cases, depths));
   if (!options.bids.empty()) {
     const std::size_t count = write_bids(cases, folder, options.bids);
     say(fmt::format("bids     {} cases with a force, in {}", count, options.bids));
   }
-  const fs::path page = options.page.empty() ? folder / "index.html" : fs::path(options.page);
   const fs::path way = fs::absolute(folder).lexically_normal().lexically_relative(
       fs::absolute(page).lexically_normal().parent_path());
   write_file(page, page_of(cases, way == "." ? "" : (way / "").string()));
@@ -53,7 +57,7 @@ int perform(const Invocation& shared, const Options& options) {
                                       [](const CollectedCase& c) { return c.status == "finished"; });
   say(fmt::format("page     {}: {} cases, {} finished", page.string(), cases.size(), finished));
   if (shared.out.empty())
-    fmt::print("{}", table);
+    print(table);
   else
     write_file(shared.out, table);
   return 0;
@@ -75,6 +79,7 @@ Command add_collect(CLI::App& app, Invocation& shared) {
   command->add_option("--bids", options->bids,
                       "folder for the force curves and pictures once more, named as BIDS derivatives");
   command->add_flag("-q,--quiet", shared.quiet, "errors only");
+  add_time_limit(*command, shared);
   return {command, [&shared, options] { return perform(shared, *options); }};
 }
 

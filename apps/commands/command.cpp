@@ -8,7 +8,9 @@
 #include <filesystem>
 
 #include "apps/commands/log.hpp"
+#include "apps/commands/terminal.hpp"
 #include "io/error.hpp"
+#include "io/text.hpp"
 
 namespace dimple {
 
@@ -93,7 +95,7 @@ Config Flags::stated(const CLI::App& command) const {
 
 Config Flags::config(const CLI::App& command) const {
   Config result = stated(command);
-  resolve_young(result);
+  resolve_material(result);
   return result;
 }
 
@@ -116,6 +118,10 @@ void add_common(CLI::App& command, Invocation& shared) {
   command.add_flag("--json", shared.json, "print the result as JSON on stdout");
   command.add_option("--threads", shared.threads, "at most this many; results do not depend on it [all]")
       ->check(CLI::Range(1, 1024));
+  add_time_limit(command, shared);
+}
+
+void add_time_limit(CLI::App& command, Invocation& shared) {
   command
       .add_option("--time-limit", shared.time_limit,
                   "end after this long as Ctrl-C does, with the best state so far and exit code 130, for "
@@ -160,13 +166,13 @@ int finish(const Invocation& shared, const Outcome& outcome) {
   clear_stage_line();
   if (!outcome.times.empty()) say("time     " + times_in_words(seconds_since_start(), outcome.times));
   if (shared.json)
-    fmt::print("{}", outcome.summary_json);
+    print_json(outcome.summary_json);
   else
-    fmt::print("{}\t{}\n{}{}", outcome.headline, shared.out, outcome.further,
-               outcome.further.empty() ? "" : "\n");
+    print(fmt::format("{}\t{}\n{}{}", printable(outcome.headline), printable(shared.out),
+                      printable(outcome.further), outcome.further.empty() ? "" : "\n"));
   std::fflush(stdout);
   if (!outcome.ended_by.empty())
-    std::fputs(fmt::format("dimple: {}\n", outcome.ended_by).c_str(), stderr);
+    print_error(fmt::format("dimple: {}\n", printable(outcome.ended_by)));
   else if (const std::string open = to_open(shared.out); !open.empty())
     say("open     " + open);
   return static_cast<int>(outcome.interrupted ? ExitCode::interrupted : ExitCode::ok);
@@ -174,7 +180,7 @@ int finish(const Invocation& shared, const Outcome& outcome) {
 
 std::function<void(const std::string&)> progress_of(const Invocation& shared) {
   return [&shared](const std::string& line) {
-    if (!shared.quiet) fmt::print(stderr, "{}\n", line);
+    if (!shared.quiet) print_error(printable(line) + "\n");
   };
 }
 

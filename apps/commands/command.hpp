@@ -46,7 +46,7 @@ struct Flags {
 
   /// Those of one stage; "": all but of files; "run": those too; "none": --config and --set alone.
   void add(CLI::App& command, const std::string& stage);
-  /// Defaults, then the file, then --set, then flags; before resolve_young().
+  /// Defaults, then the file, then --set, then flags; before resolve_material().
   Config stated(const CLI::App& command) const;
   Config config(const CLI::App& command) const;
   /// The same of a command that takes an image.
@@ -59,6 +59,8 @@ double quantity(const std::string& text, const std::string& flag, const std::str
 
 /// --quiet, --verbose, --json, --threads, --time-limit.
 void add_common(CLI::App& command, Invocation& shared);
+/// That alone, for commands that have nothing of the others.
+void add_time_limit(CLI::App& command, Invocation& shared);
 /// --force and, if there is something to go on with, --resume.
 void add_over_results(CLI::App& command, Invocation& shared, bool resumable);
 

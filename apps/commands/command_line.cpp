@@ -16,6 +16,7 @@
 #include "apps/commands/terminal.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
+#include "io/text.hpp"
 
 namespace dimple {
 
@@ -57,6 +58,7 @@ constexpr const char* footer = R"(Examples:
   dimple batch cases.csv -o out            one run for each row of a table
   dimple verify -o out                     compare with closed forms
 Lengths are in mm, stresses in Pa, unless the number says otherwise (0.3kPa, 1cm). Positions are LPS.
+A word after -- is no option: dimple info -- -odd.nrrd
 Ctrl-C ends any command within 2 s, and so does --time-limit: what is on disk then is valid.
 Exit codes: 0 ok, 1 internal error, 2 command line or configuration, 3 input unreadable or unusable, 4 model could not be built, 5 solution failed, 6 results could not be written, 130 interrupted, or out of the time given by --time-limit.)";
 
@@ -96,24 +98,25 @@ class WrappedHelp : public CLI::Formatter {
 
 int report(const Error& error, bool json) {
   const Report& r = error.report;
-  std::string text = fmt::format("dimple: {}\n", r.fact);
-  if (!r.where.empty()) text += fmt::format("  where: {}\n", r.where);
-  if (!r.why.empty()) text += fmt::format("  why:   {}\n", r.why);
-  if (!r.remedy.empty()) text += fmt::format("  try:   {}\n", r.remedy);
-  text += fmt::format("  code:  {}\n", r.code);
+  std::string text = fmt::format("dimple: {}\n", printable(r.fact));
+  if (!r.where.empty()) text += fmt::format("  where: {}\n", printable(r.where));
+  if (!r.why.empty()) text += fmt::format("  why:   {}\n", printable(r.why));
+  if (!r.remedy.empty()) text += fmt::format("  try:   {}\n", printable(r.remedy));
+  text += fmt::format("  code:  {}\n", printable(r.code));
   clear_stage_line();
-  std::fputs(text.c_str(), stderr);  // fmt::print throws where stderr is a full disk
+  print_error(text);
   if (json)
-    fmt::print("{}\n", nlohmann::ordered_json(
-                           {{"status", error.code == ExitCode::interrupted ? "interrupted" : "failed"},
-                            {"exit_code", static_cast<int>(error.code)},
-                            {"failure",
-                             {{"code", r.code},
-                              {"fact", r.fact},
-                              {"where", r.where},
-                              {"why", r.why},
-                              {"remedy", r.remedy}}}})
-                           .dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+    print_json(
+        nlohmann::ordered_json({{"status", error.code == ExitCode::interrupted ? "interrupted" : "failed"},
+                                {"exit_code", static_cast<int>(error.code)},
+                                {"failure",
+                                 {{"code", r.code},
+                                  {"fact", r.fact},
+                                  {"where", r.where},
+                                  {"why", r.why},
+                                  {"remedy", r.remedy}}}})
+            .dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) +
+        "\n");
   return static_cast<int>(error.code);
 }
 
@@ -131,6 +134,7 @@ int report(const Error& error, bool json) {
     fact = fmt::format("there is no command '{}'{}", words[0], did_you_mean(words[0], commands));
   else
     for (const std::string& word : words) {
+      if (word == "--") break;  // the rest are no options
       const std::string flag = word.substr(0, word.find('='));
       if (flag.rfind("--", 0) == 0 && std::find(flags.begin(), flags.end(), flag) == flags.end() &&
           flag != "--help" && flag != "--help-all" && flag != "--version")
@@ -165,7 +169,7 @@ int perform(Invocation& shared) {
 
   const std::vector<std::string>& words = shared.words = as_run(std::move(shared.words));
   if (std::find(words.begin(), words.end(), "--xml") != words.end() && words.front() == "run") {
-    fmt::print("{}", slicer_xml());
+    print(slicer_xml());
     return 0;
   }
   try {
@@ -195,7 +199,7 @@ int perform(Invocation& shared) {
       shared.command = command.app->get_name();
       return command.perform();
     }
-  fmt::print("{}", app.help());
+  print(app.help());
   return 0;
 }
 

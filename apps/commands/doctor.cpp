@@ -32,10 +32,19 @@ struct Check {
   ExitCode code = ExitCode::ok;  ///< if it is not
 };
 
+// Where temporary files go, also where it is no folder.
+fs::path temporary_folder() {
+  std::error_code error;
+  if (const fs::path folder = fs::temp_directory_path(error); !error) return folder;
+  for (const char* name : {"TMPDIR", "TMP", "TEMP", "TEMPDIR"})  // in the library's order
+    if (const char* folder = std::getenv(name)) return folder;
+  return "/tmp";
+}
+
 // A folder of this process alone, gone with it.
 struct Scratch {
-  fs::path path = fs::temp_directory_path() / fmt::format("dimple_doctor_{}", getpid());
-  Scratch() { fs::create_directories(path); }
+  fs::path path = temporary_folder() / fmt::format("dimple_doctor_{}", getpid());
+  Scratch() { make_folder(path); }
   ~Scratch() {
     std::error_code ignored;
     fs::remove_all(path, ignored);
@@ -78,12 +87,16 @@ Check check_writing(const std::string& what, const fs::path& folder, const std::
   std::error_code error;
   const fs::path absolute = fs::absolute(folder, error);
   const fs::path file = absolute / fmt::format(".dimple_doctor_{}", getpid());
-  const bool written = static_cast<bool>(std::ofstream(file) << "dimple" << std::flush);
+  const bool there = fs::is_directory(absolute, error);
+  const bool written = there && static_cast<bool>(std::ofstream(file) << "dimple" << std::flush);
   fs::remove(file, error);
   const fs::space_info space = fs::space(absolute, error);
   return {
       written, what,
-      fmt::format("{} {}{}", absolute.string(), written ? "can be written" : "cannot be written",
+      fmt::format("{} {}{}", absolute.string(),
+                  !there    ? "is no folder that is there"
+                  : written ? "can be written"
+                            : "cannot be written",
                   error ? "" : fmt::format(", {:.1f} GB free", static_cast<double>(space.available) / 1e9)),
       remedy, ExitCode::output};
 }
@@ -133,17 +146,19 @@ Check check_force() {
 int examine(const fs::path& folder) {
   std::vector<Check> checks = {
       {true, "libraries", DIMPLE_LIBRARIES}, check_threads(), check_simd(), check_memory(), check_locale()};
-  std::error_code error;
-  checks.push_back(check_writing("temporary", fs::temp_directory_path(error),
-                                 "set TMPDIR to a folder that can be written"));
+  checks.push_back(
+      check_writing("temporary", temporary_folder(), "set TMPDIR to a folder that can be written"));
+  const bool has_room = checks.back().ok;
   checks.push_back(check_writing("output", folder, "give another folder to -o"));
-  checks.push_back(check_force());
+  checks.push_back(has_room ? check_force()
+                            : Check{false, "self test", "not made: it needs a folder for temporary files",
+                                    "see the line `temporary`", ExitCode::output});
   ExitCode code = ExitCode::ok;
-  fmt::print("dimple {}\n", DIMPLE_VERSION);
+  print(fmt::format("dimple {}\n", DIMPLE_VERSION));
   for (const Check& check : checks) {
     std::string text = fmt::format("  {:<6} {:<11} {}\n", check.ok ? "ok" : "wrong", check.what, check.found);
     if (!check.ok) text += fmt::format("{:21}try: {}\n", "", check.remedy);
-    fmt::print("{}", wrapped(text, 21, terminal_width(STDOUT_FILENO)));
+    print(wrapped(text, 21, terminal_width(STDOUT_FILENO)));
     if (!check.ok && code == ExitCode::ok) code = check.code;
   }
   return static_cast<int>(code);

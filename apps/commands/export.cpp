@@ -31,6 +31,7 @@ Command add_export(CLI::App& app, Invocation& shared) {
   options->flags.add(*command, "");
   add_common(*command, shared);
   return {command, [&shared, command, options] {
+            try_file(shared.out);
             return finish(shared, export_model(options->flags.config(*command, shared.image), options->format,
                                                options->elements, shared.out, {.line = to_log().line}));
           }};

@@ -5,8 +5,10 @@
 #include <sstream>
 
 #include "apps/commands/command.hpp"
+#include "apps/commands/terminal.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/text.hpp"
 
 namespace dimple {
 namespace {
@@ -52,9 +54,10 @@ Command add_phantom(CLI::App& app, Invocation& shared) {
             if (!options->size.empty()) body.size_mm = lengths(options->size, "--size", "extent of the body");
             if (!options->voxel.empty())
               body.spacing_mm = quantity(options->voxel, "--spacing", "mm", "voxel edge");
+            try_file(shared.out);
             remove_temporaries_of(shared.out);
             write_label_image(shared.out, make_phantom(body));
-            fmt::print("{}\n", shared.out);
+            print(printable(shared.out) + "\n");
             return 0;
           }};
 }

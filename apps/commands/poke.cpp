@@ -7,6 +7,7 @@
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
+#include "apps/commands/terminal.hpp"
 #include "apps/run/live.hpp"
 #include "apps/run/live_socket.hpp"
 #include "apps/run/results.hpp"
@@ -274,8 +275,8 @@ int poke(const Invocation& shared, const CLI::App& command, Options& options) {
     say(fmt::format("socket   {}: a line `x_mm y_mm z_mm` or `depth_mm` is answered by fx_N fy_N fz_N depth_mm error_N",
                     options.socket));
     const Served served = serve_forces(tool, options.socket, options.rate, options.seconds);
-    fmt::print("{} answers, the slowest after {:.2f} ms; {} frames\n", served.answers, 1e3 * served.slowest_s,
-               served.frames);
+    print(fmt::format("{} answers, the slowest after {:.2f} ms; {} frames\n", served.answers,
+                      1e3 * served.slowest_s, served.frames));
     stop_if_asked();
     return 0;
   }
@@ -284,7 +285,7 @@ int poke(const Invocation& shared, const CLI::App& command, Options& options) {
     frames = Poking(tool, options).run();
   else
     frames = follow_script(tool, options);
-  if (!frames.empty()) fmt::print("{}\n", in_words(tool.session->model().node_count(), frames));
+  if (!frames.empty()) print(in_words(tool.session->model().node_count(), frames) + "\n");
   stop_if_asked();
   return 0;
 }

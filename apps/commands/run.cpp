@@ -23,6 +23,7 @@ Outcome explained(const Config& config, const Invocation& shared, Outcome outcom
   const Explanation explanation =
       explain(config, 0, [](const std::string& line) { to_log().line(RunObserver::Line::said, line); });
   const std::filesystem::path out = shared.out;
+  const FileList list(out);
   write_explanation(out, explanation, std::filesystem::path(config.image.file).filename().string());
   add_explanation(out / "report.html", read_file(out / "explain.svg"));
   outcome.times.emplace_back("comparing", comparing.seconds());

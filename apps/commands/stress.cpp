@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "apps/commands/command.hpp"
+#include "apps/commands/terminal.hpp"
 #include "apps/studies/stress_maps.hpp"
 #include "io/error.hpp"
 
@@ -49,7 +50,7 @@ Command add_stress(CLI::App& app, Invocation& shared) {
   return {command, [&shared, command, options] {
             if (options->list) {
               for (const StressMap& map : stress_maps())
-                fmt::print("{:<14} {} x {}\n", map.name, map.x.key, map.y.key);
+                print(fmt::format("{:<14} {} x {}\n", map.name, map.x.key, map.y.key));
               return 0;
             }
             if (shared.out.empty())

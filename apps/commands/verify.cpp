@@ -4,6 +4,7 @@
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
+#include "apps/commands/terminal.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
 
@@ -18,9 +19,11 @@ struct Options {
 
 int perform(const Options& options, Invocation& shared) {
   if (options.list) {
-    for (const VerifyGroup& group : verify_groups()) fmt::print("{:<16} {}\n", group.name, group.what);
+    for (const VerifyGroup& group : verify_groups())
+      print(fmt::format("{:<16} {}\n", group.name, group.what));
     return 0;
   }
+  if (!shared.out.empty()) try_folder(shared.out);
   const auto rows = verify(options.cases, options.nodes, [&](const std::string& group) {
     say(fmt::format("verify   {}", group));
     return stop_asked() == StopReason::none;
@@ -35,7 +38,10 @@ int perform(const Options& options, Invocation& shared) {
       write_file(file, text);
     }
   }
-  fmt::print("{}", shared.json ? verify_json(rows) : verify_table(rows));
+  if (shared.json)
+    print_json(verify_json(rows));
+  else
+    print(verify_table(rows));
   shared.json = false;  // what there is was printed; the error goes to stderr alone
   if (const StopReason why = stop_asked(); why != StopReason::none) throw Stopped(why);
   require_passed(rows);

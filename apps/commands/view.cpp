@@ -8,6 +8,7 @@
 #include "apps/commands/command.hpp"
 #include "apps/window/body_window.hpp"
 #include "io/error.hpp"
+#include "io/file.hpp"
 #include "io/stop.hpp"
 #include "io/table.hpp"
 #include "io/vtk_files.hpp"
@@ -144,6 +145,7 @@ class Results {
 };
 
 void view(const Options& options) {
+  if (!options.picture.empty()) try_file(options.picture);
   const Results results(options.folder);
   if (options.frame > results.last())
     throw UsageError({.fact = fmt::format("there is no frame {}", options.frame),
@@ -207,7 +209,7 @@ void view(const Options& options) {
 
 }  // namespace
 
-Command add_view(CLI::App& app, Invocation&) {
+Command add_view(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<Options>();
   CLI::App* command = app.add_subcommand("view", "a window on a run's results: time, section, labels, force");
   command->add_option("OUT", options->folder, "folder of a run's results")->required();
@@ -216,6 +218,7 @@ Command add_view(CLI::App& app, Invocation&) {
   command->add_option("--frame", options->frame, "begin with this one, from 0 [the last]")
       ->check(CLI::NonNegativeNumber);
   command->add_flag("--labels", options->labels, "colour the section by its labels");
+  add_time_limit(*command, shared);
   return {command, [options] {
             view(*options);
             return 0;

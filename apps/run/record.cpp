@@ -83,7 +83,7 @@ std::vector<std::pair<std::string, double>> times_of(const Result& result, doubl
 Outcome finished_already(const fs::path& folder, const Config& config, const std::string& input_key,
                          const std::string& input_sha256, const RecordObserver& observer) {
   Outcome outcome;
-  outcome.summary_json = read_file(folder / "summary.json");
+  outcome.summary_json = read_file(folder / "summary.json", most_bytes_of_text);
   Config before;
   read_config(before, folder / "config.resolved.toml");
   const Json summary = Json::parse(outcome.summary_json, nullptr, false);
@@ -346,7 +346,8 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
       write_comparison(how_.folder / "compare.csv", *comparison);
       facts.push_back("compared with " + in_words(*comparison));
       say(observer_, "compare  " + in_words(*comparison));
-      if (!comparison->measured.left_out.empty()) say(observer_, "compare  " + comparison->measured.left_out);
+      for (const std::string* words : {&comparison->measured.left_out, &comparison->measured.averaged})
+        if (!words->empty()) say(observer_, "compare  " + *words);
     }
     // Who is asked to end has not always the time for a picture.
     if (!history.interrupted)

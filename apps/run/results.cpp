@@ -9,6 +9,7 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <regex>
+#include <set>
 #include <system_error>
 
 #include "apps/run/view.hpp"
@@ -396,24 +397,63 @@ bool is_image(const fs::path& file) {
   return std::regex_match(file.filename().string(), image);
 }
 
-// The files that a run has made in its folder, finished or not, and folders that it has made and left empty.
+bool is_folder_itself(const fs::path& folder) {  // and no link to one
+  std::error_code ignored;
+  return fs::symlink_status(folder, ignored).type() == fs::file_type::directory;
+}
+
+bool is_there(const fs::path& file) {  // also a link that leads nowhere
+  std::error_code ignored;
+  return fs::exists(fs::symlink_status(file, ignored));
+}
+
+// The run at work in this process has begun to write there.
+std::mutex begun_mutex;
+fs::path begun;
+
+Json summary_in(const fs::path& folder) try {
+  std::error_code ignored;
+  if (!fs::is_regular_file(folder / "summary.json", ignored)) return {};
+  return Json::parse(read_file(folder / "summary.json", most_bytes_of_text), nullptr, false);
+} catch (const Error&) {
+  return {};
+}
+
+// A run that kept no list, of an older version, is known by what it wrote of itself.
+bool held_an_older_run(const fs::path& folder) {
+  const Json summary = summary_in(folder);
+  return (summary.is_object() && summary.contains("status") && summary.contains("version")) ||
+         is_there(folder / checkpoint_file);
+}
+
+// The files that a run has made in its folder, finished or not, and folders that it has made and left empty:
+// of those that bear the name of a result the ones that are in the run's list. No link is followed.
 // A run may lie in its model's own folder: the model is no result of it.
 std::vector<fs::path> made_by_a_run(const fs::path& folder) {
+  const std::optional<std::set<std::string>> listed = listed_files(folder);
+  if (!listed && !held_an_older_run(folder)) return {};
   std::error_code ignored;
   std::vector<fs::path> list;
-  for (const char* name : files_of_a_run)
-    if (fs::exists(folder / name, ignored)) list.push_back(folder / name);
+  const auto add = [&](const fs::path& file, bool surely = false) {
+    if (is_there(file) &&
+        (surely || !listed || listed->contains(file.lexically_relative(folder).generic_string())))
+      list.push_back(file);
+  };
   const bool has_model = fs::exists(folder / "model.toml", ignored);
+  for (const std::string name : files_of_a_run)
+    if (!name.starts_with("model/") || is_folder_itself(folder / "model"))
+      add(folder / name, name == checkpoint_file || name == "summary.json");
   for (const auto& entry : fs::directory_iterator(folder, ignored))
-    if (is_temporary(entry) || (!has_model && entry.path().filename() == "label.vti")) list.push_back(entry);
+    if (is_temporary(entry) || (!has_model && entry.path().filename() == "label.vti"))
+      add(entry, is_temporary(entry));
   for (const std::string name : folders_of_a_run) {
+    if (!is_folder_itself(folder / name)) continue;
     for (const auto& entry : fs::directory_iterator(folder / name, ignored))
       if (is_temporary(entry) || (name == "model"    ? is_among(entry, files_of_a_model)
                                   : name == "images" ? is_image(entry)
                                                      : is_frame(entry)))
-        list.push_back(entry);
-    if (fs::is_directory(folder / name, ignored) && fs::is_empty(folder / name, ignored))
-      list.push_back(folder / name);
+        add(entry, is_temporary(entry));
+    if (fs::is_empty(folder / name, ignored)) list.push_back(folder / name);
   }
   return list;
 }
@@ -428,18 +468,6 @@ bool holds_a_model(const fs::path& folder) {
 constexpr std::array worth_keeping = {checkpoint_file, "nodes.pvd",  "points.pvd",   "surface.pvd",
                                       "force.csv",     "energy.csv", "overview.png", "report.html",
                                       "section.pvd",   "tool.pvd"};
-
-// The run at work in this process has begun to write there.
-std::mutex begun_mutex;
-fs::path begun;
-
-Json summary_in(const fs::path& folder) try {
-  std::error_code ignored;
-  if (!fs::is_regular_file(folder / "summary.json", ignored)) return {};
-  return Json::parse(read_file(folder / "summary.json"), nullptr, false);
-} catch (const Error&) {
-  return {};
-}
 
 // The summary of a run that has no results.
 bool is_a_word(const Json& summary) {
@@ -461,7 +489,9 @@ bool holds_only_a_word(const fs::path& folder) {
   std::error_code ignored;
   if (!is_a_word(summary_in(folder))) return false;
   for (const auto& entry : fs::directory_iterator(folder, ignored))
-    if (entry.path().filename() != "summary.json" && !is_temporary(entry)) return false;
+    if (entry.path().filename() != "summary.json" && entry.path().filename() != file_list_name &&
+        !is_temporary(entry))
+      return false;
   return true;
 }
 
@@ -507,19 +537,39 @@ void leave_word(const fs::path& folder, const std::string& command, const std::s
 void check_result_folder(const fs::path& folder) {
   std::error_code error;
   if (fs::is_directory(folder) && !fs::is_empty(folder, error) && made_by_a_run(folder).empty() &&
-      !holds_a_model(folder) && !fs::exists(folder / "convergence.csv") && !fs::exists(folder / "fit.csv") &&
+      !is_there(folder / file_list_name) && !holds_a_model(folder) &&
+      !fs::exists(folder / "convergence.csv") && !fs::exists(folder / "fit.csv") &&
       !fs::exists(folder / "chart.csv"))
     throw OutputError({.fact = fmt::format("{} holds files that are not results of dimple", folder.string()),
                        .where = "-o",
                        .why = "they could be overwritten",
                        .remedy = "give an empty or a new folder with -o"});
+  try_folder(folder);
 }
+
+namespace {
+
+// A run writes through no link, and deletes behind none.
+void refuse_links(const fs::path& folder) {
+  for (const char* name : {"nodes", "points", "surface", "section", "tool", "model", "images", "window"}) {
+    std::error_code ignored;
+    if (fs::symlink_status(folder / name, ignored).type() == fs::file_type::symlink)
+      throw OutputError({.fact = fmt::format("{} is a link", (folder / name).string()),
+                         .where = "-o",
+                         .why = "a run writes its frames there, and would replace files elsewhere",
+                         .remedy = "remove the link, or give another folder with -o"});
+  }
+}
+
+}  // namespace
 
 ResultFolder::ResultFolder(fs::path folder, Existing existing)
     : path_(std::move(folder)), existing_(existing) {
   std::error_code ignored;
-  if (!fs::is_directory(path_, ignored)) return;
-  lock_.emplace(path_);
+  if (fs::is_directory(path_, ignored)) {
+    lock_.emplace(path_);
+    refuse_links(path_);
+  }
   check_result_folder(path_);
   if (existing_ != Existing::refuse || made_by_a_run(path_).empty() || nothing_to_lose(path_)) return;
   throw OutputError(
@@ -553,6 +603,7 @@ void ResultFolder::prepare(const fs::path& model) {
   if (resumable()) {
     remove_temporaries_in(path_);
     for (const char* name : folders_of_a_run) remove_temporaries_in(path_ / name);
+    list_.emplace(path_);
     return;
   }
   std::error_code error;  // what cannot be removed will be replaced
@@ -562,6 +613,8 @@ void ResultFolder::prepare(const fs::path& model) {
       fs::remove(file, error);
   for (const char* name : folders_of_a_run)
     fs::remove(path_ / name, error);  // unless it holds something else
+  if (!keep_model) fs::remove(path_ / file_list_name, error);
+  list_.emplace(path_);
 }
 
 }  // namespace dimple

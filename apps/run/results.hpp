@@ -97,7 +97,8 @@ class ResultWriter {
 /// Where a run keeps what it needs to go on; not there when it has finished.
 inline constexpr const char* checkpoint_file = "checkpoint.cbor";
 
-/// Refuses a folder that holds other things than our results, before anything expensive. Throws OutputError.
+/// Refuses a folder that holds other things than our results, or that cannot be made or written to, before
+/// anything expensive. Throws OutputError.
 void check_result_folder(const std::filesystem::path& folder);
 
 /// A folder that holds no more than the word of a run that failed, or of one that was stopped before it had
@@ -126,15 +127,16 @@ enum class Existing {
 /// The folder of a run from its first file to its last; other runs are kept out meanwhile.
 class ResultFolder {
  public:
-  /// Changes nothing yet. Throws OutputError: it holds other things than our results, or results although
-  /// `existing` is refuse, or another run is at work there.
+  /// Changes nothing yet. Throws OutputError: it cannot be made or written to, it holds other things than our
+  /// results, or results although `existing` is refuse, or another run is at work there.
   ResultFolder(std::filesystem::path folder, Existing existing);
 
   bool finished() const;   ///< an earlier run has ended there
   bool resumable() const;  ///< or has left a checkpoint, and is to be resumed
 
   /// Makes the folder; removes what an earlier run left unfinished there, and, unless that is to be resumed,
-  /// all that it has made, but for the model in the folder `model`. Throws OutputError.
+  /// all that it has made by its own list, but for the model in the folder `model`. Begins such a list.
+  /// Throws OutputError.
   void prepare(const std::filesystem::path& model = {});
   const std::filesystem::path& path() const { return path_; }
 
@@ -142,6 +144,7 @@ class ResultFolder {
   std::filesystem::path path_;
   Existing existing_;
   std::optional<FolderLock> lock_;
+  std::optional<FileList> list_;
 };
 
 }  // namespace dimple

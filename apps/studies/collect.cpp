@@ -14,6 +14,8 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
+#include "io/table.hpp"
+#include "io/text.hpp"
 #include "io/words.hpp"
 
 namespace dimple {
@@ -21,6 +23,19 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
+
+// A case's folder may be of others: a device or a pipe may never end, and no file of a run that is read here
+// is larger.
+fs::path small_file(const fs::path& file) {
+  require_regular_file(file);
+  if (fs::file_size(file) > most_bytes_of_text)
+    throw InputError({.fact = fmt::format("{} is larger than {} MB", file.filename().string(),
+                                          most_bytes_of_text / 1'000'000),
+                      .where = file.string(),
+                      .why = "no run writes such a one",
+                      .remedy = "run the case anew with --force"});
+  return file;
+}
 
 // What JSON holds under these names, one within the other, as a field of a table.
 std::string field(const Json& json, std::initializer_list<const char*> names) {
@@ -58,7 +73,7 @@ std::string between_rows(const std::vector<double>& depth, const std::vector<dou
 
 std::vector<CollectedCase::Force> forces_at(const fs::path& file, const std::vector<double>& depths_mm) {
   std::vector<CollectedCase::Force> forces(depths_mm.size());
-  const Table table = read_csv(file);
+  const Table table = read_csv(small_file(file));
   const std::vector<double>* depth = table.find("indentation_mm");
   if (!depth) return forces;
   constexpr std::array columns = {"force_N", "low_N", "high_N"};
@@ -70,7 +85,7 @@ std::vector<CollectedCase::Force> forces_at(const fs::path& file, const std::vec
 }
 
 void read_summary(const fs::path& folder, const std::vector<double>& depths_mm, CollectedCase& one) {
-  const Json summary = Json::parse(read_file(folder / "summary.json"), nullptr, false);
+  const Json summary = Json::parse(read_file(small_file(folder / "summary.json")), nullptr, false);
   if (!summary.is_object())
     throw InputError({.fact = "summary.json is damaged",
                       .where = (folder / "summary.json").string(),
@@ -220,7 +235,10 @@ const std::regex& bids_entities() {
 
 std::string as_tsv(const Table& table) {
   std::string text;
-  for (const std::string& name : table.header) text += (text.empty() ? "" : "\t") + name;
+  for (const std::string& name : table.header) {
+    if (!text.empty()) text += '\t';
+    text += as_text(printable(name));
+  }
   text += '\n';
   for (std::size_t r = 0; r < table.rows(); ++r) {
     for (std::size_t c = 0; c < table.header.size(); ++c) {
@@ -290,13 +308,14 @@ TextTable table_of(const std::vector<CollectedCase>& cases, const std::vector<do
     table.header.push_back(name);
   for (const CollectedCase& one : cases) {
     TextTable::Row row{table.row.size() + 2,
-                       {one.id, one.image, one.labels, one.volume_mm3, one.mu_Pa, one.indentation_mm}};
+                       {as_text(one.id), as_text(one.image), as_text(one.labels), one.volume_mm3, one.mu_Pa,
+                        one.indentation_mm}};
     row.field.insert(row.field.end(), one.force.begin(), one.force.end());
     for (const CollectedCase::Force& force : one.at_depth)
       row.field.insert(row.field.end(), force.begin(), force.end());
-    for (const std::string* last :
-         {&one.status, &one.code, &one.fact, &one.total_s, &one.nodes, &one.warnings, &one.version})
-      row.field.push_back(*last);
+    for (const std::string& last : {as_text(one.status), as_text(one.code), as_text(one.fact), one.total_s,
+                                    one.nodes, one.warnings, as_text(one.version)})
+      row.field.push_back(last);
     table.row.push_back(std::move(row));
   }
   return table;
@@ -341,13 +360,13 @@ std::size_t write_bids(const std::vector<CollectedCase>& cases, const fs::path& 
     if (std::regex_search(one.id, part, session)) to /= part[1].str();
     make_folder(to);
     const std::string stem = one.id + "_desc-indentation_";
-    const Table force = read_csv(from / "force.csv");
+    const Table force = read_csv(small_file(from / "force.csv"));
     write_file(to / (stem + "force.tsv"), as_tsv(force));
     Json about = columns_of(force);
     about["Sources"] = Json::array({one.image});
     about["Status"] = one.status;
     write_file(to / (stem + "force.json"), about.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
-    if (one.picture) write_file(to / (stem + "overview.png"), read_file(from / "overview.png"));
+    if (one.picture) write_file(to / (stem + "overview.png"), read_file(small_file(from / "overview.png")));
     version = one.version;
     ++count;
   }

@@ -579,7 +579,7 @@ Outcome stress(const Config& given, const StressOptions& options, const fs::path
   Config config = given;
   for (std::string* file : {&config.image.file, &config.image.label_names})
     if (!file->empty() && (fs::exists(*file) || !known_label_names(*file))) {
-      read_file(*file);  // a file that is not there is refused before the first run
+      require_regular_file(*file);  // a file that is not there is refused before the first run
       *file = fs::absolute(*file).string();
     }
   std::error_code error;
@@ -590,6 +590,7 @@ Outcome stress(const Config& given, const StressOptions& options, const fs::path
          .where = "-o",
          .why = "they could be overwritten",
          .remedy = "give an empty or a new folder with -o"});
+  try_folder(folder);
   make_folder(folder);
   remove_word(folder);
   if (!fs::exists(folder / "stress.csv"))

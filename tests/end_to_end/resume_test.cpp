@@ -155,6 +155,7 @@ TEST_F(Resume, OfNothingBeginsAtTheBeginning) {
   good(quick + " --resume");
   fs::rename(folder / "out", folder / "one");
   fs::create_directories(folder / "out" / "model");  // as a kill at the first file leaves it
+  std::ofstream(folder / "out" / ".dimple_files") << "";
   std::ofstream(folder / "out" / "model" / ".12-0-nodes.vtu") << "<VTKF";
   refused(6, quick, {"unfinished run"});
   good(quick + " --resume");

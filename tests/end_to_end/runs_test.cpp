@@ -294,7 +294,8 @@ TEST_F(Run, WritesWhatIsAskedForAndTheSameForce) {
       names.insert(entry.path().filename().string());
     return names;
   };
-  const std::set<std::string> always = {"config.resolved.toml", "energy.csv", "force.csv", "summary.json"};
+  const std::set<std::string> always = {".dimple_files", "config.resolved.toml", "energy.csv", "force.csv",
+                                        "summary.json"};
   good("run brain.nrrd -o all" + cloud + load);
   good("run brain.nrrd -o little --write force" + cloud + load);
   EXPECT_EQ(files("little"), always);
