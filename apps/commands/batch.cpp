@@ -75,7 +75,7 @@ void print_json(const Cohort& cohort, const std::vector<CaseEnd>& ends, double s
   for (const auto& [name, how] :
        {std::pair{"interrupted", How::interrupted}, std::pair{"not_begun", How::not_begun}})
     out[name] = left(how);
-  print_json(out.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  dimple::print_json(out.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 // Counted from 1, of the row with that id.
