@@ -6,6 +6,7 @@
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
 #include "io/label_image.hpp"
+#include "io/words.hpp"
 
 namespace dimple {
 namespace {
@@ -45,10 +46,11 @@ void describe_image(const std::filesystem::path& file, const std::filesystem::pa
       "mm\n  axes run to  {}\n\n",
       file.string(), image.format, image.stored_size[0], image.stored_size[1], image.stored_size[2],
       image.stored_spacing.x(), image.stored_spacing.y(), image.stored_spacing.z(), image.orientation);
-  fmt::print("{:>6}  {:<28} {:>12} {:>14}  {:<24}  {:>6}  {}\n", "label", "name", "voxels", "volume_mm3",
+  fmt::print("{:>6}  {:<28} {:>12} {:>14}  {:<24}  {:>6}  {}\n", "label", "name", "voxels", "volume",
              "centre L, P, S [mm]", "pieces", "touches border");
   for (const LabelMeasure& l : labels)
-    fmt::print("{:>6}  {:<28} {:>12} {:>14.1f}  {:<24}  {:>6}  {}\n", l.value, l.name, l.voxels, l.volume_mm3,
+    fmt::print("{:>6}  {:<28} {:>12} {:>14}  {:<24}  {:>6}  {}\n", l.value, l.name, l.voxels,
+               volume_in_words(l.volume_mm3),
                fmt::format("{:.1f}, {:.1f}, {:.1f}", l.centre_mm.x(), l.centre_mm.y(), l.centre_mm.z()),
                l.pieces, l.touches_border ? "yes" : "no");
   for (const std::string& warning : image.warnings) warn(warning);
