@@ -465,7 +465,7 @@ void add_explained(Outcome& outcome, const fs::path& folder, double seconds) {
   Json summary = Json::parse(outcome.summary_json);
   outcome.times.emplace_back("comparing", seconds);
   Json& parts = summary["parts_wall_s"];
-  const double before_s = parts.value("comparing", 0.0);  // of a run that was finished already
+  const double before_s = parts.is_object() ? parts.value("comparing", 0.0) : 0.0;  // of a run finished already
   parts["comparing"] = seconds;
   summary["total_wall_s"] = summary["total_wall_s"].get<double>() + seconds - before_s;
   if (outcome.interrupted) end_otherwise(summary, Stopped(stop_asked()));
