@@ -105,19 +105,20 @@ void tell_of_cavities(SegmentReport& report) {
       if (cavity.filled != filled) continue;
       volume += cavity.volume_mm3;
       if (++count <= 3)
-        list += fmt::format("{}{:.3g} mm3 at {}", count > 1 ? ", " : "", cavity.volume_mm3,
+        list += fmt::format("{}{} at {}", count > 1 ? ", " : "", volume_in_words(cavity.volume_mm3),
                             in_words(cavity.centre_mm));
     }
     if (count == 0) continue;
     if (count > 3) list += fmt::format(", and {} smaller ones", count - 3);
     report.warnings.push_back(
         filled ? fmt::format(
-                     "{} inside the organ {} filled, {:.3g} mm3 in all ({}): {} smaller than 0.2 % of it",
+                     "{} inside the organ {} filled, {} in all ({}): {} smaller than 0.2 % of the organ",
                      count == 1 ? "one cavity" : fmt::format("{} cavities", count),
-                     count == 1 ? "was" : "were", volume, list, count == 1 ? "it is" : "each is")
-               : fmt::format("the organ has {}, {:.3g} mm3 in all ({}): kept as empty space with free walls; "
+                     count == 1 ? "was" : "were", volume_in_words(volume), list, count == 1 ? "it is" : "each is")
+               : fmt::format("the organ has {}, {} in all ({}): kept as empty space with free walls; "
                              "label what lies in it if it is not empty",
-                             count == 1 ? "a cavity" : fmt::format("{} cavities", count), volume, list));
+                             count == 1 ? "a cavity" : fmt::format("{} cavities", count), volume_in_words(volume),
+                             list));
   }
 }
 
@@ -383,8 +384,8 @@ void check_lost_volume(double enclosed_mm3, double step, SegmentReport& report) 
   const double thickness = std::max(2.0 * report.smoothing_mm, 1.5 * step);
   if (lost > most_lost)
     throw ModelError(
-        {.fact = fmt::format("{:.0f} % of the organ's {:.3g} mm3 are lost where it is smoothed", 100.0 * lost,
-                             report.voxel_volume_mm3),
+        {.fact = fmt::format("{:.0f} % of the organ's {} are lost where it is smoothed", 100.0 * lost,
+                             volume_in_words(report.voxel_volume_mm3)),
          .where = "body surface",
          .why =
              fmt::format("most of it is thinner than {:.2f} mm, which its voxels cannot give a surface: the "

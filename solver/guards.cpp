@@ -38,28 +38,16 @@ constexpr double hourglass_poor = 0.15;  // of the stored energy; usual: 0.02 to
 // the first touch on.
 constexpr double fluctuation_poor = 1.5, fluctuation_wrong = 10.0;
 
-std::string rounded(double x, int digits) {
-  std::ostringstream out;
-  out.setf(std::ios::fixed);
-  out.precision(digits);
-  out << x;
-  return out.str();
-}
-
 std::string in_mm(const Vec3& metres) {
   const Vec3 x = metres * 1e3;
-  return text("(", rounded(x.x(), 2), ", ", rounded(x.y(), 2), ", ", rounded(x.z(), 2), ") mm");
+  return text("(", fixed(x.x(), 2), ", ", fixed(x.y(), 2), ", ", fixed(x.z(), 2), ") mm");
 }
 
 std::string moment(const Moment& now) {
   std::string result = text("solver, t = ", now.t, " s, indentation ", now.depth * 1e3, " mm");
-  if (now.dt > 0.0) result += text("; step ", now.dt, " s");
-  if (now.dt_stable > 0.0) result += text(", stable ", now.dt_stable, " s");
+  if (now.dt > 0.0) result += text("; step ", 1e6 * now.dt, " us");
+  if (now.dt_stable > 0.0) result += text(", stable ", 1e6 * now.dt_stable, " us");
   return result;
-}
-
-std::string percent(double share) {
-  return (share < 0.01 ? text(100.0 * share) : rounded(100.0 * share, share < 0.1 ? 1 : 0)) + " %";
 }
 
 }  // namespace
@@ -90,10 +78,9 @@ std::vector<Finding> check_model(const Model& model, const SupportReport& suppor
       share > many_grown)
     findings.push_back(
         {{.fact = text(support.grown, " supports had to be enlarged, by up to ", support.largest_growth,
-                       ", to have nodes enough: ", percent(share), " of the points"),
+                       ", to hold enough nodes: ", percent(share), " of the points"),
           .where = at(support.fewest_at),
-          .why = text("the cloud is sparse or thin beside its supports; the fewest nodes of a point are ",
-                      support.fewest),
+          .why = text("the cloud is sparse, or thin beside its supports; one point has ", support.fewest, " nodes"),
           .remedy = "raise support.radius_factor, or use more nodes (--nodes)",
           .code = "supports"},
          share});
@@ -108,7 +95,7 @@ std::vector<Finding> check_model(const Model& model, const SupportReport& suppor
                        error < 0.5 ? "about " + percent(error) : "half or more"),
           .where = text("circle at ", in_mm(model.tool.centre), ", ", 2e3 * model.tool.radius,
                         " mm across, to a depth of ", 1e3 * depth, " mm"),
-          .why = "so much it was on the verification block with as many, whose force is known",
+          .why = "with as many nodes the force on the verification block, which is known, was that far off",
           .remedy =
               text("use more nodes (--nodes) or a finer rim; for ", percent(accuracy), " it takes about ",
                    std::ceil(nodes * std::pow(error / accuracy, 1.0 / 1.6)), " nodes there"),
@@ -201,15 +188,15 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
   if (const double share = inverted_volume / whole; inverted > 0) {
     const Vec3 x = model_.point.col(sweep.point);
     Report report = {
-        .fact = text(inverted, " of ", model_.point_count(), " points, ", percent(share),
-                     " of the volume, are inverted; smallest det F ", sweep.J_min),
+        .fact = text(inverted, " of ", model_.point_count(), " integration points ", inverted == 1 ? "is" : "are",
+                     " inverted, ", percent(share), " of the volume; smallest det F ", sweep.J_min),
         .where = moment(now) + text("; worst point at rest at ", in_mm(x), ", ",
                                     1e3 * (x - model_.tool.centre).norm(), " mm from the circle's centre"),
-        .why = "the strain at a sharp rim is unbounded; the force hardly feels so little of the volume",
-        .remedy = "none is needed for the force; do not trust stresses where `jacobian` is not positive",
+        .why = "the strain at a sharp rim is unbounded; the force is unaffected by so small a volume",
+        .remedy = "keep the force, and do not use stresses where `jacobian` is not positive",
         .code = "inverted"};
     if (share > inverted_wrong) {
-      report.why = "the load is more than this cloud can follow: this is more than the sharp rim alone does";
+      report.why = "the load is more than this cloud can follow: the sharp rim alone inverts less";
       report.remedy = "use more nodes (--nodes), more frames (--frames), or a smaller --depth";
       throw SolveError(report);
     }
@@ -242,8 +229,8 @@ void Guards::check(const EnergySample& e, double largest_external, double durati
     const double error = e.error(), scale = largest_external;
     const bool gain = error < 0.0;
     Report report = {
-        .fact = text(gain ? "energy appeared from nowhere" : "energy was lost", ": the tool did ", e.external,
-                     " J of work, the tissue holds ", e.kinetic + e.stored + e.dissipated, " J"),
+        .fact = text(gain ? "energy appeared from nowhere" : "energy was lost", ": the tool did ", 1e6 * e.external,
+                     " uJ of work, the tissue holds ", 1e6 * (e.kinetic + e.stored + e.dissipated), " uJ"),
         .where = moment(now),
         .why = now.dt_stable > 0.0
                    ? "the time integration became unstable"
@@ -297,8 +284,8 @@ void Guards::check_smooth(const std::vector<double>& force, double largest, doub
 
 void Guards::check_kinetic(double kinetic, double external, const Moment& now) const {
   if (!on_ || forces_.system().as_printed() || kinetic <= 1.5 * external + energy_floor) return;
-  throw SolveError({.fact = text("energy appeared from nowhere: the tool did ", external,
-                                 " J of work, the motion alone holds ", kinetic, " J"),
+  throw SolveError({.fact = text("energy appeared from nowhere: the tool did ", 1e6 * external,
+                                 " uJ of work, the motion alone holds ", 1e6 * kinetic, " uJ"),
                     .where = moment(now),
                     .why = "the time integration became unstable",
                     .remedy = "use a smaller solver.safety, for instance --set solver.safety=0.6",
@@ -310,7 +297,7 @@ void Guards::check_hourglass(double hourglass, double stored, const Moment& now)
   find({{.fact = text(percent(hourglass / stored),
                       " of the stored energy is in modes that the cells' mean gradients do not see"),
          .where = moment(now),
-         .why = "displacements change within a cell as much as from cell to cell: the cloud is too coarse "
+         .why = "displacements vary within a cell as much as from cell to cell: the cloud is too coarse "
                 "for this load",
          .remedy = "use more nodes (--nodes) or more points (--set grid.ratio)",
          .code = "hourglass"},
@@ -365,17 +352,17 @@ void Guards::found_limit_point(const Nodal& jump, double way, const Moment& now)
   Index furthest = 0;
   const Eigen::RowVectorXd size = jump.colwise().norm();
   const double largest = size.maxCoeff(&furthest);
-  find({{.fact = text("the tissue gave way at ", rounded(1e3 * now.depth, 2), " mm: a node moved by ",
-                      rounded(1e3 * largest, 2), " mm while the tool moved by ", rounded(1e3 * way, 2),
+  find({{.fact = text("the tissue gave way at ", fixed(1e3 * now.depth, 2), " mm: a node moved by ",
+                      fixed(1e3 * largest, 2), " mm while the tool moved by ", fixed(1e3 * way, 2),
                       " mm, and ", (size.array() > way).count(), " of ", size.size(),
                       " nodes by more than the tool"),
          .where = moment(now) + "; " + place_of(model_, furthest),
          .why =
-             "the path of equilibria has a limit point there: a wall buckled or a fold rolled over. What is "
-             "given from there on is the equilibrium in which it came to rest; that surfaces touch each "
-             "other is not modelled",
+             "the path of equilibria has a limit point there: a wall buckled or a fold rolled over. The force "
+             "beyond is that of the equilibrium in which the tissue came to rest; contact of a surface with "
+             "itself is not modelled",
          .remedy =
-             text("trust the curve to ", rounded(1e3 * (now.depth - way), 2),
+             text("trust the curve to ", fixed(1e3 * (now.depth - way), 2),
                   " mm; beyond, put the circle further from folds and edges (--indent-at), or follow the "
                   "motion with --time dynamic"),
          .code = "limit-point"},
@@ -385,7 +372,7 @@ void Guards::found_limit_point(const Nodal& jump, double way, const Moment& now)
 void Guards::check_step(const Moment& now) const {
   if (!on_ || now.dt <= now.dt_stable) return;
   throw SolveError(
-      {.fact = text("the time step of ", now.dt, " s is above the stable one of ", now.dt_stable, " s"),
+      {.fact = text("the time step of ", 1e6 * now.dt, " us is above the stable one of ", 1e6 * now.dt_stable, " us"),
        .where = moment(now),
        .why = now.depth > 0.0 ? "compressed tissue has a shorter one than at the last frame"
                               : "it was asked for",

@@ -10,7 +10,7 @@ namespace dimple {
 struct RelaxOptions {
   double tolerance = 1e-4;          ///< unbalanced force / reactions
   std::int64_t evaluations = 2000;  ///< of the force, at most
-  /// No evaluation begins that would end after this, were it half as long again as the last few.
+  /// Stop before an evaluation that is predicted to end later than this (1.5 x the recent mean).
   std::chrono::steady_clock::time_point until = std::chrono::steady_clock::time_point::max();
 };
 

@@ -120,8 +120,52 @@ int report(const Error& error, bool json) {
   return static_cast<int>(error.code);
 }
 
+// Physics that somebody may look for, by the words that an option for it might have.
+struct NotModelled {
+  std::vector<std::string> flags;
+  const char *what, *closest;
+};
+
+const std::vector<NotModelled>& not_modelled() {
+  static const std::vector<NotModelled> list = {
+      {{"--gravity", "--weight", "--body-force"},
+       "gravity is not modelled: the image is taken as free of load",
+       "none; an image in the posture of the test holds the sagging already"},
+      {{"--tool", "--sphere", "--cone", "--indenter", "--indenter-shape", "--tool-shape"},
+       "a tool of another shape is not modelled: the tool is a flat rigid circle",
+       "a circle of the diameter of the contact, --indenter-diameter 10mm"},
+      {{"--unload", "--unloading", "--retract", "--relax", "--hold"},
+       "unloading and holding are not modelled: the load grows to --depth and ends there",
+       "`dimple poke IMAGE --script PATH`, which follows a tool in and out"},
+      {{"--friction", "--mu-friction", "--friction-coefficient"},
+       "friction is not modelled: the tissue sticks to the circle or slides freely",
+       "--contact bonded and --contact frictionless, between which friction lies"},
+      {{"--cut", "--cutting", "--incision", "--tear", "--fracture"},
+       "cutting and tearing are not modelled: the tissue stays in one piece",
+       "a cut that is open already in the image"},
+      {{"--membrane", "--skin", "--pia", "--shell", "--capsule"},
+       "a membrane around the organ is not modelled: the surface is free tissue",
+       "a label for its layer with a stiffness of its own, --set tissue.LABEL.mu=3kPa"}};
+  return list;
+}
+
+// Says so, if one of the words is an option for physics that is not there. Throws UsageError.
+void refuse_what_is_not_modelled(const std::vector<std::string>& words) {
+  for (const std::string& word : words)
+    for (const NotModelled& one : not_modelled())
+      if (const std::string flag = word.substr(0, word.find('='));
+          std::find(one.flags.begin(), one.flags.end(), flag) != one.flags.end())
+        throw UsageError({.fact = one.what,
+                          .where = flag,
+                          .why = "modelled are quasi-static and dynamic indentation by one flat circle, bonded or "
+                                 "frictionless, of elastic and viscoelastic tissue on a fixed base",
+                          .remedy = fmt::format("closest: {}", one.closest),
+                          .code = "not-modelled"});
+}
+
 [[noreturn]] void usage_error(const CLI::App& app, const CLI::ParseError& error,
                               const std::vector<std::string>& words) {
+  refuse_what_is_not_modelled(words);
   std::vector<std::string> commands, flags;
   for (const CLI::App* command : app.get_subcommands({})) {
     commands.push_back(command->get_name());

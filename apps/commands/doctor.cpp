@@ -133,7 +133,7 @@ Check check_force() {
     const double force = measure(config).history.force.back().force;
     return {std::abs(force - known) < reference_of_600_nodes * known, what,
             fmt::format("{} under a block indented by {} mm, {} by finite elements; {:.1f} s",
-                        force_written(force)(force), depth_mm, force_written(known)(known), whole.seconds()),
+                        force_in_words(force), depth_mm, force_in_words(known), whole.seconds()),
             "the force is wrong by more than a coarse model explains: please report it with this text",
             ExitCode::solve};
   } catch (const Stopped&) {

@@ -8,6 +8,7 @@
 #include "apps/commands/terminal.hpp"
 #include "io/label_image.hpp"
 #include "io/text.hpp"
+#include "io/words.hpp"
 
 namespace dimple {
 namespace {
@@ -48,12 +49,12 @@ void describe_image(const std::filesystem::path& file, const std::filesystem::pa
       printable(file.string()), printable(image.format), image.stored_size[0], image.stored_size[1],
       image.stored_size[2], image.stored_spacing.x(), image.stored_spacing.y(), image.stored_spacing.z(),
       image.orientation));
-  print(fmt::format("{:>6}  {:<28} {:>12} {:>14}  {:<24}  {:>6}  {}\n", "label", "name", "voxels",
-                    "volume_mm3", "centre L, P, S [mm]", "pieces", "touches border"));
+  print(fmt::format("{:>6}  {:<28} {:>12} {:>14}  {:<24}  {:>6}  {}\n", "label", "name", "voxels", "volume",
+                    "centre L, P, S [mm]", "pieces", "touches border"));
   for (const LabelMeasure& l : labels)
     print(
-        fmt::format("{:>6}  {:<28} {:>12} {:>14.1f}  {:<24}  {:>6}  {}\n", l.value, printable(l.name),
-                    l.voxels, l.volume_mm3,
+        fmt::format("{:>6}  {:<28} {:>12} {:>14}  {:<24}  {:>6}  {}\n", l.value, printable(l.name), l.voxels,
+                    volume_in_words(l.volume_mm3),
                     fmt::format("{:.1f}, {:.1f}, {:.1f}", l.centre_mm.x(), l.centre_mm.y(), l.centre_mm.z()),
                     l.pieces, l.touches_border ? "yes" : "no"));
   for (const std::string& warning : image.warnings) warn(warning);

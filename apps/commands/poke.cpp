@@ -15,6 +15,7 @@
 #include "apps/run/view.hpp"
 #include "apps/window/body_window.hpp"
 #include "apps/window/display.hpp"
+#include "io/digits.hpp"
 #include "io/draw/body_frame.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -185,8 +186,8 @@ class Poking {
                    return s.x > now.time - shown_s;
                  }));
     const std::string force =
-        f.force > 0.0 ? fmt::format("force {:.4g} N +- {:.2g} %{}, {:.2f} mm", f.force, 100.0 * error / f.force,
-                                    now.half_band ? "" : " and what the discretisation leaves", 1e3 * f.depth)
+        f.force > 0.0 ? fmt::format("force {} +- {}{}, {}", force_in_words(f.force), percent(error / f.force),
+                                    now.half_band ? "" : " and what the discretisation leaves", length_in_words(1e3 * f.depth))
                       : std::string("no touch: press the left button on the body and draw it in");
     window_.show(ShownFrame{
         .surface_mm = skin_->rest_mm + u,

@@ -1,12 +1,15 @@
+#include <fmt/format.h>
+
 #include <filesystem>
+#include <nlohmann/json.hpp>
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/slicer.hpp"
-#include "apps/run/report.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/summary.hpp"
+#include "apps/run/words.hpp"
 #include "apps/studies/explain.hpp"
-#include "io/file.hpp"
 
 namespace dimple {
 namespace {
@@ -20,17 +23,20 @@ struct Options {
 // After a run: what its force depends on.
 Outcome explained(const Config& config, const Invocation& shared, Outcome outcome) {
   const Stopwatch comparing;
-  const Explanation explanation =
+  Explanation explanation =
       explain(config, 0, [](const std::string& line) { to_log().line(RunObserver::Line::said, line); });
   const std::filesystem::path out = shared.out;
   const FileList list(out);
+  const Json summary = Json::parse(outcome.summary_json);
+  explanation.run = fmt::format("{} with {} nodes",
+                                force_title(summary.at("force_N"), summary.at("indentation_mm")),
+                                summary.at("counts").at("nodes").get<Index>());
   write_explanation(out, explanation, std::filesystem::path(config.image.file).filename().string());
-  add_explanation(out / "report.html", read_file(out / "explain.svg"));
-  outcome.times.emplace_back("comparing", comparing.seconds());
   if (!explanation.ended_by.empty()) {
     outcome.interrupted = true;
     outcome.ended_by = explanation.ended_by + "; explain.md has what was compared until then";
   }
+  add_explained(outcome, out, comparing.seconds());
   return outcome;
 }
 
@@ -43,7 +49,7 @@ Command add_run(CLI::App& app, Invocation& shared) {
   command->add_option("-o,--out,--output", shared.out, "folder for the results")->required();
   add_over_results(*command, shared, true);
   command->add_flag("--explain", options->explain,
-                    "then make one choice after another otherwise, and tell what the force depends on");
+                    "then repeat the run, changing one choice at a time, and show what the force depends on");
   command->add_flag(slicer_flag, shared.slicer, "as 3D Slicer gives options and reads progress")->group("");
   command->add_option("--returnparameterfile", options->return_parameters)->group("");
   options->flags.add(*command, "run");

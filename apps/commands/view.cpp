@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "apps/commands/command.hpp"
+#include "apps/run/words.hpp"
 #include "apps/window/body_window.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -93,11 +94,11 @@ class Results {
                      .tool_mm = -depth * up,
                      .words = {}};
     const double force = needed(now.tool.facts, "force_N", file("tool", number)).values(0, 0);
-    frame.words = fmt::format("frame {} of {}: {:.2f} mm, {:.4g} N", number, last(), depth, force);
     const auto at = std::find_if(curve_.begin(), curve_.end(),
                                  [&](const ShownForce& f) { return std::abs(f.x - depth) < 1e-6; });
-    if (at != curve_.end() && at->high_N > at->low_N)
-      frame.words += fmt::format(", {:.4g} to {:.4g} N (discretisation)", at->low_N, at->high_N);
+    std::optional<double> half_N;
+    if (at != curve_.end() && at->high_N > at->low_N) half_N = 0.5 * (at->high_N - at->low_N);
+    frame.words = fmt::format("frame {} of {}: {}", number, last(), force_title(force, depth, half_N));
     return frame;
   }
 

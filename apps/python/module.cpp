@@ -23,6 +23,7 @@
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"
+#include "apps/run/words.hpp"
 #include "io/stop.hpp"
 #include "preprocess/make_model.hpp"
 #include "preprocess/support.hpp"
@@ -349,10 +350,10 @@ py::object band_edge(const Solved& solved, double side) {
 std::string shown(const Solved& solved) {
   if (solved.force.empty()) return "<pydimple.Result: no force>";
   const ForceSample& last = solved.force.back();
-  std::string text = fmt::format("<pydimple.Result: {:.4f} N at {:.2f} mm, ", last.force, 1e3 * last.depth);
-  if (!solved.band.known()) return text + "band unknown: " + solved.band.unknown + ">";
-  const double half = solved.band.half.back();
-  return text + fmt::format("{:.4f} to {:.4f} (discretisation)>", last.force - half, last.force + half);
+  std::optional<double> half_N;
+  if (solved.band.known()) half_N = solved.band.half.back();
+  return "<pydimple.Result: " + force_title(last.force, 1e3 * last.depth, half_N) +
+         (half_N ? "" : ", band unknown: " + solved.band.unknown) + ">";
 }
 
 // What simulate() makes of a case, all in memory. `summary` begins it.

@@ -12,6 +12,7 @@
 
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
@@ -207,8 +208,8 @@ void ImageWriter::write() {
   told_ = fmt::format("{} files on {} x {} x {} voxels, {:.1f} s", written_.size(), n[0], n[1], n[2],
                       watch.seconds());
   if (!task_.label_image.empty())
-    told_ += fmt::format("; labels {:.2f} cm3, {:.2f} cm3 at rest, the deformed body {:.2f} cm3",
-                         1e-3 * labels_mm3_, 1e-3 * labels_at_rest_mm3_, 1e-3 * deformed_mm3_);
+    told_ += fmt::format("; labels {}, {} at rest, the deformed body {}", volume_in_words(labels_mm3_),
+                         volume_in_words(labels_at_rest_mm3_), volume_in_words(deformed_mm3_));
 }
 
 void ImageWriter::write_group(const Group& group) {
@@ -367,14 +368,14 @@ void ImageWriter::write_group(const Group& group) {
 std::string ImageWriter::warning() const {
   std::string text;
   if (share_beyond_ > 0.0)
-    text = fmt::format("{:.2g} % of the deformed surface lies beyond the image, whose grid the images keep",
-                       100.0 * share_beyond_);
+    text = fmt::format("{} of the deformed surface lies beyond the image, whose grid the images keep",
+                       percent(share_beyond_));
   if (100 * way_back_.unsettled > way_back_.solved)
     text += fmt::format(
-        "{}{:.2g} % of the images' voxels at the body show the nearest place at rest that was found, not "
-        "the exact one: there the tissue is folded",
+        "{}{} of the images' voxels at the body show the nearest place at rest that was found, not "
+        "the exact one: the tissue is folded there",
         text.empty() ? "" : "; ",
-        100.0 * static_cast<double>(way_back_.unsettled) / static_cast<double>(way_back_.solved));
+        percent(static_cast<double>(way_back_.unsettled) / static_cast<double>(way_back_.solved)));
   return text;
 }
 

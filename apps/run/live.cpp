@@ -10,6 +10,7 @@
 #include <cmath>
 
 #include "apps/run/stopwatch.hpp"
+#include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "io/table.hpp"
@@ -304,8 +305,8 @@ std::string in_words(Index nodes, const std::vector<PathFrame>& frames) {
   }
   const std::string thousands =
       nodes >= 1000 ? fmt::format("{},{:03}", nodes / 1000, nodes % 1000) : fmt::format("{}", nodes);
-  return fmt::format("{} nodes, {:.0f} fps, force +-{:.2g} %{}", thousands,
-                     1.0 / std::max(1e-6, quantile(seconds, 0.99)), 100.0 * quantile(error, 0.95),
+  return fmt::format("{} nodes, {:.0f} fps, force +-{}{}", thousands,
+                     1.0 / std::max(1e-6, quantile(seconds, 0.99)), percent(quantile(error, 0.95)),
                      known ? "" : " and what the discretisation leaves, unknown in some frames");
 }
 

@@ -110,8 +110,7 @@ void say_labels(const Talk& talk, const Config& config, const std::vector<int>& 
       alike.push_back(label);
   if (chosen.empty() && alike.size() > 1)
     talk.warn(
-        fmt::format("{} labels are welded into one body of one material, as no --label was given: {}; choose "
-                    "with --label {}, or "
+        fmt::format("{} labels form one body of one material, because no --label was given: {}; choose with --label {}, or "
                     "give one a material of its own, as in --set tissue.{}.mu=300Pa",
                     alike.size(), in_words(alike), alike.front().value, alike.back().value));
 }
@@ -124,7 +123,7 @@ std::optional<ClosedImage> closed(const Config& config, const LabelImage& image,
   talk.doing("closing gaps");
   ClosedImage result = close_gaps(image, labels, width);
   sentence = fmt::format("gaps narrower than {:.4g} mm: {} added ({:.1f} %)", width,
-                         volume_written(result.added_mm3)(result.added_mm3),
+                         volume_in_words(result.added_mm3),
                          100.0 * result.added_mm3 / result.body_mm3);
   talk.say("closed   " + sentence);
   if (const double finest = image.spacing().minCoeff(); 0.5 * width < finest)
@@ -139,9 +138,9 @@ std::optional<ClosedImage> closed(const Config& config, const LabelImage& image,
 void warn_of_narrow_gaps(const Config& config, double share, const Talk& talk) {
   if (share <= most_facing || config.image.close_mm >= narrow_gap_mm) return;
   talk.warn(
-      fmt::format("{:.0f} % of the surface faces another part of it across less than {:.0f} mm of air: folds "
-                  "whose banks touch in life move freely here; --close {:.0f}mm closes such folds: compare "
-                  "the forces, which may differ much",
+      fmt::format("{:.0f} % of the surface faces another part of it across less than {:.0f} mm of air: the walls of "
+                  "these folds, which touch in life, move freely here; --close {:.0f}mm closes such folds: compare "
+                  "the two forces, which may differ much",
                   100.0 * share, narrow_gap_mm, narrow_gap_mm));
 }
 
@@ -195,10 +194,9 @@ void check_materials(const std::vector<Material>& materials, const Scheme& schem
 
 void say_default_stiffness(const Talk& talk, const Config& config) {
   if (default_stiffness(config))
-    talk.say(fmt::format(
-        "material mu {:.4g} Pa is swine brain (Horton et al. 2007), taken because none was given; other "
-        "tissues need --mu, --young or --preset",
-        config.material.mu_Pa));
+    talk.say(fmt::format("material mu {} of swine brain (Horton et al. 2007), because no material was given; for other "
+                         "tissues give --mu, --young or --preset",
+                         stress_in_words(config.material.mu_Pa)));
 }
 
 TissueOptions tissues_of(const Config& config, const std::map<std::string, int>& label_names,
@@ -270,17 +268,17 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
   for (const std::string& warning : segment.warnings) talk.warn(warning);
   if (segment.pieces > 1)
     talk.say(fmt::format("organ    {} pieces: kept the largest, dropped {} ({:.2f} %)", segment.pieces,
-                         volume_written(segment.dropped_volume_mm3)(segment.dropped_volume_mm3),
+                         volume_in_words(segment.dropped_volume_mm3),
                          100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
   if (segment.dropped_volume_mm3 > 0.05 * segment.label_volume_mm3)
     talk.warn(fmt::format(
         "{:.1f} % of the labelled volume lies in pieces that do not touch the largest and was dropped",
         100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
   const double volume = segment.voxel_volume_mm3;
-  talk.say("organ    " + volume_written(volume)(volume));
+  talk.say("organ    " + volume_in_words(volume));
   talk.detail(fmt::format(
-      "surface  {:.4g} cm2: {} triangles, drawn {:.2f} mm apart, smoothed by {:.2f} mm; encloses the voxels' "
-      "volume to {:+.2f} %",
+      "surface  {:.1f} cm2: {} triangles of {:.2f} mm, smoothed by {:.2f} mm; the enclosed volume differs from the "
+      "voxels' by {:+.2f} %",
       body.surface.area() / 1e2, body.surface.triangles().cols(), segment.step_mm, segment.smoothing_mm,
       100.0 * (body.surface.volume() / volume - 1.0)));
 
@@ -305,11 +303,8 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
   result.stages.add(report.stages);
   for (const std::string& warning : report.boundary.warnings) talk.warn(warning);
   result.build_s += building.seconds();
-  const std::string at_rim = report.rim_spacing_mm < report.spacing_mm
-                                 ? fmt::format(", {:.3g} mm at the circle's rim", report.rim_spacing_mm)
-                                 : "";
-  talk.say(fmt::format("model    {} nodes, {:.3g} mm apart{}; {} integration points", places.node_count(),
-                       report.spacing_mm, at_rim, places.point_count()));
+  talk.say(fmt::format("model    {}; {} integration points",
+                       nodes_in_words(places.node_count(), report), places.point_count()));
   talk.detail(fmt::format(
       "nodes    {} on the surface; nearest node {:.2f} +- {:.2f}, at least {:.2f}, largest gap {:.2f} "
       "spacings",
@@ -319,7 +314,7 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
       "points   in cells of {}{:.3f} mm, {} clipped by the surface, {} slivers merged; volume {}, {:+.3f} % "
       "of the organ's",
       options.scheme.averaged_gradients ? "up to " : "", report.cell_mm, report.clipped, report.merged,
-      volume_written(report.grid_volume_mm3)(report.grid_volume_mm3),
+      volume_in_words(report.grid_volume_mm3),
       100.0 * (report.grid_volume_mm3 / segment.voxel_volume_mm3 - 1.0)));
   talk.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
   const std::string centre = in_words(places.tool.centre * 1e3);

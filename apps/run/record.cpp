@@ -10,6 +10,7 @@
 #include "apps/run/checkpoint.hpp"
 #include "apps/run/images.hpp"
 #include "apps/run/organ.hpp"
+#include "apps/run/report.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/words.hpp"
@@ -34,36 +35,21 @@ void detail(const RecordObserver& observer, const std::string& text) {
   if (observer.line) observer.line(Line::detail, text);
 }
 
-// ", 0.0425 to 0.0449 (discretisation)", in the unit of the force itself.
-std::string from_to(double force_N, double half_N, const std::string& by) {
-  const Written written = force_written(force_N);
-  return fmt::format(", {} to {} ({})", written.number(force_N - half_N), written.number(force_N + half_N),
-                     by);
-}
-
-// "0.0437 N at 8.00 mm, 0.0425 to 0.0449 (discretisation)", without a band the first half alone.
-std::string title_of(double force_N, double depth_mm, bool band, double half_N) {
-  return fmt::format(
-      "{} at {} mm{}", force_written(force_N)(force_N),
-      depth_mm == 0.0 || depth_mm >= 0.1 ? fmt::format("{:.2f}", depth_mm) : fmt::format("{:.3g}", depth_mm),
-      band ? from_to(force_N, half_N, "discretisation") : "");
-}
-
-// The same with why there is no band, and with what the material's band adds.
+// The title of a force, with why there is no band, and with what the material's band adds.
 std::string headline_of(const std::string& title, double force_N, const std::string& unknown, double spread) {
   return title + (unknown.empty() ? "" : ", band unknown: " + unknown) +
          (spread > 0.0
-              ? from_to(force_N, spread * std::abs(force_N), fmt::format("mu +- {:g} %", 100.0 * spread))
+              ? from_to(force_N, spread * std::abs(force_N), fmt::format("mu +- {} %", plain(100.0 * spread)))
               : "");
 }
 
 // "moved by 1.234 mm at (12.0, -30.0, 45.0) mm, +- 0.010 mm (discretisation)".
 std::string displacement_title(const Json& displacement) {
   const auto& place = displacement["place_mm"];
-  std::string title = fmt::format("moved by {:.3f} mm at {}", displacement["length_mm"].get<double>(),
+  std::string title = fmt::format("moved by {} mm at {}", three_digits(displacement["length_mm"].get<double>()),
                                   in_words(Vec3(place[0], place[1], place[2])));
   if (displacement.contains("coarser_nodes"))
-    title += fmt::format(", +- {:.2g} mm (discretisation)", displacement["half_mm"].get<double>());
+    title += fmt::format(", +- {} mm (discretisation)", plain(displacement["half_mm"].get<double>(), 2));
   return title;
 }
 
@@ -96,7 +82,8 @@ Outcome finished_already(const fs::path& folder, const Config& config, const std
   const double force = summary.value("force_N", 0.0);
   const std::string unknown = band.value("unknown", "");
   outcome.headline = headline_of(
-      title_of(force, summary.value("indentation_mm", 0.0), unknown.empty(), band.value("half_N", 0.0)),
+      force_title(force, summary.value("indentation_mm", 0.0),
+                  unknown.empty() ? std::optional(band.value("half_N", 0.0)) : std::nullopt),
       force, unknown, 0.01 * before.material.mu_spread_percent);
   if (summary.contains("displacement")) outcome.further = displacement_title(summary["displacement"]);
   say(observer, fmt::format("resume   {} holds the finished run: nothing to do", folder.string()));
@@ -229,12 +216,12 @@ class Recorder {
   bool tell(const ForceSample& now, const History& h) {
     if (observer_.progress) {
       const std::string where =
-          fmt::format("{:.2f} mm, {}", 1e3 * now.depth, force_written(now.force)(now.force));
+          fmt::format("{}, {}", length_in_words(1e3 * now.depth), force_in_words(now.force));
       observer_.progress(
           now.depth / result.loading.depth,
           result.time == TimeMode::quasi_static
               ? where
-              : fmt::format("t {:.2f} s, {}, step {:.3g} us", now.t, where, 1e6 * h.dt_smallest));
+              : fmt::format("t {:.2f} s, {}, step {} us", now.t, where, three_digits(1e6 * h.dt_smallest)));
     }
     return stop_asked() == StopReason::none;
   }
@@ -295,14 +282,15 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   const double reached = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
   const double force = history.force.empty() ? 0.0 : history.force.back().force;
   const double half = band.known() ? band.half.back() : 0.0;
-  const std::string title = title_of(force, reached, band.known(), half);
+  const std::string title = force_title(force, reached, band.known() ? std::optional(half) : std::nullopt);
   outcome.headline = headline_of(title, force, band.unknown, result.spread);
   const Report stopped = history.interrupted ? Stopped(stop_asked()).report : Report{};
   if (history.interrupted)
     outcome.ended_by = fmt::format(
-        "{} at {:.3g} of {:.3g} mm, after {:.1f} s; {} [{}]", stopped.fact, reached, config.load.depth_mm,
+        "{} at {} of {}, after {:.1f} s; {} [{}]", stopped.fact, length_in_words(reached),
+        length_in_words(config.load.depth_mm),
         how_.whole.seconds(),
-        result.ladder.empty() ? "--resume goes on from there" : "this is the finest cloud until then",
+        result.ladder.empty() ? "--resume goes on from there" : "this is the finest cloud so far",
         stopped.code);
   const std::string options = to_toml(config, result.chosen);
   write_file(how_.folder / "config.resolved.toml", options);
@@ -319,27 +307,28 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
         quasi_static
             ? fmt::format("equilibrium at {} depths: {} force evaluations, {:.2f} ms each, {:.1f} s",
                           config.solver.frames, history.steps, ms, solve_s)
-            : fmt::format("{} steps of {:.3g} us (stable {:.3g} us), {:.2f} ms each, {:.1f} s: {:.2f} x real "
+            : fmt::format("{} steps of {} us (stable {} us), {:.2f} ms each, {:.1f} s: {:.2f} x real "
                           "time",
-                          history.steps, 1e6 * history.dt_first, 1e6 * history.dt_stable_first, ms, solve_s,
+                          history.steps, three_digits(1e6 * history.dt_first),
+                          three_digits(1e6 * history.dt_stable_first), ms, solve_s,
                           times_real));
     const double base = history.force.back().base_force;
     const Written written = force_written(force);
     detail(
         observer_,
         quasi_static
-            ? fmt::format("done     {} force evaluations, {:.3f} ms each; relative residual {:.1e}, base "
-                          "carries {}",
-                          history.steps, ms, history.residual, written(base))
-            : fmt::format("done     {} steps of {:.3g} us, {:.3f} ms each, {:.2f} x real time; energy error "
-                          "{:.2g} %, base carries {}",
-                          history.steps, 1e6 * history.dt_first, ms, times_real,
-                          100.0 * largest_energy_error(history), written(base)));
+            ? fmt::format("done     {} force evaluations, {:.3f} ms each; residual {} of the reactions, the "
+                          "base carries {}",
+                          history.steps, ms, percent(history.residual), written(base))
+            : fmt::format("done     {} steps of {} us, {:.3f} ms each, {:.2f} x real time; energy error "
+                          "{}, the base carries {}",
+                          history.steps, three_digits(1e6 * history.dt_first), ms, times_real,
+                          percent(largest_energy_error(history)), written(base)));
     if (band.known())
       detail(observer_,
-             fmt::format("band     {} to {}, +- {:.1f} %, by the discretisation alone: {} nodes are "
-                         "compared with {}, in {:.1f} s",
-                         written.number(force - half), written(force + half), 100.0 * half / std::abs(force),
+             fmt::format("band     {} to {}, +- {}, error of the discretisation alone, estimated from {} and {} nodes in "
+                         "{:.1f} s",
+                         written.number(force - half), written(force + half), percent(half / std::abs(force)),
                          result.model.node_count(), band.coarse_nodes, band.seconds));
     if (how_.beside) {
       comparison = dimple::compare(*how_.beside, history.force, band);
@@ -370,9 +359,18 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   outcome.times.emplace_back(result.ladder.empty() ? "band" : "coarser clouds", band.seconds);
   outcome.times.emplace_back("writing", write_s);
   if (images_s_ > 0.0) outcome.times.emplace_back("images", images_s_);
+  auto parts = outcome.times;
+  for (auto& [name, s] : parts)
+    if (name == "solving")
+      s += solve_s_before();
+    else if (name == "writing")
+      s += write_s_before();
   Json summary = how_.summary(result);
   add_run(summary, config, result,
-          {.solve_s = solve_s, .write_s = write_s_before() + write_s, .total_s = how_.whole.seconds()},
+          {.solve_s = solve_s,
+           .write_s = write_s_before() + write_s,
+           .total_s = how_.whole.seconds() + solve_s_before() + write_s_before(),
+           .parts = std::move(parts)},
           status,
           failure               ? ExitCode::solve
           : history.interrupted ? ExitCode::interrupted
@@ -453,11 +451,8 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
     const ModelReport& report = result.report;
     const Model& model = result.model;
     return std::vector<std::string>{
-        fmt::format("{}; {} nodes {:.2f} mm apart ({} on the surface), {} integration points in cells "
-                    "of {:.2f} mm",
-                    volume_written(result.segment.voxel_volume_mm3)(result.segment.voxel_volume_mm3),
-                    model.node_count(), report.spacing_mm, report.surface_nodes, model.point_count(),
-                    report.cell_mm),
+        fmt::format("{}; {}; {} integration points", volume_in_words(result.segment.voxel_volume_mm3),
+                    nodes_in_words(model.node_count(), report), model.point_count()),
         fmt::format("base: {} nodes, {}", model.base.size(), report.boundary.base_reason),
         fmt::format("circle: {} nodes at {}, {}", report.circle_nodes, in_words(model.tool.centre * 1e3),
                     report.boundary.circle_reason)};
@@ -465,6 +460,19 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
   how.subject = fs::path(name_of_image(config)).filename().string();
   return record({.config = config, .image = image, .band = config.accuracy.band == "on"}, std::move(how),
                 observer);
+}
+
+void add_explained(Outcome& outcome, const fs::path& folder, double seconds) {
+  Json summary = Json::parse(outcome.summary_json);
+  outcome.times.emplace_back("comparing", seconds);
+  Json& parts = summary["parts_wall_s"];
+  const double before_s = parts.is_object() ? parts.value("comparing", 0.0) : 0.0;  // of a run finished already
+  parts["comparing"] = seconds;
+  summary["total_wall_s"] = summary["total_wall_s"].get<double>() + seconds - before_s;
+  if (outcome.interrupted) end_otherwise(summary, Stopped(stop_asked()));
+  outcome.summary_json = as_text(summary);
+  amend_report(folder / "report.html", summary, read_file(folder / "explain.svg"));
+  write_file(folder / "summary.json", outcome.summary_json);
 }
 
 Outcome record_solve(const Config& config, const fs::path& model, const fs::path& folder, Existing existing,

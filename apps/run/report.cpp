@@ -13,6 +13,7 @@
 #include <string_view>
 
 #include "apps/run/summary.hpp"
+#include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 
@@ -227,7 +228,7 @@ Json body_json(const ReportInput& input) {
 }
 
 // Of a long march every so many samples, and the last.
-Json curve_json(const History& history, const Band& band) {
+Json curve_json(const History& history, const Band& band, const std::optional<Comparison>& comparison) {
   constexpr std::size_t most = 400;
   const std::size_t count = history.force.size(), stride = (count + most - 1) / most;
   Json depth = Json::array(), force = Json::array(), half = Json::array();
@@ -237,7 +238,17 @@ Json curve_json(const History& history, const Band& band) {
     force.push_back(history.force[k].force);
     if (band.known()) half.push_back(band.half[k]);
   }
-  return {{"depth_mm", depth}, {"force_N", force}, {"half_N", half}};
+  double largest = 0.0;
+  for (std::size_t k = 0; k < count; ++k)
+    largest = std::max(largest, std::abs(history.force[k].force) + (band.known() ? band.half[k] : 0.0));
+  if (comparison)
+    for (const double measured : comparison->measured.force) largest = std::max(largest, std::abs(measured));
+  const Written axis = force_written(largest);
+  return {{"depth_mm", depth},
+          {"force_N", force},
+          {"half_N", half},
+          {"unit", axis.unit},
+          {"per_unit", axis.per_unit}};
 }
 
 Json beside_json(const std::optional<Comparison>& comparison) {
@@ -247,6 +258,34 @@ Json beside_json(const std::optional<Comparison>& comparison) {
   for (const double d : measured.depth) depth.push_back(1e3 * d);
   return {
       {"name", measured.name}, {"depth_mm", depth}, {"force_N", measured.force}, {"rows", measured.row_name}};
+}
+
+// How the page writes what the summary holds, by the same functions as the terminal and the picture: for each place
+// in it a number, its unit, and units in one of the summary's. Forces stand beside each other in one unit.
+void write_words(Json& words, const Json& part, const std::string& place, const Written& force) {
+  for (const auto& [name, value] : part.items()) {
+    const std::string here = place.empty() ? name : place + '.' + name;
+    if (value.is_structured()) write_words(words, value, here, force);
+    if (!value.is_number()) continue;
+    const double x = value;
+    const auto add = [&](const Written& w) { words[here] = {w.number(x), w.unit, w.per_unit}; };
+    if (name.ends_with("_N")) add(force);
+    if (name.ends_with("_mm")) add(length_written(x));
+    if (name.ends_with("_mm3")) add(volume_written(x));
+    if (name == "value" && part.value("unit", "") == "%") add(percent_written(x));
+    if (name.ends_with("_Pa")) {
+      const std::string text = stress_in_words(x);
+      const std::size_t blank = text.find(' ');
+      const std::string unit = text.substr(blank + 1);
+      words[here] = {text.substr(0, blank), unit, unit == "Pa" ? 1.0 : unit == "kPa" ? 1e-3 : 1e-6};
+    }
+  }
+}
+
+Json words_of(const Json& summary) {
+  Json words = Json::object();
+  write_words(words, summary, "", force_written(summary.value("force_N", 0.0)));
+  return words;
 }
 
 // Nothing in a page's data can end the element that it lies in.
@@ -261,21 +300,60 @@ std::string within_script(const Json& json) {
   return safe;
 }
 
+constexpr std::string_view end_of_script = "</script>\n";
+
+std::string head_of(const char* id) {
+  return fmt::format("<script type=\"application/json\" id=\"{}\">", id);
+}
+
+std::string script(const char* id, const Json& json) {
+  return head_of(id) + within_script(json) + std::string(end_of_script);
+}
+
+void replace_script(std::string& page, const char* id, const Json& json) {
+  const std::size_t from = page.find(head_of(id));
+  if (from == std::string::npos) return;
+  const std::size_t to = page.find(end_of_script, from) + end_of_script.size();
+  page.replace(from, to - from, script(id, json));
+}
+
+// The body's axes in the order and direction that is nearest to the patient's: left, posterior, superior.
+Mat3 nearest_to_patient(const Mat3& axes) {
+  std::array<int, 3> order = {0, 1, 2};
+  Mat3 best = axes;
+  double most = -1.0;
+  do {
+    Mat3 now;
+    for (int k = 0; k < 3; ++k) {
+      const Vec3 axis = axes.col(order[static_cast<std::size_t>(k)]);
+      now.col(k) = axis[k] < 0.0 ? Vec3(-axis) : axis;
+    }
+    if (now.trace() > most + 1e-9) most = now.trace(), best = now;
+  } while (std::next_permutation(order.begin(), order.end()));
+  return best;
+}
+
 }  // namespace
+
+double tilt_degrees(const Mat3& axes) {
+  const double least = nearest_to_patient(axes).diagonal().minCoeff();
+  return std::acos(std::clamp(least, -1.0, 1.0)) * 180.0 / std::numbers::pi;
+}
 
 std::vector<Slice> slices_through(const Vec3& centre, const Model& model, const LabelImage& image) {
   std::vector<Slice> slices(planes.size());
   if (image.row_offset.empty()) {
+    const Mat3 axes = nearest_to_patient(model.axes);
     const Points& shape = model.surface.empty() ? Points(1e3 * model.X) : model.surface.vertex_mm;
-    const Points along = model.axes.transpose() * shape;
+    const Points along = axes.transpose() * shape;
     const Vec3 low = along.rowwise().minCoeff(), high = along.rowwise().maxCoeff();
     const Vec3 room = Vec3::Constant(0.03 * (high - low).maxCoeff());
     for (std::size_t k = 0; k < planes.size(); ++k) {
       const Plane& plane = planes[k];
       slices[k] = empty_slice(plane, low - room, high + room);
-      const Vec3 through = model.axes.transpose() * centre;
+      const Vec3 through = axes.transpose() * centre;
       slices[k].place = onto(plane, low - room, high + room, through[3 - plane.right - plane.down]) *
-                        model.axes.transpose();
+                        axes.transpose();
     }
     return slices;
   }
@@ -323,7 +401,7 @@ Json report_data(const ReportInput& input) {
   const Model& model = input.model;
   Json data;
   data["options"] = input.options;
-  data["curve"] = curve_json(input.history, input.band);
+  data["curve"] = curve_json(input.history, input.band, input.comparison);
   data["beside"] = beside_json(input.comparison);
   // Nodes in a slab: where they are dense a few layers of them.
   const double far_mm = model.spacing.size() > 0 ? 1e3 * model.spacing.maxCoeff() : 0.0;
@@ -331,8 +409,7 @@ Json report_data(const ReportInput& input) {
   data["slab_mm"] = slab_mm;
   data["slices"] = Json::array();
   for (const Slice& slice : input.slices) data["slices"].push_back(slice_json(slice, input, slab_mm));
-  data["tilt_degrees"] = rounded(
-      std::acos(std::clamp(model.axes.diagonal().minCoeff(), -1.0, 1.0)) * 180.0 / std::numbers::pi, 10.0);
+  data["tilt_degrees"] = rounded(tilt_degrees(model.axes), 10.0);
   if (!input.frames.frame.empty()) data["body"] = body_json(input);
   const Indenter& tool = model.tool;
   data["tool"] = {{"centre_mm", {1e3 * tool.centre.x(), 1e3 * tool.centre.y(), 1e3 * tool.centre.z()}},
@@ -345,25 +422,20 @@ Json report_data(const ReportInput& input) {
 void write_report(const fs::path& file, const Json& summary, const Json& data) {
   const std::size_t at = report_template.find(data_place);
   if (at == std::string_view::npos) throw std::logic_error("the page has no place for its data");
-  std::string page(report_template.substr(0, at));
-  const auto add = [&](const char* id, const Json& json) {
-    page += fmt::format("<script type=\"application/json\" id=\"{}\">", id);
-    page += within_script(json);
-    page += "</script>\n";
-  };
-  add("dimple-summary", summary);
-  add("dimple-data", data);
-  page += report_template.substr(at + data_place.size());
-  write_file(file, page);
+  write_file(file, std::string(report_template.substr(0, at)) + script("dimple-summary", summary) +
+                       script("dimple-words", words_of(summary)) + script("dimple-data", data) +
+                       std::string(report_template.substr(at + data_place.size())));
 }
 
-void add_explanation(const fs::path& file, const std::string& chart_svg) {
+void amend_report(const fs::path& file, const Json& summary, const std::string& chart_svg) {
   std::error_code ignored;
   if (!fs::is_regular_file(file, ignored)) return;
   std::string page = read_file(file);
-  const std::size_t at = page.find(chart_place);
-  if (at == std::string::npos) return;
-  write_file(file, page.replace(at, chart_place.size(), chart_svg));
+  replace_script(page, "dimple-summary", summary);
+  replace_script(page, "dimple-words", words_of(summary));
+  if (const std::size_t at = page.find(chart_place); at != std::string::npos && !chart_svg.empty())
+    page.replace(at, chart_place.size(), chart_svg);
+  write_file(file, page);
 }
 
 }  // namespace dimple

@@ -29,6 +29,10 @@ struct Slice {
   Index columns = 0, rows = 0;  ///< of the labels; 0: there is no image
   std::vector<int> label = {};  ///< [columns x rows], row by row from the top
 };
+/// Angle between the patient's axes and the nearest of these [degrees], whatever their order: 0 for any scan that is not
+/// oblique.
+double tilt_degrees(const Mat3& axes);
+
 /// Sagittal, coronal, axial. Without an image along the model's axes, with no labels.
 std::vector<Slice> slices_through(const Vec3& place_mm, const Model& model, const LabelImage& image);
 
@@ -66,8 +70,9 @@ nlohmann::ordered_json report_data(const ReportInput& input);
 void write_report(const std::filesystem::path& file, const nlohmann::ordered_json& summary,
                   const nlohmann::ordered_json& data);
 
-/// Puts the chart of what the force depends on into a page that is there; does nothing where there is none. Throws
-/// OutputError.
-void add_explanation(const std::filesystem::path& file, const std::string& chart_svg);
+/// Gives a page that is there another summary and, where it has none yet, the chart of what the force depends on; does
+/// nothing where there is no page. Throws OutputError.
+void amend_report(const std::filesystem::path& file, const nlohmann::ordered_json& summary,
+                  const std::string& chart_svg);
 
 }  // namespace dimple

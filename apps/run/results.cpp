@@ -500,32 +500,55 @@ void remove_word(const fs::path& folder) {
   if (holds_only_a_word(folder)) fs::remove(folder / "summary.json", ignored);
 }
 
+void end_otherwise(Json& summary, const Error& error) {
+  const Report& r = error.report;
+  summary["status"] = error.code == ExitCode::interrupted ? "interrupted" : "failed";
+  summary["exit_code"] = static_cast<int>(error.code);
+  summary["failure"] = {
+      {"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
+}
+
+namespace {
+
+void write_summary(const fs::path& folder, const Json& summary) {
+  write_file(folder / "summary.json", summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+// The run had finished, and what came after it has not.
+void amend_word(const fs::path& folder, const Error& error) {
+  Json summary = summary_in(folder);
+  if (!summary.is_object() || summary.value("status", "") != "finished") return;
+  end_otherwise(summary, error);
+  write_summary(folder, summary);
+  amend_report(folder / "report.html", summary, "");
+}
+
+}  // namespace
+
 void write_word(const fs::path& folder, const std::string& command, const std::string& image,
                 const Error& error, const std::vector<std::string>& warnings) {
-  const Report& r = error.report;
   Json word = Json::object();
   word["command"] = command;
   if (!image.empty()) word["image"] = image;
   word["version"] = DIMPLE_VERSION;
-  word["status"] = error.code == ExitCode::interrupted ? "interrupted" : "failed";
-  word["exit_code"] = static_cast<int>(error.code);
-  word["failure"] = {
-      {"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
+  end_otherwise(word, error);
   word["warnings"] = warnings;
   make_folder(folder);
-  write_file(folder / "summary.json", word.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  write_summary(folder, word);
 }
 
 void leave_word(const fs::path& folder, const std::string& command, const std::string& image,
                 const Error& error, const std::vector<std::string>& warnings) noexcept try {
-  if (error.code == ExitCode::usage || error.code == ExitCode::output) return;
+  if (error.code == ExitCode::usage) return;
   const auto* stopped = dynamic_cast<const Stopped*>(&error);
   std::error_code ignored;
   {
     const std::lock_guard lock(begun_mutex);
     if (begun == folder) {
-      if (fs::exists(folder / "summary.json", ignored)) return;
+      if (fs::exists(folder / "summary.json", ignored)) return amend_word(folder, error);
+      if (error.code == ExitCode::output) return;
     } else {
+      if (error.code == ExitCode::output) return;
       if (stopped && stopped->reason == StopReason::interrupted) return;
       if (fs::exists(folder, ignored) && !fs::is_empty(folder, ignored) && !holds_only_a_word(folder)) return;
     }

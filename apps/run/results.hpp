@@ -108,10 +108,13 @@ bool holds_only_a_word(const std::filesystem::path& folder);
 void remove_word(const std::filesystem::path& folder);
 
 /// Says in a summary.json why nothing else is in the folder of a run: makes the folder if it is not there,
-/// and leaves those alone that hold anything else, but for what the present run has begun to write. For
-/// Ctrl-C, which nobody needs to be told of, it makes no folder. Never throws.
+/// and leaves those alone that hold anything else, but for what the present run has begun to write: if that has
+/// finished, its summary and page say now that what came after has not. For Ctrl-C, which nobody needs to be told of, it makes no folder. Never throws.
 void leave_word(const std::filesystem::path& folder, const std::string& command, const std::string& image,
                 const Error& error, const std::vector<std::string>& warnings) noexcept;
+
+/// Of a summary that a run has written, that it ended otherwise after all: status, exit code and why.
+void end_otherwise(nlohmann::ordered_json& summary, const Error& error);
 
 /// Says in a summary.json that the run of this folder has failed, and why. Throws OutputError.
 void write_word(const std::filesystem::path& folder, const std::string& command, const std::string& image,

@@ -81,8 +81,8 @@ void complete(const Case& given, Placed placed, const Talk& talk, Result& result
                     support.unseen, support.unconnected));
   else if (model.scheme.consistent_gradients && model.surface.empty())
     talk.warn("without a surface the gradients are not made consistent: forces at high pressure are too low");
-  talk.detail(fmt::format("mass     {:.4g} g in all, {:.3g} to {:.3g} g per node", model.mass.sum() * 1e3,
-                          model.mass.minCoeff() * 1e3, model.mass.maxCoeff() * 1e3));
+  talk.detail(fmt::format("mass     {} g in all, {} to {} g per node", three_digits(model.mass.sum() * 1e3),
+                          three_digits(model.mass.minCoeff() * 1e3), three_digits(model.mass.maxCoeff() * 1e3)));
   result.complete_s = completing.seconds();
 }
 
@@ -92,8 +92,8 @@ void require_room_beneath(const Config& config, const Discretisation& places) {
   if (loading_of(config).depth >= beneath)
     throw ModelError(
         {.fact =
-             fmt::format("an indentation of {:.3g} mm is deeper than the organ beneath the circle, {:.3g} mm",
-                         config.load.depth_mm, 1e3 * beneath),
+             fmt::format("an indentation of {} is deeper than the organ beneath the circle, {}",
+                         length_in_words(config.load.depth_mm), length_in_words(1e3 * beneath)),
          .where = "--depth (load.depth_mm)",
          .why = "the tool would come out on the other side",
          .remedy = "give a smaller --depth, or another place with --indent-at"});
@@ -106,14 +106,14 @@ std::string describe(const Tissues& tissues, std::size_t t) {
   for (const auto& term : words.terms) {
     std::vector<std::string> numbers;
     for (const auto& [name, value] : term)
-      numbers.push_back(fmt::format("{:.6g}{}", value, name.ends_with("_Pa") ? " Pa" : ""));
+      numbers.push_back(name.ends_with("_Pa") ? stress_in_words(value) : plain(value));
     law += fmt::format(" ({})", fmt::join(numbers, ", "));
   }
-  for (const PronyTerm& term : m.prony) law += fmt::format(", {:.3g} relaxing in {:.3g} s", term.g, term.tau);
+  for (const PronyTerm& term : m.prony) law += fmt::format(", {} relaxing in {} s", plain(term.g), plain(term.tau));
   return fmt::format(
-      "material {}{}: mu {:.6g} Pa, nu {:.6g}, density {:.6g} kg/m3",
+      "material {}{}: mu {}, nu {}, density {} kg/m3",
       t == 0 ? "" : fmt::format("of {} points, ", (tissues.of_point.array() == static_cast<int>(t)).count()),
-      law, m.mu, poisson_ratio(m), m.density);
+      law, stress_in_words(m.mu), plain(poisson_ratio(m)), plain(m.density));
 }
 
 // As config.solver.time asks: "auto" and "dynamic" look at how long the load lasts.
@@ -127,11 +127,11 @@ TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
   const bool shallow = mode == TimeMode::quasi_static && crossings < slow_load;
   talk.line(mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
             fmt::format(
-                "time     {}: the load lasts {:.3g} times a shear wave's way through the organ{}",
+                "time     {}: the load lasts {} times as long as a shear wave takes through the organ{}",
                 mode == TimeMode::dynamic     ? "implicit dynamics, in steps of the body's natural modes"
                 : mode == TimeMode::explicit_ ? "explicit dynamics"
                                               : "quasi-static",
-                crossings,
+                three_digits(crossings),
                 shallow ? ", which is short, but its tool is slow; --time explicit follows the waves" : ""));
   return mode;
 }
@@ -151,13 +151,13 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
     const Material& m = result.tissues.material[t];
     // The stiffness that nobody has chosen was told of before.
     talk.line(t == 0 && default_stiffness(config) ? Line::detail : Line::said, describe(result.tissues, t));
-    talk.detail(fmt::format("waves    kappa {:.6g} Pa, so {:.2f} and {:.3f} m/s", m.kappa,
+    talk.detail(fmt::format("waves    kappa {}, so {:.2f} and {:.3f} m/s", stress_in_words(m.kappa),
                             pressure_wave_speed(m), shear_wave_speed(m)));
   }
   if (const std::string preset = beside_preset(config); !preset.empty()) talk.say("preset   " + preset);
   result.time = time_of(config, talk, result);
-  talk.detail(fmt::format("load     {:.3g} mm at {:.3g} mm/s: {:.3g} s, {}, {}", config.load.depth_mm,
-                          config.load.rate_mm_per_s, loading.duration(), config.load.contact,
+  talk.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(config.load.depth_mm),
+                          plain(config.load.rate_mm_per_s), three_digits(loading.duration()), config.load.contact,
                           result.time == TimeMode::quasi_static
                               ? fmt::format("equilibrium at {} depths", options.frames)
                           : result.time == TimeMode::dynamic ? "with inertia, by implicit steps"
@@ -520,11 +520,11 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
     if (now.followed) step.length = now.followed->u.norm(), step.half_length = now.followed->half;
     result.ladder.push_back(step);
     const auto width = [&](double half, double of) {
-      return now.band.known() ? fmt::format(" +- {:.1f} %", 100.0 * half / of) : std::string();
+      return now.band.known() ? " +- " + percent(half / of) : std::string();
     };
     talk.say(fmt::format("rung     {} nodes: {}{}{}, {:.1f} s", step.nodes,
-                         force_written(step.force)(step.force), width(step.half, std::abs(step.force)),
-                         now.followed ? fmt::format(", {:.3f} mm{}", 1e3 * step.length,
+                         force_in_words(step.force), width(step.half, std::abs(step.force)),
+                         now.followed ? fmt::format(", {} mm{}", three_digits(1e3 * step.length),
                                                     width(step.half_length, step.length))
                                       : "",
                          step.seconds));
@@ -549,8 +549,8 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
     const double share = half / value;
     Talk{observer, best->result}.warn(
         fmt::format("the accuracy asked for, {}, was not reached: {}; {}", config.accuracy.goal,
-                    best->result.band.known() ? fmt::format("the band is +- {:.1f} % wide", 100.0 * share)
-                                              : "there is no band yet",
+                    best->result.band.known() ? "the error is +- " + percent(share)
+                                              : "the error is unknown so far",
                     ended));
   } else if (!ended.empty()) {
     talk.say("ladder   " + ended);
@@ -560,7 +560,7 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
   if (last.band.known() && more <= most_nodes_for_accuracy) {
     const double more_s = best->seconds * static_cast<double>(more) / static_cast<double>(last.model.node_count());
     talk.say(fmt::format(
-        "ladder   {} nodes in {:.1f} s; half as wide a band would take about {} nodes and {:.0f} s",
+        "ladder   {} nodes in {:.1f} s; half the error would take about {} nodes and {:.0f} s",
         last.model.node_count(), climbing.seconds(), (more + 50) / 100 * 100, more_s + climbing.seconds()));
   }
   if (goal.budget_s > 0.0)

@@ -253,6 +253,10 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   summary["write_wall_s"] = times.write_s;
   summary["band_wall_s"] = result.band.seconds;
   summary["total_wall_s"] = times.total_s;
+  double rest_s = times.total_s;
+  for (const auto& [name, s] : times.parts)
+    if (s > 0.0) summary["parts_wall_s"][name] = s, rest_s -= s;
+  if (!times.parts.empty()) summary["parts_wall_s"]["starting and ending"] = std::max(0.0, rest_s);
   summary["ms_per_step"] = evaluations > 0.0 ? 1e3 * times.solve_s / evaluations : 0.0;
   summary["real_time_factor"] =
       times.solve_s > 0.0 ? reached / config.load.rate_mm_per_s / times.solve_s : 0.0;

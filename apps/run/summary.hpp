@@ -2,6 +2,8 @@
 
 #include <nlohmann/json_fwd.hpp>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "apps/run/simulate.hpp"
 #include "io/error.hpp"
@@ -23,6 +25,7 @@ Json summary_of_model(const Config& config, const Result& result);
 /// [s] Of all parts of a run that was resumed together.
 struct RunTimes {
   double solve_s = 0.0, write_s = 0.0, total_s = 0.0;
+  std::vector<std::pair<std::string, double>> parts = {};  ///< where the total went; what they lack is added
 };
 /// Adds what came of the march. `reason`: why it ended before its depth, or nullptr.
 void add_run(Json& summary, const Config& config, const Result& result, const RunTimes& times,

@@ -62,6 +62,16 @@ Answer of_image(const Result& result) {
     answer.of = "of a model that was made before: no image was read";
     return answer;
   }
+  // The body need not be what was labelled.
+  const auto part = [](double mm3, const char* what) {
+    return mm3 > 0.0 ? fmt::format(", {} {}", volume_in_words(mm3), what) : std::string();
+  };
+  double filled = 0.0;
+  for (const Cavity& cavity : result.segment.cavities)
+    if (cavity.filled) filled += cavity.volume_mm3;
+  const std::string changed = part(filled, "of cavities filled") + part(result.closed_mm3, "of gaps closed") +
+                              part(result.segment.dropped_volume_mm3, "of other pieces dropped");
+  if (!changed.empty()) answer.of = "of the labelled volume: " + changed.substr(2);
   if (result.image_warnings > 0) answer.reasons.insert(counted(result.image_warnings));
   if (!(std::abs(answer.value - 100.0) <= 100.0 * volume_to_check))
     answer.reasons.insert(fmt::format("differs from 100 % by more than {:g} %", 100.0 * volume_to_check));
@@ -105,7 +115,7 @@ Answer of_equilibrium(const Result& result, const std::string& status) {
 Answer of_energy(const Result& result) {
   Answer answer{.value = 100.0 * largest_energy_error(result.history),
                 .unit = "%",
-                .of = "of the tool's work is not accounted for"};
+                .of = "of the tool's work is missing from the energy balance"};
   answer.reasons = fired(result, {"energy"});
   answer.check_beyond(100.0 * energy_to_check);
   return answer;
@@ -116,16 +126,16 @@ Answer of_accuracy(const Config& config, const Result& result) {
   if (!band.known() || result.history.force.empty())
     return {.value = static_cast<double>(result.model.node_count()),
             .unit = "nodes",
-            .of = "and no band of the force",
+            .of = "and an unknown discretisation error of the force",
             .reasons = {band.unknown.empty() ? "there is no force" : band.unknown}};
   const double force = std::abs(result.history.force.back().force), half = band.half.back();
   Answer answer{.value = 100.0 * half / force,
                 .unit = "%",
-                .of = "of the force, up or down: half the band of its discretisation"};
+                .of = "discretisation error of the force, +-"};
   const std::optional<Goal> goal = goal_of(config);
   const bool asked = goal && (goal->share > 0.0 || goal->absolute > 0.0);
   if (asked && half > goal->half_width(force))
-    answer.reasons.insert("wider than the accuracy asked for");
+    answer.reasons.insert("larger than the accuracy asked for");
   else if (!asked)
     answer.check_beyond(100.0 * band_to_check);
   answer.bad = !(half <= band_too_wide * force);

@@ -19,6 +19,24 @@ std::string in_words(const std::vector<LabelMeasure>& labels) {
                      labels.size() > most ? fmt::format(" and {} more", labels.size() - most) : "");
 }
 
+std::string from_to(double force_N, double half_N, const std::string& by) {
+  const Written written = force_written(force_N);
+  return fmt::format(", {} to {} ({})", written.number(force_N - half_N), written.number(force_N + half_N),
+                     by);
+}
+
+std::string force_title(double force_N, double depth_mm, std::optional<double> half_N) {
+  return fmt::format("{} at {}{}", force_in_words(force_N), length_in_words(depth_mm),
+                     half_N ? from_to(force_N, *half_N, "discretisation") : "");
+}
+
+std::string nodes_in_words(Index nodes, const ModelReport& report) {
+  const std::string far = length_in_words(report.spacing_mm), near = length_in_words(report.rim_spacing_mm);
+  return report.rim_spacing_mm < report.spacing_mm
+             ? fmt::format("{} nodes: {} apart at the tool, {} far from it", nodes, near, far)
+             : fmt::format("{} nodes: {} apart", nodes, far);
+}
+
 double poisson_ratio(const Material& m) {
   return (3.0 * m.kappa - 2.0 * m.mu) / (2.0 * (3.0 * m.kappa + m.mu));
 }

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "io/label_image.hpp"
 #include "io/words.hpp"
+#include "preprocess/build_model.hpp"
 #include "solver/guards.hpp"
 
 namespace dimple {
@@ -14,6 +16,14 @@ std::string in_words(const LabelMeasure& label);
 std::string in_words(const std::vector<LabelMeasure>& labels);
 /// On one line, beside the others of a run that goes on.
 std::string in_words(const Finding& finding);
+
+/// "75.4 mN at 8.00 mm, 69.3 to 81.4 (discretisation)"; without half the band's width, the first half alone.
+std::string force_title(double force_N, double depth_mm, std::optional<double> half_N = {});
+/// ", 69.3 to 81.4 (discretisation)", in the unit of the force itself.
+std::string from_to(double force_N, double half_N, const std::string& by);
+
+/// "1500 nodes: 0.55 mm apart at the tool, 24.46 mm far from it".
+std::string nodes_in_words(Index nodes, const ModelReport& report);
 
 double poisson_ratio(const Material& m);
 

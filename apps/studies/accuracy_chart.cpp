@@ -609,7 +609,7 @@ Outcome accuracy_chart(const Config& config, const AccuracyOptions& options, con
         p.status != "ok" ? p.status
         : std::isnan(p.error)
             ? fmt::format("{:.2f} s, {} at the end", p.wall_s(),
-                          force_written(p.runs.front().back())(p.runs.front().back()))
+                          force_in_words(p.runs.front().back()))
             : fmt::format("{:.2f} s, {} {:.2f} % at most, {:.2f} % at the end", p.wall_s(),
                           finest ? "difference" : "error", 100.0 * p.error, 100.0 * p.error_last)));
     interrupted = stop_asked() != StopReason::none;

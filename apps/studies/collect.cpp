@@ -11,6 +11,7 @@
 
 #include "apps/run/checkpoint.hpp"
 #include "apps/run/results.hpp"
+#include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
@@ -180,16 +181,11 @@ double number_in(const std::string& field) {
   return field.empty() ? 0.0 : std::stod(field);  // which shortest() has written
 }
 
-// "0.0754 N at 8.00 mm, 0.0704 to 0.0803", "1.90 mN at 2.00 mm"
-std::string force_in_words(const CollectedCase& one) {
+std::string title_of(const CollectedCase& one) {
   if (one.force[0].empty()) return {};
-  const double force_N = number_in(one.force[0]);
-  const Written force = force_written(force_N);
-  std::string text = fmt::format("{} at {:.2f} mm", force(force_N), number_in(one.indentation_mm));
-  if (!one.force[1].empty())
-    text += fmt::format(", {} to {}", force.number(number_in(one.force[1])),
-                        force.number(number_in(one.force[2])));
-  return text;
+  std::optional<double> half_N;
+  if (!one.force[1].empty()) half_N = 0.5 * (number_in(one.force[2]) - number_in(one.force[1]));
+  return force_title(number_in(one.force[0]), number_in(one.indentation_mm), half_N);
 }
 
 constexpr const char* page_head = R"(<!DOCTYPE html>
@@ -216,7 +212,7 @@ std::string figure_of(const CollectedCase& one, const std::string& to_cases) {
     text += fmt::format("<i>{}{}: {}</i><br>{}<br>", escaped(one.status),
                         one.code.empty() ? "" : " [" + escaped(one.code) + "]", escaped(one.fact),
                         escaped(one.remedy));
-  text += force_in_words(one);
+  text += title_of(one);
   text += "<br><small>";
   if (!one.nodes.empty())
     text +=

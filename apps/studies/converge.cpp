@@ -22,7 +22,7 @@ namespace {
 // It is digits that are compared.
 std::string with_a_digit_more(double force_N) {
   Written written = force_written(force_N);
-  if (written.decimals >= 0) ++written.decimals;
+  ++written.decimals;
   return written(force_N);
 }
 

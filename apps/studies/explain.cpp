@@ -76,7 +76,7 @@ Tried run(const Case& given, const std::vector<double>& depths_mm) {
     tried.deeper = "the tissue gave way deeper";
   }
   if (tried.force.empty())
-    throw SolveError({.fact = fmt::format("there is no force at {:g} mm", depths_mm.front()),
+    throw SolveError({.fact = "there is no force at " + length_in_words(depths_mm.front()),
                       .where = "--explain",
                       .why = "the load ends before",
                       .remedy = "give a larger --depth"});
@@ -121,13 +121,13 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
       Kind::cloud, [](Case& c) { c.config.cloud.nodes *= 2; });
 
   const double ratio = scheme_of(config).points_per_node;
-  add("integration points", "", fmt::format("{:g} for a node instead of {:g}", 2.0 * ratio, ratio),
+  add("integration points", "", fmt::format("{} per node instead of {}", plain(2.0 * ratio), plain(ratio)),
       Kind::cloud, [&](Case& c) {
         c.config.grid.points = 0;
         c.config.grid.ratio = 2.0 * ratio;
       });
   const double tolerance = config.solver.tolerance;
-  add("equilibrium", "", fmt::format("to {:g} of the reactions instead of {:g}", 0.1 * tolerance, tolerance),
+  add("equilibrium", "", fmt::format("to {} of the reactions instead of {}", plain(0.1 * tolerance), plain(tolerance)),
       Kind::cloud, [&](Case& c) { c.config.solver.tolerance = std::max(0.1 * tolerance, 1e-8); });
   add("steps of the load", "", fmt::format("{} instead of {}", 4 * frames, frames), Kind::cloud,
       [&](Case& c) { c.config.solver.frames = 4 * frames; });
@@ -153,7 +153,7 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
   for (const Vec3& step : {u, Vec3(-u), v, Vec3(-v)}) {
     const Vec3 shown = step.array() + 0.0;  // no -0
     add("circle", fmt::format("moved by {:g} mm in four directions", tool_step_mm),
-        fmt::format("moved by {:g} mm to ({:+.1f}, {:+.1f}, {:+.1f})", tool_step_mm, shown.x(), shown.y(),
+        fmt::format("moved by {:g} mm along ({:+.1f}, {:+.1f}, {:+.1f})", tool_step_mm, shown.x(), shown.y(),
                     shown.z()),
         Kind::doubt,
         [&](Case& c) { c.config.boundary.indent_at = vector_text(1e3 * tool.centre + tool_step_mm * step); });
@@ -173,10 +173,10 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
   add("voxels", "", "twice as large", Kind::simplification,
       [](Case& c) { c.change.image = in_double_voxels; });
   if (config.image.close_mm > 0.0)
-    add("folds", "", fmt::format("open instead of closed below {:g} mm", config.image.close_mm), Kind::doubt,
+    add("folds", "", fmt::format("open instead of closed below {} mm", plain(config.image.close_mm)), Kind::doubt,
         [](Case& c) { c.config.image.close_mm = 0.0; });
   else
-    add("folds", "", fmt::format("closed below {:g} mm", narrow_gap_mm), Kind::doubt,
+    add("folds", "", fmt::format("closed below {} mm", plain(narrow_gap_mm)), Kind::doubt,
         [](Case& c) { c.config.image.close_mm = narrow_gap_mm; });
 
   const double small_mm = small_depth_radii * radius_mm;
@@ -204,14 +204,14 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
   if (config.material.preset == "none") {
     constexpr double nearly = 0.49, more_nearly = 0.499;
     const double nu = config.material.nu > 0.5 * (nearly + more_nearly) ? nearly : more_nearly;
-    add("Poisson's ratio", "", fmt::format("{:g} instead of {:g}", nu, config.material.nu),
+    add("Poisson's ratio", "", fmt::format("{} instead of {}", plain(nu), plain(config.material.nu)),
         Kind::simplification, [&](Case& c) { c.config.material.nu = nu; });
     }
   const bool dynamic = found.time != TimeMode::quasi_static;
-  add("inertia", "", dynamic ? "left out" : "taken in", dynamic ? Kind::simplification : Kind::doubt,
+  add("inertia", "", dynamic ? "neglected" : "included", dynamic ? Kind::simplification : Kind::doubt,
       [&](Case& c) { c.config.solver.time = dynamic ? "quasi-static" : "dynamic"; });
   if (!config.tissue.empty()) {
-    add("tissues", "", "all of one", Kind::simplification, [](Case& c) { c.config.tissue.clear(); });
+    add("tissues", "", "all of one material", Kind::simplification, [](Case& c) { c.config.tissue.clear(); });
     }
   return trials;
 }
@@ -219,9 +219,9 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
 // Whether the change has changed nothing: then it has nothing to say.
 std::string left_out(const Trial& trial, const Result& now, const Result& found) {
   if (trial.what == "folds" && trial.given.config.image.close_mm > 0.0 && now.closed_mm3 == 0.0)
-    return "there are none";
+    return "no gap is that narrow";
   if (trial.what == "far tissue" && now.segment.voxel_volume_mm3 == found.segment.voxel_volume_mm3)
-    return "there is none";
+    return "no tissue lies that far away";
   return {};
 }
 
@@ -242,7 +242,7 @@ void sort(std::vector<Alternative>& alternatives) {
 
 std::string instead_of(const Alternative& a, const Explanation& e) {
   if (!a.failed.empty() || !(a.depth_mm < e.depth_mm)) return a.instead;
-  return fmt::format("{} (at {:g} mm: {})", a.instead, a.depth_mm, a.deeper);
+  return fmt::format("{} (at {}: {})", a.instead, length_in_words(a.depth_mm), a.deeper);
 }
 
 const char* word(Kind kind) {
@@ -257,9 +257,9 @@ Index nodes_to_explain(double facing_share) {
 
 void check_explainable(const Config& config) {
   if (config.scheme.name != Config{}.scheme.name)
-    throw UsageError({.fact = "choices are compared with the converging scheme",
+    throw UsageError({.fact = "the comparisons of --explain need the converging scheme",
                       .where = "--explain and --scheme",
-                      .why = "the other one's own error is larger than most of what is compared",
+                      .why = "the error of the other scheme is larger than most effects that are compared",
                       .remedy = "leave one of them out"});
 }
 
@@ -299,8 +299,8 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
                           .force = found.force.back(),
                           .seconds = found.seconds};
   for (const Finding& finding : found.result.findings) explanation.warnings.push_back(in_words(finding));
-  say(fmt::format("explain  {} nodes, as it is: {} at {:g} mm, {:.1f} s", explanation.nodes,
-                  force_written(explanation.force)(explanation.force), explanation.depth_mm, found.seconds));
+  say(fmt::format("explain  unchanged: {} with {} nodes, {:.1f} s",
+                  force_title(explanation.force, explanation.depth_mm), explanation.nodes, found.seconds));
 
   try {
     // Numbers in place of words can move the tool by a last digit, and a cloud with it: changes are measured from there.
@@ -341,14 +341,14 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
         std::tie(alternative.depth_mm, alternative.effect) = alternative.effects.back();
         alternative.force = (1.0 + alternative.effect) * found.force[depths - 1];
         alternative.seconds = now.seconds;
-        alternative.deeper = depths == now.force.size() ? now.deeper : "as it is, there is nothing deeper to compare with";
+        alternative.deeper = depths == now.force.size() ? now.deeper : "the unchanged run ends there";
         if (trial.what == "cloud") {
           mean.resize(std::min(mean.size(), now.force.size()));
           for (std::size_t k = 0; k < mean.size(); ++k) mean[k] += (now.force[k] - mean[k]) / (clouds + 1);
           ++clouds;
           explanation.noise = std::max(explanation.noise, std::abs(alternative.effect));
           if (more && explanation.noise > least_effect) {
-            say(fmt::format("explain  another cloud changes the force by {:.1f} %: more nodes are taken",
+            say(fmt::format("explain  another random cloud changes the force by {:.1f} %: more nodes are taken",
                             100.0 * explanation.noise));
             *more = std::min(2 * nodes, most_nodes_to_explain);
             return std::nullopt;
@@ -403,27 +403,29 @@ void write_explanation(const std::filesystem::path& folder, const Explanation& e
                        const std::string& subject) {
   // write_csv() takes numbers alone.
   std::string csv = "choice,instead,kind,indentation_mm,force_N,effect_percent,wall_s,verdict\n";
+  const std::string unchanged = fmt::format("{} with {} nodes", force_title(e.force, e.depth_mm), e.nodes);
   std::string text = fmt::format(
-      "{}: {} at {:g} mm with {} nodes, in {:.1f} s. Each line is one choice made otherwise, "
-      "everything else as it "
-      "is. Effects below {:.1f} % do not matter: another random cloud changes the force by {:.1f} %. The "
-      "program takes no "
-      "simplification by itself.\n\n| choice | instead | kind | effect on the force, % | s | "
+      "{}: {}, in {:.1f} s. Each line repeats that run with one choice changed. Effects below {:.1f} % do not matter: "
+      "another random cloud of nodes changes the force by {:.1f} %. By default a run makes none of the "
+      "simplifications.\n\n| choice | instead | kind | effect on the force, % | s | "
       "|\n|---|---|---|---:|---:|---|\n",
-      subject, force_written(e.force)(e.force), e.depth_mm, e.nodes, e.seconds, 100.0 * threshold(e),
-      100.0 * e.noise);
-  for (const std::string& warning : e.warnings) text = "As it is: " + warning + ".\n\n" + text;
-  if (!e.ended_by.empty()) text = "Not all choices: " + e.ended_by + ".\n\n" + text;
+      subject, unchanged, e.seconds, 100.0 * threshold(e), 100.0 * e.noise);
+  if (!e.run.empty())
+    text = fmt::format("The run: {}. The comparisons: {}, so that the cloud of nodes does not decide them.\n\n", e.run,
+                       unchanged) +
+           text;
+  for (const std::string& warning : e.warnings) text = "Of the unchanged run: " + warning + ".\n\n" + text;
+  if (!e.ended_by.empty()) text = "Some choices are missing: " + e.ended_by + ".\n\n" + text;
   std::map<std::string, std::size_t> place;
   Tornado tornado{
       .title = fmt::format("What the force depends on: {}", subject),
-      .subtitle = {fmt::format(
-          "{} at {:g} mm with {} nodes; one choice made otherwise at a time, {:.0f} s in all",
-          force_written(e.force)(e.force), e.depth_mm, e.nodes, e.total_s)},
+      .subtitle = {fmt::format("{}; each bar repeats that run with one choice changed; {:.0f} s in all",
+                               unchanged, e.total_s)},
       .x_label = "effect on the force [%]",
       .shade = 100.0 * threshold(e),
       .shade_text = fmt::format("grey: below {:.1f} %, no matter", 100.0 * threshold(e)),
       .legend = {{0, "not known from the image"}, {1, "could be left out"}, {2, "the discretisation"}}};
+  if (!e.run.empty()) tornado.subtitle.push_back("the run that this explains: " + e.run);
   for (const Alternative& a : e.alternatives) {
     const bool there = a.failed.empty();
     csv += fmt::format("{},{},{},{:g},{},{},{:.3g},{}\n", csv_field(a.what), csv_field(a.instead),

@@ -11,7 +11,7 @@
 
 namespace dimple {
 
-/// One choice made otherwise, and the force that this gives.
+/// One choice changed, and the force that this gives.
 struct Alternative {
   enum class Kind {
     cloud,  ///< the discretisation: nothing smaller than what another random cloud does means anything
@@ -39,6 +39,7 @@ struct Explanation {
   std::vector<std::string> warnings = {};      ///< of the guards, about the scene as it is
   std::string ended_by = {};  ///< by what it was stopped before its end; empty: it was not
   double total_s = 0.0;
+  std::string run = {};  ///< the force of the run that it explains, with its nodes, in words; empty: there is none
 };
 
 /// What is smaller than this [share of the force], or than the noise, does not matter.
@@ -53,7 +54,7 @@ Index nodes_to_explain(double facing_share);
 /// Throws UsageError: the scheme is not the converging one.
 void check_explainable(const Config& config);
 
-/// Runs the scene of `config` and then with one choice after another made otherwise: other clouds, the contact, the
+/// Runs the scene of `config` and then with one choice at a time changed: other clouds, the contact, the
 /// base's height, the circle's place, the segmentation's border, the surface's smoothing, the voxels' size, folds that
 /// are narrow, and what a model may leave out: large strain, far tissue, incompressibility, inertia, tissues of their
 /// own. The circle, its direction and the base stay where the scene as it is has them. A choice that gives the run another

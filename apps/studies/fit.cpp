@@ -15,6 +15,7 @@
 #include "apps/run/results.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/summary.hpp"
+#include "io/digits.hpp"
 #include "io/draw/chart.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -164,7 +165,7 @@ CurveFit fit_curve(const std::vector<double>& depth, const std::vector<double>& 
   const double mu = problem.modulus(unit);
   // Far beyond any tissue; the option of the modulus takes no more.
   if (!(mu > least_modulus && mu < most_modulus))
-    throw InputError({.fact = fmt::format("the best modulus would be {:.3g} Pa", mu),
+    throw InputError({.fact = fmt::format("the best modulus would be {} Pa", plain(mu, 3)),
                       .where = "--curve",
                       .why = mu > 0.0 ? "no tissue has that" : "the forces do not grow with the depth",
                       .remedy =
@@ -240,11 +241,11 @@ std::vector<std::string> settle(CurveFit& fit, bool discretisation_known) {
     const double half = f.half() + (discretisation_known ? 0.0 : f.by_tilt);
     if (f.at_limit)
       words.push_back(
-          fmt::format("the search for {} ran to its limit, {:.3g}: this curve does not determine it; {}",
-                      f.name, f.value, remedy));
+          fmt::format("the search for {} ran to its limit, {}: this curve does not determine it; {}",
+                      f.name, plain(f.value, 3), remedy));
     else if (!(2.0 * half < std::abs(f.value)))
       words.push_back(
-          fmt::format("this curve does not determine {}: its band is wider than itself; {}", f.name, remedy));
+          fmt::format("this curve does not determine {}: its band is wider than its value; {}", f.name, remedy));
     else
       continue;
     f.determined = false;
@@ -368,15 +369,15 @@ std::string percent(double half, double value) {
 }
 
 std::string with_unit(double value, const std::string& unit) {
-  return fmt::format("{:.4g}{}{}", value, unit.empty() ? "" : " ", unit);
+  return plain(value, 4) + (unit.empty() ? "" : " " + unit);
 }
 
 // "mu 231 Pa, 221 to 241 (noise +-1.2 %, discretisation +-3.1 %)"
 std::string in_words(const FittedNumber& f, const std::string& unknown) {
   if (!f.determined)
     return fmt::format("{} is not determined by this curve (best {})", f.name, with_unit(f.value, f.unit));
-  const std::string from_to = fmt::format("{} {}, {:.4g} to {:.4g}", f.name, with_unit(f.value, f.unit),
-                                          f.value - f.half(), f.value + f.half());
+  const std::string from_to = fmt::format("{} {}, {} to {}", f.name, with_unit(f.value, f.unit),
+                                          plain(f.value - f.half(), 4), plain(f.value + f.half(), 4));
   if (!unknown.empty())
     return fmt::format("{} by noise alone ({}; discretisation unknown)", from_to, percent(f.noise, f.value));
   return fmt::format("{} (noise {}, discretisation {})", from_to, percent(f.noise, f.value),
@@ -386,9 +387,8 @@ std::string in_words(const FittedNumber& f, const std::string& unknown) {
 constexpr int most_runs_of_a_search = 24;  // and one more for the band
 
 constexpr const char* not_in_the_band =
-    "the band holds neither the base, the circle's place, the contact and the segmentation, nor whether the "
-    "tissue follows "
-    "this law";
+    "the band leaves out the base, the circle's place, the contact, the segmentation and whether the tissue "
+    "follows this law";
 
 Json to_json(const FittedNumber& f, bool known) {
   const auto finite = [](double x) { return std::isfinite(x) ? Json(x) : Json(); };
@@ -445,8 +445,8 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
     if (!words->empty()) warnings.push_back(*words);
   if (curve.time.empty() && !own.material.prony_g.empty())
     warnings.push_back(
-        fmt::format("the curve has no time_s, and the tissue relaxes: {:g} mm/s is taken for the speed",
-                    own.load.rate_mm_per_s));
+        fmt::format("the curve has no time_s, and the tissue relaxes: {} mm/s is taken for the speed",
+                    plain(own.load.rate_mm_per_s)));
   const bool alone = options.of == "mu", band = own.accuracy.band == "on";
   int runs = 0;
   Result result;  // of the numbers that are found
@@ -474,7 +474,7 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
       if (stop_asked() != StopReason::none) throw Stopped(stop_asked());
       if (searches.size() == 1 || failed.size() + 1 == searches.size()) throw;
       failed.push_back(error.report.fact);
-      warnings.push_back(fmt::format("nothing is known of {} near {:g}: {}", sought[0].name, sought[0].start,
+      warnings.push_back(fmt::format("no fit near {} = {}: {}", sought[0].name, plain(sought[0].start),
                                      error.report.fact));
     }
   std::stable_sort(fits.begin(), fits.end(),
@@ -494,8 +494,8 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
       choose_time(result.model, {materials_of(found), result.tissues.of_point}, result.loading) !=
           TimeMode::quasi_static)
     require_proportional(
-        fmt::format("with the {:.3g} Pa that would fit, the load is so short that inertia takes part in it",
-                    best.number[0].value));
+        fmt::format("with the {} that would fit, the load is so short that inertia takes part in it",
+                    stress_in_words(best.number[0].value)));
   const std::string& unknown = result.band.unknown;
   add_discretisation(best, curve.depth, largest_share(result));
 
@@ -513,9 +513,10 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
     FittedNumber &mu = best.number[0], &alpha = best.number[1];
     const FittedNumber &mu2 = fits[1].number[0], &alpha2 = fits[1].number[1];
     warnings.push_back(fmt::format(
-        "{} {:.3g} with mu {:.4g} Pa fits within the noise as well as {:.3g} with {:.4g} Pa: this "
-        "curve does not tell its sign; a deeper or less noisy one may",
-        alpha.name, alpha2.value, mu2.value, alpha.value, mu.value));
+        "{} {} with mu {} fits as well, within the noise, as {} with mu {}: this curve does not tell its sign; "
+        "a deeper or less noisy curve may",
+        alpha.name, plain(alpha2.value, 3), stress_in_words(mu2.value), plain(alpha.value, 3),
+        stress_in_words(mu.value)));
     alpha.determined = false;
     mu.noise = std::max(mu.noise, std::abs(mu.value - mu2.value) + mu2.noise);
   }
@@ -536,8 +537,9 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
                                  .column = {depth_mm, curve.force, best.force, residual}});
   std::vector<std::string> words;
   for (const FittedNumber& f : best.number) words.push_back(in_words(f, unknown));
-  const double unit = largest < 1.0 ? 1e3 : 1.0;
-  const std::string in_unit = largest < 1.0 ? "[mN]" : "[N]";
+  const Written axis = force_written(largest);
+  const double unit = axis.per_unit;
+  const std::string in_unit = fmt::format("[{}]", axis.unit);
   std::vector<double> zero_and_depths = depth_mm, zero_and_forces = in(best.force, unit);
   zero_and_depths.insert(zero_and_depths.begin(), 0.0);
   zero_and_forces.insert(zero_and_forces.begin(), 0.0);
@@ -602,14 +604,13 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
     for (const FittedNumber& f : best.number)
       if (f.by_tilt > 0.0 && std::isfinite(f.by_tilt))
         progress(
-            fmt::format("band     if our forces were 1 % too large at first and 1 % too small at the end, {} "
-                        "would change by "
-                        "{:.2g}",
-                        f.name, f.by_tilt));
+            fmt::format("band     if the computed forces were 1 % too large at first and 1 % too small at the end, {} "
+                        "would change by {}",
+                        f.name, plain(f.by_tilt, 2)));
   }
   progress(fmt::format(
-      "fit      {} rows to {:g} mm, {} run{} with {} nodes, residuals {:.2f} % of the largest force (rms)",
-      curve.depth.size(), depth_mm.back(), runs, runs == 1 ? "" : "s", result.model.node_count(),
+      "fit      {} rows to {}, {} run{} with {} nodes, residuals {:.2f} % of the largest force (rms)",
+      curve.depth.size(), length_in_words(depth_mm.back()), runs, runs == 1 ? "" : "s", result.model.node_count(),
       100.0 * off));
   progress(fmt::format("note     {}", not_in_the_band));
   return {.summary_json = text, .headline = fmt::format("{}", fmt::join(words, "; "))};

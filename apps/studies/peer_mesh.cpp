@@ -121,8 +121,8 @@ ElementModel element_model(const Config& config, const std::string& format, cons
                    fmt::format("{} nodes, {} {}, edges of {:.4g} mm, {:.4g} mm at the circle's rim; {}, the "
                                "surface's {}",
                                model.X.cols(), model.elements.cols(), elements, mesh.spacing,
-                               mesh.spacing * mesh.rim, volume_written(mesh.volume_mm3)(mesh.volume_mm3),
-                               volume_written(surface.volume())(surface.volume())),
+                               mesh.spacing * mesh.rim, volume_in_words(mesh.volume_mm3),
+                               volume_in_words(surface.volume())),
                    fmt::format("base: {} nodes, {}", model.base.size(), mesh.boundary.base_reason),
                    fmt::format("circle: {} nodes, {}", model.circle.size(), mesh.boundary.circle_reason)};
   return model;

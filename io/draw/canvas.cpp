@@ -279,10 +279,4 @@ std::string tick_text(double value, double step) {
   return fmt::format("{:.{}f}", value == 0.0 ? 0.0 : value, decimals);
 }
 
-std::string three_digits(double value) {
-  if (value == 0.0) return "0";
-  const int decimals = std::clamp(2 - static_cast<int>(std::floor(std::log10(std::abs(value)))), 0, 9);
-  return fmt::format("{:.{}f}", value, decimals);
-}
-
 }  // namespace dimple::draw

@@ -149,7 +149,4 @@ double round_below(double value);
 /// As many decimals as a step of that size needs.
 std::string tick_text(double value, double step);
 
-/// Three significant digits.
-std::string three_digits(double value);
-
 }  // namespace dimple::draw

@@ -62,8 +62,8 @@ struct Scale {
 
 /// The unit of an axis up to `largest` newtons.
 Scale force_scale(double largest_N) {
-  if (largest_N >= 1.0 || !(largest_N > 0.0)) return {1.0, "N"};
-  return largest_N >= 1e-3 ? Scale{1e3, "mN"} : Scale{1e6, "uN"};
+  const Written written = force_written(largest_N);
+  return {written.per_unit, written.unit};
 }
 
 // ----------------------------------------------------------------------------------------------------- view
@@ -650,9 +650,7 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   const Vec2 last = at(points.back());
   canvas.disc(last, 6.5, card);
   canvas.disc(last, 5.0, circle);
-  const double end_N = points.back().y() / scale.factor;
-  std::string text = fmt::format("{} at {} mm", force_written(end_N)(end_N), three_digits(points.back().x()));
-  if (has_band) text += fmt::format(", +- {:.2g} %", 100.0 * half.back() / std::abs(points.back().y()));
+  const std::string text = end_of_curve(o);
   const Style strong{.size = 16.0, .bold = true};
   // Above the last point, unless the curve comes down to it; inside the plot in any case.
   const bool falls = (points.size() > 1 && points[points.size() - 2].y() > points.back().y()) ||
@@ -700,6 +698,14 @@ std::vector<std::string> rows_of(const std::vector<std::string>& texts, double r
 }
 
 }  // namespace
+
+std::string end_of_curve(const Overview& o) {
+  if (o.force_N.empty()) return {};
+  const double force_N = o.force_N.back();
+  const std::string text = force_in_words(force_N) + " at " + length_in_words(o.depth_mm.back());
+  const bool has_band = !o.half_N.empty() && o.half_N.size() == o.force_N.size();
+  return has_band ? text + ", +- " + percent(o.half_N.back() / std::abs(force_N)) : text;
+}
 
 void write_overview(const std::filesystem::path& file, const Overview& overview) {
   check(overview);

@@ -10,7 +10,7 @@ namespace dimple {
 
 /// What overview.png shows. Positions in LPS mm.
 struct Overview {
-  std::string title;                       ///< one line, e.g. "brain.nrrd: 0.0712 N at 8 mm"
+  std::string title;                       ///< one line, e.g. "brain.nrrd: 71.2 mN at 8.00 mm"
   std::vector<std::string> warnings = {};  ///< below the title, as many as there is room for
   std::vector<std::string> lines;  ///< a few facts: counts, spacing, base and circle with their reasons
   Points nodes_mm;                 ///< [3xN] at rest
@@ -30,6 +30,9 @@ struct Overview {
   std::string beside;                                   ///< its word in the legend
   bool two_threads = false;                             ///< draw with a second one; the same picture
 };
+
+/// What stands at the end of the force curve: "75.4 mN at 8.00 mm, +- 8.03 %".
+std::string end_of_curve(const Overview& overview);
 
 /// Draws the overview, 1600 x 1200 pixels, PNG: the node cloud, a section, the deformed surface, the force
 /// curve. Up in the picture is against the push; the body's longest direction across the push lies along the

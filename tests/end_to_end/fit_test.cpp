@@ -36,7 +36,7 @@ TEST_F(Fit, FindsTheModulusOfACurveMadeWithAnotherCloud) {
   const Ran ran = good("fit " + block + " -o out --curve made/force.csv");
   EXPECT_THAT(ran.out, testing::MatchesRegex("mu [0-9.]+ Pa, [0-9.]+ to [0-9.]+ \\(noise \\+-[0-9.]+ %, "
                                              "discretisation \\+-[0-9.]+ %\\)\tout\n"));
-  EXPECT_THAT(ran.err, HasSubstr("the band holds neither the base"));
+  EXPECT_THAT(ran.err, HasSubstr("the band leaves out the base"));
   const Json s = summary("out");
   EXPECT_NEAR(s["mu_Pa"].get<double>(), 300.0, 6.0);
   EXPECT_LT(s["mu_low_Pa"].get<double>(), 300.0);

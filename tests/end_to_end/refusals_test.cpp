@@ -252,6 +252,20 @@ TEST_F(Refusal, OfWordsItDoesNotKnow) {
   expect(2, "run brain.nrrd", {"--out"});
 }
 
+TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
+  const std::pair<const char*, std::vector<std::string>> asked[] = {
+      {"--gravity 9.81", {"gravity is not modelled", "closest: none"}},
+      {"--tool sphere", {"a tool of another shape is not modelled", "--indenter-diameter"}},
+      {"--unload", {"unloading and holding are not modelled", "dimple poke IMAGE --script"}},
+      {"--friction=0.3", {"friction is not modelled", "--contact bonded and --contact frictionless"}},
+      {"--cut", {"cutting and tearing are not modelled", "closest: "}},
+      {"--membrane 0.1mm", {"a membrane around the organ is not modelled", "--set tissue.LABEL.mu"}}};
+  for (auto [words, texts] : asked) {
+    texts.insert(texts.end(), {"modelled are quasi-static and dynamic indentation", "not-modelled"});
+    expect(2, std::string("run brain.nrrd -o out ") + words, texts);
+  }
+}
+
 TEST_F(Refusal, OfFilesThatNoRunWrites) {
   expect(2, "run brain.nrrd -o out --write nodes,pictur",
          {"output.write = nodes,pictur", "'pictur' is not one of its words", "did you mean 'picture'?",

@@ -144,6 +144,8 @@ TEST_F(Stop, OfAnExplanationKeepsTheForceAndTheLinesBeforeIt) {
                                milliseconds(200), SIGINT, "explain  ", said);
     if (!fs::exists(folder / "out/force.csv")) continue;
     expect_whole_files(folder / "out", true);
+    EXPECT_EQ(summary("out").at("exit_code"), ran.code);
+    EXPECT_EQ(summary("out").at("status"), ran.code == 0 ? "finished" : "interrupted");
     with_lines += fs::exists(folder / "out/explain.csv");
   }
   EXPECT_GT(with_lines, 0);

@@ -265,8 +265,8 @@ TEST(Surface, NamesEveryCavityWithItsVolumeAndPlace) {
   EXPECT_TRUE(body.surface.contains(to_local * Vec3(20.75, 20.75, 20.75)));
   std::string all;
   for (const std::string& warning : body.report.warnings) all += warning + "\n";
-  EXPECT_NE(all.find("1e+03 mm3 at (9.8, 9.8, 9.8) mm"), std::string::npos) << all;
-  EXPECT_NE(all.find("8 mm3 at (20.8, 20.8, 20.8) mm"), std::string::npos) << all;
+  EXPECT_NE(all.find("1.00 cm3 at (9.8, 9.8, 9.8) mm"), std::string::npos) << all;
+  EXPECT_NE(all.find("8.00 mm3 at (20.8, 20.8, 20.8) mm"), std::string::npos) << all;
 }
 
 // The readers snap header numbers; what is left below 1e-9 must not reach the vertices, nor must a turn.

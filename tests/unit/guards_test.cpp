@@ -10,6 +10,7 @@
 
 #include "solver/explicit.hpp"
 #include "solver/quasi_static.hpp"
+#include "solver/text.hpp"
 #include "tests/helpers/block.hpp"
 
 namespace dimple {
@@ -48,6 +49,10 @@ const Finding* finding(const std::vector<Finding>& findings, const std::string& 
 // ------------------------------------------------------------------------------------------ of the model
 
 // A sheet so thin beside its supports that all nodes around a point lie nearly in a plane.
+TEST(Text, HasNoExponent) {
+  EXPECT_EQ(text(3.103e-7, " %, ", 1.5e7, ", ", 7, ", ", 0.5f), "0.0000003103 %, 15000000, 7, 0.5");
+}
+
 TEST(ModelGuard, FindsSupportsThatLieNearlyInAPlane) {
   const auto sheet = [](double thinner) {
     Model model = block(4);

@@ -111,6 +111,17 @@ void expect_drawn(const Overview& overview) {
   EXPECT_LT(image->GetScalarRange()[0], 100.0);
 }
 
+TEST(Overview, SaysTheForceAtTheEndAsTheTerminalDoes) {
+  Overview o;
+  o.depth_mm = {4.0, 8.0};
+  o.force_N = {0.03, 0.0754};
+  EXPECT_EQ(end_of_curve(o), "75.4 mN at 8.00 mm");
+  o.half_N = {0.001, 0.00605};
+  EXPECT_EQ(end_of_curve(o), "75.4 mN at 8.00 mm, +- 8.02 %");
+  o.force_N.back() = 0.5434;
+  EXPECT_EQ(end_of_curve(o), "0.543 N at 8.00 mm, +- 1.11 %");
+}
+
 TEST(Overview, IsAPngOf1600By1200PixelsDrawnWithoutADisplay) {
   ::unsetenv("DISPLAY");
   expect_drawn(half_ellipsoid());

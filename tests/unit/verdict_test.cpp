@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <nlohmann/json.hpp>
+
+#include "apps/run/report.hpp"
 
 namespace dimple {
 namespace {
@@ -71,6 +74,33 @@ TEST(Verdict, APartOfTheLabelsThatIsNotInTheBodyIsToBeLookedAt) {
   EXPECT_EQ(words(result), "good good good good good ");
   result.labels.push_back(label_of(10.0));  // 5.7 %
   EXPECT_EQ(words(result), "check good good good good ");
+}
+
+TEST(Verdict, MoreThanWasLabelledIsSaidToBeWhatWasFilledAndClosed) {
+  const auto of = [](const Result& r) {
+    return verdict_of({}, r, "finished")["image"]["of"].get<std::string>();
+  };
+  Result result = good_run();
+  EXPECT_EQ(of(result), "of the labelled volume is in the body");
+  result.segment.voxel_volume_mm3 = 1010.0;
+  result.segment.cavities.push_back({.volume_mm3 = 8.0, .centre_mm = Vec3::Zero(), .filled = true});
+  result.segment.cavities.push_back({.volume_mm3 = 500.0, .centre_mm = Vec3::Zero(), .filled = false});
+  result.closed_mm3 = 2.0;
+  EXPECT_EQ(of(result), "of the labelled volume: 8.00 mm3 of cavities filled, 2.00 mm3 of gaps closed");
+  result.segment.dropped_volume_mm3 = 1500.0;
+  EXPECT_EQ(of(result).substr(of(result).rfind(',')), ", 1.50 cm3 of other pieces dropped");
+}
+
+// A body chooses the order and direction of its axes itself.
+TEST(Report, AxesAreTurnedByWhatIsObliqueAndNotByTheirOrder) {
+  Mat3 swapped;
+  swapped << 0, 0, -1, 1, 0, 0, 0, 1, 0;
+  EXPECT_NEAR(tilt_degrees(Mat3::Identity()), 0.0, 1e-6);
+  EXPECT_NEAR(tilt_degrees(swapped), 0.0, 1e-6);
+  const Mat3 turn = Eigen::AngleAxisd(0.2, Vec3(1.0, 2.0, 3.0).normalized()).toRotationMatrix();
+  EXPECT_NEAR(tilt_degrees(turn), tilt_degrees(turn * swapped), 1e-6);
+  const Mat3 about_x = Eigen::AngleAxisd(0.2, Vec3::UnitX()).toRotationMatrix();
+  EXPECT_NEAR(tilt_degrees(about_x * swapped), 0.2 * 180.0 / M_PI, 1e-6);
 }
 
 TEST(Verdict, IntegrationPointsMustFillTheBody) {

@@ -1,6 +1,6 @@
 // The force curve. A line, a band and some dots are drawn by hand; a chart library would outweigh all else here.
 import { scaleLinear } from 'd3-scale';
-import { at, data, element, forceUnit, number, svg } from './numbers.js';
+import { data, element, svg } from './numbers.js';
 
 const width = 680;
 const height = 400;
@@ -11,7 +11,7 @@ export function forceChart() {
   const beside = data.beside;
   const largest = Math.max(...force.map((f, k) => f + (half[k] ?? 0)), ...(beside ? beside.force_N : []), 1e-12);
   const least = Math.min(0, ...force.map((f, k) => f - (half[k] ?? 0)));
-  const unit = largest >= 1 ? { unit: 'N', scale: 1 } : largest >= 1e-3 ? { unit: 'mN', scale: 1e3 } : { unit: 'uN', scale: 1e6 };
+  const unit = { unit: data.curve.unit, scale: data.curve.per_unit };
   const x = scaleLinear([0, Math.max(...depth, ...(beside ? beside.depth_mm : []), 1e-9) * 1.04], [plot.left, width - plot.right]);
   const y = scaleLinear([least * unit.scale, largest * unit.scale * 1.1], [height - plot.bottom, plot.top]);
   const px = (d) => x(d).toFixed(1);
@@ -66,7 +66,7 @@ export function forceChart() {
 export function chartLegend() {
   const entry = (mark, text) => element('li', {}, element('span', { class: `mark ${mark}` }), text);
   const list = element('ul', { class: 'legend' }, entry('curve', 'this run'));
-  if (data.curve.half_N.length > 0) list.append(entry('band', 'band of its discretisation'));
+  if (data.curve.half_N.length > 0) list.append(entry('band', 'error of the discretisation'));
   if (data.beside) {
     const name = data.beside.name === 'horton2007' ? 'Horton et al. 2007' : data.beside.name;
     list.append(entry('beside', data.beside.rows.length > 0 ? `${name}, in order of depth: ${data.beside.rows.join(', ')}` : name));

@@ -1,7 +1,7 @@
 // What the page says, from the top: verdict, warnings, force, body, slices, and how it came about.
 import { chartLegend, forceChart } from './chart.js';
 import { body, canDraw } from './body.js';
-import { at, data, element, force, heat, number, quantity, summary, volume, word } from './numbers.js';
+import { at, data, element, heat, number, quantity, word, written } from './numbers.js';
 import { slices, taken, tintOf } from './slices.js';
 
 const section = (id) => document.getElementById(id);
@@ -22,13 +22,13 @@ function head() {
   document.title = `${baseName(subject)}: indentation`;
   const place = section('head');
   place.append(element('p', { class: 'subject' }, element('strong', {}, baseName(subject)), ', indented by Dimple ', word('version')));
-  const title = element('h1', {}, force('force_N'), ' at ', quantity('indentation_mm', 'mm', { decimals: 2 }));
+  const title = element('h1', {}, written('force_N'), ' at ', written('indentation_mm'));
   place.append(title);
   if (there('band.low_N'))
-    place.append(element('p', { class: 'band' }, force('band.low_N', at('force_N'), false), ' to ', force('band.high_N', at('force_N')), ', as far as its discretisation is known'));
-  else if (there('band.unknown')) place.append(element('p', { class: 'band' }, 'No band is known: ', word('band.unknown')));
+    place.append(element('p', { class: 'band' }, 'The true value is expected between ', written('band.low_N', false), ' and ', written('band.high_N'), ' (error of the discretisation alone).'));
+  else if (there('band.unknown')) place.append(element('p', { class: 'band' }, 'The error of the discretisation is unknown: ', word('band.unknown')));
   if (there('band_of_mu.low_N'))
-    place.append(element('p', { class: 'band' }, force('band_of_mu.low_N', at('force_N'), false), ' to ', force('band_of_mu.high_N', at('force_N')), ' by what is known of the modulus'));
+    place.append(element('p', { class: 'band' }, 'Between ', written('band_of_mu.low_N', false), ' and ', written('band_of_mu.high_N'), ' for the range of the modulus.'));
 }
 
 // ---------------------------------------------------------------------------------------------------- verdict
@@ -39,13 +39,9 @@ function verdict() {
   const strip = element('ul', { class: 'verdict' });
   for (const [key, question] of Object.entries(questions)) {
     const answer = `verdict.${key}`;
-    const percent = at(`${answer}.unit`) === '%';
-    const value = at(`${answer}.value`);
-    const size = Math.abs(value);
-    const decimals = !percent || size === 0 || (size >= 99.95 && size < 100.05) ? 0 : Math.min(Math.max(1 - Math.floor(Math.log10(size)), 0), 3);
     const card = element('li', { class: at(`${answer}.word`) }, element('h3', {}, question));
     card.append(element('p', { class: 'word' }, word(`${answer}.word`)));
-    card.append(element('p', { class: 'figure' }, number(`${answer}.value`, { decimals, least: percent ? 0.01 : 0 }), ' ', word(`${answer}.unit`)));
+    card.append(element('p', { class: 'figure' }, ...[at(`${answer}.unit`) === '%' ? written(`${answer}.value`) : [number(`${answer}.value`, { decimals: 0 }), ' ', word(`${answer}.unit`)]].flat()));
     card.append(element('p', { class: 'of' }, word(`${answer}.of`)));
     for (const k of (at(`${answer}.reasons`) ?? []).keys()) card.append(element('p', { class: 'reason' }, word(`${answer}.reasons.${k}`)));
     strip.append(card);
@@ -65,7 +61,7 @@ function warnings() {
   for (const k of list.keys()) place.append(element('p', { class: 'note check' }, word(`warnings.${k}`)));
   const retries = at('retries') ?? [];
   for (const k of retries.keys())
-    place.append(element('p', { class: 'note plain' }, 'Tried again at ', quantity(`retries.${k}.at_mm`, 'mm', { decimals: 2 }), ' (', word(`retries.${k}.code`), '): ', word(`retries.${k}.what`)));
+    place.append(element('p', { class: 'note plain' }, 'Tried again at ', written(`retries.${k}.at_mm`), ' (', word(`retries.${k}.code`), '): ', word(`retries.${k}.what`)));
   if (list.length === 0 && retries.length === 0 && !there('failure')) place.append(element('p', { class: 'note plain' }, 'There were no warnings.'));
 }
 
@@ -73,40 +69,39 @@ function warnings() {
 
 function forceSection() {
   const place = section('force');
-  const like = at('force_N');
   const rows = [
-    ['force on the tool', force('force_N', like)],
-    ['force on the base', force('base_force_N', like)],
-    there('band.half_N') && ['half the band', force('band.half_N', like), ', from ', number('counts.nodes', { decimals: 0 }), ' and ', number('band.coarser_nodes', { decimals: 0 }), ' nodes'],
-    there('band.unknown') && ['band', 'not known: ', word('band.unknown')],
-    ['indentation', quantity('indentation_mm', 'mm', { decimals: 2 }), ' of ', quantity('requested.depth_mm', 'mm', { decimals: 2 })],
+    ['force on the tool', written('force_N')],
+    ['force on the base', written('base_force_N')],
+    there('band.half_N') && ['error of the discretisation', '± ', written('band.half_N'), ', estimated from ', number('counts.nodes', { decimals: 0 }), ' and from ', number('band.coarser_nodes', { decimals: 0 }), ' nodes'],
+    there('band.unknown') && ['error of the discretisation', 'unknown: ', word('band.unknown')],
+    ['indentation', written('indentation_mm'), ' of ', written('requested.depth_mm')],
   ];
   const table = facts(rows);
   const words = element('div', {}, table);
   if (there('compare.file')) words.append(element('h3', {}, 'Beside ', word('compare.file')), comparison());
-  if (there('ladder')) words.append(element('h3', {}, 'Clouds that were tried'), ladder());
+  if (there('ladder')) words.append(element('h3', {}, 'Numbers of nodes that were tried'), ladder());
   place.append(element('div', { class: 'beside' }, element('div', { class: 'wide' }, forceChart(), chartLegend()), words));
 }
 
 function comparison() {
   if (!there('compare.ratio_at_end')) return element('p', {}, 'There is no depth at which both are known.');
-  const named = (at('compare.values') ?? []).map((value, k) => [value.name, force(`compare.values.${k}.force_N`, at('force_N')), ', ', number(`compare.values.${k}.ratio`, { decimals: 2 }), ' of ours']);
+  const named = (at('compare.values') ?? []).map((value, k) => [value.name, written(`compare.values.${k}.force_N`), ', ', number(`compare.values.${k}.ratio`, { decimals: 2 }), ' of ours']);
   return facts([
     ...named,
-    named.length === 0 && ['measured / ours at the end', number('compare.ratio_at_end', { decimals: 2 }), ', at ', quantity('compare.depth_mm', 'mm', { decimals: 2 })],
+    named.length === 0 && ['measured / ours at the end', number('compare.ratio_at_end', { decimals: 2 }), ', at ', written('compare.depth_mm')],
     named.length === 0 && ['on average', number('compare.mean_ratio', { decimals: 2 }), ', over ', number('compare.rows', { decimals: 0 }), ' depths'],
-    named.length === 0 && ['root mean square difference', force('compare.rms_N')],
+    named.length === 0 && ['root mean square difference', written('compare.rms_N')],
     there('compare.inside_band') && ['inside the band', quantity('compare.inside_band', '%', { scale: 100, decimals: 0 }), ' of the rows'],
     at('compare.deeper_rows') > 0 && ['not compared', number('compare.deeper_rows', { decimals: 0 }), ' rows deeper than this run'],
   ]);
 }
 
 function ladder() {
-  const table = element('table', { class: 'list' }, element('tr', {}, ...['nodes', 'force', 'half the band', 's'].map((name) => element('th', { scope: 'col' }, name))));
+  const table = element('table', { class: 'list' }, element('tr', {}, ...['nodes', 'force', 'error, ±', 's'].map((name) => element('th', { scope: 'col' }, name))));
   for (const k of at('ladder').keys()) {
     const step = `ladder.${k}`;
-    table.append(element('tr', {}, element('td', {}, number(`${step}.nodes`, { decimals: 0 })), element('td', {}, force(`${step}.force_N`, at('force_N'))),
-      element('td', {}, there(`${step}.half_N`) ? force(`${step}.half_N`, at('force_N')) : '–'), element('td', {}, number(`${step}.wall_s`, { decimals: 1 }))));
+    table.append(element('tr', {}, element('td', {}, number(`${step}.nodes`, { decimals: 0 })), element('td', {}, written(`${step}.force_N`)),
+      element('td', {}, there(`${step}.half_N`) ? written(`${step}.half_N`) : '–'), element('td', {}, number(`${step}.wall_s`, { decimals: 1 }))));
   }
   return table;
 }
@@ -204,22 +199,20 @@ function labelList() {
   for (const k of at('labels').keys()) {
     if (k === most) break;
     const label = `labels.${k}`;
-    table.append(element('tr', {}, element('td', {}, number(`${label}.value`, { decimals: 0 })), element('td', { class: 'text' }, at(`${label}.name`) ? word(`${label}.name`) : ''), element('td', {}, volume(`${label}.volume_mm3`)), element('td', {}, quantity(`${label}.voxels`, 'voxels', { decimals: 0 }))));
+    table.append(element('tr', {}, element('td', {}, number(`${label}.value`, { decimals: 0 })), element('td', { class: 'text' }, at(`${label}.name`) ? word(`${label}.name`) : ''), element('td', {}, written(`${label}.volume_mm3`)), element('td', {}, quantity(`${label}.voxels`, 'voxels', { decimals: 0 }))));
   }
   if (at('labels').length > most) table.append(element('tr', {}, element('td', { colspan: 4, class: 'text' }, `and ${at('labels').length - most} more`)));
   return table;
 }
 
 function place3(key) {
-  return element('span', {}, '(', ...[0, 1, 2].flatMap((k) => [k > 0 ? ', ' : '', number(`${key}.${k}`, { decimals: 1, plain: true })]), ')');
+  return element('span', {}, '(', ...[0, 1, 2].flatMap((k) => [k > 0 ? ', ' : '', number(`${key}.${k}`, { decimals: 1, place: true })]), ')');
 }
-const modulus = (key) => (at(key) >= 1e4 ? quantity(key, 'kPa', { scale: 1e-3, digits: 4 }) : quantity(key, 'Pa', { digits: 4 }));
-
 function materials() {
   return at('material').map((material, k) => {
     const one = `material.${k}`;
-    const line = element('div', {}, at('material').length > 1 ? element('strong', {}, 'label ', word(`${one}.label`), ': ') : '', word(`${one}.law`), ', mu ', modulus(`${one}.mu_Pa`), ', nu ', number(`${one}.nu`, { digits: 4 }), ', density ', quantity(`${one}.density_kg_per_m3`, 'kg/m³', { decimals: 0 }));
-    if (material.default) line.append(element('div', { class: 'soft' }, 'swine brain (Horton et al. 2007), taken because none was given'));
+    const line = element('div', {}, at('material').length > 1 ? element('strong', {}, 'label ', word(`${one}.label`), ': ') : '', word(`${one}.law`), ', mu ', written(`${one}.mu_Pa`), ', nu ', number(`${one}.nu`, { digits: 4 }), ', density ', quantity(`${one}.density_kg_per_m3`, 'kg/m³', { decimals: 0 }));
+    if (material.default) line.append(element('div', { class: 'soft' }, 'swine brain (Horton et al. 2007), because no material was given'));
     return line;
   });
 }
@@ -230,14 +223,14 @@ function assumed() {
     facts([
       there('image') && ['Image', word('image'), reason('image_read_as')],
       there('labels') && ['Labels', labelList()],
-      there('model.organ_volume_mm3') && ['Body', volume('model.organ_volume_mm3'), ', ', quantity('model.pieces', at('model.pieces') === 1 ? 'piece' : 'pieces', { decimals: 0 }), at('model.pieces') > 1 ? [', of which the largest was kept and ', volume('model.dropped_volume_mm3'), ' dropped'] : '',
-        at('model.closed_volume_mm3') > 0 ? [', ', volume('model.closed_volume_mm3'), ' added by closing gaps'] : '',
-        element('div', { class: 'soft' }, 'surface drawn ', quantity('model.surface_step_mm', 'mm', { decimals: 2 }), ' apart, smoothed by ', quantity('model.smoothing_mm', 'mm', { decimals: 2 }))],
+      there('model.organ_volume_mm3') && ['Body', written('model.organ_volume_mm3'), ', ', quantity('model.pieces', at('model.pieces') === 1 ? 'piece' : 'pieces', { decimals: 0 }), at('model.pieces') > 1 ? [', of which the largest was kept and ', written('model.dropped_volume_mm3'), ' dropped'] : '',
+        at('model.closed_volume_mm3') > 0 ? [', ', written('model.closed_volume_mm3'), ' added by closing gaps'] : '',
+        element('div', { class: 'soft' }, 'surface of triangles of ', written('model.surface_step_mm'), ', smoothed by ', written('model.smoothing_mm'))],
       ['Material', ...materials()],
       ['Base', number('counts.base_nodes', { decimals: 0 }), ' nodes held', reason('model.base_reason'), reason('made_from.base')],
-      ['Tool', quantity('counts.circle_diameter_mm', 'mm', { decimals: 1 }), ' across, on ', number('counts.circle_nodes', { decimals: 0 }), ' nodes at ', place3('counts.circle_centre_mm'), ' mm, pushed along ', place3('counts.push'), reason('model.circle_reason'), reason('made_from.circle')],
-      ['Load', quantity('requested.depth_mm', 'mm', { decimals: 2 }), ' at ', quantity('requested.rate_mm_per_s', 'mm/s'), ', ', word('contact'), ', ', word('time')],
-      ['Discretisation', number('counts.nodes', { decimals: 0 }), ' nodes', there('model.node_spacing_mm') ? [' ', quantity('model.node_spacing_mm', 'mm', { decimals: 2 }), ' apart, ', quantity('model.rim_spacing_mm', 'mm', { decimals: 2 }), ' at the rim of the circle'] : '', ', ', number('counts.integration_points', { decimals: 0 }), ' integration points',
+      ['Tool', written('counts.circle_diameter_mm'), ' in diameter, on ', number('counts.circle_nodes', { decimals: 0 }), ' nodes at ', place3('counts.circle_centre_mm'), ' mm, pushed along ', place3('counts.push'), reason('model.circle_reason'), reason('made_from.circle')],
+      ['Load', written('requested.depth_mm'), ' at ', quantity('requested.rate_mm_per_s', 'mm/s'), ', ', word('contact'), ', ', word('time')],
+      ['Discretisation', number('counts.nodes', { decimals: 0 }), ' nodes', there('model.node_spacing_mm') ? [': ', written('model.rim_spacing_mm'), ' apart at the tool, ', written('model.node_spacing_mm'), ' far from it'] : '', '; ', number('counts.integration_points', { decimals: 0 }), ' integration points',
         element('div', { class: 'soft' }, 'scheme ', word('scheme'), ', ', word('precision'), ' precision')],
     ], 'facts broad'),
     element('p', { class: 'soft' }, 'Places are in mm along left, posterior and superior (LPS).'));
@@ -246,20 +239,13 @@ function assumed() {
 // ------------------------------------------------------------------------------------------------------ times
 
 function times() {
-  const parts = [
-    ['reading the image', 'model.image_read_s'],
-    ['building the model', 'model.model_build_s'],
-    ['shape functions and checks', 'prepare_wall_s'],
-    ['solving', 'solve_wall_s'],
-    ['coarser clouds for the band', 'band_wall_s'],
-    ['writing', 'write_wall_s'],
-  ].filter(([, key]) => there(key) && at(key) > 0);
-  const total = Math.max(at('total_wall_s'), parts.reduce((sum, [, key]) => sum + at(key), 0), 1e-9);
+  const parts = Object.keys(at('parts_wall_s') ?? {});
   const bar = element('div', { class: 'bar', 'aria-hidden': 'true' });
   const table = element('table', { class: 'list times' });
-  parts.forEach(([name, key], k) => {
-    bar.append(element('span', { class: `part p${k}`, style: `width:${(100 * at(key)) / total}%` }));
-    table.append(element('tr', {}, element('td', { class: 'text' }, element('span', { class: `mark part p${k}` }), name), element('td', {}, quantity(key, 's', { decimals: 2, least: 0.01 }))));
+  parts.forEach((name, k) => {
+    const key = `parts_wall_s.${name}`;
+    bar.append(element('span', { class: `part p${k}`, style: `width:${(100 * at(key)) / Math.max(at('total_wall_s'), 1e-9)}%` }));
+    table.append(element('tr', {}, element('td', { class: 'text' }, element('span', { class: `mark part p${k}` }), name), element('td', {}, quantity(key, 's', { decimals: 2 }))));
   });
   table.append(element('tr', { class: 'sum' }, element('td', { class: 'text' }, 'in all, with ', number('threads', { decimals: 0 }), at('threads') === 1 ? ' thread' : ' threads'), element('td', {}, quantity('total_wall_s', 's', { decimals: 2 }))));
   section('times').append(bar, table, element('p', { class: 'soft' }, number('force_evaluations', { decimals: 0 }), ' evaluations of the force, ', quantity('ms_per_step', 'ms', { decimals: 2 }), ' each.'));
@@ -310,7 +296,7 @@ function cite() {
 function depends() {
   const place = section('depends');
   if (place.querySelector('svg')) return;
-  place.append(element('p', {}, 'This was not measured. ', element('code', {}, 'dimple run … --explain'), ' makes one choice after another otherwise, each in a run of its own, and puts a chart of the effects here.'));
+  place.append(element('p', {}, 'This was not measured. ', element('code', {}, 'dimple run … --explain'), ' repeats the run, changing one choice at a time, and puts a chart of the effects here.'));
 }
 
 for (const part of [head, verdict, warnings, forceSection, bodySection, sliceSection, depends, assumed, times, again, cite]) {

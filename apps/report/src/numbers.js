@@ -4,6 +4,7 @@ const read = (id) => JSON.parse(document.getElementById(id).textContent);
 
 export const summary = read('dimple-summary');
 export const data = read('dimple-data');
+const words = read('dimple-words'); // how the program writes numbers of the summary: number, unit, units in one of its
 
 /** What stands at "counts.circle_centre_mm.0"; undefined: nothing does. */
 export function at(key) {
@@ -22,43 +23,30 @@ export function word(key) {
   return element('span', { 'data-key': key }, String(at(key)));
 }
 
-/** A number of the summary times `scale`; one that is smaller than `least`, but is not nothing, is only said to be so. */
-export function number(key, { scale = 1, decimals, digits = 3, plain = false, least = 0 } = {}) {
+const marked = (key, scale, text) => element('span', { class: 'number', 'data-key': key, 'data-scale': String(scale) }, text.replace('-', '−'));
+
+/** A number of the summary times `scale`. */
+export function number(key, { scale = 1, decimals, digits = 3, place = false } = {}) {
   const value = at(key);
   if (typeof value !== 'number') return element('span', {}, '–');
   const shown = value * scale;
   const places = decimals ?? decimalsFor(shown, digits);
-  // Nothing small is shown as nothing, unless it is an error or a place.
-  const lost = !plain && shown !== 0 && Math.abs(shown) < 0.5 * 10 ** -places;
-  const text = shown !== 0 && Math.abs(shown) < least ? `< ${least}` : lost ? shown.toExponential(1) : shown.toFixed(places).replace(/^-(0(\.0*)?)$/, '$1');
-  return element('span', { class: 'number', 'data-key': key, 'data-scale': String(scale) }, text.replace('-', '−'));
+  // Nothing small is shown as nothing, unless it is a place.
+  const lost = !place && shown !== 0 && Math.abs(shown) < 10 ** -places;
+  return marked(key, scale, lost ? `< ${(10 ** -places).toFixed(places)}` : shown.toFixed(places).replace(/^-(0(\.0*)?)$/, '$1'));
 }
 
 /** Digits after the point that leave so many figures, three at most. */
-export function decimalsFor(value, digits = 3) {
+function decimalsFor(value, digits = 3) {
   if (!(Math.abs(value) > 0)) return 0;
   return Math.min(Math.max(digits - 1 - Math.floor(Math.log10(Math.abs(value))), 0), digits);
 }
 
-/** As the program writes forces of that size: N with four decimals from 0.01 N on, else mN or uN. */
-export function forceUnit(newtons) {
-  const size = Math.abs(newtons);
-  if (size >= 0.01 || size < 1e-7 || !Number.isFinite(size)) return { unit: 'N', scale: 1, decimals: size >= 0.01 || size === 0 ? 4 : undefined };
-  return size >= 1e-4 ? { unit: 'mN', scale: 1e3, decimals: decimalsFor(1e3 * size) } : { unit: 'uN', scale: 1e6, decimals: decimalsFor(1e6 * size) };
-}
-
-/** A force with its unit, written like one of the size of `like`. */
-export function force(key, like = at(key), withUnit = true) {
-  const { unit, ...how } = forceUnit(like);
-  const made = element('span', { class: 'quantity' }, number(key, how));
-  if (withUnit) made.append(` ${unit}`);
-  return made;
-}
-
-/** A volume of the summary, given in mm3. */
-export function volume(key) {
-  const small = Math.abs(at(key)) < 100 && at(key) !== 0;
-  return element('span', { class: 'quantity' }, number(key, small ? {} : { scale: 1e-3, decimals: 2 }), small ? ' mm³' : ' cm³');
+/** A force, volume, length, modulus or share as the program writes it everywhere, with its unit. */
+export function written(key, withUnit = true) {
+  if (!words[key]) return element('span', {}, '–');
+  const [text, unit, scale] = words[key];
+  return element('span', { class: 'quantity' }, marked(key, scale, text), withUnit ? ` ${unit.replace('3', '³')}` : undefined);
 }
 
 export function quantity(key, unit, how) {
