@@ -59,8 +59,8 @@ void fade_to(BetweenFrames& b, double now) {
 
 void correct(BetweenFrames& b, const LiveFrame& frame, double now) {
   fade_to(b, now);
-  b.frame.push_back({frame.depth, frame.force, std::max(0.0, frame.stiffness), frame.error, frame.per_force, frame.tool,
-                     b.frame.empty() ? 1.0 : 0.0});
+  b.frame.push_back(
+      {frame.depth, frame.force, std::max(0.0, frame.stiffness), frame.error, frame.per_force, frame.tool, 0.0});
 }
 
 void forget(BetweenFrames& b) {

@@ -266,10 +266,28 @@ TEST(BetweenFrames, WhatAFrameChangesIsGivenOutByTheClockWhetherSomethingIsAsked
   const LiveAnswer said = answer(asked, 1e-3, 1.06), other = answer(idle, 1e-3, 1.06);
   EXPECT_NEAR(said.force, 10e-3 - 2e-3 * std::exp(-1.0), 1e-9);
   EXPECT_NEAR(other.force, said.force, 1e-12);
+  EXPECT_NEAR(said.on_tool[2], said.force, 1e-12);
   EXPECT_NEAR(other.error, 2e-3 * std::exp(-1.0), 1e-9) << "what is not given out yet is in the error";
   EXPECT_NEAR(answer(idle, 1e-3, 3.0).force, 10e-3, 1e-9);
   EXPECT_NEAR(answer(idle, 1e-3, 3.0).error, 0.0, 1e-9);
   EXPECT_EQ(idle.frame.size(), 1u) << "nothing is kept for ever";
+  BetweenFrames left_alone;  // frames go on while no program is there
+  correct(left_alone, frame_at(1e-3, 8e-3, 8.0), 0.0);
+  for (int k = 1; k <= 25; ++k) correct(left_alone, frame_at(1e-3, 10e-3, 10.0), 0.04 * k);
+  EXPECT_NEAR(answer(left_alone, 1e-3, 1.0).force, 10e-3, 1e-8);
+}
+
+TEST(BetweenFrames, AForceThatRisesSteeplyIsNeverAPull) {
+  BetweenFrames between;
+  correct(between, frame_at(1e-3, 1e-3, 10.0), 0.0);  // as of the tenth power
+  for (double d = 0.02e-3; d < 1e-3; d += 0.02e-3) EXPECT_GE(answer(between, d, 0.0).force, 0.0) << d;
+}
+
+TEST(BetweenFrames, TheErrorOfAFirstTouchHoldsWhereTheTissueStiffensWithinARadius) {
+  BetweenFrames between;
+  correct(between, frame_at(0.0, 0.0, 10.0), 0.0);
+  for (double d = 0.02e-3; d <= 1e-3; d += 0.02e-3)
+    EXPECT_NEAR(answer(between, d, 0.0).force, 10.0 * d * (1.0 + d / between.radius), answer(between, d, 0.0).error + 1e-12) << d;
 }
 
 TEST(BetweenFrames, HundredsOfCorrectionsAtOneDepthDoNotAddUpAtAnother) {
