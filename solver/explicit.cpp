@@ -24,7 +24,6 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
   const Constraints constraints = make_constraints(model, loading.contact, loading.further);
   const bool viscoelastic = system.viscoelastic();
   ForceState forces(system);
-  const Eigen::Vector4d push = padded(model.tool.push);
   const Eigen::VectorXd inverse_mass = model.mass.cwiseInverse();
 
   State state;
@@ -54,15 +53,9 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
   // The tool brings its nodes to speed at once: the only work that is not force times way.
   if (!from) external += constraints.set_off(v, loading.rate, model.mass);
 
-  const auto reaction = [&](const std::vector<Index>& nodes) {
-    double sum = 0.0;
-    for (const Index a : nodes) sum += f.col(a).dot(push);
-    return sum;
-  };
-
   // Everything that happens once f(u(t)) is known and before u moves on. False: stop here.
   const auto record = [&](const Moment& now, bool last) {
-    const double force = reaction(model.indenter), working = constraints.working_force(f);
+    const double working = constraints.working_force(f);
     external += 0.5 * (working + previous_force) * (now.depth - previous_depth);
     previous_force = working;
     previous_depth = now.depth;
@@ -84,8 +77,8 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
     if (last || now.t >= next_sample) {
       next_sample += 1.0 / options.sample_rate;
       guards.check(u, f, now);
-      history.force.push_back({now.t, now.depth, force, -reaction(model.base)});
-      largest_reaction = std::max(largest_reaction, std::abs(force));
+      history.force.push_back(ForceSample::at(now.t, now.depth, model, constraints, u, f));
+      largest_reaction = std::max(largest_reaction, std::abs(history.force.back().force));
       if (largest_reaction > 0.0)
         history.momentum_error =
             std::max(history.momentum_error, f.rowwise().sum().norm() / largest_reaction);
@@ -148,8 +141,8 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
           constraints.place(a, u.col(a), next_depth);
         }
       };
-      // Frames and energies need u(t) and v(t - dt/2): there, gather first and move afterwards.
-      const bool sampling = s == 0 || t >= next_energy;
+      // Frames, energies and forces need u(t) and v(t - dt/2): there, gather first and move afterwards.
+      const bool sampling = s == 0 || t >= next_energy || t >= next_sample;
       forces.gather_sweep(f, sampling || viscoelastic ? std::function<void(Index, Index)>{} : advance);
       stopped = !record(now, false);
       if (s == 0) frame(state.frame, now);
@@ -233,8 +226,7 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
         // The curve ends at the last frame.
         if (viscoelastic) forces.begin_step(previous_dt);
         forces.internal_force(u, f);
-        history.force.push_back(
-            {reached / loading.rate, reached, reaction(model.indenter), -reaction(model.base)});
+        history.force.push_back(ForceSample::at(reached / loading.rate, reached, model, constraints, u, f));
         if (!smaller_steps_help) throw;
         throw after_retries(error, text("steps down to ", safety, " of the stable one"));
       }

@@ -33,7 +33,6 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
   ForceState forces(system);
   MixedIteration solve(forces, model, constraints);
   const Index n = model.node_count();
-  const Eigen::Vector4d push = padded(model.tool.push);
   const double segment = loading.duration() / options.frames, damping = options.damping;
   // Of a shear wave that stands between the base and the tool's side.
   const double slowest_period = 4.0 * shear_crossing_time(system.tissues(), model);
@@ -64,18 +63,13 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
     external += constraints.set_off(v, loading.rate, model.mass);
   }
 
-  const auto reaction = [&](const std::vector<Index>& nodes) {
-    double sum = 0.0;
-    for (const Index i : nodes) sum += f.col(i).dot(push);
-    return sum;
-  };
   Guards guards(forces, model, loading.duration() >= slow_load * shear_crossing_time(system.tissues(), model),
                 options.guards, history.guards);
   double& largest_external = state.largest_external;
   const auto record = [&](bool last) {
-    const double force = reaction(model.indenter), depth = loading.rate * t;
-    history.force.push_back({t, depth, force, -reaction(model.base)});
-    largest_reaction = std::max(largest_reaction, std::abs(force));
+    const double depth = loading.rate * t;
+    history.force.push_back(ForceSample::at(t, depth, model, constraints, u, f));
+    largest_reaction = std::max(largest_reaction, std::abs(history.force.back().force));
     if (largest_reaction > 0.0)
       history.momentum_error = std::max(history.momentum_error, f.rowwise().sum().norm() / largest_reaction);
     if (last || t >= next_energy) {

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "solver/internal_force.hpp"
+#include "solver/tool_force.hpp"
 
 namespace dimple {
 
@@ -15,6 +16,7 @@ struct KnownStates {
     ForceSystem::Nodal u;
     Eigen::VectorXd lambda;  ///< pressures x volumes, see MixedIteration
     double residual = 0.0, force = 0.0;
+    Wrench per_force = Wrench::Zero();  ///< see LiveFrame
   };
   std::vector<State> state;  ///< ascending
   double apart = 0.0;        ///< as near as that two of them do not stand [m]

@@ -2,6 +2,7 @@
 
 // What every way of marching is given and hands out: explicit.hpp, implicit.hpp, quasi_static.hpp; solve.hpp chooses.
 
+#include <array>
 #include <functional>
 #include <vector>
 
@@ -10,6 +11,7 @@
 #include "solver/mixed_iteration.hpp"
 #include "solver/path.hpp"
 #include "solver/stable_time_step.hpp"
+#include "solver/tool_force.hpp"
 
 namespace dimple {
 
@@ -33,11 +35,20 @@ struct SolverOptions {
   bool guards = true;               ///< false: only to measure what they cost
 };
 
-/// The tool at one time. Forces are components along the push, positive when tissue resists.
+/// The tool at one time. `force` and `base_force` are components along the push, positive when tissue resists.
 struct ForceSample {
   double t, depth;    ///< [s], [m]
   double force;       ///< on the circle's nodes [N]
   double base_force;  ///< on the base's nodes, with which the bed holds the body [N]
+  /// All of the force on the tool [N] and its moment [N m], as a Wrench (tool_force.hpp).
+  std::array<double, 6> on_tool = {};
+  /// At displacements `u` [4xN] m, with the internal force `f` [4xN] N.
+  static ForceSample at(double t, double depth, const Model& model, const Constraints& constraints, const Nodal& u,
+                        const Nodal& f) {
+    ForceSample sample{t, depth, along_push(model, model.indenter, f), -along_push(model, model.base, f)};
+    Eigen::Map<Wrench>(sample.on_tool.data()) = wrench_on_tool(model, constraints, u, f, depth);
+    return sample;
+  }
 };
 
 /// The body at one time.

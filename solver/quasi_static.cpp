@@ -86,7 +86,8 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
     const bool sets_off = past.state.size() == 1;
     Relaxed relaxed;
     relaxed.converged = false;
-    double force = 0.0, base = 0.0, stored = 0.0, work = 0.0;
+    ForceSample felt;
+    double stored = 0.0, work = 0.0;
     try {
       const auto find = [&](double tolerance) {
         const RelaxOptions how{.tolerance = tolerance,
@@ -137,9 +138,7 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
       guards.check(u, f, now);
       guards.check_points(relaxed.sweep, now);
       guards.check_fluctuation(u, now);
-      const Eigen::Vector4d push = padded(model.tool.push);
-      for (const Index a : model.indenter) force += f.col(a).dot(push);
-      for (const Index a : model.base) base -= f.col(a).dot(push);
+      felt = ForceSample::at(t, depth, model, constraints, u, f);
       depths.push_back(depth);
       working.push_back(constraints.working_force(f));
       work = work_of_last(depths, working, sets_off || gave_way);
@@ -183,8 +182,8 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
     history.J_min = std::min(history.J_min, relaxed.sweep.J_min);
     history.inverted = std::max(history.inverted, relaxed.sweep.inverted);
     history.residual = std::max(history.residual, relaxed.residual);
-    history.momentum_error = std::max(history.momentum_error, f.rowwise().sum().norm() / std::abs(force));
-    history.force.push_back({t, depth, force, base});
+    history.momentum_error = std::max(history.momentum_error, f.rowwise().sum().norm() / std::abs(felt.force));
+    history.force.push_back(felt);
     history.energy.push_back({t, depth, 0.0, stored, external, state.dissipated});
     if (arrives && observer.frame) observer.frame({level, t, depth, u, f, forces});
     if (observer.sample && !observer.sample(history.force.back(), history)) {

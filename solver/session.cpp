@@ -48,7 +48,8 @@ struct Session::Parts {
         u(Nodal::Zero(4, model.node_count())),
         v(u),
         f(u),
-        lambda(Eigen::VectorXd::Zero(model.patches.count())) {
+        lambda(Eigen::VectorXd::Zero(model.patches.count())),
+        thick((model.X.transpose() * model.tool.push).maxCoeff() - model.tool.centre.dot(model.tool.push)) {
     path.push(0.0, u, lambda);
     known.apart = kept_apart * model.tool.radius;
     known.add({0.0, u, lambda, 0.0, 0.0});
@@ -64,6 +65,7 @@ struct Session::Parts {
   Relaxation relax;
   Nodal u, v, f;
   Eigen::VectorXd lambda;
+  double thick;  // of the body along the push, from where the tool touches it [m]
   Path path{2};  // the last equilibria
   double depth = 0.0;
 
@@ -150,7 +152,7 @@ struct Session::Parts {
   // Elastic tissue under a bonded tool pushes back: a state in which it does not lies on another branch.
   bool pushes_back(const Nodal& force, const MixedIteration::Left& its, double at) const {
     if (system.viscoelastic() || at <= 0.0) return true;
-    const double raw = along_push(model.indenter, force);
+    const double raw = along_push(model, model.indenter, force);
     return raw > 0.0 && (known.state.size() < 2 || raw + correction_at(at, its) > 0.0);
   }
 
@@ -163,15 +165,27 @@ struct Session::Parts {
 
   LiveFrame felt(double asked, std::int64_t evaluations) const {
     LiveFrame frame{.asked = asked, .depth = depth, .residual = residual, .evaluations = evaluations};
-    frame.force = along_push(model.indenter);
+    frame.force = along_push(model, model.indenter, f);
+    frame.on_tool = wrench_on_tool(model, constraints, u, f, depth);
+    frame.per_force = per_force(frame);
     if (known.state.size() < 2) return frame;
     const double correction = correction_at(depth, left), stiffness = known.slope(depth).force;
     frame.stiffness = stiffness;
     frame.force += correction;
+    frame.on_tool.head<3>() -= correction * model.tool.push;
+    frame.per_force = per_force(frame);
     frame.error = of_correction * std::abs(correction) +
                   of_energy * std::sqrt(left.energy * std::max(0.0, stiffness)) +
                   of_force * std::abs(frame.force);
     return frame;
+  }
+
+  Wrench per_force(const LiveFrame& frame) const {
+    constexpr double steepest = 10.0;  // of the whole force to its component along the push
+    if (frame.on_tool.head<3>().norm() < steepest * frame.force) return frame.on_tool / frame.force;
+    for (const KnownStates::State& one : known.state)
+      if (!one.per_force.isZero(0.0)) return one.per_force;
+    return Wrench::Zero();
   }
 
   void lift() {
@@ -230,7 +244,8 @@ struct Session::Parts {
         depth = now.at;
         moved = true;
         caution = std::min(1.0, 1.3 * caution);
-        known.add({depth, u, lambda, system.viscoelastic() ? 0.0 : residual, felt(asked, 0).force});
+        const LiveFrame here = felt(asked, 0);
+        known.add({depth, u, lambda, system.viscoelastic() ? 0.0 : residual, here.force, here.per_force});
         if (arrives || back) break;
       } else if (back) {
         break;
@@ -263,6 +278,7 @@ struct Session::Parts {
     path.state.clear();
     path.push(depth, u, lambda);
     if (depth != to_end && tool == LiveFrame::Tool::there) tool = LiveFrame::Tool::lags;
+    if (to_end > thick) tool = LiveFrame::Tool::beyond;
     LiveFrame frame = felt(asked, all - how.evaluations);
     frame.tool = tool;
     if (timed) beside += (Clock::now() - begin - iterating - beside) / 5;
@@ -296,13 +312,6 @@ struct Session::Parts {
       state.restore_past(past);
       throw;
     }
-  }
-
-  double along_push(const std::vector<Index>& nodes) const { return along_push(nodes, f); }
-  double along_push(const std::vector<Index>& nodes, const Nodal& force) const {
-    double sum = 0.0;
-    for (const Index a : nodes) sum += force.col(a).head<3>().dot(model.tool.push);
-    return sum;
   }
 };
 
@@ -389,10 +398,14 @@ double Session::depth() const {
   return parts_->depth;
 }
 double Session::force() const {
-  return parts_->along_push(parts_->model.indenter);
+  return along_push(parts_->model, parts_->model.indenter, parts_->f);
 }
 double Session::base_force() const {
-  return -parts_->along_push(parts_->model.base);
+  return -along_push(parts_->model, parts_->model.base, parts_->f);
+}
+Wrench Session::on_tool() const {
+  const Parts& p = *parts_;
+  return wrench_on_tool(p.model, p.constraints, p.u, p.f, p.depth);
 }
 Points Session::displacement() const {
   return parts_->u.topRows<3>();

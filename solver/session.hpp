@@ -5,6 +5,7 @@
 
 #include "solver/constraints.hpp"
 #include "solver/internal_force.hpp"
+#include "solver/tool_force.hpp"
 
 namespace dimple {
 
@@ -27,11 +28,17 @@ struct LiveFrame {
   enum class Tool {
     there,   ///< where it was asked to be
     lags,    ///< the time did not suffice: it is on its way, and the next frames go on
-    stopped  ///< no equilibrium is found any deeper: it stays at the deepest that is known
+    stopped,  ///< no equilibrium is found any deeper: it stays at the deepest that is known
+    ignored,  ///< it was to move across the push while it touches, and has kept to its axis
+    beyond    ///< it was asked to be deeper than the body reaches
   };
   double asked = 0.0, depth = 0.0;  ///< where the tool was to be, and where it is [m]
   double force = 0.0;  ///< on the tool along the push [N], with what is left unbalanced accounted for
-  /// Estimate of how far this is from the force of equilibrium at `depth` [N]: it held in 99.8 % of the frames on a
+  /// All of it: its component against the push is `force`; across the push nothing is accounted for.
+  Wrench on_tool = Wrench::Zero();
+  /// `on_tool` over `force`; where there is none, as at the least depth that is known. Zero: none is known.
+  Wrench per_force = Wrench::Zero();
+  /// Estimate of how far `force` is from that of equilibrium at `depth` [N]: it held in 99.8 % of the frames on a
   /// phantom and a heart with 8 evaluations a frame or more, in 95 % with 2 (tests/bench/README.md).
   double error = 0.0;
   double stiffness = 0.0;  ///< d force / d depth [N/m]
@@ -81,6 +88,7 @@ class Session {
   double depth() const;         ///< of the tool [m]
   double force() const;         ///< along the push on the tool [N], positive when the tissue resists
   double base_force() const;    ///< along the push on the base [N]
+  Wrench on_tool() const;       ///< all of the force on the tool and its moment
   Points displacement() const;  ///< 3 x N, metres, of each node
   Points positions() const;     ///< 3 x N, metres LPS, of each node
   /// 3 x N, newtons: what the tissue resists with at each node; on held nodes the reaction.

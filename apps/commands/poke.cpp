@@ -97,12 +97,13 @@ class Poking {
       : tool_(tool), options_(options), window_({.title = "Dimple", .abscissa = "time [s]"}) {
     if (!options.record.empty()) recording_.emplace(options.record);
     path_ = options.path;
+    if (!options.socket.empty()) server_.emplace(tool, options.socket);
     touched(true);
   }
 
   std::vector<PathFrame> run() {
     window_.pressed = [this](const Vec3& place_mm) {
-      if (path_) return false;
+      if (!by_hand()) return false;
       const Indenter& at = tool_.session->model().tool;
       if ((1e-3 * place_mm - at.centre).norm() > 0.25 * at.radius) {
         try {
@@ -123,8 +124,12 @@ class Poking {
     if (recording_) recording_->finish();
     return frames_;
   }
+  /// Of the socket, if there is one.
+  std::optional<Served> served() const { return server_ ? std::optional(server_->served()) : std::nullopt; }
 
  private:
+  bool by_hand() const { return !path_ && !server_; }
+
   void touched(bool look) {
     const Model& model = tool_.session->model();
     skin_.emplace(model);
@@ -157,6 +162,9 @@ class Poking {
       if (at > path_->time.back() + 1e-9) return false;
       frame = path_frame(tool_, *path_, at, limit, period);
       frame.time = time;
+    } else if (server_) {
+      frame = server_->move(tool_, limit, period);
+      frame.time = time;
     } else {
       frame.frame = move_depth(tool_, asked_, limit, period);
       frame.tip = tool_.tip;
@@ -185,19 +193,12 @@ class Poking {
     curve_.erase(curve_.begin(), std::find_if(curve_.begin(), curve_.end(), [&](const ShownForce& s) {
                    return s.x > now.time - shown_s;
                  }));
-    const std::string force =
-        f.force > 0.0 ? fmt::format("force {} +- {}{}, {}", force_in_words(f.force), percent(error / f.force),
-                                    now.half_band ? "" : " and what the discretisation leaves", length_in_words(1e3 * f.depth))
-                      : std::string("no touch: press the left button on the body and draw it in");
     window_.show(ShownFrame{
         .surface_mm = skin_->rest_mm + u,
         .displacement_mm = u.colwise().norm(),
         .tool_mm = 1e3 * f.depth * tool_.session->model().tool.push,
-        .words = fmt::format("{}{}\n{} nodes, {:.0f} frames a second: solving {:.0f} ms, drawing {:.0f} ms{}", force,
-                             f.tool == LiveFrame::Tool::stopped  ? " (no equilibrium any deeper)"
-                             : f.tool == LiveFrame::Tool::lags ? " (the body lags)"
-                                                               : "",
-                             tool_.session->model().node_count(), 1.0 / busy_, 1e3 * solve_s_, 1e3 * draw_s_,
+        .words = fmt::format("{}\n{} nodes, {:.0f} frames a second: solving {:.0f} ms, drawing {:.0f} ms{}",
+                             words_of(now, by_hand()), tool_.session->model().node_count(), 1.0 / busy_, 1e3 * solve_s_, 1e3 * draw_s_,
                              notice_.empty() ? "" : "\n" + notice_)});
     window_.show(curve_);
     window_.draw();
@@ -209,6 +210,7 @@ class Poking {
   std::optional<Skin> skin_;
   std::optional<Recording> recording_;
   std::optional<ToolPath> path_;
+  std::optional<ForceServer> server_;
   double asked_ = 0.0;  // depth [m]
   Stopwatch clock_;
   std::vector<PathFrame> frames_;
@@ -217,20 +219,25 @@ class Poking {
   double next_ = 0.0, solve_s_ = 0.0, draw_s_ = 0.0, busy_ = 0.04;
 };
 
-// Without a window: along the script as fast as it goes.
-std::vector<PathFrame> follow_script(LiveTool& tool, const Options& options) {
+// Without a window: along the script as fast as it goes, or as a device has it.
+std::vector<PathFrame> follow_unseen(LiveTool& tool, const Options& options, std::optional<Served>& served) {
   std::optional<Recording> recording;
   if (!options.record.empty()) recording.emplace(options.record);
   std::optional<Skin> skin;
   Index clouds = 0;
-  std::vector<PathFrame> frames =
-      follow_path(tool, *options.path, {.rate = options.rate,
-                               .limit = {.seconds = 1.0 / options.rate, .evaluations = options.evaluations}},
-                  [&](const PathFrame& now) {
-                    if (!recording) return;
-                    if (clouds != tool.clouds) skin.emplace(tool.session->model()), clouds = tool.clouds;
-                    recording->add(now, *tool.session, *skin);
-                  });
+  const auto record = [&](const PathFrame& now) {
+    if (!recording) return;
+    if (clouds != tool.clouds) skin.emplace(tool.session->model()), clouds = tool.clouds;
+    recording->add(now, *tool.session, *skin);
+  };
+  std::vector<PathFrame> frames;
+  if (options.path)
+    frames = follow_path(tool, *options.path,
+                         {.rate = options.rate,
+                          .limit = {.seconds = 1.0 / options.rate, .evaluations = options.evaluations}},
+                         record);
+  else
+    served = serve_forces(tool, options.socket, options.rate, options.seconds, record);
   if (recording) recording->finish();
   return frames;
 }
@@ -244,15 +251,9 @@ void check(const Options& options) {
   if (!options.socket.empty() && !options.script.empty())
     refuse("the tool is moved by a script and through a socket", "--script, --socket", "it is in one place",
            "give one of them");
-  if (!options.socket.empty() && options.window)
-    refuse("a window is asked for where a device moves the tool", "--socket, --window", "only a hand or a script has a window",
-           "leave --window out");
   if (options.socket.size() > 107)
     refuse("the path of the socket is too long", "--socket", "the system takes 107 characters at most",
            "give a shorter one, in /tmp for instance");
-  if (!options.record.empty() && options.script.empty() && !options.socket.empty())
-    refuse("what comes through a socket is not recorded", "--record", "the program that asks has the forces",
-           "leave one of them out");
 }
 
 int poke(const Invocation& shared, const CLI::App& command, Options& options) {
@@ -272,21 +273,24 @@ int poke(const Invocation& shared, const CLI::App& command, Options& options) {
                             : nodes_for_rate(organ, options.rate / (windowed ? for_solving : 1.0));
   LiveTool tool = make_live_tool(organ, nodes);
   say(fmt::format("tool     {} nodes, made in {:.2f} s", tool.session->model().node_count(), tool.made_s));
-  if (!options.socket.empty()) {
-    say(fmt::format("socket   {}: a line `x_mm y_mm z_mm` or `depth_mm` is answered by fx_N fy_N fz_N depth_mm error_N",
+  if (!options.socket.empty())
+    say(fmt::format("socket   {}: a line `x_mm y_mm z_mm` or `depth_mm` is answered by fx_N fy_N fz_N depth_mm error_N "
+                    "mx_Nm my_Nm mz_Nm status",
                     options.socket));
-    const Served served = serve_forces(tool, options.socket, options.rate, options.seconds);
-    print(fmt::format("{} answers, the slowest after {:.2f} ms; {} frames\n", served.answers,
-                      1e3 * served.slowest_s, served.frames));
-    stop_if_asked();
-    return 0;
-  }
   std::vector<PathFrame> frames;
-  if (windowed)
-    frames = Poking(tool, options).run();
-  else
-    frames = follow_script(tool, options);
-  if (!frames.empty()) print(in_words(tool.session->model().node_count(), frames) + "\n");
+  std::optional<Served> served;
+  if (windowed) {
+    Poking poking(tool, options);
+    frames = poking.run();
+    served = poking.served();
+  } else {
+    frames = follow_unseen(tool, options, served);
+  }
+  if (served)
+    print(fmt::format("{} answers, the slowest after {:.2f} ms; {} frames; {} programs turned away\n",
+                      served->answers, 1e3 * served->slowest_s, served->frames, served->turned_away));
+  else if (!frames.empty()) 
+    print(in_words(tool.session->model().node_count(), frames) + "\n");
   stop_if_asked();
   return 0;
 }
@@ -309,7 +313,7 @@ Command add_poke(CLI::App& app, Invocation& shared) {
   command
       ->add_option("--socket", options->socket, "answer a device's poses with forces on this unix domain socket")
       ->type_name("PATH");
-  command->add_flag("--window", options->window, "a window also where a script moves the tool");
+  command->add_flag("--window", options->window, "a window also where a script or a device moves the tool");
   command->add_option("--fps", options->rate, "frames a second")->capture_default_str();
   command
       ->add_option("--evaluations", options->evaluations,

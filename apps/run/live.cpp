@@ -6,11 +6,14 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 
+#include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "io/digits.hpp"
+#include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "io/table.hpp"
@@ -156,9 +159,24 @@ std::optional<double> half_band(const LiveTool& tool) {
   return std::abs(now.force) * band_half_width(change, tool.session->model().node_count(), {radii, !tool.organ->config.tissue.empty()});
 }
 
-double depth_of(const LiveTool& tool, const Vec3& tip) {
-  const Indenter& at = tool.session->model().tool;
-  return (tip - at.centre).dot(at.push);
+OnAxis on_axis(const Indenter& tool, const Vec3& tip) {
+  const Vec3 from = tip - tool.centre;
+  const double depth = from.dot(tool.push);
+  return {depth, (from - depth * tool.push).norm()};
+}
+
+bool is_aside(const Indenter& tool, const OnAxis& at) {
+  return at.aside > aside * tool.radius;
+}
+
+bool is_inside(const LiveOrgan& organ, const Vec3& tip) {
+  const BodySurface& surface = organ.organ->body->surface;
+  return surface.contains(surface.to_world().inverse() * (1e3 * tip));
+}
+
+const char* name_of(LiveFrame::Tool tool) {
+  constexpr std::array names = {"there", "lags", "stopped", "ignored", "beyond"};
+  return names[static_cast<std::size_t>(tool)];
 }
 
 LiveFrame move_depth(LiveTool& tool, double depth, const FrameLimit& limit, double dt) {
@@ -169,14 +187,11 @@ LiveFrame move_depth(LiveTool& tool, double depth, const FrameLimit& limit, doub
 }
 
 LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt) {
-  const BodySurface& surface = tool.organ->organ->body->surface;
-  const Indenter& at = tool.session->model().tool;
-  const Vec3 from = tip - at.centre;
-  const bool beside = (from - from.dot(at.push) * at.push).norm() > aside * at.radius;
-  const bool inside = surface.contains(surface.to_world().inverse() * (1e3 * tip));
-  const bool in_touch = tool.session->depth() > 0.0 && from.dot(at.push) > 0.0;
+  const OnAxis at = on_axis(tool.session->model().tool, tip);
+  const bool beside = is_aside(tool.session->model().tool, at);
+  const bool in_touch = tool.session->depth() > 0.0 && at.depth > 0.0;
   if (beside && !in_touch) {
-    if (!inside) {  // in the air, on its way elsewhere
+    if (!is_inside(*tool.organ, tip)) {  // in the air, on its way elsewhere
       tool.tip = tip;
       tool.session->follow(0.0, limit, dt);
       return tool.frame = {};
@@ -186,7 +201,9 @@ LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, dou
     take_finer(tool, limit, dt);
   }
   tool.tip = tip;
-  return tool.frame = tool.session->follow(depth_of(tool, tip), limit, dt);
+  tool.frame = tool.session->follow(on_axis(tool.session->model().tool, tip).depth, limit, dt);
+  if (beside && in_touch && tool.frame.tool != LiveFrame::Tool::beyond) tool.frame.tool = LiveFrame::Tool::ignored;
+  return tool.frame;
 }
 
 ToolPath read_tool_path(const fs::path& file) {
@@ -260,6 +277,8 @@ void write_path_frames(const fs::path& folder, const std::vector<PathFrame>& fra
   Table forces{.header = {"time_s", "asked_mm", "depth_mm", "force_N", "error_N", "half_band_N", "band_known", "stiffness_N_per_m",
                           "residual", "evaluations", "tool"},
                .column = std::vector<std::vector<double>>(11)};
+  forces.header.insert(forces.header.end(), wrench_columns.begin(), wrench_columns.end());
+  forces.column.resize(forces.header.size());
   Table times{.header = {"time_s", "frame_ms"}, .column = std::vector<std::vector<double>>(2)};
   for (const PathFrame& now : frames) {
     const LiveFrame& f = now.frame;
@@ -268,6 +287,7 @@ void write_path_frames(const fs::path& folder, const std::vector<PathFrame>& fra
                           f.residual,  static_cast<double>(f.evaluations),
                           static_cast<double>(f.tool)};
     for (std::size_t c = 0; c < 11; ++c) forces.column[c].push_back(row[c]);
+    for (std::size_t c = 0; c < 6; ++c) forces.column[11 + c].push_back(f.on_tool[static_cast<Index>(c)]);
     times.column[0].push_back(now.time);
     times.column[1].push_back(1e3 * now.seconds);
   }
@@ -292,6 +312,24 @@ Index nodes_for_rate(const LiveOrgan& organ, double rate) {
       spent / std::max(1.0, evaluations) / static_cast<double>(tool.session->model().node_count());
   const double nodes = 0.8 / (rate * wanted * each);
   return std::clamp<Index>(100 * static_cast<Index>(nodes / 100.0), 500, 4000);
+}
+
+std::string words_of(const PathFrame& now, bool by_hand) {
+  const LiveFrame& f = now.frame;
+  using Tool = LiveFrame::Tool;
+  const char* status = f.tool == Tool::lags      ? " (the body lags)"
+                       : f.tool == Tool::stopped ? " (no equilibrium any deeper)"
+                       : f.tool == Tool::ignored ? " (a move that is not followed: the tool must be lifted first)"
+                       : f.tool == Tool::beyond  ? " (asked to go deeper than the body reaches)"
+                                                 : "";
+  if (!(f.depth > 0.0)) {
+    if (by_hand) return "no touch: press the left button on the body and draw it in";
+    return fmt::format("no touch: the tool is at {}{}", in_words(1e3 * now.tip), status);
+  }
+  const Written written = force_written(f.force);
+  return fmt::format("force {} +- {}{}, {} deep{}", written(f.force),
+                     written(f.error + now.half_band.value_or(0.0)), now.half_band ? "" : " and what the discretisation leaves",
+                     length_in_words(1e3 * f.depth), status);
 }
 
 std::string in_words(Index nodes, const std::vector<PathFrame>& frames) {

@@ -42,7 +42,7 @@ inline constexpr Index first_nodes = 400;
 /// A tool that is moved freely: the tip's pose in, the frame out. Between two touches it is in the air, and the force is
 /// zero; where it comes down more than a quarter of its radius away from the last touch a cloud of first_nodes is made,
 /// in some two tenths of a second, and beside the frames that follow one of `nodes`, which takes its place. While
-/// it touches it keeps to its axis: ways across the push take effect at the next touch.
+/// it touches it keeps to its axis (LiveFrame::Tool::ignored): ways across the push take effect at the next touch.
 struct LiveTool {
   const LiveOrgan* organ = nullptr;
   Index nodes = 1000;
@@ -64,8 +64,17 @@ void put_down(LiveTool& tool, const Vec3& tip, bool beside);
 /// Half the band of the last frame's force [N]: how far it may be from that of an ever finer cloud. Nothing where no band is
 /// known (see Band).
 std::optional<double> half_band(const LiveTool& tool);
-/// Along the push from the middle of the circle [m].
-double depth_of(const LiveTool& tool, const Vec3& tip);
+/// How far a tip [3] LPS m is along the push from the middle of the circle, and off its axis [m].
+struct OnAxis {
+  double depth, aside;
+};
+OnAxis on_axis(const Indenter& tool, const Vec3& tip);
+/// Farther off the axis than a touch counts as the same.
+bool is_aside(const Indenter& tool, const OnAxis& at);
+/// Inside the body at rest; asked by any thread.
+bool is_inside(const LiveOrgan& organ, const Vec3& tip);
+/// "there", "lags", "stopped", "ignored", "beyond".
+const char* name_of(LiveFrame::Tool tool);
 /// The tip goes to a place [3] LPS m, or as far as the body can be followed within the limit.
 LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt = 0.0);
 /// The same along the push, from where the tool stands.
@@ -97,13 +106,18 @@ struct PathOptions {
 /// is.
 std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const PathOptions& options,
                                    const std::function<void(const PathFrame&)>& each = {});
-/// forces.csv: time_s, asked_mm, depth_mm, force_N, error_N, half_band_N, band_known, stiffness_N_per_m, residual, evaluations, tool; and what differs
-/// from one time to the next, times.csv: time_s, frame_ms.
+/// forces.csv: time_s, asked_mm, depth_mm, force_N, error_N, half_band_N, band_known, stiffness_N_per_m, residual,
+/// evaluations, tool, and the vector of the force on the tool and its moment; and what differs from one time to the next,
+/// times.csv: time_s, frame_ms.
 void write_path_frames(const std::filesystem::path& folder, const std::vector<PathFrame>& frames);
 
 /// As many nodes as can be followed at `rate` frames a second on this machine, tried with the cloud of 1000 at a way of 10
 /// mm/s. In hundreds, 500 to 4000.
 Index nodes_for_rate(const LiveOrgan& organ, double rate);
+
+/// What a window says of a frame: force, error, depth and status, or where in the air the tool is. `by_hand`: it is moved by the
+/// mouse.
+std::string words_of(const PathFrame& now, bool by_hand);
 
 /// "2,600 nodes, 31 fps, force +-3 %": the rate that 99 % of the frames kept, and the error with the band of the
 /// discretisation, that 95 % of the frames state at most.

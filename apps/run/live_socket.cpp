@@ -15,11 +15,11 @@
 #include <chrono>
 #include <cmath>
 #include <cstring>
-#include <exception>
 #include <mutex>
 #include <string_view>
 #include <thread>
 
+#include "apps/run/stopwatch.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "solver/between_frames.hpp"
@@ -31,7 +31,9 @@ namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t longest_line = 256;
-constexpr int looks_ms = 50;  // between two looks at whether the work is to end
+constexpr int looks_ms = 50;         // between two looks at whether the work is to end
+constexpr double patience_s = 1.0;   // with a program that takes no answers
+constexpr int kept_bytes = 1 << 15;  // of answers that nobody has taken; more only for the last words
 
 double seconds_since(Clock::time_point begin) {
   return std::chrono::duration<double>(Clock::now() - begin).count();
@@ -82,10 +84,12 @@ void listen_at(const fs::path& path, Descriptor& socket) {
     }
     unlink(name.c_str());
   }
+  // The owner's alone: from the moment that it is there, and whatever the umask is.
+  constexpr mode_t owners = S_IRUSR | S_IWUSR;
   socket.number = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  if (socket.number < 0 ||
+  if (socket.number < 0 || fchmod(socket.number, owners) != 0 ||
       bind(socket.number, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0 ||
-      listen(socket.number, 1) != 0)
+      chmod(name.c_str(), owners) != 0 || listen(socket.number, 8) != 0)
     fail(path, "the socket cannot be made");
 }
 
@@ -105,152 +109,239 @@ int numbers_in(std::string_view line, double (&number)[3]) {
   return count == 1 || count == 3 ? count : 0;
 }
 
-// What both threads know.
-struct Shared {
-  std::mutex mutex;
+std::string number(double value) {
+  return fmt::format("{:.9g}", value + 0.0);  // no -0
+}
+
+void send_words(int client, const std::string& words) {
+  (void)send(client, words.data(), words.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+}
+
+}  // namespace
+
+struct ForceServer::Parts {
+  Parts(const LiveTool& live, const fs::path& at) : path(at), organ(*live.organ), tool(live.session->model().tool) {
+    tip = tool.centre;
+    between.radius = tool.radius;
+    touches = live.touches;
+    listen_at(path, listening);
+    thread = std::thread([this] { serve(); });
+  }
+  ~Parts() {
+    end = true;
+    thread.join();
+    unlink(path.c_str());
+  }
+
+  const fs::path path;
+  const LiveOrgan& organ;
+  Descriptor listening;
+  const Clock::time_point begin = Clock::now();
+  std::atomic<bool> end = false;
+
+  // What both threads know.
+  mutable std::mutex mutex;
   Vec3 tip;            // asked for last
   bool along = true;   // by its depth alone
   double depth = 0.0;  // then this
   BetweenFrames between;
   LiveFrame frame;  // the last
   Indenter tool;    // of the last touch
-  std::exception_ptr failed;
-  std::atomic<bool> end = false;
-  std::int64_t frames = 0;
+  Index touches = 0;
+  std::optional<Vec3> no_place;  // where it could not come down
+  Served served;
+
+  // Of the thread that answers.
+  std::string received, answers;  // of the program that moves the tool
+  Clock::time_point taken;        // when it last took something
+  std::thread thread;
+
+  double now() const { return seconds_since(begin); }
+  bool no_place_at(const Vec3& at) const { return no_place && (at - *no_place).norm() < 0.25 * tool.radius; }
+  void serve();
+  LiveAnswer at_tip();
+  std::string answer_to(std::string_view line);
+  bool read_from(int client);
+  bool write_to(int client);
+  void turn_away() const;
 };
 
-void find_frames(LiveTool& tool, double rate, const std::function<void(const PathFrame&)>& each,
-                 Shared& shared) try {
-  const Clock::time_point begin = Clock::now();
-  const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1.0 / rate));
-  Clock::time_point next = begin;
-  // One processor is left to the answers.
-  tbb::task_arena others(std::max(1, tbb::this_task_arena::max_concurrency() - 1));
-  while (!shared.end.load()) {
-    Vec3 tip;
-    bool along;
-    double depth;
-    {
-      const std::lock_guard lock(shared.mutex);
-      tip = shared.tip, along = shared.along, depth = shared.depth;
-    }
-    const Clock::time_point now = Clock::now();
-    const FrameLimit limit{.seconds = 0.9 / rate};
-    const LiveFrame frame = others.execute([&] {
-      return along ? move_depth(tool, depth, limit, 1.0 / rate) : move_tip(tool, tip, limit, 1.0 / rate);
-    });
-    {
-      const std::lock_guard lock(shared.mutex);
-      shared.tool = tool.session->model().tool;
-      shared.frame = frame;
-      correct(shared.between, frame);
-      ++shared.frames;
-    }
-    if (each)
-      each({.time = seconds_since(begin), .seconds = seconds_since(now), .frame = frame, .tip = tool.tip});
-    next = std::max(next + period, Clock::now());
-    std::this_thread::sleep_until(next);
+// Where the tip is asked to be by its place. It may be in the air beside the circle, or pushed across at depth.
+LiveAnswer ForceServer::Parts::at_tip() {
+  const OnAxis at = on_axis(tool, tip);
+  if (!is_aside(tool, at)) return answer(between, at.depth, now());
+  LiveAnswer said;
+  if (frame.depth > 0.0 && at.depth > 0.0) {
+    said = answer(between, at.depth, now());
+    if (said.tool != LiveFrame::Tool::beyond) said.tool = LiveFrame::Tool::ignored;
+  } else if (is_inside(organ, tip)) {
+    said.tool = no_place_at(tip) ? LiveFrame::Tool::ignored : LiveFrame::Tool::lags;  // it is coming down there
   }
-} catch (...) {
-  const std::lock_guard lock(shared.mutex);
-  shared.failed = std::current_exception();
-  shared.end = true;
+  return said;
 }
 
-std::string answer_to(std::string_view line, double dt, Shared& shared, Served& served) {
-  double number[3];
-  const int count = numbers_in(line, number);
+std::string ForceServer::Parts::answer_to(std::string_view line) {
+  double values[3];
+  const int count = numbers_in(line, values);
+  const std::lock_guard lock(mutex);
   if (count == 0) {
     ++served.refused;
     return "error: a line is x_mm y_mm z_mm, or one depth_mm\n";
   }
   ++served.answers;
-  const std::lock_guard lock(shared.mutex);
-  double depth;
-  shared.along = count == 1;
-  if (count == 1) {
-    depth = shared.depth = 1e-3 * number[0];
+  along = count == 1;
+  LiveAnswer said;
+  if (along) {
+    depth = 1e-3 * values[0];
+    said = answer(between, depth, now());
   } else {
-    shared.tip = 1e-3 * Vec3(number[0], number[1], number[2]);
-    const Vec3 from = shared.tip - shared.tool.centre;
-    depth = from.dot(shared.tool.push);
-    // Beside the circle it is in the air, until it has come down there.
-    if ((from - depth * shared.tool.push).norm() > shared.tool.radius && shared.frame.depth <= 0.0)
-      depth = 0.0;
+    tip = 1e-3 * Vec3(values[0], values[1], values[2]);
+    said = at_tip();
   }
-  const double force = answer(shared.between, depth, dt);
-  const Vec3 on_tool = -force * shared.tool.push;
-  return fmt::format("{:.9g} {:.9g} {:.9g} {:.6g} {:.6g}\n", on_tool.x(), on_tool.y(), on_tool.z(),
-                     1e3 * shared.frame.depth, shared.frame.error);
+  std::string text;
+  for (Index c = 0; c < 3; ++c) text += number(said.on_tool[c]) + ' ';
+  text += fmt::format("{:.6g} {:.6g} ", 1e3 * said.depth + 0.0, said.error);
+  for (Index c = 3; c < 6; ++c) text += number(said.on_tool[c]) + ' ';
+  return text + name_of(said.tool) + '\n';
 }
 
-// Until it goes or takes no more answers, or the work is to end.
-void serve(int client, const std::function<bool()>& goes_on, Shared& shared, Served& served) {
-  std::string received;
-  Clock::time_point last = Clock::now();
+// False: it has gone.
+bool ForceServer::Parts::read_from(int client) {
+  const Clock::time_point arrived = Clock::now();
   char buffer[4096];
-  while (goes_on()) {
-    pollfd wait{.fd = client, .events = POLLIN, .revents = 0};
-    if (poll(&wait, 1, looks_ms) <= 0) continue;
-    const Clock::time_point arrived = Clock::now();
-    const ssize_t got = recv(client, buffer, sizeof buffer, 0);
-    if (got <= 0) return;
-    received.append(buffer, static_cast<std::size_t>(got));
-    std::string answers;
-    std::size_t begin = 0;
-    for (std::size_t end; (end = received.find('\n', begin)) != std::string::npos; begin = end + 1) {
-      const Clock::time_point now = Clock::now();
-      answers += answer_to(std::string_view(received).substr(begin, end - begin),
-                           std::chrono::duration<double>(now - last).count(), shared, served);
-      last = now;
+  const ssize_t got = recv(client, buffer, sizeof buffer, MSG_DONTWAIT);
+  if (got < 0 && (errno == EAGAIN || errno == EINTR)) return true;
+  if (got <= 0) return false;
+  received.append(buffer, static_cast<std::size_t>(got));
+  taken = arrived;
+  std::size_t from = 0;
+  for (std::size_t to; (to = received.find('\n', from)) != std::string::npos; from = to + 1)
+    answers += answer_to(std::string_view(received).substr(from, to - from));
+  received.erase(0, from);
+  if (received.size() > longest_line) {
+    received.clear();
+    answers += "error: a line is longer than 256 characters\n";
+    const std::lock_guard lock(mutex);
+    ++served.refused;
+  }
+  if (!write_to(client)) return false;
+  const std::lock_guard lock(mutex);
+  served.slowest_s = std::max(served.slowest_s, seconds_since(arrived));
+  return true;
+}
+
+// False: it has gone, or takes nothing. What does not fit waits, and until then nothing more is read.
+bool ForceServer::Parts::write_to(int client) {
+  while (!answers.empty()) {
+    const ssize_t sent = send(client, answers.data(), answers.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+    if (sent < 0 && errno != EAGAIN && errno != EINTR) return false;
+    if (sent <= 0) break;
+    taken = Clock::now();
+    answers.erase(0, static_cast<std::size_t>(sent));
+  }
+  if (answers.empty() || seconds_since(taken) < patience_s) return true;
+  const int more = 2 * kept_bytes;
+  setsockopt(client, SOL_SOCKET, SO_SNDBUF, &more, sizeof more);
+  send_words(client, "\nerror: the answers were not taken for 1 s; read each before you ask on\n");
+  return false;
+}
+
+void ForceServer::Parts::turn_away() const {
+  const Descriptor other(accept4(listening.number, nullptr, nullptr, SOCK_CLOEXEC));
+  if (other.number >= 0) send_words(other.number, "error: another program moves the tool; try again when it has gone\n");
+}
+
+void ForceServer::Parts::serve() {
+  Descriptor client;
+  const auto leave = [&] {
+    client.close();
+    received.clear(), answers.clear();
+  };
+  while (!end.load()) {
+    const short asks = answers.empty() ? POLLIN : POLLOUT;
+    pollfd wait[] = {{.fd = listening.number, .events = POLLIN, .revents = 0},
+                     {.fd = client.number, .events = asks, .revents = 0}};
+    const int ready = poll(wait, 2, looks_ms);
+    // Who has gone makes room for who has come since.
+    if (ready > 0 && (wait[1].revents & (POLLIN | POLLHUP | POLLERR)) != 0 && answers.empty() && !read_from(client.number))
+      leave();
+    if (!answers.empty() && !write_to(client.number)) leave();
+    if (ready <= 0 || wait[0].revents == 0) continue;
+    if (client.number >= 0) {
+      const std::lock_guard lock(mutex);
+      ++served.turned_away;
+      turn_away();
+      continue;
     }
-    received.erase(0, begin);
-    if (received.size() > longest_line) {
-      ++served.refused;
-      received.clear();
-      answers += "error: a line is longer than 256 characters\n";
-    }
-    for (std::size_t sent = 0; sent < answers.size();) {
-      const ssize_t n =
-          send(client, answers.data() + sent, answers.size() - sent, MSG_NOSIGNAL | MSG_DONTWAIT);
-      if (n <= 0) return;
-      sent += static_cast<std::size_t>(n);
-    }
-    served.slowest_s = std::max(served.slowest_s, seconds_since(arrived));
+    client.number = accept4(listening.number, nullptr, nullptr, SOCK_CLOEXEC);
+    if (client.number >= 0) setsockopt(client.number, SOL_SOCKET, SO_SNDBUF, &kept_bytes, sizeof kept_bytes);
   }
 }
 
-}  // namespace
+ForceServer::ForceServer(const LiveTool& tool, const fs::path& path) : parts_(std::make_unique<Parts>(tool, path)) {}
+ForceServer::~ForceServer() = default;
+
+PathFrame ForceServer::move(LiveTool& tool, const FrameLimit& limit, double dt) {
+  Parts& p = *parts_;
+  Vec3 tip;
+  bool along, no_place;
+  double depth;
+  {
+    const std::lock_guard lock(p.mutex);
+    tip = p.tip, along = p.along, depth = p.depth;
+    no_place = !along && p.no_place_at(tip);
+  }
+  PathFrame now{.time = p.now()};
+  const Stopwatch watch;
+  const auto stay = [&] {
+    now.frame = move_depth(tool, 0.0, limit, dt);
+    tool.tip = tip;
+    tool.frame.tool = now.frame.tool = LiveFrame::Tool::ignored;
+  };
+  try {
+    if (no_place)
+      stay();
+    else
+      now.frame = along ? move_depth(tool, depth, limit, dt) : move_tip(tool, tip, limit, dt);
+  } catch (const ModelError&) {  // no cloud fits there: the tool stays in the air until it is asked elsewhere
+    stay();
+    no_place = true;
+  }
+  now.tip = tool.tip;
+  now.seconds = watch.seconds();
+  now.half_band = half_band(tool);
+  const std::lock_guard lock(p.mutex);
+  if (p.touches != tool.touches) forget(p.between);
+  p.touches = tool.touches;
+  p.no_place = no_place ? std::optional(tip) : std::nullopt;
+  p.tool = tool.session->model().tool;
+  p.between.radius = p.tool.radius;
+  p.frame = now.frame;
+  correct(p.between, now.frame, p.now());
+  ++p.served.frames;
+  return now;
+}
+
+Served ForceServer::served() const {
+  const std::lock_guard lock(parts_->mutex);
+  return parts_->served;
+}
 
 Served serve_forces(LiveTool& tool, const fs::path& path, double rate, double seconds,
                     const std::function<void(const PathFrame&)>& each) {
-  Descriptor listening;
-  listen_at(path, listening);
-  struct Gone {
-    const fs::path& path;
-    ~Gone() { unlink(path.c_str()); }
-  } gone{path};
-  Shared shared;
-  shared.tool = tool.session->model().tool;
-  shared.tip = shared.tool.centre;
-  shared.between.trusted = 0.2 * shared.tool.radius;
-  Served served;
+  ForceServer server(tool, path);
   const Clock::time_point begin = Clock::now();
-  const auto goes_on = [&] {
-    return !shared.end.load() && stop_asked() == StopReason::none && seconds_since(begin) < seconds;
-  };
-  std::thread frames([&] { find_frames(tool, rate, each, shared); });
-  while (goes_on()) {
-    pollfd wait{.fd = listening.number, .events = POLLIN, .revents = 0};
-    if (poll(&wait, 1, looks_ms) <= 0) continue;
-    const Descriptor client(accept4(listening.number, nullptr, nullptr, SOCK_CLOEXEC));
-    if (client.number >= 0) serve(client.number, goes_on, shared, served);
+  const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1.0 / rate));
+  Clock::time_point next = begin;
+  // One processor is left to the answers.
+  tbb::task_arena others(std::max(1, tbb::this_task_arena::max_concurrency() - 1));
+  while (stop_asked() == StopReason::none && seconds_since(begin) < seconds) {
+    const PathFrame now = others.execute([&] { return server.move(tool, {.seconds = 0.9 / rate}, 1.0 / rate); });
+    if (each) each(now);
+    next = std::max(next + period, Clock::now());
+    std::this_thread::sleep_until(next);
   }
-  shared.end = true;
-  frames.join();
-  if (shared.failed && stop_asked() == StopReason::none) std::rethrow_exception(shared.failed);
-  served.frames = shared.frames;
-  return served;
+  return server.served();
 }
 
 }  // namespace dimple

@@ -302,6 +302,11 @@ void ResultWriter::tables(const History& history, const Band& band, double sprea
   if (spread > 0.0)
     add_from_to("mu_low_N", "mu_high_N",
                 [&](std::size_t k) { return spread * std::abs(history.force[k].force); });
+  for (std::size_t c = 0; c < wrench_columns.size(); ++c) {
+    force.header.push_back(wrench_columns[c]);
+    std::vector<double>& column = force.column.emplace_back();
+    for (const ForceSample& s : history.force) column.push_back(s.on_tool[c]);
+  }
   write_csv(folder_ / "force.csv", force);
 
   Table energy{.header = {"time_s", "indentation_mm", "kinetic_J", "stored_J", "external_work_J",

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <future>
 #include <optional>
@@ -28,6 +29,10 @@ struct Wanted {
 };
 Wanted wanted_of(const Config& config);
 inline constexpr Wanted tables_alone = {false, false, false, false, false, false, false};
+
+/// The force of the tissue on the tool and its moment about the circle's middle, which moves with the tool: LPS, in files.
+inline constexpr std::array wrench_columns = {"force_x_N",   "force_y_N",   "force_z_N",
+                                              "moment_x_Nm", "moment_y_Nm", "moment_z_Nm"};
 
 /// At the integration points.
 struct PointStress {

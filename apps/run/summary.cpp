@@ -218,6 +218,12 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   summary["indentation_mm"] = reached;
   const double force = history.force.empty() ? 0.0 : history.force.back().force;
   summary["force_N"] = force;
+  if (!history.force.empty()) {
+    const Eigen::Map<const Wrench> on_tool(history.force.back().on_tool.data());
+    summary["force_on_tool_N"] = {on_tool[0], on_tool[1], on_tool[2]};
+    summary["moment_on_tool_Nm"] = {on_tool[3], on_tool[4], on_tool[5]};
+    summary["lateral_share"] = lateral_share(on_tool, model.tool.push);
+  }
   summary["base_force_N"] = history.force.empty() ? 0.0 : history.force.back().base_force;
   summary["band"] = band_json(result.band, history);
   if (result.spread > 0.0)

@@ -255,6 +255,12 @@ Json columns_of(const Table& table) {
       {"base_force_N", {"force that the held base carries", "N"}},
       {"low_N", {"low end of the force's band, by its discretisation", "N"}},
       {"high_N", {"high end of the force's band, by its discretisation", "N"}},
+      {"force_x_N", {"force of the tissue on the tool, towards the patient's left", "N"}},
+      {"force_y_N", {"force of the tissue on the tool, towards posterior", "N"}},
+      {"force_z_N", {"force of the tissue on the tool, towards superior", "N"}},
+      {"moment_x_Nm", {"its moment about the circle's middle, which moves with the tool; about the axis to the left", "N.m"}},
+      {"moment_y_Nm", {"the same about the axis to posterior", "N.m"}},
+      {"moment_z_Nm", {"the same about the axis to superior", "N.m"}},
       {"mu_low_N", {"low end of the force's band, by the shear modulus", "N"}},
       {"mu_high_N", {"high end of the force's band, by the shear modulus", "N"}}};
   Json columns = Json::object();

@@ -227,15 +227,238 @@ class Device {
   bool connected() const { return connected_; }
   std::string ask(const std::string& line) {
     if (send(socket_, line.data(), line.size(), MSG_NOSIGNAL) < 0) return {};
-    char answer[512];
+    return hear();
+  }
+  // What has come, or comes next; nothing when the other side has closed.
+  std::string hear() {
+    char answer[4096];
     const ssize_t got = recv(socket_, answer, sizeof answer, 0);
     return got > 0 ? std::string(answer, static_cast<std::size_t>(got)) : std::string();
+  }
+  // As many bytes as go without waiting.
+  std::size_t pour(const std::string& lines) {
+    const ssize_t sent = send(socket_, lines.data(), lines.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+    return sent > 0 ? static_cast<std::size_t>(sent) : 0;
   }
 
  private:
   int socket_ = -1;
   bool connected_ = false;
 };
+
+struct Felt {
+  Vec3 force, moment;
+  double depth_mm = 0.0, error = 0.0;
+  std::string tool;
+  double along(const Vec3& push) const { return -force.dot(push); }
+};
+Felt felt_in(const std::string& answer) {
+  Felt felt;
+  char tool[32] = {};
+  EXPECT_EQ(std::sscanf(answer.c_str(), "%lf %lf %lf %lf %lf %lf %lf %lf %31s", &felt.force.x(), &felt.force.y(), &felt.force.z(),
+                        &felt.depth_mm, &felt.error, &felt.moment.x(), &felt.moment.y(), &felt.moment.z(), tool),
+            9)
+      << answer;
+  EXPECT_EQ((" " + answer).find(" -0 "), std::string::npos) << answer;
+  felt.tool = tool;
+  return felt;
+}
+
+void sleep_ms(int ms) {
+  std::this_thread::sleep_for(std::chrono::milliseconds(ms));
+}
+
+// A tool on the phantom's dome that devices move. The path of a socket has 107 characters at most.
+struct Served {
+  fs::path folder = folder_with_brain();
+  fs::path at = fs::temp_directory_path() / fmt::format("dimple_{}.sock", getpid());
+  Program program;
+  Vec3 push;
+  explicit Served(const std::string& further = "")
+      : program(folder, words_of("poke brain.nrrd --nodes 600 -q --seconds 250 --socket " + at.string() + " " + further)) {
+    Device first(at);
+    EXPECT_TRUE(first.connected()) << program.err_so_far();
+    push = -settled(first, 0.5).force.normalized();  // but for what is lateral: enough for a sign
+  }
+  // What is felt at a depth once nothing changes any more.
+  static Felt settled(Device& device, double mm) {
+    Felt felt;
+    for (int k = 0; k < 150; ++k, sleep_ms(20))
+      if (felt = felt_in(device.ask(fmt::format("{}\n", mm))); k > 25 && felt.tool == "there" && felt.error < 0.01 * felt.force.norm())
+        break;
+    EXPECT_EQ(felt.tool, "there");
+    EXPECT_EQ(felt.depth_mm, mm);
+    return felt;
+  }
+  int end() {
+    program.send(SIGINT);
+    return program.wait().code;
+  }
+};
+
+TEST(Poke, TwoHundredShortLivedDevicesLeaveTheNextOnesForceRight) {
+  Served served;
+  Felt truth;
+  {
+    Device device(served.at);
+    truth = Served::settled(device, 1.0);
+  }
+  for (int k = 0; k < 200; ++k) {
+    Device device(served.at);
+    felt_in(device.ask(fmt::format("{}\n", (k * 37) % 200 * 0.01)));
+  }
+  Device next(served.at);
+  for (int k = 0; k < 40; ++k, sleep_ms(10)) {
+    const Felt felt = felt_in(next.ask("1\n"));
+    EXPECT_GE(felt.along(served.push), 0.0);
+    if (felt.tool != "there") continue;
+    EXPECT_NEAR(felt.along(served.push), truth.along(served.push), felt.error + 0.01 * truth.force.norm()) << k;
+  }
+  const Felt at_last = Served::settled(next, 1.0);
+  EXPECT_LT((at_last.force - truth.force).norm(), 0.01 * truth.force.norm());
+  EXPECT_LT((at_last.moment - truth.moment).norm(), 0.01 * truth.moment.norm() + 1e-9);
+  EXPECT_EQ(served.end(), 130);
+}
+
+TEST(Poke, ADeviceThatJumpsOrShakesIsNeverPulledAndNeverToldMoreThanTheDeepestPlaceGives) {
+  Served served;
+  Device device(served.at);
+  const double most = Served::settled(device, 2.0).along(served.push);
+  for (int k = 0; k < 300; ++k, sleep_ms(5)) {
+    const double mm = k < 150 ? (k % 2) * 2.0 : 1.0 - std::cos(2.0 * 3.14159265 * 10.0 * 0.005 * k);
+    const Felt felt = felt_in(device.ask(fmt::format("{:.6f}\n", mm)));
+    ASSERT_GE(felt.along(served.push), -felt.error) << k;
+    ASSERT_LE(felt.along(served.push), most + felt.error) << k;
+    ASSERT_LE(felt.error, 1.5 * most) << "an error that is always wide says nothing";
+    ASSERT_LE(felt.depth_mm, mm + 1e-6);
+  }
+  EXPECT_EQ(served.end(), 130);
+}
+
+TEST(Poke, SaysWhatIsNotFollowed) {
+  Served served;
+  Device device(served.at);
+  // The dome of one half of the phantom.
+  for (const char* above : {"13.9 0 32\n", "13.9 0 27.6\n"})
+    for (int k = 0; k < 40; ++k, sleep_ms(50))
+      if (felt_in(device.ask(above)).tool == "there") break;
+  Felt deep;
+  for (int k = 0; k < 100; ++k, sleep_ms(50))
+    if (deep = felt_in(device.ask("13.9 0 24.6\n")); k > 10 && deep.tool == "there" && deep.depth_mm > 1.0) break;
+  ASSERT_EQ(deep.tool, "there");
+  sleep_ms(500);
+  deep = felt_in(device.ask("13.9 0 24.6\n"));
+  const Felt aside = felt_in(device.ask("19.9 0 24.6\n"));
+  EXPECT_EQ(aside.tool, "ignored");
+  EXPECT_GT(aside.depth_mm, 0.5) << "it has kept to its axis";
+  felt_in(device.ask("13.9 0 24.6\n"));
+  felt_in(device.ask("200\n"));
+  sleep_ms(600);
+  const Felt beyond = felt_in(device.ask("200\n"));
+  EXPECT_EQ(beyond.tool, "beyond");
+  EXPECT_LT(beyond.depth_mm, 100.0);
+  EXPECT_EQ(served.end(), 130);
+}
+
+TEST(Poke, OneDeviceMovesTheToolAndOthersAreTurnedAwayInWords) {
+  Served served;
+  Device second(served.at);
+  felt_in(second.ask("1\n"));
+  {
+    Device third(served.at);
+    EXPECT_EQ(third.hear(), "error: another program moves the tool; try again when it has gone\n");
+    EXPECT_EQ(third.hear(), "") << "and is let go";
+  }
+  felt_in(second.ask("1\n"));
+  EXPECT_EQ(served.end(), 130);
+}
+
+TEST(Poke, ADeviceThatTakesNoAnswersIsToldAndLeavesRoomForTheNext) {
+  Served served;
+  std::string heard;
+  {
+    Device flood(served.at);
+    std::string lines;
+    for (int k = 0; k < 2000; ++k) lines += "0.5\n";
+    for (int k = 0; k < 30; ++k, sleep_ms(50)) flood.pour(lines);
+    for (std::string more; !(more = flood.hear()).empty();) heard += more;
+  }
+  EXPECT_NE(heard.find("\nerror: the answers were not taken for 1 s"), std::string::npos) << heard.size();
+  Device next(served.at);
+  felt_in(next.ask("0.5\n"));
+  EXPECT_EQ(served.end(), 130);
+}
+
+TEST(Poke, TheSocketIsItsOwnersAloneWhateverTheUmask) {
+  const fs::path folder = folder_with_brain();
+  for (const char* umask : {"0", "0777"}) {
+    const fs::path at = fs::temp_directory_path() / fmt::format("dimple_{}_{}.sock", getpid(), umask);
+    Program program(folder,
+                    {"-c", fmt::format("umask {}; exec '{}' poke brain.nrrd --nodes 500 -q --seconds 100 --socket {}", umask,
+                                       DIMPLE_PROGRAM, at.string())},
+                    "/bin/sh");
+    Device device(at);
+    ASSERT_TRUE(device.connected()) << program.err_so_far();
+    EXPECT_EQ(fs::status(at).permissions(), fs::perms::owner_read | fs::perms::owner_write) << umask;
+    program.send(SIGINT);
+    EXPECT_EQ(program.wait().code, 130);
+  }
+}
+
+TEST(Poke, WhatADeviceDoesIsRecordedWithTheVectorOfItsForce) {
+  Served served("--record rec");
+  {
+    Device device(served.at);
+    Served::settled(device, 1.5);
+  }
+  EXPECT_EQ(served.end(), 130);
+  const Table felt = read_csv(served.folder / "rec" / "forces.csv");
+  const auto &force = *felt.find("force_N"), &depth = *felt.find("depth_mm");
+  const std::size_t k = force.size() - 1;
+  EXPECT_EQ(depth[k], 1.5);
+  EXPECT_GT(force[k], 1e-3);
+  const Vec3 vector((*felt.find("force_x_N"))[k], (*felt.find("force_y_N"))[k], (*felt.find("force_z_N"))[k]);
+  EXPECT_GE(vector.norm(), force[k] * (1.0 - 1e-6));
+  EXPECT_LT(vector.norm(), 1.5 * force[k]);
+  EXPECT_TRUE(felt.find("moment_z_Nm"));
+  EXPECT_TRUE(fs::exists(served.folder / "rec" / "surface.pvd"));
+}
+
+TEST(Poke, ADeviceMovesTheToolInAWindowToo) {
+  if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
+  const fs::path folder = folder_with_brain();
+  const fs::path at = fs::temp_directory_path() / fmt::format("dimple_{}_w.sock", getpid());
+  Program program(folder,
+                  {"-c", fmt::format("exec xvfb-run -a -n $((200 + $$ % 700)) -s '-screen 0 1400x900x24 -noreset' '{}' poke brain.nrrd "
+                                     "--nodes 500 -q --seconds 20 --fps 10 --window --record rec --socket {}",
+                                     DIMPLE_PROGRAM, at.string())},
+                  "/bin/sh");
+  {
+    Device device(at);
+    ASSERT_TRUE(device.connected()) << program.err_so_far();
+    Felt felt;
+    for (int k = 0; k < 100; ++k, sleep_ms(100))
+      if (felt = felt_in(device.ask("2\n")); felt.tool == "there" && felt.error < 0.05 * felt.force.norm()) break;
+    EXPECT_EQ(felt.depth_mm, 2.0);
+    EXPECT_GT(felt.force.norm(), 1e-3);
+  }
+  const Ran ran = program.wait();
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  EXPECT_NE(ran.out.find(" answers, "), std::string::npos) << ran.out;
+  const std::vector<double> depth = *read_csv(folder / "rec" / "forces.csv").find("depth_mm");
+  EXPECT_EQ(depth.back(), 2.0) << "the tool stays where it was left";
+  EXPECT_TRUE(fs::exists(folder / "rec" / "window" / "window_0000.png"));
+}
+
+TEST(Poke, AScriptThatMovesTheToolAcrossAtDepthIsToldOfIt) {
+  const fs::path folder = folder_with_brain();
+  write_file(folder / "path.csv", "time_s,x_mm,y_mm,z_mm\n0,13.9,0,27.6\n0.4,13.9,0,23.6\n0.8,13.9,0,23.6\n1.2,23.9,0,23.6\n");
+  const Ran ran = dimple(folder, "poke brain.nrrd --script path.csv --nodes 600 --evaluations 12 -q --record rec");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Table felt = read_csv(folder / "rec" / "forces.csv");
+  EXPECT_EQ(felt.find("tool")->back(), 3.0) << "ignored";
+  EXPECT_GT(felt.find("force_N")->back(), 1e-3);
+}
 
 TEST(Poke, AnswersADeviceWithForcesThatDoNotJump) {
   const fs::path folder = folder_with_brain();
@@ -276,7 +499,6 @@ TEST(Poke, RefusesAPathThatIsNone) {
   refused("time_s,depth_mm\n0,1\n9000,2\n", "9000 s");
   EXPECT_EQ(dimple(folder, "poke brain.nrrd --script path.csv --socket a.sock").code, 2);
   EXPECT_EQ(dimple(folder, "poke brain.nrrd --script path.csv --fps 0").code, 2);
-  EXPECT_EQ(dimple(folder, "poke brain.nrrd --socket a.sock --window").code, 2);
   const Ran far = dimple(folder, {"poke", "brain.nrrd", "--socket", std::string(120, 's')});
   EXPECT_EQ(far.code, 2);
   EXPECT_NE(far.err.find("107 characters"), std::string::npos) << far.err;

@@ -3,7 +3,10 @@
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdlib>
+#include <iostream>
 #include <limits>
 #include <random>
 
@@ -60,6 +63,35 @@ TEST(Live, AForceIsBetterForWhatIsLeftUnbalancedBeingAccountedFor) {
     without += std::abs(live.force() - still.force());
   }
   EXPECT_LT(with, 0.5 * without);
+}
+
+TEST(Live, AFrameHasTheForceAcrossThePushAndTheMomentOfEquilibriumToo) {
+  // Ten times as stiff on one side.
+  const Model model = testing_bodies::averaged_block(6, 0.2, 1.8, [](const Vec3& x) { return x.x() > 17e-3; });
+  const std::vector<Material> tissues = {tissue, neo_hookean(2100.0, 0.499, 1000.0)};
+  Session live(model, tissues), still(model, tissues, {.tolerance = 1e-5});
+  Wrench last = Wrench::Zero();
+  for (const double depth : {0.4e-3, 0.8e-3, 1.2e-3, 1.2e-3, 1.2e-3}) {
+    const LiveFrame frame = live.follow(depth, {.evaluations = 30});
+    EXPECT_NEAR(-frame.on_tool.head<3>().dot(model.tool.push), frame.force, 1e-12);
+    EXPECT_TRUE((frame.force * frame.per_force).isApprox(frame.on_tool, 1e-12));
+    still.equilibrate(frame.depth);
+    const Wrench true_one = still.on_tool();
+    EXPECT_GT(lateral_share(true_one, model.tool.push), 0.1);
+    EXPECT_LT((frame.on_tool - true_one).head<3>().norm(), 0.02 * true_one.head<3>().norm()) << depth;
+    EXPECT_LT((frame.on_tool - true_one).tail<3>().norm(), 0.05 * true_one.tail<3>().norm()) << depth;
+    last = frame.per_force;
+  }
+  const LiveFrame lifted = live.follow(0.0, {.evaluations = 8});
+  EXPECT_TRUE(lifted.on_tool.isZero(0.0));
+  EXPECT_LT((lifted.per_force - last).norm(), 0.2 * last.norm()) << "its direction at the next touch is known";
+}
+
+TEST(Live, AToolThatIsAskedThroughTheBodySaysSo) {
+  Session session(testing_bodies::averaged_block(), {tissue});  // 20 mm high
+  EXPECT_NE(session.follow(19.9e-3, {.evaluations = 8}).tool, LiveFrame::Tool::beyond);
+  EXPECT_EQ(session.follow(20.1e-3, {.evaluations = 8}).tool, LiveFrame::Tool::beyond);
+  EXPECT_NE(session.follow(1e-3, {.evaluations = 100}).tool, LiveFrame::Tool::beyond);
 }
 
 TEST(Live, TheSameWayGivesTheSameForcesWithAnyNumberOfThreads) {
@@ -191,6 +223,14 @@ TEST(KnownStates, OfTwoNeighboursTheOneNearerToEquilibriumStays) {
   EXPECT_EQ(known.state[1].at, 1.2);
 }
 
+LiveFrame frame_at(double depth, double force, double stiffness, double error = 0.0) {
+  LiveFrame frame;
+  frame.depth = frame.asked = depth;
+  frame.force = force, frame.stiffness = stiffness, frame.error = error;
+  frame.per_force << 0.3, 0.0, 1.0, 0.0, 1e-3, 0.0;
+  return frame;
+}
+
 // 200 answers a second over frames of 25 a second that come late and are each 5 % off, to and fro.
 TEST(BetweenFrames, CorrectionsDoNotMakeTheForceJump) {
   BetweenFrames between;
@@ -198,24 +238,243 @@ TEST(BetweenFrames, CorrectionsDoNotMakeTheForceJump) {
   for (int k = 0; k < 2000; ++k) {
     const double t = 0.005 * k, depth = 2.5e-3 - 2.5e-3 * std::cos(t), force = 10.0 * depth;
     if (k > 0) {
-      const double now = answer(between, depth, 0.005);
+      const LiveAnswer said = answer(between, depth, t);
       const double moved = 10.0 * std::abs(depth - (2.5e-3 - 2.5e-3 * std::cos(t - 0.005)));
-      if (k > 20) largest = std::max(largest, std::abs(now - last) - 1.5 * moved);
+      if (k > 20) largest = std::max(largest, std::abs(said.force - last) - 1.5 * moved);
       if (k > 100) {
-        EXPECT_NEAR(now, force, 0.1 * force + 1e-3);
+        EXPECT_NEAR(said.force, force, 0.1 * force + 1e-3);
       }
-      last = now;
+      last = said.force;
     }
     if (k % 8 == 0) {
-      LiveFrame frame;
-      frame.depth = std::max(0.0, depth - 0.1e-3);
-      frame.force = 10.0 * frame.depth * (k % 16 == 0 ? 1.05 : 0.95);
-      frame.stiffness = 10.0;
-      correct(between, frame);
+      const double at = std::max(0.0, depth - 0.1e-3);
+      correct(between, frame_at(at, 10.0 * at * (k % 16 == 0 ? 1.05 : 0.95), 10.0), t);
     }
   }
   EXPECT_LT(largest, 0.02 * 0.05);
-  EXPECT_EQ(answer(between, -1e-3, 0.005), 0.0);
+  EXPECT_EQ(answer(between, -1e-3, 11.0).force, 0.0);
+}
+
+TEST(BetweenFrames, WhatAFrameChangesIsGivenOutByTheClockWhetherSomethingIsAskedOrNot) {
+  BetweenFrames asked, idle;
+  for (BetweenFrames* b : {&asked, &idle}) {
+    correct(*b, frame_at(1e-3, 8e-3, 8.0), 0.0);
+    correct(*b, frame_at(1e-3, 10e-3, 10.0), 1.0);
+  }
+  EXPECT_NEAR(answer(asked, 1e-3, 1.0).force, 8e-3, 1e-12) << "no jump";
+  for (int k = 1; k < 12; ++k) answer(asked, 1e-3 * (k % 3), 1.0 + 0.005 * k);
+  const LiveAnswer said = answer(asked, 1e-3, 1.06), other = answer(idle, 1e-3, 1.06);
+  EXPECT_NEAR(said.force, 10e-3 - 2e-3 * std::exp(-1.0), 1e-9);
+  EXPECT_NEAR(other.force, said.force, 1e-12);
+  EXPECT_NEAR(said.on_tool[2], said.force, 1e-12);
+  EXPECT_NEAR(other.error, 2e-3 * std::exp(-1.0), 1e-9) << "what is not given out yet is in the error";
+  EXPECT_NEAR(answer(idle, 1e-3, 3.0).force, 10e-3, 1e-9);
+  EXPECT_NEAR(answer(idle, 1e-3, 3.0).error, 0.0, 1e-9);
+  EXPECT_EQ(idle.frame.size(), 1u) << "nothing is kept for ever";
+  BetweenFrames left_alone;  // frames go on while no program is there
+  correct(left_alone, frame_at(1e-3, 8e-3, 8.0), 0.0);
+  for (int k = 1; k <= 25; ++k) correct(left_alone, frame_at(1e-3, 10e-3, 10.0), 0.04 * k);
+  EXPECT_NEAR(answer(left_alone, 1e-3, 1.0).force, 10e-3, 1e-8);
+}
+
+TEST(BetweenFrames, AForceThatRisesSteeplyIsNeverAPull) {
+  BetweenFrames between;
+  correct(between, frame_at(1e-3, 1e-3, 10.0), 0.0);  // as of the tenth power
+  for (double d = 0.02e-3; d < 1e-3; d += 0.02e-3) EXPECT_GE(answer(between, d, 0.0).force, 0.0) << d;
+}
+
+TEST(BetweenFrames, TheErrorOfAFirstTouchHoldsWhereTheTissueStiffensWithinARadius) {
+  BetweenFrames between;
+  correct(between, frame_at(0.0, 0.0, 10.0), 0.0);
+  for (double d = 0.02e-3; d <= 1e-3; d += 0.02e-3)
+    EXPECT_NEAR(answer(between, d, 0.0).force, 10.0 * d * (1.0 + d / between.radius), answer(between, d, 0.0).error + 1e-12) << d;
+}
+
+TEST(BetweenFrames, HundredsOfCorrectionsAtOneDepthDoNotAddUpAtAnother) {
+  BetweenFrames between;
+  double t = 0.0;
+  for (int k = 0; k < 200; ++k) {  // deep and back before the frames follow
+    answer(between, 4e-3, t);
+    correct(between, frame_at(0.0, 0.0, 8.0), t += 0.001);
+    answer(between, 0.1e-3, t);
+    correct(between, frame_at(4e-3, 40e-3, 12.0), t += 0.001);
+    const LiveAnswer said = answer(between, 1e-3, t);
+    ASSERT_GE(said.force, 4e-3);
+    ASSERT_LE(said.force, 10e-3);
+    ASSERT_LE(said.error, 10e-3);
+  }
+  EXPECT_LT(between.frame.size(), 1500u);
+}
+
+TEST(BetweenFrames, TheErrorHoldsWhereTheForceRisesFasterOrSlowerThanTheDepth) {
+  for (const double power : {0.7, 1.0, 1.5, 1.8})
+    for (const double secant : {0.96, 1.0, 1.04})  // a stiffness that is not quite that of the curve
+      for (const double at : {0.0, 0.5e-3, 1e-3, 3e-3}) {
+        if (at == 0.0 && power != 1.0) continue;  // no stiffness at rest
+        const auto force = [&](double d) { return 0.01 * std::pow(d / 1e-3, power); };
+        BetweenFrames between;
+        correct(between, frame_at(at, force(at), secant * (at > 0.0 ? power * force(at) / at : 10.0), 1e-5), 0.0);
+        for (double d = 0.05e-3; d < at + 1.5e-3; d += 0.05e-3) {
+          const LiveAnswer said = answer(between, d, 0.0);
+          EXPECT_LE(said.depth, at + 1e-3 + 1e-12);
+          EXPECT_EQ(said.tool, d <= said.depth ? LiveFrame::Tool::there : LiveFrame::Tool::lags) << d;
+          EXPECT_NEAR(said.force, force(said.depth), said.error) << power << ", " << secant << ", " << at << ", " << d;
+          EXPECT_GE(said.force, 0.0);
+          EXPECT_LE(said.error, 1e-5 + 1.2 * force(std::max(said.depth, at))) << power << ", " << secant << ", " << d;
+          if (power == 1.0) {
+            EXPECT_LE(said.error, 1e-5 + (secant == 1.0 ? 0.3 : 3.2) * force(said.depth)) << secant << ", " << d;
+          }
+        }
+      }
+}
+
+TEST(BetweenFrames, ForceDepthStatusAndVectorAreOfOneMoment) {
+  using Tool = LiveFrame::Tool;
+  BetweenFrames between;
+  EXPECT_EQ(answer(between, 1e-3, 0.0).tool, Tool::lags) << "nothing is known yet";
+  EXPECT_EQ(answer(between, 0.0, 0.0).tool, Tool::there);
+  correct(between, frame_at(2e-3, 20e-3, 10.0), 0.1);
+  const LiveAnswer deep = answer(between, 8e-3, 0.1);
+  EXPECT_EQ(deep.tool, Tool::lags);
+  EXPECT_NEAR(deep.depth, 3e-3, 1e-12) << "a fifth of the radius beyond the frame";
+  EXPECT_NEAR(deep.force, 30e-3, 1e-12);
+  EXPECT_NEAR(deep.on_tool[2], deep.force, 1e-12);
+  EXPECT_NEAR(deep.on_tool[0], 0.3 * deep.force, 1e-12);
+  EXPECT_NEAR(deep.on_tool[4], 1e-3 * deep.force, 1e-12);
+  LiveFrame stopped = frame_at(2e-3, 20e-3, 10.0);
+  for (const Tool tool : {Tool::stopped, Tool::beyond}) {
+    stopped.tool = tool;
+    correct(between, stopped, 0.2);
+    EXPECT_EQ(answer(between, 8e-3, 2.0).tool, tool);
+    EXPECT_EQ(answer(between, 8e-3, 2.0).depth, 2e-3) << "nothing is told of where no equilibrium is";
+    EXPECT_EQ(answer(between, 1e-3, 2.0).tool, Tool::there);
+  }
+  forget(between);
+  EXPECT_EQ(answer(between, 1e-3, 3.0).force, 0.0) << "nothing of one place is felt at another";
+}
+
+// The force of equilibrium over the depth: the cubic through four places.
+struct Equilibria {
+  static constexpr double step = 0.05e-3;
+  std::vector<double> force = {0.0};
+  Equilibria(const Model& model, double deepest) {
+    Session session(model, {tissue}, {.tolerance = 1e-5});
+    while (step * static_cast<double>(force.size() - 1) < deepest) {
+      session.equilibrate(step * static_cast<double>(force.size()));
+      force.push_back(session.force());
+    }
+  }
+  double at(double d) const {
+    const double x = std::max(0.0, d) / step;
+    const auto first = static_cast<std::size_t>(std::clamp(std::floor(x) - 1.0, 0.0, static_cast<double>(force.size()) - 4.0));
+    double sum = 0.0;
+    for (std::size_t i = first; i < first + 4; ++i) {
+      double weight = 1.0;
+      for (std::size_t j = first; j < first + 4; ++j)
+        if (j != i) weight *= (x - static_cast<double>(j)) / (static_cast<double>(i) - static_cast<double>(j));
+      sum += weight * force[i];
+    }
+    return sum;
+  }
+};
+
+// A hand that holds, jumps, draws, shakes with up to 10 Hz, lifts or leaves off, each for up to two seconds.
+struct RandomHand {
+  std::mt19937 random;
+  double deepest, begin = 0.0, end = 0.0, from = 0.0, one = 0.0, other = 0.0, rate = 1.0, each = 0.005, depth = 0.0;
+  int way = 0;
+  double unit() { return std::uniform_real_distribution<double>(0.0, 1.0)(random); }
+  // Goes to where it is at a time, and says how long until it asks again [s].
+  double move(double t) {
+    if (t >= end) {
+      begin = t, end = t + 0.1 + 1.9 * unit();
+      from = std::max(0.0, depth), one = deepest * unit(), other = unit() < 0.5 ? 0.0 : deepest * unit();
+      way = static_cast<int>(6.0 * unit());
+      rate = 10.0 * unit();
+      each = unit() < 0.8 ? 0.005 : 0.001 + 0.03 * unit();
+    }
+    if (way == 0) depth = one;
+    if (way == 1) depth = depth == one ? other : one;
+    if (way == 2) depth = from + (t - begin) / (end - begin) * (one - from);
+    if (way == 3) depth = other + 0.5 * (one - other) * (1.0 - std::cos(6.283185307 * rate * (t - begin)));
+    if (way == 4) depth = -1e-3 * unit();
+    return way == 5 ? end - t + 1e-6 : each;
+  }
+};
+
+struct RandomMinute {
+  std::int64_t answers = 0, outside = 0, off = 0, there = 0;
+  double worst = 0.0;           // outside, over what was allowed
+  std::vector<double> relative;  // stated error over the largest force of the last tenth of a second
+};
+
+// In a clock that is counted: frames of 25 a second, each of what was asked when it began, and told when it is done.
+RandomMinute random_minute(const Model& model, const Equilibria& equilibria, unsigned seed, double seconds) {
+  Session session(model, {tissue});
+  RandomHand hand{.random = std::mt19937(seed), .deepest = 2.5e-3};
+  BetweenFrames between{.radius = model.tool.radius};
+  LiveFrame frame;
+  bool begun = false;
+  double begins = 0.0, done = 0.0;
+  std::vector<std::pair<double, double>> depths;  // of the last tenth of a second
+  RandomMinute said;
+  for (double t = 0.0; t < seconds;) {
+    while (begun ? done <= t : begins <= t) {
+      if (begun) {
+        correct(between, frame, done);
+        begins = std::max(begins + 0.04, done);
+      } else {
+        frame = session.follow(hand.depth, {.evaluations = 12});
+        done = begins + 0.002 + 0.038 * hand.unit();
+      }
+      begun = !begun;
+    }
+    const double wait = hand.move(t);
+    const LiveAnswer now = answer(between, hand.depth, t);
+    depths.push_back({t, hand.depth});
+    std::erase_if(depths, [&](const auto& one) { return one.first < t - 0.1; });
+    double least = equilibria.at(now.depth), most = least;
+    for (const auto& [when, depth] : depths) {
+      least = std::min(least, equilibria.at(depth));
+      most = std::max(most, equilibria.at(depth));
+    }
+    const double here = equilibria.at(now.depth), known = 2e-5 * here;  // the reference, to that
+    const double out = std::max({0.0, now.force - most, least - now.force});
+    ++said.answers;
+    said.outside += out > now.error + known;
+    said.off += std::abs(now.force - here) > now.error + known;
+    said.worst = std::max(said.worst, out - now.error - known);
+    said.there += now.tool == LiveFrame::Tool::there;
+    if (most > equilibria.at(0.02e-3)) said.relative.push_back(now.error / most);
+    t += wait;
+  }
+  std::sort(said.relative.begin(), said.relative.end());
+  return said;
+}
+
+// The quick one. DIMPLE_LIVE_MINUTES=100 goes through so many minutes.
+TEST(BetweenFrames, NoAnswerOfARandomMinuteLiesOutsideOfTheEquilibriaOfItsLastTenthOfASecond) {
+  const char* asked = std::getenv("DIMPLE_LIVE_MINUTES");
+  const int minutes = asked ? std::atoi(asked) : 1;
+  const char* first = std::getenv("DIMPLE_LIVE_SEED");
+  const Model model = testing_bodies::averaged_block();
+  const Equilibria equilibria(model, 2.6e-3);
+  for (int k = 0; k < minutes; ++k) {
+    const unsigned seed = static_cast<unsigned>(k + (first ? std::atoi(first) : 1));
+    const RandomMinute said = random_minute(model, equilibria, seed, asked ? 60.0 : 12.0);
+    EXPECT_EQ(said.outside, 0) << "minute " << seed << ": " << said.answers << " answers, the worst " << said.worst << " N";
+    const auto error = [&](double share) {
+      return said.relative[static_cast<std::size_t>(share * static_cast<double>(said.relative.size() - 1))];
+    };
+    EXPECT_EQ(said.off, 0) << "minute " << seed << ": not even the equilibrium of its own depth";
+    if (asked)
+      std::cout << "minute " << seed << ": " << said.answers << " answers, " << said.outside << " outside, " << said.off
+                << " off at their own depth, there " << said.there << "; stated error / largest force: " << error(0.5)
+                << " in half, " << error(0.95) << " in 95 %, " << error(0.99) << " in 99 %, " << error(0.999) << " in 99.9 %, " << error(1.0) << std::endl;
+    EXPECT_LT(error(0.5), 0.02) << "an error that is always wide says nothing";
+    EXPECT_LT(error(0.95), 0.3);
+    EXPECT_LT(error(1.0), 1.1);
+  }
 }
 
 }  // namespace

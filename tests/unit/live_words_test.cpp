@@ -1,0 +1,44 @@
+// What a window says of a tool that is followed.
+
+#include <gtest/gtest.h>
+
+#include "apps/run/live.hpp"
+
+namespace dimple {
+namespace {
+
+using Tool = LiveFrame::Tool;
+
+PathFrame frame_at(double depth, double force, Tool tool = Tool::there) {
+  PathFrame now;
+  now.tip = {0.012, -0.03, 0.045};
+  now.frame.depth = depth;
+  now.frame.force = force;
+  now.frame.tool = tool;
+  now.half_band = 0.0;
+  return now;
+}
+
+TEST(LiveWords, OnlyAHandIsToldOfTheMouse) {
+  EXPECT_EQ(words_of(frame_at(0.0, 0.0), true), "no touch: press the left button on the body and draw it in");
+  EXPECT_EQ(words_of(frame_at(0.0, 0.0), false), "no touch: the tool is at (12.0, -30.0, 45.0) mm");
+}
+
+TEST(LiveWords, AToolInTheTissueIsNeverSaidNotToTouch) {
+  for (const double force : {0.012, 0.0, -0.001})  // tissue that relaxes may pull
+    for (const bool by_hand : {true, false}) {
+      const std::string words = words_of(frame_at(2e-3, force), by_hand);
+      EXPECT_EQ(words.find("no touch"), std::string::npos) << words;
+      EXPECT_NE(words.find("2.00 mm deep"), std::string::npos) << words;
+    }
+}
+
+TEST(LiveWords, EachStatusHasItsName) {
+  const std::vector<std::string> names = {"there", "lags", "stopped", "ignored", "beyond"};
+  for (int k = 0; k < 5; ++k) EXPECT_EQ(name_of(static_cast<Tool>(k)), names[static_cast<std::size_t>(k)]);
+  EXPECT_NE(words_of(frame_at(2e-3, 0.01, Tool::ignored), false).find("not followed"), std::string::npos);
+  EXPECT_NE(words_of(frame_at(2e-3, 0.01, Tool::beyond), false).find("deeper than the body"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace dimple
