@@ -17,7 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-constexpr const char* format = "dimple checkpoint 2";
+constexpr const char* format = "dimple checkpoint 3";
 
 // One list of members, in its order, serves both directions. Those of History and State are taken apart by
 // structured bindings: a member that is added there does not compile until it is kept here too.
