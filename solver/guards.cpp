@@ -197,7 +197,8 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
         .code = "inverted"};
     if (share > inverted_wrong) {
       report.why = "the load is more than this cloud can follow: the sharp rim alone inverts less";
-      report.remedy = "use more nodes (--nodes), more frames (--frames), or a smaller --depth";
+      report.remedy = "use more nodes (--nodes), shorter steps of the load (--set solver.step_radii=0.05), or a smaller "
+                      "--depth";
       throw SolveError(report);
     }
     find({report, sweep.J_min});
@@ -236,7 +237,7 @@ void Guards::check(const EnergySample& e, double largest_external, double durati
                    ? "the time integration became unstable"
                    : "the steps are too long to follow the path, or the tissue gave way between two",
         .remedy = now.dt_stable > 0.0 ? "use a smaller solver.safety, for instance --set solver.safety=0.6"
-                                      : "use more frames (--frames)",
+                                      : "use shorter steps: --set solver.step_radii=0.05 in equilibrium, more --frames with inertia",
         .code = "energy"};
     // Central differences gain energy only by instability, and the few nodes under the circle jump long
     // before the whole body shows much of it.

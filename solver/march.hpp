@@ -27,7 +27,8 @@ struct Loading {
 struct SolverOptions {
   double safety = 0.9;              ///< time step = safety x stable step
   double damping = 0.0;             ///< mass-proportional [1/s]
-  int frames = 16;                  ///< after the first; the step is re-estimated at each
+  int frames = 16;                  ///< after the first; explicit: the step is re-estimated at each
+  double step_radii = 0.1;          ///< slowly: longest step of the load, in radii of the circle
   double sample_rate = 150.0;       ///< of the force [1/s]; the paper's sensor
   double energy_rate = 20.0;        ///< of the energies [1/s]
   double tolerance = 1e-4;          ///< of static equilibrium: unbalanced force / reactions
@@ -64,7 +65,7 @@ struct History {
   std::vector<ForceSample> force;
   std::vector<EnergySample> energy;
   std::int64_t steps = 0;
-  std::int64_t extra_evaluations = 0;                               ///< of the force, for the stable step
+  std::int64_t extra_evaluations = 0;  ///< of the force, for the stable step; slowly: for frames between steps
   double dt_stable_first = 0.0, dt_first = 0.0, dt_smallest = 0.0;  ///< [s]
   double J_min = 1.0;                                               ///< smallest det F at any point and step
   Index inverted = 0;                                               ///< most points inverted at once
@@ -79,7 +80,7 @@ struct History {
 /// never stopped. Each way of marching fills in what it needs.
 struct State {
   int frame = 0;  ///< explicit, implicit: the stretch before the next; slowly: the last done
-  std::int64_t step = 0, steps = 0;  ///< explicit: the next one of that stretch, and their number
+  std::int64_t step = 0, steps = 0;  ///< explicit: the next one of that stretch, and their number; slowly: the last done
   double t = 0.0, dt = 0.0, dt_before = 0.0, dt_stable = 0.0;  ///< [s]
   double depth = 0.0, depth_before = 0.0;                      ///< [m]
   double force_before = 0.0;                                   ///< [N]

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <tuple>
+#include <utility>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -16,10 +18,11 @@ namespace {
 using Nodal = ForceSystem::Nodal;
 
 constexpr double touch = 0.02;  // of the first way
-// Of a frame: the shortest way on which an equilibrium is looked for; and evaluations, on the average, of a
+// Of a step: the shortest way on which an equilibrium is looked for; and evaluations, on the average, of a
 // whole run.
 constexpr double shortest = 1.0 / 16.0;
-constexpr std::int64_t evaluations_of_frame = 60;
+constexpr std::int64_t evaluations_of_step = 60;
+constexpr double same_depth = 1e-6;  // of a step
 
 SolveError after_halving(const SolveError& error, double depth, double way, std::int64_t evaluations) {
   Report report = error.report;
@@ -39,6 +42,74 @@ double work_of_last(const std::vector<double>& depth, const std::vector<double>&
   return line - h * h * h / 6.0 * (slope - slope_before) / (depth[k] - depth[k - 2]);
 }
 
+// Frames at depths between two equilibria of the march, which does not notice.
+struct FramesBetween {
+  ForceState& forces;
+  const Model& model;
+  const Constraints& constraints;
+  const Relaxation& relax;
+  const Loading& loading;
+  const SolverOptions& options;
+  const Observer& observer;
+  History& history;
+
+  double depth_of(int frame) const { return loading.depth / options.frames * frame; }
+
+  // Those after the frame `last` that lie before a depth; `path` holds the equilibria on both sides, and that at
+  // `from` is the last that the tissue's past knows. False: the observer has enough.
+  bool show(int& last, double before, double from, const Path& path) {
+    Nodal u = path.state.back().u, f = u;
+    Eigen::VectorXd lambda = path.state.back().lambda;
+    for (; last < options.frames && depth_of(last + 1) < before; ++last) {
+      const double depth = depth_of(last + 1), t = depth / loading.rate;
+      forces.begin_step((depth - from) / loading.rate);
+      const std::int64_t swept = forces.sweeps();
+      path.extrapolate(depth, u, lambda);
+      constraints.prescribe(u, depth);
+      const bool found = find(u, lambda, f);
+      history.extra_evaluations += forces.sweeps() - swept;
+      if (found) {
+        history.force.push_back(ForceSample::at(t, depth, model, constraints, u, f));
+      } else {
+        show_line(depth);
+      }
+      if (observer.frame) observer.frame({last + 1, t, depth, u, f, forces});
+      if (found && observer.sample && !observer.sample(history.force.back(), history)) return false;
+    }
+    return true;
+  }
+
+  // `u` and `lambda` stay as they were where there is none.
+  bool find(Nodal& u, Eigen::VectorXd& lambda, Nodal& f) {
+    const Nodal guess = u;
+    try {
+      const bool mixed = relax.has_mixed();
+      const RelaxOptions how{.tolerance = options.tolerance,
+                             .evaluations = mixed ? std::min(options.evaluations, 2 * evaluations_of_step)
+                                                  : options.evaluations};
+      if ((mixed ? relax.from_near(u, lambda, f, how) : relax(u, f, how, {}, &lambda)).converged) return true;
+    } catch (const SolveError&) {
+      u = guess;
+    }
+    if (relax.has_mixed()) forces.hold_pressures(lambda.cwiseQuotient(model.patches.volume));
+    forces.internal_force(u, f);
+    return false;
+  }
+
+  void show_line(double depth) {
+    if (std::any_of(history.guards.begin(), history.guards.end(),
+                    [](const Finding& f) { return f.report.code == "frame"; }))
+      return;
+    history.guards.push_back(
+        {.report = {.fact = text("the frame at ", 1e3 * depth, " mm shows the line between two equilibria"),
+                    .where = "static solver",
+                    .why = "none was found at its own depth; the force curve leaves it out",
+                    .remedy = "look at the frames before and after it, or choose other --frames",
+                    .code = "frame"},
+         .worst = depth});
+  }
+};
+
 void find_equilibria(const ForceSystem& system, const Model& model, const Loading& loading,
                      const SolverOptions& options, const Observer& observer, History& history,
                      const State* from) {
@@ -50,7 +121,9 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
   Eigen::VectorXd lambda = Eigen::VectorXd::Zero(model.patches.count());
   Path past(4);  // where the next equilibrium is looked for
   Guards guards(forces, model, true, options.guards, history.guards);
-  const double step = loading.depth / options.frames;
+  const int steps = steps_of_load(model, loading, options);
+  const double step = loading.depth / steps;
+  FramesBetween between{forces, model, constraints, relax, loading, options, observer, history};
   double halved = step;          // way after an equilibrium that was not found
   double least_curvature = 1.0;  // since the last that was found
   bool gave_way = false;
@@ -71,14 +144,14 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
     if (observer.frame) observer.frame({0, 0.0, 0.0, u, f, forces});
   }
   // All equilibria together.
-  const std::int64_t most = relax.has_mixed() ? options.evaluations + evaluations_of_frame * options.frames
-                                              : options.evaluations * options.frames;
-  for (int level = state.frame + 1; level <= options.frames;) {
-    const double end = step * level, at = depths.back();
+  const std::int64_t most = relax.has_mixed() ? options.evaluations + evaluations_of_step * steps
+                                              : options.evaluations * steps;
+  for (std::int64_t level = state.step + 1; level <= steps;) {
+    const double end = step * static_cast<double>(level), at = depths.back();
     // Where it was short it becomes long again by and by.
     const double last = depths.size() > 1 ? at - depths[depths.size() - 2] : step;
     const double way = std::min({halved, longest, 2.0 * last, end - at});
-    const bool arrives = end - at - way < 1e-6 * step;
+    const bool arrives = end - at - way < same_depth * step;
     const double depth = arrives ? end : at + way, t = depth / loading.rate;
     const Moment now = {t, depth};
     forces.begin_step((depth - at) / loading.rate);
@@ -173,7 +246,7 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
     halved = step;
     least_curvature = 1.0;
     if (gave_way) {  // the new branch has nothing to do with the old one
-      past.state.clear();
+      past.state.erase(past.state.begin(), past.state.end() - 1);
       state.dissipated += relaxed.dissipated;
     }
     past.push(depth, u, lambda);
@@ -183,16 +256,31 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
     history.inverted = std::max(history.inverted, relaxed.sweep.inverted);
     history.residual = std::max(history.residual, relaxed.residual);
     history.momentum_error = std::max(history.momentum_error, f.rowwise().sum().norm() / std::abs(felt.force));
+    if (const int shown = state.frame; between.depth_of(shown + 1) < depth - same_depth * step) {
+      if (!between.show(state.frame, depth - same_depth * step, at, past)) {
+        history.interrupted = true;
+        return;
+      }
+      forces.begin_step((depth - at) / loading.rate);  // and back to this step's end
+      if (relax.has_mixed()) forces.hold_pressures(lambda.cwiseQuotient(model.patches.volume));
+      forces.internal_force(u, f);
+      ++history.extra_evaluations;
+    }
+    if (gave_way) past.state.pop_front();
     history.force.push_back(felt);
     history.energy.push_back({t, depth, 0.0, stored, external, state.dissipated});
-    if (arrives && observer.frame) observer.frame({level, t, depth, u, f, forces});
+    if (state.frame < options.frames && between.depth_of(state.frame + 1) < depth + same_depth * step) {
+      ++state.frame;
+      if (observer.frame) observer.frame({state.frame, t, depth, u, f, forces});
+    }
+    const bool ended = arrives && level == steps;
     if (observer.sample && !observer.sample(history.force.back(), history)) {
-      history.interrupted = !arrives || level < options.frames;
+      history.interrupted = !ended;
       return;
     }
     forces.accept_step(u);  // after the frame: its stresses are those of this step
-    if (arrives) state.frame = level++;
-    if (observer.between_steps && level <= options.frames)
+    if (arrives) state.step = level++;
+    if (observer.between_steps && !ended)
       observer.between_steps([&] {
         State copy = state;
         copy.path = past.state;
@@ -204,6 +292,11 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
 }
 
 }  // namespace
+
+int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options) {
+  const double steps = std::ceil(loading.depth / (options.step_radii * model.tool.radius) - same_depth);
+  return std::max(1, static_cast<int>(steps));
+}
 
 void first_guess(const Model& model, double depth, Nodal& u) {
   const Eigen::VectorXd along = model.X.transpose() * model.tool.push;

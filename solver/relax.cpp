@@ -42,8 +42,8 @@ SolveError no_equilibrium(const Relaxed& found, const Model& model) {
        .remedy = gave_way
                      ? "use a smaller --depth, a coarser spacing at the circle's rim (--rim 0.15 or more), a "
                        "place further from folds and edges (--indent-at), or --time dynamic"
-                     : "use more frames (--frames), a coarser spacing at the circle's rim (--rim 0.15 or "
-                       "more), or a smaller --depth",
+                     : "use shorter steps of the load (--set solver.step_radii=0.05), a coarser spacing at the circle's "
+                       "rim (--rim 0.15 or more), or a smaller --depth",
        .code = gave_way ? "limit-point" : "no-equilibrium"});
 }
 

@@ -253,6 +253,7 @@ struct ModelInMemory {
   std::map<std::string, std::string> provenance;
   std::vector<std::string> warnings;
   std::string report_json;
+  std::shared_ptr<const Origin> origin;  // by which its force gets a band
 
   // At the vertices of the surface; made when it is asked for at first.
   const Interpolation& to_surface() const {
@@ -274,6 +275,7 @@ ModelHolder take_model(Result& result, const Config& config) {
   built->config = config;
   built->provenance = result.provenance;
   built->warnings = result.warnings;
+  built->origin = result.origin;
   built->report_json = as_text(summary_of_model(config, result));
   built->model = std::move(result.model);
   return built;
@@ -385,6 +387,7 @@ std::unique_ptr<Solved> solve_model(const ModelInMemory& built, const Settings& 
                            .label_names = built.label_names,
                            .provenance = built.provenance,
                            .notes = {}};
+  given.origin = built.origin;
   return solved(given, [&](const Result&) { return Json{{"made_from", built.provenance}}; });
 }
 

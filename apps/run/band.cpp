@@ -1,7 +1,11 @@
 #include "apps/run/band.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
+
+#include "apps/run/words.hpp"
 
 namespace dimple {
 namespace {
@@ -61,6 +65,66 @@ double displacement_half_width(double change, double depth, Index nodes) {
   return displacement_multiplier * displacement_measure(change, depth, nodes);
 }
 
+// Of the scenes that dimple_calibrate --bodies lists, the fifth from either end: five at least lie beyond.
+const Covered covered_thickness{2.66, 30.6}, covered_size{5.09, 31.7}, covered_nu{0.45, 0.499};
+const double covered_voxel = 1.87, covered_stiffness_ratio = 4.0;
+const std::size_t covered_tissues = 2;
+
+BodyUnderCircle body_under_circle(const BodySurface& body, const Boundary& boundary, double voxel_mm) {
+  constexpr double just_inside = 0.05;  // radii
+  BodyUnderCircle result{.size = std::cbrt(body.volume()) / boundary.radius,
+                         .voxel = voxel_mm / boundary.radius};
+  const Vec3 start = boundary.centre + just_inside * boundary.radius * boundary.push;
+  for (const double t : body.crossings(start, boundary.push))
+    if (t > 0.0) {
+      result.thickness = just_inside + t / boundary.radius;
+      break;
+    }
+  return result;
+}
+
+std::string no_band(const BodyUnderCircle& body) {
+  const auto outside = [](double value, const Covered& covered) {
+    return !(value >= covered.least && value <= covered.most);
+  };
+  if (outside(body.thickness, covered_thickness))
+    return fmt::format(
+        "it was measured where the body is {:g} to {:g} radii of the circle thick under it, and here it is "
+        "{:.2g}",
+        covered_thickness.least, covered_thickness.most, body.thickness);
+  if (outside(body.size, covered_size))
+    return fmt::format(
+        "it was measured for bodies whose volume has a cube root of {:g} to {:g} radii of the circle, and "
+        "this one's is {:.2g}",
+        covered_size.least, covered_size.most, body.size);
+  if (body.voxel > covered_voxel)
+    return fmt::format("it was measured for voxels of at most {:g} radii of the circle, and these are {:.2g}",
+                       covered_voxel, body.voxel);
+  return {};
+}
+
+std::string no_band(const std::vector<Material>& materials) {
+  constexpr double rounding = 1e-9;
+  double softest = materials.front().mu, stiffest = softest;
+  for (const Material& material : materials) {
+    if (!material.prony.empty()) return "it was measured for elastic tissue alone";
+    const double nu = poisson_ratio(material);
+    if (nu < covered_nu.least - rounding || nu > covered_nu.most + rounding)
+      return fmt::format("it was measured for nu from {:g} to {:g}", covered_nu.least, covered_nu.most);
+    softest = std::min(softest, material.mu);
+    stiffest = std::max(stiffest, material.mu);
+  }
+  if (materials.size() > covered_tissues)
+    return fmt::format("it was measured for at most {} tissues in one body, and here are {}", covered_tissues,
+                       materials.size());
+  if (stiffest > (covered_stiffness_ratio + rounding) * softest)
+    return fmt::format(
+        "it was measured for tissues of which one is up to {:g} times as stiff as the other, and here it is "
+        "{:.3g} times",
+        covered_stiffness_ratio, stiffest / softest);
+  return {};
+}
+
 FloorOfBand floor_of_force(const BandLoad& load) {
   return [load](Index nodes) { return band_half_width(0.0, nodes, load); };
 }
@@ -110,9 +174,8 @@ std::vector<double> half_widths(const std::vector<ForceSample>& force, Index nod
   }
   std::vector<double> half;
   for (const ForceSample& sample : force)
-    half.push_back(std::abs(sample.force) *
-                   band_half_width(between(other.depth, change, sample.depth), nodes,
-                                   {sample.depth / radius, several_tissues}));
+    half.push_back(std::abs(sample.force) * band_half_width(between(other.depth, change, sample.depth), nodes,
+                                                            {sample.depth / radius, several_tissues}));
   return half;
 }
 

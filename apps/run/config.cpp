@@ -343,10 +343,12 @@ std::vector<Option> options_of(Config& c) {
        1e6, false, any, "solve"},
       {"solver.frames", "--frames", "", "frames written after the first", &c.solver.frames, 1, 100000, false,
        any, "solve"},
+      {"solver.step_radii", "", "", "longest step of the load between two equilibria, in radii of the circle",
+       &c.solver.step_radii, 0.001, 1, false, any, "solve"},
       {"solver.time",
        "--time",
        "",
-       "quasi-static: equilibrium at each frame; explicit: central differences; dynamic: implicit steps as "
+       "quasi-static: equilibrium after each step of the load; explicit: central differences; dynamic: implicit steps as "
        "long "
        "as the body's natural modes allow, explicit if the load is too short; auto: quasi-static or, if the "
        "tool is fast for the body, explicit. horton2007 is explicit",
@@ -630,6 +632,11 @@ bool default_stiffness(const Config& config) {
   const auto& m = config.material;
   return m.preset == "none" && m.ogden_mu_Pa.empty() && m.mu_Pa == Config{}.material.mu_Pa &&
          config.source.count("material.mu_Pa") == 0;
+}
+
+bool default_nodes(const Config& config) {
+  return config.cloud.nodes == Config{}.cloud.nodes && !(config.cloud.spacing_mm > 0.0) &&
+         config.source.count("cloud.nodes") == 0;
 }
 
 void read_config(Config& config, const std::filesystem::path& file) {
@@ -947,6 +954,7 @@ SolverOptions solver_options(const Config& c) {
   return {.safety = c.solver.safety,
           .damping = c.solver.damping_per_s,
           .frames = static_cast<int>(c.solver.frames),
+          .step_radii = c.solver.step_radii,
           .sample_rate = c.solver.sample_rate_per_s,
           .tolerance = c.solver.tolerance,
           .evaluations = c.solver.evaluations};

@@ -65,6 +65,7 @@ struct Config {
     double safety = 0.9;
     double damping_per_s = 0.0;
     std::int64_t frames = 16;
+    double step_radii = 0.1;
     double sample_rate_per_s = 150.0;
     std::string time = "auto";
     std::string precision = "single";
@@ -135,6 +136,8 @@ inline constexpr const char* for_all_cases = "all cases: ";
 
 /// Whether the stiffness is the one that nobody has chosen.
 bool default_stiffness(const Config& config);
+/// Whether the number of nodes is: neither it nor a spacing was given.
+bool default_nodes(const Config& config);
 
 /// Reads a TOML file over what is there. Throws UsageError, InputError.
 void read_config(Config& config, const std::filesystem::path& file);

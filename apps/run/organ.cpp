@@ -172,7 +172,9 @@ Work work_of(const Config& config, const Result& result) {
       .nodes = nodes,
       .points = placed ? static_cast<double>(result.model.point_count())
                        : nodes * scheme_of(config).points_per_node,
-      .depths = static_cast<double>(config.solver.frames),
+      .depths = std::max(static_cast<double>(config.solver.frames),
+                         config.load.depth_mm / (0.5 * config.solver.step_radii *
+                                                 config.boundary.indenter_diameter_mm)),
       .picture = wanted.picture,
       .band = config.accuracy.band == "on",
       .ladder = !config.accuracy.goal.empty() || config.accuracy.budget_s > 0.0};

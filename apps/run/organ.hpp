@@ -57,6 +57,15 @@ struct Organ {
   std::map<std::string, int> label_names = {};
 };
 
+/// What a model in memory was made from, and what else its clouds are made from.
+struct Origin {
+  Config config;
+  Organ organ;
+  LabelImage image;  // of the labels, where tissues differ
+  double facing_share = 0.0;
+  Boundary boundary;  // in the surface's own frame
+};
+
 /// Reads the image, takes its labels, closes its gaps, draws the surface.
 Organ read_organ(const Case& given, const ModelOptions& options, const Talk& talk, Result& result);
 

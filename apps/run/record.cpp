@@ -73,6 +73,9 @@ Outcome finished_already(const fs::path& folder, const Config& config, const std
   Config before;
   read_config(before, folder / "config.resolved.toml");
   const Json summary = Json::parse(outcome.summary_json, nullptr, false);
+  // As many as its folds asked for, not somebody.
+  if (default_nodes(config) && summary.value("model", Json::object()).value("nodes_for_band", Index{0}) == before.cloud.nodes)
+    before.cloud.nodes = config.cloud.nodes;
   require_same_run({summary.value("version", ""), option_values(before), summary.value(input_key, "")},
                    {DIMPLE_VERSION, option_values(config), input_sha256});
   std::error_code ignored;
@@ -292,7 +295,9 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
         how_.whole.seconds(),
         result.ladder.empty() ? "--resume goes on from there" : "this is the finest cloud so far",
         stopped.code);
-  const std::string options = to_toml(config, result.chosen);
+  Config taken = config;  // a run of that file takes these nodes again
+  if (result.nodes_for_band > 0) taken.cloud.nodes = result.nodes_for_band;
+  const std::string options = to_toml(taken, result.chosen);
   write_file(how_.folder / "config.resolved.toml", options);
 
   const std::string status = failure ? "failed" : history.interrupted ? "interrupted" : "finished";
@@ -305,8 +310,8 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
     std::vector<std::string> facts = how_.facts(result);
     facts.push_back(
         quasi_static
-            ? fmt::format("equilibrium at {} depths: {} force evaluations, {:.2f} ms each, {:.1f} s",
-                          config.solver.frames, history.steps, ms, solve_s)
+            ? fmt::format("equilibrium at {} depths: {:.0f} force evaluations, {:.2f} ms each, {:.1f} s",
+                          history.force.size() - 1, evaluations, ms, solve_s)
             : fmt::format("{} steps of {} us (stable {} us), {:.2f} ms each, {:.1f} s: {:.2f} x real "
                           "time",
                           history.steps, three_digits(1e6 * history.dt_first),

@@ -15,6 +15,7 @@
 #include "io/memory.hpp"
 #include "io/stop.hpp"
 #include "preprocess/support.hpp"
+#include "solver/quasi_static.hpp"
 #include "solver/stable_time_step.hpp"
 
 namespace dimple {
@@ -29,6 +30,17 @@ struct Placed {
   std::optional<Organ> organ = {};  // of an image
 };
 
+// Where nobody has chosen, a folded body takes as many as its band needs.
+void take_nodes_for_band(const Config& config, const Talk& talk, ModelOptions& options, Result& result) {
+  const Index fewest = fewest_nodes_with_band(result.facing_share);
+  if (!default_nodes(config) || !options.scheme.pressure_patches || options.cloud.count >= fewest) return;
+  talk.say(fmt::format(
+      "nodes    {} instead of {}, as none were given: {:.0f} % of the surface faces another part of "
+      "it, and the force of such a body is known from {} nodes on",
+      fewest, options.cloud.count, 100.0 * result.facing_share, fewest));
+  options.cloud.count = result.nodes_for_band = fewest;
+}
+
 Placed place(const Case& given, const RunObserver& observer, const Talk& talk, Result& result) {
   Placed placed;
   if (given.model) {
@@ -40,24 +52,27 @@ Placed place(const Case& given, const RunObserver& observer, const Talk& talk, R
     placed.label_names = given.model->label_names;
     result.provenance = given.model->provenance;
   } else {
-    const ModelOptions options = model_options(given.config);
+    ModelOptions options = model_options(given.config);
     placed.scheme = options.scheme;
     placed.organ.emplace(read_organ(given, options, talk, result));
     placed.label_names = placed.organ->label_names;
+    take_nodes_for_band(given.config, talk, options, result);
     placed.places = place_nodes(given.config, *placed.organ, options, result.image, talk, result);
+    if (result.nodes_for_band > 0)
+      result.chosen["cloud.nodes"] += ", as the body is folded and none were given";
   }
   if (observer.placed) observer.placed(placed.places, placed.scheme);
   return placed;
 }
 
-void complete(const Case& given, Placed placed, const Talk& talk, Result& result) {
+void complete(const Config& config, Placed placed, const Talk& talk, Result& result) {
   const Stopwatch completing;
-  const TissueOptions tissues = tissues_of(given.config, placed.label_names, placed.places);
-  talk.begin(Part::supports, given.config);
+  const TissueOptions tissues = tissues_of(config, placed.label_names, placed.places);
+  talk.begin(Part::supports, config);
   Eigen::VectorXi of_point = tissue_of_points(placed.places, tissues);
   const Model& model = result.model = make_model(std::move(placed.places), placed.scheme, std::move(of_point),
                                                  tissues.density, &result.stages);
-  result.tissues = {materials_of(given.config), model.tissue};
+  result.tissues = {materials_of(config), model.tissue};
   const SupportOptions& options = model.scheme.support;
   const SupportReport& support = model.support_report;
   const ConsistencyReport& consistency = model.consistency_report;
@@ -141,7 +156,7 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
   const Config& config = given.config;
   require_room_beneath(config, placed.places);
   const Stopwatch preparing;
-  complete(given, std::move(placed), talk, result);
+  complete(config, std::move(placed), talk, result);
   const Model& model = result.model;
   const Loading& loading = result.loading = loading_of(config);
   const SolverOptions options = solver_options(config);
@@ -159,7 +174,7 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
   talk.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(config.load.depth_mm),
                           plain(config.load.rate_mm_per_s), three_digits(loading.duration()), config.load.contact,
                           result.time == TimeMode::quasi_static
-                              ? fmt::format("equilibrium at {} depths", options.frames)
+                              ? fmt::format("equilibrium in {} steps", steps_of_load(model, loading, options))
                           : result.time == TimeMode::dynamic ? "with inertia, by implicit steps"
                                                              : "with inertia, by central differences"));
   if (is_as_printed(result.tissues.material.front())) {
@@ -196,9 +211,6 @@ void keep_findings(const Talk& talk, Result& result) {
   result.findings.insert(result.findings.end(), result.history.guards.begin(), result.history.guards.end());
 }
 
-// Depths at which clouds are compared for a band.
-constexpr int coarse_frames = 4;
-
 constexpr const char* not_for_dynamics = "it was measured in equilibrium, not for dynamics";
 
 // Why the band of such a run cannot be told, or nothing: it was measured for what is the default.
@@ -208,17 +220,14 @@ std::string no_band(const Config& config) {
   if (config.solver.time == "explicit" || config.solver.time == "dynamic") return not_for_dynamics;
   if (config.load.contact != usual.load.contact)
     return "it was measured for a circle to which the tissue is bonded";
-  for (const Material& material : materials_of(config)) {
-    if (!material.prony.empty()) return "it was measured for elastic tissue alone";
-    constexpr double least_nu = 0.45, most_nu = 0.499, rounding = 1e-9;
-    const double nu = poisson_ratio(material);
-    if (nu < least_nu - rounding || nu > most_nu + rounding)
-      return fmt::format("it was measured for nu from {:g} to {:g}", least_nu, most_nu);
-  }
+  if (const std::string none = no_band(materials_of(config)); !none.empty()) return none;
   if (config.solver.tolerance > usual.solver.tolerance)
     return fmt::format("it was measured for a tolerance of {:g}", usual.solver.tolerance);
-  if (config.solver.frames < coarse_frames)
-    return fmt::format("it takes forces at {} depths, and --frames asks for fewer", coarse_frames);
+  if (config.solver.step_radii > usual.solver.step_radii)
+    return fmt::format("it was measured with steps of the load of at most {:g} radii",
+                       usual.solver.step_radii);
+  if (config.boundary.direction != usual.boundary.direction)
+    return "it was measured for a circle that moves straight towards the base";
   if (config.cloud.rim != usual.cloud.rim || config.cloud.jitter != usual.cloud.jitter ||
       config.grid.points != usual.grid.points || config.grid.ratio != usual.grid.ratio ||
       config.support.basis != usual.support.basis || config.support.weight != usual.support.weight ||
@@ -229,11 +238,34 @@ std::string no_band(const Config& config) {
   return {};
 }
 
-// Likewise, once it is known how time is followed.
-std::string no_band(const Case& given, const Result& result) {
-  if (given.model) return "a model's files hold one cloud, and it takes two";
+// Likewise, once it is known how time is followed and what the body looks like.
+std::string no_band(const Config& config, const Organ& organ, const Boundary& boundary,
+                    const Result& result) {
   if (result.time != TimeMode::quasi_static) return not_for_dynamics;
-  return no_band(given.config);
+  if (const std::string none = no_band(config); !none.empty()) return none;
+  return no_band(body_under_circle(organ.body->surface, boundary, organ.options.boundary.voxel_mm));
+}
+
+// By which the model's force gets a band another time.
+void keep_origin(const Case& given, std::optional<Organ> organ, Result& result) {
+  if (!organ) return;
+  result.origin = std::make_shared<Origin>(Origin{.config = given.config,
+                                                  .organ = std::move(*organ),
+                                                  .image = result.image,
+                                                  .facing_share = result.facing_share,
+                                                  .boundary = result.report.boundary});
+}
+
+// As it is, but with the nodes, points, base and circle of the model.
+Config with_model_of(const Config& config, const Config& made) {
+  Config result = config;
+  result.image = made.image;
+  result.scheme = made.scheme;
+  result.cloud = made.cloud;
+  result.grid = made.grid;
+  result.support = made.support;
+  result.boundary = made.boundary;
+  return result;
 }
 
 ModelOptions with_nodes(const Organ& organ, Index nodes) {
@@ -275,20 +307,20 @@ struct Coarser {
   History history;
   Vec3 u = Vec3::Zero();
 };
-Coarser coarser_with(Index nodes, const Case& given, const Organ& organ, const Result& result) {
-  const Config& config = given.config;
+Coarser coarser_with(Index nodes, const Config& config, const Organ& organ, const LabelImage& image,
+                     const Result& result) {
   const ModelOptions options = with_nodes(organ, nodes);
   Result coarse;
   const RunObserver unheard;
-  complete(given,
-           {discretise(organ.body->surface, options, labels_of(config, organ, result.image)).places,
-            options.scheme, organ.label_names},
+  complete(config,
+           {discretise(organ.body->surface, options, labels_of(config, organ, image)).places, options.scheme,
+            organ.label_names},
            Talk{unheard, coarse}, coarse);
   coarse.followed = result.followed;
   const std::optional<Interpolation> place = to_followed(coarse);
   const std::unique_ptr<ForceSystem> system = force_system(config, coarse);
   SolverOptions how = solver_options(config);
-  how.frames = coarse_frames;
+  how.frames = 1;  // nobody looks at them
   Observer observer;
   if (place)
     observer.frame = [&](const Frame& frame) { coarse.followed->u = displacement_at(*place, frame.u); };
@@ -302,10 +334,24 @@ double half_of_displacement(const Result& result, const Vec3& coarse) {
                                  result.model.node_count());
 }
 
-void find_band(const Case& given, const std::optional<Organ>& organ, const Talk& talk, Result& result) {
+void find_band(const Case& given, const std::optional<Organ>& read, const Talk& talk, Result& result) {
   if (!given.band) return;
   Band& band = result.band;
-  band.unknown = no_band(given, result);
+  const Origin* origin = given.origin.get();
+  const Organ* organ = read ? &*read : origin ? &origin->organ : nullptr;
+  if (!organ) {
+    band.unknown = "a model's files hold one cloud, and it takes two";
+    return;
+  }
+  const Config config = origin ? with_model_of(given.config, origin->config) : given.config;
+  if (origin) {
+    result.facing_share = origin->facing_share;
+    if (!config.tissue.empty() && origin->image.run.empty()) {
+      band.unknown = "it takes another cloud, and the labels of the image were not kept";
+      return;
+    }
+  }
+  band.unknown = no_band(config, *organ, origin ? origin->boundary : result.report.boundary, result);
   const Index fewest = fewest_nodes_with_band(result.facing_share);
   if (band.known() && result.model.node_count() < fewest)
     band.unknown = fmt::format("it was measured from {0} nodes on{1}; give --nodes {0}", fewest,
@@ -317,7 +363,8 @@ void find_band(const Case& given, const std::optional<Organ>& organ, const Talk&
       static_cast<Index>(std::lround(static_cast<double>(result.model.node_count()) / coarser));
   const std::string cloud = fmt::format("with {} nodes, with which it is compared, ", band.coarse_nodes);
   try {
-    const Coarser coarse = coarser_with(band.coarse_nodes, given, *organ, result);
+    const Coarser coarse =
+        coarser_with(band.coarse_nodes, config, *organ, origin ? origin->image : result.image, result);
     band.half = half_widths(result.history.force, result.model.node_count(), coarse.history.force,
                             result.model.tool.radius, !given.config.tissue.empty());
     if (band.half.empty())
@@ -394,7 +441,7 @@ std::unique_ptr<Rung> march_with(Index nodes, const Case& given, const Organ& or
              {place_nodes(given.config, organ, options, base.image, talk, result), options.scheme,
               organ.label_names},
              talk, result);
-  require_a_band(no_band(given, result));
+  require_a_band(no_band(given.config, organ, result.report.boundary, result));
   result.followed = base.followed;
   const std::optional<Interpolation> place = to_followed(result);
   rung->system = force_system(given.config, result);
@@ -574,7 +621,10 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
 
 void build_case(const Case& given, const RunObserver& observer, Result& result) {
   const Talk talk{observer, result};
-  complete(given, place(given, observer, talk, result), talk, result);
+  Placed placed = place(given, observer, talk, result);
+  std::optional<Organ> organ = std::move(placed.organ);
+  complete(given.config, std::move(placed), talk, result);
+  keep_origin(given, std::move(organ), result);
 }
 
 void simulate(const Case& given, const RunObserver& observer, Result& result) {
@@ -583,7 +633,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   const Talk talk{observer, result};
   const Config& config = given.config;
   Placed placed = place(given, observer, talk, result);
-  const std::optional<Organ> organ = std::move(placed.organ);
+  std::optional<Organ> organ = std::move(placed.organ);
   if (organ) result.followed = followed_in(config, *organ);
   make_ready(given, std::move(placed), talk, result);
   stop_if_asked();
@@ -620,6 +670,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   keep_findings(talk, result);
   system.reset();  // the band's coarser cloud needs the room
   if (!result.history.interrupted) find_band(given, organ, talk, result);
+  keep_origin(given, std::move(organ), result);
 }
 
 Result simulate(const Case& given, const RunObserver& observer) {

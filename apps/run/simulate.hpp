@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -23,11 +24,14 @@ struct BodyChange {
   double outward_voxels = 0.0;  ///< SurfaceOptions::outward_mm in voxels, of their mean edge
 };
 
+struct Origin;  // organ.hpp
+
 /// What is to be computed: the image that config.image.file names, or a model that was made before, and every
 /// choice that decides the result.
 struct Case {
   Config config;
   std::optional<ModelFiles> model = {};  ///< instead of an image
+  std::shared_ptr<const Origin> origin = {};  ///< of `model`, where it is known: its band needs another cloud
   const LabelImage* image = nullptr;     ///< instead of the file that config.image.file names
   const State* from = nullptr;           ///< where an earlier run of the same case stood
   bool band = false;                     ///< of the force is wanted: by a coarser cloud, after the march
@@ -53,6 +57,8 @@ struct Result {
   std::vector<LabelMeasure> labels;  ///< taken
   double closed_mm3 = 0.0;           ///< added where gaps were closed
   double facing_share = 0.0;         ///< of the surface: what faces another part across narrow_gap_mm or less
+  Index nodes_for_band = 0;          ///< asked for by the body's folds, as nobody has; 0: not so
+  std::shared_ptr<const Origin> origin;  ///< of the model, from build_case()
   SegmentReport segment;
   ModelReport report;
   std::map<std::string, std::string> chosen;      ///< option key -> what was chosen for it
@@ -109,7 +115,7 @@ struct RunObserver {
 Result simulate(const Case& given, const RunObserver& observer = {});
 void simulate(const Case& given, const RunObserver& observer, Result& result);
 
-/// The first half alone: up to the complete model.
+/// The first half alone: up to the complete model, and the origin by which a Case of it gets a band.
 void build_case(const Case& given, const RunObserver& observer, Result& result);
 
 /// The body of the case's image and no more: for other programs' meshes.

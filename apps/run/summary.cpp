@@ -47,6 +47,7 @@ Json model_json(const Result& p) {
           {"dropped_volume_mm3", p.segment.dropped_volume_mm3},
           {"closed_volume_mm3", p.closed_mm3},
           {"facing_share", p.facing_share},
+          {"nodes_for_band", p.nodes_for_band},
           {"cavities", cavities_json(p.segment.cavities)},
           {"surface_step_mm", p.segment.step_mm},
           {"smoothing_mm", p.segment.smoothing_mm},

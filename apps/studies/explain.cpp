@@ -129,8 +129,9 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
   const double tolerance = config.solver.tolerance;
   add("equilibrium", "", fmt::format("to {} of the reactions instead of {}", plain(0.1 * tolerance), plain(tolerance)),
       Kind::cloud, [&](Case& c) { c.config.solver.tolerance = std::max(0.1 * tolerance, 1e-8); });
-  add("steps of the load", "", fmt::format("{} instead of {}", 4 * frames, frames), Kind::cloud,
-      [&](Case& c) { c.config.solver.frames = 4 * frames; });
+  const double step = config.solver.step_radii;
+  add("steps of the load", "", fmt::format("{:g} instead of {:g} radii of the circle", 0.5 * step, step),
+      Kind::cloud, [&](Case& c) { c.config.solver.step_radii = std::max(0.5 * step, 0.001); });
 
   const bool bonded = config.load.contact == "bonded";
   add("contact", "", bonded ? "frictionless instead of bonded" : "bonded instead of frictionless",
@@ -275,6 +276,7 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
   config.material.mu_spread_percent = 0.0;
   config.cloud.spacing_mm = 0.0;
   config.cloud.nodes = nodes;
+  config.source["cloud.nodes"] = "explain";
   config.solver.frames = frames;
   const auto say = [&](const std::string& text) {
     if (progress) progress(text);

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "apps/run/band.hpp"
 #include "apps/run/config.hpp"
 #include "apps/studies/scenes.hpp"
 #include "apps/studies/verify_bodies.hpp"
@@ -34,9 +35,9 @@ class Indentation {
     march_quasi_statically(system, model_, {.depth = 1e-3 * depth_mm, .contact = contact}, {.frames = count},
                            {}, history);
     if (history.interrupted) throw Stopped(stop_asked());
-    std::vector<double> result;
-    for (const ForceSample& sample : history.force) result.push_back(sample.force);
-    return {result.begin() + 1, result.end()};
+    std::vector<double> depths;
+    for (int k = 1; k <= count; ++k) depths.push_back(1e-3 * depth_mm * k / count);
+    return forces_between(history.force, depths);
   }
 
  private:

@@ -7,8 +7,10 @@
 // band, and from the others its multipliers are taken: no organ is in both. From 256 on they are folded brains of
 // atlases, such as Debian's mricron-data has in /usr/share/mricron/templates. A scene that the file holds is not computed
 // again, so that a study that was stopped goes on. --finer adds a cloud of so many nodes to scenes that hold one of
-// half as many, --points writes band_points.csv: where a random place of each scene's body goes. Then band.md, .png and .svg: what the band says against what is true;
-// --again makes these alone.
+// half as many, --points writes band_points.csv: where a random place of each scene's body goes. --bodies writes
+// band_bodies.csv, what each scene's circle sees of its body, and --held-out N adds to band_held_out.csv: N random lumps
+// (tests/helpers/random_bodies.hpp), with the default's pair of clouds and the truth's. Then band.md, .png and .svg: what
+// the band says against what is true; --again makes these alone.
 
 #include <fmt/format.h>
 
@@ -36,6 +38,7 @@
 #include "solver/solve.hpp"
 #include "tests/helpers/band_scenes.hpp"
 #include "tests/helpers/draw.hpp"
+#include "tests/helpers/random_bodies.hpp"
 
 namespace dimple {
 namespace {
@@ -47,7 +50,7 @@ namespace fs = std::filesystem;
 constexpr bool proves(int number) {
   return (number >= 51 && number <= 120) || (number >= 166 && number <= 225);
 }
-constexpr int second_proof = 166, first_folded = 256;
+constexpr int second_proof = 166, first_folded = 256, first_held_out = 1001;
 constexpr std::array<Index, 5> rungs = {500, 1000, 2000, 4000, 8000};
 constexpr Index finest = band_truth;
 constexpr int frames = 4;
@@ -168,10 +171,26 @@ Material material_of(const Scene& scene, double mu) {
   return neo_hookean(mu, scene.nu, 1000.0);
 }
 
+Scene held_out_scene(int number) {
+  Draw draw{std::mt19937_64(static_cast<std::uint64_t>(number) + 5'000)};
+  const RandomBody body = random_body(number);
+  Scene scene{.number = number, .body = "lump " + body.name, .surface = {}};
+  scene.boundary = body.boundary;
+  scene.boundary.voxel_mm = body.image.spacing().maxCoeff();
+  scene.surface = [image = body.image] { return make_body_surface(image, {}); };
+  scene.depth_mm = 0.5 * body.boundary.indenter_diameter_mm * draw.between(0.3, 1.7);
+  scene.nu = body.nu;
+  scene.law = draw.of(std::array{"neo-Hookean", "neo-Hookean", "Mooney-Rivlin", "Ogden"});
+  return scene;
+}
+
 // The tracts of white matter are no body that anybody can touch: as thin as their own nodes, so that 8000 of these are
 // not enough.
 const char* set_of(const Scene& scene) {
-  return proves(scene.number) ? "proof" : scene.body == folded[1] ? "aside" : "calibration";
+  return scene.number >= first_held_out ? "held out"
+         : proves(scene.number)         ? "proof"
+         : scene.body == folded[1]      ? "aside"
+                                        : "calibration";
 }
 
 constexpr const char* header =
@@ -339,6 +358,57 @@ std::string table_of_bands(const std::vector<BandScene>& scenes, Chart& stated_a
   return table;
 }
 
+// What the circle of each scene of the file sees of its body. Scenes whose image is not there are left out.
+void write_bodies(const fs::path& folder, const fs::path& data, const fs::path& atlases) {
+  std::string csv =
+      "scene,set,body,diameter_mm,thickness_radii,size_radii,voxel_radii,nu,tissues,stiffness_ratio\n";
+  std::map<std::string, SegmentedBody> organs;  // which many scenes share
+  const auto add = [&](const Scene& scene) {
+    const std::string key =
+        scene.image.empty() && !scene.core ? fmt::format("scene {}", scene.number) : scene.body;
+    if (!organs.contains(key)) organs.emplace(key, scene.surface());
+    const BodySurface& body = organs.at(key).surface;
+    const double voxel = scene.core            ? phantom.spacing_mm
+                         : scene.image.empty() ? scene.boundary.voxel_mm
+                                               : read_label_image(scene.image).spacing().maxCoeff();
+    const BodyUnderCircle seen = body_under_circle(body, find_boundary(body, scene.boundary), voxel);
+    csv += fmt::format("{},{},\"{}\",{:.2f},{:.3f},{:.3f},{:.3f},{:g},{},{}\n", scene.number, set_of(scene),
+                       scene.body, scene.boundary.indenter_diameter_mm, seen.thickness, seen.size, seen.voxel,
+                       scene.nu, scene.core ? 2 : 1, scene.core ? 4 : 1);
+  };
+  for (const BandScene& known : band_scenes(folder / "band_scenes.csv")) {
+    const Scene scene = scene_of(known.number, data, atlases);
+    if (scene.image.empty() || fs::exists(scene.image)) add(scene);
+  }
+  write_file(folder / "band_bodies.csv", csv);
+}
+
+// The default's pair of clouds, on bodies that nothing was chosen by.
+std::string table_of_held_out(const std::vector<BandScene>& scenes) {
+  std::string table =
+      "| scene | body | radii deep | said, % | off, % | off and unsure, % "
+      "|\n|---:|---|---:|---:|---:|---:|\n";
+  int held = 0, held_alone = 0;
+  std::vector<double> halves;
+  for (const BandScene& scene : scenes) {
+    const std::vector<HeldOut> errors = held_out_errors(scene);
+    const HeldOut last = errors.back();
+    const bool holds = holds_the_truth(errors);
+    held += holds;
+    held_alone += last.error <= last.half;
+    halves.push_back(100.0 * last.half);
+    table += fmt::format("| {} | {} | {:.2f} | {:.2f} | {:.2f} | {:.2f} |{}\n", scene.number, scene.body,
+                         scene.forces.at(scene.truth).back().depth / scene.radius, 100.0 * last.half,
+                         100.0 * last.error, 100.0 * last.error_most, holds ? "" : " missed");
+  }
+  return fmt::format(
+      "{} of {} bands of {} and {} nodes hold all that the truth may be, at all depths; {} hold the truth's "
+      "own number at "
+      "the last. Half a band's width there, median: {:.1f} %.\n\n{}",
+      held, scenes.size(), default_nodes_of_band, default_nodes_of_band / 2, held_alone, median(halves),
+      table);
+}
+
 // What asking for an accuracy comes to: the program's ladder over the recorded clouds, up to the finest of them.
 std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std::string& misses) {
   std::string table =
@@ -471,6 +541,8 @@ void report(const fs::path& folder) {
     text += fmt::format("\nDisplacement of a random place: multiplier {:.3f}, from {}.\n\n{}", multiplier,
                         counted(of_points, least_points), table_of_points(points, multiplier));
   }
+  if (const fs::path file = folder / "band_held_out.csv"; fs::exists(file))
+    text += "\nHeld out, at the last depth:\n\n" + table_of_held_out(band_scenes(file));
   write_file(folder / "band.md", text);
   write_chart_png(folder / "band.png", {chart}, 1);
   write_chart_svg(folder / "band.svg", {chart}, 1);
@@ -490,14 +562,19 @@ int main(int argc, char** argv) try {
   app.add_option("--atlases", atlases, "folder of the folded brains");
   app.add_option("--scenes", scenes, "how many");
   app.add_option("--from", first, "the first to be computed");
-  bool again = false, points = false;
+  bool again = false, points = false, bodies = false;
+  int held_out = 0;
   dimple::Index finer = 0;
   app.add_option("--finer", finer, "a cloud of so many nodes, on scenes that hold one of half as many");
   app.add_flag("--points", points, "displacements of a random place, instead of forces");
+  app.add_flag("--bodies", bodies, "what each scene's circle sees of its body, without a run");
+  app.add_option("--held-out", held_out, "so many lumps, with the default's pair of clouds");
   app.add_flag("--again", again, "tables and picture of band_scenes.csv, without a run");
   CLI11_PARSE(app, argc, argv);
   dimple::make_folder(folder);
-  const fs::path file = folder / (points ? "band_points.csv" : "band_scenes.csv");
+  const fs::path file = folder / (points         ? "band_points.csv"
+                                  : held_out > 0 ? "band_held_out.csv"
+                                                 : "band_scenes.csv");
   std::string csv = fs::exists(file) ? dimple::read_file(file)
                     : points         ? dimple::points_header
                                      : dimple::header;
@@ -506,6 +583,13 @@ int main(int argc, char** argv) try {
     std::reverse(sizes.begin(), sizes.end());
   else
     sizes.insert(sizes.begin(), dimple::finest);
+  if (held_out > 0) {
+    sizes = {dimple::finest, dimple::finest / 2, dimple::default_nodes_of_band,
+             dimple::default_nodes_of_band / 2};
+    first = dimple::first_held_out, scenes = first + held_out - 1;
+  }
+  if (bodies) dimple::write_bodies(folder, data, atlases);
+  again = again || bodies;
   std::set<int> done;  // also by the finer cloud
   if (finer > 0) {
     sizes = {finer};
@@ -515,7 +599,8 @@ int main(int argc, char** argv) try {
   for (int number = first; !again && number <= scenes; ++number) {
     const bool there = csv.find(fmt::format("\n{},", number)) != std::string::npos;
     if (there != (finer > 0) || done.contains(number)) continue;
-    const dimple::Scene scene = dimple::scene_of(number, data, atlases);
+    const dimple::Scene scene =
+        held_out > 0 ? dimple::held_out_scene(number) : dimple::scene_of(number, data, atlases);
     if (!scene.image.empty() && !fs::exists(scene.image)) {
       fmt::print("{}: left out, {} is not there\n", scene.body, scene.image.string());
       continue;

@@ -227,7 +227,13 @@ class Program(InAFolder):
             solved = pydimple.solve(of, mu_Pa=321.1, depth_mm=0.5, frames=2)
             np.testing.assert_array_equal(solved.force_N, whole.force_N)
             self.assertIsNone(solved.band_low_N)
-            self.assertTrue(solved.band_unknown)
+            self.assertIn("1000 nodes", solved.band_unknown)
+
+    def test_a_model_in_memory_has_the_band_of_its_image(self):
+        whole = pydimple.run(SAMPLE, nodes=1000, mu_Pa=321.1, depth_mm=0.5, frames=1)
+        solved = pydimple.solve(pydimple.build_model(SAMPLE, nodes=1000), mu_Pa=321.1, depth_mm=0.5, frames=1)
+        self.assertEqual(solved.band_unknown, "")
+        np.testing.assert_array_equal(solved.band_low_N, whole.band_low_N)
 
     def test_the_number_of_threads_changes_no_bit(self):
         many = pydimple.run(SAMPLE, **FAST)

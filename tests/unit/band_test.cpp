@@ -76,5 +76,104 @@ TEST(Band, ALadderLeapsWhereItsBandIsFarTooWide) {
   EXPECT_EQ(next_rung(1000, 0.05, 0.01), 4000);
 }
 
+// A row for each scene, of the columns that are numbers.
+struct CoveredBody {
+  std::string set;
+  double thickness, size, voxel, nu, tissues, ratio;
+};
+std::vector<CoveredBody> covered_bodies() {
+  std::vector<CoveredBody> bodies;
+  for (const std::vector<std::string>& field : rows_of(DIMPLE_BAND_BODIES))
+    bodies.push_back({field[1], std::stod(field[4]), std::stod(field[5]), std::stod(field[6]),
+                      std::stod(field[7]), std::stod(field[8]), std::stod(field[9])});
+  return bodies;
+}
+
+TEST(Band, IsKnownWhereScenesHaveBeenAndNowhereElse) {
+  const std::vector<CoveredBody> bodies = covered_bodies();
+  ASSERT_GE(bodies.size(), 200u);                        // but for those whose images are not everywhere
+  const auto fifth = [&](double CoveredBody::*number) {  // from either end
+    std::vector<double> values;
+    for (const CoveredBody& body : bodies) values.push_back(body.*number);
+    std::sort(values.begin(), values.end());
+    return std::pair(values[4], values[values.size() - 5]);
+  };
+  const auto expect_inside = [](double ours, double limit, int side, const char* what) {
+    EXPECT_GE(side * ours, side * limit) << what << ": fewer than five scenes lie beyond";
+    EXPECT_NEAR(ours, limit, 0.01 * limit) << what << " is no limit of the scenes";
+  };
+  const auto [thin, thick] = fifth(&CoveredBody::thickness);
+  expect_inside(covered_thickness.least, thin, 1, "thin");
+  expect_inside(covered_thickness.most, thick, -1, "thick");
+  const auto [small, large] = fifth(&CoveredBody::size);
+  expect_inside(covered_size.least, small, 1, "small");
+  expect_inside(covered_size.most, large, -1, "large");
+  expect_inside(covered_voxel, fifth(&CoveredBody::voxel).second, -1, "voxels");
+  EXPECT_EQ(covered_nu.least, fifth(&CoveredBody::nu).first);
+  EXPECT_EQ(covered_nu.most, fifth(&CoveredBody::nu).second);
+  EXPECT_EQ(covered_stiffness_ratio, fifth(&CoveredBody::ratio).second);
+  EXPECT_EQ(static_cast<double>(covered_tissues), fifth(&CoveredBody::tissues).second);
+}
+
+TEST(Band, IsNotShownOfABodyThatIsThinnerOrSmallerOrCoarserThanAnyThatItWasMeasuredFor) {
+  const BodyUnderCircle usual{.thickness = 5.0, .size = 8.0, .voxel = 0.2};
+  EXPECT_EQ(no_band(usual), "");
+  const auto with = [&](double BodyUnderCircle::*number, double value) {
+    BodyUnderCircle body = usual;
+    body.*number = value;
+    return no_band(body);
+  };
+  EXPECT_EQ(with(&BodyUnderCircle::thickness, 1.001 * covered_thickness.least), "");
+  EXPECT_NE(with(&BodyUnderCircle::thickness, 0.999 * covered_thickness.least), "");
+  EXPECT_NE(with(&BodyUnderCircle::thickness, 0.0), "") << "no way in was found";
+  EXPECT_NE(with(&BodyUnderCircle::thickness, 1.001 * covered_thickness.most), "");
+  EXPECT_NE(with(&BodyUnderCircle::size, 0.999 * covered_size.least), "");
+  EXPECT_NE(with(&BodyUnderCircle::size, 1.001 * covered_size.most), "");
+  EXPECT_EQ(with(&BodyUnderCircle::voxel, 0.999 * covered_voxel), "");
+  EXPECT_NE(with(&BodyUnderCircle::voxel, 1.001 * covered_voxel), "");
+}
+
+TEST(Band, IsNotShownOfTissuesThatDifferMoreThanItsScenesDid) {
+  const auto of = [](std::vector<double> moduli, double nu = 0.499) {
+    std::vector<Material> materials;
+    for (const double mu : moduli) materials.push_back(neo_hookean(mu, nu, 1000.0));
+    return no_band(materials);
+  };
+  EXPECT_EQ(of({210.0}), "");
+  EXPECT_EQ(of({210.0, 840.0}), "");
+  EXPECT_EQ(of({840.0, 210.0}), "");
+  EXPECT_NE(of({210.0, 850.0}), "");
+  EXPECT_NE(of({850.0, 210.0}), "") << "the softer one inside";
+  EXPECT_NE(of({210.0, 2100.0, 21'000.0}), "");
+  EXPECT_NE(of({210.0, 210.0, 210.0}), "") << "more of them than any scene had";
+  for (const double nu : {0.45, 0.499}) EXPECT_EQ(of({210.0}, nu), "");
+  for (const double nu : {0.3, 0.449, 0.4995}) EXPECT_NE(of({210.0}, nu), "");
+}
+
+TEST(Band, IsNeverNarrowerWithSeveralTissuesNorDeeperNorWithAnotherCloudFurtherAway) {
+  for (const Index nodes : {1000, 1500, 4000, 16'000})
+    for (const double change : {0.0, 0.01, 0.1})
+      for (double radii = 0.1; radii < deepest_with_band; radii += 0.1) {
+        const double here = band_half_width(change, nodes, {radii, false});
+        EXPECT_GE(band_half_width(change, nodes, {radii, true}), here);
+        EXPECT_GE(band_half_width(change, nodes, {radii + 0.1, false}), here);
+        EXPECT_GE(band_half_width(change + 0.01, nodes, {radii, false}), here);
+      }
+}
+
+// Bodies that nothing was chosen by.
+TEST(Band, OfTheDefaultsCloudsHoldsTheForceOfNineInTenBodiesHeldOutAndMissesNoneByAFactor) {
+  const std::vector<BandScene> scenes = band_scenes(DIMPLE_BAND_HELD_OUT);
+  ASSERT_GE(scenes.size(), 20u);
+  std::size_t held = 0;
+  for (const BandScene& scene : scenes) {
+    const std::vector<HeldOut> errors = held_out_errors(scene);
+    ASSERT_EQ(errors.size(), 4u) << scene.number;
+    held += holds_the_truth(errors);
+    for (const HeldOut& e : errors) EXPECT_LT(e.error, 2.0 * e.half) << scene.number;
+  }
+  EXPECT_GE(10 * held, 9 * scenes.size());
+}
+
 }  // namespace
 }  // namespace dimple

@@ -118,7 +118,7 @@ TEST(Restart, OfEquilibriumBeforeAndAfterTheTissueGaveWay) {
 TEST(Restart, OfEquilibriumOfThePapersSchemeAtEachDepth) {
   const Model model = block(4);
   expect_restarts(march_quasi_statically, model, one(plain, model), {.depth = 1e-3, .rate = 1e-3},
-                  {.frames = 5, .tolerance = 1e-3, .guards = false});  // so coarse a cloud is refused
+                  {.frames = 5, .step_radii = 0.05, .tolerance = 1e-3, .guards = false});  // so coarse a cloud is refused
 }
 
 TEST(Restart, OfImplicitSteps) {

@@ -12,10 +12,12 @@
 #include <thread>
 
 #include "apps/run/model_files.hpp"
+#include "apps/run/organ.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "preprocess/phantom.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {
@@ -141,6 +143,127 @@ TEST(Simulate, RefusesAPlaceOutsideOfTheBodyAndAQuantityThatIsNone) {
     given.config.accuracy.quantity = quantity;
     EXPECT_THROW(simulate(given), UsageError) << quantity;
   }
+}
+
+// Tissues in layers of 10 mm, label 1 on the base.
+Case layered_case() {
+  Case given = small_case();
+  const fs::path image = test_folder() / "layers.nrrd";
+  write_label_image(image, image_of({24, 24, 16}, Vec3::Constant(2.5), [](Index i, Index j, Index k) {
+                      const bool inside = i > 1 && i < 22 && j > 1 && j < 22 && k > 1 && k < 14;
+                      return inside ? 1 + static_cast<int>((k - 2) / 4) : 0;
+                    }));
+  given.config.image.file = image.string();
+  given.config.cloud.nodes = 1000;
+  given.band = true;
+  return given;
+}
+
+TEST(Simulate, ShowsNoBandOfTissuesThatDifferTenAndAHundredfold) {
+  Case given = layered_case();
+  const Result alike = simulate(given);
+  ASSERT_TRUE(alike.band.known()) << alike.band.unknown;
+  given.config.tissue = {{"2", {{"material.mu_Pa", "840"}}}};
+  const Result measured = simulate(given);
+  ASSERT_TRUE(measured.band.known()) << measured.band.unknown;
+  const auto share = [](const Result& of) { return of.band.half.back() / of.history.force.back().force; };
+  EXPECT_GT(share(measured), share(alike)) << "wider of several tissues";
+  given.config.tissue["2"] = {{"material.mu_Pa", "2100"}};
+  EXPECT_THAT(simulate(given).band.unknown, HasSubstr("10 times"));
+  given.config.tissue["3"] = {{"material.mu_Pa", "21000"}};
+  EXPECT_THAT(simulate(given).band.unknown, HasSubstr("at most 2 tissues"));
+}
+
+TEST(Simulate, ShowsNoBandOutsideOfWhatItWasMeasuredFor) {
+  const auto why = [](auto change) {
+    Case given = small_case();
+    given.band = true;
+    change(given.config);
+    const Result result = simulate(given);
+    EXPECT_TRUE(result.band.half.empty());
+    return result.band.unknown;
+  };
+  EXPECT_THAT(why([](Config&) {}), HasSubstr("1000 nodes on"));
+  EXPECT_THAT(why([](Config& c) { c.load.depth_mm = 8.6; }), HasSubstr("radii of the circle"));
+  EXPECT_THAT(why([](Config& c) { c.material.nu = 0.44; }), HasSubstr("nu from 0.45"));
+  EXPECT_THAT(why([](Config& c) { c.load.contact = "frictionless"; }), HasSubstr("bonded"));
+  EXPECT_THAT(why([](Config& c) { c.solver.tolerance = 1e-3; }), HasSubstr("tolerance"));
+  EXPECT_THAT(why([](Config& c) { c.solver.step_radii = 0.5; }), HasSubstr("steps of the load"));
+  EXPECT_THAT(why([](Config& c) { c.boundary.direction = "0.1,0,-1"; }), HasSubstr("straight"));
+  EXPECT_THAT(why([](Config& c) { c.cloud.rim = 0.5; }), HasSubstr("default nodes"));
+  EXPECT_THAT(why([](Config& c) { c.solver.time = "dynamic"; }), HasSubstr("dynamics"));
+}
+
+TEST(Simulate, ABandIsTheSameHoweverManyFramesAreWritten) {
+  Case given = small_case();
+  given.band = true;
+  given.config.cloud.nodes = 1000;
+  given.config.load.depth_mm = 2.0;
+  given.config.solver.frames = 1;
+  const Result few = simulate(given);
+  ASSERT_TRUE(few.band.known()) << few.band.unknown;
+  given.config.solver.frames = 7;
+  const Result many = simulate(given);
+  EXPECT_EQ(few.history.force.back().force, many.history.force.back().force);
+  EXPECT_EQ(few.band.half.back(), many.band.half.back());
+  EXPECT_GT(few.band.half.back(), 0.0);
+  // Between a cloud and itself there is no change, and the band would be its floor alone.
+  EXPECT_EQ(few.band.coarse_nodes, 500);
+  const double floor = band_half_width(0.0, 1000, {0.4, false}) * few.history.force.back().force;
+  EXPECT_GT(few.band.half.back(), 1.001 * floor);
+}
+
+TEST(Simulate, AnAccuracyIsReachedWithOneFrame) {
+  Case given = small_case();
+  given.config.cloud.nodes = Config{}.cloud.nodes;
+  given.config.solver.frames = 1;
+  given.config.accuracy.goal = "10%";
+  const Result result = simulate(given);
+  EXPECT_TRUE(result.band.known()) << result.band.unknown;
+  EXPECT_LE(result.band.half.back(), 0.1 * result.history.force.back().force);
+}
+
+TEST(Simulate, AModelThatIsKeptInMemoryHasTheBandOfItsImage) {
+  Case given = layered_case();
+  given.config.tissue = {{"2", {{"material.mu_Pa", "400"}}}};
+  const Result whole = simulate(given);
+  ASSERT_TRUE(whole.band.known()) << whole.band.unknown;
+  Result built;
+  build_case({.config = given.config}, {}, built);
+  ASSERT_TRUE(built.origin);
+  Case kept{.config = given.config, .origin = built.origin, .band = true};
+  kept.model = ModelFiles{
+      .places = built.model, .scheme = built.model.scheme, .label_names = {}, .provenance = {}, .notes = {}};
+  const Result solved = simulate(kept);
+  EXPECT_EQ(solved.band.half, whole.band.half) << solved.band.unknown;
+  kept.origin = nullptr;
+  EXPECT_FALSE(simulate(kept).band.known());
+}
+
+// Walls of 5 mm with 2.5 mm of air between them, on a slab.
+TEST(Simulate, AFoldedBodyTakesTheNodesThatItsBandNeedsUnlessTheyAreGiven) {
+  Case given = small_case();
+  const fs::path image = test_folder() / "folded.nrrd";
+  write_label_image(image, image_of({28, 28, 16}, Vec3::Constant(2.5), [](Index i, Index j, Index k) {
+                      return i > 1 && i < 26 && j > 1 && j < 26 && k > 1 && k < 14 &&
+                             (k < 7 || i % 3 != 0 || (i > 9 && i < 18));
+                    }));
+  given.config.image.file = image.string();
+  given.config.cloud.nodes = Config{}.cloud.nodes;
+  std::string said;
+  const RunObserver observer{
+      .line = [&](RunObserver::Line, const std::string& text) { said += text + "\n"; }};
+  Result folded;
+  build_case(given, observer, folded);
+  ASSERT_GT(folded.facing_share, most_facing);
+  EXPECT_EQ(folded.nodes_for_band, 4000);
+  EXPECT_NEAR(static_cast<double>(folded.model.node_count()), 4000.0, 40.0);
+  EXPECT_THAT(said, HasSubstr("4000 instead of 1500, as none were given"));
+  given.config.source["cloud.nodes"] = "--nodes";
+  Result asked;
+  build_case(given, {}, asked);
+  EXPECT_EQ(asked.nodes_for_band, 0);
+  EXPECT_NEAR(static_cast<double>(asked.model.node_count()), 1500.0, 15.0);
 }
 
 TEST(Simulate, ThrowsWhatIsWrongWithTheCase) {

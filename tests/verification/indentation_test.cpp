@@ -2,10 +2,15 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <tuple>
+
+#include "io/error.hpp"
 #include "io/table.hpp"
 #include "preprocess/build_model.hpp"
 #include "preprocess/shapes.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/random_bodies.hpp"
 
 namespace dimple {
 namespace {
@@ -21,8 +26,9 @@ std::vector<double> forces(const BodySurface& body, double diameter_mm, double d
        solve(built.model, {{neo_hookean(210.0, 0.499, 1000.0)}, built.model.tissue},
              {.depth = 1e-3 * depth_mm}, {.frames = count})
            .force)
-    result.push_back(sample.force);
-  return {result.begin() + 1, result.end()};
+    if (std::abs(1e3 * sample.depth - depth_mm / count * static_cast<double>(result.size() + 1)) < 1e-6)
+      result.push_back(sample.force);
+  return result;
 }
 
 TEST(Indentation, BesideASlitIsAsSoftAsFiniteElementsSay) {
@@ -54,6 +60,33 @@ TEST(Indentation, OfASlenderBlockFeelsTheEdgeOfItsBase) {
   }
   ASSERT_GT(reference, 0.0);
   EXPECT_NEAR(ours.front(), reference, 0.03 * reference);
+}
+
+// Ended marches too: by the same code, at the same depth.
+TEST(Indentation, IsTheSameHoweverManyFramesAreLookedAt) {
+  for (int number = 1; number <= 5; ++number) {
+    const RandomBody body = random_body(number);
+    SCOPED_TRACE("random body " + std::to_string(number) + ", " + body.name + " mm");
+    ModelOptions options;
+    options.cloud.count = 600;
+    options.boundary = body.boundary;
+    const Model model = build_model(body.image, {}, options).model;
+    const ForceSystem system(model, neo_hookean(210.0, body.nu, 1000.0), Precision::single_);
+    const auto march = [&](int frames) {
+      History history;
+      std::string code;
+      try {
+        solve(TimeMode::quasi_static, system, model, {.depth = 1.6 * model.tool.radius}, {.frames = frames}, {},
+              history);
+      } catch (const SolveError& error) {
+        code = error.report.code;
+      }
+      return std::tuple(history.force.back().depth, history.force.back().force, history.retries.size(), code);
+    };
+    const auto alone = march(1);
+    EXPECT_EQ(march(4), alone);
+    EXPECT_EQ(march(16), alone);
+  }
 }
 
 }  // namespace

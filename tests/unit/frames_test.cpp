@@ -1,0 +1,106 @@
+// Frames are for looking: in equilibrium the march does not know of them.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "solver/quasi_static.hpp"
+#include "tests/helpers/arch.hpp"
+
+namespace dimple {
+namespace {
+
+using namespace testing_bodies;
+
+struct Seen {
+  History history;
+  std::vector<double> depth, force;  // of frames: the load's depth and the reaction of the circle
+};
+
+Seen march(const Model& model, const Tissues& tissues, double depth, const SolverOptions& options) {
+  const ForceSystem system(model, tissues, Precision::single_);
+  Seen seen;
+  const Eigen::Vector4d push = padded(model.tool.push);
+  const Observer observer{.frame = [&](const Frame& now) {
+    double force = 0.0;
+    for (const Index a : model.indenter) force += now.f.col(a).dot(push);
+    seen.depth.push_back(now.depth);
+    seen.force.push_back(force);
+  }};
+  march_quasi_statically(system, model, {.depth = depth, .rate = 1e-3}, options, observer, seen.history);
+  return seen;
+}
+
+const ForceSample* sample_at(const History& history, double depth) {
+  const auto found = std::find_if(history.force.begin(), history.force.end(),
+                                  [&](const ForceSample& s) { return std::abs(s.depth - depth) < 1e-9; });
+  return found == history.force.end() ? nullptr : &*found;
+}
+
+const Material plain = neo_hookean(210.0, 0.49, 1000.0);
+const Material relaxing = material_preset("miller_chinzei_2002");
+
+TEST(Frames, HoweverManyLeaveTheForceAsItIsToTheBit) {
+  const Model model = averaged_block(5);
+  for (const Material& material : {plain, relaxing}) {
+    const Tissues tissues{{material}, Eigen::VectorXi::Zero(model.point_count())};
+    const Seen few = march(model, tissues, 4e-3, {.frames = 1});
+    ASSERT_EQ(few.history.force.size(), 11u) << "ten steps of a tenth of the radius";
+    for (const int frames : {3, 4, 16, 40}) {
+      SCOPED_TRACE(frames);
+      const Seen many = march(model, tissues, 4e-3, {.frames = frames});
+      EXPECT_EQ(many.depth.size(), static_cast<std::size_t>(frames) + 1);
+      for (const ForceSample& s : few.history.force) {
+        const ForceSample* same = sample_at(many.history, s.depth);
+        ASSERT_NE(same, nullptr) << s.depth;
+        EXPECT_EQ(same->force, s.force) << s.depth;
+      }
+      EXPECT_EQ(many.history.steps, few.history.steps);
+      EXPECT_EQ(many.history.J_min, few.history.J_min);
+      ASSERT_EQ(many.history.energy.size(), few.history.energy.size());
+      EXPECT_EQ(many.history.energy.back().external, few.history.energy.back().external);
+      EXPECT_TRUE(std::is_sorted(many.history.force.begin(), many.history.force.end(),
+                                 [](const auto& a, const auto& b) { return a.depth < b.depth; }));
+    }
+  }
+}
+
+TEST(Frames, AreEachInEquilibriumAtTheirOwnDepth) {
+  const Model model = averaged_block(5);
+  const Tissues tissues{{plain}, Eigen::VectorXi::Zero(model.point_count())};
+  const Seen seen = march(model, tissues, 4e-3, {.frames = 7, .tolerance = 1e-6}),
+             own = march(model, tissues, 4e-3, {.frames = 1, .step_radii = 1.0 / 7.0, .tolerance = 1e-6});
+  ASSERT_EQ(seen.depth.size(), 8u);
+  ASSERT_EQ(own.history.force.size(), 8u) << "the same depths, as steps";
+  for (std::size_t k = 1; k < 8; ++k) {
+    EXPECT_NEAR(seen.depth[k], 4e-3 * static_cast<double>(k) / 7.0, 1e-12);
+    EXPECT_NEAR(seen.force[k] / own.history.force[k].force, 1.0, 1e-4) << k;
+    const ForceSample* sample = sample_at(seen.history, seen.depth[k]);
+    ASSERT_NE(sample, nullptr);
+    EXPECT_NEAR(sample->force, seen.force[k], 1e-12);
+  }
+}
+
+TEST(Frames, AreNoReasonForAMarchToEnd) {
+  const Model model = averaged_block(5);
+  const Tissues tissues{{plain}, Eigen::VectorXi::Zero(model.point_count())};
+  const Seen few = march(model, tissues, 1.6e-3, {.frames = 1, .tolerance = 1e-5});
+  const Seen many = march(model, tissues, 1.6e-3, {.frames = 100, .tolerance = 1e-5});
+  EXPECT_EQ(few.history.force.back().force, many.history.force.back().force);
+  EXPECT_EQ(many.depth.size(), 101u);
+}
+
+TEST(Frames, StepsGrowWithTheDepthInRadiiAlone) {
+  const Model model = averaged_block(4);
+  const double radius = model.tool.radius;
+  EXPECT_EQ(steps_of_load(model, {.depth = 1.6 * radius}, {.frames = 3}), 16);
+  EXPECT_EQ(steps_of_load(model, {.depth = 1.6 * radius}, {.frames = 300}), 16);
+  EXPECT_EQ(steps_of_load(model, {.depth = 0.3 * radius}, {}), 3);
+  EXPECT_EQ(steps_of_load(model, {.depth = 0.31 * radius}, {}), 4);
+  EXPECT_EQ(steps_of_load(model, {.depth = 1e-9 * radius}, {}), 1);
+  EXPECT_EQ(steps_of_load(model, {.depth = radius}, {.step_radii = 0.05}), 20);
+}
+
+}  // namespace
+}  // namespace dimple
