@@ -43,7 +43,8 @@ Placed place(const Case& given, const RunObserver& observer, const Talk& talk, R
     placed.scheme = options.scheme;
     placed.organ.emplace(read_organ(given, options, talk, result));
     placed.label_names = placed.organ->label_names;
-    placed.places = place_nodes(given.config, *placed.organ, options, result.image, talk, result);
+    placed.places =
+        place_nodes(given.config, *placed.organ, placed.organ->options, result.image, talk, result);
   }
   if (observer.placed) observer.placed(placed.places, placed.scheme);
   return placed;
