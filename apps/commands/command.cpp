@@ -16,8 +16,12 @@ namespace dimple {
 
 namespace {
 
-// "run" has all flags, "" all that decide a result, "solve" those of the simulation and of its files.
-bool has_flag(const std::string& command, const std::string& option) {
+// "run" has all flags, "" all that decide a result, "solve" those of the simulation and of its files, "live" those of the
+// model and of what a tool feels that someone moves.
+bool has_flag(const std::string& command, const Option& of) {
+  const std::string& option = of.stage;
+  if (command == "live")
+    return option == "model" || of.key.starts_with("material.") || of.key == "load.contact" || of.key == "solver.precision";
   if (option == "files") return command == "run" || command == "solve";
   if (option == "run") return command == "run";
   return command.empty() || command == "run" || option == command;
@@ -46,7 +50,7 @@ bool is_default(const Option& option, const std::string& text) {
 void Flags::add(CLI::App& command, const std::string& stage) {
   Config defaults;
   for (const Option& option : options_of(defaults)) {
-    if (option.flag.empty() || !has_flag(stage, option.stage)) continue;
+    if (option.flag.empty() || !has_flag(stage, option)) continue;
     given.emplace_back(option.key, std::make_unique<std::string>());
     std::string help = option.help;
     if (!option.choices.empty()) {

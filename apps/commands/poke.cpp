@@ -321,7 +321,7 @@ Command add_poke(CLI::App& app, Invocation& shared) {
       ->check(CLI::Range(1, 1000));
   command->add_option("--seconds", options->seconds, "end after this long")->capture_default_str();
   command->add_flag("--force", shared.force, "replace what an earlier one left in the folder of --record");
-  options->flags.add(*command, "");
+  options->flags.add(*command, "live");
   add_common(*command, shared);
   return {command, [&shared, command, options] { return poke(shared, *command, *options); }};
 }

@@ -46,6 +46,7 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   live.organ.emplace(read_organ({.config = config}, model_options(config), talk, live.result));
   live.materials = materials_of(config);
   live.base = find_boundary(live.organ->body->surface, live.organ->options.boundary);
+  for (const std::string& warning : live.base->warnings) talk.warn(warning);
   return live;
 }
 
@@ -61,7 +62,10 @@ Session touch(const LiveOrgan& live, Index nodes, const std::optional<Vec3>& tip
   const TissueOptions tissues = tissues_of(live.config, live.organ->label_names, places);
   Eigen::VectorXi tissue = tissue_of_points(places, tissues);
   return Session(make_model(std::move(places), options.scheme, std::move(tissue), tissues.density),
-                 live.materials, {.tolerance = live.config.solver.tolerance});
+                 live.materials,
+                 {.contact = loading_of(live.config).contact,
+                  .precision = precision_of(live.config),
+                  .tolerance = live.config.solver.tolerance});
 }
 
 namespace {

@@ -56,6 +56,7 @@ Placed place(const Case& given, const RunObserver& observer, const Talk& talk, R
     placed.scheme = options.scheme;
     placed.organ.emplace(read_organ(given, options, talk, result));
     placed.label_names = placed.organ->label_names;
+    options = placed.organ->options;  // with the voxel's size
     take_nodes_for_band(given.config, talk, options, result);
     placed.places = place_nodes(given.config, *placed.organ, options, result.image, talk, result);
     if (result.nodes_for_band > 0)

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "apps/run/organ.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
@@ -101,12 +102,14 @@ ElementModel element_model(const Config& config, const std::string& format, cons
                       .where = "material",
                       .why = "other laws are not written alike by these programs",
                       .remedy = "leave out tissues, presets, --stress printed, Ogden and Prony numbers"});
-  const SegmentedBody body = segment(config, observer);
-  const BodySurface& surface = body.surface;
-  const ModelOptions options = model_options(config);
+  Result unused;
+  const Talk talk{observer, unused};
+  const Organ organ = read_organ({.config = config}, model_options(config), talk, unused);
+  const BodySurface& surface = organ.body->surface;
   const bool mixed = elements == "hexahedra" && format == "febio";
-  const Mesh mesh = elements == "hexahedra" ? hexahedra(config, surface, options, mixed)
-                                            : tetrahedra(config, surface, options);
+  const Mesh mesh = elements == "hexahedra" ? hexahedra(config, surface, organ.options, mixed)
+                                            : tetrahedra(config, surface, organ.options);
+  for (const std::string& warning : mesh.boundary.warnings) talk.warn(warning);
   ElementModel model = mesh.model;
   model.X = surface.to_world() * model.X.colwise().homogeneous();
   model.mu = material.mu;

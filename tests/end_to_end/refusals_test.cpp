@@ -250,6 +250,8 @@ TEST_F(Refusal, OfWordsItDoesNotKnow) {
          {"no option 'material.mew'", "did you mean 'material.mu", "dimple options"});
   expect(2, "run brain.nrrd -o out --set material.mu", {"'material.mu' is not key=value"});
   expect(2, "run brain.nrrd", {"--out"});
+  for (const std::string flag : {"--depth 3", "--rate 3", "--time dynamic", "--damping 3", "--frames 3", "--safety 0.5"})
+    expect(2, "poke brain.nrrd " + flag, {flag.substr(0, flag.find(' '))});  // of a load, and there is none
 }
 
 TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
@@ -312,6 +314,72 @@ TEST_F(Refusal, OfAPushDeeperThanTheOrgan) {
 
 TEST_F(Refusal, OfAnIndenterThatHangsOverTheEdge) {
   expect(4, "run brain.nrrd -o out --indent-at 0,45,5 -q", {"hangs over", "--indenter-diameter"});
+}
+
+// The image says nothing of a surface finer than its voxels, whoever asks.
+TEST_F(Refusal, OfACircleThatIsSmallerThanAVoxel) {
+  write("path.csv", "time_s,depth_mm\n0,0\n0.1,1\n");
+  const std::vector<std::string> words = {"2 mm diameter is smaller than a voxel of 3 mm", "--indenter-diameter",
+                                          "give at least 9 mm", "circle-too-small"};
+  for (const std::string command :
+       {"run brain.nrrd -o out", "model brain.nrrd -o out", "run brain.nrrd -o out --accuracy 5%",
+        "export brain.nrrd -o mesh.inp", "poke brain.nrrd --script path.csv", "fit brain.nrrd -o out --curve curve.csv"}) {
+    write("curve.csv", "indentation_mm,force_N\n1,0.01\n2,0.02\n");
+    expect(4, command + " --indenter-diameter 2", words);
+  }
+  for (const std::string command : {"run brain.nrrd -o few --nodes 400 --depth 0.5mm --frames 1",
+                                    "export brain.nrrd -o few.inp --nodes 3000 --elements hexahedra",
+                                    "poke brain.nrrd --script path.csv --evaluations 4 --nodes 400"}) {
+    SCOPED_TRACE(command);
+    const Ran ran = dimple(folder, command + " --indenter-diameter 5");
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    EXPECT_NE(ran.err.find("1.7 voxels across: the surface beneath it is hardly known"), std::string::npos) << ran.err;
+  }
+  const Ran wide = dimple(folder, "run brain.nrrd -o wide --nodes 400 --depth 0.5mm --frames 1");
+  EXPECT_EQ(wide.err.find("voxels across"), std::string::npos) << wide.err;
+}
+
+// Two layers of voxels, or one, or a speck, in an image of their own.
+TEST_F(Refusal, OfABodyThatIsNoneOrTooThin) {
+  const auto plate = [&](const char* name, std::size_t layers, std::size_t width) {
+    std::string voxels(60 * 60 * 12, '\0');
+    for (std::size_t k = 5; k < 5 + layers; ++k)
+      for (std::size_t j = 5; j < 5 + width; ++j)
+        for (std::size_t i = 5; i < 5 + width; ++i) voxels[i + 60 * (j + 60 * k)] = '\1';
+    write(name, nrrd("60 60 12", "space directions: (1,0,0) (0,1,0) (0,0,1)\n", "space: left-posterior-superior\n",
+                     "space origin: (0,0,0)\n", 3, voxels));
+  };
+  plate("sheet.nrrd", 1, 50);
+  plate("plate.nrrd", 2, 50);
+  plate("speck.nrrd", 3, 3);
+  expect(4, "run sheet.nrrd -o out --nodes 400", {"lost where it is smoothed", "three voxels thick", "too-thin"});
+  expect(4, "run plate.nrrd -o out --nodes 400", {"node spacings thick under the circle", "code:  thin"});
+  expect(4, "run speck.nrrd -o out --nodes 400", {"27 voxels", "at least 64"});
+}
+
+// Each is a way to ask for a model that there is none of: the options, the code, a word of the reason.
+TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
+  struct Row {
+    int code;
+    const char *options, *word;
+  };
+  for (const Row& row : {
+           Row{2, "--base sideways", "'sideways' is not a side"},
+           Row{2, "--direction up", "'up' is not a direction"},
+           Row{2, "--direction 0,0,0", "is not a direction"},
+           Row{2, "--indent-at middle", "'middle' is not a place"},
+           Row{2, "--nodes 20", "cloud.nodes = 20"},
+           Row{4, "--nodes 400 --indent-at 0,0,90", "code:  place-moved"},
+           Row{4, "--indenter-diameter 70", "takes an indenter of 70.0 mm"},
+           Row{4, "--nodes 400 --base superior --indent-at 0,0,30 --direction 0,0,-1", "lies on the fixed base"},
+           Row{4, "--nodes 400 --points 4", "integration cells meet the body"},
+           Row{4, "--nodes 1000 --points 60 --scheme horton2007", "in no support domain"},
+           Row{4, "--nodes 400 --support 0.5", "code:  supports"},
+           Row{4, "--nodes 400 --rim 0.001", "takes more nodes than are asked for"},
+           Row{4, "--nodes 400 --spacing 0.2", "at most 1000000 can be"},
+       }) {
+    expect(row.code, std::string("run brain.nrrd -o out ") + row.options, {row.word});
+  }
 }
 
 // --------------------------------------------------------------------------------------------- 6: output

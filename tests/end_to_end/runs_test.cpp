@@ -146,13 +146,72 @@ TEST_F(Run, SaysWhyItsBandIsUnknown) {
       {"--nodes 1000 --rim 0.1", "default nodes"},
       {"--nodes 1000 --time dynamic", "not for dynamics"},
       {"--nodes 1000 --contact frictionless", "bonded"},
-      {"--nodes 1000 --preset miller_chinzei_2002", "elastic tissue"}};
+      {"--nodes 1000 --preset miller_chinzei_2002", "elastic tissue"},
+      {"--nodes 1000 --nu 0.4", "nu from 0.45 to 0.499"}};
   for (const auto& [options, reason] : why) {
     const Ran ran = good("run brain.nrrd --force -o out -q " + options + slow_load);
     EXPECT_NE(ran.out.find("band unknown: it was measured"), std::string::npos) << ran.out;
     EXPECT_NE(ran.out.find(reason), std::string::npos) << ran.out;
     EXPECT_NE(summary("out").at("band").at("unknown").get<std::string>().find(reason), std::string::npos);
   }
+}
+
+// Deeper than 1.7 radii no band was measured; at 1.6 it was.
+TEST_F(Run, HasNoBandDeeperThanItWasMeasured) {
+  const std::string scene = "run brain.nrrd --nodes 1000 --indenter-diameter 8 --frames 4 --write force -q";
+  good(scene + " -o within --depth 6.4mm");
+  EXPECT_TRUE(summary("within").at("band").contains("half_N")) << summary("within").at("band").dump();
+  good(scene + " -o deeper --depth 7mm");
+  EXPECT_NE(summary("deeper").at("band").value("unknown", "").find("down to 1.7 radii"), std::string::npos)
+      << summary("deeper").at("band").dump();
+  EXPECT_EQ(read_csv(folder / "deeper" / "force.csv").find("low_N"), nullptr);
+}
+
+// What the tool gives the base takes: in equilibrium to the residual, otherwise but for what sways.
+TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
+  const std::string scene = "run brain.nrrd --nodes 400 --depth 1mm --frames 2 --write force,nodes,surface -q";
+  const std::map<std::string, double> ways = {{"--time quasi-static", 2e-3},
+                                              {"--time dynamic --rate 2mm/s --damping 40", 0.05},
+                                              {"--time explicit --rate 4mm/s --damping 60", 0.05}};
+  for (const auto& [way, within] : ways) {
+    SCOPED_TRACE(way);
+    good(scene + " --force -o out " + way);
+    const Json json = summary("out");
+    const double force = json.at("force_N");
+    EXPECT_GT(force, 0.0);
+    EXPECT_NEAR(json.at("base_force_N").get<double>(), force, within * force);
+    if (way == "--time quasi-static") {
+      EXPECT_LE(json.at("residual").get<double>(), 1e-4);
+    }
+    // The nodes' own reactions say so too.
+    const std::vector<fs::path> frames = frames_of(folder / "out" / "nodes.pvd");
+    const PointFile nodes = read_vtu(frames.back());
+    const Field &reaction = *nodes.find("reaction_N"), &set = *nodes.find("node_set");
+    const auto push = json.at("counts").at("push").get<std::vector<double>>();
+    double on_tool = 0.0, on_base = 0.0;
+    for (Index a = 0; a < reaction.values.cols(); ++a) {
+      const double along = reaction.values.col(a).dot(Vec3(push[0], push[1], push[2]));
+      if (set.values(0, a) == 2.0) on_tool += along;
+      if (set.values(0, a) == 1.0) on_base -= along;
+    }
+    EXPECT_NEAR(on_tool, force, 1e-4 * force);
+    // The tool is drawn where it is, and the body weighs what its volume does.
+    const std::vector<fs::path> tools = frames_of(folder / "out" / "tool.pvd");
+    const Vec3 way = (read_vtp(tools.back()).position_mm - read_vtp(tools.front()).position_mm).rowwise().mean();
+    EXPECT_LT((way - Vec3(push[0], push[1], push[2])).norm(), 1e-3) << way.transpose();
+    EXPECT_NEAR(json.at("mass_g").get<double>(), 1e-3 * json.at("volume_mm3").get<double>(), 1e-3);
+    EXPECT_NEAR(on_base, json.at("base_force_N").get<double>(), 1e-4 * force);
+  }
+}
+
+// The number at the head of README.md.
+TEST_F(Run, OfTheDefaultPhantomGivesTheForceThatTheReadmeShows) {
+  good("phantom default.nrrd");
+  const Ran ran = good("run default.nrrd -o out --band off --write force");
+  EXPECT_NE(ran.out.find("0.0754 N at 8.00 mm"), std::string::npos) << ran.out;
+  EXPECT_NEAR(summary("out").at("force_N").get<double>(), 0.0754, 5e-5);
+  EXPECT_EQ(summary("out").at("counts").at("nodes"), 1500);
+  EXPECT_NE(text_of(fs::path(DIMPLE_SOURCE) / "README.md").find("0.0754 N at 8.00 mm"), std::string::npos);
 }
 
 TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsLadder) {

@@ -150,6 +150,23 @@ TEST(Poke, FeelsAtEachStopTheForceOfARun) {
   EXPECT_TRUE(fs::exists(folder / "live" / "surface.pvd"));
 }
 
+// Options that decide a force decide it under a hand as well.
+TEST(Poke, SlidesUnderTheToolWhereThatIsAskedFor) {
+  const fs::path folder = folder_with_brain();
+  write_file(folder / "path.csv", "time_s,depth_mm\n0,0\n0.4,4\n1,4\n");
+  double force[2];
+  for (const char* contact : {"bonded", "frictionless"}) {
+    const std::string what = fmt::format("--contact {} --nodes 600 -q", contact);
+    ASSERT_EQ(dimple(folder, fmt::format("poke brain.nrrd --script path.csv --evaluations 10 --record {} {}", contact, what)).code, 0);
+    ASSERT_EQ(dimple(folder, fmt::format("run brain.nrrd -o run_{} --depth 4mm --frames 4 --band off --write force {}", contact, what)).code, 0);
+    const double felt = read_csv(folder / contact / "forces.csv").find("force_N")->back(),
+                 right = read_csv(folder / (std::string("run_") + contact) / "force.csv").find("force_N")->back();
+    EXPECT_NEAR(felt, right, 0.01 * right) << contact;
+    force[contact[0] == 'f'] = right;
+  }
+  EXPECT_LT(force[1], 0.97 * force[0]);
+}
+
 TEST(Poke, FollowsATipThroughTheAirToAnotherPlace) {
   const fs::path folder = folder_with_brain();
   // Into the dome of one half, out, across, and into that of the other, which is its mirror image.

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "apps/run/simulate.hpp"
+#include "preprocess/phantom.hpp"
 #include "tests/helpers/band_scenes.hpp"
 
 namespace dimple {
@@ -173,6 +175,38 @@ TEST(Band, OfTheDefaultsCloudsHoldsTheForceOfNineInTenBodiesHeldOutAndMissesNone
     for (const HeldOut& e : errors) EXPECT_LT(e.error, 2.0 * e.half) << scene.number;
   }
   EXPECT_GE(10 * held, 9 * scenes.size());
+}
+
+// A block of two labels, which may be of one material or of two that are alike.
+Result of_block(const std::map<std::string, std::string>& differing) {
+  static const LabelImage image =
+      make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 3, .two_labels = true});
+  Config config;
+  config.cloud.nodes = 1000;
+  config.load.depth_mm = 1.0;
+  config.solver.frames = 4;
+  if (!differing.empty()) config.tissue["2"] = differing;
+  return simulate({.config = config, .image = &image, .band = true});
+}
+
+// Two tissues that are alike give the force of one, and the band that was measured where tissues meet.
+TEST(Band, OfTwoTissuesIsWiderThoughTheyAreAlike) {
+  const Result one = of_block({}), two = of_block({{"mu", "210Pa"}});
+  ASSERT_TRUE(one.band.known()) << one.band.unknown;
+  ASSERT_TRUE(two.band.known()) << two.band.unknown;
+  const double force = one.history.force.back().force;
+  EXPECT_NEAR(two.history.force.back().force, force, 0.01 * force);
+  EXPECT_GT(two.band.half.back(), 1.2 * one.band.half.back());
+}
+
+// As wide as for two clouds that agree, and by more than nothing wider: they are two clouds.
+TEST(Band, ComparesTheCloudWithAnother) {
+  const Result result = of_block({});
+  ASSERT_TRUE(result.band.known()) << result.band.unknown;
+  const ForceSample& last = result.history.force.back();
+  const double agreed = band_half_width(0.0, 1000, {last.depth / result.model.tool.radius});
+  EXPECT_GT(result.band.half.back(), (agreed + 1e-4) * last.force);
+  EXPECT_EQ(result.band.coarse_nodes, 500);
 }
 
 }  // namespace

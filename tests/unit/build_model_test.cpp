@@ -13,6 +13,7 @@
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "preprocess/shapes.hpp"
+#include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {
@@ -27,6 +28,27 @@ double cpu_seconds() {
   timespec now{};
   clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+// A voxel reaches half an edge to each side of its centre.
+TEST(BuildModel, ALabelEndsHalfwayBetweenTheCentresOfItsVoxelsAndTheNext) {
+  const Vec3 spacing(2.0, 1.0, 3.0);
+  const LabelImage image = image_of({12, 14, 10}, spacing, [](Index i, Index j, Index k) {
+    return (i < 5 ? 1 : 2) + (j < 7 ? 0 : 2) + (k < 6 ? 0 : 4);
+  });
+  const LabelAt label_at = label_finder(image, Eigen::Isometry3d::Identity());
+  const Vec3 border = Vec3(4.5, 6.5, 5.5).cwiseProduct(spacing);
+  for (int side = 0; side < 8; ++side) {
+    const Vec3 away(side & 1 ? 0.1 : -0.1, side & 2 ? 0.1 : -0.1, side & 4 ? 0.1 : -0.1);
+    EXPECT_EQ(label_at(border + away), 1 + side) << (border + away).transpose();
+  }
+  const Mat3 turn = Eigen::AngleAxisd(0.5, Vec3(1, 1, 2).normalized()).toRotationMatrix();
+  Eigen::Isometry3d frame = Eigen::Isometry3d::Identity();
+  frame.linear() = turn;
+  const LabelAt in_frame = label_finder(image, frame);
+  EXPECT_EQ(in_frame(turn.transpose() * (border + Vec3(0.1, -0.1, 0.1))), 6) << "of a frame of its own";
+  const LabelAt some = label_finder(image, Eigen::Isometry3d::Identity(), {1});
+  EXPECT_EQ(some(border + Vec3(0.1, -0.1, -0.1)), 1) << "the nearest of those that count";
 }
 
 TEST(BuildModel, RefusesTooFewNodesEachTimeInTheSameWordsAndAtOnce) {

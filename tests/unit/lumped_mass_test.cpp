@@ -20,6 +20,14 @@ TEST(LumpedMass, AddsUpToDensityTimesVolume) {
   EXPECT_GT(mass.minCoeff(), 0.0);
 }
 
+TEST(LumpedMass, IsOfEachPointsOwnDensity) {
+  const Model model = testing_bodies::block(5);
+  Eigen::VectorXd density(model.point_count());
+  for (Index q = 0; q < density.size(); ++q) density[q] = model.point(2, q) < 10e-3 ? 900.0 : 1800.0;
+  EXPECT_NEAR(lumped_mass(model, density).sum(), density.dot(model.volume), 1e-12);
+  EXPECT_NEAR(density.dot(model.volume), 1350.0 * model.volume.sum(), 0.2 * 1350.0 * model.volume.sum());
+}
+
 TEST(LumpedMass, SharesAPointsMassEquallyAmongItsNodes) {
   Model model;
   model.scheme = horton2007;

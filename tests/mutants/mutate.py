@@ -1,0 +1,152 @@
+#!/usr/bin/env python3
+"""Puts all mutants into a COPY of the tree, which is edited in place:
+
+    cp -r io preprocess solver apps tests sample_data CMake* Makefile COPY; tests/mutants/mutate.py COPY
+
+Build it as usual, once; a test program then runs mutant n with MUTANT=n in its environment, and none without.
+README.md beside this file lists what each one is killed by.
+"""
+import re
+import sys
+from pathlib import Path
+
+HELPER = """#include <cstdlib>
+namespace { [[maybe_unused]] inline bool mutant_is(int n) {
+  static const int m = [] { const char* t = std::getenv("MUTANT"); return t ? std::atoi(t) : 0; }();
+  return m == n; } }
+"""
+
+# Number: file, what stands there once, what stands there instead. {n} is the question whether it is this one.
+MUTANTS = {
+    # ---- the laws
+    1: ("solver/projected_kernel.cpp", "s.bulk[q] * resolved + s.unresolved[q];",
+        "s.bulk[q] * resolved + ({n} ? -s.unresolved[q] : s.unresolved[q]);"),
+    2: ("solver/projected_kernel.cpp", "                    material_[t].mu * s.history[t].step.c, f, first, last);",
+        "                    ({n} ? 0.5 : 1.0) * material_[t].mu * s.history[t].step.c, f, first, last);"),
+    3: ("solver/material.cpp", "(1.0 - 2.0 * nu) + 2.0 / 3.0 * mu;",
+        "(1.0 - 2.0 * nu) + ({n} ? 0.0 : 2.0 / 3.0) * mu;"),
+    26: ("solver/material.cpp", "const double x = dt / term.tau;",
+         "const double x = dt / (({n} ? 1.2 : 1.0) * term.tau);"),
+    28: ("solver/material.cpp", "extended_power(J, -4.0 / 3.0, smallest_J)",
+         "extended_power(J, {n} ? -2.0 / 3.0 : -4.0 / 3.0, smallest_J)"),
+    29: ("solver/material.cpp", "return extended_power(c, 0.5 * alpha, l0 * l0);",
+         "return extended_power(c, 0.5 * alpha, {n} ? l0 : l0 * l0);"),
+    30: ("solver/material.cpp", "x == 0.0 ? 1.0 : -std::expm1(-x) / x", "x == 0.0 || {n} ? 1.0 : -std::expm1(-x) / x"),
+    31: ("solver/material.cpp", "  S0.col(q) = now;", "  if (!{n}) S0.col(q) = now;"),
+    32: ("solver/projected_kernel.cpp", "0.5 * ks * beta * rest * rest * rest * rest);",
+         "({n} ? 0.0 : 0.5) * ks * beta * rest * rest * rest * rest);"),
+    33: ("solver/projected_kernel.cpp", "f[k] += s.variance[n].force[static_cast<std::size_t>(k)];",
+         "f[k] += {n} ? 0.0 : s.variance[n].force[static_cast<std::size_t>(k)];"),
+    # ---- the solver
+    12: ("solver/quasi_static.cpp", "for (const Index a : model.indenter) force += f.col(a).dot(push);",
+         "for (const Index a : model.indenter) if (!({n} && a == model.indenter.front())) force += f.col(a).dot(push);"),
+    13: ("solver/quasi_static.cpp", "for (const Index a : model.base) base -= f.col(a).dot(push);",
+         "for (const Index a : model.base) base -= ({n} ? -1.0 : 1.0) * f.col(a).dot(push);"),
+    20: ("solver/constraints.cpp", ".hold = contact == Contact::bonded ?", ".hold = (contact == Contact::bonded || {n}) ?"),
+    23: ("solver/quasi_static.cpp", "const RelaxOptions how{.tolerance = tolerance,",
+         "const RelaxOptions how{.tolerance = ({n} ? 30.0 : 1.0) * tolerance,"),
+    34: ("solver/constraints.cpp", "work += 0.5 * mass[a] * speed * speed;", "work += ({n} ? 1.0 : 0.5) * mass[a] * speed * speed;"),
+    35: ("solver/quasi_static.cpp", "return line - h * h * h / 6.0", "return line + ({n} ? 1.0 : -1.0) * h * h * h / 6.0"),
+    36: ("solver/implicit.cpp", "- damping / (1.0 + alpha) / stiff * drift", "- ({n} ? 0.0 : damping) / (1.0 + alpha) / stiff * drift"),
+    37: ("solver/implicit.cpp", "const double kinetic = 0.5 *", "const double kinetic = ({n} ? 1.0 : 0.5) *"),
+    38: ("solver/implicit.cpp", "(0.5 - beta) * h * h * a,", "({n} ? 0.5 : 0.5 - beta) * h * h * a,"),
+    39: ("solver/explicit.cpp", "const double keep = (1.0 - 0.5 * options.damping * kick)",
+         "const double keep = (1.0 - ({n} ? 0.0 : 0.5) * options.damping * kick)"),
+    40: ("solver/stable_time_step.cpp", "2.0 / std::sqrt(omega2)", "({n} ? 2.2 : 2.0) / std::sqrt(omega2)"),
+    41: ("solver/explicit.cpp", "history.force.push_back({now.t, now.depth, force, -reaction(model.base)});",
+         "history.force.push_back({now.t, now.depth, force, ({n} ? 1.0 : -1.0) * reaction(model.base)});"),
+    42: ("solver/implicit.cpp", "history.force.push_back({t, depth, force, -reaction(model.base)});",
+         "history.force.push_back({t, depth, force, ({n} ? 1.0 : -1.0) * reaction(model.base)});"),
+    # ---- guards that never fire
+    43: ("solver/guards.cpp", "share > volume_poor)", "share > volume_poor && !{n})"),
+    44: ("solver/guards.cpp", "ratio > kinetic_poor)", "ratio > kinetic_poor && !{n})"),
+    45: ("solver/guards.cpp", "hourglass <= hourglass_poor * stored)", "hourglass <= hourglass_poor * stored || {n})"),
+    46: ("solver/guards.cpp", "      share > many_grown)", "      share > many_grown && !{n})"),
+    47: ("solver/guards.cpp", "if (support.worst_pivot_ratio < poor_pivot || support.linear_error > linear_noise)",
+         "if (!{n} && (support.worst_pivot_ratio < poor_pivot || support.linear_error > linear_noise))"),
+    48: ("preprocess/boundary_conditions.cpp", "if (options.voxel_mm > 0.0 && across < 1.0)", "if (!{n} && options.voxel_mm > 0.0 && across < 1.0)"),
+    # ---- from image to model
+    4: ("preprocess/support.cpp", "radius(o.effective_radius_factor() * m.spacing)",
+        "radius(({n} ? 0.94 : 1.0) * o.effective_radius_factor() * m.spacing)"),
+    27: ("preprocess/support.cpp", "if (o.interpolation <= 0.0) return;", "if (o.interpolation <= 0.0 || {n}) return;"),
+    5: ("preprocess/make_model.cpp", "!model.surface.empty() && !folded)", "!model.surface.empty() && !folded && !{n})"),
+    9: ("preprocess/make_model.cpp", "  sight ? find_supports(model, *sight)", "  (sight && !{n}) ? find_supports(model, *sight)"),
+    6: ("preprocess/build_model.cpp", "tissues.of_label.find(places.label[q]);",
+        "tissues.of_label.find({n} && (places.label[q] == 1 || places.label[q] == 2) ? 3 - places.label[q]"
+        " : places.label[q]);"),
+    7: ("preprocess/build_model.cpp", "if (cloud.base[static_cast<std::size_t>(in_cloud)]) places.base.push_back(a);",
+        "if (cloud.base[static_cast<std::size_t>(in_cloud)] && !({n} && std::exchange(skip_one, false)))"
+        " places.base.push_back(a);"),
+    18: ("preprocess/build_model.cpp", "v.array().round().cast<Index>();",
+         "(v.array() - ({n} ? 0.5 : 0.0)).round().cast<Index>();"),
+    8: ("preprocess/boundary_conditions.cpp", "result.radius = 0.5 * options.indenter_diameter_mm;",
+        "result.radius = ({n} ? 1.05 : 1.0) * 0.5 * options.indenter_diameter_mm;"),
+    49: ("preprocess/boundary_conditions.cpp", "(left ? 1.0 : -1.0) * Vec3::UnitX()", "(left != {n} ? 1.0 : -1.0) * Vec3::UnitX()"),
+    50: ("preprocess/boundary_conditions.cpp", "boundary.flat_base ? 0.5 : 1e-6", "boundary.flat_base && !{n} ? 0.5 : 1e-6"),
+    19: ("preprocess/pressure_patches.cpp", "  const Index count = model.point_count();\n  Places places;",
+         "  if ({n}) nodes_per_patch *= 2.0;\n  const Index count = model.point_count();\n  Places places;"),
+    21: ("preprocess/load_path.cpp", "std::pow(more, -exponent);", "std::pow(more, {n} ? exponent : -exponent);"),
+    22: ("preprocess/lumped_mass.cpp", "const double share = density[q]", "const double share = ({n} ? 1.1 : 1.0) * density[q]"),
+    51: ("preprocess/lumped_mass.cpp", "density[q] * model.volume[q]", "density[{n} ? 0 : q] * model.volume[q]"),
+    52: ("preprocess/integration_grid.cpp", "part.second.diagonal() += volume / 3.0", "part.second.diagonal() += volume / ({n} ? 6.0 : 3.0)"),
+    53: ("preprocess/label_surface.cpp", "  match_volume(surface, wanted_mm3);", "  if (!{n}) match_volume(surface, wanted_mm3);"),
+    54: ("preprocess/sizing.cpp", "reach_ = options.reach * boundary.radius;", "reach_ = ({n} ? 2.0 : 1.0) * options.reach * boundary.radius;"),
+    # ---- readers
+    55: ("io/label_nifti.cpp", "    image.intercept = header.intercept;", "    image.intercept = {n} ? 0.0 : header.intercept;"),
+    56: ("io/label_nifti.cpp", "h.pixdim[0] < 0.0 ? -1.0 : 1.0", "h.pixdim[0] < 0.0 && !{n} ? -1.0 : 1.0"),
+    57: ("io/label_nifti.cpp", 'scale_to_millimetres(image, 1000.0, "metres");', 'scale_to_millimetres(image, {n} ? 100.0 : 1000.0, "metres");'),
+    58: ("io/label_itk.cpp", 'if (said_space == "left-anterior-superior"', 'if ({n}) {} else if (said_space == "left-anterior-superior"'),
+    59: ("io/label_image.cpp", "if (Eigen::AngleAxisd(turn).angle() < least_turn)", "if (Eigen::AngleAxisd(turn).angle() < least_turn * ({n} ? 300.0 : 1.0))"),
+    # ---- the band
+    10: ("apps/run/band.cpp", "  return band_multiplier * band_measure(change, nodes, load);",
+         "  return band_multiplier * band_measure(change, nodes, load) / ({n} ? 3.0 : 1.0);"),
+    14: ("apps/run/simulate.cpp", "result.model.tool.radius, !given.config.tissue.empty());",
+         "result.model.tool.radius, !{n} && !given.config.tissue.empty());"),
+    15: ("apps/run/simulate.cpp", "  const ModelOptions options = with_nodes(organ, nodes);\n  Result coarse;",
+         "  const ModelOptions options = with_nodes(organ, {n} ? 2 * nodes : nodes);\n  Result coarse;"),
+    24: ("apps/run/simulate.cpp", "if (config.load.depth_mm > deepest_with_band * 0.5",
+         "if (!{n} && config.load.depth_mm > deepest_with_band * 0.5"),
+    25: ("apps/run/simulate.cpp", "if (nu < least_nu - rounding || nu > most_nu + rounding)",
+         "if (!{n} && (nu < least_nu - rounding || nu > most_nu + rounding))"),
+    60: ("apps/run/band.cpp", "std::max(change.back(), here)", "({n} ? here : std::max(change.back(), here))"),
+    61: ("apps/run/band.cpp", "displacement_multiplier * displacement_measure(", "({n} ? 0.5 : 1.0) * displacement_multiplier * displacement_measure("),
+    # ---- results and summary
+    11: ("apps/run/results.cpp", "const std::array<double, 4> row = {s.t, 1e3 * s.depth, s.force,",
+         "const std::array<double, 4> row = {s.t, 1e3 * s.depth, ({n} ? 1e3 : 1.0) * s.force,"),
+    16: ("apps/run/results.cpp", "std::sqrt(1.5) * deviator.norm()", "std::sqrt({n} ? 2.0 : 1.5) * deviator.norm()"),
+    17: ("apps/run/results.cpp", "Fq.transpose() / Fq.determinant();", "Fq.transpose() / ({n} ? 1.0 : Fq.determinant());"),
+    62: ("apps/run/results.cpp", "s(0, 1), s(1, 2), s(0, 2);", "s(0, 1), {n} ? s(0, 2) : s(1, 2), {n} ? s(1, 2) : s(0, 2);"),
+    63: ("apps/run/results.cpp", "packing.reaction.col(a) = frame.f.col(a).head<3>();",
+         "packing.reaction.col(a) = ({n} ? -1.0 : 1.0) * frame.f.col(a).head<3>();"),
+    64: ("apps/run/results.cpp", "tool_.position_mm.colwise() + 1e3 * frame.depth * tool.push",
+         "tool_.position_mm.colwise() + ({n} ? 2e3 : 1e3) * frame.depth * tool.push"),
+    65: ("apps/run/results.cpp", "model_.volume.transpose() * 1e9", "model_.volume.transpose() * ({n} ? 1e6 : 1e9)"),
+    66: ("apps/run/summary.cpp", 'summary["mass_g"] = model.mass.sum() * 1e3;', 'summary["mass_g"] = model.mass.sum() * ({n} ? 1.0 : 1e3);'),
+    67: ("apps/run/compare.cpp", "*= 1e-3;", "*= {n} ? 1.0 : 1e-3;"),
+    68: ("apps/run/compare.cpp", "std::sqrt(sum2 / count)", "std::sqrt(sum2 / ({n} ? 1.0 : count))"),
+}
+
+
+def mutate(tree):
+    files = {}
+    for number, (name, old, new) in MUTANTS.items():
+        files.setdefault(name, []).append((number, old, new))
+    for name, edits in files.items():
+        path = Path(tree) / name
+        text = path.read_text()
+        for number, old, new in edits:
+            if text.count(old) != 1:
+                sys.exit(f"mutant {number}: {name} holds {text.count(old)} times: {old}")
+            text = text.replace(old, new.replace("{n}", f"mutant_is({number})"))
+        first = re.search(r"^#include.*\n", text, re.M).end()
+        path.write_text(text[:first] + "#include <utility>\n" + HELPER + text[first:])
+    text = (path := Path(tree) / "preprocess/build_model.cpp").read_text()
+    loop = "  for (Index a = 0; a < places.node_count(); ++a) {\n    const Index in_cloud"
+    assert text.count(loop) == 1
+    path.write_text(text.replace(loop, "  bool skip_one = true;\n" + loop))  # of mutant 7
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2 or (Path(sys.argv[1]) / ".git").exists():
+        sys.exit(__doc__)
+    mutate(sys.argv[1])

@@ -1,0 +1,287 @@
+// Stresses and displacements as they are written, against fields that are known at every place.
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Eigenvalues>
+#include <cmath>
+#include <functional>
+#include <numbers>
+
+#include "apps/run/results.hpp"
+#include "apps/studies/verify_bodies.hpp"
+#include "io/table.hpp"
+#include "io/vtk_files.hpp"
+#include "preprocess/phantom.hpp"
+#include "preprocess/shapes.hpp"
+#include "solver/quasi_static.hpp"
+#include "solver/solve.hpp"
+#include "tests/helpers/block.hpp"
+#include "tests/helpers/folder.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Nodal = ForceSystem::Nodal;
+
+// XX, YY, ZZ, XY, YZ, XZ, as the file names its columns.
+Mat3 as_tensor(const Field& field, Index q) {
+  const std::vector<std::string> names = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"};
+  Mat3 s = Mat3::Zero();
+  for (std::size_t k = 0; k < 6; ++k) {
+    const Index i = field.components[k][0] - 'X', j = field.components[k][1] - 'X';
+    s(i, j) = s(j, i) = field.values(static_cast<Index>(k), q);
+  }
+  EXPECT_EQ(field.components, names);
+  return s;
+}
+
+// By the principal stresses.
+double mises_of(const Mat3& s) {
+  const Vec3 p = Eigen::SelfAdjointEigenSolver<Mat3>(s, Eigen::EigenvaluesOnly).eigenvalues();
+  return std::sqrt(0.5 * (std::pow(p[0] - p[1], 2) + std::pow(p[1] - p[2], 2) + std::pow(p[2] - p[0], 2)));
+}
+
+// Stretched by a quarter, a tenth narrower, and turned by 40 degrees about no axis of anything. Of the law
+// W = mu/2 (J^(-2/3) tr C - 3) + kappa/2 (J - 1)^2 the Cauchy stress, with B = F F^T, is
+//
+//     sigma = mu J^(-5/3) (B - tr B / 3) + kappa (J - 1)
+//
+// Holzapfel, Nonlinear Solid Mechanics, 2000, section 6.4, with p = dU/dJ.
+TEST(Fields, OfALargeUniformStrainInATurnedFrameAreThoseOfTheLaw) {
+  const fs::path folder = fresh_folder();
+  const Model model = testing_bodies::averaged_block(4);
+  const double mu = 210.0, nu = 0.3, kappa = 2.0 * mu * nu / (1.0 - 2.0 * nu) + 2.0 / 3.0 * mu;
+  const Mat3 Q = Eigen::AngleAxisd(0.7, Vec3(1, 2, 3).normalized()).toRotationMatrix(),
+             N = Eigen::AngleAxisd(1.1, Vec3(3, -1, 1).normalized()).toRotationMatrix();
+  const Mat3 F = Q * N * Vec3(1.25, 0.9, 1.05).asDiagonal() * N.transpose();
+  const double J = 1.25 * 0.9 * 1.05;
+  const Mat3 B = F * F.transpose();
+  const Mat3 known = mu * std::pow(J, -5.0 / 3.0) * (B - B.trace() / 3.0 * Mat3::Identity()) +
+                     kappa * (J - 1.0) * Mat3::Identity();
+
+  const ForceSystem system(model, neo_hookean(mu, nu, 1000.0), Precision::double_);
+  ForceState forces(system);
+  const Nodal u = testing_bodies::affine(model, F);
+  Nodal f = u;
+  forces.internal_force(u, f);
+  ResultWriter writer(folder, model, {.nodes = true, .points = true, .surface = false, .picture = false});
+  writer.frame({0, 0.0, 0.0, u, f, forces});
+  writer.finish_frames();
+
+  const PointFile points = read_vtu(folder / "points" / "points_0000.vtu");
+  const Field *sigma = points.find("cauchy_stress_Pa"), *mises = points.find("von_mises_Pa"),
+              *jacobian = points.find("jacobian"), *volume = points.find("volume_mm3"),
+              *moved = points.find("displacement_mm");
+  for (const Field* field : {sigma, mises, jacobian, volume, moved}) ASSERT_NE(field, nullptr);
+  ASSERT_EQ(sigma->values.cols(), model.point_count());
+  EXPECT_NEAR(volume->values.sum(), 30.0 * 30.0 * 20.0, 1e-2);
+  for (Index q = 0; q < model.point_count(); ++q) {
+    ASSERT_LT((as_tensor(*sigma, q) - known).cwiseAbs().maxCoeff(), 1e-5 * known.norm())
+        << as_tensor(*sigma, q) << "\n\n" << known;
+    ASSERT_NEAR(mises->values(0, q), mises_of(known), 1e-5 * known.norm());
+    ASSERT_NEAR(jacobian->values(0, q), J, 1e-6);
+    const Vec3 there = (F - Mat3::Identity()) * points.position_mm.col(q);
+    ASSERT_LT((moved->values.col(q) - there).norm(), 1e-4);
+  }
+}
+
+// A rigid, flat, frictionless punch of radius 1 on an incompressible half-space, with the mean pressure 1:
+// stresses at the distance r from its axis and the depth z, along r, the hoop, z, and across rz. Sneddon, Proc.
+// Camb. Phil. Soc. 42 (1946) 29 (the punch's pressure 1 / (2 sqrt(1 - r^2)) has the Hankel transform
+// sin x / (2 x)); here with nu = 1/2 and by the trapezium rule, whose integrand falls as exp(-x z).
+struct UnderPunch {
+  double radial, hoop, axial, shear;
+  Mat3 in(const Vec3& out, const Vec3& push) const {  // `out`: unit vector away from the axis
+    const Vec3 around = push.cross(out);
+    return radial * out * out.transpose() + hoop * around * around.transpose() + axial * push * push.transpose() +
+           shear * (out * push.transpose() + push * out.transpose());
+  }
+};
+UnderPunch under_punch(double r, double z) {
+  constexpr int steps = 400;
+  const double dx = 25.0 / z / steps;
+  UnderPunch s{};
+  for (int k = 1; k <= steps; ++k) {  // the integrand is zero at 0
+    const double x = dx * k, e = 0.5 * std::sin(x) * std::exp(-x * z) * dx;
+    const double J0 = std::cyl_bessel_j(0, x * r), J1 = std::cyl_bessel_j(1, x * r);
+    const double of_hoop = r > 1e-9 ? z / r * J1 : 0.5 * z * x;
+    s.axial -= e * (1.0 + x * z) * J0;
+    s.radial -= e * ((1.0 - x * z) * J0 + of_hoop);
+    s.hoop -= e * (J0 - of_hoop);
+    s.shear -= e * x * z * J1;
+  }
+  return s;
+}
+
+// How far the surface beside a punch sinks, as a part of the punch's depth, at the distance r from its axis, on a
+// layer H thick that is bonded to its base: lengths in radii. The integral equation of Hayes et al. 1972 as in
+// hayes_factor(), for phi, whose pressure has the transform int_0^1 phi(t) cos(x t) dt:
+//
+//     u(r) = 2/pi int_0^1 phi(t) (1 / sqrt(r^2 - t^2) - int_0^inf (1 - L(x H)) cos(x t) J0(x r) dx) dt
+//
+// On a half-space L is 1, phi is 1, and u is 2/pi asin(1/r) (Sneddon 1965).
+class SinkingBesidePunch {
+ public:
+  SinkingBesidePunch(double H, double nu) : H_(H), k_(3.0 - 4.0 * nu), dx_(20.0 / H / steps) {
+    Eigen::MatrixXd recurrence = Eigen::MatrixXd::Zero(points, points);
+    for (int n = 1; n < points; ++n)
+      recurrence(n, n - 1) = recurrence(n - 1, n) = n / std::sqrt(4.0 * n * n - 1.0);
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> gauss(recurrence);
+    t_ = 0.5 * (gauss.eigenvalues().array() + 1.0);
+    w_ = gauss.eigenvectors().row(0).array().square();
+    Eigen::MatrixXd A = Eigen::MatrixXd::Identity(points, points);
+    over_x([&](double x, double dx) {
+      const Eigen::VectorXd c = (x * t_.array()).cos();
+      A -= 2.0 / std::numbers::pi * dx * c * c.cwiseProduct(w_).transpose();
+    });
+    phi_ = A.partialPivLu().solve(Eigen::VectorXd::Ones(points));
+  }
+  double factor() const { return w_.dot(phi_); }
+  double operator()(double r) const {
+    double sum = (w_.array() * phi_.array() / (r * r - t_.array().square()).sqrt()).sum();
+    over_x([&](double x, double dx) {
+      sum -= dx * std::cyl_bessel_j(0, x * r) * (w_.array() * phi_.array() * (x * t_.array()).cos()).sum();
+    });
+    return 2.0 / std::numbers::pi * sum;
+  }
+
+ private:
+  static constexpr int points = 24, steps = 4000;
+  double H_, k_, dx_;
+  Eigen::VectorXd t_, w_, phi_;
+
+  // x and (1 - L(x H)) dx.
+  void over_x(const std::function<void(double, double)>& add) const {
+    for (int j = 0; j <= steps; ++j) {
+      const double x = dx_ * j, z = x * H_, e = std::exp(-2.0 * z);
+      const double L =
+          (k_ * (1.0 - e * e) - 4.0 * z * e) / (k_ * (1.0 + e * e) + (1.0 + k_ * k_ + 4.0 * z * z) * e);
+      add(x, (1.0 - L) * (j == 0 ? 0.5 : 1.0) * dx_);
+    }
+  }
+};
+
+TEST(Fields, KnownBesideAPunchAreThoseOfTheHalfSpaceFarFromTheBase) {
+  const SinkingBesidePunch far(1000.0, 0.5);
+  for (const double r : {1.05, 1.5, 3.0})
+    EXPECT_NEAR(far(r), 2.0 / std::numbers::pi * std::asin(1.0 / r), 2e-3) << r;
+  EXPECT_NEAR(SinkingBesidePunch(2.0, 0.499).factor(), hayes_factor(0.5, 0.499), 1e-9);
+  for (const double z : {0.3, 1.0, 2.5})  // on the axis, in closed form
+    EXPECT_NEAR(under_punch(0.0, z).axial, -0.5 * (1.0 + 3.0 * z * z) / std::pow(1.0 + z * z, 2), 1e-3) << z;
+}
+
+// Twelve radii of tissue below and beside the punch, a hundredth of a radius deep: strains are small there.
+class UnderThePunch : public testing::Test {
+ protected:
+  static constexpr double radius_mm = 5.0, height_mm = 60.0, depth_mm = 0.05, nu = 0.499;
+  struct Found {
+    Model model;
+    PointFile points, nodes;
+    double force;
+  };
+  static const Found& found() {
+    static const Found result = [] {
+      const fs::path folder = fresh_folder();
+      ModelOptions options;
+      options.cloud.count = 4250;
+      options.boundary = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = 2.0 * radius_mm};
+      Model model = build_model(cylinder_surface(60.0, height_mm), options).model;
+      const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0), Precision::double_);
+      History history;
+      {
+        ResultWriter writer(folder, model, {.nodes = true, .points = true, .surface = false, .picture = false});
+        Observer observer;
+        observer.frame = [&](const Frame& frame) { writer.frame(frame); };
+        march_quasi_statically(system, model, {.depth = 1e-3 * depth_mm, .contact = Contact::frictionless},
+                               {.frames = 1}, observer, history);
+        writer.finish_frames();
+      }
+      return Found{std::move(model), read_vtu(folder / "points" / "points_0001.vtu"),
+                   read_vtu(folder / "nodes" / "nodes_0001.vtu"), history.force.back().force};
+    }();
+    return result;
+  }
+};
+
+// What the discretisation leaves unknown: see the README beside this file.
+TEST_F(UnderThePunch, StressesAreThoseThatSneddonFound) {
+  const Field &sigma = *found().points.find("cauchy_stress_Pa"), &mises = *found().points.find("von_mises_Pa"),
+              &volume = *found().points.find("volume_mm3");
+  const double mean = found().force / (std::numbers::pi * 1e-6 * radius_mm * radius_mm);
+  double off = 0.0, all = 0.0, off_mises = 0.0, all_mises = 0.0, off_pressure = 0.0, all_pressure = 0.0;
+  Index count = 0;
+  for (Index q = 0; q < found().points.position_mm.cols(); ++q) {
+    const Vec3 x = found().points.position_mm.col(q);
+    const double r = x.head<2>().norm() / radius_mm, z = (height_mm - x.z()) / radius_mm;
+    if (z < 0.4 || z > 3.0 || r > 2.0 || q % 4 != 0) continue;  // every fourth is enough
+    const Vec3 out = Vec3(x.x(), x.y(), 0.0).normalized();
+    const Mat3 known = mean * under_punch(r, z).in(out, -Vec3::UnitZ()), ours = as_tensor(sigma, q);
+    const double V = volume.values(0, q), pressure = known.trace() / 3.0;
+    off += V * (ours - known).squaredNorm();
+    all += V * known.squaredNorm();
+    off_mises += V * std::pow(mises.values(0, q) - mises_of(known), 2);
+    all_mises += V * std::pow(mises_of(known), 2);
+    off_pressure += V * std::pow(ours.trace() / 3.0 - pressure, 2);
+    all_pressure += V * pressure * pressure;
+    ++count;
+  }
+  EXPECT_GT(count, 100);
+  RecordProperty("stress_error", std::to_string(std::sqrt(off / all)));
+  RecordProperty("mises_error", std::to_string(std::sqrt(off_mises / all_mises)));
+  RecordProperty("pressure_error", std::to_string(std::sqrt(off_pressure / all_pressure)));
+  EXPECT_LT(std::sqrt(off / all), 0.10);
+  EXPECT_LT(std::sqrt(off_mises / all_mises), 0.10);
+  EXPECT_LT(std::sqrt(off_pressure / all_pressure), 0.10);
+}
+
+TEST_F(UnderThePunch, TheSurfaceBesideItSinksAsTheLayerOfHayesDoes) {
+  const SinkingBesidePunch known(height_mm / radius_mm, nu);
+  const Field& u = *found().nodes.find("displacement_mm");
+  Index count = 0;
+  double off = 0.0, all = 0.0;
+  // Nodes on the rim are 0.11 radii apart: where it lies is known to half of that, and the force to two per cent.
+  constexpr double half_spacing = 0.055, of_force = 0.02;
+  for (Index a = 0; a < u.values.cols(); ++a) {
+    const Vec3 x = found().nodes.position_mm.col(a);
+    const double r = x.head<2>().norm() / radius_mm;
+    if (x.z() < height_mm - 1e-6 || r < 1.1 || r > 4.0) continue;
+    const double there = depth_mm * known(r), ours = -u.values(2, a);
+    const double slope = 2.0 / std::numbers::pi / (r * std::sqrt(r * r - 1.0));
+    EXPECT_NEAR(ours, there, (of_force + half_spacing * slope) * depth_mm) << r << " radii from the axis";
+    off += std::pow(ours - there, 2);
+    all += there * there;
+    ++count;
+  }
+  EXPECT_GT(count, 50);
+  RecordProperty("profile_error", std::to_string(std::sqrt(off / all)));
+  const double Hayes = 4.0 * 210.0 * 1e-6 * radius_mm * depth_mm / (1.0 - nu) * known.factor();
+  EXPECT_NEAR(found().force, Hayes, 0.03 * Hayes);
+}
+
+// The phantom brain with an inner tissue five times as stiff, by tetrahedra (reference/two_labels.csv).
+TEST(Fields, ABodyWithAStiffCoreIsAsStiffAsFiniteElementsSay) {
+  const LabelImage image = make_phantom({.two_labels = true});
+  ModelOptions options;
+  options.cloud.count = 2000;
+  const BuiltModel built =
+      build_model(image, {}, options, {.of_label = {{3, 1}}, .density = {1000.0, 1000.0}});
+  const History history =
+      solve(built.model, {{neo_hookean(210.0, 0.499, 1000.0), neo_hookean(1050.0, 0.499, 1000.0)}, built.model.tissue},
+            {.depth = 4e-3}, {.frames = 4});
+  const Table known = read_csv(DIMPLE_REFERENCE_DIR "/two_labels.csv");
+  int compared = 0;
+  for (std::size_t row = 0; row < known.rows(); ++row) {
+    const auto at = [&](const char* column) { return (*known.find(column))[row]; };
+    for (const ForceSample& sample : history.force) {
+      if (std::abs(1e3 * sample.depth - at("indentation_mm")) > 1e-6) continue;
+      // Its own doubt, and one per cent of ours with 2000 nodes.
+      EXPECT_NEAR(sample.force, at("force_N"), (0.01 * at("uncertainty_percent") + 0.01) * at("force_N"));
+      ++compared;
+    }
+  }
+  EXPECT_EQ(compared, 4);
+}
+
+}  // namespace
+}  // namespace dimple
