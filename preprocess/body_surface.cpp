@@ -118,6 +118,12 @@ BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isomet
 }
 
 BodySurface::~BodySurface() = default;
+
+bool BodySurface::at_image_end(const Vec3& x) const {
+  return std::any_of(image_end_.begin(), image_end_.end(), [&](const ImageEnd& end) {
+    return std::abs(x.dot(end.out) - end.offset) <= end.tolerance;
+  });
+}
 BodySurface::BodySurface(BodySurface&&) noexcept = default;
 
 bool BodySurface::contains(const Vec3& x) const {

@@ -33,6 +33,16 @@ class BodySurface {
   const Vec3& upper() const { return upper_; }
   Vec3 centroid() const { return centroid_; }  ///< of the enclosed volume
 
+  /// A plane x . out = offset [mm] on which the image ends and cuts the body off; the organ goes on.
+  struct ImageEnd {
+    Vec3 out;  ///< unit vector out of the image
+    double offset, tolerance;
+  };
+  void ends_with_image(std::vector<ImageEnd> where) { image_end_ = std::move(where); }
+  const std::vector<ImageEnd>& image_ends() const { return image_end_; }
+  /// Whether a place of the surface lies where the image ends.
+  bool at_image_end(const Vec3& x) const;
+
   bool contains(const Vec3& x) const;
 
   struct Closest {
@@ -66,6 +76,7 @@ class BodySurface {
   Eigen::Isometry3d to_world_;
   double volume_ = 0.0;
   Vec3 centroid_ = Vec3::Zero(), lower_, upper_;
+  std::vector<ImageEnd> image_end_;
   std::unique_ptr<Tree> tree_;
 };
 

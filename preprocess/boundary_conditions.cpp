@@ -7,54 +7,34 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <map>
 #include <numbers>
 
 #include "io/error.hpp"
 #include "io/words.hpp"
 #include "preprocess/circle_place.hpp"
 #include "preprocess/flat_face.hpp"
+#include "preprocess/sides.hpp"
 
 namespace dimple {
 namespace {
 
-struct Side {
-  const char* word;
-  Vec3 lps;
-};
-const std::array<Side, 6> sides = {{{"inferior", {0, 0, -1}},
-                                    {"posterior", {0, 1, 0}},
-                                    {"anterior", {0, -1, 0}},
-                                    {"left", {1, 0, 0}},
-                                    {"right", {-1, 0, 0}},
-                                    {"superior", {0, 0, 1}}}};
-// Other words for them: as 3D Slicer's letters, and as one speaks of an image whose z points up.
-const std::map<std::string, std::string> same_side = {
-    {"bottom", "inferior"}, {"below", "inferior"}, {"under", "inferior"}, {"down", "inferior"},
-    {"top", "superior"},    {"above", "superior"}, {"up", "superior"},    {"front", "anterior"},
-    {"back", "posterior"},  {"I", "inferior"},     {"S", "superior"},     {"A", "anterior"},
-    {"P", "posterior"},     {"L", "left"},         {"R", "right"}};
-
 constexpr double flat_share = 0.25;      // of the outline that must touch for a face to count as flat
+// Of the outline, for a face where an organ was cut: the gentle sides of livers, lungs and hearts have 0.29
+// to 0.39, an ellipsoid has 0.16.
+constexpr double cut_share = 0.45;
 constexpr double same_area = 0.02;       // flat faces that differ by less are as large
 constexpr double bed_depth = 1.0 / 3.0;  // of the height, for an organ without a flat face
 constexpr double dome_depth = 0.2;       // of the height: the part of a side that counts as its dome
 constexpr double same_dome = 0.05;       // domes that differ by less are as broad
 constexpr double same_moment = 0.9;      // variances across two axes: from here on neither is the thinner one
 constexpr double few_voxels = 3.0;       // across the circle
+constexpr double border_share = 0.05;    // of the base: less than that at the image's border decides nothing
 constexpr double widest_circle = 1000.0;  // mm: as wide as --indenter-diameter takes
 
-std::string side_name(const Vec3& lps) {
-  const auto best = std::max_element(sides.begin(), sides.end(), [&](const Side& a, const Side& b) {
-    return a.lps.dot(lps) < b.lps.dot(lps) - 1e-9;
-  });
-  return best->word;
-}
-
-// "inferior", or "inferior (0.17, 0.00, -0.98)" where it is not along that axis of the patient.
+// "inferior side", or "inferior side (0.17, 0.00, -0.98)" where it is not along that axis of the patient.
 std::string side_in_words(const BodySurface& body, const Vec3& down) {
   const Vec3 lps = body.to_world().linear() * down;
-  const std::string name = side_name(lps);
+  const std::string name = side_towards(lps);
   if (lps.cwiseAbs().maxCoeff() > 1.0 - 1e-6) return name + " side";
   return fmt::format("{} side ({:.2f}, {:.2f}, {:.2f})", name, lps.x() + 0.0, lps.y() + 0.0, lps.z() + 0.0);
 }
@@ -92,15 +72,14 @@ Vec3 nearest_axis(const BodySurface& body, const Vec3& lps) {
   return (local[axis] < 0.0 ? -1.0 : 1.0) * Vec3::Unit(axis);
 }
 
-// The direction across which a body without a flat face is bedded, and why.
-Vec3 bedded_on(const BodySurface& body, const Moments& moments, std::string& reason) {
+// The broadest side: the direction across which a body without a flat face is thinnest.
+Vec3 broadest_side(const BodySurface& body, const Moments& moments) {
   const Eigen::SelfAdjointEigenSolver<Mat3> axes(moments.second);
   const Vec3 variance = axes.eigenvalues();
   Vec3 down;
   if (variance[0] < same_moment * variance[1]) {
     down = axes.eigenvectors().col(0);
     down = ((1e5 * down).array().round() * 1e-5).matrix().normalized();
-    reason = "across which the organ is thinnest";
   } else {
     // As thin across two axes, or across all three: the patient's own directions, across what is longer.
     const bool round = variance[1] >= same_moment * variance[2];
@@ -112,18 +91,13 @@ Vec3 bedded_on(const BodySurface& body, const Moments& moments, std::string& rea
     down = across(Vec3(0, 0, -1));
     if (down.norm() < 0.5) down = across(Vec3(0, 1, 0));
     down.normalize();
-    reason = fmt::format("as the organ is about as thin in {} directions the patient's own decide",
-                         round ? "all" : "two");
   }
   const double below = dome_of(body, down), above = dome_of(body, -down);
   const double pointed = down.dot(moments.third) / std::pow(moments.size, 3);
   const bool turn = std::abs(below - above) > same_dome * std::max(below, above) ? below > above
                     : std::abs(pointed) > 0.02                                   ? pointed < 0.0
                                                : preference(body, -down) > preference(body, down);
-  if (turn) down = -down;
-  reason += fmt::format("; its dome there is {:.0f} % of the outline, that of the side above {:.0f} %",
-                        100.0 * (turn ? above : below), 100.0 * (turn ? below : above));
-  return down;
+  return turn ? Vec3(-down) : down;
 }
 
 void rest_on(const FlatFace& face, Boundary& result) {
@@ -143,61 +117,135 @@ void bed_on(const BodySurface& body, const Vec3& down, Boundary& result) {
   result.base_depth = bed_depth * result.height;
 }
 
+bool stands(const FlatFace& face) {
+  return face.outermost && face.share >= flat_share;
+}
+
+// Where the image ends, no organ does.
+bool is_image_end(const BodySurface& body, const FlatFace& face) {
+  return std::any_of(body.image_ends().begin(), body.image_ends().end(), [&](const auto& end) {
+    return end.out.dot(face.out) > 0.98 &&
+           std::abs(end.offset - face.offset) < end.tolerance + face.tolerance;
+  });
+}
+
+template <class Allowed>
+std::optional<FlatFace> largest_face(const BodySurface& body, const Moments& moments,
+                                     const Allowed& allowed) {
+  std::optional<FlatFace> largest;
+  for (const FlatFace& face : flat_faces(body, moments)) {
+    if (!stands(face) || !allowed(face)) continue;
+    if (!largest || (face.area > (1.0 - same_area) * largest->area &&
+                     preference(body, face.out) > preference(body, largest->out) + 1e-6))
+      largest = face;
+  }
+  return largest;
+}
+
+// On the flat face of that side, if it has one, and otherwise in a bed.
+void rest_on_side(const BodySurface& body, const Moments& moments, const Vec3& down, Boundary& result) {
+  const FlatFace face = face_towards(body, moments, down);
+  if (stands(face))
+    rest_on(face, result);
+  else
+    bed_on(body, down, result);
+}
+
+// What --base says: a word, or a direction.
+std::optional<Vec3> base_direction(const std::string& text) {
+  if (text == "auto" || text == "organ") return std::nullopt;
+  if (const auto side = side_named(text)) return side;
+  if (const auto vector = parse_vector(text); vector && vector->norm() > 0.0) return vector->normalized();
+  throw UsageError({.fact = fmt::format("'{}' is not a side", text),
+                    .where = "--base (boundary.base)",
+                    .why =
+                        "a side is auto, organ, inferior, superior, left, right, anterior, posterior, one of "
+                        "I, S, L, R, A, P, or x,y,z in LPS",
+                    .remedy = "give one of these, for instance --base inferior"});
+}
+
+bool image_ends_across(const BodySurface& body, const Vec3& axis) {
+  return std::any_of(body.image_ends().begin(), body.image_ends().end(),
+                     [&](const auto& end) { return std::abs(end.out.dot(axis)) > 0.9; });
+}
+
+// The side on which the patient's axes lay the organ; `from`: what the tool is asked to come from, LPS.
+Vec3 side_by_axes(const BodySurface& body, const std::optional<Vec3>& from, std::string& reason) {
+  if (from) {
+    reason = "no flat cut face, so the organ rests on the side opposite to the tool";
+    return nearest_axis(body, -*from);
+  }
+  const Vec3 inferior = nearest_axis(body, Vec3(0, 0, -1)), posterior = nearest_axis(body, Vec3(0, 1, 0));
+  if (image_ends_across(body, inferior) && !image_ends_across(body, posterior)) {
+    reason =
+        "no flat cut face, and the image cuts the organ off above or below, so it rests on the patient's "
+        "posterior side";
+    return posterior;
+  }
+  reason = "no flat cut face, so the organ rests on the patient's inferior side";
+  return inferior;
+}
+
+// `from`: as above.
 void find_base(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
-               Boundary& result) {
-  const auto stands = [](const FlatFace& face) { return face.outermost && face.share >= flat_share; };
-  if (options.base == "auto") {
-    const std::vector<FlatFace> faces = flat_faces(body, moments);
-    const FlatFace* largest = nullptr;
-    double share = 0.0;
-    for (const FlatFace& face : faces) {
-      if (face.outermost) share = std::max(share, face.share);
-      if (!stands(face)) continue;
-      if (!largest || (face.area > (1.0 - same_area) * largest->area &&
-                       preference(body, face.out) > preference(body, largest->out) + 1e-6))
-        largest = &face;
-    }
-    if (largest) {
-      rest_on(*largest, result);
-      result.base_reason =
-          fmt::format("largest flat face: {:.0f} % of the outline touches its plane", 100.0 * largest->share);
-    } else {
-      std::string reason;
-      bed_on(body, bedded_on(body, moments, reason), result);
-      result.base_reason = fmt::format(
-          "no flat face (at most {:.0f} % of an outline touches): bedded on the side {}; {:.0f} mm high",
-          100.0 * share, reason, result.height);
-    }
+               const std::optional<Vec3>& from, Boundary& result) {
+  std::string reason;
+  const auto asked = base_direction(options.base);
+  const bool organ = options.base == "organ";
+  std::optional<FlatFace> face;
+  if (!asked)
+    face = largest_face(body, moments, [&](const FlatFace& one) {
+      return organ || (one.share >= cut_share && !is_image_end(body, one));
+    });
+  if (asked) {
+    rest_on_side(body, moments,
+                 side_named(options.base) ? nearest_axis(body, *asked) : local_direction(body, *asked),
+                 result);
+    reason = "as asked for";
+  } else if (face) {
+    rest_on(*face, result);
+    reason = fmt::format("the organ's largest flat face, {:.0f} % of its outline", 100.0 * face->share);
+  } else if (organ) {
+    bed_on(body, broadest_side(body, moments), result);
+    reason = "no flat face, so the organ rests on its broadest side";
   } else {
-    const auto other = same_side.find(options.base);
-    const std::string& word = other == same_side.end() ? options.base : other->second;
-    const auto named =
-        std::find_if(sides.begin(), sides.end(), [&](const Side& s) { return s.word == word; });
-    const auto vector = parse_vector(options.base);
-    Vec3 down;
-    if (named != sides.end()) {
-      down = nearest_axis(body, named->lps);
-    } else if (vector && vector->norm() > 0.0) {
-      down = local_direction(body, vector->normalized());
-    } else {
-      throw UsageError({.fact = fmt::format("'{}' is not a side", options.base),
-                        .where = "--base (boundary.base)",
-                        .why = "a side is auto, inferior (or bottom), superior (top), left, right, anterior "
-                               "(front), posterior "
-                               "(back) or x,y,z",
-                        .remedy = "give one of these, for instance --base inferior"});
-    }
-    const FlatFace face = face_towards(body, moments, down);
-    if (stands(face))
-      rest_on(face, result);
-    else
-      bed_on(body, down, result);
-    result.base_reason =
-        fmt::format("asked for; {:.0f} % of the outline touches the plane there", 100.0 * face.share);
+    rest_on_side(body, moments, side_by_axes(body, from, reason), result);
+    result.base_by_axes = true;
   }
   if (options.base_depth_mm > 0.0) result.base_depth = options.base_depth_mm;
-  result.base_reason = fmt::format("{}; {}; held to {:.1f} mm up", side_in_words(body, result.down),
-                                   result.base_reason, result.base_depth);
+  result.base_reason = fmt::format("{}; {}; surface up to {:.1f} mm above it is fixed",
+                                   side_in_words(body, result.down), reason, result.base_depth);
+}
+
+Vec3 middle_of(const BodySurface& body, Index t) {
+  return (body.vertex().col(body.triangles()(0, t)) + body.vertex().col(body.triangles()(1, t)) +
+          body.vertex().col(body.triangles()(2, t))) /
+         3.0;
+}
+
+// A base where the image ends holds tissue that goes on. Areas are as they are seen along `down`.
+void warn_of_base_at_image_end(const BodySurface& body, Boundary& result) {
+  if (body.image_ends().empty()) return;
+  const auto cut = [&](const Vec3& x, const Vec3& normal) {
+    return std::any_of(body.image_ends().begin(), body.image_ends().end(), [&](const auto& end) {
+      return normal.dot(end.out) > 0.5 && std::abs(x.dot(end.out) - end.offset) <= end.tolerance;
+    });
+  };
+  double base = 0.0, at_end = 0.0;
+  for (Index t = 0; t < body.triangles().cols(); ++t) {
+    const Vec3 x = middle_of(body, t), normal = body.normal().col(t);
+    if (!on_base(result, x, normal)) continue;
+    const double seen = body.triangle_area()[t] * normal.dot(result.down);
+    base += seen;
+    if (cut(x, normal)) at_end += seen;
+  }
+  if (!(at_end > border_share * base)) return;
+  result.warnings.push_back(fmt::format(
+      "THE BASE IS WHERE THE IMAGE ENDS: {:.0f} % of the base ({}) lies on the image's border, where the "
+      "scan was cut and not the organ; the force depends on where that was: give an image that holds the "
+      "whole "
+      "organ, or another side with --base",
+      100.0 * at_end / base, side_in_words(body, result.down)));
 }
 
 // The place where the tool, coming along `push` through `x`, first meets the body.
@@ -222,27 +270,55 @@ std::string words(const BodySurface& body, const Vec3& local) {
   return in_words(Vec3(body.to_world() * local));
 }
 
-// A place that is asked for in LPS [mm]: x,y,z, or x,y,top where z is not known.
+// What --indent-at says; directions and places in LPS, mm.
 struct Asked {
-  Vec3 place;
-  bool moved_freely = false;
+  std::optional<Vec3> from;   // the side that the tool comes from; none: opposite to the base
+  std::optional<Vec3> half;   // the half of the organ that it is to be on
+  std::optional<Vec3> place;  // z is not known of x,y,top
+  bool z_is_free = false;
 };
 
-std::optional<Asked> parse_place(const BodySurface& body, const std::string& text) {
-  const std::string top = ",top";
-  if (text.size() > top.size() && text.compare(text.size() - top.size(), top.size(), top) == 0) {
-    auto flat = parse_vector(text.substr(0, text.size() - top.size()) + ",0");
-    if (!flat) return std::nullopt;
-    flat->z() = (body.to_world() * body.centroid()).z();
-    return Asked{*flat, true};
-  }
-  const auto place = parse_vector(text);
-  return place ? std::optional<Asked>({*place, false}) : std::nullopt;
+std::vector<std::string> split_at_commas(const std::string& text) {
+  std::vector<std::string> parts(1);
+  for (const char c : text)
+    if (c == ',')
+      parts.emplace_back();
+    else
+      parts.back() += c;
+  return parts;
+}
+
+Asked parse_place(const std::string& text) {
+  if (const auto place = parse_vector(text)) return {.from = {}, .half = {}, .place = place};
+  const std::vector<std::string> part = split_at_commas(text);
+  if (part.size() == 3 && part[2] == "top")
+    if (const auto flat = parse_vector(part[0] + "," + part[1] + ",0"))
+      return {.from = Vec3(0, 0, 1), .half = {}, .place = flat, .z_is_free = true};
+  if (part.size() == 1 && text == "top")
+    throw UsageError(
+        {.fact = "'top' does not say where to indent",
+         .where = "--indent-at (boundary.indent_at)",
+         .why = "it meant the side opposite to the base, whichever that is, and --base top is the patient's "
+                "superior side",
+         .remedy = "give --indent-at opposite for the side opposite to the base, or --indent-at superior"});
+  const auto from = side_named(part[0]);
+  const auto half = part.size() == 2 ? side_named(part[1]) : std::nullopt;
+  if (part.size() > 2 || (!from && part[0] != "opposite") || (part.size() == 2 && !half))
+    throw UsageError(
+        {.fact = fmt::format("'{}' is not a place to indent", text),
+         .where = "--indent-at (boundary.indent_at)",
+         .why = "a place is opposite (to the base), a side of the patient (superior, inferior, left, "
+                "right, anterior, posterior, or S, I, L, R, A, P), one of these and a half of the "
+                "organ (superior,left), x,y,z in LPS mm, or x,y,top",
+         .remedy = "for instance --indent-at left"});
+  return {.from = from, .half = half, .place = {}};
 }
 
 void place_as_asked(const BodySurface& body, const std::string& asked_for, const Asked& place,
                     const View& view, Boundary& result) {
-  const Vec3 asked = body.to_world().inverse() * place.place;
+  Vec3 given = *place.place;
+  if (place.z_is_free) given.z() = (body.to_world() * body.centroid()).z();
+  const Vec3 asked = body.to_world().inverse() * given;
   const auto touch = first_touch(body, asked, result.push);
   if (!touch) {
     const Vec3 lower = body.to_world() * body.lower(), upper = body.to_world() * body.upper();
@@ -255,12 +331,12 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
                             std::min(lower.z(), upper.z()), std::max(lower.x(), upper.x()),
                             std::max(lower.y(), upper.y()), std::max(lower.z(), upper.z())),
          .remedy = fmt::format("give a place over the organ, such as the nearest of its surface, {}, or "
-                               "--indent-at top",
+                               "--indent-at opposite",
                                words(body, body.closest(asked).place))});
   }
   result.centre = *touch;
   const double moved = (*touch - asked).norm();
-  if (moved > 4.0 * result.radius && !place.moved_freely)
+  if (moved > 4.0 * result.radius && !place.z_is_free)
     throw ModelError(
         {.fact = fmt::format("the place {} mm lies {:.1f} mm from where the circle meets the organ",
                              asked_for, moved),
@@ -275,7 +351,7 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
                          words(body, body.closest(asked).place)),
          .code = "place-moved"});
   result.circle_reason = fmt::format("asked for; moved {:.1f} mm along the push onto the surface", moved);
-  if (moved > result.radius && !place.moved_freely)
+  if (moved > result.radius && !place.z_is_free)
     result.warnings.push_back(fmt::format(
         "the place {} mm that --indent-at gives was moved by {:.1f} mm, more than the circle's radius: "
         "along the push the organ is met first at {}",
@@ -291,22 +367,30 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
                             room.whole),
          .remedy =
              "move it with --indent-at, make it smaller with --indenter-diameter, or leave the place to "
-             "--indent-at top"});
+             "--indent-at opposite"});
 }
 
-void find_circle(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
-                 Boundary& result) {
-  result.radius = 0.5 * options.indenter_diameter_mm;
-  result.push = result.down;
-  if (options.direction != "auto") {
-    const auto vector = parse_vector(options.direction);
-    if (!vector || !(vector->norm() > 0.0))
-      throw UsageError({.fact = fmt::format("'{}' is not a direction", options.direction),
-                        .where = "--direction (boundary.direction)",
-                        .why = "a direction is auto or three numbers x,y,z in LPS",
-                        .remedy = "for instance --direction 0,0,-1 to push down"});
-    result.push = local_direction(body, vector->normalized());
-  }
+// The way that the tool goes. `known`: of the same body, for a place that does not say it.
+Vec3 push_of(const BodySurface& body, const BoundaryOptions& options, const Asked& asked,
+             const Boundary* known, const Vec3& down) {
+  if (options.direction == "auto")
+    return asked.from ? nearest_axis(body, -*asked.from) : known && asked.place ? known->push : down;
+  const auto vector = parse_vector(options.direction);
+  if (!vector || !(vector->norm() > 0.0))
+    throw UsageError({.fact = fmt::format("'{}' is not a direction", options.direction),
+                      .where = "--direction (boundary.direction)",
+                      .why = "a direction is auto or three numbers x,y,z in LPS",
+                      .remedy = "for instance --direction 0,0,-1 to push down"});
+  if (asked.from && !(vector->dot(*asked.from) < 0.0))
+    throw UsageError({.fact = fmt::format("a tool that moves along {} does not come from the {} side",
+                                          options.direction, side_towards(*asked.from)),
+                      .where = "--direction and --indent-at",
+                      .why = fmt::format("--indent-at {} is met from that side alone", options.indent_at),
+                      .remedy = "turn --direction round, or give the other side or a place x,y,z"});
+  return local_direction(body, vector->normalized());
+}
+
+void check_width(const BoundaryOptions& options, Boundary& result) {
   const double across = options.indenter_diameter_mm / std::max(options.voxel_mm, 1e-300);
   if (options.voxel_mm > 0.0 && across < 1.0)
     throw ModelError(
@@ -326,73 +410,98 @@ void find_circle(const BodySurface& body, const Moments& moments, const Boundary
         "the indenter of {:.4g} mm diameter is {:.1f} voxels across: the surface beneath it is hardly "
         "known",
         options.indenter_diameter_mm, across));
+}
 
+void place_on_highest(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
+                      const Asked& asked, const View& view, Boundary& result) {
+  std::optional<Eigen::Vector2d> half;
+  if (asked.half) half = view.flat(local_direction(body, *asked.half));
+  const std::string side = side_in_words(body, -result.push);
+  if (half && half->norm() < 0.1)
+    throw UsageError({.fact = fmt::format("'{}' names no half of the {}", options.indent_at, side),
+                      .where = "--indent-at (boundary.indent_at)",
+                      .why = "the tool comes from that side or its opposite, and all of its surface is there",
+                      .remedy = "name a half across the push, for instance --indent-at superior,left"});
+  const auto is_free = [&](const Vec3& leaves) {
+    return result.lowest - leaves.dot(result.down) > result.base_depth;
+  };
+  const auto place = highest_dome(view, moments, result.radius, result.height, half,
+                                  local_direction(body, Vec3(1.0, 0.1, 0.01)), is_free);
+  const auto touch = place ? first_touch(body, view.at(place->centre, 0.0), result.push) : std::nullopt;
+  if (!touch)
+    throw ModelError(
+        {.fact = fmt::format("no place on the {} takes an indenter of {:.1f} mm diameter", side,
+                             options.indenter_diameter_mm),
+         .where = "indenter circle",
+         .why = "it would hang over the organ's edge everywhere",
+         .remedy =
+             "make it smaller with --indenter-diameter, or see `dimple places IMAGE` for where it fits"});
+  result.centre = *touch;
+  result.room = place->room;
+  result.circle_reason =
+      fmt::format("highest point with room{} on the {}{}{}",
+                  asked.half ? fmt::format(" of the {} half", side_towards(*asked.half)) : "", side,
+                  result.push == result.down ? ", opposite to the base" : "",
+                  place->equals == 2  ? "; another point is as high"
+                  : place->equals > 2 ? fmt::format("; {} other points are as high", place->equals - 1)
+                                      : "");
+}
+
+void find_circle(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
+                 const Asked& asked, Boundary& result) {
+  check_width(options, result);
   const View view(body, moments, result.push);
-  const auto asked = parse_place(body, options.indent_at);
-  if (asked) {
-    place_as_asked(body, options.indent_at, *asked, view, result);
-  } else {
-    const bool left = options.indent_at == "left", right = options.indent_at == "right";
-    if (!left && !right && options.indent_at != "top")
-      throw UsageError({.fact = fmt::format("'{}' is not a place to indent", options.indent_at),
-                        .where = "--indent-at (boundary.indent_at)",
-                        .why = "a place is top, left, right, x,y,z in LPS mm, or x,y,top",
-                        .remedy = "for instance --indent-at left"});
-    std::optional<Eigen::Vector2d> side;
-    if (left || right) side = view.flat(local_direction(body, (left ? 1.0 : -1.0) * Vec3::UnitX()));
-    const auto place = highest_dome(view, moments, result.radius, result.height, side,
-                                    local_direction(body, Vec3(1.0, 0.1, 0.01)));
-    const auto touch = place ? first_touch(body, view.at(place->centre, 0.0), result.push) : std::nullopt;
-    if (!touch)
-      throw ModelError(
-          {.fact = fmt::format("no place on the {} takes an indenter of {:.1f} mm diameter",
-                               options.indent_at, options.indenter_diameter_mm),
-           .where = "indenter circle",
-           .why = "it would hang over the organ's edge everywhere",
-           .remedy = "make it smaller with --indenter-diameter, or choose the place with --indent-at x,y,z"});
-    result.centre = *touch;
-    result.room = place->room;
-    result.circle_reason =
-        fmt::format("over the highest dome with room{}{}{}",
-                    left    ? " of the left half"
-                    : right ? " of the right half"
-                            : "",
-                    options.direction == "auto" ? ", opposite to the base" : "",
-                    place->equals > 1 ? fmt::format(", one of {} as high", place->equals) : "");
-  }
-  const double short_of_room = 1.75 * result.radius;
+  if (asked.place)
+    place_as_asked(body, options.indent_at, asked, view, result);
+  else
+    place_on_highest(body, moments, options, asked, view, result);
   if (result.room < wanted_room * result.radius)
     result.circle_reason +=
         fmt::format("; the nearest fold or edge is {:.1f} mm from its middle", result.room);
   else
     result.circle_reason +=
         fmt::format("; no fold or edge within {:.1f} mm of its middle", wanted_room * result.radius);
-  if (result.room < short_of_room)
+  if (result.room < little_room * result.radius)
     result.warnings.push_back(fmt::format(
         "the circle of {:.4g} mm diameter has little room: {:.1f} mm from its middle a fold, an edge or a "
         "steep slope "
         "cuts the surface, and {:.4g} mm are wanted; tissue may fold onto itself there under a deep push{}",
         2.0 * result.radius, result.room, wanted_room * result.radius,
-        asked ? "" : "; no other place is better"));
+        asked.place ? "" : "; no other place is better"));
+  if (!body.image_ends().empty() && body.at_image_end(result.centre))
+    result.warnings.push_back(
+        "THE TOOL STANDS WHERE THE IMAGE ENDS: the surface beneath it is where the scan was cut and not the "
+        "organ's "
+        "own; `dimple places IMAGE` lists other places");
 }
 
 }  // namespace
 
+void check_words(const BoundaryOptions& options) {
+  base_direction(options.base);
+  parse_place(options.indent_at);
+}
+
 Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options, const Boundary* known) {
   Boundary result;
   const Moments moments = moments_of(body);
+  const Asked asked = parse_place(options.indent_at);
   if (known)
     result = {.down = known->down,
               .lowest = known->lowest,
               .height = known->height,
               .base_depth = known->base_depth,
               .flat_base = known->flat_base,
+              .base_by_axes = known->base_by_axes,
               .base_reason = known->base_reason,
               .circle_reason = {},
               .warnings = {}};
   else
-    find_base(body, moments, options, result);
-  find_circle(body, moments, options, result);
+    find_base(body, moments, options, asked.from, result);
+  warn_of_base_at_image_end(body, result);
+  result.radius = 0.5 * options.indenter_diameter_mm;
+  result.push = push_of(body, options, asked, known, result.down);
+  find_circle(body, moments, options, asked, result);
   return result;
 }
 

@@ -10,17 +10,17 @@
 namespace dimple {
 
 struct BoundaryOptions {
-  /// auto, or the side that the organ rests on: inferior, superior, left, right, anterior, posterior (or
-  /// bottom, top, front, back, or 3D Slicer's letters), or x,y,z: the LPS direction from the organ towards
-  /// what it rests on. All are the patient's sides; auto alone looks for the organ's own.
+  /// What the organ rests on: auto, organ, a side of the patient (sides.hpp), or x,y,z: the LPS direction
+  /// from the organ towards it.
   std::string base = "auto";
   double base_depth_mm = 0.0;  ///< how far up from the lowest point tissue is held; 0: chosen
-  /// top: over the highest dome. left, right: over the highest dome of that half. x,y,z: LPS mm; x,y,top:
-  /// where the push first meets the organ there.
-  std::string indent_at = "top";
+  /// Where the tool comes from: opposite (to the base) or a side of the patient, on the highest place there;
+  /// either and a half of the organ, "superior,left". x,y,z: LPS mm; x,y,top: where it meets the organ there
+  /// from superior.
+  std::string indent_at = "opposite";
   double indenter_diameter_mm = 10.0;
-  std::string direction =
-      "auto";  ///< auto: towards the base; or x,y,z: LPS direction in which the circle moves
+  /// auto: from the side that indent_at names; or x,y,z: the LPS direction in which the circle moves.
+  std::string direction = "auto";
   double voxel_mm =
       0.0;  ///< longest edge of the image's voxels: finer than that nothing is known; 0: unknown
 };
@@ -32,6 +32,7 @@ struct Boundary {
   double height = 0.0;         ///< of the body above that
   double base_depth = 0.0;     ///< surface within this of `lowest` and facing down is held
   bool flat_base = false;      ///< the organ stands on a flat face, otherwise it lies in a bed
+  bool base_by_axes = false;   ///< the patient's axes have decided on which side
   Vec3 centre = Vec3::Zero();  ///< of the circle, on the surface
   Vec3 push = -Vec3::UnitZ();  ///< unit vector
   double radius = 5.0;
@@ -40,18 +41,27 @@ struct Boundary {
   std::vector<std::string> warnings;
 };
 
-/// Finds the surface that the organ rests on, and the circle on the side opposite to it. Both belong to the
-/// organ: they turn with it. Only where the organ itself leaves a choice do the patient's directions decide.
+/// Throws UsageError: `base` or `indent_at` is no word or place that find_boundary() knows.
+void check_words(const BoundaryOptions& options);
+
+/// Finds the surface that the organ rests on, and the circle.
 ///
-/// Base: the largest flat face beyond which the organ does not reach (at least a quarter of its outline
-/// within 2 % of its height of a plane; of several as large the most inferior); otherwise the side across
-/// which it is thinnest by its moments of inertia, its broader dome up, bedded to a third of its height as in
-/// a mould; an organ that is as thin across other axes lies on the patient's inferior side of those. Circle:
-/// the highest dome with room (circle_place.hpp). Throws UsageError (unknown word), ModelError (the indenter
+/// Base, where it is auto: the largest flat face, where an organ was cut (at least 45 % of its outline within
+/// 2 % of its height of a plane beyond which it does not reach; of several as large the most inferior),
+/// unless the image ends there. Without one the patient's axes decide, as in Horton et al. (2007): the side
+/// opposite to the one that `indent_at` names; the inferior side; or the posterior one, where the image cuts
+/// the organ off above or below. organ: the largest flat face from a quarter of the outline on, also where
+/// the image ends; without one the broadest side, across which it is thinnest by its moments of inertia, its
+/// broader dome up. That turns with the organ. A side whose flat part is less than a quarter of the outline
+/// is a bed to a third of the organ's height, as in a mould. Circle: the highest dome with room
+/// (circle_place.hpp). Warns of a base or a circle where the image ends.
+///
+/// Throws UsageError (unknown word; a direction that does not come from the side), ModelError (the indenter
 /// misses the organ, hangs over its edge, is smaller than a voxel, or lies two diameters from the place asked
 /// for).
 ///
-/// `known`: of the same body under the same options for its base, whose base is taken instead of being looked for.
+/// `known`: of the same body under the same options for its base, whose base is taken instead of being looked
+/// for; and its push, for a place x,y,z.
 Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options,
                        const Boundary* known = nullptr);
 

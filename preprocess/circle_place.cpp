@@ -199,9 +199,25 @@ Room Cuts::at(const Vec2& p) const {
   return room;
 }
 
-HeightMap map_around(const View& view, const Vec2& centre, double half, double step) {
+// Where the image ends is no surface of the organ.
+HeightMap without_image_ends(const View& view, HeightMap map) {
+  for (Index j = 0; j < map.height.cols(); ++j)
+    for (Index i = 0; i < map.height.rows(); ++i)
+      if (std::isfinite(map.height(i, j)) &&
+          view.body->at_image_end(view.at(map.place(i, j), map.height(i, j))))
+        map.height(i, j) = map.thickness(i, j) = std::nan("");
+  return map;
+}
+
+HeightMap map_around(const View& view, const Vec2& centre, double half, double step, bool with_image_ends) {
   const auto n = static_cast<Index>(std::ceil(half / step));
-  return height_map(view, centre - Vec2::Constant(step * static_cast<double>(n)), step, 2 * n + 1, 2 * n + 1);
+  HeightMap map =
+      height_map(view, centre - Vec2::Constant(step * static_cast<double>(n)), step, 2 * n + 1, 2 * n + 1);
+  return with_image_ends || view.body->image_ends().empty() ? map : without_image_ends(view, std::move(map));
+}
+
+double step_of_whole(const View& view, double radius) {
+  return std::max(radius * finest, std::sqrt(Vec2(view.high - view.low).prod() / most_places));
 }
 
 // Mean height over the disc; not a number where a part of it misses the body.
@@ -218,14 +234,13 @@ double mean_height(const HeightMap& map, const Vec2& centre, double radius) {
   return sum / (rings * sectors);
 }
 
-// Mean heights over discs about every place of the map, by sums along its columns.
-Eigen::ArrayXXd mean_heights(const HeightMap& map, double radius) {
-  const Index rows = map.height.rows(), columns = map.height.cols(),
-              reach = static_cast<Index>(std::floor(radius / map.step + 1e-9));
+// Means over discs about every place of a map with this step, by sums along its columns.
+Eigen::ArrayXXd means_over_discs(const Eigen::ArrayXXd& of, double step, double radius) {
+  const Index rows = of.rows(), columns = of.cols(),
+              reach = static_cast<Index>(std::floor(radius / step + 1e-9));
   Eigen::ArrayXXd sum = Eigen::ArrayXXd::Zero(rows + 1, columns);
   for (Index j = 0; j < columns; ++j)
-    for (Index i = 0; i < rows; ++i)
-      sum(i + 1, j) = sum(i, j) + (std::isfinite(map.height(i, j)) ? map.height(i, j) : 0.0);
+    for (Index i = 0; i < rows; ++i) sum(i + 1, j) = sum(i, j) + (std::isfinite(of(i, j)) ? of(i, j) : 0.0);
   Eigen::ArrayXXd mean(rows, columns);
   tbb::parallel_for(Index{0}, columns, [&](Index j) {
     stop_if_asked();
@@ -234,7 +249,7 @@ Eigen::ArrayXXd mean_heights(const HeightMap& map, double radius) {
       for (Index dj = -reach; dj <= reach; ++dj) {
         if (j + dj < 0 || j + dj >= columns) continue;
         const auto half = static_cast<Index>(
-            std::sqrt(std::max(0.0, std::pow(radius / map.step, 2) - static_cast<double>(dj * dj)) + 1e-9));
+            std::sqrt(std::max(0.0, std::pow(radius / step, 2) - static_cast<double>(dj * dj)) + 1e-9));
         const Index first = std::max<Index>(0, i - half), last = std::min(rows - 1, i + half);
         total += sum(last + 1, j + dj) - sum(first, j + dj);
         count += static_cast<double>(last + 1 - first);
@@ -249,7 +264,10 @@ Eigen::ArrayXXd mean_heights(const HeightMap& map, double radius) {
 struct Rule {
   Vec2 middle;
   double radius;
-  std::optional<Vec2> side;
+  std::optional<Vec2> half;
+  std::function<bool(const Vec3&)> is_free;
+  // What is taken only where there is nothing better.
+  bool with_little_room, with_thin_and_free, with_image_ends;
 
   // A place that lacks room is worth less, in the end more than any height could make good.
   double worth(double mean, const Vec2& p, double room) const {
@@ -259,7 +277,15 @@ struct Rule {
     const double lack = std::max(0.0, wanted_room - room / radius);
     return price_of_room * lack * lack * radius;
   }
-  bool allowed(const Vec2& p) const { return !side || (p - middle).dot(*side) > 0.0; }
+  // Over tissue of this mean thickness, which is left at that place.
+  bool bends(double thickness, const Vec3& leaves) const {
+    return thickness < 2.0 * radius * bending_thickness && is_free(leaves);
+  }
+  bool has_room(const Room& room, double slack) const {
+    return room.whole >= whole_disc * radius + slack &&
+           (with_little_room || room.even >= little_room * radius);
+  }
+  bool allowed(const Vec2& p) const { return !half || (p - middle).dot(*half) > 0.0; }
 };
 
 struct Dome {
@@ -267,12 +293,36 @@ struct Dome {
   double worth = -infinite, room = 0.0;
 };
 
+// Whether the tissue beneath a circle at p is thin and free to bend.
+bool bends_at(const View& view, const HeightMap& map, const Rule& rule, const Vec2& p) {
+  const auto nearest = [&](int d, Index count, double x) {
+    return std::clamp<Index>(std::lround((x - map.corner[d]) / map.step), 0, count - 1);
+  };
+  const auto at = [&](const Vec2& x) -> std::pair<Index, Index> {
+    return {nearest(0, map.height.rows(), x.x()), nearest(1, map.height.cols(), x.y())};
+  };
+  double sum = 0.0;
+  int count = 0;
+  for (const double share : {0.0, 0.5, 0.9})
+    for (int k = 0; k < 12; ++k) {
+      const double angle = std::numbers::pi * k / 6.0;
+      const auto [i, j] = at(p + share * rule.radius * Vec2(std::cos(angle), std::sin(angle)));
+      if (!std::isfinite(map.thickness(i, j))) continue;
+      sum += map.thickness(i, j);
+      ++count;
+    }
+  const auto [i, j] = at(p);
+  return count > 0 && std::isfinite(map.height(i, j)) &&
+         rule.bends(sum / count, view.at(map.place(i, j), map.height(i, j) - map.thickness(i, j)));
+}
+
 // Keeps the better one of a dome and what is at p.
-bool consider(const HeightMap& map, const Cuts& cuts, const Rule& rule, const Vec2& p, Dome& best) {
-  if (!rule.allowed(p)) return false;
+bool consider(const View& view, const HeightMap& map, const Cuts& cuts, const Rule& rule, const Vec2& p,
+              Dome& best) {
+  if (!rule.allowed(p) || (!rule.with_thin_and_free && bends_at(view, map, rule, p))) return false;
   const Room room = cuts.at(p);
   const double mean = mean_height(map, p, rule.radius);
-  if (room.whole < whole_disc * rule.radius || !std::isfinite(mean)) return false;
+  if (!rule.has_room(room, 0.0) || !std::isfinite(mean)) return false;
   const double worth = rule.worth(mean, p, room.even);
   if (!(worth > best.worth)) return false;
   best = {p, worth, room.even};
@@ -285,10 +335,11 @@ Dome settle(const View& view, const Rule& rule, Vec2 centre, double step) {
   Dome best;
   for (int round = 0; round < 32; ++round) {
     stop_if_asked();
-    const HeightMap map = map_around(view, centre, reach + (sought + 0.2) * rule.radius, step);
+    const HeightMap map =
+        map_around(view, centre, reach + (sought + 0.2) * rule.radius, step, rule.with_image_ends);
     const Cuts cuts(map, rule.radius);
     best = {};
-    if (!consider(map, cuts, rule, centre, best)) return best;
+    if (!consider(view, map, cuts, rule, centre, best)) return best;
     for (double stride = step; stride > rule.radius / 1000.0; stride *= 0.5)
       for (int moves = 0; moves < 32; ++moves) {
         const Vec2 from = best.centre;
@@ -296,7 +347,7 @@ Dome settle(const View& view, const Rule& rule, Vec2 centre, double step) {
         for (int way = 0; way < 16; ++way) {
           const double angle = std::numbers::pi * way / 8.0;
           const Vec2 p = from + stride * Vec2(std::cos(angle), std::sin(angle));
-          if ((p - centre).norm() < reach) moved = consider(map, cuts, rule, p, best) || moved;
+          if ((p - centre).norm() < reach) moved = consider(view, map, cuts, rule, p, best) || moved;
         }
         if (!moved) break;
       }
@@ -313,32 +364,27 @@ Dome look_closely(const View& view, const Rule& rule, Vec2 centre, double step) 
   while (step > fine) {
     const double around = 1.5 * step;
     step = std::max(fine, step / 4.0);
-    const HeightMap map = map_around(view, centre, around + (sought + 0.2) * rule.radius, step);
+    const HeightMap map =
+        map_around(view, centre, around + (sought + 0.2) * rule.radius, step, rule.with_image_ends);
     const Cuts cuts(map, rule.radius);
     Dome best;
     const auto n = static_cast<Index>(std::ceil(around / step));
     for (Index j = -n; j <= n; ++j)
       for (Index i = -n; i <= n; ++i)
-        consider(map, cuts, rule, centre + step * Vec2(static_cast<double>(i), static_cast<double>(j)), best);
+        consider(view, map, cuts, rule, centre + step * Vec2(static_cast<double>(i), static_cast<double>(j)),
+                 best);
     if (best.worth == -infinite) return best;
     centre = best.centre;
   }
   return settle(view, rule, centre, step);
 }
 
-}  // namespace
-
-Room room_around(const View& view, const Vec2& centre, double radius) {
-  return Cuts(map_around(view, centre, (sought + 0.2) * radius, radius * finest), radius).at(centre);
-}
-
-std::optional<CirclePlace> highest_dome(const View& view, const Moments& moments, double radius,
-                                        double height, const std::optional<Vec2>& side, const Vec3& prefer) {
-  const Vec2 extent = view.high - view.low;
-  const double step = std::max(radius * finest, std::sqrt(extent.prod() / most_places));
-  const HeightMap map = height_map(view, step);
+std::optional<CirclePlace> highest_dome_by(const Rule& rule, const View& view, const Moments& moments,
+                                           double height, const Vec3& prefer) {
+  const double radius = rule.radius, step = step_of_whole(view, radius);
+  HeightMap map = height_map(view, step);
+  if (!rule.with_image_ends) map = without_image_ends(view, std::move(map));
   const Cuts cuts(map, radius);
-  const Rule rule{.middle = view.flat(view.body->centroid()), .radius = radius, .side = side};
 
   std::vector<double> thicknesses;
   for (Index k = 0; k < map.thickness.size(); ++k)
@@ -355,10 +401,15 @@ std::optional<CirclePlace> highest_dome(const View& view, const Moments& moments
     double most, worth;
   };
   std::vector<Place> places;
-  const Eigen::ArrayXXd mean = mean_heights(map, radius);
+  const Eigen::ArrayXXd mean = means_over_discs(map.height, map.step, radius),
+                        tissue = means_over_discs(map.thickness, map.step, radius);
+  const auto bends = [&](Index i, Index j) {
+    return !rule.with_thin_and_free &&
+           rule.bends(tissue(i, j), view.at(map.place(i, j), map.height(i, j) - map.thickness(i, j)));
+  };
   for (Index j = 0; j < map.height.cols(); ++j)
     for (Index i = 0; i < map.height.rows(); ++i)
-      if (const Vec2 p = map.place(i, j); map.thickness(i, j) > thin && rule.allowed(p))
+      if (const Vec2 p = map.place(i, j); map.thickness(i, j) > thin && rule.allowed(p) && !bends(i, j))
         places.push_back({p, rule.worth(mean(i, j), p, infinite), -infinite});
   std::stable_sort(places.begin(), places.end(),
                    [](const Place& a, const Place& b) { return a.most > b.most; });
@@ -371,8 +422,7 @@ std::optional<CirclePlace> highest_dome(const View& view, const Moments& moments
     tbb::parallel_for(judged, end, [&](std::size_t k) {
       const Room room = cuts.at(places[k].at);
       // A little more than looking closely asks for, so that it does not refuse what it is given.
-      if (room.whole >= whole_disc * radius + 2.0 * cuts.step())
-        places[k].worth = places[k].most - rule.price(room.even);
+      if (rule.has_room(room, 2.0 * cuts.step())) places[k].worth = places[k].most - rule.price(room.even);
     });
     for (; judged < end; ++judged) best = std::max(best, places[judged].worth);
   }
@@ -425,6 +475,55 @@ std::optional<CirclePlace> highest_dome(const View& view, const Moments& moments
   const double grid = radius / 100.0;
   const Vec2 centre = (chosen->centre / grid).array().round() * grid;
   return CirclePlace{centre, chosen->room, equals};
+}
+
+}  // namespace
+
+Room room_around(const View& view, const Vec2& centre, double radius) {
+  return Cuts(map_around(view, centre, (sought + 0.2) * radius, radius * finest, true), radius).at(centre);
+}
+
+std::optional<CirclePlace> highest_dome(const View& view, const Moments& moments, double radius,
+                                        double height, const std::optional<Vec2>& half, const Vec3& prefer,
+                                        const std::function<bool(const Vec3& leaves)>& is_free) {
+  Rule rule{.middle = view.flat(view.body->centroid()),
+            .radius = radius,
+            .half = half,
+            .is_free = is_free,
+            .with_little_room = false,
+            .with_thin_and_free = false,
+            .with_image_ends = view.body->image_ends().empty()};
+  auto place = highest_dome_by(rule, view, moments, height, prefer);
+  for (bool* rest : {&rule.with_little_room, &rule.with_thin_and_free, &rule.with_image_ends}) {
+    if (place) break;
+    if (*rest) continue;
+    *rest = true;
+    place = highest_dome_by(rule, view, moments, height, prefer);
+  }
+  return place;
+}
+
+std::vector<SurveyedPlace> survey(const View& view, double radius, double stride) {
+  const HeightMap map = height_map(view, step_of_whole(view, radius));
+  const Cuts cuts(map, radius);
+  const Eigen::ArrayXXd height = means_over_discs(map.height, map.step, radius),
+                        tissue = means_over_discs(map.thickness, map.step, radius);
+  const auto every = std::max<Index>(1, std::lround(stride / map.step));
+  std::vector<SurveyedPlace> places;
+  for (Index j = 0; j < map.height.cols(); j += every)
+    for (Index i = 0; i < map.height.rows(); i += every)
+      if (std::isfinite(map.height(i, j)))
+        places.push_back({.centre = map.place(i, j),
+                          .touch = view.at(map.place(i, j), map.height(i, j)),
+                          .leaves = view.at(map.place(i, j), map.height(i, j) - map.thickness(i, j)),
+                          .room = {},
+                          .mean_height = height(i, j),
+                          .thickness = tissue(i, j)});
+  tbb::parallel_for(std::size_t{0}, places.size(), [&](std::size_t k) {
+    stop_if_asked();
+    places[k].room = cuts.at(places[k].centre);
+  });
+  return places;
 }
 
 }  // namespace dimple

@@ -174,6 +174,45 @@ Frame own_frame(const LabelImage& image, const AxisOrder& order, VoxelSet& body)
   return frame;
 }
 
+Index voxels_in_slice(const VoxelSet& set, std::size_t axis, Index at) {
+  Index count = 0;
+  for (Index k = 0; k < set.size[2]; ++k)
+    for (Index j = 0; j < set.size[1]; ++j) {
+      if ((axis == 1 && j != at) || (axis == 2 && k != at)) continue;
+      for (const auto& [begin, end] : set.row(j, k))
+        count += axis > 0 ? end - begin : begin <= at && at < end;
+    }
+  return count;
+}
+
+// Where the image cuts the body off, in the body's frame: the body is about as wide in the last voxels as in
+// those before them. Where it just touches the border a sphere has a third of them, a lying cylinder 0.58. The
+// surface lies half a voxel beyond the last voxels.
+std::vector<BodySurface::ImageEnd> image_ends(const LabelImage& image, const VoxelSet& body,
+                                              const Eigen::Isometry3d& to_world) {
+  constexpr double tolerance = 0.75;  // voxels
+  constexpr double as_wide = 0.7;
+  std::vector<BodySurface::ImageEnd> ends;
+  for (std::size_t d = 0; d < 3; ++d) {
+    const auto axis = static_cast<Index>(d);
+    const Vec3 along = to_world.linear().transpose() * image.to_world.linear().col(axis);
+    const auto add = [&](double index, double way) {
+      const Vec3 place = to_world.inverse() * (image.to_world * Vec3(index * Vec3::Unit(axis)));
+      const Vec3 out = way * along.normalized();
+      ends.push_back({out, place.dot(out), tolerance * along.norm()});
+    };
+    const auto is_cut = [&](Index last, Index before) {
+      return static_cast<double>(voxels_in_slice(body, d, last)) >=
+             as_wide * static_cast<double>(voxels_in_slice(body, d, before));
+    };
+    const Index last = body.size[d] - 2;  // an empty voxel is on either side
+    if (body.first[d] + 1 == 0 && is_cut(1, 2)) add(-0.5, -1.0);
+    if (body.first[d] + last + 1 == image.size[d] && is_cut(last, last - 1))
+      add(static_cast<double>(image.size[d]) - 0.5, 1.0);
+  }
+  return ends;
+}
+
 // Finer than the voxels there is nothing to see, and memory has a bound.
 double finest_step(const VoxelSet& body, const Vec3& spacing) {
   double box = 1.0;
@@ -457,8 +496,10 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
     report.warnings.push_back(
         "the organ touches the border of the image: it is cut off there, and the cut face is "
         "taken as its surface");
-  return {BodySurface(std::move(surface.vertex), std::move(surface.triangles), frame.to_world),
-          std::move(report)};
+  SegmentedBody result{BodySurface(std::move(surface.vertex), std::move(surface.triangles), frame.to_world),
+                       std::move(report)};
+  result.surface.ends_with_image(image_ends(image, in_image, frame.to_world));
+  return result;
 }
 
 double facing_share(const BodySurface& surface, double width_mm) {

@@ -23,6 +23,7 @@ namespace dimple {
 // Every subcommand, each in a file of its name, in the order of the help.
 Command add_phantom(CLI::App& app, Invocation& shared);
 Command add_info(CLI::App& app, Invocation& shared);
+Command add_places(CLI::App& app, Invocation& shared);
 Command add_model(CLI::App& app, Invocation& shared);
 Command add_solve(CLI::App& app, Invocation& shared);
 Command add_run(CLI::App& app, Invocation& shared);
@@ -45,9 +46,9 @@ Command add_completion(CLI::App& app, Invocation& shared);  // man.cpp
 namespace {
 
 constexpr Command (*subcommands[])(CLI::App&, Invocation&) = {
-    add_phantom, add_info,     add_model, add_solve,  add_run,    add_view,   add_poke, add_batch,
-    add_collect, add_converge, add_fit,   add_chart,  add_stress, add_export,
-    add_options, add_verify,   add_cite,  add_doctor, add_man,    add_completion};
+    add_phantom, add_info,    add_places,  add_model,    add_solve,  add_run,   add_view,
+    add_poke,    add_batch,   add_collect, add_converge, add_fit,    add_chart, add_stress,
+    add_export,  add_options, add_verify,  add_cite,     add_doctor, add_man,   add_completion};
 
 constexpr const char* footer = R"(Examples:
   dimple phantom brain.nrrd                make a swine-brain-sized image

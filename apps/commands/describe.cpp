@@ -16,7 +16,7 @@ std::map<std::string, std::vector<std::string>> choices_by_flag() {
   Config config;
   std::map<std::string, std::vector<std::string>> result;
   for (const Option& option : options_of(config))
-    if (!option.flag.empty()) result[option.flag] = option.choices;
+    if (!option.flag.empty()) result[option.flag] = option.choices.empty() ? option.words : option.choices;
   return result;
 }
 

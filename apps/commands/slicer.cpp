@@ -66,10 +66,10 @@ std::string described(const Option& option) {
   const auto text = [&](const std::string& standard) {
     return fmt::format("      <default>{}</default>\n", escaped(standard));
   };
-  if (option.key == "boundary.indent_at")  // fiducials; none: the highest dome
+  if (option.key == "boundary.indent_at")  // fiducials; none: the default
     return parameter("point", " multiple=\"false\" coordinateSystem=\"lps\"", name_of(option), option.flag,
                      "Indent at",
-                     "where the circle is: a point; none: " + *std::get<std::string*>(option.value), "");
+                     "where the circle is: a point; none: the highest point opposite to the base", "");
   if (option.key == "output.compare")
     return parameter("file", " fileExtensions=\".csv\"", name_of(option), option.flag, label_of(option),
                      option.help, "      <channel>input</channel>\n");
@@ -78,10 +78,10 @@ std::string described(const Option& option) {
     return number(option, "integer", static_cast<double>(**whole));
   if (const auto* word = std::get_if<std::string*>(&option.value)) {
     std::string more = text(**word);
-    for (const std::string& choice : option.choices)
-      more += fmt::format("      <element>{}</element>\n", choice);
-    return parameter(option.choices.empty() ? "string" : "string-enumeration", "", name_of(option),
-                     option.flag, label_of(option), option.help, more);
+    const std::vector<std::string>& choices = option.choices.empty() ? option.words : option.choices;
+    for (const std::string& choice : choices) more += fmt::format("      <element>{}</element>\n", choice);
+    return parameter(choices.empty() ? "string" : "string-enumeration", "", name_of(option), option.flag,
+                     label_of(option), option.help, more);
   }
   if (const auto* list = std::get_if<std::vector<std::string>*>(&option.value))
     return parameter("string", "", name_of(option), option.flag, label_of(option), option.help,

@@ -19,6 +19,7 @@
 #include <utility>
 
 #include "apps/run/organ.hpp"
+#include "apps/run/places.hpp"
 #include "apps/run/record.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -291,6 +292,13 @@ ModelHolder build(const Settings& settings, const LabelImage* image) {
   });
 }
 
+std::string usable_places_json(const Settings& settings, const LabelImage* image) {
+  return computing([&] {
+    const Config config = settings.config();
+    return places_json(config, places_of_image(config, image, {.line = log}));
+  });
+}
+
 py::array_t<double> at_surface(const ModelInMemory& built,
                                const py::array_t<double, py::array::c_style>& nodal) {
   if (nodal.ndim() != 2 || nodal.shape(0) != built.model.node_count())
@@ -494,6 +502,7 @@ PYBIND11_MODULE(_core, m) {
         self.given.push_back({std::move(key), std::move(text), std::move(source)});
       });
   m.def("build", &build);
+  m.def("usable_places_json", &usable_places_json);
   m.def("solve", &solve_model);
   m.def("run_in_memory", &run_in_memory);
   m.def("run_into_folder", &run_into_folder);

@@ -52,7 +52,7 @@ class CMakeBuild(build_ext):
         import pydimple
 
         text = (HERE / "pydimple" / "__init__.pyi").read_text()
-        for name in ("build_model", "solve", "run", "Session"):
+        for name in ("build_model", "usable_places", "solve", "run", "Session"):
             keywords = ", ".join(
                 f"{p.name}: {typed(p.default)} | None = ..."
                 for p in inspect.signature(getattr(pydimple, name)).parameters.values()

@@ -13,6 +13,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/text.hpp"
+#include "preprocess/sides.hpp"
 
 namespace dimple {
 namespace {
@@ -211,6 +212,11 @@ std::string toml_value(const Option& option) {
 
 std::vector<Option> options_of(Config& c) {
   const std::vector<std::string> any = {};
+  const auto words_for = [](auto... own) {
+    std::vector<std::string> words = {own...};
+    words.insert(words.end(), std::begin(names_of_sides), std::end(names_of_sides));
+    return words;
+  };
   std::vector<std::string> presets = {"none"};
   for (const Preset& preset : material_presets()) presets.push_back(preset.name);
   return {
@@ -273,20 +279,19 @@ std::vector<Option> options_of(Config& c) {
        "support radius in spacings; 0: 1.6 (converging), 1.8, quadratic 2.6", &c.support.radius_factor, 0, 10,
        false, any, "model"},
       {"boundary.base", "--base", "",
-       "side the organ rests on: auto, inferior (or bottom), superior (top), left, right, anterior, "
-       "posterior, or "
-       "x,y,z in LPS",
-       &c.boundary.base, 0, 0, false, any, "model", true},
+       "side the organ rests on: auto, superior, inferior, anterior, posterior, left, right, x,y,z in LPS, "
+       "or organ: its own",
+       &c.boundary.base, 0, 0, false, any, "model", true, words_for("auto", "organ")},
       {"boundary.base_depth_mm", "--base-depth", "mm", "height up to which the base is held; 0: chosen",
        &c.boundary.base_depth_mm, 0, 1000, false, any, "model"},
       {"boundary.indent_at", "--indent-at", "",
-       "where the circle is: top, left, right, x,y,z in LPS (20,-5,30 are mm; 2cm,-5mm,3cm), or x,y,top",
-       &c.boundary.indent_at, 0, 0, false, any, "model", true},
+       "where the circle is: opposite (to the base), a side, x,y,z in LPS (mm, or 2cm,-5mm,3cm) or x,y,top",
+       &c.boundary.indent_at, 0, 0, false, any, "model", true, words_for("opposite")},
       {"boundary.indenter_diameter_mm", "--indenter-diameter", "mm", "diameter of the circle",
        &c.boundary.indenter_diameter_mm, 0, 1000, true, any, "model", true},
       {"boundary.direction", "--direction", "",
-       "way the circle moves: auto (towards the base), or x,y,z in LPS", &c.boundary.direction, 0, 0, false,
-       any, "model"},
+       "way the circle moves: auto (away from its side, or towards the base), or x,y,z in LPS",
+       &c.boundary.direction, 0, 0, false, any, "model"},
       {"material.mu_Pa", "--mu", "Pa", "shear modulus; 210Pa+-30% tells how well it is known",
        &c.material.mu_Pa, 0, 1e12, true, any, "solve", true},
       {"material.mu_spread_percent", "", "%", "how well mu is known, +-; --mu 210Pa+-30% sets both",

@@ -44,7 +44,7 @@ struct Config {
   struct BoundarySection {
     std::string base = "auto";
     double base_depth_mm = 0.0;
-    std::string indent_at = "top";
+    std::string indent_at = "opposite";
     double indenter_diameter_mm = 10.0;
     std::string direction = "auto";
   } boundary;
@@ -104,10 +104,11 @@ struct Option {
   std::string stage;  ///< which commands have the flag: "model", "solve" (run has both), "run" (that alone),
                       ///< "files" (run and solve)
   bool common = false;  ///< of those that `--help` lists; `--help-all` lists all
+  std::vector<std::string> words = {};  ///< of free text, those that it is most often: offered, not demanded
 };
 std::vector<Option> options_of(Config& config);
 
-/// Sets one option from text ("300Pa", "top", "1,Tumour"). `key` with or without its unit suffix.
+/// Sets one option from text ("300Pa", "superior", "1,Tumour"). `key` with or without its unit suffix.
 /// Throws UsageError: unknown key (with a suggestion), not a number, unknown unit, out of range, not a
 /// choice.
 void set_option(Config& config, const std::string& key, const std::string& text, const std::string& source);

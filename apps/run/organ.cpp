@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "apps/run/places.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/words.hpp"
@@ -229,6 +230,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
                       .why = "there is nothing to work on",
                       .remedy = "give one: dimple run IMAGE -o OUT"});
   check_materials(materials_of(config), options.scheme);
+  check_words(options.boundary);
   const Stopwatch reading;
   talk.begin(Part::reading, config);
   result.image = given.image ? *given.image : read_label_image(config.image.file, config.image.label_names);
@@ -304,6 +306,8 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
   auto [places, report] = discretise(organ.body->surface, options, labels_of(config, organ, image));
   result.stages.add(report.stages);
   for (const std::string& warning : report.boundary.warnings) talk.warn(warning);
+  if (const std::string bends = warning_of_bending(organ.body->surface, report.boundary); !bends.empty())
+    talk.warn(bends);
   result.build_s += building.seconds();
   talk.say(fmt::format("model    {}; {} integration points",
                        nodes_in_words(places.node_count(), report), places.point_count()));

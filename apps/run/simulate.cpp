@@ -8,6 +8,7 @@
 #include <memory>
 #include <utility>
 
+#include "apps/run/bending.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/words.hpp"
@@ -210,6 +211,10 @@ std::unique_ptr<ForceSystem> force_system(const Config& config, Result& result) 
 void keep_findings(const Talk& talk, Result& result) {
   for (const Finding& finding : result.history.guards) talk.warn(in_words(finding));
   result.findings.insert(result.findings.end(), result.history.guards.begin(), result.history.guards.end());
+}
+
+void warn_of_bending(const Talk& talk, const BendingOfPart& bending) {
+  if (const std::string warning = bending.warning(); !warning.empty()) talk.warn(warning);
 }
 
 constexpr const char* not_for_dynamics = "it was measured in equilibrium, not for dynamics";
@@ -445,6 +450,7 @@ std::unique_ptr<Rung> march_with(Index nodes, const Case& given, const Organ& or
   require_a_band(no_band(given.config, organ, result.report.boundary, result));
   result.followed = base.followed;
   const std::optional<Interpolation> place = to_followed(result);
+  BendingOfPart bending(result.model);
   rung->system = force_system(given.config, result);
   talk.begin(Part::solving, given.config);
   const Stopwatch solving;
@@ -453,6 +459,7 @@ std::unique_ptr<Rung> march_with(Index nodes, const Case& given, const Organ& or
           [&](const Frame& frame) {
             rung->frames.push_back({frame.number, frame.t, frame.depth, frame.u, frame.f, frame.forces});
             if (place) result.followed->u = displacement_at(*place, frame.u);
+            bending.see(frame);
           },
       .sample = [](const ForceSample&, const History&) { return stop_asked() == StopReason::none; },
       .retry =
@@ -465,6 +472,7 @@ std::unique_ptr<Rung> march_with(Index nodes, const Case& given, const Organ& or
   if (result.history.interrupted) throw Stopped(stop_asked());
   result.solve_s = solving.seconds();
   keep_findings(talk, result);
+  warn_of_bending(talk, bending);
   rung->seconds = whole.seconds();
   return rung;
 }
@@ -643,13 +651,14 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   if (!given.band || config.tissue.empty()) result.image = {};  // nobody needs it any longer
   Observer march = observer.march;
   const std::optional<Interpolation> place = to_followed(result);
-  if (place) {
-    if (given.from) result.followed->u = displacement_at(*place, given.from->u);  // no frame may be left
-    march.frame = [&](const Frame& frame) {
-      result.followed->u = displacement_at(*place, frame.u);
-      if (observer.march.frame) observer.march.frame(frame);
-    };
-  }
+  BendingOfPart bending(result.model);
+  if (place && given.from)
+    result.followed->u = displacement_at(*place, given.from->u);  // no frame may be left
+  march.frame = [&](const Frame& frame) {
+    if (place) result.followed->u = displacement_at(*place, frame.u);
+    bending.see(frame);
+    if (observer.march.frame) observer.march.frame(frame);
+  };
   std::unique_ptr<ForceSystem> system = force_system(config, result);
 
   if (given.band) result.band.unknown = "the run ended before";  // until find_band()
@@ -669,6 +678,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   }
   result.solve_s = solving.seconds();
   keep_findings(talk, result);
+  warn_of_bending(talk, bending);
   system.reset();  // the band's coarser cloud needs the room
   if (!result.history.interrupted) find_band(given, organ, talk, result);
   keep_origin(given, std::move(organ), result);

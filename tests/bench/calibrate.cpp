@@ -139,8 +139,8 @@ Scene scene_of(int number, const fs::path& data, const fs::path& atlases) {
       const char* file = draw.of(folded);
       scene.body = file, scene.image = atlases / file;
       scene.surface = [=] { return make_body_surface(read_label_image(atlases / file), {}); };
-      scene.boundary.base = draw.of(std::array{"auto", "inferior", "posterior", "left", "right"});
-      scene.boundary.indent_at = draw.of(std::array{"top", "left", "right"});
+      scene.boundary.base = draw.of(std::array{"organ", "inferior", "posterior", "left", "right"});
+      scene.boundary.indent_at = draw.of(std::array{"opposite", "opposite,left", "opposite,right"});
       break;
     }
     default: {
@@ -150,7 +150,7 @@ Scene scene_of(int number, const fs::path& data, const fs::path& atlases) {
         return make_body_surface(read_label_image(data / organ.file),
                                  organ.label > 0 ? std::vector<int>{organ.label} : std::vector<int>{});
       };
-      scene.boundary.base = draw.of(std::array{"auto", "inferior", "posterior", "left", "right"});
+      scene.boundary.base = draw.of(std::array{"organ", "inferior", "posterior", "left", "right"});
     }
   }
   scene.boundary.indenter_diameter_mm = diameter;

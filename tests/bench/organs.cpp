@@ -93,14 +93,17 @@ std::vector<Body> bodies(const fs::path& data) {
   two_labels.two_tissues = true;
   list.push_back(compared(two_labels, "two_labels.csv", "", 2.0));
   list.push_back({"phantom_brain", [] { return make_body_surface(make_phantom({}), {}); }, {}});
-  const auto add_file = [&](const std::string& name, const std::string& file, std::vector<int> labels) {
+  // As the reference forces were computed: on the organ's own flat or broadest side.
+  const auto add_file = [&](const std::string& name, const std::string& file, std::vector<int> labels,
+                            const std::string& at = "opposite") {
     const std::string in_table = name == "right_lung" ? "lung" : name == "human_brain" ? "brain" : name;
     list.push_back(
-        compared({name, from_file(file, std::move(labels)), {}, 4.0, file}, in_table + ".csv", "", 3.0));
+        compared({name, from_file(file, std::move(labels)), {.base = "organ", .indent_at = at}, 4.0, file},
+                 in_table + ".csv", "", 3.0));
   };
-  add_file("heart", "heart_ct_1.5mm.nii.gz", {});
-  add_file("liver", "abdomen_mr_3mm.nii.gz", {5});
-  add_file("right_lung", "lung_ct_aniso.mha", {});
+  add_file("heart", "heart_ct_1.5mm.nii.gz", {}, "26.308587,-165.268872,714.798895");
+  add_file("liver", "abdomen_mr_3mm.nii.gz", {5}, "-95.399296,-33.354610,27.513709");
+  add_file("right_lung", "lung_ct_aniso.mha", {}, "2.357415,-115.842175,-1245.037788");
   add_file("chest_right_lung", "chest_ct_10mm.seg.nrrd", {5});
   add_file("human_brain", "human_brain_mri_2mm.nrrd", {});
   return list;

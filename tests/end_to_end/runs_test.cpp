@@ -102,7 +102,7 @@ TEST_F(Run, IsModelAndSolveBitForBit) {
 TEST_F(Run, IsRepeatedBitForBitByTheConfigurationItWrote) {
   good(
       "run brain.nrrd -o first --set material.mu=0.3kPa --nu 0.49 --density 1.04g/cm3 --seed 3 --safety 0.8"
-      " --indent-at left --label left_hemisphere,2" +
+      " --indent-at superior,left --label left_hemisphere,2" +
       cloud + load);
   good("run --config first/config.resolved.toml -o second");
   EXPECT_EQ(force("first"), force("second"));

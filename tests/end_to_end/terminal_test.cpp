@@ -20,9 +20,9 @@ using Json = nlohmann::json;
 using testing::HasSubstr;
 using testing::Not;
 
-const std::vector<std::string> commands = {"phantom", "info",     "model", "solve",  "run",    "batch",
-                                           "collect", "converge", "fit",   "chart",  "stress", "export",
-                                           "options", "verify",   "cite",  "doctor", "man",    "completion"};
+const std::vector<std::string> commands = {
+    "phantom", "info",   "places", "model",   "solve",  "run",  "batch",  "collect", "converge",  "fit",
+    "chart",   "stress", "export", "options", "verify", "cite", "doctor", "man",     "completion"};
 
 class Terminal : public testing::Test {
  protected:
@@ -218,7 +218,7 @@ TEST_F(Terminal, WordsOfTheFieldLeadToTheOptionThatIsMeant) {
   good("phantom a.nrrd --shape block --size 60,60,30 --spacing 3");
   EXPECT_THAT(dimple(folder, "run a.nrrd -o out --set material.E=600").err,
               HasSubstr("did you mean 'material.young'"));
-  EXPECT_THAT(dimple(folder, "run a.nrrd -o out --base botom").err, HasSubstr("inferior (or bottom)"));
+  EXPECT_THAT(dimple(folder, "run a.nrrd -o out --base botom").err, HasSubstr("'botom' is not a side"));
   const Ran far = dimple(folder, "run a.nrrd -o out --indent-at 0,0,100");
   EXPECT_EQ(far.code, 4);
   EXPECT_THAT(far.err, HasSubstr("lies 69.3 mm from where the circle meets the organ"));

@@ -18,6 +18,7 @@
 #include "preprocess/label_surface.hpp"
 #include "preprocess/phantom.hpp"
 #include "preprocess/shapes.hpp"
+#include "preprocess/usable_places.hpp"
 #include "tests/helpers/brain.hpp"
 
 namespace dimple {
@@ -207,17 +208,18 @@ TEST(Boundary, OfATriangulatedBodyIsItsFlatFaceHoweverItIsTurned) {
   EXPECT_LT(Differences::within(differences.circle, 1.0), 0.05);
 }
 
-TEST(Boundary, OfABodyWithoutAFlatFaceIsItsThinnestSideHoweverItIsTurned) {
+TEST(Boundary, OfABodyWithoutAFlatFaceIsItsBroadestSideHoweverItIsTurnedWhereThatIsAskedFor) {
   const auto bean = [](const Vec3& x) {
     return Vec3(x.x() / 44.0, x.y() / (30.0 + 0.1 * x.x()),
                 x.z() / (x.z() > 0.0 ? 20.0 : 14.0 - 0.05 * x.x()))
                .norm() < 1.0;
   };
+  const BoundaryOptions on_its_own = {.base = "organ"};
   const Mat3 lattice = Eigen::AngleAxisd(0.5, Vec3(1, 2, 3).normalized()).toRotationMatrix();
   const SegmentedBody body = make_body_surface(image_of(bean, 50.0, 2.0, lattice), {});
-  const Found first = find(body.surface);
+  const Found first = find(body.surface, on_its_own);
   fmt::print("{}\n", first.words);
-  EXPECT_FALSE(find_boundary(body.surface, {}).flat_base);
+  EXPECT_FALSE(find_boundary(body.surface, on_its_own).flat_base);
   EXPECT_LT(std::min(degrees_between(first.down, Vec3::UnitZ()), degrees_between(first.down, -Vec3::UnitZ())),
             10.0);
   std::mt19937 random(7);
@@ -225,7 +227,7 @@ TEST(Boundary, OfABodyWithoutAFlatFaceIsItsThinnestSideHoweverItIsTurned) {
   const int many = rotations(10), few = rotations(4);
   for (int k = 0; k < many; ++k) {
     const Mat3 R = random_rotation(random);
-    with_voxels.add(first, find(turned(body.surface, R)), R, 5.0);
+    with_voxels.add(first, find(turned(body.surface, R), on_its_own), R, 5.0);
   }
   with_voxels.print("the organ and its voxels");
   EXPECT_LT(Differences::within(with_voxels.circle, 1.0), 1e-9);
@@ -233,7 +235,7 @@ TEST(Boundary, OfABodyWithoutAFlatFaceIsItsThinnestSideHoweverItIsTurned) {
     const Mat3 R = random_rotation(random);
     const SegmentedBody again =
         make_body_surface(image_of([&](const Vec3& x) { return bean(R.transpose() * x); }, 50.0, 2.0), {});
-    const Found f = find(again.surface);
+    const Found f = find(again.surface, on_its_own);
     const Vec3 c = R.transpose() * f.centre;
     if (std::getenv("DIMPLE_VERBOSE"))
       fmt::print("({:.2f} {:.2f} {:.2f}) room {:.2f}; {}\n", c.x(), c.y(), c.z(), f.room, f.words);
@@ -266,14 +268,18 @@ TEST(Circle, KeepsARadiusFromTheFissureOfTheDefaultPhantom) {
   EXPECT_TRUE(found.warnings.empty());
 }
 
-TEST(Circle, OnTheLeftIsOnTheLeft) {
+TEST(Circle, OnTheLeftHalfIsOnTheLeft) {
   const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {});
-  const double left =
-      (body.surface.to_world() * find_boundary(body.surface, {.indent_at = "left"}).centre).x();
-  const double right =
-      (body.surface.to_world() * find_boundary(body.surface, {.indent_at = "right"}).centre).x();
-  EXPECT_GT(left, 8.0);  // LPS: left is positive
-  EXPECT_LT(right, -8.0);
+  for (const char* side : {"opposite", "superior"}) {
+    const auto x = [&](const char* half) {
+      const Boundary found = find_boundary(body.surface, {.indent_at = std::string(side) + "," + half});
+      EXPECT_LT((body.surface.to_world().linear() * found.push + Vec3::UnitZ()).norm(), 1e-9);
+      return (body.surface.to_world() * found.centre).x();
+    };
+    EXPECT_GT(x("left"), 8.0);  // LPS: left is positive
+    EXPECT_LT(x("R"), -8.0);
+  }
+  EXPECT_THROW(find_boundary(body.surface, {.indent_at = "superior,inferior"}), UsageError);
 }
 
 TEST(Circle, UnderATiltedPushLiesOnOneFaceOfABlockNotOnItsEdge) {
@@ -380,21 +386,177 @@ TEST(Circle, InAPocketThatItDoesNotFitIntoIsRefused) {
       16.0);
 }
 
-TEST(Boundary, KnowsTheSidesByOtherWordsToo) {
-  const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {});
-  const auto down = [&](const char* word) -> Vec3 {
-    return body.surface.to_world().linear() * find_boundary(body.surface, {.base = word}).down;
-  };
-  for (const char* word : {"bottom", "below", "under", "I", "inferior"})
-    EXPECT_LT((down(word) - Vec3(0, 0, -1)).norm(), 1e-12) << word;
-  for (const char* word : {"back", "P", "posterior"})
-    EXPECT_LT((down(word) - Vec3(0, 1, 0)).norm(), 1e-12) << word;
+// An ellipsoid without a flat face, thinnest across x, in voxels of 2 mm.
+LabelImage upright_egg() {
+  return image_of(
+      [](const Vec3& x) {
+        return Vec3(x.x() / 16.0, x.y() / 22.0, x.z() / (x.z() > 0.0 ? 30.0 : 24.0)).norm() < 1.0;
+      },
+      32.0, 2.0);
+}
+
+TEST(Boundary, AndCircleKnowEachSideByTheSameWords) {
+  const SegmentedBody body = make_body_surface(upright_egg(), {});
+  const std::vector<std::pair<Vec3, std::vector<const char*>>> sides = {
+      {{0, 0, 1}, {"superior", "S", "top"}},
+      {{0, 0, -1}, {"inferior", "I", "bottom"}},
+      {{0, -1, 0}, {"anterior", "A", "front"}},
+      {{0, 1, 0}, {"posterior", "P", "back"}},
+      {{1, 0, 0}, {"left", "L"}},
+      {{-1, 0, 0}, {"right", "R"}}};
+  const Mat3 to_lps = body.surface.to_world().linear();
+  for (const auto& [out, words] : sides)
+    for (const std::string word : words) {
+      SCOPED_TRACE(word);
+      const Boundary on = find_boundary(body.surface, {.base = word});
+      EXPECT_LT((to_lps * on.down - out).norm(), 1e-12);
+      EXPECT_LT((to_lps * on.push - out).norm(), 1e-12);  // opposite to the base
+      if (word == "top") continue;
+      const Boundary from = find_boundary(body.surface, {.indent_at = word});
+      EXPECT_LT((to_lps * from.push + out).norm(), 1e-12);
+      EXPECT_GT((body.surface.to_world() * from.centre).dot(out), 10.0);
+      EXPECT_LT((to_lps * from.down + out).norm(),
+                1e-12);  // the axes lay it on the side opposite to the tool
+      const Boundary held = find_boundary(body.surface, {.base = "posterior", .indent_at = word});
+      EXPECT_LT((to_lps * held.push + out).norm(), 1e-12);
+      EXPECT_LT((to_lps * held.down - Vec3::UnitY()).norm(), 1e-12);
+    }
+}
+
+TEST(Circle, AskedForOnTopIsToldTheWordsThatSayWhichTop) {
+  const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
+  try {
+    find_boundary(block, {.indent_at = "top"});
+    FAIL();
+  } catch (const UsageError& error) {
+    EXPECT_NE(error.report.remedy.find("--indent-at opposite"), std::string::npos) << error.report.remedy;
+    EXPECT_NE(error.report.remedy.find("--indent-at superior"), std::string::npos) << error.report.remedy;
+  }
+  EXPECT_NO_THROW(find_boundary(block, {.indent_at = "0,0,top"}));
+  const Boundary beside = find_boundary(block, {.base = "left", .indent_at = "0,0,top"});
+  EXPECT_LT((beside.push + Vec3::UnitZ()).norm(), 1e-12);  // the top is the patient's, whatever the base
+}
+
+TEST(Boundary, OfAnOrganWithoutACutFaceIsItsInferiorSide) {
+  const SegmentedBody body = make_body_surface(upright_egg(), {});
+  const Found found = find(body.surface), own = find(body.surface, {.base = "organ"});
+  EXPECT_LT((found.down + Vec3::UnitZ()).norm(), 1e-12);
+  EXPECT_NEAR(found.centre.z(), 30.0, 1.0);
+  EXPECT_GT(std::abs(own.down.x()), 0.99);  // across which it is thinnest
+}
+
+// A body that goes on beyond the image: cut by its borders at x, y or z = -+30 mm.
+SegmentedBody cut_by_image(const Vec3& half_axes) {
+  return make_body_surface(
+      image_of([&](const Vec3& x) { return x.cwiseQuotient(half_axes).norm() < 1.0; }, 30.0, 2.0), {});
+}
+
+TEST(Boundary, IsNoCutOfTheImageUnlessItIsAskedForAndThenItIsSaidLoudly) {
+  const SegmentedBody body = cut_by_image({20.0, 24.0, 50.0});
+  ASSERT_EQ(body.surface.image_ends().size(), 2u);
+  const Boundary found = find_boundary(body.surface, {});
+  const Mat3 to_lps = body.surface.to_world().linear();
+  EXPECT_LT((to_lps * found.down - Vec3::UnitY()).norm(), 1e-12)
+      << found.base_reason;  // a supine patient's back
+  EXPECT_TRUE(found.warnings.empty()) << found.warnings.front();
+  for (const char* base : {"inferior", "superior", "organ"}) {
+    const Boundary cut = find_boundary(body.surface, {.base = base, .indent_at = "anterior"});
+    EXPECT_GT(std::abs((to_lps * cut.down).z()), 0.99) << base;
+    ASSERT_EQ(cut.warnings.size(), 1u) << base;
+    EXPECT_NE(cut.warnings[0].find("THE BASE IS WHERE THE IMAGE ENDS: 100 %"), std::string::npos)
+        << cut.warnings[0];
+  }
+}
+
+TEST(Boundary, OfAnOrganThatJustTouchesTheImagesBorderIsNotCutThere) {
+  // A lattice place lies 0.13, 0.29, 0.41 mm off, and there is a voxel more than `reach` asks for.
+  EXPECT_TRUE(cut_by_image({20.0, 24.0, 31.5}).surface.image_ends().empty());
+  EXPECT_TRUE(cut_by_image({20.0, 24.0, 25.0}).surface.image_ends().empty());
+  EXPECT_EQ(cut_by_image({60.0, 24.0, 25.0}).surface.image_ends().size(), 2u);
+}
+
+TEST(Circle, StandsWhereTheImageEndsOnlyWhereThereIsNoOtherPlaceAndSaysSo) {
+  const SegmentedBody body = cut_by_image({29.0, 29.0, 40.0});
+  const Boundary beside =
+      find_boundary(body.surface, {.base = "left", .indent_at = "superior", .indenter_diameter_mm = 6.0});
+  EXPECT_FALSE(body.surface.at_image_end(beside.centre));
+  const SegmentedBody column = cut_by_image({20.0, 24.0, 200.0});
+  const Boundary on_cut = find_boundary(column.surface, {.base = "left", .indent_at = "superior"});
+  ASSERT_FALSE(on_cut.warnings.empty());
+  EXPECT_NE(on_cut.warnings.back().find("THE TOOL STANDS WHERE THE IMAGE ENDS"), std::string::npos);
+}
+
+// A block of 60 x 60 x 30 mm and an arm 10 mm thick over it, on a post at one side, whose top is at 52 mm.
+SegmentedBody block_with_an_arm() {
+  return make_body_surface(
+      image_of(
+          [](const Vec3& x) {
+            const Vec3 y = x + Vec3(0, 0, 30.0);
+            if (std::abs(y.x()) > 30.0 || std::abs(y.y()) > 30.0) return false;
+            const bool block = y.z() > 0.0 && y.z() < 30.0, over = y.x() < 12.0 && y.y() < 2.0;
+            return block || (over && y.z() < 52.0 && y.z() > (y.x() < -20.0 ? 0.0 : 42.0));
+          },
+          34.0, 1.5),
+      {});
+}
+
+TEST(Circle, StandsOnThickTissueAndNotOnAnArmThatIsHigher) {
+  const SegmentedBody body = block_with_an_arm();
+  const BoundaryOptions options = {.base = "inferior", .indenter_diameter_mm = 6.0};
+  const Boundary found = find_boundary(body.surface, options);
+  const Beneath good = beneath(body.surface, found);
+  EXPECT_NEAR((body.surface.to_world() * found.centre).z(), 0.0, 0.5);
+  EXPECT_NEAR(good.thickness_mm, 30.0, 0.5);
+  EXPECT_FALSE(good.free);
+  EXPECT_FALSE(will_bend(good, found.radius));
+  const Boundary arm =
+      find_boundary(body.surface, {.base = "inferior", .indent_at = "0,-14,22", .indenter_diameter_mm = 6.0});
+  const Beneath thin = beneath(body.surface, arm);
+  EXPECT_NEAR(thin.thickness_mm, 10.0, 0.5);
+  EXPECT_TRUE(thin.free);
+  EXPECT_TRUE(will_bend(thin, arm.radius));
+  EXPECT_LT(thin.tilt_degrees, 3.0);
+  const auto better = next_better_place(body.surface, arm);
+  ASSERT_TRUE(better.has_value());
+  EXPECT_NEAR(better->centre.z(), 0.0, 0.5);
+  EXPECT_NEAR(better->beneath.thickness_mm, 30.0, 0.5);
+}
+
+TEST(Places, AreListedWithVerdictsThatARunOfEachConfirms) {
+  const SegmentedBody body = block_with_an_arm();
+  const BoundaryOptions options = {.base = "inferior", .indenter_diameter_mm = 6.0};
+  const UsablePlaces places = usable_places(body.surface, options);
+  ASSERT_EQ(places.sides.size(), 6u);
+  EXPECT_EQ(places.sides.front().from, "superior");
+  using Verdict = UsablePlace::Verdict;
+  for (const UsablePlace& side : places.sides)
+    EXPECT_EQ(side.verdict == Verdict::refused, side.from == "inferior") << side.from << ": " << side.reason;
+  ASSERT_GE(places.others.size(), 2u);
+  int against = 0;
+  for (const auto& [reason, count] : places.against) against += count;
+  EXPECT_GT(places.looked_at, against);
+  EXPECT_GT(places.against.count("free to bend: thin tissue, nothing fixed behind it"), 0u);
+  EXPECT_GT(places.against.count("the circle would hang over an edge"), 0u);
+  for (const UsablePlace& place : places.others) {
+    BoundaryOptions there = options;
+    there.indent_at = fmt::format("{},{},{}", place.centre.x(), place.centre.y(), place.centre.z());
+    const Boundary found = find_boundary(body.surface, there);
+    EXPECT_LT((body.surface.to_world() * found.centre - place.centre).norm(), 0.1);
+    EXPECT_EQ(place.verdict == Verdict::good,
+              found.warnings.empty() && !will_bend(beneath(body.surface, found), found.radius))
+        << there.indent_at << ": " << place.reason;
+  }
 }
 
 TEST(Boundary, RefusesWordsAndPlacesThatMakeNoSense) {
   const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
   EXPECT_THROW(find_boundary(block, {.base = "sideways"}), UsageError);
-  EXPECT_THROW(find_boundary(block, {.indent_at = "bottom"}), UsageError);
+  for (const char* word :
+       {"sideways", "superior,sideways", "sideways,left", "superior,left,right", "1,2", "auto", "organ", ""})
+    EXPECT_THROW(find_boundary(block, {.indent_at = word}), UsageError) << word;
+  EXPECT_THROW(find_boundary(block, {.indent_at = "left", .direction = "1,0,0"}),
+               UsageError);  // it comes from the right
+  EXPECT_THROW(find_boundary(block, {.indent_at = "0,0,top", .direction = "1,0,0.1"}), UsageError);
   EXPECT_THROW(find_boundary(block, {.direction = "down"}), UsageError);
   EXPECT_THROW(find_boundary(block, {.indent_at = "300,0,0"}), ModelError);
 }

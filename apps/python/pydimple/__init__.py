@@ -14,6 +14,7 @@ and LPS. Failures are raised as `Error`, in five parts. What the program tells g
 
 import difflib
 import inspect
+import json
 import numbers
 import os
 
@@ -27,6 +28,7 @@ __all__ = [
     "build_model",
     "solve",
     "run",
+    "usable_places",
     "limit_threads",
     "Model",
     "Result",
@@ -101,6 +103,7 @@ def _is_for_session(option):
 # Which options each function takes.
 _TAKES = {
     "build_model": lambda option: option["stage"] == "model",
+    "usable_places": lambda option: option["stage"] == "model",
     "solve": lambda option: option["stage"] == "solve" or _is_for_session(option),
     "Session": _is_for_session,
     "run": lambda option: True,
@@ -232,6 +235,18 @@ def build_model(image, *, affine=None, space=None, config=None, tissue=None, **o
     return _core.build(settings, array)
 
 
+def usable_places(image, *, affine=None, space=None, config=None, **options):
+    """Where the tool's circle may stand on an organ, as `dimple places` lists it, before any model is built.
+
+    Each place says where the tool comes from (``from``, a side of the patient), the circle's centre (``centre_mm``, LPS),
+    the way it moves (``push``), the side that the organ rests on then (``base``), the tissue beneath it along the push
+    (``thickness_mm``), the tilt of the surface (``tilt_degrees``), the distance to the nearest fold or edge
+    (``room_mm``), and a ``verdict``: good, doubtful (a run warns of it) or refused, with the ``reason``.
+    """
+    settings, array = _with_image("usable_places", image, affine, space, config, None, options)
+    return json.loads(_core.usable_places_json(settings, array))
+
+
 def solve(model, *, config=None, tissue=None, **options):
     """The force curve of a model, as `dimple solve` computes it.
 
@@ -295,16 +310,18 @@ out : str or path, optional
 overwrite : bool
     Whether results that an earlier run left there are replaced.
 """
-_COMMON = """\
+_CONFIG = """\
 config : str or path, optional
     TOML file of options; keywords override it.
+"""
+_COMMON = _CONFIG + """\
 tissue : dict, optional
     Labels with a material of their own, by number or name: ``{2: {"mu_Pa": 900}}``. `build_model` needs to know them
     too: integration cells are split where tissues meet.
 """
 
 
-def _describe(function, where, before, returns):
+def _describe(function, where, before, returns, common=_COMMON):
     options = {k: o for k, o in _OPTIONS.items() if _TAKES[where](o)}
     listed = []
     for keyword, option in options.items():
@@ -313,7 +330,7 @@ def _describe(function, where, before, returns):
         choices = f"; one of {', '.join(option['choices'])}" if option["choices"] else ""
         listed.append(f"{keyword} : {kind}{default}\n    {option['help']}{choices}")
     function.__doc__ = (
-        inspect.cleandoc(function.__doc__) + "\n\nParameters\n----------\n" + before + _COMMON + "\n".join(listed)
+        inspect.cleandoc(function.__doc__) + "\n\nParameters\n----------\n" + before + common + "\n".join(listed)
         + (f"\n\nReturns\n-------\n{returns}\n" if returns else "\n")
     )
     plain = inspect.signature(function.__init__ if inspect.isclass(function) else function)
@@ -326,6 +343,14 @@ def _describe(function, where, before, returns):
 _MODEL = "model : Model\n    Of `build_model`, or `Result.model`.\n"
 _describe(build_model, "build_model", _IMAGE, "Model")
 _describe(solve, "solve", _MODEL, "Result")
+_describe(
+    usable_places,
+    "usable_places",
+    _IMAGE,
+    "dict\n    ``sides``: the highest place of each side; ``others``: more of the tool's own side; ``looked_at`` and\n"
+    "    ``against``: places looked at there, and reasons against how many of them; ``warnings`` of the image.",
+    _CONFIG,
+)
 _describe(run, "run", _IMAGE + _OUT, "Result")
 _describe(Session, "Session", _MODEL, "")
 

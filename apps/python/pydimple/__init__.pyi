@@ -23,6 +23,14 @@ def build_model(
     tissue: _Tissue | None = None,
     **options: Any,
 ) -> Model: ...
+def usable_places(
+    image: _Image,
+    *,
+    affine: npt.ArrayLike | None = None,
+    space: Literal["RAS", "LPS"] | None = None,
+    config: _Path | None = None,
+    **options: Any,
+) -> dict[str, Any]: ...
 def solve(
     model: Model,
     *,

@@ -56,10 +56,12 @@ struct Options {
   double rim = 1.2, depth = 4;
   int levels = 4;
   std::map<std::string, double> named = {
-      {"label", -1},         // of the image; -1: all foreground
-      {"stiff", -1},         // label of a second tissue, of the element that has its centroid in it
-      {"times", 5},          // its mu and bulk modulus over the others'
-      {"x", 0},              // of the circle on the ellipsoid
+      {"label", -1},        // of the image; -1: all foreground
+      {"stiff", -1},        // label of a second tissue, of the element that has its centroid in it
+      {"times", 5},         // its mu and bulk modulus over the others'
+      {"x", 0},             // of the circle on the ellipsoid, or on an image's organ, LPS mm
+      {"y", std::nan("")},  // likewise on an organ; without it the highest place
+      {"z", std::nan("")},
       {"mu", 210e-6},        // N/mm^2
       {"nu", 0.499},         // Poisson's ratio
       {"lame", 0},           // 1: bulk = lambda instead of the bulk modulus, as in hexahedra.cpp
@@ -175,7 +177,10 @@ Scene image_scene(const Options& options) {
   std::vector<int> labels;
   if (options["label"] >= 0) labels.push_back(static_cast<int>(options["label"]));
   dimple::SegmentedBody body = dimple::make_body_surface(image, labels);
-  dimple::BoundaryOptions wanted;
+  dimple::BoundaryOptions wanted{.base = "organ"};  // the organ's own flat or broadest side
+  if (std::isfinite(options["z"]))
+    wanted.indent_at = std::to_string(options["x"]) + "," + std::to_string(options["y"]) + "," +
+                       std::to_string(options["z"]);
   wanted.voxel_mm = image.spacing().maxCoeff();
   Boundary boundary = dimple::find_boundary(body.surface, wanted);
   const Vec3 centre = body.surface.to_world() * boundary.centre;

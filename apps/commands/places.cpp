@@ -1,0 +1,68 @@
+#include "apps/run/places.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "apps/commands/command.hpp"
+#include "apps/commands/log.hpp"
+
+namespace dimple {
+namespace {
+
+std::string coordinates(const Vec3& x) {
+  const auto tenths = [](double value) { return std::round(10.0 * value) / 10.0 + 0.0; };
+  return fmt::format("{:.1f},{:.1f},{:.1f}", tenths(x.x()), tenths(x.y()), tenths(x.z()));
+}
+
+void print_place(const UsablePlace& place) {
+  const std::string verdict =
+      word_of(place.verdict) + (place.reason.empty() ? std::string() : ": " + place.reason);
+  if (place.room_mm > 0.0)
+    fmt::print("{:<9}  {:<22}  {:<9}  {:>9.1f}  {:>10.0f}  {:>7.1f}  {}\n", place.from,
+               coordinates(place.centre), place.base, place.beneath.thickness_mm, place.beneath.tilt_degrees,
+               place.room_mm, verdict);
+  else
+    fmt::print("{:<9}  {:<22}  {:<9}  {:>9}  {:>10}  {:>7}  {}\n", place.from, "-", "-", "-", "-", "-",
+               verdict);
+}
+
+void print_places(const UsablePlaces& places, double diameter_mm) {
+  fmt::print(
+      "Places for a circle of {:.4g} mm; --indent-at takes a side or x,y,z (LPS, mm).\n\n{:<9}  {:<22}  {:<9}"
+      "  {:>9}  {:>10}  {:>7}  {}\n",
+      diameter_mm, "tool from", "x,y,z [mm]", "base", "tissue mm", "tilt [deg]", "room mm", "verdict");
+  for (const UsablePlace& place : places.sides) print_place(place);
+  if (places.looked_at == 0) return;
+  const std::string& side = places.sides.front().from;
+  if (!places.others.empty()) fmt::print("\nMore places on the {} side, the highest first:\n", side);
+  for (const UsablePlace& place : places.others) print_place(place);
+  int against = 0;
+  for (const auto& [reason, count] : places.against) against += count;
+  fmt::print("\n{} of {} places looked at on the {} side are good. Against the others:\n",
+             places.looked_at - against, places.looked_at, side);
+  for (const auto& [reason, count] : places.against) fmt::print("{:>6}  {}\n", count, reason);
+}
+
+}  // namespace
+
+Command add_places(CLI::App& app, Invocation& shared) {
+  const auto flags = std::make_shared<Flags>();
+  CLI::App* command = app.add_subcommand(
+      "places", "list where the circle may stand on an organ, with reasons against the others");
+  command->add_option("IMAGE", shared.image, "label image");
+  flags->add(*command, "model");
+  add_common(*command, shared);
+  return {command, [&shared, command, flags] {
+            const Config config = flags->config(*command, shared.image);
+            const PlacesOfImage found = places_of_image(config, nullptr, {.line = to_log().line});
+            clear_stage_line();
+            if (shared.json)
+              fmt::print("{}\n", places_json(config, found));
+            else
+              print_places(found.places, config.boundary.indenter_diameter_mm);
+            return 0;
+          }};
+}
+
+}  // namespace dimple

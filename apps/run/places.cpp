@@ -1,0 +1,80 @@
+#include "apps/run/places.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "apps/run/organ.hpp"
+#include "io/words.hpp"
+
+namespace dimple {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+// No more digits than a place has that somebody gives again.
+double rounded(double x, double step) {
+  return std::round(x / step) * step + 0.0;
+}
+
+Json three(const Vec3& v, double step) {
+  return {rounded(v.x(), step), rounded(v.y(), step), rounded(v.z(), step)};
+}
+
+Json described(const UsablePlace& place) {
+  Json json = {{"from", place.from}, {"verdict", word_of(place.verdict)}};
+  if (!place.reason.empty()) json["reason"] = place.reason;
+  if (!(place.room_mm > 0.0)) return json;  // the circle fits nowhere on this side
+  json["centre_mm"] = three(place.centre, 1e-3);
+  json["push"] = three(place.push, 1e-6);
+  json["base"] = place.base;
+  json["thickness_mm"] = rounded(place.beneath.thickness_mm, 1e-2);
+  json["tilt_degrees"] = rounded(place.beneath.tilt_degrees, 1e-1);
+  json["room_mm"] = rounded(place.room_mm, 1e-2);
+  return json;
+}
+
+}  // namespace
+
+PlacesOfImage places_of_image(const Config& config, const LabelImage* image, const RunObserver& observer) {
+  PlacesOfImage found;
+  Result result;
+  const Talk talk{observer, result};
+  const Organ organ = read_organ({.config = config, .image = image}, model_options(config), talk, result);
+  found.places = usable_places(organ.body->surface, organ.options.boundary);
+  found.warnings = result.warnings;
+  return found;
+}
+
+std::string places_json(const Config& config, const PlacesOfImage& found) {
+  Json json = {{"image", name_of_image(config)},
+               {"circle_diameter_mm", config.boundary.indenter_diameter_mm},
+               {"sides", Json::array()},
+               {"others", Json::array()},
+               {"looked_at", found.places.looked_at},
+               {"against", Json::object()},
+               {"warnings", found.warnings}};
+  for (const UsablePlace& place : found.places.sides) json["sides"].push_back(described(place));
+  for (const UsablePlace& place : found.places.others) json["others"].push_back(described(place));
+  for (const auto& [reason, count] : found.places.against) json["against"][reason] = count;
+  return json.dump(2, ' ', false, Json::error_handler_t::replace);
+}
+
+std::string warning_of_bending(const BodySurface& body, const Boundary& boundary) {
+  const Beneath what = beneath(body, boundary);
+  if (!will_bend(what, boundary.radius)) return {};
+  const auto better = next_better_place(body, boundary);
+  return fmt::format(
+      "the circle stands on a thin part that is free to bend: {:.1f} mm of tissue along the push under "
+      "{:.4g} mm of "
+      "circle, and nothing fixed behind it; {}",
+      what.thickness_mm, 2.0 * boundary.radius,
+      better ? fmt::format(
+                   "the next better place is {}, with {:.1f} mm of tissue: --indent-at {:.1f},{:.1f},{:.1f}",
+                   in_words(better->centre), better->beneath.thickness_mm, better->centre.x(),
+                   better->centre.y(), better->centre.z())
+             : "no better place was found on this side; `dimple places` lists the others");
+}
+
+}  // namespace dimple

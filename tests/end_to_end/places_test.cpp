@@ -1,0 +1,122 @@
+// Where the tool may stand, as the program lists it, and what it says of places that make no sense.
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <regex>
+
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+using testing::HasSubstr;
+
+class Places : public testing::Test {
+ protected:
+  const fs::path folder = fresh_folder();
+  Ran good(const std::string& words) const {
+    Ran ran = dimple(folder, words);
+    EXPECT_EQ(ran.code, 0) << words << "\n" << ran.err;
+    return ran;
+  }
+};
+
+std::string coordinates(const Json& place) {
+  const Json& x = place.at("centre_mm");
+  return fmt::format("{},{},{}", x[0].get<double>(), x[1].get<double>(), x[2].get<double>());
+}
+
+TEST_F(Places, OfThePhantomAreListedInWordsAndAsJsonAndARunTakesThem) {
+  good("phantom brain.nrrd --spacing 3");
+  const Json listed = Json::parse(good("places brain.nrrd --json").out);
+  ASSERT_EQ(listed.at("sides").size(), 6u);
+  const Json& first = listed.at("sides").at(0);
+  EXPECT_EQ(first.at("from"), "superior");
+  EXPECT_EQ(first.at("base"), "inferior");
+  EXPECT_EQ(first.at("verdict"), "good");
+  EXPECT_EQ(listed.at("sides").at(5).at("verdict"), "refused");
+  EXPECT_EQ(listed.at("sides").at(5).at("reason"), "on the fixed base");
+  EXPECT_EQ(listed.at("circle_diameter_mm"), 10.0);
+  const std::string table = good("places brain.nrrd").out;
+  for (const char* word : {"tool from", "superior", "anterior", "posterior", "left", "right", "inferior",
+                           "refused: on the fixed base", "places looked at on the superior side are good"})
+    EXPECT_THAT(table, HasSubstr(word));
+
+  // The first is what a run does by itself; the others are taken as they are given.
+  good("model brain.nrrd -o own --nodes 500 -q");
+  EXPECT_THAT(text_of(folder / "own" / "model.toml"), HasSubstr("superior side, opposite to the base"));
+  ASSERT_FALSE(listed.at("others").empty());
+  for (std::size_t k = 0; k < std::min<std::size_t>(3, listed.at("others").size()); ++k) {
+    const Json& place = listed.at("others").at(k);
+    const Ran ran = good("model brain.nrrd -o other --force --nodes 500 --indent-at " + coordinates(place));
+    EXPECT_EQ(place.at("verdict") == "good", ran.err.find("little room") == std::string::npos) << ran.err;
+  }
+}
+
+TEST_F(Places, InWordsThatMeantSomethingElseAreRefusedWithTheNewOnes) {
+  const auto refused = [&](const std::string& words, const std::vector<const char*>& said) {
+    const Ran ran = dimple(folder, words);
+    EXPECT_EQ(ran.code, 2) << words << ran.err;
+    for (const char* part : said) EXPECT_THAT(ran.err, HasSubstr(part)) << words;
+  };
+  // Before the image is read: there is none.
+  refused("run none.nrrd -o out --indent-at top", {"'top' does not say where", "opposite", "superior"});
+  refused("run none.nrrd -o out --indent-at beside", {"'beside' is not a place", "anterior", "opposite"});
+  refused("run none.nrrd -o out --base beside", {"'beside' is not a side", "anterior", "organ"});
+  refused("places none.nrrd --base opposite", {"'opposite' is not a side"});
+  good("phantom brain.nrrd --spacing 3");
+  refused("model brain.nrrd -o out --nodes 500 --indent-at superior --direction 0,0,1",
+          {"does not come from the superior side", "--direction"});
+  for (const char* word : {"superior", "S", "opposite", "superior,left", "0,0,top"})
+    good(std::string("model brain.nrrd -o out --force --nodes 500 -q --indent-at ") + word);
+}
+
+// A post of 12 mm with an arm of 9 mm thickness that hangs over nothing: pushed down, the arm bends.
+TEST_F(Places, OnAPartThatSwingsAreWarnedOfWithNumbersAndABetterPlace) {
+  const std::array<int, 3> size = {44, 24, 34};
+  std::string voxels;
+  for (int k = 0; k < size[2]; ++k)
+    for (int j = 0; j < size[1]; ++j)
+      for (int i = 0; i < size[0]; ++i) {
+        const bool inside = i >= 2 && j >= 2 && k >= 2 && i < 42 && j < 22 && k < 32;
+        const bool block = k < 14, arm = j < 12 && i < 30 && (k >= 26 || i < 10);
+        voxels += static_cast<char>(inside && (block || arm));
+      }
+  std::ofstream(folder / "arm.nrrd", std::ios::binary)
+      << fmt::format(
+             "NRRD0004\ntype: uint8\ndimension: 3\nspace: left-posterior-superior\nsizes: {} {} {}\nspace "
+             "directions: (1.5,0,0) (0,1.5,0) (0,0,1.5)\nspace origin: (0,0,0)\nencoding: raw\n\n",
+             size[0], size[1], size[2])
+      << voxels;
+  const std::string scene =
+      " --base inferior --indenter-diameter 6 --depth 2mm --frames 4 --nodes 1000 --band off --write force";
+  const Ran arm = good("run arm.nrrd -o arm --indent-at 33,9,48" + scene);
+  std::smatch said;
+  ASSERT_TRUE(std::regex_search(arm.err, said,
+                                std::regex("free to bend: ([0-9.]+) mm of tissue along the push under 6 mm")))
+      << arm.err;
+  EXPECT_NEAR(std::stod(said[1]), 9.0, 0.5);
+  ASSERT_TRUE(
+      std::regex_search(arm.err, said, std::regex("the next better place is .*--indent-at ([-0-9.,]+)")))
+      << arm.err;
+  const std::string better = said[1];
+  ASSERT_TRUE(
+      std::regex_search(arm.err, said, std::regex("([0-9]+) % of the push bends the part under the tool")))
+      << arm.err;
+  EXPECT_GT(std::stod(said[1]), 50.0);
+  EXPECT_LT(std::stod(said[1]), 105.0);
+  const Ran block = good("run arm.nrrd -o block --indent-at " + better + scene);
+  EXPECT_EQ(block.err.find("bend"), std::string::npos) << block.err;
+  // By itself the tool stands on the block too.
+  const Ran own = good("run arm.nrrd -o own" + scene);
+  EXPECT_EQ(own.err.find("bend"), std::string::npos) << own.err;
+}
+
+}  // namespace
+}  // namespace dimple
