@@ -322,7 +322,7 @@ TEST_F(Refusal, OfACircleThatIsSmallerThanAVoxel) {
   const std::vector<std::string> words = {"2 mm diameter is smaller than a voxel of 3 mm", "--indenter-diameter",
                                           "give at least 9 mm", "circle-too-small"};
   for (const std::string command :
-       {"run brain.nrrd -o out", "model brain.nrrd -o out", "run brain.nrrd -o out --accuracy 5%",
+       {"run brain.nrrd -o out", "model brain.nrrd -o out", "run brain.nrrd -o out --accuracy 5% --depth 1mm",
         "export brain.nrrd -o mesh.inp", "poke brain.nrrd --script path.csv", "fit brain.nrrd -o out --curve curve.csv"}) {
     write("curve.csv", "indentation_mm,force_N\n1,0.01\n2,0.02\n");
     expect(4, command + " --indenter-diameter 2", words);
