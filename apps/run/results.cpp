@@ -564,7 +564,7 @@ void leave_word(const fs::path& folder, const std::string& command, const std::s
 
 void check_result_folder(const fs::path& folder) {
   std::error_code error;
-  if (fs::is_directory(folder) && !fs::is_empty(folder, error) && made_by_a_run(folder).empty() &&
+  if (fs::is_directory(folder, error) && !fs::is_empty(folder, error) && made_by_a_run(folder).empty() &&
       !is_there(folder / file_list_name) && !holds_a_model(folder) &&
       !fs::exists(folder / "convergence.csv") && !fs::exists(folder / "fit.csv") &&
       !fs::exists(folder / "chart.csv"))
