@@ -31,9 +31,9 @@ struct CirclePlace {
 /// height for a margin of none, in proportion to the square) and less a twelfth of the way from the body's
 /// middle, so that of a plateau its middle is taken. Of two domes as high, within a quarter per cent of
 /// `height`, the one away from the body's pointed end or, in a body that has none, towards `prefer` is taken.
-/// Places with little room, over thin tissue that is free to bend (`is_free` of where the push leaves it) and
-/// where the image ends are taken only if there is no other, in this order. Nothing: no place takes the whole
-/// disc.
+/// Places over thin tissue that is free behind (`is_free` of where the push leaves it), and then those where
+/// the image ends, are taken only if there is no other; one with little room only if all others are lower by
+/// 15 % of `height`. Nothing: no place takes the whole disc.
 std::optional<CirclePlace> highest_dome(const View& view, const Moments& moments, double radius,
                                         double height, const std::optional<Eigen::Vector2d>& half,
                                         const Vec3& prefer,
@@ -46,13 +46,14 @@ constexpr double bending_thickness = 3.0;
 /// What a circle would meet at a place.
 struct SurveyedPlace {
   Eigen::Vector2d centre;
-  Vec3 touch, leaves;  ///< where the push through its centre first meets and first leaves the body [mm]
+  Vec3 touch;  ///< where the push through its centre first meets the body [mm]
   Room room;
   double mean_height = 0.0;  ///< over the disc [mm]
-  double thickness = 0.0;    ///< of the tissue beneath it along the push, mean over the disc [mm]
+  double bending = 0.0;      ///< share of the disc beneath which tissue is thin and free
 };
 
 /// Places all over the body, about `stride` [mm] apart.
-std::vector<SurveyedPlace> survey(const View& view, double radius, double stride);
+std::vector<SurveyedPlace> survey(const View& view, double radius, double stride,
+                                  const std::function<bool(const Vec3& leaves)>& is_free);
 
 }  // namespace dimple

@@ -1,5 +1,6 @@
 #include "preprocess/reduce_surface.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>

@@ -34,7 +34,7 @@ Judged judged(const BodySurface& body, const Boundary& at, const Beneath& what) 
   using enum UsablePlace::Verdict;
   if (reaches_base(at, at.centre)) return {refused, "on the fixed base"};
   if (body.at_image_end(at.centre)) return {doubtful, "where the image ends, not the organ"};
-  if (will_bend(what, at.radius))
+  if (will_bend(what.bending))
     return {
         doubtful,
         fmt::format("free to bend: {:.1f} mm of tissue under a circle of {:.4g} mm, nothing fixed behind it",
@@ -65,9 +65,7 @@ Judged judged(const BodySurface& body, const Boundary& boundary, const SurveyedP
   if (place.room.whole < boundary.radius) return {refused, "the circle would hang over an edge"};
   if (reaches_base(boundary, place.touch)) return {refused, "on the fixed base"};
   if (body.at_image_end(place.touch)) return {doubtful, "the image ends there, not the organ"};
-  const Beneath what{.thickness_mm = place.thickness, .free = !reaches_base(boundary, place.leaves)};
-  if (will_bend(what, boundary.radius))
-    return {doubtful, "free to bend: thin tissue, nothing fixed behind it"};
+  if (will_bend(place.bending)) return {doubtful, "free to bend: thin tissue, nothing fixed behind it"};
   if (place.room.even < little_room * boundary.radius)
     return {doubtful, "little room: a fold, an edge or a steep slope is near"};
   return {};
@@ -90,8 +88,9 @@ Surveyed surveyed(const BodySurface& body, const Boundary& boundary) {
   const View view(body, moments_of(body), boundary.push);
   const double stride =
       std::max(boundary.radius, std::sqrt(Eigen::Vector2d(view.high - view.low).prod() / most_places));
+  const auto is_free = [&](const Vec3& leaves) { return !reaches_base(boundary, leaves); };
   Surveyed result;
-  for (const SurveyedPlace& place : survey(view, boundary.radius, stride)) {
+  for (const SurveyedPlace& place : survey(view, boundary.radius, stride, is_free)) {
     ++result.looked_at;
     const Judged said = judged(body, boundary, place);
     if (!said.reason.empty()) ++result.against[said.reason];
@@ -133,14 +132,15 @@ Beneath beneath(const BodySurface& body, const Boundary& boundary) {
   const Vec3 e1 = (Vec3::Unit(axis) - boundary.push[axis] * boundary.push).normalized(),
              e2 = boundary.push.cross(e1);
   Vec3 normal = Vec3::Zero();
-  int met = 0, on_fixed = 0;
+  int met = 0, bending = 0;
   const auto look = [&](double r, double angle) {
     const Vec3 x = boundary.centre + r * (std::cos(angle) * e1 + std::sin(angle) * e2);
     const std::vector<double> t = body.crossings(x, boundary.push);
     if (t.size() < 2) return;
     ++met;
     result.thickness_mm += t[1] - t[0];
-    on_fixed += reaches_base(boundary, x + t[1] * boundary.push);
+    bending += t[1] - t[0] < 2.0 * boundary.radius * bending_thickness &&
+               !reaches_base(boundary, x + t[1] * boundary.push);
     normal -= body.normal().col(body.closest(x + t[0] * boundary.push).triangle);
   };
   look(0.0, 0.0);
@@ -148,14 +148,10 @@ Beneath beneath(const BodySurface& body, const Boundary& boundary) {
     for (int k = 0; k < count; ++k) look(share * boundary.radius, 2.0 * std::numbers::pi * k / count);
   if (met == 0) return result;
   result.thickness_mm /= met;
-  result.free = 2 * on_fixed < met;
+  result.bending = static_cast<double>(bending) / met;
   const double cosine = std::clamp(normal.normalized().dot(boundary.push), -1.0, 1.0);
   result.tilt_degrees = std::acos(cosine) * 180.0 / std::numbers::pi;
   return result;
-}
-
-bool will_bend(const Beneath& what, double radius_mm) {
-  return what.free && what.thickness_mm < 2.0 * radius_mm * bending_thickness;
 }
 
 const char* word_of(UsablePlace::Verdict verdict) {
@@ -167,6 +163,7 @@ const char* word_of(UsablePlace::Verdict verdict) {
 UsablePlaces usable_places(const BodySurface& body, const BoundaryOptions& options, int most) {
   UsablePlaces result;
   std::optional<Boundary> own;
+  std::optional<ModelError> why_not;
   const auto add = [&](const std::string& side, const BoundaryOptions& there, const Boundary* known) {
     stop_if_asked();
     UsablePlace place;
@@ -174,15 +171,16 @@ UsablePlaces usable_places(const BodySurface& body, const BoundaryOptions& optio
     try {
       const Boundary at = find_boundary(body, there, known);
       place = described(body, at);
-      if (!own) own = at;
+      if (side.empty()) own = at;
     } catch (const ModelError& error) {
+      if (side.empty()) why_not = error;
       place.verdict = UsablePlace::Verdict::refused;
       place.reason = error.report.fact;
     }
     result.sides.push_back(std::move(place));
   };
   add("", options, nullptr);
-  if (!own) result.sides.clear();  // the reason stands at its side
+  if (!own) result.sides.clear();  // then the sides alone, if the circle fits on one of them
   for (const char* side : names_of_sides) {
     if (own && result.sides.front().from == side) continue;
     BoundaryOptions there = options;
@@ -192,6 +190,10 @@ UsablePlaces usable_places(const BodySurface& body, const BoundaryOptions& optio
     if (own && own->base_by_axes) there.base = side_towards(-*side_named(side));
     add(side, there, own && !own->base_by_axes ? &*own : nullptr);
   }
+  if (why_not && std::all_of(result.sides.begin(), result.sides.end(), [](const UsablePlace& place) {
+        return place.verdict == UsablePlace::Verdict::refused;
+      }))
+    throw *why_not;
   if (!own) return result;
   const Surveyed all = surveyed(body, *own);
   result.looked_at = all.looked_at;
@@ -204,12 +206,10 @@ UsablePlaces usable_places(const BodySurface& body, const BoundaryOptions& optio
 }
 
 std::optional<UsablePlace> next_better_place(const BodySurface& body, const Boundary& than) {
-  std::vector<Vec3> taken = {than.centre};
-  std::vector<UsablePlace> found;
   for (const SurveyedPlace& place : surveyed(body, than).good) {
-    add_far_apart(body, than, {place}, 4.0 * than.radius, 1, taken, found);
-    if (!found.empty() && found.back().verdict == UsablePlace::Verdict::good) return found.back();
-    found.clear();
+    if ((place.touch - than.centre).norm() < 4.0 * than.radius) continue;
+    UsablePlace found = described(body, moved(than, place));
+    if (found.verdict == UsablePlace::Verdict::good) return found;
   }
   return std::nullopt;
 }

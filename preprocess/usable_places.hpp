@@ -12,14 +12,15 @@ namespace dimple {
 /// What lies beneath a circle, along the push.
 struct Beneath {
   double thickness_mm = 0.0;  ///< of the tissue to where the push first leaves it, mean over the disc
-  bool free = false;          ///< where it leaves the tissue nothing is fixed
+  double bending = 0.0;       ///< share of the disc beneath which it is thinner than three diameters and free
   double tilt_degrees = 0.0;  ///< between the push and the mean inward normal of the surface
 };
 Beneath beneath(const BodySurface& body, const Boundary& boundary);
 
-/// Whether what lies beneath the circle will be bent away rather than indented: it is free, and thinner than
-/// three diameters of the circle.
-bool will_bend(const Beneath& what, double radius_mm);
+/// Whether most of what lies beneath the circle will be bent away rather than indented.
+inline bool will_bend(double bending) {
+  return bending > 0.5;
+}
 
 /// A place for the circle; lengths in mm, LPS.
 struct UsablePlace {
@@ -42,7 +43,8 @@ struct UsablePlaces {
   std::map<std::string, int> against;  ///< reason against some of those -> how many
 };
 
-/// Under the options' base, circle and push; `most`: of `others`. Throws UsageError as find_boundary() does.
+/// Under the options' base, circle and push; `most`: of `others`. Throws UsageError as find_boundary()
+/// does, and its ModelError where no side takes the circle.
 UsablePlaces usable_places(const BodySurface& body, const BoundaryOptions& options, int most = 8);
 
 /// The highest good place of the side that the tool comes from, two diameters away or more.

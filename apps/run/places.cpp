@@ -63,7 +63,7 @@ std::string places_json(const Config& config, const PlacesOfImage& found) {
 
 std::string warning_of_bending(const BodySurface& body, const Boundary& boundary) {
   const Beneath what = beneath(body, boundary);
-  if (!will_bend(what, boundary.radius)) return {};
+  if (!will_bend(what.bending)) return {};
   const auto better = next_better_place(body, boundary);
   return fmt::format(
       "the circle stands on a thin part that is free to bend: {:.1f} mm of tissue along the push under "

@@ -260,6 +260,7 @@ Config case_of(const Cohort& cohort, std::size_t row, Config config) {
   goal_of(config);
   spread_of(config);
   check_materials(materials_of(config), scheme_of(config));
+  check_words(model_options(config).boundary);
   if (!config.output.compare.empty() && config.output.compare != paper_word)
     read_measured_curve(config.output.compare);
   return config;

@@ -45,6 +45,35 @@ TEST(Organs, OfPeopleCanBeIndentedWithNoOptionOfTheModelButTheLabel) {
   }
 }
 
+// Where nobody asks for a place, none is taken that an anatomist would laugh at: the brain does not lie on
+// its crown, the tool stands neither on a vessel of the heart nor where the scan of the liver ends, and not
+// at the hilum of a lung.
+TEST(Organs, OfPeopleLieAsThePatientDoesAndTheToolStandsOnThickTissue) {
+  const char* place = std::getenv("DIMPLE_SHARED_DATA");
+  if (!place) GTEST_SKIP() << "skipped: DIMPLE_SHARED_DATA names no folder with label images";
+  struct Expected {
+    std::vector<std::string> image;
+    const char *base, *from;
+  };
+  for (const Expected& organ :
+       {Expected{{"human_brain_mri_2mm.nrrd"}, "inferior", "superior"},
+        Expected{{"heart_ct_1.5mm.nii.gz"}, "inferior", "superior"},
+        Expected{{"abdomen_mr_3mm.nii.gz", "--label", "5"}, "posterior", "anterior"},
+        Expected{{"lung_ct_aniso.mha"}, "inferior", "superior"},
+        Expected{{"chest_ct_10mm.seg.nrrd", "--label", "right lung"}, "inferior", "superior"}}) {
+    SCOPED_TRACE(organ.image[0]);
+    std::vector<std::string> words = {"places", "--json", fs::path(place) / organ.image[0]};
+    words.insert(words.end(), organ.image.begin() + 1, organ.image.end());
+    const Ran ran = dimple(fresh_folder(), words);
+    ASSERT_EQ(ran.code, 0) << ran.err;
+    const Json tool = Json::parse(ran.out).at("sides").at(0);
+    EXPECT_EQ(tool.at("base"), organ.base) << tool;
+    EXPECT_EQ(tool.at("from"), organ.from) << tool;
+    EXPECT_GT(tool.at("thickness_mm").get<double>(), 30.0) << tool;
+    EXPECT_EQ(tool.value("reason", "").find("image ends"), std::string::npos) << tool;
+  }
+}
+
 // P2/P1 tetrahedra (displacement and pressure, 9400 nodes, about 1 mm at the rim, a code that is not in this
 // repository) of the same surface, base and circle: 15.48 mN at 2 mm, which reads about 1 % low.
 TEST(Organs, TheHeartResistsAsIndependentFiniteElementsSay) {
