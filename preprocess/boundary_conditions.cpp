@@ -225,19 +225,19 @@ Vec3 middle_of(const BodySurface& body, Index t) {
 
 // A base where the image ends holds tissue that goes on. Areas are as they are seen along `down`.
 void warn_of_base_at_image_end(const BodySurface& body, Boundary& result) {
-  if (body.image_ends().empty()) return;
-  const auto cut = [&](const Vec3& x, const Vec3& normal) {
+  const auto cut = [&](const Vec3& x) {
     return std::any_of(body.image_ends().begin(), body.image_ends().end(), [&](const auto& end) {
-      return normal.dot(end.out) > 0.5 && std::abs(x.dot(end.out) - end.offset) <= end.tolerance;
+      return end.out.dot(result.down) > 0.5 && std::abs(x.dot(end.out) - end.offset) <= end.tolerance;
     });
   };
+  if (body.image_ends().empty()) return;
   double base = 0.0, at_end = 0.0;
   for (Index t = 0; t < body.triangles().cols(); ++t) {
-    const Vec3 x = middle_of(body, t), normal = body.normal().col(t);
-    if (!on_base(result, x, normal)) continue;
-    const double seen = body.triangle_area()[t] * normal.dot(result.down);
+    const Vec3 x = middle_of(body, t);
+    if (!on_base(result, x, body.normal().col(t))) continue;
+    const double seen = body.triangle_area()[t] * body.normal().col(t).dot(result.down);
     base += seen;
-    if (cut(x, normal)) at_end += seen;
+    if (cut(x)) at_end += seen;
   }
   if (!(at_end > border_share * base)) return;
   result.warnings.push_back(fmt::format(

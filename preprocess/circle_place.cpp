@@ -35,7 +35,7 @@ constexpr double same_height = 0.0025;    // of the height
 constexpr double thick_enough = 0.5;      // of the median thickness
 // Of it, where nothing is fixed behind: vessels of a heart have 0.45 to 0.5, the crown of a shell has 0.6.
 constexpr double slender = 0.55;
-constexpr double much_lower = 0.15;  // of the height: no room is worth that
+constexpr double much_lower = 0.15;       // of the height: no room is worth that
 constexpr double most_places = 400000.0;  // of the lattice over the whole body
 constexpr std::size_t places_at_once =
     4096;                      // that are judged before it is asked whether others can be better
@@ -316,9 +316,11 @@ bool bends_at(const HeightMap& map, const Eigen::ArrayXXd& thin, const Rule& rul
   for (const double share : {0.0, 0.4, 0.7, 0.95})
     for (int k = 0; k < (share > 0.0 ? 12 : 1); ++k) {
       const double angle = std::numbers::pi * k / 6.0;
-      const Vec2 x = (p + share * rule.radius * Vec2(std::cos(angle), std::sin(angle)) - map.corner) / map.step;
+      const Vec2 x =
+          (p + share * rule.radius * Vec2(std::cos(angle), std::sin(angle)) - map.corner) / map.step;
       const Index i = std::lround(x.x()), j = std::lround(x.y());
-      if (i < 0 || j < 0 || i >= thin.rows() || j >= thin.cols() || !std::isfinite(map.height(i, j))) continue;
+      if (i < 0 || j < 0 || i >= thin.rows() || j >= thin.cols() || !std::isfinite(map.height(i, j)))
+        continue;
       ++met;
       bending += thin(i, j) > 0.0;
     }
@@ -390,8 +392,8 @@ Dome look_closely(const View& view, const Rule& rule, Vec2 centre, double step) 
   return settle(view, rule, centre, step);
 }
 
-std::optional<Chosen> highest_dome_by(Rule rule, const View& view, const Moments& moments,
-                                           double height, const Vec3& prefer) {
+std::optional<Chosen> highest_dome_by(Rule rule, const View& view, const Moments& moments, double height,
+                                      const Vec3& prefer) {
   const double radius = rule.radius, step = step_of_whole(view, radius);
   HeightMap map = height_map(view, step);
   if (!rule.with_image_ends) map = without_image_ends(view, std::move(map));
@@ -419,7 +421,8 @@ std::optional<Chosen> highest_dome_by(Rule rule, const View& view, const Moments
                             map.step, radius);
   for (Index j = 0; j < map.height.cols(); ++j)
     for (Index i = 0; i < map.height.rows(); ++i)
-      if (const Vec2 p = map.place(i, j); map.thickness(i, j) > thin && rule.allowed(p) && bending(i, j) <= 0.5)
+      if (const Vec2 p = map.place(i, j);
+          map.thickness(i, j) > thin && rule.allowed(p) && bending(i, j) <= 0.5)
         places.push_back({p, rule.worth(mean(i, j), p, infinite), -infinite});
   std::stable_sort(places.begin(), places.end(),
                    [](const Place& a, const Place& b) { return a.most > b.most; });
@@ -523,7 +526,8 @@ std::vector<SurveyedPlace> survey(const View& view, double radius, double stride
   const Cuts cuts(map, radius);
   const Eigen::ArrayXXd height = means_over_discs(map.height, map.step, radius),
                         bending = means_over_discs(
-                            thin_and_free(view, map, 2.0 * radius * bending_thickness, is_free), map.step, radius);
+                            thin_and_free(view, map, 2.0 * radius * bending_thickness, is_free), map.step,
+                            radius);
   const auto every = std::max<Index>(1, std::lround(stride / map.step));
   std::vector<SurveyedPlace> places;
   for (Index j = 0; j < map.height.cols(); j += every)

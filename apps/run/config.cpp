@@ -380,7 +380,8 @@ std::vector<Option> options_of(Config& c) {
       {"solver.sample_rate_per_s", "", "1/s", "rows per second of force.csv", &c.solver.sample_rate_per_s, 0,
        1e6, true, any, "solve"},
       {"accuracy.goal", "--accuracy", "",
-       "take as many nodes as it takes to know the force, or the displacement of --quantity, this well by its "
+       "take as many nodes as it takes to know the force, or the displacement of --quantity, this well by "
+       "its "
        "discretisation: 2% of it, 1mN or 0.1mm",
        &c.accuracy.goal, 0, 0, false, any, "run", true},
       {"accuracy.quantity", "--quantity", "",
