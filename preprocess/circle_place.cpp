@@ -35,6 +35,7 @@ constexpr double same_height = 0.0025;    // of the height
 constexpr double thick_enough = 0.5;      // of the median thickness
 // Of it, where nothing is fixed behind: vessels of a heart have 0.45 to 0.5, the crown of a shell has 0.6.
 constexpr double slender = 0.55;
+constexpr double most_bending = 0.25;     // of the disc, over such tissue
 constexpr double much_lower = 0.15;       // of the height: no room is worth that
 constexpr double most_places = 400000.0;  // of the lattice over the whole body
 constexpr std::size_t places_at_once =
@@ -310,7 +311,7 @@ Eigen::ArrayXXd thin_and_free(const View& view, const HeightMap& map, double thi
   return result;
 }
 
-// Whether most of what lies beneath a circle at p is thin and free.
+// Whether too much of what lies beneath a circle at p is thin and free.
 bool bends_at(const HeightMap& map, const Eigen::ArrayXXd& thin, const Rule& rule, const Vec2& p) {
   int met = 0, bending = 0;
   for (const double share : {0.0, 0.4, 0.7, 0.95})
@@ -324,7 +325,7 @@ bool bends_at(const HeightMap& map, const Eigen::ArrayXXd& thin, const Rule& rul
       ++met;
       bending += thin(i, j) > 0.0;
     }
-  return 2 * bending > met;
+  return bending > most_bending * met;
 }
 
 // Keeps the better one of a dome and what is at p.
@@ -422,7 +423,7 @@ std::optional<Chosen> highest_dome_by(Rule rule, const View& view, const Moments
   for (Index j = 0; j < map.height.cols(); ++j)
     for (Index i = 0; i < map.height.rows(); ++i)
       if (const Vec2 p = map.place(i, j);
-          map.thickness(i, j) > thin && rule.allowed(p) && bending(i, j) <= 0.5)
+          map.thickness(i, j) > thin && rule.allowed(p) && bending(i, j) <= most_bending)
         places.push_back({p, rule.worth(mean(i, j), p, infinite), -infinite});
   std::stable_sort(places.begin(), places.end(),
                    [](const Place& a, const Place& b) { return a.most > b.most; });
