@@ -163,20 +163,6 @@ TEST(Band, IsNeverNarrowerWithSeveralTissuesNorDeeperNorWithAnotherCloudFurtherA
       }
 }
 
-// Bodies that nothing was chosen by.
-TEST(Band, OfTheDefaultsCloudsHoldsTheForceOfNineInTenBodiesHeldOutAndMissesNoneByAFactor) {
-  const std::vector<BandScene> scenes = band_scenes(DIMPLE_BAND_HELD_OUT);
-  ASSERT_GE(scenes.size(), 20u);
-  std::size_t held = 0;
-  for (const BandScene& scene : scenes) {
-    const std::vector<HeldOut> errors = held_out_errors(scene);
-    ASSERT_EQ(errors.size(), 4u) << scene.number;
-    held += holds_the_truth(errors);
-    for (const HeldOut& e : errors) EXPECT_LT(e.error, 2.0 * e.half) << scene.number;
-  }
-  EXPECT_GE(10 * held, 9 * scenes.size());
-}
-
 // A block of two labels, which may be of one material or of two that are alike.
 Result of_block(const std::map<std::string, std::string>& differing) {
   static const LabelImage image =
