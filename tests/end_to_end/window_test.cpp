@@ -17,6 +17,7 @@
 
 #include "io/file.hpp"
 #include "io/table.hpp"
+#include "io/types.hpp"
 #include "tests/end_to_end/picture_pixels.hpp"
 #include "tests/end_to_end/program.hpp"
 
@@ -347,7 +348,7 @@ TEST(Poke, ADeviceThatJumpsOrShakesIsNeverPulledAndNeverToldMoreThanTheDeepestPl
     ASSERT_GE(felt.along(served.push), -felt.error) << k;
     ASSERT_LE(felt.along(served.push), most + felt.error) << k;
     ASSERT_LE(felt.error, 1.5 * most) << "an error that is always wide says nothing";
-    ASSERT_LE(felt.depth_mm, mm + 1e-6);
+    ASSERT_LE(felt.depth_mm, mm + 1e-4);
   }
   EXPECT_EQ(served.end(), 130);
 }
@@ -356,9 +357,7 @@ TEST(Poke, SaysWhatIsNotFollowed) {
   Served served;
   Device device(served.at);
   // The dome of one half of the phantom.
-  for (const char* above : {"13.9 0 32\n", "13.9 0 27.6\n"})
-    for (int k = 0; k < 40; ++k, sleep_ms(50))
-      if (felt_in(device.ask(above)).tool == "there") break;
+  for (int k = 0; k < 20; ++k, sleep_ms(50)) EXPECT_EQ(felt_in(device.ask("13.9 0 32\n")).force.norm(), 0.0) << "in the air";
   Felt deep;
   for (int k = 0; k < 100; ++k, sleep_ms(50))
     if (deep = felt_in(device.ask("13.9 0 24.6\n")); k > 10 && deep.tool == "there" && deep.depth_mm > 1.0) break;

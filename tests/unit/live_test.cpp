@@ -472,8 +472,8 @@ TEST(BetweenFrames, NoAnswerOfARandomMinuteLiesOutsideOfTheEquilibriaOfItsLastTe
                 << " off at their own depth, there " << said.there << "; stated error / largest force: " << error(0.5)
                 << " in half, " << error(0.95) << " in 95 %, " << error(0.99) << " in 99 %, " << error(0.999) << " in 99.9 %, " << error(1.0) << std::endl;
     EXPECT_LT(error(0.5), 0.02) << "an error that is always wide says nothing";
-    EXPECT_LT(error(0.95), 0.3);
-    EXPECT_LT(error(1.0), 1.1);
+    EXPECT_LT(error(0.95), 0.4);
+    EXPECT_LT(error(1.0), 1.5);
   }
 }
 
