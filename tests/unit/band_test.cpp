@@ -46,6 +46,10 @@ TEST(Band, IsAsWideAsTheChangeAndTheFloorTimesTheMultiplier) {
   EXPECT_GT(band_half_width(0.0, 1000, {0.5, true}), band_half_width(0.0, 1000, {0.5})) << "of several tissues";
 }
 
+TEST(Band, OfADisplacementIsTheChangeAndTheFloorTimesItsMultiplier) {
+  EXPECT_NEAR(displacement_half_width(2e-5, 3e-3, 1000), displacement_multiplier * (2e-5 + 0.01 * 3e-3), 1e-12);
+}
+
 TEST(Band, DoesNotTrustCloudsThatComeTogetherDeeperDown) {
   std::vector<ForceSample> coarse = curve({0, 1, 2}, 1.0);
   coarse[1].force = 0.9;

@@ -171,48 +171,42 @@ TEST(Fields, KnownBesideAPunchAreThoseOfTheHalfSpaceFarFromTheBase) {
     EXPECT_NEAR(under_punch(0.0, z).axial, -0.5 * (1.0 + 3.0 * z * z) / std::pow(1.0 + z * z, 2), 1e-3) << z;
 }
 
-// Twelve radii of tissue below and beside the punch, a hundredth of a radius deep: strains are small there.
-class UnderThePunch : public testing::Test {
- protected:
-  static constexpr double radius_mm = 5.0, height_mm = 60.0, depth_mm = 0.05, nu = 0.499;
-  struct Found {
-    Model model;
-    PointFile points, nodes;
-    double force;
-  };
-  static const Found& found() {
-    static const Found result = [] {
-      const fs::path folder = fresh_folder();
-      ModelOptions options;
-      options.cloud.count = 4250;
-      options.boundary = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = 2.0 * radius_mm};
-      Model model = build_model(cylinder_surface(60.0, height_mm), options).model;
-      const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0), Precision::double_);
-      History history;
-      {
-        ResultWriter writer(folder, model, {.nodes = true, .points = true, .surface = false, .picture = false});
-        Observer observer;
-        observer.frame = [&](const Frame& frame) { writer.frame(frame); };
-        march_quasi_statically(system, model, {.depth = 1e-3 * depth_mm, .contact = Contact::frictionless},
-                               {.frames = 1}, observer, history);
-        writer.finish_frames();
-      }
-      return Found{std::move(model), read_vtu(folder / "points" / "points_0001.vtu"),
-                   read_vtu(folder / "nodes" / "nodes_0001.vtu"), history.force.back().force};
-    }();
-    return result;
-  }
-};
+constexpr double radius_mm = 5.0, depth_mm = 0.05, nu = 0.499;
 
-// What the discretisation leaves unknown: see the README beside this file.
-TEST_F(UnderThePunch, StressesAreThoseThatSneddonFound) {
-  const Field &sigma = *found().points.find("cauchy_stress_Pa"), &mises = *found().points.find("von_mises_Pa"),
-              &volume = *found().points.find("volume_mm3");
-  const double mean = found().force / (std::numbers::pi * 1e-6 * radius_mm * radius_mm);
+// What is written of a frictionless punch a hundredth of its radius deep in a cylinder: strains are small there.
+struct Pressed {
+  PointFile points, nodes;
+  double force;
+};
+Pressed pressed(double cylinder_mm, double height_mm) {
+  const fs::path folder = fresh_folder();
+  ModelOptions options;
+  options.cloud.count = 4250;
+  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = 2.0 * radius_mm};
+  const Model model = build_model(cylinder_surface(cylinder_mm, height_mm), options).model;
+  const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0), Precision::double_);
+  History history;
+  ResultWriter writer(folder, model, {.nodes = true, .points = true, .surface = false, .picture = false});
+  Observer observer;
+  observer.frame = [&](const Frame& frame) { writer.frame(frame); };
+  march_quasi_statically(system, model, {.depth = 1e-3 * depth_mm, .contact = Contact::frictionless}, {.frames = 1},
+                         observer, history);
+  writer.finish_frames();
+  return {read_vtu(folder / "points" / "points_0001.vtu"), read_vtu(folder / "nodes" / "nodes_0001.vtu"),
+          history.force.back().force};
+}
+
+// Twelve radii of tissue below and beside the punch. What the discretisation leaves unknown: the README beside this file.
+TEST(UnderThePunch, StressesAreThoseThatSneddonFound) {
+  constexpr double height_mm = 60.0;
+  const Pressed found = pressed(60.0, height_mm);
+  const Field &sigma = *found.points.find("cauchy_stress_Pa"), &mises = *found.points.find("von_mises_Pa"),
+              &volume = *found.points.find("volume_mm3");
+  const double mean = found.force / (std::numbers::pi * 1e-6 * radius_mm * radius_mm);
   double off = 0.0, all = 0.0, off_mises = 0.0, all_mises = 0.0, off_pressure = 0.0, all_pressure = 0.0;
   Index count = 0;
-  for (Index q = 0; q < found().points.position_mm.cols(); ++q) {
-    const Vec3 x = found().points.position_mm.col(q);
+  for (Index q = 0; q < found.points.position_mm.cols(); ++q) {
+    const Vec3 x = found.points.position_mm.col(q);
     const double r = x.head<2>().norm() / radius_mm, z = (height_mm - x.z()) / radius_mm;
     if (z < 0.4 || z > 3.0 || r > 2.0 || q % 4 != 0) continue;  // every fourth is enough
     const Vec3 out = Vec3(x.x(), x.y(), 0.0).normalized();
@@ -235,28 +229,32 @@ TEST_F(UnderThePunch, StressesAreThoseThatSneddonFound) {
   EXPECT_LT(std::sqrt(off_pressure / all_pressure), 0.10);
 }
 
-TEST_F(UnderThePunch, TheSurfaceBesideItSinksAsTheLayerOfHayesDoes) {
+// Four radii of tissue below, and three heights of it beside.
+TEST(UnderThePunch, TheSurfaceBesideItSinksAsTheLayerOfHayesDoes) {
+  constexpr double height_mm = 20.0;
+  const Pressed found = pressed(radius_mm + 3.0 * height_mm, height_mm);
   const SinkingBesidePunch known(height_mm / radius_mm, nu);
-  const Field& u = *found().nodes.find("displacement_mm");
+  const Field& u = *found.nodes.find("displacement_mm");
   Index count = 0;
   double off = 0.0, all = 0.0;
-  // Nodes on the rim are 0.11 radii apart: where it lies is known to half of that, and the force to two per cent.
-  constexpr double half_spacing = 0.055, of_force = 0.02;
+  // Nodes on the rim are 0.11 radii apart: where it lies is known to half of that, and the force to two per cent. Of the
+  // slope that has no bound at the rim the first two nodes beside it see nothing.
+  constexpr double spacing = 0.11, of_force = 0.02;
   for (Index a = 0; a < u.values.cols(); ++a) {
-    const Vec3 x = found().nodes.position_mm.col(a);
+    const Vec3 x = found.nodes.position_mm.col(a);
     const double r = x.head<2>().norm() / radius_mm;
-    if (x.z() < height_mm - 1e-6 || r < 1.1 || r > 4.0) continue;
+    if (x.z() < height_mm - 1e-6 || r < 1.0 + 2.0 * spacing || r > 4.0) continue;
     const double there = depth_mm * known(r), ours = -u.values(2, a);
     const double slope = 2.0 / std::numbers::pi / (r * std::sqrt(r * r - 1.0));
-    EXPECT_NEAR(ours, there, (of_force + half_spacing * slope) * depth_mm) << r << " radii from the axis";
+    EXPECT_NEAR(ours, there, (of_force + 0.5 * spacing * slope) * depth_mm) << r << " radii from the axis";
     off += std::pow(ours - there, 2);
     all += there * there;
     ++count;
   }
-  EXPECT_GT(count, 50);
+  EXPECT_GT(count, 20);
   RecordProperty("profile_error", std::to_string(std::sqrt(off / all)));
   const double Hayes = 4.0 * 210.0 * 1e-6 * radius_mm * depth_mm / (1.0 - nu) * known.factor();
-  EXPECT_NEAR(found().force, Hayes, 0.03 * Hayes);
+  EXPECT_NEAR(found.force, Hayes, 0.03 * Hayes);
 }
 
 // The phantom brain with an inner tissue five times as stiff, by tetrahedra (reference/two_labels.csv).
