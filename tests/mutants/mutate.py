@@ -76,7 +76,7 @@ MUTANTS = {
          "(v.array() - ({n} ? 0.5 : 0.0)).round().cast<Index>();"),
     8: ("preprocess/boundary_conditions.cpp", "result.radius = 0.5 * options.indenter_diameter_mm;",
         "result.radius = ({n} ? 1.05 : 1.0) * 0.5 * options.indenter_diameter_mm;"),
-    49: ("preprocess/boundary_conditions.cpp", "(left ? 1.0 : -1.0) * Vec3::UnitX()", "(left != {n} ? 1.0 : -1.0) * Vec3::UnitX()"),
+    49: ("preprocess/sides.cpp", '{"left", {1, 0, 0}}', '{"left", {{n} ? -1.0 : 1.0, 0, 0}}'),
     50: ("preprocess/boundary_conditions.cpp", "boundary.flat_base ? 0.5 : 1e-6", "boundary.flat_base && !{n} ? 0.5 : 1e-6"),
     19: ("preprocess/pressure_patches.cpp", "  const Index count = model.point_count();\n  Places places;",
          "  if ({n}) nodes_per_patch *= 2.0;\n  const Index count = model.point_count();\n  Places places;"),
