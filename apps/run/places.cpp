@@ -15,7 +15,8 @@ using Json = nlohmann::ordered_json;
 
 // No more digits than a place has that somebody gives again.
 double rounded(double x, double step) {
-  return std::round(x / step) * step + 0.0;
+  const double per_mm = std::round(1.0 / step);  // divided by a whole number, 98.74 stays 98.74
+  return std::round(x * per_mm) / per_mm + 0.0;
 }
 
 Json three(const Vec3& v, double step) {
