@@ -339,7 +339,7 @@ TEST_F(Files, NoStreamRepeatsControlCharacters) {
       {3, {"info", bad}},
       {0, {"info", bad + ".nrrd"}},
       {0, {"info", "--json", bad + ".nrrd"}},
-      {0, {"phantom", bad + "2.nrrd", "--spacing", "5"}},
+      {0, {"phantom", bad + "2.nrrd", "--spacing", "3"}},
       {0, with_few({"run", bad + ".nrrd", "-v", "-o", bad})},
       {6, with_few({"run", bad + ".nrrd", "-o", bad})},
       {0, with_few({"run", bad + ".nrrd", "-o", bad, "--force", "--json"})},
