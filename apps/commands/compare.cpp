@@ -7,11 +7,12 @@
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
+#include "apps/commands/terminal.hpp"
 #include "apps/run/checkpoint.hpp"
 #include "apps/run/summary.hpp"
 #include "io/draw/chart.hpp"
 #include "io/file.hpp"
-#include "io/label_formats.hpp"
+#include "io/text.hpp"
 #include "io/table.hpp"
 #include "io/units.hpp"
 #include "io/words.hpp"
@@ -325,7 +326,7 @@ int perform(const Invocation& shared, const Options& options) {
   if (same_image(a, b) != "yes") warn(image_in_words(a, b));
   if (!shared.out.empty()) draw(picture, a, b, rows.back());
   if (shared.json)
-    fmt::print("{}", as_text(to_json(a, b, rows, differences)));
+    print_json(as_text(to_json(a, b, rows, differences)));
   else
     print_table(a, b, rows, differences);
   return 0;
