@@ -38,6 +38,7 @@ Command add_view(CLI::App& app, Invocation& shared);
 Command add_poke(CLI::App& app, Invocation& shared);
 Command add_batch(CLI::App& app, Invocation& shared);
 Command add_collect(CLI::App& app, Invocation& shared);
+Command add_compare(CLI::App& app, Invocation& shared);
 Command add_cite(CLI::App& app, Invocation& shared);
 Command add_doctor(CLI::App& app, Invocation& shared);
 Command add_man(CLI::App& app, Invocation& shared);         // man.cpp
@@ -46,9 +47,9 @@ Command add_completion(CLI::App& app, Invocation& shared);  // man.cpp
 namespace {
 
 constexpr Command (*subcommands[])(CLI::App&, Invocation&) = {
-    add_phantom, add_info,    add_places,  add_model,    add_solve,  add_run,   add_view,
-    add_poke,    add_batch,   add_collect, add_converge, add_fit,    add_chart, add_stress,
-    add_export,  add_options, add_verify,  add_cite,     add_doctor, add_man,   add_completion};
+    add_phantom, add_info,    add_places,  add_model,    add_solve, add_run,       add_view,   add_poke,
+    add_batch,   add_collect, add_compare, add_converge, add_fit,   add_chart,     add_stress, add_export,
+    add_options, add_verify,  add_cite,    add_doctor,   add_man,   add_completion};
 
 constexpr const char* footer = R"(Examples:
   dimple phantom brain.nrrd                make a swine-brain-sized image

@@ -4,13 +4,12 @@
 
 #include <cstdio>
 #include <cstdlib>
-
-#include "io/error.hpp"
-#include "io/label_image.hpp"
-#include "preprocess/build_model.hpp"
-#include "preprocess/support.hpp"
-#include "solver/session.hpp"
-#include "solver/solve.hpp"
+#include <dimple/io/error.hpp>
+#include <dimple/io/label_image.hpp>
+#include <dimple/preprocess/build_model.hpp>
+#include <dimple/preprocess/support.hpp>
+#include <dimple/solver/session.hpp>
+#include <dimple/solver/solve.hpp>
 
 int main(int argc, char** argv) try {
   if (argc < 2) return std::fprintf(stderr, "usage: indent IMAGE [DEPTH_MM]\n"), 2;

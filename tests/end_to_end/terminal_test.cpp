@@ -21,8 +21,8 @@ using testing::HasSubstr;
 using testing::Not;
 
 const std::vector<std::string> commands = {
-    "phantom", "info",   "places", "model",   "solve",  "run",  "batch",  "collect", "converge",  "fit",
-    "chart",   "stress", "export", "options", "verify", "cite", "doctor", "man",     "completion"};
+    "phantom", "info",  "places", "model",  "solve",   "run",    "batch", "collect", "compare", "converge",
+    "fit",     "chart", "stress", "export", "options", "verify", "cite",  "doctor",  "man",     "completion"};
 
 class Terminal : public testing::Test {
  protected:

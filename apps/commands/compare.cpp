@@ -1,0 +1,351 @@
+#include <fmt/format.h>
+
+#include <cmath>
+#include <filesystem>
+#include <iterator>
+#include <nlohmann/json.hpp>
+
+#include "apps/commands/command.hpp"
+#include "apps/commands/log.hpp"
+#include "apps/commands/terminal.hpp"
+#include "apps/run/checkpoint.hpp"
+#include "apps/run/summary.hpp"
+#include "io/draw/chart.hpp"
+#include "io/file.hpp"
+#include "io/text.hpp"
+#include "io/table.hpp"
+#include "io/units.hpp"
+#include "io/words.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+// What a finished run has left in its folder.
+struct FinishedRun {
+  std::string folder;  // as it was given, fit for a message
+  Json summary;
+  std::map<std::string, std::string> options;  // of config.resolved.toml
+  std::vector<ForceSample> curve;              // without the row at rest; SI
+  std::vector<double> half;                    // of the band at each of them [N], or none
+  std::string no_band;                         // why there is none
+  std::string image_sha256;                    // empty: it is not known
+};
+
+[[noreturn]] void refuse(const std::string& fact, const std::string& where, const std::string& why,
+                         const std::string& remedy) {
+  throw InputError({.fact = fact, .where = where, .why = why, .remedy = remedy});
+}
+
+Json summary_in(const fs::path& folder, const std::string& name) {
+  const std::string remedy = "give the folder that `dimple run -o` has filled";
+  std::error_code ignored;
+  if (!fs::is_directory(folder, ignored))
+    refuse(fmt::format("there is no folder {}", name), "command line", "a run's results are a folder",
+           remedy);
+  if (!fs::is_regular_file(folder / "summary.json", ignored)) {
+    if (fs::exists(folder / checkpoint_file, ignored))
+      refuse(fmt::format("the run in {} is not finished", name), name,
+             "it has left a checkpoint and no summary.json", "end it with --resume, then compare");
+    refuse(fmt::format("{} holds no run", name), name, "there is no summary.json in it", remedy);
+  }
+  const Json summary = Json::parse(read_file(folder / "summary.json"), nullptr, false);
+  if (!summary.is_object() || !summary.contains("status") || !summary.at("status").is_string())
+    refuse(fmt::format("{} holds no run", name), (fs::path(name) / "summary.json").string(),
+           "its summary.json does not say how a run has ended", remedy);
+  const std::string status = summary.at("status");
+  if (status != "finished")
+    refuse(fmt::format("the run in {} is not finished", name), (fs::path(name) / "summary.json").string(),
+           fmt::format("its status is '{}', and its curve may end anywhere", printable(status)),
+           "run it to its end, then compare");
+  for (const char* key : {"force_N", "indentation_mm"})
+    if (!summary.contains(key) || !summary.at(key).is_number())
+      refuse(fmt::format("{} holds no run", name), (fs::path(name) / "summary.json").string(),
+             fmt::format("its summary.json has no {}", key), remedy);
+  return summary;
+}
+
+void read_curve(const fs::path& file, FinishedRun& run) {
+  const std::string where = (fs::path(run.folder) / "force.csv").string();
+  const Table table = read_csv(file);
+  const auto* depth = table.find("indentation_mm");
+  const auto* force = table.find("force_N");
+  const auto *low = table.find("low_N"), *high = table.find("high_N");
+  if (!depth || !force)
+    refuse("the force curve cannot be read", where, "it has no columns indentation_mm and force_N",
+           "run the scene anew with --force");
+  for (std::size_t k = 0; k < table.rows(); ++k) {
+    if ((*depth)[k] <= 0.0) continue;
+    if (!run.curve.empty() && (*depth)[k] <= 1e3 * run.curve.back().depth) continue;  // a dwell
+    run.curve.push_back({0.0, 1e-3 * (*depth)[k], (*force)[k], 0.0});
+    if (low && high) run.half.push_back(0.5 * ((*high)[k] - (*low)[k]));
+  }
+  const double last = table.rows() > 0 ? force->back() : 0.0, told = run.summary.at("force_N");
+  if (run.curve.empty() || std::abs(last - told) > 1e-9 * std::abs(told))
+    refuse(fmt::format("the files in {} are not of one run", run.folder), where,
+           "its last force is not that of summary.json", "run the scene anew with --force");
+}
+
+FinishedRun read_run(const std::string& given) {
+  const fs::path folder = given;
+  FinishedRun run;
+  run.folder = printable(given);
+  run.summary = summary_in(folder, run.folder);
+  Config config;
+  read_config(config, folder / "config.resolved.toml");
+  run.options = option_values(config);
+  read_curve(folder / "force.csv", run);
+  if (run.half.empty()) {
+    const Json band = run.summary.value("band", Json::object());
+    run.no_band = band.is_object() && band.contains("unknown") && band.at("unknown").is_string()
+                      ? printable(band.at("unknown").get<std::string>())
+                      : "force.csv has no columns low_N and high_N";
+  }
+  const Json made_from = run.summary.value("made_from", Json::object());  // of `dimple solve`
+  for (const Json* from : std::initializer_list<const Json*>{&run.summary, &made_from})
+    if (from->is_object() && from->contains("image_sha256") && from->at("image_sha256").is_string())
+      run.image_sha256 = from->at("image_sha256");
+  return run;
+}
+
+struct Difference {
+  std::string what, a, b;
+};
+
+// Options, then what the runs have chosen themselves.
+std::vector<Difference> differences_of(const FinishedRun& a, const FinishedRun& b) {
+  std::vector<Difference> differences;
+  const auto compare = [&](const std::string& what, const std::string& of_a, const std::string& of_b) {
+    if (of_a != of_b) differences.push_back({what, printable(of_a), printable(of_b)});
+  };
+  std::map<std::string, std::string> keys = a.options;
+  keys.insert(b.options.begin(), b.options.end());
+  const auto value_in = [](const FinishedRun& run, const std::string& key) {
+    const auto found = run.options.find(key);
+    return found == run.options.end() ? std::string("not given") : found->second;
+  };
+  for (const auto& [key, ignored] : keys) compare(key, value_in(a, key), value_in(b, key));
+  const auto told = [](const FinishedRun& run, const char* part, const char* key) {
+    const Json* at = &run.summary;
+    if (*part) {
+      if (!at->contains(part) || !at->at(part).is_object()) return std::string("not said");
+      at = &at->at(part);
+    }
+    return at->contains(key) ? at->at(key).dump() : std::string("not said");
+  };
+  for (const char* key : {"version", "time"}) compare(key, told(a, "", key), told(b, "", key));
+  for (const char* key : {"nodes", "circle_centre_mm", "push"})
+    compare(fmt::format("chosen {}", key), told(a, "counts", key), told(b, "counts", key));
+  compare("chosen base", told(a, "model", "base_reason"), told(b, "model", "base_reason"));
+  return differences;
+}
+
+struct Row {
+  double depth, force_a, half_a, force_b, half_b;  // [m], [N]
+  bool overlap() const { return std::abs(force_a - force_b) <= half_a + half_b; }
+  double change() const { return force_b / force_a - 1.0; }
+};
+
+// At the depths of the curve with fewer rows; where the other has none there, it is interpolated between its rows.
+std::vector<Row> rows_of(const FinishedRun& a, const FinishedRun& b) {
+  const auto shallower = std::min(a.curve.back().depth, b.curve.back().depth) * (1.0 + 1e-9);
+  std::vector<double> depths;
+  double first = std::max(a.curve.front().depth, b.curve.front().depth) * (1.0 - 1e-9);
+  for (const ForceSample& s : (a.curve.size() <= b.curve.size() ? a : b).curve)
+    if (s.depth >= first && s.depth <= shallower) depths.push_back(s.depth);
+  if (depths.empty())
+    refuse("the two curves have no depth in common", a.folder + ", " + b.folder,
+           fmt::format("one is from {:.3g} to {:.3g} mm, the other from {:.3g} to {:.3g} mm",
+                       1e3 * a.curve.front().depth, 1e3 * a.curve.back().depth, 1e3 * b.curve.front().depth,
+                       1e3 * b.curve.back().depth),
+           "run one of them with more --frames");
+  constexpr std::size_t most_rows = 16;  // the last one is always there
+  std::vector<double> kept;
+  const std::size_t count = std::min(most_rows, depths.size());
+  for (std::size_t k = 1; k <= count; ++k) kept.push_back(depths[k * depths.size() / count - 1]);
+  const auto forces_a = forces_between(a.curve, kept), forces_b = forces_between(b.curve, kept);
+  const auto half = [&](const FinishedRun& run) {
+    return run.half.empty() ? std::vector<double>(kept.size(), 0.0)
+                            : halves_between(run.curve, run.half, kept);
+  };
+  const std::vector<double> half_a = half(a), half_b = half(b);
+  std::vector<Row> rows;
+  for (std::size_t k = 0; k < kept.size(); ++k)
+    rows.push_back({kept[k], forces_a[k], half_a[k], forces_b[k], half_b[k]});
+  return rows;
+}
+
+bool both_banded(const FinishedRun& a, const FinishedRun& b) {
+  return !a.half.empty() && !b.half.empty();
+}
+
+// "yes", "no" or why it is not known.
+std::string same_image(const FinishedRun& a, const FinishedRun& b) {
+  if (a.image_sha256.empty() || b.image_sha256.empty()) return "not known";
+  return a.image_sha256 == b.image_sha256 ? "yes" : "no";
+}
+
+std::string image_in_words(const FinishedRun& a, const FinishedRun& b) {
+  const std::string same = same_image(a, b);
+  if (same == "yes")
+    return "both runs are of the same image (SHA-256 " + a.image_sha256.substr(0, 12) + "...)";
+  if (same == "no") return "the runs are of DIFFERENT images: their forces are of two bodies";
+  return "it is not known whether the runs are of the same image: one of them does not say which it was";
+}
+
+Written force_at(const Row& row) {
+  return force_written(std::max(std::abs(row.force_a), std::abs(row.force_b)));
+}
+
+std::string verdict_in_words(const FinishedRun& a, const FinishedRun& b, const Row& deepest) {
+  const Written force = force_at(deepest);
+  const double percent = 100.0 * deepest.change();
+  std::string text = fmt::format("at {:.2f} mm: A {}, B {}", 1e3 * deepest.depth, force(deepest.force_a),
+                                 force(deepest.force_b));
+  if (deepest.force_a == deepest.force_b)
+    text += ", the same force";
+  else
+    text += std::abs(percent) < 0.05
+                ? std::string(", less than 0.1 % apart")
+                : fmt::format(", B {:.1f} % {}", std::abs(percent), percent > 0.0 ? "above A" : "below A");
+  for (const FinishedRun* run : {&a, &b})
+    if (run->half.empty())
+      return text + fmt::format("; {} has no band ({}), so it is not known what the discretisation explains",
+                                run == &a ? "A" : "B", run->no_band);
+  return text + (deepest.overlap()
+                     ? "; the bands overlap: the discretisation alone may explain the difference"
+                     : "; the bands do not overlap: the discretisation does not explain the difference");
+}
+
+std::string band_text(const Written& force, bool known, double at, double half) {
+  return known ? fmt::format("{} to {}", force.number(at - half), force.number(at + half)) : "no band";
+}
+
+void print_table(const FinishedRun& a, const FinishedRun& b, const std::vector<Row>& rows,
+                 const std::vector<Difference>& differences) {
+  const auto one = [](const char* name, const FinishedRun& run) {
+    fmt::print("{}        {}: {}\n", name, run.folder,
+               printable(run.summary.contains("image") && run.summary.at("image").is_string()
+                             ? run.summary.at("image").get<std::string>()
+                             : "made from a model"));
+  };
+  one("A", a);
+  one("B", b);
+  fmt::print("image    {}\n", image_in_words(a, b));
+  if (differences.empty()) fmt::print("options  no difference\n");
+  for (const Difference& d : differences) fmt::print("differs  {}: A {}, B {}\n", d.what, d.a, d.b);
+  const Written force = force_at(rows.back());
+  const std::string unit = force.unit;
+  fmt::print("\n{:>8}  {:>9}  {:>18}  {:>9}  {:>18}  {:>9}  {}\n", "depth_mm", "A_" + unit, "band of A",
+             "B_" + unit, "band of B", "B-A_%", "bands overlap");
+  for (const Row& row : rows)
+    fmt::print("{:>8.2f}  {:>9}  {:>18}  {:>9}  {:>18}  {:>+9.1f}  {}\n", 1e3 * row.depth,
+               force.number(row.force_a), band_text(force, !a.half.empty(), row.force_a, row.half_a),
+               force.number(row.force_b), band_text(force, !b.half.empty(), row.force_b, row.half_b),
+               100.0 * row.change() + 0.0,
+               !both_banded(a, b) ? "not known"
+               : row.overlap()    ? "yes"
+                                  : "no");
+  fmt::print("\n{}\n", verdict_in_words(a, b, rows.back()));
+}
+
+Json to_json(const FinishedRun& a, const FinishedRun& b, const std::vector<Row>& rows,
+             const std::vector<Difference>& differences) {
+  Json json;
+  for (const auto& [name, run] : {std::pair("a", &a), std::pair("b", &b)}) {
+    json[name] = {{"folder", run->folder},
+                  {"image_sha256", run->image_sha256.empty() ? Json() : Json(run->image_sha256)}};
+    if (run->half.empty()) json[name]["band_unknown"] = run->no_band;
+  }
+  const std::string same = same_image(a, b);
+  json["same_image"] = same == "not known" ? Json() : Json(same == "yes");
+  json["differences"] = Json::array();
+  for (const Difference& d : differences)
+    json["differences"].push_back({{"what", d.what}, {"a", d.a}, {"b", d.b}});
+  json["at_depth"] = Json::array();
+  const auto end = [](bool known, double value) { return known ? Json(value) : Json(); };
+  for (const Row& row : rows) {
+    const bool of_a = !a.half.empty(), of_b = !b.half.empty();
+    json["at_depth"].push_back({{"indentation_mm", 1e3 * row.depth},
+                                {"a_force_N", row.force_a},
+                                {"a_low_N", end(of_a, row.force_a - row.half_a)},
+                                {"a_high_N", end(of_a, row.force_a + row.half_a)},
+                                {"b_force_N", row.force_b},
+                                {"b_low_N", end(of_b, row.force_b - row.half_b)},
+                                {"b_high_N", end(of_b, row.force_b + row.half_b)},
+                                {"bands_overlap", of_a && of_b ? Json(row.overlap()) : Json()}});
+  }
+  return json;
+}
+
+void add_series(Chart& chart, const char* name, const FinishedRun& run, double per_N, int colour) {
+  ChartSeries curve{
+      .name = fmt::format("{}: {}", name, run.folder), .markers = run.curve.size() <= 64, .colour = colour};
+  ChartSeries low{.markers = false, .dashed = true, .colour = colour}, high = low;
+  for (ChartSeries* series : {&curve, &low, &high}) series->x = series->y = {0.0};  // at rest
+  for (std::size_t k = 0; k < run.curve.size(); ++k) {
+    const ForceSample& s = run.curve[k];
+    const double half = run.half.empty() ? 0.0 : run.half[k];
+    for (ChartSeries* series : {&curve, &low, &high}) series->x.push_back(1e3 * s.depth);
+    curve.y.push_back(per_N * s.force);
+    low.y.push_back(per_N * (s.force - half));
+    high.y.push_back(per_N * (s.force + half));
+  }
+  chart.series.push_back(curve);
+  if (run.half.empty()) return;
+  chart.series.push_back(low);
+  chart.series.push_back(high);
+}
+
+void draw(const fs::path& file, const FinishedRun& a, const FinishedRun& b, const Row& deepest) {
+  const Written force = force_at(deepest);
+  Chart chart{.title = "Force curves of two runs; dashed: the bands of their discretisation",
+              .subtitle = {image_in_words(a, b), verdict_in_words(a, b, deepest)},
+              .x_label = "indentation [mm]",
+              .y_label = fmt::format("force [{}]", force.unit)};
+  add_series(chart, "A", a, force.per_unit, 0);
+  add_series(chart, "B", b, force.per_unit, 1);
+  (file.extension() == ".svg" ? write_chart_svg : write_chart_png)(file, {chart}, 1);
+}
+
+struct Options {
+  std::string a, b;
+};
+
+int perform(const Invocation& shared, const Options& options) {
+  const fs::path picture = shared.out;
+  if (!shared.out.empty() && picture.extension() != ".png" && picture.extension() != ".svg")
+    throw UsageError({.fact = fmt::format("'{}' is no name of a picture", printable(shared.out)),
+                      .where = "-o",
+                      .why = "its ending says which picture is written: .png or .svg",
+                      .remedy = "for instance -o compare.png"});
+  const FinishedRun a = read_run(options.a), b = read_run(options.b);
+  const std::vector<Row> rows = rows_of(a, b);
+  const std::vector<Difference> differences = differences_of(a, b);
+  if (same_image(a, b) != "yes") warn(image_in_words(a, b));
+  if (!shared.out.empty()) draw(picture, a, b, rows.back());
+  if (shared.json)
+    print_json(as_text(to_json(a, b, rows, differences)));
+  else
+    print_table(a, b, rows, differences);
+  return 0;
+}
+
+}  // namespace
+
+Command add_compare(CLI::App& app, Invocation& shared) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand(
+      "compare",
+      "show two finished runs beside each other: forces with their bands, and what differs in their options "
+      "(a measured curve is for `run --compare`)");
+  command->add_option("A", options->a, "folder of a finished run")->required();
+  command->add_option("B", options->b, "folder of another")->required();
+  command->add_option("-o,--out,--output", shared.out, "picture of both force curves: .png or .svg");
+  command->add_flag("--json", shared.json, "JSON on stdout in place of the table");
+  command->add_flag("-q,--quiet", shared.quiet, "errors only");
+  return {command, [&shared, options] { return perform(shared, *options); }};
+}
+
+}  // namespace dimple

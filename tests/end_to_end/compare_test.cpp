@@ -1,0 +1,153 @@
+// `dimple compare` through the real program.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "io/file.hpp"
+#include "io/table.hpp"
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+using testing::HasSubstr;
+using testing::Not;
+
+class Compare : public testing::Test {
+ protected:
+  const fs::path folder = fresh_folder();
+
+  void SetUp() override {
+    ASSERT_EQ(dimple(folder, "phantom body.nrrd --shape block --size 36,36,24 --spacing 3").code, 0);
+    run("body.nrrd", "a", "");
+  }
+
+  void run(const std::string& image, const std::string& out, const std::string& more) const {
+    const Ran ran = dimple(folder, "run " + image + " -o " + out +
+                                       " --nodes 1000 --depth 1mm --frames 4 --indenter-diameter 10mm "
+                                       "--write force --quiet" +
+                                       more);
+    ASSERT_EQ(ran.code, 0) << ran.err;
+  }
+
+  Json compared(const std::string& a, const std::string& b) const {
+    const Ran ran = dimple(folder, "compare " + a + " " + b + " --json");
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    return Json::parse(ran.out);
+  }
+
+  Ran refused(const std::string& a, const std::string& b, int code) const {
+    const Ran ran = dimple(folder, "compare " + a + " " + b + " -o never.png");
+    EXPECT_EQ(ran.code, code) << ran.err;
+    EXPECT_EQ(ran.out, "");
+    EXPECT_FALSE(fs::exists(folder / "never.png"));
+    return ran;
+  }
+};
+
+TEST_F(Compare, ShowsThatAnotherModulusIsTheOnlyDifference) {
+  run("body.nrrd", "b", " --mu 315");
+  const Json json = compared("a", "b");
+  EXPECT_EQ(json["same_image"], true);
+  ASSERT_EQ(json["differences"].size(), 1u) << json["differences"];
+  EXPECT_EQ(json["differences"][0], Json({{"what", "material.mu_Pa"}, {"a", "210.0"}, {"b", "315.0"}}));
+  ASSERT_EQ(json["at_depth"].size(), 4u);
+  const Table ours = read_csv(folder / "a/force.csv");
+  for (std::size_t k = 0; k < 4; ++k) {
+    const Json row = json["at_depth"][k];
+    EXPECT_NEAR(row["indentation_mm"], ours.find("indentation_mm")->at(k + 1), 1e-12);
+    const std::pair<const char*, const char*> columns[] = {
+        {"a_force_N", "force_N"}, {"a_low_N", "low_N"}, {"a_high_N", "high_N"}};
+    for (const auto& [key, column] : columns)
+      EXPECT_NEAR(row[key], ours.find(column)->at(k + 1), 1e-9 * ours.find("force_N")->at(k + 1)) << key;
+    // The force is proportional to the modulus.
+    EXPECT_NEAR(row["b_force_N"].get<double>() / row["a_force_N"].get<double>(), 1.5, 1e-3);
+    EXPECT_EQ(row["bands_overlap"], false);
+  }
+  const Ran ran = dimple(folder, "compare a b -o both.png");
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  EXPECT_THAT(ran.out, HasSubstr("B 50.0 % above A; the bands do not overlap"));
+  EXPECT_THAT(ran.out, HasSubstr("differs  material.mu_Pa: A 210.0, B 315.0\n"));
+  EXPECT_EQ(text_of(folder / "both.png").substr(1, 3), "PNG");
+}
+
+TEST_F(Compare, ARunIsItself) {
+  const Ran ran = dimple(folder, "compare a a");
+  EXPECT_EQ(ran.code, 0);
+  EXPECT_EQ(ran.err, "");
+  EXPECT_THAT(ran.out, HasSubstr("of the same image"));
+  EXPECT_THAT(ran.out, HasSubstr("options  no difference\n"));
+  EXPECT_THAT(ran.out, HasSubstr("the same force; the bands overlap"));
+}
+
+TEST_F(Compare, BandsOverlapWhereTheyTouchAndNotBeyond) {
+  // The modulus moves the second band by its own width at most where it is given so.
+  const Json own = compared("a", "a")["at_depth"][3];
+  const double share = own["a_high_N"].get<double>() / own["a_force_N"].get<double>() - 1.0;
+  const double touching = (1.0 + share) / (1.0 - share);  // of the moduli
+  run("body.nrrd", "near", " --mu " + std::to_string(210.0 * (1.0 + 0.95 * (touching - 1.0))));
+  run("body.nrrd", "far", " --mu " + std::to_string(210.0 * (1.0 + 1.05 * (touching - 1.0))));
+  EXPECT_EQ(compared("a", "near")["at_depth"][3]["bands_overlap"], true);
+  EXPECT_EQ(compared("far", "a")["at_depth"][3]["bands_overlap"], false);
+}
+
+TEST_F(Compare, NeverTakesDifferentImagesForOneWithoutAWord) {
+  ASSERT_EQ(dimple(folder, "phantom other.nrrd --shape block --size 36,36,27 --spacing 3").code, 0);
+  run("other.nrrd", "b", "");
+  const Ran ran = dimple(folder, "compare a b --quiet");
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  EXPECT_THAT(ran.out, HasSubstr("DIFFERENT images"));
+  EXPECT_THAT(dimple(folder, "compare a b").err, HasSubstr("warning: the runs are of DIFFERENT images"));
+  EXPECT_EQ(compared("a", "b")["same_image"], false);
+  // The same file under another name is the same image.
+  fs::copy_file(folder / "body.nrrd", folder / "renamed.nrrd");
+  run("renamed.nrrd", "c", "");
+  EXPECT_EQ(compared("a", "c")["same_image"], true);
+  // Where one does not say which image it was, it is not known.
+  Json summary = Json::parse(text_of(folder / "c/summary.json"));
+  summary.erase("image_sha256");
+  write_file(folder / "c/summary.json", summary.dump());
+  EXPECT_TRUE(compared("a", "c")["same_image"].is_null());
+}
+
+TEST_F(Compare, WithoutABandItIsNotKnownWhetherTheyOverlap) {
+  run("body.nrrd", "b", " --band off");
+  const Json row = compared("a", "b")["at_depth"][3];
+  EXPECT_TRUE(row["bands_overlap"].is_null());
+  EXPECT_TRUE(row["b_low_N"].is_null());
+  EXPECT_THAT(dimple(folder, "compare a b").out, HasSubstr("B has no band"));
+}
+
+TEST_F(Compare, RefusesWhatIsNoFinishedRun) {
+  EXPECT_THAT(refused("a", "nowhere", 3).err, HasSubstr("there is no folder nowhere"));
+  fs::create_directory(folder / "empty");
+  EXPECT_THAT(refused("empty", "a", 3).err, HasSubstr("empty holds no run"));
+  ASSERT_EQ(dimple(folder, "model body.nrrd -o model --nodes 300").code, 0);
+  EXPECT_THAT(refused("a", "model", 3).err, HasSubstr("model holds no run"));
+  const std::string summary = text_of(folder / "a/summary.json");
+  const auto as = [&](const std::string& key, const Json& value) {
+    Json changed = Json::parse(summary);
+    changed[key] = value;
+    fs::remove_all(folder / "changed");
+    fs::copy(folder / "a", folder / "changed");
+    write_file(folder / "changed/summary.json", changed.dump());
+  };
+  as("status", "interrupted");
+  EXPECT_THAT(refused("a", "changed", 3).err, HasSubstr("the run in changed is not finished"));
+  as("force_N", 1.0);
+  EXPECT_THAT(refused("changed", "a", 3).err, HasSubstr("not of one run"));
+  as("force_N", nullptr);
+  EXPECT_THAT(refused("changed", "a", 3).err, HasSubstr("changed holds no run"));
+  write_file(folder / "changed/summary.json", "no JSON");
+  EXPECT_THAT(refused("changed", "a", 3).err, HasSubstr("changed holds no run"));
+  const Ran ran = dimple(folder, "compare a a -o picture.txt");
+  EXPECT_EQ(ran.code, 2);
+  EXPECT_THAT(ran.err, HasSubstr(".png or .svg"));
+}
+
+}  // namespace
+}  // namespace dimple
