@@ -225,29 +225,29 @@ std::string band_text(const Written& force, bool known, double at, double half) 
 void print_table(const FinishedRun& a, const FinishedRun& b, const std::vector<Row>& rows,
                  const std::vector<Difference>& differences) {
   const auto one = [](const char* name, const FinishedRun& run) {
-    fmt::print("{}        {}: {}\n", name, run.folder,
+    print(fmt::format("{}        {}: {}\n", name, run.folder,
                printable(run.summary.contains("image") && run.summary.at("image").is_string()
                              ? run.summary.at("image").get<std::string>()
-                             : "made from a model"));
+                             : "made from a model")));
   };
   one("A", a);
   one("B", b);
-  fmt::print("image    {}\n", image_in_words(a, b));
-  if (differences.empty()) fmt::print("options  no difference\n");
-  for (const Difference& d : differences) fmt::print("differs  {}: A {}, B {}\n", d.what, d.a, d.b);
+  print(fmt::format("image    {}\n", image_in_words(a, b)));
+  if (differences.empty()) print(fmt::format("options  no difference\n"));
+  for (const Difference& d : differences) print(fmt::format("differs  {}: A {}, B {}\n", d.what, d.a, d.b));
   const Written force = force_at(rows.back());
   const std::string unit = force.unit;
-  fmt::print("\n{:>8}  {:>9}  {:>18}  {:>9}  {:>18}  {:>9}  {}\n", "depth_mm", "A_" + unit, "band of A",
-             "B_" + unit, "band of B", "B-A_%", "bands overlap");
+  print(fmt::format("\n{:>8}  {:>9}  {:>18}  {:>9}  {:>18}  {:>9}  {}\n", "depth_mm", "A_" + unit, "band of A",
+             "B_" + unit, "band of B", "B-A_%", "bands overlap"));
   for (const Row& row : rows)
-    fmt::print("{:>8.2f}  {:>9}  {:>18}  {:>9}  {:>18}  {:>+9.1f}  {}\n", 1e3 * row.depth,
+    print(fmt::format("{:>8.2f}  {:>9}  {:>18}  {:>9}  {:>18}  {:>+9.1f}  {}\n", 1e3 * row.depth,
                force.number(row.force_a), band_text(force, !a.half.empty(), row.force_a, row.half_a),
                force.number(row.force_b), band_text(force, !b.half.empty(), row.force_b, row.half_b),
                100.0 * row.change() + 0.0,
                !both_banded(a, b) ? "not known"
                : row.overlap()    ? "yes"
-                                  : "no");
-  fmt::print("\n{}\n", verdict_in_words(a, b, rows.back()));
+                                  : "no"));
+  print(fmt::format("\n{}\n", verdict_in_words(a, b, rows.back())));
 }
 
 Json to_json(const FinishedRun& a, const FinishedRun& b, const std::vector<Row>& rows,
