@@ -426,6 +426,11 @@ void check_nrrd_header(const TextHeader& header, const fs::path& file) {
     throw refuse(
         "its voxels are compressed with bzip2, which is not read; open and save it again in 3D Slicer or "
         "ITK, or by `unu save -f nrrd -e gzip`, and give that file");
+  std::string origin = header.at("space origin");
+  std::erase_if(origin, [](char c) { return c == '(' || c == ')'; });
+  std::replace(origin.begin(), origin.end(), ',', ' ');
+  if (!are_finite(words_in(origin)))
+    throw refuse(fmt::format("its space origin is {} instead of finite numbers", header.at("space origin")));
   if (const std::string directions = header.at("space directions"); dimension && !directions.empty()) {
     const auto words = words_in(directions);
     const auto none = std::count(words.begin(), words.end(), "none");
