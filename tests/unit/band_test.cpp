@@ -181,7 +181,7 @@ Result of_block(const std::map<std::string, std::string>& differing) {
 
 // Two tissues that are alike give the force of one, and the band that was measured where tissues meet.
 TEST(Band, OfTwoTissuesIsWiderThoughTheyAreAlike) {
-  const Result one = of_block({}), two = of_block({{"mu", "210Pa"}});
+  const Result one = of_block({}), two = of_block({{"material.mu_Pa", "210"}});
   ASSERT_TRUE(one.band.known()) << one.band.unknown;
   ASSERT_TRUE(two.band.known()) << two.band.unknown;
   const double force = one.history.force.back().force;

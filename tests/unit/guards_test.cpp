@@ -243,7 +243,7 @@ TEST_F(StateGuard, SeesAForceThatJumpsFromSampleToSample) {
   ASSERT_NE(found, nullptr);
   expect_whole(found->report, "jagged");
   EXPECT_NEAR(found->worst, 0.084, 1e-9);
-  EXPECT_THAT(found->report.fact, HasSubstr("by 8.4 % of the largest"));
+  EXPECT_THAT(found->report.fact, HasSubstr("by 8.40 % of the largest"));
   std::vector<Finding> none;
   Guards(forces, model, false, true, none).check_smooth(force, 0.1, 2.0, now);  // a fast push may ring
   EXPECT_TRUE(none.empty());

@@ -75,7 +75,7 @@ TEST(LoadSlowly, GivesTheForceThatSlowDampedMotionEndsIn) {
   History still, moving;
   march_quasi_statically(system, model, loading, {.frames = 2}, {}, still);
   march_explicitly(system, model, loading, {.damping = 20.0, .frames = 2}, {}, moving);
-  ASSERT_EQ(still.force.size(), 3u);
+  ASSERT_EQ(still.force.back().depth, loading.depth);
   EXPECT_NEAR(still.force.back().force, moving.force.back().force, 0.01 * moving.force.back().force);
   EXPECT_NEAR(still.energy.back().external, still.energy.back().stored, 0.01 * still.energy.back().stored);
 }
@@ -243,7 +243,7 @@ TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
     History history;
     march_quasi_statically(system, model, loading, {.frames = frames}, {}, history);
     EXPECT_NEAR(history.force.back().force, end, 0.01 * largest);
-    EXPECT_LT(history.steps, 1000);
+    EXPECT_LT(history.steps, 36 * steps_of_load(model, loading, {}));
     EXPECT_LT(history.residual, 1e-4);
     EXPECT_NEAR(history.energy.back().error(), 0.0, 0.02 * history.energy.back().external);
     EXPECT_GT(history.energy.back().dissipated, 0.05 * history.energy.back().external);
@@ -269,16 +269,17 @@ TEST(LoadSlowly, EndsWithinItsBoundWhereItGetsNoFurther) {
   const Model model = arch_under_a_pad();
   const ForceSystem system(model, stiff_arch_soft_pad(model));
   ForceState forces(system);
+  const Loading loading = {.depth = 14e-3, .rate = 1e-3};
   const SolverOptions options = {.frames = 14, .evaluations = 150};
   History history;
   try {
-    march_quasi_statically(system, model, {.depth = 14e-3, .rate = 1e-3}, options, {}, history);
+    march_quasi_statically(system, model, loading, options, {}, history);
     FAIL() << "the snap takes more than 150 evaluations";
   } catch (const SolveError& error) {
     EXPECT_EQ(error.report.code, "limit-point") << error.report.fact;
     EXPECT_NE(error.report.why.find("evaluations in all"), std::string::npos) << error.report.why;
   }
-  EXPECT_LE(history.steps, 150 + 60 * 14);
+  EXPECT_LE(history.steps, 150 + 60 * steps_of_load(model, loading, options));
   EXPECT_NEAR(history.force.back().depth, 12e-3, 0.3e-3) << "what was found until then stays";
   for (const Retry& retry : history.retries) EXPECT_GE(retry.depth, 11e-3);
 }
