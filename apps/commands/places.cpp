@@ -6,6 +6,7 @@
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
+#include "apps/commands/terminal.hpp"
 
 namespace dimple {
 namespace {
@@ -19,29 +20,29 @@ void print_place(const UsablePlace& place) {
   const std::string verdict =
       word_of(place.verdict) + (place.reason.empty() ? std::string() : ": " + place.reason);
   if (place.room_mm > 0.0)
-    fmt::print("{:<9}  {:<22}  {:<9}  {:>9.1f}  {:>10.0f}  {:>7.1f}  {}\n", place.from,
+    print(fmt::format("{:<9}  {:<22}  {:<9}  {:>9.1f}  {:>10.0f}  {:>7.1f}  {}\n", place.from,
                coordinates(place.centre), place.base, place.beneath.thickness_mm, place.beneath.tilt_degrees,
-               place.room_mm, verdict);
+               place.room_mm, verdict));
   else
-    fmt::print("{:<9}  {:<22}  {:<9}  {:>9}  {:>10}  {:>7}  {}\n", place.from, "-", "-", "-", "-", "-",
-               verdict);
+    print(fmt::format("{:<9}  {:<22}  {:<9}  {:>9}  {:>10}  {:>7}  {}\n", place.from, "-", "-", "-", "-", "-",
+               verdict));
 }
 
 void print_places(const UsablePlaces& places, double diameter_mm) {
-  fmt::print(
+  print(fmt::format(
       "Places for a circle of {:.4g} mm; --indent-at takes a side or x,y,z (LPS, mm).\n\n{:<9}  {:<22}  {:<9}"
       "  {:>9}  {:>10}  {:>7}  {}\n",
-      diameter_mm, "tool from", "x,y,z [mm]", "base", "tissue mm", "tilt [deg]", "room mm", "verdict");
+      diameter_mm, "tool from", "x,y,z [mm]", "base", "tissue mm", "tilt [deg]", "room mm", "verdict"));
   for (const UsablePlace& place : places.sides) print_place(place);
   if (places.looked_at == 0) return;
   const std::string& side = places.sides.front().from;
-  if (!places.others.empty()) fmt::print("\nMore places on the {} side, the highest first:\n", side);
+  if (!places.others.empty()) print(fmt::format("\nMore places on the {} side, the highest first:\n", side));
   for (const UsablePlace& place : places.others) print_place(place);
   int against = 0;
   for (const auto& [reason, count] : places.against) against += count;
-  fmt::print("\n{} of {} places looked at on the {} side are good. Against the others:\n",
-             places.looked_at - against, places.looked_at, side);
-  for (const auto& [reason, count] : places.against) fmt::print("{:>6}  {}\n", count, reason);
+  print(fmt::format("\n{} of {} places looked at on the {} side are good. Against the others:\n",
+             places.looked_at - against, places.looked_at, side));
+  for (const auto& [reason, count] : places.against) print(fmt::format("{:>6}  {}\n", count, reason));
 }
 
 }  // namespace
@@ -58,7 +59,7 @@ Command add_places(CLI::App& app, Invocation& shared) {
             const PlacesOfImage found = places_of_image(config, nullptr, {.line = to_log().line});
             clear_stage_line();
             if (shared.json)
-              fmt::print("{}\n", places_json(config, found));
+              print_json(places_json(config, found) + "\n");
             else
               print_places(found.places, config.boundary.indenter_diameter_mm);
             return 0;

@@ -119,7 +119,7 @@ TEST_F(Batch, GoesOnAfterCasesThatFailAndTellsWhyEachDid) {
   const std::vector<std::tuple<std::string, int, std::string>> failures = {{"missing", 3, "nowhere.nrrd"},
                                                                            {"soft", 2, "soft is not allowed"},
                                                                            {"words", 3, "words.nrrd"},
-                                                                           {"through", 4, "80 mm"},
+                                                                           {"through", 4, "80.00 mm"},
                                                                            {"no_image", 3, "no image"}};
   for (const auto& [id, code, word] : failures) {
     SCOPED_TRACE(id);
@@ -413,7 +413,9 @@ TEST_F(Batch, IsCollectedUnderTheNamesOfBids) {
   EXPECT_EQ(description.at("DatasetType"), "derivative");
   EXPECT_EQ(description.at("GeneratedBy").at(0).at("Name"), "Dimple");
   const std::string tsv = text_of(folder / "bids/sub-01/sub-01_desc-indentation_force.tsv");
-  EXPECT_EQ(tsv.substr(0, tsv.find('\n')), "time_s\tindentation_mm\tforce_N\tbase_force_N");
+  EXPECT_EQ(tsv.substr(0, tsv.find('\n')),
+            "time_s\tindentation_mm\tforce_N\tbase_force_N\tforce_x_N\tforce_y_N\tforce_z_N\tmoment_x_Nm\t"
+            "moment_y_Nm\tmoment_z_Nm");
   const Json about = Json::parse(text_of(folder / "bids/sub-01/sub-01_desc-indentation_force.json"));
   EXPECT_EQ(about.at("force_N").at("Units"), "N");
   EXPECT_EQ(about.at("Sources").at(0), "block.nrrd");

@@ -208,10 +208,10 @@ TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
 TEST_F(Run, OfTheDefaultPhantomGivesTheForceThatTheReadmeShows) {
   good("phantom default.nrrd");
   const Ran ran = good("run default.nrrd -o out --band off --write force");
-  EXPECT_NE(ran.out.find("0.0754 N at 8.00 mm"), std::string::npos) << ran.out;
+  EXPECT_NE(ran.out.find("75.4 mN at 8.00 mm"), std::string::npos) << ran.out;
   EXPECT_NEAR(summary("out").at("force_N").get<double>(), 0.0754, 5e-5);
   EXPECT_EQ(summary("out").at("counts").at("nodes"), 1500);
-  EXPECT_NE(text_of(fs::path(DIMPLE_SOURCE) / "README.md").find("0.0754 N at 8.00 mm"), std::string::npos);
+  EXPECT_NE(text_of(fs::path(DIMPLE_SOURCE) / "README.md").find("75.4 mN at 8.00 mm"), std::string::npos);
 }
 
 TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsLadder) {
@@ -483,7 +483,7 @@ TEST_F(Run, IsSilentOnStderrWhenAskedToBe) {
 }
 
 TEST_F(Run, SaysEveryTenthWithoutATerminalIfDetailIsWanted) {
-  const Ran run = good("run brain.nrrd -o out -v --set solver.sample_rate=4000" + cloud + load);
+  const Ran run = good("run brain.nrrd -o out -v --write force --depth 8mm" + cloud);
   EXPECT_EQ(run.err.find('\r'), std::string::npos);
   EXPECT_EQ(run.err.find('\033'), std::string::npos);
   for (int tenth = 1; tenth <= 10; ++tenth) {

@@ -99,7 +99,7 @@ struct UnderPunch {
   }
 };
 UnderPunch under_punch(double r, double z) {
-  constexpr int steps = 400;
+  constexpr int steps = 1200;
   const double dx = 25.0 / z / steps;
   UnderPunch s{};
   for (int k = 1; k <= steps; ++k) {  // the integrand is zero at 0
@@ -273,8 +273,8 @@ TEST(Fields, ABodyWithAStiffCoreIsAsStiffAsFiniteElementsSay) {
     const auto at = [&](const char* column) { return (*known.find(column))[row]; };
     for (const ForceSample& sample : history.force) {
       if (std::abs(1e3 * sample.depth - at("indentation_mm")) > 1e-6) continue;
-      // Its own doubt, and one per cent of ours with 2000 nodes.
-      EXPECT_NEAR(sample.force, at("force_N"), (0.01 * at("uncertainty_percent") + 0.01) * at("force_N"));
+      // Known to 1.1 to 4.3 %; with 2000 nodes ours are 2 % above.
+      EXPECT_NEAR(sample.force, at("force_N"), 0.03 * at("force_N"));
       ++compared;
     }
   }
