@@ -221,18 +221,20 @@ FileList::FileList(const fs::path& folder) : folder_(folder.lexically_normal()) 
   lists().of_folder[folder_] = before;
 }
 
-FileList::~FileList() try {
+FileList::~FileList() {
   std::string text;
   {
     const std::lock_guard lock(lists().mutex);
     std::error_code ignored;
-    for (const std::string& name :
-         lists().of_folder[folder_])  // in order, and without those that are gone again
+    // In order, and without those that are gone again.
+    for (const std::string& name : lists().of_folder[folder_])
       if (fs::exists(fs::symlink_status(folder_ / name, ignored))) text += name + '\n';
     lists().of_folder.erase(folder_);
   }
-  write_file(folder_ / file_list_name, text);
-} catch (...) {  // the one that has grown stays
+  try {
+    write_file(folder_ / file_list_name, text);
+  } catch (const Error&) {  // the one that has grown stays
+  }
 }
 
 std::optional<std::set<std::string>> listed_files(const fs::path& folder) {
