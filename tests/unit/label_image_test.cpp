@@ -291,6 +291,22 @@ TEST(LabelImage, ReadsANiftiWhoseAxesAreNotAtRightAngles) {
   expect_same(read_label_image(file), image, 1e-5);
 }
 
+// What is stored is (label - intercept) / slope: here 7 + 3 label.
+TEST(LabelImage, OfNiftiAreScaledAsItsHeaderSays) {
+  const LabelImage organ = body();
+  Nifti nifti(as_it_is(organ));
+  nifti.type(4, 16);  // short
+  std::string scaled;
+  for (const char label : nifti.voxels) {
+    const std::int16_t stored = static_cast<std::int16_t>(7 + 3 * static_cast<unsigned char>(label));
+    scaled.append(reinterpret_cast<const char*>(&stored), sizeof stored);
+  }
+  nifti.voxels = scaled;
+  nifti.set(112, 1.0f / 3.0f);   // scl_slope
+  nifti.set(116, -7.0f / 3.0f);  // scl_inter
+  expect_same(read("scaled.nii", nifti.file()), organ, 1e-5);
+}
+
 TEST(LabelImage, TakesTheSformIfItsCodeIsSetAsNibabelAndSlicerDo) {
   const LabelImage organ = body();
   const double sform_x = organ.to_world.translation().x();
