@@ -171,7 +171,13 @@ void end_all_writing() noexcept try {
 
 FolderLock::FolderLock(const fs::path& folder)
     : folder_(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
-  if (folder_ < 0 || ::flock(folder_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
+  if (folder_ < 0) return;
+  // A process that was forked a moment ago holds the locks of its parent until it becomes another program.
+  constexpr int tries = 50;
+  for (int k = 0; k < tries; ++k) {
+    if (::flock(folder_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
+    ::usleep(10'000);
+  }
   ::close(folder_);
   throw OutputError({.fact = fmt::format("another run is writing to {}", folder.string()),
                      .where = "-o",
