@@ -346,24 +346,4 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
   return std::move(places);
 }
 
-SegmentedBody segment(const Config& config, const RunObserver& observer) {
-  if (config.image.file.empty())
-    throw UsageError({.fact = "no label image was given",
-                      .where = "command line",
-                      .why = "there is nothing to work on",
-                      .remedy = "give one: dimple export IMAGE -o FILE"});
-  Result unused;
-  const Talk talk{observer, unused};
-  const LabelImage image = read_label_image(config.image.file, config.image.label_names);
-  std::map<std::string, int> names;
-  for (const auto& [value, name] : image.names) names[name] = value;
-  const auto [labels, taken] = take_labels(talk, config, image, names);
-  say_labels(talk, config, labels, taken, names);
-  say_default_stiffness(talk, config);
-  std::string closing;
-  const auto with_closed_gaps = closed(config, image, labels, talk, closing);
-  return make_body_surface(with_closed_gaps ? with_closed_gaps->image : image, labels,
-                           {.indenter_diameter_mm = config.boundary.indenter_diameter_mm});
-}
-
 }  // namespace dimple

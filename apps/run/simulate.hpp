@@ -118,7 +118,4 @@ void simulate(const Case& given, const RunObserver& observer, Result& result);
 /// The first half alone: up to the complete model, and the origin by which a Case of it gets a band.
 void build_case(const Case& given, const RunObserver& observer, Result& result);
 
-/// The body of the case's image and no more: for other programs' meshes.
-SegmentedBody segment(const Config& config, const RunObserver& observer = {});
-
 }  // namespace dimple
