@@ -20,7 +20,7 @@ namespace {
 using How = CaseEnd::How;
 using Json = nlohmann::ordered_json;
 
-struct Options {
+struct BatchArguments {
   Flags flags;
   std::string cases, id;
   std::size_t index = 0, jobs = 0;
@@ -51,7 +51,7 @@ void print_table(const Cohort& cohort, const std::vector<CaseEnd>& ends, double 
   }
 }
 
-void print_json(const Cohort& cohort, const std::vector<CaseEnd>& ends, double seconds) {
+void print_ends(const Cohort& cohort, const std::vector<CaseEnd>& ends, double seconds) {
   const auto left = [&](How how) {
     Json list = Json::array();
     for (std::size_t row = 0; row < ends.size(); ++row)
@@ -75,7 +75,7 @@ void print_json(const Cohort& cohort, const std::vector<CaseEnd>& ends, double s
   for (const auto& [name, how] :
        {std::pair{"interrupted", How::interrupted}, std::pair{"not_begun", How::not_begun}})
     out[name] = left(how);
-  dimple::print_json(out.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  print_json(out.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 // Counted from 1, of the row with that id.
@@ -116,7 +116,7 @@ int run_all(const Cohort& cohort, const Config& of_all_rows, const Invocation& s
   options.program.push_back("--index");
   const std::vector<CaseEnd> ends = run_cohort(cohort, of_all_rows, shared.out, options, progress_of(shared));
   if (shared.json)
-    print_json(cohort, ends, whole.seconds());
+    print_ends(cohort, ends, whole.seconds());
   else
     print_table(cohort, ends, whole.seconds(), shared.out);
   if (const StopReason why = stop_asked(); why != StopReason::none) {
@@ -132,7 +132,7 @@ int run_all(const Cohort& cohort, const Config& of_all_rows, const Invocation& s
 }  // namespace
 
 Command add_batch(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<BatchArguments>();
   CLI::App* command = app.add_subcommand("batch", "a run for each row of a table, several at once");
   command
       ->add_option("CASES", options->cases,

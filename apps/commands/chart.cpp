@@ -7,7 +7,7 @@
 namespace dimple {
 namespace {
 
-struct Options {
+struct ChartArguments {
   Flags flags;
   AccuracyOptions compared;
   std::string peer_limit;
@@ -16,7 +16,7 @@ struct Options {
 }  // namespace
 
 Command add_chart(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<ChartArguments>();
   AccuracyOptions& compared = options->compared;
   CLI::App* command = app.add_subcommand(
       "chart",

@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Options {
+struct CollectArguments {
   std::string folder, table, page, bids, cases;
   std::vector<std::string> depths;
 };
@@ -32,7 +32,7 @@ std::vector<double> depths_in(const std::vector<std::string>& words) {
   return depths;
 }
 
-int perform(const Invocation& shared, const Options& options) {
+int perform(const Invocation& shared, const CollectArguments& options) {
   const std::vector<double> depths = depths_in(options.depths);
   std::vector<std::string> expected;
   if (!options.cases.empty()) {
@@ -66,7 +66,7 @@ int perform(const Invocation& shared, const Options& options) {
 }  // namespace
 
 Command add_collect(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<CollectArguments>();
   CLI::App* command = app.add_subcommand("collect", "one table and one page of all runs in a folder");
   command->add_option("FOLDER", options->folder, "which `dimple batch -o` has filled")->required();
   command->add_option("-o,--out,--output", shared.out, "CSV file for the table [printed]");

@@ -113,7 +113,7 @@ struct Difference {
   std::string what, a, b;
 };
 
-// Options, then what the runs have chosen themselves.
+// CompareArguments, then what the runs have chosen themselves.
 std::vector<Difference> differences_of(const FinishedRun& a, const FinishedRun& b) {
   std::vector<Difference> differences;
   const auto compare = [&](const std::string& what, const std::string& of_a, const std::string& of_b) {
@@ -309,11 +309,11 @@ void draw(const fs::path& file, const FinishedRun& a, const FinishedRun& b, cons
   (file.extension() == ".svg" ? write_chart_svg : write_chart_png)(file, {chart}, 1);
 }
 
-struct Options {
+struct CompareArguments {
   std::string a, b;
 };
 
-int perform(const Invocation& shared, const Options& options) {
+int perform(const Invocation& shared, const CompareArguments& options) {
   const fs::path picture = shared.out;
   if (!shared.out.empty() && picture.extension() != ".png" && picture.extension() != ".svg")
     throw UsageError({.fact = fmt::format("'{}' is no name of a picture", printable(shared.out)),
@@ -335,7 +335,7 @@ int perform(const Invocation& shared, const Options& options) {
 }  // namespace
 
 Command add_compare(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<CompareArguments>();
   CLI::App* command = app.add_subcommand(
       "compare",
       "show two finished runs beside each other: forces with their bands, and what differs in their options "

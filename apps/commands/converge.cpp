@@ -6,7 +6,7 @@
 namespace dimple {
 namespace {
 
-struct Options {
+struct ConvergeArguments {
   Flags flags;
   ConvergenceOptions study;
   std::string reference;
@@ -15,7 +15,7 @@ struct Options {
 }  // namespace
 
 Command add_converge(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<ConvergeArguments>();
   ConvergenceOptions& study = options->study;
   CLI::App* command =
       app.add_subcommand("converge", "run one scene with several clouds: how far its force can be trusted");

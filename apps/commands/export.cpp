@@ -5,7 +5,7 @@
 namespace dimple {
 namespace {
 
-struct Options {
+struct ExportArguments {
   Flags flags;
   std::string format, elements = "hexahedra";
 };
@@ -13,7 +13,7 @@ struct Options {
 }  // namespace
 
 Command add_export(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<ExportArguments>();
   CLI::App* command = app.add_subcommand(
       "export",
       "write the scene for another program, as a mesh: CalculiX or FEBio; --nodes or --spacing say how "

@@ -6,7 +6,7 @@
 namespace dimple {
 namespace {
 
-struct Options {
+struct FitArguments {
   Flags flags;
   FitOptions fit;
   std::string curve;
@@ -15,7 +15,7 @@ struct Options {
 }  // namespace
 
 Command add_fit(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<FitArguments>();
   CLI::App* command =
       app.add_subcommand("fit", "the tissue's modulus from a measured force curve, with its band");
   command->add_option("IMAGE", shared.image, "label image");

@@ -11,7 +11,7 @@
 namespace dimple {
 namespace {
 
-struct Options {
+struct ManArguments {
   std::string command, folder;
 };
 
@@ -30,7 +30,7 @@ const CLI::App* command_named(const CLI::App& app, const std::string& name) {
 }  // namespace
 
 Command add_man(CLI::App& app, Invocation&) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<ManArguments>();
   CLI::App* command = app.add_subcommand("man", "print a manual page as roff: dimple man run | man -l -")
                           ->group("About the program");
   command->add_option("COMMAND", options->command, "of this command [of the program]");

@@ -4,14 +4,14 @@
 namespace dimple {
 namespace {
 
-struct Options {
+struct ModelArguments {
   Flags flags;
 };
 
 }  // namespace
 
 Command add_model(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<ModelArguments>();
   CLI::App* command =
       app.add_subcommand("model", "generate the model of an image: nodes, integration points, base, circle");
   command->add_option("IMAGE", shared.image, "label image");

@@ -13,7 +13,7 @@
 namespace dimple {
 namespace {
 
-struct Options {
+struct PhantomArguments {
   PhantomOptions body;
   std::string size, voxel;
 };
@@ -36,7 +36,7 @@ Vec3 lengths(const std::string& text, const std::string& flag, const std::string
 }  // namespace
 
 Command add_phantom(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<PhantomArguments>();
   CLI::App* command = app.add_subcommand("phantom", "make a label image that needs no download");
   command->add_option("OUT", shared.out, "image to write: .nrrd, .seg.nrrd, .nii, .nii.gz, .mha")->required();
   command->add_option("--shape", options->body.shape, "what it shows")

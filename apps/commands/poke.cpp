@@ -29,7 +29,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Options {
+struct PokeArguments {
   Flags flags;
   std::string script, record, socket;
   double rate = 25.0, seconds = 3600.0;
@@ -93,7 +93,7 @@ class Recording {
 
 class Poking {
  public:
-  Poking(LiveTool& tool, const Options& options)
+  Poking(LiveTool& tool, const PokeArguments& options)
       : tool_(tool), options_(options), window_({.title = "Dimple", .abscissa = "time [s]"}) {
     if (!options.record.empty()) recording_.emplace(options.record);
     path_ = options.path;
@@ -205,7 +205,7 @@ class Poking {
   }
 
   LiveTool& tool_;
-  const Options& options_;
+  const PokeArguments& options_;
   BodyWindow window_;
   std::optional<Skin> skin_;
   std::optional<Recording> recording_;
@@ -220,7 +220,7 @@ class Poking {
 };
 
 // Without a window: along the script as fast as it goes, or as a device has it.
-std::vector<PathFrame> follow_unseen(LiveTool& tool, const Options& options, std::optional<Served>& served) {
+std::vector<PathFrame> follow_unseen(LiveTool& tool, const PokeArguments& options, std::optional<Served>& served) {
   std::optional<Recording> recording;
   if (!options.record.empty()) recording.emplace(options.record);
   std::optional<Skin> skin;
@@ -242,7 +242,7 @@ std::vector<PathFrame> follow_unseen(LiveTool& tool, const Options& options, std
   return frames;
 }
 
-void check(const Options& options) {
+void check(const PokeArguments& options) {
   const auto refuse = [](const char* fact, const char* where, const char* why, const char* remedy) {
     throw UsageError({.fact = fact, .where = where, .why = why, .remedy = remedy});
   };
@@ -256,7 +256,7 @@ void check(const Options& options) {
            "give a shorter one, in /tmp for instance");
 }
 
-int poke(const Invocation& shared, const CLI::App& command, Options& options) {
+int poke(const Invocation& shared, const CLI::App& command, PokeArguments& options) {
   check(options);
   if (!options.script.empty()) options.path = read_tool_path(options.script);
   Config config = options.flags.config(command, shared.image);
@@ -298,7 +298,7 @@ int poke(const Invocation& shared, const CLI::App& command, Options& options) {
 }  // namespace
 
 Command add_poke(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<PokeArguments>();
   CLI::App* command = app.add_subcommand(
       "poke", "a live organ: press the tool into it with the mouse, a script or a device, and feel the force");
   command->add_option("IMAGE", shared.image, "label image");

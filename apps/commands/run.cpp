@@ -14,7 +14,7 @@
 namespace dimple {
 namespace {
 
-struct Options {
+struct RunArguments {
   Flags flags;
   bool explain = false;
   std::string return_parameters;
@@ -43,7 +43,7 @@ Outcome explained(const Config& config, const Invocation& shared, Outcome outcom
 }  // namespace
 
 Command add_run(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<RunArguments>();
   CLI::App* command = app.add_subcommand("run", "model and solve in one: from the image to the force curve");
   command->add_option("IMAGE", shared.image, "label image");
   command->add_option("-o,--out,--output", shared.out, "folder for the results")->required();

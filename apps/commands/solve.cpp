@@ -4,7 +4,7 @@
 namespace dimple {
 namespace {
 
-struct Options {
+struct SolveArguments {
   Flags flags;
   std::string model;
 };
@@ -12,7 +12,7 @@ struct Options {
 }  // namespace
 
 Command add_solve(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<SolveArguments>();
   CLI::App* command = app.add_subcommand("solve", "indent a model");
   command->add_option("MODEL", options->model, "folder made by `dimple model`, or its model.toml")
       ->required();

@@ -10,7 +10,7 @@
 namespace dimple {
 namespace {
 
-struct Options {
+struct StressArguments {
   Flags flags;
   StressOptions stressed;
   bool list = false;
@@ -20,7 +20,7 @@ struct Options {
 }  // namespace
 
 Command add_stress(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<StressArguments>();
   StressOptions& stressed = options->stressed;
   CLI::App* command = app.add_subcommand(
       "stress",

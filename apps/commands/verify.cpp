@@ -11,13 +11,13 @@
 namespace dimple {
 namespace {
 
-struct Options {
+struct VerifyArguments {
   std::vector<std::string> cases;
   bool list = false;
   Index nodes = 4250;
 };
 
-int perform(const Options& options, Invocation& shared) {
+int perform(const VerifyArguments& options, Invocation& shared) {
   if (options.list) {
     for (const VerifyGroup& group : verify_groups())
       print(fmt::format("{:<16} {}\n", group.name, group.what));
@@ -51,7 +51,7 @@ int perform(const Options& options, Invocation& shared) {
 }  // namespace
 
 Command add_verify(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<VerifyArguments>();
   CLI::App* command =
       app.add_subcommand("verify", "compute what is known in closed form or by other methods, and compare");
   command->add_option("--case", options->cases, "only this one; may be given several times")

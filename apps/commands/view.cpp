@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Options {
+struct ViewArguments {
   std::string folder, picture;
   int frame = -1;
   bool labels = false;
@@ -145,7 +145,7 @@ class Results {
   mutable int number_ = -1;
 };
 
-void view(const Options& options) {
+void view(const ViewArguments& options) {
   if (!options.picture.empty()) try_file(options.picture);
   const Results results(options.folder);
   if (options.frame > results.last())
@@ -211,7 +211,7 @@ void view(const Options& options) {
 }  // namespace
 
 Command add_view(CLI::App& app, Invocation& shared) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<ViewArguments>();
   CLI::App* command = app.add_subcommand("view", "a window on a run's results: time, section, labels, force");
   command->add_option("OUT", options->folder, "folder of a run's results")->required();
   command->add_option("--picture", options->picture, "write what the window shows to this PNG, and end")

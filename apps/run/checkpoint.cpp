@@ -15,7 +15,7 @@ namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::json;
+using Cbor = nlohmann::json;
 
 constexpr const char* format = "dimple checkpoint 3";
 
@@ -84,17 +84,17 @@ constexpr bool is_list = std::is_same_v<T, std::deque<Path::State>> ||
 template <class T>
 constexpr bool is_matrix = std::is_base_of_v<Eigen::EigenBase<T>, T>;
 template <class T>
-constexpr bool is_plain = std::is_arithmetic_v<T> || std::is_same_v<T, std::string> ||
+constexpr bool is_one_value = std::is_arithmetic_v<T> || std::is_same_v<T, std::string> ||
                           std::is_same_v<T, std::map<std::string, std::string>>;
 
-Json::binary_t bytes_of(const void* data, std::size_t size) {
+Cbor::binary_t bytes_of(const void* data, std::size_t size) {
   std::vector<std::uint8_t> bytes(size);
   if (size > 0) std::memcpy(bytes.data(), data, size);
-  return Json::binary_t(std::move(bytes));
+  return Cbor::binary_t(std::move(bytes));
 }
 
 struct Writer {
-  Json json = Json::array();
+  Cbor json = Cbor::array();
 
   template <class... T>
   void operator()(const T&... values) {
@@ -102,14 +102,14 @@ struct Writer {
   }
 
   template <class T>
-  static Json one(const T& value) {
-    if constexpr (is_plain<T>) {
+  static Cbor one(const T& value) {
+    if constexpr (is_one_value<T>) {
       return value;
     } else if constexpr (is_matrix<T>) {
       return {value.rows(), value.cols(),
               bytes_of(value.data(), sizeof(*value.data()) * static_cast<std::size_t>(value.size()))};
     } else if constexpr (is_list<T>) {
-      Json list = Json::array();
+      Cbor list = Cbor::array();
       for (const auto& item : value) list.push_back(one(item));
       return list;
     } else if constexpr (requires { value.capacity(); }) {
@@ -124,7 +124,7 @@ struct Writer {
 };
 
 struct Reader {
-  const Json& json;
+  const Cbor& json;
   std::size_t next = 0;
 
   template <class... T>
@@ -133,12 +133,12 @@ struct Reader {
   }
 
   template <class T>
-  static void one(const Json& from, T& value) {
-    if constexpr (is_plain<T>) {
+  static void one(const Cbor& from, T& value) {
+    if constexpr (is_one_value<T>) {
       value = from.get<T>();
     } else if constexpr (is_matrix<T>) {
       const auto rows = from.at(0).get<Index>(), cols = from.at(1).get<Index>();
-      const Json::binary_t& data = from.at(2).get_binary();
+      const Cbor::binary_t& data = from.at(2).get_binary();
       const std::size_t size = sizeof(*value.data());
       const auto count = static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
       if (rows < 0 || cols < 0 || data.size() != size * count)
@@ -146,9 +146,9 @@ struct Reader {
       value.resize(rows, cols);
       if (!data.empty()) std::memcpy(value.data(), data.data(), data.size());
     } else if constexpr (is_list<T>) {
-      for (const Json& item : from) one(item, value.emplace_back());
+      for (const Cbor& item : from) one(item, value.emplace_back());
     } else if constexpr (requires { value.capacity(); }) {
-      const Json::binary_t& data = from.get_binary();
+      const Cbor::binary_t& data = from.get_binary();
       value.resize(data.size() / sizeof(*value.data()));
       if (!value.empty()) std::memcpy(value.data(), data.data(), sizeof(*value.data()) * value.size());
     } else {
@@ -164,7 +164,7 @@ void write_checkpoint(const fs::path& file, const Checkpoint& checkpoint) {
   Writer writer;
   members(writer, checkpoint);
   const std::vector<std::uint8_t> bytes =
-      Json::to_cbor({{"format", format}, {"state", std::move(writer.json)}});
+      Cbor::to_cbor({{"format", format}, {"state", std::move(writer.json)}});
   write_file(file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
 }
 
@@ -172,7 +172,7 @@ Checkpoint read_checkpoint(const fs::path& file) {
   const std::string content = read_file(file);
   Checkpoint checkpoint;
   try {
-    const Json json = Json::from_cbor(content);
+    const Cbor json = Cbor::from_cbor(content);
     if (json.at("format") != format) throw std::runtime_error("it is of another kind");
     Reader reader{json.at("state")};
     members(reader, checkpoint);

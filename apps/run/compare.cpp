@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 // What the options take too.
 constexpr double deepest_mm = 1000.0;
 
-[[noreturn]] void refuse(const fs::path& file, const std::string& fact, const std::string& why,
+[[noreturn]] void refuse_run(const fs::path& file, const std::string& fact, const std::string& why,
                          const std::string& remedy) {
   throw InputError({.fact = fact, .where = file.string(), .why = why, .remedy = remedy, .code = "bad-curve"});
 }
@@ -27,13 +27,13 @@ constexpr double deepest_mm = 1000.0;
 std::vector<double> forces_in(const Table& table, const fs::path& file) {
   const auto *newtons = table.find("force_N"), *milli = table.find("force_mN");
   if (!table.find("indentation_mm") || (!newtons && !milli))
-    refuse(file,
+    refuse_run(file,
            fmt::format("there is no column {}", table.find("indentation_mm") ? "force_N" : "indentation_mm"),
            fmt::format("the columns are named {}, and a unit is not guessed", fmt::join(table.header, ", ")),
            "name them indentation_mm and force_N (or force_mN), and convert the numbers where they are in "
            "other units");
   if (newtons && milli)
-    refuse(file, "there are two forces, force_N and force_mN", "one of them would be ignored",
+    refuse_run(file, "there are two forces, force_N and force_mN", "one of them would be ignored",
            "leave one of them out");
   std::vector<double> forces = newtons ? *newtons : *milli;
   if (!newtons)
@@ -74,22 +74,22 @@ MeasuredCurve read_measured_curve(const fs::path& file) {
   const auto* time = table.find("time_s");
   const auto deepest = std::max_element(depth.begin(), depth.end());
   if (deepest == depth.end() || !(*deepest > 0.0))
-    refuse(file, "no row has an indentation above 0", "a curve needs forces at depths",
+    refuse_run(file, "no row has an indentation above 0", "a curve needs forces at depths",
            "count the indentation from the first contact, positive into the tissue");
   if (*deepest > deepest_mm)
-    refuse(file, fmt::format("the curve is {:g} mm deep", *deepest), "no organ is",
+    refuse_run(file, fmt::format("the curve is {:g} mm deep", *deepest), "no organ is",
            "give indentation_mm in millimetres");
   MeasuredCurve curve{.name = file.filename().string()};
   const auto last = static_cast<std::size_t>(deepest - depth.begin());
   for (std::size_t k = 0; k <= last; ++k) {
     if (!(depth[k] > 0.0)) {
       if (curve.depth.empty()) continue;  // before contact
-      refuse(file, fmt::format("row {} is at {:g} mm, after deeper ones", k + 1, depth[k]),
+      refuse_run(file, fmt::format("row {} is at {:g} mm, after deeper ones", k + 1, depth[k]),
              "a curve is one loading: its depths rise",
              "cut the file before that row, and keep one cycle of loading");
     }
     if (!curve.depth.empty() && !(1e-3 * depth[k] > curve.depth.back()))
-      refuse(file,
+      refuse_run(file,
              fmt::format("row {} is at {:g} mm, the one before at {:g} mm, and deeper ones follow", k + 1,
                          depth[k], 1e3 * curve.depth.back()),
              "a curve is one loading: its depths rise",
@@ -105,7 +105,7 @@ MeasuredCurve read_measured_curve(const fs::path& file) {
   double sum = 0.0;
   for (const double f : curve.force) sum += f;
   if (!(sum > 0.0))
-    refuse(
+    refuse_run(
         file, fmt::format("the forces of the {} rows with a depth add up to {:g} N", curve.force.size(), sum),
         "tissue resists the tool: its force is positive",
         curve.left_out.empty() ? "turn the sign of the force, if the sensor counts it the other way"
@@ -116,7 +116,7 @@ MeasuredCurve read_measured_curve(const fs::path& file) {
 
 double ramp_rate(const MeasuredCurve& curve) {
   const auto refused = [&](const std::string& fact, const std::string& why) {
-    refuse(curve.name, fact, why,
+    refuse_run(curve.name, fact, why,
            "give the part with a constant speed, or leave time_s out where time plays no part in the fit");
   };
   if (curve.time.empty())

@@ -26,7 +26,7 @@ namespace fs = std::filesystem;
 constexpr double aside = 0.25;           // radii from the axis within which a touch is the same
 constexpr double longest_path = 3600.0;  // s
 
-[[noreturn]] void refuse(const fs::path& file, const std::string& fact, const std::string& why,
+[[noreturn]] void refuse_path(const fs::path& file, const std::string& fact, const std::string& why,
                          const std::string& remedy) {
   throw InputError({.fact = fact, .where = file.string(), .why = why, .remedy = remedy, .code = "bad-path"});
 }
@@ -216,7 +216,7 @@ ToolPath read_tool_path(const fs::path& file) {
              *y = table.find("y_mm"), *z = table.find("z_mm");
   const bool has_tip = x && y && z;
   if (!time || (depth == nullptr) == !has_tip)
-    refuse(file,
+    refuse_path(file,
            !time   ? "there is no column time_s"
            : depth ? "there are both depth_mm and x_mm, y_mm, z_mm"
                    : "there is neither depth_mm nor x_mm, y_mm, z_mm",
@@ -224,15 +224,15 @@ ToolPath read_tool_path(const fs::path& file) {
                        fmt::join(table.header, ", ")),
            "give time_s and depth_mm, or time_s, x_mm, y_mm and z_mm (LPS)");
   if (table.rows() < 2)
-    refuse(file, fmt::format("the path has {} row{}", table.rows(), table.rows() == 1 ? "" : "s"),
+    refuse_path(file, fmt::format("the path has {} row{}", table.rows(), table.rows() == 1 ? "" : "s"),
            "a way takes two", "give at least where it begins and where it ends");
   for (std::size_t k = 1; k < time->size(); ++k)
     if (!((*time)[k] > (*time)[k - 1]))
-      refuse(file,
+      refuse_path(file,
              fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, (*time)[k], (*time)[k - 1]),
              "time rises along a path", "sort the rows, and leave out those that stand twice");
   if (time->back() - time->front() > longest_path)
-    refuse(file, fmt::format("the path lasts {:g} s", time->back() - time->front()),
+    refuse_path(file, fmt::format("the path lasts {:g} s", time->back() - time->front()),
            "one of an hour is the longest that is followed", "give time_s in seconds, or cut the path");
   ToolPath path;
   path.time = *time;

@@ -6,21 +6,20 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/run/organ.hpp"
+#include "apps/run/summary.hpp"
 #include "io/words.hpp"
 
 namespace dimple {
 namespace {
 
-using Json = nlohmann::ordered_json;
-
 // No more digits than a place has that somebody gives again.
-double rounded(double x, double step) {
+double to_step(double x, double step) {
   const double per_mm = std::round(1.0 / step);  // divided by a whole number, 98.74 stays 98.74
   return std::round(x * per_mm) / per_mm + 0.0;
 }
 
 Json three(const Vec3& v, double step) {
-  return {rounded(v.x(), step), rounded(v.y(), step), rounded(v.z(), step)};
+  return {to_step(v.x(), step), to_step(v.y(), step), to_step(v.z(), step)};
 }
 
 Json described(const UsablePlace& place) {
@@ -30,9 +29,9 @@ Json described(const UsablePlace& place) {
   json["centre_mm"] = three(place.centre, 1e-3);
   json["push"] = three(place.push, 1e-6);
   json["base"] = place.base;
-  json["thickness_mm"] = rounded(place.beneath.thickness_mm, 1e-2);
-  json["tilt_degrees"] = rounded(place.beneath.tilt_degrees, 1e-1);
-  json["room_mm"] = rounded(place.room_mm, 1e-2);
+  json["thickness_mm"] = to_step(place.beneath.thickness_mm, 1e-2);
+  json["tilt_degrees"] = to_step(place.beneath.tilt_degrees, 1e-1);
+  json["room_mm"] = to_step(place.room_mm, 1e-2);
   return json;
 }
 

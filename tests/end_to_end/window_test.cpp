@@ -49,11 +49,11 @@ Ran under_xvfb(const fs::path& folder, const std::string& script) {
   return ran;
 }
 
-// Shares of a picture's pixels that are white, and dark as the largest displacement is drawn.
-struct Shares {
+// PaperAndDark of a picture's pixels that are white, and dark as the largest displacement is drawn.
+struct PaperAndDark {
   double paper = 0.0, dark = 0.0;
 };
-Shares shares_of(const fs::path& picture) {
+PaperAndDark paper_and_dark_of(const fs::path& picture) {
   const auto is_dark = [](int red, int green, int blue) {
     return red > 40 && red < 215 && green < 90 && blue > 60 && blue < 125;
   };
@@ -82,7 +82,7 @@ TEST(View, ShowsAFrameOfResultsWithItsSectionAndForce) {
                                                    program));
   ASSERT_EQ(drawn.code, 0) << drawn.err;
   EXPECT_EQ(drawn.err.find("ERR"), std::string::npos) << drawn.err;
-  const Shares last = shares_of(folder / "last.png"), first = shares_of(folder / "first.png");
+  const PaperAndDark last = paper_and_dark_of(folder / "last.png"), first = paper_and_dark_of(folder / "first.png");
   EXPECT_GT(last.paper, 0.3);
   EXPECT_LT(last.paper, 0.95);
   EXPECT_GT(last.dark, first.dark + 1e-3);

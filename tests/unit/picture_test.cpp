@@ -21,7 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-vtkSmartPointer<vtkImageData> decoded(const fs::path& file) {
+vtkSmartPointer<vtkImageData> picture_in(const fs::path& file) {
   vtkNew<vtkPNGReader> reader;
   reader->SetFileName(file.c_str());
   reader->Update();
@@ -105,7 +105,7 @@ Overview half_ellipsoid() {
 void expect_drawn(const Overview& overview) {
   const fs::path file = fresh_folder() / "overview.png";
   ASSERT_NO_THROW(write_overview(file, overview));
-  const auto image = decoded(file);
+  const auto image = picture_in(file);
   EXPECT_EQ(image->GetDimensions()[0], 1600);
   EXPECT_EQ(image->GetDimensions()[1], 1200);
   EXPECT_LT(image->GetScalarRange()[0], 100.0);
@@ -130,7 +130,7 @@ TEST(Overview, IsAPngOf1600By1200PixelsDrawnWithoutADisplay) {
 TEST(Overview, ShowsTheCircleInEveryPanel) {
   const fs::path file = fresh_folder() / "overview.png";
   write_overview(file, half_ellipsoid());
-  const auto image = decoded(file);
+  const auto image = picture_in(file);
   // Below the legends: nodes on top, the arrow and the foot, nodes in the dimple, the last point of the
   // curve.
   EXPECT_GT(orange_pixels(*image, 20, 140, 790, 540), 200);
@@ -168,7 +168,7 @@ TEST(Overview, LooksAlongThePushHoweverTheBodyLies) {
   turned.push = turn * turned.push;
   write_overview(folder / "straight.png", straight);
   write_overview(folder / "turned.png", turned);
-  const auto a = decoded(folder / "straight.png"), b = decoded(folder / "turned.png");
+  const auto a = picture_in(folder / "straight.png"), b = picture_in(folder / "turned.png");
   int different = 0;
   for (int y = 0; y < 1200; ++y)
     for (int x = 0; x < 1600; ++x) {
