@@ -33,7 +33,6 @@ Command add_chart(CLI::App& app, Invocation& shared);
 Command add_stress(CLI::App& app, Invocation& shared);
 Command add_export(CLI::App& app, Invocation& shared);
 Command add_options(CLI::App& app, Invocation& shared);
-Command add_verify(CLI::App& app, Invocation& shared);
 Command add_view(CLI::App& app, Invocation& shared);
 Command add_poke(CLI::App& app, Invocation& shared);
 Command add_batch(CLI::App& app, Invocation& shared);
@@ -49,7 +48,7 @@ namespace {
 constexpr Command (*subcommands[])(CLI::App&, Invocation&) = {
     add_phantom, add_info,    add_places,  add_model,    add_solve, add_run,       add_view,   add_poke,
     add_batch,   add_collect, add_compare, add_converge, add_fit,   add_chart,     add_stress, add_export,
-    add_options, add_verify,  add_cite,    add_doctor,   add_man,   add_completion};
+    add_options,  add_cite,    add_doctor,   add_man,   add_completion};
 
 constexpr const char* footer = R"(Examples:
   dimple phantom brain.nrrd                make a swine-brain-sized image
@@ -58,7 +57,6 @@ constexpr const char* footer = R"(Examples:
   dimple run brain.nrrd -o out --resume    go on with a run that was stopped
   dimple fit brain.nrrd --curve a.csv -o out   the modulus of a measured curve
   dimple batch cases.csv -o out            one run for each row of a table
-  dimple verify -o out                     compare with closed forms
 Lengths are in mm, stresses in Pa, unless the number says otherwise (0.3kPa, 1cm). Positions are LPS.
 A word after -- is no option: dimple info -- -odd.nrrd
 Ctrl-C ends any command within 2 s, and so does --time-limit: what is on disk then is valid.

@@ -13,7 +13,8 @@ namespace {
 std::array<std::string, 8> labelled(const std::array<std::string, 8>& source,
                                     const std::array<double, 8>& known) {
   std::array<std::string, 8> result;
-  for (std::size_t k = 0; k < 8; ++k) result[k] = fmt::format("{}; known to {:.2g} %", source[k], 100.0 * known[k]);
+  for (std::size_t k = 0; k < 8; ++k)
+    result[k] = fmt::format("{}; known to {:.2g} %", source[k], 100.0 * known[k]);
   return result;
 }
 

@@ -17,9 +17,10 @@ struct Scene {
   std::string title;                  ///< for people
   std::array<double, 8> reference{};  ///< [N] at 1, 2, ... 8 mm
   std::array<double, 8> known_to{};   ///< uncertainty of the reference, as a part of it
-  std::array<double, 8> tolerance{};  ///< how far our force may be from it, likewise; does not grow with known_to
+  std::array<double, 8>
+      tolerance{};  ///< how far our force may be from it, likewise; does not grow with known_to
   std::array<std::string, 8> source;  ///< of the reference, and how well it is known
-  PhantomOptions phantom;  ///< the same body as an image
+  PhantomOptions phantom;             ///< the same body as an image
 };
 Scene scene_a();
 Scene scene_b();

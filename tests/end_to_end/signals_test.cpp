@@ -82,7 +82,6 @@ TEST_F(Stop, IsAnsweredWithinTwoSecondsByEveryCommand) {
                                              "converge brain.nrrd -o out/study --sizes 2000,4000,8000",
                                              "chart -o out/chart --only a --nodes 1000,2000",
                                              "stress -o out/stress --map depth-nu --finest 500 --limit 20",
-                                             "verify -o out/verify --nodes 2000",
                                              "fit brain.nrrd -o out/fit --curve curve.csv --of mu,alpha"};
   fs::create_directories(folder / "out");
   int interrupted = 0;

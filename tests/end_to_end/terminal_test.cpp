@@ -8,6 +8,8 @@
 #include <regex>
 #include <sstream>
 
+#include "io/digits.hpp"
+#include "io/table.hpp"
 #include "tests/end_to_end/program.hpp"
 
 // What a person reads: on a terminal, in a log, in the help.
@@ -21,8 +23,8 @@ using testing::HasSubstr;
 using testing::Not;
 
 const std::vector<std::string> commands = {
-    "phantom", "info",  "places", "model",  "solve",   "run",    "batch", "collect", "compare", "converge",
-    "fit",     "chart", "stress", "export", "options", "verify", "cite",  "doctor",  "man",     "completion"};
+    "phantom", "info",  "places", "model",  "solve",   "run",  "batch",  "collect", "compare",   "converge",
+    "fit",     "chart", "stress", "export", "options", "cite", "doctor", "man",     "completion"};
 
 class Terminal : public testing::Test {
  protected:
@@ -264,6 +266,11 @@ TEST_F(Terminal, TheDoctorTellsWhetherTheProgramWorksHere) {
                            "by finite elements", "temporary", "output", "locale"})
     EXPECT_THAT(said, HasSubstr(word));
   EXPECT_THAT(well.out, Not(HasSubstr("wrong")));
+  const Table known = read_csv(DIMPLE_SOURCE "/tests/verification/reference/block.csv");
+  const auto& depth = *known.find("indentation_mm");
+  const auto at = std::find(depth.begin(), depth.end(), 5.0) - depth.begin();
+  EXPECT_THAT(said, HasSubstr(force_in_words((*known.find("force_N"))[static_cast<std::size_t>(at)]) +
+                              " by finite elements"));
   const Ran ill = dimple(folder, "doctor -o /proc");  // where nobody can make a file
   EXPECT_EQ(ill.code, 6);
   EXPECT_THAT(ill.out, HasSubstr("/proc cannot be written"));
@@ -300,7 +307,7 @@ TEST_F(Terminal, PagesOfTheManualAreWholeAndRight) {
 TEST_F(Terminal, ShellsCompleteCommandsOptionsAndWords) {
   const std::string source = "cd " + folder.string() + "; " + DIMPLE_PROGRAM + " completion ";
   const std::string bash = source + "bash > bash; . ./bash; COMP_WORDS=(dimple ";
-  EXPECT_EQ(said_by("bash", bash + "ver); COMP_CWORD=1; _dimple; echo ${COMPREPLY[@]}"), "verify\n");
+  EXPECT_EQ(said_by("bash", bash + "pha); COMP_CWORD=1; _dimple; echo ${COMPREPLY[@]}"), "phantom\n");
   EXPECT_EQ(said_by("bash", bash + "run --sch); COMP_CWORD=2; _dimple; echo ${COMPREPLY[@]}"), "--scheme\n");
   EXPECT_EQ(said_by("bash", bash + "run --scheme hor); COMP_CWORD=3; _dimple; echo ${COMPREPLY[@]}"),
             "horton2007\n");

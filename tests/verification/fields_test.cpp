@@ -8,7 +8,6 @@
 #include <numbers>
 
 #include "apps/run/results.hpp"
-#include "apps/studies/verify_bodies.hpp"
 #include "io/table.hpp"
 #include "io/vtk_files.hpp"
 #include "preprocess/phantom.hpp"
@@ -17,6 +16,7 @@
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {
 namespace {
@@ -78,7 +78,8 @@ TEST(Fields, OfALargeUniformStrainInATurnedFrameAreThoseOfTheLaw) {
   EXPECT_NEAR(volume->values.sum(), 30.0 * 30.0 * 20.0, 1e-2);
   for (Index q = 0; q < model.point_count(); ++q) {
     ASSERT_LT((as_tensor(*sigma, q) - known).cwiseAbs().maxCoeff(), 1e-5 * known.norm())
-        << as_tensor(*sigma, q) << "\n\n" << known;
+        << as_tensor(*sigma, q) << "\n\n"
+        << known;
     ASSERT_NEAR(mises->values(0, q), mises_of(known), 1e-5 * known.norm());
     ASSERT_NEAR(jacobian->values(0, q), J, 1e-6);
     const Vec3 there = (F - Mat3::Identity()) * points.position_mm.col(q);
@@ -94,8 +95,8 @@ struct UnderPunch {
   double radial, hoop, axial, shear;
   Mat3 in(const Vec3& out, const Vec3& push) const {  // `out`: unit vector away from the axis
     const Vec3 around = push.cross(out);
-    return radial * out * out.transpose() + hoop * around * around.transpose() + axial * push * push.transpose() +
-           shear * (out * push.transpose() + push * out.transpose());
+    return radial * out * out.transpose() + hoop * around * around.transpose() +
+           axial * push * push.transpose() + shear * (out * push.transpose() + push * out.transpose());
   }
 };
 UnderPunch under_punch(double r, double z) {
@@ -189,8 +190,8 @@ Pressed pressed(double cylinder_mm, double height_mm) {
   ResultWriter writer(folder, model, {.nodes = true, .points = true, .surface = false, .picture = false});
   Observer observer;
   observer.frame = [&](const Frame& frame) { writer.frame(frame); };
-  march_quasi_statically(system, model, {.depth = 1e-3 * depth_mm, .contact = Contact::frictionless}, {.frames = 1},
-                         observer, history);
+  march_quasi_statically(system, model, {.depth = 1e-3 * depth_mm, .contact = Contact::frictionless},
+                         {.frames = 1}, observer, history);
   writer.finish_frames();
   return {read_vtu(folder / "points" / "points_0001.vtu"), read_vtu(folder / "nodes" / "nodes_0001.vtu"),
           history.force.back().force};
@@ -265,7 +266,8 @@ TEST(Fields, ABodyWithAStiffCoreIsAsStiffAsFiniteElementsSay) {
   const BuiltModel built =
       build_model(image, {}, options, {.of_label = {{3, 1}}, .density = {1000.0, 1000.0}});
   const History history =
-      solve(built.model, {{neo_hookean(210.0, 0.499, 1000.0), neo_hookean(1050.0, 0.499, 1000.0)}, built.model.tissue},
+      solve(built.model,
+            {{neo_hookean(210.0, 0.499, 1000.0), neo_hookean(1050.0, 0.499, 1000.0)}, built.model.tissue},
             {.depth = 4e-3}, {.frames = 4});
   const Table known = read_csv(DIMPLE_REFERENCE_DIR "/two_labels.csv");
   int compared = 0;

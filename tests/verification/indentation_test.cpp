@@ -1,4 +1,4 @@
-// Indented bodies against the independent finite elements in reference/, beside the scenes of `dimple verify`.
+// Indented bodies against the independent finite elements in reference/, beside the scenes of dimple_verify.
 
 #include <gtest/gtest.h>
 

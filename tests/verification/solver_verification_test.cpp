@@ -142,7 +142,7 @@ struct Homogeneous {
 };
 
 // All nodes moved as the state says: what the points and the nodes then carry. That the inside finds that
-// state by itself is solved for by ABlockPressedBetweenFaces below and by `dimple verify --case homogeneous`.
+// state by itself is solved for by ABlockPressedBetweenFaces below and by `dimple_verify --case homogeneous`.
 class HomogeneousState : public testing::TestWithParam<Homogeneous> {};
 
 TEST_P(HomogeneousState, CarriesTheClosedFormStressInItsPointsAndInItsNodes) {

@@ -1,6 +1,6 @@
-// All that `dimple verify` computes, a group a test, so that ctest runs them side by side.
+// All that dimple_verify computes, a group a test, so that ctest runs them side by side.
 
-#include "apps/studies/verify.hpp"
+#include "tests/verification/verify.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,9 +8,9 @@
 #include <cmath>
 
 #include "apps/studies/scenes.hpp"
-#include "apps/studies/verify_bodies.hpp"
 #include "io/error.hpp"
 #include "io/table.hpp"
+#include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {
 namespace {
@@ -38,13 +38,13 @@ TEST_P(EveryRow, IsWithinItsTolerance) {
   if (std::find(slow.begin(), slow.end(), GetParam()) != slow.end())
     GTEST_SKIP() << "skipped: too slow under a sanitizer";
 #endif
-  expect_within(verify({GetParam()}, standard_nodes, {}), 0.0);
+  expect_within(verify({GetParam()}, standard_nodes), 0.0);
 }
 
 INSTANTIATE_TEST_SUITE_P(Verify, EveryRow, testing::ValuesIn(group_names()),
                          [](const auto& name) { return name.param; });
 
-// The program has no files of references with it: what it knows of them by heart is what the files say.
+// The library of the rows reads no files of references: what it knows of them by heart is what the files say.
 TEST(Verify, TheTwoScenesAreThoseOfTheReferenceFiles) {
   for (const auto& [scene, file] : {std::pair(scene_a(), "block.csv"), {scene_b(), "cut_ellipsoid.csv"}}) {
     const Table known = read_csv(std::string(DIMPLE_REFERENCE_DIR) + "/" + file);
@@ -59,7 +59,7 @@ TEST(Verify, TheTwoScenesAreThoseOfTheReferenceFiles) {
 
 // With half as many nodes the scheme's own error is larger.
 TEST(Verify, ForcesOfHalfAsManyNodesAreAPercentFartherFromTheReferencesAtMost) {
-  expect_within(verify({"scene_a", "scene_b"}, 2000, {}), 0.01);
+  expect_within(verify({"scene_a", "scene_b"}, 2000), 0.01);
 }
 
 // Hayes et al. 1972, table 1; and a half space, where the layer no longer counts.
@@ -99,7 +99,7 @@ TEST(Verify, SwappingTheNumbersOfTwoTissuesChangesNothing) {
 
 TEST(Verify, AnUnknownCaseIsRefusedWithASuggestion) {
   try {
-    verify({"hays"}, few_nodes, {});
+    verify({"hays"}, few_nodes);
     FAIL();
   } catch (const UsageError& error) {
     EXPECT_NE(error.report.fact.find("hayes"), std::string::npos) << error.report.fact;
@@ -117,10 +117,6 @@ TEST(Verify, RowsThatFailAreNamedInTheError) {
     EXPECT_EQ(error.report.where.find("a/good"), std::string::npos);
   }
   EXPECT_NO_THROW(require_passed({rows.front()}));
-}
-
-TEST(Verify, StopsWhenAsked) {
-  EXPECT_TRUE(verify({}, few_nodes, [](const std::string&) { return false; }).empty());
 }
 
 }  // namespace

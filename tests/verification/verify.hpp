@@ -1,7 +1,5 @@
 #pragma once
 
-#include <filesystem>
-#include <functional>
 #include <string>
 #include <vector>
 
@@ -26,20 +24,15 @@ struct VerifyGroup {
 };
 std::vector<VerifyGroup> verify_groups();
 
-/// Asked before each group, with its name; false: stop here, keep what there is.
-using VerifyProgress = std::function<bool(const std::string& group)>;
-
 /// Computes the groups whose names are in `filter` (empty: all), each with the converging scheme and its
 /// standard supports. `nodes`: of the indented bodies; the lattices of the others are fixed. A group that
 /// finds no equilibrium is one failed row. Throws UsageError: a name that is no group's.
-std::vector<VerifyCase> verify(const std::vector<std::string>& filter, Index nodes,
-                               const VerifyProgress& progress);
+std::vector<VerifyCase> verify(const std::vector<std::string>& filter, Index nodes);
 
-/// The table for a terminal, for a text, for a spreadsheet, and as JSON.
+/// The table for a terminal, for a text and for a spreadsheet.
 std::string verify_table(const std::vector<VerifyCase>& rows);
 std::string verify_markdown(const std::vector<VerifyCase>& rows);
 std::string verify_csv(const std::vector<VerifyCase>& rows);
-std::string verify_json(const std::vector<VerifyCase>& rows);
 
 /// Throws SolveError that names the rows that fail, if any does.
 void require_passed(const std::vector<VerifyCase>& rows);

@@ -9,8 +9,8 @@
 #include <functional>
 #include <numbers>
 
-#include "apps/studies/verify_bodies.hpp"
 #include "preprocess/support.hpp"
+#include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {
 namespace {
@@ -317,8 +317,9 @@ void verify_ogden(Rows& rows, Index) {
     const char* name;
     std::vector<OgdenTerm> terms;
   };
-  for (const Rubber& law : {Rubber{"one_term", {{842.0, -4.7}}}, Rubber{"two_terms", {{300.0, 4.0}, {500.0, -6.0}}},
-                         Rubber{"three_terms", {{4.095e5, 1.3}, {3.0e3, 5.0}, {1.0e4, -2.0}}}}) {
+  for (const Rubber& law :
+       {Rubber{"one_term", {{842.0, -4.7}}}, Rubber{"two_terms", {{300.0, 4.0}, {500.0, -6.0}}},
+        Rubber{"three_terms", {{4.095e5, 1.3}, {3.0e3, 5.0}, {1.0e4, -2.0}}}}) {
     const Material tissue = ogden(law.terms, 0.4999, 1000.0);
     const Statics bar = free_bar(tissue), held = held_cube(tissue, 5);
     for (const double stretch : {0.75, 1.4}) {

@@ -11,10 +11,10 @@
 #include "apps/run/band.hpp"
 #include "apps/run/config.hpp"
 #include "apps/studies/scenes.hpp"
-#include "apps/studies/verify_bodies.hpp"
 #include "io/stop.hpp"
 #include "preprocess/shapes.hpp"
 #include "solver/quasi_static.hpp"
+#include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {
 namespace {

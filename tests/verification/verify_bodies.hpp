@@ -3,9 +3,9 @@
 #include <cstdint>
 #include <functional>
 
-#include "apps/studies/verify.hpp"
 #include "preprocess/build_model.hpp"
 #include "solver/relax.hpp"
+#include "tests/verification/verify.hpp"
 
 namespace dimple {
 

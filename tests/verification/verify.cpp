@@ -1,15 +1,14 @@
-#include "apps/studies/verify.hpp"
+#include "tests/verification/verify.hpp"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
-#include <nlohmann/json.hpp>
 
 #include "apps/run/config.hpp"
-#include "apps/studies/verify_bodies.hpp"
 #include "io/error.hpp"
+#include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {
 namespace {
@@ -81,8 +80,7 @@ std::vector<VerifyGroup> verify_groups() {
   return result;
 }
 
-std::vector<VerifyCase> verify(const std::vector<std::string>& filter, Index nodes,
-                               const VerifyProgress& progress) {
+std::vector<VerifyCase> verify(const std::vector<std::string>& filter, Index nodes) {
   std::vector<std::string> known;
   for (const Group& group : groups) known.push_back(group.name);
   for (const std::string& name : filter)
@@ -90,11 +88,10 @@ std::vector<VerifyCase> verify(const std::vector<std::string>& filter, Index nod
       throw UsageError({.fact = fmt::format("there is no case '{}'{}", name, did_you_mean(name, known)),
                         .where = "--case",
                         .why = fmt::format("known are {}", fmt::join(known, ", ")),
-                        .remedy = "see `dimple verify --list`"});
+                        .remedy = "see `dimple_verify --list`"});
   Rows rows;
   for (const Group& group : groups) {
     if (!filter.empty() && std::find(filter.begin(), filter.end(), group.name) == filter.end()) continue;
-    if (progress && !progress(group.name)) break;
     try {
       group.run(rows, nodes);
     } catch (const SolveError& error) {
@@ -140,22 +137,6 @@ std::string verify_csv(const std::vector<VerifyCase>& rows) {
     result += fmt::format("{},{},{},{},{},{},{},{},{}\n", row.name, quoted(row.what), row.ours, row.reference,
                           quoted(row.unit), row.error, row.tolerance, row.passed ? 1 : 0, quoted(row.source));
   return result;
-}
-
-std::string verify_json(const std::vector<VerifyCase>& rows) {
-  auto list = nlohmann::ordered_json::array();
-  for (const VerifyCase& row : rows)
-    list.push_back({{"name", row.name},
-                    {"case", row.what},
-                    {"ours", row.ours},
-                    {"reference", row.reference},
-                    {"unit", row.unit},
-                    {"relative_error", row.error},
-                    {"tolerance", row.tolerance},
-                    {"passed", row.passed},
-                    {"source", row.source}});
-  const bool all = std::all_of(rows.begin(), rows.end(), [](const VerifyCase& row) { return row.passed; });
-  return nlohmann::ordered_json({{"status", all ? "ok" : "failed"}, {"cases", list}}).dump(2) + "\n";
 }
 
 void require_passed(const std::vector<VerifyCase>& rows) {

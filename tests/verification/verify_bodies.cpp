@@ -1,4 +1,4 @@
-#include "apps/studies/verify_bodies.hpp"
+#include "tests/verification/verify_bodies.hpp"
 
 #include <Eigen/LU>
 #include <array>
