@@ -55,6 +55,7 @@ class Constraints {
   template <class Column>
   void place(Index a, Column&& u, double depth) const {
     put(a, u, depth);
+    if (start_.cols() > 0 && !is_free(a)) u += start_.col(a) - project(a, start_.col(a));
   }
   template <class Column>
   void speed(Index a, Column&& v, double rate) const {
@@ -62,6 +63,8 @@ class Constraints {
   }
   /// The same of all nodes.
   void prescribe(Nodal& u, double depth) const;
+  /// From now on the ways of all sets begin at u [4xN] m, not at rest.
+  void start_at(const Nodal& u) { start_ = u; }
   /// Puts what is held of all nodes where `wanted` has it [4xN] m.
   void take_held(Nodal& u, const Nodal& wanted) const;
 
@@ -85,6 +88,7 @@ class Constraints {
   std::vector<HeldSet> set_;
   std::vector<Held> held_;
   std::vector<std::int16_t> of_node_;  // [N] number of its set, or -1
+  Nodal start_;                        // no columns: at rest
 
   const Held& held(Index a) const {
     return held_[static_cast<std::size_t>(of_node_[static_cast<std::size_t>(a)])];

@@ -17,23 +17,24 @@ constexpr int between_kinetic = 25;                 // steps
 constexpr std::int64_t between_fluctuations = 200;  // steps
 constexpr double smaller = 0.6;                     // step, each time that a guard sends the march back
 
-void follow_all_waves(const ForceSystem& system, const Model& model, const Loading& loading,
-                      const SolverOptions& options, const Observer& observer, History& history,
-                      const State* from) {
+void follow_all_waves(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
+                      History& history, const State* from) {
+  const Model& model = system.model();
+  const Constraints& constraints = system.held();
   const Index n = model.node_count();
-  const Constraints constraints = make_constraints(model, loading.contact, loading.further);
   const bool viscoelastic = system.viscoelastic();
-  ForceState forces(system);
   const Eigen::VectorXd inverse_mass = model.mass.cwiseInverse();
 
   State state;
   if (from) {
     state = *from;
     history = from->history;
-    forces.restore_past(from->past);
+    system.restore_past(from->past);
   } else {
     state.safety = options.safety;
-    state.u = state.v = Nodal::Zero(4, n);
+    state.u = system.at_rest().u;
+    state.v = Nodal::Zero(4, n);
+    if (system.loaded()) state.external = system.stored_energy(state.u).sum();
   }
   Nodal &u = state.u, &v = state.v, f = Nodal::Zero(4, n);
   const double duration = loading.duration(), segment = duration / options.frames;
@@ -47,7 +48,7 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
   bool stopped = false;
   int observed = state.frame - 1;  // frames
   std::int64_t& looked = state.looked;
-  Guards guards(forces, model, duration >= slow_load * shear_crossing_time(system.tissues(), model),
+  Guards guards(system, duration >= slow_load * shear_crossing_time(system.tissues(), model),
                 options.guards, history.guards);
 
   // The tool brings its nodes to speed at once: the only work that is not force times way.
@@ -63,21 +64,21 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
 
     if (last || now.t >= next_energy) {
       next_energy += 1.0 / options.energy_rate;
-      double kinetic = 0.0, hourglass = 0.0;
+      double kinetic = 0.0;
       for (Index a = 0; a < n; ++a) {
         Eigen::Vector4d now_v = v.col(a);  // still of t - dt/2
         if (constraints.is_free(a)) now_v -= f.col(a) * (0.5 * previous_dt * inverse_mass[a]);
         kinetic += 0.5 * model.mass[a] * now_v.squaredNorm();
       }
-      const double stored = forces.stored_energy(u, &hourglass);
-      history.energy.push_back({now.t, now.depth, kinetic, stored, external, dissipated});
+      const StoredEnergy stored = system.stored_energy(u);
+      history.energy.push_back({now.t, now.depth, kinetic, stored.sum(), external, dissipated});
       guards.check(history.energy.back(), largest_external, duration, true, now);
-      guards.check_hourglass(hourglass, stored, now);
+      guards.check_hourglass(stored.hourglass, stored.tissue, now);
     }
     if (last || now.t >= next_sample) {
       next_sample += 1.0 / options.sample_rate;
       guards.check(u, f, now);
-      history.force.push_back(ForceSample::at(now.t, now.depth, model, constraints, u, f));
+      history.force.push_back(ForceSample::at(now.t, now.depth, system, u, f));
       largest_reaction = std::max(largest_reaction, std::abs(history.force.back().force));
       if (largest_reaction > 0.0)
         history.momentum_error =
@@ -88,12 +89,12 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
   };
 
   const auto frame = [&](int number, const Moment& now) {
-    if (observer.frame && number > observed) observer.frame({number, now.t, now.depth, u, f, forces});
+    if (observer.frame && number > observed) observer.frame({number, now.t, now.depth, u, f, system.tissue()});
     observed = std::max(observed, number);
   };
 
   const auto stable_step = [&] {
-    const StableStep stable = stable_time_step(forces, model, model.mass, constraints, u);
+    const StableStep stable = stable_time_step(system, model.mass, u);
     history.extra_evaluations += stable.iterations;
     if (!(stable.dt > 0.0))
       throw SolveError({.fact = "no stable time step was found",
@@ -121,8 +122,9 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
       const double t = segment * state.frame + dt * static_cast<double>(s);
       const Moment now = {t, loading.rate * t, dt, state.dt_stable};
       if (s == 0) guards.check_step(now);
-      if (viscoelastic) forces.begin_step(previous_dt);
-      const ForceSystem::Sweep sweep = forces.stress_sweep(u);
+      if (viscoelastic) system.begin_step(previous_dt);
+      system.set({.t = now.t, .depth = now.depth});
+      const ForceSystem::Sweep sweep = system.stress_sweep(u);
       history.J_min = std::min(history.J_min, sweep.J_min);
       history.inverted = std::max(history.inverted, sweep.inverted);
       guards.check(sweep, now);
@@ -142,11 +144,11 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
         }
       };
       // Frames, energies and forces need u(t) and v(t - dt/2): there, gather first and move afterwards.
-      const bool sampling = s == 0 || t >= next_energy || t >= next_sample;
-      forces.gather_sweep(f, sampling || viscoelastic ? std::function<void(Index, Index)>{} : advance);
+      const bool sampling = s == 0 || t >= next_energy || t >= next_sample || system.loaded();
+      system.gather(u, f, sampling || viscoelastic ? std::function<void(Index, Index)>{} : advance);
       stopped = !record(now, false);
       if (s == 0) frame(state.frame, now);
-      if (viscoelastic) forces.accept_step(u);  // after the frame: its stresses are those of this step
+      if (viscoelastic || system.loaded()) system.accept_step(u);  // after the frame: its stresses are those of this step
       if (sampling || viscoelastic) advance(0, n);
       if (options.damping > 0.0)
         for (Index a = 0; a < n; ++a)
@@ -179,7 +181,8 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
       guards.check_step({end.t, end.depth, previous_dt, next_stable});
     }
     if (last || options.guards) {
-      const ForceSystem::Sweep sweep = last ? forces.internal_force(u, f) : forces.stress_sweep(u);
+      system.set({.t = end.t, .depth = end.depth});
+      const ForceSystem::Sweep sweep = last ? system.force(u, f) : system.stress_sweep(u);
       guards.check(sweep, end);
       guards.check_points(sweep, end);
     }
@@ -193,7 +196,7 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
 
   const auto keep = [&] {
     State copy = state;
-    copy.past = forces.past();
+    copy.past = system.past();
     copy.history = history;
     return copy;
   };
@@ -204,7 +207,7 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
     before.retries = std::move(history.retries);
     history = std::move(before);
     state = kept;
-    forces.restore_past(kept.past);
+    system.restore_past(kept.past);
     stopped = false;
   };
 
@@ -224,9 +227,10 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
       go_back(kept);
       if (history.retries.size() == most_retries || !smaller_steps_help) {
         // The curve ends at the last frame.
-        if (viscoelastic) forces.begin_step(previous_dt);
-        forces.internal_force(u, f);
-        history.force.push_back(ForceSample::at(reached / loading.rate, reached, model, constraints, u, f));
+        if (viscoelastic) system.begin_step(previous_dt);
+        system.set({.t = reached / loading.rate, .depth = reached});
+        system.force(u, f);
+        history.force.push_back(ForceSample::at(reached / loading.rate, reached, system, u, f));
         if (!smaller_steps_help) throw;
         throw after_retries(error, text("steps down to ", safety, " of the stable one"));
       }
@@ -242,11 +246,10 @@ void follow_all_waves(const ForceSystem& system, const Model& model, const Loadi
 
 }  // namespace
 
-void march_explicitly(const ForceSystem& system, const Model& model, const Loading& loading,
-                      const SolverOptions& options, const Observer& observer, History& history,
-                      const State* from) {
+void march_explicitly(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
+                      History& history, const State* from) {
   try {
-    follow_all_waves(system, model, loading, options, observer, history, from);
+    follow_all_waves(system, loading, options, observer, history, from);
   } catch (const Stopped&) {
     history.interrupted = true;
   }

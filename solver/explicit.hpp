@@ -20,8 +20,7 @@ namespace dimple {
 /// Asked to stop (io/stop.hpp), this and every other way of marching returns with `history.interrupted` and
 /// what there is. `from`: a state of an earlier run with the same model, loading and options; frames and
 /// samples before it are not given to `observer` again.
-void march_explicitly(const ForceSystem& system, const Model& model, const Loading& loading,
-                      const SolverOptions& options, const Observer& observer, History& history,
-                      const State* from = nullptr);
+void march_explicitly(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
+                      History& history, const State* from = nullptr);
 
 }  // namespace dimple

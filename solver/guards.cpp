@@ -104,14 +104,13 @@ std::vector<Finding> check_model(const Model& model, const SupportReport& suppor
   return findings;
 }
 
-Guards::Guards(ForceState& forces, const Model& model, bool static_answer, bool on,
-               std::vector<Finding>& findings)
-    : forces_(forces),
-      model_(model),
+Guards::Guards(System& system, bool static_answer, bool on, std::vector<Finding>& findings)
+    : forces_(system.tissue()),
+      model_(system.model()),
       static_answer_(static_answer),
       on_(on),
       findings_(findings),
-      beneath_((model.X.transpose() * model.tool.push).maxCoeff() - model.tool.centre.dot(model.tool.push)) {}
+      beneath_((model_.X.transpose() * model_.tool.push).maxCoeff() - model_.tool.centre.dot(model_.tool.push)) {}
 
 // One of each code; `worst` grows away from what is good in its own direction, so the later one with the
 // larger excursion wins. J_min is the only one that falls.

@@ -5,7 +5,7 @@
 
 #include "io/error.hpp"
 #include "preprocess/model.hpp"
-#include "solver/internal_force.hpp"
+#include "solver/system.hpp"
 
 namespace dimple {
 
@@ -50,7 +50,7 @@ class Guards {
  public:
   /// `static_answer`: inertia should play no part. `on` false: only what costs nothing; to measure what
   /// guards cost.
-  Guards(ForceState& forces, const Model& model, bool static_answer, bool on, std::vector<Finding>& findings);
+  Guards(System& system, bool static_answer, bool on, std::vector<Finding>& findings);
 
   /// Of a sweep: `non-finite`, and `inverted` where the energy has no meaning there. Costs nothing.
   void check(const ForceSystem::Sweep& sweep, const Moment& now) const;

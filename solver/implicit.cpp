@@ -26,12 +26,11 @@ constexpr double of_stable_step = 0.9;
 constexpr std::int64_t most_small_steps = 20000;  // in place of a long one; usual: some hundreds
 constexpr std::int64_t same_step = 200;           // of them, until the stable step is asked for again
 
-void step_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
-                     const SolverOptions& options, const Observer& observer, History& history,
-                     const State* from) {
-  const Constraints constraints = make_constraints(model, loading.contact, loading.further);
-  ForceState forces(system);
-  MixedIteration solve(forces, model, constraints);
+void step_implicitly(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
+                     History& history, const State* from) {
+  const Model& model = system.model();
+  const Constraints& constraints = system.held();
+  MixedIteration solve(system);
   const Index n = model.node_count();
   const double segment = loading.duration() / options.frames, damping = options.damping;
   // Of a shear wave that stands between the base and the tool's side.
@@ -51,36 +50,41 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
     state = *from;
     history = from->history;
     past.state = from->path;
-    forces.restore_past(from->past);
+    system.restore_past(from->past);
     solve.restore(from->mixed);
     inertia.inertia = from->mixed.inertia;
   } else {
-    u = v = a = f = Nodal::Zero(4, n);
-    lambda = Eigen::VectorXd::Zero(model.patches.count());
+    u = system.at_rest().u;
+    lambda = system.at_rest().lambda;
+    v = a = f = Nodal::Zero(4, n);
+    if (system.loaded()) {  // in equilibrium: f is the reactions
+      system.tissue().hold_pressures(lambda.cwiseQuotient(model.patches.volume));
+      system.force(u, f);
+      external = system.stored_energy(u).sum();
+    }
     past.push(0.0, u, lambda);
     history.dt_first = history.dt_smallest = longest;
     // The tool brings its nodes to speed at once: the only work that is not force times way.
     external += constraints.set_off(v, loading.rate, model.mass);
   }
 
-  Guards guards(forces, model, loading.duration() >= slow_load * shear_crossing_time(system.tissues(), model),
+  Guards guards(system, loading.duration() >= slow_load * shear_crossing_time(system.tissues(), model),
                 options.guards, history.guards);
   double& largest_external = state.largest_external;
   const auto record = [&](bool last) {
     const double depth = loading.rate * t;
-    history.force.push_back(ForceSample::at(t, depth, model, constraints, u, f));
+    history.force.push_back(ForceSample::at(t, depth, system, u, f));
     largest_reaction = std::max(largest_reaction, std::abs(history.force.back().force));
     if (largest_reaction > 0.0)
       history.momentum_error = std::max(history.momentum_error, f.rowwise().sum().norm() / largest_reaction);
     if (last || t >= next_energy) {
       next_energy = t + 1.0 / options.energy_rate;
       const double kinetic = 0.5 * (v.colwise().squaredNorm() * model.mass).value();
-      double hourglass = 0.0;
-      const double stored = forces.stored_energy(u, &hourglass);
-      history.energy.push_back({t, depth, kinetic, stored, external, dissipated});
+      const StoredEnergy stored = system.stored_energy(u);
+      history.energy.push_back({t, depth, kinetic, stored.sum(), external, dissipated});
       largest_external = std::max(largest_external, std::abs(external));
       guards.check(history.energy.back(), largest_external, loading.duration(), false, {t, depth, dt});
-      guards.check_hourglass(hourglass, stored, {t, depth, dt});
+      guards.check_hourglass(stored.hourglass, stored.tissue, {t, depth, dt});
     }
     return !observer.sample || observer.sample(history.force.back(), history);
   };
@@ -91,14 +95,14 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
     history.dt_smallest = std::min(history.dt_smallest, step);
     ++history.steps;
     const bool at_end = end - t <= 1e-6 * longest, goes_on = record(frame == options.frames && at_end);
-    if (at_end && observer.frame) observer.frame({frame, t, loading.rate * t, u, f, forces});
-    forces.accept_step(u);
+    if (at_end && observer.frame) observer.frame({frame, t, loading.rate * t, u, f, system.tissue()});
+    system.accept_step(u);
     if (observer.between_steps && (frame < options.frames || !at_end))
       observer.between_steps([&] {
         State copy = state;
         copy.path = past.state;
         copy.mixed = solve.memory();
-        copy.past = forces.past();
+        copy.past = system.past();
         copy.history = history;
         return copy;
       });
@@ -107,13 +111,14 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
   // Central differences until `to`, as march_explicitly(): where the tissue gives way the path jumps, and no step
   // that is longer than the jump's own waves has an end that an iteration could find.
   const auto march = [&](double to) {
-    forces.begin_step(to - t);
-    forces.hold_pressures({});
+    system.begin_step(to - t);
+    system.set({.t = t, .depth = loading.rate * t});
+    system.tissue().hold_pressures({});
     const auto where = [&] {
       return text("solver, t = ", t, " s, indentation ", loading.rate * t * 1e3, " mm");
     };
     const auto accelerate = [&](double h, double stable) {
-      const ForceSystem::Sweep sweep = forces.internal_force(u, f);
+      const ForceSystem::Sweep sweep = system.force(u, f);
       guards.check(sweep, {t, loading.rate * t, h, stable});
       history.J_min = std::min(history.J_min, sweep.J_min);
       history.inverted = std::max(history.inverted, sweep.inverted);
@@ -124,7 +129,7 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
     std::int64_t taken = 0;
     while (to - t > 1e-9 * longest) {
       // Again and again: tissue that is squeezed on the way bears shorter steps only.
-      const StableStep stable = stable_time_step(forces, model, model.mass, constraints, u);
+      const StableStep stable = stable_time_step(system, model.mass, u);
       history.extra_evaluations += stable.iterations;
       if (!(stable.dt > 0.0))
         throw SolveError({.fact = "a time step did not converge, and no stable one was found",
@@ -151,7 +156,7 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
         v += 0.5 * h * a;
         u += h * v;
         t = k == left ? to : start + h * static_cast<double>(k);
-        constraints.prescribe(u, loading.rate * t);
+        system.set({.t = t, .depth = loading.rate * t}, u);
         accelerate(h, stable.dt);
         v += 0.5 * h * a;
         for (Index i = 0; i < n; ++i)
@@ -162,12 +167,12 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
       }
       taken += count;
     }
-    lambda = pressures_of_volumes(forces, model);
+    lambda = pressures_of_volumes(system);
   };
 
   if (!from) {
     record(false);
-    if (observer.frame) observer.frame({0, 0.0, 0.0, u, f, forces});
+    if (observer.frame) observer.frame({0, 0.0, 0.0, u, f, system.tissue()});
   }
   bool stopped = false;
   bool& anew = state.anew;
@@ -187,12 +192,12 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
       Nodal next = Nodal::Zero(4, n);
       Eigen::VectorXd next_lambda = Eigen::VectorXd::Zero(lambda.size());
       past.extrapolate(to, next, next_lambda);
-      constraints.prescribe(next, depth);
-      forces.begin_step(h);
+      system.set({.t = to, .depth = depth}, next);
+      system.begin_step(h);
       const Nodal f_before = f;
       const Relaxed found =
           solve(next, next_lambda, f,
-                {.tolerance = std::max(options.tolerance, roughly), .evaluations = options.evaluations}, {},
+                {.tolerance = std::max(options.tolerance, roughly), .evaluations = options.evaluations},
                 anew, &inertia);
       history.extra_evaluations += found.evaluations;
       if (!found.converged) {
@@ -246,11 +251,10 @@ void step_implicitly(const ForceSystem& system, const Model& model, const Loadin
 
 }  // namespace
 
-void march_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
-                      const SolverOptions& options, const Observer& observer, History& history,
-                      const State* from) {
+void march_implicitly(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
+                      History& history, const State* from) {
   try {
-    step_implicitly(system, model, loading, options, observer, history, from);
+    step_implicitly(system, loading, options, observer, history, from);
   } catch (const Stopped&) {
     history.interrupted = true;
   }

@@ -20,8 +20,7 @@ namespace dimple {
 ///
 /// Source:   Newmark 1959; Hilber, Hughes, Taylor 1977, alpha -1/3.
 /// Throws:   SolveError: a number stopped being one. `history` holds everything up to that moment.
-void march_implicitly(const ForceSystem& system, const Model& model, const Loading& loading,
-                      const SolverOptions& options, const Observer& observer, History& history,
-                      const State* from = nullptr);
+void march_implicitly(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
+                      History& history, const State* from = nullptr);
 
 }  // namespace dimple

@@ -6,12 +6,11 @@
 #include <functional>
 #include <vector>
 
-#include "solver/constraints.hpp"
 #include "solver/guards.hpp"
 #include "solver/mixed_iteration.hpp"
 #include "solver/path.hpp"
 #include "solver/stable_time_step.hpp"
-#include "solver/tool_force.hpp"
+#include "solver/system.hpp"
 
 namespace dimple {
 
@@ -21,6 +20,7 @@ struct Loading {
   double rate = 1e-3;   ///< [m/s]
   Contact contact = Contact::bonded;
   std::vector<HeldSet> further{};  ///< beside the circle and the base
+  Loads loads{};                   ///< that act before the tool touches, and go on acting
   double duration() const { return depth / rate; }
 };
 
@@ -43,11 +43,11 @@ struct ForceSample {
   double base_force;  ///< on the base's nodes, with which the bed holds the body [N]
   /// All of the force on the tool [N] and its moment [N m], as a Wrench (tool_force.hpp).
   std::array<double, 6> on_tool = {};
-  /// At displacements `u` [4xN] m, with the internal force `f` [4xN] N.
-  static ForceSample at(double t, double depth, const Model& model, const Constraints& constraints, const Nodal& u,
-                        const Nodal& f) {
+  /// At displacements `u` [4xN] m, with the force `f` [4xN] N, where the system stands now.
+  static ForceSample at(double t, double depth, const System& system, const Nodal& u, const Nodal& f) {
+    const Model& model = system.model();
     ForceSample sample{t, depth, along_push(model, model.indenter, f), -along_push(model, model.base, f)};
-    Eigen::Map<Wrench>(sample.on_tool.data()) = wrench_on_tool(model, constraints, u, f, depth);
+    Eigen::Map<Wrench>(sample.on_tool.data()) = system.on_tool(u, f);
     return sample;
   }
 };
@@ -57,7 +57,7 @@ struct Frame {
   int number;
   double t, depth;
   const ForceSystem::Nodal& u;  ///< [N] m
-  const ForceSystem::Nodal& f;  ///< [N] N, internal force at u; on held nodes it is the reaction
+  const ForceSystem::Nodal& f;  ///< [N] N, System::force() at u; on held nodes it is the reaction
   const ForceState& forces;     ///< with the history and the pressures that belong to f
 };
 

@@ -178,6 +178,7 @@ struct MixedIteration::Parts {
     Eigen::MatrixXd gram;
     int kept = 0, next = 0;
   } memory;
+  System& body;
   ForceState& forces;
   const ForceSystem& system;
   const Model& model;
@@ -202,15 +203,16 @@ struct MixedIteration::Parts {
   std::chrono::steady_clock::duration lap{};  // of an iteration in bounded time, mean of the last few
   Eigen::VectorXd scale, dual_scale;          // that make u and lambda of one kind: square roots of energies
 
-  Parts(ForceState& s, const Model& m, const Constraints& c)
-      : forces(s),
-        system(s.system()),
-        model(m),
-        constraints(c),
-        edge(neighbours(m)),
-        points(transpose(m.patches.of_point, m.patches.count(), &slot)),
-        nodes(nodes_of_patches(m, points)) {
-    sliding = c.sliding_direction();
+  explicit Parts(System& s)
+      : body(s),
+        forces(s.tissue()),
+        system(forces.system()),
+        model(s.model()),
+        constraints(s.held()),
+        edge(neighbours(model)),
+        points(transpose(model.patches.of_point, model.patches.count(), &slot)),
+        nodes(nodes_of_patches(model, points)) {
+    sliding = constraints.sliding_direction();
     slides = !sliding.isZero(0.0);
     const Eigen::VectorXd shear = shear_of_nodes(model, [&](Index q) { return mu(q); });
     scale = (shear.array() / model.spacing.array().square()).sqrt();
@@ -273,8 +275,9 @@ struct MixedIteration::Parts {
     }
   }
 
-  // The Laplacian, and inertia.
+  // The Laplacian, what bounds all other forces, and inertia.
   bool invert_laplacian() {
+    const StiffnessBound bound = body.stiffness_bound();
     const auto invert = [&](NodalInverse& inverse, bool sliding_too) {
       std::vector<int> place(static_cast<std::size_t>(weight.size()), -1);
       inverse.node.clear();
@@ -285,17 +288,18 @@ struct MixedIteration::Parts {
       }
       std::vector<Eigen::Triplet<double>> entry;
       // A little of its own keeps a piece that nothing holds from being singular.
-      Eigen::VectorXd diagonal = 1e-6 * weight;
+      Eigen::VectorXd diagonal = 1e-6 * weight + bound.node;
       if (inertia.size() > 0) diagonal += inertia;
-      for (const auto& [a, b] : edge) {
-        const double w = 0.5 * (weight[a] + weight[b]);
+      const auto join = [&](int a, int b, double w) {
         diagonal[a] += w;
         diagonal[b] += w;
         const int i = place[static_cast<std::size_t>(a)], j = place[static_cast<std::size_t>(b)];
-        if (i < 0 || j < 0) continue;
+        if (i < 0 || j < 0) return;
         entry.emplace_back(i, j, -w);
         entry.emplace_back(j, i, -w);
-      }
+      };
+      for (const auto& [a, b] : edge) join(a, b, 0.5 * (weight[a] + weight[b]));
+      for (const StiffnessBound::Edge& one : bound.edge) join(one.a, one.b, one.weight);
       const auto rows = static_cast<Index>(inverse.node.size());
       for (Index i = 0; i < rows; ++i)
         entry.emplace_back(static_cast<int>(i), static_cast<int>(i),
@@ -429,8 +433,7 @@ struct MixedIteration::Parts {
   }
 };
 
-MixedIteration::MixedIteration(ForceState& forces, const Model& model, const Constraints& constraints)
-    : parts_(std::make_unique<Parts>(forces, model, constraints)) {}
+MixedIteration::MixedIteration(System& system) : parts_(std::make_unique<Parts>(system)) {}
 MixedIteration::~MixedIteration() = default;
 
 double MixedIteration::laplacian_of(const Nodal& v) const {
@@ -477,10 +480,10 @@ void MixedIteration::restore(const Memory& memory) {
   p.memory.next = memory.next;
 }
 
-Eigen::VectorXd pressures_of_volumes(const ForceState& forces, const Model& model) {
+Eigen::VectorXd pressures_of_volumes(const System& system) {
   ForceState::Patches patches;
-  forces.patch_state(patches);
-  return patches.dilation.cwiseProduct(patches.bulk).cwiseProduct(model.patches.volume);
+  system.tissue().patch_state(patches);
+  return patches.dilation.cwiseProduct(patches.bulk).cwiseProduct(system.model().patches.volume);
 }
 
 bool MixedIteration::serves(const ForceSystem& system, const Model& model) {
@@ -490,10 +493,9 @@ bool MixedIteration::serves(const ForceSystem& system, const Model& model) {
 }
 
 Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
-                                   const Nodal& external, bool anew, const Inertia* inertia,
-                                   const Viscosity* viscosity) {
+                                   bool anew, const Inertia* inertia, const Viscosity* viscosity) {
   Parts& p = *parts_;
-  const Relaxed first = iterate(u, lambda, f, options, external, anew, inertia, viscosity);
+  const Relaxed first = iterate(u, lambda, f, options, anew, inertia, viscosity);
   if (first.converged || viscosity || !std::isfinite(first.residual) ||
       first.evaluations >= options.evaluations)
     return first;
@@ -502,7 +504,7 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
   Relaxed second = first;
   p.stiffen(u);
   if (p.invert_laplacian()) {
-    second = iterate(u, lambda, f, rest, external, true, inertia, nullptr);
+    second = iterate(u, lambda, f, rest, true, inertia, nullptr);
     second.evaluations += first.evaluations;
   }
   p.weight = p.weight_at_rest;
@@ -516,7 +518,7 @@ Relaxed MixedIteration::within(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, cons
   left.force.setZero(4, u.cols());
   left.volume.setZero(lambda.size());
   left.late = false;
-  const Relaxed found = iterate(u, lambda, f, options, {}, anew, inertia, nullptr, &left);
+  const Relaxed found = iterate(u, lambda, f, options, anew, inertia, nullptr, &left);
   if (p.across.node.empty() || !p.schur.ready()) return found;
   Nodal z(4, u.cols());
   p.laplacian_solve(left.force, z);
@@ -524,14 +526,12 @@ Relaxed MixedIteration::within(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, cons
   return found;
 }
 
-Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
-                                const Nodal& external, bool anew, const Inertia* inertia,
-                                const Viscosity* viscosity, Left* left) {
+Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options, bool anew,
+                                const Inertia* inertia, const Viscosity* viscosity, Left* left) {
   Parts& p = *parts_;
   const Model& model = p.model;
   const Constraints& constraints = p.constraints;
   const Index n = u.cols(), nb = model.patches.count();
-  const bool loaded = external.cols() == n;
   const Eigen::VectorXd& volume = model.patches.volume;
   Relaxed result;
   result.converged = false;
@@ -543,22 +543,16 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
   const auto evaluate = [&] {
     stop_if_asked();
     p.forces.hold_pressures(lambda.cwiseQuotient(volume));
-    result.sweep = p.forces.internal_force(u, f);
+    result.sweep = p.body.force(u, f);
     p.forces.patch_state(patches);
     ++result.evaluations;
     if (viscosity) p.laplacian(u - viscosity->about, viscous);
-    double unbalanced = 0.0, reactions = 0.0;
-    for (Index a = 0; a < n; ++a) {
-      Eigen::Vector4d all = f.col(a);
-      if (loaded) all -= external.col(a);
+    const Balance balance = p.body.balance(f, r, [&](Index a, Eigen::Vector4d& all) {
       if (viscosity) all += viscosity->share * viscous.col(a);
       if (inertia) all += inertia->inertia[a] * constraints.project(a, u.col(a) - inertia->about.col(a));
-      r.col(a) = constraints.project(a, all);
-      unbalanced += r.col(a).squaredNorm();
-      reactions += 0.5 * (all - r.col(a)).norm() + (loaded ? external.col(a).norm() : 0.0);
-    }
+    });
     s = patches.dilation - lambda.cwiseQuotient(patches.bulk.cwiseProduct(volume));
-    result.residual = std::sqrt(unbalanced) / std::max(reactions, 1e-30);
+    result.residual = balance.residual();
     volume_error = std::sqrt(s.cwiseAbs2().dot(volume) / volume.sum());
   };
 

@@ -3,7 +3,7 @@
 #include <chrono>
 #include <memory>
 
-#include "solver/internal_force.hpp"
+#include "solver/system.hpp"
 
 namespace dimple {
 
@@ -30,14 +30,14 @@ struct Relaxed {
 };
 
 /// Finds static equilibrium of the converging scheme by looking for displacements u and the patches'
-/// pressures p together: forces f_local(u) + G lambda = external and volumes J_b(u) - 1 = p_b / bulk_b, with
+/// pressures p together: forces f_local(u) + G lambda = 0, with all of a System's other forces in f, and volumes J_b(u) - 1 = p_b / bulk_b, with
 /// lambda_b = V_b p_b and G = dJ_b/du. Each iteration solves the nearby linear problem
 ///
-///     [ A   G ] [ du      ]     [ f - external  ]
+///     [ A   G ] [ du      ]     [ f             ]
 ///     [ G'  -1/(bulk V)   ] [ dlambda ] = - [ J - 1 - p/bulk  ]
 ///
-/// where A is a Laplacian of the graph of neighbouring nodes, as stiff as the shear there (one for all three
-/// components, inverted by Multigrid), and G'A^-1 G is taken for the patches' mass matrix / mu, as
+/// where A is a Laplacian of the graph of neighbouring nodes, as stiff as the shear there and as the bound of each
+/// further force (one for all three components, inverted by Multigrid), and G'A^-1 G is taken for the patches' mass matrix / mu, as
 /// one may for Stokes flow. Anderson's acceleration makes up for what these leave out. The number of
 /// evaluations, some ten for a depth, depends neither on the number of nodes nor on the bulk modulus.
 ///
@@ -48,7 +48,7 @@ struct Relaxed {
 /// complement by the pressure's mass matrix); Walker and Ni 2011 (Anderson's acceleration).
 class MixedIteration {
  public:
-  MixedIteration(ForceState& forces, const Model& model, const Constraints& constraints);
+  explicit MixedIteration(System& system);
   ~MixedIteration();
 
   /// Of a time step: every free node has inertia[a] (u_a - about_a) [N] besides; [N/m], [N] m.
@@ -65,8 +65,8 @@ class MixedIteration {
   /// found: not converged, the best that was met. The pressures stay held in `forces`. `anew`:
   /// dJ/du is that at the guess, as every larger move needs, and not that at the last such call.
   Relaxed operator()(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
-                     const RelaxOptions& options, const ForceSystem::Nodal& external, bool anew,
-                     const Inertia* inertia = nullptr, const Viscosity* viscosity = nullptr);
+                     const RelaxOptions& options, bool anew, const Inertia* inertia = nullptr,
+                     const Viscosity* viscosity = nullptr);
 
   /// What is left unbalanced at the best state that was met.
   struct Left {
@@ -75,7 +75,7 @@ class MixedIteration {
     bool late = false;         ///< RelaxOptions::until ended it
     double energy = 0.0;       ///< about that of the way which is left: force.A^-1 force, and of volumes [J]
   };
-  /// As above without external forces, in one try. Where it ends by a limit, `u`, `lambda`, `f` and `left` are
+  /// As above in one try. Where it ends by a limit, `u`, `lambda`, `f` and `left` are
   /// those of the best state that was met.
   Relaxed within(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                  const RelaxOptions& options, bool anew, Left& left, const Inertia* inertia = nullptr);
@@ -100,13 +100,13 @@ class MixedIteration {
 
  private:
   Relaxed iterate(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
-                  const RelaxOptions& options, const ForceSystem::Nodal& external, bool anew,
-                  const Inertia* inertia, const Viscosity* viscosity, Left* left = nullptr);
+                  const RelaxOptions& options, bool anew, const Inertia* inertia, const Viscosity* viscosity,
+                  Left* left = nullptr);
   struct Parts;
   std::unique_ptr<Parts> parts_;
 };
 
 /// [patches] N m, what MixedIteration calls lambda, as the volumes of the last sweep make it.
-Eigen::VectorXd pressures_of_volumes(const ForceState& forces, const Model& model);
+Eigen::VectorXd pressures_of_volumes(const System& system);
 
 }  // namespace dimple

@@ -44,9 +44,7 @@ double work_of_last(const std::vector<double>& depth, const std::vector<double>&
 
 // Frames at depths between two equilibria of the march, which does not notice.
 struct FramesBetween {
-  ForceState& forces;
-  const Model& model;
-  const Constraints& constraints;
+  System& system;
   const Relaxation& relax;
   const Loading& loading;
   const SolverOptions& options;
@@ -62,18 +60,18 @@ struct FramesBetween {
     Eigen::VectorXd lambda = path.state.back().lambda;
     for (; last < options.frames && depth_of(last + 1) < before; ++last) {
       const double depth = depth_of(last + 1), t = depth / loading.rate;
-      forces.begin_step((depth - from) / loading.rate);
-      const std::int64_t swept = forces.sweeps();
+      system.begin_step((depth - from) / loading.rate);
+      const std::int64_t swept = system.tissue().sweeps();
       path.extrapolate(depth, u, lambda);
-      constraints.prescribe(u, depth);
+      system.set({.t = t, .depth = depth}, u);
       const bool found = find(u, lambda, f);
-      history.extra_evaluations += forces.sweeps() - swept;
+      history.extra_evaluations += system.tissue().sweeps() - swept;
       if (found) {
-        history.force.push_back(ForceSample::at(t, depth, model, constraints, u, f));
+        history.force.push_back(ForceSample::at(t, depth, system, u, f));
       } else {
         show_line(depth);
       }
-      if (observer.frame) observer.frame({last + 1, t, depth, u, f, forces});
+      if (observer.frame) observer.frame({last + 1, t, depth, u, f, system.tissue()});
       if (found && observer.sample && !observer.sample(history.force.back(), history)) return false;
     }
     return true;
@@ -87,13 +85,18 @@ struct FramesBetween {
       const RelaxOptions how{.tolerance = options.tolerance,
                              .evaluations = mixed ? std::min(options.evaluations, 2 * evaluations_of_step)
                                                   : options.evaluations};
-      if ((mixed ? relax.from_near(u, lambda, f, how) : relax(u, f, how, {}, &lambda)).converged) return true;
+      if ((mixed ? relax.from_near(u, lambda, f, how) : relax(u, f, how, &lambda)).converged) return true;
     } catch (const SolveError&) {
       u = guess;
     }
-    if (relax.has_mixed()) forces.hold_pressures(lambda.cwiseQuotient(model.patches.volume));
-    forces.internal_force(u, f);
+    evaluate(u, lambda, f);
     return false;
+  }
+
+  // The force at what is known.
+  void evaluate(const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f) {
+    if (relax.has_mixed()) system.tissue().hold_pressures(lambda.cwiseQuotient(system.model().patches.volume));
+    system.force(u, f);
   }
 
   void show_line(double depth) {
@@ -110,20 +113,32 @@ struct FramesBetween {
   }
 };
 
-void find_equilibria(const ForceSystem& system, const Model& model, const Loading& loading,
-                     const SolverOptions& options, const Observer& observer, History& history,
-                     const State* from) {
-  const Constraints constraints = make_constraints(model, loading.contact, loading.further);
-  ForceState forces(system);
-  const Relaxation relax(forces, model, constraints);
-  const Index n = model.node_count();
-  Nodal u = Nodal::Zero(4, n), f = u;
-  Eigen::VectorXd lambda = Eigen::VectorXd::Zero(model.patches.count());
+// The body at rest, before the tool moves.
+void begin_history(System& system, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f, History& history) {
+  if (!system.loaded()) {
+    history.force.push_back({0.0, 0.0, 0.0, 0.0});
+    history.energy.push_back({0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
+    return;
+  }
+  if (lambda.size() > 0) system.tissue().hold_pressures(lambda.cwiseQuotient(system.model().patches.volume));
+  system.set({});
+  system.force(u, f);
+  history.force.push_back(ForceSample::at(0.0, 0.0, system, u, f));
+  const double stored = system.stored_energy(u).sum();  // what the loads did before counts as done from outside
+  history.energy.push_back({0.0, 0.0, 0.0, stored, stored, 0.0});
+}
+
+void find_equilibria(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
+                     History& history, const State* from) {
+  const Model& model = system.model();
+  const Relaxation relax(system);
+  auto [u, lambda] = system.at_rest();
+  Nodal f = Nodal::Zero(4, model.node_count());
   Path past(4);  // where the next equilibrium is looked for
-  Guards guards(forces, model, true, options.guards, history.guards);
+  Guards guards(system, true, options.guards, history.guards);
   const int steps = steps_of_load(model, loading, options);
   const double step = loading.depth / steps;
-  FramesBetween between{forces, model, constraints, relax, loading, options, observer, history};
+  FramesBetween between{system, relax, loading, options, observer, history};
   double halved = step;          // way after an equilibrium that was not found
   double least_curvature = 1.0;  // since the last that was found
   bool gave_way = false;
@@ -134,14 +149,14 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
     state = *from;
     history = from->history;
     past.state = from->path;
-    forces.restore_past(from->past);
+    system.restore_past(from->past);
   } else {
     depths = working = {0.0};
     longest = step;
     past.push(0.0, u, lambda);
-    history.force.push_back({0.0, 0.0, 0.0, 0.0});
-    history.energy.push_back({0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
-    if (observer.frame) observer.frame({0, 0.0, 0.0, u, f, forces});
+    begin_history(system, u, lambda, f, history);
+    external = history.energy.back().external;
+    if (observer.frame) observer.frame({0, 0.0, 0.0, u, f, system.tissue()});
   }
   // All equilibria together.
   const std::int64_t most = relax.has_mixed() ? options.evaluations + evaluations_of_step * steps
@@ -154,13 +169,14 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
     const bool arrives = end - at - way < same_depth * step;
     const double depth = arrives ? end : at + way, t = depth / loading.rate;
     const Moment now = {t, depth};
-    forces.begin_step((depth - at) / loading.rate);
+    system.begin_step((depth - at) / loading.rate);
     const std::size_t equilibria = depths.size();
     const bool sets_off = past.state.size() == 1;
     Relaxed relaxed;
     relaxed.converged = false;
     ForceSample felt;
-    double stored = 0.0, work = 0.0;
+    StoredEnergy stored;
+    double work = 0.0;
     try {
       const auto find = [&](double tolerance) {
         const RelaxOptions how{.tolerance = tolerance,
@@ -169,11 +185,11 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
                                                   : options.evaluations};
         relaxed.converged = false;
         if (how.evaluations < 1) throw no_equilibrium(relaxed, model);
-        const std::int64_t before = forces.sweeps();
+        const std::int64_t before = system.tissue().sweeps();
         try {
-          relaxed = relax.has_mixed() ? relax.from_near(u, lambda, f, how) : relax(u, f, how, {}, &lambda);
+          relaxed = relax.has_mixed() ? relax.from_near(u, lambda, f, how) : relax(u, f, how, &lambda);
         } catch (const Stopped&) {
-          history.steps += forces.sweeps() - before;
+          history.steps += system.tissue().sweeps() - before;
           throw;
         }
         history.steps += relaxed.evaluations;
@@ -190,18 +206,18 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
         // A touch, to a low accuracy: the direction in which the tissue sets off.
         const double a_touch = at + touch * (depth - at);
         first_guess(model, touch * (depth - at), u);
-        constraints.prescribe(u, a_touch);
+        system.set({.t = a_touch / loading.rate, .depth = a_touch}, u);
         find(std::max(1e-2, options.tolerance));
         Path touched = past;
         touched.push(a_touch, u, lambda);
         touched.extrapolate(depth, u, lambda);
-        constraints.prescribe(u, depth);
+        system.set({.t = t, .depth = depth}, u);
       } else if (sets_off) {
         first_guess(model, depth - at, u);
-        constraints.prescribe(u, depth);
+        system.set({.t = t, .depth = depth}, u);
       } else {
         past.extrapolate(depth, u, lambda);
-        constraints.prescribe(u, depth);
+        system.set({.t = t, .depth = depth}, u);
       }
       const Nodal expected = u;
       find(options.tolerance);
@@ -211,16 +227,15 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
       guards.check(u, f, now);
       guards.check_points(relaxed.sweep, now);
       guards.check_fluctuation(u, now);
-      felt = ForceSample::at(t, depth, model, constraints, u, f);
+      felt = ForceSample::at(t, depth, system, u, f);
       depths.push_back(depth);
-      working.push_back(constraints.working_force(f));
+      working.push_back(system.held().working_force(f));
       work = work_of_last(depths, working, sets_off || gave_way);
-      double hourglass = 0.0;
-      stored = forces.stored_energy(u, &hourglass);
-      guards.check_hourglass(hourglass, stored, now);
+      stored = system.stored_energy(u);
+      guards.check_hourglass(stored.hourglass, stored.tissue, now);
       // Before the third the curve between two is a guess.
       if (depths.size() > 3)
-        guards.check(EnergySample{t, depth, 0.0, stored, external + work,
+        guards.check(EnergySample{t, depth, 0.0, stored.sum(), external + work,
                                   state.dissipated + (gave_way ? relaxed.dissipated : 0.0)},
                      std::max(largest_external, std::abs(external + work)), t, false, now);
       if (gave_way) guards.found_limit_point(u - expected, way, now);
@@ -261,30 +276,30 @@ void find_equilibria(const ForceSystem& system, const Model& model, const Loadin
         history.interrupted = true;
         return;
       }
-      forces.begin_step((depth - at) / loading.rate);  // and back to this step's end
-      if (relax.has_mixed()) forces.hold_pressures(lambda.cwiseQuotient(model.patches.volume));
-      forces.internal_force(u, f);
+      system.begin_step((depth - at) / loading.rate);  // and back to this step's end
+      system.set({.t = t, .depth = depth});
+      between.evaluate(u, lambda, f);
       ++history.extra_evaluations;
     }
     if (gave_way) past.state.pop_front();
     history.force.push_back(felt);
-    history.energy.push_back({t, depth, 0.0, stored, external, state.dissipated});
+    history.energy.push_back({t, depth, 0.0, stored.sum(), external, state.dissipated});
     if (state.frame < options.frames && between.depth_of(state.frame + 1) < depth + same_depth * step) {
       ++state.frame;
-      if (observer.frame) observer.frame({state.frame, t, depth, u, f, forces});
+      if (observer.frame) observer.frame({state.frame, t, depth, u, f, system.tissue()});
     }
     const bool ended = arrives && level == steps;
     if (observer.sample && !observer.sample(history.force.back(), history)) {
       history.interrupted = !ended;
       return;
     }
-    forces.accept_step(u);  // after the frame: its stresses are those of this step
+    system.accept_step(u);  // after the frame: its stresses are those of this step
     if (arrives) state.step = level++;
     if (observer.between_steps && !ended)
       observer.between_steps([&] {
         State copy = state;
         copy.path = past.state;
-        copy.past = forces.past();
+        copy.past = system.past();
         copy.history = history;
         return copy;
       });
@@ -311,11 +326,10 @@ void first_guess(const Model& model, double depth, Nodal& u) {
   }
 }
 
-void march_quasi_statically(const ForceSystem& system, const Model& model, const Loading& loading,
-                            const SolverOptions& options, const Observer& observer, History& history,
-                            const State* from) {
+void march_quasi_statically(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
+                            History& history, const State* from) {
   try {
-    find_equilibria(system, model, loading, options, observer, history, from);
+    find_equilibria(system, loading, options, observer, history, from);
   } catch (const Stopped&) {
     history.interrupted = true;
   }

@@ -12,9 +12,8 @@ namespace dimple {
 /// How many frames there are changes nothing of that. A frame whose depth no step ends at has an equilibrium of its
 /// own, found from those on both sides, and a sample of the force; energies, guards and what follows do not know of
 /// it. Where none is found the frame shows the line between the two, as the finding `frame` says, without a sample.
-void march_quasi_statically(const ForceSystem& system, const Model& model, const Loading& loading,
-                            const SolverOptions& options, const Observer& observer, History& history,
-                            const State* from = nullptr);
+void march_quasi_statically(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
+                            History& history, const State* from = nullptr);
 
 /// How many steps that load takes, where none is shortened.
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options);

@@ -102,40 +102,36 @@ Eigen::VectorXd stiffness_row_sums(const ForceSystem& system, const Model& model
   return sum;
 }
 
-Relaxation::Relaxation(ForceState& forces, const Model& model, const Constraints& constraints)
-    : forces_(forces), model_(model), constraints_(constraints) {
-  if (MixedIteration::serves(forces.system(), model))
-    mixed_ = std::make_unique<MixedIteration>(forces, model, constraints);
+Relaxation::Relaxation(System& system) : system_(system) {
+  if (MixedIteration::serves(system.tissue().system(), system.model())) mixed_ = std::make_unique<MixedIteration>(system);
 }
 
-Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, const Nodal& external,
-                               Eigen::VectorXd* lambda) const {
+Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, Eigen::VectorXd* lambda) const {
   std::int64_t spent = 0;
   if (mixed_) {
-    Eigen::VectorXd l = lambda ? *lambda : Eigen::VectorXd::Zero(model_.patches.count());
-    Relaxed found = from_near(u, l, f, options, external);
+    Eigen::VectorXd l = lambda ? *lambda : Eigen::VectorXd::Zero(system_.model().patches.count());
+    Relaxed found = from_near(u, l, f, options);
     if (found.converged) {
       if (lambda) *lambda = l;
       return found;
     }
     spent = found.evaluations;
-    forces_.hold_pressures({});
+    system_.tissue().hold_pressures({});
   }
-  Relaxed found = relax_dynamically(u, f, options, external, spent);
-  if (lambda && mixed_) *lambda = pressures_of_volumes(forces_, model_);
+  Relaxed found = relax_dynamically(u, f, options, spent);
+  if (lambda && mixed_) *lambda = pressures_of_volumes(system_);
   return found;
 }
 
-Relaxed Relaxation::from_near(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
-                              const Nodal& external) const {
+Relaxed Relaxation::from_near(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options) const {
   Nodal v = u;
   Eigen::VectorXd l = lambda;
-  Relaxed found = (*mixed_)(v, l, f, options, external, true);
+  Relaxed found = (*mixed_)(v, l, f, options, true);
   RelaxOptions rest = options;
   rest.evaluations -= found.evaluations;
   if (!found.converged && found.residual < near && rest.evaluations > 1) {
     const std::int64_t spent = found.evaluations;
-    found = give_way(v, l, f, rest, external);
+    found = give_way(v, l, f, rest);
     found.evaluations += spent;
   }
   if (found.converged) {
@@ -145,30 +141,17 @@ Relaxed Relaxation::from_near(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const
   return found;
 }
 
-Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
-                             const Nodal& external) const {
+Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options) const {
   const Index n = u.cols();
-  const bool loaded = external.cols() == n;
   Relaxed result;
   result.converged = false;
-  // The unbalanced force at u, once `f` is that there.
-  const auto unbalanced = [&](Nodal& force) {
-    double reactions = 0.0;
-    for (Index a = 0; a < n; ++a) {
-      Eigen::Vector4d all = f.col(a);
-      if (loaded) all -= external.col(a);
-      force.col(a) = constraints_.project(a, all);
-      reactions += 0.5 * (all - force.col(a)).norm() + (loaded ? external.col(a).norm() : 0.0);
-    }
-    return force.norm() / std::max(reactions, 1e-30);
-  };
   const Nodal start = u;
-  Nodal force = Nodal::Zero(4, n), force_before = force, moved = force;
+  Nodal force = Nodal::Zero(4, n), force_before = force, moved = force;  // unbalanced
   Eigen::VectorXd lambda_moved = Eigen::VectorXd::Zero(lambda.size());
-  forces_.hold_pressures(lambda.cwiseQuotient(model_.patches.volume));
-  result.sweep = forces_.internal_force(u, f);
+  system_.tissue().hold_pressures(lambda.cwiseQuotient(system_.model().patches.volume));
+  result.sweep = system_.force(u, f);
   ++result.evaluations;
-  result.residual = unbalanced(force_before);
+  result.residual = system_.balance(f, force_before).residual();
   double tried = result.residual;  // from which no equilibrium was reached
   double too_little = 0.0;         // viscosity
   MixedIteration::Viscosity viscosity{.share = first_share, .about = {}};
@@ -180,7 +163,7 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
         next, next_lambda, f,
         {.tolerance = std::clamp(0.2 * result.residual, 0.5 * options.tolerance, 10.0 * options.tolerance),
          .evaluations = std::min(evaluations_of_step, options.evaluations - result.evaluations)},
-        external, anew, nullptr, &viscosity);
+        anew, nullptr, &viscosity);
     result.evaluations += step.evaluations;
     if (!step.converged) {
       too_little = viscosity.share;
@@ -195,7 +178,7 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
     u = next;
     lambda = next_lambda;
     const double before = result.residual;
-    result.residual = unbalanced(force);
+    result.residual = system_.balance(f, force).residual();
     result.sweep = step.sweep;
     result.dissipated -= 0.5 * moved.cwiseProduct(force + force_before).sum();
     double curvature = 0.0;
@@ -217,7 +200,7 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
                     {.tolerance = options.tolerance,
                      .evaluations = std::min<std::int64_t>(2 * evaluations_of_step,
                                                            options.evaluations - result.evaluations)},
-                    external, true);
+                    true);
       result.evaluations += at_rest.evaluations;
       if (at_rest.converged) {
         u = end;
@@ -234,25 +217,28 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
   return result;
 }
 
-Relaxed Relaxation::relax_dynamically(Nodal& u, Nodal& f, const RelaxOptions& options, const Nodal& external,
+Relaxed Relaxation::relax_dynamically(Nodal& u, Nodal& f, const RelaxOptions& options,
                                       std::int64_t evaluations) const {
   const Index n = u.cols();
-  const bool loaded = external.cols() == n;
+  const Constraints& constraints = system_.held();
   if (mass_.size() == 0) {
-    mass_ = stiffness_row_sums(forces_.system(), model_);
+    mass_ = stiffness_row_sums(system_.tissue().system(), system_.model());
+    const StiffnessBound bound = system_.stiffness_bound();
+    mass_ += bound.node;
+    for (const StiffnessBound::Edge& edge : bound.edge) {
+      mass_[edge.a] += 2.0 * edge.weight;
+      mass_[edge.b] += 2.0 * edge.weight;
+    }
     const double floor = 1e-6 * mass_.maxCoeff();  // a node that no point sees well
     mass_ = mass_.cwiseMax(floor);
   }
   const Eigen::VectorXd inverse_mass = mass_.cwiseInverse();
   Relaxed result;
   result.evaluations = evaluations;
-  const auto free_force = [&](Index a) -> Eigen::Vector4d {
-    return constraints_.project(
-        a, loaded ? Eigen::Vector4d(f.col(a) - external.col(a)) : Eigen::Vector4d(f.col(a)));
-  };
+  const auto free_force = [&](Index a) -> Eigen::Vector4d { return constraints.project(a, f.col(a)); };
   const auto evaluate = [&] {
     stop_if_asked();
-    result.sweep = forces_.internal_force(u, f);
+    result.sweep = system_.force(u, f);
     ++result.evaluations;
   };
 
@@ -260,7 +246,7 @@ Relaxed Relaxation::relax_dynamically(Nodal& u, Nodal& f, const RelaxOptions& op
   double caution = 1.0;
   Nodal before = u, u_ref = u, f_ref = f;
   for (int attempt = 0;; ++attempt, caution *= 1.5) {
-    const StableStep stable = stable_time_step(forces_, model_, mass_, constraints_, u);
+    const StableStep stable = stable_time_step(system_, mass_, u);
     result.evaluations += stable.iterations + 1;
     const double dt = 0.85 * stable.dt / std::sqrt(caution);
     bool diverged = !(stable.dt > 0.0);
@@ -277,10 +263,10 @@ Relaxed Relaxation::relax_dynamically(Nodal& u, Nodal& f, const RelaxOptions& op
       const double K = 2.0 / (w * dt), r = (K - 1.0) / (K + 1.0), keep = r * r,
                    c = std::pow(0.5 * (1.0 + r) * dt, 2);
       for (Index a = 0; a < n; ++a) {
-        if (constraints_.is_held_wholly(a)) continue;
+        if (constraints.is_held_wholly(a)) continue;
         const Eigen::Vector4d now = u.col(a);
         u.col(a) +=
-            keep * constraints_.project(a, now - before.col(a)) - (c * inverse_mass[a]) * free_force(a);
+            keep * constraints.project(a, now - before.col(a)) - (c * inverse_mass[a]) * free_force(a);
         before.col(a) = now;
       }
       evaluate();
@@ -289,14 +275,13 @@ Relaxed Relaxation::relax_dynamically(Nodal& u, Nodal& f, const RelaxOptions& op
       double stiffness = 0.0, inertia = 0.0, unbalanced = 0.0, reactions = 0.0, work = 0.0;
       for (Index a = 0; a < n; ++a) {
         const Eigen::Vector4d free = free_force(a);
-        const Eigen::Vector4d du = constraints_.project(a, u.col(a) - u_ref.col(a));
+        const Eigen::Vector4d du = constraints.project(a, u.col(a) - u_ref.col(a));
         stiffness += du.dot(f.col(a) - f_ref.col(a));
         inertia += mass_[a] * du.squaredNorm();
         unbalanced += free.squaredNorm();
-        Eigen::Vector4d held = f.col(a) - free;
-        if (loaded) held -= external.col(a);
-        reactions += 0.5 * held.norm() + (loaded ? external.col(a).norm() : 0.0);
-        work += held.dot(u.col(a)) + (loaded ? external.col(a).dot(u.col(a)) : 0.0);
+        const Eigen::Vector4d held = f.col(a) - free;
+        reactions += 0.5 * held.norm() + system_.load_on(a);
+        work += held.dot(u.col(a)) - system_.load_times(u, a);
       }
       result.residual = std::sqrt(unbalanced) / std::max(reactions, 1e-30);
       diverged = !(result.residual < 1e3) || !std::isfinite(work);
@@ -313,7 +298,7 @@ Relaxed Relaxation::relax_dynamically(Nodal& u, Nodal& f, const RelaxOptions& op
         return result;
       work_before = work;
     }
-    if (attempt == 5 || result.evaluations >= options.evaluations) throw no_equilibrium(result, model_);
+    if (attempt == 5 || result.evaluations >= options.evaluations) throw no_equilibrium(result, system_.model());
     u = start;
   }
 }

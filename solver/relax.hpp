@@ -10,7 +10,7 @@ namespace dimple {
 /// in honey: viscous forces like those of the Laplacian A that the iteration knows how to invert slow it
 /// down,
 ///
-///     f(u+) + share A (u+ - u) = external,
+///     f(u+) + share A (u+ - u) = 0,
 ///
 /// each such step some ten evaluations, until it comes to rest. They make the nearby linear problem positive
 /// where the tangent is not, however fine the cloud. Body masses in their place take as many steps again, at
@@ -20,7 +20,7 @@ namespace dimple {
 /// body, with fictitious masses that give every node about the same stable step, is let vibrate and damped near
 /// critically, the damping following the lowest frequency met.
 ///
-///     u+ = u + r^2 (u - u-) - c M^-1 (f - external),
+///     u+ = u + r^2 (u - u-) - c M^-1 f,
 ///     r = (K - 1)/(K + 1),   K = 2/(w dt),   c = ((1 + r) dt/2)^2
 ///
 /// Source:   Papadrakakis 1981; Joldes, Wittek, Miller 2011.
@@ -28,30 +28,28 @@ namespace dimple {
 ///           change over the last iterations.
 class Relaxation {
  public:
-  Relaxation(ForceState& forces, const Model& model, const Constraints& constraints);
+  explicit Relaxation(System& system);
 
   /// u [N] m holds the prescribed values and a guess of the others; afterwards the equilibrium, and f [N] the
-  /// internal force there. `external` [N] N: dead loads, or empty. Throws SolveError where there is none to
-  /// be found; `limit-point`, where the tissue gave way and did not come to rest. `lambda` [patches]: if
-  /// given, a guess of what MixedIteration calls so; afterwards what was found.
+  /// force there. Throws SolveError where there is none to be found; `limit-point`, where the tissue gave way
+  /// and did not come to rest. `lambda` [patches]: if given, a guess of what MixedIteration calls so;
+  /// afterwards what was found.
   Relaxed operator()(ForceSystem::Nodal& u, ForceSystem::Nodal& f, const RelaxOptions& options = {},
-                     const ForceSystem::Nodal& external = {}, Eigen::VectorXd* lambda = nullptr) const;
+                     Eigen::VectorXd* lambda = nullptr) const;
   /// The same without the last resort, for a caller who can come nearer: not converged where there is none to
   /// be found, `u` and `lambda` then as they were. For models that MixedIteration serves.
   Relaxed from_near(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
-                    const RelaxOptions& options, const ForceSystem::Nodal& external = {}) const;
+                    const RelaxOptions& options) const;
   bool has_mixed() const { return mixed_ != nullptr; }
   MixedIteration& mixed() const { return *mixed_; }  ///< of models that it serves
 
  private:
   Relaxed give_way(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
-                   const RelaxOptions& options, const ForceSystem::Nodal& external) const;
+                   const RelaxOptions& options) const;
   Relaxed relax_dynamically(ForceSystem::Nodal& u, ForceSystem::Nodal& f, const RelaxOptions& options,
-                            const ForceSystem::Nodal& external, std::int64_t evaluations) const;
+                            std::int64_t evaluations) const;
 
-  ForceState& forces_;
-  const Model& model_;
-  const Constraints& constraints_;
+  System& system_;
   mutable Eigen::VectorXd mass_;  // made when relax_dynamically() is first needed
   mutable std::unique_ptr<MixedIteration> mixed_;
 };

@@ -41,27 +41,26 @@ struct Session::Parts {
   Parts(Model m, std::vector<Material> materials, const SessionOptions& o)
       : model(std::move(m)),
         options(o),
-        system(model, {std::move(materials), model.tissue}, options.precision),
-        state(system),
-        constraints(make_constraints(model, options.contact, options.further)),
-        relax(state, model, constraints),
-        u(Nodal::Zero(4, model.node_count())),
-        v(u),
-        f(u),
-        lambda(Eigen::VectorXd::Zero(model.patches.count())),
+        tissue(model, {std::move(materials), model.tissue}, options.precision),
+        system(make_system(tissue, model, options.contact, options.further, options.loads, options.tolerance)),
+        relax(*system),
+        u(system->at_rest().u),
+        v(Nodal::Zero(4, model.node_count())),
+        f(v),
+        lambda(system->at_rest().lambda),
         thick((model.X.transpose() * model.tool.push).maxCoeff() - model.tool.centre.dot(model.tool.push)) {
     path.push(0.0, u, lambda);
     known.apart = kept_apart * model.tool.radius;
     known.add({0.0, u, lambda, 0.0, 0.0});
-    left.force = u;
-    left.volume = lambda;
+    left.force = v;
+    left.volume = Eigen::VectorXd::Zero(lambda.size());
+    lie_at_rest();
   }
 
   Model model;
   SessionOptions options;
-  ForceSystem system;
-  ForceState state;
-  Constraints constraints;
+  ForceSystem tissue;
+  std::unique_ptr<System> system;
   Relaxation relax;
   Nodal u, v, f;
   Eigen::VectorXd lambda;
@@ -93,13 +92,24 @@ struct Session::Parts {
       path.extrapolate(to, u, lambda);
     else if (depth == 0.0)
       first_guess(model, way, u);
-    constraints.prescribe(u, to);
+    system->set({.depth = to}, u);
+  }
+
+  // With the tool lifted: undeformed, or as the loads have it.
+  void lie_at_rest() {
+    u = system->at_rest().u;
+    lambda = system->at_rest().lambda;
+    v.setZero(), f.setZero();
+    depth = 0.0;
+    system->set({});
+    if (!system->loaded()) return;
+    if (lambda.size() > 0) system->tissue().hold_pressures(lambda.cwiseQuotient(model.patches.volume));
+    system->force(u, f);
   }
 
   std::int64_t to_equilibrium(double to) {
-    if (to == 0.0 && !system.viscoelastic()) {  // rest: no reaction that a residual could be measured by
-      u.setZero(), v.setZero(), f.setZero(), lambda.setZero();
-      depth = 0.0;
+    if (to == 0.0 && !system->viscoelastic()) {  // rest: no reaction that a residual could be measured by
+      lie_at_rest();
       path.state.clear();
       path.push(0.0, u, lambda);
       return 0;
@@ -107,7 +117,7 @@ struct Session::Parts {
     look_ahead(to);
     const RelaxOptions how{.tolerance = options.tolerance};
     const Relaxed found =
-        relax.has_mixed() ? relax.from_near(u, lambda, f, how) : relax(u, f, how, {}, &lambda);
+        relax.has_mixed() ? relax.from_near(u, lambda, f, how) : relax(u, f, how, &lambda);
     if (!found.converged) throw no_equilibrium(found, model);
     depth = to;
     path.push(depth, u, lambda);
@@ -122,24 +132,24 @@ struct Session::Parts {
   // Where to look for the equilibrium at a depth.
   void guess(double to, Nodal& next, Eigen::VectorXd& l) const {
     if (known.state.size() < 2) {
-      next.setZero(4, model.node_count());
-      l.setZero(lambda.size());
+      next = system->at_rest().u;
+      l = system->at_rest().lambda;
       first_guess(model, to, next);
-    } else if (system.viscoelastic()) {  // its states are no curve
+    } else if (system->viscoelastic()) {  // its states are no curve
       const KnownStates::Slope slope = known.slope(depth);
       next = u + (to - depth) * slope.u;
       l = lambda + (to - depth) * slope.lambda;
     } else {
       known.guess(to, next, l);
     }
-    constraints.prescribe(next, to);
+    system->set({.depth = to}, next);
   }
 
   // The next place on the way: as near to what is known as can be trusted.
   double towards(double asked) const {
     if (known.state.size() < 2) return known.apart;
     const double way = caution * longest_way * model.tool.radius;
-    if (system.viscoelastic()) return std::clamp(asked, depth - way, depth + way);
+    if (system->viscoelastic()) return std::clamp(asked, depth - way, depth + way);
     return std::min(asked, known.deepest() + way);
   }
 
@@ -151,22 +161,23 @@ struct Session::Parts {
 
   // Elastic tissue under a bonded tool pushes back: a state in which it does not lies on another branch.
   bool pushes_back(const Nodal& force, const MixedIteration::Left& its, double at) const {
-    if (system.viscoelastic() || at <= 0.0) return true;
+    if (system->viscoelastic() || at <= 0.0) return true;
     const double raw = along_push(model, model.indenter, force);
     return raw > 0.0 && (known.state.size() < 2 || raw + correction_at(at, its) > 0.0);
   }
 
   bool good(const Relaxed& found, const Nodal& its, double at) const {
-    const double reach = system.viscoelastic() ? std::max(at, depth) : at;
+    const double reach = system->viscoelastic() ? std::max(at, depth) : at;
     return std::isfinite(found.residual) && found.residual < shown && found.sweep.ok() &&
            static_cast<double>(found.sweep.inverted) <= folded * static_cast<double>(model.point_count()) &&
-           its.colwise().norm().maxCoeff() < widest * reach;
+           (its - system->at_rest().u).colwise().norm().maxCoeff() < widest * reach;
   }
 
   LiveFrame felt(double asked, std::int64_t evaluations) const {
     LiveFrame frame{.asked = asked, .depth = depth, .residual = residual, .evaluations = evaluations};
     frame.force = along_push(model, model.indenter, f);
-    frame.on_tool = wrench_on_tool(model, constraints, u, f, depth);
+    system->set({.depth = depth});
+    frame.on_tool = system->on_tool(u, f);
     frame.per_force = per_force(frame);
     if (known.state.size() < 2) return frame;
     const double correction = correction_at(depth, left), stiffness = known.slope(depth).force;
@@ -189,9 +200,9 @@ struct Session::Parts {
   }
 
   void lift() {
-    u.setZero(), v.setZero(), f.setZero(), lambda.setZero();
+    lie_at_rest();
     left.force.setZero(), left.volume.setZero();
-    left.energy = residual = depth = 0.0;
+    left.energy = residual = 0.0;
     begun.reset();
   }
 
@@ -208,13 +219,13 @@ struct Session::Parts {
     LiveFrame::Tool tool = LiveFrame::Tool::there;
     Clock::duration iterating{};
     bool moved = false, back = false;
-    state.begin_step(dt);
+    system->begin_step(dt);
     v.setZero();
-    if (to_end == 0.0 && !system.viscoelastic()) lift();
+    if (to_end == 0.0 && !system->viscoelastic()) lift();
     Begun now;
     Nodal force(4, u.cols());
     MixedIteration::Left its_left;
-    while (to_end > 0.0 || system.viscoelastic()) {
+    while (to_end > 0.0 || system->viscoelastic()) {
       const Clock::time_point lap = timed ? Clock::now() : Clock::time_point();
       if (back) {
         const KnownStates::State& near = known.nearest(to_end);
@@ -245,7 +256,7 @@ struct Session::Parts {
         moved = true;
         caution = std::min(1.0, 1.3 * caution);
         const LiveFrame here = felt(asked, 0);
-        known.add({depth, u, lambda, system.viscoelastic() ? 0.0 : residual, here.force, here.per_force});
+        known.add({depth, u, lambda, system->viscoelastic() ? 0.0 : residual, here.force, here.per_force});
         if (arrives || back) break;
       } else if (back) {
         break;
@@ -253,7 +264,7 @@ struct Session::Parts {
         const bool nears =
             std::isfinite(found.residual) && (now.residual == 0.0 || found.residual < 0.7 * now.residual);
         // A tool that is lifted again must follow, by what is known if not by what lies between.
-        back = now.at < depth && !system.viscoelastic();
+        back = now.at < depth && !system->viscoelastic();
         if (back) {
           gradient_at = -1.0;
           how.evaluations = std::max<std::int64_t>(how.evaluations, 1);
@@ -274,7 +285,7 @@ struct Session::Parts {
       }
       if (time_is_up) break;
     }
-    if (system.viscoelastic() && moved) state.accept_step(u);
+    if (system->viscoelastic() && moved) system->accept_step(u);
     path.state.clear();
     path.push(depth, u, lambda);
     if (depth != to_end && tool == LiveFrame::Tool::there) tool = LiveFrame::Tool::lags;
@@ -287,7 +298,7 @@ struct Session::Parts {
 
   // The force at u, where it is one.
   void feel() {
-    const ForceSystem::Sweep sweep = state.internal_force(u, f);
+    const ForceSystem::Sweep sweep = system->force(u, f);
     if (sweep.ok() && sweep.J_min > 0.0) return;
     throw SolveError({.fact = text("det F is ", sweep.J_min, " at integration point ", sweep.point),
                       .where = text("Session::step, ", 1e3 * depth, " mm"),
@@ -303,13 +314,13 @@ struct Session::Parts {
     const Eigen::VectorXd lambda_before = lambda;
     const Path path_before = path;
     const double depth_before = depth;
-    const std::vector<double> past = state.past();
+    const std::vector<double> past = system->past();
     try {
       return move();
     } catch (...) {
       u = u_before, v = v_before, f = f_before, lambda = lambda_before, path = path_before;
       depth = depth_before;
-      state.restore_past(past);
+      system->restore_past(past);
       throw;
     }
   }
@@ -330,9 +341,9 @@ std::int64_t Session::equilibrate(double depth, double dt) {
     std::int64_t evaluations = 0;
     for (int k = 1; k <= ways; ++k) {
       stop_if_asked();
-      p.state.begin_step(dt / ways);
+      p.system->begin_step(dt / ways);
       evaluations += p.to_equilibrium(k == ways ? depth : from + (depth - from) * k / ways);
-      p.state.accept_step(p.u);
+      p.system->accept_step(p.u);
     }
     return evaluations;
   });
@@ -356,7 +367,7 @@ std::int64_t Session::step(double depth, double dt) {
   Parts& p = *parts_;
   if (!(dt > 0.0)) throw std::invalid_argument("Session::step: dt must be positive");
   return p.whole([&] {
-    const double stable = safety * stable_time_step(p.state, p.model, p.model.mass, p.constraints, p.u).dt;
+    const double stable = safety * stable_time_step(*p.system, p.model.mass, p.u).dt;
     const double needed = std::max(1.0, std::ceil(dt / stable));
     if (!(needed <= static_cast<double>(p.options.steps)))
       throw SolveError({.fact = text("a move of ", dt, " s takes ", needed, " stable steps"),
@@ -372,22 +383,23 @@ std::int64_t Session::step(double depth, double dt) {
     const Eigen::VectorXd inverse_mass = p.model.mass.cwiseInverse();
     for (std::int64_t s = 1; s <= steps; ++s) {
       stop_if_asked();
-      p.state.begin_step(h);
+      p.system->begin_step(h);
       p.feel();
-      p.state.accept_step(p.u);
+      p.system->accept_step(p.u);
       const double now = from + (depth - from) * static_cast<double>(s) / static_cast<double>(steps);
       for (Index a = 0; a < p.u.cols(); ++a) {
-        if (!p.constraints.is_held_wholly(a)) {
+        if (!p.system->held().is_held_wholly(a)) {
           p.v.col(a) -= p.f.col(a) * (h * inverse_mass[a]);
           p.u.col(a) += p.v.col(a) * h;
         }
-        p.constraints.speed(a, p.v.col(a), rate);
-        p.constraints.place(a, p.u.col(a), now);
+        p.system->held().speed(a, p.v.col(a), rate);
+        p.system->held().place(a, p.u.col(a), now);
       }
       p.depth = now;
+      p.system->set({.depth = now});
     }
     p.feel();
-    p.lambda = p.model.scheme.pressure_patches ? pressures_of_volumes(p.state, p.model) : p.lambda;
+    p.lambda = p.model.scheme.pressure_patches ? pressures_of_volumes(*p.system) : p.lambda;
     p.path.state.clear();  // an equilibrium is looked for from here on
     p.path.push(depth, p.u, p.lambda);
     return steps;
@@ -405,7 +417,8 @@ double Session::base_force() const {
 }
 Wrench Session::on_tool() const {
   const Parts& p = *parts_;
-  return wrench_on_tool(p.model, p.constraints, p.u, p.f, p.depth);
+  p.system->set({.depth = p.depth});
+  return p.system->on_tool(p.u, p.f);
 }
 Points Session::displacement() const {
   return parts_->u.topRows<3>();

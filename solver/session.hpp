@@ -5,6 +5,7 @@
 
 #include "solver/constraints.hpp"
 #include "solver/internal_force.hpp"
+#include "solver/loads.hpp"
 #include "solver/tool_force.hpp"
 
 namespace dimple {
@@ -15,6 +16,7 @@ struct SessionOptions {
   double tolerance = 1e-4;            ///< of an equilibrium: relative residual
   std::int64_t steps = 20000;         ///< of one step(), at most: the bound of its time
   std::vector<HeldSet> further = {};  ///< beside the circle and the base
+  Loads loads = {};                   ///< that act before the tool touches, and go on acting
 };
 
 /// What one frame may take: a time, or, for the same bits whatever the machine, evaluations of the force.

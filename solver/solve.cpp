@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "io/stop.hpp"
 #include "solver/explicit.hpp"
 #include "solver/implicit.hpp"
 #include "solver/quasi_static.hpp"
@@ -36,15 +37,22 @@ TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& 
   return model.scheme.pressure_patches && slow ? TimeMode::quasi_static : TimeMode::explicit_;
 }
 
-void solve(TimeMode mode, const ForceSystem& system, const Model& model, const Loading& loading,
+void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading,
            const SolverOptions& options, const Observer& observer, History& history, const State* from) {
+  std::unique_ptr<System> system;
+  try {
+    system = make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance);
+  } catch (const Stopped&) {
+    history.interrupted = true;
+    return;
+  }
   switch (mode) {
     case TimeMode::quasi_static:
-      return march_quasi_statically(system, model, loading, options, observer, history, from);
+      return march_quasi_statically(*system, loading, options, observer, history, from);
     case TimeMode::dynamic:
-      return march_implicitly(system, model, loading, options, observer, history, from);
+      return march_implicitly(*system, loading, options, observer, history, from);
     case TimeMode::explicit_:
-      return march_explicitly(system, model, loading, options, observer, history, from);
+      return march_explicitly(*system, loading, options, observer, history, from);
   }
 }
 

@@ -28,7 +28,7 @@ TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& 
 
 /// Marches from rest, or from where an earlier run of the same case stood, to the depth of the load.
 /// `history` receives the force curve as it goes. Throws SolveError: why it ended before.
-void solve(TimeMode mode, const ForceSystem& system, const Model& model, const Loading& loading,
+void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading,
            const SolverOptions& options, const Observer& observer, History& history,
            const State* from = nullptr);
 

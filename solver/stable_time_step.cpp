@@ -8,11 +8,12 @@
 
 namespace dimple {
 
-StableStep stable_time_step(ForceState& forces, const Model& model, const Eigen::VectorXd& mass,
-                            const Constraints& constraints, const ForceSystem::Nodal& u) {
+StableStep stable_time_step(System& system, const Eigen::VectorXd& mass, const ForceSystem::Nodal& u) {
+  const Model& model = system.model();
+  const Constraints& constraints = system.held();
   constexpr int most = 150, between_checks = 5;
   // m: how far nodes are moved for a difference; float kernels round displacements at a tenth of a nanometre.
-  const double nudge = forces.system().precision() == Precision::single_ ? 1e-6 : 1e-8;
+  const double nudge = system.tissue().system().precision() == Precision::single_ ? 1e-6 : 1e-8;
   const Index n = u.cols();
   const Eigen::RowVectorXd scale = mass.cwiseSqrt().cwiseInverse().transpose();
 
@@ -29,7 +30,7 @@ StableStep stable_time_step(ForceState& forces, const Model& model, const Eigen:
   StableStep result;
   if (!(q.norm() > 0.0)) return result;
   q /= q.norm();
-  forces.internal_force(u, f0);
+  system.force(u, f0);
 
   std::vector<double> alpha, beta;
   double omega2 = 0.0;
@@ -38,7 +39,7 @@ StableStep stable_time_step(ForceState& forces, const Model& model, const Eigen:
     ++result.iterations;
     w = q.array().rowwise() * scale.array();
     const double step = nudge / w.cwiseAbs().maxCoeff();
-    forces.internal_force(u + step * w, f);
+    system.force(u + step * w, f);
     for (Index a = 0; a < n; ++a)
       w.col(a) = constraints.project(a, (f.col(a) - f0.col(a)) * (scale[a] / step));
 

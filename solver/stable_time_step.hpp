@@ -1,6 +1,6 @@
 #pragma once
 
-#include "solver/internal_force.hpp"
+#include "solver/system.hpp"
 
 namespace dimple {
 
@@ -12,16 +12,14 @@ struct StableStep {
 };
 
 /// omega_max^2 is the largest eigenvalue of M^-1/2 K M^-1/2, K the tangent at u, found by the Lanczos
-/// iteration over what is not prescribed, with K w = (f(u + e w) - f(u)) / e from differences of the internal
-/// force.
+/// iteration over what is not prescribed, with K w = (f(u + e w) - f(u)) / e from differences of the force.
 ///
 /// The start is made of the push and of the directions from the tool: a turned model gives the same step.
 /// The remainder of the iteration is added to the eigenvalue, so that the step errs to the short side.
 /// Source:   Golub & Van Loan, Matrix Computations, section 10.1. The closed-form bound of Joldes et al. 2012
 /// is safe
 ///           too, but the step is then 3 to 6 times smaller.
-StableStep stable_time_step(ForceState& forces, const Model& model, const Eigen::VectorXd& mass,
-                            const Constraints& constraints, const ForceSystem::Nodal& u);
+StableStep stable_time_step(System& system, const Eigen::VectorXd& mass, const ForceSystem::Nodal& u);
 
 /// A load that lasts so many times as long as a shear wave's way through the body is slow: inertia plays no
 /// part.

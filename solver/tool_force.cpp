@@ -4,9 +4,9 @@
 
 namespace dimple {
 
-Wrench wrench_on_tool(const Model& model, const Constraints& constraints, const Nodal& u, const Nodal& f, double depth) {
+Wrench wrench_on_tool(const Model& model, const Constraints& constraints, const Nodal& u, const Nodal& f,
+                      const Vec3& reference) {
   Wrench sum = Wrench::Zero();
-  const Vec3 reference = model.tool.centre + depth * model.tool.push;
   for (const Index a : model.indenter) {
     const Vec3 holds = (f.col(a) - constraints.project(a, f.col(a))).head<3>();
     const Vec3 arm = model.X.col(a) + u.col(a).head<3>() - reference;

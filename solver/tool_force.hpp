@@ -9,8 +9,9 @@ namespace dimple {
 using Wrench = Eigen::Matrix<double, 6, 1>;
 
 /// The sum over the tool's nodes of what holds them, turned round. `u` [4xN] m: displacements; `f` [4xN] N: the internal
-/// force there; `depth` [m] of the tool. Where nodes slide across the push only what holds them along it counts.
-Wrench wrench_on_tool(const Model& model, const Constraints& constraints, const Nodal& u, const Nodal& f, double depth);
+/// force there; `reference` [m]: the point. Where nodes slide across the push only what holds them along it counts.
+Wrench wrench_on_tool(const Model& model, const Constraints& constraints, const Nodal& u, const Nodal& f,
+                      const Vec3& reference);
 
 /// The sum of the internal forces of some nodes along the push [N].
 double along_push(const Model& model, const std::vector<Index>& nodes, const Nodal& f);

@@ -3,11 +3,10 @@
 #include <chrono>
 #include <utility>
 
-#include "solver/explicit.hpp"
-#include "solver/quasi_static.hpp"
 #include "tests/bench/bench.hpp"
 #include "tests/bench/reference_force.hpp"
 #include "tests/bench/scene.hpp"
+#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -88,7 +87,7 @@ void quasi_static_depth(benchmark::State& state, int threads) {
   double evaluations = 0.0;
   for (auto _ : state) {
     History history;
-    march_quasi_statically(system, s.model, loading, options, {}, history);
+    solve(TimeMode::quasi_static, system, s.model, loading, options, {}, history);
     evaluations += static_cast<double>(history.steps);
   }
   state.counters["evaluations"] = benchmark::Counter(evaluations, benchmark::Counter::kAvgIterations);
@@ -113,7 +112,7 @@ void dynamic_step(benchmark::State& state, const std::string& scheme, int thread
       seconds = std::chrono::duration<double>(Clock::now() - start).count() / static_cast<double>(h.steps);
       return false;
     };
-    march_explicitly(system, s.model, loading_of(s.config), solver_options(s.config), observer, history);
+    solve(TimeMode::explicit_, system, s.model, loading_of(s.config), solver_options(s.config), observer, history);
     state.SetIterationTime(seconds);
   }
 }

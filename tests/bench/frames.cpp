@@ -16,8 +16,8 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "preprocess/build_model.hpp"
-#include "solver/quasi_static.hpp"
 #include "tests/helpers/random_bodies.hpp"
+#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -30,7 +30,7 @@ struct Marched {
 Marched march(const Model& model, const ForceSystem& system, double depth, int frames) {
   Marched marched;
   try {
-    march_quasi_statically(system, model, {.depth = depth}, {.frames = frames}, {}, marched.history);
+    solve(TimeMode::quasi_static, system, model, {.depth = depth}, {.frames = frames}, {}, marched.history);
   } catch (const SolveError& error) {
     marched.code = error.report.code;
   }

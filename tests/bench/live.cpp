@@ -37,6 +37,7 @@
 #include "solver/quasi_static.hpp"
 #include "solver/session.hpp"
 #include "tests/helpers/band_scenes.hpp"
+#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -210,9 +211,8 @@ struct Body {
   explicit Body(const Model& m)
       : model(m),
         system(model, {{brain}, model.tissue}, Precision::single_),
-        state(system),
-        constraints(make_constraints(model, Contact::bonded)),
-        mixed(state, model, constraints) {}
+        body(system, model, make_constraints(model, Contact::bonded)),
+        mixed(body) {}
   double along_push(const Nodal& f) const {
     double sum = 0.0;
     for (const Index a : model.indenter) sum += f.col(a).head<3>().dot(model.tool.push);
@@ -220,8 +220,7 @@ struct Body {
   }
   const Model& model;
   ForceSystem system;
-  ForceState state;
-  Constraints constraints;
+  System body;
   MixedIteration mixed;
 };
 
@@ -249,7 +248,7 @@ struct Plain : Body {
       v += share * (u - before);
       l += share * (lambda - lambda_before);
     }
-    constraints.prescribe(v, to);
+    body.set({.depth = to}, v);
     MixedIteration::Left left;
     const Relaxed found = mixed.within(v, l, f, {.evaluations = evaluations}, anew, left);
     if (to != depth) before = u, lambda_before = lambda, depth_before = depth;
@@ -280,7 +279,7 @@ struct Dynamic : Body {
     Nodal next = inertia.about;
     if (!begun && to > 0.0) first_guess(model, to, next), begun = true;
     if (!begun) return {};
-    constraints.prescribe(next, to);
+    body.held().prescribe(next, to);
     Eigen::VectorXd l = lambda;
     MixedIteration::Left left;
     const Relaxed found = mixed.within(next, l, f, {.evaluations = evaluations}, true, left, &inertia);
@@ -317,19 +316,19 @@ struct Reduced : Body {
   Eigen::MatrixXd basis, jacobian;
   Nodal f;
   double depth = 0.0;
-  Nodal state_of(double to, const Eigen::VectorXd& c) const {
+  Nodal state_of(double to, const Eigen::VectorXd& c) {
     const Eigen::VectorXd u = to * (mean + basis * c);
     Nodal v = Eigen::Map<const Nodal>(u.data(), 4, model.node_count());
-    constraints.prescribe(v, to);
+    body.set({.depth = to}, v);
     return v;
   }
   Eigen::VectorXd unbalanced(double to, const Eigen::VectorXd& c) {
-    state.internal_force(state_of(to, c), f);
+    body.force(state_of(to, c), f);
     return basis.transpose() * Eigen::Map<const Eigen::VectorXd>(f.data(), f.size());
   }
   LiveFrame follow(double to, std::int64_t evaluations) {
     if (to == 0.0) return {};
-    state.hold_pressures({});
+    body.tissue().hold_pressures({});
     std::int64_t spent = 1;
     Eigen::VectorXd r = unbalanced(to, a);
     if (jacobian.size() == 0 || std::abs(to - depth) > 0.25e-3) {  // as the tangent goes with the depth

@@ -29,8 +29,9 @@
 #include "io/file.hpp"
 #include "preprocess/clones.hpp"
 #include "preprocess/phantom.hpp"
-#include "solver/quasi_static.hpp"
 #include "tests/bench/scene.hpp"
+#include "tests/helpers/system.hpp"
+#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -250,7 +251,7 @@ double force(const Model& model, const Material& material) {
   const ForceSystem system(model, material);
   ForceState forces(system);
   History history;
-  march_quasi_statically(system, model, {.depth = 1e-3 * force_depth_mm},
+  solve(TimeMode::quasi_static, system, model, {.depth = 1e-3 * force_depth_mm},
                          {.frames = 1, .tolerance = 1e-3, .evaluations = 30000, .guards = false}, {},
                          history);
   return history.force.back().force;
@@ -272,7 +273,7 @@ void tetrahedra(const fs::path& folder) {
                          const std::function<void()>& call) {
       const double seconds = cost(call);
       const StableStep step =
-          stable_time_step(forces, model, model.mass, make_constraints(model, Contact::bonded),
+          testing_bodies::stable_step(forces.system(), model, model.mass, make_constraints(model, Contact::bonded),
                            Nodal::Zero(4, model.node_count()));
       const double whole = 8.0 / (0.9 * step.dt) * seconds;
       fmt::print(

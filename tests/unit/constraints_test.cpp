@@ -4,10 +4,8 @@
 
 #include <algorithm>
 
-#include "solver/explicit.hpp"
-#include "solver/implicit.hpp"
-#include "solver/quasi_static.hpp"
 #include "tests/helpers/block.hpp"
+#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -81,25 +79,22 @@ TEST(Constraints, ARetractorIsFollowedByEveryWayOfMarching) {
   ASSERT_GT(retractor.node.size(), 3u);
   const Loading alone{.depth = 1e-3, .rate = 1e-3}, held{.depth = 1e-3, .rate = 1e-3, .further = {retractor}};
   double still = 0.0;
-  using Marcher = void (*)(const ForceSystem&, const Model&, const Loading&, const SolverOptions&,
-                           const Observer&, History&, const State*);
-  for (const Marcher march :
-       {Marcher(march_quasi_statically), Marcher(march_implicitly), Marcher(march_explicitly)}) {
+  for (const TimeMode time : {TimeMode::quasi_static, TimeMode::dynamic, TimeMode::explicit_}) {
     History history, without;
     Nodal u;
     const Observer observer{.frame = [&](const Frame& frame) { u = frame.u; }, .sample = {}};
     const SolverOptions options{.damping = 20.0, .frames = 4};
-    march(system, model, held, options, observer, history, nullptr);
+    solve(time, system, model, held, options, observer, history);
     for (const Index a : retractor.node)
       EXPECT_LT((u.col(a) - Eigen::Vector4d(0.5e-3, 0, 0, 0)).norm(), 1e-12);
     const double force = history.force.back().force;
-    if (march == Marcher(march_quasi_statically)) still = force;
+    if (time == TimeMode::quasi_static) still = force;
     EXPECT_NEAR(force, still, 0.02 * still);
     // What retractor and tool have done is stored.
     EXPECT_NEAR(history.energy.back().external - history.energy.back().dissipated,
                 history.energy.back().stored, 0.03 * history.energy.back().stored);
-    if (march != Marcher(march_quasi_statically)) continue;
-    march(system, model, alone, options, {}, without, nullptr);
+    if (time != TimeMode::quasi_static) continue;
+    solve(time, system, model, alone, options, {}, without);
     EXPECT_GT(std::abs(without.force.back().force - force), 0.01 * force);
   }
 }

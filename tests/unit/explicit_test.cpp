@@ -1,4 +1,3 @@
-#include "solver/explicit.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,6 +6,7 @@
 
 #include "io/error.hpp"
 #include "tests/helpers/block.hpp"
+#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -35,7 +35,7 @@ TEST(Simulate, GivesAFrameAtTheStartAndAfterEverySegmentAndEndsAtTheDepthAskedFo
                                  },
                              .sample = {}};
   History history;
-  march_explicitly(system, model, short_push, {.frames = 5}, observer, history);
+  solve(TimeMode::explicit_, system, model, short_push, {.frames = 5}, observer, history);
   EXPECT_THAT(numbers, testing::ElementsAre(0, 1, 2, 3, 4, 5));
   for (std::size_t k = 0; k < depths.size(); ++k)
     EXPECT_NEAR(depths[k], 0.1e-3 * static_cast<double>(k), 1e-15);
@@ -52,7 +52,7 @@ TEST(Simulate, SamplesAtTheRateAskedFor) {
   const ForceSystem system(model, tissue);
   ForceState forces(system);
   History history;
-  march_explicitly(system, model, short_push, {.frames = 2, .sample_rate = 400.0, .energy_rate = 100.0}, {},
+  solve(TimeMode::explicit_, system, model, short_push, {.frames = 2, .sample_rate = 400.0, .energy_rate = 100.0}, {},
                    history);
   EXPECT_EQ(history.force.size(), 21u);  // 0.05 s: 0 ... 19 at the rate, and the end
   EXPECT_EQ(history.energy.size(), 6u);
@@ -75,7 +75,7 @@ TEST(Simulate, StopsWhenTheObserverSaysSoAndKeepsWhatThereIs) {
           },
       .sample = [](const ForceSample& sample, const History&) { return sample.t < 0.02; }};
   History history;
-  march_explicitly(system, model, short_push, {.frames = 5}, observer, history);
+  solve(TimeMode::explicit_, system, model, short_push, {.frames = 5}, observer, history);
   EXPECT_TRUE(history.interrupted);
   EXPECT_GT(last_frame, 0);
   EXPECT_EQ(last_t, history.force.back().t);
@@ -94,8 +94,8 @@ TEST(Simulate, GivesTheSameForceHoweverTheBodyLies) {
   turned.tool.push = R * model.tool.push;
   turned.dphi = R * model.dphi;
   History one, two;
-  march_explicitly(ForceSystem(model, tissue), model, short_push, {.frames = 2}, {}, one);
-  march_explicitly(ForceSystem(turned, tissue), turned, short_push, {.frames = 2}, {}, two);
+  solve(TimeMode::explicit_, ForceSystem(model, tissue), model, short_push, {.frames = 2}, {}, one);
+  solve(TimeMode::explicit_, ForceSystem(turned, tissue), turned, short_push, {.frames = 2}, {}, two);
   EXPECT_NEAR(one.force.back().force, two.force.back().force, 1e-6 * one.force.back().force);
 }
 
@@ -106,7 +106,7 @@ TEST(Simulate, NothingFreeToMoveIsRefused) {
     if (std::find(model.indenter.begin(), model.indenter.end(), a) == model.indenter.end())
       model.base.push_back(a);
   History history;
-  EXPECT_THROW(march_explicitly(ForceSystem(model, tissue), model, short_push, {.frames = 1}, {}, history),
+  EXPECT_THROW(solve(TimeMode::explicit_, ForceSystem(model, tissue), model, short_push, {.frames = 1}, {}, history),
                SolveError);
 }
 

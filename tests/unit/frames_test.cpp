@@ -7,6 +7,7 @@
 
 #include "solver/quasi_static.hpp"
 #include "tests/helpers/arch.hpp"
+#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -28,7 +29,7 @@ Seen march(const Model& model, const Tissues& tissues, double depth, const Solve
     seen.depth.push_back(now.depth);
     seen.force.push_back(force);
   }};
-  march_quasi_statically(system, model, {.depth = depth, .rate = 1e-3}, options, observer, seen.history);
+  solve(TimeMode::quasi_static, system, model, {.depth = depth, .rate = 1e-3}, options, observer, seen.history);
   return seen;
 }
 

@@ -8,10 +8,9 @@
 
 #include <limits>
 
-#include "solver/explicit.hpp"
-#include "solver/quasi_static.hpp"
 #include "solver/text.hpp"
 #include "tests/helpers/block.hpp"
+#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -121,10 +120,11 @@ class StateGuard : public testing::Test {
  protected:
   const Model model = averaged_block(5);
   const ForceSystem system{model, brain};
-  ForceState forces{system};
+  System body{system, model, {}};
+  ForceState& forces = body.tissue();
   const Moment now = {.t = 1.0, .depth = 2e-3};
   std::vector<Finding> findings;
-  Guards guards{forces, model, true, true, findings};
+  Guards guards{body, true, true, findings};
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
 };
 
@@ -172,12 +172,12 @@ TEST_F(StateGuard, SaysThatAFewPointsAreInsideOutAndStopsForMany) {
 TEST_F(StateGuard, OfThePapersSchemeStopsForOnePointInsideOut) {
   const Model paper = block(5);
   const ForceSystem plain(paper, tissue);
-  ForceState plain_forces(plain);
+  System plain_body(plain, paper, {});
   std::vector<Finding> none;
-  const Guards strict(plain_forces, paper, true, true, none);
+  const Guards strict(plain_body, true, true, none);
   Nodal v = Nodal::Zero(4, paper.node_count());
   v(2, paper.indenter.front()) = -3.0 * paper.spacing[0];
-  const Report report = report_of<SolveError>([&] { strict.check(plain_forces.stress_sweep(v), now); });
+  const Report report = report_of<SolveError>([&] { strict.check(plain_body.stress_sweep(v), now); });
   expect_whole(report, "inverted");
   EXPECT_THAT(report.where, HasSubstr("mm"));
 }
@@ -197,10 +197,10 @@ TEST_F(StateGuard, SeesNearlyIncompressibleTissueChangeItsVolume) {
   expect_whole(report_of<SolveError>([&] { guards.check_points(all, now); }), "volume");
 
   const ForceSystem sponge(model, neo_hookean(210.0, 0.3, 1000.0));  // may be pressed together
-  ForceState sponge_forces(sponge);
+  System sponge_body(sponge, model, {});
   std::vector<Finding> none;
-  Guards(sponge_forces, model, true, true, none)
-      .check_points(sponge_forces.stress_sweep(affine(model, 1.2 * Mat3::Identity())), now);
+  Guards(sponge_body, true, true, none)
+      .check_points(sponge_body.stress_sweep(affine(model, 1.2 * Mat3::Identity())), now);
   EXPECT_TRUE(none.empty());
 }
 
@@ -245,7 +245,7 @@ TEST_F(StateGuard, SeesAForceThatJumpsFromSampleToSample) {
   EXPECT_NEAR(found->worst, 0.084, 1e-9);
   EXPECT_THAT(found->report.fact, HasSubstr("by 8.40 % of the largest"));
   std::vector<Finding> none;
-  Guards(forces, model, false, true, none).check_smooth(force, 0.1, 2.0, now);  // a fast push may ring
+  Guards(body, false, true, none).check_smooth(force, 0.1, 2.0, now);  // a fast push may ring
   EXPECT_TRUE(none.empty());
 }
 
@@ -260,7 +260,7 @@ TEST_F(StateGuard, SeesABodyThatSwingsWhereTheAnswerShouldBeStatic) {
   EXPECT_NEAR(found->worst, 0.1, 1e-9);
   EXPECT_THAT(found->report.remedy, HasSubstr("--damping"));
   std::vector<Finding> none;
-  Guards(forces, model, false, true, none)
+  Guards(body, false, true, none)
       .check(vibrating, 1.1e-4, 2.0, true, now);  // a fast push may vibrate
   EXPECT_TRUE(none.empty());
 }
@@ -270,8 +270,9 @@ TEST_F(StateGuard, SeesABodyThatSwingsWhereTheAnswerShouldBeStatic) {
 TEST_F(StateGuard, SeesEnergyInModesThatMeanGradientsDoNotSee) {
   const Model lattice = averaged_block(5, 0.0, 1.0);
   const ForceSystem own(lattice, brain);
-  ForceState own_forces(own);
-  Guards watch(own_forces, lattice, true, true, findings);
+  System own_body(own, lattice, {});
+  ForceState& own_forces = own_body.tissue();
+  Guards watch(own_body, true, true, findings);
   double hourglass = 0.0,
          stored = own_forces.stored_energy(affine(lattice, 1.01 * Mat3::Identity()), &hourglass);
   EXPECT_LT(hourglass, 1e-6 * stored);  // no linear field has any
@@ -308,7 +309,7 @@ TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShort
   const ForceSystem system(model, tissue);
   ForceState forces(system);
   History undisturbed;
-  march_explicitly(system, model, push, {.damping = 60.0, .frames = 4}, {}, undisturbed);
+  solve(TimeMode::explicit_, system, model, push, {.damping = 60.0, .frames = 4}, {}, undisturbed);
   EXPECT_TRUE(undisturbed.retries.empty());
   for (const double safety : {1.05, 2.0}) {
     History history;
@@ -316,7 +317,7 @@ TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShort
     const Observer observer = {.frame = {}, .sample = {}, .retry = [&](const Retry&) {
                                  if (steps < 0) steps = history.steps;
                                }};
-    march_explicitly(system, model, push, {.safety = safety, .damping = 60.0, .frames = 4}, observer,
+    solve(TimeMode::explicit_, system, model, push, {.safety = safety, .damping = 60.0, .frames = 4}, observer,
                      history);
     ASSERT_FALSE(history.retries.empty()) << safety;
     EXPECT_LE(history.retries.size(), static_cast<std::size_t>(most_retries));
@@ -336,7 +337,7 @@ TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
   ForceState forces(system);
   const Loading deep = {.depth = 8e-3, .rate = 40e-3};
   History undisturbed;
-  march_explicitly(system, model, deep, {.safety = 0.3, .damping = 60.0, .frames = 2}, {}, undisturbed);
+  solve(TimeMode::explicit_, system, model, deep, {.safety = 0.3, .damping = 60.0, .frames = 2}, {}, undisturbed);
   ASSERT_TRUE(undisturbed.retries.empty());
   std::vector<History> histories;
   for (const std::size_t threads : {1, 2, 3}) {
@@ -345,7 +346,7 @@ TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
     std::vector<int> frames;
     const Observer observer = {
         .frame = [&](const Frame& frame) { frames.push_back(frame.number); }, .sample = {}, .retry = {}};
-    march_explicitly(system, model, deep, {.damping = 60.0, .frames = 2}, observer, history);
+    solve(TimeMode::explicit_, system, model, deep, {.damping = 60.0, .frames = 2}, observer, history);
     ASSERT_FALSE(history.retries.empty());
     EXPECT_THAT(history.retries.front().code,
                 testing::AnyOf("time-step", "energy", "inverted", "non-finite"));
@@ -371,7 +372,7 @@ TEST(Recovery, IsNotTriedForModesThatNothingResists) {
   ForceState forces(system);
   History history;
   const Report report = report_of<SolveError>([&] {
-    march_explicitly(system, model, {.depth = 12e-3, .rate = 40e-3}, {.damping = 60.0, .frames = 6}, {},
+    solve(TimeMode::explicit_, system, model, {.depth = 12e-3, .rate = 40e-3}, {.damping = 60.0, .frames = 6}, {},
                      history);
   });
   expect_whole(report, "hourglass");
@@ -386,7 +387,7 @@ TEST(Recovery, IsOfNoUseOnceTheToolHasPassedTheBody) {
   ForceState forces(system);
   History history;
   const Report report = report_of<SolveError>([&] {
-    march_explicitly(system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 4}, {},
+    solve(TimeMode::explicit_, system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 4}, {},
                      history);  // thrice its height
   });
   expect_whole(report, "inverted");
@@ -430,7 +431,7 @@ TEST(Recovery, EndsInAFailureThatSaysHowOftenItWasTried) {
                              .sample = {},
                              .retry = {}};
   const Report report = report_of<SolveError>([&] {
-    march_explicitly(system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 8}, observer,
+    solve(TimeMode::explicit_, system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 8}, observer,
                      history);  // thrice its height
   });
   EXPECT_THAT(report.code, testing::AnyOf("inverted", "time-step"));
@@ -448,7 +449,7 @@ TEST(Recovery, FindsAnEquilibriumByShorterStepsOfTheLoad) {
   ForceState forces(system);
   const Loading load = {.depth = 4e-3, .rate = 1e-3};
   History undisturbed;
-  march_quasi_statically(system, model, load, {.frames = 2}, {}, undisturbed);
+  solve(TimeMode::quasi_static, system, model, load, {.frames = 2}, {}, undisturbed);
   ASSERT_TRUE(undisturbed.retries.empty());
   // So few evaluations for each that the whole way is too long.
   std::int64_t enough = 20;
@@ -456,7 +457,7 @@ TEST(Recovery, FindsAnEquilibriumByShorterStepsOfTheLoad) {
   for (; enough < 200; ++enough) {
     history = {};
     try {
-      march_quasi_statically(system, model, load, {.frames = 2, .evaluations = enough}, {}, history);
+      solve(TimeMode::quasi_static, system, model, load, {.frames = 2, .evaluations = enough}, {}, history);
       break;
     } catch (const SolveError& error) {
       EXPECT_EQ(error.report.code, "no-equilibrium");
@@ -477,10 +478,10 @@ TEST(Guards, ChangeNoBitOfARunInWhichNoneFires) {
   const ForceSystem system(model, brain);
   ForceState forces(system);
   const Loading load = {.depth = 1e-3, .rate = 20e-3};
-  for (const auto& march : {&march_explicitly, &march_quasi_statically}) {
+  for (const TimeMode time : {TimeMode::explicit_, TimeMode::quasi_static}) {
     History with, without;
-    march(system, model, load, {.frames = 3}, {}, with, nullptr);
-    march(system, model, load, {.frames = 3, .guards = false}, {}, without, nullptr);
+    solve(time, system, model, load, {.frames = 3}, {}, with);
+    solve(time, system, model, load, {.frames = 3, .guards = false}, {}, without);
     EXPECT_TRUE(with.retries.empty());
     ASSERT_EQ(with.force.size(), without.force.size());
     for (std::size_t k = 0; k < with.force.size(); ++k)

@@ -5,10 +5,10 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "solver/explicit.hpp"
-#include "solver/implicit.hpp"
 #include "solver/quasi_static.hpp"
 #include "tests/helpers/arch.hpp"
+#include "tests/helpers/system.hpp"
+#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -23,7 +23,8 @@ TEST(Relaxation, EndsInEquilibriumWithWhatIsHeldInPlace) {
   const Constraints constraints = make_constraints(model, Contact::bonded);
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
   constraints.prescribe(u, 1e-3);
-  const Relaxed relaxed = Relaxation(forces, model, constraints)(u, f, {.tolerance = 1e-6});
+  System body(system, model, constraints);
+  const Relaxed relaxed = Relaxation(body)(u, f, {.tolerance = 1e-6});
   EXPECT_LT(relaxed.residual, 1e-6);
   double circle = 0.0, base = 0.0, unbalanced = 0.0;
   for (Index a = 0; a < model.node_count(); ++a) unbalanced += constraints.project(a, f.col(a)).squaredNorm();
@@ -45,9 +46,13 @@ TEST(Relaxation, OfADeadLoadHangsItOnTheBase) {
   const Constraints constraints(model.node_count(), {{.name = "base", .node = model.base}});
   Nodal u = Nodal::Zero(4, model.node_count()), f = u, weight = u;
   for (Index a = 0; a < model.node_count(); ++a) weight(2, a) = 0.05 * 9.81 * model.mass[a];
-  Relaxation(forces, model, constraints)(u, f, {.tolerance = 1e-6}, weight);
+  ForceTerms loads;
+  loads.push_back(dead_load(weight));
+  System body(system, model, constraints, std::move(loads));
+  Relaxation relax(body);
+  relax(u, f, {.tolerance = 1e-6});
   double base = 0.0;
-  for (const Index a : model.base) base += f(2, a) - weight(2, a);
+  for (const Index a : model.base) base += f(2, a);
   EXPECT_NEAR(base, -weight.row(2).sum(), 1e-4 * weight.row(2).sum());
   EXPECT_GT(u.row(2).maxCoeff(), 0.0);
 }
@@ -59,8 +64,10 @@ TEST(Relaxation, SaysWhereItGaveUp) {
   const Constraints constraints = make_constraints(model, Contact::bonded);
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
   constraints.prescribe(u, 1e-3);
+  System body(system, model, constraints);
   try {
-    Relaxation(forces, model, constraints)(u, f, {.tolerance = 1e-6, .evaluations = 5});
+    const Relaxation relax(body);
+    relax(u, f, {.tolerance = 1e-6, .evaluations = 5});
     FAIL() << "5 evaluations cannot be enough";
   } catch (const SolveError& error) {
     EXPECT_NE(error.report.fact.find("no equilibrium"), std::string::npos) << error.report.fact;
@@ -73,8 +80,8 @@ TEST(LoadSlowly, GivesTheForceThatSlowDampedMotionEndsIn) {
   ForceState forces(system);
   const Loading loading = {.depth = 1e-3, .rate = 1e-3};
   History still, moving;
-  march_quasi_statically(system, model, loading, {.frames = 2}, {}, still);
-  march_explicitly(system, model, loading, {.damping = 20.0, .frames = 2}, {}, moving);
+  solve(TimeMode::quasi_static, system, model, loading, {.frames = 2}, {}, still);
+  solve(TimeMode::explicit_, system, model, loading, {.damping = 20.0, .frames = 2}, {}, moving);
   ASSERT_EQ(still.force.back().depth, loading.depth);
   EXPECT_NEAR(still.force.back().force, moving.force.back().force, 0.01 * moving.force.back().force);
   EXPECT_NEAR(still.energy.back().external, still.energy.back().stored, 0.01 * still.energy.back().stored);
@@ -87,7 +94,7 @@ TEST(LoadSlowly, NeedsFewEvaluationsHoweverIncompressibleTheTissueIs) {
     const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0));
     ForceState forces(system);
     History history;
-    march_quasi_statically(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
+    solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
     EXPECT_LT(history.steps, 80) << "nu " << nu;
     EXPECT_LT(history.residual, 1e-4) << "nu " << nu;
   }
@@ -99,7 +106,7 @@ TEST(LoadSlowly, EndsWhereDynamicRelaxationDoes) {
   ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   History mixed;
-  march_quasi_statically(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 1, .tolerance = 1e-5}, {},
+  solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 1, .tolerance = 1e-5}, {},
                          mixed);
   // A model without averaged gradients is not served by the mixed iteration: the same
   // forces are taken from a second system.
@@ -107,7 +114,8 @@ TEST(LoadSlowly, EndsWhereDynamicRelaxationDoes) {
   plain.scheme.averaged_gradients = false;
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
   constraints.prescribe(u, 1e-3);
-  const Relaxed relaxed = Relaxation(forces, plain, constraints)(u, f, {.tolerance = 1e-5});
+  System body(system, plain, constraints);
+  const Relaxed relaxed = Relaxation(body)(u, f, {.tolerance = 1e-5});
   double force = 0.0;
   for (const Index a : model.indenter) force += f.col(a).dot(padded(model.tool.push));
   EXPECT_GT(relaxed.evaluations, 2 * mixed.steps);
@@ -121,7 +129,7 @@ TEST(LoadSlowly, SinglePrecisionFindsTheForceOfMovesOfTwoMicrometres) {
   for (const Precision precision : {Precision::double_, Precision::single_}) {
     const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0), precision);
     History history;
-    march_quasi_statically(system, model, {.depth = 1e-5, .rate = 1e-6}, {.frames = 5}, {}, history);
+    solve(TimeMode::quasi_static, system, model, {.depth = 1e-5, .rate = 1e-6}, {.frames = 5}, {}, history);
     EXPECT_LT(history.steps, 200);
     force.push_back(history.force.back().force);
   }
@@ -137,7 +145,7 @@ TEST(LoadSlowly, SinglePrecisionFindsTheForceOfLayersAThousandTimesAsStiff) {
       const ForceSystem system(
           model, {{stiff_below ? stiff : soft, stiff_below ? soft : stiff}, model.tissue}, precision);
       History history;
-      march_quasi_statically(system, model, {.depth = 1e-3, .rate = 1e-4}, {.frames = 2}, {}, history);
+      solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-4}, {.frames = 2}, {}, history);
       force.push_back(history.force.back().force);
     }
     EXPECT_NEAR(force[1], force[0], 1e-3 * force[0]);
@@ -152,7 +160,7 @@ TEST(LoadSlowly, GivesTheSameBitsForAnyNumberOfThreads) {
     const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0), Precision::single_);
     ForceState forces(system);
     History history;
-    march_quasi_statically(system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
+    solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
     force.push_back(history.force.back().force);
   }
   EXPECT_EQ(force[0], force[1]);
@@ -168,8 +176,8 @@ TEST(ImplicitSteps, FollowASlowLoadThroughItsEquilibria) {
     Loading mine = loading;
     mine.contact = contact;
     History still, moving;
-    march_quasi_statically(system, model, mine, {.frames = 2}, {}, still);
-    march_implicitly(system, model, mine, {.frames = 2}, {}, moving);
+    solve(TimeMode::quasi_static, system, model, mine, {.frames = 2}, {}, still);
+    solve(TimeMode::dynamic, system, model, mine, {.frames = 2}, {}, moving);
     EXPECT_NEAR(moving.force.back().force, still.force.back().force, 5e-3 * still.force.back().force);
     EXPECT_NEAR(moving.energy.back().error(), 0.0, 5e-3 * moving.energy.back().external);
   }
@@ -182,8 +190,8 @@ TEST(ImplicitSteps, SwingAsCentralDifferencesDo) {
   ForceState forces(system);
   const Loading loading = {.depth = 1e-3, .rate = 4e-3};
   History small, large;
-  march_explicitly(system, model, loading, {.frames = 2}, {}, small);
-  march_implicitly(system, model, loading, {.frames = 64}, {}, large);
+  solve(TimeMode::explicit_, system, model, loading, {.frames = 2}, {}, small);
+  solve(TimeMode::dynamic, system, model, loading, {.frames = 64}, {}, large);
   EXPECT_NEAR(large.force.back().force, small.force.back().force, 0.03 * small.force.back().force);
 }
 
@@ -194,8 +202,8 @@ TEST(ImplicitSteps, WithoutAnEndAreMarchedThroughByCentralDifferences) {
   ForceState forces(system);
   const Loading loading = {.depth = 1e-3, .rate = 4e-3};
   History small, marched;
-  march_explicitly(system, model, loading, {.frames = 2}, {}, small);
-  march_implicitly(system, model, loading, {.frames = 2, .evaluations = 1}, {}, marched);
+  solve(TimeMode::explicit_, system, model, loading, {.frames = 2}, {}, small);
+  solve(TimeMode::dynamic, system, model, loading, {.frames = 2, .evaluations = 1}, {}, marched);
   EXPECT_NEAR(marched.force.back().force, small.force.back().force, 2e-3 * small.force.back().force);
   EXPECT_NEAR(marched.energy.back().error(), 0.0, 1e-3 * marched.energy.back().external);
 }
@@ -211,8 +219,8 @@ TEST(LoadSlowly, LetsAViscoelasticBlockRelax) {
   ForceState relaxing_forces(relaxing);
   const Loading slow = {.depth = 0.5e-3, .rate = 1e-4};  // thousands of relaxation times
   History a, b;
-  march_quasi_statically(elastic, model, slow, {.frames = 2}, {}, a);
-  march_quasi_statically(relaxing, model, slow, {.frames = 2}, {}, b);
+  solve(TimeMode::quasi_static, elastic, model, slow, {.frames = 2}, {}, a);
+  solve(TimeMode::quasi_static, relaxing, model, slow, {.frames = 2}, {}, b);
   EXPECT_NEAR(b.force.back().force, 0.5 * a.force.back().force, 0.02 * a.force.back().force);
 }
 
@@ -234,14 +242,14 @@ TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
   History moving;
   // Damped, so that what vibrates after the snap has come to rest at the end; the drag itself is 1e-3 of the
   // force.
-  march_implicitly(system, model, loading, {.damping = 5.0, .frames = 14}, {}, moving);
+  solve(TimeMode::dynamic, system, model, loading, {.damping = 5.0, .frames = 14}, {}, moving);
   const double end = moving.force.back().force;
   double largest = 0.0;
   for (const ForceSample& sample : moving.force) largest = std::max(largest, sample.force);
   for (const int frames : {7, 14, 28}) {
     SCOPED_TRACE(frames);
     History history;
-    march_quasi_statically(system, model, loading, {.frames = frames}, {}, history);
+    solve(TimeMode::quasi_static, system, model, loading, {.frames = frames}, {}, history);
     EXPECT_NEAR(history.force.back().force, end, 0.01 * largest);
     EXPECT_LT(history.steps, 36 * steps_of_load(model, loading, {}));
     EXPECT_LT(history.residual, 1e-4);
@@ -259,7 +267,7 @@ TEST(LoadSlowly, FindsNoLimitPointWhereThereIsNone) {
   const ForceSystem system(model, stiff_arch_soft_pad(model));
   ForceState forces(system);
   History history;
-  march_quasi_statically(system, model, {.depth = 11.5e-3, .rate = 1e-3}, {.frames = 23}, {}, history);
+  solve(TimeMode::quasi_static, system, model, {.depth = 11.5e-3, .rate = 1e-3}, {.frames = 23}, {}, history);
   EXPECT_EQ(with_code(history, "limit-point"), nullptr) << "the force falls, but the path goes on";
   EXPECT_EQ(history.energy.back().dissipated, 0.0);
 }
@@ -273,7 +281,7 @@ TEST(LoadSlowly, EndsWithinItsBoundWhereItGetsNoFurther) {
   const SolverOptions options = {.frames = 14, .evaluations = 150};
   History history;
   try {
-    march_quasi_statically(system, model, loading, options, {}, history);
+    solve(TimeMode::quasi_static, system, model, loading, options, {}, history);
     FAIL() << "the snap takes more than 150 evaluations";
   } catch (const SolveError& error) {
     EXPECT_EQ(error.report.code, "limit-point") << error.report.fact;
@@ -292,7 +300,7 @@ TEST(LoadSlowly, EndsWithinItsBoundWhereOneLayerIsAThousandTimesStifferThanTheOt
         Tissues{{neo_hookean(1000.0 / soft, 0.499, 1000.0), neo_hookean(soft, 0.499, 1000.0)}, model.label});
     ForceState forces(system);
     History history;
-    march_quasi_statically(system, model, {.depth = 4e-3, .rate = 1e-3}, {.frames = 8}, {}, history);
+    solve(TimeMode::quasi_static, system, model, {.depth = 4e-3, .rate = 1e-3}, {.frames = 8}, {}, history);
     EXPECT_LT(history.steps, 1000) << soft;
   }
 }
@@ -302,7 +310,7 @@ TEST(EveryMarch, AskedToStopKeepsWhatItHas) {
   const Model model = averaged_block(4);
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
   ForceState forces(system);
-  for (const auto march : {march_quasi_statically, march_implicitly, march_explicitly}) {
+  for (const TimeMode time : {TimeMode::quasi_static, TimeMode::dynamic, TimeMode::explicit_}) {
     for (const std::size_t after : {0, 3}) {
       forget_stop();
       if (after == 0) ask_to_stop(StopReason::interrupted);
@@ -313,7 +321,7 @@ TEST(EveryMarch, AskedToStopKeepsWhatItHas) {
                                  }};
       History history;
       EXPECT_NO_THROW(
-          march(system, model, {.depth = 2e-3, .rate = 4e-3}, {.frames = 8}, observer, history, nullptr));
+          solve(time, system, model, {.depth = 2e-3, .rate = 4e-3}, {.frames = 8}, observer, history));
       EXPECT_TRUE(history.interrupted);
       EXPECT_EQ(stop_asked(), after == 0 ? StopReason::interrupted : StopReason::out_of_time);
       EXPECT_LE(history.force.size(), after + 1);
@@ -333,7 +341,7 @@ TEST(StiffnessRowSums, BoundTheStiffnessFromAbove) {
   ForceState forces(system);
   const Eigen::VectorXd mass = stiffness_row_sums(system, model);
   EXPECT_GT(mass.minCoeff(), 0.0);
-  EXPECT_GT(stable_time_step(forces, model, mass, make_constraints(model, Contact::bonded),
+  EXPECT_GT(testing_bodies::stable_step(forces.system(), model, mass, make_constraints(model, Contact::bonded),
                              Nodal::Zero(4, model.node_count()))
                 .dt,
             2.0);

@@ -4,18 +4,14 @@
 
 #include <cstring>
 
-#include "solver/explicit.hpp"
-#include "solver/implicit.hpp"
-#include "solver/quasi_static.hpp"
 #include "tests/helpers/arch.hpp"
+#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
 
 using namespace testing_bodies;
 using Nodal = ForceSystem::Nodal;
-using March = void (*)(const ForceSystem&, const Model&, const Loading&, const SolverOptions&,
-                       const Observer&, History&, const State*);
 
 struct Kept {
   int number;
@@ -29,7 +25,7 @@ struct Result {
 };
 
 /// `every`: how many steps lie between two states that are kept; 0: none is asked for.
-Result march(March by, const Model& model, const Tissues& tissues, Precision precision,
+Result march(TimeMode by, const Model& model, const Tissues& tissues, Precision precision,
              const Loading& loading, const SolverOptions& options, int every, const State* from = nullptr) {
   const ForceSystem system(model, tissues, precision);
   ForceState forces(system);
@@ -44,7 +40,7 @@ Result march(March by, const Model& model, const Tissues& tissues, Precision pre
     observer.between_steps = [&](const std::function<State()>& state) {
       if (steps++ % every == 0) result.state.emplace_back(state(), result.frame.size());
     };
-  by(system, model, loading, options, observer, result.history, from);
+  solve(by, system, model, loading, options, observer, result.history, from);
   return result;
 }
 
@@ -74,7 +70,7 @@ void expect_same_end(const Result& whole, const Result& rest, std::size_t frames
   }
 }
 
-History expect_restarts(March by, const Model& model, const Tissues& tissues, const Loading& loading,
+History expect_restarts(TimeMode by, const Model& model, const Tissues& tissues, const Loading& loading,
                         const SolverOptions& options, int every = 1,
                         Precision precision = Precision::single_) {
   const Result alone = march(by, model, tissues, precision, loading, options, 0);
@@ -98,9 +94,9 @@ const Material relaxing = material_preset("miller_chinzei_2002");
 TEST(Restart, OfEquilibriumAtEachDepth) {
   const Model model = averaged_block(5);
   const Loading loading{.depth = 4e-3, .rate = 1e-3};
-  expect_restarts(march_quasi_statically, model, one(plain, model), loading, {.frames = 6});
-  expect_restarts(march_quasi_statically, model, one(relaxing, model), loading, {.frames = 6});
-  expect_restarts(march_quasi_statically, model, one(plain, model),
+  expect_restarts(TimeMode::quasi_static, model, one(plain, model), loading, {.frames = 6});
+  expect_restarts(TimeMode::quasi_static, model, one(relaxing, model), loading, {.frames = 6});
+  expect_restarts(TimeMode::quasi_static, model, one(plain, model),
                   {.depth = 4e-3, .rate = 1e-3, .contact = Contact::frictionless}, {.frames = 6}, 1,
                   Precision::double_);
 }
@@ -109,7 +105,7 @@ TEST(Restart, OfEquilibriumBeforeAndAfterTheTissueGaveWay) {
   const Model model = arch_under_a_pad();
   const Tissues tissues{{neo_hookean(2000.0, 0.45, 1000.0), neo_hookean(120.0, 0.45, 1000.0)}, model.label};
   const History history =
-      expect_restarts(march_quasi_statically, model, tissues, {.depth = 14e-3, .rate = 1e-3}, {.frames = 7},
+      expect_restarts(TimeMode::quasi_static, model, tissues, {.depth = 14e-3, .rate = 1e-3}, {.frames = 7},
                       2, Precision::double_);
   ASSERT_FALSE(history.guards.empty());
   EXPECT_EQ(history.guards.back().report.code, "limit-point");
@@ -117,18 +113,18 @@ TEST(Restart, OfEquilibriumBeforeAndAfterTheTissueGaveWay) {
 
 TEST(Restart, OfEquilibriumOfThePapersSchemeAtEachDepth) {
   const Model model = block(4);
-  expect_restarts(march_quasi_statically, model, one(plain, model), {.depth = 1e-3, .rate = 1e-3},
+  expect_restarts(TimeMode::quasi_static, model, one(plain, model), {.depth = 1e-3, .rate = 1e-3},
                   {.frames = 5, .step_radii = 0.05, .tolerance = 1e-3, .guards = false});  // so coarse a cloud is refused
 }
 
 TEST(Restart, OfImplicitSteps) {
   const Model model = averaged_block(4);
   const Loading loading{.depth = 4e-3, .rate = 4e-3};
-  expect_restarts(march_implicitly, model, one(plain, model), loading, {.frames = 3}, 7);
-  expect_restarts(march_implicitly, model, one(relaxing, model), loading, {.damping = 3.0, .frames = 3}, 11);
+  expect_restarts(TimeMode::dynamic, model, one(plain, model), loading, {.frames = 3}, 7);
+  expect_restarts(TimeMode::dynamic, model, one(relaxing, model), loading, {.damping = 3.0, .frames = 3}, 11);
   const Model two = averaged_block(4, 0.2, 1.8, [](const Vec3& x) { return x.z() > 10e-3 ? 1 : 0; });
   const Tissues tissues{{relaxing, plain}, two.label};
-  expect_restarts(march_implicitly, two, tissues,
+  expect_restarts(TimeMode::dynamic, two, tissues,
                   {.depth = 4e-3, .rate = 4e-3, .contact = Contact::frictionless}, {.frames = 3}, 13,
                   Precision::double_);
 }
@@ -136,7 +132,7 @@ TEST(Restart, OfImplicitSteps) {
 TEST(Restart, OfStretchesThatNoImplicitStepCouldEnd) {
   // So few evaluations for a step that some do not converge.
   const Model model = averaged_block(5);
-  const History history = expect_restarts(march_implicitly, model, one(plain, model),
+  const History history = expect_restarts(TimeMode::dynamic, model, one(plain, model),
                                           {.depth = 6e-3, .rate = 20e-3}, {.frames = 3, .evaluations = 6}, 3);
   EXPECT_FALSE(history.retries.empty());
 }
@@ -144,10 +140,10 @@ TEST(Restart, OfStretchesThatNoImplicitStepCouldEnd) {
 TEST(Restart, OfEveryWave) {
   const Model paper = block(4);
   const Loading loading{.depth = 0.4e-3, .rate = 20e-3};
-  expect_restarts(march_explicitly, paper, one(plain, paper), loading, {.damping = 5.0, .frames = 5});
+  expect_restarts(TimeMode::explicit_, paper, one(plain, paper), loading, {.damping = 5.0, .frames = 5});
   const Model model = averaged_block(4);
-  expect_restarts(march_explicitly, model, one(plain, model), loading, {.frames = 4, .sample_rate = 2000.0});
-  expect_restarts(march_explicitly, model, one(relaxing, model), loading, {.frames = 4}, 1,
+  expect_restarts(TimeMode::explicit_, model, one(plain, model), loading, {.frames = 4, .sample_rate = 2000.0});
+  expect_restarts(TimeMode::explicit_, model, one(relaxing, model), loading, {.frames = 4}, 1,
                   Precision::double_);
 }
 

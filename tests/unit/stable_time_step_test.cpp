@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/helpers/block.hpp"
+#include "tests/helpers/system.hpp"
 
 namespace dimple {
 namespace {
@@ -15,7 +16,7 @@ const Material tissue = neo_hookean(210.0, 0.49, 1000.0);
 StableStep step_of(const Model& model, const Material& material) {
   const ForceSystem system(model, material);
   ForceState forces(system);
-  return stable_time_step(forces, model, model.mass, make_constraints(model, Contact::bonded),
+  return testing_bodies::stable_step(forces.system(), model, model.mass, make_constraints(model, Contact::bonded),
                           Nodal::Zero(4, model.node_count()));
 }
 
@@ -52,7 +53,7 @@ TEST(StableTimeStep, IsZeroWhereNothingCanMove) {
   HeldSet all{.name = "all", .node = {}};
   for (Index a = 0; a < model.node_count(); ++a) all.node.push_back(a);
   const Constraints constraints(model.node_count(), {all});
-  EXPECT_EQ(stable_time_step(forces, model, model.mass, constraints, Nodal::Zero(4, model.node_count())).dt,
+  EXPECT_EQ(testing_bodies::stable_step(forces.system(), model, model.mass, constraints, Nodal::Zero(4, model.node_count())).dt,
             0.0);
 }
 
@@ -62,8 +63,8 @@ TEST(StableTimeStep, ShrinksWhereTheTissueIsPressedTogether) {
   ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   const double at_rest =
-      stable_time_step(forces, model, model.mass, constraints, Nodal::Zero(4, model.node_count())).dt;
-  const double pressed = stable_time_step(forces, model, model.mass, constraints,
+      testing_bodies::stable_step(forces.system(), model, model.mass, constraints, Nodal::Zero(4, model.node_count())).dt;
+  const double pressed = testing_bodies::stable_step(forces.system(), model, model.mass, constraints,
                                           affine(model, Vec3(1.29, 1.29, 0.6).asDiagonal()))
                              .dt;
   EXPECT_LT(pressed, 0.9 * at_rest);

@@ -12,7 +12,6 @@
 #include "io/vtk_files.hpp"
 #include "preprocess/phantom.hpp"
 #include "preprocess/shapes.hpp"
-#include "solver/quasi_static.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
 #include "tests/helpers/folder.hpp"
@@ -190,7 +189,7 @@ Pressed pressed(double cylinder_mm, double height_mm) {
   ResultWriter writer(folder, model, {.nodes = true, .points = true, .surface = false, .picture = false});
   Observer observer;
   observer.frame = [&](const Frame& frame) { writer.frame(frame); };
-  march_quasi_statically(system, model, {.depth = 1e-3 * depth_mm, .contact = Contact::frictionless},
+  solve(TimeMode::quasi_static, system, model, {.depth = 1e-3 * depth_mm, .contact = Contact::frictionless},
                          {.frames = 1}, observer, history);
   writer.finish_frames();
   return {read_vtu(folder / "points" / "points_0001.vtu"), read_vtu(folder / "nodes" / "nodes_0001.vtu"),

@@ -7,8 +7,9 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
-#include "solver/explicit.hpp"
 #include "tests/helpers/block.hpp"
+#include "tests/helpers/system.hpp"
+#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -204,7 +205,7 @@ TEST(Verification, ABlockPressedBetweenFacesFindsTheHomogeneousStateByItself) {
     if (held[a]) faces.node.push_back(static_cast<Index>(a));
   const Constraints constraints(model.node_count(), {faces});
   const ForceSystem::Nodal rest = ForceSystem::Nodal::Zero(4, model.node_count());
-  const double dt = 0.5 * stable_time_step(forces, model, model.mass, constraints, rest).dt;
+  const double dt = 0.5 * testing_bodies::stable_step(forces.system(), model, model.mass, constraints, rest).dt;
   ForceSystem::Nodal u = goal, v = rest, f = rest;
   for (Index a = 0; a < u.cols(); ++a)
     if (!held[static_cast<std::size_t>(a)]) u.col(a) *= 0.9;  // not the answer
@@ -227,7 +228,7 @@ History indent(const Model& model, const Loading& loading, const SolverOptions& 
   const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0));
   ForceState forces(system);
   History history;
-  march_explicitly(system, model, loading, options, {}, history);
+  solve(TimeMode::explicit_, system, model, loading, options, {}, history);
   return history;
 }
 
@@ -260,7 +261,7 @@ TEST(Verification, ToolAndBaseGiveTheTissueTheMotionThatItHas) {
                                  },
                              .sample = {}};
   History history;
-  march_explicitly(system, model, {.depth = 2e-3, .rate = 10e-3}, {.frames = 1, .sample_rate = 1e9}, observer,
+  solve(TimeMode::explicit_, system, model, {.depth = 2e-3, .rate = 10e-3}, {.frames = 1, .sample_rate = 1e9}, observer,
                    history);
   double momentum = 0.0, way = 0.0;
   ASSERT_EQ(history.force.size(), static_cast<std::size_t>(history.steps) + 1);
@@ -323,7 +324,7 @@ TEST(Verification, AFrictionlessCircleFeelsNoSidewaysForceOnceItHasSettled) {
                                    }
                                  },
                              .sample = {}};
-  march_explicitly(system, model, {.depth = 1e-3, .rate = 1e-3, .contact = Contact::frictionless},
+  solve(TimeMode::explicit_, system, model, {.depth = 1e-3, .rate = 1e-3, .contact = Contact::frictionless},
                    {.damping = 40.0, .frames = 2}, observer, history);
   EXPECT_GT(along, 0.0);
   EXPECT_LT(sideways, 0.01 * along);
@@ -354,7 +355,7 @@ TEST(Verification, TheStableStepIsTheOneOfTheHighestFrequency) {
     }
   const double omega2 =
       Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(0.5 * (K + K.transpose())).eigenvalues().maxCoeff();
-  const StableStep step = stable_time_step(forces, model, model.mass, constraints, rest);
+  const StableStep step = testing_bodies::stable_step(forces.system(), model, model.mass, constraints, rest);
   EXPECT_TRUE(step.converged);
   EXPECT_NEAR(step.dt, 2.0 / std::sqrt(omega2), 2e-3 * step.dt);
   EXPECT_LE(step.dt, 2.0 / std::sqrt(omega2) * (1.0 + 1e-6));

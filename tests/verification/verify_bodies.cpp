@@ -177,6 +177,19 @@ Lattice box_lattice(const Vec3& size, int intervals, double jitter) {
           .tissue = {}};
 }
 
+// Dead loads that are not proportional to their share.
+class ShareOfLoad : public ForceTerm {
+ public:
+  explicit ShareOfLoad(std::function<Points(double)> force) : force_(std::move(force)) {}
+  void add_force(const Nodal&, const Instant& now, Nodal& f) override { f.topRows<3>() -= force_(now.share); }
+  double energy(const Nodal& u, const Instant& now) override {
+    return -force_(now.share).cwiseProduct(u.topRows<3>()).sum();
+  }
+
+ private:
+  std::function<Points(double)> force_;
+};
+
 Statics::Statics(LatticeBody body, std::vector<HeldSet> held, std::vector<Material> material)
     : body_(std::move(body)), constraints_(body_.places.node_count(), std::move(held)) {
   for (Index a = 0; a < body_.places.node_count(); ++a)
@@ -189,17 +202,20 @@ Statics::Statics(LatticeBody body, std::vector<HeldSet> held, std::vector<Materi
 
 Equilibrium Statics::solve(const Load& load, int steps, double tolerance) const {
   const Index n = model().node_count();
-  ForceState forces(*system_);
-  const Relaxation relax(forces, model(), constraints_);
+  ForceTerms loads;
+  if (load.force) loads.push_back(std::make_unique<ShareOfLoad>(load.force));
+  System body(*system_, model(), constraints_, std::move(loads));
+  const Relaxation relax(body);
   Equilibrium result{guess * to_nodal(load.displacement(1.0 / steps)), Nodal::Zero(4, n)};
   for (int step = 1; step <= steps; ++step) {
     const double share = static_cast<double>(step) / steps;
     if (step > 1) result.u *= static_cast<double>(step) / (step - 1);
     const Nodal wanted = to_nodal(load.displacement(share));
     constraints_.take_held(result.u, wanted);
-    relax(result.u, result.f, {.tolerance = tolerance, .evaluations = 60000},
-          load.force ? to_nodal(load.force(share)) : Nodal());
+    body.set({.share = share});
+    relax(result.u, result.f, {.tolerance = tolerance, .evaluations = 60000});
   }
+  body.tissue().internal_force(result.u, result.f);
   return result;
 }
 

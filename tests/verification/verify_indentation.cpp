@@ -13,8 +13,8 @@
 #include "apps/studies/scenes.hpp"
 #include "io/stop.hpp"
 #include "preprocess/shapes.hpp"
-#include "solver/quasi_static.hpp"
 #include "tests/verification/verify_bodies.hpp"
+#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -32,7 +32,7 @@ class Indentation {
   std::vector<double> forces(const Material& material, double depth_mm, int count, Contact contact) const {
     const ForceSystem system(model_, Tissues{{material}, model_.tissue}, Precision::single_);
     History history;
-    march_quasi_statically(system, model_, {.depth = 1e-3 * depth_mm, .contact = contact}, {.frames = count},
+    solve(TimeMode::quasi_static, system, model_, {.depth = 1e-3 * depth_mm, .contact = contact}, {.frames = count},
                            {}, history);
     if (history.interrupted) throw Stopped(stop_asked());
     std::vector<double> depths;

@@ -349,8 +349,8 @@ void verify_viscoelastic(Rows& rows, Index) {
   constexpr double gamma = 0.3;
   const Statics held = held_cube(tissue, 5);
   const ForceSystem& system = held.system();
-  ForceState forces(system);
-  const Relaxation relax(forces, held.model(), held.constraints());
+  System body(system, held.model(), held.constraints());
+  const Relaxation relax(body);
   Nodal u = to_nodal(affine_displacement(held.model(), simple_shear(gamma))), f = u;
   for (Index a = 0; a < u.cols(); ++a)
     if (held.constraints().is_free(a)) u.col(a) *= 0.9;
@@ -359,9 +359,9 @@ void verify_viscoelastic(Rows& rows, Index) {
     // Steps that do not divide the relaxation times evenly: the history's recursion is exact for a held
     // strain.
     for (int step = 0; step < 3; ++step) {
-      forces.begin_step((next - t) / 3.0);
+      body.begin_step((next - t) / 3.0);
       relax(u, f, {.tolerance = 1e-5});
-      forces.accept_step(u);
+      body.accept_step(u);
     }
     t = next;
     double g = 1.0;

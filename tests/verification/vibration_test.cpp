@@ -7,8 +7,8 @@
 
 #include "preprocess/build_model.hpp"
 #include "preprocess/shapes.hpp"
-#include "solver/explicit.hpp"
-#include "solver/implicit.hpp"
+#include "tests/helpers/system.hpp"
+#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -85,11 +85,11 @@ Swing swing(double damping, Steps steps) {
   const Loading still = {.depth = depth, .rate = depth / duration};
   const SolverOptions how = {.damping = damping, .frames = 78};
   if (steps == Steps::implicit_) {
-    march_implicitly(system, model, still, how, observer, history, &start);
+    solve(TimeMode::dynamic, system, model, still, how, observer, history, &start);
   } else {
     start.safety = 0.9;
-    start.dt_stable = stable_time_step(forces, model, model.mass, held, start.u).dt;
-    march_explicitly(system, model, still, how, observer, history, &start);
+    start.dt_stable = testing_bodies::stable_step(forces.system(), model, model.mass, held, start.u).dt;
+    solve(TimeMode::explicit_, system, model, still, how, observer, history, &start);
   }
   return result;
 }

@@ -1,0 +1,157 @@
+#include "solver/system.hpp"
+
+#include <limits>
+#include <utility>
+
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "solver/relax.hpp"
+#include "solver/text.hpp"
+
+namespace dimple {
+
+System::System(const ForceSystem& tissue, const Model& model, Constraints held, ForceTerms terms)
+    : model_(model),
+      held_(std::move(held)),
+      tissue_(tissue),
+      terms_(std::move(terms)),
+      at_rest_{Nodal::Zero(4, model.node_count()), Eigen::VectorXd::Zero(model.patches.count())} {}
+
+void System::set(const Instant& now, Nodal& u) {
+  now_ = now;
+  held_.prescribe(u, now.depth);
+}
+
+void System::add_terms(const Nodal& u, Nodal& f) {
+  load_.setZero(4, u.cols());
+  for (const auto& term : terms_) term->add_force(u, now_, load_);
+  f += load_;
+}
+
+System::Sweep System::force(const Nodal& u, Nodal& f) {
+  const Sweep sweep = tissue_.internal_force(u, f);
+  if (loaded()) add_terms(u, f);
+  return sweep;
+}
+
+void System::gather(const Nodal& u, Nodal& f, const std::function<void(Index first, Index last)>& then) {
+  if (!loaded()) return tissue_.gather_sweep(f, then);
+  tissue_.gather_sweep(f, {});
+  add_terms(u, f);
+  if (then) then(0, u.cols());
+}
+
+StoredEnergy System::stored_energy(const Nodal& u) {
+  StoredEnergy energy;
+  energy.tissue = tissue_.stored_energy(u, &energy.hourglass);
+  for (const auto& term : terms_) energy.loads += term->energy(u, now_);
+  if (loaded()) energy.loads -= loads_at_rest_;
+  return energy;
+}
+
+StiffnessBound System::stiffness_bound() const {
+  StiffnessBound bound;
+  bound.node = Eigen::VectorXd::Zero(model_.node_count());
+  for (const auto& term : terms_) term->add_stiffness_bound(bound);
+  return bound;
+}
+
+Wrench System::on_tool(const Nodal& u, const Nodal& f) const {
+  Vec3 carried = Vec3::Zero();  // by the loads, before it touched
+  if (loaded() && !model_.indenter.empty()) {
+    for (const Index a : model_.indenter) carried += at_rest_.u.col(a).head<3>();
+    carried /= static_cast<double>(model_.indenter.size());
+  }
+  return wrench_on_tool(model_, held_, u, f, model_.tool.centre + now_.depth * model_.tool.push + carried);
+}
+
+void System::accept_step(const Nodal& u) {
+  tissue_.accept_step(u);
+  for (const auto& term : terms_) term->accept(u, now_);
+}
+
+// Of the tissue; then of each term, with their number behind.
+std::vector<double> System::past() const {
+  std::vector<double> all = tissue_.past();
+  for (const auto& term : terms_) {
+    const std::vector<double> its = term->past();
+    all.insert(all.end(), its.begin(), its.end());
+    all.push_back(static_cast<double>(its.size()));
+  }
+  return all;
+}
+
+void System::restore_past(std::vector<double> past) {
+  for (auto term = terms_.rbegin(); term != terms_.rend(); ++term) {
+    const auto count = static_cast<std::ptrdiff_t>(past.back());
+    past.pop_back();
+    (*term)->restore_past({past.end() - count, past.end()});
+    past.erase(past.end() - count, past.end());
+  }
+  tissue_.restore_past(past);
+}
+
+void System::begin_at(Rest rest, Constraints held) {
+  at_rest_ = std::move(rest);
+  held_ = std::move(held);
+  accept_step(at_rest_.u);
+  loads_at_rest_ = 0.0;
+  for (const auto& term : terms_) loads_at_rest_ += term->energy(at_rest_.u, now_);
+}
+
+namespace {
+
+constexpr double first_part = 0.25, smallest_part = 1.0 / 64.0;  // of the loads, laid on at once
+
+// Laid on part by part, so long that viscous tissue has relaxed.
+Rest settled(System& system, double tolerance) {
+  Rest rest = system.at_rest();
+  const Relaxation relax(system);
+  Nodal f = rest.u;
+  double done = 0.0, part = first_part;
+  while (done < 1.0) {
+    stop_if_asked();
+    const double share = std::min(1.0, done + part);
+    Rest tried = rest;
+    if (done > 0.0) {
+      tried.u *= share / done;
+      tried.lambda *= share / done;
+    }
+    system.begin_step(std::numeric_limits<double>::infinity());
+    system.set({.share = share}, tried.u);
+    try {
+      relax(tried.u, f, {.tolerance = tolerance}, &tried.lambda);
+      system.accept_step(tried.u);
+      rest = std::move(tried);
+      done = share;
+    } catch (const SolveError& error) {
+      part *= 0.5;
+      if (part >= smallest_part) continue;
+      Report report = error.report;
+      report.fact = text("the body does not carry its loads: ", report.fact);
+      report.where = text("before the tool touches, at ", percent(share), " of gravity and pressures; ", report.where);
+      report.remedy = "lower gravity or the pressures, raise the stiffness, or hold more of the body";
+      throw SolveError(report);
+    }
+  }
+  return rest;
+}
+
+}  // namespace
+
+std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
+                                    const std::vector<HeldSet>& further, const Loads& loads, double tolerance) {
+  if (loads.none())
+    return std::make_unique<System>(tissue, model, make_constraints(model, contact, further));
+  std::vector<HeldSet> still = {{.name = "base", .node = model.base}};  // the tool's have not come yet
+  std::copy_if(further.begin(), further.end(), std::back_inserter(still), [](const HeldSet& s) { return s.share == 0.0; });
+  auto system = std::make_unique<System>(tissue, model, Constraints(model.node_count(), std::move(still)),
+                                         make_terms(model, loads));
+  Rest rest = settled(*system, tolerance);
+  Constraints held = make_constraints(model, contact, further);
+  held.start_at(rest.u);
+  system->begin_at(std::move(rest), std::move(held));
+  return system;
+}
+
+}  // namespace dimple

@@ -1,0 +1,122 @@
+#pragma once
+
+#include <algorithm>
+#include <functional>
+
+#include "solver/force_term.hpp"
+#include "solver/internal_force.hpp"
+#include "solver/loads.hpp"
+#include "solver/tool_force.hpp"
+
+namespace dimple {
+
+/// How far the forces on a body are from equilibrium.
+struct Balance {
+  double unbalanced = 0.0;  ///< norm of the forces on what is free to move [N]
+  double reactions = 0.0;   ///< half the sum of the sizes of all reactions, and of all loads [N]
+  double residual() const { return unbalanced / std::max(reactions, 1e-30); }
+};
+
+/// [J]; `hourglass`: the part of the tissue's in what averaged gradients leave out (GradientVariance); `loads`: of all
+/// other forces, less what they had where the run began.
+struct StoredEnergy {
+  double tissue = 0.0, hourglass = 0.0, loads = 0.0;
+  double sum() const { return tissue + loads; }
+};
+
+/// Displacements [4xN] m and the patches' pressures x volumes [N m], see MixedIteration.
+struct Rest {
+  Nodal u;
+  Eigen::VectorXd lambda;
+};
+
+/// A body in one run: its tissue, all other forces on it, and what is held of it. Every march, every search for an
+/// equilibrium and every guard is given this, and asks nothing else for a force. What f is: the derivative of all
+/// energy by the displacements; zero on free nodes in equilibrium, on held ones the reaction.
+///
+///     f(u) = tissue(u) + sum of terms(u, now)
+class System {
+ public:
+  using Sweep = ForceSystem::Sweep;
+  /// `tissue` and `model` must outlive it.
+  System(const ForceSystem& tissue, const Model& model, Constraints held, ForceTerms terms = {});
+
+  const Model& model() const { return model_; }
+  const Constraints& held() const { return held_; }
+  ForceState& tissue() { return tissue_; }
+  const ForceState& tissue() const { return tissue_; }
+  const Tissues& tissues() const { return tissue_.system().tissues(); }
+  bool viscoelastic() const { return tissue_.system().viscoelastic(); }
+  bool loaded() const { return !terms_.empty(); }
+
+  /// Tool and loads stand so from now on.
+  void set(const Instant& now) { now_ = now; }
+  /// The same, and puts what is held of u [4xN] m where it then is.
+  void set(const Instant& now, Nodal& u);
+
+  /// f [4xN] N at u [4xN] m.
+  Sweep force(const Nodal& u, Nodal& f);
+  /// Its two halves, for a caller that goes on with nodes [first, last) once their force is known.
+  Sweep stress_sweep(const Nodal& u) { return tissue_.stress_sweep(u); }
+  void gather(const Nodal& u, Nodal& f, const std::function<void(Index first, Index last)>& then);
+  /// Of the last force(). `unbalanced` [4xN] N: what of it is not held. `beside(a, all)` may add to the force of node a.
+  template <class Beside>
+  Balance balance(const Nodal& f, Nodal& unbalanced, const Beside& beside) const;
+  Balance balance(const Nodal& f, Nodal& unbalanced) const {
+    return balance(f, unbalanced, [](Index, Eigen::Vector4d&) {});
+  }
+  StoredEnergy stored_energy(const Nodal& u);
+  StiffnessBound stiffness_bound() const;
+  /// [N] of the loads at the last force() on node a.
+  double load_on(Index a) const { return load_.cols() > 0 ? load_.col(a).norm() : 0.0; }
+  /// Of the loads at the last force(), times u [J].
+  double load_times(const Nodal& u, Index a) const { return load_.cols() > 0 ? load_.col(a).dot(u.col(a)) : 0.0; }
+
+  /// All of the force on the tool and its moment about its reference point.
+  Wrench on_tool(const Nodal& u, const Nodal& f) const;
+
+  /// A step of dt [s] begins; u ends it.
+  void begin_step(double dt) { tissue_.begin_step(dt); }
+  void accept_step(const Nodal& u);
+  std::vector<double> past() const;
+  void restore_past(std::vector<double> past);
+
+  /// Where the body is at rest before the tool moves: undeformed, or as its loads have it.
+  const Rest& at_rest() const { return at_rest_; }
+  /// The body rests so; what is held from now on is moved from there.
+  void begin_at(Rest rest, Constraints held);
+
+ private:
+  const Model& model_;
+  Constraints held_;
+  ForceState tissue_;
+  ForceTerms terms_;
+  Instant now_;
+  Nodal load_;  // [4xN] N of all terms; no columns: there are none
+  Rest at_rest_;
+  double loads_at_rest_ = 0.0;  // J
+
+  void add_terms(const Nodal& u, Nodal& f);
+};
+
+template <class Beside>
+Balance System::balance(const Nodal& f, Nodal& unbalanced, const Beside& beside) const {
+  Balance sum;
+  for (Index a = 0; a < f.cols(); ++a) {
+    Eigen::Vector4d all = f.col(a);
+    beside(a, all);
+    unbalanced.col(a) = held_.project(a, all);
+    sum.unbalanced += unbalanced.col(a).squaredNorm();
+    sum.reactions += 0.5 * (all - unbalanced.col(a)).norm() + load_on(a);
+  }
+  sum.unbalanced = std::sqrt(sum.unbalanced);
+  return sum;
+}
+
+/// A body under `loads`, come to rest, its circle where the tool then touches it: bonded or not, and `further` sets held
+/// likewise. Throws SolveError: it does not carry its loads.
+std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
+                                    const std::vector<HeldSet>& further, const Loads& loads = {},
+                                    double tolerance = 1e-4);
+
+}  // namespace dimple
