@@ -405,7 +405,7 @@ struct RandomHand {
 struct RandomMinute {
   std::int64_t answers = 0, outside = 0, off = 0, there = 0;
   double worst = 0.0;           // outside, over what was allowed
-  std::vector<double> relative;  // stated error over the largest force of the last tenth of a second
+  std::vector<double> relative;  // stated error over the largest force of the last three tenths: what fades has 1/150 left
 };
 
 // In a clock that is counted: frames of 25 a second, each of what was asked when it began, and told when it is done.
@@ -416,7 +416,7 @@ RandomMinute random_minute(const Model& model, const Equilibria& equilibria, uns
   LiveFrame frame;
   bool begun = false;
   double begins = 0.0, done = 0.0;
-  std::vector<std::pair<double, double>> depths;  // of the last tenth of a second
+  std::vector<std::pair<double, double>> depths;  // of the last three tenths of a second
   RandomMinute said;
   for (double t = 0.0; t < seconds;) {
     while (begun ? done <= t : begins <= t) {
@@ -432,9 +432,11 @@ RandomMinute random_minute(const Model& model, const Equilibria& equilibria, uns
     const double wait = hand.move(t);
     const LiveAnswer now = answer(between, hand.depth, t);
     depths.push_back({t, hand.depth});
-    std::erase_if(depths, [&](const auto& one) { return one.first < t - 0.1; });
-    double least = equilibria.at(now.depth), most = least;
+    std::erase_if(depths, [&](const auto& one) { return one.first < t - 0.3; });
+    double least = equilibria.at(now.depth), most = least, most_before = least;
     for (const auto& [when, depth] : depths) {
+      most_before = std::max(most_before, equilibria.at(depth));
+      if (when < t - 0.1) continue;
       least = std::min(least, equilibria.at(depth));
       most = std::max(most, equilibria.at(depth));
     }
@@ -445,7 +447,7 @@ RandomMinute random_minute(const Model& model, const Equilibria& equilibria, uns
     said.off += std::abs(now.force - here) > now.error + known;
     said.worst = std::max(said.worst, out - now.error - known);
     said.there += now.tool == LiveFrame::Tool::there;
-    if (most > equilibria.at(0.02e-3)) said.relative.push_back(now.error / most);
+    if (most_before > equilibria.at(0.02e-3)) said.relative.push_back(now.error / most_before);
     t += wait;
   }
   std::sort(said.relative.begin(), said.relative.end());
