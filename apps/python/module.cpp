@@ -18,6 +18,9 @@
 #include <optional>
 #include <utility>
 
+#include "apps/python/in_memory.hpp"
+#include "apps/run/compare.hpp"
+#include "apps/run/live.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/places.hpp"
 #include "apps/run/record.hpp"
@@ -25,9 +28,11 @@
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/words.hpp"
+#include "io/digits.hpp"
 #include "io/stop.hpp"
 #include "preprocess/make_model.hpp"
 #include "preprocess/support.hpp"
+#include "preprocess/usable_places.hpp"
 #include "solver/session.hpp"
 
 namespace py = pybind11;
@@ -64,11 +69,22 @@ py::object words(const std::string& text) {
       PyUnicode_DecodeUTF8(text.data(), static_cast<Py_ssize_t>(text.size()), "replace"));
 }
 
+// What the program says to its command line, as it is said in Python: `--nodes` is `nodes=`.
+py::object in_keywords(const std::string& text) {
+  return py::module_::import("pydimple._errors").attr("in_keywords")(words(text));
+}
+py::list in_keywords(const std::vector<std::string>& texts) {
+  py::list said;
+  for (const std::string& text : texts) said.append(in_keywords(text));
+  return said;
+}
+
 void raise(const Error& error) {
   const Report& r = error.report;
-  const py::object type = py::module_::import("pydimple").attr(class_of(error.code));
-  const py::object raised = type(words(r.fact), words(r.where), words(r.why), words(r.remedy), words(r.code));
-  PyErr_SetObject(type.ptr(), raised.ptr());
+  const py::object raised = py::module_::import("pydimple._errors")
+                                .attr("error_of")(class_of(error.code), words(r.fact), words(r.where),
+                                                  words(r.why), words(r.remedy), words(r.code));
+  PyErr_SetObject(py::type::of(raised).ptr(), raised.ptr());
 }
 
 // Of all computations under way: a request to stop is to all of them, and done with when the last has ended.
@@ -123,7 +139,7 @@ void log(RunObserver::Line kind, const std::string& text) {
   const py::gil_scoped_acquire lock;
   try {
     const py::object logger = py::module_::import("logging").attr("getLogger")("pydimple");
-    if (logger.attr("isEnabledFor")(level).cast<bool>()) logger.attr("log")(level, "%s", words(text));
+    if (logger.attr("isEnabledFor")(level).cast<bool>()) logger.attr("log")(level, "%s", in_keywords(text));
   } catch (py::error_already_set& error) {
     error.discard_as_unraisable("pydimple");
   }
@@ -159,6 +175,20 @@ py::array_t<double> handed_over(Numbers&& numbers, Shape shape) {
 py::array_t<double> handed_over(Points&& rows) {
   const Index count = rows.cols();
   return handed_over(std::move(rows), {count, 3});
+}
+
+py::bytes as_object(const std::vector<std::uint8_t>& bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+// First in the state of a pickled object.
+std::vector<std::uint8_t> bytes_in(const py::tuple& state, std::size_t parts) {
+  if (state.size() != parts || !py::isinstance<py::bytes>(state[0]))
+    throw InputError({.fact = "a pickled object cannot be read",
+                      .where = "pickle",
+                      .why = "its state is not what this module makes",
+                      .remedy = "compute it again, or read it with the version that it was pickled by"});
+  const auto bytes = state[0].cast<std::string_view>();
+  return {bytes.begin(), bytes.end()};
 }
 
 template <class T>
@@ -211,6 +241,17 @@ std::string keyword_of(const Option& option) {
   return last.starts_with(word) ? last : word;
 }
 
+// Words that an option of free text knows.
+std::vector<std::string> words_beside_text(const Option& option) {
+  static const std::map<std::string, std::vector<std::string>> others = {
+      {"image.label_names", {"totalsegmentator", "totalsegmentator-ct", "totalsegmentator-mr", "freesurfer"}},
+      {"boundary.direction", {"auto"}},
+      {"accuracy.quantity", {"force"}},
+      {"output.compare", {paper_word}}};
+  const auto found = others.find(option.key);
+  return found == others.end() ? option.words : found->second;
+}
+
 py::list options() {
   Config defaults;
   py::list result;
@@ -218,11 +259,14 @@ py::list options() {
     if (option.key == "image.file") continue;
     py::dict entry;
     entry["keyword"] = keyword_of(option);
+    entry["flag"] = option.flag;
     entry["key"] = option.key;
+    entry["key_without_unit"] = without_unit(option);
     entry["stage"] = option.stage;
     entry["unit"] = option.unit;
     entry["help"] = option.help;
     entry["choices"] = option.choices;
+    entry["words"] = option.choices.empty() ? words_beside_text(option) : option.choices;
     entry["default"] = std::visit([](const auto* value) { return py::cast(*value); }, option.value);
     result.append(std::move(entry));
   }
@@ -233,6 +277,12 @@ py::list options() {
 struct Settings {
   std::string config_file;
   std::vector<std::array<std::string, 3>> given;
+
+  Settings beside(const Settings& further) const {
+    Settings both = *this;
+    both.given.insert(both.given.end(), further.given.begin(), further.given.end());
+    return both;
+  }
 
   Config config() const {
     Config result;
@@ -247,27 +297,6 @@ struct Settings {
 // Model
 // ---------------------------------------------------------------------------------------------------------
 
-struct ModelInMemory {
-  Model model;  // its discretisation and its scheme: who solves makes the rest, which hangs on the tissues
-  Config config;
-  std::map<std::string, int> label_names;
-  std::map<std::string, std::string> provenance;
-  std::vector<std::string> warnings;
-  std::string report_json;
-  std::shared_ptr<const Origin> origin;  // by which its force gets a band
-
-  // At the vertices of the surface; made when it is asked for at first.
-  const Interpolation& to_surface() const {
-    std::call_once(made_, [this] { to_surface_ = surface_interpolation(model); });
-    return to_surface_;
-  }
-
- private:
-  mutable std::once_flag made_;
-  mutable Interpolation to_surface_;
-};
-using ModelHolder = std::shared_ptr<ModelInMemory>;
-
 // Leaves the rest of the result.
 ModelHolder take_model(Result& result, const Config& config) {
   auto built = std::make_shared<ModelInMemory>();
@@ -278,7 +307,11 @@ ModelHolder take_model(Result& result, const Config& config) {
   built->warnings = result.warnings;
   built->origin = result.origin;
   built->report_json = as_text(summary_of_model(config, result));
-  built->model = std::move(result.model);
+  static_cast<Discretisation&>(built->model) = std::move(static_cast<Discretisation&>(result.model));
+  built->model.scheme = result.model.scheme;
+  if (built->model.support_report.unseen = result.model.support_report.unseen;
+      built->model.support_report.unseen > 0)
+    built->model.support = std::move(result.model.support);  // a surface's fields hang on who sees whom
   return built;
 }
 
@@ -290,6 +323,48 @@ ModelHolder build(const Settings& settings, const LabelImage* image) {
     stop_if_asked();
     return take_model(result, config);
   });
+}
+
+// An organ that is read once, for models at several places.
+struct OrganInMemory {
+  Settings settings;
+  ReadOrgan organ;
+};
+
+std::unique_ptr<OrganInMemory> read_organ_of(const Settings& settings, const LabelImage* image) {
+  return computing([&] {
+    const Config config = settings.config();
+    return std::make_unique<OrganInMemory>(
+        OrganInMemory{settings, read_once({.config = config, .image = image}, {.line = log})});
+  });
+}
+
+// `settings`: what differs from the organ's own, none of it about the image or the circle's width.
+ModelHolder build_of_organ(const OrganInMemory& of, const Settings& settings) {
+  return computing([&] {
+    const Config config = of.settings.beside(settings).config();
+    Result result;
+    build_case({.config = config, .organ = &of.organ}, {.line = log}, result);
+    stop_if_asked();
+    return take_model(result, config);
+  });
+}
+
+std::string places_of_organ(const OrganInMemory& of, const Settings& settings) {
+  return computing([&] {
+    const Config config = of.settings.beside(settings).config();
+    const Organ& organ = of.organ.organ;
+    BoundaryOptions boundary = model_options(config).boundary;
+    boundary.voxel_mm = organ.options.boundary.voxel_mm;
+    check_words(boundary);
+    return places_json(config, {usable_places(organ.body->surface, boundary), of.organ.read.warnings});
+  });
+}
+
+std::string shown(const OrganInMemory& of) {
+  const Result& read = of.organ.read;
+  return fmt::format("<pydimple.Organ: {}, {} triangles>", volume_in_words(read.segment.voxel_volume_mm3),
+                     of.organ.organ.body->surface.triangles().cols());
 }
 
 std::string usable_places_json(const Settings& settings, const LabelImage* image) {
@@ -319,27 +394,19 @@ py::array_t<double> at_surface(const ModelInMemory& built,
 // Result
 // ---------------------------------------------------------------------------------------------------------
 
-struct Solved {
-  std::vector<ForceSample> force;
-  Band band;
-  std::vector<std::string> warnings;
-  std::string summary_json;
-  ModelHolder model;
-  std::vector<double> frame_time, frame_depth, frame_u;  // [F], [F], [F x N x 3]
+void add(Solved& solved, const Frame& frame) {
+  solved.frame_time.push_back(frame.t);
+  solved.frame_depth.push_back(frame.depth);
+  for (Index a = 0; a < frame.u.cols(); ++a)
+    solved.frame_u.insert(solved.frame_u.end(), &frame.u(0, a), &frame.u(0, a) + 3);
+}
 
-  void add(const Frame& frame) {
-    frame_time.push_back(frame.t);
-    frame_depth.push_back(frame.depth);
-    for (Index a = 0; a < frame.u.cols(); ++a)
-      frame_u.insert(frame_u.end(), &frame.u(0, a), &frame.u(0, a) + 3);
-  }
-  void take(Result& result, const Config& config) {
-    force = std::move(result.history.force);
-    band = result.band;
-    warnings = result.warnings;
-    model = take_model(result, config);
-  }
-};
+void take(Solved& solved, Result& result, const Config& config) {
+  solved.force = std::move(result.history.force);
+  solved.band = result.band;
+  solved.warnings = result.warnings;
+  solved.model = take_model(result, config);
+}
 
 // A column of the force curve, as it lies among the others.
 py::array curve(const py::object& self, double ForceSample::*column) {
@@ -363,7 +430,7 @@ std::string shown(const Solved& solved) {
   std::optional<double> half_N;
   if (solved.band.known()) half_N = solved.band.half.back();
   return "<pydimple.Result: " + force_title(last.force, 1e3 * last.depth, half_N) +
-         (half_N ? "" : ", band unknown: " + solved.band.unknown) + ">";
+         (half_N ? "" : ", band unknown: " + in_keywords(solved.band.unknown).cast<std::string>()) + ">";
 }
 
 // What simulate() makes of a case, all in memory. `summary` begins it.
@@ -374,7 +441,7 @@ std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const
     Result result;
     simulate(given,
              {.line = log,
-              .march = {.frame = [&](const Frame& frame) { kept->add(frame); },
+              .march = {.frame = [&](const Frame& frame) { add(*kept, frame); },
                         .sample = [](const ForceSample&,
                                      const History&) { return stop_asked() == StopReason::none; }}},
              result);
@@ -383,7 +450,7 @@ std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const
     add_run(all, given.config, result, {.solve_s = result.solve_s, .total_s = whole.seconds()}, "finished",
             ExitCode::ok, nullptr);
     kept->summary_json = as_text(all);
-    kept->take(result, given.config);
+    take(*kept, result, given.config);
     return kept;
   });
 }
@@ -412,8 +479,8 @@ std::unique_ptr<Solved> run_into_folder(const Settings& settings, const LabelIma
     auto kept = std::make_unique<Solved>();
     const Outcome outcome = record_run(config, folder, overwrite ? Existing::replace : Existing::refuse,
                                        {.line = log,
-                                        .frame = [&](const Frame& frame) { kept->add(frame); },
-                                        .result = [&](Result& result) { kept->take(result, config); }},
+                                        .frame = [&](const Frame& frame) { add(*kept, frame); },
+                                        .result = [&](Result& result) { take(*kept, result, config); }},
                                        image);
     if (outcome.interrupted) throw Stopped(stop_asked());
     kept->summary_json = outcome.summary_json;
@@ -452,7 +519,7 @@ class LiveSession {
     return ask(*session_);
   }
   template <class Move>
-  std::int64_t move(const Move& move) {
+  auto move(const Move& move) {
     return computing([&] {
       const std::lock_guard alone(mutex_);
       return move(*session_);
@@ -464,12 +531,40 @@ class LiveSession {
   std::unique_ptr<Session> session_;
 };
 
+std::string shown(LiveSession& session) {
+  return session.now([](Session& s) {
+    return fmt::format("<pydimple.Session: {} nodes, {}>", s.model().node_count(),
+                       force_title(s.force(), 1e3 * s.depth()));
+  });
+}
+
+// The members of pydimple.Frame, in its order.
+py::tuple frame_of(const LiveFrame& frame) {
+  const auto three = [](const Wrench& of, Index first) {
+    return py::make_tuple(of[first], of[first + 1], of[first + 2]);
+  };
+  return py::make_tuple(1e3 * frame.asked, 1e3 * frame.depth, frame.force, frame.error,
+                        three(frame.on_tool, 0), three(frame.on_tool, 3), three(frame.per_force, 0),
+                        three(frame.per_force, 3), frame.stiffness, frame.residual, frame.evaluations,
+                        name_of(frame.tool));
+}
+
 void require(const char* name, double value, bool allowed, const char* why) {
   if (std::isfinite(value) && allowed) return;
-  throw UsageError({.fact = fmt::format("{} = {} is not allowed", name, value),
+  throw UsageError({.fact = fmt::format("{}={} is not allowed", name, value),
                     .where = "Session",
                     .why = why,
                     .remedy = "give another number"});
+}
+
+py::tuple follow(LiveSession& session, double depth_mm, double seconds, std::int64_t evaluations,
+                 double dt_s) {
+  require("depth_mm", depth_mm, true, "it must be a finite number");
+  require("seconds", seconds, seconds > 0.0, "it must be a finite number above 0");
+  require("evaluations", static_cast<double>(evaluations), evaluations >= 0, "it must be 0 or more");
+  require("dt_s", dt_s, dt_s >= 0.0, "it must be a finite number from 0 on");
+  const FrameLimit limit{.seconds = seconds, .evaluations = evaluations};
+  return frame_of(session.move([=](Session& s) { return s.follow(1e-3 * depth_mm, limit, dt_s); }));
 }
 
 std::optional<tbb::global_control> thread_limit;
@@ -486,6 +581,14 @@ PYBIND11_MODULE(_core, m) {
   });
 
   m.attr("version") = DIMPLE_VERSION;
+  m.def("force_in_words", &force_in_words);
+  m.def("force_title", [](double force_N, double depth_mm) { return force_title(force_N, depth_mm); });
+  m.def("words_of_status", [] {
+    std::vector<std::string> all;
+    for (int k = 0; k <= static_cast<int>(LiveFrame::Tool::beyond); ++k)
+      all.push_back(name_of(static_cast<LiveFrame::Tool>(k)));
+    return all;
+  });
   m.def("options", &options);
   m.def("limit_threads", [](std::optional<int> count) {
     thread_limit.reset();
@@ -506,6 +609,9 @@ PYBIND11_MODULE(_core, m) {
   m.def("solve", &solve_model);
   m.def("run_in_memory", &run_in_memory);
   m.def("run_into_folder", &run_into_folder);
+  m.def("build_of_organ", &build_of_organ);
+  m.def("places_of_organ", &places_of_organ);
+  m.def("follow", &follow);
 
   // Documented in numpydoc's style: shape, type, unit, meaning.
   using py::object;
@@ -580,12 +686,26 @@ Returns
           "report", [=](const ModelInMemory& self) { return dictionary(self.report_json); },
           "dict: counts, volumes, spacings, and why the base and the circle are where they are.")
       .def_property_readonly(
-          "warnings", [](const ModelInMemory& self) { return self.warnings; },
+          "warnings", [](const ModelInMemory& self) { return in_keywords(self.warnings); },
           "list of str: what may make the model another than was meant.")
-      .def("__repr__", [](const ModelInMemory& self) {
-        return fmt::format("<pydimple.Model: {} nodes, {} integration points>", self.model.node_count(),
-                           self.model.point_count());
-      });
+      .def("__repr__",
+           [](const ModelInMemory& self) {
+             return fmt::format("<pydimple.Model: {} nodes, {} integration points, circle {} wide>",
+                                self.model.node_count(), self.model.point_count(),
+                                length_in_words(2e3 * self.model.tool.radius));
+           })
+      .def(py::pickle([](const ModelInMemory& self) { return py::make_tuple(as_object(bytes_of(self))); },
+                      [](const py::tuple& state) {
+                        const std::vector<std::uint8_t> bytes = bytes_in(state, 1);
+                        return computing([&] { return model_of(bytes); });
+                      }));
+
+  py::class_<OrganInMemory>(m, "Organ")
+      .def(py::init(&read_organ_of))
+      .def_property_readonly(
+          "warnings", [](const OrganInMemory& self) { return in_keywords(self.organ.read.warnings); },
+          "list of str: of the image, what may make the organ another than was meant.")
+      .def("__repr__", [](const OrganInMemory& self) { return shown(self); });
 
   py::class_<Solved>(m, "Result",
                      R"(A force curve, the body's displacement along it, and how well the force is known.
@@ -611,7 +731,7 @@ library's own memory, which lives as long as one of them.)")
           "band_high_N", [](const Solved& self) { return band_edge(self, 1.0); },
           "(S,) float64, newtons, or None: its upper edge.")
       .def_property_readonly(
-          "band_unknown", [](const Solved& self) { return self.band.unknown; },
+          "band_unknown", [](const Solved& self) { return in_keywords(self.band.unknown); },
           "str: why there is no band; empty where there is one.")
       .def_property_readonly(
           "displacement_m",
@@ -642,9 +762,16 @@ library's own memory, which lives as long as one of them.)")
           "summary", [=](const Solved& self) { return dictionary(self.summary_json); },
           "dict: what summary.json holds: status, material, counts, force and band, guards, times.")
       .def_property_readonly(
-          "warnings", [](const Solved& self) { return self.warnings; },
+          "warnings", [](const Solved& self) { return in_keywords(self.warnings); },
           "list of str: what may make the force another than was meant.")
-      .def("__repr__", &shown);
+      .def("__repr__", [](const Solved& self) { return shown(self); })
+      .def(
+          py::pickle([](const Solved& self) { return py::make_tuple(as_object(bytes_of(self)), self.model); },
+                     [](const py::tuple& state) {
+                       const std::vector<std::uint8_t> bytes = bytes_in(state, 2);
+                       const auto its_model = state[1].cast<ModelHolder>();
+                       return computing([&] { return solved_of(bytes, its_model); });
+                     }));
 
   py::class_<LiveSession>(m, "Session")
       .def(py::init<const ModelInMemory&, const Settings&>())
@@ -700,6 +827,7 @@ Raises
 ------
 SolveError
     They would be more than 20000, or the body cannot follow; it is then as it was.)")
+      .def("__repr__", [](LiveSession& self) { return shown(self); })
       .def_property_readonly(
           "depth_m", [](LiveSession& self) { return self.now([](Session& s) { return s.depth(); }); },
           "float, metres: the tool's way from where it first touched.")

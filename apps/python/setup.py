@@ -2,6 +2,7 @@
 
 import importlib.util
 import inspect
+import operator
 import os
 import pathlib
 import re
@@ -19,13 +20,22 @@ BUILD = (ROOT / (GIVEN or "build/python")).resolve()
 VERSION = re.search(r"project\(Dimple VERSION ([\d.]+)", (ROOT / "CMakeLists.txt").read_text()).group(1)
 
 
-def typed(default):
-    """The type of an option's keyword."""
+VECTORS = ("base", "direction")  # whose other values are three numbers; of other words there is free text, too
+
+
+def typed(option):
+    """The type of an option's keyword. Numbers with their unit are strings."""
+    default, words = option["default"], option["words"]
+    literal = "Literal[" + ", ".join(f'"{word}"' for word in words) + "]"
     if isinstance(default, (int, float)):
-        return "float | str"  # numbers with their unit are strings
+        return "float | str"
     if isinstance(default, list):
-        return "float | str | Sequence[float] | Sequence[str]"
-    return "str | float | Sequence[float]"  # a word, or x,y,z
+        return f"{literal} | Sequence[{literal}]" if words else "float | str | Sequence[float] | Sequence[str]"
+    if option["choices"]:
+        return literal
+    if not words:
+        return "str | float | Sequence[float]"  # a word, or x,y,z
+    return f"{literal} | Sequence[float]" + ("" if option["keyword"] in VECTORS else " | str | os.PathLike[str]")
 
 
 class CMakeBuild(build_ext):
@@ -52,14 +62,18 @@ class CMakeBuild(build_ext):
         import pydimple
 
         text = (HERE / "pydimple" / "__init__.pyi").read_text()
-        for name in ("build_model", "usable_places", "solve", "run", "Session"):
+        for name in ("build_model", "usable_places", "solve", "run", "Session", "Organ", "Organ.build_model", "Organ.usable_places"):
+            thing = operator.attrgetter(name)(pydimple)
             keywords = ", ".join(
-                f"{p.name}: {typed(p.default)} | None = ..."
-                for p in inspect.signature(getattr(pydimple, name)).parameters.values()
+                f"{p.name}: {typed(pydimple._OPTIONS[p.name])} | None = ..."
+                for p in inspect.signature(thing).parameters.values()
                 if p.name in pydimple._OPTIONS
             )
-            start = text.index(f"class {name}:" if inspect.isclass(getattr(pydimple, name)) else f"def {name}(")
-            text = text[:start] + text[start:].replace("**options: Any", keywords, 1)
+            owner, _, method = name.rpartition(".")
+            start = text.index(f"class {owner}:") if owner else 0
+            start = text.index(f"class {name}:" if inspect.isclass(thing) else f"def {method}(", start)
+            by_name = "self, *, " if "." in name else ""  # nothing stands before them
+            text = text[:start] + re.sub(rf"({'self, ' if by_name else ''})\*\*options: Any", by_name + keywords, text[start:], count=1)
         stubs.write_text(text)
 
 

@@ -2,12 +2,7 @@
 
 #include <fmt/format.h>
 
-#include <concepts>
-#include <cstring>
-#include <nlohmann/json.hpp>
-#include <string_view>
-#include <type_traits>
-
+#include "apps/run/archive.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 
@@ -15,14 +10,10 @@ namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
-using Cbor = nlohmann::json;
 
 constexpr const char* format = "dimple checkpoint 3";
 
-// One list of members, in its order, serves both directions. Those of History and State are taken apart by
-// structured bindings: a member that is added there does not compile until it is kept here too.
-template <class T, class Of>
-concept Like = std::same_as<std::remove_const_t<T>, Of>;
+}  // namespace
 
 template <class Archive, Like<History> T>
 void members(Archive& io, T& history) {
@@ -78,93 +69,8 @@ void members(Archive& io, T& checkpoint) {
      checkpoint.frame_time_s, checkpoint.solve_wall_s, checkpoint.write_wall_s, checkpoint.state);
 }
 
-template <class T>
-constexpr bool is_list = std::is_same_v<T, std::deque<Path::State>> ||
-                         std::is_same_v<T, std::vector<Finding>> || std::is_same_v<T, std::vector<Retry>>;
-template <class T>
-constexpr bool is_matrix = std::is_base_of_v<Eigen::EigenBase<T>, T>;
-template <class T>
-constexpr bool is_one_value = std::is_arithmetic_v<T> || std::is_same_v<T, std::string> ||
-                          std::is_same_v<T, std::map<std::string, std::string>>;
-
-Cbor::binary_t bytes_of(const void* data, std::size_t size) {
-  std::vector<std::uint8_t> bytes(size);
-  if (size > 0) std::memcpy(bytes.data(), data, size);
-  return Cbor::binary_t(std::move(bytes));
-}
-
-struct Writer {
-  Cbor json = Cbor::array();
-
-  template <class... T>
-  void operator()(const T&... values) {
-    (json.push_back(one(values)), ...);
-  }
-
-  template <class T>
-  static Cbor one(const T& value) {
-    if constexpr (is_one_value<T>) {
-      return value;
-    } else if constexpr (is_matrix<T>) {
-      return {value.rows(), value.cols(),
-              bytes_of(value.data(), sizeof(*value.data()) * static_cast<std::size_t>(value.size()))};
-    } else if constexpr (is_list<T>) {
-      Cbor list = Cbor::array();
-      for (const auto& item : value) list.push_back(one(item));
-      return list;
-    } else if constexpr (requires { value.capacity(); }) {
-      static_assert(std::is_trivially_copyable_v<typename T::value_type>);
-      return bytes_of(value.data(), sizeof(*value.data()) * value.size());
-    } else {
-      Writer inner;
-      members(inner, value);
-      return std::move(inner.json);
-    }
-  }
-};
-
-struct Reader {
-  const Cbor& json;
-  std::size_t next = 0;
-
-  template <class... T>
-  void operator()(T&... values) {
-    (one(json.at(next++), values), ...);
-  }
-
-  template <class T>
-  static void one(const Cbor& from, T& value) {
-    if constexpr (is_one_value<T>) {
-      value = from.get<T>();
-    } else if constexpr (is_matrix<T>) {
-      const auto rows = from.at(0).get<Index>(), cols = from.at(1).get<Index>();
-      const Cbor::binary_t& data = from.at(2).get_binary();
-      const std::size_t size = sizeof(*value.data());
-      const auto count = static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
-      if (rows < 0 || cols < 0 || data.size() != size * count)
-        throw std::runtime_error("a matrix has not the size that it states");
-      value.resize(rows, cols);
-      if (!data.empty()) std::memcpy(value.data(), data.data(), data.size());
-    } else if constexpr (is_list<T>) {
-      for (const Cbor& item : from) one(item, value.emplace_back());
-    } else if constexpr (requires { value.capacity(); }) {
-      const Cbor::binary_t& data = from.get_binary();
-      value.resize(data.size() / sizeof(*value.data()));
-      if (!value.empty()) std::memcpy(value.data(), data.data(), sizeof(*value.data()) * value.size());
-    } else {
-      Reader inner{from};
-      members(inner, value);
-    }
-  }
-};
-
-}  // namespace
-
 void write_checkpoint(const fs::path& file, const Checkpoint& checkpoint) {
-  Writer writer;
-  members(writer, checkpoint);
-  const std::vector<std::uint8_t> bytes =
-      Cbor::to_cbor({{"format", format}, {"state", std::move(writer.json)}});
+  const std::vector<std::uint8_t> bytes = to_bytes(format, checkpoint);
   write_file(file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
 }
 
@@ -172,10 +78,7 @@ Checkpoint read_checkpoint(const fs::path& file) {
   const std::string content = read_file(file);
   Checkpoint checkpoint;
   try {
-    const Cbor json = Cbor::from_cbor(content);
-    if (json.at("format") != format) throw std::runtime_error("it is of another kind");
-    Reader reader{json.at("state")};
-    members(reader, checkpoint);
+    from_bytes(format, content, checkpoint);
   } catch (const std::exception& error) {
     throw InputError({.fact = fmt::format("{} cannot be read", file.string()),
                       .where = "--resume",

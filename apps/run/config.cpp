@@ -16,6 +16,16 @@
 #include "preprocess/sides.hpp"
 
 namespace dimple {
+
+std::string without_unit(const Option& option) {
+  static const std::map<std::string, std::string> suffix = {{"mm", "_mm"},         {"Pa", "_Pa"},
+                                                            {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"},
+                                                            {"1/s", "_per_s"},     {"s", "_s"}};
+  const auto found = suffix.find(option.unit);
+  if (found == suffix.end() || !option.key.ends_with(found->second)) return option.key;
+  return option.key.substr(0, option.key.size() - found->second.size());
+}
+
 namespace {
 
 // What a number may be written in, as multiples of the option's own unit. Three dozen characters of table;
@@ -42,14 +52,9 @@ std::string trimmed(const std::string& text) {
   return first == std::string::npos ? "" : text.substr(first, last - first + 1);
 }
 
-// "mu_Pa" -> "mu"; keys without a unit suffix stay.
-std::string without_unit(const Option& option) {
-  static const std::map<std::string, std::string> suffix = {{"mm", "_mm"},         {"Pa", "_Pa"},
-                                                            {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"},
-                                                            {"1/s", "_per_s"},     {"s", "_s"}};
-  const auto found = suffix.find(option.unit);
-  if (found == suffix.end() || !option.key.ends_with(found->second)) return option.key;
-  return option.key.substr(0, option.key.size() - found->second.size());
+// A flag of the command line, or a keyword of Python: "--mu", "mu_Pa=".
+bool is_of_caller(const std::string& source) {
+  return source.starts_with("--") || source.ends_with("=");
 }
 
 [[noreturn]] void refuse(const Option& option, const std::string& text, const std::string& source,
@@ -473,9 +478,9 @@ void set_option(Config& config, const std::string& key, const std::string& text,
     return set_option(config, key, text.substr(0, spread), source);
   }
   // A modulus given anew is not known as another in a file was.
-  if (option->key == "material.mu_Pa" && source.starts_with("--"))
+  if (option->key == "material.mu_Pa" && is_of_caller(source))
     if (const auto before = config.source.find("material.mu_spread_percent");
-        before != config.source.end() && !before->second.starts_with("--"))
+        before != config.source.end() && !is_of_caller(before->second))
       config.material.mu_spread_percent = 0.0;
   const bool place = option->key == "boundary.indent_at" && text.find(',') != std::string::npos;
   assign_text(*option, place ? place_in_mm(text) : text, source);
@@ -526,12 +531,12 @@ bool is_of_a_preset(const Option& option) {
 }
 
 // How much an option was meant: 0, not at all, or as a file of all options states whatever nobody has chosen;
-// 1, for all cases of a table, each of which may say otherwise; 2, in a file; 3, on the command line.
+// 1, for all cases of a table, each of which may say otherwise; 2, in a file; 3, by the caller.
 int weight_of(const Config& config, const std::string& key) {
   const auto source = config.source.find(key);
   if (source == config.source.end() || source->second.starts_with(of_preset)) return 0;
   if (source->second.starts_with(for_all_cases)) return 1;
-  if (source->second.starts_with("--")) return 3;
+  if (is_of_caller(source->second)) return 3;
   Config usual, own = config;
   std::vector<Option> all = options_of(own), as_usual = options_of(usual);
   return toml_value(*find(all, key)) == toml_value(*find(as_usual, key)) ? 0 : 2;
@@ -849,10 +854,10 @@ std::optional<Goal> goal_of(const Config& config) {
       {"cloud.spacing_mm", config.cloud.spacing_mm != usual.cloud.spacing_mm}};
   for (const auto& [key, is_other] : other_than_usual)  // a file of all options states the usual ones too
     if (const auto source = config.source.find(key);
-        source != config.source.end() && (is_other || source->second.starts_with("--")))
+        source != config.source.end() && (is_other || is_of_caller(source->second)))
       throw UsageError(
           {.fact = "an accuracy and a number of nodes are asked for both",
-           .where = fmt::format("{} and --{}", source->second, text.empty() ? "budget" : "accuracy"),
+           .where = fmt::format("{} and {}", source->second, text.empty() ? "--budget" : "--accuracy"),
            .why = "the nodes follow from the accuracy",
            .remedy = "leave one of them out"});
   if (text.empty()) return goal;

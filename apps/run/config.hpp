@@ -86,7 +86,7 @@ struct Config {
     std::string compare;                   ///< a measured curve, paper_word, or empty; see compare.hpp
   } output;
 
-  /// key -> why it has its value ("default", "config.toml", "--nodes", ...)
+  /// key -> why it has its value ("default", "config.toml", "--nodes", or "nodes=" of Python, ...)
   std::map<std::string, std::string> source;
 };
 
@@ -107,6 +107,9 @@ struct Option {
   std::vector<std::string> words = {};  ///< of free text, those that it is most often: offered, not demanded
 };
 std::vector<Option> options_of(Config& config);
+
+/// "material.mu" of "material.mu_Pa"; a key without its unit at the end stays.
+std::string without_unit(const Option& option);
 
 /// Sets one option from text ("300Pa", "superior", "1,Tumour"). `key` with or without its unit suffix.
 /// Throws UsageError: unknown key (with a suggestion), not a number, unknown unit, out of range, not a

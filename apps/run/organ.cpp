@@ -260,7 +260,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
   }
   talk.begin(Part::surface, config);
   organ.options.boundary.voxel_mm = image.spacing().maxCoeff();
-  organ.body.emplace(
+  organ.body = std::make_shared<const SegmentedBody>(
       make_body_surface(image, labels,
                         {.indenter_diameter_mm = options.boundary.indenter_diameter_mm,
                          .smoothing = given.change.smoothing,
@@ -291,6 +291,12 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
   result.image_warnings = result.warnings.size();
   result.build_s = building.seconds();
   return organ;
+}
+
+ReadOrgan read_once(const Case& given, const RunObserver& observer) {
+  Result read;
+  Organ organ = read_organ(given, model_options(given.config), Talk{observer, read}, read);
+  return {std::move(organ), std::move(read)};
 }
 
 LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& image) {

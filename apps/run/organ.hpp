@@ -1,6 +1,7 @@
 #pragma once
 
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -50,12 +51,19 @@ TissueOptions tissues_of(const Config& config, const std::map<std::string, int>&
 /// The body as the image and the options give it, before any node is placed.
 struct Organ {
   ModelOptions options;
-  std::vector<int> labels;                 ///< taken; none: all
-  std::optional<ClosedImage> closed = {};  ///< instead of the image
-  std::string closing = {};                ///< what was closed, in a sentence
-  std::optional<SegmentedBody> body = {};
+  std::vector<int> labels;                         ///< taken; none: all
+  std::optional<ClosedImage> closed = {};          ///< instead of the image
+  std::string closing = {};                        ///< what was closed, in a sentence
+  std::shared_ptr<const SegmentedBody> body = {};  ///< that of all models made of the organ
   std::map<std::string, int> label_names = {};
 };
+
+/// An organ with all that was found on the way to it: models at several places are made of it (Case::organ).
+struct ReadOrgan {
+  Organ organ;
+  Result read;  ///< image, labels, segment, warnings
+};
+ReadOrgan read_once(const Case& given, const RunObserver& observer);
 
 /// What a model in memory was made from, and what else its clouds are made from.
 struct Origin {

@@ -42,6 +42,18 @@ void take_nodes_for_band(const Config& config, const Talk& talk, ModelOptions& o
   options.cloud.count = result.nodes_for_band = fewest;
 }
 
+// The organ that was read before, under the options of this case.
+Organ taken_again(const Case& given, Result& result) {
+  Organ organ = given.organ->organ;
+  const double voxel_mm = organ.options.boundary.voxel_mm;
+  organ.options = model_options(given.config);
+  organ.options.boundary.voxel_mm = voxel_mm;
+  check_materials(materials_of(given.config), organ.options.scheme);
+  check_words(organ.options.boundary);
+  result = given.organ->read;
+  return organ;
+}
+
 Placed place(const Case& given, const RunObserver& observer, const Talk& talk, Result& result) {
   Placed placed;
   if (given.model) {
@@ -53,11 +65,11 @@ Placed place(const Case& given, const RunObserver& observer, const Talk& talk, R
     placed.label_names = given.model->label_names;
     result.provenance = given.model->provenance;
   } else {
-    ModelOptions options = model_options(given.config);
-    placed.scheme = options.scheme;
-    placed.organ.emplace(read_organ(given, options, talk, result));
+    placed.organ.emplace(given.organ ? taken_again(given, result)
+                                     : read_organ(given, model_options(given.config), talk, result));
     placed.label_names = placed.organ->label_names;
-    options = placed.organ->options;  // with the voxel's size
+    ModelOptions options = placed.organ->options;
+    placed.scheme = options.scheme;
     take_nodes_for_band(given.config, talk, options, result);
     placed.places = place_nodes(given.config, *placed.organ, options, result.image, talk, result);
     if (result.nodes_for_band > 0)

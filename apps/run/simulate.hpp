@@ -24,7 +24,8 @@ struct BodyChange {
   double outward_voxels = 0.0;  ///< SurfaceOptions::outward_mm in voxels, of their mean edge
 };
 
-struct Origin;  // organ.hpp
+struct Origin;     // organ.hpp
+struct ReadOrgan;  // organ.hpp
 
 /// What is to be computed: the image that config.image.file names, or a model that was made before, and every
 /// choice that decides the result.
@@ -33,6 +34,9 @@ struct Case {
   std::optional<ModelFiles> model = {};  ///< instead of an image
   std::shared_ptr<const Origin> origin = {};  ///< of `model`, where it is known: its band needs another cloud
   const LabelImage* image = nullptr;     ///< instead of the file that config.image.file names
+  /// Instead of an image, one that was read before with the same options of the image and the same width of the
+  /// circle, which its surface follows; all others may differ. For build_case().
+  const ReadOrgan* organ = nullptr;
   const State* from = nullptr;           ///< where an earlier run of the same case stood
   bool band = false;                     ///< of the force is wanted: by a coarser cloud, after the march
   BodyChange change = {};

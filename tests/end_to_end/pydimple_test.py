@@ -1,10 +1,12 @@
 """The Python module as its users have it: run by python_test in a fresh virtual environment with its wheel."""
 
 import ast
+import copy
 import gc
 import inspect
 import json
 import logging
+import multiprocessing
 import os
 import pathlib
 import pickle
@@ -15,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 import unittest
 
 import numpy as np
@@ -58,6 +61,7 @@ class InAFolder(unittest.TestCase):
         self.assertIs(type(error), kind)
         for part in (error.fact, error.where, error.why, error.remedy, error.code):
             self.assertTrue(part, f"a part is missing of: {error}")
+        self.assertNotRegex(re.sub("`[^`]*`", "", str(error)), r"(^|[\s(])--?[a-z]", "a flag of the command line")
         return error
 
 
@@ -297,6 +301,305 @@ class Program(InAFolder):
         self.assertIsInstance(model.warnings, list)
 
 
+def force_of(model):
+    """In another process: what is said of a model that came there, and its force."""
+    return repr(model), pydimple.solve(model, depth_mm=0.5, frames=1)
+
+
+class Pickles(InAFolder):
+    def assert_the_same(self, one, other, names):
+        self.assertEqual(repr(one), repr(other))
+        for name in names.split():
+            a, b = getattr(one, name), getattr(other, name)
+            if isinstance(a, np.ndarray):
+                self.assertEqual((a.dtype, a.shape, a.tobytes()), (b.dtype, b.shape, b.tobytes()), name)
+            else:
+                self.assertEqual(a, b, name)
+
+    def assert_the_same_model(self, one, other):
+        self.assertIsNot(one, other)
+        names = "positions_m points_m volume_m3 label base circle circle_centre_m circle_radius_m push surface_mm triangles"
+        self.assert_the_same(one, other, names + " report warnings")
+        u = np.random.default_rng(3).normal(size=one.positions_m.shape)
+        self.assertEqual(one.at_surface(u).tobytes(), other.at_surface(u).tobytes())
+
+    def assert_the_same_result(self, one, other):
+        names = "depth_m force_N base_force_N time_s band_low_N band_high_N band_unknown displacement_m frame_depth_m"
+        self.assert_the_same(one, other, names + " frame_time_s warnings summary")
+        self.assert_the_same_model(one.model, other.model)
+
+    def test_a_model_comes_out_of_a_pickle_with_all_its_bits(self):
+        stiff = {2: {"mu_Pa": 600, "nu": 0.499}}
+        brain = SOURCE / "sample_data" / "brain_3mm.nrrd"  # whose fissure nodes do not see each other across
+        for image, options in ((SAMPLE, {}), (TWO_LABELS, {"tissue": stiff}), (brain, {"close_mm": 6}), (brain, {})):
+            model = pydimple.build_model(image, nodes=300, **options)
+            for there in (pickle.loads(pickle.dumps(model)), copy.deepcopy(model)):
+                self.assert_the_same_model(model, there)
+            load = {"depth_mm": 0.5, "frames": 1, "tissue": options.get("tissue")}
+            before, after = pydimple.solve(model, **load), pydimple.solve(there, **load)
+            self.assertEqual(before.displacement_m.tobytes(), after.displacement_m.tobytes())
+            self.assertEqual(before.force_N.tobytes(), after.force_N.tobytes())
+
+    def test_a_model_out_of_a_pickle_has_its_band_and_works_in_sessions(self):
+        model = pydimple.build_model(TWO_LABELS, nodes=1000, tissue={2: {"mu_Pa": 600}})
+        there = pickle.loads(pickle.dumps(model))
+        load = {"depth_mm": 0.5, "frames": 1, "tissue": {2: {"mu_Pa": 600}}}
+        before, after = pydimple.solve(model, **load), pydimple.solve(there, **load)
+        self.assertEqual(before.band_unknown, "")
+        self.assertEqual(before.band_low_N.tobytes(), after.band_low_N.tobytes())
+        sessions = [pydimple.Session(of, tissue=load["tissue"]) for of in (model, there)]
+        for session in sessions:
+            session.equilibrate(depth_mm=0.3)
+        self.assertEqual(sessions[0].forces_N.tobytes(), sessions[1].forces_N.tobytes())
+
+    def test_a_result_comes_out_of_a_pickle_with_all_its_bits(self):
+        for nodes in (300, 1000):  # without and with a band
+            result = pydimple.run(SAMPLE, nodes=nodes, depth_mm=0.5, frames=2)
+            for there in (pickle.loads(pickle.dumps(result)), copy.deepcopy(result)):
+                self.assert_the_same_result(result, there)
+        again = [pydimple.solve(of.model, depth_mm=0.5, frames=1) for of in (result, there)]
+        self.assertEqual(again[0].band_high_N.tobytes(), again[1].band_high_N.tobytes())
+        self.assertIsNot(pickle.loads(pickle.dumps((there, there.model)))[1], there.model)
+        one, its_model = pickle.loads(pickle.dumps((there, there.model)))
+        self.assertIs(one.model, its_model)
+
+    def test_models_go_to_other_processes_and_results_come_back(self):
+        model = pydimple.build_model(SAMPLE, nodes=300)
+        with multiprocessing.get_context("spawn").Pool(2) as pool:
+            (said, result), _ = pool.map(force_of, [model, model])
+        self.assertEqual(said, repr(model))
+        here = pydimple.solve(model, depth_mm=0.5, frames=1)
+        self.assertEqual(here.displacement_m.tobytes(), result.displacement_m.tobytes())
+
+    def test_a_pickle_of_another_version_or_a_damaged_one_is_refused(self):
+        rebuild, arguments, (state,), *_ = pydimple.build_model(SAMPLE, nodes=300).__reduce_ex__(2)
+        for bad in (state[: len(state) // 2], state.replace(b"pydimple model", b"pydimple madel"), b""):
+            error = self.raised(pydimple.InputError, rebuild(*arguments).__setstate__, (bad,))
+            self.assertIn("model", error.fact)
+        self.raised(pydimple.InputError, rebuild(*arguments).__setstate__, ())
+        with self.assertRaises(TypeError):
+            pickle.dumps(pydimple.Session(pydimple.build_model(SAMPLE, nodes=300)))
+
+
+class Following(InAFolder):
+    @classmethod
+    def setUpClass(cls):
+        cls.model = pydimple.build_model(SAMPLE, nodes=600)
+
+    def follow(self, depths_mm, **limit):
+        session = pydimple.Session(self.model)
+        return [session.follow(depth_mm=depth, **limit) for depth in depths_mm]
+
+    def test_a_frame_has_the_force_of_equilibrium_and_says_how_far_it_is_from_it(self):
+        frame = self.follow([1], evaluations=500)[0]
+        session = pydimple.Session(self.model)
+        session.equilibrate(depth_mm=1)
+        self.assertEqual((frame.status, frame.asked_mm), ("there", 1))
+        self.assertAlmostEqual(frame.depth_mm, 1)
+        self.assertAlmostEqual(frame.force_N / session.force_N, 1, delta=2e-3)
+        self.assertLess(frame.error_N, 0.02 * frame.force_N)
+        self.assertAlmostEqual(-np.dot(frame.force_on_tool_N, self.model.push), frame.force_N, delta=1e-6 * frame.force_N)
+        np.testing.assert_allclose(np.array(frame.force_direction) * frame.force_N, frame.force_on_tool_N, rtol=1e-9)
+        self.assertEqual(len(frame.moment_on_tool_Nm), 3)
+        self.assertTrue(0 < frame.evaluations <= 500 and frame.residual < 1e-2)
+        beside = self.follow([0.9, 1.1], evaluations=500)
+        slope = (beside[1].force_N - beside[0].force_N) / 0.2e-3
+        self.assertAlmostEqual(frame.stiffness_N_per_m / slope, 1, delta=0.2)
+
+    def test_the_tool_lags_catches_up_is_lifted_and_goes_no_deeper_than_the_body(self):
+        session = pydimple.Session(self.model)
+        frame = session.follow(depth_mm=3, evaluations=3)
+        self.assertEqual(frame.status, "lags")
+        self.assertLess(frame.depth_mm, 3)
+        for _ in range(300):
+            frame = session.follow(depth_mm=3, evaluations=8)
+        self.assertEqual(frame.status, "there")
+        lifted = session.follow(depth_mm=-1, seconds=0.01)
+        self.assertEqual((lifted.force_N, lifted.depth_mm, lifted.status), (0, 0, "there"))
+        self.assertEqual(session.follow(depth_mm=100, seconds=0.01).status, "beyond")
+
+    def test_frames_of_so_many_evaluations_are_the_same_bits_each_time_and_cross_processes(self):
+        first, second = (self.follow(np.linspace(0.1, 2, 20), evaluations=8) for _ in range(2))
+        self.assertEqual(first, second)
+        self.assertEqual(pickle.loads(pickle.dumps(first)), first)
+
+    def test_a_frame_keeps_its_time(self):
+        began = time.perf_counter()
+        frames = self.follow(np.linspace(0.1, 4, 20), seconds=0.02)
+        self.assertLess(time.perf_counter() - began, 20 * 0.02 + 2)
+        self.assertTrue(all(frame.evaluations > 0 for frame in frames))
+
+    def test_what_no_frame_can_be_is_refused(self):
+        session = pydimple.Session(self.model)
+        for bad in ({"depth_mm": float("inf")}, {"seconds": 0}, {"evaluations": -1}, {"dt_s": -1}):
+            error = self.raised(pydimple.UsageError, session.follow, **{"depth_mm": 1, **bad})
+            self.assertTrue(error.fact.startswith(f"{list(bad)[0]}="), error.fact)
+        paper = pydimple.build_model(SAMPLE, nodes=300, scheme="horton2007")
+        self.raised(pydimple.SolveError, pydimple.Session(paper).follow, depth_mm=1)
+
+
+class Organs(InAFolder):
+    def test_an_organ_gives_the_models_of_its_image_at_every_place(self):
+        labels, to_lps = half_ellipsoid()
+        here = {"affine": to_lps, "space": "LPS"}
+        for image, given in ((labels, here), (TWO_LABELS, {"tissue": {2: {"mu_Pa": 900}}, "label": [1, 2]})):
+            organ = pydimple.Organ(image, nodes=300, indenter_diameter_mm=12, **given)
+            places = [{}, {"indent_at": "opposite,left"}, {"indent_at": "anterior"}, {"nodes": 400, "base": "organ"}]
+            for place in places:
+                model = organ.build_model(**place)
+                alone = pydimple.build_model(image, **{"nodes": 300, "indenter_diameter_mm": 12, **given, **place})
+                self.assertEqual(model.positions_m.tobytes(), alone.positions_m.tobytes())
+                self.assertEqual(model.points_m.tobytes(), alone.points_m.tobytes())
+                self.assertEqual(model.warnings, alone.warnings)
+                self.assertEqual(set(model.report), set(alone.report))
+
+    def test_a_model_of_an_organ_is_as_any_other(self):
+        organ = pydimple.Organ(SAMPLE, nodes=1000)
+        model, alone = organ.build_model(indent_at="0,0,top"), pydimple.build_model(SAMPLE, nodes=1000, indent_at="0,0,top")
+        del organ
+        gc.collect()
+        mine, its = (pydimple.solve(of, depth_mm=0.5, frames=1) for of in (pickle.loads(pickle.dumps(model)), alone))
+        self.assertEqual(mine.force_N.tobytes(), its.force_N.tobytes())
+        self.assertEqual(mine.band_low_N.tobytes(), its.band_low_N.tobytes())
+
+    def test_it_knows_where_the_tool_may_stand(self):
+        organ = pydimple.Organ(SAMPLE)
+        self.assertEqual(organ.usable_places(), pydimple.usable_places(SAMPLE))
+        there = organ.usable_places(indent_at="anterior")
+        self.assertEqual(there, pydimple.usable_places(SAMPLE, indent_at="anterior"))
+        self.assertIsInstance(organ.warnings, list)
+
+    def test_what_its_surface_hangs_on_is_asked_of_the_organ_alone(self):
+        organ = pydimple.Organ(SAMPLE)
+        for option in ({"label": 1}, {"close_mm": 3}, {"indenter_diameter_mm": 12}):
+            self.assertIn("Organ", self.raised(pydimple.UsageError, organ.build_model, **option).why)
+        self.assertEqual("indent_at=", self.raised(pydimple.ModelError, organ.build_model, indent_at=(0, 0, 500)).where)
+        self.raised(pydimple.UsageError, organ.build_model, base="bottomless")
+
+
+def flags_of_messages():
+    """Flag -> string literals of the library's sources that name it, with numbers for what is put in."""
+    found = {}
+    for folder in ("io", "preprocess", "solver", "apps/run"):
+        for file in (SOURCE / folder).glob("*.[ch]pp"):
+            code = re.sub(r"^\s*(//|#).*$|\s//.*$", "", file.read_text(), flags=re.M)
+            code = re.sub(r'"\s*\n\s*"', "", code)  # one message over several lines
+            for literal in re.findall(r'"((?:[^"\\\n]|\\.)*)"', code):
+                for flag in re.findall(r"(?<![\w!<-])(--[a-z][a-z-]*|-o\b)", literal):
+                    found.setdefault(flag, set()).add(re.sub(r"\{[^{}]*\}", "7", literal))
+    return found
+
+
+class Words(InAFolder):
+    def test_every_flag_of_a_message_is_a_keyword_or_cannot_come_up(self):
+        from pydimple import _errors
+
+        flags = flags_of_messages()
+        self.assertGreater(len(flags), 40)  # all are found
+        self.assertLess({"--nodes", "--depth", "--time-limit", "--socket", "-o"}, set(flags))
+        known = {**_errors.OF_FLAG, **_errors.OTHER_FLAGS, "--set": "any option"}
+        self.assertEqual({flag for flag in flags if flag not in known and flag not in _errors.NOT_IN_PYTHON}, set())
+        self.assertFalse(set(known) & set(_errors.NOT_IN_PYTHON))
+        for flag, messages in flags.items():
+            for message in messages if flag in known else ():
+                said = re.sub("`[^`]*`", "", _errors.in_keywords(message))
+                left = set(re.findall(r"(?<![\w!<-])(--[a-z][a-z-]*|-o\b)", said)) - set(_errors.NOT_IN_PYTHON)
+                # what is the flag alone is put beside others, or is looked for, and never said
+                self.assertTrue(not left or message in ("--", "--set"), f"{message}\n{said}")
+
+    def test_flags_become_keywords_as_they_are_written_in_python(self):
+        from pydimple._errors import in_keywords
+
+        for flags, keywords in (
+            ("use more nodes (--nodes) or a smaller --depth", "use more nodes (nodes=) or a smaller depth_mm="),
+            ("give a smaller --depth, or --time dynamic", 'give a smaller depth_mm=, or time="dynamic"'),
+            ("on where a body has folds; give --nodes 4000", "on where a body has folds; give nodes=4000"),
+            ("spacing at the rim (--rim 0.15 or more)", "spacing at the rim (rim=0.15 or more)"),
+            ("for a brain about --close 4mm", "for a brain about close_mm=4"),
+            ("leave --stress out, or the preset", "leave stress= out, or the preset"),
+            ("--stress printed (material.stress)", 'stress="printed"'),
+            ("--depth (load.depth_mm)", "depth_mm="),
+            ("--accuracy (accuracy.goal) or --budget (accuracy.budget_s)", "accuracy= or budget_s="),
+            ("--warp, --warp-labels (output.warp, output.warp_labels)", "warp=, warp_labels="),
+            ("steps of the load (--set solver.step_radii=0.05), a", "steps of the load (step_radii=0.05), a"),
+            ("more points (--set grid.ratio)", "more points (ratio=)"),
+            ("as in --set tissue.2.mu=300Pa", 'as in tissue={2: {"mu_Pa": 300}}'),
+            ("for instance --direction 0,0,-1 to push", "for instance direction=(0, 0, -1) to push"),
+            ("--indent-at superior,left", 'indent_at="superior,left"'),
+            ("take several with --label 1,2, or leave --label out", "take several with label=[1, 2], or leave label= out"),
+            ("add --write all,images or --warp IMAGE", 'add write=["all", "images"] or warp=IMAGE'),
+            ("another folder with -o, or --force to replace it", "another folder with out=, or overwrite=True to replace it"),
+            ("use a smaller solver.safety, for instance", "use a smaller safety=, for instance"),
+            ("material.nu = 0.5 is not allowed", "nu=0.5 is not allowed"),
+            ("material.young_Pa = 0 takes it back", "young_Pa=0 takes it back"),
+            ("`dimple places` lists the others", "pydimple.usable_places lists the others"),
+            ("; `dimple run --resume` goes on", "; `dimple run --resume` goes on"),
+        ):
+            self.assertEqual(in_keywords(flags), keywords)
+
+    def test_errors_warnings_and_the_log_name_keywords(self):
+        model = pydimple.build_model(SAMPLE, nodes=300)
+        deep = self.raised(pydimple.ModelError, pydimple.solve, model, depth_mm=100)
+        self.assertEqual(deep.where, "depth_mm=")
+        self.assertEqual(deep.remedy, "give a smaller depth_mm=, or another place with indent_at=")
+        word = self.raised(pydimple.UsageError, pydimple.solve, model, contact="sticky")
+        self.assertEqual((word.fact, word.where), ('contact="sticky" is not allowed', "contact="))
+        self.assertIn("nodes=1000", pydimple.solve(model, depth_mm=0.5, frames=1).band_unknown)
+        with self.assertLogs("pydimple", logging.INFO) as heard:
+            result = pydimple.run(TWO_LABELS, **FAST)
+        self.assertTrue(any("label=" in line and "tissue={" in line for line in heard.output), heard.output)
+        self.assertTrue(any("mu_Pa=" in line for line in heard.output), heard.output)
+        for line in heard.output + result.warnings + result.model.warnings:
+            self.assertNotRegex(line, "(^|[ (])--[a-z]")
+
+    def test_a_file_of_options_is_told_of_in_its_own_keys(self):
+        file = self.folder / "options.toml"
+        file.write_text("[material]\nnu = 0.5\n")
+        error = self.raised(pydimple.UsageError, pydimple.run, SAMPLE, config=file)
+        self.assertEqual((error.fact, error.where), ("material.nu = 0.5 is not allowed", f"{file}, line 2"))
+
+    def test_a_keyword_counts_as_a_flag_does_beside_a_preset_and_a_file(self):
+        model = pydimple.build_model(SAMPLE, nodes=300)
+        preset = {"preset": "horton_2007", "depth_mm": 0.5, "frames": 1}
+        given = pydimple.solve(model, mu_Pa=420, **preset).force_N[-1] / pydimple.solve(model, mu_Pa=210, **preset).force_N[-1]
+        self.assertAlmostEqual(given, 2, delta=1e-3)
+        file = self.folder / "options.toml"
+        file.write_text("[material]\nmu_Pa = 420\n")
+        of_preset = pydimple.solve(model, config=file, **preset)
+        np.testing.assert_array_equal(of_preset.force_N, pydimple.solve(model, **preset).force_N)
+
+    def test_dir_shows_what_is_meant_for_users(self):
+        model = pydimple.build_model(SAMPLE, nodes=300)
+        result, session = pydimple.solve(model, depth_mm=0.5, frames=1), pydimple.Session(model)
+        shown = {name for name in dir(pydimple) if not name.startswith("__")}
+        self.assertEqual(shown, set(pydimple.__all__))
+        things = [model, result, session, session.follow(depth_mm=0.1), pydimple.Organ(SAMPLE), pydimple.Error("fact")]
+        things += [getattr(pydimple, name) for name in pydimple.__all__]
+        for thing in things:
+            private = [name for name in dir(thing) if name.startswith("_") and not name.endswith("__")]
+            self.assertEqual(private, [], repr(thing))
+
+    def test_every_object_says_what_it_is(self):
+        model = pydimple.build_model(SAMPLE, nodes=300)
+        session = pydimple.Session(model)
+        session.equilibrate(depth_mm=2)
+        frame = session.follow(depth_mm=1, evaluations=100)
+        force = r"[\d.]+ mN at {}\.00 mm"
+        for thing, pattern in (
+            (model, r"Model: \d+ nodes, \d+ integration points, circle 10\.00 mm wide"),
+            (pydimple.Organ(SAMPLE), r"Organ: 108 cm3, \d+ triangles"),
+            (pydimple.solve(model, depth_mm=2, frames=1), r"Result: " + force.format(2) + ", band unknown: .*nodes=1000"),
+            (pydimple.Session(model), r"Session: \d+ nodes, 0 N at 0\.00 mm"),
+            (frame, "Frame: " + force.format(1) + r", error [\d.]+ [mun]?N, there"),
+            (pydimple.UsageError("no such thing"), "UsageError: no such thing"),
+        ):
+            self.assertRegex(repr(thing), f"^<pydimple.{pattern}>$")
+        session.equilibrate(depth_mm=2)
+        self.assertRegex(repr(session), r"^<pydimple.Session: \d+ nodes, " + force.format(2) + ">$")
+        for name in pydimple.__all__:
+            self.assertEqual(getattr(pydimple, name).__module__, "pydimple", name)
+
+
 class Errors(InAFolder):
     def test_each_kind_of_failure_has_a_class_and_five_parts(self):
         model = pydimple.build_model(SAMPLE, nodes=300)
@@ -306,7 +609,7 @@ class Errors(InAFolder):
         self.raised(pydimple.UsageError, pydimple.run, SAMPLE, zzz=300)
         self.assertIn("build_model", self.raised(pydimple.UsageError, pydimple.solve, model, nodes=300).why)
         self.assertIn("solve", self.raised(pydimple.UsageError, pydimple.Session, model, depth_mm=3).why)
-        self.assertEqual("nu", self.raised(pydimple.UsageError, pydimple.solve, model, nu=0.5).where)
+        self.assertEqual("nu=", self.raised(pydimple.UsageError, pydimple.solve, model, nu=0.5).where)
         self.raised(pydimple.UsageError, pydimple.solve, model, mu_Pa=True)
         self.raised(pydimple.UsageError, pydimple.solve, model, mu_Pa={})
         self.raised(pydimple.UsageError, pydimple.solve, model, mu_Pa="3 kg")
@@ -427,19 +730,71 @@ class Stubs(unittest.TestCase):
     def test_stubs_and_module_have_the_same_names(self):
         stubs = {node.name: node for node in self.tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
         self.assertEqual(set(stubs), set(pydimple.__all__))
-        for name in ("Model", "Result", "Session"):
+        for name in ("Model", "Organ", "Result", "Session"):
             said = {n.name for n in stubs[name].body if isinstance(n, ast.FunctionDef) and not n.name.startswith("_")}
             self.assertEqual(said, {n for n in dir(getattr(pydimple, name)) if not n.startswith("_")}, name)
 
     def test_stubs_and_module_take_the_same_arguments(self):
         for node in ast.walk(self.tree):
-            if not isinstance(node, ast.FunctionDef) or node.name not in ("build_model", "solve", "run", "limit_threads"):
+            functions = ("build_model", "usable_places", "solve", "run", "limit_threads")
+            if not isinstance(node, ast.FunctionDef) or node not in self.tree.body or node.name not in functions:
                 continue
             said = [a.arg for a in node.args.posonlyargs + node.args.args + node.args.kwonlyargs]
             self.assertEqual(said, list(inspect.signature(getattr(pydimple, node.name)).parameters), node.name)
-        session = next(n for n in self.tree.body if getattr(n, "name", "") == "Session").body[0].args
-        said = [a.arg for a in session.args[1:] + session.kwonlyargs]
-        self.assertEqual(said, list(inspect.signature(pydimple.Session).parameters))
+        for name in ("Session", "Organ"):
+            stub = next(n for n in self.tree.body if getattr(n, "name", "") == name)
+            for method in (n for n in stub.body if isinstance(n, ast.FunctionDef) and not n.decorator_list):
+                thing = getattr(pydimple, name) if method.name == "__init__" else getattr(getattr(pydimple, name), method.name)
+                said = [a.arg for a in method.args.args + method.args.kwonlyargs]
+                if name == "Session" and method.name in ("equilibrate", "step"):
+                    continue  # of the extension, which has no signatures
+                own = list(inspect.signature(thing).parameters)
+                self.assertEqual(said[said[:1] != own[:1] and said[0] == "self":], own, f"{name}.{method.name}")
+
+    def words_of(self, annotation):
+        """The words of all Literals of a type."""
+        literals = [n for n in ast.walk(annotation) if isinstance(n, ast.Subscript) and getattr(n.value, "id", "") == "Literal"]
+        return [c.value for n in literals[:1] for c in ast.walk(n.slice) if isinstance(c, ast.Constant)]
+
+    def words_of_keywords(self):
+        found = {}
+        for node in ast.walk(self.tree):
+            if isinstance(node, ast.FunctionDef):
+                for argument in node.args.args + node.args.kwonlyargs:
+                    if argument.annotation and argument.arg not in ("self", "space"):
+                        words = self.words_of(argument.annotation)
+                        self.assertEqual(found.setdefault(argument.arg, words), words, argument.arg)
+        return {keyword: words for keyword, words in found.items() if words}
+
+    def test_words_of_the_stubs_are_those_that_the_program_takes(self):
+        said = self.words_of_keywords()
+        one_of = {k for k, o in pydimple._OPTIONS.items() if o["choices"]}
+        self.assertLess({"contact", "time", "precision", "preset", "scheme", "band", "write"}, one_of)
+        self.assertLess(one_of | {"base", "indent_at", "direction"}, set(said))
+        for keyword in one_of:  # the refusal of another word lists them
+            with self.assertRaises(pydimple.UsageError) as refused:
+                pydimple.run(SAMPLE, out="never", **{keyword: "another"})
+            listed = re.search(r": give (?:one|some) of (.*)$", refused.exception.remedy)[1].split(", ")
+            self.assertEqual(said[keyword], listed, keyword)
+        for keyword in ("base", "indent_at"):
+            with self.assertRaises(pydimple.UsageError) as refused:
+                pydimple.usable_places(SAMPLE, **{keyword: "another"})
+            listed = set(re.findall(r"[a-z]{4,}", refused.exception.why.split("one of")[0])) - {"side", "place", "base", "patient"}
+            self.assertEqual(set(said[keyword]), listed, keyword)
+            for word in said[keyword]:
+                pydimple.usable_places(SAMPLE, **{keyword: word})
+        for keyword, where in (("direction", pydimple.build_model), ("label_names", pydimple.build_model)):
+            for word in said[keyword]:
+                where(SAMPLE, nodes=300, **{keyword: word})
+            with self.assertRaises(pydimple.Error):
+                where(SAMPLE, nodes=300, **{keyword: "another"})
+        self.assertEqual({k: said[k] for k in ("quantity", "compare")}, {"quantity": ["force"], "compare": ["horton2007"]})
+
+    def test_words_of_a_frame_are_those_of_the_live_socket(self):
+        frame = next(n for n in self.tree.body if getattr(n, "name", "") == "Frame")
+        status = next(n for n in frame.body if n.target.id == "status")
+        self.assertEqual(self.words_of(status.annotation), pydimple._core.words_of_status())
+        self.assertEqual([n.target.id for n in frame.body], list(inspect.signature(pydimple.Frame).parameters))
 
     def test_every_option_has_one_keyword(self):
         self.assertEqual(len(pydimple._OPTIONS), len(pydimple._core.options()))
@@ -457,16 +812,23 @@ class Stubs(unittest.TestCase):
             "force: float = float(result.force_N[-1])\n"
             "session = pydimple.Session(result.model, mu_Pa='0.3kPa')\n"
             "count: int = session.equilibrate(depth_mm=0.5)\n"
+            "felt: tuple[float, float, float] = session.follow(depth_mm=0.5, evaluations=8).force_on_tool_N\n"
+            "model = pydimple.Organ('brain.nrrd', label=2).build_model(indent_at='left', base=(0, 0, 1), scheme='converging')\n"
+            "pydimple.solve(model, contact='frictionless', time='quasi-static', precision='double', preset='none')\n"
         )
         checked = subprocess.run(
             ["mypy", "--python-executable", sys.executable, "--strict", str(user)], stdout=subprocess.PIPE, text=True
         )
         self.assertEqual(checked.returncode, 0, checked.stdout)
-        user.write_text("import pydimple\npydimple.run('brain.nrrd', mu=210)\npydimple.run('brain.nrrd').force\n")
+        user.write_text(
+            "import pydimple\npydimple.run('brain.nrrd', mu=210)\npydimple.run('brain.nrrd').force\n"
+            "pydimple.run('brain.nrrd', contact='sticky')\npydimple.run('brain.nrrd', base='superor')\n"
+            "pydimple.Organ('brain.nrrd').build_model(label=2)\n"
+        )
         checked = subprocess.run(
             ["mypy", "--python-executable", sys.executable, str(user)], stdout=subprocess.PIPE, text=True
         )
-        self.assertEqual(checked.stdout.count("error:"), 2, checked.stdout)
+        self.assertEqual(checked.stdout.count("error:"), 5, checked.stdout)
 
 
 class Documentation(InAFolder):

@@ -6,12 +6,14 @@
     result.depth_m, result.force_N            # numpy arrays
 
 `run` goes from an image to the force curve and its band, as the command `dimple run` does, to the same bits;
-`build_model` and `solve` are its two halves, and `Session` moves a tool by hand. An image is a file or an array with
+`build_model` and `solve` are its two halves, `Organ` reads an image once for models at several places, and `Session`
+moves a tool by hand. An image is a file or an array with
 its affine. Options are keywords: the words of the command line's flags with their unit, ``--mu 300Pa`` is
-``mu_Pa=300``. What is given is in the unit of its keyword; what comes back is in SI units, with the unit in its name,
-and LPS. Failures are raised as `Error`, in five parts. What the program tells goes to ``logging.getLogger("pydimple")``.
+``mu_Pa=300``. What is given is in the unit of its keyword; what comes back has its unit in its name, mostly SI, and is
+LPS. Failures are raised as `Error`, in five parts. What the program tells goes to ``logging.getLogger("pydimple")``.
 """
 
+import dataclasses
 import difflib
 import inspect
 import json
@@ -20,8 +22,9 @@ import os
 
 import numpy as np
 
-from . import _core
+from . import _core, _errors
 from ._core import Model, Result
+from ._errors import Error, InputError, ModelError, OutputError, SolveError, Stopped, UsageError
 
 __version__ = _core.version
 __all__ = [
@@ -31,8 +34,10 @@ __all__ = [
     "usable_places",
     "limit_threads",
     "Model",
+    "Organ",
     "Result",
     "Session",
+    "Frame",
     "Error",
     "UsageError",
     "InputError",
@@ -43,53 +48,8 @@ __all__ = [
 ]
 
 
-class _FiveParts:
-    """What a message owes its reader."""
-
-    def __init__(self, fact, where="", why="", remedy="", code=""):
-        super().__init__(fact, where, why, remedy, code)
-        self.fact, self.where, self.why, self.remedy, self.code = fact, where, why, remedy, code
-
-    def __str__(self):
-        parts = [("where", self.where), ("why", self.why), ("try", self.remedy), ("code", self.code)]
-        return self.fact + "".join(f"\n  {name + ':':6} {text}" for name, text in parts if text)
-
-
-class Error(_FiveParts, Exception):
-    """A failure in five parts; each kind is a class of its own.
-
-    Attributes
-    ----------
-    fact, where, why, remedy : str
-        What is wrong, with numbers; stage, file or place; how it came about; what to do. Remedies name the flags of the
-        command line: the keyword is the same word.
-    code : str
-        A word for programs, such as ``no-equilibrium``; apps/README.md lists those of the guards.
-    """
-
-
-class UsageError(Error):
-    """An option or an argument makes no sense."""
-
-
-class InputError(Error):
-    """The image is unreadable or unusable."""
-
-
-class ModelError(Error):
-    """The model could not be built."""
-
-
-class SolveError(Error):
-    """The solution failed."""
-
-
-class OutputError(Error):
-    """Results could not be written."""
-
-
-class Stopped(_FiveParts, KeyboardInterrupt):
-    """A computation was ended by Ctrl-C. It is no `Error`, so that ``except pydimple.Error`` does not hold it back."""
+def __dir__():
+    return sorted(name for name in globals() if name in __all__ or name.startswith("__"))
 
 
 _OPTIONS = {option["keyword"]: option for option in _core.options()}
@@ -100,6 +60,10 @@ def _is_for_session(option):
     return option["key"].startswith("material.") or option["key"] in _OF_SESSION
 
 
+def _shapes_the_surface(option):
+    return option["key"].startswith("image.") or option["key"] == "boundary.indenter_diameter_mm"
+
+
 # Which options each function takes.
 _TAKES = {
     "build_model": lambda option: option["stage"] == "model",
@@ -107,6 +71,9 @@ _TAKES = {
     "solve": lambda option: option["stage"] == "solve" or _is_for_session(option),
     "Session": _is_for_session,
     "run": lambda option: True,
+    "Organ": lambda option: option["stage"] == "model",
+    "Organ.build_model": lambda option: option["stage"] == "model" and not _shapes_the_surface(option),
+    "Organ.usable_places": lambda option: option["key"].startswith("boundary.") and not _shapes_the_surface(option),
 }
 
 
@@ -123,7 +90,7 @@ def _text(where, keyword, value):
     if isinstance(value, (list, tuple, np.ndarray)):
         return ",".join(_text(where, keyword, item) for item in value)
     raise UsageError(
-        f"{keyword} = {value!r} is not allowed",
+        f"{keyword}={value!r} is not allowed",
         where,
         f"it is of type {type(value).__name__}",
         "give a number, a string, or a list of them",
@@ -141,7 +108,7 @@ def _settings(where, config, tissue, options):
             raise UsageError(
                 f"there is no option {keyword}" + (f", did you mean {near[0]}?" if near else ""),
                 where,
-                "options are the words of the command line's flags, with their unit",
+                "options are words with their unit",
                 f"help(pydimple.{where}) lists those that it takes",
                 "usage",
             )
@@ -155,7 +122,7 @@ def _settings(where, config, tissue, options):
                 "usage",
             )
         if value is not None:
-            given.append((option["key"], _text(where, keyword, value), keyword))
+            given.append((option["key"], _text(where, keyword, value), keyword + "="))
     for label, differing in (tissue or {}).items():
         for name, value in differing.items():
             key = f"tissue.{label}.{name}"
@@ -188,7 +155,7 @@ def _array(where, image):
 def _to_lps(where, affine, space):
     if space not in ("RAS", "LPS"):
         raise UsageError(
-            f"space = {space!r} is not allowed",
+            f"space={space!r} is not allowed",
             where,
             "in one of the two patient spaces left and right, front and back are the other way round",
             'an affine of nibabel is space="RAS", one of ITK, SimpleITK or DICOM is space="LPS"',
@@ -209,6 +176,8 @@ def _to_lps(where, affine, space):
 def _with_image(where, image, affine, space, config, tissue, options):
     """Settings and, where the image is an array, the image."""
     is_file = isinstance(image, (str, bytes, os.PathLike))
+    if is_file and not os.fspath(image):
+        raise UsageError("the image is named ''", where, "there is nothing to work on", "give a file or an array", "usage")
     if is_file != (affine is None and space is None) or (affine is None) != (space is None):
         raise UsageError(
             "a file has an affine of its own" if is_file else "an array is given without affine and space",
@@ -244,7 +213,13 @@ def usable_places(image, *, affine=None, space=None, config=None, **options):
     (``room_mm``), and a ``verdict``: good, doubtful (a run warns of it) or refused, with the ``reason``.
     """
     settings, array = _with_image("usable_places", image, affine, space, config, None, options)
-    return json.loads(_core.usable_places_json(settings, array))
+    return _places(_core.usable_places_json(settings, array))
+
+
+def _places(text):
+    found = json.loads(text)
+    found["warnings"] = [_errors.in_keywords(warning) for warning in found["warnings"]]
+    return found
 
 
 def solve(model, *, config=None, tissue=None, **options):
@@ -279,9 +254,71 @@ def limit_threads(count=None):
     """
     if count is not None and (not isinstance(count, numbers.Integral) or not 1 <= count <= 1024):
         raise UsageError(
-            f"count = {count!r} is not allowed", "limit_threads", "it is no whole number from 1 to 1024", "give one", "usage"
+            f"count={count!r} is not allowed", "limit_threads", "it is no whole number from 1 to 1024", "give one", "usage"
         )
     _core.limit_threads(count if count is None else int(count))
+
+
+class Organ(_core.Organ):
+    """An organ that is read once, for models at several places.
+
+    Reading the image and drawing the surface are done here; `build_model` places nodes at one place after the other. Its
+    models are those of `pydimple.build_model` with the same options, to the same bits.
+    """
+
+    def __init__(self, image, *, affine=None, space=None, config=None, tissue=None, **options):
+        super().__init__(*_with_image("Organ", image, affine, space, config, tissue, options))
+
+    def build_model(self, **options):
+        """Nodes, integration points, base and circle, with these options beside those of the organ."""
+        return _core.build_of_organ(self, _settings("Organ.build_model", None, None, options))
+
+    def usable_places(self, **options):
+        """Where the circle may stand, as `pydimple.usable_places` tells it."""
+        return _places(_core.places_of_organ(self, _settings("Organ.usable_places", None, None, options)))
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Frame:
+    """Where a tool that is followed stands, and what it feels there. Of `Session.follow`.
+
+    Attributes
+    ----------
+    asked_mm, depth_mm : float
+        Where the tool was to be, and where it is: its way along the push from where it first touched, millimetres.
+    force_N, error_N : float
+        On the tool along its push, positive where the tissue resists; and how far that may be from equilibrium there.
+    force_on_tool_N, moment_on_tool_Nm : tuple of three floats
+        All of the force on the tool, LPS, and its moment about the middle of the circle.
+    force_direction, moment_arm_m : tuple of three floats
+        These two over ``force_N``; without a force, as at the least depth that is known; zeros: none is known.
+    stiffness_N_per_m : float
+        By how much the force grows with the depth.
+    residual : float
+        What is left unbalanced, relative, as the option ``tolerance``.
+    evaluations : int
+        Of the force, that the frame took.
+    status : {"there", "lags", "stopped", "ignored", "beyond"}
+        The tool is where it was asked to be; is on its way, and the next frames go on; stays, as no equilibrium is found any
+        deeper; has ignored a move across the push (of sockets alone); was asked to be deeper than the body reaches.
+    """
+
+    asked_mm: float
+    depth_mm: float
+    force_N: float
+    error_N: float
+    force_on_tool_N: tuple
+    moment_on_tool_Nm: tuple
+    force_direction: tuple
+    moment_arm_m: tuple
+    stiffness_N_per_m: float
+    residual: float
+    evaluations: int
+    status: str
+
+    def __repr__(self):
+        title = _core.force_title(self.force_N, self.depth_mm)
+        return f"<pydimple.Frame: {title}, error {_core.force_in_words(self.error_N)}, {self.status}>"
 
 
 class Session(_core.Session):
@@ -292,6 +329,35 @@ class Session(_core.Session):
 
     def __init__(self, model, *, config=None, tissue=None, **options):
         super().__init__(model, _settings("Session", config, tissue, options))
+
+    def follow(self, *, depth_mm, seconds=0.04, evaluations=0, dt_s=0.0):
+        """Moves the tool towards a depth and follows the body for as long as a frame may take.
+
+        Where that does not suffice the tool lags, and the next call goes on from there. No state is shown that is far from
+        equilibrium: in its place the last good one stays. Lifted (0 and less) the body is at rest.
+
+        Parameters
+        ----------
+        depth_mm : float
+            The tool's way along its push from where it first touched, millimetres.
+        seconds : float
+            That the frame may take.
+        evaluations : int
+            Of the force, at most; then no clock is read, and the same calls give the same bits on any machine. 0: `seconds`
+            count.
+        dt_s : float
+            Since the last frame, seconds: for viscoelastic tissue.
+
+        Returns
+        -------
+        Frame
+
+        Raises
+        ------
+        SolveError
+            The model's scheme cannot be followed (``scheme="horton2007"``).
+        """
+        return Frame(*_core.follow(self, depth_mm, seconds, evaluations, dt_s))
 
 
 # Documentation and signatures of what takes options are made from the option table, which tells the command line too.
@@ -328,13 +394,15 @@ def _describe(function, where, before, returns, common=_COMMON):
         kind = {"float": "float", "int": "int", "list": "list"}.get(type(option["default"]).__name__, "str")
         default = "" if option["default"] in ("", []) else f", default {option['default']!r}"
         choices = f"; one of {', '.join(option['choices'])}" if option["choices"] else ""
-        listed.append(f"{keyword} : {kind}{default}\n    {option['help']}{choices}")
+        listed.append(f"{keyword} : {kind}{default}\n    {_errors.in_keywords(option['help'])}{choices}")
     function.__doc__ = (
         inspect.cleandoc(function.__doc__) + "\n\nParameters\n----------\n" + before + common + "\n".join(listed)
         + (f"\n\nReturns\n-------\n{returns}\n" if returns else "\n")
     )
     plain = inspect.signature(function.__init__ if inspect.isclass(function) else function)
-    own = [p for p in plain.parameters.values() if p.kind != p.VAR_KEYWORD and p.name != "self"]
+    own = [p for p in plain.parameters.values() if p.kind != p.VAR_KEYWORD]
+    if inspect.isclass(function):
+        own = own[1:]
     function.__signature__ = inspect.Signature(
         own + [inspect.Parameter(k, inspect.Parameter.KEYWORD_ONLY, default=o["default"]) for k, o in options.items()]
     )
@@ -353,6 +421,9 @@ _describe(
 )
 _describe(run, "run", _IMAGE + _OUT, "Result")
 _describe(Session, "Session", _MODEL, "")
+_describe(Organ, "Organ", _IMAGE, "")
+_describe(Organ.build_model, "Organ.build_model", "", "Model", "")
+_describe(Organ.usable_places, "Organ.usable_places", "", "dict\n    As of `pydimple.usable_places`.", "")
 
 for _public in (Model, Result):
     _public.__module__ = __name__

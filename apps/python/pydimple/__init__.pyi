@@ -1,4 +1,5 @@
 # In a wheel `**options` are the keywords that the option table has for each function; setup.py puts them in.
+import dataclasses
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
@@ -108,6 +109,39 @@ class Result:
     @property
     def warnings(self) -> list[str]: ...
 
+class Organ:
+    def __init__(
+        self,
+        image: _Image,
+        *,
+        affine: npt.ArrayLike | None = None,
+        space: Literal["RAS", "LPS"] | None = None,
+        config: _Path | None = None,
+        tissue: _Tissue | None = None,
+        **options: Any,
+    ) -> None: ...
+    def build_model(self, **options: Any) -> Model: ...
+    def usable_places(self, **options: Any) -> dict[str, Any]: ...
+    @property
+    def warnings(self) -> list[str]: ...
+
+_Three = tuple[float, float, float]
+
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    asked_mm: float
+    depth_mm: float
+    force_N: float
+    error_N: float
+    force_on_tool_N: _Three
+    moment_on_tool_Nm: _Three
+    force_direction: _Three
+    moment_arm_m: _Three
+    stiffness_N_per_m: float
+    residual: float
+    evaluations: int
+    status: Literal["there", "lags", "stopped", "ignored", "beyond"]
+
 class Session:
     def __init__(
         self,
@@ -119,6 +153,7 @@ class Session:
     ) -> None: ...
     def equilibrate(self, *, depth_mm: float, dt_s: float = 0.0) -> int: ...
     def step(self, *, depth_mm: float, dt_s: float) -> int: ...
+    def follow(self, *, depth_mm: float, seconds: float = 0.04, evaluations: int = 0, dt_s: float = 0.0) -> Frame: ...
     @property
     def depth_m(self) -> float: ...
     @property

@@ -1,0 +1,255 @@
+#include "apps/python/in_memory.hpp"
+
+#include <fmt/format.h>
+
+#include <exception>
+
+#include "apps/run/archive.hpp"
+#include "io/error.hpp"
+
+namespace dimple {
+
+// ---------------------------------------------------------------------------------------------------------
+// Options
+// ---------------------------------------------------------------------------------------------------------
+
+template <class Archive, Like<Config> T>
+void members(Archive& io, T& config) {
+  Config all = config;
+  for (const Option& option : options_of(all)) std::visit([&](auto* value) { io(*value); }, option.value);
+  io(all.tissue, all.source);
+  if constexpr (!std::is_const_v<T>) config = std::move(all);
+}
+
+template <class Archive, Like<GradingOptions> T>
+void members(Archive& io, T& grading) {
+  auto& [rim, reach, least, load_exponent, load_slope] = grading;
+  io(rim, reach, least, load_exponent, load_slope);
+}
+
+template <class Archive, Like<SupportOptions> T>
+void members(Archive& io, T& support) {
+  auto& [basis, weight, radius_factor, interpolation, through_tissue] = support;
+  io(basis, weight, radius_factor, interpolation, through_tissue);
+}
+
+template <class Archive, Like<Scheme> T>
+void members(Archive& io, T& scheme) {
+  auto& [name, averaged_gradients, consistent_gradients, pressure_patches, base_outline, grading,
+         points_per_node, support] = scheme;
+  std::string named(name);
+  io(named, averaged_gradients, consistent_gradients, pressure_patches, base_outline, grading,
+     points_per_node, support);
+  if constexpr (!std::is_const_v<T>) {
+    const Scheme* known = scheme_named(named);
+    if (!known) throw std::runtime_error("there is no scheme " + named);
+    name = known->name;
+  }
+}
+
+template <class Archive, Like<CloudOptions> T>
+void members(Archive& io, T& cloud) {
+  auto& [count, spacing_mm, seed, grading, base_outline, jitter] = cloud;
+  io(count, spacing_mm, seed, grading, base_outline, jitter);
+}
+
+template <class Archive, Like<GridOptions> T>
+void members(Archive& io, T& grid) {
+  auto& [count, ratio, density] = grid;
+  auto& [rim, far] = density;
+  io(count, ratio, rim, far);
+}
+
+template <class Archive, Like<BoundaryOptions> T>
+void members(Archive& io, T& boundary) {
+  auto& [base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm] = boundary;
+  io(base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm);
+}
+
+template <class Archive, Like<ModelOptions> T>
+void members(Archive& io, T& options) {
+  auto& [scheme, cloud, grid, boundary] = options;
+  io(scheme, cloud, grid, boundary);
+}
+
+// ---------------------------------------------------------------------------------------------------------
+// Image, surface and what a model was made from
+// ---------------------------------------------------------------------------------------------------------
+
+template <class Archive, Like<LabelImage> T>
+void members(Archive& io, T& image) {
+  auto& [size, run, row_offset, to_world, names, format, orientation, stored_size, stored_spacing, warnings] =
+      image;
+  io(size, run, row_offset, to_world.matrix(), names, format, orientation, stored_size, stored_spacing,
+     warnings);
+}
+
+template <class Archive, Like<ClosedImage> T>
+void members(Archive& io, T& closed) {
+  auto& [image, added_mm3, body_mm3] = closed;
+  io(image, added_mm3, body_mm3);
+}
+
+template <class Archive, Like<Cavity> T>
+void members(Archive& io, T& cavity) {
+  auto& [volume_mm3, centre_mm, filled] = cavity;
+  io(volume_mm3, centre_mm, filled);
+}
+
+template <class Archive, Like<SegmentReport> T>
+void members(Archive& io, T& report) {
+  auto& [labels, label_volume_mm3, pieces, dropped_volume_mm3, cavities, voxel_volume_mm3, cut_by_border,
+         step_mm, smoothing_mm, warnings] = report;
+  io(labels, label_volume_mm3, pieces, dropped_volume_mm3, cavities, voxel_volume_mm3, cut_by_border, step_mm,
+     smoothing_mm, warnings);
+}
+
+template <class Archive, Like<BodySurface::ImageEnd> T>
+void members(Archive& io, T& end) {
+  auto& [out, offset, tolerance] = end;
+  io(out, offset, tolerance);
+}
+
+// What a surface is made from; the same comes of it again.
+struct Triangulated {
+  Points vertex;
+  Triangles triangles;
+  Eigen::Isometry3d to_world = Eigen::Isometry3d::Identity();
+  std::vector<BodySurface::ImageEnd> image_ends;
+};
+
+template <class Archive, Like<Triangulated> T>
+void members(Archive& io, T& surface) {
+  auto& [vertex, triangles, to_world, image_ends] = surface;
+  io(vertex, triangles, to_world.matrix(), image_ends);
+}
+
+template <class Archive, Like<Organ> T>
+void members(Archive& io, T& organ) {
+  auto& [options, labels, closed, closing, body, label_names] = organ;
+  if constexpr (std::is_const_v<T>) {
+    const BodySurface& s = body->surface;
+    io(options, labels, closed, closing,
+       Triangulated{s.vertex(), s.triangles(), s.to_world(), s.image_ends()}, body->report, label_names);
+  } else {
+    Triangulated from;
+    SegmentReport report;
+    io(options, labels, closed, closing, from, report, label_names);
+    BodySurface surface(std::move(from.vertex), std::move(from.triangles), from.to_world);
+    surface.ends_with_image(std::move(from.image_ends));
+    body = std::make_shared<const SegmentedBody>(SegmentedBody{std::move(surface), std::move(report)});
+  }
+}
+
+template <class Archive, Like<Boundary> T>
+void members(Archive& io, T& boundary) {
+  auto& [down, lowest, height, base_depth, flat_base, base_by_axes, centre, push, radius, room, base_reason,
+         circle_reason, warnings] = boundary;
+  io(down, lowest, height, base_depth, flat_base, base_by_axes, centre, push, radius, room, base_reason,
+     circle_reason, warnings);
+}
+
+template <class Archive, Like<Origin> T>
+void members(Archive& io, T& origin) {
+  auto& [config, organ, image, facing_share, boundary] = origin;
+  io(config, organ, image, facing_share, boundary);
+}
+
+// ---------------------------------------------------------------------------------------------------------
+// Model and result
+// ---------------------------------------------------------------------------------------------------------
+
+template <class Archive, Like<CompressedRows> T>
+void members(Archive& io, T& rows) {
+  auto& [offset, member] = rows;
+  io(offset, member);
+}
+
+template <class Archive, Like<Discretisation> T>
+void members(Archive& io, T& places) {
+  auto& [X, spacing, point, volume, spread, label, base, indenter, tool, axes, surface] = places;
+  auto& [centre, push, radius] = tool;
+  auto& [vertex_mm, triangles] = surface;
+  io(X, spacing, point, volume, spread, label, base, indenter, centre, push, radius, axes, vertex_mm,
+     triangles);
+}
+
+template <class Archive, Like<ModelInMemory> T>
+void members(Archive& io, T& kept) {
+  auto& model = kept.model;
+  if constexpr (std::is_const_v<T>)
+    io(static_cast<const Discretisation&>(model));
+  else
+    io(static_cast<Discretisation&>(model));
+  io(model.scheme, model.support, model.support_report.unseen, kept.config, kept.label_names, kept.provenance,
+     kept.warnings, kept.report_json);
+  if constexpr (std::is_const_v<T>) {
+    io(kept.origin != nullptr);
+    if (kept.origin) io(*kept.origin);
+  } else {
+    bool has_origin = false;
+    io(has_origin);
+    if (!has_origin) return;
+    auto origin = std::make_shared<Origin>();
+    io(*origin);
+    kept.origin = std::move(origin);
+  }
+}
+
+template <class Archive, Like<Band> T>
+void members(Archive& io, T& band) {
+  auto& [unknown, coarse_nodes, seconds, half] = band;
+  io(unknown, coarse_nodes, seconds, half);
+}
+
+template <class Archive, Like<Solved> T>
+void members(Archive& io, T& solved) {
+  auto& [force, band, warnings, summary_json, model, frame_time, frame_depth, frame_u] = solved;
+  io(force, band, warnings, summary_json, frame_time, frame_depth, frame_u);
+}
+
+namespace {
+
+std::string format_of(const char* what) {
+  return fmt::format("pydimple {} {}", what, DIMPLE_VERSION);
+}
+
+template <class T>
+void read(const char* what, const std::vector<std::uint8_t>& bytes, T& value) {
+  try {
+    from_bytes(format_of(what), bytes, value);
+  } catch (const Error&) {
+    throw;
+  } catch (const std::exception& error) {
+    throw InputError(
+        {.fact = fmt::format("a pickled {} cannot be read", what),
+         .where = "pickle",
+         .why = fmt::format("it is none of version {}, or damaged: {}", DIMPLE_VERSION, error.what()),
+         .remedy = "compute it again, or read it with the version that it was pickled by"});
+  }
+}
+
+}  // namespace
+
+std::vector<std::uint8_t> bytes_of(const ModelInMemory& model) {
+  return to_bytes(format_of("model"), model);
+}
+
+ModelHolder model_of(const std::vector<std::uint8_t>& bytes) {
+  auto model = std::make_shared<ModelInMemory>();
+  read("model", bytes, *model);
+  return model;
+}
+
+std::vector<std::uint8_t> bytes_of(const Solved& solved) {
+  return to_bytes(format_of("result"), solved);
+}
+
+std::unique_ptr<Solved> solved_of(const std::vector<std::uint8_t>& bytes, ModelHolder model) {
+  auto solved = std::make_unique<Solved>();
+  read("result", bytes, *solved);
+  solved->model = std::move(model);
+  return solved;
+}
+
+}  // namespace dimple

@@ -1,0 +1,180 @@
+"""Errors in five parts, and what the program says to its command line in the words of a Python caller.
+
+The library's messages name flags (`--nodes`) and keys of a file of options (`cloud.nodes`). All of them pass through
+`in_keywords` on their way to Python, which makes keywords of these, by the table of options and those of the words below.
+"""
+
+import re
+
+from . import _core
+
+
+class _FiveParts:
+    """What a message owes its reader."""
+
+    def __init__(self, fact, where="", why="", remedy="", code=""):
+        super().__init__(fact, where, why, remedy, code)
+        self.fact, self.where, self.why, self.remedy, self.code = fact, where, why, remedy, code
+
+    def __str__(self):
+        parts = [("where", self.where), ("why", self.why), ("try", self.remedy), ("code", self.code)]
+        return self.fact + "".join(f"\n  {name + ':':6} {text}" for name, text in parts if text)
+
+    def __repr__(self):
+        return f"<pydimple.{type(self).__name__}: {self.fact}>"
+
+
+class Error(_FiveParts, Exception):
+    """A failure in five parts; each kind is a class of its own.
+
+    Attributes
+    ----------
+    fact, where, why, remedy : str
+        What is wrong, with numbers; keyword, stage, file or place; how it came about; what to do.
+    code : str
+        A word for programs, such as ``no-equilibrium``; apps/README.md lists those of the guards.
+    """
+
+
+class UsageError(Error):
+    """An option or an argument makes no sense."""
+
+
+class InputError(Error):
+    """The image is unreadable or unusable."""
+
+
+class ModelError(Error):
+    """The model could not be built."""
+
+
+class SolveError(Error):
+    """The solution failed."""
+
+
+class OutputError(Error):
+    """Results could not be written."""
+
+
+class Stopped(_FiveParts, KeyboardInterrupt):
+    """A computation was ended by Ctrl-C. It is no `Error`, so that ``except pydimple.Error`` does not hold it back."""
+
+
+for _kind in (Error, UsageError, InputError, ModelError, SolveError, OutputError, Stopped):
+    _kind.__module__ = "pydimple"
+
+
+def error_of(kind, fact, where, why, remedy, code):
+    """Of a library's error. A message about a file of options keeps that file's keys."""
+    of_file = bool(re.search(r"(, line \d+|\.toml)$", where))
+    return globals()[kind](*(in_keywords(part, not of_file) for part in (fact, where, why, remedy)), code)
+
+
+_OPTIONS = _core.options()
+OF_FLAG = {option["flag"]: option for option in _OPTIONS if option["flag"]}
+# Flags that are no options of the table.
+OTHER_FLAGS = {
+    "--output": "out=",
+    "-o": "out=",
+    "--force": "overwrite=True",
+    "--config": "config=",
+    "--resume": "`dimple run --resume`",  # which goes on with a folder that was begun here, too
+}
+# Flags of messages that no call of this module can meet.
+NOT_IN_PYTHON = {
+    "--time-limit": "a call has no time limit of its own; who wants one raises from a signal handler",
+    "--shape": "of `dimple phantom`",
+    "--size": "of `dimple phantom`",
+    "--elements": "of `dimple export`",
+    "--format": "of `dimple export`",
+    "--socket": "of `dimple poke`",
+}
+# Commands that are functions here.
+FUNCTIONS = {"dimple places": "pydimple.usable_places", "dimple options": "help(pydimple.run)"}
+
+_OF_KEY = {option[name]: option for option in _OPTIONS for name in ("key", "key_without_unit")}
+_SECTIONS = "|".join(sorted({option["key"].partition(".")[0] for option in _OPTIONS}))
+_KEYS = rf"\((?:(?:{_SECTIONS})\.\w+(?:, )?)+\)"
+_FLAG = re.compile(rf"(?<![\w-])(--[a-z][a-z-]*|-o\b)(?: (?={_KEYS})| (?!{_KEYS}|--)([^\s;:()]*[^\s;:().,]))?(?: ?{_KEYS})?")
+_KEY = re.compile(rf"(?<![\w/.])((?:{_SECTIONS})\.\w+)(?: ?= ?([^\s;:()]*[^\s;:().,]))?")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?")
+_SIDES_TOO = ("top", "bottom", "left", "right", "front", "back")  # that --base and --indent-at know
+
+
+def _is_value(option, text):
+    """Whether what follows a flag is its value, and not the next word of the sentence."""
+    if _NUMBER.match(text) or text == "IMAGE":
+        return True
+    known = option["words"] + (list(_SIDES_TOO) if "superior" in option["words"] else [])
+    return all(part in known for part in text.split(","))
+
+
+def _one(option, text):
+    number = _NUMBER.match(text)
+    if number and text[number.end() :] in ("", option["unit"]):
+        return number[0]
+    return text if text == "IMAGE" else f'"{text}"'
+
+
+def _given(option, text):
+    """`keyword=value` as it is written in Python."""
+    parts = text.split(",")
+    if len(parts) == 1:
+        value = _one(option, text)
+    elif isinstance(option["default"], list):
+        value = f"[{', '.join(_one(option, part) for part in parts)}]"
+    elif all(_NUMBER.fullmatch(part) for part in parts):
+        value = f"({', '.join(parts)})"
+    else:
+        value = f'"{text}"'
+    return f"{option['keyword']}={value}"
+
+
+def _of_set(text):
+    """`section.name` or `section.name=value` behind --set."""
+    key, _, value = text.partition("=")
+    if key.startswith("tissue."):
+        label, name = key[len("tissue.") :].rsplit(".", 1)
+        option = _OF_KEY.get("material." + name)
+        if option is None:
+            return None
+        return f'tissue={{{_one({"unit": ""}, label)}: {{"{option["keyword"]}": {_one(option, value)}}}}}'
+    option = _OF_KEY.get(key)
+    if option is None:
+        return None
+    return _given(option, value) if value else option["keyword"] + "="
+
+
+def _of_flag(found):
+    flag, value = found[1], found[2]
+    option = OF_FLAG.get(flag)
+    rest = "" if value is None else found[0][found.start(2) - found.start() - 1 : found.end(2) - found.start()]
+    if flag == "--set" and value is not None:
+        return _of_set(value) or found[0]
+    if option is None:
+        return OTHER_FLAGS[flag] + rest if flag in OTHER_FLAGS else found[0]
+    if value is not None and _is_value(option, value):
+        return _given(option, value)
+    return option["keyword"] + "=" + rest
+
+
+def _of_key(found):
+    option, value = _OF_KEY.get(found[1]), found[2]
+    if option is None:
+        return found[0]
+    if value is not None:
+        return _given(option, value)
+    return option["keyword"] + ("" if found.string[found.end() : found.end() + 1] == "'" else "=")
+
+
+def in_keywords(text, keys_too=True):
+    """A sentence of the program, whose flags (and keys) become keywords. What stands in backquotes is a command's."""
+    said = []
+    for part in re.split(r"(`[^`]*`)", text):
+        if part.startswith("`"):
+            command = part.strip("`").replace(" IMAGE", "")
+            said.append(FUNCTIONS.get(command, part))
+        else:
+            part = _FLAG.sub(_of_flag, part)
+            said.append(_KEY.sub(_of_key, part) if keys_too else part)
+    return "".join(said)
