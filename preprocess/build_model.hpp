@@ -33,7 +33,7 @@ struct ModelReport {
   double grid_volume_mm3 = 0.0, cell_mm = 0.0;
   Index clipped = 0, merged = 0;
   double spacing_mm = 0.0, rim_spacing_mm = 0.0;  ///< wanted far from the circle, and on its rim
-  double largest_spacing_mm = 0.0;  ///< of a node: in a body that ends near the circle less than far from it
+  double largest_spacing_mm = 0.0;  ///< of all distances from a node to the nearest other
   Index surface_nodes = 0, circle_nodes = 0, rim_nodes = 0;
   Evenness evenness;
   Boundary boundary;  ///< in the surface's own frame

@@ -113,10 +113,13 @@ def words_of_forces():
         words = {}
         for row in rows:
             numbers = [row[name] for name in ("force_N", "low_N", "high_N") if name in row]
-            unit, factor = ("mN", 1e3) if abs(numbers[0]) < 0.1 else ("N", 1.0)
-            force, *band = ["%#.3g" % (factor * number) for number in numbers]
+            size = abs(numbers[0])
+            unit, factor = next(scale for scale in (("N", 1.0), ("mN", 1e3), ("uN", 1e6), ("nN", 1e9))
+                                if size == 0.0 or scale[1] * size >= 0.09995 or scale[0] == "nN")
+            digits = min(max(2 - math.floor(math.log10(factor * size)), 0), 3) if size > 0.0 else 0
+            force, *band = [f"{factor * number:.{digits}f}" for number in numbers]
             words[round(1e3 * row["indentation_mm"])] = f"{force} {unit}" + (
-                f", {band[0]} to {band[1]} (discretisation)" if len(band) == 2 else "")
+                f", {band[0]} to {band[1]} (discretisation)" if len(band) == 2 and size > 0.0 else "")
         return words
     except (OSError, ValueError, KeyError, TypeError):
         return {}
@@ -235,8 +238,10 @@ half_tool.ClippingPlane.Origin, half_tool.ClippingPlane.Normal = centre, [-x for
 outline = pv.FeatureEdges(registrationName="outline of the section", Input=section, BoundaryEdges=1, FeatureEdges=0,
                           NonManifoldEdges=0, ManifoldEdges=0)
 words = pv.PythonAnnotation(registrationName="depth and force", Input=tool, ArrayAssociation="Field Data",
+                            # Without braces, which ParaView would fill in.
                             Expression="'indentation %.2f mm,  force ' % indentation_mm[0] + "
-                                       f"{words_of_forces()!r}.get(round(1e3 * indentation_mm[0]), '%.4f N' % force_N[0])")
+                                       f"dict({list(words_of_forces().items())!r})"
+                                       ".get(round(1e3 * indentation_mm[0]), '%.4f N' % force_N[0])")
 axes = pv.Text(registrationName="what x, y and z are", Text="x left, y posterior, z superior")
 
 lit = show(half, body_view, views[body_view])

@@ -266,6 +266,7 @@ Rect panel(Canvas& canvas, const Rect& r, const std::string& heading, const std:
 void scale_bar(Canvas& canvas, const Rect& room, double pixels_per_mm) {
   const double length_mm = round_below(0.22 * room.w / pixels_per_mm), length = length_mm * pixels_per_mm;
   const double right = room.x + room.w - 8.0, y = room.y + room.h - 8.0;
+  canvas.rectangle({right - length - 6.0, y - 24.0, length + 12.0, 32.0}, card, 4.0);
   canvas.line({right - length, y}, {right, y}, 2.0, ink);
   canvas.line({right - length, y - 4.0}, {right - length, y + 4.0}, 2.0, ink);
   canvas.line({right, y - 4.0}, {right, y + 4.0}, 2.0, ink);
@@ -647,7 +648,9 @@ Deformed deformed(const Rect& room, const Overview& o, const BodyFrame& frame, d
   }
   for (Index n = 0; n < nodes.cols(); ++n) {
     if (!usable(nodes.col(n))) continue;
-    // Nodes lie a little inside the skin: lifted, those of the circle show through it but not through a rim.
+    // Nodes lie a little inside the skin: lifted, those of the circle show through it but not through a rim. A tool
+    // stands on them.
+    if (is_circle(set_of(o, n)) && o.tool_triangles.cols() > 0) continue;
     if (is_circle(set_of(o, n)))
       scene.ball(nodes.col(n), 0.27 * spacing, circle, 0.75 * spacing);
     else if (!has_surface)
@@ -662,9 +665,9 @@ void draw_body(Canvas& canvas, const Rect& room, const Overview& o, const Deform
   triad(canvas, room, body.projection.camera);
   scale_bar(canvas, room, body.projection.scale);
   if (body.most_mm > 1e-9) colour_bar(canvas, room, body.most_mm);
-  std::vector<LegendEntry> entries = tool_entry(o);
-  entries.push_back({"nodes under it", circle, 'o'});
-  legend(canvas, {room.x + 6.0, room.y + 18.0}, entries);
+  const std::vector<LegendEntry> tool = tool_entry(o);
+  legend(canvas, {room.x + 6.0, room.y + 18.0},
+         tool.empty() ? std::vector<LegendEntry>{{"nodes of the indenter circle", circle, 'o'}} : tool);
 }
 
 void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Deformed& body, double spacing) {

@@ -136,7 +136,7 @@ function bodySection() {
     return undefined;
   }
   stage.append(colourBar(shown.most));
-  place.append(element('ul', { class: 'legend screen' }, element('li', {}, element('span', { class: 'mark tool' }), 'tool, ', written('counts.circle_diameter_mm'), ' in diameter')));
+  stage.after(element('ul', { class: 'legend screen' }, element('li', {}, element('span', { class: 'mark tool' }), 'tool, ', written('counts.circle_diameter_mm'), ' in diameter')));
   const show = (k) => {
     slider.value = k;
     depth.textContent = `${shown.depths[k].toFixed(2)} mm`;
