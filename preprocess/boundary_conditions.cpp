@@ -242,7 +242,8 @@ void warn_of_base_at_image_end(const BodySurface& body, Boundary& result) {
   if (!(at_end > border_share * base)) return;
   result.warnings.push_back(fmt::format(
       "THE BASE IS WHERE THE IMAGE ENDS: {:.0f} % of the base ({}) lies on the image's border, where the "
-      "scan ends and the organ does not; the force depends on where the scan ends: give an image that holds the "
+      "scan ends and the organ does not; the force depends on where the scan ends: give an image that holds "
+      "the "
       "whole organ, or another side with --base",
       100.0 * at_end / base, side_in_words(body, result.down)));
 }
@@ -340,14 +341,14 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
         {.fact = fmt::format("the place {} mm lies {:.1f} mm from where the circle meets the organ",
                              asked_for, moved),
          .where = "--indent-at (boundary.indent_at)",
-         .why = fmt::format(
-             "moved along the push, the circle of {:.4g} mm diameter first touches the organ at {}; that is more "
-             "than two diameters away, so another place is likely to be meant",
-             2.0 * result.radius, words(body, *touch)),
-         .remedy =
-             fmt::format("give that place, or the place of the surface nearest to the one given, {}, for which "
-                         "another --direction may be needed",
-                         words(body, body.closest(asked).place)),
+         .why = fmt::format("moved along the push, the circle of {:.4g} mm diameter first touches the organ "
+                            "at {}; that is more "
+                            "than two diameters away, so another place is likely to be meant",
+                            2.0 * result.radius, words(body, *touch)),
+         .remedy = fmt::format(
+             "give that place, or the place of the surface nearest to the one given, {}, for which "
+             "another --direction may be needed",
+             words(body, body.closest(asked).place)),
          .code = "place-moved"});
   result.circle_reason = fmt::format("asked for; moved {:.1f} mm along the push onto the surface", moved);
   if (moved > result.radius && !place.z_is_free)
@@ -419,7 +420,8 @@ void place_on_highest(const BodySurface& body, const Moments& moments, const Bou
   if (half && half->norm() < 0.1)
     throw UsageError({.fact = fmt::format("'{}' names no half of the {}", options.indent_at, side),
                       .where = "--indent-at (boundary.indent_at)",
-                      .why = "the tool comes from that side or from the opposite one, so that half is all of the surface or none of it",
+                      .why = "the tool comes from that side or from the opposite one, so that half is all of "
+                             "the surface or none of it",
                       .remedy = "name a half across the push, for instance --indent-at superior,left"});
   const auto is_free = [&](const Vec3& leaves) {
     return result.lowest - leaves.dot(result.down) > result.base_depth;
@@ -463,7 +465,8 @@ void find_circle(const BodySurface& body, const Moments& moments, const Boundary
   if (result.room < little_room * result.radius)
     result.warnings.push_back(fmt::format(
         "the circle of {:.4g} mm diameter has little room: {:.1f} mm from its middle a fold, an edge or a "
-        "steep slope cuts the surface; {:.4g} mm would be enough. Under a deep push tissue may fold onto itself there{}",
+        "steep slope cuts the surface; {:.4g} mm would be enough. Under a deep push tissue may fold onto "
+        "itself there{}",
         2.0 * result.radius, result.room, wanted_room * result.radius,
         asked.place ? "" : "; no other place has more room"));
   if (!body.image_ends().empty() && body.at_image_end(result.centre))
@@ -520,8 +523,9 @@ Vec3 touch_of_circle(const BodySurface& body, const Boundary& boundary, const Ve
                            "over the organ's edge",
                            2.0 * boundary.radius, world.x(), world.y(), world.z()),
        .where = "indenter circle",
-       .why = touch ? "below a part of its rim the surface lies more than a diameter deeper than at its middle"
-                    : "a part of its rim meets no tissue",
+       .why = touch
+                  ? "below a part of its rim the surface lies more than a diameter deeper than at its middle"
+                  : "a part of its rim meets no tissue",
        .remedy = "move it with --indent-at or make it smaller with --indenter-diameter"});
 }
 

@@ -53,14 +53,13 @@ void refuse_too_thin(double layers, Index nodes) {
   // The layers grew with the nodes to the power of 0.36 to 0.38; in hundreds.
   const double wanted = 100.0 * std::ceil(0.01 * static_cast<double>(nodes) *
                                           std::pow(enough_layers / std::max(layers, 0.1), 2.7));
-  throw ModelError(
-      {.fact = fmt::format("the body is {:.2f} node spacings thick under the circle", layers),
-       .where = "node cloud beneath the indenter's circle",
-       .why = fmt::format("{} nodes are too few for a body as thin as this: the force "
-                          "may be wrong by 50 % or more",
-                          nodes),
-       .remedy = fmt::format("ask for about {:.0f} nodes (--nodes), or a finer --rim", wanted),
-       .code = "thin"});
+  throw ModelError({.fact = fmt::format("the body is {:.2f} node spacings thick under the circle", layers),
+                    .where = "node cloud beneath the indenter's circle",
+                    .why = fmt::format("{} nodes are too few for a body as thin as this: the force "
+                                       "may be wrong by 50 % or more",
+                                       nodes),
+                    .remedy = fmt::format("ask for about {:.0f} nodes (--nodes), or a finer --rim", wanted),
+                    .code = "thin"});
 }
 
 // From a node to the nearest other.
@@ -174,7 +173,8 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
     throw ModelError(
         {.fact = "no node lies on the base",
          .where = "fixed base",
-         .why = fmt::format("there is no surface node within {:.2f} mm of the base's lowest point", boundary.base_depth),
+         .why = fmt::format("there is no surface node within {:.2f} mm of the base's lowest point",
+                            boundary.base_depth),
          .remedy = "give a larger --base-depth, more --nodes or another --base"});
   for (Index a = 0; a < cloud.circle_count; ++a) {
     const Vec3 x = cloud.X.col(a);

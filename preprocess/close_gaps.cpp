@@ -50,12 +50,13 @@ void refuse_too_wide(const VoxelSet& body, const Vec3& spacing, double width_mm)
   for (std::size_t d = 0; d < 3; ++d)  // the box has one empty voxel on each side
     smallest = std::min(smallest, spacing[static_cast<Index>(d)] * static_cast<double>(body.size[d] - 2));
   if (width_mm <= smallest) return;
-  throw ModelError({.fact = fmt::format("gaps of up to {:.4g} mm are to be closed in an organ that is {:.4g} mm thick",
-                                        width_mm, smallest),
-                    .where = "--close (image.close_mm)",
-                    .why = "no gap in it can be that wide, and closing it would leave nothing of the organ's shape",
-                    .remedy = "give the width of the folds' gaps, for a brain about --close 4mm",
-                    .code = "close-too-wide"});
+  throw ModelError(
+      {.fact = fmt::format("gaps of up to {:.4g} mm are to be closed in an organ that is {:.4g} mm thick",
+                           width_mm, smallest),
+       .where = "--close (image.close_mm)",
+       .why = "no gap in it can be that wide, and closing it would leave nothing of the organ's shape",
+       .remedy = "give the width of the folds' gaps, for a brain about --close 4mm",
+       .code = "close-too-wide"});
 }
 
 Room room_around(const VoxelSet& body, const Vec3& spacing, double radius_mm) {

@@ -426,20 +426,20 @@ void check_lost_volume(double enclosed_mm3, double step, SegmentReport& report) 
         {.fact = fmt::format("smoothing its surface would lose {:.0f} % of the organ's {}", 100.0 * lost,
                              volume_in_words(report.voxel_volume_mm3)),
          .where = "body surface",
-         .why =
-             fmt::format("most of it is thinner than {:.2f} mm, too thin for a smooth surface: the "
-                         "smoothing is {:.2f} mm, the surface's lattice {:.2f} mm",
-                         thickness, report.smoothing_mm, step),
+         .why = fmt::format("most of it is thinner than {:.2f} mm, too thin for a smooth surface: the "
+                            "smoothing is {:.2f} mm, the surface's lattice {:.2f} mm",
+                            thickness, report.smoothing_mm, step),
          .remedy =
              "give an image in which the organ is at least three voxels thick, choose another --label, or, "
              "where the lattice is coarser than the voxels, a smaller --indenter-diameter",
          .code = "too-thin"});
   if (std::abs(lost) > lost_to_tell)
-    report.warnings.push_back(fmt::format(
-        "smoothing by {:.2f} mm {} {:.0f} % of the organ's volume where {} {:.2f} mm; the whole surface is moved "
-        "evenly to keep the volume",
-        report.smoothing_mm, lost > 0.0 ? "takes" : "adds", 100.0 * std::abs(lost),
-        lost > 0.0 ? "it is thinner than about" : "gaps are narrower than about", thickness));
+    report.warnings.push_back(
+        fmt::format("smoothing by {:.2f} mm {} {:.0f} % of the organ's volume where {} {:.2f} mm; the whole "
+                    "surface is moved "
+                    "evenly to keep the volume",
+                    report.smoothing_mm, lost > 0.0 ? "takes" : "adds", 100.0 * std::abs(lost),
+                    lost > 0.0 ? "it is thinner than about" : "gaps are narrower than about", thickness));
 }
 
 }  // namespace
@@ -472,7 +472,8 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
                                   [](const Cavity& cavity) { return !cavity.filled; });
   if (drawing.cavities != kept)
     report.warnings.push_back(fmt::format(
-        "smoothed by {:.2f} mm the organ has {} of more than 0.2 % of its volume, and its voxels have {}: narrow gaps "
+        "smoothed by {:.2f} mm the organ has {} of more than 0.2 % of its volume, and its voxels have {}: "
+        "narrow gaps "
         "or thin walls were closed or opened",
         report.smoothing_mm,
         drawing.cavities == 1 ? "one cavity" : fmt::format("{} cavities", drawing.cavities), kept));

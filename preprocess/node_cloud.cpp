@@ -576,11 +576,11 @@ double rough_spacing(const BodySurface& body, double count) {
 
 void refuse_too_many(double nodes, const char* option) {
   if (nodes > most_nodes)
-    throw ModelError(
-        {.fact = fmt::format("{:.0f} nodes are asked for, and at most {:.0f} are possible", nodes, most_nodes),
-         .where = fmt::format("node cloud; {}", option),
-         .why = "their lists are numbered with 32 bits",
-         .remedy = "ask for fewer nodes (--nodes) or a larger --spacing"});
+    throw ModelError({.fact = fmt::format("{:.0f} nodes are asked for, and at most {:.0f} are possible",
+                                          nodes, most_nodes),
+                      .where = fmt::format("node cloud; {}", option),
+                      .why = "their lists are numbered with 32 bits",
+                      .remedy = "ask for fewer nodes (--nodes) or a larger --spacing"});
 }
 
 }  // namespace

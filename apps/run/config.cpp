@@ -134,11 +134,10 @@ std::string place_in_mm(const std::string& text) {
 
 void assign_text(const Option& option, const std::string& text, const std::string& source) {
   if (!is_utf8(text))
-    throw UsageError(
-        {.fact = fmt::format("{} = {} is not UTF-8", option.key, text),
-         .where = source,
-         .why = "a run repeats every name in config.resolved.toml, which is UTF-8",
-         .remedy = "rename the file, or save the table as UTF-8"});
+    throw UsageError({.fact = fmt::format("{} = {} is not UTF-8", option.key, text),
+                      .where = source,
+                      .why = "a run repeats every name in config.resolved.toml, which is UTF-8",
+                      .remedy = "rename the file, or save the table as UTF-8"});
   if (auto* word = std::get_if<std::string*>(&option.value)) {
     if (!option.choices.empty() &&
         std::find(option.choices.begin(), option.choices.end(), text) == option.choices.end())
@@ -150,8 +149,9 @@ void assign_text(const Option& option, const std::string& text, const std::strin
     if ((*list)->empty()) refuse(option, text.empty() ? "nothing" : text, source, "the list is empty");
     for (const std::string& part : **list)
       if (std::find(option.choices.begin(), option.choices.end(), part) == option.choices.end())
-        refuse(option, text, source,
-               fmt::format("'{}' is not one of the words allowed{}", part, did_you_mean(part, option.choices)));
+        refuse(
+            option, text, source,
+            fmt::format("'{}' is not one of the words allowed{}", part, did_you_mean(part, option.choices)));
   } else if (auto* numbers = std::get_if<std::vector<double>*>(&option.value)) {
     std::vector<double> read;
     for (const std::string& part : parts_of(text)) {
@@ -251,9 +251,10 @@ std::vector<Option> options_of(Config& c) {
        "node spacing on the circle's rim as a fraction of that far away; 1: even; 0: 0.02, but no less "
        "than 0.11 radii of the circle (converging), 1 (horton2007)",
        &c.cloud.rim, 0, 1, false, any, "model"},
-      {"cloud.jitter", "", "", "move inner nodes at random by up to this fraction of their spacing", &c.cloud.jitter, 0,
-       0.5, false, any, "model"},
-      {"cloud.seed", "--seed", "", "seed of the random node cloud", &c.cloud.seed, 0, 1e15, false, any, "model"},
+      {"cloud.jitter", "", "", "move inner nodes at random by up to this fraction of their spacing",
+       &c.cloud.jitter, 0, 0.5, false, any, "model"},
+      {"cloud.seed", "--seed", "", "seed of the random node cloud", &c.cloud.seed, 0, 1e15, false, any,
+       "model"},
       {"grid.points", "--points", "", "approximate number of integration points; 0: from the ratio",
        &c.grid.points, 0, 1e7, false, any, "model"},
       {"grid.ratio", "", "", "integration points per node; 0: 7 (converging), 1.499 (horton2007)",
@@ -283,9 +284,10 @@ std::vector<Option> options_of(Config& c) {
        false, any, "model"},
       {"boundary.base", "--base", "",
        "side the organ rests on: auto, superior, inferior, anterior, posterior, left, right, x,y,z in LPS, "
-       "or organ: its own",
+       "or organ: as its shape alone suggests",
        &c.boundary.base, 0, 0, false, any, "model", true, words_for("auto", "organ")},
-      {"boundary.base_depth_mm", "--base-depth", "mm", "the surface is fixed up to this height above the base's lowest point; 0: chosen",
+      {"boundary.base_depth_mm", "--base-depth", "mm",
+       "the surface is fixed up to this height above the base's lowest point; 0: chosen",
        &c.boundary.base_depth_mm, 0, 1000, false, any, "model"},
       {"boundary.indent_at", "--indent-at", "",
        "where the circle is: opposite (to the base), a side, x,y,z in LPS (mm, or 2cm,-5mm,3cm) or x,y,top",
@@ -321,8 +323,8 @@ std::vector<Option> options_of(Config& c) {
       {"material.ogden_mu_Pa", "", "Pa",
        "Ogden moduli, 2 mu/alpha^2 (sum of stretches^alpha - 3); none: neo-Hookean", &c.material.ogden_mu_Pa,
        0, 0, false, any, "solve"},
-      {"material.ogden_alpha", "", "", "Ogden exponents, one for each modulus", &c.material.ogden_alpha, 0, 0, false, any,
-       "solve"},
+      {"material.ogden_alpha", "", "", "Ogden exponents, one for each modulus", &c.material.ogden_alpha, 0, 0,
+       false, any, "solve"},
       {"material.mooney_c01_Pa", "", "Pa",
        "constant of the second invariant, at most mu/2: a Mooney-Rivlin law; 0: neo-Hookean",
        &c.material.mooney_c01_Pa, 0, 1e12, false, any, "solve"},
@@ -345,8 +347,8 @@ std::vector<Option> options_of(Config& c) {
        {"bonded", "frictionless"},
        "solve",
        true},
-      {"solver.safety", "--safety", "", "time step as a fraction of the longest stable one", &c.solver.safety, 0, 2,
-       true, any, "solve"},
+      {"solver.safety", "--safety", "", "time step as a fraction of the longest stable one", &c.solver.safety,
+       0, 2, true, any, "solve"},
       {"solver.damping_per_s", "--damping", "1/s", "mass-proportional damping", &c.solver.damping_per_s, 0,
        1e6, false, any, "solve"},
       {"solver.frames", "--frames", "", "frames written after the first", &c.solver.frames, 1, 100000, false,
@@ -356,7 +358,8 @@ std::vector<Option> options_of(Config& c) {
       {"solver.time",
        "--time",
        "",
-       "quasi-static: equilibrium after each step of the load; explicit: central differences; dynamic: implicit steps as "
+       "quasi-static: equilibrium after each step of the load; explicit: central differences; dynamic: "
+       "implicit steps as "
        "long "
        "as the body's natural modes allow, explicit if the load is too short; auto: quasi-static or, if the "
        "tool is fast for the body, explicit. horton2007 is explicit",
@@ -378,8 +381,8 @@ std::vector<Option> options_of(Config& c) {
        "solve"},
       {"solver.tolerance", "", "", "equilibrium is reached when unbalanced force / reactions is below this",
        &c.solver.tolerance, 1e-8, 0.1, false, any, "solve"},
-      {"solver.evaluations", "", "", "evaluations of the force for one equilibrium, at most", &c.solver.evaluations, 100,
-       1e9, false, any, "solve"},
+      {"solver.evaluations", "", "", "evaluations of the force for one equilibrium, at most",
+       &c.solver.evaluations, 100, 1e9, false, any, "solve"},
       {"solver.sample_rate_per_s", "", "1/s", "rows per second of force.csv", &c.solver.sample_rate_per_s, 0,
        1e6, true, any, "solve"},
       {"accuracy.goal", "--accuracy", "",
@@ -387,7 +390,9 @@ std::vector<Option> options_of(Config& c) {
        "--quantity, is at most this: 2%, 1mN or 0.1mm",
        &c.accuracy.goal, 0, 0, false, any, "run", true},
       {"accuracy.quantity", "--quantity", "",
-       "what --accuracy refers to: force, or displacement@x,y,z of the point that lies there at rest, in LPS mm",
+       "force, or displacement@x,y,z: tell too where the load brings the point that is there at rest, in LPS "
+       "mm, "
+       "with its error, to which --accuracy then refers",
        &c.accuracy.quantity, 0, 0, false, any, "run"},
       {"accuracy.budget_s", "--budget", "s",
        "refine the cloud of nodes as far as about this time allows; 0: no limit of time",
@@ -451,11 +456,11 @@ bool set_tissue(Config& config, const std::string& key, const std::string& text,
   Config scratch;
   set_option(scratch, "material." + key.substr(dot + 1), text, source);
   if (scratch.material.mu_spread_percent > 0.0)
-    throw UsageError(
-        {.fact = fmt::format("tissue '{}' is given a modulus with an uncertainty", label),
-         .where = source,
-         .why = "the force of several tissues is proportional to no single modulus, so its uncertainty would take several runs",
-         .remedy = "run it once with the smallest and once with the largest modulus"});
+    throw UsageError({.fact = fmt::format("tissue '{}' is given a modulus with an uncertainty", label),
+                      .where = source,
+                      .why = "the force of several tissues is proportional to no single modulus, so its "
+                             "uncertainty would take several runs",
+                      .remedy = "run it once with the smallest and once with the largest modulus"});
   std::vector<Option> options = options_of(scratch);
   config.tissue[label][find(options, "material." + key.substr(dot + 1))->key] = text;
   return true;
@@ -818,8 +823,7 @@ std::string why_not_proportional(const Config& config) {
   if (config.material.mooney_c01_Pa > 0.0)
     return "the second constant of a Mooney-Rivlin law does not grow with mu";
   if (config.material.preset != "none") return "the material is a published one (--preset)";
-  if (!config.tissue.empty())
-    return "the force of several tissues is proportional to no single modulus";
+  if (!config.tissue.empty()) return "the force of several tissues is proportional to no single modulus";
   return {};
 }
 
@@ -864,8 +868,7 @@ std::optional<Goal> goal_of(const Config& config) {
       {"accuracy.goal",
        "--accuracy",
        is_absolute ? unit : "%",
-       is_absolute ? "largest error"
-                   : fmt::format("largest error, as 2% or {}", of_place ? "0.1mm" : "1mN"),
+       is_absolute ? "largest error" : fmt::format("largest error, as 2% or {}", of_place ? "0.1mm" : "1mN"),
        &value,
        0,
        is_absolute ? 1e6 : 100.0,
@@ -879,9 +882,10 @@ std::optional<Goal> goal_of(const Config& config) {
     throw UsageError(
         {.fact = fmt::format("an accuracy of {} is asked for", text),
          .where = "--accuracy (accuracy.goal)",
-         .why = fmt::format("the error of this load cannot be shown to be below {:.2g} %: two clouds agree that well "
-                            "by chance",
-                            100.0 * least),
+         .why = fmt::format(
+             "the error of this load cannot be shown to be below {:.2g} %: two clouds agree that well "
+             "by chance",
+             100.0 * least),
          .remedy = "ask for less accuracy, or for less depth than the circle's radius"});
   return goal;
 }

@@ -135,7 +135,8 @@ std::string describe(const Tissues& tissues, std::size_t t) {
 
 std::string crossings_in_words(double crossings) {
   return crossings < 1.0
-             ? fmt::format("the load lasts {} of the time that a shear wave takes through the organ", percent(crossings))
+             ? fmt::format("the load lasts {} of the time that a shear wave takes through the organ",
+                           percent(crossings))
              : fmt::format("the load lasts {} times as long as a shear wave takes through the organ",
                            three_digits(crossings));
 }
@@ -149,14 +150,15 @@ TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
   if (mode == TimeMode::quasi_static && asked == "dynamic") mode = TimeMode::dynamic;
   const double crossings = shear_crossings(result.model, result.tissues, result.loading);
   const bool shallow = mode == TimeMode::quasi_static && crossings < slow_load;
-  talk.line(mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
-            fmt::format(
-                "time     {}: {}{}",
-                mode == TimeMode::dynamic     ? "implicit dynamics, in steps of the body's natural modes"
-                : mode == TimeMode::explicit_ ? "explicit dynamics"
-                                              : "quasi-static",
-                crossings_in_words(crossings),
-                shallow ? "; the load is short, but its tool is slow; --time explicit follows the waves" : ""));
+  talk.line(
+      mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
+      fmt::format(
+          "time     {}: {}{}",
+          mode == TimeMode::dynamic     ? "implicit dynamics, in steps of the body's natural modes"
+          : mode == TimeMode::explicit_ ? "explicit dynamics"
+                                        : "quasi-static",
+          crossings_in_words(crossings),
+          shallow ? "; the load is short, but its tool is slow; --time explicit follows the waves" : ""));
   return mode;
 }
 

@@ -850,7 +850,8 @@ double row_height(const Rect& plot, const Tornado& tornado) {
 double height_of(const Tornado& tornado) {
   constexpr Rect most{0.0, 0.0, panel_width, panel_height};
   if (tornado.rows.empty()) return most.h;
-  const Rect plot = plot_of(card_with_title(*raster_pen(1, 1), most, tornado.title, tornado.subtitle), tornado);
+  const Rect plot =
+      plot_of(card_with_title(*raster_pen(1, 1), most, tornado.title, tornado.subtitle), tornado);
   return std::ceil(most.h - plot.h + row_height(plot, tornado) * static_cast<double>(tornado.rows.size()));
 }
 

@@ -449,14 +449,15 @@ constexpr double tool_above = 50.0;  // the surface at rest [pixels]
 SectionView section_view(const Rect& room, const Overview& o, const Camera& camera, const Vec3& centre,
                          double margin_mm) {
   constexpr double tiny = 60.0, wide = 110.0;  // pixels across the tool
-  SectionView view{.projection = fitted(camera, room.inset(24.0, 84.0, 24.0, 72.0), {&o.nodes_mm, &o.surface_mm},
-                                        margin_mm),
+  SectionView view{.projection = fitted(camera, room.inset(24.0, 84.0, 24.0, 72.0),
+                                        {&o.nodes_mm, &o.surface_mm}, margin_mm),
                    .shown = room.inset(0.0, 30.0, 0.0, 0.0)};
   const double tool_mm = 2.0 * o.radius_mm;
   if (!(tool_mm > 0.0) || !usable(o.centre_mm) || !(tool_mm * view.projection.scale < tiny)) return view;
   view.near = true;
   view.projection.scale = wide / tool_mm;
-  const double below = 0.5 * view.shown.h - tool_above - 12.0;  // the picture's middle, below the skin [pixels]
+  const double below =
+      0.5 * view.shown.h - tool_above - 12.0;  // the picture's middle, below the skin [pixels]
   view.projection.centre = Vec2(view.shown.x + view.shown.w / 2.0, view.shown.y + view.shown.h / 2.0);
   view.projection.middle_mm = camera.seen(centre).head<2>() - Vec2(0.0, below / view.projection.scale);
   return view;
@@ -502,16 +503,14 @@ void draw_where(Canvas& canvas, const Rect& room, const SectionView& view, const
   canvas.rectangle({corner.x - 1.0, corner.y - 1.0, corner.w + 2.0, corner.h + 2.0}, hairline, 5.0);
   canvas.rectangle(corner, card, 4.0);
   const Projection small = fitted(camera, corner.inset(6.0, 6.0, 6.0, 6.0), {&ends}, 0.0);
-  for (const auto& [a, b] : outline)
-    canvas.line(small(a).head<2>(), small(b).head<2>(), 1.2, soft_ink);
+  for (const auto& [a, b] : outline) canvas.line(small(a).head<2>(), small(b).head<2>(), 1.2, soft_ink);
   const double zoom = small.scale / view.projection.scale;
   const Vec2 size = zoom * Vec2(view.shown.w, view.shown.h);
   const Vec2 middle(small.centre.x() + small.scale * (view.projection.middle_mm.x() - small.middle_mm.x()),
                     small.centre.y() - small.scale * (view.projection.middle_mm.y() - small.middle_mm.y()));
-  const std::array<Vec2, 4> frame = {middle + Vec2(-0.5, -0.5).cwiseProduct(size),
-                                     middle + Vec2(0.5, -0.5).cwiseProduct(size),
-                                     middle + Vec2(0.5, 0.5).cwiseProduct(size),
-                                     middle + Vec2(-0.5, 0.5).cwiseProduct(size)};
+  const std::array<Vec2, 4> frame = {
+      middle + Vec2(-0.5, -0.5).cwiseProduct(size), middle + Vec2(0.5, -0.5).cwiseProduct(size),
+      middle + Vec2(0.5, 0.5).cwiseProduct(size), middle + Vec2(-0.5, 0.5).cwiseProduct(size)};
   for (std::size_t k = 0; k < 4; ++k)
     if (const auto seen = within(corner, frame[k], frame[(k + 1) % 4]))
       canvas.line((*seen)[0], (*seen)[1], 1.8, tool_ink);
@@ -559,12 +558,15 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Bod
   for (const bool special : {false, true})
     for (Index n = 0; n < o.nodes_mm.cols(); ++n) {
       const int set = set_of(o, n);
-      if (special == (set == 0) || !in_slab(o.nodes_mm.col(n)) || !view.holds(view.at(o.nodes_mm.col(n)))) continue;
-      canvas.disc(view.at(o.nodes_mm.col(n)), special ? 1.25 * dot : dot, special ? colour_of(set) : node_dot);
+      if (special == (set == 0) || !in_slab(o.nodes_mm.col(n)) || !view.holds(view.at(o.nodes_mm.col(n))))
+        continue;
+      canvas.disc(view.at(o.nodes_mm.col(n)), special ? 1.25 * dot : dot,
+                  special ? colour_of(set) : node_dot);
     }
   if (o.surface_displacement_mm.cols() == o.surface_mm.cols())
-    draw(cut(moved(o.surface_mm, o.surface_displacement_mm), o.surface_triangles, centre, camera_ahead.toward), 1.8,
-         circle, 1.0);
+    draw(
+        cut(moved(o.surface_mm, o.surface_displacement_mm), o.surface_triangles, centre, camera_ahead.toward),
+        1.8, circle, 1.0);
   if (view.near && !at_rest.empty()) draw_where(canvas, room, view, camera_ahead, at_rest);
   triad(canvas, room, camera_ahead);
   scale_bar(canvas, room, view.projection.scale);
@@ -640,10 +642,9 @@ Deformed deformed(const Rect& room, const Overview& o, const BodyFrame& frame, d
     for (Index t = 0; t < o.surface_triangles.cols(); ++t) {
       const Index a = o.surface_triangles(0, t), b = o.surface_triangles(1, t), c = o.surface_triangles(2, t);
       if (!usable(surface.col(a)) || !usable(surface.col(b)) || !usable(surface.col(c))) continue;
-      scene.triangle({surface.col(a), surface.col(b), surface.col(c)},
-                     {normal.col(a), normal.col(b), normal.col(c)}, [&](double u, double v, double w) {
-                       return heat(u * level[a] + v * level[b] + w * level[c]);
-                     });
+      scene.triangle(
+          {surface.col(a), surface.col(b), surface.col(c)}, {normal.col(a), normal.col(b), normal.col(c)},
+          [&](double u, double v, double w) { return heat(u * level[a] + v * level[b] + w * level[c]); });
     }
   }
   for (Index n = 0; n < nodes.cols(); ++n) {

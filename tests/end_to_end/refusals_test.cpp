@@ -270,8 +270,8 @@ TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
 
 TEST_F(Refusal, OfFilesThatNoRunWrites) {
   expect(2, "run brain.nrrd -o out --write nodes,pictur",
-         {"output.write = nodes,pictur", "'pictur' is not one of the words allowed", "did you mean 'picture'?",
-          "give some of all, force, nodes"});
+         {"output.write = nodes,pictur", "'pictur' is not one of the words allowed",
+          "did you mean 'picture'?", "give some of all, force, nodes"});
   expect(2, "run brain.nrrd -o out --write ,", {"output.write = ,", "the list is empty"});
   write("none.toml", "[output]\nwrite = []\n");
   expect(2, "run brain.nrrd -o out --config none.toml", {"output.write = nothing", "the list is empty"});
@@ -333,7 +333,9 @@ TEST_F(Refusal, OfACircleThatIsSmallerThanAVoxel) {
     SCOPED_TRACE(command);
     const Ran ran = dimple(folder, command + " --indenter-diameter 5");
     EXPECT_EQ(ran.code, 0) << ran.err;
-    EXPECT_NE(ran.err.find("1.7 voxels across: the image hardly shows the shape of the surface beneath it"), std::string::npos) << ran.err;
+    EXPECT_NE(ran.err.find("1.7 voxels across: the image hardly shows the shape of the surface beneath it"),
+              std::string::npos)
+        << ran.err;
   }
   const Ran wide = dimple(folder, "run brain.nrrd -o wide --nodes 400 --depth 0.5mm --frames 1");
   EXPECT_EQ(wide.err.find("voxels across"), std::string::npos) << wide.err;
@@ -371,7 +373,8 @@ TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
            Row{2, "--nodes 20", "cloud.nodes = 20"},
            Row{4, "--nodes 400 --indent-at 0,0,90", "code:  place-moved"},
            Row{4, "--indenter-diameter 70", "has room for an indenter of 70.0 mm"},
-           Row{4, "--nodes 400 --base superior --indent-at 0,0,30 --direction 0,0,-1", "lies on the fixed base"},
+           Row{4, "--nodes 400 --base superior --indent-at 0,0,30 --direction 0,0,-1",
+               "lies on the fixed base"},
            Row{4, "--nodes 400 --points 4", "integration cells meet the body"},
            Row{4, "--nodes 1000 --points 60 --scheme horton2007", "in no support domain"},
            Row{4, "--nodes 400 --support 0.5", "code:  supports"},

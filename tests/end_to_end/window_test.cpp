@@ -93,7 +93,8 @@ TEST(View, ShowsAFrameOfResultsWithItsSectionAndForce) {
 TEST(View, NamesTheLabelsOnTheirColours) {
   if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
   const fs::path folder = folder_with_brain();
-  ASSERT_EQ(dimple(folder, "run brain.nrrd -o out -q --nodes 1000 --depth 4mm --frames 2 --write surface --band off")
+  ASSERT_EQ(dimple(folder,
+                   "run brain.nrrd -o out -q --nodes 1000 --depth 4mm --frames 2 --write surface --band off")
                 .code,
             0);
   const Ran drawn = under_xvfb(folder, fmt::format("set -e\n'{0}' view out --picture plain.png\n"

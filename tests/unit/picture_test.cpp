@@ -189,7 +189,8 @@ TEST(Overview, ShowsTheToolAsASolidThatStandsOnTheTissueAndNamesItInTheLegend) {
   EXPECT_GT(tool.count, 0.7 * box) << "filled, and no lines";
   // No white is between the foot's lower edge and the tissue.
   for (int y = tool.bottom; y < tool.bottom + 12; ++y) {
-    const auto* rgb = static_cast<unsigned char*>(a->GetScalarPointer((tool.left + tool.right) / 2, 1199 - y, 0));
+    const auto* rgb =
+        static_cast<unsigned char*>(a->GetScalarPointer((tool.left + tool.right) / 2, 1199 - y, 0));
     EXPECT_LT(rgb[2], 250) << y;
   }
 }
