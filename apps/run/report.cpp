@@ -232,6 +232,15 @@ Json body_json(const ReportInput& input) {
   return result;
 }
 
+Json tool_json(const ReportInput& input) {
+  const Indenter& tool = input.model.tool;
+  Json result = mesh_json(input.tool.position_mm, input.tool.triangles);
+  result["centre_mm"] = {1e3 * tool.centre.x(), 1e3 * tool.centre.y(), 1e3 * tool.centre.z()};
+  result["push"] = {tool.push.x(), tool.push.y(), tool.push.z()};
+  result["radius_mm"] = 1e3 * tool.radius;
+  return result;
+}
+
 // Of a long march every so many samples, and the last.
 Json curve_json(const History& history, const Band& band, const std::optional<Comparison>& comparison) {
   constexpr std::size_t most = 400;
@@ -415,12 +424,10 @@ Json report_data(const ReportInput& input) {
   data["slices"] = Json::array();
   for (const Slice& slice : input.slices) data["slices"].push_back(slice_json(slice, input, slab_mm));
   data["tilt_degrees"] = rounded(tilt_degrees(model.axes), 10.0);
-  if (!input.frames.frame.empty()) data["body"] = body_json(input);
-  const Indenter& tool = model.tool;
-  data["tool"] = mesh_json(input.tool.position_mm, input.tool.triangles);
-  data["tool"]["centre_mm"] = {1e3 * tool.centre.x(), 1e3 * tool.centre.y(), 1e3 * tool.centre.z()};
-  data["tool"]["push"] = {tool.push.x(), tool.push.y(), tool.push.z()};
-  data["tool"]["radius_mm"] = 1e3 * tool.radius;
+  if (!input.frames.frame.empty()) {
+    data["body"] = body_json(input);
+    data["tool"] = tool_json(input);
+  }
   if (!input.picture.empty()) data["picture"] = "data:image/png;base64," + base64(input.picture);
   return data;
 }

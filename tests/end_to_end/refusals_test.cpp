@@ -236,7 +236,7 @@ TEST_F(Refusal, OfATissueThatIsNotThere) {
 TEST_F(Refusal, OfTwoStiffnessesAndOfOneByAnotherName) {
   expect(2, "run brain.nrrd -o out --mu 200Pa --young 600Pa",
          {"shear modulus, 200 Pa, and Young's modulus, 600 Pa", "--mu and --young"});
-  expect(2, "run brain.nrrd -o out --mu 210Pa --young 600Pa", {"given both"});
+  expect(2, "run brain.nrrd -o out --mu 210Pa --young 600Pa", {"both a shear modulus"});
   expect(2, "run brain.nrrd -o out --set material.E=600", {"did you mean 'material.young'?"});
   expect(2, "run brain.nrrd -o out --young 600mm", {"material.young_Pa = 600mm", "kPa"});
 }
@@ -354,7 +354,7 @@ TEST_F(Refusal, OfABodyThatIsNoneOrTooThin) {
   plate("sheet.nrrd", 1, 50);
   plate("plate.nrrd", 2, 50);
   plate("speck.nrrd", 3, 3);
-  expect(4, "run sheet.nrrd -o out --nodes 400", {"lost where it is smoothed", "three voxels thick", "too-thin"});
+  expect(4, "run sheet.nrrd -o out --nodes 400", {"smoothing its surface would lose", "three voxels thick", "too-thin"});
   expect(4, "run plate.nrrd -o out --nodes 400", {"node spacings thick under the circle", "code:  thin"});
   expect(4, "run speck.nrrd -o out --nodes 400", {"27 voxels", "at least 64"});
 }
@@ -379,7 +379,7 @@ TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
            Row{4, "--nodes 1000 --points 60 --scheme horton2007", "in no support domain"},
            Row{4, "--nodes 400 --support 0.5", "code:  supports"},
            Row{4, "--nodes 400 --rim 0.001", "takes more nodes than are asked for"},
-           Row{4, "--nodes 400 --spacing 0.2", "at most 1000000 can be"},
+           Row{4, "--nodes 400 --spacing 0.2", "at most 1000000 are possible"},
        }) {
     expect(row.code, std::string("run brain.nrrd -o out ") + row.options, {row.word});
   }

@@ -92,7 +92,8 @@ TEST(View, ShowsAFrameOfResultsWithItsSectionAndForce) {
 
 TEST(View, NamesTheLabelsOnTheirColours) {
   if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
-  const fs::path folder = folder_with_brain();
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 2 --two-labels -q").code, 0);
   ASSERT_EQ(dimple(folder,
                    "run brain.nrrd -o out -q --nodes 1000 --depth 4mm --frames 2 --write surface --band off")
                 .code,
