@@ -242,9 +242,9 @@ void warn_of_base_at_image_end(const BodySurface& body, Boundary& result) {
   if (!(at_end > border_share * base)) return;
   result.warnings.push_back(fmt::format(
       "THE BASE IS WHERE THE IMAGE ENDS: {:.0f} % of the base ({}) lies on the image's border, where the "
-      "scan was cut and not the organ; the force depends on where that was: give an image that holds the "
-      "whole "
-      "organ, or another side with --base",
+      "scan ends and the organ does not; the force depends on where the scan ends: give an image that holds "
+      "the "
+      "whole organ, or another side with --base",
       100.0 * at_end / base, side_in_words(body, result.down)));
 }
 
@@ -325,7 +325,7 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
     throw ModelError(
         {.fact = fmt::format("the indenter at {} mm misses the organ", asked_for),
          .where = "--indent-at (boundary.indent_at)",
-         .why = fmt::format("a line through it along the push direction meets no tissue; the organ lies "
+         .why = fmt::format("a line through it along the push meets no tissue; the organ lies "
                             "between ({:.1f}, {:.1f}, {:.1f}) and ({:.1f}, {:.1f}, {:.1f}) mm",
                             std::min(lower.x(), upper.x()), std::min(lower.y(), upper.y()),
                             std::min(lower.z(), upper.z()), std::max(lower.x(), upper.x()),
@@ -341,14 +341,14 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
         {.fact = fmt::format("the place {} mm lies {:.1f} mm from where the circle meets the organ",
                              asked_for, moved),
          .where = "--indent-at (boundary.indent_at)",
-         .why = fmt::format(
-             "coming along the push the circle of {:.4g} mm diameter touches the organ at {}; more "
-             "than two diameters away another place is likely to be meant",
-             2.0 * result.radius, words(body, *touch)),
-         .remedy =
-             fmt::format("give that place; the surface nearest to the one given is at {}, where another "
-                         "--direction may be needed",
-                         words(body, body.closest(asked).place)),
+         .why = fmt::format("moved along the push, the circle of {:.4g} mm diameter first touches the organ "
+                            "at {}; that is more "
+                            "than two diameters away, so another place is likely to be meant",
+                            2.0 * result.radius, words(body, *touch)),
+         .remedy = fmt::format(
+             "give that place, or the place of the surface nearest to the one given, {}, for which "
+             "another --direction may be needed",
+             words(body, body.closest(asked).place)),
          .code = "place-moved"});
   result.circle_reason = fmt::format("asked for; moved {:.1f} mm along the push onto the surface", moved);
   if (moved > result.radius && !place.z_is_free)
@@ -397,7 +397,7 @@ void check_width(const BoundaryOptions& options, Boundary& result) {
         {.fact = fmt::format("the indenter of {:.4g} mm diameter is smaller than a voxel of {:.4g} mm",
                              options.indenter_diameter_mm, options.voxel_mm),
          .where = "--indenter-diameter (boundary.indenter_diameter_mm)",
-         .why = "the image does not say what the surface is like beneath it",
+         .why = "the image does not show the shape of the surface beneath it",
          .remedy =
              few_voxels * options.voxel_mm > widest_circle
                  ? std::string(
@@ -407,8 +407,8 @@ void check_width(const BoundaryOptions& options, Boundary& result) {
          .code = "circle-too-small"});
   if (options.voxel_mm > 0.0 && across < few_voxels)
     result.warnings.push_back(fmt::format(
-        "the indenter of {:.4g} mm diameter is {:.1f} voxels across: the surface beneath it is hardly "
-        "known",
+        "the indenter of {:.4g} mm diameter is {:.1f} voxels across: the image hardly shows the shape of the "
+        "surface beneath it",
         options.indenter_diameter_mm, across));
 }
 
@@ -420,7 +420,8 @@ void place_on_highest(const BodySurface& body, const Moments& moments, const Bou
   if (half && half->norm() < 0.1)
     throw UsageError({.fact = fmt::format("'{}' names no half of the {}", options.indent_at, side),
                       .where = "--indent-at (boundary.indent_at)",
-                      .why = "the tool comes from that side or its opposite, and all of its surface is there",
+                      .why = "the tool comes from that side or from the opposite one, so that half is all of "
+                             "the surface or none of it",
                       .remedy = "name a half across the push, for instance --indent-at superior,left"});
   const auto is_free = [&](const Vec3& leaves) {
     return result.lowest - leaves.dot(result.down) > result.base_depth;
@@ -430,7 +431,7 @@ void place_on_highest(const BodySurface& body, const Moments& moments, const Bou
   const auto touch = place ? first_touch(body, view.at(place->centre, 0.0), result.push) : std::nullopt;
   if (!touch)
     throw ModelError(
-        {.fact = fmt::format("no place on the {} takes an indenter of {:.1f} mm diameter", side,
+        {.fact = fmt::format("no place on the {} has room for an indenter of {:.1f} mm diameter", side,
                              options.indenter_diameter_mm),
          .where = "indenter circle",
          .why = "it would hang over the organ's edge everywhere",
@@ -439,7 +440,7 @@ void place_on_highest(const BodySurface& body, const Moments& moments, const Bou
   result.centre = *touch;
   result.room = place->room;
   result.circle_reason =
-      fmt::format("highest point with room{} on the {}{}{}",
+      fmt::format("highest point with room for the circle{} on the {}{}{}",
                   asked.half ? fmt::format(" of the {} half", side_towards(*asked.half)) : "", side,
                   result.push == result.down ? ", opposite to the base" : "",
                   place->equals == 2  ? "; another point is as high"
@@ -464,15 +465,14 @@ void find_circle(const BodySurface& body, const Moments& moments, const Boundary
   if (result.room < little_room * result.radius)
     result.warnings.push_back(fmt::format(
         "the circle of {:.4g} mm diameter has little room: {:.1f} mm from its middle a fold, an edge or a "
-        "steep slope "
-        "cuts the surface, and {:.4g} mm are wanted; tissue may fold onto itself there under a deep push{}",
+        "steep slope cuts the surface; {:.4g} mm would be enough. Under a deep push tissue may fold onto "
+        "itself there{}",
         2.0 * result.radius, result.room, wanted_room * result.radius,
-        asked.place ? "" : "; no other place is better"));
+        asked.place ? "" : "; no other place has more room"));
   if (!body.image_ends().empty() && body.at_image_end(result.centre))
     result.warnings.push_back(
-        "THE TOOL STANDS WHERE THE IMAGE ENDS: the surface beneath it is where the scan was cut and not the "
-        "organ's "
-        "own; `dimple places IMAGE` lists other places");
+        "THE TOOL STANDS WHERE THE IMAGE ENDS: the surface beneath it is where the scan was cut, not the "
+        "organ's own surface; `dimple places IMAGE` lists other places");
 }
 
 }  // namespace
@@ -523,8 +523,9 @@ Vec3 touch_of_circle(const BodySurface& body, const Boundary& boundary, const Ve
                            "over the organ's edge",
                            2.0 * boundary.radius, world.x(), world.y(), world.z()),
        .where = "indenter circle",
-       .why = touch ? "at a part of its rim the surface lies more than a diameter deeper"
-                    : "a part of its rim meets no tissue",
+       .why = touch
+                  ? "below a part of its rim the surface lies more than a diameter deeper than at its middle"
+                  : "a part of its rim meets no tissue",
        .remedy = "move it with --indent-at or make it smaller with --indenter-diameter"});
 }
 

@@ -1,6 +1,7 @@
 #include "preprocess/build_model.hpp"
 
 #include <fmt/format.h>
+#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
@@ -10,6 +11,7 @@
 #include "io/memory.hpp"
 #include "io/stop.hpp"
 #include "io/units.hpp"
+#include "preprocess/neighbours.hpp"
 #include "preprocess/side_by_side.hpp"
 #include "preprocess/spatial_order.hpp"
 
@@ -51,14 +53,24 @@ void refuse_too_thin(double layers, Index nodes) {
   // The layers grew with the nodes to the power of 0.36 to 0.38; in hundreds.
   const double wanted = 100.0 * std::ceil(0.01 * static_cast<double>(nodes) *
                                           std::pow(enough_layers / std::max(layers, 0.1), 2.7));
-  throw ModelError(
-      {.fact = fmt::format("the body is {:.2f} node spacings thick under the circle", layers),
-       .where = "node cloud beneath the indenter's circle",
-       .why = fmt::format("{} nodes are too few to follow how so thin a body is squeezed: the force "
-                          "may be off by a half or more",
-                          nodes),
-       .remedy = fmt::format("ask for about {:.0f} nodes (--nodes), or a finer --rim", wanted),
-       .code = "thin"});
+  throw ModelError({.fact = fmt::format("the body is {:.2f} node spacings thick under the circle", layers),
+                    .where = "node cloud beneath the indenter's circle",
+                    .why = fmt::format("{} nodes are too few for a body as thin as this: the force "
+                                       "may be wrong by 50 % or more",
+                                       nodes),
+                    .remedy = fmt::format("ask for about {:.0f} nodes (--nodes), or a finer --rim", wanted),
+                    .code = "thin"});
+}
+
+// From a node to the nearest other.
+double largest_gap(const Points& X) {
+  const Neighbours tree(X);
+  Eigen::ArrayXd gap(X.cols());
+  tbb::parallel_for(Index{0}, X.cols(), [&](Index a) {
+    if (a % 256 == 0) stop_if_asked();
+    gap[a] = tree.distance_to_nearest(X.col(a), static_cast<int>(a));
+  });
+  return gap.maxCoeff();
 }
 
 // A run with 100,000 nodes and 700,000 points was seen to take 1.91 GB, smaller ones more per point.
@@ -71,14 +83,14 @@ void refuse_beyond_memory(const ModelOptions& options, Index nodes) {
   if (needed > there)
     throw ModelError(
         {.fact = fmt::format("{} nodes with {:.0f} integration points need at least {:.1f} GB of "
-                             "memory, and {:.1f} GB are there",
+                             "memory, and {:.1f} GB are available",
                              nodes, points, needed / 1e9, there / 1e9),
          .where = options.grid.count > 0 ? "node cloud and integration grid; --nodes and --points"
                                          : "node cloud and integration grid; --nodes",
          .why =
              fmt::format("each point needs about {:.1f} kB while supports are found", bytes_per_point / 1e3),
          .remedy = "ask for fewer nodes (--nodes, or a larger --spacing) or points (--points), or "
-                   "take a larger machine",
+                   "use a machine with more memory",
          .code = "memory"});
 }
 
@@ -142,6 +154,7 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
 
   report.spacing_mm = cloud.far_spacing;
   report.rim_spacing_mm = cloud.far_spacing * (sizing.even() ? 1.0 : options.cloud.grading.rim);
+  report.largest_spacing_mm = largest_gap(cloud.X);
   report.cell_mm = grid.cell;
   report.grid_volume_mm3 = grid.volume.sum();
   report.clipped = grid.clipped;
@@ -160,17 +173,18 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
     throw ModelError(
         {.fact = "no node lies on the base",
          .where = "fixed base",
-         .why = fmt::format("no surface node within {:.2f} mm of the lowest place", boundary.base_depth),
-         .remedy = "give more depth with boundary.base_depth_mm, more nodes, or another --base"});
+         .why = fmt::format("there is no surface node within {:.2f} mm of the base's lowest point",
+                            boundary.base_depth),
+         .remedy = "give a larger --base-depth, more --nodes or another --base"});
   for (Index a = 0; a < cloud.circle_count; ++a) {
     const Vec3 x = cloud.X.col(a);
     if (boundary.lowest - x.dot(boundary.down) <= boundary.base_depth)
       throw ModelError(
           {.fact = "the indenter's circle lies on the fixed base",
            .where = "fixed base and indenter circle",
-           .why = fmt::format("a node of the circle is within {:.2f} mm of the lowest place",
+           .why = fmt::format("a node of the circle is within {:.2f} mm of the base's lowest point",
                               boundary.base_depth),
-           .remedy = "choose another place (--indent-at), another --base, or less boundary.base_depth_mm"});
+           .remedy = "choose another place (--indent-at), another --base or a smaller --base-depth"});
   }
   return result;
 }

@@ -32,7 +32,8 @@ struct ModelReport {
   double surface_volume_mm3 = 0.0, surface_area_mm2 = 0.0;
   double grid_volume_mm3 = 0.0, cell_mm = 0.0;
   Index clipped = 0, merged = 0;
-  double spacing_mm = 0.0, rim_spacing_mm = 0.0;  ///< far from the circle, and on its rim
+  double spacing_mm = 0.0, rim_spacing_mm = 0.0;  ///< wanted far from the circle, and on its rim
+  double largest_spacing_mm = 0.0;  ///< of all distances from a node to the nearest other
   Index surface_nodes = 0, circle_nodes = 0, rim_nodes = 0;
   Evenness evenness;
   Boundary boundary;  ///< in the surface's own frame

@@ -50,12 +50,13 @@ void refuse_too_wide(const VoxelSet& body, const Vec3& spacing, double width_mm)
   for (std::size_t d = 0; d < 3; ++d)  // the box has one empty voxel on each side
     smallest = std::min(smallest, spacing[static_cast<Index>(d)] * static_cast<double>(body.size[d] - 2));
   if (width_mm <= smallest) return;
-  throw ModelError({.fact = fmt::format("gaps of {:.4g} mm are to be closed in an organ {:.4g} mm thin",
-                                        width_mm, smallest),
-                    .where = "--close (image.close_mm)",
-                    .why = "no gap of it can be as wide, and nothing of its shape would be left",
-                    .remedy = "give the width of the folds' gaps, for a brain about --close 4mm",
-                    .code = "close-too-wide"});
+  throw ModelError(
+      {.fact = fmt::format("gaps of up to {:.4g} mm are to be closed in an organ that is {:.4g} mm thick",
+                           width_mm, smallest),
+       .where = "--close (image.close_mm)",
+       .why = "no gap in it can be that wide, and closing it would leave nothing of the organ's shape",
+       .remedy = "give the width of the folds' gaps, for a brain about --close 4mm",
+       .code = "close-too-wide"});
 }
 
 Room room_around(const VoxelSet& body, const Vec3& spacing, double radius_mm) {
@@ -70,8 +71,8 @@ Room room_around(const VoxelSet& body, const Vec3& spacing, double radius_mm) {
   const double needed = bytes_per_voxel * count, there = memory_at_hand();
   if (needed > there)
     throw ModelError(
-        {.fact = fmt::format("closing gaps among {:.3g} voxels needs {:.1f} GB of memory, and {:.1f} GB are "
-                             "there",
+        {.fact = fmt::format("closing gaps among {:.0f} voxels needs {:.1f} GB of memory, and {:.1f} GB are "
+                             "available",
                              count, needed / 1e9, there / 1e9),
          .where = "--close (image.close_mm)",
          .why = fmt::format("each voxel of the organ's box takes {:.0f} bytes", bytes_per_voxel),

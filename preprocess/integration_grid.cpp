@@ -8,6 +8,7 @@
 #include <map>
 #include <optional>
 
+#include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "preprocess/neighbours.hpp"
@@ -240,8 +241,8 @@ std::vector<Part> parts_by_label(const BodySurface& body, const Leaf& leaf, cons
   throw ModelError(
       {.fact = fmt::format("{:.0f} integration points cannot be laid out evenly in this body", wanted),
        .where = "integration grid",
-       .why = fmt::format("it fills {:.2g} % of its box of {:.4g} x {:.4g} x {:.4g} mm",
-                          100.0 * body.volume() / size.prod(), size.x(), size.y(), size.z()),
+       .why = fmt::format("the body fills {} of its bounding box of {:.4g} x {:.4g} x {:.4g} mm",
+                          percent(body.volume() / size.prod()), size.x(), size.y(), size.z()),
        .remedy = "ask for more nodes (--nodes) or points (--points), or a coarser --rim"});
 }
 

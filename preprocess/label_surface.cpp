@@ -91,7 +91,7 @@ VoxelSet one_body(const LabelImage& image, const VoxelSet& set, double voxel_vol
   if (kept < 64)
     throw ModelError({.fact = fmt::format("the largest piece has {} voxels; a body needs at least 64", kept),
                       .where = "choice of labels",
-                      .why = "the label is a speck, or the image is too coarse for it",
+                      .why = "the label marks only a speck, or the image is too coarse for it",
                       .remedy = "choose another --label, or give a finer image"});
   return cropped(complement(selection(around, gaps, empty)));
 }
@@ -423,23 +423,23 @@ void check_lost_volume(double enclosed_mm3, double step, SegmentReport& report) 
   const double thickness = std::max(2.0 * report.smoothing_mm, 1.5 * step);
   if (lost > most_lost)
     throw ModelError(
-        {.fact = fmt::format("{:.0f} % of the organ's {} are lost where it is smoothed", 100.0 * lost,
+        {.fact = fmt::format("smoothing its surface would lose {:.0f} % of the organ's {}", 100.0 * lost,
                              volume_in_words(report.voxel_volume_mm3)),
          .where = "body surface",
-         .why =
-             fmt::format("most of it is thinner than {:.2f} mm, which its voxels cannot give a surface: the "
-                         "smoothing is {:.2f} mm, the surface's lattice {:.2f} mm",
-                         thickness, report.smoothing_mm, step),
+         .why = fmt::format("most of it is thinner than {:.2f} mm, too thin for a smooth surface: the "
+                            "smoothing is {:.2f} mm, the surface's lattice {:.2f} mm",
+                            thickness, report.smoothing_mm, step),
          .remedy =
-             "give an image in which the organ is at least three voxels thick, choose another --label, or "
-             "for a lattice coarser than the voxels a smaller --indenter-diameter",
+             "give an image in which the organ is at least three voxels thick, choose another --label, or, "
+             "where the lattice is coarser than the voxels, a smaller --indenter-diameter",
          .code = "too-thin"});
   if (std::abs(lost) > lost_to_tell)
-    report.warnings.push_back(fmt::format(
-        "smoothing by {:.2f} mm {} {:.0f} % of the organ's volume where {} {:.2f} mm; the rest is moved "
-        "evenly to make up for it",
-        report.smoothing_mm, lost > 0.0 ? "takes" : "adds", 100.0 * std::abs(lost),
-        lost > 0.0 ? "it is thinner than about" : "gaps are narrower than about", thickness));
+    report.warnings.push_back(
+        fmt::format("smoothing by {:.2f} mm {} {:.0f} % of the organ's volume where {} {:.2f} mm; the whole "
+                    "surface is moved "
+                    "evenly to keep the volume",
+                    report.smoothing_mm, lost > 0.0 ? "takes" : "adds", 100.0 * std::abs(lost),
+                    lost > 0.0 ? "it is thinner than about" : "gaps are narrower than about", thickness));
 }
 
 }  // namespace
@@ -472,9 +472,9 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
                                   [](const Cavity& cavity) { return !cavity.filled; });
   if (drawing.cavities != kept)
     report.warnings.push_back(fmt::format(
-        "smoothing by {:.2f} mm leaves {} of more than 0.2 % of the organ where the voxels have {}: narrow "
-        "gaps "
-        "or thin walls closed or opened",
+        "smoothed by {:.2f} mm the organ has {} of more than 0.2 % of its volume, and its voxels have {}: "
+        "narrow gaps "
+        "or thin walls were closed or opened",
         report.smoothing_mm,
         drawing.cavities == 1 ? "one cavity" : fmt::format("{} cavities", drawing.cavities), kept));
   check_lost_volume(enclosed_volume(surface) - drawing.added_mm3, step, report);
@@ -494,7 +494,7 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
                     100.0 * std::abs(error), error > 0.0 ? "more" : "less", step));
   if (report.cut_by_border)
     report.warnings.push_back(
-        "the organ touches the border of the image: it is cut off there, and the cut face is "
+        "the organ touches the border of the image, where the scan cuts it off: the cut face is "
         "taken as its surface");
   SegmentedBody result{BodySurface(std::move(surface.vertex), std::move(surface.triangles), frame.to_world),
                        std::move(report)};

@@ -27,12 +27,12 @@ void refuse_too_many_grown(const Model& model) {
   if (model.scheme.support.effective_radius_factor() < usual || share <= most_grown) return;
   const Vec3 x = model.point.col(std::max<Index>(support.fewest_at, 0)) * 1e3;
   throw ModelError(
-      {.fact = fmt::format("{} of {} supports ({:.0f} %) had to be enlarged, by up to {:.2f}, to have "
-                           "nodes enough",
+      {.fact = fmt::format("{} of {} supports ({:.0f} %) had to be enlarged, up to {:.2f} times, to hold "
+                           "enough nodes",
                            support.grown, model.point_count(), 100.0 * share, support.largest_growth),
        .where = fmt::format("support domains; fewest nodes, {}, at ({:.2f}, {:.2f}, {:.2f}) mm",
                             support.fewest, x.x(), x.y(), x.z()),
-       .why = "the body is thinner than the nodes are apart, or its nodes lie nearly in a plane",
+       .why = "the body is thinner than the node spacing, or its nodes lie nearly in a plane",
        .remedy = "ask for more nodes (--nodes) or a smaller --spacing",
        .code = "supports"});
 }

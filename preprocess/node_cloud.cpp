@@ -194,7 +194,7 @@ struct Measured {
 
 ModelError too_fine_a_rim(const Sizing& sizing) {
   return ModelError(
-      {.fact = fmt::format("a spacing on the circle's rim of {:.3g} of that far away takes more "
+      {.fact = fmt::format("a node spacing on the circle's rim of {:.3g} times that far away takes more "
                            "nodes than are asked for",
                            sizing.least()),
        .where = "node cloud",
@@ -395,7 +395,7 @@ std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vecto
   });
 
   if (crowd > crowd_per_candidate * m)
-    throw ModelError({.fact = fmt::format("of {} places for nodes each has over {} others in its reach", m,
+    throw ModelError({.fact = fmt::format("{} candidate places for nodes have over {} neighbours each", m,
                                           crowd_per_candidate),
                       .where = "node cloud",
                       .why = "the spacing changes too steeply beside the circle, or the body is folded too "
@@ -576,11 +576,11 @@ double rough_spacing(const BodySurface& body, double count) {
 
 void refuse_too_many(double nodes, const char* option) {
   if (nodes > most_nodes)
-    throw ModelError(
-        {.fact = fmt::format("{:.4g} nodes are asked for, at most {:.0f} can be", nodes, most_nodes),
-         .where = fmt::format("node cloud; {}", option),
-         .why = "their lists are numbered with 32 bits",
-         .remedy = "ask for fewer nodes (--nodes) or a larger --spacing"});
+    throw ModelError({.fact = fmt::format("{:.0f} nodes are asked for, and at most {:.0f} are possible",
+                                          nodes, most_nodes),
+                      .where = fmt::format("node cloud; {}", option),
+                      .why = "their lists are numbered with 32 bits",
+                      .remedy = "ask for fewer nodes (--nodes) or a larger --spacing"});
 }
 
 }  // namespace

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
 #include <optional>
 
 #include "apps/commands/command.hpp"
@@ -79,6 +81,7 @@ class Results {
       if (field.name == "label")
         for (Index t = 0; t < field.values.cols(); ++t)
           body.section_label.push_back(static_cast<int>(field.values(0, t)));
+    body.label_name = label_names();
     return body;
   }
 
@@ -116,6 +119,20 @@ class Results {
     SurfaceFile surface, section, tool;
     Points moved, section_moved;
   };
+
+  // As the run's summary tells them; none: it does not.
+  std::map<int, std::string> label_names() const {
+    std::map<int, std::string> names;
+    std::error_code ignored;
+    if (!fs::is_regular_file(folder_ / "summary.json", ignored)) return names;
+    const auto summary = nlohmann::json::parse(read_file(folder_ / "summary.json"), nullptr, false);
+    if (!summary.is_object() || !summary.contains("labels") || !summary["labels"].is_array()) return names;
+    for (const auto& label : summary["labels"])
+      if (label.is_object() && label.contains("value") && label["value"].is_number_integer() &&
+          label.contains("name") && label["name"].is_string())
+        names[label["value"].get<int>()] = label["name"].get<std::string>();
+    return names;
+  }
 
   fs::path file(const std::string& series, int number) const {
     return folder_ / series / fmt::format("{}_{:04d}.vtp", series, number);

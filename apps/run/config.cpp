@@ -10,6 +10,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/text.hpp"
@@ -69,8 +70,10 @@ bool is_of_caller(const std::string& source) {
   } else if (std::holds_alternative<std::vector<std::string>*>(option.value)) {
     range = "words, separated by commas";
   } else if (!std::holds_alternative<std::string*>(option.value)) {
-    range = fmt::format("a number {} {}{}{}", option.least_excluded ? "above" : "from", option.least,
-                        std::isfinite(option.most) ? fmt::format(" to {}", option.most) : "",
+    range = fmt::format("a number {} {}{}{}", option.least_excluded ? "above" : "from", plain(option.least),
+                        !std::isfinite(option.most) ? ""
+                        : option.least_excluded     ? ", at most " + plain(option.most)
+                                                    : " to " + plain(option.most),
                         option.unit.empty() ? "" : " " + option.unit);
   }
   throw UsageError({.fact = fmt::format("{} = {} is not allowed", option.key, text),
@@ -101,7 +104,7 @@ double parse_quantity(const Option& option, const std::string& text, const std::
   if (unit.empty()) return value;
   const auto table = unit_table().find(option.unit);
   if (table == unit_table().end())
-    refuse(option, text, source, fmt::format("'{}' after the number: this one has no unit", unit));
+    refuse(option, text, source, fmt::format("'{}' follows the number, but this option has no unit", unit));
   const auto factor = table->second.find(unit);
   if (factor == table->second.end()) {
     std::vector<std::string> known;
@@ -136,24 +139,24 @@ std::string place_in_mm(const std::string& text) {
 
 void assign_text(const Option& option, const std::string& text, const std::string& source) {
   if (!is_utf8(text))
-    throw UsageError(
-        {.fact = fmt::format("{} = {} is not UTF-8", option.key, text),
-         .where = source,
-         .why = "the configuration that a run leaves behind repeats every name, and holds no other bytes",
-         .remedy = "rename the file, or save the table with that encoding"});
+    throw UsageError({.fact = fmt::format("{} = {} is not UTF-8", option.key, text),
+                      .where = source,
+                      .why = "a run repeats every name in config.resolved.toml, which is UTF-8",
+                      .remedy = "rename the file, or save the table as UTF-8"});
   if (auto* word = std::get_if<std::string*>(&option.value)) {
     if (!option.choices.empty() &&
         std::find(option.choices.begin(), option.choices.end(), text) == option.choices.end())
-      refuse(option, text, source, "it is not one of its words" + did_you_mean(text, option.choices));
+      refuse(option, text, source, "it is not one of the words allowed" + did_you_mean(text, option.choices));
     **word = text;
   } else if (auto* list = std::get_if<std::vector<std::string>*>(&option.value)) {
     **list = parts_of(text);
     if (option.choices.empty()) return;
-    if ((*list)->empty()) refuse(option, text.empty() ? "nothing" : text, source, "it names nothing");
+    if ((*list)->empty()) refuse(option, text.empty() ? "nothing" : text, source, "the list is empty");
     for (const std::string& part : **list)
       if (std::find(option.choices.begin(), option.choices.end(), part) == option.choices.end())
-        refuse(option, text, source,
-               fmt::format("'{}' is not one of its words{}", part, did_you_mean(part, option.choices)));
+        refuse(
+            option, text, source,
+            fmt::format("'{}' is not one of the words allowed{}", part, did_you_mean(part, option.choices)));
   } else if (auto* numbers = std::get_if<std::vector<double>*>(&option.value)) {
     std::vector<double> read;
     for (const std::string& part : parts_of(text)) {
@@ -250,13 +253,14 @@ std::vector<Option> options_of(Config& c) {
       {"cloud.spacing_mm", "--spacing", "mm", "node spacing, instead of a number; 0: from the number",
        &c.cloud.spacing_mm, 0, 1000, false, any, "model"},
       {"cloud.rim", "--rim", "",
-       "node spacing on the circle's rim as a part of that far away; 1: even; 0: 0.02, but no less "
+       "node spacing on the circle's rim as a fraction of that far away; 1: even; 0: 0.02, but no less "
        "than 0.11 radii of the circle (converging), 1 (horton2007)",
        &c.cloud.rim, 0, 1, false, any, "model"},
-      {"cloud.jitter", "", "", "move inner nodes by up to this part of their spacing", &c.cloud.jitter, 0,
-       0.5, false, any, "model"},
-      {"cloud.seed", "--seed", "", "of the node cloud", &c.cloud.seed, 0, 1e15, false, any, "model"},
-      {"grid.points", "--points", "", "number of integration points, about; 0: from the ratio",
+      {"cloud.jitter", "", "", "move inner nodes at random by up to this fraction of their spacing",
+       &c.cloud.jitter, 0, 0.5, false, any, "model"},
+      {"cloud.seed", "--seed", "", "seed of the random node cloud", &c.cloud.seed, 0, 1e15, false, any,
+       "model"},
+      {"grid.points", "--points", "", "approximate number of integration points; 0: from the ratio",
        &c.grid.points, 0, 1e7, false, any, "model"},
       {"grid.ratio", "", "", "integration points per node; 0: 7 (converging), 1.499 (horton2007)",
        &c.grid.ratio, 0, 100, false, any, "model"},
@@ -285,9 +289,10 @@ std::vector<Option> options_of(Config& c) {
        false, any, "model"},
       {"boundary.base", "--base", "",
        "side the organ rests on: auto, superior, inferior, anterior, posterior, left, right, x,y,z in LPS, "
-       "or organ: its own",
+       "or organ: as its shape alone suggests",
        &c.boundary.base, 0, 0, false, any, "model", true, words_for("auto", "organ")},
-      {"boundary.base_depth_mm", "--base-depth", "mm", "height up to which the base is held; 0: chosen",
+      {"boundary.base_depth_mm", "--base-depth", "mm",
+       "the surface is fixed up to this height above the base's lowest point; 0: chosen",
        &c.boundary.base_depth_mm, 0, 1000, false, any, "model"},
       {"boundary.indent_at", "--indent-at", "",
        "where the circle is: opposite (to the base), a side, x,y,z in LPS (mm, or 2cm,-5mm,3cm) or x,y,top",
@@ -295,11 +300,11 @@ std::vector<Option> options_of(Config& c) {
       {"boundary.indenter_diameter_mm", "--indenter-diameter", "mm", "diameter of the circle",
        &c.boundary.indenter_diameter_mm, 0, 1000, true, any, "model", true},
       {"boundary.direction", "--direction", "",
-       "way the circle moves: auto (away from its side, or towards the base), or x,y,z in LPS",
+       "direction in which the tool moves: auto (away from its side, or towards the base), or x,y,z in LPS",
        &c.boundary.direction, 0, 0, false, any, "model"},
-      {"material.mu_Pa", "--mu", "Pa", "shear modulus; 210Pa+-30% tells how well it is known",
+      {"material.mu_Pa", "--mu", "Pa", "shear modulus; 210Pa+-30% states its uncertainty too",
        &c.material.mu_Pa, 0, 1e12, true, any, "solve", true},
-      {"material.mu_spread_percent", "", "%", "how well mu is known, +-; --mu 210Pa+-30% sets both",
+      {"material.mu_spread_percent", "", "%", "uncertainty of mu, +-; --mu 210Pa+-30% sets both",
        &c.material.mu_spread_percent, 0, 100, false, any, "solve"},
       {"material.young_Pa", "--young", "Pa",
        "Young's modulus, instead of mu, which is then E / (2 (1 + nu)); 0: not given", &c.material.young_Pa,
@@ -323,12 +328,12 @@ std::vector<Option> options_of(Config& c) {
       {"material.ogden_mu_Pa", "", "Pa",
        "Ogden moduli, 2 mu/alpha^2 (sum of stretches^alpha - 3); none: neo-Hookean", &c.material.ogden_mu_Pa,
        0, 0, false, any, "solve"},
-      {"material.ogden_alpha", "", "", "Ogden exponents, as many", &c.material.ogden_alpha, 0, 0, false, any,
-       "solve"},
+      {"material.ogden_alpha", "", "", "Ogden exponents, one for each modulus", &c.material.ogden_alpha, 0, 0,
+       false, any, "solve"},
       {"material.mooney_c01_Pa", "", "Pa",
        "constant of the second invariant, at most mu/2: a Mooney-Rivlin law; 0: neo-Hookean",
        &c.material.mooney_c01_Pa, 0, 1e12, false, any, "solve"},
-      {"material.prony_g", "", "", "parts of the shear modulus that relax; none: elastic",
+      {"material.prony_g", "", "", "fractions of the shear modulus that relax; none: elastic",
        &c.material.prony_g, 0, 0, false, any, "solve"},
       {"material.prony_tau_s", "", "s", "their relaxation times", &c.material.prony_tau_s, 0, 0, false, any,
        "solve"},
@@ -347,8 +352,8 @@ std::vector<Option> options_of(Config& c) {
        {"bonded", "frictionless"},
        "solve",
        true},
-      {"solver.safety", "--safety", "", "time step as a part of the stable step", &c.solver.safety, 0, 2,
-       true, any, "solve"},
+      {"solver.safety", "--safety", "", "time step as a fraction of the longest stable one", &c.solver.safety,
+       0, 2, true, any, "solve"},
       {"solver.damping_per_s", "--damping", "1/s", "mass-proportional damping", &c.solver.damping_per_s, 0,
        1e6, false, any, "solve"},
       {"solver.frames", "--frames", "", "frames written after the first", &c.solver.frames, 1, 100000, false,
@@ -358,7 +363,8 @@ std::vector<Option> options_of(Config& c) {
       {"solver.time",
        "--time",
        "",
-       "quasi-static: equilibrium after each step of the load; explicit: central differences; dynamic: implicit steps as "
+       "quasi-static: equilibrium after each step of the load; explicit: central differences; dynamic: "
+       "implicit steps as "
        "long "
        "as the body's natural modes allow, explicit if the load is too short; auto: quasi-static or, if the "
        "tool is fast for the body, explicit. horton2007 is explicit",
@@ -371,35 +377,35 @@ std::vector<Option> options_of(Config& c) {
       {"solver.precision",
        "--precision",
        "",
-       "of the numbers in the hot loop",
+       "of the numbers with which forces are computed",
        &c.solver.precision,
        0,
        0,
        false,
        {"single", "double"},
        "solve"},
-      {"solver.tolerance", "", "", "of equilibrium: relative residual, unbalanced force / reactions",
+      {"solver.tolerance", "", "", "equilibrium is reached when unbalanced force / reactions is below this",
        &c.solver.tolerance, 1e-8, 0.1, false, any, "solve"},
-      {"solver.evaluations", "", "", "of the force for one equilibrium, at most", &c.solver.evaluations, 100,
-       1e9, false, any, "solve"},
+      {"solver.evaluations", "", "", "evaluations of the force for one equilibrium, at most",
+       &c.solver.evaluations, 100, 1e9, false, any, "solve"},
       {"solver.sample_rate_per_s", "", "1/s", "rows per second of force.csv", &c.solver.sample_rate_per_s, 0,
        1e6, true, any, "solve"},
       {"accuracy.goal", "--accuracy", "",
-       "take as many nodes as it takes to know the force, or the displacement of --quantity, this well by "
-       "its "
-       "discretisation: 2% of it, 1mN or 0.1mm",
+       "refine the cloud of nodes until the discretisation error of the force, or of the displacement of "
+       "--quantity, is at most this: 2%, 1mN or 0.1mm",
        &c.accuracy.goal, 0, 0, false, any, "run", true},
       {"accuracy.quantity", "--quantity", "",
-       "what is to be known, beside the force: displacement@x,y,z of the place of the body at rest there, in "
-       "LPS mm",
+       "force, or displacement@x,y,z: tell too where the load brings the point that is there at rest, in LPS "
+       "mm, "
+       "with its error, to which --accuracy then refers",
        &c.accuracy.quantity, 0, 0, false, any, "run"},
       {"accuracy.budget_s", "--budget", "s",
-       "take as many nodes as make the force known best in about this time; 0: no matter how long",
+       "refine the cloud of nodes as far as about this time allows; 0: no limit of time",
        &c.accuracy.budget_s, 0, 1e9, false, any, "run"},
       {"accuracy.band",
        "--band",
        "",
-       "how far the force may be off by its discretisation, from a coarser cloud",
+       "discretisation error of the force, estimated from a second, coarser cloud",
        &c.accuracy.band,
        0,
        0,
@@ -409,8 +415,8 @@ std::vector<Option> options_of(Config& c) {
       {"output.write",
        "--write",
        "",
-       "files wanted, comma-separated; tables and summary are always written, \"force\" asks for nothing "
-       "else; images: on the label image's grid, and not among all",
+       "files to write, comma-separated; force: only tables and summary, which are always written; all: "
+       "everything but images, which lie on the label image's grid",
        &c.output.write,
        0,
        0,
@@ -426,7 +432,7 @@ std::vector<Option> options_of(Config& c) {
       {"output.write_frames",
        "--write-frames",
        "",
-       "of which frames images are written",
+       "frames of which images are written",
        &c.output.write_frames,
        0,
        0,
@@ -434,8 +440,7 @@ std::vector<Option> options_of(Config& c) {
        {"last", "all"},
        "files"},
       {"output.compare", "--compare", "",
-       "a measured curve beside ours, which it does not change: CSV with indentation_mm and force_N (or "
-       "force_mN), or "
+       "a measured curve to compare the force with: CSV with indentation_mm and force_N (or force_mN), or "
        "horton2007",
        &c.output.compare, 0, 0, false, any, "files", true},
   };
@@ -456,11 +461,11 @@ bool set_tissue(Config& config, const std::string& key, const std::string& text,
   Config scratch;
   set_option(scratch, "material." + key.substr(dot + 1), text, source);
   if (scratch.material.mu_spread_percent > 0.0)
-    throw UsageError(
-        {.fact = fmt::format("tissue '{}' is given a modulus that is known to a share of it", label),
-         .where = source,
-         .why = "the force is proportional to none of several tissues, and this would take several runs",
-         .remedy = "run it once with the smallest and once with the largest modulus"});
+    throw UsageError({.fact = fmt::format("tissue '{}' is given a modulus with an uncertainty", label),
+                      .where = source,
+                      .why = "the force of several tissues is proportional to no single modulus, so its "
+                             "uncertainty would take several runs",
+                      .remedy = "run it once with the smallest and once with the largest modulus"});
   std::vector<Option> options = options_of(scratch);
   config.tissue[label][find(options, "material." + key.substr(dot + 1))->key] = text;
   return true;
@@ -574,11 +579,11 @@ void resolve_young(Config& config) {
   const auto young = config.source.find("material.young_Pa"), mu = config.source.find("material.mu_Pa");
   if (weight_of(config, "material.mu_Pa") > 1)
     throw UsageError(
-        {.fact = fmt::format("a shear modulus, {} Pa, and Young's modulus, {} Pa, are given both", m.mu_Pa,
+        {.fact = fmt::format("both a shear modulus, {} Pa, and Young's modulus, {} Pa, are given", m.mu_Pa,
                              m.young_Pa),
          .where = fmt::format("{} and {}", mu->second, young->second),
          .why = "one follows from the other: mu = E / (2 (1 + nu))",
-         .remedy = "give one of --mu and --young; material.young_Pa = 0 takes it back"});
+         .remedy = "give one of --mu and --young; material.young_Pa = 0 takes back one from a file"});
   m.mu_Pa = m.young_Pa / (2.0 * (1.0 + m.nu));
   config.source["material.mu_Pa"] = fmt::format("Young's modulus {} Pa, {}", m.young_Pa, young->second);
   m.young_Pa = 0.0;
@@ -595,7 +600,7 @@ void match_ogden(Config& config, int weight_of_modulus) {
   const int weight = weight_of(config, "material.ogden_mu_Pa");
   if (weight == weight_of_modulus && weight > 0)
     throw UsageError(
-        {.fact = fmt::format("a shear modulus, {} Pa, and Ogden moduli that add up to {} Pa are given both",
+        {.fact = fmt::format("both a shear modulus, {} Pa, and Ogden moduli that add up to {} Pa are given",
                              m.mu_Pa, sum),
          .where = fmt::format("{} and {}", config.source.at("material.mu_Pa"),
                               config.source.at("material.ogden_mu_Pa")),
@@ -659,7 +664,7 @@ void read_config(Config& config, const std::filesystem::path& file) {
         {.fact = fmt::format("{} is not valid TOML: {}", file.string(), error.description()),
          .where = fmt::format("line {}, column {}", error.source().begin.line, error.source().begin.column),
          .why = "the file cannot be read as a configuration",
-         .remedy = "mend that line; strings need quotes, tables look like [material]"});
+         .remedy = "correct that line; strings need quotes, tables look like [material]"});
   }
   std::vector<Option> options = options_of(config);
   for (const auto& [section, node] : table) {
@@ -703,7 +708,7 @@ void read_config(Config& config, const std::filesystem::path& file) {
           else if (const auto real = item.value_exact<double>())
             items.push_back(fmt::format("{}", *real));
           else
-            refuse(*option, "a list with something else than words and numbers", place, "it cannot be read");
+            refuse(*option, "a list with something other than words and numbers", place, "it cannot be read");
         }
         assign_text(*option, fmt::format("{}", fmt::join(items, ",")), place);
       } else if (const auto number = value.value<double>(); number && !value.is_boolean() && !is_text) {
@@ -819,12 +824,11 @@ Scheme scheme_of(const Config& c) {
 std::string why_not_proportional(const Config& config) {
   if (config.scheme.name != converging.name || config.solver.time == "explicit" ||
       config.solver.time == "dynamic")
-    return "inertia, which does not grow with mu, takes part in it";
+    return "the force holds inertia, which does not grow with mu";
   if (config.material.mooney_c01_Pa > 0.0)
-    return "the second constant of a Mooney-Rivlin law is given apart from mu";
+    return "the second constant of a Mooney-Rivlin law does not grow with mu";
   if (config.material.preset != "none") return "the material is a published one (--preset)";
-  if (!config.tissue.empty())
-    return "several tissues share the body, and the force is proportional to none of them";
+  if (!config.tissue.empty()) return "the force of several tissues is proportional to no single modulus";
   return {};
 }
 
@@ -836,7 +840,7 @@ double spread_of(const Config& config) {
     why = "the modulus of this material is not given by --mu";
   if (why.empty()) return spread;
   throw UsageError(
-      {.fact = fmt::format("mu is given as known to {:g} %, and what that does to the force would take "
+      {.fact = fmt::format("mu is given with an uncertainty of {:g} %, whose effect on the force would take "
                            "several runs",
                            100.0 * spread),
        .where = "--mu (material.mu_spread_percent)",
@@ -856,7 +860,7 @@ std::optional<Goal> goal_of(const Config& config) {
     if (const auto source = config.source.find(key);
         source != config.source.end() && (is_other || is_of_caller(source->second)))
       throw UsageError(
-          {.fact = "an accuracy and a number of nodes are asked for both",
+          {.fact = "both an accuracy and a number of nodes are asked for",
            .where = fmt::format("{} and {}", source->second, text.empty() ? "--budget" : "--accuracy"),
            .why = "the nodes follow from the accuracy",
            .remedy = "leave one of them out"});
@@ -869,8 +873,7 @@ std::optional<Goal> goal_of(const Config& config) {
       {"accuracy.goal",
        "--accuracy",
        is_absolute ? unit : "%",
-       is_absolute ? "how well it is to be known"
-                   : fmt::format("how well it is to be known, as 2% or {}", of_place ? "0.1mm" : "1mN"),
+       is_absolute ? "largest error" : fmt::format("largest error, as 2% or {}", of_place ? "0.1mm" : "1mN"),
        &value,
        0,
        is_absolute ? 1e6 : 100.0,
@@ -884,9 +887,10 @@ std::optional<Goal> goal_of(const Config& config) {
     throw UsageError(
         {.fact = fmt::format("an accuracy of {} is asked for", text),
          .where = "--accuracy (accuracy.goal)",
-         .why = fmt::format("no band of this load is narrower than {:.2g} %: so far apart may clouds lie that agree by "
-                            "chance",
-                            100.0 * least),
+         .why = fmt::format(
+             "the error of this load cannot be shown to be below {:.2g} %: two clouds agree that well "
+             "by chance",
+             100.0 * least),
          .remedy = "ask for less accuracy, or for less depth than the circle's radius"});
   return goal;
 }
@@ -911,10 +915,10 @@ std::optional<Vec3> followed_place(const Config& config) {
 void require_no_goal(const Config& config, const std::string& command) {
   if (config.accuracy.goal.empty() && !(config.accuracy.budget_s > 0.0)) return;
   const std::string key = config.accuracy.goal.empty() ? "accuracy.budget_s" : "accuracy.goal";
-  throw UsageError({.fact = fmt::format("{} is asked for an accuracy", command),
+  throw UsageError({.fact = fmt::format("{} takes no accuracy", command),
                     .where = key,
-                    .why = "it takes the number of nodes that it is given",
-                    .remedy = "dimple run finds the nodes for an accuracy; leave it out here"});
+                    .why = "it runs with the number of nodes that is given",
+                    .remedy = "leave it out here; dimple run finds the number of nodes for an accuracy"});
 }
 
 ModelOptions model_options(const Config& c) {

@@ -190,7 +190,23 @@ Json slice_json(const Slice& slice, const ReportInput& input, double slab_mm) {
   return result;
 }
 
-// The surface in whole numbers: of two bytes at rest, of one for each frame's displacement.
+// Places and triangles in whole numbers of two bytes.
+Json mesh_json(const Points& places, const Triangles& triangles) {
+  const Vec3 low = places.rowwise().minCoeff();
+  const double step = std::max((places.colwise() - low).maxCoeff() / 65535.0, 1e-9);
+  std::vector<std::uint16_t> place, corner;
+  for (Index v = 0; v < places.cols(); ++v)
+    for (int c = 0; c < 3; ++c)
+      place.push_back(
+          static_cast<std::uint16_t>(std::clamp(std::lround((places(c, v) - low[c]) / step), 0L, 65535L)));
+  for (const Index c : triangles.reshaped()) corner.push_back(static_cast<std::uint16_t>(c));
+  return {{"low_mm", {low.x(), low.y(), low.z()}},
+          {"step_mm", step},
+          {"places", packed(place)},
+          {"triangles", packed(corner)}};
+}
+
+// The surface at rest, and each frame's displacement in whole numbers of one byte.
 Json body_json(const ReportInput& input) {
   const ReducedSurface& body = input.frames.body;
   const Surface& surface = input.model.surface;
@@ -198,15 +214,6 @@ Json body_json(const ReportInput& input) {
   Points rest(3, count);
   for (Index v = 0; v < count; ++v)
     rest.col(v) = surface.vertex_mm.col(body.vertex[static_cast<std::size_t>(v)]);
-  const Vec3 low = rest.rowwise().minCoeff();
-  const double step = std::max((rest.colwise() - low).maxCoeff() / 65535.0, 1e-9);
-  std::vector<std::uint16_t> place;
-  for (Index v = 0; v < count; ++v)
-    for (int c = 0; c < 3; ++c)
-      place.push_back(
-          static_cast<std::uint16_t>(std::clamp(std::lround((rest(c, v) - low[c]) / step), 0L, 65535L)));
-  std::vector<std::uint16_t> corner;
-  for (const Index c : body.triangles.reshaped()) corner.push_back(static_cast<std::uint16_t>(c));
 
   Json frames = Json::array();
   for (const BodyFrames::Frame& frame : input.frames.frame) {
@@ -220,11 +227,18 @@ Json body_json(const ReportInput& input) {
                       {"step_mm", largest / 127.0},
                       {"displacement", packed(moved)}});
   }
-  return {{"low_mm", {low.x(), low.y(), low.z()}},
-          {"step_mm", step},
-          {"places", packed(place)},
-          {"triangles", packed(corner)},
-          {"frames", frames}};
+  Json result = mesh_json(rest, body.triangles);
+  result["frames"] = std::move(frames);
+  return result;
+}
+
+Json tool_json(const ReportInput& input) {
+  const Indenter& tool = input.model.tool;
+  Json result = mesh_json(input.tool.position_mm, input.tool.triangles);
+  result["centre_mm"] = {1e3 * tool.centre.x(), 1e3 * tool.centre.y(), 1e3 * tool.centre.z()};
+  result["push"] = {tool.push.x(), tool.push.y(), tool.push.z()};
+  result["radius_mm"] = 1e3 * tool.radius;
+  return result;
 }
 
 // Of a long march every so many samples, and the last.
@@ -410,11 +424,10 @@ Json report_data(const ReportInput& input) {
   data["slices"] = Json::array();
   for (const Slice& slice : input.slices) data["slices"].push_back(slice_json(slice, input, slab_mm));
   data["tilt_degrees"] = rounded(tilt_degrees(model.axes), 10.0);
-  if (!input.frames.frame.empty()) data["body"] = body_json(input);
-  const Indenter& tool = model.tool;
-  data["tool"] = {{"centre_mm", {1e3 * tool.centre.x(), 1e3 * tool.centre.y(), 1e3 * tool.centre.z()}},
-                  {"push", {tool.push.x(), tool.push.y(), tool.push.z()}},
-                  {"radius_mm", 1e3 * tool.radius}};
+  if (!input.frames.frame.empty()) {
+    data["body"] = body_json(input);
+    data["tool"] = tool_json(input);
+  }
   if (!input.picture.empty()) data["picture"] = "data:image/png;base64," + base64(input.picture);
   return data;
 }

@@ -10,6 +10,7 @@
 #include "apps/run/band.hpp"
 #include "apps/run/compare.hpp"
 #include "io/label_image.hpp"
+#include "io/vtk_files.hpp"
 #include "preprocess/model.hpp"
 #include "preprocess/reduce_surface.hpp"
 #include "solver/march.hpp"
@@ -55,6 +56,7 @@ void keep(BodyFrames& frames, BodyFrames::Frame frame);
 /// All that a page is made of, at the end of a run. What is not there is left out.
 struct ReportInput {
   const Model& model;
+  const SurfaceFile& tool;  ///< at rest
   const std::vector<Slice>& slices;
   const BodyFrames& frames;
   const History& history;

@@ -108,7 +108,6 @@ ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wa
   if (wanted_.points) to_points_ = point_interpolation(model);
   if (wanted_.surface) {
     section_ = cut_open(model);
-    tool_ = tool_body(model);
     to_section_ = inner_interpolation(model, section_.place * 1e-3);
     on_surface_ = make_point_means(points_mm_, model.surface.vertex_mm);
     on_section_ = make_point_means(points_mm_, section_.place);
@@ -119,6 +118,7 @@ ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wa
     }
     write_file(folder_ / view_file, view_script);
   }
+  if (wanted_.surface || wanted_.picture || wanted_.report) tool_ = tool_body(model);
   if (wanted_.surface || ((wanted_.picture || wanted_.report) && !model.surface.empty()))
     to_surface_ = surface_interpolation(model);
   if (wanted_.report && !model.surface.empty()) {
@@ -330,6 +330,8 @@ Overview ResultWriter::picture_of(const History& history, const Band& band) cons
   if (!model_.surface.empty() && last_u_mm_.cols() > 0)
     picture.surface_displacement_mm = to_surface_(last_u_mm_);
   picture.surface_triangles = model_.surface.triangles;
+  picture.tool_mm = tool_.position_mm;
+  picture.tool_triangles = tool_.triangles;
   picture.centre_mm = model_.tool.centre * 1e3;
   picture.push = model_.tool.push;
   picture.radius_mm = model_.tool.radius * 1e3;
@@ -365,6 +367,7 @@ Json ResultWriter::report(const History& history, const Band& band,
                           const std::string& options, bool drawn) const {
   const Overview picture = picture_of(history, band);
   return report_data({.model = model_,
+                      .tool = tool_,
                       .slices = slices,
                       .frames = shown_,
                       .history = history,

@@ -145,6 +145,14 @@ std::string describe(const Tissues& tissues, std::size_t t) {
       law, stress_in_words(m.mu), plain(poisson_ratio(m)), plain(m.density));
 }
 
+std::string crossings_in_words(double crossings) {
+  return crossings < 1.0
+             ? fmt::format("the load lasts {} of the time that a shear wave takes through the organ",
+                           percent(crossings))
+             : fmt::format("the load lasts {} times as long as a shear wave takes through the organ",
+                           three_digits(crossings));
+}
+
 // As config.solver.time asks: "auto" and "dynamic" look at how long the load lasts.
 TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
   const std::string& asked = config.solver.time;
@@ -154,14 +162,15 @@ TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
   if (mode == TimeMode::quasi_static && asked == "dynamic") mode = TimeMode::dynamic;
   const double crossings = shear_crossings(result.model, result.tissues, result.loading);
   const bool shallow = mode == TimeMode::quasi_static && crossings < slow_load;
-  talk.line(mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
-            fmt::format(
-                "time     {}: the load lasts {} times as long as a shear wave takes through the organ{}",
-                mode == TimeMode::dynamic     ? "implicit dynamics, in steps of the body's natural modes"
-                : mode == TimeMode::explicit_ ? "explicit dynamics"
-                                              : "quasi-static",
-                three_digits(crossings),
-                shallow ? ", which is short, but its tool is slow; --time explicit follows the waves" : ""));
+  talk.line(
+      mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
+      fmt::format(
+          "time     {}: {}{}",
+          mode == TimeMode::dynamic     ? "implicit dynamics, in steps of the body's natural modes"
+          : mode == TimeMode::explicit_ ? "explicit dynamics"
+                                        : "quasi-static",
+          crossings_in_words(crossings),
+          shallow ? "; the load is short, but its tool is slow; --time explicit follows the waves" : ""));
   return mode;
 }
 
@@ -542,7 +551,9 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
   int failures = 0;
   // How much of a displacement its floor is, nobody knows before.
   const Index hoped = expected_nodes(result.followed ? 0.0 : goal.share, result.facing_share, band_floor(config));
+  int level = 0;
   for (Index nodes = first_rung(hoped); ended.empty();) {
+    ++level;
     std::unique_ptr<Rung> rung;
     const Stopwatch marching;
     try {
@@ -565,7 +576,7 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
         ended = fmt::format("with {} nodes: {}", nodes, error.report.fact);
         break;
       }
-      talk.say(fmt::format("rung     {} nodes: {}", nodes, error.report.fact));
+      talk.say(fmt::format("refine   level {}, {} nodes: {}", level, nodes, error.report.fact));
       nodes *= 2;
       continue;
     }
@@ -590,7 +601,7 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
     const auto width = [&](double half, double of) {
       return now.band.known() ? " +- " + percent(half / of) : std::string();
     };
-    talk.say(fmt::format("rung     {} nodes: {}{}{}, {:.1f} s", step.nodes,
+    talk.say(fmt::format("refine   level {}, {} nodes: {}{}{}, {:.1f} s", level, step.nodes,
                          force_in_words(step.force), width(step.half, std::abs(step.force)),
                          now.followed ? fmt::format(", {} mm{}", three_digits(1e3 * step.length),
                                                     width(step.half_length, step.length))
@@ -621,14 +632,14 @@ void climb(const Case& given, const Goal& goal, const RunObserver& observer, Res
                                               : "the error is unknown so far",
                     ended));
   } else if (!ended.empty()) {
-    talk.say("ladder   " + ended);
+    talk.say("refine   " + ended);
   }
   const Result& last = best->result;
   const Index more = nodes_for_half_the_band(last.model.node_count(), band_floor(config));
   if (last.band.known() && more <= most_nodes_for_accuracy) {
     const double more_s = best->seconds * static_cast<double>(more) / static_cast<double>(last.model.node_count());
     talk.say(fmt::format(
-        "ladder   {} nodes in {:.1f} s; half the error would take about {} nodes and {:.0f} s",
+        "refine   {} nodes in {:.1f} s; half the error would take about {} nodes and {:.0f} s",
         last.model.node_count(), climbing.seconds(), (more + 50) / 100 * 100, more_s + climbing.seconds()));
   }
   if (goal.budget_s > 0.0)

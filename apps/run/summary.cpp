@@ -53,6 +53,7 @@ Json model_json(const Result& p) {
           {"smoothing_mm", p.segment.smoothing_mm},
           {"node_spacing_mm", r.spacing_mm},
           {"rim_spacing_mm", r.rim_spacing_mm},
+          {"largest_spacing_mm", r.largest_spacing_mm},
           {"cell_mm", r.cell_mm},
           {"evenness",
            {{"nearest_mean", r.evenness.mean},

@@ -4,6 +4,7 @@
 #   File > Load State ... > this file, or    paraview --state=view.py
 #   pvpython view.py FIGURE.png [FRAME ...]  a picture, and no window; FRAME counts from 0, without one it is the last;
 #                                            further pictures and frames may follow
+import csv
 import json
 import math
 import os
@@ -16,7 +17,7 @@ PALE_TO_DARK = ["ECEBE6", "F9DFA3", "F9B768", "EE7F52", "CB4A5C", "8C2B6B", "471
 # Labels in the order of their numbers, then again from the first: hues that the common colour-vision deficiencies keep
 # apart.
 OF_LABELS = ["9CC3E6", "E9B44C", "6FB98F", "D98880", "B79AC8", "F4E285", "5F9EA0", "BFBFBF"]
-INK, GREY, METAL = [0.15, 0.15, 0.15], [0.6, 0.6, 0.6], [0.75, 0.77, 0.80]
+INK, GREY, METAL = [0.15, 0.15, 0.15], [0.6, 0.6, 0.6], [0.31, 0.62, 0.65]
 SIZE, WIDER = (2000, 1100), 0.58  # of a picture, and the share of the body's view
 
 
@@ -104,6 +105,26 @@ def show(source, view, by=None, colour=None):
     return shown
 
 
+def words_of_forces():
+    """Depth in micrometres -> the force there with its band, where force.csv tells one, as the program writes it."""
+    try:
+        with open(os.path.join(FOLDER, "force.csv"), encoding="utf-8", newline="") as file:
+            rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
+        words = {}
+        for row in rows:
+            numbers = [row[name] for name in ("force_N", "low_N", "high_N") if name in row]
+            size = abs(numbers[0])
+            unit, factor = next(scale for scale in (("N", 1.0), ("mN", 1e3), ("uN", 1e6), ("nN", 1e9))
+                                if size == 0.0 or scale[1] * size >= 0.09995 or scale[0] == "nN")
+            digits = min(max(2 - math.floor(math.log10(factor * size)), 0), 3) if size > 0.0 else 0
+            force, *band = [f"{factor * number:.{digits}f}" for number in numbers]
+            words[round(1e3 * row["indentation_mm"])] = f"{force} {unit}" + (
+                f", {band[0]} to {band[1]} (discretisation)" if len(band) == 2 and size > 0.0 else "")
+        return words
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
 def write_words(text, view, place, size=18):
     shown = pv.Show(text, view)
     shown.WindowLocation, shown.Position = "Any Location", place
@@ -138,7 +159,17 @@ def look(view, points, aspect, elevation):
     far = 2.0 * (width + height + spans[2][1] - spans[2][0])
     view.CameraPosition = [centre[d] + far * toward[d] for d in range(3)]
     view.CameraViewUp = above
-    view.CameraParallelScale = 0.5 * max(width / (0.92 * aspect), height / (0.68 if elevation else 0.6))
+    scale = view.CameraParallelScale = 0.5 * max(width / (0.92 * aspect), height / (0.68 if elevation else 0.6))
+    # A length at the lower right, nearer than the body; it turns with the scene, and is true as long as it lies across.
+    most = 0.3 * scale * aspect
+    power = 10.0 ** math.floor(math.log10(most))
+    length = max(step * power for step in (1, 2, 5) if step * power <= most)
+    at = [(0.94 * scale * aspect - part, -0.90 * scale, 0.6 * far) for part in (length, 0.0)]
+    ends = [[centre[d] + x * right[d] + y * above[d] + z * toward[d] for d in range(3)] for x, y, z in at]
+    ruler = pv.Ruler(registrationName="scale bar", Point1=ends[0], Point2=ends[1])
+    shown = pv.Show(ruler, view)
+    shown.AxisColor = shown.Color = INK
+    shown.AxisLineWidth, shown.NumberOfTicks, shown.FontSize, shown.LabelFormat = 2.5, 2, 16, f"{length:g} mm"
 
 
 def some_points(data):
@@ -194,7 +225,8 @@ layout.SetSize(*SIZE)
 for view in views:
     view.UseColorPaletteForBackground = 0
     view.Background = [1.0, 1.0, 1.0]
-    view.OrientationAxesVisibility = 0
+    view.OrientationAxesVisibility = 1
+    view.OrientationAxesLabelColor = INK
 
 # What lay behind the section at rest, whatever the surface has become since.
 at_rest = " + ".join(f"(coords{a} - displacement_mm_{a} - ({centre[d]!r})) * ({front[d]!r})" for d, a in enumerate("XYZ"))
@@ -206,7 +238,11 @@ half_tool.ClippingPlane.Origin, half_tool.ClippingPlane.Normal = centre, [-x for
 outline = pv.FeatureEdges(registrationName="outline of the section", Input=section, BoundaryEdges=1, FeatureEdges=0,
                           NonManifoldEdges=0, ManifoldEdges=0)
 words = pv.PythonAnnotation(registrationName="depth and force", Input=tool, ArrayAssociation="Field Data",
-                            Expression="'indentation %.2f mm,  force %.4f N' % (indentation_mm[0], force_N[0])")
+                            # Without braces, which ParaView would fill in.
+                            Expression="'indentation %.2f mm,  force ' % indentation_mm[0] + "
+                                       f"dict({list(words_of_forces().items())!r})"
+                                       ".get(round(1e3 * indentation_mm[0]), '%.4f N' % force_N[0])")
+axes = pv.Text(registrationName="what x, y and z are", Text="x left, y posterior, z superior")
 
 lit = show(half, body_view, views[body_view])
 lit.Ambient, lit.Diffuse = 0.3, 0.7
@@ -224,6 +260,7 @@ of_displacement = colour_map("displacement_mm", 0.0, deepest)
 of_stress = colour_map("von_mises_Pa", *usual_stress)
 
 write_words(words, body_view, [0.03, 0.94])
+write_words(axes, body_view, [0.02, 0.01], 14)
 legend(of_displacement, body_view, "displacement [mm]", [0.32, 0.04], 0.36, "%.3g")
 legend(of_stress, stress_view, "von Mises stress [Pa], 2nd to 98th percentile", [0.25, 0.04], 0.5, "%.3g")
 if names:

@@ -31,10 +31,11 @@ std::string force_title(double force_N, double depth_mm, std::optional<double> h
 }
 
 std::string nodes_in_words(Index nodes, const ModelReport& report) {
-  const std::string far = length_in_words(report.spacing_mm), near = length_in_words(report.rim_spacing_mm);
+  const std::string near = length_in_words(report.rim_spacing_mm);
   return report.rim_spacing_mm < report.spacing_mm
-             ? fmt::format("{} nodes: {} apart at the tool, {} far from it", nodes, near, far)
-             : fmt::format("{} nodes: {} apart", nodes, far);
+             ? fmt::format("{} nodes: {} apart at the tool, {} far from it", nodes, near,
+                           length_in_words(report.largest_spacing_mm))
+             : fmt::format("{} nodes: {} apart", nodes, near);
 }
 
 double poisson_ratio(const Material& m) {

@@ -425,7 +425,7 @@ void write_explanation(const std::filesystem::path& folder, const Explanation& e
                                unchanged, e.total_s)},
       .x_label = "effect on the force [%]",
       .shade = 100.0 * threshold(e),
-      .shade_text = fmt::format("grey: below {:.1f} %, no matter", 100.0 * threshold(e)),
+      .shade_text = fmt::format("below {:.1f} %: no matter", 100.0 * threshold(e)),
       .legend = {{0, "not known from the image"}, {1, "could be left out"}, {2, "the discretisation"}}};
   if (!e.run.empty()) tornado.subtitle.push_back("the run that this explains: " + e.run);
   for (const Alternative& a : e.alternatives) {

@@ -35,6 +35,7 @@
 #include <vtkScalarBarActor.h>
 #include <vtkSliderRepresentation2D.h>
 #include <vtkSliderWidget.h>
+#include <vtkSmartPointer.h>
 #include <vtkTable.h>
 #include <vtkTextActor.h>
 #include <vtkTextProperty.h>
@@ -45,6 +46,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <vector>
 
 #include "apps/window/display.hpp"
 #include "io/file.hpp"
@@ -71,6 +73,13 @@ constexpr std::array<Rgb, 8> of_labels = {{{0.612, 0.765, 0.902},
                                            {0.957, 0.886, 0.522},
                                            {0.373, 0.620, 0.627},
                                            {0.749, 0.749, 0.749}}};
+
+// Those that begin the palette once more are darker.
+Rgb colour_of_label(std::size_t k) {
+  Rgb colour = of_labels[k % of_labels.size()];
+  for (double& part : colour) part *= std::pow(0.75, static_cast<double>(k / of_labels.size()));
+  return colour;
+}
 
 void put(const Points& places, vtkPoints& points) {
   points.SetNumberOfPoints(places.cols());
@@ -183,6 +192,7 @@ struct BodyWindow::Parts {
   vtkNew<vtkColorTransferFunction> heat;
   vtkNew<vtkLookupTable> label_colours;
   vtkNew<vtkScalarBarActor> legend;
+  std::vector<vtkSmartPointer<vtkTextActor>> label_legend;
   vtkNew<vtkTextActor> words;
   vtkNew<vtkContextActor> chart_actor;
   vtkNew<vtkChartXY> chart;
@@ -218,6 +228,38 @@ struct BodyWindow::Parts {
     const double step = top / static_cast<double>(pale_to_dark.size() - 1);
     for (std::size_t k = 0; k < pale_to_dark.size(); ++k)
       heat->AddRGBPoint(step * static_cast<double>(k), pale_to_dark[k][0], pale_to_dark[k][1], pale_to_dark[k][2]);
+  }
+
+  // Of the labels of a section, in the order of their colours.
+  void name_labels(const std::vector<int>& numbers, const std::map<int, std::string>& names) {
+    constexpr std::size_t most = 20;
+    for (const auto& line : label_legend) view->RemoveActor2D(line);
+    label_legend.clear();
+    for (std::size_t k = 0; k < std::min(numbers.size(), most + 1); ++k) {
+      const auto name = names.find(numbers[k]);
+      const std::string text = k == most ? std::to_string(numbers.size() - most) + " more labels"
+                               : name == names.end() || name->second.empty()
+                                   ? "label " + std::to_string(numbers[k])
+                                   : std::to_string(numbers[k]) + " " + name->second;
+      const auto line = vtkSmartPointer<vtkTextActor>::New();
+      line->SetInput((" " + text + " ").c_str());
+      vtkTextProperty& look = *line->GetTextProperty();
+      look.SetColor(0.15, 0.15, 0.15);
+      look.SetFontSize(14);
+      if (k < most) {
+        look.SetBackgroundColor(colour_of_label(k).data());
+        look.SetBackgroundOpacity(1.0);
+      }
+      line->GetPositionCoordinate()->SetCoordinateSystemToNormalizedViewport();
+      line->SetPosition(0.017, 0.93 - 0.036 * static_cast<double>(k));
+      view->AddActor2D(line);
+      label_legend.push_back(line);
+    }
+  }
+
+  void show_legends() {
+    const bool shown = by_label && section.actor->GetVisibility() != 0;
+    for (const auto& line : label_legend) line->SetVisibility(shown ? 1 : 0);
   }
 
   // The push in pixels of the screen for one mm, and how long that is.
@@ -259,7 +301,7 @@ BodyWindow::BodyWindow(const WindowOptions& options) {
   p.section.actor->GetProperty()->LightingOff();
   p.body.actor->GetProperty()->SetAmbient(0.25);
   p.body.actor->GetProperty()->SetDiffuse(0.75);
-  p.tool.actor->GetProperty()->SetColor(0.72, 0.74, 0.78);
+  p.tool.actor->GetProperty()->SetColor(0.31, 0.62, 0.65);  // as in overview.png
   p.tool.actor->PickableOff();
   p.section.actor->PickableOff();
   p.view->AddActor(p.tool.actor);
@@ -348,6 +390,7 @@ void BodyWindow::show(const ShownBody& body, double most_mm, bool look) {
   p.tool.set(body.tool_mm, body.tool_triangles);
   p.tool.actor->SetPosition(0.0, 0.0, 0.0);
   p.colours_to(std::max(most_mm, 1e-6));
+  p.name_labels({}, {});
   if (!body.section_label.empty()) {
     vtkNew<vtkIntArray> label;
     label->SetName("label");
@@ -364,9 +407,10 @@ void BodyWindow::show(const ShownBody& body, double most_mm, bool look) {
     p.label_colours->SetNumberOfTableValues(std::max<vtkIdType>(count, 1));
     p.label_colours->SetTableRange(0.0, static_cast<double>(std::max<vtkIdType>(count - 1, 1)));
     for (vtkIdType k = 0; k < count; ++k) {
-      const Rgb& c = of_labels[static_cast<std::size_t>(k) % of_labels.size()];
+      const Rgb c = colour_of_label(static_cast<std::size_t>(k));
       p.label_colours->SetTableValue(k, c[0], c[1], c[2], 1.0);
     }
+    p.name_labels(numbers, body.label_name);
   }
   colour_by_label(p.by_label);
   cut(p.cut, p.before);
@@ -477,6 +521,7 @@ void BodyWindow::colour_by_label(bool labels) {
     p.section.mapper->SetScalarModeToUsePointData();
     p.section.mapper->SetLookupTable(p.heat);
   }
+  p.show_legends();
 }
 
 void BodyWindow::cut(bool on, double before_mm) {
@@ -484,6 +529,7 @@ void BodyWindow::cut(bool on, double before_mm) {
   p.cut = on, p.before = before_mm;
   p.body.mapper->RemoveAllClippingPlanes();
   p.section.actor->SetVisibility(on && before_mm <= 0.0 ? 1 : 0);
+  p.show_legends();
   if (!on) return;
   const Vec3 origin = p.centre + before_mm * p.front, behind = -p.front;
   p.plane->SetOrigin(origin.data());

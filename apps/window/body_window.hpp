@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -17,6 +18,7 @@ struct ShownBody {
   Points section_mm = {};  ///< the body cut open; none: it is not cut
   Triangles section_triangles = {};
   std::vector<int> section_label = {};  ///< [triangles of the section], or none
+  std::map<int, std::string> label_name = {};
   Points tool_mm;
   Triangles tool_triangles;
   Vec3 up, front, centre_mm;  ///< against the push, toward the viewer, of the circle
@@ -72,6 +74,7 @@ class BodyWindow {
   void add_slider(const std::string& title, int last, std::function<void(int)> moved);
   void move_slider(int to);
 
+  /// With a legend: each label's name on its colour.
   void colour_by_label(bool labels);
   /// The plane that cuts the surface goes to so many mm before the section; only what lies behind it is shown.
   void cut(bool on, double before_mm = 0.0);

@@ -833,12 +833,47 @@ void check(const Tornado& tornado) {
       throw std::invalid_argument(fmt::format("the bar \"{}\" ends nowhere", row.name));
 }
 
+constexpr double most_row = 46.0, two_lines_row = 34.0;
+const Colour shade_grey = mixed(card, hairline, 0.55F);
+
+/// What a panel of that size has for the rows, and beside them for their names.
+Rect plot_of(const Rect& room, const Tornado& tornado) {
+  const bool has_legend = !tornado.legend.empty() || tornado.shade > 0.0;
+  return room.inset(0.0, 16.0, 12.0, 58.0 + (has_legend ? legend_row + 6.0 : 0.0));
+}
+
+double row_height(const Rect& plot, const Tornado& tornado) {
+  return std::min(plot.h / static_cast<double>(tornado.rows.size()), most_row);
+}
+
+/// A panel ends below its rows.
+double height_of(const Tornado& tornado) {
+  constexpr Rect most{0.0, 0.0, panel_width, panel_height};
+  if (tornado.rows.empty()) return most.h;
+  const Rect plot =
+      plot_of(card_with_title(*raster_pen(1, 1), most, tornado.title, tornado.subtitle), tornado);
+  return std::ceil(most.h - plot.h + row_height(plot, tornado) * static_cast<double>(tornado.rows.size()));
+}
+
+std::string in_one_line(const Tornado::Row& row) {
+  return fmt::format("{}: {}", row.name, row.note);
+}
+
 void draw_panel(Pen& pen, const Rect& tile, const Tornado& tornado) {
   const Rect room = card_with_title(pen, tile, tornado.title, tornado.subtitle);
-  constexpr double names = 430.0, numbers = 70.0, most_row = 46.0;
-  const double legend_height = tornado.legend.empty() ? 0.0 : legend_row + 6.0;
-  Rect plot = room.inset(names, 16.0, 12.0, 58.0 + legend_height);
   if (tornado.rows.empty()) return say_in_the_middle(pen, room, "no data");
+  Rect plot = plot_of(room, tornado);
+  const double height = row_height(plot, tornado);
+  const bool two_lines = height >= two_lines_row;
+  const Style bold{.size = 14.0, .bold = true};
+  constexpr double most_names = 430.0, numbers = 70.0;
+  double names = 0.0;  // as wide as the widest
+  for (const Tornado::Row& row : tornado.rows)
+    names = std::max(names, two_lines || row.note.empty()
+                                ? std::max(text_width(row.name, bold), text_width(row.note, note))
+                                : text_width(in_one_line(row), small));
+  names = std::min(names + 20.0, most_names);
+  plot = plot.inset(names, 0.0, 0.0, 0.0);
 
   std::vector<double> values = {0.0, -tornado.shade, tornado.shade};
   for (const Tornado::Row& row : tornado.rows) values.insert(values.end(), {row.low, row.high});
@@ -847,27 +882,23 @@ void draw_panel(Pen& pen, const Rect& tile, const Tornado& tornado) {
   const double margin = numbers / plot.w * (axis.high - axis.low);
   axis.low = std::min(axis.low, *std::min_element(values.begin(), values.end()) - margin);
   axis.high = std::max(axis.high, *std::max_element(values.begin(), values.end()) + margin);
-  const double height = std::min(plot.h / static_cast<double>(tornado.rows.size()), most_row);
   plot.h = height * static_cast<double>(tornado.rows.size());
   const auto across = [&](double value) { return plot.x + axis.fraction(value) * plot.w; };
   if (tornado.shade > 0.0)
     pen.rectangle({across(-tornado.shade), plot.y, across(tornado.shade) - across(-tornado.shade), plot.h},
-                  mixed(card, hairline, 0.55F), 0.0);
+                  shade_grey, 0.0);
   draw_grid(pen, plot, axis,
             ticks_of(axis, plot.w, [](const std::string& text) { return text_width(text, small) + 18.0; }),
             true);
   for (std::size_t r = 0; r < tornado.rows.size(); ++r) {
     const Tornado::Row& row = tornado.rows[r];
     const double middle = plot.y + (static_cast<double>(r) + 0.5) * height;
-    const bool two_lines = height >= 34.0;
-    const Style bold{.size = 14.0, .bold = true};
     if (two_lines || row.note.empty()) {
       pen.text({plot.x - 14.0, middle + (row.note.empty() ? 5.0 : -2.0)}, row.name, bold, Align::right,
                names - 16.0);
       pen.text({plot.x - 14.0, middle + 14.0}, row.note, note, Align::right, names - 16.0);
     } else {
-      pen.text({plot.x - 14.0, middle + 5.0}, fmt::format("{}: {}", row.name, row.note), small, Align::right,
-               names - 16.0);
+      pen.text({plot.x - 14.0, middle + 5.0}, in_one_line(row), small, Align::right, names - 16.0);
     }
     const double low = std::min(row.low, 0.0), high = std::max(row.high, 0.0),
                  thick = std::min(0.62 * height, 24.0);
@@ -882,18 +913,26 @@ void draw_panel(Pen& pen, const Rect& tile, const Tornado& tornado) {
   pen.line({{across(0.0), plot.y}, {across(0.0), plot.y + plot.h}}, 1.4, soft_ink, false);
   double baseline = plot.y + plot.h + 44.0;
   pen.text({plot.x + plot.w / 2.0, baseline}, tornado.x_label, small, Align::centre, plot.w);
-  if (tornado.shade > 0.0) pen.text({room.x, baseline}, tornado.shade_text, note, Align::left, names - 20.0);
   double x = room.x;
   baseline += legend_row;
-  for (const auto& [colour, meaning] : tornado.legend) {
-    const auto number = static_cast<std::size_t>(std::max(colour, 0));
-    pen.rectangle({x, baseline - 12.0, 14.0, 14.0}, hues[number % hues.size()], 2.0);
+  const auto add = [&](const Colour& colour, const std::string& meaning) {
+    pen.rectangle({x, baseline - 12.0, 14.0, 14.0}, colour, 2.0);
     pen.text({x + 20.0, baseline}, meaning, small, Align::left);
     x += 20.0 + text_width(meaning, small) + 26.0;
-  }
+  };
+  for (const auto& [colour, meaning] : tornado.legend)
+    add(hues[static_cast<std::size_t>(std::max(colour, 0)) % hues.size()], meaning);
+  if (tornado.shade > 0.0) add(shade_grey, tornado.shade_text);
 }
 
 // ----------------------------------------------------------------------------------------------------- both
+
+double height_of(const Chart&) {
+  return panel_height;
+}
+double height_of(const Map&) {
+  return panel_height;
+}
 
 template <class Panel, class Draw>
 void write_panels(const std::filesystem::path& file, const std::vector<Panel>& panels, int columns,
@@ -906,10 +945,12 @@ void write_panels(const std::filesystem::path& file, const std::vector<Panel>& p
   for (const Panel& panel : panels) check(panel);
   const int count = static_cast<int>(panels.size()), across = std::min(columns, count);
   const int down = (count + across - 1) / across;
-  const std::unique_ptr<Pen> pen = make_pen(across * panel_width, down * panel_height);
+  double tall = 0.0;
+  for (const Panel& panel : panels) tall = std::max(tall, height_of(panel));
+  const std::unique_ptr<Pen> pen = make_pen(across * panel_width, down * static_cast<int>(tall));
   for (int n = 0; n < count; ++n) {
-    const Rect tile{static_cast<double>(n % across) * panel_width,
-                    static_cast<double>(n / across) * panel_height, panel_width, panel_height};
+    const Rect tile{static_cast<double>(n % across) * panel_width, static_cast<double>(n / across) * tall,
+                    panel_width, tall};
     draw_one(*pen, tile, panels[static_cast<std::size_t>(n)]);
   }
   pen->write(file);

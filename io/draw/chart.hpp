@@ -81,7 +81,7 @@ void write_chart_svg(const std::filesystem::path& file, const std::vector<Chart>
 void write_map_png(const std::filesystem::path& file, const std::vector<Map>& panels, int columns = 1);
 void write_map_svg(const std::filesystem::path& file, const std::vector<Map>& panels, int columns = 1);
 
-/// Likewise.
+/// Likewise, but with few rows less tall.
 void write_tornado_png(const std::filesystem::path& file, const std::vector<Tornado>& panels,
                        int columns = 1);
 void write_tornado_svg(const std::filesystem::path& file, const std::vector<Tornado>& panels,

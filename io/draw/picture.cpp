@@ -9,6 +9,7 @@
 #include <future>
 #include <limits>
 #include <numbers>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 
@@ -30,8 +31,8 @@ constexpr int height = 1200;
 // Hues that the common colour-vision deficiencies keep apart; the lightness differs as well.
 const Colour interior = rgb(0xB9C8D8), base = rgb(0x1560A0), circle = rgb(0xE8590C), cross = rgb(0x8794A4),
              curve = rgb(0x1560A0), band = rgb(0xBCD5EA), other_curve = rgb(0x00805E),
-             node_dot = rgb(0x6F8AA6), tool_fill = rgb(0xF3E9E2), tool_edge = rgb(0xC98E6A),
-             tool_ink = rgb(0xB8430A), warning_ink = rgb(0x8A4B00), warning_fill = rgb(0xFFF3DC);
+             node_dot = rgb(0x6F8AA6), tool_metal = rgb(0x4F9DA6), tool_fill = rgb(0xDCECEE),
+             tool_ink = rgb(0x1F6F78), warning_ink = rgb(0x8A4B00), warning_fill = rgb(0xFFF3DC);
 
 bool is_base(int set) {
   return (set & 1) != 0;
@@ -149,9 +150,9 @@ class Scene {
       }
   }
 
-  /// A lit triangle with a normal and a value at each corner, coloured by `heat`.
-  void triangle(const std::array<Vec3, 3>& corner_mm, const std::array<Vec3, 3>& normal,
-                const std::array<double, 3>& value) {
+  /// A lit triangle with a normal at each corner; `colour` of the weights of the corners.
+  template <class ColourAt>
+  void triangle(const std::array<Vec3, 3>& corner_mm, const std::array<Vec3, 3>& normal, ColourAt colour) {
     std::array<Vec3, 3> p;
     for (std::size_t c = 0; c < 3; ++c) {
       p[c] = projection_(corner_mm[c]);
@@ -180,7 +181,7 @@ class Scene {
         if (a < 0.0 || b < 0.0 || c < 0.0) continue;
         put(x, y, a * z0 + b * z1 + c * z2, [&] {
           const Vec3 n = (a * seen[0] + b * seen[1] + c * seen[2]).normalized();
-          return lit(heat(a * value[0] + b * value[1] + c * value[2]), n.x(), n.y(), n.z());
+          return lit(colour(a, b, c), n.x(), n.y(), n.z());
         });
       }
   }
@@ -265,6 +266,7 @@ Rect panel(Canvas& canvas, const Rect& r, const std::string& heading, const std:
 void scale_bar(Canvas& canvas, const Rect& room, double pixels_per_mm) {
   const double length_mm = round_below(0.22 * room.w / pixels_per_mm), length = length_mm * pixels_per_mm;
   const double right = room.x + room.w - 8.0, y = room.y + room.h - 8.0;
+  canvas.rectangle({right - length - 6.0, y - 24.0, length + 12.0, 32.0}, card, 4.0);
   canvas.line({right - length, y}, {right, y}, 2.0, ink);
   canvas.line({right - length, y - 4.0}, {right - length, y + 4.0}, 2.0, ink);
   canvas.line({right, y - 4.0}, {right, y + 4.0}, 2.0, ink);
@@ -297,7 +299,7 @@ void triad(Canvas& canvas, const Rect& room, const Camera& camera) {
 struct LegendEntry {
   std::string text;
   Colour colour;
-  char mark;  ///< 'o' dot, '+' cross, '-' line
+  char mark;  ///< 'o' dot, '+' cross, '-' line, 's' solid
 };
 
 /// Entries side by side from the left.
@@ -306,6 +308,7 @@ void legend(Canvas& canvas, Vec2 at, const std::vector<LegendEntry>& entries) {
   for (const LegendEntry& entry : entries) {
     const Vec2 mark = at + Vec2(7.0, -5.0);
     if (entry.mark == 'o') canvas.disc(mark, 5.0, entry.colour);
+    if (entry.mark == 's') canvas.rectangle({mark.x() - 6.0, mark.y() - 6.0, 12.0, 12.0}, entry.colour, 2.0);
     if (entry.mark == '-') canvas.line(mark - Vec2(8.0, 0.0), mark + Vec2(8.0, 0.0), 2.0, entry.colour);
     if (entry.mark == '+') {
       canvas.line(mark - Vec2(5.0, 0.0), mark + Vec2(5.0, 0.0), 1.6, entry.colour);
@@ -402,68 +405,177 @@ double depth_of(const Overview& o) {
   return !o.depth_mm.empty() && std::isfinite(o.depth_mm.back()) ? std::max(o.depth_mm.back(), 0.0) : 0.0;
 }
 
+Points tool_at_the_end(const Overview& o) {
+  return usable(o.push) ? Points(o.tool_mm.colwise() + depth_of(o) * o.push) : o.tool_mm;
+}
+
+std::vector<LegendEntry> tool_entry(const Overview& o) {
+  if (o.tool_triangles.cols() == 0) return {};
+  return {{fmt::format("tool, {} mm in diameter", three_digits(2.0 * o.radius_mm)), tool_metal, 's'}};
+}
+
+/// What of a line lies in a rectangle; nothing: none of it.
+std::optional<std::array<Vec2, 2>> within(const Rect& r, const Vec2& a, const Vec2& b) {
+  const Vec2 low(r.x, r.y), high(r.x + r.w, r.y + r.h), d = b - a;
+  double from = 0.0, to = 1.0;
+  for (int axis = 0; axis < 2; ++axis) {
+    if (std::abs(d[axis]) < 1e-12) {
+      if (a[axis] < low[axis] || a[axis] > high[axis]) return std::nullopt;
+      continue;
+    }
+    const double s = (low[axis] - a[axis]) / d[axis], t = (high[axis] - a[axis]) / d[axis];
+    from = std::max(from, std::min(s, t)), to = std::min(to, std::max(s, t));
+  }
+  if (!(from <= to)) return std::nullopt;
+  return std::array<Vec2, 2>{a + from * d, a + to * d};
+}
+
+using Pieces = std::vector<std::pair<Vec3, Vec3>>;
+
+/// A section on the picture, and what of it is shown.
+struct SectionView {
+  Projection projection;
+  Rect shown;
+  bool near = false;  ///< the tool and its surroundings alone
+  Vec2 at(const Vec3& p) const { return Vec2(projection(p).head<2>()); }
+  bool holds(const Vec2& p) const {
+    return p.x() >= shown.x && p.y() >= shown.y && p.x() <= shown.x + shown.w && p.y() <= shown.y + shown.h;
+  }
+};
+
 constexpr double tool_above = 50.0;  // the surface at rest [pixels]
+
+/// The whole section, unless the tool would be tiny in it.
+SectionView section_view(const Rect& room, const Overview& o, const Camera& camera, const Vec3& centre,
+                         double margin_mm) {
+  constexpr double tiny = 60.0, wide = 110.0;  // pixels across the tool
+  SectionView view{.projection = fitted(camera, room.inset(24.0, 84.0, 24.0, 72.0),
+                                        {&o.nodes_mm, &o.surface_mm}, margin_mm),
+                   .shown = room.inset(0.0, 30.0, 0.0, 0.0)};
+  const double tool_mm = 2.0 * o.radius_mm;
+  if (!(tool_mm > 0.0) || !usable(o.centre_mm) || !(tool_mm * view.projection.scale < tiny)) return view;
+  view.near = true;
+  view.projection.scale = wide / tool_mm;
+  const double below =
+      0.5 * view.shown.h - tool_above - 12.0;  // the picture's middle, below the skin [pixels]
+  view.projection.centre = Vec2(view.shown.x + view.shown.w / 2.0, view.shown.y + view.shown.h / 2.0);
+  view.projection.middle_mm = camera.seen(centre).head<2>() - Vec2(0.0, below / view.projection.scale);
+  return view;
+}
+
+/// The tool's section: each piece of its foot is filled up to the head.
+void draw_tool(Canvas& canvas, const Overview& o, const SectionView& view, const Camera& camera,
+               const Vec3& centre) {
+  const Points tool = tool_at_the_end(o);
+  if (o.tool_triangles.cols() == 0 || !tool.allFinite()) return;
+  const double head = view.at(centre).y() - tool_above;
+  std::array<Vec2, 2> side = {view.at(centre), view.at(centre)};  // the foot's ends, left and right
+  std::vector<std::array<Vec2, 2>> foot;
+  for (const auto& [a, b] : cut(tool, o.tool_triangles, centre, camera.toward)) {
+    const Vec2 left = view.at(a).x() < view.at(b).x() ? view.at(a) : view.at(b);
+    const Vec2 right = view.at(a).x() < view.at(b).x() ? view.at(b) : view.at(a);
+    if (!(right.x() - left.x() > 0.05) || left.y() < head || right.y() < head) continue;
+    foot.push_back({left, right});
+    if (left.x() < side[0].x()) side[0] = left;
+    if (right.x() > side[1].x()) side[1] = right;
+  }
+  for (const auto& [left, right] : foot)
+    canvas.polygon({{left.x(), head}, {right.x(), head}, right, left}, tool_fill, 0.3);
+  for (const auto& [left, right] : foot) canvas.line(left, right, 1.6, tool_metal);
+  for (const Vec2& end : side) canvas.line({end.x(), head}, end, 1.6, tool_metal);
+  canvas.line({side[0].x(), head}, {side[1].x(), head}, 1.6, tool_metal);
+  const double middle = view.at(centre).x();
+  canvas.arrow({middle, head + 6.0}, {middle, head + 40.0}, 2.4, tool_ink);
+  if (depth_of(o) > 0.0)
+    write(canvas, {side[1].x() + 10.0, head + 14.0}, fmt::format("{} mm deep", three_digits(depth_of(o))),
+          {.size = 14.0, .colour = tool_ink});
+}
+
+/// The whole outline, small, with a frame around what is shown.
+void draw_where(Canvas& canvas, const Rect& room, const SectionView& view, const Camera& camera,
+                const Pieces& outline) {
+  Points ends(3, static_cast<Index>(2 * outline.size()));
+  for (std::size_t k = 0; k < outline.size(); ++k) {
+    ends.col(static_cast<Index>(2 * k)) = outline[k].first;
+    ends.col(static_cast<Index>(2 * k + 1)) = outline[k].second;
+  }
+  const Rect corner{room.x + room.w - 142.0, room.y + 30.0, 136.0, 104.0};
+  canvas.rectangle({corner.x - 1.0, corner.y - 1.0, corner.w + 2.0, corner.h + 2.0}, hairline, 5.0);
+  canvas.rectangle(corner, card, 4.0);
+  const Projection small = fitted(camera, corner.inset(6.0, 6.0, 6.0, 6.0), {&ends}, 0.0);
+  for (const auto& [a, b] : outline) canvas.line(small(a).head<2>(), small(b).head<2>(), 1.2, soft_ink);
+  const double zoom = small.scale / view.projection.scale;
+  const Vec2 size = zoom * Vec2(view.shown.w, view.shown.h);
+  const Vec2 middle(small.centre.x() + small.scale * (view.projection.middle_mm.x() - small.middle_mm.x()),
+                    small.centre.y() - small.scale * (view.projection.middle_mm.y() - small.middle_mm.y()));
+  const std::array<Vec2, 4> frame = {
+      middle + Vec2(-0.5, -0.5).cwiseProduct(size), middle + Vec2(0.5, -0.5).cwiseProduct(size),
+      middle + Vec2(0.5, 0.5).cwiseProduct(size), middle + Vec2(-0.5, 0.5).cwiseProduct(size)};
+  for (std::size_t k = 0; k < 4; ++k)
+    if (const auto seen = within(corner, frame[k], frame[(k + 1) % 4]))
+      canvas.line((*seen)[0], (*seen)[1], 1.8, tool_ink);
+}
+
+/// The nodes that a section shows.
+Points nodes_near(const Overview& o, const SectionView& view, const Vec3& centre) {
+  const double reach = 0.5 * view.shown.w / view.projection.scale;
+  std::vector<Index> near;
+  for (Index n = 0; n < o.nodes_mm.cols(); ++n)
+    if ((o.nodes_mm.col(n) - centre).norm() < reach) near.push_back(n);
+  return o.nodes_mm(Eigen::all, near);
+}
 
 void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const BodyFrame& frame,
                   double spacing) {
-  const double thickness = 1.25 * spacing;
-  const Rect room = panel(canvas, rect, "Section through the indenter's axis",
-                          fmt::format("nodes at rest in a slab of {} mm", three_digits(thickness)));
-  const Camera view = camera(frame, 0.0, 0.0);
+  const Camera camera_ahead = camera(frame, 0.0, 0.0);
   const Vec3 centre = usable(o.centre_mm) ? o.centre_mm : Vec3(Vec3::Zero());
+  const SectionView view = section_view(room_of(rect), o, camera_ahead, centre, spacing / 2.0);
+  if (view.near) spacing = node_spacing(nodes_near(o, view, centre));
+  const double thickness = 1.25 * spacing;
+  const Rect room = panel(canvas, rect, view.near ? "Section at the tool" : "Section through the tool's axis",
+                          fmt::format("nodes at rest in a slab of {} mm", three_digits(thickness)));
   const auto in_slab = [&](const Vec3& p) {
-    return usable(p) && std::abs((p - centre).dot(view.toward)) <= thickness / 2.0;
+    return usable(p) && std::abs((p - centre).dot(camera_ahead.toward)) <= thickness / 2.0;
   };
-  const Projection projection =
-      fitted(view, room.inset(24.0, 84.0, 24.0, 72.0), {&o.nodes_mm, &o.surface_mm}, spacing / 2.0);
-  const auto at = [&](const Vec3& p) { return Vec2(projection(p).head<2>()); };
-
-  const Points end = moved(o.surface_mm, o.surface_displacement_mm);
-  // The tool where it stands at the end, first: what it presses upon is drawn over it.
-  if (o.radius_mm > 0.0 && usable(o.centre_mm)) {
-    const double half = o.radius_mm * projection.scale;
-    const Vec2 foot = at(centre + depth_of(o) * -frame.up), head = at(centre) - Vec2(0.0, tool_above);
-    canvas.rectangle({foot.x() - half, head.y(), 2.0 * half, foot.y() - head.y()}, tool_fill);
-    canvas.line({foot.x() - half, head.y()}, {foot.x() - half, foot.y()}, 1.4, tool_edge);
-    canvas.line({foot.x() + half, head.y()}, {foot.x() + half, foot.y()}, 1.4, tool_edge);
-    canvas.line({foot.x() - half, foot.y()}, {foot.x() + half, foot.y()}, 1.4, tool_edge);
-    canvas.arrow(head + Vec2(0.0, 4.0), head + Vec2(0.0, 38.0), 2.4, tool_ink);
-  }
-  for (const auto& [a, b] : cut(o.surface_mm, o.surface_triangles, centre, view.toward))
-    canvas.line(at(a), at(b), 1.2, soft_ink, 0.8);
-  const double step = spacing * projection.scale;  // nodes on the picture are about this far apart
+  const auto draw = [&](const Pieces& pieces, double thick, const Colour& colour, double opacity) {
+    for (const auto& [a, b] : pieces)
+      if (const auto seen = within(view.shown, view.at(a), view.at(b)))
+        canvas.line((*seen)[0], (*seen)[1], thick, colour, opacity);
+  };
+  // The tool first: what it presses upon is drawn over it.
+  draw_tool(canvas, o, view, camera_ahead, centre);
+  const Pieces at_rest = cut(o.surface_mm, o.surface_triangles, centre, camera_ahead.toward);
+  draw(at_rest, 1.2, soft_ink, 0.8);
+  const double step = spacing * view.projection.scale;  // nodes on the picture are about this far apart
   const double arm = std::clamp(0.16 * step, 1.5, 5.0), dot = std::clamp(0.20 * step, 1.2, 6.0);
   for (Index q = 0; q < o.points_mm.cols(); ++q) {
     if (!in_slab(o.points_mm.col(q))) continue;
-    const Vec2 p = at(o.points_mm.col(q));
+    const Vec2 p = view.at(o.points_mm.col(q));
+    if (!view.holds(p)) continue;
     canvas.line(p - Vec2(arm, 0.0), p + Vec2(arm, 0.0), 1.1, cross);
     canvas.line(p - Vec2(0.0, arm), p + Vec2(0.0, arm), 1.1, cross);
   }
   for (const bool special : {false, true})
     for (Index n = 0; n < o.nodes_mm.cols(); ++n) {
       const int set = set_of(o, n);
-      if (special == (set == 0) || !in_slab(o.nodes_mm.col(n))) continue;
-      canvas.disc(at(o.nodes_mm.col(n)), special ? 1.25 * dot : dot, special ? colour_of(set) : node_dot);
+      if (special == (set == 0) || !in_slab(o.nodes_mm.col(n)) || !view.holds(view.at(o.nodes_mm.col(n))))
+        continue;
+      canvas.disc(view.at(o.nodes_mm.col(n)), special ? 1.25 * dot : dot,
+                  special ? colour_of(set) : node_dot);
     }
   if (o.surface_displacement_mm.cols() == o.surface_mm.cols())
-    for (const auto& [a, b] : cut(end, o.surface_triangles, centre, view.toward))
-      canvas.line(at(a), at(b), 1.8, circle);
-
-  if (o.radius_mm > 0.0 && usable(o.centre_mm)) {
-    const double depth = depth_of(o);
-    write(canvas, at(centre) + Vec2(o.radius_mm * projection.scale + 10.0, -tool_above + 6.0),
-          depth > 0.0 ? fmt::format("{} mm deep, on a circle of {} mm", three_digits(depth),
-                                    three_digits(2.0 * o.radius_mm))
-                      : fmt::format("circle of {} mm", three_digits(2.0 * o.radius_mm)),
-          {.size = 14.0, .colour = tool_ink});
-  }
-  triad(canvas, room, view);
-  scale_bar(canvas, room, projection.scale);
-  legend(canvas, {room.x + 6.0, room.y + 18.0},
-         {{"node", node_dot, 'o'},
-          {"integration point", cross, '+'},
-          {"outline at rest", soft_ink, '-'},
-          {"at the end", circle, '-'}});
+    draw(
+        cut(moved(o.surface_mm, o.surface_displacement_mm), o.surface_triangles, centre, camera_ahead.toward),
+        1.8, circle, 1.0);
+  if (view.near && !at_rest.empty()) draw_where(canvas, room, view, camera_ahead, at_rest);
+  triad(canvas, room, camera_ahead);
+  scale_bar(canvas, room, view.projection.scale);
+  std::vector<LegendEntry> entries = {{"node", node_dot, 'o'},
+                                      {"integration point", cross, '+'},
+                                      {"outline at rest", soft_ink, '-'},
+                                      {"at the end", circle, '-'}};
+  for (const LegendEntry& entry : tool_entry(o)) entries.push_back(entry);
+  legend(canvas, {room.x + 6.0, room.y + 18.0}, entries);
 }
 
 /// Colours from 0 to `most` mm with a number at every step, standing at the right edge.
@@ -504,9 +616,16 @@ Deformed deformed(const Rect& room, const Overview& o, const BodyFrame& frame, d
     return n < shown.cols() && most > 0.0 && usable(shown.col(n)) ? shown.col(n).norm() / most : 0.0;
   };
 
+  const Points tool = tool_at_the_end(o);
   const Projection projection = fitted(camera(frame, 42.0, 18.0), room.inset(20.0, 34.0, 100.0, 44.0),
-                                       {&nodes, &surface}, spacing / 2.0);
+                                       {&nodes, &surface, &tool}, spacing / 2.0);
   Scene scene(projection, room);
+  for (Index t = 0; t < o.tool_triangles.cols() && tool.allFinite(); ++t) {
+    const Vec3 a = tool.col(o.tool_triangles(0, t)), b = tool.col(o.tool_triangles(1, t)),
+               c = tool.col(o.tool_triangles(2, t));
+    const Vec3 n = (b - a).cross(c - a);
+    scene.triangle({a, b, c}, {n, n, n}, [](double, double, double) { return tool_metal; });
+  }
   if (has_surface) {
     Points normal = Points::Zero(3, surface.cols());
     const auto corner = [&](Index c, Index t) { return surface.col(o.surface_triangles(c, t)); };
@@ -523,13 +642,16 @@ Deformed deformed(const Rect& room, const Overview& o, const BodyFrame& frame, d
     for (Index t = 0; t < o.surface_triangles.cols(); ++t) {
       const Index a = o.surface_triangles(0, t), b = o.surface_triangles(1, t), c = o.surface_triangles(2, t);
       if (!usable(surface.col(a)) || !usable(surface.col(b)) || !usable(surface.col(c))) continue;
-      scene.triangle({surface.col(a), surface.col(b), surface.col(c)},
-                     {normal.col(a), normal.col(b), normal.col(c)}, {level[a], level[b], level[c]});
+      scene.triangle(
+          {surface.col(a), surface.col(b), surface.col(c)}, {normal.col(a), normal.col(b), normal.col(c)},
+          [&](double u, double v, double w) { return heat(u * level[a] + v * level[b] + w * level[c]); });
     }
   }
   for (Index n = 0; n < nodes.cols(); ++n) {
     if (!usable(nodes.col(n))) continue;
-    // Nodes lie a little inside the skin: lifted, those of the circle show through it but not through a rim.
+    // Nodes lie a little inside the skin: lifted, those of the circle show through it but not through a rim. A tool
+    // stands on them.
+    if (is_circle(set_of(o, n)) && o.tool_triangles.cols() > 0) continue;
     if (is_circle(set_of(o, n)))
       scene.ball(nodes.col(n), 0.27 * spacing, circle, 0.75 * spacing);
     else if (!has_surface)
@@ -538,35 +660,15 @@ Deformed deformed(const Rect& room, const Overview& o, const BodyFrame& frame, d
   return {has_surface, !has_surface && nodes.cols() == 0, most, projection, std::move(scene)};
 }
 
-/// The tool's edges at the end: as lines, for its body would hide what it does.
-void draw_tool(Canvas& canvas, const Overview& o, const Projection& projection) {
-  if (!(o.radius_mm > 0.0) || !usable(o.centre_mm) || !usable(o.push) || !(o.push.norm() > 1e-9)) return;
-  const Vec3 push = o.push.normalized(), u = push.unitOrthogonal(), v = push.cross(u);
-  const Vec3 foot = o.centre_mm + depth_of(o) * push, top = foot - 3.0 * o.radius_mm * push;
-  constexpr int around = 72;
-  const auto on_ring = [&](const Vec3& centre, int k) {
-    const double angle = 2.0 * std::numbers::pi * k / around;
-    return Vec2(projection(centre + o.radius_mm * (std::cos(angle) * u + std::sin(angle) * v)).head<2>());
-  };
-  int left = 0, right = 0;
-  for (int k = 0; k < around; ++k) {
-    if (on_ring(top, k).x() < on_ring(top, left).x()) left = k;
-    if (on_ring(top, k).x() > on_ring(top, right).x()) right = k;
-    for (const Vec3& centre : {foot, top})
-      canvas.line(on_ring(centre, k), on_ring(centre, k + 1), 1.6, tool_ink, 0.85);
-  }
-  for (const int k : {left, right}) canvas.line(on_ring(foot, k), on_ring(top, k), 1.6, tool_ink, 0.85);
-}
-
 void draw_body(Canvas& canvas, const Rect& room, const Overview& o, const Deformed& body, double spacing) {
   if (body.empty) say_nothing_to_show(canvas, room, "no surface and no nodes");
   body.scene.lay_on(canvas, 2.0 * spacing);
-  draw_tool(canvas, o, body.projection);
   triad(canvas, room, body.projection.camera);
   scale_bar(canvas, room, body.projection.scale);
   if (body.most_mm > 1e-9) colour_bar(canvas, room, body.most_mm);
+  const std::vector<LegendEntry> tool = tool_entry(o);
   legend(canvas, {room.x + 6.0, room.y + 18.0},
-         {{"nodes of the indenter circle", circle, 'o'}, {"tool", tool_ink, '-'}});
+         tool.empty() ? std::vector<LegendEntry>{{"nodes of the indenter circle", circle, 'o'}} : tool);
 }
 
 void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Deformed& body, double spacing) {
@@ -667,13 +769,15 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
 
 namespace {
 
-void check(const Overview& overview) {
-  const Triangles& triangles = overview.surface_triangles;
-  if (triangles.size() > 0 &&
-      (triangles.minCoeff() < 0 || triangles.maxCoeff() >= overview.surface_mm.cols()))
+void check(const Triangles& triangles, const Points& points) {
+  if (triangles.size() > 0 && (triangles.minCoeff() < 0 || triangles.maxCoeff() >= points.cols()))
     throw std::invalid_argument(fmt::format("triangle corners run from {} to {}, on {} points",
-                                            triangles.minCoeff(), triangles.maxCoeff(),
-                                            overview.surface_mm.cols()));
+                                            triangles.minCoeff(), triangles.maxCoeff(), points.cols()));
+}
+
+void check(const Overview& overview) {
+  check(overview.surface_triangles, overview.surface_mm);
+  check(overview.tool_triangles, overview.tool_mm);
 }
 
 constexpr double row = 21.0;  // of small text

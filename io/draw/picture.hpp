@@ -20,6 +20,8 @@ struct Overview {
   Points surface_mm;               ///< [3xM] the organ's surface at rest
   Points surface_displacement_mm;  ///< [3xM] at the end
   Triangles surface_triangles;     ///< [3xT]
+  Points tool_mm = {};             ///< [3xP] the tool's closed surface at rest; none: it is not drawn
+  Triangles tool_triangles = {};   ///< [3xU]
   Vec3 centre_mm;                  ///< of the circle
   Vec3 push;                       ///< unit direction in which the circle moves
   double radius_mm = 0.0;          ///< of the circle
@@ -34,8 +36,8 @@ struct Overview {
 /// What stands at the end of the force curve: "75.4 mN at 8.00 mm, +- 8.03 %".
 std::string end_of_curve(const Overview& overview);
 
-/// Draws the overview, 1600 x 1200 pixels, PNG: the node cloud, a section, the deformed surface, the force
-/// curve. Up in the picture is against the push; the body's longest direction across the push lies along the
+/// Draws the overview, 1600 x 1200 pixels, PNG: the node cloud, a section (of a body in which the tool would be
+/// tiny, what is near the tool), the deformed surface, the force curve. Up in the picture is against the push; the body's longest direction across the push lies along the
 /// picture. Draws what is there: without triangles the nodes, without a curve a note. Needs no display; the
 /// same input gives the same bytes. Throws OutputError, and std::invalid_argument for triangles of points
 /// that do not exist.

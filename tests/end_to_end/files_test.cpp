@@ -263,7 +263,7 @@ TEST_F(Files, AShearModulusBesideAPresetOfOgdensLawScalesItsTerms) {
   EXPECT_EQ(text("older/force.csv"), text("whole/force.csv"));
   const Ran both = run(line + "both --mu 300 --set material.ogden_mu=842 --set material.ogden_alpha=-4.7");
   EXPECT_EQ(both.code, 2);
-  EXPECT_THAT(both.err, HasSubstr("Ogden moduli that add up to 842 Pa are given both"));
+  EXPECT_THAT(both.err, HasSubstr("Ogden moduli that add up to 842 Pa are given"));
 }
 
 TEST_F(Files, ARowOfATableCountsMoreThanWhatIsGivenForAllRows) {
@@ -468,6 +468,8 @@ TEST_F(Files, ATinyDepthHasTheStiffnessOfEquilibrium) {
     EXPECT_NEAR(force("out") / mm / slope, 1.0, 0.05) << depth;
     EXPECT_THAT(ran.err, HasSubstr("time     quasi-static: the load lasts")) << "it is said";
     EXPECT_THAT(ran.err, HasSubstr("--time explicit follows the waves"));
+    EXPECT_FALSE(std::regex_search(ran.err, std::regex("the load lasts [^\n]*([0-9]e-?[0-9]|0\\.0000)")))
+        << ran.err;
   }
   EXPECT_THAT(good(line + "-o fast --depth 0.3mm --rate 1m/s").err, HasSubstr("time     explicit dynamics"))
       << "a fast tool still has inertia";

@@ -115,8 +115,8 @@ class OneTruth : public testing::Test {
     const Json &model = summary.at("model"), &counts = summary.at("counts");
     const auto count = [&](const char* what) { return std::to_string(counts.at(what).get<int>()); };
     expect_on_stderr("model    " + count("nodes") + " nodes: " + length_in_words(model.at("rim_spacing_mm")) +
-                     " apart at the tool, " + length_in_words(model.at("node_spacing_mm")) + " far from it; " +
-                     count("integration_points") + " integration points");
+                     " apart at the tool, " + length_in_words(model.at("largest_spacing_mm")) +
+                     " far from it; " + count("integration_points") + " integration points");
     expect_on_stderr("organ    " + volume_in_words(model.at("organ_volume_mm3")) + "\n");
     expect_on_stderr("base     " + count("base_nodes") + " nodes: " + model.at("base_reason").get<std::string>());
     expect_on_stderr("circle   " + count("circle_nodes") + " nodes, ");

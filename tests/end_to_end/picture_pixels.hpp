@@ -8,22 +8,29 @@
 
 namespace dimple {
 
-/// The share of a picture's pixels for which `is`(red, green, blue), each from 0 to 255, holds.
+/// Part of a picture, in shares of its width and height from the upper left.
+struct Part {
+  double left = 0.0, top = 0.0, right = 1.0, bottom = 1.0;
+};
+
+/// The share of the pixels of a picture's part for which `is`(red, green, blue), each from 0 to 255, holds.
 template <class Is>
-double share_of_pixels(const std::filesystem::path& png, const Is& is) {
+double share_of_pixels(const std::filesystem::path& png, const Is& is, const Part& part = {}) {
   vtkNew<vtkPNGReader> reader;
   reader->SetFileName(png.c_str());
   reader->Update();
   vtkImageData* image = reader->GetOutput();
   int size[3];
   image->GetDimensions(size);
-  long count = 0;
-  for (int y = 0; y < size[1]; ++y)
-    for (int x = 0; x < size[0]; ++x) {
+  const auto at = [&](double share, int axis) { return static_cast<int>(share * size[axis]); };
+  long count = 0, all = 0;
+  for (int y = at(1.0 - part.bottom, 1); y < at(1.0 - part.top, 1); ++y)
+    for (int x = at(part.left, 0); x < at(part.right, 0); ++x) {
       const auto* p = static_cast<const unsigned char*>(image->GetScalarPointer(x, y, 0));
       count += is(p[0], p[1], p[2]);
+      ++all;
     }
-  return static_cast<double>(count) / (static_cast<double>(size[0]) * size[1]);
+  return static_cast<double>(count) / static_cast<double>(all);
 }
 
 /// Lines of grey letters, one above the other and apart, down to the first row with colours; white is around them.

@@ -236,7 +236,7 @@ TEST_F(Refusal, OfATissueThatIsNotThere) {
 TEST_F(Refusal, OfTwoStiffnessesAndOfOneByAnotherName) {
   expect(2, "run brain.nrrd -o out --mu 200Pa --young 600Pa",
          {"shear modulus, 200 Pa, and Young's modulus, 600 Pa", "--mu and --young"});
-  expect(2, "run brain.nrrd -o out --mu 210Pa --young 600Pa", {"given both"});
+  expect(2, "run brain.nrrd -o out --mu 210Pa --young 600Pa", {"both a shear modulus"});
   expect(2, "run brain.nrrd -o out --set material.E=600", {"did you mean 'material.young'?"});
   expect(2, "run brain.nrrd -o out --young 600mm", {"material.young_Pa = 600mm", "kPa"});
 }
@@ -270,11 +270,11 @@ TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
 
 TEST_F(Refusal, OfFilesThatNoRunWrites) {
   expect(2, "run brain.nrrd -o out --write nodes,pictur",
-         {"output.write = nodes,pictur", "'pictur' is not one of its words", "did you mean 'picture'?",
-          "give some of all, force, nodes"});
-  expect(2, "run brain.nrrd -o out --write ,", {"output.write = ,", "it names nothing"});
+         {"output.write = nodes,pictur", "'pictur' is not one of the words allowed",
+          "did you mean 'picture'?", "give some of all, force, nodes"});
+  expect(2, "run brain.nrrd -o out --write ,", {"output.write = ,", "the list is empty"});
   write("none.toml", "[output]\nwrite = []\n");
-  expect(2, "run brain.nrrd -o out --config none.toml", {"output.write = nothing", "it names nothing"});
+  expect(2, "run brain.nrrd -o out --config none.toml", {"output.write = nothing", "the list is empty"});
   expect(2, "model brain.nrrd -o out --write nodes", {"not expected: nodes --write"});
 }
 
@@ -283,7 +283,7 @@ TEST_F(Refusal, OfGapsThatCannotBeClosed) {
   expect(2, "run brain.nrrd -o out --close wide", {"image.close_mm = wide", "not a number"});
   expect(2, "run brain.nrrd -o out --close 4Pa", {"image.close_mm = 4Pa", "'Pa' is not one of its units"});
   expect(4, "run brain.nrrd -o out --close 200mm",
-         {"gaps of 200 mm are to be closed in an organ", "--close (image.close_mm)", "close-too-wide"});
+         {"gaps of up to 200 mm are to be closed in an organ", "--close (image.close_mm)", "close-too-wide"});
 }
 
 TEST_F(Refusal, OfAUnitThatMeasuresSomethingElse) {
@@ -333,7 +333,9 @@ TEST_F(Refusal, OfACircleThatIsSmallerThanAVoxel) {
     SCOPED_TRACE(command);
     const Ran ran = dimple(folder, command + " --indenter-diameter 5");
     EXPECT_EQ(ran.code, 0) << ran.err;
-    EXPECT_NE(ran.err.find("1.7 voxels across: the surface beneath it is hardly known"), std::string::npos) << ran.err;
+    EXPECT_NE(ran.err.find("1.7 voxels across: the image hardly shows the shape of the surface beneath it"),
+              std::string::npos)
+        << ran.err;
   }
   const Ran wide = dimple(folder, "run brain.nrrd -o wide --nodes 400 --depth 0.5mm --frames 1");
   EXPECT_EQ(wide.err.find("voxels across"), std::string::npos) << wide.err;
@@ -352,7 +354,7 @@ TEST_F(Refusal, OfABodyThatIsNoneOrTooThin) {
   plate("sheet.nrrd", 1, 50);
   plate("plate.nrrd", 2, 50);
   plate("speck.nrrd", 3, 3);
-  expect(4, "run sheet.nrrd -o out --nodes 400", {"lost where it is smoothed", "three voxels thick", "too-thin"});
+  expect(4, "run sheet.nrrd -o out --nodes 400", {"smoothing its surface would lose", "three voxels thick", "too-thin"});
   expect(4, "run plate.nrrd -o out --nodes 400", {"node spacings thick under the circle", "code:  thin"});
   expect(4, "run speck.nrrd -o out --nodes 400", {"27 voxels", "at least 64"});
 }
@@ -370,13 +372,14 @@ TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
            Row{2, "--indent-at middle", "'middle' is not a place"},
            Row{2, "--nodes 20", "cloud.nodes = 20"},
            Row{4, "--nodes 400 --indent-at 0,0,90", "code:  place-moved"},
-           Row{4, "--indenter-diameter 70", "takes an indenter of 70.0 mm"},
-           Row{4, "--nodes 400 --base superior --indent-at 0,0,30 --direction 0,0,-1", "lies on the fixed base"},
+           Row{4, "--indenter-diameter 70", "has room for an indenter of 70.0 mm"},
+           Row{4, "--nodes 400 --base superior --indent-at 0,0,30 --direction 0,0,-1",
+               "lies on the fixed base"},
            Row{4, "--nodes 400 --points 4", "integration cells meet the body"},
            Row{4, "--nodes 1000 --points 60 --scheme horton2007", "in no support domain"},
            Row{4, "--nodes 400 --support 0.5", "code:  supports"},
            Row{4, "--nodes 400 --rim 0.001", "takes more nodes than are asked for"},
-           Row{4, "--nodes 400 --spacing 0.2", "at most 1000000 can be"},
+           Row{4, "--nodes 400 --spacing 0.2", "at most 1000000 are possible"},
        }) {
     expect(row.code, std::string("run brain.nrrd -o out ") + row.options, {row.word});
   }

@@ -12,6 +12,8 @@
 #include <set>
 #include <sstream>
 
+#include "io/vtk_files.hpp"
+#include "tests/end_to_end/picture_pixels.hpp"
 #include "tests/end_to_end/program.hpp"
 
 namespace dimple {
@@ -177,6 +179,35 @@ TEST_F(Report, TurnsTheBodyWithWebGLAndShowsAPictureWithout) {
       shown({"--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"});
   EXPECT_NE(solid.find("class=\"view3d\""), std::string::npos);
   EXPECT_FALSE(std::regex_search(solid.substr(0, 300), std::regex("<html[^>]*flat")));
+}
+
+TEST_F(Report, ShowsTheToolInItsColourAndNamesItBelowTheBody) {
+  run(" --write surface,report");
+  const std::vector<std::string> with_webgl = {"--use-gl=angle", "--use-angle=swiftshader",
+                                               "--enable-unsafe-swiftshader"};
+  EXPECT_TRUE(std::regex_search(
+      shown(with_webgl),
+      std::regex(
+          "class=\"mark tool\"></span>tool, <span class=\"quantity\"><span[^>]*counts.circle_diameter_mm")));
+  std::vector<std::string> words = with_webgl;
+  words.insert(words.end(), {"--window-size=1000,2600", "--screenshot=" + (folder / "page.png").string()});
+  browse(words);
+  const auto is_tool = [](int r, int g, int b) { return g > r + 30 && b > r + 35 && std::abs(g - b) < 25; };
+  const auto is_black = [](int r, int g, int b) { return r < 20 && g < 20 && b < 20; };
+  EXPECT_GT(share_of_pixels(folder / "page.png", is_tool), 4e-4);
+  EXPECT_LT(share_of_pixels(folder / "page.png", is_black), 1e-4)
+      << "words are dark grey, and nothing is black";
+}
+
+TEST_F(Report, HoldsTheToolThatTheFilesForParaViewHold) {
+  run(" --write surface,report");
+  const Json tool = held(text_of(folder / "out" / "report.html"), "dimple-data").at("tool");
+  const SurfaceFile file = read_vtp(folder / "out" / "tool" / "tool_0000.vtp");
+  for (int c = 0; c < 3; ++c)
+    EXPECT_NEAR(tool.at("low_mm").at(static_cast<std::size_t>(c)).get<double>(),
+                file.position_mm.row(c).minCoeff(), 1e-5);
+  EXPECT_EQ(tool.at("triangles").get<std::string>().size(),
+            static_cast<std::size_t>(8 * ((file.triangles.size() * 2 + 5) / 6)));
 }
 
 TEST_F(Report, PrintsItsVerdict) {

@@ -120,7 +120,7 @@ TEST_F(Stop, OfALadderKeepsItsBestForceWithItsBand) {
   for (int stop = 0; stop < 8; ++stop) {  // amid the first four clouds
     SCOPED_TRACE(stop);
     fs::remove_all(folder / "out");
-    const Ran ran = expect_end(line, milliseconds(100 + 300 * (stop % 2)), SIGINT, "rung ", stop / 2);
+    const Ran ran = expect_end(line, milliseconds(100 + 300 * (stop % 2)), SIGINT, "refine ", stop / 2);
     if (!fs::exists(folder / "out/force.csv")) continue;
     expect_whole_files(folder / "out", true);
     const Json told = summary("out"), ladder = told.at("ladder");

@@ -69,6 +69,11 @@ TEST(ParaView, ShowsTheLastFrameOfAResultByOneFileWhereverTheFolderLies) {
   EXPECT_GT(last.dark, 2e-3) << "the body is deformed, and its colours tell";
   EXPECT_GT(first.dark, 0.0) << "the legends alone";
   EXPECT_LT(first.dark, 0.5 * last.dark);
+  const auto is_red = [](int r, int g, int b) { return r > 200 && g < 60 && b < 60; };
+  EXPECT_GT(share_of_pixels(folder / "last.png", is_red, {0.0, 0.7, 0.2, 1.0}), 1e-4) << "the axis of left";
+  const auto is_ink = [](int r, int g, int b) { return r < 90 && g < 90 && b < 90; };
+  EXPECT_GT(share_of_pixels(folder / "last.png", is_ink, {0.4, 0.9, 0.58, 1.0}), 1e-3)
+      << "a scale bar and its length";
 }
 
 }  // namespace

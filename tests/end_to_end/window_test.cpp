@@ -90,6 +90,31 @@ TEST(View, ShowsAFrameOfResultsWithItsSectionAndForce) {
   EXPECT_EQ(lines_above_colours(folder / "last.png"), 2) << "what the colours are, and their numbers, apart";
 }
 
+TEST(View, NamesTheLabelsOnTheirColours) {
+  if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 2 --two-labels -q").code, 0);
+  ASSERT_EQ(dimple(folder,
+                   "run brain.nrrd -o out -q --nodes 1000 --depth 4mm --frames 2 --write surface --band off")
+                .code,
+            0);
+  const Ran drawn = under_xvfb(folder, fmt::format("set -e\n'{0}' view out --picture plain.png\n"
+                                                   "'{0}' view out --picture labels.png --labels\n",
+                                                   DIMPLE_PROGRAM));
+  ASSERT_EQ(drawn.code, 0) << drawn.err;
+  const auto is_first = [](int r, int g, int b) { return r == 156 && g == 195 && b == 230; };
+  const auto is_second = [](int r, int g, int b) { return r == 233 && g == 180 && std::abs(b - 75) < 2; };
+  const Part beside{.left = 0.0, .top = 0.0, .right = 0.17, .bottom = 0.16};  // where no body is
+  const auto shares = [&](const char* picture) {
+    return std::pair(share_of_pixels(folder / picture, is_first, beside),
+                     share_of_pixels(folder / picture, is_second, beside));
+  };
+  const auto [first, second] = shares("labels.png");
+  EXPECT_GT(first, 0.03);
+  EXPECT_GT(second, 0.03);
+  EXPECT_EQ(shares("plain.png"), std::pair(0.0, 0.0));
+}
+
 TEST(View, SaysWhatIsMissingInAFolderWithoutResults) {
   const fs::path folder = fresh_folder();
   const Ran ran = dimple(folder, "view .");

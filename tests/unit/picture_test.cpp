@@ -40,6 +40,23 @@ int orange_pixels(vtkImageData& image, int left, int top, int right, int bottom)
   return count;
 }
 
+/// Likewise, of the hue of the tool.
+struct Pixels {
+  int count = 0, left = 1600, right = 0, top = 1200, bottom = 0;
+};
+Pixels tool_pixels(vtkImageData& image, int left, int top, int right, int bottom) {
+  Pixels found;
+  for (int y = top; y < bottom; ++y)
+    for (int x = left; x < right; ++x) {
+      const auto* rgb = static_cast<unsigned char*>(image.GetScalarPointer(x, 1199 - y, 0));
+      if (!(rgb[1] > rgb[0] + 25 && rgb[2] > rgb[0] + 30 && std::abs(rgb[1] - rgb[2]) < 30)) continue;
+      ++found.count;
+      found.left = std::min(found.left, x), found.right = std::max(found.right, x);
+      found.top = std::min(found.top, y), found.bottom = std::max(found.bottom, y);
+    }
+  return found;
+}
+
 /// Half an ellipsoid of 40 x 30 x 15 mm, pressed 3 mm from above.
 Overview half_ellipsoid() {
   Overview o;
@@ -94,6 +111,21 @@ Overview half_ellipsoid() {
   o.centre_mm = Vec3(0.0, 0.0, 15.0);
   o.push = Vec3(0.0, 0.0, -1.0);
   o.radius_mm = 4.0;
+  constexpr Index sides = 32;  // of the tool: 8 mm tall, its foot on the skin
+  o.tool_mm.resize(3, 2 * sides + 2);
+  o.tool_triangles.resize(3, 4 * sides);
+  for (Index k = 0; k < sides; ++k) {
+    const double angle = 2.0 * std::numbers::pi * static_cast<double>(k) / sides;
+    const Index next = (k + 1) % sides, foot = 2 * sides;
+    for (const Index ring : {0, 1})
+      o.tool_mm.col(k + ring * sides) =
+          Vec3(4.0 * std::cos(angle), 4.0 * std::sin(angle), 15.0 + 8.0 * static_cast<double>(ring));
+    o.tool_triangles.col(4 * k) << k, next, next + sides;
+    o.tool_triangles.col(4 * k + 1) << k, next + sides, k + sides;
+    o.tool_triangles.col(4 * k + 2) << foot, next, k;
+    o.tool_triangles.col(4 * k + 3) << foot + 1, k + sides, next + sides;
+  }
+  o.tool_mm.rightCols(2) << 0, 0, 0, 0, 15, 23;
   for (int i = 0; i <= 30; ++i) {
     o.depth_mm.push_back(0.1 * i);
     o.force_N.push_back(0.05 * i / 30.0);
@@ -131,12 +163,54 @@ TEST(Overview, ShowsTheCircleInEveryPanel) {
   const fs::path file = fresh_folder() / "overview.png";
   write_overview(file, half_ellipsoid());
   const auto image = picture_in(file);
-  // Below the legends: nodes on top, the arrow and the foot, nodes in the dimple, the last point of the
-  // curve.
+  // Below the legends: nodes on top, nodes under the foot, the tool that stands on them, the last point of the curve.
   EXPECT_GT(orange_pixels(*image, 20, 140, 790, 540), 200);
   EXPECT_GT(orange_pixels(*image, 820, 140, 1580, 540), 200);
-  EXPECT_GT(orange_pixels(*image, 20, 680, 690, 1060), 50);
+  EXPECT_GT(tool_pixels(*image, 20, 690, 690, 1060).count, 500);
   EXPECT_GT(orange_pixels(*image, 820, 680, 1580, 1060), 40);
+}
+
+TEST(Overview, ShowsTheToolAsASolidThatStandsOnTheTissueAndNamesItInTheLegend) {
+  const fs::path folder = fresh_folder();
+  const Overview with = half_ellipsoid();
+  Overview without = with;
+  without.tool_mm.resize(3, 0);
+  without.tool_triangles.resize(3, 0);
+  write_overview(folder / "with.png", with);
+  write_overview(folder / "without.png", without);
+  const auto a = picture_in(folder / "with.png"), b = picture_in(folder / "without.png");
+  const auto body = [](vtkImageData& image) { return tool_pixels(image, 20, 690, 690, 1060); };
+  const auto legend = [](vtkImageData& image) { return tool_pixels(image, 20, 630, 690, 680); };
+  EXPECT_EQ(body(*b).count, 0);
+  EXPECT_EQ(legend(*b).count, 0);
+  EXPECT_GT(legend(*a).count, 100);
+  const Pixels tool = body(*a);
+  const double box = (tool.right - tool.left) * (tool.bottom - tool.top);
+  EXPECT_GT(tool.count, 0.7 * box) << "filled, and no lines";
+  // No white is between the foot's lower edge and the tissue.
+  for (int y = tool.bottom; y < tool.bottom + 12; ++y) {
+    const auto* rgb =
+        static_cast<unsigned char*>(a->GetScalarPointer((tool.left + tool.right) / 2, 1199 - y, 0));
+    EXPECT_LT(rgb[2], 250) << y;
+  }
+}
+
+TEST(Overview, ShowsWhatIsNearTheToolWhereItWouldBeTinyInTheWholeSection) {
+  const fs::path folder = fresh_folder();
+  Overview wide = half_ellipsoid();
+  const auto section = [&](const Overview& overview) {
+    write_overview(folder / "overview.png", overview);
+    return tool_pixels(*picture_in(folder / "overview.png"), 820, 170, 1400, 540);
+  };
+  const Pixels whole = section(wide);
+  EXPECT_GT(whole.right - whole.left, 60);
+  // The same tool on a body ten times as large.
+  for (Points* points : {&wide.nodes_mm, &wide.points_mm, &wide.surface_mm}) *points *= 10.0;
+  wide.centre_mm *= 10.0;
+  wide.tool_mm.row(2).array() += 135.0;
+  const Pixels near = section(wide);
+  EXPECT_GT(near.right - near.left, 90);
+  EXPECT_LT(near.right - near.left, 140);
 }
 
 TEST(Overview, IsTheSameFileForTheSameInput) {
@@ -162,7 +236,7 @@ TEST(Overview, LooksAlongThePushHoweverTheBodyLies) {
   Overview turned = straight;
   const Mat3 turn = Eigen::AngleAxisd(0.7, Vec3(1.0, 2.0, -0.5).normalized()).toRotationMatrix();
   for (Points* points : {&turned.nodes_mm, &turned.displacement_mm, &turned.points_mm, &turned.surface_mm,
-                         &turned.surface_displacement_mm})
+                         &turned.surface_displacement_mm, &turned.tool_mm})
     *points = turn * *points;
   turned.centre_mm = turn * turned.centre_mm;
   turned.push = turn * turned.push;
@@ -274,6 +348,12 @@ TEST(Overview, RefusesTrianglesOfPointsThatDoNotExist) {
   Overview o = half_ellipsoid();
   o.surface_triangles(1, 3) = o.surface_mm.cols();
   EXPECT_THROW(write_overview(fresh_folder() / "overview.png", o), std::invalid_argument);
+}
+
+TEST(Overview, SurvivesAToolThatIsNotFinite) {
+  Overview broken = half_ellipsoid();
+  broken.tool_mm(1, 3) = std::numeric_limits<double>::quiet_NaN();
+  expect_drawn(broken);
 }
 
 TEST(Overview, GivesAnOutputErrorWhereItCannotWrite) {

@@ -10,7 +10,7 @@ import vtkPolyData from '@kitware/vtk.js/Common/DataModel/PolyData.js';
 import vtkRenderWindow from '@kitware/vtk.js/Rendering/Core/RenderWindow.js';
 import vtkRenderWindowInteractor from '@kitware/vtk.js/Rendering/Core/RenderWindowInteractor.js';
 import vtkRenderer from '@kitware/vtk.js/Rendering/Core/Renderer.js';
-import { at, data, element, heat, svg, unpacked } from './numbers.js';
+import { at, data, element, heat, metal, svg, unpacked } from './numbers.js';
 
 export function canDraw() {
   if (!data.body) return false;
@@ -31,18 +31,23 @@ const unit = (a) => {
   return [a[0] / length, a[1] / length, a[2] / length];
 };
 
+/** Places and triangles of a mesh. */
+function unpackMesh(mesh) {
+  const places = Float32Array.from(unpacked(mesh.places, Uint16Array), (n, k) => mesh.low_mm[k % 3] + n * mesh.step_mm);
+  return { places, triangles: unpacked(mesh.triangles, Uint16Array) };
+}
+
 /** Places at rest, triangles, and each frame's displacement. */
 function unpack() {
   const { body } = data;
-  const whole = unpacked(body.places, Uint16Array);
-  const rest = Float32Array.from(whole, (n, k) => body.low_mm[k % 3] + n * body.step_mm);
+  const { places: rest, triangles } = unpackMesh(body);
   const frames = body.frames.map((frame) => {
     const u = Float32Array.from(unpacked(frame.displacement, Int8Array), (n) => n * frame.step_mm);
     const size = new Float32Array(u.length / 3);
     for (let v = 0; v < size.length; ++v) size[v] = Math.hypot(u[3 * v], u[3 * v + 1], u[3 * v + 2]);
     return { u, size, depth: frame.time_s * at('requested.rate_mm_per_s') };
   });
-  return { rest, triangles: unpacked(body.triangles, Uint16Array), frames };
+  return { rest, triangles, frames };
 }
 
 function normalsOf(places, triangles, normals) {
@@ -66,40 +71,21 @@ function cells(triangles) {
   return list;
 }
 
-/** Two directions across the push. */
+/** A direction across the push. */
 function across(push) {
   const least = push.map(Math.abs).indexOf(Math.min(...push.map(Math.abs)));
-  const u = unit(cross(push, [0, 1, 2].map((k) => (k === least ? 1 : 0))));
-  return [u, cross(push, u)];
+  return unit(cross(push, [0, 1, 2].map((k) => (k === least ? 1 : 0))));
 }
 
-/** A cylinder from its foot at the circle's place against the push; its edges sharp. */
-function toolData() {
-  const { centre_mm: centre, push, radius_mm: radius } = data.tool;
-  const [u, v] = across(push);
-  const around = 64;
-  const top = plus(centre, push, -3 * radius);
-  const places = [], normals = [], triangles = [];
-  const ring = (middle, normal) => {
-    const first = places.length / 3;
-    for (let k = 0; k < around; ++k) {
-      const angle = (2 * Math.PI * k) / around;
-      const out = plus([0, 1, 2].map((i) => Math.cos(angle) * u[i]), v, Math.sin(angle));
-      places.push(...plus(middle, out, radius));
-      normals.push(...(normal ?? out));
-    }
-    return first;
-  };
-  const side = [ring(centre), ring(top)];
-  for (let k = 0; k < around; ++k) {
-    const next = (k + 1) % around;
-    triangles.push(side[0] + k, side[0] + next, side[1] + next, side[0] + k, side[1] + next, side[1] + k);
-  }
-  for (const [middle, normal] of [[centre, push], [top, push.map((x) => -x)]]) {
-    const first = ring(middle, normal);
-    for (let k = 1; k + 1 < around; ++k) triangles.push(first, first + k, first + k + 1);
-  }
-  return { places: Float32Array.from(places), normals: Float32Array.from(normals), triangles };
+const rgb = (hex) => [1, 3, 5].map((from) => parseInt(hex.slice(from, from + 2), 16) / 255);
+
+/** Each triangle with corners of its own: edges are sharp. */
+function flat({ places, triangles }) {
+  const own = Float32Array.from({ length: 3 * triangles.length }, (_, k) => places[3 * triangles[Math.floor(k / 3)] + (k % 3)]);
+  const normals = new Float32Array(own.length);
+  const inOrder = Uint32Array.from(triangles, (_, k) => k);
+  normalsOf(own, inOrder, normals);
+  return polyData(own, normals, inOrder).made;
 }
 
 function polyData(places, normals, triangles) {
@@ -121,7 +107,7 @@ function lookFrom(rest) {
   });
   let front = plus(data.tool.centre_mm, middle, -1);
   front = plus(front, up, -dot(front, up));
-  if (Math.sqrt(dot(front, front)) < data.tool.radius_mm) front = across(data.tool.push)[0];
+  if (Math.sqrt(dot(front, front)) < data.tool.radius_mm) front = across(data.tool.push);
   front = unit(front);
   const side = cross(up, front);
   const turned = plus([0, 1, 2].map((k) => Math.cos(0.35) * front[k]), side, Math.sin(0.35));
@@ -165,22 +151,20 @@ export function body(place) {
   const most = Math.max(...frames.map((frame) => frame.size.reduce((a, b) => Math.max(a, b), 0)), 1e-9);
 
   const colours = vtkColorTransferFunction.newInstance();
-  heat.forEach((hex, k) => {
-    const [r, g, b] = [1, 3, 5].map((from) => parseInt(hex.slice(from, from + 2), 16) / 255);
-    colours.addRGBPoint((most * k) / (heat.length - 1), r, g, b);
-  });
+  heat.forEach((hex, k) => colours.addRGBPoint((most * k) / (heat.length - 1), ...rgb(hex)));
   const mapper = vtkMapper.newInstance({ scalarVisibility: true, useLookupTableScalarRange: true, lookupTable: colours });
   mapper.setInputData(surface.made);
   const actor = vtkActor.newInstance();
   actor.setMapper(mapper);
   actor.getProperty().set({ ambient: 0.15, diffuse: 0.9, specular: 0.12, specularPower: 24 });
 
-  const tool = toolData();
   const toolMapper = vtkMapper.newInstance({ scalarVisibility: false });
-  toolMapper.setInputData(polyData(tool.places, tool.normals, tool.triangles).made);
+  toolMapper.setInputData(flat(unpackMesh(data.tool)));
   const toolActor = vtkActor.newInstance();
   toolActor.setMapper(toolMapper);
-  toolActor.getProperty().set({ color: [0.45, 0.5, 0.56], opacity: 0.45, ambient: 0.2, diffuse: 0.8, specular: 0.3, specularPower: 30 });
+  // An actor's colour stands for three, and only its setter sets them all.
+  toolActor.getProperty().setColor(...rgb(metal));
+  toolActor.getProperty().set({ ambient: 0.25, diffuse: 0.8, specular: 0.15, specularPower: 24 });
 
   const renderer = vtkRenderer.newInstance({ background: [1, 1, 1] });
   renderer.addActor(actor);

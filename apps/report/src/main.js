@@ -79,7 +79,7 @@ function forceSection() {
   const table = facts(rows);
   const words = element('div', {}, table);
   if (there('compare.file')) words.append(element('h3', {}, 'Beside ', word('compare.file')), comparison());
-  if (there('ladder')) words.append(element('h3', {}, 'Numbers of nodes that were tried'), ladder());
+  if (there('ladder')) words.append(element('h3', {}, 'Refinement levels'), ladder());
   place.append(element('div', { class: 'beside' }, element('div', { class: 'wide' }, forceChart(), chartLegend()), words));
 }
 
@@ -136,6 +136,7 @@ function bodySection() {
     return undefined;
   }
   stage.append(colourBar(shown.most));
+  stage.after(element('ul', { class: 'legend screen' }, element('li', {}, element('span', { class: 'mark tool' }), 'tool, ', written('counts.circle_diameter_mm'), ' in diameter')));
   const show = (k) => {
     slider.value = k;
     depth.textContent = `${shown.depths[k].toFixed(2)} mm`;
@@ -230,7 +231,7 @@ function assumed() {
       ['Base', number('counts.base_nodes', { decimals: 0 }), ' nodes held', reason('model.base_reason'), reason('made_from.base')],
       ['Tool', written('counts.circle_diameter_mm'), ' in diameter, on ', number('counts.circle_nodes', { decimals: 0 }), ' nodes at ', place3('counts.circle_centre_mm'), ' mm, pushed along ', place3('counts.push'), reason('model.circle_reason'), reason('made_from.circle')],
       ['Load', written('requested.depth_mm'), ' at ', quantity('requested.rate_mm_per_s', 'mm/s'), ', ', word('contact'), ', ', word('time')],
-      ['Discretisation', number('counts.nodes', { decimals: 0 }), ' nodes', there('model.node_spacing_mm') ? [': ', written('model.rim_spacing_mm'), ' apart at the tool, ', written('model.node_spacing_mm'), ' far from it'] : '', '; ', number('counts.integration_points', { decimals: 0 }), ' integration points',
+      ['Discretisation', number('counts.nodes', { decimals: 0 }), ' nodes', there('model.largest_spacing_mm') ? [': ', written('model.rim_spacing_mm'), ' apart at the tool, ', written('model.largest_spacing_mm'), ' far from it'] : '', '; ', number('counts.integration_points', { decimals: 0 }), ' integration points',
         element('div', { class: 'soft' }, 'scheme ', word('scheme'), ', ', word('precision'), ' precision')],
     ], 'facts broad'),
     element('p', { class: 'soft' }, 'Places are in mm along left, posterior and superior (LPS).'));

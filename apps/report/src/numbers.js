@@ -67,4 +67,5 @@ export function unpacked(text, Type) {
 }
 
 /** Pale to dark through yellow, red and purple: also reads in grey. As overview.png has it. */
+export const metal = '#4F9DA6'; // the tool, as in overview.png
 export const heat = ['#ECEBE6', '#F9DFA3', '#F9B768', '#EE7F52', '#CB4A5C', '#8C2B6B', '#47175A'];
