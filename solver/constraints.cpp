@@ -7,7 +7,7 @@ namespace dimple {
 Constraints::Constraints(Index node_count, std::vector<HeldSet> sets)
     : set_(std::move(sets)), of_node_(static_cast<std::size_t>(node_count), -1) {
   for (std::size_t s = 0; s < set_.size(); ++s) {
-    held_.push_back({padded(set_[s].direction), set_[s].share, set_[s].hold == HeldSet::Hold::all});
+    held_.push_back({padded(set_[s].direction), set_[s].share, set_[s].hold});
     for (const Index a : set_[s].node) of_node_[static_cast<std::size_t>(a)] = static_cast<std::int16_t>(s);
   }
 }
@@ -19,10 +19,7 @@ void Constraints::prescribe(Nodal& u, double depth) const {
 void Constraints::take_held(Nodal& u, const Nodal& wanted) const {
   for (Index a = 0; a < u.cols(); ++a) {
     if (is_held_wholly(a)) u.col(a) = wanted.col(a);
-    if (slides(a)) {
-      const Eigen::Vector4d& direction = held(a).direction;
-      u.col(a) += direction * (wanted.col(a) - u.col(a)).dot(direction);
-    }
+    if (slides(a)) u.col(a) = wanted.col(a) + project(a, u.col(a) - wanted.col(a));
   }
 }
 
@@ -55,7 +52,7 @@ double Constraints::set_off(Nodal& v, double rate, const Eigen::VectorXd& mass) 
 
 Eigen::Vector4d Constraints::sliding_direction() const {
   for (const Held& held : held_)
-    if (!held.wholly) return held.direction;
+    if (held.hold == HeldSet::Hold::along) return held.direction;
   return Eigen::Vector4d::Zero();
 }
 

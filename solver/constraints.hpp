@@ -20,8 +20,9 @@ enum class Contact {
 /// Nodes whose motion is prescribed: the fixed base, the indenter's circle, a patch that a retractor holds.
 struct HeldSet {
   enum class Hold {
-    all,   ///< all three components
-    along  ///< the one along `direction`; across it the nodes slide freely
+    all,    ///< all three components
+    along,  ///< the one along `direction`; across it the nodes slide freely
+    across  ///< the two across `direction`, and they stay where they are; along it the nodes slide freely
   };
   std::string name;
   std::vector<Index> node;
@@ -39,15 +40,16 @@ class Constraints {
   Constraints(Index node_count, std::vector<HeldSet> sets);
 
   bool is_free(Index a) const { return of_node_[static_cast<std::size_t>(a)] < 0; }
-  bool is_held_wholly(Index a) const { return !is_free(a) && held(a).wholly; }
-  bool slides(Index a) const { return !is_free(a) && !held(a).wholly; }
+  bool is_held_wholly(Index a) const { return !is_free(a) && held(a).hold == HeldSet::Hold::all; }
+  bool slides(Index a) const { return !is_free(a) && held(a).hold != HeldSet::Hold::all; }
 
   /// The part of a node's velocity, force or mode that is not prescribed.
   Eigen::Vector4d project(Index a, const Eigen::Vector4d& v) const {
     if (is_free(a)) return v;
     const Held& its = held(a);
-    return its.wholly ? Eigen::Vector4d(Eigen::Vector4d::Zero())
-                      : Eigen::Vector4d(v - its.direction * v.dot(its.direction));
+    if (its.hold == HeldSet::Hold::all) return Eigen::Vector4d::Zero();
+    const Eigen::Vector4d along = its.direction * v.dot(its.direction);
+    return its.hold == HeldSet::Hold::along ? Eigen::Vector4d(v - along) : along;
   }
 
   /// Puts what is prescribed of node a where it is when the tool has come to `depth` [m], and to the speed
@@ -74,7 +76,7 @@ class Constraints {
   /// Brings the moving nodes to speed at once, and returns the work that it takes [J].
   double set_off(Nodal& v, double rate, const Eigen::VectorXd& mass) const;
 
-  /// Along which the first set that slides is held; zero where none does.
+  /// Along which the first set that slides across it is held; zero where none does.
   Eigen::Vector4d sliding_direction() const;
   Index node_count() const { return static_cast<Index>(of_node_.size()); }
   const std::vector<HeldSet>& sets() const { return set_; }
@@ -83,7 +85,7 @@ class Constraints {
   struct Held {
     Eigen::Vector4d direction;
     double share;
-    bool wholly;
+    HeldSet::Hold hold;
   };
   std::vector<HeldSet> set_;
   std::vector<Held> held_;
@@ -98,10 +100,12 @@ class Constraints {
     if (is_free(a)) return;
     const Held& its = held(a);
     const double way = its.share * of_tool;
-    if (its.wholly)
+    if (its.hold == HeldSet::Hold::all)
       value = its.direction * way;
-    else
+    else if (its.hold == HeldSet::Hold::along)
       value += its.direction * (way - value.dot(its.direction));
+    else
+      value = (its.direction * value.dot(its.direction)).eval();
   }
 };
 

@@ -71,6 +71,7 @@ struct History {
   Index inverted = 0;                                               ///< most points inverted at once
   double residual = 0.0;  ///< largest that a static equilibrium was left with
   bool interrupted = false;
+  double settled = 0.0;         ///< longest way of a node under the loads before the tool touches [m]
   double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction
   std::vector<Finding> guards;
   std::vector<Retry> retries;

@@ -46,6 +46,7 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
     history.interrupted = true;
     return;
   }
+  history.settled = system->at_rest().u.colwise().norm().maxCoeff();
   switch (mode) {
     case TimeMode::quasi_static:
       return march_quasi_statically(*system, loading, options, observer, history, from);

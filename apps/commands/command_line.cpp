@@ -128,9 +128,9 @@ struct NotModelled {
 
 const std::vector<NotModelled>& not_modelled() {
   static const std::vector<NotModelled> list = {
-      {{"--gravity", "--weight", "--body-force"},
-       "gravity is not modelled: the image is taken as free of load",
-       "none; an image in the posture of the test holds the sagging already"},
+      {{"--weight", "--body-force"},
+       "a body force is modelled as gravity alone",
+       "--gravity inferior, or --gravity x,y,z in m/s2"},
       {{"--tool", "--sphere", "--cone", "--indenter", "--indenter-shape", "--tool-shape"},
        "a tool of another shape is not modelled: the tool is a flat rigid circle",
        "a circle of the diameter of the contact, --indenter-diameter 10mm"},

@@ -19,6 +19,7 @@
 #include <utility>
 
 #include "apps/python/in_memory.hpp"
+#include "apps/run/loads.hpp"
 #include "apps/run/compare.hpp"
 #include "apps/run/live.hpp"
 #include "apps/run/organ.hpp"
@@ -505,9 +506,9 @@ class LiveSession {
       options.contact = loading_of(config).contact;
       options.precision = precision_of(config);
       options.tolerance = config.solver.tolerance;
-      return std::make_unique<Session>(make_model(built.model, built.model.scheme,
-                                                  tissue_of_points(built.model, tissues), tissues.density),
-                                       materials, options);
+      Model model = make_model(built.model, built.model.scheme, tissue_of_points(built.model, tissues), tissues.density);
+      options.loads = loads_of(config, model);
+      return std::make_unique<Session>(std::move(model), materials, options);
     });
   }
 

@@ -18,9 +18,9 @@ constexpr const char* format = "dimple checkpoint 3";
 template <class Archive, Like<History> T>
 void members(Archive& io, T& history) {
   auto& [force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
-         residual, interrupted, momentum_error, guards, retries] = history;
+         residual, interrupted, settled, momentum_error, guards, retries] = history;
   io(force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
-     residual, interrupted, momentum_error, guards, retries);
+     residual, interrupted, settled, momentum_error, guards, retries);
 }
 
 template <class Archive, Like<Report> T>

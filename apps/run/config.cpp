@@ -352,6 +352,10 @@ std::vector<Option> options_of(Config& c) {
        {"bonded", "frictionless"},
        "solve",
        true},
+      {"load.gravity", "--gravity", "",
+       "none; the side towards which it pulls with 9.81 m/s2; or x,y,z in LPS, in m/s2: the body comes to rest under it "
+       "before the tool touches",
+       &c.load.gravity, 0, 0, false, any, "solve", true, words_for("none")},
       {"solver.safety", "--safety", "", "time step as a fraction of the longest stable one", &c.solver.safety,
        0, 2, true, any, "solve"},
       {"solver.damping_per_s", "--damping", "1/s", "mass-proportional damping", &c.solver.damping_per_s, 0,
@@ -446,7 +450,34 @@ std::vector<Option> options_of(Config& c) {
   };
 }
 
+std::vector<Option> options_of(Config::Pressure& p) {
+  return {{"pressure.pressure_Pa", "", "Pa", "pressure, inward", &p.pressure_Pa, -1e9, 1e9, false, {}, "solve"},
+          {"pressure.on", "", "", "where: all of the surface, what faces a side, or what lies in a ball x,y,z,radius in mm",
+           &p.on, 0, 0, false, {}, "solve"},
+          {"pressure.follows", "", "", "yes: it acts along the normals of the deformed surface; no: as on the surface at rest",
+           &p.follows, 0, 0, false, {"yes", "no"}, "solve"}};
+}
+
 namespace {
+
+constexpr std::string_view pressure_section = "load.pressure.";
+
+// "load.pressure.csf.on" -> the pressure "csf" and its option.
+bool set_pressure(Config& config, const std::string& key, const std::string& text, const std::string& source) {
+  if (!key.starts_with(pressure_section)) return false;
+  const auto dot = key.rfind('.');
+  const std::string name = dot > pressure_section.size() ? key.substr(pressure_section.size(), dot - pressure_section.size()) : "";
+  if (name.empty())
+    throw UsageError({.fact = fmt::format("'{}' names no option of a pressure", key),
+                      .where = source,
+                      .why = "keys are load.pressure.name.option",
+                      .remedy = "for instance --set load.pressure.csf.pressure=500Pa"});
+  std::vector<Option> options = options_of(config.pressure[name]);
+  Option* option = find(options, "pressure." + key.substr(dot + 1));
+  if (!option) unknown_key(options, key, source);
+  assign_text(*option, text, source);
+  return true;
+}
 
 // "tissue.2.mu" -> label "2" and "material.mu_Pa", checked as that option is.
 bool set_tissue(Config& config, const std::string& key, const std::string& text, const std::string& source) {
@@ -474,7 +505,7 @@ bool set_tissue(Config& config, const std::string& key, const std::string& text,
 }  // namespace
 
 void set_option(Config& config, const std::string& key, const std::string& text, const std::string& source) {
-  if (set_tissue(config, key, text, source)) return;
+  if (set_tissue(config, key, text, source) || set_pressure(config, key, text, source)) return;
   std::vector<Option> options = options_of(config);
   Option* option = find(options, key);
   if (!option) unknown_key(options, key, source);
@@ -495,6 +526,7 @@ void set_option(Config& config, const std::string& key, const std::string& text,
 std::string option_named(const std::string& name, const std::string& source,
                          const std::vector<std::string>& others) {
   Config config;
+  if (name.starts_with(pressure_section)) return name;
   if (name.starts_with("tissue.") && name.rfind('.') > 7) {
     option_named("material." + name.substr(name.rfind('.') + 1), source, others);
     return name;
@@ -655,6 +687,31 @@ bool default_nodes(const Config& config) {
          config.source.count("cloud.nodes") == 0;
 }
 
+namespace {
+
+// The options of a section that has a name of its own.
+void set_all(Config& config, const std::string& section, const toml::node& node, const std::filesystem::path& file) {
+  const toml::table* table = node.as_table();
+  std::vector<Option> options = options_of(config);
+  if (!table) unknown_key(options, section, file.string());
+  for (const auto& [name, value] : *table) {
+    std::ostringstream shown;
+    if (const auto word = value.value_exact<std::string>())
+      shown << *word;
+    else if (const toml::array* list = value.as_array())
+      for (std::size_t k = 0; k < list->size(); ++k) {
+        shown << (k ? "," : "");
+        (*list)[k].visit([&](auto&& v) { shown << v; });
+      }
+    else
+      value.visit([&](auto&& v) { shown << v; });
+    set_option(config, fmt::format("{}.{}", section, name.str()), shown.str(),
+               fmt::format("{}, line {}", file.string(), value.source().begin.line));
+  }
+}
+
+}  // namespace
+
 void read_config(Config& config, const std::filesystem::path& file) {
   toml::table table;
   try {
@@ -672,22 +729,13 @@ void read_config(Config& config, const std::filesystem::path& file) {
     if (!entries) unknown_key(options, std::string(section.str()), file.string());
     for (const auto& [name, value] : *entries) {
       if (section.str() == "tissue") {
-        const toml::table* differing = value.as_table();
-        if (!differing) unknown_key(options, "tissue." + std::string(name.str()), file.string());
-        for (const auto& [what, text] : *differing) {
-          std::ostringstream shown;
-          if (const auto word = text.value_exact<std::string>())
-            shown << *word;
-          else if (const toml::array* list = text.as_array())
-            for (std::size_t k = 0; k < list->size(); ++k) {
-              shown << (k ? "," : "");
-              (*list)[k].visit([&](auto&& v) { shown << v; });
-            }
-          else
-            text.visit([&](auto&& v) { shown << v; });
-          set_option(config, fmt::format("tissue.{}.{}", name.str(), what.str()), shown.str(),
-                     fmt::format("{}, line {}", file.string(), text.source().begin.line));
-        }
+        set_all(config, "tissue." + std::string(name.str()), value, file);
+        continue;
+      }
+      if (section.str() == "load" && name.str() == "pressure") {
+        const toml::table* pressures = value.as_table();
+        if (!pressures) unknown_key(options, "load.pressure", file.string());
+        for (const auto& [of, its] : *pressures) set_all(config, "load.pressure." + std::string(of.str()), its, file);
         continue;
       }
       const std::string key = std::string(section.str()) + "." + std::string(name.str());
@@ -746,6 +794,11 @@ std::string to_toml(const Config& config, const std::map<std::string, std::strin
     for (const auto& [key, value] : differing)
       text += fmt::format("{} = {}\n", key.substr(key.find('.') + 1), toml_string(value));
   }
+  for (auto [name, pressure] : config.pressure) {
+    text += fmt::format("\n[load.pressure.{}]\n", toml_string(name));
+    for (const Option& option : options_of(pressure))
+      text += fmt::format("{} = {}\n", option.key.substr(option.key.find('.') + 1), toml_value(option));
+  }
   return text;
 }
 
@@ -757,6 +810,9 @@ std::map<std::string, std::string> option_values(const Config& config) {
   for (const auto& [label, differing] : config.tissue)
     for (const auto& [key, value] : differing)
       values[fmt::format("tissue.{}.{}", label, key.substr(key.find('.') + 1))] = value;
+  for (auto [name, pressure] : config.pressure)
+    for (const Option& option : options_of(pressure))
+      values[fmt::format("load.pressure.{}.{}", name, option.key.substr(option.key.find('.') + 1))] = toml_value(option);
   return values;
 }
 
@@ -829,6 +885,8 @@ std::string why_not_proportional(const Config& config) {
     return "the second constant of a Mooney-Rivlin law does not grow with mu";
   if (config.material.preset != "none") return "the material is a published one (--preset)";
   if (!config.tissue.empty()) return "the force of several tissues is proportional to no single modulus";
+  if (config.load.gravity != "none" || !config.pressure.empty())
+    return "gravity and pressures do not grow with mu";
   return {};
 }
 
@@ -959,10 +1017,29 @@ std::vector<Material> materials_of(const Config& c) {
   return result;
 }
 
+Vec3 gravity_of(const Config& config) {
+  const std::string& asked = config.load.gravity;
+  if (asked == "none") return Vec3::Zero();
+  if (const auto side = side_named(asked)) return 9.81 * *side;
+  Vec3 result = Vec3::Zero();
+  const std::vector<std::string> parts = parts_of(asked);
+  bool numbers = parts.size() == 3;
+  for (std::size_t d = 0; numbers && d < 3; ++d) {
+    const auto [end, error] = std::from_chars(parts[d].data(), parts[d].data() + parts[d].size(), result[static_cast<Index>(d)]);
+    numbers = error == std::errc{} && end == parts[d].data() + parts[d].size() && std::isfinite(result[static_cast<Index>(d)]);
+  }
+  if (numbers && result.norm() < 1e5) return result;
+  throw UsageError({.fact = fmt::format("gravity '{}' is no direction", asked),
+                    .where = "--gravity (load.gravity)",
+                    .why = "it is a side of the patient, towards which 9.81 m/s2 pull, or three numbers in m/s2",
+                    .remedy = "for instance --gravity inferior, or --gravity 0,0,-9.81"});
+}
+
 Loading loading_of(const Config& c) {
   return {.depth = 1e-3 * c.load.depth_mm,
           .rate = 1e-3 * c.load.rate_mm_per_s,
-          .contact = c.load.contact == "bonded" ? Contact::bonded : Contact::frictionless};
+          .contact = c.load.contact == "bonded" ? Contact::bonded : Contact::frictionless,
+          .loads = {.gravity = gravity_of(c), .pressure = {}}};
 }
 
 SolverOptions solver_options(const Config& c) {

@@ -60,7 +60,15 @@ struct Config {
     double depth_mm = 8.0;
     double rate_mm_per_s = 1.0;
     std::string contact = "bonded";
+    std::string gravity = "none";
   } load;
+  /// A pressure on a part of the surface: [load.pressure.NAME].
+  struct Pressure {
+    double pressure_Pa = 0.0;
+    std::string on = "all";       ///< what faces a side, what lies in a ball x,y,z,radius in mm, or all
+    std::string follows = "yes";  ///< the surface as it deforms
+  };
+  std::map<std::string, Pressure> pressure;
   struct SolverSection {
     double safety = 0.9;
     double damping_per_s = 0.0;
@@ -107,6 +115,7 @@ struct Option {
   std::vector<std::string> words = {};  ///< of free text, those that it is most often: offered, not demanded
 };
 std::vector<Option> options_of(Config& config);
+std::vector<Option> options_of(Config::Pressure& pressure);
 
 /// "material.mu" of "material.mu_Pa"; a key without its unit at the end stays.
 std::string without_unit(const Option& option);
@@ -197,6 +206,8 @@ Material material_of(const Config& config);
 /// Throws UsageError: Ogden or Prony numbers that make no material, or that the chosen scheme has not.
 std::vector<Material> materials_of(const Config& config);
 Loading loading_of(const Config& config);
+/// [m/s^2] LPS. Throws UsageError: neither none, a side nor three numbers.
+Vec3 gravity_of(const Config& config);
 SolverOptions solver_options(const Config& config);
 Precision precision_of(const Config& config);
 

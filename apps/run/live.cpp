@@ -10,6 +10,7 @@
 #include <chrono>
 #include <cmath>
 
+#include "apps/run/loads.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "io/digits.hpp"
@@ -61,11 +62,13 @@ Session touch(const LiveOrgan& live, Index nodes, const std::optional<Vec3>& tip
       discretise(live.organ->body->surface, options, label_at, live.base ? &*live.base : nullptr).places;
   const TissueOptions tissues = tissues_of(live.config, live.organ->label_names, places);
   Eigen::VectorXi tissue = tissue_of_points(places, tissues);
-  return Session(make_model(std::move(places), options.scheme, std::move(tissue), tissues.density),
-                 live.materials,
+  Model model = make_model(std::move(places), options.scheme, std::move(tissue), tissues.density);
+  Loads loads = loads_of(live.config, model);
+  return Session(std::move(model), live.materials,
                  {.contact = loading_of(live.config).contact,
                   .precision = precision_of(live.config),
-                  .tolerance = live.config.solver.tolerance});
+                  .tolerance = live.config.solver.tolerance,
+                  .loads = std::move(loads)});
 }
 
 namespace {

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "apps/run/bending.hpp"
+#include "apps/run/loads.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/words.hpp"
@@ -182,6 +183,7 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
   complete(config, std::move(placed), talk, result);
   const Model& model = result.model;
   const Loading& loading = result.loading = loading_of(config);
+  result.loading.loads = loads_of(config, model);
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
   for (const Finding& finding : result.findings) talk.warn(in_words(finding));
@@ -193,6 +195,7 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
                             pressure_wave_speed(m), shear_wave_speed(m)));
   }
   if (const std::string preset = beside_preset(config); !preset.empty()) talk.say("preset   " + preset);
+  if (!loading.loads.none()) talk.say("loads    " + in_words(loading.loads) + "; the body comes to rest under it first");
   result.time = time_of(config, talk, result);
   talk.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(config.load.depth_mm),
                           plain(config.load.rate_mm_per_s), three_digits(loading.duration()), config.load.contact,
@@ -247,6 +250,8 @@ std::string no_band(const Config& config) {
   if (config.solver.time == "explicit" || config.solver.time == "dynamic") return not_for_dynamics;
   if (config.load.contact != usual.load.contact)
     return "it was measured for a circle to which the tissue is bonded";
+  if (config.load.gravity != usual.load.gravity || !config.pressure.empty())
+    return "it was measured for bodies that bear no load but the tool's";
   if (const std::string none = no_band(materials_of(config)); !none.empty()) return none;
   if (config.solver.tolerance > usual.solver.tolerance)
     return fmt::format("it was measured for a tolerance of {:g}", usual.solver.tolerance);

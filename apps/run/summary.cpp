@@ -209,6 +209,13 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
                           {"rate_mm_per_s", config.load.rate_mm_per_s},
                           {"frames", config.solver.frames}};
   summary["contact"] = config.load.contact;
+  if (const Loads& loads = result.loading.loads; !loads.none()) {
+    Json pressures = Json::object();
+    for (const SurfacePressure& one : loads.pressure) pressures[one.name] = one.pressure;
+    summary["loads"] = {{"gravity_m_per_s2", {loads.gravity.x(), loads.gravity.y(), loads.gravity.z()}},
+                        {"pressure_Pa", pressures},
+                        {"settled_mm", 1e3 * history.settled}};
+  }
   summary["material"] = materials_json(config, result.tissues);
   summary["counts"] = counts_json(model);
   summary["support"] = support_json(model.support_report);

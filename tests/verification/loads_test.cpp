@@ -1,0 +1,300 @@
+// Gravity and pressure against closed forms.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "preprocess/support.hpp"
+#include "tests/verification/verify_bodies.hpp"
+
+namespace dimple {
+namespace {
+
+using Nodal = ForceSystem::Nodal;
+using Hold = HeldSet::Hold;
+
+// A box whose faces slide on frictionless walls where `walls` has it, for each axis at 0 and at 1; nodes on two walls
+// slide along both, nodes on three stay. `clamped`: nodes that stay besides.
+struct Walls {
+  std::array<std::array<bool, 2>, 3> at;
+  std::function<bool(const LatticeBody&, Index)> clamped;
+};
+
+std::vector<HeldSet> sets_of(const LatticeBody& body, const Walls& walls) {
+  std::array<HeldSet, 7> set;
+  for (std::size_t d = 0; d < 3; ++d) {
+    const Vec3 axis = Vec3::Unit(static_cast<Index>(d));
+    set[d] = {.name = "wall", .node = {}, .hold = Hold::along, .direction = axis};
+    set[3 + d] = {.name = "edge", .node = {}, .hold = Hold::across, .direction = axis};
+  }
+  set[6] = {.name = "fixed", .node = {}};
+  for (Index a = 0; a < body.at.cols(); ++a) {
+    std::vector<std::size_t> held, free;
+    for (std::size_t d = 0; d < 3; ++d) {
+      const auto axis = static_cast<int>(d);
+      const bool on_wall = (walls.at[d][0] && body.on_face(a, axis, 0.0)) || (walls.at[d][1] && body.on_face(a, axis, 1.0));
+      (on_wall ? held : free).push_back(d);
+    }
+    const bool clamped = walls.clamped && walls.clamped(body, a);
+    if (clamped || held.size() == 3)
+      set[6].node.push_back(a);
+    else if (held.size() == 2)
+      set[3 + free[0]].node.push_back(a);
+    else if (held.size() == 1)
+      set[held[0]].node.push_back(a);
+  }
+  std::vector<HeldSet> result;
+  std::copy_if(set.begin(), set.end(), std::back_inserter(result), [](const HeldSet& s) { return !s.node.empty(); });
+  return result;
+}
+
+// A box on such walls under loads, laid on in even steps.
+struct LoadedBox {
+  LoadedBox(const Lattice& lattice, const Walls& walls, const Material& material)
+      : statics(make_lattice(lattice), sets_of(make_lattice(lattice), walls), {material}) {}
+  Equilibrium under(ForceTerms terms, int steps, double tolerance = 1e-6) const {
+    System body(statics.system(), statics.model(), statics.constraints(), std::move(terms));
+    const Relaxation relax(body);
+    Equilibrium found{Nodal::Zero(4, statics.model().node_count()), Nodal::Zero(4, statics.model().node_count())};
+    Eigen::VectorXd lambda = Eigen::VectorXd::Zero(statics.model().patches.count());
+    for (int k = 1; k <= steps; ++k) {
+      body.set({.share = static_cast<double>(k) / steps});
+      if (k > 1) found.u *= static_cast<double>(k) / (k - 1), lambda *= static_cast<double>(k) / (k - 1);
+      relax(found.u, found.f, {.tolerance = tolerance, .evaluations = 20000}, &lambda);
+    }
+    return found;
+  }
+  const Model& model() const { return statics.model(); }
+  Statics statics;
+};
+
+// Of laterally confined neo-Hookean tissue, F = diag(1, 1, l): P_zz [Pa].
+double confined_stress(const Material& m, double l) {
+  return m.mu * std::pow(l, -2.0 / 3.0) * (l - (2.0 + l * l) / (3.0 * l)) + m.kappa * (l - 1.0);
+}
+
+template <class Function>
+double root(const Function& f, double lower, double upper) {
+  for (int k = 0; k < 200; ++k) {
+    const double middle = 0.5 * (lower + upper);
+    ((f(middle) > 0.0) == (f(upper) > 0.0) ? upper : lower) = middle;
+  }
+  return 0.5 * (lower + upper);
+}
+
+// P(l(Z)) = -rho g (H - Z), whatever the strain: here the lowest tissue is pressed to 0.6 of its height.
+TEST(Gravity, ShortensAConfinedColumnAsItsWeightAboveEachPlaceSays) {
+  const double H = 20e-3, g = 18.0;
+  Material sponge = neo_hookean(210.0, 0.3, 1000.0);
+  const LoadedBox column(box_lattice(Vec3(10e-3, 10e-3, H), 6, 0.1), {.at = {{{true, true}, {true, true}, {true, false}}}, .clamped = {}},
+                         sponge);
+  const Equilibrium found = column.under(make_terms(column.model(), {.gravity = Vec3(0.0, 0.0, -g), .pressure = {}}), 4);
+  const auto stretch = [&](double Z) {
+    return root([&](double l) { return confined_stress(sponge, l) + 1000.0 * g * (H - Z); }, 0.2, 1.2);
+  };
+  EXPECT_LT(stretch(0.0), 0.62);
+  const auto sinks = [&](double Z) {
+    double sum = 0.0;
+    constexpr int parts = 400;
+    for (int k = 0; k < parts; ++k) sum += (stretch(Z * (k + 0.5) / parts) - 1.0) * Z / parts;
+    return sum;
+  };
+  for (Index a = 0; a < column.model().node_count(); a += 7) {
+    EXPECT_NEAR(found.u(2, a), sinks(column.model().X(2, a)), 0.01 * std::abs(sinks(H))) << column.model().X(2, a);
+    EXPECT_LT(found.u.col(a).head<2>().norm(), 0.01 * std::abs(sinks(H)));
+  }
+  const double weight = column.model().mass.sum() * g;
+  EXPECT_NEAR(face_force(column.statics.body(), found.f, 2, 0.0).z(), weight, 1e-4 * weight) << "the floor bears it";
+}
+
+// How far a hanging layer of height h gives to forces cos(pi x / W) on its lower side, W half of the wave that gives way
+// first. Stiffness falls to nothing at rho g h / mu = 6.2229, wave number 2.1198 / h.
+// Source: Mora, Phou, Fromental, Pomeau, Phys. Rev. Lett. 113, 178301, 2014.
+TEST(Gravity, MakesABondedLayerThatHangsLoseItsStabilityWhereItIsKnownTo) {
+  const double h = 10e-3, W = std::numbers::pi * h / 2.1198, mu = 210.0;
+  Lattice lattice = box_lattice(Vec3(W, 0.4 * h, h), 4, 0.0);
+  const Walls walls{.at = {{{true, true}, {true, true}, {false, false}}},
+                    .clamped = [](const LatticeBody& body, Index a) { return body.on_face(a, 2, 1.0); }};
+  const LoadedBox layer(lattice, walls, neo_hookean(mu, 0.4999, 1000.0));
+  const Model& model = layer.model();
+  Nodal wave = Nodal::Zero(4, model.node_count());
+  for (Index a = 0; a < model.node_count(); ++a)
+    if (layer.statics.body().on_face(a, 2, 0.0)) wave(2, a) = 1e-9 * std::cos(std::numbers::pi * model.X(0, a) / W);
+  std::vector<double> ratio = {4.0, 4.8, 5.4}, stiffness;
+  for (const double alpha : ratio) {
+    const auto amplitude = [&](double sign) {
+      ForceTerms terms = make_terms(model, {.gravity = Vec3(0.0, 0.0, -alpha * mu / (1000.0 * h)), .pressure = {}});
+      terms.push_back(dead_load(sign * wave));
+      return wave.cwiseProduct(layer.under(std::move(terms), 4, 1e-9).u).sum() / wave.squaredNorm();
+    };
+    stiffness.push_back(2.0 / (amplitude(1.0) - amplitude(-1.0)));
+  }
+  // The parabola through the three.
+  const auto at = [&](double x) {
+    double sum = 0.0;
+    for (std::size_t i = 0; i < 3; ++i) {
+      double part = stiffness[i];
+      for (std::size_t j = 0; j < 3; ++j)
+        if (j != i) part *= (x - ratio[j]) / (ratio[i] - ratio[j]);
+      sum += part;
+    }
+    return sum;
+  };
+  const double critical = root([&](double x) { return -at(x); }, 5.0, 8.0);
+  RecordProperty("critical", std::to_string(critical));
+  EXPECT_NEAR(critical, 6.2229, 0.02 * 6.2229) << stiffness[0] << " " << stiffness[1] << " " << stiffness[2];
+}
+
+// The upper face of a lattice body.
+SurfacePatch top_of(const LatticeBody& body, const Model& model) {
+  SurfacePatch patch;
+  patch.vertex = 1e-3 * model.surface.vertex_mm;
+  const double top = patch.vertex.row(2).maxCoeff();
+  std::vector<Index> up;
+  for (Index t = 0; t < model.surface.triangles.cols(); ++t) {
+    bool all = true;
+    for (int c = 0; c < 3; ++c) all = all && patch.vertex(2, model.surface.triangles(c, t)) > top - 1e-9;
+    if (all) up.push_back(t);
+  }
+  patch.triangles.resize(3, static_cast<Index>(up.size()));
+  for (std::size_t k = 0; k < up.size(); ++k) patch.triangles.col(static_cast<Index>(k)) = model.surface.triangles.col(up[k]);
+  const Interpolation between = surface_interpolation(model);
+  patch.nodes = between.rows;
+  patch.weight = between.weight;
+  EXPECT_FALSE(up.empty());
+  EXPECT_EQ(body.at.cols(), model.node_count());
+  return patch;
+}
+
+// A cube on three walls, free at its other sides. Pressed along z its stretches are l and twice a: sides free of stress,
+// and P_zz = -p of a dead pressure, P_zz = -p a^2 of one that follows the surface.
+struct Pressed {
+  double a, l;
+};
+Pressed pressed(const Material& m, double p, bool follows) {
+  const auto side = [&](double a, double l) {
+    Mat3 F = Vec3(a, a, l).asDiagonal();
+    return pk1_stress(m, F)(0, 0);
+  };
+  const auto free_side = [&](double l) { return root([&](double a) { return side(a, l); }, 0.5, 2.0); };
+  const double l = root(
+      [&](double x) {
+        const double a = free_side(x);
+        Mat3 F = Vec3(a, a, x).asDiagonal();
+        return pk1_stress(m, F)(2, 2) + p * (follows ? a * a : 1.0);
+      },
+      0.4, 1.0);
+  return {free_side(l), l};
+}
+
+TEST(Pressure, DeadAndFollowingPressesACubeAsItsClosedFormsSay) {
+  const double p = 200.0, size = 10e-3;
+  const Material tissue = neo_hookean(210.0, 0.45, 1000.0);
+  const LoadedBox cube(box_lattice(Vec3::Constant(size), 6, 0.1),
+                       {.at = {{{true, false}, {true, false}, {true, false}}}, .clamped = {}}, tissue);
+  std::array<double, 2> height{};
+  for (const bool follows : {false, true}) {
+    Loads loads;
+    loads.pressure.push_back({.name = "top", .patch = top_of(cube.statics.body(), cube.model()), .pressure = p, .follows = follows});
+    const Equilibrium found = cube.under(make_terms(cube.model(), loads), 4);
+    const Pressed exact = pressed(tissue, p, follows);
+    const double shorter = (1.0 - exact.l) * size, wider = (exact.a - 1.0) * size;
+    for (Index a = 0; a < cube.model().node_count(); a += 5) {
+      const Vec3 X = cube.model().X.col(a);
+      EXPECT_NEAR(found.u(2, a), -shorter * X.z() / size, 0.01 * shorter) << follows << " " << X.transpose();
+      EXPECT_NEAR(found.u(0, a), wider * X.x() / size, 0.01 * shorter) << follows << " " << X.transpose();
+    }
+    const double force = p * size * size * (follows ? exact.a * exact.a : 1.0);
+    EXPECT_NEAR(face_force(cube.statics.body(), found.f, 2, 0.0).z(), force, 2e-3 * force);
+    height[follows ? 1 : 0] = exact.l;
+  }
+  EXPECT_GT(height[0] - height[1], 0.05) << "the two are not the same";
+}
+
+// In a closed vessel of fluid at rest nothing moves but what is compressed; and a pressure has an energy there.
+TEST(Pressure, OnAllSidesOfABodyIsTheDerivativeOfItsVolumeTimesThePressure) {
+  const LoadedBox cube(box_lattice(Vec3::Constant(10e-3), 4, 0.1), {.at = {}, .clamped = {}}, neo_hookean(210.0, 0.45, 1000.0));
+  const Model& model = cube.model();
+  SurfacePatch all = top_of(cube.statics.body(), model);
+  all.triangles = model.surface.triangles;
+  const auto terms = make_terms(model, {.gravity = Vec3::Zero(), .pressure = {{.name = "all", .patch = all, .pressure = 50.0, .follows = true}}});
+  Nodal u = Nodal::Zero(4, model.node_count()), way = u, f = u;
+  for (Index a = 0; a < model.node_count(); ++a) {
+    const Vec3 X = model.X.col(a) * 100.0;
+    u.col(a).head<3>() = 1e-3 * Vec3(std::sin(3.0 * X.y()), X.z() * X.x(), std::cos(2.0 * X.x()));
+    way.col(a).head<3>() = Vec3(X.y() * X.z(), std::sin(2.0 * X.z()), X.x() - X.y());
+  }
+  const auto volume = [&](const Nodal& v) {
+    Points x = all.vertex;
+    for (Index k = 0; k < x.cols(); ++k)
+      for (int e = all.nodes.offset[k]; e < all.nodes.offset[k + 1]; ++e)
+        x.col(k) += all.weight[e] * v.col(all.nodes.member[e]).head<3>();
+    double sum = 0.0;
+    for (const auto& t : all.triangles.colwise()) sum += x.col(t[0]).dot(x.col(t[1]).cross(x.col(t[2]))) / 6.0;
+    return sum;
+  };
+  terms.front()->add_force(u, {}, f);
+  const double e = 1e-6, slope = (volume(u + e * way) - volume(u - e * way)) / (2.0 * e);
+  EXPECT_NEAR(f.cwiseProduct(way).sum(), 50.0 * slope, 1e-6 * std::abs(50.0 * slope));
+  EXPECT_LT(f.rowwise().sum().norm(), 1e-12) << "a closed surface is pushed nowhere";
+  // By small steps from rest: the energy is that pressure times what the volume has grown.
+  constexpr int steps = 200;
+  for (int k = 1; k <= steps; ++k) terms.front()->accept(u * (static_cast<double>(k) / steps), {});
+  EXPECT_NEAR(terms.front()->energy(u, {}), 50.0 * (volume(u) - volume(Nodal::Zero(4, model.node_count()))),
+              1e-4 * 50.0 * std::abs(volume(u) - volume(Nodal::Zero(4, model.node_count()))));
+}
+
+// Springs to the room, and between nodes far apart, that are a thousand times as stiff as the tissue.
+class Springs : public ForceTerm {
+ public:
+  Springs(StiffnessBound k, Nodal pull) : k_(std::move(k)), pull_(std::move(pull)) {}
+  void add_force(const Nodal& u, const Instant& now, Nodal& f) override {
+    f += u * k_.node.asDiagonal();
+    for (const StiffnessBound::Edge& e : k_.edge) {
+      const Eigen::Vector4d pull = e.weight * (u.col(e.a) - u.col(e.b));
+      f.col(e.a) += pull;
+      f.col(e.b) -= pull;
+    }
+    f -= now.share * pull_;
+  }
+  double energy(const Nodal&, const Instant&) override { return 0.0; }
+  void add_stiffness_bound(StiffnessBound& bound) const override {
+    bound.node += k_.node;
+    bound.edge.insert(bound.edge.end(), k_.edge.begin(), k_.edge.end());
+  }
+
+ private:
+  StiffnessBound k_;
+  Nodal pull_;
+};
+
+TEST(ForceTerms, AThousandTimesAsStiffAsTheTissueStillComeToEquilibrium) {
+  const LoadedBox cube(box_lattice(Vec3::Constant(10e-3), 6, 0.1),
+                       {.at = {}, .clamped = [](const LatticeBody& body, Index a) { return body.on_face(a, 2, 0.0); }},
+                       neo_hookean(210.0, 0.499, 1000.0));
+  const Model& model = cube.model();
+  const double tissue = 210.0 * 10e-3 / 6.0;  // N/m between neighbours
+  StiffnessBound k{Eigen::VectorXd::Zero(model.node_count()), {}};
+  std::vector<Index> top;
+  for (Index a = 0; a < model.node_count(); ++a)
+    if (cube.statics.body().on_face(a, 2, 1.0)) top.push_back(a);
+  // The upper face is a plate: every node of it joined with its neighbour in the list and with one far off.
+  for (std::size_t i = 0; i < top.size(); ++i)
+    for (const std::size_t step : {std::size_t{1}, std::size_t{11}})
+      k.edge.push_back({static_cast<int>(top[i]), static_cast<int>(top[(i + step) % top.size()]), 1000.0 * tissue});
+  Nodal pull = Nodal::Zero(4, model.node_count());
+  pull(0, top.front()) = 0.5 * 210.0 * 1e-4 * 0.2;
+  ForceTerms terms;
+  terms.push_back(std::make_unique<Springs>(k, pull));
+  const Equilibrium found = cube.under(std::move(terms), 2, 1e-6);
+  // As good as rigid: it moves as one, by what a block sheared by its bonded upper face gives to that force.
+  double least = 1.0, most = 0.0;
+  for (const Index a : top) least = std::min(least, found.u(0, a)), most = std::max(most, found.u(0, a));
+  EXPECT_GT(least, 0.0);
+  EXPECT_LT(most - least, 0.02 * most);
+}
+
+}  // namespace
+}  // namespace dimple
