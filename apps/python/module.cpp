@@ -33,6 +33,9 @@
 namespace py = pybind11;
 
 namespace dimple {
+
+void add_studies(py::module_& m);  // studies.cpp
+
 namespace {
 
 // ---------------------------------------------------------------------------------------------------------
@@ -506,6 +509,7 @@ PYBIND11_MODULE(_core, m) {
   m.def("solve", &solve_model);
   m.def("run_in_memory", &run_in_memory);
   m.def("run_into_folder", &run_into_folder);
+  add_studies(m);
 
   // Documented in numpydoc's style: shape, type, unit, meaning.
   using py::object;
