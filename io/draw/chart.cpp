@@ -24,13 +24,9 @@ using namespace draw;
 
 constexpr int panel_width = 1000, panel_height = 650;
 
-// Hues that the common colour-vision deficiencies keep apart, after Okabe and Ito; green is kept for "ok" in
-// maps.
+// Hues that the common colour-vision deficiencies keep apart, after Okabe and Ito.
 constexpr std::array<Colour, 8> hues{rgb(0x0072B2), rgb(0xD55E00), rgb(0x009E73), rgb(0xB5588F),
                                      rgb(0xD99100), rgb(0x4AA3D9), rgb(0x3A4654), rgb(0x7A1F4B)};
-constexpr std::array<Colour, 8> classes{rgb(0xD55E00), rgb(0x0072B2), rgb(0xF0C83C), rgb(0xCC79A7),
-                                        rgb(0x7CC4EE), rgb(0x7A1F4B), rgb(0x3A4654), rgb(0xE8A87C)};
-constexpr Colour ok_green = rgb(0x1E9E77), unknown_grey = rgb(0xE9ECF0);
 
 constexpr Style small{.size = 14.0}, soft{.size = 14.0, .colour = soft_ink},
     note{.size = 13.0, .colour = soft_ink};
@@ -682,149 +678,6 @@ void draw_panel(Pen& pen, const Rect& tile, const Chart& chart) {
   draw_legend(pen, room, plot, legend, traces.trace);
 }
 
-// ------------------------------------------------------------------------------------------------------ map
-
-void check(const Map& map) {
-  if (map.cell.size() != map.x_ticks.size() * map.y_ticks.size())
-    throw std::invalid_argument(fmt::format("the map \"{}\" has {} cells for {} columns and {} rows",
-                                            map.title, map.cell.size(), map.x_ticks.size(),
-                                            map.y_ticks.size()));
-  if (!map.note.empty() && map.note.size() != map.cell.size())
-    throw std::invalid_argument(
-        fmt::format("the map \"{}\" has {} notes for {} cells", map.title, map.note.size(), map.cell.size()));
-}
-
-using ClassColours = std::map<std::string, Colour>;
-
-ClassColours colours_of(const std::vector<Map>& maps) {
-  ClassColours colours;
-  for (const Map& map : maps) {
-    for (const auto& entry : map.legend) colours[entry.first] = unknown_grey;
-    for (const std::string& code : map.cell) colours[code] = unknown_grey;
-  }
-  std::map<std::string, std::size_t> asked;
-  std::set<std::size_t> taken;
-  for (const Map& map : maps)
-    for (const auto& [code, number] : map.colour)
-      if (colours.contains(code) && number >= 0) taken.insert(asked[code] = static_cast<std::size_t>(number));
-  std::size_t next = 0;
-  for (auto& [code, colour] : colours) {
-    if (code.empty()) continue;
-    if (code.starts_with("ok")) {
-      colour = code == "ok" ? ok_green : mixed(ok_green, card, 0.5F);
-      continue;
-    }
-    if (!asked.contains(code))
-      while (taken.contains(next)) ++next;
-    const std::size_t n = asked.contains(code) ? asked[code] : next++;
-    const auto pale = std::min(0.4F * static_cast<float>(n / classes.size()), 0.8F);  // the palette once more
-    colour = mixed(classes[n % classes.size()], card, pale);
-  }
-  return colours;
-}
-
-/// Dark or white, whichever reads better.
-Colour text_colour_on(const Colour& c) {
-  return 0.299F * c.red + 0.587F * c.green + 0.114F * c.blue > 0.56F ? ink : card;
-}
-
-/// Beside the cells: a square, the code, how many cells, what it means.
-void draw_classes(Pen& pen, const Rect& room, const Map& map, const ClassColours& colours) {
-  std::set<std::string> codes(map.cell.begin(), map.cell.end());
-  for (const auto& entry : map.legend) codes.insert(entry.first);
-  if (!map.legend.contains("")) codes.erase("");
-  std::vector<std::string> order(codes.rbegin(), codes.rend());  // what is not known comes last
-  std::reverse(order.begin(), order.end() - static_cast<std::ptrdiff_t>(codes.count("")));
-  std::stable_partition(order.begin(), order.end(), [](const std::string& code) { return code == "ok"; });
-  double y = room.y;
-  std::size_t shown = 0;
-  for (const std::string& code : order) {
-    const auto meaning = map.legend.find(code);
-    const std::vector<std::string> rows = meaning == map.legend.end()
-                                              ? std::vector<std::string>{}
-                                              : wrapped(meaning->second.substr(0, 500), room.w - 30.0, soft);
-    if (y + 26.0 + 18.0 * static_cast<double>(rows.size()) > room.y + room.h) break;
-    pen.rectangle({room.x, y, 20.0, 20.0}, colours.at(code), 3.0);
-    const auto count = std::count(map.cell.begin(), map.cell.end(), code);
-    pen.text({room.x + 30.0, y + 15.0},
-             fmt::format("{}{}{}", code, code.empty() ? "" : ": ",
-                         fmt::format("{} of {} cells", count, map.cell.size())),
-             {.size = 14.0, .bold = true}, Align::left, room.w - 30.0);
-    y += 20.0;
-    for (const std::string& row : rows) pen.text({room.x + 30.0, (y += 18.0) - 4.0}, row, soft, Align::left);
-    y += 12.0;
-    ++shown;
-  }
-  if (shown < order.size())
-    pen.text({room.x, room.y + room.h}, fmt::format("... and {} more", order.size() - shown), note,
-             Align::left);
-}
-
-void draw_panel(Pen& pen, const Rect& tile, const Map& map, const ClassColours& colours) {
-  const Rect room = card_with_title(pen, tile, map.title, map.subtitle);
-  const std::size_t columns = map.x_ticks.size(), rows = map.y_ticks.size();
-
-  constexpr double widest_tick = 160.0, legend_width = 270.0;
-  double numbers = 0.0;
-  for (const std::string& tick : map.y_ticks)
-    numbers = std::max(numbers, std::min(text_width(tick, small), widest_tick));
-  Rect plot = room.inset(numbers + 12.0, map.y_label.empty() ? 14.0 : 36.0, legend_width + 28.0,
-                         map.x_label.empty() ? 30.0 : 54.0);
-  if (map.cell.empty()) {
-    pen.rectangle(plot, unknown_grey, 3.0);
-    say_in_the_middle(pen, plot, "no data");
-  }
-  const auto nx = static_cast<double>(std::max<std::size_t>(columns, 1));
-  const auto ny = static_cast<double>(std::max<std::size_t>(rows, 1));
-  // Ticks that are wider than their column take turns on up to three lines.
-  double widest = 0.0;
-  for (const std::string& tick : map.x_ticks) widest = std::max(widest, text_width(tick, small));
-  const double turns = std::clamp(std::ceil((widest + 8.0) / (plot.w / nx)), 1.0, 3.0);
-  plot = plot.inset(0.0, 0.0, 0.0, 17.0 * (turns - 1.0));
-  plot.w = std::min(plot.w, 120.0 * nx);
-  plot.h = std::min(plot.h, 90.0 * ny);
-  const double w = plot.w / nx, h = plot.h / ny, gap = std::min({w, h, 20.0}) * 0.1;
-
-  const auto every =
-      static_cast<std::size_t>(std::ceil(16.0 / h));  // as many rows as the texts have room for
-  for (std::size_t r = 0; r < rows; r += every)
-    pen.text({plot.x - 9.0, plot.y + (static_cast<double>(r) + 0.5) * h + 5.0}, map.y_ticks[r], small,
-             Align::right, widest_tick);
-  const auto across = static_cast<std::size_t>(std::ceil(std::min(widest + 8.0, 60.0) / (w * turns)));
-  for (std::size_t c = 0; c < columns; c += across) {
-    const double turn = static_cast<double>(c / across % static_cast<std::size_t>(turns));
-    pen.text({plot.x + (static_cast<double>(c) + 0.5) * w, plot.y + plot.h + 19.0 + 17.0 * turn},
-             map.x_ticks[c], small, Align::centre, w * turns * static_cast<double>(across) - 6.0);
-  }
-  pen.text({room.x, plot.y - 14.0}, map.y_label, small, Align::left, room.w);
-  pen.text({plot.x + plot.w / 2.0, plot.y + plot.h + 26.0 + 17.0 * turns}, map.x_label, small, Align::centre,
-           std::max(plot.w, 200.0));
-
-  double code_width = 1.0;  // at a size of 14
-  for (const std::string& code : map.cell) code_width = std::max(code_width, text_width(code, small));
-  double note_width = 1.0;
-  for (const std::string& text : map.note) note_width = std::max(note_width, text_width(text, small));
-  const double lines = map.note.empty() ? 1.0 : 1.7;
-  const double size =
-      std::floor(std::min({15.0, 0.6 * h, 0.9 * h / lines, 14.0 * (w - gap - 4.0) / code_width}));
-  const double note_size = std::floor(std::min(0.85 * size, 14.0 * (w - gap - 4.0) / note_width));
-  for (std::size_t n = 0; n < map.cell.size(); ++n) {
-    const auto c = static_cast<double>(n % columns), r = static_cast<double>(n / columns);
-    const Rect box{plot.x + c * w + gap / 2.0, plot.y + r * h + gap / 2.0, w - gap, h - gap};
-    const Colour& colour = colours.at(map.cell[n]);
-    pen.rectangle(box, colour, std::min(3.0, gap));
-    if (size < 6.0) continue;
-    const bool noted = !map.note.empty() && !map.note[n].empty() && note_size >= 6.0;
-    const double middle = box.y + box.h / 2.0 + 0.36 * size - (noted ? 0.55 * note_size : 0.0);
-    const Style style{.size = size, .colour = text_colour_on(colour)};
-    pen.text({box.x + box.w / 2.0, middle}, map.cell[n], style, Align::centre, w);
-    if (noted)
-      pen.text({box.x + box.w / 2.0, middle + 1.15 * note_size}, map.note[n],
-               {.size = note_size, .colour = style.colour}, Align::centre, w);
-  }
-  draw_classes(pen, {plot.x + plot.w + 28.0, plot.y, legend_width, room.y + room.h - plot.y}, map, colours);
-}
-
 // -------------------------------------------------------------------------------------------------- tornado
 
 void check(const Tornado& tornado) {
@@ -921,13 +774,6 @@ void write_charts(const std::filesystem::path& file, const std::vector<Chart>& p
                [](Pen& pen, const Rect& tile, const Chart& chart) { draw_panel(pen, tile, chart); });
 }
 
-void write_maps(const std::filesystem::path& file, const std::vector<Map>& panels, int columns,
-                std::unique_ptr<Pen> (*make_pen)(int, int)) {
-  const ClassColours colours = colours_of(panels);
-  write_panels(file, panels, columns, make_pen,
-               [&](Pen& pen, const Rect& tile, const Map& map) { draw_panel(pen, tile, map, colours); });
-}
-
 void write_tornados(const std::filesystem::path& file, const std::vector<Tornado>& panels, int columns,
                     std::unique_ptr<Pen> (*make_pen)(int, int)) {
   write_panels(file, panels, columns, make_pen,
@@ -942,14 +788,6 @@ void write_chart_png(const std::filesystem::path& file, const std::vector<Chart>
 
 void write_chart_svg(const std::filesystem::path& file, const std::vector<Chart>& panels, int columns) {
   write_charts(file, panels, columns, svg_pen);
-}
-
-void write_map_png(const std::filesystem::path& file, const std::vector<Map>& panels, int columns) {
-  write_maps(file, panels, columns, raster_pen);
-}
-
-void write_map_svg(const std::filesystem::path& file, const std::vector<Map>& panels, int columns) {
-  write_maps(file, panels, columns, svg_pen);
 }
 
 void write_tornado_png(const std::filesystem::path& file, const std::vector<Tornado>& panels, int columns) {

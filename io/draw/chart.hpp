@@ -39,18 +39,6 @@ struct Chart {
   std::vector<ChartLine> lines = {};
 };
 
-/// A table of cells, each of a class: which combinations of two parameters work, and how the others fail.
-struct Map {
-  std::string title = {};
-  std::vector<std::string> subtitle = {};
-  std::string x_label = {}, y_label = {};               ///< with the unit
-  std::vector<std::string> x_ticks = {}, y_ticks = {};  ///< [columns] from the left, [rows] from the top
-  std::vector<std::string> cell = {};  ///< [rows x columns] code, row by row; empty: not known
-  std::vector<std::string> note = {};  ///< [rows x columns] below the code, smaller; or none at all
-  std::map<std::string, std::string> legend = {};  ///< code -> meaning
-  std::map<std::string, int> colour = {};  ///< code -> the same number, the same colour in every picture
-};
-
 /// What a result depends on, the largest first: a bar for each row from its least to its greatest effect.
 struct Tornado {
   struct Row {
@@ -74,12 +62,6 @@ struct Tornado {
 /// no column.
 void write_chart_png(const std::filesystem::path& file, const std::vector<Chart>& panels, int columns = 1);
 void write_chart_svg(const std::filesystem::path& file, const std::vector<Chart>& panels, int columns = 1);
-
-/// Likewise. The code "ok" is green, one that begins so pale green; the others take the colours asked for, or
-/// in the order of the alphabet over all panels those that are left, of eight that the common colour-vision
-/// deficiencies keep apart, then of eight paler ones.
-void write_map_png(const std::filesystem::path& file, const std::vector<Map>& panels, int columns = 1);
-void write_map_svg(const std::filesystem::path& file, const std::vector<Map>& panels, int columns = 1);
 
 /// Likewise.
 void write_tornado_png(const std::filesystem::path& file, const std::vector<Tornado>& panels,

@@ -149,6 +149,62 @@ class Converge(Study):
         self.refused(converge, "block.nrrd -o block.nrrd/out", 6, "cannot be made")
 
 
+# ----------------------------------------------------------------------------------------------- Ctrl-C, and a full disk
+
+
+class Stop(Study):
+    def stopped(self, words, after_s):
+        """Exit code after a Ctrl-C, which is answered within 2 s, and what was said."""
+        process = subprocess.Popen([sys.executable, "-m", *words.split()], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        time.sleep(after_s)
+        process.send_signal(signal.SIGINT)
+        begun = time.monotonic()
+        said = process.communicate()[1]
+        self.assertLess(time.monotonic() - begun, 2.0 if "Traceback" not in said else 0.0, said)
+        return process.returncode, said
+
+    def test_every_study_answers_within_two_seconds(self):
+        self.block()
+        for words in (
+            "pydimple.converge block.nrrd -o out/converge --sizes 2000,4000,8000",
+            "pydimple.chart -o out/chart --only a --nodes 1000,2000 --calculix none",
+            "pydimple.atlas -o out/atlas --map depth-nu --finest 500 --limit 20",
+        ):
+            code, said = self.stopped(words, 3.0)
+            self.assertEqual(code, 130, f"{words}: {said}")
+            self.assertIn("interrupted", said)
+            self.assertEqual([p.name for p in pathlib.Path("out").rglob(".*")], [], "parts of files")
+
+    # Within one of its runs: of a part of a curve it must not make numbers of the whole.
+    def test_a_study_amid_a_run_keeps_the_runs_before_it(self):
+        self.block()
+        kept = []
+        for after in (1.0, 1.5, 2.0, 3.0, 4.0):
+            shutil.rmtree("out", ignore_errors=True)
+            code, said = self.stopped("pydimple.converge block.nrrd -o out --sizes 300,500,700,900,1100,2000,3000 --frames 4", after)
+            self.assertEqual(code, 130, said)
+            rows = len(self.table("out/convergence.csv")) if os.path.exists("out/convergence.csv") else 0
+            self.assertEqual(rows % 4, 0)  # frames of a run
+            if rows:
+                self.assertIn(f"convergence.csv has the {rows // 4} runs until then", said)
+            kept.append(rows)
+        self.assertGreater(max(kept), 0)
+
+    def test_a_full_disk_leaves_whole_files_or_none(self):
+        self.block()
+        for size in (0, 100, 2000, 20000):
+            shutil.rmtree("out", ignore_errors=True)
+            limited = "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv.pop(1)),) * 2); "
+            limited += "runpy.run_module('pydimple.converge', run_name='__main__')"
+            words = f"block.nrrd -o out --sizes 300,400 --densities 1 --seeds 1 --frames 2 --depth 1mm -q"
+            ended = subprocess.run([sys.executable, "-c", limited, str(size), *words.split()], capture_output=True, text=True, check=False)
+            self.assertEqual(ended.returncode, 6, ended.stderr)
+            self.assertIn("cannot be written", ended.stderr)
+            for file in pathlib.Path("out").iterdir():
+                self.assertIn(file.name, ("convergence.csv", "convergence.md", "convergence.png"))
+                self.assertEqual(file.read_bytes()[-1:], b"\n" if file.suffix != ".png" else b"\x82", file)
+
+
 # ------------------------------------------------------------------------------------------------------------- the atlas
 
 CIRCLE_MM = 5.0

@@ -67,12 +67,9 @@ std::vector<std::string> expect_drawn(const std::vector<Panel>& panels, int colu
   if constexpr (std::is_same_v<Panel, Chart>) {
     EXPECT_NO_THROW(write_chart_png(folder / "picture.png", panels, columns));
     EXPECT_NO_THROW(write_chart_svg(folder / "picture.svg", panels, columns));
-  } else if constexpr (std::is_same_v<Panel, Tornado>) {
+  } else {
     EXPECT_NO_THROW(write_tornado_png(folder / "picture.png", panels, columns));
     EXPECT_NO_THROW(write_tornado_svg(folder / "picture.svg", panels, columns));
-  } else {
-    EXPECT_NO_THROW(write_map_png(folder / "picture.png", panels, columns));
-    EXPECT_NO_THROW(write_map_svg(folder / "picture.svg", panels, columns));
   }
   const int count = static_cast<int>(panels.size()), across = std::min(columns, count);
   const auto image = decoded(folder / "picture.png");
@@ -87,9 +84,6 @@ std::vector<std::string> expect_drawn(const std::vector<Panel>& panels, int colu
 
 std::vector<std::string> expect_drawn(const Chart& chart) {
   return expect_drawn(std::vector<Chart>{chart});
-}
-std::vector<std::string> expect_drawn(const Map& map) {
-  return expect_drawn(std::vector<Map>{map});
 }
 
 /// Five series of four labelled points on logarithmic axes, some of them close together.
@@ -118,31 +112,6 @@ Chart accuracy_against_time() {
   }
   chart.lines = {{true, 8.0, "real time"}, {false, 2.0, "2 %"}};
   return chart;
-}
-
-/// Eight by ten.
-Map stability_atlas() {
-  Map map;
-  map.title = "Where the explicit solution is stable";
-  map.subtitle = {"block of 60 mm, pressed by a tenth of its height; a cell is one run"};
-  map.x_label = "support radius / node spacing";
-  map.y_label = "time step / estimate of the critical one";
-  for (int c = 0; c < 10; ++c) map.x_ticks.push_back("1." + std::to_string(c));
-  for (int r = 0; r < 8; ++r) map.y_ticks.push_back(std::to_string(1.2 - 0.1 * r).substr(0, 3));
-  for (int r = 0; r < 8; ++r)
-    for (int c = 0; c < 10; ++c)
-      map.cell.push_back(c < 1             ? "few"
-                         : r < 2 + c / 4   ? (c + r) % 5 == 0 ? "nan" : "inv"
-                         : c > 8           ? "slow"
-                         : r == 7 && c > 6 ? ""
-                                           : "ok");
-  map.legend = {{"ok", "ends with an error of the energy below 1 %"},
-                {"inv", "an integration point was inverted"},
-                {"nan", "a displacement that is not a number"},
-                {"few", "too few nodes in a support"},
-                {"slow", "more than ten times real time"},
-                {"", "not run"}};
-  return map;
 }
 
 TEST(Chart, IsAPngOf1000By650PixelsAPanelDrawnWithoutADisplay) {
@@ -336,82 +305,6 @@ TEST(Chart, GivesAnOutputErrorWhereItCannotWrite) {
   const fs::path absent = fresh_folder() / "absent";
   EXPECT_THROW(write_chart_png(absent / "chart.png", {accuracy_against_time()}), OutputError);
   EXPECT_THROW(write_chart_svg(absent / "chart.svg", {accuracy_against_time()}), OutputError);
-  EXPECT_THROW(write_map_png(absent / "map.png", {stability_atlas()}), OutputError);
-  EXPECT_THROW(write_map_svg(absent / "map.svg", {stability_atlas()}), OutputError);
-}
-
-TEST(Map, SaysEveryCodeEveryTickAndEveryMeaning) {
-  const Map map = stability_atlas();
-  const std::vector<std::string> texts = expect_drawn(map);
-  for (const auto* ticks : {&map.x_ticks, &map.y_ticks})
-    for (const std::string& tick : *ticks) EXPECT_THAT(texts, testing::Contains(tick));
-  for (const std::string& code : map.cell)
-    EXPECT_TRUE(code.empty() || std::find(texts.begin(), texts.end(), code) != texts.end()) << code;
-  EXPECT_THAT(texts, testing::Contains("too few nodes in a support"));
-  EXPECT_THAT(texts, testing::Contains("few: 8 of 80 cells"));
-  EXPECT_THAT(texts, testing::Contains(map.x_label));
-  EXPECT_THAT(texts, testing::Contains(map.y_label));
-}
-
-TEST(Map, IsTheSameFileForTheSameInput) {
-  const fs::path folder = fresh_folder();
-  for (const char* name : {"a", "b"}) {
-    write_map_png(folder / (std::string(name) + ".png"), {stability_atlas()});
-    write_map_svg(folder / (std::string(name) + ".svg"), {stability_atlas()});
-  }
-  EXPECT_EQ(read_file(folder / "a.png"), read_file(folder / "b.png"));
-  EXPECT_EQ(read_file(folder / "a.svg"), read_file(folder / "b.svg"));
-}
-
-TEST(Map, GivesACodeTheSameColourInEveryPanel) {
-  Map bad{.x_ticks = {"1"}, .y_ticks = {"1"}, .cell = {"zz"}};
-  Map worse{.x_ticks = {"1", "2"}, .y_ticks = {"1"}, .cell = {"aa", "zz"}};
-  const fs::path file = fresh_folder() / "map.svg";
-  write_map_svg(file, {bad, worse});
-  const std::string svg = read_file(file);
-  std::size_t count = 0;
-  for (std::size_t at = 0; (at = svg.find("fill=\"#0072b2\"", at)) != std::string::npos; ++at) ++count;
-  EXPECT_EQ(count, 4U);  // "zz", the second code of all: a cell and a legend in each panel
-}
-
-TEST(Map, GivesAskedForColoursInEveryPictureAndGreensToWhatIsOk) {
-  const auto drawn = [](const Map& map) {
-    const fs::path file = fresh_folder() / "map.svg";
-    write_map_svg(file, {map});
-    return read_file(file);
-  };
-  const std::map<std::string, int> colour = {{"inaccurate", 2}, {"kinked", 0}};
-  const Map one{.x_ticks = {"1"}, .y_ticks = {"1"}, .cell = {"kinked"}, .colour = colour};
-  const Map two{.x_ticks = {"1", "2"}, .y_ticks = {"1"}, .cell = {"inaccurate", "aa"}, .colour = colour};
-  const Map ok{.x_ticks = {"1", "2"}, .y_ticks = {"1"}, .cell = {"ok", "ok-rim"}, .colour = colour};
-  EXPECT_THAT(drawn(one), testing::HasSubstr("#d55e00"));
-  EXPECT_THAT(drawn(two), testing::AllOf(testing::HasSubstr("#f0c83c"), testing::HasSubstr("#d55e00")));
-  EXPECT_THAT(drawn(ok), testing::AllOf(testing::HasSubstr("#1e9e77"), testing::HasSubstr("#8fcfbb")));
-}
-
-TEST(Map, WritesANoteBelowACode) {
-  Map map{.x_ticks = {"1", "2"}, .y_ticks = {"1"}, .cell = {"ok", "inaccurate"}, .note = {"+1.2 %", ""}};
-  EXPECT_THAT(expect_drawn(map), testing::Contains("+1.2 %"));
-  map.note.pop_back();
-  EXPECT_THROW(write_map_png(fresh_folder() / "map.png", {map}), std::invalid_argument);
-}
-
-TEST(Map, DrawsAnyNumberOfCells) {
-  for (const auto& [columns, rows] : {std::pair{0, 0}, {0, 3}, {1, 1}, {3, 60}, {90, 2}, {200, 150}}) {
-    SCOPED_TRACE(testing::Message() << columns << " x " << rows);
-    Map map{.title = "<map>", .x_label = "x & y"};
-    for (int c = 0; c < columns; ++c) map.x_ticks.push_back("column " + std::to_string(c));
-    for (int r = 0; r < rows; ++r) map.y_ticks.push_back(std::string(60, 'r') + std::to_string(r));
-    for (int n = 0; n < columns * rows; ++n)
-      map.cell.push_back(n % 3 == 0 ? "ok" : "c<" + std::to_string(n % 31));
-    expect_drawn(map);
-  }
-}
-
-TEST(Map, RefusesCellsThatDoNotFillItsRows) {
-  Map map = stability_atlas();
-  map.cell.pop_back();
-  EXPECT_THROW(write_map_png(fresh_folder() / "map.png", {map}), std::invalid_argument);
 }
 
 Tornado doubts(std::size_t rows) {

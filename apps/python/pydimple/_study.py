@@ -8,6 +8,7 @@ import pathlib
 import re
 import shutil
 import sys
+import textwrap
 
 import pydimple
 from pydimple import _core
@@ -196,15 +197,23 @@ def folder_for(out, own, study):
     return folder
 
 
-def write(file, text):
-    """Whole or not at all."""
-    part = file.with_name(f".{file.name}.part")
+def _whole(file, make):
+    """`make(part)` writes it; it has its name when it is complete, or is not there at all."""
+    part = file.with_name(f".part.{file.name}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(text, encoding="utf-8")
+        make(part)
         os.replace(part, file)
     except OSError as error:
+        part.unlink(missing_ok=True)
         refuse(f"{file} cannot be written", "output", str(error), "make room, or give another folder", pydimple.OutputError, "output")
+    except KeyboardInterrupt:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def write(file, text):
+    _whole(file, lambda part: part.write_text(text, encoding="utf-8"))
 
 
 def quoted(text):
@@ -304,15 +313,22 @@ HUES = ["#0072b2", "#d55e00", "#009e73", "#b5588f", "#8c6d1f", "#4a4e54", "#0000
 
 def headed(axes, title, lines=()):
     """A panel's title, and below it what must be known to read it."""
+    lines = [part for line in lines for part in textwrap.wrap(line, 130)]
     axes.set_title("\n".join(lines), fontsize=7, color="#555b66", loc="left")
     axes.annotate(title, (0, 1), (0, 8 + 9 * len(lines)), "axes fraction", "offset points", fontsize=11, weight="bold")
 
 
+def logarithmic(axes):
+    """Both axes, with 0.5 and 20 for ticks and no powers of ten."""
+    from matplotlib import ticker
+
+    axes.set(xscale="log", yscale="log")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(ticker.NullFormatter())
+
+
 def save(figure, folder, name):
     for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
-        part = folder / f".{name}.part.{suffix}"
-        try:
-            figure.savefig(part, dpi=110, metadata=metadata)
-            os.replace(part, folder / f"{name}.{suffix}")
-        except OSError as error:
-            refuse(f"{name}.{suffix} cannot be written", "output", str(error), "make room", pydimple.OutputError, "output")
+        _whole(folder / f"{name}.{suffix}", lambda part: figure.savefig(part, dpi=110, bbox_inches="tight", metadata=metadata))

@@ -22,6 +22,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import textwrap
 import time
 from dataclasses import dataclass, field
 
@@ -576,6 +577,7 @@ _MEANING = {
     "unchecked": "no finer run is stable here",
     "non-finite": "a number is no longer one",
     "no-equilibrium": "the iteration for an equilibrium or a step did not converge",
+    "limit-point": "the tissue gave way, and no equilibrium was found beyond",
     "no-model": "the model could not be built",
     "time-out": "not finished within the time limit",
     "crashed": "the program died",
@@ -594,7 +596,7 @@ _COLOUR = {
     "ok": "#1e9e77", "ok-rim": "#8fcfbb", "": "#e9ecf0",
     "inverted": "#d55e00", "no-equilibrium": "#0072b2", "inaccurate": "#f0c83c", "kinked": "#cc79a7", "unchecked": "#56b4e9",
     "time-step": "#8c6d1f", "no-model": "#4a4e54", "energy": "#9b59b6", "crashed": "#111111", "conditioning": "#f4b183",
-    "supports": "#9dc3e6", "circle-nodes": "#ffe699", "hourglass": "#e6b8d0", "non-finite": "#7f6000", "time-out": "#a5a5a5",
+    "supports": "#9dc3e6", "circle-nodes": "#ffe699", "hourglass": "#e6b8d0", "limit-point": "#c0c4ca", "non-finite": "#7f6000", "time-out": "#a5a5a5",
 }  # fmt: skip
 
 
@@ -666,7 +668,7 @@ def _in_words(counts):
 
 def draw(plt, folder, of, panels, finest):
     columns, rows = len(of.x.values), len(of.y.values)
-    size = (max(5.0, 1.1 + 0.95 * columns) * len(panels), 2.2 + 0.42 * rows + 0.16 * 8)
+    size = (max(5.5, 1.2 + 0.95 * columns) * len(panels), 1.8 + 0.45 * rows)
     figure, all_axes = plt.subplots(1, len(panels), figsize=size, squeeze=False, constrained_layout=True)
     for axes, (scheme, verdicts) in zip(all_axes[0], panels.items()):
         axes.grid(False)
@@ -691,11 +693,13 @@ def draw(plt, folder, of, panels, finest):
         handles = [
             plt.Rectangle(
                 (0, 0), 1, 1, facecolor=_COLOUR.get(code, "#c0c4ca"),
-                label=f"{code}: {count} of {len(verdicts)} cells; {_MEANING.get(code, 'the run failed')}" if code else "not run yet",
+                label=textwrap.fill(f"{code}: {count} of {len(verdicts)} cells; {_MEANING.get(code, 'the run failed')}", 90)
+                if code else "not run yet",
             )
             for code, count in meanings.items()
         ]  # fmt: skip
-        axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0, -0.16 - 0.3 / rows), fontsize=6)
+        below = -0.7 / (figure.get_figheight() * 0.6)
+        axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0, below), borderaxespad=0, fontsize=6)
     _study.save(figure, folder, f"stress_{of.name}")
     plt.close(figure)
 

@@ -428,7 +428,8 @@ def _error_panel(axes, subject, points):
         if of_family:
             labels = [p.scheme if p.is_dial else f"{short} {p.nodes}" for p in of_family]
             _labelled(axes, [p.wall_s for p in of_family], [100 * p.error for p in of_family], labels, name, hue, filled)
-    axes.set(xscale="log", yscale="log", xlabel="wall time, from the image to the force curve [s]")
+    _study.logarithmic(axes)
+    axes.set_xlabel("wall time, from the image to the force curve [s]")
     axes.set_ylabel(f"largest {what} at 1, 2, ... {subject.depths} mm [%]")
     axes.axvline(subject.depths, color="#8a919b", linewidth=0.8)
     axes.annotate(f"real time, {subject.depths} s", (subject.depths, 0.02), xycoords=("data", "axes fraction"), fontsize=6, rotation=90)
@@ -456,7 +457,8 @@ def _stated_panel(axes, subject, points):
         if some:
             labels = [p.scheme if dial else f"{p.nodes} nodes" for p in some]
             _labelled(axes, [p.wall_s + p.band_s for p in some], [100 * p.stated for p in some], labels, name, hue)
-    axes.set(xscale="log", yscale="log", xlabel="wall time, from the image to the force curve with its band [s]")
+    _study.logarithmic(axes)
+    axes.set_xlabel("wall time, from the image to the force curve with its band [s]")
     axes.set_ylabel("half the band's width [% of the force]")
     axes.legend(fontsize=7)
 

@@ -104,6 +104,9 @@ def draw(plt, folder, title, groups, depths, reference, ratio, seeds):
     for at in (-2, 2):
         errors.axhline(at, color="#8a919b", linewidth=0.8)
     errors.set(xscale="log", xlabel="nodes", ylabel="difference in force [%]")
+    sizes = sorted({g["nodes"] for g in groups})
+    errors.set_xticks(sizes, sizes)
+    errors.set_xticks([], minor=True)
     _study.headed(curves, "force curves")
     for g in (g for g in groups if g["density"] == densities[0]):
         curves.plot(depths, g["mean"], marker="o", label=f"{g['nodes']} nodes")
