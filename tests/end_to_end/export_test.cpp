@@ -39,6 +39,20 @@ TEST(Export, WritesTheSameSceneForBothPrograms) {
   EXPECT_THAT(text_of(folder / "again.feb"), HasSubstr("<value lc=\"1\">-1</value>"));
 }
 
+TEST(Export, OfTheSameSceneGivesTheSameBytesEachTime) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3").code, 0);
+  for (const std::string elements : {"hexahedra", "tetrahedra"}) {
+    std::string first;
+    for (int time = 0; time < 4; ++time) {
+      ASSERT_EQ(dimple(folder, "export brain.nrrd -o a.inp --nodes 2000 --elements " + elements).code, 0);
+      const std::string text = text_of(folder / "a.inp");
+      if (time == 0) first = text;
+      EXPECT_TRUE(text == first) << elements;
+    }
+  }
+}
+
 TEST(Export, CalculixGivesTheForceOfTissueThatDoesNotLock) {
   if (std::system("command -v ccx > /dev/null 2>&1") != 0)
     GTEST_SKIP() << "CalculiX is not installed (Debian: calculix-ccx)";
