@@ -7,14 +7,13 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <sstream>
 
 #include "io/error.hpp"
 
 namespace dimple {
 namespace {
 
-constexpr double kPa = 1e-3, N = 1e-3;  // per Pa; per mN
+constexpr double kPa = 1e-3;  // per Pa
 
 using Text = std::back_insert_iterator<std::string>;
 
@@ -39,20 +38,6 @@ int axis_of(const Vec3& push) {
   for (int d = 0; d < 3; ++d)
     if (std::abs(std::abs(push[d]) - 1.0) < 1e-9) return d;
   return 3;
-}
-
-[[noreturn]] void unreadable(const std::string& what, const std::string& line) {
-  throw InputError({.fact = fmt::format("'{}' are not three forces", line),
-                    .where = what,
-                    .why = "it is not laid out as the program's known versions do",
-                    .remedy = "please report it with the program's version"});
-}
-
-Vec3 three(const std::string& line, const std::string& what) {
-  std::istringstream in(line);
-  Vec3 v;
-  if (!(in >> v.x() >> v.y() >> v.z()) || !v.allFinite()) unreadable(what, line);
-  return v;
 }
 
 }  // namespace
@@ -210,52 +195,9 @@ std::string febio_input(const ElementModel& m) {
   fmt::format_to(out,
                  "      </points>\n    </load_controller>\n  </LoadData>\n"
                  "  <Output>\n    <logfile>\n      <node_data data=\"Rx;Ry;Rz\" node_set=\"circle\" "
-                 "file=\"{}\" delim=\" \"/>\n"
-                 "    </logfile>\n  </Output>\n</febio_spec>\n",
-                 febio_forces_file);
+                 "file=\"circle_forces.txt\" delim=\" \"/>\n"
+                 "    </logfile>\n  </Output>\n</febio_spec>\n");
   return text;
-}
-
-std::vector<double> calculix_forces(const std::string& dat, const Vec3& push) {
-  std::vector<double> forces;
-  std::istringstream in(dat);
-  for (std::string line; std::getline(in, line);) {
-    if (line.find("total force") == std::string::npos) continue;
-    do
-      if (!std::getline(in, line)) unreadable("CalculiX's .dat file", "end of file");
-    while (line.find_first_not_of(" \r") == std::string::npos);
-    forces.push_back(three(line, "CalculiX's .dat file").dot(push) * N);
-  }
-  return forces;
-}
-
-// Blocks of "*Step  = 1", "*Time  = 0.125", "*Data  = Rx;Ry;Rz", then "node Rx Ry Rz" lines: one for every
-// step, also those between the depths, and no sign that all versions share.
-std::vector<double> febio_forces(const std::string& log, const Vec3& push, int frames) {
-  std::vector<double> forces;
-  bool wanted = false;
-  std::istringstream in(log);
-  for (std::string line; std::getline(in, line);) {
-    const auto first = line.find_first_not_of(" \t\r");
-    if (first == std::string::npos) continue;
-    std::istringstream fields(line);
-    if (line[first] == '*') {
-      if (line.compare(first, 5, "*Time") != 0) continue;
-      const auto equals = line.find('=');
-      double time = 0.0;
-      if (equals == std::string::npos || !(std::istringstream(line.substr(equals + 1)) >> time))
-        unreadable("FEBio's node data", line);
-      wanted = time > 0.0 && std::abs(time * frames - std::round(time * frames)) < 1e-4;
-      if (wanted) forces.push_back(0.0);
-      continue;
-    }
-    Index node = 0;
-    Vec3 v;
-    if (!(fields >> node >> v.x() >> v.y() >> v.z())) unreadable("FEBio's node data", line);
-    if (wanted) forces.back() += v.dot(push) * N;
-  }
-  for (double& f : forces) f = std::abs(f);
-  return forces;
 }
 
 }  // namespace dimple

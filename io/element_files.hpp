@@ -37,10 +37,4 @@ std::string febio_element(const ElementModel& model);
 std::string calculix_input(const ElementModel& model);
 std::string febio_input(const ElementModel& model);
 
-/// The force [N] along the push at each depth that the program reached: from CalculiX's FILE.dat, from what
-/// FEBio wrote into febio_forces_file. No library reads these; the text is a plain list. Throw InputError.
-std::vector<double> calculix_forces(const std::string& dat, const Vec3& push);
-std::vector<double> febio_forces(const std::string& log, const Vec3& push, int frames);
-inline constexpr const char* febio_forces_file = "circle_forces.txt";
-
 }  // namespace dimple

@@ -98,7 +98,9 @@ TetrahedralMesh make_tetrahedra(const BodySurface& body, const Boundary& boundar
   const Criteria criteria(p::edge_size = edges, p::facet_angle = 25.0, p::facet_size = radii,
                           p::facet_distance = distances, p::cell_radius_edge_ratio = 2.0,
                           p::cell_size = radii);
-  const auto complex = CGAL::make_mesh_3<Complex>(domain, criteria);
+  // To its end: by itself CGAL improves a mesh for as long as it took to refine it, which no two runs share.
+  const auto complex = CGAL::make_mesh_3<Complex>(domain, criteria, p::perturb(p::time_limit = 0.0),
+                                                  p::exude(p::time_limit = 0.0));
 
   TetrahedralMesh mesh;
   std::map<Triangulation::Vertex_handle, Index> number;

@@ -17,7 +17,7 @@ constexpr double poor_pivot = 3e-5;
 constexpr double linear_noise = 1e-9,
                  linear_wrong = 1e-6;  // of gradients of linear fields: rounding is 1e-14
 constexpr double many_grown = 0.02;    // of the points
-constexpr double accuracy = 0.05;      // of the force: what `dimple stress` calls survival, too
+constexpr double accuracy = 0.05;      // of the force: what the atlas calls survival, too
 // Volume shares. At a sharp rim the strain is unbounded: tens of points there, a hundred thousandth of the
 // volume, are inverted with every fine cloud, and the force stays within 1 % of the reference.
 constexpr double inverted_wrong = 0.01;

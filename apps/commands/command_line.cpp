@@ -27,10 +27,7 @@ Command add_places(CLI::App& app, Invocation& shared);
 Command add_model(CLI::App& app, Invocation& shared);
 Command add_solve(CLI::App& app, Invocation& shared);
 Command add_run(CLI::App& app, Invocation& shared);
-Command add_converge(CLI::App& app, Invocation& shared);
 Command add_fit(CLI::App& app, Invocation& shared);
-Command add_chart(CLI::App& app, Invocation& shared);
-Command add_stress(CLI::App& app, Invocation& shared);
 Command add_export(CLI::App& app, Invocation& shared);
 Command add_options(CLI::App& app, Invocation& shared);
 Command add_view(CLI::App& app, Invocation& shared);
@@ -46,9 +43,9 @@ Command add_completion(CLI::App& app, Invocation& shared);  // man.cpp
 namespace {
 
 constexpr Command (*subcommands[])(CLI::App&, Invocation&) = {
-    add_phantom, add_info,    add_places,  add_model,    add_solve, add_run,       add_view,   add_poke,
-    add_batch,   add_collect, add_compare, add_converge, add_fit,   add_chart,     add_stress, add_export,
-    add_options,  add_cite,    add_doctor,   add_man,   add_completion};
+    add_phantom, add_info,    add_places, add_model,   add_solve,   add_run,
+    add_view,    add_poke,    add_batch,  add_collect, add_compare, add_fit,
+    add_export,  add_options, add_cite,   add_doctor,  add_man,     add_completion};
 
 constexpr const char* footer = R"(Examples:
   dimple phantom brain.nrrd                make a swine-brain-sized image
@@ -155,12 +152,13 @@ void refuse_what_is_not_modelled(const std::vector<std::string>& words) {
     for (const NotModelled& one : not_modelled())
       if (const std::string flag = word.substr(0, word.find('='));
           std::find(one.flags.begin(), one.flags.end(), flag) != one.flags.end())
-        throw UsageError({.fact = one.what,
-                          .where = flag,
-                          .why = "modelled are quasi-static and dynamic indentation by one flat circle, bonded or "
-                                 "frictionless, of elastic and viscoelastic tissue on a fixed base",
-                          .remedy = fmt::format("closest: {}", one.closest),
-                          .code = "not-modelled"});
+        throw UsageError(
+            {.fact = one.what,
+             .where = flag,
+             .why = "modelled are quasi-static and dynamic indentation by one flat circle, bonded or "
+                    "frictionless, of elastic and viscoelastic tissue on a fixed base",
+             .remedy = fmt::format("closest: {}", one.closest),
+             .code = "not-modelled"});
 }
 
 [[noreturn]] void usage_error(const CLI::App& app, const CLI::ParseError& error,

@@ -39,6 +39,9 @@
 namespace py = pybind11;
 
 namespace dimple {
+
+void add_studies(py::module_& m);  // studies.cpp
+
 namespace {
 
 // ---------------------------------------------------------------------------------------------------------
@@ -613,6 +616,7 @@ PYBIND11_MODULE(_core, m) {
   m.def("build_of_organ", &build_of_organ);
   m.def("places_of_organ", &places_of_organ);
   m.def("follow", &follow);
+  add_studies(m);
 
   // Documented in numpydoc's style: shape, type, unit, meaning.
   using py::object;

@@ -503,11 +503,6 @@ bool holds_only_a_word(const fs::path& folder) {
   return true;
 }
 
-void remove_word(const fs::path& folder) {
-  std::error_code ignored;
-  if (holds_only_a_word(folder)) fs::remove(folder / "summary.json", ignored);
-}
-
 void end_otherwise(Json& summary, const Error& error) {
   const Report& r = error.report;
   summary["status"] = error.code == ExitCode::interrupted ? "interrupted" : "failed";
@@ -569,8 +564,7 @@ void check_result_folder(const fs::path& folder) {
   std::error_code error;
   if (fs::is_directory(folder, error) && !fs::is_empty(folder, error) && made_by_a_run(folder).empty() &&
       !is_there(folder / file_list_name) && !holds_a_model(folder) &&
-      !fs::exists(folder / "convergence.csv") && !fs::exists(folder / "fit.csv") &&
-      !fs::exists(folder / "chart.csv"))
+      !fs::exists(folder / "fit.csv"))
     throw OutputError({.fact = fmt::format("{} holds files that are not results of dimple", folder.string()),
                        .where = "-o",
                        .why = "they could be overwritten",

@@ -109,8 +109,6 @@ void check_result_folder(const std::filesystem::path& folder);
 /// A folder that holds no more than the word of a run that failed, or of one that was stopped before it had
 /// results: there is nothing to lose. False where there is no such folder.
 bool holds_only_a_word(const std::filesystem::path& folder);
-/// Removes that word, if it is all that the folder holds.
-void remove_word(const std::filesystem::path& folder);
 
 /// Says in a summary.json why nothing else is in the folder of a run: makes the folder if it is not there,
 /// and leaves those alone that hold anything else, but for what the present run has begun to write: if that has

@@ -12,7 +12,6 @@
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/words.hpp"
-#include "apps/studies/converge.hpp"
 #include "io/draw/chart.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -50,6 +49,25 @@ struct Tried {
 bool has_limit_point(const History& history) {
   return std::any_of(history.guards.begin(), history.guards.end(),
                      [](const Finding& f) { return f.report.code == "limit-point"; });
+}
+
+// Force [N] at each of the depths, ascending, between the samples on both sides; as many as the samples reach.
+std::vector<double> forces_at(const std::vector<ForceSample>& samples, const std::vector<double>& depths_mm) {
+  std::vector<double> result;
+  for (const double mm : depths_mm) {
+    const double depth = 1e-3 * mm;
+    const auto after = std::find_if(samples.begin(), samples.end(),
+                                    [&](const ForceSample& s) { return s.depth >= depth * (1.0 - 1e-9); });
+    if (after == samples.end()) break;
+    if (after == samples.begin()) {
+      result.push_back(after->force);
+      continue;
+    }
+    const ForceSample& before = *std::prev(after);
+    const double share = (depth - before.depth) / (after->depth - before.depth);
+    result.push_back(before.force + std::min(share, 1.0) * (after->force - before.force));
+  }
+  return result;
 }
 
 Tried run(const Case& given, const std::vector<double>& depths_mm) {

@@ -10,7 +10,6 @@
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
-#include <sstream>
 #include <thread>
 
 #include "apps/ending.hpp"
@@ -85,18 +84,6 @@ ProgramRun run_program(const std::vector<std::string>& arguments, const fs::path
   run.seconds = seconds();
   run.code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
   return run;
-}
-
-fs::path find_program(const std::string& name) {
-  const auto runs = [](const fs::path& file) {
-    return fs::is_regular_file(file) && access(file.c_str(), X_OK) == 0;
-  };
-  if (name.find('/') != std::string::npos) return runs(name) ? fs::absolute(name) : fs::path{};
-  const char* path = std::getenv("PATH");
-  std::istringstream folders(path ? path : "");
-  for (std::string folder; std::getline(folders, folder, ':');)
-    if (!folder.empty() && runs(fs::path(folder) / name)) return fs::absolute(fs::path(folder) / name);
-  return {};
 }
 
 }  // namespace dimple

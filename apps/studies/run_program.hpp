@@ -22,8 +22,4 @@ ProgramRun run_program(const std::vector<std::string>& arguments, const std::fil
                        const std::string& log, double limit_s, int threads,
                        const std::function<bool()>& stop_requested, double grace_s = 0.0);
 
-/// Where a program is: `name` itself if it has a slash, else the first on PATH. Empty: nowhere, or it cannot
-/// be executed.
-std::filesystem::path find_program(const std::string& name);
-
 }  // namespace dimple

@@ -4,9 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
-#include <iterator>
-#include <limits>
 #include <set>
 #include <stdexcept>
 #include <utility>
@@ -24,13 +21,9 @@ using namespace draw;
 
 constexpr int panel_width = 1000, panel_height = 650;
 
-// Hues that the common colour-vision deficiencies keep apart, after Okabe and Ito; green is kept for "ok" in
-// maps.
+// Hues that the common colour-vision deficiencies keep apart, after Okabe and Ito.
 constexpr std::array<Colour, 8> hues{rgb(0x0072B2), rgb(0xD55E00), rgb(0x009E73), rgb(0xB5588F),
                                      rgb(0xD99100), rgb(0x4AA3D9), rgb(0x3A4654), rgb(0x7A1F4B)};
-constexpr std::array<Colour, 8> classes{rgb(0xD55E00), rgb(0x0072B2), rgb(0xF0C83C), rgb(0xCC79A7),
-                                        rgb(0x7CC4EE), rgb(0x7A1F4B), rgb(0x3A4654), rgb(0xE8A87C)};
-constexpr Colour ok_green = rgb(0x1E9E77), unknown_grey = rgb(0xE9ECF0);
 
 constexpr Style small{.size = 14.0}, soft{.size = 14.0, .colour = soft_ink},
     note{.size = 13.0, .colour = soft_ink};
@@ -65,82 +58,38 @@ void say_in_the_middle(Pen& pen, const Rect& room, const std::string& text) {
            Align::centre);
 }
 
-/// The part of a-b inside the rectangle.
-std::optional<std::pair<Vec2, Vec2>> clipped(const Vec2& a, const Vec2& b, const Rect& r) {
-  double from = 0.0, to = 1.0;
-  const auto cut = [&](double start, double step, double low, double high) {
-    if (step == 0.0) return start >= low && start <= high;
-    const double t0 = (low - start) / step, t1 = (high - start) / step;
-    from = std::max(from, std::min(t0, t1));
-    to = std::min(to, std::max(t0, t1));
-    return from <= to;
-  };
-  if (!cut(a.x(), b.x() - a.x(), r.x, r.x + r.w) || !cut(a.y(), b.y() - a.y(), r.y, r.y + r.h))
-    return std::nullopt;
-  return std::pair<Vec2, Vec2>{from > 0.0 ? Vec2(a + from * (b - a)) : a,
-                               to < 1.0 ? Vec2(a + to * (b - a)) : b};
-}
-
-double overlap(const Rect& a, const Rect& b) {
-  const double w = std::min(a.x + a.w, b.x + b.w) - std::max(a.x, b.x);
-  const double h = std::min(a.y + a.h, b.y + b.h) - std::max(a.y, b.y);
-  return w > 0.0 && h > 0.0 ? w * h : 0.0;
-}
-
 // ----------------------------------------------------------------------------------------------------- axes
 
 /// Numbers beyond are no measurements, and their differences would not be numbers.
 constexpr double largest_shown = 1e300;
 
+bool is_shown(double value) {
+  return std::abs(value) <= largest_shown;
+}
+
 /// From values to fractions of the plot's width or height.
 struct Axis {
-  bool log = false;
-  double low = 0.0, high = 1.0;  ///< decades on a logarithmic axis
-
-  bool has(double value) const { return std::abs(value) <= largest_shown && (!log || value > 0.0); }
-  double fraction(double value) const {
-    const double f = ((log ? std::log10(value) : value) - low) / (high - low);
-    return std::clamp(f, -1e4, 1e4);  // far outside; keeps what is drawn from there finite
-  }
-  bool shows(double value) const {
-    return has(value) && fraction(value) >= -1e-9 && fraction(value) <= 1.0 + 1e-9;
-  }
+  double low = 0.0, high = 1.0;
+  double fraction(double value) const { return (value - low) / (high - low); }
 };
 
 struct Tick {
   double value;
-  std::string text;  ///< empty: a grid line only
+  std::string text;
 };
 
-Axis axis_of(const std::vector<double>& values, bool log, const std::optional<std::array<double, 2>>& range) {
-  Axis axis{.log = log};
-  if (range) {
-    const auto [low, high] = *range;
-    if (!axis.has(low) || !axis.has(high) || !(low < high))
-      throw std::invalid_argument(
-          fmt::format("an axis cannot run from {} to {}{}", low, high, log ? " logarithmically" : ""));
-    return {log, log ? std::log10(low) : low, log ? std::log10(high) : high};
-  }
-  double low = std::numeric_limits<double>::infinity(), high = -low;
-  for (const double value : values) {
-    if (!axis.has(value)) continue;
-    low = std::min(low, log ? std::log10(value) : value);
-    high = std::max(high, log ? std::log10(value) : value);
-  }
-  if (!(low <= high)) return axis;
-  if (log) {
-    const double margin = high - low > 1e-6 ? std::max(0.05 * (high - low), 0.03) : 0.5;
-    return {log, low - margin, high + margin};
-  }
-  const double most = std::max(std::abs(low), std::abs(high));
+Axis axis_of(const std::vector<double>& values) {
+  if (values.empty()) return {};
+  const auto [least, largest] = std::minmax_element(values.begin(), values.end());
+  const double low = *least, high = *largest, most = std::max(std::abs(low), std::abs(high));
   if (!(high - low > 1e-9 * most)) {
     const double margin = most > 1e-300 ? 0.1 * most : 1.0;
-    return {log, low - margin, high + margin};
+    return {low - margin, high + margin};
   }
   const double margin = 0.06 * (high - low);
-  if (low >= 0.0 && low < 0.3 * high) return {log, 0.0, high + margin};  // zero where it is near
-  if (high <= 0.0 && high > 0.3 * low) return {log, low - margin, 0.0};
-  return {log, low - margin, high + margin};
+  if (low >= 0.0 && low < 0.3 * high) return {0.0, high + margin};  // zero where it is near
+  if (high <= 0.0 && high > 0.3 * low) return {low - margin, 0.0};
+  return {low - margin, high + margin};
 }
 
 /// Short without being cryptic: 0.002, 50, 20000; else 2e-7. `digits` are significant.
@@ -183,54 +132,21 @@ std::vector<Tick> even_ticks(double low, double high, int most) {
   return ticks;
 }
 
-/// At 1, 2 and 5 in every decade, or at every `stride`-th decade alone; grid lines between them.
-std::vector<Tick> decade_ticks(const Axis& axis, const std::vector<int>& leads, int stride) {
-  std::vector<Tick> ticks;
-  const bool close = axis.high - axis.low <= 6.0;
-  const int first = static_cast<int>(std::floor(axis.low)), last = static_cast<int>(std::floor(axis.high));
-  for (int decade = first; decade <= last; ++decade)
-    for (int lead = 1; lead <= 9; ++lead) {
-      const double value = lead * std::pow(10.0, decade);
-      if (!axis.shows(value)) continue;
-      const bool named = decade % stride == 0 && std::find(leads.begin(), leads.end(), lead) != leads.end();
-      if (named || lead == 1 || close) ticks.push_back({value, named ? plain(value, 1) : ""});
-    }
-  return ticks;
-}
-
-/// The most detailed ticks of which no two come nearer than `room_of` two texts in the middle of which they
-/// stand.
+/// The most ticks of which no two come nearer than `room_of` two texts in the middle of which they stand.
 template <class Room>
 std::vector<Tick> ticks_of(const Axis& axis, double pixels, Room room_of) {
   std::vector<Tick> ticks;
   const auto fits = [&] {
     double at = -1e9, half = 0.0;
     for (const Tick& tick : ticks) {
-      if (tick.text.empty()) continue;
       const double here = axis.fraction(tick.value) * pixels, own = room_of(tick.text) / 2.0;
       if (here - at < own + half) return false;
       at = here, half = own;
     }
     return true;
   };
-  const auto named = [&] {
-    return std::count_if(ticks.begin(), ticks.end(), [](const Tick& tick) { return !tick.text.empty(); });
-  };
-  if (axis.log) {
-    for (const auto& leads : {std::vector<int>{1, 2, 5}, std::vector<int>{1, 3}, std::vector<int>{1}}) {
-      ticks = decade_ticks(axis, leads, 1);
-      if (named() >= 3 && fits()) return ticks;
-    }
-    if (axis.high - axis.low > 2.0) {
-      int stride = 1;
-      while (!fits() && stride < 700) ticks = decade_ticks(axis, {1}, ++stride);
-      return ticks;
-    }
-  }
-  const double low = axis.log ? std::pow(10.0, axis.low) : axis.low;
-  const double high = axis.log ? std::pow(10.0, axis.high) : axis.high;
   for (int most = 9; most >= 2; --most) {
-    ticks = even_ticks(low, high, most);
+    ticks = even_ticks(axis.low, axis.high, most);
     if (fits()) break;
   }
   return ticks;
@@ -241,10 +157,9 @@ std::vector<Tick> ticks_of(const Axis& axis, double pixels, Room room_of) {
 /// A series as it is drawn: pixels instead of values.
 struct Trace {
   const ChartSeries* series = nullptr;
-  std::size_t look = 0;                   ///< number of hue and marker
-  std::vector<std::vector<Vec2>> line;    ///< pieces
-  std::vector<Vec2> point;                ///< inside the plot
-  std::vector<const std::string*> label;  ///< of these points
+  std::size_t look = 0;                 ///< number of hue and marker
+  std::vector<std::vector<Vec2>> line;  ///< pieces
+  std::vector<Vec2> point;
 
   const Colour& colour() const { return hues[look % hues.size()]; }
 };
@@ -252,10 +167,9 @@ struct Trace {
 constexpr double marker_radius = 5.0;
 
 void draw_marker(Pen& pen, const Vec2& at, const Trace& trace) {
-  const bool hollow = trace.series->hollow;
-  const Colour fill = hollow ? card : trace.colour();
-  const Edge edge = hollow ? Edge{trace.colour(), 2.0} : Edge{card, 1.0};
-  const double r = hollow ? marker_radius - 0.5 : marker_radius;
+  const Colour fill = trace.colour();
+  const Edge edge{card, 1.0};
+  constexpr double r = marker_radius;
   const auto shape = [&](std::initializer_list<Vec2> corners) {
     std::vector<Vec2> moved;
     for (const Vec2& corner : corners) moved.emplace_back(at + r * corner);
@@ -294,137 +208,13 @@ std::vector<std::size_t> looks_of(const std::vector<ChartSeries>& series) {
   return looks;
 }
 
-// --------------------------------------------------------------------------------------------------- labels
-
-/// Finds room for texts beside points: of some places the one that hides and is hidden least. No text is left
-/// out. Greedy, then improved a few times; depends on the input's order alone.
-class Labels {
- public:
-  explicit Labels(const Rect& frame) : frame_(frame) {}
-
-  void add_point(const Vec2& at) { points_.push_back(at); }
-  void add_line(const Vec2& a, const Vec2& b) { lines_.emplace_back(a, b); }
-
-  /// One text; `places` are where it may stand, the best first, each with its price.
-  struct Place {
-    Rect box;
-    double price = 0.0;
-  };
-  void add(std::vector<Place> places) { wishes_.push_back(std::move(places)); }
-
-  /// The box of each text, in the order of adding.
-  std::vector<Rect> placed() const {
-    std::vector<std::optional<Rect>> chosen(wishes_.size());
-    for (int pass = 0; pass < 5; ++pass)
-      for (std::size_t n = 0; n < wishes_.size(); ++n) {
-        double least = std::numeric_limits<double>::infinity();
-        chosen[n].reset();
-        std::optional<Rect> best;
-        for (const Place& place : wishes_[n]) {
-          if (place.price >= least) continue;
-          const double cost = place.price + trouble(place.box, chosen, least - place.price);
-          if (cost < least) least = cost, best = place.box;
-        }
-        chosen[n] = best;
-      }
-    std::vector<Rect> boxes;
-    for (const auto& box : chosen) boxes.push_back(box.value_or(Rect{}));
-    return boxes;
-  }
-
- private:
-  double trouble(const Rect& box, const std::vector<std::optional<Rect>>& others, double limit) const {
-    double sum = 0.0;
-    const double inside = overlap(box, frame_);
-    if (inside < box.w * box.h - 1e-6) sum += 200.0 + (box.w * box.h - inside);
-    for (const auto& other : others)
-      if (other && sum < limit)
-        if (const double shared = overlap(box, *other); shared > 0.0) sum += 100.0 + shared;
-    for (const Vec2& p : points_) {
-      if (sum >= limit) return sum;
-      const Rect mark{p.x() - 6.0, p.y() - 6.0, 12.0, 12.0};
-      if (const double shared = overlap(box, mark); shared > 0.0) sum += 30.0 + 0.5 * shared;
-    }
-    for (const auto& [a, b] : lines_) {
-      if (sum >= limit) return sum;
-      if (const auto hit = clipped(a, b, box)) sum += 14.0 + 0.4 * (hit->second - hit->first).norm();
-    }
-    return sum;
-  }
-
-  Rect frame_;
-  std::vector<Vec2> points_;
-  std::vector<std::pair<Vec2, Vec2>> lines_;
-  std::vector<std::vector<Place>> wishes_;
-};
-
-constexpr Style label_style{.size = 13.0};
-constexpr double label_height = 15.0, label_baseline = 13.0;
-
-/// Of its box; an SVG shown with a wider font that takes no advice has some room, too.
-double label_width(const std::string& text, double most) {
-  return std::min(1.1 * text_width(text, label_style) + 4.0, most);
-}
-
-/// Around a point, near ones first.
-std::vector<Labels::Place> places_around(const Vec2& at, double w) {
-  struct Way {
-    double x, y;         ///< direction from the point to the box
-    double left, above;  ///< the part of the box on that side of where the direction ends
-  };
-  static constexpr double c = 0.707;
-  static constexpr std::array<Way, 12> ways{{{c, -c, 0.0, 1.0},
-                                             {1.0, 0.0, 0.0, 0.5},
-                                             {0.0, -1.0, 0.5, 1.0},
-                                             {c, c, 0.0, 0.0},
-                                             {-c, -c, 1.0, 1.0},
-                                             {0.0, 1.0, 0.5, 0.0},
-                                             {-1.0, 0.0, 1.0, 0.5},
-                                             {-c, c, 1.0, 0.0},
-                                             {0.0, -1.0, 0.2, 1.0},
-                                             {0.0, 1.0, 0.2, 0.0},
-                                             {0.0, -1.0, 0.8, 1.0},
-                                             {0.0, 1.0, 0.8, 0.0}}};
-  std::vector<Labels::Place> places;
-  const double h = label_height;
-  for (const double away : {7.0, 13.0, 22.0, 34.0, 48.0, 64.0, 84.0})
-    for (std::size_t n = 0; n < ways.size(); ++n) {
-      const Way& way = ways[n];
-      places.push_back({{at.x() + away * way.x - w * way.left, at.y() + away * way.y - h * way.above, w, h},
-                        0.8 * (away - 7.0) + 0.3 * static_cast<double>(n)});
-    }
-  return places;
-}
-
-/// At the ends of a reference line, on either side.
-std::vector<Labels::Place> places_along(const Rect& plot, bool vertical, const Vec2& at, double w) {
-  std::vector<Labels::Place> places;
-  const double h = label_height;
-  for (int row = 0; row < 5; ++row)
-    for (const bool far : {false, true})
-      for (const bool other : {false, true}) {
-        const double price = 3.0 * row + (far ? 5.0 : 0.0) + (other ? 2.0 : 0.0);
-        const double down = 4.0 + row * (h + 2.0), across = 6.0 + row * 0.16 * plot.w;
-        const double x = vertical ? (other ? at.x() - 4.0 - w : at.x() + 4.0)
-                                  : (far ? plot.x + across : plot.x + plot.w - across - w);
-        const double y = vertical ? (far ? plot.y + plot.h - down - h : plot.y + down)
-                                  : (other ? at.y() + 3.0 : at.y() - 3.0 - h);
-        places.push_back({{x, y, w, h}, price});
-      }
-  return places;
-}
-
 // ---------------------------------------------------------------------------------------------------- chart
 
 void check(const Chart& chart) {
-  for (const ChartSeries& s : chart.series) {
+  for (const ChartSeries& s : chart.series)
     if (s.x.size() != s.y.size())
       throw std::invalid_argument(
           fmt::format("the series \"{}\" has {} x and {} y", s.name, s.x.size(), s.y.size()));
-    if (!s.label.empty() && s.label.size() != s.x.size())
-      throw std::invalid_argument(
-          fmt::format("the series \"{}\" has {} labels for {} points", s.name, s.label.size(), s.x.size()));
-  }
 }
 
 /// Where the legend goes: rows below the plot if a few do, else a column on its right.
@@ -505,123 +295,49 @@ void draw_legend(Pen& pen, const Rect& room, const Rect& plot, const LegendPlan&
 
 void draw_grid(Pen& pen, const Rect& plot, const Axis& axis, const std::vector<Tick>& ticks,
                bool horizontal) {
-  const Colour faint = mixed(card, hairline, 0.45F);
-  for (const bool named : {false, true})
-    for (const Tick& tick : ticks) {
-      if (tick.text.empty() == named || !axis.shows(tick.value)) continue;
-      const double f = axis.fraction(tick.value);
-      const Vec2 at(plot.x + f * plot.w, plot.y + (1.0 - f) * plot.h);
-      const bool zero = tick.value == 0.0 && f > 1e-6 && f < 1.0 - 1e-6;
-      const Colour colour = zero ? soft_ink : named ? hairline : faint;
-      if (horizontal) {
-        pen.line({{at.x(), plot.y}, {at.x(), plot.y + plot.h}}, 1.0, colour, false);
-        if (named) pen.text({at.x(), plot.y + plot.h + 20.0}, tick.text, small, Align::centre);
-      } else {
-        pen.line({{plot.x, at.y()}, {plot.x + plot.w, at.y()}}, 1.0, colour, false);
-        if (named) pen.text({plot.x - 9.0, at.y() + 5.0}, tick.text, small, Align::right);
-      }
+  for (const Tick& tick : ticks) {
+    const double f = axis.fraction(tick.value);
+    if (f < -1e-9 || f > 1.0 + 1e-9) continue;
+    const Vec2 at(plot.x + f * plot.w, plot.y + (1.0 - f) * plot.h);
+    const Colour colour = tick.value == 0.0 && f > 1e-6 && f < 1.0 - 1e-6 ? soft_ink : hairline;
+    if (horizontal) {
+      pen.line({{at.x(), plot.y}, {at.x(), plot.y + plot.h}}, 1.0, colour, false);
+      pen.text({at.x(), plot.y + plot.h + 20.0}, tick.text, small, Align::centre);
+    } else {
+      pen.line({{plot.x, at.y()}, {plot.x + plot.w, at.y()}}, 1.0, colour, false);
+      pen.text({plot.x - 9.0, at.y() + 5.0}, tick.text, small, Align::right);
     }
-}
-
-/// What is not shown, in words; empty if everything is.
-std::string left_out(std::size_t not_positive, std::size_t outside) {
-  const auto points = [](std::size_t n) { return fmt::format("{} point{}", n, n == 1 ? "" : "s"); };
-  std::string text;
-  if (not_positive > 0)
-    text = fmt::format("{} not shown: not positive on a logarithmic axis", points(not_positive));
-  if (outside > 0)
-    text += fmt::format("{}{} outside the range shown", text.empty() ? "" : "; ", points(outside));
-  return text;
+  }
 }
 
 /// Where the series run in the plot.
-struct Traces {
-  std::vector<Trace> trace;
-  std::size_t not_positive = 0, outside = 0;
-};
-
-Traces traces_of(const Chart& chart, const Axis& x, const Axis& y, const Rect& plot) {
-  Traces result;
+std::vector<Trace> traces_of(const Chart& chart, const Axis& x, const Axis& y, const Rect& plot) {
+  std::vector<Trace> traces;
   const std::vector<std::size_t> looks = looks_of(chart.series);
   for (std::size_t n = 0; n < chart.series.size(); ++n) {
     const ChartSeries& s = chart.series[n];
     Trace trace;
     trace.series = &s;
     trace.look = looks[n];
-    std::optional<Vec2> before;
+    bool goes_on = false;
     for (std::size_t i = 0; i < s.x.size(); ++i) {
-      if (!x.has(s.x[i]) || !y.has(s.y[i])) {
-        const bool finite = std::abs(s.x[i]) <= largest_shown && std::abs(s.y[i]) <= largest_shown;
-        if (finite) ++result.not_positive;
-        before.reset();
+      if (!is_shown(s.x[i]) || !is_shown(s.y[i])) {
+        goes_on = false;
         continue;
       }
-      const Vec2 at(plot.x + plot.w * x.fraction(s.x[i]), plot.y + plot.h * (1.0 - y.fraction(s.y[i])));
-      if (const auto piece = before && s.line ? clipped(*before, at, plot) : std::nullopt) {
-        const bool goes_on = !trace.line.empty() && trace.line.back().back() == piece->first;
-        if (!goes_on) trace.line.push_back({piece->first});
-        trace.line.back().push_back(piece->second);
-      }
-      before = at;
-      if (!x.shows(s.x[i]) || !y.shows(s.y[i])) {
-        ++result.outside;
-        continue;
-      }
-      trace.point.push_back(at);
-      trace.label.push_back(s.label.empty() ? nullptr : &s.label[i]);
+      trace.point.emplace_back(plot.x + plot.w * x.fraction(s.x[i]),
+                               plot.y + plot.h * (1.0 - y.fraction(s.y[i])));
+      if (!goes_on) trace.line.emplace_back();
+      trace.line.back().push_back(trace.point.back());
+      goes_on = true;
     }
-    result.trace.push_back(std::move(trace));
+    std::erase_if(trace.line, [&](const auto& piece) { return !s.line || piece.size() < 2; });
+    traces.push_back(std::move(trace));
   }
-  return result;
+  return traces;
 }
 
-void draw_lines_and_labels(Pen& pen, const Rect& plot, const Chart& chart, const Axis& x, const Axis& y,
-                           const std::vector<Trace>& traces) {
-  Labels labels(plot.inset(2.0, 2.0, 2.0, 2.0));
-  const double widest = 0.45 * plot.w;
-  struct Text {
-    const std::string* text;
-    Style style;
-    std::optional<Vec2> at;  ///< the point, for a leader
-  };
-  std::vector<Text> texts;
-
-  for (const Trace& trace : traces) {
-    for (const auto& piece : trace.line)
-      for (std::size_t i = 1; i < piece.size(); ++i) labels.add_line(piece[i - 1], piece[i]);
-    for (const Vec2& at : trace.point) labels.add_point(at);
-  }
-  for (const ChartLine& line : chart.lines) {
-    const Axis& axis = line.vertical ? x : y;
-    if (!axis.shows(line.at)) continue;
-    const double f = axis.fraction(line.at);
-    const Vec2 at(plot.x + f * plot.w, plot.y + (1.0 - f) * plot.h);
-    const Vec2 a = line.vertical ? Vec2(at.x(), plot.y) : Vec2(plot.x, at.y());
-    const Vec2 b = line.vertical ? Vec2(at.x(), plot.y + plot.h) : Vec2(plot.x + plot.w, at.y());
-    pen.line({a, b}, 1.4, soft_ink, true);
-    labels.add_line(a, b);
-    if (line.text.empty()) continue;
-    labels.add(places_along(plot, line.vertical, at, label_width(line.text, widest)));
-    texts.push_back({&line.text, {.size = label_style.size, .colour = soft_ink, .bold = true}, std::nullopt});
-  }
-  for (const Trace& trace : traces)
-    for (std::size_t i = 0; i < trace.point.size(); ++i) {
-      if (trace.label[i] == nullptr || trace.label[i]->empty()) continue;
-      labels.add(places_around(trace.point[i], label_width(*trace.label[i], widest)));
-      texts.push_back({trace.label[i],
-                       {.size = label_style.size, .colour = mixed(trace.colour(), ink, 0.35F)},
-                       trace.point[i]});
-    }
-  const std::vector<Rect> boxes = labels.placed();
-
-  for (std::size_t n = 0; n < boxes.size(); ++n) {  // leaders below everything else
-    if (!texts[n].at) continue;
-    const Vec2 at = *texts[n].at;
-    const Rect& b = boxes[n];
-    const Vec2 near(std::clamp(at.x(), b.x + 1.0, b.x + b.w - 1.0),
-                    std::clamp(at.y(), b.y + 2.0, b.y + b.h - 2.0));
-    if ((near - at).norm() > 16.0) pen.line({at, near}, 0.8, mixed(texts[n].style.colour, card, 0.4F), false);
-  }
+void draw_traces(Pen& pen, const std::vector<Trace>& traces) {
   for (const Trace& trace : traces)
     for (const auto& piece : trace.line) pen.line(piece, 2.2, trace.colour(), trace.series->dashed);
   for (const Trace& trace : traces)
@@ -631,33 +347,23 @@ void draw_lines_and_labels(Pen& pen, const Rect& plot, const Chart& chart, const
       else if (trace.series->line && trace.line.empty())
         pen.disc(at, 1.6, trace.colour(), {trace.colour(), 0.0});  // a line of one point
     }
-  for (std::size_t n = 0; n < boxes.size(); ++n)
-    pen.text({boxes[n].x + boxes[n].w / 2.0, boxes[n].y + label_baseline}, *texts[n].text, texts[n].style,
-             Align::centre, widest);
 }
 
 void draw_panel(Pen& pen, const Rect& tile, const Chart& chart) {
   std::vector<double> xs, ys;
-  const Axis any_x{.log = chart.log_x}, any_y{.log = chart.log_y};
-  for (const ChartSeries& s : chart.series)
-    for (std::size_t i = 0; i < s.x.size(); ++i)
-      if (any_x.has(s.x[i]) && any_y.has(s.y[i])) xs.push_back(s.x[i]), ys.push_back(s.y[i]);
-  const bool empty = xs.empty();
-  for (const ChartLine& line : chart.lines) (line.vertical ? xs : ys).push_back(line.at);
-  const Axis x = axis_of(xs, chart.log_x, chart.x_range), y = axis_of(ys, chart.log_y, chart.y_range);
+  for (const ChartSeries& series : chart.series)
+    for (std::size_t i = 0; i < series.x.size(); ++i)
+      if (is_shown(series.x[i]) && is_shown(series.y[i]))
+        xs.push_back(series.x[i]), ys.push_back(series.y[i]);
+  const Axis x = axis_of(xs), y = axis_of(ys);
 
   // From the outside in: the texts above and below leave the height, the numbers of y the width.
   const Rect room = card_with_title(pen, tile, chart.title, chart.subtitle);
   const LegendPlan legend = plan_legend(chart, room);
   const double above = chart.y_label.empty() ? 14.0 : 36.0;
   const double legend_height = legend.rows > 0 ? static_cast<double>(legend.rows) * legend_row + 8.0 : 0.0;
-  const auto below = [&](bool with_note) {
-    return 28.0 + (chart.x_label.empty() ? 0.0 : 24.0) + (with_note ? 20.0 : 0.0) + legend_height;
-  };
-  const Traces counted = traces_of(chart, x, y, room);  // how many are left out does not depend on the plot
-  const std::string words = left_out(counted.not_positive, counted.outside);
-  Rect plot =
-      room.inset(0.0, above, legend.on_the_right ? legend.column + 24.0 : 20.0, below(!words.empty()));
+  const double below = 28.0 + (chart.x_label.empty() ? 0.0 : 24.0) + legend_height;
+  Rect plot = room.inset(0.0, above, legend.on_the_right ? legend.column + 24.0 : 20.0, below);
   const auto y_ticks = ticks_of(y, plot.h, [](const std::string&) { return 24.0; });
   double numbers = 0.0;
   for (const Tick& tick : y_ticks) numbers = std::max(numbers, text_width(tick.text, small));
@@ -671,158 +377,13 @@ void draw_panel(Pen& pen, const Rect& tile, const Chart& chart) {
   pen.line({{plot.x, plot.y}, {right, plot.y}, {right, foot}}, 1.0, hairline, false);
   pen.line({{plot.x, plot.y}, {plot.x, foot}, {right, foot}}, 1.4, soft_ink, false);
   pen.text({room.x, plot.y - 14.0}, chart.y_label, small, Align::left, room.w);
-  double baseline = foot + 20.0;
   if (!chart.x_label.empty())
-    pen.text({plot.x + plot.w / 2.0, baseline += 24.0}, chart.x_label, small, Align::centre, plot.w);
-  if (!words.empty()) pen.text({room.x, baseline += 21.0}, words, note, Align::left, room.w);
+    pen.text({plot.x + plot.w / 2.0, foot + 44.0}, chart.x_label, small, Align::centre, plot.w);
 
-  const Traces traces = traces_of(chart, x, y, plot);
-  draw_lines_and_labels(pen, plot, chart, x, y, traces.trace);
-  if (empty) say_in_the_middle(pen, plot, "no data");
-  draw_legend(pen, room, plot, legend, traces.trace);
-}
-
-// ------------------------------------------------------------------------------------------------------ map
-
-void check(const Map& map) {
-  if (map.cell.size() != map.x_ticks.size() * map.y_ticks.size())
-    throw std::invalid_argument(fmt::format("the map \"{}\" has {} cells for {} columns and {} rows",
-                                            map.title, map.cell.size(), map.x_ticks.size(),
-                                            map.y_ticks.size()));
-  if (!map.note.empty() && map.note.size() != map.cell.size())
-    throw std::invalid_argument(
-        fmt::format("the map \"{}\" has {} notes for {} cells", map.title, map.note.size(), map.cell.size()));
-}
-
-using ClassColours = std::map<std::string, Colour>;
-
-ClassColours colours_of(const std::vector<Map>& maps) {
-  ClassColours colours;
-  for (const Map& map : maps) {
-    for (const auto& entry : map.legend) colours[entry.first] = unknown_grey;
-    for (const std::string& code : map.cell) colours[code] = unknown_grey;
-  }
-  std::map<std::string, std::size_t> asked;
-  std::set<std::size_t> taken;
-  for (const Map& map : maps)
-    for (const auto& [code, number] : map.colour)
-      if (colours.contains(code) && number >= 0) taken.insert(asked[code] = static_cast<std::size_t>(number));
-  std::size_t next = 0;
-  for (auto& [code, colour] : colours) {
-    if (code.empty()) continue;
-    if (code.starts_with("ok")) {
-      colour = code == "ok" ? ok_green : mixed(ok_green, card, 0.5F);
-      continue;
-    }
-    if (!asked.contains(code))
-      while (taken.contains(next)) ++next;
-    const std::size_t n = asked.contains(code) ? asked[code] : next++;
-    const auto pale = std::min(0.4F * static_cast<float>(n / classes.size()), 0.8F);  // the palette once more
-    colour = mixed(classes[n % classes.size()], card, pale);
-  }
-  return colours;
-}
-
-/// Dark or white, whichever reads better.
-Colour text_colour_on(const Colour& c) {
-  return 0.299F * c.red + 0.587F * c.green + 0.114F * c.blue > 0.56F ? ink : card;
-}
-
-/// Beside the cells: a square, the code, how many cells, what it means.
-void draw_classes(Pen& pen, const Rect& room, const Map& map, const ClassColours& colours) {
-  std::set<std::string> codes(map.cell.begin(), map.cell.end());
-  for (const auto& entry : map.legend) codes.insert(entry.first);
-  if (!map.legend.contains("")) codes.erase("");
-  std::vector<std::string> order(codes.rbegin(), codes.rend());  // what is not known comes last
-  std::reverse(order.begin(), order.end() - static_cast<std::ptrdiff_t>(codes.count("")));
-  std::stable_partition(order.begin(), order.end(), [](const std::string& code) { return code == "ok"; });
-  double y = room.y;
-  std::size_t shown = 0;
-  for (const std::string& code : order) {
-    const auto meaning = map.legend.find(code);
-    const std::vector<std::string> rows = meaning == map.legend.end()
-                                              ? std::vector<std::string>{}
-                                              : wrapped(meaning->second.substr(0, 500), room.w - 30.0, soft);
-    if (y + 26.0 + 18.0 * static_cast<double>(rows.size()) > room.y + room.h) break;
-    pen.rectangle({room.x, y, 20.0, 20.0}, colours.at(code), 3.0);
-    const auto count = std::count(map.cell.begin(), map.cell.end(), code);
-    pen.text({room.x + 30.0, y + 15.0},
-             fmt::format("{}{}{}", code, code.empty() ? "" : ": ",
-                         fmt::format("{} of {} cells", count, map.cell.size())),
-             {.size = 14.0, .bold = true}, Align::left, room.w - 30.0);
-    y += 20.0;
-    for (const std::string& row : rows) pen.text({room.x + 30.0, (y += 18.0) - 4.0}, row, soft, Align::left);
-    y += 12.0;
-    ++shown;
-  }
-  if (shown < order.size())
-    pen.text({room.x, room.y + room.h}, fmt::format("... and {} more", order.size() - shown), note,
-             Align::left);
-}
-
-void draw_panel(Pen& pen, const Rect& tile, const Map& map, const ClassColours& colours) {
-  const Rect room = card_with_title(pen, tile, map.title, map.subtitle);
-  const std::size_t columns = map.x_ticks.size(), rows = map.y_ticks.size();
-
-  constexpr double widest_tick = 160.0, legend_width = 270.0;
-  double numbers = 0.0;
-  for (const std::string& tick : map.y_ticks)
-    numbers = std::max(numbers, std::min(text_width(tick, small), widest_tick));
-  Rect plot = room.inset(numbers + 12.0, map.y_label.empty() ? 14.0 : 36.0, legend_width + 28.0,
-                         map.x_label.empty() ? 30.0 : 54.0);
-  if (map.cell.empty()) {
-    pen.rectangle(plot, unknown_grey, 3.0);
-    say_in_the_middle(pen, plot, "no data");
-  }
-  const auto nx = static_cast<double>(std::max<std::size_t>(columns, 1));
-  const auto ny = static_cast<double>(std::max<std::size_t>(rows, 1));
-  // Ticks that are wider than their column take turns on up to three lines.
-  double widest = 0.0;
-  for (const std::string& tick : map.x_ticks) widest = std::max(widest, text_width(tick, small));
-  const double turns = std::clamp(std::ceil((widest + 8.0) / (plot.w / nx)), 1.0, 3.0);
-  plot = plot.inset(0.0, 0.0, 0.0, 17.0 * (turns - 1.0));
-  plot.w = std::min(plot.w, 120.0 * nx);
-  plot.h = std::min(plot.h, 90.0 * ny);
-  const double w = plot.w / nx, h = plot.h / ny, gap = std::min({w, h, 20.0}) * 0.1;
-
-  const auto every =
-      static_cast<std::size_t>(std::ceil(16.0 / h));  // as many rows as the texts have room for
-  for (std::size_t r = 0; r < rows; r += every)
-    pen.text({plot.x - 9.0, plot.y + (static_cast<double>(r) + 0.5) * h + 5.0}, map.y_ticks[r], small,
-             Align::right, widest_tick);
-  const auto across = static_cast<std::size_t>(std::ceil(std::min(widest + 8.0, 60.0) / (w * turns)));
-  for (std::size_t c = 0; c < columns; c += across) {
-    const double turn = static_cast<double>(c / across % static_cast<std::size_t>(turns));
-    pen.text({plot.x + (static_cast<double>(c) + 0.5) * w, plot.y + plot.h + 19.0 + 17.0 * turn},
-             map.x_ticks[c], small, Align::centre, w * turns * static_cast<double>(across) - 6.0);
-  }
-  pen.text({room.x, plot.y - 14.0}, map.y_label, small, Align::left, room.w);
-  pen.text({plot.x + plot.w / 2.0, plot.y + plot.h + 26.0 + 17.0 * turns}, map.x_label, small, Align::centre,
-           std::max(plot.w, 200.0));
-
-  double code_width = 1.0;  // at a size of 14
-  for (const std::string& code : map.cell) code_width = std::max(code_width, text_width(code, small));
-  double note_width = 1.0;
-  for (const std::string& text : map.note) note_width = std::max(note_width, text_width(text, small));
-  const double lines = map.note.empty() ? 1.0 : 1.7;
-  const double size =
-      std::floor(std::min({15.0, 0.6 * h, 0.9 * h / lines, 14.0 * (w - gap - 4.0) / code_width}));
-  const double note_size = std::floor(std::min(0.85 * size, 14.0 * (w - gap - 4.0) / note_width));
-  for (std::size_t n = 0; n < map.cell.size(); ++n) {
-    const auto c = static_cast<double>(n % columns), r = static_cast<double>(n / columns);
-    const Rect box{plot.x + c * w + gap / 2.0, plot.y + r * h + gap / 2.0, w - gap, h - gap};
-    const Colour& colour = colours.at(map.cell[n]);
-    pen.rectangle(box, colour, std::min(3.0, gap));
-    if (size < 6.0) continue;
-    const bool noted = !map.note.empty() && !map.note[n].empty() && note_size >= 6.0;
-    const double middle = box.y + box.h / 2.0 + 0.36 * size - (noted ? 0.55 * note_size : 0.0);
-    const Style style{.size = size, .colour = text_colour_on(colour)};
-    pen.text({box.x + box.w / 2.0, middle}, map.cell[n], style, Align::centre, w);
-    if (noted)
-      pen.text({box.x + box.w / 2.0, middle + 1.15 * note_size}, map.note[n],
-               {.size = note_size, .colour = style.colour}, Align::centre, w);
-  }
-  draw_classes(pen, {plot.x + plot.w + 28.0, plot.y, legend_width, room.y + room.h - plot.y}, map, colours);
+  const std::vector<Trace> traces = traces_of(chart, x, y, plot);
+  draw_traces(pen, traces);
+  if (xs.empty()) say_in_the_middle(pen, plot, "no data");
+  draw_legend(pen, room, plot, legend, traces);
 }
 
 // -------------------------------------------------------------------------------------------------- tornado
@@ -877,7 +438,7 @@ void draw_panel(Pen& pen, const Rect& tile, const Tornado& tornado) {
 
   std::vector<double> values = {0.0, -tornado.shade, tornado.shade};
   for (const Tornado::Row& row : tornado.rows) values.insert(values.end(), {row.low, row.high});
-  Axis axis = axis_of(values, false, std::nullopt);
+  Axis axis = axis_of(values);
   // Room for the numbers at the ends of the bars.
   const double margin = numbers / plot.w * (axis.high - axis.low);
   axis.low = std::min(axis.low, *std::min_element(values.begin(), values.end()) - margin);
@@ -962,13 +523,6 @@ void write_charts(const std::filesystem::path& file, const std::vector<Chart>& p
                [](Pen& pen, const Rect& tile, const Chart& chart) { draw_panel(pen, tile, chart); });
 }
 
-void write_maps(const std::filesystem::path& file, const std::vector<Map>& panels, int columns,
-                std::unique_ptr<Pen> (*make_pen)(int, int)) {
-  const ClassColours colours = colours_of(panels);
-  write_panels(file, panels, columns, make_pen,
-               [&](Pen& pen, const Rect& tile, const Map& map) { draw_panel(pen, tile, map, colours); });
-}
-
 void write_tornados(const std::filesystem::path& file, const std::vector<Tornado>& panels, int columns,
                     std::unique_ptr<Pen> (*make_pen)(int, int)) {
   write_panels(file, panels, columns, make_pen,
@@ -983,14 +537,6 @@ void write_chart_png(const std::filesystem::path& file, const std::vector<Chart>
 
 void write_chart_svg(const std::filesystem::path& file, const std::vector<Chart>& panels, int columns) {
   write_charts(file, panels, columns, svg_pen);
-}
-
-void write_map_png(const std::filesystem::path& file, const std::vector<Map>& panels, int columns) {
-  write_maps(file, panels, columns, raster_pen);
-}
-
-void write_map_svg(const std::filesystem::path& file, const std::vector<Map>& panels, int columns) {
-  write_maps(file, panels, columns, svg_pen);
 }
 
 void write_tornado_png(const std::filesystem::path& file, const std::vector<Tornado>& panels, int columns) {

@@ -27,7 +27,6 @@
 #include "apps/run/band.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
-#include "io/draw/chart.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_image.hpp"
@@ -36,6 +35,7 @@
 #include "preprocess/shapes.hpp"
 #include "preprocess/support.hpp"
 #include "solver/solve.hpp"
+#include "tests/bench/picture.hpp"
 #include "tests/helpers/band_scenes.hpp"
 #include "tests/helpers/draw.hpp"
 #include "tests/helpers/random_bodies.hpp"
@@ -303,14 +303,14 @@ const std::array groups = {"calibration", "first proof", "second proof", "aside"
 
 // What the band says against what is true, with each number of nodes. A band holds if all that the truth may be lies in
 // it.
-std::string table_of_bands(const std::vector<BandScene>& scenes, Chart& stated_against_true,
+std::string table_of_bands(const std::vector<BandScene>& scenes, Plot& stated_against_true,
                            std::string& misses) {
   std::string table =
       "| scenes | depth | nodes | bands | hold the truth | median half width, % | median error, % "
       "|\n|---|---|---:|---:|---:|---:|"
       "---:|\n";
   for (const std::string group : groups) {
-    ChartSeries points{.name = group, .line = false, .hollow = group == "calibration"};
+    PlotSeries points{.name = group, .line = false, .hollow = group == "calibration"};
     for (const bool deep : {false, true})
       for (Index nodes = fewest_nodes_with_band(0.0); nodes <= band_finest_truth / band_compared; nodes *= 2) {
         std::vector<double> halves, errors;
@@ -512,7 +512,7 @@ std::string table_of_points(const std::vector<PointScene>& scenes, double multip
 void report(const fs::path& folder) {
   const std::vector<BandScene> scenes = band_scenes(folder / "band_scenes.csv");
   const BandScores scores = band_scores(scenes);
-  Chart chart{
+  Plot chart{
       .title = "What the band says against what is true",
       .subtitle = {fmt::format("points below the line: the force of the finest cloud, {} to {} nodes, lies in the band", band_truth, band_finest_truth)},
       .x_label = "half the band's width [% of the force]",
@@ -544,8 +544,7 @@ void report(const fs::path& folder) {
   if (const fs::path file = folder / "band_held_out.csv"; fs::exists(file))
     text += "\nHeld out, at the last depth:\n\n" + table_of_held_out(band_scenes(file));
   write_file(folder / "band.md", text);
-  write_chart_png(folder / "band.png", {chart}, 1);
-  write_chart_svg(folder / "band.svg", {chart}, 1);
+  write_plots(folder, "band", {chart});
   fmt::print("{}", text);
 }
 

@@ -27,7 +27,6 @@
 #include <thread>
 
 #include "apps/run/live_socket.hpp"
-#include "io/draw/chart.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_image.hpp"
@@ -36,6 +35,7 @@
 #include "solver/mixed_iteration.hpp"
 #include "solver/quasi_static.hpp"
 #include "solver/session.hpp"
+#include "tests/bench/picture.hpp"
 #include "tests/helpers/band_scenes.hpp"
 #include "solver/solve.hpp"
 
@@ -554,7 +554,7 @@ namespace {
 constexpr double sofa_frames = 23.0;
 
 void draw(const fs::path& folder) {
-  Chart chart{.title = "Force of a live organ: error in motion of 10 mm/s against the time of a frame",
+  Plot chart{.title = "Force of a live organ: error in motion of 10 mm/s against the time of a frame",
               .subtitle = {"2000 nodes, two threads; each point a limit of 2 to 24 evaluations of the force a frame;",
                            "left out where above 100 %, or never in touch. SOFA's rate is published, without an error of the force"},
               .x_label = "time within which 99 % of the frames are done [ms]",
@@ -562,12 +562,12 @@ void draw(const fs::path& folder) {
               .log_x = true,
               .log_y = true,
               .y_range = std::array{1e-4, 100.0}};
-  std::map<std::string, ChartSeries> series;
+  std::map<std::string, PlotSeries> series;
   for (const std::vector<std::string>& row : rows_of(folder / "live.csv")) {
     if (row[1] != "ways") continue;
     const double error = std::stod(row[8]);
     if (error > 100.0 || !std::isfinite(std::stod(row[10]))) continue;  // without a frame in touch there is no error
-    ChartSeries& one = series[row[2] + ", " + row[0]];
+    PlotSeries& one = series[row[2] + ", " + row[0]];
     one.x.push_back(std::stod(row[14]));
     one.y.push_back(std::max(error, 1e-4));
   }
@@ -576,8 +576,7 @@ void draw(const fs::path& folder) {
     chart.series.push_back(std::move(one));
   }
   chart.lines.push_back({.vertical = true, .at = 1e3 / sofa_frames, .text = "SOFA, 23 frames a second (published)"});
-  write_chart_png(folder / "live.png", {chart}, 1);
-  write_chart_svg(folder / "live.svg", {chart}, 1);
+  write_plots(folder, "live", {chart});
 }
 
 }  // namespace

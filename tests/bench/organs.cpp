@@ -22,7 +22,6 @@
 #include <sstream>
 
 #include "apps/run/stopwatch.hpp"
-#include "io/draw/chart.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_image.hpp"
@@ -30,6 +29,7 @@
 #include "preprocess/phantom.hpp"
 #include "preprocess/shapes.hpp"
 #include "solver/solve.hpp"
+#include "tests/bench/picture.hpp"
 
 namespace dimple {
 namespace {
@@ -264,7 +264,7 @@ void compare(const std::vector<std::pair<Body, Forces>>& measured, const Options
   table += "\n|---|---:|";
   for (std::size_t k = 0; k < wanted.nodes.size(); ++k) table += "---:|---:|";
   table += "\n";
-  std::vector<Chart> panels;
+  std::vector<Plot> panels;
   for (const double depth : depths) {
     panels.push_back(
         {.title = fmt::format("Difference from the finite elements at {:g} mm", depth),
@@ -280,8 +280,8 @@ void compare(const std::vector<std::pair<Body, Forces>>& measured, const Options
     if (forces.empty() || !known.contains(depths[0]) || !known.contains(depths[1])) continue;
     table += fmt::format("| {} | {:.2g} / {:.2g} |", body.name, known.at(depths[0]).percent,
                          known.at(depths[1]).percent);
-    std::array<ChartSeries, 2> series;
-    for (ChartSeries& line : series) line = {.name = body.name, .colour = colour};
+    std::array<PlotSeries, 2> series;
+    for (PlotSeries& line : series) line = {.name = body.name, .colour = colour};
     ++colour;
     for (const Index n : wanted.nodes) {
       std::vector<std::string> off, scatter;
@@ -300,8 +300,7 @@ void compare(const std::vector<std::pair<Body, Forces>>& measured, const Options
     for (std::size_t d = 0; d < depths.size(); ++d) panels[d].series.push_back(series[d]);
   }
   write_file(wanted.folder / "organs.md", table);
-  write_chart_png(wanted.folder / "organs.png", panels, 2);
-  write_chart_svg(wanted.folder / "organs.svg", panels, 2);
+  write_plots(wanted.folder, "organs", panels, 2);
 }
 
 // Orders of convergence in the spacing, h ~ nodes^(-1/3), from each three sizes that stand in the same ratio: of the
@@ -310,7 +309,7 @@ void write_orders(const std::vector<std::pair<Body, Forces>>& measured, const Op
   std::string csv =
       "body,indentation_mm,nodes_1,nodes_2,nodes_3,change_12_percent,change_23_percent,scatter_percent,"
       "order\n";
-  std::vector<Chart> panels;
+  std::vector<Plot> panels;
   for (const double depth : depths)
     panels.push_back(
         {.title = fmt::format("Change of the force at {:g} mm from one size to the next", depth),
@@ -321,8 +320,8 @@ void write_orders(const std::vector<std::pair<Body, Forces>>& measured, const Op
          .log_y = true});
   int colour = 0;
   for (const auto& [body, forces] : measured) {
-    std::array<ChartSeries, depths.size()> series;
-    for (ChartSeries& line : series) line = {.name = body.name, .colour = colour};
+    std::array<PlotSeries, depths.size()> series;
+    for (PlotSeries& line : series) line = {.name = body.name, .colour = colour};
     ++colour;
     for (std::size_t a = 0; a < wanted.nodes.size(); ++a)
       for (std::size_t b = a + 1; b < wanted.nodes.size(); ++b)
@@ -352,8 +351,7 @@ void write_orders(const std::vector<std::pair<Body, Forces>>& measured, const Op
   }
   if (panels.front().series.empty()) return;
   write_file(wanted.folder / "organs_orders.csv", csv);
-  write_chart_png(wanted.folder / "organs_orders.png", panels, 2);
-  write_chart_svg(wanted.folder / "organs_orders.svg", panels, 2);
+  write_plots(wanted.folder, "organs_orders", panels, 2);
 }
 
 // What an earlier run wrote.

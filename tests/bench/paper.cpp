@@ -22,13 +22,12 @@
 #include <ctime>
 #include <functional>
 
-#include "apps/run/config.hpp"
-#include "apps/studies/measure.hpp"
-#include "io/draw/chart.hpp"
+#include "apps/run/simulate.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "preprocess/clones.hpp"
 #include "preprocess/phantom.hpp"
+#include "tests/bench/picture.hpp"
 #include "tests/bench/scene.hpp"
 #include "tests/helpers/system.hpp"
 #include "solver/solve.hpp"
@@ -47,7 +46,7 @@ void curve(const fs::path& folder) {
   const fs::path image = folder / "brain.nrrd";
   write_label_image(image, make_phantom({}));
   std::string csv = "source,indentation_mm,force_N\n";
-  Chart chart{
+  Plot chart{
       .title = "Reaction force on the indenter: the paper's swine brain and our phantom of its size",
       .subtitle = {"mu = 210 Pa, nu = 0.499, circle of 10 mm, 1 mm/s, 4250 nodes; of the paper only the "
                    "numbers printed in its section 5 are shown, not its Fig. 5"},
@@ -58,8 +57,8 @@ void curve(const fs::path& folder) {
     config.image.file = image.string();
     config.scheme.name = scheme;
     config.cloud.nodes = 4250;
-    const Measured m = measure(config);
-    ChartSeries series{.name = fmt::format("Dimple, {}, {} points", scheme, m.points), .markers = false};
+    const Result m = simulate({.config = config});
+    PlotSeries series{.name = fmt::format("Dimple, {}, {} points", scheme, m.model.point_count()), .markers = false};
     double next = 0.0;
     for (const ForceSample& sample : m.history.force) {
       if (1e3 * sample.depth < next - 1e-9 && &sample != &m.history.force.back()) continue;
@@ -69,7 +68,7 @@ void curve(const fs::path& folder) {
       csv += fmt::format("{},{:.6g},{:.6g}\n", scheme, 1e3 * sample.depth, sample.force);
     }
     chart.series.push_back(series);
-    fmt::print("{}: {:.4f} N at {:.3g} mm, {} points\n", scheme, series.y.back(), series.x.back(), m.points);
+    fmt::print("{}: {:.4f} N at {:.3g} mm, {} points\n", scheme, series.y.back(), series.x.back(), m.model.point_count());
   }
   for (const auto& [name, words, force] :
        {std::tuple{"paper_experiment_left", "the paper's experiment, left hemisphere", paper_left_N},
@@ -80,8 +79,7 @@ void curve(const fs::path& folder) {
   }
   fs::remove(image);
   write_file(folder / "paper_curve.csv", csv);
-  write_chart_svg(folder / "paper_curve.svg", {chart});
-  write_chart_png(folder / "paper_curve.png", {chart});
+  write_plots(folder, "paper_curve", {chart});
 }
 
 // ---------------------------------------------------------------- tetrahedra

@@ -15,9 +15,9 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/studies/run_program.hpp"
-#include "io/draw/chart.hpp"
 #include "io/error.hpp"
 #include "io/table.hpp"
+#include "tests/bench/picture.hpp"
 
 namespace dimple {
 namespace {
@@ -91,13 +91,13 @@ void measure(const std::string& dimple, const fs::path& results, const std::vect
   std::vector<double> whole;
   for (std::size_t k = 0; k < x.size(); ++k) whole.push_back(table.column[2][k] + table.column[3][k]);
   const auto named = [&](const std::string& name, const std::vector<double>& y) {
-    return ChartSeries{.name = fmt::format("{}: N^{:.2f}", name, exponent(x, y)), .x = x, .y = y};
+    return PlotSeries{.name = fmt::format("{}: N^{:.2f}", name, exponent(x, y)), .x = x, .y = y};
   };
   std::vector<std::string> megabytes;
   for (const double m : table.column[5]) megabytes.push_back(fmt::format("{:.0f} MB", m));
-  ChartSeries memory = named("peak memory of the run", table.column[5]);
+  PlotSeries memory = named("peak memory of the run", table.column[5]);
   memory.label = megabytes;
-  const std::vector<Chart> panels = {
+  const std::vector<Plot> panels = {
       {.title = "Wall time over nodes",
        .subtitle = {fmt::format(
            "block, converging: preprocessing and equilibrium at two depths; horton2007: a second "
@@ -118,8 +118,7 @@ void measure(const std::string& dimple, const fs::path& results, const std::vect
        .log_y = true,
        .series = {memory},
        .lines = {{.at = 2048.0, .text = "2 GB"}}}};
-  write_chart_png(results / "scaling.png", panels, 2);
-  write_chart_svg(results / "scaling.svg", panels, 2);
+  write_plots(results, "scaling", panels, 2);
 }
 
 }  // namespace

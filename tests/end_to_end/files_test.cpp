@@ -104,10 +104,8 @@ TEST_F(Files, APlaceThatCannotBeWrittenToIsRefusedBeforeTheInputIsRead) {
   const Words before = files_in(folder);
   for (const std::string place : {"/proc/nope", "a_file", "a_file/out", "dangling", "dangling/out"})
     for (const std::string command :
-         {"run broken.nrrd -o ", "model broken.nrrd -o ", "solve broken -o ", "converge broken.nrrd -o ",
-          "fit broken.nrrd --curve curve.csv -o ", "chart broken.nrrd --only image -o ",
-          "batch cases.csv -o ", "stress broken.nrrd --x material.mu_Pa=200,300 --y load.depth_mm=1,2 -o ",
-          "man -o ", "poke broken.nrrd --script path.csv --record "}) {
+         {"run broken.nrrd -o ", "model broken.nrrd -o ", "solve broken -o ",
+          "fit broken.nrrd --curve curve.csv -o ", "batch cases.csv -o ", "man -o ", "poke broken.nrrd --script path.csv --record "}) {
       const Ran ran = run(command + place);
       EXPECT_EQ(ran.code, 6) << command << place << '\n' << ran.err;
       EXPECT_THAT(ran.err, HasSubstr(place)) << command;

@@ -94,9 +94,7 @@ class FullDisk : public testing::Test {
             "export brain.nrrd --nodes 2000 -q -o " + out + "/scene.feb",
             "model brain.nrrd --nodes 500 -q -o " + out + "/model",
             "solve model --depth 1mm --frames 2 -q -o " + out + "/solved",
-            "run brain.nrrd --nodes 500 --depth 1mm --frames 2 -q -o " + out + "/run",
-            "converge brain.nrrd --sizes 300,400 --densities 1 --seeds 1 --frames 2 --depth 1mm -q -o " +
-                out + "/study"};
+            "run brain.nrrd --nodes 500 --depth 1mm --frames 2 -q -o " + out + "/run"};
   }
 };
 

@@ -79,9 +79,6 @@ TEST_F(Stop, IsAnsweredWithinTwoSecondsByEveryCommand) {
                                              "solve made -o out/solved --frames 200 --rate 0.01mm/s",
                                              "run brain.nrrd -o out/run --nodes 6000",
                                              "export brain.nrrd -o out/scene.inp --nodes 30000",
-                                             "converge brain.nrrd -o out/study --sizes 2000,4000,8000",
-                                             "chart -o out/chart --only a --nodes 1000,2000",
-                                             "stress -o out/stress --map depth-nu --finest 500 --limit 20",
                                              "fit brain.nrrd -o out/fit --curve curve.csv --of mu,alpha"};
   fs::create_directories(folder / "out");
   int interrupted = 0;
@@ -91,26 +88,7 @@ TEST_F(Stop, IsAnsweredWithinTwoSecondsByEveryCommand) {
       expect_whole_files(folder / "out", true);
       for (const auto& entry : fs::directory_iterator(folder / "out")) fs::remove_all(entry);
     }
-  EXPECT_GT(interrupted, 11);
-}
-
-// Within one of its runs: of a part of a curve it must not make numbers of the whole.
-TEST_F(Stop, OfAStudyAmidARunKeepsTheRunsBeforeIt) {
-  int interrupted = 0;
-  for (int after = 100; after <= 1300; after += 100) {
-    SCOPED_TRACE(after);
-    fs::remove_all(folder / "out");
-    const Ran ran =
-        expect_end("converge brain.nrrd -o out --sizes 300,400,500,600,700,800 --seeds 1 --depth 4mm",
-                   milliseconds(after), SIGINT);
-    interrupted += ran.code == 130;
-    if (!fs::exists(folder / "out")) continue;
-    expect_whole_files(folder / "out", true);
-    if (fs::exists(folder / "out/convergence.csv")) {
-      EXPECT_EQ(read_csv(folder / "out/convergence.csv").rows() % 16, 0u);  // frames of a run
-    }
-  }
-  EXPECT_GT(interrupted, 6);
+  EXPECT_GT(interrupted, static_cast<int>(commands.size())) << "of twice as many";
 }
 
 // The finest cloud until then, as if it alone had been asked for.

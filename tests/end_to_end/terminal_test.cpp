@@ -22,9 +22,9 @@ using Json = nlohmann::json;
 using testing::HasSubstr;
 using testing::Not;
 
-const std::vector<std::string> commands = {
-    "phantom", "info",  "places", "model",  "solve",   "run",  "batch",  "collect", "compare",   "converge",
-    "fit",     "chart", "stress", "export", "options", "cite", "doctor", "man",     "completion"};
+const std::vector<std::string> commands = {"phantom", "info",    "places",  "model",     "solve",  "run",
+                                           "batch",   "collect", "compare", "fit",       "export", "options",
+                                           "cite",    "doctor",  "man",     "completion"};
 
 class Terminal : public testing::Test {
  protected:

@@ -1,13 +1,11 @@
-// What other programs are given, what is read back from them, and how they are run.
+// What other programs are given, and how programs are run.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
-#include "apps/studies/accuracy_chart.hpp"
 #include "apps/studies/run_program.hpp"
 #include "io/element_files.hpp"
 #include "io/error.hpp"
@@ -80,28 +78,6 @@ TEST(FebioInput, RefusesASlidingCircleThatIsNotPushedAlongAnAxis) {
   EXPECT_THAT(febio_input(model), Not(HasSubstr("<dof>x</dof>")));
   model.push = Vec3(0.6, 0.0, -0.8);
   EXPECT_THROW(febio_input(model), UsageError);
-}
-
-TEST(CalculixForces, AreTheTotalsAlongThePushInNewtons) {
-  const std::string dat =
-      "\n total force (fx,fy,fz) for set CIRCLE and time  0.1250000E+00\n\n"
-      "        6.7E-02  1.8E-02 -1.201215E+01\n"
-      "\n total force (fx,fy,fz) for set CIRCLE and time  0.2500000E+00\n\n"
-      "        1.5E-01  5.2E-02 -2.435996E+01\n";
-  const auto forces = calculix_forces(dat, -Vec3::UnitZ());
-  ASSERT_EQ(forces.size(), 2u);
-  EXPECT_NEAR(forces[0], 0.01201215, 1e-12);
-  EXPECT_NEAR(forces[1], 0.02435996, 1e-12);
-  EXPECT_THROW(calculix_forces("total force\n\n no numbers\n", Vec3::UnitZ()), InputError);
-}
-
-TEST(FebioForces, AreSummedOverTheNodesAtTheDepthsOnly) {
-  const std::string log =
-      "*Step  = 1\n*Time  = 0.25\n*Data  = Rx;Ry;Rz\n2 0 0 -1\n5 0 0 -2\n"
-      "*Step  = 2\n*Time  = 0.5\n*Data  = Rx;Ry;Rz\n2 0 0 -3\n5 0 1 -4\n"
-      "*Step  = 3\n*Time  = 1\n*Data  = Rx;Ry;Rz\n2 0 0 -5\n5 0 1 -6\n";
-  EXPECT_THAT(febio_forces(log, -Vec3::UnitZ(), 2), ElementsAre(0.007, 0.011));
-  EXPECT_THROW(febio_forces("*Time = 1\n2 a b c\n", Vec3::UnitZ(), 1), InputError);
 }
 
 TEST(Tetrahedra, FillABlockAndMarkItsBaseAndCircle) {
@@ -195,14 +171,6 @@ TEST(Hexahedra, FollowADomesTopAndFillMostOfIt) {
   for (const Index a : mesh.circle) EXPECT_LT(dome.closest(mesh.X.col(a)).distance, 0.1);
 }
 
-TEST(ParetoFront, HoldsWhatNoOtherBeats) {
-  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THAT(pareto_front({3, 1, 2, 4, 5}, {1, 5, 6, 1, 0.5}), ElementsAre(1, 0, 4));
-  EXPECT_THAT(pareto_front({1, 1, 1}, {2, 1, 1}), ElementsAre(1, 2)) << "equals stay";
-  EXPECT_THAT(pareto_front({nan, 2, 3}, {1, nan, 4}), ElementsAre(2));
-  EXPECT_TRUE(pareto_front({}, {}).empty());
-}
-
 TEST(RunProgram, ReturnsTheCodeAndEndsWhatTakesTooLong) {
   const std::filesystem::path folder = fresh_folder();
   const ProgramRun three =
@@ -217,13 +185,6 @@ TEST(RunProgram, ReturnsTheCodeAndEndsWhatTakesTooLong) {
   EXPECT_TRUE(
       run_program({"/bin/sh", "-c", "sleep 30"}, folder, "run.txt", 9.0, 1, [] { return true; }).interrupted);
   EXPECT_THROW(run_program({"/no/such/program"}, folder, "run.txt", 1.0, 1, {}), UsageError);
-}
-
-TEST(FindProgram, LooksOnThePathAndTakesOnlyWhatRuns) {
-  EXPECT_EQ(find_program("/bin/sh"), "/bin/sh");
-  EXPECT_FALSE(find_program("sh").empty());
-  EXPECT_TRUE(find_program("no_such_program_anywhere").empty());
-  EXPECT_TRUE(find_program("/etc/passwd").empty());
 }
 
 }  // namespace

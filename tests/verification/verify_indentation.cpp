@@ -10,7 +10,7 @@
 
 #include "apps/run/band.hpp"
 #include "apps/run/config.hpp"
-#include "apps/studies/scenes.hpp"
+#include "tests/verification/scenes.hpp"
 #include "io/stop.hpp"
 #include "preprocess/shapes.hpp"
 #include "tests/verification/verify_bodies.hpp"

@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "apps/studies/scenes.hpp"
+#include "tests/verification/scenes.hpp"
 #include "io/error.hpp"
 #include "io/table.hpp"
 #include "tests/verification/verify_bodies.hpp"

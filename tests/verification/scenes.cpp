@@ -1,4 +1,4 @@
-#include "apps/studies/scenes.hpp"
+#include "tests/verification/scenes.hpp"
 
 #include <fmt/format.h>
 

@@ -1,0 +1,334 @@
+"""What the studies share: options of the command line, the folder of results, the program `dimple`, and pictures."""
+
+import argparse
+import difflib
+import logging
+import os
+import pathlib
+import re
+import shutil
+import sys
+import textwrap
+
+import pydimple
+from pydimple import _core
+
+# In the order of the table that the command line is made from.
+_TABLE = {option["key"]: option for option in _core.options()}
+_UNIT = re.compile(r"_(mm_per_s|kg_per_m3|per_s|percent|mm|Pa|s)$")
+_CODES = {
+    pydimple.UsageError: 2,
+    pydimple.InputError: 3,
+    pydimple.ModelError: 4,
+    pydimple.SolveError: 5,
+    pydimple.OutputError: 6,
+}
+
+
+def refuse(fact, where, why, remedy, kind=pydimple.UsageError, code="usage"):
+    raise kind(fact, where, why, remedy, code)
+
+
+def key_of(word):
+    """The whole key of an option: of "mu", "--mu", "material.mu" and "material.mu_Pa". The word itself where it is none."""
+    word = word.lstrip("-").replace("-", "_")
+    for key, option in _TABLE.items():
+        names = {key, option["keyword"]}
+        if option["unit"]:
+            names |= {_UNIT.sub("", name) for name in names}
+        if word in names:
+            return key
+    return word
+
+
+class Case:
+    """An image and the options given for it: key -> text. Nothing is computed until it is asked for."""
+
+    def __init__(self, image="", given=None):
+        self.image = str(image)
+        self.given = {key: text_of(value) for key, value in (given or {}).items()}
+
+    def having(self, settings, image=None):
+        return Case(self.image if image is None else image, {**self.given, **settings})
+
+    def settings(self):
+        settings = _core.Settings("", [(key, text, key) for key, text in self.given.items()])
+        if self.image:
+            settings.set("image.file", self.image, "image")
+        return settings
+
+    def run(self):
+        """A pydimple.Result, in memory."""
+        return _core.run_in_memory(self.settings(), None)
+
+    def values(self):
+        """key -> value, in the unit of the key. Raises UsageError: an option that is none, or a value that it does not take."""
+        return _core.option_values(self.given)
+
+    def arguments(self):
+        """What differs from the defaults, as arguments of `dimple run IMAGE`."""
+        order = {key: k for k, key in enumerate(_TABLE)}
+        words = []
+        for key in sorted(self.given, key=lambda key: (order.get(key, len(order)), key)):
+            default = _TABLE.get(key, {}).get("default")
+            if self.given[key] != text_of(default) and not _same_number(self.given[key], default):
+                words += ["--set", f"{key}={self.given[key]}"]
+        return words
+
+
+def _same_number(text, default):
+    try:
+        return float(text) == default
+    except ValueError:
+        return False
+
+
+def text_of(value):
+    """As the option table reads it, to the same bits: 10 and not 10.0."""
+    if isinstance(value, (list, tuple)):
+        return ",".join(text_of(part) for part in value)
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+        return str(int(value))
+    return value if isinstance(value, str) else repr(value)
+
+
+def _from_file(file):
+    import tomllib
+
+    with open(file, "rb") as opened:
+        table = tomllib.load(opened)
+
+    def flat(table, before):
+        for name, value in table.items():
+            if isinstance(value, dict):
+                yield from flat(value, f"{before}{name}.")
+            else:
+                yield before + name, str(value).lower() if isinstance(value, bool) else text_of(value)
+
+    return dict(flat(table, ""))
+
+
+def words(text):
+    return [word for word in text.split(",") if word]
+
+
+def whole_numbers(text):
+    return [int(word) for word in words(text)]
+
+
+def parser(name, description, flags=False):
+    """With what every study takes; with `flags` those of `dimple run` too, as --set has them."""
+    result = argparse.ArgumentParser(prog=f"python3 -m pydimple.{name}", description=description, allow_abbrev=False)
+    result.add_argument("image", nargs="?", default="", metavar="IMAGE", help="label image")
+    result.add_argument("-o", "--out", default="", metavar="FOLDER", help="for the results")
+    result.add_argument("--config", metavar="FILE", help="TOML file with options; see `dimple options`")
+    result.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any option, as section.key=value")
+    result.add_argument("--threads", type=int, help="at most this many; results do not depend on it")
+    result.add_argument("-q", "--quiet", action="store_true", help="errors only")
+    for key, option in _TABLE.items() if flags else ():
+        word = _UNIT.sub("", option["keyword"]) if option["unit"] else option["keyword"]
+        result.add_argument("--" + word.replace("_", "-"), dest=key, help=argparse.SUPPRESS)
+    return result
+
+
+def known_words(given, known, where):
+    for word in given:
+        if word not in known:
+            near = difflib.get_close_matches(word, known, 1)
+            hint = f", did you mean '{near[0]}'?" if near else ""
+            refuse(f"'{word}' is not known{hint}", where, "it takes " + ", ".join(known), "choose among these")
+
+
+def _case(options):
+    given = {}
+    if options.config:
+        try:
+            given = {key_of(key): text for key, text in _from_file(options.config).items()}
+        except (OSError, ImportError, ValueError) as error:
+            refuse(f"{options.config} cannot be read", "--config", str(error), "give a TOML file", pydimple.InputError, "input")
+    for pair in options.set:
+        key, equals, text = pair.partition("=")
+        if not equals:
+            refuse(f"'{pair}' is not key=value", "--set", "there is no =", "for instance --set material.mu=300Pa")
+        given[key_of(key)] = text
+    given |= {key: text for key, text in vars(options).items() if key in _TABLE and text is not None}
+    case = Case(options.image, given)
+    values = case.values()
+    for key in ("accuracy.goal", "accuracy.budget_s"):
+        if values[key]:
+            refuse("a study takes no accuracy", key, "it chooses the numbers of nodes itself", f"leave {key} out")
+    return case
+
+
+def main(of, study, argv=None):
+    """Runs `study(case, options, say)` from its command line; returns the exit code that `dimple` has for such an end."""
+    options = of.parse_args(argv)
+    logging.getLogger("pydimple").addHandler(logging.NullHandler())  # each run's words would hide what the study says
+    say = (lambda line: None) if options.quiet else (lambda line: print(line, file=sys.stderr, flush=True))
+    try:
+        if options.threads:
+            pydimple.limit_threads(options.threads)
+        print(study(_case(options), options, say))
+        return 0
+    except KeyboardInterrupt as stop:  # pydimple.Stopped too
+        print(f"interrupted{': ' + str(stop.args[0]) if stop.args else ''}", file=sys.stderr)
+        return 130
+    except pydimple.Error as error:
+        print(error, file=sys.stderr)
+        return _CODES.get(type(error), 1)
+
+
+def folder_for(out, own, study):
+    """The folder for the results, which write() makes. Refused where it cannot be, or holds files and none is `own`."""
+    folder = pathlib.Path(out)
+    if not out:
+        refuse("no folder for the results was given", "-o", "there is nowhere to put them", f"for instance {study} -o out")
+    there = next(place for place in [folder, *folder.absolute().parents] if place.exists() or place.is_symlink())
+    if not there.is_dir() or not os.access(there, os.W_OK):
+        refuse(
+            f"{folder} cannot be made or written to", "-o", f"{there} is no folder, or a locked one", "give another folder with -o",
+            pydimple.OutputError, "output",
+        )  # fmt: skip
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / own).exists():
+        refuse(
+            f"{folder} holds files that are not results of {study}", "-o", "they could be overwritten",
+            "give an empty or a new folder with -o", pydimple.OutputError, "output",
+        )  # fmt: skip
+    return folder
+
+
+def _whole(file, make):
+    """`make(part)` writes it; it has its name when it is complete, or is not there at all."""
+    part = file.with_name(f".part.{file.name}")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        make(part)
+        os.replace(part, file)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        refuse(f"{file} cannot be written", "output", str(error), "make room, or give another folder", pydimple.OutputError, "output")
+    except KeyboardInterrupt:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def write(file, text):
+    _whole(file, lambda part: part.write_text(text, encoding="utf-8"))
+
+
+def quoted(text):
+    """For a field of a table: in quotes, and no formula of a spreadsheet."""
+    return '"' + ("'" if text[:1] in ("=", "+", "-", "@") else "") + text.replace('"', '""') + '"'
+
+
+def shortest(value):
+    """Text that reads back to the same bits."""
+    return text_of(float(value))
+
+
+def program():
+    """Of the command `dimple`: DIMPLE_PROGRAM, or on the path."""
+    name = os.environ.get("DIMPLE_PROGRAM", "dimple")
+    found = shutil.which(name)
+    if not found:
+        refuse(f"there is no program {name}", "PATH", "the study starts it", "install it, or say where: DIMPLE_PROGRAM=build/release/dimple")
+    return os.path.abspath(found)
+
+
+def forces_at(depth_mm, force_N, at_mm):
+    """Between the samples on both sides, as many as they reach."""
+    import numpy as np
+
+    reached = [d for d in at_mm if len(depth_mm) and d <= depth_mm[-1] * (1 + 1e-9)]
+    return list(np.interp(reached, depth_mm, force_N)) if reached else []
+
+
+def reference_at(file, at_mm=None):
+    """force_N of a CSV at each of the depths; without them at 1, 2, ... mm, as many as it has, to 8 mm at most."""
+    import csv
+
+    try:
+        with open(file, newline="", encoding="utf-8") as opened:
+            known = {float(row["indentation_mm"]): float(row["force_N"]) for row in csv.DictReader(opened)}
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        refuse(
+            f"{file} is no table of a force",
+            "--reference",
+            f"{type(error).__name__}: {error}",
+            "give a CSV with the columns indentation_mm,force_N",
+            pydimple.InputError,
+            "input",
+        )
+
+    def at(d):
+        return next((force for depth, force in known.items() if abs(depth - d) < 1e-6), None)
+
+    wanted = at_mm
+    if wanted is None:
+        wanted = [1.0]
+        while len(wanted) < 8 and at(len(wanted) + 1) is not None:
+            wanted.append(len(wanted) + 1.0)
+    for d in wanted:
+        if at(d) is None:
+            refuse(
+                f"the reference has no force at {d:.4g} mm",
+                str(file),
+                "the study compares at each of these depths",
+                "give a table with a row for each of them",
+                pydimple.InputError,
+                "input",
+            )
+    return [at(d) for d in wanted]
+
+
+def in_words(force_N):
+    return f"{force_N:.4g} N" if abs(force_N) >= 0.1 else f"{1e3 * force_N:.4g} mN"
+
+
+def pyplot():
+    """matplotlib, without a screen; the same input gives the same bytes, and an SVG whose words are words."""
+    try:
+        import matplotlib
+    except ImportError:
+        refuse("matplotlib is not installed", "pictures", "the study draws with it", "apt install python3-matplotlib, or pip install matplotlib")
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    plt.rcParams.update(
+        {
+            "svg.fonttype": "none",
+            "svg.hashsalt": "dimple",
+            "font.size": 9,
+            "axes.grid": True,
+            "grid.color": "#e4e7eb",
+            "axes.axisbelow": True,
+            "legend.frameon": False,
+        }
+    )
+    return plt
+
+
+HUES = ["#0072b2", "#d55e00", "#009e73", "#b5588f", "#8c6d1f", "#4a4e54", "#000000", "#6a3d9a"]
+
+
+def headed(axes, title, lines=()):
+    """A panel's title, and below it what must be known to read it."""
+    lines = [part for line in lines for part in textwrap.wrap(line, 130)]
+    axes.set_title("\n".join(lines), fontsize=7, color="#555b66", loc="left")
+    axes.annotate(title, (0, 1), (0, 8 + 9 * len(lines)), "axes fraction", "offset points", fontsize=11, weight="bold")
+
+
+def logarithmic(axes):
+    """Both axes, with 0.5 and 20 for ticks and no powers of ten."""
+    from matplotlib import ticker
+
+    axes.set(xscale="log", yscale="log")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(ticker.NullFormatter())
+
+
+def save(figure, folder, name):
+    for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
+        _whole(folder / f"{name}.{suffix}", lambda part: figure.savefig(part, dpi=110, bbox_inches="tight", metadata=metadata))

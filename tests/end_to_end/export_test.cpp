@@ -1,0 +1,110 @@
+// `dimple export` through the real program.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <fstream>
+
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+// [N] along -z, of the lines of CalculiX's FILE.dat that follow each "total force" [mN].
+std::vector<double> forces_in(const fs::path& dat) {
+  std::vector<double> forces;
+  std::ifstream in(dat);
+  for (std::string line; std::getline(in, line);) {
+    if (line.find("total force") == std::string::npos) continue;
+    double x = 0.0, y = 0.0, z = 0.0;
+    if (in >> x >> y >> z) forces.push_back(-1e-3 * z);
+  }
+  return forces;
+}
+
+TEST(Export, WritesTheSameSceneForBothPrograms) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
+  const std::string scene = " --nodes 500 --frames 2 --depth 1mm --indent-at 0,0,top --base inferior";
+  const Ran inp = dimple(folder, "export block.nrrd -o block.inp" + scene);
+  ASSERT_EQ(inp.code, 0) << inp.err;
+  ASSERT_EQ(dimple(folder, "export block.nrrd -o again.feb --format febio" + scene).code, 0);
+  const std::string text = text_of(folder / "block.inp");
+  EXPECT_THAT(text, HasSubstr("block.nrrd, indented by 1 mm (bonded)"));
+  EXPECT_THAT(text, HasSubstr("circle, 3, 3, -1\n"));
+  EXPECT_THAT(text_of(folder / "again.feb"), HasSubstr("<value lc=\"1\">-1</value>"));
+}
+
+TEST(Export, OfTheSameSceneGivesTheSameBytesEachTime) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3").code, 0);
+  for (const std::string elements : {"hexahedra", "tetrahedra"}) {
+    std::string first;
+    for (int time = 0; time < 4; ++time) {
+      ASSERT_EQ(dimple(folder, "export brain.nrrd -o a.inp --nodes 2000 --elements " + elements).code, 0);
+      const std::string text = text_of(folder / "a.inp");
+      if (time == 0) first = text;
+      EXPECT_TRUE(text == first) << elements;
+    }
+  }
+}
+
+TEST(Export, CalculixGivesTheForceOfTissueThatDoesNotLock) {
+  if (std::system("command -v ccx > /dev/null 2>&1") != 0)
+    GTEST_SKIP() << "CalculiX is not installed (Debian: calculix-ccx)";
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
+  const std::string scene =
+      "export block.nrrd -o block.inp --nodes 2000 --frames 2 --depth 1mm --indent-at 0,0,top --base "
+      "inferior "
+      "--elements tetrahedra";
+  // At nu 0.3 ten-node tetrahedra do not lock; hexahedra: 0.00721 N at 1 mm, tests/verification/reference.
+  ASSERT_EQ(dimple(folder, scene + " --nu 0.3").code, 0);
+  ASSERT_EQ(std::system(("cd '" + folder.string() + "' && ccx block > words.txt 2>&1").c_str()), 0);
+  const auto forces = forces_in(folder / "block.dat");
+  ASSERT_EQ(forces.size(), 2u);
+  EXPECT_NEAR(forces[1], 0.00721, 0.0008);
+  EXPECT_NEAR(forces[0], 0.5 * forces[1], 0.0003);
+}
+
+TEST(Export, CalculixsHexahedraDoNotLock) {
+  if (std::system("command -v ccx > /dev/null 2>&1") != 0)
+    GTEST_SKIP() << "CalculiX is not installed (Debian: calculix-ccx)";
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
+  ASSERT_EQ(dimple(folder,
+                   "export block.nrrd -o block.inp --nodes 1000 --frames 1 --depth 1mm --indent-at 0,0,top "
+                   "--base inferior")
+                .code,
+            0);
+  ASSERT_EQ(std::system(("cd '" + folder.string() + "' && ccx block > words.txt 2>&1").c_str()), 0);
+  const auto forces = forces_in(folder / "block.dat");
+  ASSERT_EQ(forces.size(), 1u);
+  EXPECT_NEAR(forces[0], 0.00975, 0.10 * 0.00975);
+}
+
+TEST(Export, RefusesWhatItCannotSay) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
+  const Ran format = dimple(folder, "export block.nrrd -o a.inp --format ansys");
+  EXPECT_EQ(format.code, 2);
+  EXPECT_THAT(format.err, HasSubstr("'ansys' is no format"));
+  const Ran name = dimple(folder, "export block.nrrd -o a.txt");
+  EXPECT_EQ(name.code, 2);
+  EXPECT_THAT(name.err, HasSubstr("does not say for which program"));
+  const Ran elements = dimple(folder, "export block.nrrd -o a.inp --elements pyramids");
+  EXPECT_EQ(elements.code, 2);
+  EXPECT_THAT(elements.err, HasSubstr("'pyramids' are no elements"));
+  const Ran ogden =
+      dimple(folder, "export block.nrrd -o a.inp --set material.prony_g=0.5 --set material.prony_tau_s=1");
+  EXPECT_EQ(ogden.code, 2);
+  EXPECT_THAT(ogden.err, HasSubstr("only one neo-Hookean tissue"));
+  EXPECT_FALSE(fs::exists(folder / "a.inp"));
+}
+
+}  // namespace
+}  // namespace dimple
