@@ -491,9 +491,6 @@ void draw_panel(Pen& pen, const Rect& tile, const Tornado& tornado) {
 double height_of(const Chart&) {
   return panel_height;
 }
-double height_of(const Map&) {
-  return panel_height;
-}
 
 template <class Panel, class Draw>
 void write_panels(const std::filesystem::path& file, const std::vector<Panel>& panels, int columns,
