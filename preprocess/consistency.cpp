@@ -6,6 +6,7 @@
 #include <Eigen/Geometry>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <iterator>
@@ -245,30 +246,31 @@ struct Corner {
 };
 
 void divide(const Corner& a, const Corner& b, const Corner& c, const Neighbours& nodes,
-            const Eigen::VectorXd& spacing, std::vector<Vec3>& place, std::vector<Vec3>& area,
-            int depth = 0) {
+            const Eigen::VectorXd& spacing, std::vector<std::array<Vec3, 3>>& piece, int depth = 0) {
   stop_if_asked();
   const auto at = [&](const Vec3& x) { return Corner{x, spacing[nodes.nearest(x, 1).front()]}; };
   const double longest = std::max({(b.x - a.x).norm(), (c.x - b.x).norm(), (a.x - c.x).norm()});
   const Corner middle = at((a.x + b.x + c.x) / 3.0);
   // A corner may lie where the nodes are much closer together than in the middle.
   if (depth == deepest || longest <= std::min({middle.spacing, a.spacing, b.spacing, c.spacing})) {
-    place.push_back(middle.x);
-    area.push_back(0.5 * (b.x - a.x).cross(c.x - a.x));
+    piece.push_back({a.x, b.x, c.x});
     return;
   }
   const Corner ab = at(0.5 * (a.x + b.x)), bc = at(0.5 * (b.x + c.x)), ca = at(0.5 * (c.x + a.x));
-  divide(a, ab, ca, nodes, spacing, place, area, depth + 1);
-  divide(ab, b, bc, nodes, spacing, place, area, depth + 1);
-  divide(ca, bc, c, nodes, spacing, place, area, depth + 1);
-  divide(ab, bc, ca, nodes, spacing, place, area, depth + 1);
+  divide(a, ab, ca, nodes, spacing, piece, depth + 1);
+  divide(ab, b, bc, nodes, spacing, piece, depth + 1);
+  divide(ca, bc, c, nodes, spacing, piece, depth + 1);
+  divide(ab, bc, ca, nodes, spacing, piece, depth + 1);
 }
 
 }  // namespace
 
 SurfacePieces pieces_of(const Discretisation& cloud) {
+  return pieces_of(cloud, cloud.surface.triangles);
+}
+
+SurfacePieces pieces_of(const Discretisation& cloud, const Triangles& triangles) {
   const Points vertex = cloud.surface.vertex_mm * 1e-3;
-  const Triangles& triangles = cloud.surface.triangles;
   const Neighbours nodes(cloud.X);
   std::vector<Corner> corner(static_cast<std::size_t>(vertex.cols()));
   tbb::parallel_for(Index{0}, vertex.cols(), [&](Index v) {
@@ -276,20 +278,20 @@ SurfacePieces pieces_of(const Discretisation& cloud) {
     corner[static_cast<std::size_t>(v)] = {vertex.col(v),
                                            cloud.spacing[nodes.nearest(vertex.col(v), 1).front()]};
   });
-  std::vector<std::vector<Vec3>> place(static_cast<std::size_t>(triangles.cols())), area = place;
+  std::vector<std::vector<std::array<Vec3, 3>>> pieces(static_cast<std::size_t>(triangles.cols()));
   tbb::parallel_for(Index{0}, triangles.cols(), [&](Index t) {
     const auto of = [&](int k) -> const Corner& { return corner[static_cast<std::size_t>(triangles(k, t))]; };
-    divide(of(0), of(1), of(2), nodes, cloud.spacing, place[static_cast<std::size_t>(t)],
-           area[static_cast<std::size_t>(t)]);
+    divide(of(0), of(1), of(2), nodes, cloud.spacing, pieces[static_cast<std::size_t>(t)]);
   });
   Index count = 0;
-  for (const auto& list : place) count += static_cast<Index>(list.size());
-  SurfacePieces result = {Points(3, count), Points(3, count)};
+  for (const auto& list : pieces) count += static_cast<Index>(list.size());
+  SurfacePieces result = {Points(3, count), Points(3, count), Points(3, 3 * count)};
   Index at = 0;
-  for (std::size_t t = 0; t < place.size(); ++t)
-    for (std::size_t k = 0; k < place[t].size(); ++k, ++at) {
-      result.place.col(at) = place[t][k];
-      result.area.col(at) = area[t][k];
+  for (const auto& list : pieces)
+    for (const auto& [a, b, c] : list) {
+      result.place.col(at) = (a + b + c) / 3.0;
+      result.area.col(at) = 0.5 * (b - a).cross(c - a);
+      result.corner.middleCols(3 * at++, 3) << a, b, c;
     }
   return result;
 }

@@ -9,10 +9,13 @@ namespace dimple {
 struct SurfacePieces {
   Points place;  ///< [3xK] m, in the middle of each
   Points area;   ///< [3xK] m^2: outward normal x area
+  Points corner;  ///< [3x3K] m, of each its three
 };
 
 /// The body's surface, its triangles divided until none is longer than the spacing of the nodes near it.
 SurfacePieces pieces_of(const Discretisation& cloud);
+/// Likewise of some triangles between its vertices.
+SurfacePieces pieces_of(const Discretisation& cloud, const Triangles& triangles);
 
 /// Changes the cells' gradients, as little as possible, so that the divergence theorem holds for every shape function:
 ///

@@ -678,19 +678,22 @@ CompressedRows nodes_by_points(const Model& model, const Points& places, Reaches
 
 Interpolation surface_interpolation(const Model& model) {
   const Points places = model.surface.vertex_mm * 1e-3;
+  Points normals = Points::Zero(3, places.cols());
+  for (const auto& t : model.surface.triangles.colwise()) {
+    const Vec3 a = places.col(t[0]), n = (places.col(t[1]) - a).cross(places.col(t[2]) - a);
+    for (const Index v : t) normals.col(v) += n;
+  }
+  return surface_interpolation(model, places, normals);
+}
+
+Interpolation surface_interpolation(const Model& model, const Points& places, const Points& normals) {
   if (model.support_report.unseen == 0) return make_interpolation(model, model.scheme.support, places);
   CompressedRows allowed;
-  if (const auto sight = sight_in(model, model.scheme.support)) {
-    Points normal = Points::Zero(3, places.cols());
-    for (const auto& t : model.surface.triangles.colwise()) {
-      const Vec3 a = places.col(t[0]), n = (places.col(t[1]) - a).cross(places.col(t[2]) - a);
-      for (const Index v : t) normal.col(v) += n;
-    }
+  if (const auto sight = sight_in(model, model.scheme.support))
     allowed = nodes_by_points(model, places, [&](int q, Index m) {  // behind the surface
-      return (model.point.col(q) - places.col(m)).dot(normal.col(m)) < 0.0 &&
+      return (model.point.col(q) - places.col(m)).dot(normals.col(m)) < 0.0 &&
              sight->point_sees(q, places.col(m));
     });
-  }
   return make_interpolation(model, model.scheme.support, places,
                             allowed.offset.size() > 0 ? members_of(allowed) : Connected());
 }

@@ -47,6 +47,8 @@ Interpolation make_interpolation(const Discretisation& cloud, const SupportOptio
 /// At the vertices of the model's surface, at its points, at its nodes, and at other places inside of it [m], connected
 /// as its supports are.
 Interpolation surface_interpolation(const Model& model);
+/// At places on the surface with outward normals [3xM] of any length.
+Interpolation surface_interpolation(const Model& model, const Points& places, const Points& normals);
 Interpolation point_interpolation(const Model& model);
 Interpolation node_interpolation(const Model& model);
 Interpolation inner_interpolation(const Model& model, const Points& places);

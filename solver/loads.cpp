@@ -16,28 +16,27 @@ class DeadLoad : public ForceTerm {
   Nodal force_;
 };
 
-// [4xN] N of a pressure of 1 Pa on the patch where the vertices are. A third of each triangle's to each of its corners:
-// over a closed surface that is the derivative of the volume within, so that such a pressure has an energy.
-Nodal unit_pressure(const SurfacePatch& patch, const Points& vertex, Index nodes) {
-  Points at_vertex = Points::Zero(3, vertex.cols());
-  for (const auto& t : patch.triangles.colwise()) {
-    const Vec3 a = vertex.col(t[0]);
-    const Vec3 third = (vertex.col(t[1]) - a).cross(vertex.col(t[2]) - a) / 6.0;
-    for (int corner = 0; corner < 3; ++corner) at_vertex.col(t[corner]) -= third;
-  }
-  Nodal force = Nodal::Zero(4, nodes);
-  for (Index v = 0; v < vertex.cols(); ++v)
-    for (int k = patch.nodes.offset[v]; k < patch.nodes.offset[v + 1]; ++k)
-      force.col(patch.nodes.member[k]).head<3>() += patch.weight[k] * at_vertex.col(v);
-  return force;
+// [3xV] m: where the patch's corners are.
+Points moved(const SurfacePatch& patch, const Nodal& u) {
+  Points corner = patch.corner;
+  const auto& [rows, weight] = patch.at_corner;
+  for (Index v = 0; v < corner.cols(); ++v)
+    for (int k = rows.offset[v]; k < rows.offset[v + 1]; ++k) corner.col(v) += weight[k] * u.col(rows.member[k]).head<3>();
+  return corner;
 }
 
-Points moved(const SurfacePatch& patch, const Nodal& u) {
-  Points vertex = patch.vertex;
-  for (Index v = 0; v < vertex.cols(); ++v)
-    for (int k = patch.nodes.offset[v]; k < patch.nodes.offset[v + 1]; ++k)
-      vertex.col(v) += patch.weight[k] * u.col(patch.nodes.member[k]).head<3>();
-  return vertex;
+// [4xN] N of a pressure of 1 Pa with the corners there: as surface_integrals() has them, so that a body under the same
+// pressure everywhere has no forces on its nodes but those that its stress balances.
+Nodal unit_pressure(const SurfacePatch& patch, const Points& corner, Index nodes) {
+  Nodal force = Nodal::Zero(4, nodes);
+  const auto& [rows, weight] = patch.at_middle;
+  for (Index t = 0; t < patch.triangles.cols(); ++t) {
+    const Vec3 a = corner.col(patch.triangles(0, t)), b = corner.col(patch.triangles(1, t)),
+               c = corner.col(patch.triangles(2, t));
+    const Vec3 inward = -0.5 * (b - a).cross(c - a);
+    for (int k = rows.offset[t]; k < rows.offset[t + 1]; ++k) force.col(rows.member[k]).head<3>() += weight[k] * inward;
+  }
+  return force;
 }
 
 // Where the patch's rim moves there is no energy: what counts is the work, by the mean of the forces at both ends of
@@ -92,7 +91,7 @@ ForceTerms make_terms(const Model& model, const Loads& loads) {
     if (one.follows)
       terms.push_back(std::make_unique<FollowingPressure>(one.patch, one.pressure, model.node_count()));
     else
-      terms.push_back(dead_load(one.pressure * unit_pressure(one.patch, one.patch.vertex, model.node_count())));
+      terms.push_back(dead_load(one.pressure * unit_pressure(one.patch, one.patch.corner, model.node_count())));
   return terms;
 }
 

@@ -2,18 +2,10 @@
 
 #include <string>
 
-#include "preprocess/model.hpp"
+#include "preprocess/surface_patch.hpp"
 #include "solver/force_term.hpp"
 
 namespace dimple {
-
-/// A part of the body's surface: triangles whose vertices follow the nodes.
-struct SurfacePatch {
-  Points vertex;           ///< [3xV] at rest [m]
-  Triangles triangles;     ///< outward
-  CompressedRows nodes;    ///< row v: whose displacements that of vertex v is made of
-  Eigen::VectorXd weight;  ///< [nodes.member]
-};
 
 /// A pressure on a patch of the surface, inward where it is positive.
 struct SurfacePressure {

@@ -355,7 +355,7 @@ std::vector<Option> options_of(Config& c) {
       {"load.gravity", "--gravity", "",
        "none; the side towards which it pulls with 9.81 m/s2; or x,y,z in LPS, in m/s2: the body comes to rest under it "
        "before the tool touches",
-       &c.load.gravity, 0, 0, false, any, "solve", true, words_for("none")},
+       &c.load.gravity, 0, 0, false, any, "solve", false, words_for("none")},
       {"solver.safety", "--safety", "", "time step as a fraction of the longest stable one", &c.solver.safety,
        0, 2, true, any, "solve"},
       {"solver.damping_per_s", "--damping", "1/s", "mass-proportional damping", &c.solver.damping_per_s, 0,

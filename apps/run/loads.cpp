@@ -10,7 +10,6 @@
 
 #include "io/error.hpp"
 #include "preprocess/sides.hpp"
-#include "preprocess/support.hpp"
 
 namespace dimple {
 namespace {
@@ -54,39 +53,6 @@ std::vector<Index> triangles_on(const std::string& name, const std::string& on, 
   return chosen;
 }
 
-// Those triangles alone, with the vertices that they have.
-SurfacePatch patch_of(const Model& model, const Interpolation& between, const std::vector<Index>& chosen) {
-  SurfacePatch patch;
-  std::vector<int> vertex, place(static_cast<std::size_t>(model.surface.vertex_mm.cols()), -1), member;
-  std::vector<double> weight;
-  patch.triangles.resize(3, static_cast<Index>(chosen.size()));
-  for (std::size_t k = 0; k < chosen.size(); ++k)
-    for (int corner = 0; corner < 3; ++corner) {
-      const auto v = model.surface.triangles(corner, chosen[k]);
-      int& mine = place[static_cast<std::size_t>(v)];
-      if (mine < 0) {
-        mine = static_cast<int>(vertex.size());
-        vertex.push_back(static_cast<int>(v));
-      }
-      patch.triangles(corner, static_cast<Index>(k)) = mine;
-    }
-  const auto count = static_cast<Index>(vertex.size());
-  patch.vertex.resize(3, count);
-  patch.nodes.offset = Eigen::VectorXi::Zero(count + 1);
-  for (Index v = 0; v < count; ++v) {
-    const Index from = vertex[static_cast<std::size_t>(v)];
-    patch.vertex.col(v) = 1e-3 * model.surface.vertex_mm.col(from);
-    for (int e = between.rows.offset[from]; e < between.rows.offset[from + 1]; ++e) {
-      member.push_back(between.rows.member[e]);
-      weight.push_back(between.weight[e]);
-    }
-    patch.nodes.offset[v + 1] = static_cast<int>(member.size());
-  }
-  patch.nodes.member = Eigen::Map<Eigen::VectorXi>(member.data(), static_cast<Index>(member.size()));
-  patch.weight = Eigen::Map<Eigen::VectorXd>(weight.data(), static_cast<Index>(weight.size()));
-  return patch;
-}
-
 }  // namespace
 
 std::string in_words(const Loads& loads) {
@@ -106,10 +72,9 @@ Loads loads_of(const Config& config, const Model& model) {
                       .where = "load.pressure",
                       .why = "its files hold nodes and points alone",
                       .remedy = "take the label image, or leave the pressure out"});
-  const Interpolation between = surface_interpolation(model);
   for (const auto& [name, pressure] : config.pressure)
     loads.pressure.push_back({.name = name,
-                              .patch = patch_of(model, between, triangles_on(name, pressure.on, model.surface)),
+                              .patch = surface_patch(model, triangles_on(name, pressure.on, model.surface)),
                               .pressure = pressure.pressure_Pa,
                               .follows = pressure.follows == "yes"});
   return loads;

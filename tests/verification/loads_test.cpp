@@ -121,16 +121,13 @@ TEST(Gravity, MakesABondedLayerThatHangsLoseItsStabilityWhereItIsKnownTo) {
   const Model& model = layer.model();
   Nodal wave = Nodal::Zero(4, model.node_count());
   for (Index a = 0; a < model.node_count(); ++a)
-    if (layer.statics.body().on_face(a, 2, 0.0)) wave(2, a) = 1e-9 * std::cos(std::numbers::pi * model.X(0, a) / W);
+    if (layer.statics.body().on_face(a, 2, 0.0)) wave(2, a) = 1e-6 * std::cos(std::numbers::pi * model.X(0, a) / W);
   const std::vector<double> ratio = {4.0, 4.8, 5.4};
   std::vector<double> stiffness;
   for (const double alpha : ratio) {
-    const auto amplitude = [&](double sign) {
-      ForceTerms terms = make_terms(model, {.gravity = Vec3(0.0, 0.0, -alpha * mu / (1000.0 * h)), .pressure = {}});
-      terms.push_back(dead_load(sign * wave));
-      return wave.cwiseProduct(layer.under(std::move(terms), 4, 1e-9).u).sum() / wave.squaredNorm();
-    };
-    stiffness.push_back(2.0 / (amplitude(1.0) - amplitude(-1.0)));
+    ForceTerms terms = make_terms(model, {.gravity = Vec3(0.0, 0.0, -alpha * mu / (1000.0 * h)), .pressure = {}});
+    terms.push_back(dead_load(wave));
+    stiffness.push_back(wave.squaredNorm() / wave.cwiseProduct(layer.under(std::move(terms), 2, 1e-6).u).sum());
   }
   // The parabola through the three.
   const auto at = [&](double x) {
@@ -148,25 +145,16 @@ TEST(Gravity, MakesABondedLayerThatHangsLoseItsStabilityWhereItIsKnownTo) {
   EXPECT_NEAR(critical, 6.2229, 0.02 * 6.2229) << stiffness[0] << " " << stiffness[1] << " " << stiffness[2];
 }
 
-// The upper face of a lattice body.
-SurfacePatch top_of(const LatticeBody& body, const Model& model) {
-  SurfacePatch patch;
-  patch.vertex = 1e-3 * model.surface.vertex_mm;
-  const double top = patch.vertex.row(2).maxCoeff();
-  std::vector<Index> up;
+// Triangles of the surface: all, or those of the upper face.
+SurfacePatch part_of(const Model& model, bool top_alone) {
+  const double top = model.surface.vertex_mm.row(2).maxCoeff();
+  std::vector<Index> chosen;
   for (Index t = 0; t < model.surface.triangles.cols(); ++t) {
-    bool all = true;
-    for (int c = 0; c < 3; ++c) all = all && patch.vertex(2, model.surface.triangles(c, t)) > top - 1e-9;
-    if (all) up.push_back(t);
+    bool up = true;
+    for (int c = 0; c < 3; ++c) up = up && model.surface.vertex_mm(2, model.surface.triangles(c, t)) > top - 1e-6;
+    if (up || !top_alone) chosen.push_back(t);
   }
-  patch.triangles.resize(3, static_cast<Index>(up.size()));
-  for (std::size_t k = 0; k < up.size(); ++k) patch.triangles.col(static_cast<Index>(k)) = model.surface.triangles.col(up[k]);
-  const Interpolation between = surface_interpolation(model);
-  patch.nodes = between.rows;
-  patch.weight = between.weight;
-  EXPECT_FALSE(up.empty());
-  EXPECT_EQ(body.at.cols(), model.node_count());
-  return patch;
+  return surface_patch(model, chosen);
 }
 
 // A cube on three walls, free at its other sides. Pressed along z its stretches are l and twice a: sides free of stress,
@@ -198,7 +186,7 @@ TEST(Pressure, DeadAndFollowingPressesACubeAsItsClosedFormsSay) {
   std::array<double, 2> height{};
   for (const bool follows : {false, true}) {
     Loads loads;
-    loads.pressure.push_back({.name = "top", .patch = top_of(cube.statics.body(), cube.model()), .pressure = p, .follows = follows});
+    loads.pressure.push_back({.name = "top", .patch = part_of(cube.model(), true), .pressure = p, .follows = follows});
     const Equilibrium found = cube.under(make_terms(cube.model(), loads), 8);
     const Pressed exact = pressed(tissue, p, follows);
     const double shorter = (1.0 - exact.l) * size, wider = (exact.a - 1.0) * size;
@@ -213,7 +201,7 @@ TEST(Pressure, DeadAndFollowingPressesACubeAsItsClosedFormsSay) {
     }
     EXPECT_NEAR(top / static_cast<double>(on_top), -shorter, 5e-3 * shorter) << follows;
     EXPECT_NEAR(side / static_cast<double>(on_side), wider, 5e-3 * shorter) << follows;
-    EXPECT_LT(off, 0.04 * shorter) << follows << ": at corners the samples of the surface are few";
+    EXPECT_LT(off, 0.01 * shorter) << follows;
     const double force = p * size * size * (follows ? exact.a * exact.a : 1.0);
     EXPECT_NEAR(face_force(cube.statics.body(), found.f, 2, 0.0).z(), force, 2e-3 * force);
     height[follows ? 1 : 0] = exact.l;
@@ -221,37 +209,37 @@ TEST(Pressure, DeadAndFollowingPressesACubeAsItsClosedFormsSay) {
   EXPECT_GT(height[0] - height[1], 0.015) << "the two are not the same";
 }
 
-// In a closed vessel of fluid at rest nothing moves but what is compressed; and a pressure has an energy there.
-TEST(Pressure, OnAllSidesOfABodyIsTheDerivativeOfItsVolumeTimesThePressure) {
-  const LoadedBox cube(box_lattice(Vec3::Constant(10e-3), 4, 0.1), {.at = {}, .clamped = {}}, neo_hookean(210.0, 0.45, 1000.0));
+// A place in the middle of each small triangle serves: that is as exact as the surface is fine.
+TEST(Pressure, OnAllSidesOfABodyPushesItNowhereAndDoesTheWorkOfItsChangeOfVolume) {
+  const LoadedBox cube(box_lattice(Vec3::Constant(10e-3), 8, 0.1), {.at = {}, .clamped = {}}, neo_hookean(210.0, 0.45, 1000.0));
   const Model& model = cube.model();
-  SurfacePatch all = top_of(cube.statics.body(), model);
-  all.triangles = model.surface.triangles;
+  const SurfacePatch all = part_of(model, false);
   const auto terms = make_terms(model, {.gravity = Vec3::Zero(), .pressure = {{.name = "all", .patch = all, .pressure = 50.0, .follows = true}}});
   Nodal u = Nodal::Zero(4, model.node_count()), way = u, f = u;
   for (Index a = 0; a < model.node_count(); ++a) {
     const Vec3 X = model.X.col(a) * 100.0;
-    u.col(a).head<3>() = 1e-3 * Vec3(std::sin(3.0 * X.y()), X.z() * X.x(), std::cos(2.0 * X.x()));
+    u.col(a).head<3>() = 1e-3 * Vec3(X.x() * X.y(), std::sin(2.0 * X.y()), X.z() * X.x());
     way.col(a).head<3>() = Vec3(X.y() * X.z(), std::sin(2.0 * X.z()), X.x() - X.y());
   }
   const auto volume = [&](const Nodal& v) {
-    Points x = all.vertex;
-    for (Index k = 0; k < x.cols(); ++k)
-      for (int e = all.nodes.offset[k]; e < all.nodes.offset[k + 1]; ++e)
-        x.col(k) += all.weight[e] * v.col(all.nodes.member[e]).head<3>();
+    const Points x = all.corner + all.at_corner(v.topRows<3>());
     double sum = 0.0;
     for (const auto& t : all.triangles.colwise()) sum += x.col(t[0]).dot(x.col(t[1]).cross(x.col(t[2]))) / 6.0;
     return sum;
   };
   terms.front()->add_force(u, {}, f);
   const double e = 1e-6, slope = (volume(u + e * way) - volume(u - e * way)) / (2.0 * e);
-  EXPECT_NEAR(f.cwiseProduct(way).sum(), 50.0 * slope, 1e-6 * std::abs(50.0 * slope));
+  EXPECT_NEAR(f.cwiseProduct(way).sum(), 50.0 * slope, 0.005 * std::abs(50.0 * slope));
   EXPECT_LT(f.rowwise().sum().norm(), 1e-12) << "a closed surface is pushed nowhere";
-  // By small steps from rest: the energy is that pressure times what the volume has grown.
-  constexpr int steps = 400;
+  // Of a homogeneous motion, by steps from rest, the energy is that pressure times what the volume has grown.
+  for (Index a = 0; a < model.node_count(); ++a)
+    u.col(a).head<3>() = Vec3(0.3 * model.X(0, a) + 0.2 * model.X(1, a), -0.1 * model.X(1, a), 0.2 * model.X(2, a));
+  constexpr int steps = 100;
+  terms.front()->accept(0.0 * u, {});
   for (int k = 1; k <= steps; ++k) terms.front()->accept(u * (static_cast<double>(k) / steps), {});
-  EXPECT_NEAR(terms.front()->energy(u, {}), 50.0 * (volume(u) - volume(Nodal::Zero(4, model.node_count()))),
-              1e-4 * 50.0 * std::abs(volume(u) - volume(Nodal::Zero(4, model.node_count()))));
+  const double grown = volume(u) - volume(Nodal::Zero(4, model.node_count()));
+  EXPECT_NEAR(grown, (1.3 * 0.9 * 1.2 - 1.0) * 1e-6, 1e-12);
+  EXPECT_NEAR(terms.front()->energy(u, {}), 50.0 * grown, 1e-4 * 50.0 * grown);
 }
 
 // Springs to the room, and between nodes far apart, that are a thousand times as stiff as the tissue.
