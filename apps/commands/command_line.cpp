@@ -125,7 +125,7 @@ struct NotModelled {
 
 const std::vector<NotModelled>& not_modelled() {
   static const std::vector<NotModelled> list = {
-      {{"--weight", "--body-force"},
+      {{"--body-force", "--acceleration"},
        "a body force is modelled as gravity alone",
        "--gravity inferior, or --gravity x,y,z in m/s2"},
       {{"--tool", "--sphere", "--cone", "--indenter", "--indenter-shape", "--tool-shape"},
