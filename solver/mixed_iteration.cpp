@@ -12,6 +12,7 @@
 #include <thread>
 
 #include "io/stop.hpp"
+#include "solver/anderson.hpp"
 #include "solver/multigrid.hpp"
 
 namespace dimple {
@@ -25,7 +26,6 @@ using Sparse = Eigen::SparseMatrix<double>;
 constexpr double stiffer = 4.0;
 constexpr double neighbour_distance = 1.6;  // of the mean spacing: some 14 neighbours
 constexpr int fewest_neighbours = 6;
-constexpr int remembered = 30;    // steps, by Anderson's acceleration
 constexpr int without_gain = 30;  // iterations, and it is given up
 constexpr double setback = 10.0;  // growth of the residual that is taken back
 // Of the strain between neighbours in one iteration; longer steps pass through the law's barriers.
@@ -171,13 +171,7 @@ CompressedRows nodes_of_patches(const Model& model, const CompressedRows& points
 }  // namespace
 
 struct MixedIteration::Parts {
-  // Anderson's memory, in variables scaled to be of one kind: what each step changed, in the place and in the
-  // step. It outlives a call when the next one is of nearly the same problem, as in time steps.
-  struct Steps {
-    Eigen::MatrixXf moved, changed;  // a preconditioner's: their digits are worth no more
-    Eigen::MatrixXd gram;
-    int kept = 0, next = 0;
-  } memory;
+  Anderson anderson;  // of displacements and pressures, scaled to be of one kind
   System& body;
   ForceState& forces;
   const ForceSystem& system;
@@ -201,6 +195,7 @@ struct MixedIteration::Parts {
   Nodal u_of_inertia, u_of_gradient;          // with the gradient here; and where `gradient` is that now
   double viscous_share = 0.0;                 // for which `memory` was made
   std::chrono::steady_clock::duration lap{};  // of an iteration in bounded time, mean of the last few
+  Nodal viscous;                              // force
   Eigen::VectorXd scale, dual_scale;          // that make u and lambda of one kind: square roots of energies
 
   explicit Parts(System& s)
@@ -409,6 +404,33 @@ struct MixedIteration::Parts {
     for (Index a = 0; a < z.cols(); ++a) z.col(a) += sliding * sliding.dot(normal.col(a) - z.col(a));
   }
 
+  // share x A (u - about).
+  const Nodal* viscous_force(const Nodal& u, const Viscosity& viscosity) {
+    laplacian(u - viscosity.about, viscous);
+    viscous *= viscosity.share;
+    return &viscous;
+  }
+
+  // To the next place after u and lambda, where the step is du and dlambda.
+  void go_on(Nodal& u, Eigen::VectorXd& lambda, const Nodal& du, const Eigen::VectorXd& dlambda, double caution) {
+    const Index n = u.cols(), nb = lambda.size();
+    const auto scaled = [&](const Nodal& v, const Eigen::VectorXd& l) {
+      Eigen::VectorXd all(4 * n + nb);
+      Eigen::Map<Nodal>(all.data(), 4, n) = v * scale.asDiagonal();
+      all.tail(nb) = l.cwiseProduct(dual_scale);
+      return all;
+    };
+    const Nodal from = u;
+    const Eigen::VectorXd here = scaled(u, lambda);
+    Eigen::VectorXd place = anderson.next(here, scaled(du, dlambda), caution);
+    u = Eigen::Map<Nodal>(place.data(), 4, n) * scale.cwiseInverse().asDiagonal();
+    if (const double strain = strain_between(from, u); strain > longest_step) {
+      place = here + longest_step / strain * (place - here);
+      u = Eigen::Map<Nodal>(place.data(), 4, n) * scale.cwiseInverse().asDiagonal();
+    }
+    lambda = place.tail(nb).cwiseQuotient(dual_scale);
+  }
+
   // The step (du, dlambda) from the unbalanced force r and the unbalanced volume s.
   void step(const Nodal& r, const Eigen::VectorXd& s, Nodal& du, Eigen::VectorXd& dlambda) {
     laplacian_solve(r, du);
@@ -433,6 +455,90 @@ struct MixedIteration::Parts {
   }
 };
 
+namespace {
+
+// What a state lacks of equilibrium.
+struct Unbalanced {
+  Unbalanced(Index nodes, Index patch_count) : force(4, nodes), volume(patch_count) {}
+  Nodal force;             // on what is free to move
+  Eigen::VectorXd volume;  // J - 1 - p / bulk
+  ForceState::Patches patches;
+  ForceSystem::Sweep sweep;
+  double residual = 0.0, volume_error = 0.0;
+
+  void at(System& body, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f, const MixedIteration::Inertia* inertia,
+          const Nodal* viscous) {
+    const Eigen::VectorXd& of_patches = body.model().patches.volume;
+    body.tissue().hold_pressures(lambda.cwiseQuotient(of_patches));
+    sweep = body.force(u, f);
+    body.tissue().patch_state(patches);
+    residual = body.balance(f, force, [&](Index a, Eigen::Vector4d& all) {
+                     if (viscous) all += viscous->col(a);
+                     if (inertia)
+                       all += inertia->inertia[a] * body.held().project(a, u.col(a) - inertia->about.col(a));
+                   }).residual();
+    volume = patches.dilation - lambda.cwiseQuotient(patches.bulk.cwiseProduct(of_patches));
+    volume_error = std::sqrt(volume.cwiseAbs2().dot(of_patches) / of_patches.sum());
+  }
+};
+
+// The best state that was met, the step from there, and what it lacks where somebody asks for that.
+struct Best {
+  Best(const Nodal& u_, const Eigen::VectorXd& lambda_, double residual_) : residual(residual_), u(u_), lambda(lambda_) {}
+  double residual;
+  Nodal u, du;
+  Eigen::VectorXd lambda, dlambda;
+  Nodal f;
+  ForceSystem::Sweep sweep;
+
+  bool has_step() const { return du.size() > 0; }
+  void take(const Nodal& u_, const Eigen::VectorXd& lambda_, double residual_) {
+    residual = residual_;
+    u = u_;
+    lambda = lambda_;
+  }
+  void keep_left(const Nodal& f_, const Unbalanced& now, MixedIteration::Left& left) {
+    f = f_;
+    sweep = now.sweep;
+    left.force = now.force;
+    left.volume = now.volume;
+  }
+  void give_back(Nodal& u_, Eigen::VectorXd& lambda_, Relaxed& result) const {
+    u_ = u;
+    lambda_ = lambda;
+    result.residual = residual;
+  }
+  void give_back_left(Nodal& f_, Relaxed& result) const {
+    f_ = f;
+    result.sweep = sweep;
+  }
+};
+
+// Of iterations in bounded time. `mean`: of the last few.
+struct Laps {
+  using Clock = std::chrono::steady_clock;
+  Laps(Clock::time_point until_, Clock::duration& mean_)
+      : until(until_), mean(mean_), timed(until != Clock::time_point::max()),
+        last(timed ? Clock::now() : Clock::time_point()) {}
+  Clock::time_point until;
+  Clock::duration& mean;
+  bool timed;
+  Clock::time_point last;
+
+  // `counts`: the lap that ends here is a whole one.
+  bool none_left(bool counts, bool* late) {
+    if (!timed) return false;
+    const Clock::time_point now = Clock::now();
+    if (counts) mean += (now - last - mean) / 5;
+    last = now;
+    const bool none = now + mean + mean / 2 > until;
+    if (late) *late = none;
+    return none;
+  }
+};
+
+}  // namespace
+
 MixedIteration::MixedIteration(System& system) : parts_(std::make_unique<Parts>(system)) {}
 MixedIteration::~MixedIteration() = default;
 
@@ -444,15 +550,16 @@ double MixedIteration::laplacian_of(const Nodal& v) const {
 
 MixedIteration::Memory MixedIteration::memory() const {
   const Parts& p = *parts_;
-  const Index kept = p.memory.kept;
+  const Anderson::Memory& steps = p.anderson.memory();
+  const Index kept = steps.kept;
   return {.inertia = p.inertia,
           .bulk_of_inertia = p.bulk_of_inertia,
           .u_of_inertia = p.u_of_inertia,
           .u_of_gradient = p.u_of_gradient,
-          .moved = p.memory.moved.leftCols(kept),
-          .changed = p.memory.changed.leftCols(kept),
-          .gram = p.memory.gram.topLeftCorner(kept, kept),
-          .next = p.memory.next};
+          .moved = steps.moved.leftCols(kept),
+          .changed = steps.changed.leftCols(kept),
+          .gram = steps.gram.topLeftCorner(kept, kept),
+          .next = steps.next};
 }
 
 void MixedIteration::restore(const Memory& memory) {
@@ -469,15 +576,7 @@ void MixedIteration::restore(const Memory& memory) {
   }
   p.forces.internal_force(memory.u_of_gradient, f);
   p.find_gradient(memory.u_of_gradient);
-  const Index kept = memory.moved.cols();
-  p.memory.moved.resize(memory.moved.rows(), remembered);
-  p.memory.changed.resize(memory.changed.rows(), remembered);
-  p.memory.gram.resize(remembered, remembered);
-  p.memory.moved.leftCols(kept) = memory.moved;
-  p.memory.changed.leftCols(kept) = memory.changed;
-  p.memory.gram.topLeftCorner(kept, kept) = memory.gram;
-  p.memory.kept = static_cast<int>(kept);
-  p.memory.next = memory.next;
+  p.anderson.restore({.moved = memory.moved, .changed = memory.changed, .gram = memory.gram, .kept = 0, .next = memory.next});
 }
 
 Eigen::VectorXd pressures_of_volumes(const System& system) {
@@ -526,186 +625,104 @@ Relaxed MixedIteration::within(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, cons
   return found;
 }
 
-Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options, bool anew,
-                                const Inertia* inertia, const Viscosity* viscosity, Left* left) {
+// Makes what the step needs, where it is not that of the last call. False: a matrix is not positive definite.
+bool MixedIteration::prepare(const Nodal& u, const Eigen::VectorXd& bulk, bool anew, const Inertia* inertia,
+                             const Viscosity* viscosity) {
   Parts& p = *parts_;
-  const Model& model = p.model;
-  const Constraints& constraints = p.constraints;
-  const Index n = u.cols(), nb = model.patches.count();
-  const Eigen::VectorXd& volume = model.patches.volume;
-  Relaxed result;
-  result.converged = false;
-
-  Nodal r(4, n), du(4, n), viscous;
-  Eigen::VectorXd s(nb), dlambda(nb);
-  ForceState::Patches patches;
-  double volume_error = 0.0;
-  const auto evaluate = [&] {
-    stop_if_asked();
-    p.forces.hold_pressures(lambda.cwiseQuotient(volume));
-    result.sweep = p.body.force(u, f);
-    p.forces.patch_state(patches);
-    ++result.evaluations;
-    if (viscosity) p.laplacian(u - viscosity->about, viscous);
-    const Balance balance = p.body.balance(f, r, [&](Index a, Eigen::Vector4d& all) {
-      if (viscosity) all += viscosity->share * viscous.col(a);
-      if (inertia) all += inertia->inertia[a] * constraints.project(a, u.col(a) - inertia->about.col(a));
-    });
-    s = patches.dilation - lambda.cwiseQuotient(patches.bulk.cwiseProduct(volume));
-    result.residual = balance.residual();
-    volume_error = std::sqrt(s.cwiseAbs2().dot(volume) / volume.sum());
-  };
-
-  evaluate();
   if (anew || p.gradient.cols() == 0) p.find_gradient(u);
-  const Index size = inertia ? n : 0;
+  const Index size = inertia ? u.cols() : 0;
   const bool other_viscosity = p.viscous_share != (viscosity ? viscosity->share : 0.0);
   p.viscous_share = viscosity ? viscosity->share : 0.0;
   const bool other_inertia = size != p.inertia.size() || (inertia && inertia->inertia != p.inertia);
   if (other_inertia) p.inertia = inertia ? inertia->inertia : Eigen::VectorXd();
-  if ((other_inertia || p.across.node.empty()) && !p.invert_laplacian()) return result;
-  if (p.bulk.size() != nb || p.bulk != patches.bulk) {
-    p.bulk = patches.bulk;
+  if ((other_inertia || p.across.node.empty()) && !p.invert_laplacian()) return false;
+  if (p.bulk.size() != bulk.size() || p.bulk != bulk) {
+    p.bulk = bulk;
     if (!p.factorise_schur()) {
       p.bulk.resize(0);
-      return result;
+      return false;
     }
   }
   if (other_inertia && inertia && !p.factorise_schur_of_inertia()) {
     p.inertia.resize(0);
-    return result;
+    return false;
   }
+  p.anderson.begin(4 * u.cols() + bulk.size(), anew || other_inertia || other_viscosity);
+  return true;
+}
 
-  const Index length = 4 * n + nb;
-  Parts::Steps& m = p.memory;
-  if (m.gram.size() == 0) {
-    m.moved.resize(length, remembered);
-    m.changed.resize(length, remembered);
-    m.gram.resize(remembered, remembered);
-  }
-  if (anew || other_inertia || other_viscosity) m.kept = m.next = 0;
-  Eigen::VectorXd place(length), last_place(length), now(length), last(length);
-  const auto scaled = [&](const Nodal& v, const Eigen::VectorXd& l, Eigen::VectorXd& out) {
-    Eigen::Map<Nodal>(out.data(), 4, n) = v * p.scale.asDiagonal();
-    out.tail(nb) = l.cwiseProduct(p.dual_scale);
+Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options, bool anew,
+                                const Inertia* inertia, const Viscosity* viscosity, Left* left) {
+  Parts& p = *parts_;
+  Relaxed result;
+  result.converged = false;
+  Unbalanced now(u.cols(), lambda.size());
+  const auto evaluate = [&] {
+    stop_if_asked();
+    now.at(p.body, u, lambda, f, inertia, viscosity ? p.viscous_force(u, *viscosity) : nullptr);
+    result.sweep = now.sweep;
+    result.residual = now.residual;
+    ++result.evaluations;
   };
-  int setbacks = 0, since_gain = 0;
-  double best = result.residual, caution = 1.0;
-  Nodal best_u = u, best_du, from;
-  Eigen::VectorXd best_lambda = lambda, best_dlambda;
-  bool fresh = true;  // no step has been remembered since the last setback
-  Nodal best_f;       // of `left`
-  ForceSystem::Sweep best_sweep;
+  evaluate();
+  if (!prepare(u, now.patches.bulk, anew, inertia, viscosity)) return result;
+
+  Best best(u, lambda, result.residual);
   const auto keep_left = [&] {
-    if (!left) return;
-    best_f = f;
-    best_sweep = result.sweep;
-    left->force = r;
-    left->volume = s;
+    if (left) best.keep_left(f, now, *left);
   };
   const auto give_up = [&] {
-    u = best_u;
-    lambda = best_lambda;
-    result.residual = best;
-    if (left) {
-      f = best_f;
-      result.sweep = best_sweep;
-    }
+    best.give_back(u, lambda, result);
+    if (left) best.give_back_left(f, result);
     return result;
   };
   keep_left();
-  using Clock = std::chrono::steady_clock;
-  const bool timed = options.until != Clock::time_point::max();
-  Clock::time_point last_lap = timed ? Clock::now() : Clock::time_point();
-  const auto out_of_time = [&] {
-    if (!timed) return false;
-    const Clock::time_point time = Clock::now();
-    if (best_du.size() > 0) p.lap += (time - last_lap - p.lap) / 5;
-    last_lap = time;
-    const bool late = time + p.lap + p.lap / 2 > options.until;
-    if (left) left->late = late;
-    return late;
-  };
+  Laps laps(options.until, p.lap);
+  int setbacks = 0, since_gain = 0;
+  double caution = 1.0;
+  Nodal du(4, u.cols());
+  Eigen::VectorXd dlambda(lambda.size());
   for (;; evaluate()) {
-    const bool worse = !std::isfinite(result.residual) || !std::isfinite(volume_error) ||
-                       (best_du.size() > 0 && result.residual > setback * best);
+    const bool worse = !std::isfinite(result.residual) || !std::isfinite(now.volume_error) ||
+                       (best.has_step() && result.residual > setback * best.residual);
     if (worse) {
-      if (best_du.size() == 0 || ++setbacks > 4) return give_up();
+      if (!best.has_step() || ++setbacks > 4) return give_up();
       caution *= 2.0;
-      u = best_u + best_du / caution;
-      lambda = best_lambda + best_dlambda / caution;
-      m.kept = m.next = 0;
-      fresh = true;
+      u = best.u + best.du / caution;
+      lambda = best.lambda + best.dlambda / caution;
+      p.anderson.forget();
       continue;
     }
-    if (result.residual < options.tolerance && volume_error < options.tolerance) {
+    if (result.residual < options.tolerance && now.volume_error < options.tolerance) {
       result.converged = true;
       keep_left();
       return result;
     }
-    if (++since_gain > without_gain || result.evaluations >= options.evaluations || out_of_time()) {
-      if (left && result.residual < best) {
-        best = result.residual;
-        best_u = u;
-        best_lambda = lambda;
+    const bool late = since_gain < without_gain && result.evaluations < options.evaluations &&
+                      laps.none_left(best.has_step(), left ? &left->late : nullptr);
+    if (++since_gain > without_gain || result.evaluations >= options.evaluations || late) {
+      if (left && result.residual < best.residual) {
+        best.take(u, lambda, result.residual);
         keep_left();
       }
       return give_up();
     }
-    if (viscosity) {  // of (1 + share) A
-      s *= 1.0 + viscosity->share;
-      p.step(r, s, du, dlambda);
-      du /= 1.0 + viscosity->share;
-    } else {
-      p.step(r, s, du, dlambda);
-    }
-    if (result.residual < 0.9 * best || best_du.size() == 0) {
-      best = result.residual;
-      best_u = u;
-      best_lambda = lambda;
-      best_du = du;
-      best_dlambda = dlambda;
+    const double thicker = viscosity ? 1.0 + viscosity->share : 1.0;  // of (1 + share) A
+    if (viscosity) now.volume *= thicker;
+    p.step(now.force, now.volume, du, dlambda);
+    if (viscosity) du /= thicker;
+    if (result.residual < 0.9 * best.residual || !best.has_step()) {
+      best.take(u, lambda, result.residual);
+      best.du = du;
+      best.dlambda = dlambda;
       keep_left();
       since_gain = 0;
     }
-    from = u;
-    scaled(u, lambda, place);
-    scaled(du, dlambda, now);
-    if (!fresh) {
-      m.moved.col(m.next) = (place - last_place).cast<float>();
-      m.changed.col(m.next) = (now - last).cast<float>();
-      m.kept = std::min(m.kept + 1, remembered);
-      for (int k = 0; k < m.kept; ++k)
-        m.gram(m.next, k) = m.gram(k, m.next) =
-            static_cast<double>(m.changed.col(m.next).dot(m.changed.col(k)));
-      m.next = (m.next + 1) % remembered;
-    }
-    fresh = false;
-    last_place = place;
-    last = now;
-    place += now / caution;
-    if (m.kept > 0) {
-      // Of columns of length one: steps shrink by orders of magnitude.
-      const Eigen::VectorXd unit = m.gram.diagonal().head(m.kept).cwiseSqrt().cwiseMax(1e-300).cwiseInverse();
-      Eigen::MatrixXd normal = unit.asDiagonal() * m.gram.topLeftCorner(m.kept, m.kept) * unit.asDiagonal();
-      normal.diagonal().array() += 1e-10;
-      const Eigen::VectorXd right =
-          unit.cwiseProduct((m.changed.leftCols(m.kept).transpose() * now.cast<float>()).cast<double>());
-      const Eigen::VectorXf share = unit.cwiseProduct(normal.ldlt().solve(right)).cast<float>();
-      place -= (m.moved.leftCols(m.kept) * share +
-                m.changed.leftCols(m.kept) * (share / static_cast<float>(caution)))
-                   .cast<double>();
-    }
-    u = Eigen::Map<Nodal>(place.data(), 4, n) * p.scale.cwiseInverse().asDiagonal();
-    if (const double strain = p.strain_between(from, u); strain > longest_step) {
-      place = last_place + longest_step / strain * (place - last_place);
-      u = Eigen::Map<Nodal>(place.data(), 4, n) * p.scale.cwiseInverse().asDiagonal();
-    }
-    lambda = place.tail(nb).cwiseQuotient(p.dual_scale);
+    p.go_on(u, lambda, du, dlambda, caution);
     // Where a node is held nothing was added but rounding; it must not move at all.
-    for (Index a = 0; a < n; ++a)
-      if (!constraints.is_free(a))
-        u.col(a) = best_u.col(a) + constraints.project(a, u.col(a) - best_u.col(a));
+    for (Index a = 0; a < u.cols(); ++a)
+      if (!p.constraints.is_free(a))
+        u.col(a) = best.u.col(a) + p.constraints.project(a, u.col(a) - best.u.col(a));
   }
 }
 

@@ -99,6 +99,8 @@ class MixedIteration {
   static bool serves(const ForceSystem& system, const Model& model);
 
  private:
+  bool prepare(const ForceSystem::Nodal& u, const Eigen::VectorXd& bulk, bool anew, const Inertia* inertia,
+               const Viscosity* viscosity);
   Relaxed iterate(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                   const RelaxOptions& options, bool anew, const Inertia* inertia, const Viscosity* viscosity,
                   Left* left = nullptr);

@@ -1,0 +1,91 @@
+#include "solver/anderson.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/QR>
+#include <cmath>
+
+namespace dimple {
+namespace {
+
+// x -> x + b - A x with eigenvalues of A from 0.02 to 1.9.
+struct Linear {
+  Eigen::MatrixXd A;
+  Eigen::VectorXd b, solution;
+  Linear() : A(8, 8), b(8) {
+    for (int i = 0; i < 8; ++i)
+      for (int j = 0; j < 8; ++j) A(i, j) = std::sin(1.0 + 3.0 * i + 7.0 * j);
+    const Eigen::MatrixXd Q = Eigen::HouseholderQR<Eigen::MatrixXd>(A).householderQ();
+    A = Q * Eigen::VectorXd::LinSpaced(8, 0.02, 1.9).asDiagonal() * Q.transpose();
+    for (int i = 0; i < 8; ++i) b[i] = std::cos(2.0 * i);
+    solution = A.ldlt().solve(b);
+  }
+  Eigen::VectorXd step(const Eigen::VectorXd& x) const { return b - A * x; }
+  double residual(const Eigen::VectorXd& x) const { return step(x).norm() / b.norm(); }
+};
+
+TEST(Anderson, SolvesALinearProblemInLittleMoreStepsThanItHasUnknowns) {
+  const Linear problem;
+  Anderson anderson;
+  anderson.begin(8, true);
+  Eigen::VectorXd x = Eigen::VectorXd::Zero(8), plain = x;
+  for (int k = 0; k < 14; ++k) {
+    x = anderson.next(x, problem.step(x), 1.0);
+    plain += problem.step(plain);
+  }
+  EXPECT_LT(problem.residual(x), 1e-5);
+  EXPECT_GT(problem.residual(plain), 1e-2) << "which the iteration alone does not";
+}
+
+TEST(Anderson, RestoredGoesOnToTheSameBits) {
+  const Linear problem;
+  Anderson whole;
+  whole.begin(8, true);
+  Eigen::VectorXd x = Eigen::VectorXd::Zero(8);
+  for (int k = 0; k < 5; ++k) x = whole.next(x, problem.step(x), 1.0);
+  const Anderson::Memory& m = whole.memory();
+  ASSERT_EQ(m.kept, 4);
+  Anderson restored;
+  restored.restore({.moved = m.moved.leftCols(m.kept),
+                    .changed = m.changed.leftCols(m.kept),
+                    .gram = m.gram.topLeftCorner(m.kept, m.kept),
+                    .kept = 0,
+                    .next = m.next});
+  whole.begin(8, false);
+  Eigen::VectorXd y = x;
+  for (int k = 0; k < 3; ++k) {
+    x = whole.next(x, problem.step(x), 1.0);
+    y = restored.next(y, problem.step(y), 1.0);
+    EXPECT_EQ(x, y);
+  }
+}
+
+TEST(Anderson, ForgetsWhatIsOfNoUse) {
+  const Linear problem;
+  Anderson anderson;
+  anderson.begin(8, true);
+  Eigen::VectorXd x = Eigen::VectorXd::Zero(8);
+  for (int k = 0; k < 4; ++k) x = anderson.next(x, problem.step(x), 1.0);
+  anderson.forget();
+  const Eigen::VectorXd step = problem.step(x);
+  EXPECT_EQ(anderson.next(x, step, 1.0), Eigen::VectorXd(x + step)) << "the first step is the iteration's own";
+  EXPECT_EQ(anderson.memory().kept, 0);
+  anderson.begin(8, true);
+  EXPECT_EQ(anderson.next(x, step, 4.0), Eigen::VectorXd(x + step / 4.0)) << "a cautious one is shorter";
+}
+
+// The window is full and its oldest columns are written over: it goes on, though it knows no more than `most` of them.
+TEST(Anderson, RemembersNoMoreThanItsWindow) {
+  Anderson anderson;
+  const Eigen::Index n = 100;
+  anderson.begin(n, true);
+  const Eigen::VectorXd rate = Eigen::VectorXd::LinSpaced(n, 0.01, 1.0);
+  Eigen::VectorXd x = Eigen::VectorXd::Ones(n);
+  for (int k = 0; k < 80; ++k) x = anderson.next(x, -rate.cwiseProduct(x), 1.0);
+  EXPECT_EQ(anderson.memory().kept, Anderson::most);
+  EXPECT_LT(rate.cwiseProduct(x).norm(), 1e-4);
+}
+
+}  // namespace
+}  // namespace dimple
