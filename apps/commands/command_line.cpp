@@ -14,8 +14,8 @@
 #include "apps/commands/log.hpp"
 #include "apps/commands/slicer.hpp"
 #include "apps/commands/terminal.hpp"
+#include "apps/run/unless_stopped.hpp"
 #include "io/error.hpp"
-#include "io/stop.hpp"
 #include "io/text.hpp"
 
 namespace dimple {
@@ -247,16 +247,11 @@ int perform(Invocation& shared) {
 
 int answered(Invocation& shared) {
   const auto fail = [&](const Error& error) {
-    // Whatever goes wrong while everything is being stopped is a consequence of that.
-    const auto tell = [&](const Error& reason) {
-      if (shared.leaves_word) leave_word(shared.out, shared.command, shared.image, reason, warnings_so_far());
-      return report(reason, shared.json);
-    };
-    const StopReason why = stop_asked();
-    return why == StopReason::none ? tell(error) : tell(Stopped(why));
+    if (shared.leaves_word) leave_word(shared.out, shared.command, shared.image, error, warnings_so_far());
+    return report(error, shared.json);
   };
   try {
-    return perform(shared);
+    return unless_stopped([&] { return perform(shared); });
   } catch (const Error& error) {
     return fail(error);
   } catch (const std::bad_alloc&) {

@@ -75,7 +75,7 @@ class StageLine {
     after_s_ = 0.0;
     for (const Part later : all_parts)
       if (later > part) after_s_ += expected_s(later, work);
-    foreseen_ = !work.ladder;
+    foreseen_ = !work.refinement;
     since_ = {};
     draw();
   }

@@ -149,10 +149,22 @@ void members(Archive& io, T& boundary) {
      circle_reason, warnings);
 }
 
+template <class Archive, Like<LabelMeasure> T>
+void members(Archive& io, T& label) {
+  auto& [value, name, voxels, volume_mm3, centre_mm, pieces, largest_piece_voxels, touches_border] = label;
+  io(value, name, voxels, volume_mm3, centre_mm, pieces, largest_piece_voxels, touches_border);
+}
+
+template <class Archive, Like<ImageFacts> T>
+void members(Archive& io, T& facts) {
+  auto& [image_words, labels, closed_mm3, facing_share, segment] = facts;
+  io(image_words, labels, closed_mm3, facing_share, segment);
+}
+
 template <class Archive, Like<Origin> T>
 void members(Archive& io, T& origin) {
-  auto& [config, organ, image, facing_share, boundary] = origin;
-  io(config, organ, image, facing_share, boundary);
+  auto& [config, organ, image, facts, image_warnings, boundary] = origin;
+  io(config, organ, image, facts, image_warnings, boundary);
 }
 
 // ---------------------------------------------------------------------------------------------------------

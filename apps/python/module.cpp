@@ -405,11 +405,12 @@ void add(Solved& solved, const Frame& frame) {
     solved.frame_u.insert(solved.frame_u.end(), &frame.u(0, a), &frame.u(0, a) + 3);
 }
 
-void take(Solved& solved, Result& result, const Config& config) {
+// `built`: the model that was solved; none: it was made for this.
+void take(Solved& solved, Result& result, const Config& config, ModelHolder built = nullptr) {
   solved.force = std::move(result.history.force);
   solved.band = result.band;
   solved.warnings = result.warnings;
-  solved.model = take_model(result, config);
+  solved.model = built ? std::move(built) : take_model(result, config);
 }
 
 // A column of the force curve, as it lies among the others.
@@ -417,6 +418,13 @@ py::array curve(const py::object& self, double ForceSample::*column) {
   const std::vector<ForceSample>& force = self.cast<const Solved&>().force;
   return view(self, force.empty() ? nullptr : &(force.front().*column),
               {static_cast<py::ssize_t>(force.size())}, {sizeof(ForceSample)});
+}
+
+// Of the force on the tool and its moment, three numbers a sample, as they lie among the others.
+py::array on_tool(const py::object& self, std::size_t first) {
+  const std::vector<ForceSample>& force = self.cast<const Solved&>().force;
+  return view(self, force.empty() ? nullptr : &force.front().on_tool[first],
+              {static_cast<py::ssize_t>(force.size()), 3}, {sizeof(ForceSample), sizeof(double)});
 }
 
 py::object band_edge(const Solved& solved, double side) {
@@ -437,8 +445,9 @@ std::string shown(const Solved& solved) {
          (half_N ? "" : ", band unknown: " + in_keywords(solved.band.unknown).cast<std::string>()) + ">";
 }
 
-// What simulate() makes of a case, all in memory. `summary` begins it.
-std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const Result&)>& summary) {
+// What simulate() makes of a case, all in memory. `summary` begins it; `built`: the model that the case begins with.
+std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const Result&)>& summary,
+                               const ModelHolder& built = nullptr) {
   return computing([&] {
     const Stopwatch whole;
     auto kept = std::make_unique<Solved>();
@@ -454,20 +463,22 @@ std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const
     add_run(all, given.config, result, {.solve_s = result.solve_s, .total_s = whole.seconds()}, "finished",
             ExitCode::ok, nullptr);
     kept->summary_json = as_text(all);
-    take(*kept, result, given.config);
+    const bool is_built = built && result.levels.empty();  // an accuracy takes other nodes
+    take(*kept, result, result.origin ? result.origin->config : given.config, is_built ? built : nullptr);
     return kept;
   });
 }
 
-std::unique_ptr<Solved> solve_model(const ModelInMemory& built, const Settings& settings) {
-  Case given{.config = settings.config(), .band = true};  // which then says why there is none
-  given.model = ModelFiles{.places = built.model,
-                           .scheme = built.model.scheme,
-                           .label_names = built.label_names,
-                           .provenance = built.provenance,
+std::unique_ptr<Solved> solve_model(const ModelHolder& built, const Settings& settings) {
+  Case given{.config = settings.config()};
+  given.band = given.config.accuracy.band == "on";
+  given.model = ModelFiles{.places = built->model,
+                           .scheme = built->model.scheme,
+                           .label_names = built->label_names,
+                           .provenance = built->provenance,
                            .notes = {}};
-  given.origin = built.origin;
-  return solved(given, [&](const Result&) { return Json{{"made_from", built.provenance}}; });
+  given.origin = built->origin;
+  return solved(given, [&](const Result& result) { return Json{{"made_from", result.provenance}}; }, built);
 }
 
 std::unique_ptr<Solved> run_in_memory(const Settings& settings, const LabelImage* image) {
@@ -540,6 +551,11 @@ std::string shown(LiveSession& session) {
     return fmt::format("<pydimple.Session: {} nodes, {}>", s.model().node_count(),
                        force_title(s.force(), 1e3 * s.depth()));
   });
+}
+
+py::array on_tool(LiveSession& session, Index first) {
+  const Wrench all = session.now([](Session& s) { return s.on_tool(); });
+  return handed_over(std::vector<double>(&all[first], &all[first] + 3), {3});
 }
 
 // The members of pydimple.Frame, in its order.
@@ -727,8 +743,21 @@ library's own memory, which lives as long as one of them.)")
           "base_force_N", [](const object& self) { return curve(self, &ForceSample::base_force); },
           "(S,) float64, newtons: with which the base holds the body.")
       .def_property_readonly(
+          "force_on_tool_N", [](const object& self) { return on_tool(self, 0); },
+          "(S, 3) float64, newtons, LPS: all of the force on the tool, not along its push alone.")
+      .def_property_readonly(
+          "moment_on_tool_Nm", [](const object& self) { return on_tool(self, 3); },
+          "(S, 3) float64, newton metres, LPS: its moment about the middle of the circle, which moves with the tool.")
+      .def_property_readonly(
           "time_s", [](const object& self) { return curve(self, &ForceSample::t); },
           "(S,) float64, seconds since the tool touched.")
+      .def_property_readonly(
+          "band",
+          [](const Solved& self) -> py::object {
+            if (!self.band.known()) return py::none();
+            return py::module_::import("pydimple").attr("Band")(band_edge(self, -1.0), band_edge(self, 1.0));
+          },
+          "Band, or None: between which forces the discretisation lets the true one be, at each sample.")
       .def_property_readonly(
           "band_low_N", [](const Solved& self) { return band_edge(self, -1.0); },
           "(S,) float64, newtons, or None: lower edge of the band that the discretisation gives the force.")
@@ -843,6 +872,13 @@ SolveError
           "base_force_N",
           [](LiveSession& self) { return self.now([](Session& s) { return s.base_force(); }); },
           "float, newtons: with which the base holds the body.")
+      .def_property_readonly(
+          "force_on_tool_N", [](LiveSession& self) { return on_tool(self, 0); },
+          "(3,) float64, newtons, LPS: all of the force on the tool; a new array each time.")
+      .def_property_readonly(
+          "moment_on_tool_Nm", [](LiveSession& self) { return on_tool(self, 3); },
+          "(3,) float64, newton metres, LPS: its moment about the middle of the circle, which moves with the tool; a new "
+          "array each time.")
       .def_property_readonly(
           "displacement_m",
           [](LiveSession& self) {

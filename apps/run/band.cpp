@@ -141,16 +141,16 @@ Index expected_nodes(double wanted_share, double facing_share, const FloorOfBand
   return nodes;
 }
 
-Index first_rung(Index expected) {
+Index nodes_of_first_level(Index expected) {
   constexpr Index soon = 4000;
   return std::min(expected / 2, soon);
 }
 
-Index second_rung(Index first, Index expected) {
+Index nodes_of_second_level(Index first, Index expected) {
   return std::clamp(expected, 2 * first, 4 * first);
 }
 
-Index next_rung(Index nodes, double half, double wanted) {
+Index nodes_of_next_level(Index nodes, double half, double wanted) {
   constexpr double far_too_wide = 2.2;
   return nodes * (wanted > 0.0 && half > far_too_wide * wanted ? 4 : 2);
 }

@@ -101,14 +101,14 @@ FloorOfBand floor_of_displacement();
 /// As many nodes as may well do for an accuracy: where the band is that narrow, and a tenth of its floor more.
 /// `wanted_share` 0: not known.
 Index expected_nodes(double wanted_share, double facing_share, const FloorOfBand& floor);
-/// The ladder of clouds for an accuracy. The first has half as many nodes as are expected, but few enough for it to end
+/// The levels of a refinement for an accuracy, in nodes. The first has half as many nodes as are expected, but few enough for it to end
 /// soon; the second as many as are expected, if that is no more than four times as many. After a cloud whose band is
 /// `half` wide where `wanted` is asked for (in the same unit) four times as many are taken where that is far too
 /// wide, else twice: one change less to be paid for. On the scenes of the calibration this asks for 2 % in 0.92 of the
-/// time, median, that a ladder from the fewest nodes takes, and for 3 % in 0.88.
-Index first_rung(Index expected);
-Index second_rung(Index first, Index expected);
-Index next_rung(Index nodes, double half, double wanted);
+/// time, median, that a refinement from the fewest nodes takes, and for 3 % in 0.88.
+Index nodes_of_first_level(Index expected);
+Index nodes_of_second_level(Index first, Index expected);
+Index nodes_of_next_level(Index nodes, double half, double wanted);
 
 /// About how many nodes make the band half as wide: where its floor is.
 Index nodes_for_half_the_band(Index nodes, const FloorOfBand& floor);

@@ -195,7 +195,7 @@ FloorOfBand band_floor(const Config& config);
 /// "force" nor "displacement@x,y,z" in mm.
 std::optional<Vec3> followed_place(const Config& config);
 
-/// Throws UsageError: an accuracy was asked for, of a command that has no ladder of clouds.
+/// Throws UsageError: an accuracy was asked for, of a command that has no refinement.
 void require_no_goal(const Config& config, const std::string& command);
 
 ModelOptions model_options(const Config& config);

@@ -178,7 +178,7 @@ Work work_of(const Config& config, const Result& result) {
                                                  config.boundary.indenter_diameter_mm)),
       .picture = wanted.picture,
       .band = config.accuracy.band == "on",
-      .ladder = !config.accuracy.goal.empty() || config.accuracy.budget_s > 0.0};
+      .refinement = !config.accuracy.goal.empty() || config.accuracy.budget_s > 0.0};
 }
 
 void check_materials(const std::vector<Material>& materials, const Scheme& scheme) {
@@ -343,10 +343,10 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
       {"boundary.indent_at", fmt::format("{}: {}", centre, report.boundary.circle_reason)},
       {"boundary.direction", fmt::format("({:.4f}, {:.4f}, {:.4f})", push.x(), push.y(), push.z())},
       {"image.label", in_words(result.labels)}};
-  result.provenance = {
-      {"image", name_of_image(config)},          {"image_sha256", sha256_of_image(config, image)},
-      {"labels", result.chosen["image.label"]},  {"base", report.boundary.base_reason},
-      {"circle", report.boundary.circle_reason}, {"dimple", DIMPLE_VERSION}};
+  result.provenance["labels"] = result.chosen["image.label"];
+  result.provenance["base"] = report.boundary.base_reason;
+  result.provenance["circle"] = report.boundary.circle_reason;
+  result.provenance["dimple"] = DIMPLE_VERSION;
   if (!organ.closing.empty()) result.provenance["closed"] = organ.closing;
   result.report = std::move(report);
   return std::move(places);

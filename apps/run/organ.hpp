@@ -69,9 +69,10 @@ ReadOrgan read_once(const Case& given, const RunObserver& observer);
 struct Origin {
   Config config;
   Organ organ;
-  LabelImage image;  // of the labels, where tissues differ
-  double facing_share = 0.0;
-  Boundary boundary;  // in the surface's own frame
+  LabelImage image;  ///< of the labels, where tissues differ
+  ImageFacts facts;
+  std::vector<std::string> image_warnings;
+  Boundary boundary;  ///< in the surface's own frame
 };
 
 /// Reads the image, takes its labels, closes its gaps, draws the surface.
@@ -81,7 +82,8 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
 /// nothing. Good for as long as the image is.
 LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& image);
 
-/// Nodes, points, base and circle; `options` differ from the organ's in the number of nodes, if at all.
+/// Nodes, points, base and circle; `options` differ from the organ's in the number of nodes, if at all. Adds them to the
+/// provenance of the image.
 Discretisation place_nodes(const Config& config, const Organ& organ, const ModelOptions& options,
                            const LabelImage& image, const Talk& talk, Result& result);
 

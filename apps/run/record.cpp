@@ -179,7 +179,7 @@ class Recorder {
     const Stopwatch writing;
     how_.write_model(now);
     before_march_s_ = writing.seconds();
-    // A ladder that was stopped has little time to write what it has.
+    // A refinement that was stopped has little time to write what it has.
     LabelAt label_at;
     if (!now.labels.empty()) {
       std::vector<int> taken;
@@ -272,7 +272,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   const bool quasi_static = result.time == TimeMode::quasi_static;
   // Stopped before there was anything to keep.
   if (history.interrupted &&
-      (history.force.empty() || (result.ladder.empty() && writer_->frame_time_s().empty())))
+      (history.force.empty() || (result.levels.empty() && writer_->frame_time_s().empty())))
     throw Stopped(stop_asked());
   const double solve_s_here = result.solve_s - writing_s_, solve_s = solve_s_before() + solve_s_here;
   const Stopwatch ending;
@@ -293,7 +293,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
         "{} at {} of {}, after {:.1f} s; {} [{}]", stopped.fact, length_in_words(reached),
         length_in_words(config.load.depth_mm),
         how_.whole.seconds(),
-        result.ladder.empty() ? "--resume goes on from there" : "this is the finest cloud so far",
+        result.levels.empty() ? "--resume goes on from there" : "this is the finest cloud so far",
         stopped.code);
   Config taken = config;  // a run of that file takes these nodes again
   if (result.nodes_for_band > 0) taken.cloud.nodes = result.nodes_for_band;
@@ -361,7 +361,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   const double write_s = writing_s_ + before_march_s_ + finishing_s_ + ending.seconds();
   outcome.times = times_of(result, how_.read_s);
   outcome.times.emplace_back("solving", solve_s_here);
-  outcome.times.emplace_back(result.ladder.empty() ? "band" : "coarser clouds", band.seconds);
+  outcome.times.emplace_back(result.levels.empty() ? "band" : "coarser clouds", band.seconds);
   outcome.times.emplace_back("writing", write_s);
   if (images_s_ > 0.0) outcome.times.emplace_back("images", images_s_);
   auto parts = outcome.times;

@@ -32,7 +32,7 @@ struct ReadOrgan;  // organ.hpp
 struct Case {
   Config config;
   std::optional<ModelFiles> model = {};  ///< instead of an image
-  std::shared_ptr<const Origin> origin = {};  ///< of `model`, where it is known: its band needs another cloud
+  std::shared_ptr<const Origin> origin = {};  ///< of `model`, where it is known: a band or an accuracy needs other clouds
   const LabelImage* image = nullptr;     ///< instead of the file that config.image.file names
   /// Instead of an image, one that was read before with the same options of the image and the same width of the
   /// circle, which its surface follows; all others may differ. For build_case().
@@ -46,24 +46,28 @@ struct Case {
 inline constexpr double narrow_gap_mm = 4.0;
 
 /// One cloud of those that were tried for an accuracy.
-struct LadderStep {
+struct RefinementLevel {
   Index nodes = 0;
   double force = 0.0, half = 0.0;     ///< at the load's depth, and half its band's width; 0: not known [N]
   double length = 0.0, half_length = 0.0;  ///< of the displacement that was asked for, likewise [m]
   double seconds = 0.0;
 };
 
-/// What came of it. Each part is there as soon as it is known: also when simulate() throws later.
-struct Result {
-  /// Of the image; empty where the case began with a model.
-  LabelImage image;
+/// What is known of an image and the organ in it, whatever model is made of them; empty where the case began with a model
+/// whose origin is not known.
+struct ImageFacts {
   std::string image_words;           ///< its format, size and axes
   std::vector<LabelMeasure> labels;  ///< taken
   double closed_mm3 = 0.0;           ///< added where gaps were closed
   double facing_share = 0.0;         ///< of the surface: what faces another part across narrow_gap_mm or less
-  Index nodes_for_band = 0;          ///< asked for by the body's folds, as nobody has; 0: not so
-  std::shared_ptr<const Origin> origin;  ///< of the model, from build_case()
   SegmentReport segment;
+};
+
+/// What came of it. Each part is there as soon as it is known: also when simulate() throws later.
+struct Result : ImageFacts {
+  LabelImage image;                      ///< until the march has begun, where the case began with one
+  Index nodes_for_band = 0;              ///< asked for by the body's folds, as nobody has; 0: not so
+  std::shared_ptr<const Origin> origin;  ///< of the model, where it is known
   ModelReport report;
   std::map<std::string, std::string> chosen;      ///< option key -> what was chosen for it
   std::map<std::string, std::string> provenance;  ///< image, its SHA-256, labels, reasons
@@ -79,7 +83,7 @@ struct Result {
   Band band;
   std::optional<Followed> followed;  ///< where a displacement is asked for
   double spread = 0.0;               ///< of the force by its material: +- this share of it; 0: not asked for
-  std::vector<LadderStep> ladder;    ///< where an accuracy was asked for: all clouds, the last is this one
+  std::vector<RefinementLevel> levels;  ///< where an accuracy was asked for: all clouds, the last is this one
 
   std::vector<std::string> warnings;
   /// The first so many are of the image; so many were there before the march.

@@ -239,17 +239,18 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
     summary["band_of_mu"] = {{"low_N", force - result.spread * std::abs(force)},
                              {"high_N", force + result.spread * std::abs(force)}};
   if (result.followed) summary["displacement"] = displacement_json(*result.followed, result.band);
-  if (!result.ladder.empty()) {
+  if (!result.levels.empty()) {
     summary["ladder"] = Json::array();
     const auto or_null = [](double half, double factor) { return half > 0.0 ? Json(factor * half) : Json(); };
-    for (const LadderStep& step : result.ladder) {
-      Json rung = {{"nodes", step.nodes}, {"force_N", step.force}, {"half_N", or_null(step.half, 1.0)}};
+    for (const RefinementLevel& level : result.levels) {
+      Json entry = {
+          {"nodes", level.nodes}, {"force_N", level.force}, {"half_N", or_null(level.half, 1.0)}};
       if (result.followed) {
-        rung["displacement_mm"] = 1e3 * step.length;
-        rung["half_mm"] = or_null(step.half_length, 1e3);
+        entry["displacement_mm"] = 1e3 * level.length;
+        entry["half_mm"] = or_null(level.half_length, 1e3);
       }
-      rung["wall_s"] = step.seconds;
-      summary["ladder"].push_back(rung);
+      entry["wall_s"] = level.seconds;
+      summary["ladder"].push_back(entry);
     }
   }
   summary["stable_step_s"] = history.dt_stable_first;

@@ -16,7 +16,7 @@ struct Work {
   double nodes = 1500.0, points = 10500.0;
   double depths = 16.0;  ///< equilibria
   bool picture = true, band = true;
-  bool ladder = false;  ///< further clouds may follow, nobody knows how many
+  bool refinement = false;  ///< further clouds may follow, nobody knows how many
 };
 
 /// [s] That part on the machine of tests/bench/results/whole_runs.csv, to a factor of two: what another one makes of it

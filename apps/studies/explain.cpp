@@ -11,6 +11,7 @@
 #include "apps/run/band.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/unless_stopped.hpp"
 #include "apps/run/words.hpp"
 #include "io/draw/chart.hpp"
 #include "io/error.hpp"
@@ -80,9 +81,8 @@ Tried run(const Case& given, const std::vector<double>& depths_mm) {
         return stop_asked() == StopReason::none;
       }}};
   try {
-    simulate(given, observer, tried.result);
+    unless_stopped([&] { simulate(given, observer, tried.result); });
   } catch (const SolveError&) {
-    if (stop_asked() != StopReason::none) throw Stopped(stop_asked());  // of which this is a consequence
     tried.force = forces_at(tried.result.history.force, depths_mm);
     if (tried.force.empty()) throw;
     tried.deeper = "no equilibrium was found deeper";
@@ -377,7 +377,6 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
       } catch (const Stopped&) {
         throw;
       } catch (const Error& error) {
-        if (stop_asked() != StopReason::none) throw Stopped(stop_asked());  // of which this is a consequence
         alternative.failed = error.report.fact;
       }
       if (alternative.seconds == 0.0) alternative.seconds = trying.seconds();

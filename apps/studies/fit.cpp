@@ -15,6 +15,7 @@
 #include "apps/run/results.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/summary.hpp"
+#include "apps/run/unless_stopped.hpp"
 #include "io/digits.hpp"
 #include "io/draw/chart.hpp"
 #include "io/error.hpp"
@@ -468,10 +469,11 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
   std::vector<CurveFit> fits;  // the best first
   std::vector<std::string> failed;
   for (const std::vector<Sought>& sought : searches) try {
-      fits.push_back(fit_curve(curve.depth, curve.force, sought, unit_forces,
-                               most_runs_of_a_search / static_cast<int>(searches.size())));
+      fits.push_back(unless_stopped([&] {
+        return fit_curve(curve.depth, curve.force, sought, unit_forces,
+                         most_runs_of_a_search / static_cast<int>(searches.size()));
+      }));
     } catch (const SolveError& error) {
-      if (stop_asked() != StopReason::none) throw Stopped(stop_asked());
       if (searches.size() == 1 || failed.size() + 1 == searches.size()) throw;
       failed.push_back(error.report.fact);
       warnings.push_back(fmt::format("no fit near {} = {}: {}", sought[0].name, plain(sought[0].start),

@@ -51,7 +51,7 @@ constexpr bool proves(int number) {
   return (number >= 51 && number <= 120) || (number >= 166 && number <= 225);
 }
 constexpr int second_proof = 166, first_folded = 256, first_held_out = 1001;
-constexpr std::array<Index, 5> rungs = {500, 1000, 2000, 4000, 8000};
+constexpr std::array<Index, 5> level_nodes = {500, 1000, 2000, 4000, 8000};
 constexpr Index finest = band_truth;
 constexpr int frames = 4;
 constexpr std::int64_t most_evaluations = 2000;  // of the force, for one curve
@@ -409,7 +409,7 @@ std::string table_of_held_out(const std::vector<BandScene>& scenes) {
       table);
 }
 
-// What asking for an accuracy comes to: the program's ladder over the recorded clouds, up to the finest of them.
+// What asking for an accuracy comes to: the program's refinement over the recorded clouds, up to the finest of them.
 std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std::string& misses) {
   std::string table =
       "| asked for | proof scenes | reached with a quarter of the truth's nodes or fewer | truth in the band | error within what "
@@ -426,7 +426,7 @@ std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std:
       Index before = 0;
       const double radii = scene.forces.at(scene.truth).back().depth / scene.radius;
       const Index expected = expected_nodes(goal, scene.facing_share, floor_of_force({radii, scene.several_tissues}));
-      for (Index nodes = first_rung(expected); nodes <= scene.truth / band_compared;) {
+      for (Index nodes = nodes_of_first_level(expected); nodes <= scene.truth / band_compared;) {
         if (!scene.forces.contains(nodes)) {  // it was refused
           nodes *= 2;
           continue;
@@ -440,7 +440,7 @@ std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std:
         const double force = std::abs(fine.back().force);
         if (half.empty() || half.back() > goal * force) {
           before = nodes;
-          nodes = half.empty() ? second_rung(nodes, expected) : next_rung(nodes, half.back(), goal * force);
+          nodes = half.empty() ? nodes_of_second_level(nodes, expected) : nodes_of_next_level(nodes, half.back(), goal * force);
           continue;
         }
         ++reached;
@@ -577,7 +577,7 @@ int main(int argc, char** argv) try {
   std::string csv = fs::exists(file) ? dimple::read_file(file)
                     : points         ? dimple::points_header
                                      : dimple::header;
-  std::vector<dimple::Index> sizes(dimple::rungs.begin(), dimple::rungs.end());
+  std::vector<dimple::Index> sizes(dimple::level_nodes.begin(), dimple::level_nodes.end());
   if (points)
     std::reverse(sizes.begin(), sizes.end());
   else

@@ -153,7 +153,8 @@ class Arrays(InAFolder):
         result = pydimple.solve(model, depth_mm=0.5, frames=2)
         for owner, names in (
             (model, "positions_m points_m volume_m3 label base circle circle_centre_m push surface_mm triangles"),
-            (result, "depth_m force_N base_force_N time_s displacement_m frame_depth_m frame_time_s"),
+            (result, "depth_m force_N base_force_N time_s force_on_tool_N moment_on_tool_Nm"),
+            (result, "displacement_m frame_depth_m frame_time_s"),
         ):
             for name in names.split():
                 array, again = getattr(owner, name), getattr(owner, name)
@@ -190,9 +191,9 @@ class Arrays(InAFolder):
     def test_a_session_hands_over_arrays_of_their_own(self):
         session = pydimple.Session(pydimple.build_model(SAMPLE, nodes=300), mu_Pa=210)
         session.equilibrate(depth_mm=0.3)
-        for name in ("positions_m", "displacement_m", "forces_N"):
+        for name in ("positions_m", "displacement_m", "forces_N", "force_on_tool_N", "moment_on_tool_Nm"):
             array = getattr(session, name)
-            self.assertEqual(array.shape[1], 3)
+            self.assertEqual(array.shape[-1], 3)
             self.assertEqual(type(array.base).__name__, "PyCapsule")  # moved, not copied
             self.assertTrue(array.flags.writeable)
             array[:] = 0
@@ -239,6 +240,31 @@ class Program(InAFolder):
         solved = pydimple.solve(pydimple.build_model(SAMPLE, nodes=1000), mu_Pa=321.1, depth_mm=0.5, frames=1)
         self.assertEqual(solved.band_unknown, "")
         np.testing.assert_array_equal(solved.band_low_N, whole.band_low_N)
+
+    def test_a_force_has_three_components_a_moment_and_a_band_at_every_sample(self):
+        result = pydimple.run(SAMPLE, nodes=1000, depth_mm=0.5, frames=3, indent_at="0,0,top")
+        samples = len(result.force_N)
+        self.assertGreaterEqual(samples, 3)
+        for column in (result.force_on_tool_N, result.moment_on_tool_Nm):
+            self.assertEqual(column.shape, (samples, 3))
+        along = -result.force_on_tool_N @ result.model.push
+        np.testing.assert_allclose(along, result.force_N, rtol=1e-6, atol=1e-9)
+        self.assertEqual(list(result.force_on_tool_N[-1]), result.summary["force_on_tool_N"])
+        self.assertEqual(list(result.moment_on_tool_Nm[-1]), result.summary["moment_on_tool_Nm"])
+        self.assertEqual(result.band.low_N[-1], result.summary["band"]["low_N"])
+        self.assertEqual(result.band.high_N[-1], result.summary["band"]["high_N"])
+        self.assertTrue((result.band.low_N[1:] < result.force_N[1:]).all())
+        np.testing.assert_array_equal(result.band.low_N, result.band_low_N)
+        self.assertRegex(repr(result.band), r"^<pydimple.Band: [\d.]+ mN to [\d.]+ mN at the end>$")
+        there = pickle.loads(pickle.dumps(result))
+        self.assertEqual(there.moment_on_tool_Nm.tobytes(), result.moment_on_tool_Nm.tobytes())
+        self.assertIsNone(pydimple.run(SAMPLE, **FAST).band)
+        session = pydimple.Session(result.model)
+        frame = session.follow(depth_mm=0.5, evaluations=500)
+        session.equilibrate(depth_mm=0.5)
+        np.testing.assert_allclose(session.force_on_tool_N, frame.force_on_tool_N, atol=0.02 * frame.force_N)
+        self.assertAlmostEqual(-session.force_on_tool_N @ result.model.push / session.force_N, 1, delta=1e-6)
+        self.assertEqual(session.moment_on_tool_Nm.shape, (3,))
 
     def test_the_number_of_threads_changes_no_bit(self):
         many = pydimple.run(SAMPLE, **FAST)
@@ -301,6 +327,81 @@ class Program(InAFolder):
         self.assertIsInstance(model.warnings, list)
 
 
+class Accuracies(InAFolder):
+    LOAD = {"depth_mm": 2, "frames": 2}
+
+    def assert_same_bits(self, one, other):
+        for name in ("force_N", "force_on_tool_N", "band_low_N", "band_high_N", "displacement_m"):
+            self.assertEqual(getattr(one, name).tobytes(), getattr(other, name).tobytes(), name)
+        self.assertEqual(one.model.positions_m.tobytes(), other.model.positions_m.tobytes())
+        self.assertEqual(one.warnings, other.warnings)
+        levels = [[level["nodes"] for level in of.summary["ladder"]] for of in (one, other)]
+        self.assertEqual(*levels)
+
+    def test_a_model_is_refined_as_its_image_is(self):
+        whole = pydimple.run(SAMPLE, accuracy="6%", **self.LOAD)
+        model = pydimple.build_model(SAMPLE, nodes=300)
+        for of in (model, pickle.loads(pickle.dumps(model)), whole.model):
+            solved = pydimple.solve(of, accuracy="6%", **self.LOAD)
+            self.assert_same_bits(solved, whole)
+            self.assertEqual(solved.summary["made_from"]["image_sha256"], whole.summary["image_sha256"])
+            self.assertEqual(solved.summary["made_from"]["circle"], solved.model.report["circle_reason"])
+        self.assertEqual(len(model.positions_m), 300)
+        self.assertLessEqual(whole.band.high_N[-1] - whole.force_N[-1], 0.06 * whole.force_N[-1])
+
+    def test_the_cloud_that_was_fine_enough_has_a_band_when_it_is_solved_again(self):
+        model = pydimple.build_model(SAMPLE, nodes=300)
+        for result in (pydimple.run(SAMPLE, accuracy="6%", **self.LOAD), pydimple.solve(model, accuracy="6%", **self.LOAD)):
+            again = pydimple.solve(pickle.loads(pickle.dumps(result.model)), **self.LOAD)
+            self.assertEqual(again.band_unknown, "")
+            self.assertEqual(again.force_N.tobytes(), result.force_N.tobytes())
+        once_more = pydimple.solve(again.model, **self.LOAD)
+        self.assertEqual(once_more.band.low_N.tobytes(), again.band.low_N.tobytes())
+        self.assertIs(once_more.model, again.model)
+
+    def test_tissues_of_an_array_and_places_of_an_organ_are_refined_too(self):
+        stiff = {2: {"mu_Pa": 600}}
+        organ = pydimple.Organ(TWO_LABELS, nodes=400, tissue=stiff)
+        model = pickle.loads(pickle.dumps(organ.build_model(indent_at="anterior")))
+        whole = pydimple.run(TWO_LABELS, tissue=stiff, indent_at="anterior", accuracy="10%", **self.LOAD)
+        self.assert_same_bits(pydimple.solve(model, tissue=stiff, accuracy="10%", **self.LOAD), whole)
+        labels, to_lps = half_ellipsoid()
+        here = {"affine": to_lps, "space": "LPS"}
+        whole = pydimple.run(labels, accuracy="10%", **here, **self.LOAD)
+        solved = pydimple.solve(pydimple.build_model(labels, **here), accuracy="10%", **self.LOAD)
+        self.assert_same_bits(solved, whole)
+        self.assertEqual(solved.summary["made_from"]["image_sha256"], whole.summary["image_sha256"])
+
+    def test_the_displacement_of_a_place_has_an_error_and_an_accuracy(self):
+        place = {"quantity": "displacement@0,0,25", **self.LOAD}
+        whole = pydimple.run(SAMPLE, nodes=1000, **place).summary["displacement"]
+        model = pydimple.build_model(SAMPLE, nodes=1000)
+        self.assertEqual(pydimple.solve(model, **place).summary["displacement"], whole)
+        self.assertGreater(whole["half_mm"], 0)
+        refined = pydimple.solve(model, accuracy="15%", **place).summary["displacement"]
+        self.assertLessEqual(refined["half_mm"], 0.15 * refined["length_mm"])
+        outside = {**place, "quantity": "displacement@0,0,900"}
+        self.assertEqual(self.raised(pydimple.UsageError, pydimple.solve, model, **outside).where, "quantity=")
+
+    def test_a_budget_ends_with_what_there_is_and_a_band_may_be_left_out(self):
+        model = pydimple.build_model(SAMPLE, nodes=1000)
+        hasty = pydimple.solve(model, accuracy="2%", budget_s=0.001, **self.LOAD)
+        self.assertEqual(len(hasty.summary["ladder"]), 1)
+        self.assertIsNone(hasty.band)
+        self.assertTrue(any("was not reached" in warning for warning in hasty.warnings), hasty.warnings)
+        self.assertIsNone(pydimple.solve(model, band="off", **self.LOAD).band)
+
+    def test_an_accuracy_that_cannot_be_told_is_refused(self):
+        paper = pydimple.build_model(SAMPLE, nodes=300, scheme="horton2007")
+        self.assertIn("accuracy", self.raised(pydimple.UsageError, pydimple.solve, paper, accuracy="5%").fact)
+        model = pydimple.run(TWO_LABELS, **FAST).model  # of one tissue, so that no labels were kept
+        several = {"tissue": {2: {"mu_Pa": 600}}, "accuracy": "5%"}
+        self.assertIn("labels", self.raised(pydimple.UsageError, pydimple.solve, model, **several).why)
+        self.raised(pydimple.UsageError, pydimple.solve, model, accuracy="good")
+        self.raised(pydimple.UsageError, pydimple.solve, model, accuracy="0.01%")
+        self.raised(pydimple.UsageError, pydimple.build_model, SAMPLE, accuracy="5%")
+
+
 def force_of(model):
     """In another process: what is said of a model that came there, and its force."""
     return repr(model), pydimple.solve(model, depth_mm=0.5, frames=1)
@@ -325,6 +426,7 @@ class Pickles(InAFolder):
 
     def assert_the_same_result(self, one, other):
         names = "depth_m force_N base_force_N time_s band_low_N band_high_N band_unknown displacement_m frame_depth_m"
+        names += " force_on_tool_N moment_on_tool_Nm"
         self.assert_the_same(one, other, names + " frame_time_s warnings summary")
         self.assert_the_same_model(one.model, other.model)
 
@@ -814,7 +916,9 @@ class Stubs(unittest.TestCase):
             "count: int = session.equilibrate(depth_mm=0.5)\n"
             "felt: tuple[float, float, float] = session.follow(depth_mm=0.5, evaluations=8).force_on_tool_N\n"
             "model = pydimple.Organ('brain.nrrd', label=2).build_model(indent_at='left', base=(0, 0, 1), scheme='converging')\n"
-            "pydimple.solve(model, contact='frictionless', time='quasi-static', precision='double', preset='none')\n"
+            "solved = pydimple.solve(model, contact='frictionless', time='quasi-static', precision='double', preset='none')\n"
+            "low = float(solved.band.low_N[-1]) if solved.band else None\n"
+            "moment = pydimple.solve(model, accuracy='2%', budget_s=60, quantity='force').moment_on_tool_Nm[-1] @ np.ones(3)\n"
         )
         checked = subprocess.run(
             ["mypy", "--python-executable", sys.executable, "--strict", str(user)], stdout=subprocess.PIPE, text=True

@@ -64,8 +64,8 @@ TEST(Band, IsNotKnownDeeperThanTheCoarserCloudGoes) {
 
 TEST(Band, ALadderBeginsBelowTheNodesThatMayWellDo) {
   const auto first_two = [](double wanted, double facing, double radii) {
-    const Index expected = expected_nodes(wanted, facing, floor_of_force({radii})), first = first_rung(expected);
-    return std::pair(first, second_rung(first, expected));
+    const Index expected = expected_nodes(wanted, facing, floor_of_force({radii})), first = nodes_of_first_level(expected);
+    return std::pair(first, nodes_of_second_level(first, expected));
   };
   EXPECT_EQ(first_two(0.05, 0.0, 1.0), std::pair(Index{500}, Index{1000}));
   EXPECT_EQ(first_two(0.02, 0.0, 1.0), std::pair(Index{2000}, Index{4000}));
@@ -78,8 +78,8 @@ TEST(Band, ALadderBeginsBelowTheNodesThatMayWellDo) {
 }
 
 TEST(Band, ALadderLeapsWhereItsBandIsFarTooWide) {
-  EXPECT_EQ(next_rung(1000, 0.015, 0.01), 2000);
-  EXPECT_EQ(next_rung(1000, 0.05, 0.01), 4000);
+  EXPECT_EQ(nodes_of_next_level(1000, 0.015, 0.01), 2000);
+  EXPECT_EQ(nodes_of_next_level(1000, 0.05, 0.01), 4000);
 }
 
 // A row for each scene, of the columns that are numbers.

@@ -36,6 +36,7 @@ __all__ = [
     "Model",
     "Organ",
     "Result",
+    "Band",
     "Session",
     "Frame",
     "Error",
@@ -68,7 +69,7 @@ def _shapes_the_surface(option):
 _TAKES = {
     "build_model": lambda option: option["stage"] == "model",
     "usable_places": lambda option: option["stage"] == "model",
-    "solve": lambda option: option["stage"] == "solve" or _is_for_session(option),
+    "solve": lambda option: option["stage"] == "solve" or option["key"].startswith("accuracy.") or _is_for_session(option),
     "Session": _is_for_session,
     "run": lambda option: True,
     "Organ": lambda option: option["stage"] == "model",
@@ -223,9 +224,11 @@ def _places(text):
 
 
 def solve(model, *, config=None, tissue=None, **options):
-    """The force curve of a model, as `dimple solve` computes it.
+    """The force curve of a model with its band.
 
-    There is no band of the force: it takes a second cloud, which `run` makes.
+    With an accuracy (``accuracy="2%"``, or a time for it, ``budget_s=60``) clouds of more and more nodes are made of the organ
+    that the model is of, until the error is as small as that: the result, to the same bits, is that of `run` with the same
+    accuracy, and `Result.model` is the cloud that was fine enough. The number of nodes of the model given does not count then.
     """
     return _core.solve(model, _settings("solve", config, tissue, options))
 
@@ -276,6 +279,24 @@ class Organ(_core.Organ):
     def usable_places(self, **options):
         """Where the circle may stand, as `pydimple.usable_places` tells it."""
         return _places(_core.places_of_organ(self, _settings("Organ.usable_places", None, None, options)))
+
+
+@dataclasses.dataclass(frozen=True, repr=False, eq=False)
+class Band:
+    """How far the force may be from that of an ever finer cloud: the error of the discretisation, and no other.
+
+    Attributes
+    ----------
+    low_N, high_N : (S,) float64 array
+        Its edges, newtons, at each sample of the force curve.
+    """
+
+    low_N: np.ndarray
+    high_N: np.ndarray
+
+    def __repr__(self):
+        edges = " to ".join(_core.force_in_words(edge[-1]) for edge in (self.low_N, self.high_N))
+        return f"<pydimple.Band: {edges} at the end>"
 
 
 @dataclasses.dataclass(frozen=True, repr=False)

@@ -1,0 +1,121 @@
+#include "apps/run/band_of_run.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <new>
+#include <utility>
+
+#include "apps/run/pipeline.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "apps/run/unless_stopped.hpp"
+#include "io/error.hpp"
+#include "io/stop.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr const char* not_for_dynamics = "it was measured in equilibrium, not for dynamics";
+
+// The march of the same body with fewer nodes, at few depths.
+Result coarser_march(Index nodes, const Config& config, const Result& result) {
+  const Origin& origin = *result.origin;
+  Result coarse;
+  static_cast<ImageFacts&>(coarse) = result;
+  const RunObserver unheard;
+  const Talk talk{unheard, coarse};
+  complete(config, place(nodes, config, origin.organ, origin.image, talk, coarse), talk, coarse);
+  coarse.time = result.time;
+  coarse.loading = result.loading;
+  coarse.followed = result.followed;
+  SolverOptions options = solver_options(config);
+  options.frames = 1;  // nobody looks at them
+  march(config, options, {}, nullptr, talk, coarse);
+  if (coarse.history.interrupted) throw Stopped(stop_asked());
+  return coarse;
+}
+
+}  // namespace
+
+std::string no_band(const Config& config) {
+  const Config usual;
+  if (config.scheme.name != usual.scheme.name) return "it was measured for the converging scheme alone";
+  if (config.solver.time == "explicit" || config.solver.time == "dynamic") return not_for_dynamics;
+  if (config.load.contact != usual.load.contact)
+    return "it was measured for a circle to which the tissue is bonded";
+  if (config.load.gravity != usual.load.gravity || !config.pressure.empty())
+    return "it was measured for bodies that bear no load but the tool's";
+  if (const std::string none = no_band(materials_of(config)); !none.empty()) return none;
+  if (config.solver.tolerance > usual.solver.tolerance)
+    return fmt::format("it was measured for a tolerance of {:g}", usual.solver.tolerance);
+  if (config.solver.step_radii > usual.solver.step_radii)
+    return fmt::format("it was measured with steps of the load of at most {:g} radii",
+                       usual.solver.step_radii);
+  if (config.boundary.direction != usual.boundary.direction)
+    return "it was measured for a circle that moves straight towards the base";
+  if (config.cloud.rim != usual.cloud.rim || config.cloud.jitter != usual.cloud.jitter ||
+      config.grid.points != usual.grid.points || config.grid.ratio != usual.grid.ratio ||
+      config.support.basis != usual.support.basis || config.support.weight != usual.support.weight ||
+      config.support.radius_factor != usual.support.radius_factor)
+    return "it was measured for the default nodes, points and supports alone";
+  if (config.load.depth_mm > deepest_with_band * 0.5 * config.boundary.indenter_diameter_mm)
+    return fmt::format("it was measured down to {} radii of the circle", deepest_with_band);
+  return {};
+}
+
+std::string no_band(const Config& config, const Organ& organ, const Boundary& boundary, const Result& result) {
+  if (result.time != TimeMode::quasi_static) return not_for_dynamics;
+  if (const std::string none = no_band(config); !none.empty()) return none;
+  return no_band(body_under_circle(organ.body->surface, boundary, organ.options.boundary.voxel_mm));
+}
+
+std::string no_labels(const Config& config, const Origin& origin) {
+  if (config.tissue.empty() || !origin.image.run.empty()) return {};
+  return "it takes another cloud, and the labels of the image were not kept";
+}
+
+std::string no_band_after(const Config& config, const Result& result) {
+  const Origin* origin = result.origin.get();
+  if (!origin) return "a model's files hold one cloud, and it takes two";
+  if (const std::string none = no_labels(config, *origin); !none.empty()) return none;
+  if (const std::string none = no_band(config, origin->organ, origin->boundary, result); !none.empty()) return none;
+  const Index fewest = fewest_nodes_with_band(result.facing_share);
+  if (result.model.node_count() >= fewest) return {};
+  return fmt::format("it was measured from {0} nodes on{1}; give --nodes {0}", fewest,
+                     result.facing_share > most_facing ? " where a body has folds" : "");
+}
+
+double half_of_displacement(const Result& result, const Vec3& coarse) {
+  return displacement_half_width((result.followed->u - coarse).norm(), result.history.force.back().depth,
+                                 result.model.node_count());
+}
+
+BandOfRun band_of_run(const Config& config, const Result& result) {
+  const Stopwatch whole;
+  BandOfRun found;
+  Band& band = found.band;
+  band.unknown = "";
+  band.coarse_nodes =
+      static_cast<Index>(std::lround(static_cast<double>(result.model.node_count()) / coarser));
+  const std::string cloud = fmt::format("with {} nodes, with which it is compared, ", band.coarse_nodes);
+  try {
+    const Result coarse = unless_stopped([&] { return coarser_march(band.coarse_nodes, config, result); });
+    band.half = half_widths(result.history.force, result.model.node_count(), coarse.history.force,
+                            result.model.tool.radius, !config.tissue.empty());
+    if (band.half.empty())
+      band.unknown = cloud + "the force ends before";
+    else if (result.followed)
+      found.half_of_displacement = half_of_displacement(result, coarse.followed->u);
+  } catch (const Stopped&) {
+    found.stopped = true;
+    band.unknown = "the run was stopped before";
+  } catch (const Error& error) {
+    band.unknown = cloud + error.report.fact;
+  } catch (const std::bad_alloc&) {
+    band.unknown = cloud + "memory is short";
+  }
+  band.seconds = whole.seconds();
+  return found;
+}
+
+}  // namespace dimple

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <string>
+
+#include "apps/run/organ.hpp"
+#include "apps/run/simulate.hpp"
+
+namespace dimple {
+
+/// Why the band of such a run cannot be told, or nothing: it was measured for what is the default.
+std::string no_band(const Config& config);
+/// Likewise, once it is known how time is followed and what the body looks like. `boundary` in the surface's own frame.
+std::string no_band(const Config& config, const Organ& organ, const Boundary& boundary, const Result& result);
+/// Likewise, of a march that has come to its end. `config`: with the choices that its model was made with.
+std::string no_band_after(const Config& config, const Result& result);
+
+/// What the labels of an origin's image are needed for, and are not there: a sentence, or nothing.
+std::string no_labels(const Config& config, const Origin& origin);
+
+/// The band of a march that has come to its end, from the march of a coarser cloud of the same organ.
+struct BandOfRun {
+  Band band;
+  double half_of_displacement = 0.0;  ///< [m] where one is followed
+  bool stopped = false;
+};
+BandOfRun band_of_run(const Config& config, const Result& result);
+
+/// Half the band's width of the place that is followed, where a coarser cloud brings it to `coarse` [m].
+double half_of_displacement(const Result& result, const Vec3& coarse);
+
+}  // namespace dimple

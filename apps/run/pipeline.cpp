@@ -1,0 +1,259 @@
+#include "apps/run/pipeline.hpp"
+
+#include <fmt/format.h>
+
+#include <utility>
+
+#include "apps/run/bending.hpp"
+#include "apps/run/loads.hpp"
+#include "apps/run/run_words.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "apps/run/unless_stopped.hpp"
+#include "apps/run/words.hpp"
+#include "io/error.hpp"
+#include "io/memory.hpp"
+#include "io/stop.hpp"
+#include "preprocess/support.hpp"
+#include "solver/quasi_static.hpp"
+#include "solver/stable_time_step.hpp"
+
+namespace dimple {
+namespace {
+
+using Line = RunObserver::Line;
+
+// Where nobody has chosen, a folded body takes as many as its band needs.
+void take_nodes_for_band(const Config& config, const Talk& talk, ModelOptions& options, Result& result) {
+  const Index fewest = fewest_nodes_with_band(result.facing_share);
+  if (!default_nodes(config) || !options.scheme.pressure_patches || options.cloud.count >= fewest) return;
+  talk.say(nodes_for_band_in_words(fewest, options.cloud.count, result.facing_share));
+  options.cloud.count = result.nodes_for_band = fewest;
+}
+
+// The organ that was read before, under the options of this case.
+Organ taken_again(const Case& given, Result& result) {
+  Organ organ = given.organ->organ;
+  const double voxel_mm = organ.options.boundary.voxel_mm;
+  organ.options = model_options(given.config);
+  organ.options.boundary.voxel_mm = voxel_mm;
+  check_materials(materials_of(given.config), organ.options.scheme);
+  check_words(organ.options.boundary);
+  result = given.organ->read;
+  return organ;
+}
+
+void require_room_beneath(const Config& config, const Discretisation& places) {
+  const double beneath =
+      (places.X.transpose() * places.tool.push).maxCoeff() - places.tool.centre.dot(places.tool.push);
+  if (loading_of(config).depth >= beneath)
+    throw ModelError(
+        {.fact =
+             fmt::format("an indentation of {} is deeper than the organ beneath the circle, {}",
+                         length_in_words(config.load.depth_mm), length_in_words(1e3 * beneath)),
+         .where = "--depth (load.depth_mm)",
+         .why = "the tool would come out on the other side",
+         .remedy = "give a smaller --depth, or another place with --indent-at"});
+}
+
+// As config.solver.time asks: "auto" and "dynamic" look at how long the load lasts.
+TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
+  const std::string& asked = config.solver.time;
+  if (asked == "quasi-static") return TimeMode::quasi_static;
+  if (asked == "explicit" || !result.model.scheme.pressure_patches) return TimeMode::explicit_;
+  TimeMode mode = choose_time(result.model, result.tissues, result.loading);
+  if (mode == TimeMode::quasi_static && asked == "dynamic") mode = TimeMode::dynamic;
+  const double crossings = shear_crossings(result.model, result.tissues, result.loading);
+  const bool shallow = mode == TimeMode::quasi_static && crossings < slow_load;
+  talk.line(mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
+            time_in_words(mode, crossings, shallow));
+  return mode;
+}
+
+std::unique_ptr<ForceSystem> force_system(const Config& config, Result& result) {
+  const Stopwatch readying;
+  auto system = std::make_unique<ForceSystem>(result.model, result.tissues, precision_of(config));
+  result.model.dphi.resize(
+      3, 0);  // the system has them in a layout of its own; twice is 0.4 GB at 100,000 nodes
+  give_back_memory();
+  stop_if_asked();
+  result.complete_s += readying.seconds();
+  return system;
+}
+
+void keep_findings(const Talk& talk, Result& result) {
+  for (const Finding& finding : result.history.guards) talk.warn(in_words(finding));
+  result.findings.insert(result.findings.end(), result.history.guards.begin(), result.history.guards.end());
+}
+
+// What moves the place that is followed, in this model.
+std::optional<Interpolation> to_followed(const Result& result) {
+  if (!result.followed) return std::nullopt;
+  return inner_interpolation(result.model, result.followed->place);
+}
+
+Vec3 displacement_at(const Interpolation& place, const ForceSystem::Nodal& u) {
+  return place(u.topRows<3>()).col(0);
+}
+
+}  // namespace
+
+Organ organ_of(const Case& given, const Talk& talk, Result& result) {
+  Organ organ = given.organ ? taken_again(given, result)
+                            : read_organ(given, model_options(given.config), talk, result);
+  result.provenance = {{"image", name_of_image(given.config)},
+                       {"image_sha256", sha256_of_image(given.config, result.image)}};
+  return organ;
+}
+
+Placed place(const Case& given, const std::optional<Organ>& organ, const Talk& talk, Result& result) {
+  if (!organ) {
+    check_materials(materials_of(given.config), given.model->scheme);
+    for (const std::string& note : given.model->notes) talk.warn(note);
+    say_default_stiffness(talk, given.config);
+    result.provenance = given.model->provenance;
+    return {given.model->places, given.model->scheme, given.model->label_names};
+  }
+  ModelOptions options = organ->options;
+  take_nodes_for_band(given.config, talk, options, result);
+  Placed placed{place_nodes(given.config, *organ, options, result.image, talk, result), options.scheme,
+                organ->label_names};
+  if (result.nodes_for_band > 0)
+    result.chosen["cloud.nodes"] += ", as the body is folded and none were given";
+  return placed;
+}
+
+Placed place(Index nodes, const Config& config, const Organ& organ, const LabelImage& image, const Talk& talk,
+             Result& result) {
+  ModelOptions options = organ.options;
+  options.cloud.count = nodes;
+  options.cloud.spacing_mm = 0.0;
+  return {place_nodes(config, organ, options, image, talk, result), options.scheme, organ.label_names};
+}
+
+void complete(const Config& config, Placed placed, const Talk& talk, Result& result) {
+  const Stopwatch completing;
+  const TissueOptions tissues = tissues_of(config, placed.label_names, placed.places);
+  talk.begin(Part::supports, config);
+  Eigen::VectorXi of_point = tissue_of_points(placed.places, tissues);
+  result.model = make_model(std::move(placed.places), placed.scheme, std::move(of_point), tissues.density,
+                            &result.stages);
+  result.tissues = {materials_of(config), result.model.tissue};
+  tell_of_supports(talk, result.model);
+  result.complete_s = completing.seconds();
+}
+
+// From places to a model that is complete, and a load that is accepted.
+void make_ready(const Case& given, Placed placed, const Talk& talk, Result& result) {
+  const Config& config = given.config;
+  require_room_beneath(config, placed.places);
+  const Stopwatch preparing;
+  complete(config, std::move(placed), talk, result);
+  const Model& model = result.model;
+  const Loading& loading = result.loading = loading_of(config);
+  result.loading.loads = loads_of(config, model);
+  const SolverOptions options = solver_options(config);
+  result.findings = check_model(model, model.support_report, loading.depth);
+  for (const Finding& finding : result.findings) talk.warn(in_words(finding));
+  for (std::size_t t = 0; t < result.tissues.material.size(); ++t) {
+    const Material& m = result.tissues.material[t];
+    // The stiffness that nobody has chosen was told of before.
+    talk.line(t == 0 && default_stiffness(config) ? Line::detail : Line::said, describe(result.tissues, t));
+    talk.detail(fmt::format("waves    kappa {}, so {:.2f} and {:.3f} m/s", stress_in_words(m.kappa),
+                            pressure_wave_speed(m), shear_wave_speed(m)));
+  }
+  if (const std::string preset = beside_preset(config); !preset.empty()) talk.say("preset   " + preset);
+  if (!loading.loads.none()) talk.say("loads    " + in_words(loading.loads) + "; the body comes to rest under it first");
+  result.time = time_of(config, talk, result);
+  talk.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(config.load.depth_mm),
+                          plain(config.load.rate_mm_per_s), three_digits(loading.duration()), config.load.contact,
+                          result.time == TimeMode::quasi_static
+                              ? fmt::format("equilibrium in {} steps", steps_of_load(model, loading, options))
+                          : result.time == TimeMode::dynamic ? "with inertia, by implicit steps"
+                                                             : "with inertia, by central differences"));
+  if (is_as_printed(result.tissues.material.front())) {
+    talk.warn("the printed stress has no energy: energy.csv shows that of the consistent form");
+    if (options.damping == 0.0)
+      talk.warn(
+          "the printed stress does work on closed paths, so undamped vibration grows: give --damping, for "
+          "instance 20");
+  }
+  if (result.time != TimeMode::quasi_static && config.material.mu_spread_percent > 0.0)
+    throw UsageError(
+        {.fact = "mu is given as known to a share of it, and inertia takes part in the force",
+         .where = "--mu (material.mu_spread_percent)",
+         .why = "the load is so short that the run is dynamic, and its force not proportional to mu",
+         .remedy = "run it once with the smallest and once with the largest modulus, or slower"});
+  result.spread = spread_of(config);
+  result.model_warnings = result.warnings.size();
+  result.complete_s = preparing.seconds();
+}
+
+// A place outside of the body moves nowhere. Throws UsageError.
+std::optional<Followed> followed_in(const Config& config, const Organ& organ) {
+  const std::optional<Vec3> place = followed_place(config);
+  if (!place) return std::nullopt;
+  const BodySurface& surface = organ.body->surface;
+  const Vec3 there = surface.to_world().inverse() * (*place * 1e3);
+  if (!surface.contains(there)) {
+    const BodySurface::Closest closest = surface.closest(there);
+    throw UsageError({.fact = fmt::format("the place {} lies outside of the body", in_words(*place * 1e3)),
+                      .where = "--quantity (accuracy.quantity)",
+                      .why = fmt::format("its surface is {:.1f} mm away, at {}", closest.distance,
+                                         in_words(surface.to_world() * closest.place)),
+                      .remedy = "give a place of the body at rest, in LPS mm"});
+  }
+  return Followed{.place = *place};
+}
+
+std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options, const Observer& observer,
+                                   const State* from, const Talk& talk, Result& result) {
+  const std::optional<Interpolation> place = to_followed(result);
+  if (place && from) result.followed->u = displacement_at(*place, from->u);  // no frame may be left
+  BendingOfPart bending(result.model);
+  Observer hears = observer;
+  hears.frame = [&](const Frame& frame) {
+    if (place) result.followed->u = displacement_at(*place, frame.u);
+    bending.see(frame);
+    if (observer.frame) observer.frame(frame);
+  };
+  std::unique_ptr<ForceSystem> system = force_system(config, result);
+  const Stopwatch solving;
+  try {
+    unless_stopped([&] {
+      solve(result.time, *system, result.model, result.loading, options, hears, result.history, from);
+    });
+  } catch (const Stopped&) {
+    result.history.interrupted = true;
+  } catch (const Error&) {
+    result.solve_s = solving.seconds();
+    keep_findings(talk, result);  // they count also where the march ends by an error
+    throw;
+  }
+  result.solve_s = solving.seconds();
+  keep_findings(talk, result);
+  if (const std::string warning = bending.warning(); !warning.empty()) talk.warn(warning);
+  return system;
+}
+
+std::shared_ptr<Origin> origin_of(const Config& config, Organ organ, const Result& result) {
+  const auto of_image = result.warnings.begin() + static_cast<std::ptrdiff_t>(result.image_warnings);
+  return std::make_shared<Origin>(Origin{.config = config,
+                                         .organ = std::move(organ),
+                                         .image = {},
+                                         .facts = result,
+                                         .image_warnings = {result.warnings.begin(), of_image},
+                                         .boundary = result.report.boundary});
+}
+
+Config with_model_of(const Config& config, const Config& made) {
+  Config result = config;
+  result.image = made.image;
+  result.scheme = made.scheme;
+  result.cloud = made.cloud;
+  result.grid = made.grid;
+  result.support = made.support;
+  result.boundary = made.boundary;
+  return result;
+}
+
+}  // namespace dimple

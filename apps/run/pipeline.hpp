@@ -1,0 +1,48 @@
+#pragma once
+
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "apps/run/organ.hpp"
+#include "apps/run/simulate.hpp"
+
+namespace dimple {
+
+// What simulate(), the band and the refinement are made of: the steps from a case to the force curve of one cloud.
+
+/// Nodes and points, before anything expensive is done.
+struct Placed {
+  Discretisation places;
+  Scheme scheme;
+  std::map<std::string, int> label_names;
+};
+
+/// The image of a case, read, or as it was read before; then its provenance is known too.
+Organ organ_of(const Case& given, const Talk& talk, Result& result);
+/// A place for the tool and places for nodes, of the case's own number. `organ`: nothing where it began with a model.
+Placed place(const Case& given, const std::optional<Organ>& organ, const Talk& talk, Result& result);
+/// As many nodes as that, whatever the case has chosen.
+Placed place(Index nodes, const Config& config, const Organ& organ, const LabelImage& image, const Talk& talk,
+             Result& result);
+
+/// From places to a model that is complete.
+void complete(const Config& config, Placed placed, const Talk& talk, Result& result);
+/// The same, and to a load that is accepted. Throws UsageError, ModelError: it is not.
+void make_ready(const Case& given, Placed placed, const Talk& talk, Result& result);
+
+/// The place whose displacement the case asks for, if it does. Throws UsageError: it is outside of the body.
+std::optional<Followed> followed_in(const Config& config, const Organ& organ);
+
+/// Marches a model that is complete, and keeps what comes of it: history, findings, the way of the place that is followed.
+/// Asked to stop it returns what there is, `interrupted`. What is returned is to outlive the frames' forces.
+std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options, const Observer& observer,
+                                   const State* from, const Talk& talk, Result& result);
+
+/// What else the clouds of the result's organ are made from, but for the image.
+std::shared_ptr<Origin> origin_of(const Config& config, Organ organ, const Result& result);
+/// As it is, but with the nodes, points, base and circle that the model was made with.
+Config with_model_of(const Config& config, const Config& made);
+
+}  // namespace dimple

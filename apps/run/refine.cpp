@@ -1,0 +1,180 @@
+#include "apps/run/refine.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "apps/run/band_of_run.hpp"
+#include "apps/run/pipeline.hpp"
+#include "apps/run/unless_stopped.hpp"
+#include "io/error.hpp"
+#include "io/stop.hpp"
+
+namespace dimple {
+namespace {
+
+using Line = RunObserver::Line;
+
+std::unique_ptr<Level> march_level(Index nodes, const Case& given, const Origin& from, const Result& read,
+                                   const RunObserver& observer) {
+  const Stopwatch whole;
+  auto level = std::make_unique<Level>();
+  level->asked = nodes;
+  Result& result = level->result = read;
+  result.stages = {};  // whose clock begins here
+  result.stages.add(read.stages);
+  const RunObserver keeping{.line =
+                                [&](Line kind, const std::string& text) {
+                                  if (kind == Line::doing && observer.line) return observer.line(kind, text);
+                                  level->lines.emplace_back(kind, text);
+                                },
+                            .part = observer.part};
+  const Talk talk{keeping, result};
+  make_ready(given, place(nodes, given.config, from.organ, from.image, talk, result), talk, result);
+  require_a_band(no_band(given.config, from.organ, result.report.boundary, result));
+  talk.begin(Part::solving, given.config);
+  const Observer hears{
+      .frame =
+          [&](const Frame& frame) {
+            level->frames.push_back({frame.number, frame.t, frame.depth, frame.u, frame.f, frame.forces});
+          },
+      .sample = [](const ForceSample&, const History&) { return stop_asked() == StopReason::none; },
+      .retry =
+          [&](const Retry& retry) {
+            talk.detail(
+                fmt::format("retry    at {:.3f} mm ({}): {}", 1e3 * retry.depth, retry.code, retry.what));
+          }};
+  level->system = march(given.config, solver_options(given.config), hears, nullptr, talk, result);
+  if (result.history.interrupted) throw Stopped(stop_asked());
+  level->seconds = whole.seconds();
+  return level;
+}
+
+// Its band, by the level before.
+void compare(Result& now, const Level* before, bool several_tissues) {
+  if (!before) {
+    now.band.unknown = "the run ended with its first cloud";
+    return;
+  }
+  const Result& coarse = before->result;
+  now.band.half = half_widths(now.history.force, now.model.node_count(), coarse.history.force, now.model.tool.radius,
+                              several_tissues);
+  now.band.unknown = "";
+  now.band.coarse_nodes = coarse.model.node_count();
+  if (now.followed) now.followed->half = half_of_displacement(now, coarse.followed->u);
+}
+
+RefinementLevel told_of(const Level& level) {
+  const Result& now = level.result;
+  RefinementLevel told{.nodes = now.model.node_count(),
+                       .force = now.history.force.back().force,
+                       .half = now.band.known() ? now.band.half.back() : 0.0,
+                       .seconds = level.seconds};
+  if (now.followed) told.length = now.followed->u.norm(), told.half_length = now.followed->half;
+  return told;
+}
+
+bool may_be_too_coarse(const Error& error) {
+  return (error.code == ExitCode::model || error.code == ExitCode::solve) && error.report.code != "memory";
+}
+
+// Why the cloud after this one is not tried, or nothing.
+std::optional<RefinementEnd> end_before(Index next, Index nodes, const Level& level, const Goal& goal,
+                                        const Stopwatch& whole) {
+  const double expected = level.seconds * static_cast<double>(next) / static_cast<double>(nodes);
+  if (goal.budget_s > 0.0 && whole.seconds() + expected > goal.budget_s)
+    return RefinementEnd{.why = RefinementEnd::Why::out_of_time, .nodes = next, .seconds = expected};
+  if (next > most_nodes_for_accuracy) return RefinementEnd{.why = RefinementEnd::Why::too_many_nodes};
+  return std::nullopt;
+}
+
+}  // namespace
+
+void require_a_band(const std::string& none) {
+  if (none.empty()) return;
+  throw UsageError({.fact = "the accuracy of this run cannot be told",
+                    .where = "--accuracy (accuracy.goal) or --budget (accuracy.budget_s)",
+                    .why = "it is told by a band of the force, and " + none,
+                    .remedy = "leave them out, and compare several --nodes"});
+}
+
+std::pair<double, double> asked_for(const RefinementLevel& level, const Result& result) {
+  return result.followed ? std::pair(level.length, level.half_length)
+                         : std::pair(std::abs(level.force), level.half);
+}
+
+Refinement refine(const Case& given, const Goal& goal, const Origin& from, const Result& read, const Stopwatch& whole,
+                  const RefinementObserver& observer) {
+  const Stopwatch refining;
+  Refinement found;
+  // A cloud may be too coarse for its body; what two in a row meet has another reason.
+  constexpr int most_failures = 2;
+  int failures = 0, number = 0;
+  // How much of a displacement its floor is, nobody knows before.
+  const Index hoped =
+      expected_nodes(read.followed ? 0.0 : goal.share, read.facing_share, band_floor(given.config));
+  Index nodes = nodes_of_first_level(hoped);
+  while (!found.ended) {
+    ++number;
+    const Stopwatch marching;
+    std::unique_ptr<Level> level;
+    try {
+      level = unless_stopped([&] { return march_level(nodes, given, from, read, observer.of_march); });
+    } catch (const Stopped&) {
+      if (!found.finest) throw;
+      found.ended = RefinementEnd{.why = RefinementEnd::Why::stopped};
+      break;
+    } catch (const Error& error) {
+      const bool again = may_be_too_coarse(error) && ++failures < most_failures;
+      const bool in_time = goal.budget_s == 0.0 || whole.seconds() + 2.0 * marching.seconds() < goal.budget_s;
+      if (!again || !in_time || 2 * nodes > most_nodes_for_accuracy) {
+        if (!found.finest) throw;
+        found.ended =
+            RefinementEnd{.why = RefinementEnd::Why::failed, .nodes = nodes, .fact = error.report.fact};
+        break;
+      }
+      observer.failed(number, nodes, error.report.fact);
+      nodes *= 2;
+      continue;
+    }
+    failures = 0;
+    compare(level->result, found.finest.get(), !given.config.tissue.empty());
+    found.levels.push_back(told_of(*level));
+    observer.marched(number, found.levels.back());
+    const auto [last, half] = asked_for(found.levels.back(), level->result);
+    const double wanted = goal.half_width(last);
+    const bool known = level->result.band.known();
+    found.finest = std::move(level);
+    if (known && half <= wanted) break;
+    const Index next = known ? nodes_of_next_level(nodes, half, wanted) : nodes_of_second_level(nodes, hoped);
+    found.ended = end_before(next, nodes, *found.finest, goal, whole);
+    nodes = next;
+  }
+  found.seconds = refining.seconds();
+  return found;
+}
+
+void replay(Level level, const RunObserver& observer, Result& result) {
+  result = std::move(level.result);
+  for (const auto& [kind, text] : level.lines)
+    if (observer.line) observer.line(kind, text);
+  if (observer.placed) observer.placed(result.model, result.model.scheme);
+  Stopwatch writing;
+  try {
+    stop_if_asked();
+    if (observer.begin) observer.begin(result);
+    writing = {};
+    for (const KeptFrame& frame : level.frames)
+      if (observer.march.frame)
+        observer.march.frame({frame.number, frame.t, frame.depth, frame.u, frame.f, frame.forces});
+    if (observer.march.sample) observer.march.sample(result.history.force.back(), result.history);
+  } catch (const Stopped&) {
+    // The force is known, and takes a moment to write.
+    result.history.interrupted = true;
+    if (observer.begin) observer.begin(result);
+  }
+  result.image = {};
+  result.solve_s += writing.seconds();
+}
+
+}  // namespace dimple

@@ -1,0 +1,128 @@
+#include "apps/run/run_words.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <cmath>
+
+#include "apps/run/words.hpp"
+
+namespace dimple {
+namespace {
+
+std::string crossings_in_words(double crossings) {
+  return crossings < 1.0
+             ? fmt::format("the load lasts {} of the time that a shear wave takes through the organ",
+                           percent(crossings))
+             : fmt::format("the load lasts {} times as long as a shear wave takes through the organ",
+                           three_digits(crossings));
+}
+
+}  // namespace
+
+std::string nodes_for_band_in_words(Index nodes, Index usual, double facing_share) {
+  return fmt::format(
+      "nodes    {} instead of {}, as none were given: {:.0f} % of the surface faces another part of "
+      "it, and the force of such a body is known from {} nodes on",
+      nodes, usual, 100.0 * facing_share, nodes);
+}
+
+void tell_of_supports(const Talk& talk, const Model& model) {
+  const SupportOptions& options = model.scheme.support;
+  const SupportReport& support = model.support_report;
+  const ConsistencyReport& consistency = model.consistency_report;
+  talk.detail(fmt::format(
+      "support  {} basis, {} weight, radius {:.2f} spacings: {} to {} nodes per point, mean {:.1f}; {} grown "
+      "for conditioning",
+      basis_word(options.basis), weight_word(options.weight), options.effective_radius_factor(),
+      support.fewest, support.most, support.mean, support.grown));
+  talk.detail(fmt::format("support  linear fields reproduced to {:.1e}; worst pivot ratio {:.1e}",
+                          support.linear_error, support.worst_pivot_ratio));
+  if (consistency.iterations > 0)
+    talk.detail(fmt::format(
+        "patch    forces of a constant pressure: {:.1e} off before, {:.1e} after a change of gradients by at "
+        "most {:.2f} of a cell's largest",
+        consistency.before, consistency.after, consistency.largest_change));
+  if (support.unseen > 0)
+    talk.detail(
+        fmt::format("folds    {} pairs of a node and a point are near each other across a gap and do not "
+                    "belong together; {} "
+                    "points see too few nodes and take what is near",
+                    support.unseen, support.unconnected));
+  else if (model.scheme.consistent_gradients && model.surface.empty())
+    talk.warn("without a surface the gradients are not made consistent: forces at high pressure are too low");
+  talk.detail(fmt::format("mass     {} g in all, {} to {} g per node", three_digits(model.mass.sum() * 1e3),
+                          three_digits(model.mass.minCoeff() * 1e3), three_digits(model.mass.maxCoeff() * 1e3)));
+}
+
+std::string describe(const Tissues& tissues, std::size_t t) {
+  const Material& m = tissues.material[t];
+  const LawWords words = words_of(m);
+  std::string law = words.title;
+  for (const auto& term : words.terms) {
+    std::vector<std::string> numbers;
+    for (const auto& [name, value] : term)
+      numbers.push_back(name.ends_with("_Pa") ? stress_in_words(value) : plain(value));
+    law += fmt::format(" ({})", fmt::join(numbers, ", "));
+  }
+  for (const PronyTerm& term : m.prony) law += fmt::format(", {} relaxing in {} s", plain(term.g), plain(term.tau));
+  return fmt::format(
+      "material {}{}: mu {}, nu {}, density {} kg/m3",
+      t == 0 ? "" : fmt::format("of {} points, ", (tissues.of_point.array() == static_cast<int>(t)).count()),
+      law, stress_in_words(m.mu), plain(poisson_ratio(m)), plain(m.density));
+}
+
+std::string time_in_words(TimeMode mode, double crossings, bool shallow) {
+  return fmt::format(
+      "time     {}: {}{}",
+      mode == TimeMode::dynamic     ? "implicit dynamics, in steps of the body's natural modes"
+      : mode == TimeMode::explicit_ ? "explicit dynamics"
+                                    : "quasi-static",
+      crossings_in_words(crossings),
+      shallow ? "; the load is short, but its tool is slow; --time explicit follows the waves" : "");
+}
+
+std::string level_in_words(int number, const RefinementLevel& level, bool has_displacement) {
+  const auto width = [](double half, double of) {
+    return half > 0.0 ? " +- " + percent(half / of) : std::string();
+  };
+  return fmt::format("refine   level {}, {} nodes: {}{}{}, {:.1f} s", number, level.nodes,
+                     force_in_words(level.force), width(level.half, std::abs(level.force)),
+                     has_displacement ? fmt::format(", {} mm{}", three_digits(1e3 * level.length),
+                                                    width(level.half_length, level.length))
+                                      : "",
+                     level.seconds);
+}
+
+std::string failure_in_words(int number, Index nodes, const std::string& fact) {
+  return fmt::format("refine   level {}, {} nodes: {}", number, nodes, fact);
+}
+
+std::string in_words(const RefinementEnd& end, const Goal& goal) {
+  switch (end.why) {
+    case RefinementEnd::Why::stopped:
+      return "the run was stopped";
+    case RefinementEnd::Why::failed:
+      return fmt::format("with {} nodes: {}", end.nodes, end.fact);
+    case RefinementEnd::Why::out_of_time:
+      return fmt::format("{} nodes would take about {:.0f} s more, beyond the {:g} s given", end.nodes,
+                         end.seconds, goal.budget_s);
+    case RefinementEnd::Why::too_many_nodes:
+      return fmt::format("more than {} nodes are not tried", most_nodes_for_accuracy);
+  }
+  return "";
+}
+
+std::string shortfall_in_words(const std::string& asked, std::optional<double> share, const std::string& ended) {
+  return fmt::format("the accuracy asked for, {}, was not reached: {}; {}", asked,
+                     share ? "the error is +- " + percent(*share) : "the error is unknown so far", ended);
+}
+
+std::string next_half_in_words(const Refinement& refinement, Index more) {
+  const Index nodes = refinement.finest->result.model.node_count();
+  const double more_s = refinement.finest->seconds * static_cast<double>(more) / static_cast<double>(nodes);
+  return fmt::format("refine   {} nodes in {:.1f} s; half the error would take about {} nodes and {:.0f} s", nodes,
+                     refinement.seconds, (more + 50) / 100 * 100, more_s + refinement.seconds);
+}
+
+}  // namespace dimple
