@@ -6,7 +6,7 @@
 #include <span>
 
 #include "preprocess/mls_gradient.hpp"
-#include "preprocess/model.hpp"
+#include "preprocess/interpolation.hpp"
 #include "preprocess/sight.hpp"
 
 namespace dimple {
@@ -31,15 +31,6 @@ void find_supports(Model& model, const Sight& sight);
 /// What the model's nodes see, if its scheme connects supports through the tissue and something is hidden from some.
 std::optional<Sight> sight_in(const Discretisation& model, const SupportOptions& options);
 
-/// Shape functions at places that are not integration points, kept for use at many times; for pictures and
-/// surfaces. A place that no support can be found for takes the nearest node's value. `connected`(node,
-/// place), if given, says who may belong to whom.
-struct Interpolation {
-  CompressedRows rows;
-  Eigen::VectorXd weight;  ///< [rows.member]
-  /// Nodal values [dim x N] -> values at the places [dim x M].
-  Eigen::MatrixXd operator()(const Eigen::MatrixXd& nodal) const;
-};
 using Connected = std::function<bool(int, Index)>;
 Interpolation make_interpolation(const Discretisation& cloud, const SupportOptions& options,
                                  const Points& places, const Connected& connected = {});

@@ -4,6 +4,7 @@
 #include <map>
 
 #include "preprocess/consistency.hpp"
+#include "preprocess/support.hpp"
 
 namespace dimple {
 

@@ -1,7 +1,6 @@
 #pragma once
 
-#include "preprocess/model.hpp"
-#include "preprocess/support.hpp"
+#include "preprocess/interpolation.hpp"
 
 namespace dimple {
 
