@@ -12,6 +12,7 @@
 #include "apps/run/loads.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/supports.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/memory.hpp"
@@ -179,10 +180,14 @@ TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
 void make_ready(const Case& given, Placed placed, const Talk& talk, Result& result) {
   const Config& config = given.config;
   require_room_beneath(config, placed.places);
+  check_loads(config, placed.places.surface);
+  Supports supports = supports_of(config, placed.places, placed.label_names);
+  for (const std::string& words : supports.words) talk.say("support  " + words);
   const Stopwatch preparing;
   complete(config, std::move(placed), talk, result);
   const Model& model = result.model;
   const Loading& loading = result.loading = loading_of(config);
+  result.loading.further = std::move(supports.sets);
   result.loading.loads = loads_of(config, model);
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
@@ -250,8 +255,8 @@ std::string no_band(const Config& config) {
   if (config.solver.time == "explicit" || config.solver.time == "dynamic") return not_for_dynamics;
   if (config.load.contact != usual.load.contact)
     return "it was measured for a circle to which the tissue is bonded";
-  if (config.load.gravity != usual.load.gravity || !config.pressure.empty())
-    return "it was measured for bodies that bear no load but the tool's";
+  if (has_loads(config)) return "it was measured for bodies that bear no load but the tool's";
+  if (!has_tool_alone(config)) return "it was measured for bodies that nothing holds but their base";
   if (const std::string none = no_band(materials_of(config)); !none.empty()) return none;
   if (config.solver.tolerance > usual.solver.tolerance)
     return fmt::format("it was measured for a tolerance of {:g}", usual.solver.tolerance);
@@ -359,6 +364,13 @@ Coarser coarser_with(Index nodes, const Config& config, const Organ& organ, cons
   solve(result.time, *system, coarse.model, result.loading, how, observer, coarse.history);
   if (coarse.history.interrupted) throw Stopped(stop_asked());
   return {std::move(coarse.history), place ? coarse.followed->u : Vec3::Zero()};
+}
+
+// What the supports feel where the tool is at that depth [m].
+void feel_supports(const ForceSystem::Nodal& f, double depth, Result& result) {
+  result.on_support.clear();
+  for (const HeldSet& support : result.loading.further) result.on_support.push_back(force_on(support, f));
+  result.on_support_at = depth;
 }
 
 double half_of_displacement(const Result& result, const Vec3& coarse) {
@@ -485,7 +497,8 @@ std::unique_ptr<Rung> march_with(Index nodes, const Case& given, const Organ& or
           [&](const Frame& frame) {
             rung->frames.push_back({frame.number, frame.t, frame.depth, frame.u, frame.f, frame.forces});
             if (place) result.followed->u = displacement_at(*place, frame.u);
-            bending.see(frame);
+            feel_supports(frame.f, frame.depth, result);
+    bending.see(frame);
           },
       .sample = [](const ForceSample&, const History&) { return stop_asked() == StopReason::none; },
       .retry =
@@ -666,6 +679,8 @@ void build_case(const Case& given, const RunObserver& observer, Result& result) 
 
 void simulate(const Case& given, const RunObserver& observer, Result& result) {
   spread_of(given.config);  // what is wrong with it is said before anything is built
+  check_loads(given.config);
+  check_supports(given.config);
   if (const std::optional<Goal> goal = goal_of(given.config)) return climb(given, *goal, observer, result);
   const Talk talk{observer, result};
   const Config& config = given.config;
@@ -682,6 +697,8 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   BendingOfPart bending(result.model);
   if (place && given.from)
     result.followed->u = displacement_at(*place, given.from->u);  // no frame may be left
+  if (given.from && given.from->f.cols() > 0)  // likewise
+    feel_supports(given.from->f, given.from->history.force.back().depth, result);
   march.frame = [&](const Frame& frame) {
     if (place) result.followed->u = displacement_at(*place, frame.u);
     bending.see(frame);

@@ -201,6 +201,9 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
   const double small_mm = small_depth_radii * radius_mm;
   if (small_mm < config.load.depth_mm && found.time == TimeMode::quasi_static) {
     add("strain", "", "small instead of large", Kind::simplification, [&](Case& c) {
+      // Supports come as far as they have when the tool is there.
+      for (auto& [name, support] : c.config.held)
+        for (double& way : support.move_mm) way *= small_mm / config.load.depth_mm;
       c.config.load.depth_mm = small_mm;
       c.config.solver.frames = 1;
     });
