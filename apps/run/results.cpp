@@ -181,8 +181,8 @@ void ResultWriter::frame(const Frame& frame) {
   const Points& u = packing.u;
   if (wanted_.nodes) {
     packing.reaction = Points::Zero(3, u.cols());
-    for (const auto* set : {&model_.base, &model_.indenter})
-      for (const Index a : *set) packing.reaction.col(a) = frame.f.col(a).head<3>();
+    for (Index a = 0; a < u.cols(); ++a)
+      if (node_set_(0, a) > 0.0) packing.reaction.col(a) = frame.f.col(a).head<3>();
   }
   if (wanted_.points || wanted_.surface) {
     PointStress at_points = stress_at_points(frame);

@@ -497,8 +497,7 @@ std::unique_ptr<Rung> march_with(Index nodes, const Case& given, const Organ& or
           [&](const Frame& frame) {
             rung->frames.push_back({frame.number, frame.t, frame.depth, frame.u, frame.f, frame.forces});
             if (place) result.followed->u = displacement_at(*place, frame.u);
-            feel_supports(frame.f, frame.depth, result);
-    bending.see(frame);
+            bending.see(frame);
           },
       .sample = [](const ForceSample&, const History&) { return stop_asked() == StopReason::none; },
       .retry =
@@ -695,12 +694,13 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   Observer march = observer.march;
   const std::optional<Interpolation> place = to_followed(result);
   BendingOfPart bending(result.model);
-  if (place && given.from)
+  if (place && given.from && given.from->u.cols() > 0)
     result.followed->u = displacement_at(*place, given.from->u);  // no frame may be left
   if (given.from && given.from->f.cols() > 0)  // likewise
     feel_supports(given.from->f, given.from->history.force.back().depth, result);
   march.frame = [&](const Frame& frame) {
     if (place) result.followed->u = displacement_at(*place, frame.u);
+    feel_supports(frame.f, frame.depth, result);
     bending.see(frame);
     if (observer.march.frame) observer.march.frame(frame);
   };

@@ -242,6 +242,9 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
 std::string left_out(const Trial& trial, const Result& now, const Result& found) {
   if (trial.what == "folds" && trial.given.config.image.close_mm > 0.0 && now.closed_mm3 == 0.0)
     return "no gap is that narrow";
+  if (const Config& config = trial.given.config;
+      trial.what == "far tissue" && !(config.held.empty() && config.pressure.empty()))
+    return "supports and pressures would lie where it is cut";
   if (trial.what == "far tissue" && now.segment.voxel_volume_mm3 == found.segment.voxel_volume_mm3)
     return "no tissue lies that far away";
   return {};
