@@ -485,7 +485,7 @@ struct NamedSection {
       throw UsageError({.fact = fmt::format("'{}' names no option of a {}", key, what),
                         .where = source,
                         .why = fmt::format("keys are {}name.option", section),
-                        .remedy = fmt::format("for instance --set {}{}", section, example)});
+                        .remedy = std::string(example)});
     std::vector<Option> options = options_of(named[name]);
     Option* option = find(options, own + key.substr(dot));
     if (!option) unknown_key(options, key, source);
@@ -502,10 +502,10 @@ struct NamedSection {
 };
 
 NamedSection<Config::Pressure> pressures_of(Config& config) {
-  return {config.pressure, "load.pressure.", "pressure", "csf.pressure=500Pa"};
+  return {config.pressure, "load.pressure.", "pressure", "for instance --set load.pressure.csf.pressure=500Pa"};
 }
 NamedSection<Config::Held> supports_of(Config& config) {
-  return {config.held, "support.", "support", "retractor.on=left"};
+  return {config.held, "support.", "support", "for instance --set support.retractor.on=left"};
 }
 
 std::optional<Option> named_option(Config& config, const std::string& key, const std::string& source) {

@@ -41,7 +41,8 @@ bool slides(const Config::Held& held) {
 void check(const std::string& name, const Config::Held& held) {
   const bool label = is_label(held) && !label_of(held).empty();
   if (!label && !surface_part_named(held.on))
-    throw UsageError(report_on(name, "on", held.on.empty() ? "is nowhere" : fmt::format("is on '{}'", held.on),
+    throw UsageError(report_on(name, "on",
+                               held.on.empty() ? "is nowhere" : fmt::format("is on '{}'", held.on),
                                "this names no part of the body", known_places));
   if (label && slides(held))
     throw UsageError(report_on(name, "hold", "slides, and is the tissue of a label",
@@ -89,19 +90,23 @@ bool has(const std::vector<Index>& ascending, Index a) {
 void check_nodes(const std::string& name, const Config::Held& held, const std::vector<Index>& nodes,
                  const Discretisation& places) {
   if (nodes.empty())
-    throw ModelError(report_on(name, "on", fmt::format("on '{}' meets no node", held.on),
-                               is_label(held) ? "no integration point has that label, or none that is nearest to a node"
-                                              : "no node of the surface lies there",
-                               is_label(held) ? "`dimple info IMAGE` shows the labels; a model made without this support "
-                                                "knows no labels, unless tissues differ"
-                                              : "give another side, a larger ball on the surface, or more --nodes"));
+    throw ModelError(
+        report_on(name, "on", fmt::format("on '{}' meets no node", held.on),
+                  is_label(held) ? "no integration point has that label, or none that is nearest to a node"
+                                 : "no node of the surface lies there",
+                  is_label(held) ? "`dimple info IMAGE` shows the labels; a model made without this support "
+                                   "knows no labels, unless tissues differ"
+                                 : "give another side, a larger ball on the surface, or more --nodes"));
   const auto of_tool =
       std::count_if(nodes.begin(), nodes.end(), [&](Index a) { return has(places.indenter, a); });
   if (of_tool > 0)
-    throw ModelError(report_on(
-        name, "on", fmt::format("on '{}' takes {} of the {} nodes of the tool's circle", held.on, of_tool, places.indenter.size()),
-        fmt::format("the circle's middle is at {}, and its nodes move with the tool", in_words(1e3 * places.tool.centre)),
-        "move or shrink the support (a ball in place of a side), or move the tool (--indent-at)"));
+    throw ModelError(
+        report_on(name, "on",
+                  fmt::format("on '{}' takes {} of the {} nodes of the tool's circle", held.on, of_tool,
+                              places.indenter.size()),
+                  fmt::format("the circle's middle is at {}, and its nodes move with the tool",
+                              in_words(1e3 * places.tool.centre)),
+                  "move or shrink the support (a ball in place of a side), or move the tool (--indent-at)"));
   if (std::all_of(nodes.begin(), nodes.end(), [&](Index a) { return has(places.base, a); }))
     throw ModelError(report_on(name, "on", fmt::format("on '{}' meets no node but the base's", held.on),
                                "the base is held already, and stays where it is",
@@ -127,8 +132,8 @@ HeldSet set_of(const std::string& name, const Config::Held& held, const Chosen& 
   if (std::abs(along) < facing * move.norm())
     throw ModelError(report_on(
         name, "move_mm", "moves along the surface on which it slides",
-        fmt::format("the patch's mean normal is ({:.2f}, {:.2f}, {:.2f}), and across it nothing is held", set.direction.x(),
-                    set.direction.y(), set.direction.z()),
+        fmt::format("the patch's mean normal is ({:.2f}, {:.2f}, {:.2f}), and across it nothing is held",
+                    set.direction.x(), set.direction.y(), set.direction.z()),
         "give a way within 45 degrees of the normal, or hold = \"fixed\""));
   set.share = along / depth_mm;
   return set;
@@ -181,7 +186,8 @@ void check_supports(const Config& config) {
                       .remedy = "join some that are held alike"});
 }
 
-Supports supports_of(const Config& config, const Discretisation& places, const std::map<std::string, int>& label_names) {
+Supports supports_of(const Config& config, const Discretisation& places,
+                     const std::map<std::string, int>& label_names) {
   check_supports(config);
   Supports result;
   if (config.held.empty()) return result;
@@ -216,13 +222,15 @@ Supports supports_of(const Config& config, const Discretisation& places, const s
         set.node.push_back(a);
     }
     if (set.node.empty())
-      throw ModelError(report_on(set.name, "on", "has no node left", "supports named after it take all of them",
+      throw ModelError(report_on(set.name, "on", "has no node left",
+                                 "supports named after it take all of them",
                                  "leave one of them out, or make the others smaller"));
     taken += static_cast<Index>(set.node.size());
     result.words.push_back(sentence(set, config.load.depth_mm, of_base, of_others));
   }
   Index held_before = 0;
-  for (Index a = 0; a < places.node_count(); ++a) held_before += has(places.base, a) || has(places.indenter, a);
+  for (Index a = 0; a < places.node_count(); ++a)
+    held_before += has(places.base, a) || has(places.indenter, a);
   if (taken + held_before == places.node_count())
     throw ModelError({.fact = fmt::format("the supports take all of the {} nodes that are free", taken),
                       .where = "support",

@@ -26,7 +26,8 @@ struct Supports {
 };
 /// Throws UsageError as check_supports() does; ModelError: a support meets no node, or some of the tool's, all of them
 /// leave nothing free, or the model lacks a surface or labels.
-Supports supports_of(const Config& config, const Discretisation& places, const std::map<std::string, int>& label_names);
+Supports supports_of(const Config& config, const Discretisation& places,
+                     const std::map<std::string, int>& label_names);
 
 /// What the tissue does to it [N].
 Vec3 force_on(const HeldSet& support, const Nodal& f);

@@ -3,10 +3,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <chrono>
 #include <csignal>
 #include <fstream>
-#include <Eigen/Geometry>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -45,7 +45,8 @@ class Block : public testing::Test {
   void refused(int code, const std::string& arguments, const std::vector<std::string>& words) const {
     const Ran ran = dimple(folder, arguments);
     EXPECT_EQ(ran.code, code) << arguments << '\n' << ran.err;
-    for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "}) EXPECT_THAT(ran.err, HasSubstr(part));
+    for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "})
+      EXPECT_THAT(ran.err, HasSubstr(part));
     for (const std::string& word : words) EXPECT_THAT(ran.err, HasSubstr(word)) << arguments;
   }
 };
@@ -77,7 +78,8 @@ TEST_F(GravityInAScene, SettlesTheBodyTheMoreTheStrongerItIs) {
   double before = 0.0;
   for (const char* g : {"0,0,-2", "0,0,-4", "inferior"}) {
     const double settled =
-        run(std::string(" --nodes 500 --depth 0.1mm --write force --gravity ") + g)["loads"]["settled_mm"].get<double>();
+        run(std::string(" --nodes 500 --depth 0.1mm --write force --gravity ") + g)["loads"]["settled_mm"]
+            .get<double>();
     EXPECT_GT(settled, 1.5 * before) << g;
     before = settled;
   }
@@ -88,20 +90,25 @@ const std::string supports =
     " --set support.retractor.on=left --set support.retractor.move=-1,0,0 "
     "--set support.plate.on=right --set support.plate.hold=sliding";
 const std::string everything =
-    supports + " --gravity inferior --set load.pressure.csf.pressure=20Pa --set load.pressure.csf.on=anterior";
+    supports +
+    " --gravity inferior --set load.pressure.csf.pressure=20Pa --set load.pressure.csf.on=anterior";
 
 TEST_F(Block, UnderLoadsAndOnSupportsGivesTheSameBitsWithAnyNumberOfThreads) {
   for (const char* threads : {"1", "2", "3"})
     run(std::string(" --nodes 700 --depth 1mm --write nodes --threads ") + threads + everything, threads);
   for (const char* threads : {"2", "3"}) {
     EXPECT_EQ(force("1"), force(threads));
-    EXPECT_TRUE(text_of(folder / "1/nodes/nodes_0002.vtu") == text_of(folder / threads / "nodes/nodes_0002.vtu")) << threads;
+    EXPECT_TRUE(text_of(folder / "1/nodes/nodes_0002.vtu") ==
+                text_of(folder / threads / "nodes/nodes_0002.vtu"))
+        << threads;
   }
 }
 
 TEST_F(Block, UnderLoadsAndOnSupportsIsResumedToTheSameBits) {
-  const std::string slow = "run block.nrrd --base inferior --indent-at 0,0,top --mu 2kPa -q --nodes 700 --depth 4mm --frames 100 "
-                           "--write nodes --quantity displacement@0,0,25" + everything;
+  const std::string slow =
+      "run block.nrrd --base inferior --indent-at 0,0,top --mu 2kPa -q --nodes 700 --depth 4mm --frames 100 "
+      "--write nodes --quantity displacement@0,0,25" +
+      everything;
   ASSERT_EQ(dimple(folder, slow + " -o whole").code, 0);
   {
     Program program(folder, words_of(slow + " -o out"));
@@ -117,7 +124,8 @@ TEST_F(Block, UnderLoadsAndOnSupportsIsResumedToTheSameBits) {
 }
 
 TEST_F(Block, TakesAPressureFromAFile) {
-  std::ofstream(folder / "csf.toml") << "[load.pressure.csf]\non = \"superior\"\npressure_Pa = 50\nfollows = \"no\"\n";
+  std::ofstream(folder / "csf.toml")
+      << "[load.pressure.csf]\non = \"superior\"\npressure_Pa = 50\nfollows = \"no\"\n";
   const Json summary = run(" --nodes 800 --depth 0.01mm --write model --config csf.toml");
   EXPECT_EQ(summary["loads"]["pressure_Pa"]["csf"], 50.0);
   const double borne = read_csv(folder / "out" / "force.csv").find("base_force_N")->front();
@@ -178,8 +186,10 @@ TEST_F(ASupport, OnEachSideFeelsTheOppositeOfTheOther) {
   const Json fixed = run(scene + left + right);
   const Json drawn = run(scene + left + right + " --set support.l.move=2,0,0 --set support.r.move=-2,0,0");
   for (const Json* summary : {&fixed, &drawn}) {
-    const Vec3 l = three((*summary)["supports"]["l"]["force_N"]), r = three((*summary)["supports"]["r"]["force_N"]);
-    EXPECT_LT((l - Vec3(-r.x(), r.y(), r.z())).norm(), 0.1 * l.norm()) << l.transpose() << ", " << r.transpose();
+    const Vec3 l = three((*summary)["supports"]["l"]["force_N"]),
+               r = three((*summary)["supports"]["r"]["force_N"]);
+    EXPECT_LT((l - Vec3(-r.x(), r.y(), r.z())).norm(), 0.1 * l.norm())
+        << l.transpose() << ", " << r.transpose();
     EXPECT_NE((*summary)["force_N"].get<double>(), alone);
   }
   EXPECT_LT(three(drawn["supports"]["l"]["force_N"]).x(), -0.02) << "drawn outwards, it is drawn back";
@@ -193,20 +203,24 @@ TEST_F(ASupport, ThatSlidesLetsAColumnSettleAlongIt) {
     walls += " --set support." + side + ".on=" + side + " --set support." + side + ".hold=sliding";
   const std::string column =
       " --nodes 2000 --depth 0.001mm --write force --nu 0.3 --gravity 0,0,-2 --quantity displacement@0,0,25";
-  const double mu = 2000.0, nu = 0.3, modulus = 2.0 * mu * (1.0 - nu) / (1.0 - 2.0 * nu), H = 30e-3, z = 25e-3;
+  const double mu = 2000.0, nu = 0.3, modulus = 2.0 * mu * (1.0 - nu) / (1.0 - 2.0 * nu), H = 30e-3,
+               z = 25e-3;
   const double expected_mm = 1e3 * 1000.0 * 2.0 * (H * z - 0.5 * z * z) / modulus;
-  EXPECT_NEAR(run(column + walls)["displacement"]["displacement_mm"][2].get<double>(), -expected_mm, 0.05 * expected_mm);
+  EXPECT_NEAR(run(column + walls)["displacement"]["displacement_mm"][2].get<double>(), -expected_mm,
+              0.05 * expected_mm);
   EXPECT_GT(run(column)["loads"]["settled_mm"].get<double>(), 1.2 * expected_mm);
 }
 
 TEST_F(ASupport, ThatMovesFurtherThanTheToolArrives) {
-  const Json summary = run(" --nodes 1000 --depth 0.5mm --write force --set support.r.on=left --set support.r.move=6,0,0");
+  const Json summary =
+      run(" --nodes 1000 --depth 0.5mm --write force --set support.r.on=left --set support.r.move=6,0,0");
   EXPECT_LT((three(summary["supports"]["r"]["moved_mm"]) - Vec3(6, 0, 0)).norm(), 1e-9);
   EXPECT_LT(three(summary["supports"]["r"]["force_N"]).x(), 0.0);
 }
 
 TEST_F(ASupport, KeepsForcesProportionalToTheModulus) {
-  const std::string scene = " --nodes 600 --depth 1mm --write force --set support.r.on=left --set support.r.move=1,0,0";
+  const std::string scene =
+      " --nodes 600 --depth 1mm --write force --set support.r.on=left --set support.r.move=1,0,0";
   const Json known = run(scene, "out", "2kPa+-30%"), stiff = run(scene, "out", "2.6kPa");
   EXPECT_NEAR(known["band_of_mu"]["high_N"].get<double>() / stiff["force_N"].get<double>(), 1.0, 2e-4);
   const Vec3 one = three(known["supports"]["r"]["force_N"]), other = three(stiff["supports"]["r"]["force_N"]);
@@ -214,8 +228,11 @@ TEST_F(ASupport, KeepsForcesProportionalToTheModulus) {
 }
 
 TEST_F(ASupport, MayBeTheTissueOfALabel) {
-  ASSERT_EQ(dimple(folder, "phantom two.nrrd --shape block --size 60,60,30 --spacing 3 --two-labels -q").code, 0);
-  const std::string scene = " --base inferior --indent-at 0,0,top --mu 2kPa --frames 1 --nodes 800 --depth 2mm --write force --force -q";
+  ASSERT_EQ(dimple(folder, "phantom two.nrrd --shape block --size 60,60,30 --spacing 3 --two-labels -q").code,
+            0);
+  const std::string scene =
+      " --base inferior --indent-at 0,0,top --mu 2kPa --frames 1 --nodes 800 --depth 2mm --write force "
+      "--force -q";
   const auto force_of = [&](const std::string& more) {
     const Ran ran = dimple(folder, "run two.nrrd -o out" + scene + more);
     EXPECT_EQ(ran.code, 0) << ran.err;
@@ -223,31 +240,39 @@ TEST_F(ASupport, MayBeTheTissueOfALabel) {
   };
   const Json held = force_of(" --set support.bone.on=label:1");
   EXPECT_GT(held["supports"]["bone"]["nodes"].get<int>(), 20);
-  EXPECT_GT(held["force_N"].get<double>(), 1.02 * force_of("")["force_N"].get<double>()) << "a layer half as thick";
-  refused(3, "run two.nrrd -o no -q --set support.bone.on=label:7", {"label '7'", "support.bone.on", "dimple info"});
+  EXPECT_GT(held["force_N"].get<double>(), 1.02 * force_of("")["force_N"].get<double>())
+      << "a layer half as thick";
+  refused(3, "run two.nrrd -o no -q --set support.bone.on=label:7",
+          {"label '7'", "support.bone.on", "dimple info"});
   ASSERT_EQ(dimple(folder, "model two.nrrd -o model --nodes 500 -q").code, 0);
-  refused(4, "solve model -o no -q --depth 1mm --set support.bone.on=label:1", {"'bone'", "meets no node", "knows no labels"});
+  refused(4, "solve model -o no -q --depth 1mm --set support.bone.on=label:1",
+          {"'bone'", "meets no node", "knows no labels"});
 }
 
 TEST_F(Block, SaysAtTheStartWhatHoldsIt) {
-  const Ran ran = dimple(folder, "run block.nrrd -o out --base inferior --indent-at 0,0,top --nodes 600 --depth 0.5mm --frames 1 "
-                                 "--write force --set support.retractor.on=left --set support.retractor.move=-3,0,0 "
-                                 "--set support.plate.on=right --set support.plate.hold=sliding --set support.strap.on=anterior");
+  const Ran ran =
+      dimple(folder,
+             "run block.nrrd -o out --base inferior --indent-at 0,0,top --nodes 600 --depth 0.5mm --frames 1 "
+             "--write force --set support.retractor.on=left --set support.retractor.move=-3,0,0 "
+             "--set support.plate.on=right --set support.plate.hold=sliding --set support.strap.on=anterior");
   ASSERT_EQ(ran.code, 0) << ran.err;
   EXPECT_THAT(ran.err, HasSubstr("support  retractor: "));
   EXPECT_THAT(ran.err, HasSubstr(" nodes, moves (-3, 0, 0) mm"));
   EXPECT_THAT(ran.err, HasSubstr(" nodes, sliding, normal (-1, 0, 0)"));
   EXPECT_THAT(ran.err, HasSubstr(" nodes, fixed"));
-  EXPECT_THAT(ran.out, HasSubstr("band unknown: it was measured for bodies that nothing holds but their base"));
+  EXPECT_THAT(ran.out,
+              HasSubstr("band unknown: it was measured for bodies that nothing holds but their base"));
 }
 
 TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
-  const std::string start = "run block.nrrd -o no -q --base inferior --indent-at 0,0,top --nodes 600 --depth 1mm ";
+  const std::string start =
+      "run block.nrrd -o no -q --base inferior --indent-at 0,0,top --nodes 600 --depth 1mm ";
   const std::string support = start + "--set support.r.on=";
   refused(2, start + "--gravity sideways", {"gravity 'sideways'", "--gravity inferior"});
   refused(2, start + "--gravity 0,1", {"gravity '0,1'"});
   refused(2, start + "--set load.pressure.csf.on=lleft", {"'csf'", "'lleft'", "a side such as superior"});
-  refused(2, start + "--set load.pressure.csf.on=500,0,0,1", {"meets no part of the surface", "it would act on nothing"});
+  refused(2, start + "--set load.pressure.csf.on=500,0,0,1",
+          {"meets no part of the surface", "it would act on nothing"});
   refused(2, start + "--set load.pressure.csf.pressure=50N", {"pressure_Pa = 50N"});
   refused(2, support + "lleft", {"'r'", "'lleft'", "label:NAME"});
   refused(2, start + "--set support.r.hold=fixed", {"'r' is nowhere", "support.r.on"});
@@ -259,19 +284,24 @@ TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
   refused(4, support + "500,0,0,3", {"meets no node", "a larger ball"});
   refused(4, support + "superior", {"nodes of the tool's circle", "--indent-at"});
   refused(4, support + "inferior", {"no node but the base's", "--base-depth"});
-  refused(4, support + "left --set support.r.hold=sliding --set support.r.move=0,2,0", {"moves along the surface", "45 degrees"});
-  refused(2, "run block.nrrd -o no -q --accuracy 5% --set support.r.on=left", {"nothing holds but their base"});
-  refused(4, "poke block.nrrd --socket s -q --base inferior --indent-at 0,0,top --nodes 600 --set support.r.on=superior",
+  refused(4, support + "left --set support.r.hold=sliding --set support.r.move=0,2,0",
+          {"moves along the surface", "45 degrees"});
+  refused(2, "run block.nrrd -o no -q --accuracy 5% --set support.r.on=left",
+          {"nothing holds but their base"});
+  refused(4,
+          "poke block.nrrd --socket s -q --base inferior --indent-at 0,0,top --nodes 600 --set "
+          "support.r.on=superior",
           {"nodes of the tool's circle"});
 }
 
 TEST_F(Block, IsNeitherExportedNorFittedWithoutItsLoads) {
   std::ofstream(folder / "curve.csv") << "indentation_mm,force_N\n1,0.01\n2,0.03\n3,0.05\n";
-  const std::vector<std::pair<std::string, std::string>> loads = {{"load.gravity=inferior", "gravity"},
-                                                                  {"load.pressure.csf.pressure=5Pa", "pressures"}};
+  const std::vector<std::pair<std::string, std::string>> loads = {
+      {"load.gravity=inferior", "gravity"}, {"load.pressure.csf.pressure=5Pa", "pressures"}};
   for (const auto& [load, word] : loads) {
     refused(2, "export block.nrrd -o block.inp --set " + load, {word + " cannot be exported"});
-    refused(2, "fit block.nrrd -o fit --curve curve.csv --set " + load, {"cannot be told from a force", "gravity and pressures"});
+    refused(2, "fit block.nrrd -o fit --curve curve.csv --set " + load,
+            {"cannot be told from a force", "gravity and pressures"});
   }
   refused(2, "export block.nrrd -o block.inp --set support.r.on=left", {"supports cannot be exported"});
   EXPECT_FALSE(fs::exists(folder / "block.inp"));
