@@ -1,8 +1,16 @@
 #include "solver/constraints.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <utility>
 
 namespace dimple {
+
+double longest_share(const std::vector<HeldSet>& sets) {
+  double longest = 1.0;
+  for (const HeldSet& set : sets) longest = std::max(longest, std::abs(set.share));
+  return longest;
+}
 
 Constraints::Constraints(Index node_count, std::vector<HeldSet> sets)
     : set_(std::move(sets)), of_node_(static_cast<std::size_t>(node_count), -1) {

@@ -31,6 +31,9 @@ struct HeldSet {
   double share = 0.0;             ///< the set moves along it by this share of the tool's depth; 0: not at all
 };
 
+/// How far the fastest of the tool and of these comes for one of the tool's way.
+double longest_share(const std::vector<HeldSet>& sets);
+
 /// All prescribed motion of a run. Every marcher asks this and nothing else: a further set needs no change in
 /// any of them.
 class Constraints {

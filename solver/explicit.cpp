@@ -82,7 +82,7 @@ void follow_all_waves(System& system, const Loading& loading, const SolverOption
       largest_reaction = std::max(largest_reaction, std::abs(history.force.back().force));
       if (largest_reaction > 0.0)
         history.momentum_error =
-            std::max(history.momentum_error, f.rowwise().sum().norm() / largest_reaction);
+            std::max(history.momentum_error, system.sum_of_tissue(f) / largest_reaction);
       if (observer.sample && !observer.sample(history.force.back(), history)) return false;
     }
     return true;

@@ -76,7 +76,7 @@ void step_implicitly(System& system, const Loading& loading, const SolverOptions
     history.force.push_back(ForceSample::at(t, depth, system, u, f));
     largest_reaction = std::max(largest_reaction, std::abs(history.force.back().force));
     if (largest_reaction > 0.0)
-      history.momentum_error = std::max(history.momentum_error, f.rowwise().sum().norm() / largest_reaction);
+      history.momentum_error = std::max(history.momentum_error, system.sum_of_tissue(f) / largest_reaction);
     if (last || t >= next_energy) {
       next_energy = t + 1.0 / options.energy_rate;
       const double kinetic = 0.5 * (v.colwise().squaredNorm() * model.mass).value();

@@ -270,7 +270,7 @@ void find_equilibria(System& system, const Loading& loading, const SolverOptions
     history.J_min = std::min(history.J_min, relaxed.sweep.J_min);
     history.inverted = std::max(history.inverted, relaxed.sweep.inverted);
     history.residual = std::max(history.residual, relaxed.residual);
-    history.momentum_error = std::max(history.momentum_error, f.rowwise().sum().norm() / std::abs(felt.force));
+    history.momentum_error = std::max(history.momentum_error, system.sum_of_tissue(f) / std::abs(felt.force));
     if (const int shown = state.frame; between.depth_of(shown + 1) < depth - same_depth * step) {
       if (!between.show(state.frame, depth - same_depth * step, at, past)) {
         history.interrupted = true;
@@ -309,7 +309,8 @@ void find_equilibria(System& system, const Loading& loading, const SolverOptions
 }  // namespace
 
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options) {
-  const double steps = std::ceil(loading.depth / (options.step_radii * model.tool.radius) - same_depth);
+  const double way = loading.depth * longest_share(loading.further);
+  const double steps = std::ceil(way / (options.step_radii * model.tool.radius) - same_depth);
   return std::max(1, static_cast<int>(steps));
 }
 

@@ -20,7 +20,7 @@ namespace {
 
 using Nodal = ForceSystem::Nodal;
 
-constexpr double longest_way = 0.1;  // of the tool between two equilibria, in radii of its circle
+constexpr double longest_way = 0.1;  // of whatever moves between two equilibria, in radii of the circle
 constexpr double safety = 0.8;       // of the stable step, which is that at the begin of a move
 
 // Of a tool that is followed. In radii: between two states that are kept.
@@ -64,6 +64,9 @@ struct Session::Parts {
   Relaxation relax;
   Nodal u, v, f;
   Eigen::VectorXd lambda;
+  // Which may draw the tissue away from the tool.
+  bool moves_supports = std::any_of(options.further.begin(), options.further.end(), [](const HeldSet& s) { return s.share != 0.0; });
+  double longest = longest_way * model.tool.radius / longest_share(options.further);  // way of the tool, likewise [m]
   double thick;  // of the body along the push, from where the tool touches it [m]
   Path path{2};  // the last equilibria
   double depth = 0.0;
@@ -148,7 +151,7 @@ struct Session::Parts {
   // The next place on the way: as near to what is known as can be trusted.
   double towards(double asked) const {
     if (known.state.size() < 2) return known.apart;
-    const double way = caution * longest_way * model.tool.radius;
+    const double way = caution * longest;
     if (system->viscoelastic()) return std::clamp(asked, depth - way, depth + way);
     return std::min(asked, known.deepest() + way);
   }
@@ -161,7 +164,7 @@ struct Session::Parts {
 
   // Elastic tissue under a bonded tool pushes back: a state in which it does not lies on another branch.
   bool pushes_back(const Nodal& force, const MixedIteration::Left& its, double at) const {
-    if (system->viscoelastic() || at <= 0.0) return true;
+    if (system->viscoelastic() || at <= 0.0 || moves_supports) return true;
     const double raw = along_push(model, model.indenter, force);
     return raw > 0.0 && (known.state.size() < 2 || raw + correction_at(at, its) > 0.0);
   }
@@ -170,7 +173,8 @@ struct Session::Parts {
     const double reach = system->viscoelastic() ? std::max(at, depth) : at;
     return std::isfinite(found.residual) && found.residual < shown && found.sweep.ok() &&
            static_cast<double>(found.sweep.inverted) <= folded * static_cast<double>(model.point_count()) &&
-           (its - system->at_rest().u).colwise().norm().maxCoeff() < widest * reach;
+           (its - system->at_rest().u).colwise().norm().maxCoeff() <
+               widest * longest_share(options.further) * reach;
   }
 
   LiveFrame felt(double asked, std::int64_t evaluations) const {
@@ -337,7 +341,7 @@ std::int64_t Session::equilibrate(double depth, double dt) {
   return p.whole([&] {
     const double from = p.depth;
     const int ways = std::max(
-        1, static_cast<int>(std::ceil(std::abs(depth - from) / (longest_way * p.model.tool.radius) - 1e-9)));
+        1, static_cast<int>(std::ceil(std::abs(depth - from) / p.longest - 1e-9)));
     std::int64_t evaluations = 0;
     for (int k = 1; k <= ways; ++k) {
       stop_if_asked();

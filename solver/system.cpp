@@ -143,8 +143,9 @@ std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& mode
                                     const std::vector<HeldSet>& further, const Loads& loads, double tolerance) {
   if (loads.none())
     return std::make_unique<System>(tissue, model, make_constraints(model, contact, further));
-  std::vector<HeldSet> still = {{.name = "base", .node = model.base}};  // the tool's have not come yet
+  std::vector<HeldSet> still;  // those that move have not come yet, as the tool has not
   std::copy_if(further.begin(), further.end(), std::back_inserter(still), [](const HeldSet& s) { return s.share == 0.0; });
+  still.push_back({.name = "base", .node = model.base});
   auto system = std::make_unique<System>(tissue, model, Constraints(model.node_count(), std::move(still)),
                                          make_terms(model, loads));
   Rest rest = settled(*system, tolerance);

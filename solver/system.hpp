@@ -56,6 +56,11 @@ class System {
 
   /// f [4xN] N at u [4xN] m.
   Sweep force(const Nodal& u, Nodal& f);
+  /// The sum of the tissue's forces in f, which is nothing but for rounding.
+  double sum_of_tissue(const Nodal& f) const {
+    const Eigen::Vector4d all = f.rowwise().sum();
+    return load_.cols() > 0 ? (all - load_.rowwise().sum()).norm() : all.norm();
+  }
   /// Its two halves, for a caller that goes on with nodes [first, last) once their force is known.
   Sweep stress_sweep(const Nodal& u) { return tissue_.stress_sweep(u); }
   void gather(const Nodal& u, Nodal& f, const std::function<void(Index first, Index last)>& then);

@@ -13,11 +13,23 @@ namespace dimple {
 // Options
 // ---------------------------------------------------------------------------------------------------------
 
+template <class Archive, Like<Config::Pressure> T>
+void members(Archive& io, T& pressure) {
+  auto& [pressure_Pa, on, follows] = pressure;
+  io(pressure_Pa, on, follows);
+}
+
+template <class Archive, Like<Config::Held> T>
+void members(Archive& io, T& held) {
+  auto& [on, hold, move_mm] = held;
+  io(on, hold, move_mm);
+}
+
 template <class Archive, Like<Config> T>
 void members(Archive& io, T& config) {
   Config all = config;
   for (const Option& option : options_of(all)) std::visit([&](auto* value) { io(*value); }, option.value);
-  io(all.tissue, all.source);
+  io(all.tissue, all.pressure, all.held, all.source);
   if constexpr (!std::is_const_v<T>) config = std::move(all);
 }
 

@@ -20,6 +20,7 @@
 
 #include "apps/python/in_memory.hpp"
 #include "apps/run/loads.hpp"
+#include "apps/run/supports.hpp"
 #include "apps/run/compare.hpp"
 #include "apps/run/live.hpp"
 #include "apps/run/organ.hpp"
@@ -520,6 +521,7 @@ class LiveSession {
       options.contact = loading_of(config).contact;
       options.precision = precision_of(config);
       options.tolerance = config.solver.tolerance;
+      options.further = supports_of(config, built.model, built.label_names).sets;
       Model model = make_model(built.model, built.model.scheme, tissue_of_points(built.model, tissues), tissues.density);
       options.loads = loads_of(config, model);
       return std::make_unique<Session>(std::move(model), materials, options);

@@ -43,8 +43,8 @@ std::string no_band(const Config& config) {
   if (config.solver.time == "explicit" || config.solver.time == "dynamic") return not_for_dynamics;
   if (config.load.contact != usual.load.contact)
     return "it was measured for a circle to which the tissue is bonded";
-  if (config.load.gravity != usual.load.gravity || !config.pressure.empty())
-    return "it was measured for bodies that bear no load but the tool's";
+  if (has_loads(config)) return "it was measured for bodies that bear no load but the tool's";
+  if (!has_tool_alone(config)) return "it was measured for bodies that nothing holds but their base";
   if (const std::string none = no_band(materials_of(config)); !none.empty()) return none;
   if (config.solver.tolerance > usual.solver.tolerance)
     return fmt::format("it was measured for a tolerance of {:g}", usual.solver.tolerance);

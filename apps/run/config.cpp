@@ -458,25 +458,75 @@ std::vector<Option> options_of(Config::Pressure& p) {
            &p.follows, 0, 0, false, {"yes", "no"}, "solve"}};
 }
 
+std::vector<Option> options_of(Config::Held& h) {
+  return {{"support.on", "", "",
+           "where: the surface that faces a side, what of it lies in a ball x,y,z,radius in mm, or the tissue label:NAME",
+           &h.on, 0, 0, false, {}, "solve"},
+          {"support.hold", "", "", "fixed: it holds in all directions; sliding: along the surface's normal alone", &h.hold,
+           0, 0, false, {"fixed", "sliding"}, "solve"},
+          {"support.move_mm", "", "mm", "where it has come when the tool is at its depth, x,y,z; it moves evenly with the tool",
+           &h.move_mm, 0, 0, false, {}, "solve"}};
+}
+
 namespace {
 
-constexpr std::string_view pressure_section = "load.pressure.";
+// What a name of one's own stands for, below a section: "load.pressure.csf.on".
+template <class Named>
+struct NamedSection {
+  std::map<std::string, Named>& named;
+  std::string_view section, what, example;
 
-// "load.pressure.csf.on" -> the pressure "csf" and its option.
-bool set_pressure(Config& config, const std::string& key, const std::string& text, const std::string& source) {
-  if (!key.starts_with(pressure_section)) return false;
-  const auto dot = key.rfind('.');
-  const std::string name = dot > pressure_section.size() ? key.substr(pressure_section.size(), dot - pressure_section.size()) : "";
-  if (name.empty())
-    throw UsageError({.fact = fmt::format("'{}' names no option of a pressure", key),
-                      .where = source,
-                      .why = "keys are load.pressure.name.option",
-                      .remedy = "for instance --set load.pressure.csf.pressure=500Pa"});
-  std::vector<Option> options = options_of(config.pressure[name]);
-  Option* option = find(options, "pressure." + key.substr(dot + 1));
-  if (!option) unknown_key(options, key, source);
-  assign_text(*option, text, source);
-  return true;
+  // Of a key that is one of those; the name need not be there yet.
+  std::optional<Option> option_of(const std::string& key, const std::string& source) const {
+    const auto dot = key.rfind('.');
+    if (!key.starts_with(section) || dot < section.size()) return std::nullopt;
+    const std::string name = key.substr(section.size(), dot - section.size()), own(what);
+    if (name.empty())
+      throw UsageError({.fact = fmt::format("'{}' names no option of a {}", key, what),
+                        .where = source,
+                        .why = fmt::format("keys are {}name.option", section),
+                        .remedy = std::string(example)});
+    std::vector<Option> options = options_of(named[name]);
+    Option* option = find(options, own + key.substr(dot));
+    if (!option) unknown_key(options, key, source);
+    return *option;
+  }
+  // The key of each option as it is written, and the option.
+  std::vector<std::pair<std::string, Option>> all() const {
+    std::vector<std::pair<std::string, Option>> result;
+    for (auto& [name, its] : named)
+      for (const Option& option : options_of(its))
+        result.emplace_back(fmt::format("{}{}{}", section, name, option.key.substr(option.key.find('.'))), option);
+    return result;
+  }
+};
+
+NamedSection<Config::Pressure> pressures_of(Config& config) {
+  return {config.pressure, "load.pressure.", "pressure", "for instance --set load.pressure.csf.pressure=500Pa"};
+}
+NamedSection<Config::Held> supports_of(Config& config) {
+  return {config.held, "support.", "support", "for instance --set support.retractor.on=left"};
+}
+
+std::optional<Option> named_option(Config& config, const std::string& key, const std::string& source) {
+  if (auto option = pressures_of(config).option_of(key, source)) return option;
+  return supports_of(config).option_of(key, source);
+}
+
+std::vector<std::pair<std::string, Option>> named_options(Config& config) {
+  auto all = pressures_of(config).all(), supports = supports_of(config).all();
+  all.insert(all.end(), supports.begin(), supports.end());
+  return all;
+}
+
+// A file of all options holds both in one table.
+void refuse_names_of_options(const Config& config, const std::string& source) {
+  for (const char* taken : {"basis", "weight", "radius_factor"})
+    if (config.held.contains(taken))
+      throw UsageError({.fact = fmt::format("a support is named '{}'", taken),
+                        .where = source,
+                        .why = fmt::format("support.{} is an option of the moving least squares", taken),
+                        .remedy = "give it another name, such as support.retractor"});
 }
 
 // "tissue.2.mu" -> label "2" and "material.mu_Pa", checked as that option is.
@@ -505,7 +555,11 @@ bool set_tissue(Config& config, const std::string& key, const std::string& text,
 }  // namespace
 
 void set_option(Config& config, const std::string& key, const std::string& text, const std::string& source) {
-  if (set_tissue(config, key, text, source) || set_pressure(config, key, text, source)) return;
+  if (set_tissue(config, key, text, source)) return;
+  if (const auto named = named_option(config, key, source)) {
+    assign_text(*named, text, source);
+    return refuse_names_of_options(config, source);
+  }
   std::vector<Option> options = options_of(config);
   Option* option = find(options, key);
   if (!option) unknown_key(options, key, source);
@@ -526,7 +580,7 @@ void set_option(Config& config, const std::string& key, const std::string& text,
 std::string option_named(const std::string& name, const std::string& source,
                          const std::vector<std::string>& others) {
   Config config;
-  if (name.starts_with(pressure_section)) return name;
+  if (named_option(config, name, source)) return name;
   if (name.starts_with("tissue.") && name.rfind('.') > 7) {
     option_named("material." + name.substr(name.rfind('.') + 1), source, others);
     return name;
@@ -732,6 +786,10 @@ void read_config(Config& config, const std::filesystem::path& file) {
         set_all(config, "tissue." + std::string(name.str()), value, file);
         continue;
       }
+      if (section.str() == "support" && value.is_table()) {
+        set_all(config, "support." + std::string(name.str()), value, file);
+        continue;
+      }
       if (section.str() == "load" && name.str() == "pressure") {
         const toml::table* pressures = value.as_table();
         if (!pressures) unknown_key(options, "load.pressure", file.string());
@@ -773,6 +831,17 @@ void read_config(Config& config, const std::filesystem::path& file) {
   }
 }
 
+namespace {
+
+std::string as_table(const char* section, const std::string& name, const std::vector<Option>& options) {
+  std::string text = fmt::format("\n[{}.{}]\n", section, toml_string(name));
+  for (const Option& option : options)
+    text += fmt::format("{} = {}\n", option.key.substr(option.key.find('.') + 1), toml_value(option));
+  return text;
+}
+
+}  // namespace
+
 std::string to_toml(const Config& config, const std::map<std::string, std::string>& notes) {
   Config copy = config;
   std::string text = "# Every option of this run. `dimple run --config THIS -o OUT` repeats it bit by bit.\n";
@@ -794,11 +863,8 @@ std::string to_toml(const Config& config, const std::map<std::string, std::strin
     for (const auto& [key, value] : differing)
       text += fmt::format("{} = {}\n", key.substr(key.find('.') + 1), toml_string(value));
   }
-  for (auto [name, pressure] : config.pressure) {
-    text += fmt::format("\n[load.pressure.{}]\n", toml_string(name));
-    for (const Option& option : options_of(pressure))
-      text += fmt::format("{} = {}\n", option.key.substr(option.key.find('.') + 1), toml_value(option));
-  }
+  for (auto [name, pressure] : config.pressure) text += as_table("load.pressure", name, options_of(pressure));
+  for (auto [name, held] : config.held) text += as_table("support", name, options_of(held));
   return text;
 }
 
@@ -810,18 +876,22 @@ std::map<std::string, std::string> option_values(const Config& config) {
   for (const auto& [label, differing] : config.tissue)
     for (const auto& [key, value] : differing)
       values[fmt::format("tissue.{}.{}", label, key.substr(key.find('.') + 1))] = value;
-  for (auto [name, pressure] : config.pressure)
-    for (const Option& option : options_of(pressure))
-      values[fmt::format("load.pressure.{}.{}", name, option.key.substr(option.key.find('.') + 1))] = toml_value(option);
+  for (const auto& [key, option] : named_options(copy)) values[key] = toml_value(option);
   return values;
 }
 
 std::string option_reference() {
   Config config;
+  config.pressure["NAME"];
+  config.held["NAME"];
   std::string text =
       "Options, as `--set key=value` or in a TOML file given with --config. Bare numbers are in the unit "
       "shown.\n\n";
-  for (const Option& option : options_of(config)) {
+  std::vector<std::pair<std::string, Option>> all;
+  for (const Option& option : options_of(config)) all.emplace_back(option.key, option);
+  const auto named = named_options(config);
+  all.insert(all.end(), named.begin(), named.end());
+  for (const auto& [key, option] : all) {
     std::string range;
     if (!option.choices.empty())
       range = fmt::format("{}", fmt::join(option.choices, " | "));
@@ -829,7 +899,7 @@ std::string option_reference() {
              std::holds_alternative<std::int64_t*>(option.value))
       range = fmt::format("{} {} ... {}{}", option.least_excluded ? "above" : "from", option.least,
                           option.most, option.unit.empty() ? "" : " " + option.unit);
-    text += fmt::format("  {:<32} = {:<14} {}{}\n", option.key, toml_value(option), option.help,
+    text += fmt::format("  {:<32} = {:<14} {}{}\n", key, toml_value(option), option.help,
                         range.empty() ? "" : fmt::format(" ({})", range));
   }
   return text;
@@ -877,6 +947,14 @@ Scheme scheme_of(const Config& c) {
   return scheme;
 }
 
+bool has_loads(const Config& config) {
+  return config.load.gravity != "none" || !config.pressure.empty();
+}
+
+bool has_tool_alone(const Config& config) {
+  return !has_loads(config) && config.held.empty();
+}
+
 std::string why_not_proportional(const Config& config) {
   if (config.scheme.name != converging.name || config.solver.time == "explicit" ||
       config.solver.time == "dynamic")
@@ -885,8 +963,7 @@ std::string why_not_proportional(const Config& config) {
     return "the second constant of a Mooney-Rivlin law does not grow with mu";
   if (config.material.preset != "none") return "the material is a published one (--preset)";
   if (!config.tissue.empty()) return "the force of several tissues is proportional to no single modulus";
-  if (config.load.gravity != "none" || !config.pressure.empty())
-    return "gravity and pressures do not grow with mu";
+  if (has_loads(config)) return "gravity and pressures do not grow with mu";
   return {};
 }
 

@@ -69,6 +69,14 @@ struct Config {
     std::string follows = "yes";  ///< the surface as it deforms
   };
   std::map<std::string, Pressure> pressure;
+  /// A part of the body that is held beside the base, or moved beside the tool: [support.NAME]. The numbers of the moving
+  /// least squares' supports stand in [support] itself.
+  struct Held {
+    std::string on;                           ///< a side, a ball x,y,z,radius in mm, or label:NAME
+    std::string hold = "fixed";               ///< or "sliding": along the surface's normal alone
+    std::vector<double> move_mm = {0, 0, 0};  ///< where it has come when the tool is at load.depth_mm
+  };
+  std::map<std::string, Held> held;
   struct SolverSection {
     double safety = 0.9;
     double damping_per_s = 0.0;
@@ -116,6 +124,7 @@ struct Option {
 };
 std::vector<Option> options_of(Config& config);
 std::vector<Option> options_of(Config::Pressure& pressure);
+std::vector<Option> options_of(Config::Held& held);
 
 /// "material.mu" of "material.mu_Pa"; a key without its unit at the end stays.
 std::string without_unit(const Option& option);
@@ -169,8 +178,12 @@ std::string option_reference();
 /// ...?".
 std::string did_you_mean(const std::string& word, const std::vector<std::string>& known);
 
+/// Whether gravity or a pressure acts on the body; and whether nothing does but the tool, nor holds it but the base.
+bool has_loads(const Config& config);
+bool has_tool_alone(const Config& config);
+
 /// Why the force is not proportional to the constants of one law, all multiplied alike; empty: it is, in equilibrium under
-/// a tool whose way is given.
+/// a tool and supports whose ways are given.
 std::string why_not_proportional(const Config& config);
 
 /// How well the force is known by its material, as a share of it: in equilibrium under a tool whose way is given

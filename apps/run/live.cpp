@@ -13,6 +13,7 @@
 #include "apps/run/loads.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/supports.hpp"
 #include "io/digits.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
@@ -44,6 +45,8 @@ double quantile(std::vector<double> values, double share) {
 LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   LiveOrgan live{.config = config, .result = {}};
   const Talk talk{observer, live.result};
+  check_loads(config);
+  check_supports(config);
   live.organ.emplace(read_organ({.config = config}, model_options(config), talk, live.result));
   live.materials = materials_of(config);
   live.base = find_boundary(live.organ->body->surface, live.organ->options.boundary);
@@ -61,6 +64,7 @@ Session touch(const LiveOrgan& live, Index nodes, const std::optional<Vec3>& tip
   Discretisation places =
       discretise(live.organ->body->surface, options, label_at, live.base ? &*live.base : nullptr).places;
   const TissueOptions tissues = tissues_of(live.config, live.organ->label_names, places);
+  std::vector<HeldSet> supports = supports_of(live.config, places, live.organ->label_names).sets;
   Eigen::VectorXi tissue = tissue_of_points(places, tissues);
   Model model = make_model(std::move(places), options.scheme, std::move(tissue), tissues.density);
   Loads loads = loads_of(live.config, model);
@@ -68,6 +72,7 @@ Session touch(const LiveOrgan& live, Index nodes, const std::optional<Vec3>& tip
                  {.contact = loading_of(live.config).contact,
                   .precision = precision_of(live.config),
                   .tolerance = live.config.solver.tolerance,
+                  .further = std::move(supports),
                   .loads = std::move(loads)});
 }
 
@@ -110,6 +115,7 @@ void take_finer(LiveTool& tool, const FrameLimit& limit, double dt) {
 TriedTouch try_touch(const LiveOrgan& live, Index nodes, const std::optional<Vec3>& tip) {
   TriedTouch tried{.session = touch(live, nodes, tip)};
   std::vector<ForceSample> fine = forces_to_radius(tried.session);
+  if (!has_tool_alone(live.config)) return tried;  // the band was measured for nothing else
   if (nodes < fewest_nodes_with_band(live.result.facing_share) || fine.size() < 2) return tried;
   Session coarse = touch(live, std::max(first_nodes, nodes / 4), tip);
   std::vector<ForceSample> its = forces_to_radius(coarse);

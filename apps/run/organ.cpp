@@ -9,6 +9,7 @@
 #include "apps/run/places.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/supports.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -65,13 +66,6 @@ std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelM
 }
 
 // A label that config.tissue names, as a number; -1 if it is neither a number nor a known name.
-int number_of(const std::string& label, const std::map<std::string, int>& names) {
-  if (!label.empty() && label.find_first_not_of("0123456789") == std::string::npos && label.size() < 10)
-    return std::stoi(label);
-  const auto known = names.find(label);
-  return known == names.end() ? -1 : known->second;
-}
-
 // What of an image is to be the body.
 struct Taken {
   std::vector<int> chosen;  // by --label; none: all
@@ -90,11 +84,14 @@ Taken take_labels(const Talk& talk, const Config& config, const LabelImage& imag
   const auto has = [](const std::vector<LabelMeasure>& labels, int value) {
     return std::any_of(labels.begin(), labels.end(), [&](const auto& m) { return m.value == value; });
   };
-  for (const auto& [label, differing] : config.tissue)
-    if (const int value = number_of(label, names); !has(taken.labels, value))
+  std::map<std::string, std::string> asked_for;  // where -> label
+  for (const auto& [label, differing] : config.tissue) asked_for["tissue." + label] = label;
+  for (const auto& [name, label] : labels_of_supports(config)) asked_for[fmt::format("support.{}.on", name)] = label;
+  for (const auto& [where, label] : asked_for)
+    if (const int value = number_of_label(label, names); !has(taken.labels, value))
       throw InputError(
           {.fact = fmt::format("no part of the body has label '{}'", label),
-           .where = fmt::format("tissue.{}", label),
+           .where = where,
            .why = has(present, value) ? "--label leaves it out" : "the image has no such label",
            .remedy =
                "`dimple info IMAGE` shows the labels; take several with --label 1,2, or leave --label out"});
@@ -107,7 +104,7 @@ void say_labels(const Talk& talk, const Config& config, const std::vector<int>& 
   std::vector<LabelMeasure> alike;  // of the one material that config.material is
   for (const LabelMeasure& label : taken)
     if (std::none_of(config.tissue.begin(), config.tissue.end(),
-                     [&](const auto& tissue) { return number_of(tissue.first, names) == label.value; }))
+                     [&](const auto& tissue) { return number_of_label(tissue.first, names) == label.value; }))
       alike.push_back(label);
   if (chosen.empty() && alike.size() > 1)
     talk.warn(
@@ -208,7 +205,7 @@ TissueOptions tissues_of(const Config& config, const std::map<std::string, int>&
   for (const Material& material : materials_of(config)) tissues.density.push_back(material.density);
   int number = 0;
   for (const auto& [label, differing] : config.tissue) {
-    const int value = number_of(label, label_names);
+    const int value = number_of_label(label, label_names);
     tissues.of_label[value] = ++number;
     if (!(places.label.array() == value).any())
       throw InputError(
@@ -300,7 +297,7 @@ ReadOrgan read_once(const Case& given, const RunObserver& observer) {
 }
 
 LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& image) {
-  if (config.tissue.empty()) return {};
+  if (config.tissue.empty() && !names_labels(config)) return {};
   return label_finder(organ.closed ? organ.closed->image : image, organ.body->surface);
 }
 

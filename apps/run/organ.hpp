@@ -78,7 +78,7 @@ struct Origin {
 /// Reads the image, takes its labels, closes its gaps, draws the surface.
 Organ read_organ(const Case& given, const ModelOptions& options, const Talk& talk, Result& result);
 
-/// The label of a place, where labels are of several tissues; where they are all of one their borders mean
+/// The label of a place, where labels are of several tissues or one is a support; where they are all of one their borders mean
 /// nothing. Good for as long as the image is.
 LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& image);
 

@@ -8,6 +8,7 @@
 #include "apps/run/loads.hpp"
 #include "apps/run/run_words.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/supports.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
@@ -146,10 +147,14 @@ void complete(const Config& config, Placed placed, const Talk& talk, Result& res
 void make_ready(const Case& given, Placed placed, const Talk& talk, Result& result) {
   const Config& config = given.config;
   require_room_beneath(config, placed.places);
+  check_loads(config, placed.places.surface);
+  Supports supports = supports_of(config, placed.places, placed.label_names);
+  for (const std::string& words : supports.words) talk.say("support  " + words);
   const Stopwatch preparing;
   complete(config, std::move(placed), talk, result);
   const Model& model = result.model;
   const Loading& loading = result.loading = loading_of(config);
+  result.loading.further = std::move(supports.sets);
   result.loading.loads = loads_of(config, model);
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
@@ -205,14 +210,27 @@ std::optional<Followed> followed_in(const Config& config, const Organ& organ) {
   return Followed{.place = *place};
 }
 
+namespace {
+
+// What the supports feel where the tool is at that depth [m].
+void feel_supports(const ForceSystem::Nodal& f, double depth, Result& result) {
+  result.on_support.clear();
+  for (const HeldSet& support : result.loading.further) result.on_support.push_back(force_on(support, f));
+  result.on_support_at = depth;
+}
+
+}  // namespace
+
 std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options, const Observer& observer,
                                    const State* from, const Talk& talk, Result& result) {
   const std::optional<Interpolation> place = to_followed(result);
-  if (place && from) result.followed->u = displacement_at(*place, from->u);  // no frame may be left
+  if (place && from && from->u.cols() > 0) result.followed->u = displacement_at(*place, from->u);  // no frame may be left
+  if (from && from->f.cols() > 0) feel_supports(from->f, from->history.force.back().depth, result);  // likewise
   BendingOfPart bending(result.model);
   Observer hears = observer;
   hears.frame = [&](const Frame& frame) {
     if (place) result.followed->u = displacement_at(*place, frame.u);
+    feel_supports(frame.f, frame.depth, result);
     bending.see(frame);
     if (observer.frame) observer.frame(frame);
   };

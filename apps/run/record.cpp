@@ -187,7 +187,7 @@ class Recorder {
       label_at = label_finder(now.image, Eigen::Isometry3d::Identity(), taken);
     }
     writer_.emplace(how_.folder, now.model, now.history.interrupted ? tables_alone : wanted_of(given_.config),
-                    label_at);
+                    label_at, now.loading.further);
     if (wanted_of(given_.config).report)
       slices_ = slices_through(1e3 * (now.model.tool.centre + 0.5 * now.loading.depth * now.model.tool.push),
                                now.model, now.image);

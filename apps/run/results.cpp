@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -44,10 +45,13 @@ Interpolation some_of(const Interpolation& all, const std::vector<Index>& place)
   return some;
 }
 
-Eigen::MatrixXd node_sets(const Model& model) {
+// 1 base, 2 circle, 4 the first support, 8 the second, ...
+Eigen::MatrixXd node_sets(const Model& model, const std::vector<HeldSet>& supports) {
   Eigen::MatrixXd set = Eigen::MatrixXd::Zero(1, model.node_count());
   for (const Index a : model.base) set(0, a) += 1.0;
   for (const Index a : model.indenter) set(0, a) += 2.0;
+  for (std::size_t k = 0; k < supports.size(); ++k)
+    for (const Index a : supports[k].node) set(0, a) += std::ldexp(4.0, static_cast<int>(k));
   return set;
 }
 
@@ -89,14 +93,15 @@ bool may_write_beside(const Model& model) {
 
 }  // namespace
 
-ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wanted, const LabelAt& label_at)
+ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wanted, const LabelAt& label_at,
+                           const std::vector<HeldSet>& supports)
     : folder_(std::move(folder)),
       model_(model),
       wanted_(wanted),
       beside_(may_write_beside(model)),
       nodes_mm_(model.X.unaryExpr(&millimetres)),
       points_mm_(model.point.unaryExpr(&millimetres)),
-      node_set_(node_sets(model)),
+      node_set_(node_sets(model, supports)),
       on_circle_(Eigen::MatrixXd::Zero(1, model.surface.vertex_mm.cols())),
       node_series_(folder_ / "nodes.pvd", ".vtu"),
       point_series_(folder_ / "points.pvd", ".vtu"),
@@ -176,8 +181,8 @@ void ResultWriter::frame(const Frame& frame) {
   const Points& u = packing.u;
   if (wanted_.nodes) {
     packing.reaction = Points::Zero(3, u.cols());
-    for (const auto* set : {&model_.base, &model_.indenter})
-      for (const Index a : *set) packing.reaction.col(a) = frame.f.col(a).head<3>();
+    for (Index a = 0; a < u.cols(); ++a)
+      if (node_set_(0, a) > 0.0) packing.reaction.col(a) = frame.f.col(a).head<3>();
   }
   if (wanted_.points || wanted_.surface) {
     PointStress at_points = stress_at_points(frame);

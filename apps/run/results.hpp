@@ -50,9 +50,9 @@ PointStress stress_at_points(const Frame& frame);
 class ResultWriter {
  public:
   /// `model` must outlive this, and its discretisation must not change. `label_at`: the image's label at a place in
-  /// LPS mm; empty: there is no image.
+  /// LPS mm; empty: there is no image. Of `supports` nodes.pvd says which nodes they hold.
   ResultWriter(std::filesystem::path folder, const Model& model, const Wanted& wanted = {},
-               const LabelAt& label_at = {});
+               const LabelAt& label_at = {}, const std::vector<HeldSet>& supports = {});
 
   /// Throws what the frame before this one met, as if it had met that itself.
   void frame(const Frame& frame);

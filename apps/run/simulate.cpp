@@ -11,6 +11,8 @@
 #include "apps/run/refine.hpp"
 #include "apps/run/run_words.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/loads.hpp"
+#include "apps/run/supports.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 
@@ -130,6 +132,8 @@ void build_case(const Case& given, const RunObserver& observer, Result& result) 
 
 void simulate(const Case& given, const RunObserver& observer, Result& result) {
   spread_of(given.config);  // what is wrong with it is said before anything is built
+  check_loads(given.config);
+  check_supports(given.config);
   if (const Case refined = with_origin(given); const std::optional<Goal> goal = goal_of(refined.config))
     return simulate_to(*goal, refined, observer, result);
   const Talk talk{observer, result};

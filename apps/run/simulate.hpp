@@ -80,6 +80,9 @@ struct Result : ImageFacts {
   TimeMode time = TimeMode::quasi_static;
   std::vector<Finding> findings;  ///< of the guards: of the model, then of the march
   History history;                ///< the force curve; `interrupted` if it was asked to stop
+  /// Of the tissue on each of loading.further, at the last frame [N]; and the tool's depth there [m].
+  std::vector<Vec3> on_support;
+  double on_support_at = 0.0;
   Band band;
   std::optional<Followed> followed;  ///< where a displacement is asked for
   double spread = 0.0;               ///< of the force by its material: +- this share of it; 0: not asked for

@@ -216,6 +216,13 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
                         {"pressure_Pa", pressures},
                         {"settled_mm", 1e3 * history.settled}};
   }
+  for (std::size_t k = 0; k < result.on_support.size(); ++k) {
+    const HeldSet& support = result.loading.further[k];
+    const Vec3 force = result.on_support[k], moved = 1e3 * result.on_support_at * support.share * support.direction;
+    summary["supports"][support.name] = {{"nodes", support.node.size()},
+                                         {"force_N", {force.x(), force.y(), force.z()}},
+                                         {"moved_mm", {moved.x(), moved.y(), moved.z()}}};
+  }
   summary["material"] = materials_json(config, result.tissues);
   summary["counts"] = counts_json(model);
   summary["support"] = support_json(model.support_report);

@@ -201,6 +201,9 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
   const double small_mm = small_depth_radii * radius_mm;
   if (small_mm < config.load.depth_mm && found.time == TimeMode::quasi_static) {
     add("strain", "", "small instead of large", Kind::simplification, [&](Case& c) {
+      // Supports come as far as they have when the tool is there.
+      for (auto& [name, support] : c.config.held)
+        for (double& way : support.move_mm) way *= small_mm / config.load.depth_mm;
       c.config.load.depth_mm = small_mm;
       c.config.solver.frames = 1;
     });
@@ -239,6 +242,9 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
 std::string left_out(const Trial& trial, const Result& now, const Result& found) {
   if (trial.what == "folds" && trial.given.config.image.close_mm > 0.0 && now.closed_mm3 == 0.0)
     return "no gap is that narrow";
+  if (const Config& config = trial.given.config;
+      trial.what == "far tissue" && !(config.held.empty() && config.pressure.empty()))
+    return "supports and pressures would lie where it is cut";
   if (trial.what == "far tissue" && now.segment.voxel_volume_mm3 == found.segment.voxel_volume_mm3)
     return "no tissue lies that far away";
   return {};

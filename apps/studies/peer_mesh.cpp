@@ -102,6 +102,13 @@ ElementModel element_model(const Config& config, const std::string& format, cons
                       .where = "material",
                       .why = "other laws are not written alike by these programs",
                       .remedy = "leave out tissues, presets, --stress printed, Ogden and Prony numbers"});
+  if (!has_tool_alone(config))
+    throw UsageError({.fact = fmt::format("{} cannot be exported", !config.held.empty()    ? "supports"
+                                                                   : config.pressure.empty() ? "gravity"
+                                                                                             : "pressures"),
+                      .where = !config.held.empty() ? "support" : config.pressure.empty() ? "load.gravity" : "load.pressure",
+                      .why = "the file holds the tool and the base alone",
+                      .remedy = "leave them out here, and add them to the file in the other program's own words"});
   Result unused;
   const Talk talk{observer, unused};
   const Organ organ = read_organ({.config = config}, model_options(config), talk, unused);

@@ -65,6 +65,35 @@ class InAFolder(unittest.TestCase):
         return error
 
 
+class LoadsAndSupports(InAFolder):
+    def test_a_support_is_the_one_of_the_command_line_and_a_session_holds_it_too(self):
+        labels, to_lps = half_ellipsoid()
+        image = dict(image=labels, affine=to_lps, space="LPS")
+        scene = dict(nodes=400, depth_mm=1, frames=1)
+        supports = {"retractor": {"on": "left", "move_mm": (-1, 0, 0)}}
+        file = self.folder / "support.toml"
+        file.write_text('[support.retractor]\non = "left"\nmove_mm = [-1, 0, 0]\n')
+        held = pydimple.run(**image, **scene, supports=supports, pressures={"csf": {"pressure_Pa": 5, "on": "anterior"}})
+        self.assertEqual(held.summary["supports"]["retractor"]["moved_mm"], [-1, 0, 0])
+        self.assertEqual(held.summary["loads"]["pressure_Pa"], {"csf": 5})
+        plain = pydimple.run(**image, **scene, supports=supports)
+        np.testing.assert_array_equal(plain.force_N, pydimple.run(**image, **scene, config=file).force_N)
+        model = pydimple.build_model(**image, nodes=400)
+        session = pydimple.Session(model, config=file)
+        session.equilibrate(depth_mm=1)
+        alone = pydimple.Session(model)
+        alone.equilibrate(depth_mm=1)
+        self.assertNotEqual(session.force_N, alone.force_N)
+
+    def test_a_support_that_is_refused_says_so_in_keywords(self):
+        labels, to_lps = half_ellipsoid()
+        model = pydimple.build_model(labels, affine=to_lps, space="LPS", nodes=400)
+        error = self.raised(pydimple.ModelError, pydimple.solve, model, supports={"strap": {"on": "superior"}}, depth_mm=1)
+        self.assertIn("'strap'", error.fact)
+        error = self.raised(pydimple.UsageError, pydimple.solve, model, supports={"strap": {"om": "left"}})
+        self.assertEqual(error.where, "supports['strap']")
+
+
 class Images(InAFolder):
     def test_an_array_of_any_type_and_order_gives_the_model_of_its_file(self):
         labels, to_lps = half_ellipsoid()

@@ -54,7 +54,7 @@ def __dir__():
 
 
 _OPTIONS = {option["keyword"]: option for option in _core.options()}
-_OF_SESSION = ("load.contact", "solver.precision", "solver.tolerance")
+_OF_SESSION = ("load.contact", "load.gravity", "solver.precision", "solver.tolerance")
 
 
 def _is_for_session(option):
@@ -99,7 +99,7 @@ def _text(where, keyword, value):
     )
 
 
-def _settings(where, config, tissue, options):
+def _settings(where, config, named, options):
     given = []
     for keyword, value in options.items():
         option = _OPTIONS.get(keyword)
@@ -124,11 +124,17 @@ def _settings(where, config, tissue, options):
             )
         if value is not None:
             given.append((option["key"], _text(where, keyword, value), keyword + "="))
-    for label, differing in (tissue or {}).items():
-        for name, value in differing.items():
-            key = f"tissue.{label}.{name}"
-            given.append((key, _text(where, key, value), f"tissue[{label!r}]"))
+    for section, members in named.items():
+        for label, its in (members or {}).items():
+            for name, value in its.items():
+                key = f"{section}.{label}.{name}"
+                given.append((key, _text(where, key, value), f"{_errors.KEYWORD_OF_SECTION[section]}[{label!r}]"))
     return _core.Settings("" if config is None else os.fspath(config), given)
+
+
+def _named(tissue, pressures, supports):
+    """Sections of options that have names of their own."""
+    return {"tissue": tissue, "load.pressure": pressures, "support": supports}
 
 
 def _array(where, image):
@@ -174,7 +180,7 @@ def _to_lps(where, affine, space):
     return np.diag([-1.0, -1.0, 1.0, 1.0]) @ matrix if space == "RAS" else matrix
 
 
-def _with_image(where, image, affine, space, config, tissue, options):
+def _with_image(where, image, affine, space, config, named, options):
     """Settings and, where the image is an array, the image."""
     is_file = isinstance(image, (str, bytes, os.PathLike))
     if is_file and not os.fspath(image):
@@ -189,7 +195,7 @@ def _with_image(where, image, affine, space, config, tissue, options):
             else 'give both: affine=image.affine, space="RAS" with nibabel',
             "usage",
         )
-    settings = _settings(where, config, tissue, options)
+    settings = _settings(where, config, named, options)
     if is_file:
         settings.set("image.file", os.fsencode(image), "image")
         return settings, None
@@ -199,9 +205,9 @@ def _with_image(where, image, affine, space, config, tissue, options):
     )
 
 
-def build_model(image, *, affine=None, space=None, config=None, tissue=None, **options):
+def build_model(image, *, affine=None, space=None, config=None, tissue=None, supports=None, **options):
     """Nodes, integration points, base and circle of a body, from an image: what `solve` and `Session` take."""
-    settings, array = _with_image("build_model", image, affine, space, config, tissue, options)
+    settings, array = _with_image("build_model", image, affine, space, config, {"tissue": tissue, "support": supports}, options)
     return _core.build(settings, array)
 
 
@@ -213,7 +219,7 @@ def usable_places(image, *, affine=None, space=None, config=None, **options):
     (``thickness_mm``), the tilt of the surface (``tilt_degrees``), the distance to the nearest fold or edge
     (``room_mm``), and a ``verdict``: good, doubtful (a run warns of it) or refused, with the ``reason``.
     """
-    settings, array = _with_image("usable_places", image, affine, space, config, None, options)
+    settings, array = _with_image("usable_places", image, affine, space, config, {}, options)
     return _places(_core.usable_places_json(settings, array))
 
 
@@ -223,19 +229,22 @@ def _places(text):
     return found
 
 
-def solve(model, *, config=None, tissue=None, **options):
+def solve(model, *, config=None, tissue=None, pressures=None, supports=None, **options):
     """The force curve of a model with its band.
 
     With an accuracy (``accuracy="2%"``, or a time for it, ``budget_s=60``) clouds of more and more nodes are made of the organ
     that the model is of, until the error is as small as that: the result, to the same bits, is that of `run` with the same
     accuracy, and `Result.model` is the cloud that was fine enough. The number of nodes of the model given does not count then.
     """
-    return _core.solve(model, _settings("solve", config, tissue, options))
+    return _core.solve(model, _settings("solve", config, _named(tissue, pressures, supports), options))
 
 
-def run(image, *, affine=None, space=None, out=None, overwrite=False, config=None, tissue=None, **options):
+def run(
+    image, *, affine=None, space=None, out=None, overwrite=False, config=None, tissue=None, pressures=None, supports=None,
+    **options
+):
     """From an image to the force curve with its band, as `dimple run` does: with the same options the same bits."""
-    settings, array = _with_image("run", image, affine, space, config, tissue, options)
+    settings, array = _with_image("run", image, affine, space, config, _named(tissue, pressures, supports), options)
     if out is None:
         for keyword, value in options.items():
             if value is not None and _OPTIONS[keyword]["stage"] == "files":
@@ -269,16 +278,16 @@ class Organ(_core.Organ):
     models are those of `pydimple.build_model` with the same options, to the same bits.
     """
 
-    def __init__(self, image, *, affine=None, space=None, config=None, tissue=None, **options):
-        super().__init__(*_with_image("Organ", image, affine, space, config, tissue, options))
+    def __init__(self, image, *, affine=None, space=None, config=None, tissue=None, supports=None, **options):
+        super().__init__(*_with_image("Organ", image, affine, space, config, {"tissue": tissue, "support": supports}, options))
 
     def build_model(self, **options):
         """Nodes, integration points, base and circle, with these options beside those of the organ."""
-        return _core.build_of_organ(self, _settings("Organ.build_model", None, None, options))
+        return _core.build_of_organ(self, _settings("Organ.build_model", None, {}, options))
 
     def usable_places(self, **options):
         """Where the circle may stand, as `pydimple.usable_places` tells it."""
-        return _places(_core.places_of_organ(self, _settings("Organ.usable_places", None, None, options)))
+        return _places(_core.places_of_organ(self, _settings("Organ.usable_places", None, {}, options)))
 
 
 @dataclasses.dataclass(frozen=True, repr=False, eq=False)
@@ -348,8 +357,8 @@ class Session(_core.Session):
     All is in memory; the model is its own. Several threads may ask it: one at a time is answered.
     """
 
-    def __init__(self, model, *, config=None, tissue=None, **options):
-        super().__init__(model, _settings("Session", config, tissue, options))
+    def __init__(self, model, *, config=None, tissue=None, pressures=None, supports=None, **options):
+        super().__init__(model, _settings("Session", config, _named(tissue, pressures, supports), options))
 
     def follow(self, *, depth_mm, seconds=0.04, evaluations=0, dt_s=0.0):
         """Moves the tool towards a depth and follows the body for as long as a frame may take.
@@ -406,6 +415,16 @@ tissue : dict, optional
     Labels with a material of their own, by number or name: ``{2: {"mu_Pa": 900}}``. `build_model` needs to know them
     too: integration cells are split where tissues meet.
 """
+_SUPPORTS = """\
+supports : dict, optional
+    Parts of the body that are held beside the base or moved beside the tool, by names of your own:
+    ``{"retractor": {"on": "left", "move_mm": (3, 0, 0)}}``. `build_model` needs to know those that are the tissue of a label.
+"""
+_PRESSURES = """\
+pressures : dict, optional
+    Pressures on parts of the surface, by names of your own: ``{"csf": {"pressure_Pa": 500, "on": "superior"}}``.
+"""
+_LOADED = _COMMON + _PRESSURES + _SUPPORTS
 
 
 def _describe(function, where, before, returns, common=_COMMON):
@@ -430,8 +449,8 @@ def _describe(function, where, before, returns, common=_COMMON):
 
 
 _MODEL = "model : Model\n    Of `build_model`, or `Result.model`.\n"
-_describe(build_model, "build_model", _IMAGE, "Model")
-_describe(solve, "solve", _MODEL, "Result")
+_describe(build_model, "build_model", _IMAGE, "Model", _COMMON + _SUPPORTS)
+_describe(solve, "solve", _MODEL, "Result", _LOADED)
 _describe(
     usable_places,
     "usable_places",
@@ -440,9 +459,9 @@ _describe(
     "    ``against``: places looked at there, and reasons against how many of them; ``warnings`` of the image.",
     _CONFIG,
 )
-_describe(run, "run", _IMAGE + _OUT, "Result")
-_describe(Session, "Session", _MODEL, "")
-_describe(Organ, "Organ", _IMAGE, "")
+_describe(run, "run", _IMAGE + _OUT, "Result", _LOADED)
+_describe(Session, "Session", _MODEL, "", _LOADED)
+_describe(Organ, "Organ", _IMAGE, "", _COMMON + _SUPPORTS)
 _describe(Organ.build_model, "Organ.build_model", "", "Model", "")
 _describe(Organ.usable_places, "Organ.usable_places", "", "dict\n    As of `pydimple.usable_places`.", "")
 

@@ -13,6 +13,7 @@ __all__: list[str]
 _Path = str | os.PathLike[str]
 _Image = _Path | npt.NDArray[Any]
 _Tissue = Mapping[int | str, Mapping[str, float | str | Sequence[float]]]
+_Named = Mapping[str, Mapping[str, float | str | Sequence[float]]]
 _Floats = npt.NDArray[np.float64]
 
 def build_model(
@@ -22,6 +23,7 @@ def build_model(
     space: Literal["RAS", "LPS"] | None = None,
     config: _Path | None = None,
     tissue: _Tissue | None = None,
+    supports: _Named | None = None,
     **options: Any,
 ) -> Model: ...
 def usable_places(
@@ -37,6 +39,8 @@ def solve(
     *,
     config: _Path | None = None,
     tissue: _Tissue | None = None,
+    pressures: _Named | None = None,
+    supports: _Named | None = None,
     **options: Any,
 ) -> Result: ...
 def run(
@@ -48,6 +52,8 @@ def run(
     overwrite: bool = False,
     config: _Path | None = None,
     tissue: _Tissue | None = None,
+    pressures: _Named | None = None,
+    supports: _Named | None = None,
     **options: Any,
 ) -> Result: ...
 def limit_threads(count: int | None = None) -> None: ...
@@ -129,6 +135,7 @@ class Organ:
         space: Literal["RAS", "LPS"] | None = None,
         config: _Path | None = None,
         tissue: _Tissue | None = None,
+        supports: _Named | None = None,
         **options: Any,
     ) -> None: ...
     def build_model(self, **options: Any) -> Model: ...
@@ -160,6 +167,8 @@ class Session:
         *,
         config: _Path | None = None,
         tissue: _Tissue | None = None,
+        pressures: _Named | None = None,
+        supports: _Named | None = None,
         **options: Any,
     ) -> None: ...
     def equilibrate(self, *, depth_mm: float, dt_s: float = 0.0) -> int: ...

@@ -130,6 +130,10 @@ def _given(option, text):
     return f"{option['keyword']}={value}"
 
 
+# Sections of options whose members have names of one's own.
+KEYWORD_OF_SECTION = {"tissue": "tissue", "load.pressure": "pressures", "support": "supports"}
+
+
 def _of_set(text):
     """`section.name` or `section.name=value` behind --set."""
     key, _, value = text.partition("=")
@@ -139,6 +143,10 @@ def _of_set(text):
         if option is None:
             return None
         return f'tissue={{{_one({"unit": ""}, label)}: {{"{option["keyword"]}": {_one(option, value)}}}}}'
+    for section, keyword in KEYWORD_OF_SECTION.items():
+        if key.startswith(section + ".") and key.count(".") > section.count(".") + 1:
+            label, name = key[len(section) + 1 :].rsplit(".", 1)
+            return f'{keyword}={{"{label}": {{"{name}": "{value}"}}}}'
     option = _OF_KEY.get(key)
     if option is None:
         return None

@@ -1,0 +1,249 @@
+#include "apps/run/supports.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "apps/run/surface_part.hpp"
+#include "io/error.hpp"
+#include "io/words.hpp"
+#include "preprocess/body_surface.hpp"
+#include "preprocess/neighbours.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr const char* label_prefix = "label:";
+constexpr std::size_t most_supports = 28;  // each has a bit of node_set
+constexpr double on_surface = 0.1;         // spacings
+
+constexpr const char* known_places =
+    "give a side such as left, a ball x,y,z,radius in mm that holds a part of the surface, or label:NAME";
+
+Report report_on(const std::string& name, const char* key, const std::string& fact, const std::string& why,
+                 const std::string& remedy) {
+  return {.fact = fmt::format("the support '{}' {}", name, fact),
+          .where = fmt::format("support.{}.{}", name, key),
+          .why = why,
+          .remedy = remedy};
+}
+
+bool is_label(const Config::Held& held) {
+  return held.on.starts_with(label_prefix);
+}
+std::string label_of(const Config::Held& held) {
+  return held.on.substr(std::string(label_prefix).size());
+}
+bool slides(const Config::Held& held) {
+  return held.hold == "sliding";
+}
+
+void check(const std::string& name, const Config::Held& held) {
+  const bool label = is_label(held) && !label_of(held).empty();
+  if (!label && !surface_part_named(held.on))
+    throw UsageError(report_on(name, "on",
+                               held.on.empty() ? "is nowhere" : fmt::format("is on '{}'", held.on),
+                               "this names no part of the body", known_places));
+  if (label && slides(held))
+    throw UsageError(report_on(name, "hold", "slides, and is the tissue of a label",
+                               "tissue slides along a surface, and inner tissue has none",
+                               "give hold = \"fixed\", or a side or a ball in place of the label"));
+  if (held.move_mm.size() != 3)
+    throw UsageError(report_on(name, "move_mm", fmt::format("moves by {} numbers", held.move_mm.size()),
+                               "a way has three components, LPS", "give x,y,z in mm, such as 3,0,0"));
+}
+
+// Nodes of a support, and the mean of the surface's normals there.
+struct Chosen {
+  std::vector<Index> node;
+  Vec3 normal = Vec3::Zero();
+};
+
+Chosen nodes_on_surface(const SurfacePart& part, const Discretisation& places, const BodySurface& surface) {
+  Chosen chosen;
+  for (Index a = 0; a < places.node_count(); ++a) {
+    const Vec3 x = 1e3 * places.X.col(a);
+    const double near = on_surface * 1e3 * places.spacing[a];
+    if (surface.farther(x, near)) continue;
+    const Vec3 normal = surface.normal().col(surface.closest(x).triangle);
+    if (!part.has(x, normal)) continue;
+    chosen.node.push_back(a);
+    chosen.normal += normal;
+  }
+  if (!chosen.node.empty()) chosen.normal /= static_cast<double>(chosen.node.size());
+  return chosen;
+}
+
+Chosen nodes_with_label(int label, const Discretisation& places) {
+  Chosen chosen;
+  if (!(places.label.array() == label).any()) return chosen;
+  const Neighbours points(places.point);
+  for (Index a = 0; a < places.node_count(); ++a)
+    if (places.label[points.nearest(places.X.col(a), 1).front()] == label) chosen.node.push_back(a);
+  return chosen;
+}
+
+bool has(const std::vector<Index>& ascending, Index a) {
+  return std::binary_search(ascending.begin(), ascending.end(), a);
+}
+
+void check_nodes(const std::string& name, const Config::Held& held, const std::vector<Index>& nodes,
+                 const Discretisation& places) {
+  if (nodes.empty())
+    throw ModelError(
+        report_on(name, "on", fmt::format("on '{}' meets no node", held.on),
+                  is_label(held) ? "no integration point has that label, or none that is nearest to a node"
+                                 : "no node of the surface lies there",
+                  is_label(held) ? "`dimple info IMAGE` shows the labels; a model made without this support "
+                                   "knows no labels, unless tissues differ"
+                                 : "give another side, a larger ball on the surface, or more --nodes"));
+  const auto of_tool =
+      std::count_if(nodes.begin(), nodes.end(), [&](Index a) { return has(places.indenter, a); });
+  if (of_tool > 0)
+    throw ModelError(
+        report_on(name, "on",
+                  fmt::format("on '{}' takes {} of the {} nodes of the tool's circle", held.on, of_tool,
+                              places.indenter.size()),
+                  fmt::format("the circle's middle is at {}, and its nodes move with the tool",
+                              in_words(1e3 * places.tool.centre)),
+                  "move or shrink the support (a ball in place of a side), or move the tool (--indent-at)"));
+  if (std::all_of(nodes.begin(), nodes.end(), [&](Index a) { return has(places.base, a); }))
+    throw ModelError(report_on(name, "on", fmt::format("on '{}' meets no node but the base's", held.on),
+                               "the base is held already, and stays where it is",
+                               "leave the support out, or choose another --base or a smaller --base-depth"));
+}
+
+HeldSet set_of(const std::string& name, const Config::Held& held, const Chosen& chosen, double depth_mm) {
+  HeldSet set{.name = name, .node = {}};
+  const Vec3 move(held.move_mm[0], held.move_mm[1], held.move_mm[2]);
+  if (!slides(held)) {
+    set.direction = move.isZero(0.0) ? move : move.normalized();
+    set.share = move.norm() / depth_mm;
+    return set;
+  }
+  if (chosen.normal.norm() < facing)
+    throw ModelError(report_on(name, "hold", "slides along a patch that faces all ways",
+                               fmt::format("the mean of its {} nodes' unit normals has a length of {:.2f}",
+                                           chosen.node.size(), chosen.normal.norm()),
+                               "give a side or a smaller ball, or hold = \"fixed\""));
+  set.hold = HeldSet::Hold::along;
+  set.direction = chosen.normal.normalized();
+  const double along = move.dot(set.direction);
+  if (std::abs(along) < facing * move.norm())
+    throw ModelError(report_on(
+        name, "move_mm", "moves along the surface on which it slides",
+        fmt::format("the patch's mean normal is ({:.2f}, {:.2f}, {:.2f}), and across it nothing is held",
+                    set.direction.x(), set.direction.y(), set.direction.z()),
+        "give a way within 45 degrees of the normal, or hold = \"fixed\""));
+  set.share = along / depth_mm;
+  return set;
+}
+
+std::string sentence(const HeldSet& set, double depth_mm, Index of_base, Index of_others) {
+  const auto three = [](const Vec3& v) {
+    const Vec3 shown = v.array() + 0.0;  // no -0
+    return fmt::format("({:.4g}, {:.4g}, {:.4g})", shown.x(), shown.y(), shown.z());
+  };
+  const Vec3 moves = set.share * depth_mm * set.direction;
+  std::string text = fmt::format("{}: {} nodes, ", set.name, set.node.size());
+  if (set.hold == HeldSet::Hold::along)
+    text += fmt::format("sliding, normal {}", three((set.direction * 100.0).array().round() / 100.0));
+  if (set.share != 0.0)
+    text += fmt::format("{}moves {} mm", set.hold == HeldSet::Hold::along ? ", " : "", three(moves));
+  else if (set.hold == HeldSet::Hold::all)
+    text += "fixed";
+  if (of_base > 0) text += fmt::format("; {} more are the base's and stay", of_base);
+  if (of_others > 0) text += fmt::format("; {} more belong to supports named after it", of_others);
+  return text;
+}
+
+}  // namespace
+
+int number_of_label(const std::string& label, const std::map<std::string, int>& names) {
+  if (!label.empty() && label.find_first_not_of("0123456789") == std::string::npos && label.size() < 10)
+    return std::stoi(label);
+  const auto known = names.find(label);
+  return known == names.end() ? -1 : known->second;
+}
+
+std::map<std::string, std::string> labels_of_supports(const Config& config) {
+  std::map<std::string, std::string> labels;
+  for (const auto& [name, held] : config.held)
+    if (is_label(held)) labels[name] = label_of(held);
+  return labels;
+}
+
+bool names_labels(const Config& config) {
+  return !labels_of_supports(config).empty();
+}
+
+void check_supports(const Config& config) {
+  for (const auto& [name, held] : config.held) check(name, held);
+  if (config.held.size() > most_supports)
+    throw UsageError({.fact = fmt::format("{} supports are given", config.held.size()),
+                      .where = "support",
+                      .why = fmt::format("at most {} can be told apart in the results", most_supports),
+                      .remedy = "join some that are held alike"});
+}
+
+Supports supports_of(const Config& config, const Discretisation& places,
+                     const std::map<std::string, int>& label_names) {
+  check_supports(config);
+  Supports result;
+  if (config.held.empty()) return result;
+  const bool all_labels = labels_of_supports(config).size() == config.held.size();
+  if (!all_labels && places.surface.empty())
+    throw ModelError({.fact = "a support lies on the surface, and this model has none",
+                      .where = "support",
+                      .why = "its files hold nodes and points alone",
+                      .remedy = "take the label image, or the tissue of a label (on = \"label:NAME\")"});
+  std::optional<BodySurface> surface;
+  if (!all_labels) surface.emplace(places.surface.vertex_mm, places.surface.triangles);
+  std::vector<Chosen> chosen;
+  std::vector<int> owner(static_cast<std::size_t>(places.node_count()), -1);  // the last that takes a node
+  for (const auto& [name, held] : config.held) {
+    chosen.push_back(is_label(held) ? nodes_with_label(number_of_label(label_of(held), label_names), places)
+                                    : nodes_on_surface(*surface_part_named(held.on), places, *surface));
+    check_nodes(name, held, chosen.back().node, places);
+    const auto number = static_cast<int>(result.sets.size());
+    for (const Index a : chosen.back().node) owner[static_cast<std::size_t>(a)] = number;
+    result.sets.push_back(set_of(name, held, chosen.back(), config.load.depth_mm));
+  }
+  Index taken = 0;
+  for (std::size_t k = 0; k < chosen.size(); ++k) {
+    HeldSet& set = result.sets[k];
+    Index of_base = 0, of_others = 0;
+    for (const Index a : chosen[k].node) {
+      if (has(places.base, a))
+        ++of_base;
+      else if (owner[static_cast<std::size_t>(a)] != static_cast<int>(k))
+        ++of_others;
+      else
+        set.node.push_back(a);
+    }
+    if (set.node.empty())
+      throw ModelError(report_on(set.name, "on", "has no node left",
+                                 "supports named after it take all of them",
+                                 "leave one of them out, or make the others smaller"));
+    taken += static_cast<Index>(set.node.size());
+    result.words.push_back(sentence(set, config.load.depth_mm, of_base, of_others));
+  }
+  Index held_before = 0;
+  for (Index a = 0; a < places.node_count(); ++a)
+    held_before += has(places.base, a) || has(places.indenter, a);
+  if (taken + held_before == places.node_count())
+    throw ModelError({.fact = fmt::format("the supports take all of the {} nodes that are free", taken),
+                      .where = "support",
+                      .why = "with the base and the tool's circle nothing is left to deform",
+                      .remedy = "make the supports smaller"});
+  return result;
+}
+
+Vec3 force_on(const HeldSet& support, const Nodal& f) {
+  Vec3 sum = Vec3::Zero();
+  for (const Index a : support.node) sum -= f.col(a).head<3>();
+  if (support.hold == HeldSet::Hold::along) sum = sum.dot(support.direction) * support.direction;
+  return sum;
+}
+
+}  // namespace dimple

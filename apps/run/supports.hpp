@@ -1,0 +1,35 @@
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "apps/run/config.hpp"
+#include "solver/constraints.hpp"
+
+namespace dimple {
+
+/// Before anything is built: throws UsageError where the words of a support are not understood.
+void check_supports(const Config& config);
+
+/// The label that it is given by its number or its name, or -1.
+int number_of_label(const std::string& label, const std::map<std::string, int>& names);
+/// Whether a support is the tissue of a label: then points need to know theirs.
+bool names_labels(const Config& config);
+/// The labels of those, by the supports' names.
+std::map<std::string, std::string> labels_of_supports(const Config& config);
+
+/// What config.held says, as sets of nodes, none of them in two of them or in the base; and a sentence on each.
+struct Supports {
+  std::vector<HeldSet> sets;
+  std::vector<std::string> words;
+};
+/// Throws UsageError as check_supports() does; ModelError: a support meets no node, or some of the tool's, all of them
+/// leave nothing free, or the model lacks a surface or labels.
+Supports supports_of(const Config& config, const Discretisation& places,
+                     const std::map<std::string, int>& label_names);
+
+/// What the tissue does to it [N].
+Vec3 force_on(const HeldSet& support, const Nodal& f);
+
+}  // namespace dimple

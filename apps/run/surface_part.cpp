@@ -1,0 +1,37 @@
+#include "apps/run/surface_part.hpp"
+
+#include <charconv>
+#include <cmath>
+
+#include "preprocess/sides.hpp"
+
+namespace dimple {
+namespace {
+
+// x, y, z and radius, if the text is that.
+std::optional<Eigen::Vector4d> ball_in_mm(const std::string& text) {
+  Eigen::Vector4d ball;
+  const char *at = text.data(), *end = at + text.size();
+  for (int d = 0; d < 4; ++d) {
+    while (at != end && (*at == ' ' || (d > 0 && *at == ','))) ++at;
+    const auto [next, error] = std::from_chars(at, end, ball[d]);
+    if (error != std::errc{} || !std::isfinite(ball[d])) return std::nullopt;
+    at = next;
+  }
+  return at == end && ball[3] > 0.0 ? std::optional(ball) : std::nullopt;
+}
+
+}  // namespace
+
+bool SurfacePart::has(const Vec3& place_mm, const Vec3& normal) const {
+  if (side && normal.dot(*side) < facing * normal.norm()) return false;
+  return !ball || (place_mm - ball->head<3>()).norm() <= (*ball)[3];
+}
+
+std::optional<SurfacePart> surface_part_named(const std::string& on) {
+  if (on == "all") return SurfacePart{};
+  const SurfacePart part{.side = side_named(on), .ball = ball_in_mm(on)};
+  return part.side || part.ball ? std::optional(part) : std::nullopt;
+}
+
+}  // namespace dimple

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <numbers>
+#include <optional>
+#include <string>
+
+#include "io/types.hpp"
+
+namespace dimple {
+
+/// A part of a body's surface as options name it: all of it, what faces a side of the patient within 45 degrees, or what
+/// lies in a ball.
+struct SurfacePart {
+  std::optional<Vec3> side;             ///< LPS unit vector
+  std::optional<Eigen::Vector4d> ball;  ///< centre and radius [mm, LPS]
+  /// Whether it holds a place with that outward normal, of any length.
+  bool has(const Vec3& place_mm, const Vec3& normal) const;
+};
+
+/// Of "all", a side such as superior (sides.hpp), or x,y,z,radius; nothing of any other text.
+std::optional<SurfacePart> surface_part_named(const std::string& on);
+
+/// Cosine of the largest angle at which a surface faces a direction.
+inline constexpr double facing = std::numbers::sqrt2 / 2.0;
+
+}  // namespace dimple

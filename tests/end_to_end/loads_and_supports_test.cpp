@@ -1,0 +1,311 @@
+// Gravity, pressures and supports, from the words of a user to the files of a run.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <chrono>
+#include <csignal>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "io/table.hpp"
+#include "io/types.hpp"
+#include "io/vtk_files.hpp"
+#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/whole_files.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+using testing::HasSubstr;
+
+Vec3 three(const Json& list) {
+  return Vec3(list.at(0), list.at(1), list.at(2));
+}
+
+// A block of 60 x 60 x 30 mm that stands on its inferior face, with the tool in the middle of the superior one.
+class Block : public testing::Test {
+ protected:
+  const fs::path folder = fresh_folder();
+  const std::string scene = " --base inferior --indent-at 0,0,top --frames 2 -q";
+
+  void SetUp() override {
+    ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);
+  }
+  Json run(const std::string& options, const std::string& out = "out", const std::string& mu = "2kPa") const {
+    const Ran ran = dimple(folder, "run block.nrrd --force -o " + out + scene + " --mu " + mu + options);
+    EXPECT_EQ(ran.code, 0) << options << '\n' << ran.err;
+    return Json::parse(text_of(folder / out / "summary.json"));
+  }
+  std::string force(const std::string& out = "out") const { return text_of(folder / out / "force.csv"); }
+  void refused(int code, const std::string& arguments, const std::vector<std::string>& words) const {
+    const Ran ran = dimple(folder, arguments);
+    EXPECT_EQ(ran.code, code) << arguments << '\n' << ran.err;
+    for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "})
+      EXPECT_THAT(ran.err, HasSubstr(part));
+    for (const std::string& word : words) EXPECT_THAT(ran.err, HasSubstr(word)) << arguments;
+  }
+};
+
+using GravityInAScene = Block;
+
+TEST_F(GravityInAScene, BySideAndByNumbersGivesTheSameBits) {
+  const std::string touch = " --nodes 600 --depth 0.5mm --write force";
+  run(touch + " --gravity inferior");
+  const std::string by_side = force();
+  run(touch + " --gravity 0,0,-9.81");
+  EXPECT_EQ(force(), by_side);
+  run(touch);
+  EXPECT_NE(force(), by_side);
+}
+
+TEST_F(GravityInAScene, IsBorneByTheBaseWhereTheToolBarelyTouches) {
+  const Json summary = run(" --nodes 800 --depth 0.01mm --write force --gravity inferior");
+  const double weight = 1e-3 * summary["mass_g"].get<double>() * 9.81;
+  const Table curve = read_csv(folder / "out" / "force.csv");
+  EXPECT_NEAR(curve.find("base_force_N")->front(), weight, 1e-3 * weight);
+  EXPECT_NEAR(curve.find("force_N")->front(), 0.0, 1e-3 * weight);
+  EXPECT_NEAR(curve.find("base_force_N")->back() - curve.find("force_N")->back(), weight, 1e-3 * weight);
+  EXPECT_LT(summary["momentum_error"].get<double>(), 1e-3) << "the tissue's own forces add up to nothing";
+  EXPECT_TRUE(summary["band"]["low_N"].is_null() || !summary["band"]["unknown"].is_null()) << summary["band"];
+}
+
+TEST_F(GravityInAScene, SettlesTheBodyTheMoreTheStrongerItIs) {
+  double before = 0.0;
+  for (const char* g : {"0,0,-2", "0,0,-4", "inferior"}) {
+    const double settled =
+        run(std::string(" --nodes 500 --depth 0.1mm --write force --gravity ") + g)["loads"]["settled_mm"]
+            .get<double>();
+    EXPECT_GT(settled, 1.5 * before) << g;
+    before = settled;
+  }
+  EXPECT_LT(before, 3.0);
+}
+
+const std::string supports =
+    " --set support.retractor.on=left --set support.retractor.move=-1,0,0 "
+    "--set support.plate.on=right --set support.plate.hold=sliding";
+const std::string everything =
+    supports +
+    " --gravity inferior --set load.pressure.csf.pressure=20Pa --set load.pressure.csf.on=anterior";
+
+TEST_F(Block, UnderLoadsAndOnSupportsGivesTheSameBitsWithAnyNumberOfThreads) {
+  for (const char* threads : {"1", "2", "3"})
+    run(std::string(" --nodes 700 --depth 1mm --write nodes --threads ") + threads + everything, threads);
+  for (const char* threads : {"2", "3"}) {
+    EXPECT_EQ(force("1"), force(threads));
+    EXPECT_TRUE(text_of(folder / "1/nodes/nodes_0002.vtu") ==
+                text_of(folder / threads / "nodes/nodes_0002.vtu"))
+        << threads;
+  }
+}
+
+TEST_F(Block, UnderLoadsAndOnSupportsIsResumedToTheSameBits) {
+  const std::string slow =
+      "run block.nrrd --base inferior --indent-at 0,0,top --mu 2kPa -q --nodes 700 --depth 4mm --frames 100 "
+      "--write nodes --quantity displacement@0,0,25" +
+      everything;
+  ASSERT_EQ(dimple(folder, slow + " -o whole").code, 0);
+  {
+    Program program(folder, words_of(slow + " -o out"));
+    while (program.running() && !fs::exists(folder / "out" / "checkpoint.cbor"))
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    ASSERT_TRUE(program.running()) << program.err_so_far();
+    program.send(SIGTERM);
+    EXPECT_EQ(program.wait().code, 130);
+  }
+  const Ran resumed = dimple(folder, slow + " -o out --resume");
+  ASSERT_EQ(resumed.code, 0) << resumed.err;
+  expect_same_results(folder / "whole", folder / "out");
+}
+
+TEST_F(Block, TakesAPressureFromAFile) {
+  std::ofstream(folder / "csf.toml")
+      << "[load.pressure.csf]\non = \"superior\"\npressure_Pa = 50\nfollows = \"no\"\n";
+  const Json summary = run(" --nodes 800 --depth 0.01mm --write model --config csf.toml");
+  EXPECT_EQ(summary["loads"]["pressure_Pa"]["csf"], 50.0);
+  const double borne = read_csv(folder / "out" / "force.csv").find("base_force_N")->front();
+  const SurfaceFile surface = read_vtp(folder / "out" / "model" / "surface.vtp");
+  double area_mm2 = 0.0;  // of what faces up within 45 degrees, seen from above
+  for (Index t = 0; t < surface.triangles.cols(); ++t) {
+    const auto corner = [&](int k) { return Vec3(surface.position_mm.col(surface.triangles(k, t))); };
+    const Vec3 twice = (corner(1) - corner(0)).cross(corner(2) - corner(0));
+    if (twice.z() >= std::sqrt(0.5) * twice.norm()) area_mm2 += 0.5 * twice.z();
+  }
+  EXPECT_NEAR(area_mm2, 3600.0, 0.1 * 3600.0) << "the edges are round";
+  EXPECT_NEAR(borne, 50.0 * 1e-6 * area_mm2, 1e-3 * borne);
+  const std::string before = force();
+  run(" --config out/config.resolved.toml");
+  EXPECT_EQ(force(), before);
+}
+
+// Reactions as ParaView shows them, summed by the sets that it shows.
+TEST_F(Block, IsInBalanceWithToolBaseAndSupports) {
+  const Json summary = run(" --nodes 1200 --depth 2mm --write nodes --gravity inferior" + supports);
+  const PointFile nodes = read_vtu(folder / "out" / "nodes" / "nodes_0002.vtu");
+  const auto &set = nodes.find("node_set")->values, &reaction = nodes.find("reaction_N")->values;
+  const Vec3 push = three(summary["counts"]["push"]);
+  // Supports go by their names.
+  std::map<int, Vec3> on = {{1, Vec3::Zero()}, {2, Vec3::Zero()}, {4, Vec3::Zero()}, {8, Vec3::Zero()}};
+  std::map<int, int> count;
+  const Vec3 normal = three(summary["supports"]["plate"]["force_N"]).normalized();
+  for (Index a = 0; a < set.cols(); ++a) {
+    const int bits = static_cast<int>(set(0, a));
+    if (bits == 0) continue;
+    ASSERT_TRUE(on.contains(bits)) << bits;
+    const Vec3 holds = reaction.col(a);
+    on[bits] -= bits == 4 ? Vec3(holds.dot(normal) * normal) : holds;
+    ++count[bits];
+  }
+  const Json &plate = summary["supports"]["plate"], &retractor = summary["supports"]["retractor"];
+  EXPECT_EQ(plate["nodes"], count[4]);
+  EXPECT_EQ(retractor["nodes"], count[8]);
+  EXPECT_GT(count[8], 10);
+  EXPECT_EQ(three(retractor["moved_mm"]), Vec3(-1, 0, 0));
+  EXPECT_EQ(three(plate["moved_mm"]), Vec3(0, 0, 0));
+  const double largest = std::max({on[1].norm(), on[2].norm(), on[4].norm(), on[8].norm()});
+  EXPECT_LT((three(plate["force_N"]) - on[4]).norm(), 1e-5 * largest);
+  EXPECT_LT((three(retractor["force_N"]) - on[8]).norm(), 1e-5 * largest);
+  EXPECT_NEAR(summary["force_N"].get<double>(), -on[2].dot(push), 1e-5 * largest);
+  EXPECT_NEAR(summary["base_force_N"].get<double>(), on[1].dot(push), 1e-5 * largest);
+  EXPECT_GT(on[8].x(), 0.0) << "pushed into the tissue, it is pushed back";
+  const Vec3 weight(0, 0, -1e-3 * summary["mass_g"].get<double>() * 9.81);
+  EXPECT_LT((on[1] + on[2] + on[4] + on[8] - weight).norm(), 1e-4 * largest);
+}
+
+using ASupport = Block;
+
+TEST_F(ASupport, OnEachSideFeelsTheOppositeOfTheOther) {
+  const std::string scene = " --nodes 6000 --depth 2mm --write force", left = " --set support.l.on=left",
+                    right = " --set support.r.on=right";
+  const double alone = run(scene)["force_N"].get<double>();
+  const Json fixed = run(scene + left + right);
+  const Json drawn = run(scene + left + right + " --set support.l.move=2,0,0 --set support.r.move=-2,0,0");
+  for (const Json* summary : {&fixed, &drawn}) {
+    const Vec3 l = three((*summary)["supports"]["l"]["force_N"]),
+               r = three((*summary)["supports"]["r"]["force_N"]);
+    EXPECT_LT((l - Vec3(-r.x(), r.y(), r.z())).norm(), 0.1 * l.norm())
+        << l.transpose() << ", " << r.transpose();
+    EXPECT_NE((*summary)["force_N"].get<double>(), alone);
+  }
+  EXPECT_LT(three(drawn["supports"]["l"]["force_N"]).x(), -0.02) << "drawn outwards, it is drawn back";
+  EXPECT_EQ(three(drawn["supports"]["l"]["moved_mm"]), Vec3(2, 0, 0));
+}
+
+// Between four smooth walls, where strains are small: u = rho g (H z - z^2 / 2) / M, M = kappa + 4/3 mu.
+TEST_F(ASupport, ThatSlidesLetsAColumnSettleAlongIt) {
+  std::string walls;
+  for (const std::string side : {"left", "right", "anterior", "posterior"})
+    walls += " --set support." + side + ".on=" + side + " --set support." + side + ".hold=sliding";
+  const std::string column =
+      " --nodes 2000 --depth 0.001mm --write force --nu 0.3 --gravity 0,0,-2 --quantity displacement@0,0,25";
+  const double mu = 2000.0, nu = 0.3, modulus = 2.0 * mu * (1.0 - nu) / (1.0 - 2.0 * nu), H = 30e-3,
+               z = 25e-3;
+  const double expected_mm = 1e3 * 1000.0 * 2.0 * (H * z - 0.5 * z * z) / modulus;
+  EXPECT_NEAR(run(column + walls)["displacement"]["displacement_mm"][2].get<double>(), -expected_mm,
+              0.05 * expected_mm);
+  EXPECT_GT(run(column)["loads"]["settled_mm"].get<double>(), 1.2 * expected_mm);
+}
+
+TEST_F(ASupport, ThatMovesFurtherThanTheToolArrives) {
+  const Json summary =
+      run(" --nodes 1000 --depth 0.5mm --write force --set support.r.on=left --set support.r.move=6,0,0");
+  EXPECT_LT((three(summary["supports"]["r"]["moved_mm"]) - Vec3(6, 0, 0)).norm(), 1e-9);
+  EXPECT_LT(three(summary["supports"]["r"]["force_N"]).x(), 0.0);
+}
+
+TEST_F(ASupport, KeepsForcesProportionalToTheModulus) {
+  const std::string scene =
+      " --nodes 600 --depth 1mm --write force --set support.r.on=left --set support.r.move=1,0,0";
+  const Json known = run(scene, "out", "2kPa+-30%"), stiff = run(scene, "out", "2.6kPa");
+  EXPECT_NEAR(known["band_of_mu"]["high_N"].get<double>() / stiff["force_N"].get<double>(), 1.0, 2e-4);
+  const Vec3 one = three(known["supports"]["r"]["force_N"]), other = three(stiff["supports"]["r"]["force_N"]);
+  EXPECT_LT((1.3 * one - other).norm(), 2e-4 * other.norm());
+}
+
+TEST_F(ASupport, MayBeTheTissueOfALabel) {
+  ASSERT_EQ(dimple(folder, "phantom two.nrrd --shape block --size 60,60,30 --spacing 3 --two-labels -q").code,
+            0);
+  const std::string scene =
+      " --base inferior --indent-at 0,0,top --mu 2kPa --frames 1 --nodes 800 --depth 2mm --write force "
+      "--force -q";
+  const auto force_of = [&](const std::string& more) {
+    const Ran ran = dimple(folder, "run two.nrrd -o out" + scene + more);
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    return Json::parse(text_of(folder / "out" / "summary.json"));
+  };
+  const Json held = force_of(" --set support.bone.on=label:1");
+  EXPECT_GT(held["supports"]["bone"]["nodes"].get<int>(), 20);
+  EXPECT_GT(held["force_N"].get<double>(), 1.02 * force_of("")["force_N"].get<double>())
+      << "a layer half as thick";
+  refused(3, "run two.nrrd -o no -q --set support.bone.on=label:7",
+          {"label '7'", "support.bone.on", "dimple info"});
+  ASSERT_EQ(dimple(folder, "model two.nrrd -o model --nodes 500 -q").code, 0);
+  refused(4, "solve model -o no -q --depth 1mm --set support.bone.on=label:1",
+          {"'bone'", "meets no node", "knows no labels"});
+}
+
+TEST_F(Block, SaysAtTheStartWhatHoldsIt) {
+  const Ran ran =
+      dimple(folder,
+             "run block.nrrd -o out --base inferior --indent-at 0,0,top --nodes 600 --depth 0.5mm --frames 1 "
+             "--write force --set support.retractor.on=left --set support.retractor.move=-3,0,0 "
+             "--set support.plate.on=right --set support.plate.hold=sliding --set support.strap.on=anterior");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  EXPECT_THAT(ran.err, HasSubstr("support  retractor: "));
+  EXPECT_THAT(ran.err, HasSubstr(" nodes, moves (-3, 0, 0) mm"));
+  EXPECT_THAT(ran.err, HasSubstr(" nodes, sliding, normal (-1, 0, 0)"));
+  EXPECT_THAT(ran.err, HasSubstr(" nodes, fixed"));
+  EXPECT_THAT(ran.out,
+              HasSubstr("band unknown: it was measured for bodies that nothing holds but their base"));
+}
+
+TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
+  const std::string start =
+      "run block.nrrd -o no -q --base inferior --indent-at 0,0,top --nodes 600 --depth 1mm ";
+  const std::string support = start + "--set support.r.on=";
+  refused(2, start + "--gravity sideways", {"gravity 'sideways'", "--gravity inferior"});
+  refused(2, start + "--gravity 0,1", {"gravity '0,1'"});
+  refused(2, start + "--set load.pressure.csf.on=lleft", {"'csf'", "'lleft'", "a side such as superior"});
+  refused(2, start + "--set load.pressure.csf.on=500,0,0,1",
+          {"meets no part of the surface", "it would act on nothing"});
+  refused(2, start + "--set load.pressure.csf.pressure=50N", {"pressure_Pa = 50N"});
+  refused(2, support + "lleft", {"'r'", "'lleft'", "label:NAME"});
+  refused(2, start + "--set support.r.hold=fixed", {"'r' is nowhere", "support.r.on"});
+  refused(2, support + "left --set support.r.hold=loose", {"hold = loose", "fixed, sliding"});
+  refused(2, support + "left --set support.r.move=1,2", {"2 numbers", "x,y,z in mm"});
+  refused(2, support + "label:1 --set support.r.hold=sliding", {"slides, and is the tissue of a label"});
+  refused(2, start + "--set support.r.om=left", {"there is no option 'support.r.om'"});
+  refused(2, start + "--set support.basis.on=left", {"named 'basis'", "moving least squares"});
+  refused(4, support + "500,0,0,3", {"meets no node", "a larger ball"});
+  refused(4, support + "superior", {"nodes of the tool's circle", "--indent-at"});
+  refused(4, support + "inferior", {"no node but the base's", "--base-depth"});
+  refused(4, support + "left --set support.r.hold=sliding --set support.r.move=0,2,0",
+          {"moves along the surface", "45 degrees"});
+  refused(2, "run block.nrrd -o no -q --accuracy 5% --set support.r.on=left",
+          {"nothing holds but their base"});
+  refused(4,
+          "poke block.nrrd --socket s -q --base inferior --indent-at 0,0,top --nodes 600 --set "
+          "support.r.on=superior",
+          {"nodes of the tool's circle"});
+}
+
+TEST_F(Block, IsNeitherExportedNorFittedWithoutItsLoads) {
+  std::ofstream(folder / "curve.csv") << "indentation_mm,force_N\n1,0.01\n2,0.03\n3,0.05\n";
+  const std::vector<std::pair<std::string, std::string>> loads = {
+      {"load.gravity=inferior", "gravity"}, {"load.pressure.csf.pressure=5Pa", "pressures"}};
+  for (const auto& [load, word] : loads) {
+    refused(2, "export block.nrrd -o block.inp --set " + load, {word + " cannot be exported"});
+    refused(2, "fit block.nrrd -o fit --curve curve.csv --set " + load,
+            {"cannot be told from a force", "gravity and pressures"});
+  }
+  refused(2, "export block.nrrd -o block.inp --set support.r.on=left", {"supports cannot be exported"});
+  EXPECT_FALSE(fs::exists(folder / "block.inp"));
+}
+
+}  // namespace
+}  // namespace dimple
