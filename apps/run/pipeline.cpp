@@ -47,9 +47,8 @@ void require_room_beneath(const Config& config, const Discretisation& places) {
       (places.X.transpose() * places.tool.push).maxCoeff() - places.tool.centre.dot(places.tool.push);
   if (loading_of(config).depth >= beneath)
     throw ModelError(
-        {.fact =
-             fmt::format("an indentation of {} is deeper than the organ beneath the circle, {}",
-                         length_in_words(config.load.depth_mm), length_in_words(1e3 * beneath)),
+        {.fact = fmt::format("an indentation of {} is deeper than the organ beneath the circle, {}",
+                             length_in_words(config.load.depth_mm), length_in_words(1e3 * beneath)),
          .where = "--depth (load.depth_mm)",
          .why = "the tool would come out on the other side",
          .remedy = "give a smaller --depth, or another place with --indent-at"});
@@ -98,8 +97,8 @@ Vec3 displacement_at(const Interpolation& place, const ForceSystem::Nodal& u) {
 }  // namespace
 
 Organ organ_of(const Case& given, const Talk& talk, Result& result) {
-  Organ organ = given.organ ? taken_again(given, result)
-                            : read_organ(given, model_options(given.config), talk, result);
+  Organ organ =
+      given.organ ? taken_again(given, result) : read_organ(given, model_options(given.config), talk, result);
   result.provenance = {{"image", name_of_image(given.config)},
                        {"image_sha256", sha256_of_image(given.config, result.image)}};
   return organ;
@@ -205,8 +204,9 @@ std::optional<Followed> followed_in(const Config& config, const Organ& organ) {
   return Followed{.place = *place};
 }
 
-std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options, const Observer& observer,
-                                   const State* from, const Talk& talk, Result& result) {
+std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options,
+                                   const Observer& observer, const State* from, const Talk& talk,
+                                   Result& result) {
   const std::optional<Interpolation> place = to_followed(result);
   if (place && from) result.followed->u = displacement_at(*place, from->u);  // no frame may be left
   BendingOfPart bending(result.model);
