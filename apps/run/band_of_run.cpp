@@ -63,7 +63,8 @@ std::string no_band(const Config& config) {
   return {};
 }
 
-std::string no_band(const Config& config, const Organ& organ, const Boundary& boundary, const Result& result) {
+std::string no_band(const Config& config, const Organ& organ, const Boundary& boundary,
+                    const Result& result) {
   if (result.time != TimeMode::quasi_static) return not_for_dynamics;
   if (const std::string none = no_band(config); !none.empty()) return none;
   return no_band(body_under_circle(organ.body->surface, boundary, organ.options.boundary.voxel_mm));
@@ -78,7 +79,8 @@ std::string no_band_after(const Config& config, const Result& result) {
   const Origin* origin = result.origin.get();
   if (!origin) return "a model's files hold one cloud, and it takes two";
   if (const std::string none = no_labels(config, *origin); !none.empty()) return none;
-  if (const std::string none = no_band(config, origin->organ, origin->boundary, result); !none.empty()) return none;
+  if (const std::string none = no_band(config, origin->organ, origin->boundary, result); !none.empty())
+    return none;
   const Index fewest = fewest_nodes_with_band(result.facing_share);
   if (result.model.node_count() >= fewest) return {};
   return fmt::format("it was measured from {0} nodes on{1}; give --nodes {0}", fewest,

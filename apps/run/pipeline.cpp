@@ -48,9 +48,8 @@ void require_room_beneath(const Config& config, const Discretisation& places) {
       (places.X.transpose() * places.tool.push).maxCoeff() - places.tool.centre.dot(places.tool.push);
   if (loading_of(config).depth >= beneath)
     throw ModelError(
-        {.fact =
-             fmt::format("an indentation of {} is deeper than the organ beneath the circle, {}",
-                         length_in_words(config.load.depth_mm), length_in_words(1e3 * beneath)),
+        {.fact = fmt::format("an indentation of {} is deeper than the organ beneath the circle, {}",
+                             length_in_words(config.load.depth_mm), length_in_words(1e3 * beneath)),
          .where = "--depth (load.depth_mm)",
          .why = "the tool would come out on the other side",
          .remedy = "give a smaller --depth, or another place with --indent-at"});
@@ -99,8 +98,8 @@ Vec3 displacement_at(const Interpolation& place, const ForceSystem::Nodal& u) {
 }  // namespace
 
 Organ organ_of(const Case& given, const Talk& talk, Result& result) {
-  Organ organ = given.organ ? taken_again(given, result)
-                            : read_organ(given, model_options(given.config), talk, result);
+  Organ organ =
+      given.organ ? taken_again(given, result) : read_organ(given, model_options(given.config), talk, result);
   result.provenance = {{"image", name_of_image(given.config)},
                        {"image_sha256", sha256_of_image(given.config, result.image)}};
   return organ;
@@ -221,8 +220,9 @@ void feel_supports(const ForceSystem::Nodal& f, double depth, Result& result) {
 
 }  // namespace
 
-std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options, const Observer& observer,
-                                   const State* from, const Talk& talk, Result& result) {
+std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options,
+                                   const Observer& observer, const State* from, const Talk& talk,
+                                   Result& result) {
   const std::optional<Interpolation> place = to_followed(result);
   if (place && from && from->u.cols() > 0) result.followed->u = displacement_at(*place, from->u);  // no frame may be left
   if (from && from->f.cols() > 0) feel_supports(from->f, from->history.force.back().depth, result);  // likewise

@@ -10,7 +10,7 @@
 
 namespace dimple {
 
-// What simulate(), the band and the refinement are made of: the steps from a case to the force curve of one cloud.
+// The steps from a case to the force curve of one cloud: simulate(), the band and the refinement take them.
 
 /// Nodes and points, before anything expensive is done.
 struct Placed {
@@ -21,7 +21,7 @@ struct Placed {
 
 /// The image of a case, read, or as it was read before; then its provenance is known too.
 Organ organ_of(const Case& given, const Talk& talk, Result& result);
-/// A place for the tool and places for nodes, of the case's own number. `organ`: nothing where it began with a model.
+/// Places for the tool and for the case's own number of nodes. `organ`: nothing where it began with a model.
 Placed place(const Case& given, const std::optional<Organ>& organ, const Talk& talk, Result& result);
 /// As many nodes as that, whatever the case has chosen.
 Placed place(Index nodes, const Config& config, const Organ& organ, const LabelImage& image, const Talk& talk,
@@ -35,10 +35,11 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
 /// The place whose displacement the case asks for, if it does. Throws UsageError: it is outside of the body.
 std::optional<Followed> followed_in(const Config& config, const Organ& organ);
 
-/// Marches a model that is complete, and keeps what comes of it: history, findings, the way of the place that is followed.
-/// Asked to stop it returns what there is, `interrupted`. What is returned is to outlive the frames' forces.
-std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options, const Observer& observer,
-                                   const State* from, const Talk& talk, Result& result);
+/// Marches a model that is complete, and keeps what comes of it: history, findings, where the place goes that is
+/// followed. Asked to stop it returns what there is, `interrupted`. What is returned is to outlive the frames' forces.
+std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options,
+                                   const Observer& observer, const State* from, const Talk& talk,
+                                   Result& result);
 
 /// What else the clouds of the result's organ are made from, but for the image.
 std::shared_ptr<Origin> origin_of(const Config& config, Organ organ, const Result& result);

@@ -57,8 +57,8 @@ void compare(Result& now, const Level* before, bool several_tissues) {
     return;
   }
   const Result& coarse = before->result;
-  now.band.half = half_widths(now.history.force, now.model.node_count(), coarse.history.force, now.model.tool.radius,
-                              several_tissues);
+  now.band.half = half_widths(now.history.force, now.model.node_count(), coarse.history.force,
+                              now.model.tool.radius, several_tissues);
   now.band.unknown = "";
   now.band.coarse_nodes = coarse.model.node_count();
   if (now.followed) now.followed->half = half_of_displacement(now, coarse.followed->u);
@@ -103,8 +103,8 @@ std::pair<double, double> asked_for(const RefinementLevel& level, const Result& 
                          : std::pair(std::abs(level.force), level.half);
 }
 
-Refinement refine(const Case& given, const Goal& goal, const Origin& from, const Result& read, const Stopwatch& whole,
-                  const RefinementObserver& observer) {
+Refinement refine(const Case& given, const Goal& goal, const Origin& from, const Result& read,
+                  const Stopwatch& whole, const RefinementObserver& observer) {
   const Stopwatch refining;
   Refinement found;
   // A cloud may be too coarse for its body; what two in a row meet has another reason.

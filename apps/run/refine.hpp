@@ -42,9 +42,9 @@ struct RefinementEnd {
 };
 
 struct Refinement {
-  std::unique_ptr<Level> finest;       ///< there is one
+  std::unique_ptr<Level> finest;        ///< there is one
   std::vector<RefinementLevel> levels;  ///< that came to a force
-  std::optional<RefinementEnd> ended;  ///< nothing: the goal was reached
+  std::optional<RefinementEnd> ended;   ///< nothing: the goal was reached
   double seconds = 0.0;
 };
 
@@ -55,10 +55,10 @@ struct RefinementObserver {
   const RunObserver& of_march;  ///< what a level begins with, and its parts; the rest of it is kept
 };
 
-/// `from`: organ, image and choices; `read`: what was told of them, and the place that is followed. `whole`: since when the
-/// budget counts. Throws what the first cloud that has a force would throw; Stopped, if there is none until then.
-Refinement refine(const Case& given, const Goal& goal, const Origin& from, const Result& read, const Stopwatch& whole,
-                  const RefinementObserver& observer);
+/// `from`: organ, image and choices; `read`: what was told of them, and the place that is followed. `whole`: since
+/// when the budget counts. Throws, where no cloud came to a force, what the last one threw; Stopped too.
+Refinement refine(const Case& given, const Goal& goal, const Origin& from, const Result& read,
+                  const Stopwatch& whole, const RefinementObserver& observer);
 
 /// Throws UsageError if there is a reason why no band is known.
 void require_a_band(const std::string& none);

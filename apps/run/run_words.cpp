@@ -52,7 +52,8 @@ void tell_of_supports(const Talk& talk, const Model& model) {
   else if (model.scheme.consistent_gradients && model.surface.empty())
     talk.warn("without a surface the gradients are not made consistent: forces at high pressure are too low");
   talk.detail(fmt::format("mass     {} g in all, {} to {} g per node", three_digits(model.mass.sum() * 1e3),
-                          three_digits(model.mass.minCoeff() * 1e3), three_digits(model.mass.maxCoeff() * 1e3)));
+                          three_digits(model.mass.minCoeff() * 1e3),
+                          three_digits(model.mass.maxCoeff() * 1e3)));
 }
 
 std::string describe(const Tissues& tissues, std::size_t t) {
@@ -65,7 +66,8 @@ std::string describe(const Tissues& tissues, std::size_t t) {
       numbers.push_back(name.ends_with("_Pa") ? stress_in_words(value) : plain(value));
     law += fmt::format(" ({})", fmt::join(numbers, ", "));
   }
-  for (const PronyTerm& term : m.prony) law += fmt::format(", {} relaxing in {} s", plain(term.g), plain(term.tau));
+  for (const PronyTerm& term : m.prony)
+    law += fmt::format(", {} relaxing in {} s", plain(term.g), plain(term.tau));
   return fmt::format(
       "material {}{}: mu {}, nu {}, density {} kg/m3",
       t == 0 ? "" : fmt::format("of {} points, ", (tissues.of_point.array() == static_cast<int>(t)).count()),
@@ -113,7 +115,8 @@ std::string in_words(const RefinementEnd& end, const Goal& goal) {
   return "";
 }
 
-std::string shortfall_in_words(const std::string& asked, std::optional<double> share, const std::string& ended) {
+std::string shortfall_in_words(const std::string& asked, std::optional<double> share,
+                               const std::string& ended) {
   return fmt::format("the accuracy asked for, {}, was not reached: {}; {}", asked,
                      share ? "the error is +- " + percent(*share) : "the error is unknown so far", ended);
 }
@@ -121,8 +124,8 @@ std::string shortfall_in_words(const std::string& asked, std::optional<double> s
 std::string next_half_in_words(const Refinement& refinement, Index more) {
   const Index nodes = refinement.finest->result.model.node_count();
   const double more_s = refinement.finest->seconds * static_cast<double>(more) / static_cast<double>(nodes);
-  return fmt::format("refine   {} nodes in {:.1f} s; half the error would take about {} nodes and {:.0f} s", nodes,
-                     refinement.seconds, (more + 50) / 100 * 100, more_s + refinement.seconds);
+  return fmt::format("refine   {} nodes in {:.1f} s; half the error would take about {} nodes and {:.0f} s",
+                     nodes, refinement.seconds, (more + 50) / 100 * 100, more_s + refinement.seconds);
 }
 
 }  // namespace dimple

@@ -19,15 +19,16 @@
 namespace dimple {
 namespace {
 
-// From the case to the nodes of its own number, and what other clouds of its organ are made from, where that is known.
-Placed placed_by(const Case& given, const RunObserver& observer, const Talk& talk, Result& result,
-                 std::shared_ptr<Origin>& of_image) {
+// The case's own cloud, and of an image what other clouds are made from.
+std::pair<Placed, std::shared_ptr<Origin>> placed_by(const Case& given, const RunObserver& observer,
+                                                     const Talk& talk, Result& result) {
   std::optional<Organ> organ;
   if (!given.model) organ = organ_of(given, talk, result);
   Placed placed = place(given, organ, talk, result);
+  std::shared_ptr<Origin> of_image;
   if (organ) of_image = origin_of(given.config, std::move(*organ), result);
   if (observer.placed) observer.placed(placed.places, placed.scheme);
-  return placed;
+  return {std::move(placed), std::move(of_image)};
 }
 
 void find_band(const Case& given, const Talk& talk, Result& result) {
@@ -71,14 +72,16 @@ std::shared_ptr<Origin> origin_of_levels(const Case& given, const Talk& talk, Re
   return origin;
 }
 
-void tell_how_it_ended(const Config& config, const Goal& goal, Refinement& found, const RunObserver& observer) {
+void tell_how_it_ended(const Config& config, const Goal& goal, Refinement& found,
+                       const RunObserver& observer) {
   Result& finest = found.finest->result;
   const Talk talk{observer, finest};
   const bool known = finest.band.known();
   const std::string ended = found.ended ? in_words(*found.ended, goal) : "";
   if (found.ended && (goal.share > 0.0 || goal.absolute > 0.0)) {
     const auto [value, half] = asked_for(found.levels.back(), finest);
-    talk.warn(shortfall_in_words(config.accuracy.goal, known ? std::optional(half / value) : std::nullopt, ended));
+    talk.warn(
+        shortfall_in_words(config.accuracy.goal, known ? std::optional(half / value) : std::nullopt, ended));
   } else if (found.ended) {
     talk.say("refine   " + ended);
   }
@@ -104,7 +107,8 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
   const bool follows = result.followed.has_value();
   Refinement found = refine(
       given, goal, *origin, result, whole,
-      {.marched = [&](int number, const RefinementLevel& level) { talk.say(level_in_words(number, level, follows)); },
+      {.marched = [&](int number,
+                      const RefinementLevel& level) { talk.say(level_in_words(number, level, follows)); },
        .failed = [&](int number, Index nodes,
                      const std::string& fact) { talk.say(failure_in_words(number, nodes, fact)); },
        .of_march = observer});
@@ -123,8 +127,7 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
 
 void build_case(const Case& given, const RunObserver& observer, Result& result) {
   const Talk talk{observer, result};
-  std::shared_ptr<Origin> of_image;
-  Placed placed = placed_by(given, observer, talk, result, of_image);
+  auto [placed, of_image] = placed_by(given, observer, talk, result);
   complete(given.config, std::move(placed), talk, result);
   if (of_image) of_image->image = result.image;
   result.origin = of_image;
@@ -138,8 +141,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
     return simulate_to(*goal, refined, observer, result);
   const Talk talk{observer, result};
   const Config& config = given.config;
-  std::shared_ptr<Origin> of_image;
-  Placed placed = placed_by(given, observer, talk, result, of_image);
+  auto [placed, of_image] = placed_by(given, observer, talk, result);
   result.origin = of_image ? of_image : given.origin;
   if (given.origin) static_cast<ImageFacts&>(result) = given.origin->facts;
   if (result.origin) result.followed = followed_in(config, result.origin->organ);

@@ -32,7 +32,7 @@ struct ReadOrgan;  // organ.hpp
 struct Case {
   Config config;
   std::optional<ModelFiles> model = {};  ///< instead of an image
-  std::shared_ptr<const Origin> origin = {};  ///< of `model`, where it is known: a band or an accuracy needs other clouds
+  std::shared_ptr<const Origin> origin = {};  ///< of `model`, where it is known, for its other clouds
   const LabelImage* image = nullptr;     ///< instead of the file that config.image.file names
   /// Instead of an image, one that was read before with the same options of the image and the same width of the
   /// circle, which its surface follows; all others may differ. For build_case().
@@ -53,8 +53,8 @@ struct RefinementLevel {
   double seconds = 0.0;
 };
 
-/// What is known of an image and the organ in it, whatever model is made of them; empty where the case began with a model
-/// whose origin is not known.
+/// What is known of an image and the organ in it, whatever model is made of them; empty where the case began with a
+/// model whose origin is not known.
 struct ImageFacts {
   std::string image_words;           ///< its format, size and axes
   std::vector<LabelMeasure> labels;  ///< taken

@@ -214,20 +214,20 @@ TEST_F(Run, OfTheDefaultPhantomGivesTheForceThatTheReadmeShows) {
   EXPECT_NE(text_of(fs::path(DIMPLE_SOURCE) / "README.md").find("75.4 mN at 8.00 mm"), std::string::npos);
 }
 
-TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsLadder) {
+TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsRefinement) {
   const Ran ran = good("run brain.nrrd -o out --accuracy 6%" + slow_load);
-  const Json ladder = summary("out").at("ladder");
-  ASSERT_GE(ladder.size(), 2u);
-  EXPECT_EQ(ladder.front().at("nodes"), 500);
-  EXPECT_TRUE(ladder.front().at("half_N").is_null()) << "one cloud has no band";
-  EXPECT_LE(ladder.back().at("half_N").get<double>(), 0.06 * last_force("out"));
-  for (std::size_t k = 1; k + 1 < ladder.size(); ++k)
-    EXPECT_GT(ladder[k].at("half_N").get<double>(), 0.06 * ladder[k].at("force_N").get<double>());
+  const Json levels = summary("out").at("ladder");
+  ASSERT_GE(levels.size(), 2u);
+  EXPECT_EQ(levels.front().at("nodes"), 500);
+  EXPECT_TRUE(levels.front().at("half_N").is_null()) << "one cloud has no band";
+  EXPECT_LE(levels.back().at("half_N").get<double>(), 0.06 * last_force("out"));
+  for (std::size_t k = 1; k + 1 < levels.size(); ++k)
+    EXPECT_GT(levels[k].at("half_N").get<double>(), 0.06 * levels[k].at("force_N").get<double>());
   EXPECT_NE(ran.err.find("refine   level 1, 500 nodes: "), std::string::npos) << ran.err;
   for (const char* name : {"overview.png", "force.csv"})
     EXPECT_GT(fs::file_size(folder / "out" / name), 0u) << name;
 
-  const std::string nodes = std::to_string(ladder.back().at("nodes").get<int>());
+  const std::string nodes = std::to_string(levels.back().at("nodes").get<int>());
   good("run brain.nrrd -o plain --nodes " + nodes + slow_load);
   EXPECT_EQ(last_force("plain"), last_force("out"));
 
@@ -241,9 +241,9 @@ TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsLadder) {
 TEST_F(Run, ForTheAccuracyOfADisplacementClimbsUntilItsBandIsAsNarrow) {
   const std::string place = " --quantity displacement@13.9,0,20";
   const Ran ran = good("run brain.nrrd -o out --accuracy 10%" + place + slow_load);
-  const Json moved = summary("out").at("displacement"), ladder = summary("out").at("ladder");
-  ASSERT_GE(ladder.size(), 2u);
-  EXPECT_TRUE(ladder.front().at("half_mm").is_null()) << "one cloud has no band";
+  const Json moved = summary("out").at("displacement"), levels = summary("out").at("ladder");
+  ASSERT_GE(levels.size(), 2u);
+  EXPECT_TRUE(levels.front().at("half_mm").is_null()) << "one cloud has no band";
   EXPECT_GT(moved.at("half_mm").get<double>(), 0.0);
   EXPECT_LE(moved.at("half_mm").get<double>(), 0.1 * moved.at("length_mm").get<double>());
   EXPECT_NE(ran.out.find("moved by"), std::string::npos) << ran.out;

@@ -92,7 +92,7 @@ TEST_F(Stop, IsAnsweredWithinTwoSecondsByEveryCommand) {
 }
 
 // The finest cloud until then, as if it alone had been asked for.
-TEST_F(Stop, OfALadderKeepsItsBestForceWithItsBand) {
+TEST_F(Stop, OfARefinementKeepsItsBestForceWithItsBand) {
   const std::string line = "run brain.nrrd -o out --accuracy 0.5% --depth 2mm --frames 4";
   int with_band = 0;
   for (int stop = 0; stop < 8; ++stop) {  // amid the first four clouds
@@ -101,12 +101,12 @@ TEST_F(Stop, OfALadderKeepsItsBestForceWithItsBand) {
     const Ran ran = expect_end(line, milliseconds(100 + 300 * (stop % 2)), SIGINT, "refine ", stop / 2);
     if (!fs::exists(folder / "out/force.csv")) continue;
     expect_whole_files(folder / "out", true);
-    const Json told = summary("out"), ladder = told.at("ladder");
+    const Json told = summary("out"), levels = told.at("ladder");
     const Table curve = read_csv(folder / "out/force.csv");
-    EXPECT_EQ(curve.find("force_N")->back(), ladder.back().at("force_N").get<double>());
-    EXPECT_EQ(ladder.size() > 1, curve.find("low_N") != nullptr);
-    EXPECT_EQ(ladder.size() > 1, told.at("band").contains("low_N"));
-    with_band += ladder.size() > 1;
+    EXPECT_EQ(curve.find("force_N")->back(), levels.back().at("force_N").get<double>());
+    EXPECT_EQ(levels.size() > 1, curve.find("low_N") != nullptr);
+    EXPECT_EQ(levels.size() > 1, told.at("band").contains("low_N"));
+    with_band += levels.size() > 1;
   }
   EXPECT_GT(with_band, 0);
 }

@@ -62,7 +62,7 @@ TEST(Band, IsNotKnownDeeperThanTheCoarserCloudGoes) {
   EXPECT_TRUE(half_widths({}, 1000, {}, radius, false).empty());
 }
 
-TEST(Band, ALadderBeginsBelowTheNodesThatMayWellDo) {
+TEST(Band, ARefinementBeginsBelowTheNodesThatMayWellDo) {
   const auto first_two = [](double wanted, double facing, double radii) {
     const Index expected = expected_nodes(wanted, facing, floor_of_force({radii})), first = nodes_of_first_level(expected);
     return std::pair(first, nodes_of_second_level(first, expected));
@@ -77,7 +77,7 @@ TEST(Band, ALadderBeginsBelowTheNodesThatMayWellDo) {
   EXPECT_EQ(first_two(1e-9, 0.0, 2.0).first, 4000) << "too much to ask for";
 }
 
-TEST(Band, ALadderLeapsWhereItsBandIsFarTooWide) {
+TEST(Band, ARefinementLeapsWhereItsBandIsFarTooWide) {
   EXPECT_EQ(nodes_of_next_level(1000, 0.015, 0.01), 2000);
   EXPECT_EQ(nodes_of_next_level(1000, 0.05, 0.01), 4000);
 }
