@@ -19,16 +19,16 @@
 #include <utility>
 
 #include "apps/python/in_memory.hpp"
-#include "apps/run/loads.hpp"
-#include "apps/run/supports.hpp"
 #include "apps/run/compare.hpp"
 #include "apps/run/live.hpp"
+#include "apps/run/loads.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/places.hpp"
 #include "apps/run/record.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"
+#include "apps/run/supports.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
 #include "io/stop.hpp"
