@@ -11,9 +11,12 @@ import sys
 from pathlib import Path
 
 HELPER = """#include <cstdlib>
+#ifndef DIMPLE_MUTANTS  // several files may be compiled as one
+#define DIMPLE_MUTANTS
 namespace { [[maybe_unused]] inline bool mutant_is(int n) {
   static const int m = [] { const char* t = std::getenv("MUTANT"); return t ? std::atoi(t) : 0; }();
   return m == n; } }
+#endif
 """
 
 # Number: file, what stands there once, what stands there instead. {n} is the question whether it is this one.
@@ -107,8 +110,8 @@ MUTANTS = {
     69: ("apps/run/band.cpp", "  if (stiffest > (covered_stiffness_ratio + rounding) * softest)",
          "  if (!{n} && stiffest > (covered_stiffness_ratio + rounding) * softest)"),
     70: ("apps/run/band.cpp", "  if (body.voxel > covered_voxel)", "  if (!{n} && body.voxel > covered_voxel)"),
-    71: ("solver/quasi_static.cpp", "forces.begin_step((depth - at) / loading.rate);  // and back",
-         "if (!{n}) forces.begin_step((depth - at) / loading.rate);  // and back"),
+    71: ("solver/quasi_static.cpp", "system.begin_step((depth - at) / loading.rate);  // and back",
+         "if (!{n}) system.begin_step((depth - at) / loading.rate);  // and back"),
     # ---- results and summary
     11: ("apps/run/results.cpp", "const std::array<double, 4> row = {s.t, 1e3 * s.depth, s.force,",
          "const std::array<double, 4> row = {s.t, 1e3 * s.depth, ({n} ? 1e3 : 1.0) * s.force,"),
