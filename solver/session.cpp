@@ -371,6 +371,7 @@ std::int64_t Session::step(double depth, double dt) {
   Parts& p = *parts_;
   if (!(dt > 0.0)) throw std::invalid_argument("Session::step: dt must be positive");
   return p.whole([&] {
+    p.system->tissue().hold_pressures({});  // an equilibrium has left its own
     const double stable = safety * stable_time_step(*p.system, p.model.mass, p.u).dt;
     const double needed = std::max(1.0, std::ceil(dt / stable));
     if (!(needed <= static_cast<double>(p.options.steps)))

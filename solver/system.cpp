@@ -94,6 +94,7 @@ void System::restore_past(std::vector<double> past) {
 void System::begin_at(Rest rest, Constraints held) {
   at_rest_ = std::move(rest);
   held_ = std::move(held);
+  tissue_.hold_pressures({});  // the search has left them held; who searches on holds his own
   accept_step(at_rest_.u);
   loads_at_rest_ = 0.0;
   for (const auto& term : terms_) loads_at_rest_ += term->energy(at_rest_.u, now_);

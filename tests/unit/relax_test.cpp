@@ -333,6 +333,24 @@ TEST(EveryMarch, AskedToStopKeepsWhatItHas) {
   forget_stop();
 }
 
+// Whichever way it is followed, a body that hangs in its weight resists the tool as one in equilibrium does.
+TEST(EveryMarch, OfABodyUnderGravityEndsAtTheForceOfItsEquilibrium) {
+  const Model model = averaged_block(4);
+  const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
+  const Loading loading = {.depth = 1e-3, .rate = 2e-3, .loads = {.gravity = Vec3(0.0, 0.0, -3.0), .pressure = {}}};
+  double still = 0.0, base = 0.0;
+  for (const TimeMode time : {TimeMode::quasi_static, TimeMode::dynamic, TimeMode::explicit_}) {
+    History history;
+    solve(time, system, model, loading, {.damping = 30.0, .frames = 4}, {}, history);
+    ASSERT_FALSE(history.force.empty());
+    const ForceSample &first = history.force.front(), &last = history.force.back();
+    if (time == TimeMode::quasi_static) still = last.force, base = first.base_force;
+    EXPECT_NEAR(last.force, still, 0.03 * still) << name_of(time);
+    EXPECT_NEAR(first.base_force, base, 0.01 * base) << name_of(time) << ": the bed bears the weight";
+    EXPECT_GT(history.settled, 1e-5);
+  }
+}
+
 TEST(StiffnessRowSums, BoundTheStiffnessFromAbove) {
   // With row sums as masses no frequency exceeds sqrt(1) by much: the stable step is at least 2.
   const Model model = averaged_block();

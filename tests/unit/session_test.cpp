@@ -134,5 +134,19 @@ TEST(Session, AMoveOfTooManyStepsIsRefusedBeforeTheFirst) {
   EXPECT_TRUE(session.displacement() == before);
 }
 
+// Whichever way a tool came to where it is, and whatever bears on the body: from there on waves see the same tissue.
+TEST(Session, StepsFromAnEquilibriumGoOnWithTheStiffnessOfTheVolume) {
+  const Model model = testing_bodies::averaged_block(4);
+  for (const double gravity : {0.0, -3.0}) {
+    const SessionOptions options{.loads = {.gravity = Vec3(0.0, 0.0, gravity), .pressure = {}}};
+    Session moving(model, {neo_hookean(210.0, 0.49, 1000.0)}, options),
+        still(model, {neo_hookean(210.0, 0.49, 1000.0)}, options);
+    moving.equilibrate(0.5e-3);
+    for (int k = 1; k <= 20; ++k) moving.step(0.5e-3 + 0.25e-4 * k, 0.05);
+    still.equilibrate(1e-3);
+    EXPECT_NEAR(moving.force(), still.force(), 0.03 * still.force()) << gravity;
+  }
+}
+
 }  // namespace
 }  // namespace dimple
