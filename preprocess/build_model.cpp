@@ -11,9 +11,9 @@
 #include "io/memory.hpp"
 #include "io/stop.hpp"
 #include "io/units.hpp"
-#include "preprocess/neighbours.hpp"
+#include "preprocess/cloud/neighbours.hpp"
 #include "preprocess/side_by_side.hpp"
-#include "preprocess/spatial_order.hpp"
+#include "preprocess/cloud/spatial_order.hpp"
 
 namespace dimple {
 

@@ -3,11 +3,11 @@
 #include <map>
 #include <vector>
 
-#include "preprocess/boundary_conditions.hpp"
-#include "preprocess/integration_grid.hpp"
-#include "preprocess/label_surface.hpp"
+#include "preprocess/scene/boundary_conditions.hpp"
+#include "preprocess/cloud/integration_grid.hpp"
+#include "preprocess/surface/label_surface.hpp"
 #include "preprocess/make_model.hpp"
-#include "preprocess/node_cloud.hpp"
+#include "preprocess/cloud/node_cloud.hpp"
 #include "preprocess/stages.hpp"
 
 namespace dimple {

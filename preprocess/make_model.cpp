@@ -8,11 +8,11 @@
 #include "io/error.hpp"
 #include "io/memory.hpp"
 #include "io/stop.hpp"
-#include "preprocess/consistency.hpp"
-#include "preprocess/lumped_mass.hpp"
-#include "preprocess/pressure_patches.hpp"
+#include "preprocess/supports/consistency.hpp"
+#include "preprocess/cloud/lumped_mass.hpp"
+#include "preprocess/supports/pressure_patches.hpp"
 #include "preprocess/side_by_side.hpp"
-#include "preprocess/support.hpp"
+#include "preprocess/supports/support.hpp"
 
 namespace dimple {
 namespace {

@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "solver/guards.hpp"
-#include "solver/mixed_iteration.hpp"
-#include "solver/path.hpp"
-#include "solver/stable_time_step.hpp"
+#include "solver/equilibrium/mixed_iteration.hpp"
+#include "solver/march/path.hpp"
+#include "solver/equilibrium/stable_time_step.hpp"
 #include "solver/system.hpp"
 
 namespace dimple {

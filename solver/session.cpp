@@ -7,11 +7,11 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "solver/known_states.hpp"
-#include "solver/path.hpp"
-#include "solver/quasi_static.hpp"
-#include "solver/relax.hpp"
-#include "solver/stable_time_step.hpp"
+#include "solver/live/known_states.hpp"
+#include "solver/march/path.hpp"
+#include "solver/march/quasi_static.hpp"
+#include "solver/equilibrium/relax.hpp"
+#include "solver/equilibrium/stable_time_step.hpp"
 #include "solver/text.hpp"
 
 namespace dimple {

@@ -4,9 +4,9 @@
 #include <vector>
 
 #include "solver/constraints.hpp"
-#include "solver/internal_force.hpp"
-#include "solver/loads.hpp"
-#include "solver/tool_force.hpp"
+#include "solver/terms/internal_force.hpp"
+#include "solver/terms/loads.hpp"
+#include "solver/terms/tool_force.hpp"
 
 namespace dimple {
 

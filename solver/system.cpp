@@ -5,7 +5,7 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "solver/relax.hpp"
+#include "solver/equilibrium/relax.hpp"
 #include "solver/text.hpp"
 
 namespace dimple {

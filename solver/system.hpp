@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <functional>
 
-#include "solver/force_term.hpp"
-#include "solver/internal_force.hpp"
-#include "solver/loads.hpp"
-#include "solver/tool_force.hpp"
+#include "solver/terms/force_term.hpp"
+#include "solver/terms/internal_force.hpp"
+#include "solver/terms/loads.hpp"
+#include "solver/terms/tool_force.hpp"
 
 namespace dimple {
 

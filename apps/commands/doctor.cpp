@@ -19,7 +19,7 @@
 #include "io/stop.hpp"
 #include "io/words.hpp"
 #include "preprocess/clones.hpp"
-#include "preprocess/phantom.hpp"
+#include "preprocess/image/phantom.hpp"
 
 namespace dimple {
 namespace {

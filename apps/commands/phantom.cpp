@@ -1,4 +1,4 @@
-#include "preprocess/phantom.hpp"
+#include "preprocess/image/phantom.hpp"
 
 #include <fmt/format.h>
 

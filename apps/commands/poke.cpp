@@ -21,8 +21,8 @@
 #include "io/file.hpp"
 #include "io/stop.hpp"
 #include "io/vtk_files.hpp"
-#include "preprocess/reduce_surface.hpp"
-#include "preprocess/support.hpp"
+#include "preprocess/output/reduce_surface.hpp"
+#include "preprocess/supports/support.hpp"
 
 namespace dimple {
 namespace {

@@ -7,7 +7,7 @@
 #include <dimple/io/error.hpp>
 #include <dimple/io/label_image.hpp>
 #include <dimple/preprocess/build_model.hpp>
-#include <dimple/preprocess/support.hpp>
+#include <dimple/preprocess/supports/support.hpp>
 #include <dimple/solver/session.hpp>
 #include <dimple/solver/solve.hpp>
 

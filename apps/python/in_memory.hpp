@@ -9,7 +9,7 @@
 
 #include "apps/run/organ.hpp"
 #include "apps/run/simulate.hpp"
-#include "preprocess/support.hpp"
+#include "preprocess/supports/support.hpp"
 
 namespace dimple {
 

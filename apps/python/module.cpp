@@ -33,8 +33,8 @@
 #include "io/digits.hpp"
 #include "io/stop.hpp"
 #include "preprocess/make_model.hpp"
-#include "preprocess/support.hpp"
-#include "preprocess/usable_places.hpp"
+#include "preprocess/supports/support.hpp"
+#include "preprocess/scene/usable_places.hpp"
 #include "solver/session.hpp"
 
 namespace py = pybind11;

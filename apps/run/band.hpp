@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "preprocess/boundary_conditions.hpp"
+#include "preprocess/scene/boundary_conditions.hpp"
 #include "solver/march.hpp"
 
 namespace dimple {

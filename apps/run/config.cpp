@@ -14,7 +14,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/text.hpp"
-#include "preprocess/sides.hpp"
+#include "preprocess/scene/sides.hpp"
 
 namespace dimple {
 

@@ -16,7 +16,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
-#include "preprocess/section.hpp"
+#include "preprocess/output/section.hpp"
 
 namespace dimple {
 namespace {

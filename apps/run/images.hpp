@@ -9,7 +9,7 @@
 
 #include "apps/run/config.hpp"
 #include "io/volume_image.hpp"
-#include "preprocess/deformation_map.hpp"
+#include "preprocess/output/deformation_map.hpp"
 #include "solver/march.hpp"
 
 namespace dimple {

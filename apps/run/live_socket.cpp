@@ -22,7 +22,7 @@
 #include "apps/run/stopwatch.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "solver/between_frames.hpp"
+#include "solver/live/between_frames.hpp"
 
 namespace dimple {
 namespace {

@@ -6,7 +6,7 @@
 
 #include "apps/run/surface_part.hpp"
 #include "io/error.hpp"
-#include "preprocess/sides.hpp"
+#include "preprocess/scene/sides.hpp"
 
 namespace dimple {
 namespace {

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "apps/run/config.hpp"
-#include "solver/loads.hpp"
+#include "solver/terms/loads.hpp"
 
 namespace dimple {
 

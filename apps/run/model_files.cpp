@@ -14,7 +14,7 @@
 #include "io/table.hpp"
 #include "io/text.hpp"
 #include "io/units.hpp"
-#include "preprocess/neighbours.hpp"
+#include "preprocess/cloud/neighbours.hpp"
 
 namespace dimple {
 namespace {

@@ -14,7 +14,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_names.hpp"
-#include "preprocess/label_surface.hpp"
+#include "preprocess/surface/label_surface.hpp"
 
 namespace dimple {
 namespace {

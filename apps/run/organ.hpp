@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "apps/run/simulate.hpp"
-#include "preprocess/close_gaps.hpp"
+#include "preprocess/image/close_gaps.hpp"
 
 namespace dimple {
 

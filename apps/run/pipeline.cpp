@@ -14,9 +14,9 @@
 #include "io/error.hpp"
 #include "io/memory.hpp"
 #include "io/stop.hpp"
-#include "preprocess/support.hpp"
-#include "solver/quasi_static.hpp"
-#include "solver/stable_time_step.hpp"
+#include "preprocess/supports/support.hpp"
+#include "solver/march/quasi_static.hpp"
+#include "solver/equilibrium/stable_time_step.hpp"
 
 namespace dimple {
 namespace {

@@ -5,7 +5,7 @@
 
 #include "apps/run/config.hpp"
 #include "apps/run/simulate.hpp"
-#include "preprocess/usable_places.hpp"
+#include "preprocess/scene/usable_places.hpp"
 
 namespace dimple {
 

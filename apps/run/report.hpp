@@ -12,7 +12,7 @@
 #include "io/label_image.hpp"
 #include "io/vtk_files.hpp"
 #include "preprocess/model.hpp"
-#include "preprocess/reduce_surface.hpp"
+#include "preprocess/output/reduce_surface.hpp"
 #include "solver/march.hpp"
 
 namespace dimple {

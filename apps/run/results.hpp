@@ -15,9 +15,9 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/vtk_files.hpp"
-#include "preprocess/integration_grid.hpp"
-#include "preprocess/section.hpp"
-#include "preprocess/support.hpp"
+#include "preprocess/cloud/integration_grid.hpp"
+#include "preprocess/output/section.hpp"
+#include "preprocess/supports/support.hpp"
 
 namespace dimple {
 

@@ -12,7 +12,7 @@
 #include "apps/run/model_files.hpp"
 #include "apps/run/work.hpp"
 #include "preprocess/build_model.hpp"
-#include "preprocess/label_surface.hpp"
+#include "preprocess/surface/label_surface.hpp"
 #include "solver/solve.hpp"
 
 namespace dimple {

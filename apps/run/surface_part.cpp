@@ -3,7 +3,7 @@
 #include <charconv>
 #include <cmath>
 
-#include "preprocess/sides.hpp"
+#include "preprocess/scene/sides.hpp"
 
 namespace dimple {
 namespace {

@@ -6,7 +6,7 @@
 #include <optional>
 #include <vector>
 
-#include "preprocess/neighbours.hpp"
+#include "preprocess/cloud/neighbours.hpp"
 
 namespace dimple {
 namespace {

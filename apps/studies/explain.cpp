@@ -18,7 +18,7 @@
 #include "io/file.hpp"
 #include "io/stop.hpp"
 #include "io/table.hpp"
-#include "preprocess/change_image.hpp"
+#include "preprocess/image/change_image.hpp"
 
 namespace dimple {
 namespace {

@@ -10,8 +10,8 @@
 #include "io/file.hpp"
 #include "io/stop.hpp"
 #include "io/words.hpp"
-#include "preprocess/hexahedra.hpp"
-#include "preprocess/tetrahedra.hpp"
+#include "preprocess/output/hexahedra.hpp"
+#include "preprocess/output/tetrahedra.hpp"
 
 namespace dimple {
 namespace {

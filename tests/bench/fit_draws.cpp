@@ -20,7 +20,7 @@
 #include "apps/studies/fit.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
-#include "preprocess/phantom.hpp"
+#include "preprocess/image/phantom.hpp"
 #include "tests/helpers/draw.hpp"
 
 namespace dimple {

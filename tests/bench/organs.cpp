@@ -26,8 +26,8 @@
 #include "io/file.hpp"
 #include "io/label_image.hpp"
 #include "preprocess/build_model.hpp"
-#include "preprocess/phantom.hpp"
-#include "preprocess/shapes.hpp"
+#include "preprocess/image/phantom.hpp"
+#include "preprocess/surface/shapes.hpp"
 #include "solver/solve.hpp"
 #include "tests/bench/picture.hpp"
 

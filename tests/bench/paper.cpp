@@ -26,7 +26,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "preprocess/clones.hpp"
-#include "preprocess/phantom.hpp"
+#include "preprocess/image/phantom.hpp"
 #include "tests/bench/picture.hpp"
 #include "tests/bench/scene.hpp"
 #include "tests/helpers/system.hpp"

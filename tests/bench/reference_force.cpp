@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "preprocess/clones.hpp"
-#include "solver/inverse_cube_root.hpp"
+#include "solver/terms/inverse_cube_root.hpp"
 
 namespace dimple {
 namespace {

@@ -6,7 +6,7 @@
 #include <cstdlib>
 #include <map>
 
-#include "preprocess/phantom.hpp"
+#include "preprocess/image/phantom.hpp"
 #include "tests/bench/reference_force.hpp"
 
 namespace dimple {

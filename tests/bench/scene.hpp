@@ -5,8 +5,8 @@
 #include <string>
 
 #include "apps/run/config.hpp"
-#include "preprocess/label_surface.hpp"
-#include "solver/internal_force.hpp"
+#include "preprocess/surface/label_surface.hpp"
+#include "solver/terms/internal_force.hpp"
 
 namespace dimple {
 

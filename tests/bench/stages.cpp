@@ -3,9 +3,9 @@
 
 #include <filesystem>
 
-#include "preprocess/consistency.hpp"
-#include "preprocess/pressure_patches.hpp"
-#include "preprocess/support.hpp"
+#include "preprocess/supports/consistency.hpp"
+#include "preprocess/supports/pressure_patches.hpp"
+#include "preprocess/supports/support.hpp"
 #include "tests/bench/bench.hpp"
 #include "tests/bench/scene.hpp"
 

@@ -4,7 +4,7 @@
 #include <random>
 
 #include "preprocess/make_model.hpp"
-#include "solver/internal_force.hpp"
+#include "solver/terms/internal_force.hpp"
 #include "tests/helpers/steps.hpp"
 
 namespace dimple::testing_bodies {

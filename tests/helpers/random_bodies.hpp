@@ -6,7 +6,7 @@
 #include <array>
 #include <string>
 
-#include "preprocess/boundary_conditions.hpp"
+#include "preprocess/scene/boundary_conditions.hpp"
 #include "tests/helpers/draw.hpp"
 #include "tests/helpers/image.hpp"
 

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "preprocess/make_model.hpp"
-#include "preprocess/support.hpp"
+#include "preprocess/supports/support.hpp"
 
 namespace dimple::testing_bodies {
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "solver/stable_time_step.hpp"
+#include "solver/equilibrium/stable_time_step.hpp"
 #include "solver/system.hpp"
 
 namespace dimple::testing_bodies {

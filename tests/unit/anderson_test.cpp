@@ -1,4 +1,4 @@
-#include "solver/anderson.hpp"
+#include "solver/equilibrium/anderson.hpp"
 
 #include <gtest/gtest.h>
 

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "apps/run/simulate.hpp"
-#include "preprocess/phantom.hpp"
+#include "preprocess/image/phantom.hpp"
 #include "tests/helpers/band_scenes.hpp"
 
 namespace dimple {

@@ -9,8 +9,8 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "preprocess/closed_mesh.hpp"
-#include "preprocess/label_surface.hpp"
+#include "preprocess/surface/closed_mesh.hpp"
+#include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/image.hpp"
 
 namespace dimple {

@@ -1,6 +1,6 @@
 // Where a body stands and where it is indented: a matter of the body, not of how it lies in its image.
 
-#include "preprocess/boundary_conditions.hpp"
+#include "preprocess/scene/boundary_conditions.hpp"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -13,12 +13,12 @@
 #include <random>
 
 #include "io/error.hpp"
-#include "preprocess/circle_place.hpp"
-#include "preprocess/flat_face.hpp"
-#include "preprocess/label_surface.hpp"
-#include "preprocess/phantom.hpp"
-#include "preprocess/shapes.hpp"
-#include "preprocess/usable_places.hpp"
+#include "preprocess/scene/circle_place.hpp"
+#include "preprocess/scene/flat_face.hpp"
+#include "preprocess/surface/label_surface.hpp"
+#include "preprocess/image/phantom.hpp"
+#include "preprocess/surface/shapes.hpp"
+#include "preprocess/scene/usable_places.hpp"
 #include "tests/helpers/brain.hpp"
 
 namespace dimple {

@@ -12,7 +12,7 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "preprocess/shapes.hpp"
+#include "preprocess/surface/shapes.hpp"
 #include "tests/helpers/image.hpp"
 
 namespace dimple {

@@ -1,13 +1,13 @@
 // An image or its surface made otherwise on purpose, to see what the force feels of it.
 
-#include "preprocess/change_image.hpp"
+#include "preprocess/image/change_image.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <numbers>
 
-#include "preprocess/label_surface.hpp"
+#include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/image.hpp"
 
 namespace dimple {

@@ -1,6 +1,6 @@
 // Narrow gaps in a body: closed by a ball, whatever the voxels' shape, and told of where they stay.
 
-#include "preprocess/close_gaps.hpp"
+#include "preprocess/image/close_gaps.hpp"
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
@@ -9,8 +9,8 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "preprocess/label_surface.hpp"
-#include "preprocess/phantom.hpp"
+#include "preprocess/surface/label_surface.hpp"
+#include "preprocess/image/phantom.hpp"
 #include "tests/helpers/image.hpp"
 
 namespace dimple {

@@ -1,10 +1,10 @@
 // Gradients that satisfy the divergence theorem, as the product's models have them.
 
-#include "preprocess/consistency.hpp"
+#include "preprocess/supports/consistency.hpp"
 
 #include <gtest/gtest.h>
 
-#include "preprocess/support.hpp"
+#include "preprocess/supports/support.hpp"
 #include "tests/helpers/block.hpp"
 
 namespace dimple {

@@ -1,6 +1,6 @@
 // The field on the voxels of an image, both ways: on a block whose nodes are moved by hand.
 
-#include "preprocess/deformation_map.hpp"
+#include "preprocess/output/deformation_map.hpp"
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>

@@ -10,9 +10,9 @@
 #include "io/element_files.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
-#include "preprocess/hexahedra.hpp"
-#include "preprocess/shapes.hpp"
-#include "preprocess/tetrahedra.hpp"
+#include "preprocess/output/hexahedra.hpp"
+#include "preprocess/surface/shapes.hpp"
+#include "preprocess/output/tetrahedra.hpp"
 #include "tests/helpers/folder.hpp"
 
 namespace dimple {

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "solver/quasi_static.hpp"
+#include "solver/march/quasi_static.hpp"
 #include "tests/helpers/arch.hpp"
 #include "solver/solve.hpp"
 

@@ -1,4 +1,4 @@
-#include "solver/internal_force.hpp"
+#include "solver/terms/internal_force.hpp"
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>

@@ -11,8 +11,8 @@
 #include <random>
 
 #include "io/error.hpp"
-#include "solver/between_frames.hpp"
-#include "solver/known_states.hpp"
+#include "solver/live/between_frames.hpp"
+#include "solver/live/known_states.hpp"
 #include "solver/session.hpp"
 #include "tests/helpers/block.hpp"
 

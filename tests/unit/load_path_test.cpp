@@ -1,14 +1,14 @@
 // Where tissue keeps a load together.
 
-#include "preprocess/load_path.hpp"
+#include "preprocess/scene/load_path.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <numbers>
 
-#include "preprocess/node_cloud.hpp"
-#include "preprocess/shapes.hpp"
+#include "preprocess/cloud/node_cloud.hpp"
+#include "preprocess/surface/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -1,4 +1,4 @@
-#include "preprocess/lumped_mass.hpp"
+#include "preprocess/cloud/lumped_mass.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "preprocess/mls_gradient.hpp"
+#include "preprocess/supports/mls_gradient.hpp"
 
 #include <gtest/gtest.h>
 

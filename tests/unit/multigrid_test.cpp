@@ -1,4 +1,4 @@
-#include "solver/multigrid.hpp"
+#include "solver/equilibrium/multigrid.hpp"
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>

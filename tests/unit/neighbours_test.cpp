@@ -1,4 +1,4 @@
-#include "preprocess/neighbours.hpp"
+#include "preprocess/cloud/neighbours.hpp"
 
 #include <gtest/gtest.h>
 

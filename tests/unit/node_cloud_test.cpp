@@ -1,6 +1,6 @@
 // Clouds, sizings and what bounds them.
 
-#include "preprocess/node_cloud.hpp"
+#include "preprocess/cloud/node_cloud.hpp"
 
 #include <gtest/gtest.h>
 #include <tbb/parallel_for.h>
@@ -11,8 +11,8 @@
 #include <thread>
 
 #include "io/error.hpp"
-#include "preprocess/hexahedra.hpp"
-#include "preprocess/shapes.hpp"
+#include "preprocess/output/hexahedra.hpp"
+#include "preprocess/surface/shapes.hpp"
 #include "preprocess/side_by_side.hpp"
 
 namespace dimple {

@@ -1,6 +1,6 @@
 // The energy of the converging scheme and its forces.
 
-#include "solver/projected_kernel.hpp"
+#include "solver/terms/projected_kernel.hpp"
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
@@ -9,7 +9,7 @@
 #include <cmath>
 
 #include "io/error.hpp"
-#include "solver/internal_force.hpp"
+#include "solver/terms/internal_force.hpp"
 #include "tests/helpers/block.hpp"
 
 namespace dimple {

@@ -1,11 +1,11 @@
-#include "preprocess/reduce_surface.hpp"
+#include "preprocess/output/reduce_surface.hpp"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <set>
 
-#include "preprocess/shapes.hpp"
+#include "preprocess/surface/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "solver/internal_force.hpp"
+#include "solver/terms/internal_force.hpp"
 #include "tests/helpers/block.hpp"
 
 namespace dimple {

@@ -1,11 +1,11 @@
-#include "solver/relax.hpp"
+#include "solver/equilibrium/relax.hpp"
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "solver/quasi_static.hpp"
+#include "solver/march/quasi_static.hpp"
 #include "tests/helpers/arch.hpp"
 #include "tests/helpers/system.hpp"
 #include "solver/solve.hpp"

@@ -1,4 +1,4 @@
-#include "preprocess/section.hpp"
+#include "preprocess/output/section.hpp"
 
 #include <gtest/gtest.h>
 

@@ -8,7 +8,7 @@
 #include <cmath>
 
 #include "io/error.hpp"
-#include "preprocess/support.hpp"
+#include "preprocess/supports/support.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
 

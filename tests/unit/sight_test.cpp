@@ -1,13 +1,13 @@
 // What is seen through the tissue, and what lies behind air.
 
-#include "preprocess/sight.hpp"
+#include "preprocess/surface/sight.hpp"
 
 #include <gtest/gtest.h>
 
 #include <random>
 
 #include "preprocess/build_model.hpp"
-#include "preprocess/shapes.hpp"
+#include "preprocess/surface/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -15,7 +15,7 @@
 #include "apps/run/organ.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "preprocess/phantom.hpp"
+#include "preprocess/image/phantom.hpp"
 #include "tests/helpers/folder.hpp"
 #include "tests/helpers/image.hpp"
 

@@ -1,4 +1,4 @@
-#include "solver/stable_time_step.hpp"
+#include "solver/equilibrium/stable_time_step.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "preprocess/support.hpp"
+#include "preprocess/supports/support.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,11 +1,11 @@
-#include "preprocess/surface_cells.hpp"
+#include "preprocess/surface/surface_cells.hpp"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <random>
 
-#include "preprocess/shapes.hpp"
+#include "preprocess/surface/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -1,4 +1,4 @@
-#include "preprocess/voxel_set.hpp"
+#include "preprocess/image/voxel_set.hpp"
 
 #include <gtest/gtest.h>
 

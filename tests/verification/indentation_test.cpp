@@ -8,7 +8,7 @@
 #include "io/error.hpp"
 #include "io/table.hpp"
 #include "preprocess/build_model.hpp"
-#include "preprocess/shapes.hpp"
+#include "preprocess/surface/shapes.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/random_bodies.hpp"
 

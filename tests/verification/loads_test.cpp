@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "preprocess/support.hpp"
+#include "preprocess/supports/support.hpp"
 #include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {

@@ -2,7 +2,7 @@
 
 #include <fmt/format.h>
 
-#include "preprocess/shapes.hpp"
+#include "preprocess/surface/shapes.hpp"
 
 namespace dimple {
 

@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "preprocess/body_surface.hpp"
-#include "preprocess/phantom.hpp"
+#include "preprocess/surface/body_surface.hpp"
+#include "preprocess/image/phantom.hpp"
 
 namespace dimple {
 

@@ -4,7 +4,7 @@
 #include <functional>
 
 #include "preprocess/build_model.hpp"
-#include "solver/relax.hpp"
+#include "solver/equilibrium/relax.hpp"
 #include "tests/verification/verify.hpp"
 
 namespace dimple {

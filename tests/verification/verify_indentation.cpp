@@ -12,7 +12,7 @@
 #include "apps/run/config.hpp"
 #include "tests/verification/scenes.hpp"
 #include "io/stop.hpp"
-#include "preprocess/shapes.hpp"
+#include "preprocess/surface/shapes.hpp"
 #include "tests/verification/verify_bodies.hpp"
 #include "solver/solve.hpp"
 

@@ -9,7 +9,7 @@
 #include <functional>
 #include <numbers>
 
-#include "preprocess/support.hpp"
+#include "preprocess/supports/support.hpp"
 #include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {

@@ -6,7 +6,7 @@
 #include <numbers>
 
 #include "preprocess/build_model.hpp"
-#include "preprocess/shapes.hpp"
+#include "preprocess/surface/shapes.hpp"
 #include "tests/helpers/system.hpp"
 #include "solver/solve.hpp"
 

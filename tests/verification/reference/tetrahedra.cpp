@@ -41,10 +41,10 @@
 #include <vector>
 
 #include "io/label_image.hpp"
-#include "preprocess/boundary_conditions.hpp"
+#include "preprocess/scene/boundary_conditions.hpp"
 #include "preprocess/build_model.hpp"
-#include "preprocess/label_surface.hpp"
-#include "preprocess/shapes.hpp"
+#include "preprocess/surface/label_surface.hpp"
+#include "preprocess/surface/shapes.hpp"
 
 namespace {
 

@@ -1,0 +1,722 @@
+#include "preprocess/cloud/node_cloud.hpp"
+
+#include <fmt/format.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <optional>
+#include <random>
+#include <span>
+
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "preprocess/cloud/neighbours.hpp"
+
+namespace dimple {
+namespace {
+
+// Of an inner node, at least, from the surface [spacings]. One that gaps between the surface's nodes let through to the
+// base lies among held nodes, free, with hardly any stiffness: the force was up to 3 % too small.
+constexpr double least_depth = 0.4;
+constexpr int candidates_per_node = 5;
+constexpr int sweeps = 40;
+// Neighbours' spacings differ: how much further than one's own reach another one's may be.
+constexpr double far_enough = 1.2;
+
+// Bounds. What a cloud that can be made at all was seen to take is a fifth of them: facets of a fan of slivers.
+constexpr std::size_t boxes_per_node = 40, facets_per_node = 200, crowd_per_candidate = 1000;
+constexpr std::size_t fewest_bound = 20000, most_to_measure = 2'500'000;
+// Of a body's box: what fills less is searched box by box.
+constexpr double sparse = 0.2;
+// Places tried for one that is good: where the body is mostly thinner than a spacing it is thousands.
+constexpr Index tries_per_place = 100;
+// As many as --nodes may ask for; beyond five times that the lists of the supports would overflow.
+constexpr double most_nodes = 1e6;
+
+std::size_t bound(std::size_t per_node, double nodes) {
+  return std::max(fewest_bound, per_node * static_cast<std::size_t>(std::min(nodes, most_nodes)));
+}
+
+// std::uniform_real_distribution may differ between standard libraries; these bits do not.
+double uniform(std::mt19937_64& random) {
+  return static_cast<double>(random() >> 11) * 0x1.0p-53;
+}
+
+double lateral_distance(const Boundary& boundary, const Vec3& x) {
+  const Vec3 d = x - boundary.centre;
+  return (d - d.dot(boundary.push) * boundary.push).norm();
+}
+
+// The part of the surface that the tool touches: not a wall beneath the rim, and not the far side of a thin
+// body.
+bool near_circle(const Boundary& boundary, const Vec3& x, const Vec3& normal, double margin) {
+  return lateral_distance(boundary, x) < boundary.radius + margin && normal.dot(boundary.push) < 0.0 &&
+         std::abs((x - boundary.centre).dot(boundary.push)) < 2.0 * boundary.radius;
+}
+
+using Spacing = std::function<double(const Vec3&)>;  // [mm]
+
+struct Triangle {
+  Vec3 a, b, c, normal;
+  double area;  // [mm^2]
+};
+
+// Triangles with the sizing in the middle of each: what the surface is worth.
+struct Facets {
+  std::vector<Triangle> triangle;
+  std::vector<double> sizing;
+};
+
+// Triangles small enough for the spacing to be nearly the same all over each.
+void subdivide(const Triangle& t, const Sizing& sizing, double far_spacing, std::size_t room,
+               Facets& result) {
+  if (result.triangle.size() > room) return;
+  const double longest = std::max({(t.b - t.a).norm(), (t.c - t.b).norm(), (t.a - t.c).norm()});
+  const double here = sizing((t.a + t.b + t.c) / 3.0);
+  // A corner may lie where the spacing is much less than in the middle.
+  if (sizing.even() ||
+      longest <= 0.7 * far_spacing * std::min({here, sizing(t.a), sizing(t.b), sizing(t.c)})) {
+    result.triangle.push_back(t);
+    result.sizing.push_back(here);
+    return;
+  }
+  // A sliver, as fans of triangles have them, is cut across: quarters of it would stay as slim, and be many.
+  if (longest * longest > 8.0 * t.area) {
+    Triangle turned = t;
+    while ((turned.b - turned.a).norm() < longest) turned = {turned.b, turned.c, turned.a, t.normal, t.area};
+    const Vec3 middle = 0.5 * (turned.a + turned.b);
+    for (const Triangle& part : {Triangle{turned.a, middle, turned.c, t.normal, 0.5 * t.area},
+                                 Triangle{middle, turned.b, turned.c, t.normal, 0.5 * t.area}})
+      subdivide(part, sizing, far_spacing, room, result);
+    return;
+  }
+  const Vec3 ab = 0.5 * (t.a + t.b), bc = 0.5 * (t.b + t.c), ca = 0.5 * (t.c + t.a);
+  const double quarter = 0.25 * t.area;
+  for (const Triangle& part :
+       {Triangle{t.a, ab, ca, t.normal, quarter}, Triangle{ab, t.b, bc, t.normal, quarter},
+        Triangle{ca, bc, t.c, t.normal, quarter}, Triangle{ab, bc, ca, t.normal, quarter}})
+    subdivide(part, sizing, far_spacing, room, result);
+}
+
+// Nothing, if it takes more than `most` besides the surface's own.
+std::optional<Facets> facets_of(const BodySurface& body, const Sizing& sizing, double far_spacing,
+                                std::size_t most) {
+  constexpr Index block = 256;
+  const Index count = body.triangles().cols();
+  const std::size_t room = most + static_cast<std::size_t>(count);
+  std::atomic<std::size_t> all = 0;
+  std::vector<Facets> parts(static_cast<std::size_t>((count + block - 1) / block));
+  tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
+    stop_if_asked();
+    if (all > room) return;
+    const Index first = block * static_cast<Index>(part);
+    for (Index t = first; t < std::min(first + block, count); ++t)
+      subdivide({body.vertex().col(body.triangles()(0, t)), body.vertex().col(body.triangles()(1, t)),
+                 body.vertex().col(body.triangles()(2, t)), body.normal().col(t), body.triangle_area()[t]},
+                sizing, far_spacing, room, parts[part]);
+    all += parts[part].triangle.size();
+  });
+  if (all > room) return std::nullopt;
+  Facets result;
+  for (const Facets& part : parts) {
+    result.triangle.insert(result.triangle.end(), part.triangle.begin(), part.triangle.end());
+    result.sizing.insert(result.sizing.end(), part.sizing.begin(), part.sizing.end());
+  }
+  return result;
+}
+
+// Boxes a few to a node, and how much of the body each holds [mm^3].
+struct Boxes {
+  std::vector<Leaf> leaf;
+  std::vector<double> size;
+};
+
+std::optional<Boxes> boxes_of(const BodySurface& body, const Sizing& sizing, double far_spacing,
+                              std::size_t most) {
+  auto leaves = bisect(
+      body, 0.63 * far_spacing, sizing, [&](double s) { return 0.25 * std::pow(far_spacing * s, 3); }, most);
+  if (!leaves) return std::nullopt;
+  Boxes boxes;
+  boxes.leaf = std::move(*leaves);
+  boxes.size.resize(boxes.leaf.size());
+  tbb::parallel_for(std::size_t{0}, boxes.leaf.size(), [&](std::size_t k) {
+    stop_if_asked();
+    const Leaf& box = boxes.leaf[k];
+    double inside = 1.0;
+    if (box.cut) {
+      const double r = std::cbrt(box.half.prod());
+      const double d = body.farther(box.centre, 1.000001 * r) ? 2.0 * r : body.closest(box.centre).distance;
+      inside = std::clamp(0.5 + (body.contains(box.centre) ? 0.5 : -0.5) * d / r, 0.0, 1.0);
+    }
+    boxes.size[k] = inside * box.volume();
+  });
+  return boxes;
+}
+
+// count = volume / h^3 + area / (2 h^2), both weighted with the powers of the sizing.
+struct Contents {
+  double volume = 0.0, area = 0.0;
+  double count(double h) const { return volume / (h * h * h) + 0.5 * area / (h * h); }
+  double spacing(double wanted) const {
+    double low = 0.0, high = std::cbrt(volume) + std::sqrt(area);
+    for (int k = 0; k < 100; ++k) {
+      const double h = 0.5 * (low + high);
+      (count(h) > wanted ? low : high) = h;
+    }
+    return 0.5 * (low + high);
+  }
+};
+
+// A body part by part, and how far from the rim each is: what it holds for any spacing at the rim is then a sum.
+struct Measured {
+  struct Piece {
+    double size, distance, finer;  // [mm^3] or [mm^2], [mm], of Sizing
+  };
+  std::vector<Piece> boxes, facets;
+  Contents contents(const Sizing& sizing) const {
+    Contents result;
+    for (const Piece& box : boxes) {
+      const double s = sizing.at(box.distance, box.finer);
+      result.volume += box.size / (s * s * s);
+    }
+    for (const Piece& facet : facets) {
+      const double s = sizing.at(facet.distance, facet.finer);
+      result.area += facet.size / (s * s);
+    }
+    return result;
+  }
+};
+
+ModelError too_fine_a_rim(const Sizing& sizing) {
+  return ModelError(
+      {.fact = fmt::format("a node spacing on the circle's rim of {:.3g} times that far away takes more "
+                           "nodes than are asked for",
+                           sizing.least()),
+       .where = "node cloud",
+       .why = fmt::format("the rim is {:.3g} mm long", sizing.rim_length()),
+       .remedy = "give a coarser --rim, more --nodes or a smaller --indenter-diameter"});
+}
+
+Measured measure(const BodySurface& body, const Sizing& sizing, double rough_spacing) {
+  constexpr double nowhere_near = std::numeric_limits<double>::infinity();
+  if (sizing.even()) return {{{body.volume(), nowhere_near, 1.0}}, {{body.area(), nowhere_near, 1.0}}};
+  const std::size_t most =
+      std::min(most_to_measure, 5 * bound(boxes_per_node, body.volume() / std::pow(rough_spacing, 3)));
+  // A graded cloud's far spacing is about twice an even one's; where it falls very steeply, more.
+  for (int attempt = 0; attempt < 6; ++attempt) {
+    rough_spacing *= 2.0;
+    const auto boxes = boxes_of(body, sizing, rough_spacing, most);
+    if (!boxes) continue;
+    const auto facets = facets_of(body, sizing, rough_spacing, most);
+    if (!facets) continue;
+    Measured result;
+    result.boxes.resize(boxes->leaf.size());
+    tbb::parallel_for(std::size_t{0}, result.boxes.size(), [&](std::size_t k) {
+      const Vec3& x = boxes->leaf[k].centre;
+      result.boxes[k] = {boxes->size[k], sizing.distance(x), sizing.finer(x)};
+    });
+    result.facets.resize(facets->triangle.size());
+    tbb::parallel_for(std::size_t{0}, result.facets.size(), [&](std::size_t k) {
+      const Triangle& t = facets->triangle[k];
+      const Vec3 x = (t.a + t.b + t.c) / 3.0;
+      result.facets[k] = {t.area, sizing.distance(x), sizing.finer(x)};
+    });
+    return result;
+  }
+  throw too_fine_a_rim(sizing);
+}
+
+std::vector<Vec3> surface_candidates(const Facets& facets, const Boundary& boundary, Index count,
+                                     const Sizing& sizing, double far_spacing, std::mt19937_64& random) {
+  const std::vector<Triangle>& triangles = facets.triangle;
+  std::vector<Vec3> result;
+  std::vector<double> cumulated(triangles.size());
+  double area = 0.0;
+  for (std::size_t t = 0; t < triangles.size(); ++t) {
+    const double s = facets.sizing[t];
+    cumulated[t] = area += triangles[t].area / (s * s);
+  }
+  for (Index k = 0; k < count; ++k) {
+    if (k % 4096 == 0) stop_if_asked();
+    const double at = (static_cast<double>(k) + uniform(random)) / static_cast<double>(count) * area;
+    const auto found = std::upper_bound(cumulated.begin(), cumulated.end(), at) - cumulated.begin();
+    const Triangle& t = triangles[std::min(static_cast<std::size_t>(found), triangles.size() - 1)];
+    double u = uniform(random), v = uniform(random);
+    if (u + v > 1.0) u = 1.0 - u, v = 1.0 - v;
+    const Vec3 x = t.a + u * (t.b - t.a) + v * (t.c - t.a);
+    if (!near_circle(boundary, x, t.normal, 0.5 * far_spacing * sizing(x))) result.push_back(x);
+  }
+  return result;
+}
+
+std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, const Sizing& sizing,
+                                   double far_spacing, std::mt19937_64& random) {
+  const Vec3 lower = body.lower(), size = body.upper() - lower;
+  const auto in_unit_box = [&] {
+    const double z = uniform(random), y = uniform(random);
+    return Vec3(uniform(random), y, z);
+  };
+  const bool in_boxes = !sizing.even() || body.volume() < sparse * size.prod();
+  Boxes boxes;
+  std::vector<double> worth;  // in nodes at far spacing 1, summed up
+  if (in_boxes) {
+    auto found = boxes_of(body, sizing, far_spacing, bound(boxes_per_node, static_cast<double>(count)));
+    if (!found) throw too_fine_a_rim(sizing);
+    boxes = std::move(*found);
+    double sum = 0.0;
+    for (std::size_t k = 0; k < boxes.leaf.size(); ++k)
+      worth.push_back(sum += boxes.size[k] / std::pow(sizing(boxes.leaf[k].centre), 3));
+  }
+  const auto anywhere = [&]() -> Vec3 {
+    if (!in_boxes) return lower + in_unit_box().cwiseProduct(size);
+    const double at = uniform(random) * worth.back();
+    const auto k = static_cast<std::size_t>(std::upper_bound(worth.begin(), worth.end(), at) - worth.begin());
+    const Leaf& box = boxes.leaf[std::min(k, boxes.leaf.size() - 1)];
+    return box.centre + (2.0 * in_unit_box() - Vec3::Ones()).cwiseProduct(box.half);
+  };
+  std::vector<Vec3> result;
+  // A body fills some share of its boxes; one that fills less than a hundredth, a spacing's half away from
+  // its surface, is refused below.
+  constexpr Index enough_tries = 100000;
+  for (Index tried = 0; static_cast<Index>(result.size()) < count; tried += 4096) {
+    if (tried > enough_tries && tried > tries_per_place * static_cast<Index>(result.size())) break;
+    stop_if_asked();
+    std::vector<Vec3> place(4096);
+    for (Vec3& x : place) x = anywhere();
+    std::vector<char> good(place.size());
+    tbb::parallel_for(std::size_t{0}, place.size(), [&](std::size_t k) {
+      good[k] =
+          body.contains(place[k]) && body.farther(place[k], least_depth * (far_spacing * sizing(place[k])));
+    });
+    for (std::size_t k = 0; k < place.size() && static_cast<Index>(result.size()) < count; ++k)
+      if (good[k]) result.push_back(place[k]);
+  }
+  return result;
+}
+
+// Numbers 0, 1, ... by a value that only falls; the largest value on top, of equal ones the last number.
+class Heap {
+ public:
+  explicit Heap(std::vector<double>& value) : value_(value), order_(value.size()), place_(value.size()) {
+    std::iota(order_.begin(), order_.end(), std::size_t{0});
+    std::iota(place_.begin(), place_.end(), std::size_t{0});
+    for (std::size_t k = order_.size() / 2; k-- > 0;) {
+      if (k % 65536 == 0) stop_if_asked();
+      sink(k);
+    }
+  }
+  std::size_t pop() {
+    const std::size_t top = order_.front(), last = order_.back();
+    order_.pop_back();
+    if (!order_.empty()) {
+      put(last, 0);
+      sink(0);
+    }
+    return top;
+  }
+  void lower(std::size_t i, double by) {
+    value_[i] -= by;
+    sink(place_[i]);
+  }
+
+ private:
+  void put(std::size_t i, std::size_t k) {
+    order_[k] = i;
+    place_[i] = k;
+  }
+  bool above(std::size_t i, std::size_t j) const { return std::pair(value_[i], i) > std::pair(value_[j], j); }
+  void sink(std::size_t k) {
+    const std::size_t i = order_[k];
+    for (std::size_t child; (child = 2 * k + 1) < order_.size(); k = child) {
+      if (child + 1 < order_.size() && above(order_[child + 1], order_[child])) ++child;
+      if (above(i, order_[child])) break;
+      put(order_[child], k);
+    }
+    put(i, k);
+  }
+  std::vector<double>& value_;
+  std::vector<std::size_t> order_, place_;
+};
+
+// Whom some candidates crowd, and how much. Lists of their own for millions of candidates would take long to
+// free where the work is to end.
+struct Crowded {
+  std::vector<std::pair<int, double>> other;
+  std::vector<std::size_t> end = {};  // of each candidate's, in `other`
+  std::span<const std::pair<int, double>> of(std::size_t i) const {
+    return std::span(other).subspan(i > 0 ? end[i - 1] : 0, end[i] - (i > 0 ? end[i - 1] : 0));
+  }
+};
+
+// Weighted sample elimination: removes the most crowded candidate until `count` are left; `fixed` ones only
+// crowd. Two crowd each other within `reach` times the mean of their spacings. Yuksel, Sample elimination for
+// generating Poisson disk sample sets, CGF 34 (2015) 25-32, with exponent 8.
+std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vector<Vec3>& fixed, Index count,
+                           double reach, const Spacing& spacing) {
+  const std::size_t m = candidates.size();
+  if (static_cast<Index>(m) <= count) return candidates;
+  std::vector<Vec3> all = candidates;
+  all.insert(all.end(), fixed.begin(), fixed.end());
+  const Points points = to_points(all);
+  const Neighbours tree(points);
+  std::vector<double> h(all.size());
+  tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) { h[i] = spacing(all[i]); });
+
+  constexpr std::size_t block = 256;
+  std::vector<Crowded> near((m + block - 1) / block);
+  std::vector<double> crowding(m, 0.0);
+  std::atomic<std::size_t> crowd = 0;
+  tbb::parallel_for(std::size_t{0}, near.size(), [&](std::size_t part) {
+    thread_local std::vector<int> found;
+    Crowded& here = near[part];
+    for (std::size_t i = block * part; i < std::min(block * (part + 1), m); ++i) {
+      stop_if_asked();
+      if (crowd > crowd_per_candidate * m) return;
+      tree.within(points.col(static_cast<Index>(i)), far_enough * reach * h[i], found);
+      crowd += found.size();
+      for (const int j : found) {
+        if (j == static_cast<int>(i)) continue;
+        const double within = reach * (0.5 * (h[i] + h[static_cast<std::size_t>(j)]));
+        const double d = (points.col(static_cast<Index>(i)) - points.col(j)).norm();
+        if (d >= within) continue;
+        double w = 1.0 - d / within;
+        for (int square = 0; square < 3; ++square) w *= w;  // the eighth power
+        crowding[i] += w;
+        if (j < static_cast<int>(m)) here.other.push_back({j, w});
+      }
+      here.end.push_back(here.other.size());
+    }
+    here.other.shrink_to_fit();
+  });
+
+  if (crowd > crowd_per_candidate * m)
+    throw ModelError({.fact = fmt::format("{} candidate places for nodes have over {} neighbours each", m,
+                                          crowd_per_candidate),
+                      .where = "node cloud",
+                      .why = "the spacing changes too steeply beside the circle, or the body is folded too "
+                             "finely for it",
+                      .remedy = "ask for more nodes (--nodes), a coarser --rim or a larger "
+                                "--indenter-diameter"});
+
+  Heap heap(crowding);
+  std::vector<bool> gone(m, false);
+  for (Index left = static_cast<Index>(m); left > count; --left) {
+    if (left % 1024 == 0) stop_if_asked();
+    const std::size_t i = heap.pop();
+    gone[i] = true;
+    for (const auto& [j, weight] : near[i / block].of(i % block))
+      if (!gone[static_cast<std::size_t>(j)]) heap.lower(static_cast<std::size_t>(j), weight);
+  }
+  std::vector<Vec3> result;
+  for (std::size_t i = 0; i < m; ++i)
+    if (!gone[i]) result.push_back(candidates[i]);
+  return result;
+}
+
+// Who may be within reach of each node: found once for as long as no node has moved far.
+class Company {
+ public:
+  explicit Company(double reach) : reach_(reach) {}
+
+  void follow(const NodeCloud& cloud) {
+    if (around_.size() == static_cast<std::size_t>(cloud.X.cols())) {
+      const auto moved = (cloud.X - X_).colwise().norm().transpose().eval();
+      const double most = moved.maxCoeff();
+      bool close = true;  // may two have come within reach that are not in the list?
+      for (Index a = cloud.fixed_count; a < cloud.X.cols() && close; ++a)
+        close = reach_ * cloud.spacing[a] + moved[a] + most < radius_[a];
+      if (close) return;
+    }
+    X_ = cloud.X;
+    radius_ = (reach_ + margin) * cloud.spacing;
+    around_.resize(static_cast<std::size_t>(cloud.X.cols()));
+    const Neighbours tree(X_);
+    tbb::parallel_for(cloud.fixed_count, cloud.X.cols(), [&](Index a) {
+      stop_if_asked();
+      std::vector<int>& list = around_[static_cast<std::size_t>(a)];
+      tree.within(X_.col(a), radius_[a], list);
+      if (a < cloud.surface_count)
+        list.erase(std::lower_bound(list.begin(), list.end(), cloud.surface_count), list.end());
+    });
+  }
+  // Ascending; of a surface node those on the surface.
+  const std::vector<int>& of(Index a) const { return around_[static_cast<std::size_t>(a)]; }
+
+ private:
+  static constexpr double margin = 0.5;  // spacings
+  double reach_;
+  Points X_;
+  Eigen::VectorXd radius_;
+  std::vector<std::vector<int>> around_;
+};
+
+// Jacobi sweeps of a soft repulsion that ends at 1.7 spacings; the surface's nodes are put back onto it.
+void spread_out(const BodySurface& body, const Boundary& boundary, const Spacing& spacing, NodeCloud& cloud) {
+  constexpr double reach = 1.7;
+  Eigen::VectorXd& h = cloud.spacing;
+  Company company(far_enough * reach);
+  Eigen::VectorXd depth =
+      Eigen::VectorXd::Zero(cloud.X.cols());  // of inner nodes: so far the surface is at least
+  // As far along `move` as keeps the node inside, or nowhere.
+  const auto kept_inside = [&](Index a, const Vec3& x, const Vec3& move) -> Vec3 {
+    const double least = least_depth * h[a], length = move.norm();
+    depth[a] -= length;
+    if (depth[a] >= least) return x + move;
+    const auto from = body.closest(x);
+    depth[a] = from.distance - length;
+    if (depth[a] >= least) return x + move;
+    const Vec3 inwards = (x - from.place) / std::max(from.distance, 1e-9 * h[a]);
+    const Vec3 there = x + move - std::min(move.dot(inwards), 0.0) * inwards;
+    const double left = body.closest(there).distance;
+    const bool good = body.contains(there) && left >= std::min(least, from.distance);
+    depth[a] = good ? left : from.distance;
+    return good ? there : x;
+  };
+  for (int sweep = 0; sweep < sweeps; ++sweep) {
+    company.follow(cloud);
+    const double stride = 0.35 * (sweep < sweeps / 2 ? 1.0 : 0.5);
+    Points next = cloud.X;
+    tbb::parallel_for(cloud.fixed_count, cloud.X.cols(), [&](Index a) {
+      stop_if_asked();
+      const Vec3 x = cloud.X.col(a);
+      const bool on_surface = a < cloud.surface_count;
+      const double farthest2 = std::pow(far_enough * reach * h[a], 2);
+      Vec3 push = Vec3::Zero();
+      // Inner nodes must not press surface nodes along the surface by lying beneath them unevenly.
+      for (const int b : company.of(a)) {
+        const Vec3 d = x - cloud.X.col(b);
+        const double distance2 = d.squaredNorm();
+        const double apart = 0.5 * (h[a] + h[b]), within = reach * apart;
+        if (distance2 >= farthest2 || distance2 > 1.000001 * within * within || b == a) continue;
+        const double distance = std::max(std::sqrt(distance2), 1e-6 * apart), s = 1.0 - distance / within;
+        if (s <= 0.0) continue;
+        push += d / distance * (s * s * s);
+      }
+      Vec3 move = stride * h[a] * push;
+      if (const double length = move.norm(); length > 0.2 * h[a]) move *= 0.2 * h[a] / length;
+      if (on_surface) {
+        const auto there = body.closest(x + move);
+        if (!near_circle(boundary, there.place, body.normal().col(there.triangle), 0.5 * h[a]))
+          next.col(a) = there.place;
+      } else {
+        next.col(a) = kept_inside(a, x, move);
+      }
+    });
+    cloud.X = next;
+    tbb::parallel_for(Index{0}, cloud.X.cols(), [&](Index a) { h[a] = spacing(cloud.X.col(a)); });
+  }
+}
+
+void shake(const BodySurface& body, double part, std::mt19937_64& random, NodeCloud& cloud) {
+  for (Index a = cloud.surface_count; a < cloud.X.cols(); ++a) {
+    const double x = uniform(random), y = uniform(random), z = uniform(random);
+    const Vec3 there = cloud.X.col(a) + part * cloud.spacing[a] * (2.0 * Vec3(x, y, z) - Vec3::Ones());
+    if (body.contains(there)) cloud.X.col(a) = there;
+  }
+}
+
+// Nodes along the outline of the base: where it ends is felt (a strip of half a spacing that is left free beside it
+// made a block's force up to a tenth too small), and others only lie near it.
+std::vector<Vec3> outline_of_base(const BodySurface& body, const Boundary& boundary, const Spacing& spacing) {
+  // In spacings: along a loop, of any two, and length of a loop.
+  constexpr double apart = 0.95, at_least = 0.6, shortest = 4.0;
+  const Triangles& triangles = body.triangles();
+  const auto corner = [&](Index v) -> Vec3 { return body.vertex().col(v); };
+  std::vector<std::pair<Index, Index>> edges;  // of the base's triangles, as they turn
+  for (Index t = 0; t < triangles.cols(); ++t) {
+    if (t % 65536 == 0) stop_if_asked();
+    const Vec3 middle = (corner(triangles(0, t)) + corner(triangles(1, t)) + corner(triangles(2, t))) / 3.0;
+    if (!on_base(boundary, middle, body.normal().col(t))) continue;
+    for (int k = 0; k < 3; ++k) edges.emplace_back(triangles(k, t), triangles((k + 1) % 3, t));
+  }
+  std::sort(edges.begin(), edges.end());
+  std::multimap<Index, Index> next;
+  for (const auto& [from, to] : edges)
+    if (!std::binary_search(edges.begin(), edges.end(), std::pair(to, from))) next.insert({from, to});
+  std::vector<Vec3> nodes;
+  while (!next.empty()) {
+    std::vector<Vec3> loop = {corner(next.begin()->first)};
+    double length = 0.0;  // in spacings
+    for (auto step = next.begin(); step != next.end();) {
+      const Index to = step->second;
+      next.erase(step);
+      length += (corner(to) - loop.back()).norm() / spacing(0.5 * (corner(to) + loop.back()));
+      loop.push_back(corner(to));
+      step = next.find(to);
+    }
+    if (length < shortest) continue;
+    Vec3 last = Vec3::Constant(std::numeric_limits<double>::infinity());
+    for (std::size_t k = 1; k < loop.size(); ++k) {
+      stop_if_asked();
+      const Vec3 from = loop[k - 1], way = loop[k] - from;
+      const int parts = std::max(1, static_cast<int>(std::ceil(10.0 * way.norm() / spacing(from))));
+      for (int i = 0; i < parts; ++i) {
+        const Vec3 x = from + way * i / parts;
+        const double h = spacing(x);
+        if ((x - last).norm() < apart * h) continue;
+        if (std::any_of(nodes.begin(), nodes.end(),
+                        [&](const Vec3& other) { return (x - other).norm() < at_least * h; }))
+          continue;
+        nodes.push_back(x);
+        last = x;
+      }
+    }
+  }
+  return nodes;
+}
+
+double rough_spacing(const BodySurface& body, double count) {
+  return std::cbrt(body.volume() / count);
+}
+
+void refuse_too_many(double nodes, const char* option) {
+  if (nodes > most_nodes)
+    throw ModelError({.fact = fmt::format("{:.0f} nodes are asked for, and at most {:.0f} are possible",
+                                          nodes, most_nodes),
+                      .where = fmt::format("node cloud; {}", option),
+                      .why = "their lists are numbered with 32 bits",
+                      .remedy = "ask for fewer nodes (--nodes) or a larger --spacing"});
+}
+
+}  // namespace
+
+double spacing_for_count(const BodySurface& body, Index count, const Sizing& sizing) {
+  const auto wanted = static_cast<double>(count);
+  return measure(body, sizing, rough_spacing(body, wanted)).contents(sizing).spacing(wanted);
+}
+
+Index count_for_spacing(const BodySurface& body, double spacing_mm, const Sizing& sizing) {
+  refuse_too_many(Contents{body.volume(), body.area()}.count(spacing_mm), "--spacing");  // a graded has more
+  // Fifty thousand nodes are fine enough to measure with.
+  const double count = measure(body, sizing, std::max(spacing_mm, rough_spacing(body, 5e4)))
+                           .contents(sizing)
+                           .count(spacing_mm);
+  refuse_too_many(count, "--spacing");
+  return std::lround(count);
+}
+
+CloudSize cloud_size(const BodySurface& body, const Sizing& sizing, const CloudOptions& options,
+                     double least_mm) {
+  double rim = sizing.least();
+  if (const double h = options.spacing_mm; h > 0.0) {
+    rim = std::min(1.0, std::max(rim, least_mm / h));
+    return {count_for_spacing(body, h, sizing.with_rim(rim)), h, rim};
+  }
+  const auto wanted = static_cast<double>(options.count);
+  refuse_too_many(wanted, "--nodes");
+  // A far spacing is never less than an even one.
+  const double rough = rough_spacing(body, wanted);
+  if (sizing.rim_length() > wanted * std::max(rim * rough, least_mm)) throw too_fine_a_rim(sizing);
+  const Measured measured = measure(body, sizing, rough);
+  double h = measured.contents(sizing).spacing(wanted);
+  // A coarser rim leaves more nodes for the rest, whose spacing falls a little: hence again.
+  for (int pass = 0; pass < 20 && rim < 1.0 && rim * h < 0.999 * least_mm; ++pass) {
+    rim = std::min(1.0, least_mm / h);
+    h = measured.contents(sizing.with_rim(rim)).spacing(wanted);
+  }
+  return {options.count, h, rim};
+}
+
+NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
+                          const CloudOptions& options, const CloudSize& size) {
+  NodeCloud cloud;
+  const Index count = size.count;
+  const double h = cloud.far_spacing = size.far_spacing;
+  const Spacing spacing = [&](const Vec3& x) { return h * sizing(x); };
+
+  const double at_circle = sizing.finer(boundary.centre);
+  const Points circle =
+      sizing.even() ? circle_nodes(body, boundary, h) : graded_circle_nodes(body, boundary, [&](double r) {
+        return h * sizing.at(std::max(boundary.radius - r, 0.0), at_circle);
+      });
+  const auto found = facets_of(body, sizing, h, bound(facets_per_node, static_cast<double>(count)));
+  if (!found) throw too_fine_a_rim(sizing);
+  const Facets& facets = *found;
+  double free_area = 0.0;
+  if (sizing.even()) {
+    free_area = std::max(body.area() - std::numbers::pi * std::pow(boundary.radius + 0.5 * h, 2), 0.0);
+  } else {
+    for (std::size_t k = 0; k < facets.triangle.size(); ++k) {
+      const Triangle& t = facets.triangle[k];
+      const double s = facets.sizing[k];
+      if (!near_circle(boundary, (t.a + t.b + t.c) / 3.0, t.normal, 0.5 * h * s))
+        free_area += t.area / (s * s);
+    }
+  }
+  std::vector<Vec3> placed;
+  for (const auto& x : circle.colwise()) placed.push_back(x);
+  cloud.circle_count = circle.cols();
+  if (options.base_outline)
+    for (const Vec3& x : outline_of_base(body, boundary, spacing)) placed.push_back(x);
+  const Index fixed = cloud.fixed_count = static_cast<Index>(placed.size());
+  const Index outline = fixed - cloud.circle_count;
+  const Index free_surface = std::max<Index>(std::lround(free_area / (h * h)), outline);
+  const Index inner = count - circle.cols() - free_surface;
+  if (inner < 8)
+    throw ModelError(
+        {.fact = fmt::format("{} nodes leave {} for the inside", count, std::max<Index>(inner, 0)),
+         .where = "node cloud",
+         .why = fmt::format("the circle takes {} and the surface {}", circle.cols(), free_surface),
+         .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
+
+  std::mt19937_64 random(options.seed);
+  const auto on_surface =
+      surface_candidates(facets, boundary, candidates_per_node * free_surface, sizing, h, random);
+  for (const Vec3& x : thin_out(on_surface, placed, free_surface - outline, 1.07, spacing))
+    placed.push_back(x);
+  cloud.surface_count = static_cast<Index>(placed.size());
+
+  const Index wanted = count - cloud.surface_count;
+  const auto inside = inner_candidates(body, candidates_per_node * wanted, sizing, h, random);
+  if (static_cast<Index>(inside.size()) < wanted)
+    throw ModelError(
+        {.fact = fmt::format("only {} places for {} inner nodes were found", inside.size(), wanted),
+         .where = "node cloud",
+         .why = "the body is thinner than a node spacing almost everywhere",
+         .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
+  const std::vector<Vec3> surface_nodes = placed;
+  for (const Vec3& x : thin_out(inside, surface_nodes, wanted, 1.12, spacing)) placed.push_back(x);
+  cloud.X = to_points(placed);
+  cloud.spacing.resize(cloud.X.cols());
+  for (Index a = 0; a < cloud.X.cols(); ++a) cloud.spacing[a] = spacing(cloud.X.col(a));
+  spread_out(body, boundary, spacing, cloud);
+  if (options.jitter > 0.0) shake(body, options.jitter, random, cloud);
+
+  cloud.base.assign(static_cast<std::size_t>(cloud.X.cols()), false);
+  for (Index a = cloud.circle_count; a < fixed; ++a) cloud.base[static_cast<std::size_t>(a)] = true;
+  for (Index a = fixed; a < cloud.surface_count; ++a) {
+    if (a % 1024 == 0) stop_if_asked();
+    const auto closest = body.closest(cloud.X.col(a));
+    cloud.base[static_cast<std::size_t>(a)] =
+        on_base(boundary, cloud.X.col(a), body.normal().col(closest.triangle));
+  }
+  return cloud;
+}
+
+Evenness measure_evenness(const NodeCloud& cloud, const Points& places) {
+  const Neighbours tree(cloud.X);
+  const Index n = cloud.X.cols();
+  Eigen::ArrayXd nearest(n), empty(places.cols());
+  tbb::parallel_for(Index{0}, n, [&](Index a) {
+    if (a % 256 == 0) stop_if_asked();
+    nearest[a] = tree.distance_to_nearest(cloud.X.col(a), static_cast<int>(a)) / cloud.spacing[a];
+  });
+  tbb::parallel_for(Index{0}, places.cols(), [&](Index k) {
+    if (k % 256 == 0) stop_if_asked();
+    const int a = tree.nearest(places.col(k), 1).front();
+    empty[k] = (cloud.X.col(a) - places.col(k)).norm() / cloud.spacing[a];
+  });
+  Evenness result;
+  result.mean = nearest.mean();
+  result.spread = std::sqrt((nearest - result.mean).square().mean()) / result.mean;
+  result.minimum = nearest.minCoeff();
+  if (places.cols() > 0) result.fill = empty.maxCoeff();
+  return result;
+}
+
+}  // namespace dimple

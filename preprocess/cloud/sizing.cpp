@@ -1,0 +1,175 @@
+#include "preprocess/cloud/sizing.hpp"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "io/stop.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr int rim_corners = 48;
+constexpr double too_large = 1.35;  // a box is halved above this multiple of the wanted volume
+
+double distance2_to_segment(const Vec3& x, const Vec3& a, const Vec3& b) {
+  const Vec3 ab = b - a;
+  const double t = std::clamp((x - a).dot(ab) / ab.squaredNorm(), 0.0, 1.0);
+  return (x - a - t * ab).squaredNorm();
+}
+
+double square(double x) {
+  return x * x;
+}
+
+// Is the box larger than `too_large` times the least that is wanted in its middle and towards its corners?
+// The sizing's slope says it of most boxes from the middle alone.
+bool must_halve(const Leaf& box, const Sizing& sizing, const std::function<double(double)>& wanted) {
+  constexpr double towards = 0.7;  // of the way to the corners
+  const double volume = box.volume(), reach = towards * box.half.norm();
+  const Sizing::Bounds s = sizing.around(box.centre, reach);
+  const double middle = wanted(s.here);
+  if (volume > too_large * middle) return true;
+  if (volume < 0.3 * middle || volume <= too_large * wanted(s.least)) return false;
+  for (int corner = 0; corner < 8; ++corner) {
+    const Vec3 sign(corner & 1 ? towards : -towards, corner & 2 ? towards : -towards,
+                    corner & 4 ? towards : -towards);
+    if (volume > too_large * wanted(sizing(box.centre + sign.cwiseProduct(box.half)))) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+Sizing::Sizing(const BodySurface& body, const Boundary& boundary, const GradingOptions& options) {
+  if (options.rim >= 1.0) return;
+  rim_ = rim_of_circle(body, boundary, rim_corners);
+  corner_ = rim_.transpose();
+  share_ = options.rim;
+  reach_ = options.reach * boundary.radius;
+  slope_ = (1.0 - options.rim) / reach_;
+  if (options.load_exponent > 0.0)
+    path_ = std::make_shared<LoadPath>(body, boundary, options.load_exponent, options.load_slope / reach_);
+  for (int k = 0; k < rim_corners; ++k)
+    longest_edge_ = std::max(longest_edge_, (rim_.col((k + 1) % rim_corners) - rim_.col(k)).norm());
+  lower_ = rim_.rowwise().minCoeff().array() - 1e-6 * boundary.radius;
+  upper_ = rim_.rowwise().maxCoeff().array() + 1e-6 * boundary.radius;
+}
+
+double Sizing::distance_to_rim(const Vec3& x, double farthest) const {
+  constexpr double beyond = std::numeric_limits<double>::infinity();
+  if (((x - lower_).array() < -farthest).any() || ((x - upper_).array() > farthest).any()) return beyond;
+  // Of the edge nearest to x one end is hardly farther than the nearest corner is: half an edge aside.
+  std::array<double, rim_corners + 1> corner2;
+  std::array<double, 4> least;  // of every fourth corner: the minimum is exact in any order
+  least.fill(beyond);
+  for (std::size_t k = 0; k < rim_corners; k += 4)
+    for (std::size_t lane = 0; lane < 4; ++lane) {
+      const auto c = static_cast<Index>(k + lane);
+      const double dx = x.x() - corner_(c, 0), dy = x.y() - corner_(c, 1), dz = x.z() - corner_(c, 2);
+      const double distance2 = dx * dx + (dy * dy + dz * dz);
+      corner2[k + lane] = distance2;
+      least[lane] = distance2 < least[lane] ? distance2 : least[lane];
+    }
+  corner2[rim_corners] = corner2[0];
+  double nearest2 = std::min(std::min(least[0], least[1]), std::min(least[2], least[3]));
+  if (nearest2 > square(1.000001 * (farthest + longest_edge_))) return beyond;
+  const double limit2 = 1.000001 * (nearest2 + 0.25 * square(longest_edge_));
+  for (std::size_t k = 0; k < rim_corners; ++k)
+    if (std::min(corner2[k], corner2[k + 1]) < limit2) {
+      const auto c = static_cast<Index>(k);
+      nearest2 = std::min(nearest2, distance2_to_segment(x, rim_.col(c), rim_.col((c + 1) % rim_corners)));
+    }
+  return std::sqrt(nearest2);
+}
+
+double Sizing::rim_length() const {
+  double length = 0.0;
+  for (Index k = 0; k < rim_.cols(); ++k) length += (rim_.col((k + 1) % rim_.cols()) - rim_.col(k)).norm();
+  return length;
+}
+
+double Sizing::distance(const Vec3& x) const {
+  return even() ? std::numeric_limits<double>::infinity() : distance_to_rim(x, reach_);
+}
+
+Sizing Sizing::with_rim(double rim) const {
+  if (even() || rim >= 1.0) return {};
+  Sizing result = *this;
+  result.share_ = rim;
+  result.slope_ = (1.0 - rim) / reach_;
+  return result;
+}
+
+Sizing::Bounds Sizing::around(const Vec3& x, double radius) const {
+  if (even()) return {1.0, 1.0};
+  const double distance = distance_to_rim(x, reach_ + radius);
+  const double f = finer(x);
+  // A little less than the slopes say: for rounding. Linear between places of a lattice: sqrt(3) times its slope.
+  const double steepest = path_ ? std::numbers::sqrt3 * path_->slope() : 0.0;
+  const double least = std::max(0.0, f - 1.000001 * steepest * radius);
+  return {at(distance, f), at(distance - 1.000001 * radius, least) - 1e-9};
+}
+
+std::optional<std::vector<Leaf>> bisect(const BodySurface& body, double edge, const Sizing& sizing,
+                                        const std::function<double(double)>& wanted, std::size_t most) {
+  if (!(edge > 0.0)) return std::nullopt;
+  const Vec3 size = body.upper() - body.lower();
+  Eigen::Array3d count;
+  // A thin body fills little of its box: the grid is then coarser to begin with.
+  for (;; edge *= 2.0) {
+    for (int d = 0; d < 3; ++d) count[d] = std::max(1.0, std::ceil(size[d] / edge - 1e-9));
+    if (!(count.prod() > static_cast<double>(most))) break;
+  }
+  const Vec3 half = 0.5 * (size.array() / count).matrix();
+  std::vector<Leaf> level;
+  for (int k = 0; k < count[2]; ++k)
+    for (int j = 0; j < count[1]; ++j)
+      for (int i = 0; i < count[0]; ++i) {
+        const Vec3 at(2 * i + 1, 2 * j + 1, 2 * k + 1);
+        level.push_back({.centre = body.lower() + at.cwiseProduct(half), .half = half, .cut = true});
+      }
+  std::vector<Leaf> leaves;
+  // Level by level, so that the costly question, how far the surface is, is asked in parallel.
+  while (!level.empty()) {
+    if (level.size() + leaves.size() > most) return std::nullopt;
+    enum Fate : char { outside, done, halve };
+    std::vector<Fate> fate(level.size());
+    tbb::parallel_for(std::size_t{0}, level.size(), [&](std::size_t k) {
+      stop_if_asked();
+      Leaf& box = level[k];
+      if (box.cut && body.farther(box.centre, box.half.norm())) {
+        if (!body.contains(box.centre)) {
+          fate[k] = outside;
+          return;
+        }
+        box.cut = false;
+      }
+      fate[k] = must_halve(box, sizing, wanted) ? halve : done;
+    });
+    std::vector<Leaf> next;
+    for (std::size_t k = 0; k < level.size(); ++k) {
+      if (k % 65536 == 0) stop_if_asked();
+      const Leaf& box = level[k];
+      if (fate[k] == done) leaves.push_back(box);
+      if (fate[k] != halve) continue;
+      int axis = 0;
+      for (int d = 1; d < 3; ++d)
+        if (box.half[d] > box.half[axis] * (1.0 + 1e-9)) axis = d;
+      Leaf part = box;
+      part.half[axis] *= 0.5;
+      part.centre[axis] = box.centre[axis] - part.half[axis];
+      next.push_back(part);
+      part.centre[axis] = box.centre[axis] + part.half[axis];
+      next.push_back(part);
+    }
+    level = std::move(next);
+  }
+  return leaves;
+}
+
+}  // namespace dimple

@@ -1,0 +1,568 @@
+#include "preprocess/output/deformation_map.hpp"
+
+#include <tbb/parallel_for.h>
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "io/stop.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double margin = 3.0;         // of the largest displacement, within which the surroundings follow
+constexpr double settled = 1e-3;       // of a voxel
+constexpr int most_steps = 16;         // of Newton's method
+constexpr int cheap_steps = 4;         // of them with the gradient that is known
+constexpr double neighbourhood = 2.0;  // cells that it may leave its start by
+constexpr double on_edge = 1e-6;       // of a tetrahedron's coordinates
+
+Vec3 vec(const std::array<Index, 3>& a) {
+  return {static_cast<double>(a[0]), static_cast<double>(a[1]), static_cast<double>(a[2])};
+}
+
+// A lattice with displacements that are known at some points, for the others to follow from.
+struct Level {
+  std::array<Index, 3> n{};
+  std::vector<char> known;
+  std::vector<float> v;  // [3 x points]
+  Index points() const { return n[0] * n[1] * n[2]; }
+  Index number(Index a, Index b, Index c) const { return a + n[0] * (b + n[1] * c); }
+};
+
+// Every other point of each axis.
+Level coarsened(const Level& fine) {
+  Level coarse;
+  for (std::size_t a = 0; a < 3; ++a) coarse.n[a] = (fine.n[a] - 1) / 2 + 1;
+  coarse.known.resize(static_cast<std::size_t>(coarse.points()));
+  coarse.v.resize(3 * coarse.known.size());
+  for (Index c = 0; c < coarse.n[2]; ++c)
+    for (Index b = 0; b < coarse.n[1]; ++b)
+      for (Index a = 0; a < coarse.n[0]; ++a) {
+        const auto to = static_cast<std::size_t>(coarse.number(a, b, c)),
+                   from = static_cast<std::size_t>(fine.number(2 * a, 2 * b, 2 * c));
+        coarse.known[to] = fine.known[from];
+        for (std::size_t r = 0; r < 3; ++r) coarse.v[3 * to + r] = fine.v[3 * from + r];
+      }
+  return coarse;
+}
+
+void refine(const Level& coarse, Level& fine) {
+  tbb::parallel_for(Index{0}, fine.n[2], [&](Index c) {
+    stop_if_asked();
+    for (Index b = 0; b < fine.n[1]; ++b)
+      for (Index a = 0; a < fine.n[0]; ++a) {
+        const auto to = static_cast<std::size_t>(fine.number(a, b, c));
+        if (fine.known[to]) continue;
+        const std::array<Index, 3> at{a, b, c};
+        std::array<std::array<Index, 2>, 3> near;
+        for (std::size_t d = 0; d < 3; ++d)
+          near[d] = {std::min(at[d] / 2, coarse.n[d] - 1), std::min((at[d] + 1) / 2, coarse.n[d] - 1)};
+        std::array<float, 3> sum{};
+        for (std::size_t corner = 0; corner < 8; ++corner) {
+          const auto from = static_cast<std::size_t>(
+              coarse.number(near[0][corner & 1], near[1][corner >> 1 & 1], near[2][corner >> 2 & 1]));
+          for (std::size_t r = 0; r < 3; ++r) sum[r] += coarse.v[3 * from + r];
+        }
+        for (std::size_t r = 0; r < 3; ++r) fine.v[3 * to + r] = 0.125f * sum[r];
+      }
+  });
+}
+
+// Each point towards the mean of its neighbours, every other one at a time, so that the order is no matter.
+void smooth(Level& level, const Vec3& weight, int sweeps) {
+  constexpr float over = 1.5f;
+  const std::array<Index, 3> stride{1, level.n[0], level.n[0] * level.n[1]};
+  for (int half = 0; half < 2 * sweeps; ++half) {
+    tbb::parallel_for(Index{0}, level.n[2], [&](Index c) {
+      stop_if_asked();
+      for (Index b = 0; b < level.n[1]; ++b)
+        for (Index a = (b + c + half) % 2; a < level.n[0]; a += 2) {
+          const Index m = level.number(a, b, c);
+          if (level.known[static_cast<std::size_t>(m)]) continue;
+          const std::array<Index, 3> at{a, b, c};
+          std::array<float, 3> sum{};
+          float all = 0.0f;
+          for (std::size_t d = 0; d < 3; ++d) {
+            const float w = static_cast<float>(weight[static_cast<Index>(d)]);
+            for (const Index side : {-1, 1}) {
+              if (at[d] + side < 0 || at[d] + side >= level.n[d]) continue;
+              const float* other = level.v.data() + 3 * (m + side * stride[d]);
+              for (std::size_t r = 0; r < 3; ++r) sum[r] += w * other[r];
+              all += w;
+            }
+          }
+          float* own = level.v.data() + 3 * m;
+          for (std::size_t r = 0; r < 3; ++r) own[r] += over * (sum[r] / all - own[r]);
+        }
+    });
+  }
+}
+
+// The nearly harmonic continuation of what is known: from coarse lattices to fine ones.
+void continue_smoothly(Level& level, const Vec3& weight) {
+  constexpr Index coarsest = 6;
+  if (*std::min_element(level.n.begin(), level.n.end()) < 2 * coarsest) {
+    smooth(level, weight, 60);
+    return;
+  }
+  Level coarse = coarsened(level);
+  continue_smoothly(coarse, weight);
+  refine(coarse, level);
+  smooth(level, weight, 8);
+}
+
+// The six tetrahedra of a cell: the ways from its first corner to its last along the axes in any order. They meet
+// those of the neighbouring cells in whole faces.
+constexpr std::array<std::array<int, 3>, 6> ways = {
+    {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}}};  // three even ones, then three odd
+
+}  // namespace
+
+void WayBackReport::add(const WayBackReport& other) {
+  moved += other.moved;
+  solved += other.solved;
+  unsettled += other.unsettled;
+  folded += other.folded;
+  largest_residual = std::max(largest_residual, other.largest_residual);
+}
+
+DeformationMap::DeformationMap(const Model& model, const FieldAnywhere& field, const Points& u,
+                               const VoxelGrid& grid)
+    : model_(model),
+      field_(field),
+      u_(u),
+      grid_(grid),
+      to_voxels_(grid.to_world.inverse()),
+      surface_(to_voxels_ * model.surface.vertex_mm, model.surface.triangles) {
+  surface_.mark_clear_cells([&](const Vec3& x) {
+    std::vector<double> crossings;
+    const double far = 1e9;
+    rows_inside(x[1], x[2], -far, far, crossings);
+    return std::count_if(crossings.begin(), crossings.end(), [&](double at) { return at < x[0]; }) % 2 == 1;
+  });
+  const double largest_mm = u.cols() > 0 ? 1e3 * u.colwise().norm().maxCoeff() : 0.0;
+  if (!(largest_mm > 0.0)) return;
+  const Points rest = to_voxels_ * model.surface.vertex_mm;
+  Points moved = rest;
+  for (Index first = 0; first < rest.cols(); first += FieldAnywhere::most_places) {
+    if (first % 4096 == 0) stop_if_asked();
+    const Index count = std::min(FieldAnywhere::most_places, rest.cols() - first);
+    moved.middleCols(first, count) += displaced(rest.middleCols(first, count));
+  }
+  const Vec3 last = vec(grid.size).array() - 1.0;
+  Index beyond = 0;
+  for (const auto& x : moved.colwise())
+    beyond += (x.array() < -0.5).any() || ((x - last).array() > 0.5).any() ? 1 : 0;
+  share_beyond_ = static_cast<double>(beyond) / static_cast<double>(moved.cols());
+
+  // A ball of 1 mm reaches as far along each axis [voxels].
+  const Vec3 ball = to_voxels_.linear().rowwise().norm();
+  const Vec3 low = rest.rowwise().minCoeff() - margin * largest_mm * ball,
+             high = rest.rowwise().maxCoeff() + margin * largest_mm * ball;
+  std::array<Index, 3> end{};
+  for (std::size_t a = 0; a < 3; ++a) {
+    const auto d = static_cast<Index>(a);
+    // Beyond the image as far as something may come from.
+    const double before = -1.2 * largest_mm * ball[d] - 1.0, behind = last[d] - before;
+    cut_[a] = {low[d]<before, high[d]> behind};
+    first_[a] = static_cast<Index>(std::floor(std::max(low[d], before)));
+    end[a] = static_cast<Index>(std::ceil(std::min(high[d], behind)));
+    if (end[a] <= first_[a]) return;  // the body is nowhere near
+  }
+  step_ = {1, 1, 1};
+  const auto counted = [&](std::size_t a) { return (end[a] - first_[a] + step_[a] - 1) / step_[a] + 1; };
+  const Vec3 spacing = grid.spacing();
+  while (counted(0) * counted(1) * counted(2) > most_lattice) {  // the finest step grows
+    std::size_t finest = 0;
+    for (std::size_t a = 1; a < 3; ++a)
+      if (static_cast<double>(step_[a]) * spacing[static_cast<Index>(a)] <
+          static_cast<double>(step_[finest]) * spacing[static_cast<Index>(finest)])
+        finest = a;
+    ++step_[finest];
+  }
+  for (std::size_t a = 0; a < 3; ++a) n_[a] = counted(a);
+  sample_body();
+  continue_outside();
+  bound_rows();
+}
+
+// Of places in voxels the displacement in voxels, by the field itself.
+Points DeformationMap::displaced(const Points& places) const {
+  Points value;
+  field_.at(1e-3 * (grid_.to_world * places), u_, value);
+  return to_voxels_.linear() * (1e3 * value);
+}
+
+// Where a row along the first axis passes the surface, ascending: between an even one and the next it is inside.
+void DeformationMap::rows_inside(double j, double k, double from, double to,
+                                 std::vector<double>& crossings) const {
+  thread_local std::vector<SurfaceCells::Hit> hits;
+  crossings.clear();
+  constexpr int most_tries = 20;
+  for (int attempt = 0; attempt < most_tries; ++attempt) {
+    // An edge in its way is stepped aside from.
+    const double aside = 1e-6 * attempt * (1.0 + attempt);
+    if (!surface_.line(Vec3(from, j + aside, k + 0.7 * aside), 0, from, to, hits)) continue;
+    for (const auto& hit : hits) crossings.push_back(hit.at);
+    std::sort(crossings.begin(), crossings.end());
+    if (crossings.size() % 2 == 1) crossings.pop_back();
+    return;
+  }
+}
+
+void DeformationMap::inside(Index k, std::span<char> is_inside) const {
+  std::fill(is_inside.begin(), is_inside.end(), char{0});
+  const Index ni = grid_.size[0];
+  tbb::parallel_for(Index{0}, grid_.size[1], [&](Index j) {
+    stop_if_asked();
+    thread_local std::vector<double> crossings;
+    const double far = 1e9;
+    rows_inside(static_cast<double>(j), static_cast<double>(k), -far, far, crossings);
+    for (std::size_t c = 0; c + 1 < crossings.size(); c += 2) {
+      const Index begin = std::max<Index>(0, static_cast<Index>(std::ceil(crossings[c]))),
+                  end = std::min<Index>(ni, static_cast<Index>(std::floor(crossings[c + 1])) + 1);
+      for (Index i = begin; i < end; ++i) is_inside[static_cast<std::size_t>(i + ni * j)] = 1;
+    }
+  });
+}
+
+std::optional<bool> DeformationMap::inside_near_surface(const Vec3& place) const {
+  constexpr double near = 2.0;
+  if (surface_.farther(place, near).value_or(false)) return std::nullopt;
+  return surface_.contains(place);
+}
+
+void DeformationMap::sample_body() {
+  inside_.assign(static_cast<std::size_t>(n_[0] * n_[1] * n_[2]), 0);
+  v_.assign(3 * inside_.size(), 0.0f);
+  const auto at = [&](Index a, Index b, Index c) -> Vec3 {
+    return vec({first_[0] + step_[0] * a, first_[1] + step_[1] * b, first_[2] + step_[2] * c});
+  };
+  tbb::parallel_for(Index{0}, n_[1] * n_[2], [&](Index row) {
+    if (row % 64 == 0) stop_if_asked();
+    thread_local std::vector<double> crossings;
+    const Index b = row % n_[1], c = row / n_[1];
+    const Vec3 x = at(0, b, c);
+    const double far = 1e9;
+    rows_inside(x[1], x[2], -far, far, crossings);
+    for (std::size_t m = 0; m + 1 < crossings.size(); m += 2) {
+      const double scale = 1.0 / static_cast<double>(step_[0]);
+      const Index begin = std::max<Index>(0, static_cast<Index>(std::ceil((crossings[m] - x[0]) * scale))),
+                  end = std::min<Index>(
+                      n_[0], static_cast<Index>(std::floor((crossings[m + 1] - x[0]) * scale)) + 1);
+      for (Index a = begin; a < end; ++a) inside_[static_cast<std::size_t>(point_number(a, b, c))] = 1;
+    }
+  });
+  // Two by two by two: neighbours share most of their nodes.
+  const Index pairs_b = (n_[1] + 1) / 2, pairs_c = (n_[2] + 1) / 2;
+  tbb::parallel_for(Index{0}, pairs_b * pairs_c, [&](Index pair) {
+    std::array<Index, 8> number;
+    Points places(3, FieldAnywhere::most_places);
+    for (Index a = 0; a < n_[0]; a += 2) {
+      stop_if_asked();
+      Index count = 0;
+      for (int corner = 0; corner < 8; ++corner) {
+        const Index x = a + (corner & 1), y = pair % pairs_b * 2 + (corner >> 1 & 1),
+                    z = pair / pairs_b * 2 + (corner >> 2 & 1);
+        if (x >= n_[0] || y >= n_[1] || z >= n_[2]) continue;
+        const Index m = point_number(x, y, z);
+        if (!inside_[static_cast<std::size_t>(m)]) continue;
+        places.col(count) = at(x, y, z);
+        number[static_cast<std::size_t>(count++)] = m;
+      }
+      if (count == 0) continue;
+      const Points u = displaced(places.leftCols(count));
+      for (Index k = 0; k < count; ++k)
+        for (Index r = 0; r < 3; ++r)
+          v_[static_cast<std::size_t>(3 * number[static_cast<std::size_t>(k)] + r)] =
+              static_cast<float>(u(r, k));
+    }
+  });
+}
+
+void DeformationMap::continue_outside() {
+  Level level{.n = n_, .known = inside_, .v = std::move(v_)};
+  // The border is zero, but where the lattice was cut off because the image ends.
+  for (Index c = 0; c < n_[2]; ++c)
+    for (Index b = 0; b < n_[1]; ++b)
+      for (Index a = 0; a < n_[0]; ++a) {
+        const std::array<Index, 3> at{a, b, c};
+        for (std::size_t d = 0; d < 3; ++d)
+          if ((at[d] == 0 && !cut_[d][0]) || (at[d] == n_[d] - 1 && !cut_[d][1]))
+            level.known[static_cast<std::size_t>(point_number(a, b, c))] = 1;
+      }
+  const Vec3 step = vec(step_).cwiseProduct(grid_.spacing());
+  continue_smoothly(level, step.cwiseInverse().cwiseAbs2() * step.squaredNorm());
+  v_ = std::move(level.v);
+}
+
+void DeformationMap::bound_rows() {
+  constexpr float none = std::numeric_limits<float>::infinity();
+  const Index rows = n_[1] - 1;
+  reach_.assign(static_cast<std::size_t>(rows * (n_[2] - 1)), {none, -none});
+  tbb::parallel_for(Index{0}, n_[2] - 1, [&](Index c) {
+    stop_if_asked();
+    for (Index b = 0; b < rows; ++b) {
+      auto& [least, most] = reach_[static_cast<std::size_t>(b + rows * c)];
+      bool moves = false;
+      for (int side = 0; side < 4; ++side)
+        for (Index a = 0; a < n_[0]; ++a) {
+          const float* v = v_.data() + 3 * point_number(a, b + (side & 1), c + (side >> 1));
+          const float k = static_cast<float>(first_[2] + step_[2] * (c + (side >> 1))) + v[2];
+          moves = moves || v[0] != 0.0f || v[1] != 0.0f || v[2] != 0.0f;
+          least = std::min(least, k);
+          most = std::max(most, k);
+        }
+      if (!moves) least = none, most = -none;
+    }
+  });
+}
+
+// The lattice's displacement between its points [voxels]; zero beyond.
+Vec3 DeformationMap::on_lattice(const Vec3& place) const {
+  std::array<Index, 3> low;
+  Vec3 part;
+  for (std::size_t a = 0; a < 3; ++a) {
+    const auto d = static_cast<Index>(a);
+    const double at = (place[d] - static_cast<double>(first_[a])) / static_cast<double>(step_[a]);
+    if (!(at >= 0.0 && at <= static_cast<double>(n_[a] - 1))) return Vec3::Zero();
+    low[a] = std::min(static_cast<Index>(at), n_[a] - 2);
+    part[d] = at - static_cast<double>(low[a]);
+  }
+  Vec3 sum = Vec3::Zero();
+  for (int c = 0; c < 8; ++c) {
+    const double w = (c & 1 ? part[0] : 1.0 - part[0]) * (c & 2 ? part[1] : 1.0 - part[1]) *
+                     (c & 4 ? part[2] : 1.0 - part[2]);
+    if (w == 0.0) continue;
+    const float* v =
+        v_.data() + 3 * point_number(low[0] + (c & 1), low[1] + (c >> 1 & 1), low[2] + (c >> 2 & 1));
+    sum += w * Vec3(v[0], v[1], v[2]);
+  }
+  return sum;
+}
+
+void DeformationMap::displacement(Index k, std::span<float> u_mm, std::span<float> jacobian) const {
+  std::fill(u_mm.begin(), u_mm.end(), 0.0f);
+  std::fill(jacobian.begin(), jacobian.end(), 0.0f);
+  const Index ni = grid_.size[0];
+  std::vector<char> is_inside(static_cast<std::size_t>(grid_.slice()));
+  inside(k, is_inside);
+  // With a lattice as fine as the voxels the field was evaluated there already.
+  const bool known = has_lattice() && step_ == std::array<Index, 3>{1, 1, 1} && jacobian.empty();
+  tbb::parallel_for(Index{0}, grid_.size[1], [&](Index j) {
+    stop_if_asked();
+    Points places(3, FieldAnywhere::most_places), value;
+    std::array<std::size_t, 8> number;
+    Index count = 0;
+    Eigen::Matrix<double, 9, Eigen::Dynamic> derivative;
+    const auto evaluate = [&] {
+      if (count == 0) return;
+      stop_if_asked();
+      field_.at(1e-3 * places.leftCols(count), u_, value, jacobian.empty() ? nullptr : &derivative);
+      for (Index m = 0; m < count; ++m) {
+        const std::size_t voxel = number[static_cast<std::size_t>(m)];
+        for (Index r = 0; r < 3; ++r)
+          u_mm[3 * voxel + static_cast<std::size_t>(r)] = static_cast<float>(1e3 * value(r, m));
+        if (!jacobian.empty())
+          jacobian[voxel] =
+              static_cast<float>((Mat3::Identity() + derivative.col(m).reshaped(3, 3)).determinant());
+      }
+      count = 0;
+    };
+    for (Index i = 0; i < ni; ++i) {
+      const auto voxel = static_cast<std::size_t>(i + ni * j);
+      const Vec3 x = vec({i, j, k});
+      if (is_inside[voxel] && !known) {
+        if (!has_lattice() && jacobian.empty()) continue;
+        places.col(count) = grid_.to_world * x;
+        number[static_cast<std::size_t>(count++)] = voxel;
+        if (count == FieldAnywhere::most_places) evaluate();
+      } else if (has_lattice()) {
+        const Vec3 u = grid_.to_world.linear() * on_lattice(x);
+        for (Index r = 0; r < 3; ++r)
+          u_mm[3 * voxel + static_cast<std::size_t>(r)] = static_cast<float>(u[r]);
+      }
+    }
+    evaluate();
+  });
+}
+
+// A tetrahedron of the lattice, at rest and displaced.
+struct DeformationMap::Cell {
+  Vec3 rest, moved;              // its first corner
+  Mat3 rest_edges, moved_edges;  // from there to the others
+  Cell(const DeformationMap& map, Index a, Index b, Index c, int way) {
+    const auto corner = [&](const std::array<Index, 3>& at, Vec3& place, Vec3& displaced_place) {
+      for (std::size_t d = 0; d < 3; ++d)
+        place[static_cast<Index>(d)] = static_cast<double>(map.first_[d] + map.step_[d] * at[d]);
+      const float* v = map.v_.data() + 3 * map.point_number(at[0], at[1], at[2]);
+      displaced_place = place + Vec3(v[0], v[1], v[2]);
+    };
+    std::array<Index, 3> at{a, b, c};
+    corner(at, rest, moved);
+    for (Index e = 0; e < 3; ++e) {
+      ++at[static_cast<std::size_t>(ways[static_cast<std::size_t>(way)][static_cast<std::size_t>(e)])];
+      Vec3 place, displaced_place;
+      corner(at, place, displaced_place);
+      rest_edges.col(e) = place - rest;
+      moved_edges.col(e) = displaced_place - moved;
+    }
+  }
+};
+
+WayBackReport DeformationMap::slice_at_rest(Index k, std::span<float> place) const {
+  WayBackReport report;
+  const Index ni = grid_.size[0], nj = grid_.size[1];
+  for (Index j = 0; j < nj; ++j)
+    for (Index i = 0; i < ni; ++i) {
+      float* x = place.data() + 3 * (i + ni * j);
+      x[0] = static_cast<float>(i), x[1] = static_cast<float>(j), x[2] = static_cast<float>(k);
+    }
+  if (!has_lattice()) return report;
+  // Which tetrahedron each voxel lies in, and whether that is the right way round.
+  constexpr std::int32_t nobody = -1;
+  std::vector<std::int32_t> owner(static_cast<std::size_t>(ni * nj), nobody);
+  std::vector<char> upright(owner.size(), 0);
+  const double level = static_cast<double>(k);
+  const Index rows = n_[1] - 1;
+  for (Index c = 0; c + 1 < n_[2]; ++c)
+    for (Index b = 0; b < rows; ++b) {
+      const auto [least, most] = reach_[static_cast<std::size_t>(b + rows * c)];
+      if (static_cast<double>(least) > level + 1e-3 || static_cast<double>(most) < level - 1e-3) continue;
+      stop_if_asked();
+      for (Index a = 0; a + 1 < n_[0]; ++a) {
+        float low = std::numeric_limits<float>::infinity(), high = -low;
+        bool moves = false;
+        for (int corner = 0; corner < 8; ++corner) {
+          const Index layer = c + (corner >> 2 & 1);
+          const float* v = v_.data() + 3 * point_number(a + (corner & 1), b + (corner >> 1 & 1), layer);
+          const float at = static_cast<float>(first_[2] + step_[2] * layer) + v[2];
+          low = std::min(low, at), high = std::max(high, at);
+          moves = moves || v[0] != 0.0f || v[1] != 0.0f || v[2] != 0.0f;
+        }
+        if (!moves || static_cast<double>(low) > level + 1e-3 || static_cast<double>(high) < level - 1e-3)
+          continue;
+        for (int way = 0; way < 6; ++way) {
+          const Cell cell(*this, a, b, c, way);
+          const Mat3& edges = cell.moved_edges;
+          const Vec3 lower = cell.moved + edges.rowwise().minCoeff().cwiseMin(0.0),
+                     upper = cell.moved + edges.rowwise().maxCoeff().cwiseMax(0.0);
+          if (lower[2] > level + 1e-6 || upper[2] < level - 1e-6) continue;
+          const double volume = edges.determinant();
+          if (std::abs(volume) < 1e-12) continue;
+          const bool right_way = (volume > 0.0) == (way < 3);
+          const Mat3 inverse = edges.inverse();
+          const auto from = [](double x) { return static_cast<Index>(std::ceil(x - 1e-6)); };
+          const auto to = [](double x) { return static_cast<Index>(std::floor(x + 1e-6)); };
+          const Index i0 = std::max<Index>(0, from(lower[0])), i1 = std::min(ni - 1, to(upper[0]));
+          const Index j0 = std::max<Index>(0, from(lower[1])), j1 = std::min(nj - 1, to(upper[1]));
+          for (Index j = j0; j <= j1; ++j)
+            for (Index i = i0; i <= i1; ++i) {
+              const auto voxel = static_cast<std::size_t>(i + ni * j);
+              if (upright[voxel] || (owner[voxel] != nobody && !right_way)) continue;
+              const Vec3 s = inverse * (vec({i, j, k}) - cell.moved);
+              if (s.minCoeff() < -on_edge || s.sum() > 1.0 + on_edge) continue;
+              owner[voxel] = static_cast<std::int32_t>(6 * point_number(a, b, c) + way);
+              upright[voxel] = right_way;
+            }
+        }
+      }
+    }
+
+  // Then the field itself, of up to eight neighbours at a time.
+  struct Way {
+    float* place;
+    Vec3 x, start, X;
+    Mat3 back;  // what moves X by that if X + u(X) is to move by this
+    Vec3 best;  // so far
+    double residual = std::numeric_limits<double>::infinity();
+  };
+  std::vector<Way> group;
+  const Vec3 cell_size = vec(step_);
+  const auto solve = [&] {
+    if (group.empty()) return;
+    stop_if_asked();
+    std::vector<Way*> open;
+    for (Way& way : group) open.push_back(&way);
+    Points places, u;
+    Eigen::Matrix<double, 9, Eigen::Dynamic> derivative;
+    for (int step = 0; step < most_steps && !open.empty(); ++step) {
+      places.resize(3, static_cast<Index>(open.size()));
+      for (std::size_t m = 0; m < open.size(); ++m) places.col(static_cast<Index>(m)) = open[m]->X;
+      // The tetrahedron's gradient is there already, and serves nearly all.
+      const bool own_gradient = step >= cheap_steps;
+      field_.at(1e-3 * (grid_.to_world * places), u_, u, own_gradient ? &derivative : nullptr);
+      u = to_voxels_.linear() * (1e3 * u);
+      for (std::size_t m = 0; m < open.size(); ++m) {
+        Way& way = *open[m];
+        const auto column = static_cast<Index>(m);
+        const Vec3 off = way.X + u.col(column) - way.x;
+        if (const double residual = off.cwiseAbs().maxCoeff(); residual < way.residual) {
+          way.residual = residual;
+          way.best = way.X;
+        }
+        if (own_gradient) {
+          const Mat3 F = Mat3::Identity() + to_voxels_.linear() * derivative.col(column).reshaped(3, 3) *
+                                                grid_.to_world.linear();
+          if (std::abs(F.determinant()) > 1e-3) way.back = F.inverse();
+        }
+        const Vec3 by = way.back * off;
+        way.X -= by / std::max(1.0, by.cwiseQuotient(cell_size).cwiseAbs().maxCoeff());
+      }
+      std::erase_if(open, [&](const Way* way) {
+        return way->residual <= settled ||
+               !((way->X - way->start).cwiseAbs().array() <= neighbourhood * cell_size.array()).all();
+      });
+    }
+    for (Way& way : group) {
+      ++report.solved;
+      if (way.residual > settled) ++report.unsettled;
+      report.largest_residual = std::max(report.largest_residual, way.residual);
+      for (Index r = 0; r < 3; ++r) way.place[r] = static_cast<float>(way.best[r]);
+    }
+    group.clear();
+  };
+  for (std::size_t voxel = 0; voxel < owner.size(); ++voxel) {
+    if (owner[voxel] == nobody) continue;
+    ++report.moved;
+    if (!upright[voxel]) ++report.folded;
+    const Index number = owner[voxel] / 6, a = number % n_[0], b = number / n_[0] % n_[1],
+                c = number / (n_[0] * n_[1]);
+    const Cell cell(*this, a, b, c, static_cast<int>(owner[voxel] % 6));
+    const Vec3 x = vec({static_cast<Index>(voxel) % ni, static_cast<Index>(voxel) / ni, k});
+    const Mat3 back = cell.rest_edges * cell.moved_edges.inverse();
+    const Vec3 start = cell.rest + back * (x - cell.moved);
+    float* to = place.data() + 3 * voxel;
+    for (Index r = 0; r < 3; ++r) to[r] = static_cast<float>(start[r]);
+    bool at_body = false;
+    for (int corner = 0; corner < 8; ++corner)
+      at_body = at_body || inside_[static_cast<std::size_t>(
+                               point_number(a + (corner & 1), b + (corner >> 1 & 1), c + (corner >> 2 & 1)))];
+    if (!at_body) continue;
+    if (!group.empty() &&
+        (group.size() == static_cast<std::size_t>(FieldAnywhere::most_places) ||
+         ((start - group.front().start).cwiseAbs().array() > 8.0 + 2.0 * cell_size.array()).any()))
+      solve();
+    group.push_back({to, x, start, start, back, start});
+  }
+  solve();
+  return report;
+}
+
+WayBackReport DeformationMap::places_at_rest(Index first, Index last, std::span<float> place) const {
+  std::vector<WayBackReport> of_slice(static_cast<std::size_t>(last - first));
+  const auto length = static_cast<std::size_t>(3 * grid_.slice());
+  tbb::parallel_for(first, last, [&](Index k) {
+    const auto m = static_cast<std::size_t>(k - first);
+    of_slice[m] = slice_at_rest(k, place.subspan(m * length, length));
+  });
+  WayBackReport report;
+  for (const WayBackReport& slice : of_slice) report.add(slice);
+  return report;
+}
+
+}  // namespace dimple

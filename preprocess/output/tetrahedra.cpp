@@ -1,0 +1,220 @@
+#include "preprocess/output/tetrahedra.hpp"
+
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+#include <CGAL/Mesh_complex_3_in_triangulation_3.h>
+#include <CGAL/Mesh_criteria_3.h>
+#include <CGAL/Mesh_domain_with_polyline_features_3.h>
+#include <CGAL/Mesh_triangulation_3.h>
+#include <CGAL/Polyhedral_mesh_domain_3.h>
+#include <CGAL/Random.h>
+#include <CGAL/Surface_mesh.h>
+#include <CGAL/make_mesh_3.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "preprocess/cloud/node_cloud.hpp"
+
+namespace dimple {
+namespace {
+
+using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+using Surface = CGAL::Surface_mesh<Kernel::Point_3>;
+using Domain = CGAL::Mesh_domain_with_polyline_features_3<CGAL::Polyhedral_mesh_domain_3<Surface, Kernel>>;
+using Triangulation = CGAL::Mesh_triangulation_3<Domain>::type;
+using Complex = CGAL::Mesh_complex_3_in_triangulation_3<Triangulation>;
+using Criteria = CGAL::Mesh_criteria_3<Triangulation>;
+
+constexpr int rim_corners = 120;  // of the polygon that stands for the circle: its area within 0.05 %
+// Bound of the circumradius of triangles and tetrahedra / wanted edge: 0.58 and 0.61 for equilateral ones,
+// and the mesher stays below its bounds.
+constexpr double radius_per_edge = 0.7;
+// How far triangles may be from the surface, in edges: finer would refine the rounded edges of a body more
+// than its circle.
+constexpr double distance_per_edge = 0.12;
+// Nodes of such a mesh per node of a cloud with the same spacing: measured, 13 to 16 from a thousand nodes
+// up.
+constexpr double nodes_per_cloud_node = 15.0;
+// Of the spacing's edge in a body: refused above it.
+constexpr double most_cubes = 2e5;
+
+using Edge = std::pair<Index, Index>;
+
+Edge edge(Index a, Index b) {
+  return {std::min(a, b), std::max(a, b)};
+}
+
+// Length of an edge wanted at a place.
+struct Field {
+  using FT = Kernel::FT;
+  using Point_3 = Kernel::Point_3;
+  using Index = Domain::Index;
+  const Sizing* sizing;
+  double scale;
+  FT operator()(const Point_3& p, int, const Index&) const {
+    stop_if_asked();  // CGAL asks for the field wherever it refines
+    return scale * (*sizing)(Vec3(p.x(), p.y(), p.z()));
+  }
+};
+
+}  // namespace
+
+TetrahedralMesh make_tetrahedra(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
+                                double spacing_mm) {
+  if (!(body.volume() / std::pow(spacing_mm, 3) <= most_cubes))
+    throw ModelError(
+        {.fact = fmt::format("the mesh would have over {:.0f} nodes", most_cubes * nodes_per_cloud_node),
+         .where = "tetrahedral mesh",
+         .why = fmt::format("edges of {:.3g} mm are short for this body", spacing_mm),
+         .remedy = "give a larger --spacing or fewer --nodes",
+         .code = "too-large"});
+  Surface surface;
+  std::vector<Surface::Vertex_index> corner;
+  for (Index v = 0; v < body.vertex().cols(); ++v)
+    corner.push_back(surface.add_vertex({body.vertex()(0, v), body.vertex()(1, v), body.vertex()(2, v)}));
+  for (Index t = 0; t < body.triangles().cols(); ++t)
+    surface.add_face(corner[static_cast<std::size_t>(body.triangles()(0, t))],
+                     corner[static_cast<std::size_t>(body.triangles()(1, t))],
+                     corner[static_cast<std::size_t>(body.triangles()(2, t))]);
+
+  CGAL::get_default_random() = CGAL::Random(0);
+  Domain domain(surface, &CGAL::get_default_random());
+  const Points rim = rim_of_circle(body, boundary, rim_corners);
+  std::vector<std::vector<Kernel::Point_3>> lines(1);
+  for (Index k = 0; k <= rim.cols(); ++k) {
+    const Vec3 x = rim.col(k % rim.cols());
+    lines[0].emplace_back(x.x(), x.y(), x.z());
+  }
+  domain.add_features(lines.begin(), lines.end());
+
+  const Field edges{&sizing, spacing_mm}, radii{&sizing, radius_per_edge * spacing_mm},
+      distances{&sizing, distance_per_edge * spacing_mm};
+  namespace p = CGAL::parameters;
+  const Criteria criteria(p::edge_size = edges, p::facet_angle = 25.0, p::facet_size = radii,
+                          p::facet_distance = distances, p::cell_radius_edge_ratio = 2.0,
+                          p::cell_size = radii);
+  // To its end: by itself CGAL improves a mesh for as long as it took to refine it, which no two runs share.
+  const auto complex = CGAL::make_mesh_3<Complex>(domain, criteria, p::perturb(p::time_limit = 0.0),
+                                                  p::exude(p::time_limit = 0.0));
+
+  TetrahedralMesh mesh;
+  std::map<Triangulation::Vertex_handle, Index> number;
+  std::vector<Vec3> places;
+  std::vector<std::array<Index, 4>> cells;
+  // Numbered by place: CGAL's containers are ordered by addresses in memory.
+  std::vector<Triangulation::Vertex_handle> handles;
+  {
+    std::set<Triangulation::Vertex_handle> used;
+    for (auto cell = complex.cells_in_complex_begin(); cell != complex.cells_in_complex_end(); ++cell)
+      for (int k = 0; k < 4; ++k) used.insert(cell->vertex(k));
+    handles.assign(used.begin(), used.end());
+    const auto key = [](const Triangulation::Vertex_handle& v) {
+      return std::array<double, 3>{v->point().z(), v->point().y(), v->point().x()};
+    };
+    std::sort(handles.begin(), handles.end(), [&](const auto& a, const auto& b) { return key(a) < key(b); });
+  }
+  for (const auto& v : handles) {
+    number[v] = static_cast<Index>(places.size());
+    places.emplace_back(v->point().x(), v->point().y(), v->point().z());
+  }
+  for (auto cell = complex.cells_in_complex_begin(); cell != complex.cells_in_complex_end(); ++cell) {
+    std::array<Index, 4> c{};
+    for (int k = 0; k < 4; ++k) c[static_cast<std::size_t>(k)] = number.at(cell->vertex(k));
+    cells.push_back(c);
+  }
+  if (cells.size() < 20)
+    throw ModelError({.fact = fmt::format("the mesh has {} tetrahedra", cells.size()),
+                      .where = "tetrahedral mesh",
+                      .why = fmt::format("edges of {:.3g} mm are too long for this body", spacing_mm),
+                      .remedy = "give a smaller --spacing or more --nodes"});
+  const auto place = [&](Index a) -> const Vec3& { return places[static_cast<std::size_t>(a)]; };
+  for (auto& c : cells) {
+    std::sort(c.begin(), c.end());
+    const double six_volumes =
+        (place(c[1]) - place(c[0])).cross(place(c[2]) - place(c[0])).dot(place(c[3]) - place(c[0]));
+    if (six_volumes < 0.0) std::swap(c[2], c[3]);
+    mesh.volume_mm3 += std::abs(six_volumes) / 6.0;
+  }
+  std::sort(cells.begin(), cells.end());
+
+  mesh.corner_count = static_cast<Index>(places.size());
+  std::map<Edge, Index> middle;
+  for (const auto& c : cells)
+    for (int a = 0; a < 4; ++a)
+      for (int b = a + 1; b < 4; ++b)
+        middle.emplace(edge(c[static_cast<std::size_t>(a)], c[static_cast<std::size_t>(b)]), 0);
+  Index next = mesh.corner_count;
+  for (auto& [ends, node] : middle) node = next++;
+  mesh.X.resize(3, next);
+  for (Index a = 0; a < mesh.corner_count; ++a) mesh.X.col(a) = place(a);
+  for (const auto& [ends, node] : middle) mesh.X.col(node) = 0.5 * (place(ends.first) + place(ends.second));
+  mesh.tetrahedra.resize(10, static_cast<Index>(cells.size()));
+  for (Index e = 0; e < mesh.tetrahedra.cols(); ++e) {
+    const auto& c = cells[static_cast<std::size_t>(e)];
+    const auto between = [&](std::size_t a, std::size_t b) { return middle.at(edge(c[a], c[b])); };
+    mesh.tetrahedra.col(e) << c[0], c[1], c[2], c[3], between(0, 1), between(1, 2), between(2, 0),
+        between(0, 3), between(1, 3), between(2, 3);
+  }
+
+  // Triangles of one tetrahedron only are the boundary; an edge's middle is held where its whole triangle is.
+  std::map<std::array<Index, 3>, std::pair<int, Vec3>> faces;  // how often; outward normal
+  static constexpr int opposite[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
+  for (const auto& c : cells)
+    for (const auto& f : opposite) {
+      std::array<Index, 3> face{};
+      for (std::size_t k = 0; k < 3; ++k) face[k] = c[static_cast<std::size_t>(f[k])];
+      const Vec3 normal =
+          (place(face[1]) - place(face[0])).cross(place(face[2]) - place(face[0])).normalized();
+      std::sort(face.begin(), face.end());
+      auto& [times, n] = faces.try_emplace(face, 0, normal).first->second;
+      ++times;
+    }
+  const double a2 = boundary.radius * boundary.radius * (1.0 + 1e-3);
+  std::set<Index> base, circle;
+  for (const auto& [face, about] : faces) {
+    const auto& [times, normal] = about;
+    if (times != 1) continue;
+    bool held = true, pressed = normal.dot(boundary.push) < 0.0;
+    for (const Index v : face) {
+      const Vec3 from = place(v) - boundary.centre;
+      const double along = from.dot(boundary.push);
+      held = held && on_base(boundary, place(v), normal);
+      pressed =
+          pressed && from.squaredNorm() - along * along <= a2 && std::abs(along) <= 2.0 * boundary.radius;
+    }
+    // On a flat base the sides that rise from it, and the cut-off edges between, are not part of it.
+    held = held && (!boundary.flat_base || normal.dot(boundary.down) > 0.9);
+    for (std::size_t k = 0; k < 3; ++k)
+      for (const Index v : {face[k], middle.at(edge(face[k], face[(k + 1) % 3]))}) {
+        if (held) base.insert(v);
+        if (pressed) circle.insert(v);
+      }
+  }
+  if (base.empty() || circle.empty())
+    throw ModelError({.fact = fmt::format("no triangle of the mesh lies {}",
+                                          base.empty() ? "on the base" : "in the circle"),
+                      .where = "tetrahedral mesh",
+                      .why = fmt::format("edges of {:.3g} mm are too long for it", spacing_mm),
+                      .remedy = "give a smaller --spacing or more --nodes"});
+  for (const Index v : base)
+    if (circle.count(v) > 0)
+      throw ModelError({.fact = "the indenter's circle lies on the fixed base",
+                        .where = "tetrahedral mesh",
+                        .why = "a node of the mesh belongs to both",
+                        .remedy = "choose another place (--indent-at) or another --base"});
+  mesh.base.assign(base.begin(), base.end());
+  mesh.circle.assign(circle.begin(), circle.end());
+  return mesh;
+}
+
+double tetrahedra_spacing_for_count(const BodySurface& body, Index count, const Sizing& sizing) {
+  return spacing_for_count(
+      body, static_cast<Index>(std::max(8.0, static_cast<double>(count) / nodes_per_cloud_node)), sizing);
+}
+
+}  // namespace dimple

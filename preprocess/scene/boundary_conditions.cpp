@@ -1,0 +1,609 @@
+#include "preprocess/scene/boundary_conditions.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <numbers>
+
+#include "io/error.hpp"
+#include "io/words.hpp"
+#include "preprocess/scene/circle_place.hpp"
+#include "preprocess/scene/flat_face.hpp"
+#include "preprocess/scene/sides.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double flat_share = 0.25;      // of the outline that must touch for a face to count as flat
+// Of the outline, for a face where an organ was cut: the gentle sides of livers, lungs and hearts have 0.29
+// to 0.39, an ellipsoid has 0.16.
+constexpr double cut_share = 0.45;
+constexpr double same_area = 0.02;       // flat faces that differ by less are as large
+constexpr double bed_depth = 1.0 / 3.0;  // of the height, for an organ without a flat face
+constexpr double dome_depth = 0.2;       // of the height: the part of a side that counts as its dome
+constexpr double same_dome = 0.05;       // domes that differ by less are as broad
+constexpr double same_moment = 0.9;      // variances across two axes: from here on neither is the thinner one
+constexpr double few_voxels = 3.0;       // across the circle
+constexpr double border_share = 0.05;    // of the base: less than that at the image's border decides nothing
+constexpr double widest_circle = 1000.0;  // mm: as wide as --indenter-diameter takes
+
+// "inferior side", or "inferior side (0.17, 0.00, -0.98)" where it is not along that axis of the patient.
+std::string side_in_words(const BodySurface& body, const Vec3& down) {
+  const Vec3 lps = body.to_world().linear() * down;
+  const std::string name = side_towards(lps);
+  if (lps.cwiseAbs().maxCoeff() > 1.0 - 1e-6) return name + " side";
+  return fmt::format("{} side ({:.2f}, {:.2f}, {:.2f})", name, lps.x() + 0.0, lps.y() + 0.0, lps.z() + 0.0);
+}
+
+// Which of several equal directions an organ rests on: an organ in an image lies or stands on its lower side,
+// then on its back.
+double preference(const BodySurface& body, const Vec3& down) {
+  return (body.to_world().linear() * down).dot(Vec3(0.01, 0.1, -1.0));
+}
+
+// Area of what lies close to the outermost place across `down`, of the body's outline.
+double dome_of(const BodySurface& body, const Vec3& down) {
+  const Eigen::VectorXd depth = body.vertex().transpose() * down;
+  const double lowest = depth.maxCoeff(), height = lowest - depth.minCoeff();
+  double dome = 0.0, outline = 0.0;
+  for (Index t = 0; t < body.triangles().cols(); ++t) {
+    const double facing = body.normal().col(t).dot(down);
+    outline += 0.5 * std::abs(facing) * body.triangle_area()[t];
+    const double centre =
+        (depth[body.triangles()(0, t)] + depth[body.triangles()(1, t)] + depth[body.triangles()(2, t)]) / 3.0;
+    if (facing > 0.0 && lowest - centre < dome_depth * height) dome += facing * body.triangle_area()[t];
+  }
+  return dome / outline;
+}
+
+Vec3 local_direction(const BodySurface& body, const Vec3& lps) {
+  return body.to_world().linear().transpose() * lps;
+}
+
+// The image axis nearest to an LPS direction: a side of the image, not of the scanner's room.
+Vec3 nearest_axis(const BodySurface& body, const Vec3& lps) {
+  const Vec3 local = local_direction(body, lps);
+  Index axis = 0;
+  local.cwiseAbs().maxCoeff(&axis);
+  return (local[axis] < 0.0 ? -1.0 : 1.0) * Vec3::Unit(axis);
+}
+
+// The broadest side: the direction across which a body without a flat face is thinnest.
+Vec3 broadest_side(const BodySurface& body, const Moments& moments) {
+  const Eigen::SelfAdjointEigenSolver<Mat3> axes(moments.second);
+  const Vec3 variance = axes.eigenvalues();
+  Vec3 down;
+  if (variance[0] < same_moment * variance[1]) {
+    down = axes.eigenvectors().col(0);
+    down = ((1e5 * down).array().round() * 1e-5).matrix().normalized();
+  } else {
+    // As thin across two axes, or across all three: the patient's own directions, across what is longer.
+    const bool round = variance[1] >= same_moment * variance[2];
+    const Vec3 along = axes.eigenvectors().col(2);
+    const auto across = [&](const Vec3& lps) {
+      const Vec3 axis = nearest_axis(body, lps);
+      return round ? axis : Vec3(axis - axis.dot(along) * along);
+    };
+    down = across(Vec3(0, 0, -1));
+    if (down.norm() < 0.5) down = across(Vec3(0, 1, 0));
+    down.normalize();
+  }
+  const double below = dome_of(body, down), above = dome_of(body, -down);
+  const double pointed = down.dot(moments.third) / std::pow(moments.size, 3);
+  const bool turn = std::abs(below - above) > same_dome * std::max(below, above) ? below > above
+                    : std::abs(pointed) > 0.02                                   ? pointed < 0.0
+                                               : preference(body, -down) > preference(body, down);
+  return turn ? Vec3(-down) : down;
+}
+
+void rest_on(const FlatFace& face, Boundary& result) {
+  result.down = face.out;
+  result.lowest = face.offset;
+  result.height = face.height;
+  result.flat_base = true;
+  result.base_depth = face.tolerance;
+}
+
+void bed_on(const BodySurface& body, const Vec3& down, Boundary& result) {
+  const Eigen::VectorXd depth = body.vertex().transpose() * down;
+  result.down = down;
+  result.lowest = depth.maxCoeff();
+  result.height = result.lowest - depth.minCoeff();
+  result.flat_base = false;
+  result.base_depth = bed_depth * result.height;
+}
+
+bool stands(const FlatFace& face) {
+  return face.outermost && face.share >= flat_share;
+}
+
+// Where the image ends, no organ does.
+bool is_image_end(const BodySurface& body, const FlatFace& face) {
+  return std::any_of(body.image_ends().begin(), body.image_ends().end(), [&](const auto& end) {
+    return end.out.dot(face.out) > 0.98 &&
+           std::abs(end.offset - face.offset) < end.tolerance + face.tolerance;
+  });
+}
+
+template <class Allowed>
+std::optional<FlatFace> largest_face(const BodySurface& body, const Moments& moments,
+                                     const Allowed& allowed) {
+  std::optional<FlatFace> largest;
+  for (const FlatFace& face : flat_faces(body, moments)) {
+    if (!stands(face) || !allowed(face)) continue;
+    if (!largest || (face.area > (1.0 - same_area) * largest->area &&
+                     preference(body, face.out) > preference(body, largest->out) + 1e-6))
+      largest = face;
+  }
+  return largest;
+}
+
+// On the flat face of that side, if it has one, and otherwise in a bed.
+void rest_on_side(const BodySurface& body, const Moments& moments, const Vec3& down, Boundary& result) {
+  const FlatFace face = face_towards(body, moments, down);
+  if (stands(face))
+    rest_on(face, result);
+  else
+    bed_on(body, down, result);
+}
+
+// What --base says: a word, or a direction.
+std::optional<Vec3> base_direction(const std::string& text) {
+  if (text == "auto" || text == "organ") return std::nullopt;
+  if (const auto side = side_named(text)) return side;
+  if (const auto vector = parse_vector(text); vector && vector->norm() > 0.0) return vector->normalized();
+  throw UsageError({.fact = fmt::format("'{}' is not a side", text),
+                    .where = "--base (boundary.base)",
+                    .why =
+                        "a side is auto, organ, inferior, superior, left, right, anterior, posterior, one of "
+                        "I, S, L, R, A, P, or x,y,z in LPS",
+                    .remedy = "give one of these, for instance --base inferior"});
+}
+
+bool image_ends_across(const BodySurface& body, const Vec3& axis) {
+  return std::any_of(body.image_ends().begin(), body.image_ends().end(),
+                     [&](const auto& end) { return std::abs(end.out.dot(axis)) > 0.9; });
+}
+
+// The side on which the patient's axes lay the organ; `from`: what the tool is asked to come from, LPS.
+Vec3 side_by_axes(const BodySurface& body, const std::optional<Vec3>& from, std::string& reason) {
+  if (from) {
+    reason = "no flat cut face, so the organ rests on the side opposite to the tool";
+    return nearest_axis(body, -*from);
+  }
+  const Vec3 inferior = nearest_axis(body, Vec3(0, 0, -1)), posterior = nearest_axis(body, Vec3(0, 1, 0));
+  if (image_ends_across(body, inferior) && !image_ends_across(body, posterior)) {
+    reason =
+        "no flat cut face, and the image cuts the organ off above or below, so it rests on the patient's "
+        "posterior side";
+    return posterior;
+  }
+  reason = "no flat cut face, so the organ rests on the patient's inferior side";
+  return inferior;
+}
+
+// `from`: as above.
+void find_base(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
+               const std::optional<Vec3>& from, Boundary& result) {
+  std::string reason;
+  const auto asked = base_direction(options.base);
+  const bool organ = options.base == "organ";
+  std::optional<FlatFace> face;
+  if (!asked)
+    face = largest_face(body, moments, [&](const FlatFace& one) {
+      return organ || (one.share >= cut_share && !is_image_end(body, one));
+    });
+  if (asked) {
+    rest_on_side(body, moments,
+                 side_named(options.base) ? nearest_axis(body, *asked) : local_direction(body, *asked),
+                 result);
+    reason = "as asked for";
+  } else if (face) {
+    rest_on(*face, result);
+    reason = fmt::format("the organ's largest flat face, {:.0f} % of its outline", 100.0 * face->share);
+  } else if (organ) {
+    bed_on(body, broadest_side(body, moments), result);
+    reason = "no flat face, so the organ rests on its broadest side";
+  } else {
+    rest_on_side(body, moments, side_by_axes(body, from, reason), result);
+    result.base_by_axes = true;
+  }
+  if (options.base_depth_mm > 0.0) result.base_depth = options.base_depth_mm;
+  result.base_reason = fmt::format("{}; {}; surface up to {:.1f} mm above it is fixed",
+                                   side_in_words(body, result.down), reason, result.base_depth);
+}
+
+Vec3 middle_of(const BodySurface& body, Index t) {
+  return (body.vertex().col(body.triangles()(0, t)) + body.vertex().col(body.triangles()(1, t)) +
+          body.vertex().col(body.triangles()(2, t))) /
+         3.0;
+}
+
+// A base where the image ends holds tissue that goes on. Areas are as they are seen along `down`.
+void warn_of_base_at_image_end(const BodySurface& body, Boundary& result) {
+  const auto cut = [&](const Vec3& x) {
+    return std::any_of(body.image_ends().begin(), body.image_ends().end(), [&](const auto& end) {
+      return end.out.dot(result.down) > 0.5 && std::abs(x.dot(end.out) - end.offset) <= end.tolerance;
+    });
+  };
+  if (body.image_ends().empty()) return;
+  double base = 0.0, at_end = 0.0;
+  for (Index t = 0; t < body.triangles().cols(); ++t) {
+    const Vec3 x = middle_of(body, t);
+    if (!on_base(result, x, body.normal().col(t))) continue;
+    const double seen = body.triangle_area()[t] * body.normal().col(t).dot(result.down);
+    base += seen;
+    if (cut(x)) at_end += seen;
+  }
+  if (!(at_end > border_share * base)) return;
+  result.warnings.push_back(fmt::format(
+      "THE BASE IS WHERE THE IMAGE ENDS: {:.0f} % of the base ({}) lies on the image's border, where the "
+      "scan ends and the organ does not; the force depends on where the scan ends: give an image that holds "
+      "the "
+      "whole organ, or another side with --base",
+      100.0 * at_end / base, side_in_words(body, result.down)));
+}
+
+// The place where the tool, coming along `push` through `x`, first meets the body.
+std::optional<Vec3> first_touch(const BodySurface& body, const Vec3& x, const Vec3& push) {
+  const std::vector<double> t = body.crossings(x, push);
+  if (t.empty()) return std::nullopt;
+  return x + t.front() * push;
+}
+
+struct Frame2 {
+  Vec3 e1, e2;
+};
+
+Frame2 across(const Vec3& push) {
+  Index axis = 0;
+  push.cwiseAbs().minCoeff(&axis);
+  const Vec3 e1 = (Vec3::Unit(axis) - push[axis] * push).normalized();
+  return {e1, push.cross(e1)};
+}
+
+std::string words(const BodySurface& body, const Vec3& local) {
+  return in_words(Vec3(body.to_world() * local));
+}
+
+// What --indent-at says; directions and places in LPS, mm.
+struct Asked {
+  std::optional<Vec3> from;   // the side that the tool comes from; none: opposite to the base
+  std::optional<Vec3> half;   // the half of the organ that it is to be on
+  std::optional<Vec3> place;  // z is not known of x,y,top
+  bool z_is_free = false;
+};
+
+std::vector<std::string> split_at_commas(const std::string& text) {
+  std::vector<std::string> parts(1);
+  for (const char c : text)
+    if (c == ',')
+      parts.emplace_back();
+    else
+      parts.back() += c;
+  return parts;
+}
+
+Asked parse_place(const std::string& text) {
+  if (const auto place = parse_vector(text)) return {.from = {}, .half = {}, .place = place};
+  const std::vector<std::string> part = split_at_commas(text);
+  if (part.size() == 3 && part[2] == "top")
+    if (const auto flat = parse_vector(part[0] + "," + part[1] + ",0"))
+      return {.from = Vec3(0, 0, 1), .half = {}, .place = flat, .z_is_free = true};
+  if (part.size() == 1 && text == "top")
+    throw UsageError(
+        {.fact = "'top' does not say where to indent",
+         .where = "--indent-at (boundary.indent_at)",
+         .why = "it meant the side opposite to the base, whichever that is, and --base top is the patient's "
+                "superior side",
+         .remedy = "give --indent-at opposite for the side opposite to the base, or --indent-at superior"});
+  const auto from = side_named(part[0]);
+  const auto half = part.size() == 2 ? side_named(part[1]) : std::nullopt;
+  if (part.size() > 2 || (!from && part[0] != "opposite") || (part.size() == 2 && !half))
+    throw UsageError(
+        {.fact = fmt::format("'{}' is not a place to indent", text),
+         .where = "--indent-at (boundary.indent_at)",
+         .why = "a place is opposite (to the base), a side of the patient (superior, inferior, left, "
+                "right, anterior, posterior, or S, I, L, R, A, P), one of these and a half of the "
+                "organ (superior,left), x,y,z in LPS mm, or x,y,top",
+         .remedy = "for instance --indent-at left"});
+  return {.from = from, .half = half, .place = {}};
+}
+
+void place_as_asked(const BodySurface& body, const std::string& asked_for, const Asked& place,
+                    const View& view, Boundary& result) {
+  Vec3 given = *place.place;
+  if (place.z_is_free) given.z() = (body.to_world() * body.centroid()).z();
+  const Vec3 asked = body.to_world().inverse() * given;
+  const auto touch = first_touch(body, asked, result.push);
+  if (!touch) {
+    const Vec3 lower = body.to_world() * body.lower(), upper = body.to_world() * body.upper();
+    throw ModelError(
+        {.fact = fmt::format("the indenter at {} mm misses the organ", asked_for),
+         .where = "--indent-at (boundary.indent_at)",
+         .why = fmt::format("a line through it along the push meets no tissue; the organ lies "
+                            "between ({:.1f}, {:.1f}, {:.1f}) and ({:.1f}, {:.1f}, {:.1f}) mm",
+                            std::min(lower.x(), upper.x()), std::min(lower.y(), upper.y()),
+                            std::min(lower.z(), upper.z()), std::max(lower.x(), upper.x()),
+                            std::max(lower.y(), upper.y()), std::max(lower.z(), upper.z())),
+         .remedy = fmt::format("give a place over the organ, such as the nearest of its surface, {}, or "
+                               "--indent-at opposite",
+                               words(body, body.closest(asked).place))});
+  }
+  result.centre = *touch;
+  const double moved = (*touch - asked).norm();
+  if (moved > 4.0 * result.radius && !place.z_is_free)
+    throw ModelError(
+        {.fact = fmt::format("the place {} mm lies {:.1f} mm from where the circle meets the organ",
+                             asked_for, moved),
+         .where = "--indent-at (boundary.indent_at)",
+         .why = fmt::format("moved along the push, the circle of {:.4g} mm diameter first touches the organ "
+                            "at {}; that is more "
+                            "than two diameters away, so another place is likely to be meant",
+                            2.0 * result.radius, words(body, *touch)),
+         .remedy = fmt::format(
+             "give that place, or the place of the surface nearest to the one given, {}, for which "
+             "another --direction may be needed",
+             words(body, body.closest(asked).place)),
+         .code = "place-moved"});
+  result.circle_reason = fmt::format("asked for; moved {:.1f} mm along the push onto the surface", moved);
+  if (moved > result.radius && !place.z_is_free)
+    result.warnings.push_back(fmt::format(
+        "the place {} mm that --indent-at gives was moved by {:.1f} mm, more than the circle's radius: "
+        "along the push the organ is met first at {}",
+        asked_for, moved, words(body, *touch)));
+  const Room room = room_around(view, view.flat(*touch), result.radius);
+  result.room = room.even;
+  if (room.whole < result.radius)
+    throw ModelError(
+        {.fact = fmt::format("the indenter's circle of {:.4g} mm diameter at {} hangs over the organ's edge",
+                             2.0 * result.radius, words(body, *touch)),
+         .where = "--indent-at (boundary.indent_at)",
+         .why = fmt::format("{:.1f} mm from its middle the surface ends or drops by more than a radius",
+                            room.whole),
+         .remedy =
+             "move it with --indent-at, make it smaller with --indenter-diameter, or leave the place to "
+             "--indent-at opposite"});
+}
+
+// The way that the tool goes. `known`: of the same body, for a place that does not say it.
+Vec3 push_of(const BodySurface& body, const BoundaryOptions& options, const Asked& asked,
+             const Boundary* known, const Vec3& down) {
+  if (options.direction == "auto")
+    return asked.from ? nearest_axis(body, -*asked.from) : known && asked.place ? known->push : down;
+  const auto vector = parse_vector(options.direction);
+  if (!vector || !(vector->norm() > 0.0))
+    throw UsageError({.fact = fmt::format("'{}' is not a direction", options.direction),
+                      .where = "--direction (boundary.direction)",
+                      .why = "a direction is auto or three numbers x,y,z in LPS",
+                      .remedy = "for instance --direction 0,0,-1 to push down"});
+  if (asked.from && !(vector->dot(*asked.from) < 0.0))
+    throw UsageError({.fact = fmt::format("a tool that moves along {} does not come from the {} side",
+                                          options.direction, side_towards(*asked.from)),
+                      .where = "--direction and --indent-at",
+                      .why = fmt::format("--indent-at {} is met from that side alone", options.indent_at),
+                      .remedy = "turn --direction round, or give the other side or a place x,y,z"});
+  return local_direction(body, vector->normalized());
+}
+
+void check_width(const BoundaryOptions& options, Boundary& result) {
+  const double across = options.indenter_diameter_mm / std::max(options.voxel_mm, 1e-300);
+  if (options.voxel_mm > 0.0 && across < 1.0)
+    throw ModelError(
+        {.fact = fmt::format("the indenter of {:.4g} mm diameter is smaller than a voxel of {:.4g} mm",
+                             options.indenter_diameter_mm, options.voxel_mm),
+         .where = "--indenter-diameter (boundary.indenter_diameter_mm)",
+         .why = "the image does not show the shape of the surface beneath it",
+         .remedy =
+             few_voxels * options.voxel_mm > widest_circle
+                 ? std::string(
+                       "no circle is wide enough for such voxels: check the unit of the image's voxel "
+                       "spacing, which is taken as millimetres")
+                 : fmt::format("give at least {:.4g} mm, or a finer image", few_voxels * options.voxel_mm),
+         .code = "circle-too-small"});
+  if (options.voxel_mm > 0.0 && across < few_voxels)
+    result.warnings.push_back(fmt::format(
+        "the indenter of {:.4g} mm diameter is {:.1f} voxels across: the image hardly shows the shape of the "
+        "surface beneath it",
+        options.indenter_diameter_mm, across));
+}
+
+void place_on_highest(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
+                      const Asked& asked, const View& view, Boundary& result) {
+  std::optional<Eigen::Vector2d> half;
+  if (asked.half) half = view.flat(local_direction(body, *asked.half));
+  const std::string side = side_in_words(body, -result.push);
+  if (half && half->norm() < 0.1)
+    throw UsageError({.fact = fmt::format("'{}' names no half of the {}", options.indent_at, side),
+                      .where = "--indent-at (boundary.indent_at)",
+                      .why = "the tool comes from that side or from the opposite one, so that half is all of "
+                             "the surface or none of it",
+                      .remedy = "name a half across the push, for instance --indent-at superior,left"});
+  const auto is_free = [&](const Vec3& leaves) {
+    return result.lowest - leaves.dot(result.down) > result.base_depth;
+  };
+  const auto place = highest_dome(view, moments, result.radius, result.height, half,
+                                  local_direction(body, Vec3(1.0, 0.1, 0.01)), is_free);
+  const auto touch = place ? first_touch(body, view.at(place->centre, 0.0), result.push) : std::nullopt;
+  if (!touch)
+    throw ModelError(
+        {.fact = fmt::format("no place on the {} has room for an indenter of {:.1f} mm diameter", side,
+                             options.indenter_diameter_mm),
+         .where = "indenter circle",
+         .why = "it would hang over the organ's edge everywhere",
+         .remedy =
+             "make it smaller with --indenter-diameter, or see `dimple places IMAGE` for where it fits"});
+  result.centre = *touch;
+  result.room = place->room;
+  result.circle_reason =
+      fmt::format("highest point with room for the circle{} on the {}{}{}",
+                  asked.half ? fmt::format(" of the {} half", side_towards(*asked.half)) : "", side,
+                  result.push == result.down ? ", opposite to the base" : "",
+                  place->equals == 2  ? "; another point is as high"
+                  : place->equals > 2 ? fmt::format("; {} other points are as high", place->equals - 1)
+                                      : "");
+}
+
+void find_circle(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
+                 const Asked& asked, Boundary& result) {
+  check_width(options, result);
+  const View view(body, moments, result.push);
+  if (asked.place)
+    place_as_asked(body, options.indent_at, asked, view, result);
+  else
+    place_on_highest(body, moments, options, asked, view, result);
+  if (result.room < wanted_room * result.radius)
+    result.circle_reason +=
+        fmt::format("; the nearest fold or edge is {:.1f} mm from its middle", result.room);
+  else
+    result.circle_reason +=
+        fmt::format("; no fold or edge within {:.1f} mm of its middle", wanted_room * result.radius);
+  if (result.room < little_room * result.radius)
+    result.warnings.push_back(fmt::format(
+        "the circle of {:.4g} mm diameter has little room: {:.1f} mm from its middle a fold, an edge or a "
+        "steep slope cuts the surface; {:.4g} mm would be enough. Under a deep push tissue may fold onto "
+        "itself there{}",
+        2.0 * result.radius, result.room, wanted_room * result.radius,
+        asked.place ? "" : "; no other place has more room"));
+  if (!body.image_ends().empty() && body.at_image_end(result.centre))
+    result.warnings.push_back(
+        "THE TOOL STANDS WHERE THE IMAGE ENDS: the surface beneath it is where the scan was cut, not the "
+        "organ's own surface; `dimple places IMAGE` lists other places");
+}
+
+}  // namespace
+
+void check_words(const BoundaryOptions& options) {
+  base_direction(options.base);
+  parse_place(options.indent_at);
+}
+
+Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options, const Boundary* known) {
+  Boundary result;
+  const Moments moments = moments_of(body);
+  const Asked asked = parse_place(options.indent_at);
+  if (known)
+    result = {.down = known->down,
+              .lowest = known->lowest,
+              .height = known->height,
+              .base_depth = known->base_depth,
+              .flat_base = known->flat_base,
+              .base_by_axes = known->base_by_axes,
+              .base_reason = known->base_reason,
+              .circle_reason = {},
+              .warnings = {}};
+  else
+    find_base(body, moments, options, asked.from, result);
+  warn_of_base_at_image_end(body, result);
+  result.radius = 0.5 * options.indenter_diameter_mm;
+  result.push = push_of(body, options, asked, known, result.down);
+  find_circle(body, moments, options, asked, result);
+  return result;
+}
+
+bool on_base(const Boundary& boundary, const Vec3& x, const Vec3& normal) {
+  if (boundary.lowest - x.dot(boundary.down) > boundary.base_depth) return false;
+  // The sides that rise from a flat face are not part of it; a bed reaches to where the organ overhangs it.
+  return normal.dot(boundary.down) > (boundary.flat_base ? 0.5 : 1e-6);
+}
+
+namespace {
+
+Vec3 touch_of_circle(const BodySurface& body, const Boundary& boundary, const Vec3& x) {
+  const auto touch = first_touch(body, x, boundary.push);
+  if (touch && std::abs((*touch - boundary.centre).dot(boundary.push)) <= 2.0 * boundary.radius)
+    return *touch;
+  const Vec3 world = body.to_world() * boundary.centre;
+  throw ModelError(
+      {.fact = fmt::format("the indenter's circle of {:.1f} mm diameter at ({:.1f}, {:.1f}, {:.1f}) mm hangs "
+                           "over the organ's edge",
+                           2.0 * boundary.radius, world.x(), world.y(), world.z()),
+       .where = "indenter circle",
+       .why = touch
+                  ? "below a part of its rim the surface lies more than a diameter deeper than at its middle"
+                  : "a part of its rim meets no tissue",
+       .remedy = "move it with --indent-at or make it smaller with --indenter-diameter"});
+}
+
+// `count` places on the surface at distance r from the circle's axis, the first half a `turn` on.
+void add_ring(const BodySurface& body, const Boundary& boundary, double r, int count, double turn,
+              std::vector<Vec3>& nodes) {
+  const auto [e1, e2] = across(boundary.push);
+  for (int k = 0; k < count; ++k) {
+    const double angle = 2.0 * std::numbers::pi * (k + turn) / count;
+    const Vec3 x = boundary.centre + r * (std::cos(angle) * e1 + std::sin(angle) * e2);
+    nodes.push_back(touch_of_circle(body, boundary, x));
+  }
+}
+
+}  // namespace
+
+Points to_points(const std::vector<Vec3>& places) {
+  Points result(3, static_cast<Index>(places.size()));
+  for (std::size_t k = 0; k < places.size(); ++k) result.col(static_cast<Index>(k)) = places[k];
+  return result;
+}
+
+Points rim_of_circle(const BodySurface& body, const Boundary& boundary, int count) {
+  std::vector<Vec3> rim;
+  add_ring(body, boundary, boundary.radius, count, 0.0, rim);
+  return to_points(rim);
+}
+
+Points circle_nodes(const BodySurface& body, const Boundary& boundary, double spacing_mm) {
+  const int rings = std::max(1, static_cast<int>(std::ceil(boundary.radius / spacing_mm - 0.2)));
+  std::vector<Vec3> nodes = {boundary.centre};
+  for (int ring = 1; ring <= rings; ++ring) {
+    const double r = boundary.radius * ring / rings;
+    const int count = std::max(6, static_cast<int>(std::lround(2.0 * std::numbers::pi * r / spacing_mm)));
+    // Rings are turned against each other so that their nodes do not line up.
+    add_ring(body, boundary, r, count, 0.5 * (ring % 2), nodes);
+  }
+  return to_points(nodes);
+}
+
+Points graded_circle_nodes(const BodySurface& body, const Boundary& boundary,
+                           const std::function<double(double)>& spacing) {
+  std::vector<double> radii = {boundary.radius};
+  // Rings a little closer than their nodes along them, as rows of equilateral triangles are.
+  for (double r = boundary.radius;;) {
+    const double step = 0.9 * spacing(std::max(0.0, r - 0.45 * spacing(r)));
+    r -= step;
+    if (r < 0.6 * step) break;
+    radii.push_back(r);
+  }
+  // The last step to the middle is whatever is left: spread it over all rings inside the rim.
+  const double last = radii.back(), wanted = 0.9 * spacing(0.0);
+  if (radii.size() > 1) {
+    const double excess = last - std::max(wanted, 0.0), span = boundary.radius - last;
+    for (std::size_t k = 1; k < radii.size(); ++k)
+      radii[k] -= 0.5 * excess * (boundary.radius - radii[k]) / span;
+  }
+  std::vector<Vec3> nodes = {boundary.centre};
+  for (std::size_t k = 0; k < radii.size(); ++k) {
+    const int count =
+        std::max(6, static_cast<int>(std::lround(2.0 * std::numbers::pi * radii[k] / spacing(radii[k]))));
+    add_ring(body, boundary, radii[k], count, 0.5 * static_cast<double>(k % 2), nodes);
+  }
+  return to_points(nodes);
+}
+
+std::optional<Vec3> parse_vector(const std::string& text) {
+  Vec3 v;
+  const char* p = text.data();
+  const char* end = p + text.size();
+  for (int d = 0; d < 3; ++d) {
+    while (p < end && *p == ' ') ++p;
+    const auto [next, error] = std::from_chars(p, end, v[d]);
+    if (error != std::errc{} || !std::isfinite(v[d])) return std::nullopt;
+    p = next;
+    if (d < 2 && (p == end || *p++ != ',')) return std::nullopt;
+  }
+  return p == end ? std::optional<Vec3>(v) : std::nullopt;
+}
+
+}  // namespace dimple

@@ -1,0 +1,89 @@
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "preprocess/surface/body_surface.hpp"
+
+namespace dimple {
+
+struct BoundaryOptions {
+  /// What the organ rests on: auto, organ, a side of the patient (sides.hpp), or x,y,z: the LPS direction
+  /// from the organ towards it.
+  std::string base = "auto";
+  double base_depth_mm = 0.0;  ///< how far up from the lowest point tissue is held; 0: chosen
+  /// Where the tool comes from: opposite (to the base) or a side of the patient, on the highest place there;
+  /// either and a half of the organ, "superior,left". x,y,z: LPS mm; x,y,top: where it meets the organ there
+  /// from superior.
+  std::string indent_at = "opposite";
+  double indenter_diameter_mm = 10.0;
+  /// auto: from the side that indent_at names; or x,y,z: the LPS direction in which the circle moves.
+  std::string direction = "auto";
+  double voxel_mm =
+      0.0;  ///< longest edge of the image's voxels: finer than that nothing is known; 0: unknown
+};
+
+/// The fixed base and the indenter's circle as places on the surface; mm, in the surface's own frame.
+struct Boundary {
+  Vec3 down = -Vec3::UnitZ();  ///< unit vector towards what the organ rests on
+  double lowest = 0.0;         ///< x . down on the plane that it rests on, or where a bed ends
+  double height = 0.0;         ///< of the body above that
+  double base_depth = 0.0;     ///< surface within this of `lowest` and facing down is held
+  bool flat_base = false;      ///< the organ stands on a flat face, otherwise it lies in a bed
+  bool base_by_axes = false;   ///< the patient's axes have decided on which side
+  Vec3 centre = Vec3::Zero();  ///< of the circle, on the surface
+  Vec3 push = -Vec3::UnitZ();  ///< unit vector
+  double radius = 5.0;
+  double room = 0.0;  ///< from the centre to the nearest fold or edge, as far as was looked: 2.3 radii
+  std::string base_reason, circle_reason;
+  std::vector<std::string> warnings;
+};
+
+/// Throws UsageError: `base` or `indent_at` is no word or place that find_boundary() knows.
+void check_words(const BoundaryOptions& options);
+
+/// Finds the surface that the organ rests on, and the circle.
+///
+/// Base, where it is auto: the largest flat face, where an organ was cut (at least 45 % of its outline within
+/// 2 % of its height of a plane beyond which it does not reach; of several as large the most inferior),
+/// unless the image ends there. Without one the patient's axes decide, as in Horton et al. (2007): the side
+/// opposite to the one that `indent_at` names; the inferior side; or the posterior one, where the image cuts
+/// the organ off above or below. organ: the largest flat face from a quarter of the outline on, also where
+/// the image ends; without one the broadest side, across which it is thinnest by its moments of inertia, its
+/// broader dome up. That turns with the organ. A side whose flat part is less than a quarter of the outline
+/// is a bed to a third of the organ's height, as in a mould. Circle: the highest dome with room
+/// (circle_place.hpp). Warns of a base or a circle where the image ends.
+///
+/// Throws UsageError (unknown word; a direction that does not come from the side), ModelError (the indenter
+/// misses the organ, hangs over its edge, is smaller than a voxel, or lies two diameters from the place asked
+/// for).
+///
+/// `known`: of the same body under the same options for its base, whose base is taken instead of being looked
+/// for; and its push, for a place x,y,z.
+Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options,
+                       const Boundary* known = nullptr);
+
+/// Whether a place on the surface, with outward normal n, belongs to the base.
+bool on_base(const Boundary& boundary, const Vec3& x, const Vec3& normal);
+
+/// The nodes that make the circle: one in the middle and rings out to the rim, on the rim itself the
+/// outermost; neighbours are `spacing` apart at most. [3xn] mm.
+Points circle_nodes(const BodySurface& body, const Boundary& boundary, double spacing_mm);
+
+/// The same for a spacing [mm] that changes with the distance from the axis [mm]; the rim's own is
+/// spacing(radius).
+Points graded_circle_nodes(const BodySurface& body, const Boundary& boundary,
+                           const std::function<double(double)>& spacing);
+
+/// `count` places on the rim, evenly by angle. [3xcount] mm.
+Points rim_of_circle(const BodySurface& body, const Boundary& boundary, int count);
+
+/// Places side by side. [3xn]
+Points to_points(const std::vector<Vec3>& places);
+
+/// "x,y,z" as three numbers, or nothing.
+std::optional<Vec3> parse_vector(const std::string& text);
+
+}  // namespace dimple

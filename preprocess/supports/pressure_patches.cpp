@@ -1,0 +1,267 @@
+#include "preprocess/supports/pressure_patches.hpp"
+
+#include <fmt/format.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <map>
+
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/side_by_side.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double reach = 1.3;  // of a patch, in patch spacings
+constexpr int lloyd_sweeps = 4;
+constexpr double largest_growth = 1e4;  // for points in far corners
+constexpr double far_corner = 3.0;      // from this growth on the nearest patch is taken, connected or not
+constexpr double snap =
+    1e-8;  // [m]: coordinates that differ by less are ties, broken by number; and a small share
+
+struct Places {
+  Points x;               // in the image's axes, [m]
+  Eigen::VectorXd h;      // spacing of the nodes around
+  Eigen::VectorXd worth;  // in nodes
+};
+
+using Groups = std::vector<std::vector<int>>;
+
+// Halves `group` into `count` groups of equal worth, each time across its longest side.
+Groups split(const Places& places, std::vector<int> group, Index count) {
+  stop_if_asked();
+  if (count <= 1 || group.size() < 2) return {std::move(group)};
+  Vec3 lower = Vec3::Constant(std::numeric_limits<double>::infinity()), upper = -lower;
+  double worth = 0.0;
+  for (const int q : group) {
+    lower = lower.cwiseMin(places.x.col(q));
+    upper = upper.cwiseMax(places.x.col(q));
+    worth += places.worth[q];
+  }
+  const Vec3 side = upper - lower;
+  int axis = 0;
+  for (int d = 1; d < 3; ++d)
+    if (side[d] > side[axis] + snap) axis = d;
+  std::vector<std::pair<double, int>> along;
+  for (const int q : group) along.emplace_back(places.x(axis, q), q);
+  std::sort(along.begin(), along.end());
+  for (std::size_t k = 0; k < group.size(); ++k) group[k] = along[k].second;
+  for (std::size_t from = 0; from < group.size();) {  // ties: layers of a grid, but for rounding
+    std::size_t to = from + 1;
+    while (to < group.size() && along[to].first - along[to - 1].first < snap) ++to;
+    std::sort(group.begin() + static_cast<std::ptrdiff_t>(from),
+              group.begin() + static_cast<std::ptrdiff_t>(to));
+    from = to;
+  }
+  const Index below = count / 2;
+  const double wanted = worth * static_cast<double>(below) / static_cast<double>(count);
+  std::size_t at = 0;
+  for (double sum = 0.0; at + 1 < group.size() && sum + 0.5 * places.worth[group[at]] < (1.0 - snap) * wanted;
+       ++at)
+    sum += places.worth[group[at]];
+  at = std::max<std::size_t>(at, 1);
+  const auto middle = group.begin() + static_cast<std::ptrdiff_t>(at);
+  Groups first, second;
+  side_by_side(
+      [&] {
+        first = split(places, {group.begin(), middle}, below);
+      },
+      [&] {
+        second = split(places, {middle, group.end()}, count - below);
+      });
+  std::move(second.begin(), second.end(), std::back_inserter(first));
+  return first;
+}
+
+struct Patches {
+  Points centre;
+  Eigen::VectorXd radius;
+  std::vector<int> middle;  // the point nearest to each centre
+};
+
+// Have two points a node in common? On the two banks of a gap they have none.
+bool share_a_node(const CompressedRows& support, int p, int q) {
+  int i = support.offset[p], j = support.offset[q];
+  while (i < support.offset[p + 1] && j < support.offset[q + 1]) {
+    if (support.member[i] == support.member[j]) return true;
+    ++(support.member[i] < support.member[j] ? i : j);
+  }
+  return false;
+}
+
+// Groups of which all points are connected through common nodes.
+Groups connected(const CompressedRows& support, const Groups& groups) {
+  std::vector<Groups> parts(groups.size());
+  tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) {
+    stop_if_asked();
+    std::vector<int> left = groups[g];
+    while (!left.empty()) {
+      std::vector<int>& part = parts[g].emplace_back();
+      part.push_back(left.front());
+      left.erase(left.begin());
+      for (std::size_t k = 0; k < part.size() && !left.empty(); ++k) {
+        const auto rest = std::stable_partition(left.begin(), left.end(),
+                                                [&](int q) { return !share_a_node(support, part[k], q); });
+        part.insert(part.end(), rest, left.end());
+        left.erase(rest, left.end());
+      }
+    }
+  });
+  Groups result;
+  for (Groups& list : parts) std::move(list.begin(), list.end(), std::back_inserter(result));
+  return result;
+}
+
+Patches patches_of(const Places& places, const std::vector<int>& points, Index count, double worth,
+                   const CompressedRows* support) {
+  Groups groups = split(places, points, count);
+  const auto whole = static_cast<double>(groups.size());
+  Patches result;
+  const auto centroids = [&] {
+    result.centre.resize(3, static_cast<Index>(groups.size()));
+    result.radius.resize(static_cast<Index>(groups.size()));
+    tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t b) {
+      Vec3 sum = Vec3::Zero();
+      double total = 0.0, h = 0.0;
+      for (const int q : groups[b]) {
+        sum += places.worth[q] * places.x.col(q);
+        h += places.worth[q] * places.h[q];
+        total += places.worth[q];
+      }
+      result.centre.col(static_cast<Index>(b)) = sum / total;
+      result.radius[static_cast<Index>(b)] = reach * std::cbrt(worth / whole) * h / total;
+    });
+  };
+  centroids();
+  std::vector<int> owner(static_cast<std::size_t>(places.x.cols()));
+  for (int sweep = 0; sweep < lloyd_sweeps; ++sweep) {
+    const Neighbours tree(result.centre);
+    for (std::size_t b = 0; b < groups.size(); ++b)
+      for (const int q : groups[b]) owner[static_cast<std::size_t>(q)] = static_cast<int>(b);
+    tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t k) {
+      if (k % 256 == 0) stop_if_asked();
+      const Vec3 x = places.x.col(points[k]);
+      const auto distance = [&](int b) { return (x - result.centre.col(b)).norm(); };
+      int& mine = owner[static_cast<std::size_t>(points[k])];
+      // None is nearer than those that are as near as the last owner: as a rule one or two.
+      thread_local std::vector<int> near;
+      tree.within_unordered(x, distance(mine) * (1.0 + 2e-6), near);
+      if (near.empty() || near.size() > 4) near = tree.nearest(x, 4);
+      std::pair<double, int> first{distance(near.front()), near.front()};
+      for (const int b : near) first = std::min(first, std::pair{distance(b), b});
+      mine = first.second;
+      for (const int b : near)  // of equally near ones, but for rounding, the first
+        if (distance(b) < (1.0 + 1e-6) * first.first) mine = std::min(mine, b);
+    });
+    for (auto& group : groups) group.clear();
+    for (const int q : points)
+      groups[static_cast<std::size_t>(owner[static_cast<std::size_t>(q)])].push_back(q);
+    std::erase_if(groups, [](const auto& group) { return group.empty(); });
+    centroids();
+  }
+  if (!support) return result;
+  groups = connected(*support, groups);
+  centroids();
+  for (std::size_t b = 0; b < groups.size(); ++b)
+    result.middle.push_back(*std::min_element(groups[b].begin(), groups[b].end(), [&](int p, int q) {
+      const auto away = [&](int k) {
+        return (places.x.col(k) - result.centre.col(static_cast<Index>(b))).norm();
+      };
+      return away(p) < away(q) * (1.0 - 1e-9);
+    }));
+  return result;
+}
+
+}  // namespace
+
+void make_pressure_patches(Model& model, bool folded, double nodes_per_patch) {
+  const Index count = model.point_count();
+  Places places;
+  places.x = model.axes.transpose() * model.point;
+  places.h.resize(count);
+  places.worth.resize(count);
+  tbb::parallel_for(Index{0}, count, [&](Index q) {
+    double sum = 0.0;
+    for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
+      sum += model.spacing[model.support.member[k]];
+    places.h[q] = sum / static_cast<double>(model.support.count(q));
+    places.worth[q] = model.volume[q] / std::pow(places.h[q], 3);
+  });
+  const double nodes_per_worth = static_cast<double>(model.node_count()) / places.worth.sum();
+
+  std::map<int, std::vector<int>> of_tissue;
+  for (Index q = 0; q < count; ++q) of_tissue[model.tissue[q]].push_back(static_cast<int>(q));
+  std::vector<std::vector<std::pair<int, double>>> share(static_cast<std::size_t>(count));
+  Index first = 0;
+  for (const auto& [number, points] : of_tissue) {
+    double worth = 0.0;
+    for (const int q : points) worth += places.worth[q];
+    const Index wanted = std::max<Index>(1, std::lround(worth * nodes_per_worth / nodes_per_patch));
+    const Patches patches = patches_of(places, points, wanted, worth, folded ? &model.support : nullptr);
+    const Neighbours tree(patches.centre);
+    const int most = static_cast<int>(std::min<Index>(40, patches.centre.cols())), few = std::min(most, 20);
+    const double largest_radius = patches.radius.maxCoeff();
+    tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t k) {
+      const int q = points[k];
+      if (k % 256 == 0) stop_if_asked();
+      // Half of them reach far enough, as a rule.
+      std::vector<int> near = tree.nearest(places.x.col(q), few);
+      if ((places.x.col(q) - patches.centre.col(near.back())).norm() < largest_radius)
+        near = tree.nearest(places.x.col(q), most);
+      auto& list = share[static_cast<std::size_t>(q)];
+      // A point in a far corner may be out of every reach: look further until one or, if there are, two are
+      // met.
+      const std::size_t enough = std::min<std::size_t>(2, near.size());
+      double sum = 0.0;
+      for (double grown = 1.0; list.size() < enough; grown *= 1.1) {
+        if (grown > largest_growth)
+          throw ModelError(
+              {.fact = fmt::format("integration point {} lies out of reach of all pressure patches", q),
+               .where = "pressure patches",
+               .why = fmt::format("it is more than {:.0f} times their radius away", largest_growth),
+               .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
+        if (grown > 1.0 && static_cast<int>(near.size()) < most) near = tree.nearest(places.x.col(q), most);
+        list.clear();
+        sum = 0.0;
+        for (const int b : near) {
+          const double s = (places.x.col(q) - patches.centre.col(b)).norm() / (grown * patches.radius[b]);
+          if (s >= 1.0) continue;
+          if (folded && grown < far_corner &&
+              !share_a_node(model.support, q, patches.middle[static_cast<std::size_t>(b)]))
+            continue;
+          const double w = 1.0 + s * s * (-6.0 + s * (8.0 - 3.0 * s));
+          if (w <= 0.0) continue;
+          list.push_back({static_cast<int>(first) + b, w});
+          sum += w;
+        }
+      }
+      for (auto& [b, w] : list) w /= sum;
+      std::sort(list.begin(), list.end());
+    });
+    first += patches.centre.cols();
+  }
+
+  PressurePatches& result = model.patches;
+  result.of_point.offset.resize(count + 1);
+  result.of_point.offset[0] = 0;
+  for (Index q = 0; q < count; ++q)
+    result.of_point.offset[q + 1] =
+        result.of_point.offset[q] + static_cast<int>(share[static_cast<std::size_t>(q)].size());
+  result.of_point.member.resize(result.of_point.offset[count]);
+  result.psi.resize(result.of_point.offset[count]);
+  result.volume = Eigen::VectorXd::Zero(first);
+  for (Index q = 0; q < count; ++q) {
+    int at = result.of_point.offset[q];
+    for (const auto& [b, psi] : share[static_cast<std::size_t>(q)]) {
+      result.of_point.member[at] = b;
+      result.psi[at++] = psi;
+      result.volume[b] += psi * model.volume[q];
+    }
+  }
+}
+
+}  // namespace dimple

@@ -1,0 +1,129 @@
+#include "preprocess/surface/height_map.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "io/stop.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double none = std::numeric_limits<double>::quiet_NaN();
+
+}  // namespace
+
+Moments moments_of(const BodySurface& body) {
+  // Tetrahedra from the centroid to each triangle, with Keast's five points: exact to the third degree.
+  Moments result = {Mat3::Zero(), Vec3::Zero(), 0.0};
+  const Vec3 middle = body.centroid();
+  double volume = 0.0;
+  const auto add = [&](double weight, const Vec3& x) {
+    result.second += weight * x * x.transpose();
+    result.third += weight * x.squaredNorm() * x;
+  };
+  for (Index t = 0; t < body.triangles().cols(); ++t) {
+    const Vec3 a = body.vertex().col(body.triangles()(0, t)) - middle,
+               b = body.vertex().col(body.triangles()(1, t)) - middle,
+               c = body.vertex().col(body.triangles()(2, t)) - middle;
+    const double tetrahedron = a.dot(b.cross(c)) / 6.0;
+    const Vec3 sum = a + b + c;
+    volume += tetrahedron;
+    add(-0.8 * tetrahedron, sum / 4.0);
+    add(0.45 * tetrahedron, sum / 6.0);
+    for (const Vec3& corner : {a, b, c}) add(0.45 * tetrahedron, (sum + 2.0 * corner) / 6.0);
+  }
+  result.second /= volume;
+  result.third /= volume;
+  result.size = std::sqrt(result.second.trace());
+  return result;
+}
+
+View::View(const BodySurface& the_body, const Moments& moments, const Vec3& along)
+    : body(&the_body), push(along) {
+  Index axis = 0;
+  push.cwiseAbs().minCoeff(&axis);
+  const Vec3 e1 = (Vec3::Unit(axis) - push[axis] * push).normalized(), e2 = push.cross(e1);
+  Eigen::Matrix<double, 3, 2> across;
+  across << e1, e2;
+  const Eigen::Matrix2d second = across.transpose() * moments.second * across;
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(second);
+  // A body that is as long as it is wide has no such direction; neither does it matter then.
+  const bool round = axes.eigenvalues()[0] > 0.999 * axes.eigenvalues()[1];
+  u = round ? e1 : Vec3((across * axes.eigenvectors().col(1)).normalized());
+  v = push.cross(u);
+  place.resize(3, body->vertex().cols());
+  place.row(0) = u.transpose() * body->vertex();
+  place.row(1) = v.transpose() * body->vertex();
+  place.row(2) = -push.transpose() * body->vertex();
+  low = place.topRows<2>().rowwise().minCoeff();
+  high = place.topRows<2>().rowwise().maxCoeff();
+}
+
+double HeightMap::between(const Eigen::Vector2d& p) const {
+  const Eigen::Vector2d x = (p - corner) / step;
+  const double fi = std::floor(x.x()), fj = std::floor(x.y());
+  if (!(fi >= 0.0 && fj >= 0.0 && fi + 1.0 < static_cast<double>(height.rows()) &&
+        fj + 1.0 < static_cast<double>(height.cols())))
+    return none;
+  const auto i = static_cast<Index>(fi), j = static_cast<Index>(fj);
+  const double a = x.x() - fi, b = x.y() - fj;
+  return (1.0 - a) * ((1.0 - b) * height(i, j) + b * height(i, j + 1)) +
+         a * ((1.0 - b) * height(i + 1, j) + b * height(i + 1, j + 1));
+}
+
+HeightMap height_map(const View& view, const Eigen::Vector2d& corner, double step, Index rows,
+                     Index columns) {
+  HeightMap map{corner, step, Eigen::ArrayXXd::Constant(rows, columns, none),
+                Eigen::ArrayXXd::Constant(rows, columns, none)};
+  Eigen::ArrayXXd& leaves = map.thickness;  // at first the height at which the line leaves the body
+  const Triangles& triangles = view.body->triangles();
+  for (Index t = 0; t < triangles.cols(); ++t) {
+    if (t % 8192 == 0) stop_if_asked();
+    const Vec3 a = view.place.col(triangles(0, t)), b = view.place.col(triangles(1, t)),
+               c = view.place.col(triangles(2, t));
+    const double double_area = (b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x());
+    if (double_area == 0.0) continue;
+    const auto first = [&](int d) {
+      return std::ceil((std::min({a[d], b[d], c[d]}) - corner[d]) / step - 1e-9);
+    };
+    const auto last = [&](int d) {
+      return std::floor((std::max({a[d], b[d], c[d]}) - corner[d]) / step + 1e-9);
+    };
+    const auto i0 = static_cast<Index>(std::max(first(0), 0.0)),
+               j0 = static_cast<Index>(std::max(first(1), 0.0)),
+               i1 = static_cast<Index>(std::min(last(0), static_cast<double>(rows - 1))),
+               j1 = static_cast<Index>(std::min(last(1), static_cast<double>(columns - 1)));
+    // Seen from where the push comes from, what is met there turns anticlockwise or clockwise alike.
+    const bool met = view.body->normal().col(t).dot(view.push) < 0.0;
+    Eigen::ArrayXXd& sheet = met ? map.height : leaves;
+    for (Index j = j0; j <= j1; ++j)
+      for (Index i = i0; i <= i1; ++i) {
+        const Eigen::Vector2d p = map.place(i, j);
+        const double wb = ((p.x() - a.x()) * (c.y() - a.y()) - (p.y() - a.y()) * (c.x() - a.x())) /
+                          double_area,
+                     wc = ((b.x() - a.x()) * (p.y() - a.y()) - (b.y() - a.y()) * (p.x() - a.x())) /
+                          double_area;
+        // A place on an edge belongs to both triangles: the highest of two equal heights is the same.
+        if (wb < -1e-9 || wc < -1e-9 || wb + wc > 1.0 + 1e-9) continue;
+        const double w = a.z() + wb * (b.z() - a.z()) + wc * (c.z() - a.z());
+        if (!(sheet(i, j) >= w)) sheet(i, j) = w;
+      }
+  }
+  map.thickness = (map.height - leaves).max(0.0);
+  return map;
+}
+
+HeightMap height_map(const View& view, double step) {
+  // The place in the body's middle is one of the lattice's, so that its phase belongs to the body; all around
+  // it misses the body.
+  const Eigen::Vector2d middle = view.flat(view.body->centroid());
+  const auto before = [&](int d) { return std::ceil((middle[d] - view.low[d]) / step) + 1.0; };
+  const auto after = [&](int d) { return std::ceil((view.high[d] - middle[d]) / step) + 1.0; };
+  return height_map(view, middle - step * Eigen::Vector2d(before(0), before(1)), step,
+                    static_cast<Index>(before(0) + after(0)) + 1,
+                    static_cast<Index>(before(1) + after(1)) + 1);
+}
+
+}  // namespace dimple

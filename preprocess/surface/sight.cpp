@@ -1,0 +1,116 @@
+#include "preprocess/surface/sight.hpp"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <optional>
+
+#include "io/stop.hpp"
+#include "preprocess/cloud/neighbours.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double narrowest = 0.02;      // half of the least gap that divides, in spacings
+constexpr double shallow = 0.1;         // depth of a hollow that does not, in spacings
+constexpr double slope = 0.2;           // and in the length of the way across it
+constexpr double facing = -0.3;         // cosine between the normals of two walls that face each other
+constexpr double beyond = 1e-4;         // of the way: its ends may lie on the surface
+constexpr double looked_within = 1.25;  // radii of a support: cells reach a little farther than their middles
+
+double distance_to_surface(const SurfaceCells& surface, const Vec3& x) {
+  thread_local std::vector<Index> nearest;
+  return surface.nearest(x, nearest);
+}
+
+// Of the wall that a way crosses. Where it begins or ends without a crossing: of the nearest wall that it leaves.
+Vec3 outer_normal(const SurfaceCells& surface, const Vec3& x, std::optional<Index> triangle,
+                  const Vec3& way) {
+  if (triangle) return surface.normal().col(*triangle);
+  thread_local std::vector<Index> nearest;
+  surface.nearest(x, nearest);
+  return surface.normal().col(*std::max_element(nearest.begin(), nearest.end(), [&](Index s, Index t) {
+    return surface.normal().col(s).dot(way) < surface.normal().col(t).dot(way);
+  }));
+}
+
+}  // namespace
+
+bool sees(const SurfaceCells& surface, const Vec3& x, const Vec3& y, double spacing) {
+  thread_local std::vector<SurfaceCells::Crossing> crossings;
+  const Vec3 way = y - x, from = x - beyond * way, whole = (1.0 + 2.0 * beyond) * way;
+  surface.pass(from, from + whole, crossings);
+  const double length = whole.norm();
+  const auto at = [&](double t) { return Vec3(from + t * whole); };
+  const auto divided = [&](double out, std::optional<Index> left, double in, std::optional<Index> entered) {
+    if ((in - out) * length < 2.0 * narrowest * spacing) return false;
+    const double depth = distance_to_surface(surface, at(0.5 * (out + in)));
+    const double cosine =
+        outer_normal(surface, at(out), left, way).dot(outer_normal(surface, at(in), entered, -way));
+    if (cosine < facing) return depth > narrowest * spacing;
+    return depth > std::max(shallow * spacing, slope * (in - out) * length);
+  };
+  // An end that lies on an edge of the body can leave it with no crossing: then it is left where the way begins.
+  double out = 0.0;
+  std::optional<Index> left;
+  for (const SurfaceCells::Crossing& crossing : crossings) {
+    if (crossing.leave) {
+      out = crossing.t;
+      left = crossing.triangle;
+    } else if (divided(out, left, crossing.t, crossing.triangle)) {
+      return false;
+    }
+  }
+  const bool ends_outside = !crossings.empty() && crossings.back().leave;
+  return !(ends_outside && divided(out, left, 1.0, std::nullopt));
+}
+
+bool sees_all_within(const SurfaceCells& surface, const Vec3& x, double radius, double spacing) {
+  return !surface.any_above(x, radius, narrowest * spacing);
+}
+
+// In the body's own axes and to a tenth of a nanometre: what is seen does not hang on how the image is turned.
+Points Sight::own(const Points& x) const {
+  return ((axes_.transpose() * (x.colwise() - centre_)).array() * 1e10).round() * 1e-7;
+}
+
+Sight::Sight(const Discretisation& model, const Eigen::VectorXd& radius)
+    : axes_(model.axes),
+      centre_(model.tool.centre),
+      spacing_(model.spacing),
+      surface_(own(1e-3 * model.surface.vertex_mm), model.surface.triangles),
+      X_(own(model.X)),
+      clear_radius_(looked_within * radius),
+      depth_(Eigen::VectorXd::Zero(model.node_count())) {
+  tbb::parallel_for(Index{0}, model.node_count(), [&](Index a) {
+    if (a % 16 == 0) stop_if_asked();
+    if (sees_all_within(surface_, X_.col(a), 1e3 * clear_radius_[a], 1e3 * spacing_[a])) return;
+    clear_radius_[a] = 0.0;
+    depth_[a] = 1e-3 * distance_to_surface(surface_, X_.col(a));
+  });
+  if (all_clear()) return;
+  point_ = own(model.point);
+  point_depth_.resize(model.point_count());
+  point_spacing_.resize(model.point_count());
+  const Neighbours nodes(model.X);
+  tbb::parallel_for(Index{0}, model.point_count(), [&](Index q) {
+    if (q % 64 == 0) stop_if_asked();
+    point_depth_[q] = 1e-3 * distance_to_surface(surface_, point_.col(q));
+    point_spacing_[q] = spacing_[nodes.nearest(model.point.col(q), 1).front()];
+  });
+}
+
+bool Sight::point_sees(Index point, const Vec3& x) const {
+  const Vec3 there = own(x);
+  return (there - point_.col(point)).norm() <= 1e3 * point_depth_[point] ||
+         dimple::sees(surface_, point_.col(point), there, 1e3 * point_spacing_[point]);
+}
+
+bool Sight::sees(Index node, Index point) const {
+  const double away = 1e-3 * (point_.col(point) - X_.col(node)).norm();
+  // Around each of the two a ball lies in the tissue: if both together reach, there is no need to look.
+  if (away <= std::max(clear_radius_[node], depth_[node] + point_depth_[point])) return true;
+  return dimple::sees(surface_, X_.col(node), point_.col(point), 1e3 * spacing_[node]);
+}
+
+}  // namespace dimple

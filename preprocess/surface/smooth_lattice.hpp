@@ -1,0 +1,21 @@
+#pragma once
+
+#include <vector>
+
+#include "preprocess/image/voxel_set.hpp"
+
+namespace dimple {
+
+/// A smoothed indicator (1 inside, 0 outside) on a regular lattice along the voxel axes.
+struct Lattice {
+  Vec3 origin, step;  ///< in voxels of the image
+  std::array<int, 3> n{};
+  std::vector<float> value;  ///< [n[0]*n[1]*n[2]], i fastest; 0 on the border
+};
+
+/// The voxels, smoothed by a discrete Gaussian of sigma [voxels] along each axis and interpolated linearly
+/// between voxel centres, at lattice points `step` [voxels] apart. One axis after the other and straight from
+/// the stretches: no array of all voxels is made, however much finer they are than the lattice.
+Lattice smoothed(const VoxelSet& set, const Vec3& sigma, const Vec3& step);
+
+}  // namespace dimple

@@ -1,0 +1,383 @@
+#include "preprocess/surface/surface_cells.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "io/stop.hpp"
+#include "preprocess/image/voxel_set.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double cell_edges = 1.2;  // of a cell, in edges of the mean triangle
+constexpr double most_cells = 4e6;
+constexpr double doubt = 1e-10;    // of the body's size: what lies nearer is not told apart
+constexpr int farthest_ring = 32;  // cells: clear_ is a lower bound beyond
+
+// Ericson, Real-Time Collision Detection, 5.1.5.
+double distance2_to(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
+  const Vec3 ab = b - a, ac = c - a, ap = p - a;
+  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
+  if (d1 <= 0.0 && d2 <= 0.0) return ap.squaredNorm();
+  const Vec3 bp = p - b;
+  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
+  if (d3 >= 0.0 && d4 <= d3) return bp.squaredNorm();
+  const double vc = d1 * d4 - d3 * d2;
+  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return (ap - d1 / (d1 - d3) * ab).squaredNorm();
+  const Vec3 cp = p - c;
+  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
+  if (d6 >= 0.0 && d5 <= d6) return cp.squaredNorm();
+  const double vb = d5 * d2 - d1 * d6;
+  if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) return (ap - d2 / (d2 - d6) * ac).squaredNorm();
+  const double va = d3 * d6 - d5 * d4;
+  if (va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0)
+    return (bp - (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b)).squaredNorm();
+  const double all = va + vb + vc;
+  return (ap - vb / all * ab - vc / all * ac).squaredNorm();
+}
+
+// From 0 in some cells and the farthest ring in all others to each cell's ring around the nearest 0: one pass
+// onwards and one back, each looking at the half of the neighbours that it has been to.
+void count_rings(std::vector<unsigned char>& ring, const Eigen::Array3i& n) {
+  const auto length = static_cast<std::size_t>(n[0]);
+  std::vector<unsigned char> least(length + 2, farthest_ring);  // of the rows passed, one more at either end
+  const auto pass = [&](int step) {
+    for (int kk = 0; kk < n[2]; ++kk) {
+      stop_if_asked();
+      const int k = step > 0 ? kk : n[2] - 1 - kk;
+      for (int jj = 0; jj < n[1]; ++jj) {
+        const int j = step > 0 ? jj : n[1] - 1 - jj;
+        const auto row_at = [&](int b, int c) {
+          return ring.data() + length * (static_cast<std::size_t>(b) +
+                                         static_cast<std::size_t>(n[1]) * static_cast<std::size_t>(c));
+        };
+        std::fill(least.begin(), least.end(), static_cast<unsigned char>(farthest_ring));
+        const auto look_at = [&](int b, int c) {
+          if (b < 0 || b >= n[1] || c < 0 || c >= n[2]) return;
+          const unsigned char* other = row_at(b, c);
+          for (std::size_t i = 0; i < length; ++i) least[i + 1] = std::min(least[i + 1], other[i]);
+        };
+        look_at(j - step, k);
+        for (const int b : {j - 1, j, j + 1}) look_at(b, k - step);
+        unsigned char* row = row_at(j, k);
+        for (std::size_t i = 0; i < length; ++i)
+          row[i] = std::min(row[i],
+                            static_cast<unsigned char>(std::min({least[i], least[i + 1], least[i + 2]}) + 1));
+        for (std::size_t i = 1; i < length; ++i) {
+          const std::size_t at = step > 0 ? i : length - 1 - i, before = step > 0 ? at - 1 : at + 1;
+          row[at] = std::min(row[at], static_cast<unsigned char>(row[before] + 1));
+        }
+      }
+    }
+  };
+  pass(1);
+  pass(-1);
+}
+
+}  // namespace
+
+SurfaceCells::SurfaceCells(const Points& vertex, const Triangles& triangles) : triangles_(triangles) {
+  const Index count = triangles.cols();
+  corner_.resize(static_cast<std::size_t>(count));
+  normal_.resize(3, count);
+  double area = 0.0;
+  for (Index t = 0; t < count; ++t) {
+    Corners& at = corner_[static_cast<std::size_t>(t)];
+    at = {vertex.col(triangles(0, t)), vertex.col(triangles(1, t)), vertex.col(triangles(2, t))};
+    const Vec3 n = (at.b - at.a).cross(at.c - at.a);
+    area += 0.5 * n.norm();
+    normal_.col(t) = n.norm() > 0.0 ? Vec3(n.normalized()) : Vec3(Vec3::Zero());
+  }
+  const Vec3 lower = vertex.rowwise().minCoeff(), upper = vertex.rowwise().maxCoeff();
+  size_ = (upper - lower).norm();
+  const double margin = 1e-6 * size_;
+  const Vec3 extent = (upper - lower).array() + 2.0 * margin;
+  edge_ = std::max(cell_edges * std::sqrt(2.0 * area / static_cast<double>(count)),
+                   std::cbrt(extent.prod() / most_cells));
+  origin_ = lower.array() - margin;
+  n_ = (extent.array() / edge_).ceil().cast<int>().max(1);
+
+  const auto cells =
+      static_cast<std::size_t>(n_[0]) * static_cast<std::size_t>(n_[1]) * static_cast<std::size_t>(n_[2]);
+  const auto each = [&](auto&& with) {
+    for (Index t = 0; t < count; ++t) {
+      if (t % 65536 == 0) stop_if_asked();
+      const Corners& at = corner_[static_cast<std::size_t>(t)];
+      const Cell first = cell_of(at.a.cwiseMin(at.b).cwiseMin(at.c).array() - margin).max(0),
+                 last = cell_of(at.a.cwiseMax(at.b).cwiseMax(at.c).array() + margin).min(n_ - 1);
+      for (int k = first[2]; k <= last[2]; ++k)
+        for (int j = first[1]; j <= last[1]; ++j)
+          for (int i = first[0]; i <= last[0]; ++i) with(number({i, j, k}), static_cast<int>(t));
+    }
+  };
+  offset_.assign(cells + 1, 0);
+  each([&](std::size_t c, int) { ++offset_[c + 1]; });
+  for (std::size_t c = 0; c < cells; ++c) offset_[c + 1] += offset_[c];
+  member_.resize(static_cast<std::size_t>(offset_[cells]));
+  std::vector<int> next(offset_.begin(), offset_.end() - 1);
+  each([&](std::size_t c, int t) { member_[static_cast<std::size_t>(next[c]++)] = t; });
+
+  // How many cells it is to the next one with a triangle, the longest of the three directions counting.
+  clear_.assign(cells, farthest_ring);
+  for (std::size_t c = 0; c < cells; ++c)
+    if (offset_[c + 1] > offset_[c]) clear_[c] = 0;
+  count_rings(clear_, n_);
+  side_.assign(cells, Side::mixed);
+}
+
+SurfaceCells::Cell SurfaceCells::cell_of(const Vec3& x) const {
+  return ((x - origin_).array() / edge_).floor().max(-2.0).min(n_.cast<double>() + 1.0).cast<int>();
+}
+
+void SurfaceCells::mark_clear_cells(const std::function<bool(const Vec3&)>& is_inside) {
+  VoxelSet clear{.first = {}, .size = {n_[0], n_[1], n_[2]}, .stretch = {}, .offset = {0}};
+  std::vector<Cell> seed;  // of each stretch
+  for (int k = 0; k < n_[2]; ++k)
+    for (int j = 0; j < n_[1]; ++j) {
+      const unsigned char* row = clear_.data() + number({0, j, k});
+      for (int i = 0; i < n_[0]; ++i) {
+        if (row[i] == 0) continue;
+        const int begin = i;
+        while (i < n_[0] && row[i] != 0) ++i;
+        clear.stretch.push_back({begin, i});
+        seed.push_back({begin, j, k});
+      }
+      clear.offset.push_back(clear.stretch.size());
+    }
+  const Pieces groups = face_connected(clear);
+  std::vector<Side> side(groups.piece.size(), Side::mixed);
+  for (std::size_t s = 0; s < seed.size(); ++s) {
+    Side& here = side[static_cast<std::size_t>(groups.of_stretch[s])];
+    if (here == Side::mixed) {
+      stop_if_asked();
+      const Vec3 centre = origin_ + edge_ * (seed[s].cast<double>() + 0.5).matrix();
+      here = is_inside(centre) ? Side::inside : Side::outside;
+    }
+    const auto first = side_.begin() + static_cast<std::ptrdiff_t>(number(seed[s]));
+    std::fill(first, first + (clear.stretch[s].end - clear.stretch[s].begin), here);
+  }
+}
+
+std::optional<bool> SurfaceCells::contains(const Vec3& x) const {
+  const Cell at = cell_of(x);
+  if (!in_grid(at)) return false;
+  if (side_[number(at)] != Side::mixed) return side_[number(at)] == Side::inside;
+  // Along the axis on which a cell without triangles is nearest: how often the surface is passed on the way.
+  thread_local std::vector<Hit> hits;
+  for (int away = 1; away < farthest_ring; ++away)
+    for (int d = 0; d < 3; ++d)
+      for (const int step : {-1, 1}) {
+        Cell there = at;
+        there[d] += step * away;
+        const bool beyond = !in_grid(there);
+        if (!beyond && side_[number(there)] == Side::mixed) continue;
+        const double end = origin_[d] + edge_ * (there[d] + (step > 0 ? 0.0 : 1.0));
+        const double from = std::min(x[d], end), to = std::max(x[d], end);
+        const double slack = 2.0 * doubt * size_;
+        if (!line(x, d, from - slack, to + slack, hits)) return std::nullopt;
+        bool inside = !beyond && side_[number(there)] == Side::inside;
+        for (const Hit& hit : hits) {
+          if (std::abs(hit.at - x[d]) <= doubt * size_) return std::nullopt;
+          if (hit.at > from && hit.at < to) inside = !inside;
+        }
+        return inside;
+      }
+  return std::nullopt;
+}
+
+bool SurfaceCells::line(const Vec3& x, int axis, double from, double to, std::vector<Hit>& hits) const {
+  hits.clear();
+  const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+  Vec3 begin = x, end = x;
+  begin[axis] = from;
+  end[axis] = to;
+  Cell at = cell_of(begin);
+  const int first = std::max(at[axis], 0), last = std::min(cell_of(end)[axis], n_[axis] - 1);
+  at[axis] = 0;
+  if (!in_grid(at)) return true;
+  for (at[axis] = first; at[axis] <= last; ++at[axis]) {
+    const std::size_t c = number(at);
+    for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
+      const int t = member_[static_cast<std::size_t>(m)];
+      const Corners& corner = corner_[static_cast<std::size_t>(t)];
+      const Vec3* const p[3] = {&corner.a, &corner.b, &corner.c};
+      // Twice the areas of the line's place with each edge; opposite corner k.
+      std::array<double, 3> area;
+      bool near = false;
+      int positive = 0, negative = 0;
+      for (std::size_t k = 0; k < 3; ++k) {
+        const Vec3 &a = *p[(k + 1) % 3], &b = *p[(k + 2) % 3];
+        const double du = b[u] - a[u], dv = b[v] - a[v];
+        area[k] = du * (x[v] - a[v]) - dv * (x[u] - a[u]);
+        if (std::abs(area[k]) <= doubt * size_ * (std::abs(du) + std::abs(dv)))
+          near = true;
+        else
+          ++(area[k] > 0.0 ? positive : negative);
+      }
+      if (positive > 0 && negative > 0) continue;
+      const double all = area[0] + area[1] + area[2];
+      if (near || std::abs(all) < 1e-6 * edge_ * edge_) return false;
+      const double place =
+          (area[0] * (*p[0])[axis] + area[1] * (*p[1])[axis] + area[2] * (*p[2])[axis]) / all;
+      if (place < from || place > to) continue;
+      if (std::none_of(hits.begin(), hits.end(), [&](const Hit& hit) { return hit.triangle == t; }))
+        hits.push_back({t, place});
+    }
+  }
+  return true;
+}
+
+// Visits the cells with triangles around x, ring by ring, until visit.reach(), a distance, is less than how
+// far the next ring is.
+template <class Visit>
+void SurfaceCells::around(const Vec3& x, Visit&& visit) const {
+  const Cell at = cell_of(x).max(0).min(n_ - 1);
+  // Of x from the walls of its cell; negative where it lies outside of the grid.
+  const Vec3 to_lower = x - (origin_ + edge_ * at.cast<double>().matrix());
+  const double slack = std::min({to_lower.minCoeff(), edge_ - to_lower.maxCoeff(), 0.5 * edge_});
+  const int farthest = n_.maxCoeff();
+  for (int ring = clear_[number(at)]; ring <= farthest; ++ring) {
+    if (ring > 0 && (ring - 1) * edge_ + slack > visit.reach()) return;
+    const Cell first = (at - ring).max(0), last = (at + ring).min(n_ - 1);
+    for (int k = first[2]; k <= last[2]; ++k)
+      for (int j = first[1]; j <= last[1]; ++j) {
+        const bool shell = std::abs(k - at[2]) == ring || std::abs(j - at[1]) == ring;
+        for (int i = first[0]; i <= last[0]; ++i) {
+          if (!shell && std::abs(i - at[0]) != ring) {
+            i = std::max(i, std::min(at[0] + ring, last[0] + 1) - 1);  // to the other end of the ring
+            continue;
+          }
+          const std::size_t c = number({i, j, k});
+          if (offset_[c] == offset_[c + 1]) continue;
+          const Vec3 low = origin_ + edge_ * Vec3(i, j, k);
+          const Vec3 outside = (low - x).cwiseMax(x - low - Vec3::Constant(edge_)).cwiseMax(0.0);
+          const double reach = visit.reach();
+          if (outside.squaredNorm() > reach * reach) continue;
+          for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
+            const int t = member_[static_cast<std::size_t>(m)];
+            const Corners& corner = corner_[static_cast<std::size_t>(t)];
+            visit.triangle(t, std::sqrt(distance2_to(x, corner.a, corner.b, corner.c)));
+          }
+        }
+      }
+  }
+}
+
+double SurfaceCells::nearest(const Vec3& x, std::vector<Index>& candidates) const {
+  struct Visit {
+    double least = std::numeric_limits<double>::infinity(), slack;
+    std::vector<std::pair<double, Index>> found;
+    double reach() const { return least + slack + doubt * least; }
+    void triangle(int t, double distance) {
+      if (distance > reach()) return;
+      least = std::min(least, distance);
+      found.push_back({distance, t});
+    }
+  };
+  thread_local Visit visit;
+  visit.least = std::numeric_limits<double>::infinity();
+  visit.slack = doubt * size_;
+  visit.found.clear();
+  around(x, visit);
+  candidates.clear();
+  for (const auto& [distance, t] : visit.found)
+    if (distance <= visit.reach() && std::find(candidates.begin(), candidates.end(), t) == candidates.end())
+      candidates.push_back(t);
+  return visit.least;
+}
+
+std::optional<bool> SurfaceCells::farther(const Vec3& x, double d) const {
+  struct Visit {
+    double limit, least = std::numeric_limits<double>::infinity();
+    double reach() const { return least > limit ? limit : -1.0; }  // found: nothing more to look for
+    void triangle(int, double distance) { least = std::min(least, distance); }
+  };
+  const double slack = doubt * size_;
+  Visit visit{.limit = d + slack};
+  around(x, visit);
+  if (visit.least > d + slack) return true;
+  if (visit.least < d - slack) return false;
+  // One within rounding of d was met: another may be clearly nearer.
+  Visit nearer{.limit = d - slack};
+  around(x, nearer);
+  return nearer.least < d - slack ? std::optional<bool>(false) : std::nullopt;
+}
+
+void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>& crossings) const {
+  crossings.clear();
+  const Vec3 way = to - from;
+  const double length = way.norm();
+  if (!(length > 0.0)) return;
+  const double least = 1e-6 * edge_ / length;  // of progress: what rounding could undo
+  double t = 0.0;
+  while (t <= 1.0) {
+    const Vec3 x = from + t * way;
+    const Cell at = cell_of(x);
+    int free = 0;  // rings of cells without a triangle around this one
+    if (in_grid(at)) {
+      const std::size_t c = number(at);
+      free = std::max(static_cast<int>(clear_[c]) - 1, 0);
+      for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
+        const int triangle = member_[static_cast<std::size_t>(m)];
+        const Corners& corner = corner_[static_cast<std::size_t>(triangle)];
+        // Moeller & Trumbore, J. Graphics Tools 2 (1997) 21; a little beyond the edges, so that none is missed.
+        const Vec3 ab = corner.b - corner.a, ac = corner.c - corner.a, p = way.cross(ac);
+        const double determinant = ab.dot(p);
+        if (std::abs(determinant) < 1e-12 * length * ab.norm() * ac.norm()) continue;
+        const Vec3 s = (from - corner.a) / determinant;
+        const double u = s.dot(p);
+        if (u < -doubt || u > 1.0 + doubt) continue;
+        const Vec3 q = s.cross(ab);
+        const double v = way.dot(q);
+        if (v < -doubt || u + v > 1.0 + doubt) continue;
+        const double place = ac.dot(q);
+        if (place < 0.0 || place > 1.0) continue;
+        if (std::none_of(crossings.begin(), crossings.end(),
+                         [&](const Crossing& other) { return other.triangle == triangle; }))
+          crossings.push_back({triangle, place, determinant < 0.0});
+      }
+    }
+    // To where the way leaves the cells that are known.
+    const Vec3 low = origin_ + edge_ * (at - free).cast<double>().matrix(),
+               high = origin_ + edge_ * (at + free + 1).cast<double>().matrix();
+    double next = 2.0;
+    for (int d = 0; d < 3; ++d)
+      if (way[d] != 0.0) next = std::min(next, ((way[d] > 0.0 ? high[d] : low[d]) - from[d]) / way[d]);
+    if (next <= t && !in_grid(at)) break;  // away from the body
+    t = std::max(next, t) + least;
+  }
+  std::sort(crossings.begin(), crossings.end(), [](const Crossing& a, const Crossing& b) {
+    return std::pair(a.t, a.triangle) < std::pair(b.t, b.triangle);
+  });
+}
+
+bool SurfaceCells::any_above(const Vec3& x, double d, double above) const {
+  const Cell middle = cell_of(x).max(0).min(n_ - 1);
+  const Cell first = cell_of(x.array() - d).max(0), last = cell_of(x.array() + d).min(n_ - 1);
+  const auto in_cell = [&](const Cell& at) {
+    const std::size_t c = number(at);
+    for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
+      const int t = member_[static_cast<std::size_t>(m)];
+      if (height(x, t) <= above) continue;
+      const Corners& corner = corner_[static_cast<std::size_t>(t)];
+      if (distance2_to(x, corner.a, corner.b, corner.c) < d * d) return true;
+    }
+    return false;
+  };
+  // What there is lies near, as a rule.
+  const Cell near_first = (middle - 2).max(first), near_last = (middle + 2).min(last);
+  for (int k = near_first[2]; k <= near_last[2]; ++k)
+    for (int j = near_first[1]; j <= near_last[1]; ++j)
+      for (int i = near_first[0]; i <= near_last[0]; ++i)
+        if (in_cell({i, j, k})) return true;
+  for (int k = first[2]; k <= last[2]; ++k)
+    for (int j = first[1]; j <= last[1]; ++j)
+      for (int i = first[0]; i <= last[0]; ++i)
+        if (in_cell({i, j, k})) return true;
+  return false;
+}
+
+}  // namespace dimple

@@ -1,0 +1,729 @@
+#include "solver/equilibrium/mixed_iteration.hpp"
+
+#include <tbb/parallel_for.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/IterativeLinearSolvers>
+#include <Eigen/SparseCholesky>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <future>
+#include <thread>
+
+#include "io/stop.hpp"
+#include "solver/equilibrium/anderson.hpp"
+#include "solver/equilibrium/multigrid.hpp"
+
+namespace dimple {
+namespace {
+
+using Nodal = ForceSystem::Nodal;
+using Sparse = Eigen::SparseMatrix<double>;
+
+// The tangent at rest is at most twice the Laplacian; load and the curvature of the law add to that. Too soft
+// an A overshoots, too stiff a one only takes more steps: 3 to 5 serve alike, 2 takes twice as many.
+constexpr double stiffer = 4.0;
+constexpr double neighbour_distance = 1.6;  // of the mean spacing: some 14 neighbours
+constexpr int fewest_neighbours = 6;
+constexpr int without_gain = 30;  // iterations, and it is given up
+constexpr double setback = 10.0;  // growth of the residual that is taken back
+// Of the strain between neighbours in one iteration; longer steps pass through the law's barriers.
+constexpr double longest_step = 0.3;
+// Of what the law is at rest: single points have 1e5, and 300 takes no fewer steps.
+constexpr double stiffest = 30.0;
+constexpr Index quickly_factorised = 3000;  // rows, in a tenth of a second; the time grows as their square
+// Rows. With 100,000 nodes the factors took three times as long as the rest of the solution.
+constexpr Index worth_factorising = 12000;
+
+// About the inverse of a scalar matrix over some of the nodes.
+struct NodalInverse {
+  std::vector<Index> node;  // of each row
+  Multigrid multigrid;
+  Multigrid::Vectors b, x;
+
+  // z = A^-1 r at its nodes, zero elsewhere.
+  void solve(const Nodal& r, Nodal& z) {
+    for (std::size_t j = 0; j < node.size(); ++j)
+      for (int i = 0; i < 4; ++i) b[j][i] = static_cast<float>(r(i, node[j]));
+    multigrid.solve(b, x);
+    z.setZero();
+    for (std::size_t j = 0; j < node.size(); ++j)
+      for (int i = 0; i < 4; ++i) z(i, node[j]) = static_cast<double>(x[j][i]);
+  }
+};
+
+using Factor = Eigen::SimplicialLLT<Sparse>;
+
+// The inverse of a matrix that is like a mass: as well conditioned with many rows as with few. It is factorised, but
+// where that would take longer than all else it is left to conjugate gradients.
+struct MassInverse {
+  std::shared_ptr<const Factor> factor;
+  Sparse matrix = {};  // lower half, without a factor
+  bool ready() const { return factor || matrix.rows() > 0; }
+  Eigen::VectorXd operator()(const Eigen::VectorXd& b) const {
+    if (factor) return factor->solve(b);
+    Eigen::ConjugateGradient<Sparse, Eigen::Lower> iteration(matrix);
+    iteration.setTolerance(1e-6).setMaxIterations(100);
+    stop_if_asked();
+    return iteration.solve(b);
+  }
+};
+
+// Null where the matrix is not positive definite. Eigen listens to nobody: where it may last it works on a
+// thread of its own, which is left behind when the work is to end.
+std::shared_ptr<const Factor> factorised(Sparse matrix) {
+  const auto positive = [](std::shared_ptr<const Factor> factor) {
+    return factor->info() == Eigen::Success ? factor : nullptr;
+  };
+  if (matrix.rows() < quickly_factorised) return positive(std::make_shared<const Factor>(matrix));
+  std::packaged_task<std::shared_ptr<const Factor>()> task(
+      [matrix = std::move(matrix)] { return std::make_shared<const Factor>(matrix); });
+  auto result = task.get_future();
+  std::thread(std::move(task)).detach();
+  while (result.wait_for(std::chrono::milliseconds(20)) != std::future_status::ready) stop_if_asked();
+  return positive(result.get());
+}
+
+// Pairs of neighbours a > b.
+using Edges = std::vector<std::pair<int, int>>;
+
+Edges neighbours(const Model& model) {
+  Edges edge;
+  std::vector<std::pair<double, int>> near;
+  for (Index a = 0; a < model.node_count(); ++a) {
+    if (a % 4096 == 0) stop_if_asked();
+    near.clear();
+    for (const GradientVariance& v : model.variance)
+      for (int k = v.rows.offset[a]; k < v.rows.offset[a + 1]; ++k)
+        if (const int b = v.rows.member[k]; b != a)
+          near.emplace_back(
+              (model.X.col(a) - model.X.col(b)).norm() / (0.5 * (model.spacing[a] + model.spacing[b])), b);
+    std::sort(near.begin(), near.end());
+    for (std::size_t k = 0; k < near.size(); ++k) {
+      if (k >= fewest_neighbours && near[k].first > neighbour_distance) break;
+      edge.emplace_back(std::max(static_cast<int>(a), near[k].second),
+                        std::min(static_cast<int>(a), near[k].second));
+    }
+  }
+  std::sort(edge.begin(), edge.end());
+  edge.erase(std::unique(edge.begin(), edge.end()), edge.end());
+  return edge;
+}
+
+// [N] Pa m^3 of shear modulus x volume that each node stands for.
+template <class Shear>
+Eigen::VectorXd shear_of_nodes(const Model& model, const Shear& mu) {
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(model.node_count()), share;
+  for (Index q = 0; q < model.point_count(); ++q) {
+    if (q % 65536 == 0) stop_if_asked();
+    const int first = model.support.offset[q];
+    share.resize(model.support.count(q));
+    for (Index k = 0; k < share.size(); ++k) {
+      const int a = model.support.member[first + k];
+      share[k] = std::exp(-4.0 * (model.X.col(a) - model.point.col(q)).squaredNorm() /
+                          std::pow(model.spacing[a], 2));
+    }
+    share *= model.volume[q] * mu(q) / share.sum();
+    for (Index k = 0; k < share.size(); ++k) sum[model.support.member[first + k]] += share[k];
+  }
+  return sum;
+}
+
+// Of the size of the tangent at F: of distortion by differences, and of what volume the point bears itself.
+double stiffness(const Material& m, const Mat3& F) {
+  constexpr double h = 1e-5;
+  const Mat3 P = distortional_stress(m, F);
+  double square = 0.0;
+  for (Index k = 0; k < 9; ++k) {
+    Mat3 moved = F;
+    moved(k) += h;
+    square += ((distortional_stress(m, moved) - P) / h).squaredNorm();
+  }
+  return std::sqrt(square) + pointwise_bulk_modulus(m) * cofactor(F).squaredNorm();
+}
+
+// Which nodes the points of a patch see.
+CompressedRows nodes_of_patches(const Model& model, const CompressedRows& points) {
+  CompressedRows result;
+  result.offset = Eigen::VectorXi::Zero(points.rows() + 1);
+  std::vector<int> member;
+  std::vector<Index> seen(static_cast<std::size_t>(model.node_count()), -1);
+  for (Index b = 0; b < points.rows(); ++b) {
+    if (b % 4096 == 0) stop_if_asked();
+    const auto first = static_cast<std::ptrdiff_t>(member.size());
+    for (int k = points.offset[b]; k < points.offset[b + 1]; ++k) {
+      const int q = points.member[k];
+      for (int e = model.support.offset[q]; e < model.support.offset[q + 1]; ++e) {
+        const int a = model.support.member[e];
+        if (seen[static_cast<std::size_t>(a)] == b) continue;
+        seen[static_cast<std::size_t>(a)] = b;
+        member.push_back(a);
+      }
+    }
+    std::sort(member.begin() + first, member.end());
+    result.offset[b + 1] = static_cast<int>(member.size());
+  }
+  result.member = Eigen::Map<Eigen::VectorXi>(member.data(), static_cast<Index>(member.size()));
+  return result;
+}
+
+}  // namespace
+
+struct MixedIteration::Parts {
+  Anderson anderson;  // of displacements and pressures, scaled to be of one kind
+  System& body;
+  ForceState& forces;
+  const ForceSystem& system;
+  const Model& model;
+  const Constraints& constraints;
+  Edges edge;
+  Eigen::VectorXd weight_at_rest, weight;  // [N] of the edges at each node
+  Eigen::VectorXi slot;                    // where in patches.psi each member of `points` stands
+  CompressedRows points;                   // of each patch
+  CompressedRows nodes;                    // of each patch
+  Eigen::Matrix4Xf gradient;               // [4 x nodes.member]
+  bool slides = false;
+  Eigen::Vector4d sliding;  // sets that slide along others are only nearly inverted
+  NodalInverse across,
+      along;  // of nodes that move freely across the push, and along it; the same if none slides
+  MassInverse schur;
+  std::shared_ptr<const Factor> schur_of_inertia;
+  Eigen::VectorXd inertia;                    // [N] N/m or empty, for which `across` was made
+  Eigen::VectorXd bulk;                       // [patches] for which `schur` was made
+  Eigen::VectorXd bulk_of_inertia;            // and `schur_of_inertia`,
+  Nodal u_of_inertia, u_of_gradient;          // with the gradient here; and where `gradient` is that now
+  double viscous_share = 0.0;                 // for which `memory` was made
+  std::chrono::steady_clock::duration lap{};  // of an iteration in bounded time, mean of the last few
+  Nodal viscous;                              // force
+  Eigen::VectorXd scale, dual_scale;          // that make u and lambda of one kind: square roots of energies
+
+  explicit Parts(System& s)
+      : body(s),
+        forces(s.tissue()),
+        system(forces.system()),
+        model(s.model()),
+        constraints(s.held()),
+        edge(neighbours(model)),
+        points(transpose(model.patches.of_point, model.patches.count(), &slot)),
+        nodes(nodes_of_patches(model, points)) {
+    sliding = constraints.sliding_direction();
+    slides = !sliding.isZero(0.0);
+    const Eigen::VectorXd shear = shear_of_nodes(model, [&](Index q) { return mu(q); });
+    scale = (shear.array() / model.spacing.array().square()).sqrt();
+    // The Laplacian's energy of any linear field is that of the shear.
+    Eigen::VectorXd lengths = Eigen::VectorXd::Zero(model.node_count());
+    for (const auto& [a, b] : edge) {
+      const double length = (model.X.col(a) - model.X.col(b)).squaredNorm();
+      lengths[a] += length;
+      lengths[b] += length;
+    }
+    weight_at_rest = weight = 3.0 * stiffer * shear.array() / lengths.array().max(1e-30);
+    dual_scale.resize(model.patches.count());
+    for (Index b = 0; b < dual_scale.size(); ++b)
+      dual_scale[b] = 1.0 / std::sqrt(mu(points.member[points.offset[b]]) * model.patches.volume[b]);
+  }
+
+  double mu(Index q) const {
+    return system.materials()[static_cast<std::size_t>(system.tissues().of_point[q])].mu;
+  }
+
+  // Makes the weights as much stiffer than at rest as the law is at u.
+  void stiffen(const Nodal& u) {
+    forces.stress_sweep(u);
+    const auto F = forces.deformation_gradients();
+    std::vector<double> at_rest;
+    for (const Material& m : system.materials()) at_rest.push_back(stiffness(m, Mat3::Identity()));
+    Eigen::VectorXd ratio(model.point_count());
+    tbb::parallel_for(tbb::blocked_range<Index>(0, ratio.size(), 256), [&](const auto& range) {
+      stop_if_asked();
+      for (Index q = range.begin(); q < range.end(); ++q) {
+        const auto tissue = static_cast<std::size_t>(system.tissues().of_point[q]);
+        const Material& m = system.materials()[tissue];
+        ratio[q] = std::clamp(stiffness(m, Eigen::Map<const Mat3>(F.col(q).data())) / at_rest[tissue], 1.0,
+                              stiffest);
+      }
+    });
+    // As points count in the tangent's diagonal.
+    Eigen::VectorXd sum = Eigen::VectorXd::Zero(weight.size()), all = sum;
+    std::vector<int> node;
+    Points dphi;
+    for (Index q = 0; q < ratio.size(); ++q) {
+      if (q % 4096 == 0) stop_if_asked();
+      system.gradients_at(q, node, dphi);
+      for (std::size_t k = 0; k < node.size(); ++k) {
+        const double share = model.volume[q] * dphi.col(static_cast<Index>(k)).squaredNorm();
+        sum[node[k]] += share * ratio[q];
+        all[node[k]] += share;
+      }
+    }
+    weight = weight_at_rest.cwiseProduct(sum.cwiseQuotient(all.cwiseMax(1e-300)).cwiseMax(1.0));
+  }
+
+  // A v, A as at rest.
+  void laplacian(const Nodal& v, Nodal& result) const {
+    result.setZero(4, v.cols());
+    for (const auto& [a, b] : edge) {
+      const Eigen::Vector4d pull = 0.5 * (weight_at_rest[a] + weight_at_rest[b]) * (v.col(a) - v.col(b));
+      result.col(a) += pull;
+      result.col(b) -= pull;
+    }
+  }
+
+  // The Laplacian, what bounds all other forces, and inertia.
+  bool invert_laplacian() {
+    const StiffnessBound bound = body.stiffness_bound();
+    const auto invert = [&](NodalInverse& inverse, bool sliding_too) {
+      std::vector<int> place(static_cast<std::size_t>(weight.size()), -1);
+      inverse.node.clear();
+      for (Index a = 0; a < weight.size(); ++a) {
+        if (!constraints.is_free(a) && !(sliding_too && constraints.slides(a))) continue;
+        place[static_cast<std::size_t>(a)] = static_cast<int>(inverse.node.size());
+        inverse.node.push_back(a);
+      }
+      std::vector<Eigen::Triplet<double>> entry;
+      // A little of its own keeps a piece that nothing holds from being singular.
+      Eigen::VectorXd diagonal = 1e-6 * weight + bound.node;
+      if (inertia.size() > 0) diagonal += inertia;
+      const auto join = [&](int a, int b, double w) {
+        diagonal[a] += w;
+        diagonal[b] += w;
+        const int i = place[static_cast<std::size_t>(a)], j = place[static_cast<std::size_t>(b)];
+        if (i < 0 || j < 0) return;
+        entry.emplace_back(i, j, -w);
+        entry.emplace_back(j, i, -w);
+      };
+      for (const auto& [a, b] : edge) join(a, b, 0.5 * (weight[a] + weight[b]));
+      for (const StiffnessBound::Edge& one : bound.edge) join(one.a, one.b, one.weight);
+      const auto rows = static_cast<Index>(inverse.node.size());
+      for (Index i = 0; i < rows; ++i)
+        entry.emplace_back(static_cast<int>(i), static_cast<int>(i),
+                           diagonal[inverse.node[static_cast<std::size_t>(i)]]);
+      Multigrid::Sparse matrix(rows, rows);
+      matrix.setFromTriplets(entry.begin(), entry.end());
+      inverse.b.resize(inverse.node.size());
+      return inverse.multigrid.compute(std::move(matrix));
+    };
+    return invert(across, true) && (!slides || invert(along, false));
+  }
+
+  // The lower triangle of a symmetric matrix between patches, column by column: `visit(c, add)` calls
+  // add(b, value), b >= c. As triplets there would be hundreds for each entry.
+  template <class Visit>
+  Sparse between_patches(const Visit& visit) const {
+    const int count = static_cast<int>(model.patches.count());
+    Sparse matrix(count, count);
+    Eigen::VectorXd sum = Eigen::VectorXd::Zero(count);
+    std::vector<char> seen(static_cast<std::size_t>(count), 0);
+    std::vector<int> rows;
+    for (int c = 0; c < count; ++c) {
+      if (c % 256 == 0) stop_if_asked();
+      rows.clear();
+      visit(c, [&](int row, double value) {
+        if (!seen[static_cast<std::size_t>(row)]) {
+          seen[static_cast<std::size_t>(row)] = 1;
+          rows.push_back(row);
+        }
+        sum[row] += value;
+      });
+      std::sort(rows.begin(), rows.end());
+      matrix.startVec(c);
+      for (const int row : rows) {
+        matrix.insertBack(row, c) = sum[row];
+        sum[row] = 0.0;
+        seen[static_cast<std::size_t>(row)] = 0;
+      }
+    }
+    matrix.finalize();
+    return matrix;
+  }
+
+  // S = M / (V_b V_c mu) + 1 / (bulk V): M_bc = sum_q V psi_b psi_c.
+  bool factorise_schur() {
+    const PressurePatches& patches = model.patches;
+    Sparse matrix = between_patches([&](int c, const auto& add) {
+      for (int k = points.offset[c]; k < points.offset[c + 1]; ++k) {
+        const int q = points.member[k];
+        for (int i = patches.of_point.offset[q]; i < patches.of_point.offset[q + 1]; ++i)
+          if (const int b = patches.of_point.member[i]; b >= c)
+            add(b, patches.psi[i] * patches.psi[slot[k]] * model.volume[q] /
+                       (mu(q) * patches.volume[b] * patches.volume[c]));
+      }
+      add(c, 1.0 / (bulk[c] * patches.volume[c]));
+    });
+    schur = {};
+    if (matrix.rows() > worth_factorising) {
+      schur.matrix = std::move(matrix);
+      return Eigen::VectorXd(schur.matrix.diagonal()).minCoeff() > 0.0;
+    }
+    schur.factor = factorised(std::move(matrix));
+    return schur.factor != nullptr;
+  }
+
+  // G' (inertia)^-1 G over the nodes that may move: what the Schur complement is of where inertia rules.
+  bool factorise_schur_of_inertia() {
+    std::vector<std::vector<std::pair<int, int>>> of_node(static_cast<std::size_t>(model.node_count()));
+    for (int b = 0; b < nodes.rows(); ++b)
+      for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k)
+        if (constraints.is_free(nodes.member[k]))
+          of_node[static_cast<std::size_t>(nodes.member[k])].emplace_back(b, k);
+    schur_of_inertia = factorised(between_patches([&](int c, const auto& add) {
+      for (int k = nodes.offset[c]; k < nodes.offset[c + 1]; ++k) {
+        const int a = nodes.member[k];
+        for (const auto& [b, l] : of_node[static_cast<std::size_t>(a)])
+          if (b >= c) add(b, static_cast<double>(gradient.col(k).dot(gradient.col(l))) / inertia[a]);
+      }
+      add(c, 1.0 / (bulk[c] * model.patches.volume[c]));
+    }));
+    bulk_of_inertia = bulk;
+    u_of_inertia = u_of_gradient;
+    return schur_of_inertia != nullptr;
+  }
+
+  // The largest change of the strain between neighbours.
+  double strain_between(const Nodal& before, const Nodal& after) const {
+    double square = 0.0;
+    for (const auto& [a, b] : edge)
+      square =
+          std::max(square, (after.col(a) - after.col(b) - (before.col(a) - before.col(b))).squaredNorm() /
+                               (model.X.col(a) - model.X.col(b)).squaredNorm());
+    return std::sqrt(square);
+  }
+
+  // After the forces at u have been asked for.
+  void find_gradient(const Nodal& u) {
+    forces.patch_gradients(nodes, gradient);
+    u_of_gradient = u;
+  }
+
+  void laplacian_solve(const Nodal& r, Nodal& z) {
+    across.solve(r, z);
+    if (!slides) return;
+    Nodal normal(4, r.cols());
+    along.solve(r, normal);
+    for (Index a = 0; a < z.cols(); ++a) z.col(a) += sliding * sliding.dot(normal.col(a) - z.col(a));
+  }
+
+  // share x A (u - about).
+  const Nodal* viscous_force(const Nodal& u, const Viscosity& viscosity) {
+    laplacian(u - viscosity.about, viscous);
+    viscous *= viscosity.share;
+    return &viscous;
+  }
+
+  // To the next place after u and lambda, where the step is du and dlambda.
+  void go_on(Nodal& u, Eigen::VectorXd& lambda, const Nodal& du, const Eigen::VectorXd& dlambda, double caution) {
+    const Index n = u.cols(), nb = lambda.size();
+    const auto scaled = [&](const Nodal& v, const Eigen::VectorXd& l) {
+      Eigen::VectorXd all(4 * n + nb);
+      Eigen::Map<Nodal>(all.data(), 4, n) = v * scale.asDiagonal();
+      all.tail(nb) = l.cwiseProduct(dual_scale);
+      return all;
+    };
+    const Nodal from = u;
+    const Eigen::VectorXd here = scaled(u, lambda);
+    Eigen::VectorXd place = anderson.next(here, scaled(du, dlambda), caution);
+    u = Eigen::Map<Nodal>(place.data(), 4, n) * scale.cwiseInverse().asDiagonal();
+    if (const double strain = strain_between(from, u); strain > longest_step) {
+      place = here + longest_step / strain * (place - here);
+      u = Eigen::Map<Nodal>(place.data(), 4, n) * scale.cwiseInverse().asDiagonal();
+    }
+    lambda = place.tail(nb).cwiseQuotient(dual_scale);
+  }
+
+  // The step (du, dlambda) from the unbalanced force r and the unbalanced volume s.
+  void step(const Nodal& r, const Eigen::VectorXd& s, Nodal& du, Eigen::VectorXd& dlambda) {
+    laplacian_solve(r, du);
+    Eigen::VectorXd rest(s.size());
+    tbb::parallel_for(tbb::blocked_range<Index>(0, s.size(), 64), [&](const auto& range) {
+      for (Index b = range.begin(); b < range.end(); ++b) {
+        double sum = 0.0;
+        for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k)
+          sum += gradient.col(k).cast<double>().dot(du.col(nodes.member[k]));
+        rest[b] = s[b] - sum;
+      }
+    });
+    // Cahouet and Chabard 1988: the inverse of the sum is nearly the sum of the inverses.
+    dlambda = schur(rest);
+    if (inertia.size() > 0) dlambda += schur_of_inertia->solve(rest);
+    Nodal held = r;
+    for (Index b = 0; b < s.size(); ++b)
+      for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k)
+        held.col(nodes.member[k]) += dlambda[b] * gradient.col(k).cast<double>();
+    laplacian_solve(held, du);
+    du = -du;
+  }
+};
+
+namespace {
+
+// What a state lacks of equilibrium.
+struct Unbalanced {
+  Unbalanced(Index nodes, Index patch_count) : force(4, nodes), volume(patch_count) {}
+  Nodal force;             // on what is free to move
+  Eigen::VectorXd volume;  // J - 1 - p / bulk
+  ForceState::Patches patches;
+  ForceSystem::Sweep sweep;
+  double residual = 0.0, volume_error = 0.0;
+
+  void at(System& body, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f, const MixedIteration::Inertia* inertia,
+          const Nodal* viscous) {
+    const Eigen::VectorXd& of_patches = body.model().patches.volume;
+    body.tissue().hold_pressures(lambda.cwiseQuotient(of_patches));
+    sweep = body.force(u, f);
+    body.tissue().patch_state(patches);
+    residual = body.balance(f, force, [&](Index a, Eigen::Vector4d& all) {
+                     if (viscous) all += viscous->col(a);
+                     if (inertia)
+                       all += inertia->inertia[a] * body.held().project(a, u.col(a) - inertia->about.col(a));
+                   }).residual();
+    volume = patches.dilation - lambda.cwiseQuotient(patches.bulk.cwiseProduct(of_patches));
+    volume_error = std::sqrt(volume.cwiseAbs2().dot(of_patches) / of_patches.sum());
+  }
+};
+
+// The best state that was met, the step from there, and what it lacks where somebody asks for that.
+struct Best {
+  Best(const Nodal& u_, const Eigen::VectorXd& lambda_, double residual_) : residual(residual_), u(u_), lambda(lambda_) {}
+  double residual;
+  Nodal u, du;
+  Eigen::VectorXd lambda, dlambda;
+  Nodal f;
+  ForceSystem::Sweep sweep;
+
+  bool has_step() const { return du.size() > 0; }
+  void take(const Nodal& u_, const Eigen::VectorXd& lambda_, double residual_) {
+    residual = residual_;
+    u = u_;
+    lambda = lambda_;
+  }
+  void keep_left(const Nodal& f_, const Unbalanced& now, MixedIteration::Left& left) {
+    f = f_;
+    sweep = now.sweep;
+    left.force = now.force;
+    left.volume = now.volume;
+  }
+  void give_back(Nodal& u_, Eigen::VectorXd& lambda_, Relaxed& result) const {
+    u_ = u;
+    lambda_ = lambda;
+    result.residual = residual;
+  }
+  void give_back_left(Nodal& f_, Relaxed& result) const {
+    f_ = f;
+    result.sweep = sweep;
+  }
+};
+
+// Of iterations in bounded time. `mean`: of the last few.
+struct Laps {
+  using Clock = std::chrono::steady_clock;
+  Laps(Clock::time_point until_, Clock::duration& mean_)
+      : until(until_), mean(mean_), timed(until != Clock::time_point::max()),
+        last(timed ? Clock::now() : Clock::time_point()) {}
+  Clock::time_point until;
+  Clock::duration& mean;
+  bool timed;
+  Clock::time_point last;
+
+  // `counts`: the lap that ends here is a whole one.
+  bool none_left(bool counts, bool* late) {
+    if (!timed) return false;
+    const Clock::time_point now = Clock::now();
+    if (counts) mean += (now - last - mean) / 5;
+    last = now;
+    const bool none = now + mean + mean / 2 > until;
+    if (late) *late = none;
+    return none;
+  }
+};
+
+}  // namespace
+
+MixedIteration::MixedIteration(System& system) : parts_(std::make_unique<Parts>(system)) {}
+MixedIteration::~MixedIteration() = default;
+
+double MixedIteration::laplacian_of(const Nodal& v) const {
+  Nodal pull;
+  parts_->laplacian(v, pull);
+  return v.cwiseProduct(pull).sum();
+}
+
+MixedIteration::Memory MixedIteration::memory() const {
+  const Parts& p = *parts_;
+  const Anderson::Memory& steps = p.anderson.memory();
+  const Index kept = steps.kept;
+  return {.inertia = p.inertia,
+          .bulk_of_inertia = p.bulk_of_inertia,
+          .u_of_inertia = p.u_of_inertia,
+          .u_of_gradient = p.u_of_gradient,
+          .moved = steps.moved.leftCols(kept),
+          .changed = steps.changed.leftCols(kept),
+          .gram = steps.gram.topLeftCorner(kept, kept),
+          .next = steps.next};
+}
+
+void MixedIteration::restore(const Memory& memory) {
+  Parts& p = *parts_;
+  Nodal f(4, p.model.node_count());
+  if (memory.inertia.size() > 0) {
+    p.inertia = memory.inertia;
+    p.invert_laplacian();
+    p.bulk = memory.bulk_of_inertia;
+    p.forces.internal_force(memory.u_of_inertia, f);
+    p.find_gradient(memory.u_of_inertia);
+    p.factorise_schur_of_inertia();
+    p.bulk.resize(0);  // `schur` is made when it is first needed
+  }
+  p.forces.internal_force(memory.u_of_gradient, f);
+  p.find_gradient(memory.u_of_gradient);
+  p.anderson.restore({.moved = memory.moved, .changed = memory.changed, .gram = memory.gram, .kept = 0, .next = memory.next});
+}
+
+Eigen::VectorXd pressures_of_volumes(const System& system) {
+  ForceState::Patches patches;
+  system.tissue().patch_state(patches);
+  return patches.dilation.cwiseProduct(patches.bulk).cwiseProduct(system.model().patches.volume);
+}
+
+bool MixedIteration::serves(const ForceSystem& system, const Model& model) {
+  if (!model.scheme.pressure_patches || !model.scheme.averaged_gradients) return false;
+  return std::all_of(system.materials().begin(), system.materials().end(),
+                     [](const Material& m) { return m.kappa - pointwise_bulk_modulus(m) > 1e-2 * m.mu; });
+}
+
+Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
+                                   bool anew, const Inertia* inertia, const Viscosity* viscosity) {
+  Parts& p = *parts_;
+  const Relaxed first = iterate(u, lambda, f, options, anew, inertia, viscosity);
+  if (first.converged || viscosity || !std::isfinite(first.residual) ||
+      first.evaluations >= options.evaluations)
+    return first;
+  RelaxOptions rest = options;
+  rest.evaluations -= first.evaluations;
+  Relaxed second = first;
+  p.stiffen(u);
+  if (p.invert_laplacian()) {
+    second = iterate(u, lambda, f, rest, true, inertia, nullptr);
+    second.evaluations += first.evaluations;
+  }
+  p.weight = p.weight_at_rest;
+  p.across.node.clear();  // made again when it is needed
+  return second;
+}
+
+Relaxed MixedIteration::within(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
+                               bool anew, Left& left, const Inertia* inertia) {
+  Parts& p = *parts_;
+  left.force.setZero(4, u.cols());
+  left.volume.setZero(lambda.size());
+  left.late = false;
+  const Relaxed found = iterate(u, lambda, f, options, anew, inertia, nullptr, &left);
+  if (p.across.node.empty() || !p.schur.ready()) return found;
+  Nodal z(4, u.cols());
+  p.laplacian_solve(left.force, z);
+  left.energy = left.force.cwiseProduct(z).sum() + left.volume.dot(p.schur(left.volume));
+  return found;
+}
+
+// Makes what the step needs, where it is not that of the last call. False: a matrix is not positive definite.
+bool MixedIteration::prepare(const Nodal& u, const Eigen::VectorXd& bulk, bool anew, const Inertia* inertia,
+                             const Viscosity* viscosity) {
+  Parts& p = *parts_;
+  if (anew || p.gradient.cols() == 0) p.find_gradient(u);
+  const Index size = inertia ? u.cols() : 0;
+  const bool other_viscosity = p.viscous_share != (viscosity ? viscosity->share : 0.0);
+  p.viscous_share = viscosity ? viscosity->share : 0.0;
+  const bool other_inertia = size != p.inertia.size() || (inertia && inertia->inertia != p.inertia);
+  if (other_inertia) p.inertia = inertia ? inertia->inertia : Eigen::VectorXd();
+  if ((other_inertia || p.across.node.empty()) && !p.invert_laplacian()) return false;
+  if (p.bulk.size() != bulk.size() || p.bulk != bulk) {
+    p.bulk = bulk;
+    if (!p.factorise_schur()) {
+      p.bulk.resize(0);
+      return false;
+    }
+  }
+  if (other_inertia && inertia && !p.factorise_schur_of_inertia()) {
+    p.inertia.resize(0);
+    return false;
+  }
+  p.anderson.begin(4 * u.cols() + bulk.size(), anew || other_inertia || other_viscosity);
+  return true;
+}
+
+Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options, bool anew,
+                                const Inertia* inertia, const Viscosity* viscosity, Left* left) {
+  Parts& p = *parts_;
+  Relaxed result;
+  result.converged = false;
+  Unbalanced now(u.cols(), lambda.size());
+  const auto evaluate = [&] {
+    stop_if_asked();
+    now.at(p.body, u, lambda, f, inertia, viscosity ? p.viscous_force(u, *viscosity) : nullptr);
+    result.sweep = now.sweep;
+    result.residual = now.residual;
+    ++result.evaluations;
+  };
+  evaluate();
+  if (!prepare(u, now.patches.bulk, anew, inertia, viscosity)) return result;
+
+  Best best(u, lambda, result.residual);
+  const auto keep_left = [&] {
+    if (left) best.keep_left(f, now, *left);
+  };
+  const auto give_up = [&] {
+    best.give_back(u, lambda, result);
+    if (left) best.give_back_left(f, result);
+    return result;
+  };
+  keep_left();
+  Laps laps(options.until, p.lap);
+  int setbacks = 0, since_gain = 0;
+  double caution = 1.0;
+  Nodal du(4, u.cols());
+  Eigen::VectorXd dlambda(lambda.size());
+  for (;; evaluate()) {
+    const bool worse = !std::isfinite(result.residual) || !std::isfinite(now.volume_error) ||
+                       (best.has_step() && result.residual > setback * best.residual);
+    if (worse) {
+      if (!best.has_step() || ++setbacks > 4) return give_up();
+      caution *= 2.0;
+      u = best.u + best.du / caution;
+      lambda = best.lambda + best.dlambda / caution;
+      p.anderson.forget();
+      continue;
+    }
+    if (result.residual < options.tolerance && now.volume_error < options.tolerance) {
+      result.converged = true;
+      keep_left();
+      return result;
+    }
+    const bool late = since_gain < without_gain && result.evaluations < options.evaluations &&
+                      laps.none_left(best.has_step(), left ? &left->late : nullptr);
+    if (++since_gain > without_gain || result.evaluations >= options.evaluations || late) {
+      if (left && result.residual < best.residual) {
+        best.take(u, lambda, result.residual);
+        keep_left();
+      }
+      return give_up();
+    }
+    const double thicker = viscosity ? 1.0 + viscosity->share : 1.0;  // of (1 + share) A
+    if (viscosity) now.volume *= thicker;
+    p.step(now.force, now.volume, du, dlambda);
+    if (viscosity) du /= thicker;
+    if (result.residual < 0.9 * best.residual || !best.has_step()) {
+      best.take(u, lambda, result.residual);
+      best.du = du;
+      best.dlambda = dlambda;
+      keep_left();
+      since_gain = 0;
+    }
+    p.go_on(u, lambda, du, dlambda, caution);
+    // Where a node is held nothing was added but rounding; it must not move at all.
+    for (Index a = 0; a < u.cols(); ++a)
+      if (!p.constraints.is_free(a))
+        u.col(a) = best.u.col(a) + p.constraints.project(a, u.col(a) - best.u.col(a));
+  }
+}
+
+}  // namespace dimple

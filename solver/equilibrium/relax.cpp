@@ -1,0 +1,306 @@
+#include "solver/equilibrium/relax.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "solver/guards.hpp"
+#include "solver/equilibrium/stable_time_step.hpp"
+#include "solver/text.hpp"
+
+namespace dimple {
+namespace {
+
+using Nodal = ForceSystem::Nodal;
+
+constexpr double near = 1e-2;  // residual at which an iteration that did not end is gone on from
+// Of viscous steps: their viscosity at first, and where it is given up; what one may take, and how few let
+// the next be larger.
+constexpr double first_share = 0.3, largest_share = 30.0;
+constexpr std::int64_t evaluations_of_step = 30, few_evaluations = 12;
+constexpr int between_checks = 10;
+constexpr int memory = 60;  // iterations over which a change is compared for the frequency
+
+}  // namespace
+
+SolveError no_equilibrium(const Relaxed& found, const Model& model) {
+  const bool gave_way = found.gave_way();
+  return SolveError(
+      {.fact = text(gave_way ? "the tissue gave way, and no equilibrium was found beyond: "
+                             : "no equilibrium was found: ",
+                    "unbalanced forces are ", found.residual, " of the reactions after ", found.evaluations,
+                    " evaluations"),
+       .where = text("static solver; smallest det F ", found.sweep.J_min, " at integration point ",
+                     found.sweep.point, ", ", found.sweep.inverted, " inverted points",
+                     found.furthest < 0 ? std::string() : "; moving: " + place_of(model, found.furthest)),
+       .why = gave_way ? "the path of equilibria has a limit point here: a wall has buckled or a fold rolled "
+                         "over, and no surface of the body rests on another one, which is not modelled"
+                       : "the load is more than this cloud can follow in one step, or the body has lost its "
+                         "stiffness",
+       .remedy = gave_way
+                     ? "use a smaller --depth, a coarser spacing at the circle's rim (--rim 0.15 or more), a "
+                       "place further from folds and edges (--indent-at), or --time dynamic"
+                     : "use shorter steps of the load (--set solver.step_radii=0.05), a coarser spacing at the circle's "
+                       "rim (--rim 0.15 or more), or a smaller --depth",
+       .code = gave_way ? "limit-point" : "no-equilibrium"});
+}
+
+Eigen::VectorXd stiffness_row_sums(const ForceSystem& system, const Model& model) {
+  const Tissues& tissues = system.tissues();
+  std::vector<int> node;
+  Points dphi;
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(model.node_count());
+  const auto material = [&](Index q) -> const Material& {
+    return tissues.material[static_cast<std::size_t>(tissues.of_point[q])];
+  };
+  const bool projected = model.scheme.pressure_patches;
+  for (Index q = 0; q < model.point_count(); ++q) {
+    const Material& m = material(q);
+    const double stiffness = 2.0 * m.mu + (projected ? pointwise_bulk_modulus(m) : m.kappa);
+    system.gradients_at(q, node, dphi);
+    double all = 0.0;
+    for (std::size_t k = 0; k < node.size(); ++k) all += dphi.col(static_cast<Index>(k)).norm();
+    for (std::size_t k = 0; k < node.size(); ++k)
+      sum[node[k]] += model.volume[q] * stiffness * dphi.col(static_cast<Index>(k)).norm() * all;
+  }
+  // The patches' part: (kappa - ks) V_b g_b g_b^T, g_b = sum_q psi V_q / V_b dphi_q.
+  const PressurePatches& patches = model.patches;
+  Eigen::VectorXi slot;
+  const CompressedRows members = transpose(patches.of_point, patches.count(), &slot);
+  Points g = Points::Zero(3, model.node_count());
+  std::vector<int> touched;
+  for (Index b = 0; b < patches.count(); ++b) {
+    touched.clear();
+    double bulk = 0.0;
+    for (int k = members.offset[b]; k < members.offset[b + 1]; ++k) {
+      const int q = members.member[k];
+      bulk = material(q).kappa - pointwise_bulk_modulus(material(q));
+      const double share = patches.psi[slot[k]] * model.volume[q] / patches.volume[b];
+      system.gradients_at(q, node, dphi);
+      for (std::size_t e = 0; e < node.size(); ++e) {
+        const int a = node[e];
+        if (g.col(a).isZero(0.0)) touched.push_back(a);
+        g.col(a) += share * dphi.col(static_cast<Index>(e));
+      }
+    }
+    std::sort(touched.begin(), touched.end());
+    touched.erase(std::unique(touched.begin(), touched.end()), touched.end());
+    double all = 0.0;
+    for (const int a : touched) all += g.col(a).lpNorm<1>();
+    for (const int a : touched) {
+      sum[a] += bulk * patches.volume[b] * g.col(a).norm() * all;
+      g.col(a).setZero();
+    }
+  }
+  for (const GradientVariance& v : model.variance) {
+    const double mu = tissues.material[static_cast<std::size_t>(v.tissue)].mu;
+    for (Index a = 0; a < model.node_count(); ++a)
+      for (int k = v.rows.offset[a]; k < v.rows.offset[a + 1]; ++k) sum[a] += mu * std::abs(v.K[k]);
+  }
+  return sum;
+}
+
+Relaxation::Relaxation(System& system) : system_(system) {
+  if (MixedIteration::serves(system.tissue().system(), system.model())) mixed_ = std::make_unique<MixedIteration>(system);
+}
+
+Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, Eigen::VectorXd* lambda) const {
+  std::int64_t spent = 0;
+  if (mixed_) {
+    Eigen::VectorXd l = lambda ? *lambda : Eigen::VectorXd::Zero(system_.model().patches.count());
+    Relaxed found = from_near(u, l, f, options);
+    if (found.converged) {
+      if (lambda) *lambda = l;
+      return found;
+    }
+    spent = found.evaluations;
+    system_.tissue().hold_pressures({});
+  }
+  Relaxed found = relax_dynamically(u, f, options, spent);
+  if (lambda && mixed_) *lambda = pressures_of_volumes(system_);
+  return found;
+}
+
+Relaxed Relaxation::from_near(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options) const {
+  Nodal v = u;
+  Eigen::VectorXd l = lambda;
+  Relaxed found = (*mixed_)(v, l, f, options, true);
+  RelaxOptions rest = options;
+  rest.evaluations -= found.evaluations;
+  if (!found.converged && found.residual < near && rest.evaluations > 1) {
+    const std::int64_t spent = found.evaluations;
+    found = give_way(v, l, f, rest);
+    found.evaluations += spent;
+  }
+  if (found.converged) {
+    u = v;
+    lambda = l;
+  }
+  return found;
+}
+
+Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options) const {
+  const Index n = u.cols();
+  Relaxed result;
+  result.converged = false;
+  const Nodal start = u;
+  Nodal force = Nodal::Zero(4, n), force_before = force, moved = force;  // unbalanced
+  Eigen::VectorXd lambda_moved = Eigen::VectorXd::Zero(lambda.size());
+  system_.tissue().hold_pressures(lambda.cwiseQuotient(system_.model().patches.volume));
+  result.sweep = system_.force(u, f);
+  ++result.evaluations;
+  result.residual = system_.balance(f, force_before).residual();
+  double tried = result.residual;  // from which no equilibrium was reached
+  double too_little = 0.0;         // viscosity
+  MixedIteration::Viscosity viscosity{.share = first_share, .about = {}};
+  for (bool anew = true; result.evaluations < options.evaluations && viscosity.share < largest_share;) {
+    viscosity.about = u;
+    Nodal next = u + moved;
+    Eigen::VectorXd next_lambda = lambda + lambda_moved;
+    const Relaxed step = (*mixed_)(
+        next, next_lambda, f,
+        {.tolerance = std::clamp(0.2 * result.residual, 0.5 * options.tolerance, 10.0 * options.tolerance),
+         .evaluations = std::min(evaluations_of_step, options.evaluations - result.evaluations)},
+        anew, nullptr, &viscosity);
+    result.evaluations += step.evaluations;
+    if (!step.converged) {
+      too_little = viscosity.share;
+      viscosity.share *= 3.0;
+      moved.setZero();
+      lambda_moved.setZero();
+      anew = true;
+      continue;
+    }
+    moved = next - u;
+    lambda_moved = next_lambda - lambda;
+    u = next;
+    lambda = next_lambda;
+    const double before = result.residual;
+    result.residual = system_.balance(f, force).residual();
+    result.sweep = step.sweep;
+    result.dissipated -= 0.5 * moved.cwiseProduct(force + force_before).sum();
+    double curvature = 0.0;
+    if (const double size = mixed_->laplacian_of(moved); size > 0.0)
+      curvature = moved.cwiseProduct(force - force_before).sum() / size;
+    result.curvature = std::min(result.curvature, curvature);
+    force_before = force;
+    (u - start).colwise().squaredNorm().maxCoeff(&result.furthest);
+    if (curvature > 0.0) too_little = 0.0;
+    anew = step.evaluations < few_evaluations && 0.6 * viscosity.share > too_little;
+    if (anew) viscosity.share *= 0.6;
+    if (result.evaluations < options.evaluations &&
+        result.residual <
+            std::min({before, std::max(0.5 * tried, options.tolerance), 5.0 * options.tolerance})) {
+      Nodal end = u;
+      Eigen::VectorXd end_lambda = lambda;
+      const Relaxed at_rest =
+          (*mixed_)(end, end_lambda, f,
+                    {.tolerance = options.tolerance,
+                     .evaluations = std::min<std::int64_t>(2 * evaluations_of_step,
+                                                           options.evaluations - result.evaluations)},
+                    true);
+      result.evaluations += at_rest.evaluations;
+      if (at_rest.converged) {
+        u = end;
+        lambda = end_lambda;
+        result.residual = at_rest.residual;
+        result.sweep = at_rest.sweep;
+        result.converged = true;
+        return result;
+      }
+      tried = result.residual;
+      anew = true;
+    }
+  }
+  return result;
+}
+
+Relaxed Relaxation::relax_dynamically(Nodal& u, Nodal& f, const RelaxOptions& options,
+                                      std::int64_t evaluations) const {
+  const Index n = u.cols();
+  const Constraints& constraints = system_.held();
+  if (mass_.size() == 0) {
+    mass_ = stiffness_row_sums(system_.tissue().system(), system_.model());
+    const StiffnessBound bound = system_.stiffness_bound();
+    mass_ += bound.node;
+    for (const StiffnessBound::Edge& edge : bound.edge) {
+      mass_[edge.a] += 2.0 * edge.weight;
+      mass_[edge.b] += 2.0 * edge.weight;
+    }
+    const double floor = 1e-6 * mass_.maxCoeff();  // a node that no point sees well
+    mass_ = mass_.cwiseMax(floor);
+  }
+  const Eigen::VectorXd inverse_mass = mass_.cwiseInverse();
+  Relaxed result;
+  result.evaluations = evaluations;
+  const auto free_force = [&](Index a) -> Eigen::Vector4d { return constraints.project(a, f.col(a)); };
+  const auto evaluate = [&] {
+    stop_if_asked();
+    result.sweep = system_.force(u, f);
+    ++result.evaluations;
+  };
+
+  const Nodal start = u;
+  double caution = 1.0;
+  Nodal before = u, u_ref = u, f_ref = f;
+  for (int attempt = 0;; ++attempt, caution *= 1.5) {
+    const StableStep stable = stable_time_step(system_, mass_, u);
+    result.evaluations += stable.iterations + 1;
+    const double dt = 0.85 * stable.dt / std::sqrt(caution);
+    bool diverged = !(stable.dt > 0.0);
+    double w = 0.02 * 2.0 / std::max(dt, 1e-300) / 10.0, work_before = 0.0;
+    int last_ref = 0;
+    bool first_estimate = true;
+    before = u;
+    if (!diverged) {
+      evaluate();
+      u_ref = u;
+      f_ref = f;
+    }
+    for (int it = 1; !diverged && result.evaluations < options.evaluations; ++it) {
+      const double K = 2.0 / (w * dt), r = (K - 1.0) / (K + 1.0), keep = r * r,
+                   c = std::pow(0.5 * (1.0 + r) * dt, 2);
+      for (Index a = 0; a < n; ++a) {
+        if (constraints.is_held_wholly(a)) continue;
+        const Eigen::Vector4d now = u.col(a);
+        u.col(a) +=
+            keep * constraints.project(a, now - before.col(a)) - (c * inverse_mass[a]) * free_force(a);
+        before.col(a) = now;
+      }
+      evaluate();
+      if (it % between_checks != 0) continue;
+
+      double stiffness = 0.0, inertia = 0.0, unbalanced = 0.0, reactions = 0.0, work = 0.0;
+      for (Index a = 0; a < n; ++a) {
+        const Eigen::Vector4d free = free_force(a);
+        const Eigen::Vector4d du = constraints.project(a, u.col(a) - u_ref.col(a));
+        stiffness += du.dot(f.col(a) - f_ref.col(a));
+        inertia += mass_[a] * du.squaredNorm();
+        unbalanced += free.squaredNorm();
+        const Eigen::Vector4d held = f.col(a) - free;
+        reactions += 0.5 * held.norm() + system_.load_on(a);
+        work += held.dot(u.col(a)) - system_.load_times(u, a);
+      }
+      result.residual = std::sqrt(unbalanced) / std::max(reactions, 1e-30);
+      diverged = !(result.residual < 1e3) || !std::isfinite(work);
+      const double estimate = inertia > 0.0 ? std::sqrt(std::abs(stiffness) / inertia) : 0.0;
+      w = std::max(first_estimate ? estimate : 0.7 * w + 0.3 * estimate, 1e-4 / dt);
+      first_estimate = false;
+      if (it - last_ref >= memory) {
+        u_ref = u;
+        f_ref = f;
+        last_ref = it;
+      }
+      if (result.residual < options.tolerance &&
+          std::abs(work - work_before) < 0.1 * options.tolerance * std::abs(work))
+        return result;
+      work_before = work;
+    }
+    if (attempt == 5 || result.evaluations >= options.evaluations) throw no_equilibrium(result, system_.model());
+    u = start;
+  }
+}
+
+}  // namespace dimple

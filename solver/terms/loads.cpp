@@ -1,0 +1,98 @@
+#include "solver/terms/loads.hpp"
+
+#include <Eigen/Geometry>
+#include <utility>
+
+namespace dimple {
+namespace {
+
+class DeadLoad : public ForceTerm {
+ public:
+  explicit DeadLoad(Nodal force) : force_(std::move(force)) {}
+  void add_force(const Nodal&, const Instant& now, Nodal& f) override { f -= now.share * force_; }
+  double energy(const Nodal& u, const Instant& now) override { return -now.share * force_.cwiseProduct(u).sum(); }
+
+ private:
+  Nodal force_;
+};
+
+// [3xV] m: where the patch's corners are.
+Points moved(const SurfacePatch& patch, const Nodal& u) {
+  Points corner = patch.corner;
+  const auto& [rows, weight] = patch.at_corner;
+  for (Index v = 0; v < corner.cols(); ++v)
+    for (int k = rows.offset[v]; k < rows.offset[v + 1]; ++k) corner.col(v) += weight[k] * u.col(rows.member[k]).head<3>();
+  return corner;
+}
+
+// [4xN] N of a pressure of 1 Pa with the corners there: as surface_integrals() has them, so that a body under the same
+// pressure everywhere has no forces on its nodes but those that its stress balances.
+Nodal unit_pressure(const SurfacePatch& patch, const Points& corner, Index nodes) {
+  Nodal force = Nodal::Zero(4, nodes);
+  const auto& [rows, weight] = patch.at_middle;
+  for (Index t = 0; t < patch.triangles.cols(); ++t) {
+    const Vec3 a = corner.col(patch.triangles(0, t)), b = corner.col(patch.triangles(1, t)),
+               c = corner.col(patch.triangles(2, t));
+    const Vec3 inward = -0.5 * (b - a).cross(c - a);
+    for (int k = rows.offset[t]; k < rows.offset[t + 1]; ++k) force.col(rows.member[k]).head<3>() += weight[k] * inward;
+  }
+  return force;
+}
+
+// Where the patch's rim moves there is no energy: what counts is the work, by the mean of the forces at both ends of
+// each step.
+class FollowingPressure : public ForceTerm {
+ public:
+  FollowingPressure(SurfacePatch patch, double pressure, Index nodes)
+      : patch_(std::move(patch)), pressure_(pressure), u_(Nodal::Zero(4, nodes)), force_(u_) {}
+  void add_force(const Nodal& u, const Instant& now, Nodal& f) override { f -= force_at(u, now); }
+  double energy(const Nodal& u, const Instant& now) override {
+    return -(work_ + 0.5 * (force_ + force_at(u, now)).cwiseProduct(u - u_).sum());
+  }
+  void accept(const Nodal& u, const Instant& now) override {
+    work_ = -energy(u, now);
+    u_ = u;
+    force_ = force_at(u, now);
+  }
+  std::vector<double> past() const override {
+    std::vector<double> all(u_.data(), u_.data() + u_.size());
+    all.insert(all.end(), force_.data(), force_.data() + force_.size());
+    all.push_back(work_);
+    return all;
+  }
+  void restore_past(const std::vector<double>& past) override {
+    u_ = Eigen::Map<const Nodal>(past.data(), 4, u_.cols());
+    force_ = Eigen::Map<const Nodal>(past.data() + u_.size(), 4, u_.cols());
+    work_ = past.back();
+  }
+
+ private:
+  SurfacePatch patch_;
+  double pressure_;
+  Nodal u_, force_;  // of the last accepted step
+  double work_ = 0.0;
+
+  Nodal force_at(const Nodal& u, const Instant& now) const {
+    return (now.share * pressure_) * unit_pressure(patch_, moved(patch_, u), u.cols());
+  }
+};
+
+}  // namespace
+
+std::unique_ptr<ForceTerm> dead_load(Nodal force) {
+  return std::make_unique<DeadLoad>(std::move(force));
+}
+
+ForceTerms make_terms(const Model& model, const Loads& loads) {
+  ForceTerms terms;
+  if (!loads.gravity.isZero(0.0))
+    terms.push_back(dead_load(padded(loads.gravity) * model.mass.transpose()));
+  for (const SurfacePressure& one : loads.pressure)
+    if (one.follows)
+      terms.push_back(std::make_unique<FollowingPressure>(one.patch, one.pressure, model.node_count()));
+    else
+      terms.push_back(dead_load(one.pressure * unit_pressure(one.patch, one.patch.corner, model.node_count())));
+  return terms;
+}
+
+}  // namespace dimple

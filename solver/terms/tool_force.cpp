@@ -1,0 +1,32 @@
+#include "solver/terms/tool_force.hpp"
+
+#include <Eigen/Geometry>
+
+namespace dimple {
+
+Wrench wrench_on_tool(const Model& model, const Constraints& constraints, const Nodal& u, const Nodal& f,
+                      const Vec3& reference) {
+  Wrench sum = Wrench::Zero();
+  for (const Index a : model.indenter) {
+    const Vec3 holds = (f.col(a) - constraints.project(a, f.col(a))).head<3>();
+    const Vec3 arm = model.X.col(a) + u.col(a).head<3>() - reference;
+    sum.head<3>() -= holds;
+    sum.tail<3>() -= arm.cross(holds);
+  }
+  return sum;
+}
+
+double along_push(const Model& model, const std::vector<Index>& nodes, const Nodal& f) {
+  const Eigen::Vector4d push = padded(model.tool.push);
+  double sum = 0.0;
+  for (const Index a : nodes) sum += f.col(a).dot(push);
+  return sum;
+}
+
+double lateral_share(const Wrench& on_tool, const Vec3& push) {
+  const Vec3 force = on_tool.head<3>();
+  const double whole = force.norm();
+  return whole > 0.0 ? (force - force.dot(push) * push).norm() / whole : 0.0;
+}
+
+}  // namespace dimple
