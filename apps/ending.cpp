@@ -129,7 +129,8 @@ Ending::~Ending() {
 
 double seconds_since_start() {
   const double since_main = now() - started;
-  // Libraries are loaded before anything here runs. The system keeps when that began, in ticks since it was booted itself.
+  // Libraries are loaded before anything here runs. The system keeps when that began, in ticks since it was
+  // booted itself.
   std::ifstream in("/proc/self/stat");
   std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
   std::istringstream fields(

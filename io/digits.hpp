@@ -8,14 +8,15 @@
 
 namespace dimple {
 
-// How numbers are written for people, in every text, picture and page: three significant digits and no exponent.
-// Files for programs hold SI and mm with all their digits.
+// How numbers are written for people, in every text, picture and page: three significant digits and no
+// exponent. Files for programs hold SI and mm with all their digits.
 
 /// So many digits after the point, with a point in every locale, and never a minus before nothing.
 inline std::string fixed(double x, int decimals) {
   if (!std::isfinite(x)) return std::isnan(x) ? "nan" : x > 0.0 ? "inf" : "-inf";
   std::array<char, 400> digits;
-  const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), x, std::chars_format::fixed, decimals);
+  const auto end =
+      std::to_chars(digits.data(), digits.data() + digits.size(), x, std::chars_format::fixed, decimals);
   std::string text(digits.data(), end.ptr);
   return text.find_first_not_of("-0.") == std::string::npos && text.starts_with('-') ? text.substr(1) : text;
 }
@@ -104,7 +105,9 @@ inline std::string length_in_words(double mm) {
 /// "210 Pa", "12.5 kPa", "200 MPa".
 inline std::string stress_in_words(double Pa) {
   const double size = std::abs(Pa);
-  return size >= 1e7 ? plain(1e-6 * Pa, 4) + " MPa" : size >= 1e4 ? plain(1e-3 * Pa, 4) + " kPa" : plain(Pa, 4) + " Pa";
+  return size >= 1e7   ? plain(1e-6 * Pa, 4) + " MPa"
+         : size >= 1e4 ? plain(1e-3 * Pa, 4) + " kPa"
+                       : plain(Pa, 4) + " Pa";
 }
 
 }  // namespace dimple

@@ -1,6 +1,7 @@
 #pragma once
 
-// What the image formats have in common; used by label_image.cpp, volume_image.cpp and the readers, by nobody else.
+// What the image formats have in common; used by label_image.cpp, volume_image.cpp and the readers, by nobody
+// else.
 
 #include <Eigen/Geometry>
 #include <array>
@@ -134,8 +135,8 @@ std::span<const T> numbers(const StoredImage& image) {
   return {reinterpret_cast<const T*>(first), image.count()};
 }
 
-/// NIfTI-1: the header of such an image, with `components` numbers per voxel, and the four bytes after it. Throws
-/// std::runtime_error: more voxels along an axis than it has room for.
+/// NIfTI-1: the header of such an image, with `components` numbers per voxel, and the four bytes after it.
+/// Throws std::runtime_error: more voxels along an axis than it has room for.
 std::vector<std::byte> nifti_header(const StoredImage& image, int components);
 
 /// Writers to a temporary name; they throw std::runtime_error with the library's or the system's words.

@@ -103,8 +103,9 @@ constexpr std::string_view totalsegmentator_mr =
     "gluteus_maximus_right gluteus_medius_left gluteus_medius_right gluteus_minimus_left "
     "gluteus_minimus_right autochthon_left autochthon_right iliopsoas_left iliopsoas_right brain";
 
-// The numbering of FreeSurfer's FreeSurferColorLUT.txt, of what its segmentations hold: aseg.mgz (number, name; ...) and,
-// by the Desikan-Killiany names from 1000 (left) and 2000 (right) on, aparc+aseg.mgz; wmparc.mgz from 3000 and 4000 on.
+// The numbering of FreeSurfer's FreeSurferColorLUT.txt, of what its segmentations hold: aseg.mgz (number,
+// name; ...) and, by the Desikan-Killiany names from 1000 (left) and 2000 (right) on, aparc+aseg.mgz;
+// wmparc.mgz from 3000 and 4000 on.
 constexpr std::string_view freesurfer_aseg =
     "2 Left-Cerebral-White-Matter 3 Left-Cerebral-Cortex 4 Left-Lateral-Ventricle 5 Left-Inf-Lat-Vent "
     "7 Left-Cerebellum-White-Matter 8 Left-Cerebellum-Cortex 10 Left-Thalamus 11 Left-Caudate 12 "

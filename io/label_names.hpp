@@ -34,7 +34,8 @@ LabelTable read_label_names(const std::filesystem::path& file);
 /// "totalsegmentator-mr" (`total_mr`), of version 2, or "freesurfer" (aseg, aparc+aseg, wmparc).
 std::optional<LabelTable> known_label_names(const std::string& word);
 
-/// Which of these numberings has a label of that name, for instance "label 5 of totalsegmentator"; empty: none.
+/// Which of these numberings has a label of that name, for instance "label 5 of totalsegmentator"; empty:
+/// none.
 std::string numbering_with(const std::string& label_name);
 
 /// A sentence if the labels of the image would have other names in a sister numbering and nothing tells which

@@ -35,9 +35,9 @@ struct TextTable {
   std::vector<Row> row;
 };
 
-/// The same as read_csv(), of words: commas, semicolons or tabs separate, for a word may hold blanks; a field may
-/// be empty. Throws InputError: no such file, zero bytes in it, no header, a header entry that is empty or there twice, quotes
-/// that do not close in their line, rows of different length.
+/// The same as read_csv(), of words: commas, semicolons or tabs separate, for a word may hold blanks; a field
+/// may be empty. Throws InputError: no such file, zero bytes in it, no header, a header entry that is empty
+/// or there twice, quotes that do not close in their line, rows of different length.
 TextTable read_text_csv(const std::filesystem::path& file);
 /// RFC 4180 CSV of rows of words. What is no number stands as_text().
 std::string to_csv(const TextTable& table);

@@ -307,7 +307,8 @@ struct VolumeWriter::State {
   std::ofstream out;
   std::string header;
   std::size_t written = 0, all = 0;  // bytes of voxels
-  // One stream after the other: NIfTI has all first components before all second ones, the others have one stream.
+  // One stream after the other: NIfTI has all first components before all second ones, the others have one
+  // stream.
   struct Stream {
     std::vector<std::byte> waiting;
     std::vector<Packed> packed;

@@ -16,7 +16,8 @@ namespace dimple {
 
 struct StoredImage;
 
-/// Where the voxels of an image lie, along its axes as they are stored: flipped, oblique or sheared as they may be.
+/// Where the voxels of an image lie, along its axes as they are stored: flipped, oblique or sheared as they
+/// may be.
 struct VoxelGrid {
   std::array<Index, 3> size{};
   Eigen::Affine3d to_world = Eigen::Affine3d::Identity();  ///< voxel centre (i, j, k) -> LPS position [mm]
@@ -43,8 +44,9 @@ class VolumeImage {
 
   const VoxelGrid& grid() const { return grid_; }
   std::size_t bytes_per_voxel() const;
-  /// The image at places [3 x count] in voxels along its axes, in its own type. Linear: between the eight voxels
-  /// around, whole numbers rounded. Nearest: the voxel's number. Beyond the image: linear, as at its border; nearest, 0.
+  /// The image at places [3 x count] in voxels along its axes, in its own type. Linear: between the eight
+  /// voxels around, whole numbers rounded. Nearest: the voxel's number. Beyond the image: linear, as at its
+  /// border; nearest, 0.
   void sample(std::span<const float> place, Sampling how, std::byte* result) const;
   /// The voxel's number as a label, times slope and so on; for counting.
   std::int64_t label_of(const std::byte* number) const;
@@ -65,15 +67,15 @@ struct VolumeKind {
       nullptr;  ///< an image whose type, scale and segments it takes over; else: Float32
 };
 
-/// ".nii.gz", ".nii", ".nrrd" or ".mha": the format in which images are written beside `file`, which is of the same;
-/// of formats with the voxels in a second file, the one with a single file.
+/// ".nii.gz", ".nii", ".nrrd" or ".mha": the format in which images are written beside `file`, which is of
+/// the same; of formats with the voxels in a second file, the one with a single file.
 std::string volume_suffix(const std::filesystem::path& file);
 
-/// Writes an image of that grid bit by bit, so that it never has to be in memory as a whole; packed, but for .nii.
-/// It appears under its name when finish() is called, and not at all otherwise.
+/// Writes an image of that grid bit by bit, so that it never has to be in memory as a whole; packed, but for
+/// .nii. It appears under its name when finish() is called, and not at all otherwise.
 ///
-/// Headers by our own hand: ITK's writers want all voxels at once, pack them in one thread, and hear no Ctrl-C while
-/// they do.
+/// Headers by our own hand: ITK's writers want all voxels at once, pack them in one thread, and hear no
+/// Ctrl-C while they do.
 class VolumeWriter {
  public:
   /// Throws OutputError.

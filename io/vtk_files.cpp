@@ -696,9 +696,11 @@ PointFile read_vtu(const fs::path& file) {
 
 SurfaceFile read_vtp(const fs::path& file) {
   const auto mesh = read_xml<vtkXMLPolyDataReader>(file, "PolyData", ".vtp");
-  SurfaceFile surface{
-      .position_mm = positions_of(file, *mesh), .triangles = {}, .fields = fields_of(*mesh->GetPointData()),
-      .on_triangles = fields_of(*mesh->GetCellData()), .facts = fields_of(*mesh->GetFieldData())};
+  SurfaceFile surface{.position_mm = positions_of(file, *mesh),
+                      .triangles = {},
+                      .fields = fields_of(*mesh->GetPointData()),
+                      .on_triangles = fields_of(*mesh->GetCellData()),
+                      .facts = fields_of(*mesh->GetFieldData())};
 
   const std::string name = file.filename().string();
   const std::string triangulate = "apply the Triangulate filter in ParaView and save the result";

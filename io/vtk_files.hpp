@@ -38,7 +38,8 @@ struct SurfaceFile {
 /// All writers here write inline base64 data packed by LZ4, beside the final name, then rename; they throw
 /// OutputError (disk, permissions) and std::invalid_argument (a field that does not match the points: the
 /// caller's mistake). The unit of each array is its UNITS_LABEL, the time the field data TimeValue; a field
-/// "displacement_mm" is the active vector. `exact` keeps positions in double precision, else they are Float32.
+/// "displacement_mm" is the active vector. `exact` keeps positions in double precision, else they are
+/// Float32.
 
 /// .vtu with one VTK_VERTEX per point.
 void write_vtu(const std::filesystem::path& file, const PointFile& points, double time_s, bool exact = false);

@@ -9,7 +9,8 @@ namespace dimple {
 
 /// "(1.0, -2.5, 30.0) mm".
 inline std::string in_words(const Vec3& place_mm) {
-  return "(" + fixed(place_mm.x(), 1) + ", " + fixed(place_mm.y(), 1) + ", " + fixed(place_mm.z(), 1) + ") mm";
+  return "(" + fixed(place_mm.x(), 1) + ", " + fixed(place_mm.y(), 1) + ", " + fixed(place_mm.z(), 1) +
+         ") mm";
 }
 
 }  // namespace dimple

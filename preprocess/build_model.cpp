@@ -12,8 +12,8 @@
 #include "io/stop.hpp"
 #include "io/units.hpp"
 #include "preprocess/cloud/neighbours.hpp"
-#include "preprocess/side_by_side.hpp"
 #include "preprocess/cloud/spatial_order.hpp"
+#include "preprocess/side_by_side.hpp"
 
 namespace dimple {
 

@@ -3,12 +3,12 @@
 #include <map>
 #include <vector>
 
-#include "preprocess/scene/boundary_conditions.hpp"
 #include "preprocess/cloud/integration_grid.hpp"
-#include "preprocess/surface/label_surface.hpp"
-#include "preprocess/make_model.hpp"
 #include "preprocess/cloud/node_cloud.hpp"
+#include "preprocess/make_model.hpp"
+#include "preprocess/scene/boundary_conditions.hpp"
 #include "preprocess/stages.hpp"
+#include "preprocess/surface/label_surface.hpp"
 
 namespace dimple {
 
@@ -33,7 +33,7 @@ struct ModelReport {
   double grid_volume_mm3 = 0.0, cell_mm = 0.0;
   Index clipped = 0, merged = 0;
   double spacing_mm = 0.0, rim_spacing_mm = 0.0;  ///< wanted far from the circle, and on its rim
-  double largest_spacing_mm = 0.0;  ///< of all distances from a node to the nearest other
+  double largest_spacing_mm = 0.0;                ///< of all distances from a node to the nearest other
   Index surface_nodes = 0, circle_nodes = 0, rim_nodes = 0;
   Evenness evenness;
   Boundary boundary;  ///< in the surface's own frame

@@ -8,10 +8,10 @@
 #include "io/error.hpp"
 #include "io/memory.hpp"
 #include "io/stop.hpp"
-#include "preprocess/supports/consistency.hpp"
 #include "preprocess/cloud/lumped_mass.hpp"
-#include "preprocess/supports/pressure_patches.hpp"
 #include "preprocess/side_by_side.hpp"
+#include "preprocess/supports/consistency.hpp"
+#include "preprocess/supports/pressure_patches.hpp"
 #include "preprocess/supports/support.hpp"
 
 namespace dimple {
@@ -54,8 +54,8 @@ Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi ti
 
   side_by_side(
       [&] {
-        // Where a fold hides nodes from points the shape functions end at the line of sight, inside the body: then
-        // no integral over its surface says what their gradients sum to.
+        // Where a fold hides nodes from points the shape functions end at the line of sight, inside the body:
+        // then no integral over its surface says what their gradients sum to.
         if (scheme.consistent_gradients && !model.surface.empty() && !folded)
           make_consistent(model, surface_integrals(model, scheme.support, pieces_of(model)));
       },

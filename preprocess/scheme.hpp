@@ -8,12 +8,14 @@ namespace dimple {
 enum class Basis { linear, quadratic };
 enum class Weight { quartic, cubic, gauss };
 
-/// How the node spacing follows the load. Each number's effect, halved and doubled: tests/verification/README.md.
+/// How the node spacing follows the load. Each number's effect, halved and doubled:
+/// tests/verification/README.md.
 struct GradingOptions {
   double rim = 1.0;    ///< spacing at the rim of the indenter's circle / spacing far away; 1: even everywhere
   double reach = 3.0;  ///< distance from the rim at which the far spacing is reached [radii of the circle]
   double least = 0.0;  ///< spacing at the rim that a cloud does not go below [radii of the circle]
-  /// Where tissue keeps the load together, (its flux there / a half-space's)^-this is a factor (LoadPath). 0: 1.
+  /// Where tissue keeps the load together, (its flux there / a half-space's)^-this is a factor (LoadPath).
+  /// 0: 1.
   double load_exponent = 0.0;
   double load_slope = 2.0;  ///< of that factor at most [per reach]
 };
@@ -33,7 +35,8 @@ struct SupportOptions {
   /// At prescribed nodes the weight is multiplied by (1 + e) / (s^2 + e), s = distance / radius, so that the
   /// field nearly takes their values there; e = this. 0: ordinary weights everywhere. Most & Bucher 2005.
   double interpolation = 0.0;
-  /// A node belongs to a place only if it sees it through the tissue (sight.hpp). False: distance alone decides.
+  /// A node belongs to a place only if it sees it through the tissue (sight.hpp). False: distance alone
+  /// decides.
   bool through_tissue = false;
   double effective_radius_factor() const {
     return radius_factor > 0.0 ? radius_factor : basis == Basis::linear ? 1.8 : 2.6;

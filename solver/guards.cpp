@@ -80,7 +80,8 @@ std::vector<Finding> check_model(const Model& model, const SupportReport& suppor
         {{.fact = text(support.grown, " supports had to be enlarged, by up to ", support.largest_growth,
                        ", to hold enough nodes: ", percent(share), " of the points"),
           .where = at(support.fewest_at),
-          .why = text("the cloud is sparse, or thin beside its supports; one point has ", support.fewest, " nodes"),
+          .why = text("the cloud is sparse, or thin beside its supports; one point has ", support.fewest,
+                      " nodes"),
           .remedy = "raise support.radius_factor, or use more nodes (--nodes)",
           .code = "supports"},
          share});
@@ -110,7 +111,8 @@ Guards::Guards(System& system, bool static_answer, bool on, std::vector<Finding>
       static_answer_(static_answer),
       on_(on),
       findings_(findings),
-      beneath_((model_.X.transpose() * model_.tool.push).maxCoeff() - model_.tool.centre.dot(model_.tool.push)) {}
+      beneath_((model_.X.transpose() * model_.tool.push).maxCoeff() -
+               model_.tool.centre.dot(model_.tool.push)) {}
 
 // One of each code; `worst` grows away from what is good in its own direction, so the later one with the
 // larger excursion wins. J_min is the only one that falls.
@@ -187,8 +189,9 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
   if (const double share = inverted_volume / whole; inverted > 0) {
     const Vec3 x = model_.point.col(sweep.point);
     Report report = {
-        .fact = text(inverted, " of ", model_.point_count(), " integration points ", inverted == 1 ? "is" : "are",
-                     " inverted, ", percent(share), " of the volume; smallest det F ", sweep.J_min),
+        .fact =
+            text(inverted, " of ", model_.point_count(), " integration points ", inverted == 1 ? "is" : "are",
+                 " inverted, ", percent(share), " of the volume; smallest det F ", sweep.J_min),
         .where = moment(now) + text("; worst point at rest at ", in_mm(x), ", ",
                                     1e3 * (x - model_.tool.centre).norm(), " mm from the circle's centre"),
         .why = "the strain at a sharp rim is unbounded; the force is unaffected by so small a volume",
@@ -196,8 +199,9 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
         .code = "inverted"};
     if (share > inverted_wrong) {
       report.why = "the load is more than this cloud can follow: the sharp rim alone inverts less";
-      report.remedy = "use more nodes (--nodes), shorter steps of the load (--set solver.step_radii=0.05), or a smaller "
-                      "--depth";
+      report.remedy =
+          "use more nodes (--nodes), shorter steps of the load (--set solver.step_radii=0.05), or a smaller "
+          "--depth";
       throw SolveError(report);
     }
     find({report, sweep.J_min});
@@ -229,14 +233,16 @@ void Guards::check(const EnergySample& e, double largest_external, double durati
     const double error = e.error(), scale = largest_external;
     const bool gain = error < 0.0;
     Report report = {
-        .fact = text(gain ? "energy appeared from nowhere" : "energy was lost", ": the tool did ", 1e6 * e.external,
-                     " uJ of work, the tissue holds ", 1e6 * (e.kinetic + e.stored + e.dissipated), " uJ"),
+        .fact = text(gain ? "energy appeared from nowhere" : "energy was lost", ": the tool did ",
+                     1e6 * e.external, " uJ of work, the tissue holds ",
+                     1e6 * (e.kinetic + e.stored + e.dissipated), " uJ"),
         .where = moment(now),
         .why = now.dt_stable > 0.0
                    ? "the time integration became unstable"
                    : "the steps are too long to follow the path, or the tissue gave way between two",
         .remedy = now.dt_stable > 0.0 ? "use a smaller solver.safety, for instance --set solver.safety=0.6"
-                                      : "use shorter steps: --set solver.step_radii=0.05 in equilibrium, more --frames with inertia",
+                                      : "use shorter steps: --set solver.step_radii=0.05 in equilibrium, "
+                                        "more --frames with inertia",
         .code = "energy"};
     // Central differences gain energy only by instability, and the few nodes under the circle jump long
     // before the whole body shows much of it.
@@ -352,32 +358,33 @@ void Guards::found_limit_point(const Nodal& jump, double way, const Moment& now)
   Index furthest = 0;
   const Eigen::RowVectorXd size = jump.colwise().norm();
   const double largest = size.maxCoeff(&furthest);
-  find({{.fact = text("the tissue gave way at ", fixed(1e3 * now.depth, 2), " mm: a node moved by ",
-                      fixed(1e3 * largest, 2), " mm while the tool moved by ", fixed(1e3 * way, 2),
-                      " mm, and ", (size.array() > way).count(), " of ", size.size(),
-                      " nodes by more than the tool"),
-         .where = moment(now) + "; " + place_of(model_, furthest),
-         .why =
-             "the path of equilibria has a limit point there: a wall buckled or a fold rolled over. The force "
-             "beyond is that of the equilibrium in which the tissue came to rest; contact of a surface with "
-             "itself is not modelled",
-         .remedy =
-             text("trust the curve to ", fixed(1e3 * (now.depth - way), 2),
-                  " mm; beyond, put the circle further from folds and edges (--indent-at), or follow the "
-                  "motion with --time dynamic"),
-         .code = "limit-point"},
-        1e3 * largest});
+  find(
+      {{.fact =
+            text("the tissue gave way at ", fixed(1e3 * now.depth, 2), " mm: a node moved by ",
+                 fixed(1e3 * largest, 2), " mm while the tool moved by ", fixed(1e3 * way, 2), " mm, and ",
+                 (size.array() > way).count(), " of ", size.size(), " nodes by more than the tool"),
+        .where = moment(now) + "; " + place_of(model_, furthest),
+        .why =
+            "the path of equilibria has a limit point there: a wall buckled or a fold rolled over. The force "
+            "beyond is that of the equilibrium in which the tissue came to rest; contact of a surface with "
+            "itself is not modelled",
+        .remedy =
+            text("trust the curve to ", fixed(1e3 * (now.depth - way), 2),
+                 " mm; beyond, put the circle further from folds and edges (--indent-at), or follow the "
+                 "motion with --time dynamic"),
+        .code = "limit-point"},
+       1e3 * largest});
 }
 
 void Guards::check_step(const Moment& now) const {
   if (!on_ || now.dt <= now.dt_stable) return;
-  throw SolveError(
-      {.fact = text("the time step of ", 1e6 * now.dt, " us is above the stable one of ", 1e6 * now.dt_stable, " us"),
-       .where = moment(now),
-       .why = now.depth > 0.0 ? "compressed tissue has a shorter one than at the last frame"
-                              : "it was asked for",
-       .remedy = "use a solver.safety below 1, for instance 0.9, or more frames (--frames)",
-       .code = "time-step"});
+  throw SolveError({.fact = text("the time step of ", 1e6 * now.dt, " us is above the stable one of ",
+                                 1e6 * now.dt_stable, " us"),
+                    .where = moment(now),
+                    .why = now.depth > 0.0 ? "compressed tissue has a shorter one than at the last frame"
+                                           : "it was asked for",
+                    .remedy = "use a solver.safety below 1, for instance 0.9, or more frames (--frames)",
+                    .code = "time-step"});
 }
 
 std::string place_of(const Model& model, Index node) {

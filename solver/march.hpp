@@ -1,15 +1,16 @@
 #pragma once
 
-// What every way of marching is given and hands out: explicit.hpp, implicit.hpp, quasi_static.hpp; solve.hpp chooses.
+// What every way of marching is given and hands out: explicit.hpp, implicit.hpp, quasi_static.hpp; solve.hpp
+// chooses.
 
 #include <array>
 #include <functional>
 #include <vector>
 
-#include "solver/guards.hpp"
 #include "solver/equilibrium/mixed_iteration.hpp"
-#include "solver/march/path.hpp"
 #include "solver/equilibrium/stable_time_step.hpp"
+#include "solver/guards.hpp"
+#include "solver/march/path.hpp"
 #include "solver/system.hpp"
 
 namespace dimple {
@@ -36,7 +37,8 @@ struct SolverOptions {
   bool guards = true;               ///< false: only to measure what they cost
 };
 
-/// The tool at one time. `force` and `base_force` are components along the push, positive when tissue resists.
+/// The tool at one time. `force` and `base_force` are components along the push, positive when tissue
+/// resists.
 struct ForceSample {
   double t, depth;    ///< [s], [m]
   double force;       ///< on the circle's nodes [N]
@@ -65,7 +67,8 @@ struct History {
   std::vector<ForceSample> force;
   std::vector<EnergySample> energy;
   std::int64_t steps = 0;
-  std::int64_t extra_evaluations = 0;  ///< of the force, for the stable step; slowly: for frames between steps
+  std::int64_t extra_evaluations =
+      0;  ///< of the force, for the stable step; slowly: for frames between steps
   double dt_stable_first = 0.0, dt_first = 0.0, dt_smallest = 0.0;  ///< [s]
   double J_min = 1.0;                                               ///< smallest det F at any point and step
   Index inverted = 0;                                               ///< most points inverted at once
@@ -81,7 +84,9 @@ struct History {
 /// never stopped. Each way of marching fills in what it needs.
 struct State {
   int frame = 0;  ///< explicit, implicit: the stretch before the next; slowly: the last done
-  std::int64_t step = 0, steps = 0;  ///< explicit: the next one of that stretch, and their number; slowly: the last done
+  std::int64_t step = 0,
+               steps =
+                   0;  ///< explicit: the next one of that stretch, and their number; slowly: the last done
   double t = 0.0, dt = 0.0, dt_before = 0.0, dt_stable = 0.0;  ///< [s]
   double depth = 0.0, depth_before = 0.0;                      ///< [m]
   double force_before = 0.0;                                   ///< [N]
@@ -102,7 +107,8 @@ struct State {
 
 struct Observer {
   std::function<void(const Frame&)> frame = {};
-  std::function<bool(const ForceSample&, const History&)> sample = {};  ///< false: stop here, keep what there is
+  std::function<bool(const ForceSample&, const History&)> sample =
+      {};  ///< false: stop here, keep what there is
   /// Where a run can be taken up again, the last frame apart: explicit: at frames; else between two steps.
   /// `state` copies: call it only when it is to be kept.
   std::function<void(const std::function<State()>& state)> between_steps = {};

@@ -7,11 +7,11 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
+#include "solver/equilibrium/relax.hpp"
+#include "solver/equilibrium/stable_time_step.hpp"
 #include "solver/live/known_states.hpp"
 #include "solver/march/path.hpp"
 #include "solver/march/quasi_static.hpp"
-#include "solver/equilibrium/relax.hpp"
-#include "solver/equilibrium/stable_time_step.hpp"
 #include "solver/text.hpp"
 
 namespace dimple {
@@ -31,8 +31,8 @@ constexpr double slowest = 1.0 / 32.0;  // of longest_way, where the tool stops
 constexpr double folded = 0.01;         // share of inverted points
 constexpr double widest = 2.5;          // displacement, in depths of the tool
 constexpr double gradient_good = 0.1;   // radii, for which dJ/du serves
-// Of the error: shares of the correction, of the mean of the energies left and of the tool, and of the force. Chosen before the study
-// that counts how often it holds (tests/bench/README.md).
+// Of the error: shares of the correction, of the mean of the energies left and of the tool, and of the force.
+// Chosen before the study that counts how often it holds (tests/bench/README.md).
 constexpr double of_correction = 0.5, of_energy = 0.1, of_force = 1e-3;
 
 }  // namespace
@@ -42,7 +42,8 @@ struct Session::Parts {
       : model(std::move(m)),
         options(o),
         tissue(model, {std::move(materials), model.tissue}, options.precision),
-        system(make_system(tissue, model, options.contact, options.further, options.loads, options.tolerance)),
+        system(
+            make_system(tissue, model, options.contact, options.further, options.loads, options.tolerance)),
         relax(*system),
         u(system->at_rest().u),
         v(Nodal::Zero(4, model.node_count())),
@@ -65,8 +66,10 @@ struct Session::Parts {
   Nodal u, v, f;
   Eigen::VectorXd lambda;
   // Which may draw the tissue away from the tool.
-  bool moves_supports = std::any_of(options.further.begin(), options.further.end(), [](const HeldSet& s) { return s.share != 0.0; });
-  double longest = longest_way * model.tool.radius / longest_share(options.further);  // way of the tool, likewise [m]
+  bool moves_supports = std::any_of(options.further.begin(), options.further.end(),
+                                    [](const HeldSet& s) { return s.share != 0.0; });
+  double longest =
+      longest_way * model.tool.radius / longest_share(options.further);  // way of the tool, likewise [m]
   double thick;  // of the body along the push, from where the tool touches it [m]
   Path path{2};  // the last equilibria
   double depth = 0.0;
@@ -119,8 +122,7 @@ struct Session::Parts {
     }
     look_ahead(to);
     const RelaxOptions how{.tolerance = options.tolerance};
-    const Relaxed found =
-        relax.has_mixed() ? relax.from_near(u, lambda, f, how) : relax(u, f, how, &lambda);
+    const Relaxed found = relax.has_mixed() ? relax.from_near(u, lambda, f, how) : relax(u, f, how, &lambda);
     if (!found.converged) throw no_equilibrium(found, model);
     depth = to;
     path.push(depth, u, lambda);
@@ -156,7 +158,8 @@ struct Session::Parts {
     return std::min(asked, known.deepest() + way);
   }
 
-  // What the forces and volumes left unbalanced at a depth are to the force on the tool; see Session::follow().
+  // What the forces and volumes left unbalanced at a depth are to the force on the tool; see
+  // Session::follow().
   double correction_at(double at, const MixedIteration::Left& its) const {
     const KnownStates::Slope slope = known.slope(at);
     return slope.u.cwiseProduct(its.force).sum() + slope.lambda.dot(its.volume);
@@ -340,8 +343,7 @@ std::int64_t Session::equilibrate(double depth, double dt) {
   Parts& p = *parts_;
   return p.whole([&] {
     const double from = p.depth;
-    const int ways = std::max(
-        1, static_cast<int>(std::ceil(std::abs(depth - from) / p.longest - 1e-9)));
+    const int ways = std::max(1, static_cast<int>(std::ceil(std::abs(depth - from) / p.longest - 1e-9)));
     std::int64_t evaluations = 0;
     for (int k = 1; k <= ways; ++k) {
       stop_if_asked();

@@ -28,8 +28,8 @@ struct FrameLimit {
 /// Where a tool that is followed stands, and what it feels there.
 struct LiveFrame {
   enum class Tool {
-    there,   ///< where it was asked to be
-    lags,    ///< the time did not suffice: it is on its way, and the next frames go on
+    there,    ///< where it was asked to be
+    lags,     ///< the time did not suffice: it is on its way, and the next frames go on
     stopped,  ///< no equilibrium is found any deeper: it stays at the deepest that is known
     ignored,  ///< it was to move across the push while it touches, and has kept to its axis
     beyond    ///< it was asked to be deeper than the body reaches
@@ -40,8 +40,8 @@ struct LiveFrame {
   Wrench on_tool = Wrench::Zero();
   /// `on_tool` over `force`; where there is none, as at the least depth that is known. Zero: none is known.
   Wrench per_force = Wrench::Zero();
-  /// Estimate of how far `force` is from that of equilibrium at `depth` [N]: it held in 99.8 % of the frames on a
-  /// phantom and a heart with 8 evaluations a frame or more, in 95 % with 2 (tests/bench/README.md).
+  /// Estimate of how far `force` is from that of equilibrium at `depth` [N]: it held in 99.8 % of the frames
+  /// on a phantom and a heart with 8 evaluations a frame or more, in 95 % with 2 (tests/bench/README.md).
   double error = 0.0;
   double stiffness = 0.0;  ///< d force / d depth [N/m]
   double residual = 0.0;   ///< relative, as SessionOptions::tolerance
@@ -63,19 +63,19 @@ class Session {
   Session(Session&&) noexcept;
   Session& operator=(Session&&) noexcept;
 
-  /// Moves the tool along its push to `depth` [m] from where it first touched, or back, and lets the body come
-  /// to rest there; way by way where it is far. `dt` [s]: how long the move takes, for viscoelastic tissue.
-  /// Returns the evaluations of the force that it took. Throws SolveError: there is no equilibrium to be found;
-  /// the body is then as it was.
+  /// Moves the tool along its push to `depth` [m] from where it first touched, or back, and lets the body
+  /// come to rest there; way by way where it is far. `dt` [s]: how long the move takes, for viscoelastic
+  /// tissue. Returns the evaluations of the force that it took. Throws SolveError: there is no equilibrium to
+  /// be found; the body is then as it was.
   std::int64_t equilibrate(double depth, double dt = 0.0);
 
   /// Moves the tool towards `depth` [m] and follows the body for as long as the limit allows: the tool
-  /// lags where that does not suffice, and every later frame goes on from there. No state is shown that is far from
-  /// equilibrium, has folded over or lies beyond the tool; in its place the last good one stays. Lifted (depth <= 0)
-  /// the body is at rest. `dt` [s]: since the last frame, for viscoelastic tissue.
+  /// lags where that does not suffice, and every later frame goes on from there. No state is shown that is
+  /// far from equilibrium, has folded over or lies beyond the tool; in its place the last good one stays.
+  /// Lifted (depth <= 0) the body is at rest. `dt` [s]: since the last frame, for viscoelastic tissue.
   ///
-  /// The force is that on the tool plus w.r + m.s, with r, s the forces and volumes left unbalanced and w, m the
-  /// derivatives of displacements and pressures by the depth: its error is of second order in theirs.
+  /// The force is that on the tool plus w.r + m.s, with r, s the forces and volumes left unbalanced and w, m
+  /// the derivatives of displacements and pressures by the depth: its error is of second order in theirs.
   ///
   /// Source:   Becker, Rannacher, Acta Numerica 10, 2001 (dual weighted residuals), the dual solution
   ///           by differences of equilibria along the tool's way, which symmetry makes the same.
@@ -83,8 +83,9 @@ class Session {
   LiveFrame follow(double depth, const FrameLimit& limit, double dt = 0.0);
 
   /// Moves the tool to `depth` [m] at an even speed within `dt` [s] and follows the body with its inertia, by
-  /// central differences. Returns their number. Throws SolveError: they would be more than SessionOptions::steps, a
-  /// number stopped being one, or an integration point was inverted; the body is then as it was.
+  /// central differences. Returns their number. Throws SolveError: they would be more than
+  /// SessionOptions::steps, a number stopped being one, or an integration point was inverted; the body is
+  /// then as it was.
   std::int64_t step(double depth, double dt);
 
   double depth() const;         ///< of the tool [m]

@@ -3,10 +3,10 @@
 #include <algorithm>
 
 #include "io/stop.hpp"
+#include "solver/equilibrium/stable_time_step.hpp"
 #include "solver/march/explicit.hpp"
 #include "solver/march/implicit.hpp"
 #include "solver/march/quasi_static.hpp"
-#include "solver/equilibrium/stable_time_step.hpp"
 
 namespace dimple {
 

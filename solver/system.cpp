@@ -130,7 +130,8 @@ Rest settled(System& system, double tolerance) {
       if (part >= smallest_part) continue;
       Report report = error.report;
       report.fact = text("the body does not carry its loads: ", report.fact);
-      report.where = text("before the tool touches, at ", percent(share), " of gravity and pressures; ", report.where);
+      report.where =
+          text("before the tool touches, at ", percent(share), " of gravity and pressures; ", report.where);
       report.remedy = "lower gravity or the pressures, raise the stiffness, or hold more of the body";
       throw SolveError(report);
     }
@@ -141,11 +142,12 @@ Rest settled(System& system, double tolerance) {
 }  // namespace
 
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
-                                    const std::vector<HeldSet>& further, const Loads& loads, double tolerance) {
-  if (loads.none())
-    return std::make_unique<System>(tissue, model, make_constraints(model, contact, further));
+                                    const std::vector<HeldSet>& further, const Loads& loads,
+                                    double tolerance) {
+  if (loads.none()) return std::make_unique<System>(tissue, model, make_constraints(model, contact, further));
   std::vector<HeldSet> still;  // those that move have not come yet, as the tool has not
-  std::copy_if(further.begin(), further.end(), std::back_inserter(still), [](const HeldSet& s) { return s.share == 0.0; });
+  std::copy_if(further.begin(), further.end(), std::back_inserter(still),
+               [](const HeldSet& s) { return s.share == 0.0; });
   still.push_back({.name = "base", .node = model.base});
   auto system = std::make_unique<System>(tissue, model, Constraints(model.node_count(), std::move(still)),
                                          make_terms(model, loads));

@@ -17,8 +17,8 @@ struct Balance {
   double residual() const { return unbalanced / std::max(reactions, 1e-30); }
 };
 
-/// [J]; `hourglass`: the part of the tissue's in what averaged gradients leave out (GradientVariance); `loads`: of all
-/// other forces, less what they had where the run began.
+/// [J]; `hourglass`: the part of the tissue's in what averaged gradients leave out (GradientVariance);
+/// `loads`: of all other forces, less what they had where the run began.
 struct StoredEnergy {
   double tissue = 0.0, hourglass = 0.0, loads = 0.0;
   double sum() const { return tissue + loads; }
@@ -30,9 +30,10 @@ struct Rest {
   Eigen::VectorXd lambda;
 };
 
-/// A body in one run: its tissue, all other forces on it, and what is held of it. Every march, every search for an
-/// equilibrium and every guard is given this, and asks nothing else for a force. What f is: the derivative of all
-/// energy by the displacements; zero on free nodes in equilibrium, on held ones the reaction.
+/// A body in one run: its tissue, all other forces on it, and what is held of it. Every march, every search
+/// for an equilibrium and every guard is given this, and asks nothing else for a force. What f is: the
+/// derivative of all energy by the displacements; zero on free nodes in equilibrium, on held ones the
+/// reaction.
 ///
 ///     f(u) = tissue(u) + sum of terms(u, now)
 class System {
@@ -64,7 +65,8 @@ class System {
   /// Its two halves, for a caller that goes on with nodes [first, last) once their force is known.
   Sweep stress_sweep(const Nodal& u) { return tissue_.stress_sweep(u); }
   void gather(const Nodal& u, Nodal& f, const std::function<void(Index first, Index last)>& then);
-  /// Of the last force(). `unbalanced` [4xN] N: what of it is not held. `beside(a, all)` may add to the force of node a.
+  /// Of the last force(). `unbalanced` [4xN] N: what of it is not held. `beside(a, all)` may add to the force
+  /// of node a.
   template <class Beside>
   Balance balance(const Nodal& f, Nodal& unbalanced, const Beside& beside) const;
   Balance balance(const Nodal& f, Nodal& unbalanced) const {
@@ -75,7 +77,9 @@ class System {
   /// [N] of the loads at the last force() on node a.
   double load_on(Index a) const { return load_.cols() > 0 ? load_.col(a).norm() : 0.0; }
   /// Of the loads at the last force(), times u [J].
-  double load_times(const Nodal& u, Index a) const { return load_.cols() > 0 ? load_.col(a).dot(u.col(a)) : 0.0; }
+  double load_times(const Nodal& u, Index a) const {
+    return load_.cols() > 0 ? load_.col(a).dot(u.col(a)) : 0.0;
+  }
 
   /// All of the force on the tool and its moment about its reference point.
   Wrench on_tool(const Nodal& u, const Nodal& f) const;
@@ -118,8 +122,8 @@ Balance System::balance(const Nodal& f, Nodal& unbalanced, const Beside& beside)
   return sum;
 }
 
-/// A body under `loads`, come to rest, its circle where the tool then touches it: bonded or not, and `further` sets held
-/// likewise. Throws SolveError: it does not carry its loads.
+/// A body under `loads`, come to rest, its circle where the tool then touches it: bonded or not, and
+/// `further` sets held likewise. Throws SolveError: it does not carry its loads.
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
                                     const std::vector<HeldSet>& further, const Loads& loads = {},
                                     double tolerance = 1e-4);

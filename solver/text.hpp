@@ -8,8 +8,8 @@
 
 namespace dimple {
 
-/// The parts one after the other, numbers with four digits at most and without an exponent. std::format is not in this
-/// compiler's library, and the solver needs nothing else from a formatting library.
+/// The parts one after the other, numbers with four digits at most and without an exponent. std::format is
+/// not in this compiler's library, and the solver needs nothing else from a formatting library.
 template <class... Parts>
 std::string text(const Parts&... parts) {
   std::ostringstream out;

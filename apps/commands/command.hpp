@@ -66,7 +66,8 @@ void add_over_results(CLI::App& command, Invocation& shared, bool resumable);
 
 /// From here on a failure is put down where the results of `input` would be.
 void into_folder(Invocation& shared, const std::string& input);
-/// Prints what a command has come to: the result on stdout, then where the time went and what to open next on stderr.
+/// Prints what a command has come to: the result on stdout, then where the time went and what to open next on
+/// stderr.
 int finish(const Invocation& shared, const Outcome& outcome);
 /// A line of a long study, on stderr unless --quiet.
 std::function<void(const std::string&)> progress_of(const Invocation& shared);

@@ -12,8 +12,8 @@
 #include "apps/run/summary.hpp"
 #include "io/draw/chart.hpp"
 #include "io/file.hpp"
-#include "io/text.hpp"
 #include "io/table.hpp"
+#include "io/text.hpp"
 #include "io/units.hpp"
 #include "io/words.hpp"
 
@@ -147,7 +147,8 @@ struct Row {
   double change() const { return force_b / force_a - 1.0; }
 };
 
-// At the depths of the curve with fewer rows; where the other has none there, it is interpolated between its rows.
+// At the depths of the curve with fewer rows; where the other has none there, it is interpolated between its
+// rows.
 std::vector<Row> rows_of(const FinishedRun& a, const FinishedRun& b) {
   const auto shallower = std::min(a.curve.back().depth, b.curve.back().depth) * (1.0 + 1e-9);
   std::vector<double> depths;
@@ -226,9 +227,9 @@ void print_table(const FinishedRun& a, const FinishedRun& b, const std::vector<R
                  const std::vector<Difference>& differences) {
   const auto one = [](const char* name, const FinishedRun& run) {
     print(fmt::format("{}        {}: {}\n", name, run.folder,
-               printable(run.summary.contains("image") && run.summary.at("image").is_string()
-                             ? run.summary.at("image").get<std::string>()
-                             : "made from a model")));
+                      printable(run.summary.contains("image") && run.summary.at("image").is_string()
+                                    ? run.summary.at("image").get<std::string>()
+                                    : "made from a model")));
   };
   one("A", a);
   one("B", b);
@@ -237,16 +238,16 @@ void print_table(const FinishedRun& a, const FinishedRun& b, const std::vector<R
   for (const Difference& d : differences) print(fmt::format("differs  {}: A {}, B {}\n", d.what, d.a, d.b));
   const Written force = force_at(rows.back());
   const std::string unit = force.unit;
-  print(fmt::format("\n{:>8}  {:>9}  {:>18}  {:>9}  {:>18}  {:>9}  {}\n", "depth_mm", "A_" + unit, "band of A",
-             "B_" + unit, "band of B", "B-A_%", "bands overlap"));
+  print(fmt::format("\n{:>8}  {:>9}  {:>18}  {:>9}  {:>18}  {:>9}  {}\n", "depth_mm", "A_" + unit,
+                    "band of A", "B_" + unit, "band of B", "B-A_%", "bands overlap"));
   for (const Row& row : rows)
     print(fmt::format("{:>8.2f}  {:>9}  {:>18}  {:>9}  {:>18}  {:>+9.1f}  {}\n", 1e3 * row.depth,
-               force.number(row.force_a), band_text(force, !a.half.empty(), row.force_a, row.half_a),
-               force.number(row.force_b), band_text(force, !b.half.empty(), row.force_b, row.half_b),
-               100.0 * row.change() + 0.0,
-               !both_banded(a, b) ? "not known"
-               : row.overlap()    ? "yes"
-                                  : "no"));
+                      force.number(row.force_a), band_text(force, !a.half.empty(), row.force_a, row.half_a),
+                      force.number(row.force_b), band_text(force, !b.half.empty(), row.force_b, row.half_b),
+                      100.0 * row.change() + 0.0,
+                      !both_banded(a, b) ? "not known"
+                      : row.overlap()    ? "yes"
+                                         : "no"));
   print(fmt::format("\n{}\n", verdict_in_words(a, b, rows.back())));
 }
 

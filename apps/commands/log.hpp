@@ -22,8 +22,8 @@ void warn(const std::string& line);
 /// What warn() was given, printed or not.
 std::vector<std::string> warnings_so_far();
 
-/// What a run tells, on stderr. On a terminal a line at the bottom says what is being done and how much time is left;
-/// elsewhere there is a line at half of the march, or at every tenth with -v and where it is long.
+/// What a run tells, on stderr. On a terminal a line at the bottom says what is being done and how much time
+/// is left; elsewhere there is a line at half of the march, or at every tenth with -v and where it is long.
 RecordObserver to_log();
 
 /// Clears the line at the bottom: another program's words, or an error, come next.

@@ -21,11 +21,11 @@ void print_place(const UsablePlace& place) {
       word_of(place.verdict) + (place.reason.empty() ? std::string() : ": " + place.reason);
   if (place.room_mm > 0.0)
     print(fmt::format("{:<9}  {:<22}  {:<9}  {:>9.1f}  {:>10.0f}  {:>7.1f}  {}\n", place.from,
-               coordinates(place.centre), place.base, place.beneath.thickness_mm, place.beneath.tilt_degrees,
-               place.room_mm, verdict));
+                      coordinates(place.centre), place.base, place.beneath.thickness_mm,
+                      place.beneath.tilt_degrees, place.room_mm, verdict));
   else
     print(fmt::format("{:<9}  {:<22}  {:<9}  {:>9}  {:>10}  {:>7}  {}\n", place.from, "-", "-", "-", "-", "-",
-               verdict));
+                      verdict));
 }
 
 void print_places(const UsablePlaces& places, double diameter_mm) {
@@ -41,7 +41,7 @@ void print_places(const UsablePlaces& places, double diameter_mm) {
   int against = 0;
   for (const auto& [reason, count] : places.against) against += count;
   print(fmt::format("\n{} of {} places looked at on the {} side are good. Against the others:\n",
-             places.looked_at - against, places.looked_at, side));
+                    places.looked_at - against, places.looked_at, side));
   for (const auto& [reason, count] : places.against) print(fmt::format("{:>6}  {}\n", count, reason));
 }
 

@@ -38,9 +38,9 @@ struct PokeArguments {
   std::optional<ToolPath> path = {};  // the script's
 };
 
-constexpr double for_solving = 0.7;      // of a frame's time; the rest is for drawing
+constexpr double for_solving = 0.7;       // of a frame's time; the rest is for drawing
 constexpr Index most_triangles = 12'000;  // that are drawn
-constexpr double recorded_rate = 5.0;    // surfaces a second
+constexpr double recorded_rate = 5.0;     // surfaces a second
 
 // The surface under the tool of one touch, small enough to be drawn in a few milliseconds.
 struct Skin {
@@ -66,11 +66,12 @@ class Recording {
     if (now.time < next_) return false;
     next_ = now.time + 1.0 / recorded_rate;
     const Points u = skin.displacement_mm(session);
-    write_vtp(surfaces_.next_frame(),
-              {.position_mm = skin.rest_mm + u,
-               .triangles = skin.part.triangles,
-               .fields = {{.name = "displacement_mm", .unit = "mm", .values = u, .components = {"X", "Y", "Z"}}}},
-              now.time);
+    write_vtp(
+        surfaces_.next_frame(),
+        {.position_mm = skin.rest_mm + u,
+         .triangles = skin.part.triangles,
+         .fields = {{.name = "displacement_mm", .unit = "mm", .values = u, .components = {"X", "Y", "Z"}}}},
+        now.time);
     surfaces_.add(now.time);
     return true;
   }
@@ -179,7 +180,8 @@ class Poking {
     const Stopwatch drawing;
     draw(frame);
     draw_s_ = drawing.seconds();
-    if (recording_ && recording_->add(frame, *tool_.session, *skin_)) window_.save_picture(recording_->picture());
+    if (recording_ && recording_->add(frame, *tool_.session, *skin_))
+      window_.save_picture(recording_->picture());
     busy_ += 0.1 * (std::max(period, solve_s_ + draw_s_) - busy_);
     return true;
   }
@@ -190,16 +192,15 @@ class Poking {
     const double error = f.error + now.half_band.value_or(0.0);
     curve_.push_back({now.time, f.force, f.force - error, f.force + error});
     constexpr double shown_s = 10.0;
-    curve_.erase(curve_.begin(), std::find_if(curve_.begin(), curve_.end(), [&](const ShownForce& s) {
-                   return s.x > now.time - shown_s;
-                 }));
+    curve_.erase(curve_.begin(), std::find_if(curve_.begin(), curve_.end(),
+                                              [&](const ShownForce& s) { return s.x > now.time - shown_s; }));
     window_.show(ShownFrame{
         .surface_mm = skin_->rest_mm + u,
         .displacement_mm = u.colwise().norm(),
         .tool_mm = 1e3 * f.depth * tool_.session->model().tool.push,
         .words = fmt::format("{}\n{} nodes, {:.0f} frames a second: solving {:.0f} ms, drawing {:.0f} ms{}",
-                             words_of(now, by_hand()), tool_.session->model().node_count(), 1.0 / busy_, 1e3 * solve_s_, 1e3 * draw_s_,
-                             notice_.empty() ? "" : "\n" + notice_)});
+                             words_of(now, by_hand()), tool_.session->model().node_count(), 1.0 / busy_,
+                             1e3 * solve_s_, 1e3 * draw_s_, notice_.empty() ? "" : "\n" + notice_)});
     window_.show(curve_);
     window_.draw();
   }
@@ -220,7 +221,8 @@ class Poking {
 };
 
 // Without a window: along the script as fast as it goes, or as a device has it.
-std::vector<PathFrame> follow_unseen(LiveTool& tool, const PokeArguments& options, std::optional<Served>& served) {
+std::vector<PathFrame> follow_unseen(LiveTool& tool, const PokeArguments& options,
+                                     std::optional<Served>& served) {
   std::optional<Recording> recording;
   if (!options.record.empty()) recording.emplace(options.record);
   std::optional<Skin> skin;
@@ -232,10 +234,10 @@ std::vector<PathFrame> follow_unseen(LiveTool& tool, const PokeArguments& option
   };
   std::vector<PathFrame> frames;
   if (options.path)
-    frames = follow_path(tool, *options.path,
-                         {.rate = options.rate,
-                          .limit = {.seconds = 1.0 / options.rate, .evaluations = options.evaluations}},
-                         record);
+    frames = follow_path(
+        tool, *options.path,
+        {.rate = options.rate, .limit = {.seconds = 1.0 / options.rate, .evaluations = options.evaluations}},
+        record);
   else
     served = serve_forces(tool, options.socket, options.rate, options.seconds, record);
   if (recording) recording->finish();
@@ -247,7 +249,8 @@ void check(const PokeArguments& options) {
     throw UsageError({.fact = fact, .where = where, .why = why, .remedy = remedy});
   };
   if (!(options.rate >= 1.0 && options.rate <= 1000.0))
-    refuse("the rate is not between 1 and 1000 frames a second", "--fps", "a frame takes a time", "give one, such as 25");
+    refuse("the rate is not between 1 and 1000 frames a second", "--fps", "a frame takes a time",
+           "give one, such as 25");
   if (!options.socket.empty() && !options.script.empty())
     refuse("the tool is moved by a script and through a socket", "--script, --socket", "it is in one place",
            "give one of them");
@@ -267,16 +270,19 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
     folder.prepare();
   }
   const LiveOrgan organ = read_live_organ(config, {.line = to_log().line});
-  // A count that was not asked for is what this machine can follow; with a limit in evaluations nothing depends on it.
-  const bool asked = command.count("--nodes") > 0 || config.cloud.nodes != Config().cloud.nodes || options.evaluations > 0;
-  const Index nodes = asked ? config.cloud.nodes
-                            : nodes_for_rate(organ, options.rate / (windowed ? for_solving : 1.0));
+  // A count that was not asked for is what this machine can follow; with a limit in evaluations nothing
+  // depends on it.
+  const bool asked =
+      command.count("--nodes") > 0 || config.cloud.nodes != Config().cloud.nodes || options.evaluations > 0;
+  const Index nodes =
+      asked ? config.cloud.nodes : nodes_for_rate(organ, options.rate / (windowed ? for_solving : 1.0));
   LiveTool tool = make_live_tool(organ, nodes);
   say(fmt::format("tool     {} nodes, made in {:.2f} s", tool.session->model().node_count(), tool.made_s));
   if (!options.socket.empty())
-    say(fmt::format("socket   {}: a line `x_mm y_mm z_mm` or `depth_mm` is answered by fx_N fy_N fz_N depth_mm error_N "
-                    "mx_Nm my_Nm mz_Nm status",
-                    options.socket));
+    say(fmt::format(
+        "socket   {}: a line `x_mm y_mm z_mm` or `depth_mm` is answered by fx_N fy_N fz_N depth_mm error_N "
+        "mx_Nm my_Nm mz_Nm status",
+        options.socket));
   std::vector<PathFrame> frames;
   std::optional<Served> served;
   if (windowed) {
@@ -289,7 +295,7 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
   if (served)
     print(fmt::format("{} answers, the slowest after {:.2f} ms; {} frames; {} programs turned away\n",
                       served->answers, 1e3 * served->slowest_s, served->frames, served->turned_away));
-  else if (!frames.empty()) 
+  else if (!frames.empty())
     print(in_words(tool.session->model().node_count(), frames) + "\n");
   stop_if_asked();
   return 0;
@@ -300,18 +306,21 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
 Command add_poke(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<PokeArguments>();
   CLI::App* command = app.add_subcommand(
-      "poke", "a live organ: press the tool into it with the mouse, a script or a device, and feel the force");
+      "poke",
+      "a live organ: press the tool into it with the mouse, a script or a device, and feel the force");
   command->add_option("IMAGE", shared.image, "label image");
   command
-      ->add_option("--script", options->script,
-                   "CSV with time_s, and depth_mm or the tip's x_mm, y_mm, z_mm (LPS): moves the tool without a hand")
+      ->add_option(
+          "--script", options->script,
+          "CSV with time_s, and depth_mm or the tip's x_mm, y_mm, z_mm (LPS): moves the tool without a hand")
       ->type_name("FILE");
   command
       ->add_option("--record", options->record,
                    "folder for forces.csv, times.csv and, five times a second, the surface and the window")
       ->type_name("FOLDER");
   command
-      ->add_option("--socket", options->socket, "answer a device's poses with forces on this unix domain socket")
+      ->add_option("--socket", options->socket,
+                   "answer a device's poses with forces on this unix domain socket")
       ->type_name("PATH");
   command->add_flag("--window", options->window, "a window also where a script or a device moves the tool");
   command->add_option("--fps", options->rate, "frames a second")->capture_default_str();

@@ -28,9 +28,9 @@ Outcome explained(const Config& config, const Invocation& shared, Outcome outcom
   const std::filesystem::path out = shared.out;
   const FileList list(out);
   const Json summary = Json::parse(outcome.summary_json);
-  explanation.run = fmt::format("{} with {} nodes",
-                                force_title(summary.at("force_N"), summary.at("indentation_mm")),
-                                summary.at("counts").at("nodes").get<Index>());
+  explanation.run =
+      fmt::format("{} with {} nodes", force_title(summary.at("force_N"), summary.at("indentation_mm")),
+                  summary.at("counts").at("nodes").get<Index>());
   write_explanation(out, explanation, std::filesystem::path(config.image.file).filename().string());
   if (!explanation.ended_by.empty()) {
     outcome.interrupted = true;

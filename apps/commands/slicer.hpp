@@ -7,8 +7,9 @@
 
 namespace dimple {
 
-// 3D Slicer runs a program that describes itself by --xml as a module of its own (the Slicer Execution Model): it makes
-// a panel of the description, gives every value by its flag, and reads tags of progress on stdout.
+// 3D Slicer runs a program that describes itself by --xml as a module of its own (the Slicer Execution
+// Model): it makes a panel of the description, gives every value by its flag, and reads tags of progress on
+// stdout.
 
 /// In the description a hidden one, which is always given.
 inline constexpr const char* slicer_flag = "--slicer";

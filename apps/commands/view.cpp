@@ -59,8 +59,8 @@ class Results {
     if (!depth || !newtons)
       refuse(folder_ / "force.csv", "it has no indentation_mm and force_N", "it is no force curve of a run");
     for (std::size_t k = 0; k < depth->size(); ++k)
-      curve_.push_back({(*depth)[k], (*newtons)[k], low ? (*low)[k] : (*newtons)[k],
-                        high ? (*high)[k] : (*newtons)[k]});
+      curve_.push_back(
+          {(*depth)[k], (*newtons)[k], low ? (*low)[k] : (*newtons)[k], high ? (*high)[k] : (*newtons)[k]});
   }
 
   int last() const { return count_ - 1; }
@@ -175,7 +175,8 @@ void view(const ViewArguments& options) {
   int now = options.frame < 0 ? results.last() : options.frame;
   bool labels = options.labels, cut = body.section_mm.cols() > 0, playing = false;
   double before = 0.0;
-  const double step = 0.02 * (body.surface_mm.rowwise().maxCoeff() - body.surface_mm.rowwise().minCoeff()).norm();
+  const double step =
+      0.02 * (body.surface_mm.rowwise().maxCoeff() - body.surface_mm.rowwise().minCoeff()).norm();
   const auto go_to = [&](int number) {
     now = std::clamp(number, 0, results.last());
     window.show(results.frame(now, body.up));

@@ -1,5 +1,6 @@
-// pydimple._core: the library as the package in pydimple/ hands it to its users. Here are views of arrays, the
-// interpreter's lock, Ctrl-C and errors; names of options, images and their affines are matters of __init__.py.
+// pydimple._core: the library as the package in pydimple/ hands it to its users. Here are views of arrays,
+// the interpreter's lock, Ctrl-C and errors; names of options, images and their affines are matters of
+// __init__.py.
 
 #include <fmt/format.h>
 #include <pybind11/numpy.h>
@@ -33,8 +34,8 @@
 #include "io/digits.hpp"
 #include "io/stop.hpp"
 #include "preprocess/make_model.hpp"
-#include "preprocess/supports/support.hpp"
 #include "preprocess/scene/usable_places.hpp"
+#include "preprocess/supports/support.hpp"
 #include "solver/session.hpp"
 
 namespace py = pybind11;
@@ -110,8 +111,8 @@ class UnderWay {
   UnderWay& operator=(const UnderWay&) = delete;
 };
 
-// Does work in a thread of its own, without the interpreter's lock. This thread hears signals meanwhile, as Python
-// alone can: what the handler raises, KeyboardInterrupt by default, ends the work and is raised then.
+// Does work in a thread of its own, without the interpreter's lock. This thread hears signals meanwhile, as
+// Python alone can: what the handler raises, KeyboardInterrupt by default, ends the work and is raised then.
 template <class Work>
 auto computing(const Work& work) {
   const UnderWay counted;
@@ -446,7 +447,8 @@ std::string shown(const Solved& solved) {
          (half_N ? "" : ", band unknown: " + in_keywords(solved.band.unknown).cast<std::string>()) + ">";
 }
 
-// What simulate() makes of a case, all in memory. `summary` begins it; `built`: the model that the case begins with.
+// What simulate() makes of a case, all in memory. `summary` begins it; `built`: the model that the case
+// begins with.
 std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const Result&)>& summary,
                                const ModelHolder& built = nullptr) {
   return computing([&] {
@@ -479,7 +481,12 @@ std::unique_ptr<Solved> solve_model(const ModelHolder& built, const Settings& se
                            .provenance = built->provenance,
                            .notes = {}};
   given.origin = built->origin;
-  return solved(given, [&](const Result& result) { return Json{{"made_from", result.provenance}}; }, built);
+  return solved(
+      given,
+      [&](const Result& result) {
+        return Json{{"made_from", result.provenance}};
+      },
+      built);
 }
 
 std::unique_ptr<Solved> run_in_memory(const Settings& settings, const LabelImage* image) {
@@ -522,7 +529,8 @@ class LiveSession {
       options.precision = precision_of(config);
       options.tolerance = config.solver.tolerance;
       options.further = supports_of(config, built.model, built.label_names).sets;
-      Model model = make_model(built.model, built.model.scheme, tissue_of_points(built.model, tissues), tissues.density);
+      Model model = make_model(built.model, built.model.scheme, tissue_of_points(built.model, tissues),
+                               tissues.density);
       options.loads = loads_of(config, model);
       return std::make_unique<Session>(std::move(model), materials, options);
     });
@@ -749,7 +757,8 @@ library's own memory, which lives as long as one of them.)")
           "(S, 3) float64, newtons, LPS: all of the force on the tool, not along its push alone.")
       .def_property_readonly(
           "moment_on_tool_Nm", [](const object& self) { return on_tool(self, 3); },
-          "(S, 3) float64, newton metres, LPS: its moment about the middle of the circle, which moves with the tool.")
+          "(S, 3) float64, newton metres, LPS: its moment about the middle of the circle, which moves with "
+          "the tool.")
       .def_property_readonly(
           "time_s", [](const object& self) { return curve(self, &ForceSample::t); },
           "(S,) float64, seconds since the tool touched.")
@@ -879,7 +888,8 @@ SolveError
           "(3,) float64, newtons, LPS: all of the force on the tool; a new array each time.")
       .def_property_readonly(
           "moment_on_tool_Nm", [](LiveSession& self) { return on_tool(self, 3); },
-          "(3,) float64, newton metres, LPS: its moment about the middle of the circle, which moves with the tool; a new "
+          "(3,) float64, newton metres, LPS: its moment about the middle of the circle, which moves with the "
+          "tool; a new "
           "array each time.")
       .def_property_readonly(
           "displacement_m",

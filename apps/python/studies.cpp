@@ -23,7 +23,8 @@ py::dict values_of(const std::map<std::string, std::string>& given) {
   resolve_material(config);
   py::dict values;
   for (const Option& option : options_of(config))
-    values[py::str(option.key)] = std::visit([](const auto* value) { return py::cast(*value); }, option.value);
+    values[py::str(option.key)] =
+        std::visit([](const auto* value) { return py::cast(*value); }, option.value);
   return values;
 }
 

@@ -25,7 +25,8 @@ namespace dimple {
 ///       io(code, depth, what);
 ///     }
 ///
-/// Taken apart by a structured binding, a struct with one more member does not compile until that is kept too.
+/// Taken apart by a structured binding, a struct with one more member does not compile until that is kept
+/// too.
 template <class T, class Of>
 concept Like = std::same_as<std::remove_const_t<T>, Of>;
 

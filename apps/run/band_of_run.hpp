@@ -9,7 +9,8 @@ namespace dimple {
 
 /// Why the band of such a run cannot be told, or nothing: it was measured for what is the default.
 std::string no_band(const Config& config);
-/// Likewise, once it is known how time is followed and what the body looks like. `boundary`: in the surface's frame.
+/// Likewise, once it is known how time is followed and what the body looks like. `boundary`: in the surface's
+/// frame.
 std::string no_band(const Config& config, const Organ& organ, const Boundary& boundary, const Result& result);
 /// Likewise, of a march that has come to its end. `config`: with the choices that its model was made with.
 std::string no_band_after(const Config& config, const Result& result);

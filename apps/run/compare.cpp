@@ -19,7 +19,7 @@ namespace fs = std::filesystem;
 constexpr double deepest_mm = 1000.0;
 
 [[noreturn]] void refuse_run(const fs::path& file, const std::string& fact, const std::string& why,
-                         const std::string& remedy) {
+                             const std::string& remedy) {
   throw InputError({.fact = fact, .where = file.string(), .why = why, .remedy = remedy, .code = "bad-curve"});
 }
 
@@ -27,14 +27,15 @@ constexpr double deepest_mm = 1000.0;
 std::vector<double> forces_in(const Table& table, const fs::path& file) {
   const auto *newtons = table.find("force_N"), *milli = table.find("force_mN");
   if (!table.find("indentation_mm") || (!newtons && !milli))
-    refuse_run(file,
-           fmt::format("there is no column {}", table.find("indentation_mm") ? "force_N" : "indentation_mm"),
-           fmt::format("the columns are named {}, and a unit is not guessed", fmt::join(table.header, ", ")),
-           "name them indentation_mm and force_N (or force_mN), and convert the numbers where they are in "
-           "other units");
+    refuse_run(
+        file,
+        fmt::format("there is no column {}", table.find("indentation_mm") ? "force_N" : "indentation_mm"),
+        fmt::format("the columns are named {}, and a unit is not guessed", fmt::join(table.header, ", ")),
+        "name them indentation_mm and force_N (or force_mN), and convert the numbers where they are in "
+        "other units");
   if (newtons && milli)
     refuse_run(file, "there are two forces, force_N and force_mN", "one of them would be ignored",
-           "leave one of them out");
+               "leave one of them out");
   std::vector<double> forces = newtons ? *newtons : *milli;
   if (!newtons)
     for (double& force : forces) force *= 1e-3;
@@ -75,25 +76,25 @@ MeasuredCurve read_measured_curve(const fs::path& file) {
   const auto deepest = std::max_element(depth.begin(), depth.end());
   if (deepest == depth.end() || !(*deepest > 0.0))
     refuse_run(file, "no row has an indentation above 0", "a curve needs forces at depths",
-           "count the indentation from the first contact, positive into the tissue");
+               "count the indentation from the first contact, positive into the tissue");
   if (*deepest > deepest_mm)
     refuse_run(file, fmt::format("the curve is {:g} mm deep", *deepest), "no organ is",
-           "give indentation_mm in millimetres");
+               "give indentation_mm in millimetres");
   MeasuredCurve curve{.name = file.filename().string()};
   const auto last = static_cast<std::size_t>(deepest - depth.begin());
   for (std::size_t k = 0; k <= last; ++k) {
     if (!(depth[k] > 0.0)) {
       if (curve.depth.empty()) continue;  // before contact
       refuse_run(file, fmt::format("row {} is at {:g} mm, after deeper ones", k + 1, depth[k]),
-             "a curve is one loading: its depths rise",
-             "cut the file before that row, and keep one cycle of loading");
+                 "a curve is one loading: its depths rise",
+                 "cut the file before that row, and keep one cycle of loading");
     }
     if (!curve.depth.empty() && !(1e-3 * depth[k] > curve.depth.back()))
       refuse_run(file,
-             fmt::format("row {} is at {:g} mm, the one before at {:g} mm, and deeper ones follow", k + 1,
-                         depth[k], 1e3 * curve.depth.back()),
-             "a curve is one loading: its depths rise",
-             "keep one cycle of loading; where the sensor's noise does it, average over rows");
+                 fmt::format("row {} is at {:g} mm, the one before at {:g} mm, and deeper ones follow", k + 1,
+                             depth[k], 1e3 * curve.depth.back()),
+                 "a curve is one loading: its depths rise",
+                 "keep one cycle of loading; where the sensor's noise does it, average over rows");
     curve.depth.push_back(1e-3 * depth[k]);
     curve.force.push_back(force[k]);
     if (time) curve.time.push_back((*time)[k]);
@@ -116,8 +117,9 @@ MeasuredCurve read_measured_curve(const fs::path& file) {
 
 double ramp_rate(const MeasuredCurve& curve) {
   const auto refused = [&](const std::string& fact, const std::string& why) {
-    refuse_run(curve.name, fact, why,
-           "give the part with a constant speed, or leave time_s out where time plays no part in the fit");
+    refuse_run(
+        curve.name, fact, why,
+        "give the part with a constant speed, or leave time_s out where time plays no part in the fit");
   };
   if (curve.time.empty())
     refused("there is no column time_s", "what relaxes in time cannot be told from depths");

@@ -11,8 +11,8 @@
 
 namespace dimple {
 
-/// A force curve that somebody has measured, or the end values of one: its loading, from the first contact to the largest
-/// depth.
+/// A force curve that somebody has measured, or the end values of one: its loading, from the first contact to
+/// the largest depth.
 struct MeasuredCurve {
   std::string name = {};                       ///< of its file, or the word that stands for it
   std::vector<double> depth = {}, force = {};  ///< [m] above 0, [N]
@@ -26,15 +26,14 @@ struct MeasuredCurve {
 /// A sensor's rows beyond this many say no more of a curve.
 inline constexpr std::size_t most_rows_of_curve = 4000;
 
-/// Reads a CSV with the columns indentation_mm and force_N (or force_mN), and time_s if there is one. Depths rise until the
-/// largest; what comes after it, a hold or the unloading, is left out. Of more than most_rows_of_curve rows
-/// groups of one size are averaged, but for the deepest, which stays. Throws InputError: no such columns,
-/// depths that fall
-/// and rise again, no depth above 0, forces that do not resist.
+/// Reads a CSV with the columns indentation_mm and force_N (or force_mN), and time_s if there is one. Depths
+/// rise until the largest; what comes after it, a hold or the unloading, is left out. Of more than
+/// most_rows_of_curve rows groups of one size are averaged, but for the deepest, which stays. Throws
+/// InputError: no such columns, depths that fall and rise again, no depth above 0, forces that do not resist.
 MeasuredCurve read_measured_curve(const std::filesystem::path& file);
 
-/// Speed of the tool [m/s]. Throws InputError: the curve has no times, they do not rise, or the depth is not proportional to
-/// the time since contact within 5 % of the largest.
+/// Speed of the tool [m/s]. Throws InputError: the curve has no times, they do not rise, or the depth is not
+/// proportional to the time since contact within 5 % of the largest.
 double ramp_rate(const MeasuredCurve& curve);
 
 /// The word for the end values of Horton et al. 2007, section 5.

@@ -353,7 +353,8 @@ std::vector<Option> options_of(Config& c) {
        "solve",
        true},
       {"load.gravity", "--gravity", "",
-       "none; the side towards which it pulls with 9.81 m/s2; or x,y,z in LPS, in m/s2: the body comes to rest under it "
+       "none; the side towards which it pulls with 9.81 m/s2; or x,y,z in LPS, in m/s2: the body comes to "
+       "rest under it "
        "before the tool touches",
        &c.load.gravity, 0, 0, false, any, "solve", false, words_for("none")},
       {"solver.safety", "--safety", "", "time step as a fraction of the longest stable one", &c.solver.safety,
@@ -451,21 +452,62 @@ std::vector<Option> options_of(Config& c) {
 }
 
 std::vector<Option> options_of(Config::Pressure& p) {
-  return {{"pressure.pressure_Pa", "", "Pa", "pressure, inward", &p.pressure_Pa, -1e9, 1e9, false, {}, "solve"},
-          {"pressure.on", "", "", "where: all of the surface, what faces a side, or what lies in a ball x,y,z,radius in mm",
-           &p.on, 0, 0, false, {}, "solve"},
-          {"pressure.follows", "", "", "yes: it acts along the normals of the deformed surface; no: as on the surface at rest",
-           &p.follows, 0, 0, false, {"yes", "no"}, "solve"}};
+  return {
+      {"pressure.pressure_Pa", "", "Pa", "pressure, inward", &p.pressure_Pa, -1e9, 1e9, false, {}, "solve"},
+      {"pressure.on",
+       "",
+       "",
+       "where: all of the surface, what faces a side, or what lies in a ball x,y,z,radius in mm",
+       &p.on,
+       0,
+       0,
+       false,
+       {},
+       "solve"},
+      {"pressure.follows",
+       "",
+       "",
+       "yes: it acts along the normals of the deformed surface; no: as on the surface at rest",
+       &p.follows,
+       0,
+       0,
+       false,
+       {"yes", "no"},
+       "solve"}};
 }
 
 std::vector<Option> options_of(Config::Held& h) {
-  return {{"support.on", "", "",
-           "where: the surface that faces a side, what of it lies in a ball x,y,z,radius in mm, or the tissue label:NAME",
-           &h.on, 0, 0, false, {}, "solve"},
-          {"support.hold", "", "", "fixed: it holds in all directions; sliding: along the surface's normal alone", &h.hold,
-           0, 0, false, {"fixed", "sliding"}, "solve"},
-          {"support.move_mm", "", "mm", "where it has come when the tool is at its depth, x,y,z; it moves evenly with the tool",
-           &h.move_mm, 0, 0, false, {}, "solve"}};
+  return {{"support.on",
+           "",
+           "",
+           "where: the surface that faces a side, what of it lies in a ball x,y,z,radius in mm, or the "
+           "tissue label:NAME",
+           &h.on,
+           0,
+           0,
+           false,
+           {},
+           "solve"},
+          {"support.hold",
+           "",
+           "",
+           "fixed: it holds in all directions; sliding: along the surface's normal alone",
+           &h.hold,
+           0,
+           0,
+           false,
+           {"fixed", "sliding"},
+           "solve"},
+          {"support.move_mm",
+           "",
+           "mm",
+           "where it has come when the tool is at its depth, x,y,z; it moves evenly with the tool",
+           &h.move_mm,
+           0,
+           0,
+           false,
+           {},
+           "solve"}};
 }
 
 namespace {
@@ -496,13 +538,15 @@ struct NamedSection {
     std::vector<std::pair<std::string, Option>> result;
     for (auto& [name, its] : named)
       for (const Option& option : options_of(its))
-        result.emplace_back(fmt::format("{}{}{}", section, name, option.key.substr(option.key.find('.'))), option);
+        result.emplace_back(fmt::format("{}{}{}", section, name, option.key.substr(option.key.find('.'))),
+                            option);
     return result;
   }
 };
 
 NamedSection<Config::Pressure> pressures_of(Config& config) {
-  return {config.pressure, "load.pressure.", "pressure", "for instance --set load.pressure.csf.pressure=500Pa"};
+  return {config.pressure, "load.pressure.", "pressure",
+          "for instance --set load.pressure.csf.pressure=500Pa"};
 }
 NamedSection<Config::Held> supports_of(Config& config) {
   return {config.held, "support.", "support", "for instance --set support.retractor.on=left"};
@@ -636,8 +680,8 @@ int weight_of(const Config& config, const std::string& key) {
 // Whether a number is of a preset that was there before.
 bool was_of_a_preset(const Config& config, const std::string& key) {
   const auto source = config.source.find(key);
-  return source != config.source.end() && (source->second.starts_with(of_preset) ||
-                                           source->second.starts_with(for_all_cases + of_preset));
+  return source != config.source.end() &&
+         (source->second.starts_with(of_preset) || source->second.starts_with(for_all_cases + of_preset));
 }
 
 void take_preset(Config& config, bool young_given) {
@@ -744,7 +788,8 @@ bool default_nodes(const Config& config) {
 namespace {
 
 // The options of a section that has a name of its own.
-void set_all(Config& config, const std::string& section, const toml::node& node, const std::filesystem::path& file) {
+void set_all(Config& config, const std::string& section, const toml::node& node,
+             const std::filesystem::path& file) {
   const toml::table* table = node.as_table();
   std::vector<Option> options = options_of(config);
   if (!table) unknown_key(options, section, file.string());
@@ -793,7 +838,8 @@ void read_config(Config& config, const std::filesystem::path& file) {
       if (section.str() == "load" && name.str() == "pressure") {
         const toml::table* pressures = value.as_table();
         if (!pressures) unknown_key(options, "load.pressure", file.string());
-        for (const auto& [of, its] : *pressures) set_all(config, "load.pressure." + std::string(of.str()), its, file);
+        for (const auto& [of, its] : *pressures)
+          set_all(config, "load.pressure." + std::string(of.str()), its, file);
         continue;
       }
       const std::string key = std::string(section.str()) + "." + std::string(name.str());
@@ -1032,7 +1078,8 @@ std::optional<Goal> goal_of(const Config& config) {
 
 FloorOfBand band_floor(const Config& config) {
   if (followed_place(config)) return floor_of_displacement();
-  return floor_of_force({2.0 * config.load.depth_mm / config.boundary.indenter_diameter_mm, !config.tissue.empty()});
+  return floor_of_force(
+      {2.0 * config.load.depth_mm / config.boundary.indenter_diameter_mm, !config.tissue.empty()});
 }
 
 std::optional<Vec3> followed_place(const Config& config) {
@@ -1102,14 +1149,17 @@ Vec3 gravity_of(const Config& config) {
   const std::vector<std::string> parts = parts_of(asked);
   bool numbers = parts.size() == 3;
   for (std::size_t d = 0; numbers && d < 3; ++d) {
-    const auto [end, error] = std::from_chars(parts[d].data(), parts[d].data() + parts[d].size(), result[static_cast<Index>(d)]);
-    numbers = error == std::errc{} && end == parts[d].data() + parts[d].size() && std::isfinite(result[static_cast<Index>(d)]);
+    const auto [end, error] =
+        std::from_chars(parts[d].data(), parts[d].data() + parts[d].size(), result[static_cast<Index>(d)]);
+    numbers = error == std::errc{} && end == parts[d].data() + parts[d].size() &&
+              std::isfinite(result[static_cast<Index>(d)]);
   }
   if (numbers && result.norm() < 1e5) return result;
-  throw UsageError({.fact = fmt::format("gravity '{}' is no direction", asked),
-                    .where = "--gravity (load.gravity)",
-                    .why = "it is a side of the patient, towards which 9.81 m/s2 pull, or three numbers in m/s2",
-                    .remedy = "for instance --gravity inferior, or --gravity 0,0,-9.81"});
+  throw UsageError(
+      {.fact = fmt::format("gravity '{}' is no direction", asked),
+       .where = "--gravity (load.gravity)",
+       .why = "it is a side of the patient, towards which 9.81 m/s2 pull, or three numbers in m/s2",
+       .remedy = "for instance --gravity inferior, or --gravity 0,0,-9.81"});
 }
 
 Loading loading_of(const Config& c) {

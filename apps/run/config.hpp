@@ -69,8 +69,8 @@ struct Config {
     std::string follows = "yes";  ///< the surface as it deforms
   };
   std::map<std::string, Pressure> pressure;
-  /// A part of the body that is held beside the base, or moved beside the tool: [support.NAME]. The numbers of the moving
-  /// least squares' supports stand in [support] itself.
+  /// A part of the body that is held beside the base, or moved beside the tool: [support.NAME]. The numbers
+  /// of the moving least squares' supports stand in [support] itself.
   struct Held {
     std::string on;                           ///< a side, a ball x,y,z,radius in mm, or label:NAME
     std::string hold = "fixed";               ///< or "sliding": along the surface's normal alone
@@ -119,7 +119,7 @@ struct Option {
                                      ///< empty: free text
   std::string stage;  ///< which commands have the flag: "model", "solve" (run has both), "run" (that alone),
                       ///< "files" (run and solve)
-  bool common = false;  ///< of those that `--help` lists; `--help-all` lists all
+  bool common = false;                  ///< of those that `--help` lists; `--help-all` lists all
   std::vector<std::string> words = {};  ///< of free text, those that it is most often: offered, not demanded
 };
 std::vector<Option> options_of(Config& config);
@@ -134,9 +134,10 @@ std::string without_unit(const Option& option);
 /// choice.
 void set_option(Config& config, const std::string& key, const std::string& text, const std::string& source);
 
-/// The key of the option that somebody calls `name`, as the head of a column: its key, with or without section and unit
-/// ("material.mu_Pa", "mu"), or its flag ("indent-at", "indent_at"). Throws UsageError: there is none, with a suggestion
-/// from these names and from `others`.
+/// The key of the option that somebody calls `name`, as the head of a column: its key, with or without
+/// section and unit
+/// ("material.mu_Pa", "mu"), or its flag ("indent-at", "indent_at"). Throws UsageError: there is none, with a
+/// suggestion from these names and from `others`.
 std::string option_named(const std::string& name, const std::string& source,
                          const std::vector<std::string>& others);
 
@@ -178,34 +179,35 @@ std::string option_reference();
 /// ...?".
 std::string did_you_mean(const std::string& word, const std::vector<std::string>& known);
 
-/// Whether gravity or a pressure acts on the body; and whether nothing does but the tool, nor holds it but the base.
+/// Whether gravity or a pressure acts on the body; and whether nothing does but the tool, nor holds it but
+/// the base.
 bool has_loads(const Config& config);
 bool has_tool_alone(const Config& config);
 
-/// Why the force is not proportional to the constants of one law, all multiplied alike; empty: it is, in equilibrium under
-/// a tool and supports whose ways are given.
+/// Why the force is not proportional to the constants of one law, all multiplied alike; empty: it is, in
+/// equilibrium under a tool and supports whose ways are given.
 std::string why_not_proportional(const Config& config);
 
-/// How well the force is known by its material, as a share of it: in equilibrium under a tool whose way is given
-/// it is proportional to the one modulus that the whole body has. Throws UsageError: it is not so here.
+/// How well the force is known by its material, as a share of it: in equilibrium under a tool whose way is
+/// given it is proportional to the one modulus that the whole body has. Throws UsageError: it is not so here.
 double spread_of(const Config& config);
 
-/// Half the width that the band may have, of the force or of the displacement that is asked for, and the time in which the
-/// nodes for it are to be found.
+/// Half the width that the band may have, of the force or of the displacement that is asked for, and the time
+/// in which the nodes for it are to be found.
 struct Goal {
   double share = 0.0, absolute = 0.0;  ///< of it, or [N], [m]; both 0: as narrow as the time allows
   double budget_s = 0.0;               ///< 0: without an end
   double half_width(double of) const { return absolute > 0.0 ? absolute : share * of; }
 };
-/// Nothing if no accuracy was asked for. Throws UsageError: neither a share nor a force, or of a displacement a length; a
-/// number of nodes is given as well.
+/// Nothing if no accuracy was asked for. Throws UsageError: neither a share nor a force, or of a displacement
+/// a length; a number of nodes is given as well.
 std::optional<Goal> goal_of(const Config& config);
 
 /// How narrow the band of what is asked for gets: see FloorOfBand.
 FloorOfBand band_floor(const Config& config);
 
-/// The place of the body [m, LPS, at rest] whose displacement is asked for, beside the force. Throws UsageError: neither
-/// "force" nor "displacement@x,y,z" in mm.
+/// The place of the body [m, LPS, at rest] whose displacement is asked for, beside the force. Throws
+/// UsageError: neither "force" nor "displacement@x,y,z" in mm.
 std::optional<Vec3> followed_place(const Config& config);
 
 /// Throws UsageError: an accuracy was asked for, of a command that has no refinement.

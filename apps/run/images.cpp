@@ -47,9 +47,9 @@ std::string suffix_of_labels(const fs::path& file) {
   return file.filename().string().ends_with(".seg.nrrd") ? ".seg.nrrd" : volume_suffix(file);
 }
 
-// The voxel whose label a voxel gets that shows the place X, where it is another than the nearest one's; else -1. At
-// the body's border its smooth surface decides, and not the voxels' staircase: that moves by whole voxels alone, and
-// would lose what bulges out by less than half of one. What has not moved keeps its label.
+// The voxel whose label a voxel gets that shows the place X, where it is another than the nearest one's; else
+// -1. At the body's border its smooth surface decides, and not the voxels' staircase: that moves by whole
+// voxels alone, and would lose what bulges out by less than half of one. What has not moved keeps its label.
 Index at_border(const VoxelGrid& grid, const std::vector<char>& body, const DeformationMap& map,
                 const Vec3& X, Index own) {
   const Eigen::Matrix<Index, 3, 1> nearest = (X.array() + 0.5).floor().cast<Index>();

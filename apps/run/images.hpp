@@ -32,8 +32,8 @@ struct ImageTask {
   bool any() const { return !label_image.empty() || !warped.empty(); }
 };
 
-/// Reads every image to its end, so that nothing is computed for one that cannot be read. `of_model`: the case begins
-/// with a model's files, which hold no image. Throws UsageError, InputError.
+/// Reads every image to its end, so that nothing is computed for one that cannot be read. `of_model`: the
+/// case begins with a model's files, which hold no image. Throws UsageError, InputError.
 ImageTask images_asked_for(const Config& config, bool of_model);
 /// Throws InputError: an image to be warped lies elsewhere; or the model has no surface, and so no inside.
 void require_overlap(const ImageTask& task, const Discretisation& body);
@@ -41,7 +41,8 @@ void require_overlap(const ImageTask& task, const Discretisation& body);
 /// Writes them, of one frame after the other.
 class ImageWriter {
  public:
-  /// `model` must outlive this, and its discretisation must not change. `labels`: those that are the body; none: all.
+  /// `model` must outlive this, and its discretisation must not change. `labels`: those that are the body;
+  /// none: all.
   ImageWriter(ImageTask task, std::filesystem::path folder, const Model& model, std::vector<int> labels);
   ~ImageWriter();
 

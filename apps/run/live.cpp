@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-
 #include <tbb/task_arena.h>
 
 #include <algorithm>
@@ -14,8 +13,8 @@
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
-#include "io/digits.hpp"
 #include "apps/run/words.hpp"
+#include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "io/table.hpp"
@@ -29,7 +28,7 @@ constexpr double aside = 0.25;           // radii from the axis within which a t
 constexpr double longest_path = 3600.0;  // s
 
 [[noreturn]] void refuse_path(const fs::path& file, const std::string& fact, const std::string& why,
-                         const std::string& remedy) {
+                              const std::string& remedy) {
   throw InputError({.fact = fact, .where = file.string(), .why = why, .remedy = remedy, .code = "bad-path"});
 }
 
@@ -100,7 +99,8 @@ void use(LiveTool& tool, TriedTouch tried) {
 
 // The finer cloud takes the coarse one's place, where the tool is.
 void take_finer(LiveTool& tool, const FrameLimit& limit, double dt) {
-  if (!tool.finer.valid() || tool.finer.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return;
+  if (!tool.finer.valid() || tool.finer.wait_for(std::chrono::seconds(0)) != std::future_status::ready)
+    return;
   try {
     TriedTouch tried = tool.finer.get();
     if (tool.frame.depth > 0.0) tried.session.follow(tool.frame.depth, limit, dt);
@@ -169,7 +169,8 @@ std::optional<double> half_band(const LiveTool& tool) {
     change = std::max(change, std::abs(tool.fine[k].force / tool.coarse[k].force - 1.0));
     if (tool.fine[k].depth >= now.depth) break;
   }
-  return std::abs(now.force) * band_half_width(change, tool.session->model().node_count(), {radii, !tool.organ->config.tissue.empty()});
+  return std::abs(now.force) * band_half_width(change, tool.session->model().node_count(),
+                                               {radii, !tool.organ->config.tissue.empty()});
 }
 
 OnAxis on_axis(const Indenter& tool, const Vec3& tip) {
@@ -215,7 +216,8 @@ LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, dou
   }
   tool.tip = tip;
   tool.frame = tool.session->follow(on_axis(tool.session->model().tool, tip).depth, limit, dt);
-  if (beside && in_touch && tool.frame.tool != LiveFrame::Tool::beyond) tool.frame.tool = LiveFrame::Tool::ignored;
+  if (beside && in_touch && tool.frame.tool != LiveFrame::Tool::beyond)
+    tool.frame.tool = LiveFrame::Tool::ignored;
   return tool.frame;
 }
 
@@ -226,23 +228,24 @@ ToolPath read_tool_path(const fs::path& file) {
   const bool has_tip = x && y && z;
   if (!time || (depth == nullptr) == !has_tip)
     refuse_path(file,
-           !time   ? "there is no column time_s"
-           : depth ? "there are both depth_mm and x_mm, y_mm, z_mm"
-                   : "there is neither depth_mm nor x_mm, y_mm, z_mm",
-           fmt::format("the columns are named {}, and a path is one of the two over time",
-                       fmt::join(table.header, ", ")),
-           "give time_s and depth_mm, or time_s, x_mm, y_mm and z_mm (LPS)");
+                !time   ? "there is no column time_s"
+                : depth ? "there are both depth_mm and x_mm, y_mm, z_mm"
+                        : "there is neither depth_mm nor x_mm, y_mm, z_mm",
+                fmt::format("the columns are named {}, and a path is one of the two over time",
+                            fmt::join(table.header, ", ")),
+                "give time_s and depth_mm, or time_s, x_mm, y_mm and z_mm (LPS)");
   if (table.rows() < 2)
     refuse_path(file, fmt::format("the path has {} row{}", table.rows(), table.rows() == 1 ? "" : "s"),
-           "a way takes two", "give at least where it begins and where it ends");
+                "a way takes two", "give at least where it begins and where it ends");
   for (std::size_t k = 1; k < time->size(); ++k)
     if (!((*time)[k] > (*time)[k - 1]))
-      refuse_path(file,
-             fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, (*time)[k], (*time)[k - 1]),
-             "time rises along a path", "sort the rows, and leave out those that stand twice");
+      refuse_path(
+          file,
+          fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, (*time)[k], (*time)[k - 1]),
+          "time rises along a path", "sort the rows, and leave out those that stand twice");
   if (time->back() - time->front() > longest_path)
     refuse_path(file, fmt::format("the path lasts {:g} s", time->back() - time->front()),
-           "one of an hour is the longest that is followed", "give time_s in seconds, or cut the path");
+                "one of an hour is the longest that is followed", "give time_s in seconds, or cut the path");
   ToolPath path;
   path.time = *time;
   if (depth) {
@@ -262,7 +265,8 @@ PathFrame path_frame(LiveTool& tool, const ToolPath& path, double time, const Fr
   PathFrame now{.time = time};
   const Stopwatch watch;
   if (path.depth.empty()) {
-    now.tip = (1.0 - share) * path.tip.col(static_cast<Index>(k)) + share * path.tip.col(static_cast<Index>(k) + 1);
+    now.tip =
+        (1.0 - share) * path.tip.col(static_cast<Index>(k)) + share * path.tip.col(static_cast<Index>(k) + 1);
     now.frame = move_tip(tool, now.tip, limit, dt);
   } else {
     now.frame = move_depth(tool, (1.0 - share) * path.depth[k] + share * path.depth[k + 1], limit, dt);
@@ -287,17 +291,24 @@ std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const P
 }
 
 void write_path_frames(const fs::path& folder, const std::vector<PathFrame>& frames) {
-  Table forces{.header = {"time_s", "asked_mm", "depth_mm", "force_N", "error_N", "half_band_N", "band_known", "stiffness_N_per_m",
-                          "residual", "evaluations", "tool"},
+  Table forces{.header = {"time_s", "asked_mm", "depth_mm", "force_N", "error_N", "half_band_N", "band_known",
+                          "stiffness_N_per_m", "residual", "evaluations", "tool"},
                .column = std::vector<std::vector<double>>(11)};
   forces.header.insert(forces.header.end(), wrench_columns.begin(), wrench_columns.end());
   forces.column.resize(forces.header.size());
   Table times{.header = {"time_s", "frame_ms"}, .column = std::vector<std::vector<double>>(2)};
   for (const PathFrame& now : frames) {
     const LiveFrame& f = now.frame;
-    const double row[] = {now.time,    1e3 * f.asked, 1e3 * f.depth,
-                          f.force,     f.error,       now.half_band.value_or(0.0), now.half_band ? 1.0 : 0.0, f.stiffness,
-                          f.residual,  static_cast<double>(f.evaluations),
+    const double row[] = {now.time,
+                          1e3 * f.asked,
+                          1e3 * f.depth,
+                          f.force,
+                          f.error,
+                          now.half_band.value_or(0.0),
+                          now.half_band ? 1.0 : 0.0,
+                          f.stiffness,
+                          f.residual,
+                          static_cast<double>(f.evaluations),
                           static_cast<double>(f.tool)};
     for (std::size_t c = 0; c < 11; ++c) forces.column[c].push_back(row[c]);
     for (std::size_t c = 0; c < 6; ++c) forces.column[11 + c].push_back(f.on_tool[static_cast<Index>(c)]);
@@ -332,17 +343,18 @@ std::string words_of(const PathFrame& now, bool by_hand) {
   using Tool = LiveFrame::Tool;
   const char* status = f.tool == Tool::lags      ? " (the body lags)"
                        : f.tool == Tool::stopped ? " (no equilibrium any deeper)"
-                       : f.tool == Tool::ignored ? " (a move that is not followed: the tool must be lifted first)"
-                       : f.tool == Tool::beyond  ? " (asked to go deeper than the body reaches)"
-                                                 : "";
+                       : f.tool == Tool::ignored
+                           ? " (a move that is not followed: the tool must be lifted first)"
+                       : f.tool == Tool::beyond ? " (asked to go deeper than the body reaches)"
+                                                : "";
   if (!(f.depth > 0.0)) {
     if (by_hand) return "no touch: press the left button on the body and draw it in";
     return fmt::format("no touch: the tool is at {}{}", in_words(1e3 * now.tip), status);
   }
   const Written written = force_written(f.force);
-  return fmt::format("force {} +- {}{}, {} deep{}", written(f.force),
-                     written(f.error + now.half_band.value_or(0.0)), now.half_band ? "" : " and what the discretisation leaves",
-                     length_in_words(1e3 * f.depth), status);
+  return fmt::format(
+      "force {} +- {}{}, {} deep{}", written(f.force), written(f.error + now.half_band.value_or(0.0)),
+      now.half_band ? "" : " and what the discretisation leaves", length_in_words(1e3 * f.depth), status);
 }
 
 std::string in_words(Index nodes, const std::vector<PathFrame>& frames) {

@@ -13,8 +13,8 @@
 
 namespace dimple {
 
-/// An organ that a tool touches here and there: read once, its surface and its base kept. Where the tool comes down a
-/// cloud of its own is made around that place.
+/// An organ that a tool touches here and there: read once, its surface and its base kept. Where the tool
+/// comes down a cloud of its own is made around that place.
 struct LiveOrgan {
   Config config;
   Result result;                    ///< image, labels, segment, warnings
@@ -22,14 +22,15 @@ struct LiveOrgan {
   std::vector<Material> materials = {};
   std::optional<Boundary> base = {};  ///< as the options have it; the circle is another at each touch
 };
-/// Throws what simulate() throws of the image and the options; UsageError where they are not those of an equilibrium.
+/// Throws what simulate() throws of the image and the options; UsageError where they are not those of an
+/// equilibrium.
 LiveOrgan read_live_organ(const Config& config, const RunObserver& observer = {});
 
 /// A cloud of `nodes` around the place that options.boundary.indent_at names, or around `tip` [3] LPS m.
 Session touch(const LiveOrgan& live, Index nodes, const std::optional<Vec3>& tip = {});
 
-/// A touch that has been tried to one radius of the circle: its equilibria are known, and how far a coarser cloud's forces
-/// are from them.
+/// A touch that has been tried to one radius of the circle: its equilibria are known, and how far a coarser
+/// cloud's forces are from them.
 struct TriedTouch {
   Session session;
   std::vector<ForceSample> fine = {}, coarse = {};  ///< none: no band of the force is known
@@ -39,30 +40,31 @@ TriedTouch try_touch(const LiveOrgan& live, Index nodes, const std::optional<Vec
 /// Nodes of the cloud that serves until a finer one is there, and that this one's forces are compared with.
 inline constexpr Index first_nodes = 400;
 
-/// A tool that is moved freely: the tip's pose in, the frame out. Between two touches it is in the air, and the force is
-/// zero; where it comes down more than a quarter of its radius away from the last touch a cloud of first_nodes is made,
-/// in some two tenths of a second, and beside the frames that follow one of `nodes`, which takes its place. While
-/// it touches it keeps to its axis (LiveFrame::Tool::ignored): ways across the push take effect at the next touch.
+/// A tool that is moved freely: the tip's pose in, the frame out. Between two touches it is in the air, and
+/// the force is zero; where it comes down more than a quarter of its radius away from the last touch a cloud
+/// of first_nodes is made, in some two tenths of a second, and beside the frames that follow one of `nodes`,
+/// which takes its place. While it touches it keeps to its axis (LiveFrame::Tool::ignored): ways across the
+/// push take effect at the next touch.
 struct LiveTool {
   const LiveOrgan* organ = nullptr;
   Index nodes = 1000;
   std::optional<Session> session = {};
   Vec3 tip = Vec3::Zero();  ///< LPS m, of the last frame
   LiveFrame frame = {};
-  std::vector<ForceSample> fine = {}, coarse = {};  ///< of this touch, see TriedTouch
-  Index touches = 0;                                ///< places that it has come down at
-  Index clouds = 0;                                 ///< that have been in use
-  double made_s = 0.0;                              ///< until the last touch could be followed [s]
-  std::future<TriedTouch> finer = {};               ///< in the making
+  std::vector<ForceSample> fine = {}, coarse = {};     ///< of this touch, see TriedTouch
+  Index touches = 0;                                   ///< places that it has come down at
+  Index clouds = 0;                                    ///< that have been in use
+  double made_s = 0.0;                                 ///< until the last touch could be followed [s]
+  std::future<TriedTouch> finer = {};                  ///< in the making
   std::vector<std::future<TriedTouch>> given_up = {};  ///< of places that it has left again
 };
 /// Begins at the place that the options name, in touch.
 LiveTool make_live_tool(const LiveOrgan& organ, Index nodes);
-/// It comes down somewhere else, at `tip` [3] LPS m, under no load. `beside`: a coarse cloud serves until the other is
-/// made; else it is waited for, and nothing depends on a clock.
+/// It comes down somewhere else, at `tip` [3] LPS m, under no load. `beside`: a coarse cloud serves until the
+/// other is made; else it is waited for, and nothing depends on a clock.
 void put_down(LiveTool& tool, const Vec3& tip, bool beside);
-/// Half the band of the last frame's force [N]: how far it may be from that of an ever finer cloud. Nothing where no band is
-/// known (see Band).
+/// Half the band of the last frame's force [N]: how far it may be from that of an ever finer cloud. Nothing
+/// where no band is known (see Band).
 std::optional<double> half_band(const LiveTool& tool);
 /// How far a tip [3] LPS m is along the push from the middle of the circle, and off its axis [m].
 struct OnAxis {
@@ -95,32 +97,32 @@ struct PathFrame {
   Vec3 tip = Vec3::Zero();  ///< asked for [3] LPS m
   std::optional<double> half_band = {};
 };
-/// The frame of a path at one time on it; where the path begins before or ends after that, at its end. `dt` [s]: since
-/// the last one.
+/// The frame of a path at one time on it; where the path begins before or ends after that, at its end. `dt`
+/// [s]: since the last one.
 PathFrame path_frame(LiveTool& tool, const ToolPath& path, double time, const FrameLimit& limit, double dt);
 struct PathOptions {
   double rate = 25.0;  ///< frames in a second of the path
   FrameLimit limit = {};
 };
-/// Follows the path frame by frame, each within the limit, as fast as it goes. Stopped (io/stop.hpp) it returns what there
-/// is.
+/// Follows the path frame by frame, each within the limit, as fast as it goes. Stopped (io/stop.hpp) it
+/// returns what there is.
 std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const PathOptions& options,
                                    const std::function<void(const PathFrame&)>& each = {});
-/// forces.csv: time_s, asked_mm, depth_mm, force_N, error_N, half_band_N, band_known, stiffness_N_per_m, residual,
-/// evaluations, tool, and the vector of the force on the tool and its moment; and what differs from one time to the next,
-/// times.csv: time_s, frame_ms.
+/// forces.csv: time_s, asked_mm, depth_mm, force_N, error_N, half_band_N, band_known, stiffness_N_per_m,
+/// residual, evaluations, tool, and the vector of the force on the tool and its moment; and what differs from
+/// one time to the next, times.csv: time_s, frame_ms.
 void write_path_frames(const std::filesystem::path& folder, const std::vector<PathFrame>& frames);
 
-/// As many nodes as can be followed at `rate` frames a second on this machine, tried with the cloud of 1000 at a way of 10
-/// mm/s. In hundreds, 500 to 4000.
+/// As many nodes as can be followed at `rate` frames a second on this machine, tried with the cloud of 1000
+/// at a way of 10 mm/s. In hundreds, 500 to 4000.
 Index nodes_for_rate(const LiveOrgan& organ, double rate);
 
-/// What a window says of a frame: force, error, depth and status, or where in the air the tool is. `by_hand`: it is moved by the
-/// mouse.
+/// What a window says of a frame: force, error, depth and status, or where in the air the tool is. `by_hand`:
+/// it is moved by the mouse.
 std::string words_of(const PathFrame& now, bool by_hand);
 
-/// "2,600 nodes, 31 fps, force +-3 %": the rate that 99 % of the frames kept, and the error with the band of the
-/// discretisation, that 95 % of the frames state at most.
+/// "2,600 nodes, 31 fps, force +-3 %": the rate that 99 % of the frames kept, and the error with the band of
+/// the discretisation, that 95 % of the frames state at most.
 std::string in_words(Index nodes, const std::vector<PathFrame>& frames);
 
 }  // namespace dimple

@@ -120,7 +120,8 @@ void send_words(int client, const std::string& words) {
 }  // namespace
 
 struct ForceServer::Parts {
-  Parts(const LiveTool& live, const fs::path& at) : path(at), organ(*live.organ), tool(live.session->model().tool) {
+  Parts(const LiveTool& live, const fs::path& at)
+      : path(at), organ(*live.organ), tool(live.session->model().tool) {
     tip = tool.centre;
     between.radius = tool.radius;
     touches = live.touches;
@@ -166,7 +167,8 @@ struct ForceServer::Parts {
   void turn_away() const;
 };
 
-// Where the tip is asked to be by its place. It may be in the air beside the circle, or pushed across at depth.
+// Where the tip is asked to be by its place. It may be in the air beside the circle, or pushed across at
+// depth.
 LiveAnswer ForceServer::Parts::at_tip() {
   const OnAxis at = on_axis(tool, tip);
   if (!is_aside(tool, at)) return answer(between, at.depth, now());
@@ -175,7 +177,8 @@ LiveAnswer ForceServer::Parts::at_tip() {
     said = answer(between, at.depth, now());
     if (said.tool != LiveFrame::Tool::beyond) said.tool = LiveFrame::Tool::ignored;
   } else if (is_inside(organ, tip)) {
-    said.tool = no_place_at(tip) ? LiveFrame::Tool::ignored : LiveFrame::Tool::lags;  // it is coming down there
+    said.tool =
+        no_place_at(tip) ? LiveFrame::Tool::ignored : LiveFrame::Tool::lags;  // it is coming down there
   }
   return said;
 }
@@ -248,7 +251,8 @@ bool ForceServer::Parts::write_to(int client) {
 
 void ForceServer::Parts::turn_away() const {
   const Descriptor other(accept4(listening.number, nullptr, nullptr, SOCK_CLOEXEC));
-  if (other.number >= 0) send_words(other.number, "error: another program moves the tool; try again when it has gone\n");
+  if (other.number >= 0)
+    send_words(other.number, "error: another program moves the tool; try again when it has gone\n");
 }
 
 void ForceServer::Parts::serve() {
@@ -263,7 +267,8 @@ void ForceServer::Parts::serve() {
                      {.fd = client.number, .events = asks, .revents = 0}};
     const int ready = poll(wait, 2, looks_ms);
     // Who has gone makes room for who has come since.
-    if (ready > 0 && (wait[1].revents & (POLLIN | POLLHUP | POLLERR)) != 0 && answers.empty() && !read_from(client.number))
+    if (ready > 0 && (wait[1].revents & (POLLIN | POLLHUP | POLLERR)) != 0 && answers.empty() &&
+        !read_from(client.number))
       leave();
     if (!answers.empty() && !write_to(client.number)) leave();
     if (ready <= 0 || wait[0].revents == 0) continue;
@@ -278,7 +283,8 @@ void ForceServer::Parts::serve() {
   }
 }
 
-ForceServer::ForceServer(const LiveTool& tool, const fs::path& path) : parts_(std::make_unique<Parts>(tool, path)) {}
+ForceServer::ForceServer(const LiveTool& tool, const fs::path& path)
+    : parts_(std::make_unique<Parts>(tool, path)) {}
 ForceServer::~ForceServer() = default;
 
 PathFrame ForceServer::move(LiveTool& tool, const FrameLimit& limit, double dt) {
@@ -336,7 +342,8 @@ Served serve_forces(LiveTool& tool, const fs::path& path, double rate, double se
   // One processor is left to the answers.
   tbb::task_arena others(std::max(1, tbb::this_task_arena::max_concurrency() - 1));
   while (stop_asked() == StopReason::none && seconds_since(begin) < seconds) {
-    const PathFrame now = others.execute([&] { return server.move(tool, {.seconds = 0.9 / rate}, 1.0 / rate); });
+    const PathFrame now =
+        others.execute([&] { return server.move(tool, {.seconds = 0.9 / rate}, 1.0 / rate); });
     if (each) each(now);
     next = std::max(next + period, Clock::now());
     std::this_thread::sleep_until(next);

@@ -17,12 +17,13 @@ struct Served {
   double slowest_s = 0.0;                 ///< from a line's arrival to its answer
 };
 
-/// Answers poses of a tool with forces, on a unix domain socket that its owner alone may use. One program at a time moves the
-/// tool; another is told so and sent away. When one has gone the tool stays where it is, and the next may come.
-/// The lines of text are described in apps/README.md (A live organ).
+/// Answers poses of a tool with forces, on a unix domain socket that its owner alone may use. One program at
+/// a time moves the tool; another is told so and sent away. When one has gone the tool stays where it is, and
+/// the next may come. The lines of text are described in apps/README.md (A live organ).
 ///
-/// A thread of its own answers, from the last frames (BetweenFrames), and waits for nothing, so that a loop of 200 Hz or more
-/// can be closed over it. Frames are found by whoever owns the tool: move() at a steady rate, from one thread.
+/// A thread of its own answers, from the last frames (BetweenFrames), and waits for nothing, so that a loop
+/// of 200 Hz or more can be closed over it. Frames are found by whoever owns the tool: move() at a steady
+/// rate, from one thread.
 class ForceServer {
  public:
   /// Throws OutputError: the socket cannot be made, or something that is no socket stands at `path`.
@@ -40,8 +41,8 @@ class ForceServer {
   std::unique_ptr<Parts> parts_;
 };
 
-/// Frames for a server at up to `rate` a second until the work is asked to end (io/stop.hpp) or `seconds` have passed;
-/// `each` hears of every one.
+/// Frames for a server at up to `rate` a second until the work is asked to end (io/stop.hpp) or `seconds`
+/// have passed; `each` hears of every one.
 Served serve_forces(LiveTool& tool, const std::filesystem::path& path, double rate, double seconds,
                     const std::function<void(const PathFrame&)>& each = {});
 

@@ -15,25 +15,30 @@ namespace {
   throw UsageError({.fact = fmt::format("the pressure '{}' {}", name, fact),
                     .where = fmt::format("load.pressure.{}.on", name),
                     .why = why,
-                    .remedy = "give all, a side such as superior, or a ball x,y,z,radius in mm that holds a part of the surface"});
+                    .remedy = "give all, a side such as superior, or a ball x,y,z,radius in mm that holds a "
+                              "part of the surface"});
 }
 
 SurfacePart part_of(const std::string& name, const Config::Pressure& pressure) {
   const auto part = surface_part_named(pressure.on);
-  if (!part) refuse_pressure(name, fmt::format("is on '{}'", pressure.on), "this names no part of the surface");
+  if (!part)
+    refuse_pressure(name, fmt::format("is on '{}'", pressure.on), "this names no part of the surface");
   return *part;
 }
 
-std::vector<Index> triangles_on(const std::string& name, const Config::Pressure& pressure, const Surface& surface) {
+std::vector<Index> triangles_on(const std::string& name, const Config::Pressure& pressure,
+                                const Surface& surface) {
   const SurfacePart part = part_of(name, pressure);
   std::vector<Index> chosen;
   for (Index t = 0; t < surface.triangles.cols(); ++t) {
-    const Vec3 a = surface.vertex_mm.col(surface.triangles(0, t)), b = surface.vertex_mm.col(surface.triangles(1, t)),
+    const Vec3 a = surface.vertex_mm.col(surface.triangles(0, t)),
+               b = surface.vertex_mm.col(surface.triangles(1, t)),
                c = surface.vertex_mm.col(surface.triangles(2, t));
     if (part.has((a + b + c) / 3.0, (b - a).cross(c - a))) chosen.push_back(t);
   }
   if (chosen.empty())
-    refuse_pressure(name, fmt::format("on '{}' meets no part of the surface", pressure.on), "it would act on nothing");
+    refuse_pressure(name, fmt::format("on '{}' meets no part of the surface", pressure.on),
+                    "it would act on nothing");
   return chosen;
 }
 

@@ -86,7 +86,8 @@ Taken take_labels(const Talk& talk, const Config& config, const LabelImage& imag
   };
   std::map<std::string, std::string> asked_for;  // where -> label
   for (const auto& [label, differing] : config.tissue) asked_for["tissue." + label] = label;
-  for (const auto& [name, label] : labels_of_supports(config)) asked_for[fmt::format("support.{}.on", name)] = label;
+  for (const auto& [name, label] : labels_of_supports(config))
+    asked_for[fmt::format("support.{}.on", name)] = label;
   for (const auto& [where, label] : asked_for)
     if (const int value = number_of_label(label, names); !has(taken.labels, value))
       throw InputError(
@@ -108,7 +109,8 @@ void say_labels(const Talk& talk, const Config& config, const std::vector<int>& 
       alike.push_back(label);
   if (chosen.empty() && alike.size() > 1)
     talk.warn(
-        fmt::format("{} labels form one body of one material, because no --label was given: {}; choose with --label {}, or "
+        fmt::format("{} labels form one body of one material, because no --label was given: {}; choose with "
+                    "--label {}, or "
                     "give one a material of its own, as in --set tissue.{}.mu=300Pa",
                     alike.size(), in_words(alike), alike.front().value, alike.back().value));
 }
@@ -121,8 +123,7 @@ std::optional<ClosedImage> closed(const Config& config, const LabelImage& image,
   talk.doing("closing gaps");
   ClosedImage result = close_gaps(image, labels, width);
   sentence = fmt::format("gaps narrower than {:.4g} mm: {} added ({:.1f} %)", width,
-                         volume_in_words(result.added_mm3),
-                         100.0 * result.added_mm3 / result.body_mm3);
+                         volume_in_words(result.added_mm3), 100.0 * result.added_mm3 / result.body_mm3);
   talk.say("closed   " + sentence);
   if (const double finest = image.spacing().minCoeff(); 0.5 * width < finest)
     talk.warn(
@@ -135,11 +136,11 @@ std::optional<ClosedImage> closed(const Config& config, const LabelImage& image,
 // Narrow gaps that the model keeps open decide much of the force.
 void warn_of_narrow_gaps(const Config& config, double share, const Talk& talk) {
   if (share <= most_facing || config.image.close_mm >= narrow_gap_mm) return;
-  talk.warn(
-      fmt::format("{:.0f} % of the surface faces another part of it across less than {:.0f} mm of air: the walls of "
-                  "these folds, which touch in life, move freely here; --close {:.0f}mm closes such folds: compare "
-                  "the two forces, which may differ much",
-                  100.0 * share, narrow_gap_mm, narrow_gap_mm));
+  talk.warn(fmt::format(
+      "{:.0f} % of the surface faces another part of it across less than {:.0f} mm of air: the walls of "
+      "these folds, which touch in life, move freely here; --close {:.0f}mm closes such folds: compare "
+      "the two forces, which may differ much",
+      100.0 * share, narrow_gap_mm, narrow_gap_mm));
 }
 
 }  // namespace
@@ -170,9 +171,9 @@ Work work_of(const Config& config, const Result& result) {
       .nodes = nodes,
       .points = placed ? static_cast<double>(result.model.point_count())
                        : nodes * scheme_of(config).points_per_node,
-      .depths = std::max(static_cast<double>(config.solver.frames),
-                         config.load.depth_mm / (0.5 * config.solver.step_radii *
-                                                 config.boundary.indenter_diameter_mm)),
+      .depths = std::max(
+          static_cast<double>(config.solver.frames),
+          config.load.depth_mm / (0.5 * config.solver.step_radii * config.boundary.indenter_diameter_mm)),
       .picture = wanted.picture,
       .band = config.accuracy.band == "on",
       .refinement = !config.accuracy.goal.empty() || config.accuracy.budget_s > 0.0};
@@ -194,9 +195,10 @@ void check_materials(const std::vector<Material>& materials, const Scheme& schem
 
 void say_default_stiffness(const Talk& talk, const Config& config) {
   if (default_stiffness(config))
-    talk.say(fmt::format("material mu {} of swine brain (Horton et al. 2007), because no material was given; for other "
-                         "tissues give --mu, --young or --preset",
-                         stress_in_words(config.material.mu_Pa)));
+    talk.say(fmt::format(
+        "material mu {} of swine brain (Horton et al. 2007), because no material was given; for other "
+        "tissues give --mu, --young or --preset",
+        stress_in_words(config.material.mu_Pa)));
 }
 
 TissueOptions tissues_of(const Config& config, const std::map<std::string, int>& label_names,
@@ -277,11 +279,12 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
         100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
   const double volume = segment.voxel_volume_mm3;
   talk.say("organ    " + volume_in_words(volume));
-  talk.detail(fmt::format(
-      "surface  {:.1f} cm2: {} triangles of {:.2f} mm, smoothed by {:.2f} mm; the enclosed volume differs from the "
-      "voxels' by {:+.2f} %",
-      body.surface.area() / 1e2, body.surface.triangles().cols(), segment.step_mm, segment.smoothing_mm,
-      100.0 * (body.surface.volume() / volume - 1.0)));
+  talk.detail(
+      fmt::format("surface  {:.1f} cm2: {} triangles of {:.2f} mm, smoothed by {:.2f} mm; the enclosed "
+                  "volume differs from the "
+                  "voxels' by {:+.2f} %",
+                  body.surface.area() / 1e2, body.surface.triangles().cols(), segment.step_mm,
+                  segment.smoothing_mm, 100.0 * (body.surface.volume() / volume - 1.0)));
 
   result.facing_share = facing_share(body.surface, narrow_gap_mm);
   warn_of_narrow_gaps(config, result.facing_share, talk);
@@ -312,8 +315,8 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
   if (const std::string bends = warning_of_bending(organ.body->surface, report.boundary); !bends.empty())
     talk.warn(bends);
   result.build_s += building.seconds();
-  talk.say(fmt::format("model    {}; {} integration points",
-                       nodes_in_words(places.node_count(), report), places.point_count()));
+  talk.say(fmt::format("model    {}; {} integration points", nodes_in_words(places.node_count(), report),
+                       places.point_count()));
   talk.detail(fmt::format(
       "nodes    {} on the surface; nearest node {:.2f} +- {:.2f}, at least {:.2f}, largest gap {:.2f} "
       "spacings",

@@ -78,12 +78,12 @@ struct Origin {
 /// Reads the image, takes its labels, closes its gaps, draws the surface.
 Organ read_organ(const Case& given, const ModelOptions& options, const Talk& talk, Result& result);
 
-/// The label of a place, where labels are of several tissues or one is a support; where they are all of one their borders mean
-/// nothing. Good for as long as the image is.
+/// The label of a place, where labels are of several tissues or one is a support; where they are all of one
+/// their borders mean nothing. Good for as long as the image is.
 LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& image);
 
-/// Nodes, points, base and circle; `options` differ from the organ's in the number of nodes, if at all. Adds them to the
-/// provenance of the image.
+/// Nodes, points, base and circle; `options` differ from the organ's in the number of nodes, if at all. Adds
+/// them to the provenance of the image.
 Discretisation place_nodes(const Config& config, const Organ& organ, const ModelOptions& options,
                            const LabelImage& image, const Talk& talk, Result& result);
 

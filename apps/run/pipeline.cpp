@@ -15,8 +15,8 @@
 #include "io/memory.hpp"
 #include "io/stop.hpp"
 #include "preprocess/supports/support.hpp"
-#include "solver/march/quasi_static.hpp"
 #include "solver/equilibrium/stable_time_step.hpp"
+#include "solver/march/quasi_static.hpp"
 
 namespace dimple {
 namespace {
@@ -166,10 +166,12 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
                             pressure_wave_speed(m), shear_wave_speed(m)));
   }
   if (const std::string preset = beside_preset(config); !preset.empty()) talk.say("preset   " + preset);
-  if (!loading.loads.none()) talk.say("loads    " + in_words(loading.loads) + "; the body comes to rest under it first");
+  if (!loading.loads.none())
+    talk.say("loads    " + in_words(loading.loads) + "; the body comes to rest under it first");
   result.time = time_of(config, talk, result);
   talk.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(config.load.depth_mm),
-                          plain(config.load.rate_mm_per_s), three_digits(loading.duration()), config.load.contact,
+                          plain(config.load.rate_mm_per_s), three_digits(loading.duration()),
+                          config.load.contact,
                           result.time == TimeMode::quasi_static
                               ? fmt::format("equilibrium in {} steps", steps_of_load(model, loading, options))
                           : result.time == TimeMode::dynamic ? "with inertia, by implicit steps"
@@ -224,8 +226,10 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
                                    const Observer& observer, const State* from, const Talk& talk,
                                    Result& result) {
   const std::optional<Interpolation> place = to_followed(result);
-  if (place && from && from->u.cols() > 0) result.followed->u = displacement_at(*place, from->u);  // no frame may be left
-  if (from && from->f.cols() > 0) feel_supports(from->f, from->history.force.back().depth, result);  // likewise
+  if (place && from && from->u.cols() > 0)
+    result.followed->u = displacement_at(*place, from->u);  // no frame may be left
+  if (from && from->f.cols() > 0)
+    feel_supports(from->f, from->history.force.back().depth, result);  // likewise
   BendingOfPart bending(result.model);
   Observer hears = observer;
   hears.frame = [&](const Frame& frame) {

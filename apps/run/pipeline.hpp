@@ -35,8 +35,9 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
 /// The place whose displacement the case asks for, if it does. Throws UsageError: it is outside of the body.
 std::optional<Followed> followed_in(const Config& config, const Organ& organ);
 
-/// Marches a model that is complete, and keeps what comes of it: history, findings, where the place goes that is
-/// followed. Asked to stop it returns what there is, `interrupted`. What is returned is to outlive the frames' forces.
+/// Marches a model that is complete, and keeps what comes of it: history, findings, where the place goes that
+/// is followed. Asked to stop it returns what there is, `interrupted`. What is returned is to outlive the
+/// frames' forces.
 std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options,
                                    const Observer& observer, const State* from, const Talk& talk,
                                    Result& result);

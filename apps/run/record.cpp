@@ -46,8 +46,9 @@ std::string headline_of(const std::string& title, double force_N, const std::str
 // "moved by 1.234 mm at (12.0, -30.0, 45.0) mm, +- 0.010 mm (discretisation)".
 std::string displacement_title(const Json& displacement) {
   const auto& place = displacement["place_mm"];
-  std::string title = fmt::format("moved by {} mm at {}", three_digits(displacement["length_mm"].get<double>()),
-                                  in_words(Vec3(place[0], place[1], place[2])));
+  std::string title =
+      fmt::format("moved by {} mm at {}", three_digits(displacement["length_mm"].get<double>()),
+                  in_words(Vec3(place[0], place[1], place[2])));
   if (displacement.contains("coarser_nodes"))
     title += fmt::format(", +- {} mm (discretisation)", plain(displacement["half_mm"].get<double>(), 2));
   return title;
@@ -74,7 +75,8 @@ Outcome finished_already(const fs::path& folder, const Config& config, const std
   read_config(before, folder / "config.resolved.toml");
   const Json summary = Json::parse(outcome.summary_json, nullptr, false);
   // As many as its folds asked for, not somebody.
-  if (default_nodes(config) && summary.value("model", Json::object()).value("nodes_for_band", Index{0}) == before.cloud.nodes)
+  if (default_nodes(config) &&
+      summary.value("model", Json::object()).value("nodes_for_band", Index{0}) == before.cloud.nodes)
     before.cloud.nodes = config.cloud.nodes;
   require_same_run({summary.value("version", ""), option_values(before), summary.value(input_key, "")},
                    {DIMPLE_VERSION, option_values(config), input_sha256});
@@ -84,10 +86,10 @@ Outcome finished_already(const fs::path& folder, const Config& config, const std
   const Json band = summary.value("band", Json::object());
   const double force = summary.value("force_N", 0.0);
   const std::string unknown = band.value("unknown", "");
-  outcome.headline = headline_of(
-      force_title(force, summary.value("indentation_mm", 0.0),
-                  unknown.empty() ? std::optional(band.value("half_N", 0.0)) : std::nullopt),
-      force, unknown, 0.01 * before.material.mu_spread_percent);
+  outcome.headline =
+      headline_of(force_title(force, summary.value("indentation_mm", 0.0),
+                              unknown.empty() ? std::optional(band.value("half_N", 0.0)) : std::nullopt),
+                  force, unknown, 0.01 * before.material.mu_spread_percent);
   if (summary.contains("displacement")) outcome.further = displacement_title(summary["displacement"]);
   say(observer, fmt::format("resume   {} holds the finished run: nothing to do", folder.string()));
   return outcome;
@@ -113,7 +115,8 @@ struct Recording {
   fs::path folder;
   RunIdentity identity;
   std::optional<Checkpoint> resumed = {};
-  std::function<void(Result&)> write_model = {};  // nothing is written before the model and the load are accepted
+  std::function<void(Result&)> write_model =
+      {};  // nothing is written before the model and the load are accepted
   std::function<Json(const Result&)> summary = {};                    // what it begins with
   std::function<std::vector<std::string>(const Result&)> facts = {};  // for the picture
   std::string subject = {};
@@ -289,12 +292,11 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   outcome.headline = headline_of(title, force, band.unknown, result.spread);
   const Report stopped = history.interrupted ? Stopped(stop_asked()).report : Report{};
   if (history.interrupted)
-    outcome.ended_by = fmt::format(
-        "{} at {} of {}, after {:.1f} s; {} [{}]", stopped.fact, length_in_words(reached),
-        length_in_words(config.load.depth_mm),
-        how_.whole.seconds(),
-        result.levels.empty() ? "--resume goes on from there" : "this is the finest cloud so far",
-        stopped.code);
+    outcome.ended_by =
+        fmt::format("{} at {} of {}, after {:.1f} s; {} [{}]", stopped.fact, length_in_words(reached),
+                    length_in_words(config.load.depth_mm), how_.whole.seconds(),
+                    result.levels.empty() ? "--resume goes on from there" : "this is the finest cloud so far",
+                    stopped.code);
   Config taken = config;  // a run of that file takes these nodes again
   if (result.nodes_for_band > 0) taken.cloud.nodes = result.nodes_for_band;
   const std::string options = to_toml(taken, result.chosen);
@@ -315,8 +317,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
             : fmt::format("{} steps of {} us (stable {} us), {:.2f} ms each, {:.1f} s: {:.2f} x real "
                           "time",
                           history.steps, three_digits(1e6 * history.dt_first),
-                          three_digits(1e6 * history.dt_stable_first), ms, solve_s,
-                          times_real));
+                          three_digits(1e6 * history.dt_stable_first), ms, solve_s, times_real));
     const double base = history.force.back().base_force;
     const Written written = force_written(force);
     detail(
@@ -331,7 +332,8 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
                           percent(largest_energy_error(history)), written(base)));
     if (band.known())
       detail(observer_,
-             fmt::format("band     {} to {}, +- {}, error of the discretisation alone, estimated from {} and {} nodes in "
+             fmt::format("band     {} to {}, +- {}, error of the discretisation alone, estimated from {} and "
+                         "{} nodes in "
                          "{:.1f} s",
                          written.number(force - half), written(force + half), percent(half / std::abs(force)),
                          result.model.node_count(), band.coarse_nodes, band.seconds));
@@ -471,7 +473,8 @@ void add_explained(Outcome& outcome, const fs::path& folder, double seconds) {
   Json summary = Json::parse(outcome.summary_json);
   outcome.times.emplace_back("comparing", seconds);
   Json& parts = summary["parts_wall_s"];
-  const double before_s = parts.is_object() ? parts.value("comparing", 0.0) : 0.0;  // of a run finished already
+  const double before_s =
+      parts.is_object() ? parts.value("comparing", 0.0) : 0.0;  // of a run finished already
   parts["comparing"] = seconds;
   summary["total_wall_s"] = summary["total_wall_s"].get<double>() + seconds - before_s;
   if (outcome.interrupted) end_otherwise(summary, Stopped(stop_asked()));

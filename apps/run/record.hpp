@@ -44,8 +44,8 @@ Outcome record_solve(const Config& config, const std::filesystem::path& model,
 Outcome record_model(const Config& config, const std::filesystem::path& folder, Existing existing,
                      const RecordObserver& observer = {});
 
-/// What came of a run after its summary had been written, for so long, is in the summary and on the page too: the
-/// chart of what the force depends on, and how it ended. Throws OutputError.
+/// What came of a run after its summary had been written, for so long, is in the summary and on the page too:
+/// the chart of what the force depends on, and how it ended. Throws OutputError.
 void add_explained(Outcome& outcome, const std::filesystem::path& folder, double seconds);
 
 }  // namespace dimple

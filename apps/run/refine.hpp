@@ -55,8 +55,9 @@ struct RefinementObserver {
   const RunObserver& of_march;  ///< what a level begins with, and its parts; the rest of it is kept
 };
 
-/// `from`: organ, image and choices; `read`: what was told of them, and the place that is followed. `whole`: since
-/// when the budget counts. Throws, where no cloud came to a force, what the last one threw; Stopped too.
+/// `from`: organ, image and choices; `read`: what was told of them, and the place that is followed. `whole`:
+/// since when the budget counts. Throws, where no cloud came to a force, what the last one threw; Stopped
+/// too.
 Refinement refine(const Case& given, const Goal& goal, const Origin& from, const Result& read,
                   const Stopwatch& whole, const RefinementObserver& observer);
 

@@ -29,7 +29,8 @@ static_assert(std::endian::native == std::endian::little, "numbers in the page a
 
 constexpr std::string_view data_place = "<!--dimple:data-->", chart_place = "<!--dimple:explanation-->";
 
-// ------------------------------------------------------------------------------------------------------ slices
+// ------------------------------------------------------------------------------------------------------
+// slices
 
 // Which axes of the image lie to the right and down, and whether down is against the second.
 struct Plane {
@@ -93,7 +94,8 @@ void fill(Slice& slice, const Plane& plane, const LabelImage& image, const Voxel
   slice.height_mm = static_cast<double>(slice.rows * stride) * spacing[plane.down];
 }
 
-// ----------------------------------------------------------------------------------------------------- numbers
+// -----------------------------------------------------------------------------------------------------
+// numbers
 
 // Whole numbers of 1 or 2 bytes as they lie in memory.
 template <class Number>
@@ -130,7 +132,8 @@ Json outline(const Points& on_slice, const Triangles& triangles) {
   return pieces;
 }
 
-// ------------------------------------------------------------------------------------------------------- parts
+// -------------------------------------------------------------------------------------------------------
+// parts
 
 Json slice_json(const Slice& slice, const ReportInput& input, double slab_mm) {
   const Model& model = input.model;
@@ -274,8 +277,9 @@ Json beside_json(const std::optional<Comparison>& comparison) {
       {"name", measured.name}, {"depth_mm", depth}, {"force_N", measured.force}, {"rows", measured.row_name}};
 }
 
-// How the page writes what the summary holds, by the same functions as the terminal and the picture: for each place
-// in it a number, its unit, and units in one of the summary's. Forces stand beside each other in one unit.
+// How the page writes what the summary holds, by the same functions as the terminal and the picture: for each
+// place in it a number, its unit, and units in one of the summary's. Forces stand beside each other in one
+// unit.
 void write_words(Json& words, const Json& part, const std::string& place, const Written& force) {
   for (const auto& [name, value] : part.items()) {
     const std::string here = place.empty() ? name : place + '.' + name;
@@ -366,8 +370,8 @@ std::vector<Slice> slices_through(const Vec3& centre, const Model& model, const 
       const Plane& plane = planes[k];
       slices[k] = empty_slice(plane, low - room, high + room);
       const Vec3 through = axes.transpose() * centre;
-      slices[k].place = onto(plane, low - room, high + room, through[3 - plane.right - plane.down]) *
-                        axes.transpose();
+      slices[k].place =
+          onto(plane, low - room, high + room, through[3 - plane.right - plane.down]) * axes.transpose();
     }
     return slices;
   }

@@ -17,8 +17,9 @@
 
 namespace dimple {
 
-// report.html: one file for people, with all that it shows in it. The page itself, without numbers, is made in
-// apps/report; what is filled in here are the summary, as summary.json has it, and what a summary has no room for.
+// report.html: one file for people, with all that it shows in it. The page itself, without numbers, is made
+// in apps/report; what is filled in here are the summary, as summary.json has it, and what a summary has no
+// room for.
 
 /// A plane through a place, along two of the image's axes. Places on it are counted from its upper left
 /// corner, to the right and down [mm].
@@ -30,8 +31,8 @@ struct Slice {
   Index columns = 0, rows = 0;  ///< of the labels; 0: there is no image
   std::vector<int> label = {};  ///< [columns x rows], row by row from the top
 };
-/// Angle between the patient's axes and the nearest of these [degrees], whatever their order: 0 for any scan that is not
-/// oblique.
+/// Angle between the patient's axes and the nearest of these [degrees], whatever their order: 0 for any scan
+/// that is not oblique.
 double tilt_degrees(const Mat3& axes);
 
 /// Sagittal, coronal, axial. Without an image along the model's axes, with no labels.
@@ -72,8 +73,8 @@ nlohmann::ordered_json report_data(const ReportInput& input);
 void write_report(const std::filesystem::path& file, const nlohmann::ordered_json& summary,
                   const nlohmann::ordered_json& data);
 
-/// Gives a page that is there another summary and, where it has none yet, the chart of what the force depends on; does
-/// nothing where there is no page. Throws OutputError.
+/// Gives a page that is there another summary and, where it has none yet, the chart of what the force depends
+/// on; does nothing where there is no page. Throws OutputError.
 void amend_report(const std::filesystem::path& file, const nlohmann::ordered_json& summary,
                   const std::string& chart_svg);
 

@@ -568,8 +568,7 @@ void leave_word(const fs::path& folder, const std::string& command, const std::s
 void check_result_folder(const fs::path& folder) {
   std::error_code error;
   if (fs::is_directory(folder, error) && !fs::is_empty(folder, error) && made_by_a_run(folder).empty() &&
-      !is_there(folder / file_list_name) && !holds_a_model(folder) &&
-      !fs::exists(folder / "fit.csv"))
+      !is_there(folder / file_list_name) && !holds_a_model(folder) && !fs::exists(folder / "fit.csv"))
     throw OutputError({.fact = fmt::format("{} holds files that are not results of dimple", folder.string()),
                        .where = "-o",
                        .why = "they could be overwritten",

@@ -21,8 +21,8 @@
 
 namespace dimple {
 
-/// Which files are asked for, beside those that every run writes: force.csv, energy.csv, config.resolved.toml,
-/// summary.json.
+/// Which files are asked for, beside those that every run writes: force.csv, energy.csv,
+/// config.resolved.toml, summary.json.
 struct Wanted {
   bool nodes = true, points = true, surface = true, picture = true, model = true, label = true, report = true;
   bool images = false;  ///< not among "all": they take longer than the rest of a run, and more room
@@ -30,7 +30,8 @@ struct Wanted {
 Wanted wanted_of(const Config& config);
 inline constexpr Wanted tables_alone = {false, false, false, false, false, false, false};
 
-/// The force of the tissue on the tool and its moment about the circle's middle, which moves with the tool: LPS, in files.
+/// The force of the tissue on the tool and its moment about the circle's middle, which moves with the tool:
+/// LPS, in files.
 inline constexpr std::array wrench_columns = {"force_x_N",   "force_y_N",   "force_z_N",
                                               "moment_x_Nm", "moment_y_Nm", "moment_z_Nm"};
 
@@ -49,8 +50,8 @@ PointStress stress_at_points(const Frame& frame);
 /// same.
 class ResultWriter {
  public:
-  /// `model` must outlive this, and its discretisation must not change. `label_at`: the image's label at a place in
-  /// LPS mm; empty: there is no image. Of `supports` nodes.pvd says which nodes they hold.
+  /// `model` must outlive this, and its discretisation must not change. `label_at`: the image's label at a
+  /// place in LPS mm; empty: there is no image. Of `supports` nodes.pvd says which nodes they hold.
   ResultWriter(std::filesystem::path folder, const Model& model, const Wanted& wanted = {},
                const LabelAt& label_at = {}, const std::vector<HeldSet>& supports = {});
 
@@ -111,8 +112,9 @@ void check_result_folder(const std::filesystem::path& folder);
 bool holds_only_a_word(const std::filesystem::path& folder);
 
 /// Says in a summary.json why nothing else is in the folder of a run: makes the folder if it is not there,
-/// and leaves those alone that hold anything else, but for what the present run has begun to write: if that has
-/// finished, its summary and page say now that what came after has not. For Ctrl-C, which nobody needs to be told of, it makes no folder. Never throws.
+/// and leaves those alone that hold anything else, but for what the present run has begun to write: if that
+/// has finished, its summary and page say now that what came after has not. For Ctrl-C, which nobody needs to
+/// be told of, it makes no folder. Never throws.
 void leave_word(const std::filesystem::path& folder, const std::string& command, const std::string& image,
                 const Error& error, const std::vector<std::string>& warnings) noexcept;
 

@@ -23,7 +23,8 @@ std::string level_in_words(int number, const RefinementLevel& level, bool has_di
 std::string failure_in_words(int number, Index nodes, const std::string& fact);
 /// Why a refinement has ended before its goal.
 std::string in_words(const RefinementEnd& end, const Goal& goal);
-/// That the accuracy asked for was not reached. `share`: the error that is left, as a part of the force or length.
+/// That the accuracy asked for was not reached. `share`: the error that is left, as a part of the force or
+/// length.
 std::string shortfall_in_words(const std::string& asked, std::optional<double> share,
                                const std::string& ended);
 /// What half the error would take. `more`: nodes for it.

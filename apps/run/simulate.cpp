@@ -6,12 +6,12 @@
 #include <utility>
 
 #include "apps/run/band_of_run.hpp"
+#include "apps/run/loads.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/refine.hpp"
 #include "apps/run/run_words.hpp"
 #include "apps/run/stopwatch.hpp"
-#include "apps/run/loads.hpp"
 #include "apps/run/supports.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -150,7 +150,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   talk.begin(Part::solving, config);
   if (observer.begin) observer.begin(result);
   if (of_image && !config.tissue.empty()) of_image->image = std::move(result.image);
-  result.image = {};  // nobody needs it any longer
+  result.image = {};                                             // nobody needs it any longer
   if (given.band) result.band.unknown = "the run ended before";  // until find_band()
   march(config, solver_options(config), observer.march, given.from, talk, result);
   if (given.band && !result.history.interrupted) find_band(given, talk, result);

@@ -31,14 +31,14 @@ struct ReadOrgan;  // organ.hpp
 /// choice that decides the result.
 struct Case {
   Config config;
-  std::optional<ModelFiles> model = {};  ///< instead of an image
+  std::optional<ModelFiles> model = {};       ///< instead of an image
   std::shared_ptr<const Origin> origin = {};  ///< of `model`, where it is known, for its other clouds
-  const LabelImage* image = nullptr;     ///< instead of the file that config.image.file names
-  /// Instead of an image, one that was read before with the same options of the image and the same width of the
-  /// circle, which its surface follows; all others may differ. For build_case().
+  const LabelImage* image = nullptr;          ///< instead of the file that config.image.file names
+  /// Instead of an image, one that was read before with the same options of the image and the same width of
+  /// the circle, which its surface follows; all others may differ. For build_case().
   const ReadOrgan* organ = nullptr;
-  const State* from = nullptr;           ///< where an earlier run of the same case stood
-  bool band = false;                     ///< of the force is wanted: by a coarser cloud, after the march
+  const State* from = nullptr;  ///< where an earlier run of the same case stood
+  bool band = false;            ///< of the force is wanted: by a coarser cloud, after the march
   BodyChange change = {};
 };
 
@@ -48,13 +48,13 @@ inline constexpr double narrow_gap_mm = 4.0;
 /// One cloud of those that were tried for an accuracy.
 struct RefinementLevel {
   Index nodes = 0;
-  double force = 0.0, half = 0.0;     ///< at the load's depth, and half its band's width; 0: not known [N]
+  double force = 0.0, half = 0.0;  ///< at the load's depth, and half its band's width; 0: not known [N]
   double length = 0.0, half_length = 0.0;  ///< of the displacement that was asked for, likewise [m]
   double seconds = 0.0;
 };
 
-/// What is known of an image and the organ in it, whatever model is made of them; empty where the case began with a
-/// model whose origin is not known.
+/// What is known of an image and the organ in it, whatever model is made of them; empty where the case began
+/// with a model whose origin is not known.
 struct ImageFacts {
   std::string image_words;           ///< its format, size and axes
   std::vector<LabelMeasure> labels;  ///< taken
@@ -72,8 +72,8 @@ struct Result : ImageFacts {
   std::map<std::string, std::string> chosen;      ///< option key -> what was chosen for it
   std::map<std::string, std::string> provenance;  ///< image, its SHA-256, labels, reasons
 
-  /// Complete until the march: its force system then takes over the gradients. For an accuracy the march comes
-  /// before `begin`.
+  /// Complete until the march: its force system then takes over the gradients. For an accuracy the march
+  /// comes before `begin`.
   Model model;
   Tissues tissues;
   Loading loading;

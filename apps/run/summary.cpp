@@ -218,7 +218,8 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   }
   for (std::size_t k = 0; k < result.on_support.size(); ++k) {
     const HeldSet& support = result.loading.further[k];
-    const Vec3 force = result.on_support[k], moved = 1e3 * result.on_support_at * support.share * support.direction;
+    const Vec3 force = result.on_support[k],
+               moved = 1e3 * result.on_support_at * support.share * support.direction;
     summary["supports"][support.name] = {{"nodes", support.node.size()},
                                          {"force_N", {force.x(), force.y(), force.z()}},
                                          {"moved_mm", {moved.x(), moved.y(), moved.z()}}};
@@ -250,8 +251,7 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
     summary["ladder"] = Json::array();
     const auto or_null = [](double half, double factor) { return half > 0.0 ? Json(factor * half) : Json(); };
     for (const RefinementLevel& level : result.levels) {
-      Json entry = {
-          {"nodes", level.nodes}, {"force_N", level.force}, {"half_N", or_null(level.half, 1.0)}};
+      Json entry = {{"nodes", level.nodes}, {"force_N", level.force}, {"half_N", or_null(level.half, 1.0)}};
       if (result.followed) {
         entry["displacement_mm"] = 1e3 * level.length;
         entry["half_mm"] = or_null(level.half_length, 1e3);

@@ -7,8 +7,8 @@
 #include "apps/run/surface_part.hpp"
 #include "io/error.hpp"
 #include "io/words.hpp"
-#include "preprocess/surface/body_surface.hpp"
 #include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/surface/body_surface.hpp"
 
 namespace dimple {
 namespace {

@@ -19,13 +19,14 @@ bool names_labels(const Config& config);
 /// The labels of those, by the supports' names.
 std::map<std::string, std::string> labels_of_supports(const Config& config);
 
-/// What config.held says, as sets of nodes, none of them in two of them or in the base; and a sentence on each.
+/// What config.held says, as sets of nodes, none of them in two of them or in the base; and a sentence on
+/// each.
 struct Supports {
   std::vector<HeldSet> sets;
   std::vector<std::string> words;
 };
-/// Throws UsageError as check_supports() does; ModelError: a support meets no node, or some of the tool's, all of them
-/// leave nothing free, or the model lacks a surface or labels.
+/// Throws UsageError as check_supports() does; ModelError: a support meets no node, or some of the tool's,
+/// all of them leave nothing free, or the model lacks a surface or labels.
 Supports supports_of(const Config& config, const Discretisation& places,
                      const std::map<std::string, int>& label_names);
 

@@ -8,8 +8,8 @@
 
 namespace dimple {
 
-/// A part of a body's surface as options name it: all of it, what faces a side of the patient within 45 degrees, or what
-/// lies in a ball.
+/// A part of a body's surface as options name it: all of it, what faces a side of the patient within 45
+/// degrees, or what lies in a ball.
 struct SurfacePart {
   std::optional<Vec3> side;             ///< LPS unit vector
   std::optional<Eigen::Vector4d> ball;  ///< centre and radius [mm, LPS]

@@ -4,7 +4,8 @@
 
 namespace dimple {
 
-/// Does `work`. What breaks while everything is being stopped is a consequence of that: Stopped is thrown in its place.
+/// Does `work`. What breaks while everything is being stopped is a consequence of that: Stopped is thrown in
+/// its place.
 template <class Work>
 auto unless_stopped(const Work& work) {
   try {

@@ -34,8 +34,8 @@ struct Answer {
   }
 };
 
-// Of the guards that fired; a march that went back and found another way has been looked after by one too. That a few
-// points at a sharp rim are inverted the force hardly feels, and every fine cloud has some.
+// Of the guards that fired; a march that went back and found another way has been looked after by one too.
+// That a few points at a sharp rim are inverted the force hardly feels, and every fine cloud has some.
 std::set<std::string> fired(const Result& result, const std::set<std::string>& about) {
   std::set<std::string> codes;
   for (const Finding& finding : result.findings)
@@ -129,9 +129,7 @@ Answer of_accuracy(const Config& config, const Result& result) {
             .of = "and an unknown discretisation error of the force",
             .reasons = {band.unknown.empty() ? "there is no force" : band.unknown}};
   const double force = std::abs(result.history.force.back().force), half = band.half.back();
-  Answer answer{.value = 100.0 * half / force,
-                .unit = "%",
-                .of = "discretisation error of the force, +-"};
+  Answer answer{.value = 100.0 * half / force, .unit = "%", .of = "discretisation error of the force, +-"};
   const std::optional<Goal> goal = goal_of(config);
   const bool asked = goal && (goal->share > 0.0 || goal->absolute > 0.0);
   if (asked && half > goal->half_width(force))

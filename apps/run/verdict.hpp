@@ -15,11 +15,12 @@ inline constexpr double grid_volume_to_check = 0.005;  ///< of the body, that th
 inline constexpr double energy_to_check = 0.02;        ///< as guards.hpp has it
 inline constexpr double band_to_check = 0.1, band_too_wide = 0.25;  ///< half the width, of the force
 
-/// For `image`, `model`, `equilibrium`, `energy` and `accuracy`, in this order: `word` is "good", "check" or "bad";
-/// `value` and `unit` are the number behind it, `of` says what it is of; `reasons`: why it is not "good".
+/// For `image`, `model`, `equilibrium`, `energy` and `accuracy`, in this order: `word` is "good", "check" or
+/// "bad"; `value` and `unit` are the number behind it, `of` says what it is of; `reasons`: why it is not
+/// "good".
 ///
-/// "check": a warning or a guard concerns it, or its number is beyond the limits above: the force may well be right, and
-/// somebody should look. "bad": the run has failed there, or the number is far beyond.
+/// "check": a warning or a guard concerns it, or its number is beyond the limits above: the force may well be
+/// right, and somebody should look. "bad": the run has failed there, or the number is far beyond.
 nlohmann::ordered_json verdict_of(const Config& config, const Result& result, const std::string& status);
 
 }  // namespace dimple

@@ -11,7 +11,8 @@
 namespace dimple {
 namespace {
 
-// How far the circle's nodes lie along the push from its plane, at other places of it: from the nearest of them.
+// How far the circle's nodes lie along the push from its plane, at other places of it: from the nearest of
+// them.
 class Foot {
  public:
   explicit Foot(const Discretisation& model)

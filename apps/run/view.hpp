@@ -5,11 +5,12 @@
 
 namespace dimple {
 
-/// The tool as a closed cylinder at rest, three radii long. Its foot has the shape of the skin under it, since the
-/// circle's nodes move as they lie. Positions in LPS mm.
+/// The tool as a closed cylinder at rest, three radii long. Its foot has the shape of the skin under it,
+/// since the circle's nodes move as they lie. Positions in LPS mm.
 SurfaceFile tool_body(const Discretisation& model);
 
-/// A script for ParaView that shows the results in its own folder: the text of view.py, the same for every run.
+/// A script for ParaView that shows the results in its own folder: the text of view.py, the same for every
+/// run.
 extern const char* const view_script;
 inline constexpr const char* view_file = "view.py";
 

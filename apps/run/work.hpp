@@ -19,8 +19,8 @@ struct Work {
   bool refinement = false;  ///< further clouds may follow, nobody knows how many
 };
 
-/// [s] That part on the machine of tests/bench/results/whole_runs.csv, to a factor of two: what another one makes of it
-/// shows after its first parts.
+/// [s] That part on the machine of tests/bench/results/whole_runs.csv, to a factor of two: what another one
+/// makes of it shows after its first parts.
 double expected_s(Part part, const Work& work);
 
 }  // namespace dimple

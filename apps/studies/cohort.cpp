@@ -87,7 +87,8 @@ std::string beside(const Cohort& cohort, const std::string& key, const std::stri
   return is_word ? text : path.string();
 }
 
-// What an earlier run of the same has left finished; nothing: there is none. Throws UsageError: it was another run.
+// What an earlier run of the same has left finished; nothing: there is none. Throws UsageError: it was
+// another run.
 std::optional<Outcome> finished_before(const Config& config, const fs::path& folder) {
   std::error_code ignored;
   if (!fs::is_directory(folder, ignored)) return std::nullopt;
@@ -99,8 +100,8 @@ bool is_other_run(const Error& error) {
   return error.report.code == other_run;
 }
 
-// Puts down why a case has failed, unless the folder holds something else; what a run that died has left there is no
-// summary. Never throws: there is a better reason to end already.
+// Puts down why a case has failed, unless the folder holds something else; what a run that died has left
+// there is no summary. Never throws: there is a better reason to end already.
 void put_down(const Cohort& cohort, std::size_t row, const fs::path& folder, const Error& error,
               bool died = false) noexcept try {
   std::error_code ignored;

@@ -22,20 +22,22 @@ struct Cohort {
   std::size_t id_column = 0;
 };
 
-/// Reads what holds for all rows. Throws InputError: no such file, no table, no column id or image, an id that is empty, there
-/// twice, or no name for a folder; UsageError: a column that is headed by no option, or two by one.
+/// Reads what holds for all rows. Throws InputError: no such file, no table, no column id or image, an id
+/// that is empty, there twice, or no name for a folder; UsageError: a column that is headed by no option, or
+/// two by one.
 Cohort read_cohort(const std::filesystem::path& file);
 
 /// The path of a row's image as it is opened; empty if it has none.
 std::string image_of(const Cohort& cohort, std::size_t row);
 
-/// The options of one row, over those of all rows; an empty field says nothing, and paths begin where the table is.
-/// Checked as far as they can be before the image is read. Throws UsageError, InputError.
+/// The options of one row, over those of all rows; an empty field says nothing, and paths begin where the
+/// table is. Checked as far as they can be before the image is read. Throws UsageError, InputError.
 Config case_of(const Cohort& cohort, std::size_t row, Config of_all_rows);
 
-/// Runs one row in the folder that is called by its id, as record_run() does there: it goes on with what was stopped, and
-/// returns at once where the same run is finished. A run of other options or another image is refused, or, with `anew`,
-/// replaced. Why it failed is put down in the folder, unless that holds something else. Throws Error.
+/// Runs one row in the folder that is called by its id, as record_run() does there: it goes on with what was
+/// stopped, and returns at once where the same run is finished. A run of other options or another image is
+/// refused, or, with `anew`, replaced. Why it failed is put down in the folder, unless that holds something
+/// else. Throws Error.
 Outcome run_case(const Cohort& cohort, std::size_t row, const Config& of_all_rows,
                  const std::filesystem::path& out, bool anew, const RecordObserver& observer);
 
@@ -57,9 +59,10 @@ struct CohortOptions {
       program;  ///< with its arguments: runs the row whose number, from 1 on, is put behind them
 };
 
-/// Runs all rows, each in a process of its own, so that none takes others with it. What cannot run is known before the
-/// first begins, and put down in its folder. A process that fails leaves its words in ID.log beside the folder. Throws
-/// OutputError: `out` cannot be made. When asked to stop (io/stop.hpp) it begins no further rows and ends the running ones.
+/// Runs all rows, each in a process of its own, so that none takes others with it. What cannot run is known
+/// before the first begins, and put down in its folder. A process that fails leaves its words in ID.log
+/// beside the folder. Throws OutputError: `out` cannot be made. When asked to stop (io/stop.hpp) it begins no
+/// further rows and ends the running ones.
 std::vector<CaseEnd> run_cohort(const Cohort& cohort, const Config& of_all_rows,
                                 const std::filesystem::path& out, const CohortOptions& options,
                                 const std::function<void(const std::string&)>& progress);

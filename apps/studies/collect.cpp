@@ -60,7 +60,8 @@ std::string labels_in(const Json& summary) {
   return text;
 }
 
-// The value of a column at a depth, between two rows or between rest and the first; nothing: it does not reach so deep.
+// The value of a column at a depth, between two rows or between rest and the first; nothing: it does not
+// reach so deep.
 std::string between_rows(const std::vector<double>& depth, const std::vector<double>& value, double at) {
   for (std::size_t k = 0; k < depth.size(); ++k) {
     const double rounding = 1e-9 * at;  // depths were converted from metres
@@ -258,7 +259,9 @@ Json columns_of(const Table& table) {
       {"force_x_N", {"force of the tissue on the tool, towards the patient's left", "N"}},
       {"force_y_N", {"force of the tissue on the tool, towards posterior", "N"}},
       {"force_z_N", {"force of the tissue on the tool, towards superior", "N"}},
-      {"moment_x_Nm", {"its moment about the circle's middle, which moves with the tool; about the axis to the left", "N.m"}},
+      {"moment_x_Nm",
+       {"its moment about the circle's middle, which moves with the tool; about the axis to the left",
+        "N.m"}},
       {"moment_y_Nm", {"the same about the axis to posterior", "N.m"}},
       {"moment_z_Nm", {"the same about the axis to superior", "N.m"}},
       {"mu_low_N", {"low end of the force's band, by the shear modulus", "N"}},

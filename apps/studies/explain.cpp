@@ -52,7 +52,8 @@ bool has_limit_point(const History& history) {
                      [](const Finding& f) { return f.report.code == "limit-point"; });
 }
 
-// Force [N] at each of the depths, ascending, between the samples on both sides; as many as the samples reach.
+// Force [N] at each of the depths, ascending, between the samples on both sides; as many as the samples
+// reach.
 std::vector<double> forces_at(const std::vector<ForceSample>& samples, const std::vector<double>& depths_mm) {
   std::vector<double> result;
   for (const double mm : depths_mm) {
@@ -75,11 +76,11 @@ Tried run(const Case& given, const std::vector<double>& depths_mm) {
   const Stopwatch whole;
   Tried tried;
   double gave_way_mm = INFINITY;
-  const RunObserver observer{
-      .march = {.sample = [&](const ForceSample& sample, const History& history) {
-        if (!(gave_way_mm < INFINITY) && has_limit_point(history)) gave_way_mm = 1e3 * sample.depth;
-        return stop_asked() == StopReason::none;
-      }}};
+  const RunObserver observer{.march = {.sample = [&](const ForceSample& sample, const History& history) {
+                               if (!(gave_way_mm < INFINITY) && has_limit_point(history))
+                                 gave_way_mm = 1e3 * sample.depth;
+                               return stop_asked() == StopReason::none;
+                             }}};
   try {
     unless_stopped([&] { simulate(given, observer, tried.result); });
   } catch (const SolveError&) {
@@ -145,7 +146,8 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
         c.config.grid.ratio = 2.0 * ratio;
       });
   const double tolerance = config.solver.tolerance;
-  add("equilibrium", "", fmt::format("to {} of the reactions instead of {}", plain(0.1 * tolerance), plain(tolerance)),
+  add("equilibrium", "",
+      fmt::format("to {} of the reactions instead of {}", plain(0.1 * tolerance), plain(tolerance)),
       Kind::cloud, [&](Case& c) { c.config.solver.tolerance = std::max(0.1 * tolerance, 1e-8); });
   const double step = config.solver.step_radii;
   add("steps of the load", "", fmt::format("{:g} instead of {:g} radii of the circle", 0.5 * step, step),
@@ -192,8 +194,8 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
   add("voxels", "", "twice as large", Kind::simplification,
       [](Case& c) { c.change.image = in_double_voxels; });
   if (config.image.close_mm > 0.0)
-    add("folds", "", fmt::format("open instead of closed below {} mm", plain(config.image.close_mm)), Kind::doubt,
-        [](Case& c) { c.config.image.close_mm = 0.0; });
+    add("folds", "", fmt::format("open instead of closed below {} mm", plain(config.image.close_mm)),
+        Kind::doubt, [](Case& c) { c.config.image.close_mm = 0.0; });
   else
     add("folds", "", fmt::format("closed below {} mm", plain(narrow_gap_mm)), Kind::doubt,
         [](Case& c) { c.config.image.close_mm = narrow_gap_mm; });
@@ -228,13 +230,13 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
     const double nu = config.material.nu > 0.5 * (nearly + more_nearly) ? nearly : more_nearly;
     add("Poisson's ratio", "", fmt::format("{} instead of {}", plain(nu), plain(config.material.nu)),
         Kind::simplification, [&](Case& c) { c.config.material.nu = nu; });
-    }
+  }
   const bool dynamic = found.time != TimeMode::quasi_static;
   add("inertia", "", dynamic ? "neglected" : "included", dynamic ? Kind::simplification : Kind::doubt,
       [&](Case& c) { c.config.solver.time = dynamic ? "quasi-static" : "dynamic"; });
   if (!config.tissue.empty()) {
     add("tissues", "", "all of one material", Kind::simplification, [](Case& c) { c.config.tissue.clear(); });
-    }
+  }
   return trials;
 }
 
@@ -290,8 +292,8 @@ void check_explainable(const Config& config) {
 
 namespace {
 
-// All comparisons with so many nodes; nothing, where these are too few: on a folded body, or because another random
-// cloud has more effect than is to matter. Then `more` is how many to take, if it is asked for.
+// All comparisons with so many nodes; nothing, where these are too few: on a folded body, or because another
+// random cloud has more effect than is to matter. Then `more` is how many to take, if it is asked for.
 std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& given,
                                         const std::function<void(const std::string&)>& progress) {
   const Stopwatch whole;
@@ -329,7 +331,8 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
                   force_title(explanation.force, explanation.depth_mm), explanation.nodes, found.seconds));
 
   try {
-    // Numbers in place of words can move the tool by a last digit, and a cloud with it: changes are measured from there.
+    // Numbers in place of words can move the tool by a last digit, and a cloud with it: changes are measured
+    // from there.
     const Config held = pinned(config, found.result, down);
     const Tried as_it_is = run({.config = held}, depths_mm);
     std::vector<double> mean = as_it_is.force;  // of the clouds so far
@@ -349,7 +352,8 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
           now.force.clear();
           for (const double depth_mm : depths_mm) now.force.push_back(stiffness * depth_mm);
         }
-        const bool same_cloud = trial.kind == Kind::cloud || same_nodes(now.result.model, as_it_is.result.model);
+        const bool same_cloud =
+            trial.kind == Kind::cloud || same_nodes(now.result.model, as_it_is.result.model);
         const std::vector<double>& compared = same_cloud ? as_it_is.force : mean;
         std::size_t depths = std::min({now.force.size(), compared.size(), found.force.size()});
         // What is hardly more than clouds differ by is told from two.
@@ -374,8 +378,9 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
           ++clouds;
           explanation.noise = std::max(explanation.noise, std::abs(alternative.effect));
           if (more && explanation.noise > least_effect) {
-            say(fmt::format("explain  another random cloud changes the force by {:.1f} %: more nodes are taken",
-                            100.0 * explanation.noise));
+            say(fmt::format(
+                "explain  another random cloud changes the force by {:.1f} %: more nodes are taken",
+                100.0 * explanation.noise));
             *more = std::min(2 * nodes, most_nodes_to_explain);
             return std::nullopt;
           }
@@ -430,15 +435,17 @@ void write_explanation(const std::filesystem::path& folder, const Explanation& e
   std::string csv = "choice,instead,kind,indentation_mm,force_N,effect_percent,wall_s,verdict\n";
   const std::string unchanged = fmt::format("{} with {} nodes", force_title(e.force, e.depth_mm), e.nodes);
   std::string text = fmt::format(
-      "{}: {}, in {:.1f} s. Each line repeats that run with one choice changed. Effects below {:.1f} % do not matter: "
+      "{}: {}, in {:.1f} s. Each line repeats that run with one choice changed. Effects below {:.1f} % do "
+      "not matter: "
       "another random cloud of nodes changes the force by {:.1f} %. By default a run makes none of the "
       "simplifications.\n\n| choice | instead | kind | effect on the force, % | s | "
       "|\n|---|---|---|---:|---:|---|\n",
       subject, unchanged, e.seconds, 100.0 * threshold(e), 100.0 * e.noise);
   if (!e.run.empty())
-    text = fmt::format("The run: {}. The comparisons: {}, so that the cloud of nodes does not decide them.\n\n", e.run,
-                       unchanged) +
-           text;
+    text =
+        fmt::format("The run: {}. The comparisons: {}, so that the cloud of nodes does not decide them.\n\n",
+                    e.run, unchanged) +
+        text;
   for (const std::string& warning : e.warnings) text = "Of the unchanged run: " + warning + ".\n\n" + text;
   if (!e.ended_by.empty()) text = "Some choices are missing: " + e.ended_by + ".\n\n" + text;
   std::map<std::string, std::size_t> place;

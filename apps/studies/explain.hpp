@@ -24,22 +24,24 @@ struct Alternative {
   double depth_mm = 0.0;  ///< where forces are compared: the load's depth, or less: `deeper`
   double force = 0.0;     ///< [N] there
   double effect = 0.0;    ///< on it: force / the force of the scene as it is - 1
-  std::vector<std::pair<double, double>> effects = {};  ///< depth [mm], and the effect there: the last is `effect`
+  std::vector<std::pair<double, double>> effects =
+      {};                   ///< depth [mm], and the effect there: the last is `effect`
   std::string deeper = {};  ///< why there is nothing beyond depth_mm: no equilibrium, or the tissue gave way
-  double seconds = 0.0;  ///< from the image to the force
-  std::string failed = {};    ///< why there is none; empty: there is one
+  double seconds = 0.0;     ///< from the image to the force
+  std::string failed = {};  ///< why there is none; empty: there is one
 };
 
 /// What the force of one image and load depends on, measured.
 struct Explanation {
   Index nodes = 0;
   double depth_mm = 0.0, force = 0.0, seconds = 0.0;  ///< [N] of the scene as it is; [s] that it took
-  double noise = 0.0;                     ///< largest effect of another random cloud, as a share of the force
+  double noise = 0.0;  ///< largest effect of another random cloud, as a share of the force
   std::vector<Alternative> alternatives = {};  ///< by `what` the largest effect first, those that failed last
   std::vector<std::string> warnings = {};      ///< of the guards, about the scene as it is
-  std::string ended_by = {};  ///< by what it was stopped before its end; empty: it was not
+  std::string ended_by = {};                   ///< by what it was stopped before its end; empty: it was not
   double total_s = 0.0;
-  std::string run = {};  ///< the force of the run that it explains, with its nodes, in words; empty: there is none
+  std::string run =
+      {};  ///< the force of the run that it explains, with its nodes, in words; empty: there is none
 };
 
 /// What is smaller than this [share of the force], or than the noise, does not matter.
@@ -55,16 +57,18 @@ Index nodes_to_explain(double facing_share);
 void check_explainable(const Config& config);
 
 /// Runs the scene of `config` and then with one choice at a time changed: other clouds, the contact, the
-/// base's height, the circle's place, the segmentation's border, the surface's smoothing, the voxels' size, folds that
-/// are narrow, and what a model may leave out: large strain, far tissue, incompressibility, inertia, tissues of their
-/// own. The circle, its direction and the base stay where the scene as it is has them. A choice that gives the run another
-/// cloud is compared with the mean of three clouds, and is the mean of two itself where its effect is below three times what
-/// clouds differ by; any other is compared with the force on the same cloud. Where the tissue gives way,
-/// forces are compared above: where it comes to rest differs from cloud to cloud by more than any choice does.
+/// base's height, the circle's place, the segmentation's border, the surface's smoothing, the voxels' size,
+/// folds that are narrow, and what a model may leave out: large strain, far tissue, incompressibility,
+/// inertia, tissues of their own. The circle, its direction and the base stay where the scene as it is has
+/// them. A choice that gives the run another cloud is compared with the mean of three clouds, and is the mean
+/// of two itself where its effect is below three times what clouds differ by; any other is compared with the
+/// force on the same cloud. Where the tissue gives way, forces are compared above: where it comes to rest
+/// differs from cloud to cloud by more than any choice does.
 ///
-/// `nodes`: 0: nodes_to_explain(), and more where another random cloud has more than `least_effect`. An accuracy that was asked for plays no part. `progress` hears a line about each run.
-/// Throws what simulate() throws where the scene as it is has no force, and what check_explainable() throws; a choice that has none is listed with why. Stopped: before the first comparison; after it, what
-/// there is is returned.
+/// `nodes`: 0: nodes_to_explain(), and more where another random cloud has more than `least_effect`. An
+/// accuracy that was asked for plays no part. `progress` hears a line about each run. Throws what simulate()
+/// throws where the scene as it is has no force, and what check_explainable() throws; a choice that has none
+/// is listed with why. Stopped: before the first comparison; after it, what there is is returned.
 Explanation explain(const Config& config, Index nodes,
                     const std::function<void(const std::string&)>& progress);
 

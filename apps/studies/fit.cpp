@@ -74,7 +74,8 @@ struct Projection {
   Index inputs() const { return static_cast<Index>(sought.size()); }
   Index values() const { return measured.size(); }
 
-  // A hundredth of the way between the limits, or less near them; differences of forces that are known to 1e-4.
+  // A hundredth of the way between the limits, or less near them; differences of forces that are known to
+  // 1e-4.
   static constexpr double step = 0.05;
 
   const VectorXd& unit(const VectorXd& x) {
@@ -242,11 +243,11 @@ std::vector<std::string> settle(CurveFit& fit, bool discretisation_known) {
     const double half = f.half() + (discretisation_known ? 0.0 : f.by_tilt);
     if (f.at_limit)
       words.push_back(
-          fmt::format("the search for {} ran to its limit, {}: this curve does not determine it; {}",
-                      f.name, plain(f.value, 3), remedy));
+          fmt::format("the search for {} ran to its limit, {}: this curve does not determine it; {}", f.name,
+                      plain(f.value, 3), remedy));
     else if (!(2.0 * half < std::abs(f.value)))
-      words.push_back(
-          fmt::format("this curve does not determine {}: its band is wider than its value; {}", f.name, remedy));
+      words.push_back(fmt::format("this curve does not determine {}: its band is wider than its value; {}",
+                                  f.name, remedy));
     else
       continue;
     f.determined = false;
@@ -271,7 +272,8 @@ void require_proportional(const std::string& why) {
        .remedy = "fit one tissue of neo-Hookean or Ogden's law in equilibrium (--time quasi-static)"});
 }
 
-// What follows from the curve is not given as well. A file of all options states everything, and is overruled.
+// What follows from the curve is not given as well. A file of all options states everything, and is
+// overruled.
 void refuse_given(const Config& config, const std::vector<std::string>& keys, const std::string& what) {
   for (const std::string& key : keys)
     if (const auto source = config.source.find(key);
@@ -476,8 +478,8 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
     } catch (const SolveError& error) {
       if (searches.size() == 1 || failed.size() + 1 == searches.size()) throw;
       failed.push_back(error.report.fact);
-      warnings.push_back(fmt::format("no fit near {} = {}: {}", sought[0].name, plain(sought[0].start),
-                                     error.report.fact));
+      warnings.push_back(
+          fmt::format("no fit near {} = {}: {}", sought[0].name, plain(sought[0].start), error.report.fact));
     }
   std::stable_sort(fits.begin(), fits.end(),
                    [](const CurveFit& a, const CurveFit& b) { return a.sum2 < b.sum2; });
@@ -514,11 +516,12 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
   if (fits.size() > 1 && alike(best, fits[1])) {
     FittedNumber &mu = best.number[0], &alpha = best.number[1];
     const FittedNumber &mu2 = fits[1].number[0], &alpha2 = fits[1].number[1];
-    warnings.push_back(fmt::format(
-        "{} {} with mu {} fits as well, within the noise, as {} with mu {}: this curve does not tell its sign; "
-        "a deeper or less noisy curve may",
-        alpha.name, plain(alpha2.value, 3), stress_in_words(mu2.value), plain(alpha.value, 3),
-        stress_in_words(mu.value)));
+    warnings.push_back(
+        fmt::format("{} {} with mu {} fits as well, within the noise, as {} with mu {}: this curve does not "
+                    "tell its sign; "
+                    "a deeper or less noisy curve may",
+                    alpha.name, plain(alpha2.value, 3), stress_in_words(mu2.value), plain(alpha.value, 3),
+                    stress_in_words(mu.value)));
     alpha.determined = false;
     mu.noise = std::max(mu.noise, std::abs(mu.value - mu2.value) + mu2.noise);
   }
@@ -605,15 +608,15 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
     progress("band     discretisation unknown: " + unknown);
     for (const FittedNumber& f : best.number)
       if (f.by_tilt > 0.0 && std::isfinite(f.by_tilt))
-        progress(
-            fmt::format("band     if the computed forces were 1 % too large at first and 1 % too small at the end, {} "
-                        "would change by {}",
-                        f.name, plain(f.by_tilt, 2)));
+        progress(fmt::format(
+            "band     if the computed forces were 1 % too large at first and 1 % too small at the end, {} "
+            "would change by {}",
+            f.name, plain(f.by_tilt, 2)));
   }
   progress(fmt::format(
       "fit      {} rows to {}, {} run{} with {} nodes, residuals {:.2f} % of the largest force (rms)",
-      curve.depth.size(), length_in_words(depth_mm.back()), runs, runs == 1 ? "" : "s", result.model.node_count(),
-      100.0 * off));
+      curve.depth.size(), length_in_words(depth_mm.back()), runs, runs == 1 ? "" : "s",
+      result.model.node_count(), 100.0 * off));
   progress(fmt::format("note     {}", not_in_the_band));
   return {.summary_json = text, .headline = fmt::format("{}", fmt::join(words, "; "))};
 }

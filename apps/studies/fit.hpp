@@ -11,16 +11,16 @@
 
 namespace dimple {
 
-/// A number of the material that is looked for beside its modulus, from `least` to `most`. Of one sign where it is
-/// logarithmic: then its steps are shares of itself.
+/// A number of the material that is looked for beside its modulus, from `least` to `most`. Of one sign where
+/// it is logarithmic: then its steps are shares of itself.
 struct Sought {
   std::string name, unit;
   double start = 0.0, least = 0.0, most = 0.0;
   bool logarithmic = false;
 };
 
-/// Forces [N] of the model at the depths of a measured curve, with a modulus of 1 Pa: in equilibrium they grow with it. The
-/// other numbers are given. Throws SolveError where there is no equilibrium.
+/// Forces [N] of the model at the depths of a measured curve, with a modulus of 1 Pa: in equilibrium they
+/// grow with it. The other numbers are given. Throws SolveError where there is no equilibrium.
 using UnitForces = std::function<std::vector<double>(const std::vector<double>& numbers)>;
 
 /// A number with its error: half the width of its 95 % band, in its own unit.
@@ -50,26 +50,27 @@ struct CurveFit {
 
 /// Least squares between a measured curve and the model's, all rows alike.
 ///
-/// The modulus is  sum(m f) / sum(f f)  for whatever the other numbers are (variable projection), so that only those are
-/// searched, by Levenberg and Marquardt's method (Eigen's port of MINPACK) within their limits, with derivatives by
-/// differences, in at most `most_runs` runs.
+/// The modulus is  sum(m f) / sum(f f)  for whatever the other numbers are (variable projection), so that
+/// only those are searched, by Levenberg and Marquardt's method (Eigen's port of MINPACK) within their
+/// limits, with derivatives by differences, in at most `most_runs` runs.
 ///
-/// The noise is told from the residuals with n - p degrees of freedom, by the linearised covariance of least squares and the
-/// 95 % quantile of Student's t. Where residuals remember the one before (correlation r above 2 / sqrt(n)), the covariance
-/// is that of n (1 - r) / (1 + r) rows.
+/// The noise is told from the residuals with n - p degrees of freedom, by the linearised covariance of least
+/// squares and the 95 % quantile of Student's t. Where residuals remember the one before (correlation r above
+/// 2 / sqrt(n)), the covariance is that of n (1 - r) / (1 + r) rows.
 ///
-/// Throws InputError: fewer rows than numbers and one, or no positive modulus fits; SolveError: no equilibrium at the start.
+/// Throws InputError: fewer rows than numbers and one, or no positive modulus fits; SolveError: no
+/// equilibrium at the start.
 CurveFit fit_curve(const std::vector<double>& depth, const std::vector<double>& measured,
                    const std::vector<Sought>& sought, const UnitForces& unit_forces, int most_runs = 24);
 
-/// What the band of the model's force, `half_share` of it to both sides, does to the numbers: once for all depths alike, and
-/// for several numbers once more as a tilt, from one side of the band at the beginning to the other at the end. A modulus
-/// alone lies between mu / (1 + h) and mu / (1 - h).
+/// What the band of the model's force, `half_share` of it to both sides, does to the numbers: once for all
+/// depths alike, and for several numbers once more as a tilt, from one side of the band at the beginning to
+/// the other at the end. A modulus alone lies between mu / (1 + h) and mu / (1 - h).
 void add_discretisation(CurveFit& fit, const std::vector<double>& depth, double half_share);
 
-/// Which numbers the curve determines: not those whose band is wider than themselves, or would be by a tilt of the forces of
-/// 1 %, by which clouds may differ, where the discretisation's part is not known; nor those at a limit of the search. What is
-/// said of each of the others.
+/// Which numbers the curve determines: not those whose band is wider than themselves, or would be by a tilt
+/// of the forces of 1 %, by which clouds may differ, where the discretisation's part is not known; nor those
+/// at a limit of the search. What is said of each of the others.
 std::vector<std::string> settle(CurveFit& fit, bool discretisation_known);
 
 /// The worse fit is not worse beyond the noise: the curve does not choose between the two.
@@ -83,10 +84,10 @@ struct FitOptions {
   std::filesystem::path curve;  ///< see read_measured_curve()
 };
 
-/// Finds a material's numbers from a measured curve: fit.csv, fit.png, fit.svg, fitted.toml, summary.json. `config` says the
-/// image and everything but these numbers and the depth; the rate too, where the curve has times. Throws UsageError: the
-/// force is not proportional to one modulus, or a number that follows from the curve is given; InputError: the curve;
-/// what simulate() throws; Stopped.
+/// Finds a material's numbers from a measured curve: fit.csv, fit.png, fit.svg, fitted.toml, summary.json.
+/// `config` says the image and everything but these numbers and the depth; the rate too, where the curve has
+/// times. Throws UsageError: the force is not proportional to one modulus, or a number that follows from the
+/// curve is given; InputError: the curve; what simulate() throws; Stopped.
 Outcome fit(const Config& config, const FitOptions& options, const std::filesystem::path& folder,
             const std::function<void(const std::string&)>& progress);
 

@@ -103,12 +103,15 @@ ElementModel element_model(const Config& config, const std::string& format, cons
                       .why = "other laws are not written alike by these programs",
                       .remedy = "leave out tissues, presets, --stress printed, Ogden and Prony numbers"});
   if (!has_tool_alone(config))
-    throw UsageError({.fact = fmt::format("{} cannot be exported", !config.held.empty()    ? "supports"
-                                                                   : config.pressure.empty() ? "gravity"
-                                                                                             : "pressures"),
-                      .where = !config.held.empty() ? "support" : config.pressure.empty() ? "load.gravity" : "load.pressure",
-                      .why = "the file holds the tool and the base alone",
-                      .remedy = "leave them out here, and add them to the file in the other program's own words"});
+    throw UsageError(
+        {.fact = fmt::format("{} cannot be exported", !config.held.empty()      ? "supports"
+                                                      : config.pressure.empty() ? "gravity"
+                                                                                : "pressures"),
+         .where = !config.held.empty()      ? "support"
+                  : config.pressure.empty() ? "load.gravity"
+                                            : "load.pressure",
+         .why = "the file holds the tool and the base alone",
+         .remedy = "leave them out here, and add them to the file in the other program's own words"});
   Result unused;
   const Talk talk{observer, unused};
   const Organ organ = read_organ({.config = config}, model_options(config), talk, unused);
@@ -125,16 +128,16 @@ ElementModel element_model(const Config& config, const std::string& format, cons
   model.depth_mm = config.load.depth_mm;
   model.bonded = loading_of(config).contact == Contact::bonded;
   model.frames = static_cast<int>(config.solver.frames);
-  model.remarks = {fmt::format("{}, indented by {:.6g} mm ({}); written by dimple {}",
-                               fs::path(config.image.file).filename().string(), config.load.depth_mm,
-                               config.load.contact, DIMPLE_VERSION),
-                   fmt::format("{} nodes, {} {}, edges of {:.4g} mm, {:.4g} mm at the circle's rim; {}, the "
-                               "surface's {}",
-                               model.X.cols(), model.elements.cols(), elements, mesh.spacing,
-                               mesh.spacing * mesh.rim, volume_in_words(mesh.volume_mm3),
-                               volume_in_words(surface.volume())),
-                   fmt::format("base: {} nodes, {}", model.base.size(), mesh.boundary.base_reason),
-                   fmt::format("circle: {} nodes, {}", model.circle.size(), mesh.boundary.circle_reason)};
+  model.remarks = {
+      fmt::format("{}, indented by {:.6g} mm ({}); written by dimple {}",
+                  fs::path(config.image.file).filename().string(), config.load.depth_mm, config.load.contact,
+                  DIMPLE_VERSION),
+      fmt::format("{} nodes, {} {}, edges of {:.4g} mm, {:.4g} mm at the circle's rim; {}, the "
+                  "surface's {}",
+                  model.X.cols(), model.elements.cols(), elements, mesh.spacing, mesh.spacing * mesh.rim,
+                  volume_in_words(mesh.volume_mm3), volume_in_words(surface.volume())),
+      fmt::format("base: {} nodes, {}", model.base.size(), mesh.boundary.base_reason),
+      fmt::format("circle: {} nodes, {}", model.circle.size(), mesh.boundary.circle_reason)};
   return model;
 }
 

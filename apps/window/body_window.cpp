@@ -83,8 +83,7 @@ Rgb colour_of_label(std::size_t k) {
 
 void put(const Points& places, vtkPoints& points) {
   points.SetNumberOfPoints(places.cols());
-  for (Index n = 0; n < places.cols(); ++n)
-    points.SetPoint(n, places(0, n), places(1, n), places(2, n));
+  for (Index n = 0; n < places.cols(); ++n) points.SetPoint(n, places(0, n), places(1, n), places(2, n));
   points.Modified();
 }
 
@@ -134,7 +133,7 @@ class ToolStyle : public vtkInteractorStyleTrackballCamera {
   static ToolStyle* New();
   vtkTypeMacro(ToolStyle, vtkInteractorStyleTrackballCamera)
 
-  std::function<bool(int x, int y)> down;
+      std::function<bool(int x, int y)> down;
   std::function<void(int x, int y)> moved;
   std::function<void()> up;
   std::function<bool(const std::string&)> key;
@@ -176,7 +175,7 @@ class ToolStyle : public vtkInteractorStyleTrackballCamera {
 };
 vtkStandardNewMacro(ToolStyle)
 
-void tell(vtkObject*, unsigned long, void* what, void*) {
+    void tell(vtkObject*, unsigned long, void* what, void*) {
   (*static_cast<std::function<void()>*>(what))();
 }
 
@@ -227,7 +226,8 @@ struct BodyWindow::Parts {
     heat->RemoveAllPoints();
     const double step = top / static_cast<double>(pale_to_dark.size() - 1);
     for (std::size_t k = 0; k < pale_to_dark.size(); ++k)
-      heat->AddRGBPoint(step * static_cast<double>(k), pale_to_dark[k][0], pale_to_dark[k][1], pale_to_dark[k][2]);
+      heat->AddRGBPoint(step * static_cast<double>(k), pale_to_dark[k][0], pale_to_dark[k][1],
+                        pale_to_dark[k][2]);
   }
 
   // Of the labels of a section, in the order of their colours.
@@ -369,7 +369,8 @@ BodyWindow::BodyWindow(const WindowOptions& options) {
     const auto push = parts_->push_on_screen();
     const double mm = std::hypot(push[0], push[1]);  // pixels
     const double dx = x - parts_->from_x, dy = y - parts_->from_y;
-    const double in_one = 0.5 * parts_->view->GetSize()[1] / parts_->view->GetActiveCamera()->GetParallelScale();
+    const double in_one =
+        0.5 * parts_->view->GetSize()[1] / parts_->view->GetActiveCamera()->GetParallelScale();
     // Seen from straight above, a push has no way on the screen: then down is in.
     const double along = mm > 0.3 * in_one ? (dx * push[0] + dy * push[1]) / (mm * mm) : -dy / in_one;
     if (dragged) dragged(along);
@@ -399,9 +400,10 @@ void BodyWindow::show(const ShownBody& body, double most_mm, bool look) {
     std::sort(numbers.begin(), numbers.end());
     numbers.erase(std::unique(numbers.begin(), numbers.end()), numbers.end());
     for (std::size_t t = 0; t < body.section_label.size(); ++t)
-      label->SetValue(static_cast<vtkIdType>(t),
-                      static_cast<int>(std::lower_bound(numbers.begin(), numbers.end(), body.section_label[t]) -
-                                       numbers.begin()));
+      label->SetValue(
+          static_cast<vtkIdType>(t),
+          static_cast<int>(std::lower_bound(numbers.begin(), numbers.end(), body.section_label[t]) -
+                           numbers.begin()));
     p.section.mesh->GetCellData()->AddArray(label);
     const auto count = static_cast<vtkIdType>(numbers.size());
     p.label_colours->SetNumberOfTableValues(std::max<vtkIdType>(count, 1));
@@ -464,8 +466,10 @@ void BodyWindow::save_picture(const std::filesystem::path& png) {
   writer->WriteToMemoryOn();
   writer->Write();
   const vtkUnsignedCharArray* bytes = writer->GetResult();
-  write_file(png, std::string(reinterpret_cast<const char*>(const_cast<vtkUnsignedCharArray*>(bytes)->GetPointer(0)),
-                              static_cast<std::size_t>(const_cast<vtkUnsignedCharArray*>(bytes)->GetNumberOfValues())));
+  write_file(
+      png,
+      std::string(reinterpret_cast<const char*>(const_cast<vtkUnsignedCharArray*>(bytes)->GetPointer(0)),
+                  static_cast<std::size_t>(const_cast<vtkUnsignedCharArray*>(bytes)->GetNumberOfValues())));
 }
 
 void BodyWindow::add_slider(const std::string& title, int last, std::function<void(int)> moved) {

@@ -45,8 +45,9 @@ struct WindowOptions {
   bool hidden = false;  ///< drawn off screen, for pictures; a display is needed all the same
 };
 
-/// A window with a body under its tool and the force beside it. The body turns by the right mouse button or, where the
-/// left one has no other meaning, by that; the wheel draws it nearer. Throws UsageError: there is no display.
+/// A window with a body under its tool and the force beside it. The body turns by the right mouse button or,
+/// where the left one has no other meaning, by that; the wheel draws it nearer. Throws UsageError: there is
+/// no display.
 class BodyWindow {
  public:
   explicit BodyWindow(const WindowOptions& options);
@@ -61,7 +62,8 @@ class BodyWindow {
   void draw();
   void save_picture(const std::filesystem::path& png);
 
-  /// The left button went down on the body, there [LPS mm]: true, and the mouse belongs to the tool until it goes up.
+  /// The left button went down on the body, there [LPS mm]: true, and the mouse belongs to the tool until it
+  /// goes up.
   std::function<bool(const Vec3& place_mm)> pressed = {};
   /// It has been moved since, by this much along the push on the screen [mm]; then it went up.
   std::function<void(double along_mm)> dragged = {};
@@ -76,7 +78,8 @@ class BodyWindow {
 
   /// With a legend: each label's name on its colour.
   void colour_by_label(bool labels);
-  /// The plane that cuts the surface goes to so many mm before the section; only what lies behind it is shown.
+  /// The plane that cuts the surface goes to so many mm before the section; only what lies behind it is
+  /// shown.
   void cut(bool on, double before_mm = 0.0);
 
   /// Until the window is closed, by q or its frame, or `tick` ends it.

@@ -48,7 +48,8 @@ bool has_opengl(::Display* display) {
 }  // namespace
 
 void require_display() {
-  // Kept open: a server such as Xvfb starts anew when its last client leaves, and refuses the next one for a moment.
+  // Kept open: a server such as Xvfb starts anew when its last client leaves, and refuses the next one for a
+  // moment.
   static ::Display* display = nullptr;
   if (!display) display = XOpenDisplay(nullptr);
   if (!display)

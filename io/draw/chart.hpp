@@ -7,8 +7,8 @@
 
 namespace dimple {
 
-/// Points of one kind, joined by a line in their order. A point that is not finite is not drawn and leaves a gap in
-/// the line.
+/// Points of one kind, joined by a line in their order. A point that is not finite is not drawn and leaves a
+/// gap in the line.
 struct ChartSeries {
   std::string name = {};               ///< in the legend; empty: not there
   std::vector<double> x = {}, y = {};  ///< [n]
@@ -42,8 +42,8 @@ struct Tornado {
 
 /// Draw the panels, 1000 x 650 pixels each, row by row in a grid of at most that many columns. Both files
 /// show the same picture: the same input gives the same bytes, no display is needed, the SVG refers to
-/// nothing outside itself. Throw OutputError, and std::invalid_argument where lengths do not agree or there is no
-/// column.
+/// nothing outside itself. Throw OutputError, and std::invalid_argument where lengths do not agree or there
+/// is no column.
 void write_chart_png(const std::filesystem::path& file, const std::vector<Chart>& panels, int columns = 1);
 void write_chart_svg(const std::filesystem::path& file, const std::vector<Chart>& panels, int columns = 1);
 

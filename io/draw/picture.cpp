@@ -649,8 +649,8 @@ Deformed deformed(const Rect& room, const Overview& o, const BodyFrame& frame, d
   }
   for (Index n = 0; n < nodes.cols(); ++n) {
     if (!usable(nodes.col(n))) continue;
-    // Nodes lie a little inside the skin: lifted, those of the circle show through it but not through a rim. A tool
-    // stands on them.
+    // Nodes lie a little inside the skin: lifted, those of the circle show through it but not through a rim.
+    // A tool stands on them.
     if (is_circle(set_of(o, n)) && o.tool_triangles.cols() > 0) continue;
     if (is_circle(set_of(o, n)))
       scene.ball(nodes.col(n), 0.27 * spacing, circle, 0.75 * spacing);

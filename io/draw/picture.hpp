@@ -36,14 +36,15 @@ struct Overview {
 /// What stands at the end of the force curve: "75.4 mN at 8.00 mm, +- 8.03 %".
 std::string end_of_curve(const Overview& overview);
 
-/// Draws the overview, 1600 x 1200 pixels, PNG: the node cloud, a section (of a body in which the tool would be
-/// tiny, what is near the tool), the deformed surface, the force curve. Up in the picture is against the push; the body's longest direction across the push lies along the
-/// picture. Draws what is there: without triangles the nodes, without a curve a note. Needs no display; the
-/// same input gives the same bytes. Throws OutputError, and std::invalid_argument for triangles of points
-/// that do not exist.
+/// Draws the overview, 1600 x 1200 pixels, PNG: the node cloud, a section (of a body in which the tool would
+/// be tiny, what is near the tool), the deformed surface, the force curve. Up in the picture is against the
+/// push; the body's longest direction across the push lies along the picture. Draws what is there: without
+/// triangles the nodes, without a curve a note. Needs no display; the same input gives the same bytes. Throws
+/// OutputError, and std::invalid_argument for triangles of points that do not exist.
 void write_overview(const std::filesystem::path& file, const Overview& overview);
 
-/// The body at the end alone, with the tool: the bytes of a PNG, 1040 x 640 pixels. Throws as write_overview().
+/// The body at the end alone, with the tool: the bytes of a PNG, 1040 x 640 pixels. Throws as
+/// write_overview().
 std::string body_png(const Overview& overview);
 
 }  // namespace dimple

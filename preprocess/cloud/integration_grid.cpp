@@ -142,8 +142,9 @@ Part whole(const Leaf& leaf) {
   return part;
 }
 
-// The parts inside the body, from lines along the axis that meets the surface most squarely. Where a line leaves the
-// body and enters it again, pieces that no neighbouring line connects are parts of their own: the two banks of a gap.
+// The parts inside the body, from lines along the axis that meets the surface most squarely. Where a line
+// leaves the body and enters it again, pieces that no neighbouring line connects are parts of their own: the
+// two banks of a gap.
 std::vector<Part> clip(const BodySurface& body, const Leaf& leaf) {
   const auto closest = body.closest(leaf.centre);
   // Not the triangle's normal: which of two triangles is the closest, at an edge, rounding decides.

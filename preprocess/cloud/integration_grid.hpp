@@ -1,7 +1,7 @@
 #pragma once
 
-#include "preprocess/model.hpp"
 #include "preprocess/cloud/sizing.hpp"
+#include "preprocess/model.hpp"
 
 namespace dimple {
 

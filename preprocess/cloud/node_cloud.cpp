@@ -20,15 +20,17 @@
 namespace dimple {
 namespace {
 
-// Of an inner node, at least, from the surface [spacings]. One that gaps between the surface's nodes let through to the
-// base lies among held nodes, free, with hardly any stiffness: the force was up to 3 % too small.
+// Of an inner node, at least, from the surface [spacings]. One that gaps between the surface's nodes let
+// through to the base lies among held nodes, free, with hardly any stiffness: the force was up to 3 % too
+// small.
 constexpr double least_depth = 0.4;
 constexpr int candidates_per_node = 5;
 constexpr int sweeps = 40;
 // Neighbours' spacings differ: how much further than one's own reach another one's may be.
 constexpr double far_enough = 1.2;
 
-// Bounds. What a cloud that can be made at all was seen to take is a fifth of them: facets of a fan of slivers.
+// Bounds. What a cloud that can be made at all was seen to take is a fifth of them: facets of a fan of
+// slivers.
 constexpr std::size_t boxes_per_node = 40, facets_per_node = 200, crowd_per_candidate = 1000;
 constexpr std::size_t fewest_bound = 20000, most_to_measure = 2'500'000;
 // Of a body's box: what fills less is searched box by box.
@@ -172,7 +174,8 @@ struct Contents {
   }
 };
 
-// A body part by part, and how far from the rim each is: what it holds for any spacing at the rim is then a sum.
+// A body part by part, and how far from the rim each is: what it holds for any spacing at the rim is then a
+// sum.
 struct Measured {
   struct Piece {
     double size, distance, finer;  // [mm^3] or [mm^2], [mm], of Sizing
@@ -520,8 +523,8 @@ void shake(const BodySurface& body, double part, std::mt19937_64& random, NodeCl
   }
 }
 
-// Nodes along the outline of the base: where it ends is felt (a strip of half a spacing that is left free beside it
-// made a block's force up to a tenth too small), and others only lie near it.
+// Nodes along the outline of the base: where it ends is felt (a strip of half a spacing that is left free
+// beside it made a block's force up to a tenth too small), and others only lie near it.
 std::vector<Vec3> outline_of_base(const BodySurface& body, const Boundary& boundary, const Spacing& spacing) {
   // In spacings: along a loop, of any two, and length of a loop.
   constexpr double apart = 0.95, at_least = 0.6, shortest = 4.0;

@@ -2,9 +2,9 @@
 
 #include <cstdint>
 
-#include "preprocess/surface/body_surface.hpp"
-#include "preprocess/scene/boundary_conditions.hpp"
 #include "preprocess/cloud/sizing.hpp"
+#include "preprocess/scene/boundary_conditions.hpp"
+#include "preprocess/surface/body_surface.hpp"
 
 namespace dimple {
 
@@ -48,8 +48,8 @@ struct CloudSize {
   double far_spacing = 0.0;  ///< [mm]
   double rim = 1.0;          ///< spacing at the rim over that
 };
-/// Of the cloud that the options ask for. Many nodes would make the rim finer than the equilibrium at a sharp rim
-/// bears: below `least_mm` at the rim they go elsewhere.
+/// Of the cloud that the options ask for. Many nodes would make the rim finer than the equilibrium at a sharp
+/// rim bears: below `least_mm` at the rim they go elsewhere.
 CloudSize cloud_size(const BodySurface& body, const Sizing& sizing, const CloudOptions& options,
                      double least_mm = 0.0);
 

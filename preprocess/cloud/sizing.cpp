@@ -109,7 +109,8 @@ Sizing::Bounds Sizing::around(const Vec3& x, double radius) const {
   if (even()) return {1.0, 1.0};
   const double distance = distance_to_rim(x, reach_ + radius);
   const double f = finer(x);
-  // A little less than the slopes say: for rounding. Linear between places of a lattice: sqrt(3) times its slope.
+  // A little less than the slopes say: for rounding. Linear between places of a lattice: sqrt(3) times its
+  // slope.
   const double steepest = path_ ? std::numbers::sqrt3 * path_->slope() : 0.0;
   const double least = std::max(0.0, f - 1.000001 * steepest * radius);
   return {at(distance, f), at(distance - 1.000001 * radius, least) - 1e-9};

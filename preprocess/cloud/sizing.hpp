@@ -14,10 +14,11 @@ namespace dimple {
 
 /// Spacing at a place as a part of the spacing far away,
 ///
-///     s(x) = max(rim, f(x) min(1, rim + (1 - rim) d(x) / (reach a))),   d = distance to the rim, a = its radius,
+///     s(x) = max(rim, f(x) min(1, rim + (1 - rim) d(x) / (reach a))),   d = distance to the rim, a = its
+///     radius,
 ///
-/// f <= 1 where tissue keeps the load together (LoadPath). Linear in d, so that neighbouring spacings differ by a
-/// fixed share; everything scales with the circle, so that no length of one scene is built in.
+/// f <= 1 where tissue keeps the load together (LoadPath). Linear in d, so that neighbouring spacings differ
+/// by a fixed share; everything scales with the circle, so that no length of one scene is built in.
 class Sizing {
  public:
   Sizing() = default;  ///< even: 1 everywhere

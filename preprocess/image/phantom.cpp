@@ -134,8 +134,8 @@ LabelImage make_phantom(const PhantomOptions& options) {
   constexpr double slack = 1e-9;  // 30 / 0.1 voxels are 300, not 301
   const Vec3 across = shape.extent / h;
   if ((across.array() + (2.0 * border + 2.0)).prod() > std::numeric_limits<std::int32_t>::max())
-    throw refused(fmt::format("the image would have {:.0f} voxels", across.prod()), "at most 2,147,483,647 are made",
-                  "choose a larger --spacing");
+    throw refused(fmt::format("the image would have {:.0f} voxels", across.prod()),
+                  "at most 2,147,483,647 are made", "choose a larger --spacing");
   LabelImage image;
   Vec3 origin;
   for (Index axis = 0; axis < 3; ++axis) {

@@ -115,8 +115,8 @@ void continue_smoothly(Level& level, const Vec3& weight) {
   smooth(level, weight, 8);
 }
 
-// The six tetrahedra of a cell: the ways from its first corner to its last along the axes in any order. They meet
-// those of the neighbouring cells in whole faces.
+// The six tetrahedra of a cell: the ways from its first corner to its last along the axes in any order. They
+// meet those of the neighbouring cells in whole faces.
 constexpr std::array<std::array<int, 3>, 6> ways = {
     {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}}};  // three even ones, then three odd
 
@@ -197,7 +197,8 @@ Points DeformationMap::displaced(const Points& places) const {
   return to_voxels_.linear() * (1e3 * value);
 }
 
-// Where a row along the first axis passes the surface, ascending: between an even one and the next it is inside.
+// Where a row along the first axis passes the surface, ascending: between an even one and the next it is
+// inside.
 void DeformationMap::rows_inside(double j, double k, double from, double to,
                                  std::vector<double>& crossings) const {
   thread_local std::vector<SurfaceCells::Hit> hits;

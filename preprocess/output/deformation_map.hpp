@@ -21,34 +21,36 @@ struct WayBackReport {
   void add(const WayBackReport& other);
 };
 
-/// A displacement field u on the voxels of an image, both ways: where a voxel of the body at rest goes, X -> X + u(X),
-/// and where that which a voxel shows afterwards was at rest, x -> X with X + u(X) = x.
+/// A displacement field u on the voxels of an image, both ways: where a voxel of the body at rest goes, X ->
+/// X + u(X), and where that which a voxel shows afterwards was at rest, x -> X with X + u(X) = x.
 ///
-/// Inside of the model's surface u is the moving-least-squares field itself. Around it, within three times the largest
-/// displacement, it continues smoothly (nearly harmonic) and falls to zero: a picture's surroundings follow the body's
-/// surface there, which is no mechanics. Beyond, it is zero.
+/// Inside of the model's surface u is the moving-least-squares field itself. Around it, within three times
+/// the largest displacement, it continues smoothly (nearly harmonic) and falls to zero: a picture's
+/// surroundings follow the body's surface there, which is no mechanics. Beyond, it is zero.
 ///
-/// The way back starts from a lattice along the image's axes, of at most most_lattice points, no finer than the voxels.
-/// It is divided into tetrahedra, and each carries the voxels that its displaced copy covers to their places at rest:
-/// this map is continuous and leaves no voxel out. In cells at the body the field itself is then solved for, from
-/// there, by Newton's method with the tetrahedron's gradient and then with its own; at most 16 steps, until X + u(X) lies
-/// within a thousandth of a voxel of x. Where it does not settle within two cells of its start, the place that came
-/// nearest stays. Of several pieces of tissue that come to lie at one voxel, one that is not inside out wins, then
-/// the first along the axes.
+/// The way back starts from a lattice along the image's axes, of at most most_lattice points, no finer than
+/// the voxels. It is divided into tetrahedra, and each carries the voxels that its displaced copy covers to
+/// their places at rest: this map is continuous and leaves no voxel out. In cells at the body the field
+/// itself is then solved for, from there, by Newton's method with the tetrahedron's gradient and then with
+/// its own; at most 16 steps, until X + u(X) lies within a thousandth of a voxel of x. Where it does not
+/// settle within two cells of its start, the place that came nearest stays. Of several pieces of tissue that
+/// come to lie at one voxel, one that is not inside out wins, then the first along the axes.
 class DeformationMap {
  public:
-  /// `u`: [3xN] at the nodes [m]. `model`, `field` and `u` must outlive this. Throws Stopped, as all that follows does.
+  /// `u`: [3xN] at the nodes [m]. `model`, `field` and `u` must outlive this. Throws Stopped, as all that
+  /// follows does.
   DeformationMap(const Model& model, const FieldAnywhere& field, const Points& u, const VoxelGrid& grid);
 
-  /// Of slice k of the image, for which there is room: the displacement of each voxel [3 x slice, mm LPS]; the
-  /// determinant of the deformation gradient [slice], 0 outside of the body, unless that is empty.
+  /// Of slice k of the image, for which there is room: the displacement of each voxel [3 x slice, mm LPS];
+  /// the determinant of the deformation gradient [slice], 0 outside of the body, unless that is empty.
   void displacement(Index k, std::span<float> u_mm, std::span<float> jacobian) const;
   /// Whether each voxel's centre lies in the body at rest.
   void inside(Index k, std::span<char> is_inside) const;
   /// Where what the voxels of slices [first, last) show was at rest [3 x voxels], in voxels along the axes.
   WayBackReport places_at_rest(Index first, Index last, std::span<float> place) const;
 
-  /// Whether a place [voxels] within two voxels of the surface is inside; nothing: it is farther, or on the surface.
+  /// Whether a place [voxels] within two voxels of the surface is inside; nothing: it is farther, or on the
+  /// surface.
   std::optional<bool> inside_near_surface(const Vec3& place) const;
 
   /// Share of the deformed surface's vertices that lie beyond the image.

@@ -2,8 +2,8 @@
 
 #include <vector>
 
-#include "preprocess/scene/boundary_conditions.hpp"
 #include "preprocess/cloud/sizing.hpp"
+#include "preprocess/scene/boundary_conditions.hpp"
 
 namespace dimple {
 

@@ -7,8 +7,8 @@
 #include <cstdint>
 #include <numeric>
 
-// No library does it: VTK's clustering has cubes of one size, and its decimations take ten times as long or end at
-// 50,000 triangles of a brain.
+// No library does it: VTK's clustering has cubes of one size, and its decimations take ten times as long or
+// end at 50,000 triangles of a brain.
 
 namespace dimple {
 namespace {
@@ -99,8 +99,8 @@ ReducedSurface reduced_surface(const Surface& surface, const Indenter& tool, Ind
                c = surface.vertex_mm.col(t[2]);
     area += 0.5 * (b - a).cross(c - a).norm();
   }
-  // A cube that the surface crosses gives about two triangles. The edge grows until they are few enough, at the latest
-  // with one cube for all.
+  // A cube that the surface crosses gives about two triangles. The edge grows until they are few enough, at
+  // the latest with one cube for all.
   double edge = std::sqrt(2.0 * area / static_cast<double>(most_triangles));
   ReducedSurface result = reduced(surface, tool, edge);
   while (result.triangles.cols() > most_triangles)

@@ -12,8 +12,9 @@ struct ReducedSurface {
   Triangles triangles;        ///< [3xT] corners counted among `vertex`
 };
 
-/// At most `most_triangles`, or all if they are no more. Vertices in one cube of a lattice become one of them; cubes are
-/// four times smaller at the tool's circle, where the surface is about to bend. The result need not be closed.
+/// At most `most_triangles`, or all if they are no more. Vertices in one cube of a lattice become one of
+/// them; cubes are four times smaller at the tool's circle, where the surface is about to bend. The result
+/// need not be closed.
 ReducedSurface reduced_surface(const Surface& surface, const Indenter& tool, Index most_triangles);
 
 }  // namespace dimple

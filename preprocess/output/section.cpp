@@ -20,8 +20,9 @@ struct Piece {
   Vec2 from, to;
 };
 
-// Where the surface meets the plane, in the plane's own coordinates: right and up from `origin`. A vertex in the plane
-// counts as in front of it, and triangles that share an edge find the same bits on it: the outline is closed.
+// Where the surface meets the plane, in the plane's own coordinates: right and up from `origin`. A vertex in
+// the plane counts as in front of it, and triangles that share an edge find the same bits on it: the outline
+// is closed.
 std::vector<Piece> outline(const Surface& surface, const BodyFrame& frame, const Vec3& origin) {
   const Eigen::RowVectorXd before = frame.front.transpose() * (surface.vertex_mm.colwise() - origin);
   const auto crossing = [&](Index a, Index b) {
@@ -43,8 +44,8 @@ std::vector<Piece> outline(const Surface& surface, const BodyFrame& frame, const
   return pieces;
 }
 
-// Lines of the lattice from below `low` to above `high`: `fine` apart from the tool to `flat`, then ever wider. None
-// passes through the tool's face or axis, where a body may have faces of its own.
+// Lines of the lattice from below `low` to above `high`: `fine` apart from the tool to `flat`, then ever
+// wider. None passes through the tool's face or axis, where a body may have faces of its own.
 std::vector<double> lattice_lines(double low, double high, double flat, double fine, double coarse) {
   const auto outward = [&](double from, double to, double sign, std::vector<double>& lines) {
     for (double x = from; lines.empty() || sign * lines.back() <= sign * to;) {

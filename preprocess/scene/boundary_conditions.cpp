@@ -18,7 +18,7 @@
 namespace dimple {
 namespace {
 
-constexpr double flat_share = 0.25;      // of the outline that must touch for a face to count as flat
+constexpr double flat_share = 0.25;  // of the outline that must touch for a face to count as flat
 // Of the outline, for a face where an organ was cut: the gentle sides of livers, lungs and hearts have 0.29
 // to 0.39, an ellipsoid has 0.16.
 constexpr double cut_share = 0.45;

@@ -31,8 +31,8 @@ constexpr double price_of_room = 4.0;  // radii of height for a whole radius of 
 // Slopes less than five degrees, such as the voxels' ripples are, decide nothing: of a plateau its middle is
 // taken, along the directions in which the body is longest and shortest.
 constexpr double level = 0.08;
-constexpr double same_height = 0.0025;    // of the height
-constexpr double thick_enough = 0.5;      // of the median thickness
+constexpr double same_height = 0.0025;  // of the height
+constexpr double thick_enough = 0.5;    // of the median thickness
 // Of it, where nothing is fixed behind: vessels of a heart have 0.45 to 0.5, the crown of a shell has 0.6.
 constexpr double slender = 0.55;
 constexpr double most_bending = 0.25;     // of the disc, over such tissue

@@ -15,8 +15,9 @@ namespace dimple {
 ///
 /// Why: at nu near 1/2 a volume constraint at every point is more than the nodes can satisfy (the body
 /// locks). A coarser space of overlapping patches satisfies the inf-sup condition in practice; see
-/// solver/README.md. `folded`: something lies between points of the body that are near each other; a patch then holds
-/// only points that nodes connect, and each bank of a gap has its own. A step of make_model(), after find_supports(). A patch lies in one tissue.
+/// solver/README.md. `folded`: something lies between points of the body that are near each other; a patch
+/// then holds only points that nodes connect, and each bank of a gap has its own. A step of make_model(),
+/// after find_supports(). A patch lies in one tissue.
 void make_pressure_patches(Model& model, bool folded = false, double nodes_per_patch = 7.0);
 
 }  // namespace dimple

@@ -16,8 +16,8 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "preprocess/supports/mls_lanes.hpp"
 #include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/supports/mls_lanes.hpp"
 #include "preprocess/surface/sight.hpp"
 
 namespace dimple {
@@ -26,8 +26,8 @@ namespace {
 constexpr double largest_growth = 2.5;
 // Points whose local matrices are held at a time: few enough for the processor's cache to hold them too.
 constexpr Index slab = 2048;
-// A moment matrix that looks worse than this beside seven others is looked at by itself; and of nodes that lie on one
-// bank of a fold, nearly in a plane, more are wanted (with 1e-5 some bodies found no equilibrium).
+// A moment matrix that looks worse than this beside seven others is looked at by itself; and of nodes that
+// lie on one bank of a fold, nearly in a plane, more are wanted (with 1e-5 some bodies found no equilibrium).
 constexpr double surely_conditioned = 1e-3;
 constexpr Index most_members = 2'000'000'000;
 
@@ -88,7 +88,8 @@ struct Cloud {
   }
 };
 
-// `near`: all nodes that reach x ungrown, and perhaps others. `connected`, if given: is a node, by the tissue?
+// `near`: all nodes that reach x ungrown, and perhaps others. `connected`, if given: is a node, by the
+// tissue?
 PlaceSupport support_of(const Vec3& x, const Cloud& cloud, std::span<const int> near,
                         const std::function<bool(int)>& connected = {}) {
   const std::size_t terms = cloud.options.basis == Basis::linear ? 4 : 10;
@@ -126,8 +127,9 @@ struct Near {
   }
 };
 
-// For each place the nodes whose radius comes within `margin` of it and that `connected`(node, place), if given, does
-// not exclude. Nodes ask, not places: in a graded cloud a place would have to look as far as the largest radius of all.
+// For each place the nodes whose radius comes within `margin` of it and that `connected`(node, place), if
+// given, does not exclude. Nodes ask, not places: in a graded cloud a place would have to look as far as the
+// largest radius of all.
 Near nodes_near(const Points& places, const Cloud& cloud, const Eigen::VectorXd& margin,
                 const Connected& connected = {}) {
   Near result;
@@ -400,8 +402,8 @@ std::optional<Sight> sight_in(const Discretisation& model, const SupportOptions&
 
 namespace {
 
-// In the body's own axes: how well nodes span the basis is judged along the axes, and must not depend on how the image
-// is turned.
+// In the body's own axes: how well nodes span the basis is judged along the axes, and must not depend on how
+// the image is turned.
 struct InOwnAxes {
   explicit InOwnAxes(Model& m) : model(m), axes(m.axes), X(m.X), point(m.point), spread(m.spread) {
     model.X = axes.transpose() * X;
@@ -642,8 +644,8 @@ Connected members_of(const CompressedRows& rows) {
   };
 }
 
-// Of places, the nodes that they are connected with: those of the supports of the nearest points that `reaches`(point,
-// place) holds for. Good enough for pictures, and cheaper than to ask every node.
+// Of places, the nodes that they are connected with: those of the supports of the nearest points that
+// `reaches`(point, place) holds for. Good enough for pictures, and cheaper than to ask every node.
 template <class Reaches>
 CompressedRows nodes_by_points(const Model& model, const Points& places, Reaches&& reaches) {
   constexpr int asked = 12, enough = 2;

@@ -5,8 +5,8 @@
 #include <optional>
 #include <span>
 
-#include "preprocess/supports/mls_gradient.hpp"
 #include "preprocess/supports/interpolation.hpp"
+#include "preprocess/supports/mls_gradient.hpp"
 #include "preprocess/surface/sight.hpp"
 
 namespace dimple {
@@ -22,21 +22,22 @@ namespace dimple {
 /// variance makes it independent of how many there are.
 ///
 /// A step of make_model(): fills support, dphi, variance and support_report from the discretisation, the
-/// scheme and the tissues. Where the scheme wants supports connected through the tissue, a node belongs only to
-/// points that it sees (sight.hpp); a place that sees too few takes those that are near. Throws ModelError where
-/// even that is not enough: the place, the count, what to change.
+/// scheme and the tissues. Where the scheme wants supports connected through the tissue, a node belongs only
+/// to points that it sees (sight.hpp); a place that sees too few takes those that are near. Throws ModelError
+/// where even that is not enough: the place, the count, what to change.
 void find_supports(Model& model);
 void find_supports(Model& model, const Sight& sight);
 
-/// What the model's nodes see, if its scheme connects supports through the tissue and something is hidden from some.
+/// What the model's nodes see, if its scheme connects supports through the tissue and something is hidden
+/// from some.
 std::optional<Sight> sight_in(const Discretisation& model, const SupportOptions& options);
 
 using Connected = std::function<bool(int, Index)>;
 Interpolation make_interpolation(const Discretisation& cloud, const SupportOptions& options,
                                  const Points& places, const Connected& connected = {});
 
-/// At the vertices of the model's surface, at its points, at its nodes, and at other places inside of it [m], connected
-/// as its supports are.
+/// At the vertices of the model's surface, at its points, at its nodes, and at other places inside of it [m],
+/// connected as its supports are.
 Interpolation surface_interpolation(const Model& model);
 /// At places on the surface with outward normals [3xM] of any length.
 Interpolation surface_interpolation(const Model& model, const Points& places, const Points& normals);
@@ -44,11 +45,11 @@ Interpolation point_interpolation(const Model& model);
 Interpolation node_interpolation(const Model& model);
 Interpolation inner_interpolation(const Model& model, const Points& places);
 
-/// The field that nodal values stand for, at any number of places in the body and no matter in which order; for images,
-/// whose places are too many to keep the shape functions of.
+/// The field that nodal values stand for, at any number of places in the body and no matter in which order;
+/// for images, whose places are too many to keep the shape functions of.
 ///
-/// Where a surface lies between nodes and places it takes, as surface_interpolation() does, the nodes that the nearest
-/// integration points are connected with.
+/// Where a surface lies between nodes and places it takes, as surface_interpolation() does, the nodes that
+/// the nearest integration points are connected with.
 class FieldAnywhere {
  public:
   /// `model` must outlive this.
@@ -58,8 +59,9 @@ class FieldAnywhere {
   FieldAnywhere& operator=(const FieldAnywhere&) = delete;
 
   static constexpr Index most_places = 8;
-  /// At up to eight places [3 x count, m] near each other: values [3 x count]; and `derivative`, if given: column k
-  /// holds d u_i / d x_j of place k, i fastest. Without any memory of earlier calls; several threads may ask at once.
+  /// At up to eight places [3 x count, m] near each other: values [3 x count]; and `derivative`, if given:
+  /// column k holds d u_i / d x_j of place k, i fastest. Without any memory of earlier calls; several threads
+  /// may ask at once.
   void at(const Points& places, const Points& nodal, Points& value,
           Eigen::Matrix<double, 9, Eigen::Dynamic>* derivative = nullptr) const;
 

@@ -4,8 +4,8 @@
 
 namespace dimple {
 
-/// A part of a body's surface that moves with its nodes: triangles no longer than the spacing of the nodes near them, so
-/// that one place in each serves for integrals as pieces_of() has them.
+/// A part of a body's surface that moves with its nodes: triangles no longer than the spacing of the nodes
+/// near them, so that one place in each serves for integrals as pieces_of() has them.
 struct SurfacePatch {
   Points corner;        ///< [3xV] at rest [m]
   Triangles triangles;  ///< outward

@@ -12,8 +12,8 @@ namespace dimple {
 ///
 /// Coordinates are the body's own frame: the image's axes, in an order and direction that the body itself
 /// suggests (own_order), with the origin two voxels before the body's own box. `to_world` is the rigid motion
-/// to LPS. Everything that is built on the surface therefore comes out the same, bit for bit, however the image
-/// was stored and however much of it is empty, and moves with the body when the body is turned.
+/// to LPS. Everything that is built on the surface therefore comes out the same, bit for bit, however the
+/// image was stored and however much of it is empty, and moves with the body when the body is turned.
 class BodySurface {
  public:
   /// Takes a closed, outward-oriented triangle surface. Throws ModelError if it is not closed.
@@ -54,7 +54,8 @@ class BodySurface {
   /// closest(x).distance > distance, which is cheaper to say.
   bool farther(const Vec3& x, double distance) const;
 
-  /// Does the straight way from x to y stay in the body? `spacing`: of the nodes there. As sees() of sight.hpp.
+  /// Does the straight way from x to y stay in the body? `spacing`: of the nodes there. As sees() of
+  /// sight.hpp.
   bool sees(const Vec3& x, const Vec3& y, double spacing) const;
 
   /// Does the straight way from x to y pass through the surface?

@@ -19,10 +19,10 @@
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "io/words.hpp"
-#include "preprocess/surface/closed_mesh.hpp"
-#include "preprocess/model.hpp"
-#include "preprocess/surface/smooth_lattice.hpp"
 #include "preprocess/image/voxel_set.hpp"
+#include "preprocess/model.hpp"
+#include "preprocess/surface/closed_mesh.hpp"
+#include "preprocess/surface/smooth_lattice.hpp"
 
 namespace dimple {
 namespace {
@@ -111,14 +111,15 @@ void tell_of_cavities(SegmentReport& report) {
     if (count == 0) continue;
     if (count > 3) list += fmt::format(", and {} smaller ones", count - 3);
     report.warnings.push_back(
-        filled ? fmt::format(
-                     "{} inside the organ {} filled, {} in all ({}): {} smaller than 0.2 % of the organ",
-                     count == 1 ? "one cavity" : fmt::format("{} cavities", count),
-                     count == 1 ? "was" : "were", volume_in_words(volume), list, count == 1 ? "it is" : "each is")
-               : fmt::format("the organ has {}, {} in all ({}): kept as empty space with free walls; "
-                             "label what lies in it if it is not empty",
-                             count == 1 ? "a cavity" : fmt::format("{} cavities", count), volume_in_words(volume),
-                             list));
+        filled
+            ? fmt::format("{} inside the organ {} filled, {} in all ({}): {} smaller than 0.2 % of the organ",
+                          count == 1 ? "one cavity" : fmt::format("{} cavities", count),
+                          count == 1 ? "was" : "were", volume_in_words(volume), list,
+                          count == 1 ? "it is" : "each is")
+            : fmt::format("the organ has {}, {} in all ({}): kept as empty space with free walls; "
+                          "label what lies in it if it is not empty",
+                          count == 1 ? "a cavity" : fmt::format("{} cavities", count),
+                          volume_in_words(volume), list));
   }
 }
 
@@ -160,8 +161,9 @@ Eigen::Affine3d reordered(const LabelImage& image, const AxisOrder& order) {
   return image.to_world * old_voxel;
 }
 
-// The body's own frame, and the body's voxels as they count in it. It begins at the body and not at the image's
-// corner: how many empty voxels are around the body is no property of it. Two voxels before it, as in a phantom.
+// The body's own frame, and the body's voxels as they count in it. It begins at the body and not at the
+// image's corner: how many empty voxels are around the body is no property of it. Two voxels before it, as in
+// a phantom.
 Frame own_frame(const LabelImage& image, const AxisOrder& order, VoxelSet& body) {
   const Eigen::Affine3d to_world = reordered(image, order);
   Frame frame = frame_of(to_world.linear(), image.spacing()(order.axis));
@@ -186,8 +188,8 @@ Index voxels_in_slice(const VoxelSet& set, std::size_t axis, Index at) {
 }
 
 // Where the image cuts the body off, in the body's frame: the body is about as wide in the last voxels as in
-// those before them. Where it just touches the border a sphere has a third of them, a lying cylinder 0.58. The
-// surface lies half a voxel beyond the last voxels.
+// those before them. Where it just touches the border a sphere has a third of them, a lying cylinder 0.58.
+// The surface lies half a voxel beyond the last voxels.
 std::vector<BodySurface::ImageEnd> image_ends(const LabelImage& image, const VoxelSet& body,
                                               const Eigen::Isometry3d& to_world) {
   constexpr double tolerance = 0.75;  // voxels
@@ -333,8 +335,8 @@ Drawing draw(const VoxelSet& body, const Frame& frame, double step, const Surfac
   };
   double level = half_way;
   if (options.outward_mm != 0.0) {
-    // What the Gaussian has made of a flat border, that far outside of it: a level, unlike a way along normals,
-    // closes what grows together.
+    // What the Gaussian has made of a flat border, that far outside of it: a level, unlike a way along
+    // normals, closes what grows together.
     Lattice unmoved = lattice;
     keep_one_body(unmoved, level, smallest_cavity_points);
     drawing.added_mm3 = -enclosed_volume(in_frame(contour(unmoved, level)));

@@ -49,9 +49,9 @@ struct SegmentedBody {
 /// more, the smaller of a seventh of the indenter's diameter and 1/100 of the organ, but at least 1/250 of
 /// the organ, whose measure is the cube root of its volume. The vertices are then relaxed by at most half a
 /// voxel, so that no terraces stay, and the surface is moved evenly until it encloses the voxels' volume
-/// within 0.1 %; with `outward_mm`, what that adds to them. It comes from the image and the indenter alone, whatever the cloud. Cavities smaller than
-/// 1/500 of the organ are filled. Throws InputError (a label that is not there), ModelError (too few voxels
-/// for a body, or one so thin that smoothing takes a third of it).
+/// within 0.1 %; with `outward_mm`, what that adds to them. It comes from the image and the indenter alone,
+/// whatever the cloud. Cavities smaller than 1/500 of the organ are filled. Throws InputError (a label that
+/// is not there), ModelError (too few voxels for a body, or one so thin that smoothing takes a third of it).
 SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>& labels,
                                 const SurfaceOptions& options = {});
 

@@ -10,8 +10,8 @@ namespace dimple {
 /// A box between two corners; twelve triangles.
 BodySurface block_surface(const Vec3& lower, const Vec3& upper);
 
-/// A block of the given size on z = 0, centred at x = y = 0, with a slit `width` wide and `depth` deep from the
-/// top all along y, whose nearer wall lies at x = `wall`.
+/// A block of the given size on z = 0, centred at x = y = 0, with a slit `width` wide and `depth` deep from
+/// the top all along y, whose nearer wall lies at x = `wall`.
 BodySurface slit_block_surface(const Vec3& size, double wall, double width, double depth);
 
 /// A cylinder about the z axis, standing on z = 0: a prism of `sides` sides whose edges lie on the cylinder;

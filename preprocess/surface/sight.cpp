@@ -23,7 +23,8 @@ double distance_to_surface(const SurfaceCells& surface, const Vec3& x) {
   return surface.nearest(x, nearest);
 }
 
-// Of the wall that a way crosses. Where it begins or ends without a crossing: of the nearest wall that it leaves.
+// Of the wall that a way crosses. Where it begins or ends without a crossing: of the nearest wall that it
+// leaves.
 Vec3 outer_normal(const SurfaceCells& surface, const Vec3& x, std::optional<Index> triangle,
                   const Vec3& way) {
   if (triangle) return surface.normal().col(*triangle);
@@ -50,7 +51,8 @@ bool sees(const SurfaceCells& surface, const Vec3& x, const Vec3& y, double spac
     if (cosine < facing) return depth > narrowest * spacing;
     return depth > std::max(shallow * spacing, slope * (in - out) * length);
   };
-  // An end that lies on an edge of the body can leave it with no crossing: then it is left where the way begins.
+  // An end that lies on an edge of the body can leave it with no crossing: then it is left where the way
+  // begins.
   double out = 0.0;
   std::optional<Index> left;
   for (const SurfaceCells::Crossing& crossing : crossings) {
@@ -69,7 +71,8 @@ bool sees_all_within(const SurfaceCells& surface, const Vec3& x, double radius, 
   return !surface.any_above(x, radius, narrowest * spacing);
 }
 
-// In the body's own axes and to a tenth of a nanometre: what is seen does not hang on how the image is turned.
+// In the body's own axes and to a tenth of a nanometre: what is seen does not hang on how the image is
+// turned.
 Points Sight::own(const Points& x) const {
   return ((axes_.transpose() * (x.colwise() - centre_)).array() * 1e10).round() * 1e-7;
 }

@@ -9,21 +9,22 @@ namespace dimple {
 
 /// Does the straight way from x to y stay in the tissue? `spacing`: of the nodes there. Lengths in mm.
 ///
-/// What leaves the body and comes back through a wall that faces the one it left by (a fold, a slit, two lobes
-/// that lie side by side) is cut off, however narrow the gap is, down to a twenty-fifth of the spacing. What cuts
-/// across a shallow hollow is not: a hollow counts where it is deeper than a tenth of the spacing and than a
-/// fifth of the part of the way that lies in it, which a rounded surface's is not.
+/// What leaves the body and comes back through a wall that faces the one it left by (a fold, a slit, two
+/// lobes that lie side by side) is cut off, however narrow the gap is, down to a twenty-fifth of the spacing.
+/// What cuts across a shallow hollow is not: a hollow counts where it is deeper than a tenth of the spacing
+/// and than a fifth of the part of the way that lies in it, which a rounded surface's is not.
 ///
-/// Source:   the visibility criterion: Belytschko, Lu, Gu 1994; Organ, Fleming, Terry, Belytschko 1996, section 2.
-/// Departs:  it has a tolerance, for a surface of small triangles is nowhere quite convex. Their diffraction method
-///           (weights by the shortest way around the end of a gap, through a node that sees both) was compared on
-///           slit blocks and a heart: 0.2 to 1.2 % stiffer with 2000 nodes or more and nearer to one limit from above,
-///           but with 1000 nodes the heart is 4.6 % off instead of 0.9 and slits' seeds scatter by up to 6 instead of
-///           0.9 %, at more than twice the cost.
+/// Source:   the visibility criterion: Belytschko, Lu, Gu 1994; Organ, Fleming, Terry, Belytschko 1996,
+/// section 2. Departs:  it has a tolerance, for a surface of small triangles is nowhere quite convex. Their
+/// diffraction method
+///           (weights by the shortest way around the end of a gap, through a node that sees both) was
+///           compared on slit blocks and a heart: 0.2 to 1.2 % stiffer with 2000 nodes or more and nearer to
+///           one limit from above, but with 1000 nodes the heart is 4.6 % off instead of 0.9 and slits' seeds
+///           scatter by up to 6 instead of 0.9 %, at more than twice the cost.
 bool sees(const SurfaceCells& surface, const Vec3& x, const Vec3& y, double spacing);
 
-/// Does x surely see all of the body within `radius`? If no triangle there turns its outer side towards x, by more
-/// than the tolerance of sees().
+/// Does x surely see all of the body within `radius`? If no triangle there turns its outer side towards x, by
+/// more than the tolerance of sees().
 bool sees_all_within(const SurfaceCells& surface, const Vec3& x, double radius, double spacing);
 
 /// What the nodes of a model see. Lengths in metres.

@@ -323,7 +323,8 @@ void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>&
       for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
         const int triangle = member_[static_cast<std::size_t>(m)];
         const Corners& corner = corner_[static_cast<std::size_t>(triangle)];
-        // Moeller & Trumbore, J. Graphics Tools 2 (1997) 21; a little beyond the edges, so that none is missed.
+        // Moeller & Trumbore, J. Graphics Tools 2 (1997) 21; a little beyond the edges, so that none is
+        // missed.
         const Vec3 ab = corner.b - corner.a, ac = corner.c - corner.a, p = way.cross(ac);
         const double determinant = ab.dot(p);
         if (std::abs(determinant) < 1e-12 * length * ab.norm() * ac.norm()) continue;

@@ -39,8 +39,8 @@ class SurfaceCells {
     double t;    ///< place: from + t (to - from)
     bool leave;  ///< outwards through the triangle, otherwise inwards
   };
-  /// Triangles that the straight way between two places passes through, in its order. Where it passes an edge or
-  /// a corner, one or several of those that meet there.
+  /// Triangles that the straight way between two places passes through, in its order. Where it passes an edge
+  /// or a corner, one or several of those that meet there.
   void pass(const Vec3& from, const Vec3& to, std::vector<Crossing>& crossings) const;
 
   /// Is there a triangle, some of it within d of x, above whose plane x lies by more than `height`?

@@ -47,8 +47,9 @@ Eigen::VectorXd Anderson::next(const Eigen::VectorXd& place, const Eigen::Vector
   const Eigen::VectorXd right =
       unit.cwiseProduct((m.changed.leftCols(m.kept).transpose() * step.cast<float>()).cast<double>());
   const Eigen::VectorXf share = unit.cwiseProduct(normal.ldlt().solve(right)).cast<float>();
-  result -= (m.moved.leftCols(m.kept) * share + m.changed.leftCols(m.kept) * (share / static_cast<float>(caution)))
-                .cast<double>();
+  result -=
+      (m.moved.leftCols(m.kept) * share + m.changed.leftCols(m.kept) * (share / static_cast<float>(caution)))
+          .cast<double>();
   return result;
 }
 

@@ -4,13 +4,15 @@
 
 namespace dimple {
 
-/// Speeds up a fixed-point iteration x -> x + g(x) whose g is nearly linear: of the last steps it takes the combination
-/// whose g is least, and goes on from there. In variables of one kind: their differences are compared.
+/// Speeds up a fixed-point iteration x -> x + g(x) whose g is nearly linear: of the last steps it takes the
+/// combination whose g is least, and goes on from there. In variables of one kind: their differences are
+/// compared.
 ///
 /// Source:   Walker and Ni, SIAM J. Numer. Anal. 49, 2011.
-/// Departs:  differences of steps are kept in single precision, as a preconditioner's digits are worth no more; the small
-///           system of equations is that of columns of length one, with 1e-10 on its diagonal, since steps shrink by
-///           orders of magnitude.
+/// Departs:  differences of steps are kept in single precision, as a preconditioner's digits are worth no
+/// more; the small
+///           system of equations is that of columns of length one, with 1e-10 on its diagonal, since steps
+///           shrink by orders of magnitude.
 class Anderson {
  public:
   static constexpr int most = 30;  ///< differences that are remembered

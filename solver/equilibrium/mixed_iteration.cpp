@@ -55,8 +55,8 @@ struct NodalInverse {
 
 using Factor = Eigen::SimplicialLLT<Sparse>;
 
-// The inverse of a matrix that is like a mass: as well conditioned with many rows as with few. It is factorised, but
-// where that would take longer than all else it is left to conjugate gradients.
+// The inverse of a matrix that is like a mass: as well conditioned with many rows as with few. It is
+// factorised, but where that would take longer than all else it is left to conjugate gradients.
 struct MassInverse {
   std::shared_ptr<const Factor> factor;
   Sparse matrix = {};  // lower half, without a factor
@@ -412,7 +412,8 @@ struct MixedIteration::Parts {
   }
 
   // To the next place after u and lambda, where the step is du and dlambda.
-  void go_on(Nodal& u, Eigen::VectorXd& lambda, const Nodal& du, const Eigen::VectorXd& dlambda, double caution) {
+  void go_on(Nodal& u, Eigen::VectorXd& lambda, const Nodal& du, const Eigen::VectorXd& dlambda,
+             double caution) {
     const Index n = u.cols(), nb = lambda.size();
     const auto scaled = [&](const Nodal& v, const Eigen::VectorXd& l) {
       Eigen::VectorXd all(4 * n + nb);
@@ -466,17 +467,20 @@ struct Unbalanced {
   ForceSystem::Sweep sweep;
   double residual = 0.0, volume_error = 0.0;
 
-  void at(System& body, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f, const MixedIteration::Inertia* inertia,
-          const Nodal* viscous) {
+  void at(System& body, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f,
+          const MixedIteration::Inertia* inertia, const Nodal* viscous) {
     const Eigen::VectorXd& of_patches = body.model().patches.volume;
     body.tissue().hold_pressures(lambda.cwiseQuotient(of_patches));
     sweep = body.force(u, f);
     body.tissue().patch_state(patches);
-    residual = body.balance(f, force, [&](Index a, Eigen::Vector4d& all) {
-                     if (viscous) all += viscous->col(a);
-                     if (inertia)
-                       all += inertia->inertia[a] * body.held().project(a, u.col(a) - inertia->about.col(a));
-                   }).residual();
+    residual = body.balance(f, force,
+                            [&](Index a, Eigen::Vector4d& all) {
+                              if (viscous) all += viscous->col(a);
+                              if (inertia)
+                                all += inertia->inertia[a] *
+                                       body.held().project(a, u.col(a) - inertia->about.col(a));
+                            })
+                   .residual();
     volume = patches.dilation - lambda.cwiseQuotient(patches.bulk.cwiseProduct(of_patches));
     volume_error = std::sqrt(volume.cwiseAbs2().dot(of_patches) / of_patches.sum());
   }
@@ -484,7 +488,8 @@ struct Unbalanced {
 
 // The best state that was met, the step from there, and what it lacks where somebody asks for that.
 struct Best {
-  Best(const Nodal& u_, const Eigen::VectorXd& lambda_, double residual_) : residual(residual_), u(u_), lambda(lambda_) {}
+  Best(const Nodal& u_, const Eigen::VectorXd& lambda_, double residual_)
+      : residual(residual_), u(u_), lambda(lambda_) {}
   double residual;
   Nodal u, du;
   Eigen::VectorXd lambda, dlambda;
@@ -518,7 +523,9 @@ struct Best {
 struct Laps {
   using Clock = std::chrono::steady_clock;
   Laps(Clock::time_point until_, Clock::duration& mean_)
-      : until(until_), mean(mean_), timed(until != Clock::time_point::max()),
+      : until(until_),
+        mean(mean_),
+        timed(until != Clock::time_point::max()),
         last(timed ? Clock::now() : Clock::time_point()) {}
   Clock::time_point until;
   Clock::duration& mean;
@@ -576,7 +583,11 @@ void MixedIteration::restore(const Memory& memory) {
   }
   p.forces.internal_force(memory.u_of_gradient, f);
   p.find_gradient(memory.u_of_gradient);
-  p.anderson.restore({.moved = memory.moved, .changed = memory.changed, .gram = memory.gram, .kept = 0, .next = memory.next});
+  p.anderson.restore({.moved = memory.moved,
+                      .changed = memory.changed,
+                      .gram = memory.gram,
+                      .kept = 0,
+                      .next = memory.next});
 }
 
 Eigen::VectorXd pressures_of_volumes(const System& system) {
@@ -651,8 +662,8 @@ bool MixedIteration::prepare(const Nodal& u, const Eigen::VectorXd& bulk, bool a
   return true;
 }
 
-Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options, bool anew,
-                                const Inertia* inertia, const Viscosity* viscosity, Left* left) {
+Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
+                                bool anew, const Inertia* inertia, const Viscosity* viscosity, Left* left) {
   Parts& p = *parts_;
   Relaxed result;
   result.converged = false;

@@ -30,16 +30,18 @@ struct Relaxed {
 };
 
 /// Finds static equilibrium of the converging scheme by looking for displacements u and the patches'
-/// pressures p together: forces f_local(u) + G lambda = 0, with all of a System's other forces in f, and volumes J_b(u) - 1 = p_b / bulk_b, with
-/// lambda_b = V_b p_b and G = dJ_b/du. Each iteration solves the nearby linear problem
+/// pressures p together: forces f_local(u) + G lambda = 0, with all of a System's other forces in f, and
+/// volumes J_b(u) - 1 = p_b / bulk_b, with lambda_b = V_b p_b and G = dJ_b/du. Each iteration solves the
+/// nearby linear problem
 ///
 ///     [ A   G ] [ du      ]     [ f             ]
 ///     [ G'  -1/(bulk V)   ] [ dlambda ] = - [ J - 1 - p/bulk  ]
 ///
-/// where A is a Laplacian of the graph of neighbouring nodes, as stiff as the shear there and as the bound of each
-/// further force (one for all three components, inverted by Multigrid), and G'A^-1 G is taken for the patches' mass matrix / mu, as
-/// one may for Stokes flow. Anderson's acceleration makes up for what these leave out. The number of
-/// evaluations, some ten for a depth, depends neither on the number of nodes nor on the bulk modulus.
+/// where A is a Laplacian of the graph of neighbouring nodes, as stiff as the shear there and as the bound of
+/// each further force (one for all three components, inverted by Multigrid), and G'A^-1 G is taken for the
+/// patches' mass matrix / mu, as one may for Stokes flow. Anderson's acceleration makes up for what these
+/// leave out. The number of evaluations, some ten for a depth, depends neither on the number of nodes nor on
+/// the bulk modulus.
 ///
 /// Where strains are large the tangent is stiffer than A by orders of magnitude. An iteration that fails is
 /// tried again with an A as stiff at each node as the law is at the best state that was met.

@@ -6,8 +6,8 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "solver/guards.hpp"
 #include "solver/equilibrium/stable_time_step.hpp"
+#include "solver/guards.hpp"
 #include "solver/text.hpp"
 
 namespace dimple {
@@ -42,7 +42,8 @@ SolveError no_equilibrium(const Relaxed& found, const Model& model) {
        .remedy = gave_way
                      ? "use a smaller --depth, a coarser spacing at the circle's rim (--rim 0.15 or more), a "
                        "place further from folds and edges (--indent-at), or --time dynamic"
-                     : "use shorter steps of the load (--set solver.step_radii=0.05), a coarser spacing at the circle's "
+                     : "use shorter steps of the load (--set solver.step_radii=0.05), a coarser spacing at "
+                       "the circle's "
                        "rim (--rim 0.15 or more), or a smaller --depth",
        .code = gave_way ? "limit-point" : "no-equilibrium"});
 }
@@ -103,10 +104,12 @@ Eigen::VectorXd stiffness_row_sums(const ForceSystem& system, const Model& model
 }
 
 Relaxation::Relaxation(System& system) : system_(system) {
-  if (MixedIteration::serves(system.tissue().system(), system.model())) mixed_ = std::make_unique<MixedIteration>(system);
+  if (MixedIteration::serves(system.tissue().system(), system.model()))
+    mixed_ = std::make_unique<MixedIteration>(system);
 }
 
-Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, Eigen::VectorXd* lambda) const {
+Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options,
+                               Eigen::VectorXd* lambda) const {
   std::int64_t spent = 0;
   if (mixed_) {
     Eigen::VectorXd l = lambda ? *lambda : Eigen::VectorXd::Zero(system_.model().patches.count());
@@ -123,7 +126,8 @@ Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options, 
   return found;
 }
 
-Relaxed Relaxation::from_near(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options) const {
+Relaxed Relaxation::from_near(Nodal& u, Eigen::VectorXd& lambda, Nodal& f,
+                              const RelaxOptions& options) const {
   Nodal v = u;
   Eigen::VectorXd l = lambda;
   Relaxed found = (*mixed_)(v, l, f, options, true);
@@ -298,7 +302,8 @@ Relaxed Relaxation::relax_dynamically(Nodal& u, Nodal& f, const RelaxOptions& op
         return result;
       work_before = work;
     }
-    if (attempt == 5 || result.evaluations >= options.evaluations) throw no_equilibrium(result, system_.model());
+    if (attempt == 5 || result.evaluations >= options.evaluations)
+      throw no_equilibrium(result, system_.model());
     u = start;
   }
 }

@@ -17,8 +17,8 @@ namespace dimple {
 /// ten times the cost of each, and momentum makes it oscillate.
 ///
 /// For the paper's scheme, and as a last resort, by dynamic relaxation, some hundreds of evaluations: the
-/// body, with fictitious masses that give every node about the same stable step, is let vibrate and damped near
-/// critically, the damping following the lowest frequency met.
+/// body, with fictitious masses that give every node about the same stable step, is let vibrate and damped
+/// near critically, the damping following the lowest frequency met.
 ///
 ///     u+ = u + r^2 (u - u-) - c M^-1 f,
 ///     r = (K - 1)/(K + 1),   K = 2/(w dt),   c = ((1 + r) dt/2)^2

@@ -9,9 +9,9 @@ namespace {
 using Known = BetweenFrames::Known;
 using Tool = LiveFrame::Tool;
 
-constexpr double trusted = 0.2;      // radii beyond a frame
+constexpr double trusted = 0.2;     // radii beyond a frame
 constexpr double secant = 0.1;      // radii between two states that a stiffness is taken from, at most
-constexpr double forgotten = 1e-4;   // share of a frame that is left out
+constexpr double forgotten = 1e-4;  // share of a frame that is left out
 
 double trusted_of(const BetweenFrames& b, const Known& frame) {
   const bool goes_on = frame.tool != Tool::stopped && frame.tool != Tool::beyond && frame.stiffness > 0.0;
@@ -36,7 +36,8 @@ double error_of(const BetweenFrames& b, const Known& frame, double depth) {
     return frame.error + of_slope * x + std::max(rises * x / b.radius, std::min(rises, bends));
   }
   const double share = depth / frame.depth, force = told(b, frame, depth), chord = frame.force * share;
-  const double tangent = std::clamp(frame.force + frame.stiffness * (depth - frame.depth), 0.0, std::max(0.0, 4.0 * chord));
+  const double tangent =
+      std::clamp(frame.force + frame.stiffness * (depth - frame.depth), 0.0, std::max(0.0, 4.0 * chord));
   return share * (2.0 - share) * frame.error + share * (1.0 - share) * frame.depth * of_slope +
          std::max(std::abs(chord - force), std::abs(tangent - force));
 }
@@ -59,8 +60,8 @@ void fade_to(BetweenFrames& b, double now) {
 
 void correct(BetweenFrames& b, const LiveFrame& frame, double now) {
   fade_to(b, now);
-  b.frame.push_back(
-      {frame.depth, frame.force, std::max(0.0, frame.stiffness), frame.error, frame.per_force, frame.tool, 0.0});
+  b.frame.push_back({frame.depth, frame.force, std::max(0.0, frame.stiffness), frame.error, frame.per_force,
+                     frame.tool, 0.0});
 }
 
 void forget(BetweenFrames& b) {

@@ -28,7 +28,8 @@ void KnownStates::guess(double at, ForceSystem::Nodal& u, Eigen::VectorXd& lambd
   const auto above = static_cast<std::ptrdiff_t>(
       std::find_if(state.begin(), state.end(), [&](const State& s) { return s.at > at; }) - state.begin());
   const auto count = static_cast<std::ptrdiff_t>(state.size());
-  // Two on each side; beyond the last the line through two of them, three would carry their residuals too far.
+  // Two on each side; beyond the last the line through two of them, three would carry their residuals too
+  // far.
   std::ptrdiff_t first = std::max<std::ptrdiff_t>(0, above - 2), last = std::min(count, above + 2);
   if (above == count) first = count - 2, last = count;
   u.setZero(4, state.front().u.cols());

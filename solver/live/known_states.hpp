@@ -7,9 +7,9 @@
 
 namespace dimple {
 
-/// Equilibria of an elastic body under a tool whose way is one number: points of a curve over the depth, whichever way
-/// and however often the tool went. The polynomial through those around a depth is where to look for the
-/// equilibrium there, and its derivative says what an unbalanced force does to that on the tool.
+/// Equilibria of an elastic body under a tool whose way is one number: points of a curve over the depth,
+/// whichever way and however often the tool went. The polynomial through those around a depth is where to
+/// look for the equilibrium there, and its derivative says what an unbalanced force does to that on the tool.
 struct KnownStates {
   struct State {
     double at = 0.0;  ///< depth [m]

@@ -17,8 +17,8 @@ constexpr int between_kinetic = 25;                 // steps
 constexpr std::int64_t between_fluctuations = 200;  // steps
 constexpr double smaller = 0.6;                     // step, each time that a guard sends the march back
 
-void follow_all_waves(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
-                      History& history, const State* from) {
+void follow_all_waves(System& system, const Loading& loading, const SolverOptions& options,
+                      const Observer& observer, History& history, const State* from) {
   const Model& model = system.model();
   const Constraints& constraints = system.held();
   const Index n = model.node_count();
@@ -48,8 +48,8 @@ void follow_all_waves(System& system, const Loading& loading, const SolverOption
   bool stopped = false;
   int observed = state.frame - 1;  // frames
   std::int64_t& looked = state.looked;
-  Guards guards(system, duration >= slow_load * shear_crossing_time(system.tissues(), model),
-                options.guards, history.guards);
+  Guards guards(system, duration >= slow_load * shear_crossing_time(system.tissues(), model), options.guards,
+                history.guards);
 
   // The tool brings its nodes to speed at once: the only work that is not force times way.
   if (!from) external += constraints.set_off(v, loading.rate, model.mass);
@@ -81,15 +81,15 @@ void follow_all_waves(System& system, const Loading& loading, const SolverOption
       history.force.push_back(ForceSample::at(now.t, now.depth, system, u, f));
       largest_reaction = std::max(largest_reaction, std::abs(history.force.back().force));
       if (largest_reaction > 0.0)
-        history.momentum_error =
-            std::max(history.momentum_error, system.sum_of_tissue(f) / largest_reaction);
+        history.momentum_error = std::max(history.momentum_error, system.sum_of_tissue(f) / largest_reaction);
       if (observer.sample && !observer.sample(history.force.back(), history)) return false;
     }
     return true;
   };
 
   const auto frame = [&](int number, const Moment& now) {
-    if (observer.frame && number > observed) observer.frame({number, now.t, now.depth, u, f, system.tissue()});
+    if (observer.frame && number > observed)
+      observer.frame({number, now.t, now.depth, u, f, system.tissue()});
     observed = std::max(observed, number);
   };
 
@@ -148,7 +148,8 @@ void follow_all_waves(System& system, const Loading& loading, const SolverOption
       system.gather(u, f, sampling || viscoelastic ? std::function<void(Index, Index)>{} : advance);
       stopped = !record(now, false);
       if (s == 0) frame(state.frame, now);
-      if (viscoelastic || system.loaded()) system.accept_step(u);  // after the frame: its stresses are those of this step
+      if (viscoelastic || system.loaded())
+        system.accept_step(u);  // after the frame: its stresses are those of this step
       if (sampling || viscoelastic) advance(0, n);
       if (options.damping > 0.0)
         for (Index a = 0; a < n; ++a)
@@ -246,8 +247,8 @@ void follow_all_waves(System& system, const Loading& loading, const SolverOption
 
 }  // namespace
 
-void march_explicitly(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
-                      History& history, const State* from) {
+void march_explicitly(System& system, const Loading& loading, const SolverOptions& options,
+                      const Observer& observer, History& history, const State* from) {
   try {
     follow_all_waves(system, loading, options, observer, history, from);
   } catch (const Stopped&) {

@@ -7,8 +7,8 @@
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "solver/equilibrium/mixed_iteration.hpp"
-#include "solver/march/path.hpp"
 #include "solver/equilibrium/stable_time_step.hpp"
+#include "solver/march/path.hpp"
 #include "solver/text.hpp"
 
 namespace dimple {
@@ -26,8 +26,8 @@ constexpr double of_stable_step = 0.9;
 constexpr std::int64_t most_small_steps = 20000;  // in place of a long one; usual: some hundreds
 constexpr std::int64_t same_step = 200;           // of them, until the stable step is asked for again
 
-void step_implicitly(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
-                     History& history, const State* from) {
+void step_implicitly(System& system, const Loading& loading, const SolverOptions& options,
+                     const Observer& observer, History& history, const State* from) {
   const Model& model = system.model();
   const Constraints& constraints = system.held();
   MixedIteration solve(system);
@@ -108,8 +108,8 @@ void step_implicitly(System& system, const Loading& loading, const SolverOptions
       });
     return goes_on;
   };
-  // Central differences until `to`, as march_explicitly(): where the tissue gives way the path jumps, and no step
-  // that is longer than the jump's own waves has an end that an iteration could find.
+  // Central differences until `to`, as march_explicitly(): where the tissue gives way the path jumps, and no
+  // step that is longer than the jump's own waves has an end that an iteration could find.
   const auto march = [&](double to) {
     system.begin_step(to - t);
     system.set({.t = t, .depth = loading.rate * t});
@@ -197,8 +197,8 @@ void step_implicitly(System& system, const Loading& loading, const SolverOptions
       const Nodal f_before = f;
       const Relaxed found =
           solve(next, next_lambda, f,
-                {.tolerance = std::max(options.tolerance, roughly), .evaluations = options.evaluations},
-                anew, &inertia);
+                {.tolerance = std::max(options.tolerance, roughly), .evaluations = options.evaluations}, anew,
+                &inertia);
       history.extra_evaluations += found.evaluations;
       if (!found.converged) {
         f = f_before;
@@ -251,8 +251,8 @@ void step_implicitly(System& system, const Loading& loading, const SolverOptions
 
 }  // namespace
 
-void march_implicitly(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
-                      History& history, const State* from) {
+void march_implicitly(System& system, const Loading& loading, const SolverOptions& options,
+                      const Observer& observer, History& history, const State* from) {
   try {
     step_implicitly(system, loading, options, observer, history, from);
   } catch (const Stopped&) {

@@ -4,8 +4,9 @@
 
 namespace dimple {
 
-/// As march_explicitly(), with steps as long as the waves of the whole body allow, not those between two nodes: each
-/// is an equilibrium with inertia, found by MixedIteration. Hilber, Hughes and Taylor's rule with alpha -1/3,
+/// As march_explicitly(), with steps as long as the waves of the whole body allow, not those between two
+/// nodes: each is an equilibrium with inertia, found by MixedIteration. Hilber, Hughes and Taylor's rule with
+/// alpha -1/3,
 ///
 ///     u+ = u + dt v + dt^2 ((1/2 - beta) a + beta a+),   v+ = v + dt ((1 - gamma) a + gamma a+),
 ///     M (a+ + c v+) = (1 + alpha) (R - f(u+)) - alpha (R - f(u)),
@@ -20,7 +21,7 @@ namespace dimple {
 ///
 /// Source:   Newmark 1959; Hilber, Hughes, Taylor 1977, alpha -1/3.
 /// Throws:   SolveError: a number stopped being one. `history` holds everything up to that moment.
-void march_implicitly(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
-                      History& history, const State* from = nullptr);
+void march_implicitly(System& system, const Loading& loading, const SolverOptions& options,
+                      const Observer& observer, History& history, const State* from = nullptr);
 
 }  // namespace dimple

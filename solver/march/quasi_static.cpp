@@ -8,8 +8,8 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "solver/march/path.hpp"
 #include "solver/equilibrium/relax.hpp"
+#include "solver/march/path.hpp"
 #include "solver/text.hpp"
 
 namespace dimple {
@@ -53,8 +53,8 @@ struct FramesBetween {
 
   double depth_of(int frame) const { return loading.depth / options.frames * frame; }
 
-  // Those after the frame `last` that lie before a depth; `path` holds the equilibria on both sides, and that at
-  // `from` is the last that the tissue's past knows. False: the observer has enough.
+  // Those after the frame `last` that lie before a depth; `path` holds the equilibria on both sides, and that
+  // at `from` is the last that the tissue's past knows. False: the observer has enough.
   bool show(int& last, double before, double from, const Path& path) {
     Nodal u = path.state.back().u, f = u;
     Eigen::VectorXd lambda = path.state.back().lambda;
@@ -95,7 +95,8 @@ struct FramesBetween {
 
   // The force at what is known.
   void evaluate(const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f) {
-    if (relax.has_mixed()) system.tissue().hold_pressures(lambda.cwiseQuotient(system.model().patches.volume));
+    if (relax.has_mixed())
+      system.tissue().hold_pressures(lambda.cwiseQuotient(system.model().patches.volume));
     system.force(u, f);
   }
 
@@ -114,7 +115,8 @@ struct FramesBetween {
 };
 
 // The body at rest, before the tool moves.
-void begin_history(System& system, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f, History& history) {
+void begin_history(System& system, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f,
+                   History& history) {
   if (!system.loaded()) {
     history.force.push_back({0.0, 0.0, 0.0, 0.0});
     history.energy.push_back({0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
@@ -124,12 +126,13 @@ void begin_history(System& system, const Nodal& u, const Eigen::VectorXd& lambda
   system.set({});
   system.force(u, f);
   history.force.push_back(ForceSample::at(0.0, 0.0, system, u, f));
-  const double stored = system.stored_energy(u).sum();  // what the loads did before counts as done from outside
+  const double stored =
+      system.stored_energy(u).sum();  // what the loads did before counts as done from outside
   history.energy.push_back({0.0, 0.0, 0.0, stored, stored, 0.0});
 }
 
-void find_equilibria(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
-                     History& history, const State* from) {
+void find_equilibria(System& system, const Loading& loading, const SolverOptions& options,
+                     const Observer& observer, History& history, const State* from) {
   const Model& model = system.model();
   const Relaxation relax(system);
   auto [u, lambda] = system.at_rest();
@@ -159,8 +162,8 @@ void find_equilibria(System& system, const Loading& loading, const SolverOptions
     if (observer.frame) observer.frame({0, 0.0, 0.0, u, f, system.tissue()});
   }
   // All equilibria together.
-  const std::int64_t most = relax.has_mixed() ? options.evaluations + evaluations_of_step * steps
-                                              : options.evaluations * steps;
+  const std::int64_t most =
+      relax.has_mixed() ? options.evaluations + evaluations_of_step * steps : options.evaluations * steps;
   for (std::int64_t level = state.step + 1; level <= steps;) {
     const double end = step * static_cast<double>(level), at = depths.back();
     // Where it was short it becomes long again by and by.
@@ -327,8 +330,8 @@ void first_guess(const Model& model, double depth, Nodal& u) {
   }
 }
 
-void march_quasi_statically(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
-                            History& history, const State* from) {
+void march_quasi_statically(System& system, const Loading& loading, const SolverOptions& options,
+                            const Observer& observer, History& history, const State* from) {
   try {
     find_equilibria(system, loading, options, observer, history, from);
   } catch (const Stopped&) {

@@ -4,22 +4,23 @@
 
 namespace dimple {
 
-/// As march_explicitly(), but so slowly that inertia plays no part: equilibria in even steps of the load, each at most
-/// options.step_radii long and looked for where the last four lead. With viscoelastic tissue the time between two of
-/// them is that of the loading. Where there is no equilibrium to be found, or a guard says that it is wrong, the way
-/// there is halved, at most `most_retries` times.
+/// As march_explicitly(), but so slowly that inertia plays no part: equilibria in even steps of the load,
+/// each at most options.step_radii long and looked for where the last four lead. With viscoelastic tissue the
+/// time between two of them is that of the loading. Where there is no equilibrium to be found, or a guard
+/// says that it is wrong, the way there is halved, at most `most_retries` times.
 ///
-/// How many frames there are changes nothing of that. A frame whose depth no step ends at has an equilibrium of its
-/// own, found from those on both sides, and a sample of the force; energies, guards and what follows do not know of
-/// it. Where none is found the frame shows the line between the two, as the finding `frame` says, without a sample.
-void march_quasi_statically(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
-                            History& history, const State* from = nullptr);
+/// How many frames there are changes nothing of that. A frame whose depth no step ends at has an equilibrium
+/// of its own, found from those on both sides, and a sample of the force; energies, guards and what follows
+/// do not know of it. Where none is found the frame shows the line between the two, as the finding `frame`
+/// says, without a sample.
+void march_quasi_statically(System& system, const Loading& loading, const SolverOptions& options,
+                            const Observer& observer, History& history, const State* from = nullptr);
 
 /// How many steps that load takes, where none is shortened.
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options);
 
-/// A first guess of the displacements u [4xN] m when the tool has moved by `depth` [m] from rest: they fade away
-/// from the circle and towards the base.
+/// A first guess of the displacements u [4xN] m when the tool has moved by `depth` [m] from rest: they fade
+/// away from the circle and towards the base.
 void first_guess(const Model& model, double depth, ForceSystem::Nodal& u);
 
 }  // namespace dimple

@@ -14,7 +14,8 @@ struct Instant {
   double share = 1.0;  ///< of the loads that act before the tool touches: 0 while none does, 1 when all do
 };
 
-/// A bound of how stiff a force is, for preconditioners [N/m]: of each node against the room, and between two nodes.
+/// A bound of how stiff a force is, for preconditioners [N/m]: of each node against the room, and between two
+/// nodes.
 struct StiffnessBound {
   struct Edge {
     int a, b;
@@ -24,12 +25,13 @@ struct StiffnessBound {
   std::vector<Edge> edge;
 };
 
-/// A force on the body beside what its tissue resists with: a load, a membrane, a contact. An object belongs to one run,
-/// and keeps what it needs of the run's past. The same bits for any number of threads.
+/// A force on the body beside what its tissue resists with: a load, a membrane, a contact. An object belongs
+/// to one run, and keeps what it needs of the run's past. The same bits for any number of threads.
 class ForceTerm {
  public:
   virtual ~ForceTerm() = default;
-  /// Adds to f [4xN] N the derivative of the energy by u [4xN] m: as of the tissue, what resists the displacement.
+  /// Adds to f [4xN] N the derivative of the energy by u [4xN] m: as of the tissue, what resists the
+  /// displacement.
   virtual void add_force(const Nodal& u, const Instant& now, Nodal& f) = 0;
   /// [J] at u; of a force without one, minus its work on the accepted states and from the last of them to u.
   virtual double energy(const Nodal& u, const Instant& now) = 0;

@@ -24,8 +24,8 @@ enum class Precision { single_, double_ };
 /// Letters: the paper writes X for the deformation gradient and F for the force vector; here, as usual today,
 /// the gradient is F and the force f.
 ///
-///     sweep 1, points:  F_q = I + sum_a u_a (x) dphi_qa,   P_q = F_q S_q,   V_q P_q dphi_qa to each block's sums
-///     sweep 2, nodes:   f_a = sum of what the blocks have for it
+///     sweep 1, points:  F_q = I + sum_a u_a (x) dphi_qa,   P_q = F_q S_q,   V_q P_q dphi_qa to each block's
+///     sums sweep 2, nodes:   f_a = sum of what the blocks have for it
 ///
 /// which is the paper's f = integral of B_L^T S (section 2.2) without the 6 x 3n matrix: a test compares the
 /// two. Blocks are fixed and sums have one order: the result is the same, bit for bit, for any number of
@@ -86,8 +86,8 @@ class ForceState {
   explicit ForceState(const ForceSystem& system);
   const ForceSystem& system() const { return *system_; }
 
-  /// f [4xN] N = force with which the tissue resists displacement u [4xN] m: the gradient of the stored energy.
-  /// Where a point is inverted its stress is left at zero and the sweep says so; it never throws.
+  /// f [4xN] N = force with which the tissue resists displacement u [4xN] m: the gradient of the stored
+  /// energy. Where a point is inverted its stress is left at zero and the sweep says so; it never throws.
   Sweep internal_force(const Nodal& u, Nodal& f);
 
   /// The two sweeps apart, for a caller that does more with nodes [first, last) once their force is known.

@@ -10,7 +10,9 @@ class DeadLoad : public ForceTerm {
  public:
   explicit DeadLoad(Nodal force) : force_(std::move(force)) {}
   void add_force(const Nodal&, const Instant& now, Nodal& f) override { f -= now.share * force_; }
-  double energy(const Nodal& u, const Instant& now) override { return -now.share * force_.cwiseProduct(u).sum(); }
+  double energy(const Nodal& u, const Instant& now) override {
+    return -now.share * force_.cwiseProduct(u).sum();
+  }
 
  private:
   Nodal force_;
@@ -21,12 +23,13 @@ Points moved(const SurfacePatch& patch, const Nodal& u) {
   Points corner = patch.corner;
   const auto& [rows, weight] = patch.at_corner;
   for (Index v = 0; v < corner.cols(); ++v)
-    for (int k = rows.offset[v]; k < rows.offset[v + 1]; ++k) corner.col(v) += weight[k] * u.col(rows.member[k]).head<3>();
+    for (int k = rows.offset[v]; k < rows.offset[v + 1]; ++k)
+      corner.col(v) += weight[k] * u.col(rows.member[k]).head<3>();
   return corner;
 }
 
-// [4xN] N of a pressure of 1 Pa with the corners there: as surface_integrals() has them, so that a body under the same
-// pressure everywhere has no forces on its nodes but those that its stress balances.
+// [4xN] N of a pressure of 1 Pa with the corners there: as surface_integrals() has them, so that a body under
+// the same pressure everywhere has no forces on its nodes but those that its stress balances.
 Nodal unit_pressure(const SurfacePatch& patch, const Points& corner, Index nodes) {
   Nodal force = Nodal::Zero(4, nodes);
   const auto& [rows, weight] = patch.at_middle;
@@ -34,13 +37,14 @@ Nodal unit_pressure(const SurfacePatch& patch, const Points& corner, Index nodes
     const Vec3 a = corner.col(patch.triangles(0, t)), b = corner.col(patch.triangles(1, t)),
                c = corner.col(patch.triangles(2, t));
     const Vec3 inward = -0.5 * (b - a).cross(c - a);
-    for (int k = rows.offset[t]; k < rows.offset[t + 1]; ++k) force.col(rows.member[k]).head<3>() += weight[k] * inward;
+    for (int k = rows.offset[t]; k < rows.offset[t + 1]; ++k)
+      force.col(rows.member[k]).head<3>() += weight[k] * inward;
   }
   return force;
 }
 
-// Where the patch's rim moves there is no energy: what counts is the work, by the mean of the forces at both ends of
-// each step.
+// Where the patch's rim moves there is no energy: what counts is the work, by the mean of the forces at both
+// ends of each step.
 class FollowingPressure : public ForceTerm {
  public:
   FollowingPressure(SurfacePatch patch, double pressure, Index nodes)
@@ -85,13 +89,13 @@ std::unique_ptr<ForceTerm> dead_load(Nodal force) {
 
 ForceTerms make_terms(const Model& model, const Loads& loads) {
   ForceTerms terms;
-  if (!loads.gravity.isZero(0.0))
-    terms.push_back(dead_load(padded(loads.gravity) * model.mass.transpose()));
+  if (!loads.gravity.isZero(0.0)) terms.push_back(dead_load(padded(loads.gravity) * model.mass.transpose()));
   for (const SurfacePressure& one : loads.pressure)
     if (one.follows)
       terms.push_back(std::make_unique<FollowingPressure>(one.patch, one.pressure, model.node_count()));
     else
-      terms.push_back(dead_load(one.pressure * unit_pressure(one.patch, one.patch.corner, model.node_count())));
+      terms.push_back(
+          dead_load(one.pressure * unit_pressure(one.patch, one.patch.corner, model.node_count())));
   return terms;
 }
 

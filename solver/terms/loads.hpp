@@ -12,7 +12,8 @@ struct SurfacePressure {
   std::string name;
   SurfacePatch patch;
   double pressure = 0.0;  ///< [Pa]
-  bool follows = true;    ///< it acts on the deformed surface along its normals; false: on that at rest, and stays so
+  bool follows =
+      true;  ///< it acts on the deformed surface along its normals; false: on that at rest, and stays so
 };
 
 /// What acts on a body before a tool touches it, and goes on acting. The body comes to rest under it first.

@@ -173,10 +173,10 @@ DIMPLE_CLONES void neo_hookean_stresses(const ProjectedOctet<Real>* gradient, co
     const Lanes low = g0 + below * (g1 + Real(0.5) * g2 * below), low_slope = g1 + g2 * below;
     const Lanes g = inverted ? low : power, slope = share * (inverted ? low_slope : power_slope);
 
-    // P = M g F + (pressure + M I1 slope / 2) cof F, where M (g F - g / (3 J) I1 cof F), all of it at rest, is
-    // the difference of numbers that are nearly alike: of small strains it would leave the rounding of 1. So
-    // of F = I + H and cof F = I + K what the two identities leave is taken together:
-    // g + I1 slope / 2 = (g / J) (J - 1 - stretch).
+    // P = M g F + (pressure + M I1 slope / 2) cof F, where M (g F - g / (3 J) I1 cof F), all of it at rest,
+    // is the difference of numbers that are nearly alike: of small strains it would leave the rounding of 1.
+    // So of F = I + H and cof F = I + K what the two identities leave is taken together: g + I1 slope / 2 =
+    // (g / J) (J - 1 - stretch).
     const Lanes cofactor = Real(0.5) * I1 * slope;
     const Lanes direct = g + cofactor, upright = power * (root * root * root) * (e - stretch);
     const Lanes of_identity = share == Real(0) ? direct : inverted ? direct : upright;

@@ -21,8 +21,8 @@
 #define DIMPLE_AVX512
 #endif
 
-// GCC warns where registers are returned, here and in the file that includes this. But all is inlined into the
-// clone for a processor: no register meets a calling convention.
+// GCC warns where registers are returned, here and in the file that includes this. But all is inlined into
+// the clone for a processor: no register meets a calling convention.
 #pragma GCC diagnostic ignored "-Wpsabi"
 
 namespace dimple::wide {

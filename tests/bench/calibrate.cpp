@@ -1,16 +1,18 @@
-// What the band of a force is made from: how far forces of coarse clouds are from those of clouds many times finer, on
-// scenes drawn at random.
+// What the band of a force is made from: how far forces of coarse clouds are from those of clouds many times
+// finer, on scenes drawn at random.
 //
-//   dimple_calibrate FOLDER --data DIR [--atlases DIR] [--scenes 285] [--from 1] [--finer 32000] [--points] [--again]
+//   dimple_calibrate FOLDER --data DIR [--atlases DIR] [--scenes 285] [--from 1] [--finer 32000] [--points]
+//   [--again]
 //
-// Writes band_scenes.csv, a row for each scene, number of nodes and depth. Scenes 51 to 120 and 166 to 225 prove the
-// band, and from the others its multipliers are taken: no organ is in both. From 256 on they are folded brains of
-// atlases, such as Debian's mricron-data has in /usr/share/mricron/templates. A scene that the file holds is not computed
-// again, so that a study that was stopped goes on. --finer adds a cloud of so many nodes to scenes that hold one of
-// half as many, --points writes band_points.csv: where a random place of each scene's body goes. --bodies writes
-// band_bodies.csv, what each scene's circle sees of its body, and --held-out N adds to band_held_out.csv: N random lumps
-// (tests/helpers/random_bodies.hpp), with the default's pair of clouds and the truth's. Then band.md, .png and .svg: what
-// the band says against what is true; --again makes these alone.
+// Writes band_scenes.csv, a row for each scene, number of nodes and depth. Scenes 51 to 120 and 166 to 225
+// prove the band, and from the others its multipliers are taken: no organ is in both. From 256 on they are
+// folded brains of atlases, such as Debian's mricron-data has in /usr/share/mricron/templates. A scene that
+// the file holds is not computed again, so that a study that was stopped goes on. --finer adds a cloud of so
+// many nodes to scenes that hold one of half as many, --points writes band_points.csv: where a random place
+// of each scene's body goes. --bodies writes band_bodies.csv, what each scene's circle sees of its body, and
+// --held-out N adds to band_held_out.csv: N random lumps (tests/helpers/random_bodies.hpp), with the
+// default's pair of clouds and the truth's. Then band.md, .png and .svg: what the band says against what is
+// true; --again makes these alone.
 
 #include <fmt/format.h>
 
@@ -32,8 +34,8 @@
 #include "io/label_image.hpp"
 #include "preprocess/build_model.hpp"
 #include "preprocess/image/phantom.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "preprocess/supports/support.hpp"
+#include "preprocess/surface/shapes.hpp"
 #include "solver/solve.hpp"
 #include "tests/bench/picture.hpp"
 #include "tests/helpers/band_scenes.hpp"
@@ -45,8 +47,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Scenes with these numbers prove, the others calibrate. The second range was drawn when the multipliers that the first
-// had been proved with were known.
+// Scenes with these numbers prove, the others calibrate. The second range was drawn when the multipliers that
+// the first had been proved with were known.
 constexpr bool proves(int number) {
   return (number >= 51 && number <= 120) || (number >= 166 && number <= 225);
 }
@@ -78,7 +80,8 @@ constexpr std::array<Organ, 3> organs_to_prove = {{{"heart", "heart_ct_1.5mm.nii
                                                    {"human_brain", "human_brain_mri_2mm.nrrd", 0},
                                                    {"right_lung", "lung_ct_aniso.mha", 0}}};
 
-// Of two people and a macaque: other brains than the one that proves. The second is its tracts of white matter alone.
+// Of two people and a macaque: other brains than the one that proves. The second is its tracts of white
+// matter alone.
 constexpr std::array folded = {"brodmann.nii.gz", "natbrainlab.nii.gz", "inia19-NeuroMaps.nii.gz"};
 
 const PhantomOptions phantom = {.spacing_mm = 1.5, .two_labels = true};
@@ -184,8 +187,8 @@ Scene held_out_scene(int number) {
   return scene;
 }
 
-// The tracts of white matter are no body that anybody can touch: as thin as their own nodes, so that 8000 of these are
-// not enough.
+// The tracts of white matter are no body that anybody can touch: as thin as their own nodes, so that 8000 of
+// these are not enough.
 const char* set_of(const Scene& scene) {
   return scene.number >= first_held_out ? "held out"
          : proves(scene.number)         ? "proof"
@@ -215,8 +218,8 @@ Vec3 random_place(const Scene& scene, const BodySurface& body, const Vec3& circl
   return place;
 }
 
-// What the clouds of these sizes give: a row for each depth in `forces`, and in `points`, where those are wanted. Nothing
-// where the first cloud is refused: without it the others are of no use.
+// What the clouds of these sizes give: a row for each depth in `forces`, and in `points`, where those are
+// wanted. Nothing where the first cloud is refused: without it the others are of no use.
 struct Rows {
   std::string forces, points;
 };
@@ -301,8 +304,8 @@ std::string group_of(const BandScene& scene) {
 }
 const std::array groups = {"calibration", "first proof", "second proof", "aside"};
 
-// What the band says against what is true, with each number of nodes. A band holds if all that the truth may be lies in
-// it.
+// What the band says against what is true, with each number of nodes. A band holds if all that the truth may
+// be lies in it.
 std::string table_of_bands(const std::vector<BandScene>& scenes, Plot& stated_against_true,
                            std::string& misses) {
   std::string table =
@@ -312,15 +315,18 @@ std::string table_of_bands(const std::vector<BandScene>& scenes, Plot& stated_ag
   for (const std::string group : groups) {
     PlotSeries points{.name = group, .line = false, .hollow = group == "calibration"};
     for (const bool deep : {false, true})
-      for (Index nodes = fewest_nodes_with_band(0.0); nodes <= band_finest_truth / band_compared; nodes *= 2) {
+      for (Index nodes = fewest_nodes_with_band(0.0); nodes <= band_finest_truth / band_compared;
+           nodes *= 2) {
         std::vector<double> halves, errors;
         int held = 0;
         for (const BandScene& scene : scenes) {
-          if (nodes < fewest_nodes_with_band(scene.facing_share) || nodes > scene.truth / band_compared) continue;
+          if (nodes < fewest_nodes_with_band(scene.facing_share) || nodes > scene.truth / band_compared)
+            continue;
           if (group_of(scene) != group || !scene.forces.contains(nodes) || !scene.forces.contains(nodes / 2))
             continue;
           const auto &fine = scene.forces.at(nodes), &coarse = scene.forces.at(nodes / 2);
-          const std::vector<double> half = half_widths(fine, nodes, coarse, scene.radius, scene.several_tissues);
+          const std::vector<double> half =
+              half_widths(fine, nodes, coarse, scene.radius, scene.several_tissues);
           if (half.empty() || fine.size() != scene.forces.at(scene.truth).size()) continue;
           double widest = 0.0, largest = 0.0;
           bool holds = true;
@@ -409,10 +415,12 @@ std::string table_of_held_out(const std::vector<BandScene>& scenes) {
       table);
 }
 
-// What asking for an accuracy comes to: the program's refinement over the recorded clouds, up to the finest of them.
+// What asking for an accuracy comes to: the program's refinement over the recorded clouds, up to the finest
+// of them.
 std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std::string& misses) {
   std::string table =
-      "| asked for | proof scenes | reached with a quarter of the truth's nodes or fewer | truth in the band | error within what "
+      "| asked for | proof scenes | reached with a quarter of the truth's nodes or fewer | truth in the band "
+      "| error within what "
       "was asked | median nodes | "
       "median cost / its last cloud's | median s |\n|---:|---:|---:|---:|---:|---:|---:|---:|\n";
   std::map<int, double> seconds_for_5, seconds_for_2;  // of scenes
@@ -425,7 +433,8 @@ std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std:
       double seconds = 0.0;
       Index before = 0;
       const double radii = scene.forces.at(scene.truth).back().depth / scene.radius;
-      const Index expected = expected_nodes(goal, scene.facing_share, floor_of_force({radii, scene.several_tissues}));
+      const Index expected =
+          expected_nodes(goal, scene.facing_share, floor_of_force({radii, scene.several_tissues}));
       for (Index nodes = nodes_of_first_level(expected); nodes <= scene.truth / band_compared;) {
         if (!scene.forces.contains(nodes)) {  // it was refused
           nodes *= 2;
@@ -433,14 +442,14 @@ std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std:
         }
         const std::vector<ForceSample>& fine = scene.forces.at(nodes);
         seconds += scene.seconds.at(nodes);
-        const std::vector<double> half = before > 0
-                                             ? half_widths(fine, nodes, scene.forces.at(before), scene.radius,
-                                                           scene.several_tissues)
-                                             : std::vector<double>();
+        const std::vector<double> half = before > 0 ? half_widths(fine, nodes, scene.forces.at(before),
+                                                                  scene.radius, scene.several_tissues)
+                                                    : std::vector<double>();
         const double force = std::abs(fine.back().force);
         if (half.empty() || half.back() > goal * force) {
           before = nodes;
-          nodes = half.empty() ? nodes_of_second_level(nodes, expected) : nodes_of_next_level(nodes, half.back(), goal * force);
+          nodes = half.empty() ? nodes_of_second_level(nodes, expected)
+                               : nodes_of_next_level(nodes, half.back(), goal * force);
           continue;
         }
         ++reached;
@@ -472,8 +481,8 @@ std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std:
   for (const auto& [number, seconds] : seconds_for_2)
     if (seconds_for_5.contains(number)) ratios.push_back(seconds_for_5[number] / seconds);
   if (!ratios.empty())
-    table += fmt::format("\n5 % costs {:.2f} of 2 % (median of the {} scenes that reach both).\n", median(ratios),
-                         ratios.size());
+    table += fmt::format("\n5 % costs {:.2f} of 2 % (median of the {} scenes that reach both).\n",
+                         median(ratios), ratios.size());
   return table;
 }
 
@@ -512,15 +521,16 @@ std::string table_of_points(const std::vector<PointScene>& scenes, double multip
 void report(const fs::path& folder) {
   const std::vector<BandScene> scenes = band_scenes(folder / "band_scenes.csv");
   const BandScores scores = band_scores(scenes);
-  Plot chart{
-      .title = "What the band says against what is true",
-      .subtitle = {fmt::format("points below the line: the force of the finest cloud, {} to {} nodes, lies in the band", band_truth, band_finest_truth)},
-      .x_label = "half the band's width [% of the force]",
-      .y_label = "difference from the finest cloud [%]",
-      .log_x = true,
-      .log_y = true,
-      .x_range = std::array{0.5, 30.0},
-      .y_range = std::array{0.005, 30.0}};
+  Plot chart{.title = "What the band says against what is true",
+             .subtitle = {fmt::format(
+                 "points below the line: the force of the finest cloud, {} to {} nodes, lies in the band",
+                 band_truth, band_finest_truth)},
+             .x_label = "half the band's width [% of the force]",
+             .y_label = "difference from the finest cloud [%]",
+             .log_x = true,
+             .log_y = true,
+             .x_range = std::array{0.5, 30.0},
+             .y_range = std::array{0.005, 30.0}};
   std::string missed_bands, missed_goals;
   std::string unlisted;
   const std::string bands = table_of_bands(scenes, chart, missed_bands),

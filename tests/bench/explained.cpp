@@ -1,10 +1,11 @@
-// How much of what `dimple run --explain` says is true: each of its lines, from short runs, beside the same comparison
-// with several times as many nodes.
+// How much of what `dimple run --explain` says is true: each of its lines, from short runs, beside the same
+// comparison with several times as many nodes.
 //
 //   dimple_explained FOLDER IMAGE... [--nodes 8000] [--depth 4]
 //
-// Writes explained.csv, a row for each line, and explained.md: how many agree in sign and size, within a third of the
-// effect or one per cent of the force. Where the tissue gives way with one of both clouds, they are compared above.
+// Writes explained.csv, a row for each line, and explained.md: how many agree in sign and size, within a
+// third of the effect or one per cent of the force. Where the tissue gives way with one of both clouds, they
+// are compared above.
 
 #include <fmt/format.h>
 
@@ -58,16 +59,17 @@ void compare(const fs::path& folder, const std::vector<std::string>& images, Ind
       const bool agrees =
           compared && std::abs(effect - direct_effect) <= std::max(least, share * std::abs(direct_effect));
       const std::string verdict = compared ? agrees ? "yes" : "no" : "one of them has no force";
-      const std::string instead = !compared || at_mm == depth_mm ? a.instead
-                                  : fmt::format("{} (at {:g} mm: {})", a.instead, at_mm,
-                                                other->deeper.empty() ? a.deeper : other->deeper);
+      const std::string instead = !compared || at_mm == depth_mm
+                                      ? a.instead
+                                      : fmt::format("{} (at {:g} mm: {})", a.instead, at_mm,
+                                                    other->deeper.empty() ? a.deeper : other->deeper);
       const std::string with_many = compared ? fmt::format("{:+.2f}", 100.0 * direct_effect) : std::string();
       ++lines;
       agreeing += agrees;
-      csv += fmt::format("{},\"{}\",\"{}\",{:g},{},{:.3f},{},{},{}\n", name, a.what, a.instead, at_mm, told.nodes,
-                         100.0 * effect, nodes, with_many, verdict);
-      text += fmt::format("| {} | {} | {} | {:+.1f} | {} | {} |\n", name, a.what, instead, 100.0 * effect, with_many,
-                          agrees ? "" : verdict);
+      csv += fmt::format("{},\"{}\",\"{}\",{:g},{},{:.3f},{},{},{}\n", name, a.what, a.instead, at_mm,
+                         told.nodes, 100.0 * effect, nodes, with_many, verdict);
+      text += fmt::format("| {} | {} | {} | {:+.1f} | {} | {} |\n", name, a.what, instead, 100.0 * effect,
+                          with_many, agrees ? "" : verdict);
     }
     sums += fmt::format(
         "- {}: {} of {} lines agree; {:.0f} s with {} nodes, {:.0f} s with {}; noise {:.1f} and {:.1f} %\n",

@@ -1,9 +1,11 @@
-// How often `dimple fit` finds the modulus, and Ogden's exponent, that a curve was made with: by a finer cloud, with noise.
+// How often `dimple fit` finds the modulus, and Ogden's exponent, that a curve was made with: by a finer
+// cloud, with noise.
 //
 //   dimple_fit_draws FOLDER --data DIR [--draws 100]
 //
-// Writes fit.csv, a row for each body, depth and noise, and fit.md. A body takes a run of the finer cloud and one of fit's own
-// with its band for each depth, and a dozen of the default cloud for the exponent: draws cost nothing.
+// Writes fit.csv, a row for each body, depth and noise, and fit.md. A body takes a run of the finer cloud and
+// one of fit's own with its band for each depth, and a dozen of the default cloud for the exponent: draws
+// cost nothing.
 
 #include <fmt/format.h>
 #include <unistd.h>
@@ -66,7 +68,8 @@ double band_of(const Result& result) {
   return share;
 }
 
-// Forces of the default cloud between exponents that were run: by a cubic through the four nearest, in log |alpha|.
+// Forces of the default cloud between exponents that were run: by a cubic through the four nearest, in log
+// |alpha|.
 struct Exponents {
   std::vector<double> at;                   // log |alpha|, rising
   std::vector<std::vector<double>> forces;  // for 1 Pa

@@ -3,10 +3,10 @@
 #include <chrono>
 #include <utility>
 
+#include "solver/solve.hpp"
 #include "tests/bench/bench.hpp"
 #include "tests/bench/reference_force.hpp"
 #include "tests/bench/scene.hpp"
-#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -112,7 +112,8 @@ void dynamic_step(benchmark::State& state, const std::string& scheme, int thread
       seconds = std::chrono::duration<double>(Clock::now() - start).count() / static_cast<double>(h.steps);
       return false;
     };
-    solve(TimeMode::explicit_, system, s.model, loading_of(s.config), solver_options(s.config), observer, history);
+    solve(TimeMode::explicit_, system, s.model, loading_of(s.config), solver_options(s.config), observer,
+          history);
     state.SetIterationTime(seconds);
   }
 }

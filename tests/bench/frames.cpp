@@ -2,8 +2,8 @@
 //
 //   dimple_frames FOLDER [--bodies 100] [--nodes 1000] [--radii 1.6]
 //
-// Writes frames.csv, a row for each random body (tests/helpers/random_bodies.hpp) and number of frames, and says which
-// forces differ by more than 0.1 % and which marches ended before, why.
+// Writes frames.csv, a row for each random body (tests/helpers/random_bodies.hpp) and number of frames, and
+// says which forces differ by more than 0.1 % and which marches ended before, why.
 
 #include <fmt/format.h>
 
@@ -16,8 +16,8 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "preprocess/build_model.hpp"
-#include "tests/helpers/random_bodies.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/random_bodies.hpp"
 
 namespace dimple {
 namespace {

@@ -2,9 +2,10 @@
 //
 //   dimple_live FOLDER IMAGE...      [--seconds 60] [--jerks 1000] [--again]
 //
-// For each image, into FOLDER/live.csv: three ways to follow (and the iteration alone) by the error of the force over the
-// evaluations of a frame; a scripted minute with 2000 nodes at 25 frames a second and with 1000 at 60; random jerks; how
-// long a touch at a new place takes; a minute of 200 questions a second through the socket. Then live.png and .svg;
+// For each image, into FOLDER/live.csv: three ways to follow (and the iteration alone) by the error of the
+// force over the evaluations of a frame; a scripted minute with 2000 nodes at 25 frames a second and with
+// 1000 at 60; random jerks; how long a touch at a new place takes; a minute of 200 questions a second through
+// the socket. Then live.png and .svg;
 // --again draws these alone. Nothing else should run on the machine.
 
 #include "apps/run/live.hpp"
@@ -35,9 +36,9 @@
 #include "solver/equilibrium/mixed_iteration.hpp"
 #include "solver/march/quasi_static.hpp"
 #include "solver/session.hpp"
+#include "solver/solve.hpp"
 #include "tests/bench/picture.hpp"
 #include "tests/helpers/band_scenes.hpp"
-#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -185,15 +186,19 @@ struct Row {
   Measured m;
 };
 constexpr const char* header =
-    "image,study,way,nodes,frames_per_s,evaluations_at_most,still_95_percent,still_largest_percent,moving_95_percent,"
-    "moving_largest_percent,held_percent,stated_percent,evaluations,frame_ms,frame_99_ms,processor_ms,late_percent,"
+    "image,study,way,nodes,frames_per_s,evaluations_at_most,still_95_percent,still_largest_percent,moving_95_"
+    "percent,"
+    "moving_largest_percent,held_percent,stated_percent,evaluations,frame_ms,frame_99_ms,processor_ms,late_"
+    "percent,"
     "largest_lag_mm\n";
 std::string line_of(const Row& row) {
   const Measured& m = row.m;
-  return fmt::format("{},{},{},{},{:g},{},{:.3g},{:.3g},{:.3g},{:.3g},{:.4g},{:.3g},{:.3g},{:.3g},{:.3g},{:.3g},{:.3g},{:.3g}\n",
-                     row.image, row.study, row.way, row.nodes, row.rate, row.evaluations, 100 * m.still_95, 100 * m.still,
-                     100 * m.moving_95, 100 * m.moving, 100 * m.held, 100 * m.stated, m.evaluations, m.wall_ms,
-                     m.slowest_ms, m.processor_ms, 100 * m.late, m.lag);
+  return fmt::format(
+      "{},{},{},{},{:g},{},{:.3g},{:.3g},{:.3g},{:.3g},{:.4g},{:.3g},{:.3g},{:.3g},{:.3g},{:.3g},{:.3g},{:."
+      "3g}\n",
+      row.image, row.study, row.way, row.nodes, row.rate, row.evaluations, 100 * m.still_95, 100 * m.still,
+      100 * m.moving_95, 100 * m.moving, 100 * m.held, 100 * m.stated, m.evaluations, m.wall_ms, m.slowest_ms,
+      m.processor_ms, 100 * m.late, m.lag);
 }
 
 void tell(const std::string& what, const Measured& m) {
@@ -205,7 +210,8 @@ void tell(const std::string& what, const Measured& m) {
   std::fflush(stdout);
 }
 
-// ------------------------------------------------------------------------------------------------------- ways
+// -------------------------------------------------------------------------------------------------------
+// ways
 
 struct Body {
   explicit Body(const Model& m)
@@ -383,7 +389,8 @@ void minute(const fs::path& image, Index nodes, double rate, double seconds, std
   const Script script = stops_and_ways(seconds, rate, deepest, 0.01, 1);
   Session session(model, {brain});
   const FrameLimit how{.seconds = 1.0 / rate};
-  const Measured m = measure(script, converged, [&](double d) { return session.follow(d, how); }, 1.0 / rate);
+  const Measured m = measure(
+      script, converged, [&](double d) { return session.follow(d, how); }, 1.0 / rate);
   tell(fmt::format("{} nodes, {:.0f} fps", model.node_count(), rate), m);
   rows.push_back({image.stem().string(), "minute", "known states", model.node_count(), rate, 0, m});
 }
@@ -428,10 +435,11 @@ std::string jerks(const fs::path& image, Index nodes, double rate, std::int64_t 
     }
   }
   return fmt::format(
-      "{} nodes, {} jerks to {:.1f} mm ({:.1f} mm thick), {} frames: there {}, lags {}, stopped {}, bad {}, frozen {}; "
+      "{} nodes, {} jerks to {:.1f} mm ({:.1f} mm thick), {} frames: there {}, lags {}, stopped {}, bad {}, "
+      "frozen {}; "
       "deepest {:.2f} mm; slowest {:.1f} ms\n",
-      model.node_count(), count, 1e3 * deepest, 1e3 * height, frames, there, lags, stopped, bad, frozen, 1e3 * farthest,
-      1e3 * slowest);
+      model.node_count(), count, 1e3 * deepest, 1e3 * height, frames, there, lags, stopped, bad, frozen,
+      1e3 * farthest, 1e3 * slowest);
 }
 
 Config config_of(const fs::path& image) {
@@ -479,8 +487,8 @@ std::string moves(const fs::path& image, Index nodes, int count) {
       "{} nodes: first frame at a new place after {:.3f} s at least, {:.3f} in the middle, {:.3f} at most "
       "(coarse cloud "
       "{:.3f} at least, {:.3f} in the middle); {} places, {} refused\n",
-      nodes, quantile(whole, 0.0), quantile(whole, 0.5), quantile(whole, 1.0),
-      quantile(made, 0.0), quantile(made, 0.5), whole.size(), refused);
+      nodes, quantile(whole, 0.0), quantile(whole, 0.5), quantile(whole, 1.0), quantile(made, 0.0),
+      quantile(made, 0.5), whole.size(), refused);
 }
 
 // A program that asks 200 times a second, as a device does.
@@ -550,23 +558,27 @@ std::string socket(const fs::path& image, Index nodes, double rate, double secon
 namespace dimple {
 namespace {
 
-// Published, and not measured here: tetrahedra 10 x 40 x 10 on a processor; no error of a force is stated there.
+// Published, and not measured here: tetrahedra 10 x 40 x 10 on a processor; no error of a force is stated
+// there.
 constexpr double sofa_frames = 23.0;
 
 void draw(const fs::path& folder) {
-  Plot chart{.title = "Force of a live organ: error in motion of 10 mm/s against the time of a frame",
-              .subtitle = {"2000 nodes, two threads; each point a limit of 2 to 24 evaluations of the force a frame;",
-                           "left out where above 100 %, or never in touch. SOFA's rate is published, without an error of the force"},
-              .x_label = "time within which 99 % of the frames are done [ms]",
-              .y_label = "error of the force in 95 % of the moving frames [%]",
-              .log_x = true,
-              .log_y = true,
-              .y_range = std::array{1e-4, 100.0}};
+  Plot chart{
+      .title = "Force of a live organ: error in motion of 10 mm/s against the time of a frame",
+      .subtitle = {"2000 nodes, two threads; each point a limit of 2 to 24 evaluations of the force a frame;",
+                   "left out where above 100 %, or never in touch. SOFA's rate is published, without an "
+                   "error of the force"},
+      .x_label = "time within which 99 % of the frames are done [ms]",
+      .y_label = "error of the force in 95 % of the moving frames [%]",
+      .log_x = true,
+      .log_y = true,
+      .y_range = std::array{1e-4, 100.0}};
   std::map<std::string, PlotSeries> series;
   for (const std::vector<std::string>& row : rows_of(folder / "live.csv")) {
     if (row[1] != "ways") continue;
     const double error = std::stod(row[8]);
-    if (error > 100.0 || !std::isfinite(std::stod(row[10]))) continue;  // without a frame in touch there is no error
+    if (error > 100.0 || !std::isfinite(std::stod(row[10])))
+      continue;  // without a frame in touch there is no error
     PlotSeries& one = series[row[2] + ", " + row[0]];
     one.x.push_back(std::stod(row[14]));
     one.y.push_back(std::max(error, 1e-4));
@@ -575,7 +587,8 @@ void draw(const fs::path& folder) {
     one.name = name;
     chart.series.push_back(std::move(one));
   }
-  chart.lines.push_back({.vertical = true, .at = 1e3 / sofa_frames, .text = "SOFA, 23 frames a second (published)"});
+  chart.lines.push_back(
+      {.vertical = true, .at = 1e3 / sofa_frames, .text = "SOFA, 23 frames a second (published)"});
   write_plots(folder, "live", {chart});
 }
 

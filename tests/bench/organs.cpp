@@ -1,13 +1,16 @@
-// How far the force is from its limit, body by body: real organs, odd bodies and slits, and not only the block.
+// How far the force is from its limit, body by body: real organs, odd bodies and slits, and not only the
+// block.
 //
-//   dimple_organs FOLDER [--data DIR] [--bodies A,B] [--nodes 1000,2000] [--seeds N] [--depth MM] [--frames N]
+//   dimple_organs FOLDER [--data DIR] [--bodies A,B] [--nodes 1000,2000] [--seeds N] [--depth MM] [--frames
+//   N]
 //                 [--vary CONSTANT=FACTOR] [--sensitivity] [--again]
 //
-// Writes organs_forces.csv: a row for each body, number of nodes, seed and depth; and organs.md, .png and .svg: how far
-// the means over the seeds are from the finite elements of tests/verification/reference at 2 and 4 mm. Bodies whose
-// images are not there are left out, in words. --sensitivity halves and doubles each constant of the scheme instead, and
-// writes sensitivity.csv and .md. organs_orders.csv, .png and .svg: how much the force changes from each size to the next,
-// and the order, where three sizes stand in the same ratio. --again draws what organs_forces.csv holds.
+// Writes organs_forces.csv: a row for each body, number of nodes, seed and depth; and organs.md, .png and
+// .svg: how far the means over the seeds are from the finite elements of tests/verification/reference at 2
+// and 4 mm. Bodies whose images are not there are left out, in words. --sensitivity halves and doubles each
+// constant of the scheme instead, and writes sensitivity.csv and .md. organs_orders.csv, .png and .svg: how
+// much the force changes from each size to the next, and the order, where three sizes stand in the same
+// ratio. --again draws what organs_forces.csv holds.
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -43,8 +46,8 @@ struct Body {
   double depth_mm = 4.0;
   std::string image = {};  // below --data
   bool two_tissues = false;
-  // Its rows in a table of tests/verification/reference: their first fields; depth, force and, if it is there, the
-  // uncertainty follow.
+  // Its rows in a table of tests/verification/reference: their first fields; depth, force and, if it is
+  // there, the uncertainty follow.
   std::string reference = {}, rows = {};
   double known_to_percent = 0.0;
 };
@@ -223,7 +226,8 @@ struct Known {
   double force, percent;
 };
 
-// Depth in mm -> what the finite elements give. Fields of text stand in these tables, so read_csv() does not serve.
+// Depth in mm -> what the finite elements give. Fields of text stand in these tables, so read_csv() does not
+// serve.
 std::map<double, Known> reference_of(const Body& body) {
   std::map<double, Known> result;
   if (body.reference.empty()) return result;
@@ -303,8 +307,8 @@ void compare(const std::vector<std::pair<Body, Forces>>& measured, const Options
   write_plots(wanted.folder, "organs", panels, 2);
 }
 
-// Orders of convergence in the spacing, h ~ nodes^(-1/3), from each three sizes that stand in the same ratio: of the
-// differences between neighbours. Positive: the second is smaller than the first.
+// Orders of convergence in the spacing, h ~ nodes^(-1/3), from each three sizes that stand in the same ratio:
+// of the differences between neighbours. Positive: the second is smaller than the first.
 void write_orders(const std::vector<std::pair<Body, Forces>>& measured, const Options& wanted) {
   std::string csv =
       "body,indentation_mm,nodes_1,nodes_2,nodes_3,change_12_percent,change_23_percent,scatter_percent,"

@@ -27,10 +27,10 @@
 #include "io/file.hpp"
 #include "preprocess/clones.hpp"
 #include "preprocess/image/phantom.hpp"
+#include "solver/solve.hpp"
 #include "tests/bench/picture.hpp"
 #include "tests/bench/scene.hpp"
 #include "tests/helpers/system.hpp"
-#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -58,7 +58,8 @@ void curve(const fs::path& folder) {
     config.scheme.name = scheme;
     config.cloud.nodes = 4250;
     const Result m = simulate({.config = config});
-    PlotSeries series{.name = fmt::format("Dimple, {}, {} points", scheme, m.model.point_count()), .markers = false};
+    PlotSeries series{.name = fmt::format("Dimple, {}, {} points", scheme, m.model.point_count()),
+                      .markers = false};
     double next = 0.0;
     for (const ForceSample& sample : m.history.force) {
       if (1e3 * sample.depth < next - 1e-9 && &sample != &m.history.force.back()) continue;
@@ -68,7 +69,8 @@ void curve(const fs::path& folder) {
       csv += fmt::format("{},{:.6g},{:.6g}\n", scheme, 1e3 * sample.depth, sample.force);
     }
     chart.series.push_back(series);
-    fmt::print("{}: {:.4f} N at {:.3g} mm, {} points\n", scheme, series.y.back(), series.x.back(), m.model.point_count());
+    fmt::print("{}: {:.4f} N at {:.3g} mm, {} points\n", scheme, series.y.back(), series.x.back(),
+               m.model.point_count());
   }
   for (const auto& [name, words, force] :
        {std::tuple{"paper_experiment_left", "the paper's experiment, left hemisphere", paper_left_N},
@@ -250,8 +252,7 @@ double force(const Model& model, const Material& material) {
   ForceState forces(system);
   History history;
   solve(TimeMode::quasi_static, system, model, {.depth = 1e-3 * force_depth_mm},
-                         {.frames = 1, .tolerance = 1e-3, .evaluations = 30000, .guards = false}, {},
-                         history);
+        {.frames = 1, .tolerance = 1e-3, .evaluations = 30000, .guards = false}, {}, history);
   return history.force.back().force;
 }
 
@@ -270,9 +271,9 @@ void tetrahedra(const fs::path& folder) {
     const auto add = [&](const std::string& method, const Model& model, ForceState& forces, double newtons,
                          const std::function<void()>& call) {
       const double seconds = cost(call);
-      const StableStep step =
-          testing_bodies::stable_step(forces.system(), model, model.mass, make_constraints(model, Contact::bonded),
-                           Nodal::Zero(4, model.node_count()));
+      const StableStep step = testing_bodies::stable_step(forces.system(), model, model.mass,
+                                                          make_constraints(model, Contact::bonded),
+                                                          Nodal::Zero(4, model.node_count()));
       const double whole = 8.0 / (0.9 * step.dt) * seconds;
       fmt::print(
           "  {:<32} {:>6} cells {:>7} pairs {:>7.1f} us, step {:>6.2f} us, 8 s: {:>6.2f} s, {:.6f} N\n",

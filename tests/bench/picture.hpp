@@ -36,7 +36,8 @@ struct Plot {
   std::vector<PlotLine> lines = {};
 };
 
-/// FOLDER/NAME.png and .svg by draw.py beside this, with matplotlib; where that is not installed, a line says so.
+/// FOLDER/NAME.png and .svg by draw.py beside this, with matplotlib; where that is not installed, a line says
+/// so.
 void write_plots(const std::filesystem::path& folder, const std::string& name,
                  const std::vector<Plot>& panels, int columns = 1);
 

@@ -11,8 +11,8 @@ namespace dimple {
 
 /// The converging scheme's internal force written down plainly, as one would first: one contiguous array for
 /// each number, lists in compressed rows, one thread, loop after loop. What the product's kernel is measured
-/// against, and an independent check of it. The energy is that of solver/terms/projected_kernel.hpp; one elastic
-/// neo-Hookean tissue.
+/// against, and an independent check of it. The energy is that of solver/terms/projected_kernel.hpp; one
+/// elastic neo-Hookean tissue.
 ///
 ///     ReferenceForce<double> reference(model, material);
 ///     set_displacement(reference, u);

@@ -65,7 +65,8 @@ class Batch : public testing::Test {
 };
 
 TEST_F(Batch, GivesEachCaseTheBitsOfARunOfItsOwn) {
-  // Semicolons, CRLF, a byte order mark, a path from the table's folder, a list in quotes, a name that is not English.
+  // Semicolons, CRLF, a byte order mark, a path from the table's folder, a list in quotes, a name that is not
+  // English.
   write("tables/cases.csv",
         "\xEF\xBB\xBFid;image;mu_Pa;indent-at;output.write;image.label\r\n"
         "a;../block.nrrd;300;;\"force,nodes\";\r\n"

@@ -103,9 +103,9 @@ TEST_F(Files, APlaceThatCannotBeWrittenToIsRefusedBeforeTheInputIsRead) {
   fs::create_symlink("nowhere", folder / "dangling");
   const Words before = files_in(folder);
   for (const std::string place : {"/proc/nope", "a_file", "a_file/out", "dangling", "dangling/out"})
-    for (const std::string command :
-         {"run broken.nrrd -o ", "model broken.nrrd -o ", "solve broken -o ",
-          "fit broken.nrrd --curve curve.csv -o ", "batch cases.csv -o ", "man -o ", "poke broken.nrrd --script path.csv --record "}) {
+    for (const std::string command : {"run broken.nrrd -o ", "model broken.nrrd -o ", "solve broken -o ",
+                                      "fit broken.nrrd --curve curve.csv -o ", "batch cases.csv -o ",
+                                      "man -o ", "poke broken.nrrd --script path.csv --record "}) {
       const Ran ran = run(command + place);
       EXPECT_EQ(ran.code, 6) << command << place << '\n' << ran.err;
       EXPECT_THAT(ran.err, HasSubstr(place)) << command;

@@ -136,7 +136,8 @@ TEST_F(GuardedRun, SaysThatPointsAtTheRimAreInsideOutAndGoesOn) {
   EXPECT_THAT(ran.err, HasSubstr("are inverted"));
 }
 
-// As deep as this a rim of the default's fineness inverts more points, and takes more evaluations, than it is worth.
+// As deep as this a rim of the default's fineness inverts more points, and takes more evaluations, than it is
+// worth.
 TEST_F(GuardedRun, PressesABlockToSixtyPercentOfItsHeightAtAnyPoissonRatio) {
   double before = 0.0;
   for (const std::string nu : {"0.3", "0.499", "0.4999"}) {
@@ -159,9 +160,10 @@ TEST_F(GuardedRun, PressesABlockToSixtyPercentOfItsHeightAtAnyPoissonRatio) {
   }
 }
 
-// Each warning by a command that deserves it; apps/README.md lists the codes. `inverted`, `circle-nodes`, `time-step`,
-// `no-equilibrium` and a `hourglass` that ends the run have tests of their own above. `non-finite` and `energy` stand
-// behind the others, and no command is known that gets past those: tests/unit/guards_test.cpp fires them.
+// Each warning by a command that deserves it; apps/README.md lists the codes. `inverted`, `circle-nodes`,
+// `time-step`, `no-equilibrium` and a `hourglass` that ends the run have tests of their own above.
+// `non-finite` and `energy` stand behind the others, and no command is known that gets past those:
+// tests/unit/guards_test.cpp fires them.
 TEST_F(GuardedRun, WarnsOfWhateverMakesItsForceLessExact) {
   const std::map<std::string, std::string> firing = {
       {"supports", "--nodes 400 --support 1.2 --depth 1mm --frames 2"},

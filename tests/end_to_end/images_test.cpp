@@ -131,8 +131,8 @@ class Images : public testing::Test {
     return ran;
   }
 
-  /// A dome 50 mm wide and 26 mm high, whose flat side lies below, on an image with these axes; and beside it an MRI
-  /// on the same grid with a bright spot in the dome's axis, 6 mm below its top.
+  /// A dome 50 mm wide and 26 mm high, whose flat side lies below, on an image with these axes; and beside it
+  /// an MRI on the same grid with a bright spot in the dome's axis, 6 mm below its top.
   void make_dome(const Orientation& how) const {
     const Vec3 spacing(1.5, 1.5, 1.5 * how.layers);
     const std::array<Index, 3> size{44, 44, 44 / how.layers};
@@ -209,7 +209,8 @@ TEST_F(Images, ALandmarkMovesAsTheToolPushesHoweverTheImageIsStored) {
     EXPECT_LT(moved.dot(push), 6.0);
     EXPECT_LT((moved - moved.dot(push) * push).norm(), 0.7) << moved.transpose();
 
-    // The displacement where it was says the same; the transform maps the place where it is now back to where it was.
+    // The displacement where it was says the same; the transform maps the place where it is now back to where
+    // it was.
     const auto forth = read<Vectors>(images / ("displacement_mm" + suffix)),
                back = read<Vectors>(images / ("transform" + suffix));
     expect_same_grid(forth.GetPointer(), mri.GetPointer());
@@ -371,7 +372,9 @@ TEST_F(Images, AreGivenUpWithinTwoSecondsAndMadeByAResumedRun) {
     EXPECT_LT(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), 2.0);
     EXPECT_TRUE(ran.code == 130 || ran.code == 0) << ran.code << ran.err;
     for (const auto& entry : fs::recursive_directory_iterator(folder / "out"))
-      EXPECT_TRUE(entry.path().filename() == ".dimple_files" || entry.path().filename().string().front() != '.') << entry;
+      EXPECT_TRUE(entry.path().filename() == ".dimple_files" ||
+                  entry.path().filename().string().front() != '.')
+          << entry;
     if (ran.code != 130) continue;
     ++interrupted;
     EXPECT_EQ(summary().at("status"), "interrupted");

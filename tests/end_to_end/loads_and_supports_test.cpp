@@ -27,7 +27,8 @@ Vec3 three(const Json& list) {
   return Vec3(list.at(0), list.at(1), list.at(2));
 }
 
-// A block of 60 x 60 x 30 mm that stands on its inferior face, with the tool in the middle of the superior one.
+// A block of 60 x 60 x 30 mm that stands on its inferior face, with the tool in the middle of the superior
+// one.
 class Block : public testing::Test {
  protected:
   const fs::path folder = fresh_folder();

@@ -1,5 +1,6 @@
-// A number that stands in two places is the same number: on the terminal, in summary.json, in force.csv, on the page, in
-// explain.md. The picture's strings are made by the same functions (io/digits.hpp), which picture_test tries.
+// A number that stands in two places is the same number: on the terminal, in summary.json, in force.csv, on
+// the page, in explain.md. The picture's strings are made by the same functions (io/digits.hpp), which
+// picture_test tries.
 
 #include <gtest/gtest.h>
 
@@ -32,8 +33,8 @@ std::string headline(const Json& summary) {
   const Written as = force_written(force);
   std::string text = as(force) + " at " + length_in_words(summary.at("indentation_mm"));
   if (summary.at("band").contains("low_N"))
-    text += ", " + as.number(summary.at("band").at("low_N")) + " to " + as.number(summary.at("band").at("high_N")) +
-            " (discretisation)";
+    text += ", " + as.number(summary.at("band").at("low_N")) + " to " +
+            as.number(summary.at("band").at("high_N")) + " (discretisation)";
   else
     text += ", band unknown: " + summary.at("band").at("unknown").get<std::string>();
   return text;
@@ -73,7 +74,8 @@ class OneTruth : public testing::Test {
                 100.0 * band.at("half_N").get<double>() / summary.at("force_N").get<double>(), 1e-9);
   }
 
-  // Each number that the page takes from the program's words is the summary's, in the terminal's unit and digits.
+  // Each number that the page takes from the program's words is the summary's, in the terminal's unit and
+  // digits.
   void expect_the_page_to_say_what_the_summary_holds() const {
     EXPECT_EQ(held(page, "dimple-summary"), summary);
     const Json words = held(page, "dimple-words");
@@ -118,12 +120,14 @@ class OneTruth : public testing::Test {
                      " apart at the tool, " + length_in_words(model.at("largest_spacing_mm")) +
                      " far from it; " + count("integration_points") + " integration points");
     expect_on_stderr("organ    " + volume_in_words(model.at("organ_volume_mm3")) + "\n");
-    expect_on_stderr("base     " + count("base_nodes") + " nodes: " + model.at("base_reason").get<std::string>());
+    expect_on_stderr("base     " + count("base_nodes") +
+                     " nodes: " + model.at("base_reason").get<std::string>());
     expect_on_stderr("circle   " + count("circle_nodes") + " nodes, ");
     expect_on_stderr(model.at("circle_reason").get<std::string>());
   }
 
-  // The parts are the whole, and the terminal's parts are the summary's but for the program's own start and end.
+  // The parts are the whole, and the terminal's parts are the summary's but for the program's own start and
+  // end.
   void expect_times_to_be_of_one_clock() const {
     const Json& parts = summary.at("parts_wall_s");
     const double total = summary.at("total_wall_s");
@@ -176,14 +180,19 @@ TEST_F(OneTruth, OfTwoTissuesWithoutABand) {
 
 TEST_F(OneTruth, OfAnExplanationTooAndOfHowItEnded) {
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
-  run("block.nrrd -o out --nodes 500 --depth 2mm --frames 2 --band off --write report --explain --time-limit 8s", 130);
+  run("block.nrrd -o out --nodes 500 --depth 2mm --frames 2 --band off --write report --explain --time-limit "
+      "8s",
+      130);
   EXPECT_EQ(summary.at("exit_code"), 130);
   EXPECT_EQ(summary.at("status"), "interrupted");
   EXPECT_EQ(summary.at("failure").at("code"), "out-of-time");
   EXPECT_EQ(held(page, "dimple-summary"), summary);
-  if (!fs::exists(folder / "out/explain.md")) GTEST_SKIP() << "too slow a machine: no comparison came to its end";
+  if (!fs::exists(folder / "out/explain.md"))
+    GTEST_SKIP() << "too slow a machine: no comparison came to its end";
   const std::string told = text_of(folder / "out/explain.md");
-  EXPECT_NE(told.find("The run: " + force_in_words(summary.at("force_N")) + " at 2.00 mm with 500 nodes."), std::string::npos) << told;
+  EXPECT_NE(told.find("The run: " + force_in_words(summary.at("force_N")) + " at 2.00 mm with 500 nodes."),
+            std::string::npos)
+      << told;
   EXPECT_NE(told.find(" with 1500 nodes, so that "), std::string::npos) << told;
   expect_times_to_be_of_one_clock();
   EXPECT_GT(summary.at("parts_wall_s").at("comparing"), 1.0);

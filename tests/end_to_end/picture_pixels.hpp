@@ -33,7 +33,8 @@ double share_of_pixels(const std::filesystem::path& png, const Is& is, const Par
   return static_cast<double>(count) / static_cast<double>(all);
 }
 
-/// Lines of grey letters, one above the other and apart, down to the first row with colours; white is around them.
+/// Lines of grey letters, one above the other and apart, down to the first row with colours; white is around
+/// them.
 inline int lines_above_colours(const std::filesystem::path& png) {
   vtkNew<vtkPNGReader> reader;
   reader->SetFileName(png.c_str());

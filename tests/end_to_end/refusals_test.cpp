@@ -250,7 +250,8 @@ TEST_F(Refusal, OfWordsItDoesNotKnow) {
          {"no option 'material.mew'", "did you mean 'material.mu", "dimple options"});
   expect(2, "run brain.nrrd -o out --set material.mu", {"'material.mu' is not key=value"});
   expect(2, "run brain.nrrd", {"--out"});
-  for (const std::string flag : {"--depth 3", "--rate 3", "--time dynamic", "--damping 3", "--frames 3", "--safety 0.5"})
+  for (const std::string flag :
+       {"--depth 3", "--rate 3", "--time dynamic", "--damping 3", "--frames 3", "--safety 0.5"})
     expect(2, "poke brain.nrrd " + flag, {flag.substr(0, flag.find(' '))});  // of a load, and there is none
 }
 
@@ -319,11 +320,12 @@ TEST_F(Refusal, OfAnIndenterThatHangsOverTheEdge) {
 // The image says nothing of a surface finer than its voxels, whoever asks.
 TEST_F(Refusal, OfACircleThatIsSmallerThanAVoxel) {
   write("path.csv", "time_s,depth_mm\n0,0\n0.1,1\n");
-  const std::vector<std::string> words = {"2 mm diameter is smaller than a voxel of 3 mm", "--indenter-diameter",
-                                          "give at least 9 mm", "circle-too-small"};
+  const std::vector<std::string> words = {"2 mm diameter is smaller than a voxel of 3 mm",
+                                          "--indenter-diameter", "give at least 9 mm", "circle-too-small"};
   for (const std::string command :
        {"run brain.nrrd -o out", "model brain.nrrd -o out", "run brain.nrrd -o out --accuracy 5% --depth 1mm",
-        "export brain.nrrd -o mesh.inp", "poke brain.nrrd --script path.csv", "fit brain.nrrd -o out --curve curve.csv"}) {
+        "export brain.nrrd -o mesh.inp", "poke brain.nrrd --script path.csv",
+        "fit brain.nrrd -o out --curve curve.csv"}) {
     write("curve.csv", "indentation_mm,force_N\n1,0.01\n2,0.02\n");
     expect(4, command + " --indenter-diameter 2", words);
   }
@@ -348,13 +350,14 @@ TEST_F(Refusal, OfABodyThatIsNoneOrTooThin) {
     for (std::size_t k = 5; k < 5 + layers; ++k)
       for (std::size_t j = 5; j < 5 + width; ++j)
         for (std::size_t i = 5; i < 5 + width; ++i) voxels[i + 60 * (j + 60 * k)] = '\1';
-    write(name, nrrd("60 60 12", "space directions: (1,0,0) (0,1,0) (0,0,1)\n", "space: left-posterior-superior\n",
-                     "space origin: (0,0,0)\n", 3, voxels));
+    write(name, nrrd("60 60 12", "space directions: (1,0,0) (0,1,0) (0,0,1)\n",
+                     "space: left-posterior-superior\n", "space origin: (0,0,0)\n", 3, voxels));
   };
   plate("sheet.nrrd", 1, 50);
   plate("plate.nrrd", 2, 50);
   plate("speck.nrrd", 3, 3);
-  expect(4, "run sheet.nrrd -o out --nodes 400", {"smoothing its surface would lose", "three voxels thick", "too-thin"});
+  expect(4, "run sheet.nrrd -o out --nodes 400",
+         {"smoothing its surface would lose", "three voxels thick", "too-thin"});
   expect(4, "run plate.nrrd -o out --nodes 400", {"node spacings thick under the circle", "code:  thin"});
   expect(4, "run speck.nrrd -o out --nodes 400", {"27 voxels", "at least 64"});
 }

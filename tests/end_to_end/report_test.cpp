@@ -1,5 +1,5 @@
-// report.html as a browser shows it: its numbers are the summary's, it asks nobody for anything, and where nothing can
-// be turned or the page is printed, pictures and numbers are still there.
+// report.html as a browser shows it: its numbers are the summary's, it asks nobody for anything, and where
+// nothing can be turned or the page is printed, pictures and numbers are still there.
 
 #include <gtest/gtest.h>
 

@@ -169,7 +169,8 @@ TEST_F(Run, HasNoBandDeeperThanItWasMeasured) {
 
 // What the tool gives the base takes: in equilibrium to the residual, otherwise but for what sways.
 TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
-  const std::string scene = "run brain.nrrd --nodes 400 --depth 1mm --frames 2 --write force,nodes,surface -q";
+  const std::string scene =
+      "run brain.nrrd --nodes 400 --depth 1mm --frames 2 --write force,nodes,surface -q";
   const std::map<std::string, double> ways = {{"--time quasi-static", 2e-3},
                                               {"--time dynamic --rate 2mm/s --damping 40", 0.05},
                                               {"--time explicit --rate 4mm/s --damping 60", 0.05}};
@@ -197,7 +198,8 @@ TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
     EXPECT_NEAR(on_tool, force, 1e-4 * force);
     // The tool is drawn where it is, and the body weighs what its volume does.
     const std::vector<fs::path> tools = frames_of(folder / "out" / "tool.pvd");
-    const Vec3 way = (read_vtp(tools.back()).position_mm - read_vtp(tools.front()).position_mm).rowwise().mean();
+    const Vec3 way =
+        (read_vtp(tools.back()).position_mm - read_vtp(tools.front()).position_mm).rowwise().mean();
     EXPECT_LT((way - Vec3(push[0], push[1], push[2])).norm(), 1e-3) << way.transpose();
     EXPECT_NEAR(json.at("mass_g").get<double>(), 1e-3 * json.at("volume_mm3").get<double>(), 1e-3);
     EXPECT_NEAR(on_base, json.at("base_force_N").get<double>(), 1e-4 * force);
@@ -607,9 +609,8 @@ TEST_F(Run, SaysWhatWasAskedOfItAndEveryWarning) {
   EXPECT_NE(ran.err.find("labels   all: 1 (left_hemisphere), 2 (right_hemisphere)"), std::string::npos)
       << ran.err;
   EXPECT_NE(ran.err.find("2 labels form one body of one material"), std::string::npos) << ran.err;
-  EXPECT_TRUE(
-      std::regex_search(ran.err, std::regex("time     [0-9.]+ s: .*[0-9.]+ surface, [0-9.]+ cloud, "
-                                            "[0-9.]+ supports, [0-9.]+ solving, [0-9.]+ writing")))
+  EXPECT_TRUE(std::regex_search(ran.err, std::regex("time     [0-9.]+ s: .*[0-9.]+ surface, [0-9.]+ cloud, "
+                                                    "[0-9.]+ supports, [0-9.]+ solving, [0-9.]+ writing")))
       << ran.err;
   EXPECT_EQ(ran.err.find("swine brain"), std::string::npos) << ran.err;
 

@@ -43,8 +43,8 @@ class Stop : public testing::Test {
 
   Json summary(const std::string& out) const { return Json::parse(text_of(folder / out / "summary.json")); }
 
-  /// Sends the signal after that time, counted from its start or from when it has said `word` that often. Every
-  /// command ends soon, as if nothing had been, or with code 130.
+  /// Sends the signal after that time, counted from its start or from when it has said `word` that often.
+  /// Every command ends soon, as if nothing had been, or with code 130.
   Ran expect_end(const std::string& line, milliseconds after, int signal, const std::string& word = "",
                  int often = 0) const {
     SCOPED_TRACE("dimple " + line + ", signal " + std::to_string(signal) + " after " +

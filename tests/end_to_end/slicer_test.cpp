@@ -11,7 +11,8 @@
 
 #include "tests/end_to_end/program.hpp"
 
-// As 3D Slicer runs a module: it reads what --xml prints, makes a panel of it, and calls the program with all values.
+// As 3D Slicer runs a module: it reads what --xml prints, makes a panel of it, and calls the program with all
+// values.
 
 namespace dimple {
 namespace {
@@ -64,8 +65,9 @@ class Slicer : public testing::Test {
   }
 };
 
-// The elements of the Slicer Execution Model, as its documentation and ModuleDescription.xsd name them. That schema itself
-// describes less than 3D Slicer reads (no channel of a directory, no hidden point), so it is not what is compared with.
+// The elements of the Slicer Execution Model, as its documentation and ModuleDescription.xsd name them. That
+// schema itself describes less than 3D Slicer reads (no channel of a directory, no hidden point), so it is
+// not what is compared with.
 TEST_F(Slicer, TheDescriptionHasTheElementsOfTheExecutionModel) {
   ASSERT_TRUE(root) << xml;
   ASSERT_EQ(std::string(root->GetName()), "executable");

@@ -221,8 +221,8 @@ Vec3 centroid_of_labels(const Stored& image) {
   return sum / count;
 }
 
-// How much of an image is empty says nothing about the organ. With what a run does of itself, whose forces stop
-// at a tolerance: where these are the same, so is all that is before them.
+// How much of an image is empty says nothing about the organ. With what a run does of itself, whose forces
+// stop at a tolerance: where these are the same, so is all that is before them.
 TEST(Storage, WithAnyNumberOfEmptyPlanesAroundTheOrganGivesOneModelAndOneForce) {
   const fs::path folder = fresh_folder();
   std::mt19937 random(5);
@@ -391,9 +391,9 @@ TEST(Storage, OfABrainTurnedInTheScannerGivesTheSameForce) {
   expect_within(forces, 0.005, "with its voxels");
 }
 
-// In the lattice of another scan its voxels are others; they have to show its fissure, which is 4 mm wide. Ten
-// forces lay within 0.39 %. At 8 mm, deeper than the circle's radius, they lay within 5.7 %: the tissue gives way at
-// the sharp rim in some of them, of which the run warns.
+// In the lattice of another scan its voxels are others; they have to show its fissure, which is 4 mm wide.
+// Ten forces lay within 0.39 %. At 8 mm, deeper than the circle's radius, they lay within 5.7 %: the tissue
+// gives way at the sharp rim in some of them, of which the run warns.
 TEST(Storage, OfABrainTurnedWithinItsVoxelsGivesTheSameForceUpToThreeMillimetres) {
   const fs::path folder = fresh_folder();
   std::mt19937 random(7);

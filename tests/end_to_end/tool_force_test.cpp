@@ -20,8 +20,10 @@ TEST(ToolForce, TheVectorAndTheMomentAreTheSumOfTheReactionsInTheNodesFile) {
   ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 2 -q").code, 0);
   for (const char* contact : {"bonded", "frictionless"}) {
     // Off the dome's middle, so that the tissue pushes sideways.
-    const Ran ran = dimple(folder, std::string("run brain.nrrd -o out --force -q --nodes 600 --depth 3mm --frames 2 --band off "
-                                               "--write nodes --indent-at 20,8,top --direction 0,0,-1 --contact ") + contact);
+    const Ran ran = dimple(
+        folder, std::string("run brain.nrrd -o out --force -q --nodes 600 --depth 3mm --frames 2 --band off "
+                            "--write nodes --indent-at 20,8,top --direction 0,0,-1 --contact ") +
+                    contact);
     ASSERT_EQ(ran.code, 0) << ran.err;
     const auto summary = nlohmann::json::parse(text_of(folder / "out" / "summary.json"));
     const auto three = [](const nlohmann::json& list) { return Vec3(list.at(0), list.at(1), list.at(2)); };

@@ -1,5 +1,5 @@
-// sample_data/tutorial.md: its commands work in the order in which a reader types them, say what the page shows, and leave
-// the files that it names.
+// sample_data/tutorial.md: its commands work in the order in which a reader types them, say what the page
+// shows, and leave the files that it names.
 
 #include <gtest/gtest.h>
 
@@ -53,10 +53,11 @@ std::vector<Step> steps() {
   return all;
 }
 
-// Times are other ones on other machines, and lines end anywhere. All else is as the page has it, to the digit.
+// Times are other ones on other machines, and lines end anywhere. All else is as the page has it, to the
+// digit.
 std::string without_times(const std::string& text) {
-  return std::regex_replace(std::regex_replace(text, std::regex("[0-9]+(\\.[0-9]+)? s\\b"), "# s"), std::regex("\\s+"),
-                            " ");
+  return std::regex_replace(std::regex_replace(text, std::regex("[0-9]+(\\.[0-9]+)? s\\b"), "# s"),
+                            std::regex("\\s+"), " ");
 }
 
 TEST(Tutorial, CommandsWorkInTheirOrderAndSayWhatThePageShows) {
@@ -68,7 +69,8 @@ TEST(Tutorial, CommandsWorkInTheirOrderAndSayWhatThePageShows) {
     }
   std::set<std::string> tried;
   for (const Step& step : steps()) {
-    // A window needs a display, which window_test has; and --explain takes a minute, its lines are tried by runs_test.
+    // A window needs a display, which window_test has; and --explain takes a minute, its lines are tried by
+    // runs_test.
     if (step.command.starts_with("view ") || step.command.find("--explain") != std::string::npos) continue;
     SCOPED_TRACE(step.command);
     const Ran ran = dimple(folder, step.command);

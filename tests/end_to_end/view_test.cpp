@@ -1,5 +1,5 @@
-// What ParaView shows of a result. Its package cannot be installed together with libvtk9-dev; tests/end_to_end/
-// paraview_root puts it beside the system, and DIMPLE_PVPYTHON names its pvpython.
+// What ParaView shows of a result. Its package cannot be installed together with libvtk9-dev;
+// tests/end_to_end/ paraview_root puts it beside the system, and DIMPLE_PVPYTHON names its pvpython.
 
 #include <gtest/gtest.h>
 

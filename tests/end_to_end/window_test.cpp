@@ -1,4 +1,5 @@
-// The window on results and the live organ. Windows are opened under Xvfb, and moved by xdotool as a hand would.
+// The window on results and the live organ. Windows are opened under Xvfb, and moved by xdotool as a hand
+// would.
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -34,16 +35,19 @@ std::string missing_for_windows() {
   return {};
 }
 
-// A number of its own: a display that was just given up is taken and then gone. Without -noreset the server starts anew
-// when xdotool, for a moment its only client, leaves, and refuses the program.
+// A number of its own: a display that was just given up is taken and then gone. Without -noreset the server
+// starts anew when xdotool, for a moment its only client, leaves, and refuses the program.
 Ran under_xvfb(const fs::path& folder, const std::string& script) {
   Ran ran;
   for (int again = 0; again < 3; ++again) {
     write_file(folder / "script.sh", script);
-    ran = Program(folder,
-                  {"-c", fmt::format("xvfb-run -a -n $((200 + $$ % 700)) -s '-screen 0 1400x900x24 -noreset' sh script.sh")},
-                  "/bin/sh")
-              .wait();
+    ran =
+        Program(folder,
+                {"-c",
+                 fmt::format(
+                     "xvfb-run -a -n $((200 + $$ % 700)) -s '-screen 0 1400x900x24 -noreset' sh script.sh")},
+                "/bin/sh")
+            .wait();
     if (ran.code != 2) break;  // no display
   }
   return ran;
@@ -72,7 +76,8 @@ const char* const there_and_back = "time_s,depth_mm\n0,0\n0.4,4\n1.0,4\n1.3,1\n1
 TEST(View, ShowsAFrameOfResultsWithItsSectionAndForce) {
   if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
   const fs::path folder = folder_with_brain();
-  ASSERT_EQ(dimple(folder, "run brain.nrrd -o out -q --nodes 1000 --depth 6mm --frames 3 --write surface --band off")
+  ASSERT_EQ(dimple(folder,
+                   "run brain.nrrd -o out -q --nodes 1000 --depth 6mm --frames 3 --write surface --band off")
                 .code,
             0);
   const std::string program = DIMPLE_PROGRAM;
@@ -82,7 +87,8 @@ TEST(View, ShowsAFrameOfResultsWithItsSectionAndForce) {
                                                    program));
   ASSERT_EQ(drawn.code, 0) << drawn.err;
   EXPECT_EQ(drawn.err.find("ERR"), std::string::npos) << drawn.err;
-  const PaperAndDark last = paper_and_dark_of(folder / "last.png"), first = paper_and_dark_of(folder / "first.png");
+  const PaperAndDark last = paper_and_dark_of(folder / "last.png"),
+                     first = paper_and_dark_of(folder / "first.png");
   EXPECT_GT(last.paper, 0.3);
   EXPECT_LT(last.paper, 0.95);
   EXPECT_GT(last.dark, first.dark + 1e-3);
@@ -124,8 +130,9 @@ TEST(View, SaysWhatIsMissingInAFolderWithoutResults) {
 
 TEST(View, WithoutADisplayEndsInWords) {
   const fs::path folder = folder_with_brain();
-  const Ran ran = Program(folder, {"-c", fmt::format("DISPLAY= '{}' poke brain.nrrd -q", DIMPLE_PROGRAM)}, "/bin/sh")
-                      .wait();
+  const Ran ran =
+      Program(folder, {"-c", fmt::format("DISPLAY= '{}' poke brain.nrrd -q", DIMPLE_PROGRAM)}, "/bin/sh")
+          .wait();
   EXPECT_EQ(ran.code, 2);
   EXPECT_NE(ran.err.find("no window can be opened"), std::string::npos) << ran.err;
 }
@@ -134,9 +141,10 @@ TEST(Poke, GivesTheSameForcesForAnyNumberOfThreadsWhereTheLimitIsInEvaluations) 
   const fs::path folder = folder_with_brain();
   write_file(folder / "path.csv", there_and_back);
   for (const char* threads : {"1", "2", "5"}) {
-    const Ran ran = dimple(folder, fmt::format("poke brain.nrrd --script path.csv --nodes 700 --evaluations 8 -q "
-                                               "--record with{0} --threads {0}",
-                                               threads));
+    const Ran ran =
+        dimple(folder, fmt::format("poke brain.nrrd --script path.csv --nodes 700 --evaluations 8 -q "
+                                   "--record with{0} --threads {0}",
+                                   threads));
     ASSERT_EQ(ran.code, 0) << ran.err;
   }
   const std::string one = read_file(folder / "with1" / "forces.csv");
@@ -147,17 +155,21 @@ TEST(Poke, GivesTheSameForcesForAnyNumberOfThreadsWhereTheLimitIsInEvaluations) 
 TEST(Poke, FeelsAtEachStopTheForceOfARun) {
   const fs::path folder = folder_with_brain();
   write_file(folder / "path.csv", there_and_back);
-  const Ran live = dimple(folder, "poke brain.nrrd --script path.csv --nodes 1000 --evaluations 10 -q --record live");
+  const Ran live =
+      dimple(folder, "poke brain.nrrd --script path.csv --nodes 1000 --evaluations 10 -q --record live");
   ASSERT_EQ(live.code, 0) << live.err;
   EXPECT_NE(live.out.find("1,000 nodes"), std::string::npos) << live.out;
-  ASSERT_EQ(dimple(folder, "run brain.nrrd -o out -q --nodes 1000 --depth 4mm --frames 4 --band off --write force").code,
-            0);
+  ASSERT_EQ(
+      dimple(folder, "run brain.nrrd -o out -q --nodes 1000 --depth 4mm --frames 4 --band off --write force")
+          .code,
+      0);
   const Table felt = read_csv(folder / "live" / "forces.csv"), run = read_csv(folder / "out" / "force.csv");
   const auto of_run = [&](double depth) {
     const auto& at = *run.find("indentation_mm");
-    const auto k = std::min_element(at.begin(), at.end(), [&](double a, double b) {
-                     return std::abs(a - depth) < std::abs(b - depth);
-                   }) - at.begin();
+    const auto k =
+        std::min_element(at.begin(), at.end(),
+                         [&](double a, double b) { return std::abs(a - depth) < std::abs(b - depth); }) -
+        at.begin();
     return (*run.find("force_N"))[static_cast<std::size_t>(k)];
   };
   const auto &time = *felt.find("time_s"), &force = *felt.find("force_N"), &band = *felt.find("half_band_N");
@@ -183,10 +195,19 @@ TEST(Poke, SlidesUnderTheToolWhereThatIsAskedFor) {
   double force[2];
   for (const char* contact : {"bonded", "frictionless"}) {
     const std::string what = fmt::format("--contact {} --nodes 600 -q", contact);
-    ASSERT_EQ(dimple(folder, fmt::format("poke brain.nrrd --script path.csv --evaluations 10 --record {} {}", contact, what)).code, 0);
-    ASSERT_EQ(dimple(folder, fmt::format("run brain.nrrd -o run_{} --depth 4mm --frames 4 --band off --write force {}", contact, what)).code, 0);
+    ASSERT_EQ(dimple(folder, fmt::format("poke brain.nrrd --script path.csv --evaluations 10 --record {} {}",
+                                         contact, what))
+                  .code,
+              0);
+    ASSERT_EQ(
+        dimple(folder,
+               fmt::format("run brain.nrrd -o run_{} --depth 4mm --frames 4 --band off --write force {}",
+                           contact, what))
+            .code,
+        0);
     const double felt = read_csv(folder / contact / "forces.csv").find("force_N")->back(),
-                 right = read_csv(folder / (std::string("run_") + contact) / "force.csv").find("force_N")->back();
+                 right =
+                     read_csv(folder / (std::string("run_") + contact) / "force.csv").find("force_N")->back();
     EXPECT_NEAR(felt, right, 0.01 * right) << contact;
     force[contact[0] == 'f'] = right;
   }
@@ -199,7 +220,8 @@ TEST(Poke, FollowsATipThroughTheAirToAnotherPlace) {
   write_file(folder / "path.csv",
              "time_s,x_mm,y_mm,z_mm\n0,13.9,0,27.6\n0.4,13.9,0,23.6\n0.8,13.9,0,23.6\n1.2,13.9,0,31\n"
              "1.6,-13.9,0,31\n2.4,-13.9,0,23.6\n2.8,-13.9,0,23.6\n");
-  const Ran ran = dimple(folder, "poke brain.nrrd --script path.csv --nodes 700 --evaluations 12 -q --record rec");
+  const Ran ran =
+      dimple(folder, "poke brain.nrrd --script path.csv --nodes 700 --evaluations 12 -q --record rec");
   ASSERT_EQ(ran.code, 0) << ran.err;
   const Table felt = read_csv(folder / "rec" / "forces.csv");
   const auto &time = *felt.find("time_s"), &force = *felt.find("force_N");
@@ -298,8 +320,9 @@ struct Felt {
 Felt felt_in(const std::string& answer) {
   Felt felt;
   char tool[32] = {};
-  EXPECT_EQ(std::sscanf(answer.c_str(), "%lf %lf %lf %lf %lf %lf %lf %lf %31s", &felt.force.x(), &felt.force.y(), &felt.force.z(),
-                        &felt.depth_mm, &felt.error, &felt.moment.x(), &felt.moment.y(), &felt.moment.z(), tool),
+  EXPECT_EQ(std::sscanf(answer.c_str(), "%lf %lf %lf %lf %lf %lf %lf %lf %31s", &felt.force.x(),
+                        &felt.force.y(), &felt.force.z(), &felt.depth_mm, &felt.error, &felt.moment.x(),
+                        &felt.moment.y(), &felt.moment.z(), tool),
             9)
       << answer;
   EXPECT_EQ((" " + answer).find(" -0 "), std::string::npos) << answer;
@@ -318,7 +341,8 @@ struct Served {
   Program program;
   Vec3 push;
   explicit Served(const std::string& further = "")
-      : program(folder, words_of("poke brain.nrrd --nodes 600 -q --seconds 250 --socket " + at.string() + " " + further)) {
+      : program(folder, words_of("poke brain.nrrd --nodes 600 -q --seconds 250 --socket " + at.string() +
+                                 " " + further)) {
     Device first(at);
     EXPECT_TRUE(first.connected()) << program.err_so_far();
     push = -settled(first, 0.5).force.normalized();  // but for what is lateral: enough for a sign
@@ -327,7 +351,8 @@ struct Served {
   static Felt settled(Device& device, double mm) {
     Felt felt;
     for (int k = 0; k < 150; ++k, sleep_ms(20))
-      if (felt = felt_in(device.ask(fmt::format("{}\n", mm))); k > 25 && felt.tool == "there" && felt.error < 0.01 * felt.force.norm())
+      if (felt = felt_in(device.ask(fmt::format("{}\n", mm)));
+          k > 25 && felt.tool == "there" && felt.error < 0.01 * felt.force.norm())
         break;
     EXPECT_EQ(felt.tool, "there");
     EXPECT_EQ(felt.depth_mm, mm);
@@ -355,7 +380,8 @@ TEST(Poke, TwoHundredShortLivedDevicesLeaveTheNextOnesForceRight) {
     const Felt felt = felt_in(next.ask("1\n"));
     EXPECT_GE(felt.along(served.push), 0.0);
     if (felt.tool != "there") continue;
-    EXPECT_NEAR(felt.along(served.push), truth.along(served.push), felt.error + 0.01 * truth.force.norm()) << k;
+    EXPECT_NEAR(felt.along(served.push), truth.along(served.push), felt.error + 0.01 * truth.force.norm())
+        << k;
   }
   const Felt at_last = Served::settled(next, 1.0);
   EXPECT_LT((at_last.force - truth.force).norm(), 0.01 * truth.force.norm());
@@ -382,10 +408,12 @@ TEST(Poke, SaysWhatIsNotFollowed) {
   Served served;
   Device device(served.at);
   // The dome of one half of the phantom.
-  for (int k = 0; k < 20; ++k, sleep_ms(50)) EXPECT_EQ(felt_in(device.ask("13.9 0 32\n")).force.norm(), 0.0) << "in the air";
+  for (int k = 0; k < 20; ++k, sleep_ms(50))
+    EXPECT_EQ(felt_in(device.ask("13.9 0 32\n")).force.norm(), 0.0) << "in the air";
   Felt deep;
   for (int k = 0; k < 100; ++k, sleep_ms(50))
-    if (deep = felt_in(device.ask("13.9 0 24.6\n")); k > 10 && deep.tool == "there" && deep.depth_mm > 1.0) break;
+    if (deep = felt_in(device.ask("13.9 0 24.6\n")); k > 10 && deep.tool == "there" && deep.depth_mm > 1.0)
+      break;
   ASSERT_EQ(deep.tool, "there");
   sleep_ms(500);
   deep = felt_in(device.ask("13.9 0 24.6\n"));
@@ -434,10 +462,11 @@ TEST(Poke, TheSocketIsItsOwnersAloneWhateverTheUmask) {
   const fs::path folder = folder_with_brain();
   for (const char* umask : {"0", "0777"}) {
     const fs::path at = fs::temp_directory_path() / fmt::format("dimple_{}_{}.sock", getpid(), umask);
-    Program program(folder,
-                    {"-c", fmt::format("umask {}; exec '{}' poke brain.nrrd --nodes 500 -q --seconds 100 --socket {}", umask,
-                                       DIMPLE_PROGRAM, at.string())},
-                    "/bin/sh");
+    Program program(
+        folder,
+        {"-c", fmt::format("umask {}; exec '{}' poke brain.nrrd --nodes 500 -q --seconds 100 --socket {}",
+                           umask, DIMPLE_PROGRAM, at.string())},
+        "/bin/sh");
     Device device(at);
     ASSERT_TRUE(device.connected()) << program.err_so_far();
     EXPECT_EQ(fs::status(at).permissions(), fs::perms::owner_read | fs::perms::owner_write) << umask;
@@ -469,17 +498,21 @@ TEST(Poke, ADeviceMovesTheToolInAWindowToo) {
   if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
   const fs::path folder = folder_with_brain();
   const fs::path at = fs::temp_directory_path() / fmt::format("dimple_{}_w.sock", getpid());
-  Program program(folder,
-                  {"-c", fmt::format("exec xvfb-run -a -n $((200 + $$ % 700)) -s '-screen 0 1400x900x24 -noreset' '{}' poke brain.nrrd "
-                                     "--nodes 500 -q --seconds 20 --fps 10 --window --record rec --socket {}",
-                                     DIMPLE_PROGRAM, at.string())},
-                  "/bin/sh");
+  Program program(
+      folder,
+      {"-c",
+       fmt::format(
+           "exec xvfb-run -a -n $((200 + $$ % 700)) -s '-screen 0 1400x900x24 -noreset' '{}' poke brain.nrrd "
+           "--nodes 500 -q --seconds 20 --fps 10 --window --record rec --socket {}",
+           DIMPLE_PROGRAM, at.string())},
+      "/bin/sh");
   {
     Device device(at);
     ASSERT_TRUE(device.connected()) << program.err_so_far();
     Felt felt;
     for (int k = 0; k < 100; ++k, sleep_ms(100))
-      if (felt = felt_in(device.ask("2\n")); felt.tool == "there" && felt.error < 0.05 * felt.force.norm()) break;
+      if (felt = felt_in(device.ask("2\n")); felt.tool == "there" && felt.error < 0.05 * felt.force.norm())
+        break;
     EXPECT_EQ(felt.depth_mm, 2.0);
     EXPECT_GT(felt.force.norm(), 1e-3);
   }
@@ -493,8 +526,10 @@ TEST(Poke, ADeviceMovesTheToolInAWindowToo) {
 
 TEST(Poke, AScriptThatMovesTheToolAcrossAtDepthIsToldOfIt) {
   const fs::path folder = folder_with_brain();
-  write_file(folder / "path.csv", "time_s,x_mm,y_mm,z_mm\n0,13.9,0,27.6\n0.4,13.9,0,23.6\n0.8,13.9,0,23.6\n1.2,23.9,0,23.6\n");
-  const Ran ran = dimple(folder, "poke brain.nrrd --script path.csv --nodes 600 --evaluations 12 -q --record rec");
+  write_file(folder / "path.csv",
+             "time_s,x_mm,y_mm,z_mm\n0,13.9,0,27.6\n0.4,13.9,0,23.6\n0.8,13.9,0,23.6\n1.2,23.9,0,23.6\n");
+  const Ran ran =
+      dimple(folder, "poke brain.nrrd --script path.csv --nodes 600 --evaluations 12 -q --record rec");
   ASSERT_EQ(ran.code, 0) << ran.err;
   const Table felt = read_csv(folder / "rec" / "forces.csv");
   EXPECT_EQ(felt.find("tool")->back(), 3.0) << "ignored";
@@ -510,7 +545,8 @@ TEST(Poke, AnswersADeviceWithForcesThatDoNotJump) {
   ASSERT_TRUE(device.connected()) << program.err_so_far();
   std::vector<double> force;
   for (int k = 0; k <= 400; ++k) {  // two seconds at 200 Hz, 3 mm in and out again
-    const std::string answer = device.ask(fmt::format("{:.6f}\n", 1.5 * (1.0 - std::cos(k * 3.14159265 / 200.0))));
+    const std::string answer =
+        device.ask(fmt::format("{:.6f}\n", 1.5 * (1.0 - std::cos(k * 3.14159265 / 200.0))));
     double f[5];
     ASSERT_EQ(std::sscanf(answer.c_str(), "%lf %lf %lf %lf %lf", f, f + 1, f + 2, f + 3, f + 4), 5) << answer;
     force.push_back(std::sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]));

@@ -13,7 +13,8 @@
 
 namespace dimple {
 
-// The scenes of tests/verification/results/band_scenes.csv, which dimple_calibrate writes, and what follows from them.
+// The scenes of tests/verification/results/band_scenes.csv, which dimple_calibrate writes, and what follows
+// from them.
 
 /// Nodes of the finest cloud of every scene, and of any scene: the finest of a scene counts as the truth.
 inline constexpr Index band_truth = 16'000, band_finest_truth = 64'000;
@@ -25,15 +26,15 @@ struct BandScene {
   std::string set;  ///< "proof", "calibration", or "aside": in neither
   std::string body;
   double facing_share = 0.0;
-  double radius = 0.0;                               ///< of the circle [m]
+  double radius = 0.0;  ///< of the circle [m]
   bool several_tissues = false;
   std::map<Index, std::vector<ForceSample>> forces;  ///< nodes -> force curve
   std::map<Index, double> seconds;                   ///< from the surface to the curve
   Index truth = 0;                                   ///< nodes of its finest cloud
 };
 
-/// The rows of a file, without its header. read_csv() takes numbers alone, and these rows name bodies and places, some
-/// with commas.
+/// The rows of a file, without its header. read_csv() takes numbers alone, and these rows name bodies and
+/// places, some with commas.
 inline std::vector<std::vector<std::string>> rows_of(const std::filesystem::path& file) {
   std::vector<std::vector<std::string>> rows;
   std::istringstream lines(read_file(file));
@@ -100,19 +101,21 @@ inline double error_at_most(const BandScene& scene, Index nodes, std::size_t k) 
   return std::abs(band_error(scene, nodes, k)) + truth_error(scene, k);
 }
 
-/// Of the default's pair of clouds, at each depth: half the band's width, the error, and that with the truth's own, as
-/// parts of the force.
+/// Of the default's pair of clouds, at each depth: half the band's width, the error, and that with the
+/// truth's own, as parts of the force.
 inline constexpr Index default_nodes_of_band = 1500;
 struct HeldOut {
   double half, error, error_most;
 };
 inline std::vector<HeldOut> held_out_errors(const BandScene& scene) {
   const std::vector<ForceSample>& fine = scene.forces.at(default_nodes_of_band);
-  const std::vector<double> half = half_widths(fine, default_nodes_of_band, scene.forces.at(default_nodes_of_band / 2),
-                                               scene.radius, scene.several_tissues);
+  const std::vector<double> half =
+      half_widths(fine, default_nodes_of_band, scene.forces.at(default_nodes_of_band / 2), scene.radius,
+                  scene.several_tissues);
   std::vector<HeldOut> errors;
   for (std::size_t k = 1; k < half.size(); ++k)
-    errors.push_back({half[k] / std::abs(fine[k].force), std::abs(band_error(scene, default_nodes_of_band, k)),
+    errors.push_back({half[k] / std::abs(fine[k].force),
+                      std::abs(band_error(scene, default_nodes_of_band, k)),
                       error_at_most(scene, default_nodes_of_band, k)});
   return errors;
 }
@@ -120,8 +123,8 @@ inline bool holds_the_truth(const std::vector<HeldOut>& errors) {
   return std::all_of(errors.begin(), errors.end(), [](const HeldOut& e) { return e.error_most <= e.half; });
 }
 
-/// Of the calibration's scenes, nodes -> the largest error over the depths, with the truth's own, over what band_measure()
-/// makes of that cloud's change.
+/// Of the calibration's scenes, nodes -> the largest error over the depths, with the truth's own, over what
+/// band_measure() makes of that cloud's change.
 using BandScores = std::map<Index, std::vector<double>>;
 inline BandScores band_scores(const std::vector<BandScene>& scenes) {
   BandScores scores;
@@ -146,13 +149,13 @@ inline BandScores band_scores(const std::vector<BandScene>& scenes) {
   return scores;
 }
 
-/// Where a random place of a scene's body goes: band_points.csv. The truth is the finest of these clouds, and may itself be
-/// off by as much as the one before is from it.
+/// Where a random place of a scene's body goes: band_points.csv. The truth is the finest of these clouds, and
+/// may itself be off by as much as the one before is from it.
 struct PointScene {
   int number = 0;
   std::string set;
   double facing_share = 0.0, depth = 0.0;  ///< of the tool [mm]
-  std::map<Index, Vec3> u;  ///< nodes -> displacement at the last depth [mm]
+  std::map<Index, Vec3> u;                 ///< nodes -> displacement at the last depth [mm]
 };
 inline constexpr Index point_truth = 8'000;
 
@@ -173,8 +176,8 @@ inline std::vector<PointScene> point_scenes(const std::filesystem::path& file) {
   return result;
 }
 
-/// Of each cloud with a coarser one and a finer one than the truth's own doubt: its error at most, with the truth's own, and
-/// what displacement_measure() makes of its change [mm].
+/// Of each cloud with a coarser one and a finer one than the truth's own doubt: its error at most, with the
+/// truth's own, and what displacement_measure() makes of its change [mm].
 struct PointError {
   Index nodes;
   double error, measure, length;
@@ -185,9 +188,10 @@ inline std::vector<PointError> point_errors(const PointScene& scene) {
   const double unsure = (scene.u.at(point_truth / 2) - truth).norm();
   for (Index nodes = fewest_nodes_with_band(scene.facing_share); nodes <= point_truth / 4; nodes *= 2)
     if (scene.u.contains(nodes) && scene.u.contains(nodes / 2))
-      errors.push_back({nodes, (scene.u.at(nodes) - truth).norm() + unsure,
-                        displacement_measure((scene.u.at(nodes) - scene.u.at(nodes / 2)).norm(), scene.depth, nodes),
-                        scene.u.at(nodes).norm()});
+      errors.push_back(
+          {nodes, (scene.u.at(nodes) - truth).norm() + unsure,
+           displacement_measure((scene.u.at(nodes) - scene.u.at(nodes / 2)).norm(), scene.depth, nodes),
+           scene.u.at(nodes).norm()});
   return errors;
 }
 
@@ -200,8 +204,8 @@ inline BandScores point_scores(const std::vector<PointScene>& scenes) {
   return scores;
 }
 
-/// The least multiplier with which a new scene's band holds with that probability, with each number of nodes for which there
-/// are at least so many scenes: split conformal prediction.
+/// The least multiplier with which a new scene's band holds with that probability, with each number of nodes
+/// for which there are at least so many scenes: split conformal prediction.
 inline double conformal(BandScores scores, double probability, std::size_t least) {
   double multiplier = 0.0;
   for (auto& [nodes, of_scenes] : scores) {
@@ -219,8 +223,8 @@ inline std::string counted(const BandScores& scores, std::size_t least) {
   std::string text;
   for (const auto& [nodes, of_scenes] : scores)
     if (of_scenes.size() >= least)
-      text += (text.empty() ? "" : ", ") + std::to_string(of_scenes.size()) + " scenes with " + std::to_string(nodes) +
-              " nodes";
+      text += (text.empty() ? "" : ", ") + std::to_string(of_scenes.size()) + " scenes with " +
+              std::to_string(nodes) + " nodes";
   return text;
 }
 

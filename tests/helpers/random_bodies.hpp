@@ -12,8 +12,8 @@
 
 namespace dimple {
 
-/// A lump of three ellipsoids that stands on a flat cut, as a label image, and a circle somewhere on its top. Nothing was
-/// tuned to these bodies.
+/// A lump of three ellipsoids that stands on a flat cut, as a label image, and a circle somewhere on its top.
+/// Nothing was tuned to these bodies.
 struct RandomBody {
   LabelImage image;
   BoundaryOptions boundary;

@@ -69,13 +69,15 @@ TEST(Anderson, ForgetsWhatIsOfNoUse) {
   for (int k = 0; k < 4; ++k) x = anderson.next(x, problem.step(x), 1.0);
   anderson.forget();
   const Eigen::VectorXd step = problem.step(x);
-  EXPECT_EQ(anderson.next(x, step, 1.0), Eigen::VectorXd(x + step)) << "the first step is the iteration's own";
+  EXPECT_EQ(anderson.next(x, step, 1.0), Eigen::VectorXd(x + step))
+      << "the first step is the iteration's own";
   EXPECT_EQ(anderson.memory().kept, 0);
   anderson.begin(8, true);
   EXPECT_EQ(anderson.next(x, step, 4.0), Eigen::VectorXd(x + step / 4.0)) << "a cautious one is shorter";
 }
 
-// The window is full and its oldest columns are written over: it goes on, though it knows no more than `most` of them.
+// The window is full and its oldest columns are written over: it goes on, though it knows no more than `most`
+// of them.
 TEST(Anderson, RemembersNoMoreThanItsWindow) {
   Anderson anderson;
   const Eigen::Index n = 100;

@@ -23,7 +23,8 @@ std::vector<ForceSample> curve(const std::vector<double>& depths_mm, double k) {
 
 TEST(Band, HoldsTheForceOf95In100ScenesWithTheMultiplierThatItHas) {
   const BandScores scores = band_scores(band_scenes(DIMPLE_BAND_SCENES));
-  EXPECT_GE(std::count_if(scores.begin(), scores.end(), [](const auto& of) { return of.second.size() >= least_scenes; }),
+  EXPECT_GE(std::count_if(scores.begin(), scores.end(),
+                          [](const auto& of) { return of.second.size() >= least_scenes; }),
             4);
   EXPECT_NEAR(conformal(scores, 0.95, least_scenes), band_multiplier, 0.005);
 }
@@ -40,14 +41,19 @@ TEST(Band, IsAsWideAsTheChangeAndTheFloorTimesTheMultiplier) {
   ASSERT_EQ(half.size(), 5u);
   EXPECT_EQ(half[0], 0.0);
   for (std::size_t k = 1; k < half.size(); ++k)
-    EXPECT_NEAR(half[k], 1.02 * static_cast<double>(k) * band_half_width(0.02, 4000, {0.2 * static_cast<double>(k)}), 1e-12) << k;
+    EXPECT_NEAR(half[k],
+                1.02 * static_cast<double>(k) * band_half_width(0.02, 4000, {0.2 * static_cast<double>(k)}),
+                1e-12)
+        << k;
   EXPECT_NEAR(band_half_width(0.02, 1000, {}), band_multiplier * (0.3 * 0.02 + 0.01), 1e-12);
   EXPECT_GT(band_half_width(0.0, 1000, {1.0}), band_half_width(0.0, 1000, {0.5})) << "deeper";
-  EXPECT_GT(band_half_width(0.0, 1000, {0.5, true}), band_half_width(0.0, 1000, {0.5})) << "of several tissues";
+  EXPECT_GT(band_half_width(0.0, 1000, {0.5, true}), band_half_width(0.0, 1000, {0.5}))
+      << "of several tissues";
 }
 
 TEST(Band, OfADisplacementIsTheChangeAndTheFloorTimesItsMultiplier) {
-  EXPECT_NEAR(displacement_half_width(2e-5, 3e-3, 1000), displacement_multiplier * (2e-5 + 0.01 * 3e-3), 1e-12);
+  EXPECT_NEAR(displacement_half_width(2e-5, 3e-3, 1000), displacement_multiplier * (2e-5 + 0.01 * 3e-3),
+              1e-12);
 }
 
 TEST(Band, DoesNotTrustCloudsThatComeTogetherDeeperDown) {
@@ -64,7 +70,8 @@ TEST(Band, IsNotKnownDeeperThanTheCoarserCloudGoes) {
 
 TEST(Band, ARefinementBeginsBelowTheNodesThatMayWellDo) {
   const auto first_two = [](double wanted, double facing, double radii) {
-    const Index expected = expected_nodes(wanted, facing, floor_of_force({radii})), first = nodes_of_first_level(expected);
+    const Index expected = expected_nodes(wanted, facing, floor_of_force({radii})),
+                first = nodes_of_first_level(expected);
     return std::pair(first, nodes_of_second_level(first, expected));
   };
   EXPECT_EQ(first_two(0.05, 0.0, 1.0), std::pair(Index{500}, Index{1000}));

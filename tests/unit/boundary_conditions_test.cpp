@@ -13,12 +13,12 @@
 #include <random>
 
 #include "io/error.hpp"
+#include "preprocess/image/phantom.hpp"
 #include "preprocess/scene/circle_place.hpp"
 #include "preprocess/scene/flat_face.hpp"
-#include "preprocess/surface/label_surface.hpp"
-#include "preprocess/image/phantom.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "preprocess/scene/usable_places.hpp"
+#include "preprocess/surface/label_surface.hpp"
+#include "preprocess/surface/shapes.hpp"
 #include "tests/helpers/brain.hpp"
 
 namespace dimple {

@@ -9,8 +9,8 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "preprocess/surface/label_surface.hpp"
 #include "preprocess/image/phantom.hpp"
+#include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/image.hpp"
 
 namespace dimple {
@@ -22,8 +22,8 @@ std::int64_t voxels(const LabelImage& image) {
   return count;
 }
 
-/// A block of `size` voxels, two empty ones around it, with a slit of `wide` voxels across `axis` that goes from
-/// the top of another axis to `deep` of it.
+/// A block of `size` voxels, two empty ones around it, with a slit of `wide` voxels across `axis` that goes
+/// from the top of another axis to `deep` of it.
 LabelImage slit_block(std::array<Index, 3> size, const Vec3& spacing, std::size_t axis, Index wide) {
   const std::size_t up = (axis + 1) % 3;
   const Index from = 2 + size[axis] / 2, floor = 2 + size[up] / 3;
@@ -165,7 +165,8 @@ TEST(FacingShare, OfASmoothBodyIsNoneAndOfASlitIsTheShareOfItsWalls) {
           .surface,
       4.0);
   EXPECT_EQ(block, 0.0);
-  // A cube of 40 mm with a slit 2 mm wide and 26 mm deep across it: two walls of 40 x 26 mm beside its own six.
+  // A cube of 40 mm with a slit 2 mm wide and 26 mm deep across it: two walls of 40 x 26 mm beside its own
+  // six.
   const LabelImage image = slit_block({40, 40, 40}, Vec3::Ones(), 0, 2);
   const double walls = 2.0 * 40 * 26, share = walls / (6.0 * 40 * 40 + walls - 2.0 * (40 + 2 * 26));
   EXPECT_NEAR(facing_share(make_body_surface(image, {}).surface, 4.0), share, 0.03);

@@ -4,8 +4,8 @@
 
 #include <algorithm>
 
-#include "tests/helpers/block.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/block.hpp"
 
 namespace dimple {
 namespace {

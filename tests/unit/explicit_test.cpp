@@ -5,8 +5,8 @@
 #include <Eigen/Geometry>
 
 #include "io/error.hpp"
-#include "tests/helpers/block.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/block.hpp"
 
 namespace dimple {
 namespace {
@@ -52,8 +52,8 @@ TEST(Simulate, SamplesAtTheRateAskedFor) {
   const ForceSystem system(model, tissue);
   ForceState forces(system);
   History history;
-  solve(TimeMode::explicit_, system, model, short_push, {.frames = 2, .sample_rate = 400.0, .energy_rate = 100.0}, {},
-                   history);
+  solve(TimeMode::explicit_, system, model, short_push,
+        {.frames = 2, .sample_rate = 400.0, .energy_rate = 100.0}, {}, history);
   EXPECT_EQ(history.force.size(), 21u);  // 0.05 s: 0 ... 19 at the rate, and the end
   EXPECT_EQ(history.energy.size(), 6u);
   for (std::size_t k = 0; k + 1 < history.force.size(); ++k)
@@ -106,8 +106,9 @@ TEST(Simulate, NothingFreeToMoveIsRefused) {
     if (std::find(model.indenter.begin(), model.indenter.end(), a) == model.indenter.end())
       model.base.push_back(a);
   History history;
-  EXPECT_THROW(solve(TimeMode::explicit_, ForceSystem(model, tissue), model, short_push, {.frames = 1}, {}, history),
-               SolveError);
+  EXPECT_THROW(
+      solve(TimeMode::explicit_, ForceSystem(model, tissue), model, short_push, {.frames = 1}, {}, history),
+      SolveError);
 }
 
 }  // namespace

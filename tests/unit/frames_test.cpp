@@ -6,8 +6,8 @@
 #include <cmath>
 
 #include "solver/march/quasi_static.hpp"
-#include "tests/helpers/arch.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/arch.hpp"
 
 namespace dimple {
 namespace {
@@ -29,7 +29,8 @@ Seen march(const Model& model, const Tissues& tissues, double depth, const Solve
     seen.depth.push_back(now.depth);
     seen.force.push_back(force);
   }};
-  solve(TimeMode::quasi_static, system, model, {.depth = depth, .rate = 1e-3}, options, observer, seen.history);
+  solve(TimeMode::quasi_static, system, model, {.depth = depth, .rate = 1e-3}, options, observer,
+        seen.history);
   return seen;
 }
 

@@ -8,9 +8,9 @@
 
 #include <limits>
 
+#include "solver/solve.hpp"
 #include "solver/text.hpp"
 #include "tests/helpers/block.hpp"
-#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -260,8 +260,7 @@ TEST_F(StateGuard, SeesABodyThatSwingsWhereTheAnswerShouldBeStatic) {
   EXPECT_NEAR(found->worst, 0.1, 1e-9);
   EXPECT_THAT(found->report.remedy, HasSubstr("--damping"));
   std::vector<Finding> none;
-  Guards(body, false, true, none)
-      .check(vibrating, 1.1e-4, 2.0, true, now);  // a fast push may vibrate
+  Guards(body, false, true, none).check(vibrating, 1.1e-4, 2.0, true, now);  // a fast push may vibrate
   EXPECT_TRUE(none.empty());
 }
 
@@ -317,8 +316,8 @@ TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShort
     const Observer observer = {.frame = {}, .sample = {}, .retry = [&](const Retry&) {
                                  if (steps < 0) steps = history.steps;
                                }};
-    solve(TimeMode::explicit_, system, model, push, {.safety = safety, .damping = 60.0, .frames = 4}, observer,
-                     history);
+    solve(TimeMode::explicit_, system, model, push, {.safety = safety, .damping = 60.0, .frames = 4},
+          observer, history);
     ASSERT_FALSE(history.retries.empty()) << safety;
     EXPECT_LE(history.retries.size(), static_cast<std::size_t>(most_retries));
     EXPECT_EQ(history.retries.front().code, "time-step");
@@ -337,7 +336,8 @@ TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
   ForceState forces(system);
   const Loading deep = {.depth = 8e-3, .rate = 40e-3};
   History undisturbed;
-  solve(TimeMode::explicit_, system, model, deep, {.safety = 0.3, .damping = 60.0, .frames = 2}, {}, undisturbed);
+  solve(TimeMode::explicit_, system, model, deep, {.safety = 0.3, .damping = 60.0, .frames = 2}, {},
+        undisturbed);
   ASSERT_TRUE(undisturbed.retries.empty());
   std::vector<History> histories;
   for (const std::size_t threads : {1, 2, 3}) {
@@ -372,8 +372,8 @@ TEST(Recovery, IsNotTriedForModesThatNothingResists) {
   ForceState forces(system);
   History history;
   const Report report = report_of<SolveError>([&] {
-    solve(TimeMode::explicit_, system, model, {.depth = 12e-3, .rate = 40e-3}, {.damping = 60.0, .frames = 6}, {},
-                     history);
+    solve(TimeMode::explicit_, system, model, {.depth = 12e-3, .rate = 40e-3}, {.damping = 60.0, .frames = 6},
+          {}, history);
   });
   expect_whole(report, "hourglass");
   EXPECT_THAT(report.fact, HasSubstr("times the stored energy"));
@@ -388,7 +388,7 @@ TEST(Recovery, IsOfNoUseOnceTheToolHasPassedTheBody) {
   History history;
   const Report report = report_of<SolveError>([&] {
     solve(TimeMode::explicit_, system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 4}, {},
-                     history);  // thrice its height
+          history);  // thrice its height
   });
   expect_whole(report, "inverted");
   EXPECT_LT(history.force.back().depth, 20e-3);
@@ -432,7 +432,7 @@ TEST(Recovery, EndsInAFailureThatSaysHowOftenItWasTried) {
                              .retry = {}};
   const Report report = report_of<SolveError>([&] {
     solve(TimeMode::explicit_, system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 8}, observer,
-                     history);  // thrice its height
+          history);  // thrice its height
   });
   EXPECT_THAT(report.code, testing::AnyOf("inverted", "time-step"));
   EXPECT_THAT(report.why, HasSubstr("3 retries"));

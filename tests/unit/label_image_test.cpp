@@ -14,8 +14,8 @@
 
 #include "io/error.hpp"
 #include "io/file.hpp"
-#include "preprocess/surface/label_surface.hpp"
 #include "preprocess/image/phantom.hpp"
+#include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/folder.hpp"
 
 namespace dimple {

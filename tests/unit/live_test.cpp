@@ -67,7 +67,8 @@ TEST(Live, AForceIsBetterForWhatIsLeftUnbalancedBeingAccountedFor) {
 
 TEST(Live, AFrameHasTheForceAcrossThePushAndTheMomentOfEquilibriumToo) {
   // Ten times as stiff on one side.
-  const Model model = testing_bodies::averaged_block(6, 0.2, 1.8, [](const Vec3& x) { return x.x() > 17e-3; });
+  const Model model =
+      testing_bodies::averaged_block(6, 0.2, 1.8, [](const Vec3& x) { return x.x() > 17e-3; });
   const std::vector<Material> tissues = {tissue, neo_hookean(2100.0, 0.499, 1000.0)};
   Session live(model, tissues), still(model, tissues, {.tolerance = 1e-5});
   Wrench last = Wrench::Zero();
@@ -84,7 +85,8 @@ TEST(Live, AFrameHasTheForceAcrossThePushAndTheMomentOfEquilibriumToo) {
   }
   const LiveFrame lifted = live.follow(0.0, {.evaluations = 8});
   EXPECT_TRUE(lifted.on_tool.isZero(0.0));
-  EXPECT_LT((lifted.per_force - last).norm(), 0.2 * last.norm()) << "its direction at the next touch is known";
+  EXPECT_LT((lifted.per_force - last).norm(), 0.2 * last.norm())
+      << "its direction at the next touch is known";
 }
 
 TEST(Live, AToolThatIsAskedThroughTheBodySaysSo) {
@@ -287,7 +289,9 @@ TEST(BetweenFrames, TheErrorOfAFirstTouchHoldsWhereTheTissueStiffensWithinARadiu
   BetweenFrames between;
   correct(between, frame_at(0.0, 0.0, 10.0), 0.0);
   for (double d = 0.02e-3; d <= 1e-3; d += 0.02e-3)
-    EXPECT_NEAR(answer(between, d, 0.0).force, 10.0 * d * (1.0 + d / between.radius), answer(between, d, 0.0).error + 1e-12) << d;
+    EXPECT_NEAR(answer(between, d, 0.0).force, 10.0 * d * (1.0 + d / between.radius),
+                answer(between, d, 0.0).error + 1e-12)
+        << d;
 }
 
 TEST(BetweenFrames, HundredsOfCorrectionsAtOneDepthDoNotAddUpAtAnother) {
@@ -313,16 +317,20 @@ TEST(BetweenFrames, TheErrorHoldsWhereTheForceRisesFasterOrSlowerThanTheDepth) {
         if (at == 0.0 && power != 1.0) continue;  // no stiffness at rest
         const auto force = [&](double d) { return 0.01 * std::pow(d / 1e-3, power); };
         BetweenFrames between;
-        correct(between, frame_at(at, force(at), secant * (at > 0.0 ? power * force(at) / at : 10.0), 1e-5), 0.0);
+        correct(between, frame_at(at, force(at), secant * (at > 0.0 ? power * force(at) / at : 10.0), 1e-5),
+                0.0);
         for (double d = 0.05e-3; d < at + 1.5e-3; d += 0.05e-3) {
           const LiveAnswer said = answer(between, d, 0.0);
           EXPECT_LE(said.depth, at + 1e-3 + 1e-12);
           EXPECT_EQ(said.tool, d <= said.depth ? LiveFrame::Tool::there : LiveFrame::Tool::lags) << d;
-          EXPECT_NEAR(said.force, force(said.depth), said.error) << power << ", " << secant << ", " << at << ", " << d;
+          EXPECT_NEAR(said.force, force(said.depth), said.error)
+              << power << ", " << secant << ", " << at << ", " << d;
           EXPECT_GE(said.force, 0.0);
-          EXPECT_LE(said.error, 1e-5 + 1.2 * force(std::max(said.depth, at))) << power << ", " << secant << ", " << d;
+          EXPECT_LE(said.error, 1e-5 + 1.2 * force(std::max(said.depth, at)))
+              << power << ", " << secant << ", " << d;
           if (power == 1.0) {
-            EXPECT_LE(said.error, 1e-5 + (secant == 1.0 ? 0.3 : 3.2) * force(said.depth)) << secant << ", " << d;
+            EXPECT_LE(said.error, 1e-5 + (secant == 1.0 ? 0.3 : 3.2) * force(said.depth))
+                << secant << ", " << d;
           }
         }
       }
@@ -366,12 +374,14 @@ struct Equilibria {
   }
   double at(double d) const {
     const double x = std::max(0.0, d) / step;
-    const auto first = static_cast<std::size_t>(std::clamp(std::floor(x) - 1.0, 0.0, static_cast<double>(force.size()) - 4.0));
+    const auto first = static_cast<std::size_t>(
+        std::clamp(std::floor(x) - 1.0, 0.0, static_cast<double>(force.size()) - 4.0));
     double sum = 0.0;
     for (std::size_t i = first; i < first + 4; ++i) {
       double weight = 1.0;
       for (std::size_t j = first; j < first + 4; ++j)
-        if (j != i) weight *= (x - static_cast<double>(j)) / (static_cast<double>(i) - static_cast<double>(j));
+        if (j != i)
+          weight *= (x - static_cast<double>(j)) / (static_cast<double>(i) - static_cast<double>(j));
       sum += weight * force[i];
     }
     return sum;
@@ -381,7 +391,8 @@ struct Equilibria {
 // A hand that holds, jumps, draws, shakes with up to 10 Hz, lifts or leaves off, each for up to two seconds.
 struct RandomHand {
   std::mt19937 random;
-  double deepest, begin = 0.0, end = 0.0, from = 0.0, one = 0.0, other = 0.0, rate = 1.0, each = 0.005, depth = 0.0;
+  double deepest, begin = 0.0, end = 0.0, from = 0.0, one = 0.0, other = 0.0, rate = 1.0, each = 0.005,
+                  depth = 0.0;
   int way = 0;
   double unit() { return std::uniform_real_distribution<double>(0.0, 1.0)(random); }
   // Goes to where it is at a time, and says how long until it asks again [s].
@@ -404,11 +415,13 @@ struct RandomHand {
 
 struct RandomMinute {
   std::int64_t answers = 0, outside = 0, off = 0, there = 0;
-  double worst = 0.0;           // outside, over what was allowed
-  std::vector<double> relative;  // stated error over the largest force of the last three tenths: what fades has 1/150 left
+  double worst = 0.0;  // outside, over what was allowed
+  std::vector<double>
+      relative;  // stated error over the largest force of the last three tenths: what fades has 1/150 left
 };
 
-// In a clock that is counted: frames of 25 a second, each of what was asked when it began, and told when it is done.
+// In a clock that is counted: frames of 25 a second, each of what was asked when it began, and told when it
+// is done.
 RandomMinute random_minute(const Model& model, const Equilibria& equilibria, unsigned seed, double seconds) {
   Session session(model, {tissue});
   RandomHand hand{.random = std::mt19937(seed), .deepest = 2.5e-3};
@@ -464,15 +477,18 @@ TEST(BetweenFrames, NoAnswerOfARandomMinuteLiesOutsideOfTheEquilibriaOfItsLastTe
   for (int k = 0; k < minutes; ++k) {
     const unsigned seed = static_cast<unsigned>(k + (first ? std::atoi(first) : 1));
     const RandomMinute said = random_minute(model, equilibria, seed, asked ? 60.0 : 12.0);
-    EXPECT_EQ(said.outside, 0) << "minute " << seed << ": " << said.answers << " answers, the worst " << said.worst << " N";
+    EXPECT_EQ(said.outside, 0) << "minute " << seed << ": " << said.answers << " answers, the worst "
+                               << said.worst << " N";
     const auto error = [&](double share) {
       return said.relative[static_cast<std::size_t>(share * static_cast<double>(said.relative.size() - 1))];
     };
     EXPECT_EQ(said.off, 0) << "minute " << seed << ": not even the equilibrium of its own depth";
     if (asked)
-      std::cout << "minute " << seed << ": " << said.answers << " answers, " << said.outside << " outside, " << said.off
-                << " off at their own depth, there " << said.there << "; stated error / largest force: " << error(0.5)
-                << " in half, " << error(0.95) << " in 95 %, " << error(0.99) << " in 99 %, " << error(0.999) << " in 99.9 %, " << error(1.0) << std::endl;
+      std::cout << "minute " << seed << ": " << said.answers << " answers, " << said.outside << " outside, "
+                << said.off << " off at their own depth, there " << said.there
+                << "; stated error / largest force: " << error(0.5) << " in half, " << error(0.95)
+                << " in 95 %, " << error(0.99) << " in 99 %, " << error(0.999) << " in 99.9 %, " << error(1.0)
+                << std::endl;
     EXPECT_LT(error(0.5), 0.02) << "an error that is always wide says nothing";
     EXPECT_LT(error(0.95), 0.4);
     EXPECT_LT(error(0.999), 1.5);

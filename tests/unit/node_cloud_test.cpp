@@ -12,8 +12,8 @@
 
 #include "io/error.hpp"
 #include "preprocess/output/hexahedra.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "preprocess/side_by_side.hpp"
+#include "preprocess/surface/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -163,7 +163,8 @@ TEST(Overview, ShowsTheCircleInEveryPanel) {
   const fs::path file = fresh_folder() / "overview.png";
   write_overview(file, half_ellipsoid());
   const auto image = picture_in(file);
-  // Below the legends: nodes on top, nodes under the foot, the tool that stands on them, the last point of the curve.
+  // Below the legends: nodes on top, nodes under the foot, the tool that stands on them, the last point of
+  // the curve.
   EXPECT_GT(orange_pixels(*image, 20, 140, 790, 540), 200);
   EXPECT_GT(orange_pixels(*image, 820, 140, 1580, 540), 200);
   EXPECT_GT(tool_pixels(*image, 20, 690, 690, 1060).count, 500);

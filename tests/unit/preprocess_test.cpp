@@ -11,8 +11,8 @@
 #include "apps/run/config.hpp"
 #include "io/error.hpp"
 #include "preprocess/build_model.hpp"
-#include "preprocess/surface/label_surface.hpp"
 #include "preprocess/image/phantom.hpp"
+#include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/folder.hpp"
 #include "tests/helpers/steps.hpp"
 

@@ -208,8 +208,8 @@ TEST(Kernel, RefusesSupportsThatMeetMoreNodesThanItCanNumber) {
   }
 }
 
-// A shape that is held for a while: all that resists a change of shape has relaxed as the Prony series says, what mean
-// gradients do not see as well. So little bulk modulus that none of it is left for the patches.
+// A shape that is held for a while: all that resists a change of shape has relaxed as the Prony series says,
+// what mean gradients do not see as well. So little bulk modulus that none of it is left for the patches.
 TEST(Viscoelasticity, WhatMeanGradientsDoNotSeeRelaxesToo) {
   const Model model = averaged_block(4);
   const Nodal u = random_displacement(model, 1e-8);

@@ -6,9 +6,9 @@
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "solver/march/quasi_static.hpp"
+#include "solver/solve.hpp"
 #include "tests/helpers/arch.hpp"
 #include "tests/helpers/system.hpp"
-#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -106,8 +106,8 @@ TEST(LoadSlowly, EndsWhereDynamicRelaxationDoes) {
   ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   History mixed;
-  solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 1, .tolerance = 1e-5}, {},
-                         mixed);
+  solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-3},
+        {.frames = 1, .tolerance = 1e-5}, {}, mixed);
   // A model without averaged gradients is not served by the mixed iteration: the same
   // forces are taken from a second system.
   Model plain = model;
@@ -337,7 +337,8 @@ TEST(EveryMarch, AskedToStopKeepsWhatItHas) {
 TEST(EveryMarch, OfABodyUnderGravityEndsAtTheForceOfItsEquilibrium) {
   const Model model = averaged_block(4);
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
-  const Loading loading = {.depth = 1e-3, .rate = 2e-3, .loads = {.gravity = Vec3(0.0, 0.0, -3.0), .pressure = {}}};
+  const Loading loading = {
+      .depth = 1e-3, .rate = 2e-3, .loads = {.gravity = Vec3(0.0, 0.0, -3.0), .pressure = {}}};
   double still = 0.0, base = 0.0;
   for (const TimeMode time : {TimeMode::quasi_static, TimeMode::dynamic, TimeMode::explicit_}) {
     History history;
@@ -359,10 +360,11 @@ TEST(StiffnessRowSums, BoundTheStiffnessFromAbove) {
   ForceState forces(system);
   const Eigen::VectorXd mass = stiffness_row_sums(system, model);
   EXPECT_GT(mass.minCoeff(), 0.0);
-  EXPECT_GT(testing_bodies::stable_step(forces.system(), model, mass, make_constraints(model, Contact::bonded),
-                             Nodal::Zero(4, model.node_count()))
-                .dt,
-            2.0);
+  EXPECT_GT(
+      testing_bodies::stable_step(forces.system(), model, mass, make_constraints(model, Contact::bonded),
+                                  Nodal::Zero(4, model.node_count()))
+          .dt,
+      2.0);
 }
 
 }  // namespace

@@ -4,8 +4,8 @@
 
 #include <cstring>
 
-#include "tests/helpers/arch.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/arch.hpp"
 
 namespace dimple {
 namespace {
@@ -113,8 +113,9 @@ TEST(Restart, OfEquilibriumBeforeAndAfterTheTissueGaveWay) {
 
 TEST(Restart, OfEquilibriumOfThePapersSchemeAtEachDepth) {
   const Model model = block(4);
-  expect_restarts(TimeMode::quasi_static, model, one(plain, model), {.depth = 1e-3, .rate = 1e-3},
-                  {.frames = 5, .step_radii = 0.05, .tolerance = 1e-3, .guards = false});  // so coarse a cloud is refused
+  expect_restarts(
+      TimeMode::quasi_static, model, one(plain, model), {.depth = 1e-3, .rate = 1e-3},
+      {.frames = 5, .step_radii = 0.05, .tolerance = 1e-3, .guards = false});  // so coarse a cloud is refused
 }
 
 TEST(Restart, OfImplicitSteps) {
@@ -142,7 +143,8 @@ TEST(Restart, OfEveryWave) {
   const Loading loading{.depth = 0.4e-3, .rate = 20e-3};
   expect_restarts(TimeMode::explicit_, paper, one(plain, paper), loading, {.damping = 5.0, .frames = 5});
   const Model model = averaged_block(4);
-  expect_restarts(TimeMode::explicit_, model, one(plain, model), loading, {.frames = 4, .sample_rate = 2000.0});
+  expect_restarts(TimeMode::explicit_, model, one(plain, model), loading,
+                  {.frames = 4, .sample_rate = 2000.0});
   expect_restarts(TimeMode::explicit_, model, one(relaxing, model), loading, {.frames = 4}, 1,
                   Precision::double_);
 }

@@ -11,7 +11,8 @@ namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
-/// A box of 60 x 40 x 30 mm on z = 0, with nodes at its corners, pushed down at the middle of its top; turned.
+/// A box of 60 x 40 x 30 mm on z = 0, with nodes at its corners, pushed down at the middle of its top;
+/// turned.
 Discretisation box(const Eigen::Isometry3d& turned = Eigen::Isometry3d::Identity()) {
   Discretisation body;
   Points corner(3, 8);

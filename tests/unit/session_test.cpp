@@ -50,11 +50,14 @@ TEST(Session, AToolThatGoesBackLeavesNoForceAndNoDent) {
   EXPECT_NEAR(session.force(), pressed, 1e-3 * pressed);
 }
 
-// The sum of all nodal forces is none, and so is that of their moments: the tool feels what the base holds the body with.
+// The sum of all nodal forces is none, and so is that of their moments: the tool feels what the base holds
+// the body with.
 TEST(Session, TheForceAndTheMomentOnTheToolAreThoseOfTheBase) {
   for (const Contact contact : {Contact::bonded, Contact::frictionless}) {
-    const Model model = testing_bodies::averaged_block(6, 0.2, 1.8, [](const Vec3& x) { return x.x() > 17e-3; });
-    Session session(model, {tissue, neo_hookean(2100.0, 0.499, 1000.0)}, {.contact = contact, .tolerance = 1e-6});
+    const Model model =
+        testing_bodies::averaged_block(6, 0.2, 1.8, [](const Vec3& x) { return x.x() > 17e-3; });
+    Session session(model, {tissue, neo_hookean(2100.0, 0.499, 1000.0)},
+                    {.contact = contact, .tolerance = 1e-6});
     session.equilibrate(1e-3);
     const Points at = session.positions(), f = session.forces();
     const Vec3 reference = model.tool.centre + 1e-3 * model.tool.push;
@@ -74,20 +77,23 @@ TEST(Session, TheForceAndTheMomentOnTheToolAreThoseOfTheBase) {
       EXPECT_GT(lateral_share(felt, model.tool.push), 0.1);
       EXPECT_LT((felt.head<3>() - across).norm(), 1e-12);
     } else {
-      EXPECT_LT(lateral_share(felt, model.tool.push), 1e-12) << "a tool that slides is pushed along its axis alone";
+      EXPECT_LT(lateral_share(felt, model.tool.push), 1e-12)
+          << "a tool that slides is pushed along its axis alone";
     }
   }
 }
 
 // Whichever way the march goes, its samples have the vector of that moment.
 TEST(Session, EverySampleOfAMarchHasTheForceVectorOfItsDepth) {
-  const Model model = testing_bodies::averaged_block(6, 0.2, 1.8, [](const Vec3& x) { return x.x() > 17e-3; });
+  const Model model =
+      testing_bodies::averaged_block(6, 0.2, 1.8, [](const Vec3& x) { return x.x() > 17e-3; });
   const Material soft = neo_hookean(210.0, 0.45, 1000.0), hard = neo_hookean(2100.0, 0.45, 1000.0);
   for (const TimeMode time : {TimeMode::quasi_static, TimeMode::dynamic, TimeMode::explicit_}) {
     Nodal u, f;
     History whole;
     solve(time, ForceSystem(model, {{soft, hard}, model.tissue}, Precision::single_), model,
-          {.depth = 1e-3, .rate = 5e-3}, {.frames = 2}, {.frame = [&](const Frame& frame) { u = frame.u, f = frame.f; }}, whole);
+          {.depth = 1e-3, .rate = 5e-3}, {.frames = 2},
+          {.frame = [&](const Frame& frame) { u = frame.u, f = frame.f; }}, whole);
     const ForceSample& last = whole.force.back();
     Vec3 force = Vec3::Zero(), moment = Vec3::Zero();
     for (const Index a : model.indenter) {
@@ -100,7 +106,8 @@ TEST(Session, EverySampleOfAMarchHasTheForceVectorOfItsDepth) {
     EXPECT_LT((felt.tail<3>() - moment).norm(), 1e-12);
     EXPECT_NEAR(-force.dot(model.tool.push), last.force, 1e-12);
     EXPECT_GT(force.head<2>().norm(), 0.05 * last.force);
-    for (const double value : whole.force.front().on_tool) EXPECT_FALSE(std::signbit(value)) << "no -0 in a file";
+    for (const double value : whole.force.front().on_tool)
+      EXPECT_FALSE(std::signbit(value)) << "no -0 in a file";
   }
 }
 
@@ -134,7 +141,8 @@ TEST(Session, AMoveOfTooManyStepsIsRefusedBeforeTheFirst) {
   EXPECT_TRUE(session.displacement() == before);
 }
 
-// Whichever way a tool came to where it is, and whatever bears on the body: from there on waves see the same tissue.
+// Whichever way a tool came to where it is, and whatever bears on the body: from there on waves see the same
+// tissue.
 TEST(Session, StepsFromAnEquilibriumGoOnWithTheStiffnessOfTheVolume) {
   const Model model = testing_bodies::averaged_block(4);
   for (const double gravity : {0.0, -3.0}) {

@@ -16,8 +16,9 @@ const Material tissue = neo_hookean(210.0, 0.49, 1000.0);
 StableStep step_of(const Model& model, const Material& material) {
   const ForceSystem system(model, material);
   ForceState forces(system);
-  return testing_bodies::stable_step(forces.system(), model, model.mass, make_constraints(model, Contact::bonded),
-                          Nodal::Zero(4, model.node_count()));
+  return testing_bodies::stable_step(forces.system(), model, model.mass,
+                                     make_constraints(model, Contact::bonded),
+                                     Nodal::Zero(4, model.node_count()));
 }
 
 TEST(StableTimeStep, ScalesWithTheWaveSpeedAndTheSize) {
@@ -53,7 +54,9 @@ TEST(StableTimeStep, IsZeroWhereNothingCanMove) {
   HeldSet all{.name = "all", .node = {}};
   for (Index a = 0; a < model.node_count(); ++a) all.node.push_back(a);
   const Constraints constraints(model.node_count(), {all});
-  EXPECT_EQ(testing_bodies::stable_step(forces.system(), model, model.mass, constraints, Nodal::Zero(4, model.node_count())).dt,
+  EXPECT_EQ(testing_bodies::stable_step(forces.system(), model, model.mass, constraints,
+                                        Nodal::Zero(4, model.node_count()))
+                .dt,
             0.0);
 }
 
@@ -62,10 +65,11 @@ TEST(StableTimeStep, ShrinksWhereTheTissueIsPressedTogether) {
   const ForceSystem system(model, tissue);
   ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
-  const double at_rest =
-      testing_bodies::stable_step(forces.system(), model, model.mass, constraints, Nodal::Zero(4, model.node_count())).dt;
+  const double at_rest = testing_bodies::stable_step(forces.system(), model, model.mass, constraints,
+                                                     Nodal::Zero(4, model.node_count()))
+                             .dt;
   const double pressed = testing_bodies::stable_step(forces.system(), model, model.mass, constraints,
-                                          affine(model, Vec3(1.29, 1.29, 0.6).asDiagonal()))
+                                                     affine(model, Vec3(1.29, 1.29, 0.6).asDiagonal()))
                              .dt;
   EXPECT_LT(pressed, 0.9 * at_rest);
 }

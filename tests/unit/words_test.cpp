@@ -24,7 +24,8 @@ TEST(Words, AForceHasThreeDigitsAndIsInMillinewtonsBelowATenthOfANewton) {
   EXPECT_EQ(words(0.0), "0 N");
   for (double force = 999.0; force > 1e-10; force *= 0.77) {
     const Written written = force_written(force);
-    EXPECT_NEAR(std::stod(written.number(force)) / written.per_unit, force, 0.005001 * force) << written(force);
+    EXPECT_NEAR(std::stod(written.number(force)) / written.per_unit, force, 0.005001 * force)
+        << written(force);
     EXPECT_EQ(written(force).find('e'), std::string::npos);
   }
 }

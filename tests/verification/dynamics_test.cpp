@@ -8,9 +8,9 @@
 #include <numbers>
 
 #include "io/error.hpp"
+#include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
 #include "tests/helpers/system.hpp"
-#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -43,8 +43,8 @@ TEST(Verification, FreeVibrationKeepsItsEnergyOverTenThousandSteps) {
   forces.internal_force(u, f);
   const double dt = 0.2 * testing_bodies::stable_step(forces.system(), model, model.mass, constraints, u).dt;
   const double start = forces.stored_energy(u);
-  // The energy of central differences oscillates by (omega dt)^2 / 4 about one that stays: means over a thousand
-  // steps.
+  // The energy of central differences oscillates by (omega dt)^2 / 4 about one that stays: means over a
+  // thousand steps.
   std::array<double, 10> mean{};
   double most_kinetic = 0.0;
   for (std::size_t step = 0; step < 10'000; ++step) {
@@ -68,7 +68,8 @@ double period_of_quarter_wave(const Model& model, const Material& material, int 
   ForceState forces(system);
   Nodal u = Nodal::Zero(4, model.node_count()), v = u, f = u;
   const Constraints constraints(model.node_count(), {{.name = "base", .node = model.base}});
-  const double dt = 0.5 * testing_bodies::stable_step(forces.system(), model, model.mass, constraints, u).dt, height = 20e-3;
+  const double dt = 0.5 * testing_bodies::stable_step(forces.system(), model, model.mass, constraints, u).dt,
+               height = 20e-3;
   Eigen::VectorXd mode(model.node_count());
   for (Index a = 0; a < u.cols(); ++a) mode[a] = std::sin(0.5 * std::numbers::pi * model.X(2, a) / height);
   u.row(direction) = 1e-6 * mode.transpose();
@@ -108,8 +109,8 @@ TEST(Verification, PressureAndShearWavesTravelAtTheirSpeeds) {
 
 History indent(const Model& model, const Loading& loading, const SolverOptions& options) {
   History history;
-  solve(TimeMode::explicit_, ForceSystem(model, neo_hookean(210.0, 0.49, 1000.0)), model, loading, options, {},
-                   history);
+  solve(TimeMode::explicit_, ForceSystem(model, neo_hookean(210.0, 0.49, 1000.0)), model, loading, options,
+        {}, history);
   return history;
 }
 

@@ -87,8 +87,8 @@ TEST(Fields, OfALargeUniformStrainInATurnedFrameAreThoseOfTheLaw) {
 }
 
 // A rigid, flat, frictionless punch of radius 1 on an incompressible half-space, with the mean pressure 1:
-// stresses at the distance r from its axis and the depth z, along r, the hoop, z, and across rz. Sneddon, Proc.
-// Camb. Phil. Soc. 42 (1946) 29 (the punch's pressure 1 / (2 sqrt(1 - r^2)) has the Hankel transform
+// stresses at the distance r from its axis and the depth z, along r, the hoop, z, and across rz. Sneddon,
+// Proc. Camb. Phil. Soc. 42 (1946) 29 (the punch's pressure 1 / (2 sqrt(1 - r^2)) has the Hankel transform
 // sin x / (2 x)); here with nu = 1/2 and by the trapezium rule, whose integrand falls as exp(-x z).
 struct UnderPunch {
   double radial, hoop, axial, shear;
@@ -114,9 +114,9 @@ UnderPunch under_punch(double r, double z) {
   return s;
 }
 
-// How far the surface beside a punch sinks, as a part of the punch's depth, at the distance r from its axis, on a
-// layer H thick that is bonded to its base: lengths in radii. The integral equation of Hayes et al. 1972 as in
-// hayes_factor(), for phi, whose pressure has the transform int_0^1 phi(t) cos(x t) dt:
+// How far the surface beside a punch sinks, as a part of the punch's depth, at the distance r from its axis,
+// on a layer H thick that is bonded to its base: lengths in radii. The integral equation of Hayes et al. 1972
+// as in hayes_factor(), for phi, whose pressure has the transform int_0^1 phi(t) cos(x t) dt:
 //
 //     u(r) = 2/pi int_0^1 phi(t) (1 / sqrt(r^2 - t^2) - int_0^inf (1 - L(x H)) cos(x t) J0(x r) dx) dt
 //
@@ -173,7 +173,8 @@ TEST(Fields, KnownBesideAPunchAreThoseOfTheHalfSpaceFarFromTheBase) {
 
 constexpr double radius_mm = 5.0, depth_mm = 0.05, nu = 0.499;
 
-// What is written of a frictionless punch a hundredth of its radius deep in a cylinder: strains are small there.
+// What is written of a frictionless punch a hundredth of its radius deep in a cylinder: strains are small
+// there.
 struct Pressed {
   PointFile points, nodes;
   double force;
@@ -190,13 +191,14 @@ Pressed pressed(double cylinder_mm, double height_mm) {
   Observer observer;
   observer.frame = [&](const Frame& frame) { writer.frame(frame); };
   solve(TimeMode::quasi_static, system, model, {.depth = 1e-3 * depth_mm, .contact = Contact::frictionless},
-                         {.frames = 1}, observer, history);
+        {.frames = 1}, observer, history);
   writer.finish_frames();
   return {read_vtu(folder / "points" / "points_0001.vtu"), read_vtu(folder / "nodes" / "nodes_0001.vtu"),
           history.force.back().force};
 }
 
-// Twelve radii of tissue below and beside the punch. What the discretisation leaves unknown: the README beside this file.
+// Twelve radii of tissue below and beside the punch. What the discretisation leaves unknown: the README
+// beside this file.
 TEST(UnderThePunch, StressesAreThoseThatSneddonFound) {
   constexpr double height_mm = 60.0;
   const Pressed found = pressed(60.0, height_mm);
@@ -237,8 +239,8 @@ TEST(UnderThePunch, TheSurfaceBesideItSinksAsTheLayerOfHayesDoes) {
   const Field& u = *found.nodes.find("displacement_mm");
   Index count = 0;
   double off = 0.0, all = 0.0;
-  // Nodes on the rim are 0.11 radii apart: where it lies is known to half of that, and the force to two per cent. Of the
-  // slope that has no bound at the rim the first two nodes beside it see nothing.
+  // Nodes on the rim are 0.11 radii apart: where it lies is known to half of that, and the force to two per
+  // cent. Of the slope that has no bound at the rim the first two nodes beside it see nothing.
   constexpr double spacing = 0.11, of_force = 0.02;
   for (Index a = 0; a < u.values.cols(); ++a) {
     const Vec3 x = found.nodes.position_mm.col(a);

@@ -48,7 +48,8 @@ TEST(Indentation, BesideASlitIsAsSoftAsFiniteElementsSay) {
   EXPECT_EQ(compared, 9);
 }
 
-// The whole width of the base carries: without nodes along its outline the force was 9 % less. With them it is within 1 %.
+// The whole width of the base carries: without nodes along its outline the force was 9 % less. With them it
+// is within 1 %.
 TEST(Indentation, OfASlenderBlockFeelsTheEdgeOfItsBase) {
   const Table known = read_csv(DIMPLE_REFERENCE_DIR "/blocks.csv");
   const auto ours = forces(block_surface({-20, -20, 0}, {20, 20, 40}), 20.0, 2.0, 1);
@@ -76,8 +77,8 @@ TEST(Indentation, IsTheSameHoweverManyFramesAreLookedAt) {
       History history;
       std::string code;
       try {
-        solve(TimeMode::quasi_static, system, model, {.depth = 1.6 * model.tool.radius}, {.frames = frames}, {},
-              history);
+        solve(TimeMode::quasi_static, system, model, {.depth = 1.6 * model.tool.radius}, {.frames = frames},
+              {}, history);
       } catch (const SolveError& error) {
         code = error.report.code;
       }

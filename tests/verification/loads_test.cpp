@@ -15,8 +15,8 @@ namespace {
 using Nodal = ForceSystem::Nodal;
 using Hold = HeldSet::Hold;
 
-// A box whose faces slide on frictionless walls where `walls` has it, for each axis at 0 and at 1; nodes on two walls
-// slide along both, nodes on three stay. `clamped`: nodes that stay besides.
+// A box whose faces slide on frictionless walls where `walls` has it, for each axis at 0 and at 1; nodes on
+// two walls slide along both, nodes on three stay. `clamped`: nodes that stay besides.
 struct Walls {
   std::array<std::array<bool, 2>, 3> at;
   std::function<bool(const LatticeBody&, Index)> clamped;
@@ -34,7 +34,8 @@ std::vector<HeldSet> sets_of(const LatticeBody& body, const Walls& walls) {
     std::vector<std::size_t> held, free;
     for (std::size_t d = 0; d < 3; ++d) {
       const auto axis = static_cast<int>(d);
-      const bool on_wall = (walls.at[d][0] && body.on_face(a, axis, 0.0)) || (walls.at[d][1] && body.on_face(a, axis, 1.0));
+      const bool on_wall =
+          (walls.at[d][0] && body.on_face(a, axis, 0.0)) || (walls.at[d][1] && body.on_face(a, axis, 1.0));
       (on_wall ? held : free).push_back(d);
     }
     const bool clamped = walls.clamped && walls.clamped(body, a);
@@ -46,7 +47,8 @@ std::vector<HeldSet> sets_of(const LatticeBody& body, const Walls& walls) {
       set[held[0]].node.push_back(a);
   }
   std::vector<HeldSet> result;
-  std::copy_if(set.begin(), set.end(), std::back_inserter(result), [](const HeldSet& s) { return !s.node.empty(); });
+  std::copy_if(set.begin(), set.end(), std::back_inserter(result),
+               [](const HeldSet& s) { return !s.node.empty(); });
   return result;
 }
 
@@ -57,7 +59,8 @@ struct LoadedBox {
   Equilibrium under(ForceTerms terms, int steps, double tolerance = 1e-6) const {
     System body(statics.system(), statics.model(), statics.constraints(), std::move(terms));
     const Relaxation relax(body);
-    Equilibrium found{Nodal::Zero(4, statics.model().node_count()), Nodal::Zero(4, statics.model().node_count())};
+    Equilibrium found{Nodal::Zero(4, statics.model().node_count()),
+                      Nodal::Zero(4, statics.model().node_count())};
     Eigen::VectorXd lambda = Eigen::VectorXd::Zero(statics.model().patches.count());
     for (int k = 1; k <= steps; ++k) {
       body.set({.share = static_cast<double>(k) / steps});
@@ -88,9 +91,10 @@ double root(const Function& f, double lower, double upper) {
 TEST(Gravity, ShortensAConfinedColumnAsItsWeightAboveEachPlaceSays) {
   const double H = 20e-3, g = 18.0;
   Material sponge = neo_hookean(210.0, 0.3, 1000.0);
-  const LoadedBox column(box_lattice(Vec3(10e-3, 10e-3, H), 9, 0.1), {.at = {{{true, true}, {true, true}, {true, false}}}, .clamped = {}},
-                         sponge);
-  const Equilibrium found = column.under(make_terms(column.model(), {.gravity = Vec3(0.0, 0.0, -g), .pressure = {}}), 4);
+  const LoadedBox column(box_lattice(Vec3(10e-3, 10e-3, H), 9, 0.1),
+                         {.at = {{{true, true}, {true, true}, {true, false}}}, .clamped = {}}, sponge);
+  const Equilibrium found =
+      column.under(make_terms(column.model(), {.gravity = Vec3(0.0, 0.0, -g), .pressure = {}}), 4);
   const auto stretch = [&](double Z) {
     return root([&](double l) { return confined_stress(sponge, l) + 1000.0 * g * (H - Z); }, 0.2, 1.2);
   };
@@ -102,16 +106,18 @@ TEST(Gravity, ShortensAConfinedColumnAsItsWeightAboveEachPlaceSays) {
     return sum;
   };
   for (Index a = 0; a < column.model().node_count(); a += 7) {
-    EXPECT_NEAR(found.u(2, a), sinks(column.model().X(2, a)), 0.01 * std::abs(sinks(H))) << column.model().X(2, a);
+    EXPECT_NEAR(found.u(2, a), sinks(column.model().X(2, a)), 0.01 * std::abs(sinks(H)))
+        << column.model().X(2, a);
     EXPECT_LT(found.u.col(a).head<2>().norm(), 0.01 * std::abs(sinks(H)));
   }
   const double weight = column.model().mass.sum() * g;
-  EXPECT_NEAR(face_force(column.statics.body(), found.f, 2, 0.0).z(), weight, 1e-4 * weight) << "the floor bears it";
+  EXPECT_NEAR(face_force(column.statics.body(), found.f, 2, 0.0).z(), weight, 1e-4 * weight)
+      << "the floor bears it";
 }
 
-// How far a hanging layer of height h gives to forces cos(pi x / W) on its lower side, W half of the wave that gives way
-// first. Stiffness falls to nothing at rho g h / mu = 6.2229, wave number 2.1198 / h.
-// Source: Mora, Phou, Fromental, Pomeau, Phys. Rev. Lett. 113, 178301, 2014.
+// How far a hanging layer of height h gives to forces cos(pi x / W) on its lower side, W half of the wave
+// that gives way first. Stiffness falls to nothing at rho g h / mu = 6.2229, wave number 2.1198 / h. Source:
+// Mora, Phou, Fromental, Pomeau, Phys. Rev. Lett. 113, 178301, 2014.
 TEST(Gravity, MakesABondedLayerThatHangsLoseItsStabilityWhereItIsKnownTo) {
   const double h = 10e-3, W = std::numbers::pi * h / 2.1198, mu = 210.0;
   Lattice lattice = box_lattice(Vec3(W, 0.4 * h, h), 4, 0.0);
@@ -121,13 +127,16 @@ TEST(Gravity, MakesABondedLayerThatHangsLoseItsStabilityWhereItIsKnownTo) {
   const Model& model = layer.model();
   Nodal wave = Nodal::Zero(4, model.node_count());
   for (Index a = 0; a < model.node_count(); ++a)
-    if (layer.statics.body().on_face(a, 2, 0.0)) wave(2, a) = 1e-6 * std::cos(std::numbers::pi * model.X(0, a) / W);
+    if (layer.statics.body().on_face(a, 2, 0.0))
+      wave(2, a) = 1e-6 * std::cos(std::numbers::pi * model.X(0, a) / W);
   const std::vector<double> ratio = {4.0, 4.8, 5.4};
   std::vector<double> stiffness;
   for (const double alpha : ratio) {
-    ForceTerms terms = make_terms(model, {.gravity = Vec3(0.0, 0.0, -alpha * mu / (1000.0 * h)), .pressure = {}});
+    ForceTerms terms =
+        make_terms(model, {.gravity = Vec3(0.0, 0.0, -alpha * mu / (1000.0 * h)), .pressure = {}});
     terms.push_back(dead_load(wave));
-    stiffness.push_back(wave.squaredNorm() / wave.cwiseProduct(layer.under(std::move(terms), 2, 1e-6).u).sum());
+    stiffness.push_back(wave.squaredNorm() /
+                        wave.cwiseProduct(layer.under(std::move(terms), 2, 1e-6).u).sum());
   }
   // The parabola through the three.
   const auto at = [&](double x) {
@@ -151,14 +160,15 @@ SurfacePatch part_of(const Model& model, bool top_alone) {
   std::vector<Index> chosen;
   for (Index t = 0; t < model.surface.triangles.cols(); ++t) {
     bool up = true;
-    for (int c = 0; c < 3; ++c) up = up && model.surface.vertex_mm(2, model.surface.triangles(c, t)) > top - 1e-6;
+    for (int c = 0; c < 3; ++c)
+      up = up && model.surface.vertex_mm(2, model.surface.triangles(c, t)) > top - 1e-6;
     if (up || !top_alone) chosen.push_back(t);
   }
   return surface_patch(model, chosen);
 }
 
-// A cube on three walls, free at its other sides. Pressed along z its stretches are l and twice a: sides free of stress,
-// and P_zz = -p of a dead pressure, P_zz = -p a^2 of one that follows the surface.
+// A cube on three walls, free at its other sides. Pressed along z its stretches are l and twice a: sides free
+// of stress, and P_zz = -p of a dead pressure, P_zz = -p a^2 of one that follows the surface.
 struct Pressed {
   double a, l;
 };
@@ -186,7 +196,8 @@ TEST(Pressure, DeadAndFollowingPressesACubeAsItsClosedFormsSay) {
   std::array<double, 2> height{};
   for (const bool follows : {false, true}) {
     Loads loads;
-    loads.pressure.push_back({.name = "top", .patch = part_of(cube.model(), true), .pressure = p, .follows = follows});
+    loads.pressure.push_back(
+        {.name = "top", .patch = part_of(cube.model(), true), .pressure = p, .follows = follows});
     const Equilibrium found = cube.under(make_terms(cube.model(), loads), 8);
     const Pressed exact = pressed(tissue, p, follows);
     const double shorter = (1.0 - exact.l) * size, wider = (exact.a - 1.0) * size;
@@ -211,10 +222,13 @@ TEST(Pressure, DeadAndFollowingPressesACubeAsItsClosedFormsSay) {
 
 // A place in the middle of each small triangle serves: that is as exact as the surface is fine.
 TEST(Pressure, OnAllSidesOfABodyPushesItNowhereAndDoesTheWorkOfItsChangeOfVolume) {
-  const LoadedBox cube(box_lattice(Vec3::Constant(10e-3), 8, 0.1), {.at = {}, .clamped = {}}, neo_hookean(210.0, 0.45, 1000.0));
+  const LoadedBox cube(box_lattice(Vec3::Constant(10e-3), 8, 0.1), {.at = {}, .clamped = {}},
+                       neo_hookean(210.0, 0.45, 1000.0));
   const Model& model = cube.model();
   const SurfacePatch all = part_of(model, false);
-  const auto terms = make_terms(model, {.gravity = Vec3::Zero(), .pressure = {{.name = "all", .patch = all, .pressure = 50.0, .follows = true}}});
+  const auto terms =
+      make_terms(model, {.gravity = Vec3::Zero(),
+                         .pressure = {{.name = "all", .patch = all, .pressure = 50.0, .follows = true}}});
   Nodal u = Nodal::Zero(4, model.node_count()), way = u, f = u;
   for (Index a = 0; a < model.node_count(); ++a) {
     const Vec3 X = model.X.col(a) * 100.0;
@@ -224,7 +238,8 @@ TEST(Pressure, OnAllSidesOfABodyPushesItNowhereAndDoesTheWorkOfItsChangeOfVolume
   const auto volume = [&](const Nodal& v) {
     const Points x = all.corner + all.at_corner(v.topRows<3>());
     double sum = 0.0;
-    for (const auto& t : all.triangles.colwise()) sum += x.col(t[0]).dot(x.col(t[1]).cross(x.col(t[2]))) / 6.0;
+    for (const auto& t : all.triangles.colwise())
+      sum += x.col(t[0]).dot(x.col(t[1]).cross(x.col(t[2]))) / 6.0;
     return sum;
   };
   terms.front()->add_force(u, {}, f);
@@ -233,7 +248,8 @@ TEST(Pressure, OnAllSidesOfABodyPushesItNowhereAndDoesTheWorkOfItsChangeOfVolume
   EXPECT_LT(f.rowwise().sum().norm(), 1e-12) << "a closed surface is pushed nowhere";
   // Of a homogeneous motion, by steps from rest, the energy is that pressure times what the volume has grown.
   for (Index a = 0; a < model.node_count(); ++a)
-    u.col(a).head<3>() = Vec3(0.3 * model.X(0, a) + 0.2 * model.X(1, a), -0.1 * model.X(1, a), 0.2 * model.X(2, a));
+    u.col(a).head<3>() =
+        Vec3(0.3 * model.X(0, a) + 0.2 * model.X(1, a), -0.1 * model.X(1, a), 0.2 * model.X(2, a));
   constexpr int steps = 100;
   terms.front()->accept(0.0 * u, {});
   for (int k = 1; k <= steps; ++k) terms.front()->accept(u * (static_cast<double>(k) / steps), {});
@@ -267,9 +283,10 @@ class Springs : public ForceTerm {
 };
 
 TEST(ForceTerms, AThousandTimesAsStiffAsTheTissueStillComeToEquilibrium) {
-  const LoadedBox cube(box_lattice(Vec3::Constant(10e-3), 6, 0.1),
-                       {.at = {}, .clamped = [](const LatticeBody& body, Index a) { return body.on_face(a, 2, 0.0); }},
-                       neo_hookean(210.0, 0.499, 1000.0));
+  const LoadedBox cube(
+      box_lattice(Vec3::Constant(10e-3), 6, 0.1),
+      {.at = {}, .clamped = [](const LatticeBody& body, Index a) { return body.on_face(a, 2, 0.0); }},
+      neo_hookean(210.0, 0.499, 1000.0));
   const Model& model = cube.model();
   const double tissue = 210.0 * 10e-3 / 6.0;  // N/m between neighbours
   StiffnessBound k{Eigen::VectorXd::Zero(model.node_count()), {}};
@@ -279,7 +296,8 @@ TEST(ForceTerms, AThousandTimesAsStiffAsTheTissueStillComeToEquilibrium) {
   // The upper face is a plate: every node of it joined with its neighbour in the list and with one far off.
   for (std::size_t i = 0; i < top.size(); ++i)
     for (const std::size_t step : {std::size_t{1}, std::size_t{11}})
-      k.edge.push_back({static_cast<int>(top[i]), static_cast<int>(top[(i + step) % top.size()]), 1000.0 * tissue});
+      k.edge.push_back(
+          {static_cast<int>(top[i]), static_cast<int>(top[(i + step) % top.size()]), 1000.0 * tissue});
   Nodal pull = Nodal::Zero(4, model.node_count());
   pull(0, top.front()) = 0.5 * 210.0 * 1e-4 * 0.2;
   ForceTerms terms;

@@ -8,8 +8,9 @@ namespace dimple {
 
 namespace {
 
-// How well a reference is known is derived by tests/verification/reference/references.py; a test compares. Beyond one
-// radius it is a guess: no code converges there, because the sharp rim makes every mesh's force its own.
+// How well a reference is known is derived by tests/verification/reference/references.py; a test compares.
+// Beyond one radius it is a guess: no code converges there, because the sharp rim makes every mesh's force
+// its own.
 std::array<std::string, 8> labelled(const std::array<std::string, 8>& source,
                                     const std::array<double, 8>& known) {
   std::array<std::string, 8> result;

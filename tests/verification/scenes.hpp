@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "preprocess/surface/body_surface.hpp"
 #include "preprocess/image/phantom.hpp"
+#include "preprocess/surface/body_surface.hpp"
 
 namespace dimple {
 

@@ -7,9 +7,9 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
+#include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
 #include "tests/helpers/system.hpp"
-#include "solver/solve.hpp"
 
 namespace dimple {
 namespace {
@@ -205,7 +205,8 @@ TEST(Verification, ABlockPressedBetweenFacesFindsTheHomogeneousStateByItself) {
     if (held[a]) faces.node.push_back(static_cast<Index>(a));
   const Constraints constraints(model.node_count(), {faces});
   const ForceSystem::Nodal rest = ForceSystem::Nodal::Zero(4, model.node_count());
-  const double dt = 0.5 * testing_bodies::stable_step(forces.system(), model, model.mass, constraints, rest).dt;
+  const double dt =
+      0.5 * testing_bodies::stable_step(forces.system(), model, model.mass, constraints, rest).dt;
   ForceSystem::Nodal u = goal, v = rest, f = rest;
   for (Index a = 0; a < u.cols(); ++a)
     if (!held[static_cast<std::size_t>(a)]) u.col(a) *= 0.9;  // not the answer
@@ -261,8 +262,8 @@ TEST(Verification, ToolAndBaseGiveTheTissueTheMotionThatItHas) {
                                  },
                              .sample = {}};
   History history;
-  solve(TimeMode::explicit_, system, model, {.depth = 2e-3, .rate = 10e-3}, {.frames = 1, .sample_rate = 1e9}, observer,
-                   history);
+  solve(TimeMode::explicit_, system, model, {.depth = 2e-3, .rate = 10e-3}, {.frames = 1, .sample_rate = 1e9},
+        observer, history);
   double momentum = 0.0, way = 0.0;
   ASSERT_EQ(history.force.size(), static_cast<std::size_t>(history.steps) + 1);
   for (std::size_t k = 0; k + 1 < history.force.size(); ++k) {
@@ -325,7 +326,7 @@ TEST(Verification, AFrictionlessCircleFeelsNoSidewaysForceOnceItHasSettled) {
                                  },
                              .sample = {}};
   solve(TimeMode::explicit_, system, model, {.depth = 1e-3, .rate = 1e-3, .contact = Contact::frictionless},
-                   {.damping = 40.0, .frames = 2}, observer, history);
+        {.damping = 40.0, .frames = 2}, observer, history);
   EXPECT_GT(along, 0.0);
   EXPECT_LT(sideways, 0.01 * along);
 }

@@ -10,11 +10,11 @@
 
 #include "apps/run/band.hpp"
 #include "apps/run/config.hpp"
-#include "tests/verification/scenes.hpp"
 #include "io/stop.hpp"
 #include "preprocess/surface/shapes.hpp"
-#include "tests/verification/verify_bodies.hpp"
 #include "solver/solve.hpp"
+#include "tests/verification/scenes.hpp"
+#include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {
 namespace {
@@ -32,8 +32,8 @@ class Indentation {
   std::vector<double> forces(const Material& material, double depth_mm, int count, Contact contact) const {
     const ForceSystem system(model_, Tissues{{material}, model_.tissue}, Precision::single_);
     History history;
-    solve(TimeMode::quasi_static, system, model_, {.depth = 1e-3 * depth_mm, .contact = contact}, {.frames = count},
-                           {}, history);
+    solve(TimeMode::quasi_static, system, model_, {.depth = 1e-3 * depth_mm, .contact = contact},
+          {.frames = count}, {}, history);
     if (history.interrupted) throw Stopped(stop_asked());
     std::vector<double> depths;
     for (int k = 1; k <= count; ++k) depths.push_back(1e-3 * depth_mm * k / count);

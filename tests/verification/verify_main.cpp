@@ -2,8 +2,8 @@
 //
 //   dimple_verify [RESULTS] [--case NAME]... [--nodes 4250]
 //
-// Prints the table; RESULTS gets verify.csv and verify.md. The exit code is that of a failed solution if a row is further
-// from what is known than its tolerance.
+// Prints the table; RESULTS gets verify.csv and verify.md. The exit code is that of a failed solution if a
+// row is further from what is known than its tolerance.
 
 #include <fmt/format.h>
 

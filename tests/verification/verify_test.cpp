@@ -7,9 +7,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "tests/verification/scenes.hpp"
 #include "io/error.hpp"
 #include "io/table.hpp"
+#include "tests/verification/scenes.hpp"
 #include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {

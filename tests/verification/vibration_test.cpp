@@ -7,8 +7,8 @@
 
 #include "preprocess/build_model.hpp"
 #include "preprocess/surface/shapes.hpp"
-#include "tests/helpers/system.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/system.hpp"
 
 namespace dimple {
 namespace {
@@ -17,8 +17,8 @@ using Nodal = ForceSystem::Nodal;
 
 constexpr double radius_mm = 10.0, height_mm = 40.0;
 const Material tissue = neo_hookean(210.0, 0.45, 1000.0);
-/// Of the first mode, u = r sin(pi z / 2H) along the hoop, which leaves the rod's sides free of stress: 4 H / c.
-/// Love, A Treatise on the Mathematical Theory of Elasticity, section 200.
+/// Of the first mode, u = r sin(pi z / 2H) along the hoop, which leaves the rod's sides free of stress: 4 H /
+/// c. Love, A Treatise on the Mathematical Theory of Elasticity, section 200.
 const double period = 4e-3 * height_mm / shear_wave_speed(tissue);
 
 struct Swing {
@@ -53,7 +53,8 @@ Swing swing(double damping, Steps steps) {
   Nodal mode = start.u;
   for (Index a = 0; a < n; ++a) {
     const Vec3 x = model.X.col(a);
-    mode.col(a).head<3>() = Vec3(-x.y(), x.x(), 0.0) * std::sin(0.5 * std::numbers::pi * x.z() / (1e-3 * height_mm));
+    mode.col(a).head<3>() =
+        Vec3(-x.y(), x.x(), 0.0) * std::sin(0.5 * std::numbers::pi * x.z() / (1e-3 * height_mm));
   }
   start.u = 1e-3 * mode;
   ForceState forces(system);
@@ -104,12 +105,13 @@ TEST(Vibration, OfATwistedRodHasThePeriodOfItsShearWave) {
   EXPECT_NEAR(free.at(ours), 1.0, 0.03) << "nothing damps it";
 }
 
-// u'' + c u' + omega^2 u = 0: let go at rest it has fallen to exp(-c T / 2) after a period T, which is longer by
-// 1 / sqrt(1 - (c / 2 omega)^2).
+// u'' + c u' + omega^2 u = 0: let go at rest it has fallen to exp(-c T / 2) after a period T, which is longer
+// by 1 / sqrt(1 - (c / 2 omega)^2).
 TEST(Vibration, IsDampedAsMassProportionalDampingSays) {
   // Of the rod as its nodes have it: the test above says how well they do.
   const Swing free = swing(0.0, Steps::implicit_);
-  const double own = 2.0 * (free.passes(2) - free.passes(1)), omega = 2.0 * std::numbers::pi / own, c = 2.0 / own;
+  const double own = 2.0 * (free.passes(2) - free.passes(1)), omega = 2.0 * std::numbers::pi / own,
+               c = 2.0 / own;
   const double longer = own / std::sqrt(1.0 - std::pow(0.5 * c / omega, 2));
   for (const Steps steps : {Steps::implicit_, Steps::explicit_}) {
     const Swing damped = swing(c, steps);

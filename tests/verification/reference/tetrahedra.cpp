@@ -41,8 +41,8 @@
 #include <vector>
 
 #include "io/label_image.hpp"
-#include "preprocess/scene/boundary_conditions.hpp"
 #include "preprocess/build_model.hpp"
+#include "preprocess/scene/boundary_conditions.hpp"
 #include "preprocess/surface/label_surface.hpp"
 #include "preprocess/surface/shapes.hpp"
 
