@@ -58,6 +58,12 @@ double Constraints::set_off(Nodal& v, double rate, const Eigen::VectorXd& mass) 
   return work;
 }
 
+Vec3 Constraints::motion(std::string_view name) const {
+  for (const HeldSet& set : set_)
+    if (set.name == name) return set.share == 1.0 ? set.direction : Vec3(set.share * set.direction);
+  return Vec3::Zero();
+}
+
 Eigen::Vector4d Constraints::sliding_direction() const {
   for (const Held& held : held_)
     if (held.hold == HeldSet::Hold::along) return held.direction;
@@ -66,7 +72,7 @@ Eigen::Vector4d Constraints::sliding_direction() const {
 
 Constraints make_constraints(const Model& model, Contact contact, std::vector<HeldSet> further) {
   std::vector<HeldSet> sets = std::move(further);
-  sets.push_back({.name = "indenter",
+  sets.push_back({.name = tool_set,
                   .node = model.indenter,
                   .hold = contact == Contact::bonded ? HeldSet::Hold::all : HeldSet::Hold::along,
                   .direction = model.tool.push,

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "preprocess/model.hpp"
@@ -30,6 +31,9 @@ struct HeldSet {
   Vec3 direction = Vec3::Zero();  ///< unit vector of the motion, and of the component that is held
   double share = 0.0;             ///< the set moves along it by this share of the tool's depth; 0: not at all
 };
+
+/// The name of the set that is the tool's circle.
+inline constexpr const char* tool_set = "indenter";
 
 /// How far the fastest of the tool and of these comes for one of the tool's way.
 double longest_share(const std::vector<HeldSet>& sets);
@@ -78,6 +82,10 @@ class Constraints {
   double working_force(const Nodal& f) const;
   /// Brings the moving nodes to speed at once, and returns the work that it takes [J].
   double set_off(Nodal& v, double rate, const Eigen::VectorXd& mass) const;
+
+  /// How far a set comes for each of the tool's way; zero where there is none of that name, or it stands
+  /// still.
+  Vec3 motion(std::string_view name) const;
 
   /// Along which the first set that slides across it is held; zero where none does.
   Eigen::Vector4d sliding_direction() const;

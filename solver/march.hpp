@@ -15,14 +15,38 @@
 
 namespace dimple {
 
-/// How the tool moves: straight, at constant speed, from touching to `depth`.
+/// A piece of a scene: one thing moves, straight and at the loading's rate; all others stay where they are.
+struct Step {
+  std::string name;
+  std::string moves;        ///< the tool (empty), or the name of a further set
+  Vec3 way = Vec3::Zero();  ///< [m]
+};
+
+/// Where a step begins: what the steps before it have left.
+struct Begun {
+  double t = 0.0, depth = 0.0;  ///< [s], [m] of the tool along its push
+  double sinks = 1.0;           ///< the tool's depth gains so much of the way in this step
+  int frame = 0;
+};
+
+/// How the tool moves: straight, at constant speed, from touching to `depth`; or in steps.
 struct Loading {
-  double depth = 8e-3;  ///< [m]
+  double depth = 8e-3;  ///< [m] with steps: the longest distance of what moves from where it began
   double rate = 1e-3;   ///< [m/s]
   Contact contact = Contact::bonded;
   std::vector<HeldSet> further{};  ///< beside the circle and the base
   Loads loads{};                   ///< that act before the tool touches, and go on acting
-  double duration() const { return depth / rate; }
+  std::vector<Step> steps{};       ///< one after the other, each from the last one's equilibrium
+  Begun begun{};                   ///< for march_in_steps() alone
+  double way() const {
+    double sum = 0.0;
+    for (const Step& step : steps) sum += step.way.norm();
+    return steps.empty() ? depth : sum;
+  }
+  double duration() const { return way() / rate; }
+  /// After so much of a step's way [m]: the time, and the tool's depth.
+  double t_at(double come) const { return begun.t + come / rate; }
+  double depth_at(double come) const { return begun.depth + begun.sinks * come; }
 };
 
 struct SolverOptions {
@@ -45,11 +69,13 @@ struct ForceSample {
   double base_force;  ///< on the base's nodes, with which the bed holds the body [N]
   /// All of the force on the tool [N] and its moment [N m], as a Wrench (tool_force.hpp).
   std::array<double, 6> on_tool = {};
+  std::array<double, 3> aside = {};  ///< how far the tool has come across its push [m]; LPS
   /// At displacements `u` [4xN] m, with the force `f` [4xN] N, where the system stands now.
   static ForceSample at(double t, double depth, const System& system, const Nodal& u, const Nodal& f) {
     const Model& model = system.model();
     ForceSample sample{t, depth, along_push(model, model.indenter, f), -along_push(model, model.base, f)};
     Eigen::Map<Wrench>(sample.on_tool.data()) = system.on_tool(u, f);
+    Eigen::Map<Vec3>(sample.aside.data()) = system.aside();
     return sample;
   }
 };
@@ -61,6 +87,7 @@ struct Frame {
   const ForceSystem::Nodal& u;  ///< [N] m
   const ForceSystem::Nodal& f;  ///< [N] N, System::force() at u; on held nodes it is the reaction
   const ForceState& forces;     ///< with the history and the pressures that belong to f
+  Vec3 aside = Vec3::Zero();    ///< how far the tool has come across its push [m]
 };
 
 struct History {
@@ -101,7 +128,11 @@ struct State {
   Eigen::VectorXd lambda;              ///< [patches] N m
   std::deque<Path::State> path;
   MixedIteration::Memory mixed;
-  std::vector<double> past;  ///< of viscoelastic tissue, as ForceState::past()
+  std::vector<double> past;        ///< of viscoelastic tissue, as ForceState::past()
+  int step_of_scene = 0;           ///< of Loading::steps, from 0
+  Rest begun;                      ///< where that step began
+  double least_reactions = 0.0;    ///< System::measure_by() [N]
+  Vec3 way_before = Vec3::Zero();  ///< of the tool, in the steps before it [m]
   History history;
 };
 

@@ -97,7 +97,7 @@ struct Session::Parts {
     if (before != 0.0 && std::abs(way / before) <= 2.0 && last[1].at == depth)
       path.extrapolate(to, u, lambda);
     else if (depth == 0.0)
-      first_guess(model, way, u);
+      first_guess(model, way * model.tool.push, u);
     system->set({.depth = to}, u);
   }
 
@@ -139,7 +139,7 @@ struct Session::Parts {
     if (known.state.size() < 2) {
       next = system->at_rest().u;
       l = system->at_rest().lambda;
-      first_guess(model, to, next);
+      first_guess(model, to * model.tool.push, next);
     } else if (system->viscoelastic()) {  // its states are no curve
       const KnownStates::Slope slope = known.slope(depth);
       next = u + (to - depth) * slope.u;

@@ -2,11 +2,14 @@
 
 #include <algorithm>
 
+#include "io/error.hpp"
 #include "io/stop.hpp"
 #include "solver/equilibrium/stable_time_step.hpp"
 #include "solver/march/explicit.hpp"
 #include "solver/march/implicit.hpp"
 #include "solver/march/quasi_static.hpp"
+#include "solver/march/steps.hpp"
+#include "solver/text.hpp"
 
 namespace dimple {
 
@@ -39,6 +42,14 @@ TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& 
 
 void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading,
            const SolverOptions& options, const Observer& observer, History& history, const State* from) {
+  if (!loading.steps.empty() && mode != TimeMode::quasi_static)
+    throw SolveError(
+        {.fact = "a scene of steps is asked for with inertia",
+         .where = text("time ", name_of(mode)),
+         .why = "steps go from equilibrium to equilibrium; where the tool turned a corner with inertia, "
+                "its nodes would change their speed at once",
+         .remedy = "march it quasi-statically (--time quasi-static)",
+         .code = "steps"});
   std::unique_ptr<System> system;
   try {
     system = make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance);
@@ -49,6 +60,7 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
   history.settled = system->at_rest().u.colwise().norm().maxCoeff();
   switch (mode) {
     case TimeMode::quasi_static:
+      if (!loading.steps.empty()) return march_in_steps(*system, loading, options, observer, history, from);
       return march_quasi_statically(*system, loading, options, observer, history, from);
     case TimeMode::dynamic:
       return march_implicitly(*system, loading, options, observer, history, from);

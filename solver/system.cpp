@@ -61,8 +61,20 @@ Wrench System::on_tool(const Nodal& u, const Nodal& f) const {
   if (loaded() && !model_.indenter.empty()) {
     for (const Index a : model_.indenter) carried += at_rest_.u.col(a).head<3>();
     carried /= static_cast<double>(model_.indenter.size());
+    carried -= way_before_;
   }
-  return wrench_on_tool(model_, held_, u, f, model_.tool.centre + now_.depth * model_.tool.push + carried);
+  return wrench_on_tool(model_, held_, u, f, model_.tool.centre + way_of_tool() + carried);
+}
+
+Vec3 System::way_of_tool() const {
+  const Vec3 now = now_.depth * held_.motion(tool_set);
+  return way_before_.isZero(0.0) ? now : way_before_ + now;
+}
+
+Vec3 System::aside() const {
+  const Vec3 way = way_of_tool(), &push = model_.tool.push;
+  if (way_before_.isZero(0.0) && held_.motion(tool_set) == push) return Vec3::Zero();  // without rounding
+  return way - way.dot(push) * push;
 }
 
 void System::accept_step(const Nodal& u) {
@@ -98,6 +110,19 @@ void System::begin_at(Rest rest, Constraints held) {
   accept_step(at_rest_.u);
   loads_at_rest_ = 0.0;
   for (const auto& term : terms_) loads_at_rest_ += term->energy(at_rest_.u, now_);
+}
+
+void System::go_on(Rest from, Constraints held, const Vec3& way_of_tool) {
+  held.start_at(from.u);
+  at_rest_ = std::move(from);
+  held_ = std::move(held);
+  way_before_ = way_of_tool;
+  tissue_.hold_pressures({});
+}
+
+void System::measure_by(const Nodal& f) {
+  Nodal free(4, f.cols());
+  least_reactions_ = std::max(least_reactions_, 0.01 * balance(f, free).reactions);
 }
 
 namespace {

@@ -94,6 +94,17 @@ class System {
   const Rest& at_rest() const { return at_rest_; }
   /// The body rests so; what is held from now on is moved from there.
   void begin_at(Rest rest, Constraints held);
+  /// A further step of a scene begins at `from`, where the tool has come by `way_of_tool` [m].
+  void go_on(Rest from, Constraints held, const Vec3& way_of_tool);
+  /// The forces f [4xN] N that a step begins with are the measure of its balance, down to a hundredth of
+  /// them: a tool that comes back to where it touched leaves no reactions to compare with.
+  void measure_by(const Nodal& f);
+  double least_reactions() const { return least_reactions_; }
+  void set_least_reactions(double least) { least_reactions_ = least; }
+  /// How far the tool has come [m].
+  Vec3 way_of_tool() const;
+  /// What of it is across its push.
+  Vec3 aside() const;
 
  private:
   const Model& model_;
@@ -103,7 +114,9 @@ class System {
   Instant now_;
   Nodal load_;  // [4xN] N of all terms; no columns: there are none
   Rest at_rest_;
-  double loads_at_rest_ = 0.0;  // J
+  Vec3 way_before_ = Vec3::Zero();  // of the tool, in earlier steps
+  double least_reactions_ = 0.0;    // N, for a balance
+  double loads_at_rest_ = 0.0;      // J
 
   void add_terms(const Nodal& u, Nodal& f);
 };
@@ -119,6 +132,7 @@ Balance System::balance(const Nodal& f, Nodal& unbalanced, const Beside& beside)
     sum.reactions += 0.5 * (all - unbalanced.col(a)).norm() + load_on(a);
   }
   sum.unbalanced = std::sqrt(sum.unbalanced);
+  sum.reactions = std::max(sum.reactions, least_reactions_);
   return sum;
 }
 

@@ -25,11 +25,17 @@ void members(Archive& io, T& held) {
   io(on, hold, move_mm);
 }
 
+template <class Archive, Like<Config::Step> T>
+void members(Archive& io, T& step) {
+  auto& [moves, move_mm, order] = step;
+  io(moves, move_mm, order);
+}
+
 template <class Archive, Like<Config> T>
 void members(Archive& io, T& config) {
   Config all = config;
   for (const Option& option : options_of(all)) std::visit([&](auto* value) { io(*value); }, option.value);
-  io(all.tissue, all.pressure, all.held, all.source);
+  io(all.tissue, all.pressure, all.held, all.step, all.source);
   if constexpr (!std::is_const_v<T>) config = std::move(all);
 }
 

@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* format = "dimple checkpoint 3";
+constexpr const char* format = "dimple checkpoint 4";
 
 }  // namespace
 
@@ -47,6 +47,12 @@ void members(Archive& io, T& state) {
   io(at, u, lambda);
 }
 
+template <class Archive, Like<Rest> T>
+void members(Archive& io, T& rest) {
+  auto& [u, lambda] = rest;
+  io(u, lambda);
+}
+
 template <class Archive, Like<MixedIteration::Memory> T>
 void members(Archive& io, T& memory) {
   auto& [inertia, bulk_of_inertia, u_of_inertia, u_of_gradient, moved, changed, gram, next] = memory;
@@ -57,10 +63,12 @@ template <class Archive, Like<State> T>
 void members(Archive& io, T& state) {
   auto& [frame, step, steps, t, dt, dt_before, dt_stable, depth, depth_before, force_before, external,
          dissipated, next_sample, next_energy, largest_reaction, largest_external, safety, longest, looked,
-         anew, depths, forces, u, v, a, f, lambda, path, mixed, past, history] = state;
+         anew, depths, forces, u, v, a, f, lambda, path, mixed, past, step_of_scene, begun, least_reactions,
+         way_before, history] = state;
   io(frame, step, steps, t, dt, dt_before, dt_stable, depth, depth_before, force_before, external, dissipated,
      next_sample, next_energy, largest_reaction, largest_external, safety, longest, looked, anew, depths,
-     forces, u, v, a, f, lambda, path, mixed, past, history);
+     forces, u, v, a, f, lambda, path, mixed, past, step_of_scene, begun, least_reactions, way_before,
+     history);
 }
 
 template <class Archive, Like<Checkpoint> T>

@@ -10,6 +10,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "apps/run/steps.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -510,6 +511,36 @@ std::vector<Option> options_of(Config::Held& h) {
            "solve"}};
 }
 
+std::vector<Option> options_of(Config::Step& s) {
+  return {{"step.moves",
+           "",
+           "",
+           "what moves in this step: tool, or the name of a support",
+           &s.moves,
+           0,
+           0,
+           false,
+           {},
+           "solve"},
+          {"step.move_mm",
+           "",
+           "mm",
+           "how far it moves: x,y,z in LPS, or of the tool one number, along its push",
+           &s.move_mm,
+           0,
+           0,
+           false,
+           {},
+           "solve"}};
+}
+
+std::vector<std::pair<std::string, Config::Step>> steps_in_order(const Config& config) {
+  std::vector<std::pair<std::string, Config::Step>> steps(config.step.begin(), config.step.end());
+  std::sort(steps.begin(), steps.end(),
+            [](const auto& a, const auto& b) { return a.second.order < b.second.order; });
+  return steps;
+}
+
 namespace {
 
 // What a name of one's own stands for, below a section: "load.pressure.csf.on".
@@ -552,14 +583,24 @@ NamedSection<Config::Held> supports_of(Config& config) {
   return {config.held, "support.", "support", "for instance --set support.retractor.on=left"};
 }
 
+NamedSection<Config::Step> steps_of(Config& config) {
+  return {config.step, "step.", "step", "for instance --set step.press.move=4mm"};
+}
+
 std::optional<Option> named_option(Config& config, const std::string& key, const std::string& source) {
   if (auto option = pressures_of(config).option_of(key, source)) return option;
-  return supports_of(config).option_of(key, source);
+  if (auto option = supports_of(config).option_of(key, source)) return option;
+  const int before = static_cast<int>(config.step.size());
+  auto option = steps_of(config).option_of(key, source);
+  if (static_cast<int>(config.step.size()) > before)
+    config.step[key.substr(5, key.rfind('.') - 5)].order = before;
+  return option;
 }
 
 std::vector<std::pair<std::string, Option>> named_options(Config& config) {
-  auto all = pressures_of(config).all(), supports = supports_of(config).all();
+  auto all = pressures_of(config).all(), supports = supports_of(config).all(), steps = steps_of(config).all();
   all.insert(all.end(), supports.begin(), supports.end());
+  all.insert(all.end(), steps.begin(), steps.end());
   return all;
 }
 
@@ -755,6 +796,7 @@ void resolve_material(Config& config) {
   take_preset(config, young_given);
   resolve_young(config);
   match_ogden(config, weight_of_modulus);
+  resolve_steps(config);
 }
 
 std::string beside_preset(const Config& config) {
@@ -809,6 +851,20 @@ void set_all(Config& config, const std::string& section, const toml::node& node,
   }
 }
 
+// A table of TOML has no order of its own: the lines have.
+void read_steps(Config& config, const toml::table& table, const std::filesystem::path& file) {
+  const toml::node* section = table.get("step");
+  if (!section) return;
+  std::vector<Option> options = options_of(config);
+  if (!section->is_table()) unknown_key(options, "step", file.string());
+  std::vector<std::pair<std::string, const toml::node*>> steps;
+  for (const auto& [name, node] : *section->as_table()) steps.emplace_back(name.str(), &node);
+  std::sort(steps.begin(), steps.end(), [](const auto& a, const auto& b) {
+    return a.second->source().begin.line < b.second->source().begin.line;
+  });
+  for (const auto& [name, node] : steps) set_all(config, "step." + name, *node, file);
+}
+
 }  // namespace
 
 void read_config(Config& config, const std::filesystem::path& file) {
@@ -835,6 +891,7 @@ void read_config(Config& config, const std::filesystem::path& file) {
         set_all(config, "support." + std::string(name.str()), value, file);
         continue;
       }
+      if (section.str() == "step") continue;  // below, in the order of their lines
       if (section.str() == "load" && name.str() == "pressure") {
         const toml::table* pressures = value.as_table();
         if (!pressures) unknown_key(options, "load.pressure", file.string());
@@ -875,6 +932,7 @@ void read_config(Config& config, const std::filesystem::path& file) {
       config.source[option->key] = place;
     }
   }
+  read_steps(config, table, file);
 }
 
 namespace {
@@ -911,6 +969,7 @@ std::string to_toml(const Config& config, const std::map<std::string, std::strin
   }
   for (auto [name, pressure] : config.pressure) text += as_table("load.pressure", name, options_of(pressure));
   for (auto [name, held] : config.held) text += as_table("support", name, options_of(held));
+  for (auto [name, step] : steps_in_order(config)) text += as_table("step", name, options_of(step));
   return text;
 }
 
@@ -930,6 +989,7 @@ std::string option_reference() {
   Config config;
   config.pressure["NAME"];
   config.held["NAME"];
+  config.step["NAME"];
   std::string text =
       "Options, as `--set key=value` or in a TOML file given with --config. Bare numbers are in the unit "
       "shown.\n\n";
@@ -998,7 +1058,7 @@ bool has_loads(const Config& config) {
 }
 
 bool has_tool_alone(const Config& config) {
-  return !has_loads(config) && config.held.empty();
+  return !has_loads(config) && config.held.empty() && config.step.empty();
 }
 
 std::string why_not_proportional(const Config& config) {

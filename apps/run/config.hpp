@@ -77,6 +77,13 @@ struct Config {
     std::vector<double> move_mm = {0, 0, 0};  ///< where it has come when the tool is at load.depth_mm
   };
   std::map<std::string, Held> held;
+  /// What moves, and how far, one after the other: [step.NAME]. None: the tool, straight to load.depth_mm.
+  struct Step {
+    std::string moves = "tool";   ///< or the name of a support
+    std::vector<double> move_mm;  ///< x,y,z in LPS, or of the tool one number: along its push
+    int order = 0;                ///< as they were given
+  };
+  std::map<std::string, Step> step;
   struct SolverSection {
     double safety = 0.9;
     double damping_per_s = 0.0;
@@ -125,6 +132,10 @@ struct Option {
 std::vector<Option> options_of(Config& config);
 std::vector<Option> options_of(Config::Pressure& pressure);
 std::vector<Option> options_of(Config::Held& held);
+std::vector<Option> options_of(Config::Step& step);
+
+/// The steps of a scene in their order, by name.
+std::vector<std::pair<std::string, Config::Step>> steps_in_order(const Config& config);
 
 /// "material.mu" of "material.mu_Pa"; a key without its unit at the end stays.
 std::string without_unit(const Option& option);
@@ -147,7 +158,8 @@ void set_value(const Option& option, const std::string& text, const std::string&
 /// To be called when all options are set: the numbers of the material become those that are used. A preset's
 /// numbers stand where nobody has given others; Young's modulus, where it was given, becomes the shear
 /// modulus E / (2 (1 + nu)); Ogden moduli are scaled to a shear modulus that was given beside a preset's, and
-/// else add up to it. Throws UsageError: two of these were given that contradict each other.
+/// else add up to it. The depth of a scene of steps follows from them. Throws UsageError: two of these were
+/// given that contradict each other.
 void resolve_material(Config& config);
 
 /// The preset, and which of its numbers were given otherwise: "horton_2007, but mu_Pa 3.0 (--mu) in place of

@@ -7,6 +7,7 @@
 #include "apps/run/bending.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/run_words.hpp"
+#include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/unless_stopped.hpp"
@@ -46,11 +47,11 @@ Organ taken_again(const Case& given, Result& result) {
 void require_room_beneath(const Config& config, const Discretisation& places) {
   const double beneath =
       (places.X.transpose() * places.tool.push).maxCoeff() - places.tool.centre.dot(places.tool.push);
-  if (loading_of(config).depth >= beneath)
+  if (const double depth = deepest(config, places.tool.push); depth >= beneath)
     throw ModelError(
         {.fact = fmt::format("an indentation of {} is deeper than the organ beneath the circle, {}",
-                             length_in_words(config.load.depth_mm), length_in_words(1e3 * beneath)),
-         .where = "--depth (load.depth_mm)",
+                             length_in_words(1e3 * depth), length_in_words(1e3 * beneath)),
+         .where = config.step.empty() ? "--depth (load.depth_mm)" : "step",
          .why = "the tool would come out on the other side",
          .remedy = "give a smaller --depth, or another place with --indent-at"});
 }
@@ -62,6 +63,11 @@ TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
   if (asked == "explicit" || !result.model.scheme.pressure_patches) return TimeMode::explicit_;
   TimeMode mode = choose_time(result.model, result.tissues, result.loading);
   if (mode == TimeMode::quasi_static && asked == "dynamic") mode = TimeMode::dynamic;
+  if (mode != TimeMode::quasi_static && !config.step.empty())
+    throw UsageError({.fact = "the tool is too fast for a scene of steps",
+                      .where = "--rate (load.rate_mm_per_s)",
+                      .why = "its force holds inertia, and each step goes from an equilibrium to the next",
+                      .remedy = "give a lower --rate, or --time quasi-static"});
   const double crossings = shear_crossings(result.model, result.tissues, result.loading);
   const bool shallow = mode == TimeMode::quasi_static && crossings < slow_load;
   talk.line(mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
@@ -155,6 +161,8 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
   const Loading& loading = result.loading = loading_of(config);
   result.loading.further = std::move(supports.sets);
   result.loading.loads = loads_of(config, model);
+  result.loading.steps = steps_of(config, model.tool.push);
+  for (const Step& step : result.loading.steps) talk.say("step     " + in_words(step));
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
   for (const Finding& finding : result.findings) talk.warn(in_words(finding));

@@ -11,6 +11,7 @@
 #include "apps/run/images.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/report.hpp"
+#include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/words.hpp"
@@ -107,6 +108,7 @@ std::optional<Checkpoint> resumed_in(const ResultFolder& folder, const RunIdenti
 std::optional<MeasuredCurve> compared_curve(const Config& config) {
   const std::string& name = config.output.compare;
   if (name.empty()) return std::nullopt;
+  require_no_steps(config, "--compare");
   return name == paper_word ? paper_curve() : read_measured_curve(name);
 }
 
@@ -224,7 +226,7 @@ class Recorder {
       const std::string where =
           fmt::format("{}, {}", length_in_words(1e3 * now.depth), force_in_words(now.force));
       observer_.progress(
-          now.depth / result.loading.depth,
+          now.t / result.loading.duration(),
           result.time == TimeMode::quasi_static
               ? where
               : fmt::format("t {:.2f} s, {}, step {} us", now.t, where, three_digits(1e6 * h.dt_smallest)));

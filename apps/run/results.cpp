@@ -76,6 +76,7 @@ Wanted wanted_of(const Config& config) {
 // What is written of a frame, beside what stays the same.
 struct ResultWriter::Packing {
   double time_s, depth, force;  // [s], [m], [N]
+  Vec3 aside;                   // [m]
   Points u, reaction = {};      // [mm], [N]
   Eigen::MatrixXd J = {}, sigma = {}, mises = {};
 };
@@ -176,7 +177,11 @@ PointStress stress_at_points(const Frame& frame) {
 }
 
 void ResultWriter::frame(const Frame& frame) {
-  Packing packing{.time_s = frame.t, .depth = frame.depth, .force = 0.0, .u = frame.u.topRows<3>() * 1e3};
+  Packing packing{.time_s = frame.t,
+                  .depth = frame.depth,
+                  .force = 0.0,
+                  .aside = frame.aside,
+                  .u = frame.u.topRows<3>() * 1e3};
   for (const Index a : model_.indenter) packing.force += frame.f.col(a).head<3>().dot(model_.tool.push);
   const Points& u = packing.u;
   if (wanted_.nodes) {
@@ -275,7 +280,7 @@ void ResultWriter::write_view(const Packing& frame) {
   write_vtp(section_series_.next_frame(), section, frame.time_s);
   const Indenter& tool = model_.tool;
   write_vtp(tool_series_.next_frame(),
-            {.position_mm = tool_.position_mm.colwise() + 1e3 * frame.depth * tool.push,
+            {.position_mm = tool_.position_mm.colwise() + 1e3 * (frame.depth * tool.push + frame.aside),
              .triangles = tool_.triangles,
              .fields = {},
              .facts = {fact("indentation_mm", "mm", number(1e3 * frame.depth)),
@@ -312,6 +317,14 @@ void ResultWriter::tables(const History& history, const Band& band, double sprea
     std::vector<double>& column = force.column.emplace_back();
     for (const ForceSample& s : history.force) column.push_back(s.on_tool[c]);
   }
+  // Columns that are zero but in a scene of steps.
+  const auto strays = [](const ForceSample& s) { return s.aside != std::array<double, 3>{}; };
+  if (std::any_of(history.force.begin(), history.force.end(), strays))
+    for (std::size_t c = 0; c < aside_columns.size(); ++c) {
+      force.header.push_back(aside_columns[c]);
+      std::vector<double>& column = force.column.emplace_back();
+      for (const ForceSample& s : history.force) column.push_back(1e3 * s.aside[c]);
+    }
   write_csv(folder_ / "force.csv", force);
 
   Table energy{.header = {"time_s", "indentation_mm", "kinetic_J", "stored_J", "external_work_J",
@@ -340,6 +353,7 @@ Overview ResultWriter::picture_of(const History& history, const Band& band) cons
   picture.centre_mm = model_.tool.centre * 1e3;
   picture.push = model_.tool.push;
   picture.radius_mm = model_.tool.radius * 1e3;
+  if (!history.force.empty()) picture.aside_mm = 1e3 * Vec3(history.force.back().aside.data());
   for (const ForceSample& s : history.force) {
     picture.depth_mm.push_back(1e3 * s.depth);
     picture.force_N.push_back(s.force);

@@ -11,6 +11,7 @@
 #include "apps/run/pipeline.hpp"
 #include "apps/run/refine.hpp"
 #include "apps/run/run_words.hpp"
+#include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
 #include "io/error.hpp"
@@ -137,6 +138,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   spread_of(given.config);  // what is wrong with it is said before anything is built
   check_loads(given.config);
   check_supports(given.config);
+  check_steps(given.config);
   if (const Case refined = with_origin(given); const std::optional<Goal> goal = goal_of(refined.config))
     return simulate_to(*goal, refined, observer, result);
   const Talk talk{observer, result};

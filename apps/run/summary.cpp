@@ -9,7 +9,7 @@
 #include "apps/run/organ.hpp"
 #include "apps/run/verdict.hpp"
 #include "apps/run/words.hpp"
-
+#include "solver/march/steps.hpp"
 namespace dimple {
 namespace {
 
@@ -182,6 +182,36 @@ double evaluations_of(const History& history) {
   return static_cast<double>(history.steps + history.extra_evaluations);
 }
 
+// [m] when on_support was taken.
+Vec3 way_of_support(const Result& result, const HeldSet& support) {
+  const Loading& loading = result.loading;
+  if (loading.steps.empty()) return result.on_support_at * support.share * support.direction;
+  const double t = result.history.force.empty() ? 0.0 : result.history.force.back().t;
+  return moved(loading.steps, support.name, t * loading.rate);
+}
+
+// What each step that was done left, as far as the run came.
+Json steps_json(const Result& result) {
+  Json list = Json::array();
+  double come = 0.0;
+  for (const Step& step : result.loading.steps) {
+    const Vec3 way = 1e3 * step.way + Vec3::Zero();
+    const double t = (come += step.way.norm()) / result.loading.rate;
+    Json one = {{"name", step.name},
+                {"moves", step.moves.empty() ? "tool" : step.moves},
+                {"move_mm", {way.x(), way.y(), way.z()}}};
+    for (const ForceSample& sample : result.history.force)
+      if (std::abs(sample.t - t) <= 1e-9 * t) {
+        one["time_s"] = sample.t;
+        one["indentation_mm"] = 1e3 * sample.depth;
+        one["force_N"] = sample.force;
+        one["force_on_tool_N"] = {sample.on_tool[0], sample.on_tool[1], sample.on_tool[2]};
+      }
+    list.push_back(one);
+  }
+  return list;
+}
+
 double largest_energy_error(const History& history) {
   double error = 0.0, scale = 0.0;
   for (const EnergySample& e : history.energy) {
@@ -216,10 +246,10 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
                         {"pressure_Pa", pressures},
                         {"settled_mm", 1e3 * history.settled}};
   }
+  if (!result.loading.steps.empty()) summary["steps"] = steps_json(result);
   for (std::size_t k = 0; k < result.on_support.size(); ++k) {
     const HeldSet& support = result.loading.further[k];
-    const Vec3 force = result.on_support[k],
-               moved = 1e3 * result.on_support_at * support.share * support.direction;
+    const Vec3 force = result.on_support[k], moved = 1e3 * way_of_support(result, support);
     summary["supports"][support.name] = {{"nodes", support.node.size()},
                                          {"force_N", {force.x(), force.y(), force.z()}},
                                          {"moved_mm", {moved.x(), moved.y(), moved.z()}}};

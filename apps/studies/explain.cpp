@@ -10,6 +10,7 @@
 
 #include "apps/run/band.hpp"
 #include "apps/run/simulate.hpp"
+#include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "apps/run/words.hpp"
@@ -297,6 +298,7 @@ namespace {
 std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& given,
                                         const std::function<void(const std::string&)>& progress) {
   const Stopwatch whole;
+  require_no_steps(given, "--explain");
   Config config = given;
   config.accuracy = {};
   config.material.mu_spread_percent = 0.0;

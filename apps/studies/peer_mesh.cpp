@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/run/organ.hpp"
+#include "apps/run/steps.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
@@ -102,6 +103,7 @@ ElementModel element_model(const Config& config, const std::string& format, cons
                       .where = "material",
                       .why = "other laws are not written alike by these programs",
                       .remedy = "leave out tissues, presets, --stress printed, Ogden and Prony numbers"});
+  require_no_steps(config, "dimple export");
   if (!has_tool_alone(config))
     throw UsageError(
         {.fact = fmt::format("{} cannot be exported", !config.held.empty()      ? "supports"

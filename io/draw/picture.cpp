@@ -406,7 +406,7 @@ double depth_of(const Overview& o) {
 }
 
 Points tool_at_the_end(const Overview& o) {
-  return usable(o.push) ? Points(o.tool_mm.colwise() + depth_of(o) * o.push) : o.tool_mm;
+  return usable(o.push) ? Points(o.tool_mm.colwise() + (depth_of(o) * o.push + o.aside_mm)) : o.tool_mm;
 }
 
 std::vector<LegendEntry> tool_entry(const Overview& o) {

@@ -25,6 +25,7 @@ struct Overview {
   Vec3 centre_mm;                  ///< of the circle
   Vec3 push;                       ///< unit direction in which the circle moves
   double radius_mm = 0.0;          ///< of the circle
+  Vec3 aside_mm = Vec3::Zero();    ///< how far the tool has come across its push
   std::vector<double> depth_mm;    ///< force curve
   std::vector<double> force_N;
   std::vector<double> half_N;  ///< half the width of the band about it; empty: not known

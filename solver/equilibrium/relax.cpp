@@ -287,7 +287,7 @@ Relaxed Relaxation::relax_dynamically(Nodal& u, Nodal& f, const RelaxOptions& op
         reactions += 0.5 * held.norm() + system_.load_on(a);
         work += held.dot(u.col(a)) - system_.load_times(u, a);
       }
-      result.residual = std::sqrt(unbalanced) / std::max(reactions, 1e-30);
+      result.residual = std::sqrt(unbalanced) / std::max({reactions, system_.least_reactions(), 1e-30});
       diverged = !(result.residual < 1e3) || !std::isfinite(work);
       const double estimate = inertia > 0.0 ? std::sqrt(std::abs(stiffness) / inertia) : 0.0;
       w = std::max(first_estimate ? estimate : 0.7 * w + 0.3 * estimate, 1e-4 / dt);

@@ -59,7 +59,7 @@ struct FramesBetween {
     Nodal u = path.state.back().u, f = u;
     Eigen::VectorXd lambda = path.state.back().lambda;
     for (; last < options.frames && depth_of(last + 1) < before; ++last) {
-      const double depth = depth_of(last + 1), t = depth / loading.rate;
+      const double depth = depth_of(last + 1), t = loading.t_at(depth), shown = loading.depth_at(depth);
       system.begin_step((depth - from) / loading.rate);
       const std::int64_t swept = system.tissue().sweeps();
       path.extrapolate(depth, u, lambda);
@@ -67,11 +67,12 @@ struct FramesBetween {
       const bool found = find(u, lambda, f);
       history.extra_evaluations += system.tissue().sweeps() - swept;
       if (found) {
-        history.force.push_back(ForceSample::at(t, depth, system, u, f));
+        history.force.push_back(ForceSample::at(t, shown, system, u, f));
       } else {
-        show_line(depth);
+        show_line(shown);
       }
-      if (observer.frame) observer.frame({last + 1, t, depth, u, f, system.tissue()});
+      if (observer.frame)
+        observer.frame({loading.begun.frame + last + 1, t, shown, u, f, system.tissue(), system.aside()});
       if (found && observer.sample && !observer.sample(history.force.back(), history)) return false;
     }
     return true;
@@ -132,7 +133,7 @@ void begin_history(System& system, const Nodal& u, const Eigen::VectorXd& lambda
 }
 
 void find_equilibria(System& system, const Loading& loading, const SolverOptions& options,
-                     const Observer& observer, History& history, const State* from) {
+                     const Observer& observer, History& history, const State* from, Rest* ended) {
   const Model& model = system.model();
   const Relaxation relax(system);
   auto [u, lambda] = system.at_rest();
@@ -153,13 +154,22 @@ void find_equilibria(System& system, const Loading& loading, const SolverOptions
     history = from->history;
     past.state = from->path;
     system.restore_past(from->past);
+    system.set_least_reactions(from->least_reactions);
   } else {
     depths = working = {0.0};
     longest = step;
     past.push(0.0, u, lambda);
-    begin_history(system, u, lambda, f, history);
+    if (loading.begun.frame == 0) {
+      begin_history(system, u, lambda, f, history);
+      if (observer.frame) observer.frame({0, 0.0, 0.0, u, f, system.tissue()});
+    } else {
+      system.set({.t = loading.begun.t});
+      between.evaluate(u, lambda, f);
+      system.measure_by(f);
+      working = {system.held().working_force(f)};
+      state.dissipated = history.energy.back().dissipated;
+    }
     external = history.energy.back().external;
-    if (observer.frame) observer.frame({0, 0.0, 0.0, u, f, system.tissue()});
   }
   // All equilibria together.
   const std::int64_t most =
@@ -170,8 +180,8 @@ void find_equilibria(System& system, const Loading& loading, const SolverOptions
     const double last = depths.size() > 1 ? at - depths[depths.size() - 2] : step;
     const double way = std::min({halved, longest, 2.0 * last, end - at});
     const bool arrives = end - at - way < same_depth * step;
-    const double depth = arrives ? end : at + way, t = depth / loading.rate;
-    const Moment now = {t, depth};
+    const double depth = arrives ? end : at + way, t = loading.t_at(depth);
+    const Moment now = {t, loading.depth_at(depth)};
     system.begin_step((depth - at) / loading.rate);
     const std::size_t equilibria = depths.size();
     const bool sets_off = past.state.size() == 1;
@@ -208,15 +218,15 @@ void find_equilibria(System& system, const Loading& loading, const SolverOptions
       if (sets_off && model.scheme.pressure_patches) {
         // A touch, to a low accuracy: the direction in which the tissue sets off.
         const double a_touch = at + touch * (depth - at);
-        first_guess(model, touch * (depth - at), u);
-        system.set({.t = a_touch / loading.rate, .depth = a_touch}, u);
+        first_guess(model, touch * (depth - at) * system.held().motion(tool_set), u);
+        system.set({.t = loading.t_at(a_touch), .depth = a_touch}, u);
         find(std::max(1e-2, options.tolerance));
         Path touched = past;
         touched.push(a_touch, u, lambda);
         touched.extrapolate(depth, u, lambda);
         system.set({.t = t, .depth = depth}, u);
       } else if (sets_off) {
-        first_guess(model, depth - at, u);
+        first_guess(model, (depth - at) * system.held().motion(tool_set), u);
         system.set({.t = t, .depth = depth}, u);
       } else {
         past.extrapolate(depth, u, lambda);
@@ -230,7 +240,7 @@ void find_equilibria(System& system, const Loading& loading, const SolverOptions
       guards.check(u, f, now);
       guards.check_points(relaxed.sweep, now);
       guards.check_fluctuation(u, now);
-      felt = ForceSample::at(t, depth, system, u, f);
+      felt = ForceSample::at(t, now.depth, system, u, f);
       depths.push_back(depth);
       working.push_back(system.held().working_force(f));
       work = work_of_last(depths, working, sets_off || gave_way);
@@ -238,7 +248,7 @@ void find_equilibria(System& system, const Loading& loading, const SolverOptions
       guards.check_hourglass(stored.hourglass, stored.tissue, now);
       // Before the third the curve between two is a guess.
       if (depths.size() > 3)
-        guards.check(EnergySample{t, depth, 0.0, stored.sum(), external + work,
+        guards.check(EnergySample{t, now.depth, 0.0, stored.sum(), external + work,
                                   state.dissipated + (gave_way ? relaxed.dissipated : 0.0)},
                      std::max(largest_external, std::abs(external + work)), t, false, now);
       if (gave_way) guards.found_limit_point(u - expected, way, now);
@@ -256,8 +266,8 @@ void find_equilibria(System& system, const Loading& loading, const SolverOptions
         longest = 0.5 * way;
       }
       history.retries.push_back(
-          {error.report.code, depth,
-           text("back to ", 1e3 * at, " mm, and on in steps of ", 1e3 * 0.5 * way, " mm")});
+          {error.report.code, now.depth,
+           text("back to ", 1e3 * loading.depth_at(at), " mm, and on in steps of ", 1e3 * 0.5 * way, " mm")});
       if (observer.retry) observer.retry(history.retries.back());
       continue;
     }
@@ -286,27 +296,31 @@ void find_equilibria(System& system, const Loading& loading, const SolverOptions
     }
     if (gave_way) past.state.pop_front();
     history.force.push_back(felt);
-    history.energy.push_back({t, depth, 0.0, stored.sum(), external, state.dissipated});
+    history.energy.push_back({t, now.depth, 0.0, stored.sum(), external, state.dissipated});
     if (state.frame < options.frames && between.depth_of(state.frame + 1) < depth + same_depth * step) {
       ++state.frame;
-      if (observer.frame) observer.frame({state.frame, t, depth, u, f, system.tissue()});
+      if (observer.frame)
+        observer.frame(
+            {loading.begun.frame + state.frame, t, now.depth, u, f, system.tissue(), system.aside()});
     }
-    const bool ended = arrives && level == steps;
+    const bool is_last = arrives && level == steps;
     if (observer.sample && !observer.sample(history.force.back(), history)) {
-      history.interrupted = !ended;
+      history.interrupted = !is_last;
       return;
     }
     system.accept_step(u);  // after the frame: its stresses are those of this step
     if (arrives) state.step = level++;
-    if (observer.between_steps && !ended)
+    if (observer.between_steps && !is_last)
       observer.between_steps([&] {
         State copy = state;
         copy.path = past.state;
         copy.past = system.past();
+        copy.least_reactions = system.least_reactions();
         copy.history = history;
         return copy;
       });
   }
+  if (ended) *ended = {std::move(u), std::move(lambda)};
 }
 
 }  // namespace
@@ -317,7 +331,7 @@ int steps_of_load(const Model& model, const Loading& loading, const SolverOption
   return std::max(1, static_cast<int>(steps));
 }
 
-void first_guess(const Model& model, double depth, Nodal& u) {
+void first_guess(const Model& model, const Vec3& way, Nodal& u) {
   const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
   const double top = model.tool.centre.dot(model.tool.push), bottom = along.maxCoeff();
   for (Index a = 0; a < model.node_count(); ++a) {
@@ -326,14 +340,14 @@ void first_guess(const Model& model, double depth, Nodal& u) {
     const double away =
         std::hypot(std::max(0.0, lateral - model.tool.radius), d.dot(model.tool.push)) / model.tool.radius;
     const double held = std::clamp((bottom - along[a]) / (bottom - top), 0.0, 1.0);
-    u.col(a) += padded(model.tool.push) * (depth * held / ((1.0 + away) * (1.0 + away)));
+    u.col(a) += padded(way) * (held / ((1.0 + away) * (1.0 + away)));
   }
 }
 
 void march_quasi_statically(System& system, const Loading& loading, const SolverOptions& options,
-                            const Observer& observer, History& history, const State* from) {
+                            const Observer& observer, History& history, const State* from, Rest* ended) {
   try {
-    find_equilibria(system, loading, options, observer, history, from);
+    find_equilibria(system, loading, options, observer, history, from, ended);
   } catch (const Stopped&) {
     history.interrupted = true;
   }

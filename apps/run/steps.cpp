@@ -1,0 +1,140 @@
+#include "apps/run/steps.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "apps/run/words.hpp"
+#include "io/error.hpp"
+#include "solver/constraints.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr const char* tool_word = "tool";
+
+bool is_of_tool(const Config::Step& step) {
+  return step.moves == tool_word;
+}
+
+[[noreturn]] void refuse(const std::string& name, const char* key, const std::string& fact,
+                         const std::string& why, const std::string& remedy) {
+  throw UsageError({.fact = fmt::format("the step '{}' {}", name, fact),
+                    .where = fmt::format("step.{}.{}", name, key),
+                    .why = why,
+                    .remedy = remedy});
+}
+
+// [mm]
+Vec3 way_of(const Config::Step& step, const Vec3& push) {
+  if (step.move_mm.size() == 1) return step.move_mm[0] * push;
+  return Vec3(step.move_mm[0], step.move_mm[1], step.move_mm[2]);
+}
+
+void check_way(const Config& config, const std::string& name, const Config::Step& step) {
+  const std::size_t count = step.move_mm.size();
+  const bool along_push = count == 1 && is_of_tool(step);
+  if (count != 3 && !along_push)
+    refuse(name, "move_mm", count == 0 ? "moves nothing" : fmt::format("moves by {} numbers", count),
+           is_of_tool(step) ? "the tool moves by x,y,z in LPS, or by one number along its push"
+                            : "a support moves by x,y,z in LPS",
+           "give for instance move_mm = [3, 0, 0]");
+  if (std::all_of(step.move_mm.begin(), step.move_mm.end(), [](double d) { return d == 0.0; }))
+    refuse(name, "move_mm", "moves by nothing", "a step ends where something has come", "leave the step out");
+  if (is_of_tool(step) && !along_push && config.load.contact == "frictionless")
+    refuse(name, "move_mm", "moves the tool in space, and it is frictionless",
+           "tissue slides under it and is not taken along",
+           "give one number, along its push, or --contact bonded");
+}
+
+}  // namespace
+
+void check_steps(const Config& config) {
+  if (config.step.empty()) return;
+  double pushed = 0.0;
+  for (const auto& [name, step] : steps_in_order(config)) {
+    if (!is_of_tool(step)) {
+      std::vector<std::string> known = {tool_word};
+      for (const auto& [support, its] : config.held) known.push_back(support);
+      const auto held = config.held.find(step.moves);
+      if (held == config.held.end())
+        refuse(name, "moves", fmt::format("moves '{}', which is not there", step.moves),
+               "it moves the tool, or a support" + did_you_mean(step.moves, known),
+               "give moves = \"tool\", or the NAME of a [support.NAME]");
+    }
+    check_way(config, name, step);
+    if (is_of_tool(step) && step.move_mm.size() == 1) pushed += step.move_mm[0];
+    if (pushed < 0.0 && config.load.contact == "frictionless")
+      refuse(name, "move_mm", "lifts the tool above where it touched, and it is frictionless",
+             "only a tool that the tissue is bonded to pulls", "lift it less, or give --contact bonded");
+  }
+  for (const auto& [name, held] : config.held)
+    if (std::any_of(held.move_mm.begin(), held.move_mm.end(), [](double d) { return d != 0.0; }))
+      throw UsageError(
+          {.fact = fmt::format("the support '{}' moves with the tool, and there are steps", name),
+           .where = fmt::format("support.{}.move_mm", name),
+           .why = "in a scene of steps one thing moves at a time",
+           .remedy = fmt::format("give it a step: [step.NAME] with moves = \"{}\"", name)});
+  if (config.solver.time == "explicit" || config.solver.time == "dynamic" ||
+      config.scheme.name != converging.name)
+    throw UsageError({.fact = "steps are asked for of a march with inertia",
+                      .where = config.scheme.name != converging.name ? "scheme.name" : "solver.time",
+                      .why = "each step goes from an equilibrium to the next",
+                      .remedy = "leave --time and --scheme out, or the steps"});
+}
+
+void resolve_steps(Config& config) {
+  if (config.step.empty()) return;
+  double pushed = 0.0, deepest = 0.0, longest = 0.0;
+  for (const auto& [name, step] : steps_in_order(config)) {
+    double length = 0.0;
+    for (const double d : step.move_mm) length = std::hypot(length, d);
+    longest = std::max(longest, length);
+    if (is_of_tool(step) && step.move_mm.size() == 1) pushed += step.move_mm[0];
+    deepest = std::max(deepest, pushed);
+  }
+  const double depth = deepest > 0.0 ? deepest : longest;
+  if (!(depth > 0.0)) return;  // which check_steps() refuses
+  const auto given = config.source.find("load.depth_mm");
+  if (given != config.source.end() && given->second != "the steps" &&
+      std::abs(config.load.depth_mm - depth) > 1e-9 * depth)
+    throw UsageError(
+        {.fact = fmt::format("a depth of {} is given, and steps", length_in_words(config.load.depth_mm)),
+         .where = given->second,
+         .why = fmt::format("the steps say how the tool moves: its depth becomes {}", length_in_words(depth)),
+         .remedy = "leave the depth out, or the steps"});
+  config.load.depth_mm = depth;
+  config.source["load.depth_mm"] = "the steps";
+}
+
+std::vector<Step> steps_of(const Config& config, const Vec3& push) {
+  std::vector<Step> steps;
+  for (const auto& [name, step] : steps_in_order(config))
+    steps.push_back({name, is_of_tool(step) ? "" : step.moves, 1e-3 * way_of(step, push)});
+  return steps;
+}
+
+double deepest(const Config& config, const Vec3& push) {
+  if (config.step.empty()) return 1e-3 * config.load.depth_mm;
+  double depth = 0.0, most = 0.0;
+  for (const Step& step : steps_of(config, push))
+    if (step.moves.empty()) most = std::max(most, depth += step.way.dot(push));
+  return most;
+}
+
+std::string in_words(const Step& step) {
+  const Vec3 mm = 1e3 * step.way + Vec3::Zero();
+  return fmt::format("{}: {} moves by ({:.4g}, {:.4g}, {:.4g}) mm", step.name,
+                     step.moves.empty() ? "the tool" : step.moves, mm.x(), mm.y(), mm.z());
+}
+
+void require_no_steps(const Config& config, const std::string& command) {
+  if (config.step.empty()) return;
+  throw UsageError({.fact = fmt::format("{} takes no steps", command),
+                    .where = "step",
+                    .why = "it knows one push, straight to a depth",
+                    .remedy = "leave them out here, and give --depth; dimple run does steps"});
+}
+
+}  // namespace dimple

@@ -1,0 +1,30 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "apps/run/config.hpp"
+
+namespace dimple {
+
+/// Before anything is built: throws UsageError where a step moves nothing, or what it names is not there,
+/// where the tool and the depth are given twice, or for a way of marching that takes no steps.
+void check_steps(const Config& config);
+
+/// load.depth_mm of a scene of steps follows from them: the deepest that the tool is pushed, or else the
+/// longest way that anything has gone. Throws UsageError: another depth was given.
+void resolve_steps(Config& config);
+
+/// The steps for the solver, of a tool that is pushed along `push`.
+std::vector<Step> steps_of(const Config& config, const Vec3& push);
+
+/// The deepest that the tool comes [m], along its push.
+double deepest(const Config& config, const Vec3& push);
+
+/// "press: the tool moves (0, 0, -4) mm".
+std::string in_words(const Step& step);
+
+/// Throws UsageError, for a command that knows a single push alone.
+void require_no_steps(const Config& config, const std::string& command);
+
+}  // namespace dimple

@@ -1,0 +1,101 @@
+#include "solver/march/steps.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "solver/march/quasi_static.hpp"
+
+namespace dimple {
+namespace {
+
+bool moves_tool(const Step& step) {
+  return step.moves.empty();
+}
+
+// What is held of a set along its motion: of one that slides its own direction, of others the way itself.
+void move(HeldSet& set, const Vec3& way) {
+  if (set.hold == HeldSet::Hold::all) set.direction = way.normalized();
+  set.share = set.direction.dot(way) / way.norm();
+}
+
+// All sets of the scene, of which the step moves one.
+Constraints held_in(const Model& model, const Loading& loading, const Step& step) {
+  std::vector<HeldSet> sets = make_constraints(model, loading.contact, loading.further).sets();
+  for (HeldSet& set : sets) {
+    if (set.name == (moves_tool(step) ? tool_set : step.moves))
+      move(set, step.way);
+    else
+      set.share = 0.0;
+  }
+  return {model.node_count(), std::move(sets)};
+}
+
+}  // namespace
+
+std::vector<int> frames_of_steps(const std::vector<Step>& steps, int frames) {
+  double whole = 0.0, come = 0.0;
+  for (const Step& step : steps) whole += step.way.norm();
+  std::vector<int> result;
+  int given = 0;
+  for (const Step& step : steps) {
+    come += step.way.norm();
+    const int until = static_cast<int>(std::lround(frames * come / whole));
+    result.push_back(std::max(1, until - given));
+    given += result.back();
+  }
+  return result;
+}
+
+Vec3 moved(const std::vector<Step>& steps, std::string_view name, double come) {
+  Vec3 sum = Vec3::Zero();
+  for (const Step& step : steps) {
+    const double way = step.way.norm(), done = std::clamp(come, 0.0, way);
+    if (step.moves == name) sum += done / way * step.way;
+    come -= way;
+  }
+  return sum;
+}
+
+void march_in_steps(System& system, const Loading& loading, const SolverOptions& options,
+                    const Observer& observer, History& history, const State* from) {
+  const Model& model = system.model();
+  const std::vector<int> frames = frames_of_steps(loading.steps, options.frames);
+  Rest begun = system.at_rest();
+  Vec3 way_before = Vec3::Zero();
+  Loading now = loading;
+  now.steps.clear();
+  const std::size_t first = from ? static_cast<std::size_t>(from->step_of_scene) : 0;
+  for (std::size_t k = 0; k < loading.steps.size(); ++k) {
+    const Step& step = loading.steps[k];
+    now.depth = step.way.norm();
+    now.begun.sinks = moves_tool(step) ? step.way.dot(model.tool.push) / now.depth : 0.0;
+    if (k == first && from && k > 0) {
+      begun = from->begun;
+      way_before = from->way_before;
+    }
+    if (k >= first) {
+      system.go_on(begun, held_in(model, loading, step), way_before);
+      SolverOptions own = options;
+      own.frames = frames[k];
+      Observer watching = observer;
+      Rest ended;
+      if (observer.between_steps)
+        watching.between_steps = [&](const std::function<State()>& state) {
+          observer.between_steps([&] {
+            State copy = state();
+            copy.step_of_scene = static_cast<int>(k);
+            copy.begun = begun;
+            copy.way_before = way_before;
+            return copy;
+          });
+        };
+      march_quasi_statically(system, now, own, watching, history, k == first ? from : nullptr, &ended);
+      if (history.interrupted) return;
+      begun = std::move(ended);
+      if (moves_tool(step)) way_before += step.way;
+    }
+    now.begun = {now.t_at(now.depth), now.depth_at(now.depth), 1.0, now.begun.frame + frames[k]};
+  }
+}
+
+}  // namespace dimple
