@@ -38,22 +38,21 @@ TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& 
 }
 
 void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading,
-           const SolverOptions& options, const Observer& observer, History& history, const State* from) {
-  std::unique_ptr<System> system;
+           const SolverOptions& options, const Observer& observer, History& history, const MarchState* from) {
   try {
-    system = make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance);
+    const std::unique_ptr<System> system =
+        make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance);
+    history.settled = system->at_rest().u.colwise().norm().maxCoeff();
+    switch (mode) {
+      case TimeMode::quasi_static:
+        return march_quasi_statically(*system, loading, options, observer, history, from);
+      case TimeMode::dynamic:
+        return march_implicitly(*system, loading, options, observer, history, from);
+      case TimeMode::explicit_:
+        return march_explicitly(*system, loading, options, observer, history, from);
+    }
   } catch (const Stopped&) {
     history.interrupted = true;
-    return;
-  }
-  history.settled = system->at_rest().u.colwise().norm().maxCoeff();
-  switch (mode) {
-    case TimeMode::quasi_static:
-      return march_quasi_statically(*system, loading, options, observer, history, from);
-    case TimeMode::dynamic:
-      return march_implicitly(*system, loading, options, observer, history, from);
-    case TimeMode::explicit_:
-      return march_explicitly(*system, loading, options, observer, history, from);
   }
 }
 

@@ -223,7 +223,7 @@ void feel_supports(const ForceSystem::Nodal& f, double depth, Result& result) {
 }  // namespace
 
 std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options,
-                                   const Observer& observer, const State* from, const Talk& talk,
+                                   const Observer& observer, const MarchState* from, const Talk& talk,
                                    Result& result) {
   const std::optional<Interpolation> place = to_followed(result);
   if (place && from && from->u.cols() > 0)

@@ -39,7 +39,7 @@ std::optional<Followed> followed_in(const Config& config, const Organ& organ);
 /// is followed. Asked to stop it returns what there is, `interrupted`. What is returned is to outlive the
 /// frames' forces.
 std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options,
-                                   const Observer& observer, const State* from, const Talk& talk,
+                                   const Observer& observer, const MarchState* from, const Talk& talk,
                                    Result& result);
 
 /// What else the clouds of the result's organ are made from, but for the image.

@@ -238,7 +238,7 @@ class Recorder {
   }
 
   // Where the run stands is kept now and then, within a hundredth of its time.
-  void keep(const std::function<State()>& state) {
+  void keep(const std::function<MarchState()>& state) {
     if (since_kept_.seconds() < std::max(0.2, 100.0 * keeping_s_)) return;
     const Stopwatch waiting;
     writer_->finish_frames();  // only what is on the disk can be gone on from

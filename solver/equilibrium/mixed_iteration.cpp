@@ -475,8 +475,7 @@ struct Unbalanced {
   void at(System& body, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f,
           const MixedIteration::Inertia* inertia, const Nodal* viscous) {
     const Eigen::VectorXd& of_patches = body.model().patches.volume;
-    body.tissue().hold_pressures(lambda.cwiseQuotient(of_patches));
-    sweep = body.force(u, f);
+    sweep = body.force_at(u, lambda, f);
     body.tissue().patch_state(patches);
     residual = body.balance(f, force,
                             [&](Index a, Eigen::Vector4d& all) {

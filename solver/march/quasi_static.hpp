@@ -14,7 +14,7 @@ namespace dimple {
 /// do not know of it. Where none is found the frame shows the line between the two, as the finding `frame`
 /// says, without a sample.
 void march_quasi_statically(System& system, const Loading& loading, const SolverOptions& options,
-                            const Observer& observer, History& history, const State* from = nullptr);
+                            const Observer& observer, History& history, const MarchState* from = nullptr);
 
 /// How many steps that load takes, where none is shortened.
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options);
