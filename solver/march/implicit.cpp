@@ -8,6 +8,7 @@
 #include "io/stop.hpp"
 #include "solver/equilibrium/mixed_iteration.hpp"
 #include "solver/equilibrium/stable_time_step.hpp"
+#include "solver/march/central_differences.hpp"
 #include "solver/march/ledger.hpp"
 #include "solver/march/predictor.hpp"
 #include "solver/text.hpp"
@@ -57,6 +58,7 @@ class ImplicitMarch {
   MixedIteration solve_;
   MixedIteration::Inertia inertia_;
   Predictor past_{remembered};
+  const Eigen::VectorXd inverse_mass_;
   const double stretch_;  // from a frame to the next [s]
   double longest_;        // step [s]
   bool stopped_ = false;
@@ -70,7 +72,7 @@ class ImplicitMarch {
   void shorten(double h, double end);
   void step_explicitly(double to);
   std::int64_t small_steps(double to, double stable, std::int64_t taken) const;
-  void accelerate(const Moment& now);
+  void find_force(const Moment& now);
   void small_step(double h, double to, double stable);
   void add_work(double h);
   bool arrive(double end, double step);
@@ -96,6 +98,7 @@ ImplicitMarch::ImplicitMarch(System& system, const Loading& loading, const Solve
       guards_(system, loading.duration() >= slow_load * shear_crossing_time(system.tissues(), model_),
               options.guards, history.guards),
       solve_(system),
+      inverse_mass_(model_.mass.cwiseInverse()),
       stretch_(loading.duration() / options.frames) {
   // Of a shear wave that stands between the base and the tool's side.
   const double slowest_period = 4.0 * shear_crossing_time(system.tissues(), model_);
@@ -231,11 +234,13 @@ void ImplicitMarch::step_explicitly(double to) {
     history_.extra_evaluations += stable.iterations;
     const std::int64_t left = small_steps(to, stable.dt, taken), count = std::min(left, same_step);
     const double h = (to - state_.t) / static_cast<double>(left), start = state_.t;
-    accelerate({start, loading_.rate * start, h, stable.dt});
+    find_force({start, loading_.rate * start, h, stable.dt});
     for (std::int64_t k = 1; k <= count; ++k)
       small_step(h, k == left ? to : start + h * static_cast<double>(k), stable.dt);
     taken += count;
   }
+  for (Index i = 0; i < u_.cols(); ++i)
+    a_.col(i) = held_.project(i, -f_.col(i) * inverse_mass_[i] - options_.damping * v_.col(i));
   state_.lambda = pressures_of_volumes(system_);
 }
 
@@ -263,23 +268,27 @@ std::int64_t ImplicitMarch::small_steps(double to, double stable, std::int64_t t
   return static_cast<std::int64_t>(needed);
 }
 
-void ImplicitMarch::accelerate(const Moment& now) {
+void ImplicitMarch::find_force(const Moment& now) {
   const ForceSystem::Sweep sweep = system_.force(u_, f_);
   guards_.check(sweep, now);
   ledger_.count(sweep);
-  for (Index i = 0; i < u_.cols(); ++i)
-    a_.col(i) = held_.project(i, -f_.col(i) / model_.mass[i] - options_.damping * v_.col(i));
   ++history_.extra_evaluations;
 }
 
+// Half of the leapfrog's kick before and half after, so that v too is that of the step's end.
 void ImplicitMarch::small_step(double h, double to, double stable) {
   stop_if_asked();
-  v_ += 0.5 * h * a_;
-  u_ += h * v_;
+  CentralDifferences half{.dt = h,
+                          .kick = 0.5 * h,
+                          .rate = loading_.rate,
+                          .depth = loading_.rate * to,
+                          .damping = options_.damping};
+  half(0, u_.cols(), held_, inverse_mass_, f_, v_, u_);
   state_.t = to;
-  system_.set({.t = to, .depth = loading_.rate * to}, u_);
-  accelerate({to, loading_.rate * to, h, stable});
-  v_ += 0.5 * h * a_;
+  system_.set({.t = to, .depth = half.depth});
+  find_force({to, half.depth, h, stable});
+  half.dt = 0.0;
+  half(0, u_.cols(), held_, inverse_mass_, f_, v_, u_);
   for (Index i = 0; i < u_.cols(); ++i)
     if (held_.is_free(i))
       state_.account.dissipated += options_.damping * model_.mass[i] * v_.col(i).squaredNorm() * h;
