@@ -94,13 +94,80 @@ void refuse_beyond_memory(const ModelOptions& options, Index nodes) {
          .code = "memory"});
 }
 
+// In metres in the world, nodes and points each in the order of a curve through the body.
+Discretisation places_of(const BodySurface& body, const Boundary& boundary, const NodeCloud& cloud,
+                         const IntegrationGrid& grid) {
+  Discretisation places;
+  const std::vector<Index> nodes = spatial_order(cloud.X), points = spatial_order(grid.point);
+  places.X = world_metres(body, cloud.X(Eigen::all, nodes));
+  places.spacing = cloud.spacing(nodes).unaryExpr(&metres);
+  places.point = world_metres(body, grid.point(Eigen::all, points));
+  places.volume = grid.volume(points).unaryExpr(&cubic_metres);
+  places.label = grid.label(points);
+  places.axes = body.to_world().linear();
+  places.surface.vertex_mm = body.to_world() * body.vertex().colwise().homogeneous();
+  places.surface.triangles = body.triangles();
+  if (grid.spread.cols() > 0) {
+    const Spread in_order = grid.spread(Eigen::all, points);
+    places.spread = turned(in_order, places.axes).unaryExpr(&square_metres);
+  }
+  places.tool.centre = world_metres(body, boundary.centre);
+  places.tool.push = body.to_world().linear() * boundary.push + Vec3::Zero();  // no minus zeros
+  places.tool.radius = metres(boundary.radius);
+  for (Index a = 0; a < places.node_count(); ++a) {
+    const Index in_cloud = nodes[static_cast<std::size_t>(a)];
+    if (in_cloud < cloud.circle_count) places.indenter.push_back(a);
+    if (cloud.base[static_cast<std::size_t>(in_cloud)]) places.base.push_back(a);
+  }
+  return places;
+}
+
+void report_cloud(const Boundary& boundary, const NodeCloud& cloud, const IntegrationGrid& grid, double rim,
+                  ModelReport& report) {
+  report.spacing_mm = cloud.far_spacing;
+  report.rim_spacing_mm = cloud.far_spacing * rim;
+  report.largest_spacing_mm = largest_gap(cloud.X);
+  report.cell_mm = grid.cell;
+  report.grid_volume_mm3 = grid.volume.sum();
+  report.clipped = grid.clipped;
+  report.merged = grid.merged;
+  report.surface_nodes = cloud.surface_count;
+  report.circle_nodes = cloud.circle_count;
+  for (Index a = 0; a < cloud.circle_count; ++a) {
+    const Vec3 d = cloud.X.col(a) - boundary.centre;
+    if ((d - d.dot(boundary.push) * boundary.push).norm() > boundary.radius * (1.0 - 1e-6))
+      ++report.rim_nodes;
+  }
+  report.evenness = measure_evenness(cloud, grid.point);
+}
+
+void refuse_without_base_or_on_it(const Boundary& boundary, const NodeCloud& cloud,
+                                  const Discretisation& places) {
+  if (places.base.empty())
+    throw ModelError(
+        {.fact = "no node lies on the base",
+         .where = "fixed base",
+         .why = fmt::format("there is no surface node within {:.2f} mm of the base's lowest point",
+                            boundary.base_depth),
+         .remedy = "give a larger --base-depth, more --nodes or another --base"});
+  for (Index a = 0; a < cloud.circle_count; ++a) {
+    const Vec3 x = cloud.X.col(a);
+    if (boundary.lowest - x.dot(boundary.down) <= boundary.base_depth)
+      throw ModelError(
+          {.fact = "the indenter's circle lies on the fixed base",
+           .where = "fixed base and indenter circle",
+           .why = fmt::format("a node of the circle is within {:.2f} mm of the base's lowest point",
+                              boundary.base_depth),
+           .remedy = "choose another place (--indent-at), another --base or a smaller --base-depth"});
+  }
+}
+
 }  // namespace
 
 Discretised discretise(const BodySurface& body, const ModelOptions& given, const LabelAt& label_at,
                        const Boundary* known) {
   ModelOptions options = given;
   Discretised result;
-  Discretisation& places = result.places;
   ModelReport& report = result.report;
   report.surface_volume_mm3 = body.volume();
   report.surface_area_mm2 = body.area();
@@ -130,62 +197,10 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
   report.stages.done("cloud, grid");
 
   stop_if_asked();
-  const std::vector<Index> nodes = spatial_order(cloud.X), points = spatial_order(grid.point);
-  places.X = world_metres(body, cloud.X(Eigen::all, nodes));
-  places.spacing = cloud.spacing(nodes).unaryExpr(&metres);
-  places.point = world_metres(body, grid.point(Eigen::all, points));
-  places.volume = grid.volume(points).unaryExpr(&cubic_metres);
-  places.label = grid.label(points);
-  places.axes = body.to_world().linear();
-  places.surface.vertex_mm = body.to_world() * body.vertex().colwise().homogeneous();
-  places.surface.triangles = body.triangles();
-  if (grid.spread.cols() > 0) {
-    const Spread in_order = grid.spread(Eigen::all, points);
-    places.spread = turned(in_order, places.axes).unaryExpr(&square_metres);
-  }
-  places.tool.centre = world_metres(body, boundary.centre);
-  places.tool.push = body.to_world().linear() * boundary.push + Vec3::Zero();  // no minus zeros
-  places.tool.radius = metres(boundary.radius);
-  for (Index a = 0; a < places.node_count(); ++a) {
-    const Index in_cloud = nodes[static_cast<std::size_t>(a)];
-    if (in_cloud < cloud.circle_count) places.indenter.push_back(a);
-    if (cloud.base[static_cast<std::size_t>(in_cloud)]) places.base.push_back(a);
-  }
-
-  report.spacing_mm = cloud.far_spacing;
-  report.rim_spacing_mm = cloud.far_spacing * (sizing.even() ? 1.0 : options.cloud.grading.rim);
-  report.largest_spacing_mm = largest_gap(cloud.X);
-  report.cell_mm = grid.cell;
-  report.grid_volume_mm3 = grid.volume.sum();
-  report.clipped = grid.clipped;
-  report.merged = grid.merged;
-  report.surface_nodes = cloud.surface_count;
-  report.circle_nodes = cloud.circle_count;
-  for (Index a = 0; a < cloud.circle_count; ++a) {
-    const Vec3 d = cloud.X.col(a) - boundary.centre;
-    if ((d - d.dot(boundary.push) * boundary.push).norm() > boundary.radius * (1.0 - 1e-6))
-      ++report.rim_nodes;
-  }
-  report.evenness = measure_evenness(cloud, grid.point);
+  result.places = places_of(body, boundary, cloud, grid);
+  report_cloud(boundary, cloud, grid, sizing.even() ? 1.0 : options.cloud.grading.rim, report);
   report.stages.done("other");
-
-  if (places.base.empty())
-    throw ModelError(
-        {.fact = "no node lies on the base",
-         .where = "fixed base",
-         .why = fmt::format("there is no surface node within {:.2f} mm of the base's lowest point",
-                            boundary.base_depth),
-         .remedy = "give a larger --base-depth, more --nodes or another --base"});
-  for (Index a = 0; a < cloud.circle_count; ++a) {
-    const Vec3 x = cloud.X.col(a);
-    if (boundary.lowest - x.dot(boundary.down) <= boundary.base_depth)
-      throw ModelError(
-          {.fact = "the indenter's circle lies on the fixed base",
-           .where = "fixed base and indenter circle",
-           .why = fmt::format("a node of the circle is within {:.2f} mm of the base's lowest point",
-                              boundary.base_depth),
-           .remedy = "choose another place (--indent-at), another --base or a smaller --base-depth"});
-  }
+  refuse_without_base_or_on_it(boundary, cloud, result.places);
   return result;
 }
 
