@@ -13,7 +13,7 @@
 #include "io/label_image.hpp"
 #include "io/table.hpp"
 #include "io/vtk_files.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
@@ -26,18 +26,10 @@ const std::string cloud = " --nodes 500";
 // Slow enough for the wave of the sudden start, which is proportional to the rate, to stay below the force.
 const std::string load = " --depth 0.5mm --rate 5mm/s --frames 4";
 
-class Run : public testing::Test {
+class Run : public InFolder {
  protected:
-  const fs::path folder = fresh_folder();
-
   void SetUp() override { good("phantom brain.nrrd --spacing 3"); }
 
-  Ran good(const std::string& arguments) const {
-    SCOPED_TRACE("dimple " + arguments);
-    const Ran ran = dimple(folder, arguments);
-    EXPECT_EQ(ran.code, 0) << ran.err;
-    return ran;
-  }
   std::string force(const std::string& out) const {
     const std::string text = text_of(folder / out / "force.csv");
     EXPECT_EQ(text.rfind("time_s,indentation_mm,force_N", 0), 0u) << text;
