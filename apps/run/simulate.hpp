@@ -38,7 +38,7 @@ struct Case {
   /// the circle, which its surface follows; all others may differ. For build_case().
   const ReadOrgan* organ = nullptr;
   const MarchState* from = nullptr;  ///< where an earlier run of the same case stood
-  bool band = false;            ///< of the force is wanted: by a coarser cloud, after the march
+  bool band = false;                 ///< of the force is wanted: by a coarser cloud, after the march
   BodyChange change = {};
 };
 

@@ -26,7 +26,8 @@ struct Result {
 
 /// `every`: how many steps lie between two states that are kept; 0: none is asked for.
 Result march(TimeMode by, const Model& model, const Tissues& tissues, Precision precision,
-             const Loading& loading, const SolverOptions& options, int every, const MarchState* from = nullptr) {
+             const Loading& loading, const SolverOptions& options, int every,
+             const MarchState* from = nullptr) {
   const ForceSystem system(model, tissues, precision);
   ForceState forces(system);
   Result result;
