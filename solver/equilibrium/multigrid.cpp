@@ -118,20 +118,42 @@ bool Multigrid::compute(Sparse matrix) {
     for (Vectors* v : {&level.b, &level.x, &level.y}) v->resize(static_cast<std::size_t>(matrix.rows()));
     matrix.swap(coarser);
   }
-  const Eigen::LLT<Eigen::MatrixXd> factor{Eigen::MatrixXd(matrix)};
-  coarsest_ = factor.solve(Eigen::MatrixXd::Identity(matrix.rows(), matrix.rows())).cast<float>();
+  // Eigen divides products of dense matrices by the size of the processor's caches, so that they have other
+  // bits on another one: it is asked for none, but for a factor without blocks and one column after the
+  // other.
+  const Eigen::Index n = matrix.rows();
+  const Eigen::LDLT<Eigen::MatrixXd> factor{Eigen::MatrixXd(matrix)};
+  if (factor.info() != Eigen::Success || !factor.isPositive()) return false;
+  coarsest_.resize(n, n);
+  for (Eigen::Index k = 0; k < n; ++k)
+    coarsest_.col(k) = factor.solve(Eigen::VectorXd::Unit(n, k)).cast<float>();
   coarsest_b_.resize(static_cast<std::size_t>(matrix.rows()));
   coarsest_x_.resize(coarsest_b_.size());
-  return factor.info() == Eigen::Success;
+  return true;
+}
+
+// coarsest_x_ = coarsest_ coarsest_b_, each sum from its first to its last term; eight rows at once, whose
+// sums wait for nothing of each other.
+void Multigrid::solve_coarsest() {
+  constexpr int together = 8;
+  const auto n = static_cast<int>(coarsest_b_.size());
+  const auto rows_from = [&](int i, auto count) {
+    Vec4 sum[count] = {};
+    for (int k = 0; k < n; ++k) {
+      const float* entry = &coarsest_(i, k);
+      for (int j = 0; j < count; ++j) sum[j] += coarsest_b_[static_cast<std::size_t>(k)] * entry[j];
+    }
+    for (int j = 0; j < count; ++j) coarsest_x_[static_cast<std::size_t>(i + j)] = sum[j];
+  };
+  int i = 0;
+  for (; i + together <= n; i += together) rows_from(i, std::integral_constant<int, together>());
+  for (; i < n; ++i) rows_from(i, std::integral_constant<int, 1>());
 }
 
 // levels_[depth].x becomes about A^-1 b there; `anew`: it is zero before.
 void Multigrid::cycle(std::size_t depth, bool anew) {
   if (depth == levels_.size()) {
-    using Four = Eigen::Matrix<float, 4, Eigen::Dynamic>;
-    const auto n = static_cast<Eigen::Index>(coarsest_b_.size());
-    Eigen::Map<Four>(reinterpret_cast<float*>(coarsest_x_.data()), 4, n).noalias() =
-        Eigen::Map<const Four>(reinterpret_cast<const float*>(coarsest_b_.data()), 4, n) * coarsest_;
+    solve_coarsest();
     return;
   }
   Level& level = levels_[depth];

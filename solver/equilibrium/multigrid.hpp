@@ -13,7 +13,7 @@ namespace dimple {
 /// off-diagonal entries are not positive, such as a graph's Laplacian, for three or four right-hand sides
 /// that share each entry. Time and memory grow with the number of rows alone, which a sparse factor's do not.
 /// In single precision, as a preconditioner needs no more. Symmetric, the same bits for any number of
-/// threads.
+/// threads and on any processor.
 ///
 /// Source:   Vanek, Mandel, Brezina, Computing 56, 1996; smoothed twice by Chebyshev's polynomial (Adams et
 /// al. 2003) before and after.
@@ -46,6 +46,7 @@ class Multigrid {
 
   static Rows pack(const Sparse& matrix);
   void cycle(std::size_t depth, bool anew);
+  void solve_coarsest();
 
   std::vector<Level> levels_;
   Eigen::MatrixXf coarsest_;  // inverse of the last level's matrix

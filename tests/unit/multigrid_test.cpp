@@ -8,6 +8,8 @@
 #include <cstring>
 #include <vector>
 
+#include "tests/helpers/caches.hpp"
+
 namespace dimple {
 namespace {
 
@@ -111,6 +113,24 @@ TEST(Multigrid, GivesTheSameBitsForAnyNumberOfThreads) {
   }
   for (const Multigrid::Vectors& other : results)
     EXPECT_EQ(std::memcmp(other.data(), results.front().data(), other.size() * sizeof(other[0])), 0);
+}
+
+TEST(Multigrid, GivesTheSameBitsOnAProcessorWithOtherCaches) {
+  for (const int side : {4, 6, 20}) {  // 64 and 216 rows are one level
+    const Sparse matrix = laplacian(side, 10.0);
+    const Multigrid::Vectors b = some_vectors(matrix.rows(), 0.3);
+    std::vector<Multigrid::Vectors> results;
+    for (const std::ptrdiff_t first_level : {8 << 10, 32 << 10, 48 << 10}) {
+      const testing_bodies::Caches caches(first_level);
+      Multigrid multigrid;
+      ASSERT_TRUE(multigrid.compute(matrix));
+      results.push_back(b);
+      multigrid.solve(b, results.back());
+    }
+    for (const Multigrid::Vectors& other : results)
+      EXPECT_EQ(std::memcmp(other.data(), results.front().data(), other.size() * sizeof(other[0])), 0)
+          << side;
+  }
 }
 
 // A body that hangs on nothing can be moved without force.

@@ -11,11 +11,24 @@
 #include "preprocess/supports/support.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
+#include "tests/helpers/caches.hpp"
 
 namespace dimple {
 namespace {
 
 const Material tissue = neo_hookean(210.0, 0.499, 1000.0);
+
+TEST(Session, ABodyHasTheSameForceOnAProcessorWithOtherCaches) {
+  std::vector<double> forces;
+  for (const std::ptrdiff_t first_level : {8 << 10, 32 << 10, 48 << 10}) {
+    const testing_bodies::Caches caches(first_level);
+    Session session(testing_bodies::averaged_block(9), {tissue});  // 1000 nodes: several levels of multigrid
+    session.equilibrate(1e-3);
+    forces.push_back(session.force());
+  }
+  EXPECT_EQ(forces[0], forces[1]);
+  EXPECT_EQ(forces[0], forces[2]);
+}
 
 // 0.1 mm at a time, as a hand moves, reading force and surface after each.
 TEST(Session, AToolMovedByATenthOfAMillimetreFeelsTheForceOfTheWholeWay) {
