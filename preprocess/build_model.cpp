@@ -164,8 +164,25 @@ void refuse_without_base_or_on_it(const Boundary& boundary, const NodeCloud& clo
 
 }  // namespace
 
+Site find_site(const BodySurface& body, const ModelOptions& options, const Boundary* known) {
+  Site site{find_boundary(body, options.boundary, known), {}};
+  site.sizing = Sizing(body, site.boundary, options.cloud.grading);
+  return site;
+}
+
+Discretised discretise(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at) {
+  if (!(options.cloud.spacing_mm > 0.0)) refuse_beyond_memory(options, options.cloud.count);
+  Stages finding;
+  const Site site = find_site(body, options);
+  finding.done("boundary");
+  Discretised result = discretise(body, options, label_at, site);
+  finding.add(result.report.stages);
+  result.report.stages = std::move(finding);
+  return result;
+}
+
 Discretised discretise(const BodySurface& body, const ModelOptions& given, const LabelAt& label_at,
-                       const Boundary* known) {
+                       const Site& site) {
   ModelOptions options = given;
   Discretised result;
   ModelReport& report = result.report;
@@ -173,14 +190,12 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
   report.surface_area_mm2 = body.area();
 
   if (!(options.cloud.spacing_mm > 0.0)) refuse_beyond_memory(options, options.cloud.count);
-  const Boundary boundary = report.boundary = find_boundary(body, options.boundary, known);
+  const Boundary& boundary = report.boundary = site.boundary;
   options.cloud.base_outline = options.scheme.base_outline;
   GradingOptions& grading = options.cloud.grading;
-  Sizing sizing(body, boundary, grading);
-  report.stages.done("boundary");
-  const CloudSize size = cloud_size(body, sizing, options.cloud, grading.least * boundary.radius);
+  const CloudSize size = cloud_size(body, site.sizing, options.cloud, grading.least * boundary.radius);
   grading.rim = size.rim;
-  sizing = sizing.with_rim(size.rim);
+  const Sizing sizing = site.sizing.with_rim(size.rim);
   refuse_beyond_memory(options, size.count);
   // Side by side: neither needs more of the other than how many nodes there will be.
   NodeCloud cloud;

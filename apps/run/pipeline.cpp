@@ -37,6 +37,7 @@ Organ taken_again(const Case& given, Result& result) {
   const double voxel_mm = organ.options.boundary.voxel_mm;
   organ.options = model_options(given.config);
   organ.options.boundary.voxel_mm = voxel_mm;
+  organ.site = {};  // the case may ask for another
   check_materials(materials_of(given.config), organ.options.scheme);
   check_words(organ.options.boundary);
   result = given.organ->read;
@@ -102,6 +103,7 @@ Organ organ_of(const Case& given, const Talk& talk, Result& result) {
       given.organ ? taken_again(given, result) : read_organ(given, model_options(given.config), talk, result);
   result.provenance = {{"image", name_of_image(given.config)},
                        {"image_sha256", sha256_of_image(given.config, result.image)}};
+  find_site(given.config, talk, organ, result);
   return organ;
 }
 

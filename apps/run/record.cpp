@@ -149,7 +149,7 @@ class Recorder {
   /// Until all frames are on the disk. Throws what the last one met.
   void finish_frames() {
     const Stopwatch writing;
-    if (writer_) writer_->finish_frames();
+    if (writer_) writer_->end_frames();
     finishing_s_ = writing.seconds();
   }
   /// Of the last frame, once it is known. Throws what the stage meets.
@@ -190,7 +190,7 @@ class Recorder {
       label_at = label_finder(now.image, Eigen::Isometry3d::Identity(), taken);
     }
     writer_.emplace(how_.folder, now.model, now.history.interrupted ? tables_alone : wanted_of(given_.config),
-                    label_at, now.loading.further);
+                    label_at, now.loading.further, now.loading.duration());
     if (wanted_of(given_.config).report)
       slices_ = slices_through(1e3 * (now.model.tool.centre + 0.5 * now.loading.depth * now.model.tool.push),
                                now.model, now.image);
@@ -331,6 +331,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
           : history.interrupted ? &stopped
                                 : nullptr);
   if (comparison) summary["compare"] = to_json(*comparison);
+  if (const Json shown = writer_->shown_surface(); shown["triangles"] > 0) summary["shown_surface"] = shown;
   if (result.followed) outcome.further = displacement_title(summary["displacement"]);
   if (has_images()) summary["images"] = images_->summary();
   outcome.summary_json = as_text(summary);

@@ -56,6 +56,7 @@ class Cuts {
 
  private:
   void grade(const HeightMap& map);
+  std::optional<Room> within(const Vec2& p, double radii) const;
   double radius_;
   Vec2 corner_;
   double step_ = 1.0;
@@ -165,12 +166,22 @@ void Cuts::grade(const HeightMap& map) {
 }
 
 Room Cuts::at(const Vec2& p) const {
+  // Where a fold is near, as it is at most places of a brain, no one needs to look farther.
+  if (const double nearer = std::max(0.5 * sought, whole_disc + 2.0 * step_ / radius_); nearer < sought) {
+    const std::optional<Room> room = within(p, nearer);
+    if (room) return *room;
+  }
+  return within(p, sought).value_or(Room{});
+}
+
+// Nothing: what lies within so many radii does not tell.
+std::optional<Room> Cuts::within(const Vec2& p, double radii) const {
   // What is cut by distance, in rings; of what is missing the nearest place.
   constexpr int rings = 46;
   constexpr double width = sought / rings;  // radii
   std::array<double, rings> cut{};
   Room room{.whole = infinite, .even = sought * radius_};
-  const double reach = sought * radius_;
+  const double reach = radii * radius_;
   const Vec2 middle = (p - corner_) / step_;
   const auto from = [&](int d) {
     return std::max<Index>(0, static_cast<Index>(std::ceil(middle[d] - reach / step_)));
@@ -192,15 +203,17 @@ Room Cuts::at(const Vec2& p) const {
       if (k + 1 < rings) cut[k + 1] += outer * cut_(i, j);
     }
   const double enough = negligible * std::numbers::pi * radius_ * radius_ / (step_ * step_);
+  const bool all = radii >= sought;
+  const auto known = all ? std::size_t{rings} : static_cast<std::size_t>(radii / width);  // rings seen whole
   double sum = 0.0;
-  for (std::size_t k = 0; k < rings; ++k) {
+  for (std::size_t k = 0; k < known; ++k) {
     if (sum + cut[k] >= enough) {
       room.even = (static_cast<double>(k) + (enough - sum) / cut[k]) * width * radius_;
-      break;
+      return room;
     }
     sum += cut[k];
   }
-  return room;
+  return all ? std::optional(room) : std::nullopt;
 }
 
 // Where the image ends is no surface of the organ.

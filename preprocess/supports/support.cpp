@@ -12,6 +12,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <numeric>
 #include <optional>
 
 #include "io/error.hpp"
@@ -393,11 +394,10 @@ double linear_error(const Model& model, Index q, const PointSupport& s, double r
 
 }  // namespace
 
-std::optional<Sight> sight_in(const Discretisation& model, const SupportOptions& options) {
-  if (!options.through_tissue || model.surface.empty()) return std::nullopt;
-  std::optional<Sight> sight(std::in_place, model, options.effective_radius_factor() * model.spacing);
-  if (sight->all_clear()) sight.reset();
-  return sight;
+std::shared_ptr<const Sight> sight_in(const Discretisation& model, const SupportOptions& options) {
+  if (!options.through_tissue || model.surface.empty()) return {};
+  auto sight = std::make_shared<const Sight>(model, options.effective_radius_factor() * model.spacing);
+  return sight->all_clear() ? nullptr : sight;
 }
 
 namespace {
@@ -661,6 +661,12 @@ Connected members_of(const CompressedRows& rows) {
   };
 }
 
+// A model that make_model() has not made has none at hand.
+std::shared_ptr<const Sight> sight_of(const Model& model) {
+  if (model.sight || model.support_report.unseen == 0) return model.sight;
+  return sight_in(model, model.scheme.support);
+}
+
 // Of places, the nodes that they are connected with: those of the supports of the nearest points that
 // `reaches`(point, place) holds for. Good enough for pictures, and cheaper than to ask every node.
 template <class Reaches>
@@ -696,19 +702,25 @@ CompressedRows nodes_by_points(const Model& model, const Points& places, Reaches
 }  // namespace
 
 Interpolation surface_interpolation(const Model& model) {
+  std::vector<Index> all(static_cast<std::size_t>(model.surface.vertex_mm.cols()));
+  std::iota(all.begin(), all.end(), Index{0});
+  return surface_interpolation(model, all);
+}
+
+Interpolation surface_interpolation(const Model& model, const std::vector<Index>& vertices) {
   const Points places = model.surface.vertex_mm * 1e-3;
   Points normals = Points::Zero(3, places.cols());
   for (const auto& t : model.surface.triangles.colwise()) {
     const Vec3 a = places.col(t[0]), n = (places.col(t[1]) - a).cross(places.col(t[2]) - a);
     for (const Index v : t) normals.col(v) += n;
   }
-  return surface_interpolation(model, places, normals);
+  return surface_interpolation(model, places(Eigen::all, vertices), normals(Eigen::all, vertices));
 }
 
 Interpolation surface_interpolation(const Model& model, const Points& places, const Points& normals) {
   if (model.support_report.unseen == 0) return make_interpolation(model, model.scheme.support, places);
   CompressedRows allowed;
-  if (const auto sight = sight_in(model, model.scheme.support))
+  if (const auto sight = sight_of(model))
     allowed = nodes_by_points(model, places, [&](int q, Index m) {  // behind the surface
       return (model.point.col(q) - places.col(m)).dot(normals.col(m)) < 0.0 &&
              sight->point_sees(q, places.col(m));
@@ -719,10 +731,9 @@ Interpolation surface_interpolation(const Model& model, const Points& places, co
 
 Interpolation inner_interpolation(const Model& model, const Points& places) {
   CompressedRows allowed;
-  if (model.support_report.unseen > 0)
-    if (const auto sight = sight_in(model, model.scheme.support))
-      allowed =
-          nodes_by_points(model, places, [&](int q, Index m) { return sight->point_sees(q, places.col(m)); });
+  if (const auto sight = sight_of(model))
+    allowed =
+        nodes_by_points(model, places, [&](int q, Index m) { return sight->point_sees(q, places.col(m)); });
   return make_interpolation(model, model.scheme.support, places,
                             allowed.offset.size() > 0 ? members_of(allowed) : Connected());
 }
@@ -749,13 +760,12 @@ Eigen::MatrixXd Interpolation::operator()(const Eigen::MatrixXd& nodal) const {
 }
 
 struct FieldAnywhere::Parts {
-  explicit Parts(const Model& m) : model(m), cloud(m, m.scheme.support) {
-    if (m.support_report.unseen > 0) sight = sight_in(m, m.scheme.support);
+  explicit Parts(const Model& m) : model(m), cloud(m, m.scheme.support), sight(sight_of(m)) {
     if (sight) points.emplace(m.point);
   }
   const Model& model;
   Cloud cloud;
-  std::optional<Sight> sight;
+  std::shared_ptr<const Sight> sight;
   std::optional<Neighbours> points;
 
   // The nodes that x is connected with, by the nearest points that see it; `first` of them, or -1.
