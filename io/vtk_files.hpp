@@ -22,7 +22,8 @@ struct Field {
 struct PointFile {
   Points position_mm;
   std::vector<Field> fields;
-  bool small = false;  ///< see SurfaceFile
+  bool small = false;            ///< see SurfaceFile
+  bool even_if_stopped = false;  ///< written also where the work was asked to end (io/stop.hpp)
   /// The field of that name, or nullptr.
   const Field* find(const std::string& name) const;
 };

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <exception>
 #include <limits>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -277,17 +278,26 @@ void ResultWriter::write(Packing frame) {
 }
 
 void ResultWriter::end_frames() {
-  finish_frames();
-  if (!points_left_) return;
-  const double time_s = points_left_->time_s;
-  write_points(std::move(*points_left_));
-  point_series_.add(time_s);
-  points_left_.reset();
+  std::exception_ptr stopped;  // amid a frame: then the one before it is the last
+  try {
+    finish_frames();
+  } catch (const Stopped&) {
+    stopped = std::current_exception();
+  }
+  // Who was stopped has a second for all that is left to be written.
+  const bool is_stopped = stop_asked() != StopReason::none;
+  if (points_left_ && !(is_stopped && model_.point_count() > most_points_beside)) {
+    const double time_s = points_left_->time_s;
+    write_points(std::move(*points_left_), is_stopped);
+    point_series_.add(time_s);
+  }
+  if (stopped) std::rethrow_exception(stopped);
 }
 
-void ResultWriter::write_points(Packing frame) {
+void ResultWriter::write_points(Packing frame, bool of_stopped) {
   points_left_.reset();
-  PointFile file{.position_mm = points_mm_, .fields = {}, .small = !wanted_.fine};
+  PointFile file{
+      .position_mm = points_mm_, .fields = {}, .small = !wanted_.fine, .even_if_stopped = of_stopped};
   // One by one: a list of them would be copied.
   file.fields.push_back({.name = "displacement_mm",
                          .unit = "mm",

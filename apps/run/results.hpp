@@ -101,7 +101,7 @@ class ResultWriter {
   Skin skin_of(const std::vector<Index>& vertex, const Triangles& triangles) const;
   void take_skins();
   void write(Packing frame);
-  void write_points(Packing frame);
+  void write_points(Packing frame, bool of_stopped = false);
   void write_view(const Packing& frame);
   bool is_last(double time_s) const { return time_s >= end_s_ * (1.0 - 1e-9); }
   Overview body_of(double depth) const;
