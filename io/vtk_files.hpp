@@ -22,6 +22,8 @@ struct Field {
 struct PointFile {
   Points position_mm;
   std::vector<Field> fields;
+  bool small = false;            ///< see SurfaceFile
+  bool even_if_stopped = false;  ///< written also where the work was asked to end (io/stop.hpp)
   /// The field of that name, or nullptr.
   const Field* find(const std::string& name) const;
 };
@@ -33,13 +35,14 @@ struct SurfaceFile {
   std::vector<Field> fields;
   std::vector<Field> on_triangles = {};
   std::vector<Field> facts = {};  ///< of the whole, one column each: VTK's field data
+  bool small = false;  ///< packed by zlib: half as long as by LZ4 where numbers are rounded, and slower
 };
 
-/// All writers here write inline base64 data packed by LZ4, beside the final name, then rename; they throw
-/// OutputError (disk, permissions) and std::invalid_argument (a field that does not match the points: the
-/// caller's mistake). The unit of each array is its UNITS_LABEL, the time the field data TimeValue; a field
-/// "displacement_mm" is the active vector. `exact` keeps positions in double precision, else they are
-/// Float32.
+/// All writers here write inline base64 data packed by LZ4 (or zlib), beside the final name, then rename;
+/// they throw OutputError (disk, permissions) and std::invalid_argument (a field that does not match the
+/// points: the caller's mistake). The unit of each array is its UNITS_LABEL, the time the field data
+/// TimeValue; a field "displacement_mm" is the active vector. `exact` keeps positions in double precision,
+/// else they are Float32.
 
 /// .vtu with one VTK_VERTEX per point.
 void write_vtu(const std::filesystem::path& file, const PointFile& points, double time_s, bool exact = false);

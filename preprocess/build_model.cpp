@@ -94,42 +94,10 @@ void refuse_beyond_memory(const ModelOptions& options, Index nodes) {
          .code = "memory"});
 }
 
-}  // namespace
-
-Discretised discretise(const BodySurface& body, const ModelOptions& given, const LabelAt& label_at,
-                       const Boundary* known) {
-  ModelOptions options = given;
-  Discretised result;
-  Discretisation& places = result.places;
-  ModelReport& report = result.report;
-  report.surface_volume_mm3 = body.volume();
-  report.surface_area_mm2 = body.area();
-
-  if (!(options.cloud.spacing_mm > 0.0)) refuse_beyond_memory(options, options.cloud.count);
-  const Boundary boundary = report.boundary = find_boundary(body, options.boundary, known);
-  options.cloud.base_outline = options.scheme.base_outline;
-  GradingOptions& grading = options.cloud.grading;
-  Sizing sizing(body, boundary, grading);
-  report.stages.done("boundary");
-  const CloudSize size = cloud_size(body, sizing, options.cloud, grading.least * boundary.radius);
-  grading.rim = size.rim;
-  sizing = sizing.with_rim(size.rim);
-  refuse_beyond_memory(options, size.count);
-  // Side by side: neither needs more of the other than how many nodes there will be.
-  NodeCloud cloud;
-  IntegrationGrid grid;
-  side_by_side([&] { cloud = make_node_cloud(body, boundary, sizing, options.cloud, size); },
-               [&] {
-                 grid = options.scheme.averaged_gradients
-                            ? make_graded_grid(body, options.grid, size.count, sizing, size.far_spacing,
-                                               label_at)
-                            : make_integration_grid(body, options.grid, size.count, label_at);
-               });
-  give_back_memory();
-  refuse_too_thin(layers_under_circle(body, boundary, cloud), cloud.X.cols());
-  report.stages.done("cloud, grid");
-
-  stop_if_asked();
+// In metres in the world, nodes and points each in the order of a curve through the body.
+Discretisation places_of(const BodySurface& body, const Boundary& boundary, const NodeCloud& cloud,
+                         const IntegrationGrid& grid) {
+  Discretisation places;
   const std::vector<Index> nodes = spatial_order(cloud.X), points = spatial_order(grid.point);
   places.X = world_metres(body, cloud.X(Eigen::all, nodes));
   places.spacing = cloud.spacing(nodes).unaryExpr(&metres);
@@ -151,9 +119,13 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
     if (in_cloud < cloud.circle_count) places.indenter.push_back(a);
     if (cloud.base[static_cast<std::size_t>(in_cloud)]) places.base.push_back(a);
   }
+  return places;
+}
 
+void report_cloud(const Boundary& boundary, const NodeCloud& cloud, const IntegrationGrid& grid, double rim,
+                  ModelReport& report) {
   report.spacing_mm = cloud.far_spacing;
-  report.rim_spacing_mm = cloud.far_spacing * (sizing.even() ? 1.0 : options.cloud.grading.rim);
+  report.rim_spacing_mm = cloud.far_spacing * rim;
   report.largest_spacing_mm = largest_gap(cloud.X);
   report.cell_mm = grid.cell;
   report.grid_volume_mm3 = grid.volume.sum();
@@ -167,8 +139,10 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
       ++report.rim_nodes;
   }
   report.evenness = measure_evenness(cloud, grid.point);
-  report.stages.done("other");
+}
 
+void refuse_without_base_or_on_it(const Boundary& boundary, const NodeCloud& cloud,
+                                  const Discretisation& places) {
   if (places.base.empty())
     throw ModelError(
         {.fact = "no node lies on the base",
@@ -186,6 +160,62 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
                               boundary.base_depth),
            .remedy = "choose another place (--indent-at), another --base or a smaller --base-depth"});
   }
+}
+
+}  // namespace
+
+Site find_site(const BodySurface& body, const ModelOptions& options, const Boundary* known) {
+  Site site{find_boundary(body, options.boundary, known), {}};
+  site.sizing = Sizing(body, site.boundary, options.cloud.grading);
+  return site;
+}
+
+Discretised discretise(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at) {
+  if (!(options.cloud.spacing_mm > 0.0)) refuse_beyond_memory(options, options.cloud.count);
+  Stages finding;
+  const Site site = find_site(body, options);
+  finding.done("boundary");
+  Discretised result = discretise(body, options, label_at, site);
+  finding.add(result.report.stages);
+  result.report.stages = std::move(finding);
+  return result;
+}
+
+Discretised discretise(const BodySurface& body, const ModelOptions& given, const LabelAt& label_at,
+                       const Site& site) {
+  ModelOptions options = given;
+  Discretised result;
+  ModelReport& report = result.report;
+  report.surface_volume_mm3 = body.volume();
+  report.surface_area_mm2 = body.area();
+
+  if (!(options.cloud.spacing_mm > 0.0)) refuse_beyond_memory(options, options.cloud.count);
+  const Boundary& boundary = report.boundary = site.boundary;
+  options.cloud.base_outline = options.scheme.base_outline;
+  GradingOptions& grading = options.cloud.grading;
+  const CloudSize size = cloud_size(body, site.sizing, options.cloud, grading.least * boundary.radius);
+  grading.rim = size.rim;
+  const Sizing sizing = site.sizing.with_rim(size.rim);
+  refuse_beyond_memory(options, size.count);
+  // Side by side: neither needs more of the other than how many nodes there will be.
+  NodeCloud cloud;
+  IntegrationGrid grid;
+  side_by_side([&] { cloud = make_node_cloud(body, boundary, sizing, options.cloud, size); },
+               [&] {
+                 grid = options.scheme.averaged_gradients
+                            ? make_graded_grid(body, options.grid, size.count, sizing, size.far_spacing,
+                                               label_at)
+                            : make_integration_grid(body, options.grid, size.count, label_at);
+               });
+  give_back_memory();
+  refuse_too_thin(layers_under_circle(body, boundary, cloud), cloud.X.cols());
+  report.stages.done("cloud, grid");
+
+  stop_if_asked();
+  result.places = places_of(body, boundary, cloud, grid);
+  report_cloud(boundary, cloud, grid, sizing.even() ? 1.0 : options.cloud.grading.rim, report);
+  report.stages.done("other");
+  refuse_without_base_or_on_it(boundary, cloud, result.places);
   return result;
 }
 

@@ -50,9 +50,19 @@ struct Discretised {
   Discretisation places;
   ModelReport report;
 };
-/// `known`: see find_boundary().
-Discretised discretise(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at = {},
-                       const Boundary* known = nullptr);
+Discretised discretise(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at = {});
+
+/// Where a body rests and the tool stands on it, and how fine that asks the nodes to be: the same for every
+/// number of nodes, and a good part of what a small cloud costs. `known`: see find_boundary().
+struct Site {
+  Boundary boundary;
+  Sizing sizing;  ///< with the rim that the options give
+};
+Site find_site(const BodySurface& body, const ModelOptions& options, const Boundary* known = nullptr);
+/// The same as above, on a site that was found for the same body under options that differ in the numbers of
+/// nodes and points alone.
+Discretised discretise(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at,
+                       const Site& site);
 
 /// Label of the image's voxel at a place in the surface's frame; outside, or on background, of the nearest
 /// foreground voxel within two voxels: the smooth surface runs a little outside of the labels. `image` must

@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <optional>
+#include <memory>
 
 #include "io/error.hpp"
 #include "io/memory.hpp"
@@ -42,11 +42,12 @@ void refuse_too_many_grown(const Model& model) {
 Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi tissue,
                  const std::vector<double>& density, Stages* stages) {
   Stages here;
-  Model model{std::move(places), scheme, std::move(tissue), {}, {}, {}, {}, {}, {}, {}};
-  const std::optional<Sight> sight = sight_in(model, scheme.support);
+  Model model{std::move(places), scheme, std::move(tissue), {}, {}, {}, {}, {}, {}, {}, {}};
+  const std::shared_ptr<const Sight> sight = sight_in(model, scheme.support);
   here.done("sight");
   sight ? find_supports(model, *sight) : find_supports(model);
   const bool folded = model.support_report.unseen > 0;
+  if (folded) model.sight = sight;
   give_back_memory();
   stop_if_asked();
   refuse_too_many_grown(model);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -98,6 +99,8 @@ struct ConsistencyReport {
   int iterations = 0;
 };
 
+class Sight;
+
 /// Everything that stays fixed during a run, complete as make_model() or build_model() returns it.
 struct Model : Discretisation {
   Scheme scheme = converging;
@@ -112,6 +115,9 @@ struct Model : Discretisation {
 
   SupportReport support_report;
   ConsistencyReport consistency_report;
+  /// What its surface hides, where that is anything: whoever asks for the field between the nodes needs it
+  /// again.
+  std::shared_ptr<const Sight> sight;
 };
 
 /// Row r of the result lists the rows of `rows` that hold r, ascending: for a support, each node's influence.

@@ -10,7 +10,7 @@
 #include "solver/equilibrium/mixed_iteration.hpp"
 #include "solver/equilibrium/stable_time_step.hpp"
 #include "solver/guards.hpp"
-#include "solver/march/path.hpp"
+#include "solver/march/predictor.hpp"
 #include "solver/system.hpp"
 
 namespace dimple {
@@ -70,14 +70,6 @@ struct ForceSample {
   /// All of the force on the tool [N] and its moment [N m], as a Wrench (tool_force.hpp).
   std::array<double, 6> on_tool = {};
   std::array<double, 3> aside = {};  ///< how far the tool has come across its push [m]; LPS
-  /// At displacements `u` [4xN] m, with the force `f` [4xN] N, where the system stands now.
-  static ForceSample at(double t, double depth, const System& system, const Nodal& u, const Nodal& f) {
-    const Model& model = system.model();
-    ForceSample sample{t, depth, along_push(model, model.indenter, f), -along_push(model, model.base, f)};
-    Eigen::Map<Wrench>(sample.on_tool.data()) = system.on_tool(u, f);
-    Eigen::Map<Vec3>(sample.aside.data()) = system.aside();
-    return sample;
-  }
 };
 
 /// The body at one time.
@@ -107,26 +99,30 @@ struct History {
   std::vector<Retry> retries;
 };
 
+/// What a Ledger hands from one step to the next.
+struct Account {
+  double depth_before = 0.0, force_before = 0.0;          ///< at the last time that work was done [m], [N]
+  double external = 0.0, dissipated = 0.0;                ///< [J]
+  double next_sample = 0.0, next_energy = 0.0;            ///< when they are due [s]
+  double largest_reaction = 0.0, largest_external = 0.0;  ///< so far [N], [J]
+};
+
 /// All that one step leaves to the next. A run that starts from it goes on to the same bits as if it had
 /// never stopped. Each way of marching fills in what it needs.
-struct State {
-  int frame = 0;  ///< explicit, implicit: the stretch before the next; slowly: the last done
-  std::int64_t step = 0,
-               steps =
-                   0;  ///< explicit: the next one of that stretch, and their number; slowly: the last done
+struct MarchState {
+  int frame = 0;           ///< explicit, implicit: the stretch before the next; slowly: the last done
+  std::int64_t step = 0;   ///< explicit: the next one of that stretch; slowly: the last done
+  std::int64_t steps = 0;  ///< explicit: of that stretch
   double t = 0.0, dt = 0.0, dt_before = 0.0, dt_stable = 0.0;  ///< [s]
-  double depth = 0.0, depth_before = 0.0;                      ///< [m]
-  double force_before = 0.0;                                   ///< [N]
-  double external = 0.0, dissipated = 0.0;                     ///< [J]
-  double next_sample = 0.0, next_energy = 0.0;                 ///< [s]
-  double largest_reaction = 0.0, largest_external = 0.0;       ///< [N], [J]
+  double depth = 0.0;                                          ///< [m]
+  Account account;
   double safety = 0.0, longest = 0.0;  ///< explicit; slowly [m]: smaller once a guard has sent it back
   std::int64_t looked = 0;             ///< explicit: steps until Guards::check_fluctuation()
   bool anew = true;                    ///< of the next MixedIteration
   std::vector<double> depths, forces;  ///< slowly: of all equilibria [m], [N]
-  ForceSystem::Nodal u, v, a, f;       ///< [N] m, m/s, m/s^2, N
+  Nodal u, v, a, f;                    ///< [N] m, m/s, m/s^2, N
   Eigen::VectorXd lambda;              ///< [patches] N m
-  std::deque<Path::State> path;
+  std::deque<Predictor::Point> path;
   MixedIteration::Memory mixed;
   std::vector<double> past;        ///< of viscoelastic tissue, as ForceState::past()
   int step_of_scene = 0;           ///< of Loading::steps, from 0
@@ -142,7 +138,7 @@ struct Observer {
       {};  ///< false: stop here, keep what there is
   /// Where a run can be taken up again, the last frame apart: explicit: at frames; else between two steps.
   /// `state` copies: call it only when it is to be kept.
-  std::function<void(const std::function<State()>& state)> between_steps = {};
+  std::function<void(const std::function<MarchState()>& state)> between_steps = {};
   std::function<void(const Retry&)> retry = {};
 };
 

@@ -10,7 +10,8 @@
 #include "solver/equilibrium/relax.hpp"
 #include "solver/equilibrium/stable_time_step.hpp"
 #include "solver/live/known_states.hpp"
-#include "solver/march/path.hpp"
+#include "solver/march/central_differences.hpp"
+#include "solver/march/predictor.hpp"
 #include "solver/march/quasi_static.hpp"
 #include "solver/text.hpp"
 
@@ -70,8 +71,8 @@ struct Session::Parts {
                                     [](const HeldSet& s) { return s.share != 0.0; });
   double longest =
       longest_way * model.tool.radius / longest_share(options.further);  // way of the tool, likewise [m]
-  double thick;  // of the body along the push, from where the tool touches it [m]
-  Path path{2};  // the last equilibria
+  double thick;       // of the body along the push, from where the tool touches it [m]
+  Predictor path{2};  // the last equilibria
   double depth = 0.0;
 
   // Of follow().
@@ -92,12 +93,12 @@ struct Session::Parts {
   // Where the next equilibrium is looked for: on the line through the last two, if they are as far apart.
   void look_ahead(double to) {
     const double way = to - depth;
-    const auto& last = path.state;
+    const auto& last = path.point;
     const double before = last.size() > 1 ? last[1].at - last[0].at : 0.0;
     if (before != 0.0 && std::abs(way / before) <= 2.0 && last[1].at == depth)
       path.extrapolate(to, u, lambda);
     else if (depth == 0.0)
-      first_guess(model, way * model.tool.push, u);
+      first_guess(model, model.tool.push, way, u);
     system->set({.depth = to}, u);
   }
 
@@ -109,14 +110,13 @@ struct Session::Parts {
     depth = 0.0;
     system->set({});
     if (!system->loaded()) return;
-    if (lambda.size() > 0) system->tissue().hold_pressures(lambda.cwiseQuotient(model.patches.volume));
-    system->force(u, f);
+    system->force_at(u, lambda, f);
   }
 
   std::int64_t to_equilibrium(double to) {
     if (to == 0.0 && !system->viscoelastic()) {  // rest: no reaction that a residual could be measured by
       lie_at_rest();
-      path.state.clear();
+      path.point.clear();
       path.push(0.0, u, lambda);
       return 0;
     }
@@ -139,7 +139,7 @@ struct Session::Parts {
     if (known.state.size() < 2) {
       next = system->at_rest().u;
       l = system->at_rest().lambda;
-      first_guess(model, to * model.tool.push, next);
+      first_guess(model, model.tool.push, to, next);
     } else if (system->viscoelastic()) {  // its states are no curve
       const KnownStates::Slope slope = known.slope(depth);
       next = u + (to - depth) * slope.u;
@@ -180,7 +180,7 @@ struct Session::Parts {
                widest * longest_share(options.further) * reach;
   }
 
-  LiveFrame felt(double asked, std::int64_t evaluations) const {
+  LiveFrame frame_at_depth(double asked, std::int64_t evaluations) const {
     LiveFrame frame{.asked = asked, .depth = depth, .residual = residual, .evaluations = evaluations};
     frame.force = along_push(model, model.indenter, f);
     system->set({.depth = depth});
@@ -213,98 +213,132 @@ struct Session::Parts {
     begun.reset();
   }
 
-  LiveFrame follow(double asked, const FrameLimit& limit, double dt) {
-    const bool timed = limit.evaluations == 0;
-    const Clock::time_point begin = timed ? Clock::now() : Clock::time_point();
-    RelaxOptions how{.tolerance = options.tolerance, .evaluations = timed ? 100000 : limit.evaluations};
-    if (timed)
-      how.until = begin +
-                  std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(limit.seconds)) -
-                  beside - beside / 2;
-    const std::int64_t all = how.evaluations;
-    const double to_end = std::max(0.0, asked);
-    LiveFrame::Tool tool = LiveFrame::Tool::there;
+  // One call of follow().
+  struct Call {
+    Call(double asked_, const FrameLimit& limit, double tolerance, Clock::duration beside)
+        : asked(asked_),
+          to(std::max(0.0, asked_)),
+          timed(limit.evaluations == 0),
+          begin(timed ? Clock::now() : Clock::time_point()),
+          how{.tolerance = tolerance, .evaluations = timed ? 100000 : limit.evaluations},
+          all(how.evaluations) {
+      if (timed)
+        how.until =
+            begin +
+            std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(limit.seconds)) -
+            beside - beside / 2;
+    }
+    double asked, to;  // where the tool is to be, and where that is in the body
+    bool timed;
+    Clock::time_point begin;
+    RelaxOptions how;  // for the rest of the call
+    std::int64_t all;
     Clock::duration iterating{};
-    bool moved = false, back = false;
+    bool time_is_up = false, moved = false;
+    bool back = false;  // to what is known, as nothing between was found
+    LiveFrame::Tool tool = LiveFrame::Tool::there;
+    Begun now;  // what is tried
+    Nodal force;
+    MixedIteration::Left left;
+    bool arrives() const { return now.at == to; }
+  };
+
+  LiveFrame follow(double asked, const FrameLimit& limit, double dt) {
+    Call call(asked, limit, options.tolerance, beside);
+    call.force.resize(4, u.cols());
     system->begin_step(dt);
     v.setZero();
-    if (to_end == 0.0 && !system->viscoelastic()) lift();
-    Begun now;
-    Nodal force(4, u.cols());
-    MixedIteration::Left its_left;
-    while (to_end > 0.0 || system->viscoelastic()) {
-      const Clock::time_point lap = timed ? Clock::now() : Clock::time_point();
-      if (back) {
-        const KnownStates::State& near = known.nearest(to_end);
-        now = {.at = near.at, .residual = 0.0, .u = near.u, .lambda = near.lambda};
-      } else if (begun && (begun->at <= to_end || known.state.size() < 2)) {
-        now = std::move(*begun);
-      } else if (now.at = towards(to_end), now.residual = 0.0; now.at == depth && depth > 0.0) {
-        now.u = u;
-        now.lambda = lambda;
-      } else {
-        guess(now.at, now.u, now.lambda);
+    if (call.to > 0.0 || system->viscoelastic())
+      while (comes_nearer(call)) {
       }
-      begun.reset();
-      const bool arrives = now.at == to_end;
-      how.tolerance = arrives ? options.tolerance : std::max(options.tolerance, passed);
-      const bool anew =
-          gradient_at < 0.0 || std::abs(now.at - gradient_at) > gradient_good * model.tool.radius;
-      if (anew) gradient_at = now.at;
-      const Relaxed found = relax.mixed().within(now.u, now.lambda, force, how, anew, its_left);
-      if (timed) iterating += Clock::now() - lap;
-      how.evaluations -= found.evaluations;
-      const bool time_is_up = how.evaluations < 1 || its_left.late;
-      if (good(found, now.u, now.at) && pushes_back(force, its_left, now.at)) {
-        u.swap(now.u), lambda.swap(now.lambda), f.swap(force);
-        std::swap(left, its_left);
-        residual = found.residual;
-        depth = now.at;
-        moved = true;
-        caution = std::min(1.0, 1.3 * caution);
-        const LiveFrame here = felt(asked, 0);
-        known.add({depth, u, lambda, system->viscoelastic() ? 0.0 : residual, here.force, here.per_force});
-        if (arrives || back) break;
-      } else if (back) {
-        break;
-      } else {
-        const bool nears =
-            std::isfinite(found.residual) && (now.residual == 0.0 || found.residual < 0.7 * now.residual);
-        // A tool that is lifted again must follow, by what is known if not by what lies between.
-        back = now.at < depth && !system->viscoelastic();
-        if (back) {
-          gradient_at = -1.0;
-          how.evaluations = std::max<std::int64_t>(how.evaluations, 1);
-          continue;
-        }
-        if (time_is_up && nears) {
-          now.residual = found.residual;
-          begun = std::move(now);
-        } else {
-          caution *= 0.5;
-          gradient_at = -1.0;
-          if (caution < slowest) {
-            caution = 2.0 * slowest;
-            tool = LiveFrame::Tool::stopped;
-            break;
-          }
-        }
-      }
-      if (time_is_up) break;
-    }
-    if (system->viscoelastic() && moved) system->accept_step(u);
-    path.state.clear();
+    else
+      lift();
+    if (system->viscoelastic() && call.moved) system->accept_step(u);
+    path.point.clear();
     path.push(depth, u, lambda);
-    if (depth != to_end && tool == LiveFrame::Tool::there) tool = LiveFrame::Tool::lags;
-    if (to_end > thick) tool = LiveFrame::Tool::beyond;
-    LiveFrame frame = felt(asked, all - how.evaluations);
-    frame.tool = tool;
-    if (timed) beside += (Clock::now() - begin - iterating - beside) / 5;
+    LiveFrame frame = frame_at_depth(asked, call.all - call.how.evaluations);
+    frame.tool = call.tool;
+    if (depth != call.to && call.tool == LiveFrame::Tool::there) frame.tool = LiveFrame::Tool::lags;
+    if (call.to > thick) frame.tool = LiveFrame::Tool::beyond;
+    if (call.timed) beside += (Clock::now() - call.begin - call.iterating - beside) / 5;
     return frame;
   }
 
+  // One search for an equilibrium. False: no further one follows it.
+  bool comes_nearer(Call& call) {
+    const Clock::time_point lap = call.timed ? Clock::now() : Clock::time_point();
+    look_for_place(call);
+    Begun& now = call.now;
+    call.how.tolerance = call.arrives() ? options.tolerance : std::max(options.tolerance, passed);
+    const bool anew = gradient_at < 0.0 || std::abs(now.at - gradient_at) > gradient_good * model.tool.radius;
+    if (anew) gradient_at = now.at;
+    const Relaxed found = relax.mixed().within(now.u, now.lambda, call.force, call.how, anew, call.left);
+    if (call.timed) call.iterating += Clock::now() - lap;
+    call.how.evaluations -= found.evaluations;
+    call.time_is_up = call.how.evaluations < 1 || call.left.late;
+    if (good(found, now.u, now.at) && pushes_back(call.force, call.left, now.at)) {
+      take(call, found.residual);
+      return !call.arrives() && !call.back && !call.time_is_up;
+    }
+    return !call.back && tries_again(call, found.residual);
+  }
+
+  // Where the next equilibrium is looked for, and from which state.
+  void look_for_place(Call& call) {
+    Begun& now = call.now;
+    if (call.back) {
+      const KnownStates::State& near = known.nearest(call.to);
+      now = {.at = near.at, .residual = 0.0, .u = near.u, .lambda = near.lambda};
+    } else if (begun && (begun->at <= call.to || known.state.size() < 2)) {
+      now = std::move(*begun);
+    } else if (now.at = towards(call.to), now.residual = 0.0; now.at == depth && depth > 0.0) {
+      now.u = u;
+      now.lambda = lambda;
+    } else {
+      guess(now.at, now.u, now.lambda);
+    }
+    begun.reset();
+  }
+
+  // The state that was found is shown from now on.
+  void take(Call& call, double its_residual) {
+    u.swap(call.now.u), lambda.swap(call.now.lambda), f.swap(call.force);
+    std::swap(left, call.left);
+    residual = its_residual;
+    depth = call.now.at;
+    call.moved = true;
+    caution = std::min(1.0, 1.3 * caution);
+    const LiveFrame here = frame_at_depth(call.asked, 0);
+    known.add({depth, u, lambda, system->viscoelastic() ? 0.0 : residual, here.force, here.per_force});
+  }
+
+  // After a search without a state to be shown: what the next one tries. False: none follows.
+  bool tries_again(Call& call, double its_residual) {
+    Begun& now = call.now;
+    // A tool that is lifted again must follow, by what is known if not by what lies between.
+    call.back = now.at < depth && !system->viscoelastic();
+    if (call.back) {
+      gradient_at = -1.0;
+      call.how.evaluations = std::max<std::int64_t>(call.how.evaluations, 1);
+      return true;
+    }
+    const bool nears =
+        std::isfinite(its_residual) && (now.residual == 0.0 || its_residual < 0.7 * now.residual);
+    if (call.time_is_up && nears) {
+      now.residual = its_residual;
+      begun = std::move(now);
+      return false;
+    }
+    caution *= 0.5;
+    gradient_at = -1.0;
+    if (caution >= slowest) return !call.time_is_up;
+    caution = 2.0 * slowest;
+    call.tool = LiveFrame::Tool::stopped;
+    return false;
+  }
+
   // The force at u, where it is one.
-  void feel() {
+  void find_force() {
     const ForceSystem::Sweep sweep = system->force(u, f);
     if (sweep.ok() && sweep.J_min > 0.0) return;
     throw SolveError({.fact = text("det F is ", sweep.J_min, " at integration point ", sweep.point),
@@ -319,7 +353,7 @@ struct Session::Parts {
   std::int64_t whole(const Move& move) {
     const Nodal u_before = u, v_before = v, f_before = f;
     const Eigen::VectorXd lambda_before = lambda;
-    const Path path_before = path;
+    const Predictor path_before = path;
     const double depth_before = depth;
     const std::vector<double> past = system->past();
     try {
@@ -391,23 +425,16 @@ std::int64_t Session::step(double depth, double dt) {
     for (std::int64_t s = 1; s <= steps; ++s) {
       stop_if_asked();
       p.system->begin_step(h);
-      p.feel();
+      p.find_force();
       p.system->accept_step(p.u);
-      const double now = from + (depth - from) * static_cast<double>(s) / static_cast<double>(steps);
-      for (Index a = 0; a < p.u.cols(); ++a) {
-        if (!p.system->held().is_held_wholly(a)) {
-          p.v.col(a) -= p.f.col(a) * (h * inverse_mass[a]);
-          p.u.col(a) += p.v.col(a) * h;
-        }
-        p.system->held().speed(a, p.v.col(a), rate);
-        p.system->held().place(a, p.u.col(a), now);
-      }
-      p.depth = now;
-      p.system->set({.depth = now});
+      p.depth = from + (depth - from) * static_cast<double>(s) / static_cast<double>(steps);
+      const CentralDifferences differences{.dt = h, .kick = h, .rate = rate, .depth = p.depth};
+      differences(0, p.u.cols(), p.system->held(), inverse_mass, p.f, p.v, p.u);
+      p.system->set({.depth = p.depth});
     }
-    p.feel();
+    p.find_force();
     p.lambda = p.model.scheme.pressure_patches ? pressures_of_volumes(*p.system) : p.lambda;
-    p.path.state.clear();  // an equilibrium is looked for from here on
+    p.path.point.clear();  // an equilibrium is looked for from here on
     p.path.push(depth, p.u, p.lambda);
     return steps;
   });

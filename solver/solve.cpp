@@ -41,7 +41,7 @@ TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& 
 }
 
 void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading,
-           const SolverOptions& options, const Observer& observer, History& history, const State* from) {
+           const SolverOptions& options, const Observer& observer, History& history, const MarchState* from) {
   if (!loading.steps.empty() && mode != TimeMode::quasi_static)
     throw SolveError(
         {.fact = "a scene of steps is asked for with inertia",
@@ -50,22 +50,21 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
                 "its nodes would change their speed at once",
          .remedy = "march it quasi-statically (--time quasi-static)",
          .code = "steps"});
-  std::unique_ptr<System> system;
   try {
-    system = make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance);
+    const std::unique_ptr<System> system =
+        make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance);
+    history.settled = system->at_rest().u.colwise().norm().maxCoeff();
+    switch (mode) {
+      case TimeMode::quasi_static:
+        if (!loading.steps.empty()) return march_in_steps(*system, loading, options, observer, history, from);
+        return march_quasi_statically(*system, loading, options, observer, history, from);
+      case TimeMode::dynamic:
+        return march_implicitly(*system, loading, options, observer, history, from);
+      case TimeMode::explicit_:
+        return march_explicitly(*system, loading, options, observer, history, from);
+    }
   } catch (const Stopped&) {
     history.interrupted = true;
-    return;
-  }
-  history.settled = system->at_rest().u.colwise().norm().maxCoeff();
-  switch (mode) {
-    case TimeMode::quasi_static:
-      if (!loading.steps.empty()) return march_in_steps(*system, loading, options, observer, history, from);
-      return march_quasi_statically(*system, loading, options, observer, history, from);
-    case TimeMode::dynamic:
-      return march_implicitly(*system, loading, options, observer, history, from);
-    case TimeMode::explicit_:
-      return march_explicitly(*system, loading, options, observer, history, from);
   }
 }
 

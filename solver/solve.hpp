@@ -30,7 +30,7 @@ TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& 
 /// `history` receives the force curve as it goes. Throws SolveError: why it ended before.
 void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading,
            const SolverOptions& options, const Observer& observer, History& history,
-           const State* from = nullptr);
+           const MarchState* from = nullptr);
 
 /// The same for who wants only the curve. `interrupted` if it was asked to stop.
 History solve(const Model& model, const Tissues& tissues, const Loading& loading,

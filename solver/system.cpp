@@ -34,6 +34,12 @@ System::Sweep System::force(const Nodal& u, Nodal& f) {
   return sweep;
 }
 
+System::Sweep System::force_at(const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f) {
+  const bool with_pressures = MixedIteration::serves(tissue_.system(), model_);
+  tissue_.hold_pressures(with_pressures ? lambda.cwiseQuotient(model_.patches.volume) : Eigen::VectorXd());
+  return force(u, f);
+}
+
 void System::gather(const Nodal& u, Nodal& f, const std::function<void(Index first, Index last)>& then) {
   if (!loaded()) return tissue_.gather_sweep(f, then);
   tissue_.gather_sweep(f, {});

@@ -57,6 +57,9 @@ class System {
 
   /// f [4xN] N at u [4xN] m.
   Sweep force(const Nodal& u, Nodal& f);
+  /// The same where a search for equilibrium is, which holds the patches' pressures `lambda`, see Rest, if it
+  /// looks for any.
+  Sweep force_at(const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f);
   /// The sum of the tissue's forces in f, which is nothing but for rounding.
   double sum_of_tissue(const Nodal& f) const {
     const Eigen::Vector4d all = f.rowwise().sum();

@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* format = "dimple checkpoint 4";
+constexpr const char* format = "dimple checkpoint 5";
 
 }  // namespace
 
@@ -41,16 +41,10 @@ void members(Archive& io, T& retry) {
   io(code, depth, what);
 }
 
-template <class Archive, Like<Path::State> T>
-void members(Archive& io, T& state) {
-  auto& [at, u, lambda] = state;
+template <class Archive, Like<Predictor::Point> T>
+void members(Archive& io, T& point) {
+  auto& [at, u, lambda] = point;
   io(at, u, lambda);
-}
-
-template <class Archive, Like<Rest> T>
-void members(Archive& io, T& rest) {
-  auto& [u, lambda] = rest;
-  io(u, lambda);
 }
 
 template <class Archive, Like<MixedIteration::Memory> T>
@@ -59,14 +53,26 @@ void members(Archive& io, T& memory) {
   io(inertia, bulk_of_inertia, u_of_inertia, u_of_gradient, moved, changed, gram, next);
 }
 
-template <class Archive, Like<State> T>
+template <class Archive, Like<Rest> T>
+void members(Archive& io, T& rest) {
+  auto& [u, lambda] = rest;
+  io(u, lambda);
+}
+
+template <class Archive, Like<Account> T>
+void members(Archive& io, T& account) {
+  auto& [depth_before, force_before, external, dissipated, next_sample, next_energy, largest_reaction,
+         largest_external] = account;
+  io(depth_before, force_before, external, dissipated, next_sample, next_energy, largest_reaction,
+     largest_external);
+}
+
+template <class Archive, Like<MarchState> T>
 void members(Archive& io, T& state) {
-  auto& [frame, step, steps, t, dt, dt_before, dt_stable, depth, depth_before, force_before, external,
-         dissipated, next_sample, next_energy, largest_reaction, largest_external, safety, longest, looked,
-         anew, depths, forces, u, v, a, f, lambda, path, mixed, past, step_of_scene, begun, least_reactions,
+  auto& [frame, step, steps, t, dt, dt_before, dt_stable, depth, account, safety, longest, looked, anew,
+         depths, forces, u, v, a, f, lambda, path, mixed, past, step_of_scene, begun, least_reactions,
          way_before, history] = state;
-  io(frame, step, steps, t, dt, dt_before, dt_stable, depth, depth_before, force_before, external, dissipated,
-     next_sample, next_energy, largest_reaction, largest_external, safety, longest, looked, anew, depths,
+  io(frame, step, steps, t, dt, dt_before, dt_stable, depth, account, safety, longest, looked, anew, depths,
      forces, u, v, a, f, lambda, path, mixed, past, step_of_scene, begun, least_reactions, way_before,
      history);
 }

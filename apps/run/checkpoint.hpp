@@ -23,7 +23,7 @@ struct Checkpoint {
   std::string model_sha256;
   std::vector<double> frame_time_s;           ///< of the frames written before it
   double solve_wall_s = 0, write_wall_s = 0;  ///< spent so far
-  State state;
+  MarchState state;
 };
 
 /// In CBOR (RFC 8949), through write_file(). Throws OutputError.

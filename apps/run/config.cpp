@@ -422,12 +422,15 @@ std::vector<Option> options_of(Config& c) {
        "--write",
        "",
        "files to write, comma-separated; force: only tables and summary, which are always written; all: "
-       "everything but images, which lie on the label image's grid",
+       "everything but images, which lie on the label image's grid; fine: the surface as it was drawn, and "
+       "the points of "
+       "every frame instead of the last (alone: of all)",
        &c.output.write,
        0,
        0,
        false,
-       {"all", "force", "nodes", "points", "surface", "picture", "model", "label", "report", "images"},
+       {"all", "force", "nodes", "points", "surface", "picture", "model", "label", "report", "images",
+        "fine"},
        "files"},
       {"output.warp", "--warp", "",
        "images of the same patient to be deformed as the body is, comma-separated; linear between voxels",

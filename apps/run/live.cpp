@@ -55,15 +55,19 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   return live;
 }
 
-Session touch(const LiveOrgan& live, Index nodes, const std::optional<Vec3>& tip) {
+Site site_at(const LiveOrgan& live, const std::optional<Vec3>& tip) {
+  ModelOptions options = live.organ->options;
+  if (tip)
+    options.boundary.indent_at = fmt::format("{},{},{}", 1e3 * tip->x(), 1e3 * tip->y(), 1e3 * tip->z());
+  return find_site(live.organ->body->surface, options, live.base ? &*live.base : nullptr);
+}
+
+Session touch(const LiveOrgan& live, Index nodes, const Site& site) {
   ModelOptions options = live.organ->options;
   options.cloud.count = nodes;
   options.cloud.spacing_mm = 0.0;
-  if (tip)
-    options.boundary.indent_at = fmt::format("{},{},{}", 1e3 * tip->x(), 1e3 * tip->y(), 1e3 * tip->z());
   const LabelAt label_at = labels_of(live.config, *live.organ, live.result.image);
-  Discretisation places =
-      discretise(live.organ->body->surface, options, label_at, live.base ? &*live.base : nullptr).places;
+  Discretisation places = discretise(live.organ->body->surface, options, label_at, site).places;
   const TissueOptions tissues = tissues_of(live.config, live.organ->label_names, places);
   std::vector<HeldSet> supports = supports_of(live.config, places, live.organ->label_names).sets;
   Eigen::VectorXi tissue = tissue_of_points(places, tissues);
@@ -114,12 +118,12 @@ void take_finer(LiveTool& tool, const FrameLimit& limit, double dt) {
 
 }  // namespace
 
-TriedTouch try_touch(const LiveOrgan& live, Index nodes, const std::optional<Vec3>& tip) {
-  TriedTouch tried{.session = touch(live, nodes, tip)};
+TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site) {
+  TriedTouch tried{.session = touch(live, nodes, site)};
   std::vector<ForceSample> fine = forces_to_radius(tried.session);
   if (!has_tool_alone(live.config)) return tried;  // the band was measured for nothing else
   if (nodes < fewest_nodes_with_band(live.result.facing_share) || fine.size() < 2) return tried;
-  Session coarse = touch(live, std::max(first_nodes, nodes / 4), tip);
+  Session coarse = touch(live, std::max(first_nodes, nodes / 4), site);
   std::vector<ForceSample> its = forces_to_radius(coarse);
   fine.resize(std::min(fine.size(), its.size()));
   its.resize(fine.size());
@@ -130,7 +134,7 @@ TriedTouch try_touch(const LiveOrgan& live, Index nodes, const std::optional<Vec
 LiveTool make_live_tool(const LiveOrgan& organ, Index nodes) {
   LiveTool tool{.organ = &organ, .nodes = nodes};
   const Stopwatch making;
-  use(tool, try_touch(organ, nodes));
+  use(tool, try_touch(organ, nodes, site_at(organ)));
   tool.made_s = making.seconds();
   tool.touches = 1;
   tool.tip = tool.session->model().tool.centre;
@@ -146,14 +150,15 @@ void put_down(LiveTool& tool, const Vec3& tip, bool beside) {
   });
   constexpr std::size_t most_given_up = 2;  // each takes a processor until it is done
   if (tool.given_up.size() > most_given_up) tool.given_up.front().wait();
+  const Site site = site_at(*tool.organ, tip);
   if (beside) {
-    use(tool, {.session = touch(*tool.organ, first_nodes, tip)});
-    tool.finer = std::async(std::launch::async, [organ = tool.organ, nodes = tool.nodes, tip] {
+    use(tool, {.session = touch(*tool.organ, first_nodes, site)});
+    tool.finer = std::async(std::launch::async, [organ = tool.organ, nodes = tool.nodes, site] {
       tbb::task_arena one(1);  // the frames need the other processors
-      return one.execute([&] { return try_touch(*organ, nodes, tip); });
+      return one.execute([&] { return try_touch(*organ, nodes, site); });
     });
   } else {
-    use(tool, try_touch(*tool.organ, tool.nodes, tip));
+    use(tool, try_touch(*tool.organ, tool.nodes, site));
   }
   tool.made_s = making.seconds();
   tool.frame = {};
@@ -325,7 +330,7 @@ Index nodes_for_rate(const LiveOrgan& organ, double rate) {
   constexpr Index tried = 1000;
   constexpr double wanted = 10.0;  // evaluations of a frame
   LiveTool tool{.organ = &organ, .nodes = tried};
-  tool.session.emplace(touch(organ, tried));
+  tool.session.emplace(touch(organ, tried, site_at(organ)));
   const double way = 0.01 / rate, deepest = 0.5 * tool.session->model().tool.radius;
   double spent = 0.0, evaluations = 0.0;
   move_depth(tool, way, {.evaluations = 100});

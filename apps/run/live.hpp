@@ -26,8 +26,10 @@ struct LiveOrgan {
 /// equilibrium.
 LiveOrgan read_live_organ(const Config& config, const RunObserver& observer = {});
 
-/// A cloud of `nodes` around the place that options.boundary.indent_at names, or around `tip` [3] LPS m.
-Session touch(const LiveOrgan& live, Index nodes, const std::optional<Vec3>& tip = {});
+/// Where the tool stands on the place that options.boundary.indent_at names, or on `tip` [3] LPS m.
+Site site_at(const LiveOrgan& live, const std::optional<Vec3>& tip = {});
+/// A cloud of `nodes` there.
+Session touch(const LiveOrgan& live, Index nodes, const Site& site);
 
 /// A touch that has been tried to one radius of the circle: its equilibria are known, and how far a coarser
 /// cloud's forces are from them.
@@ -35,7 +37,7 @@ struct TriedTouch {
   Session session;
   std::vector<ForceSample> fine = {}, coarse = {};  ///< none: no band of the force is known
 };
-TriedTouch try_touch(const LiveOrgan& live, Index nodes, const std::optional<Vec3>& tip = {});
+TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site);
 
 /// Nodes of the cloud that serves until a finer one is there, and that this one's forces are compared with.
 inline constexpr Index first_nodes = 400;

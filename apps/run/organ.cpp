@@ -304,12 +304,21 @@ LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& im
   return label_finder(organ.closed ? organ.closed->image : image, organ.body->surface);
 }
 
+void find_site(const Config& config, const Talk& talk, Organ& organ, Result& result) {
+  const Stopwatch finding;
+  talk.begin(Part::cloud, config);
+  organ.site = std::make_shared<const Site>(find_site(organ.body->surface, organ.options));
+  result.stages.done("boundary");
+  result.build_s += finding.seconds();
+}
+
 Discretisation place_nodes(const Config& config, const Organ& organ, const ModelOptions& options,
                            const LabelImage& image, const Talk& talk, Result& result) {
   const Stopwatch building;
   const SegmentReport& segment = result.segment;
   talk.begin(Part::cloud, config);
-  auto [places, report] = discretise(organ.body->surface, options, labels_of(config, organ, image));
+  auto [places, report] =
+      discretise(organ.body->surface, options, labels_of(config, organ, image), *organ.site);
   result.stages.add(report.stages);
   for (const std::string& warning : report.boundary.warnings) talk.warn(warning);
   if (const std::string bends = warning_of_bending(organ.body->surface, report.boundary); !bends.empty())

@@ -55,6 +55,7 @@ struct Organ {
   std::optional<ClosedImage> closed = {};          ///< instead of the image
   std::string closing = {};                        ///< what was closed, in a sentence
   std::shared_ptr<const SegmentedBody> body = {};  ///< that of all models made of the organ
+  std::shared_ptr<const Site> site = {};           ///< likewise, once it is known under its options
   std::map<std::string, int> label_names = {};
 };
 
@@ -82,8 +83,11 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
 /// their borders mean nothing. Good for as long as the image is.
 LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& image);
 
-/// Nodes, points, base and circle; `options` differ from the organ's in the number of nodes, if at all. Adds
-/// them to the provenance of the image.
+/// Where the organ rests and the tool stands, under its options.
+void find_site(const Config& config, const Talk& talk, Organ& organ, Result& result);
+
+/// Nodes, points, base and circle of an organ whose site is known; `options` differ from the organ's in the
+/// number of nodes, if at all. Adds them to the provenance of the image.
 Discretisation place_nodes(const Config& config, const Organ& organ, const ModelOptions& options,
                            const LabelImage& image, const Talk& talk, Result& result);
 

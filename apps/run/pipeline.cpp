@@ -38,6 +38,7 @@ Organ taken_again(const Case& given, Result& result) {
   const double voxel_mm = organ.options.boundary.voxel_mm;
   organ.options = model_options(given.config);
   organ.options.boundary.voxel_mm = voxel_mm;
+  organ.site = {};  // the case may ask for another
   check_materials(materials_of(given.config), organ.options.scheme);
   check_words(organ.options.boundary);
   result = given.organ->read;
@@ -108,6 +109,7 @@ Organ organ_of(const Case& given, const Talk& talk, Result& result) {
       given.organ ? taken_again(given, result) : read_organ(given, model_options(given.config), talk, result);
   result.provenance = {{"image", name_of_image(given.config)},
                        {"image_sha256", sha256_of_image(given.config, result.image)}};
+  find_site(given.config, talk, organ, result);
   return organ;
 }
 
@@ -231,7 +233,7 @@ void feel_supports(const ForceSystem::Nodal& f, double depth, Result& result) {
 }  // namespace
 
 std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options,
-                                   const Observer& observer, const State* from, const Talk& talk,
+                                   const Observer& observer, const MarchState* from, const Talk& talk,
                                    Result& result) {
   const std::optional<Interpolation> place = to_followed(result);
   if (place && from && from->u.cols() > 0)

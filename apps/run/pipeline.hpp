@@ -19,7 +19,7 @@ struct Placed {
   std::map<std::string, int> label_names;
 };
 
-/// The image of a case, read, or as it was read before; then its provenance is known too.
+/// The image of a case, read, or as it was read before, and its site; then its provenance is known too.
 Organ organ_of(const Case& given, const Talk& talk, Result& result);
 /// Places for the tool and for the case's own number of nodes. `organ`: nothing where it began with a model.
 Placed place(const Case& given, const std::optional<Organ>& organ, const Talk& talk, Result& result);
@@ -39,7 +39,7 @@ std::optional<Followed> followed_in(const Config& config, const Organ& organ);
 /// is followed. Asked to stop it returns what there is, `interrupted`. What is returned is to outlive the
 /// frames' forces.
 std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options,
-                                   const Observer& observer, const State* from, const Talk& talk,
+                                   const Observer& observer, const MarchState* from, const Talk& talk,
                                    Result& result);
 
 /// What else the clouds of the result's organ are made from, but for the image.

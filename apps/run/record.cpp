@@ -151,7 +151,7 @@ class Recorder {
   /// Until all frames are on the disk. Throws what the last one met.
   void finish_frames() {
     const Stopwatch writing;
-    if (writer_) writer_->finish_frames();
+    if (writer_) writer_->end_frames();
     finishing_s_ = writing.seconds();
   }
   /// Of the last frame, once it is known. Throws what the stage meets.
@@ -192,7 +192,7 @@ class Recorder {
       label_at = label_finder(now.image, Eigen::Isometry3d::Identity(), taken);
     }
     writer_.emplace(how_.folder, now.model, now.history.interrupted ? tables_alone : wanted_of(given_.config),
-                    label_at, now.loading.further);
+                    label_at, now.loading.further, now.loading.duration());
     if (wanted_of(given_.config).report)
       slices_ = slices_through(1e3 * (now.model.tool.centre + 0.5 * now.loading.depth * now.model.tool.push),
                                now.model, now.image);
@@ -240,7 +240,7 @@ class Recorder {
   }
 
   // Where the run stands is kept now and then, within a hundredth of its time.
-  void keep(const std::function<State()>& state) {
+  void keep(const std::function<MarchState()>& state) {
     if (since_kept_.seconds() < std::max(0.2, 100.0 * keeping_s_)) return;
     const Stopwatch waiting;
     writer_->finish_frames();  // only what is on the disk can be gone on from
@@ -256,6 +256,23 @@ class Recorder {
     writing_s_ += keeping_s_;
   }
 
+  // What there is to say at the end.
+  struct End {
+    double reached_mm = 0.0, force = 0.0, half = 0.0;  // [mm], [N]; half of the band's width
+    double solve_s = 0.0;
+    std::string title, status;
+  };
+  End end_of(const std::exception_ptr& failure, double solve_s) const;
+  std::string ended_by(const Report& stopped, const End& end) const;
+  void tell_end(const End& end);
+  Comparison compare_with_measured();
+  void draw_overview(const End& end, const std::optional<Comparison>& comparison);
+  bool has_images() const { return images_ && !images_->told().empty(); }
+  void tell_of_images();
+  std::vector<std::pair<std::string, double>> times_here(double solve_s, double write_s) const;
+  RunTimes times_in_all(std::vector<std::pair<std::string, double>> here, double solve_s,
+                        double write_s) const;
+
   double solve_s_before() const { return how_.resumed ? how_.resumed->solve_wall_s : 0.0; }
   double write_s_before() const { return how_.resumed ? how_.resumed->write_wall_s : 0.0; }
 
@@ -264,7 +281,8 @@ class Recorder {
   const RecordObserver& observer_;
   Checkpoint kept_;
   std::optional<ResultWriter> writer_;
-  std::vector<Slice> slices_;  // for the page
+  std::vector<Slice> slices_;       // for the page
+  std::vector<std::string> facts_;  // for the picture
   std::optional<ImageWriter> images_;
   Stopwatch marching_, since_kept_;
   // What the march waits for: frames are packed and written beside it.
@@ -274,113 +292,40 @@ class Recorder {
 Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reason) {
   const Config& config = given_.config;
   const History& history = result.history;
-  const bool quasi_static = result.time == TimeMode::quasi_static;
   // Stopped before there was anything to keep.
   if (history.interrupted &&
       (history.force.empty() || (result.levels.empty() && writer_->frame_time_s().empty())))
     throw Stopped(stop_asked());
-  const double solve_s_here = result.solve_s - writing_s_, solve_s = solve_s_before() + solve_s_here;
+  const double solve_s = result.solve_s - writing_s_;
   const Stopwatch ending;
   if (observer_.part) observer_.part(Part::writing, work_of(config, result));
-  const Band& band = result.band;
-  writer_->tables(history, band, result.spread);
+  writer_->tables(history, result.band, result.spread);
 
+  const Report stopped = history.interrupted ? Stopped(stop_asked()).report : Report{};
+  const End end = end_of(failure, solve_s_before() + solve_s);
   Outcome outcome;
   outcome.interrupted = history.interrupted;
-  const double reached = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
-  const double force = history.force.empty() ? 0.0 : history.force.back().force;
-  const double half = band.known() ? band.half.back() : 0.0;
-  const std::string title = force_title(force, reached, band.known() ? std::optional(half) : std::nullopt);
-  outcome.headline = headline_of(title, force, band.unknown, result.spread);
-  const Report stopped = history.interrupted ? Stopped(stop_asked()).report : Report{};
-  if (history.interrupted)
-    outcome.ended_by =
-        fmt::format("{} at {} of {}, after {:.1f} s; {} [{}]", stopped.fact, length_in_words(reached),
-                    length_in_words(config.load.depth_mm), how_.whole.seconds(),
-                    result.levels.empty() ? "--resume goes on from there" : "this is the finest cloud so far",
-                    stopped.code);
+  outcome.headline = headline_of(end.title, end.force, result.band.unknown, result.spread);
+  if (history.interrupted) outcome.ended_by = ended_by(stopped, end);
   Config taken = config;  // a run of that file takes these nodes again
   if (result.nodes_for_band > 0) taken.cloud.nodes = result.nodes_for_band;
   const std::string options = to_toml(taken, result.chosen);
   write_file(how_.folder / "config.resolved.toml", options);
 
-  const std::string status = failure ? "failed" : history.interrupted ? "interrupted" : "finished";
-  const double evaluations = evaluations_of(history),
-               ms = evaluations > 0.0 ? 1e3 * solve_s / evaluations : 0.0,
-               times_real = solve_s > 0.0 ? reached / config.load.rate_mm_per_s / solve_s : 0.0;
   std::optional<Comparison> comparison;
   Json page;  // but for the summary
   if (!history.force.empty()) {
-    std::vector<std::string> facts = how_.facts(result);
-    facts.push_back(
-        quasi_static
-            ? fmt::format("equilibrium at {} depths: {:.0f} force evaluations, {:.2f} ms each, {:.1f} s",
-                          history.force.size() - 1, evaluations, ms, solve_s)
-            : fmt::format("{} steps of {} us (stable {} us), {:.2f} ms each, {:.1f} s: {:.2f} x real "
-                          "time",
-                          history.steps, three_digits(1e6 * history.dt_first),
-                          three_digits(1e6 * history.dt_stable_first), ms, solve_s, times_real));
-    const double base = history.force.back().base_force;
-    const Written written = force_written(force);
-    detail(
-        observer_,
-        quasi_static
-            ? fmt::format("done     {} force evaluations, {:.3f} ms each; residual {} of the reactions, the "
-                          "base carries {}",
-                          history.steps, ms, percent(history.residual), written(base))
-            : fmt::format("done     {} steps of {} us, {:.3f} ms each, {:.2f} x real time; energy error "
-                          "{}, the base carries {}",
-                          history.steps, three_digits(1e6 * history.dt_first), ms, times_real,
-                          percent(largest_energy_error(history)), written(base)));
-    if (band.known())
-      detail(observer_,
-             fmt::format("band     {} to {}, +- {}, error of the discretisation alone, estimated from {} and "
-                         "{} nodes in "
-                         "{:.1f} s",
-                         written.number(force - half), written(force + half), percent(half / std::abs(force)),
-                         result.model.node_count(), band.coarse_nodes, band.seconds));
-    if (how_.beside) {
-      comparison = dimple::compare(*how_.beside, history.force, band);
-      write_comparison(how_.folder / "compare.csv", *comparison);
-      facts.push_back("compared with " + in_words(*comparison));
-      say(observer_, "compare  " + in_words(*comparison));
-      for (const std::string* words : {&comparison->measured.left_out, &comparison->measured.averaged})
-        if (!words->empty()) say(observer_, "compare  " + *words);
-    }
-    // Who is asked to end has not always the time for a picture.
-    if (!history.interrupted)
-      writer_->overview(
-          history, band, comparison,
-          fmt::format("{}: {}{}", how_.subject, title, status == "finished" ? "" : " (" + status + ")"),
-          facts, result.warnings);
+    tell_end(end);
+    if (how_.beside) comparison = compare_with_measured();
+    draw_overview(end, comparison);
     if (wanted_of(config).report)
-      page = writer_->report(history, band, comparison, slices_, options, !history.interrupted);
+      page = writer_->report(history, result.band, comparison, slices_, options, !history.interrupted);
   }
-  const bool has_images = images_ && !images_->told().empty();
-  if (has_images) say(observer_, "images   " + images_->told());
-  if (const std::string warning = has_images ? images_->warning() : ""; !warning.empty()) {
-    result.warnings.push_back(warning);
-    if (observer_.line) observer_.line(Line::warning, warning);
-  }
+  tell_of_images();
   const double write_s = writing_s_ + before_march_s_ + finishing_s_ + ending.seconds();
-  outcome.times = times_of(result, how_.read_s);
-  outcome.times.emplace_back("solving", solve_s_here);
-  outcome.times.emplace_back(result.levels.empty() ? "band" : "coarser clouds", band.seconds);
-  outcome.times.emplace_back("writing", write_s);
-  if (images_s_ > 0.0) outcome.times.emplace_back("images", images_s_);
-  auto parts = outcome.times;
-  for (auto& [name, s] : parts)
-    if (name == "solving")
-      s += solve_s_before();
-    else if (name == "writing")
-      s += write_s_before();
+  outcome.times = times_here(solve_s, write_s);
   Json summary = how_.summary(result);
-  add_run(summary, config, result,
-          {.solve_s = solve_s,
-           .write_s = write_s_before() + write_s,
-           .total_s = how_.whole.seconds() + solve_s_before() + write_s_before(),
-           .parts = std::move(parts)},
-          status,
+  add_run(summary, config, result, times_in_all(outcome.times, end.solve_s, write_s), end.status,
           failure               ? ExitCode::solve
           : history.interrupted ? ExitCode::interrupted
                                 : ExitCode::ok,
@@ -388,8 +333,9 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
           : history.interrupted ? &stopped
                                 : nullptr);
   if (comparison) summary["compare"] = to_json(*comparison);
+  if (const Json shown = writer_->shown_surface(); shown["triangles"] > 0) summary["shown_surface"] = shown;
   if (result.followed) outcome.further = displacement_title(summary["displacement"]);
-  if (has_images) summary["images"] = images_->summary();
+  if (has_images()) summary["images"] = images_->summary();
   outcome.summary_json = as_text(summary);
   if (!page.is_null()) write_report(how_.folder / "report.html", summary, page);
   // The last file: a folder with it is complete. Then there is nothing to go on with.
@@ -400,6 +346,116 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   }
   if (failure) std::rethrow_exception(failure);
   return outcome;
+}
+
+Recorder::End Recorder::end_of(const std::exception_ptr& failure, double solve_s) const {
+  const History& history = result.history;
+  const Band& band = result.band;
+  End end;
+  end.solve_s = solve_s;
+  end.reached_mm = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
+  end.force = history.force.empty() ? 0.0 : history.force.back().force;
+  end.half = band.known() ? band.half.back() : 0.0;
+  end.title = force_title(end.force, end.reached_mm, band.known() ? std::optional(end.half) : std::nullopt);
+  end.status = failure ? "failed" : history.interrupted ? "interrupted" : "finished";
+  return end;
+}
+
+std::string Recorder::ended_by(const Report& stopped, const End& end) const {
+  return fmt::format(
+      "{} at {} of {}, after {:.1f} s; {} [{}]", stopped.fact, length_in_words(end.reached_mm),
+      length_in_words(given_.config.load.depth_mm), how_.whole.seconds(),
+      result.levels.empty() ? "--resume goes on from there" : "this is the finest cloud so far",
+      stopped.code);
+}
+
+// How the march went, for the picture and for who wants more than the result.
+void Recorder::tell_end(const End& end) {
+  const History& history = result.history;
+  const Band& band = result.band;
+  const double evaluations = evaluations_of(history),
+               ms = evaluations > 0.0 ? 1e3 * end.solve_s / evaluations : 0.0,
+               times_real =
+                   end.solve_s > 0.0 ? end.reached_mm / given_.config.load.rate_mm_per_s / end.solve_s : 0.0;
+  const Written written = force_written(end.force);
+  const std::string base = written(history.force.back().base_force);
+  facts_ = how_.facts(result);
+  if (result.time == TimeMode::quasi_static) {
+    facts_.push_back(
+        fmt::format("equilibrium at {} depths: {:.0f} force evaluations, {:.2f} ms each, {:.1f} s",
+                    history.force.size() - 1, evaluations, ms, end.solve_s));
+    detail(observer_,
+           fmt::format("done     {} force evaluations, {:.3f} ms each; residual {} of the reactions, the "
+                       "base carries {}",
+                       history.steps, ms, percent(history.residual), base));
+  } else {
+    const std::string step = three_digits(1e6 * history.dt_first);
+    facts_.push_back(fmt::format(
+        "{} steps of {} us (stable {} us), {:.2f} ms each, {:.1f} s: {:.2f} x real time", history.steps, step,
+        three_digits(1e6 * history.dt_stable_first), ms, end.solve_s, times_real));
+    detail(observer_,
+           fmt::format("done     {} steps of {} us, {:.3f} ms each, {:.2f} x real time; energy error "
+                       "{}, the base carries {}",
+                       history.steps, step, ms, times_real, percent(largest_energy_error(history)), base));
+  }
+  if (band.known())
+    detail(observer_,
+           fmt::format("band     {} to {}, +- {}, error of the discretisation alone, estimated from {} and "
+                       "{} nodes in "
+                       "{:.1f} s",
+                       written.number(end.force - end.half), written(end.force + end.half),
+                       percent(end.half / std::abs(end.force)), result.model.node_count(), band.coarse_nodes,
+                       band.seconds));
+}
+
+Comparison Recorder::compare_with_measured() {
+  Comparison comparison = dimple::compare(*how_.beside, result.history.force, result.band);
+  write_comparison(how_.folder / "compare.csv", comparison);
+  facts_.push_back("compared with " + in_words(comparison));
+  say(observer_, "compare  " + in_words(comparison));
+  for (const std::string* words : {&comparison.measured.left_out, &comparison.measured.averaged})
+    if (!words->empty()) say(observer_, "compare  " + *words);
+  return comparison;
+}
+
+// Who is asked to end has not always the time for a picture.
+void Recorder::draw_overview(const End& end, const std::optional<Comparison>& comparison) {
+  if (result.history.interrupted) return;
+  const std::string ended = end.status == "finished" ? "" : " (" + end.status + ")";
+  writer_->overview(result.history, result.band, comparison,
+                    fmt::format("{}: {}{}", how_.subject, end.title, ended), facts_, result.warnings);
+}
+
+void Recorder::tell_of_images() {
+  if (!has_images()) return;
+  say(observer_, "images   " + images_->told());
+  const std::string warning = images_->warning();
+  if (warning.empty()) return;
+  result.warnings.push_back(warning);
+  if (observer_.line) observer_.line(Line::warning, warning);
+}
+
+std::vector<std::pair<std::string, double>> Recorder::times_here(double solve_s, double write_s) const {
+  auto times = times_of(result, how_.read_s);
+  times.emplace_back("solving", solve_s);
+  times.emplace_back(result.levels.empty() ? "band" : "coarser clouds", result.band.seconds);
+  times.emplace_back("writing", write_s);
+  if (images_s_ > 0.0) times.emplace_back("images", images_s_);
+  return times;
+}
+
+// With those of the runs that this one goes on from.
+RunTimes Recorder::times_in_all(std::vector<std::pair<std::string, double>> here, double solve_s,
+                                double write_s) const {
+  for (auto& [name, s] : here)
+    if (name == "solving")
+      s += solve_s_before();
+    else if (name == "writing")
+      s += write_s_before();
+  return {.solve_s = solve_s,
+          .write_s = write_s_before() + write_s,
+          .total_s = how_.whole.seconds() + solve_s_before() + write_s_before(),
+          .parts = std::move(here)};
 }
 
 Outcome record(Case given, Recording how, const RecordObserver& observer) {

@@ -168,7 +168,7 @@ Json slice_json(const Slice& slice, const ReportInput& input, double slab_mm) {
   }
   result["nodes"] = {{"free", free}, {"base", held}, {"circle", pushed}};
 
-  const Surface& surface = model.surface;
+  const Surface& surface = input.frames.body;
   if (!surface.empty()) {
     result["outline_at_rest"] = outline(moved(surface.vertex_mm), surface.triangles);
     if (input.surface_displacement_mm.cols() == surface.vertex_mm.cols())
@@ -211,13 +211,6 @@ Json mesh_json(const Points& places, const Triangles& triangles) {
 
 // The surface at rest, and each frame's displacement in whole numbers of one byte.
 Json body_json(const ReportInput& input) {
-  const ReducedSurface& body = input.frames.body;
-  const Surface& surface = input.model.surface;
-  const auto count = static_cast<Index>(body.vertex.size());
-  Points rest(3, count);
-  for (Index v = 0; v < count; ++v)
-    rest.col(v) = surface.vertex_mm.col(body.vertex[static_cast<std::size_t>(v)]);
-
   Json frames = Json::array();
   for (const BodyFrames::Frame& frame : input.frames.frame) {
     const double largest = frame.displacement_mm.allFinite() && frame.displacement_mm.size() > 0
@@ -230,7 +223,7 @@ Json body_json(const ReportInput& input) {
                       {"step_mm", largest / 127.0},
                       {"displacement", packed(moved)}});
   }
-  Json result = mesh_json(rest, body.triangles);
+  Json result = mesh_json(input.frames.body.vertex_mm, input.frames.body.triangles);
   result["frames"] = std::move(frames);
   return result;
 }

@@ -12,7 +12,6 @@
 #include "io/label_image.hpp"
 #include "io/vtk_files.hpp"
 #include "preprocess/model.hpp"
-#include "preprocess/output/reduce_surface.hpp"
 #include "solver/march.hpp"
 
 namespace dimple {
@@ -45,12 +44,12 @@ struct BodyFrames {
     double time_s = 0.0;
     Eigen::Matrix3Xf displacement_mm = {};  ///< at the vertices of the body
   };
-  ReducedSurface body = {};
+  Surface body = {};  ///< at rest
   std::vector<Frame> frame = {};
   std::size_t every = 1;  ///< so many of the run's frames one is kept, and the last
 };
 /// At most so many triangles and frames are shown.
-inline constexpr Index most_triangles_shown = 16'000;
+inline constexpr Index most_triangles_shown = 12'000;
 inline constexpr std::size_t most_frames_shown = 60;
 void keep(BodyFrames& frames, BodyFrames::Frame frame);
 
@@ -63,7 +62,7 @@ struct ReportInput {
   const History& history;
   const Band& band;
   const std::optional<Comparison>& comparison;
-  const Points& surface_displacement_mm;  ///< [3xV] at the end, or none
+  const Points& surface_displacement_mm;  ///< [3 x its vertices] of the frames' body at the end, or none
   std::string options;                    ///< config.resolved.toml
   std::string picture;                    ///< of the body at the end: a PNG's bytes, or none
 };

@@ -6,9 +6,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <exception>
 #include <limits>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <regex>
 #include <set>
 #include <system_error>
@@ -27,22 +29,22 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-// At some of its places.
-Interpolation some_of(const Interpolation& all, const std::vector<Index>& place) {
-  Interpolation some;
-  some.rows.offset.setZero(static_cast<Index>(place.size()) + 1);
-  for (std::size_t r = 0; r < place.size(); ++r)
-    some.rows.offset[static_cast<Index>(r) + 1] =
-        some.rows.offset[static_cast<Index>(r)] + static_cast<int>(all.rows.count(place[r]));
-  some.rows.member.resize(some.rows.offset[some.rows.rows()]);
-  some.weight.resize(some.rows.member.size());
-  for (std::size_t r = 0; r < place.size(); ++r) {
-    const Index from = all.rows.offset[place[r]], count = all.rows.count(place[r]),
-                to = some.rows.offset[static_cast<Index>(r)];
-    some.rows.member.segment(to, count) = all.rows.member.segment(from, count);
-    some.weight.segment(to, count) = all.weight.segment(from, count);
-  }
-  return some;
+// Files for the eye hold no more than it sees: places to a power of two below this part of the tool's radius.
+constexpr double seen_part = 1.0 / 1024.0;
+double step_for_the_eye(double radius_mm) {
+  return std::exp2(std::floor(std::log2(seen_part * radius_mm)));
+}
+Eigen::MatrixXd rounded_to(double step, const Eigen::MatrixXd& x) {
+  if (!(step > 0.0)) return x;
+  return (x.array() / step).round() * step + 0.0;
+}
+// Likewise to a thousandth or less of each number itself.
+Eigen::MatrixXd rounded_to_bits(int bits, const Eigen::MatrixXd& x) {
+  return x.unaryExpr([bits](double value) {
+    int exponent = 0;
+    const double part = std::frexp(value, &exponent);  // a number that is none stays what it is
+    return std::ldexp(std::round(std::ldexp(part, bits)), exponent - bits);
+  });
 }
 
 // 1 base, 2 circle, 4 the first support, 8 the second, ...
@@ -59,9 +61,11 @@ Eigen::MatrixXd node_sets(const Model& model, const std::vector<HeldSet>& suppor
 
 Wanted wanted_of(const Config& config) {
   const std::vector<std::string>& list = config.output.write;
+  const bool fine = std::find(list.begin(), list.end(), "fine") != list.end();
   const auto asked = [&](const char* word) {
-    return std::any_of(list.begin(), list.end(),
-                       [&](const std::string& given) { return given == word || given == "all"; });
+    return (fine && list.size() == 1) || std::any_of(list.begin(), list.end(), [&](const std::string& given) {
+             return given == word || given == "all";
+           });
   };
   return {.nodes = asked("nodes"),
           .points = asked("points"),
@@ -70,7 +74,8 @@ Wanted wanted_of(const Config& config) {
           .model = asked("model"),
           .label = asked("label"),
           .report = asked("report"),
-          .images = std::find(list.begin(), list.end(), "images") != list.end()};
+          .images = std::find(list.begin(), list.end(), "images") != list.end(),
+          .fine = fine};
 }
 
 // What is written of a frame, beside what stays the same.
@@ -95,7 +100,7 @@ bool may_write_beside(const Model& model) {
 }  // namespace
 
 ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wanted, const LabelAt& label_at,
-                           const std::vector<HeldSet>& supports)
+                           const std::vector<HeldSet>& supports, double end_s)
     : folder_(std::move(folder)),
       model_(model),
       wanted_(wanted),
@@ -103,19 +108,18 @@ ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wa
       nodes_mm_(model.X.unaryExpr(&millimetres)),
       points_mm_(model.point.unaryExpr(&millimetres)),
       node_set_(node_sets(model, supports)),
-      on_circle_(Eigen::MatrixXd::Zero(1, model.surface.vertex_mm.cols())),
       node_series_(folder_ / "nodes.pvd", ".vtu"),
       point_series_(folder_ / "points.pvd", ".vtu"),
       surface_series_(folder_ / "surface.pvd", ".vtp"),
       section_series_(folder_ / "section.pvd", ".vtp"),
-      tool_series_(folder_ / "tool.pvd", ".vtp") {
+      tool_series_(folder_ / "tool.pvd", ".vtp"),
+      end_s_(end_s) {
   wanted_.surface = wanted.surface && !model.surface.empty();
   if (wanted_.nodes) to_nodes_ = node_interpolation(model);
   if (wanted_.points) to_points_ = point_interpolation(model);
   if (wanted_.surface) {
     section_ = cut_open(model);
     to_section_ = inner_interpolation(model, section_.place * 1e-3);
-    on_surface_ = make_point_means(points_mm_, model.surface.vertex_mm);
     on_section_ = make_point_means(points_mm_, section_.place);
     if (label_at) {
       label_.resize(1, section_.triangles.cols());
@@ -125,32 +129,61 @@ ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wa
     write_file(folder_ / view_file, view_script);
   }
   if (wanted_.surface || wanted_.picture || wanted_.report) tool_ = tool_body(model);
-  if (wanted_.surface || ((wanted_.picture || wanted_.report) && !model.surface.empty()))
-    to_surface_ = surface_interpolation(model);
-  if (wanted_.report && !model.surface.empty()) {
-    shown_.body = reduced_surface(model.surface, model.tool, most_triangles_shown);
-    to_body_ = some_of(to_surface_, shown_.body.vertex);
+  if (!model.surface.empty() && (wanted_.surface || wanted_.picture || wanted_.report)) take_skins();
+}
+
+ResultWriter::~ResultWriter() = default;
+
+ResultWriter::Skin ResultWriter::skin_of(const std::vector<Index>& vertex, const Triangles& triangles) const {
+  Skin skin{.rest = {model_.surface.vertex_mm(Eigen::all, vertex), triangles},
+            .to = surface_interpolation(model_, vertex),
+            .mises = {},
+            .on_circle = {}};
+  if (!wanted_.surface) return skin;
+  skin.mises = make_point_means(points_mm_, skin.rest.vertex_mm);
+  skin.on_circle.setZero(1, skin.rest.vertex_mm.cols());
+  const Indenter& tool = model_.tool;
+  for (Index m = 0; m < skin.on_circle.cols(); ++m) {
+    const Vec3 d = skin.rest.vertex_mm.col(m) * 1e-3 - tool.centre;
+    const double along = d.dot(tool.push);
+    skin.on_circle(0, m) = (d - along * tool.push).norm() <= tool.radius && std::abs(along) < tool.radius;
   }
-  for (Index m = 0; m < on_circle_.cols(); ++m) {
-    const Vec3 d = model.surface.vertex_mm.col(m) * 1e-3 - model.tool.centre;
-    const double along = d.dot(model.tool.push);
-    on_circle_(0, m) =
-        (d - along * model.tool.push).norm() <= model.tool.radius && std::abs(along) < model.tool.radius;
-  }
+  return skin;
+}
+
+// One surface serves files, report and picture.
+void ResultWriter::take_skins() {
+  const ReducedSurface reduced = reduced_surface(model_.surface, model_.tool, most_triangles_shown);
+  skin_ = skin_of(reduced.vertex, reduced.triangles);
+  within_mm_ = reduced.within_mm;
+  if (wanted_.report) shown_.body = skin_.rest;
+  if (!wanted_.fine) step_mm_ = step_for_the_eye(1e3 * model_.tool.radius);
+  if (!wanted_.surface || !wanted_.fine || within_mm_ == 0.0) return;
+  std::vector<Index> all(static_cast<std::size_t>(model_.surface.vertex_mm.cols()));
+  std::iota(all.begin(), all.end(), Index{0});
+  whole_ = skin_of(all, model_.surface.triangles);
+}
+
+Json ResultWriter::shown_surface() const {
+  return {{"triangles", skin_.rest.triangles.cols()}, {"within_mm", within_mm_}};
 }
 
 void ResultWriter::resume(const std::vector<double>& frame_time_s) {
   frame_time_s_ = frame_time_s;
   if (wanted_.nodes) node_series_.resume(frame_time_s);
-  if (wanted_.points) point_series_.resume(frame_time_s);
+  const bool ended = !frame_time_s.empty() && is_last(frame_time_s.back());
+  if (wanted_.points)
+    point_series_.resume(wanted_.fine ? frame_time_s
+                         : ended      ? std::vector{frame_time_s.back()}
+                                      : std::vector<double>{});
   if (wanted_.surface)
     for (TimeSeries* series : {&surface_series_, &section_series_, &tool_series_})
       series->resume(frame_time_s);
-  if (!wanted_.nodes || shown_.body.vertex.empty()) return;
+  if (!wanted_.nodes || shown_.body.empty()) return;
   for (std::size_t k = 0; k < frame_time_s.size(); ++k) try {
       const PointFile nodes = read_vtu(folder_ / "nodes" / fmt::format("nodes_{:04d}.vtu", k));
       if (const Field* u = nodes.find("nodal_parameter_mm"))
-        keep(shown_, {k, frame_time_s[k], to_body_(u->values).cast<float>()});
+        keep(shown_, {k, frame_time_s[k], skin_.to(u->values).cast<float>()});
     } catch (const InputError&) {  // then the page does without
     }
 }
@@ -191,8 +224,10 @@ void ResultWriter::frame(const Frame& frame) {
   }
   if (wanted_.points || wanted_.surface) {
     PointStress at_points = stress_at_points(frame);
-    packing.J = std::move(at_points.J);
-    packing.sigma = std::move(at_points.sigma);
+    if (wanted_.points) {
+      packing.J = std::move(at_points.J);
+      packing.sigma = std::move(at_points.sigma);
+    }
     packing.mises = std::move(at_points.mises);
   }
   finish_frames();
@@ -225,70 +260,114 @@ void ResultWriter::write(Packing frame) {
               {.name = "nodal_parameter_mm", .unit = "mm", .values = frame.u, .components = xyz},
               {.name = "reaction_N", .unit = "N", .values = frame.reaction, .components = xyz},
               {.name = "node_set", .unit = "", .values = node_set_, .type = Field::Type::int32},
-              {.name = "mass_kg", .unit = "kg", .values = model_.mass.transpose()}}},
+              {.name = "mass_kg", .unit = "kg", .values = model_.mass.transpose()}},
+         .small = !wanted_.fine},
         frame.time_s);
   if (wanted_.surface) write_view(frame);
-  if (wanted_.points) {
-    PointFile file{.position_mm = points_mm_, .fields = {}};  // one by one: a list of them would be copied
-    file.fields.push_back(
-        {.name = "displacement_mm", .unit = "mm", .values = to_points_(frame.u), .components = xyz});
-    file.fields.push_back({.name = "jacobian", .unit = "", .values = std::move(frame.J)});
-    file.fields.push_back({.name = "cauchy_stress_Pa",
-                           .unit = "Pa",
-                           .values = std::move(frame.sigma),
-                           .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"}});
-    file.fields.push_back({.name = "von_mises_Pa", .unit = "Pa", .values = std::move(frame.mises)});
-    file.fields.push_back({.name = "volume_mm3", .unit = "mm^3", .values = model_.volume.transpose() * 1e9});
-    write_vtu(point_series_.next_frame(), file, frame.time_s);
-  }
-  if (!shown_.body.vertex.empty())
-    keep(shown_, {frame_time_s_.size(), frame.time_s, to_body_(frame.u).cast<float>()});
+  if (!shown_.body.empty())
+    keep(shown_, {frame_time_s_.size(), frame.time_s, skin_.to(frame.u).cast<float>()});
+  // In this thread, beside the band, which leaves a processor idle now and then; not beside another picture,
+  // for VTK sets text in one thread at a time.
+  if (wanted_.report && beside_ && is_last(frame.time_s)) body_png_ = body_png(body_of(frame.depth));
+  const double time_s = frame.time_s;
+  const bool last = is_last(time_s), points_now = wanted_.points && (wanted_.fine || last);
+  if (points_now)
+    write_points(std::move(frame));
+  else if (wanted_.points)
+    points_left_ = std::make_unique<Packing>(std::move(frame));
   // Listed when all are there: who stops the run between two files finds as many frames in each list.
-  if (wanted_.nodes) node_series_.add(frame.time_s);
-  if (wanted_.points) point_series_.add(frame.time_s);
+  if (wanted_.nodes) node_series_.add(time_s);
+  if (points_now) point_series_.add(time_s);
   if (wanted_.surface)
-    for (TimeSeries* series : {&surface_series_, &section_series_, &tool_series_}) series->add(frame.time_s);
+    for (TimeSeries* series : {&surface_series_, &section_series_, &tool_series_}) series->add(time_s);
+}
+
+void ResultWriter::end_frames() {
+  std::exception_ptr stopped;  // amid a frame: then the one before it is the last
+  try {
+    finish_frames();
+  } catch (const Stopped&) {
+    stopped = std::current_exception();
+  }
+  // Who was stopped has a second for all that is left to be written.
+  const bool is_stopped = stop_asked() != StopReason::none;
+  if (points_left_ && !(is_stopped && model_.point_count() > most_points_beside)) {
+    const double time_s = points_left_->time_s;
+    write_points(std::move(*points_left_), is_stopped);
+    point_series_.add(time_s);
+  }
+  if (stopped) std::rethrow_exception(stopped);
+}
+
+void ResultWriter::write_points(Packing frame, bool of_stopped) {
+  points_left_.reset();
+  PointFile file{
+      .position_mm = points_mm_, .fields = {}, .small = !wanted_.fine, .even_if_stopped = of_stopped};
+  // One by one: a list of them would be copied.
+  file.fields.push_back({.name = "displacement_mm",
+                         .unit = "mm",
+                         .values = to_points_(frame.u),
+                         .components = {"X", "Y", "Z"}});
+  file.fields.push_back({.name = "jacobian", .unit = "", .values = std::move(frame.J)});
+  file.fields.push_back({.name = "cauchy_stress_Pa",
+                         .unit = "Pa",
+                         .values = std::move(frame.sigma),
+                         .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"}});
+  file.fields.push_back({.name = "von_mises_Pa", .unit = "Pa", .values = std::move(frame.mises)});
+  file.fields.push_back({.name = "volume_mm3", .unit = "mm^3", .values = model_.volume.transpose() * 1e9});
+  write_vtu(point_series_.next_frame(), file, frame.time_s);
 }
 
 // What view.py shows: the skin, the body cut open, and the tool.
 void ResultWriter::write_view(const Packing& frame) {
+  const bool small = step_mm_ > 0.0;
+  const auto places = [&](const Points& x) { return Points(rounded_to(step_mm_, x)); };
+  const auto stress = [&](const Eigen::RowVectorXd& x) -> Eigen::MatrixXd {
+    return small ? rounded_to_bits(11, x) : Eigen::MatrixXd(x);
+  };
+  const Skin& skin = whole_ ? *whole_ : skin_;
   const std::vector<std::string> xyz = {"X", "Y", "Z"};
   const auto fact = [](const char* name, const char* unit, const Eigen::MatrixXd& value) {
     return Field{.name = name, .unit = unit, .values = value, .type = Field::Type::real64};
   };
   const auto number = [](double value) { return Eigen::MatrixXd::Constant(1, 1, value); };
   {
-    const Points u = to_surface_(frame.u);
+    const Points u = skin.to(frame.u);
     write_vtp(
         surface_series_.next_frame(),
-        {.position_mm = model_.surface.vertex_mm + u,
-         .triangles = model_.surface.triangles,
+        {.position_mm = places(skin.rest.vertex_mm + u),
+         .triangles = skin.rest.triangles,
          .fields =
-             {{.name = "displacement_mm", .unit = "mm", .values = u, .components = xyz},
-              {.name = "von_mises_Pa", .unit = "Pa", .values = on_surface_(frame.mises)},
-              {.name = "indenter_circle", .unit = "", .values = on_circle_, .type = Field::Type::int32}}},
+             {{.name = "displacement_mm", .unit = "mm", .values = places(u), .components = xyz},
+              {.name = "von_mises_Pa", .unit = "Pa", .values = stress(skin.mises(frame.mises))},
+              {.name = "indenter_circle", .unit = "", .values = skin.on_circle, .type = Field::Type::int32}},
+         .small = small},
         frame.time_s);
   }
   const Points u = to_section_(frame.u);
-  SurfaceFile section{.position_mm = section_.place + u,
-                      .triangles = section_.triangles,
-                      .fields = {{.name = "displacement_mm", .unit = "mm", .values = u, .components = xyz},
-                                 {.name = "von_mises_Pa", .unit = "Pa", .values = on_section_(frame.mises)}}};
+  SurfaceFile section{
+      .position_mm = places(section_.place + u),
+      .triangles = section_.triangles,
+      .fields = {{.name = "displacement_mm", .unit = "mm", .values = places(u), .components = xyz},
+                 {.name = "von_mises_Pa", .unit = "Pa", .values = stress(on_section_(frame.mises))}},
+      .small = small};
   if (label_.size() > 0)
     section.on_triangles.push_back(
         {.name = "label", .unit = "", .values = label_, .type = Field::Type::int32});
   write_vtp(section_series_.next_frame(), section, frame.time_s);
   const Indenter& tool = model_.tool;
-  write_vtp(tool_series_.next_frame(),
-            {.position_mm = tool_.position_mm.colwise() + 1e3 * (frame.depth * tool.push + frame.aside),
-             .triangles = tool_.triangles,
-             .fields = {},
-             .facts = {fact("indentation_mm", "mm", number(1e3 * frame.depth)),
-                       fact("force_N", "N", number(frame.force)),
-                       fact("radius_mm", "mm", number(1e3 * tool.radius)),
-                       fact("centre_mm", "mm", 1e3 * tool.centre), fact("push", "", tool.push),
-                       fact("front", "", section_.front)}},
-            frame.time_s);
+  write_vtp(
+      tool_series_.next_frame(),
+      {.position_mm = places(tool_.position_mm.colwise() + 1e3 * (frame.depth * tool.push + frame.aside)),
+       .triangles = tool_.triangles,
+       .fields = {},
+       .facts = {fact("indentation_mm", "mm", number(1e3 * frame.depth)),
+                 fact("force_N", "N", number(frame.force)),
+                 fact("radius_mm", "mm", number(1e3 * tool.radius)),
+                 fact("centre_mm", "mm", 1e3 * tool.centre), fact("push", "", tool.push),
+                 fact("front", "", section_.front)},
+       .small = small},
+      frame.time_s);
 }
 
 void ResultWriter::tables(const History& history, const Band& band, double spread) const {
@@ -338,28 +417,35 @@ void ResultWriter::tables(const History& history, const Band& band, double sprea
   write_csv(folder_ / "energy.csv", energy);
 }
 
-Overview ResultWriter::picture_of(const History& history, const Band& band) const {
+// What a picture shows of the body and the tool.
+Overview ResultWriter::body_of(double depth) const {
   Overview picture;
   picture.nodes_mm = nodes_mm_;
   picture.displacement_mm = last_u_mm_;
   for (Index a = 0; a < node_set_.cols(); ++a) picture.node_set.push_back(static_cast<int>(node_set_(0, a)));
   picture.points_mm = points_mm_;
-  picture.surface_mm = model_.surface.vertex_mm;
-  if (!model_.surface.empty() && last_u_mm_.cols() > 0)
-    picture.surface_displacement_mm = to_surface_(last_u_mm_);
-  picture.surface_triangles = model_.surface.triangles;
+  picture.surface_mm = skin_.rest.vertex_mm;
+  if (!skin_.rest.empty() && last_u_mm_.cols() > 0) picture.surface_displacement_mm = skin_.to(last_u_mm_);
+  picture.surface_triangles = skin_.rest.triangles;
   picture.tool_mm = tool_.position_mm;
   picture.tool_triangles = tool_.triangles;
   picture.centre_mm = model_.tool.centre * 1e3;
   picture.push = model_.tool.push;
   picture.radius_mm = model_.tool.radius * 1e3;
+  picture.depth_mm = {1e3 * depth};
+  picture.two_threads = beside_;
+  return picture;
+}
+
+Overview ResultWriter::picture_of(const History& history, const Band& band) const {
+  Overview picture = body_of(0.0);
+  picture.depth_mm.clear();
   if (!history.force.empty()) picture.aside_mm = 1e3 * Vec3(history.force.back().aside.data());
   for (const ForceSample& s : history.force) {
     picture.depth_mm.push_back(1e3 * s.depth);
     picture.force_N.push_back(s.force);
   }
   if (band.known()) picture.half_N = band.half;
-  picture.two_threads = beside_;
   return picture;
 }
 
@@ -394,7 +480,9 @@ Json ResultWriter::report(const History& history, const Band& band,
                       .comparison = comparison,
                       .surface_displacement_mm = picture.surface_displacement_mm,
                       .options = options,
-                      .picture = drawn ? body_png(picture) : ""});
+                      .picture = !drawn               ? ""
+                                 : !body_png_.empty() ? body_png_
+                                                      : body_png(picture)});
 }
 
 namespace {

@@ -3,6 +3,8 @@
 #include <array>
 #include <filesystem>
 #include <future>
+#include <limits>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -16,6 +18,7 @@
 #include "io/file.hpp"
 #include "io/vtk_files.hpp"
 #include "preprocess/cloud/integration_grid.hpp"
+#include "preprocess/output/reduce_surface.hpp"
 #include "preprocess/output/section.hpp"
 #include "preprocess/supports/support.hpp"
 
@@ -26,9 +29,12 @@ namespace dimple {
 struct Wanted {
   bool nodes = true, points = true, surface = true, picture = true, model = true, label = true, report = true;
   bool images = false;  ///< not among "all": they take longer than the rest of a run, and more room
+  /// The surface as it was drawn, and the points of every frame; else a smaller surface, and the points of
+  /// the last frame.
+  bool fine = false;
 };
 Wanted wanted_of(const Config& config);
-inline constexpr Wanted tables_alone = {false, false, false, false, false, false, false};
+inline constexpr Wanted tables_alone = {false, false, false, false, false, false, false, false, false};
 
 /// The force of the tissue on the tool and its moment about the circle's middle, which moves with the tool:
 /// LPS, in files.
@@ -53,14 +59,21 @@ PointStress stress_at_points(const Frame& frame);
 class ResultWriter {
  public:
   /// `model` must outlive this, and its discretisation must not change. `label_at`: the image's label at a
-  /// place in LPS mm; empty: there is no image. Of `supports` nodes.pvd says which nodes they hold.
+  /// place in LPS mm; empty: there is no image. Of `supports` nodes.pvd says which nodes they hold. `end_s`:
+  /// of the load.
   ResultWriter(std::filesystem::path folder, const Model& model, const Wanted& wanted = {},
-               const LabelAt& label_at = {}, const std::vector<HeldSet>& supports = {});
+               const LabelAt& label_at = {}, const std::vector<HeldSet>& supports = {},
+               double end_s = std::numeric_limits<double>::infinity());
+
+  ~ResultWriter();
 
   /// Throws what the frame before this one met, as if it had met that itself.
   void frame(const Frame& frame);
   /// Until the last frame is on the disk; throws what it met.
   void finish_frames();
+  /// When there is no further frame, whether or not the load has come to its end: what is written of the last
+  /// one alone.
+  void end_frames();
   /// Goes on after the frames that an earlier run has written at these times [s].
   void resume(const std::vector<double>& frame_time_s);
   /// Of the frames on the disk.
@@ -75,12 +88,26 @@ class ResultWriter {
   nlohmann::ordered_json report(const History& history, const Band& band,
                                 const std::optional<Comparison>& comparison, const std::vector<Slice>& slices,
                                 const std::string& options, bool drawn) const;
+  /// Of the surface in files and pictures: its triangles, and how far the body's own is from it at most.
+  nlohmann::ordered_json shown_surface() const;
 
  private:
   struct Packing;
+  // A surface as files or pictures show it.
+  struct Skin {
+    Surface rest;
+    Interpolation to;
+    PointMeans mises;
+    Eigen::MatrixXd on_circle;  // [1 x vertices]
+  };
+  Skin skin_of(const std::vector<Index>& vertex, const Triangles& triangles) const;
+  void take_skins();
   void write(Packing frame);
-  Overview picture_of(const History& history, const Band& band) const;
+  void write_points(Packing frame, bool of_stopped = false);
   void write_view(const Packing& frame);
+  bool is_last(double time_s) const { return time_s >= end_s_ * (1.0 - 1e-9); }
+  Overview body_of(double depth) const;
+  Overview picture_of(const History& history, const Band& band) const;
 
   std::filesystem::path folder_;
   const Model& model_;
@@ -88,18 +115,23 @@ class ResultWriter {
   bool beside_;  // frames are written while the march goes on
   Section section_;
   SurfaceFile tool_;  // at rest
-  Interpolation to_nodes_, to_points_, to_surface_, to_section_, to_body_;
-  PointMeans on_surface_, on_section_;
+  Interpolation to_nodes_, to_points_, to_section_;
+  PointMeans on_section_;
+  Skin skin_;                  // of pictures, of the report, and of files where no finer one is asked for
+  std::optional<Skin> whole_;  // the surface as it was drawn, where that is finer and asked for
+  double within_mm_ = 0.0;     // how far the body's surface is from skin_ at most
+  double step_mm_ = 0.0;       // to which files for the eye round their places; 0: they do not
   Points nodes_mm_, points_mm_;
   Eigen::MatrixXd node_set_;
-  Eigen::MatrixXd on_circle_;  // [1 x surface vertices]
-  Eigen::MatrixXd label_;      // [1 x section triangles]; empty: there is no image
+  Eigen::MatrixXd label_;  // [1 x section triangles]; empty: there is no image
   TimeSeries node_series_, point_series_, surface_series_, section_series_, tool_series_;
   std::vector<double> frame_time_s_;
   Points last_u_mm_;
   BodyFrames shown_;
-  double pending_time_s_ = 0.0;
-  std::future<void> pending_;  // the last member: whoever destroys this waits for it first
+  double end_s_, pending_time_s_ = 0.0;
+  std::unique_ptr<Packing> points_left_;  // of the newest frame, while it may not be the last
+  std::string body_png_;                  // for the report; empty: not drawn yet
+  std::future<void> pending_;             // the last member: whoever destroys this waits for it first
 };
 
 /// Where a run keeps what it needs to go on; not there when it has finished.

@@ -37,8 +37,8 @@ struct Case {
   /// Instead of an image, one that was read before with the same options of the image and the same width of
   /// the circle, which its surface follows; all others may differ. For build_case().
   const ReadOrgan* organ = nullptr;
-  const State* from = nullptr;  ///< where an earlier run of the same case stood
-  bool band = false;            ///< of the force is wanted: by a coarser cloud, after the march
+  const MarchState* from = nullptr;  ///< where an earlier run of the same case stood
+  bool band = false;                 ///< of the force is wanted: by a coarser cloud, after the march
   BodyChange change = {};
 };
 

@@ -221,24 +221,10 @@ double largest_energy_error(const History& history) {
   return scale > 0.0 ? error / scale : 0.0;
 }
 
-void add_run(Json& summary, const Config& config, const Result& result, const RunTimes& times,
-             const std::string& status, ExitCode code, const Report* reason) {
-  const Model& model = result.model;
+namespace {
+
+void add_loads_and_supports(Json& summary, const Result& result) {
   const History& history = result.history;
-  const double reached = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
-  const double evaluations = evaluations_of(history);
-  summary["status"] = status;
-  if (reason) summary["failure"] = report_json(*reason);
-  summary["verdict"] = verdict_of(config, result, status);
-  summary["exit_code"] = static_cast<int>(code);
-  summary["version"] = DIMPLE_VERSION;
-  summary["scheme"] = model.scheme.name;
-  summary["time"] = name_of(result.time);
-  summary["precision"] = config.solver.precision;
-  summary["requested"] = {{"depth_mm", config.load.depth_mm},
-                          {"rate_mm_per_s", config.load.rate_mm_per_s},
-                          {"frames", config.solver.frames}};
-  summary["contact"] = config.load.contact;
   if (const Loads& loads = result.loading.loads; !loads.none()) {
     Json pressures = Json::object();
     for (const SurfacePressure& one : loads.pressure) pressures[one.name] = one.pressure;
@@ -254,15 +240,26 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
                                          {"force_N", {force.x(), force.y(), force.z()}},
                                          {"moved_mm", {moved.x(), moved.y(), moved.z()}}};
   }
-  summary["material"] = materials_json(config, result.tissues);
-  summary["counts"] = counts_json(model);
-  summary["support"] = support_json(model.support_report);
-  summary["support"]["worst_pivot_ratio"] = model.support_report.worst_pivot_ratio;
-  summary["support"]["linear_error"] = model.support_report.linear_error;
-  summary["consistency"] = consistency_json(model.consistency_report);
-  summary["volume_mm3"] = model.volume.sum() * 1e9;
-  summary["mass_g"] = model.mass.sum() * 1e3;
-  summary["indentation_mm"] = reached;
+}
+
+void add_levels(Json& summary, const Result& result) {
+  if (result.levels.empty()) return;
+  summary["ladder"] = Json::array();
+  const auto or_null = [](double half, double factor) { return half > 0.0 ? Json(factor * half) : Json(); };
+  for (const RefinementLevel& level : result.levels) {
+    Json entry = {{"nodes", level.nodes}, {"force_N", level.force}, {"half_N", or_null(level.half, 1.0)}};
+    if (result.followed) {
+      entry["displacement_mm"] = 1e3 * level.length;
+      entry["half_mm"] = or_null(level.half_length, 1e3);
+    }
+    entry["wall_s"] = level.seconds;
+    summary["ladder"].push_back(entry);
+  }
+}
+
+void add_force(Json& summary, const Result& result) {
+  const History& history = result.history;
+  const Model& model = result.model;
   const double force = history.force.empty() ? 0.0 : history.force.back().force;
   summary["force_N"] = force;
   if (!history.force.empty()) {
@@ -277,19 +274,10 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
     summary["band_of_mu"] = {{"low_N", force - result.spread * std::abs(force)},
                              {"high_N", force + result.spread * std::abs(force)}};
   if (result.followed) summary["displacement"] = displacement_json(*result.followed, result.band);
-  if (!result.levels.empty()) {
-    summary["ladder"] = Json::array();
-    const auto or_null = [](double half, double factor) { return half > 0.0 ? Json(factor * half) : Json(); };
-    for (const RefinementLevel& level : result.levels) {
-      Json entry = {{"nodes", level.nodes}, {"force_N", level.force}, {"half_N", or_null(level.half, 1.0)}};
-      if (result.followed) {
-        entry["displacement_mm"] = 1e3 * level.length;
-        entry["half_mm"] = or_null(level.half_length, 1e3);
-      }
-      entry["wall_s"] = level.seconds;
-      summary["ladder"].push_back(entry);
-    }
-  }
+}
+
+void add_steps(Json& summary, const Result& result) {
+  const History& history = result.history;
   summary["stable_step_s"] = history.dt_stable_first;
   summary["time_step_s"] = history.dt_first;
   summary["smallest_time_step_s"] = history.dt_smallest;
@@ -300,6 +288,12 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   summary["J_min"] = history.J_min;
   summary["energy_error"] = largest_energy_error(history);
   summary["momentum_error"] = history.momentum_error;
+}
+
+void add_times(Json& summary, const Config& config, const Result& result, const RunTimes& times) {
+  const History& history = result.history;
+  const double reached = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
+  const double evaluations = evaluations_of(history);
   summary["preprocess_wall_s"] = stages_json(result.stages);
   summary["prepare_wall_s"] = result.complete_s;
   summary["solve_wall_s"] = times.solve_s;
@@ -313,8 +307,9 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   summary["ms_per_step"] = evaluations > 0.0 ? 1e3 * times.solve_s / evaluations : 0.0;
   summary["real_time_factor"] =
       times.solve_s > 0.0 ? reached / config.load.rate_mm_per_s / times.solve_s : 0.0;
-  summary["threads"] = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
-  summary["warnings"] = result.warnings;
+}
+
+void add_guards(Json& summary, const Result& result) {
   summary["guards"] = Json::array();
   for (const Finding& finding : result.findings) {
     Json entry = report_json(finding.report);
@@ -322,8 +317,46 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
     summary["guards"].push_back(entry);
   }
   summary["retries"] = Json::array();
-  for (const Retry& retry : history.retries)
+  for (const Retry& retry : result.history.retries)
     summary["retries"].push_back({{"code", retry.code}, {"at_mm", 1e3 * retry.depth}, {"what", retry.what}});
+}
+
+}  // namespace
+
+void add_run(Json& summary, const Config& config, const Result& result, const RunTimes& times,
+             const std::string& status, ExitCode code, const Report* reason) {
+  const Model& model = result.model;
+  const History& history = result.history;
+  const double reached = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
+  summary["status"] = status;
+  if (reason) summary["failure"] = report_json(*reason);
+  summary["verdict"] = verdict_of(config, result, status);
+  summary["exit_code"] = static_cast<int>(code);
+  summary["version"] = DIMPLE_VERSION;
+  summary["scheme"] = model.scheme.name;
+  summary["time"] = name_of(result.time);
+  summary["precision"] = config.solver.precision;
+  summary["requested"] = {{"depth_mm", config.load.depth_mm},
+                          {"rate_mm_per_s", config.load.rate_mm_per_s},
+                          {"frames", config.solver.frames}};
+  summary["contact"] = config.load.contact;
+  add_loads_and_supports(summary, result);
+  summary["material"] = materials_json(config, result.tissues);
+  summary["counts"] = counts_json(model);
+  summary["support"] = support_json(model.support_report);
+  summary["support"]["worst_pivot_ratio"] = model.support_report.worst_pivot_ratio;
+  summary["support"]["linear_error"] = model.support_report.linear_error;
+  summary["consistency"] = consistency_json(model.consistency_report);
+  summary["volume_mm3"] = model.volume.sum() * 1e9;
+  summary["mass_g"] = model.mass.sum() * 1e3;
+  summary["indentation_mm"] = reached;
+  add_force(summary, result);
+  add_levels(summary, result);
+  add_steps(summary, result);
+  add_times(summary, config, result, times);
+  summary["threads"] = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
+  summary["warnings"] = result.warnings;
+  add_guards(summary, result);
 }
 
 }  // namespace dimple

@@ -44,11 +44,11 @@ VectorXd vector_of(const std::vector<double>& list) {
 double share_of(double x) {
   return 1.0 / (1.0 + std::exp(-x));
 }
-double number_at(const Sought& s, double x) {
+double number_at(const FitParameter& s, double x) {
   return s.logarithmic ? s.least * std::pow(s.most / s.least, share_of(x))
                        : s.least + (s.most - s.least) * share_of(x);
 }
-double x_of(const Sought& s, double number) {
+double x_of(const FitParameter& s, double number) {
   const double share = s.logarithmic ? std::log(number / s.least) / std::log(s.most / s.least)
                                      : (number - s.least) / (s.most - s.least);
   return std::log(share / (1.0 - share));
@@ -66,7 +66,7 @@ struct Projection {
   enum { InputsAtCompileTime = Eigen::Dynamic, ValuesAtCompileTime = Eigen::Dynamic };
 
   const VectorXd& measured;
-  const std::vector<Sought>& sought;
+  const std::vector<FitParameter>& sought;
   const UnitForces& unit_forces;
   int most_runs;
   int runs = 0;
@@ -137,7 +137,7 @@ double memory_of(const VectorXd& r) {
 }  // namespace
 
 CurveFit fit_curve(const std::vector<double>& depth, const std::vector<double>& measured_N,
-                   const std::vector<Sought>& sought, const UnitForces& unit_forces, int most_runs) {
+                   const std::vector<FitParameter>& sought, const UnitForces& unit_forces, int most_runs) {
   const auto n = static_cast<Index>(depth.size()), p = static_cast<Index>(1 + sought.size());
   if (n <= p)
     throw InputError({.fact = fmt::format("the curve has {} row{} with a depth above 0, for {} number{}", n,
@@ -179,7 +179,7 @@ CurveFit fit_curve(const std::vector<double>& depth, const std::vector<double>& 
   MatrixXd J(n, p);  // of the forces, by the numbers themselves
   J.col(0) = unit;
   for (Index k = 0; k + 1 < p; ++k) {
-    const Sought& s = sought[static_cast<std::size_t>(k)];
+    const FitParameter& s = sought[static_cast<std::size_t>(k)];
     try {
       J.col(k + 1) = mu * (problem.unit(Projection::beside(x, k)) - unit) /
                      (number_at(s, x[k] + Projection::toward(x, k) * Projection::step) - number_at(s, x[k]));
@@ -211,7 +211,7 @@ CurveFit fit_curve(const std::vector<double>& depth, const std::vector<double>& 
   for (Index k = 0; k < p; ++k) {
     FittedNumber number{.name = "mu", .unit = "Pa", .value = mu};
     if (k > 0) {
-      const Sought& s = sought[static_cast<std::size_t>(k - 1)];
+      const FitParameter& s = sought[static_cast<std::size_t>(k - 1)];
       number = {.name = s.name, .unit = s.unit, .value = number_at(s, x[k - 1])};
       number.at_limit = std::abs(share_of(x[k - 1]) - 0.5) > 0.48;
     }
@@ -332,12 +332,12 @@ void multiply(Config& config, double factor) {
 }
 
 // What is looked for beside mu; for alpha twice, once for each sign: the energy has no alpha between.
-std::vector<std::vector<Sought>> searches_of(const std::string& of, const MeasuredCurve& curve) {
+std::vector<std::vector<FitParameter>> searches_of(const std::string& of, const MeasuredCurve& curve) {
   if (of == "mu") return {{}};
   if (of == "mu,alpha") {
-    const Sought positive{
+    const FitParameter positive{
         .name = "alpha", .unit = "", .start = 2.0, .least = 0.5, .most = 30.0, .logarithmic = true};
-    const Sought negative{
+    const FitParameter negative{
         .name = "alpha", .unit = "", .start = -4.7, .least = -0.5, .most = -30.0, .logarithmic = true};
     return {{negative}, {positive}};
   }
@@ -469,10 +469,10 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
     return forces;
   };
 
-  const std::vector<std::vector<Sought>> searches = searches_of(options.of, curve);
+  const std::vector<std::vector<FitParameter>> searches = searches_of(options.of, curve);
   std::vector<CurveFit> fits;  // the best first
   std::vector<std::string> failed;
-  for (const std::vector<Sought>& sought : searches) try {
+  for (const std::vector<FitParameter>& sought : searches) try {
       fits.push_back(unless_stopped([&] {
         return fit_curve(curve.depth, curve.force, sought, unit_forces,
                          most_runs_of_a_search / static_cast<int>(searches.size()));

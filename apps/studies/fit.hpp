@@ -13,7 +13,7 @@ namespace dimple {
 
 /// A number of the material that is looked for beside its modulus, from `least` to `most`. Of one sign where
 /// it is logarithmic: then its steps are shares of itself.
-struct Sought {
+struct FitParameter {
   std::string name, unit;
   double start = 0.0, least = 0.0, most = 0.0;
   bool logarithmic = false;
@@ -61,7 +61,8 @@ struct CurveFit {
 /// Throws InputError: fewer rows than numbers and one, or no positive modulus fits; SolveError: no
 /// equilibrium at the start.
 CurveFit fit_curve(const std::vector<double>& depth, const std::vector<double>& measured,
-                   const std::vector<Sought>& sought, const UnitForces& unit_forces, int most_runs = 24);
+                   const std::vector<FitParameter>& sought, const UnitForces& unit_forces,
+                   int most_runs = 24);
 
 /// What the band of the model's force, `half_share` of it to both sides, does to the numbers: once for all
 /// depths alike, and for several numbers once more as a tilt, from one side of the band at the beginning to

@@ -291,11 +291,11 @@ IntegrationGrid make_integration_grid(const BodySurface& body, const GridOptions
   return grid;
 }
 
-IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& options, Index node_count,
-                                 const Sizing& sizing, double far_spacing, const LabelAt& label_at) {
-  const double wanted = options.count > 0 ? static_cast<double>(options.count)
-                                          : options.ratio * static_cast<double>(node_count);
-  const PointDensity& density = options.density;
+namespace {
+
+// About as many as are wanted.
+std::vector<Leaf> graded_leaves(const BodySurface& body, const PointDensity& density, Index node_count,
+                                double wanted, const Sizing& sizing, double far_spacing) {
   const auto cell_volume = [&](double s) {
     return std::pow(far_spacing * s, 3) / (density.far + (density.rim - density.far) * (1.0 - s));
   };
@@ -314,8 +314,12 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
     if (trial + 1 < trials) scale *= error;
   }
   if (!found) refuse_grid(body, wanted);
-  const std::vector<Leaf>& leaves = *found;
+  return std::move(*found);
+}
 
+// What of each leaf lies in the body, by its label.
+std::vector<std::vector<Part>> parts_of(const BodySurface& body, const std::vector<Leaf>& leaves,
+                                        const LabelAt& label_at) {
   std::vector<std::vector<Part>> parts(leaves.size());
   tbb::parallel_for(std::size_t{0}, leaves.size(), [&](std::size_t k) {
     stop_if_asked();
@@ -327,6 +331,47 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
     if (label_at)
       for (Part& part : parts[k]) part.label = label_at(part.first / part.volume);
   });
+  return parts;
+}
+
+// To the nearest cell of the same tissue; of equally near ones, but for rounding, to the first.
+void merge_slivers(const BodySurface& body, const std::vector<Part>& slivers, std::vector<Part>& kept,
+                   IntegrationGrid& grid) {
+  Points centre(3, static_cast<Index>(kept.size()));
+  for (std::size_t k = 0; k < kept.size(); ++k)
+    centre.col(static_cast<Index>(k)) = kept[k].first / kept[k].volume;
+  const Neighbours tree(centre);
+  for (const Part& small : slivers) {
+    if (grid.merged % 256 == 0) stop_if_asked();
+    const Vec3 x = small.first / small.volume;
+    Index best = -1;
+    double least = 0.0;
+    for (const int k : tree.nearest(x, 12)) {
+      if (kept[static_cast<std::size_t>(k)].label != small.label) continue;
+      const double away = (x - centre.col(k)).norm();
+      if (best >= 0 && away > (1.0 + 1e-6) * least) break;
+      if (!body.sees(x, centre.col(k), std::cbrt(kept[static_cast<std::size_t>(k)].volume))) continue;
+      if (best < 0) least = away;
+      best = best < 0 ? k : std::min<Index>(best, k);
+    }
+    if (best < 0) continue;  // its volume is made good later
+    Part& other = kept[static_cast<std::size_t>(best)];
+    other.volume += small.volume;
+    other.first += small.first;
+    other.second += small.second;
+    ++grid.merged;
+  }
+}
+
+}  // namespace
+
+IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& options, Index node_count,
+                                 const Sizing& sizing, double far_spacing, const LabelAt& label_at) {
+  const double wanted = options.count > 0 ? static_cast<double>(options.count)
+                                          : options.ratio * static_cast<double>(node_count);
+  const std::vector<Leaf> leaves =
+      graded_leaves(body, options.density, node_count, wanted, sizing, far_spacing);
+  const std::vector<std::vector<Part>> parts = parts_of(body, leaves, label_at);
 
   IntegrationGrid grid;
   std::vector<Part> kept, slivers;
@@ -343,31 +388,7 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
                       .where = "integration grid",
                       .why = fmt::format("the largest cell's edge is {:.2f} mm", grid.cell),
                       .remedy = "ask for more points with --points"});
-  Points centre(3, static_cast<Index>(kept.size()));
-  for (std::size_t k = 0; k < kept.size(); ++k)
-    centre.col(static_cast<Index>(k)) = kept[k].first / kept[k].volume;
-  const Neighbours tree(centre);
-  for (const Part& small : slivers) {
-    if (grid.merged % 256 == 0) stop_if_asked();
-    // To the nearest cell of the same tissue; of equally near ones, but for rounding, to the first.
-    const Vec3 x = small.first / small.volume;
-    Index best = -1;
-    double least = 0.0;
-    for (const int k : tree.nearest(x, 12)) {
-      if (kept[static_cast<std::size_t>(k)].label != small.label) continue;
-      const double away = (x - centre.col(k)).norm();
-      if (best >= 0 && away > (1.0 + 1e-6) * least) break;
-      if (!body.sees(x, centre.col(k), std::cbrt(kept[static_cast<std::size_t>(k)].volume))) continue;
-      if (best < 0) least = away;
-      best = best < 0 ? k : std::min<Index>(best, k);
-    }
-    if (best < 0) continue;  // its volume is made good below
-    Part& other = kept[static_cast<std::size_t>(best)];
-    other.volume += small.volume;
-    other.first += small.first;
-    other.second += small.second;
-    ++grid.merged;
-  }
+  merge_slivers(body, slivers, kept, grid);
   // The lines sample the surface; what they miss of its volume, a few in ten thousand, is made good evenly.
   double sum = 0.0;
   for (const Part& part : kept) sum += part.volume;

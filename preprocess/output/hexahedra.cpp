@@ -13,12 +13,12 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
+#include "preprocess/output/element_sets.hpp"
 
 namespace dimple {
 namespace {
 
 using Vec2 = Eigen::Vector2d;
-using Edge = std::pair<Index, Index>;
 
 constexpr double core = 0.5;  // half an edge of the square inside the circle / radius
 // Nothing changes as fast along the rim as across it: cells there may be this much longer.
@@ -34,10 +34,6 @@ void refuse_too_many(double cells, double spacing_mm) {
                       .why = fmt::format("cells of {:.3g} mm are small for this body", spacing_mm),
                       .remedy = "give a larger --spacing, fewer --nodes or a coarser --rim",
                       .code = "too-large"});
-}
-
-Edge edge(Index a, Index b) {
-  return {std::min(a, b), std::max(a, b)};
 }
 
 // 0 = p[0] < ... < p[n] = length, steps growing as min(far, near + slope p).
@@ -72,17 +68,16 @@ struct Outline {
   Vec2 lower, upper;
 };
 
-Plane make_plane(double radius, const Outline& outline, double near, double slope, double far) {
-  const double circumference = 2.0 * std::numbers::pi * radius;
-  const double sides = circumference / (4.0 * along_rim * near);
-  refuse_too_many(sides * sides, far);
-  const int n = std::max(2, static_cast<int>(std::lround(sides)));
-  // Corner j of 4n around: side j / n of the square, t from -1 to 1 along it.
-  const auto side_of = [&](double j) {
-    const int side = static_cast<int>(j / n) % 4;
-    return std::pair{side, -1.0 + 2.0 * (j / n - std::floor(j / n))};
-  };
-  const auto on_core = [&](double j) -> Vec2 {
+// Corner j of 4n around: side j / n of the square, t from -1 to 1 along it.
+struct Around {
+  double radius;
+  Outline outline;
+  int n;  // cells along a side
+
+  std::pair<int, double> side_of(double j) const {
+    return {static_cast<int>(j / n) % 4, -1.0 + 2.0 * (j / n - std::floor(j / n))};
+  }
+  Vec2 on_core(double j) const {
     const auto [side, t] = side_of(j);
     const Vec2 x = core * radius * Vec2(1.0, t);
     switch (side) {
@@ -95,13 +90,13 @@ Plane make_plane(double radius, const Outline& outline, double near, double slop
       default:
         return {x.y(), -x.x()};
     }
-  };
-  const auto on_circle = [&](double j) -> Vec2 {
+  }
+  Vec2 on_circle(double j) const {
     const auto [side, t] = side_of(j);
     const double angle = 0.25 * std::numbers::pi * (t + 2.0 * side);
     return radius * Vec2(std::cos(angle), std::sin(angle));
-  };
-  const auto on_outline = [&](double j) -> Vec2 {
+  }
+  Vec2 on_outline(double j) const {
     const auto [side, t] = side_of(j);
     const auto [low, up] = outline;
     const double s = 0.5 * (1.0 + t);
@@ -115,8 +110,17 @@ Plane make_plane(double radius, const Outline& outline, double near, double slop
       default:
         return {low.x() + s * (up.x() - low.x()), low.y()};
     }
-  };
-  // Rings by their share of the way: 0 the square, 1 the circle, 2 the outline.
+  }
+  // By the ring's share of the way: 0 the square, 1 the circle, 2 the outline.
+  Vec2 on_ring(double share, double j) const {
+    return share <= 1.0 ? (1.0 - share) * on_core(j) + share * on_circle(j)
+                        : (2.0 - share) * on_circle(j) + (share - 1.0) * on_outline(j);
+  }
+};
+
+// Their shares of the way, from the square's border to the outline.
+std::vector<double> ring_shares(double radius, const Outline& outline, double near, double slope,
+                                double far) {
   std::vector<double> rings;
   const double inner = (1.0 - 0.5 * core * (1.0 + std::numbers::sqrt2)) * radius;
   const std::vector<double> inside = graded(inner, near, slope, far);
@@ -125,16 +129,22 @@ Plane make_plane(double radius, const Outline& outline, double near, double slop
       0.25 * (outline.upper.sum() - outline.lower.sum()) - radius;  // in the mean of the four sides
   const std::vector<double> outside = graded(outer, near, slope, far);
   for (std::size_t k = 1; k < outside.size(); ++k) rings.push_back(1.0 + outside[k] / outer);
-  const auto on_ring = [&](double share, double j) -> Vec2 {
-    return share <= 1.0 ? (1.0 - share) * on_core(j) + share * on_circle(j)
-                        : (2.0 - share) * on_circle(j) + (share - 1.0) * on_outline(j);
-  };
+  return rings;
+}
+
+Plane make_plane(double radius, const Outline& outline, double near, double slope, double far) {
+  const double circumference = 2.0 * std::numbers::pi * radius;
+  const double sides = circumference / (4.0 * along_rim * near);
+  refuse_too_many(sides * sides, far);
+  const int n = std::max(2, static_cast<int>(std::lround(sides)));
+  const Around lines{radius, outline, n};
+  const std::vector<double> rings = ring_shares(radius, outline, near, slope, far);
 
   Plane plane;
   const int around = 4 * n;
   refuse_too_many(static_cast<double>(rings.size()) * around, far);
   for (const double share : rings)
-    for (int j = 0; j < around; ++j) plane.corner.push_back(on_ring(share, j));
+    for (int j = 0; j < around; ++j) plane.corner.push_back(lines.on_ring(share, j));
   const auto ring_corner = [&](std::size_t ring, int j) {
     return static_cast<Index>(ring) * around + (j + around) % around;
   };
@@ -166,7 +176,8 @@ Plane make_plane(double radius, const Outline& outline, double near, double slop
   // Along rings the middles lie on the ring, which is round.
   for (std::size_t ring = 0; ring < rings.size(); ++ring)
     for (int j = 0; j < around; ++j)
-      plane.middle[edge(ring_corner(ring, j), ring_corner(ring, j + 1))] = on_ring(rings[ring], j + 0.5);
+      plane.middle[edge(ring_corner(ring, j), ring_corner(ring, j + 1))] =
+          lines.on_ring(rings[ring], j + 0.5);
   return plane;
 }
 
@@ -209,11 +220,29 @@ Ends ends_of_column(const BodySurface& body, const Frame& frame, Vec2 u) {
   return {0.0, frame.depth};
 }
 
-}  // namespace
+// Columns of cells along the push: quadrilaterals of the plane times layers.
+struct Columns {
+  Frame frame;
+  Plane plane;
+  std::vector<double> level;  // of the layers' ends, as depths from the circle's centre
+  std::vector<Ends> ends;     // at each corner of the plane
+  double radius;              // of the circle
 
-HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
-                              const GradingOptions& grading, double spacing_mm) {
-  rim_of_circle(body, boundary, 48);  // refuses a circle that hangs over the edge
+  std::size_t layers() const { return level.size() - 1; }
+  double along(const Ends& e, double depth) const { return e.top + depth / frame.depth * (e.bottom - e.top); }
+  Vec3 corner(Index c, std::size_t k) const {
+    return frame(plane.corner[static_cast<std::size_t>(c)],
+                 along(ends[static_cast<std::size_t>(c)], level[k]));
+  }
+  bool in_circle(std::size_t q) const {
+    return std::all_of(plane.quads[q].begin(), plane.quads[q].end(), [&](Index c) {
+      return plane.corner[static_cast<std::size_t>(c)].norm() <= radius * (1.0 + 1e-6);
+    });
+  }
+};
+
+Columns columns_of(const BodySurface& body, const Boundary& boundary, const GradingOptions& grading,
+                   double spacing_mm) {
   const Frame frame = frame_of(body, boundary);
   const Points from = body.vertex().colwise() - frame.centre;
   const Eigen::RowVectorXd u1 = frame.e1.transpose() * from, u2 = frame.e2.transpose() * from;
@@ -222,49 +251,51 @@ HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
                         {std::max(u1.maxCoeff(), least), std::max(u2.maxCoeff(), least)}};
   const double near = grading.rim * spacing_mm;
   const double slope = (1.0 - grading.rim) * spacing_mm / (grading.reach * boundary.radius);
-  const Plane plane = make_plane(boundary.radius, outline, near, slope, spacing_mm);
-  const std::vector<double> level = graded(frame.depth, near, slope, spacing_mm);
-  refuse_too_many(static_cast<double>(plane.quads.size()) * static_cast<double>(level.size()), spacing_mm);
-  std::vector<Ends> ends;
-  for (const Vec2& u : plane.corner) {
+  Columns columns{.frame = frame,
+                  .plane = make_plane(boundary.radius, outline, near, slope, spacing_mm),
+                  .level = graded(frame.depth, near, slope, spacing_mm),
+                  .ends = {},
+                  .radius = boundary.radius};
+  refuse_too_many(static_cast<double>(columns.plane.quads.size()) * static_cast<double>(columns.level.size()),
+                  spacing_mm);
+  for (const Vec2& u : columns.plane.corner) {
     stop_if_asked();
-    ends.push_back(ends_of_column(body, frame, u));
+    columns.ends.push_back(ends_of_column(body, frame, u));
   }
-  const auto along = [&](const Ends& e, double depth) {
-    return e.top + depth / frame.depth * (e.bottom - e.top);
-  };
-  const auto corner_place = [&](Index c, std::size_t k) {
-    return frame(plane.corner[static_cast<std::size_t>(c)],
-                 along(ends[static_cast<std::size_t>(c)], level[k]));
-  };
+  return columns;
+}
 
-  // Cells inside, then those of them that hang together with the circle.
-  const std::size_t layers = level.size() - 1;
-  std::vector<char> inside(plane.quads.size() * layers, 0), kept(inside.size(), 0);
-  for (std::size_t q = 0; q < plane.quads.size(); ++q)
+// [quads x layers] Cells whose middle lies inside.
+std::vector<char> cells_inside(const Columns& columns, const BodySurface& body) {
+  const std::size_t layers = columns.layers();
+  std::vector<char> inside(columns.plane.quads.size() * layers, 0);
+  for (std::size_t q = 0; q < columns.plane.quads.size(); ++q)
     for (std::size_t k = 0; k < layers; ++k) {
       stop_if_asked();
       Vec3 middle = Vec3::Zero();
-      for (const Index c : plane.quads[q]) middle += 0.125 * (corner_place(c, k) + corner_place(c, k + 1));
+      for (const Index c : columns.plane.quads[q])
+        middle += 0.125 * (columns.corner(c, k) + columns.corner(c, k + 1));
       inside[q * layers + k] = body.contains(middle);
     }
+  return inside;
+}
+
+// Those of them that hang together with the circle.
+std::vector<char> cells_at_circle(const Columns& columns, const std::vector<char>& inside) {
+  const auto& quads = columns.plane.quads;
+  const std::size_t layers = columns.layers();
   std::map<Edge, std::vector<std::size_t>> beside;
-  for (std::size_t q = 0; q < plane.quads.size(); ++q)
-    for (std::size_t s = 0; s < 4; ++s)
-      beside[edge(plane.quads[q][s], plane.quads[q][(s + 1) % 4])].push_back(q);
-  const auto in_circle = [&](std::size_t q) {
-    return std::all_of(plane.quads[q].begin(), plane.quads[q].end(), [&](Index c) {
-      return plane.corner[static_cast<std::size_t>(c)].norm() <= boundary.radius * (1.0 + 1e-6);
-    });
-  };
+  for (std::size_t q = 0; q < quads.size(); ++q)
+    for (std::size_t s = 0; s < 4; ++s) beside[edge(quads[q][s], quads[q][(s + 1) % 4])].push_back(q);
+  std::vector<char> kept(inside.size(), 0);
   std::vector<std::size_t> front;
   const auto reach = [&](std::size_t cell) {
     if (!inside[cell] || kept[cell]) return;
     kept[cell] = 1;
     front.push_back(cell);
   };
-  for (std::size_t q = 0; q < plane.quads.size(); ++q)
-    if (in_circle(q)) reach(q * layers);
+  for (std::size_t q = 0; q < quads.size(); ++q)
+    if (columns.in_circle(q)) reach(q * layers);
   while (!front.empty()) {
     stop_if_asked();
     const std::size_t q = front.back() / layers, k = front.back() % layers;
@@ -272,68 +303,86 @@ HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
     if (k > 0) reach(q * layers + k - 1);
     if (k + 1 < layers) reach(q * layers + k + 1);
     for (std::size_t s = 0; s < 4; ++s)
-      for (const std::size_t other : beside[edge(plane.quads[q][s], plane.quads[q][(s + 1) % 4])])
+      for (const std::size_t other : beside[edge(quads[q][s], quads[q][(s + 1) % 4])])
         reach(other * layers + k);
   }
+  return kept;
+}
 
-  // Nodes: a corner or an edge of the plane, and a level in half layers.
-  std::map<std::array<Index, 3>, Index> number;  // {level, corner, the edge's other corner or itself}
+// Nodes: a corner or an edge of the plane, and a level in half layers: {level, corner, the edge's other
+// corner or itself}.
+using Key = std::array<Index, 3>;
+
+struct Cell {
+  std::size_t quad, layer;
+  std::array<Key, 20> node;
+};
+
+std::vector<Cell> kept_cells(const Columns& columns, const std::vector<char>& kept) {
   const auto key = [](std::size_t half_level, Index a, Index b) {
-    return std::array<Index, 3>{static_cast<Index>(half_level), std::min(a, b), std::max(a, b)};
+    return Key{static_cast<Index>(half_level), std::min(a, b), std::max(a, b)};
   };
-  std::vector<std::array<std::array<Index, 3>, 20>> cells;
-  std::vector<std::pair<std::size_t, std::size_t>> cell_place;  // quad, layer
-  for (std::size_t q = 0; q < plane.quads.size(); ++q)
-    for (std::size_t k = 0; k < layers; ++k) {
-      if (!kept[q * layers + k]) continue;
+  std::vector<Cell> cells;
+  for (std::size_t q = 0; q < columns.plane.quads.size(); ++q)
+    for (std::size_t k = 0; k < columns.layers(); ++k) {
+      if (!kept[q * columns.layers() + k]) continue;
       stop_if_asked();
-      auto& cell = cells.emplace_back();
-      cell_place.emplace_back(q, k);
+      Cell& cell = cells.emplace_back(Cell{q, k, {}});
       for (std::size_t s = 0; s < 4; ++s) {
-        const Index a = plane.quads[q][s], b = plane.quads[q][(s + 1) % 4];
-        cell[s] = key(2 * k + 2, a, a);
-        cell[4 + s] = key(2 * k, a, a);
-        cell[8 + s] = key(2 * k + 2, a, b);
-        cell[12 + s] = key(2 * k, a, b);
-        cell[16 + s] = key(2 * k + 1, a, a);
+        const Index a = columns.plane.quads[q][s], b = columns.plane.quads[q][(s + 1) % 4];
+        cell.node[s] = key(2 * k + 2, a, a);
+        cell.node[4 + s] = key(2 * k, a, a);
+        cell.node[8 + s] = key(2 * k + 2, a, b);
+        cell.node[12 + s] = key(2 * k, a, b);
+        cell.node[16 + s] = key(2 * k + 1, a, a);
       }
     }
-  if (cells.size() < 20)
-    throw ModelError({.fact = fmt::format("the mesh has {} hexahedra", cells.size()),
-                      .where = "hexahedral mesh",
-                      .why = fmt::format("cells of {:.3g} mm are too large for this body", spacing_mm),
-                      .remedy = "give a smaller --spacing or more --nodes"});
+  return cells;
+}
+
+// Corners first, then the middles of edges.
+HexahedralMesh mesh_of(const Columns& columns, const std::vector<Cell>& cells) {
   HexahedralMesh mesh;
+  std::map<Key, Index> number;
   Index next = 0;
   for (const bool corners : {true, false}) {
-    for (const auto& cell : cells)
-      for (std::size_t v = corners ? 0 : 8; v < (corners ? 8u : 20u); ++v) number.try_emplace(cell[v], -1);
+    for (const Cell& cell : cells)
+      for (std::size_t v = corners ? 0 : 8; v < (corners ? 8u : 20u); ++v)
+        number.try_emplace(cell.node[v], -1);
     for (auto& [where, node] : number)
       if (node < 0) node = next++;
     if (corners) mesh.corner_count = next;
   }
   mesh.X.resize(3, next);
+  const std::vector<double>& level = columns.level;
   for (const auto& [where, node] : number) {
     const auto [half, a, b] = where;
-    const Ends &ea = ends[static_cast<std::size_t>(a)], &eb = ends[static_cast<std::size_t>(b)];
-    const Vec2 u = a == b ? plane.corner[static_cast<std::size_t>(a)] : plane.middle.at({a, b});
+    const Ends &ea = columns.ends[static_cast<std::size_t>(a)],
+               &eb = columns.ends[static_cast<std::size_t>(b)];
+    const Vec2 u =
+        a == b ? columns.plane.corner[static_cast<std::size_t>(a)] : columns.plane.middle.at({a, b});
     const auto above = static_cast<std::size_t>(half / 2);
     const double depth = half % 2 == 0 ? level[above] : 0.5 * (level[above] + level[above + 1]);
-    mesh.X.col(node) = frame(u, along({0.5 * (ea.top + eb.top), 0.5 * (ea.bottom + eb.bottom)}, depth));
+    mesh.X.col(node) =
+        columns.frame(u, columns.along({0.5 * (ea.top + eb.top), 0.5 * (ea.bottom + eb.bottom)}, depth));
   }
   mesh.hexahedra.resize(20, static_cast<Index>(cells.size()));
   for (std::size_t e = 0; e < cells.size(); ++e)
     for (std::size_t v = 0; v < 20; ++v)
-      mesh.hexahedra(static_cast<Index>(v), static_cast<Index>(e)) = number.at(cells[e][v]);
+      mesh.hexahedra(static_cast<Index>(v), static_cast<Index>(e)) = number.at(cells[e].node[v]);
+  return mesh;
+}
 
-  // Two places a direction are exact for the volume. Curved rims must not turn a cell inside out.
+// Two places a direction are exact for the volume. Curved rims must not turn a cell inside out.
+double volume_of(const HexahedralMesh& mesh) {
+  double volume = 0.0;
   for (Index e = 0; e < mesh.hexahedra.cols(); ++e) {
     stop_if_asked();
     Eigen::Matrix<double, 3, 20> x;
     for (Index v = 0; v < 20; ++v) x.col(v) = mesh.X.col(mesh.hexahedra(v, e));
     for (int place = 0; place < 8; ++place) {
       const Vec3 corner(place & 1 ? 1.0 : -1.0, place & 2 ? 1.0 : -1.0, place & 4 ? 1.0 : -1.0);
-      mesh.volume_mm3 += jacobian(x, corner / std::numbers::sqrt3);
+      volume += jacobian(x, corner / std::numbers::sqrt3);
       if (jacobian(x, corner) <= 0.0)
         throw ModelError({.fact = "a hexahedron is turned inside out",
                           .where = "hexahedral mesh",
@@ -341,8 +390,12 @@ HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
                           .remedy = "use --elements tetrahedra, or another --spacing or --nodes"});
     }
   }
+  return volume;
+}
 
-  // Faces of one cell only are the boundary; corners, then middles, outward.
+// Faces of one cell only are the boundary; corners, then middles, outward.
+void find_base_and_circle(const HexahedralMesh& mesh, const Columns& columns, const std::vector<Cell>& cells,
+                          const Boundary& boundary, std::set<Index>& base, std::set<Index>& circle) {
   static constexpr std::array<std::array<Index, 8>, 6> faces = {{{0, 3, 2, 1, 11, 10, 9, 8},
                                                                  {4, 5, 6, 7, 12, 13, 14, 15},
                                                                  {0, 1, 5, 4, 8, 17, 12, 16},
@@ -358,7 +411,6 @@ HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
   };
   for (Index e = 0; e < mesh.hexahedra.cols(); ++e)
     for (const auto& f : faces) ++times[name(e, f)];
-  std::set<Index> base, circle;
   for (Index e = 0; e < mesh.hexahedra.cols(); ++e)
     for (std::size_t side = 0; side < 6; ++side) {
       stop_if_asked();
@@ -366,8 +418,8 @@ HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
       if (times.at(name(e, f)) != 1) continue;
       const auto x = [&](std::size_t v) -> Vec3 { return mesh.X.col(mesh.hexahedra(f[v], e)); };
       const Vec3 normal = (x(2) - x(0)).cross(x(3) - x(1)).normalized();
-      const auto [quad, layer] = cell_place[static_cast<std::size_t>(e)];
-      const bool pressed = side == 1 && layer == 0 && in_circle(quad);
+      const Cell& cell = cells[static_cast<std::size_t>(e)];
+      const bool pressed = side == 1 && cell.layer == 0 && columns.in_circle(cell.quad);
       bool held = !boundary.flat_base || normal.dot(boundary.down) > 0.9;
       for (std::size_t v = 0; v < 4; ++v) held = held && on_base(boundary, x(v), normal);
       for (const Index v : f) {
@@ -375,18 +427,28 @@ HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
         if (held) base.insert(mesh.hexahedra(v, e));
       }
     }
-  if (base.empty() || circle.empty())
-    throw ModelError(
-        {.fact = fmt::format("no face of the mesh lies {}", base.empty() ? "on the base" : "in the circle"),
-         .where = "hexahedral mesh",
-         .why = fmt::format("cells of {:.3g} mm are too large for it", spacing_mm),
-         .remedy = "give a smaller --spacing or more --nodes"});
-  for (const Index v : base)
-    if (circle.count(v) > 0)
-      throw ModelError({.fact = "the indenter's circle lies on the fixed base",
-                        .where = "hexahedral mesh",
-                        .why = "a node of the mesh belongs to both",
-                        .remedy = "choose another place (--indent-at) or another --base"});
+}
+
+}  // namespace
+
+HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
+                              const GradingOptions& grading, double spacing_mm) {
+  rim_of_circle(body, boundary, 48);  // refuses a circle that hangs over the edge
+  const Columns columns = columns_of(body, boundary, grading, spacing_mm);
+  const std::vector<Cell> cells = kept_cells(columns, cells_at_circle(columns, cells_inside(columns, body)));
+  if (cells.size() < 20)
+    throw ModelError({.fact = fmt::format("the mesh has {} hexahedra", cells.size()),
+                      .where = "hexahedral mesh",
+                      .why = fmt::format("cells of {:.3g} mm are too large for this body", spacing_mm),
+                      .remedy = "give a smaller --spacing or more --nodes"});
+  HexahedralMesh mesh = mesh_of(columns, cells);
+  mesh.volume_mm3 = volume_of(mesh);
+  std::set<Index> base, circle;
+  find_base_and_circle(mesh, columns, cells, boundary, base, circle);
+  require_apart(base, circle,
+                {.mesh = "hexahedral mesh",
+                 .face = "face",
+                 .why = fmt::format("cells of {:.3g} mm are too large for it", spacing_mm)});
   mesh.base.assign(base.begin(), base.end());
   mesh.circle.assign(circle.begin(), circle.end());
   return mesh;

@@ -7,6 +7,8 @@
 #include <cstdint>
 #include <numeric>
 
+#include "preprocess/surface/surface_cells.hpp"
+
 // No library does it: VTK's clustering has cubes of one size, and its decimations take ten times as long or
 // end at 50,000 triangles of a brain.
 
@@ -44,11 +46,34 @@ Cubes cubes_of(const Surface& surface, const Indenter& tool, double edge_mm) {
   return cubes;
 }
 
-ReducedSurface reduced(const Surface& surface, const Indenter& tool, double edge_mm) {
+// How far a vertex of the surface is from the triangles at the one that stands for it, at most.
+double deviation(const Surface& surface, const ReducedSurface& from, const std::vector<Index>& of_vertex) {
+  const auto count = static_cast<Index>(from.vertex.size());
+  std::vector<std::vector<Index>> around(from.vertex.size());
+  for (Index t = 0; t < from.triangles.cols(); ++t)
+    for (const Index v : from.triangles.col(t)) around[static_cast<std::size_t>(v)].push_back(t);
+  const auto corner = [&](Index t, int k) {
+    return Vec3(surface.vertex_mm.col(from.vertex[static_cast<std::size_t>(from.triangles(k, t))]));
+  };
+  std::vector<double> farthest2(from.vertex.size(), 0.0);
+  for (Index v = 0; v < surface.vertex_mm.cols() && count > 0; ++v) {
+    const auto own = static_cast<std::size_t>(of_vertex[static_cast<std::size_t>(v)]);
+    const Vec3 x = surface.vertex_mm.col(v);
+    double nearest2 = (x - surface.vertex_mm.col(from.vertex[own])).squaredNorm();
+    for (const Index t : around[own])
+      nearest2 = std::min(nearest2, distance2_to_triangle(x, corner(t, 0), corner(t, 1), corner(t, 2)));
+    farthest2[own] = std::max(farthest2[own], nearest2);
+  }
+  return std::sqrt(*std::max_element(farthest2.begin(), farthest2.end()));
+}
+
+// `of_vertex` [V]: which vertex is left instead of each.
+ReducedSurface reduced(const Surface& surface, const Indenter& tool, double edge_mm,
+                       std::vector<Index>& of_vertex) {
   const Cubes cubes = cubes_of(surface, tool, edge_mm);
   const std::size_t count = cubes.order.size();
   ReducedSurface result;
-  std::vector<Index> of_vertex(count);
+  of_vertex.resize(count);
   for (std::size_t first = 0, last = 0; first < count; first = last) {
     Vec3 mean = Vec3::Zero();
     const std::uint64_t key = cubes.key[static_cast<std::size_t>(cubes.order[first])];
@@ -102,11 +127,14 @@ ReducedSurface reduced_surface(const Surface& surface, const Indenter& tool, Ind
   // A cube that the surface crosses gives about two triangles. The edge grows until they are few enough, at
   // the latest with one cube for all.
   double edge = std::sqrt(2.0 * area / static_cast<double>(most_triangles));
-  ReducedSurface result = reduced(surface, tool, edge);
+  std::vector<Index> of_vertex;
+  ReducedSurface result = reduced(surface, tool, edge, of_vertex);
   while (result.triangles.cols() > most_triangles)
     result = reduced(surface, tool,
                      edge *= 1.02 * std::sqrt(static_cast<double>(result.triangles.cols()) /
-                                              static_cast<double>(most_triangles)));
+                                              static_cast<double>(most_triangles)),
+                     of_vertex);
+  result.within_mm = deviation(surface, result, of_vertex);
   return result;
 }
 

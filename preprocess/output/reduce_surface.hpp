@@ -10,6 +10,7 @@ namespace dimple {
 struct ReducedSurface {
   std::vector<Index> vertex;  ///< [V] numbers of the surface's vertices that are left
   Triangles triangles;        ///< [3xT] corners counted among `vertex`
+  double within_mm = 0.0;     ///< no vertex of the surface is farther from these triangles
 };
 
 /// At most `most_triangles`, or all if they are no more. Vertices in one cube of a lattice become one of

@@ -19,6 +19,7 @@
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "preprocess/cloud/node_cloud.hpp"
+#include "preprocess/output/element_sets.hpp"
 
 namespace dimple {
 namespace {
@@ -43,12 +44,6 @@ constexpr double nodes_per_cloud_node = 15.0;
 // Of the spacing's edge in a body: refused above it.
 constexpr double most_cubes = 2e5;
 
-using Edge = std::pair<Index, Index>;
-
-Edge edge(Index a, Index b) {
-  return {std::min(a, b), std::max(a, b)};
-}
-
 // Length of an edge wanted at a place.
 struct Field {
   using FT = Kernel::FT;
@@ -62,17 +57,9 @@ struct Field {
   }
 };
 
-}  // namespace
-
-TetrahedralMesh make_tetrahedra(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
-                                double spacing_mm) {
-  if (!(body.volume() / std::pow(spacing_mm, 3) <= most_cubes))
-    throw ModelError(
-        {.fact = fmt::format("the mesh would have over {:.0f} nodes", most_cubes * nodes_per_cloud_node),
-         .where = "tetrahedral mesh",
-         .why = fmt::format("edges of {:.3g} mm are short for this body", spacing_mm),
-         .remedy = "give a larger --spacing or fewer --nodes",
-         .code = "too-large"});
+// The tetrahedra of a body with edges of about `spacing_mm` times the sizing, those of the circle's rim among
+// them.
+Complex fill(const BodySurface& body, const Boundary& boundary, const Sizing& sizing, double spacing_mm) {
   Surface surface;
   std::vector<Surface::Vertex_index> corner;
   for (Index v = 0; v < body.vertex().cols(); ++v)
@@ -99,14 +86,20 @@ TetrahedralMesh make_tetrahedra(const BodySurface& body, const Boundary& boundar
                           p::facet_distance = distances, p::cell_radius_edge_ratio = 2.0,
                           p::cell_size = radii);
   // To its end: by itself CGAL improves a mesh for as long as it took to refine it, which no two runs share.
-  const auto complex = CGAL::make_mesh_3<Complex>(domain, criteria, p::perturb(p::time_limit = 0.0),
-                                                  p::exude(p::time_limit = 0.0));
+  return CGAL::make_mesh_3<Complex>(domain, criteria, p::perturb(p::time_limit = 0.0),
+                                    p::exude(p::time_limit = 0.0));
+}
 
-  TetrahedralMesh mesh;
-  std::map<Triangulation::Vertex_handle, Index> number;
+// Corners, and tetrahedra of positive volume by their numbers.
+struct Cells {
   std::vector<Vec3> places;
   std::vector<std::array<Index, 4>> cells;
-  // Numbered by place: CGAL's containers are ordered by addresses in memory.
+  double volume = 0.0;
+  const Vec3& place(Index a) const { return places[static_cast<std::size_t>(a)]; }
+};
+
+// Numbered by place: CGAL's containers are ordered by addresses in memory.
+Cells numbered(const Complex& complex) {
   std::vector<Triangulation::Vertex_handle> handles;
   {
     std::set<Triangulation::Vertex_handle> used;
@@ -118,72 +111,88 @@ TetrahedralMesh make_tetrahedra(const BodySurface& body, const Boundary& boundar
     };
     std::sort(handles.begin(), handles.end(), [&](const auto& a, const auto& b) { return key(a) < key(b); });
   }
+  Cells mesh;
+  std::map<Triangulation::Vertex_handle, Index> number;
   for (const auto& v : handles) {
-    number[v] = static_cast<Index>(places.size());
-    places.emplace_back(v->point().x(), v->point().y(), v->point().z());
+    number[v] = static_cast<Index>(mesh.places.size());
+    mesh.places.emplace_back(v->point().x(), v->point().y(), v->point().z());
   }
   for (auto cell = complex.cells_in_complex_begin(); cell != complex.cells_in_complex_end(); ++cell) {
     std::array<Index, 4> c{};
     for (int k = 0; k < 4; ++k) c[static_cast<std::size_t>(k)] = number.at(cell->vertex(k));
-    cells.push_back(c);
+    mesh.cells.push_back(c);
   }
-  if (cells.size() < 20)
-    throw ModelError({.fact = fmt::format("the mesh has {} tetrahedra", cells.size()),
-                      .where = "tetrahedral mesh",
-                      .why = fmt::format("edges of {:.3g} mm are too long for this body", spacing_mm),
-                      .remedy = "give a smaller --spacing or more --nodes"});
-  const auto place = [&](Index a) -> const Vec3& { return places[static_cast<std::size_t>(a)]; };
-  for (auto& c : cells) {
+  for (auto& c : mesh.cells) {
     std::sort(c.begin(), c.end());
+    const Vec3& origin = mesh.place(c[0]);
     const double six_volumes =
-        (place(c[1]) - place(c[0])).cross(place(c[2]) - place(c[0])).dot(place(c[3]) - place(c[0]));
+        (mesh.place(c[1]) - origin).cross(mesh.place(c[2]) - origin).dot(mesh.place(c[3]) - origin);
     if (six_volumes < 0.0) std::swap(c[2], c[3]);
-    mesh.volume_mm3 += std::abs(six_volumes) / 6.0;
+    mesh.volume += std::abs(six_volumes) / 6.0;
   }
-  std::sort(cells.begin(), cells.end());
+  std::sort(mesh.cells.begin(), mesh.cells.end());
+  return mesh;
+}
 
-  mesh.corner_count = static_cast<Index>(places.size());
+// The middle of each edge as a node behind the corners.
+std::map<Edge, Index> number_middles(const Cells& mesh) {
   std::map<Edge, Index> middle;
-  for (const auto& c : cells)
+  for (const auto& c : mesh.cells)
     for (int a = 0; a < 4; ++a)
       for (int b = a + 1; b < 4; ++b)
         middle.emplace(edge(c[static_cast<std::size_t>(a)], c[static_cast<std::size_t>(b)]), 0);
-  Index next = mesh.corner_count;
+  auto next = static_cast<Index>(mesh.places.size());
   for (auto& [ends, node] : middle) node = next++;
-  mesh.X.resize(3, next);
-  for (Index a = 0; a < mesh.corner_count; ++a) mesh.X.col(a) = place(a);
-  for (const auto& [ends, node] : middle) mesh.X.col(node) = 0.5 * (place(ends.first) + place(ends.second));
-  mesh.tetrahedra.resize(10, static_cast<Index>(cells.size()));
+  return middle;
+}
+
+TetrahedralMesh with_middles(const Cells& from, const std::map<Edge, Index>& middle) {
+  TetrahedralMesh mesh;
+  mesh.volume_mm3 = from.volume;
+  mesh.corner_count = static_cast<Index>(from.places.size());
+  mesh.X.resize(3, mesh.corner_count + static_cast<Index>(middle.size()));
+  for (Index a = 0; a < mesh.corner_count; ++a) mesh.X.col(a) = from.place(a);
+  for (const auto& [ends, node] : middle)
+    mesh.X.col(node) = 0.5 * (from.place(ends.first) + from.place(ends.second));
+  mesh.tetrahedra.resize(10, static_cast<Index>(from.cells.size()));
   for (Index e = 0; e < mesh.tetrahedra.cols(); ++e) {
-    const auto& c = cells[static_cast<std::size_t>(e)];
+    const auto& c = from.cells[static_cast<std::size_t>(e)];
     const auto between = [&](std::size_t a, std::size_t b) { return middle.at(edge(c[a], c[b])); };
     mesh.tetrahedra.col(e) << c[0], c[1], c[2], c[3], between(0, 1), between(1, 2), between(2, 0),
         between(0, 3), between(1, 3), between(2, 3);
   }
+  return mesh;
+}
 
-  // Triangles of one tetrahedron only are the boundary; an edge's middle is held where its whole triangle is.
-  std::map<std::array<Index, 3>, std::pair<int, Vec3>> faces;  // how often; outward normal
+// Triangles of one tetrahedron only, by their corners, with the outward normal.
+std::map<std::array<Index, 3>, Vec3> outer_faces(const Cells& mesh) {
+  std::map<std::array<Index, 3>, std::pair<int, Vec3>> faces;  // how often
   static constexpr int opposite[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
-  for (const auto& c : cells)
+  for (const auto& c : mesh.cells)
     for (const auto& f : opposite) {
       std::array<Index, 3> face{};
       for (std::size_t k = 0; k < 3; ++k) face[k] = c[static_cast<std::size_t>(f[k])];
-      const Vec3 normal =
-          (place(face[1]) - place(face[0])).cross(place(face[2]) - place(face[0])).normalized();
+      const Vec3& origin = mesh.place(face[0]);
+      const Vec3 normal = (mesh.place(face[1]) - origin).cross(mesh.place(face[2]) - origin).normalized();
       std::sort(face.begin(), face.end());
-      auto& [times, n] = faces.try_emplace(face, 0, normal).first->second;
-      ++times;
+      ++faces.try_emplace(face, 0, normal).first->second.first;
     }
+  std::map<std::array<Index, 3>, Vec3> outer;
+  for (const auto& [face, about] : faces)
+    if (about.first == 1) outer.emplace(face, about.second);
+  return outer;
+}
+
+// An edge's middle is held, or pressed, where its whole triangle is.
+void find_base_and_circle(const Cells& mesh, const std::map<Edge, Index>& middle, const Boundary& boundary,
+                          std::set<Index>& base, std::set<Index>& circle) {
   const double a2 = boundary.radius * boundary.radius * (1.0 + 1e-3);
-  std::set<Index> base, circle;
-  for (const auto& [face, about] : faces) {
-    const auto& [times, normal] = about;
-    if (times != 1) continue;
+  for (const auto& [face, normal] : outer_faces(mesh)) {
     bool held = true, pressed = normal.dot(boundary.push) < 0.0;
     for (const Index v : face) {
-      const Vec3 from = place(v) - boundary.centre;
+      const Vec3 from = mesh.place(v) - boundary.centre;
       const double along = from.dot(boundary.push);
-      held = held && on_base(boundary, place(v), normal);
+      held = held && on_base(boundary, mesh.place(v), normal);
       pressed =
           pressed && from.squaredNorm() - along * along <= a2 && std::abs(along) <= 2.0 * boundary.radius;
     }
@@ -195,18 +204,33 @@ TetrahedralMesh make_tetrahedra(const BodySurface& body, const Boundary& boundar
         if (pressed) circle.insert(v);
       }
   }
-  if (base.empty() || circle.empty())
-    throw ModelError({.fact = fmt::format("no triangle of the mesh lies {}",
-                                          base.empty() ? "on the base" : "in the circle"),
+}
+
+}  // namespace
+
+TetrahedralMesh make_tetrahedra(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
+                                double spacing_mm) {
+  if (!(body.volume() / std::pow(spacing_mm, 3) <= most_cubes))
+    throw ModelError(
+        {.fact = fmt::format("the mesh would have over {:.0f} nodes", most_cubes * nodes_per_cloud_node),
+         .where = "tetrahedral mesh",
+         .why = fmt::format("edges of {:.3g} mm are short for this body", spacing_mm),
+         .remedy = "give a larger --spacing or fewer --nodes",
+         .code = "too-large"});
+  const Cells cells = numbered(fill(body, boundary, sizing, spacing_mm));
+  if (cells.cells.size() < 20)
+    throw ModelError({.fact = fmt::format("the mesh has {} tetrahedra", cells.cells.size()),
                       .where = "tetrahedral mesh",
-                      .why = fmt::format("edges of {:.3g} mm are too long for it", spacing_mm),
+                      .why = fmt::format("edges of {:.3g} mm are too long for this body", spacing_mm),
                       .remedy = "give a smaller --spacing or more --nodes"});
-  for (const Index v : base)
-    if (circle.count(v) > 0)
-      throw ModelError({.fact = "the indenter's circle lies on the fixed base",
-                        .where = "tetrahedral mesh",
-                        .why = "a node of the mesh belongs to both",
-                        .remedy = "choose another place (--indent-at) or another --base"});
+  const std::map<Edge, Index> middle = number_middles(cells);
+  TetrahedralMesh mesh = with_middles(cells, middle);
+  std::set<Index> base, circle;
+  find_base_and_circle(cells, middle, boundary, base, circle);
+  require_apart(base, circle,
+                {.mesh = "tetrahedral mesh",
+                 .face = "triangle",
+                 .why = fmt::format("edges of {:.3g} mm are too long for it", spacing_mm)});
   mesh.base.assign(base.begin(), base.end());
   mesh.circle.assign(circle.begin(), circle.end());
   return mesh;

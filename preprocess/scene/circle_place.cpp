@@ -56,6 +56,7 @@ class Cuts {
 
  private:
   void grade(const HeightMap& map);
+  std::optional<Room> within(const Vec2& p, double radii) const;
   double radius_;
   Vec2 corner_;
   double step_ = 1.0;
@@ -165,12 +166,22 @@ void Cuts::grade(const HeightMap& map) {
 }
 
 Room Cuts::at(const Vec2& p) const {
+  // Where a fold is near, as it is at most places of a brain, no one needs to look farther.
+  if (const double nearer = std::max(0.5 * sought, whole_disc + 2.0 * step_ / radius_); nearer < sought) {
+    const std::optional<Room> room = within(p, nearer);
+    if (room) return *room;
+  }
+  return within(p, sought).value_or(Room{});
+}
+
+// Nothing: what lies within so many radii does not tell.
+std::optional<Room> Cuts::within(const Vec2& p, double radii) const {
   // What is cut by distance, in rings; of what is missing the nearest place.
   constexpr int rings = 46;
   constexpr double width = sought / rings;  // radii
   std::array<double, rings> cut{};
   Room room{.whole = infinite, .even = sought * radius_};
-  const double reach = sought * radius_;
+  const double reach = radii * radius_;
   const Vec2 middle = (p - corner_) / step_;
   const auto from = [&](int d) {
     return std::max<Index>(0, static_cast<Index>(std::ceil(middle[d] - reach / step_)));
@@ -192,15 +203,17 @@ Room Cuts::at(const Vec2& p) const {
       if (k + 1 < rings) cut[k + 1] += outer * cut_(i, j);
     }
   const double enough = negligible * std::numbers::pi * radius_ * radius_ / (step_ * step_);
+  const bool all = radii >= sought;
+  const auto known = all ? std::size_t{rings} : static_cast<std::size_t>(radii / width);  // rings seen whole
   double sum = 0.0;
-  for (std::size_t k = 0; k < rings; ++k) {
+  for (std::size_t k = 0; k < known; ++k) {
     if (sum + cut[k] >= enough) {
       room.even = (static_cast<double>(k) + (enough - sum) / cut[k]) * width * radius_;
-      break;
+      return room;
     }
     sum += cut[k];
   }
-  return room;
+  return all ? std::optional(room) : std::nullopt;
 }
 
 // Where the image ends is no surface of the organ.
@@ -393,13 +406,7 @@ Dome look_closely(const View& view, const Rule& rule, Vec2 centre, double step) 
   return settle(view, rule, centre, step);
 }
 
-std::optional<Chosen> highest_dome_by(Rule rule, const View& view, const Moments& moments, double height,
-                                      const Vec3& prefer) {
-  const double radius = rule.radius, step = step_of_whole(view, radius);
-  HeightMap map = height_map(view, step);
-  if (!rule.with_image_ends) map = without_image_ends(view, std::move(map));
-  const Cuts cuts(map, radius);
-
+std::optional<double> median_thickness(const HeightMap& map) {
   std::vector<double> thicknesses;
   for (Index k = 0; k < map.thickness.size(); ++k)
     if (std::isfinite(map.thickness.data()[k])) thicknesses.push_back(map.thickness.data()[k]);
@@ -407,14 +414,18 @@ std::optional<Chosen> highest_dome_by(Rule rule, const View& view, const Moments
   std::nth_element(thicknesses.begin(),
                    thicknesses.begin() + static_cast<std::ptrdiff_t>(thicknesses.size() / 2),
                    thicknesses.end());
-  const double median = thicknesses[thicknesses.size() / 2], thin = thick_enough * median;
-  rule.thin = std::min(2.0 * radius * bending_thickness, slender * median);
+  return thicknesses[thicknesses.size() / 2];
+}
 
-  // A place is worth its height at most: from the highest down, until no other can be as good as the best.
-  struct Place {
-    Vec2 at;
-    double most, worth;
-  };
+// A place on a map, and what it is worth: its height at most.
+struct Place {
+  Vec2 at;
+  double most, worth;
+};
+
+// Those that are thick enough, by what they may be worth.
+std::vector<Place> possible_places(const Rule& rule, const View& view, const HeightMap& map, double thin) {
+  const double radius = rule.radius;
   std::vector<Place> places;
   const Eigen::ArrayXXd mean = means_over_discs(map.height, map.step, radius),
                         bending = means_over_discs(
@@ -427,7 +438,11 @@ std::optional<Chosen> highest_dome_by(Rule rule, const View& view, const Moments
         places.push_back({p, rule.worth(mean(i, j), p, infinite), -infinite});
   std::stable_sort(places.begin(), places.end(),
                    [](const Place& a, const Place& b) { return a.most > b.most; });
-  const double slack = 0.01 * height + 2.0 * step;
+  return places;
+}
+
+// From the highest down, until no other can be as good as the best: those with room, the best first.
+void keep_good_places(const Rule& rule, const Cuts& cuts, double slack, std::vector<Place>& places) {
   double best = -infinite;
   std::size_t judged = 0;
   while (judged < places.size() && places[judged].most >= best - slack) {
@@ -442,11 +457,13 @@ std::optional<Chosen> highest_dome_by(Rule rule, const View& view, const Moments
   }
   places.resize(judged);
   std::erase_if(places, [](const Place& place) { return place.worth == -infinite; });
-  if (places.empty()) return std::nullopt;
-  // One place for each dome, the highest first; what the lattice's step may hide is not yet decided.
   std::stable_sort(places.begin(), places.end(),
                    [](const Place& a, const Place& b) { return a.worth > b.worth; });
-  const double apart = std::max(2.0 * radius, 0.25 * moments.size);
+}
+
+// One place for each dome, the highest first; what the lattice's step may hide is decided by a closer look.
+std::vector<Dome> domes_of(const Rule& rule, const View& view, const std::vector<Place>& places, double apart,
+                           double slack, double step) {
   std::vector<Dome> domes;
   std::vector<Vec2> begun;
   double highest = -infinite;
@@ -462,15 +479,19 @@ std::optional<Chosen> highest_dome_by(Rule rule, const View& view, const Moments
                                    [&](const Dome& d) { return (d.centre - dome.centre).norm() < apart; });
     if (same == domes.end() && dome.worth > -infinite)
       domes.push_back(dome);
-    else if (same != domes.end() && dome.worth > same->worth + 1e-3 * radius)
+    else if (same != domes.end() && dome.worth > same->worth + 1e-3 * rule.radius)
       *same = dome;
   }
-  if (domes.empty()) return std::nullopt;
+  return domes;
+}
+
+// Of domes that are equally high the body's own lopsidedness decides before anything outside of it does.
+std::pair<const Dome*, int> highest_of(const std::vector<Dome>& domes, const View& view,
+                                       const Moments& moments, double height, const Vec3& prefer) {
   const double top = std::max_element(domes.begin(), domes.end(), [](const Dome& a, const Dome& b) {
                        return a.worth < b.worth;
                      })->worth;
 
-  // Equal domes: the body's own lopsidedness decides before anything outside of it does.
   const Vec2 heavier = -view.flat(moments.third) / std::pow(moments.size, 3), beside = view.flat(prefer);
   const Dome* chosen = nullptr;
   int equals = 0;
@@ -485,6 +506,24 @@ std::optional<Chosen> highest_dome_by(Rule rule, const View& view, const Moments
     const double own = way.dot(heavier);
     if (std::abs(own) > 0.01 ? own > 0.0 : way.dot(beside) > 0.0) chosen = &dome;
   }
+  return {chosen, equals};
+}
+
+std::optional<Chosen> highest_dome_by(Rule rule, const View& view, const Moments& moments, double height,
+                                      const Vec3& prefer) {
+  const double radius = rule.radius, step = step_of_whole(view, radius);
+  HeightMap map = height_map(view, step);
+  if (!rule.with_image_ends) map = without_image_ends(view, std::move(map));
+  const std::optional<double> thickness = median_thickness(map);
+  if (!thickness) return std::nullopt;
+  rule.thin = std::min(2.0 * radius * bending_thickness, slender * *thickness);
+  const double slack = 0.01 * height + 2.0 * step;
+  std::vector<Place> places = possible_places(rule, view, map, thick_enough * *thickness);
+  keep_good_places(rule, Cuts(map, radius), slack, places);
+  const std::vector<Dome> domes =
+      domes_of(rule, view, places, std::max(2.0 * radius, 0.25 * moments.size), slack, step);
+  if (domes.empty()) return std::nullopt;
+  const auto [chosen, equals] = highest_of(domes, view, moments, height, prefer);
   // A hundredth of a radius is more than the surface knows: places that differ by rounding become one.
   const double grid = radius / 100.0;
   const Vec2 centre = (chosen->centre / grid).array().round() * grid;

@@ -88,8 +88,33 @@ struct Plane {
   std::vector<Index> member;  // triangles
 };
 
+// The triangles that may face out, about as far as `out` turns before it is asked for anew.
+class Facing {
+ public:
+  explicit Facing(const BodySurface& body) : body_(body), centre_(3, body.triangles().cols()) {
+    for (Index t = 0; t < centre_.cols(); ++t) centre_.col(t) = centre_of(body, t);
+  }
+  const std::vector<Index>& around(const Vec3& out) {
+    if (about_.dot(out) > std::cos(radians(turn))) return triangle_;
+    const double least = std::cos(std::acos(facing) + radians(turn + 1.0));
+    about_ = out;
+    triangle_.clear();
+    for (Index t = 0; t < centre_.cols(); ++t)
+      if (body_.normal().col(t).dot(out) > least) triangle_.push_back(t);
+    return triangle_;
+  }
+  const Points& centre() const { return centre_; }
+
+ private:
+  static constexpr double turn = 10.0;  // degrees
+  const BodySurface& body_;
+  Points centre_;
+  Vec3 about_ = Vec3::Zero();
+  std::vector<Index> triangle_;
+};
+
 // The slab across `out` near the outermost place that holds most of the surface that faces out.
-Plane plane_across(const BodySurface& body, const Vec3& out, double edge) {
+Plane plane_across(const BodySurface& body, Facing& near, const Vec3& out, double edge) {
   Plane plane{};
   const Eigen::VectorXd depth = body.vertex().transpose() * out;
   plane.lowest = depth.maxCoeff();
@@ -102,10 +127,10 @@ Plane plane_across(const BodySurface& body, const Vec3& out, double edge) {
     Index t;
   };
   std::vector<Facet> facets;
-  for (Index t = 0; t < body.triangles().cols(); ++t) {
+  for (const Index t : near.around(out)) {
     const double faces = body.normal().col(t).dot(out);
     if (faces < facing) continue;
-    const double at = centre_of(body, t).dot(out);
+    const double at = near.centre().col(t).dot(out);
     if (plane.lowest - at < std::max(outer_part * plane.height, 2.0 * plane.tolerance))
       facets.push_back({at, faces * body.triangle_area()[t], t});
   }
@@ -158,16 +183,17 @@ Vec3 fitted_normal(const BodySurface& body, const std::vector<Index>& member, co
   return normal.dot(out) < 0.0 ? Vec3(-normal) : normal;
 }
 
-FlatFace measured(const BodySurface& body, const Moments& moments, const Vec3& out, const Plane& plane) {
+FlatFace measured(const BodySurface& body, const Moments& moments, Facing& near, const Vec3& out,
+                  const Plane& plane) {
   FlatFace face{.out = out,
                 .offset = plane.offset,
                 .height = 0.0,
                 .tolerance = plane.tolerance,
                 .outermost = plane.lowest - plane.offset <= 2.0 * plane.tolerance};
   face.height = plane.offset - (plane.lowest - plane.height);
-  for (Index t = 0; t < body.triangles().cols(); ++t) {
+  for (const Index t : near.around(out)) {
     const double faces = body.normal().col(t).dot(out);
-    if (faces > facing && std::abs(centre_of(body, t).dot(out) - plane.offset) <= plane.tolerance)
+    if (faces > facing && std::abs(near.centre().col(t).dot(out) - plane.offset) <= plane.tolerance)
       face.area += faces * body.triangle_area()[t];
   }
   const View view(body, moments, out);
@@ -178,19 +204,21 @@ FlatFace measured(const BodySurface& body, const Moments& moments, const Vec3& o
 }  // namespace
 
 FlatFace face_towards(const BodySurface& body, const Moments& moments, const Vec3& out) {
-  return measured(body, moments, out, plane_across(body, out, typical_edge(body)));
+  Facing near(body);
+  return measured(body, moments, near, out, plane_across(body, near, out, typical_edge(body)));
 }
 
 std::vector<FlatFace> flat_faces(const BodySurface& body, const Moments& moments) {
   const double edge = typical_edge(body);
+  Facing near(body);
   std::vector<FlatFace> faces;
   for (Vec3 out : frequent_normals(body)) {
     stop_if_asked();
-    Plane plane = plane_across(body, out, edge);
+    Plane plane = plane_across(body, near, out, edge);
     for (int pass = 0; pass < 20 && !plane.member.empty(); ++pass) {
       const Vec3 before = out;
       out = fitted_normal(body, plane.member, out);
-      plane = plane_across(body, out, edge);
+      plane = plane_across(body, near, out, edge);
       if ((out - before).norm() < 1e-5) break;
     }
     if (plane.member.empty()) continue;
@@ -204,7 +232,7 @@ std::vector<FlatFace> flat_faces(const BodySurface& body, const Moments& moments
     if (std::any_of(faces.begin(), faces.end(),
                     [&](const FlatFace& f) { return f.out.dot(out) > std::cos(radians(5.0)); }))
       continue;
-    faces.push_back(measured(body, moments, out, plane_across(body, out, edge)));
+    faces.push_back(measured(body, moments, near, out, plane_across(body, near, out, edge)));
   }
   std::stable_sort(faces.begin(), faces.end(),
                    [](const FlatFace& a, const FlatFace& b) { return a.area > b.area; });

@@ -309,49 +309,47 @@ Points surface_integrals(const Discretisation& cloud, const SupportOptions& opti
   return result;
 }
 
-void make_consistent(Model& model, const Points& wanted) {
-  const Index n = model.node_count();
-  const LinearFields fields(model);
-  const Influence influence(model);
-  Eigen::VectorXd scale(n);
-  const auto residual = [&] {
-    Points r = -wanted;
-    tbb::parallel_for(Index{0}, n, [&](Index a) {
-      if (a % 256 == 0) stop_if_asked();
-      scale[a] = 0.0;
-      for (int k = influence.rows.offset[a]; k < influence.rows.offset[a + 1]; ++k) {
-        const double volume = model.volume[influence.rows.member[k]];
-        const auto g = model.dphi.col(influence.slot[k]);
-        r.col(a) += volume * g;
-        scale[a] += volume * g.norm();
-      }
-    });
-    return r;
-  };
-  const auto largest = [&](const Points& r) {
-    return (r.colwise().norm().transpose().array() / scale.array().max(1e-300)).maxCoeff();
-  };
+namespace {
 
-  // A surface of flat pieces may enclose another volume than the cells have, by a little: of the residual
-  // that part is left, which no change that spares linear fields can take away.
-  Nodal r = Nodal::Zero(4, n);
-  ConsistencyReport& report = model.consistency_report = {};
-  {
-    Points left = residual();
-    report.before = largest(left);
-    Eigen::Matrix4Xd b(4, n);
-    const Vec3 middle = model.X.rowwise().mean();
-    const double size = (model.X.colwise() - middle).cwiseAbs().maxCoeff();
-    b.row(0).setOnes();
-    b.bottomRows<3>() = (model.X.colwise() - middle) / size;
-    const Eigen::Matrix4d gram = b * b.transpose();
-    left -= (gram.ldlt().solve(b * left.transpose())).transpose() * b;
-    r.topRows<3>() = left;
-  }
+// What the gradients' integrals lack of those over the surface, and the largest of it beside what they are
+// made of.
+struct Lack {
+  Points residual;
+  double largest;
+};
 
-  // Conjugate gradients for sum_q V_q (I - P_q) lambda = r, all three directions at once.
-  const Operator A(model, fields, influence);
-  const CoarseFields coarse(model, A);
+Lack lack_of(const Model& model, const Influence& influence, const Points& wanted) {
+  Points r = -wanted;
+  Eigen::VectorXd scale(r.cols());
+  tbb::parallel_for(Index{0}, r.cols(), [&](Index a) {
+    if (a % 256 == 0) stop_if_asked();
+    scale[a] = 0.0;
+    for (int k = influence.rows.offset[a]; k < influence.rows.offset[a + 1]; ++k) {
+      const double volume = model.volume[influence.rows.member[k]];
+      const auto g = model.dphi.col(influence.slot[k]);
+      r.col(a) += volume * g;
+      scale[a] += volume * g.norm();
+    }
+  });
+  const double largest = (r.colwise().norm().transpose().array() / scale.array().max(1e-300)).maxCoeff();
+  return {std::move(r), largest};
+}
+
+// A surface of flat pieces may enclose another volume than the cells have, by a little: that part of the
+// residual is taken out which no change that spares linear fields can take away.
+void spare_linear_fields(const Model& model, Points& residual) {
+  Eigen::Matrix4Xd b(4, model.node_count());
+  const Vec3 middle = model.X.rowwise().mean();
+  const double size = (model.X.colwise() - middle).cwiseAbs().maxCoeff();
+  b.row(0).setOnes();
+  b.bottomRows<3>() = (model.X.colwise() - middle) / size;
+  const Eigen::Matrix4d gram = b * b.transpose();
+  residual -= (gram.ldlt().solve(b * residual.transpose())).transpose() * b;
+}
+
+// By conjugate gradients for sum_q V_q (I - P_q) lambda = r, all three directions at once.
+Points multipliers(const Operator& A, const CoarseFields& coarse, Nodal r, int& iterations) {
+  const Index n = r.cols();
   const Eigen::RowVectorXd inverse_diagonal = A.diagonal.cwiseMax(1e-300).cwiseInverse().transpose();
   Nodal lambda = Nodal::Zero(4, n), z(4, n), Ap = lambda;
   const auto precondition = [&] {
@@ -362,7 +360,7 @@ void make_consistent(Model& model, const Points& wanted) {
   Nodal p = z;
   const double start = r.norm();
   double rz = r.cwiseProduct(z).sum();
-  while (report.iterations < 500 && start > 0.0 && r.norm() > tolerance * start) {
+  while (iterations < 500 && start > 0.0 && r.norm() > tolerance * start) {
     stop_if_asked();
     A.apply(p, Ap);
     const double curvature = p.cwiseProduct(Ap).sum();
@@ -374,10 +372,13 @@ void make_consistent(Model& model, const Points& wanted) {
     const double next = r.cwiseProduct(z).sum();
     p = z + (next / rz) * p;
     rz = next;
-    ++report.iterations;
+    ++iterations;
   }
+  return lambda.topRows<3>();
+}
 
-  const Points change_of = lambda.topRows<3>();
+// Of all gradients; the largest beside the gradients of its point.
+double change_gradients(Model& model, const LinearFields& fields, const Points& change_of) {
   Eigen::VectorXd change(model.point_count());
   tbb::parallel_for(Index{0}, model.point_count(), [&](Index q) {
     if (q % 256 == 0) stop_if_asked();
@@ -392,8 +393,24 @@ void make_consistent(Model& model, const Points& wanted) {
     }
     change[q] = most / gradient;
   });
-  report.largest_change = change.maxCoeff();
-  report.after = largest(residual());
+  return change.maxCoeff();
+}
+
+}  // namespace
+
+void make_consistent(Model& model, const Points& wanted) {
+  const LinearFields fields(model);
+  const Influence influence(model);
+  ConsistencyReport& report = model.consistency_report = {};
+  Lack before = lack_of(model, influence, wanted);
+  report.before = before.largest;
+  spare_linear_fields(model, before.residual);
+  Nodal r = Nodal::Zero(4, model.node_count());
+  r.topRows<3>() = before.residual;
+  const Operator A(model, fields, influence);
+  const Points change_of = multipliers(A, CoarseFields(model, A), std::move(r), report.iterations);
+  report.largest_change = change_gradients(model, fields, change_of);
+  report.after = lack_of(model, influence, wanted).largest;
 }
 
 }  // namespace dimple

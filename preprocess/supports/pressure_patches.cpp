@@ -176,9 +176,9 @@ Patches patches_of(const Places& places, const std::vector<int>& points, Index c
   return result;
 }
 
-}  // namespace
+using Share = std::vector<std::pair<int, double>>;  // patches that a point belongs to, and how much
 
-void make_pressure_patches(Model& model, bool folded, double nodes_per_patch) {
+Places places_of(const Model& model) {
   const Index count = model.point_count();
   Places places;
   places.x = model.axes.transpose() * model.point;
@@ -191,61 +191,61 @@ void make_pressure_patches(Model& model, bool folded, double nodes_per_patch) {
     places.h[q] = sum / static_cast<double>(model.support.count(q));
     places.worth[q] = model.volume[q] / std::pow(places.h[q], 3);
   });
-  const double nodes_per_worth = static_cast<double>(model.node_count()) / places.worth.sum();
+  return places;
+}
 
-  std::map<int, std::vector<int>> of_tissue;
-  for (Index q = 0; q < count; ++q) of_tissue[model.tissue[q]].push_back(static_cast<int>(q));
-  std::vector<std::vector<std::pair<int, double>>> share(static_cast<std::size_t>(count));
-  Index first = 0;
-  for (const auto& [number, points] : of_tissue) {
-    double worth = 0.0;
-    for (const int q : points) worth += places.worth[q];
-    const Index wanted = std::max<Index>(1, std::lround(worth * nodes_per_worth / nodes_per_patch));
-    const Patches patches = patches_of(places, points, wanted, worth, folded ? &model.support : nullptr);
-    const Neighbours tree(patches.centre);
-    const int most = static_cast<int>(std::min<Index>(40, patches.centre.cols())), few = std::min(most, 20);
-    const double largest_radius = patches.radius.maxCoeff();
-    tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t k) {
-      const int q = points[k];
-      if (k % 256 == 0) stop_if_asked();
-      // Half of them reach far enough, as a rule.
-      std::vector<int> near = tree.nearest(places.x.col(q), few);
-      if ((places.x.col(q) - patches.centre.col(near.back())).norm() < largest_radius)
-        near = tree.nearest(places.x.col(q), most);
-      auto& list = share[static_cast<std::size_t>(q)];
-      // A point in a far corner may be out of every reach: look further until one or, if there are, two are
-      // met.
-      const std::size_t enough = std::min<std::size_t>(2, near.size());
-      double sum = 0.0;
-      for (double grown = 1.0; list.size() < enough; grown *= 1.1) {
-        if (grown > largest_growth)
-          throw ModelError(
-              {.fact = fmt::format("integration point {} lies out of reach of all pressure patches", q),
-               .where = "pressure patches",
-               .why = fmt::format("it is more than {:.0f} times their radius away", largest_growth),
-               .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
-        if (grown > 1.0 && static_cast<int>(near.size()) < most) near = tree.nearest(places.x.col(q), most);
-        list.clear();
-        sum = 0.0;
-        for (const int b : near) {
-          const double s = (places.x.col(q) - patches.centre.col(b)).norm() / (grown * patches.radius[b]);
-          if (s >= 1.0) continue;
-          if (folded && grown < far_corner &&
-              !share_a_node(model.support, q, patches.middle[static_cast<std::size_t>(b)]))
-            continue;
-          const double w = 1.0 + s * s * (-6.0 + s * (8.0 - 3.0 * s));
-          if (w <= 0.0) continue;
-          list.push_back({static_cast<int>(first) + b, w});
-          sum += w;
-        }
-      }
-      for (auto& [b, w] : list) w /= sum;
-      std::sort(list.begin(), list.end());
-    });
-    first += patches.centre.cols();
+// The patches of one tissue, by where they are.
+struct Nearby {
+  const Patches& patches;
+  Neighbours tree{patches.centre};
+  double largest_radius = patches.radius.maxCoeff();
+};
+
+// Of point q, with patches numbered from `first` on. `folded`: only those that are met through
+// common nodes.
+Share share_of(const Model& model, const Places& places, const Nearby& nearby, int q, int first,
+               bool folded) {
+  const auto& [patches, tree, largest_radius] = nearby;
+  const int most = static_cast<int>(std::min<Index>(40, patches.centre.cols())), few = std::min(most, 20);
+  // Half of them reach far enough, as a rule.
+  std::vector<int> near = tree.nearest(places.x.col(q), few);
+  if ((places.x.col(q) - patches.centre.col(near.back())).norm() < largest_radius)
+    near = tree.nearest(places.x.col(q), most);
+  Share list;
+  // A point in a far corner may be out of every reach: look further until one or, if there are, two are met.
+  const std::size_t enough = std::min<std::size_t>(2, near.size());
+  double sum = 0.0;
+  for (double grown = 1.0; list.size() < enough; grown *= 1.1) {
+    if (grown > largest_growth)
+      throw ModelError(
+          {.fact = fmt::format("integration point {} lies out of reach of all pressure patches", q),
+           .where = "pressure patches",
+           .why = fmt::format("it is more than {:.0f} times their radius away", largest_growth),
+           .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
+    if (grown > 1.0 && static_cast<int>(near.size()) < most) near = tree.nearest(places.x.col(q), most);
+    list.clear();
+    sum = 0.0;
+    for (const int b : near) {
+      const double s = (places.x.col(q) - patches.centre.col(b)).norm() / (grown * patches.radius[b]);
+      if (s >= 1.0) continue;
+      if (folded && grown < far_corner &&
+          !share_a_node(model.support, q, patches.middle[static_cast<std::size_t>(b)]))
+        continue;
+      const double w = 1.0 + s * s * (-6.0 + s * (8.0 - 3.0 * s));
+      if (w <= 0.0) continue;
+      list.push_back({first + b, w});
+      sum += w;
+    }
   }
+  for (auto& [b, w] : list) w /= sum;
+  std::sort(list.begin(), list.end());
+  return list;
+}
 
-  PressurePatches& result = model.patches;
+// `patches`: how many there are.
+PressurePatches in_rows(const std::vector<Share>& share, const Eigen::VectorXd& volume, Index patches) {
+  const auto count = static_cast<Index>(share.size());
+  PressurePatches result;
   result.of_point.offset.resize(count + 1);
   result.of_point.offset[0] = 0;
   for (Index q = 0; q < count; ++q)
@@ -253,15 +253,44 @@ void make_pressure_patches(Model& model, bool folded, double nodes_per_patch) {
         result.of_point.offset[q] + static_cast<int>(share[static_cast<std::size_t>(q)].size());
   result.of_point.member.resize(result.of_point.offset[count]);
   result.psi.resize(result.of_point.offset[count]);
-  result.volume = Eigen::VectorXd::Zero(first);
+  result.volume = Eigen::VectorXd::Zero(patches);
   for (Index q = 0; q < count; ++q) {
     int at = result.of_point.offset[q];
     for (const auto& [b, psi] : share[static_cast<std::size_t>(q)]) {
       result.of_point.member[at] = b;
       result.psi[at++] = psi;
-      result.volume[b] += psi * model.volume[q];
+      result.volume[b] += psi * volume[q];
     }
   }
+  return result;
+}
+
+}  // namespace
+
+void make_pressure_patches(Model& model, bool folded, double nodes_per_patch) {
+  const Index count = model.point_count();
+  const Places places = places_of(model);
+  const double nodes_per_worth = static_cast<double>(model.node_count()) / places.worth.sum();
+
+  std::map<int, std::vector<int>> of_tissue;
+  for (Index q = 0; q < count; ++q) of_tissue[model.tissue[q]].push_back(static_cast<int>(q));
+  std::vector<Share> share(static_cast<std::size_t>(count));
+  Index first = 0;
+  for (const auto& [number, points] : of_tissue) {
+    double worth = 0.0;
+    for (const int q : points) worth += places.worth[q];
+    const Index wanted = std::max<Index>(1, std::lround(worth * nodes_per_worth / nodes_per_patch));
+    const Patches patches = patches_of(places, points, wanted, worth, folded ? &model.support : nullptr);
+    const Nearby nearby{patches};
+    tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t k) {
+      const int q = points[k];
+      if (k % 256 == 0) stop_if_asked();
+      share[static_cast<std::size_t>(q)] =
+          share_of(model, places, nearby, q, static_cast<int>(first), folded);
+    });
+    first += patches.centre.cols();
+  }
+  model.patches = in_rows(share, model.volume, first);
 }
 
 }  // namespace dimple

@@ -12,6 +12,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <numeric>
 #include <optional>
 
 #include "io/error.hpp"
@@ -393,11 +394,10 @@ double linear_error(const Model& model, Index q, const PointSupport& s, double r
 
 }  // namespace
 
-std::optional<Sight> sight_in(const Discretisation& model, const SupportOptions& options) {
-  if (!options.through_tissue || model.surface.empty()) return std::nullopt;
-  std::optional<Sight> sight(std::in_place, model, options.effective_radius_factor() * model.spacing);
-  if (sight->all_clear()) sight.reset();
-  return sight;
+std::shared_ptr<const Sight> sight_in(const Discretisation& model, const SupportOptions& options) {
+  if (!options.through_tissue || model.surface.empty()) return {};
+  auto sight = std::make_shared<const Sight>(model, options.effective_radius_factor() * model.spacing);
+  return sight->all_clear() ? nullptr : sight;
 }
 
 namespace {
@@ -425,6 +425,87 @@ struct InOwnAxes {
   Spread spread;
 };
 
+[[noreturn]] void refuse_support(const SupportOptions& options, Index q, const PointSupport& s,
+                                 const Vec3& mm) {
+  const bool linear = options.basis == Basis::linear;
+  throw ModelError(
+      {.fact = fmt::format("integration point {} has {} nodes in its support, which do not span the {} basis "
+                           "(pivot ratio {:.1e})",
+                           q, s.failed_nodes, linear ? "linear" : "quadratic", s.failed.pivot_ratio),
+       .where =
+           fmt::format("support domains; point at ({:.2f}, {:.2f}, {:.2f}) mm, radii enlarged {:.1f} times",
+                       mm.x(), mm.y(), mm.z(), largest_growth),
+       .why = "the cloud is too sparse or too flat there",
+       .remedy = fmt::format("raise support.radius_factor from {:.2f}, or ask for more nodes "
+                             "(--nodes) or a linear basis",
+                             options.effective_radius_factor()),
+       .code = s.failed_nodes < 2 * (linear ? 4u : 10u) ? "supports" : "conditioning"});
+}
+
+// Room in the lists for those of points [0, done), which hold so many nodes; for all, if the others have
+// about as many.
+void make_room(Model& model, Index members, Index done) {
+  if (members > most_members)
+    throw ModelError({.fact = fmt::format("the supports hold over {} nodes in all, {} at each of {} points",
+                                          most_members, members / done, model.point_count()),
+                      .where = "support domains",
+                      .why = "their lists are numbered with 32 bits",
+                      .remedy = "ask for fewer nodes (--nodes) or points (--points), or a smaller --support",
+                      .code = "too-large"});
+  if (members <= model.support.member.size()) return;
+  const Index room = std::lround(1.05 * static_cast<double>(members) *
+                                 static_cast<double>(model.point_count()) / static_cast<double>(done));
+  model.support.member.conservativeResize(room);
+  model.dphi.conservativeResize(3, room);
+}
+
+void add_to(SupportReport& report, Index q, const PointSupport& s) {
+  const auto n = static_cast<Index>(s.nodes.size());
+  report.grown += s.grown ? 1 : 0;
+  report.unconnected += s.unconnected ? 1 : 0;
+  report.largest_growth = std::max(report.largest_growth, s.largest_growth);
+  if (n < report.fewest) report.fewest_at = q;
+  if (s.worst_pivot_ratio < report.worst_pivot_ratio) report.worst_pivot_at = q;
+  report.fewest = std::min(report.fewest, n);
+  report.most = std::max(report.most, n);
+  report.worst_pivot_ratio = std::min(report.worst_pivot_ratio, s.worst_pivot_ratio);
+  report.linear_error = std::max(report.linear_error, s.linear_error);
+}
+
+// Takes the supports of points from `first` on into the model's lists.
+void take_slab(Model& model, const InOwnAxes& at_rest, Index first, const std::vector<PointSupport>& found) {
+  const auto count = static_cast<Index>(found.size());
+  Index members = model.support.offset[first];
+  for (const PointSupport& s : found) members += static_cast<Index>(s.nodes.size());
+  make_room(model, members, first + count);
+  for (Index k = 0; k < count; ++k) {
+    const Index q = first + k;
+    const PointSupport& s = found[static_cast<std::size_t>(k)];
+    if (!s.ok) refuse_support(model.scheme.support, q, s, at_rest.point.col(q) * 1e3);
+    model.support.offset[q + 1] = model.support.offset[q] + static_cast<int>(s.nodes.size());
+    add_to(model.support_report, q, s);
+  }
+  tbb::parallel_for(Index{0}, count, [&](Index k) {
+    const PointSupport& s = found[static_cast<std::size_t>(k)];
+    const int at = model.support.offset[first + k];
+    std::copy(s.nodes.begin(), s.nodes.end(), model.support.member.data() + at);
+    model.dphi.middleCols(at, s.dphi.cols()) = s.dphi;
+  });
+}
+
+// From the axes that they were found in; what was left of the lists' room is given back.
+void finish_lists(Model& model, const InOwnAxes& at_rest) {
+  const Index members = model.support.offset[model.point_count()];
+  model.support.member.conservativeResize(members);
+  model.dphi.conservativeResize(3, members);
+  if (!at_rest.axes.isIdentity(0.0))
+    tbb::parallel_for(tbb::blocked_range<Index>(0, members, 4096), [&](const auto& range) {
+      for (Index k = range.begin(); k < range.end(); ++k)
+        model.dphi.col(k) = at_rest.axes * model.dphi.col(k);
+    });
+  model.support_report.mean = static_cast<double>(members) / static_cast<double>(model.point_count());
+}
+
 void supports_of(Model& model, const Sight* sight) {
   const InOwnAxes at_rest(model);
   const SupportOptions& options = model.scheme.support;
@@ -444,7 +525,7 @@ void supports_of(Model& model, const Sight* sight) {
     for (const int t : of_point) variance[t].resize(static_cast<std::size_t>(model.node_count()));
   model.support.offset.resize(model.point_count() + 1);
   model.support.offset[0] = 0;
-  Index room = 0;
+  model.support.member.resize(0);
   std::vector<PointSupport> found;  // one slab's after the other's, in the same memory
   for (Index first = 0; first < model.point_count(); first += slab) {
     const Index count = std::min(slab, model.point_count() - first);
@@ -472,75 +553,11 @@ void supports_of(Model& model, const Sight* sight) {
       if (s.ok) s.linear_error = linear_error(model, q, s, mean_radius);
     });
     report.unseen += unseen;
-    Index members = model.support.offset[first];
-    for (const PointSupport& s : found) members += static_cast<Index>(s.nodes.size());
-    if (members > most_members) {
-      const Index mean = members / (first + count);
-      throw ModelError(
-          {.fact = fmt::format("the supports hold over {} nodes in all, {} at each of {} points",
-                               most_members, mean, model.point_count()),
-           .where = "support domains",
-           .why = "their lists are numbered with 32 bits",
-           .remedy = "ask for fewer nodes (--nodes) or points (--points), or a smaller --support",
-           .code = "too-large"});
-    }
-    if (members > room) {  // for all, if the others have about as many
-      room = std::lround(1.05 * static_cast<double>(members) * static_cast<double>(model.point_count()) /
-                         static_cast<double>(first + count));
-      model.support.member.conservativeResize(room);
-      model.dphi.conservativeResize(3, room);
-    }
-    for (Index k = 0; k < count; ++k) {
-      const Index q = first + k;
-      const PointSupport& s = found[static_cast<std::size_t>(k)];
-      const Index n = static_cast<Index>(s.nodes.size());
-      if (!s.ok) {
-        const Vec3 x = at_rest.point.col(q) * 1e3;
-        throw ModelError(
-            {.fact = fmt::format("integration point {} has {} nodes in its support, which do not span "
-                                 "the {} basis (pivot ratio {:.1e})",
-                                 q, s.failed_nodes, options.basis == Basis::linear ? "linear" : "quadratic",
-                                 s.failed.pivot_ratio),
-             .where = fmt::format("support domains; point at ({:.2f}, {:.2f}, {:.2f}) mm, radii enlarged "
-                                  "{:.1f} times",
-                                  x.x(), x.y(), x.z(), largest_growth),
-             .why = "the cloud is too sparse or too flat there",
-             .remedy = fmt::format("raise support.radius_factor from {:.2f}, or ask for more nodes "
-                                   "(--nodes) or a linear basis",
-                                   options.effective_radius_factor()),
-             .code = s.failed_nodes < 2 * (options.basis == Basis::linear ? 4u : 10u) ? "supports"
-                                                                                      : "conditioning"});
-      }
-      model.support.offset[q + 1] = model.support.offset[q] + static_cast<int>(n);
-
-      report.grown += s.grown ? 1 : 0;
-      report.unconnected += s.unconnected ? 1 : 0;
-      report.largest_growth = std::max(report.largest_growth, s.largest_growth);
-      if (n < report.fewest) report.fewest_at = q;
-      if (s.worst_pivot_ratio < report.worst_pivot_ratio) report.worst_pivot_at = q;
-      report.fewest = std::min(report.fewest, n);
-      report.most = std::max(report.most, n);
-      report.worst_pivot_ratio = std::min(report.worst_pivot_ratio, s.worst_pivot_ratio);
-      report.linear_error = std::max(report.linear_error, s.linear_error);
-    }
-    tbb::parallel_for(Index{0}, count, [&](Index k) {
-      const PointSupport& s = found[static_cast<std::size_t>(k)];
-      const int at = model.support.offset[first + k];
-      std::copy(s.nodes.begin(), s.nodes.end(), model.support.member.data() + at);
-      model.dphi.middleCols(at, s.dphi.cols()) = s.dphi;
-    });
+    take_slab(model, at_rest, first, found);
     for (auto& [t, rows] : variance)
       add_variance(found, {of_point.data() + first, static_cast<std::size_t>(count)}, t, rows);
   }
-  const Index members = model.support.offset[model.point_count()];
-  model.support.member.conservativeResize(members);
-  model.dphi.conservativeResize(3, members);
-  if (!at_rest.axes.isIdentity(0.0))
-    tbb::parallel_for(tbb::blocked_range<Index>(0, members, 4096), [&](const auto& range) {
-      for (Index k = range.begin(); k < range.end(); ++k)
-        model.dphi.col(k) = at_rest.axes * model.dphi.col(k);
-    });
-  report.mean = static_cast<double>(members) / static_cast<double>(model.point_count());
+  finish_lists(model, at_rest);
   model.variance.clear();
   for (auto& [t, rows] : variance) {
     GradientVariance& v = model.variance.emplace_back();
@@ -644,6 +661,12 @@ Connected members_of(const CompressedRows& rows) {
   };
 }
 
+// A model that make_model() has not made has none at hand.
+std::shared_ptr<const Sight> sight_of(const Model& model) {
+  if (model.sight || model.support_report.unseen == 0) return model.sight;
+  return sight_in(model, model.scheme.support);
+}
+
 // Of places, the nodes that they are connected with: those of the supports of the nearest points that
 // `reaches`(point, place) holds for. Good enough for pictures, and cheaper than to ask every node.
 template <class Reaches>
@@ -679,19 +702,25 @@ CompressedRows nodes_by_points(const Model& model, const Points& places, Reaches
 }  // namespace
 
 Interpolation surface_interpolation(const Model& model) {
+  std::vector<Index> all(static_cast<std::size_t>(model.surface.vertex_mm.cols()));
+  std::iota(all.begin(), all.end(), Index{0});
+  return surface_interpolation(model, all);
+}
+
+Interpolation surface_interpolation(const Model& model, const std::vector<Index>& vertices) {
   const Points places = model.surface.vertex_mm * 1e-3;
   Points normals = Points::Zero(3, places.cols());
   for (const auto& t : model.surface.triangles.colwise()) {
     const Vec3 a = places.col(t[0]), n = (places.col(t[1]) - a).cross(places.col(t[2]) - a);
     for (const Index v : t) normals.col(v) += n;
   }
-  return surface_interpolation(model, places, normals);
+  return surface_interpolation(model, places(Eigen::all, vertices), normals(Eigen::all, vertices));
 }
 
 Interpolation surface_interpolation(const Model& model, const Points& places, const Points& normals) {
   if (model.support_report.unseen == 0) return make_interpolation(model, model.scheme.support, places);
   CompressedRows allowed;
-  if (const auto sight = sight_in(model, model.scheme.support))
+  if (const auto sight = sight_of(model))
     allowed = nodes_by_points(model, places, [&](int q, Index m) {  // behind the surface
       return (model.point.col(q) - places.col(m)).dot(normals.col(m)) < 0.0 &&
              sight->point_sees(q, places.col(m));
@@ -702,10 +731,9 @@ Interpolation surface_interpolation(const Model& model, const Points& places, co
 
 Interpolation inner_interpolation(const Model& model, const Points& places) {
   CompressedRows allowed;
-  if (model.support_report.unseen > 0)
-    if (const auto sight = sight_in(model, model.scheme.support))
-      allowed =
-          nodes_by_points(model, places, [&](int q, Index m) { return sight->point_sees(q, places.col(m)); });
+  if (const auto sight = sight_of(model))
+    allowed =
+        nodes_by_points(model, places, [&](int q, Index m) { return sight->point_sees(q, places.col(m)); });
   return make_interpolation(model, model.scheme.support, places,
                             allowed.offset.size() > 0 ? members_of(allowed) : Connected());
 }
@@ -732,13 +760,12 @@ Eigen::MatrixXd Interpolation::operator()(const Eigen::MatrixXd& nodal) const {
 }
 
 struct FieldAnywhere::Parts {
-  explicit Parts(const Model& m) : model(m), cloud(m, m.scheme.support) {
-    if (m.support_report.unseen > 0) sight = sight_in(m, m.scheme.support);
+  explicit Parts(const Model& m) : model(m), cloud(m, m.scheme.support), sight(sight_of(m)) {
     if (sight) points.emplace(m.point);
   }
   const Model& model;
   Cloud cloud;
-  std::optional<Sight> sight;
+  std::shared_ptr<const Sight> sight;
   std::optional<Neighbours> points;
 
   // The nodes that x is connected with, by the nearest points that see it; `first` of them, or -1.

@@ -29,8 +29,8 @@ void find_supports(Model& model);
 void find_supports(Model& model, const Sight& sight);
 
 /// What the model's nodes see, if its scheme connects supports through the tissue and something is hidden
-/// from some.
-std::optional<Sight> sight_in(const Discretisation& model, const SupportOptions& options);
+/// from some; else nothing. make_model() leaves it in the model.
+std::shared_ptr<const Sight> sight_in(const Discretisation& model, const SupportOptions& options);
 
 using Connected = std::function<bool(int, Index)>;
 Interpolation make_interpolation(const Discretisation& cloud, const SupportOptions& options,
@@ -39,6 +39,8 @@ Interpolation make_interpolation(const Discretisation& cloud, const SupportOptio
 /// At the vertices of the model's surface, at its points, at its nodes, and at other places inside of it [m],
 /// connected as its supports are.
 Interpolation surface_interpolation(const Model& model);
+/// At some of the vertices.
+Interpolation surface_interpolation(const Model& model, const std::vector<Index>& vertices);
 /// At places on the surface with outward normals [3xM] of any length.
 Interpolation surface_interpolation(const Model& model, const Points& places, const Points& normals);
 Interpolation point_interpolation(const Model& model);

@@ -17,28 +17,6 @@ constexpr double most_cells = 4e6;
 constexpr double doubt = 1e-10;    // of the body's size: what lies nearer is not told apart
 constexpr int farthest_ring = 32;  // cells: clear_ is a lower bound beyond
 
-// Ericson, Real-Time Collision Detection, 5.1.5.
-double distance2_to(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
-  const Vec3 ab = b - a, ac = c - a, ap = p - a;
-  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
-  if (d1 <= 0.0 && d2 <= 0.0) return ap.squaredNorm();
-  const Vec3 bp = p - b;
-  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
-  if (d3 >= 0.0 && d4 <= d3) return bp.squaredNorm();
-  const double vc = d1 * d4 - d3 * d2;
-  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return (ap - d1 / (d1 - d3) * ab).squaredNorm();
-  const Vec3 cp = p - c;
-  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
-  if (d6 >= 0.0 && d5 <= d6) return cp.squaredNorm();
-  const double vb = d5 * d2 - d1 * d6;
-  if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) return (ap - d2 / (d2 - d6) * ac).squaredNorm();
-  const double va = d3 * d6 - d5 * d4;
-  if (va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0)
-    return (bp - (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b)).squaredNorm();
-  const double all = va + vb + vc;
-  return (ap - vb / all * ab - vc / all * ac).squaredNorm();
-}
-
 // From 0 in some cells and the farthest ring in all others to each cell's ring around the nearest 0: one pass
 // onwards and one back, each looking at the half of the neighbours that it has been to.
 void count_rings(std::vector<unsigned char>& ring, const Eigen::Array3i& n) {
@@ -78,6 +56,28 @@ void count_rings(std::vector<unsigned char>& ring, const Eigen::Array3i& n) {
 }
 
 }  // namespace
+
+// Ericson, Real-Time Collision Detection, 5.1.5.
+double distance2_to_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
+  const Vec3 ab = b - a, ac = c - a, ap = p - a;
+  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
+  if (d1 <= 0.0 && d2 <= 0.0) return ap.squaredNorm();
+  const Vec3 bp = p - b;
+  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
+  if (d3 >= 0.0 && d4 <= d3) return bp.squaredNorm();
+  const double vc = d1 * d4 - d3 * d2;
+  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return (ap - d1 / (d1 - d3) * ab).squaredNorm();
+  const Vec3 cp = p - c;
+  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
+  if (d6 >= 0.0 && d5 <= d6) return cp.squaredNorm();
+  const double vb = d5 * d2 - d1 * d6;
+  if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) return (ap - d2 / (d2 - d6) * ac).squaredNorm();
+  const double va = d3 * d6 - d5 * d4;
+  if (va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0)
+    return (bp - (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b)).squaredNorm();
+  const double all = va + vb + vc;
+  return (ap - vb / all * ab - vc / all * ac).squaredNorm();
+}
 
 SurfaceCells::SurfaceCells(const Points& vertex, const Triangles& triangles) : triangles_(triangles) {
   const Index count = triangles.cols();
@@ -231,38 +231,52 @@ bool SurfaceCells::line(const Vec3& x, int axis, double from, double to, std::ve
 }
 
 // Visits the cells with triangles around x, ring by ring, until visit.reach(), a distance, is less than how
-// far the next ring is.
+// far the next ring is. What clear_ says to be empty is stepped over: deep inside nearly all of a ring is.
 template <class Visit>
 void SurfaceCells::around(const Vec3& x, Visit&& visit) const {
   const Cell at = cell_of(x).max(0).min(n_ - 1);
   // Of x from the walls of its cell; negative where it lies outside of the grid.
   const Vec3 to_lower = x - (origin_ + edge_ * at.cast<double>().matrix());
   const double slack = std::min({to_lower.minCoeff(), edge_ - to_lower.maxCoeff(), 0.5 * edge_});
+  const auto look_at = [&](const Cell& cell, std::size_t c) {
+    const Vec3 low = origin_ + edge_ * cell.cast<double>().matrix();
+    const Vec3 outside = (low - x).cwiseMax(x - low - Vec3::Constant(edge_)).cwiseMax(0.0);
+    const double reach = visit.reach();
+    if (outside.squaredNorm() > reach * reach) return;
+    for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
+      const int t = member_[static_cast<std::size_t>(m)];
+      const Corners& corner = corner_[static_cast<std::size_t>(t)];
+      visit.triangle(t, std::sqrt(distance2_to_triangle(x, corner.a, corner.b, corner.c)));
+    }
+  };
   const int farthest = n_.maxCoeff();
   for (int ring = clear_[number(at)]; ring <= farthest; ++ring) {
     if (ring > 0 && (ring - 1) * edge_ + slack > visit.reach()) return;
     const Cell first = (at - ring).max(0), last = (at + ring).min(n_ - 1);
-    for (int k = first[2]; k <= last[2]; ++k)
+    for (int k = first[2]; k <= last[2]; ++k) {
+      const bool face = std::abs(k - at[2]) == ring;
       for (int j = first[1]; j <= last[1]; ++j) {
-        const bool shell = std::abs(k - at[2]) == ring || std::abs(j - at[1]) == ring;
-        for (int i = first[0]; i <= last[0]; ++i) {
-          if (!shell && std::abs(i - at[0]) != ring) {
-            i = std::max(i, std::min(at[0] + ring, last[0] + 1) - 1);  // to the other end of the ring
-            continue;
+        if (face || std::abs(j - at[1]) == ring) {
+          const std::size_t row = number({0, j, k});
+          for (int i = first[0]; i <= last[0]; ++i) {
+            const std::size_t c = row + static_cast<std::size_t>(i);
+            if (clear_[c] > 0)
+              i += clear_[c] - 1;
+            else
+              look_at({i, j, k}, c);
           }
-          const std::size_t c = number({i, j, k});
-          if (offset_[c] == offset_[c + 1]) continue;
-          const Vec3 low = origin_ + edge_ * Vec3(i, j, k);
-          const Vec3 outside = (low - x).cwiseMax(x - low - Vec3::Constant(edge_)).cwiseMax(0.0);
-          const double reach = visit.reach();
-          if (outside.squaredNorm() > reach * reach) continue;
-          for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
-            const int t = member_[static_cast<std::size_t>(m)];
-            const Corners& corner = corner_[static_cast<std::size_t>(t)];
-            visit.triangle(t, std::sqrt(distance2_to(x, corner.a, corner.b, corner.c)));
-          }
+          continue;
         }
+        int next = ring;  // rows without a triangle in either end of the ring, and this one
+        for (const int i : {at[0] - ring, at[0] + ring}) {
+          if (i < 0 || i >= n_[0]) continue;
+          const std::size_t c = number({i, j, k});
+          next = std::min<int>(next, clear_[c]);
+          if (clear_[c] == 0) look_at({i, j, k}, c);
+        }
+        j = std::max(j, std::min({j + next, at[1] + ring, last[1] + 1}) - 1);
       }
+    }
   }
 }
 
@@ -277,8 +291,12 @@ double SurfaceCells::nearest(const Vec3& x, std::vector<Index>& candidates) cons
       found.push_back({distance, t});
     }
   };
+  // Whoever asks asks about places near each other: what was nearest last time bounds how far to look.
+  thread_local std::size_t last = 0;
   thread_local Visit visit;
   visit.least = std::numeric_limits<double>::infinity();
+  if (last < corner_.size())
+    visit.least = std::sqrt(distance2_to_triangle(x, corner_[last].a, corner_[last].b, corner_[last].c));
   visit.slack = doubt * size_;
   visit.found.clear();
   around(x, visit);
@@ -286,6 +304,7 @@ double SurfaceCells::nearest(const Vec3& x, std::vector<Index>& candidates) cons
   for (const auto& [distance, t] : visit.found)
     if (distance <= visit.reach() && std::find(candidates.begin(), candidates.end(), t) == candidates.end())
       candidates.push_back(t);
+  if (!candidates.empty()) last = static_cast<std::size_t>(candidates.front());
   return visit.least;
 }
 
@@ -364,21 +383,24 @@ bool SurfaceCells::any_above(const Vec3& x, double d, double above) const {
       const int t = member_[static_cast<std::size_t>(m)];
       if (height(x, t) <= above) continue;
       const Corners& corner = corner_[static_cast<std::size_t>(t)];
-      if (distance2_to(x, corner.a, corner.b, corner.c) < d * d) return true;
+      if (distance2_to_triangle(x, corner.a, corner.b, corner.c) < d * d) return true;
     }
     return false;
   };
+  const auto in_box = [&](const Cell& low, const Cell& high) {
+    for (int k = low[2]; k <= high[2]; ++k)
+      for (int j = low[1]; j <= high[1]; ++j) {
+        const unsigned char* clear = clear_.data() + number({0, j, k});
+        for (int i = low[0]; i <= high[0]; ++i)
+          if (clear[i] > 0)
+            i += clear[i] - 1;
+          else if (in_cell({i, j, k}))
+            return true;
+      }
+    return false;
+  };
   // What there is lies near, as a rule.
-  const Cell near_first = (middle - 2).max(first), near_last = (middle + 2).min(last);
-  for (int k = near_first[2]; k <= near_last[2]; ++k)
-    for (int j = near_first[1]; j <= near_last[1]; ++j)
-      for (int i = near_first[0]; i <= near_last[0]; ++i)
-        if (in_cell({i, j, k})) return true;
-  for (int k = first[2]; k <= last[2]; ++k)
-    for (int j = first[1]; j <= last[1]; ++j)
-      for (int i = first[0]; i <= last[0]; ++i)
-        if (in_cell({i, j, k})) return true;
-  return false;
+  return in_box((middle - 2).max(first), (middle + 2).min(last)) || in_box(first, last);
 }
 
 }  // namespace dimple

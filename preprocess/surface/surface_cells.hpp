@@ -8,6 +8,9 @@
 
 namespace dimple {
 
+/// Of p from a triangle.
+double distance2_to_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c);
+
 /// The triangles of a closed surface sorted into cubic cells. Answers in plain floating point what is beyond
 /// doubt, and says so where it is not: an exact answer is then needed only there.
 class SurfaceCells {

@@ -13,6 +13,7 @@
 
 #include "io/stop.hpp"
 #include "solver/equilibrium/anderson.hpp"
+#include "solver/equilibrium/best_state.hpp"
 #include "solver/equilibrium/multigrid.hpp"
 
 namespace dimple {
@@ -26,8 +27,6 @@ using Sparse = Eigen::SparseMatrix<double>;
 constexpr double stiffer = 4.0;
 constexpr double neighbour_distance = 1.6;  // of the mean spacing: some 14 neighbours
 constexpr int fewest_neighbours = 6;
-constexpr int without_gain = 30;  // iterations, and it is given up
-constexpr double setback = 10.0;  // growth of the residual that is taken back
 // Of the strain between neighbours in one iteration; longer steps pass through the law's barriers.
 constexpr double longest_step = 0.3;
 // Of what the law is at rest: single points have 1e5, and 300 takes no fewer steps.
@@ -432,6 +431,12 @@ struct MixedIteration::Parts {
     lambda = place.tail(nb).cwiseQuotient(dual_scale);
   }
 
+  // Where a node is held nothing was added but rounding; it must not move at all from where it was.
+  void hold_still(Nodal& u, const Nodal& was) const {
+    for (Index a = 0; a < u.cols(); ++a)
+      if (!constraints.is_free(a)) u.col(a) = was.col(a) + constraints.project(a, u.col(a) - was.col(a));
+  }
+
   // The step (du, dlambda) from the unbalanced force r and the unbalanced volume s.
   void step(const Nodal& r, const Eigen::VectorXd& s, Nodal& du, Eigen::VectorXd& dlambda) {
     laplacian_solve(r, du);
@@ -470,8 +475,7 @@ struct Unbalanced {
   void at(System& body, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f,
           const MixedIteration::Inertia* inertia, const Nodal* viscous) {
     const Eigen::VectorXd& of_patches = body.model().patches.volume;
-    body.tissue().hold_pressures(lambda.cwiseQuotient(of_patches));
-    sweep = body.force(u, f);
+    sweep = body.force_at(u, lambda, f);
     body.tissue().patch_state(patches);
     residual = body.balance(f, force,
                             [&](Index a, Eigen::Vector4d& all) {
@@ -486,36 +490,24 @@ struct Unbalanced {
   }
 };
 
-// The best state that was met, the step from there, and what it lacks where somebody asks for that.
-struct Best {
-  Best(const Nodal& u_, const Eigen::VectorXd& lambda_, double residual_)
-      : residual(residual_), u(u_), lambda(lambda_) {}
-  double residual;
-  Nodal u, du;
-  Eigen::VectorXd lambda, dlambda;
+// What is left unbalanced at the best state, where somebody asks for that.
+struct AtBest {
+  AtBest(MixedIteration::Left* left_, const Nodal& f_, const Unbalanced& now) : left(left_) { keep(f_, now); }
+  MixedIteration::Left* left;
   Nodal f;
   ForceSystem::Sweep sweep;
 
-  bool has_step() const { return du.size() > 0; }
-  void take(const Nodal& u_, const Eigen::VectorXd& lambda_, double residual_) {
-    residual = residual_;
-    u = u_;
-    lambda = lambda_;
-  }
-  void keep_left(const Nodal& f_, const Unbalanced& now, MixedIteration::Left& left) {
+  void keep(const Nodal& f_, const Unbalanced& now) {
+    if (!left) return;
     f = f_;
     sweep = now.sweep;
-    left.force = now.force;
-    left.volume = now.volume;
+    left->force = now.force;
+    left->volume = now.volume;
   }
-  void give_back(Nodal& u_, Eigen::VectorXd& lambda_, Relaxed& result) const {
-    u_ = u;
-    lambda_ = lambda;
-    result.residual = residual;
-  }
-  void give_back_left(Nodal& f_, Relaxed& result) const {
+  void give_back(Nodal& f_, ForceSystem::Sweep& sweep_) const {
+    if (!left) return;
     f_ = f;
-    result.sweep = sweep;
+    sweep_ = sweep;
   }
 };
 
@@ -678,43 +670,35 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
   evaluate();
   if (!prepare(u, now.patches.bulk, anew, inertia, viscosity)) return result;
 
-  Best best(u, lambda, result.residual);
-  const auto keep_left = [&] {
-    if (left) best.keep_left(f, now, *left);
-  };
+  BestState best(u, lambda, result.residual);
+  AtBest at_best(left, f, now);
   const auto give_up = [&] {
-    best.give_back(u, lambda, result);
-    if (left) best.give_back_left(f, result);
+    u = best.u();
+    lambda = best.lambda();
+    result.residual = best.residual();
+    at_best.give_back(f, result.sweep);
     return result;
   };
-  keep_left();
   Laps laps(options.until, p.lap);
-  int setbacks = 0, since_gain = 0;
-  double caution = 1.0;
   Nodal du(4, u.cols());
   Eigen::VectorXd dlambda(lambda.size());
   for (;; evaluate()) {
-    const bool worse = !std::isfinite(result.residual) || !std::isfinite(now.volume_error) ||
-                       (best.has_step() && result.residual > setback * best.residual);
-    if (worse) {
-      if (!best.has_step() || ++setbacks > 4) return give_up();
-      caution *= 2.0;
-      u = best.u + best.du / caution;
-      lambda = best.lambda + best.dlambda / caution;
+    if (best.is_setback(result.residual) || !std::isfinite(now.volume_error)) {
+      if (!best.step_back(u, lambda)) return give_up();
       p.anderson.forget();
       continue;
     }
     if (result.residual < options.tolerance && now.volume_error < options.tolerance) {
       result.converged = true;
-      keep_left();
+      at_best.keep(f, now);
       return result;
     }
-    const bool late = since_gain < without_gain && result.evaluations < options.evaluations &&
+    const bool late = !best.was_the_last_chance() && result.evaluations < options.evaluations &&
                       laps.none_left(best.has_step(), left ? &left->late : nullptr);
-    if (++since_gain > without_gain || result.evaluations >= options.evaluations || late) {
-      if (left && result.residual < best.residual) {
+    if (!best.may_go_on() || result.evaluations >= options.evaluations || late) {
+      if (left && result.residual < best.residual()) {
         best.take(u, lambda, result.residual);
-        keep_left();
+        at_best.keep(f, now);
       }
       return give_up();
     }
@@ -722,18 +706,12 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
     if (viscosity) now.volume *= thicker;
     p.step(now.force, now.volume, du, dlambda);
     if (viscosity) du /= thicker;
-    if (result.residual < 0.9 * best.residual || !best.has_step()) {
-      best.take(u, lambda, result.residual);
-      best.du = du;
-      best.dlambda = dlambda;
-      keep_left();
-      since_gain = 0;
+    if (best.is_gain(result.residual)) {
+      best.take(u, lambda, result.residual, du, dlambda);
+      at_best.keep(f, now);
     }
-    p.go_on(u, lambda, du, dlambda, caution);
-    // Where a node is held nothing was added but rounding; it must not move at all.
-    for (Index a = 0; a < u.cols(); ++a)
-      if (!p.constraints.is_free(a))
-        u.col(a) = best.u.col(a) + p.constraints.project(a, u.col(a) - best.u.col(a));
+    p.go_on(u, lambda, du, dlambda, best.caution());
+    p.hold_still(u, best.u());
   }
 }
 

@@ -152,8 +152,7 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
   const Nodal start = u;
   Nodal force = Nodal::Zero(4, n), force_before = force, moved = force;  // unbalanced
   Eigen::VectorXd lambda_moved = Eigen::VectorXd::Zero(lambda.size());
-  system_.tissue().hold_pressures(lambda.cwiseQuotient(system_.model().patches.volume));
-  result.sweep = system_.force(u, f);
+  result.sweep = system_.force_at(u, lambda, f);
   ++result.evaluations;
   result.residual = system_.balance(f, force_before).residual();
   double tried = result.residual;  // from which no equilibrium was reached
@@ -221,91 +220,126 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
   return result;
 }
 
-Relaxed Relaxation::relax_dynamically(Nodal& u, Nodal& f, const RelaxOptions& options,
-                                      std::int64_t evaluations) const {
-  const Index n = u.cols();
-  const Constraints& constraints = system_.held();
-  if (mass_.size() == 0) {
-    mass_ = stiffness_row_sums(system_.tissue().system(), system_.model());
-    const StiffnessBound bound = system_.stiffness_bound();
-    mass_ += bound.node;
-    for (const StiffnessBound::Edge& edge : bound.edge) {
-      mass_[edge.a] += 2.0 * edge.weight;
-      mass_[edge.b] += 2.0 * edge.weight;
-    }
-    const double floor = 1e-6 * mass_.maxCoeff();  // a node that no point sees well
-    mass_ = mass_.cwiseMax(floor);
-  }
-  const Eigen::VectorXd inverse_mass = mass_.cwiseInverse();
-  Relaxed result;
-  result.evaluations = evaluations;
-  const auto free_force = [&](Index a) -> Eigen::Vector4d { return constraints.project(a, f.col(a)); };
-  const auto evaluate = [&] {
-    stop_if_asked();
-    result.sweep = system_.force(u, f);
-    ++result.evaluations;
-  };
+namespace {
 
-  const Nodal start = u;
-  double caution = 1.0;
-  Nodal before = u, u_ref = u, f_ref = f;
-  for (int attempt = 0;; ++attempt, caution *= 1.5) {
-    const StableStep stable = stable_time_step(system_, mass_, u);
-    result.evaluations += stable.iterations + 1;
-    const double dt = 0.85 * stable.dt / std::sqrt(caution);
-    bool diverged = !(stable.dt > 0.0);
-    double w = 0.02 * 2.0 / std::max(dt, 1e-300) / 10.0, work_before = 0.0;
-    int last_ref = 0;
-    bool first_estimate = true;
-    before = u;
-    if (!diverged) {
-      evaluate();
-      u_ref = u;
-      f_ref = f;
+// [N] that give every node about the same stable step.
+Eigen::VectorXd fictitious_masses(const System& system) {
+  Eigen::VectorXd mass = stiffness_row_sums(system.tissue().system(), system.model());
+  const StiffnessBound bound = system.stiffness_bound();
+  mass += bound.node;
+  for (const StiffnessBound::Edge& edge : bound.edge) {
+    mass[edge.a] += 2.0 * edge.weight;
+    mass[edge.b] += 2.0 * edge.weight;
+  }
+  const double floor = 1e-6 * mass.maxCoeff();  // a node that no point sees well
+  return mass.cwiseMax(floor);
+}
+
+// A body with fictitious masses that is damped near critically, see Relaxation.
+struct DampedVibration {
+  System& system;
+  const Eigen::VectorXd& mass;
+  const RelaxOptions& options;
+  Nodal &u, &f;
+  Relaxed& result;
+  const Eigen::VectorXd inverse_mass = mass.cwiseInverse();
+  double dt = 0.0, frequency = 0.0;
+  Nodal before = {}, u_ref = {}, f_ref = {}, unbalanced = u;  // a step ago; when the frequency was asked for
+
+  void evaluate() {
+    stop_if_asked();
+    result.sweep = system.force(u, f);
+    ++result.evaluations;
+  }
+
+  void step() {
+    const double K = 2.0 / (frequency * dt), r = (K - 1.0) / (K + 1.0), keep = r * r,
+                 c = std::pow(0.5 * (1.0 + r) * dt, 2);
+    const Constraints& held = system.held();
+    for (Index a = 0; a < u.cols(); ++a) {
+      if (held.is_held_wholly(a)) continue;
+      const Eigen::Vector4d now = u.col(a);
+      u.col(a) +=
+          keep * held.project(a, now - before.col(a)) - (c * inverse_mass[a]) * held.project(a, f.col(a));
+      before.col(a) = now;
     }
-    for (int it = 1; !diverged && result.evaluations < options.evaluations; ++it) {
-      const double K = 2.0 / (w * dt), r = (K - 1.0) / (K + 1.0), keep = r * r,
-                   c = std::pow(0.5 * (1.0 + r) * dt, 2);
-      for (Index a = 0; a < n; ++a) {
-        if (constraints.is_held_wholly(a)) continue;
-        const Eigen::Vector4d now = u.col(a);
-        u.col(a) +=
-            keep * constraints.project(a, now - before.col(a)) - (c * inverse_mass[a]) * free_force(a);
-        before.col(a) = now;
-      }
+  }
+
+  // The Rayleigh quotient of what has changed since u_ref.
+  double lowest_frequency() const {
+    double stiffness = 0.0, inertia = 0.0;
+    for (Index a = 0; a < u.cols(); ++a) {
+      const Eigen::Vector4d du = system.held().project(a, u.col(a) - u_ref.col(a));
+      stiffness += du.dot(f.col(a) - f_ref.col(a));
+      inertia += mass[a] * du.squaredNorm();
+    }
+    return inertia > 0.0 ? std::sqrt(std::abs(stiffness) / inertia) : 0.0;
+  }
+
+  // Of the reactions on what is held, less that of the loads: forces times displacements.
+  double work_of_reactions() const {
+    double work = 0.0;
+    for (Index a = 0; a < u.cols(); ++a) {
+      const Eigen::Vector4d held = f.col(a) - unbalanced.col(a);
+      work += held.dot(u.col(a)) - system.load_times(u, a);
+    }
+    return work;
+  }
+
+  // True: it has come to rest. False: it diverges, or takes too long.
+  bool settles(double caution) {
+    const StableStep stable = stable_time_step(system, mass, u);
+    result.evaluations += stable.iterations + 1;
+    dt = 0.85 * stable.dt / std::sqrt(caution);
+    if (!(stable.dt > 0.0)) return false;
+    frequency = 0.02 * 2.0 / std::max(dt, 1e-300) / 10.0;
+    before = u;
+    evaluate();
+    u_ref = u;
+    f_ref = f;
+    double work_before = 0.0;
+    int last_ref = 0;
+    for (int it = 1; result.evaluations < options.evaluations; ++it) {
+      step();
       evaluate();
       if (it % between_checks != 0) continue;
-
-      double stiffness = 0.0, inertia = 0.0, unbalanced = 0.0, reactions = 0.0, work = 0.0;
-      for (Index a = 0; a < n; ++a) {
-        const Eigen::Vector4d free = free_force(a);
-        const Eigen::Vector4d du = constraints.project(a, u.col(a) - u_ref.col(a));
-        stiffness += du.dot(f.col(a) - f_ref.col(a));
-        inertia += mass_[a] * du.squaredNorm();
-        unbalanced += free.squaredNorm();
-        const Eigen::Vector4d held = f.col(a) - free;
-        reactions += 0.5 * held.norm() + system_.load_on(a);
-        work += held.dot(u.col(a)) - system_.load_times(u, a);
-      }
-      result.residual = std::sqrt(unbalanced) / std::max({reactions, system_.least_reactions(), 1e-30});
-      diverged = !(result.residual < 1e3) || !std::isfinite(work);
-      const double estimate = inertia > 0.0 ? std::sqrt(std::abs(stiffness) / inertia) : 0.0;
-      w = std::max(first_estimate ? estimate : 0.7 * w + 0.3 * estimate, 1e-4 / dt);
-      first_estimate = false;
+      const double estimate = lowest_frequency();
+      frequency = std::max(it == between_checks ? estimate : 0.7 * frequency + 0.3 * estimate, 1e-4 / dt);
       if (it - last_ref >= memory) {
         u_ref = u;
         f_ref = f;
         last_ref = it;
       }
+      result.residual = system.balance(f, unbalanced).residual();
+      const double work = work_of_reactions();
+      if (!(result.residual < 1e3) || !std::isfinite(work)) return false;
       if (result.residual < options.tolerance &&
           std::abs(work - work_before) < 0.1 * options.tolerance * std::abs(work))
-        return result;
+        return true;
       work_before = work;
     }
-    if (attempt == 5 || result.evaluations >= options.evaluations)
+    return false;
+  }
+};
+
+}  // namespace
+
+Relaxed Relaxation::relax_dynamically(Nodal& u, Nodal& f, const RelaxOptions& options,
+                                      std::int64_t evaluations) const {
+  constexpr int most_attempts = 6;
+  if (mass_.size() == 0) mass_ = fictitious_masses(system_);
+  Relaxed result;
+  result.evaluations = evaluations;
+  const Nodal start = u;
+  DampedVibration vibration{
+      .system = system_, .mass = mass_, .options = options, .u = u, .f = f, .result = result};
+  double caution = 1.0;
+  for (int attempt = 1; !vibration.settles(caution); ++attempt, caution *= 1.5) {
+    if (attempt == most_attempts || result.evaluations >= options.evaluations)
       throw no_equilibrium(result, system_.model());
     u = start;
   }
+  return result;
 }
 
 }  // namespace dimple

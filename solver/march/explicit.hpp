@@ -21,6 +21,6 @@ namespace dimple {
 /// what there is. `from`: a state of an earlier run with the same model, loading and options; frames and
 /// samples before it are not given to `observer` again.
 void march_explicitly(System& system, const Loading& loading, const SolverOptions& options,
-                      const Observer& observer, History& history, const State* from = nullptr);
+                      const Observer& observer, History& history, const MarchState* from = nullptr);
 
 }  // namespace dimple

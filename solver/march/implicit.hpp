@@ -22,6 +22,6 @@ namespace dimple {
 /// Source:   Newmark 1959; Hilber, Hughes, Taylor 1977, alpha -1/3.
 /// Throws:   SolveError: a number stopped being one. `history` holds everything up to that moment.
 void march_implicitly(System& system, const Loading& loading, const SolverOptions& options,
-                      const Observer& observer, History& history, const State* from = nullptr);
+                      const Observer& observer, History& history, const MarchState* from = nullptr);
 
 }  // namespace dimple

@@ -3,19 +3,17 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <tuple>
 #include <utility>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "solver/equilibrium/relax.hpp"
-#include "solver/march/path.hpp"
+#include "solver/march/ledger.hpp"
+#include "solver/march/predictor.hpp"
 #include "solver/text.hpp"
 
 namespace dimple {
 namespace {
-
-using Nodal = ForceSystem::Nodal;
 
 constexpr double touch = 0.02;  // of the first way
 // Of a step: the shortest way on which an equilibrium is looked for; and evaluations, on the average, of a
@@ -23,14 +21,7 @@ constexpr double touch = 0.02;  // of the first way
 constexpr double shortest = 1.0 / 16.0;
 constexpr std::int64_t evaluations_of_step = 60;
 constexpr double same_depth = 1e-6;  // of a step
-
-SolveError after_halving(const SolveError& error, double depth, double way, std::int64_t evaluations) {
-  Report report = error.report;
-  report.where = text("indentation ", 1e3 * depth, " mm; ", report.where);
-  report.why += text("; it came again with steps of the load down to ", 1e3 * way, " mm, after ", evaluations,
-                     " evaluations in all");
-  return SolveError(report);
-}
+constexpr std::size_t few = 3;       // equilibria, before which the curve between two is a guess
 
 // Of the force over the last piece of the way: the parabola through the last three places, or a line.
 double work_of_last(const std::vector<double>& depth, const std::vector<double>& force, bool straight) {
@@ -49,59 +40,55 @@ struct FramesBetween {
   const Loading& loading;
   const SolverOptions& options;
   const Observer& observer;
+  const Ledger& ledger;
   History& history;
 
   double depth_of(int frame) const { return loading.depth / options.frames * frame; }
 
   // Those after the frame `last` that lie before a depth; `path` holds the equilibria on both sides, and that
   // at `from` is the last that the tissue's past knows. False: the observer has enough.
-  bool show(int& last, double before, double from, const Path& path) {
-    Nodal u = path.state.back().u, f = u;
-    Eigen::VectorXd lambda = path.state.back().lambda;
+  bool show(int& last, double before, double from, const Predictor& path) {
+    Rest now{path.point.back().u, path.point.back().lambda};
+    Nodal f = now.u;
     for (; last < options.frames && depth_of(last + 1) < before; ++last) {
-      const double depth = depth_of(last + 1), t = loading.t_at(depth), shown = loading.depth_at(depth);
-      system.begin_step((depth - from) / loading.rate);
+      const double come = depth_of(last + 1);
+      const Moment at{loading.t_at(come), loading.depth_at(come)};
+      system.begin_step((come - from) / loading.rate);
       const std::int64_t swept = system.tissue().sweeps();
-      path.extrapolate(depth, u, lambda);
-      system.set({.t = t, .depth = depth}, u);
-      const bool found = find(u, lambda, f);
+      path.extrapolate(come, now.u, now.lambda);
+      system.set({.t = at.t, .depth = come}, now.u);
+      const bool found = find(now, f);
       history.extra_evaluations += system.tissue().sweeps() - swept;
-      if (found) {
-        history.force.push_back(ForceSample::at(t, shown, system, u, f));
-      } else {
-        show_line(shown);
-      }
+      if (found)
+        history.force.push_back(ledger.force(at, now.u, f));
+      else
+        tell_of_line(at.depth);
       if (observer.frame)
-        observer.frame({loading.begun.frame + last + 1, t, shown, u, f, system.tissue(), system.aside()});
-      if (found && observer.sample && !observer.sample(history.force.back(), history)) return false;
+        observer.frame(
+            {loading.begun.frame + last + 1, at.t, at.depth, now.u, f, system.tissue(), system.aside()});
+      if (found && !ledger.show_force()) return false;
     }
     return true;
   }
 
-  // `u` and `lambda` stay as they were where there is none.
-  bool find(Nodal& u, Eigen::VectorXd& lambda, Nodal& f) {
-    const Nodal guess = u;
+  // `now` stays as it was where there is none.
+  bool find(Rest& now, Nodal& f) {
+    const Nodal guess = now.u;
     try {
       const bool mixed = relax.has_mixed();
       const RelaxOptions how{.tolerance = options.tolerance,
                              .evaluations = mixed ? std::min(options.evaluations, 2 * evaluations_of_step)
                                                   : options.evaluations};
-      if ((mixed ? relax.from_near(u, lambda, f, how) : relax(u, f, how, &lambda)).converged) return true;
+      if ((mixed ? relax.from_near(now.u, now.lambda, f, how) : relax(now.u, f, how, &now.lambda)).converged)
+        return true;
     } catch (const SolveError&) {
-      u = guess;
+      now.u = guess;
     }
-    evaluate(u, lambda, f);
+    system.force_at(now.u, now.lambda, f);
     return false;
   }
 
-  // The force at what is known.
-  void evaluate(const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f) {
-    if (relax.has_mixed())
-      system.tissue().hold_pressures(lambda.cwiseQuotient(system.model().patches.volume));
-    system.force(u, f);
-  }
-
-  void show_line(double depth) {
+  void tell_of_line(double depth) {
     if (std::any_of(history.guards.begin(), history.guards.end(),
                     [](const Finding& f) { return f.report.code == "frame"; }))
       return;
@@ -115,212 +102,315 @@ struct FramesBetween {
   }
 };
 
-// The body at rest, before the tool moves.
-void begin_history(System& system, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f,
-                   History& history) {
-  if (!system.loaded()) {
-    history.force.push_back({0.0, 0.0, 0.0, 0.0});
-    history.energy.push_back({0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
-    return;
-  }
-  if (lambda.size() > 0) system.tissue().hold_pressures(lambda.cwiseQuotient(system.model().patches.volume));
-  system.set({});
-  system.force(u, f);
-  history.force.push_back(ForceSample::at(0.0, 0.0, system, u, f));
-  const double stored =
-      system.stored_energy(u).sum();  // what the loads did before counts as done from outside
-  history.energy.push_back({0.0, 0.0, 0.0, stored, stored, 0.0});
-}
+// From one equilibrium to the next.
+struct Way {
+  double from, length, to;  // how far the tool has come, and is to come [m]
+  bool arrives;             // at the end of a step of the load
+  bool sets_off;            // from where the body is at rest
+  Moment end;
+};
 
-void find_equilibria(System& system, const Loading& loading, const SolverOptions& options,
-                     const Observer& observer, History& history, const State* from, Rest* ended) {
-  const Model& model = system.model();
-  const Relaxation relax(system);
-  auto [u, lambda] = system.at_rest();
-  Nodal f = Nodal::Zero(4, model.node_count());
-  Path past(4);  // where the next equilibrium is looked for
-  Guards guards(system, true, options.guards, history.guards);
-  const int steps = steps_of_load(model, loading, options);
-  const double step = loading.depth / steps;
-  FramesBetween between{system, relax, loading, options, observer, history};
-  double halved = step;          // way after an equilibrium that was not found
-  double least_curvature = 1.0;  // since the last that was found
+// At the end of a way: what the search has come to, and what the ledger says of it.
+struct Found {
+  Found() { relaxed.converged = false; }
+  Relaxed relaxed;
   bool gave_way = false;
-  State state;
-  std::vector<double>&depths = state.depths, &working = state.forces;
-  double &external = state.external, &largest_external = state.largest_external, &longest = state.longest;
+  ForceSample force = {};
+  EnergySample energy = {};
+};
+
+class QuasiStaticMarch {
+ public:
+  QuasiStaticMarch(System& system, const Loading& loading, const SolverOptions& options,
+                   const Observer& observer, History& history, const MarchState* from);
+  void run();
+  Rest ended() && { return std::move(now_); }
+
+ private:
+  System& system_;
+  const Model& model_;
+  const Loading& loading_;
+  const SolverOptions& options_;
+  const Observer& observer_;
+  History& history_;
+  MarchState state_;
+  const Relaxation relax_;
+  Predictor past_{4};  // where the next equilibrium is looked for
+  Rest now_;
+  Nodal f_;
+  Ledger ledger_;
+  Guards guards_;
+  FramesBetween between_;
+  const int steps_;
+  const double step_;             // of the load [m]
+  const std::int64_t most_;       // evaluations of all equilibria together
+  double halved_ = step_;         // way after an equilibrium that was not found
+  double least_curvature_ = 1.0;  // since the last that was found
+  bool stopped_ = false;
+
+  void begin_at_rest();
+  void begin_after_steps();
+  Way next_way() const;
+  void go(const Way& way, Found& found);
+  void look_ahead(const Way& way, Found& found);
+  void set_tool(double come);
+  void search(double tolerance, Found& found);
+  void check(const Way& way, Found& found);
+  void take(const Way& way, const Found& found);
+  bool show_frames_before(const Way& way);
+  void show_frame_at(const Way& way);
+  void go_back(const Way& way, const Found& found, const SolveError& error);
+};
+
+QuasiStaticMarch::QuasiStaticMarch(System& system, const Loading& loading, const SolverOptions& options,
+                                   const Observer& observer, History& history, const MarchState* from)
+    : system_(system),
+      model_(system.model()),
+      loading_(loading),
+      options_(options),
+      observer_(observer),
+      history_(history),
+      state_(from ? *from : MarchState()),
+      relax_(system),
+      now_(system.at_rest()),
+      f_(Nodal::Zero(4, model_.node_count())),
+      ledger_(system, options, observer, state_.account, history),
+      guards_(system, true, options.guards, history.guards),
+      between_{system, relax_, loading, options, observer, ledger_, history},
+      steps_(steps_of_load(model_, loading, options)),
+      step_(loading.depth / steps_),
+      most_(relax_.has_mixed() ? options.evaluations + evaluations_of_step * steps_
+                               : options.evaluations * steps_) {
   if (from) {
-    state = *from;
     history = from->history;
-    past.state = from->path;
+    past_.point = from->path;
     system.restore_past(from->past);
     system.set_least_reactions(from->least_reactions);
+  } else if (loading.begun.frame > 0) {
+    begin_after_steps();
   } else {
-    depths = working = {0.0};
-    longest = step;
-    past.push(0.0, u, lambda);
-    if (loading.begun.frame == 0) {
-      begin_history(system, u, lambda, f, history);
-      if (observer.frame) observer.frame({0, 0.0, 0.0, u, f, system.tissue()});
-    } else {
-      system.set({.t = loading.begun.t});
-      between.evaluate(u, lambda, f);
-      system.measure_by(f);
-      working = {system.held().working_force(f)};
-      state.dissipated = history.energy.back().dissipated;
-    }
-    external = history.energy.back().external;
+    begin_at_rest();
   }
-  // All equilibria together.
-  const std::int64_t most =
-      relax.has_mixed() ? options.evaluations + evaluations_of_step * steps : options.evaluations * steps;
-  for (std::int64_t level = state.step + 1; level <= steps;) {
-    const double end = step * static_cast<double>(level), at = depths.back();
-    // Where it was short it becomes long again by and by.
-    const double last = depths.size() > 1 ? at - depths[depths.size() - 2] : step;
-    const double way = std::min({halved, longest, 2.0 * last, end - at});
-    const bool arrives = end - at - way < same_depth * step;
-    const double depth = arrives ? end : at + way, t = loading.t_at(depth);
-    const Moment now = {t, loading.depth_at(depth)};
-    system.begin_step((depth - at) / loading.rate);
-    const std::size_t equilibria = depths.size();
-    const bool sets_off = past.state.size() == 1;
-    Relaxed relaxed;
-    relaxed.converged = false;
-    ForceSample felt;
-    StoredEnergy stored;
-    double work = 0.0;
-    try {
-      const auto find = [&](double tolerance) {
-        const RelaxOptions how{.tolerance = tolerance,
-                               .evaluations = relax.has_mixed()
-                                                  ? std::min(options.evaluations, most - history.steps)
-                                                  : options.evaluations};
-        relaxed.converged = false;
-        if (how.evaluations < 1) throw no_equilibrium(relaxed, model);
-        const std::int64_t before = system.tissue().sweeps();
-        try {
-          relaxed = relax.has_mixed() ? relax.from_near(u, lambda, f, how) : relax(u, f, how, &lambda);
-        } catch (const Stopped&) {
-          history.steps += system.tissue().sweeps() - before;
-          throw;
-        }
-        history.steps += relaxed.evaluations;
-        least_curvature = std::min(least_curvature, relaxed.curvature);
-        if (relaxed.converged) return;
-        relaxed.curvature = least_curvature;
-        throw no_equilibrium(relaxed, model);
-      };
-      if (sets_off) {
-        u = past.state.back().u;
-        lambda = past.state.back().lambda;
-      }
-      if (sets_off && model.scheme.pressure_patches) {
-        // A touch, to a low accuracy: the direction in which the tissue sets off.
-        const double a_touch = at + touch * (depth - at);
-        first_guess(model, touch * (depth - at) * system.held().motion(tool_set), u);
-        system.set({.t = loading.t_at(a_touch), .depth = a_touch}, u);
-        find(std::max(1e-2, options.tolerance));
-        Path touched = past;
-        touched.push(a_touch, u, lambda);
-        touched.extrapolate(depth, u, lambda);
-        system.set({.t = t, .depth = depth}, u);
-      } else if (sets_off) {
-        first_guess(model, (depth - at) * system.held().motion(tool_set), u);
-        system.set({.t = t, .depth = depth}, u);
-      } else {
-        past.extrapolate(depth, u, lambda);
-        system.set({.t = t, .depth = depth}, u);
-      }
-      const Nodal expected = u;
-      find(options.tolerance);
-      gave_way = relaxed.gave_way();
+}
 
-      guards.check(relaxed.sweep, now);
-      guards.check(u, f, now);
-      guards.check_points(relaxed.sweep, now);
-      guards.check_fluctuation(u, now);
-      felt = ForceSample::at(t, now.depth, system, u, f);
-      depths.push_back(depth);
-      working.push_back(system.held().working_force(f));
-      work = work_of_last(depths, working, sets_off || gave_way);
-      stored = system.stored_energy(u);
-      guards.check_hourglass(stored.hourglass, stored.tissue, now);
-      // Before the third the curve between two is a guess.
-      if (depths.size() > 3)
-        guards.check(EnergySample{t, now.depth, 0.0, stored.sum(), external + work,
-                                  state.dissipated + (gave_way ? relaxed.dissipated : 0.0)},
-                     std::max(largest_external, std::abs(external + work)), t, false, now);
-      if (gave_way) guards.found_limit_point(u - expected, way, now);
+void QuasiStaticMarch::begin_at_rest() {
+  state_.depths = state_.forces = {0.0};
+  state_.longest = step_;
+  past_.push(0.0, now_.u, now_.lambda);
+  StoredEnergy stored;
+  if (system_.loaded()) {
+    system_.set({});
+    system_.force_at(now_.u, now_.lambda, f_);
+    history_.force.push_back(ledger_.force({}, now_.u, f_));
+    stored = system_.stored_energy(now_.u);
+    ledger_.add_work(stored.sum());  // what the loads did before counts as done from outside
+  } else {
+    history_.force.push_back({0.0, 0.0, 0.0, 0.0});
+  }
+  ledger_.write(ledger_.energy({}, 0.0, stored));
+  if (observer_.frame) observer_.frame({0, 0.0, 0.0, now_.u, f_, system_.tissue()});
+}
+
+// A later step of a scene, whose curve and books go on.
+void QuasiStaticMarch::begin_after_steps() {
+  past_.push(0.0, now_.u, now_.lambda);
+  system_.set({.t = loading_.begun.t});
+  system_.force_at(now_.u, now_.lambda, f_);
+  system_.measure_by(f_);
+  state_.depths = {0.0};
+  state_.forces = {system_.held().working_force(f_)};
+  state_.longest = step_;
+  state_.account.external = history_.energy.back().external;
+  state_.account.dissipated = history_.energy.back().dissipated;
+  for (const EnergySample& e : history_.energy)
+    state_.account.largest_external = std::max(state_.account.largest_external, std::abs(e.external));
+}
+
+void QuasiStaticMarch::run() {
+  while (state_.step < steps_ && !stopped_) {
+    const Way way = next_way();
+    const std::size_t equilibria = state_.depths.size();
+    Found found;
+    try {
+      go(way, found);
     } catch (const SolveError& error) {
-      if (!options.guards || error.report.code == "hourglass") throw;  // which no shorter way mends
-      depths.resize(equilibria);
-      working.resize(equilibria);
-      if (!relaxed.converged) {
-        halved = 0.5 * way;
-        if (halved < shortest * step || history.steps >= most)
-          throw after_halving(error, depth, way, history.steps);
-      } else {
-        if (history.retries.size() == most_retries)
-          throw after_retries(error, text("steps of the load down to ", 1e3 * way, " mm"));
-        longest = 0.5 * way;
-      }
-      history.retries.push_back(
-          {error.report.code, now.depth,
-           text("back to ", 1e3 * loading.depth_at(at), " mm, and on in steps of ", 1e3 * 0.5 * way, " mm")});
-      if (observer.retry) observer.retry(history.retries.back());
+      if (!options_.guards || error.report.code == "hourglass") throw;  // which no shorter way mends
+      state_.depths.resize(equilibria);
+      state_.forces.resize(equilibria);
+      go_back(way, found, error);
       continue;
     }
-    halved = step;
-    least_curvature = 1.0;
-    if (gave_way) {  // the new branch has nothing to do with the old one
-      past.state.erase(past.state.begin(), past.state.end() - 1);
-      state.dissipated += relaxed.dissipated;
-    }
-    past.push(depth, u, lambda);
-    external += work;
-    largest_external = std::max(largest_external, std::abs(external));
-    history.J_min = std::min(history.J_min, relaxed.sweep.J_min);
-    history.inverted = std::max(history.inverted, relaxed.sweep.inverted);
-    history.residual = std::max(history.residual, relaxed.residual);
-    history.momentum_error = std::max(history.momentum_error, system.sum_of_tissue(f) / std::abs(felt.force));
-    if (const int shown = state.frame; between.depth_of(shown + 1) < depth - same_depth * step) {
-      if (!between.show(state.frame, depth - same_depth * step, at, past)) {
-        history.interrupted = true;
-        return;
-      }
-      system.begin_step((depth - at) / loading.rate);  // and back to this step's end
-      system.set({.t = t, .depth = depth});
-      between.evaluate(u, lambda, f);
-      ++history.extra_evaluations;
-    }
-    if (gave_way) past.state.pop_front();
-    history.force.push_back(felt);
-    history.energy.push_back({t, now.depth, 0.0, stored.sum(), external, state.dissipated});
-    if (state.frame < options.frames && between.depth_of(state.frame + 1) < depth + same_depth * step) {
-      ++state.frame;
-      if (observer.frame)
-        observer.frame(
-            {loading.begun.frame + state.frame, t, now.depth, u, f, system.tissue(), system.aside()});
-    }
-    const bool is_last = arrives && level == steps;
-    if (observer.sample && !observer.sample(history.force.back(), history)) {
-      history.interrupted = !is_last;
-      return;
-    }
-    system.accept_step(u);  // after the frame: its stresses are those of this step
-    if (arrives) state.step = level++;
-    if (observer.between_steps && !is_last)
-      observer.between_steps([&] {
-        State copy = state;
-        copy.path = past.state;
-        copy.past = system.past();
-        copy.least_reactions = system.least_reactions();
-        copy.history = history;
-        return copy;
-      });
+    take(way, found);
   }
-  if (ended) *ended = {std::move(u), std::move(lambda)};
+}
+
+// Where it was short it becomes long again by and by.
+Way QuasiStaticMarch::next_way() const {
+  const std::vector<double>& depths = state_.depths;
+  const double end = step_ * static_cast<double>(state_.step + 1), at = depths.back();
+  const double last = depths.size() > 1 ? at - depths[depths.size() - 2] : step_;
+  const double length = std::min({halved_, state_.longest, 2.0 * last, end - at});
+  const bool arrives = end - at - length < same_depth * step_;
+  const double to = arrives ? end : at + length;
+  return {at, length, to, arrives, past_.point.size() == 1, {loading_.t_at(to), loading_.depth_at(to)}};
+}
+
+void QuasiStaticMarch::go(const Way& way, Found& found) {
+  const Moment& now = way.end;
+  system_.begin_step((way.to - way.from) / loading_.rate);
+  look_ahead(way, found);
+  const Nodal expected = now_.u;
+  search(options_.tolerance, found);
+  found.gave_way = found.relaxed.gave_way();
+  check(way, found);
+  if (found.gave_way) guards_.found_limit_point(now_.u - expected, way.length, now);
+}
+
+// Where the equilibrium at the way's end is looked for.
+void QuasiStaticMarch::look_ahead(const Way& way, Found& found) {
+  const double length = way.to - way.from;
+  if (!way.sets_off) {
+    past_.extrapolate(way.to, now_.u, now_.lambda);
+    return set_tool(way.to);
+  }
+  const Vec3 motion = system_.held().motion(tool_set);
+  now_ = {past_.point.back().u, past_.point.back().lambda};
+  if (!model_.scheme.pressure_patches) {
+    first_guess(model_, motion, length, now_.u);
+    return set_tool(way.to);
+  }
+  // A touch, to a low accuracy: the direction in which the tissue sets off.
+  const double a_touch = way.from + touch * length;
+  first_guess(model_, motion, touch * length, now_.u);
+  set_tool(a_touch);
+  search(std::max(1e-2, options_.tolerance), found);
+  Predictor touched = past_;
+  touched.push(a_touch, now_.u, now_.lambda);
+  touched.extrapolate(way.to, now_.u, now_.lambda);
+  set_tool(way.to);
+}
+
+void QuasiStaticMarch::set_tool(double come) {
+  system_.set({.t = loading_.t_at(come), .depth = come}, now_.u);
+}
+
+void QuasiStaticMarch::search(double tolerance, Found& found) {
+  const RelaxOptions how{.tolerance = tolerance,
+                         .evaluations = relax_.has_mixed()
+                                            ? std::min(options_.evaluations, most_ - history_.steps)
+                                            : options_.evaluations};
+  Relaxed& relaxed = found.relaxed;
+  relaxed.converged = false;
+  if (how.evaluations < 1) throw no_equilibrium(relaxed, model_);
+  const std::int64_t before = system_.tissue().sweeps();
+  try {
+    relaxed = relax_.has_mixed() ? relax_.from_near(now_.u, now_.lambda, f_, how)
+                                 : relax_(now_.u, f_, how, &now_.lambda);
+  } catch (const Stopped&) {
+    history_.steps += system_.tissue().sweeps() - before;
+    throw;
+  }
+  history_.steps += relaxed.evaluations;
+  least_curvature_ = std::min(least_curvature_, relaxed.curvature);
+  if (relaxed.converged) return;
+  relaxed.curvature = least_curvature_;
+  throw no_equilibrium(relaxed, model_);
+}
+
+// What was found, by the guards; the depth and the force there join those of the equilibria before.
+void QuasiStaticMarch::check(const Way& way, Found& found) {
+  const Moment& now = way.end;
+  const Relaxed& relaxed = found.relaxed;
+  guards_.check(relaxed.sweep, now);
+  guards_.check(now_.u, f_, now);
+  guards_.check_points(relaxed.sweep, now);
+  guards_.check_fluctuation(now_.u, now);
+  found.force = ledger_.force(now, now_.u, f_);
+  state_.depths.push_back(way.to);
+  state_.forces.push_back(system_.held().working_force(f_));
+  const double work = work_of_last(state_.depths, state_.forces, way.sets_off || found.gave_way);
+  const StoredEnergy stored = system_.stored_energy(now_.u);
+  guards_.check_hourglass(stored.hourglass, stored.tissue, now);
+  found.energy = ledger_.energy(now, 0.0, stored, work, found.gave_way ? relaxed.dissipated : 0.0);
+  if (state_.depths.size() > few)
+    guards_.check(found.energy, std::max(state_.account.largest_external, std::abs(found.energy.external)),
+                  now.t, false, now);
+}
+
+void QuasiStaticMarch::take(const Way& way, const Found& found) {
+  halved_ = step_;
+  least_curvature_ = 1.0;
+  // After a limit point the new branch has nothing to do with the old one.
+  if (found.gave_way) past_.point.erase(past_.point.begin(), past_.point.end() - 1);
+  past_.push(way.to, now_.u, now_.lambda);
+  ledger_.count(found.relaxed.sweep);
+  history_.residual = std::max(history_.residual, found.relaxed.residual);
+  if (!show_frames_before(way)) {
+    history_.interrupted = stopped_ = true;
+    return;
+  }
+  if (found.gave_way) past_.point.pop_front();
+  ledger_.write(found.force, f_);
+  ledger_.write(found.energy);
+  show_frame_at(way);
+  const bool ended = way.arrives && state_.step + 1 == steps_;
+  if (!ledger_.show_force()) {
+    history_.interrupted = !ended;
+    stopped_ = true;
+    return;
+  }
+  system_.accept_step(now_.u);  // after the frame: its stresses are those of this step
+  if (way.arrives) ++state_.step;
+  if (observer_.between_steps && !ended)
+    observer_.between_steps([&] {
+      MarchState copy = ledger_.kept(state_);
+      copy.path = past_.point;
+      copy.least_reactions = system_.least_reactions();
+      return copy;
+    });
+}
+
+// False: the observer has enough.
+bool QuasiStaticMarch::show_frames_before(const Way& way) {
+  const double before = way.to - same_depth * step_;
+  if (between_.depth_of(state_.frame + 1) >= before) return true;
+  if (!between_.show(state_.frame, before, way.from, past_)) return false;
+  system_.begin_step((way.to - way.from) / loading_.rate);  // and back to this step's end
+  system_.set({.t = way.end.t, .depth = way.to});
+  system_.force_at(now_.u, now_.lambda, f_);
+  ++history_.extra_evaluations;
+  return true;
+}
+
+void QuasiStaticMarch::show_frame_at(const Way& way) {
+  if (state_.frame == options_.frames || between_.depth_of(state_.frame + 1) >= way.to + same_depth * step_)
+    return;
+  ++state_.frame;
+  if (observer_.frame)
+    observer_.frame({loading_.begun.frame + state_.frame, way.end.t, way.end.depth, now_.u, f_,
+                     system_.tissue(), system_.aside()});
+}
+
+// To the last equilibrium, and on by a shorter way; or it ends here.
+void QuasiStaticMarch::go_back(const Way& way, const Found& found, const SolveError& error) {
+  const double depth = way.end.depth, shorter = 0.5 * way.length;
+  if (found.relaxed.converged) {
+    if (history_.retries.size() == most_retries)
+      throw after_retries(error, text("steps of the load down to ", 1e3 * way.length, " mm"));
+    state_.longest = shorter;
+  } else {
+    halved_ = shorter;
+    if (halved_ < shortest * step_ || history_.steps >= most_) {
+      Report report = error.report;
+      report.where = text("indentation ", 1e3 * depth, " mm; ", report.where);
+      report.why += text("; it came again with steps of the load down to ", 1e3 * way.length, " mm, after ",
+                         history_.steps, " evaluations in all");
+      throw SolveError(report);
+    }
+  }
+  ledger_.count(Retry{
+      error.report.code, depth,
+      text("back to ", 1e3 * loading_.depth_at(way.from), " mm, and on in steps of ", 1e3 * shorter, " mm")});
 }
 
 }  // namespace
@@ -331,7 +421,7 @@ int steps_of_load(const Model& model, const Loading& loading, const SolverOption
   return std::max(1, static_cast<int>(steps));
 }
 
-void first_guess(const Model& model, const Vec3& way, Nodal& u) {
+void first_guess(const Model& model, const Vec3& direction, double way, Nodal& u) {
   const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
   const double top = model.tool.centre.dot(model.tool.push), bottom = along.maxCoeff();
   for (Index a = 0; a < model.node_count(); ++a) {
@@ -340,17 +430,15 @@ void first_guess(const Model& model, const Vec3& way, Nodal& u) {
     const double away =
         std::hypot(std::max(0.0, lateral - model.tool.radius), d.dot(model.tool.push)) / model.tool.radius;
     const double held = std::clamp((bottom - along[a]) / (bottom - top), 0.0, 1.0);
-    u.col(a) += padded(way) * (held / ((1.0 + away) * (1.0 + away)));
+    u.col(a) += padded(direction) * (way * held / ((1.0 + away) * (1.0 + away)));
   }
 }
 
 void march_quasi_statically(System& system, const Loading& loading, const SolverOptions& options,
-                            const Observer& observer, History& history, const State* from, Rest* ended) {
-  try {
-    find_equilibria(system, loading, options, observer, history, from, ended);
-  } catch (const Stopped&) {
-    history.interrupted = true;
-  }
+                            const Observer& observer, History& history, const MarchState* from, Rest* ended) {
+  QuasiStaticMarch march(system, loading, options, observer, history, from);
+  march.run();
+  if (ended) *ended = std::move(march).ended();
 }
 
 }  // namespace dimple

@@ -14,14 +14,14 @@ namespace dimple {
 /// do not know of it. Where none is found the frame shows the line between the two, as the finding `frame`
 /// says, without a sample. `ended` receives the last equilibrium.
 void march_quasi_statically(System& system, const Loading& loading, const SolverOptions& options,
-                            const Observer& observer, History& history, const State* from = nullptr,
+                            const Observer& observer, History& history, const MarchState* from = nullptr,
                             Rest* ended = nullptr);
 
 /// How many steps that load takes, where none is shortened.
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options);
 
-/// A first guess of the displacements u [4xN] m when the tool has moved by `way` [m] from rest: they fade
-/// away from the circle and towards the base.
-void first_guess(const Model& model, const Vec3& way, ForceSystem::Nodal& u);
+/// A first guess of the displacements u [4xN] m when the tool has moved by `way` [m] along `direction`: they
+/// fade away from the circle and towards the base.
+void first_guess(const Model& model, const Vec3& direction, double way, ForceSystem::Nodal& u);
 
 }  // namespace dimple

@@ -57,7 +57,7 @@ Vec3 moved(const std::vector<Step>& steps, std::string_view name, double come) {
 }
 
 void march_in_steps(System& system, const Loading& loading, const SolverOptions& options,
-                    const Observer& observer, History& history, const State* from) {
+                    const Observer& observer, History& history, const MarchState* from) {
   const Model& model = system.model();
   const std::vector<int> frames = frames_of_steps(loading.steps, options.frames);
   Rest begun = system.at_rest();
@@ -80,9 +80,9 @@ void march_in_steps(System& system, const Loading& loading, const SolverOptions&
       Observer watching = observer;
       Rest ended;
       if (observer.between_steps)
-        watching.between_steps = [&](const std::function<State()>& state) {
+        watching.between_steps = [&](const std::function<MarchState()>& state) {
           observer.between_steps([&] {
-            State copy = state();
+            MarchState copy = state();
             copy.step_of_scene = static_cast<int>(k);
             copy.begun = begun;
             copy.way_before = way_before;

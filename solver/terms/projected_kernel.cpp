@@ -432,56 +432,43 @@ void ProjectedKernel<Real>::pointwise_forces(State& s, Index first, Index last, 
 }
 
 template <class Real>
-typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(State& s, const double* u) const {
-  const auto places = [](const Places& p, Index block) {
-    return std::pair(static_cast<std::size_t>(p.offset[static_cast<std::size_t>(block)]),
-                     static_cast<std::size_t>(p.offset[static_cast<std::size_t>(block) + 1]));
-  };
-  // Means over the patches of each point of a block, of the values in s.at_patch.
+struct ProjectedKernel<Real>::OfBlock {
+  const ProjectedKernel& k;
+  State& s;
+  Index block, first, last;  // its points are [first, last)
   using Means = std::array<Real, points_per_block>;
-  const auto octets = [](Index first, Index last) { return std::pair(first / 8, (last + 7) / 8); };
-  const auto means = [&](Index block, Index first, Index last, Means& mean) {
-    const auto [o, end] = octets(first, last);
-    means_of_patches(octet_number_.data(), octet_weight_.data(), octet_offset_.data(),
-                     s.at_patch.data() + places(patches_of_block_, block).first, mean.data(), o, end);
-  };
-  const auto take = [&](Index block, const std::vector<Real>& patch) {
-    const auto [from, to] = places(patches_of_block_, block);
-    for (std::size_t k = from; k < to; ++k)
-      s.at_patch[k] = patch[static_cast<std::size_t>(patches_of_block_.member[k])];
-  };
-  const auto spread = [&](Index block, Index first, Index last, const LongVector<Real>& value) {
-    const auto [o, end] = octets(first, last);
-    const auto [from, to] = places(patches_of_block_, block);
-    std::fill_n(s.octet_sum.data() + 8 * from, 8 * (to - from), Real(0));
-    spread_to_patches(octet_number_.data(), octet_weight_.data(), octet_offset_.data(), value.data(),
-                      volume_.data(), s.octet_sum.data() + 8 * from, o, end);
-    for (std::size_t k = from; k < to; ++k) {
-      const Real* lane = s.octet_sum.data() + 8 * k;
-      const auto two = [&](int i) { return static_cast<double>(lane[i]) + static_cast<double>(lane[i + 4]); };
-      s.place_sum[k] = (two(0) + two(1)) + (two(2) + two(3));
-    }
-  };
-  const auto forces = [&](Index block, Index first, Index last) {
-    std::array<Columns, points_per_block> stress;
-    point_stresses(s, first, last, stress.data());
-    const auto [from, to] = places(nodes_of_block_, block);
-    std::fill_n(s.at_node.data() + 4 * from, 4 * (to - from), Real(0));
-    scatter(quad_.data(), point_offset_.data(), stress.data(), s.at_node.data() + 4 * from, first, last);
+  struct Range {
+    std::size_t from, to;
   };
 
-  over_blocks(s, [&](Index block, Index first, Index last) {
-    const auto [from, to] = places(nodes_of_block_, block);
-    for (std::size_t k = from; k < to; ++k)
+  Range range(const Places& p) const {
+    return {static_cast<std::size_t>(p.offset[static_cast<std::size_t>(block)]),
+            static_cast<std::size_t>(p.offset[static_cast<std::size_t>(block) + 1])};
+  }
+  Range points() const { return {static_cast<std::size_t>(first), static_cast<std::size_t>(last)}; }
+
+  // Displacements u [4xN] m of its nodes, their gradients, and the worst point; forces too where there are no
+  // patches.
+  void gradients_of(const double* u) const {
+    const auto [from, to] = range(k.nodes_of_block_);
+    for (std::size_t n = from; n < to; ++n)
       for (std::size_t i = 0; i < 4; ++i)
-        s.at_node[4 * k + i] =
-            static_cast<Real>(u[4 * static_cast<std::size_t>(nodes_of_block_.member[k]) + i]);
-    if (patches_ > 0)
-      gradients(quad_.data(), point_offset_.data(), s.at_node.data() + 4 * from, s.gradient.data(),
+        s.at_node[4 * n + i] =
+            static_cast<Real>(u[4 * static_cast<std::size_t>(k.nodes_of_block_.member[n]) + i]);
+    if (k.patches_ > 0)
+      gradients(k.quad_.data(), k.point_offset_.data(), s.at_node.data() + 4 * from, s.gradient.data(),
                 s.dilation.data(), first, last);
     else
-      pointwise_forces(s, first, last, from, to);
-    Sweep& sweep = s.block[static_cast<std::size_t>(block)] = Sweep{};
+      k.pointwise_forces(s, first, last, from, to);
+    s.block[static_cast<std::size_t>(block)] = worst();
+    if (k.variance_.empty()) return;
+    const auto blocks = static_cast<Index>(s.block.size());  // a part of the nodes each, for gather()
+    for (Index i = 4 * k.nodes_ * block / blocks; i < 4 * k.nodes_ * (block + 1) / blocks; ++i)
+      s.u[static_cast<std::size_t>(i)] = static_cast<Real>(u[i]);
+  }
+
+  Sweep worst() const {
+    Sweep sweep;
     std::array<Real, 8> least;
     sweep.finite = least_dilations(s.dilation.data(), least.data(), first, last);
     const Real smallest = *std::min_element(least.begin(), least.end());
@@ -496,46 +483,87 @@ typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(State&
     }
     if (!sweep.finite || smallest <= Real(-1))
       sweep.inverted = std::count_if(begin, end, [](Real e) { return e <= Real(-1); });
-    if (!variance_.empty()) {  // a part of the nodes each, for gather()
-      const auto blocks = static_cast<Index>(s.block.size());
-      for (Index k = 4 * nodes_ * block / blocks; k < 4 * nodes_ * (block + 1) / blocks; ++k)
-        s.u[static_cast<std::size_t>(k)] = static_cast<Real>(u[k]);
+    return sweep;
+  }
+
+  // Means over the patches of each point, of the values in s.at_patch.
+  void means_at_points(Means& mean) const {
+    means_of_patches(k.octet_number_.data(), k.octet_weight_.data(), k.octet_offset_.data(),
+                     s.at_patch.data() + range(k.patches_of_block_).from, mean.data(), first / 8,
+                     (last + 7) / 8);
+  }
+  void take(const std::vector<Real>& patch) const {
+    const auto [from, to] = range(k.patches_of_block_);
+    for (std::size_t p = from; p < to; ++p)
+      s.at_patch[p] = patch[static_cast<std::size_t>(k.patches_of_block_.member[p])];
+  }
+  // To the sums of its patches, of a value at each point.
+  void spread(const LongVector<Real>& value) const {
+    const auto [from, to] = range(k.patches_of_block_);
+    std::fill_n(s.octet_sum.data() + 8 * from, 8 * (to - from), Real(0));
+    spread_to_patches(k.octet_number_.data(), k.octet_weight_.data(), k.octet_offset_.data(), value.data(),
+                      k.volume_.data(), s.octet_sum.data() + 8 * from, first / 8, (last + 7) / 8);
+    for (std::size_t p = from; p < to; ++p) {
+      const Real* lane = s.octet_sum.data() + 8 * p;
+      const auto two = [&](int i) { return static_cast<double>(lane[i]) + static_cast<double>(lane[i + 4]); };
+      s.place_sum[p] = (two(0) + two(1)) + (two(2) + two(3));
     }
-    if (patches_ > 0) spread(block, first, last, s.dilation);
+  }
+
+  // From the volumes of its patches. Pressures that are unknowns of their own take the place of what the bulk
+  // modulus makes of the volume.
+  void pressures() const {
+    Means mean;
+    take(s.patch_dilation);
+    means_at_points(mean);
+    const auto [begin, end] = points();
+    for (std::size_t q = begin; q < end; ++q) {
+      const Real resolved = mean[q - begin], e = s.dilation[q] - resolved;
+      s.unresolved[q] = Real(2 * beta) * s.ks[q] * e * e * e;
+      s.pressure[q] = s.ks[q] * s.dilation[q] + s.bulk[q] * resolved + s.unresolved[q];
+    }
+    if (s.held.empty()) return;
+    const auto [from, to] = range(k.patches_of_block_);
+    for (std::size_t p = from; p < to; ++p) {
+      const auto b = static_cast<std::size_t>(k.patches_of_block_.member[p]);
+      s.at_patch[p] = s.held[b] - static_cast<Real>(s.patch_bulk[b]) * s.patch_dilation[b];
+    }
+    means_at_points(mean);
+    for (std::size_t q = begin; q < end; ++q) s.pressure[q] += mean[q - begin];
+  }
+
+  // The pressures less the patches' means of what no patch resolves; then the forces.
+  void forces() const {
+    Means mean;
+    take(s.patch_unresolved);
+    means_at_points(mean);
+    const auto [begin, end] = points();
+    for (std::size_t q = begin; q < end; ++q) s.pressure[q] -= mean[q - begin];
+    std::array<Columns, points_per_block> stress;
+    k.point_stresses(s, first, last, stress.data());
+    const auto [from, to] = range(k.nodes_of_block_);
+    std::fill_n(s.at_node.data() + 4 * from, 4 * (to - from), Real(0));
+    scatter(k.quad_.data(), k.point_offset_.data(), stress.data(), s.at_node.data() + 4 * from, first, last);
+  }
+};
+
+template <class Real>
+typename ProjectedKernel<Real>::Sweep ProjectedKernel<Real>::stress_sweep(State& s, const double* u) const {
+  over_blocks(s, [&](Index block, Index first, Index last) {
+    const OfBlock mine{*this, s, block, first, last};
+    mine.gradients_of(u);
+    if (patches_ > 0) mine.spread(s.dilation);
   });
   if (patches_ > 0) {
     sum_patches(s, s.patch_dilation);
     over_blocks(s, [&](Index block, Index first, Index last) {
-      Means mean;
-      take(block, s.patch_dilation);
-      means(block, first, last, mean);
-      for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q) {
-        const Real resolved = mean[q - static_cast<std::size_t>(first)], e = s.dilation[q] - resolved;
-        s.unresolved[q] = Real(2 * beta) * s.ks[q] * e * e * e;
-        s.pressure[q] = s.ks[q] * s.dilation[q] + s.bulk[q] * resolved + s.unresolved[q];
-      }
-      if (!s.held.empty()) {
-        // Pressures that are unknowns of their own take the place of what the bulk modulus makes of the
-        // volume.
-        const auto [from, to] = places(patches_of_block_, block);
-        for (std::size_t k = from; k < to; ++k) {
-          const auto b = static_cast<std::size_t>(patches_of_block_.member[k]);
-          s.at_patch[k] = s.held[b] - static_cast<Real>(s.patch_bulk[b]) * s.patch_dilation[b];
-        }
-        means(block, first, last, mean);
-        for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
-          s.pressure[q] += mean[q - static_cast<std::size_t>(first)];
-      }
-      spread(block, first, last, s.unresolved);
+      const OfBlock mine{*this, s, block, first, last};
+      mine.pressures();
+      mine.spread(s.unresolved);
     });
     sum_patches(s, s.patch_unresolved);
     over_blocks(s, [&](Index block, Index first, Index last) {
-      Means mean;
-      take(block, s.patch_unresolved);
-      means(block, first, last, mean);
-      for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
-        s.pressure[q] -= mean[q - static_cast<std::size_t>(first)];
-      forces(block, first, last);
+      OfBlock{*this, s, block, first, last}.forces();
     });
   }
   Sweep result;

@@ -184,6 +184,12 @@ class ProjectedKernel {
   std::vector<std::int32_t> slot_;  // [Q] of the point in its tissue's history
   std::vector<Index> points_of_tissue_;
 
+  struct OfBlock;  // what stress_sweep() does with the points of one block
+  void number_blocks(const CompressedRows& rows, Index members, Places& places,
+                     std::vector<std::int32_t>& local) const;
+  void lay_out_supports(const Model& model);
+  void lay_out_patches(const Model& model);
+  void lay_out_points(const Model& model);
   void pointwise_forces(State& s, Index first, Index last, std::size_t from, std::size_t to) const;
   // Every place of what past() lists, in its order.
   template <class OfState, class Visit>

@@ -101,7 +101,7 @@ struct Tally {
 
 // Draws of one curve. `near`: what counts as near enough, as a share.
 void tally(Tally& to, const Body& body, double depth_mm, const std::vector<double>& depth,
-           const std::vector<double>& truth, const std::vector<Sought>& sought, const UnitForces& model,
+           const std::vector<double>& truth, const std::vector<FitParameter>& sought, const UnitForces& model,
            double half_share, int draws) {
   const std::size_t which = sought.size();  // mu, or the number that is sought beside it
   const double true_value = which == 0 ? mu : alpha, near = which == 0 ? 0.02 : 0.10;
@@ -159,7 +159,7 @@ void study_exponent(const Body& body, double depth_mm, int draws, Tally& to) {
   };
   const std::vector<double> depth = depths_to(depth_mm), truth = truth_of(with(alpha), depth);
   Exponents exponents;
-  const Sought sought{
+  const FitParameter sought{
       .name = "alpha", .unit = "", .start = -4.7, .least = -2.0, .most = -14.0, .logarithmic = true};
   constexpr int knots = 9;
   for (int k = 0; k < knots; ++k) {

@@ -248,7 +248,7 @@ struct Plain : Body {
     Nodal v = u;
     Eigen::VectorXd l = lambda;
     if (depth == 0.0) {
-      first_guess(model, to * model.tool.push, v);
+      first_guess(model, model.tool.push, to, v);
     } else if (depth != depth_before) {
       const double share = std::clamp((to - depth) / (depth - depth_before), -2.0, 2.0);
       v += share * (u - before);
@@ -283,7 +283,7 @@ struct Dynamic : Body {
   LiveFrame follow(double to, std::int64_t evaluations) {
     MixedIteration::Inertia inertia{model.mass / (dt * dt), u + dt * v};
     Nodal next = inertia.about;
-    if (!begun && to > 0.0) first_guess(model, to * model.tool.push, next), begun = true;
+    if (!begun && to > 0.0) first_guess(model, model.tool.push, to, next), begun = true;
     if (!begun) return {};
     body.held().prescribe(next, to);
     Eigen::VectorXd l = lambda;

@@ -7,7 +7,7 @@
 
 #include "io/file.hpp"
 #include "io/table.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
@@ -17,12 +17,10 @@ using Json = nlohmann::json;
 using testing::HasSubstr;
 using testing::Not;
 
-class Compare : public testing::Test {
+class Compare : public InFolder {
  protected:
-  const fs::path folder = fresh_folder();
-
   void SetUp() override {
-    ASSERT_EQ(dimple(folder, "phantom body.nrrd --shape block --size 36,36,24 --spacing 3").code, 0);
+    good("phantom body.nrrd --shape block --size 36,36,24 --spacing 3");
     run("body.nrrd", "a", "");
   }
 

@@ -19,7 +19,7 @@
 
 #include "io/file.hpp"
 #include "io/table.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
@@ -31,18 +31,12 @@ using testing::HasSubstr;
 using testing::Not;
 using Words = std::vector<std::string>;
 
-class Files : public testing::Test {
+class Files : public InFolder {
  protected:
-  const fs::path folder = fresh_folder();
   const std::string few = " --nodes 300 --depth 1mm --frames 4 --band off -q --write ";
   const std::string fewer = " --nodes 300 --depth 1mm --frames 2 --band off -q --write ";
 
   Ran run(const std::string& arguments) const { return dimple(folder, arguments); }
-  Ran good(const std::string& arguments) const {
-    const Ran ran = run(arguments);
-    EXPECT_EQ(ran.code, 0) << arguments << '\n' << ran.err;
-    return ran;
-  }
   Ran by_shell(const std::string& script) const { return Program(folder, {"-c", script}, "/bin/sh").wait(); }
   void block() const { good("phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q"); }
   void write(const fs::path& name, const std::string& content) const {

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "io/table.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
@@ -16,17 +16,10 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 using testing::HasSubstr;
 
-class Fit : public testing::Test {
+class Fit : public InFolder {
  protected:
-  const fs::path folder = fresh_folder();
   const std::string block = std::string(DIMPLE_SAMPLE_DATA) + "/block_3mm.nrrd";
 
-  Ran good(const std::string& arguments) const {
-    SCOPED_TRACE("dimple " + arguments);
-    const Ran ran = dimple(folder, arguments);
-    EXPECT_EQ(ran.code, 0) << ran.err;
-    return ran;
-  }
   Json summary(const std::string& out) const { return Json::parse(text_of(folder / out / "summary.json")); }
 };
 

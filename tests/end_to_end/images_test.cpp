@@ -24,7 +24,7 @@
 #include <thread>
 
 #include "io/label_image.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
@@ -117,18 +117,10 @@ std::vector<Orientation> orientations() {
           {"sagittal", sagittal, ".nrrd"}};
 }
 
-class Images : public testing::Test {
+class Images : public InFolder {
  protected:
-  const fs::path folder = fresh_folder();
-
   Json summary(const std::string& out = "out") const {
     return Json::parse(text_of(folder / out / "summary.json"));
-  }
-  Ran good(const std::string& arguments) const {
-    SCOPED_TRACE("dimple " + arguments);
-    const Ran ran = dimple(folder, arguments);
-    EXPECT_EQ(ran.code, 0) << ran.err;
-    return ran;
   }
 
   /// A dome 50 mm wide and 26 mm high, whose flat side lies below, on an image with these axes; and beside it

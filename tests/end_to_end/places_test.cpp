@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <regex>
 
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
@@ -17,15 +17,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 using testing::HasSubstr;
 
-class Places : public testing::Test {
- protected:
-  const fs::path folder = fresh_folder();
-  Ran good(const std::string& words) const {
-    Ran ran = dimple(folder, words);
-    EXPECT_EQ(ran.code, 0) << words << "\n" << ran.err;
-    return ran;
-  }
-};
+class Places : public InFolder {};
 
 std::string coordinates(const Json& place) {
   const Json& x = place.at("centre_mm");

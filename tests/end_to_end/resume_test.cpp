@@ -11,7 +11,7 @@
 #include <random>
 #include <thread>
 
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
@@ -28,20 +28,14 @@ std::vector<std::string> words(const std::string& line) {
   return list;
 }
 
-class Resume : public testing::Test {
+class Resume : public InFolder {
  protected:
-  const fs::path folder = fresh_folder();
   // Some seconds: long enough to be interrupted.
   const std::string slow = "run brain.nrrd -o out --nodes 500 --depth 4mm --rate 0.02mm/s --frames 100 -q";
   const std::string quick = "run brain.nrrd -o out --nodes 400 --depth 0.5mm --frames 2 -q";
 
   void SetUp() override { ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3 -q").code, 0); }
 
-  Ran good(const std::string& arguments) const {
-    const Ran ran = dimple(folder, arguments);
-    EXPECT_EQ(ran.code, 0) << arguments << '\n' << ran.err;
-    return ran;
-  }
   void refused(int code, const std::string& arguments, const std::vector<std::string>& expected) const {
     const Ran ran = dimple(folder, arguments);
     EXPECT_EQ(ran.code, code) << arguments << '\n' << ran.err;

@@ -10,7 +10,7 @@
 
 #include "io/digits.hpp"
 #include "io/table.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 // What a person reads: on a terminal, in a log, in the help.
 
@@ -26,16 +26,7 @@ const std::vector<std::string> commands = {"phantom", "info",    "places",  "mod
                                            "batch",   "collect", "compare", "fit",       "export", "options",
                                            "cite",    "doctor",  "man",     "completion"};
 
-class Terminal : public testing::Test {
- protected:
-  const fs::path folder = fresh_folder();
-
-  Ran good(const std::string& arguments) const {
-    const Ran ran = dimple(folder, arguments);
-    EXPECT_EQ(ran.code, 0) << arguments << '\n' << ran.err;
-    return ran;
-  }
-};
+class Terminal : public InFolder {};
 
 std::vector<std::string> lines_of(const std::string& text) {
   std::vector<std::string> lines;

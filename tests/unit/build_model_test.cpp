@@ -85,6 +85,22 @@ TEST(BuildModel, RefusesASheetThatItsNodesCannotFollowAndSaysHowManyCan) {
   EXPECT_NO_THROW(discretise(layer, paper));
 }
 
+TEST(BuildModel, CloudsThatShareASiteAreThoseThatFindTheirOwn) {
+  const BodySurface body = cut_ellipsoid_surface({46.0, 31.0, 27.0}, -5.0, 60);
+  const Site site = find_site(body, options_for(300));
+  for (const Index nodes : {300, 500}) {
+    const Discretised own = discretise(body, options_for(nodes)),
+                      shared = discretise(body, options_for(nodes), {}, site);
+    EXPECT_EQ(shared.places.X, own.places.X);
+    EXPECT_EQ(shared.places.point, own.places.point);
+    EXPECT_EQ(shared.places.volume, own.places.volume);
+    EXPECT_EQ(shared.places.base, own.places.base);
+    EXPECT_EQ(shared.places.indenter, own.places.indenter);
+    EXPECT_EQ(shared.places.tool.centre, own.places.tool.centre);
+    EXPECT_EQ(shared.report.boundary.circle_reason, own.report.boundary.circle_reason);
+  }
+}
+
 TEST(BuildModel, RefusesMoreThanTheMemoryAtHandBeforeItBegins) {
   const BodySurface body = block_surface(Vec3(0, 0, 0), Vec3(50, 50, 30));
   rlimit limit{};

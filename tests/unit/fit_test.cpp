@@ -59,7 +59,7 @@ TEST(Fit, FindsAnExponentBesideTheModulusAndItsBandHoldsIt) {
   const std::vector<double> depth = depths(40);
   std::vector<double> truth = bent(depth, 4.7);
   for (double& f : truth) f *= 300.0;
-  const Sought alpha{
+  const FitParameter alpha{
       .name = "alpha", .unit = "", .start = 2.0, .least = 0.5, .most = 30.0, .logarithmic = true};
   const UnitForces model = [&](const std::vector<double>& numbers) { return bent(depth, numbers[0]); };
   const CurveFit exact = fit_curve(depth, truth, {alpha}, model);
@@ -78,8 +78,8 @@ TEST(Fit, FindsAnExponentBesideTheModulusAndItsBandHoldsIt) {
 TEST(Fit, SaysWhatACurveDoesNotDetermine) {
   const std::vector<double> depth = depths(20);
   std::vector<double> truth = bent(depth, 0.0);
-  const Sought unseen{.name = "g", .unit = "", .start = 0.5, .least = 0.01, .most = 0.99};
-  const Sought weak{
+  const FitParameter unseen{.name = "g", .unit = "", .start = 0.5, .least = 0.01, .most = 0.99};
+  const FitParameter weak{
       .name = "alpha", .unit = "", .start = 2.0, .least = 0.5, .most = 30.0, .logarithmic = true};
   CurveFit blind = fit_curve(depth, truth, {unseen}, [&](const auto&) { return truth; });
   EXPECT_THAT(settle(blind, true), testing::Contains(HasSubstr("does not determine g")));
@@ -93,7 +93,7 @@ TEST(Fit, SaysWhatACurveDoesNotDetermine) {
 TEST(Fit, NeverRunsTheModelMoreOftenThanItMay) {
   const std::vector<double> depth = depths(20), truth = bent(depth, 25.0);
   int runs = 0;
-  const Sought alpha{
+  const FitParameter alpha{
       .name = "alpha", .unit = "", .start = 0.6, .least = 0.5, .most = 30.0, .logarithmic = true};
   const CurveFit fit = fit_curve(
       depth, truth, {alpha},

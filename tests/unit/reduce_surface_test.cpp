@@ -3,9 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <set>
 
 #include "preprocess/surface/shapes.hpp"
+#include "preprocess/surface/surface_cells.hpp"
 
 namespace dimple {
 namespace {
@@ -84,6 +87,27 @@ TEST(ReducedSurface, LosesHalfAsMuchOfTheAreaWithFourTimesAsManyTriangles) {
   };
   EXPECT_LT(lost(4000), 0.5 * lost(1000));
   EXPECT_LT(lost(16000), 0.5 * lost(4000));
+}
+
+// By every triangle, not only by those near the vertex that stands for another.
+TEST(ReducedSurface, LiesAsNearToTheSurfaceAsItSays) {
+  EXPECT_EQ(whole().within_mm, 0.0);
+  double before = 0.0;
+  for (const Index most : {4000, 1000}) {
+    const ReducedSurface reduced = reduced_surface(dome(), tool, most);
+    double farthest = 0.0;
+    for (Index v = 0; v < dome().vertex_mm.cols(); v += 5) {
+      double nearest2 = std::numeric_limits<double>::infinity();
+      for (Index t = 0; t < reduced.triangles.cols(); ++t)
+        nearest2 = std::min(nearest2, distance2_to_triangle(dome().vertex_mm.col(v), corner(reduced, t, 0),
+                                                            corner(reduced, t, 1), corner(reduced, t, 2)));
+      farthest = std::max(farthest, std::sqrt(nearest2));
+    }
+    EXPECT_LE(farthest, reduced.within_mm) << most;
+    EXPECT_GT(reduced.within_mm, before) << "the fewer triangles the farther";
+    EXPECT_LT(reduced.within_mm, 6.0) << most;
+    before = reduced.within_mm;
+  }
 }
 
 TEST(ReducedSurface, IsFinerUnderTheTool) {

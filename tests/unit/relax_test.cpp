@@ -352,6 +352,20 @@ TEST(EveryMarch, OfABodyUnderGravityEndsAtTheForceOfItsEquilibrium) {
   }
 }
 
+// Where a tissue of Poisson's ratio 0 keeps the search from looking for pressures, none are held.
+TEST(EveryMarch, OfABodyUnderGravityFeelsTheVolumeOfATissueBesideOneThatHoldsNone) {
+  const Model model = averaged_block(4, 0.2, 1.8, [](const Vec3& x) { return x.z() > 10e-3 ? 1 : 0; });
+  const ForceSystem system(
+      model, Tissues{{neo_hookean(210.0, 0.49, 1000.0), neo_hookean(210.0, 0.0, 1000.0)}, model.label});
+  const Loading loading = {
+      .depth = 1e-3, .rate = 2e-3, .loads = {.gravity = Vec3(0.0, 0.0, -3.0), .pressure = {}}};
+  History still, waves;
+  solve(TimeMode::quasi_static, system, model, loading, {.frames = 4}, {}, still);
+  solve(TimeMode::explicit_, system, model, loading, {.damping = 30.0, .frames = 4}, {}, waves);
+  const double force = waves.force.back().force;
+  EXPECT_NEAR(still.force.back().force, force, 0.03 * force);
+}
+
 TEST(StiffnessRowSums, BoundTheStiffnessFromAbove) {
   // With row sums as masses no frequency exceeds sqrt(1) by much: the stable step is at least 2.
   const Model model = averaged_block();

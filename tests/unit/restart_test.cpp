@@ -21,12 +21,13 @@ struct Kept {
 struct Result {
   History history;
   std::vector<Kept> frame;
-  std::vector<std::pair<State, std::size_t>> state;  // with the number of frames before it
+  std::vector<std::pair<MarchState, std::size_t>> state;  // with the number of frames before it
 };
 
 /// `every`: how many steps lie between two states that are kept; 0: none is asked for.
 Result march(TimeMode by, const Model& model, const Tissues& tissues, Precision precision,
-             const Loading& loading, const SolverOptions& options, int every, const State* from = nullptr) {
+             const Loading& loading, const SolverOptions& options, int every,
+             const MarchState* from = nullptr) {
   const ForceSystem system(model, tissues, precision);
   ForceState forces(system);
   Result result;
@@ -37,7 +38,7 @@ Result march(TimeMode by, const Model& model, const Tissues& tissues, Precision 
                            },
                        .sample = {}};
   if (every > 0)
-    observer.between_steps = [&](const std::function<State()>& state) {
+    observer.between_steps = [&](const std::function<MarchState()>& state) {
       if (steps++ % every == 0) result.state.emplace_back(state(), result.frame.size());
     };
   solve(by, system, model, loading, options, observer, result.history, from);

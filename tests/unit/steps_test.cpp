@@ -22,11 +22,11 @@ struct Seen {
   std::vector<int> frame;
   std::vector<Vec3> aside;
   Nodal u;
-  std::optional<State> kept;
+  std::optional<MarchState> kept;
 };
 
 Seen march(const Model& model, const std::vector<Step>& steps, std::vector<HeldSet> further = {},
-           const State* from = nullptr, std::size_t keep_after = 0) {
+           const MarchState* from = nullptr, std::size_t keep_after = 0) {
   Seen seen;
   const ForceSystem forces(model, {{tissue}, model.tissue}, Precision::double_);
   Loading loading{.depth = 1e-3, .rate = 1e-3, .further = std::move(further), .steps = steps};
@@ -38,7 +38,7 @@ Seen march(const Model& model, const std::vector<Step>& steps, std::vector<HeldS
                           seen.u = f.u;
                         },
                     .between_steps =
-                        [&](const std::function<State()>& state) {
+                        [&](const std::function<MarchState()>& state) {
                           if (keep_after > 0 && ++passed == keep_after) seen.kept = state();
                         }};
   solve(TimeMode::quasi_static, forces, model, loading, {.frames = 4, .tolerance = 1e-6}, observer,

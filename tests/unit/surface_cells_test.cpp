@@ -102,6 +102,20 @@ TEST(SurfaceCells, NameTheNearestTriangleAmongTheirCandidates) {
   }
 }
 
+TEST(SurfaceCells, NameTheSameCandidatesWhateverWasAskedBefore) {
+  const Body body;
+  std::mt19937 random(5);
+  std::vector<Index> first, again, elsewhere;
+  for (int k = 0; k < 500; ++k) {
+    const Vec3 x = 2.0 * random_place(random);  // far outside of the grid too
+    const double near = body.cells.nearest(x, first);
+    EXPECT_NEAR(near, body.distance(x), 1e-9);
+    body.cells.nearest(random_place(random), elsewhere);
+    EXPECT_EQ(body.cells.nearest(x, again), near);
+    EXPECT_EQ(again, first);
+  }
+}
+
 TEST(SurfaceCells, SayWhatIsFartherThanADistance) {
   const Body body;
   std::mt19937 random(3);

@@ -64,7 +64,7 @@ TEST(Fields, OfALargeUniformStrainInATurnedFrameAreThoseOfTheLaw) {
   const Nodal u = testing_bodies::affine(model, F);
   Nodal f = u;
   forces.internal_force(u, f);
-  ResultWriter writer(folder, model, {.nodes = true, .points = true, .surface = false, .picture = false});
+  ResultWriter writer(folder, model, {.surface = false, .picture = false, .fine = true});
   writer.frame({0, 0.0, 0.0, u, f, forces});
   writer.finish_frames();
 
@@ -187,7 +187,7 @@ Pressed pressed(double cylinder_mm, double height_mm) {
   const Model model = build_model(cylinder_surface(cylinder_mm, height_mm), options).model;
   const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0), Precision::double_);
   History history;
-  ResultWriter writer(folder, model, {.nodes = true, .points = true, .surface = false, .picture = false});
+  ResultWriter writer(folder, model, {.surface = false, .picture = false, .fine = true});
   Observer observer;
   observer.frame = [&](const Frame& frame) { writer.frame(frame); };
   solve(TimeMode::quasi_static, system, model, {.depth = 1e-3 * depth_mm, .contact = Contact::frictionless},

@@ -47,7 +47,7 @@ Swing swing(double damping, Steps steps) {
   Model model = build_model(cylinder_surface(radius_mm, height_mm), options).model;
   model.indenter.clear();
   const ForceSystem system(model, tissue, Precision::double_);
-  State start;
+  MarchState start;
   const Index n = model.node_count();
   start.u = start.v = start.a = start.f = Nodal::Zero(4, n);
   Nodal mode = start.u;

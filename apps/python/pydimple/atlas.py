@@ -420,7 +420,7 @@ class Runner:
 
     def _computed(self, case, out):
         """None: stopped."""
-        command = [self.program, "run", case.image, "-o", str(out), *case.arguments(), "--write", "points", "--band", "off"]
+        command = [self.program, "run", case.image, "-o", str(out), *case.arguments(), "--write", "points,fine", "--band", "off"]
         command += ["--threads", "1", "--time-limit", f"{self.limit_s:g}s", "-q"]
         # A group of its own: a Ctrl-C is this process's, which ends it then.
         process = subprocess.Popen(

@@ -1,0 +1,24 @@
+#pragma once
+
+#include "preprocess/supports/surface_patch.hpp"
+#include "solver/terms/force_term.hpp"
+
+namespace dimple {
+
+/// A thin film that is bonded to a part of a body's surface: incompressible neo-Hookean tissue in plane
+/// stress, without bending.
+struct Membrane {
+  SurfacePatch patch;
+  double thickness = 0.0;      ///< at rest [m]
+  double shear_modulus = 0.0;  ///< [Pa]
+  double tension = 0.0;  ///< in all directions at rest [N/m], which the rest of the body does not feel there
+};
+
+/// Its energy, over the area A at rest of each triangle of the patch, which moves with the body's nodes:
+///
+///     A (h mu/2 (tr C + 1/det C - 3) + T/2 (tr C - 2)),   C = F^T F,  F [3x2] of the triangle's plane
+///
+/// For the preconditioner it is as stiff as its shear at rest, h mu + T.
+std::unique_ptr<ForceTerm> membrane(Membrane film);
+
+}  // namespace dimple
