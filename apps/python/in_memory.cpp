@@ -144,7 +144,7 @@ void members(Archive& io, T& surface) {
 
 template <class Archive, Like<Organ> T>
 void members(Archive& io, T& organ) {
-  auto& [options, labels, closed, closing, body, label_names] = organ;
+  auto& [options, labels, closed, closing, body, site, label_names] = organ;  // the site is found anew
   if constexpr (std::is_const_v<T>) {
     const BodySurface& s = body->surface;
     io(options, labels, closed, closing,
