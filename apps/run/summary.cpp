@@ -232,7 +232,7 @@ void add_loads_and_supports(Json& summary, const Result& result) {
                         {"pressure_Pa", pressures},
                         {"settled_mm", 1e3 * history.settled}};
   }
-  if (!result.loading.steps.empty()) summary["steps"] = steps_json(result);
+  if (!result.loading.steps.empty()) summary["scene"] = steps_json(result);
   for (std::size_t k = 0; k < result.on_support.size(); ++k) {
     const HeldSet& support = result.loading.further[k];
     const Vec3 force = result.on_support[k], moved = 1e3 * way_of_support(result, support);

@@ -284,6 +284,7 @@ Index nodes_to_explain(double facing_share) {
 }
 
 void check_explainable(const Config& config) {
+  require_no_steps(config, "--explain");
   if (config.scheme.name != Config{}.scheme.name)
     throw UsageError({.fact = "the comparisons of --explain need the converging scheme",
                       .where = "--explain and --scheme",
@@ -298,7 +299,6 @@ namespace {
 std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& given,
                                         const std::function<void(const std::string&)>& progress) {
   const Stopwatch whole;
-  require_no_steps(given, "--explain");
   Config config = given;
   config.accuracy = {};
   config.material.mu_spread_percent = 0.0;

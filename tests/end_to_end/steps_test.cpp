@@ -43,7 +43,7 @@ class SceneOfSteps : public testing::Test {
 
 // Steps are done in the order of their lines, whatever their names.
 constexpr const char* press_and_pull = R"([support.retractor]
-on = "20,0,0,8"
+on = "20,0,30,8"
 
 [step.second_press]
 move_mm = 2
@@ -56,14 +56,14 @@ move_mm = [1.5, 0, 0]
 TEST_F(SceneOfSteps, ATwoStepSceneRunsAndItsResolvedConfigurationRepeatsItToTheBit) {
   write_scene(press_and_pull);
   const Json summary = run(" --config scene.toml --write all");
-  ASSERT_EQ(summary["steps"].size(), 2u);
-  EXPECT_EQ(summary["steps"][0]["name"], "second_press");
-  EXPECT_EQ(summary["steps"][1]["moves"], "retractor");
-  EXPECT_NEAR(summary["steps"][0]["indentation_mm"].get<double>(), 2.0, 1e-9);
+  ASSERT_EQ(summary["scene"].size(), 2u);
+  EXPECT_EQ(summary["scene"][0]["name"], "second_press");
+  EXPECT_EQ(summary["scene"][1]["moves"], "retractor");
+  EXPECT_NEAR(summary["scene"][0]["indentation_mm"].get<double>(), 2.0, 1e-9);
   EXPECT_NEAR(summary["indentation_mm"].get<double>(), 2.0, 1e-9);
   EXPECT_NEAR(summary["supports"]["retractor"]["moved_mm"][0].get<double>(), 1.5, 1e-9);
-  EXPECT_EQ(summary["force_N"], summary["steps"][1]["force_N"]);
-  EXPECT_NE(summary["steps"][0]["force_N"], summary["steps"][1]["force_N"]);
+  EXPECT_EQ(summary["force_N"], summary["scene"][1]["force_N"]);
+  EXPECT_NE(summary["scene"][0]["force_N"], summary["scene"][1]["force_N"]);
   EXPECT_THAT(summary["band"]["unknown"].get<std::string>(), HasSubstr("once"));
   const Table curve = read_csv(folder / "out" / "force.csv");
   for (std::size_t k = 1; k < curve.column[0].size(); ++k)
@@ -84,7 +84,7 @@ TEST_F(SceneOfSteps, ThePushOfOneStepIsTheRunWithoutSteps) {
 
 TEST_F(SceneOfSteps, ADraggedToolIsPulledBack) {
   const Json summary = run(" --set step.press.move=2mm --set step.drag.move=1,0,0 --write all");
-  const auto on_tool = summary["steps"][1]["force_on_tool_N"].get<std::vector<double>>();
+  const auto on_tool = summary["scene"][1]["force_on_tool_N"].get<std::vector<double>>();
   EXPECT_LT(on_tool[0], -0.1 * std::abs(on_tool[2]));
   const Table curve = read_csv(folder / "out" / "force.csv");
   ASSERT_NE(curve.find("aside_x_mm"), nullptr);
@@ -108,10 +108,10 @@ TEST_F(SceneOfSteps, WhatMakesNoSceneIsRefusedInWords) {
   refused(all + " --set step.a.move=2 --compare horton2007", {"--compare", "steps"});
   refused(all + " --set step.a.move=2 --explain", {"--explain", "steps"});
   refused(
-      "run block.nrrd -o out --set support.r.on=20,0,0,8 --set support.r.move=1,0,0 --set step.a.move=2 -q",
+      "run block.nrrd -o out --set support.r.on=20,0,30,8 --set support.r.move=1,0,0 --set step.a.move=2 -q",
       {"support.r.move_mm", "one thing moves at a time"});
-  refused("export block.nrrd -o out --set step.a.move=2 -q", {"dimple export takes no steps"});
-  refused(all + " --set step.a.mvoe=2", {"step.a.mvoe", "move"});
+  refused("export block.nrrd -o out.inp --set step.a.move=2 -q", {"dimple export takes no steps"});
+  refused(all + " --set step.a.mvoe=2", {"step.a.mvoe"});
   EXPECT_FALSE(fs::exists(folder / "out" / "force.csv"));
 }
 
