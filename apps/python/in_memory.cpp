@@ -144,7 +144,7 @@ void members(Archive& io, T& surface) {
 
 template <class Archive, Like<Organ> T>
 void members(Archive& io, T& organ) {
-  auto& [options, labels, closed, closing, body, site, label_names] = organ;  // the site is found anew
+  auto& [options, labels, closed, closing, body, site, label_names] = organ;
   if constexpr (std::is_const_v<T>) {
     const BodySurface& s = body->surface;
     io(options, labels, closed, closing,
@@ -156,6 +156,7 @@ void members(Archive& io, T& organ) {
     BodySurface surface(std::move(from.vertex), std::move(from.triangles), from.to_world);
     surface.ends_with_image(std::move(from.image_ends));
     body = std::make_shared<const SegmentedBody>(SegmentedBody{std::move(surface), std::move(report)});
+    site = std::make_shared<const Site>(find_site(body->surface, options));
   }
 }
 

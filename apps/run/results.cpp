@@ -356,18 +356,17 @@ void ResultWriter::write_view(const Packing& frame) {
         {.name = "label", .unit = "", .values = label_, .type = Field::Type::int32});
   write_vtp(section_series_.next_frame(), section, frame.time_s);
   const Indenter& tool = model_.tool;
-  write_vtp(
-      tool_series_.next_frame(),
-      {.position_mm = places(tool_.position_mm.colwise() + 1e3 * (frame.depth * tool.push + frame.aside)),
-       .triangles = tool_.triangles,
-       .fields = {},
-       .facts = {fact("indentation_mm", "mm", number(1e3 * frame.depth)),
-                 fact("force_N", "N", number(frame.force)),
-                 fact("radius_mm", "mm", number(1e3 * tool.radius)),
-                 fact("centre_mm", "mm", 1e3 * tool.centre), fact("push", "", tool.push),
-                 fact("front", "", section_.front)},
-       .small = small},
-      frame.time_s);
+  write_vtp(tool_series_.next_frame(),
+            {.position_mm = tool_.position_mm.colwise() + 1e3 * (frame.depth * tool.push + frame.aside),
+             .triangles = tool_.triangles,
+             .fields = {},
+             .facts = {fact("indentation_mm", "mm", number(1e3 * frame.depth)),
+                       fact("force_N", "N", number(frame.force)),
+                       fact("radius_mm", "mm", number(1e3 * tool.radius)),
+                       fact("centre_mm", "mm", 1e3 * tool.centre), fact("push", "", tool.push),
+                       fact("front", "", section_.front)},
+             .small = small},
+            frame.time_s);
 }
 
 void ResultWriter::tables(const History& history, const Band& band, double spread) const {

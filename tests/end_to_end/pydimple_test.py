@@ -85,6 +85,24 @@ class LoadsAndSupports(InAFolder):
         alone.equilibrate(depth_mm=1)
         self.assertNotEqual(session.force_N, alone.force_N)
 
+    def test_steps_are_done_in_the_order_of_the_dictionary(self):
+        labels, to_lps = half_ellipsoid()
+        model = pydimple.build_model(labels, affine=to_lps, space="LPS", nodes=400)
+        steps = {"z_press": {"move_mm": 1}, "a_drag": {"move_mm": (0.5, 0, 0)}}
+        result = pydimple.solve(model, steps=steps, frames=2)
+        self.assertEqual([step["name"] for step in result.summary["scene"]], ["z_press", "a_drag"])
+        self.assertAlmostEqual(result.summary["indentation_mm"], 1.0, places=9)
+        self.assertLess(result.summary["force_on_tool_N"][0], 0)
+        error = self.raised(pydimple.UsageError, pydimple.solve, model, steps={"press": {"move_mm": (1, 2)}})
+        self.assertIn("2 numbers", error.fact)
+        error = self.raised(pydimple.UsageError, pydimple.Session, model, config=self.scene())
+        self.assertIn("no steps", error.fact)
+
+    def scene(self):
+        file = self.folder / "scene.toml"
+        file.write_text("[step.press]\nmove_mm = 1\n")
+        return file
+
     def test_a_support_that_is_refused_says_so_in_keywords(self):
         labels, to_lps = half_ellipsoid()
         model = pydimple.build_model(labels, affine=to_lps, space="LPS", nodes=400)
@@ -250,7 +268,7 @@ class Program(InAFolder):
             self.assertEqual(ours.band_low_N[-1], summary["band"]["low_N"])
             self.assertEqual(ours.band_high_N[-1], summary["band"]["high_N"])
             self.assertEqual(ours.band_unknown, "")
-            parts = {"parts_wall_s"}  # of the command, which writes files too
+            parts = {"parts_wall_s", "shown_surface"}  # of the command, which writes files too
             self.assertEqual(set(ours.summary) - parts, set(summary) - parts)
             self.assertEqual(ours.summary["image_sha256"], summary["image_sha256"])
         np.testing.assert_array_equal(in_memory.displacement_m, result.displacement_m)

@@ -89,8 +89,8 @@ TEST(ResultFiles, OpenInVtksOwnReadersAndLieOverTheLabels) {
       EXPECT_LT(bounds[2 * d + 1], box[2 * d + 1]);
     }
 
-    vtkNew<vtkXMLUnstructuredGridReader> points;
-    read(*points, folder / "out" / "points" / (std::string("points_") + frame + ".vtu"));
+    vtkNew<vtkXMLUnstructuredGridReader> points;  // of the last depth alone
+    read(*points, folder / "out" / "points" / "points_0000.vtu");
     expect_finite(points->GetOutput(), "displacement_mm", 3, "mm");
     expect_finite(points->GetOutput(), "cauchy_stress_Pa", 6, "Pa");
     expect_finite(points->GetOutput(), "von_mises_Pa", 1, "Pa");

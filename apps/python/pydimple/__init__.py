@@ -132,9 +132,9 @@ def _settings(where, config, named, options):
     return _core.Settings("" if config is None else os.fspath(config), given)
 
 
-def _named(tissue, pressures, supports):
+def _named(tissue, pressures, supports, steps=None):
     """Sections of options that have names of their own."""
-    return {"tissue": tissue, "load.pressure": pressures, "support": supports}
+    return {"tissue": tissue, "load.pressure": pressures, "support": supports, "step": steps}
 
 
 def _array(where, image):
@@ -229,22 +229,22 @@ def _places(text):
     return found
 
 
-def solve(model, *, config=None, tissue=None, pressures=None, supports=None, **options):
+def solve(model, *, config=None, tissue=None, pressures=None, supports=None, steps=None, **options):
     """The force curve of a model with its band.
 
     With an accuracy (``accuracy="2%"``, or a time for it, ``budget_s=60``) clouds of more and more nodes are made of the organ
     that the model is of, until the error is as small as that: the result, to the same bits, is that of `run` with the same
     accuracy, and `Result.model` is the cloud that was fine enough. The number of nodes of the model given does not count then.
     """
-    return _core.solve(model, _settings("solve", config, _named(tissue, pressures, supports), options))
+    return _core.solve(model, _settings("solve", config, _named(tissue, pressures, supports, steps), options))
 
 
 def run(
-    image, *, affine=None, space=None, out=None, overwrite=False, config=None, tissue=None, pressures=None, supports=None,
+    image, *, affine=None, space=None, out=None, overwrite=False, config=None, tissue=None, pressures=None, supports=None, steps=None,
     **options
 ):
     """From an image to the force curve with its band, as `dimple run` does: with the same options the same bits."""
-    settings, array = _with_image("run", image, affine, space, config, _named(tissue, pressures, supports), options)
+    settings, array = _with_image("run", image, affine, space, config, _named(tissue, pressures, supports, steps), options)
     if out is None:
         for keyword, value in options.items():
             if value is not None and _OPTIONS[keyword]["stage"] == "files":
@@ -425,6 +425,11 @@ pressures : dict, optional
     Pressures on parts of the surface, by names of your own: ``{"csf": {"pressure_Pa": 500, "on": "superior"}}``.
 """
 _LOADED = _COMMON + _PRESSURES + _SUPPORTS
+_STEPS = """\
+steps : dict, optional
+    What moves, one after the other, by names of your own and in their order: ``{"press": {"move_mm": 4}, "pull":
+    {"moves": "retractor", "move_mm": (3, 0, 0)}}``. One number moves the tool along its push; three are x, y, z in LPS.
+"""
 
 
 def _describe(function, where, before, returns, common=_COMMON):
@@ -450,7 +455,7 @@ def _describe(function, where, before, returns, common=_COMMON):
 
 _MODEL = "model : Model\n    Of `build_model`, or `Result.model`.\n"
 _describe(build_model, "build_model", _IMAGE, "Model", _COMMON + _SUPPORTS)
-_describe(solve, "solve", _MODEL, "Result", _LOADED)
+_describe(solve, "solve", _MODEL, "Result", _LOADED + _STEPS)
 _describe(
     usable_places,
     "usable_places",
@@ -459,7 +464,7 @@ _describe(
     "    ``against``: places looked at there, and reasons against how many of them; ``warnings`` of the image.",
     _CONFIG,
 )
-_describe(run, "run", _IMAGE + _OUT, "Result", _LOADED)
+_describe(run, "run", _IMAGE + _OUT, "Result", _LOADED + _STEPS)
 _describe(Session, "Session", _MODEL, "", _LOADED)
 _describe(Organ, "Organ", _IMAGE, "", _COMMON + _SUPPORTS)
 _describe(Organ.build_model, "Organ.build_model", "", "Model", "")

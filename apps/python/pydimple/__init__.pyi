@@ -41,6 +41,7 @@ def solve(
     tissue: _Tissue | None = None,
     pressures: _Named | None = None,
     supports: _Named | None = None,
+    steps: _Named | None = None,
     **options: Any,
 ) -> Result: ...
 def run(
@@ -54,6 +55,7 @@ def run(
     tissue: _Tissue | None = None,
     pressures: _Named | None = None,
     supports: _Named | None = None,
+    steps: _Named | None = None,
     **options: Any,
 ) -> Result: ...
 def limit_threads(count: int | None = None) -> None: ...
