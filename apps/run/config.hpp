@@ -75,7 +75,7 @@ struct Config {
     double thickness_mm = 0.0, mu_Pa = 0.0;  ///< of neo-Hookean tissue
     double tension_N_per_m = 0.0;            ///< at rest, in all directions
     std::string on = "all";                  ///< as of a pressure
-    std::string wrinkles = "no";             ///< where it is compressed, instead of bearing that
+    std::string wrinkles = "yes";            ///< where it is compressed, instead of bearing that
   };
   std::map<std::string, Film> membrane;
   /// A part of the body that is held beside the base, or moved beside the tool: [support.NAME]. The numbers

@@ -107,6 +107,7 @@ std::string in_words(const Membrane& film) {
   if (film.tension > 0.0)
     text += fmt::format("{} tension {} N/m; the body comes to rest under it first",
                         stiffness > 0.0 ? "," : "", three_digits(film.tension));
+  if (!film.wrinkles) text += ", bears compression";
   return text + fmt::format(", on {} mm2 of the surface", three_digits(1e6 * area_of(film.patch)));
 }
 

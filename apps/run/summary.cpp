@@ -230,6 +230,7 @@ void add_loads_and_supports(Json& summary, const Result& result) {
                                        {"mu_Pa", film.shear_modulus},
                                        {"stiffness_N_per_m", film.thickness * film.shear_modulus},
                                        {"tension_N_per_m", film.tension},
+                                       {"wrinkles", film.wrinkles},
                                        {"area_mm2", 1e6 * area_of(film.patch)}};
   if (const Loads& loads = result.loading.loads; loads.move_the_body()) {
     Json pressures = Json::object();

@@ -14,7 +14,10 @@ struct Membrane {
   SurfacePatch patch;
   double thickness = 0.0;      ///< at rest [m]
   double shear_modulus = 0.0;  ///< [Pa]
-  bool wrinkles = false;       ///< it bears no compression, but folds into wrinkles finer than any node
+  /// It bears no compression, but folds into wrinkles finer than any node. One that does buckles between the
+  /// nodes instead, as a film without bending must on soft tissue: beyond some 0.2 mu_tissue x spacing of
+  /// compression.
+  bool wrinkles = true;
   double tension = 0.0;  ///< in all directions at rest [N/m], which the rest of the body does not feel there
 };
 
