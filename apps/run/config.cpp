@@ -20,10 +20,9 @@
 namespace dimple {
 
 std::string without_unit(const Option& option) {
-  static const std::map<std::string, std::string> suffix = {{"mm", "_mm"},         {"Pa", "_Pa"},
-                                                            {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"},
-                                                            {"1/s", "_per_s"},     {"N/m", "_N_per_m"},
-                                                            {"s", "_s"}};
+  static const std::map<std::string, std::string> suffix = {
+      {"mm", "_mm"},       {"Pa", "_Pa"}, {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"}, {"1/s", "_per_s"},
+      {"N/m", "_N_per_m"}, {"s", "_s"}};
   const auto found = suffix.find(option.unit);
   if (found == suffix.end() || !option.key.ends_with(found->second)) return option.key;
   return option.key.substr(0, option.key.size() - found->second.size());

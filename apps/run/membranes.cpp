@@ -52,8 +52,8 @@ std::vector<Index> triangles_of(const std::string& name, const Config::Film& fil
     refuse(name, fmt::format("is on '{}'", film.on), where, "this names no part of the surface", remedy);
   std::vector<Index> chosen = triangles_on(*part, surface);
   if (chosen.empty() && !surface.empty())
-    refuse(name, fmt::format("on '{}' meets no part of the surface", film.on), where, "it would cover nothing",
-           remedy);
+    refuse(name, fmt::format("on '{}' meets no part of the surface", film.on), where,
+           "it would cover nothing", remedy);
   return chosen;
 }
 
@@ -65,8 +65,10 @@ void check_membranes(const Config& config) {
     triangles_of(name, film, {});
     const bool thick = film.thickness_mm > 0.0, stiff = film.mu_Pa > 0.0;
     if (thick != stiff || !(stiff || film.tension_N_per_m > 0.0))
-      refuse(name, thick == stiff ? "has neither stiffness nor tension" : thick ? "has no modulus"
-                                                                                : "has no thickness",
+      refuse(name,
+             thick == stiff ? "has neither stiffness nor tension"
+             : thick        ? "has no modulus"
+                            : "has no thickness",
              fmt::format("membrane.{}", name), "its stiffness is its thickness times its shear modulus",
              "give both, as in --membrane 0.1mm:400kPa, or a tension alone");
   }

@@ -1,4 +1,3 @@
-#include "apps/run/membranes.hpp"
 #include "apps/studies/peer_mesh.hpp"
 
 #include <fmt/format.h>
@@ -6,6 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/steps.hpp"
 #include "io/error.hpp"

@@ -427,10 +427,11 @@ struct MixedIteration::Parts {
     for (Index a = 0; a < z.cols(); ++a) z.col(a) += sliding * sliding.dot(normal.col(a) - z.col(a));
   }
 
-  // A membrane is stiff within its plane and hardly so across it, and a scalar matrix has one stiffness for both:
-  // A, stiff in all directions, would let a surface bend by a thousandth of what it gives. What a node's own
-  // stiffness leaves soft, Q = (1 + stiffness / soft_diagonal)^-1/2, is therefore moved as tissue alone besides:
-  // half of A^-1 + Q A_soft^-1 Q, where both splittings of a motion, stiff and soft, cost little.
+  // A membrane is stiff within its plane and hardly so across it, and a scalar matrix has one stiffness for
+  // both: A, stiff in all directions, would let a surface bend by a thousandth of what it gives. What a
+  // node's own stiffness leaves soft, Q = (1 + stiffness / soft_diagonal)^-1/2, is therefore moved as tissue
+  // alone besides: half of A^-1 + Q A_soft^-1 Q, where both splittings of a motion, stiff and soft, cost
+  // little.
   void laplacian_solve(const Nodal& r, Nodal& z) {
     solve_with(across, along, r, z);
     if (soft_part.cols() == 0) return;

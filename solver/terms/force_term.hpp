@@ -42,8 +42,8 @@ class ForceTerm {
   virtual void add_stiffness_bound(StiffnessBound&) const {}
   /// At u, of StiffnessBound::directed alone.
   virtual void add_node_stiffness(const Nodal&, NodeStiffness&) const {}
-  /// Whether it acts from outside, as gravity does. Such forces are a measure of what is left unbalanced; those
-  /// within the body, as its tissue's, are not.
+  /// Whether it acts from outside, as gravity does. Such forces are a measure of what is left unbalanced;
+  /// those within the body, as its tissue's, are not.
   virtual bool is_load() const { return true; }
   /// u ends a step.
   virtual void accept(const Nodal&, const Instant&) {}

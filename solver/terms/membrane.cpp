@@ -85,8 +85,8 @@ class Film : public ForceTerm {
     for (const auto& [ends, value] : nodes) bound.directed.push_back({ends.first, ends.second, value});
   }
 
-  // In its plane as in add_stiffness_bound(), out of it what its stress S holds it with, A G.S G: a taut film is
-  // stiff there too.
+  // In its plane as in add_stiffness_bound(), out of it what its stress S holds it with, A G.S G: a taut film
+  // is stiff there too.
   void add_node_stiffness(const Nodal& u, NodeStiffness& sum) const override {
     const Points corner = moved(u);
     const auto& [rows, weight] = film_.patch.at_corner;
@@ -103,7 +103,8 @@ class Film : public ForceTerm {
         const Eigen::Vector2d of_corner = i == 0 ? Eigen::Vector2d(-mine.to_rest.colwise().sum())
                                                  : Eigen::Vector2d(mine.to_rest.row(i - 1));
         for (int r = rows.offset[t[i]]; r < rows.offset[t[i] + 1]; ++r)
-          gradient.try_emplace(rows.member[r], Eigen::Vector2d::Zero()).first->second += weight[r] * of_corner;
+          gradient.try_emplace(rows.member[r], Eigen::Vector2d::Zero()).first->second +=
+              weight[r] * of_corner;
       }
       for (const auto& [a, G] : gradient) {
         const double within = mine.area * shear * G.squaredNorm(),
@@ -125,8 +126,8 @@ class Film : public ForceTerm {
   Membrane film_;
   std::vector<Triangle> triangle_;
 
-  // How a film that wrinkles is stretched: along `way` alone where it is shorter across than a strip of it would
-  // be, not at all where it is shorter in all directions.
+  // How a film that wrinkles is stretched: along `way` alone where it is shorter across than a strip of it
+  // would be, not at all where it is shorter in all directions.
   enum class Taut { in_all_directions, in_one, nowhere };
   struct Stretched {
     Taut taut = Taut::in_all_directions;

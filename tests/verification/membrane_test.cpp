@@ -83,38 +83,37 @@ TEST(Membrane, StretchedOneWayKeepsItsVolumeAndPullsByItsLaw) {
 TEST(Membrane, HasTheForceThatIsTheDerivativeOfItsEnergyAndTurnsWithTheBody) {
   const Model& model = block_model();
   for (const bool wrinkles : {false, true}) {
-  SCOPED_TRACE(wrinkles);
-  Membrane film = film_on(model, 3.0);
-  film.wrinkles = wrinkles;
-  const auto term = membrane(film);
-  Nodal u = Nodal::Zero(4, model.node_count()), way = u, f = u;
-  for (Index a = 0; a < model.node_count(); ++a) {
-    const Vec3 X = model.X.col(a) * 100.0;
-    u.col(a).head<3>() = 1e-3 * Vec3(X.x() * X.y(), std::sin(2.0 * X.y()), X.z() * X.x());
-    way.col(a).head<3>() = Vec3(X.y() * X.z(), std::sin(2.0 * X.z()), X.x() - X.y());
-  }
-  term->add_force(u, {}, f);
-  const double e = 1e-7;
-  const double slope = (term->energy(u + e * way, {}) - term->energy(u - e * way, {})) / (2.0 * e);
-  EXPECT_NEAR(f.cwiseProduct(way).sum(), slope, 1e-6 * std::abs(slope));
-  EXPECT_LT(f.rowwise().sum().norm(), 1e-9 * f.norm()) << "it pushes the body nowhere";
-  const Mat3 R = Eigen::AngleAxisd(0.7, Vec3(1.0, 2.0, -1.0).normalized()).toRotationMatrix();
-  EXPECT_NEAR(term->energy(linear(model, R - Mat3::Identity()), {}), 0.0, 1e-12);
-  Nodal turned = linear(model, R - Mat3::Identity()), force = Nodal::Zero(4, model.node_count());
-  turned.topRows<3>() += R * u.topRows<3>();
-  term->add_force(turned, {}, force);
-  EXPECT_LT((force.topRows<3>() - R * f.topRows<3>()).norm(), 1e-9 * f.norm());
+    SCOPED_TRACE(wrinkles);
+    Membrane film = film_on(model, 3.0);
+    film.wrinkles = wrinkles;
+    const auto term = membrane(film);
+    Nodal u = Nodal::Zero(4, model.node_count()), way = u, f = u;
+    for (Index a = 0; a < model.node_count(); ++a) {
+      const Vec3 X = model.X.col(a) * 100.0;
+      u.col(a).head<3>() = 1e-3 * Vec3(X.x() * X.y(), std::sin(2.0 * X.y()), X.z() * X.x());
+      way.col(a).head<3>() = Vec3(X.y() * X.z(), std::sin(2.0 * X.z()), X.x() - X.y());
+    }
+    term->add_force(u, {}, f);
+    const double e = 1e-7;
+    const double slope = (term->energy(u + e * way, {}) - term->energy(u - e * way, {})) / (2.0 * e);
+    EXPECT_NEAR(f.cwiseProduct(way).sum(), slope, 1e-6 * std::abs(slope));
+    EXPECT_LT(f.rowwise().sum().norm(), 1e-9 * f.norm()) << "it pushes the body nowhere";
+    const Mat3 R = Eigen::AngleAxisd(0.7, Vec3(1.0, 2.0, -1.0).normalized()).toRotationMatrix();
+    EXPECT_NEAR(term->energy(linear(model, R - Mat3::Identity()), {}), 0.0, 1e-12);
+    Nodal turned = linear(model, R - Mat3::Identity()), force = Nodal::Zero(4, model.node_count());
+    turned.topRows<3>() += R * u.topRows<3>();
+    term->add_force(turned, {}, force);
+    EXPECT_LT((force.topRows<3>() - R * f.topRows<3>()).norm(), 1e-9 * f.norm());
   }
 }
 
-// Of a film that is stretched as the body is, F, its two invariants follow from F and the normal at rest alone:
-// tr C = |F|^2 - |F n|^2, det C = (det F |F^-T n|)^2.
+// Of a film that is stretched as the body is, F, its two invariants follow from F and the normal at rest
+// alone: tr C = |F|^2 - |F n|^2, det C = (det F |F^-T n|)^2.
 TEST(Membrane, OnACurvedBodyHasTheEnergyOfTheStretchInEachPlaceOfItsSurface) {
   ModelOptions options;
   options.cloud.count = 1200;
   options.boundary.indenter_diameter_mm = 10.0;
-  const Model model =
-      build_model(cut_ellipsoid_surface(Vec3(30.0, 24.0, 20.0), -8.0), options).model;
+  const Model model = build_model(cut_ellipsoid_surface(Vec3(30.0, 24.0, 20.0), -8.0), options).model;
   const Membrane film = film_on(model, 3.0);
   const auto term = membrane(film);
   Mat3 F = Vec3(1.25, 0.9, 1.05).asDiagonal();
@@ -124,8 +123,7 @@ TEST(Membrane, OnACurvedBodyHasTheEnergyOfTheStretchInEachPlaceOfItsSurface) {
   double exact = 0.0;
   for (const auto& t : film.patch.triangles.colwise()) {
     const Vec3 a = film.patch.corner.col(t[0]);
-    const Vec3 twice =
-        (Vec3(film.patch.corner.col(t[1])) - a).cross(Vec3(film.patch.corner.col(t[2])) - a);
+    const Vec3 twice = (Vec3(film.patch.corner.col(t[1])) - a).cross(Vec3(film.patch.corner.col(t[2])) - a);
     const Vec3 n = twice.normalized();
     const double trace = F.squaredNorm() - (F * n).squaredNorm(), det = (to_normal * n).squaredNorm();
     exact += 0.5 * twice.norm() *
@@ -149,12 +147,12 @@ TEST(Membrane, ThatWrinklesBearsTensionAlone) {
   term->add_force(at(Vec3(0.9, 0.8, 0.95)), {}, f);
   EXPECT_EQ(f.norm(), 0.0);
   EXPECT_EQ(term->energy(at(Vec3(0.9, 0.8, 0.95)), {}), 0.0);
-  // Across by less than a strip contracts by itself, 1.3^-1/2 = 0.877, on all faces along x; not on those along
-  // y and z, which are short in both directions.
+  // Across by less than a strip contracts by itself, 1.3^-1/2 = 0.877, on all faces along x; not on those
+  // along y and z, which are short in both directions.
   const double strip = 0.5 * mu_h * (1.3 * 1.3 + 2.0 / 1.3 - 3.0);
   const double along_x = 2.0 * (30e-3 * 30e-3 + 30e-3 * 20e-3);
   EXPECT_NEAR(term->energy(at(Vec3(1.3, 0.7, 0.8)), {}), along_x * strip, 1e-9 * strip * along_x);
-  // Taut, it wrinkles where it is narrower than a strip of it, a l^3 w^4 l^-1 = mu h with a = mu h + T; its energy
+  // Taut, it wrinkles where it is narrower than a strip of it, (mu h + T) l^2 w^4 = mu h; its energy
   // has no jump there.
   Membrane taut = film_on(model, 20.0);
   taut.wrinkles = true;
@@ -162,7 +160,8 @@ TEST(Membrane, ThatWrinklesBearsTensionAlone) {
   const double width = std::pow(mu_h / ((mu_h + 20.0) * 1.3 * 1.3), 0.25);
   const auto narrow = [&](double w) { return skin->energy(at(Vec3(1.3, w, 1.3)), {}); };
   EXPECT_NEAR(narrow(width - 1e-6), narrow(width + 1e-6), 1e-9 * narrow(width));
-  EXPECT_EQ(narrow(width - 0.02), narrow(width - 0.2)) << "faces across z are strips then, as are those across x";
+  EXPECT_EQ(narrow(width - 0.02), narrow(width - 0.2))
+      << "faces across z are strips then, as are those across x";
   EXPECT_GT(narrow(width + 0.02), narrow(width));
   const auto full = membrane(film_on(model));
   EXPECT_NEAR(term->energy(at(Vec3(1.3, 1.1, 1.2)), {}), full->energy(at(Vec3(1.3, 1.1, 1.2)), {}),
@@ -199,7 +198,8 @@ TEST(Membrane, IsAtRestNoStifferThanFourTimesWhatThePreconditionerTakesItFor) {
 
 // What a tool of 10 mm feels at `depth` on a block of tissue under a film, from the iteration for equilibria
 // itself; negative: none was found.
-double force_under(const Model& model, const Membrane* film, double depth, Contact contact = Contact::bonded) {
+double force_under(const Model& model, const Membrane* film, double depth,
+                   Contact contact = Contact::bonded) {
   const ForceSystem tissue(model, neo_hookean(210.0, 0.499, 1000.0));
   ForceTerms terms;
   if (film) terms.push_back(membrane(*film));
@@ -273,8 +273,8 @@ TEST(Membrane, ThatBearsCompressionResistsALittleMoreThanOneThatWrinkles) {
   EXPECT_LT(bears, 1.05 * wrinkles);
 }
 
-// A body of nu = 0.5 that is large beside the tool moves its surface nowhere along itself when it is pressed a
-// little: a bonded film that is not taut feels nothing of that. Deeper it is stretched.
+// A body of nu = 0.5 that is large beside the tool moves its surface nowhere along itself when it is pressed
+// a little: a bonded film that is not taut feels nothing of that. Deeper it is stretched.
 TEST(Membrane, OnALargeIncompressibleBodyIsFeltByADeepPushAndHardlyByAShallowOne) {
   ModelOptions options;
   options.cloud.count = 1500;
@@ -294,8 +294,7 @@ TEST(Membrane, OnALargeIncompressibleBodyIsFeltByADeepPushAndHardlyByAShallowOne
 // A taut film that is held at its rim, far away from the load.
 class HeldAtItsRim : public ForceTerm {
  public:
-  HeldAtItsRim(const Membrane& film, Index nodes)
-      : film_(membrane(film)), at_rest_(Nodal::Zero(4, nodes)) {
+  HeldAtItsRim(const Membrane& film, Index nodes) : film_(membrane(film)), at_rest_(Nodal::Zero(4, nodes)) {
     const Nodal rest = at_rest_;
     film_->add_force(rest, {}, at_rest_);
   }
@@ -326,18 +325,17 @@ Nodal pressed(const Model& model, const SurfacePatch& patch, const Vec3& middle,
     if (((a + b + d) / 3.0 - middle).norm() > c) continue;
     const double own = 0.5 * (b - a).cross(d - a).norm();
     area += own;
-    for (int k = rows.offset[t]; k < rows.offset[t + 1]; ++k)
-      force(2, rows.member[k]) -= weight[k] * q * own;
+    for (int k = rows.offset[t]; k < rows.offset[t + 1]; ++k) force(2, rows.member[k]) -= weight[k] * q * own;
   }
   const double all = std::numbers::pi * c * c;
   EXPECT_NEAR(area, all, 0.05 * all);
   return force * (all / area);
 }
 
-// Under a pressure q in a circle of radius c on a half-space of nu = 0.5 whose surface has a tension T the middle
-// sinks by w = q c / (2 mu) int_0^inf e^-s (sqrt(1 + eta^2 s^2) - eta s) ds, eta = T / (2 mu c). This body is held
-// from 14 c on, which takes about the same off w for all eta: what the tension bears is compared, the difference to
-// w without it. With 6000 nodes it is within 1.5 % of the closed form, with 3000 within 3 %.
+// Under a pressure q in a circle of radius c on a half-space of nu = 0.5 whose surface has a tension T the
+// middle sinks by w = q c / (2 mu) int_0^inf e^-s (sqrt(1 + eta^2 s^2) - eta s) ds, eta = T / (2 mu c). This
+// body is held from 14 c on, which takes about the same off w for all eta: what the tension bears is
+// compared, the difference to w without it.
 TEST(Membrane, TautOnAHalfSpaceBearsOfAPressureWhatItsClosedFormSays) {
   ModelOptions options;
   options.cloud.count = 3000;
@@ -357,8 +355,8 @@ TEST(Membrane, TautOnAHalfSpaceBearsOfAPressureWhatItsClosedFormSays) {
     ForceTerms terms;
     terms.push_back(dead_load(pressed(model, patch, middle, c, q)));
     if (eta > 0.0)
-      terms.push_back(std::make_unique<HeldAtItsRim>(
-          Membrane{.patch = patch, .tension = eta * 2.0 * mu * c}, model.node_count()));
+      terms.push_back(std::make_unique<HeldAtItsRim>(Membrane{.patch = patch, .tension = eta * 2.0 * mu * c},
+                                                     model.node_count()));
     System body(tissue, model, Constraints(model.node_count(), {held}), std::move(terms));
     Nodal u = Nodal::Zero(4, model.node_count()), f = u;
     body.set({}, u);
@@ -370,7 +368,11 @@ TEST(Membrane, TautOnAHalfSpaceBearsOfAPressureWhatItsClosedFormSays) {
   EXPECT_NEAR(bare, 1.0, 0.1);
   const std::vector<std::pair<double, double>> sunk = {
       {0.1, 0.90973}, {0.5, 0.68406}, {1.0, 0.53886}, {2.0, 0.39334}};
-  for (const auto& [eta, w] : sunk) EXPECT_NEAR((bare - sinks(eta)) / (1.0 - w), 1.0, 0.03) << eta;
+  for (const auto& [eta, w] : sunk) {
+    const double borne = (bare - sinks(eta)) / (1.0 - w);
+    RecordProperty("borne_" + std::to_string(static_cast<int>(10 * eta)), std::to_string(borne));
+    EXPECT_NEAR(borne, 1.0, 0.03) << eta;
+  }
 }
 
 }  // namespace
