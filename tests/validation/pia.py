@@ -3,7 +3,7 @@
     tests/validation/pia.py build/release/dimple tests/verification/results/pia
 
 Each film is 0.1 mm thick, wrinkles, and covers all of the organ; the tool is bonded. Writes pia.csv, and the panels
-that tests/bench/draw.py makes pia.svg and pia.png of, which it starts. Some ten minutes with two threads.
+that tests/bench/draw.py makes pia.svg and pia.png of, which it starts (matplotlib). Some ten minutes with two threads.
 """
 
 import csv
@@ -45,6 +45,7 @@ def panel(curves, nodes):
         "subtitle": ["mu 210 Pa; the film's thickness x shear modulus is the curve's name"],
         "x_label": "indentation [mm]",
         "y_label": "force [mN]",
+        "y_range": [0, 350],
         "log_x": False,
         "log_y": False,
         "lines": [],
@@ -65,7 +66,7 @@ def main(program, file):
                 curves[nodes, stiffness] = points
                 status = summary["status"] if summary["status"] == "finished" else summary["failure"]["code"]
                 for depth, force in points:
-                    rows.writerow([nodes, stiffness, f"{depth:.4f}", f"{force:.6g}", status])
+                    rows.writerow([nodes, stiffness, f"{depth:.4f}", f"{round(force, 7) + 0.0:.7f}", status])
                 table.flush()
                 print(nodes, stiffness, status, points[-1:], flush=True)
     draw = pathlib.Path(__file__).parent.parent / "bench" / "draw.py"
