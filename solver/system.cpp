@@ -24,7 +24,7 @@ void System::set(const Instant& now, Nodal& u) {
 
 void System::add_terms(const Nodal& u, Nodal& f) {
   load_.setZero(4, u.cols());
-  for (const auto& term : terms_) term->add_force(u, now_, load_);
+  for (const auto& term : terms_) term->add_force(u, now_, term->is_load() ? load_ : f);
   f += load_;
 }
 
@@ -60,6 +60,12 @@ StiffnessBound System::stiffness_bound() const {
   bound.node = Eigen::VectorXd::Zero(model_.node_count());
   for (const auto& term : terms_) term->add_stiffness_bound(bound);
   return bound;
+}
+
+NodeStiffness System::node_stiffness(const Nodal& u) const {
+  NodeStiffness sum = NodeStiffness::Zero(9, u.cols());
+  for (const auto& term : terms_) term->add_node_stiffness(u, sum);
+  return sum;
 }
 
 Wrench System::on_tool(const Nodal& u, const Nodal& f) const {
@@ -175,7 +181,9 @@ Rest settled(System& system, double tolerance) {
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
                                     const std::vector<HeldSet>& further, const Loads& loads,
                                     double tolerance) {
-  if (loads.none()) return std::make_unique<System>(tissue, model, make_constraints(model, contact, further));
+  if (!loads.move_the_body())
+    return std::make_unique<System>(tissue, model, make_constraints(model, contact, further),
+                                    make_terms(model, loads));
   std::vector<HeldSet> still;  // those that move have not come yet, as the tool has not
   std::copy_if(further.begin(), further.end(), std::back_inserter(still),
                [](const HeldSet& s) { return s.share == 0.0; });

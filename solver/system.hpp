@@ -60,7 +60,7 @@ class System {
   /// The same where a search for equilibrium is, which holds the patches' pressures `lambda`, see Rest, if it
   /// looks for any.
   Sweep force_at(const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f);
-  /// The sum of the tissue's forces in f, which is nothing but for rounding.
+  /// The sum of the forces in f that act within the body, which is nothing but for rounding.
   double sum_of_tissue(const Nodal& f) const {
     const Eigen::Vector4d all = f.rowwise().sum();
     return load_.cols() > 0 ? (all - load_.rowwise().sum()).norm() : all.norm();
@@ -77,6 +77,7 @@ class System {
   }
   StoredEnergy stored_energy(const Nodal& u);
   StiffnessBound stiffness_bound() const;
+  NodeStiffness node_stiffness(const Nodal& u) const;
   /// [N] of the loads at the last force() on node a.
   double load_on(Index a) const { return load_.cols() > 0 ? load_.col(a).norm() : 0.0; }
   /// Of the loads at the last force(), times u [J].

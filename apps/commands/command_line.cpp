@@ -140,9 +140,10 @@ const std::vector<NotModelled>& not_modelled() {
       {{"--cut", "--cutting", "--incision", "--tear", "--fracture"},
        "cutting and tearing are not modelled: the tissue stays in one piece",
        "a cut that is open already in the image"},
-      {{"--membrane", "--skin", "--pia", "--shell", "--capsule"},
-       "a membrane around the organ is not modelled: the surface is free tissue",
-       "a label for its layer with a stiffness of its own, --set tissue.LABEL.mu=3kPa"}};
+      {{"--skin", "--pia", "--shell", "--capsule"},
+       "a shell that bends is not modelled: a film on the organ resists stretching alone",
+       "--membrane 0.1mm:400kPa, or a label for its layer with a stiffness of its own, --set "
+       "tissue.LABEL.mu=3kPa"}};
   return list;
 }
 

@@ -19,6 +19,12 @@ void members(Archive& io, T& pressure) {
   io(pressure_Pa, on, follows);
 }
 
+template <class Archive, Like<Config::Film> T>
+void members(Archive& io, T& film) {
+  auto& [thickness_mm, mu_Pa, tension_N_per_m, on, wrinkles] = film;
+  io(thickness_mm, mu_Pa, tension_N_per_m, on, wrinkles);
+}
+
 template <class Archive, Like<Config::Held> T>
 void members(Archive& io, T& held) {
   auto& [on, hold, move_mm] = held;
@@ -35,7 +41,7 @@ template <class Archive, Like<Config> T>
 void members(Archive& io, T& config) {
   Config all = config;
   for (const Option& option : options_of(all)) std::visit([&](auto* value) { io(*value); }, option.value);
-  io(all.tissue, all.pressure, all.held, all.step, all.source);
+  io(all.tissue, all.pressure, all.membrane, all.held, all.step, all.source);
   if constexpr (!std::is_const_v<T>) config = std::move(all);
 }
 

@@ -23,6 +23,7 @@
 #include "apps/run/compare.hpp"
 #include "apps/run/live.hpp"
 #include "apps/run/loads.hpp"
+#include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/places.hpp"
 #include "apps/run/record.hpp"
@@ -523,6 +524,7 @@ class LiveSession {
     session_ = computing([&] {
       const Config config = settings.config();
       require_no_steps(config, "a Session");
+      require_no_membranes(config, "a Session");
       const std::vector<Material> materials = materials_of(config);
       check_materials(materials, built.model.scheme);
       const TissueOptions tissues = tissues_of(config, built.label_names, built.model);

@@ -44,6 +44,7 @@ std::string no_band(const Config& config) {
   if (config.load.contact != usual.load.contact)
     return "it was measured for a circle to which the tissue is bonded";
   if (has_loads(config)) return "it was measured for bodies that bear no load but the tool's";
+  if (has_membranes(config)) return "it was measured for bodies without a membrane";
   if (!config.step.empty()) return "it was measured for a tool that is pushed straight in, once";
   if (!has_tool_alone(config)) return "it was measured for bodies that nothing holds but their base";
   if (const std::string none = no_band(materials_of(config)); !none.empty()) return none;

@@ -20,9 +20,9 @@
 namespace dimple {
 
 std::string without_unit(const Option& option) {
-  static const std::map<std::string, std::string> suffix = {{"mm", "_mm"},         {"Pa", "_Pa"},
-                                                            {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"},
-                                                            {"1/s", "_per_s"},     {"s", "_s"}};
+  static const std::map<std::string, std::string> suffix = {
+      {"mm", "_mm"},       {"Pa", "_Pa"}, {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"}, {"1/s", "_per_s"},
+      {"N/m", "_N_per_m"}, {"s", "_s"}};
   const auto found = suffix.find(option.unit);
   if (found == suffix.end() || !option.key.ends_with(found->second)) return option.key;
   return option.key.substr(0, option.key.size() - found->second.size());
@@ -42,6 +42,7 @@ const std::map<std::string, std::map<std::string, double>>& unit_table() {
       {"s", {{"s", 1.0}, {"ms", 1e-3}, {"min", 60.0}, {"h", 3600.0}}},
       {"%", {{"%", 1.0}}},
       {"N", {{"N", 1.0}, {"mN", 1e-3}, {"uN", 1e-6}}},
+      {"N/m", {{"N/m", 1.0}, {"mN/m", 1e-3}}},
   };
   return table;
 }
@@ -358,6 +359,19 @@ std::vector<Option> options_of(Config& c) {
        "rest under it "
        "before the tool touches",
        &c.load.gravity, 0, 0, false, any, "solve", false, words_for("none")},
+      {"load.membrane",
+       "--membrane",
+       "",
+       "a thin film bonded to all of the surface, as a pia or a capsule: thickness:shear modulus, such as "
+       "0.1mm:400kPa; none",
+       &c.load.membrane,
+       0,
+       0,
+       false,
+       any,
+       "solve",
+       false,
+       {"none"}},
       {"solver.safety", "--safety", "", "time step as a fraction of the longest stable one", &c.solver.safety,
        0, 2, true, any, "solve"},
       {"solver.damping_per_s", "--damping", "1/s", "mass-proportional damping", &c.solver.damping_per_s, 0,
@@ -480,6 +494,30 @@ std::vector<Option> options_of(Config::Pressure& p) {
        "solve"}};
 }
 
+std::vector<Option> options_of(Config::Film& m) {
+  const std::vector<std::string> any = {};
+  return {
+      {"membrane.thickness_mm", "", "mm", "thickness", &m.thickness_mm, 0, 1000, false, any, "solve"},
+      {"membrane.mu_Pa", "", "Pa", "shear modulus of the film itself, neo-Hookean", &m.mu_Pa, 0, 1e12, false,
+       any, "solve"},
+      {"membrane.tension_N_per_m", "", "N/m",
+       "tension at rest, in all directions: the body comes to rest under it before the tool touches",
+       &m.tension_N_per_m, 0, 1e6, false, any, "solve"},
+      {"membrane.on", "", "",
+       "where: all of the surface, what faces a side, or what lies in a ball x,y,z,radius in mm", &m.on, 0, 0,
+       false, any, "solve"},
+      {"membrane.wrinkles",
+       "",
+       "",
+       "yes: it bears no compression, as a thin film that folds into fine wrinkles; no: as much as tension",
+       &m.wrinkles,
+       0,
+       0,
+       false,
+       {"yes", "no"},
+       "solve"}};
+}
+
 std::vector<Option> options_of(Config::Held& h) {
   return {{"support.on",
            "",
@@ -582,6 +620,9 @@ NamedSection<Config::Pressure> pressures_of(Config& config) {
   return {config.pressure, "load.pressure.", "pressure",
           "for instance --set load.pressure.csf.pressure=500Pa"};
 }
+NamedSection<Config::Film> membranes_of(Config& config) {
+  return {config.membrane, "membrane.", "membrane", "for instance --set membrane.pia.thickness=0.1mm"};
+}
 NamedSection<Config::Held> supports_of(Config& config) {
   return {config.held, "support.", "support", "for instance --set support.retractor.on=left"};
 }
@@ -592,6 +633,7 @@ NamedSection<Config::Step> steps_of(Config& config) {
 
 std::optional<Option> named_option(Config& config, const std::string& key, const std::string& source) {
   if (auto option = pressures_of(config).option_of(key, source)) return option;
+  if (auto option = membranes_of(config).option_of(key, source)) return option;
   if (auto option = supports_of(config).option_of(key, source)) return option;
   const int before = static_cast<int>(config.step.size());
   auto option = steps_of(config).option_of(key, source);
@@ -601,7 +643,9 @@ std::optional<Option> named_option(Config& config, const std::string& key, const
 }
 
 std::vector<std::pair<std::string, Option>> named_options(Config& config) {
-  auto all = pressures_of(config).all(), supports = supports_of(config).all(), steps = steps_of(config).all();
+  auto all = pressures_of(config).all(), membranes = membranes_of(config).all(),
+       supports = supports_of(config).all(), steps = steps_of(config).all();
+  all.insert(all.end(), membranes.begin(), membranes.end());
   all.insert(all.end(), supports.begin(), supports.end());
   all.insert(all.end(), steps.begin(), steps.end());
   return all;
@@ -890,8 +934,8 @@ void read_config(Config& config, const std::filesystem::path& file) {
         set_all(config, "tissue." + std::string(name.str()), value, file);
         continue;
       }
-      if (section.str() == "support" && value.is_table()) {
-        set_all(config, "support." + std::string(name.str()), value, file);
+      if (section.str() == "membrane" || (section.str() == "support" && value.is_table())) {
+        set_all(config, fmt::format("{}.{}", section.str(), name.str()), value, file);
         continue;
       }
       if (section.str() == "step") continue;  // below, in the order of their lines
@@ -971,6 +1015,7 @@ std::string to_toml(const Config& config, const std::map<std::string, std::strin
       text += fmt::format("{} = {}\n", key.substr(key.find('.') + 1), toml_string(value));
   }
   for (auto [name, pressure] : config.pressure) text += as_table("load.pressure", name, options_of(pressure));
+  for (auto [name, film] : config.membrane) text += as_table("membrane", name, options_of(film));
   for (auto [name, held] : config.held) text += as_table("support", name, options_of(held));
   for (auto [name, step] : steps_in_order(config)) text += as_table("step", name, options_of(step));
   return text;
@@ -991,6 +1036,7 @@ std::map<std::string, std::string> option_values(const Config& config) {
 std::string option_reference() {
   Config config;
   config.pressure["NAME"];
+  config.membrane["NAME"];
   config.held["NAME"];
   config.step["NAME"];
   std::string text =
@@ -1060,8 +1106,12 @@ bool has_loads(const Config& config) {
   return config.load.gravity != "none" || !config.pressure.empty();
 }
 
+bool has_membranes(const Config& config) {
+  return config.load.membrane != "none" || !config.membrane.empty();
+}
+
 bool has_tool_alone(const Config& config) {
-  return !has_loads(config) && config.held.empty() && config.step.empty();
+  return !has_loads(config) && !has_membranes(config) && config.held.empty() && config.step.empty();
 }
 
 std::string why_not_proportional(const Config& config) {
@@ -1073,6 +1123,7 @@ std::string why_not_proportional(const Config& config) {
   if (config.material.preset != "none") return "the material is a published one (--preset)";
   if (!config.tissue.empty()) return "the force of several tissues is proportional to no single modulus";
   if (has_loads(config)) return "gravity and pressures do not grow with mu";
+  if (has_membranes(config)) return "a membrane's stiffness does not grow with mu";
   return {};
 }
 
@@ -1229,7 +1280,7 @@ Loading loading_of(const Config& c) {
   return {.depth = 1e-3 * c.load.depth_mm,
           .rate = 1e-3 * c.load.rate_mm_per_s,
           .contact = c.load.contact == "bonded" ? Contact::bonded : Contact::frictionless,
-          .loads = {.gravity = gravity_of(c), .pressure = {}}};
+          .loads = {.gravity = gravity_of(c), .pressure = {}, .membrane = {}}};
 }
 
 SolverOptions solver_options(const Config& c) {

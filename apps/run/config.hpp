@@ -61,6 +61,7 @@ struct Config {
     double rate_mm_per_s = 1.0;
     std::string contact = "bonded";
     std::string gravity = "none";
+    std::string membrane = "none";  ///< of the whole surface: "0.1mm:400kPa", see membranes.hpp
   } load;
   /// A pressure on a part of the surface: [load.pressure.NAME].
   struct Pressure {
@@ -69,6 +70,14 @@ struct Config {
     std::string follows = "yes";  ///< the surface as it deforms
   };
   std::map<std::string, Pressure> pressure;
+  /// A thin film on a part of the surface: [membrane.NAME].
+  struct Film {
+    double thickness_mm = 0.0, mu_Pa = 0.0;  ///< of neo-Hookean tissue
+    double tension_N_per_m = 0.0;            ///< at rest, in all directions
+    std::string on = "all";                  ///< as of a pressure
+    std::string wrinkles = "yes";            ///< where it is compressed, instead of bearing that
+  };
+  std::map<std::string, Film> membrane;
   /// A part of the body that is held beside the base, or moved beside the tool: [support.NAME]. The numbers
   /// of the moving least squares' supports stand in [support] itself.
   struct Held {
@@ -131,6 +140,7 @@ struct Option {
 };
 std::vector<Option> options_of(Config& config);
 std::vector<Option> options_of(Config::Pressure& pressure);
+std::vector<Option> options_of(Config::Film& membrane);
 std::vector<Option> options_of(Config::Held& held);
 std::vector<Option> options_of(Config::Step& step);
 
@@ -191,9 +201,10 @@ std::string option_reference();
 /// ...?".
 std::string did_you_mean(const std::string& word, const std::vector<std::string>& known);
 
-/// Whether gravity or a pressure acts on the body; and whether nothing does but the tool, nor holds it but
-/// the base.
+/// Whether gravity or a pressure acts on the body; whether it has a membrane; and whether nothing acts but
+/// the tool, nor holds it but the base.
 bool has_loads(const Config& config);
+bool has_membranes(const Config& config);
 bool has_tool_alone(const Config& config);
 
 /// Why the force is not proportional to the constants of one law, all multiplied alike; empty: it is, in

@@ -2,8 +2,7 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
-
+#include "apps/run/membranes.hpp"
 #include "apps/run/surface_part.hpp"
 #include "io/error.hpp"
 #include "preprocess/scene/sides.hpp"
@@ -28,14 +27,7 @@ SurfacePart part_of(const std::string& name, const Config::Pressure& pressure) {
 
 std::vector<Index> triangles_on(const std::string& name, const Config::Pressure& pressure,
                                 const Surface& surface) {
-  const SurfacePart part = part_of(name, pressure);
-  std::vector<Index> chosen;
-  for (Index t = 0; t < surface.triangles.cols(); ++t) {
-    const Vec3 a = surface.vertex_mm.col(surface.triangles(0, t)),
-               b = surface.vertex_mm.col(surface.triangles(1, t)),
-               c = surface.vertex_mm.col(surface.triangles(2, t));
-    if (part.has((a + b + c) / 3.0, (b - a).cross(c - a))) chosen.push_back(t);
-  }
+  std::vector<Index> chosen = triangles_on(part_of(name, pressure), surface);
   if (chosen.empty())
     refuse_pressure(name, fmt::format("on '{}' meets no part of the surface", pressure.on),
                     "it would act on nothing");
@@ -56,6 +48,7 @@ std::string in_words(const Loads& loads) {
 void check_loads(const Config& config) {
   gravity_of(config);
   for (const auto& [name, pressure] : config.pressure) part_of(name, pressure);
+  check_membranes(config);
 }
 
 void check_loads(const Config& config, const Surface& surface) {
@@ -65,12 +58,12 @@ void check_loads(const Config& config, const Surface& surface) {
                       .why = "its files hold nodes and points alone",
                       .remedy = "take the label image, or leave the pressure out"});
   for (const auto& [name, pressure] : config.pressure) triangles_on(name, pressure, surface);
+  check_membranes(config, surface);
 }
 
 Loads loads_of(const Config& config, const Model& model) {
-  Loads loads{.gravity = gravity_of(config), .pressure = {}};
   check_loads(config, model.surface);
-  if (config.pressure.empty()) return loads;
+  Loads loads{.gravity = gravity_of(config), .pressure = {}, .membrane = membranes_on(config, model)};
   for (const auto& [name, pressure] : config.pressure)
     loads.pressure.push_back({.name = name,
                               .patch = surface_patch(model, triangles_on(name, pressure, model.surface)),

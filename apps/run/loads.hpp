@@ -5,16 +5,15 @@
 
 namespace dimple {
 
-/// Before anything is built: throws UsageError where the words of gravity or of a pressure are not
-/// understood; and where a pressure names no part of the surface.
+/// Before anything is built: throws UsageError where the words of gravity, of a pressure or of a membrane are
+/// not understood; and where a pressure or a membrane names no part of the surface.
 void check_loads(const Config& config);
 void check_loads(const Config& config, const Surface& surface);
 
-/// What config.load says of gravity and of pressures, on the model's surface. Throws UsageError: a pressure
-/// names no part of it; ModelError: the model has no surface.
+/// What `config` says of gravity, pressures and membranes, on the model's surface. Throws as check_loads().
 Loads loads_of(const Config& config, const Model& model);
 
-/// "gravity 9.81 m/s2 (inferior), pressure csf 500 Pa".
+/// "gravity 9.81 m/s2 (inferior), pressure csf 500 Pa"; of membranes nothing.
 std::string in_words(const Loads& loads);
 
 }  // namespace dimple

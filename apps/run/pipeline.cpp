@@ -6,6 +6,7 @@
 
 #include "apps/run/bending.hpp"
 #include "apps/run/loads.hpp"
+#include "apps/run/membranes.hpp"
 #include "apps/run/run_words.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -61,7 +62,10 @@ void require_room_beneath(const Config& config, const Discretisation& places) {
 TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
   const std::string& asked = config.solver.time;
   if (asked == "quasi-static") return TimeMode::quasi_static;
-  if (asked == "explicit" || !result.model.scheme.pressure_patches) return TimeMode::explicit_;
+  if (asked == "explicit" || !result.model.scheme.pressure_patches) {
+    require_no_membranes(config, "a run with inertia");
+    return TimeMode::explicit_;
+  }
   TimeMode mode = choose_time(result.model, result.tissues, result.loading);
   if (mode == TimeMode::quasi_static && asked == "dynamic") mode = TimeMode::dynamic;
   if (mode != TimeMode::quasi_static && !config.step.empty())
@@ -69,6 +73,7 @@ TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
                       .where = "--rate (load.rate_mm_per_s)",
                       .why = "its force holds inertia, and each step goes from an equilibrium to the next",
                       .remedy = "give a lower --rate, or --time quasi-static"});
+  if (mode != TimeMode::quasi_static) require_no_membranes(config, "a run with inertia");
   const double crossings = shear_crossings(result.model, result.tissues, result.loading);
   const bool shallow = mode == TimeMode::quasi_static && crossings < slow_load;
   talk.line(mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
@@ -176,8 +181,9 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
                             pressure_wave_speed(m), shear_wave_speed(m)));
   }
   if (const std::string preset = beside_preset(config); !preset.empty()) talk.say("preset   " + preset);
-  if (!loading.loads.none())
-    talk.say("loads    " + in_words(loading.loads) + "; the body comes to rest under it first");
+  for (const Membrane& film : loading.loads.membrane) talk.say("membrane " + in_words(film));
+  if (const std::string loads = in_words(loading.loads); !loads.empty())
+    talk.say("loads    " + loads + "; the body comes to rest under it first");
   result.time = time_of(config, talk, result);
   talk.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(config.load.depth_mm),
                           plain(config.load.rate_mm_per_s), three_digits(loading.duration()),

@@ -225,7 +225,14 @@ namespace {
 
 void add_loads_and_supports(Json& summary, const Result& result) {
   const History& history = result.history;
-  if (const Loads& loads = result.loading.loads; !loads.none()) {
+  for (const Membrane& film : result.loading.loads.membrane)
+    summary["membranes"][film.name] = {{"thickness_mm", 1e3 * film.thickness},
+                                       {"mu_Pa", film.shear_modulus},
+                                       {"stiffness_N_per_m", film.thickness * film.shear_modulus},
+                                       {"tension_N_per_m", film.tension},
+                                       {"wrinkles", film.wrinkles},
+                                       {"area_mm2", 1e6 * area_of(film.patch)}};
+  if (const Loads& loads = result.loading.loads; loads.move_the_body()) {
     Json pressures = Json::object();
     for (const SurfacePressure& one : loads.pressure) pressures[one.name] = one.pressure;
     summary["loads"] = {{"gravity_m_per_s2", {loads.gravity.x(), loads.gravity.y(), loads.gravity.z()}},

@@ -1,5 +1,6 @@
 #include "apps/run/surface_part.hpp"
 
+#include <Eigen/Geometry>
 #include <charconv>
 #include <cmath>
 
@@ -26,6 +27,17 @@ std::optional<Eigen::Vector4d> ball_in_mm(const std::string& text) {
 bool SurfacePart::has(const Vec3& place_mm, const Vec3& normal) const {
   if (side && normal.dot(*side) < facing * normal.norm()) return false;
   return !ball || (place_mm - ball->head<3>()).norm() <= (*ball)[3];
+}
+
+std::vector<Index> triangles_on(const SurfacePart& part, const Surface& surface) {
+  std::vector<Index> chosen;
+  for (Index t = 0; t < surface.triangles.cols(); ++t) {
+    const Vec3 a = surface.vertex_mm.col(surface.triangles(0, t)),
+               b = surface.vertex_mm.col(surface.triangles(1, t)),
+               c = surface.vertex_mm.col(surface.triangles(2, t));
+    if (part.has((a + b + c) / 3.0, (b - a).cross(c - a))) chosen.push_back(t);
+  }
+  return chosen;
 }
 
 std::optional<SurfacePart> surface_part_named(const std::string& on) {

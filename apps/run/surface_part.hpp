@@ -3,8 +3,9 @@
 #include <numbers>
 #include <optional>
 #include <string>
+#include <vector>
 
-#include "io/types.hpp"
+#include "preprocess/model.hpp"
 
 namespace dimple {
 
@@ -19,6 +20,9 @@ struct SurfacePart {
 
 /// Of "all", a side such as superior (sides.hpp), or x,y,z,radius; nothing of any other text.
 std::optional<SurfacePart> surface_part_named(const std::string& on);
+
+/// The triangles of a surface that it holds, by their middles.
+std::vector<Index> triangles_on(const SurfacePart& part, const Surface& surface);
 
 /// Cosine of the largest angle at which a surface faces a direction.
 inline constexpr double facing = std::numbers::sqrt2 / 2.0;

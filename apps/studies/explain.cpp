@@ -9,6 +9,7 @@
 #include <tuple>
 
 #include "apps/run/band.hpp"
+#include "apps/run/membranes.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -285,6 +286,7 @@ Index nodes_to_explain(double facing_share) {
 
 void check_explainable(const Config& config) {
   require_no_steps(config, "--explain");
+  require_no_membranes(config, "--explain");
   if (config.scheme.name != Config{}.scheme.name)
     throw UsageError({.fact = "the comparisons of --explain need the converging scheme",
                       .where = "--explain and --scheme",

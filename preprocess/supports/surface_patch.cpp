@@ -1,5 +1,6 @@
 #include "preprocess/supports/surface_patch.hpp"
 
+#include <Eigen/Geometry>
 #include <array>
 #include <map>
 
@@ -7,6 +8,15 @@
 #include "preprocess/supports/support.hpp"
 
 namespace dimple {
+
+double area_of(const SurfacePatch& patch) {
+  double sum = 0.0;
+  for (const auto& t : patch.triangles.colwise()) {
+    const Vec3 a = patch.corner.col(t[0]);
+    sum += 0.5 * (Vec3(patch.corner.col(t[1])) - a).cross(Vec3(patch.corner.col(t[2])) - a).norm();
+  }
+  return sum;
+}
 
 SurfacePatch surface_patch(const Model& model, const std::vector<Index>& chosen) {
   Triangles triangles(3, static_cast<Index>(chosen.size()));

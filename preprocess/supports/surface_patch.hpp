@@ -12,6 +12,8 @@ struct SurfacePatch {
   Interpolation at_corner, at_middle;
 };
 
+double area_of(const SurfacePatch& patch);  ///< at rest [m^2]
+
 /// Of some triangles of the model's surface, by their numbers.
 SurfacePatch surface_patch(const Model& model, const std::vector<Index>& chosen);
 

@@ -3,6 +3,7 @@
 #include <tbb/parallel_for.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <Eigen/IterativeLinearSolvers>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
@@ -186,6 +187,9 @@ struct MixedIteration::Parts {
   Eigen::Vector4d sliding;  // sets that slide along others are only nearly inverted
   NodalInverse across,
       along;  // of nodes that move freely across the push, and along it; the same if none slides
+  NodalInverse soft_across, soft_along;  // the same without what resists in some directions alone
+  Eigen::VectorXd soft_diagonal;         // [N] N/m, of those; empty: there is nothing of that kind
+  NodeStiffness soft_part;               // [9xN] Q, see laplacian_solve()
   MassInverse schur;
   std::shared_ptr<const Factor> schur_of_inertia;
   Eigen::VectorXd inertia;                    // [N] N/m or empty, for which `across` was made
@@ -272,7 +276,7 @@ struct MixedIteration::Parts {
   // The Laplacian, what bounds all other forces, and inertia.
   bool invert_laplacian() {
     const StiffnessBound bound = body.stiffness_bound();
-    const auto invert = [&](NodalInverse& inverse, bool sliding_too) {
+    const auto invert = [&](NodalInverse& inverse, bool sliding_too, bool directed) {
       std::vector<int> place(static_cast<std::size_t>(weight.size()), -1);
       inverse.node.clear();
       for (Index a = 0; a < weight.size(); ++a) {
@@ -294,6 +298,10 @@ struct MixedIteration::Parts {
       };
       for (const auto& [a, b] : edge) join(a, b, 0.5 * (weight[a] + weight[b]));
       for (const StiffnessBound::Edge& one : bound.edge) join(one.a, one.b, one.weight);
+      if (directed)
+        for (const StiffnessBound::Edge& one : bound.directed) join(one.a, one.b, one.weight);
+      else
+        soft_diagonal = diagonal;
       const auto rows = static_cast<Index>(inverse.node.size());
       for (Index i = 0; i < rows; ++i)
         entry.emplace_back(static_cast<int>(i), static_cast<int>(i),
@@ -303,7 +311,23 @@ struct MixedIteration::Parts {
       inverse.b.resize(inverse.node.size());
       return inverse.multigrid.compute(std::move(matrix));
     };
-    return invert(across, true) && (!slides || invert(along, false));
+    soft_diagonal.resize(0);
+    if (!bound.directed.empty() &&
+        !(invert(soft_across, true, false) && (!slides || invert(soft_along, false, false))))
+      return false;
+    return invert(across, true, true) && (!slides || invert(along, false, true));
+  }
+
+  // Where the gradient is that of.
+  void find_soft_part() {
+    soft_part.resize(9, 0);
+    if (soft_diagonal.size() == 0) return;
+    soft_part = body.node_stiffness(u_of_gradient);
+    for (Index a = 0; a < soft_part.cols(); ++a) {
+      Eigen::Map<Mat3> Q(soft_part.col(a).data());
+      const Mat3 relative = Mat3::Identity() + Q / soft_diagonal[a];
+      Q = Eigen::SelfAdjointEigenSolver<Mat3>(relative).operatorInverseSqrt();
+    }
   }
 
   // The lower triangle of a symmetric matrix between patches, column by column: `visit(c, add)` calls
@@ -395,12 +419,31 @@ struct MixedIteration::Parts {
     u_of_gradient = u;
   }
 
-  void laplacian_solve(const Nodal& r, Nodal& z) {
-    across.solve(r, z);
+  void solve_with(NodalInverse& to_the_side, NodalInverse& down, const Nodal& r, Nodal& z) const {
+    to_the_side.solve(r, z);
     if (!slides) return;
     Nodal normal(4, r.cols());
-    along.solve(r, normal);
+    down.solve(r, normal);
     for (Index a = 0; a < z.cols(); ++a) z.col(a) += sliding * sliding.dot(normal.col(a) - z.col(a));
+  }
+
+  // A membrane is stiff within its plane and hardly so across it, and a scalar matrix has one stiffness for
+  // both: A, stiff in all directions, would let a surface bend by a thousandth of what it gives. What a
+  // node's own stiffness leaves soft, Q = (1 + stiffness / soft_diagonal)^-1/2, is therefore moved as tissue
+  // alone besides: half of A^-1 + Q A_soft^-1 Q, where both splittings of a motion, stiff and soft, cost
+  // little.
+  void laplacian_solve(const Nodal& r, Nodal& z) {
+    solve_with(across, along, r, z);
+    if (soft_part.cols() == 0) return;
+    Nodal part = r, soft(4, r.cols());
+    const auto take_part = [&](Nodal& v) {
+      for (Index a = 0; a < v.cols(); ++a)
+        v.col(a).head<3>() = Eigen::Map<const Mat3>(soft_part.col(a).data()) * Vec3(v.col(a).head<3>());
+    };
+    take_part(part);
+    solve_with(soft_across, soft_along, part, soft);
+    take_part(soft);
+    z = 0.5 * (z + soft);
   }
 
   // share x A (u - about).
@@ -638,7 +681,9 @@ bool MixedIteration::prepare(const Nodal& u, const Eigen::VectorXd& bulk, bool a
   p.viscous_share = viscosity ? viscosity->share : 0.0;
   const bool other_inertia = size != p.inertia.size() || (inertia && inertia->inertia != p.inertia);
   if (other_inertia) p.inertia = inertia ? inertia->inertia : Eigen::VectorXd();
-  if ((other_inertia || p.across.node.empty()) && !p.invert_laplacian()) return false;
+  const bool matrix_anew = other_inertia || p.across.node.empty();
+  if (matrix_anew && !p.invert_laplacian()) return false;
+  if (matrix_anew || anew || p.soft_part.cols() == 0) p.find_soft_part();
   if (p.bulk.size() != bulk.size() || p.bulk != bulk) {
     p.bulk = bulk;
     if (!p.factorise_schur()) {

@@ -23,7 +23,11 @@ struct StiffnessBound {
   };
   Eigen::VectorXd node;  ///< [N]
   std::vector<Edge> edge;
+  std::vector<Edge> directed;  ///< of what resists in some directions alone, see NodeStiffness
 };
+
+/// How stiff a node is in each direction, while its neighbours rest [9xN] N/m, a symmetric matrix each.
+using NodeStiffness = Eigen::Matrix<double, 9, Eigen::Dynamic>;
 
 /// A force on the body beside what its tissue resists with: a load, a membrane, a contact. An object belongs
 /// to one run, and keeps what it needs of the run's past. The same bits for any number of threads.
@@ -36,6 +40,11 @@ class ForceTerm {
   /// [J] at u; of a force without one, minus its work on the accepted states and from the last of them to u.
   virtual double energy(const Nodal& u, const Instant& now) = 0;
   virtual void add_stiffness_bound(StiffnessBound&) const {}
+  /// At u, of StiffnessBound::directed alone.
+  virtual void add_node_stiffness(const Nodal&, NodeStiffness&) const {}
+  /// Whether it acts from outside, as gravity does. Such forces are a measure of what is left unbalanced;
+  /// those within the body, as its tissue's, are not.
+  virtual bool is_load() const { return true; }
   /// u ends a step.
   virtual void accept(const Nodal&, const Instant&) {}
   /// All that accepted steps have left; any number of numbers.

@@ -1,6 +1,7 @@
 #include "solver/terms/loads.hpp"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <utility>
 
 namespace dimple {
@@ -83,6 +84,11 @@ class FollowingPressure : public ForceTerm {
 
 }  // namespace
 
+bool Loads::move_the_body() const {
+  return !gravity.isZero(0.0) || !pressure.empty() ||
+         std::any_of(membrane.begin(), membrane.end(), [](const Membrane& m) { return m.tension > 0.0; });
+}
+
 std::unique_ptr<ForceTerm> dead_load(Nodal force) {
   return std::make_unique<DeadLoad>(std::move(force));
 }
@@ -96,6 +102,7 @@ ForceTerms make_terms(const Model& model, const Loads& loads) {
     else
       terms.push_back(
           dead_load(one.pressure * unit_pressure(one.patch, one.patch.corner, model.node_count())));
+  for (const Membrane& one : loads.membrane) terms.push_back(membrane(one));
   return terms;
 }
 

@@ -2,8 +2,7 @@
 
 #include <string>
 
-#include "preprocess/supports/surface_patch.hpp"
-#include "solver/terms/force_term.hpp"
+#include "solver/terms/membrane.hpp"
 
 namespace dimple {
 
@@ -16,11 +15,14 @@ struct SurfacePressure {
       true;  ///< it acts on the deformed surface along its normals; false: on that at rest, and stays so
 };
 
-/// What acts on a body before a tool touches it, and goes on acting. The body comes to rest under it first.
+/// What acts on a body before a tool touches it, and goes on acting.
 struct Loads {
   Vec3 gravity = Vec3::Zero();  ///< [m/s^2]
   std::vector<SurfacePressure> pressure;
-  bool none() const { return gravity.isZero(0.0) && pressure.empty(); }
+  std::vector<Membrane> membrane = {};
+  bool none() const { return gravity.isZero(0.0) && pressure.empty() && membrane.empty(); }
+  /// Whether the body comes to rest under it first: a membrane without tension leaves it where it is.
+  bool move_the_body() const;
 };
 ForceTerms make_terms(const Model& model, const Loads& loads);
 

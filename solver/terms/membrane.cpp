@@ -1,5 +1,6 @@
 #include "solver/terms/membrane.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
@@ -32,9 +33,7 @@ class Film : public ForceTerm {
       const auto t = film_.patch.triangles.col(static_cast<Index>(k));
       const Triangle& mine = triangle_[k];
       const Plane F = deformed(corner, t) * mine.to_rest;
-      const Eigen::Matrix2d C = F.transpose() * F;
-      const Plane P =
-          film_.thickness * film_.shear_modulus * (F - F * C.inverse() / C.determinant()) + film_.tension * F;
+      const Plane P = F * second_stress(F);
       const Plane of_edges = (now.share * mine.area) * P * mine.to_rest.transpose();
       force.col(t[0]) -= of_edges.rowwise().sum();
       force.col(t[1]) += of_edges.col(0);
@@ -52,10 +51,7 @@ class Film : public ForceTerm {
     for (std::size_t k = 0; k < triangle_.size(); ++k) {
       const Triangle& mine = triangle_[k];
       const Plane F = deformed(corner, film_.patch.triangles.col(static_cast<Index>(k))) * mine.to_rest;
-      const Eigen::Matrix2d C = F.transpose() * F;
-      sum += mine.area *
-             (0.5 * film_.thickness * film_.shear_modulus * (C.trace() + 1.0 / C.determinant() - 3.0) +
-              0.5 * film_.tension * (C.trace() - 2.0));
+      sum += mine.area * energy_per_area(F);
     }
     return now.share * sum;
   }
@@ -86,8 +82,41 @@ class Film : public ForceTerm {
         for (const auto& [b, less] : difference)
           if (more > 0.0 && less < 0.0) nodes[std::minmax(a, b)] -= shear * share * more * less;
     }
-    for (const auto& [ends, value] : nodes) bound.edge.push_back({ends.first, ends.second, value});
+    for (const auto& [ends, value] : nodes) bound.directed.push_back({ends.first, ends.second, value});
   }
+
+  // In its plane as in add_stiffness_bound(), out of it what its stress S holds it with, A G.S G: a taut film
+  // is stiff there too.
+  void add_node_stiffness(const Nodal& u, NodeStiffness& sum) const override {
+    const Points corner = moved(u);
+    const auto& [rows, weight] = film_.patch.at_corner;
+    const double shear = film_.thickness * film_.shear_modulus + film_.tension;
+    std::map<int, Eigen::Vector2d> gradient;  // of each node's function in the triangle
+    for (std::size_t k = 0; k < triangle_.size(); ++k) {
+      const auto t = film_.patch.triangles.col(static_cast<Index>(k));
+      const Triangle& mine = triangle_[k];
+      const Plane F = deformed(corner, t) * mine.to_rest;
+      const Vec3 normal = F.col(0).cross(F.col(1)).normalized();
+      const Eigen::Matrix2d S = second_stress(F);
+      gradient.clear();
+      for (int i = 0; i < 3; ++i) {
+        const Eigen::Vector2d of_corner = i == 0 ? Eigen::Vector2d(-mine.to_rest.colwise().sum())
+                                                 : Eigen::Vector2d(mine.to_rest.row(i - 1));
+        for (int r = rows.offset[t[i]]; r < rows.offset[t[i] + 1]; ++r)
+          gradient.try_emplace(rows.member[r], Eigen::Vector2d::Zero()).first->second +=
+              weight[r] * of_corner;
+      }
+      for (const auto& [a, G] : gradient) {
+        const double within = mine.area * shear * G.squaredNorm(),
+                     out = mine.area * std::max(0.0, G.dot(S * G));
+        Eigen::Map<Mat3>(sum.col(a).data()) +=
+            within * Mat3::Identity() + (out - within) * normal * normal.transpose();
+      }
+    }
+  }
+
+  // Nobody holds it but the tissue.
+  bool is_load() const override { return false; }
 
  private:
   struct Triangle {
@@ -97,6 +126,43 @@ class Film : public ForceTerm {
   Membrane film_;
   std::vector<Triangle> triangle_;
 
+  // How a film that wrinkles is stretched: along `way` alone where it is shorter across than a strip of it
+  // would be, not at all where it is shorter in all directions.
+  enum class Taut { in_all_directions, in_one, nowhere };
+  struct Stretched {
+    Taut taut = Taut::in_all_directions;
+    double most = 1.0;  // stretch
+    Eigen::Vector2d way = Eigen::Vector2d::Zero();
+  };
+  double shear() const { return film_.thickness * film_.shear_modulus; }  // [N/m]
+  double stiff() const { return shear() + film_.tension; }
+  Stretched stretched(const Eigen::Matrix2d& C) const {
+    if (!film_.wrinkles) return {};
+    Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> of;
+    of.computeDirect(C);
+    const double most = std::sqrt(of.eigenvalues()[1]), least2 = of.eigenvalues()[0],
+                 ratio = shear() / stiff();
+    if (least2 * most > std::sqrt(ratio)) return {};
+    if (most * most * most <= std::sqrt(ratio)) return {Taut::nowhere};
+    return {Taut::in_one, most, of.eigenvectors().col(1)};
+  }
+  double energy_per_area(const Plane& F) const {
+    const Eigen::Matrix2d C = F.transpose() * F;
+    const Stretched now = stretched(C);
+    const double at_rest = 1.5 * shear() + film_.tension, mixed = std::sqrt(shear() * stiff());
+    if (now.taut == Taut::nowhere) return 1.5 * std::cbrt(mixed * mixed * stiff()) - at_rest;
+    if (now.taut == Taut::in_one) return 0.5 * stiff() * now.most * now.most + mixed / now.most - at_rest;
+    return 0.5 * stiff() * C.trace() + 0.5 * shear() / C.determinant() - at_rest;
+  }
+  // Times the thickness [N/m], of second Piola and Kirchhoff.
+  Eigen::Matrix2d second_stress(const Plane& F) const {
+    const Eigen::Matrix2d C = F.transpose() * F;
+    const Stretched now = stretched(C);
+    if (now.taut == Taut::nowhere) return Eigen::Matrix2d::Zero();
+    if (now.taut == Taut::in_one)
+      return (stiff() - std::sqrt(shear() * stiff()) / std::pow(now.most, 3)) * now.way * now.way.transpose();
+    return stiff() * Eigen::Matrix2d::Identity() - shear() * C.inverse() / C.determinant();
+  }
   Points moved(const Nodal& u) const { return film_.patch.corner + film_.patch.at_corner(u.topRows<3>()); }
   template <class Corners>
   static Plane deformed(const Points& corner, const Corners& t) {

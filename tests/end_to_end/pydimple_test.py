@@ -65,6 +65,23 @@ class InAFolder(unittest.TestCase):
         return error
 
 
+class Membranes(InAFolder):
+    def test_a_membrane_is_the_one_of_the_command_line_and_a_session_refuses_it(self):
+        labels, to_lps = half_ellipsoid()
+        image = dict(image=labels, affine=to_lps, space="LPS")
+        scene = dict(nodes=400, depth_mm=1, frames=1)
+        pia = pydimple.run(**image, **scene, membranes={"pia": {"thickness_mm": 0.1, "mu_Pa": "50kPa"}})
+        self.assertAlmostEqual(pia.summary["membranes"]["pia"]["stiffness_N_per_m"], 5)
+        np.testing.assert_array_equal(pia.force_N, pydimple.run(**image, **scene, membrane="0.1mm:50kPa").force_N)
+        self.assertGreater(pia.force_N[-1], pydimple.run(**image, **scene).force_N[-1])
+        file = self.folder / "pia.toml"
+        file.write_text("[membrane.pia]\nthickness_mm = 0.1\nmu_Pa = 5e4\n")
+        np.testing.assert_array_equal(pia.force_N, pydimple.run(**image, **scene, config=file).force_N)
+        model = pydimple.build_model(**image, nodes=400)
+        error = self.raised(pydimple.UsageError, pydimple.Session, model, config=file)
+        self.assertIn("takes no membrane", error.fact)
+
+
 class LoadsAndSupports(InAFolder):
     def test_a_support_is_the_one_of_the_command_line_and_a_session_holds_it_too(self):
         labels, to_lps = half_ellipsoid()

@@ -262,7 +262,7 @@ TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
       {"--unload", {"unloading and holding are not modelled", "dimple poke IMAGE --script"}},
       {"--friction=0.3", {"friction is not modelled", "--contact bonded and --contact frictionless"}},
       {"--cut", {"cutting and tearing are not modelled", "closest: "}},
-      {"--membrane 0.1mm", {"a membrane around the organ is not modelled", "--set tissue.LABEL.mu"}}};
+      {"--pia 0.1mm", {"a shell that bends is not modelled", "--membrane 0.1mm:400kPa"}}};
   for (auto [words, texts] : asked) {
     texts.insert(texts.end(), {"modelled are quasi-static and dynamic indentation", "not-modelled"});
     expect(2, std::string("run brain.nrrd -o out ") + words, texts);

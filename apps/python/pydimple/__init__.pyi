@@ -42,6 +42,7 @@ def solve(
     pressures: _Named | None = None,
     supports: _Named | None = None,
     steps: _Named | None = None,
+    membranes: _Named | None = None,
     **options: Any,
 ) -> Result: ...
 def run(
@@ -56,6 +57,7 @@ def run(
     pressures: _Named | None = None,
     supports: _Named | None = None,
     steps: _Named | None = None,
+    membranes: _Named | None = None,
     **options: Any,
 ) -> Result: ...
 def limit_threads(count: int | None = None) -> None: ...
