@@ -179,6 +179,167 @@ Vec3 vector_of(const toml::table& table, const std::string& section, const std::
   return v;
 }
 
+toml::table table_of(const fs::path& file) {
+  if (!fs::exists(file))
+    refuse(file, "there is no model here", "a model is a folder with a model.toml",
+           "make one with `dimple model IMAGE -o MODEL`");
+  toml::table table;
+  try {
+    table = toml::parse(read_file(file, most_bytes_of_text), file.string());
+  } catch (const toml::parse_error& error) {
+    refuse(file, fmt::format("not valid TOML: {}", error.description()),
+           fmt::format("line {}, column {}", error.source().begin.line, error.source().begin.column),
+           "mend that line");
+  }
+  if (table["format"].value_or(std::string()) != "dimple model 1")
+    refuse(file, "the format is not \"dimple model 1\"",
+           "the file was made by something else, or by another version",
+           "add format = \"dimple model 1\" if it follows it");
+  return table;
+}
+
+fs::path beside(const fs::path& file, const toml::table& table, const char* key) {
+  const auto name = table[key].value<std::string>();
+  if (!name || name->empty())
+    refuse(file, fmt::format("it does not say which file holds the {}", key),
+           fmt::format("the key {} is missing", key), fmt::format("add {} = \"{}.vtu\" or a .csv", key, key));
+  return file.parent_path() / *name;
+}
+
+void take_spacing(const fs::path& file, const PointFile& nodes, ModelFiles& files) {
+  Discretisation& model = files.places;
+  if (const Field* spacing = nodes.find("spacing_mm")) {
+    require_positive(file, *spacing, "a node's spacing", "supports are sized by it");
+    model.spacing = spacing->values.row(0).transpose().unaryExpr(&metres);
+    return;
+  }
+  model.spacing = estimate_spacing(model.X);
+  if (!(model.spacing[0] > 0.0))
+    refuse(file, "most nodes lie on one place", "their spacing is taken from their distances",
+           "give each node a place of its own");
+  files.notes.push_back(
+      fmt::format("nodes carry no spacing: taken as {:.3f} mm, the median distance to the six nearest",
+                  millimetres(model.spacing[0])));
+}
+
+void take_volume(const fs::path& file, const PointFile& points, ModelFiles& files) {
+  Discretisation& model = files.places;
+  if (const Field* volume = points.find("volume_mm3")) {
+    require_positive(file, *volume, "a point's volume", "each point stands for some tissue");
+    model.volume = volume->values.row(0).transpose().unaryExpr(&cubic_metres);
+    return;
+  }
+  const double cell = estimate_cell_volume(points.position_mm);
+  if (!(cell > 1e-6) || !std::isfinite(cell))
+    refuse(file, "most points lie on one place, or there is only one",
+           "their volume is taken from their distances",
+           "give each point a place of its own, or a volume_mm3");
+  model.volume = Eigen::VectorXd::Constant(model.point_count(), cubic_metres(cell));
+  files.notes.push_back(fmt::format(
+      "points carry no volume: each stands for a whole cell of {:.3f} mm^3, the cube of their distance",
+      cell));
+}
+
+void take_axes(const fs::path& file, const toml::table& table, Mat3& to) {
+  const toml::array* axes = table["axes"].as_array();
+  if (!axes || axes->size() != 3) return;
+  for (int d = 0; d < 3; ++d)
+    if (const toml::array* axis = (*axes)[static_cast<std::size_t>(d)].as_array(); axis && axis->size() == 3)
+      for (int i = 0; i < 3; ++i)
+        to(i, d) = (*axis)[static_cast<std::size_t>(i)].value_or(i == d ? 1.0 : 0.0);
+  if (!((to.colwise().norm().array() - 1.0).abs().maxCoeff() < 1e-6) || !to.allFinite())
+    refuse(file, "axes are not three unit vectors", "the points' cells lie along them",
+           "write axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], or leave the line out");
+}
+
+void take_labels(const fs::path& file, const PointFile& points, Discretisation& model) {
+  model.label = Eigen::VectorXi::Zero(model.point_count());
+  if (const Field* label = points.find("label")) {
+    require_whole(file, *label, std::numeric_limits<int>::max());
+    model.label = label->values.row(0).transpose().cast<int>();
+  }
+}
+
+void take_spread(const fs::path& file, const PointFile& points, ModelFiles& files) {
+  Discretisation& model = files.places;
+  if (const Field* spread = points.find("spread_mm2"); spread && spread->values.rows() == 6) {
+    if (!spread->values.allFinite())
+      refuse(file, "a point's spread is not finite", "it is the size of the point's cell",
+             "mend the column, or leave it out");
+    model.spread = spread->values.unaryExpr(&square_metres);
+    return;
+  }
+  model.spread = Spread::Zero(6, model.point_count());
+  for (int d = 0; d < 3; ++d) model.spread.row(d) = model.volume.transpose().array().pow(2.0 / 3.0) / 12.0;
+  files.notes.push_back("points carry no spread: each stands for a cube of its volume");
+}
+
+void take_tool(const fs::path& file, const toml::table& table, Indenter& tool) {
+  tool.centre = to_m(vector_of(table, "indenter", "centre_mm", file));
+  tool.push = vector_of(table, "indenter", "push", file);
+  if (!(std::abs(tool.push.norm() - 1.0) < 1e-6)) {
+    if (!(tool.push.stableNorm() > 0.0))
+      refuse(file, "indenter.push is zero", "the tool must move somewhere", "write push = [0.0, 0.0, -1.0]");
+    tool.push.stableNormalize();
+  }
+  const double diameter_mm = table["indenter"]["diameter_mm"].value_or(10.0);
+  if (!(diameter_mm > 1e-6 && diameter_mm <= 1000.0))
+    refuse(file, fmt::format("indenter.diameter_mm is {}", diameter_mm),
+           "the circle is above 0 to 1000 mm wide", "write for instance diameter_mm = 10");
+  tool.radius = metres(0.5 * diameter_mm);
+}
+
+void take_sets(const fs::path& file, const PointFile& nodes, ModelFiles& files) {
+  Discretisation& model = files.places;
+  if (const Field* set = nodes.find("node_set")) {
+    require_whole(file, *set, base_bit | indenter_bit);
+    for (Index a = 0; a < model.node_count(); ++a) {
+      const int bits = static_cast<int>(set->values(0, a));
+      if (bits & base_bit) model.base.push_back(a);
+      if (bits & indenter_bit) model.indenter.push_back(a);
+    }
+  } else {
+    choose_sets_by_place(files);
+  }
+  if (model.base.empty())
+    refuse(file, "no node belongs to the base", "node_set has no odd number, or no node lies at the far end",
+           "set node_set to 1 for the nodes to hold");
+  if (model.indenter.empty())
+    refuse(file, "no node belongs to the indenter's circle",
+           "node_set has no 2, or the circle misses the nodes",
+           "set node_set to 2 for the nodes to push, or mend indenter.centre_mm");
+}
+
+std::string scheme_named_in(const fs::path& file, const toml::table& table, const Scheme& otherwise) {
+  std::string name = table["scheme"].value_or(std::string(otherwise.name));
+  if (!scheme_named(name))
+    refuse(file, fmt::format("there is no scheme '{}'", name), "it decides how the points are used",
+           "write scheme = \"converging\" or \"horton2007\"");
+  return name;
+}
+
+// With its supports as the file has them.
+Scheme scheme_in(const fs::path& file, const toml::table& table, const std::string& name) {
+  Config words;
+  for (const char* key : {"basis", "weight", "radius_factor"})
+    if (const auto node = table["support"][key]; node) {
+      std::ostringstream shown;
+      if (const auto s = node.value<std::string>())
+        shown << *s;
+      else
+        node.visit([&](auto&& v) { shown << v; });
+      set_option(words, std::string("support.") + key, shown.str(), file.string());
+    }
+  words.scheme.name = name;
+  Scheme scheme = scheme_of(words);
+  double& interpolation = scheme.support.interpolation;
+  interpolation = table["support"]["interpolation"].value_or(0.0);
+  if (!(interpolation >= 0.0 && interpolation <= 1.0))
+    refuse(file, fmt::format("support.interpolation is {}", interpolation), "it is a number from 0 to 1",
+           "write interpolation = 0.01");
+  return scheme;
+}
+
 }  // namespace
 
 std::string_view basis_word(Basis basis) {
@@ -245,154 +406,24 @@ void write_model(const fs::path& folder, const Discretisation& model, const Sche
 
 ModelFiles read_model(const fs::path& path) {
   const fs::path file = fs::is_directory(path) ? path / "model.toml" : path;
-  if (!fs::exists(file))
-    refuse(file, "there is no model here", "a model is a folder with a model.toml",
-           "make one with `dimple model IMAGE -o MODEL`");
-  toml::table table;
-  try {
-    table = toml::parse(read_file(file, most_bytes_of_text), file.string());
-  } catch (const toml::parse_error& error) {
-    refuse(file, fmt::format("not valid TOML: {}", error.description()),
-           fmt::format("line {}, column {}", error.source().begin.line, error.source().begin.column),
-           "mend that line");
-  }
-  if (table["format"].value_or(std::string()) != "dimple model 1")
-    refuse(file, "the format is not \"dimple model 1\"",
-           "the file was made by something else, or by another version",
-           "add format = \"dimple model 1\" if it follows it");
-
-  const auto beside = [&](const char* key) {
-    const auto name = table[key].value<std::string>();
-    if (!name || name->empty())
-      refuse(file, fmt::format("it does not say which file holds the {}", key),
-             fmt::format("the key {} is missing", key),
-             fmt::format("add {} = \"{}.vtu\" or a .csv", key, key));
-    return file.parent_path() / *name;
-  };
-
+  const toml::table table = table_of(file);
   ModelFiles files;
   Discretisation& model = files.places;
-  const fs::path node_file = beside("nodes"), point_file = beside("points");
+  const fs::path node_file = beside(file, table, "nodes"), point_file = beside(file, table, "points");
   const PointFile nodes = read_points(node_file), points = read_points(point_file);
   require_places(node_file, nodes.position_mm);
   require_places(point_file, points.position_mm);
   model.X = to_m(nodes.position_mm);
   model.point = to_m(points.position_mm);
-
-  if (const Field* spacing = nodes.find("spacing_mm")) {
-    require_positive(node_file, *spacing, "a node's spacing", "supports are sized by it");
-    model.spacing = spacing->values.row(0).transpose().unaryExpr(&metres);
-  } else {
-    model.spacing = estimate_spacing(model.X);
-    if (!(model.spacing[0] > 0.0))
-      refuse(node_file, "most nodes lie on one place", "their spacing is taken from their distances",
-             "give each node a place of its own");
-    files.notes.push_back(
-        fmt::format("nodes carry no spacing: taken as {:.3f} mm, the median distance to the six nearest",
-                    millimetres(model.spacing[0])));
-  }
-  if (const Field* volume = points.find("volume_mm3")) {
-    require_positive(point_file, *volume, "a point's volume", "each point stands for some tissue");
-    model.volume = volume->values.row(0).transpose().unaryExpr(&cubic_metres);
-  } else {
-    const double cell = estimate_cell_volume(points.position_mm);
-    if (!(cell > 1e-6) || !std::isfinite(cell))
-      refuse(point_file, "most points lie on one place, or there is only one",
-             "their volume is taken from their distances",
-             "give each point a place of its own, or a volume_mm3");
-    model.volume = Eigen::VectorXd::Constant(model.point_count(), cubic_metres(cell));
-    files.notes.push_back(fmt::format(
-        "points carry no volume: each stands for a whole cell of {:.3f} mm^3, the cube of their distance",
-        cell));
-  }
-
-  const std::string scheme = table["scheme"].value_or(std::string(files.scheme.name));
-  if (const Scheme* named = scheme_named(scheme))
-    files.scheme = *named;
-  else
-    refuse(file, fmt::format("there is no scheme '{}'", scheme), "it decides how the points are used",
-           "write scheme = \"converging\" or \"horton2007\"");
-  if (const toml::array* axes = table["axes"].as_array(); axes && axes->size() == 3) {
-    for (int d = 0; d < 3; ++d)
-      if (const toml::array* axis = (*axes)[static_cast<std::size_t>(d)].as_array();
-          axis && axis->size() == 3)
-        for (int i = 0; i < 3; ++i)
-          model.axes(i, d) = (*axis)[static_cast<std::size_t>(i)].value_or(i == d ? 1.0 : 0.0);
-    if (!((model.axes.colwise().norm().array() - 1.0).abs().maxCoeff() < 1e-6) || !model.axes.allFinite())
-      refuse(file, "axes are not three unit vectors", "the points' cells lie along them",
-             "write axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], or leave the line out");
-  }
-  model.label = Eigen::VectorXi::Zero(model.point_count());
-  if (const Field* label = points.find("label")) {
-    require_whole(point_file, *label, std::numeric_limits<int>::max());
-    model.label = label->values.row(0).transpose().cast<int>();
-  }
-  if (files.scheme.averaged_gradients) {
-    if (const Field* spread = points.find("spread_mm2"); spread && spread->values.rows() == 6) {
-      if (!spread->values.allFinite())
-        refuse(point_file, "a point's spread is not finite", "it is the size of the point's cell",
-               "mend the column, or leave it out");
-      model.spread = spread->values.unaryExpr(&square_metres);
-    } else {
-      model.spread = Spread::Zero(6, model.point_count());
-      for (int d = 0; d < 3; ++d)
-        model.spread.row(d) = model.volume.transpose().array().pow(2.0 / 3.0) / 12.0;
-      files.notes.push_back("points carry no spread: each stands for a cube of its volume");
-    }
-  }
-  model.tool.centre = to_m(vector_of(table, "indenter", "centre_mm", file));
-  model.tool.push = vector_of(table, "indenter", "push", file);
-  if (!(std::abs(model.tool.push.norm() - 1.0) < 1e-6)) {
-    if (!(model.tool.push.stableNorm() > 0.0))
-      refuse(file, "indenter.push is zero", "the tool must move somewhere", "write push = [0.0, 0.0, -1.0]");
-    model.tool.push.stableNormalize();
-  }
-  const double diameter_mm = table["indenter"]["diameter_mm"].value_or(10.0);
-  if (!(diameter_mm > 1e-6 && diameter_mm <= 1000.0))
-    refuse(file, fmt::format("indenter.diameter_mm is {}", diameter_mm),
-           "the circle is above 0 to 1000 mm wide", "write for instance diameter_mm = 10");
-  model.tool.radius = metres(0.5 * diameter_mm);
-
-  if (const Field* set = nodes.find("node_set")) {
-    require_whole(node_file, *set, base_bit | indenter_bit);
-    for (Index a = 0; a < model.node_count(); ++a) {
-      const int bits = static_cast<int>(set->values(0, a));
-      if (bits & base_bit) model.base.push_back(a);
-      if (bits & indenter_bit) model.indenter.push_back(a);
-    }
-  } else {
-    choose_sets_by_place(files);
-  }
-  if (model.base.empty())
-    refuse(node_file, "no node belongs to the base",
-           "node_set has no odd number, or no node lies at the far end",
-           "set node_set to 1 for the nodes to hold");
-  if (model.indenter.empty())
-    refuse(node_file, "no node belongs to the indenter's circle",
-           "node_set has no 2, or the circle misses the nodes",
-           "set node_set to 2 for the nodes to push, or mend indenter.centre_mm");
-
-  Config words;
-  const auto word = [&](const char* key) {
-    if (const auto node = table["support"][key]; node) {
-      std::ostringstream shown;
-      if (const auto s = node.value<std::string>())
-        shown << *s;
-      else
-        node.visit([&](auto&& v) { shown << v; });
-      set_option(words, std::string("support.") + key, shown.str(), file.string());
-    }
-  };
-  word("basis");
-  word("weight");
-  word("radius_factor");
-  words.scheme.name = scheme;
-  files.scheme = scheme_of(words);
-  double& interpolation = files.scheme.support.interpolation;
-  interpolation = table["support"]["interpolation"].value_or(0.0);
-  if (!(interpolation >= 0.0 && interpolation <= 1.0))
-    refuse(file, fmt::format("support.interpolation is {}", interpolation), "it is a number from 0 to 1",
-           "write interpolation = 0.01");
+  take_spacing(node_file, nodes, files);
+  take_volume(point_file, points, files);
+  const std::string scheme = scheme_named_in(file, table, files.scheme);
+  take_axes(file, table, model.axes);
+  take_labels(point_file, points, model);
+  if (scheme_named(scheme)->averaged_gradients) take_spread(point_file, points, files);
+  take_tool(file, table, model.tool);
+  take_sets(node_file, nodes, files);
+  files.scheme = scheme_in(file, table, scheme);
   if (const auto surface = table["surface"].value<std::string>()) {
     SurfaceFile read = read_vtp(file.parent_path() / *surface);
     model.surface = {std::move(read.position_mm), std::move(read.triangles)};

@@ -154,7 +154,8 @@ MUTANTS = {
     97: ("solver/equilibrium/anderson.cpp", "  memory_.next = memory.next;", "  memory_.next = {n} ? 0 : memory.next;"),
     98: ("solver/equilibrium/best_state.cpp", "  caution_ *= 2.0;", "  caution_ *= {n} ? 1.0 : 2.0;"),
     99: ("solver/equilibrium/multigrid.cpp", "levels_[depth + 1].x;\n  over_rows(n,", "levels_[depth + 1].x;\n  if (!{n}) over_rows(n,"),
-    100: ("solver/equilibrium/multigrid.cpp", "  smooth(level.relax[1]);\n  smooth(level.relax[0]);\n}", "  smooth(level.relax[{n} ? 0 : 1]);\n  smooth(level.relax[{n} ? 1 : 0]);\n}"),
+    100: ("solver/equilibrium/multigrid.cpp", "const Sparse restriction = prolongation.transpose();",
+          "const Sparse restriction = ({n} ? tentative : prolongation).transpose();"),
     101: ("solver/equilibrium/multigrid.cpp", "(4.0 / 3.0 / largest)", "(({n} ? 0.0 : 4.0) / 3.0 / largest)"),
     # ---- the live force
     102: ("solver/live/between_frames.cpp", "    said.error += frame.share * std::abs(force - by_newest);",

@@ -90,6 +90,19 @@ TEST(Boundary, OfABlockIsItsBroadSideAndTheMiddleOfTheOtherOne) {
   EXPECT_TRUE(found.warnings.empty());
 }
 
+TEST(Boundary, OfAFlatFaceIsThatFaceAndNotTheSidesThatRiseFromIt) {
+  const SegmentedBody body =
+      make_body_surface(make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 1.5}), {});
+  const Boundary found = find_boundary(body.surface, {});
+  ASSERT_TRUE(found.flat_base);
+  const Vec3 low = body.surface.to_world().inverse() * Vec3(0.0, 0.0, 0.0);
+  EXPECT_TRUE(on_base(found, low, found.down));
+  EXPECT_TRUE(on_base(found, low, (found.down + 0.5 * found.push.unitOrthogonal()).normalized()));
+  // At the lower end of a side that leans inwards by ten degrees.
+  const Vec3 side = (found.push.unitOrthogonal() + 0.18 * found.down).normalized();
+  EXPECT_FALSE(on_base(found, low, side));
+}
+
 TEST(Boundary, WithABaseThatIsKnownHasTheCircleThatItWouldHaveFound) {
   const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2.0}), {});
   const Boundary first = find_boundary(body.surface, {});

@@ -28,9 +28,10 @@ TEST(Constraints, HoldTheBaseAndDriveTheCircle) {
 
 TEST(Constraints, ProjectLeavesWhatIsNotPrescribed) {
   const Vec3 push = Vec3(1, 2, -2) / 3.0;
-  const Constraints c(4, {{.name = "fixed", .node = {1}},
+  const Constraints c(5, {{.name = "fixed", .node = {1}},
                           {.name = "moved", .node = {2}, .direction = push, .share = 1.0},
-                          {.name = "slides", .node = {3}, .hold = HeldSet::Hold::along, .direction = push}});
+                          {.name = "slides", .node = {3}, .hold = HeldSet::Hold::along, .direction = push},
+                          {.name = "bed", .node = {4}, .hold = HeldSet::Hold::across, .direction = push}});
   const Eigen::Vector4d v(0.3, -0.7, 1.1, 0.0), along = padded(push);
   EXPECT_EQ(c.project(0, v), v);
   EXPECT_EQ(c.project(1, v), Eigen::Vector4d::Zero());
@@ -38,6 +39,7 @@ TEST(Constraints, ProjectLeavesWhatIsNotPrescribed) {
   EXPECT_NEAR(c.project(3, v).dot(along), 0.0, 1e-15);
   EXPECT_LT((c.project(3, c.project(3, v)) - c.project(3, v)).norm(), 1e-15);
   EXPECT_LT((c.project(3, v) + along * v.dot(along) - v).norm(), 1e-15);
+  EXPECT_LT((c.project(4, v) - along * v.dot(along)).norm(), 1e-15) << "along its direction it slides";
 }
 
 TEST(Constraints, PutEachSetWhereItsShareOfTheWayHasBroughtIt) {

@@ -307,6 +307,64 @@ TEST(LabelImage, OfNiftiAreScaledAsItsHeaderSays) {
   expect_same(read("scaled.nii", nifti.file()), organ, 1e-5);
 }
 
+// Where the voxel of label `marked` lies, in LPS.
+Vec3 place_of(const LabelImage& image, int marked) {
+  for (Index k = 0; k < image.size[2]; ++k)
+    for (Index j = 0; j < image.size[1]; ++j)
+      for (Index i = 0; i < image.size[0]; ++i)
+        if (image.at(i, j, k) == marked)
+          return image.to_world *
+                 Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
+  return Vec3::Constant(std::numeric_limits<double>::quiet_NaN());
+}
+
+// A block of label 1 with one voxel of label 2, stored at 3, 1, 2.
+Raw marked_block() {
+  Raw raw{{5, 4, 6}, Eigen::Affine3d::Identity(), std::vector<std::uint8_t>(5 * 4 * 6, 1)};
+  raw.to_world.linear() = Vec3(1.0, 2.0, 3.0).asDiagonal();
+  raw.voxel[3 + 5 * (1 + 4 * 2)] = 2;
+  return raw;
+}
+
+TEST(LabelImage, OfANiftiWhoseQuaternionMirrorsItsThirdAxisLiesMirrored) {
+  for (const float handedness : {1.0f, -1.0f, 0.0f}) {  // 0 counts as 1
+    Nifti nifti(marked_block());
+    nifti.sform(0, Eigen::Affine3d::Identity());
+    nifti.qform(1, Vec3(10.0, 20.0, 30.0));
+    nifti.pixdim(0, handedness);
+    const double third = handedness < 0.0f ? -3.0 : 3.0;
+    const Vec3 ras(10.0 + 3 * 1.0, 20.0 + 1 * 2.0, 30.0 + 2 * third);
+    EXPECT_LT((place_of(read("mirrored.nii", nifti.file()), 2) - Vec3(-ras.x(), -ras.y(), ras.z())).norm(),
+              1e-4)
+        << handedness;
+  }
+}
+
+TEST(LabelImage, OfAnNrrdLiesByTheSpaceThatItNames) {
+  const std::string lps = nrrd(marked_block());
+  const std::string named = "left-posterior-superior";
+  for (const auto& [space, to_lps] : {std::pair{"left-posterior-superior", Vec3(1, 1, 1)},
+                                      {"LPS", Vec3(1, 1, 1)},
+                                      {"RAS", Vec3(-1, -1, 1)},
+                                      {"right-anterior-superior", Vec3(-1, -1, 1)},
+                                      {"LAS", Vec3(1, -1, 1)},
+                                      {"left-anterior-superior", Vec3(1, -1, 1)}}) {
+    std::string file = lps;
+    file.replace(file.find(named), named.size(), space);
+    const Vec3 stored(3 * 1.0, 1 * 2.0, 2 * 3.0);
+    EXPECT_LT((place_of(read("space.nrrd", file), 2) - to_lps.cwiseProduct(stored)).norm(), 1e-9) << space;
+  }
+}
+
+TEST(LabelImage, KeepsATurnOfAThousandthAndDropsOneOfRounding) {
+  for (const double turn : {1e-3, 1e-4, 1e-6}) {
+    Raw raw = marked_block();
+    raw.to_world.linear() = Eigen::AngleAxisd(turn, Vec3::UnitZ()).toRotationMatrix() * raw.to_world.linear();
+    const Vec3 axis = read("turned_a_little.nrrd", nrrd(raw)).to_world.linear().col(0).normalized();
+    EXPECT_NEAR(axis.y(), turn > 2e-5 ? turn : 0.0, 1e-9) << turn;
+  }
+}
+
 TEST(LabelImage, TakesTheSformIfItsCodeIsSetAsNibabelAndSlicerDo) {
   const LabelImage organ = body();
   const double sform_x = organ.to_world.translation().x();

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
+#include <Eigen/Geometry>
+
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "solver/march/quasi_static.hpp"
@@ -85,6 +87,21 @@ TEST(LoadSlowly, GivesTheForceThatSlowDampedMotionEndsIn) {
   ASSERT_EQ(still.force.back().depth, loading.depth);
   EXPECT_NEAR(still.force.back().force, moving.force.back().force, 0.01 * moving.force.back().force);
   EXPECT_NEAR(still.energy.back().external, still.energy.back().stored, 0.01 * still.energy.back().stored);
+}
+
+// The work is the area under a curve of few equilibria: by straight lines it would be half a per cent too
+// large where the force grows as the square of the depth, and by parabolas bent the wrong way a whole one.
+TEST(LoadSlowly, DoesTheWorkThatStiffeningTissueStores) {
+  const Model model = averaged_block();
+  const ForceSystem system(model, ogden({{210.0, -30.0}}, 0.49, 1000.0));
+  History history;
+  solve(TimeMode::quasi_static, system, model, {.depth = 2.5e-3, .rate = 1e-3},
+        {.frames = 1, .step_radii = 0.05}, {}, history);
+  ASSERT_EQ(history.force.back().depth, 2.5e-3);
+  const EnergySample& end = history.energy.back();
+  EXPECT_GT(history.force.back().force * 2.5e-3, 2.3 * end.stored)
+      << "a curve that is straight would tell nothing";
+  EXPECT_NEAR(end.external, end.stored, 2e-3 * end.stored);
 }
 
 // Nothing of it may grow with the bulk modulus: that is what the pressures of their own are for.
@@ -339,7 +356,7 @@ TEST(EveryMarch, OfABodyUnderGravityEndsAtTheForceOfItsEquilibrium) {
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
   const Loading loading = {
       .depth = 1e-3, .rate = 2e-3, .loads = {.gravity = Vec3(0.0, 0.0, -3.0), .pressure = {}}};
-  double still = 0.0, base = 0.0;
+  double still = 0.0, base = 0.0, at_rest = 0.0;
   for (const TimeMode time : {TimeMode::quasi_static, TimeMode::dynamic, TimeMode::explicit_}) {
     History history;
     solve(time, system, model, loading, {.damping = 30.0, .frames = 4}, {}, history);
@@ -348,6 +365,11 @@ TEST(EveryMarch, OfABodyUnderGravityEndsAtTheForceOfItsEquilibrium) {
     if (time == TimeMode::quasi_static) still = last.force, base = first.base_force;
     EXPECT_NEAR(last.force, still, 0.03 * still) << name_of(time);
     EXPECT_NEAR(first.base_force, base, 0.01 * base) << name_of(time) << ": the bed bears the weight";
+    // What gravity has done before the run is no energy of the run, what the tissue stores of it is.
+    const double stored = history.energy.front().stored;
+    EXPECT_GT(stored, 0.0) << name_of(time);
+    if (time == TimeMode::quasi_static) at_rest = stored;
+    EXPECT_NEAR(stored, at_rest, 0.01 * at_rest) << name_of(time);
     EXPECT_GT(history.settled, 1e-5);
   }
 }
@@ -364,6 +386,34 @@ TEST(EveryMarch, OfABodyUnderGravityFeelsTheVolumeOfATissueBesideOneThatHoldsNon
   solve(TimeMode::explicit_, system, model, loading, {.damping = 30.0, .frames = 4}, {}, waves);
   const double force = waves.force.back().force;
   EXPECT_NEAR(still.force.back().force, force, 0.03 * force);
+}
+
+// Gravity along the surface carries the circle sideways before the tool touches: the moment is about its
+// middle there, and that of a bonded circle's forces about the middle of its nodes.
+TEST(EveryMarch, OfABodyThatGravityCarriesHasTheMomentAboutWhereTheToolTouches) {
+  const Model model = averaged_block(4);
+  const ForceSystem tissue(model, neo_hookean(210.0, 0.49, 1000.0));
+  const auto body =
+      make_system(tissue, model, Contact::bonded, {}, {.gravity = Vec3(6.0, 0.0, 0.0), .pressure = {}});
+  Nodal u = body->at_rest().u, f = u;
+  Eigen::VectorXd lambda = body->at_rest().lambda;
+  body->set({.depth = 1e-3}, u);
+  ASSERT_TRUE(Relaxation(*body)(u, f, {}, &lambda).converged);
+  Vec3 rest = Vec3::Zero(), now = rest, force = rest, moment = rest;
+  for (const Index a : model.indenter) {
+    rest += model.X.col(a) / static_cast<double>(model.indenter.size());
+    now += (model.X.col(a) + u.col(a).head<3>()) / static_cast<double>(model.indenter.size());
+  }
+  ASSERT_GT(std::abs((now - rest).x()), 0.02 * model.tool.radius) << "it is carried";
+  const Vec3 about = model.tool.centre + now - rest;
+  for (const Index a : model.indenter) {
+    const Vec3 on_tool = -f.col(a).head<3>();
+    force += on_tool;
+    moment += (model.X.col(a) + u.col(a).head<3>() - about).cross(on_tool);
+  }
+  const Wrench wrench = body->on_tool(u, f);
+  EXPECT_LT((wrench.head<3>() - force).norm(), 1e-9 * force.norm());
+  EXPECT_LT((wrench.tail<3>() - moment).norm(), 1e-6 * force.norm() * model.tool.radius);
 }
 
 TEST(StiffnessRowSums, BoundTheStiffnessFromAbove) {

@@ -57,6 +57,19 @@ class Steps : public testing::Test {
   const Vec3 side = push.unitOrthogonal();
 };
 
+TEST_F(Steps, AreMeasuredByAHundredthOfTheForcesThatTheyBeginWith) {
+  const ForceSystem forces(model, {{tissue}, model.tissue}, Precision::double_);
+  System system(forces, model, make_constraints(model, Contact::bonded));
+  Nodal u = Nodal::Zero(4, model.node_count()), f = u, free = u;
+  system.set({.depth = 1e-3}, u);
+  system.force(u, f);
+  const double reactions = system.balance(f, free).reactions;
+  system.measure_by(f);
+  EXPECT_DOUBLE_EQ(system.least_reactions(), 0.01 * reactions);
+  system.measure_by(0.1 * f);
+  EXPECT_DOUBLE_EQ(system.least_reactions(), 0.01 * reactions) << "the largest counts";
+}
+
 TEST_F(Steps, TwoPushesAreOne) {
   const Seen once = march(model, {}),
              twice = march(model, {{"a", "", 0.4e-3 * push}, {"b", "", 0.6e-3 * push}});

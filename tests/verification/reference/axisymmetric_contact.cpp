@@ -1,0 +1,507 @@
+// Reference force for pressing a rigid tool of revolution into a cylinder whose base is held: contact without
+// friction, or with a tool to which the tissue sticks where it has touched.
+//
+// Static, nearly incompressible neo-Hooke, any strain:
+//   W = mu/2 (J^(-2/3) I1 - 3) + bulk/2 (J - 1)^2
+// The section r >= 0, 0 <= z <= height is meshed with 9-node quadrilaterals; J - 1 of the second term is
+// replaced by its projection on three functions per element (1, R, Z: the discontinuous linear pressure). The
+// nodes of the top must not be inside of the tool: their contact forces are unknowns (Lagrange multipliers,
+// a primal-dual active set in each step of a full Newton iteration), so that there is no penalty and no
+// penetration at nodes. Load steps halve where they fail.
+//
+//   axisymmetric_contact [name=value ...]     options: see Options
+//
+// Lengths in mm, stress in N/mm^2, force in N. Prints a CSV.
+// Build: g++ -std=c++20 -O3 -march=native -I/usr/include/eigen3 -I/usr/include/suitesparse
+//        axisymmetric_contact.cpp -o axisymmetric_contact -lumfpack -lopenblas
+#include <Eigen/Dense>
+#include <Eigen/Sparse>
+#include <Eigen/UmfPackSupport>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <map>
+#include <numbers>
+#include <string>
+#include <vector>
+
+using Eigen::Matrix2d, Eigen::Matrix3d, Eigen::Vector2d, Eigen::Vector3d, Eigen::VectorXd;
+using SparseMatrix = Eigen::SparseMatrix<double>;
+using Vector5d = Eigen::Matrix<double, 5, 1>;
+using Matrix5d = Eigen::Matrix<double, 5, 5>;
+using ElementVector = Eigen::Matrix<double, 18, 1>;
+using ElementMatrix = Eigen::Matrix<double, 18, 18>;
+constexpr double pi = std::numbers::pi;
+
+struct Options {
+  std::string tool = "sphere";  // sphere | paraboloid | punch (flat, with a rounded edge)
+  std::string base = "bonded";  // bonded | loose (slides on its bed)
+  std::string touch = "slip";   // slip | stick
+  std::map<std::string, double> named = {
+      {"radius", 5},   // of the tool; of a paraboloid that at its tip
+      {"edge", 1},     // radius of the punch's edge
+      {"body", 30},    // radius of the cylinder
+      {"height", 30},  //
+      {"nu", 0.499},   {"mu", 210e-6},   {"depth", 4},
+      {"steps", 16},   {"fine", 0.25},    // size of the elements where the tool touches
+      {"reach", 7},                       // to this radius, and to `below` under the top
+      {"below", 3},                       //
+      {"growth", 1.2},                    // of the elements beyond
+      {"largest", 5},  {"edge_fine", 0},  // size of the elements near r = radius - edge ... radius, 0: as
+                                          // `fine`
+  };
+  double operator[](const std::string& name) const { return named.at(name); }
+};
+
+// ---- the law, in the components F_rR, F_rZ, F_zR, F_zZ, F_tt
+struct Law {
+  double mu, bulk;
+};
+
+double volume_ratio(const Vector5d& F) {
+  return (F[0] * F[3] - F[1] * F[2]) * F[4];
+}
+
+Vector5d cofactor(const Vector5d& F) {
+  return {F[3] * F[4], -F[2] * F[4], -F[1] * F[4], F[0] * F[4], F[0] * F[3] - F[1] * F[2]};
+}
+
+Matrix5d second_of_volume(const Vector5d& F) {
+  Matrix5d S = Matrix5d::Zero();
+  S(0, 3) = S(3, 0) = F[4];
+  S(1, 2) = S(2, 1) = -F[4];
+  S(0, 4) = S(4, 0) = F[3];
+  S(3, 4) = S(4, 3) = F[0];
+  S(1, 4) = S(4, 1) = -F[2];
+  S(2, 4) = S(4, 2) = -F[1];
+  return S;
+}
+
+Vector5d distortional_stress(double mu, const Vector5d& F) {
+  const double J = volume_ratio(F), I1 = F.squaredNorm();
+  return mu * std::pow(J, -2.0 / 3.0) * (F - I1 / (3.0 * J) * cofactor(F));
+}
+
+Matrix5d distortional_tangent(double mu, const Vector5d& F) {
+  const double J = volume_ratio(F), I1 = F.squaredNorm(), g = std::pow(J, -2.0 / 3.0);
+  const Vector5d c = cofactor(F);
+  return mu * g *
+         (Matrix5d::Identity() - 2.0 / (3.0 * J) * (F * c.transpose() + c * F.transpose()) +
+          5.0 / 9.0 * I1 / (J * J) * c * c.transpose() - I1 / (3.0 * J) * second_of_volume(F));
+}
+
+// ---- the mesh
+struct Element {
+  std::array<int, 9> node;
+};
+struct Mesh {
+  std::vector<Vector2d> X;
+  std::vector<Element> element;
+  std::vector<int> top;  // nodes from the axis outwards
+};
+
+// Borders of elements: `fine` until `reach`, then growing until `end`.
+std::vector<double> graded(double fine, double reach, double growth, double largest, double end) {
+  std::vector<double> border = {0.0};
+  const int even = std::max(1, static_cast<int>(std::lround(reach / fine)));
+  for (int k = 1; k <= even; ++k) border.push_back(std::min(reach, end) * k / even);
+  double size = fine;
+  while (border.back() < end - 1e-9) {
+    size = std::min(largest, size * growth);
+    border.push_back(border.back() + size);
+  }
+  if (border.size() > static_cast<std::size_t>(even) + 1) {  // the grown ones are made to fit
+    const double from = border[static_cast<std::size_t>(even)], to = border.back();
+    for (std::size_t k = static_cast<std::size_t>(even) + 1; k < border.size(); ++k)
+      border[k] = from + (border[k] - from) * (end - from) / (to - from);
+  }
+  return border;
+}
+
+Mesh mesh_of(const Options& o) {
+  std::vector<double> r = graded(o["fine"], o["reach"], o["growth"], o["largest"], o["body"]);
+  if (o["edge_fine"] > 0.0) {  // divides those near the edge
+    std::vector<double> divided = {0.0};
+    for (std::size_t k = 1; k < r.size(); ++k) {
+      const double middle = 0.5 * (r[k] + r[k - 1]), size = r[k] - r[k - 1];
+      const bool near = middle > o["radius"] - 1.5 * o["edge"] && middle < o["radius"] + 0.5 * o["edge"];
+      const int parts = near ? std::max(1, static_cast<int>(std::lround(size / o["edge_fine"]))) : 1;
+      for (int p = 1; p <= parts; ++p) divided.push_back(r[k - 1] + size * p / parts);
+    }
+    r = divided;
+  }
+  std::vector<double> z = graded(o["fine"], o["below"], o["growth"], o["largest"], o["height"]);
+  for (double& one : z) one = o["height"] - one;
+  std::reverse(z.begin(), z.end());
+  const int nr = static_cast<int>(r.size()) - 1, nz = static_cast<int>(z.size()) - 1, row = 2 * nr + 1;
+  Mesh mesh;
+  const auto at = [](const std::vector<double>& x, int k) {
+    return k % 2 == 0 ? x[static_cast<std::size_t>(k / 2)]
+                      : 0.5 * (x[static_cast<std::size_t>(k / 2)] + x[static_cast<std::size_t>(k / 2) + 1]);
+  };
+  for (int j = 0; j <= 2 * nz; ++j)
+    for (int i = 0; i <= 2 * nr; ++i) mesh.X.emplace_back(at(r, i), at(z, j));
+  for (int j = 0; j < nz; ++j)
+    for (int i = 0; i < nr; ++i) {
+      Element e;
+      for (int b = 0; b < 3; ++b)
+        for (int a = 0; a < 3; ++a)
+          e.node[static_cast<std::size_t>(3 * b + a)] = (2 * j + b) * row + 2 * i + a;
+      mesh.element.push_back(e);
+    }
+  for (int i = 0; i < row; ++i) mesh.top.push_back(2 * nz * row + i);
+  return mesh;
+}
+
+// ---- an element
+struct Point {
+  Eigen::Matrix<double, 5, 18> B;  // from the nodes' displacements (r0 z0 r1 z1 ...) to F - 1
+  double volume;
+  Vector3d psi;
+};
+
+std::array<Point, 9> points_of(const Mesh& mesh, const Element& e) {
+  const double g = std::sqrt(0.6);
+  const std::array<double, 3> at = {-g, 0.0, g}, weight = {5.0 / 9.0, 8.0 / 9.0, 5.0 / 9.0};
+  const auto shape = [](double x) { return Vector3d(0.5 * x * (x - 1.0), 1.0 - x * x, 0.5 * x * (x + 1.0)); };
+  const auto slope = [](double x) { return Vector3d(x - 0.5, -2.0 * x, x + 0.5); };
+  const Vector2d low = mesh.X[static_cast<std::size_t>(e.node[0])],
+                 high = mesh.X[static_cast<std::size_t>(e.node[8])], half = 0.5 * (high - low),
+                 middle = 0.5 * (high + low);
+  std::array<Point, 9> points;
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i) {
+      Point& p = points[static_cast<std::size_t>(3 * j + i)];
+      const double x = at[static_cast<std::size_t>(i)], y = at[static_cast<std::size_t>(j)];
+      const double R = middle.x() + half.x() * x;
+      p.volume = weight[static_cast<std::size_t>(i)] * weight[static_cast<std::size_t>(j)] * half.x() *
+                 half.y() * 2.0 * pi * R;
+      p.psi = Vector3d(1.0, x, y);
+      p.B.setZero();
+      const Vector3d nx = shape(x), ny = shape(y), dx = slope(x) / half.x(), dy = slope(y) / half.y();
+      for (int b = 0; b < 3; ++b)
+        for (int a = 0; a < 3; ++a) {
+          const int k = 3 * b + a;
+          p.B(0, 2 * k) = p.B(2, 2 * k + 1) = dx[a] * ny[b];
+          p.B(1, 2 * k) = p.B(3, 2 * k + 1) = nx[a] * dy[b];
+          p.B(4, 2 * k) = nx[a] * ny[b] / R;
+        }
+    }
+  return points;
+}
+
+struct Assembly {
+  VectorXd force;                             // derivative of the energy
+  std::vector<Eigen::Triplet<double>> entry;  // its second derivative
+  double J_min = 1e9;
+};
+
+Assembly assemble(const Mesh& mesh, const std::vector<std::array<Point, 9>>& points, const Law& law,
+                  const VectorXd& u) {
+  Assembly all;
+  all.force = VectorXd::Zero(u.size());
+  const Vector5d one(1.0, 0.0, 0.0, 1.0, 1.0);
+  for (std::size_t n = 0; n < mesh.element.size(); ++n) {
+    const Element& e = mesh.element[n];
+    ElementVector ue, f = ElementVector::Zero();
+    for (int k = 0; k < 9; ++k) ue.segment<2>(2 * k) = u.segment<2>(2 * e.node[static_cast<std::size_t>(k)]);
+    ElementMatrix K = ElementMatrix::Zero();
+    Matrix3d M = Matrix3d::Zero();
+    Vector3d theta = Vector3d::Zero();
+    Eigen::Matrix<double, 3, 18> G = Eigen::Matrix<double, 3, 18>::Zero();
+    std::array<Vector5d, 9> F;
+    for (int q = 0; q < 9; ++q) {
+      const Point& p = points[n][static_cast<std::size_t>(q)];
+      Vector5d& Fq = F[static_cast<std::size_t>(q)];
+      Fq = one + p.B * ue;
+      const double J = volume_ratio(Fq);
+      all.J_min = std::min(all.J_min, J);
+      if (J <= 0.0) continue;
+      M += p.volume * p.psi * p.psi.transpose();
+      theta += p.volume * (J - 1.0) * p.psi;
+      G += p.volume * p.psi * (cofactor(Fq).transpose() * p.B);
+      f += p.volume * p.B.transpose() * distortional_stress(law.mu, Fq);
+      K += p.volume * p.B.transpose() * distortional_tangent(law.mu, Fq) * p.B;
+    }
+    if (all.J_min <= 0.0) return all;
+    const Vector3d pressure = law.bulk * M.ldlt().solve(theta);
+    f += G.transpose() * pressure;
+    for (int k = 0; k < 9; ++k)
+      all.force.segment<2>(2 * e.node[static_cast<std::size_t>(k)]) += f.segment<2>(2 * k);
+    K += law.bulk * G.transpose() * M.ldlt().solve(G);
+    for (int q = 0; q < 9; ++q) {
+      const Point& p = points[n][static_cast<std::size_t>(q)];
+      K += p.volume * p.psi.dot(pressure) * p.B.transpose() *
+           second_of_volume(F[static_cast<std::size_t>(q)]) * p.B;
+    }
+    for (int k = 0; k < 18; ++k)
+      for (int l = 0; l < 18; ++l)
+        all.entry.emplace_back(2 * e.node[static_cast<std::size_t>(k / 2)] + k % 2,
+                               2 * e.node[static_cast<std::size_t>(l / 2)] + l % 2, K(k, l));
+  }
+  return all;
+}
+
+// ---- the tool, whose tip is at z = 0: distance from it, positive outside, with derivatives
+struct Gap {
+  double value;
+  Vector2d normal;
+  Matrix2d curvature;
+};
+
+Gap round_gap(const Vector2d& from_centre, double radius) {
+  const double length = std::max(from_centre.norm(), 1e-12);
+  const Vector2d n = from_centre / length;
+  return {length - radius, n, (Matrix2d::Identity() - n * n.transpose()) / length};
+}
+
+Gap gap_of(const Options& o, const Vector2d& x) {
+  const double radius = o["radius"], edge = o["edge"];
+  if (o.tool == "sphere") return round_gap(x - Vector2d(0.0, radius), radius);
+  if (o.tool == "paraboloid") {  // about the distance, and zero on its surface
+    const Vector2d down(x[0] / radius, -1.0);
+    const double steep = down.norm();
+    const Vector2d n = down / steep;
+    const Matrix2d across = Matrix2d::Identity() - n * n.transpose();
+    return {(x[0] * x[0] / (2.0 * radius) - x[1]) / steep, n,
+            across.col(0) * Vector2d(1.0 / radius / steep, 0.0).transpose()};
+  }
+  const Vector2d q(x[0] - (radius - edge), edge - x[1]);  // outwards and down from the middle of the edge
+  if (q[0] > 0.0 && q[1] > 0.0) {
+    Gap gap = round_gap(q, edge);
+    gap.normal[1] *= -1.0;
+    gap.curvature(0, 1) *= -1.0;
+    gap.curvature(1, 0) *= -1.0;
+    return gap;
+  }
+  if (q[0] > q[1]) return {q[0] - edge, {1.0, 0.0}, Matrix2d::Zero()};
+  return {q[1] - edge, {0.0, -1.0}, Matrix2d::Zero()};
+}
+
+// Of each node of the top: whether it touches, the force of the tool on it, and where on the tool it sticks.
+struct State {
+  VectorXd u;
+  std::vector<char> active;
+  std::vector<Vector2d> force, stuck_at;
+};
+
+struct Result {
+  bool converged = false;
+  double force = 0.0, radius = 0.0, J_min = 0.0, between = 0.0;
+  int iterations = 0;
+};
+
+class Scene {
+ public:
+  explicit Scene(const Options& o)
+      : options_(o),
+        law_{o["mu"], o["mu"] * 2.0 * o["nu"] / (1.0 - 2.0 * o["nu"]) + 2.0 / 3.0 * o["mu"]},
+        mesh_(mesh_of(o)) {
+    for (const Element& e : mesh_.element) points_.push_back(points_of(mesh_, e));
+    held_.assign(2 * mesh_.X.size(), 0);
+    for (std::size_t a = 0; a < mesh_.X.size(); ++a) {
+      if (mesh_.X[a].x() < 1e-12) held_[2 * a] = 1;
+      if (mesh_.X[a].y() < 1e-12) held_[2 * a + 1] = 1, held_[2 * a] |= o.base == "bonded";
+    }
+  }
+
+  State at_rest() const {
+    const std::size_t tops = mesh_.top.size();
+    return {VectorXd::Zero(static_cast<Eigen::Index>(2 * mesh_.X.size())), std::vector<char>(tops, 0),
+            std::vector<Vector2d>(tops, Vector2d::Zero()), std::vector<Vector2d>(tops, Vector2d::Zero())};
+  }
+  std::size_t nodes() const { return mesh_.X.size(); }
+
+  // Semismooth Newton from `s`.
+  Result solve(State& s, double depth) const {
+    for (int k = 0; k < 60; ++k) {
+      const Assembly tissue = assemble(mesh_, points_, law_, s.u);
+      if (!(tissue.J_min > 0.0)) return {};
+      const std::vector<Gap> gap = gaps(s.u, depth);
+      const bool changed = choose_active(s, gap, depth, k >= settled_after);
+      const std::vector<Row> row = rows(s, gap, depth);
+      VectorXd residual = tissue.force;
+      double force = 0.0, worst = 0.0;
+      for (std::size_t i = 0; i < gap.size(); ++i) {
+        residual.segment<2>(2 * mesh_.top[i]) -= s.force[i];
+        force += s.force[i][1];
+      }
+      for (Eigen::Index d = 0; d < residual.size(); ++d)
+        if (held_[static_cast<std::size_t>(d)]) residual[d] = 0.0;
+      for (const Row& one : row) worst = std::max(worst, std::abs(one.open));
+      if (!changed && residual.norm() < 1e-5 * std::abs(force) + 1e-12 && worst < 1e-8)
+        return found(s, depth, -force, tissue.J_min, k);
+      if (!step(s, tissue, residual, gap, row)) return {};
+    }
+    return {};
+  }
+
+ private:
+  static constexpr int settled_after = 8;  // steps of Newton; then one node at a time comes or goes
+  Options options_;
+  Law law_;
+  Mesh mesh_;
+  std::vector<std::array<Point, 9>> points_;
+  std::vector<char> held_;
+
+  // A component of a node's place that the tool prescribes.
+  struct Row {
+    std::size_t i;
+    Vector2d direction;
+    double open;
+  };
+
+  // On the axis a node's share of the surface is nothing.
+  bool may_touch(std::size_t i) const {
+    const double r = mesh_.X[static_cast<std::size_t>(mesh_.top[i])].x();
+    return r > 1e-9 && r < options_["body"] - 1e-9;
+  }
+  // From the tool's tip.
+  Vector2d place(const VectorXd& u, std::size_t i, double depth) const {
+    const int a = mesh_.top[i];
+    return mesh_.X[static_cast<std::size_t>(a)] + u.segment<2>(2 * a) -
+           Vector2d(0.0, options_["height"] - depth);
+  }
+  std::vector<Gap> gaps(const VectorXd& u, double depth) const {
+    std::vector<Gap> gap;
+    for (std::size_t i = 0; i < mesh_.top.size(); ++i) gap.push_back(gap_of(options_, place(u, i, depth)));
+    return gap;
+  }
+
+  bool choose_active(State& s, const std::vector<Gap>& gap, double depth, bool one) const {
+    const double stiffness = law_.mu * options_["fine"];
+    std::vector<std::pair<double, std::size_t>> wrong;  // by how much
+    for (std::size_t i = 0; i < gap.size(); ++i) {
+      const double wanted = s.force[i].dot(gap[i].normal) - stiffness * gap[i].value;
+      if (may_touch(i) && (wanted > 0.0) != static_cast<bool>(s.active[i]))
+        wrong.emplace_back(-std::abs(wanted), i);
+    }
+    std::sort(wrong.begin(), wrong.end());
+    if (one && wrong.size() > 1) wrong.resize(1);
+    for (const auto& [by, i] : wrong) {
+      s.active[i] = !s.active[i];
+      s.force[i].setZero();
+      s.stuck_at[i] = place(s.u, i, depth) - gap[i].value * gap[i].normal;
+    }
+    return !wrong.empty();
+  }
+
+  std::vector<Row> rows(const State& s, const std::vector<Gap>& gap, double depth) const {
+    std::vector<Row> row;
+    for (std::size_t i = 0; i < gap.size(); ++i) {
+      if (!s.active[i]) continue;
+      if (options_.touch == "slip") {
+        row.push_back({i, gap[i].normal, gap[i].value});
+        continue;
+      }
+      const Vector2d open = place(s.u, i, depth) - s.stuck_at[i];
+      row.push_back({i, Vector2d::UnitX(), open[0]});
+      row.push_back({i, Vector2d::UnitY(), open[1]});
+    }
+    return row;
+  }
+
+  bool step(State& s, const Assembly& tissue, const VectorXd& residual, const std::vector<Gap>& gap,
+            const std::vector<Row>& row) const {
+    const auto n = s.u.size(), m = static_cast<Eigen::Index>(row.size());
+    std::vector<Eigen::Triplet<double>> entry;
+    entry.reserve(tissue.entry.size() + 1000);
+    const auto free = [&](int d) { return !held_[static_cast<std::size_t>(d)]; };
+    for (const auto& t : tissue.entry)
+      if (free(t.row()) && free(t.col())) entry.push_back(t);
+    VectorXd right(n + m);
+    right.head(n) = -residual;
+    for (Eigen::Index j = 0; j < m; ++j) {
+      const Row& one = row[static_cast<std::size_t>(j)];
+      const int dof = 2 * mesh_.top[one.i];
+      right[n + j] = one.open;
+      for (int a = 0; a < 2; ++a)
+        if (free(dof + a)) {
+          entry.emplace_back(dof + a, static_cast<int>(n + j), -one.direction[a]);
+          entry.emplace_back(static_cast<int>(n + j), dof + a, -one.direction[a]);
+        }
+      if (options_.touch != "slip") continue;
+      const double size = s.force[one.i].dot(one.direction);
+      for (int a = 0; a < 2; ++a)
+        for (int b = 0; b < 2; ++b)
+          if (free(dof + a) && free(dof + b))
+            entry.emplace_back(dof + a, dof + b, -size * gap[one.i].curvature(a, b));
+    }
+    for (int d = 0; d < n; ++d)
+      if (!free(d)) entry.emplace_back(d, d, 1.0);
+    SparseMatrix A(n + m, n + m);
+    A.setFromTriplets(entry.begin(), entry.end());
+    const Eigen::UmfPackLU<SparseMatrix> factor(A);
+    if (factor.info() != Eigen::Success) return false;
+    const VectorXd all = factor.solve(right);
+    if (!all.allFinite()) return false;
+    const double share =
+        std::min(1.0, 2.0 * options_["fine"] / std::max(all.head(n).cwiseAbs().maxCoeff(), 1e-300));
+    s.u += share * all.head(n);
+    if (options_.touch == "slip")  // the force turns with the normal
+      for (const Row& one : row) {
+        const double size = s.force[one.i].dot(one.direction);
+        const Eigen::Index j = &one - row.data();
+        const Vector2d moved = all.segment<2>(2 * mesh_.top[one.i]) * share;
+        s.force[one.i] =
+            (size + share * all[n + j]) * (one.direction + gap[one.i].curvature * moved).normalized();
+      }
+    else
+      for (const Row& one : row) s.force[one.i] += share * all[n + (&one - row.data())] * one.direction;
+    return true;
+  }
+
+  Result found(const State& s, double depth, double force, double J_min, int iterations) const {
+    Result result{true, force, 0.0, J_min, 0.0, iterations};
+    for (std::size_t i = 0; i < s.active.size(); ++i)
+      if (s.active[i]) result.radius = std::max(result.radius, place(s.u, i, depth).x());
+    // The deepest that the top lies inside of the tool between its nodes.
+    for (std::size_t i = 0; i + 2 < mesh_.top.size(); i += 2)
+      for (const double x : {-0.75, -0.5, -0.25, 0.25, 0.5, 0.75}) {
+        const Vector2d at = 0.5 * x * (x - 1.0) * place(s.u, i, depth) +
+                            (1.0 - x * x) * place(s.u, i + 1, depth) +
+                            0.5 * x * (x + 1.0) * place(s.u, i + 2, depth);
+        result.between = std::max(result.between, -gap_of(options_, at).value);
+      }
+    return result;
+  }
+};
+
+int main(int count, char** word) {
+  Options o;
+  for (int k = 1; k < count; ++k) {
+    const std::string text = word[k], name = text.substr(0, text.find('=')),
+                      value = text.substr(text.find('=') + 1);
+    if (name == "tool" || name == "base" || name == "touch")
+      (name == "tool" ? o.tool : name == "base" ? o.base : o.touch) = value;
+    else if (o.named.count(name))
+      o.named[name] = std::atof(value.c_str());
+    else
+      return std::fprintf(stderr, "no option is called %s\n", name.c_str()), 2;
+  }
+  const Scene scene(o);
+  State state = scene.at_rest();
+  std::printf("depth_mm,force_N,contact_radius_mm,J_min,penetration_between_nodes_mm,nodes\n");
+  const double longest = o["depth"] / o["steps"];
+  double done = 0.0, step = longest / 8.0;
+  for (int k = 1; k <= static_cast<int>(o["steps"]);) {
+    const double to = k * longest, next = std::min(to, done + step);
+    State tried = state;
+    const Result found = scene.solve(tried, next);
+    if (!found.converged) {
+      step *= 0.5;
+      if (step < longest / 1024.0) return std::fprintf(stderr, "no equilibrium beyond %g mm\n", done), 1;
+      continue;
+    }
+    state = std::move(tried);
+    done = next;
+    step = std::min(longest, 2.0 * step);
+    if (next < to) continue;
+    ++k;
+    std::printf("%.5g,%.6g,%.5g,%.4f,%.2g,%zu\n", done, found.force, found.radius, found.J_min, found.between,
+                scene.nodes());
+    std::fflush(stdout);
+  }
+}
