@@ -28,6 +28,7 @@
 #include "apps/run/record.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/steps.hpp"
+#include "apps/run/tool.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/supports.hpp"
@@ -523,6 +524,7 @@ class LiveSession {
     session_ = computing([&] {
       const Config config = settings.config();
       require_no_steps(config, "a Session");
+      require_circle(config, "a Session");
       const std::vector<Material> materials = materials_of(config);
       check_materials(materials, built.model.scheme);
       const TissueOptions tissues = tissues_of(config, built.label_names, built.model);

@@ -62,6 +62,9 @@ struct Config {
     std::string contact = "bonded";
     std::string gravity = "none";
   } load;
+  struct Tool {
+    std::string shape = "circle";  ///< see tool_of() in tool.hpp
+  } tool;
   /// A pressure on a part of the surface: [load.pressure.NAME].
   struct Pressure {
     double pressure_Pa = 0.0;

@@ -12,6 +12,7 @@
 #include "apps/run/loads.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/steps.hpp"
+#include "apps/run/tool.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/words.hpp"
@@ -48,6 +49,7 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   check_loads(config);
   check_supports(config);
   require_no_steps(config, "a tool that is moved by hand");
+  require_circle(config, "a tool that is moved by hand");
   live.organ.emplace(read_organ({.config = config}, model_options(config), talk, live.result));
   live.materials = materials_of(config);
   live.base = find_boundary(live.organ->body->surface, live.organ->options.boundary);

@@ -7,6 +7,7 @@
 
 #include "apps/run/organ.hpp"
 #include "apps/run/steps.hpp"
+#include "apps/run/tool.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
@@ -104,6 +105,7 @@ ElementModel element_model(const Config& config, const std::string& format, cons
                       .why = "other laws are not written alike by these programs",
                       .remedy = "leave out tissues, presets, --stress printed, Ogden and Prony numbers"});
   require_no_steps(config, "dimple export");
+  require_circle(config, "dimple export");
   if (!has_tool_alone(config))
     throw UsageError(
         {.fact = fmt::format("{} cannot be exported", !config.held.empty()      ? "supports"
