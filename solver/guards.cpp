@@ -32,6 +32,8 @@ constexpr double kinetic_poor = 0.05;                     // of the stored energ
 // the circle.
 constexpr double jagged_poor = 0.03;
 constexpr std::size_t jagged_samples = 15;
+// Of a thousandth of the radius of a tool that touches: the force is wrong by 3 % or more a radius deep.
+constexpr double penetration_wrong = 20.0;
 constexpr double hourglass_poor = 0.15;  // of the stored energy; usual: 0.02 to 0.05
 // Of the stored energy, in the paper's scheme on the block at 8 mm: 0.4 with 4.5 points a node, 1.2 with
 // its 1.5, and 19 with supports of 2.5 spacings, whose force is a third. A circle of three nodes has 5 from
@@ -365,14 +367,16 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
                    "(--indent-at)",
          .code = "contact-surface"});
   if (!on_ || audit.penetration <= most) return;
-  find({{.fact = text("the body's surface reaches ", fixed(1e3 * audit.penetration, 4),
-                      " mm into the tool between the places where contact is enforced"),
-         .where = moment(now),
-         .why = "the nodes under the tool are too far apart for its shape; the force may be off by about "
-                "1.4 times this part of the depth",
-         .remedy = "use more nodes (--nodes), or a tool with a rounder edge",
-         .code = "penetration"},
-        audit.penetration});
+  Report report = {.fact = text("the body's surface reaches ", fixed(1e3 * audit.penetration, 4),
+                                " mm into the tool between the places where contact is enforced"),
+                   .where = moment(now),
+                   .why =
+                       "the nodes under the tool are too far apart for its shape; the force may be off by "
+                       "about 1.4 times this part of the depth",
+                   .remedy = "use more nodes (--nodes), a smaller --depth, or a tool with a rounder edge",
+                   .code = "penetration"};
+  if (audit.penetration > penetration_wrong * most) throw SolveError(report);
+  find({report, audit.penetration});
 }
 
 void Guards::found_limit_point(const Nodal& jump, double way, const Moment& now) {

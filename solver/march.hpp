@@ -39,7 +39,8 @@ struct Loading {
   Loads loads{};                   ///< that act before the tool touches, and go on acting
   std::vector<Step> steps{};       ///< one after the other, each from the last one's equilibrium
   Begun begun{};                   ///< for march_in_steps() alone
-  /// A tool that touches, in place of the circle; quasi-statically, without loads and steps. Null: the circle.
+  /// A tool that touches, in place of the circle; quasi-statically, without loads and steps. Null: the
+  /// circle.
   std::shared_ptr<const Touch> touch{};
   double way() const {
     double sum = 0.0;
@@ -97,9 +98,10 @@ struct History {
   Index inverted = 0;                                               ///< most points inverted at once
   double residual = 0.0;  ///< largest that a static equilibrium was left with
   bool interrupted = false;
-  double settled = 0.0;         ///< longest way of a node under the loads before the tool touches [m]
-  /// Of a tool that touches: how deep the body's surface came into it at most, between samples too [m]; and at
-  /// the last equilibrium the area of the contact [m^2], both at rest, its largest pressure [Pa] and its samples.
+  double settled = 0.0;  ///< longest way of a node under the loads before the tool touches [m]
+  /// Of a tool that touches: how deep the body's surface came into it at most, between samples too [m]; and
+  /// at the last equilibrium the area of the contact [m^2], both at rest, its largest pressure [Pa] and its
+  /// samples.
   double penetration = 0.0, contact_area = 0.0, contact_pressure = 0.0;
   Index contact_samples = 0;
   double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction

@@ -43,11 +43,12 @@ TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& 
 namespace {
 
 void refuse_touch(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading) {
-  const char* what = mode != TimeMode::quasi_static              ? "inertia"
-                     : !MixedIteration::serves(tissue, model)    ? "a scheme or a tissue without patches of pressure"
-                     : !loading.loads.none()                     ? "gravity or pressures"
-                     : !loading.steps.empty()                    ? "a scene of steps"
-                                                                 : nullptr;
+  const char* what = mode != TimeMode::quasi_static ? "inertia"
+                     : !MixedIteration::serves(tissue, model)
+                         ? "a scheme or a tissue without patches of pressure"
+                     : !loading.loads.none()  ? "gravity or pressures"
+                     : !loading.steps.empty() ? "a scene of steps"
+                                              : nullptr;
   if (!what) return;
   throw SolveError({.fact = text("a tool that touches is asked for together with ", what),
                     .where = text("time ", name_of(mode), ", tool"),
@@ -70,8 +71,8 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
          .code = "steps"});
   if (loading.touch) refuse_touch(mode, tissue, model, loading);
   try {
-    const std::unique_ptr<System> system = make_system(tissue, model, loading.contact, loading.further, loading.loads,
-                                                       options.tolerance, loading.touch.get());
+    const std::unique_ptr<System> system = make_system(tissue, model, loading.contact, loading.further,
+                                                       loading.loads, options.tolerance, loading.touch.get());
     history.settled = system->at_rest().u.colwise().norm().maxCoeff();
     switch (mode) {
       case TimeMode::quasi_static:

@@ -190,8 +190,8 @@ Rest settled(System& system, double tolerance) {
 }  // namespace
 
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
-                                    const std::vector<HeldSet>& further, const Loads& loads,
-                                    double tolerance, const Touch* touch) {
+                                    const std::vector<HeldSet>& further, const Loads& loads, double tolerance,
+                                    const Touch* touch) {
   if (touch)
     return std::make_unique<System>(tissue, model, make_constraints(model, contact, further), ForceTerms{},
                                     std::make_unique<TouchingTool>(*touch));

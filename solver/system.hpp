@@ -94,8 +94,8 @@ class System {
 
   /// All of the force on the tool and its moment about its reference point.
   Wrench on_tool(const Nodal& u, const Nodal& f) const;
-  /// Of the last force(): on the tool along its push, positive where tissue resists [N]; and what does work on
-  /// the depth, of all that moves with the tool.
+  /// Of the last force(): on the tool along its push, positive where tissue resists [N]; and what does work
+  /// on the depth, of all that moves with the tool.
   double along_push(const Nodal& f) const;
   double working_force(const Nodal& f) const;
 

@@ -21,8 +21,8 @@ void members(Archive& io, T& history) {
          residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
          momentum_error, guards, retries] = history;
   io(force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
-     residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples, momentum_error, guards,
-     retries);
+     residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
+     momentum_error, guards, retries);
 }
 
 template <class Archive, Like<Report> T>

@@ -344,7 +344,7 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
                          2e3 * places.tool.radius, centre, report.boundary.circle_reason));
   else
     talk.say(fmt::format("circle   {} nodes, {} on its rim, {:.1f} mm across at {}: {}", report.circle_nodes,
-                       report.rim_nodes, 2e3 * places.tool.radius, centre, report.boundary.circle_reason));
+                         report.rim_nodes, 2e3 * places.tool.radius, centre, report.boundary.circle_reason));
 
   const Vec3& push = places.tool.push;
   result.chosen = {

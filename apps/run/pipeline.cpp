@@ -173,9 +173,10 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
   for (const Step& step : result.loading.steps) talk.say("step     " + in_words(step));
   if ((result.loading.touch = touch_of(config, model))) {
     const Touch& touch = *result.loading.touch;
-    talk.say(fmt::format("tool     {}, without friction; first touch at {}; contact is looked for at {} nodes of the "
-                         "surface",
-                         in_words(touch.shape), in_words(1e3 * touch.pose.tip), touch.surface.count()));
+    talk.say(fmt::format(
+        "tool     {}, without friction; first touch at {}; contact is looked for at {} parts of the "
+        "surface",
+        in_words(touch.shape), in_words(1e3 * touch.pose.tip), touch.surface.count()));
   }
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);

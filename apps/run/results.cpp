@@ -131,7 +131,8 @@ ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wa
     }
     write_file(folder_ / view_file, view_script);
   }
-  if (wanted_.surface || wanted_.picture || wanted_.report) tool_ = touch_ ? tool_body(*touch_) : tool_body(model);
+  if (wanted_.surface || wanted_.picture || wanted_.report)
+    tool_ = touch_ ? tool_body(*touch_) : tool_body(model);
   if (!model.surface.empty() && (wanted_.surface || wanted_.picture || wanted_.report)) take_skins();
 }
 

@@ -41,7 +41,8 @@ double length_of(const Config& config, const std::string& text) {
                         : unit == "um"               ? 1e-6
                         : unit == "m"                ? 1.0
                                                      : 0.0;
-  if (error != std::errc{} || metres == 0.0 || !std::isfinite(value) || !(value > 0.0) || value * metres > 1.0)
+  if (error != std::errc{} || metres == 0.0 || !std::isfinite(value) || !(value > 0.0) ||
+      value * metres > 1.0)
     refuse(config, fmt::format("has the length '{}'", text),
            "its lengths are numbers above 0 and up to 1 m, in mm or with um, mm, cm or m behind",
            fmt::format("give for instance {}", forms));
@@ -94,12 +95,13 @@ ToolShape shape_of(const Config& config, const Words& words) {
     shape.kind = ToolShape::Kind::punch;
     shape.edge = further(config, words, "edge");
     if (shape.edge > shape.radius || shape.edge < sharpest_edge * shape.radius)
-      refuse(config, fmt::format("has an edge of {}", length_in_words(1e3 * shape.edge)),
-             fmt::format("it is rounded by {:g} radii at least, for the pressure at a sharp edge is unbounded, "
-                         "and by a radius at most",
-                         sharpest_edge),
-             fmt::format("give edge={}mm to {}mm", plain(1e3 * sharpest_edge * shape.radius),
-                         plain(1e3 * shape.radius)));
+      refuse(
+          config, fmt::format("has an edge of {}", length_in_words(1e3 * shape.edge)),
+          fmt::format("it is rounded by {:g} radii at least, for the pressure at a sharp edge is unbounded, "
+                      "and by a radius at most",
+                      sharpest_edge),
+          fmt::format("give edge={}mm to {}mm", plain(1e3 * sharpest_edge * shape.radius),
+                      plain(1e3 * shape.radius)));
     return shape;
   }
   shape.kind = ToolShape::Kind::capsule;
@@ -111,8 +113,8 @@ ToolShape shape_of(const Config& config, const Words& words) {
   return shape;
 }
 
-void refuse_beside(const Config& config, bool is_asked, const char* what, const char* option,
-                   const char* why, const char* remedy) {
+void refuse_beside(const Config& config, bool is_asked, const char* what, const char* option, const char* why,
+                   const char* remedy) {
   if (!is_asked) return;
   throw UsageError({.fact = fmt::format("{} is asked for beside the tool '{}'", what, config.tool.shape),
                     .where = option,
@@ -163,7 +165,8 @@ void check_tool(const Config& config) {
                 "leave --scheme out, or --tool");
   refuse_beside(config, has_loads(config), "gravity or a pressure",
                 config.load.gravity != "none" ? "--gravity (load.gravity)" : "load.pressure",
-                "the first touch is found on the body at rest, without loads", "leave the loads out, or --tool");
+                "the first touch is found on the body at rest, without loads",
+                "leave the loads out, or --tool");
   refuse_beside(config, !config.held.empty(), "a support", "support",
                 "a part that is held or moved beside a tool that touches is not modelled",
                 "leave the supports out, or --tool");
@@ -182,24 +185,26 @@ void check_tool(const Config& config) {
                 "the error of the force was measured for the circle alone, so that no band is known",
                 "choose the number of nodes with --nodes, and compare two of them");
   const std::vector<std::string>& write = config.output.write;
-  refuse_beside(config, std::find(write.begin(), write.end(), "report") != write.end(), "the page report.html",
-                "--write report (output.write)", "it shows the circle and its nodes alone",
+  refuse_beside(config, std::find(write.begin(), write.end(), "report") != write.end(),
+                "the page report.html", "--write report (output.write)",
+                "it shows the circle and its nodes alone",
                 "leave report out of --write; all writes everything else");
   if (const double length = length_of_tool(*tool); 1e-3 * config.load.depth_mm > length)
-    throw UsageError({.fact = fmt::format("the tool is to be pushed in by {}, and is {} long",
-                                          length_in_words(config.load.depth_mm), length_in_words(1e3 * length)),
-                      .where = "--depth (load.depth_mm)",
-                      .why = "what holds it at its upper end is not modelled",
-                      .remedy = "give a smaller --depth, or a longer tool"});
+    throw UsageError(
+        {.fact = fmt::format("the tool is to be pushed in by {}, and is {} long",
+                             length_in_words(config.load.depth_mm), length_in_words(1e3 * length)),
+         .where = "--depth (load.depth_mm)",
+         .why = "what holds it at its upper end is not modelled",
+         .remedy = "give a smaller --depth, or a longer tool"});
 }
 
 void require_circle(const Config& config, const std::string& what) {
   if (!tool_of(config)) return;
-  throw UsageError({.fact = fmt::format("{} knows the circle alone, and the tool is '{}'", what,
-                                        config.tool.shape),
-                    .where = "tool.shape",
-                    .why = "a tool that touches is followed by `dimple run` alone",
-                    .remedy = "leave the tool out, or use dimple run IMAGE --tool"});
+  throw UsageError(
+      {.fact = fmt::format("{} knows the circle alone, and the tool is '{}'", what, config.tool.shape),
+       .where = "tool.shape",
+       .why = "a tool that touches is followed by `dimple run` alone",
+       .remedy = "leave the tool out, or use dimple run IMAGE --tool"});
 }
 
 std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model) {

@@ -22,8 +22,8 @@ void check_tool(const Config& config);
 /// Throws UsageError: a tool that touches is asked for, of something that knows the circle alone.
 void require_circle(const Config& config, const std::string& what);
 
-/// The tool where it first touches the model, and the part of the surface that it may touch; null: the circle.
-/// Throws ModelError as contact_surface() does.
+/// The tool where it first touches the model, and the part of the surface that it may touch; null: the
+/// circle. Throws ModelError as contact_surface() does.
 std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model);
 
 /// Within so many radii of its axis a tool may touch the body.

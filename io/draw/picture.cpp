@@ -713,8 +713,8 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   const Rect room =
       panel(canvas, rect, "Force against indentation",
             !o.tool.empty() ? "contact forces on the tool; their error is not known"
-            : has_band ? "reaction of the circle's nodes; shaded: how far the discretisation may be off"
-                       : "reaction of the circle's nodes; its error is not known");
+            : has_band      ? "reaction of the circle's nodes; shaded: how far the discretisation may be off"
+                            : "reaction of the circle's nodes; its error is not known");
   std::vector<Vec2> points;
   std::vector<double> half;
   for (std::size_t i = 0; i < std::min(o.depth_mm.size(), o.force_N.size()); ++i)

@@ -9,10 +9,10 @@ namespace dimple {
 ///
 ///     lambda >= 0,   gap + K (lambda - lambda_before) >= 0,   one of both zero at every sample.
 ///
-/// `compliance` [MxM] m/N: how far a unit force at one place moves another, for each direction alike, positive
-/// definite; `normal` [3xM]: of the forces, K_st = compliance_st n_s.n_t; `gap` [M] m: where nothing changes;
-/// `before` [M] N, not negative. Returns the change [M] N; `found` false: the sets of samples that touch went
-/// in circles, and what is returned is the last of them without what would pull.
+/// `compliance` [MxM] m/N: how far a unit force at one place moves another, for each direction alike,
+/// positive definite; `normal` [3xM]: of the forces, K_st = compliance_st n_s.n_t; `gap` [M] m: where nothing
+/// changes; `before` [M] N, not negative. Returns the change [M] N; `found` false: the sets of samples that
+/// touch went in circles, and what is returned is the last of them without what would pull.
 ///
 /// Source:   primal-dual active set strategy: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002.
 struct ContactStep {

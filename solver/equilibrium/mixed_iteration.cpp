@@ -32,8 +32,8 @@ constexpr int fewest_neighbours = 6;
 constexpr double longest_step = 0.3;
 // Of what the law is at rest: single points have 1e5, and 300 takes no fewer steps.
 constexpr double stiffest = 30.0;
-// Largest of what contact lacks, penetration or what a force would move where nothing touches, as a part of the
-// depth and of the tool's radius. The force is wrong by about 1.4 times the mean of it over the depth.
+// Largest of what contact lacks, penetration or what a force would move where nothing touches, as a part of
+// the depth and of the tool's radius. The force is wrong by about 1.4 times the mean of it over the depth.
 constexpr double contact_error = 5e-4;
 constexpr Index quickly_factorised = 3000;  // rows, in a tenth of a second; the time grows as their square
 // Rows. With 100,000 nodes the factors took three times as long as the rest of the solution.
@@ -323,8 +323,7 @@ struct MixedIteration::Parts {
       force.setZero();
       const Index last = std::min(first + 4, count);
       for (Index t = first; t < last; ++t)
-        for (int k = rows.offset[t]; k < rows.offset[t + 1]; ++k)
-          force(t - first, rows.member[k]) = phi[k];
+        for (int k = rows.offset[t]; k < rows.offset[t + 1]; ++k) force(t - first, rows.member[k]) = phi[k];
       across.solve(force, moved);
       for (Index s = 0; s < count; ++s) {
         Eigen::Vector4d sum = Eigen::Vector4d::Zero();
@@ -477,13 +476,12 @@ struct MixedIteration::Parts {
     const TouchingTool& tool = *body.touching();
     double largest = 0.0;
     for (Index s = 0; s < tool.count(); ++s)
-      largest =
-          std::max(largest, std::abs(std::min(tool.gaps()[s], compliance(s, s) * tool.forces()[s])));
+      largest = std::max(largest, std::abs(std::min(tool.gaps()[s], compliance(s, s) * tool.forces()[s])));
     return largest / (contact_error * std::min(body.now().depth, tool.touch().shape.radius));
   }
 
-  // The step (du, dlambda) from the unbalanced force r and the unbalanced volume s, and of a tool that touches
-  // from its gaps, `thicker` times.
+  // The step (du, dlambda) from the unbalanced force r and the unbalanced volume s, and of a tool that
+  // touches from its gaps, `thicker` times.
   void step(const Nodal& r, const Eigen::VectorXd& s, double thicker, Nodal& du, Eigen::VectorXd& dlambda) {
     TouchingTool* touching = body.touching();
     Eigen::VectorXd of_patches(s.size());

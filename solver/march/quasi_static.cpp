@@ -21,8 +21,8 @@ constexpr double touch = 0.02;  // of the first way
 constexpr double shortest = 1.0 / 16.0;
 constexpr std::int64_t evaluations_of_step = 60;
 constexpr double most_penetration = 1e-3;  // of the radius of a tool that touches
-constexpr double same_depth = 1e-6;  // of a step
-constexpr std::size_t few = 3;       // equilibria, before which the curve between two is a guess
+constexpr double same_depth = 1e-6;        // of a step
+constexpr std::size_t few = 3;             // equilibria, before which the curve between two is a guess
 
 // Of the force over the last piece of the way: the parabola through the last three places, or a line.
 double work_of_last(const std::vector<double>& depth, const std::vector<double>& force, bool straight) {
@@ -65,9 +65,8 @@ struct FramesBetween {
       else
         tell_of_line(at.depth);
       if (observer.frame)
-        observer.frame(
-            {loading.begun.frame + last + 1, at.t, at.depth, now.u, f, system.tissue(), system.aside(),
-             system.touching() ? system.along_push(f) : 0.0});
+        observer.frame({loading.begun.frame + last + 1, at.t, at.depth, now.u, f, system.tissue(),
+                        system.aside(), system.touching() ? system.along_push(f) : 0.0});
       if (found && !ledger.show_force()) return false;
     }
     return true;
@@ -276,7 +275,8 @@ void QuasiStaticMarch::look_ahead(const Way& way, Found& found) {
     past_.extrapolate(way.to, now_.u, now_.lambda);
     return set_tool(way.to);
   }
-  if (system_.touching()) {  // the first step of the search says more than any touch: contact grows from a point
+  if (system_
+          .touching()) {  // the first step of the search says more than any touch: contact grows from a point
     now_ = {past_.point.back().u, past_.point.back().lambda};
     return set_tool(way.to);
   }

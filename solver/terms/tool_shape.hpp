@@ -37,8 +37,8 @@ double height_of_tool(const ToolShape& shape, double r);
 /// From the tip to the upper end [m]; infinite where there is none.
 double length_of_tool(const ToolShape& shape);
 
-/// The radius [m] of the contact with a half-space, linear elastic and without friction, at a depth [m] (Sneddon
-/// 1965), of a capsule that of its end; at most nearly the tool's own.
+/// The radius [m] of the contact with a half-space, linear elastic and without friction, at a depth [m]
+/// (Sneddon 1965), of a capsule that of its end; at most nearly the tool's own.
 double contact_radius(const ToolShape& shape, double depth);
 
 }  // namespace dimple

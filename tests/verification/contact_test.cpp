@@ -85,8 +85,7 @@ auto paraboloid(double radius) {
 }
 auto rounded_punch(double flat, double edge) {
   return [flat, edge](double t) {
-    return t <= flat ? 0.0
-                     : t / edge * (std::sqrt(t * t - flat * flat) - flat * std::acos(flat / t));
+    return t <= flat ? 0.0 : t / edge * (std::sqrt(t * t - flat * flat) - flat * std::acos(flat / t));
   };
 }
 
@@ -112,8 +111,7 @@ TEST(TouchingTruth, TheRadiusOfContactIsThatOfSneddon) {
   for (const double depth : {0.01, 0.1, 0.3}) {
     const double a = contact_radius(sphere, depth);
     const double force = 0.5 * (a * a + 1.0) * std::log((1.0 + a) / (1.0 - a)) - a;
-    const double series =
-        1.0 - depth / 10.0 - depth * depth / 840.0 + 11.0 * std::pow(depth, 3) / 15120.0;
+    const double series = 1.0 - depth / 10.0 - depth * depth / 840.0 + 11.0 * std::pow(depth, 3) / 15120.0;
     EXPECT_NEAR(force / hertz(1.0, depth), series, 1e-3);
   }
   const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5.0, .edge = 1.0};
@@ -152,7 +150,8 @@ TEST(ToolShape, TheTipTouchesAndTheLowerSurfaceIsAtItsHeight) {
     for (double r = 0.0; r < shape.radius; r += 0.1e-3)
       EXPECT_NEAR(distance_to_tool(shape, pose, {0.0, r, height_of_tool(shape, r)}).distance, 0.0, 1e-12);
     EXPECT_TRUE(std::isinf(height_of_tool(shape, 1.01 * shape.radius)));
-    EXPECT_NEAR(distance_to_tool(shape, pose, {shape.radius + 1e-3, 0.0, shape.radius}).distance, 1e-3, 1e-12);
+    EXPECT_NEAR(distance_to_tool(shape, pose, {shape.radius + 1e-3, 0.0, shape.radius}).distance, 1e-3,
+                1e-12);
   }
 }
 
@@ -211,8 +210,8 @@ Touched touched(const BodySurface& body, const ToolShape& shape, double depth_mm
   const BuiltModel built = build_model(body, options);
   auto touch = std::make_shared<Touch>();
   touch->shape = shape;
-  touch->surface = contact_surface(
-      built.model, std::min(1.5 * shape.radius, 3e-3 * options.boundary.contact_radius_mm));
+  touch->surface =
+      contact_surface(built.model, std::min(1.5 * shape.radius, 3e-3 * options.boundary.contact_radius_mm));
   touch->pose = first_touch(shape, built.model.tool, touch->surface);
   Touched result{.history = {}, .touch = touch, .nodes = built.model.node_count()};
   const Tissues tissues{{neo_hookean(mu, nu, 1000.0)}, built.model.tissue};
@@ -230,11 +229,12 @@ double of_layer(double radius_mm, double depth_mm, double thickness_mm) {
 
 void is_true(const Touched& found, double truth, double share) {
   const double ratio = found.force() / truth;
-  std::printf("%td nodes: %.4f mN, %+.2f %% of the truth; penetration %.2e radii, %td samples touch, %td "
-              "evaluations in %zu equilibria, %zu retries\n",
-              found.nodes, 1e3 * found.force(), 100.0 * (ratio - 1.0),
-              found.history.penetration / found.touch->shape.radius, found.history.contact_samples,
-              found.history.steps, found.history.force.size() - 1, found.history.retries.size());
+  std::printf(
+      "%td nodes: %.4f mN, %+.2f %% of the truth; penetration %.2e radii, %td samples touch, %td "
+      "evaluations in %zu equilibria, %zu retries\n",
+      found.nodes, 1e3 * found.force(), 100.0 * (ratio - 1.0),
+      found.history.penetration / found.touch->shape.radius, found.history.contact_samples,
+      found.history.steps, found.history.force.size() - 1, found.history.retries.size());
   EXPECT_NEAR(ratio, 1.0, share);
   // A surface that comes into the tool between the samples is told of.
   bool told = false;
