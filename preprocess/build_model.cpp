@@ -96,7 +96,7 @@ void refuse_beyond_memory(const ModelOptions& options, Index nodes) {
 
 // In metres in the world, nodes and points each in the order of a curve through the body.
 Discretisation places_of(const BodySurface& body, const Boundary& boundary, const NodeCloud& cloud,
-                         const IntegrationGrid& grid) {
+                         const IntegrationGrid& grid, bool holds_circle) {
   Discretisation places;
   const std::vector<Index> nodes = spatial_order(cloud.X), points = spatial_order(grid.point);
   places.X = world_metres(body, cloud.X(Eigen::all, nodes));
@@ -116,7 +116,7 @@ Discretisation places_of(const BodySurface& body, const Boundary& boundary, cons
   places.tool.radius = metres(boundary.radius);
   for (Index a = 0; a < places.node_count(); ++a) {
     const Index in_cloud = nodes[static_cast<std::size_t>(a)];
-    if (in_cloud < cloud.circle_count) places.indenter.push_back(a);
+    if (holds_circle && in_cloud < cloud.circle_count) places.indenter.push_back(a);
     if (cloud.base[static_cast<std::size_t>(in_cloud)]) places.base.push_back(a);
   }
   return places;
@@ -166,6 +166,7 @@ void refuse_without_base_or_on_it(const Boundary& boundary, const NodeCloud& clo
 
 Site find_site(const BodySurface& body, const ModelOptions& options, const Boundary* known) {
   Site site{find_boundary(body, options.boundary, known), {}};
+  if (options.boundary.contact_radius_mm > 0.0) site.boundary.radius = options.boundary.contact_radius_mm;
   site.sizing = Sizing(body, site.boundary, options.cloud.grading);
   return site;
 }
@@ -212,7 +213,7 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
   report.stages.done("cloud, grid");
 
   stop_if_asked();
-  result.places = places_of(body, boundary, cloud, grid);
+  result.places = places_of(body, boundary, cloud, grid, !(options.boundary.contact_radius_mm > 0.0));
   report_cloud(boundary, cloud, grid, sizing.even() ? 1.0 : options.cloud.grading.rim, report);
   report.stages.done("other");
   refuse_without_base_or_on_it(boundary, cloud, result.places);

@@ -32,6 +32,8 @@ constexpr double kinetic_poor = 0.05;                     // of the stored energ
 // the circle.
 constexpr double jagged_poor = 0.03;
 constexpr std::size_t jagged_samples = 15;
+// Of a thousandth of the radius of a tool that touches: the force is wrong by 3 % or more a radius deep.
+constexpr double penetration_wrong = 20.0;
 constexpr double hourglass_poor = 0.15;  // of the stored energy; usual: 0.02 to 0.05
 // Of the stored energy, in the paper's scheme on the block at 8 mm: 0.4 with 4.5 points a node, 1.2 with
 // its 1.5, and 19 with supports of 2.5 spacings, whose force is a third. A circle of three nodes has 5 from
@@ -88,6 +90,7 @@ std::vector<Finding> check_model(const Model& model, const SupportReport& suppor
   // On the verification block 29, 33, 49, 63, 99 and 167 nodes in the circle gave forces 45, 23, 12, 8, 4 and
   // 1 % too large at a depth of 1.6 radii, and a quarter of that at first touch.
   const auto nodes = static_cast<double>(model.indenter.size());
+  if (model.indenter.empty()) return findings;  // a tool that touches
   const double deep = std::min(depth / (1.6 * model.tool.radius), 1.0);
   const double error = 0.04 * std::pow(99.0 / std::max(nodes, 1.0), 1.6) * (0.25 + 0.75 * deep * deep);
   if (error > accuracy)
@@ -349,6 +352,31 @@ void Guards::check_fluctuation(const Nodal& u, const Moment& now) {
       .code = "hourglass"};
   if (share > fluctuation_wrong) throw SolveError(report);
   find({report, share});
+}
+
+void Guards::check_contact(const TouchingTool::Audit& audit, double most, const ContactSurface& surface,
+                           const Moment& now) {
+  if (audit.beyond > most)
+    throw SolveError(
+        {.fact = text("the tool has come ", 1e3 * audit.beyond,
+                      " mm into a part of the surface on which no contact is looked for"),
+         .where = moment(now) + text("; that part at rest at ", in_mm(surface.beyond.col(audit.beyond_at))),
+         .why = "contact is looked for within 1.5 radii of the tool's axis, on what faces the tool: it has "
+                "passed through thin tissue, or reached the base, or a fold beside it",
+         .remedy = "use a smaller --depth, a smaller tool, or a place further from folds and edges "
+                   "(--indent-at)",
+         .code = "contact-surface"});
+  if (!on_ || audit.penetration <= most) return;
+  Report report = {.fact = text("the body's surface reaches ", fixed(1e3 * audit.penetration, 4),
+                                " mm into the tool between the places where contact is enforced"),
+                   .where = moment(now),
+                   .why =
+                       "the nodes under the tool are too far apart for its shape; the force may be off by "
+                       "about 1.4 times this part of the depth",
+                   .remedy = "use more nodes (--nodes), a smaller --depth, or a tool with a rounder edge",
+                   .code = "penetration"};
+  if (audit.penetration > penetration_wrong * most) throw SolveError(report);
+  find({report, audit.penetration});
 }
 
 void Guards::found_limit_point(const Nodal& jump, double way, const Moment& now) {

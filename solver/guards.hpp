@@ -73,6 +73,10 @@ class Guards {
   ///     sum_q V_q 3 mu/2 sum_a |u_a - mean u - H_q (X_a - mean X)|^2 / sum_a |X_a - mean X|^2
   ///
   /// beside the stored energy. As Ganzenmueller 2015 measures it for particles. It takes two sweeps.
+  /// Of a tool that touches. Throws SolveError: it has come to a part of the surface that has no samples.
+  /// `most` [m]: how far the surface may reach into it.
+  void check_contact(const TouchingTool::Audit& audit, double most, const ContactSurface& surface,
+                     const Moment& now);
   void check_fluctuation(const ForceSystem::Nodal& u, const Moment& now);
   /// Of central differences, `force` [N] at the samples since the last frame: `jagged`, where a load slow
   /// enough for a static answer makes it jump from one to the next.

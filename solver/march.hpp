@@ -5,6 +5,7 @@
 
 #include <array>
 #include <functional>
+#include <memory>
 #include <vector>
 
 #include "solver/equilibrium/mixed_iteration.hpp"
@@ -38,6 +39,9 @@ struct Loading {
   Loads loads{};                   ///< that act before the tool touches, and go on acting
   std::vector<Step> steps{};       ///< one after the other, each from the last one's equilibrium
   Begun begun{};                   ///< for march_in_steps() alone
+  /// A tool that touches, in place of the circle; quasi-statically, without loads and steps. Null: the
+  /// circle.
+  std::shared_ptr<const Touch> touch{};
   double way() const {
     double sum = 0.0;
     for (const Step& step : steps) sum += step.way.norm();
@@ -80,6 +84,7 @@ struct Frame {
   const ForceSystem::Nodal& f;  ///< [N] N, System::force() at u; on held nodes it is the reaction
   const ForceState& forces;     ///< with the history and the pressures that belong to f
   Vec3 aside = Vec3::Zero();    ///< how far the tool has come across its push [m]
+  double contact_force = 0.0;   ///< of a tool that touches, along its push, which no held node bears [N]
 };
 
 struct History {
@@ -93,7 +98,12 @@ struct History {
   Index inverted = 0;                                               ///< most points inverted at once
   double residual = 0.0;  ///< largest that a static equilibrium was left with
   bool interrupted = false;
-  double settled = 0.0;         ///< longest way of a node under the loads before the tool touches [m]
+  double settled = 0.0;  ///< longest way of a node under the loads before the tool touches [m]
+  /// Of a tool that touches: how deep the body's surface came into it at most, between samples too [m]; and
+  /// at the last equilibrium the area of the contact [m^2], both at rest, its largest pressure [Pa] and its
+  /// samples.
+  double penetration = 0.0, contact_area = 0.0, contact_pressure = 0.0;
+  Index contact_samples = 0;
   double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction
   std::vector<Finding> guards;
   std::vector<Retry> retries;

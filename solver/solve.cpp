@@ -40,6 +40,25 @@ TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& 
   return model.scheme.pressure_patches && slow ? TimeMode::quasi_static : TimeMode::explicit_;
 }
 
+namespace {
+
+void refuse_touch(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading) {
+  const char* what = mode != TimeMode::quasi_static ? "inertia"
+                     : !MixedIteration::serves(tissue, model)
+                         ? "a scheme or a tissue without patches of pressure"
+                     : !loading.loads.none()  ? "gravity or pressures"
+                     : !loading.steps.empty() ? "a scene of steps"
+                                              : nullptr;
+  if (!what) return;
+  throw SolveError({.fact = text("a tool that touches is asked for together with ", what),
+                    .where = text("time ", name_of(mode), ", tool"),
+                    .why = "its contact is solved for in equilibrium, straight from the first touch",
+                    .remedy = "leave out one of the two",
+                    .code = "touch"});
+}
+
+}  // namespace
+
 void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading,
            const SolverOptions& options, const Observer& observer, History& history, const MarchState* from) {
   if (!loading.steps.empty() && mode != TimeMode::quasi_static)
@@ -50,9 +69,10 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
                 "its nodes would change their speed at once",
          .remedy = "march it quasi-statically (--time quasi-static)",
          .code = "steps"});
+  if (loading.touch) refuse_touch(mode, tissue, model, loading);
   try {
-    const std::unique_ptr<System> system =
-        make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance);
+    const std::unique_ptr<System> system = make_system(tissue, model, loading.contact, loading.further,
+                                                       loading.loads, options.tolerance, loading.touch.get());
     history.settled = system->at_rest().u.colwise().norm().maxCoeff();
     switch (mode) {
       case TimeMode::quasi_static:

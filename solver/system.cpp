@@ -10,12 +10,15 @@
 
 namespace dimple {
 
-System::System(const ForceSystem& tissue, const Model& model, Constraints held, ForceTerms terms)
+System::System(const ForceSystem& tissue, const Model& model, Constraints held, ForceTerms terms,
+               std::unique_ptr<TouchingTool> touching)
     : model_(model),
       held_(std::move(held)),
       tissue_(tissue),
       terms_(std::move(terms)),
-      at_rest_{Nodal::Zero(4, model.node_count()), Eigen::VectorXd::Zero(model.patches.count())} {}
+      touching_(std::move(touching)),
+      at_rest_{Nodal::Zero(4, model.node_count()),
+               Eigen::VectorXd::Zero(model.patches.count() + (touching_ ? touching_->count() : 0))} {}
 
 void System::set(const Instant& now, Nodal& u) {
   now_ = now;
@@ -25,23 +28,27 @@ void System::set(const Instant& now, Nodal& u) {
 void System::add_terms(const Nodal& u, Nodal& f) {
   load_.setZero(4, u.cols());
   for (const auto& term : terms_) term->add_force(u, now_, term->is_load() ? load_ : f);
+  if (touching_) touching_->add_force(u, now_, load_);
   f += load_;
 }
 
 System::Sweep System::force(const Nodal& u, Nodal& f) {
   const Sweep sweep = tissue_.internal_force(u, f);
-  if (loaded()) add_terms(u, f);
+  if (loaded() || touching_) add_terms(u, f);
   return sweep;
 }
 
 System::Sweep System::force_at(const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f) {
   const bool with_pressures = MixedIteration::serves(tissue_.system(), model_);
-  tissue_.hold_pressures(with_pressures ? lambda.cwiseQuotient(model_.patches.volume) : Eigen::VectorXd());
+  const Index patches = model_.patches.count();
+  tissue_.hold_pressures(with_pressures ? lambda.head(patches).cwiseQuotient(model_.patches.volume)
+                                        : Eigen::VectorXd());
+  if (touching_) touching_->set_forces(lambda.tail(touching_->count()));
   return force(u, f);
 }
 
 void System::gather(const Nodal& u, Nodal& f, const std::function<void(Index first, Index last)>& then) {
-  if (!loaded()) return tissue_.gather_sweep(f, then);
+  if (!loaded() && !touching_) return tissue_.gather_sweep(f, then);
   tissue_.gather_sweep(f, {});
   add_terms(u, f);
   if (then) then(0, u.cols());
@@ -68,7 +75,17 @@ NodeStiffness System::node_stiffness(const Nodal& u) const {
   return sum;
 }
 
+double System::along_push(const Nodal& f) const {
+  return touching_ ? touching_->along(model_.tool.push) : dimple::along_push(model_, model_.indenter, f);
+}
+
+double System::working_force(const Nodal& f) const {
+  const double of_held = held_.working_force(f);
+  return touching_ ? of_held + touching_->along(model_.tool.push) : of_held;
+}
+
 Wrench System::on_tool(const Nodal& u, const Nodal& f) const {
+  if (touching_) return touching_->on_tool(now_);
   Vec3 carried = Vec3::Zero();  // by the loads, before it touched
   if (loaded() && !model_.indenter.empty()) {
     for (const Index a : model_.indenter) carried += at_rest_.u.col(a).head<3>();
@@ -179,11 +196,17 @@ Rest settled(System& system, double tolerance) {
 }  // namespace
 
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
-                                    const std::vector<HeldSet>& further, const Loads& loads,
-                                    double tolerance) {
+                                    const std::vector<HeldSet>& further, const Loads& loads, double tolerance,
+                                    const Touch* touch) {
   if (!loads.move_the_body())
     return std::make_unique<System>(tissue, model, make_constraints(model, contact, further),
-                                    make_terms(model, loads));
+                                    make_terms(model, loads),
+                                    touch ? std::make_unique<TouchingTool>(*touch) : nullptr);
+  if (touch)
+    throw SolveError({.fact = "a tool that touches and loads that act before it does",
+                      .where = "loading",
+                      .why = "where it first touches is known of the body without loads",
+                      .remedy = "leave one of them out"});
   std::vector<HeldSet> still;  // those that move have not come yet, as the tool has not
   std::copy_if(further.begin(), further.end(), std::back_inserter(still),
                [](const HeldSet& s) { return s.share == 0.0; });

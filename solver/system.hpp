@@ -7,6 +7,7 @@
 #include "solver/terms/internal_force.hpp"
 #include "solver/terms/loads.hpp"
 #include "solver/terms/tool_force.hpp"
+#include "solver/terms/touching_tool.hpp"
 
 namespace dimple {
 
@@ -24,7 +25,8 @@ struct StoredEnergy {
   double sum() const { return tissue + loads; }
 };
 
-/// Displacements [4xN] m and the patches' pressures x volumes [N m], see MixedIteration.
+/// Displacements [4xN] m and the patches' pressures x volumes [N m], see MixedIteration; of a tool that
+/// touches its contact forces [N] behind them.
 struct Rest {
   Nodal u;
   Eigen::VectorXd lambda;
@@ -40,7 +42,8 @@ class System {
  public:
   using Sweep = ForceSystem::Sweep;
   /// `tissue` and `model` must outlive it.
-  System(const ForceSystem& tissue, const Model& model, Constraints held, ForceTerms terms = {});
+  System(const ForceSystem& tissue, const Model& model, Constraints held, ForceTerms terms = {},
+         std::unique_ptr<TouchingTool> touching = nullptr);
 
   const Model& model() const { return model_; }
   const Constraints& held() const { return held_; }
@@ -49,6 +52,11 @@ class System {
   const Tissues& tissues() const { return tissue_.system().tissues(); }
   bool viscoelastic() const { return tissue_.system().viscoelastic(); }
   bool loaded() const { return !terms_.empty(); }
+  /// Null: the tool holds nodes.
+  TouchingTool* touching() { return touching_.get(); }
+  const TouchingTool* touching() const { return touching_.get(); }
+  /// Where the tool stands and which share of the loads acts.
+  const Instant& now() const { return now_; }
 
   /// Tool and loads stand so from now on.
   void set(const Instant& now) { now_ = now; }
@@ -57,8 +65,8 @@ class System {
 
   /// f [4xN] N at u [4xN] m.
   Sweep force(const Nodal& u, Nodal& f);
-  /// The same where a search for equilibrium is, which holds the patches' pressures `lambda`, see Rest, if it
-  /// looks for any.
+  /// The same where a search for equilibrium is, which holds the patches' pressures and the contact forces
+  /// `lambda`, see Rest, if it looks for any.
   Sweep force_at(const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f);
   /// The sum of the forces in f that act within the body, which is nothing but for rounding.
   double sum_of_tissue(const Nodal& f) const {
@@ -87,6 +95,10 @@ class System {
 
   /// All of the force on the tool and its moment about its reference point.
   Wrench on_tool(const Nodal& u, const Nodal& f) const;
+  /// Of the last force(): on the tool along its push, positive where tissue resists [N]; and what does work
+  /// on the depth, of all that moves with the tool.
+  double along_push(const Nodal& f) const;
+  double working_force(const Nodal& f) const;
 
   /// A step of dt [s] begins; u ends it.
   void begin_step(double dt) { tissue_.begin_step(dt); }
@@ -115,6 +127,7 @@ class System {
   Constraints held_;
   ForceState tissue_;
   ForceTerms terms_;
+  std::unique_ptr<TouchingTool> touching_;
   Instant now_;
   Nodal load_;  // [4xN] N of all terms; no columns: there are none
   Rest at_rest_;
@@ -141,9 +154,10 @@ Balance System::balance(const Nodal& f, Nodal& unbalanced, const Beside& beside)
 }
 
 /// A body under `loads`, come to rest, its circle where the tool then touches it: bonded or not, and
-/// `further` sets held likewise. Throws SolveError: it does not carry its loads.
+/// `further` sets held likewise; or `touch`: a tool that holds no nodes, without loads. Throws SolveError: it
+/// does not carry its loads.
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
                                     const std::vector<HeldSet>& further, const Loads& loads = {},
-                                    double tolerance = 1e-4);
+                                    double tolerance = 1e-4, const Touch* touch = nullptr);
 
 }  // namespace dimple

@@ -86,8 +86,9 @@ void members(Archive& io, T& grid) {
 
 template <class Archive, Like<BoundaryOptions> T>
 void members(Archive& io, T& boundary) {
-  auto& [base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm] = boundary;
-  io(base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm);
+  auto& [base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm, contact_radius_mm] =
+      boundary;
+  io(base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm, contact_radius_mm);
 }
 
 template <class Archive, Like<ModelOptions> T>

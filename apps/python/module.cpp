@@ -32,6 +32,7 @@
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/supports.hpp"
+#include "apps/run/tool.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
 #include "io/stop.hpp"
@@ -525,6 +526,7 @@ class LiveSession {
       const Config config = settings.config();
       require_no_steps(config, "a Session");
       require_no_membranes(config, "a Session");
+      require_circle(config, "a Session");
       const std::vector<Material> materials = materials_of(config);
       check_materials(materials, built.model.scheme);
       const TissueOptions tissues = tissues_of(config, built.label_names, built.model);

@@ -41,6 +41,8 @@ std::string no_band(const Config& config) {
   const Config usual;
   if (config.scheme.name != usual.scheme.name) return "it was measured for the converging scheme alone";
   if (config.solver.time == "explicit" || config.solver.time == "dynamic") return not_for_dynamics;
+  if (config.tool.shape != usual.tool.shape)
+    return "it was measured for the bonded circle, not for a tool that touches";
   if (config.load.contact != usual.load.contact)
     return "it was measured for a circle to which the tissue is bonded";
   if (has_loads(config)) return "it was measured for bodies that bear no load but the tool's";

@@ -11,16 +11,18 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* format = "dimple checkpoint 5";
+constexpr const char* format = "dimple checkpoint 6";
 
 }  // namespace
 
 template <class Archive, Like<History> T>
 void members(Archive& io, T& history) {
   auto& [force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
-         residual, interrupted, settled, momentum_error, guards, retries] = history;
+         residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
+         momentum_error, guards, retries] = history;
   io(force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
-     residual, interrupted, settled, momentum_error, guards, retries);
+     residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
+     momentum_error, guards, retries);
 }
 
 template <class Archive, Like<Report> T>

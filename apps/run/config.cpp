@@ -11,6 +11,7 @@
 #include <sstream>
 
 #include "apps/run/steps.hpp"
+#include "apps/run/tool.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -354,6 +355,11 @@ std::vector<Option> options_of(Config& c) {
        {"bonded", "frictionless"},
        "solve",
        true},
+      {"tool.shape", "--tool", "",
+       "circle: the bonded or sliding circle of --indenter-diameter; or a rigid tool that touches without "
+       "friction: sphere:5mm (its radius), punch:5mm,edge=1mm (flat, radius and edge radius), "
+       "capsule:2mm,length=20mm (a round-ended rod that stands)",
+       &c.tool.shape, 0, 0, false, any, "run", true, words_for("circle")},
       {"load.gravity", "--gravity", "",
        "none; the side towards which it pulls with 9.81 m/s2; or x,y,z in LPS, in m/s2: the body comes to "
        "rest under it "
@@ -1229,6 +1235,10 @@ ModelOptions model_options(const Config& c) {
                       .indent_at = c.boundary.indent_at,
                       .indenter_diameter_mm = c.boundary.indenter_diameter_mm,
                       .direction = c.boundary.direction};
+  if (const std::optional<ToolShape> tool = tool_of(c)) {
+    options.boundary.indenter_diameter_mm = 2e3 * tool->radius;
+    options.boundary.contact_radius_mm = 1e3 * contact_radius(*tool, 1e-3 * c.load.depth_mm);
+  }
   return options;
 }
 

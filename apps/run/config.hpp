@@ -63,6 +63,9 @@ struct Config {
     std::string gravity = "none";
     std::string membrane = "none";  ///< of the whole surface: "0.1mm:400kPa", see membranes.hpp
   } load;
+  struct Tool {
+    std::string shape = "circle";  ///< see tool_of() in tool.hpp
+  } tool;
   /// A pressure on a part of the surface: [load.pressure.NAME].
   struct Pressure {
     double pressure_Pa = 0.0;

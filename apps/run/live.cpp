@@ -15,6 +15,7 @@
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
+#include "apps/run/tool.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
@@ -50,6 +51,7 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   check_supports(config);
   require_no_steps(config, "a tool that is moved by hand");
   require_no_membranes(config, "a tool that is moved by hand");
+  require_circle(config, "a tool that is moved by hand");
   live.organ.emplace(read_organ({.config = config}, model_options(config), talk, live.result));
   live.materials = materials_of(config);
   live.base = find_boundary(live.organ->body->surface, live.organ->options.boundary);

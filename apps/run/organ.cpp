@@ -339,8 +339,12 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
       100.0 * (report.grid_volume_mm3 / segment.voxel_volume_mm3 - 1.0)));
   talk.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
   const std::string centre = in_words(places.tool.centre * 1e3);
-  talk.say(fmt::format("circle   {} nodes, {} on its rim, {:.1f} mm across at {}: {}", report.circle_nodes,
-                       report.rim_nodes, 2e3 * places.tool.radius, centre, report.boundary.circle_reason));
+  if (options.boundary.contact_radius_mm > 0.0)
+    talk.say(fmt::format("contact  nodes are finest around a circle {:.1f} mm across at {}: {}",
+                         2e3 * places.tool.radius, centre, report.boundary.circle_reason));
+  else
+    talk.say(fmt::format("circle   {} nodes, {} on its rim, {:.1f} mm across at {}: {}", report.circle_nodes,
+                         report.rim_nodes, 2e3 * places.tool.radius, centre, report.boundary.circle_reason));
 
   const Vec3& push = places.tool.push;
   result.chosen = {

@@ -11,6 +11,7 @@
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
+#include "apps/run/tool.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
@@ -67,6 +68,11 @@ TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
     return TimeMode::explicit_;
   }
   TimeMode mode = choose_time(result.model, result.tissues, result.loading);
+  if (mode != TimeMode::quasi_static && result.loading.touch)
+    throw UsageError({.fact = "the tool is too fast for its contact to be solved for in equilibrium",
+                      .where = "--rate (load.rate_mm_per_s)",
+                      .why = "its force holds inertia, which is modelled for the circle alone",
+                      .remedy = "give a lower --rate, or --time quasi-static"});
   if (mode == TimeMode::quasi_static && asked == "dynamic") mode = TimeMode::dynamic;
   if (mode != TimeMode::quasi_static && !config.step.empty())
     throw UsageError({.fact = "the tool is too fast for a scene of steps",
@@ -170,6 +176,13 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
   result.loading.loads = loads_of(config, model);
   result.loading.steps = steps_of(config, model.tool.push);
   for (const Step& step : result.loading.steps) talk.say("step     " + in_words(step));
+  if ((result.loading.touch = touch_of(config, model))) {
+    const Touch& touch = *result.loading.touch;
+    talk.say(fmt::format(
+        "tool     {}, without friction; first touch at {}; contact is looked for at {} parts of the "
+        "surface",
+        in_words(touch.shape), in_words(1e3 * touch.pose.tip), touch.surface.count()));
+  }
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
   for (const Finding& finding : result.findings) talk.warn(in_words(finding));
@@ -187,7 +200,7 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
   result.time = time_of(config, talk, result);
   talk.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(config.load.depth_mm),
                           plain(config.load.rate_mm_per_s), three_digits(loading.duration()),
-                          config.load.contact,
+                          loading.touch ? "frictionless" : config.load.contact,
                           result.time == TimeMode::quasi_static
                               ? fmt::format("equilibrium in {} steps", steps_of_load(model, loading, options))
                           : result.time == TimeMode::dynamic ? "with inertia, by implicit steps"

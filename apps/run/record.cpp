@@ -14,6 +14,7 @@
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"
+#include "apps/run/tool.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -109,6 +110,7 @@ std::optional<MeasuredCurve> compared_curve(const Config& config) {
   const std::string& name = config.output.compare;
   if (name.empty()) return std::nullopt;
   require_no_steps(config, "--compare");
+  require_circle(config, "--compare");
   return name == paper_word ? paper_curve() : read_measured_curve(name);
 }
 
@@ -192,7 +194,7 @@ class Recorder {
       label_at = label_finder(now.image, Eigen::Isometry3d::Identity(), taken);
     }
     writer_.emplace(how_.folder, now.model, now.history.interrupted ? tables_alone : wanted_of(given_.config),
-                    label_at, now.loading.further, now.loading.duration());
+                    label_at, now.loading.further, now.loading.duration(), now.loading.touch);
     if (wanted_of(given_.config).report)
       slices_ = slices_through(1e3 * (now.model.tool.centre + 0.5 * now.loading.depth * now.model.tool.push),
                                now.model, now.image);
@@ -519,8 +521,11 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
         fmt::format("{}; {}; {} integration points", volume_in_words(result.segment.voxel_volume_mm3),
                     nodes_in_words(model.node_count(), report), model.point_count()),
         fmt::format("base: {} nodes, {}", model.base.size(), report.boundary.base_reason),
-        fmt::format("circle: {} nodes at {}, {}", report.circle_nodes, in_words(model.tool.centre * 1e3),
-                    report.boundary.circle_reason)};
+        result.loading.touch
+            ? fmt::format("tool: {}, first touch at {}, {}", in_words(result.loading.touch->shape),
+                          in_words(1e3 * result.loading.touch->pose.tip), report.boundary.circle_reason)
+            : fmt::format("circle: {} nodes at {}, {}", report.circle_nodes,
+                          in_words(model.tool.centre * 1e3), report.boundary.circle_reason)};
   };
   how.subject = fs::path(name_of_image(config)).filename().string();
   return record({.config = config, .image = image, .band = config.accuracy.band == "on"}, std::move(how),

@@ -15,6 +15,7 @@
 #include <set>
 #include <system_error>
 
+#include "apps/run/tool.hpp"
 #include "apps/run/view.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -73,7 +74,7 @@ Wanted wanted_of(const Config& config) {
           .picture = asked("picture"),
           .model = asked("model"),
           .label = asked("label"),
-          .report = asked("report"),
+          .report = asked("report") && !tool_of(config),  // its page speaks of the circle; see check_tool()
           .images = std::find(list.begin(), list.end(), "images") != list.end(),
           .fine = fine};
 }
@@ -100,9 +101,11 @@ bool may_write_beside(const Model& model) {
 }  // namespace
 
 ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wanted, const LabelAt& label_at,
-                           const std::vector<HeldSet>& supports, double end_s)
+                           const std::vector<HeldSet>& supports, double end_s,
+                           std::shared_ptr<const Touch> touch)
     : folder_(std::move(folder)),
       model_(model),
+      touch_(std::move(touch)),
       wanted_(wanted),
       beside_(may_write_beside(model)),
       nodes_mm_(model.X.unaryExpr(&millimetres)),
@@ -128,7 +131,8 @@ ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wa
     }
     write_file(folder_ / view_file, view_script);
   }
-  if (wanted_.surface || wanted_.picture || wanted_.report) tool_ = tool_body(model);
+  if (wanted_.surface || wanted_.picture || wanted_.report)
+    tool_ = touch_ ? tool_body(*touch_) : tool_body(model);
   if (!model.surface.empty() && (wanted_.surface || wanted_.picture || wanted_.report)) take_skins();
 }
 
@@ -212,7 +216,7 @@ PointStress stress_at_points(const Frame& frame) {
 void ResultWriter::frame(const Frame& frame) {
   Packing packing{.time_s = frame.t,
                   .depth = frame.depth,
-                  .force = 0.0,
+                  .force = frame.contact_force,
                   .aside = frame.aside,
                   .u = frame.u.topRows<3>() * 1e3};
   for (const Index a : model_.indenter) packing.force += frame.f.col(a).head<3>().dot(model_.tool.push);
@@ -362,7 +366,7 @@ void ResultWriter::write_view(const Packing& frame) {
              .fields = {},
              .facts = {fact("indentation_mm", "mm", number(1e3 * frame.depth)),
                        fact("force_N", "N", number(frame.force)),
-                       fact("radius_mm", "mm", number(1e3 * tool.radius)),
+                       fact("radius_mm", "mm", number(1e3 * (touch_ ? touch_->shape.radius : tool.radius))),
                        fact("centre_mm", "mm", 1e3 * tool.centre), fact("push", "", tool.push),
                        fact("front", "", section_.front)},
              .small = small},
@@ -431,6 +435,10 @@ Overview ResultWriter::body_of(double depth) const {
   picture.centre_mm = model_.tool.centre * 1e3;
   picture.push = model_.tool.push;
   picture.radius_mm = model_.tool.radius * 1e3;
+  if (touch_) {
+    picture.radius_mm = touch_->shape.radius * 1e3;
+    picture.tool = in_words(touch_->shape);
+  }
   picture.depth_mm = {1e3 * depth};
   picture.two_threads = beside_;
   return picture;

@@ -63,7 +63,8 @@ class ResultWriter {
   /// of the load.
   ResultWriter(std::filesystem::path folder, const Model& model, const Wanted& wanted = {},
                const LabelAt& label_at = {}, const std::vector<HeldSet>& supports = {},
-               double end_s = std::numeric_limits<double>::infinity());
+               double end_s = std::numeric_limits<double>::infinity(),
+               std::shared_ptr<const Touch> touch = nullptr);
 
   ~ResultWriter();
 
@@ -111,6 +112,7 @@ class ResultWriter {
 
   std::filesystem::path folder_;
   const Model& model_;
+  std::shared_ptr<const Touch> touch_;  // null: the circle
   Wanted wanted_;
   bool beside_;  // frames are written while the march goes on
   Section section_;

@@ -14,6 +14,7 @@
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
+#include "apps/run/tool.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 
@@ -128,6 +129,7 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
 
 void build_case(const Case& given, const RunObserver& observer, Result& result) {
   const Talk talk{observer, result};
+  require_circle(given.config, "a model by itself");
   auto [placed, of_image] = placed_by(given, observer, talk, result);
   complete(given.config, std::move(placed), talk, result);
   if (of_image) of_image->image = result.image;
@@ -139,6 +141,8 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   check_loads(given.config);
   check_supports(given.config);
   check_steps(given.config);
+  check_tool(given.config);
+  if (given.model) require_circle(given.config, "a model that was made before");
   if (const Case refined = with_origin(given); const std::optional<Goal> goal = goal_of(refined.config))
     return simulate_to(*goal, refined, observer, result);
   const Talk talk{observer, result};

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/run/organ.hpp"
+#include "apps/run/tool.hpp"
 #include "apps/run/verdict.hpp"
 #include "apps/run/words.hpp"
 #include "solver/march/steps.hpp"
@@ -75,6 +76,23 @@ Json counts_json(const Model& model) {
           {"circle_centre_mm", three(model.tool.centre * 1e3)},
           {"push", three(model.tool.push)},
           {"circle_diameter_mm", 2e3 * model.tool.radius}};
+}
+
+// A tool that touches holds no circle of nodes.
+void add_touch(Json& summary, const Touch& touch, const History& history) {
+  for (const char* key : {"circle_nodes", "circle_centre_mm", "circle_diameter_mm"})
+    summary["counts"].erase(key);
+  const ToolShape& shape = touch.shape;
+  Json tool = {{"words", in_words(shape)}, {"radius_mm", 1e3 * shape.radius}};
+  if (shape.kind == ToolShape::Kind::punch) tool["edge_mm"] = 1e3 * shape.edge;
+  if (shape.kind == ToolShape::Kind::capsule) tool["length_mm"] = 1e3 * shape.length;
+  tool["first_touch_mm"] = three(1e3 * touch.pose.tip);
+  tool["contact_samples"] = touch.surface.count();
+  tool["samples_in_contact"] = history.contact_samples;
+  tool["contact_area_mm2"] = 1e6 * history.contact_area;
+  tool["largest_pressure_Pa"] = history.contact_pressure;
+  tool["largest_penetration_mm"] = 1e3 * history.penetration;
+  summary["tool"] = tool;
 }
 
 Json report_json(const Report& r) {
@@ -346,10 +364,11 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   summary["requested"] = {{"depth_mm", config.load.depth_mm},
                           {"rate_mm_per_s", config.load.rate_mm_per_s},
                           {"frames", config.solver.frames}};
-  summary["contact"] = config.load.contact;
+  summary["contact"] = result.loading.touch ? "touching, without friction" : config.load.contact;
   add_loads_and_supports(summary, result);
   summary["material"] = materials_json(config, result.tissues);
   summary["counts"] = counts_json(model);
+  if (result.loading.touch) add_touch(summary, *result.loading.touch, result.history);
   summary["support"] = support_json(model.support_report);
   summary["support"]["worst_pivot_ratio"] = model.support_report.worst_pivot_ratio;
   summary["support"]["linear_error"] = model.support_report.linear_error;

@@ -84,4 +84,50 @@ SurfaceFile tool_body(const Discretisation& model) {
   return body;
 }
 
+SurfaceFile tool_body(const Touch& touch) {
+  constexpr Index around = 96, round = 24;  // corners of a ring; rings of a quarter of a circle
+  const ToolShape& shape = touch.shape;
+  // Rings from the tip to the upper end: radius and height above the tip.
+  std::vector<std::pair<double, double>> ring;
+  const bool is_punch = shape.kind == ToolShape::Kind::punch;
+  const double rounded = is_punch ? shape.edge : shape.radius, flat = shape.radius - rounded;
+  const double top = is_punch ? 3.0 * shape.radius : length_of_tool(shape);
+  for (Index k = flat > 0.0 ? 0 : 1; k <= round; ++k) {
+    const double angle = 0.5 * std::numbers::pi * static_cast<double>(k) / round;
+    ring.emplace_back(flat + rounded * std::sin(angle), rounded * (1.0 - std::cos(angle)));
+  }
+  if (is_punch)
+    ring.emplace_back(shape.radius, top);
+  else
+    for (std::size_t k = ring.size(); k-- > 0;) ring.emplace_back(ring[k].first, top - ring[k].second);
+  const Vec3 up = -touch.pose.points_at, right = up.unitOrthogonal(), ahead = up.cross(right);
+  const auto rings = static_cast<Index>(ring.size());
+  SurfaceFile body;
+  body.position_mm.resize(3, 2 + rings * around);
+  body.position_mm.col(0) = 1e3 * touch.pose.tip;
+  for (Index n = 0; n < rings; ++n)
+    for (Index k = 0; k < around; ++k) {
+      const double angle = 2.0 * std::numbers::pi * static_cast<double>(k) / around;
+      const auto& [r, z] = ring[static_cast<std::size_t>(n)];
+      const Vec3 across = r * (std::cos(angle) * right + std::sin(angle) * ahead);
+      body.position_mm.col(1 + n * around + k) = 1e3 * (touch.pose.tip + z * up + across);
+    }
+  const Index last = 1 + rings * around;
+  body.position_mm.col(last) = 1e3 * (touch.pose.tip + top * up);
+  body.triangles.resize(3, 2 * around * rings);
+  Index t = 0;
+  const auto add = [&](Index a, Index b, Index c) { body.triangles.col(t++) << a, b, c; };
+  for (Index k = 0; k < around; ++k) {
+    const Index next = (k + 1) % around, upper = 1 + (rings - 1) * around;
+    add(0, 1 + next, 1 + k);
+    for (Index n = 0; n + 1 < rings; ++n) {
+      const Index a = 1 + n * around + k, b = 1 + n * around + next;
+      add(a, b, b + around);
+      add(a, b + around, a + around);
+    }
+    add(last, upper + k, upper + next);
+  }
+  return body;
+}
+
 }  // namespace dimple

@@ -13,6 +13,7 @@
 #include "apps/run/simulate.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/tool.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "apps/run/words.hpp"
 #include "io/draw/chart.hpp"
@@ -287,6 +288,7 @@ Index nodes_to_explain(double facing_share) {
 void check_explainable(const Config& config) {
   require_no_steps(config, "--explain");
   require_no_membranes(config, "--explain");
+  require_circle(config, "--explain");
   if (config.scheme.name != Config{}.scheme.name)
     throw UsageError({.fact = "the comparisons of --explain need the converging scheme",
                       .where = "--explain and --scheme",

@@ -16,6 +16,7 @@
 #include "apps/run/simulate.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/summary.hpp"
+#include "apps/run/tool.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "io/digits.hpp"
 #include "io/draw/chart.hpp"
@@ -290,6 +291,7 @@ Config case_of(const Config& config, const FitOptions& options, const MeasuredCu
   require_proportional(why_not_proportional(config));
   require_no_goal(config, "dimple fit");
   require_no_steps(config, "dimple fit");
+  require_circle(config, "dimple fit");
   refuse_given(config, {"load.depth_mm"}, "the run is as deep as the curve");
   refuse_given(config, {"material.mu_Pa", "material.young_Pa", "material.mu_spread_percent"},
                "the modulus is what is looked for");

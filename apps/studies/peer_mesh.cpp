@@ -8,6 +8,7 @@
 #include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/steps.hpp"
+#include "apps/run/tool.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
@@ -106,6 +107,7 @@ ElementModel element_model(const Config& config, const std::string& format, cons
                       .remedy = "leave out tissues, presets, --stress printed, Ogden and Prony numbers"});
   require_no_steps(config, "dimple export");
   require_no_membranes(config, "dimple export");
+  require_circle(config, "dimple export");
   if (!has_tool_alone(config))
     throw UsageError(
         {.fact = fmt::format("{} cannot be exported", !config.held.empty()      ? "supports"

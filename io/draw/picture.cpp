@@ -378,10 +378,10 @@ void draw_cloud(Canvas& canvas, const Rect& rect, const Overview& o, const BodyF
   const auto in = [&](int bit) {
     return std::count_if(o.node_set.begin(), o.node_set.end(), [&](int set) { return (set & bit) != 0; });
   };
-  legend(canvas, {room.x + 6.0, room.y + 18.0},
-         {{"free", interior, 'o'},
-          {fmt::format("fixed base ({})", in(1)), base, 'o'},
-          {fmt::format("indenter circle ({})", in(2)), circle, 'o'}});
+  std::vector<LegendEntry> entries = {{"free", interior, 'o'},
+                                      {fmt::format("fixed base ({})", in(1)), base, 'o'}};
+  if (o.tool.empty()) entries.push_back({fmt::format("indenter circle ({})", in(2)), circle, 'o'});
+  legend(canvas, {room.x + 6.0, room.y + 18.0}, entries);
 }
 
 /// Where the surface crosses the plane through `on` across `normal`: pairs of points.
@@ -411,7 +411,8 @@ Points tool_at_the_end(const Overview& o) {
 
 std::vector<LegendEntry> tool_entry(const Overview& o) {
   if (o.tool_triangles.cols() == 0) return {};
-  return {{fmt::format("tool, {} mm in diameter", three_digits(2.0 * o.radius_mm)), tool_metal, 's'}};
+  return {{o.tool.empty() ? fmt::format("tool, {} mm in diameter", three_digits(2.0 * o.radius_mm)) : o.tool,
+           tool_metal, 's'}};
 }
 
 /// What of a line lies in a rectangle; nothing: none of it.
@@ -463,9 +464,38 @@ SectionView section_view(const Rect& room, const Overview& o, const Camera& came
   return view;
 }
 
+/// The section of a tool that touches, as it is: between its lower and its upper side.
+void draw_touching_tool(Canvas& canvas, const Overview& o, const SectionView& view, const Camera& camera,
+                        const Vec3& centre) {
+  const Points tool = tool_at_the_end(o);
+  if (o.tool_triangles.cols() == 0 || !tool.allFinite()) return;
+  std::vector<Vec2> outline;
+  Vec2 middle = Vec2::Zero();
+  const auto pieces = cut(tool, o.tool_triangles, centre, camera.toward);
+  for (const auto& [a, b] : pieces) {
+    outline.push_back(view.at(a));
+    outline.push_back(view.at(b));
+  }
+  for (Vec2& p : outline) p.y() = std::max(p.y(), view.shown.y);
+  for (const Vec2& p : outline) middle += p / static_cast<double>(outline.size());
+  std::sort(outline.begin(), outline.end(), [&](const Vec2& p, const Vec2& q) {  // it is convex
+    return std::atan2(p.y() - middle.y(), p.x() - middle.x()) <
+           std::atan2(q.y() - middle.y(), q.x() - middle.x());
+  });
+  if (outline.size() > 2) canvas.polygon(outline, tool_fill, 0.3);
+  for (const auto& [a, b] : pieces)
+    if (const auto seen = within(view.shown, view.at(a), view.at(b)))
+      canvas.line((*seen)[0], (*seen)[1], 1.6, tool_metal);
+  const Vec2 foot = view.at(centre);
+  if (depth_of(o) > 0.0)
+    write(canvas, {foot.x() + o.radius_mm * view.projection.scale + 10.0, foot.y() - tool_above + 14.0},
+          fmt::format("{} mm deep", three_digits(depth_of(o))), {.size = 14.0, .colour = tool_ink});
+}
+
 /// The tool's section: each piece of its foot is filled up to the head.
 void draw_tool(Canvas& canvas, const Overview& o, const SectionView& view, const Camera& camera,
                const Vec3& centre) {
+  if (!o.tool.empty()) return draw_touching_tool(canvas, o, view, camera, centre);
   const Points tool = tool_at_the_end(o);
   if (o.tool_triangles.cols() == 0 || !tool.allFinite()) return;
   const double head = view.at(centre).y() - tool_above;
@@ -682,8 +712,9 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   const bool has_band = !o.half_N.empty() && o.half_N.size() == o.force_N.size();
   const Rect room =
       panel(canvas, rect, "Force against indentation",
-            has_band ? "reaction of the circle's nodes; shaded: how far the discretisation may be off"
-                     : "reaction of the circle's nodes; its error is not known");
+            !o.tool.empty() ? "contact forces on the tool; their error is not known"
+            : has_band      ? "reaction of the circle's nodes; shaded: how far the discretisation may be off"
+                            : "reaction of the circle's nodes; its error is not known");
   std::vector<Vec2> points;
   std::vector<double> half;
   for (std::size_t i = 0; i < std::min(o.depth_mm.size(), o.force_N.size()); ++i)

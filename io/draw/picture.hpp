@@ -25,6 +25,7 @@ struct Overview {
   Vec3 centre_mm;                  ///< of the circle
   Vec3 push;                       ///< unit direction in which the circle moves
   double radius_mm = 0.0;          ///< of the circle
+  std::string tool = {};           ///< words for a tool that touches; empty: it is the circle
   Vec3 aside_mm = Vec3::Zero();    ///< how far the tool has come across its push
   std::vector<double> depth_mm;    ///< force curve
   std::vector<double> force_N;

@@ -23,6 +23,9 @@ struct BoundaryOptions {
   std::string direction = "auto";
   double voxel_mm =
       0.0;  ///< longest edge of the image's voxels: finer than that nothing is known; 0: unknown
+  /// Of a tool that touches and has the indenter's diameter: nodes are graded around a circle of this radius
+  /// in its middle, and none of them is held. 0: the tool is the circle.
+  double contact_radius_mm = 0.0;
 };
 
 /// The fixed base and the indenter's circle as places on the surface; mm, in the surface's own frame.

@@ -15,6 +15,7 @@
 #include "io/stop.hpp"
 #include "solver/equilibrium/anderson.hpp"
 #include "solver/equilibrium/best_state.hpp"
+#include "solver/equilibrium/contact_step.hpp"
 #include "solver/equilibrium/multigrid.hpp"
 
 namespace dimple {
@@ -32,6 +33,9 @@ constexpr int fewest_neighbours = 6;
 constexpr double longest_step = 0.3;
 // Of what the law is at rest: single points have 1e5, and 300 takes no fewer steps.
 constexpr double stiffest = 30.0;
+// Largest of what contact lacks, penetration or what a force would move where nothing touches, as a part of
+// the depth and of the tool's radius. The force is wrong by about 1.4 times the mean of it over the depth.
+constexpr double contact_error = 5e-4;
 constexpr Index quickly_factorised = 3000;  // rows, in a tenth of a second; the time grows as their square
 // Rows. With 100,000 nodes the factors took three times as long as the rest of the solution.
 constexpr Index worth_factorising = 12000;
@@ -200,6 +204,7 @@ struct MixedIteration::Parts {
   std::chrono::steady_clock::duration lap{};  // of an iteration in bounded time, mean of the last few
   Nodal viscous;                              // force
   Eigen::VectorXd scale, dual_scale;          // that make u and lambda of one kind: square roots of energies
+  Eigen::MatrixXd compliance;                 // [samples x samples] m/N of contact forces: phi_s A^-1 phi_t
 
   explicit Parts(System& s)
       : body(s),
@@ -311,6 +316,7 @@ struct MixedIteration::Parts {
       inverse.b.resize(inverse.node.size());
       return inverse.multigrid.compute(std::move(matrix));
     };
+    compliance.resize(0, 0);
     soft_diagonal.resize(0);
     if (!bound.directed.empty() &&
         !(invert(soft_across, true, false) && (!slides || invert(soft_along, false, false))))
@@ -328,6 +334,29 @@ struct MixedIteration::Parts {
       const Mat3 relative = Mat3::Identity() + Q / soft_diagonal[a];
       Q = Eigen::SelfAdjointEigenSolver<Mat3>(relative).operatorInverseSqrt();
     }
+  }
+
+  // How far a unit force at one sample of the tool's contact moves another; four forces at a time.
+  void find_compliance() {
+    const auto& [rows, phi] = body.touching()->touch().surface.at_place;
+    const Index count = rows.rows();
+    compliance.resize(count, count);
+    Nodal force(4, model.node_count()), moved = force;
+    for (Index first = 0; first < count; first += 4) {
+      stop_if_asked();
+      force.setZero();
+      const Index last = std::min(first + 4, count);
+      for (Index t = first; t < last; ++t)
+        for (int k = rows.offset[t]; k < rows.offset[t + 1]; ++k) force(t - first, rows.member[k]) = phi[k];
+      across.solve(force, moved);
+      for (Index s = 0; s < count; ++s) {
+        Eigen::Vector4d sum = Eigen::Vector4d::Zero();
+        for (int k = rows.offset[s]; k < rows.offset[s + 1]; ++k) sum += phi[k] * moved.col(rows.member[k]);
+        for (Index t = first; t < last; ++t) compliance(s, t) = sum[t - first];
+      }
+    }
+    compliance = (0.5 * (compliance + compliance.transpose())).eval();
+    compliance.diagonal() *= 1.0 + 1e-4;  // single precision is not surely positive
   }
 
   // The lower triangle of a symmetric matrix between patches, column by column: `visit(c, add)` calls
@@ -457,10 +486,14 @@ struct MixedIteration::Parts {
   void go_on(Nodal& u, Eigen::VectorXd& lambda, const Nodal& du, const Eigen::VectorXd& dlambda,
              double caution) {
     const Index n = u.cols(), nb = lambda.size();
+    const TouchingTool* touching = body.touching();
+    Eigen::VectorXd of_lambda(nb);
+    of_lambda.head(dual_scale.size()) = dual_scale;
+    if (touching) of_lambda.tail(touching->count()) = compliance.diagonal().cwiseSqrt();
     const auto scaled = [&](const Nodal& v, const Eigen::VectorXd& l) {
       Eigen::VectorXd all(4 * n + nb);
       Eigen::Map<Nodal>(all.data(), 4, n) = v * scale.asDiagonal();
-      all.tail(nb) = l.cwiseProduct(dual_scale);
+      all.tail(nb) = l.cwiseProduct(of_lambda);
       return all;
     };
     const Nodal from = u;
@@ -471,7 +504,8 @@ struct MixedIteration::Parts {
       place = here + longest_step / strain * (place - here);
       u = Eigen::Map<Nodal>(place.data(), 4, n) * scale.cwiseInverse().asDiagonal();
     }
-    lambda = place.tail(nb).cwiseQuotient(dual_scale);
+    lambda = place.tail(nb).cwiseQuotient(of_lambda);
+    if (touching) lambda.tail(touching->count()) = lambda.tail(touching->count()).cwiseMax(0.0);
   }
 
   // Where a node is held nothing was added but rounding; it must not move at all from where it was.
@@ -480,7 +514,38 @@ struct MixedIteration::Parts {
       if (!constraints.is_free(a)) u.col(a) = was.col(a) + constraints.project(a, u.col(a) - was.col(a));
   }
 
-  // The step (du, dlambda) from the unbalanced force r and the unbalanced volume s.
+  // What a tool's contact lacks at the last force, see contact_error: the largest, over what it may be.
+  double lack_of_contact() const {
+    const TouchingTool& tool = *body.touching();
+    double largest = 0.0;
+    for (Index s = 0; s < tool.count(); ++s)
+      largest = std::max(largest, std::abs(std::min(tool.gaps()[s], compliance(s, s) * tool.forces()[s])));
+    return largest / (contact_error * std::min(body.now().depth, tool.touch().shape.radius));
+  }
+
+  // The step (du, dlambda) from the unbalanced force r and the unbalanced volume s, and of a tool that
+  // touches from its gaps, `thicker` times.
+  void step(const Nodal& r, const Eigen::VectorXd& s, double thicker, Nodal& du, Eigen::VectorXd& dlambda) {
+    TouchingTool* touching = body.touching();
+    Eigen::VectorXd of_patches(s.size());
+    step(r, s, du, of_patches);
+    if (touching) {
+      const auto& [rows, phi] = touching->touch().surface.at_place;
+      Eigen::VectorXd gap = thicker * touching->gaps();
+      for (Index k = 0; k < gap.size(); ++k)
+        for (int e = rows.offset[k]; e < rows.offset[k + 1]; ++e)
+          gap[k] += phi[e] * touching->normals().col(k).dot(du.col(rows.member[e]).head<3>());
+      const ContactStep contact = contact_step(compliance, touching->normals(), gap, touching->forces());
+      Nodal held = r;
+      for (Index k = 0; k < gap.size(); ++k)
+        for (int e = rows.offset[k]; e < rows.offset[k + 1]; ++e)
+          held.col(rows.member[e]).head<3>() -= (phi[e] * contact.change[k]) * touching->normals().col(k);
+      step(held, s, du, of_patches);
+      dlambda.tail(gap.size()) = contact.change;
+    }
+    dlambda.head(s.size()) = of_patches;
+  }
+
   void step(const Nodal& r, const Eigen::VectorXd& s, Nodal& du, Eigen::VectorXd& dlambda) {
     laplacian_solve(r, du);
     Eigen::VectorXd rest(s.size());
@@ -528,7 +593,8 @@ struct Unbalanced {
                                        body.held().project(a, u.col(a) - inertia->about.col(a));
                             })
                    .residual();
-    volume = patches.dilation - lambda.cwiseQuotient(patches.bulk.cwiseProduct(of_patches));
+    volume = patches.dilation -
+             lambda.head(of_patches.size()).cwiseQuotient(patches.bulk.cwiseProduct(of_patches));
     volume_error = std::sqrt(volume.cwiseAbs2().dot(of_patches) / of_patches.sum());
   }
 };
@@ -695,7 +761,8 @@ bool MixedIteration::prepare(const Nodal& u, const Eigen::VectorXd& bulk, bool a
     p.inertia.resize(0);
     return false;
   }
-  p.anderson.begin(4 * u.cols() + bulk.size(), anew || other_inertia || other_viscosity);
+  const Index samples = p.body.touching() ? p.body.touching()->count() : 0;
+  p.anderson.begin(4 * u.cols() + bulk.size() + samples, anew || other_inertia || other_viscosity);
   return true;
 }
 
@@ -704,16 +771,22 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
   Parts& p = *parts_;
   Relaxed result;
   result.converged = false;
-  Unbalanced now(u.cols(), lambda.size());
+  Unbalanced now(u.cols(), p.model.patches.count());
   const auto evaluate = [&] {
     stop_if_asked();
     now.at(p.body, u, lambda, f, inertia, viscosity ? p.viscous_force(u, *viscosity) : nullptr);
     result.sweep = now.sweep;
     result.residual = now.residual;
+    if (p.compliance.size() > 0)
+      result.residual = std::max(result.residual, options.tolerance * p.lack_of_contact());
     ++result.evaluations;
   };
   evaluate();
   if (!prepare(u, now.patches.bulk, anew, inertia, viscosity)) return result;
+  if (p.body.touching()) {
+    if (p.compliance.size() == 0) p.find_compliance();
+    result.residual = std::max(result.residual, options.tolerance * p.lack_of_contact());
+  }
 
   BestState best(u, lambda, result.residual);
   AtBest at_best(left, f, now);
@@ -749,7 +822,7 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
     }
     const double thicker = viscosity ? 1.0 + viscosity->share : 1.0;  // of (1 + share) A
     if (viscosity) now.volume *= thicker;
-    p.step(now.force, now.volume, du, dlambda);
+    p.step(now.force, now.volume, thicker, du, dlambda);
     if (viscosity) du /= thicker;
     if (best.is_gain(result.residual)) {
       best.take(u, lambda, result.residual, du, dlambda);

@@ -43,6 +43,11 @@ struct Relaxed {
 /// leave out. The number of evaluations, some ten for a depth, depends neither on the number of nodes nor on
 /// the bulk modulus.
 ///
+/// The contact forces of a tool that touches (TouchingTool) are unknowns like the pressures, behind them in
+/// `lambda`. Each iteration then solves the same nearby linear problem with the condition that forces at the
+/// samples are not negative and gaps neither (contact_step.hpp): one sample moves another by phi_s A^-1
+/// phi_t.
+///
 /// Where strains are large the tangent is stiffer than A by orders of magnitude. An iteration that fails is
 /// tried again with an A as stiff at each node as the law is at the best state that was met.
 ///
@@ -63,9 +68,10 @@ class MixedIteration {
     double share;
     ForceSystem::Nodal about;
   };
-  /// As Relaxation; `lambda` [patches] N m is the guess of the pressures x volumes, and afterwards what was
-  /// found: not converged, the best that was met. The pressures stay held in `forces`. `anew`:
-  /// dJ/du is that at the guess, as every larger move needs, and not that at the last such call.
+  /// As Relaxation; `lambda` [patches, samples] N m, N is the guess of the pressures x volumes and of the
+  /// contact forces, and afterwards what was found: not converged, the best that was met. The pressures stay
+  /// held in `forces`. `anew`: dJ/du is that at the guess, as every larger move needs, and not that at the
+  /// last such call.
   Relaxed operator()(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                      const RelaxOptions& options, bool anew, const Inertia* inertia = nullptr,
                      const Viscosity* viscosity = nullptr);

@@ -6,7 +6,7 @@
 namespace dimple {
 
 double Ledger::mean_force(const Nodal& f) {
-  const double now = system_.held().working_force(f), mean = 0.5 * (now + account_.force_before);
+  const double now = system_.working_force(f), mean = 0.5 * (now + account_.force_before);
   account_.force_before = now;
   return mean;
 }
@@ -18,8 +18,7 @@ void Ledger::add_work(double joules) {
 
 ForceSample Ledger::force(const Moment& now, const Nodal& u, const Nodal& f) const {
   const Model& model = system_.model();
-  ForceSample sample{now.t, now.depth, along_push(model, model.indenter, f),
-                     -along_push(model, model.base, f)};
+  ForceSample sample{now.t, now.depth, system_.along_push(f), -along_push(model, model.base, f)};
   Eigen::Map<Wrench>(sample.on_tool.data()) = system_.on_tool(u, f);
   Eigen::Map<Vec3>(sample.aside.data()) = system_.aside();
   return sample;

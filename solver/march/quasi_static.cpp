@@ -20,8 +20,9 @@ constexpr double touch = 0.02;  // of the first way
 // whole run.
 constexpr double shortest = 1.0 / 16.0;
 constexpr std::int64_t evaluations_of_step = 60;
-constexpr double same_depth = 1e-6;  // of a step
-constexpr std::size_t few = 3;       // equilibria, before which the curve between two is a guess
+constexpr double most_penetration = 1e-3;  // of the radius of a tool that touches
+constexpr double same_depth = 1e-6;        // of a step
+constexpr std::size_t few = 3;             // equilibria, before which the curve between two is a guess
 
 // Of the force over the last piece of the way: the parabola through the last three places, or a line.
 double work_of_last(const std::vector<double>& depth, const std::vector<double>& force, bool straight) {
@@ -64,8 +65,8 @@ struct FramesBetween {
       else
         tell_of_line(at.depth);
       if (observer.frame)
-        observer.frame(
-            {loading.begun.frame + last + 1, at.t, at.depth, now.u, f, system.tissue(), system.aside()});
+        observer.frame({loading.begun.frame + last + 1, at.t, at.depth, now.u, f, system.tissue(),
+                        system.aside(), system.touching() ? system.along_push(f) : 0.0});
       if (found && !ledger.show_force()) return false;
     }
     return true;
@@ -156,6 +157,7 @@ class QuasiStaticMarch {
   void set_tool(double come);
   void search(double tolerance, Found& found);
   void check(const Way& way, Found& found);
+  void check_contact(const Moment& now);
   void take(const Way& way, const Found& found);
   bool show_frames_before(const Way& way);
   void show_frame_at(const Way& way);
@@ -218,7 +220,7 @@ void QuasiStaticMarch::begin_after_steps() {
   system_.force_at(now_.u, now_.lambda, f_);
   system_.measure_by(f_);
   state_.depths = {0.0};
-  state_.forces = {system_.held().working_force(f_)};
+  state_.forces = {system_.working_force(f_)};
   state_.longest = step_;
   state_.account.external = history_.energy.back().external;
   state_.account.dissipated = history_.energy.back().dissipated;
@@ -273,6 +275,11 @@ void QuasiStaticMarch::look_ahead(const Way& way, Found& found) {
     past_.extrapolate(way.to, now_.u, now_.lambda);
     return set_tool(way.to);
   }
+  if (system_
+          .touching()) {  // the first step of the search says more than any touch: contact grows from a point
+    now_ = {past_.point.back().u, past_.point.back().lambda};
+    return set_tool(way.to);
+  }
   const Vec3 motion = system_.held().motion(tool_set);
   now_ = {past_.point.back().u, past_.point.back().lambda};
   if (!model_.scheme.pressure_patches) {
@@ -325,9 +332,10 @@ void QuasiStaticMarch::check(const Way& way, Found& found) {
   guards_.check(now_.u, f_, now);
   guards_.check_points(relaxed.sweep, now);
   guards_.check_fluctuation(now_.u, now);
+  if (system_.touching()) check_contact(now);
   found.force = ledger_.force(now, now_.u, f_);
   state_.depths.push_back(way.to);
-  state_.forces.push_back(system_.held().working_force(f_));
+  state_.forces.push_back(system_.working_force(f_));
   const double work = work_of_last(state_.depths, state_.forces, way.sets_off || found.gave_way);
   const StoredEnergy stored = system_.stored_energy(now_.u);
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
@@ -335,6 +343,24 @@ void QuasiStaticMarch::check(const Way& way, Found& found) {
   if (state_.depths.size() > few)
     guards_.check(found.energy, std::max(state_.account.largest_external, std::abs(found.energy.external)),
                   now.t, false, now);
+}
+
+// Of a tool that touches: it must not enter the body, and must touch nothing where forces are not looked for.
+void QuasiStaticMarch::check_contact(const Moment& now) {
+  const TouchingTool& tool = *system_.touching();
+  const TouchingTool::Audit audit = tool.audit(now_.u, system_.now());
+  const double most = most_penetration * tool.touch().shape.radius;
+  guards_.check_contact(audit, most, tool.touch().surface, now);
+  history_.penetration = std::max(history_.penetration, audit.penetration);
+  history_.contact_area = history_.contact_pressure = 0.0;
+  history_.contact_samples = 0;
+  for (Index s = 0; s < tool.count(); ++s) {
+    if (!(tool.forces()[s] > 0.0)) continue;
+    ++history_.contact_samples;
+    history_.contact_area += tool.touch().surface.area[s];
+    history_.contact_pressure =
+        std::max(history_.contact_pressure, tool.forces()[s] / tool.touch().surface.area[s]);
+  }
 }
 
 void QuasiStaticMarch::take(const Way& way, const Found& found) {
@@ -388,7 +414,7 @@ void QuasiStaticMarch::show_frame_at(const Way& way) {
   ++state_.frame;
   if (observer_.frame)
     observer_.frame({loading_.begun.frame + state_.frame, way.end.t, way.end.depth, now_.u, f_,
-                     system_.tissue(), system_.aside()});
+                     system_.tissue(), system_.aside(), system_.touching() ? system_.along_push(f_) : 0.0});
 }
 
 // To the last equilibrium, and on by a shorter way; or it ends here.

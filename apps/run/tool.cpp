@@ -1,0 +1,223 @@
+#include "apps/run/tool.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <vector>
+
+#include "apps/run/words.hpp"
+#include "io/digits.hpp"
+#include "io/error.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr const char* forms = "sphere:5mm, punch:5mm,edge=1mm or capsule:2mm,length=20mm";
+// Of a punch's radius. The pressure at an edge that is nearly sharp is nearly unbounded.
+constexpr double sharpest_edge = 0.1;
+
+std::string trimmed(const std::string& text) {
+  const std::size_t first = text.find_first_not_of(" \t"), last = text.find_last_not_of(" \t");
+  return first == std::string::npos ? "" : text.substr(first, last - first + 1);
+}
+
+[[noreturn]] void refuse(const Config& config, const std::string& fact, const std::string& why,
+                         const std::string& remedy) {
+  throw UsageError({.fact = fmt::format("the tool '{}' {}", config.tool.shape, fact),
+                    .where = "--tool (tool.shape)",
+                    .why = why,
+                    .remedy = remedy});
+}
+
+// "5mm", "0.5cm", "5" -> metres.
+double length_of(const Config& config, const std::string& text) {
+  double value = 0.0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  const std::string unit = trimmed(std::string(end, text.data() + text.size()));
+  const double metres = unit.empty() || unit == "mm" ? 1e-3
+                        : unit == "cm"               ? 1e-2
+                        : unit == "um"               ? 1e-6
+                        : unit == "m"                ? 1.0
+                                                     : 0.0;
+  if (error != std::errc{} || metres == 0.0 || !std::isfinite(value) || !(value > 0.0) ||
+      value * metres > 1.0)
+    refuse(config, fmt::format("has the length '{}'", text),
+           "its lengths are numbers above 0 and up to 1 m, in mm or with um, mm, cm or m behind",
+           fmt::format("give for instance {}", forms));
+  return value * metres;
+}
+
+struct Words {
+  std::string kind, radius;
+  std::vector<std::pair<std::string, std::string>> more;
+};
+
+Words words_of(const Config& config) {
+  const std::string& text = config.tool.shape;
+  const std::size_t colon = text.find(':');
+  Words words{.kind = trimmed(text.substr(0, colon)), .radius = {}, .more = {}};
+  if (colon == std::string::npos) return words;
+  std::string rest = text.substr(colon + 1);
+  for (bool first = true; !rest.empty(); first = false) {
+    const std::size_t comma = rest.find(',');
+    const std::string part = trimmed(rest.substr(0, comma));
+    rest = comma == std::string::npos ? "" : rest.substr(comma + 1);
+    const std::size_t equals = part.find('=');
+    if (first)
+      words.radius = part;
+    else
+      words.more.emplace_back(trimmed(part.substr(0, equals)),
+                              equals == std::string::npos ? "" : trimmed(part.substr(equals + 1)));
+  }
+  return words;
+}
+
+// The one further length that a shape takes.
+double further(const Config& config, const Words& words, const std::string& name) {
+  if (words.more.size() != 1 || words.more.front().first != name)
+    refuse(config, fmt::format("is not written as {}:RADIUS,{}=LENGTH", words.kind, name),
+           fmt::format("a {} has a radius and one more length, {}", words.kind, name),
+           fmt::format("give for instance {}", forms));
+  return length_of(config, words.more.front().second);
+}
+
+ToolShape shape_of(const Config& config, const Words& words) {
+  ToolShape shape{.kind = ToolShape::Kind::sphere, .radius = length_of(config, words.radius)};
+  if (words.kind == "sphere") {
+    if (!words.more.empty())
+      refuse(config, "is not written as sphere:RADIUS", "a sphere has one length, its radius",
+             "give for instance sphere:5mm");
+    return shape;
+  }
+  if (words.kind == "punch") {
+    shape.kind = ToolShape::Kind::punch;
+    shape.edge = further(config, words, "edge");
+    if (shape.edge > shape.radius || shape.edge < sharpest_edge * shape.radius)
+      refuse(
+          config, fmt::format("has an edge of {}", length_in_words(1e3 * shape.edge)),
+          fmt::format("it is rounded by {:g} radii at least, for the pressure at a sharp edge is unbounded, "
+                      "and by a radius at most",
+                      sharpest_edge),
+          fmt::format("give edge={}mm to {}mm", plain(1e3 * sharpest_edge * shape.radius),
+                      plain(1e3 * shape.radius)));
+    return shape;
+  }
+  shape.kind = ToolShape::Kind::capsule;
+  shape.length = further(config, words, "length");
+  if (shape.length < 2.0 * shape.radius)
+    refuse(config, fmt::format("is {} long", length_in_words(1e3 * shape.length)),
+           "with both its round ends it is two radii long at least",
+           fmt::format("give length={}mm or more", plain(2e3 * shape.radius)));
+  return shape;
+}
+
+void refuse_beside(const Config& config, bool is_asked, const char* what, const char* option, const char* why,
+                   const char* remedy) {
+  if (!is_asked) return;
+  throw UsageError({.fact = fmt::format("{} is asked for beside the tool '{}'", what, config.tool.shape),
+                    .where = option,
+                    .why = why,
+                    .remedy = remedy});
+}
+
+bool was_given(const Config& config, const char* key) {
+  const auto source = config.source.find(key);
+  return source != config.source.end() && source->second != "default";
+}
+
+}  // namespace
+
+std::optional<ToolShape> tool_of(const Config& config) {
+  const Words words = words_of(config);
+  if (words.kind == "circle" && words.radius.empty()) return std::nullopt;
+  if (words.kind != "sphere" && words.kind != "punch" && words.kind != "capsule")
+    refuse(config, "is not known", "it is circle, or a shape that touches without friction",
+           fmt::format("give circle, {}", forms));
+  return shape_of(config, words);
+}
+
+std::string in_words(const ToolShape& shape) {
+  const std::string radius = length_in_words(1e3 * shape.radius);
+  switch (shape.kind) {
+    case ToolShape::Kind::punch:
+      return fmt::format("a flat punch of {} radius with an edge of {}", radius,
+                         length_in_words(1e3 * shape.edge));
+    case ToolShape::Kind::capsule:
+      return fmt::format("a round-ended rod of {} radius, {} long", radius,
+                         length_in_words(1e3 * shape.length));
+    case ToolShape::Kind::sphere:
+      break;
+  }
+  return fmt::format("a sphere of {} radius", radius);
+}
+
+void check_tool(const Config& config) {
+  const std::optional<ToolShape> tool = tool_of(config);
+  if (!tool) return;
+  const Config usual;
+  constexpr const char* in_equilibrium = "the contact is solved for in equilibrium, depth by depth";
+  refuse_beside(config, config.solver.time == "explicit" || config.solver.time == "dynamic", "inertia",
+                "--time (solver.time)", in_equilibrium, "leave --time out, or --tool");
+  refuse_beside(config, config.scheme.name != usual.scheme.name, "the paper's scheme",
+                "--scheme (scheme.name)", "its explicit march knows the circle alone",
+                "leave --scheme out, or --tool");
+  refuse_beside(config, has_loads(config), "gravity or a pressure",
+                config.load.gravity != "none" ? "--gravity (load.gravity)" : "load.pressure",
+                "the first touch is found on the body at rest, without loads",
+                "leave the loads out, or --tool");
+  refuse_beside(config, has_membranes(config), "a membrane", "--membrane (membrane)",
+                "contact with a body under a membrane has not been compared with anything",
+                "leave the membrane out, or --tool");
+  refuse_beside(config, !config.held.empty(), "a support", "support",
+                "a part that is held or moved beside a tool that touches is not modelled",
+                "leave the supports out, or --tool");
+  refuse_beside(config, !config.step.empty(), "a scene of steps", "step",
+                "a tool that touches goes straight from its first touch to --depth",
+                "leave the steps out, or --tool");
+  refuse_beside(config, was_given(config, "load.contact"), "a way in which the circle holds the tissue",
+                "--contact (load.contact)",
+                "a tool of this shape touches without friction, and nothing sticks to it",
+                "leave --contact out, or --tool");
+  refuse_beside(config, was_given(config, "boundary.indenter_diameter_mm"), "a diameter of the circle",
+                "--indenter-diameter (boundary.indenter_diameter_mm)", "the tool has lengths of its own",
+                "leave --indenter-diameter out, or --tool");
+  refuse_beside(config, !config.accuracy.goal.empty() || config.accuracy.budget_s > 0.0, "an accuracy",
+                "--accuracy (accuracy.goal)",
+                "the error of the force was measured for the circle alone, so that no band is known",
+                "choose the number of nodes with --nodes, and compare two of them");
+  const std::vector<std::string>& write = config.output.write;
+  refuse_beside(config, std::find(write.begin(), write.end(), "report") != write.end(),
+                "the page report.html", "--write report (output.write)",
+                "it shows the circle and its nodes alone",
+                "leave report out of --write; all writes everything else");
+  if (const double length = length_of_tool(*tool); 1e-3 * config.load.depth_mm > length)
+    throw UsageError(
+        {.fact = fmt::format("the tool is to be pushed in by {}, and is {} long",
+                             length_in_words(config.load.depth_mm), length_in_words(1e3 * length)),
+         .where = "--depth (load.depth_mm)",
+         .why = "what holds it at its upper end is not modelled",
+         .remedy = "give a smaller --depth, or a longer tool"});
+}
+
+void require_circle(const Config& config, const std::string& what) {
+  if (!tool_of(config)) return;
+  throw UsageError(
+      {.fact = fmt::format("{} knows the circle alone, and the tool is '{}'", what, config.tool.shape),
+       .where = "tool.shape",
+       .why = "a tool that touches is followed by `dimple run` alone",
+       .remedy = "leave the tool out, or use dimple run IMAGE --tool"});
+}
+
+std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model) {
+  const std::optional<ToolShape> shape = tool_of(config);
+  if (!shape) return nullptr;
+  auto touch = std::make_shared<Touch>();
+  touch->shape = *shape;
+  touch->surface = contact_surface(model, touched_within * shape->radius);
+  touch->pose = first_touch(*shape, model.tool, touch->surface);
+  return touch;
+}
+
+}  // namespace dimple

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "apps/run/config.hpp"
+#include "solver/terms/touching_tool.hpp"
+
+namespace dimple {
+
+/// The tool that touches the body without friction, in place of the circle; nothing: the circle. Throws
+/// UsageError: config.tool.shape is neither `circle` nor a shape with lengths that a tool can have.
+std::optional<ToolShape> tool_of(const Config& config);
+
+/// "a sphere of 5 mm radius".
+std::string in_words(const ToolShape& shape);
+
+/// Before anything is built: throws UsageError where what is asked for beside a tool that touches is not
+/// modelled.
+void check_tool(const Config& config);
+
+/// Throws UsageError: a tool that touches is asked for, of something that knows the circle alone.
+void require_circle(const Config& config, const std::string& what);
+
+/// The tool where it first touches the model, and the part of the surface that it may touch; null: the
+/// circle. Throws ModelError as contact_surface() does.
+std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model);
+
+/// Within so many radii of its axis a tool may touch the body.
+inline constexpr double touched_within = 1.5;
+
+}  // namespace dimple

@@ -1,0 +1,28 @@
+#pragma once
+
+#include "preprocess/supports/interpolation.hpp"
+
+namespace dimple {
+
+/// The part of a body's surface that a tool may touch, as samples that move with the body. Each is the mean
+/// over the small flat pieces (pieces_of()) that are nearest to one of the nodes: of their places and of the
+/// shape functions there.
+struct ContactSurface {
+  Points place;            ///< [3xM] at rest [m]
+  Eigen::VectorXd area;    ///< [M] of the surface that each stands for [m^2]
+  Points normal;           ///< [3xM] outward unit vectors at rest
+  Interpolation at_place;  ///< the shape functions there
+  /// The pieces themselves, where nothing is enforced: for how far the body's surface comes into the tool.
+  Points between;  ///< [3xK] their middles at rest [m]
+  Interpolation at_between;
+  /// The body's surface around that part, which has no samples: the tool must not come there.
+  Points beyond;  ///< [3xL] at rest [m]
+  Interpolation at_beyond;
+  Index count() const { return place.cols(); }
+};
+
+/// What lies within `reach` [m] of the tool's axis and faces the tool, but for the base. Throws ModelError:
+/// the model has no surface, or none of it is there.
+ContactSurface contact_surface(const Model& model, double reach);
+
+}  // namespace dimple

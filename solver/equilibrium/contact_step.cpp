@@ -1,0 +1,59 @@
+#include "solver/equilibrium/contact_step.hpp"
+
+#include <Eigen/Cholesky>
+#include <vector>
+
+#include "io/stop.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr int most_sets = 40;
+
+}  // namespace
+
+ContactStep contact_step(const Eigen::MatrixXd& compliance, const Points& normal, const Eigen::VectorXd& gap,
+                         const Eigen::VectorXd& before) {
+  const Index count = gap.size();
+  const auto K = [&](Index s, Index t) { return compliance(s, t) * normal.col(s).dot(normal.col(t)); };
+  // The gaps without any force: q; then lambda >= 0, q + K lambda >= 0.
+  Eigen::VectorXd q = gap;
+  for (Index t = 0; t < count; ++t)
+    if (before[t] != 0.0)
+      for (Index s = 0; s < count; ++s) q[s] -= K(s, t) * before[t];
+  std::vector<Index> touching;
+  for (Index s = 0; s < count; ++s)
+    if (before[s] > 0.0 || gap[s] < 0.0) touching.push_back(s);
+  Eigen::VectorXd lambda = Eigen::VectorXd::Zero(count);
+  ContactStep result;
+  for (int set = 0; set < most_sets && !result.found; ++set) {
+    stop_if_asked();
+    const auto n = static_cast<Index>(touching.size());
+    Eigen::MatrixXd of_touching(n, n);
+    Eigen::VectorXd b(n);
+    for (Index j = 0; j < n; ++j) {
+      const Index t = touching[static_cast<std::size_t>(j)];
+      b[j] = -q[t];
+      for (Index i = j; i < n; ++i) of_touching(i, j) = K(touching[static_cast<std::size_t>(i)], t);
+    }
+    if (n > 0) of_touching.selfadjointView<Eigen::Lower>().llt().solveInPlace(b);
+    lambda.setZero();
+    Eigen::VectorXd open = q;
+    for (Index j = 0; j < n; ++j) {
+      const Index t = touching[static_cast<std::size_t>(j)];
+      lambda[t] = b[j];
+      for (Index s = 0; s < count; ++s) open[s] += K(s, t) * b[j];
+    }
+    std::vector<char> touched(static_cast<std::size_t>(count), 0);
+    for (const Index t : touching) touched[static_cast<std::size_t>(t)] = 1;
+    std::vector<Index> next;
+    for (Index s = 0; s < count; ++s)
+      if (touched[static_cast<std::size_t>(s)] ? lambda[s] > 0.0 : open[s] < 0.0) next.push_back(s);
+    result.found = next == touching;
+    touching = std::move(next);
+  }
+  result.change = lambda.cwiseMax(0.0) - before;
+  return result;
+}
+
+}  // namespace dimple

@@ -1,0 +1,97 @@
+// dimple run --tool: a rigid tool that touches without friction, through the program itself.
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "io/table.hpp"
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* quick = " -q --nodes 800 --depth 2mm --frames 2";
+
+fs::path with_phantom() {
+  const fs::path folder = fresh_folder();
+  EXPECT_EQ(dimple(folder, "phantom brain.nrrd --spacing 2 -q").code, 0);
+  return folder;
+}
+
+TEST(ToolThatTouches, ARodIsSofterThanASphereAndASphereThanTheBondedCircle) {
+  const fs::path folder = with_phantom();
+  double before = 0.0;
+  for (const char* tool : {"capsule:2mm,length=20mm", "sphere:5mm", "circle"}) {
+    const Ran ran =
+        dimple(folder, std::string("run brain.nrrd -o out --force --write force --tool ") + tool + quick);
+    ASSERT_EQ(ran.code, 0) << ran.err;
+    const auto summary = nlohmann::json::parse(text_of(folder / "out" / "summary.json"));
+    const double force = summary["force_N"];
+    EXPECT_GT(force, before) << tool;
+    before = force;
+    if (std::string(tool) == "circle") continue;
+    EXPECT_GT(summary["tool"]["samples_in_contact"].get<int>(), 3);
+    EXPECT_FALSE(summary["counts"].contains("circle_nodes"));
+    EXPECT_TRUE(summary["band"].contains("unknown"));
+    const Table curve = read_csv(folder / "out" / "force.csv");
+    for (const double f : *curve.find("force_N")) EXPECT_GE(f, 0.0);
+  }
+}
+
+// Its rim meets a slope, and the nodes are too far apart for so small an edge.
+TEST(ToolThatTouches, APunchThatTheSurfaceComesIntoEndsWithAReasonAndNotWithAForce) {
+  const fs::path folder = with_phantom();
+  const Ran ran =
+      dimple(folder, std::string("run brain.nrrd -o out --write force --tool punch:5mm,edge=0.5mm") + quick);
+  EXPECT_EQ(ran.code, 5) << ran.err;
+  EXPECT_NE(ran.err.find("penetration"), std::string::npos) << ran.err;
+}
+
+TEST(ToolThatTouches, GivesTheSameBytesWithOneThreadAndWithTwo) {
+  const fs::path folder = with_phantom();
+  for (const char* threads : {"1", "2"})
+    ASSERT_EQ(dimple(folder, std::string("run brain.nrrd --write force --tool capsule:2mm,length=20mm -o t") +
+                                 threads + " --threads " + threads + quick)
+                  .code,
+              0);
+  EXPECT_EQ(text_of(folder / "t1" / "force.csv"), text_of(folder / "t2" / "force.csv"));
+}
+
+TEST(ToolThatTouches, IsRefusedBesideWhatIsNotModelledBeforeAnythingIsBuilt) {
+  const fs::path folder = fresh_folder();
+  const std::string with = "run nowhere.nrrd -o out --tool sphere:5mm ";
+  for (const char* beside : {"--time explicit", "--time dynamic", "--scheme horton2007", "--gravity inferior",
+                             "--contact bonded", "--accuracy 2%", "--indenter-diameter 8mm", "--write report",
+                             "--depth 11mm", "--explain", "--compare horton2007"}) {
+    const Ran ran = dimple(folder, with + beside);
+    EXPECT_EQ(ran.code, 2) << beside << ": " << ran.err;
+    EXPECT_NE(ran.err.find("tool"), std::string::npos) << ran.err;
+  }
+  EXPECT_FALSE(fs::exists(folder / "out" / "summary.json"));
+}
+
+TEST(ToolThatTouches, AShapeThatIsNoneIsRefusedWithWhatThereIs) {
+  const fs::path folder = fresh_folder();
+  for (const char* shape :
+       {"cube:5mm", "sphere", "sphere:0mm", "sphere:5kg", "sphere:5mm,edge=1mm", "punch:5mm",
+        "punch:5mm,edge=0.1mm", "punch:5mm,edge=6mm", "capsule:2mm,length=3mm"}) {
+    const Ran ran = dimple(folder, std::string("run nowhere.nrrd -o out --tool ") + shape);
+    EXPECT_EQ(ran.code, 2) << shape;
+    EXPECT_NE(ran.err.find("tool.shape"), std::string::npos) << ran.err;
+  }
+}
+
+TEST(ToolThatTouches, OtherCommandsRefuseItInWords) {
+  const fs::path folder = with_phantom();
+  for (const char* command : {"model brain.nrrd -o out --set tool.shape=sphere:5mm",
+                              "export brain.nrrd -o out.inp --set tool.shape=sphere:5mm"}) {
+    const Ran ran = dimple(folder, command);
+    EXPECT_NE(ran.code, 0) << command;
+    EXPECT_NE(ran.err.find("circle"), std::string::npos) << command << ran.err;
+  }
+}
+
+}  // namespace
+}  // namespace dimple

@@ -1,0 +1,289 @@
+// A tool that touches without friction, against closed forms of linear elasticity at small strain.
+
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <cmath>
+#include <memory>
+#include <numbers>
+
+#include "io/error.hpp"
+#include "preprocess/build_model.hpp"
+#include "preprocess/surface/shapes.hpp"
+#include "solver/equilibrium/contact_step.hpp"
+#include "solver/solve.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double mu = 210.0, nu = 0.499, plane_modulus = 2.0 * mu / (1.0 - nu);  // E / (1 - nu^2) [Pa]
+
+// ---------------------------------------------------------------------------------------------------------
+// A layer of unit thickness, bonded to a rigid base, under an axisymmetric frictionless punch: Lebedev and
+// Ufliand 1958. phi(t) = (delta - g(t)) / pi + int_0^a K(t, x) phi(x) dx, phi(a) = 0, F = 2 pi int phi, in
+// units of E* h^2.
+// ---------------------------------------------------------------------------------------------------------
+
+double softness(double s, double poisson) {  // of the layer beside the half-space: L(s)
+  const double k = 3.0 - 4.0 * poisson, e = std::exp(-2.0 * s);
+  const double sinh = 0.5 * (1.0 - e * e), cosh = 0.5 * (1.0 + e * e);  // of 2 s, times exp(-2 s)
+  return (2.0 * k * sinh - 4.0 * s * e) / (2.0 * k * cosh + (1.0 + k * k + 4.0 * s * s) * e);
+}
+
+// int_0^inf (1 - L(s)) cos(s y) ds by Simpson's rule; 1 - L falls as exp(-2 s).
+double kernel(double y, double poisson) {
+  constexpr int count = 800;
+  constexpr double end = 20.0, h = end / count;
+  double sum = 0.0;
+  for (int i = 0; i <= count; ++i) {
+    const double weight = i == 0 || i == count ? 1.0 : i % 2 == 1 ? 4.0 : 2.0, s = h * i;
+    sum += weight * (i == 0 ? 1.0 : 1.0 - softness(s, poisson)) * std::cos(s * y);
+  }
+  return sum * h / 3.0;
+}
+
+struct OnLayer {
+  double depth, force;
+};
+
+// The depth and the force at which contact reaches to `a`; of the function g alone, by Simpson's rule.
+template <class Shape>
+OnLayer on_layer(double a, double poisson, const Shape& g) {
+  constexpr int n = 81;
+  Eigen::MatrixXd matrix = Eigen::MatrixXd::Identity(n, n);
+  Eigen::MatrixXd right(n, 2);  // of a unit depth, and of -g
+  const double h = a / (n - 1);
+  const auto weight = [&](int j) { return h / 3.0 * (j == 0 || j == n - 1 ? 1.0 : j % 2 == 1 ? 4.0 : 2.0); };
+  std::vector<double> of(2 * n);
+  for (int d = 0; d < 2 * n; ++d) of[static_cast<std::size_t>(d)] = kernel(h * d, poisson);
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < n; ++j)
+      matrix(i, j) -= weight(j) / std::numbers::pi *
+                      (of[static_cast<std::size_t>(i + j)] + of[static_cast<std::size_t>(std::abs(i - j))]);
+    right.row(i) << 1.0 / std::numbers::pi, -g(h * i) / std::numbers::pi;
+  }
+  const Eigen::MatrixXd phi = matrix.partialPivLu().solve(right);
+  OnLayer result{.depth = -phi(n - 1, 1) / phi(n - 1, 0), .force = 0.0};
+  for (int j = 0; j < n; ++j)
+    result.force += 2.0 * std::numbers::pi * weight(j) * (result.depth * phi(j, 0) + phi(j, 1));
+  return result;
+}
+
+// The same at a depth.
+template <class Shape>
+double force_at(double depth, double least, double poisson, const Shape& g) {
+  double low = least, high = 4.0;
+  for (int k = 0; k < 40; ++k) {
+    const double a = 0.5 * (low + high);
+    (on_layer(a, poisson, g).depth < depth ? low : high) = a;
+  }
+  return on_layer(0.5 * (low + high), poisson, g).force;
+}
+
+auto paraboloid(double radius) {
+  return [radius](double t) { return t * t / radius; };
+}
+auto rounded_punch(double flat, double edge) {
+  return [flat, edge](double t) {
+    return t <= flat ? 0.0 : t / edge * (std::sqrt(t * t - flat * flat) - flat * std::acos(flat / t));
+  };
+}
+
+double hertz(double radius, double depth) {
+  return 4.0 / 3.0 * std::sqrt(radius) * std::pow(depth, 1.5);
+}
+
+TEST(TouchingTruth, TheIntegralEquationGivesTheTabulatedForcesOfAParaboloidOnABondedLayer) {
+  for (const auto& [chi, ratio] : {std::pair{0.1, 1.1288}, {0.3, 1.5167}, {0.5, 2.1513}, {1.0, 5.0806}}) {
+    const double radius = 50.0, depth = chi * chi / radius;
+    EXPECT_NEAR(force_at(depth, 0.0, nu, paraboloid(radius)) / hertz(radius, depth), ratio, 2e-3 * ratio);
+  }
+}
+
+TEST(TouchingTruth, TheIntegralEquationGivesTheTabulatedForcesOfARoundedPunchOnABondedLayer) {
+  for (const auto& [depth, force] : {std::pair{0.01059, 0.01494}, {0.05657, 0.08748}})
+    EXPECT_NEAR(force_at(depth, 0.4, 0.5, rounded_punch(0.4, 0.1)), force, 3e-3 * force);
+}
+
+TEST(TouchingTruth, TheRadiusOfContactIsThatOfSneddon) {
+  // F / F_Hertz of the true sphere, by its series.
+  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 1.0};
+  for (const double depth : {0.01, 0.1, 0.3}) {
+    const double a = contact_radius(sphere, depth);
+    const double force = 0.5 * (a * a + 1.0) * std::log((1.0 + a) / (1.0 - a)) - a;
+    const double series = 1.0 - depth / 10.0 - depth * depth / 840.0 + 11.0 * std::pow(depth, 3) / 15120.0;
+    EXPECT_NEAR(force / hertz(1.0, depth), series, 1e-3);
+  }
+  const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5.0, .edge = 1.0};
+  EXPECT_NEAR(contact_radius(punch, 0.71111), 4.5, 1e-4);
+}
+
+TEST(ToolShape, TheNormalIsTheGradientOfTheDistanceAndOfUnitLength) {
+  const ToolPose pose{.tip = {1e-3, -2e-3, 3e-3}, .points_at = Vec3(0.2, -0.3, -0.9).normalized()};
+  for (const ToolShape& shape :
+       {ToolShape{.kind = ToolShape::Kind::sphere, .radius = 5e-3},
+        ToolShape{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3},
+        ToolShape{.kind = ToolShape::Kind::capsule, .radius = 2e-3, .length = 20e-3}})
+    for (int k = 0; k < 200; ++k) {
+      const Vec3 x = pose.tip + 8e-3 * Vec3(std::sin(1.7 * k), std::cos(2.3 * k), std::sin(3.1 * k + 1.0));
+      const ToolDistance here = distance_to_tool(shape, pose, x);
+      EXPECT_NEAR(here.normal.norm(), 1.0, 1e-9);
+      if (here.distance < 0.0) continue;
+      // Outside it is smooth: the nearest place of the surface lies there against the normal.
+      EXPECT_NEAR(distance_to_tool(shape, pose, x - here.distance * here.normal).distance, 0.0, 1e-9);
+      constexpr double h = 1e-7;
+      for (int i = 0; i < 3; ++i)
+        EXPECT_NEAR((distance_to_tool(shape, pose, x + h * Vec3::Unit(i)).distance -
+                     distance_to_tool(shape, pose, x - h * Vec3::Unit(i)).distance) /
+                        (2.0 * h),
+                    here.normal[i], 1e-4);
+    }
+}
+
+TEST(ToolShape, TheTipTouchesAndTheLowerSurfaceIsAtItsHeight) {
+  const ToolPose pose{};
+  for (const ToolShape& shape :
+       {ToolShape{.kind = ToolShape::Kind::sphere, .radius = 5e-3},
+        ToolShape{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3},
+        ToolShape{.kind = ToolShape::Kind::capsule, .radius = 2e-3, .length = 20e-3}}) {
+    EXPECT_NEAR(distance_to_tool(shape, pose, Vec3::Zero()).distance, 0.0, 1e-15);
+    for (double r = 0.0; r < shape.radius; r += 0.1e-3)
+      EXPECT_NEAR(distance_to_tool(shape, pose, {0.0, r, height_of_tool(shape, r)}).distance, 0.0, 1e-12);
+    EXPECT_TRUE(std::isinf(height_of_tool(shape, 1.01 * shape.radius)));
+    EXPECT_NEAR(distance_to_tool(shape, pose, {shape.radius + 1e-3, 0.0, shape.radius}).distance, 1e-3,
+                1e-12);
+  }
+}
+
+TEST(ContactStep, NeitherPullsNorLetsASampleInAndAForceIsOnlyWhereAGapIsClosed) {
+  constexpr Index count = 40;
+  Eigen::MatrixXd compliance(count, count);
+  for (Index s = 0; s < count; ++s)
+    for (Index t = 0; t < count; ++t) compliance(s, t) = 1.0 / (0.5 + std::abs(static_cast<double>(s - t)));
+  compliance.diagonal().array() += 2.0;
+  Points normal(3, count);
+  Eigen::VectorXd gap(count), before(count);
+  for (Index s = 0; s < count; ++s) {
+    const double x = static_cast<double>(s);
+    normal.col(s) = Vec3(0.3 * std::sin(x), 0.2 * std::cos(x), -1.0).normalized();
+    gap[s] = 0.002 * (x - 20.0) * (x - 20.0) - 0.3 + 0.05 * std::sin(5.0 * x);
+    before[s] = std::max(0.0, 0.1 * std::sin(2.0 * x));
+  }
+  const ContactStep step = contact_step(compliance, normal, gap, before);
+  ASSERT_TRUE(step.found);
+  int touching = 0;
+  for (Index s = 0; s < count; ++s) {
+    double after = gap[s];
+    for (Index t = 0; t < count; ++t)
+      after += compliance(s, t) * normal.col(s).dot(normal.col(t)) * step.change[t];
+    const double force = before[s] + step.change[s];
+    EXPECT_GE(force, -1e-12);
+    EXPECT_GE(after, -1e-9);
+    EXPECT_NEAR(force * after, 0.0, 1e-9);
+    touching += force > 0.0;
+  }
+  EXPECT_GT(touching, 5);
+  EXPECT_LT(touching, count - 5);
+}
+
+// ---------------------------------------------------------------------------------------------------------
+// The program's own
+// ---------------------------------------------------------------------------------------------------------
+
+struct Touched {
+  History history;
+  std::shared_ptr<const Touch> touch;
+  Index nodes = 0;
+  double force() const { return history.force.back().force; }
+};
+
+Touched touched(const BodySurface& body, const ToolShape& shape, double depth_mm, Index nodes,
+                int frames = 1) {
+  ModelOptions options;
+  options.cloud.count = nodes;
+  options.boundary = {.base = "inferior",
+                      .indent_at = "0,0,top",
+                      .indenter_diameter_mm = 2e3 * shape.radius,
+                      .contact_radius_mm = 1e3 * contact_radius(shape, 1e-3 * depth_mm)};
+  // The room around the tool is not looked at: a shallow sphere may be wider than the block.
+  options.boundary.indenter_diameter_mm = std::min(options.boundary.indenter_diameter_mm, 10.0);
+  const BuiltModel built = build_model(body, options);
+  auto touch = std::make_shared<Touch>();
+  touch->shape = shape;
+  touch->surface =
+      contact_surface(built.model, std::min(1.5 * shape.radius, 3e-3 * options.boundary.contact_radius_mm));
+  touch->pose = first_touch(shape, built.model.tool, touch->surface);
+  Touched result{.history = {}, .touch = touch, .nodes = built.model.node_count()};
+  const Tissues tissues{{neo_hookean(mu, nu, 1000.0)}, built.model.tissue};
+  const ForceSystem system(built.model, tissues, Precision::single_);
+  Loading loading{.depth = 1e-3 * depth_mm};
+  loading.touch = touch;
+  solve(TimeMode::quasi_static, system, built.model, loading, {.frames = frames}, {}, result.history);
+  return result;
+}
+
+double of_layer(double radius_mm, double depth_mm, double thickness_mm) {
+  return plane_modulus * 1e-6 * thickness_mm * thickness_mm *
+         force_at(depth_mm / thickness_mm, 0.0, nu, paraboloid(radius_mm / thickness_mm));
+}
+
+void is_true(const Touched& found, double truth, double share) {
+  const double ratio = found.force() / truth;
+  std::printf(
+      "%td nodes: %.4f mN, %+.2f %% of the truth; penetration %.2e radii, %td samples touch, %td "
+      "evaluations in %zu equilibria, %zu retries\n",
+      found.nodes, 1e3 * found.force(), 100.0 * (ratio - 1.0),
+      found.history.penetration / found.touch->shape.radius, found.history.contact_samples,
+      found.history.steps, found.history.force.size() - 1, found.history.retries.size());
+  EXPECT_NEAR(ratio, 1.0, share);
+  // A surface that comes into the tool between the samples is told of.
+  bool told = false;
+  for (const Finding& finding : found.history.guards) told = told || finding.report.code == "penetration";
+  EXPECT_EQ(told, found.history.penetration > 1e-3 * found.touch->shape.radius);
+}
+
+class SphereOnLayer : public testing::TestWithParam<std::pair<Index, double>> {};
+
+TEST_P(SphereOnLayer, HasTheForceOfTheIntegralEquation) {
+  const auto [nodes, share] = GetParam();
+  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 40e-3};
+  for (const auto& [thickness, depth] : {std::pair{10.0, 0.225}, {5.0, 0.15}}) {
+    SCOPED_TRACE(testing::Message() << thickness << " mm thick");
+    const BodySurface layer = block_surface({-30, -30, 0}, {30, 30, thickness});
+    is_true(touched(layer, sphere, depth, nodes), of_layer(40.0, depth, thickness), share);
+  }
+}
+INSTANTIATE_TEST_SUITE_P(Touching, SphereOnLayer,
+                         testing::Values(std::pair<Index, double>{1000, 0.03},
+                                         std::pair<Index, double>{4000, 0.015}));
+
+TEST(TouchingTool, NeverPullsAndItsForceGrowsFromNothingWithTheDepth) {
+  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+  const Touched found = touched(block_surface({-20, -20, 0}, {20, 20, 20}), sphere, 1.5, 1000);
+  double before = 0.0;
+  ASSERT_GT(found.history.force.size(), 4u);
+  for (const ForceSample& sample : found.history.force) {
+    EXPECT_GE(sample.force, before);
+    EXPECT_NEAR(sample.on_tool[2], sample.force, 1e-9);  // the push is downwards
+    EXPECT_NEAR(sample.base_force, sample.force, 2e-2 * found.force());
+    before = sample.force;
+  }
+  EXPECT_EQ(found.history.force.front().force, 0.0);
+  EXPECT_GT(found.force(), 0.0);
+}
+
+class PunchOnLayer : public testing::TestWithParam<std::pair<Index, double>> {};
+
+TEST_P(PunchOnLayer, HasTheForceOfTheIntegralEquation) {
+  const auto [nodes, share] = GetParam();
+  const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3};
+  const BodySurface layer = block_surface({-30, -30, 0}, {30, 30, 10});
+  const double truth = plane_modulus * 1e-4 * force_at(0.01059, 0.4, nu, rounded_punch(0.4, 0.1));
+  is_true(touched(layer, punch, 0.1059, nodes), truth, share);
+}
+INSTANTIATE_TEST_SUITE_P(Touching, PunchOnLayer,
+                         testing::Values(std::pair<Index, double>{1000, 0.03},
+                                         std::pair<Index, double>{4000, 0.015}));
+
+}  // namespace
+}  // namespace dimple
