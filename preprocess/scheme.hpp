@@ -13,7 +13,8 @@ enum class Weight { quartic, cubic, gauss };
 struct GradingOptions {
   double rim = 1.0;    ///< spacing at the rim of the indenter's circle / spacing far away; 1: even everywhere
   double reach = 3.0;  ///< distance from the rim at which the far spacing is reached [radii of the circle]
-  double least = 0.0;  ///< spacing at the rim that a cloud does not go below [radii of the circle]
+  bool whole_circle = false;  ///< and in all of the circle as at its rim
+  double least = 0.0;         ///< spacing at the rim that a cloud does not go below [radii of the circle]
   /// Where tissue keeps the load together, (its flux there / a half-space's)^-this is a factor (LoadPath).
   /// 0: 1.
   double load_exponent = 0.0;

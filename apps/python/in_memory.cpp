@@ -47,8 +47,8 @@ void members(Archive& io, T& config) {
 
 template <class Archive, Like<GradingOptions> T>
 void members(Archive& io, T& grading) {
-  auto& [rim, reach, least, load_exponent, load_slope] = grading;
-  io(rim, reach, least, load_exponent, load_slope);
+  auto& [rim, reach, whole_circle, least, load_exponent, load_slope] = grading;
+  io(rim, reach, whole_circle, least, load_exponent, load_slope);
 }
 
 template <class Archive, Like<SupportOptions> T>

@@ -1238,6 +1238,10 @@ ModelOptions model_options(const Config& c) {
   if (const std::optional<ToolShape> tool = tool_of(c)) {
     options.boundary.indenter_diameter_mm = 2e3 * tool->radius;
     options.boundary.contact_radius_mm = 1e3 * contact_radius(*tool, 1e-3 * c.load.depth_mm);
+    GradingOptions& grading = options.cloud.grading;
+    grading.whole_circle = tool->kind != ToolShape::Kind::punch;
+    if (tool->kind == ToolShape::Kind::punch)
+      grading.least = std::min(grading.least, 0.25 * 1e3 * tool->edge / options.boundary.contact_radius_mm);
   }
   return options;
 }

@@ -26,11 +26,13 @@ namespace {
 
 using Line = RunObserver::Line;
 
-// Where nobody has chosen, a folded body takes as many as its band needs.
+// Where nobody has chosen, a folded body takes as many as its band needs, and a punch as its edge does.
 void take_nodes_for_band(const Config& config, const Talk& talk, ModelOptions& options, Result& result) {
-  const Index fewest = fewest_nodes_with_band(result.facing_share);
+  const Index of_tool = fewest_nodes_under_tool(config),
+              of_body = fewest_nodes_with_band(result.facing_share), fewest = std::max(of_tool, of_body);
   if (!default_nodes(config) || !options.scheme.pressure_patches || options.cloud.count >= fewest) return;
-  talk.say(nodes_for_band_in_words(fewest, options.cloud.count, result.facing_share));
+  talk.say(of_tool >= of_body ? nodes_for_edge_in_words(fewest, options.cloud.count)
+                              : nodes_for_band_in_words(fewest, options.cloud.count, result.facing_share));
   options.cloud.count = result.nodes_for_band = fewest;
 }
 
@@ -137,7 +139,9 @@ Placed place(const Case& given, const std::optional<Organ>& organ, const Talk& t
   Placed placed{place_nodes(given.config, *organ, options, result.image, talk, result), options.scheme,
                 organ->label_names};
   if (result.nodes_for_band > 0)
-    result.chosen["cloud.nodes"] += ", as the body is folded and none were given";
+    result.chosen["cloud.nodes"] += tool_of(given.config)
+                                        ? ", as the tool's edge asks for them and none were given"
+                                        : ", as the body is folded and none were given";
   return placed;
 }
 

@@ -27,6 +27,11 @@ std::string nodes_for_band_in_words(Index nodes, Index usual, double facing_shar
       nodes, usual, 100.0 * facing_share, nodes);
 }
 
+std::string nodes_for_edge_in_words(Index nodes, Index usual) {
+  return fmt::format("nodes    {} instead of {}, as none were given: fewer do not follow the edge of a punch",
+                     nodes, usual);
+}
+
 void tell_of_supports(const Talk& talk, const Model& model) {
   const SupportOptions& options = model.scheme.support;
   const SupportReport& support = model.support_report;

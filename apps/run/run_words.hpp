@@ -11,6 +11,7 @@ namespace dimple {
 
 /// That a folded body takes as many nodes as its band needs, in place of the usual ones.
 std::string nodes_for_band_in_words(Index nodes, Index usual, double facing_share);
+std::string nodes_for_edge_in_words(Index nodes, Index usual);
 /// The supports, the gradients, the folds and the masses of a model that is complete.
 void tell_of_supports(const Talk& talk, const Model& model);
 /// Law and numbers of a tissue.

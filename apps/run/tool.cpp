@@ -201,6 +201,11 @@ void check_tool(const Config& config) {
          .remedy = "give a smaller --depth, or a longer tool"});
 }
 
+Index fewest_nodes_under_tool(const Config& config) {
+  const std::optional<ToolShape> tool = tool_of(config);
+  return tool && tool->kind == ToolShape::Kind::punch ? 4000 : 0;
+}
+
 void require_circle(const Config& config, const std::string& what) {
   if (!tool_of(config)) return;
   throw UsageError(

@@ -26,6 +26,10 @@ void require_circle(const Config& config, const std::string& what);
 /// circle. Throws ModelError as contact_surface() does.
 std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model);
 
+/// Of a punch: with 1500 nodes the surface came 0.1 mm into an edge of 1 mm at 2.7 mm, and no equilibrium was
+/// found at 4 mm; with 4000 it stayed within 1 % of finite elements to there. 0: no more than of the circle.
+Index fewest_nodes_under_tool(const Config& config);
+
 /// Within so many radii of its axis a tool may touch the body.
 inline constexpr double touched_within = 1.5;
 

@@ -50,6 +50,10 @@ Sizing::Sizing(const BodySurface& body, const Boundary& boundary, const GradingO
   rim_ = rim_of_circle(body, boundary, rim_corners);
   corner_ = rim_.transpose();
   share_ = options.rim;
+  whole_circle_ = options.whole_circle;
+  centre_ = boundary.centre;
+  push_ = boundary.push;
+  radius_ = boundary.radius;
   reach_ = options.reach * boundary.radius;
   slope_ = (1.0 - options.rim) / reach_;
   if (options.load_exponent > 0.0)
@@ -60,8 +64,17 @@ Sizing::Sizing(const BodySurface& body, const Boundary& boundary, const GradingO
   upper_ = rim_.rowwise().maxCoeff().array() + 1e-6 * boundary.radius;
 }
 
+// And how far it is from the circle.
+bool Sizing::above_circle(const Vec3& x, double& away) const {
+  const Vec3 d = x - centre_;
+  const double along = d.dot(push_);
+  away = std::abs(along);
+  return (d - along * push_).squaredNorm() < square(radius_);
+}
+
 double Sizing::distance_to_rim(const Vec3& x, double farthest) const {
   constexpr double beyond = std::numeric_limits<double>::infinity();
+  if (double away = 0.0; whole_circle_ && above_circle(x, away)) return away > farthest ? beyond : away;
   if (((x - lower_).array() < -farthest).any() || ((x - upper_).array() > farthest).any()) return beyond;
   // Of the edge nearest to x one end is hardly farther than the nearest corner is: half an edge aside.
   std::array<double, rim_corners + 1> corner2;

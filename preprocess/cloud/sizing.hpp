@@ -15,7 +15,7 @@ namespace dimple {
 /// Spacing at a place as a part of the spacing far away,
 ///
 ///     s(x) = max(rim, f(x) min(1, rim + (1 - rim) d(x) / (reach a))),   d = distance to the rim, a = its
-///     radius,
+///     radius, or to the whole circle where a tool touches it: its pressure has no rim,
 ///
 /// f <= 1 where tissue keeps the load together (LoadPath). Linear in d, so that neighbouring spacings differ
 /// by a fixed share; everything scales with the circle, so that no length of one scene is built in.
@@ -43,11 +43,15 @@ class Sizing {
 
  private:
   double distance_to_rim(const Vec3& x, double farthest) const;  // exact up to `farthest`, larger beyond
+  bool above_circle(const Vec3& x, double& away) const;
 
   std::shared_ptr<const LoadPath> path_;
   Points rim_;                                       // [3xK] closed polygon on the surface [mm]
   Eigen::Matrix<double, Eigen::Dynamic, 3> corner_;  // the same, a coordinate a column
   Vec3 lower_, upper_;                               // of the polygon's box
+  bool whole_circle_ = false;
+  Vec3 centre_ = Vec3::Zero(), push_ = Vec3::Zero();
+  double radius_ = 0.0;
   double longest_edge_ = 0.0, share_ = 1.0, slope_ = 0.0, reach_ = 0.0;  // reach in mm
 };
 

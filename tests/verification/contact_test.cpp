@@ -201,6 +201,7 @@ Touched touched(const BodySurface& body, const ToolShape& shape, double depth_mm
                 int frames = 1) {
   ModelOptions options;
   options.cloud.count = nodes;
+  options.cloud.grading.whole_circle = shape.kind != ToolShape::Kind::punch;
   options.boundary = {.base = "inferior",
                       .indent_at = "0,0,top",
                       .indenter_diameter_mm = 2e3 * shape.radius,
