@@ -240,7 +240,7 @@ std::vector<Option> options_of(Config& c) {
        &c.image.label_names, 0, 0, false, any, "model"},
       {"image.close_mm", "--close", "mm",
        "close gaps in the organ narrower than this before its surface is drawn; 0: as segmented",
-       &c.image.close_mm, 0, 1000, false, any, "model", true},
+       &c.image.close_mm, 0, 1000, false, any, "model"},
       {"scheme.name",
        "--scheme",
        "",
@@ -340,6 +340,11 @@ std::vector<Option> options_of(Config& c) {
        &c.material.prony_g, 0, 0, false, any, "solve"},
       {"material.prony_tau_s", "", "s", "their relaxation times", &c.material.prony_tau_s, 0, 0, false, any,
        "solve"},
+      {"tool.shape", "--tool", "",
+       "circle; or one that touches without friction: sphere:RADIUS, punch:RADIUS,edge=RADIUS (flat, round "
+       "edge), "
+       "capsule:RADIUS,length=LENGTH",
+       &c.tool.shape, 0, 0, false, any, "run", true, words_for("circle")},
       {"load.depth_mm", "--depth", "mm", "indentation at the end", &c.load.depth_mm, 0, 1000, true, any,
        "solve", true},
       {"load.rate_mm_per_s", "--rate", "mm/s", "speed of the circle", &c.load.rate_mm_per_s, 0, 1e5, true,
@@ -347,7 +352,7 @@ std::vector<Option> options_of(Config& c) {
       {"load.contact",
        "--contact",
        "",
-       "bonded: the circle's nodes move with the tool; frictionless: they slide under it",
+       "whether the circle's nodes move with it or slide under it",
        &c.load.contact,
        0,
        0,
@@ -355,11 +360,6 @@ std::vector<Option> options_of(Config& c) {
        {"bonded", "frictionless"},
        "solve",
        true},
-      {"tool.shape", "--tool", "",
-       "circle: the bonded or sliding circle of --indenter-diameter; or a rigid tool that touches without "
-       "friction: sphere:5mm (its radius), punch:5mm,edge=1mm (flat, radius and edge radius), "
-       "capsule:2mm,length=20mm (a round-ended rod that stands)",
-       &c.tool.shape, 0, 0, false, any, "run", true, words_for("circle")},
       {"load.gravity", "--gravity", "",
        "none; the side towards which it pulls with 9.81 m/s2; or x,y,z in LPS, in m/s2: the body comes to "
        "rest under it "

@@ -36,7 +36,8 @@ ContactStep contact_step(const Eigen::MatrixXd& compliance, const Points& normal
       b[j] = -q[t];
       for (Index i = j; i < n; ++i) of_touching(i, j) = K(touching[static_cast<std::size_t>(i)], t);
     }
-    if (n > 0) of_touching.selfadjointView<Eigen::Lower>().llt().solveInPlace(b);
+    // Column by column: the bits of a factor in blocks depend on the processor's caches (Multigrid).
+    if (n > 0) b = Eigen::LDLT<Eigen::MatrixXd, Eigen::Lower>(of_touching).solve(b).eval();
     lambda.setZero();
     Eigen::VectorXd open = q;
     for (Index j = 0; j < n; ++j) {

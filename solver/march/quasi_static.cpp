@@ -443,7 +443,8 @@ void QuasiStaticMarch::go_back(const Way& way, const Found& found, const SolveEr
 
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options) {
   const double way = loading.depth * longest_share(loading.further);
-  const double steps = std::ceil(way / (options.step_radii * model.tool.radius) - same_depth);
+  const double radius = loading.touch ? loading.touch->shape.radius : model.tool.radius;
+  const double steps = std::ceil(way / (options.step_radii * radius) - same_depth);
   return std::max(1, static_cast<int>(steps));
 }
 

@@ -258,7 +258,6 @@ TEST_F(Refusal, OfWordsItDoesNotKnow) {
 TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
   const std::pair<const char*, std::vector<std::string>> asked[] = {
       {"--body-force 9.81", {"gravity alone", "--gravity inferior"}},
-      {"--tool sphere", {"a tool of another shape is not modelled", "--indenter-diameter"}},
       {"--unload", {"unloading and holding are not modelled", "dimple poke IMAGE --script"}},
       {"--friction=0.3", {"friction is not modelled", "--contact bonded and --contact frictionless"}},
       {"--cut", {"cutting and tearing are not modelled", "closest: "}},
