@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <cmath>
 #include <memory>
@@ -260,7 +261,7 @@ INSTANTIATE_TEST_SUITE_P(Touching, SphereOnLayer,
 
 TEST(TouchingTool, NeverPullsAndItsForceGrowsFromNothingWithTheDepth) {
   const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
-  const Touched found = touched(block_surface({-20, -20, 0}, {20, 20, 20}), sphere, 1.5, 1000);
+  const Touched found = touched(block_surface({-20, -20, 0}, {20, 20, 20}), sphere, 1.5, 1000, 6);
   double before = 0.0;
   ASSERT_GT(found.history.force.size(), 4u);
   for (const ForceSample& sample : found.history.force) {
@@ -271,6 +272,44 @@ TEST(TouchingTool, NeverPullsAndItsForceGrowsFromNothingWithTheDepth) {
   }
   EXPECT_EQ(found.history.force.front().force, 0.0);
   EXPECT_GT(found.force(), 0.0);
+}
+
+// Beside an edge, so that it is drawn sideways and turned.
+TEST(TouchingTool, TheForceAndTheMomentOnItAreThoseOfTheBase) {
+  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+  ModelOptions options;
+  options.cloud.count = 1000;
+  options.cloud.grading.whole_circle = true;
+  options.boundary = {.base = "inferior", .indent_at = "8,3,top", .contact_radius_mm = 3.0};
+  const Model model = build_model(block_surface({-15, -15, 0}, {15, 15, 20}), options).model;
+  auto touch = std::make_shared<Touch>();
+  touch->shape = sphere;
+  touch->surface = contact_surface(model, 1.5 * sphere.radius);
+  touch->pose = first_touch(sphere, model.tool, touch->surface);
+  const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
+  Loading loading{.depth = 2e-3};
+  loading.touch = touch;
+  Vec3 force = Vec3::Zero(), moment = force;
+  const Vec3 tip = touch->pose.tip + loading.depth * touch->pose.points_at;
+  History history;
+  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1, .tolerance = 1e-5},
+        {.frame =
+             [&](const Frame& frame) {
+               force.setZero(), moment.setZero();
+               for (const Index a : model.base) {
+                 const Vec3 held = frame.f.col(a).head<3>(), x = model.X.col(a) + frame.u.col(a).head<3>();
+                 force += held;
+                 moment += (x - tip).cross(held);
+               }
+             }},
+        history);
+  const Eigen::Map<const Wrench> on_tool(history.force.back().on_tool.data());
+  EXPECT_GT(force.z(), 0.0) << "it pushes the tool back";
+  EXPECT_GT(force.head<2>().norm(), 0.02 * force.norm()) << "and sideways";
+  EXPECT_LT((on_tool.head<3>() - force).norm(), 1e-4 * force.norm());
+  EXPECT_GT(on_tool.tail<3>().norm(), 0.02 * force.norm() * sphere.radius) << "and turns it about its tip";
+  EXPECT_LT((on_tool.tail<3>() - moment).norm(), 2e-3 * force.norm() * sphere.radius);
+  EXPECT_NEAR(history.force.back().force, force.z(), 1e-4 * force.norm());
 }
 
 class PunchOnLayer : public testing::TestWithParam<std::pair<Index, double>> {};
