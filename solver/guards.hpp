@@ -67,16 +67,17 @@ class Guards {
   /// `hourglass`: the part of the stored energy in what averaged gradients do not see [J]; see
   /// GradientVariance.
   void check_hourglass(double hourglass, double stored, const Moment& now);
+  /// Of a tool that touches: `penetration`, where the surface reaches into it by more than `most` [m] between
+  /// the places where contact is enforced. Throws SolveError: by fifty times as much; or `contact-surface`:
+  /// it has come to a part of the surface that has no samples.
+  void check_contact(const TouchingTool::Audit& audit, double most, const ContactSurface& surface,
+                     const Moment& now);
   /// `hourglass` of gradients at points, where nothing holds it: what the displacements of each point's nodes
   /// differ from the linear field with the point's gradient,
   ///
   ///     sum_q V_q 3 mu/2 sum_a |u_a - mean u - H_q (X_a - mean X)|^2 / sum_a |X_a - mean X|^2
   ///
   /// beside the stored energy. As Ganzenmueller 2015 measures it for particles. It takes two sweeps.
-  /// Of a tool that touches. Throws SolveError: it has come to a part of the surface that has no samples.
-  /// `most` [m]: how far the surface may reach into it.
-  void check_contact(const TouchingTool::Audit& audit, double most, const ContactSurface& surface,
-                     const Moment& now);
   void check_fluctuation(const ForceSystem::Nodal& u, const Moment& now);
   /// Of central differences, `force` [N] at the samples since the last frame: `jagged`, where a load slow
   /// enough for a static answer makes it jump from one to the next.

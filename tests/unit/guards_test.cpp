@@ -128,6 +128,28 @@ class StateGuard : public testing::Test {
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
 };
 
+TEST_F(StateGuard, OfAToolThatTouchesWarnsOfWhatComesIntoItAndEndsWhereItIsTooMuchOrNowhereLookedFor) {
+  ContactSurface surface;
+  surface.beyond = Points::Constant(3, 1, 7e-3);
+  const double most = 5e-6;
+  EXPECT_NO_THROW(
+      guards.check_contact({.penetration = most, .beyond = most, .beyond_at = 0}, most, surface, now));
+  EXPECT_TRUE(findings.empty());
+  EXPECT_NO_THROW(guards.check_contact({.penetration = 2.0 * most}, most, surface, now));
+  ASSERT_EQ(findings.size(), 1u);
+  EXPECT_EQ(findings.front().report.code, "penetration");
+  const auto ends_with = [&](const TouchingTool::Audit& audit) -> std::string {
+    try {
+      guards.check_contact(audit, most, surface, now);
+    } catch (const SolveError& error) {
+      return error.report.code;
+    }
+    return "nothing";
+  };
+  EXPECT_EQ(ends_with({.penetration = 51.0 * most}), "penetration");
+  EXPECT_EQ(ends_with({.penetration = 0.0, .beyond = 1.01 * most, .beyond_at = 0}), "contact-surface");
+}
+
 TEST_F(StateGuard, SeesWhatIsNoNumberInAnyComponentOfAnyNode) {
   EXPECT_NO_THROW(guards.check(u, f, now));
   for (const double nonsense :
