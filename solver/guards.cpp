@@ -368,14 +368,14 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
                    "(--indent-at)",
          .code = "contact-surface"});
   if (!on_ || audit.penetration <= most) return;
-  Report report = {.fact = text("the body's surface reaches ", fixed(1e3 * audit.penetration, 4),
-                                " mm into the tool between the places where contact is enforced"),
-                   .where = moment(now),
-                   .why =
-                       "the nodes under the tool are too far apart for its shape; the force may be off by "
-                       "about 1.4 times this part of the depth",
-                   .remedy = "use more nodes (--nodes), a smaller --depth, or a tool with a rounder edge",
-                   .code = "penetration"};
+  Report report = {
+      .fact = text("the body's surface reaches ", fixed(1e3 * audit.penetration, 4),
+                   " mm into the tool between the places where contact is enforced"),
+      .where = moment(now),
+      .why = text("the nodes under the tool are too far apart for its shape; the force may be off by ",
+                  percent(1.4 * audit.penetration / now.depth), " or more"),
+      .remedy = "use more nodes (--nodes), a smaller --depth, or a tool with a rounder edge",
+      .code = "penetration"};
   if (audit.penetration > penetration_wrong * most) throw SolveError(report);
   find({report, audit.penetration});
 }
@@ -400,7 +400,7 @@ void Guards::found_limit_point(const Nodal& jump, double way, const Moment& now)
         .remedy =
             text("trust the curve to ", fixed(1e3 * (now.depth - way), 2),
                  " mm; beyond, put the circle further from folds and edges (--indent-at), or follow the "
-                 "motion with --time dynamic"),
+                 "motion of a bonded circle with --time dynamic"),
         .code = "limit-point"},
        1e3 * largest});
 }

@@ -1112,6 +1112,11 @@ bool has_loads(const Config& config) {
   return config.load.gravity != "none" || !config.pressure.empty();
 }
 
+bool was_given(const Config& config, const char* key) {
+  const auto source = config.source.find(key);
+  return source != config.source.end() && source->second != "default";
+}
+
 bool has_membranes(const Config& config) {
   return config.load.membrane != "none" || !config.membrane.empty();
 }

@@ -522,7 +522,7 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
                     nodes_in_words(model.node_count(), report), model.point_count()),
         fmt::format("base: {} nodes, {}", model.base.size(), report.boundary.base_reason),
         result.loading.touch
-            ? fmt::format("tool: {}, first touch at {}, {}", in_words(result.loading.touch->shape),
+            ? fmt::format("tool: {}, its tip at first touch at {}, {}", in_words(result.loading.touch->shape),
                           in_words(1e3 * result.loading.touch->pose.tip), report.boundary.circle_reason)
             : fmt::format("circle: {} nodes at {}, {}", report.circle_nodes,
                           in_words(model.tool.centre * 1e3), report.boundary.circle_reason)};

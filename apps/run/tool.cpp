@@ -122,11 +122,6 @@ void refuse_beside(const Config& config, bool is_asked, const char* what, const 
                     .remedy = remedy});
 }
 
-bool was_given(const Config& config, const char* key) {
-  const auto source = config.source.find(key);
-  return source != config.source.end() && source->second != "default";
-}
-
 }  // namespace
 
 std::optional<ToolShape> tool_of(const Config& config) {

@@ -365,9 +365,9 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
          .where = "--indent-at (boundary.indent_at)",
          .why = fmt::format("{:.1f} mm from its middle the surface ends or drops by more than a radius",
                             room.whole),
-         .remedy =
-             "move it with --indent-at, make it smaller with --indenter-diameter, or leave the place to "
-             "--indent-at opposite"});
+         .remedy = "move it with --indent-at, make it smaller with --indenter-diameter (or --tool), or leave "
+                   "the place to "
+                   "--indent-at opposite"});
 }
 
 // The way that the tool goes. `known`: of the same body, for a place that does not say it.
@@ -430,13 +430,12 @@ void place_on_highest(const BodySurface& body, const Moments& moments, const Bou
                                   local_direction(body, Vec3(1.0, 0.1, 0.01)), is_free);
   const auto touch = place ? first_touch(body, view.at(place->centre, 0.0), result.push) : std::nullopt;
   if (!touch)
-    throw ModelError(
-        {.fact = fmt::format("no place on the {} has room for an indenter of {:.1f} mm diameter", side,
-                             options.indenter_diameter_mm),
-         .where = "indenter circle",
-         .why = "it would hang over the organ's edge everywhere",
-         .remedy =
-             "make it smaller with --indenter-diameter, or see `dimple places IMAGE` for where it fits"});
+    throw ModelError({.fact = fmt::format("no place on the {} has room for an indenter of {:.1f} mm diameter",
+                                          side, options.indenter_diameter_mm),
+                      .where = "indenter circle",
+                      .why = "it would hang over the organ's edge everywhere",
+                      .remedy = "make it smaller with --indenter-diameter (or --tool), or see `dimple places "
+                                "IMAGE` for where it fits"});
   result.centre = *touch;
   result.room = place->room;
   result.circle_reason =
@@ -526,7 +525,7 @@ Vec3 touch_of_circle(const BodySurface& body, const Boundary& boundary, const Ve
        .why = touch
                   ? "below a part of its rim the surface lies more than a diameter deeper than at its middle"
                   : "a part of its rim meets no tissue",
-       .remedy = "move it with --indent-at or make it smaller with --indenter-diameter"});
+       .remedy = "move it with --indent-at or make it smaller with --indenter-diameter (or --tool)"});
 }
 
 // `count` places on the surface at distance r from the circle's axis, the first half a `turn` on.

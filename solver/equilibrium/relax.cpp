@@ -39,12 +39,13 @@ SolveError no_equilibrium(const Relaxed& found, const Model& model) {
                          "over, and no surface of the body rests on another one, which is not modelled"
                        : "the load is more than this cloud can follow in one step, or the body has lost its "
                          "stiffness",
-       .remedy = gave_way
-                     ? "use a smaller --depth, a coarser spacing at the circle's rim (--rim 0.15 or more), a "
-                       "place further from folds and edges (--indent-at), or --time dynamic"
-                     : "use shorter steps of the load (--set solver.step_radii=0.05), a coarser spacing at "
-                       "the circle's "
-                       "rim (--rim 0.15 or more), or a smaller --depth",
+       .remedy =
+           gave_way
+               ? "use a smaller --depth, a coarser spacing at the circle's rim (--rim 0.15 or more), a "
+                 "place further from folds and edges (--indent-at), or for a bonded circle --time dynamic"
+               : "use shorter steps of the load (--set solver.step_radii=0.05), a coarser spacing at "
+                 "the circle's "
+                 "rim (--rim 0.15 or more), or a smaller --depth",
        .code = gave_way ? "limit-point" : "no-equilibrium"});
 }
 
