@@ -1113,8 +1113,7 @@ bool has_loads(const Config& config) {
 }
 
 bool was_given(const Config& config, const char* key) {
-  const auto source = config.source.find(key);
-  return source != config.source.end() && source->second != "default";
+  return weight_of(config, key) > 0;
 }
 
 bool has_membranes(const Config& config) {

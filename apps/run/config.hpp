@@ -204,7 +204,7 @@ std::string option_reference();
 /// ...?".
 std::string did_you_mean(const std::string& word, const std::vector<std::string>& known);
 
-/// Whether the option of that key was given by anybody.
+/// Whether anybody has chosen the option of that key: not where a file of all options states what is usual.
 bool was_given(const Config& config, const char* key);
 /// Whether gravity or a pressure acts on the body; whether it has a membrane; and whether nothing acts but
 /// the tool, nor holds it but the base.

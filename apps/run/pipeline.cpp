@@ -49,9 +49,13 @@ Organ taken_again(const Case& given, Result& result) {
   return organ;
 }
 
+// How far the body reaches along the push, from the middle of the tool's place [m].
+double reach_beneath(const Discretisation& places) {
+  return (places.X.transpose() * places.tool.push).maxCoeff() - places.tool.centre.dot(places.tool.push);
+}
+
 void require_room_beneath(const Config& config, const Discretisation& places) {
-  const double beneath =
-      (places.X.transpose() * places.tool.push).maxCoeff() - places.tool.centre.dot(places.tool.push);
+  const double beneath = reach_beneath(places);
   if (const double depth = deepest(config, places.tool.push); depth >= beneath)
     throw ModelError(
         {.fact = fmt::format("an indentation of {} is deeper than the organ beneath the circle, {}",
@@ -65,9 +69,7 @@ void require_room_beneath(const Config& config, const Discretisation& places) {
 // where a body was 43 radii of the contact thick, and right with 6000.
 void warn_of_small_contact(const Talk& talk, const Model& model) {
   constexpr double covered = 30.0;
-  const double beneath = (model.X.transpose() * model.tool.push).maxCoeff() -
-                         model.tool.centre.dot(model.tool.push),
-               radii = beneath / model.tool.radius;
+  const double radii = reach_beneath(model) / model.tool.radius;
   if (radii > covered && model.node_count() < 6000)
     talk.warn(
         fmt::format("the body is {:.0f} radii of the contact thick, and the force of so small a contact was "
@@ -156,7 +158,7 @@ Placed place(const Case& given, const std::optional<Organ>& organ, const Talk& t
   Placed placed{place_nodes(given.config, *organ, options, result.image, talk, result), options.scheme,
                 organ->label_names};
   if (result.nodes_for_band > 0)
-    result.chosen["cloud.nodes"] += tool_of(given.config)
+    result.chosen["cloud.nodes"] += result.nodes_for_band == fewest_nodes_under_tool(given.config)
                                         ? ", as the tool's edge asks for them and none were given"
                                         : ", as the body is folded and none were given";
   return placed;

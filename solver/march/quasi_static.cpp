@@ -275,8 +275,8 @@ void QuasiStaticMarch::look_ahead(const Way& way, Found& found) {
     past_.extrapolate(way.to, now_.u, now_.lambda);
     return set_tool(way.to);
   }
-  if (system_
-          .touching()) {  // the first step of the search says more than any touch: contact grows from a point
+  // The first step of the search says more than any touch: contact grows from a point.
+  if (system_.touching()) {
     now_ = {past_.point.back().u, past_.point.back().lambda};
     return set_tool(way.to);
   }

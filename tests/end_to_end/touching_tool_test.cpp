@@ -49,6 +49,29 @@ TEST(ToolThatTouches, APunchThatTheSurfaceComesIntoEndsWithAReasonAndNotWithAFor
   EXPECT_NE(ran.err.find("penetration"), std::string::npos) << ran.err;
 }
 
+// Its file states every option, the usual way of the circle among them.
+TEST(ToolThatTouches, IsRepeatedByTheConfigurationThatItsRunWrote) {
+  const fs::path folder = with_phantom();
+  ASSERT_EQ(
+      dimple(folder,
+             "run brain.nrrd -o out --write force --tool sphere:5mm -q --nodes 800 --depth 1mm --frames 2")
+          .code,
+      0);
+  const Ran again = dimple(folder, "run brain.nrrd --config out/config.resolved.toml -o again -q");
+  ASSERT_EQ(again.code, 0) << again.err;
+  EXPECT_EQ(text_of(folder / "out" / "force.csv"), text_of(folder / "again" / "force.csv"));
+}
+
+TEST(ToolThatTouches, IsTooFastOnlyAtARateThatSomebodyAskedFor) {
+  const fs::path folder = with_phantom();
+  const std::string shallow =
+      "run brain.nrrd --write force --tool sphere:5mm -q --nodes 800 --depth 0.5mm --frames 2";
+  EXPECT_EQ(dimple(folder, shallow + " -o slow").code, 0);
+  const Ran fast = dimple(folder, shallow + " -o fast --rate 100mm/s");
+  EXPECT_EQ(fast.code, 2);
+  EXPECT_NE(fast.err.find("too fast"), std::string::npos) << fast.err;
+}
+
 TEST(ToolThatTouches, GivesTheSameBytesWithOneThreadAndWithTwo) {
   const fs::path folder = with_phantom();
   for (const char* threads : {"1", "2"})
