@@ -3,8 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
-#include <cmath>
 #include <vector>
 
 #include "apps/run/words.hpp"
@@ -31,22 +29,23 @@ std::string trimmed(const std::string& text) {
                     .remedy = remedy});
 }
 
-// "5mm", "0.5cm", "5" -> metres.
+// [m], in the units that every option of a length takes.
 double length_of(const Config& config, const std::string& text) {
-  double value = 0.0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  const std::string unit = trimmed(std::string(end, text.data() + text.size()));
-  const double metres = unit.empty() || unit == "mm" ? 1e-3
-                        : unit == "cm"               ? 1e-2
-                        : unit == "um"               ? 1e-6
-                        : unit == "m"                ? 1.0
-                                                     : 0.0;
-  if (error != std::errc{} || metres == 0.0 || !std::isfinite(value) || !(value > 0.0) ||
-      value * metres > 1.0)
-    refuse(config, fmt::format("has the length '{}'", text),
-           "its lengths are numbers above 0 and up to 1 m, in mm or with um, mm, cm or m behind",
+  if (text.empty())
+    refuse(config, "lacks a length", "its lengths say how large it is",
            fmt::format("give for instance {}", forms));
-  return value * metres;
+  double mm = 0.0;
+  set_value({.key = "tool.shape",
+             .flag = "--tool",
+             .unit = "mm",
+             .help = "",
+             .value = &mm,
+             .most = 1000.0,
+             .least_excluded = true,
+             .choices = {},
+             .stage = ""},
+            text, "--tool (tool.shape)");
+  return 1e-3 * mm;
 }
 
 struct Words {

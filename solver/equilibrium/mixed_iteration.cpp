@@ -537,9 +537,7 @@ struct MixedIteration::Parts {
           gap[k] += phi[e] * touching->normals().col(k).dot(du.col(rows.member[e]).head<3>());
       const ContactStep contact = contact_step(compliance, touching->normals(), gap, touching->forces());
       Nodal held = r;
-      for (Index k = 0; k < gap.size(); ++k)
-        for (int e = rows.offset[k]; e < rows.offset[k + 1]; ++e)
-          held.col(rows.member[e]).head<3>() -= (phi[e] * contact.change[k]) * touching->normals().col(k);
+      touching->spread(contact.change, held);
       step(held, s, du, of_patches);
       dlambda.tail(gap.size()) = contact.change;
     }

@@ -30,14 +30,20 @@ void TouchingTool::add_force(const Nodal& u, const Instant& now, Nodal& f) {
   place_ = surface.place + surface.at_place(u.topRows<3>());
   gap_.resize(count());
   normal_.resize(3, count());
-  const auto& [rows, weight] = surface.at_place;
   for (Index s = 0; s < count(); ++s) {
     const ToolDistance here = distance_to_tool(touch_.shape, pose, place_.col(s));
     gap_[s] = here.distance;
     normal_.col(s) = here.normal;
-    if (force_[s] == 0.0) continue;
+  }
+  spread(force_, f);
+}
+
+void TouchingTool::spread(const Eigen::VectorXd& force, Nodal& f) const {
+  const auto& [rows, weight] = touch_.surface.at_place;
+  for (Index s = 0; s < count(); ++s) {
+    if (force[s] == 0.0) continue;
     for (int k = rows.offset[s]; k < rows.offset[s + 1]; ++k)
-      f.col(rows.member[k]).head<3>() -= (weight[k] * force_[s]) * here.normal;
+      f.col(rows.member[k]).head<3>() -= (weight[k] * force[s]) * normal_.col(s);
   }
 }
 

@@ -48,6 +48,10 @@ class TouchingTool : public ForceTerm {
   void add_force(const Nodal& u, const Instant& now, Nodal& f) override;
   double energy(const Nodal&, const Instant&) override { return 0.0; }
 
+  /// Adds such forces [M] N on the body to f [4xN] N, as of what resists, along the normals of the last
+  /// add_force().
+  void spread(const Eigen::VectorXd& force, Nodal& f) const;
+
   /// On the body, of the last add_force() [N].
   double along(const Vec3& push) const { return (normal_ * force_).dot(push); }
   /// On the tool, about its tip.

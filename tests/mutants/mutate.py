@@ -145,7 +145,7 @@ MUTANTS = {
           "(stiff() - std::sqrt(shear() * stiff()) / std::pow(now.most, {n} ? 2 : 3))"),
     106: ("solver/terms/membrane.cpp", "    if (now.taut == Taut::nowhere) return Eigen::Matrix2d::Zero();",
           "    if (now.taut == Taut::nowhere) return {n} ? Eigen::Matrix2d(-0.01 * stiff() * Eigen::Matrix2d::Identity()) : Eigen::Matrix2d(Eigen::Matrix2d::Zero());"),
-    107: ("solver/terms/touching_tool.cpp", "(weight[k] * force_[s]) * here.normal", "(weight[k] * force_[s]) * ({n} ? 0.95 : 1.0) * here.normal"),
+    107: ("solver/terms/touching_tool.cpp", "(weight[k] * force[s]) * normal_.col(s)", "(weight[k] * force[s]) * ({n} ? 0.95 : 1.0) * normal_.col(s)"),
     108: ("solver/terms/touching_tool.cpp", "    sum.head<3>() -= on_body;", "    sum.head<3>() -= ({n} ? -1.0 : 1.0) * on_body;"),
     109: ("solver/terms/touching_tool.cpp", "cross(on_body);", "cross(({n} ? 0.9 : 1.0) * on_body);"),
     110: ("solver/terms/touching_tool.cpp", "  meet(surface.between);", "  if ({n}) way += 1e-4; else meet(surface.between);"),
