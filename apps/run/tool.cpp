@@ -38,7 +38,7 @@ double length_of(const Config& config, const std::string& text) {
   set_value({.key = "tool.shape",
              .flag = "--tool",
              .unit = "mm",
-             .help = "",
+             .help = "a length of the tool",
              .value = &mm,
              .most = 1000.0,
              .least_excluded = true,
