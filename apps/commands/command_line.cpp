@@ -147,24 +147,33 @@ const std::vector<NotModelled>& not_modelled() {
   return list;
 }
 
-// Says so, if one of the words is an option for physics that is not there. Throws UsageError.
-void refuse_what_is_not_modelled(const std::vector<std::string>& words) {
+bool has_option(const CLI::App& app, const std::vector<std::string>& words, const std::string& flag) {
+  for (const CLI::App* command : app.get_subcommands({}))
+    if (!words.empty() && command->get_name() == words[0]) return command->get_option_no_throw(flag);
+  return false;
+}
+
+// Says so, if one of the words is an option for physics that the command has not. Throws UsageError.
+void refuse_what_is_not_modelled(const CLI::App& app, const std::vector<std::string>& words) {
   for (const std::string& word : words)
     for (const NotModelled& one : not_modelled())
       if (const std::string flag = word.substr(0, word.find('='));
-          std::find(one.flags.begin(), one.flags.end(), flag) != one.flags.end())
+          std::find(one.flags.begin(), one.flags.end(), flag) != one.flags.end() &&
+          !has_option(app, words, flag))
         throw UsageError(
             {.fact = one.what,
              .where = flag,
              .why = "modelled are quasi-static and dynamic indentation by one flat circle, bonded or "
-                    "frictionless, of elastic and viscoelastic tissue on a fixed base",
+                    "frictionless, and quasi-static contact without friction with a sphere, punch or "
+                    "capsule, of "
+                    "elastic and viscoelastic tissue on a fixed base",
              .remedy = fmt::format("closest: {}", one.closest),
              .code = "not-modelled"});
 }
 
 [[noreturn]] void usage_error(const CLI::App& app, const CLI::ParseError& error,
                               const std::vector<std::string>& words) {
-  refuse_what_is_not_modelled(words);
+  refuse_what_is_not_modelled(app, words);
   std::vector<std::string> commands, flags;
   for (const CLI::App* command : app.get_subcommands({})) {
     commands.push_back(command->get_name());

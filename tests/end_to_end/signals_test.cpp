@@ -95,7 +95,7 @@ TEST_F(Stop, IsAnsweredWithinTwoSecondsByEveryCommand) {
 TEST_F(Stop, OfARefinementKeepsItsBestForceWithItsBand) {
   const std::string line = "run brain.nrrd -o out --accuracy 0.5% --depth 2mm --frames 4";
   int with_band = 0;
-  for (int stop = 0; stop < 8; ++stop) {  // amid the first four clouds
+  for (int stop = 0; stop < 6; ++stop) {  // amid the first three clouds
     SCOPED_TRACE(stop);
     fs::remove_all(folder / "out");
     const Ran ran = expect_end(line, milliseconds(100 + 300 * (stop % 2)), SIGINT, "refine ", stop / 2);
