@@ -26,7 +26,14 @@ std::vector<double> depths_in(const std::vector<std::string>& words) {
   for (const std::string& word : words) {
     double depth = 0.0;
     const std::string flag = "--depths";
-    set_value({flag, flag, "mm", "where the force is wanted", &depth, 0, 1000, true, {}, ""}, word, flag);
+    set_value({.key = flag,
+               .flag = flag,
+               .unit = "mm",
+               .value = &depth,
+               .most = 1000,
+               .least_excluded = true,
+               .help = "where the force is wanted"},
+              word, flag);
     if (std::find(depths.begin(), depths.end(), depth) == depths.end()) depths.push_back(depth);
   }
   return depths;

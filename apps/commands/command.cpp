@@ -113,7 +113,14 @@ Config Flags::config(const CLI::App& command, const std::string& image) const {
 double quantity(const std::string& text, const std::string& flag, const std::string& unit,
                 const std::string& help) {
   double value = 0.0;
-  set_value({flag, flag, unit, help, &value, 0, 1e9, true, {}, ""}, text, flag);
+  set_value({.key = flag,
+             .flag = flag,
+             .unit = unit,
+             .value = &value,
+             .most = 1e9,
+             .least_excluded = true,
+             .help = help},
+            text, flag);
   return value;
 }
 

@@ -127,19 +127,19 @@ struct Config {
 
 /// One option, declared once: the help, the checks, the file format and `--set` are all made from it.
 struct Option {
-  std::string key;   ///< "material.mu_Pa": section, name, unit
-  std::string flag;  ///< "--mu" or empty
-  std::string unit;  ///< "Pa" or empty; bare numbers are in it
-  std::string help;
+  std::string key;        ///< "material.mu_Pa": section, name, unit
+  std::string flag = {};  ///< "--mu" or empty
+  std::string unit = {};  ///< "Pa" or empty; bare numbers are in it
   std::variant<double*, std::int64_t*, std::string*, std::vector<std::string>*, std::vector<double>*> value;
   double least = 0.0, most = 0.0;  ///< range of numbers, both allowed
   bool least_excluded = false;
-  std::vector<std::string> choices;  ///< of a word, or of each of a list, which then names one at least;
-                                     ///< empty: free text
-  std::string stage;  ///< which commands have the flag: "model", "solve" (run has both), "run" (that alone),
-                      ///< "files" (run and solve)
+  std::vector<std::string> choices = {};  ///< of a word, or of each of a list, which then names one at least;
+                                          ///< empty: free text
+  std::string stage = {};  ///< which commands have the flag: "model", "solve" (run has both), "run" (that
+                           ///< alone), "files" (run and solve)
   bool common = false;                  ///< of those that `--help` lists; `--help-all` lists all
   std::vector<std::string> words = {};  ///< of free text, those that it is most often: offered, not demanded
+  std::string help = {};
 };
 std::vector<Option> options_of(Config& config);
 std::vector<Option> options_of(Config::Pressure& pressure);

@@ -212,154 +212,194 @@ void ImageWriter::write() {
                          volume_in_words(labels_at_rest_mm3_), volume_in_words(deformed_mm3_));
 }
 
-void ImageWriter::write_group(const Group& group) {
-  const VoxelGrid& grid = group.grid;
-  const DeformationMap map(model_, *field_, u_, grid);
-  if (group.labels || task_.label_image.empty()) share_beyond_ = std::max(share_beyond_, map.share_beyond());
+VolumeWriter ImageWriter::begun(const fs::path& file, const VoxelGrid& grid, const VolumeKind& kind) {
+  written_.push_back((fs::path("images") / file.filename()).string());
+  return VolumeWriter(file, grid, kind);
+}
+
+// Where the tissue was: how it has moved, and its stress, in the voxels that it fills at rest.
+void ImageWriter::write_fields(const VoxelGrid& grid, const DeformationMap& map) {
   const auto slice = static_cast<std::size_t>(grid.slice());
-  const auto add = [&](std::vector<VolumeWriter>& list, const fs::path& file, const VolumeKind& kind) {
-    list.emplace_back(file, grid, kind);
-    written_.push_back((fs::path("images") / file.filename()).string());
-  };
-
-  if (group.labels) {  // where the tissue was
-    const std::string suffix = volume_suffix(task_.label_image);
-    std::vector<VolumeWriter> out;
-    add(out, file_of("displacement_mm", suffix), {.components = 3, .meaning = "modeling"});
-    add(out, file_of("jacobian", suffix), {});
-    add(out, file_of("von_mises_Pa", suffix), {});
-    std::vector<float> u(3 * slice), jacobian(slice), mises(slice);
-    std::vector<char> inside(slice);
-    for (Index k = 0; k < grid.size[2]; ++k) {
-      map.displacement(k, u, jacobian);
-      map.inside(k, inside);
-      std::vector<std::size_t> voxel;
-      for (std::size_t v = 0; v < slice; ++v)
-        if (inside[v]) voxel.push_back(v);
-      Points places(3, static_cast<Index>(voxel.size()));
-      for (std::size_t m = 0; m < voxel.size(); ++m) {
-        const auto v = static_cast<Index>(voxel[m]);
-        const Vec3 x(static_cast<double>(v % grid.size[0]), static_cast<double>(v / grid.size[0]),
-                     static_cast<double>(k));
-        places.col(static_cast<Index>(m)) = 1e-3 * (grid.to_world * x);
-      }
-      const Eigen::RowVectorXd means = make_point_means(model_.point, places)(mises_);
-      std::fill(mises.begin(), mises.end(), 0.0f);
-      for (std::size_t m = 0; m < voxel.size(); ++m) {
-        mises[voxel[m]] = with_four_digits(static_cast<float>(means[static_cast<Index>(m)]));
-        jacobian[voxel[m]] = with_four_digits(jacobian[voxel[m]]);
-      }
-      std::transform(u.begin(), u.end(), u.begin(), &rounded_mm);
-      out[0].write(u);
-      out[1].write(jacobian);
-      out[2].write(mises);
-    }
-    for (VolumeWriter& writer : out) writer.finish();
-  }
-
-  // Where it came to lie.
-  struct Target {
-    const VolumeImage* image = nullptr;  // none: the transform itself
-    Sampling how = Sampling::nearest;
-  };
-  std::vector<Target> targets;
+  const std::string suffix = volume_suffix(task_.label_image);
   std::vector<VolumeWriter> out;
-  std::vector<VolumeImage> images;
-  images.reserve(group.warped.size());
+  out.push_back(begun(file_of("displacement_mm", suffix), grid, {.components = 3, .meaning = "modeling"}));
+  out.push_back(begun(file_of("jacobian", suffix), grid, {}));
+  out.push_back(begun(file_of("von_mises_Pa", suffix), grid, {}));
+  std::vector<float> u(3 * slice), jacobian(slice), mises(slice);
+  std::vector<char> inside(slice);
+  for (Index k = 0; k < grid.size[2]; ++k) {
+    map.displacement(k, u, jacobian);
+    map.inside(k, inside);
+    std::vector<std::size_t> voxel;
+    for (std::size_t v = 0; v < slice; ++v)
+      if (inside[v]) voxel.push_back(v);
+    Points places(3, static_cast<Index>(voxel.size()));
+    for (std::size_t m = 0; m < voxel.size(); ++m) {
+      const auto v = static_cast<Index>(voxel[m]);
+      const Vec3 x(static_cast<double>(v % grid.size[0]), static_cast<double>(v / grid.size[0]),
+                   static_cast<double>(k));
+      places.col(static_cast<Index>(m)) = 1e-3 * (grid.to_world * x);
+    }
+    const Eigen::RowVectorXd means = make_point_means(model_.point, places)(mises_);
+    std::fill(mises.begin(), mises.end(), 0.0f);
+    for (std::size_t m = 0; m < voxel.size(); ++m) {
+      mises[voxel[m]] = with_four_digits(static_cast<float>(means[static_cast<Index>(m)]));
+      jacobian[voxel[m]] = with_four_digits(jacobian[voxel[m]]);
+    }
+    std::transform(u.begin(), u.end(), u.begin(), &rounded_mm);
+    out[0].write(u);
+    out[1].write(jacobian);
+    out[2].write(mises);
+  }
+  for (VolumeWriter& writer : out) writer.finish();
+}
+
+// What is written of where the tissue came to lie: an image, or, of none, the transform itself.
+struct ImageWriter::Target {
+  const VolumeImage* image;
+  Sampling how;
+  VolumeWriter out;
+};
+
+std::vector<ImageWriter::Target> ImageWriter::targets_of(const Group& group, std::list<VolumeImage>& images) {
+  std::vector<Target> targets;
   if (group.labels) {
     const std::string suffix = volume_suffix(task_.label_image);
-    targets.push_back({});
-    add(out, file_of("transform", suffix), {.components = 3, .meaning = "resampling"});
-    targets.push_back({.image = group.labels});
-    add(out, file_of("labels", suffix_of_labels(task_.label_image)), {.like = group.labels});
+    targets.push_back(
+        {nullptr, Sampling::nearest,
+         begun(file_of("transform", suffix), group.grid, {.components = 3, .meaning = "resampling"})});
+    targets.push_back(
+        {group.labels, Sampling::nearest,
+         begun(file_of("labels", suffix_of_labels(task_.label_image)), group.grid, {.like = group.labels})});
   }
   for (const ImageTask::Warped* image : group.warped) {
     const VolumeImage& read = images.emplace_back(image->file);
-    targets.push_back({.image = &read, .how = image->how});
-    if (!(read.grid() == grid))
+    if (!(read.grid() == group.grid))
       throw InputError(
           {.fact = fmt::format("{} is not the image any longer that it was", image->file.string()),
            .where = "images",
            .why = "another program has written to it during this run",
            .remedy = "run it again"});
-    add(out, file_of(image->name, suffix_of_labels(image->file)), {.like = &read});
+    targets.push_back(
+        {&read, image->how,
+         begun(file_of(image->name, suffix_of_labels(image->file)), group.grid, {.like = &read})});
   }
-  const Index together = std::clamp<Index>(voxels_at_once / grid.slice(), 1, grid.size[2]);
-  std::vector<float> place(3 * slice * static_cast<std::size_t>(together)), vectors;
-  std::vector<std::byte> voxels;
-  std::int64_t counted = 0, counted_at_rest = 0;
-  const auto is_body = [&](std::int64_t label) {
-    return label != 0 &&
-           (labels_.empty() || std::find(labels_.begin(), labels_.end(), label) != labels_.end());
-  };
-  // Of each voxel of the label image.
-  std::vector<char> body(group.labels ? static_cast<std::size_t>(grid.voxels()) : 0);
-  tbb::parallel_for(Index{0}, group.labels ? grid.size[1] * grid.size[2] : Index{0}, [&](Index row) {
+  return targets;
+}
+
+bool ImageWriter::is_body(std::int64_t label) const {
+  return label != 0 && (labels_.empty() || std::find(labels_.begin(), labels_.end(), label) != labels_.end());
+}
+
+// Of each voxel of a label image, whether it is of the body.
+std::vector<char> ImageWriter::body_of(const VolumeImage& labels, const VoxelGrid& grid) const {
+  std::vector<char> body(static_cast<std::size_t>(grid.voxels()));
+  tbb::parallel_for(Index{0}, grid.size[1] * grid.size[2], [&](Index row) {
     if (row % 256 == 0) stop_if_asked();
     for (Index v = row * grid.size[0]; v < (row + 1) * grid.size[0]; ++v)
-      body[static_cast<std::size_t>(v)] = is_body(group.labels->label_of(group.labels->voxel(v)));
+      body[static_cast<std::size_t>(v)] = is_body(labels.label_of(labels.voxel(v)));
   });
-  const auto count = [&](const VolumeImage& image, const std::byte* number, Index n) {
-    // Of long stretches of the same label one is looked at.
-    const std::size_t width = image.bytes_per_voxel();
-    std::int64_t sum = 0;
-    bool in_body = false;
-    for (Index v = 0; v < n; ++v, number += width) {
-      if (v == 0 || !std::equal(number, number + width, number - width))
-        in_body = is_body(image.label_of(number));
-      sum += in_body;
+  return body;
+}
+
+std::int64_t ImageWriter::voxels_of_body(const VolumeImage& image, const std::byte* number, Index n) const {
+  // Of long stretches of the same label one is looked at.
+  const std::size_t width = image.bytes_per_voxel();
+  std::int64_t sum = 0;
+  bool in_body = false;
+  for (Index v = 0; v < n; ++v, number += width) {
+    if (v == 0 || !std::equal(number, number + width, number - width))
+      in_body = is_body(image.label_of(number));
+    sum += in_body;
+  }
+  return sum;
+}
+
+namespace {
+
+// Slices of a grid, and where what their voxels show was at rest [3 x voxels, in voxels].
+struct Slices {
+  const VoxelGrid& grid;
+  Index first, last;
+  std::span<const float> places;
+  Index rows() const { return (last - first) * grid.size[1]; }
+};
+
+// [3 x voxels, mm LPS] from each voxel to its place at rest.
+std::vector<float> ways_to_rest(const Slices& of) {
+  std::vector<float> vectors(of.places.size());
+  const Eigen::Matrix3f axes = of.grid.to_world.linear().cast<float>();
+  tbb::parallel_for(Index{0}, of.rows(), [&](Index row) {
+    for (Index i = 0; i < of.grid.size[0]; ++i) {
+      const Index v = i + of.grid.size[0] * row;
+      const Eigen::Map<const Eigen::Vector3f> X(of.places.data() + 3 * v);
+      const Eigen::Vector3f x(static_cast<float>(i), static_cast<float>(row % of.grid.size[1]),
+                              static_cast<float>(of.first + row / of.grid.size[1]));
+      Eigen::Map<Eigen::Vector3f>(vectors.data() + 3 * v) = (axes * (X - x)).unaryExpr(&rounded_mm);
     }
-    return sum;
-  };
+  });
+  return vectors;
+}
+
+std::vector<std::byte> warped(const VolumeImage& image, Sampling how, const Slices& of) {
+  const std::size_t width = image.bytes_per_voxel(), length = static_cast<std::size_t>(of.grid.size[0]);
+  std::vector<std::byte> voxels(static_cast<std::size_t>(of.rows()) * length * width);
+  tbb::parallel_for(Index{0}, of.rows(), [&](Index row) {
+    const std::size_t begin = static_cast<std::size_t>(row) * length;
+    image.sample(of.places.subspan(3 * begin, 3 * length), how, voxels.data() + width * begin);
+  });
+  return voxels;
+}
+
+void follow_surface(const VolumeImage& labels, const std::vector<char>& body, const DeformationMap& map,
+                    const Slices& of, std::vector<std::byte>& voxels) {
+  const std::size_t width = labels.bytes_per_voxel();
+  tbb::parallel_for(Index{0}, of.rows(), [&](Index row) {
+    if (row % 64 == 0) stop_if_asked();
+    for (Index v = row * of.grid.size[0]; v < (row + 1) * of.grid.size[0]; ++v) {
+      const float* X = of.places.data() + 3 * v;
+      const Index own = of.first * of.grid.slice() + v;
+      if (const Index other = at_border(of.grid, body, map, Vec3(X[0], X[1], X[2]), own); other >= 0)
+        std::copy_n(labels.voxel(other), width, voxels.data() + width * static_cast<std::size_t>(v));
+    }
+  });
+}
+
+}  // namespace
+
+void ImageWriter::write_group(const Group& group) {
+  const VoxelGrid& grid = group.grid;
+  const DeformationMap map(model_, *field_, u_, grid);
+  if (group.labels || task_.label_image.empty()) share_beyond_ = std::max(share_beyond_, map.share_beyond());
+  if (group.labels) write_fields(grid, map);
+
+  std::list<VolumeImage> images;
+  std::vector<Target> targets = targets_of(group, images);
+  const std::vector<char> body = group.labels ? body_of(*group.labels, grid) : std::vector<char>{};
+  const Index together = std::clamp<Index>(voxels_at_once / grid.slice(), 1, grid.size[2]);
+  std::vector<float> place(3 * static_cast<std::size_t>(grid.slice() * together));
+  std::int64_t counted = 0, counted_at_rest = 0;
   for (Index first = 0; first < grid.size[2]; first += together) {
     const Index last = std::min(first + together, grid.size[2]), now = (last - first) * grid.slice();
     const std::span<float> places(place.data(), 3 * static_cast<std::size_t>(now));
     way_back_.add(map.places_at_rest(first, last, places));
-    for (std::size_t t = 0; t < targets.size(); ++t) {
+    const Slices slices{grid, first, last, places};
+    for (Target& target : targets) {
       stop_if_asked();
-      const Target& target = targets[t];
-      const Index rows = now / grid.size[0];
       if (!target.image) {
-        vectors.resize(places.size());
-        const Eigen::Matrix3f axes = grid.to_world.linear().cast<float>();
-        tbb::parallel_for(Index{0}, rows, [&](Index row) {
-          for (Index i = 0; i < grid.size[0]; ++i) {
-            const Index v = i + grid.size[0] * row;
-            const Eigen::Map<const Eigen::Vector3f> X(places.data() + 3 * v);
-            const Eigen::Vector3f x(static_cast<float>(i), static_cast<float>(row % grid.size[1]),
-                                    static_cast<float>(first + row / grid.size[1]));
-            Eigen::Map<Eigen::Vector3f>(vectors.data() + 3 * v) = (axes * (X - x)).unaryExpr(&rounded_mm);
-          }
-        });
-        out[t].write(vectors);
+        target.out.write(ways_to_rest(slices));
         continue;
       }
-      const std::size_t width = target.image->bytes_per_voxel();
-      voxels.resize(static_cast<std::size_t>(now) * width);
-      tbb::parallel_for(Index{0}, rows, [&](Index row) {
-        const auto begin = static_cast<std::size_t>(row * grid.size[0]),
-                   length = static_cast<std::size_t>(grid.size[0]);
-        target.image->sample(places.subspan(3 * begin, 3 * length), target.how,
-                             voxels.data() + width * begin);
-      });
-      if (target.image == group.labels)
-        tbb::parallel_for(Index{0}, rows, [&](Index row) {
-          if (row % 64 == 0) stop_if_asked();
-          for (Index v = row * grid.size[0]; v < (row + 1) * grid.size[0]; ++v) {
-            const float* X = places.data() + 3 * v;
-            const Index own = first * grid.slice() + v;
-            if (const Index other = at_border(grid, body, map, Vec3(X[0], X[1], X[2]), own); other >= 0)
-              std::copy_n(target.image->voxel(other), width,
-                          voxels.data() + width * static_cast<std::size_t>(v));
-          }
-        });
-      out[t].write(voxels);
-      if (target.image != group.labels) continue;
-      counted += count(*target.image, voxels.data(), now);
-      counted_at_rest += count(*target.image, target.image->voxel(first * grid.slice()), now);
+      std::vector<std::byte> voxels = warped(*target.image, target.how, slices);
+      if (target.image == group.labels) {
+        follow_surface(*group.labels, body, map, slices, voxels);
+        counted += voxels_of_body(*group.labels, voxels.data(), now);
+        counted_at_rest += voxels_of_body(*group.labels, group.labels->voxel(first * grid.slice()), now);
+      }
+      target.out.write(voxels);
     }
   }
-  for (VolumeWriter& writer : out) writer.finish();
+  for (Target& target : targets) target.out.finish();
   if (!group.labels) return;
   labels_mm3_ = static_cast<double>(counted) * grid.voxel_volume();
   labels_at_rest_mm3_ = static_cast<double>(counted_at_rest) * grid.voxel_volume();

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <list>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
@@ -60,7 +61,14 @@ class ImageWriter {
 
  private:
   struct Group;
+  struct Target;
   void write_group(const Group& group);
+  void write_fields(const VoxelGrid& grid, const DeformationMap& map);
+  std::vector<Target> targets_of(const Group& group, std::list<VolumeImage>& images);
+  VolumeWriter begun(const std::filesystem::path& file, const VoxelGrid& grid, const VolumeKind& kind);
+  bool is_body(std::int64_t label) const;
+  std::vector<char> body_of(const VolumeImage& labels, const VoxelGrid& grid) const;
+  std::int64_t voxels_of_body(const VolumeImage& image, const std::byte* number, Index n) const;
   std::filesystem::path file_of(const std::string& name, const std::string& suffix) const;
 
   ImageTask task_;

@@ -38,12 +38,10 @@ double length_of(const Config& config, const std::string& text) {
   set_value({.key = "tool.shape",
              .flag = "--tool",
              .unit = "mm",
-             .help = "a length of the tool",
              .value = &mm,
              .most = 1000.0,
              .least_excluded = true,
-             .choices = {},
-             .stage = ""},
+             .help = "a length of the tool"},
             text, "--tool (tool.shape)");
   return 1e-3 * mm;
 }

@@ -415,6 +415,140 @@ struct DeformationMap::Cell {
   }
 };
 
+// Which tetrahedron each voxel of a slice lies in, and whether that is the right way round.
+struct DeformationMap::Owners {
+  static constexpr std::int32_t nobody = -1;
+  std::vector<std::int32_t> cell;  // six times the number of its first corner, and its way
+  std::vector<char> upright;
+};
+
+// The voxels of slice k that a displaced tetrahedron covers become its own, unless one that came before it,
+// and is not inside out, has them.
+void DeformationMap::cover(const Cell& cell, std::int32_t number, bool way_is_even, Index k,
+                           Owners& owners) const {
+  const double level = static_cast<double>(k);
+  const Mat3& edges = cell.moved_edges;
+  const Vec3 lower = cell.moved + edges.rowwise().minCoeff().cwiseMin(0.0),
+             upper = cell.moved + edges.rowwise().maxCoeff().cwiseMax(0.0);
+  if (lower[2] > level + 1e-6 || upper[2] < level - 1e-6) return;
+  const double volume = edges.determinant();
+  if (std::abs(volume) < 1e-12) return;
+  const bool right_way = (volume > 0.0) == way_is_even;
+  const Mat3 inverse = edges.inverse();
+  const auto from = [](double x) { return static_cast<Index>(std::ceil(x - 1e-6)); };
+  const auto to = [](double x) { return static_cast<Index>(std::floor(x + 1e-6)); };
+  const Index ni = grid_.size[0], nj = grid_.size[1];
+  const Index i0 = std::max<Index>(0, from(lower[0])), i1 = std::min(ni - 1, to(upper[0]));
+  const Index j0 = std::max<Index>(0, from(lower[1])), j1 = std::min(nj - 1, to(upper[1]));
+  for (Index j = j0; j <= j1; ++j)
+    for (Index i = i0; i <= i1; ++i) {
+      const auto voxel = static_cast<std::size_t>(i + ni * j);
+      if (owners.upright[voxel] || (owners.cell[voxel] != Owners::nobody && !right_way)) continue;
+      const Vec3 s = inverse * (vec({i, j, k}) - cell.moved);
+      if (s.minCoeff() < -on_edge || s.sum() > 1.0 + on_edge) continue;
+      owners.cell[voxel] = number;
+      owners.upright[voxel] = right_way;
+    }
+}
+
+// Does the cell of the lattice move, and come to lie at that slice?
+bool DeformationMap::moves_to(const std::array<Index, 3>& at, double level) const {
+  float low = std::numeric_limits<float>::infinity(), high = -low;
+  bool moves = false;
+  for (int corner = 0; corner < 8; ++corner) {
+    const Index layer = at[2] + (corner >> 2 & 1);
+    const float* v = v_.data() + 3 * point_number(at[0] + (corner & 1), at[1] + (corner >> 1 & 1), layer);
+    const float there = static_cast<float>(first_[2] + step_[2] * layer) + v[2];
+    low = std::min(low, there), high = std::max(high, there);
+    moves = moves || v[0] != 0.0f || v[1] != 0.0f || v[2] != 0.0f;
+  }
+  return moves && static_cast<double>(low) <= level + 1e-3 && static_cast<double>(high) >= level - 1e-3;
+}
+
+DeformationMap::Owners DeformationMap::owners_in_slice(Index k) const {
+  const auto voxels = static_cast<std::size_t>(grid_.slice());
+  Owners owners{.cell = std::vector<std::int32_t>(voxels, Owners::nobody),
+                .upright = std::vector<char>(voxels, 0)};
+  const double level = static_cast<double>(k);
+  const Index rows = n_[1] - 1;
+  for (Index c = 0; c + 1 < n_[2]; ++c)
+    for (Index b = 0; b < rows; ++b) {
+      const auto [least, most] = reach_[static_cast<std::size_t>(b + rows * c)];
+      if (static_cast<double>(least) > level + 1e-3 || static_cast<double>(most) < level - 1e-3) continue;
+      stop_if_asked();
+      for (Index a = 0; a + 1 < n_[0]; ++a) {
+        if (!moves_to({a, b, c}, level)) continue;
+        for (int way = 0; way < 6; ++way)
+          cover(Cell(*this, a, b, c, way), static_cast<std::int32_t>(6 * point_number(a, b, c) + way),
+                way < 3, k, owners);
+      }
+    }
+  return owners;
+}
+
+// A voxel that looks for the place at rest of what it shows.
+struct DeformationMap::Seeker {
+  float* place;
+  Vec3 x, start, X;
+  Mat3 back;  // what moves X by that if X + u(X) is to move by this
+  Vec3 best;  // so far
+  double residual = std::numeric_limits<double>::infinity();
+};
+
+// The field itself, by Newton's method, of neighbours at a time.
+void DeformationMap::solve(std::vector<Seeker>& group, WayBackReport& report) const {
+  if (group.empty()) return;
+  stop_if_asked();
+  const Vec3 cell_size = vec(step_);
+  std::vector<Seeker*> open;
+  for (Seeker& one : group) open.push_back(&one);
+  Points places, u;
+  Eigen::Matrix<double, 9, Eigen::Dynamic> derivative;
+  for (int step = 0; step < most_steps && !open.empty(); ++step) {
+    places.resize(3, static_cast<Index>(open.size()));
+    for (std::size_t m = 0; m < open.size(); ++m) places.col(static_cast<Index>(m)) = open[m]->X;
+    // The tetrahedron's gradient is there already, and serves nearly all.
+    const bool own_gradient = step >= cheap_steps;
+    field_.at(1e-3 * (grid_.to_world * places), u_, u, own_gradient ? &derivative : nullptr);
+    u = to_voxels_.linear() * (1e3 * u);
+    for (std::size_t m = 0; m < open.size(); ++m) {
+      Seeker& one = *open[m];
+      const auto column = static_cast<Index>(m);
+      const Vec3 off = one.X + u.col(column) - one.x;
+      if (const double residual = off.cwiseAbs().maxCoeff(); residual < one.residual) {
+        one.residual = residual;
+        one.best = one.X;
+      }
+      if (own_gradient) {
+        const Mat3 F = Mat3::Identity() +
+                       to_voxels_.linear() * derivative.col(column).reshaped(3, 3) * grid_.to_world.linear();
+        if (std::abs(F.determinant()) > 1e-3) one.back = F.inverse();
+      }
+      const Vec3 by = one.back * off;
+      one.X -= by / std::max(1.0, by.cwiseQuotient(cell_size).cwiseAbs().maxCoeff());
+    }
+    std::erase_if(open, [&](const Seeker* one) {
+      return one->residual <= settled ||
+             !((one->X - one->start).cwiseAbs().array() <= neighbourhood * cell_size.array()).all();
+    });
+  }
+  for (Seeker& one : group) {
+    ++report.solved;
+    if (one.residual > settled) ++report.unsettled;
+    report.largest_residual = std::max(report.largest_residual, one.residual);
+    for (Index r = 0; r < 3; ++r) one.place[r] = static_cast<float>(one.best[r]);
+  }
+  group.clear();
+}
+
+bool DeformationMap::at_body(Index a, Index b, Index c) const {
+  for (int corner = 0; corner < 8; ++corner)
+    if (inside_[static_cast<std::size_t>(
+            point_number(a + (corner & 1), b + (corner >> 1 & 1), c + (corner >> 2 & 1)))])
+      return true;
+  return false;
+}
+
 WayBackReport DeformationMap::slice_at_rest(Index k, std::span<float> place) const {
   WayBackReport report;
   const Index ni = grid_.size[0], nj = grid_.size[1];
@@ -424,133 +558,30 @@ WayBackReport DeformationMap::slice_at_rest(Index k, std::span<float> place) con
       x[0] = static_cast<float>(i), x[1] = static_cast<float>(j), x[2] = static_cast<float>(k);
     }
   if (!has_lattice()) return report;
-  // Which tetrahedron each voxel lies in, and whether that is the right way round.
-  constexpr std::int32_t nobody = -1;
-  std::vector<std::int32_t> owner(static_cast<std::size_t>(ni * nj), nobody);
-  std::vector<char> upright(owner.size(), 0);
-  const double level = static_cast<double>(k);
-  const Index rows = n_[1] - 1;
-  for (Index c = 0; c + 1 < n_[2]; ++c)
-    for (Index b = 0; b < rows; ++b) {
-      const auto [least, most] = reach_[static_cast<std::size_t>(b + rows * c)];
-      if (static_cast<double>(least) > level + 1e-3 || static_cast<double>(most) < level - 1e-3) continue;
-      stop_if_asked();
-      for (Index a = 0; a + 1 < n_[0]; ++a) {
-        float low = std::numeric_limits<float>::infinity(), high = -low;
-        bool moves = false;
-        for (int corner = 0; corner < 8; ++corner) {
-          const Index layer = c + (corner >> 2 & 1);
-          const float* v = v_.data() + 3 * point_number(a + (corner & 1), b + (corner >> 1 & 1), layer);
-          const float at = static_cast<float>(first_[2] + step_[2] * layer) + v[2];
-          low = std::min(low, at), high = std::max(high, at);
-          moves = moves || v[0] != 0.0f || v[1] != 0.0f || v[2] != 0.0f;
-        }
-        if (!moves || static_cast<double>(low) > level + 1e-3 || static_cast<double>(high) < level - 1e-3)
-          continue;
-        for (int way = 0; way < 6; ++way) {
-          const Cell cell(*this, a, b, c, way);
-          const Mat3& edges = cell.moved_edges;
-          const Vec3 lower = cell.moved + edges.rowwise().minCoeff().cwiseMin(0.0),
-                     upper = cell.moved + edges.rowwise().maxCoeff().cwiseMax(0.0);
-          if (lower[2] > level + 1e-6 || upper[2] < level - 1e-6) continue;
-          const double volume = edges.determinant();
-          if (std::abs(volume) < 1e-12) continue;
-          const bool right_way = (volume > 0.0) == (way < 3);
-          const Mat3 inverse = edges.inverse();
-          const auto from = [](double x) { return static_cast<Index>(std::ceil(x - 1e-6)); };
-          const auto to = [](double x) { return static_cast<Index>(std::floor(x + 1e-6)); };
-          const Index i0 = std::max<Index>(0, from(lower[0])), i1 = std::min(ni - 1, to(upper[0]));
-          const Index j0 = std::max<Index>(0, from(lower[1])), j1 = std::min(nj - 1, to(upper[1]));
-          for (Index j = j0; j <= j1; ++j)
-            for (Index i = i0; i <= i1; ++i) {
-              const auto voxel = static_cast<std::size_t>(i + ni * j);
-              if (upright[voxel] || (owner[voxel] != nobody && !right_way)) continue;
-              const Vec3 s = inverse * (vec({i, j, k}) - cell.moved);
-              if (s.minCoeff() < -on_edge || s.sum() > 1.0 + on_edge) continue;
-              owner[voxel] = static_cast<std::int32_t>(6 * point_number(a, b, c) + way);
-              upright[voxel] = right_way;
-            }
-        }
-      }
-    }
-
-  // Then the field itself, of up to eight neighbours at a time.
-  struct Way {
-    float* place;
-    Vec3 x, start, X;
-    Mat3 back;  // what moves X by that if X + u(X) is to move by this
-    Vec3 best;  // so far
-    double residual = std::numeric_limits<double>::infinity();
-  };
-  std::vector<Way> group;
+  const Owners owners = owners_in_slice(k);
   const Vec3 cell_size = vec(step_);
-  const auto solve = [&] {
-    if (group.empty()) return;
-    stop_if_asked();
-    std::vector<Way*> open;
-    for (Way& way : group) open.push_back(&way);
-    Points places, u;
-    Eigen::Matrix<double, 9, Eigen::Dynamic> derivative;
-    for (int step = 0; step < most_steps && !open.empty(); ++step) {
-      places.resize(3, static_cast<Index>(open.size()));
-      for (std::size_t m = 0; m < open.size(); ++m) places.col(static_cast<Index>(m)) = open[m]->X;
-      // The tetrahedron's gradient is there already, and serves nearly all.
-      const bool own_gradient = step >= cheap_steps;
-      field_.at(1e-3 * (grid_.to_world * places), u_, u, own_gradient ? &derivative : nullptr);
-      u = to_voxels_.linear() * (1e3 * u);
-      for (std::size_t m = 0; m < open.size(); ++m) {
-        Way& way = *open[m];
-        const auto column = static_cast<Index>(m);
-        const Vec3 off = way.X + u.col(column) - way.x;
-        if (const double residual = off.cwiseAbs().maxCoeff(); residual < way.residual) {
-          way.residual = residual;
-          way.best = way.X;
-        }
-        if (own_gradient) {
-          const Mat3 F = Mat3::Identity() + to_voxels_.linear() * derivative.col(column).reshaped(3, 3) *
-                                                grid_.to_world.linear();
-          if (std::abs(F.determinant()) > 1e-3) way.back = F.inverse();
-        }
-        const Vec3 by = way.back * off;
-        way.X -= by / std::max(1.0, by.cwiseQuotient(cell_size).cwiseAbs().maxCoeff());
-      }
-      std::erase_if(open, [&](const Way* way) {
-        return way->residual <= settled ||
-               !((way->X - way->start).cwiseAbs().array() <= neighbourhood * cell_size.array()).all();
-      });
-    }
-    for (Way& way : group) {
-      ++report.solved;
-      if (way.residual > settled) ++report.unsettled;
-      report.largest_residual = std::max(report.largest_residual, way.residual);
-      for (Index r = 0; r < 3; ++r) way.place[r] = static_cast<float>(way.best[r]);
-    }
-    group.clear();
-  };
-  for (std::size_t voxel = 0; voxel < owner.size(); ++voxel) {
-    if (owner[voxel] == nobody) continue;
+  std::vector<Seeker> group;
+  for (std::size_t voxel = 0; voxel < owners.cell.size(); ++voxel) {
+    const std::int32_t owner = owners.cell[voxel];
+    if (owner == Owners::nobody) continue;
     ++report.moved;
-    if (!upright[voxel]) ++report.folded;
-    const Index number = owner[voxel] / 6, a = number % n_[0], b = number / n_[0] % n_[1],
+    if (!owners.upright[voxel]) ++report.folded;
+    const Index number = owner / 6, a = number % n_[0], b = number / n_[0] % n_[1],
                 c = number / (n_[0] * n_[1]);
-    const Cell cell(*this, a, b, c, static_cast<int>(owner[voxel] % 6));
+    const Cell cell(*this, a, b, c, static_cast<int>(owner % 6));
     const Vec3 x = vec({static_cast<Index>(voxel) % ni, static_cast<Index>(voxel) / ni, k});
     const Mat3 back = cell.rest_edges * cell.moved_edges.inverse();
     const Vec3 start = cell.rest + back * (x - cell.moved);
     float* to = place.data() + 3 * voxel;
     for (Index r = 0; r < 3; ++r) to[r] = static_cast<float>(start[r]);
-    bool at_body = false;
-    for (int corner = 0; corner < 8; ++corner)
-      at_body = at_body || inside_[static_cast<std::size_t>(
-                               point_number(a + (corner & 1), b + (corner >> 1 & 1), c + (corner >> 2 & 1)))];
-    if (!at_body) continue;
+    if (!at_body(a, b, c)) continue;
     if (!group.empty() &&
         (group.size() == static_cast<std::size_t>(FieldAnywhere::most_places) ||
          ((start - group.front().start).cwiseAbs().array() > 8.0 + 2.0 * cell_size.array()).any()))
-      solve();
+      solve(group, report);
     group.push_back({to, x, start, start, back, start});
   }
-  solve();
+  solve(group, report);
   return report;
 }
 

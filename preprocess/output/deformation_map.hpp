@@ -59,6 +59,8 @@ class DeformationMap {
 
  private:
   struct Cell;
+  struct Owners;
+  struct Seeker;
   Index point_number(Index a, Index b, Index c) const { return a + n_[0] * (b + n_[1] * c); }
   bool has_lattice() const { return n_[0] > 0; }
   void rows_inside(double j, double k, double from, double to, std::vector<double>& crossings) const;
@@ -67,6 +69,11 @@ class DeformationMap {
   void bound_rows();
   Vec3 on_lattice(const Vec3& place) const;
   Points displaced(const Points& places) const;
+  bool moves_to(const std::array<Index, 3>& cell, double level) const;
+  bool at_body(Index a, Index b, Index c) const;
+  void cover(const Cell& cell, std::int32_t number, bool way_is_even, Index k, Owners& owners) const;
+  Owners owners_in_slice(Index k) const;
+  void solve(std::vector<Seeker>& group, WayBackReport& report) const;
   WayBackReport slice_at_rest(Index k, std::span<float> place) const;
 
   const Model& model_;

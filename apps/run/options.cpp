@@ -1,0 +1,287 @@
+#include <iterator>
+#include <string>
+#include <vector>
+
+#include "apps/run/compare.hpp"
+#include "apps/run/config.hpp"
+#include "preprocess/scene/sides.hpp"
+
+namespace dimple {
+namespace {
+
+std::vector<std::string> with_sides(std::vector<std::string> words) {
+  words.insert(words.end(), std::begin(names_of_sides), std::end(names_of_sides));
+  return words;
+}
+
+std::vector<std::string> names_of_presets() {
+  std::vector<std::string> names = {"none"};
+  for (const Preset& preset : material_presets()) names.push_back(preset.name);
+  return names;
+}
+
+// A row an option, by hand: one field a line would make it ten pages.
+// clang-format off
+
+std::vector<Option> image_options(Config& c) {
+  return {
+      {.key = "image.file", .value = &c.image.file, .help = "the label image"},
+      {.key = "image.label", .flag = "--label", .value = &c.image.label, .stage = "model", .common = true,
+       .help = "labels to take, by number or name, comma-separated; empty: all but 0"},
+      {.key = "image.label_names", .flag = "--label-names", .value = &c.image.label_names, .stage = "model",
+       .words = {"totalsegmentator", "totalsegmentator-ct", "totalsegmentator-mr", "freesurfer"},
+       .help = "table of label names (ITK-SNAP, a colour table of 3D Slicer or FreeSurfer), or "
+               "totalsegmentator, totalsegmentator-mr, freesurfer"},
+      {.key = "image.close_mm", .flag = "--close", .unit = "mm", .value = &c.image.close_mm, .most = 1000,
+       .stage = "model",
+       .help = "close gaps in the organ narrower than this before its surface is drawn; 0: as segmented"},
+  };
+}
+
+std::vector<Option> discretisation_options(Config& c) {
+  return {
+      {.key = "scheme.name", .flag = "--scheme", .value = &c.scheme.name,
+       .choices = {"converging", "horton2007"}, .stage = "model",
+       .help = "converging: averaged gradients, volume held on patches, nodes graded to the rim; "
+               "horton2007: the paper's"},
+      {.key = "cloud.nodes", .flag = "--nodes", .value = &c.cloud.nodes, .least = 100, .most = 1e6,
+       .stage = "model", .common = true, .help = "number of nodes"},
+      {.key = "cloud.spacing_mm", .flag = "--spacing", .unit = "mm", .value = &c.cloud.spacing_mm,
+       .most = 1000, .stage = "model", .help = "node spacing, instead of a number; 0: from the number"},
+      {.key = "cloud.rim", .flag = "--rim", .value = &c.cloud.rim, .most = 1, .stage = "model",
+       .help = "node spacing on the circle's rim as a fraction of that far away; 1: even; 0: 0.02, but no "
+               "less than 0.11 radii of the circle (converging), 1 (horton2007)"},
+      {.key = "cloud.jitter", .value = &c.cloud.jitter, .most = 0.5, .stage = "model",
+       .help = "move inner nodes at random by up to this fraction of their spacing"},
+      {.key = "cloud.seed", .flag = "--seed", .value = &c.cloud.seed, .most = 1e15, .stage = "model",
+       .help = "seed of the random node cloud"},
+      {.key = "grid.points", .flag = "--points", .value = &c.grid.points, .most = 1e7, .stage = "model",
+       .help = "approximate number of integration points; 0: from the ratio"},
+      {.key = "grid.ratio", .value = &c.grid.ratio, .most = 100, .stage = "model",
+       .help = "integration points per node; 0: 7 (converging), 1.499 (horton2007)"},
+      {.key = "support.basis", .flag = "--basis", .value = &c.support.basis,
+       .choices = {"linear", "quadratic"}, .stage = "model", .help = "moving least squares basis"},
+      {.key = "support.weight", .flag = "--weight", .value = &c.support.weight,
+       .choices = {"quartic", "cubic", "gauss"}, .stage = "model",
+       .help = "moving least squares weight function"},
+      {.key = "support.radius_factor", .flag = "--support", .value = &c.support.radius_factor, .most = 10,
+       .stage = "model", .help = "support radius in spacings; 0: 1.6 (converging), 1.8, quadratic 2.6"},
+  };
+}
+
+std::vector<Option> boundary_options(Config& c) {
+  return {
+      {.key = "boundary.base", .flag = "--base", .value = &c.boundary.base, .stage = "model",
+       .common = true, .words = with_sides({"auto", "organ"}),
+       .help = "side the organ rests on: auto, superior, inferior, anterior, posterior, left, right, "
+               "x,y,z in LPS, or organ: as its shape alone suggests"},
+      {.key = "boundary.base_depth_mm", .flag = "--base-depth", .unit = "mm",
+       .value = &c.boundary.base_depth_mm, .most = 1000, .stage = "model",
+       .help = "the surface is fixed up to this height above the base's lowest point; 0: chosen"},
+      {.key = "boundary.indent_at", .flag = "--indent-at", .value = &c.boundary.indent_at, .stage = "model",
+       .common = true, .words = with_sides({"opposite"}),
+       .help = "where the circle is: opposite (to the base), a side, x,y,z in LPS (mm, or 2cm,-5mm,3cm) "
+               "or x,y,top"},
+      {.key = "boundary.indenter_diameter_mm", .flag = "--indenter-diameter", .unit = "mm",
+       .value = &c.boundary.indenter_diameter_mm, .most = 1000, .least_excluded = true, .stage = "model",
+       .common = true, .help = "diameter of the circle"},
+      {.key = "boundary.direction", .flag = "--direction", .value = &c.boundary.direction, .stage = "model",
+       .words = {"auto"},
+       .help = "direction in which the tool moves: auto (away from its side, or towards the base), or "
+               "x,y,z in LPS"},
+  };
+}
+
+std::vector<Option> material_options(Config& c) {
+  return {
+      {.key = "material.mu_Pa", .flag = "--mu", .unit = "Pa", .value = &c.material.mu_Pa, .most = 1e12,
+       .least_excluded = true, .stage = "solve", .common = true,
+       .help = "shear modulus; 210Pa+-30% states its uncertainty too"},
+      {.key = "material.mu_spread_percent", .unit = "%", .value = &c.material.mu_spread_percent,
+       .most = 100, .stage = "solve", .help = "uncertainty of mu, +-; --mu 210Pa+-30% sets both"},
+      {.key = "material.young_Pa", .flag = "--young", .unit = "Pa", .value = &c.material.young_Pa,
+       .most = 1e12, .stage = "solve", .common = true,
+       .help = "Young's modulus, instead of mu, which is then E / (2 (1 + nu)); 0: not given"},
+      {.key = "material.nu", .flag = "--nu", .value = &c.material.nu, .most = 0.49999, .stage = "solve",
+       .common = true, .help = "Poisson's ratio"},
+      {.key = "material.density_kg_per_m3", .flag = "--density", .unit = "kg/m3",
+       .value = &c.material.density_kg_per_m3, .most = 1e5, .least_excluded = true, .stage = "solve",
+       .help = "mass density"},
+      {.key = "material.stress", .flag = "--stress", .value = &c.material.stress,
+       .choices = {"consistent", "printed"}, .stage = "solve",
+       .help = "consistent: zero at rest; printed: the form printed in the paper"},
+      {.key = "material.preset", .flag = "--preset", .value = &c.material.preset,
+       .choices = names_of_presets(),
+       .stage = "solve", .common = true,
+       .help = "published parameters, instead of mu, nu, density, Ogden and Prony terms"},
+      {.key = "material.ogden_mu_Pa", .unit = "Pa", .value = &c.material.ogden_mu_Pa, .stage = "solve",
+       .help = "Ogden moduli, 2 mu/alpha^2 (sum of stretches^alpha - 3); none: neo-Hookean"},
+      {.key = "material.ogden_alpha", .value = &c.material.ogden_alpha, .stage = "solve",
+       .help = "Ogden exponents, one for each modulus"},
+      {.key = "material.mooney_c01_Pa", .unit = "Pa", .value = &c.material.mooney_c01_Pa, .most = 1e12,
+       .stage = "solve",
+       .help = "constant of the second invariant, at most mu/2: a Mooney-Rivlin law; 0: neo-Hookean"},
+      {.key = "material.prony_g", .value = &c.material.prony_g, .stage = "solve",
+       .help = "fractions of the shear modulus that relax; none: elastic"},
+      {.key = "material.prony_tau_s", .unit = "s", .value = &c.material.prony_tau_s, .stage = "solve",
+       .help = "their relaxation times"},
+  };
+}
+
+std::vector<Option> load_options(Config& c) {
+  return {
+      {.key = "tool.shape", .flag = "--tool", .value = &c.tool.shape, .stage = "run", .common = true,
+       .words = {"circle"},
+       .help = "circle; or one that touches without friction: sphere:RADIUS, punch:RADIUS,edge=RADIUS "
+               "(flat, round edge), capsule:RADIUS,length=LENGTH"},
+      {.key = "load.depth_mm", .flag = "--depth", .unit = "mm", .value = &c.load.depth_mm, .most = 1000,
+       .least_excluded = true, .stage = "solve", .common = true, .help = "indentation at the end"},
+      {.key = "load.rate_mm_per_s", .flag = "--rate", .unit = "mm/s", .value = &c.load.rate_mm_per_s,
+       .most = 1e5, .least_excluded = true, .stage = "solve", .common = true, .help = "speed of the circle"},
+      {.key = "load.contact", .flag = "--contact", .value = &c.load.contact,
+       .choices = {"bonded", "frictionless"}, .stage = "solve", .common = true,
+       .help = "whether the circle's nodes move with it or slide under it"},
+      {.key = "load.gravity", .flag = "--gravity", .value = &c.load.gravity, .stage = "solve",
+       .words = with_sides({"none"}),
+       .help = "none; the side towards which it pulls with 9.81 m/s2; or x,y,z in LPS, in m/s2: the body "
+               "comes to rest under it before the tool touches"},
+      {.key = "load.membrane", .flag = "--membrane", .value = &c.load.membrane, .stage = "solve",
+       .words = {"none"},
+       .help = "a thin film bonded to all of the surface, as a pia or a capsule: thickness:shear modulus, "
+               "such as 0.1mm:400kPa; none"},
+  };
+}
+
+std::vector<Option> solver_options_of(Config& c) {
+  return {
+      {.key = "solver.safety", .flag = "--safety", .value = &c.solver.safety, .most = 2,
+       .least_excluded = true, .stage = "solve", .help = "time step as a fraction of the longest stable one"},
+      {.key = "solver.damping_per_s", .flag = "--damping", .unit = "1/s", .value = &c.solver.damping_per_s,
+       .most = 1e6, .stage = "solve", .help = "mass-proportional damping"},
+      {.key = "solver.frames", .flag = "--frames", .value = &c.solver.frames, .least = 1, .most = 100000,
+       .stage = "solve", .help = "frames written after the first"},
+      {.key = "solver.step_radii", .value = &c.solver.step_radii, .least = 0.001, .most = 1,
+       .stage = "solve", .help = "longest step of the load between two equilibria, in radii of the circle"},
+      {.key = "solver.time", .flag = "--time", .value = &c.solver.time,
+       .choices = {"auto", "quasi-static", "dynamic", "explicit"}, .stage = "solve",
+       .help = "quasi-static: equilibrium after each step of the load; explicit: central differences; "
+               "dynamic: implicit steps as long as the body's natural modes allow, explicit if the load "
+               "is too short; auto: quasi-static or, if the tool is fast for the body, explicit. "
+               "horton2007 is explicit"},
+      {.key = "solver.precision", .flag = "--precision", .value = &c.solver.precision,
+       .choices = {"single", "double"}, .stage = "solve",
+       .help = "of the numbers with which forces are computed"},
+      {.key = "solver.tolerance", .value = &c.solver.tolerance, .least = 1e-8, .most = 0.1,
+       .stage = "solve", .help = "equilibrium is reached when unbalanced force / reactions is below this"},
+      {.key = "solver.evaluations", .value = &c.solver.evaluations, .least = 100, .most = 1e9,
+       .stage = "solve", .help = "evaluations of the force for one equilibrium, at most"},
+      {.key = "solver.sample_rate_per_s", .unit = "1/s", .value = &c.solver.sample_rate_per_s, .most = 1e6,
+       .least_excluded = true, .stage = "solve", .help = "rows per second of force.csv"},
+  };
+}
+
+std::vector<Option> output_options(Config& c) {
+  return {
+      {.key = "accuracy.goal", .flag = "--accuracy", .value = &c.accuracy.goal, .stage = "run",
+       .common = true,
+       .help = "refine the cloud of nodes until the discretisation error of the force, or of the "
+               "displacement of --quantity, is at most this: 2%, 1mN or 0.1mm"},
+      {.key = "accuracy.quantity", .flag = "--quantity", .value = &c.accuracy.quantity, .stage = "run",
+       .words = {"force"},
+       .help = "force, or displacement@x,y,z: tell too where the load brings the point that is there at "
+               "rest, in LPS mm, with its error, to which --accuracy then refers"},
+      {.key = "accuracy.budget_s", .flag = "--budget", .unit = "s", .value = &c.accuracy.budget_s,
+       .most = 1e9, .stage = "run",
+       .help = "refine the cloud of nodes as far as about this time allows; 0: no limit of time"},
+      {.key = "accuracy.band", .flag = "--band", .value = &c.accuracy.band, .choices = {"on", "off"},
+       .stage = "run", .help = "discretisation error of the force, estimated from a second, coarser cloud"},
+      {.key = "output.write", .flag = "--write", .value = &c.output.write,
+       .choices = {"all", "force", "nodes", "points", "surface", "picture", "model", "label", "report",
+                   "images", "fine"},
+       .stage = "files",
+       .help = "files to write, comma-separated; force: only tables and summary, which are always "
+               "written; all: everything but images, which lie on the label image's grid; fine: the "
+               "surface as it was drawn, and the points of every frame instead of the last (alone: of "
+               "all)"},
+      {.key = "output.warp", .flag = "--warp", .value = &c.output.warp, .stage = "files",
+       .help = "images of the same patient to be deformed as the body is, comma-separated; linear between "
+               "voxels"},
+      {.key = "output.warp_labels", .flag = "--warp-labels", .value = &c.output.warp_labels,
+       .stage = "files", .help = "the same for label maps: each voxel takes the nearest voxel's number"},
+      {.key = "output.write_frames", .flag = "--write-frames", .value = &c.output.write_frames,
+       .choices = {"last", "all"}, .stage = "files", .help = "frames of which images are written"},
+      {.key = "output.compare", .flag = "--compare", .value = &c.output.compare, .stage = "files",
+       .common = true, .words = {paper_word},
+       .help = "a measured curve to compare the force with: CSV with indentation_mm and force_N (or "
+               "force_mN), or horton2007"},
+  };
+}
+
+// clang-format on
+
+}  // namespace
+
+std::vector<Option> options_of(Config& config) {
+  std::vector<Option> all;
+  for (const auto section : {image_options, discretisation_options, boundary_options, material_options,
+                             load_options, solver_options_of, output_options}) {
+    std::vector<Option> of = section(config);
+    std::move(of.begin(), of.end(), std::back_inserter(all));
+  }
+  return all;
+}
+
+// clang-format off
+
+std::vector<Option> options_of(Config::Pressure& p) {
+  return {
+      {.key = "pressure.pressure_Pa", .unit = "Pa", .value = &p.pressure_Pa, .least = -1e9, .most = 1e9,
+       .stage = "solve", .help = "pressure, inward"},
+      {.key = "pressure.on", .value = &p.on, .stage = "solve",
+       .help = "where: all of the surface, what faces a side, or what lies in a ball x,y,z,radius in mm"},
+      {.key = "pressure.follows", .value = &p.follows, .choices = {"yes", "no"}, .stage = "solve",
+       .help = "yes: it acts along the normals of the deformed surface; no: as on the surface at rest"},
+  };
+}
+
+std::vector<Option> options_of(Config::Film& m) {
+  return {
+      {.key = "membrane.thickness_mm", .unit = "mm", .value = &m.thickness_mm, .most = 1000,
+       .stage = "solve", .help = "thickness"},
+      {.key = "membrane.mu_Pa", .unit = "Pa", .value = &m.mu_Pa, .most = 1e12, .stage = "solve",
+       .help = "shear modulus of the film itself, neo-Hookean"},
+      {.key = "membrane.tension_N_per_m", .unit = "N/m", .value = &m.tension_N_per_m, .most = 1e6,
+       .stage = "solve",
+       .help = "tension at rest, in all directions: the body comes to rest under it before the tool touches"},
+      {.key = "membrane.on", .value = &m.on, .stage = "solve",
+       .help = "where: all of the surface, what faces a side, or what lies in a ball x,y,z,radius in mm"},
+      {.key = "membrane.wrinkles", .value = &m.wrinkles, .choices = {"yes", "no"}, .stage = "solve",
+       .help = "yes: it bears no compression, as a thin film that folds into fine wrinkles; no: as much "
+               "as tension"},
+  };
+}
+
+std::vector<Option> options_of(Config::Held& h) {
+  return {
+      {.key = "support.on", .value = &h.on, .stage = "solve",
+       .help = "where: the surface that faces a side, what of it lies in a ball x,y,z,radius in mm, or "
+               "the tissue label:NAME"},
+      {.key = "support.hold", .value = &h.hold, .choices = {"fixed", "sliding"}, .stage = "solve",
+       .help = "fixed: it holds in all directions; sliding: along the surface's normal alone"},
+      {.key = "support.move_mm", .unit = "mm", .value = &h.move_mm, .stage = "solve",
+       .help = "where it has come when the tool is at its depth, x,y,z; it moves evenly with the tool"},
+  };
+}
+
+std::vector<Option> options_of(Config::Step& s) {
+  return {
+      {.key = "step.moves", .value = &s.moves, .stage = "solve",
+       .help = "what moves in this step: tool, or the name of a support"},
+      {.key = "step.move_mm", .unit = "mm", .value = &s.move_mm, .stage = "solve",
+       .help = "how far it moves: x,y,z in LPS, or of the tool one number, along its push"},
+  };
+}
+
+// clang-format on
+
+}  // namespace dimple
