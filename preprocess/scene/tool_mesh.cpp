@@ -1,0 +1,184 @@
+#include "preprocess/scene/tool_mesh.hpp"
+
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+#include <CGAL/Polygon_mesh_processing/self_intersections.h>
+#include <CGAL/Surface_mesh.h>
+#include <fmt/format.h>
+#include <tbb/parallel_for.h>
+#include <vtkCellArray.h>
+#include <vtkNew.h>
+#include <vtkPoints.h>
+#include <vtkPolyData.h>
+#include <vtkPolyDataNormals.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "io/words.hpp"
+#include "preprocess/surface/body_surface.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double smallest_mm = 0.2, largest_mm = 2000.0;
+constexpr double wanted_points = 400e3;  // of the grid
+constexpr double margin = 0.25;          // of the width, around the tool
+
+[[noreturn]] void refuse(const std::string& name, const std::string& fact, const std::string& why,
+                         const std::string& remedy) {
+  throw InputError({.fact = fmt::format("the tool in {} {}", name, fact),
+                    .where = "--tool (tool.shape)",
+                    .why = why,
+                    .remedy = remedy,
+                    .code = "tool-mesh"});
+}
+
+void refuse_other_units(const std::string& name, const Points& vertex) {
+  const double size = (vertex.rowwise().maxCoeff() - vertex.rowwise().minCoeff()).maxCoeff();
+  if (size < smallest_mm || size > largest_mm)
+    refuse(name, fmt::format("is {:.3g} mm long", size),
+           fmt::format(
+               "a tool of {:g} to {:g} mm is taken; the file has no units, and its numbers are read as mm",
+               smallest_mm, largest_mm),
+           size < smallest_mm ? "scale it by 1000 if it was drawn in metres" : "scale it to mm");
+}
+
+void refuse_border(const std::string& name, const TriangleMesh& mesh) {
+  std::vector<std::array<Index, 2>> edge;
+  edge.reserve(static_cast<std::size_t>(mesh.triangles.size()));
+  for (Index t = 0; t < mesh.triangles.cols(); ++t)
+    for (Index c = 0; c < 3; ++c) {
+      const Index a = mesh.triangles(c, t), b = mesh.triangles((c + 1) % 3, t);
+      edge.push_back({std::min(a, b), std::max(a, b)});
+    }
+  std::sort(edge.begin(), edge.end());
+  std::size_t open = 0;
+  std::array<Index, 2> at{};
+  for (auto begin = edge.begin(), end = begin; begin != edge.end(); begin = end) {
+    end = std::upper_bound(begin, edge.end(), *begin);
+    if ((end - begin) % 2 == 1 && open++ == 0) at = *begin;
+  }
+  if (open > 0)
+    refuse(name, fmt::format("has an open border of {} edges", open),
+           fmt::format("one of them is near {} in its file; inside and outside are not known",
+                       in_words(Vec3(0.5 * (mesh.vertex.col(at[0]) + mesh.vertex.col(at[1]))))),
+           "close its holes in the program that drew it");
+}
+
+// All triangles facing outward; whether some did not.
+bool turn_outward(TriangleMesh& mesh) {
+  vtkNew<vtkPolyData> poly;
+  vtkNew<vtkPoints> points;
+  points->SetDataTypeToDouble();
+  for (const auto& x : mesh.vertex.colwise()) points->InsertNextPoint(x.data());
+  vtkNew<vtkCellArray> cells;
+  for (const auto& t : mesh.triangles.colwise()) {
+    const std::array<vtkIdType, 3> corner{t[0], t[1], t[2]};
+    cells->InsertNextCell(3, corner.data());
+  }
+  poly->SetPoints(points);
+  poly->SetPolys(cells);
+  vtkNew<vtkPolyDataNormals> normals;
+  normals->SetInputData(poly);
+  normals->ConsistencyOn();
+  normals->AutoOrientNormalsOn();
+  normals->SplittingOff();
+  normals->Update();
+  const Triangles before = mesh.triangles;
+  vtkIdType count = 0;
+  const vtkIdType* corner = nullptr;
+  Index t = 0;
+  bool turned = false;
+  vtkCellArray* polys = normals->GetOutput()->GetPolys();
+  for (polys->InitTraversal(); polys->GetNextCell(count, corner) && t < before.cols(); ++t) {
+    mesh.triangles.col(t) << corner[0], corner[1], corner[2];
+    Index first = 0;
+    while (first < 2 && before(first, t) != mesh.triangles(0, t)) ++first;
+    turned = turned || before((first + 1) % 3, t) != mesh.triangles(1, t);
+  }
+  return turned;
+}
+
+// Of a mesh that faces outward and is a manifold.
+void refuse_crossing(const std::string& name, const TriangleMesh& mesh) {
+  using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+  using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
+  Mesh surface;
+  std::vector<Mesh::Vertex_index> corner;
+  for (const auto& x : mesh.vertex.colwise()) corner.push_back(surface.add_vertex({x[0], x[1], x[2]}));
+  const auto at = [&](Index v) { return corner[static_cast<std::size_t>(v)]; };
+  for (const auto& t : mesh.triangles.colwise()) surface.add_face(at(t[0]), at(t[1]), at(t[2]));
+  std::vector<std::pair<Mesh::Face_index, Mesh::Face_index>> crossing;
+  CGAL::Polygon_mesh_processing::self_intersections(surface, std::back_inserter(crossing));
+  if (crossing.empty()) return;
+  const auto [t, other] = *std::min_element(crossing.begin(), crossing.end());
+  const auto middle = [&](Mesh::Face_index of) {
+    const auto its = mesh.triangles.col(static_cast<Index>(of.idx()));
+    return Vec3((mesh.vertex.col(its[0]) + mesh.vertex.col(its[1]) + mesh.vertex.col(its[2])) / 3.0);
+  };
+  refuse(name, fmt::format("passes through itself: {} pairs of its triangles cross", crossing.size()),
+         fmt::format("two of them are near {} in its file; inside and outside are not known",
+                     in_words(Vec3(0.5 * (middle(t) + middle(other))))),
+         "unite its parts in the program that drew it");
+}
+
+// From `low` upwards, to `height` and with a margin around.
+DistanceGrid sampled(const BodySurface& tool, double width, double height) {
+  const double around = margin * std::min(width, height);
+  const Vec3 low = tool.lower().array() - around;
+  Vec3 high = tool.upper().array() + around;
+  high[2] = std::min(high[2], height + around);
+  const Vec3 size = high - low;
+  DistanceGrid grid{.origin = low, .step = std::cbrt(size.prod() / wanted_points), .n = {}, .value = {}};
+  for (Index d = 0; d < 3; ++d)
+    grid.n[static_cast<std::size_t>(d)] =
+        std::max<Index>(4, static_cast<Index>(std::ceil(size[d] / grid.step)) + 1);
+  grid.value.resize(static_cast<std::size_t>(grid.n[0] * grid.n[1] * grid.n[2]));
+  // Exactly near the surface; deep inside, where no tissue comes, no deeper than that.
+  const double deep = margin * width;
+  tbb::parallel_for(Index{0}, grid.n[1] * grid.n[2], [&](Index row) {
+    stop_if_asked();
+    const Index j = row % grid.n[1], k = row / grid.n[1];
+    for (Index i = 0; i < grid.n[0]; ++i) {
+      const Vec3 x =
+          low + grid.step * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
+      const bool inside = tool.contains(x);
+      const double away = inside && tool.farther(x, deep) ? deep : tool.closest(x).distance;
+      grid.value[static_cast<std::size_t>(grid.number(i, j, k))] = inside ? -away : away;
+    }
+  });
+  return grid;
+}
+
+}  // namespace
+
+ToolMesh tool_mesh(TriangleMesh mesh, const std::string& name, double height_mm) {
+  refuse_other_units(name, mesh.vertex);
+  refuse_border(name, mesh);
+  ToolMesh result;
+  result.turned = turn_outward(mesh);
+  separate_touching_sheets(mesh);
+  stop_if_asked();
+  refuse_crossing(name, mesh);
+  stop_if_asked();
+  const Vec3 low = mesh.vertex.rowwise().minCoeff(), high = mesh.vertex.rowwise().maxCoeff();
+  mesh.vertex.colwise() -= Vec3(0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]);
+  const double width = 2.0 * mesh.vertex.topRows<2>().colwise().norm().maxCoeff();
+  const BodySurface tool(mesh.vertex, mesh.triangles);
+  result.volume_mm3 = tool.volume();
+  result.distance = sampled(tool, width, std::min(height_mm, high[2] - low[2]));
+  result.distance.origin *= 1e-3;
+  result.distance.step *= 1e-3;
+  for (double& value : result.distance.value) value *= 1e-3;
+  result.width = 1e-3 * width;
+  result.length = 1e-3 * (high[2] - low[2]);
+  mesh.vertex *= 1e-3;
+  result.surface = std::move(mesh);
+  return result;
+}
+
+}  // namespace dimple

@@ -1,0 +1,61 @@
+#include "preprocess/surface/distance_grid.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace dimple {
+namespace {
+
+// Of the four points around a place in the second of their three intervals, `t` of its length on.
+struct Weights {
+  std::array<double, 4> value, slope;
+};
+
+Weights weights_at(double t) {
+  const double t2 = t * t, t3 = t2 * t;
+  return {{0.5 * (-t3 + 2.0 * t2 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0), 0.5 * (-3.0 * t3 + 4.0 * t2 + t),
+           0.5 * (t3 - t2)},
+          {0.5 * (-3.0 * t2 + 4.0 * t - 1.0), 0.5 * (9.0 * t2 - 10.0 * t), 0.5 * (-9.0 * t2 + 8.0 * t + 1.0),
+           0.5 * (3.0 * t2 - 2.0 * t)}};
+}
+
+}  // namespace
+
+Distance distance_in(const DistanceGrid& grid, const Vec3& x) {
+  std::array<Weights, 3> w;
+  std::array<Index, 3> first;
+  Vec3 beyond;
+  for (Index d = 0; d < 3; ++d) {
+    const auto axis = static_cast<std::size_t>(d);
+    const double last = static_cast<double>(grid.n[axis] - 2);
+    const double asked = (x[d] - grid.origin[d]) / grid.step, at = std::clamp(asked, 1.0, last);
+    const double cell = std::min(std::floor(at), last - 1.0);
+    first[axis] = static_cast<Index>(cell) - 1;
+    w[axis] = weights_at(at - cell);
+    beyond[d] = grid.step * (asked - at);
+  }
+  Distance result{0.0, Vec3::Zero()};
+  for (Index k = 0; k < 4; ++k)
+    for (Index j = 0; j < 4; ++j) {
+      const double* row = grid.value.data() + grid.number(first[0], first[1] + j, first[2] + k);
+      double sum = 0.0, slope = 0.0;
+      for (std::size_t i = 0; i < 4; ++i) {
+        sum += w[0].value[i] * row[i];
+        slope += w[0].slope[i] * row[i];
+      }
+      const auto jj = static_cast<std::size_t>(j), kk = static_cast<std::size_t>(k);
+      result.distance += w[1].value[jj] * w[2].value[kk] * sum;
+      result.gradient[0] += w[1].value[jj] * w[2].value[kk] * slope;
+      result.gradient[1] += w[1].slope[jj] * w[2].value[kk] * sum;
+      result.gradient[2] += w[1].value[jj] * w[2].slope[kk] * sum;
+    }
+  result.gradient /= grid.step;
+  beyond[2] = std::min(beyond[2], 0.0);
+  if (const double away = beyond.norm(); away > 0.0) {
+    result.distance += away;
+    result.gradient = beyond / away;
+  }
+  return result;
+}
+
+}  // namespace dimple
