@@ -1,10 +1,13 @@
 #include "preprocess/scene/flat_face.hpp"
 
+#include <tbb/parallel_for.h>
+
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <optional>
 
 #include "io/stop.hpp"
 #include "preprocess/surface/height_map.hpp"
@@ -37,6 +40,12 @@ Vec3 centre_of(const BodySurface& body, Index t) {
   return (body.vertex().col(body.triangles()(0, t)) + body.vertex().col(body.triangles()(1, t)) +
           body.vertex().col(body.triangles()(2, t))) /
          3.0;
+}
+
+Points centres_of(const BodySurface& body) {
+  Points centre(3, body.triangles().cols());
+  for (Index t = 0; t < centre.cols(); ++t) centre.col(t) = centre_of(body, t);
+  return centre;
 }
 
 // Directions out of the body in which much of its surface faces; the most frequent first.
@@ -91,9 +100,8 @@ struct Plane {
 // The triangles that may face out, about as far as `out` turns before it is asked for anew.
 class Facing {
  public:
-  explicit Facing(const BodySurface& body) : body_(body), centre_(3, body.triangles().cols()) {
-    for (Index t = 0; t < centre_.cols(); ++t) centre_.col(t) = centre_of(body, t);
-  }
+  /// `centre` [3xT] of the triangles.
+  Facing(const BodySurface& body, const Points& centre) : body_(body), centre_(centre) {}
   const std::vector<Index>& around(const Vec3& out) {
     if (about_.dot(out) > std::cos(radians(turn))) return triangle_;
     const double least = std::cos(std::acos(facing) + radians(turn + 1.0));
@@ -108,7 +116,7 @@ class Facing {
  private:
   static constexpr double turn = 10.0;  // degrees
   const BodySurface& body_;
-  Points centre_;
+  const Points& centre_;
   Vec3 about_ = Vec3::Zero();
   std::vector<Index> triangle_;
 };
@@ -201,39 +209,52 @@ FlatFace measured(const BodySurface& body, const Moments& moments, Facing& near,
   return face;
 }
 
+// The direction out of the face that lies about across `out`, if there is one.
+std::optional<Vec3> settled(const BodySurface& body, Facing& near, Vec3 out, double edge) {
+  Plane plane = plane_across(body, near, out, edge);
+  for (int pass = 0; pass < 20 && !plane.member.empty(); ++pass) {
+    stop_if_asked();
+    const Vec3 before = out;
+    out = fitted_normal(body, plane.member, out);
+    plane = plane_across(body, near, out, edge);
+    if ((out - before).norm() < 1e-5) break;
+  }
+  if (plane.member.empty()) return std::nullopt;
+  // Voxels do not know a direction better than this, and a face along them is meant to be along them.
+  Index axis = 0;
+  out.cwiseAbs().maxCoeff(&axis);
+  if (std::abs(out[axis]) > std::cos(radians(axis_angle)))
+    return (out[axis] < 0.0 ? -1.0 : 1.0) * Vec3::Unit(axis);
+  return ((1e5 * out).array().round() * 1e-5).matrix().normalized();
+}
+
 }  // namespace
 
 FlatFace face_towards(const BodySurface& body, const Moments& moments, const Vec3& out) {
-  Facing near(body);
+  const Points centre = centres_of(body);
+  Facing near(body, centre);
   return measured(body, moments, near, out, plane_across(body, near, out, typical_edge(body)));
 }
 
 std::vector<FlatFace> flat_faces(const BodySurface& body, const Moments& moments) {
   const double edge = typical_edge(body);
-  Facing near(body);
-  std::vector<FlatFace> faces;
-  for (Vec3 out : frequent_normals(body)) {
-    stop_if_asked();
-    Plane plane = plane_across(body, near, out, edge);
-    for (int pass = 0; pass < 20 && !plane.member.empty(); ++pass) {
-      const Vec3 before = out;
-      out = fitted_normal(body, plane.member, out);
-      plane = plane_across(body, near, out, edge);
-      if ((out - before).norm() < 1e-5) break;
-    }
-    if (plane.member.empty()) continue;
-    // Voxels do not know a direction better than this, and a face along them is meant to be along them.
-    Index axis = 0;
-    out.cwiseAbs().maxCoeff(&axis);
-    if (std::abs(out[axis]) > std::cos(radians(axis_angle)))
-      out = (out[axis] < 0.0 ? -1.0 : 1.0) * Vec3::Unit(axis);
-    else
-      out = ((1e5 * out).array().round() * 1e-5).matrix().normalized();
-    if (std::any_of(faces.begin(), faces.end(),
-                    [&](const FlatFace& f) { return f.out.dot(out) > std::cos(radians(5.0)); }))
-      continue;
-    faces.push_back(measured(body, moments, near, out, plane_across(body, near, out, edge)));
-  }
+  const Points centre = centres_of(body);
+  const std::vector<Vec3> frequent = frequent_normals(body);
+  std::vector<std::optional<Vec3>> found(frequent.size());
+  tbb::parallel_for(std::size_t{0}, frequent.size(), [&](std::size_t k) {
+    Facing near(body, centre);
+    found[k] = settled(body, near, frequent[k], edge);
+  });
+  std::vector<Vec3> apart;
+  for (const std::optional<Vec3>& out : found)
+    if (out && std::none_of(apart.begin(), apart.end(),
+                            [&](const Vec3& other) { return other.dot(*out) > std::cos(radians(5.0)); }))
+      apart.push_back(*out);
+  std::vector<FlatFace> faces(apart.size());
+  tbb::parallel_for(std::size_t{0}, faces.size(), [&](std::size_t k) {
+    Facing near(body, centre);
+    faces[k] = measured(body, moments, near, apart[k], plane_across(body, near, apart[k], edge));
+  });
   std::stable_sort(faces.begin(), faces.end(),
                    [](const FlatFace& a, const FlatFace& b) { return a.area > b.area; });
   return faces;

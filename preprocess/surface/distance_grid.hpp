@@ -7,9 +7,10 @@
 
 namespace dimple {
 
-/// Signed distances from a surface at the points of a regular grid, negative inside. Between them: cubic
-/// convolution (Keys, IEEE Trans. ASSP 29 (1981) 1153), which is continuous with its gradient and exact for
-/// quadratic functions. SI units.
+/// Signed distances from a surface at the points of a regular grid, negative inside. Between them: the
+/// uniform cubic B-spline with these as coefficients, twice continuously differentiable. It smooths: flat
+/// faces stay where they are, a surface of mean curvature H moves inward by step^2 H / 3, and edges are
+/// rounded by about a step. SI units.
 struct DistanceGrid {
   Vec3 origin = Vec3::Zero();  ///< [m] of the first point
   double step = 1.0;           ///< [m]

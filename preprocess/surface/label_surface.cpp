@@ -13,12 +13,14 @@
 
 #include <Eigen/SVD>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "io/words.hpp"
+#include "preprocess/clones.hpp"
 #include "preprocess/image/voxel_set.hpp"
 #include "preprocess/model.hpp"
 #include "preprocess/surface/closed_mesh.hpp"
@@ -365,17 +367,33 @@ CompressedRows next_corners(const TriangleMesh& surface) {
   return result;
 }
 
-// One sweep of averaging: half of each vertex' value stays, half comes from its neighbours; then `then` has a
-// look at it.
+// Of each vertex four numbers, the last of them 0: whole registers.
+using Quads = Eigen::Matrix<double, 4, Eigen::Dynamic>;
+
+// Of vertices first, ... last - 1: half of each one's value stays, half comes from its neighbours.
+DIMPLE_CLONES void average(const Quads& value, Quads& result, const CompressedRows& next, Index first,
+                           Index last) {
+  for (Index v = first; v < last; ++v) {
+    std::array<double, 4> sum{};
+    const int begin = next.offset[v], end = next.offset[v + 1];
+    for (int k = begin; k < end; ++k) {
+      const double* other = value.data() + 4 * static_cast<Index>(next.member[k]);
+      for (std::size_t d = 0; d < 4; ++d) sum[d] += other[d];
+    }
+    const double count = end - begin;
+    const double* here = value.data() + 4 * v;
+    double* there = result.data() + 4 * v;
+    for (std::size_t d = 0; d < 4; ++d) there[d] = 0.5 * (here[d] + sum[d] / count);
+  }
+}
+
+// One sweep of averaging; then `then` has a look at each.
 template <class Then>
-void average(Points& value, Points& result, const CompressedRows& next, const Then& then) {
+void average(Quads& value, Quads& result, const CompressedRows& next, const Then& then) {
   stop_if_asked();
   tbb::parallel_for(tbb::blocked_range<Index>(0, value.cols(), 1024), [&](const auto& range) {
-    for (Index v = range.begin(); v < range.end(); ++v) {
-      Vec3 sum = Vec3::Zero();
-      for (int k = next.offset[v]; k < next.offset[v + 1]; ++k) sum += value.col(next.member[k]);
-      result.col(v) = then(v, Vec3(0.5 * (value.col(v) + sum / static_cast<double>(next.count(v)))));
-    }
+    average(value, result, next, range.begin(), range.end());
+    for (Index v = range.begin(); v < range.end(); ++v) then(v, result.col(v));
   });
   value.swap(result);
 }
@@ -385,19 +403,21 @@ void average(Points& value, Points& result, const CompressedRows& next, const Th
 // Constrained elastic surface nets, MICCAI 1998). Averaging also shrinks what is round; that part of the
 // motion is smooth, where the terraces' is not, and is taken back.
 void relax(TriangleMesh& surface, int sweeps, double reach) {
-  const Points start = surface.vertex;
+  const Points& start = surface.vertex;
   const CompressedRows next = next_corners(surface);
-  Points other(3, start.cols());
+  Quads value = Quads::Zero(4, start.cols()), other(4, start.cols());
+  value.topRows<3>() = start;
   for (int sweep = 0; sweep < sweeps; ++sweep)
-    average(surface.vertex, other, next, [&](Index v, const Vec3& there) -> Vec3 {
-      const Vec3 away = there - start.col(v);
+    average(value, other, next, [&](Index v, auto&& there) {
+      const Vec3 away = there.template head<3>() - start.col(v);
       const double length = away.norm();
-      return length > reach ? Vec3(start.col(v) + reach / length * away) : there;
+      if (length > reach) there.template head<3>() = start.col(v) + reach / length * away;
     });
-  Points shrinkage = surface.vertex - start;
-  for (int sweep = 0; sweep < sweeps; ++sweep)
-    average(shrinkage, other, next, [](Index, const Vec3& there) { return there; });
-  surface.vertex -= shrinkage;
+  Points relaxed = value.topRows<3>();
+  value.topRows<3>() -= start;
+  for (int sweep = 0; sweep < sweeps; ++sweep) average(value, other, next, [](Index, auto&&) {});
+  relaxed -= value.topRows<3>();
+  surface.vertex = std::move(relaxed);
 }
 
 // Moves the surface along its normals, everywhere alike, until it encloses the given volume.

@@ -79,7 +79,7 @@ double distance2_to_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const 
   return (ap - vb / all * ab - vc / all * ac).squaredNorm();
 }
 
-SurfaceCells::SurfaceCells(const Points& vertex, const Triangles& triangles) : triangles_(triangles) {
+SurfaceCells::SurfaceCells(const Points& vertex, const Triangles& triangles) : boxes_(vertex, triangles) {
   const Index count = triangles.cols();
   corner_.resize(static_cast<std::size_t>(count));
   normal_.resize(3, count);
@@ -129,7 +129,13 @@ SurfaceCells::SurfaceCells(const Points& vertex, const Triangles& triangles) : t
 }
 
 SurfaceCells::Cell SurfaceCells::cell_of(const Vec3& x) const {
-  return ((x - origin_).array() / edge_).floor().max(-2.0).min(n_.cast<double>() + 1.0).cast<int>();
+  Cell cell;
+  for (int d = 0; d < 3; ++d) {
+    const double at = std::min(std::max((x[d] - origin_[d]) / edge_, -2.0), n_[d] + 1.0);
+    const int below = static_cast<int>(at);
+    cell[d] = below - (at < below ? 1 : 0);  // std::floor() is a call
+  }
+  return cell;
 }
 
 void SurfaceCells::mark_clear_cells(const std::function<bool(const Vec3&)>& is_inside) {
@@ -230,62 +236,15 @@ bool SurfaceCells::line(const Vec3& x, int axis, double from, double to, std::ve
   return true;
 }
 
-// Visits the cells with triangles around x, ring by ring, until visit.reach(), a distance, is less than how
-// far the next ring is. What clear_ says to be empty is stepped over: deep inside nearly all of a ring is.
-template <class Visit>
-void SurfaceCells::around(const Vec3& x, Visit&& visit) const {
-  const Cell at = cell_of(x).max(0).min(n_ - 1);
-  // Of x from the walls of its cell; negative where it lies outside of the grid.
-  const Vec3 to_lower = x - (origin_ + edge_ * at.cast<double>().matrix());
-  const double slack = std::min({to_lower.minCoeff(), edge_ - to_lower.maxCoeff(), 0.5 * edge_});
-  const auto look_at = [&](const Cell& cell, std::size_t c) {
-    const Vec3 low = origin_ + edge_ * cell.cast<double>().matrix();
-    const Vec3 outside = (low - x).cwiseMax(x - low - Vec3::Constant(edge_)).cwiseMax(0.0);
-    const double reach = visit.reach();
-    if (outside.squaredNorm() > reach * reach) return;
-    for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
-      const int t = member_[static_cast<std::size_t>(m)];
-      const Corners& corner = corner_[static_cast<std::size_t>(t)];
-      visit.triangle(t, std::sqrt(distance2_to_triangle(x, corner.a, corner.b, corner.c)));
-    }
-  };
-  const int farthest = n_.maxCoeff();
-  for (int ring = clear_[number(at)]; ring <= farthest; ++ring) {
-    if (ring > 0 && (ring - 1) * edge_ + slack > visit.reach()) return;
-    const Cell first = (at - ring).max(0), last = (at + ring).min(n_ - 1);
-    for (int k = first[2]; k <= last[2]; ++k) {
-      const bool face = std::abs(k - at[2]) == ring;
-      for (int j = first[1]; j <= last[1]; ++j) {
-        if (face || std::abs(j - at[1]) == ring) {
-          const std::size_t row = number({0, j, k});
-          for (int i = first[0]; i <= last[0]; ++i) {
-            const std::size_t c = row + static_cast<std::size_t>(i);
-            if (clear_[c] > 0)
-              i += clear_[c] - 1;
-            else
-              look_at({i, j, k}, c);
-          }
-          continue;
-        }
-        int next = ring;  // rows without a triangle in either end of the ring, and this one
-        for (const int i : {at[0] - ring, at[0] + ring}) {
-          if (i < 0 || i >= n_[0]) continue;
-          const std::size_t c = number({i, j, k});
-          next = std::min<int>(next, clear_[c]);
-          if (clear_[c] == 0) look_at({i, j, k}, c);
-        }
-        j = std::max(j, std::min({j + next, at[1] + ring, last[1] + 1}) - 1);
-      }
-    }
-  }
-}
-
 double SurfaceCells::nearest(const Vec3& x, std::vector<Index>& candidates) const {
   struct Visit {
-    double least = std::numeric_limits<double>::infinity(), slack;
-    std::vector<std::pair<double, Index>> found;
+    const SurfaceCells& surface;
+    const Vec3& x;
+    double least, slack;
+    std::vector<std::pair<double, Index>>& found;
     double reach() const { return least + slack + doubt * least; }
-    void triangle(int t, double distance) {
+    void triangle(int t) {
+      const double distance = surface.distance_to(x, t);
       if (distance > reach()) return;
       least = std::min(least, distance);
       found.push_back({distance, t});
@@ -293,35 +252,34 @@ double SurfaceCells::nearest(const Vec3& x, std::vector<Index>& candidates) cons
   };
   // Whoever asks asks about places near each other: what was nearest last time bounds how far to look.
   thread_local std::size_t last = 0;
-  thread_local Visit visit;
-  visit.least = std::numeric_limits<double>::infinity();
-  if (last < corner_.size())
-    visit.least = std::sqrt(distance2_to_triangle(x, corner_[last].a, corner_[last].b, corner_[last].c));
-  visit.slack = doubt * size_;
-  visit.found.clear();
-  around(x, visit);
+  thread_local std::vector<std::pair<double, Index>> found;
+  found.clear();
+  Visit visit{*this, x, std::numeric_limits<double>::infinity(), doubt * size_, found};
+  if (last < corner_.size()) visit.least = distance_to(x, static_cast<int>(last));
+  boxes_.around(x, visit);
   candidates.clear();
-  for (const auto& [distance, t] : visit.found)
-    if (distance <= visit.reach() && std::find(candidates.begin(), candidates.end(), t) == candidates.end())
-      candidates.push_back(t);
+  for (const auto& [distance, t] : found)
+    if (distance <= visit.reach()) candidates.push_back(t);
   if (!candidates.empty()) last = static_cast<std::size_t>(candidates.front());
   return visit.least;
 }
 
 std::optional<bool> SurfaceCells::farther(const Vec3& x, double d) const {
   struct Visit {
+    const SurfaceCells& surface;
+    const Vec3& x;
     double limit, least = std::numeric_limits<double>::infinity();
     double reach() const { return least > limit ? limit : -1.0; }  // found: nothing more to look for
-    void triangle(int, double distance) { least = std::min(least, distance); }
+    void triangle(int t) { least = std::min(least, surface.distance_to(x, t)); }
   };
   const double slack = doubt * size_;
-  Visit visit{.limit = d + slack};
-  around(x, visit);
+  Visit visit{.surface = *this, .x = x, .limit = d + slack};
+  boxes_.around(x, visit);
   if (visit.least > d + slack) return true;
   if (visit.least < d - slack) return false;
   // One within rounding of d was met: another may be clearly nearer.
-  Visit nearer{.limit = d - slack};
-  around(x, nearer);
+  Visit nearer{.surface = *this, .x = x, .limit = d - slack};
+  boxes_.around(x, nearer);
   return nearer.least < d - slack ? std::optional<bool>(false) : std::nullopt;
 }
 
@@ -375,32 +333,21 @@ void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>&
 }
 
 bool SurfaceCells::any_above(const Vec3& x, double d, double above) const {
-  const Cell middle = cell_of(x).max(0).min(n_ - 1);
-  const Cell first = cell_of(x.array() - d).max(0), last = cell_of(x.array() + d).min(n_ - 1);
-  const auto in_cell = [&](const Cell& at) {
-    const std::size_t c = number(at);
-    for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
-      const int t = member_[static_cast<std::size_t>(m)];
-      if (height(x, t) <= above) continue;
-      const Corners& corner = corner_[static_cast<std::size_t>(t)];
-      if (distance2_to_triangle(x, corner.a, corner.b, corner.c) < d * d) return true;
+  struct Visit {
+    const SurfaceCells& surface;
+    const Vec3& x;
+    double d, above;
+    bool found = false;
+    double reach() const { return found ? -1.0 : d; }
+    void triangle(int t) {
+      if (found || surface.height(x, t) <= above) return;
+      const Corners& at = surface.corner_[static_cast<std::size_t>(t)];
+      found = distance2_to_triangle(x, at.a, at.b, at.c) < d * d;
     }
-    return false;
   };
-  const auto in_box = [&](const Cell& low, const Cell& high) {
-    for (int k = low[2]; k <= high[2]; ++k)
-      for (int j = low[1]; j <= high[1]; ++j) {
-        const unsigned char* clear = clear_.data() + number({0, j, k});
-        for (int i = low[0]; i <= high[0]; ++i)
-          if (clear[i] > 0)
-            i += clear[i] - 1;
-          else if (in_cell({i, j, k}))
-            return true;
-      }
-    return false;
-  };
-  // What there is lies near, as a rule.
-  return in_box((middle - 2).max(first), (middle + 2).min(last)) || in_box(first, last);
+  Visit visit{*this, x, d, above};
+  boxes_.around(x, visit);
+  return visit.found;
 }
 
 }  // namespace dimple

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <cmath>
 #include <functional>
 #include <optional>
 #include <vector>
 
 #include "io/types.hpp"
+#include "preprocess/surface/box_tree.hpp"
 
 namespace dimple {
 
@@ -68,8 +70,10 @@ class SurfaceCells {
                (static_cast<std::size_t>(c[1]) +
                 static_cast<std::size_t>(n_[1]) * static_cast<std::size_t>(c[2]));
   }
-  template <class Visit>
-  void around(const Vec3& x, Visit&& visit) const;
+  double distance_to(const Vec3& x, int triangle) const {
+    const Corners& at = corner_[static_cast<std::size_t>(triangle)];
+    return std::sqrt(distance2_to_triangle(x, at.a, at.b, at.c));
+  }
 
   enum class Side : char { mixed, inside, outside };
   double edge_ = 1.0, size_ = 1.0;
@@ -80,7 +84,7 @@ class SurfaceCells {
   std::vector<Side> side_;
   std::vector<Corners> corner_;
   Points normal_;
-  Triangles triangles_;
+  BoxTree boxes_;
 };
 
 }  // namespace dimple
