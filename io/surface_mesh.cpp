@@ -65,7 +65,17 @@ vtkSmartPointer<vtkPolyData> read_by_vtk(const fs::path& file) {
   if (!failure.empty())
     refuse(file, fmt::format("{} cannot be read", file.filename().string()),
            "it breaks off, or holds what its format does not know", "export it again, as binary STL");
-  return reader->GetOutput();
+  vtkPolyData* read = reader->GetOutput();
+  vtkIdType corners = 0;
+  const vtkIdType* corner = nullptr;
+  for (read->GetPolys()->InitTraversal(); read->GetPolys()->GetNextCell(corners, corner);)
+    for (vtkIdType c = 0; c < corners; ++c)
+      if (corner[c] < 0 || corner[c] >= read->GetNumberOfPoints())
+        refuse(file,
+               fmt::format("a face in {} uses corner {}; there are {}", file.filename().string(),
+                           corner[c] + 1, read->GetNumberOfPoints()),
+               "the file contradicts itself", "export it again");
+  return read;
 }
 
 SurfaceFile in_triangles(const fs::path& file, vtkPolyData& read) {

@@ -25,7 +25,7 @@ namespace dimple {
 namespace {
 
 constexpr double smallest_mm = 0.2, largest_mm = 2000.0;
-constexpr double wanted_points = 400e3;  // of the grid
+constexpr double wanted_points = 200e3;  // of the grid
 constexpr double margin = 0.25;          // of the width, around the tool
 
 [[noreturn]] void refuse(const std::string& name, const std::string& fact, const std::string& why,
