@@ -1,7 +1,6 @@
 #include "preprocess/surface/label_surface.hpp"
 
 #include <fmt/format.h>
-#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <vtkCellArray.h>
 #include <vtkFloatArray.h>
@@ -13,14 +12,12 @@
 
 #include <Eigen/SVD>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numeric>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "io/words.hpp"
-#include "preprocess/clones.hpp"
 #include "preprocess/image/voxel_set.hpp"
 #include "preprocess/model.hpp"
 #include "preprocess/surface/closed_mesh.hpp"
@@ -370,32 +367,49 @@ CompressedRows next_corners(const TriangleMesh& surface) {
 // Of each vertex four numbers, the last of them 0: whole registers.
 using Quads = Eigen::Matrix<double, 4, Eigen::Dynamic>;
 
-// Of vertices first, ... last - 1: half of each one's value stays, half comes from its neighbours.
-DIMPLE_CLONES void average(const Quads& value, Quads& result, const CompressedRows& next, Index first,
-                           Index last) {
-  for (Index v = first; v < last; ++v) {
-    std::array<double, 4> sum{};
-    const int begin = next.offset[v], end = next.offset[v + 1];
-    for (int k = begin; k < end; ++k) {
-      const double* other = value.data() + 4 * static_cast<Index>(next.member[k]);
-      for (std::size_t d = 0; d < 4; ++d) sum[d] += other[d];
-    }
-    const double count = end - begin;
-    const double* here = value.data() + 4 * v;
-    double* there = result.data() + 4 * v;
-    for (std::size_t d = 0; d < 4; ++d) there[d] = 0.5 * (here[d] + sum[d] / count);
+// Vertices block by block, in each by how many neighbours they have: a loop that mostly ends after as many
+// steps as the last one is foreseen.
+constexpr Index block = 1024;
+std::vector<int> by_neighbours(const CompressedRows& next) {
+  std::vector<int> order(static_cast<std::size_t>(next.rows()));
+  std::iota(order.begin(), order.end(), 0);
+  for (Index first = 0; first < next.rows(); first += block)
+    std::stable_sort(order.begin() + first, order.begin() + std::min(first + block, next.rows()),
+                     [&](int a, int b) { return next.count(a) < next.count(b); });
+  return order;
+}
+
+// Of some vertices: half of each one's value stays, half comes from its neighbours. Not farther than `reach`
+// from `start`.
+void average(const Quads& value, Quads& result, const CompressedRows& next, const int* vertex, Index count,
+             const Quads* start, double reach) {
+  const double surely = reach * reach * (1.0 - 1e-12);  // roots are dear
+  for (Index i = 0; i < count; ++i) {
+    const Index v = vertex[i];
+    Eigen::Vector4d sum = Eigen::Vector4d::Zero();
+    for (int k = next.offset[v]; k < next.offset[v + 1]; ++k) sum += value.col(next.member[k]);
+    const Eigen::Vector4d there = 0.5 * (value.col(v) + sum / static_cast<double>(next.count(v)));
+    result.col(v) = there;
+    if (!start) continue;
+    const Vec3 away = there.head<3>() - start->col(v).head<3>();
+    if (away.squaredNorm() < surely) continue;
+    if (const double length = away.norm(); length > reach)
+      result.col(v).head<3>() = start->col(v).head<3>() + reach / length * away;
   }
 }
 
-// One sweep of averaging; then `then` has a look at each.
-template <class Then>
-void average(Quads& value, Quads& result, const CompressedRows& next, const Then& then) {
-  stop_if_asked();
-  tbb::parallel_for(tbb::blocked_range<Index>(0, value.cols(), 1024), [&](const auto& range) {
-    average(value, result, next, range.begin(), range.end());
-    for (Index v = range.begin(); v < range.end(); ++v) then(v, result.col(v));
-  });
-  value.swap(result);
+// That many sweeps over all vertices; on a leash around `start`, if given.
+void average(Quads& value, const CompressedRows& next, int sweeps, const Quads* start, double reach) {
+  const std::vector<int> order = by_neighbours(next);
+  const Index count = value.cols();
+  Quads other(4, count);
+  for (int sweep = 0; sweep < sweeps; ++sweep) {
+    stop_if_asked();
+    tbb::parallel_for(Index{0}, (count + block - 1) / block, [&](Index k) {
+      average(value, other, next, order.data() + block * k, std::min(block, count - block * k), start, reach);
+    });
+    value.swap(other);
+  }
 }
 
 // Moves each vertex to the middle of its neighbours, over and over, on a leash around where it began:
@@ -403,21 +417,15 @@ void average(Quads& value, Quads& result, const CompressedRows& next, const Then
 // Constrained elastic surface nets, MICCAI 1998). Averaging also shrinks what is round; that part of the
 // motion is smooth, where the terraces' is not, and is taken back.
 void relax(TriangleMesh& surface, int sweeps, double reach) {
-  const Points& start = surface.vertex;
   const CompressedRows next = next_corners(surface);
-  Quads value = Quads::Zero(4, start.cols()), other(4, start.cols());
-  value.topRows<3>() = start;
-  for (int sweep = 0; sweep < sweeps; ++sweep)
-    average(value, other, next, [&](Index v, auto&& there) {
-      const Vec3 away = there.template head<3>() - start.col(v);
-      const double length = away.norm();
-      if (length > reach) there.template head<3>() = start.col(v) + reach / length * away;
-    });
-  Points relaxed = value.topRows<3>();
-  value.topRows<3>() -= start;
-  for (int sweep = 0; sweep < sweeps; ++sweep) average(value, other, next, [](Index, auto&&) {});
-  relaxed -= value.topRows<3>();
-  surface.vertex = std::move(relaxed);
+  Quads start = Quads::Zero(4, surface.vertex.cols());
+  start.topRows<3>() = surface.vertex;
+  Quads value = start;
+  average(value, next, sweeps, &start, reach);
+  surface.vertex = value.topRows<3>();
+  value -= start;
+  average(value, next, sweeps, nullptr, 0.0);
+  surface.vertex -= value.topRows<3>();
 }
 
 // Moves the surface along its normals, everywhere alike, until it encloses the given volume.
