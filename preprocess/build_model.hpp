@@ -56,7 +56,8 @@ Discretised discretise(const BodySurface& body, const ModelOptions& options, con
 /// number of nodes, and a good part of what a small cloud costs. `known`: see find_boundary().
 struct Site {
   Boundary boundary;
-  Sizing sizing;  ///< with the rim that the options give
+  Sizing sizing;    ///< with the rim that the options give
+  Boundary graded;  ///< whose circle the nodes are finest around: the same, or where a round tool touches
 };
 Site find_site(const BodySurface& body, const ModelOptions& options, const Boundary* known = nullptr);
 /// The same as above, on a site that was found for the same body under options that differ in the numbers of

@@ -86,8 +86,9 @@ void members(Archive& io, T& grid) {
 
 template <class Archive, Like<BoundaryOptions> T>
 void members(Archive& io, T& boundary) {
-  auto& [base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm, contact_radius_mm] =
-      boundary;
+  // Of a tool that touches no model is kept in memory.
+  auto& [base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm, contact_radius_mm,
+         height_of_tool] = boundary;
   io(base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm, contact_radius_mm);
 }
 

@@ -490,6 +490,7 @@ void resolve_material(Config& config) {
   resolve_young(config);
   match_ogden(config, weight_of_modulus);
   resolve_steps(config);
+  resolve_depth(config);
 }
 
 std::string beside_preset(const Config& config) {
@@ -881,6 +882,13 @@ ModelOptions model_options(const Config& c) {
     options.boundary.contact_radius_mm = 1e3 * contact_radius(*tool, 1e-3 * c.load.depth_mm);
     GradingOptions& grading = options.cloud.grading;
     grading.whole_circle = tool->kind != ToolShape::Kind::punch;
+    // A bonded rim tears finer nodes apart; a round tool's first touch is small beside its last.
+    if (grading.whole_circle) {
+      grading.least = std::min(grading.least, 0.08);
+      options.boundary.height_of_tool = [shape = *tool](double r) {
+        return 1e3 * height_of_tool(shape, 1e-3 * r);
+      };
+    }
     if (tool->kind == ToolShape::Kind::punch)
       grading.least = std::min(grading.least, 0.25 * 1e3 * tool->edge / options.boundary.contact_radius_mm);
   }

@@ -15,6 +15,8 @@ namespace {
 constexpr const char* forms = "sphere:5mm, punch:5mm,edge=1mm or capsule:2mm,length=20mm";
 // Of a punch's radius. The pressure at an edge that is nearly sharp is nearly unbounded.
 constexpr double sharpest_edge = 0.1;
+constexpr double usual_depth = 0.8;  // of the radius
+const std::string by_tool = "the tool";
 
 std::string trimmed(const std::string& text) {
   const std::size_t first = text.find_first_not_of(" \t"), last = text.find_last_not_of(" \t");
@@ -145,6 +147,30 @@ std::string in_words(const ToolShape& shape) {
   return fmt::format("a sphere of {} radius", radius);
 }
 
+namespace {
+
+bool depth_is_of_tool(const Config& config) {
+  const auto source = config.source.find("load.depth_mm");
+  return source != config.source.end() && source->second.ends_with(by_tool);
+}
+
+}  // namespace
+
+void resolve_depth(Config& config) {
+  const std::optional<ToolShape> tool = tool_of(config);
+  const bool is_given = config.source.count("load.depth_mm") > 0 && !depth_is_of_tool(config);
+  if (!tool || is_given) return;
+  config.load.depth_mm = std::min(Config{}.load.depth_mm, usual_depth * 1e3 * tool->radius);
+  config.source["load.depth_mm"] = by_tool;
+}
+
+std::string depth_of_tool_in_words(const Config& config) {
+  if (!depth_is_of_tool(config)) return {};
+  return fmt::format(
+      ", pushed in by {}{}, as no --depth was given", length_in_words(config.load.depth_mm),
+      config.load.depth_mm < Config{}.load.depth_mm ? fmt::format(", {:g} of its radius", usual_depth) : "");
+}
+
 void check_tool(const Config& config) {
   const std::optional<ToolShape> tool = tool_of(config);
   if (!tool) return;
@@ -207,12 +233,16 @@ void require_circle(const Config& config, const std::string& what) {
        .remedy = "leave the tool out, or use dimple run IMAGE --tool"});
 }
 
+double reach_of_contact(const ToolShape& shape, double depth) {
+  return shape.radius + std::max(0.5 * shape.radius, depth);
+}
+
 std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model) {
   const std::optional<ToolShape> shape = tool_of(config);
   if (!shape) return nullptr;
   auto touch = std::make_shared<Touch>();
   touch->shape = *shape;
-  touch->surface = contact_surface(model, touched_within * shape->radius);
+  touch->surface = contact_surface(model, reach_of_contact(*shape, 1e-3 * config.load.depth_mm));
   touch->pose = first_touch(*shape, model.tool, touch->surface);
   return touch;
 }

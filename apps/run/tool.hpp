@@ -15,6 +15,12 @@ std::optional<ToolShape> tool_of(const Config& config);
 /// "a sphere of 5 mm radius".
 std::string in_words(const ToolShape& shape);
 
+/// Where a tool touches and nobody has given a depth it goes in by 0.8 of its radius at most: deeper down it
+/// sinks in towards its equator, or tissue folds at its edge. Throws as tool_of().
+void resolve_depth(Config& config);
+/// ", as deep as 0.8 of its radius, as no depth was given"; nothing where one was.
+std::string depth_of_tool_in_words(const Config& config);
+
 /// Before anything is built: throws UsageError where what is asked for beside a tool that touches is not
 /// modelled.
 void check_tool(const Config& config);
@@ -30,7 +36,8 @@ std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model);
 /// found at 4 mm; with 4000 it stayed within 1 % of finite elements to there. 0: no more than of the circle.
 Index fewest_nodes_under_tool(const Config& config);
 
-/// Within so many radii of its axis a tool may touch the body.
-inline constexpr double touched_within = 1.5;
+/// Within so far of its axis [m] a tool that is pushed in by `depth` [m] may touch the body: the surface that
+/// was beside it at first comes to lie along its side.
+double reach_of_contact(const ToolShape& shape, double depth);
 
 }  // namespace dimple

@@ -314,8 +314,9 @@ Asked parse_place(const std::string& text) {
   return {.from = from, .half = half, .place = {}};
 }
 
+// `least_room`: around the place, without an edge [mm].
 void place_as_asked(const BodySurface& body, const std::string& asked_for, const Asked& place,
-                    const View& view, Boundary& result) {
+                    const View& view, double least_room, Boundary& result) {
   Vec3 given = *place.place;
   if (place.z_is_free) given.z() = (body.to_world() * body.centroid()).z();
   const Vec3 asked = body.to_world().inverse() * given;
@@ -358,7 +359,7 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
         asked_for, moved, words(body, *touch)));
   const Room room = room_around(view, view.flat(*touch), result.radius);
   result.room = room.even;
-  if (room.whole < result.radius)
+  if (room.whole < least_room)
     throw ModelError(
         {.fact = fmt::format("the indenter's circle of {:.4g} mm diameter at {} hangs over the organ's edge",
                              2.0 * result.radius, words(body, *touch)),
@@ -388,6 +389,12 @@ Vec3 push_of(const BodySurface& body, const BoundaryOptions& options, const Aske
                       .why = fmt::format("--indent-at {} is met from that side alone", options.indent_at),
                       .remedy = "turn --direction round, or give the other side or a place x,y,z"});
   return local_direction(body, vector->normalized());
+}
+
+// A tool that touches may be wider than the organ: its contact must find room, and not its equator.
+double radius_of_touch(const BoundaryOptions& options) {
+  const double radius = 0.5 * options.indenter_diameter_mm;
+  return options.contact_radius_mm > 0.0 ? std::min(radius, options.contact_radius_mm) : radius;
 }
 
 void check_width(const BoundaryOptions& options, Boundary& result) {
@@ -426,8 +433,13 @@ void place_on_highest(const BodySurface& body, const Moments& moments, const Bou
   const auto is_free = [&](const Vec3& leaves) {
     return result.lowest - leaves.dot(result.down) > result.base_depth;
   };
-  const auto place = highest_dome(view, moments, result.radius, result.height, half,
-                                  local_direction(body, Vec3(1.0, 0.1, 0.01)), is_free);
+  const auto dome_for = [&](double radius) {
+    return highest_dome(view, moments, radius, result.height, half,
+                        local_direction(body, Vec3(1.0, 0.1, 0.01)), is_free);
+  };
+  auto place = dome_for(result.radius);
+  if (const double touches = radius_of_touch(options); !place && touches < result.radius)
+    place = dome_for(touches);
   const auto touch = place ? first_touch(body, view.at(place->centre, 0.0), result.push) : std::nullopt;
   if (!touch)
     throw ModelError({.fact = fmt::format("no place on the {} has room for an indenter of {:.1f} mm diameter",
@@ -452,7 +464,7 @@ void find_circle(const BodySurface& body, const Moments& moments, const Boundary
   check_width(options, result);
   const View view(body, moments, result.push);
   if (asked.place)
-    place_as_asked(body, options.indent_at, asked, view, result);
+    place_as_asked(body, options.indent_at, asked, view, radius_of_touch(options), result);
   else
     place_on_highest(body, moments, options, asked, view, result);
   if (result.room < wanted_room * result.radius)
@@ -502,6 +514,32 @@ Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options, 
   result.push = push_of(body, options, asked, known, result.down);
   find_circle(body, moments, options, asked, result);
   return result;
+}
+
+Vec3 place_of_touch(const BodySurface& body, const Boundary& boundary, double reach,
+                    const std::function<double(double)>& height) {
+  constexpr int cells = 12,
+                halvings = 5;  // of the reach: places are tried on a lattice, then nearer the best
+  const Vec3 e = boundary.push.unitOrthogonal(), g = boundary.push.cross(e);
+  Eigen::Vector2d best = Eigen::Vector2d::Zero();
+  Vec3 place = boundary.centre;
+  double soonest = height(0.0);
+  const auto look_around = [&](const Eigen::Vector2d& middle, double step, int half) {
+    for (int i = -half; i <= half; ++i)
+      for (int k = -half; k <= half; ++k) {
+        const Eigen::Vector2d at = middle + step * Eigen::Vector2d(i, k);
+        if (!(at.norm() < reach)) continue;
+        const auto touch = first_touch(body, boundary.centre + at.x() * e + at.y() * g, boundary.push);
+        if (!touch) continue;
+        const double way = (*touch - boundary.centre).dot(boundary.push) + height(at.norm());
+        if (!(way < soonest - 1e-9 * reach)) continue;
+        soonest = way, best = at, place = *touch;
+      }
+  };
+  double step = reach / cells;
+  look_around(best, step, cells);
+  for (int k = 0; k < halvings; ++k) look_around(Eigen::Vector2d(best), step *= 0.5, 1);
+  return place;
 }
 
 bool on_base(const Boundary& boundary, const Vec3& x, const Vec3& normal) {

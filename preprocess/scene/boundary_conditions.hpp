@@ -26,6 +26,9 @@ struct BoundaryOptions {
   /// Of a tool that touches and has the indenter's diameter: nodes are graded around a circle of this radius
   /// in its middle, and none of them is held. 0: the tool is the circle.
   double contact_radius_mm = 0.0;
+  /// Of a round tool that touches: how far its surface is above its tip at a distance from its axis [mm of
+  /// mm]. On a slope it touches beside its axis, and nodes are graded around that place.
+  std::function<double(double)> height_of_tool = {};
 };
 
 /// The fixed base and the indenter's circle as places on the surface; mm, in the surface's own frame.
@@ -67,6 +70,12 @@ void check_words(const BoundaryOptions& options);
 /// for; and its push, for a place x,y,z.
 Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options,
                        const Boundary* known = nullptr);
+
+/// Where a tool that moves along the push on the circle's axis first touches the surface, of that within
+/// `reach` [mm] of its axis; `height` as BoundaryOptions::height_of_tool. The circle's middle, if nowhere
+/// sooner.
+Vec3 place_of_touch(const BodySurface& body, const Boundary& boundary, double reach,
+                    const std::function<double(double)>& height);
 
 /// Whether a place on the surface, with outward normal n, belongs to the base.
 bool on_base(const Boundary& boundary, const Vec3& x, const Vec3& normal);

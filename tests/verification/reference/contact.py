@@ -2,6 +2,7 @@
 """Forces of tools that touch, by axisymmetric_contact.cpp: runs its scenes on three meshes and writes what came out.
 
     contact.py run PROGRAM    all scenes and closed forms anew into contact_runs.csv (about an hour on one core)
+    contact.py small PROGRAM  spheres of small contacts into small_contacts.csv (about an hour on one core)
     contact.py                contact.csv from contact_runs.csv: force, and how well it is known
 
 Run it in this folder.
@@ -127,6 +128,29 @@ def run(program):
                 file.flush()
 
 
+def small(program):
+    """A sphere of 5 mm to depth / radius 0.02 to 0.8 in cylinders 4, 10 and 40 radii of its contact high and wide, the
+    radius that of Sneddon at the last depth; elements of 1/11 and 1/16 of it."""
+    with open("small_contacts.csv", "w") as file:
+        out = csv.writer(file, lineterminator="\n")
+        out.writerow(["depth_share", "thickness_radii", "height_mm", "depth_mm", "force_N", "known_to_percent"])
+        for share in (0.02, 0.05, 0.1, 0.2, 0.4, 0.8):
+            low, high = 0.0, 5.0
+            for _ in range(60):
+                a = 0.5 * (low + high)
+                low, high = (a, high) if 0.5 * a * math.log((5 + a) / (5 - a)) < 5 * share else (low, a)
+            for radii in (4, 10, 40):
+                h = round(radii * a, 3)
+                by = [[float(r["force_N"]) for r in rows(
+                    program, f"tool=sphere radius=5 depth={5 * share} steps=8 body={h} height={h} fine={a / n:.5f} "
+                             f"reach={1.35 * a:.5f} below={0.65 * a:.5f} growth=1.2 largest={h / 8:.4f}")]
+                      for n in (11, 16)]
+                for k, (coarse, fine) in enumerate(zip(*by)):
+                    out.writerow([share, radii, h, f"{5 * share * (k + 1) / 8:.5g}", fine,
+                                  f"{max(100 * abs(coarse / fine - 1), 0.1):.1f}"])
+                file.flush()
+
+
 def derive():
     force = {}
     for r in csv.DictReader(open("contact_runs.csv")):
@@ -147,4 +171,6 @@ def derive():
 if __name__ == "__main__":
     if len(sys.argv) == 3 and sys.argv[1] == "run":
         run(sys.argv[2])
+    if len(sys.argv) == 3 and sys.argv[1] == "small":
+        small(sys.argv[2])
     derive()
