@@ -1,8 +1,13 @@
 #include "apps/run/band_of_run.hpp"
 
 #include <fmt/format.h>
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
+#include <tbb/task_group.h>
 
+#include <atomic>
 #include <cmath>
+#include <exception>
 #include <new>
 #include <utility>
 
@@ -17,25 +22,84 @@ namespace {
 
 constexpr const char* not_for_dynamics = "it was measured in equilibrium, not for dynamics";
 
-// The march of the same body with fewer nodes, at few depths.
-Result coarser_march(Index nodes, const Config& config, const Result& result) {
-  const Origin& origin = *result.origin;
-  Result coarse;
-  static_cast<ImageFacts&>(coarse) = result;
-  const RunObserver unheard;
-  const Talk talk{unheard, coarse};
-  complete(config, place(nodes, config, origin.organ, origin.image, talk, coarse), talk, coarse);
-  coarse.time = result.time;
-  coarse.loading = result.loading;
-  coarse.followed = result.followed;
-  SolverOptions options = solver_options(config);
-  options.frames = 1;  // nobody looks at them
-  march(config, options, {}, nullptr, talk, coarse);
-  if (coarse.history.interrupted) throw Stopped(stop_asked());
-  return coarse;
-}
+// A finer cloud needs the memory and all processors for itself.
+constexpr Index most_nodes_beside = 20000;
 
 }  // namespace
+
+struct CoarserMarch::Parts {
+  Config config;
+  std::shared_ptr<const Origin> origin;
+  Index nodes = 0;
+  Result coarse;
+  std::exception_ptr failed = {};
+  std::atomic<bool> given_up = false;
+  // One worker takes it up, and who waits for it helps. Before other work: that has the caller's own thread.
+  bool beside = false;
+  tbb::task_arena arena{2, 1, tbb::task_arena::priority::high};
+  tbb::task_group work;
+
+  // At few depths.
+  void run() {
+    const RunObserver unheard;
+    const Talk talk{unheard, coarse};
+    const auto go_on = [&] {
+      if (given_up) throw Stopped(StopReason::interrupted);
+    };
+    try {
+      unless_stopped([&] {
+        go_on();
+        Placed placed = place(nodes, config, origin->organ, origin->image, talk, coarse);
+        go_on();
+        complete(config, std::move(placed), talk, coarse);
+        SolverOptions options = solver_options(config);
+        options.frames = 1;  // nobody looks at them
+        march(config, options,
+              {.sample = [&](const ForceSample&, const History&) { return !given_up.load(); }}, nullptr, talk,
+              coarse);
+        if (coarse.history.interrupted) throw Stopped(stop_asked());
+      });
+    } catch (...) {
+      failed = std::current_exception();
+    }
+  }
+  void wait() {
+    arena.execute([&] { work.wait(); });
+  }
+};
+
+CoarserMarch::CoarserMarch(const Config& config, const Result& result) : parts_(std::make_unique<Parts>()) {
+  Parts& p = *parts_;
+  p.config = config;
+  p.origin = result.origin;
+  p.nodes = static_cast<Index>(std::lround(static_cast<double>(result.model.node_count()) / coarser));
+  static_cast<ImageFacts&>(p.coarse) = result;
+  p.coarse.time = result.time;
+  p.coarse.followed = result.followed;
+  p.coarse.loading = result.loading;
+  p.beside = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism) > 1 &&
+             result.model.node_count() <= most_nodes_beside;
+  if (p.beside) p.arena.execute([&] { p.work.run([&p] { p.run(); }); });
+}
+
+CoarserMarch::~CoarserMarch() {
+  parts_->given_up = true;
+  parts_->wait();
+}
+
+Index CoarserMarch::nodes() const {
+  return parts_->nodes;
+}
+
+const Result& CoarserMarch::operator()() {
+  Parts& p = *parts_;
+  if (p.beside)
+    p.wait();
+  else
+    p.run();
+  if (p.failed) std::rethrow_exception(p.failed);
+  return p.coarse;
+}
 
 std::string no_band(const Config& config) {
   const Config usual;
@@ -96,16 +160,15 @@ double half_of_displacement(const Result& result, const Vec3& coarse) {
                                  result.model.node_count());
 }
 
-BandOfRun band_of_run(const Config& config, const Result& result) {
+BandOfRun band_of_run(const Config& config, const Result& result, CoarserMarch& coarser) {
   const Stopwatch whole;
   BandOfRun found;
   Band& band = found.band;
   band.unknown = "";
-  band.coarse_nodes =
-      static_cast<Index>(std::lround(static_cast<double>(result.model.node_count()) / coarser));
+  band.coarse_nodes = coarser.nodes();
   const std::string cloud = fmt::format("with {} nodes, with which it is compared, ", band.coarse_nodes);
   try {
-    const Result coarse = unless_stopped([&] { return coarser_march(band.coarse_nodes, config, result); });
+    const Result& coarse = coarser();
     band.half = half_widths(result.history.force, result.model.node_count(), coarse.history.force,
                             result.model.tool.radius, !config.tissue.empty());
     if (band.half.empty())

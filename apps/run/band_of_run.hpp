@@ -1,5 +1,6 @@
 #pragma once
 
+#include <memory>
 #include <string>
 
 #include "apps/run/organ.hpp"
@@ -18,13 +19,33 @@ std::string no_band_after(const Config& config, const Result& result);
 /// That other clouds need the labels of an origin's image, and that these are not there; or nothing.
 std::string no_labels(const Config& config, const Origin& origin);
 
+/// The march of a coarser cloud of the same organ, by which a band is found. Where a processor can be spared
+/// it runs beside the march of the finer cloud, on one; otherwise when it is asked for. The same bits either
+/// way.
+class CoarserMarch {
+ public:
+  /// `result`: complete, before its march; not looked at later.
+  CoarserMarch(const Config& config, const Result& result);
+  ~CoarserMarch();  ///< an answer that nobody has asked for is given up
+  CoarserMarch(const CoarserMarch&) = delete;
+  CoarserMarch& operator=(const CoarserMarch&) = delete;
+
+  Index nodes() const;
+  /// Waits for it. Throws what it met.
+  const Result& operator()();
+
+ private:
+  struct Parts;
+  std::unique_ptr<Parts> parts_;
+};
+
 /// The band of a march that has come to its end, from the march of a coarser cloud of the same organ.
 struct BandOfRun {
   Band band;
   double half_of_displacement = 0.0;  ///< [m] where one is followed
   bool stopped = false;
 };
-BandOfRun band_of_run(const Config& config, const Result& result);
+BandOfRun band_of_run(const Config& config, const Result& result, CoarserMarch& coarser);
 
 /// Half the band's width of the place that is followed, where a coarser cloud brings it to `coarse` [m].
 double half_of_displacement(const Result& result, const Vec3& coarse);

@@ -403,11 +403,10 @@ void Recorder::tell_end(const End& end) {
   if (band.known())
     detail(observer_,
            fmt::format("band     {} to {}, +- {}, error of the discretisation alone, estimated from {} and "
-                       "{} nodes in "
-                       "{:.1f} s",
+                       "{} nodes{}",
                        written.number(end.force - end.half), written(end.force + end.half),
                        percent(end.half / std::abs(end.force)), result.model.node_count(), band.coarse_nodes,
-                       band.seconds));
+                       band.seconds < 0.05 ? "" : fmt::format(", {:.1f} s more", band.seconds)));
 }
 
 Comparison Recorder::compare_with_measured() {

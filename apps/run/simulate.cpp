@@ -33,12 +33,18 @@ std::pair<Placed, std::shared_ptr<Origin>> placed_by(const Case& given, const Ru
   return {std::move(placed), std::move(of_image)};
 }
 
-void find_band(const Case& given, const Talk& talk, Result& result) {
+// Begins what the band takes, if there can be one; else says why there cannot.
+std::unique_ptr<CoarserMarch> begin_band(const Case& given, Result& result) {
   const Config config = given.origin ? with_model_of(given.config, given.origin->config) : given.config;
   result.band.unknown = no_band_after(config, result);
-  if (!result.band.known()) return;
+  if (!result.band.known()) return {};
+  result.band.unknown = "the run ended before";  // until find_band()
+  return std::make_unique<CoarserMarch>(config, result);
+}
+
+void find_band(const Case& given, CoarserMarch& coarser, const Talk& talk, Result& result) {
   talk.begin(Part::band, given.config);
-  BandOfRun found = band_of_run(config, result);
+  BandOfRun found = band_of_run(given.config, result, coarser);
   result.band = std::move(found.band);
   if (result.followed) result.followed->half = found.half_of_displacement;
   if (found.stopped) result.history.interrupted = true;
@@ -156,10 +162,10 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   talk.begin(Part::solving, config);
   if (observer.begin) observer.begin(result);
   if (of_image && !config.tissue.empty()) of_image->image = std::move(result.image);
-  result.image = {};                                             // nobody needs it any longer
-  if (given.band) result.band.unknown = "the run ended before";  // until find_band()
+  result.image = {};  // nobody needs it any longer
+  const std::unique_ptr<CoarserMarch> coarser = given.band ? begin_band(given, result) : nullptr;
   march(config, solver_options(config), observer.march, given.from, talk, result);
-  if (given.band && !result.history.interrupted) find_band(given, talk, result);
+  if (coarser && !result.history.interrupted) find_band(given, *coarser, talk, result);
 }
 
 Result simulate(const Case& given, const RunObserver& observer) {

@@ -79,10 +79,14 @@ void subdivide(const Triangle& t, const Sizing& sizing, double far_spacing, std:
                Facets& result) {
   if (result.triangle.size() > room) return;
   const double longest = std::max({(t.b - t.a).norm(), (t.c - t.b).norm(), (t.a - t.c).norm()});
-  const double here = sizing((t.a + t.b + t.c) / 3.0);
+  const Vec3 middle = (t.a + t.b + t.c) / 3.0;
+  // No corner is farther from the middle than two thirds of a median, which is shorter than the longest edge.
+  const auto [here, least] = sizing.around(middle, 0.67 * longest);
   // A corner may lie where the spacing is much less than in the middle.
-  if (sizing.even() ||
-      longest <= 0.7 * far_spacing * std::min({here, sizing(t.a), sizing(t.b), sizing(t.c)})) {
+  const auto small_enough = [&](double s) { return longest <= 0.7 * far_spacing * s; };
+  if (sizing.even() || (small_enough(here) &&
+                        (small_enough(least) || (small_enough(sizing(t.a)) && small_enough(sizing(t.b)) &&
+                                                 small_enough(sizing(t.c)))))) {
     result.triangle.push_back(t);
     result.sizing.push_back(here);
     return;
@@ -91,9 +95,9 @@ void subdivide(const Triangle& t, const Sizing& sizing, double far_spacing, std:
   if (longest * longest > 8.0 * t.area) {
     Triangle turned = t;
     while ((turned.b - turned.a).norm() < longest) turned = {turned.b, turned.c, turned.a, t.normal, t.area};
-    const Vec3 middle = 0.5 * (turned.a + turned.b);
-    for (const Triangle& part : {Triangle{turned.a, middle, turned.c, t.normal, 0.5 * t.area},
-                                 Triangle{middle, turned.b, turned.c, t.normal, 0.5 * t.area}})
+    const Vec3 across = 0.5 * (turned.a + turned.b);
+    for (const Triangle& part : {Triangle{turned.a, across, turned.c, t.normal, 0.5 * t.area},
+                                 Triangle{across, turned.b, turned.c, t.normal, 0.5 * t.area}})
       subdivide(part, sizing, far_spacing, room, result);
     return;
   }

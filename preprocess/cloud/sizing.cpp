@@ -5,10 +5,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numbers>
 
 #include "io/stop.hpp"
+#include "preprocess/clones.hpp"
 
 namespace dimple {
 namespace {
@@ -24,6 +26,27 @@ double distance2_to_segment(const Vec3& x, const Vec3& a, const Vec3& b) {
 
 double square(double x) {
   return x * x;
+}
+
+// Of the rim's corners from x, squared, and the least of them; `corner`: a coordinate after the other.
+DIMPLE_CLONES double corner_distances2(const Vec3& x, const double* corner, double* distance2) {
+  using Four = double __attribute__((vector_size(32)));
+  constexpr double beyond = std::numeric_limits<double>::infinity();
+  const auto take = [&](Index k, Four& values) { std::memcpy(&values, corner + k, sizeof values); };
+  Four least = {beyond, beyond, beyond, beyond};  // the minimum is exact in any order
+  for (Index k = 0; k < rim_corners; k += 4) {
+    Four dx, dy, dz;
+    take(k, dx);
+    take(rim_corners + k, dy);
+    take(2 * rim_corners + k, dz);
+    dx -= x.x();
+    dy -= x.y();
+    dz -= x.z();
+    const Four here = dx * dx + (dy * dy + dz * dz);
+    least = here < least ? here : least;
+    std::memcpy(distance2 + k, &here, sizeof here);
+  }
+  return std::min(std::min(least[0], least[1]), std::min(least[2], least[3]));
 }
 
 // Is the box larger than `too_large` times the least that is wanted in its middle and towards its corners?
@@ -78,18 +101,8 @@ double Sizing::distance_to_rim(const Vec3& x, double farthest) const {
   if (((x - lower_).array() < -farthest).any() || ((x - upper_).array() > farthest).any()) return beyond;
   // Of the edge nearest to x one end is hardly farther than the nearest corner is: half an edge aside.
   std::array<double, rim_corners + 1> corner2;
-  std::array<double, 4> least;  // of every fourth corner: the minimum is exact in any order
-  least.fill(beyond);
-  for (std::size_t k = 0; k < rim_corners; k += 4)
-    for (std::size_t lane = 0; lane < 4; ++lane) {
-      const auto c = static_cast<Index>(k + lane);
-      const double dx = x.x() - corner_(c, 0), dy = x.y() - corner_(c, 1), dz = x.z() - corner_(c, 2);
-      const double distance2 = dx * dx + (dy * dy + dz * dz);
-      corner2[k + lane] = distance2;
-      least[lane] = distance2 < least[lane] ? distance2 : least[lane];
-    }
+  double nearest2 = corner_distances2(x, corner_.data(), corner2.data());
   corner2[rim_corners] = corner2[0];
-  double nearest2 = std::min(std::min(least[0], least[1]), std::min(least[2], least[3]));
   if (nearest2 > square(1.000001 * (farthest + longest_edge_))) return beyond;
   const double limit2 = 1.000001 * (nearest2 + 0.25 * square(longest_edge_));
   for (std::size_t k = 0; k < rim_corners; ++k)

@@ -5,10 +5,12 @@
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <tbb/global_control.h>
 
 #include <array>
 #include <filesystem>
 #include <iostream>
+#include <stdexcept>
 #include <thread>
 
 #include "apps/run/model_files.hpp"
@@ -211,6 +213,35 @@ TEST(Simulate, ABandIsTheSameHoweverManyFramesAreWritten) {
   EXPECT_EQ(few.band.coarse_nodes, 500);
   const double floor = band_half_width(0.0, 1000, {0.4, false}) * few.history.force.back().force;
   EXPECT_GT(few.band.half.back(), 1.001 * floor);
+}
+
+TEST(Simulate, ABandIsTheSameWhetherItsCloudIsMarchedBesideOrAfterwards) {
+  Case given = small_case();
+  given.config.cloud.nodes = 1000;
+  given.band = true;
+  const auto with_threads = [&](std::size_t threads) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    return simulate(given);
+  };
+  const Result afterwards = with_threads(1), beside = with_threads(2);
+  ASSERT_TRUE(beside.band.known()) << beside.band.unknown;
+  EXPECT_EQ(beside.band.half, afterwards.band.half);
+  EXPECT_EQ(beside.history.force.back().force, afterwards.history.force.back().force);
+  EXPECT_EQ(beside.warnings, afterwards.warnings);
+}
+
+TEST(Simulate, AMarchThatFailsDoesNotWaitForTheWholeOfItsBand) {
+  Case given = small_case();
+  given.config.cloud.nodes = 8000;
+  given.band = true;
+  RunObserver observer;
+  observer.march.sample = [](const ForceSample&, const History&) -> bool {
+    throw std::runtime_error("full");
+  };
+  Result result;
+  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 2);
+  EXPECT_THROW(simulate(given, observer, result), std::runtime_error);
+  EXPECT_EQ(result.band.unknown, "the run ended before");
 }
 
 TEST(Simulate, AnAccuracyIsReachedWithOneFrame) {

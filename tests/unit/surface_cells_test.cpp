@@ -51,6 +51,41 @@ Vec3 random_place(std::mt19937& random) {
   return {46.0 * x, 31.0 * y, 17.0 * z};
 }
 
+// Every triangle that is so near is met, and none twice, from inside, far outside and on a corner.
+TEST(BoxTree, MeetsEachTriangleWithinReachOnce) {
+  const Body body;
+  const BoxTree tree(body.surface.vertex(), body.surface.triangles());
+  std::mt19937 random(7);
+  std::vector<Vec3> places = {body.surface.vertex().col(0), {500.0, -300.0, 200.0}, {0.0, 0.0, 3.0}};
+  for (int k = 0; k < 30; ++k) places.push_back(random_place(random));
+  for (const Vec3& x : places)
+    for (const double reach : {0.0, 1.5, 12.0, 700.0}) {
+      struct Visit {
+        double within;
+        std::vector<int> met = {};
+        double reach() const { return within; }
+        void triangle(int t) { met.push_back(t); }
+      } visit{reach};
+      tree.around(x, visit);
+      std::sort(visit.met.begin(), visit.met.end());
+      EXPECT_EQ(std::adjacent_find(visit.met.begin(), visit.met.end()), visit.met.end());
+      for (Index t = 0; t < body.surface.triangles().cols(); ++t) {
+        if (body.distance(x, t) > reach) continue;
+        ASSERT_TRUE(std::binary_search(visit.met.begin(), visit.met.end(), static_cast<int>(t)))
+            << t << " from " << x.transpose() << " within " << reach;
+      }
+    }
+}
+
+TEST(BoxTree, OfNoTrianglesMeetsNone) {
+  struct Visit {
+    double reach() const { return 1e3; }
+    void triangle(int) { ADD_FAILURE(); }
+  };
+  BoxTree().around(Vec3::Zero(), Visit{});
+  BoxTree(Points(3, 0), Triangles(3, 0)).around(Vec3::Zero(), Visit{});
+}
+
 TEST(SurfaceCells, TellInsideFromOutsideAsThePlanesOfAConvexBodyDo) {
   Body body;
   int unmarked_asked = 0;
