@@ -133,7 +133,8 @@ std::vector<Option> load_options(Config& c) {
       {.key = "tool.shape", .flag = "--tool", .value = &c.tool.shape, .stage = "run", .common = true,
        .words = {"circle"},
        .help = "circle; or one that touches without friction: sphere:RADIUS, punch:RADIUS,edge=RADIUS "
-               "(flat, round edge), capsule:RADIUS,length=LENGTH"},
+               "(flat, round edge), capsule:RADIUS,length=LENGTH, or a closed surface in a file .stl, .obj "
+               "or .vtp, in mm, whose z points away from the body"},
       {.key = "load.depth_mm", .flag = "--depth", .unit = "mm", .value = &c.load.depth_mm, .most = 1000,
        .least_excluded = true, .stage = "solve", .common = true, .help = "indentation at the end"},
       {.key = "load.rate_mm_per_s", .flag = "--rate", .unit = "mm/s", .value = &c.load.rate_mm_per_s,

@@ -79,6 +79,7 @@ void tell_of_first_touch(const Talk& talk, const Config& config, const Model& mo
       (contact_radius(touch.shape, middle) < radius ? low : until) = middle;
     }
   }
+  if (until < 0.01 * depth) return;  // a flat end touches with all of it at once
   if (until < 0.2 * depth)
     return talk.say(
         fmt::format("touch    up to a depth of {} the contact is less than {:g} node spacings in radius, and "

@@ -86,6 +86,13 @@ void add_touch(Json& summary, const Touch& touch, const History& history) {
   Json tool = {{"words", in_words(shape)}, {"radius_mm", 1e3 * shape.radius}};
   if (shape.kind == ToolShape::Kind::punch) tool["edge_mm"] = 1e3 * shape.edge;
   if (shape.kind == ToolShape::Kind::capsule) tool["length_mm"] = 1e3 * shape.length;
+  if (shape.mesh) {
+    tool["file"] = shape.mesh->name;
+    tool["triangles"] = shape.mesh->triangles.cols();
+    tool["volume_mm3"] = shape.mesh->volume_mm3;
+    tool["length_mm"] = 1e3 * shape.mesh->length;
+    tool["distances_every_mm"] = 1e3 * shape.mesh->distance.step;
+  }
   tool["first_touch_mm"] = three(1e3 * touch.pose.tip);
   tool["contact_samples"] = touch.surface.count();
   tool["samples_in_contact"] = history.contact_samples;

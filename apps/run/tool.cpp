@@ -3,16 +3,19 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <map>
+#include <mutex>
 #include <vector>
 
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
+#include "io/surface_mesh.hpp"
 
 namespace dimple {
 namespace {
 
-constexpr const char* forms = "sphere:5mm, punch:5mm,edge=1mm or capsule:2mm,length=20mm";
+constexpr const char* forms = "sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,length=20mm or probe.stl";
 // Of a punch's radius. The pressure at an edge that is nearly sharp is nearly unbounded.
 constexpr double sharpest_edge = 0.1;
 constexpr double usual_depth = 0.8;  // of the radius
@@ -112,6 +115,28 @@ ToolShape shape_of(const Config& config, const Words& words) {
   return shape;
 }
 
+// A surface that another program has drawn is known by the end of its name.
+bool is_file(const std::string& text) {
+  return text.ends_with(".stl") || text.ends_with(".STL") || text.ends_with(".obj") || text.ends_with(".vtp");
+}
+
+// A file is read and checked once: that may take a second, and many ask.
+std::shared_ptr<const ToolMesh> drawn_in(const std::filesystem::path& file) {
+  static std::mutex one_at_a_time;
+  static std::map<std::pair<std::string, std::filesystem::file_time_type>, std::shared_ptr<const ToolMesh>>
+      known;
+  const std::lock_guard<std::mutex> lock(one_at_a_time);
+  std::error_code missing;  // said by the reader
+  const auto changed = std::filesystem::last_write_time(file, missing);
+  std::shared_ptr<const ToolMesh>& mesh = known[{std::filesystem::absolute(file).string(), changed}];
+  if (!mesh) {
+    const SurfaceFile surface = read_surface_mesh(file);
+    mesh = std::make_shared<const ToolMesh>(
+        tool_mesh(surface.position_mm, surface.triangles, file.filename().string()));
+  }
+  return mesh;
+}
+
 void refuse_beside(const Config& config, bool is_asked, const char* what, const char* option, const char* why,
                    const char* remedy) {
   if (!is_asked) return;
@@ -124,6 +149,11 @@ void refuse_beside(const Config& config, bool is_asked, const char* what, const 
 }  // namespace
 
 std::optional<ToolShape> tool_of(const Config& config) {
+  if (is_file(config.tool.shape)) {
+    auto mesh = drawn_in(config.tool.shape);
+    const double radius = 0.5 * mesh->width;
+    return ToolShape{.kind = ToolShape::Kind::drawn, .radius = radius, .mesh = std::move(mesh)};
+  }
   const Words words = words_of(config);
   if (words.kind == "circle" && words.radius.empty()) return std::nullopt;
   if (words.kind != "sphere" && words.kind != "punch" && words.kind != "capsule")
@@ -141,6 +171,9 @@ std::string in_words(const ToolShape& shape) {
     case ToolShape::Kind::capsule:
       return fmt::format("a round-ended rod of {} radius, {} long", radius,
                          length_in_words(1e3 * shape.length));
+    case ToolShape::Kind::drawn:
+      return fmt::format("the tool of {}, {} wide and {} long", shape.mesh->name,
+                         length_in_words(1e3 * shape.mesh->width), length_in_words(1e3 * shape.mesh->length));
     case ToolShape::Kind::sphere:
       break;
   }
@@ -221,7 +254,7 @@ void check_tool(const Config& config) {
 
 Index fewest_nodes_under_tool(const Config& config) {
   const std::optional<ToolShape> tool = tool_of(config);
-  return tool && tool->kind == ToolShape::Kind::punch ? 4000 : 0;
+  return tool && (tool->kind == ToolShape::Kind::punch || tool->mesh) ? 4000 : 0;
 }
 
 void require_circle(const Config& config, const std::string& what) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/output/reduce_surface.hpp"
 
 namespace dimple {
 namespace {
@@ -84,9 +85,26 @@ SurfaceFile tool_body(const Discretisation& model) {
   return body;
 }
 
+namespace {
+
+// Of a tool that was drawn, in as many triangles as a picture needs.
+SurfaceFile drawn_body(const ToolMesh& mesh, const ToolPose& pose) {
+  constexpr Index enough = 8000;
+  const Surface surface{.vertex_mm = 1e3 * mesh.vertex, .triangles = mesh.triangles};
+  const ReducedSurface shown = reduced_surface(
+      surface, {.centre = Vec3::Zero(), .push = -Vec3::UnitZ(), .radius = 0.5 * mesh.width}, enough);
+  const Points left = mesh.vertex(Eigen::all, shown.vertex);
+  return {.position_mm = 1e3 * ((pose.axes() * left).colwise() + pose.tip),
+          .triangles = shown.triangles,
+          .fields = {}};
+}
+
+}  // namespace
+
 SurfaceFile tool_body(const Touch& touch) {
   constexpr Index around = 96, round = 24;  // corners of a ring; rings of a quarter of a circle
   const ToolShape& shape = touch.shape;
+  if (shape.mesh) return drawn_body(*shape.mesh, touch.pose);
   // Rings from the tip to the upper end: radius and height above the tip.
   std::vector<std::pair<double, double>> ring;
   const bool is_punch = shape.kind == ToolShape::Kind::punch;

@@ -14,12 +14,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+#include <numbers>
 #include <vector>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "io/words.hpp"
 #include "preprocess/surface/body_surface.hpp"
+#include "preprocess/surface/closed_mesh.hpp"
 
 namespace dimple {
 namespace {
@@ -113,7 +116,8 @@ void refuse_crossing(const std::string& name, const TriangleMesh& mesh) {
   const auto at = [&](Index v) { return corner[static_cast<std::size_t>(v)]; };
   for (const auto& t : mesh.triangles.colwise()) surface.add_face(at(t[0]), at(t[1]), at(t[2]));
   std::vector<std::pair<Mesh::Face_index, Mesh::Face_index>> crossing;
-  CGAL::Polygon_mesh_processing::self_intersections(surface, std::back_inserter(crossing));
+  CGAL::Polygon_mesh_processing::self_intersections<CGAL::Parallel_if_available_tag>(
+      surface, std::back_inserter(crossing));
   if (crossing.empty()) return;
   const auto [t, other] = *std::min_element(crossing.begin(), crossing.end());
   const auto middle = [&](Mesh::Face_index of) {
@@ -154,12 +158,28 @@ DistanceGrid sampled(const BodySurface& tool, double width, double height) {
   return grid;
 }
 
+std::vector<double> lower_surface(const DistanceGrid& grid, double width) {
+  constexpr int places = 64, directions = 48;
+  std::vector<double> lower(places, std::numeric_limits<double>::infinity());
+  tbb::parallel_for(0, places, [&](int place) {
+    const double r = 0.5 * width * place / (places - 1);
+    for (int k = 0; k < (place == 0 ? 1 : directions); ++k) {
+      const double angle = 2.0 * std::numbers::pi * k / directions;
+      double& least = lower[static_cast<std::size_t>(place)];
+      least = std::min(least, height_over(grid, r * std::cos(angle), r * std::sin(angle)));
+    }
+  });
+  return lower;
+}
+
 }  // namespace
 
-ToolMesh tool_mesh(TriangleMesh mesh, const std::string& name, double height_mm) {
+ToolMesh tool_mesh(const Points& vertex_mm, const Triangles& triangles, const std::string& name) {
+  TriangleMesh mesh{vertex_mm, triangles};
   refuse_other_units(name, mesh.vertex);
   refuse_border(name, mesh);
   ToolMesh result;
+  result.name = name;
   result.turned = turn_outward(mesh);
   separate_touching_sheets(mesh);
   stop_if_asked();
@@ -170,14 +190,15 @@ ToolMesh tool_mesh(TriangleMesh mesh, const std::string& name, double height_mm)
   const double width = 2.0 * mesh.vertex.topRows<2>().colwise().norm().maxCoeff();
   const BodySurface tool(mesh.vertex, mesh.triangles);
   result.volume_mm3 = tool.volume();
-  result.distance = sampled(tool, width, std::min(height_mm, high[2] - low[2]));
+  result.distance = sampled(tool, width, std::min(2.0 * width, high[2] - low[2]));
   result.distance.origin *= 1e-3;
   result.distance.step *= 1e-3;
   for (double& value : result.distance.value) value *= 1e-3;
   result.width = 1e-3 * width;
+  result.lower = lower_surface(result.distance, result.width);
   result.length = 1e-3 * (high[2] - low[2]);
-  mesh.vertex *= 1e-3;
-  result.surface = std::move(mesh);
+  result.vertex = 1e-3 * mesh.vertex;
+  result.triangles = std::move(mesh.triangles);
   return result;
 }
 

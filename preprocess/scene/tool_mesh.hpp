@@ -1,8 +1,8 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
-#include "preprocess/surface/closed_mesh.hpp"
 #include "preprocess/surface/distance_grid.hpp"
 
 namespace dimple {
@@ -10,17 +10,22 @@ namespace dimple {
 /// A rigid tool that was drawn in another program, as the solver takes it: in its own frame, z away from the
 /// body and the tip, its lowest point, at z = 0; x = y = 0 in the middle of its box.
 struct ToolMesh {
+  std::string name;       ///< of its file
   DistanceGrid distance;  ///< around its lower part
-  TriangleMesh surface;   ///< all of it [m], facing outward
-  double length = 0.0;    ///< from the tip to its upper end [m]
-  double width = 0.0;     ///< twice the farthest that any of it lies from the axis [m]
+  /// [m] how high its lower surface is above the tip at the least, at even distances from the axis from 0 to
+  /// half its width; infinite where there is none.
+  std::vector<double> lower;
+  Points vertex;        ///< [3xV] of all of its surface [m]
+  Triangles triangles;  ///< facing outward
+  double length = 0.0;  ///< from the tip to its upper end [m]
+  double width = 0.0;   ///< twice the farthest that any of it lies from the axis [m]
   double volume_mm3 = 0.0;
-  bool turned = false;  ///< its triangles, or some of them, faced inward
+  bool turned = false;  ///< its triangles, or some of them, faced inward in the file
 };
 
-/// `mesh`: in mm, z away from the body. `name`: of the file, for what is said. Distances are sampled from the
-/// tip to `height_mm` above it and a quarter of the width around. Throws InputError: it has a border, or
+/// `vertex_mm`: z away from the body. `name`: of the file, for what is said. Distances are sampled from the
+/// tip to two widths above it and a quarter of the width around. Throws InputError: it has a border, or
 /// passes through itself, each with a place; or is so small or large that it cannot be in mm. Throws Stopped.
-ToolMesh tool_mesh(TriangleMesh mesh, const std::string& name, double height_mm);
+ToolMesh tool_mesh(const Points& vertex_mm, const Triangles& triangles, const std::string& name);
 
 }  // namespace dimple

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace dimple {
 namespace {
@@ -55,6 +56,21 @@ Distance distance_in(const DistanceGrid& grid, const Vec3& x) {
     result.gradient = beyond / away;
   }
   return result;
+}
+
+double height_over(const DistanceGrid& grid, double x, double y) {
+  const auto inside = [&](double z) { return distance_in(grid, {x, y, z}).distance <= 0.0; };
+  const double below = grid.origin[2] + grid.step, step = 0.5 * grid.step;
+  for (Index k = 1; k <= 2 * (grid.n[2] - 3); ++k) {
+    double high = below + step * static_cast<double>(k), low = high - step;
+    if (!inside(high)) continue;
+    for (int halving = 0; halving < 40; ++halving) {
+      const double middle = 0.5 * (low + high);
+      (inside(middle) ? high : low) = middle;
+    }
+    return high;
+  }
+  return std::numeric_limits<double>::infinity();
 }
 
 }  // namespace dimple

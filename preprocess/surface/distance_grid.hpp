@@ -28,4 +28,8 @@ struct Distance {
 };
 Distance distance_in(const DistanceGrid& grid, const Vec3& x);
 
+/// How high the surface is above x, y, seen from below [m]: the lowest z within the grid that is inside;
+/// infinite where none is.
+double height_over(const DistanceGrid& grid, double x, double y);
+
 }  // namespace dimple

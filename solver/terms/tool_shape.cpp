@@ -36,6 +36,7 @@ InPlane in_plane(const ToolShape& shape, double r, double z) {
     case ToolShape::Kind::capsule:
       return to_ball(r, z, shape.radius, std::clamp(z, shape.radius, shape.length - shape.radius));
     case ToolShape::Kind::sphere:
+    case ToolShape::Kind::drawn:
       break;
   }
   return to_ball(r, z, shape.radius, shape.radius);
@@ -49,10 +50,34 @@ double depth_of_contact(const ToolShape& shape, double a) {
   return a / shape.edge * (std::sqrt(a * a - b * b) - b * std::acos(b / a));
 }
 
+// To where the profile of a tool that was drawn has that height.
+double radius_at_height(const ToolShape& shape, double height) {
+  constexpr double least = 0.02;  // of the radius
+  const std::vector<double>& lower = shape.mesh->lower;
+  const double step = shape.radius / static_cast<double>(lower.size() - 1);
+  std::size_t k = 0;
+  while (k + 1 < lower.size() && lower[k + 1] < height) ++k;
+  double r = step * static_cast<double>(k);
+  if (k + 1 < lower.size() && std::isfinite(lower[k + 1]) && lower[k] < height)
+    r += step * (height - lower[k]) / (lower[k + 1] - lower[k]);
+  return std::clamp(r, least * shape.radius, shape.radius);
+}
+
 }  // namespace
+
+Mat3 ToolPose::axes() const {
+  const Vec3 up = -points_at, along = std::abs(up.x()) < 0.9 ? Vec3::UnitX() : Vec3::UnitY();
+  const Vec3 x = (along - along.dot(up) * up).normalized();
+  return (Mat3() << x, up.cross(x), up).finished();
+}
 
 ToolDistance distance_to_tool(const ToolShape& shape, const ToolPose& pose, const Vec3& x) {
   const Vec3 d = x - pose.tip;
+  if (shape.kind == ToolShape::Kind::drawn) {
+    const Mat3 axes = pose.axes();
+    const Distance here = distance_in(shape.mesh->distance, axes.transpose() * d);
+    return {here.distance, axes * here.gradient.normalized()};
+  }
   const double z = -d.dot(pose.points_at);
   const Vec3 across = d + z * pose.points_at;
   const double r = across.norm();
@@ -61,8 +86,22 @@ ToolDistance distance_to_tool(const ToolShape& shape, const ToolPose& pose, cons
   return {here.distance, here.by_r * out - here.by_z * pose.points_at};
 }
 
+double height_of_tool(const ToolShape& shape, const ToolPose& pose, const Vec3& x) {
+  const Vec3 d = x - pose.tip;
+  if (shape.kind != ToolShape::Kind::drawn)
+    return height_of_tool(shape, (d - d.dot(pose.points_at) * pose.points_at).norm());
+  const Vec3 at = pose.axes().transpose() * d;
+  return height_over(shape.mesh->distance, at.x(), at.y());
+}
+
 double height_of_tool(const ToolShape& shape, double r) {
   if (r > shape.radius) return std::numeric_limits<double>::infinity();
+  if (shape.kind == ToolShape::Kind::drawn) {
+    const std::vector<double>& lower = shape.mesh->lower;
+    const double at = r / shape.radius * static_cast<double>(lower.size() - 1);
+    const std::size_t k = std::min(static_cast<std::size_t>(at), lower.size() - 2);
+    return std::min(lower[k], lower[k + 1]);
+  }
   const double rounded = shape.kind == ToolShape::Kind::punch ? shape.edge : shape.radius;
   const double beside = std::max(0.0, r - (shape.radius - rounded));
   return rounded - std::sqrt(std::max(0.0, rounded * rounded - beside * beside));
@@ -74,6 +113,8 @@ double length_of_tool(const ToolShape& shape) {
       return std::numeric_limits<double>::infinity();
     case ToolShape::Kind::capsule:
       return shape.length;
+    case ToolShape::Kind::drawn:
+      return shape.mesh->length;
     case ToolShape::Kind::sphere:
       break;
   }
@@ -81,6 +122,7 @@ double length_of_tool(const ToolShape& shape) {
 }
 
 double contact_radius(const ToolShape& shape, double depth) {
+  if (shape.kind == ToolShape::Kind::drawn) return radius_at_height(shape, 0.5 * depth);
   double low = shape.kind == ToolShape::Kind::punch ? shape.radius - shape.edge : 0.0, high = shape.radius;
   for (int k = 0; k < 60; ++k) {
     const double a = 0.5 * (low + high);

@@ -1,26 +1,35 @@
 #pragma once
 
+#include <memory>
+
 #include "io/types.hpp"
+#include "preprocess/scene/tool_mesh.hpp"
 
 namespace dimple {
 
-/// A rigid tool: a body of revolution about its own axis, with its tip at the bottom. SI units.
+/// A rigid tool with its tip at the bottom: a body of revolution about its own axis, or as it was drawn. SI
+/// units.
 struct ToolShape {
   enum class Kind {
-    sphere,  ///< of `radius`
-    punch,   ///< a flat-ended cylinder of `radius` whose rim is rounded by `edge`; it has no upper end
-    capsule  ///< a rod of `radius` and `length` with both ends round, which stands on one of them
+    sphere,   ///< of `radius`
+    punch,    ///< a flat-ended cylinder of `radius` whose rim is rounded by `edge`; it has no upper end
+    capsule,  ///< a rod of `radius` and `length` with both ends round, which stands on one of them
+    drawn     ///< `mesh`, `radius` half its width
   };
   Kind kind = Kind::sphere;
-  double radius = 5e-3;  ///< [m]
-  double edge = 0.0;     ///< [m] of a punch: more than 0, at most the radius
-  double length = 0.0;   ///< [m] of a capsule, with its ends: at least two radii
+  double radius = 5e-3;                            ///< [m]
+  double edge = 0.0;                               ///< [m] of a punch: more than 0, at most the radius
+  double length = 0.0;                             ///< [m] of a capsule, with its ends: at least two radii
+  std::shared_ptr<const ToolMesh> mesh = nullptr;  ///< of a tool that was drawn
 };
 
 /// Where it stands: its tip, and the unit vector from its upper end to its tip.
 struct ToolPose {
   Vec3 tip = Vec3::Zero();          ///< [m]
   Vec3 points_at = -Vec3::UnitZ();  ///< unit vector
+  /// [3x3] from the frame of a tool that was drawn: its z axis away from points_at, its x axis as nearly
+  /// along x (LPS: to the left) as it can be, along y where points_at is that.
+  Mat3 axes() const;
 };
 
 /// From the tool's surface to a place, negative inside of the tool [m]; and its gradient, the unit normal of
@@ -31,14 +40,18 @@ struct ToolDistance {
 };
 ToolDistance distance_to_tool(const ToolShape& shape, const ToolPose& pose, const Vec3& x);
 
-/// How far above its tip the tool's lower surface is, `r` [m] from its axis [m]; infinite beside the tool.
+/// How far above its tip the tool's lower surface is, `r` [m] from its axis [m], of a tool that was drawn at
+/// the least in any direction; infinite beside the tool.
 double height_of_tool(const ToolShape& shape, double r);
+/// The same straight above a place.
+double height_of_tool(const ToolShape& shape, const ToolPose& pose, const Vec3& x);
 
 /// From the tip to the upper end [m]; infinite where there is none.
 double length_of_tool(const ToolShape& shape);
 
 /// The radius [m] of the contact with a half-space, linear elastic and without friction, at a depth [m]
-/// (Sneddon 1965), of a capsule that of its end; at most nearly the tool's own.
+/// (Sneddon 1965), of a capsule that of its end; at most nearly the tool's own. Of a tool that was drawn: to
+/// where its lower surface is half of the depth above its tip, as it is of a paraboloid.
 double contact_radius(const ToolShape& shape, double depth);
 
 }  // namespace dimple

@@ -12,7 +12,7 @@ ToolPose first_touch(const ToolShape& shape, const Indenter& at, const ContactSu
     for (const auto& x : places.colwise()) {
       const Vec3 d = x - at.centre;
       const double along = d.dot(at.push);
-      way = std::min(way, along + height_of_tool(shape, (d - along * at.push).norm()));
+      way = std::min(way, along + height_of_tool(shape, {at.centre, at.push}, x));
     }
   };
   meet(surface.place);

@@ -10,6 +10,7 @@
 
 #include "io/error.hpp"
 #include "io/surface_mesh.hpp"
+#include "preprocess/surface/closed_mesh.hpp"
 #include "preprocess/surface/shapes.hpp"
 #include "tests/helpers/folder.hpp"
 
@@ -59,9 +60,13 @@ TriangleMesh together(const TriangleMesh& a, const TriangleMesh& b) {
   return both;
 }
 
+ToolMesh drawn(const TriangleMesh& mesh) {
+  return tool_mesh(mesh.vertex, mesh.triangles, "probe.stl");
+}
+
 std::string refusal(const TriangleMesh& mesh) {
   try {
-    tool_mesh(mesh, "probe.stl", 10.0);
+    tool_mesh(mesh.vertex, mesh.triangles, "probe.stl");
   } catch (const InputError& error) {
     EXPECT_EQ(error.report.code, "tool-mesh");
     return error.report.fact + " / " + error.report.why + " / " + error.report.remedy;
@@ -71,7 +76,7 @@ std::string refusal(const TriangleMesh& mesh) {
 
 TEST(ToolMesh, OfABallHasItsDistancesAndNormals) {
   const double R = 5e-3;
-  const ToolMesh tool = tool_mesh(ball(5.0, {100, -40, 7}), "ball.stl", 10.0);
+  const ToolMesh tool = drawn(ball(5.0, {100, -40, 7}));
   EXPECT_FALSE(tool.turned);
   EXPECT_NEAR(tool.length, 2 * R, 1e-12);
   EXPECT_NEAR(tool.width, 2 * R, 1e-12);
@@ -93,7 +98,7 @@ TEST(ToolMesh, OfABallHasItsDistancesAndNormals) {
 
 TEST(ToolMesh, GoesOnUpwardWhereItIsNotSampledAndFarAwayIsFar) {
   const BodySurface rod = cylinder_surface(2.0, 40.0, 180);
-  const ToolMesh tool = tool_mesh({rod.vertex(), rod.triangles()}, "rod.stl", 8.0);
+  const ToolMesh tool = drawn({rod.vertex(), rod.triangles()});
   EXPECT_NEAR(tool.length, 40e-3, 1e-12);
   for (const double height : {5e-3, 20e-3, 100e-3}) {
     EXPECT_NEAR(distance_in(tool.distance, Vec3(3e-3, 0, height)).distance, 1e-3, 2e-5) << height;
@@ -109,9 +114,9 @@ TEST(ToolMesh, IsTheSameToolHoweverItsTrianglesFace) {
   inverted.triangles.row(1).swap(inverted.triangles.row(2));
   for (Index t = 0; t < mixed.triangles.cols(); t += 3)
     std::swap(mixed.triangles(1, t), mixed.triangles(2, t));
-  const ToolMesh usual = tool_mesh(ball(5.0, Vec3::Zero(), 32), "ball.stl", 10.0);
+  const ToolMesh usual = drawn(ball(5.0, Vec3::Zero(), 32));
   for (const TriangleMesh& mesh : {inverted, mixed}) {
-    const ToolMesh tool = tool_mesh(mesh, "ball.stl", 10.0);
+    const ToolMesh tool = drawn(mesh);
     EXPECT_TRUE(tool.turned);
     EXPECT_NEAR(tool.volume_mm3, usual.volume_mm3, 1e-9 * usual.volume_mm3);
     EXPECT_EQ(tool.distance.value.size(), usual.distance.value.size());
