@@ -2,12 +2,15 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <new>
 #include <utility>
 
 #include "apps/run/pipeline.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/tool.hpp"
+#include "apps/run/tool_band.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -27,6 +30,7 @@ Result coarser_march(Index nodes, const Config& config, const Result& result) {
   complete(config, place(nodes, config, origin.organ, origin.image, talk, coarse), talk, coarse);
   coarse.time = result.time;
   coarse.loading = result.loading;
+  coarse.loading.touch = touch_of(config, coarse.model);
   coarse.followed = result.followed;
   SolverOptions options = solver_options(config);
   options.frames = 1;  // nobody looks at them
@@ -41,8 +45,6 @@ std::string no_band(const Config& config) {
   const Config usual;
   if (config.scheme.name != usual.scheme.name) return "it was measured for the converging scheme alone";
   if (config.solver.time == "explicit" || config.solver.time == "dynamic") return not_for_dynamics;
-  if (config.tool.shape != usual.tool.shape)
-    return "it was measured for the bonded circle, not for a tool that touches";
   if (config.load.contact != usual.load.contact)
     return "it was measured for a circle to which the tissue is bonded";
   if (has_loads(config)) return "it was measured for bodies that bear no load but the tool's";
@@ -62,6 +64,11 @@ std::string no_band(const Config& config) {
       config.support.basis != usual.support.basis || config.support.weight != usual.support.weight ||
       config.support.radius_factor != usual.support.radius_factor)
     return "it was measured for the default nodes, points and supports alone";
+  if (const std::optional<ToolShape> tool = tool_of(config)) {
+    if (1e-3 * config.load.depth_mm <= deepest_with_tool_band * tool->radius * (1.0 + 1e-9)) return {};
+    return fmt::format("of a tool that touches it was measured down to {:g} of its radius",
+                       deepest_with_tool_band);
+  }
   if (config.load.depth_mm > deepest_with_band * 0.5 * config.boundary.indenter_diameter_mm)
     return fmt::format("it was measured down to {} radii of the circle", deepest_with_band);
   return {};
@@ -71,7 +78,14 @@ std::string no_band(const Config& config, const Organ& organ, const Boundary& bo
                     const Result& result) {
   if (result.time != TimeMode::quasi_static) return not_for_dynamics;
   if (const std::string none = no_band(config); !none.empty()) return none;
-  return no_band(body_under_circle(organ.body->surface, boundary, organ.options.boundary.voxel_mm));
+  const BodyUnderCircle body =
+      body_under_circle(organ.body->surface, boundary, organ.options.boundary.voxel_mm);
+  if (!tool_of(config)) return no_band(body);
+  if (body.thickness >= thinnest_with_tool_band) return {};
+  return fmt::format(
+      "it was measured where the body is {:g} radii of the contact thick or more under it, and here it is "
+      "{:.2g}",
+      thinnest_with_tool_band, body.thickness);
 }
 
 std::string no_labels(const Config& config, const Origin& origin) {
@@ -85,7 +99,8 @@ std::string no_band_after(const Config& config, const Result& result) {
   if (const std::string none = no_labels(config, *origin); !none.empty()) return none;
   if (const std::string none = no_band(config, origin->organ, origin->boundary, result); !none.empty())
     return none;
-  const Index fewest = fewest_nodes_with_band(result.facing_share);
+  const Index fewest = std::max(fewest_nodes_with_band(result.facing_share),
+                                tool_of(config) ? fewest_nodes_with_tool_band : Index{0});
   if (result.model.node_count() >= fewest) return {};
   return fmt::format("it was measured from {0} nodes on{1}; give --nodes {0}", fewest,
                      result.facing_share > most_facing ? " where a body has folds" : "");
@@ -106,8 +121,11 @@ BandOfRun band_of_run(const Config& config, const Result& result) {
   const std::string cloud = fmt::format("with {} nodes, with which it is compared, ", band.coarse_nodes);
   try {
     const Result coarse = unless_stopped([&] { return coarser_march(band.coarse_nodes, config, result); });
-    band.half = half_widths(result.history.force, result.model.node_count(), coarse.history.force,
-                            result.model.tool.radius, !config.tissue.empty());
+    band.half = result.loading.touch
+                    ? tool_half_widths(result.history.force, result.model, coarse.history.force,
+                                       result.loading.touch->shape)
+                    : half_widths(result.history.force, result.model.node_count(), coarse.history.force,
+                                  result.model.tool.radius, !config.tissue.empty());
     if (band.half.empty())
       band.unknown = cloud + "the force ends before";
     else if (result.followed)
