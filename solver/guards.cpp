@@ -362,8 +362,10 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
         {.fact = text("the tool has come ", 1e3 * audit.beyond,
                       " mm into a part of the surface on which no contact is looked for"),
          .where = moment(now) + text("; that part at rest at ", in_mm(surface.beyond.col(audit.beyond_at))),
-         .why = "contact is looked for within 1.5 radii of the tool's axis, on what faces the tool: it has "
-                "passed through thin tissue, or reached the base, or a fold beside it",
+         .why =
+             "contact is looked for near the tool's axis, to half its radius or the depth beyond it, on what "
+             "faces the tool: it has "
+             "passed through thin tissue, or reached the base, or a fold beside it",
          .remedy = "use a smaller --depth, a smaller tool, or a place further from folds and edges "
                    "(--indent-at)",
          .code = "contact-surface"});

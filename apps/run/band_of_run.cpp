@@ -5,6 +5,7 @@
 #include <tbb/task_arena.h>
 #include <tbb/task_group.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <exception>
@@ -13,6 +14,8 @@
 
 #include "apps/run/pipeline.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/tool.hpp"
+#include "apps/run/tool_band.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -52,6 +55,7 @@ struct CoarserMarch::Parts {
         Placed placed = place(nodes, config, origin->organ, origin->image, talk, coarse);
         go_on();
         complete(config, std::move(placed), talk, coarse);
+        coarse.loading.touch = touch_of(config, coarse.model);
         SolverOptions options = solver_options(config);
         options.frames = 1;  // nobody looks at them
         march(config, options,
@@ -105,8 +109,6 @@ std::string no_band(const Config& config) {
   const Config usual;
   if (config.scheme.name != usual.scheme.name) return "it was measured for the converging scheme alone";
   if (config.solver.time == "explicit" || config.solver.time == "dynamic") return not_for_dynamics;
-  if (config.tool.shape != usual.tool.shape)
-    return "it was measured for the bonded circle, not for a tool that touches";
   if (config.load.contact != usual.load.contact)
     return "it was measured for a circle to which the tissue is bonded";
   if (has_loads(config)) return "it was measured for bodies that bear no load but the tool's";
@@ -126,6 +128,11 @@ std::string no_band(const Config& config) {
       config.support.basis != usual.support.basis || config.support.weight != usual.support.weight ||
       config.support.radius_factor != usual.support.radius_factor)
     return "it was measured for the default nodes, points and supports alone";
+  if (const std::optional<ToolShape> tool = tool_of(config)) {
+    if (1e-3 * config.load.depth_mm <= deepest_with_tool_band * tool->radius * (1.0 + 1e-9)) return {};
+    return fmt::format("of a tool that touches it was measured down to {:g} of its radius",
+                       deepest_with_tool_band);
+  }
   if (config.load.depth_mm > deepest_with_band * 0.5 * config.boundary.indenter_diameter_mm)
     return fmt::format("it was measured down to {} radii of the circle", deepest_with_band);
   return {};
@@ -135,7 +142,14 @@ std::string no_band(const Config& config, const Organ& organ, const Boundary& bo
                     const Result& result) {
   if (result.time != TimeMode::quasi_static) return not_for_dynamics;
   if (const std::string none = no_band(config); !none.empty()) return none;
-  return no_band(body_under_circle(organ.body->surface, boundary, organ.options.boundary.voxel_mm));
+  const BodyUnderCircle body =
+      body_under_circle(organ.body->surface, boundary, organ.options.boundary.voxel_mm);
+  if (!tool_of(config)) return no_band(body);
+  if (body.thickness >= thinnest_with_tool_band) return {};
+  return fmt::format(
+      "it was measured where the body is {:g} radii of the contact thick or more under it, and here it is "
+      "{:.2g}",
+      thinnest_with_tool_band, body.thickness);
 }
 
 std::string no_labels(const Config& config, const Origin& origin) {
@@ -149,7 +163,8 @@ std::string no_band_after(const Config& config, const Result& result) {
   if (const std::string none = no_labels(config, *origin); !none.empty()) return none;
   if (const std::string none = no_band(config, origin->organ, origin->boundary, result); !none.empty())
     return none;
-  const Index fewest = fewest_nodes_with_band(result.facing_share);
+  const Index fewest = std::max(fewest_nodes_with_band(result.facing_share),
+                                tool_of(config) ? fewest_nodes_with_tool_band : Index{0});
   if (result.model.node_count() >= fewest) return {};
   return fmt::format("it was measured from {0} nodes on{1}; give --nodes {0}", fewest,
                      result.facing_share > most_facing ? " where a body has folds" : "");
@@ -169,8 +184,11 @@ BandOfRun band_of_run(const Config& config, const Result& result, CoarserMarch& 
   const std::string cloud = fmt::format("with {} nodes, with which it is compared, ", band.coarse_nodes);
   try {
     const Result& coarse = coarser();
-    band.half = half_widths(result.history.force, result.model.node_count(), coarse.history.force,
-                            result.model.tool.radius, !config.tissue.empty());
+    band.half = result.loading.touch
+                    ? tool_half_widths(result.history.force, result.model, coarse.history.force,
+                                       result.loading.touch->shape)
+                    : half_widths(result.history.force, result.model.node_count(), coarse.history.force,
+                                  result.model.tool.radius, !config.tissue.empty());
     if (band.half.empty())
       band.unknown = cloud + "the force ends before";
     else if (result.followed)

@@ -62,6 +62,45 @@ TEST(ToolThatTouches, IsRepeatedByTheConfigurationThatItsRunWrote) {
   EXPECT_EQ(text_of(folder / "out" / "force.csv"), text_of(folder / "again" / "force.csv"));
 }
 
+TEST(ToolThatTouches, GoesInByAShareOfItsRadiusWhereNoDepthIsGivenAndSaysSo) {
+  const fs::path folder = with_phantom();
+  const Ran ran =
+      dimple(folder, "run brain.nrrd -o out --write force --tool sphere:2mm --nodes 800 --frames 2");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  EXPECT_NE(ran.err.find("1.60 mm, 0.8 of its radius, as no --depth was given"), std::string::npos)
+      << ran.err;
+  const auto summary = nlohmann::json::parse(text_of(folder / "out" / "summary.json"));
+  EXPECT_NEAR(summary["requested"]["depth_mm"].get<double>(), 1.6, 1e-12);
+  // A depth that is given counts, also where it is the circle's usual one.
+  EXPECT_EQ(dimple(folder, "run brain.nrrd -o deep --tool sphere:2mm --depth 8mm -q").code, 2);
+}
+
+TEST(ToolThatTouches, HasABandThatLiesAroundItsForceAtEveryDepth) {
+  const fs::path folder = with_phantom();
+  ASSERT_EQ(
+      dimple(folder, "run brain.nrrd -o out --write force --tool sphere:5mm --depth 2mm --frames 4 -q").code,
+      0);
+  const Table curve = read_csv(folder / "out" / "force.csv");
+  const auto &force = *curve.find("force_N"), &low = *curve.find("low_N"), &high = *curve.find("high_N");
+  ASSERT_GT(force.size(), 3u);
+  std::vector<double> share;
+  for (std::size_t k = 1; k < force.size(); ++k) {
+    EXPECT_NEAR(0.5 * (high[k] + low[k]), force[k], 1e-9 * force[k]);
+    share.push_back(0.5 * (high[k] - low[k]) / force[k]);
+    EXPECT_GT(share.back(), 0.01);
+    EXPECT_LT(share.back(), 0.2);
+  }
+  EXPECT_GT(share.front(), share.back()) << "where fewer nodes touch less is known";
+}
+
+TEST(ToolThatTouches, MayBeWiderThanTheOrganAsItsContactFindsRoom) {
+  const fs::path folder = with_phantom();
+  const Ran ran = dimple(
+      folder,
+      "run brain.nrrd -o out --write force --tool sphere:100mm --depth 0.5mm --nodes 800 --frames 2 -q");
+  EXPECT_EQ(ran.code, 0) << ran.err;
+}
+
 TEST(ToolThatTouches, IsTooFastOnlyAtARateThatSomebodyAskedFor) {
   const fs::path folder = with_phantom();
   const std::string shallow =

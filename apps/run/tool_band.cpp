@@ -1,0 +1,57 @@
+#include "apps/run/tool_band.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "apps/run/band.hpp"
+
+namespace dimple {
+namespace {
+
+struct Changes {
+  std::vector<double> depth, most;  // the largest change until there
+  double at(double d) const {
+    const auto after =
+        static_cast<std::size_t>(std::lower_bound(depth.begin(), depth.end(), d) - depth.begin());
+    return most[std::min(after, most.size() - 1)];
+  }
+};
+
+}  // namespace
+
+const double tool_band_multiplier = 1.5;
+
+double tool_band_measure(double change, Index nodes, double spacing, double contact) {
+  const double r = spacing / contact;
+  return 0.3 * std::abs(change) + 0.01 * std::pow(1e-3 * static_cast<double>(nodes), -0.6) + 0.4 * r * r;
+}
+
+double tool_band_half_width(double change, Index nodes, double spacing, double contact) {
+  return tool_band_multiplier * tool_band_measure(change, nodes, spacing, contact);
+}
+
+std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, const Model& model,
+                                     const std::vector<ForceSample>& coarse, const ToolShape& shape) {
+  if (force.empty() || coarse.empty() || coarse.back().depth < force.back().depth * (1.0 - 1e-9)) return {};
+  Changes changes;
+  for (const ForceSample& sample : coarse)
+    if (sample.force > 0.0 && sample.depth <= force.back().depth * (1.0 + 1e-9))
+      changes.depth.push_back(sample.depth);
+  if (changes.depth.empty()) return {};
+  const std::vector<double> fine = forces_between(force, changes.depth),
+                            other = forces_between(coarse, changes.depth);
+  for (std::size_t k = 0; k < fine.size(); ++k) {
+    const double here = std::abs(fine[k] / other[k] - 1.0);
+    changes.most.push_back(k > 0 ? std::max(changes.most.back(), here) : here);
+  }
+  const double spacing = model.spacing.minCoeff();
+  std::vector<double> half;
+  for (const ForceSample& sample : force)
+    half.push_back(sample.depth > 0.0 ? std::abs(sample.force) *
+                                            tool_band_half_width(changes.at(sample.depth), model.node_count(),
+                                                                 spacing, contact_radius(shape, sample.depth))
+                                      : 0.0);
+  return half;
+}
+
+}  // namespace dimple

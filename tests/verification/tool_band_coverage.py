@@ -1,0 +1,56 @@
+#!/usr/bin/env python3
+"""Whether the bands of tools that touch hold on images: each scene's default run against its own with 12,000 nodes.
+
+    tool_band_coverage.py PROGRAM DATA > results/tool_band_coverage.csv
+
+DATA: the folder with the label images. A band holds if the finer force lies in it at all depths that both have.
+"""
+import csv
+import os
+import subprocess
+import sys
+import tempfile
+
+IMAGES = {"heart": ["heart_ct_1.5mm.nii.gz"], "liver": ["abdomen_mr_3mm.nii.gz", "--label", "5"],
+          "lung": ["lung_ct_aniso.mha"], "brain": ["human_brain_mri_2mm.nrrd"]}
+SCENES = [("liver", "sphere:5mm"), ("lung", "sphere:5mm"), ("heart", "sphere:5mm"), ("liver", "sphere:2mm"),
+          ("lung", "sphere:10mm"), ("liver", "punch:5mm,edge=1mm"), ("heart", "sphere:10mm"), ("lung", "capsule:2mm,length=20mm"),
+          ("liver", "sphere:10mm"), ("heart", "sphere:2mm"), ("brain", "sphere:10mm"), ("brain", "punch:5mm,edge=1mm")]
+
+
+def run(program, data, image, tool, folder, *more):
+    args = [os.path.join(data, IMAGES[image][0]), *IMAGES[image][1:]]
+    subprocess.run([program, "run", *args, "--tool", tool, "-o", folder, "--write", "force", "-q", *more],
+                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        return list(csv.DictReader(open(os.path.join(folder, "force.csv"))))
+    except FileNotFoundError:
+        return []
+
+
+def main(program, data):
+    out = csv.writer(sys.stdout, lineterminator="\n")
+    out.writerow(["image", "tool", "depth_mm", "force_N", "low_N", "high_N", "force_of_12000_N", "off_percent",
+                  "most_of_half_band", "holds"])
+    for image, tool in SCENES:
+        with tempfile.TemporaryDirectory() as folder:
+            ours = run(program, data, image, tool, folder + "/a")
+            fine = {round(float(r["indentation_mm"]), 6): float(r["force_N"])
+                    for r in run(program, data, image, tool, folder + "/b", "--nodes", "12000", "--set", "accuracy.band=off")}
+        both = [(r, fine[round(float(r["indentation_mm"]), 6)]) for r in ours
+                if round(float(r["indentation_mm"]), 6) in fine and float(r["indentation_mm"]) > 0]
+        if not both:
+            out.writerow([image, tool, "", "", "", "", "", "", "", "no force to compare"])
+        elif "low_N" not in both[-1][0] or not both[-1][0]["low_N"]:
+            out.writerow([image, tool, *[both[-1][0][k] for k in ("indentation_mm", "force_N")], "", "",
+                          both[-1][1], "", "", "no band"])
+        else:
+            used = max(abs(f - float(r["force_N"])) / (0.5 * (float(r["high_N"]) - float(r["low_N"]))) for r, f in both)
+            r, f = both[-1]
+            out.writerow([image, tool, *[r[k] for k in ("indentation_mm", "force_N", "low_N", "high_N")], f,
+                          f"{100 * (float(r['force_N']) / f - 1):.2f}", f"{used:.2f}", "yes" if used <= 1 else "no"])
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2])

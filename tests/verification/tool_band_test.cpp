@@ -1,0 +1,121 @@
+// The band of the force of a tool that touches, on scenes whose force finite elements know.
+
+#include "apps/run/tool_band.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+
+#include "apps/run/config.hpp"
+#include "apps/run/tool.hpp"
+#include "io/table.hpp"
+#include "preprocess/build_model.hpp"
+#include "preprocess/surface/shapes.hpp"
+#include "solver/solve.hpp"
+
+namespace dimple {
+namespace {
+
+struct Scene {
+  std::string name, tool = "sphere:5mm";
+  double radius_mm = 0.0, height_mm = 0.0, nu = 0.499;
+  std::map<double, double> force = {};  // [N] at depths [mm]
+  bool calibrates = false;
+};
+
+std::vector<Scene> scenes() {
+  std::map<std::string, Scene> small;
+  for (const TextTable::Row& row : read_text_csv(DIMPLE_REFERENCE_DIR "/small_contacts.csv").row) {
+    Scene& scene = small["depth " + row.field[0] + ", " + row.field[1] + " radii"];
+    scene.radius_mm = scene.height_mm = std::stod(row.field[2]);
+    scene.calibrates = row.field[1] != "10";
+    scene.force[std::stod(row.field[3])] = std::stod(row.field[4]);
+  }
+  std::vector<Scene> all;
+  for (auto& [name, scene] : small) {
+    scene.name = name;
+    all.push_back(scene);
+  }
+  std::vector<Scene> large = {{"sphere", "sphere:5mm", 30, 30, 0.499, {}, true},
+                              {"sphere_nu_0.49", "sphere:5mm", 30, 30, 0.49},
+                              {"sphere_nu_0.45", "sphere:5mm", 30, 30, 0.45},
+                              {"sphere_layer", "sphere:5mm", 40, 10, 0.499},
+                              {"punch", "punch:5mm,edge=1mm", 30, 30, 0.499, {}, true},
+                              {"punch_nu_0.45", "punch:5mm,edge=1mm", 30, 30, 0.45}};
+  const TextTable table = read_text_csv(DIMPLE_REFERENCE_DIR "/contact.csv");
+  for (Scene& scene : large) {
+    for (const TextTable::Row& row : table.row)
+      if (row.field[0] == scene.name && std::stod(row.field[1]) <= 4.0)
+        scene.force[std::stod(row.field[1])] = std::stod(row.field[2]);
+    all.push_back(scene);
+  }
+  return all;
+}
+
+struct Curve {
+  std::vector<ForceSample> force;
+  Model model;
+};
+
+Curve curve_of(const Scene& scene, Index nodes) {
+  Config config;
+  const auto set = [&](const char* key, const std::string& value) { set_option(config, key, value, "test"); };
+  set("tool.shape", scene.tool);
+  set("load.depth_mm", std::to_string(scene.force.rbegin()->first));
+  set("cloud.nodes", std::to_string(nodes));
+  set("boundary.base", "inferior");
+  set("boundary.indent_at", "0,0,top");
+  BuiltModel built = build_model(cylinder_surface(scene.radius_mm, scene.height_mm), model_options(config));
+  const ForceSystem tissue(built.model, {{neo_hookean(210.0, scene.nu, 1000.0)}, built.model.tissue},
+                           Precision::single_);
+  Loading loading{.depth = 1e-3 * config.load.depth_mm};
+  loading.touch = touch_of(config, built.model);
+  History history;
+  solve(TimeMode::quasi_static, tissue, built.model, loading, {.frames = 8}, {}, history);
+  return {history.force, std::move(built.model)};
+}
+
+// The largest of error / measure over a scene's depths: what the multiplier must be for its band to hold.
+double needed(const Scene& scene, Index nodes, bool& known) {
+  const Curve fine = curve_of(scene, nodes), coarse = curve_of(scene, nodes / 2);
+  Config config;
+  set_option(config, "tool.shape", scene.tool, "test");
+  const std::vector<double> half = tool_half_widths(fine.force, fine.model, coarse.force, *tool_of(config));
+  known = !half.empty();
+  double most = 0.0;
+  for (std::size_t k = 0; known && k < half.size(); ++k)
+    for (const auto& [depth, force] : scene.force)
+      if (std::abs(1e3 * fine.force[k].depth - depth) < 1e-5)
+        most = std::max(most, std::abs(fine.force[k].force - force) / half[k]);
+  std::printf("%s,%s,%td,%.3f,%.1f\n", scene.calibrates ? "calibration" : "proof", scene.name.c_str(), nodes,
+              most * tool_band_multiplier, known ? 100.0 * half.back() / fine.force.back().force : 0.0);
+  std::fflush(stdout);
+  return most;
+}
+
+class ToolBand : public testing::TestWithParam<bool> {};
+
+TEST_P(ToolBand, HoldsAtAllDepthsAtOnceOnScenesOfFiniteElements) {
+  int all = 0, hold = 0;
+  for (const Scene& scene : scenes()) {
+    if (scene.calibrates != GetParam()) continue;
+    for (const Index nodes : {Index{1500}, Index{3000}}) {
+      if (scene.tool.starts_with("punch") && nodes < 3000) continue;
+      bool known = false;
+      const double used = needed(scene, scene.tool.starts_with("punch") ? 4000 : nodes, known);
+      if (!known) continue;
+      ++all;
+      hold += used <= 1.0;
+    }
+  }
+  std::printf("%d of %d bands hold\n", hold, all);
+  EXPECT_GE(hold, 0.9 * all);
+}
+INSTANTIATE_TEST_SUITE_P(Scenes, ToolBand, testing::Bool(),
+                         [](const auto& info) { return info.param ? "OfTheCalibration" : "OfTheProof"; });
+
+}  // namespace
+}  // namespace dimple
