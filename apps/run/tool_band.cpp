@@ -19,7 +19,7 @@ struct Changes {
 
 }  // namespace
 
-const double tool_band_multiplier = 1.5;
+const double tool_band_multiplier = 2.7;
 
 double tool_band_measure(double change, Index nodes, double spacing, double contact) {
   const double r = spacing / contact;
