@@ -69,6 +69,14 @@ TEST(BoxTree, MeetsEachTriangleWithinReachOnce) {
       tree.around(x, visit);
       std::sort(visit.met.begin(), visit.met.end());
       EXPECT_EQ(std::adjacent_find(visit.met.begin(), visit.met.end()), visit.met.end());
+      for (const int t : visit.met) {  // nor what its own box says to be farther
+        const auto corner = [&](int k) {
+          return Vec3(body.surface.vertex().col(body.surface.triangles()(k, t)));
+        };
+        const Vec3 low = corner(0).cwiseMin(corner(1)).cwiseMin(corner(2)),
+                   high = corner(0).cwiseMax(corner(1)).cwiseMax(corner(2));
+        EXPECT_LE((low - x).cwiseMax(x - high).cwiseMax(0.0).norm(), reach + 0.01);
+      }
       for (Index t = 0; t < body.surface.triangles().cols(); ++t) {
         if (body.distance(x, t) > reach) continue;
         ASSERT_TRUE(std::binary_search(visit.met.begin(), visit.met.end(), static_cast<int>(t)))
