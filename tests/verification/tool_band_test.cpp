@@ -115,7 +115,7 @@ TEST_P(ToolBand, HoldsAtAllDepthsAtOnceOnScenesOfFiniteElements) {
   EXPECT_GE(hold, 0.9 * all);
 }
 INSTANTIATE_TEST_SUITE_P(Scenes, ToolBand, testing::Bool(),
-                         [](const auto& info) { return info.param ? "OfTheCalibration" : "OfTheProof"; });
+                         [](const auto& of) { return of.param ? "OfTheCalibration" : "OfTheProof"; });
 
 }  // namespace
 }  // namespace dimple
