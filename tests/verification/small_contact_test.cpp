@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <map>
 #include <numbers>
 
@@ -83,7 +84,10 @@ TEST_P(SmallContact, HasTheForceOfFiniteElementsWithTheNodesThatAreTakenByItself
 }
 INSTANTIATE_TEST_SUITE_P(Spheres, SmallContact, testing::ValuesIn([] {
                            std::vector<std::pair<double, int>> all;
-                           for (const auto& [key, scene] : scenes()) all.push_back(key);
+                           // Those in large bodies, where the contact is smallest beside the nodes; all:
+                           // DIMPLE_ALL_SCENES.
+                           for (const auto& [key, scene] : scenes())
+                             if (key.second == 40 || std::getenv("DIMPLE_ALL_SCENES")) all.push_back(key);
                            return all;
                          }()));
 

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <map>
 
 #include "apps/run/config.hpp"
@@ -99,11 +100,14 @@ double needed(const Scene& scene, Index nodes, bool& known) {
 class ToolBand : public testing::TestWithParam<bool> {};
 
 TEST_P(ToolBand, HoldsAtAllDepthsAtOnceOnScenesOfFiniteElements) {
-  int all = 0, hold = 0;
+  const bool is_whole = std::getenv("DIMPLE_ALL_SCENES") != nullptr;
+  int all = 0, hold = 0, turn = 0;
   for (const Scene& scene : scenes()) {
     if (scene.calibrates != GetParam()) continue;
+    // Each second scene, with the nodes that are taken by itself; all, with 3000 too: DIMPLE_ALL_SCENES.
+    if (!is_whole && ++turn % 2 == 0) continue;
     for (const Index nodes : {Index{1500}, Index{3000}}) {
-      if (scene.tool.starts_with("punch") && nodes < 3000) continue;
+      if (scene.tool.starts_with("punch") ? nodes < 3000 : nodes > 1500 && !is_whole) continue;
       bool known = false;
       const double used = needed(scene, scene.tool.starts_with("punch") ? 4000 : nodes, known);
       if (!known) continue;
