@@ -1,8 +1,12 @@
 // dimple run --tool: a rigid tool that touches without friction, through the program itself.
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <fstream>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "io/table.hpp"
 #include "tests/end_to_end/program.hpp"
@@ -99,6 +103,63 @@ TEST(ToolThatTouches, MayBeWiderThanTheOrganAsItsContactFindsRoom) {
       folder,
       "run brain.nrrd -o out --write force --tool sphere:100mm --depth 0.5mm --nodes 800 --frames 2 -q");
   EXPECT_EQ(ran.code, 0) << ran.err;
+}
+
+// A ball as text STL, `scale` of 10 mm wide, without its last triangles.
+void write_ball(const fs::path& file, double scale, int without = 0) {
+  constexpr int sides = 60, rings = sides / 2;
+  const auto at = [&](int r, int k) {
+    const double polar = std::numbers::pi * r / rings, around = 2.0 * std::numbers::pi * (k % sides) / sides;
+    return fmt::format("vertex {:.9g} {:.9g} {:.9g}\n", 5 * scale * std::sin(polar) * std::cos(around),
+                       5 * scale * std::sin(polar) * std::sin(around), 5 * scale * std::cos(polar));
+  };
+  std::vector<std::string> faces;
+  for (int r = 0; r < rings; ++r)
+    for (int k = 0; k < sides; ++k) {
+      if (r > 0) faces.push_back(at(r, k) + at(r + 1, k) + at(r, k + 1));
+      if (r + 1 < rings) faces.push_back(at(r, k + 1) + at(r + 1, k) + at(r + 1, k + 1));
+    }
+  std::ofstream out(file);
+  out << "solid ball\n";
+  for (std::size_t t = 0; t + static_cast<std::size_t>(without) < faces.size(); ++t)
+    out << "facet normal 0 0 0\nouter loop\n" << faces[t] << "endloop\nendfacet\n";
+  out << "endsolid ball\n";
+}
+
+TEST(ToolThatTouches, MayBeDrawnAndABallThatWasIsASphere) {
+  const fs::path folder = with_phantom();
+  write_ball(folder / "ball.stl", 1.0);
+  std::vector<double> force;
+  for (const char* tool : {"ball.stl", "sphere:5mm"}) {
+    const Ran ran =
+        dimple(folder, std::string("run brain.nrrd -o out --force --write force,picture,surface --tool ") +
+                           tool + quick);
+    ASSERT_EQ(ran.code, 0) << ran.err;
+    const auto summary = nlohmann::json::parse(text_of(folder / "out" / "summary.json"));
+    force.push_back(summary["force_N"]);
+    if (force.size() > 1) continue;
+    EXPECT_EQ(summary["tool"]["file"], "ball.stl");
+    EXPECT_NEAR(summary["tool"]["volume_mm3"].get<double>(), 523.6, 5.0);
+    EXPECT_NE(summary["band"]["unknown"].get<std::string>(), "");
+  }
+  EXPECT_NEAR(force[0], force[1], 0.02 * force[1]);
+}
+
+TEST(ToolThatTouches, AFileThatIsNoToolIsRefusedWithThePlaceBeforeAnythingIsBuilt) {
+  const fs::path folder = with_phantom();
+  write_ball(folder / "open.stl", 1.0, 1);
+  write_ball(folder / "metres.stl", 1e-3);
+  std::ofstream(folder / "letter.stl") << "dear";
+  const std::pair<const char*, const char*> refused[] = {{"open.stl", "has an open border of 3 edges"},
+                                                         {"metres.stl", "scale it by 1000"},
+                                                         {"letter.stl", "is no STL file"},
+                                                         {"nowhere.stl", "nowhere.stl"}};
+  for (const auto& [tool, words] : refused) {
+    const Ran ran = dimple(folder, std::string("run brain.nrrd -o out --tool ") + tool);
+    EXPECT_EQ(ran.code, 3) << ran.err;
+    EXPECT_NE(ran.err.find(words), std::string::npos) << ran.err;
+    EXPECT_FALSE(fs::exists(folder / "out"));
+  }
 }
 
 TEST(ToolThatTouches, IsTooFastOnlyAtARateThatSomebodyAskedFor) {
