@@ -137,7 +137,7 @@ struct Option {
                                           ///< empty: free text
   std::string stage = {};  ///< which commands have the flag: "model", "solve" (run has both), "run" (that
                            ///< alone), "files" (run and solve)
-  bool common = false;                  ///< of those that `--help` lists; `--help-all` lists all
+  bool common = false;     ///< of those that `--help` lists; `--help-all` lists all
   std::vector<std::string> words = {};  ///< of free text, those that it is most often: offered, not demanded
   std::string help = {};
 };
