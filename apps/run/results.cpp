@@ -437,7 +437,7 @@ Overview ResultWriter::body_of(double depth) const {
   picture.radius_mm = model_.tool.radius * 1e3;
   if (touch_) {
     picture.radius_mm = touch_->shape.radius * 1e3;
-    picture.tool = in_words(touch_->shape);
+    picture.tool = touch_->shape.mesh ? touch_->shape.mesh->name : in_words(touch_->shape);
   }
   picture.depth_mm = {1e3 * depth};
   picture.two_threads = beside_;

@@ -710,11 +710,10 @@ void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Defo
 
 void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   const bool has_band = !o.half_N.empty() && o.half_N.size() == o.force_N.size();
-  const Rect room =
-      panel(canvas, rect, "Force against indentation",
-            !o.tool.empty() ? "contact forces on the tool; their error is not known"
-            : has_band      ? "reaction of the circle's nodes; shaded: how far the discretisation may be off"
-                            : "reaction of the circle's nodes; its error is not known");
+  const Rect room = panel(
+      canvas, rect, "Force against indentation",
+      fmt::format("{}; {}", o.tool.empty() ? "reaction of the circle's nodes" : "contact force on the tool",
+                  has_band ? "shaded: how far the discretisation may be off" : "its error is not known"));
   std::vector<Vec2> points;
   std::vector<double> half;
   for (std::size_t i = 0; i < std::min(o.depth_mm.size(), o.force_N.size()); ++i)
