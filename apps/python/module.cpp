@@ -250,6 +250,18 @@ std::string keyword_of(const Option& option) {
   return last.starts_with(word) ? last : word;
 }
 
+// Words that an option of free text knows. In Slicer, which makes a closed list of its words, these stay
+// free.
+std::vector<std::string> words_beside_text(const Option& option) {
+  static const std::map<std::string, std::vector<std::string>> others = {
+      {"image.label_names", {"totalsegmentator", "totalsegmentator-ct", "totalsegmentator-mr", "freesurfer"}},
+      {"boundary.direction", {"auto"}},
+      {"accuracy.quantity", {"force"}},
+      {"output.compare", {paper_word}}};
+  const auto found = others.find(option.key);
+  return found == others.end() ? option.words : found->second;
+}
+
 py::list options() {
   Config defaults;
   py::list result;
@@ -264,7 +276,7 @@ py::list options() {
     entry["unit"] = option.unit;
     entry["help"] = option.help;
     entry["choices"] = option.choices;
-    entry["words"] = option.choices.empty() ? option.words : option.choices;
+    entry["words"] = option.choices.empty() ? words_beside_text(option) : option.choices;
     entry["default"] = std::visit([](const auto* value) { return py::cast(*value); }, option.value);
     result.append(std::move(entry));
   }

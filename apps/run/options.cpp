@@ -2,7 +2,6 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/compare.hpp"
 #include "apps/run/config.hpp"
 #include "preprocess/scene/sides.hpp"
 
@@ -29,7 +28,6 @@ std::vector<Option> image_options(Config& c) {
       {.key = "image.label", .flag = "--label", .value = &c.image.label, .stage = "model", .common = true,
        .help = "labels to take, by number or name, comma-separated; empty: all but 0"},
       {.key = "image.label_names", .flag = "--label-names", .value = &c.image.label_names, .stage = "model",
-       .words = {"totalsegmentator", "totalsegmentator-ct", "totalsegmentator-mr", "freesurfer"},
        .help = "table of label names (ITK-SNAP, a colour table of 3D Slicer or FreeSurfer), or "
                "totalsegmentator, totalsegmentator-mr, freesurfer"},
       {.key = "image.close_mm", .flag = "--close", .unit = "mm", .value = &c.image.close_mm, .most = 1000,
@@ -86,7 +84,6 @@ std::vector<Option> boundary_options(Config& c) {
        .value = &c.boundary.indenter_diameter_mm, .most = 1000, .least_excluded = true, .stage = "model",
        .common = true, .help = "diameter of the circle"},
       {.key = "boundary.direction", .flag = "--direction", .value = &c.boundary.direction, .stage = "model",
-       .words = {"auto"},
        .help = "direction in which the tool moves: auto (away from its side, or towards the base), or "
                "x,y,z in LPS"},
   };
@@ -132,9 +129,8 @@ std::vector<Option> load_options(Config& c) {
   return {
       {.key = "tool.shape", .flag = "--tool", .value = &c.tool.shape, .stage = "run", .common = true,
        .words = {"circle"},
-       .help = "circle; or one that touches without friction: sphere:RADIUS, punch:RADIUS,edge=RADIUS "
-               "(flat, round edge), capsule:RADIUS,length=LENGTH, or a closed surface in a file .stl, .obj "
-               "or .vtp, in mm, whose z points away from the body"},
+       .help = "circle; frictionless: sphere:RADIUS, punch:RADIUS,edge=RADIUS, capsule:RADIUS,length=LENGTH, "
+               "FILE.stl"},
       {.key = "load.depth_mm", .flag = "--depth", .unit = "mm", .value = &c.load.depth_mm, .most = 1000,
        .least_excluded = true, .stage = "solve", .common = true, .help = "indentation at the end"},
       {.key = "load.rate_mm_per_s", .flag = "--rate", .unit = "mm/s", .value = &c.load.rate_mm_per_s,
@@ -188,7 +184,6 @@ std::vector<Option> output_options(Config& c) {
        .help = "refine the cloud of nodes until the discretisation error of the force, or of the "
                "displacement of --quantity, is at most this: 2%, 1mN or 0.1mm"},
       {.key = "accuracy.quantity", .flag = "--quantity", .value = &c.accuracy.quantity, .stage = "run",
-       .words = {"force"},
        .help = "force, or displacement@x,y,z: tell too where the load brings the point that is there at "
                "rest, in LPS mm, with its error, to which --accuracy then refers"},
       {.key = "accuracy.budget_s", .flag = "--budget", .unit = "s", .value = &c.accuracy.budget_s,
@@ -212,7 +207,7 @@ std::vector<Option> output_options(Config& c) {
       {.key = "output.write_frames", .flag = "--write-frames", .value = &c.output.write_frames,
        .choices = {"last", "all"}, .stage = "files", .help = "frames of which images are written"},
       {.key = "output.compare", .flag = "--compare", .value = &c.output.compare, .stage = "files",
-       .common = true, .words = {paper_word},
+       .common = true,
        .help = "a measured curve to compare the force with: CSV with indentation_mm and force_N (or "
                "force_mN), or horton2007"},
   };
