@@ -4,6 +4,7 @@
 #include <vtkCallbackCommand.h>
 #include <vtkCellArray.h>
 #include <vtkCleanPolyData.h>
+#include <vtkExecutive.h>
 #include <vtkNew.h>
 #include <vtkOBJReader.h>
 #include <vtkPolyData.h>
@@ -60,6 +61,7 @@ vtkSmartPointer<vtkPolyData> read_by_vtk(const fs::path& file) {
   });
   vtkNew<Reader> reader;
   reader->AddObserver(vtkCommand::ErrorEvent, on_error);
+  reader->GetExecutive()->AddObserver(vtkCommand::ErrorEvent, on_error);  // else it prints to the terminal
   reader->SetFileName(file.c_str());
   reader->Update();
   if (!failure.empty())

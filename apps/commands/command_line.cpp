@@ -130,7 +130,7 @@ const std::vector<NotModelled>& not_modelled() {
        "--gravity inferior, or --gravity x,y,z in m/s2"},
       {{"--tool", "--sphere", "--cone", "--indenter", "--indenter-shape", "--tool-shape"},
        "a tool of another shape than the flat circle is an option of `dimple run` alone: --tool",
-       "dimple run IMAGE --tool sphere:5mm, punch:5mm,edge=1mm or capsule:2mm,length=20mm"},
+       "dimple run IMAGE --tool sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,length=20mm or probe.stl"},
       {{"--unload", "--unloading", "--retract", "--relax", "--hold"},
        "unloading and holding are not modelled: the load grows to --depth and ends there",
        "`dimple poke IMAGE --script PATH`, which follows a tool in and out"},
@@ -163,10 +163,10 @@ void refuse_what_is_not_modelled(const CLI::App& app, const std::vector<std::str
         throw UsageError(
             {.fact = one.what,
              .where = flag,
-             .why = "modelled are quasi-static and dynamic indentation by one flat circle, bonded or "
-                    "frictionless, and quasi-static contact without friction with a sphere, punch or "
-                    "capsule, of "
-                    "elastic and viscoelastic tissue on a fixed base",
+             .why =
+                 "modelled are quasi-static and dynamic indentation by one flat circle, bonded or "
+                 "frictionless, and quasi-static contact without friction with a tool of another shape, of "
+                 "elastic and viscoelastic tissue on a fixed base",
              .remedy = fmt::format("closest: {}", one.closest),
              .code = "not-modelled"});
 }

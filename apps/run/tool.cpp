@@ -117,7 +117,10 @@ ToolShape shape_of(const Config& config, const Words& words) {
 
 // A surface that another program has drawn is known by the end of its name.
 bool is_file(const std::string& text) {
-  return text.ends_with(".stl") || text.ends_with(".STL") || text.ends_with(".obj") || text.ends_with(".vtp");
+  std::string suffix = std::filesystem::path(text).extension().string();
+  std::transform(suffix.begin(), suffix.end(), suffix.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
+  return suffix == ".stl" || suffix == ".obj" || suffix == ".vtp";
 }
 
 // A file is read and checked once: that may take a second, and many ask.

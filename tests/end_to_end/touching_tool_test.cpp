@@ -150,14 +150,17 @@ TEST(ToolThatTouches, AFileThatIsNoToolIsRefusedWithThePlaceBeforeAnythingIsBuil
   write_ball(folder / "open.stl", 1.0, 1);
   write_ball(folder / "metres.stl", 1e-3);
   std::ofstream(folder / "letter.stl") << "dear";
+  std::ofstream(folder / "words.STL") << "solid\nfacet normal 0 0 0\n outer loop\n  vertex 0 0 much\n";
   const std::pair<const char*, const char*> refused[] = {{"open.stl", "has an open border of 3 edges"},
                                                          {"metres.stl", "scale it by 1000"},
                                                          {"letter.stl", "is no STL file"},
+                                                         {"words.STL", "words.STL cannot be read"},
                                                          {"nowhere.stl", "nowhere.stl"}};
   for (const auto& [tool, words] : refused) {
     const Ran ran = dimple(folder, std::string("run brain.nrrd -o out --tool ") + tool);
     EXPECT_EQ(ran.code, 3) << ran.err;
     EXPECT_NE(ran.err.find(words), std::string::npos) << ran.err;
+    EXPECT_EQ(ran.err.find("vtk"), std::string::npos) << ran.err;
     EXPECT_FALSE(fs::exists(folder / "out"));
   }
 }
