@@ -227,6 +227,7 @@ struct MixedIteration::Parts {
       lengths[b] += length;
     }
     weight_at_rest = weight = 3.0 * stiffer * shear.array() / lengths.array().max(1e-30);
+    if (body.touching()) stiffen_single_nodes();
     dual_scale.resize(model.patches.count());
     for (Index b = 0; b < dual_scale.size(); ++b)
       dual_scale[b] = 1.0 / std::sqrt(mu(points.member[points.offset[b]]) * model.patches.volume[b]);
@@ -234,6 +235,44 @@ struct MixedIteration::Parts {
 
   double mu(Index q) const {
     return system.materials()[static_cast<std::size_t>(system.tissues().of_point[q])].mu;
+  }
+
+  // [N] N/m of the tangent's diagonal at rest, the mean of a node's directions, without what volume adds.
+  Eigen::VectorXd diagonal_at_rest() const {
+    Eigen::VectorXd diagonal = Eigen::VectorXd::Zero(model.node_count());
+    std::vector<int> node;
+    Points dphi;
+    for (Index q = 0; q < model.point_count(); ++q) {
+      if (q % 4096 == 0) stop_if_asked();
+      system.gradients_at(q, node, dphi);
+      for (std::size_t k = 0; k < node.size(); ++k)
+        diagonal[node[k]] += model.volume[q] * mu(q) * dphi.col(static_cast<Index>(k)).squaredNorm();
+    }
+    for (const GradientVariance& v : model.variance) {
+      const double its_mu = system.materials()[static_cast<std::size_t>(v.tissue)].mu;
+      for (Index a = 0; a < diagonal.size(); ++a)
+        for (int k = v.rows.offset[a]; k < v.rows.offset[a + 1]; ++k)
+          if (v.rows.member[k] == a) diagonal[a] += its_mu * v.K[k];
+    }
+    return diagonal;
+  }
+
+  // A node that its neighbours hardly surround may be far stiffer than the mean of which its weight is made.
+  // Under a tool that begins to touch such a node takes the whole load, each step there overshoots ten times,
+  // and no shorter way helps. Its weight is raised until A's diagonal is no less than the tangent's.
+  void stiffen_single_nodes() {
+    const Eigen::VectorXd tangent = diagonal_at_rest();
+    Eigen::VectorXd of_others = Eigen::VectorXd::Zero(tangent.size()), count = of_others;
+    for (const auto& [a, b] : edge) {
+      of_others[a] += weight_at_rest[b];
+      of_others[b] += weight_at_rest[a];
+      ++count[a];
+      ++count[b];
+    }
+    for (Index a = 0; a < tangent.size(); ++a)
+      if (count[a] > 0.0)
+        weight[a] = std::max(weight_at_rest[a], (2.0 * tangent[a] - of_others[a]) / count[a]);
+    weight_at_rest = weight;
   }
 
   // Makes the weights as much stiffer than at rest as the law is at u.
