@@ -97,6 +97,16 @@ TEST(ToolThatTouches, HasABandThatLiesAroundItsForceAtEveryDepth) {
   EXPECT_GT(share.front(), share.back()) << "where fewer nodes touch less is known";
 }
 
+// Clouds in which the first touch fell on a node that is much stiffer than those around it.
+TEST(ToolThatTouches, FindsItsFirstTouchOfALiverWithFewNodes) {
+  const char* place = std::getenv("DIMPLE_SHARED_DATA");
+  if (!place) GTEST_SKIP() << "skipped: DIMPLE_SHARED_DATA names no folder with label images";
+  const Ran ran = dimple(fresh_folder(), {"run", fs::path(place) / "abdomen_mr_3mm.nii.gz", "--label", "5",
+                                          "-o", "out", "--write", "force", "--tool", "sphere:2mm", "--nodes",
+                                          "750", "--set", "accuracy.band=off", "-q"});
+  EXPECT_EQ(ran.code, 0) << ran.err;
+}
+
 TEST(ToolThatTouches, MayBeWiderThanTheOrganAsItsContactFindsRoom) {
   const fs::path folder = with_phantom();
   const Ran ran = dimple(

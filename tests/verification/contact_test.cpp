@@ -312,6 +312,49 @@ TEST(TouchingTool, TheForceAndTheMomentOnItAreThoseOfTheBase) {
   EXPECT_NEAR(history.force.back().force, force.z(), 1e-4 * force.norm());
 }
 
+// As shape functions are that few nodes surround: much stiffer than the mean over their neighbourhood.
+void stiffen_one_node(Model& model, Index node, double share) {
+  GradientVariance& v = model.variance.front();
+  const auto entry = [&](Index a, Index b) -> double& {
+    int k = v.rows.offset[a];
+    while (v.rows.member[k] != b) ++k;
+    return v.K[k];
+  };
+  const double more = share * entry(node, node) / static_cast<double>(v.rows.count(node));
+  for (int k = v.rows.offset[node]; k < v.rows.offset[node + 1]; ++k) {
+    const Index b = v.rows.member[k];
+    if (b == node) continue;
+    entry(node, node) += more;
+    entry(b, b) += more;
+    entry(node, b) -= more;
+    entry(b, node) -= more;
+  }
+}
+
+TEST(TouchingTool, FindsItsFirstTouchOfANodeThatIsManyTimesAsStiffAsItsNeighbours) {
+  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+  ModelOptions options;
+  options.cloud.count = 600;
+  options.cloud.grading.whole_circle = true;
+  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 1.5};
+  Model model = build_model(block_surface({-15, -15, 0}, {15, 15, 20}), options).model;
+  Index at_tip = 0;
+  (model.X.colwise() - model.tool.centre).colwise().squaredNorm().minCoeff(&at_tip);
+  stiffen_one_node(model, at_tip, 1000.0);
+  auto touch = std::make_shared<Touch>();
+  touch->shape = sphere;
+  touch->surface = contact_surface(model, 1.5 * sphere.radius);
+  touch->pose = first_touch(sphere, model.tool, touch->surface);
+  const ForceSystem system(model, {{neo_hookean(mu, nu, 1000.0)}, model.tissue}, Precision::double_);
+  Loading loading{.depth = 0.5e-3};
+  loading.touch = touch;
+  History history;
+  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1}, {}, history);
+  EXPECT_TRUE(history.retries.empty());
+  EXPECT_LT(history.steps, 100) << "58 were seen; 143 where the node was as soft as its surroundings";
+  EXPECT_GT(history.force.back().force, 0.0);
+}
+
 class PunchOnLayer : public testing::TestWithParam<std::pair<Index, double>> {};
 
 TEST_P(PunchOnLayer, HasTheForceOfTheIntegralEquation) {
