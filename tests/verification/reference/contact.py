@@ -2,6 +2,8 @@
 """Forces of tools that touch, by axisymmetric_contact.cpp: runs its scenes on three meshes and writes what came out.
 
     contact.py run PROGRAM    all scenes and closed forms anew into contact_runs.csv (about an hour on one core)
+    contact.py friction PROGRAM  the scenes with friction alone, anew, and what is known of friction in closed form into
+                                 friction_closed_forms.csv
     contact.py small PROGRAM  spheres of small contacts into small_contacts.csv (about an hour on one core)
     contact.py                contact.csv from contact_runs.csv: force, and how well it is known
 
@@ -20,6 +22,9 @@ SCENES = {
     "sphere_nu_0.49": "tool=sphere radius=5 depth=4 steps=8 nu=0.49",
     "sphere_nu_0.45": "tool=sphere radius=5 depth=4 steps=8 nu=0.45",
     "sphere_layer": "tool=sphere radius=5 depth=4 steps=8 body=40 height=10",
+    "sphere_friction_0.3": "tool=sphere radius=5 depth=4 steps=8 touch=coulomb friction=0.3",
+    "sphere_layer_sticks": "tool=sphere radius=5 depth=4 steps=8 body=40 height=10 touch=stick",
+    "sphere_layer_friction_0.3": "tool=sphere radius=5 depth=4 steps=8 body=40 height=10 touch=coulomb friction=0.3",
     "punch": "tool=punch radius=5 edge=1 depth=6 steps=12",
     "punch_sticks": "tool=punch radius=5 edge=1 depth=6 steps=12 touch=stick",
     "punch_nu_0.45": "tool=punch radius=5 edge=1 depth=6 steps=12 nu=0.45",
@@ -103,6 +108,40 @@ def closed_forms():
                on_layer(round_edge(4, 100), 4, 10, depth, 0.499, True))
 
 
+# What friction changes: name, options of both, touch, ratio of the last load step's stiffness to that without friction.
+def closed_forms_of_friction():
+    far = "body=200 height=200 largest=25 growth=1.25 steps=4"
+    yield ("sphere on a half-space of nu 0.499 (a normal load moves an incompressible surface nowhere along itself)",
+           f"tool=sphere radius=5 depth=0.0125 fine=0.02 reach=0.4 below=0.4 {far}", "touch=stick", 1.0)
+    for nu in (0.0, 0.3):  # Mossakovskii 1954: a bonded disc over one without friction
+        yield (f"punch on a half-space of nu {nu} (bonded disc over frictionless disc)",
+               f"tool=punch radius=5 edge=0.2 depth=0.004 nu={nu} fine=0.2 edge_fine=0.05 reach=6 below=3 {far}", "touch=stick",
+               (1 - nu) * math.log(3 - 4 * nu) / (1 - 2 * nu))
+    yield ("sphere on a half-space of nu 0.3, friction 0 (none)",
+           f"tool=sphere radius=5 depth=0.0125 nu=0.3 fine=0.02 reach=0.4 below=0.4 {far}", "touch=coulomb friction=0", 1.0)
+
+
+def friction(program):
+    with open("friction_closed_forms.csv", "w") as file:
+        out = csv.writer(file, lineterminator="\n")
+        out.writerow(["what", "options", "touch", "known_ratio", "ratio", "off_percent"])
+        for what, options, touch, known in closed_forms_of_friction():
+            last = [[float(r["force_N"]) for r in rows(program, f"{options} {of}")[-2:]] for of in ("touch=slip", touch)]
+            ratio = (last[1][1] - last[1][0]) / (last[0][1] - last[0][0])
+            out.writerow([what, options, touch, f"{known:.5g}", f"{ratio:.5g}", f"{100 * (ratio / known - 1):.2f}"])
+            file.flush()
+    kept = [r for r in csv.DictReader(open("contact_runs.csv")) if "touch=" not in r["options"]]
+    for mesh, of_mesh in MESHES.items():
+        for scene, of_scene in SCENES.items():
+            if "touch=" in of_scene:
+                kept += [{"scene": scene, "mesh": mesh, "options": f"{of_scene} {of_mesh}", **r} for r in rows(program, f"{of_scene} {of_mesh}")]
+    with open("contact_runs.csv", "w") as file:
+        out = csv.DictWriter(file, ["scene", "mesh", "options", "nodes", "depth_mm", "force_N", "contact_radius_mm", "J_min",
+                                    "penetration_between_nodes_mm"], extrasaction="ignore", lineterminator="\n")
+        out.writeheader()
+        out.writerows(kept)
+
+
 def rows(program, options):
     ran = subprocess.run([program, *options.split()], stdout=subprocess.PIPE, text=True)
     return list(csv.DictReader(ran.stdout.splitlines()))
@@ -171,6 +210,8 @@ def derive():
 if __name__ == "__main__":
     if len(sys.argv) == 3 and sys.argv[1] == "run":
         run(sys.argv[2])
+    if len(sys.argv) == 3 and sys.argv[1] == "friction":
+        friction(sys.argv[2])
     if len(sys.argv) == 3 and sys.argv[1] == "small":
         small(sys.argv[2])
     derive()
