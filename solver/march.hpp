@@ -104,6 +104,7 @@ struct History {
   /// samples.
   double penetration = 0.0, contact_area = 0.0, contact_pressure = 0.0;
   Index contact_samples = 0;
+  double contact_sticks = 0.0;  ///< of contact_area, what friction holds [m^2]
   double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction
   std::vector<Finding> guards;
   std::vector<Retry> retries;

@@ -18,7 +18,7 @@ System::System(const ForceSystem& tissue, const Model& model, Constraints held, 
       terms_(std::move(terms)),
       touching_(std::move(touching)),
       at_rest_{Nodal::Zero(4, model.node_count()),
-               Eigen::VectorXd::Zero(model.patches.count() + (touching_ ? touching_->count() : 0))} {}
+               Eigen::VectorXd::Zero(model.patches.count() + (touching_ ? touching_->unknowns() : 0))} {}
 
 void System::set(const Instant& now, Nodal& u) {
   now_ = now;
@@ -43,7 +43,7 @@ System::Sweep System::force_at(const Nodal& u, const Eigen::VectorXd& lambda, No
   const Index patches = model_.patches.count();
   tissue_.hold_pressures(with_pressures ? lambda.head(patches).cwiseQuotient(model_.patches.volume)
                                         : Eigen::VectorXd());
-  if (touching_) touching_->set_forces(lambda.tail(touching_->count()));
+  if (touching_) touching_->set_forces(lambda.tail(touching_->unknowns()));
   return force(u, f);
 }
 
@@ -109,11 +109,17 @@ Vec3 System::aside() const {
 void System::accept_step(const Nodal& u) {
   tissue_.accept_step(u);
   for (const auto& term : terms_) term->accept(u, now_);
+  if (touching_) touching_->accept(u, now_);
 }
 
-// Of the tissue; then of each term, with their number behind.
+// Of the tissue; then of a tool that rubs and of each term, with their number behind.
 std::vector<double> System::past() const {
   std::vector<double> all = tissue_.past();
+  if (touching_ && touching_->rubs()) {
+    const std::vector<double> its = touching_->past();
+    all.insert(all.end(), its.begin(), its.end());
+    all.push_back(static_cast<double>(its.size()));
+  }
   for (const auto& term : terms_) {
     const std::vector<double> its = term->past();
     all.insert(all.end(), its.begin(), its.end());
@@ -123,12 +129,14 @@ std::vector<double> System::past() const {
 }
 
 void System::restore_past(std::vector<double> past) {
-  for (auto term = terms_.rbegin(); term != terms_.rend(); ++term) {
+  const auto restore_last = [&](ForceTerm& term) {
     const auto count = static_cast<std::ptrdiff_t>(past.back());
     past.pop_back();
-    (*term)->restore_past({past.end() - count, past.end()});
+    term.restore_past({past.end() - count, past.end()});
     past.erase(past.end() - count, past.end());
-  }
+  };
+  for (auto term = terms_.rbegin(); term != terms_.rend(); ++term) restore_last(**term);
+  if (touching_ && touching_->rubs()) restore_last(*touching_);
   tissue_.restore_past(past);
 }
 

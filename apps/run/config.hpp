@@ -65,6 +65,7 @@ struct Config {
   } load;
   struct Tool {
     std::string shape = "circle";  ///< see tool_of() in tool.hpp
+    std::string friction = "0";    ///< see friction_of() in tool.hpp
   } tool;
   /// A pressure on a part of the surface: [load.pressure.NAME].
   struct Pressure {

@@ -215,11 +215,11 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
   if ((result.loading.touch = touch_of(config, model))) {
     const Touch& touch = *result.loading.touch;
     talk.say(
-        fmt::format("tool     {}{}, without friction; its tip at first touch at {}; contact is looked for at "
+        fmt::format("tool     {}{}, {}; its tip at first touch at {}; contact is looked for at "
                     "{} parts of the "
                     "surface",
-                    in_words(touch.shape), depth_of_tool_in_words(config), in_words(1e3 * touch.pose.tip),
-                    touch.surface.count()));
+                    in_words(touch.shape), depth_of_tool_in_words(config), friction_in_words(touch.friction),
+                    in_words(1e3 * touch.pose.tip), touch.surface.count()));
     tell_of_first_touch(talk, config, model, touch);
   }
   const SolverOptions options = solver_options(config);
@@ -239,7 +239,9 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
   result.time = time_of(config, talk, result);
   talk.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(config.load.depth_mm),
                           plain(config.load.rate_mm_per_s), three_digits(loading.duration()),
-                          loading.touch ? "frictionless" : config.load.contact,
+                          !loading.touch                   ? config.load.contact
+                          : loading.touch->friction == 0.0 ? "frictionless"
+                                                           : friction_in_words(loading.touch->friction),
                           result.time == TimeMode::quasi_static
                               ? fmt::format("equilibrium in {} steps", steps_of_load(model, loading, options))
                           : result.time == TimeMode::dynamic ? "with inertia, by implicit steps"

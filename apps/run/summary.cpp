@@ -97,6 +97,17 @@ void add_touch(Json& summary, const Touch& touch, const History& history) {
   tool["contact_samples"] = touch.surface.count();
   tool["samples_in_contact"] = history.contact_samples;
   tool["contact_area_mm2"] = 1e6 * history.contact_area;
+  if (touch.friction > 0.0) {
+    tool["friction"] = std::isinf(touch.friction) ? Json("stick") : Json(touch.friction);
+    tool["sticking_area_mm2"] = 1e6 * history.contact_sticks;
+    tool["slipping_area_mm2"] = 1e6 * (history.contact_area - history.contact_sticks);
+    if (!history.force.empty()) {
+      const auto& on_tool = history.force.back().on_tool;
+      const Vec3 force(on_tool[0], on_tool[1], on_tool[2]), push = touch.pose.points_at;
+      tool["lateral_force_N"] = (force - force.dot(push) * push).norm();
+    }
+    tool["friction_heat_J"] = history.energy.empty() ? 0.0 : history.energy.back().dissipated;
+  }
   tool["largest_pressure_Pa"] = history.contact_pressure;
   tool["largest_penetration_mm"] = 1e3 * history.penetration;
   summary["tool"] = tool;
@@ -371,7 +382,8 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   summary["requested"] = {{"depth_mm", config.load.depth_mm},
                           {"rate_mm_per_s", config.load.rate_mm_per_s},
                           {"frames", config.solver.frames}};
-  summary["contact"] = result.loading.touch ? "touching, without friction" : config.load.contact;
+  summary["contact"] = result.loading.touch ? "touching, " + friction_in_words(result.loading.touch->friction)
+                                            : config.load.contact;
   add_loads_and_supports(summary, result);
   summary["material"] = materials_json(config, result.tissues);
   summary["counts"] = counts_json(model);

@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <map>
 #include <mutex>
 #include <vector>
@@ -160,9 +162,26 @@ std::optional<ToolShape> tool_of(const Config& config) {
   const Words words = words_of(config);
   if (words.kind == "circle" && words.radius.empty()) return std::nullopt;
   if (words.kind != "sphere" && words.kind != "punch" && words.kind != "capsule")
-    refuse(config, "is not known", "it is circle, or a shape that touches without friction",
+    refuse(config, "is not known", "it is circle, or a shape that touches",
            fmt::format("give circle, {}", forms));
   return shape_of(config, words);
+}
+
+double friction_of(const Config& config) {
+  if (config.tool.friction == "stick") return std::numeric_limits<double>::infinity();
+  double coefficient = 0.0;
+  set_value({.key = "tool.friction",
+             .flag = "--friction",
+             .value = &coefficient,
+             .most = 10.0,
+             .help = "Coulomb's coefficient, or the word stick"},
+            config.tool.friction, "--friction (tool.friction)");
+  return coefficient;
+}
+
+std::string friction_in_words(double friction) {
+  if (friction == 0.0) return "without friction";
+  return std::isinf(friction) ? "stuck where it has touched" : fmt::format("with friction {:g}", friction);
 }
 
 std::string in_words(const ToolShape& shape) {
@@ -209,6 +228,14 @@ std::string depth_of_tool_in_words(const Config& config) {
 
 void check_tool(const Config& config) {
   const std::optional<ToolShape> tool = tool_of(config);
+  const double friction = friction_of(config);
+  if (!tool && friction > 0.0)
+    throw UsageError(
+        {.fact = fmt::format("friction '{}' is asked for, and the tool is the circle", config.tool.friction),
+         .where = "--friction (tool.friction)",
+         .why = "the circle is bonded to the tissue or slides along it (--contact); friction is known "
+                "of a tool that touches",
+         .remedy = "leave --friction out, or choose such a tool, as --tool sphere:5mm"});
   if (!tool) return;
   const Config usual;
   constexpr const char* in_equilibrium = "the contact is solved for in equilibrium, depth by depth";
@@ -231,8 +258,7 @@ void check_tool(const Config& config) {
                 "a tool that touches goes straight from its first touch to --depth",
                 "leave the steps out, or --tool");
   refuse_beside(config, was_given(config, "load.contact"), "a way in which the circle holds the tissue",
-                "--contact (load.contact)",
-                "a tool of this shape touches without friction, and nothing sticks to it",
+                "--contact (load.contact)", "a tool of this shape touches, with --friction or without",
                 "leave --contact out, or --tool");
   refuse_beside(config, was_given(config, "boundary.indenter_diameter_mm"), "a diameter of the circle",
                 "--indenter-diameter (boundary.indenter_diameter_mm)", "the tool has lengths of its own",
@@ -280,6 +306,7 @@ std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model) 
   touch->shape = *shape;
   touch->surface = contact_surface(model, reach_of_contact(*shape, 1e-3 * config.load.depth_mm));
   touch->pose = first_touch(*shape, model.tool, touch->surface);
+  touch->friction = friction_of(config);
   return touch;
 }
 

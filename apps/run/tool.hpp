@@ -8,12 +8,18 @@
 
 namespace dimple {
 
-/// The tool that touches the body without friction, in place of the circle; nothing: the circle. Throws
+/// The tool that touches the body, in place of the circle; nothing: the circle. Throws
 /// UsageError: config.tool.shape is neither `circle` nor a shape with lengths that a tool can have.
 std::optional<ToolShape> tool_of(const Config& config);
 
 /// "a sphere of 5 mm radius".
 std::string in_words(const ToolShape& shape);
+
+/// Coulomb's coefficient under a tool that touches; infinite: `stick`. Throws UsageError:
+/// config.tool.friction is neither a number from 0 to 10 nor that word.
+double friction_of(const Config& config);
+/// "without friction".
+std::string friction_in_words(double friction);
 
 /// Where a tool touches and nobody has given a depth it goes in by 0.8 of its radius at most: deeper down it
 /// sinks in towards its equator, or tissue folds at its edge. Throws as tool_of().

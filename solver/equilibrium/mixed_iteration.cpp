@@ -16,6 +16,7 @@
 #include "solver/equilibrium/anderson.hpp"
 #include "solver/equilibrium/best_state.hpp"
 #include "solver/equilibrium/contact_step.hpp"
+#include "solver/equilibrium/friction_step.hpp"
 #include "solver/equilibrium/multigrid.hpp"
 
 namespace dimple {
@@ -528,7 +529,12 @@ struct MixedIteration::Parts {
     const TouchingTool* touching = body.touching();
     Eigen::VectorXd of_lambda(nb);
     of_lambda.head(dual_scale.size()) = dual_scale;
-    if (touching) of_lambda.tail(touching->count()) = compliance.diagonal().cwiseSqrt();
+    if (touching) {
+      of_lambda.segment(dual_scale.size(), touching->count()) = compliance.diagonal().cwiseSqrt();
+      if (touching->rubs())
+        for (Index s = 0; s < touching->count(); ++s)
+          of_lambda.segment<3>(nb - 3 * touching->count() + 3 * s).setConstant(std::sqrt(compliance(s, s)));
+    }
     const auto scaled = [&](const Nodal& v, const Eigen::VectorXd& l) {
       Eigen::VectorXd all(4 * n + nb);
       Eigen::Map<Nodal>(all.data(), 4, n) = v * scale.asDiagonal();
@@ -544,7 +550,7 @@ struct MixedIteration::Parts {
       u = Eigen::Map<Nodal>(place.data(), 4, n) * scale.cwiseInverse().asDiagonal();
     }
     lambda = place.tail(nb).cwiseQuotient(of_lambda);
-    if (touching) lambda.tail(touching->count()) = lambda.tail(touching->count()).cwiseMax(0.0);
+    if (touching) touching->bring_back(lambda.tail(touching->unknowns()));
   }
 
   // Where a node is held nothing was added but rounding; it must not move at all from where it was.
@@ -559,7 +565,36 @@ struct MixedIteration::Parts {
     double largest = 0.0;
     for (Index s = 0; s < tool.count(); ++s)
       largest = std::max(largest, std::abs(std::min(tool.gaps()[s], compliance(s, s) * tool.forces()[s])));
+    if (tool.rubs())
+      for (Index s = 0; s < tool.count(); ++s) {
+        const Vec3 force = tool.friction_forces().col(s), slip = tool.slips().col(s);
+        const double most = tool.bound(s, tool.forces()[s]), C = compliance(s, s);
+        if (most > 0.0)
+          largest = std::max(largest, C * (force - brought_within(most, force - slip / C)).norm());
+      }
     return largest / (contact_error * std::min(body.now().depth, tool.touch().shape.radius));
+  }
+
+  // The change [3xM] of friction beside that of the normal forces, where the nodes would move by du else.
+  Points friction_beside(const Eigen::VectorXd& of_normal_forces, double thicker, const Nodal& du) const {
+    const TouchingTool& tool = *body.touching();
+    const auto& [rows, phi] = tool.touch().surface.at_place;
+    Points way = thicker * tool.slips();
+    Eigen::VectorXd bound(tool.count());
+    std::vector<Index> changed;
+    for (Index t = 0; t < tool.count(); ++t)
+      if (of_normal_forces[t] != 0.0) changed.push_back(t);
+    for (Index s = 0; s < tool.count(); ++s) {
+      bound[s] = tool.bound(s, tool.forces()[s] + of_normal_forces[s]);
+      if (!(bound[s] > 0.0)) continue;
+      Vec3 move = Vec3::Zero();
+      for (int e = rows.offset[s]; e < rows.offset[s + 1]; ++e)
+        move += phi[e] * du.col(rows.member[e]).head<3>();
+      for (const Index t : changed) move += compliance(s, t) * of_normal_forces[t] * tool.normals().col(t);
+      const Vec3 n = tool.normals().col(s);
+      way.col(s) += move - n * n.dot(move);
+    }
+    return friction_step(compliance, tool.normals(), way, tool.friction_forces(), bound);
   }
 
   // The step (du, dlambda) from the unbalanced force r and the unbalanced volume s, and of a tool that
@@ -577,8 +612,13 @@ struct MixedIteration::Parts {
       const ContactStep contact = contact_step(compliance, touching->normals(), gap, touching->forces());
       Nodal held = r;
       touching->spread(contact.change, held);
+      dlambda.segment(s.size(), gap.size()) = contact.change;
+      if (touching->rubs()) {
+        const Points change = friction_beside(contact.change, thicker, du);
+        touching->spread(change, held);
+        dlambda.tail(change.size()) = Eigen::Map<const Eigen::VectorXd>(change.data(), change.size());
+      }
       step(held, s, du, of_patches);
-      dlambda.tail(gap.size()) = contact.change;
     }
     dlambda.head(s.size()) = of_patches;
   }
@@ -798,8 +838,8 @@ bool MixedIteration::prepare(const Nodal& u, const Eigen::VectorXd& bulk, bool a
     p.inertia.resize(0);
     return false;
   }
-  const Index samples = p.body.touching() ? p.body.touching()->count() : 0;
-  p.anderson.begin(4 * u.cols() + bulk.size() + samples, anew || other_inertia || other_viscosity);
+  const Index of_contact = p.body.touching() ? p.body.touching()->unknowns() : 0;
+  p.anderson.begin(4 * u.cols() + bulk.size() + of_contact, anew || other_inertia || other_viscosity);
   return true;
 }
 

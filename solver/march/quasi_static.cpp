@@ -339,7 +339,9 @@ void QuasiStaticMarch::check(const Way& way, Found& found) {
   const double work = work_of_last(state_.depths, state_.forces, way.sets_off || found.gave_way);
   const StoredEnergy stored = system_.stored_energy(now_.u);
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
-  found.energy = ledger_.energy(now, 0.0, stored, work, found.gave_way ? relaxed.dissipated : 0.0);
+  double heat = found.gave_way ? relaxed.dissipated : 0.0;
+  if (system_.touching()) heat += system_.touching()->heat();
+  found.energy = ledger_.energy(now, 0.0, stored, work, heat);
   if (state_.depths.size() > few)
     guards_.check(found.energy, std::max(state_.account.largest_external, std::abs(found.energy.external)),
                   now.t, false, now);
@@ -352,12 +354,13 @@ void QuasiStaticMarch::check_contact(const Moment& now) {
   const double most = most_penetration * tool.touch().shape.radius;
   guards_.check_contact(audit, most, tool.touch().surface, now);
   history_.penetration = std::max(history_.penetration, audit.penetration);
-  history_.contact_area = history_.contact_pressure = 0.0;
+  history_.contact_area = history_.contact_pressure = history_.contact_sticks = 0.0;
   history_.contact_samples = 0;
   for (Index s = 0; s < tool.count(); ++s) {
     if (!(tool.forces()[s] > 0.0)) continue;
     ++history_.contact_samples;
     history_.contact_area += tool.touch().surface.area[s];
+    if (tool.rubs() && !tool.slides(s)) history_.contact_sticks += tool.touch().surface.area[s];
     history_.contact_pressure =
         std::max(history_.contact_pressure, tool.forces()[s] / tool.touch().surface.area[s]);
   }

@@ -7,12 +7,19 @@
 
 namespace dimple {
 
-/// A rigid tool that is pushed straight into a body and touches it without friction.
+/// A rigid tool that is pushed straight into a body and touches it, without friction or with Coulomb's.
 struct Touch {
   ToolShape shape;
   ToolPose pose;  ///< where it first touches: at depth 0
   ContactSurface surface;
+  double friction = 0.0;  ///< Coulomb's coefficient; infinite: what has touched sticks while it is pressed
 };
+
+/// The nearest to `force` that is no larger than `bound`.
+inline Vec3 brought_within(double bound, const Vec3& force) {
+  const double size = force.norm();
+  return size > bound ? Vec3(force * (bound / size)) : force;
+}
 
 /// The tool on the axis of `at`, moved along its push to where it first touches the surface.
 ToolPose first_touch(const ToolShape& shape, const Indenter& at, const ContactSurface& surface);
@@ -26,34 +33,64 @@ ToolPose first_touch(const ToolShape& shape, const Indenter& at, const ContactSu
 /// d_s the signed distance from the tool to the sample's place X_s + sum_a phi_a(X_s) u_a. Whoever looks for
 /// equilibrium sets them, see MixedIteration. Their energy is nothing: they do work with the tool alone.
 ///
+/// With friction a sample has a force t_s in the tangent plane of the tool's surface besides. Its slip is how
+/// far it has moved along the tool since the last accepted state, and
+///
+///     |t_s| <= friction lambda_s;   slip_s = 0 where it is less, opposite to t_s where it is not.
+///
+/// A sample slides freely in the step in which it comes to touch. Friction takes energy, see heat().
+///
 /// Source:   Wriggers, Computational Contact Mechanics, 2006, chapters 4 and 5 (node to rigid surface,
 /// Lagrange multipliers).
 class TouchingTool : public ForceTerm {
  public:
-  explicit TouchingTool(Touch touch) : touch_(std::move(touch)) { force_.setZero(count()); }
+  explicit TouchingTool(Touch touch);
 
   Index count() const { return touch_.surface.count(); }  ///< samples
   const Touch& touch() const { return touch_; }
   ToolPose pose_at(double depth) const;
 
-  /// [M] N from now on.
-  void set_forces(const Eigen::VectorXd& force) { force_ = force; }
-  const Eigen::VectorXd& forces() const { return force_; }
+  bool rubs() const { return touch_.friction > 0.0; }
+  /// Of the search for equilibrium: a normal force for each sample, with friction t_s behind them all.
+  Index unknowns() const { return (rubs() ? 4 : 1) * count(); }
 
-  /// Of the last add_force(): [M] d_s, [3xM] the tool's normals, [3xM] where the samples were.
+  /// [unknowns] N from now on.
+  void set_forces(const Eigen::VectorXd& unknowns);
+  const Eigen::VectorXd& forces() const { return force_; }
+  /// [3xM] N t_s, in the tangent planes and within the cones; no columns without friction.
+  const Points& friction_forces() const { return friction_; }
+  /// The largest friction [N] of a sample with that normal force [N].
+  double bound(Index s, double normal_force) const;
+  /// Takes from such unknowns what pulls, and of friction what is beyond its bound.
+  void bring_back(Eigen::Ref<Eigen::VectorXd> unknowns) const;
+
+  /// Of the last add_force(): [M] d_s, [3xM] the tool's normals, [3xM] where the samples were; [3xM] the slip
+  /// of those that had touched in the last accepted state, without friction no columns.
   const Eigen::VectorXd& gaps() const { return gap_; }
+  const Points& slips() const { return slip_; }
+  /// Whether it slips against friction, at the last add_force(); a sample that has just come to touch does
+  /// not.
+  bool slides(Index s) const;
+  bool had_touched(Index s) const { return touched_[static_cast<std::size_t>(s)] != 0; }
   const Points& normals() const { return normal_; }
   const Points& places() const { return place_; }
 
   void add_force(const Nodal& u, const Instant& now, Nodal& f) override;
   double energy(const Nodal&, const Instant&) override { return 0.0; }
+  /// Those of the last add_force() end a step; where samples then touch is from where they slip.
+  void accept(const Nodal& u, const Instant& now) override;
+  std::vector<double> past() const override;
+  void restore_past(const std::vector<double>& past) override;
+  /// What friction has taken since the last accepted state, at the last add_force() [J].
+  double heat() const;
 
-  /// Adds such forces [M] N on the body to f [4xN] N, as of what resists, along the normals of the last
-  /// add_force().
+  /// Adds such forces on the body to f [4xN] N, as of what resists: [M] N along the normals of the last
+  /// add_force(), and [3xM] N.
   void spread(const Eigen::VectorXd& force, Nodal& f) const;
+  void spread(const Points& force, Nodal& f) const;
 
   /// On the body, of the last add_force() [N].
-  double along(const Vec3& push) const { return (normal_ * force_).dot(push); }
+  double along(const Vec3& push) const;
   /// On the tool, about its tip.
   Wrench on_tool(const Instant& now) const;
 
@@ -70,6 +107,8 @@ class TouchingTool : public ForceTerm {
   Touch touch_;
   Eigen::VectorXd force_, gap_;
   Points normal_, place_;
+  Points friction_, slip_, anchor_;  // anchor: where samples were at the last accepted state, from the tip
+  std::vector<char> touched_;        // then
 };
 
 }  // namespace dimple

@@ -20,6 +20,7 @@ struct Scene {
   const char* name;  // in reference/contact.csv
   const char* tool;
   double radius_mm, height_mm, nu, depth_mm;
+  const char* friction = "0";
 };
 
 std::string name_of(const testing::TestParamInfo<std::pair<Scene, Index>>& info) {
@@ -51,6 +52,7 @@ TEST_P(ToolOnACylinder, HasTheForceOfFiniteElements) {
   Config config;
   const auto set = [&](const char* key, const std::string& value) { set_option(config, key, value, "test"); };
   set("tool.shape", scene.tool);
+  set("tool.friction", scene.friction);
   set("load.depth_mm", std::to_string(scene.depth_mm));
   set("cloud.nodes", std::to_string(nodes));
   set("boundary.base", "inferior");
@@ -88,6 +90,10 @@ constexpr Scene sphere{"sphere", "sphere:5mm", 30, 30, 0.499, 4},
     layer{"sphere_layer", "sphere:5mm", 40, 10, 0.499, 4},
     punch{"punch", "punch:5mm,edge=1mm", 30, 30, 0.499, 4},
     shallow_punch{"punch", "punch:5mm,edge=1mm", 30, 30, 0.499, 2},
+    sticks{"sphere_sticks", "sphere:5mm", 30, 30, 0.499, 4, "stick"},
+    rubs{"sphere_friction_0.3", "sphere:5mm", 30, 30, 0.499, 4, "0.3"},
+    layer_sticks{"sphere_layer_sticks", "sphere:5mm", 40, 10, 0.499, 4, "stick"},
+    layer_rubs{"sphere_layer_friction_0.3", "sphere:5mm", 40, 10, 0.499, 4, "0.3"},
     punch_nu_0_45{"punch_nu_0.45", "punch:5mm,edge=1mm", 30, 30, 0.45, 4};
 INSTANTIATE_TEST_SUITE_P(ToLargeStrains, ToolOnACylinder,
                          testing::Values(std::pair{sphere, Index{1500}}, std::pair{sphere, Index{4000}},
@@ -96,6 +102,14 @@ INSTANTIATE_TEST_SUITE_P(ToLargeStrains, ToolOnACylinder,
                                          std::pair{layer, Index{4000}}, std::pair{shallow_punch, Index{1500}},
                                          std::pair{punch, Index{4000}},
                                          std::pair{punch_nu_0_45, Index{1500}}),
+                         name_of);
+INSTANTIATE_TEST_SUITE_P(WithFriction, ToolOnACylinder,
+                         testing::Values(std::pair{sticks, Index{1500}}, std::pair{sticks, Index{4000}},
+                                         std::pair{rubs, Index{1500}}, std::pair{rubs, Index{4000}},
+                                         std::pair{layer_sticks, Index{1500}},
+                                         std::pair{layer_sticks, Index{4000}},
+                                         std::pair{layer_rubs, Index{1500}},
+                                         std::pair{layer_rubs, Index{4000}}),
                          name_of);
 
 }  // namespace

@@ -1,0 +1,57 @@
+#include "solver/equilibrium/friction_step.hpp"
+
+#include <algorithm>
+#include <vector>
+
+#include "io/stop.hpp"
+#include "solver/terms/touching_tool.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr int most_rounds = 60;
+constexpr double still = 1e-4;  // largest motion in a round, of the largest slip
+
+}  // namespace
+
+Points friction_step(const Eigen::MatrixXd& compliance, const Points& normal, const Points& slip,
+                     const Points& before, const Eigen::VectorXd& bound) {
+  std::vector<Index> rubs, had;
+  for (Index s = 0; s < bound.size(); ++s) {
+    if (bound[s] > 0.0) rubs.push_back(s);
+    if (bound[s] > 0.0 || !before.col(s).isZero(0.0)) had.push_back(s);
+  }
+  // Where the forces begin: within their cones. Slip of those that rub, as all forces now are.
+  Points force = Points::Zero(3, bound.size());
+  for (const Index s : rubs)
+    force.col(s) = brought_within(bound[s], before.col(s) - normal.col(s) * normal.col(s).dot(before.col(s)));
+  const auto n = static_cast<Index>(rubs.size());
+  const Eigen::MatrixXd among = compliance(rubs, rubs);
+  Eigen::MatrixX3d moved(n, 3);
+  double largest = 0.0;
+  for (Index i = 0; i < n; ++i) {
+    const Index s = rubs[static_cast<std::size_t>(i)];
+    Vec3 sum = slip.col(s);
+    for (const Index t : had) sum += compliance(s, t) * (force.col(t) - before.col(t));
+    moved.row(i) = sum;
+    largest = std::max(largest, slip.col(s).norm());
+  }
+  double last = largest;
+  for (int round = 0; round < most_rounds && last > still * largest; ++round) {
+    stop_if_asked();
+    last = 0.0;
+    for (Index i = 0; i < n; ++i) {
+      const Index s = rubs[static_cast<std::size_t>(i)];
+      const Vec3 here = moved.row(i).transpose(), across = here - normal.col(s) * normal.col(s).dot(here);
+      const Vec3 wanted = brought_within(bound[s], force.col(s) - across / among(i, i));
+      const Vec3 change = wanted - force.col(s);
+      if (change.isZero(0.0)) continue;
+      force.col(s) = wanted;
+      for (int c = 0; c < 3; ++c) moved.col(c) += change[c] * among.col(i);
+      last = std::max(last, among(i, i) * change.norm());
+    }
+  }
+  return force - before;
+}
+
+}  // namespace dimple
