@@ -135,8 +135,8 @@ const std::vector<NotModelled>& not_modelled() {
        "unloading and holding are not modelled: the load grows to --depth and ends there",
        "`dimple poke IMAGE --script PATH`, which follows a tool in and out"},
       {{"--friction", "--mu-friction", "--friction-coefficient"},
-       "friction is not modelled: the tissue sticks to the circle or slides freely",
-       "--contact bonded and --contact frictionless, between which friction lies"},
+       "friction is an option under a tool that touches, of `dimple run` alone: --friction",
+       "dimple run IMAGE --tool sphere:5mm --friction 0.3; the circle has --contact bonded and frictionless"},
       {{"--cut", "--cutting", "--incision", "--tear", "--fracture"},
        "cutting and tearing are not modelled: the tissue stays in one piece",
        "a cut that is open already in the image"},
@@ -163,10 +163,10 @@ void refuse_what_is_not_modelled(const CLI::App& app, const std::vector<std::str
         throw UsageError(
             {.fact = one.what,
              .where = flag,
-             .why =
-                 "modelled are quasi-static and dynamic indentation by one flat circle, bonded or "
-                 "frictionless, and quasi-static contact without friction with a tool of another shape, of "
-                 "elastic and viscoelastic tissue on a fixed base",
+             .why = "modelled are quasi-static and dynamic indentation by one flat circle, bonded or "
+                    "frictionless, and quasi-static contact with a tool of another shape, with friction or "
+                    "without, of "
+                    "elastic and viscoelastic tissue on a fixed base",
              .remedy = fmt::format("closest: {}", one.closest),
              .code = "not-modelled"});
 }

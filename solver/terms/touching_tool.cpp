@@ -7,7 +7,9 @@
 namespace dimple {
 namespace {
 
-constexpr double rounding = 1e-9;  // of its bound, which a force that slides has but for rounding
+// Of its bound, which friction that slides has but for the tolerance of the search and for turning with the
+// tool's normal.
+constexpr double nearly = 1e-3;
 
 }  // namespace
 
@@ -30,11 +32,16 @@ TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)) {
   if (!rubs()) return;
   friction_.setZero(3, count());
   slip_ = anchor_ = friction_;
+  last_ = before_last_ = touch_.surface.place.colwise() - touch_.pose.tip;
   touched_.assign(static_cast<std::size_t>(count()), 0);
 }
 
+// What comes to touch and goes again while equilibrium is looked for would jump if a force without bound held
+// it.
 double TouchingTool::bound(Index s, double normal_force) const {
-  return had_touched(s) && normal_force > 0.0 ? touch_.friction * normal_force : 0.0;
+  if (!(last_depth_ > 0.0 && normal_force > 0.0)) return 0.0;
+  return (touched_[static_cast<std::size_t>(s)] ? touch_.friction : std::min(touch_.friction, 1.0)) *
+         normal_force;
 }
 
 void TouchingTool::set_forces(const Eigen::VectorXd& unknowns) {
@@ -70,10 +77,11 @@ void TouchingTool::add_force(const Nodal& u, const Instant& now, Nodal& f) {
   }
   spread(force_, f);
   if (!rubs()) return;
+  if (last_depth_ > 0.0 && foreseen_for_ != now.depth) foresee(now.depth);
   for (Index s = 0; s < count(); ++s) {
     const Vec3 n = normal_.col(s);
     friction_.col(s) -= n * n.dot(friction_.col(s));
-    if (!had_touched(s)) continue;
+    if (!(last_depth_ > 0.0)) continue;
     const Vec3 way = place_.col(s) - pose.tip - anchor_.col(s);
     slip_.col(s) = way - n * n.dot(way);
   }
@@ -100,7 +108,7 @@ void TouchingTool::spread(const Points& force, Nodal& f) const {
 
 bool TouchingTool::slides(Index s) const {
   const double most = bound(s, force_[s]);
-  return most > 0.0 && friction_.col(s).norm() >= (1.0 - rounding) * most;
+  return most > 0.0 && friction_.col(s).norm() >= (1.0 - nearly) * most;
 }
 
 double TouchingTool::heat() const {
@@ -110,29 +118,56 @@ double TouchingTool::heat() const {
   return sum;
 }
 
+// Where samples that do not touch yet would: going on as between the last two accepted states.
+void TouchingTool::foresee(double depth) {
+  const ToolPose at_origin{Vec3::Zero(), touch_.pose.points_at};
+  const double share = (depth - last_depth_) / (last_depth_ - depth_before_);
+  for (Index s = 0; s < count(); ++s) {
+    if (touched_[static_cast<std::size_t>(s)]) continue;
+    const Vec3 x = last_.col(s), way = share * (x - before_last_.col(s));
+    const double gap = distance_to_tool(touch_.shape, at_origin, x).distance,
+                 closes = gap - distance_to_tool(touch_.shape, at_origin, x + way).distance;
+    const Vec3 there = x + (closes > gap && gap > 0.0 ? gap / closes : 1.0) * way;
+    const ToolDistance tool = distance_to_tool(touch_.shape, at_origin, there);
+    anchor_.col(s) = there - tool.distance * tool.normal;
+  }
+  foreseen_for_ = depth;
+}
+
 void TouchingTool::accept(const Nodal&, const Instant& now) {
   if (!rubs()) return;
   const Vec3 tip = pose_at(now.depth).tip;
   for (Index s = 0; s < count(); ++s) {
-    const bool stuck = bound(s, force_[s]) > 0.0 && !slides(s);
     touched_[static_cast<std::size_t>(s)] = force_[s] > 0.0;
     // What sticks is held where it was first, so that its slip within the tolerance does not add up.
-    if (!stuck) anchor_.col(s) = place_.col(s) - gap_[s] * normal_.col(s) - tip;
+    if (bound(s, force_[s]) > 0.0 && !slides(s)) continue;
+    anchor_.col(s) = place_.col(s) - gap_[s] * normal_.col(s) - tip;
   }
-  slip_.setZero();
+  before_last_ = last_;
+  last_ = place_.colwise() - tip;
+  depth_before_ = last_depth_;
+  last_depth_ = now.depth;
+  foreseen_for_ = -1.0;
 }
 
 std::vector<double> TouchingTool::past() const {
-  std::vector<double> all(anchor_.data(), anchor_.data() + anchor_.size());
+  std::vector<double> all = {last_depth_, depth_before_};
+  for (const Points* part : {&anchor_, &last_, &before_last_})
+    all.insert(all.end(), part->data(), part->data() + part->size());
   for (const char touched : touched_) all.push_back(touched);
   return all;
 }
 
 void TouchingTool::restore_past(const std::vector<double>& past) {
-  if (!rubs()) return;
-  std::copy_n(past.begin(), anchor_.size(), anchor_.data());
-  for (Index s = 0; s < count(); ++s)
-    touched_[static_cast<std::size_t>(s)] = past[static_cast<std::size_t>(3 * count() + s)] != 0.0;
+  auto next = past.begin();
+  last_depth_ = *next++;
+  depth_before_ = *next++;
+  for (Points* part : {&anchor_, &last_, &before_last_}) {
+    std::copy_n(next, part->size(), part->data());
+    next += part->size();
+  }
+  for (char& touched : touched_) touched = *next++ != 0.0;
+  foreseen_for_ = -1.0;
 }
 
 double TouchingTool::along(const Vec3& push) const {

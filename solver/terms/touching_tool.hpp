@@ -37,8 +37,8 @@ ToolPose first_touch(const ToolShape& shape, const Indenter& at, const ContactSu
 /// far it has moved along the tool since the last accepted state, and
 ///
 ///     |t_s| <= friction lambda_s;   slip_s = 0 where it is less, opposite to t_s where it is not.
-///
-/// A sample slides freely in the step in which it comes to touch. Friction takes energy, see heat().
+/// A sample that comes to touch slips from where it would touch if it went on as in the step before; in the
+/// first step all slide freely. Friction takes energy, see heat().
 ///
 /// Source:   Wriggers, Computational Contact Mechanics, 2006, chapters 4 and 5 (node to rigid surface,
 /// Lagrange multipliers).
@@ -65,13 +65,12 @@ class TouchingTool : public ForceTerm {
   void bring_back(Eigen::Ref<Eigen::VectorXd> unknowns) const;
 
   /// Of the last add_force(): [M] d_s, [3xM] the tool's normals, [3xM] where the samples were; [3xM] the slip
-  /// of those that had touched in the last accepted state, without friction no columns.
+  /// of those that friction may hold, without friction no columns.
   const Eigen::VectorXd& gaps() const { return gap_; }
   const Points& slips() const { return slip_; }
-  /// Whether it slips against friction, at the last add_force(); a sample that has just come to touch does
-  /// not.
+  /// Whether it slips against friction, at the last add_force().
   bool slides(Index s) const;
-  bool had_touched(Index s) const { return touched_[static_cast<std::size_t>(s)] != 0; }
+
   const Points& normals() const { return normal_; }
   const Points& places() const { return place_; }
 
@@ -107,8 +106,14 @@ class TouchingTool : public ForceTerm {
   Touch touch_;
   Eigen::VectorXd force_, gap_;
   Points normal_, place_;
-  Points friction_, slip_, anchor_;  // anchor: where samples were at the last accepted state, from the tip
-  std::vector<char> touched_;        // then
+  // With friction alone. Places from the tip: where samples slip from; where they were at the last two
+  // accepted states, and which of them touched at the last.
+  Points friction_, slip_, anchor_, last_, before_last_;
+  std::vector<char> touched_;
+  double last_depth_ = 0.0, depth_before_ = 0.0;
+  double foreseen_for_ = -1.0;  // the depth for which anchors of what has not touched were looked for
+
+  void foresee(double depth);
 };
 
 }  // namespace dimple

@@ -259,7 +259,7 @@ TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
   const std::pair<const char*, std::vector<std::string>> asked[] = {
       {"--body-force 9.81", {"gravity alone", "--gravity inferior"}},
       {"--unload", {"unloading and holding are not modelled", "dimple poke IMAGE --script"}},
-      {"--friction=0.3", {"friction is not modelled", "--contact bonded and --contact frictionless"}},
+      {"--friction-coefficient=0.3", {"under a tool that touches, of `dimple run` alone", "--friction 0.3"}},
       {"--cut", {"cutting and tearing are not modelled", "closest: "}},
       {"--pia 0.1mm", {"a shell that bends is not modelled", "--membrane 0.1mm:400kPa"}}};
   for (auto [words, texts] : asked) {

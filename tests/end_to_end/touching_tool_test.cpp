@@ -195,6 +195,37 @@ TEST(ToolThatTouches, GivesTheSameBytesWithOneThreadAndWithTwo) {
   EXPECT_EQ(text_of(folder / "t1" / "force.csv"), text_of(folder / "t2" / "force.csv"));
 }
 
+TEST(ToolThatTouches, WithFrictionGivesTheSameBytesWithOneThreadAndWithTwoAndSaysWhatSticks) {
+  const fs::path folder = with_phantom();
+  for (const char* threads : {"1", "2"}) {
+    const Ran ran =
+        dimple(folder, std::string("run brain.nrrd --write force --tool sphere:5mm --friction 0.3 -o t") +
+                           threads + " --threads " + threads + quick);
+    ASSERT_EQ(ran.code, 0) << ran.err;
+  }
+  EXPECT_EQ(text_of(folder / "t1" / "force.csv"), text_of(folder / "t2" / "force.csv"));
+  EXPECT_EQ(text_of(folder / "t1" / "energy.csv"), text_of(folder / "t2" / "energy.csv"));
+  const auto tool = nlohmann::json::parse(text_of(folder / "t1" / "summary.json"))["tool"];
+  EXPECT_EQ(tool["friction"], 0.3);
+  EXPECT_GT(tool["sticking_area_mm2"].get<double>(), 0.0);
+  EXPECT_GE(tool["slipping_area_mm2"].get<double>(), 0.0);
+  EXPECT_GT(tool["lateral_force_N"].get<double>(), 0.0);
+  EXPECT_NE(text_of(folder / "t1" / "config.resolved.toml").find("friction = \"0.3\""), std::string::npos);
+}
+
+TEST(ToolThatTouches, FrictionIsRefusedBesideTheCircleAndWhereItIsNoCoefficient) {
+  const fs::path folder = fresh_folder();
+  const Ran beside = dimple(folder, "run nowhere.nrrd -o out --friction 0.3");
+  EXPECT_EQ(beside.code, 2);
+  EXPECT_NE(beside.err.find("--tool sphere:5mm"), std::string::npos) << beside.err;
+  for (const char* none : {"rough", "-0.1", "11"}) {
+    const Ran ran =
+        dimple(folder, std::string("run nowhere.nrrd -o out --tool sphere:5mm --friction=") + none);
+    EXPECT_EQ(ran.code, 2) << none;
+    EXPECT_NE(ran.err.find("--friction"), std::string::npos) << ran.err;
+  }
+}
+
 TEST(ToolThatTouches, IsRefusedBesideWhatIsNotModelledBeforeAnythingIsBuilt) {
   const fs::path folder = fresh_folder();
   const std::string with = "run nowhere.nrrd -o out --tool sphere:5mm ";

@@ -12,6 +12,7 @@
 #include "preprocess/build_model.hpp"
 #include "preprocess/surface/shapes.hpp"
 #include "solver/equilibrium/contact_step.hpp"
+#include "solver/equilibrium/friction_step.hpp"
 #include "solver/solve.hpp"
 
 namespace dimple {
@@ -187,6 +188,45 @@ TEST(ContactStep, NeitherPullsNorLetsASampleInAndAForceIsOnlyWhereAGapIsClosed) 
   EXPECT_LT(touching, count - 5);
 }
 
+TEST(FrictionStep, HoldsWhatItCanAndElsewherePushesAgainstTheSlipAsHardAsItMay) {
+  constexpr Index count = 40;
+  Eigen::MatrixXd compliance(count, count);
+  for (Index s = 0; s < count; ++s)
+    for (Index t = 0; t < count; ++t) compliance(s, t) = 1.0 / (0.5 + std::abs(static_cast<double>(s - t)));
+  compliance.diagonal().array() += 2.0;
+  Points normal(3, count), slip(3, count), before(3, count);
+  Eigen::VectorXd bound(count);
+  for (Index s = 0; s < count; ++s) {
+    const double x = static_cast<double>(s);
+    const Vec3 n = normal.col(s) = Vec3(0.3 * std::sin(x), 0.2 * std::cos(x), -1.0).normalized();
+    const Vec3 way(0.2 + 0.1 * std::sin(x), 0.3 * std::cos(0.4 * x), 0.1),
+        force(std::sin(3.0 * x), 0.5, -0.3);
+    slip.col(s) = way - n * n.dot(way);
+    before.col(s) = 0.05 * (force - n * n.dot(force));
+    bound[s] = s % 7 == 0 ? 0.0 : 0.003 * x;
+  }
+  const Points force = before + friction_step(compliance, normal, slip, before, bound);
+  int held = 0, slid = 0;
+  for (Index s = 0; s < count; ++s) {
+    const Vec3 n = normal.col(s), t = force.col(s);
+    EXPECT_LE(t.norm(), bound[s] * (1.0 + 1e-12));
+    EXPECT_NEAR(n.dot(t), 0.0, 1e-12);
+    Vec3 after = slip.col(s);
+    for (Index k = 0; k < count; ++k) after += compliance(s, k) * (force.col(k) - before.col(k));
+    after -= n * n.dot(after);
+    if (bound[s] == 0.0) continue;
+    if (t.norm() < (1.0 - 1e-9) * bound[s]) {
+      EXPECT_LT(after.norm(), 1e-3);
+      ++held;
+    } else {
+      EXPECT_NEAR(t.dot(after), -t.norm() * after.norm(), 1e-3 * t.norm());
+      ++slid;
+    }
+  }
+  EXPECT_GT(held, 5);
+  EXPECT_GT(slid, 5);
+}
+
 // ---------------------------------------------------------------------------------------------------------
 // The program's own
 // ---------------------------------------------------------------------------------------------------------
@@ -275,7 +315,10 @@ TEST(TouchingTool, NeverPullsAndItsForceGrowsFromNothingWithTheDepth) {
 }
 
 // Beside an edge, so that it is drawn sideways and turned.
-TEST(TouchingTool, TheForceAndTheMomentOnItAreThoseOfTheBase) {
+class ToolBesideAnEdge : public testing::TestWithParam<double> {};
+INSTANTIATE_TEST_SUITE_P(Touching, ToolBesideAnEdge, testing::Values(0.0, 0.2, 1e9));
+
+TEST_P(ToolBesideAnEdge, HasTheForceAndTheMomentOfTheBase) {
   const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
   ModelOptions options;
   options.cloud.count = 1000;
@@ -286,6 +329,7 @@ TEST(TouchingTool, TheForceAndTheMomentOnItAreThoseOfTheBase) {
   touch->shape = sphere;
   touch->surface = contact_surface(model, 1.5 * sphere.radius);
   touch->pose = first_touch(sphere, model.tool, touch->surface);
+  touch->friction = GetParam();
   const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
   Loading loading{.depth = 2e-3};
   loading.touch = touch;
@@ -353,6 +397,78 @@ TEST(TouchingTool, FindsItsFirstTouchOfANodeThatIsManyTimesAsStiffAsItsNeighbour
   EXPECT_TRUE(history.retries.empty());
   EXPECT_LT(history.steps, 100) << "58 were seen; 143 where the node was as soft as its surroundings";
   EXPECT_GT(history.force.back().force, 0.0);
+}
+
+TEST(TouchingTool, FrictionLiesInTheTangentPlaneAndIsNeverMoreThanItsShareOfTheNormalForce) {
+  ModelOptions options;
+  options.cloud.count = 600;
+  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 3.0};
+  const Model model = build_model(block_surface({-15, -15, 0}, {15, 15, 20}), options).model;
+  Touch touch{.shape = {.kind = ToolShape::Kind::sphere, .radius = 5e-3}, .friction = 0.3};
+  touch.surface = contact_surface(model, 7e-3);
+  touch.pose = first_touch(touch.shape, model.tool, touch.surface);
+  TouchingTool tool(touch);
+  Nodal u = Nodal::Zero(4, model.node_count()), f = u;
+  Eigen::VectorXd force = Eigen::VectorXd::Constant(tool.unknowns(), 1e-3);
+  tool.set_forces(force);
+  tool.add_force(u, {.depth = 1e-4}, f);
+  EXPECT_EQ(tool.friction_forces().norm(), 0.0) << "all slide freely in the first step";
+  tool.accept(u, {.depth = 1e-4});
+  force[0] = -1e-3;
+  tool.set_forces(force);
+  tool.add_force(u, {.depth = 2e-4}, f);
+  double largest = 0.0;
+  for (Index s = 0; s < tool.count(); ++s) {
+    const Vec3 t = tool.friction_forces().col(s);
+    EXPECT_LE(t.norm(), 0.3 * std::max(tool.forces()[s], 0.0) * (1.0 + 1e-12));
+    EXPECT_NEAR(t.dot(tool.normals().col(s)), 0.0, 1e-15);
+    largest = std::max(largest, t.norm());
+  }
+  EXPECT_GT(largest, 0.2e-3);
+  // And what it has accepted is told to whoever goes on from there.
+  TouchingTool other(touch);
+  other.restore_past(tool.past());
+  other.set_forces(force);
+  other.add_force(u, {.depth = 2e-4}, f);
+  EXPECT_EQ(other.slips(), tool.slips());
+  EXPECT_EQ(other.friction_forces(), tool.friction_forces());
+}
+
+// Tissue is drawn sideways under a wide tool on a compressible layer, and slips.
+TEST(TouchingTool, FrictionTakesEnergyInEveryStepAndNeverGivesAny) {
+  const BodySurface layer = block_surface({-15, -15, 0}, {15, 15, 6});
+  ModelOptions options;
+  options.cloud.count = 1000;
+  options.cloud.grading.whole_circle = true;
+  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 3.0};
+  const Model model = build_model(layer, options).model;
+  auto touch = std::make_shared<Touch>();
+  touch->shape = {.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+  touch->surface = contact_surface(model, 7e-3);
+  touch->pose = first_touch(touch->shape, model.tool, touch->surface);
+  std::vector<double> force;
+  for (const double friction : {0.0, 0.05, 0.2}) {
+    touch->friction = friction;
+    const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
+    Loading loading{.depth = 2.5e-3};
+    loading.touch = touch;
+    History history;
+    solve(TimeMode::quasi_static, system, model, loading, {.frames = 1}, {}, history);
+    force.push_back(history.force.back().force);
+    double heat = 0.0;
+    for (const EnergySample& e : history.energy) {
+      EXPECT_GE(e.dissipated, heat);
+      heat = e.dissipated;
+    }
+    const EnergySample& end = history.energy.back();
+    EXPECT_NEAR(end.stored + end.dissipated, end.external, 0.02 * end.external);
+    if (friction == 0.05) EXPECT_GT(heat, 1e-3 * end.external);
+    std::printf("friction %g: %.4f mN, heat %.3g of the work\n", friction, 1e3 * force.back(),
+                heat / end.external);
+    if (friction == 0.0) EXPECT_EQ(heat, 0.0);
+  }
+  EXPECT_GT(force[1], force[0]);
+  EXPECT_GT(force[2], force[1]);
 }
 
 class PunchOnLayer : public testing::TestWithParam<std::pair<Index, double>> {};
