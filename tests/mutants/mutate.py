@@ -157,6 +157,12 @@ MUTANTS = {
     114: ("solver/guards.cpp", "  if (audit.penetration > penetration_wrong * most) throw SolveError(report);",
           "  if (audit.penetration > penetration_wrong * most && !{n}) throw SolveError(report);"),
     115: ("solver/guards.cpp", "  if (audit.beyond > most)", "  if (audit.beyond > most && !{n})"),
+    116: ("solver/equilibrium/friction_step.cpp", "brought_within(bound[s], force.col(s) - across / among(i, i))",
+          "brought_within(({n} ? 1.1 : 1.0) * bound[s], force.col(s) - across / among(i, i))"),
+    117: ("solver/terms/touching_tool.cpp", "    if (rubs()) on_body += friction_.col(s);", "    if (rubs() && !{n}) on_body += friction_.col(s);"),
+    118: ("solver/terms/touching_tool.cpp", "sum -= friction_.col(s).dot(slip_.col(s));", "sum += ({n} ? 1.0 : -1.0) * friction_.col(s).dot(slip_.col(s));"),
+    119: ("solver/terms/touching_tool.cpp", "    friction_.col(s) -= n * n.dot(friction_.col(s));", "    if (!{n}) friction_.col(s) -= n * n.dot(friction_.col(s));"),
+    120: ("solver/equilibrium/mixed_iteration.cpp", "    if (body.touching()) stiffen_single_nodes();", "    if (body.touching() && !{n}) stiffen_single_nodes();"),
     # ---- a scene of steps
     90: ("solver/march/steps.cpp", "      if (moves_tool(step)) way_before += step.way;", "      if (moves_tool(step) && !{n}) way_before += step.way;"),
     91: ("solver/march/steps.cpp", "      set.share = 0.0;", "      set.share = {n} ? set.share : 0.0;"),
