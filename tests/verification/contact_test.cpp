@@ -471,6 +471,32 @@ TEST(TouchingTool, FrictionTakesEnergyInEveryStepAndNeverGivesAny) {
   EXPECT_GT(force[2], force[1]);
 }
 
+TEST(TouchingTool, WithFrictionGoesOnFromAStateThatWasKeptToTheSameBits) {
+  ModelOptions options;
+  options.cloud.count = 600;
+  options.cloud.grading.whole_circle = true;
+  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 3.0};
+  const Model model = build_model(block_surface({-15, -15, 0}, {15, 15, 6}), options).model;
+  auto touch = std::make_shared<Touch>();
+  touch->shape = {.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+  touch->surface = contact_surface(model, 7e-3);
+  touch->pose = first_touch(touch->shape, model.tool, touch->surface);
+  touch->friction = 0.1;
+  const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
+  Loading loading{.depth = 2e-3};
+  loading.touch = touch;
+  std::vector<MarchState> kept;
+  Observer observer;
+  observer.between_steps = [&](const std::function<MarchState()>& state) { kept.push_back(state()); };
+  History whole, again;
+  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1}, observer, whole);
+  ASSERT_GE(kept.size(), 3u);
+  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1}, {}, again, &kept[1]);
+  EXPECT_EQ(again.force.back().force, whole.force.back().force);
+  EXPECT_EQ(again.energy.back().dissipated, whole.energy.back().dissipated);
+  EXPECT_GT(whole.energy.back().dissipated, 0.0);
+}
+
 class PunchOnLayer : public testing::TestWithParam<std::pair<Index, double>> {};
 
 TEST_P(PunchOnLayer, HasTheForceOfTheIntegralEquation) {
