@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Whether tools find their first touch of organs, whatever the cloud: to 0.8 radii, or as deep as is asked.
 
-    first_touch.py PROGRAM DATA [DEPTH_IN_RADII [IMAGE...]] > results/first_touch.csv
+    first_touch.py PROGRAM DATA [DEPTH_IN_RADII [IMAGE...]] > results/first_touch.csv  (many minutes)
 
 DATA: the folder with the label images. Tools stand where the program puts them by itself.
 """
