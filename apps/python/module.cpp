@@ -257,6 +257,7 @@ std::vector<std::string> words_beside_text(const Option& option) {
       {"image.label_names", {"totalsegmentator", "totalsegmentator-ct", "totalsegmentator-mr", "freesurfer"}},
       {"boundary.direction", {"auto"}},
       {"accuracy.quantity", {"force"}},
+      {"tool.friction", {"stick"}},
       {"output.compare", {paper_word}}};
   const auto found = others.find(option.key);
   return found == others.end() ? option.words : found->second;
