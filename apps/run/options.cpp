@@ -33,6 +33,11 @@ std::vector<Option> image_options(Config& c) {
       {.key = "image.close_mm", .flag = "--close", .unit = "mm", .value = &c.image.close_mm, .most = 1000,
        .stage = "model",
        .help = "close gaps in the organ narrower than this before its surface is drawn; 0: as segmented"},
+      {.key = "image.cut", .flag = "--cut", .value = &c.image.cut, .stage = "model", .common = true,
+       .help = "cut the body before the load: plane:x,y,z,nx,ny,nz[,radius=20mm], "
+               "line:x,y,z,x,y,z,depth=15mm, sheet.stl, or label:NAME takes that out; several by ;"},
+      {.key = "image.cut_gap_mm", .unit = "mm", .value = &c.image.cut_gap_mm, .least = 0.01, .most = 100,
+       .stage = "model", .help = "width of the gap that a cut leaves between its banks"},
   };
 }
 
