@@ -48,7 +48,8 @@ std::vector<Words> words_of(const Config& config) {
     const std::size_t colon = text.find(':');
     const std::string kind = text.substr(0, colon);
     if (kind == "plane" || kind == "line" || kind == "label")
-      result.push_back({text, kind, colon == std::string::npos ? "" : std::string(trimmed(text.substr(colon + 1)))});
+      result.push_back(
+          {text, kind, colon == std::string::npos ? "" : std::string(trimmed(text.substr(colon + 1)))});
     else if (is_surface_file(text))
       result.push_back({text, "file", text});
     else
@@ -120,21 +121,22 @@ TriangleMesh swept(const Words& words, const BodySurface& body, double step) {
   const Six line = line_of(words);
   const Eigen::Isometry3d to_body = body.to_world().inverse();
   const Vec3 x = to_body * line.first, y = to_body * line.second, along = (y - x).normalized();
-  const auto normal_at = [&](const Vec3& at) { return Vec3(body.normal().col(body.closest(at).triangle)); };
-  Vec3 into = -(normal_at(x) + normal_at(y));
+  const int places = std::clamp(static_cast<int>((y - x).norm() / step), 2, 1000);
+  const auto place = [&](int k) { return Vec3(x + static_cast<double>(k) / places * (y - x)); };
+  Vec3 into = Vec3::Zero();
+  for (int k = 0; k <= places; ++k) into -= body.normal().col(body.closest(place(k)).triangle) / (places + 1);
   into -= into.dot(along) * along;
   if (!(into.norm() > 0.2))
     throw ModelError({.fact = fmt::format("there is no one way into the body along the cut '{}'", words.text),
                       .where = where,
-                      .why = "its surface faces opposite ways at the two ends, or along the way",
-                      .remedy = "give places nearer to each other, or a plane or sheet instead",
+                      .why = "the surface near it faces opposite ways, or along it",
+                      .remedy = "give places on one side of the body, or a plane or sheet instead",
                       .code = "cut"});
   into.normalize();
   // From outside: the surface may bulge beyond the straight way.
   double above = 0.0;
-  const int places = std::clamp(static_cast<int>((y - x).norm() / step), 2, 1000);
   for (int k = 0; k <= places; ++k) {
-    const Vec3 at = x + static_cast<double>(k) / places * (y - x);
+    const Vec3 at = place(k);
     if (!body.contains(at)) continue;
     for (const double t : body.crossings(at, -into))
       if (t > 0.0) {

@@ -361,6 +361,8 @@ void refuse_without_base(const BodySurface& body, const Boundary& at) {
                     .code = "cut"});
 }
 
+constexpr double widest_over_gap = 25.0;  // node spacings: see sees() of sight.hpp
+
 void say_cut(const Talk& talk, const Config& config, const ImageFacts::Cut& cut, Result& result) {
   std::string sentence = fmt::format("'{}'", config.image.cut);
   if (cut.area_mm2 > 0.0)
@@ -438,6 +440,13 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
       options.scheme.averaged_gradients ? "up to " : "", report.cell_mm, report.clipped, report.merged,
       volume_in_words(report.grid_volume_mm3),
       100.0 * (report.grid_volume_mm3 / segment.voxel_volume_mm3 - 1.0)));
+  if (result.cut.area_mm2 > 0.0 && report.spacing_mm > widest_over_gap * config.image.cut_gap_mm)
+    talk.warn(fmt::format(
+        "where nodes are more than {:.4g} mm apart, and far from the tool they are {:.4g} mm, they see "
+        "across a cut {:.4g} mm wide, as if it were not there; give more --nodes, or a wider gap "
+        "with --set image.cut_gap={:.2g}mm",
+        widest_over_gap * config.image.cut_gap_mm, report.spacing_mm, config.image.cut_gap_mm,
+        report.spacing_mm / widest_over_gap));
   talk.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
   const std::string centre = in_words(places.tool.centre * 1e3);
   if (options.boundary.contact_radius_mm > 0.0)

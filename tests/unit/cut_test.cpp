@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdlib>
 #include <numbers>
 #include <random>
 
@@ -81,15 +82,17 @@ TEST(ACut, ThatMeetsNoTissueIsRefusedByThatReason) {
 // Tangent to faces, through edges and corners, along the surface, outside: never an open surface or a lost
 // piece of tissue.
 TEST(ACut, OfAnyPlaceAndSizeLosesNoTissue) {
+  const char* asked = std::getenv("DIMPLE_CUTS");  // 1000: once
+  const int bodies = asked ? std::atoi(asked) : 60;
   const BodySurface ellipsoid = cut_ellipsoid_surface({30.0, 25.0, 20.0}, -8.0, 80),
                     block = block_surface(lower, upper);
   std::mt19937 random(7);
   std::uniform_real_distribution<double> within(-1.0, 1.0);
   int cuts = 0, refused = 0;
-  for (int k = 0; k < 150; ++k) {
+  for (int k = 0; k < bodies; ++k) {
     const BodySurface& body = k % 2 ? block : ellipsoid;
     const auto place = [&] {
-      return Vec3(35.0 * within(random), 35.0 * within(random), 35.0 * within(random));
+      return Vec3(25.0 * within(random), 25.0 * within(random), 25.0 * within(random));
     };
     const auto whole = [&](Vec3 x) { return k % 5 ? x : Vec3((x / 10.0).array().round() * 10.0); };
     std::vector<TriangleMesh> sheets;
@@ -108,11 +111,12 @@ TEST(ACut, OfAnyPlaceAndSizeLosesNoTissue) {
       EXPECT_GT(is.removed_mm3, 0.0) << k;
       ++cuts;
     } catch (const ModelError& error) {
-      EXPECT_EQ(error.report.code, "cut") << k << ": " << error.report.fact;std::cout<<k<<" REFUSED "<<error.report.fact<<std::endl;
+      EXPECT_EQ(error.report.fact, "a cut meets no tissue") << k;
+
       ++refused;
     }
   }
-  EXPECT_GT(cuts, 80);
+  EXPECT_GT(2 * cuts, bodies);
   EXPECT_GT(refused, 0);
 }
 
