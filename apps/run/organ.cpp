@@ -115,7 +115,9 @@ Taken take_labels(const Talk& talk, const Config& config, const LabelImage& imag
       throw InputError(
           {.fact = fmt::format("no part of the body has label '{}'", label),
            .where = where,
-           .why = has(present, value) ? "--label or --cut leaves it out" : "the image has no such label",
+           .why = has(taken.cut_out, value) ? "--cut takes it out"
+                  : has(present, value)     ? "--label leaves it out"
+                                            : "the image has no such label",
            .remedy =
                "`dimple info IMAGE` shows the labels; take several with --label 1,2, or leave --label out"});
   return taken;
