@@ -392,6 +392,9 @@ void cut_organ(const Config& config, Organ& organ, Result& result) {
   for (CutPiece& piece : parted) piece.centre = surface.to_world() * piece.centre;
   result.cut.area_mm2 = area_mm2, result.cut.removed_mm3 = removed_mm3, result.cut.parted = std::move(parted);
   site = find_site(surface, organ.options, nullptr, &before);
+  for (const TriangleMesh& blade : blades)
+    for (const auto& x : blade.vertex.colwise())
+      if (before.contains(x)) result.cut.sizing = std::max(result.cut.sizing, site.sizing(x));
   const double room = distance_to(blades, site.boundary.centre);
   site.boundary.room = std::min(site.boundary.room, room),
   site.graded.room = std::min(site.graded.room, room);
@@ -442,13 +445,12 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
       options.scheme.averaged_gradients ? "up to " : "", report.cell_mm, report.clipped, report.merged,
       volume_in_words(report.grid_volume_mm3),
       100.0 * (report.grid_volume_mm3 / segment.voxel_volume_mm3 - 1.0)));
-  if (result.cut.area_mm2 > 0.0 && report.spacing_mm > widest_over_gap * config.image.cut_gap_mm)
-    talk.warn(fmt::format(
-        "where nodes are more than {:.4g} mm apart, and far from the tool they are {:.4g} mm, they see "
-        "across a cut {:.4g} mm wide, as if it were not there; give more --nodes, or a wider gap "
-        "with --set image.cut_gap={:.2g}mm",
-        widest_over_gap * config.image.cut_gap_mm, report.spacing_mm, config.image.cut_gap_mm,
-        report.spacing_mm / widest_over_gap));
+  if (const double apart = result.cut.sizing * report.spacing_mm, gap = config.image.cut_gap_mm;
+      apart > widest_over_gap * gap)
+    talk.warn(
+        fmt::format("a cut reaches to where nodes are {} apart, which see across a gap of {} as if it were "
+                    "not there; give more --nodes, or a wider gap with --set image.cut_gap={:.2g}mm",
+                    length_in_words(apart), length_in_words(gap), apart / widest_over_gap));
   talk.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
   const std::string centre = in_words(places.tool.centre * 1e3);
   if (options.boundary.contact_radius_mm > 0.0)

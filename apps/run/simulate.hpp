@@ -63,6 +63,7 @@ struct ImageFacts {
   /// By --cut; see CutBody.
   struct Cut {
     double area_mm2 = 0.0, removed_mm3 = 0.0;
+    double sizing = 0.0;  ///< the coarsest that nodes are along it, of the spacing far from the tool
     std::vector<CutPiece> parted;      ///< pieces that are not the one under the tool
     std::vector<LabelMeasure> labels;  ///< taken out
   } cut;

@@ -66,8 +66,9 @@ Words words_of(const Config& config) {
     if (first)
       words.radius = part;
     else
-      words.more.emplace_back(std::string(trimmed(part.substr(0, equals))),
-                              equals == std::string::npos ? "" : std::string(trimmed(part.substr(equals + 1))));
+      words.more.emplace_back(
+          std::string(trimmed(part.substr(0, equals))),
+          equals == std::string::npos ? "" : std::string(trimmed(part.substr(equals + 1))));
   }
   return words;
 }
@@ -229,11 +230,6 @@ void check_tool(const Config& config) {
                 "--accuracy (accuracy.goal)",
                 "the error of the force was measured for the circle alone, so that no band is known",
                 "choose the number of nodes with --nodes, and compare two of them");
-  const std::vector<std::string>& write = config.output.write;
-  refuse_beside(config, std::find(write.begin(), write.end(), "report") != write.end(),
-                "the page report.html", "--write report (output.write)",
-                "it shows the circle and its nodes alone",
-                "leave report out of --write; all writes everything else");
   if (const double length = length_of_tool(*tool); 1e-3 * config.load.depth_mm > length)
     throw UsageError(
         {.fact = fmt::format("the tool is to be pushed in by {}, and is {} long",

@@ -90,6 +90,16 @@ TEST(Cut, ThatPartsTheBodySaysWhatIsLeftOutAndRefusesAToolOnWhatNothingHolds) {
   EXPECT_NE(falls.err.find("parted from the base"), std::string::npos) << falls.err;
 }
 
+TEST(Cut, ThatReachesToWhereNodesAreTooFarApartToKeepItOpenSaysSo) {
+  const fs::path folder = fresh_folder();
+  const std::string far = "--cut plane:22,0,15,1,0,0,radius=20mm ";
+  const auto warned = [](const Json& summary) {
+    return summary["warnings"].dump().find("where nodes are") != std::string::npos;
+  };
+  EXPECT_TRUE(warned(run_of(folder, block, far + "--set image.cut_gap=0.2mm", "coarse")));
+  EXPECT_FALSE(warned(run_of(folder, block, far + "--set image.cut_gap=1mm", "wide")));
+}
+
 // A square sheet and a closed cube, as another program may have drawn them.
 TEST(Cut, ByADrawnSheetIsThatByTheSamePlaneAndAClosedOneIsTakenOutWhole) {
   const fs::path folder = fresh_folder();
