@@ -142,4 +142,11 @@ SurfaceFile read_surface_mesh(const fs::path& file) {
   return surface;
 }
 
+bool is_surface_file(const std::string& name) {
+  std::string suffix = fs::path(name).extension().string();
+  std::transform(suffix.begin(), suffix.end(), suffix.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
+  return suffix == ".stl" || suffix == ".obj" || suffix == ".vtp";
+}
+
 }  // namespace dimple

@@ -9,6 +9,7 @@
 
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/text.hpp"
 
 namespace dimple {
 namespace {
@@ -36,13 +37,6 @@ bool is_number(const std::string& field) {
   const char* const end = field.data() + field.size();
   const auto [stop, error] = std::from_chars(field.data(), end, value);
   return !field.empty() && stop == end && error == std::errc();
-}
-
-std::string_view trimmed(std::string_view text) {
-  constexpr std::string_view blanks = " \t\r";
-  const auto first = text.find_first_not_of(blanks);
-  if (first == std::string_view::npos) return {};
-  return text.substr(first, text.find_last_not_of(blanks) - first + 1);
 }
 
 /// Splits at `separator` outside quotes; ' ' stands for any run of blanks. False: a quote is open at the end.

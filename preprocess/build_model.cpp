@@ -175,8 +175,10 @@ GradingOptions to_the_size_of(const BodySurface& body, double contact_radius, Gr
 
 }  // namespace
 
-Site find_site(const BodySurface& body, const ModelOptions& options, const Boundary* known) {
-  Site site{find_boundary(body, options.boundary, known), {}, {}};
+Site find_site(const BodySurface& body, const ModelOptions& options, const Boundary* known,
+               const BodySurface* uncut) {
+  const BodySurface& before = uncut ? *uncut : body;
+  Site site{find_boundary(before, options.boundary, known), {}, {}};
   GradingOptions grading = options.cloud.grading;
   if (options.boundary.contact_radius_mm > 0.0) {
     site.boundary.radius = options.boundary.contact_radius_mm;
@@ -185,7 +187,7 @@ Site find_site(const BodySurface& body, const ModelOptions& options, const Bound
   site.graded = site.boundary;
   if (const auto& height = options.boundary.height_of_tool)
     site.graded.centre =
-        place_of_touch(body, site.boundary, 0.5 * options.boundary.indenter_diameter_mm, height);
+        place_of_touch(before, site.boundary, 0.5 * options.boundary.indenter_diameter_mm, height);
   site.sizing = Sizing(body, site.graded, grading);
   return site;
 }

@@ -53,13 +53,15 @@ struct Discretised {
 Discretised discretise(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at = {});
 
 /// Where a body rests and the tool stands on it, and how fine that asks the nodes to be: the same for every
-/// number of nodes, and a good part of what a small cloud costs. `known`: see find_boundary().
+/// number of nodes, and a good part of what a small cloud costs. `known`: see find_boundary(). `uncut`: the
+/// same body before it was cut, on which base and tool find their places; none: it was not.
 struct Site {
   Boundary boundary;
   Sizing sizing;    ///< with the rim that the options give
   Boundary graded;  ///< whose circle the nodes are finest around: the same, or where a round tool touches
 };
-Site find_site(const BodySurface& body, const ModelOptions& options, const Boundary* known = nullptr);
+Site find_site(const BodySurface& body, const ModelOptions& options, const Boundary* known = nullptr,
+               const BodySurface* uncut = nullptr);
 /// The same as above, on a site that was found for the same body under options that differ in the numbers of
 /// nodes and points alone.
 Discretised discretise(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at,

@@ -128,7 +128,7 @@ void add_common(CLI::App& command, Invocation& shared) {
   command.add_flag("-q,--quiet", shared.quiet, "errors only");
   command.add_flag("-v,--verbose", shared.verbose, "more detail");
   command.add_flag("--json", shared.json, "print the result as JSON on stdout");
-  command.add_option("--threads", shared.threads, "at most this many; results do not depend on it [all]")
+  command.add_option("--threads", shared.threads, "at most so many; results are the same [all]")
       ->check(CLI::Range(1, 1024));
   add_time_limit(command, shared);
 }

@@ -138,8 +138,8 @@ const std::vector<NotModelled>& not_modelled() {
        "friction is an option under a tool that touches, of `dimple run` alone: --friction",
        "dimple run IMAGE --tool sphere:5mm --friction 0.3; the circle has --contact bonded and frictionless"},
       {{"--cut", "--cutting", "--incision", "--tear", "--fracture"},
-       "cutting and tearing are not modelled: the tissue stays in one piece",
-       "a cut that is open already in the image"},
+       "a cut is made before the load, by --cut, and tissue does not tear under it",
+       "dimple run IMAGE --cut line:x,y,z,x,y,z,depth=15mm, plane:x,y,z,nx,ny,nz, sheet.stl or label:NAME"},
       {{"--skin", "--pia", "--shell", "--capsule"},
        "a shell that bends is not modelled: a film on the organ resists stretching alone",
        "--membrane 0.1mm:400kPa, or a label for its layer with a stiffness of its own, --set "

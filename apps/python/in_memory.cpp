@@ -150,6 +150,12 @@ void members(Archive& io, T& surface) {
   io(vertex, triangles, to_world.matrix(), image_ends);
 }
 
+template <class Archive, Like<CutPiece> T>
+void members(Archive& io, T& piece) {
+  auto& [volume_mm3, centre] = piece;
+  io(volume_mm3, centre);
+}
+
 template <class Archive, Like<Organ> T>
 void members(Archive& io, T& organ) {
   auto& [options, labels, closed, closing, body, site, label_names] = organ;
@@ -184,8 +190,9 @@ void members(Archive& io, T& label) {
 
 template <class Archive, Like<ImageFacts> T>
 void members(Archive& io, T& facts) {
-  auto& [image_words, labels, closed_mm3, facing_share, segment] = facts;
-  io(image_words, labels, closed_mm3, facing_share, segment);
+  auto& [image_words, labels, closed_mm3, cut, facing_share, segment] = facts;
+  auto& [area_mm2, removed_mm3, sizing, parted, taken_out] = cut;
+  io(image_words, labels, closed_mm3, area_mm2, removed_mm3, sizing, parted, taken_out, facing_share, segment);
 }
 
 template <class Archive, Like<Origin> T>

@@ -51,11 +51,6 @@ const std::map<std::string, std::map<std::string, double>>& unit_table() {
 // Before the name of the preset that a number is of.
 const std::string of_preset = "preset ";
 
-std::string trimmed(const std::string& text) {
-  const auto first = text.find_first_not_of(" \t"), last = text.find_last_not_of(" \t");
-  return first == std::string::npos ? "" : text.substr(first, last - first + 1);
-}
-
 // A flag of the command line, or a keyword of Python: "--mu", "mu_Pa=".
 bool is_of_caller(const std::string& source) {
   return source.starts_with("--") || source.ends_with("=");
@@ -98,12 +93,12 @@ void assign_number(const Option& option, double value, const std::string& text, 
 }
 
 double parse_quantity(const Option& option, const std::string& text, const std::string& source) {
-  const std::string t = trimmed(text);
+  const std::string t(trimmed(text));
   double value = 0.0;
   const char* begin = t.data() + (t.starts_with('+') ? 1 : 0);
   const auto [end, error] = std::from_chars(begin, t.data() + t.size(), value);
   if (error != std::errc{}) refuse(option, text, source, "it is not a number");
-  const std::string unit = trimmed(std::string(end, t.data() + t.size()));
+  const std::string unit(trimmed(std::string(end, t.data() + t.size())));
   if (unit.empty()) return value;
   const auto table = unit_table().find(option.unit);
   if (table == unit_table().end())
@@ -123,7 +118,7 @@ std::vector<std::string> parts_of(const std::string& text) {
   std::vector<std::string> result;
   std::stringstream parts(text);
   for (std::string part; std::getline(parts, part, ',');)
-    if (!trimmed(part).empty()) result.push_back(trimmed(part));
+    if (!trimmed(part).empty()) result.emplace_back(trimmed(part));
   return result;
 }
 
@@ -133,7 +128,7 @@ std::string place_in_mm(const std::string& text) {
   for (const std::string& part : parts_of(text)) {
     double value = 0.0;
     const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), value);
-    const auto unit = unit_table().at("mm").find(trimmed(std::string(end, part.data() + part.size())));
+    const auto unit = unit_table().at("mm").find(std::string(trimmed(std::string(end, part.data() + part.size()))));
     const bool length = error == std::errc{} && unit != unit_table().at("mm").end();
     result += (result.empty() ? "" : ",") + (length ? fmt::format("{}", value * unit->second) : part);
   }

@@ -33,6 +33,11 @@ std::vector<Option> image_options(Config& c) {
       {.key = "image.close_mm", .flag = "--close", .unit = "mm", .value = &c.image.close_mm, .most = 1000,
        .stage = "model",
        .help = "close gaps in the organ narrower than this before its surface is drawn; 0: as segmented"},
+      {.key = "image.cut", .flag = "--cut", .value = &c.image.cut, .stage = "model", .common = true,
+       .help = "cut the body before the load: line:x,y,z,x,y,z,depth=15mm, plane:x,y,z,nx,ny,nz, sheet.stl, "
+               "label:NAME"},
+      {.key = "image.cut_gap_mm", .unit = "mm", .value = &c.image.cut_gap_mm, .least = 0.01, .most = 100,
+       .stage = "model", .help = "width of the gap that a cut leaves between its banks"},
   };
 }
 
@@ -184,8 +189,7 @@ std::vector<Option> output_options(Config& c) {
   return {
       {.key = "accuracy.goal", .flag = "--accuracy", .value = &c.accuracy.goal, .stage = "run",
        .common = true,
-       .help = "refine the cloud of nodes until the discretisation error of the force, or of the "
-               "displacement of --quantity, is at most this: 2%, 1mN or 0.1mm"},
+       .help = "refine the nodes until the error of the force, or of --quantity, is at most 2%, 1mN, 0.1mm"},
       {.key = "accuracy.quantity", .flag = "--quantity", .value = &c.accuracy.quantity, .stage = "run",
        .help = "force, or displacement@x,y,z: tell too where the load brings the point that is there at "
                "rest, in LPS mm, with its error, to which --accuracy then refers"},
@@ -211,8 +215,7 @@ std::vector<Option> output_options(Config& c) {
        .choices = {"last", "all"}, .stage = "files", .help = "frames of which images are written"},
       {.key = "output.compare", .flag = "--compare", .value = &c.output.compare, .stage = "files",
        .common = true,
-       .help = "a measured curve to compare the force with: CSV with indentation_mm and force_N (or "
-               "force_mN), or horton2007"},
+       .help = "a measured curve: CSV with indentation_mm, force_N or force_mN; or horton2007"},
   };
 }
 

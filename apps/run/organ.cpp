@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "apps/run/cuts.hpp"
 #include "apps/run/places.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -21,7 +22,8 @@ namespace {
 
 // Labels given by number or name, as numbers; `present`: those of the image.
 std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelMeasure>& present,
-                               const std::vector<std::string>& wanted) {
+                               const std::vector<std::string>& wanted,
+                               const char* option = "--label (image.label)") {
   std::vector<int> result;
   for (const std::string& word : wanted) {
     if (!word.empty() && word.find_first_not_of("0123456789") == std::string::npos && word.size() < 10) {
@@ -44,7 +46,7 @@ std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelM
     const std::string elsewhere = numbering_with(word);
     throw InputError(
         {.fact = fmt::format("no label is called '{}'{}", word, did_you_mean(word, known)),
-         .where = "--label (image.label)",
+         .where = option,
          .why = (known.empty() ? std::string("the image has no label names")
                                : fmt::format("the image names {}", fmt::join(known, ", "))) +
                 (elsewhere.empty() ? "" : "; it would be " + elsewhere),
@@ -59,28 +61,48 @@ std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelM
   for (const int value : result)
     if (std::none_of(present.begin(), present.end(), [&](const LabelMeasure& m) { return m.value == value; }))
       throw InputError({.fact = fmt::format("no voxel has label {}", value),
-                        .where = "--label (image.label)",
+                        .where = option,
                         .why = fmt::format("the image holds {}", in_words(present)),
-                        .remedy = "choose one of these with --label"});
+                        .remedy = "choose one of these"});
   return result;
 }
 
 // A label that config.tissue names, as a number; -1 if it is neither a number nor a known name.
 // What of an image is to be the body.
 struct Taken {
-  std::vector<int> chosen;  // by --label; none: all
-  std::vector<LabelMeasure> labels;
+  std::vector<int> chosen;  // by --label and not by --cut; none: all
+  std::vector<LabelMeasure> labels, cut_out;
 };
+
+// --cut label:NAME.
+void cut_out(const Config& config, const LabelImage& image, Taken& taken) {
+  const std::vector<int> gone =
+      chosen_labels(image, taken.labels, labels_cut_out(config), "--cut (image.cut)");
+  if (gone.empty()) return;
+  const auto is_gone = [&](const LabelMeasure& m) {
+    return std::find(gone.begin(), gone.end(), m.value) != gone.end();
+  };
+  std::copy_if(taken.labels.begin(), taken.labels.end(), std::back_inserter(taken.cut_out), is_gone);
+  std::erase_if(taken.labels, is_gone);
+  if (taken.labels.empty())
+    throw InputError({.fact = "nothing of the body is left when its labels are taken out",
+                      .where = "--cut (image.cut)",
+                      .why = "all labels that form the body are cut out",
+                      .remedy = "leave one, or take more with --label"});
+  taken.chosen.clear();
+  for (const LabelMeasure& m : taken.labels) taken.chosen.push_back(m.value);
+}
 
 Taken take_labels(const Talk& talk, const Config& config, const LabelImage& image,
                   const std::map<std::string, int>& names) {
   for (const std::string& warning : image.warnings) talk.warn(warning);
   const std::vector<LabelMeasure> present = measure_labels(image);
-  Taken taken{.chosen = chosen_labels(image, present, config.image.label), .labels = {}};
+  Taken taken{.chosen = chosen_labels(image, present, config.image.label), .labels = {}, .cut_out = {}};
   for (const LabelMeasure& label : present)
     if (taken.chosen.empty() ||
         std::find(taken.chosen.begin(), taken.chosen.end(), label.value) != taken.chosen.end())
       taken.labels.push_back(label);
+  cut_out(config, image, taken);
   const auto has = [](const std::vector<LabelMeasure>& labels, int value) {
     return std::any_of(labels.begin(), labels.end(), [&](const auto& m) { return m.value == value; });
   };
@@ -93,7 +115,9 @@ Taken take_labels(const Talk& talk, const Config& config, const LabelImage& imag
       throw InputError(
           {.fact = fmt::format("no part of the body has label '{}'", label),
            .where = where,
-           .why = has(present, value) ? "--label leaves it out" : "the image has no such label",
+           .why = has(taken.cut_out, value) ? "--cut takes it out"
+                  : has(present, value)     ? "--label leaves it out"
+                                            : "the image has no such label",
            .remedy =
                "`dimple info IMAGE` shows the labels; take several with --label 1,2, or leave --label out"});
   return taken;
@@ -230,15 +254,17 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
                       .remedy = "give one: dimple run IMAGE -o OUT"});
   check_materials(materials_of(config), options.scheme);
   check_words(options.boundary);
+  check_cuts(config);
   const Stopwatch reading;
   talk.begin(Part::reading, config);
   result.image = given.image ? *given.image : read_label_image(config.image.file, config.image.label_names);
   if (given.change.image) result.image = given.change.image(result.image);
   Organ organ{.options = options, .labels = {}};
   for (const auto& [value, name] : result.image.names) organ.label_names[name] = value;
-  const auto [labels, taken] = take_labels(talk, config, result.image, organ.label_names);
+  const auto [labels, taken, gone] = take_labels(talk, config, result.image, organ.label_names);
   organ.labels = labels;
   result.labels = taken;
+  result.cut.labels = gone;
   result.read_s = reading.seconds();
   result.stages.done("read");
   result.image_words =
@@ -304,10 +330,92 @@ LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& im
   return label_finder(organ.closed ? organ.closed->image : image, organ.body->surface);
 }
 
+namespace {
+
+// A bonded circle holds one piece of surface: a gap through it would be held open or shut by the tool.
+void refuse_circle_over_cut(const BodySurface& body, const Boundary& at, double gap) {
+  const double step = std::max(0.5 * gap, at.radius / 100.0);
+  const Vec3 e = at.push.unitOrthogonal(), g = at.push.cross(e);
+  const int most = static_cast<int>(at.radius / step);
+  for (int i = -most; i <= most; ++i)
+    for (int k = -most; k <= most; ++k) {
+      const Vec3 x = at.centre + step * (i * e + k * g);
+      if ((x - at.centre).norm() > at.radius) continue;
+      const std::vector<double> t = body.crossings(x - 2.0 * at.radius * at.push, at.push);
+      const auto first = std::find_if(t.begin(), t.end(), [](double s) { return s > 0.0; });
+      if (first != t.end() && *first < 4.0 * at.radius) continue;
+      throw ModelError({.fact = "a cut passes under the circle",
+                        .where = "--cut (image.cut) and --indent-at (boundary.indent_at)",
+                        .why = fmt::format("the circle's nodes would hold both banks at {}",
+                                           in_words(body.to_world() * x)),
+                        .remedy = "move one of them, or press with --tool sphere:5mm, which touches alone",
+                        .code = "cut"});
+    }
+}
+
+void refuse_without_base(const BodySurface& body, const Boundary& at) {
+  for (Index t = 0; t < body.triangles().cols(); ++t)
+    if (on_base(at, body.vertex().col(body.triangles()(0, t)), body.normal().col(t))) return;
+  throw ModelError({.fact = "the tool stands on a piece that the cut has parted from the base",
+                    .where = "--cut (image.cut)",
+                    .why = "nothing holds that piece",
+                    .remedy = "let the cut end in the tissue, or give another --base or --indent-at",
+                    .code = "cut"});
+}
+
+constexpr double widest_over_gap = 25.0;  // node spacings: see sees() of sight.hpp
+
+void say_cut(const Talk& talk, const Config& config, const ImageFacts::Cut& cut, Result& result) {
+  std::string sentence = fmt::format("'{}'", config.image.cut);
+  if (cut.area_mm2 > 0.0)
+    sentence +=
+        fmt::format(": {:.4g} cm2, its banks {:.4g} mm apart", cut.area_mm2 / 1e2, config.image.cut_gap_mm);
+  if (!cut.labels.empty()) sentence += fmt::format("; taken out: {}", in_words(cut.labels));
+  result.provenance["cut"] = sentence;
+  talk.say("cut      " + sentence);
+  for (const CutPiece& piece : cut.parted)
+    talk.warn(fmt::format("the cut parts {} at {} from what is under the tool: it is left out",
+                          volume_in_words(piece.volume_mm3), in_words(piece.centre)));
+}
+
+// Base and tool have their places on the body as it was before.
+void cut_organ(const Config& config, Organ& organ, Result& result) {
+  const std::vector<TriangleMesh> blades = blades_of(config, *organ.body);
+  if (blades.empty()) return;
+  const BodySurface& before = organ.body->surface;
+  Site site{find_boundary(before, organ.options.boundary), {}, {}};
+  auto [surface, removed_mm3, area_mm2, parted] =
+      cut(before, blades, config.image.cut_gap_mm, site.boundary.centre);
+  refuse_without_base(surface, site.boundary);
+  if (!(organ.options.boundary.contact_radius_mm > 0.0))
+    refuse_circle_over_cut(surface, site.boundary, config.image.cut_gap_mm);
+  for (CutPiece& piece : parted) piece.centre = surface.to_world() * piece.centre;
+  result.cut.area_mm2 = area_mm2, result.cut.removed_mm3 = removed_mm3, result.cut.parted = std::move(parted);
+  site = find_site(surface, organ.options, nullptr, &before);
+  for (const TriangleMesh& blade : blades)
+    for (const auto& x : blade.vertex.colwise())
+      if (before.contains(x)) result.cut.sizing = std::max(result.cut.sizing, site.sizing(x));
+  const double room = distance_to(blades, site.boundary.centre);
+  site.boundary.room = std::min(site.boundary.room, room),
+  site.graded.room = std::min(site.graded.room, room);
+  SegmentReport report = organ.body->report;
+  report.voxel_volume_mm3 *= surface.volume() / before.volume();
+  organ.site = std::make_shared<const Site>(std::move(site));
+  organ.body = std::make_shared<const SegmentedBody>(SegmentedBody{std::move(surface), report});
+  result.segment = std::move(report);
+  result.stages.done("cut");
+}
+
+}  // namespace
+
 void find_site(const Config& config, const Talk& talk, Organ& organ, Result& result) {
   const Stopwatch finding;
   talk.begin(Part::cloud, config);
-  organ.site = std::make_shared<const Site>(find_site(organ.body->surface, organ.options));
+  if (has_cuts(config)) {
+    cut_organ(config, organ, result);
+    say_cut(talk, config, result.cut, result);
+  }
+  if (!organ.site) organ.site = std::make_shared<const Site>(find_site(organ.body->surface, organ.options));
   result.stages.done("boundary");
   result.build_s += finding.seconds();
 }
@@ -337,6 +445,12 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
       options.scheme.averaged_gradients ? "up to " : "", report.cell_mm, report.clipped, report.merged,
       volume_in_words(report.grid_volume_mm3),
       100.0 * (report.grid_volume_mm3 / segment.voxel_volume_mm3 - 1.0)));
+  if (const double apart = result.cut.sizing * report.spacing_mm, gap = config.image.cut_gap_mm;
+      apart > widest_over_gap * gap)
+    talk.warn(
+        fmt::format("a cut reaches to where nodes are {} apart, which see across a gap of {} as if it were "
+                    "not there; give more --nodes, or a wider gap with --set image.cut_gap={:.2g}mm",
+                    length_in_words(apart), length_in_words(gap), apart / widest_over_gap));
   talk.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
   const std::string centre = in_words(places.tool.centre * 1e3);
   if (options.boundary.contact_radius_mm > 0.0)

@@ -4,7 +4,7 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
-
+#include "apps/run/cuts.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/summary.hpp"
 #include "io/words.hpp"
@@ -41,6 +41,7 @@ PlacesOfImage places_of_image(const Config& config, const LabelImage* image, con
   PlacesOfImage found;
   Result result;
   const Talk talk{observer, result};
+  require_no_cuts(config, "the list of places");
   const Organ organ = read_organ({.config = config, .image = image}, model_options(config), talk, result);
   found.places = usable_places(organ.body->surface, organ.options.boundary);
   found.warnings = result.warnings;

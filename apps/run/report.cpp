@@ -135,6 +135,33 @@ Json outline(const Points& on_slice, const Triangles& triangles) {
 // -------------------------------------------------------------------------------------------------------
 // parts
 
+// How wide the tool is: of one that touches, half of its own width, and else the circle's radius [m].
+double tool_radius(const ReportInput& input) {
+  return input.touch ? input.touch->shape.radius : input.model.tool.radius;
+}
+
+// Where the tool lies at the end, as its places that are farthest each way on the slice; what is more than
+// three radii above its tip is drawn no higher than that.
+Json silhouette(const Slice& slice, const ReportInput& input) {
+  constexpr int ways = 48;
+  const double depth = input.history.force.empty() ? 0.0 : input.history.force.back().depth;
+  const Vec3 push = input.model.tool.push;
+  Points places = input.tool.position_mm;
+  if (places.cols() == 0) return Json::array();
+  const double tip = (push.transpose() * places).maxCoeff(), highest = 3e3 * tool_radius(input);
+  for (auto place : places.colwise())
+    place += push * (1e3 * depth + std::max(0.0, tip - push.dot(place) - highest));
+  const Points seen = (slice.place.linear() * places).colwise() + slice.place.translation();
+  Json list = Json::array();
+  for (int k = 0; k < ways; ++k) {
+    const double angle = 2.0 * std::numbers::pi * k / ways;
+    Index farthest = 0;
+    (std::cos(angle) * seen.row(0) + std::sin(angle) * seen.row(1)).maxCoeff(&farthest);
+    for (const Json& number : hundredths(seen.col(farthest))) list.push_back(number);
+  }
+  return list;
+}
+
 Json slice_json(const Slice& slice, const ReportInput& input, double slab_mm) {
   const Model& model = input.model;
   Json result = {{"name", slice.name},
@@ -175,21 +202,7 @@ Json slice_json(const Slice& slice, const ReportInput& input, double slab_mm) {
       result["outline_at_end"] =
           outline(moved(surface.vertex_mm + input.surface_displacement_mm), surface.triangles);
   }
-  // The tool's two ends, as rings.
-  const double depth = input.history.force.empty() ? 0.0 : input.history.force.back().depth;
-  const Vec3 push = model.tool.push, u = push.unitOrthogonal(), v = push.cross(u);
-  constexpr int around = 24;
-  constexpr double length = 3.0;  // radii
-  for (const bool foot : {true, false}) {
-    Json ring = Json::array();
-    for (int k = 0; k < around; ++k) {
-      const double angle = 2.0 * std::numbers::pi * k / around;
-      const Vec3 on_ring = model.tool.centre + push * (depth - (foot ? 0.0 : length * model.tool.radius)) +
-                           model.tool.radius * (std::cos(angle) * u + std::sin(angle) * v);
-      for (const Json& number : hundredths(slice.place * Vec3(1e3 * on_ring))) ring.push_back(number);
-    }
-    result[foot ? "tool_foot" : "tool_top"] = std::move(ring);
-  }
+  result["tool"] = silhouette(slice, input);
   return result;
 }
 
@@ -231,9 +244,10 @@ Json body_json(const ReportInput& input) {
 Json tool_json(const ReportInput& input) {
   const Indenter& tool = input.model.tool;
   Json result = mesh_json(input.tool.position_mm, input.tool.triangles);
-  result["centre_mm"] = {1e3 * tool.centre.x(), 1e3 * tool.centre.y(), 1e3 * tool.centre.z()};
+  const Vec3 centre = 1e3 * (input.touch ? input.touch->pose.tip : tool.centre);
+  result["centre_mm"] = {centre.x(), centre.y(), centre.z()};
   result["push"] = {tool.push.x(), tool.push.y(), tool.push.z()};
-  result["radius_mm"] = 1e3 * tool.radius;
+  result["radius_mm"] = 1e3 * tool_radius(input);
   return result;
 }
 

@@ -13,6 +13,7 @@
 #include "io/vtk_files.hpp"
 #include "preprocess/model.hpp"
 #include "solver/march.hpp"
+#include "solver/terms/touching_tool.hpp"
 
 namespace dimple {
 
@@ -57,6 +58,7 @@ void keep(BodyFrames& frames, BodyFrames::Frame frame);
 struct ReportInput {
   const Model& model;
   const SurfaceFile& tool;  ///< at rest
+  const Touch* touch;       ///< of a tool that touches; else none
   const std::vector<Slice>& slices;
   const BodyFrames& frames;
   const History& history;

@@ -74,7 +74,7 @@ Wanted wanted_of(const Config& config) {
           .picture = asked("picture"),
           .model = asked("model"),
           .label = asked("label"),
-          .report = asked("report") && !tool_of(config),  // its page speaks of the circle; see check_tool()
+          .report = asked("report"),
           .images = std::find(list.begin(), list.end(), "images") != list.end(),
           .fine = fine};
 }
@@ -480,6 +480,7 @@ Json ResultWriter::report(const History& history, const Band& band,
   const Overview picture = picture_of(history, band);
   return report_data({.model = model_,
                       .tool = tool_,
+                      .touch = touch_.get(),
                       .slices = slices,
                       .frames = shown_,
                       .history = history,

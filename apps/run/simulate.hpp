@@ -12,6 +12,7 @@
 #include "apps/run/model_files.hpp"
 #include "apps/run/work.hpp"
 #include "preprocess/build_model.hpp"
+#include "preprocess/surface/cut.hpp"
 #include "preprocess/surface/label_surface.hpp"
 #include "solver/solve.hpp"
 
@@ -59,7 +60,14 @@ struct ImageFacts {
   std::string image_words;           ///< its format, size and axes
   std::vector<LabelMeasure> labels;  ///< taken
   double closed_mm3 = 0.0;           ///< added where gaps were closed
-  double facing_share = 0.0;         ///< of the surface: what faces another part across narrow_gap_mm or less
+  /// By --cut; see CutBody.
+  struct Cut {
+    double area_mm2 = 0.0, removed_mm3 = 0.0;
+    double sizing = 0.0;  ///< the coarsest that nodes are along it, of the spacing far from the tool
+    std::vector<CutPiece> parted;      ///< pieces that are not the one under the tool
+    std::vector<LabelMeasure> labels;  ///< taken out
+  } cut;
+  double facing_share = 0.0;  ///< of the surface: what faces another part across narrow_gap_mm or less
   SegmentReport segment;
 };
 

@@ -39,6 +39,16 @@ Json cavities_json(const std::vector<Cavity>& cavities) {
   return list;
 }
 
+Json cut_json(const ImageFacts::Cut& cut) {
+  Json parted = Json::array();
+  for (const CutPiece& piece : cut.parted)
+    parted.push_back({{"volume_mm3", piece.volume_mm3}, {"centre_mm", three(piece.centre)}});
+  return {{"area_mm2", cut.area_mm2},
+          {"removed_mm3", cut.removed_mm3},
+          {"labels_taken_out", labels_json(cut.labels)},
+          {"parted", parted}};
+}
+
 Json model_json(const Result& p) {
   const ModelReport& r = p.report;
   return {{"organ_volume_mm3", p.segment.voxel_volume_mm3},
@@ -47,6 +57,7 @@ Json model_json(const Result& p) {
           {"pieces", p.segment.pieces},
           {"dropped_volume_mm3", p.segment.dropped_volume_mm3},
           {"closed_volume_mm3", p.closed_mm3},
+          {"cut", cut_json(p.cut)},
           {"facing_share", p.facing_share},
           {"nodes_for_band", p.nodes_for_band},
           {"cavities", cavities_json(p.segment.cavities)},

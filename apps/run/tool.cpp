@@ -13,6 +13,7 @@
 #include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/surface_mesh.hpp"
+#include "io/text.hpp"
 
 namespace dimple {
 namespace {
@@ -22,11 +23,6 @@ constexpr const char* forms = "sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,lengt
 constexpr double sharpest_edge = 0.1;
 constexpr double usual_depth = 0.8;  // of the radius
 const std::string by_tool = "the tool";
-
-std::string trimmed(const std::string& text) {
-  const std::size_t first = text.find_first_not_of(" \t"), last = text.find_last_not_of(" \t");
-  return first == std::string::npos ? "" : text.substr(first, last - first + 1);
-}
 
 [[noreturn]] void refuse(const Config& config, const std::string& fact, const std::string& why,
                          const std::string& remedy) {
@@ -61,19 +57,20 @@ struct Words {
 Words words_of(const Config& config) {
   const std::string& text = config.tool.shape;
   const std::size_t colon = text.find(':');
-  Words words{.kind = trimmed(text.substr(0, colon)), .radius = {}, .more = {}};
+  Words words{.kind = std::string(trimmed(text.substr(0, colon))), .radius = {}, .more = {}};
   if (colon == std::string::npos) return words;
   std::string rest = text.substr(colon + 1);
   for (bool first = true; !rest.empty(); first = false) {
     const std::size_t comma = rest.find(',');
-    const std::string part = trimmed(rest.substr(0, comma));
+    const std::string part(trimmed(rest.substr(0, comma)));
     rest = comma == std::string::npos ? "" : rest.substr(comma + 1);
     const std::size_t equals = part.find('=');
     if (first)
       words.radius = part;
     else
-      words.more.emplace_back(trimmed(part.substr(0, equals)),
-                              equals == std::string::npos ? "" : trimmed(part.substr(equals + 1)));
+      words.more.emplace_back(
+          std::string(trimmed(part.substr(0, equals))),
+          equals == std::string::npos ? "" : std::string(trimmed(part.substr(equals + 1))));
   }
   return words;
 }
@@ -117,14 +114,6 @@ ToolShape shape_of(const Config& config, const Words& words) {
   return shape;
 }
 
-// A surface that another program has drawn is known by the end of its name.
-bool is_file(const std::string& text) {
-  std::string suffix = std::filesystem::path(text).extension().string();
-  std::transform(suffix.begin(), suffix.end(), suffix.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
-  return suffix == ".stl" || suffix == ".obj" || suffix == ".vtp";
-}
-
 // A file is read and checked once: that may take a second, and many ask.
 std::shared_ptr<const ToolMesh> drawn_in(const std::filesystem::path& file) {
   static std::mutex one_at_a_time;
@@ -154,7 +143,7 @@ void refuse_beside(const Config& config, bool is_asked, const char* what, const 
 }  // namespace
 
 std::optional<ToolShape> tool_of(const Config& config) {
-  if (is_file(config.tool.shape)) {
+  if (is_surface_file(config.tool.shape)) {
     auto mesh = drawn_in(config.tool.shape);
     const double radius = 0.5 * mesh->width;
     return ToolShape{.kind = ToolShape::Kind::drawn, .radius = radius, .mesh = std::move(mesh)};
@@ -267,11 +256,6 @@ void check_tool(const Config& config) {
                 "--accuracy (accuracy.goal)",
                 "the error of the force was measured for the circle alone, so that no band is known",
                 "choose the number of nodes with --nodes, and compare two of them");
-  const std::vector<std::string>& write = config.output.write;
-  refuse_beside(config, std::find(write.begin(), write.end(), "report") != write.end(),
-                "the page report.html", "--write report (output.write)",
-                "it shows the circle and its nodes alone",
-                "leave report out of --write; all writes everything else");
   if (const double length = length_of_tool(*tool); 1e-3 * config.load.depth_mm > length)
     throw UsageError(
         {.fact = fmt::format("the tool is to be pushed in by {}, and is {} long",

@@ -111,6 +111,10 @@ void read_summary(const fs::path& folder, const std::vector<double>& depths_mm, 
   if (summary.contains("warnings") && summary.at("warnings").is_array())
     one.warnings = std::to_string(summary.at("warnings").size());
   one.version = field(summary, {"version"});
+  const std::string diameter = field(summary, {"counts", "circle_diameter_mm"});
+  one.tool = field(summary, {"tool", "words"});
+  if (one.tool.empty() && !diameter.empty())
+    one.tool = fmt::format("a circle of {} mm diameter", diameter);
   if (!depths_mm.empty() && !one.force[0].empty()) one.at_depth = forces_at(folder / "force.csv", depths_mm);
 }
 
@@ -309,7 +313,7 @@ TextTable table_of(const std::vector<CollectedCase>& cases, const std::vector<do
   for (const double depth : depths_mm)
     for (const char* name : {"force", "low", "high"})
       table.header.push_back(fmt::format("{}_at_{}mm_N", name, shortest(depth)));
-  for (const char* name : {"status", "code", "fact", "total_s", "nodes", "warnings", "version"})
+  for (const char* name : {"status", "code", "fact", "total_s", "nodes", "warnings", "version", "tool"})
     table.header.push_back(name);
   for (const CollectedCase& one : cases) {
     TextTable::Row row{table.row.size() + 2,
@@ -319,7 +323,8 @@ TextTable table_of(const std::vector<CollectedCase>& cases, const std::vector<do
     for (const CollectedCase::Force& force : one.at_depth)
       row.field.insert(row.field.end(), force.begin(), force.end());
     for (const std::string& last : {as_text(one.status), as_text(one.code), as_text(one.fact), one.total_s,
-                                    one.nodes, one.warnings, as_text(one.version)})
+                                    one.nodes, one.warnings, as_text(one.version),
+                                    as_text(one.tool)})
       row.field.push_back(last);
     table.row.push_back(std::move(row));
   }

@@ -15,7 +15,7 @@ struct CollectedCase {
   std::string status;  ///< of summary.json: finished, failed, interrupted; unfinished: none is there;
                        ///< missing: no folder
   std::string code, fact, where, remedy;  ///< of a failure
-  std::string image, labels, volume_mm3, mu_Pa, indentation_mm, total_s, nodes, warnings, version;
+  std::string image, labels, volume_mm3, mu_Pa, indentation_mm, total_s, nodes, warnings, version, tool;
   using Force = std::array<std::string, 3>;  ///< with the low and the high end of its band [N]
   Force force;                               ///< at the end
   std::vector<Force> at_depth;               ///< at those that were asked for

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "apps/run/cuts.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/steps.hpp"
@@ -106,6 +107,7 @@ ElementModel element_model(const Config& config, const std::string& format, cons
                       .why = "other laws are not written alike by these programs",
                       .remedy = "leave out tissues, presets, --stress printed, Ogden and Prony numbers"});
   require_no_steps(config, "dimple export");
+  require_no_cuts(config, "dimple export");
   require_no_membranes(config, "dimple export");
   require_circle(config, "dimple export");
   if (!has_tool_alone(config))

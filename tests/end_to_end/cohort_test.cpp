@@ -362,6 +362,7 @@ TEST_F(Batch, IsCollectedAsOneTableWithForcesAtDepths) {
   EXPECT_LT(std::stod(b.at("force_at_1mm_N")), std::stod(b.at("force_at_1.7mm_N")));
   EXPECT_LT(std::stod(b.at("force_at_1.7mm_N")), std::stod(b.at("force_at_2mm_N")));
   EXPECT_EQ(b.at("mu_Pa"), "200");
+  EXPECT_EQ(b.at("tool"), "a circle of 10 mm diameter");
   EXPECT_EQ(b.at("image"), "block.nrrd");
   EXPECT_EQ(b.at("nodes"), std::to_string(summary("out/b").at("counts").at("nodes").get<int>()));
   EXPECT_EQ(b.at("volume_mm3"), shortest(summary("out/b").at("volume_mm3").get<double>()));

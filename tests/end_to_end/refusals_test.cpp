@@ -260,7 +260,7 @@ TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
       {"--body-force 9.81", {"gravity alone", "--gravity inferior"}},
       {"--unload", {"unloading and holding are not modelled", "dimple poke IMAGE --script"}},
       {"--friction-coefficient=0.3", {"under a tool that touches, of `dimple run` alone", "--friction 0.3"}},
-      {"--cut", {"cutting and tearing are not modelled", "closest: "}},
+      {"--tear", {"tissue does not tear", "closest: dimple run IMAGE --cut"}},
       {"--pia 0.1mm", {"a shell that bends is not modelled", "--membrane 0.1mm:400kPa"}}};
   for (auto [words, texts] : asked) {
     texts.insert(texts.end(), {"modelled are quasi-static and dynamic indentation", "not-modelled"});

@@ -89,14 +89,8 @@ class Report : public testing::Test {
   Json summary() const { return Json::parse(text_of(folder / "out" / "summary.json")); }
 };
 
-TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthers) {
-  std::ofstream(folder / "measured.csv") << "indentation_mm,force_N\n1,0.01\n2,0.02\n4,0.05\n";
-  run(" --compare measured.csv");
-  const Json numbers = summary();
-  EXPECT_EQ(held(text_of(folder / "out" / "report.html"), "dimple-summary"), numbers);
-  EXPECT_LT(fs::file_size(folder / "out" / "report.html"), 4'000'000u);
-
-  const std::string page = shown();
+// Each number that the page marks is the summary's; the keys of those that it shows.
+std::set<std::string> keys_shown(const std::string& page, const Json& numbers) {
   const std::regex mark("<span([^>]*) ?data-key=\"([^\"]+)\"(?: data-scale=\"([^\"]+)\")?>([^<]*)</span>");
   std::set<std::string> keys;
   for (std::sregex_iterator m(page.begin(), page.end(), mark), end; m != end; ++m) {
@@ -124,12 +118,36 @@ TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthers) {
         std::pow(10.0, -places + (power == std::string::npos ? 0.0 : std::stod(text.substr(power + 1))));
     EXPECT_NEAR(std::stod(text), exact, 0.5000001 * last);
   }
+  return keys;
+}
+
+TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthers) {
+  std::ofstream(folder / "measured.csv") << "indentation_mm,force_N\n1,0.01\n2,0.02\n4,0.05\n";
+  run(" --compare measured.csv");
+  const Json numbers = summary();
+  EXPECT_EQ(held(text_of(folder / "out" / "report.html"), "dimple-summary"), numbers);
+  EXPECT_LT(fs::file_size(folder / "out" / "report.html"), 4'000'000u);
+
+  const std::set<std::string> keys = keys_shown(shown(), numbers);
   for (const char* key :
        {"force_N", "indentation_mm", "band.low_N", "band.high_N", "verdict.image.value",
         "verdict.model.value", "verdict.equilibrium.value", "verdict.energy.value", "verdict.accuracy.value",
         "verdict.accuracy.word", "warnings.0", "material.0.mu_Pa", "counts.nodes", "model.base_reason",
         "model.circle_reason", "total_wall_s", "compare.ratio_at_end", "image_sha256", "version"})
     EXPECT_TRUE(keys.contains(key)) << key;
+}
+
+TEST_F(Report, OfAToolThatTouchesACutBodyShowsItsNumbersToo) {
+  run(" --tool sphere:5mm --cut line:12,-20,25,12,20,25,depth=10mm");
+  const std::string page = shown();
+  const std::set<std::string> keys = keys_shown(page, summary());
+  for (const char* key :
+       {"tool.words", "tool.first_touch_mm.2", "tool.contact_area_mm2", "tool.samples_in_contact",
+        "tool.largest_pressure_Pa", "tool.largest_penetration_mm", "model.cut.area_mm2",
+        "model.cut.removed_mm3", "contact"})
+    EXPECT_TRUE(keys.contains(key)) << key;
+  EXPECT_FALSE(keys.contains("counts.circle_nodes"));
+  EXPECT_EQ(page.find("class=\"mark node circle\""), std::string::npos);
 }
 
 // What the page shows of a summary's number.

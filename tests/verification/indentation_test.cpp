@@ -3,11 +3,15 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdlib>
+#include <iostream>
 #include <tuple>
+#include <vector>
 
 #include "io/error.hpp"
 #include "io/table.hpp"
 #include "preprocess/build_model.hpp"
+#include "preprocess/surface/cut.hpp"
 #include "preprocess/surface/shapes.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/random_bodies.hpp"
@@ -16,9 +20,10 @@ namespace dimple {
 namespace {
 
 // Forces [N] at even depths of a circle pressed onto the top of a body that stands on a flat base.
-std::vector<double> forces(const BodySurface& body, double diameter_mm, double depth_mm, int count) {
+std::vector<double> forces(const BodySurface& body, double diameter_mm, double depth_mm, int count,
+                           Index nodes = 2000) {
   ModelOptions options;
-  options.cloud.count = 2000;
+  options.cloud.count = nodes;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = diameter_mm};
   const BuiltModel built = build_model(body, options);
   std::vector<double> result;
@@ -46,6 +51,35 @@ TEST(Indentation, BesideASlitIsAsSoftAsFiniteElementsSay) {
     }
   }
   EXPECT_EQ(compared, 9);
+}
+
+// With 4250 nodes, in each run one of nine slits; DIMPLE_ALL_SCENES=1: all.
+TEST(Indentation, OfABlockThatIsCutIsThatOfTheBlockWithTheSlitFromTheStart) {
+  const Table known = read_csv(DIMPLE_REFERENCE_DIR "/slits.csv");
+  std::vector<std::pair<double, double>> slits = {{0.5, 1.0}};
+  if (std::getenv("DIMPLE_ALL_SCENES"))
+    slits = {{0.5, 1.0}, {0.5, 3.0}, {0.5, 8.0}, {1.0, 1.0}, {1.0, 3.0},
+             {1.0, 8.0}, {2.0, 1.0}, {2.0, 3.0}, {2.0, 8.0}};
+  for (const auto& [width, gap] : slits) {
+    SCOPED_TRACE(testing::Message() << width << " mm wide, " << gap << " mm from the rim");
+    const double x = 5.0 + gap + 0.5 * width;
+    const CutBody is = cut(block_surface({-30.0, -30.0, 0.0}, {30.0, 30.0, 30.0}),
+                           {swept_sheet({x, -31.0, 30.0}, {x, 31.0, 30.0}, -Vec3::UnitZ(), 1.0, 25.0, 2.0)},
+                           width, {0.0, 0.0, 30.0});
+    const auto ours = forces(is.surface, 10.0, 3.0, 3, 4250);
+    const auto slit =
+        forces(slit_block_surface({60.0, 60.0, 30.0}, 5.0 + gap, width, 25.0), 10.0, 3.0, 3, 4250);
+    for (std::size_t row = 0; row < known.rows(); ++row) {
+      const auto at = [&](const char* column) { return (*known.find(column))[row]; };
+      if (at("slit_mm") != width || at("gap_mm") != gap || at("indentation_mm") > 3.5) continue;
+      const auto k = static_cast<std::size_t>(at("indentation_mm")) - 1;
+      EXPECT_NEAR(ours[k], slit[k], 0.005 * slit[k]);
+      EXPECT_NEAR(ours[k], at("force_N"), 0.01 * (at("uncertainty_percent") + 1.0) * at("force_N"));
+      if (slits.size() > 1)
+        std::cout << width << ',' << gap << ',' << at("indentation_mm") << ": " << ours[k] << " N cut, "
+                  << slit[k] << " N slit, " << at("force_N") << " N reference" << std::endl;
+    }
+  }
 }
 
 // The whole width of the base carries: without nodes along its outline the force was 9 % less. With them it

@@ -136,7 +136,7 @@ function bodySection() {
     return undefined;
   }
   stage.append(colourBar(shown.most));
-  stage.after(element('ul', { class: 'legend screen' }, element('li', {}, element('span', { class: 'mark tool' }), 'tool, ', written('counts.circle_diameter_mm'), ' in diameter')));
+  stage.after(element('ul', { class: 'legend screen' }, element('li', {}, element('span', { class: 'mark tool' }), ...toolWords())));
   const show = (k) => {
     slider.value = k;
     depth.textContent = `${shown.depths[k].toFixed(2)} mm`;
@@ -185,7 +185,7 @@ function sliceSection() {
     if (k < 8) legend.append(element('li', {}, element('span', { class: 'mark tint', style: `background:${tintOf(label.value)}` }), label.name ? `${label.value} ${label.name}` : `label ${label.value}`));
   }
   if (taken.length > 8) legend.append(element('li', {}, `and ${taken.length - 8} more labels`));
-  legend.append(entry('node', 'node'), entry('node base', 'fixed base'), entry('node circle', "tool's circle"), entry('outline', 'outline at rest'), entry('outline moved', 'at the end'), entry('tool', 'tool at the end'));
+  legend.append(entry('node', 'node'), entry('node base', 'fixed base'), ...(there('counts.circle_nodes') ? [entry('node circle', "tool's circle")] : []), entry('outline', 'outline at rest'), entry('outline moved', 'at the end'), entry('tool', 'tool at the end'));
   place.append(slices(), legend);
   const tilt = data.tilt_degrees > 1 ? ` The image's axes are turned by ${data.tilt_degrees} degrees against the patient's; the letters name the nearest.` : '';
   place.append(element('p', { class: 'soft' }, `Planes through the middle of the tool's way, seen from the left, from the front and from the feet: the patient's right is on the left. Nodes at rest within ${(data.slab_mm / 2).toFixed(1)} mm of the plane; the tool is seen along it.${tilt}`));
@@ -193,6 +193,19 @@ function sliceSection() {
 }
 
 // ---------------------------------------------------------------------------------------------------- assumed
+
+function toolWords() {
+  return there('tool.words') ? ['tool: ', word('tool.words')] : ['tool, ', written('counts.circle_diameter_mm'), ' in diameter'];
+}
+
+function cutWords() {
+  const words = [];
+  if (at('model.cut.area_mm2') > 0) words.push(quantity('model.cut.area_mm2', 'mm²', { decimals: 0 }), ' on each bank');
+  if (at('model.cut.removed_mm3') > 0) words.push(words.length > 0 ? '; ' : '', written('model.cut.removed_mm3'), ' of tissue gone with it');
+  for (const k of at('model.cut.labels_taken_out').keys()) words.push(words.length > 0 ? '; ' : '', 'taken out: ', at(`model.cut.labels_taken_out.${k}.name`) ? word(`model.cut.labels_taken_out.${k}.name`) : 'a label', ', ', written(`model.cut.labels_taken_out.${k}.volume_mm3`));
+  for (const k of at('model.cut.parted').keys()) words.push('; parted and left out: ', written(`model.cut.parted.${k}.volume_mm3`));
+  return words;
+}
 
 function labelList() {
   const table = element('table', { class: 'list' });
@@ -229,7 +242,11 @@ function assumed() {
         element('div', { class: 'soft' }, 'surface of triangles of ', written('model.surface_step_mm'), ', smoothed by ', written('model.smoothing_mm'))],
       ['Material', ...materials()],
       ['Base', number('counts.base_nodes', { decimals: 0 }), ' nodes held', reason('model.base_reason'), reason('made_from.base')],
-      ['Tool', written('counts.circle_diameter_mm'), ' in diameter, on ', number('counts.circle_nodes', { decimals: 0 }), ' nodes at ', place3('counts.circle_centre_mm'), ' mm, pushed along ', place3('counts.push'), reason('model.circle_reason'), reason('made_from.circle')],
+      there('model.cut') && (at('model.cut.area_mm2') > 0 || at('model.cut.removed_mm3') > 0 || at('model.cut.labels_taken_out').length > 0) && ['Cut', ...cutWords()],
+      there('tool.words')
+        ? ['Tool', word('tool.words'), ', its tip at first touch at ', place3('tool.first_touch_mm'), ' mm, pushed along ', place3('counts.push'), reason('model.circle_reason')]
+        : ['Tool', written('counts.circle_diameter_mm'), ' in diameter, on ', number('counts.circle_nodes', { decimals: 0 }), ' nodes at ', place3('counts.circle_centre_mm'), ' mm, pushed along ', place3('counts.push'), reason('model.circle_reason'), reason('made_from.circle')],
+      there('tool.contact_area_mm2') && ['Contact', quantity('tool.contact_area_mm2', 'mm²', { decimals: 1 }), ' at the end, on ', number('tool.samples_in_contact', { decimals: 0 }), ' parts of the surface; largest pressure ', written('tool.largest_pressure_Pa'), '; between them the surface comes into the tool by ', written('tool.largest_penetration_mm'), ' at most'],
       ['Load', written('requested.depth_mm'), ' at ', quantity('requested.rate_mm_per_s', 'mm/s'), ', ', word('contact'), ', ', word('time')],
       ['Discretisation', number('counts.nodes', { decimals: 0 }), ' nodes', there('model.largest_spacing_mm') ? [': ', written('model.rim_spacing_mm'), ' apart at the tool, ', written('model.largest_spacing_mm'), ' far from it'] : '', '; ', number('counts.integration_points', { decimals: 0 }), ' integration points',
         element('div', { class: 'soft' }, 'scheme ', word('scheme'), ', ', word('precision'), ' precision')],

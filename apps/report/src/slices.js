@@ -58,7 +58,7 @@ const pairs = (numbers) => Array.from({ length: numbers.length / 2 }, (_, k) => 
 
 export function slice(one, number, pixelsPerMm) {
   const { width_mm: w, height_mm: h } = one;
-  const tool = [...pairs(one.tool_foot), ...pairs(one.tool_top)];
+  const tool = pairs(one.tool);
   const above = Math.min(0, ...tool.map((p) => p[1] / 100));
   const below = Math.max(h, ...tool.map((p) => p[1] / 100));
   const left = Math.min(0, ...tool.map((p) => p[0] / 100));
@@ -81,7 +81,7 @@ export function slice(one, number, pixelsPerMm) {
     svg('path', { class: 'node base', d: dots(one.nodes.base) }),
     svg('path', { class: 'node circle', d: dots(one.nodes.circle) }),
     svg('path', { class: 'moved', d: pieces(one.outline_at_end) }),
-    svg('path', { class: 'tool', d: `M${hull(tool).map((p) => `${mm(p[0])} ${mm(p[1])}`).join('L')}Z` }),
+    ...(tool.length > 0 ? [svg('path', { class: 'tool', d: `M${hull(tool).map((p) => `${mm(p[0])} ${mm(p[1])}`).join('L')}Z` })] : []),
   );
   const letter = (text, x, y) =>
     picture.append(svg('text', { x: x.toFixed(2), y: (y + 0.36 * size).toFixed(2), 'font-size': size.toFixed(2), 'text-anchor': 'middle', class: 'letter' }, text));

@@ -1,0 +1,206 @@
+#include "apps/run/cuts.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "apps/run/words.hpp"
+#include "io/error.hpp"
+#include "io/surface_mesh.hpp"
+#include "io/text.hpp"
+#include "io/words.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr const char* where = "--cut (image.cut)";
+constexpr const char* forms =
+    "plane:x,y,z,nx,ny,nz[,radius=20mm], line:x,y,z,x,y,z,depth=15mm, sheet.stl or label:NAME";
+
+[[noreturn]] void refuse(const std::string& text, const std::string& fact, const std::string& why) {
+  throw UsageError({.fact = fmt::format("the cut '{}' {}", text, fact),
+                    .where = where,
+                    .why = why,
+                    .remedy = fmt::format("give {}", forms)});
+}
+
+std::vector<std::string> split(const std::string& text, char at) {
+  std::vector<std::string> parts;
+  for (std::size_t begin = 0; begin <= text.size();) {
+    const std::size_t end = std::min(text.find(at, begin), text.size());
+    if (std::string part(trimmed(text.substr(begin, end - begin))); !part.empty())
+      parts.push_back(std::move(part));
+    begin = end + 1;
+  }
+  return parts;
+}
+
+// One of those that --cut lists.
+struct Words {
+  std::string text, kind, rest;
+  bool is_file() const { return kind == "file"; }
+};
+
+std::vector<Words> words_of(const Config& config) {
+  std::vector<Words> result;
+  for (const std::string& text : split(config.image.cut, ';')) {
+    const std::size_t colon = text.find(':');
+    const std::string kind = text.substr(0, colon);
+    if (kind == "plane" || kind == "line" || kind == "label")
+      result.push_back(
+          {text, kind, colon == std::string::npos ? "" : std::string(trimmed(text.substr(colon + 1)))});
+    else if (is_surface_file(text))
+      result.push_back({text, "file", text});
+    else
+      refuse(text, "is not known", "it is a plane, a line, a label or a surface that was drawn");
+  }
+  return result;
+}
+
+double number_of(const Words& words, const std::string& text, const char* unit) {
+  double value = 0.0;
+  set_value({.key = "image.cut",
+             .flag = "--cut",
+             .unit = unit,
+             .value = &value,
+             .least = -1e6,
+             .most = 1e6,
+             .help = "a number of a cut"},
+            text, fmt::format("{}, '{}'", where, words.text));
+  return value;
+}
+
+// Six numbers, and one more length by name.
+struct Six {
+  Vec3 first, second;
+  double length = 0.0;  // [mm]; 0: not given
+};
+
+Six six_of(const Words& words, const std::string& name, const char* unit_of_second) {
+  const std::vector<std::string> parts = split(words.rest, ',');
+  if (parts.size() < 6 || parts.size() > 7)
+    refuse(words.text, fmt::format("has {} parts", parts.size()),
+           fmt::format("a {} has six numbers{}", words.kind, " and one length by name"));
+  Six six;
+  for (Index k = 0; k < 3; ++k) {
+    six.first[k] = number_of(words, parts[static_cast<std::size_t>(k)], "mm");
+    six.second[k] = number_of(words, parts[static_cast<std::size_t>(k) + 3], unit_of_second);
+  }
+  if (parts.size() == 6) return six;
+  const std::size_t equals = parts[6].find('=');
+  if (equals == std::string::npos || trimmed(parts[6].substr(0, equals)) != name)
+    refuse(words.text, fmt::format("ends with '{}'", parts[6]), fmt::format("its length is called {}", name));
+  six.length = number_of(words, std::string(trimmed(parts[6].substr(equals + 1))), "mm");
+  if (!(six.length > 0.0))
+    refuse(words.text, fmt::format("has a {} of {}", name, length_in_words(six.length)),
+           "a length is above zero");
+  return six;
+}
+
+Six plane_of(const Words& words) {
+  const Six six = six_of(words, "radius", "");
+  if (!(six.second.norm() > 0.0)) refuse(words.text, "has no normal", "three zeros are no direction");
+  return six;
+}
+
+Six line_of(const Words& words) {
+  const Six six = six_of(words, "depth", "mm");
+  if (!(six.length > 0.0)) refuse(words.text, "has no depth", "an edge cuts as deep as it is pushed");
+  if (!((six.first - six.second).norm() > 0.0))
+    refuse(words.text, "begins where it ends", "an edge that does not move opens nothing");
+  return six;
+}
+
+TriangleMesh drawn(const Words& words) {
+  const SurfaceFile file = read_surface_mesh(words.rest);
+  return {file.position_mm, file.triangles};
+}
+
+TriangleMesh swept(const Words& words, const BodySurface& body, double step) {
+  const Six line = line_of(words);
+  const Eigen::Isometry3d to_body = body.to_world().inverse();
+  const Vec3 x = to_body * line.first, y = to_body * line.second, along = (y - x).normalized();
+  const int places = std::clamp(static_cast<int>((y - x).norm() / step), 2, 1000);
+  const auto place = [&](int k) { return Vec3(x + static_cast<double>(k) / places * (y - x)); };
+  Vec3 into = Vec3::Zero();
+  for (int k = 0; k <= places; ++k) into -= body.normal().col(body.closest(place(k)).triangle) / (places + 1);
+  into -= into.dot(along) * along;
+  if (!(into.norm() > 0.2))
+    throw ModelError({.fact = fmt::format("there is no one way into the body along the cut '{}'", words.text),
+                      .where = where,
+                      .why = "the surface near it faces opposite ways, or along it",
+                      .remedy = "give places on one side of the body, or a plane or sheet instead",
+                      .code = "cut"});
+  into.normalize();
+  // From outside: the surface may bulge beyond the straight way.
+  double above = 0.0;
+  for (int k = 0; k <= places; ++k) {
+    const Vec3 at = place(k);
+    if (!body.contains(at)) continue;
+    for (const double t : body.crossings(at, -into))
+      if (t > 0.0) {
+        above = std::max(above, t);
+        break;
+      }
+  }
+  return swept_sheet(x, y, into, above + step, line.length, step);
+}
+
+}  // namespace
+
+bool has_cuts(const Config& config) {
+  return !split(config.image.cut, ';').empty();
+}
+
+void check_cuts(const Config& config) {
+  for (const Words& words : words_of(config)) {
+    if (words.kind == "plane") plane_of(words);
+    if (words.kind == "line") line_of(words);
+    if (words.kind == "label" && words.rest.empty())
+      refuse(words.text, "names no label", "it takes out the voxels of a label");
+    if (words.is_file()) drawn(words);
+  }
+}
+
+std::vector<std::string> labels_cut_out(const Config& config) {
+  std::vector<std::string> labels;
+  for (const Words& words : words_of(config))
+    if (words.kind == "label") labels.push_back(words.rest);
+  return labels;
+}
+
+std::vector<TriangleMesh> blades_of(const Config& config, const SegmentedBody& of) {
+  const BodySurface& body = of.surface;
+  const Eigen::Isometry3d to_body = body.to_world().inverse();
+  const double step = of.report.step_mm > 0.0 ? of.report.step_mm : 1.0;
+  std::vector<TriangleMesh> sheets;
+  for (const Words& words : words_of(config)) {
+    if (words.kind == "plane") {
+      const Six plane = plane_of(words);
+      const Vec3 place = to_body * plane.first;
+      // Of a whole plane, enough to reach beyond the body.
+      const double all =
+          (body.upper() - body.lower()).norm() + (place - 0.5 * (body.upper() + body.lower())).norm();
+      sheets.push_back(
+          disc_sheet(place, to_body.linear() * plane.second, plane.length > 0.0 ? plane.length : all, step));
+    } else if (words.kind == "line") {
+      sheets.push_back(swept(words, body, step));
+    } else if (words.is_file()) {
+      TriangleMesh sheet = drawn(words);
+      sheet.vertex = (to_body * sheet.vertex.colwise().homogeneous()).eval();
+      sheets.push_back(std::move(sheet));
+    }
+  }
+  return sheets;
+}
+
+void require_no_cuts(const Config& config, const std::string& what) {
+  if (!has_cuts(config)) return;
+  throw UsageError({.fact = fmt::format("{} knows no cuts, and '{}' is asked for", what, config.image.cut),
+                    .where = where,
+                    .why = "a body is cut by `dimple run` and `dimple model` before the tool touches it",
+                    .remedy = "leave --cut out, or use dimple run IMAGE --cut"});
+}
+
+}  // namespace dimple

@@ -1,0 +1,30 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "apps/run/config.hpp"
+#include "preprocess/surface/cut.hpp"
+#include "preprocess/surface/label_surface.hpp"
+
+namespace dimple {
+
+/// --cut: what is cut, or taken out, before the load. Several are separated by semicolons.
+///
+///     plane:x,y,z,nx,ny,nz              a plane through a place, with its normal: LPS, mm
+///     plane:x,y,z,nx,ny,nz,radius=20mm  a disc of it
+///     line:x,y,z,x,y,z,depth=15mm       an edge's way from place to place, straight into the surface there
+///     FILE.stl, .obj, .vtp              a sheet that was drawn: LPS, mm; a closed one is taken out whole
+///     label:NAME                        the voxels of a label are taken out
+bool has_cuts(const Config& config);
+/// Throws UsageError: a word, number or unit that is none; InputError of a file.
+void check_cuts(const Config& config);
+/// The labels that are taken out, by number or name.
+std::vector<std::string> labels_cut_out(const Config& config);
+/// What the blades sweep, in the body's own frame. Throws as check_cuts(); ModelError: no way into the body.
+std::vector<TriangleMesh> blades_of(const Config& config, const SegmentedBody& body);
+
+/// Throws UsageError: there is a cut, of which `what` knows nothing.
+void require_no_cuts(const Config& config, const std::string& what);
+
+}  // namespace dimple

@@ -1,0 +1,159 @@
+// dimple run --cut: a body that is cut, or a part of it taken out, before the load, through the program
+// itself.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+constexpr const char* quick = " -q --write force --nodes 1000 --depth 2mm --frames 2 --band off ";
+const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 mm, the circle at (0, 0, 30)
+const std::string two = DIMPLE_SAMPLE_DATA "/two_labels_3mm.nii.gz";
+
+Json summary_of(const fs::path& folder) {
+  return Json::parse(text_of(folder / "summary.json"));
+}
+
+Json run_of(const fs::path& folder, const std::string& image, const std::string& options, const char* out) {
+  const Ran ran = dimple(folder, "run " + image + " -o " + out + quick + options);
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  return ran.code == 0 ? summary_of(folder / out) : Json();
+}
+
+TEST(Cut, BesideTheCircleMakesItSofterTheNearerItIs) {
+  const fs::path folder = fresh_folder();
+  double before = 0.0;
+  for (const char* cut :
+       {"", "--cut line:20,-35,30,20,35,30,depth=20mm", "--cut line:8,-35,30,8,35,30,depth=20mm",
+        "--cut line:8,-35,30,8,35,30,depth=20mm;line:-8,-35,30,-8,35,30,depth=20mm"}) {
+    const Json summary = run_of(folder, block, cut, ("out" + std::to_string(before)).c_str());
+    const double force = summary["force_N"];
+    if (before > 0.0) {
+      EXPECT_LT(force, 0.999 * before) << cut;
+      const Json& of = summary["model"]["cut"];
+      EXPECT_NEAR(of["removed_mm3"].get<double>(), 0.5 * of["area_mm2"].get<double>(), 1e-6);
+      EXPECT_NEAR(summary["model"]["surface_volume_mm3"].get<double>() + of["removed_mm3"].get<double>(),
+                  108e3, 108.0);
+    }
+    before = force;
+  }
+}
+
+TEST(Cut, LeavesBaseAndToolWhereTheyWereOnTheWholeBody) {
+  const fs::path folder = fresh_folder();
+  const Json whole = run_of(folder, block, "", "whole"),
+             cut = run_of(folder, block, "--cut plane:15,0,30,1,0,0.2,radius=12mm", "cut");
+  EXPECT_EQ(whole["counts"]["circle_centre_mm"], cut["counts"]["circle_centre_mm"]);
+  EXPECT_EQ(whole["counts"]["push"], cut["counts"]["push"]);
+}
+
+TEST(Cut, IsRepeatedByTheConfigurationThatItsRunWroteAndByAnyNumberOfThreads) {
+  const fs::path folder = fresh_folder();
+  run_of(folder, block, "--threads 2 --cut line:9,-20,30,9,20,30,depth=15mm", "out");
+  ASSERT_EQ(
+      dimple(folder, "run " + block + " --config out/config.resolved.toml -o again -q --threads 1").code, 0);
+  EXPECT_EQ(text_of(folder / "out" / "force.csv"), text_of(folder / "again" / "force.csv"));
+}
+
+TEST(Cut, OfALabelIsTheBodyOfTheOthers) {
+  const fs::path folder = fresh_folder();
+  const Json info = Json::parse(dimple(folder, "info " + two + " --json").out);
+  const Json& gone = info["labels"][1];
+  const std::string name = std::to_string(gone["value"].get<int>()),
+                    stays = std::to_string(info["labels"][0]["value"].get<int>());
+  const Json cut = run_of(folder, two, "--cut label:" + name, "cut"),
+             other = run_of(folder, two, "--label " + stays, "other");
+  EXPECT_EQ(cut["force_N"], other["force_N"]);
+  EXPECT_EQ(cut["model"]["cut"]["labels_taken_out"][0]["volume_mm3"], gone["volume_mm3"]);
+}
+
+TEST(Cut, ThatPartsTheBodySaysWhatIsLeftOutAndRefusesAToolOnWhatNothingHolds) {
+  const fs::path folder = fresh_folder();
+  const Ran ran = dimple(folder, "run " + block + " -o out --cut plane:12,0,0,1,0,0" + quick);
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Json cut = summary_of(folder / "out")["model"]["cut"];
+  ASSERT_EQ(cut["parted"].size(), 1U);
+  EXPECT_NEAR(cut["parted"][0]["volume_mm3"].get<double>(), 17.75 * 1800.0, 0.02 * 17.75 * 1800.0);
+  EXPECT_NEAR(cut["parted"][0]["centre_mm"][0].get<double>(), 21.1, 0.3);
+  EXPECT_NE(summary_of(folder / "out")["warnings"].dump().find("it is left out"), std::string::npos);
+  const Ran falls = dimple(folder, "run " + block + " -o falls --cut plane:0,0,12,0,0,1" + quick);
+  EXPECT_EQ(falls.code, 4);
+  EXPECT_NE(falls.err.find("parted from the base"), std::string::npos) << falls.err;
+}
+
+TEST(Cut, ThatReachesToWhereNodesAreTooFarApartToKeepItOpenSaysSo) {
+  const fs::path folder = fresh_folder();
+  const std::string far = "--cut plane:22,0,15,1,0,0,radius=20mm ";
+  const auto warned = [](const Json& summary) {
+    return summary["warnings"].dump().find("where nodes are") != std::string::npos;
+  };
+  EXPECT_TRUE(warned(run_of(folder, block, far + "--set image.cut_gap=0.2mm", "coarse")));
+  EXPECT_FALSE(warned(run_of(folder, block, far + "--set image.cut_gap=1mm", "wide")));
+}
+
+// A square sheet and a closed cube, as another program may have drawn them.
+TEST(Cut, ByADrawnSheetIsThatByTheSamePlaneAndAClosedOneIsTakenOutWhole) {
+  const fs::path folder = fresh_folder();
+  std::ofstream(folder / "sheet.obj") << "v 9 -20 10\nv 9 20 10\nv 9 20 40\nv 9 -20 40\nf 1 2 3 4\n";
+  std::ofstream(folder / "cube.obj")
+      << "v 12 -6 20\nv 24 -6 20\nv 24 6 20\nv 12 6 20\nv 12 -6 40\nv 24 -6 40\nv 24 6 "
+         "40\nv 12 6 40\nf 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
+  const Json sheet = run_of(folder, block, "--cut sheet.obj", "sheet"),
+             line = run_of(folder, block, "--cut line:9,-20,30,9,20,30,depth=20mm", "line");
+  EXPECT_NEAR(sheet["force_N"].get<double>(), line["force_N"].get<double>(),
+              0.005 * line["force_N"].get<double>());
+  const Json cube = run_of(folder, block, "--cut cube.obj", "cube");
+  EXPECT_NEAR(cube["model"]["cut"]["removed_mm3"].get<double>(), 1440.0, 0.05 * 1440.0);
+}
+
+TEST(Cut, ThatIsNoneIsRefusedByWhatIsWrongWithIt) {
+  const fs::path folder = fresh_folder();
+  std::ofstream(folder / "broken.stl") << "dear";
+  const struct {
+    const char* cut;
+    int code;
+    const char* words;
+  } refused[] = {{"hatchet:1,2,3", 2, "is not known"},
+                 {"plane:1,2,3", 2, "has 3 parts"},
+                 {"plane:1,2,3,0,0,0", 2, "has no normal"},
+                 {"plane:1,2,3,0,0,1,depth=3mm", 2, "its length is called radius"},
+                 {"plane:1,2,three,0,0,1", 2, "three"},
+                 {"line:0,0,30,10,0,30", 2, "has no depth"},
+                 {"line:0,0,30,0,0,30,depth=5mm", 2, "begins where it ends"},
+                 {"line:0,0,30,10,0,30,depth=-5mm", 2, "has a depth of"},
+                 {"label:", 2, "names no label"},
+                 {"label:tumour", 3, "no label is called 'tumour'"},
+                 {"label:block", 3, "nothing of the body is left"},
+                 {"broken.stl", 3, "is no STL file"},
+                 {"nowhere.stl", 3, "nowhere.stl"},
+                 {"plane:200,0,0,1,0,0", 4, "meets no tissue"},
+                 {"line:-9,-20,30,9,20,30,depth=10mm", 4, "passes under the circle"}};
+  for (const auto& [cut, code, words] : refused) {
+    const Ran ran = dimple(folder, "run " + block + " -o out --cut " + cut + quick);
+    EXPECT_EQ(ran.code, code) << cut << ": " << ran.err;
+    EXPECT_NE(ran.err.find(words), std::string::npos) << cut << ": " << ran.err;
+    EXPECT_NE(ran.err.find("try:"), std::string::npos);
+    EXPECT_FALSE(fs::exists(folder / "out" / "force.csv")) << cut;
+  }
+}
+
+TEST(Cut, IsRefusedWhereTheBodyWouldStayWhole) {
+  const fs::path folder = fresh_folder();
+  for (const char* command : {"places ", "poke --socket s ", "export -o e.inp "}) {
+    const Ran ran = dimple(folder, command + block + " --cut plane:20,0,0,1,0,0");
+    EXPECT_EQ(ran.code, 2) << command << ran.err;
+    EXPECT_NE(ran.err.find("cut"), std::string::npos) << ran.err;
+  }
+}
+
+}  // namespace
+}  // namespace dimple
