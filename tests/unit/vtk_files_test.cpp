@@ -521,10 +521,11 @@ TEST(Vtp, SaysWhyAFileIsNoTriangleSurface) {
   expect_report<InputError>([&] { read_vtp(file(polygons("0 1 2", "9"))); }, "bad.vtp");
   expect_report<InputError>([&] { read_vtp(file(polygons("0 1 2", "-3"))); }, "bad.vtp");
   expect_report<InputError>([&] { read_vtp(file(R"(NumberOfPolys="0">)")); }, "no triangle");
-  const auto strip = [&](const std::string& corners, const std::string& offsets) {
+  const auto strip = [&](const std::string& corners, const std::string& offsets,
+                         const std::string& count = "1") {
     std::string content = read_file(file(polygons(corners, offsets)));
     for (const auto& [from, to] :
-         {std::pair<std::string, std::string>{R"(NumberOfStrips="0")", R"(NumberOfStrips="1")"},
+         {std::pair<std::string, std::string>{R"(NumberOfStrips="0")", "NumberOfStrips=\"" + count + '"'},
           {R"(NumberOfPolys="1")", R"(NumberOfPolys="0")"},
           {"<Polys>", "<Strips>"},
           {"</Polys>", "</Strips>"}})
@@ -538,6 +539,7 @@ TEST(Vtp, SaysWhyAFileIsNoTriangleSurface) {
   expect_report<InputError>([&] { read_vtp(strip("0 -1 2", "3")); }, "bad.vtp");
   expect_report<InputError>([&] { read_vtp(strip("0 1 2", "9")); }, "bad.vtp");
   expect_report<InputError>([&] { read_vtp(strip("0 1 2", "-3")); }, "bad.vtp");
+  expect_report<InputError>([&] { read_vtp(strip("0 1 2 3", "900000 4", "2")); }, "900000 corners");
   expect_report<InputError>([&] { read_vtp(folder / "absent.vtp"); }, "no such file");
 }
 
