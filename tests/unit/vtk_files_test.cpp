@@ -539,7 +539,7 @@ TEST(Vtp, SaysWhyAFileIsNoTriangleSurface) {
   expect_report<InputError>([&] { read_vtp(strip("0 -1 2", "3")); }, "bad.vtp");
   expect_report<InputError>([&] { read_vtp(strip("0 1 2", "9")); }, "bad.vtp");
   expect_report<InputError>([&] { read_vtp(strip("0 1 2", "-3")); }, "bad.vtp");
-  expect_report<InputError>([&] { read_vtp(strip("0 1 2 3", "900000 4", "2")); }, "900000 corners");
+  expect_report<InputError>([&] { read_vtp(strip("0 1 2 3", "900000 4", "2")); }, "bad.vtp");
   expect_report<InputError>([&] { read_vtp(folder / "absent.vtp"); }, "no such file");
 }
 
