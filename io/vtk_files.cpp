@@ -51,6 +51,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
+#include "io/triangle_strips.hpp"
 
 namespace dimple {
 
@@ -645,6 +646,81 @@ void write_vtu(const fs::path& file, const PointFile& points, double time_s, boo
   write_xml<vtkXMLUnstructuredGridWriter>(file, *grid, points.small, points.even_if_stopped);
 }
 
+namespace {
+
+void set_polygons(vtkPolyData& mesh, const SurfaceFile& surface) {
+  vtkNew<CellNumbers> offset, corner;
+  offset->SetNumberOfValues(surface.triangles.cols() + 1);
+  corner->SetNumberOfValues(surface.triangles.size());
+  for (Index t = 0; t <= surface.triangles.cols(); ++t) offset->SetValue(t, static_cast<int>(3 * t));
+  for (Index c = 0; c < surface.triangles.size(); ++c)
+    corner->SetValue(c, static_cast<int>(surface.triangles.data()[c]));
+  vtkNew<vtkCellArray> triangles;
+  triangles->SetData(offset, corner);
+  mesh.SetPolys(triangles);
+  for (const Field& field : surface.on_triangles)
+    mesh.GetCellData()->AddArray(vtk_array(field, surface.triangles.cols()));
+}
+
+// No compressor that VTK knows packs the offsets of polygons, 3, 6, 9, ...: they are a tenth of a small file.
+void set_strips(vtkPolyData& mesh, const SurfaceFile& surface) {
+  Eigen::MatrixXd kind(0, surface.triangles.cols());
+  if (surface.on_triangles.size() > 1)
+    throw std::invalid_argument("a small surface has one field on its triangles at most");
+  for (const Field& field : surface.on_triangles) kind = field.values;
+  const TriangleStrips strips = strips_in(surface.triangles, kind);
+  const auto numbers = [](const std::vector<int>& from) {
+    vtkNew<CellNumbers> array;
+    array->SetNumberOfValues(static_cast<vtkIdType>(from.size()));
+    std::copy(from.begin(), from.end(), array->GetPointer(0));
+    return vtkSmartPointer<CellNumbers>(array);
+  };
+  vtkNew<vtkCellArray> cells;
+  cells->SetData(numbers(strips.offset), numbers(strips.corner));
+  mesh.SetStrips(cells);
+  for (Field field : surface.on_triangles) {
+    field.values = kind(Eigen::all, strips.first).eval();
+    mesh.GetCellData()->AddArray(vtk_array(field, static_cast<Index>(strips.first.size())));
+  }
+}
+
+// The corners of the mesh's strips; refuses numbers that contradict each other.
+TriangleStrips strips_of(const fs::path& file, vtkPolyData& mesh) {
+  vtkCellArray& cells = *mesh.GetStrips();
+  TriangleStrips strips;
+  vtkIdType corners = 0;
+  const vtkIdType* corner = nullptr;
+  for (vtkIdType s = 0; s < cells.GetNumberOfCells(); ++s) {
+    cells.GetCellAtId(s, corners, corner);
+    if (corners < 3)
+      refuse(file,
+             fmt::format("triangle strip {} of {} has {} corners", s, file.filename().string(), corners),
+             "it needs three", "export it again");
+    for (vtkIdType c = 0; c < corners; ++c) {
+      if (corner[c] < 0 || corner[c] >= mesh.GetNumberOfPoints())
+        refuse(file,
+               fmt::format("triangle strip {} of {} uses point {}; there are {}", s, file.filename().string(),
+                           corner[c], mesh.GetNumberOfPoints()),
+               "the file contradicts itself", "export it again");
+      strips.corner.push_back(static_cast<int>(corner[c]));
+    }
+    strips.offset.push_back(static_cast<int>(strips.corner.size()));
+  }
+  return strips;
+}
+
+// Values of polygons and strips, as values of the triangles that they are.
+void spread_over_triangles(std::vector<Field>& fields, Index polygons, const TriangleStrips& strips) {
+  std::vector<Index> cell(static_cast<std::size_t>(polygons));
+  std::iota(cell.begin(), cell.end(), Index{0});
+  for (std::size_t s = 0; s + 1 < strips.offset.size(); ++s)
+    cell.insert(cell.end(), static_cast<std::size_t>(strips.offset[s + 1] - strips.offset[s] - 2),
+                polygons + static_cast<Index>(s));
+  for (Field& field : fields) field.values = field.values(Eigen::all, cell).eval();
+}
+
+}  // namespace
+
 void write_vtp(const fs::path& file, const SurfaceFile& surface, double time_s, bool exact) {
   const Index points = surface.position_mm.cols();
   if (surface.triangles.size() > 0 &&
@@ -654,19 +730,11 @@ void write_vtp(const fs::path& file, const SurfaceFile& surface, double time_s, 
                                             points));
   vtkNew<vtkPolyData> mesh;
   mesh->SetPoints(vtk_points(surface.position_mm, exact));
-  vtkNew<CellNumbers> offset, corner;
-  offset->SetNumberOfValues(surface.triangles.cols() + 1);
-  corner->SetNumberOfValues(surface.triangles.size());
-  for (Index t = 0; t <= surface.triangles.cols(); ++t) offset->SetValue(t, static_cast<int>(3 * t));
-  for (Index c = 0; c < surface.triangles.size(); ++c)
-    corner->SetValue(c, static_cast<int>(surface.triangles.data()[c]));
-  vtkNew<vtkCellArray> triangles;
-  triangles->SetData(offset, corner);
-  mesh->SetPolys(triangles);
-
+  if (surface.small)
+    set_strips(*mesh, surface);
+  else
+    set_polygons(*mesh, surface);
   add_fields(*mesh, surface.fields, time_s);
-  for (const Field& field : surface.on_triangles)
-    mesh->GetCellData()->AddArray(vtk_array(field, surface.triangles.cols()));
   for (const Field& fact : surface.facts) mesh->GetFieldData()->AddArray(vtk_array(fact, 1));
   write_xml<vtkXMLPolyDataWriter>(file, *mesh, surface.small);
 }
@@ -708,12 +776,9 @@ SurfaceFile read_vtp(const fs::path& file) {
                       .facts = fields_of(*mesh->GetFieldData())};
 
   const std::string name = file.filename().string();
-  const std::string triangulate = "apply the Triangulate filter in ParaView and save the result";
-  if (mesh->GetStrips()->GetNumberOfCells() > 0)
-    refuse(file, fmt::format("{} holds {} triangle strips", name, mesh->GetStrips()->GetNumberOfCells()),
-           "single triangles are needed", triangulate);
   vtkCellArray& polygons = *mesh->GetPolys();
-  if (polygons.GetNumberOfCells() == 0)
+  const TriangleStrips strips = strips_of(file, *mesh);
+  if (polygons.GetNumberOfCells() == 0 && strips.corner.empty())
     refuse(file, fmt::format("{} holds points but no triangle", name), "it is not a surface",
            "name the file of a triangle surface");
   surface.triangles.resize(3, polygons.GetNumberOfCells());
@@ -723,7 +788,8 @@ SurfaceFile read_vtp(const fs::path& file) {
     polygons.GetCellAtId(t, corners, corner);
     if (corners != 3)
       refuse(file, fmt::format("polygon {} of {} has {} corners", t, name, corners),
-             "a surface of triangles is needed", triangulate);
+             "a surface of triangles is needed",
+             "apply the Triangulate filter in ParaView and save the result");
     for (Index c = 0; c < 3; ++c) {
       if (corner[c] < 0 || corner[c] >= surface.position_mm.cols())
         refuse(file,
@@ -733,6 +799,15 @@ SurfaceFile read_vtp(const fs::path& file) {
       surface.triangles(c, t) = corner[c];
     }
   }
+  if (strips.corner.empty()) return surface;
+  const Index single = surface.triangles.cols();
+  const Triangles in_them = triangles_of(strips);
+  surface.triangles.conservativeResize(3, single + in_them.cols());
+  surface.triangles.rightCols(in_them.cols()) = in_them;
+  // Values that are not of these cells, for there are lines or vertices before them, are of no use here.
+  const Index cells = polygons.GetNumberOfCells() + mesh->GetStrips()->GetNumberOfCells();
+  if (mesh->GetNumberOfCells() != cells) surface.on_triangles.clear();
+  spread_over_triangles(surface.on_triangles, single, strips);
   return surface;
 }
 

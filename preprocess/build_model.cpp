@@ -10,6 +10,7 @@
 #include "io/error.hpp"
 #include "io/memory.hpp"
 #include "io/stop.hpp"
+#include "io/triangle_strips.hpp"
 #include "io/units.hpp"
 #include "preprocess/cloud/neighbours.hpp"
 #include "preprocess/cloud/spatial_order.hpp"
@@ -22,6 +23,13 @@ namespace {
 Points world_metres(const BodySurface& body, const Points& local) {
   Points world = (body.to_world() * local.colwise().homogeneous()).eval();
   return world.unaryExpr(&metres);
+}
+
+// To a four-millionth of the body's size, by a power of two: a thousandth of what its voxels say, and in a
+// file half as long as with all digits.
+Points rounded_for_files(const BodySurface& body, const Points& mm) {
+  const double step = std::exp2(std::floor(std::log2((body.upper() - body.lower()).maxCoeff())) - 22.0);
+  return (mm.array() / step).round() * step;
 }
 
 // Mean thickness of the body under the circle over the mean spacing of its nodes.
@@ -105,8 +113,8 @@ Discretisation places_of(const BodySurface& body, const Boundary& boundary, cons
   places.volume = grid.volume(points).unaryExpr(&cubic_metres);
   places.label = grid.label(points);
   places.axes = body.to_world().linear();
-  places.surface.vertex_mm = body.to_world() * body.vertex().colwise().homogeneous();
-  places.surface.triangles = body.triangles();
+  places.surface.vertex_mm = rounded_for_files(body, body.to_world() * body.vertex().colwise().homogeneous());
+  places.surface.triangles = in_strips(body.triangles());  // what is written of it is shorter then
   if (grid.spread.cols() > 0) {
     const Spread in_order = grid.spread(Eigen::all, points);
     places.spread = turned(in_order, places.axes).unaryExpr(&square_metres);

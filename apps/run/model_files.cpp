@@ -359,7 +359,8 @@ void write_model(const fs::path& folder, const Discretisation& model, const Sche
                          .unit = "mm",
                          .values = model.spacing.transpose().unaryExpr(&millimetres),
                          .type = Type::real64},
-                        node_set_field(model)}},
+                        node_set_field(model)},
+             .small = true},
             0.0, true);
   std::vector<Field> fields = {
       {.name = "volume_mm3",
@@ -373,9 +374,15 @@ void write_model(const fs::path& folder, const Discretisation& model, const Sche
                       .values = model.spread.unaryExpr(&square_millimetres),
                       .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"},
                       .type = Type::real64});
-  write_vtu(folder / "points.vtu", {.position_mm = to_mm(model.point), .fields = fields}, 0.0, true);
+  write_vtu(folder / "points.vtu", {.position_mm = to_mm(model.point), .fields = fields, .small = true}, 0.0,
+            true);
   if (!model.surface.empty())
-    write_vtp(folder / "surface.vtp", {model.surface.vertex_mm, model.surface.triangles, {}}, 0.0, true);
+    write_vtp(folder / "surface.vtp",
+              {.position_mm = model.surface.vertex_mm,
+               .triangles = model.surface.triangles,
+               .fields = {},
+               .small = true},
+              0.0, true);
 
   const auto list = [](const Vec3& v) {
     std::ostringstream out;

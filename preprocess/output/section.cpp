@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "io/draw/body_frame.hpp"
+#include "io/triangle_strips.hpp"
 #include "preprocess/cloud/neighbours.hpp"
 
 namespace dimple {
@@ -90,7 +91,7 @@ Section cut_open(const Discretisation& body) {
   for (const Piece& p : pieces)
     low = low.cwiseMin(p.from).cwiseMin(p.to), high = high.cwiseMax(p.from).cwiseMax(p.to);
   const double radius = body.tool.radius * 1e3, longest = (high - low).maxCoeff();
-  const double coarse = std::max(longest / 100.0, 1e-6), fine = std::min(radius / 10.0, coarse);
+  const double coarse = std::max(longest / 80.0, 1e-6), fine = std::min(radius / 8.0, coarse);
   const std::vector<double> column = lattice_lines(low[0], high[0], 1.2 * radius, fine, coarse),
                             row = lattice_lines(low[1], high[1], radius, fine, coarse);
   const auto along_row = crossings(pieces, row, 1), along_column = crossings(pieces, column, 0);
@@ -156,6 +157,7 @@ Section cut_open(const Discretisation& body) {
   for (Index t = 0; t < section.triangles.cols(); ++t)
     for (Index k = 0; k < 3; ++k)
       section.triangles(k, t) = triangles[static_cast<std::size_t>(t)][static_cast<std::size_t>(k)];
+  section.triangles = in_strips(section.triangles);
   return section;
 }
 

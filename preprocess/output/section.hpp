@@ -12,8 +12,8 @@ struct Section {
   Vec3 front;           ///< unit normal of the plane, towards the half that is taken away
 };
 
-/// Along the tool's axis and the body's longest direction across it. Triangles are a tenth of the circle's
-/// radius wide near the circle and a hundredth of the body far from it; the outline passes through the
+/// Along the tool's axis and the body's longest direction across it. Triangles are an eighth of the circle's
+/// radius wide near the circle and an eightieth of the body far from it; the outline passes through the
 /// surface where the lattice's lines do, so that corners are cut off within a triangle. Empty if the model
 /// has no surface, or its plane misses it.
 ///

@@ -5,6 +5,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <numeric>
 #include <optional>
@@ -25,6 +26,8 @@ constexpr int most_planes = 24;
 constexpr double least_area =
     0.03;  // of the surface: where fewer normals agree is no face of a quarter outline
 
+constexpr double surely_small = 0.2;  // share of the outline: no body rests on so little
+
 double radians(double degrees) {
   return degrees * std::numbers::pi / 180.0;
 }
@@ -36,15 +39,12 @@ double typical_edge(const BodySurface& body) {
   return std::sqrt(area[area.size() / 2] * 4.0 / std::numbers::sqrt3);
 }
 
-Vec3 centre_of(const BodySurface& body, Index t) {
-  return (body.vertex().col(body.triangles()(0, t)) + body.vertex().col(body.triangles()(1, t)) +
-          body.vertex().col(body.triangles()(2, t))) /
-         3.0;
-}
-
 Points centres_of(const BodySurface& body) {
   Points centre(3, body.triangles().cols());
-  for (Index t = 0; t < centre.cols(); ++t) centre.col(t) = centre_of(body, t);
+  for (Index t = 0; t < centre.cols(); ++t)
+    centre.col(t) = (body.vertex().col(body.triangles()(0, t)) + body.vertex().col(body.triangles()(1, t)) +
+                     body.vertex().col(body.triangles()(2, t))) /
+                    3.0;
   return centre;
 }
 
@@ -97,54 +97,102 @@ struct Plane {
   std::vector<Index> member;  // triangles
 };
 
-// The triangles that may face out, about as far as `out` turns before it is asked for anew.
-class Facing {
+// Places in the order of their numbers, by boxes around each sixty-four: what lies far out in a direction is
+// found without asking all.
+class Blocks {
  public:
-  /// `centre` [3xT] of the triangles.
-  Facing(const BodySurface& body, const Points& centre) : body_(body), centre_(centre) {}
-  const std::vector<Index>& around(const Vec3& out) {
-    if (about_.dot(out) > std::cos(radians(turn))) return triangle_;
-    const double least = std::cos(std::acos(facing) + radians(turn + 1.0));
-    about_ = out;
-    triangle_.clear();
-    for (Index t = 0; t < centre_.cols(); ++t)
-      if (body_.normal().col(t).dot(out) > least) triangle_.push_back(t);
-    return triangle_;
+  explicit Blocks(const Points& x)
+      : x_(x), middle_(3, (x.cols() + size - 1) / size), half_(3, middle_.cols()) {
+    for (Index b = 0; b < middle_.cols(); ++b) {
+      const auto part = x.middleCols(size * b, std::min(size, x.cols() - size * b));
+      const Vec3 low = part.rowwise().minCoeff(), high = part.rowwise().maxCoeff();
+      middle_.col(b) = 0.5 * (low + high);
+      half_.col(b) = 0.5 * (high - low);
+    }
+    rounding_ = 1e-12 * (x.cols() > 0 ? x.cwiseAbs().maxCoeff() : 0.0);
   }
-  const Points& centre() const { return centre_; }
+  const Points& places() const { return x_; }
+  double farthest(const Vec3& out) const {
+    double most = -std::numeric_limits<double>::infinity();
+    for_each_beyond([&] { return most; }, out, [&](Index k) { most = std::max(most, x_.col(k).dot(out)); });
+    return most;
+  }
+  // Calls visit(k) for all that lie farther out than limit(), and for others of their blocks.
+  template <class Limit, class Visit>
+  void for_each_beyond(const Limit& limit, const Vec3& out, const Visit& visit) const {
+    const Vec3 size_of_out = out.cwiseAbs();
+    for (Index b = 0; b < middle_.cols(); ++b) {
+      if (middle_.col(b).dot(out) + half_.col(b).dot(size_of_out) + rounding_ <= limit()) continue;
+      for (Index k = size * b; k < std::min(size * (b + 1), x_.cols()); ++k) visit(k);
+    }
+  }
 
  private:
-  static constexpr double turn = 10.0;  // degrees
-  const BodySurface& body_;
-  const Points& centre_;
-  Vec3 about_ = Vec3::Zero();
-  std::vector<Index> triangle_;
+  static constexpr Index size = 64;
+  const Points& x_;
+  Points middle_, half_;
+  double rounding_ = 0.0;
 };
 
-// The slab across `out` near the outermost place that holds most of the surface that faces out.
-Plane plane_across(const BodySurface& body, Facing& near, const Vec3& out, double edge) {
-  Plane plane{};
-  const Eigen::VectorXd depth = body.vertex().transpose() * out;
-  plane.lowest = depth.maxCoeff();
-  plane.height = plane.lowest - depth.minCoeff();
-  plane.tolerance =
-      std::max(flat_tolerance * plane.height, std::min(edge_tolerance * edge, most_tolerance * plane.height));
-  plane.offset = plane.lowest;
-  struct Facet {
-    double depth, area;
-    Index t;
+// What is looked through for each direction.
+struct Facets {
+  explicit Facets(const BodySurface& of) : body(of), centre(centres_of(of)), edge(typical_edge(of)) {}
+  Facets(const Facets&) = delete;
+  Facets& operator=(const Facets&) = delete;
+  const BodySurface& body;
+  Points centre;  // [3xT] of the triangles
+  double edge;
+  Blocks vertices{body.vertex()}, centres{centre};
+};
+
+struct Facet {
+  double depth, area;
+  Index t;
+};
+
+// By depth, then by number: first into drawers between the least and the greatest depth, for all at once are
+// slow to sort.
+std::vector<Facet> sorted(const std::vector<Facet>& facets, double least, double greatest) {
+  constexpr std::size_t drawers = 256;
+  const auto drawer = [&](const Facet& facet) {
+    const double part = (facet.depth - least) / (greatest - least);
+    return static_cast<std::size_t>(std::clamp(part, 0.0, 1.0) * static_cast<double>(drawers - 1));
   };
+  std::vector<std::size_t> offset(drawers + 1, 0);
+  for (const Facet& facet : facets) ++offset[drawer(facet) + 1];
+  for (std::size_t d = 0; d < drawers; ++d) offset[d + 1] += offset[d];
+  std::vector<Facet> result(facets.size());
+  std::vector<std::size_t> at(offset.begin(), offset.end() - 1);
+  for (const Facet& facet : facets) result[at[drawer(facet)]++] = facet;
+  for (std::size_t d = 0; d < drawers; ++d)
+    std::sort(result.begin() + static_cast<std::ptrdiff_t>(offset[d]),
+              result.begin() + static_cast<std::ptrdiff_t>(offset[d + 1]),
+              [](const Facet& a, const Facet& b) {
+                return a.depth < b.depth || (a.depth == b.depth && a.t < b.t);
+              });
+  return result;
+}
+
+// The slab across `out` near the outermost place that holds most of the surface that faces out.
+Plane plane_across(const Facets& of, const Vec3& out) {
+  const BodySurface& body = of.body;
+  Plane plane{};
+  plane.lowest = of.vertices.farthest(out);
+  plane.height = plane.lowest + of.vertices.farthest(-out);
+  plane.tolerance = std::max(flat_tolerance * plane.height,
+                             std::min(edge_tolerance * of.edge, most_tolerance * plane.height));
+  plane.offset = plane.lowest;
   std::vector<Facet> facets;
-  for (const Index t : near.around(out)) {
-    const double faces = body.normal().col(t).dot(out);
-    if (faces < facing) continue;
-    const double at = near.centre().col(t).dot(out);
-    if (plane.lowest - at < std::max(outer_part * plane.height, 2.0 * plane.tolerance))
-      facets.push_back({at, faces * body.triangle_area()[t], t});
-  }
-  std::sort(facets.begin(), facets.end(), [](const Facet& a, const Facet& b) {
-    return a.depth < b.depth || (a.depth == b.depth && a.t < b.t);
-  });
+  const double range = std::max(outer_part * plane.height, 2.0 * plane.tolerance);
+  of.centres.for_each_beyond([&] { return plane.lowest - range; }, out,
+                             [&](Index t) {
+                               const double at = of.centre.col(t).dot(out);
+                               if (!(plane.lowest - at < range)) return;
+                               const double faces = body.normal().col(t).dot(out);
+                               if (faces >= facing)
+                                 facets.push_back({at, faces * body.triangle_area()[t], t});
+                             });
+  facets = sorted(facets, plane.lowest - range, plane.lowest);
   double inside = 0.0, most = 0.0;
   std::size_t first = 0, best_first = 0, best_last = 0;
   for (std::size_t last = 0; last < facets.size(); ++last) {
@@ -168,17 +216,18 @@ Plane plane_across(const BodySurface& body, Facing& near, const Vec3& out, doubl
 
 // The direction across the plane that lies best through the triangles; exact, so that large ones count as
 // what they are.
-Vec3 fitted_normal(const BodySurface& body, const std::vector<Index>& member, const Vec3& out) {
+Vec3 fitted_normal(const Facets& of, const std::vector<Index>& member, const Vec3& out) {
+  const BodySurface& body = of.body;
   Vec3 middle = Vec3::Zero();
   double area = 0.0;
   for (const Index t : member) {
-    middle += body.triangle_area()[t] * centre_of(body, t);
+    middle += body.triangle_area()[t] * of.centre.col(t);
     area += body.triangle_area()[t];
   }
   middle /= area;
   Mat3 second = Mat3::Zero();
   for (const Index t : member) {
-    const Vec3 c = centre_of(body, t) - middle;
+    const Vec3 c = of.centre.col(t) - middle;
     Mat3 about = 9.0 * c * c.transpose();
     for (int k = 0; k < 3; ++k) {
       const Vec3 x = body.vertex().col(body.triangles()(k, t)) - middle;
@@ -191,32 +240,37 @@ Vec3 fitted_normal(const BodySurface& body, const std::vector<Index>& member, co
   return normal.dot(out) < 0.0 ? Vec3(-normal) : normal;
 }
 
-FlatFace measured(const BodySurface& body, const Moments& moments, Facing& near, const Vec3& out,
-                  const Plane& plane) {
+FlatFace measured(const Facets& of, const Moments& moments, const Vec3& out, const Plane& plane) {
+  const BodySurface& body = of.body;
   FlatFace face{.out = out,
                 .offset = plane.offset,
                 .height = 0.0,
                 .tolerance = plane.tolerance,
                 .outermost = plane.lowest - plane.offset <= 2.0 * plane.tolerance};
   face.height = plane.offset - (plane.lowest - plane.height);
-  for (const Index t : near.around(out)) {
-    const double faces = body.normal().col(t).dot(out);
-    if (faces > facing && std::abs(near.centre().col(t).dot(out) - plane.offset) <= plane.tolerance)
-      face.area += faces * body.triangle_area()[t];
-  }
+  of.centres.for_each_beyond([&] { return plane.offset - 1.001 * plane.tolerance; }, out,
+                             [&](Index t) {
+                               if (std::abs(of.centre.col(t).dot(out) - plane.offset) > plane.tolerance)
+                                 return;
+                               if (const double faces = body.normal().col(t).dot(out); faces > facing)
+                                 face.area += faces * body.triangle_area()[t];
+                             });
+  // The outline's area times the height is more than the volume.
+  face.share = face.area * plane.height / body.volume();
+  if (face.share < surely_small) return face;
   const View view(body, moments, out);
   face.share = face.area / height_map(view, (view.high - view.low).maxCoeff() / 150.0).outline();
   return face;
 }
 
 // The direction out of the face that lies about across `out`, if there is one.
-std::optional<Vec3> settled(const BodySurface& body, Facing& near, Vec3 out, double edge) {
-  Plane plane = plane_across(body, near, out, edge);
+std::optional<Vec3> settled(const Facets& of, Vec3 out) {
+  Plane plane = plane_across(of, out);
   for (int pass = 0; pass < 20 && !plane.member.empty(); ++pass) {
     stop_if_asked();
     const Vec3 before = out;
-    out = fitted_normal(body, plane.member, out);
-    plane = plane_across(body, near, out, edge);
+    out = fitted_normal(of, plane.member, out);
+    plane = plane_across(of, out);
     if ((out - before).norm() < 1e-5) break;
   }
   if (plane.member.empty()) return std::nullopt;
@@ -231,20 +285,16 @@ std::optional<Vec3> settled(const BodySurface& body, Facing& near, Vec3 out, dou
 }  // namespace
 
 FlatFace face_towards(const BodySurface& body, const Moments& moments, const Vec3& out) {
-  const Points centre = centres_of(body);
-  Facing near(body, centre);
-  return measured(body, moments, near, out, plane_across(body, near, out, typical_edge(body)));
+  const Facets facets(body);
+  return measured(facets, moments, out, plane_across(facets, out));
 }
 
 std::vector<FlatFace> flat_faces(const BodySurface& body, const Moments& moments) {
-  const double edge = typical_edge(body);
-  const Points centre = centres_of(body);
+  const Facets facets(body);
   const std::vector<Vec3> frequent = frequent_normals(body);
   std::vector<std::optional<Vec3>> found(frequent.size());
-  tbb::parallel_for(std::size_t{0}, frequent.size(), [&](std::size_t k) {
-    Facing near(body, centre);
-    found[k] = settled(body, near, frequent[k], edge);
-  });
+  tbb::parallel_for(std::size_t{0}, frequent.size(),
+                    [&](std::size_t k) { found[k] = settled(facets, frequent[k]); });
   std::vector<Vec3> apart;
   for (const std::optional<Vec3>& out : found)
     if (out && std::none_of(apart.begin(), apart.end(),
@@ -252,8 +302,7 @@ std::vector<FlatFace> flat_faces(const BodySurface& body, const Moments& moments
       apart.push_back(*out);
   std::vector<FlatFace> faces(apart.size());
   tbb::parallel_for(std::size_t{0}, faces.size(), [&](std::size_t k) {
-    Facing near(body, centre);
-    faces[k] = measured(body, moments, near, apart[k], plane_across(body, near, apart[k], edge));
+    faces[k] = measured(facets, moments, apart[k], plane_across(facets, apart[k]));
   });
   std::stable_sort(faces.begin(), faces.end(),
                    [](const FlatFace& a, const FlatFace& b) { return a.area > b.area; });

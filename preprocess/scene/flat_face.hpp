@@ -13,7 +13,7 @@ struct FlatFace {
   double height = 0.0;     ///< of the body above it [mm]
   double tolerance = 0.0;  ///< surface within this of the plane belongs to it [mm]
   double area = 0.0;       ///< of that surface where it faces out, seen along `out` [mm^2]
-  double share = 0.0;      ///< that / the body's outline seen along `out`
+  double share = 0.0;      ///< that / the body's outline seen along `out`; below a fifth a bound from above
   bool outermost = false;  ///< nothing of the body lies clearly beyond the plane
 };
 

@@ -10,11 +10,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <mutex>
 #include <optional>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "preprocess/side_by_side.hpp"
+#include "preprocess/surface/closed_mesh.hpp"
 #include "preprocess/surface/sight.hpp"
 #include "preprocess/surface/surface_cells.hpp"
 
@@ -35,48 +37,62 @@ Vec3 from_cgal(const Kernel::Point_3& x) {
 
 }  // namespace
 
-// CGAL answers; the cells only say which triangle there is to ask about, or that nothing needs to be asked.
+// The cells answer what is beyond doubt, and CGAL what is not: its tree is only built when it is asked.
 struct BodySurface::Tree {
-  Mesh mesh;
-  AabbTree aabb;
-  std::unique_ptr<CGAL::Side_of_triangle_mesh<Mesh, Kernel>> side;
-  std::vector<Kernel::Triangle_3> triangle;
+  struct Exact {
+    Mesh mesh;
+    AabbTree aabb;
+    std::unique_ptr<CGAL::Side_of_triangle_mesh<Mesh, Kernel>> side;
+  };
+  std::once_flag asked;
+  Exact exact;
   std::optional<SurfaceCells> cells;
 
-  bool contains(const Vec3& x) const { return (*side)(to_cgal(x)) != CGAL::ON_UNBOUNDED_SIDE; }
-
-  // Where the line passes `hits`, as multiples of direction; false if it does not pass them at clear places.
-  bool pass(const Vec3& origin, const Vec3& direction, const std::vector<SurfaceCells::Hit>& hits,
-            std::vector<double>& t) const {
-    const Kernel::Line_3 line(to_cgal(origin), Kernel::Vector_3(direction.x(), direction.y(), direction.z()));
-    for (const auto& hit : hits) {
-      const auto met = CGAL::intersection(line, triangle[static_cast<std::size_t>(hit.triangle)]);
-      const auto* place = met ? boost::get<Kernel::Point_3>(&*met) : nullptr;
-      if (!place) return false;
-      t.push_back((from_cgal(*place) - origin).dot(direction) / direction.squaredNorm());
-    }
-    std::sort(t.begin(), t.end());
-    return true;
+  bool contains(const BodySurface& surface, const Vec3& x) {
+    std::call_once(asked, [&] {
+      for (const auto& v : surface.vertex().colwise()) exact.mesh.add_vertex(to_cgal(v));
+      for (const auto& t : surface.triangles().colwise())
+        exact.mesh.add_face(vertex_of(t[0]), vertex_of(t[1]), vertex_of(t[2]));
+      exact.aabb.insert(faces(exact.mesh).first, faces(exact.mesh).second, exact.mesh);
+      exact.aabb.build();
+      exact.side = std::make_unique<CGAL::Side_of_triangle_mesh<Mesh, Kernel>>(exact.aabb);
+    });
+    return (*exact.side)(to_cgal(x)) != CGAL::ON_UNBOUNDED_SIDE;
+  }
+  static Mesh::Vertex_index vertex_of(Index v) {
+    return Mesh::Vertex_index(static_cast<Mesh::Vertex_index::size_type>(v));
   }
 };
+
+namespace {
+
+Kernel::Triangle_3 triangle_of(const BodySurface& surface, Index t) {
+  const auto corner = [&](int c) { return to_cgal(surface.vertex().col(surface.triangles()(c, t))); };
+  return {corner(0), corner(1), corner(2)};
+}
+
+// Where the line passes `hits`, as multiples of direction; false if it does not pass them at clear places.
+bool pass(const BodySurface& surface, const Vec3& origin, const Vec3& direction,
+          const std::vector<SurfaceCells::Hit>& hits, std::vector<double>& t) {
+  const Kernel::Line_3 line(to_cgal(origin), Kernel::Vector_3(direction.x(), direction.y(), direction.z()));
+  for (const auto& hit : hits) {
+    const auto met = CGAL::intersection(line, triangle_of(surface, hit.triangle));
+    const auto* place = met ? boost::get<Kernel::Point_3>(&*met) : nullptr;
+    if (!place) return false;
+    t.push_back((from_cgal(*place) - origin).dot(direction) / direction.squaredNorm());
+  }
+  std::sort(t.begin(), t.end());
+  return true;
+}
+
+}  // namespace
 
 BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isometry3d& to_world)
     : vertex_(std::move(vertex)),
       triangles_(std::move(triangles)),
       to_world_(to_world),
       tree_(std::make_unique<Tree>()) {
-  Mesh& mesh = tree_->mesh;
-  std::vector<Mesh::Vertex_index> corner;
-  for (Index v = 0; v < vertex_.cols(); ++v) corner.push_back(mesh.add_vertex(to_cgal(vertex_.col(v))));
-  bool closed = triangles_.cols() >= 4;
-  for (Index t = 0; t < triangles_.cols() && closed; ++t) {
-    if (t % 65536 == 0) stop_if_asked();
-    const auto face = mesh.add_face(corner[static_cast<std::size_t>(triangles_(0, t))],
-                                    corner[static_cast<std::size_t>(triangles_(1, t))],
-                                    corner[static_cast<std::size_t>(triangles_(2, t))]);
-    closed = face != Mesh::null_face();
-  }
-  if (!closed || !CGAL::is_closed(mesh))
+  if (triangles_.cols() < 4 || !is_closed(triangles_, vertex_.cols()))
     throw ModelError(
         {.fact = fmt::format("the surface of {} triangles is not closed", triangles_.cols()),
          .where = "body surface",
@@ -101,20 +117,8 @@ BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isomet
   upper_ = vertex_.rowwise().maxCoeff();
 
   stop_if_asked();
-  side_by_side(
-      [&] {
-        tree_->aabb.insert(faces(mesh).first, faces(mesh).second, mesh);
-        tree_->aabb.build();
-        tree_->aabb.accelerate_distance_queries();
-        tree_->side = std::make_unique<CGAL::Side_of_triangle_mesh<Mesh, Kernel>>(tree_->aabb);
-      },
-      [&] {
-        const CGAL::Triangle_from_face_descriptor_map<Mesh> triangle_of(&mesh);
-        tree_->triangle.reserve(static_cast<std::size_t>(triangles_.cols()));
-        for (const auto face : faces(mesh)) tree_->triangle.push_back(get(triangle_of, face));
-        tree_->cells.emplace(vertex_, triangles_);
-      });
-  tree_->cells->mark_clear_cells([&](const Vec3& x) { return tree_->contains(x); });
+  tree_->cells.emplace(vertex_, triangles_);
+  tree_->cells->mark_clear_cells([&](const Vec3& x) { return tree_->contains(*this, x); });
 }
 
 BodySurface::~BodySurface() = default;
@@ -128,21 +132,21 @@ BodySurface::BodySurface(BodySurface&&) noexcept = default;
 
 bool BodySurface::contains(const Vec3& x) const {
   const std::optional<bool> answer = tree_->cells->contains(x);
-  return answer ? *answer : tree_->contains(x);
+  return answer ? *answer : tree_->contains(*this, x);
 }
 
 BodySurface::Closest BodySurface::closest(const Vec3& x) const {
   thread_local std::vector<Index> candidates;
   tree_->cells->nearest(x, candidates);
-  if (candidates.size() == 1) {
-    const Index t = candidates.front();
-    const Vec3 p = from_cgal(Kernel().construct_projected_point_3_object()(
-        tree_->triangle[static_cast<std::size_t>(t)], to_cgal(x)));
-    return {p, t, (p - x).norm()};
+  // At an edge or a corner several are as near; of those the first.
+  std::sort(candidates.begin(), candidates.end());
+  Closest result{Vec3::Zero(), -1, std::numeric_limits<double>::infinity()};
+  for (const Index t : candidates) {
+    const Vec3 p =
+        from_cgal(Kernel().construct_projected_point_3_object()(triangle_of(*this, t), to_cgal(x)));
+    if (const double distance = (p - x).norm(); distance < result.distance) result = {p, t, distance};
   }
-  const auto [place, face] = tree_->aabb.closest_point_and_primitive(to_cgal(x));
-  const Vec3 p = from_cgal(place);
-  return {p, static_cast<Index>(face.idx()), (p - x).norm()};
+  return result;
 }
 
 bool BodySurface::farther(const Vec3& x, double distance) const {
@@ -170,7 +174,7 @@ std::vector<double> BodySurface::chord(const Vec3& origin, int axis, double leng
   if (clean) {
     const bool begins_inside = contains(origin);
     if (begins_inside) t.push_back(0.0);
-    if (tree_->pass(origin, Vec3::Unit(axis), hits, t)) {
+    if (pass(*this, origin, Vec3::Unit(axis), hits, t)) {
       if (t.size() % 2 == 1) t.push_back(length);
       return t;
     }
@@ -182,6 +186,24 @@ std::vector<double> BodySurface::chord(const Vec3& origin, int axis, double leng
     if (enter < leave) t.insert(t.end(), {enter, leave});
   }
   return t;
+}
+
+// The part of a line, in multiples of its direction, that runs through a box a little larger than the body's.
+std::optional<std::pair<double, double>> BodySurface::part_in_box(const Vec3& origin,
+                                                                  const Vec3& direction) const {
+  const double margin = 1e-3 * (upper() - lower()).norm();
+  double from = -std::numeric_limits<double>::infinity(), to = -from;
+  for (int d = 0; d < 3; ++d) {
+    const double low = lower()[d] - margin - origin[d], high = upper()[d] + margin - origin[d];
+    if (direction[d] == 0.0) {
+      if (low > 0.0 || high < 0.0) return std::nullopt;
+      continue;
+    }
+    from = std::max(from, std::min(low / direction[d], high / direction[d]));
+    to = std::min(to, std::max(low / direction[d], high / direction[d]));
+  }
+  if (!(from < to)) return std::nullopt;
+  return std::pair(from, to);
 }
 
 std::vector<double> BodySurface::crossings(const Vec3& origin, const Vec3& direction) const {
@@ -196,24 +218,20 @@ std::vector<double> BodySurface::crossings(const Vec3& origin, const Vec3& direc
     std::vector<double> t;
     const int along = static_cast<int>(axis);
     if (tree_->cells->line(origin, along, lower()[along] - size, upper()[along] + size, hits) &&
-        tree_->pass(origin, direction, hits, t) && t.size() % 2 == 0)
+        pass(*this, origin, direction, hits, t) && t.size() % 2 == 0)
       return t;
   }
+  thread_local std::vector<SurfaceCells::Crossing> crossings;
   for (int attempt = 0; attempt < 8; ++attempt) {
     const double step = 1e-9 * size * attempt;
     const Vec3 o = origin + step * (0.61803 * sideways + 0.27393 * other);
-    std::vector<AabbTree::Intersection_and_primitive_id<Kernel::Line_3>::Type> hits;
-    tree_->aabb.all_intersections(
-        Kernel::Line_3(to_cgal(o), Kernel::Vector_3(direction.x(), direction.y(), direction.z())),
-        std::back_inserter(hits));
     std::vector<double> t;
     bool clean = true;
-    for (const auto& hit : hits) {
-      const auto* place = boost::get<Kernel::Point_3>(&hit.first);
-      clean = clean && place;  // otherwise the line lies in the triangle
-      if (place) t.push_back((from_cgal(*place) - o).dot(direction) / direction.squaredNorm());
+    if (const auto part = part_in_box(o, direction)) {
+      tree_->cells->pass(o + part->first * direction, o + part->second * direction, crossings);
+      const double length = part->second - part->first;
+      for (const auto& crossing : crossings) t.push_back(part->first + crossing.t * length);
     }
-    std::sort(t.begin(), t.end());
     for (std::size_t k = 1; k < t.size(); ++k)
       clean = clean && t[k] - t[k - 1] > 1e-12 * size / direction.norm();
     if (clean && t.size() % 2 == 0) return t;

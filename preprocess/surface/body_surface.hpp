@@ -2,6 +2,8 @@
 
 #include <Eigen/Geometry>
 #include <memory>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "io/types.hpp"
@@ -70,6 +72,7 @@ class BodySurface {
 
  private:
   struct Tree;
+  std::optional<std::pair<double, double>> part_in_box(const Vec3& origin, const Vec3& direction) const;
   Points vertex_;
   Triangles triangles_;
   Points normal_;

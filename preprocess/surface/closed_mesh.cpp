@@ -24,18 +24,27 @@ struct Side {
   bool ascends;  // runs from low to high
 };
 
+// By their ends and then by triangle: first into places by the lower end, for all at once are slow to sort.
 std::vector<Side> sides_of(const TriangleMesh& mesh) {
-  std::vector<Side> side;
-  side.reserve(static_cast<std::size_t>(mesh.triangles.size()));
-  for (Index t = 0; t < mesh.triangles.cols(); ++t)
-    for (int c = 0; c < 3; ++c) {
-      const Index a = mesh.triangles(c, t), b = mesh.triangles((c + 1) % 3, t);
-      side.push_back({std::min(a, b), std::max(a, b), t, c, a < b});
-    }
-  std::sort(side.begin(), side.end(), [](const Side& x, const Side& y) {
-    return std::tie(x.low, x.high, x.triangle) < std::tie(y.low, y.high, y.triangle);
-  });
-  return side;
+  std::vector<std::size_t> offset(static_cast<std::size_t>(mesh.vertex.cols()) + 1, 0);
+  const auto each = [&](const auto& with) {
+    for (Index t = 0; t < mesh.triangles.cols(); ++t)
+      for (int c = 0; c < 3; ++c) {
+        const Index a = mesh.triangles(c, t), b = mesh.triangles((c + 1) % 3, t);
+        with(Side{std::min(a, b), std::max(a, b), t, c, a < b});
+      }
+  };
+  each([&](const Side& side) { ++offset[static_cast<std::size_t>(side.low) + 1]; });
+  for (std::size_t v = 1; v < offset.size(); ++v) offset[v] += offset[v - 1];
+  std::vector<Side> sides(static_cast<std::size_t>(mesh.triangles.size()));
+  std::vector<std::size_t> at(offset.begin(), offset.end() - 1);
+  each([&](const Side& side) { sides[at[static_cast<std::size_t>(side.low)]++] = side; });
+  for (std::size_t v = 0; v + 1 < offset.size(); ++v)
+    std::sort(sides.begin() + static_cast<std::ptrdiff_t>(offset[v]),
+              sides.begin() + static_cast<std::ptrdiff_t>(offset[v + 1]), [](const Side& x, const Side& y) {
+                return std::tie(x.high, x.triangle) < std::tie(y.high, y.triangle);
+              });
+  return sides;
 }
 
 Vec3 area_of(const TriangleMesh& mesh, Index t) {
@@ -166,6 +175,39 @@ double enclosed_volume(const TriangleMesh& mesh) {
                            .cross(mesh.vertex.col(mesh.triangles(2, t)) - o)) /
               6.0;
   return volume;
+}
+
+bool is_closed(const Triangles& triangles, Index vertices) {
+  // Around each vertex, sorted by it: a triangle's other two corners, in its order.
+  struct Opposite {
+    Index next, last;
+  };
+  std::vector<std::size_t> offset(static_cast<std::size_t>(vertices) + 1, 0);
+  for (const Index v : triangles.reshaped()) {
+    if (v < 0 || v >= vertices) return false;
+    ++offset[static_cast<std::size_t>(v) + 1];
+  }
+  for (std::size_t v = 1; v < offset.size(); ++v) offset[v] += offset[v - 1];
+  std::vector<std::size_t> at(offset.begin(), offset.end() - 1);
+  std::vector<Opposite> opposite(static_cast<std::size_t>(triangles.size()));
+  for (const auto& t : triangles.colwise()) {
+    if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0]) return false;
+    for (int c = 0; c < 3; ++c)
+      opposite[at[static_cast<std::size_t>(t[c])]++] = {t[(c + 1) % 3], t[(c + 2) % 3]};
+  }
+  // One fan: from triangle to triangle it comes back to where it began after all of them, and not before.
+  for (std::size_t v = 0; v + 1 < offset.size(); ++v) {
+    const auto begin = opposite.begin() + static_cast<std::ptrdiff_t>(offset[v]),
+               end = opposite.begin() + static_cast<std::ptrdiff_t>(offset[v + 1]);
+    if (begin == end) continue;
+    auto here = begin;
+    for (auto left = end - begin; left > 0; --left) {
+      const Index corner = here->last;
+      here = std::find_if(begin, end, [&](const Opposite& other) { return other.next == corner; });
+      if (here == end || (here == begin) != (left == 1)) return false;
+    }
+  }
+  return true;
 }
 
 void separate_touching_sheets(TriangleMesh& mesh) {

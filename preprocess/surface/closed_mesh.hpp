@@ -13,6 +13,10 @@ struct TriangleMesh {
 /// Signed: positive if the triangles face outward.
 double enclosed_volume(const TriangleMesh& mesh);
 
+/// Does each edge have two triangles that run along it in opposite directions, and each vertex one fan of
+/// triangles around it, or none?
+bool is_closed(const Triangles& triangles, Index vertices);
+
 /// Makes a closed surface a manifold, which it may fail to be where it touches itself at an edge or a corner:
 /// there its sheets get vertices of their own, at the same places. Every edge then has two triangles and
 /// every vertex one fan. The volume does not change. Throws ModelError if the surface has a border.

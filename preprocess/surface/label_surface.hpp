@@ -55,6 +55,12 @@ struct SegmentedBody {
 SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>& labels,
                                 const SurfaceOptions& options = {});
 
+/// Sweeps in each of which half of a vertex's value stays and half comes from the mean N over its neighbours,
+/// ((1 + N) / 2)^sweeps, as weights of the Chebyshev polynomials T_0(N), T_1(N), ...: as few as leave out
+/// weights of a sum up to `left_out`. All weights are positive and sum up to one, so that what is alike
+/// everywhere stays.
+std::vector<double> series_of_sweeps(int sweeps, double left_out);
+
 /// Share of the surface's area, in [0, 1], that faces another part of it across less than `width_mm`: its
 /// outward normal meets the surface again within that. A smooth organ has none, one with folds a third. Asked
 /// of at most 2000 triangles, spread over all: known to about one per cent.

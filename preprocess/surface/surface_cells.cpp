@@ -160,11 +160,23 @@ void SurfaceCells::mark_clear_cells(const std::function<bool(const Vec3&)>& is_i
     if (here == Side::mixed) {
       stop_if_asked();
       const Vec3 centre = origin_ + edge_ * (seed[s].cast<double>() + 0.5).matrix();
-      here = is_inside(centre) ? Side::inside : Side::outside;
+      const std::optional<bool> answer = inside_by_lines(centre);
+      here = (answer ? *answer : is_inside(centre)) ? Side::inside : Side::outside;
     }
     const auto first = side_.begin() + static_cast<std::ptrdiff_t>(number(seed[s]));
     std::fill(first, first + (clear.stretch[s].end - clear.stretch[s].begin), here);
   }
+}
+
+// Of a place in a cell without triangles: how often the surface is passed on the way out of the grid.
+std::optional<bool> SurfaceCells::inside_by_lines(const Vec3& x) const {
+  std::vector<Hit> hits;
+  for (int d = 0; d < 3; ++d)
+    for (const bool up : {true, false}) {
+      const double end = origin_[d] + (up ? edge_ * (n_[d] + 1) : -edge_);
+      if (line(x, d, std::min(x[d], end), std::max(x[d], end), hits)) return hits.size() % 2 == 1;
+    }
+  return std::nullopt;
 }
 
 std::optional<bool> SurfaceCells::contains(const Vec3& x) const {
@@ -183,7 +195,7 @@ std::optional<bool> SurfaceCells::contains(const Vec3& x) const {
         const double end = origin_[d] + edge_ * (there[d] + (step > 0 ? 0.0 : 1.0));
         const double from = std::min(x[d], end), to = std::max(x[d], end);
         const double slack = 2.0 * doubt * size_;
-        if (!line(x, d, from - slack, to + slack, hits)) return std::nullopt;
+        if (!line(x, d, from - slack, to + slack, hits)) continue;  // past an edge: another way may be clear
         bool inside = !beyond && side_[number(there)] == Side::inside;
         for (const Hit& hit : hits) {
           if (std::abs(hit.at - x[d]) <= doubt * size_) return std::nullopt;

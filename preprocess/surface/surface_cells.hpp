@@ -19,7 +19,8 @@ class SurfaceCells {
  public:
   SurfaceCells(const Points& vertex, const Triangles& triangles);
 
-  /// `is_inside` is asked once for each connected group of cells without a triangle.
+  /// Which side the cells without a triangle are on. `is_inside` is asked once at most for each connected
+  /// group of them, where lines along all axes meet edges.
   void mark_clear_cells(const std::function<bool(const Vec3&)>& is_inside);
 
   /// Is x inside? Nothing: too near to the surface, or to a triangle's edge along the way, to say.
@@ -63,6 +64,7 @@ class SurfaceCells {
   };
   using Cell = Eigen::Array3i;
   Cell cell_of(const Vec3& x) const;
+  std::optional<bool> inside_by_lines(const Vec3& x) const;
   bool in_grid(const Cell& c) const { return (c >= 0).all() && (c < n_).all(); }
   std::size_t number(const Cell& c) const {
     return static_cast<std::size_t>(c[0]) +

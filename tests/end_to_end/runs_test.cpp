@@ -401,7 +401,8 @@ void write_comb(const fs::path& file) {
 
 TEST_F(Run, TellsOfNarrowFoldsAndClosesThemOnRequest) {
   write_comb(folder / "comb.nrrd");
-  const std::string scene = " --nodes 600 --depth 1mm --frames 2 --write model";
+  // With 600 nodes every second or third cloud of the open comb finds no equilibrium.
+  const std::string scene = " --nodes 1000 --depth 1mm --frames 2 --write model";
   const Ran open = good("run comb.nrrd -o open" + scene);
   const auto warns = [](const Ran& ran) {
     return ran.err.find("of the surface faces another part of it across less than 4 mm") !=

@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <map>
 #include <random>
 
@@ -11,6 +13,7 @@
 #include "io/stop.hpp"
 #include "preprocess/surface/closed_mesh.hpp"
 #include "preprocess/surface/label_surface.hpp"
+#include "preprocess/surface/shapes.hpp"
 #include "tests/helpers/image.hpp"
 
 namespace dimple {
@@ -93,6 +96,91 @@ bool gives_a_surface(const LabelImage& image, const SurfaceOptions& options = {}
         << error.report.fact;
     return false;
   }
+}
+
+TEST(ClosedMesh, IsNoneWithAHoleADoubledTriangleATurnedOneOrTwoFansAtACorner) {
+  const std::vector<Vec3> place = {{0, 0, 0},  {1, 0, 0},  {0, 1, 0}, {0, 0, 1},
+                                   {-1, 0, 0}, {0, -1, 0}, {0, 0, -1}};
+  const TriangleMesh one = tetrahedra(place, {{0, 1, 2, 3}});
+  EXPECT_TRUE(is_closed(one.triangles, 7));
+  EXPECT_FALSE(is_closed(one.triangles, 3));
+  EXPECT_FALSE(is_closed(one.triangles.leftCols(3), 7));
+  Triangles other(3, 5);
+  other << one.triangles, one.triangles.col(1);
+  EXPECT_FALSE(is_closed(other, 7));
+  other = one.triangles;
+  std::swap(other(0, 2), other(1, 2));
+  EXPECT_FALSE(is_closed(other, 7));
+  EXPECT_FALSE(is_closed(tetrahedra(place, {{0, 1, 2, 3}, {0, 4, 5, 6}}).triangles, 7));
+}
+
+TEST(Sweeps, AsASeriesAreThePowerThatTheyStandFor) {
+  for (const int sweeps : {0, 1, 2, 7, 40, 120}) {
+    const std::vector<double> series = series_of_sweeps(sweeps, 1e-6);
+    for (double x = -1.0; x <= 1.0; x += 0.01) {
+      double sum = 0.0;
+      for (std::size_t k = 0; k < series.size(); ++k)
+        sum += series[k] * std::cos(static_cast<double>(k) * std::acos(std::clamp(x, -1.0, 1.0)));
+      EXPECT_NEAR(sum, std::pow(0.5 + 0.5 * x, sweeps), 2e-6) << sweeps << " sweeps at " << x;
+    }
+    double all = 0.0;
+    for (const double weight : series) {
+      EXPECT_GT(weight, 0.0);
+      all += weight;
+    }
+    EXPECT_NEAR(all, 1.0, 1e-14);
+  }
+  EXPECT_LT(series_of_sweeps(120, 1e-6).size(), 42U);
+}
+
+TEST(Surface, IsPassedByObliqueLinesWhereItsTrianglesAre) {
+  const SegmentedBody body = make_body_surface(ellipsoid(30, Vec3(12, 9, 7)), {});
+  const BodySurface& surface = body.surface;
+  const Vec3 middle = surface.centroid();
+  std::mt19937 draw(7);
+  std::normal_distribution<double> normal;
+  for (int k = 0; k < 200; ++k) {
+    const Vec3 direction(normal(draw), normal(draw), normal(draw));
+    const Vec3 origin = middle + 3.0 * Vec3(normal(draw), normal(draw), normal(draw));
+    std::vector<double> expected;  // Plane by plane: the place is on the inner side of all three edges.
+    for (Index t = 0; t < surface.triangles().cols(); ++t) {
+      const auto corner = [&](int c) { return Vec3(surface.vertex().col(surface.triangles()(c % 3, t))); };
+      const Vec3 n = surface.normal().col(t);
+      const double at = n.dot(corner(0) - origin) / n.dot(direction);
+      const Vec3 x = origin + at * direction;
+      bool in = true;
+      for (int c = 0; c < 3; ++c) in = in && n.dot((corner(c + 1) - corner(c)).cross(x - corner(c))) > 0.0;
+      if (in) expected.push_back(at);
+    }
+    std::sort(expected.begin(), expected.end());
+    const std::vector<double> found = surface.crossings(origin, direction);
+    ASSERT_EQ(found.size(), expected.size()) << k;
+    for (std::size_t c = 0; c < found.size(); ++c) EXPECT_NEAR(found[c], expected[c], 1e-9) << k;
+  }
+  EXPECT_TRUE(surface.crossings(middle + Vec3(0, 0, 100), Vec3(1, 0.1, 0)).empty());
+}
+
+TEST(Surface, IsNearestAtACornerInTheFirstOfTheTrianglesThatMeetThere) {
+  const BodySurface block = block_surface(Vec3(0, 0, 0), Vec3(1, 2, 3));
+  const BodySurface::Closest closest = block.closest(Vec3(2, 3, 4));
+  EXPECT_NEAR((closest.place - Vec3(1, 2, 3)).norm(), 0.0, 1e-12);
+  EXPECT_NEAR(closest.distance, std::sqrt(3.0), 1e-12);
+  Index first = 0;
+  while ((block.vertex()(Eigen::all, block.triangles().col(first)).colwise() - Vec3(1, 2, 3))
+             .colwise()
+             .norm()
+             .minCoeff() > 0.0)
+    ++first;
+  EXPECT_EQ(closest.triangle, first);
+}
+
+TEST(Surface, HoldsItsBordersAndNothingBeyondThem) {
+  const BodySurface block = block_surface(Vec3(0, 0, 0), Vec3(1, 2, 3));
+  for (const Vec3& x : {Vec3(0, 0, 0), Vec3(1, 2, 3), Vec3(0.5, 0, 0), Vec3(0.5, 1, 3), Vec3(1, 1, 1)}) {
+    EXPECT_TRUE(block.contains(x)) << x.transpose();
+    EXPECT_FALSE(block.contains(x + 1e-6 * (x - Vec3(0.5, 1, 1.5)))) << x.transpose();
+  }
+  EXPECT_TRUE(block.contains(Vec3(0.5, 1, 1.5)));
 }
 
 TEST(Surface, OfAnEllipsoidIsClosedHoweverMuchCoarserThanItsVoxels) {

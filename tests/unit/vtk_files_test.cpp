@@ -1,6 +1,8 @@
 #include "io/vtk_files.hpp"
 
 #include <gtest/gtest.h>
+#include <vtkCellArray.h>
+#include <vtkCellData.h>
 #include <vtkDoubleArray.h>
 #include <vtkFieldData.h>
 #include <vtkImageData.h>
@@ -11,17 +13,22 @@
 #include <vtkPoints.h>
 #include <vtkPolyData.h>
 #include <vtkSmartPointer.h>
+#include <vtkTriangleStrip.h>
 #include <vtkUnstructuredGrid.h>
 #include <vtkXMLImageDataReader.h>
 #include <vtkXMLPolyDataReader.h>
 #include <vtkXMLUnstructuredGridReader.h>
 
+#include <algorithm>
+#include <array>
 #include <fstream>
 #include <random>
+#include <set>
 #include <sstream>
 
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/triangle_strips.hpp"
 #include "tests/helpers/folder.hpp"
 
 namespace dimple {
@@ -387,6 +394,110 @@ TEST(Vtp, GivesBackTheSameBitsWhenExact) {
   EXPECT_EQ(in.fields[0].values, out.fields[0].values.cast<float>().cast<double>());
 }
 
+/// A lattice of squares, each cut in two, its triangles in no order.
+Triangles shuffled_lattice(Index side) {
+  std::vector<std::array<Index, 3>> list;
+  for (Index j = 0; j + 1 < side; ++j)
+    for (Index i = 0; i + 1 < side; ++i) {
+      const Index a = i + side * j;
+      list.push_back({a, a + 1, a + side});
+      list.push_back({a + side, a + 1, a + side + 1});
+    }
+  std::mt19937 draw(5);
+  std::shuffle(list.begin(), list.end(), draw);
+  Triangles triangles(3, static_cast<Index>(list.size()));
+  for (Index t = 0; t < triangles.cols(); ++t) {
+    const auto& corner = list[static_cast<std::size_t>(t)];
+    triangles.col(t) << corner[0], corner[1], corner[2];
+  }
+  return triangles;
+}
+
+/// Each triangle from its smallest corner on, which keeps the side that it shows.
+std::set<std::array<Index, 3>> set_of(const Triangles& triangles) {
+  std::set<std::array<Index, 3>> result;
+  for (const auto& t : triangles.colwise()) {
+    std::array<Index, 3> corner = {t[0], t[1], t[2]};
+    std::rotate(corner.begin(), std::min_element(corner.begin(), corner.end()), corner.end());
+    result.insert(corner);
+  }
+  return result;
+}
+
+TEST(Strips, HoldEachTriangleOnceWithTheSideItShows) {
+  const Triangles before = shuffled_lattice(30), after = in_strips(before);
+  ASSERT_EQ(after.cols(), before.cols());
+  EXPECT_EQ(set_of(after).size(), static_cast<std::size_t>(before.cols()));
+  EXPECT_EQ(set_of(after), set_of(before));
+}
+
+TEST(Strips, TakenApartAreTheSameTrianglesInTheSameOrder) {
+  for (const Triangles& triangles : {shuffled_lattice(20), in_strips(shuffled_lattice(20)), Triangles(3, 0)})
+    EXPECT_EQ(triangles_of(strips_in(triangles)), triangles);
+}
+
+TEST(Strips, TakeLessThanHalfOfTheNumbersOfSingleTriangles) {
+  const TriangleStrips strips = strips_in(in_strips(shuffled_lattice(60)));
+  const auto triangles = static_cast<std::size_t>(strips.corner.size() - 2 * strips.first.size());
+  EXPECT_LT(strips.corner.size() + strips.offset.size(), (3 + 1) * triangles / 2);
+}
+
+TEST(Strips, EndWhereTheKindChanges) {
+  Triangles triangles(3, 4);
+  triangles << 0, 2, 2, 4,  //
+      1, 1, 3, 3,           //
+      2, 3, 4, 5;
+  EXPECT_EQ(strips_in(triangles).corner, (std::vector{0, 1, 2, 3, 4, 5}));
+  EXPECT_EQ(strips_in(triangles).offset, (std::vector{0, 6}));
+  const TriangleStrips two = strips_in(triangles, Eigen::RowVector4d(1, 1, 2, 2));
+  EXPECT_EQ(two.offset, (std::vector{0, 4, 8}));
+  EXPECT_EQ(two.first, (std::vector<Index>{0, 2}));
+  EXPECT_EQ(triangles_of(two), triangles);
+}
+
+TEST(Vtp, OfASmallFileIsReadByVtkAsStripsOfTheSameTriangles) {
+  const fs::path file = fresh_folder() / "surface.vtp";
+  SurfaceFile out{.position_mm = random_values(3, 400, 6),
+                  .triangles = in_strips(shuffled_lattice(20)),
+                  .fields = {},
+                  .small = true};
+  Eigen::MatrixXd label(1, out.triangles.cols());
+  for (Index t = 0; t < label.cols(); ++t) label(0, t) = out.triangles(0, t) < 200 ? 3.0 : 7.0;
+  out.on_triangles = {{.name = "label", .unit = "", .values = label, .type = Field::Type::int32}};
+  write_vtp(file, out, 0.0, true);
+
+  vtkNew<vtkXMLPolyDataReader> reader;
+  reader->SetFileName(file.c_str());
+  reader->Update();
+  vtkPolyData* mesh = reader->GetOutput();
+  ASSERT_GT(mesh->GetNumberOfStrips(), 0);
+  EXPECT_EQ(mesh->GetNumberOfPolys(), 0);
+  ASSERT_EQ(mesh->GetCellData()->GetArray("label")->GetNumberOfTuples(), mesh->GetNumberOfStrips());
+  vtkNew<vtkCellArray> apart;
+  vtkIdType count = 0;
+  const vtkIdType* corner = nullptr;
+  Index t = 0;
+  for (vtkIdType s = 0; s < mesh->GetNumberOfStrips(); ++s) {
+    mesh->GetStrips()->GetCellAtId(s, count, corner);
+    vtkTriangleStrip::DecomposeStrip(static_cast<int>(count), corner, apart);
+    for (; t < apart->GetNumberOfCells(); ++t)
+      EXPECT_EQ(mesh->GetCellData()->GetArray("label")->GetTuple1(s), label(0, t));
+  }
+  ASSERT_EQ(t, out.triangles.cols());
+  Triangles of_vtk(3, t);
+  for (t = 0; t < of_vtk.cols(); ++t) {
+    apart->GetCellAtId(t, count, corner);
+    of_vtk.col(t) << corner[0], corner[1], corner[2];
+  }
+  EXPECT_EQ(set_of(of_vtk), set_of(out.triangles));
+
+  const SurfaceFile in = read_vtp(file);
+  EXPECT_EQ(in.position_mm, out.position_mm);
+  EXPECT_EQ(in.triangles, out.triangles);
+  ASSERT_EQ(in.on_triangles.size(), 1U);
+  EXPECT_EQ(in.on_triangles[0].values, label);
+}
+
 TEST(Vtp, SaysWhyAFileIsNoTriangleSurface) {
   const fs::path folder = fresh_folder();
   const auto file = [&](const std::string& polygons) {
@@ -410,6 +521,25 @@ TEST(Vtp, SaysWhyAFileIsNoTriangleSurface) {
   expect_report<InputError>([&] { read_vtp(file(polygons("0 1 2", "9"))); }, "bad.vtp");
   expect_report<InputError>([&] { read_vtp(file(polygons("0 1 2", "-3"))); }, "bad.vtp");
   expect_report<InputError>([&] { read_vtp(file(R"(NumberOfPolys="0">)")); }, "no triangle");
+  const auto strip = [&](const std::string& corners, const std::string& offsets,
+                         const std::string& count = "1") {
+    std::string content = read_file(file(polygons(corners, offsets)));
+    for (const auto& [from, to] :
+         {std::pair<std::string, std::string>{R"(NumberOfStrips="0")", "NumberOfStrips=\"" + count + '"'},
+          {R"(NumberOfPolys="1")", R"(NumberOfPolys="0")"},
+          {"<Polys>", "<Strips>"},
+          {"</Polys>", "</Strips>"}})
+      content.replace(content.find(from), from.size(), to);
+    put(folder / "bad.vtp", content);
+    return folder / "bad.vtp";
+  };
+  EXPECT_EQ(read_vtp(strip("0 1 2 3", "4")).triangles.cols(), 2);
+  expect_report<InputError>([&] { read_vtp(strip("0 1", "2")); }, "2 corners");
+  expect_report<InputError>([&] { read_vtp(strip("0 1 4 3", "4")); }, "uses point 4");
+  expect_report<InputError>([&] { read_vtp(strip("0 -1 2", "3")); }, "bad.vtp");
+  expect_report<InputError>([&] { read_vtp(strip("0 1 2", "9")); }, "bad.vtp");
+  expect_report<InputError>([&] { read_vtp(strip("0 1 2", "-3")); }, "bad.vtp");
+  expect_report<InputError>([&] { read_vtp(strip("0 1 2 3", "900000 4", "2")); }, "bad.vtp");
   expect_report<InputError>([&] { read_vtp(folder / "absent.vtp"); }, "no such file");
 }
 

@@ -1,0 +1,139 @@
+#include "io/triangle_strips.hpp"
+
+#include <array>
+
+namespace dimple {
+namespace {
+
+using Corners = std::array<int, 3>;
+
+// The k-th triangle of a strip that begins with these corners, and the one after it ends in d.
+Corners next_of(const Corners& now, bool odd, int d) {
+  return odd ? Corners{now[0], now[2], d} : Corners{now[2], now[1], d};
+}
+
+// Which triangle runs along an edge that way: sorted by where edges begin.
+class Edges {
+ public:
+  explicit Edges(const Triangles& triangles)
+      : triangles_(triangles),
+        offset_(static_cast<std::size_t>(triangles.size() > 0 ? triangles.maxCoeff() + 2 : 1), 0),
+        triangle_(static_cast<std::size_t>(triangles.size())) {
+    for (const Index v : triangles.reshaped()) ++offset_[static_cast<std::size_t>(v) + 1];
+    for (std::size_t v = 1; v < offset_.size(); ++v) offset_[v] += offset_[v - 1];
+    std::vector<std::size_t> at(offset_.begin(), offset_.end() - 1);
+    for (Index t = 0; t < triangles.cols(); ++t)
+      for (const Index v : triangles.col(t)) triangle_[at[static_cast<std::size_t>(v)]++] = t;
+  }
+  // The first unused triangle with the edge, and its third corner; -1: there is none.
+  template <class Unused>
+  Index along(int from, int to, const Unused& unused, int& third) const {
+    const auto v = static_cast<std::size_t>(from);
+    for (std::size_t k = offset_[v]; k < offset_[v + 1]; ++k) {
+      const Index t = triangle_[k];
+      if (!unused(t)) continue;
+      for (int c = 0; c < 3; ++c)
+        if (triangles_(c, t) == from && triangles_((c + 1) % 3, t) == to) {
+          third = static_cast<int>(triangles_((c + 2) % 3, t));
+          return t;
+        }
+    }
+    return -1;
+  }
+
+ private:
+  const Triangles& triangles_;
+  std::vector<std::size_t> offset_;
+  std::vector<Index> triangle_;
+};
+
+}  // namespace
+
+TriangleStrips strips_in(const Triangles& triangles, const Eigen::MatrixXd& kind) {
+  TriangleStrips strips;
+  const bool kinds = kind.size() > 0;
+  Corners now{};
+  bool odd = false;
+  for (Index t = 0; t < triangles.cols(); ++t) {
+    const Corners here = {static_cast<int>(triangles(0, t)), static_cast<int>(triangles(1, t)),
+                          static_cast<int>(triangles(2, t))};
+    const bool goes_on =
+        t > 0 && next_of(now, odd, here[2]) == here && (!kinds || kind(0, t) == kind(0, t - 1));
+    if (goes_on) {
+      strips.corner.push_back(here[2]);
+      odd = !odd;
+    } else {
+      if (t > 0) strips.offset.push_back(static_cast<int>(strips.corner.size()));
+      strips.corner.insert(strips.corner.end(), here.begin(), here.end());
+      strips.first.push_back(t);
+      odd = false;
+    }
+    now = here;
+  }
+  if (!strips.first.empty()) strips.offset.push_back(static_cast<int>(strips.corner.size()));
+  return strips;
+}
+
+Triangles triangles_of(const TriangleStrips& strips) {
+  Triangles triangles(
+      3, static_cast<Index>(strips.corner.size()) - 2 * static_cast<Index>(strips.offset.size() - 1));
+  Index t = 0;
+  for (std::size_t s = 0; s + 1 < strips.offset.size(); ++s) {
+    auto corner = static_cast<std::size_t>(strips.offset[s]);
+    const auto end = static_cast<std::size_t>(strips.offset[s + 1]);
+    Corners now = {strips.corner[corner], strips.corner[corner + 1], strips.corner[corner + 2]};
+    triangles.col(t++) << now[0], now[1], now[2];
+    bool odd = false;
+    for (corner += 3; corner < end; ++corner, odd = !odd) {
+      now = next_of(now, odd, strips.corner[corner]);
+      triangles.col(t++) << now[0], now[1], now[2];
+    }
+  }
+  return triangles;
+}
+
+Triangles in_strips(const Triangles& triangles) {
+  const Edges edges(triangles);
+  std::vector<Index> walked(static_cast<std::size_t>(triangles.cols()), -1);  // by which walk
+  const Index in_a_strip = 3 * triangles.cols();
+  struct Step {
+    Index triangle;
+    Corners corner;
+  };
+  std::vector<Step> best, walk;
+  Triangles result(3, triangles.cols());
+  Index count = 0;
+  for (Index t = 0; t < triangles.cols(); ++t) {
+    if (walked[static_cast<std::size_t>(t)] == in_a_strip) continue;
+    best.clear();
+    for (int c = 0; c < 3; ++c) {
+      const Index mark = 3 * t + c;
+      walk.clear();
+      Step now{t,
+               {static_cast<int>(triangles(c, t)), static_cast<int>(triangles((c + 1) % 3, t)),
+                static_cast<int>(triangles((c + 2) % 3, t))}};
+      for (bool odd = false; now.triangle >= 0; odd = !odd) {
+        walk.push_back(now);
+        walked[static_cast<std::size_t>(now.triangle)] = mark;
+        const Corners& at = now.corner;
+        int d = 0;
+        const Index next = edges.along(
+            odd ? at[0] : at[2], odd ? at[2] : at[1],
+            [&](Index other) {
+              const Index by = walked[static_cast<std::size_t>(other)];
+              return by != mark && by != in_a_strip;
+            },
+            d);
+        now = {next, next_of(at, odd, d)};
+      }
+      if (walk.size() > best.size()) best.swap(walk);
+    }
+    for (const Step& step : best) {
+      walked[static_cast<std::size_t>(step.triangle)] = in_a_strip;
+      result.col(count++) << step.corner[0], step.corner[1], step.corner[2];
+    }
+  }
+  return result;
+}
+
+}  // namespace dimple
