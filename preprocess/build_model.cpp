@@ -181,6 +181,26 @@ GradingOptions to_the_size_of(const BodySurface& body, double contact_radius, Gr
   return grading;
 }
 
+// From the middle of the graded circle to those on the surface along the tool's way, a radius apart at most.
+std::vector<Vec3> along_way(const BodySurface& body, const Boundary& graded, const BoundaryOptions& options) {
+  std::vector<Vec3> along;
+  const Vec3& push = graded.push;
+  const double far = (body.upper() - body.lower()).norm();
+  Vec3 last = Vec3::Zero();
+  for (const Vec3& world : options.way_of_tool) {
+    const Vec3 next = body.to_world().linear().transpose() * world,
+               across = next - last - (next - last).dot(push) * push;
+    const int pieces = std::min(1000, static_cast<int>(std::ceil(across.norm() / graded.radius)));
+    for (int k = 1; k <= pieces; ++k) {
+      const Vec3 come = last + static_cast<double>(k) / pieces * across, aside = come - come.dot(push) * push;
+      const std::vector<double> met = body.crossings(graded.centre + aside - far * push, push);
+      if (!met.empty()) along.push_back(aside + (met.front() - far) * push);
+    }
+    last = next;
+  }
+  return along;
+}
+
 }  // namespace
 
 Site find_site(const BodySurface& body, const ModelOptions& options, const Boundary* known,
@@ -196,7 +216,7 @@ Site find_site(const BodySurface& body, const ModelOptions& options, const Bound
   if (const auto& height = options.boundary.height_of_tool)
     site.graded.centre =
         place_of_touch(before, site.boundary, 0.5 * options.boundary.indenter_diameter_mm, height);
-  site.sizing = Sizing(body, site.graded, grading);
+  site.sizing = Sizing(body, site.graded, grading, along_way(before, site.graded, options.boundary));
   return site;
 }
 

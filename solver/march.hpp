@@ -39,7 +39,7 @@ struct Loading {
   Loads loads{};                   ///< that act before the tool touches, and go on acting
   std::vector<Step> steps{};       ///< one after the other, each from the last one's equilibrium
   Begun begun{};                   ///< for march_in_steps() alone
-  /// A tool that touches, in place of the circle; quasi-statically, without loads and steps. Null: the
+  /// A tool that touches, in place of the circle; quasi-statically, without loads. Null: the
   /// circle.
   std::shared_ptr<const Touch> touch{};
   double way() const {

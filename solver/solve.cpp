@@ -46,9 +46,8 @@ void refuse_touch(TimeMode mode, const ForceSystem& tissue, const Model& model, 
   const char* what = mode != TimeMode::quasi_static ? "inertia"
                      : !MixedIteration::serves(tissue, model)
                          ? "a scheme or a tissue without patches of pressure"
-                     : !loading.loads.none()  ? "gravity or pressures"
-                     : !loading.steps.empty() ? "a scene of steps"
-                                              : nullptr;
+                     : !loading.loads.none() ? "gravity or pressures"
+                                             : nullptr;
   if (!what) return;
   throw SolveError({.fact = text("a tool that touches is asked for together with ", what),
                     .where = text("time ", name_of(mode), ", tool"),

@@ -81,7 +81,7 @@ double System::along_push(const Nodal& f) const {
 
 double System::working_force(const Nodal& f) const {
   const double of_held = held_.working_force(f);
-  return touching_ ? of_held + touching_->along(model_.tool.push) : of_held;
+  return touching_ ? of_held + touching_->along(held_.motion(tool_set)) : of_held;
 }
 
 Wrench System::on_tool(const Nodal& u, const Nodal& f) const {
@@ -149,11 +149,12 @@ void System::begin_at(Rest rest, Constraints held) {
   for (const auto& term : terms_) loads_at_rest_ += term->energy(at_rest_.u, now_);
 }
 
-void System::go_on(Rest from, Constraints held, const Vec3& way_of_tool) {
+void System::go_on(Rest from, Constraints held, const Vec3& way_of_tool, double gone) {
   held.start_at(from.u);
   at_rest_ = std::move(from);
   held_ = std::move(held);
   way_before_ = way_of_tool;
+  if (touching_) touching_->go_on(way_of_tool, gone, held_.motion(tool_set));
   tissue_.hold_pressures({});
 }
 

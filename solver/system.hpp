@@ -111,7 +111,7 @@ class System {
   /// The body rests so; what is held from now on is moved from there.
   void begin_at(Rest rest, Constraints held);
   /// A further step of a scene begins at `from`, where the tool has come by `way_of_tool` [m].
-  void go_on(Rest from, Constraints held, const Vec3& way_of_tool);
+  void go_on(Rest from, Constraints held, const Vec3& way_of_tool, double gone = 0.0);
   /// The forces f [4xN] N that a step begins with are the measure of its balance, down to a hundredth of
   /// them: a tool that comes back to where it touched leaves no reactions to compare with.
   void measure_by(const Nodal& f);

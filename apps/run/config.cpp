@@ -128,7 +128,8 @@ std::string place_in_mm(const std::string& text) {
   for (const std::string& part : parts_of(text)) {
     double value = 0.0;
     const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), value);
-    const auto unit = unit_table().at("mm").find(std::string(trimmed(std::string(end, part.data() + part.size()))));
+    const auto unit =
+        unit_table().at("mm").find(std::string(trimmed(std::string(end, part.data() + part.size()))));
     const bool length = error == std::errc{} && unit != unit_table().at("mm").end();
     result += (result.empty() ? "" : ",") + (length ? fmt::format("{}", value * unit->second) : part);
   }
@@ -875,6 +876,8 @@ ModelOptions model_options(const Config& c) {
   if (const std::optional<ToolShape> tool = tool_of(c)) {
     options.boundary.indenter_diameter_mm = 2e3 * tool->radius;
     options.boundary.contact_radius_mm = 1e3 * contact_radius(*tool, 1e-3 * c.load.depth_mm);
+    // What a step goes along the push, which is not known yet, needs no other nodes.
+    for (const Vec3& come : way_of_tool(c, Vec3::Zero())) options.boundary.way_of_tool.push_back(1e3 * come);
     GradingOptions& grading = options.cloud.grading;
     grading.whole_circle = tool->kind != ToolShape::Kind::punch;
     // A bonded rim tears finer nodes apart; a round tool's first touch is small beside its last.

@@ -115,6 +115,14 @@ std::vector<Step> steps_of(const Config& config, const Vec3& push) {
   return steps;
 }
 
+std::vector<Vec3> way_of_tool(const Config& config, const Vec3& push) {
+  std::vector<Vec3> way;
+  Vec3 come = Vec3::Zero();
+  for (const Step& step : steps_of(config, push))
+    if (step.moves.empty()) way.push_back(come += step.way);
+  return way;
+}
+
 double deepest(const Config& config, const Vec3& push) {
   if (config.step.empty()) return 1e-3 * config.load.depth_mm;
   double depth = 0.0, most = 0.0;

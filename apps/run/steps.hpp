@@ -18,6 +18,9 @@ void resolve_steps(Config& config);
 /// The steps for the solver, of a tool that is pushed along `push`.
 std::vector<Step> steps_of(const Config& config, const Vec3& push);
 
+/// How far the tool has come after each step [m].
+std::vector<Vec3> way_of_tool(const Config& config, const Vec3& push);
+
 /// The deepest that the tool comes [m], along its push.
 double deepest(const Config& config, const Vec3& push);
 

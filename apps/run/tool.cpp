@@ -9,6 +9,7 @@
 #include <mutex>
 #include <vector>
 
+#include "apps/run/steps.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
@@ -203,7 +204,7 @@ bool depth_is_of_tool(const Config& config) {
 void resolve_depth(Config& config) {
   const std::optional<ToolShape> tool = tool_of(config);
   const bool is_given = config.source.count("load.depth_mm") > 0 && !depth_is_of_tool(config);
-  if (!tool || is_given) return;
+  if (!tool || is_given || !config.step.empty()) return;
   config.load.depth_mm = std::min(Config{}.load.depth_mm, usual_depth * 1e3 * tool->radius);
   config.source["load.depth_mm"] = by_tool;
 }
@@ -243,9 +244,6 @@ void check_tool(const Config& config) {
   refuse_beside(config, !config.held.empty(), "a support", "support",
                 "a part that is held or moved beside a tool that touches is not modelled",
                 "leave the supports out, or --tool");
-  refuse_beside(config, !config.step.empty(), "a scene of steps", "step",
-                "a tool that touches goes straight from its first touch to --depth",
-                "leave the steps out, or --tool");
   refuse_beside(config, was_given(config, "load.contact"), "a way in which the circle holds the tissue",
                 "--contact (load.contact)", "a tool of this shape touches, with --friction or without",
                 "leave --contact out, or --tool");
@@ -288,7 +286,8 @@ std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model) 
   if (!shape) return nullptr;
   auto touch = std::make_shared<Touch>();
   touch->shape = *shape;
-  touch->surface = contact_surface(model, reach_of_contact(*shape, 1e-3 * config.load.depth_mm));
+  touch->surface = contact_surface(model, reach_of_contact(*shape, 1e-3 * config.load.depth_mm),
+                                   way_of_tool(config, model.tool.push));
   touch->pose = first_touch(*shape, model.tool, touch->surface);
   touch->friction = friction_of(config);
   return touch;

@@ -8,6 +8,7 @@
 #include <cstring>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include "io/stop.hpp"
 #include "preprocess/clones.hpp"
@@ -68,8 +69,10 @@ bool must_halve(const Leaf& box, const Sizing& sizing, const std::function<doubl
 
 }  // namespace
 
-Sizing::Sizing(const BodySurface& body, const Boundary& boundary, const GradingOptions& options) {
+Sizing::Sizing(const BodySurface& body, const Boundary& boundary, const GradingOptions& options,
+               std::vector<Vec3> along) {
   if (options.rim >= 1.0) return;
+  along_ = std::move(along);
   rim_ = rim_of_circle(body, boundary, rim_corners);
   corner_ = rim_.transpose();
   share_ = options.rim;
@@ -95,7 +98,7 @@ bool Sizing::above_circle(const Vec3& x, double& away) const {
   return (d - along * push_).squaredNorm() < square(radius_);
 }
 
-double Sizing::distance_to_rim(const Vec3& x, double farthest) const {
+double Sizing::distance_to_one(const Vec3& x, double farthest) const {
   constexpr double beyond = std::numeric_limits<double>::infinity();
   if (double away = 0.0; whole_circle_ && above_circle(x, away)) return away > farthest ? beyond : away;
   if (((x - lower_).array() < -farthest).any() || ((x - upper_).array() > farthest).any()) return beyond;
@@ -111,6 +114,13 @@ double Sizing::distance_to_rim(const Vec3& x, double farthest) const {
       nearest2 = std::min(nearest2, distance2_to_segment(x, rim_.col(c), rim_.col((c + 1) % rim_corners)));
     }
   return std::sqrt(nearest2);
+}
+
+double Sizing::distance_to_rim(const Vec3& x, double farthest) const {
+  double least = distance_to_one(x, farthest);
+  for (const Vec3& moved : along_)
+    least = std::min(least, distance_to_one(x - moved, std::min(farthest, least)));
+  return least;
 }
 
 double Sizing::rim_length() const {

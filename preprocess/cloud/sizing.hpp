@@ -22,7 +22,9 @@ namespace dimple {
 class Sizing {
  public:
   Sizing() = default;  ///< even: 1 everywhere
-  Sizing(const BodySurface& body, const Boundary& boundary, const GradingOptions& options);
+  /// `along` [mm]: as fine besides around the circle moved by each of these.
+  Sizing(const BodySurface& body, const Boundary& boundary, const GradingOptions& options,
+         std::vector<Vec3> along = {});
   double operator()(const Vec3& x) const { return at(distance(x), finer(x)); }
   double distance(const Vec3& x) const;  ///< to the rim [mm]; where the far spacing holds, infinite
   double finer(const Vec3& x) const { return path_ ? (*path_)(x) : 1.0; }  ///< f
@@ -42,10 +44,13 @@ class Sizing {
   Bounds around(const Vec3& x, double radius) const;
 
  private:
-  double distance_to_rim(const Vec3& x, double farthest) const;  // exact up to `farthest`, larger beyond
+  // Exact up to `farthest`, larger beyond: of the circle as it stands, and of the nearest along the way.
+  double distance_to_one(const Vec3& x, double farthest) const;
+  double distance_to_rim(const Vec3& x, double farthest) const;
   bool above_circle(const Vec3& x, double& away) const;
 
   std::shared_ptr<const LoadPath> path_;
+  std::vector<Vec3> along_;                          // [mm]
   Points rim_;                                       // [3xK] closed polygon on the surface [mm]
   Eigen::Matrix<double, Eigen::Dynamic, 3> corner_;  // the same, a coordinate a column
   Vec3 lower_, upper_;                               // of the polygon's box

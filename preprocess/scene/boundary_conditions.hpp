@@ -29,6 +29,9 @@ struct BoundaryOptions {
   /// Of a round tool that touches: how far its surface is above its tip at a distance from its axis [mm of
   /// mm]. On a slope it touches beside its axis, and nodes are graded around that place.
   std::function<double(double)> height_of_tool = {};
+  /// Of a tool that touches and goes on in steps: how far it has come after each, LPS mm; nodes are as fine
+  /// along that way. Of one that goes straight in: none.
+  std::vector<Vec3> way_of_tool = {};
 };
 
 /// The fixed base and the indenter's circle as places on the surface; mm, in the surface's own frame.

@@ -2,6 +2,8 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <map>
 #include <set>
 #include <vector>
@@ -18,20 +20,31 @@ namespace {
 constexpr double faces_tool = 0.5;  // outward normal . push, at most: folds over the edge may turn to it
 constexpr double looked_at = 2.0;   // reaches from the axis: what is farther cannot come under the tool
 
-Vec3 from_axis(const Indenter& tool, const Vec3& x) {
-  const Vec3 d = x - tool.centre;
+Vec3 across(const Indenter& tool, const Vec3& d) {
   return d - d.dot(tool.push) * tool.push;
 }
 
+// Where the tool's axis stands along its way, from where it first touches [m], across its push.
+std::vector<Vec3> axes_along(const Indenter& tool, const std::vector<Vec3>& way, double apart) {
+  std::vector<Vec3> axes = {Vec3::Zero()};
+  for (const Vec3& come : way) {
+    const Vec3 from = axes.back(), to = across(tool, come);
+    const int pieces = std::min(1000, static_cast<int>(std::ceil((to - from).norm() / apart)));
+    for (int k = 1; k <= pieces; ++k) axes.emplace_back(from + static_cast<double>(k) / pieces * (to - from));
+  }
+  return axes;
+}
+
 // The surface around the tool's axis, in pieces.
-SurfacePieces pieces_around(const Model& model, double radius) {
+SurfacePieces pieces_around(const Model& model, const std::vector<Vec3>& axes, double radius) {
   const Points vertex = model.surface.vertex_mm * 1e-3;
   std::vector<Index> near;
   for (Index t = 0; t < model.surface.triangles.cols(); ++t) {
     const auto corner = model.surface.triangles.col(t);
-    if (distance2_to_triangle(Vec3::Zero(), from_axis(model.tool, vertex.col(corner[0])),
-                              from_axis(model.tool, vertex.col(corner[1])),
-                              from_axis(model.tool, vertex.col(corner[2]))) < radius * radius)
+    const auto at = [&](Index c) { return across(model.tool, vertex.col(corner[c]) - model.tool.centre); };
+    const Vec3 a = at(0), b = at(1), c = at(2);
+    if (std::any_of(axes.begin(), axes.end(),
+                    [&](const Vec3& axis) { return distance2_to_triangle(axis, a, b, c) < radius * radius; }))
       near.push_back(t);
   }
   return pieces_of(model, model.surface.triangles(Eigen::all, near));
@@ -87,15 +100,18 @@ void take_means(const std::map<int, std::vector<Index>>& cell, const Points& are
 
 }  // namespace
 
-ContactSurface contact_surface(const Model& model, double reach) {
+ContactSurface contact_surface(const Model& model, double reach, const std::vector<Vec3>& way) {
   if (model.surface.empty()) refuse("the model has no surface that a tool could touch");
-  const SurfacePieces pieces = pieces_around(model, looked_at * reach);
+  const std::vector<Vec3> axes = axes_along(model.tool, way, 0.25 * reach);
+  const SurfacePieces pieces = pieces_around(model, axes, looked_at * reach);
   const Neighbours nodes(model.X);
   std::map<int, std::vector<Index>> cell;  // the pieces that are nearest to a node
   std::vector<Index> touched, beyond;
   for (Index k = 0; k < pieces.place.cols(); ++k) {
     const Vec3 x = pieces.place.col(k), area = pieces.area.col(k);
-    const double away = from_axis(model.tool, x).norm();
+    const Vec3 aside = across(model.tool, x - model.tool.centre);
+    double away = std::numeric_limits<double>::infinity();
+    for (const Vec3& axis : axes) away = std::min(away, (aside - axis).norm());
     const int node = nodes.nearest(x, 1).front();
     const bool faces = area.dot(model.tool.push) < faces_tool * area.norm();
     const bool held = std::binary_search(model.base.begin(), model.base.end(), node);

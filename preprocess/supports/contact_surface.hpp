@@ -1,5 +1,7 @@
 #pragma once
 
+#include <vector>
+
 #include "preprocess/supports/interpolation.hpp"
 
 namespace dimple {
@@ -22,7 +24,8 @@ struct ContactSurface {
 };
 
 /// What lies within `reach` [m] of the tool's axis and faces the tool, but for the base. Throws ModelError:
-/// the model has no surface, or none of it is there.
-ContactSurface contact_surface(const Model& model, double reach);
+/// the model has no surface, or none of it is there. `way`: how far the tool comes after each of its steps
+/// [m]; what its axis passes is then taken too.
+ContactSurface contact_surface(const Model& model, double reach, const std::vector<Vec3>& way = {});
 
 }  // namespace dimple

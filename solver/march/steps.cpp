@@ -62,6 +62,7 @@ void march_in_steps(System& system, const Loading& loading, const SolverOptions&
   const std::vector<int> frames = frames_of_steps(loading.steps, options.frames);
   Rest begun = system.at_rest();
   Vec3 way_before = Vec3::Zero();
+  double gone = 0.0;
   Loading now = loading;
   now.steps.clear();
   const std::size_t first = from ? static_cast<std::size_t>(from->step_of_scene) : 0;
@@ -74,7 +75,7 @@ void march_in_steps(System& system, const Loading& loading, const SolverOptions&
       way_before = from->way_before;
     }
     if (k >= first) {
-      system.go_on(begun, held_in(model, loading, step), way_before);
+      system.go_on(begun, held_in(model, loading, step), way_before, gone);
       SolverOptions own = options;
       own.frames = frames[k];
       Observer watching = observer;
@@ -94,6 +95,7 @@ void march_in_steps(System& system, const Loading& loading, const SolverOptions&
       begun = std::move(ended);
       if (moves_tool(step)) way_before += step.way;
     }
+    gone += now.depth;
     now.begun = {now.t_at(now.depth), now.depth_at(now.depth), 1.0, now.begun.frame + frames[k]};
   }
 }

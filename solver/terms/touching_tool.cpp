@@ -27,7 +27,7 @@ ToolPose first_touch(const ToolShape& shape, const Indenter& at, const ContactSu
   return {at.centre + way * at.push, at.push};
 }
 
-TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)) {
+TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)), motion_(touch_.pose.points_at) {
   force_.setZero(count());
   if (!rubs()) return;
   friction_.setZero(3, count());
@@ -39,7 +39,7 @@ TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)) {
 // What comes to touch and goes again while equilibrium is looked for would jump if a force without bound held
 // it.
 double TouchingTool::bound(Index s, double normal_force) const {
-  if (!(last_depth_ > 0.0 && normal_force > 0.0)) return 0.0;
+  if (!(last_gone_ > 0.0 && normal_force > 0.0)) return 0.0;
   return (touched_[static_cast<std::size_t>(s)] ? touch_.friction : std::min(touch_.friction, 1.0)) *
          normal_force;
 }
@@ -61,7 +61,12 @@ void TouchingTool::bring_back(Eigen::Ref<Eigen::VectorXd> unknowns) const {
 }
 
 ToolPose TouchingTool::pose_at(double depth) const {
-  return {touch_.pose.tip + depth * touch_.pose.points_at, touch_.pose.points_at};
+  const Vec3 now = depth * motion_;
+  return {touch_.pose.tip + (way_.isZero(0.0) ? now : Vec3(way_ + now)), touch_.pose.points_at};
+}
+
+void TouchingTool::go_on(const Vec3& way, double gone, const Vec3& motion) {
+  way_ = way, gone_ = gone, motion_ = motion;
 }
 
 void TouchingTool::add_force(const Nodal& u, const Instant& now, Nodal& f) {
@@ -77,11 +82,11 @@ void TouchingTool::add_force(const Nodal& u, const Instant& now, Nodal& f) {
   }
   spread(force_, f);
   if (!rubs()) return;
-  if (last_depth_ > 0.0 && foreseen_for_ != now.depth) foresee(now.depth);
+  if (last_gone_ > 0.0 && foreseen_for_ != gone_ + now.depth) foresee(gone_ + now.depth);
   for (Index s = 0; s < count(); ++s) {
     const Vec3 n = normal_.col(s);
     friction_.col(s) -= n * n.dot(friction_.col(s));
-    if (!(last_depth_ > 0.0)) continue;
+    if (!(last_gone_ > 0.0)) continue;
     const Vec3 way = place_.col(s) - pose.tip - anchor_.col(s);
     slip_.col(s) = way - n * n.dot(way);
   }
@@ -119,9 +124,9 @@ double TouchingTool::heat() const {
 }
 
 // Where samples that do not touch yet would: going on as between the last two accepted states.
-void TouchingTool::foresee(double depth) {
+void TouchingTool::foresee(double gone) {
   const ToolPose at_origin{Vec3::Zero(), touch_.pose.points_at};
-  const double share = (depth - last_depth_) / (last_depth_ - depth_before_);
+  const double share = (gone - last_gone_) / (last_gone_ - gone_before_);
   for (Index s = 0; s < count(); ++s) {
     if (touched_[static_cast<std::size_t>(s)]) continue;
     const Vec3 x = last_.col(s), way = share * (x - before_last_.col(s));
@@ -131,7 +136,7 @@ void TouchingTool::foresee(double depth) {
     const ToolDistance tool = distance_to_tool(touch_.shape, at_origin, there);
     anchor_.col(s) = there - tool.distance * tool.normal;
   }
-  foreseen_for_ = depth;
+  foreseen_for_ = gone;
 }
 
 void TouchingTool::accept(const Nodal&, const Instant& now) {
@@ -145,13 +150,13 @@ void TouchingTool::accept(const Nodal&, const Instant& now) {
   }
   before_last_ = last_;
   last_ = place_.colwise() - tip;
-  depth_before_ = last_depth_;
-  last_depth_ = now.depth;
+  gone_before_ = last_gone_;
+  last_gone_ = gone_ + now.depth;
   foreseen_for_ = -1.0;
 }
 
 std::vector<double> TouchingTool::past() const {
-  std::vector<double> all = {last_depth_, depth_before_};
+  std::vector<double> all = {last_gone_, gone_before_};
   for (const Points* part : {&anchor_, &last_, &before_last_})
     all.insert(all.end(), part->data(), part->data() + part->size());
   for (const char touched : touched_) all.push_back(touched);
@@ -160,8 +165,8 @@ std::vector<double> TouchingTool::past() const {
 
 void TouchingTool::restore_past(const std::vector<double>& past) {
   auto next = past.begin();
-  last_depth_ = *next++;
-  depth_before_ = *next++;
+  last_gone_ = *next++;
+  gone_before_ = *next++;
   for (Points* part : {&anchor_, &last_, &before_last_}) {
     std::copy_n(next, part->size(), part->data());
     next += part->size();

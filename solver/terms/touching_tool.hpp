@@ -48,7 +48,11 @@ class TouchingTool : public ForceTerm {
 
   Index count() const { return touch_.surface.count(); }  ///< samples
   const Touch& touch() const { return touch_; }
+  /// After `depth` [m] of the way that it goes now.
   ToolPose pose_at(double depth) const;
+  /// From now on it moves by `motion` for each metre of its way, from where it has come by `way` [m]; it has
+  /// gone `gone` [m] to there.
+  void go_on(const Vec3& way, double gone, const Vec3& motion);
 
   bool rubs() const { return touch_.friction > 0.0; }
   /// Of the search for equilibrium: a normal force for each sample, with friction t_s behind them all.
@@ -106,14 +110,16 @@ class TouchingTool : public ForceTerm {
   Touch touch_;
   Eigen::VectorXd force_, gap_;
   Points normal_, place_;
+  Vec3 way_ = Vec3::Zero(), motion_;
+  double gone_ = 0.0;
   // With friction alone. Places from the tip: where samples slip from; where they were at the last two
   // accepted states, and which of them touched at the last.
   Points friction_, slip_, anchor_, last_, before_last_;
   std::vector<char> touched_;
-  double last_depth_ = 0.0, depth_before_ = 0.0;
-  double foreseen_for_ = -1.0;  // the depth for which anchors of what has not touched were looked for
+  double last_gone_ = 0.0, gone_before_ = 0.0;  // all the way to those two states
+  double foreseen_for_ = -1.0;  // the way for which anchors of what has not touched were looked for
 
-  void foresee(double depth);
+  void foresee(double gone);
 };
 
 }  // namespace dimple

@@ -399,6 +399,76 @@ TEST(TouchingTool, FindsItsFirstTouchOfANodeThatIsManyTimesAsStiffAsItsNeighbour
   EXPECT_GT(history.force.back().force, 0.0);
 }
 
+// On a block, along one axis: the force on the tool at the end of each step.
+std::vector<Vec3> forces_after(const std::vector<Vec3>& ways, double friction, const Vec3& place, Index nodes,
+                               History* whole = nullptr) {
+  ModelOptions options;
+  options.cloud.count = nodes;
+  options.cloud.grading.whole_circle = true;
+  options.boundary = {.base = "inferior",
+                      .indent_at = std::to_string(place.x()) + "," + std::to_string(place.y()) + ",top",
+                      .contact_radius_mm = 2.7};
+  Vec3 come = Vec3::Zero();
+  std::vector<Vec3> along;
+  for (const Vec3& way : ways) along.push_back(come += way);
+  for (const Vec3& to : along) options.boundary.way_of_tool.push_back(1e3 * to);
+  const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
+  auto touch = std::make_shared<Touch>();
+  touch->shape = {.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+  touch->surface = contact_surface(model, 7e-3, along);
+  touch->pose = first_touch(touch->shape, model.tool, touch->surface);
+  touch->friction = friction;
+  Loading loading;
+  loading.touch = touch;
+  for (const Vec3& way : ways) loading.steps.push_back({.name = "", .moves = "", .way = way});
+  const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
+  History history;
+  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1}, {}, history);
+  std::vector<Vec3> result;
+  double until = 0.0;
+  for (const Vec3& way : ways) {
+    until += way.norm() / loading.rate;
+    const auto at = std::find_if(history.force.begin(), history.force.end(),
+                                 [&](const ForceSample& s) { return s.t > until * (1.0 - 1e-9); });
+    EXPECT_NE(at, history.force.end());
+    if (at != history.force.end()) result.emplace_back(at->on_tool[0], at->on_tool[1], at->on_tool[2]);
+  }
+  if (whole) *whole = history;
+  return result;
+}
+
+TEST(ToolInSteps, WithoutFrictionFeelsWhereItIsAndNotHowItCame) {
+  const Vec3 down(0, 0, -1.5e-3), aside(5e-3, 0, 0);
+  const Vec3 slid = forces_after({down, aside}, 0.0, Vec3(-2, 0, 20), 1500).back(),
+             early = forces_after({0.2 * down, aside, 0.8 * down}, 0.0, Vec3(-2, 0, 20), 1500).back(),
+             straight = forces_after({down + aside}, 0.0, Vec3(-2, 0, 20), 1500).back(),
+             there = forces_after({down}, 0.0, Vec3(3, 0, 20), 4000).back();
+  EXPECT_LT((slid - early).norm(), 2e-3 * slid.norm());
+  EXPECT_LT((slid - straight).norm(), 2e-3 * slid.norm());
+  EXPECT_NEAR(slid.z(), there.z(), 0.015 * there.z()) << "nodes are as fine along the way as where it began";
+  EXPECT_LT(std::abs(slid.x()), 0.02 * slid.z());
+}
+
+TEST(ToolInSteps, IsDraggedBackByFrictionAndLosesItsForceAsItIsLifted) {
+  History history;
+  const std::vector<Vec3> force = forces_after({{0, 0, -1.5e-3}, {4e-3, 0, 0}, {0, 0, 1e-3}, {0, 0, 1e-3}},
+                                               0.3, Vec3(-2, 0, 20), 1500, &history);
+  EXPECT_LT(std::abs(force[0].x()), 0.01 * force[0].z());
+  EXPECT_LT(force[1].x(), -0.29 * force[1].z())
+      << "all of it slides; it is drawn back a little more by the slope";
+  EXPECT_GT(force[1].x(), -0.40 * force[1].z());
+  EXPECT_LT(force[2].z(), 0.35 * force[1].z());
+  EXPECT_LT(force[3].norm(), 1e-6 * force[1].norm())
+      << "a tool that has left pulls nothing and is pushed by nothing";
+  for (const ForceSample& sample : history.force) EXPECT_GE(sample.force, 0.0);
+  double before = 0.0;
+  for (const EnergySample& sample : history.energy) {
+    EXPECT_GE(sample.dissipated, before - 1e-12);
+    before = sample.dissipated;
+  }
+  EXPECT_GT(before, 0.3 * 0.9 * force[1].z() * 3e-3) << "of friction over three of four millimetres at least";
+}
+
 TEST(TouchingTool, FrictionLiesInTheTangentPlaneAndIsNeverMoreThanItsShareOfTheNormalForce) {
   ModelOptions options;
   options.cloud.count = 600;
