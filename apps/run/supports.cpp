@@ -53,11 +53,27 @@ void check(const std::string& name, const Config::Held& held) {
                                "a way has three components, LPS", "give x,y,z in mm, such as 3,0,0"));
 }
 
-// Nodes of a support, and the mean of the surface's normals there.
+// Nodes of a support, and the mean of the surface's unit normals there.
 struct Chosen {
   std::vector<Index> node;
   Vec3 normal = Vec3::Zero();
 };
+
+// Over the area: nodes are few, and some of them lie on rounded edges.
+Vec3 mean_normal(const SurfacePart& part, const BodySurface& surface) {
+  Vec3 sum = Vec3::Zero();
+  double area = 0.0;
+  for (Index t = 0; t < surface.triangles().cols(); ++t) {
+    const auto corner = surface.triangles().col(t);
+    const Vec3 middle = (surface.vertex().col(corner[0]) + surface.vertex().col(corner[1]) +
+                         surface.vertex().col(corner[2])) /
+                        3.0;
+    if (!part.has(middle, surface.normal().col(t))) continue;
+    sum += surface.triangle_area()[t] * surface.normal().col(t);
+    area += surface.triangle_area()[t];
+  }
+  return area > 0.0 ? Vec3(sum / area) : sum;
+}
 
 Chosen nodes_on_surface(const SurfacePart& part, const Discretisation& places, const BodySurface& surface) {
   Chosen chosen;
@@ -68,9 +84,8 @@ Chosen nodes_on_surface(const SurfacePart& part, const Discretisation& places, c
     const Vec3 normal = surface.normal().col(surface.closest(x).triangle);
     if (!part.has(x, normal)) continue;
     chosen.node.push_back(a);
-    chosen.normal += normal;
   }
-  if (!chosen.node.empty()) chosen.normal /= static_cast<double>(chosen.node.size());
+  chosen.normal = mean_normal(part, surface);
   return chosen;
 }
 
@@ -122,10 +137,10 @@ HeldSet set_of(const std::string& name, const Config::Held& held, const Chosen& 
     return set;
   }
   if (chosen.normal.norm() < facing)
-    throw ModelError(report_on(name, "hold", "slides along a patch that faces all ways",
-                               fmt::format("the mean of its {} nodes' unit normals has a length of {:.2f}",
-                                           chosen.node.size(), chosen.normal.norm()),
-                               "give a side or a smaller ball, or hold = \"fixed\""));
+    throw ModelError(
+        report_on(name, "hold", "slides along a patch that faces all ways",
+                  fmt::format("the mean of its unit normals has a length of {:.2f}", chosen.normal.norm()),
+                  "give a side or a smaller ball, or hold = \"fixed\""));
   set.hold = HeldSet::Hold::along;
   set.direction = chosen.normal.normalized();
   const double along = move.dot(set.direction);

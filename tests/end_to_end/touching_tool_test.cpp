@@ -179,7 +179,7 @@ TEST(ToolThatTouches, GoesInStepsAsItsConfigurationSaysAndGivesTheSameBytesAgain
   const fs::path folder = with_phantom();
   const std::string scene =
       "run brain.nrrd --write force -q --nodes 1000 --frames 3 --tool sphere:5mm --friction 0.2 "
-      "--set step.press.move=1mm --set step.slide.move=2,0,0 --set step.lift.move=-1.5mm";
+      "--set step.press.move=1mm --set step.slide.move=2,0,0 --set step.lift.move=-3mm";
   ASSERT_EQ(dimple(folder, scene + " -o out --threads 1").code, 0);
   const auto summary = nlohmann::json::parse(text_of(folder / "out" / "summary.json"));
   EXPECT_TRUE(summary["band"].contains("unknown"));
@@ -191,7 +191,7 @@ TEST(ToolThatTouches, GoesInStepsAsItsConfigurationSaysAndGivesTheSameBytesAgain
     largest = std::max(largest, force);
   }
   EXPECT_EQ(curve.find("aside_x_mm")->back(), 2.0);
-  EXPECT_NEAR(curve.find("indentation_mm")->back(), -0.5, 1e-9);
+  EXPECT_NEAR(curve.find("indentation_mm")->back(), -2.0, 1e-9);
   EXPECT_LT(curve.find("force_N")->back(), 1e-5 * largest);
   ASSERT_EQ(dimple(folder, "run brain.nrrd --config out/config.resolved.toml -o again -q --threads 2").code,
             0);
