@@ -132,6 +132,21 @@ std::unique_ptr<ForceSystem> force_system(const Config& config, Result& result) 
   return system;
 }
 
+// Where it was lifted, or slid beyond what it had touched.
+void tell_of_lost_contact(const Talk& talk, const Result& result) {
+  constexpr double nothing = 1e-6;  // of the largest force: the search for equilibrium has a tolerance
+  const std::vector<ForceSample>& force = result.history.force;
+  if (!result.loading.touch || force.empty()) return;
+  double largest = 0.0;
+  for (const ForceSample& sample : force) largest = std::max(largest, sample.force);
+  const auto last = std::find_if(force.rbegin(), force.rend(),
+                                 [&](const ForceSample& sample) { return sample.force > nothing * largest; });
+  if (last != force.rend() && last != force.rbegin())
+    talk.say(
+        fmt::format("touch    the tool has left the body: it touched last at a depth of {}, after {:.3g} s",
+                    length_in_words(1e3 * last->depth), last->t));
+}
+
 void keep_findings(const Talk& talk, Result& result) {
   for (const Finding& finding : result.history.guards) talk.warn(in_words(finding));
   result.findings.insert(result.findings.end(), result.history.guards.begin(), result.history.guards.end());
@@ -323,6 +338,7 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
   }
   result.solve_s = solving.seconds();
   keep_findings(talk, result);
+  tell_of_lost_contact(talk, result);
   if (const std::string warning = bending.warning(); !warning.empty()) talk.warn(warning);
   return system;
 }

@@ -5,7 +5,9 @@
 
 #include <Eigen/Geometry>
 #include <chrono>
+#include <cmath>
 #include <csignal>
+#include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <thread>
@@ -259,7 +261,13 @@ TEST_F(Block, SaysAtTheStartWhatHoldsIt) {
   ASSERT_EQ(ran.code, 0) << ran.err;
   EXPECT_THAT(ran.err, HasSubstr("support  retractor: "));
   EXPECT_THAT(ran.err, HasSubstr(" nodes, moves (-3, 0, 0) mm"));
-  EXPECT_THAT(ran.err, HasSubstr(" nodes, sliding, normal (-1, 0, 0)"));
+  // The edges of a smooth surface around voxels are round, and not all alike.
+  double x = 0.0, y = 0.0, z = 0.0;
+  const std::size_t sliding = ran.err.find(" nodes, sliding, normal (");
+  ASSERT_NE(sliding, std::string::npos) << ran.err;
+  ASSERT_EQ(std::sscanf(ran.err.c_str() + sliding, " nodes, sliding, normal (%lf, %lf, %lf)", &x, &y, &z), 3);
+  EXPECT_EQ(x, -1.0);
+  EXPECT_LE(std::hypot(y, z), 0.02);
   EXPECT_THAT(ran.err, HasSubstr(" nodes, fixed"));
   EXPECT_THAT(ran.out,
               HasSubstr("band unknown: it was measured for bodies that nothing holds but their base"));
