@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 namespace dimple {
@@ -31,7 +32,7 @@ TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)), motion_(touc
   force_.setZero(count());
   if (!rubs()) return;
   friction_.setZero(3, count());
-  slip_ = anchor_ = friction_;
+  slip_ = slid_ = anchor_ = friction_;
   last_ = before_last_ = touch_.surface.place.colwise() - touch_.pose.tip;
   touched_.assign(static_cast<std::size_t>(count()), 0);
 }
@@ -117,10 +118,12 @@ bool TouchingTool::slides(Index s) const {
 }
 
 double TouchingTool::heat() const {
+  // Of all that touches: what is just below its bound, by the tolerance of the search, slips too.
   double sum = 0.0;
   for (Index s = 0; s < slip_.cols(); ++s)
-    if (slides(s)) sum -= friction_.col(s).dot(slip_.col(s));
-  return sum;
+    if (const double most = bound(s, force_[s]); most > 0.0 && std::isfinite(most))
+      sum -= friction_.col(s).dot(slip_.col(s) - slid_.col(s));
+  return std::max(0.0, sum);
 }
 
 // Where samples that do not touch yet would: going on as between the last two accepted states.
@@ -145,7 +148,9 @@ void TouchingTool::accept(const Nodal&, const Instant& now) {
   for (Index s = 0; s < count(); ++s) {
     touched_[static_cast<std::size_t>(s)] = force_[s] > 0.0;
     // What sticks is held where it was first, so that its slip within the tolerance does not add up.
+    slid_.col(s) = slip_.col(s);
     if (bound(s, force_[s]) > 0.0 && !slides(s)) continue;
+    slid_.col(s).setZero();
     anchor_.col(s) = place_.col(s) - gap_[s] * normal_.col(s) - tip;
   }
   before_last_ = last_;
@@ -157,7 +162,7 @@ void TouchingTool::accept(const Nodal&, const Instant& now) {
 
 std::vector<double> TouchingTool::past() const {
   std::vector<double> all = {last_gone_, gone_before_};
-  for (const Points* part : {&anchor_, &last_, &before_last_})
+  for (const Points* part : {&anchor_, &last_, &before_last_, &slid_})
     all.insert(all.end(), part->data(), part->data() + part->size());
   for (const char touched : touched_) all.push_back(touched);
   return all;
@@ -167,7 +172,7 @@ void TouchingTool::restore_past(const std::vector<double>& past) {
   auto next = past.begin();
   last_gone_ = *next++;
   gone_before_ = *next++;
-  for (Points* part : {&anchor_, &last_, &before_last_}) {
+  for (Points* part : {&anchor_, &last_, &before_last_, &slid_}) {
     std::copy_n(next, part->size(), part->data());
     next += part->size();
   }

@@ -113,8 +113,8 @@ class TouchingTool : public ForceTerm {
   Vec3 way_ = Vec3::Zero(), motion_;
   double gone_ = 0.0;
   // With friction alone. Places from the tip: where samples slip from; where they were at the last two
-  // accepted states, and which of them touched at the last.
-  Points friction_, slip_, anchor_, last_, before_last_;
+  // accepted states, which of them touched at the last, and by how much they had slipped there.
+  Points friction_, slip_, anchor_, last_, before_last_, slid_;
   std::vector<char> touched_;
   double last_gone_ = 0.0, gone_before_ = 0.0;  // all the way to those two states
   double foreseen_for_ = -1.0;  // the way for which anchors of what has not touched were looked for

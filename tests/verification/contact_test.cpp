@@ -401,7 +401,7 @@ TEST(TouchingTool, FindsItsFirstTouchOfANodeThatIsManyTimesAsStiffAsItsNeighbour
 
 // On a block, along one axis: the force on the tool at the end of each step.
 std::vector<Vec3> forces_after(const std::vector<Vec3>& ways, double friction, const Vec3& place, Index nodes,
-                               History* whole = nullptr) {
+                               History* whole = nullptr, double step_radii = 0.1) {
   ModelOptions options;
   options.cloud.count = nodes;
   options.cloud.grading.whole_circle = true;
@@ -423,7 +423,7 @@ std::vector<Vec3> forces_after(const std::vector<Vec3>& ways, double friction, c
   for (const Vec3& way : ways) loading.steps.push_back({.name = "", .moves = "", .way = way});
   const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
   History history;
-  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1}, {}, history);
+  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1, .step_radii = step_radii}, {}, history);
   std::vector<Vec3> result;
   double until = 0.0;
   for (const Vec3& way : ways) {
@@ -467,6 +467,50 @@ TEST(ToolInSteps, IsDraggedBackByFrictionAndLosesItsForceAsItIsLifted) {
     before = sample.dissipated;
   }
   EXPECT_GT(before, 0.3 * 0.9 * force[1].z() * 3e-3) << "of friction over three of four millimetres at least";
+}
+
+// What friction has taken is summed over the steps of the load: the balance closes with their length.
+TEST(ToolInSteps, LosesByFrictionWhatTheToolHasDoneMoreThanTheTissueGivesBack) {
+  const std::vector<Vec3> ways = {{0, 0, -1.5e-3}, {3e-3, 0, 0}};
+  std::vector<double> missing;
+  for (const double step_radii : {0.1, 0.05}) {
+    History history;
+    forces_after(ways, 0.3, Vec3(-2, 0, 20), 1000, &history, step_radii);
+    const EnergySample& end = history.energy.back();
+    EXPECT_GT(end.dissipated, 0.3 * end.external);
+    missing.push_back(std::abs(end.error()) / end.external);
+  }
+  EXPECT_LT(missing[0], 0.06);
+  EXPECT_LT(missing[1], 0.7 * missing[0]);
+}
+
+TEST(ToolInSteps, WithFrictionGoesOnAfterAStepAsIfThereWereNone) {
+  const Vec3 down(0, 0, -0.75e-3), aside(0.5e-3, 0, 0);
+  History once, twice;
+  const Vec3 whole = forces_after({2.0 * (down + aside)}, 0.3, Vec3(-2, 0, 20), 1000, &once).back(),
+             parts = forces_after({down + aside, down + aside}, 0.3, Vec3(-2, 0, 20), 1000, &twice).back();
+  EXPECT_LT((whole - parts).norm(), 2e-3 * whole.norm());
+  EXPECT_NEAR(once.energy.back().dissipated, twice.energy.back().dissipated,
+              0.02 * once.energy.back().dissipated);
+}
+
+TEST(ToolInSteps, HasNodesAsFineAlongItsWayAsWhereItBegins) {
+  ModelOptions options;
+  options.cloud.count = 1500;
+  options.cloud.grading.whole_circle = true;
+  options.boundary = {.base = "inferior",
+                      .indent_at = "-2,0,top",
+                      .contact_radius_mm = 2.7,
+                      .way_of_tool = {Vec3(0, 0, -1.5), Vec3(6, 0, -1.5)}};
+  const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
+  const auto spacing_at = [&](const Vec3& x) {
+    Index nearest = 0;
+    (model.X.colwise() - 1e-3 * x).colwise().squaredNorm().minCoeff(&nearest);
+    return model.spacing[nearest];
+  };
+  const double begins = spacing_at({-2, 0, 20});
+  for (const double x : {0.0, 2.0, 4.0}) EXPECT_LT(spacing_at({x, 0, 20}), 1.1 * begins) << x;
+  EXPECT_GT(spacing_at({-2, 10, 20}), 2.0 * begins) << "beside the way they are not";
 }
 
 TEST(TouchingTool, FrictionLiesInTheTangentPlaneAndIsNeverMoreThanItsShareOfTheNormalForce) {
