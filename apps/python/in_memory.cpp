@@ -192,7 +192,8 @@ template <class Archive, Like<ImageFacts> T>
 void members(Archive& io, T& facts) {
   auto& [image_words, labels, closed_mm3, cut, facing_share, segment] = facts;
   auto& [area_mm2, removed_mm3, sizing, parted, taken_out] = cut;
-  io(image_words, labels, closed_mm3, area_mm2, removed_mm3, sizing, parted, taken_out, facing_share, segment);
+  io(image_words, labels, closed_mm3, area_mm2, removed_mm3, sizing, parted, taken_out, facing_share,
+     segment);
 }
 
 template <class Archive, Like<Origin> T>

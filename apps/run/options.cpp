@@ -134,11 +134,11 @@ std::vector<Option> load_options(Config& c) {
   return {
       {.key = "tool.shape", .flag = "--tool", .value = &c.tool.shape, .stage = "run", .common = true,
        .words = {"circle"},
-       .help = "circle; or what touches: sphere:RADIUS, punch:RADIUS,edge=RADIUS, capsule:RADIUS,length=LENGTH, "
-               "FILE.stl"},
+       .help = "circle; or what touches: sphere:RADIUS, punch:RADIUS,edge=RADIUS, "
+               "capsule:RADIUS,length=LENGTH, FILE.stl"},
       {.key = "tool.friction", .flag = "--friction", .value = &c.tool.friction, .stage = "run",
-       .help = "under a tool that touches: Coulomb's coefficient, as 0.3, or stick: what has touched moves along "
-               "it no more"},
+       .help = "under a tool that touches: Coulomb's coefficient, as 0.3, or stick: what has touched moves "
+               "along it no more"},
       {.key = "load.depth_mm", .flag = "--depth", .unit = "mm", .value = &c.load.depth_mm, .most = 1000,
        .least_excluded = true, .stage = "solve", .common = true, .help = "indentation at the end"},
       {.key = "load.rate_mm_per_s", .flag = "--rate", .unit = "mm/s", .value = &c.load.rate_mm_per_s,

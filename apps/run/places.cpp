@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
+
 #include "apps/run/cuts.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/summary.hpp"
