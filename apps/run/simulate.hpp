@@ -63,8 +63,8 @@ struct ImageFacts {
   /// By --cut; see CutBody.
   struct Cut {
     double area_mm2 = 0.0, removed_mm3 = 0.0;
-    double sizing = 0.0;  ///< the coarsest that nodes are along it, of the spacing far from the tool
-    std::vector<CutPiece> parted;      ///< pieces that are not the one under the tool
+    double sizing = 0.0;           ///< the coarsest that nodes are along it, of the spacing far from the tool
+    std::vector<CutPiece> parted;  ///< pieces that are not the one under the tool
     std::vector<LabelMeasure> labels;  ///< taken out
   } cut;
   double facing_share = 0.0;  ///< of the surface: what faces another part across narrow_gap_mm or less
