@@ -144,7 +144,7 @@ TriangleMesh swept(const Words& words, const BodySurface& body, double step) {
         break;
       }
   }
-  return swept_sheet(x, y, into, above + step, line.length, step);
+  return swept_sheet(x, y, into, above + 0.1 * step, line.length, step);
 }
 
 }  // namespace

@@ -56,6 +56,14 @@ TEST(Cut, LeavesBaseAndToolWhereTheyWereOnTheWholeBody) {
   EXPECT_EQ(whole["counts"]["push"], cut["counts"]["push"]);
 }
 
+TEST(Cut, ByALineBeneathTheSurfaceOpensItFromTheOutside) {
+  const fs::path folder = fresh_folder();
+  const Json cut = run_of(folder, block, "--cut line:20,-20,25,20,20,25,depth=10mm", "out")["model"]["cut"];
+  // The smooth surface around the voxels is between 30.0 and 30.7 mm high.
+  EXPECT_GT(cut["area_mm2"].get<double>(), 40.0 * (10.0 + 5.0));
+  EXPECT_LT(cut["area_mm2"].get<double>(), 40.0 * (10.0 + 5.7));
+}
+
 TEST(Cut, IsRepeatedByTheConfigurationThatItsRunWroteAndByAnyNumberOfThreads) {
   const fs::path folder = fresh_folder();
   run_of(folder, block, "--threads 2 --cut line:9,-20,30,9,20,30,depth=15mm", "out");
