@@ -235,6 +235,8 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
                     "surface",
                     in_words(touch.shape), depth_of_tool_in_words(config), friction_in_words(touch.friction),
                     in_words(1e3 * touch.pose.tip), touch.surface.count()));
+    if (touch.shape.mesh && touch.shape.mesh->turned)
+      talk.say("tool     some of its triangles faced inward in the file, and were turned");
     tell_of_first_touch(talk, config, model, touch);
   }
   const SolverOptions options = solver_options(config);

@@ -50,13 +50,14 @@ double depth_of_contact(const ToolShape& shape, double a) {
   return a / shape.edge * (std::sqrt(a * a - b * b) - b * std::acos(b / a));
 }
 
-// To where the profile of a tool that was drawn has that height.
+// The farthest from the axis that the profile of a tool that was drawn is lower than that: of prongs or of a
+// ring there is nothing on the axis itself.
 double radius_at_height(const ToolShape& shape, double height) {
   constexpr double least = 0.02;  // of the radius
   const std::vector<double>& lower = shape.mesh->lower;
   const double step = shape.radius / static_cast<double>(lower.size() - 1);
-  std::size_t k = 0;
-  while (k + 1 < lower.size() && lower[k + 1] < height) ++k;
+  std::size_t k = lower.size() - 1;
+  while (k > 0 && !(lower[k] < height)) --k;
   double r = step * static_cast<double>(k);
   if (k + 1 < lower.size() && std::isfinite(lower[k + 1]) && lower[k] < height)
     r += step * (height - lower[k]) / (lower[k + 1] - lower[k]);

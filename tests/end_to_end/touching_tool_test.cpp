@@ -116,7 +116,7 @@ TEST(ToolThatTouches, MayBeWiderThanTheOrganAsItsContactFindsRoom) {
 }
 
 // A ball as text STL, `scale` of 10 mm wide, without its last triangles.
-void write_ball(const fs::path& file, double scale, int without = 0) {
+void write_ball(const fs::path& file, double scale, int without = 0, bool inward = false) {
   constexpr int sides = 60, rings = sides / 2;
   const auto at = [&](int r, int k) {
     const double polar = std::numbers::pi * r / rings, around = 2.0 * std::numbers::pi * (k % sides) / sides;
@@ -126,8 +126,9 @@ void write_ball(const fs::path& file, double scale, int without = 0) {
   std::vector<std::string> faces;
   for (int r = 0; r < rings; ++r)
     for (int k = 0; k < sides; ++k) {
-      if (r > 0) faces.push_back(at(r, k) + at(r + 1, k) + at(r, k + 1));
-      if (r + 1 < rings) faces.push_back(at(r, k + 1) + at(r + 1, k) + at(r + 1, k + 1));
+      const int a = inward ? k + 1 : k, b = inward ? k : k + 1;
+      if (r > 0) faces.push_back(at(r, a) + at(r + 1, k) + at(r, b));
+      if (r + 1 < rings) faces.push_back(at(r, k + 1) + at(r + 1, a) + at(r + 1, b));
     }
   std::ofstream out(file);
   out << "solid ball\n";
@@ -153,6 +154,18 @@ TEST(ToolThatTouches, MayBeDrawnAndABallThatWasIsASphere) {
     EXPECT_NE(summary["band"]["unknown"].get<std::string>(), "");
   }
   EXPECT_NEAR(force[0], force[1], 0.02 * force[1]);
+}
+
+TEST(ToolThatTouches, WhoseTrianglesFaceInwardIsTurnedAndSaysSo) {
+  const fs::path folder = with_phantom();
+  write_ball(folder / "ball.stl", 1.0);
+  write_ball(folder / "inward.stl", 1.0, 0, true);
+  const std::string run = "run brain.nrrd --write force --nodes 800 --depth 1mm --frames 1 --tool ";
+  const Ran right = dimple(folder, run + "ball.stl -o right"),
+            turned = dimple(folder, run + "inward.stl -o turned");
+  ASSERT_EQ(turned.code, 0) << turned.err;
+  EXPECT_EQ(right.err.find("faced inward"), std::string::npos) << right.err;
+  EXPECT_NE(turned.err.find("faced inward"), std::string::npos) << turned.err;
 }
 
 TEST(ToolThatTouches, AFileThatIsNoToolIsRefusedWithThePlaceBeforeAnythingIsBuilt) {

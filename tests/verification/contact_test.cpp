@@ -107,6 +107,15 @@ TEST(TouchingTruth, TheIntegralEquationGivesTheTabulatedForcesOfARoundedPunchOnA
     EXPECT_NEAR(force_at(depth, 0.4, 0.5, rounded_punch(0.4, 0.1)), force, 3e-3 * force);
 }
 
+TEST(TouchingTruth, TheRadiusOfContactOfARingIsTheRings) {
+  auto mesh = std::make_shared<ToolMesh>();
+  const double none = std::numeric_limits<double>::infinity();
+  mesh->lower = {none, none, 1e-3, 0.0, 1e-3, none};  // every millimetre, a ring of 3 mm radius
+  const ToolShape ring{.kind = ToolShape::Kind::drawn, .radius = 5e-3, .mesh = mesh};
+  EXPECT_NEAR(contact_radius(ring, 1e-3), 3.5e-3, 1e-9);
+  EXPECT_NEAR(contact_radius(ring, 3e-3), 4e-3, 1e-9);
+}
+
 TEST(TouchingTruth, TheRadiusOfContactIsThatOfSneddon) {
   // F / F_Hertz of the true sphere, by its series.
   const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 1.0};
