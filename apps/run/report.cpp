@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <stdexcept>
@@ -135,6 +136,27 @@ Json outline(const Points& on_slice, const Triangles& triangles) {
 // -------------------------------------------------------------------------------------------------------
 // parts
 
+// How far the tool has come at a time, along its push and in space: between two samples evenly [mm].
+struct Come {
+  double depth = 0.0;
+  Vec3 way = Vec3::Zero();
+};
+
+Come come_at(const History& history, const Vec3& push, double time_s) {
+  const std::vector<ForceSample>& force = history.force;
+  const auto of = [&](const ForceSample& s) {
+    return Come{1e3 * s.depth, 1e3 * (s.depth * push + Vec3(s.aside.data()))};
+  };
+  if (force.empty()) return {};
+  const auto after =
+      std::find_if(force.begin(), force.end(), [&](const ForceSample& s) { return s.t >= time_s; });
+  if (after == force.end()) return of(force.back());
+  if (after == force.begin()) return of(*after);
+  const Come a = of(*(after - 1)), b = of(*after);
+  const double share = (time_s - (after - 1)->t) / (after->t - (after - 1)->t);
+  return {a.depth + share * (b.depth - a.depth), a.way + share * (b.way - a.way)};
+}
+
 // How wide the tool is: of one that touches, half of its own width, and else the circle's radius [m].
 double tool_radius(const ReportInput& input) {
   return input.touch ? input.touch->shape.radius : input.model.tool.radius;
@@ -144,13 +166,12 @@ double tool_radius(const ReportInput& input) {
 // three radii above its tip is drawn no higher than that.
 Json silhouette(const Slice& slice, const ReportInput& input) {
   constexpr int ways = 48;
-  const double depth = input.history.force.empty() ? 0.0 : input.history.force.back().depth;
   const Vec3 push = input.model.tool.push;
+  const Vec3 come = come_at(input.history, push, std::numeric_limits<double>::infinity()).way;
   Points places = input.tool.position_mm;
   if (places.cols() == 0) return Json::array();
   const double tip = (push.transpose() * places).maxCoeff(), highest = 3e3 * tool_radius(input);
-  for (auto place : places.colwise())
-    place += push * (1e3 * depth + std::max(0.0, tip - push.dot(place) - highest));
+  for (auto place : places.colwise()) place += come + push * std::max(0.0, tip - push.dot(place) - highest);
   const Points seen = (slice.place.linear() * places).colwise() + slice.place.translation();
   Json list = Json::array();
   for (int k = 0; k < ways; ++k) {
@@ -232,7 +253,10 @@ Json body_json(const ReportInput& input) {
     std::vector<std::int8_t> moved;
     for (const float u : frame.displacement_mm.reshaped())
       moved.push_back(static_cast<std::int8_t>(largest > 0.0 ? std::lround(127.0 * u / largest) : 0L));
+    const Come tool = come_at(input.history, input.model.tool.push, frame.time_s);
     frames.push_back({{"time_s", rounded(frame.time_s, 1e6)},
+                      {"depth_mm", rounded(tool.depth, 1e6)},
+                      {"tool_mm", {tool.way.x(), tool.way.y(), tool.way.z()}},
                       {"step_mm", largest / 127.0},
                       {"displacement", packed(moved)}});
   }

@@ -10,7 +10,7 @@ import vtkPolyData from '@kitware/vtk.js/Common/DataModel/PolyData.js';
 import vtkRenderWindow from '@kitware/vtk.js/Rendering/Core/RenderWindow.js';
 import vtkRenderWindowInteractor from '@kitware/vtk.js/Rendering/Core/RenderWindowInteractor.js';
 import vtkRenderer from '@kitware/vtk.js/Rendering/Core/Renderer.js';
-import { at, data, element, heat, metal, svg, unpacked } from './numbers.js';
+import { data, element, heat, metal, svg, unpacked } from './numbers.js';
 
 export function canDraw() {
   if (!data.body) return false;
@@ -45,7 +45,7 @@ function unpack() {
     const u = Float32Array.from(unpacked(frame.displacement, Int8Array), (n) => n * frame.step_mm);
     const size = new Float32Array(u.length / 3);
     for (let v = 0; v < size.length; ++v) size[v] = Math.hypot(u[3 * v], u[3 * v + 1], u[3 * v + 2]);
-    return { u, size, depth: frame.time_s * at('requested.rate_mm_per_s') };
+    return { u, size, depth: frame.depth_mm, tool: frame.tool_mm };
   });
   return { rest, triangles, frames };
 }
@@ -207,7 +207,7 @@ export function body(place) {
     surface.made.getPoints().modified();
     surface.array.modified();
     surface.made.modified();
-    toolActor.setPosition(...data.tool.push.map((x) => x * frame.depth));
+    toolActor.setPosition(...frame.tool);
     window3d.render();
   };
   show(frames.length - 1);
