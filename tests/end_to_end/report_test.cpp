@@ -229,12 +229,12 @@ TEST_F(Report, HoldsTheToolThatTheFilesForParaViewHold) {
 }
 
 TEST_F(Report, MovesTheToolAsTheStepsDoAndSaysItsDepth) {
-  run(" --tool sphere:5mm --depth 2mm --set step.press.move=2mm --set step.slide.move=3,0,0");
+  run(" --tool sphere:5mm --set step.press.move=4mm --set step.slide.move=3,0,0");
   const Json frames = held(text_of(folder / "out" / "report.html"), "dimple-data")["body"]["frames"];
   const Json& last = frames.back();
-  EXPECT_NEAR(last["depth_mm"].get<double>(), 2.0, 1e-6);
+  EXPECT_NEAR(last["depth_mm"].get<double>(), 4.0, 1e-6);
   EXPECT_NEAR(last["tool_mm"][0].get<double>(), 3.0, 1e-6);
-  EXPECT_NEAR(last["tool_mm"][2].get<double>(), -2.0, 1e-6);
+  EXPECT_NEAR(last["tool_mm"][2].get<double>(), -4.0, 1e-6);
   EXPECT_EQ(frames.front()["depth_mm"], 0.0);
 }
 
