@@ -7,7 +7,7 @@
 
 namespace dimple {
 
-/// A rigid tool that is pushed straight into a body and touches it, without friction or with Coulomb's.
+/// A rigid tool that touches a body, without friction or with Coulomb's, and does not turn.
 struct Touch {
   ToolShape shape;
   ToolPose pose;  ///< where it first touches: at depth 0
