@@ -169,7 +169,7 @@ MUTANTS = {
     122: ("preprocess/build_model.cpp", "  for (const Vec3& world : options.way_of_tool) {", "  for (const Vec3& world : {n} ? std::vector<Vec3>() : options.way_of_tool) {"),
     123: ("solver/system.cpp", "touching_->along(held_.motion(tool_set)) : of_held", "touching_->along({n} ? model_.tool.push : held_.motion(tool_set)) : of_held"),
     124: ("solver/terms/touching_tool.cpp", "way_ = way, gone_ = gone, motion_ = motion;", "way_ = way, gone_ = {n} ? 0.0 : gone, motion_ = motion;"),
-    125: ("solver/terms/touching_tool.cpp", "way_ = way, gone_ = gone, motion_ = motion;", "way_ = {n} ? Vec3(Vec3::Zero()) : way, gone_ = gone, motion_ = motion;"),
+    125: ("solver/terms/touching_tool.cpp", "(way_.isZero(0.0) ? now", "({n} || way_.isZero(0.0) ? now"),
     # ---- cuts
     126: ("preprocess/surface/cut.cpp", "    if (away < nearest) nearest = away", "    if ({n} ? !kept : away < nearest) nearest = away"),
     127: ("preprocess/surface/cut.cpp", "sheet.vertex + 0.5 * gap * normal", "sheet.vertex + ({n} ? 1.0 : 0.5) * gap * normal"),
