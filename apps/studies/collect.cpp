@@ -113,8 +113,7 @@ void read_summary(const fs::path& folder, const std::vector<double>& depths_mm, 
   one.version = field(summary, {"version"});
   const std::string diameter = field(summary, {"counts", "circle_diameter_mm"});
   one.tool = field(summary, {"tool", "words"});
-  if (one.tool.empty() && !diameter.empty())
-    one.tool = fmt::format("a circle of {} mm diameter", diameter);
+  if (one.tool.empty() && !diameter.empty()) one.tool = fmt::format("a circle of {} mm diameter", diameter);
   if (!depths_mm.empty() && !one.force[0].empty()) one.at_depth = forces_at(folder / "force.csv", depths_mm);
 }
 
@@ -323,8 +322,7 @@ TextTable table_of(const std::vector<CollectedCase>& cases, const std::vector<do
     for (const CollectedCase::Force& force : one.at_depth)
       row.field.insert(row.field.end(), force.begin(), force.end());
     for (const std::string& last : {as_text(one.status), as_text(one.code), as_text(one.fact), one.total_s,
-                                    one.nodes, one.warnings, as_text(one.version),
-                                    as_text(one.tool)})
+                                    one.nodes, one.warnings, as_text(one.version), as_text(one.tool)})
       row.field.push_back(last);
     table.row.push_back(std::move(row));
   }

@@ -31,10 +31,10 @@ struct CutBody {
 };
 
 /// The body without what lies within half a `gap` of the sheets; of its pieces the one nearest to `keep`.
-/// A closed sheet is a region that is taken out whole. Where a sheet ends in the tissue the gap has a blunt end as wide as itself. The
-/// mechanics of a gap narrower than the spacing of the nodes do not depend on its width. Source: of the
-/// difference of two closed surfaces CGAL's corefinement. Throws ModelError: a sheet misses the body, is too
-/// sharply bent for its gap, or nothing is left ("cut"); Stopped.
+/// A closed sheet is a region that is taken out whole. Where a sheet ends in the tissue the gap has a blunt
+/// end as wide as itself. The mechanics of a gap narrower than the spacing of the nodes do not depend on its
+/// width. Source: of the difference of two closed surfaces CGAL's corefinement. Throws ModelError: a sheet
+/// misses the body, is too sharply bent for its gap, or nothing is left ("cut"); Stopped.
 CutBody cut(const BodySurface& body, const std::vector<TriangleMesh>& sheets, double gap, const Vec3& keep);
 
 /// From x to the nearest place of the sheets; infinite without any.
