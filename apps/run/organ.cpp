@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "apps/run/cuts.hpp"
 #include "apps/run/places.hpp"
@@ -333,17 +334,21 @@ LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& im
 namespace {
 
 // A bonded circle holds one piece of surface: a gap through it would be held open or shut by the tool.
-void refuse_circle_over_cut(const BodySurface& body, const Boundary& at, double gap) {
-  const double step = std::max(0.5 * gap, at.radius / 100.0);
+void refuse_circle_over_cut(const BodySurface& before, const BodySurface& body, const Boundary& at,
+                            double gap) {
+  const double step = std::max(0.5 * gap, at.radius / 200.0);
+  const auto touch = [&](const BodySurface& of, const Vec3& x) {
+    const std::vector<double> t = of.crossings(x - 2.0 * at.radius * at.push, at.push);
+    const auto first = std::find_if(t.begin(), t.end(), [](double s) { return s > 0.0; });
+    return first == t.end() ? std::numeric_limits<double>::infinity() : *first;
+  };
   const Vec3 e = at.push.unitOrthogonal(), g = at.push.cross(e);
   const int most = static_cast<int>(at.radius / step);
   for (int i = -most; i <= most; ++i)
     for (int k = -most; k <= most; ++k) {
       const Vec3 x = at.centre + step * (i * e + k * g);
       if ((x - at.centre).norm() > at.radius) continue;
-      const std::vector<double> t = body.crossings(x - 2.0 * at.radius * at.push, at.push);
-      const auto first = std::find_if(t.begin(), t.end(), [](double s) { return s > 0.0; });
-      if (first != t.end() && *first < 4.0 * at.radius) continue;
+      if (const double whole = touch(before, x); !(touch(body, x) > whole + 0.01 * gap)) continue;
       throw ModelError({.fact = "a cut passes under the circle",
                         .where = "--cut (image.cut) and --indent-at (boundary.indent_at)",
                         .why = fmt::format("the circle's nodes would hold both banks at {}",
@@ -388,7 +393,7 @@ void cut_organ(const Config& config, Organ& organ, Result& result) {
       cut(before, blades, config.image.cut_gap_mm, site.boundary.centre);
   refuse_without_base(surface, site.boundary);
   if (!(organ.options.boundary.contact_radius_mm > 0.0))
-    refuse_circle_over_cut(surface, site.boundary, config.image.cut_gap_mm);
+    refuse_circle_over_cut(before, surface, site.boundary, config.image.cut_gap_mm);
   for (CutPiece& piece : parted) piece.centre = surface.to_world() * piece.centre;
   result.cut.area_mm2 = area_mm2, result.cut.removed_mm3 = removed_mm3, result.cut.parted = std::move(parted);
   site = find_site(surface, organ.options, nullptr, &before);

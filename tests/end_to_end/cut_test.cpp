@@ -144,7 +144,8 @@ TEST(Cut, ThatIsNoneIsRefusedByWhatIsWrongWithIt) {
                  {"broken.stl", 3, "is no STL file"},
                  {"nowhere.stl", 3, "nowhere.stl"},
                  {"plane:200,0,0,1,0,0", 4, "meets no tissue"},
-                 {"line:-9,-20,30,9,20,30,depth=10mm", 4, "passes under the circle"}};
+                 {"line:-9,-20,30,9,20,30,depth=10mm", 4, "passes under the circle"},
+                 {"plane:0,0,30.7,1,0.3,0,radius=3mm", 4, "passes under the circle"}};
   for (const auto& [cut, code, words] : refused) {
     const Ran ran = dimple(folder, "run " + block + " -o out --cut " + cut + quick);
     EXPECT_EQ(ran.code, code) << cut << ": " << ran.err;
