@@ -16,16 +16,16 @@ namespace dimple {
 
 namespace {
 
-// "run" has all flags, "" all that decide a result, "solve" those of the simulation and of its files, "live"
-// those of the model and of what a tool feels that someone moves.
+// "run" has all flags, "" all that decide a result, "fit" those and the tool's, "solve" those of the
+// simulation and of its files, "live" those of the model and of what a tool feels that someone moves.
 bool has_flag(const std::string& command, const Option& of) {
   const std::string& option = of.stage;
   if (command == "live")
     return option == "model" || of.key.starts_with("material.") || of.key == "load.contact" ||
            of.key == "solver.precision";
   if (option == "files") return command == "run" || command == "solve";
-  if (option == "run") return command == "run";
-  return command.empty() || command == "run" || option == command;
+  if (option == "run") return command == "run" || (command == "fit" && of.key.starts_with("tool."));
+  return command.empty() || command == "run" || command == "fit" || option == command;
 }
 
 std::string default_of(const Option& option) {

@@ -31,9 +31,10 @@ Command add_fit(CLI::App& app, Invocation& shared) {
   command
       ->add_option(
           "--of", options->fit.of,
-          "what is looked for: mu, by one run; mu,alpha: Ogden's exponent too; mu,g,tau: one Prony term too")
+          "what is looked for: mu, by one run; mu,touch: where the tool first touched too, by the same run; "
+          "mu,alpha: Ogden's exponent too; mu,g,tau: one Prony term too")
       ->capture_default_str();
-  options->flags.add(*command, "");
+  options->flags.add(*command, "fit");
   add_common(*command, shared);
   return {command, [&shared, command, options] {
             const Config config = options->flags.config(*command, shared.image);

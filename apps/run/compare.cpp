@@ -7,6 +7,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "apps/run/tool.hpp"
 #include "io/error.hpp"
 #include "io/table.hpp"
 
@@ -161,7 +162,8 @@ MeasuredCurve paper_curve() {
           .left_out = {}};
 }
 
-Comparison compare(const MeasuredCurve& measured, const std::vector<ForceSample>& ours, const Band& band) {
+Comparison compare(const MeasuredCurve& measured, const std::vector<ForceSample>& ours, const Band& band,
+                   bool touches) {
   Comparison result;
   MeasuredCurve& kept = result.measured;
   kept.name = measured.name;
@@ -179,7 +181,7 @@ Comparison compare(const MeasuredCurve& measured, const std::vector<ForceSample>
     if (!measured.row_name.empty()) kept.row_name.push_back(measured.row_name[k]);
   }
   if (kept.depth.empty()) return result;
-  result.force = forces_between(ours, kept.depth);
+  result.force = touches ? forces_of_touch(ours, kept.depth) : forces_between(ours, kept.depth);
   if (band.known()) result.half = halves_between(ours, band.half, kept.depth);
   const std::size_t rows = kept.depth.size() - kept.simulated;
   double sum = 0.0, sum_ours = 0.0, sum2 = 0.0, inside = 0.0, end = 0.0, at_end = 0.0;

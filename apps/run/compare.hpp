@@ -49,8 +49,10 @@ struct Comparison {
   double rms = 0.0;                 ///< of the differences [N]
   std::optional<double> inside_band;  ///< share of the measured rows
 };
-/// Nothing is fitted. Without a row where both are, `force` is empty.
-Comparison compare(const MeasuredCurve& measured, const std::vector<ForceSample>& ours, const Band& band);
+/// Nothing is fitted. Without a row where both are, `force` is empty. `touches`: ours is of a tool that
+/// touches.
+Comparison compare(const MeasuredCurve& measured, const std::vector<ForceSample>& ours, const Band& band,
+                   bool touches = false);
 
 /// "measured.csv: measured / ours 1.12 at 8.00 mm, 1.08 on average over 24 depths"
 std::string in_words(const Comparison& comparison);

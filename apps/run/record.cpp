@@ -110,8 +110,9 @@ std::optional<MeasuredCurve> compared_curve(const Config& config) {
   const std::string& name = config.output.compare;
   if (name.empty()) return std::nullopt;
   require_no_steps(config, "--compare");
-  require_circle(config, "--compare");
-  return name == paper_word ? paper_curve() : read_measured_curve(name);
+  if (name != paper_word) return read_measured_curve(name);
+  require_circle(config, "--compare horton2007");
+  return paper_curve();
 }
 
 // What differs between a run from an image and one from a model's files.
@@ -410,7 +411,8 @@ void Recorder::tell_end(const End& end) {
 }
 
 Comparison Recorder::compare_with_measured() {
-  Comparison comparison = dimple::compare(*how_.beside, result.history.force, result.band);
+  Comparison comparison =
+      dimple::compare(*how_.beside, result.history.force, result.band, result.loading.touch != nullptr);
   write_comparison(how_.folder / "compare.csv", comparison);
   facts_.push_back("compared with " + in_words(comparison));
   say(observer_, "compare  " + in_words(comparison));

@@ -22,7 +22,8 @@ namespace {
 constexpr const char* forms = "sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,length=20mm or probe.stl";
 // Of a punch's radius. The pressure at an edge that is nearly sharp is nearly unbounded.
 constexpr double sharpest_edge = 0.1;
-constexpr double usual_depth = 0.8;  // of the radius
+constexpr double usual_depth = 0.8;           // of the radius
+constexpr double power_of_a_round_tip = 1.5;  // Hertz
 const std::string by_tool = "the tool";
 
 [[noreturn]] void refuse(const Config& config, const std::string& fact, const std::string& why,
@@ -273,8 +274,33 @@ void require_circle(const Config& config, const std::string& what) {
   throw UsageError(
       {.fact = fmt::format("{} knows the circle alone, and the tool is '{}'", what, config.tool.shape),
        .where = "tool.shape",
-       .why = "a tool that touches is followed by `dimple run` alone",
+       .why = "a tool that touches is followed by `dimple run` and `dimple fit` alone",
        .remedy = "leave the tool out, or use dimple run IMAGE --tool"});
+}
+
+std::vector<double> forces_of_touch(const std::vector<ForceSample>& curve, const std::vector<double>& depth) {
+  std::vector<double> log_depth, log_force;
+  for (const ForceSample& sample : curve)
+    if (sample.depth > 0.0 && sample.force > 0.0) {
+      log_depth.push_back(std::log(sample.depth));
+      log_force.push_back(std::log(sample.force));
+    }
+  std::vector<double> force;
+  for (const double d : depth) {
+    if (!(d > 0.0) || log_depth.empty()) {
+      force.push_back(0.0);
+      continue;
+    }
+    const double x = std::log(d);
+    const auto found = std::lower_bound(log_depth.begin(), log_depth.end(), x) - log_depth.begin();
+    const std::size_t after = std::clamp<std::size_t>(static_cast<std::size_t>(found), 1,
+                                                      std::max<std::size_t>(log_depth.size() - 1, 1));
+    const double power = log_depth.size() < 2 ? power_of_a_round_tip
+                                              : (log_force[after] - log_force[after - 1]) /
+                                                    (log_depth[after] - log_depth[after - 1]);
+    force.push_back(std::exp(log_force[after - 1] + power * (x - log_depth[after - 1])));
+  }
+  return force;
 }
 
 double reach_of_contact(const ToolShape& shape, double depth) {

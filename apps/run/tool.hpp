@@ -2,8 +2,10 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "apps/run/config.hpp"
+#include "solver/march.hpp"
 #include "solver/terms/touching_tool.hpp"
 
 namespace dimple {
@@ -37,6 +39,11 @@ void require_circle(const Config& config, const std::string& what);
 /// The tool where it first touches the model, and the part of the surface that it may touch; null: the
 /// circle. Throws ModelError as contact_surface() does.
 std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model);
+
+/// Forces [N] at depths [m] of the curve of a tool that touches: between two samples they follow a power of
+/// the depth, as they do at the beginning (1.5 of a sphere, 1 of a flat end), before the first and after the
+/// last that of the samples next to it. Nothing where it does not touch yet.
+std::vector<double> forces_of_touch(const std::vector<ForceSample>& curve, const std::vector<double>& depth);
 
 /// Of a punch: with 1500 nodes the surface came 0.1 mm into an edge of 1 mm at 2.7 mm, and no equilibrium was
 /// found at 4 mm; with 4000 it stayed within 1 % of finite elements to there. 0: no more than of the circle.

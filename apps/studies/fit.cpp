@@ -214,6 +214,7 @@ CurveFit fit_curve(const std::vector<double>& depth, const std::vector<double>& 
     if (k > 0) {
       const FitParameter& s = sought[static_cast<std::size_t>(k - 1)];
       number = {.name = s.name, .unit = s.unit, .value = number_at(s, x[k - 1])};
+      if (s.is_place) number.scale = s.most - s.least;
       number.at_limit = std::abs(share_of(x[k - 1]) - 0.5) > 0.48;
     }
     if (p > 1) number.by_tilt = blind ? infinite : std::abs(result.inverse.row(k).dot(tilt));
@@ -238,6 +239,32 @@ void add_discretisation(CurveFit& fit, const std::vector<double>& depth, double 
   }
 }
 
+void add_first_touch(CurveFit& fit, const std::vector<double>& measured, const std::vector<double>& earlier,
+                     const std::vector<double>& later) {
+  const VectorXd m = vector_of(measured), f = vector_of(fit.force);
+  const auto with = [&](std::size_t k, const VectorXd& moved) {
+    if (fit.number.size() == 1) return fit.number[0].value * m.dot(moved) / moved.squaredNorm();
+    return fit.number[k].value - fit.inverse.row(static_cast<Index>(k)).dot(moved - f);
+  };
+  for (std::size_t k = 0; k < fit.number.size(); ++k) {
+    fit.number[k].earlier = with(k, vector_of(earlier));
+    fit.number[k].later = with(k, vector_of(later));
+  }
+}
+
+double weighted_share(const std::vector<double>& share, const std::vector<double>& force) {
+  const VectorXd squares = vector_of(force).cwiseAbs2();
+  return vector_of(share).dot(squares) / squares.sum();
+}
+
+double off_first_touch(double depth) {
+  return std::min(1e-4, 0.25 * depth);
+}
+
+double farthest_first_touch(double depth) {
+  return std::min(1e-3, 0.25 * depth);
+}
+
 std::vector<std::string> settle(CurveFit& fit, bool discretisation_known) {
   constexpr const char* remedy = "a longer, deeper or less noisy one may, or look for fewer numbers (--of)";
   std::vector<std::string> words;
@@ -247,9 +274,9 @@ std::vector<std::string> settle(CurveFit& fit, bool discretisation_known) {
       words.push_back(
           fmt::format("the search for {} ran to its limit, {}: this curve does not determine it; {}", f.name,
                       plain(f.value, 3), remedy));
-    else if (!(2.0 * half < std::abs(f.value)))
-      words.push_back(fmt::format("this curve does not determine {}: its band is wider than its value; {}",
-                                  f.name, remedy));
+    else if (!(2.0 * half < (f.scale > 0.0 ? f.scale : std::abs(f.value))))
+      words.push_back(fmt::format("this curve does not determine {}: its band is wider than {}; {}", f.name,
+                                  f.scale > 0.0 ? "the search for it" : "its value", remedy));
     else
       continue;
     f.determined = false;
@@ -286,25 +313,45 @@ void refuse_given(const Config& config, const std::vector<std::string>& keys, co
                         .remedy = "leave it out"});
 }
 
+// Looked for in the forces of one run, as the modulus is.
+constexpr const char* with_touch = "mu,touch";
+bool takes_one_run(const std::string& of) {
+  return of == "mu" || of == with_touch;
+}
+
+void require_long_tool(const Config& config, const MeasuredCurve& curve) {
+  const std::optional<ToolShape> tool = tool_of(config);
+  if (const double length = tool ? length_of_tool(*tool) : infinite; 1e-3 * config.load.depth_mm > length)
+    throw InputError(
+        {.fact = fmt::format("the curve goes to {}, and the tool is {} long",
+                             length_in_words(1e3 * curve.depth.back()), length_in_words(1e3 * length)),
+         .where = curve.name,
+         .why = "what holds a tool at its upper end is not modelled",
+         .remedy = "fit a shallower part of the curve, or give the tool that it was measured with",
+         .code = "bad-curve"});
+}
+
 // The case that the curve belongs to, but for the numbers that are sought.
 Config case_of(const Config& config, const FitOptions& options, const MeasuredCurve& curve) {
   require_proportional(why_not_proportional(config));
   require_no_goal(config, "dimple fit");
   require_no_steps(config, "dimple fit");
-  require_circle(config, "dimple fit");
   refuse_given(config, {"load.depth_mm"}, "the run is as deep as the curve");
   refuse_given(config, {"material.mu_Pa", "material.young_Pa", "material.mu_spread_percent"},
                "the modulus is what is looked for");
   Config own = config;
   own.material.mu_spread_percent = 0.0;
-  own.load.depth_mm = 1e3 * curve.depth.back();
+  own.load.depth_mm = 1e3 * (curve.depth.back() +
+                             (options.of == with_touch ? farthest_first_touch(curve.depth.back()) : 0.0));
   own.source["load.depth_mm"] = curve.name;
+  require_long_tool(own, curve);
   if (!curve.time.empty()) {
     refuse_given(config, {"load.rate_mm_per_s"}, "the curve has times");
     own.load.rate_mm_per_s = 1e3 * ramp_rate(curve);
     own.source["load.rate_mm_per_s"] = curve.name;
   }
-  if (options.of == "mu" && config.source.count("cloud.nodes") == 0 && !(config.cloud.spacing_mm > 0.0)) {
+  if (takes_one_run(options.of) && config.source.count("cloud.nodes") == 0 &&
+      !(config.cloud.spacing_mm > 0.0)) {
     own.cloud.nodes = nodes_for_one_run;
     own.source["cloud.nodes"] = "one run is all that it takes";
   }
@@ -336,6 +383,10 @@ void multiply(Config& config, double factor) {
 // What is looked for beside mu; for alpha twice, once for each sign: the energy has no alpha between.
 std::vector<std::vector<FitParameter>> searches_of(const std::string& of, const MeasuredCurve& curve) {
   if (of == "mu") return {{}};
+  if (of == with_touch) {
+    const double far = 1e3 * farthest_first_touch(curve.depth.back());
+    return {{{.name = "touch", .unit = "mm", .start = 0.0, .least = -far, .most = far, .is_place = true}}};
+  }
   if (of == "mu,alpha") {
     const FitParameter positive{
         .name = "alpha", .unit = "", .start = 2.0, .least = 0.5, .most = 30.0, .logarithmic = true};
@@ -371,8 +422,9 @@ void add_new(std::vector<std::string>& list, const std::vector<std::string>& mor
     if (std::find(list.begin(), list.end(), line) == list.end()) list.push_back(line);
 }
 
-std::string percent(double half, double value) {
-  return fmt::format("+-{:.1f} %", 100.0 * half / std::abs(value));
+std::string plus_minus(double half, const FittedNumber& f) {
+  if (f.scale > 0.0) return fmt::format("+-{} {}", plain(half, 2), f.unit);
+  return fmt::format("+-{:.1f} %", 100.0 * half / std::abs(f.value));
 }
 
 std::string with_unit(double value, const std::string& unit) {
@@ -386,16 +438,21 @@ std::string in_words(const FittedNumber& f, const std::string& unknown) {
   const std::string from_to = fmt::format("{} {}, {} to {}", f.name, with_unit(f.value, f.unit),
                                           plain(f.value - f.half(), 4), plain(f.value + f.half(), 4));
   if (!unknown.empty())
-    return fmt::format("{} by noise alone ({}; discretisation unknown)", from_to, percent(f.noise, f.value));
-  return fmt::format("{} (noise {}, discretisation {})", from_to, percent(f.noise, f.value),
-                     percent(f.discretisation, f.value));
+    return fmt::format("{} by noise alone ({}; discretisation unknown)", from_to, plus_minus(f.noise, f));
+  return fmt::format("{} (noise {}, discretisation {})", from_to, plus_minus(f.noise, f),
+                     plus_minus(f.discretisation, f));
 }
 
 constexpr int most_runs_of_a_search = 24;  // and one more for the band
+constexpr int most_looks_at_one_run = 200;
 
 constexpr const char* not_in_the_band =
     "the band leaves out the base, the circle's place, the contact, the segmentation and whether the tissue "
     "follows this law";
+constexpr const char* not_in_the_band_of_a_tool =
+    "the band leaves out the base, the tool's place and shape, its friction, its first touch, the "
+    "segmentation "
+    "and whether the tissue follows this law";
 
 Json to_json(const FittedNumber& f, bool known) {
   const auto finite = [](double x) { return std::isfinite(x) ? Json(x) : Json(); };
@@ -406,29 +463,94 @@ Json to_json(const FittedNumber& f, bool known) {
           {"noise_half", finite(f.noise)},
           {"discretisation_half", known ? finite(f.discretisation) : Json()},
           {"by_tilt_of_1_percent", finite(f.by_tilt)},
+          {"if_touched_earlier", finite(f.earlier)},
+          {"if_touched_later", finite(f.later)},
           {"determined", f.determined}};
 }
 
-// Of the depths that were measured: the band of a shallower one says as much of the modulus.
-double largest_share(const Result& result) {
+std::vector<double> scaled(std::vector<double> list, double factor) {
+  for (double& x : list) x *= factor;
+  return list;
+}
+
+// Of the model at the curve's depths, where the tool first touches `later` [m] than these begin to count.
+std::vector<double> forces_later(const Result& result, std::vector<double> depth, double later) {
+  for (double& d : depth) d = std::max(0.0, d - later);
+  return result.loading.touch ? forces_of_touch(result.history.force, depth)
+                              : forces_between(result.history.force, depth);
+}
+
+// Of the force's band, as the fit feels it. Of the circle the largest share at any depth: the band of a
+// shallower one says as much of the modulus. A tool that touches has few nodes under it at first, and hardly
+// any force.
+double share_of_band(const Result& result, const MeasuredCurve& curve, const CurveFit& fit) {
   if (!result.band.known()) return 0.0;
+  const std::vector<ForceSample>& samples = result.history.force;
+  if (result.loading.touch) {
+    std::vector<double> share = halves_between(samples, result.band.half, curve.depth);
+    const std::vector<double> force = forces_between(samples, curve.depth);
+    for (std::size_t k = 0; k < share.size(); ++k) share[k] /= std::abs(force[k]);
+    return weighted_share(share, fit.force);
+  }
   double share = 0.0;
-  for (std::size_t k = 0; k < result.history.force.size(); ++k)
-    if (const ForceSample& s = result.history.force[k]; s.depth > 0.0)
+  for (std::size_t k = 0; k < samples.size(); ++k)
+    if (const ForceSample& s = samples[k]; s.depth > 0.0)
       share = std::max(share, result.band.half[k] / std::abs(s.force));
   return share;
+}
+
+// "mu 217 to 248 Pa with the first touch 0.10 mm off"; nothing where it was looked for itself.
+std::string first_touch_in_words(const FittedNumber& f, double off) {
+  if (std::isnan(f.earlier)) return {};
+  const auto [low, high] = std::minmax(f.earlier, f.later);
+  return fmt::format("{} {} to {}{} with the first touch {} off", f.name, plain(low, 4), plain(high, 4),
+                     f.unit.empty() ? "" : " " + f.unit, length_in_words(1e3 * off));
+}
+
+// What a formula for a half-space would make of the same curve.
+struct HalfSpaceCheck {
+  double mu = 0.0;         ///< [Pa]
+  double thickness = 0.0;  ///< of the body under the tool, in radii of the contact at the end
+};
+
+std::optional<HalfSpaceCheck> half_space_check(const Result& result, const MeasuredCurve& curve, double touch,
+                                               double nu) {
+  if (!result.loading.touch || !result.origin) return std::nullopt;
+  double products = 0.0, squares = 0.0;
+  for (std::size_t k = 0; k < curve.depth.size(); ++k) {
+    const std::optional<double> unit = half_space_force(result.loading.touch->shape, curve.depth[k] - touch);
+    if (!unit) return std::nullopt;
+    products += curve.force[k] * *unit;
+    squares += *unit * *unit;
+  }
+  const Origin& origin = *result.origin;
+  const BodyUnderCircle body =
+      body_under_circle(origin.organ.body->surface, origin.boundary, origin.organ.options.boundary.voxel_mm);
+  // E / (1 - nu^2) = 2 mu / (1 - nu)
+  return HalfSpaceCheck{.mu = 0.5 * (1.0 - nu) * products / squares, .thickness = body.thickness};
+}
+
+std::string in_words(const HalfSpaceCheck& check, double mu) {
+  return fmt::format(
+      "check    the formula of Hertz and Sneddon for a half-space without friction gives {} from this curve, "
+      "{:+.1f} "
+      "%: a check and not the answer, too high where the body is thin; here it is {:.3g} radii of the "
+      "contact "
+      "thick",
+      stress_in_words(check.mu), 100.0 * (check.mu / mu - 1.0), check.thickness);
 }
 
 }  // namespace
 
 Outcome fit(const Config& config, const FitOptions& options, const fs::path& folder,
             const std::function<void(const std::string&)>& progress) {
-  if (options.of != "mu" && options.of != "mu,alpha" && options.of != "mu,g,tau")
+  if (!takes_one_run(options.of) && options.of != "mu,alpha" && options.of != "mu,g,tau")
     throw UsageError(
         {.fact = fmt::format("--of {} is not allowed", options.of),
          .where = "--of",
-         .why = "a curve may tell a modulus alone, with Ogden's exponent, or with one Prony term",
-         .remedy = "give one of mu, mu,alpha and mu,g,tau"});
+         .why = "a curve may tell a modulus alone, with the place of the first touch, with Ogden's exponent, "
+                "or with one Prony term",
+         .remedy = "give one of mu, mu,touch, mu,alpha and mu,g,tau"});
   if (options.curve == paper_word)
     throw UsageError({.fact = "the paper's values are three end values of two hemispheres, and no curve",
                       .where = "--curve",
@@ -454,21 +576,20 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
     warnings.push_back(
         fmt::format("the curve has no time_s, and the tissue relaxes: {} mm/s is taken for the speed",
                     plain(own.load.rate_mm_per_s)));
-  const bool alone = options.of == "mu", band = own.accuracy.band == "on";
+  const bool one_run = takes_one_run(options.of), band = own.accuracy.band == "on";
   int runs = 0;
   Result result;  // of the numbers that are found
   const UnitForces unit_forces = [&](const std::vector<double>& numbers) {
     const Config one = with_numbers(own, options.of, numbers);
-    Result now = march(one, alone && band);
-    add_new(warnings, now.warnings);
-    ++runs;
-    if (!alone)
+    if (!one_run || runs == 0) {
+      result = march(one, one_run && band);
+      add_new(warnings, result.warnings);
+      ++runs;
+    }
+    if (!one_run)
       progress(fmt::format("run {:>3}  {} {:.4g}", runs, options.of.substr(3), fmt::join(numbers, ", ")));
-    std::vector<double> forces = forces_between(now.history.force, curve.depth);
-    const double mu = material_of(one).mu;
-    for (double& force : forces) force /= mu;
-    if (alone) result = std::move(now);
-    return forces;
+    const double touch_mm = options.of == with_touch ? numbers[0] : 0.0;
+    return scaled(forces_later(result, curve.depth, 1e-3 * touch_mm), 1.0 / material_of(one).mu);
   };
 
   const std::vector<std::vector<FitParameter>> searches = searches_of(options.of, curve);
@@ -476,8 +597,9 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
   std::vector<std::string> failed;
   for (const std::vector<FitParameter>& sought : searches) try {
       fits.push_back(unless_stopped([&] {
-        return fit_curve(curve.depth, curve.force, sought, unit_forces,
-                         most_runs_of_a_search / static_cast<int>(searches.size()));
+        return fit_curve(
+            curve.depth, curve.force, sought, unit_forces,
+            (one_run ? most_looks_at_one_run : most_runs_of_a_search) / static_cast<int>(searches.size()));
       }));
     } catch (const SolveError& error) {
       if (searches.size() == 1 || failed.size() + 1 == searches.size()) throw;
@@ -491,21 +613,34 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
   std::vector<double> numbers;
   for (std::size_t k = 1; k < best.number.size(); ++k) numbers.push_back(best.number[k].value);
   Config found = with_numbers(own, options.of, numbers);
-  if (!alone) {
+  if (!one_run) {
     result = march(found, band);
     add_new(warnings, result.warnings);
     ++runs;
   }
   multiply(found, best.number[0].value / material_of(found).mu);
   // Whether inertia plays a part depends on the modulus, which is known only now.
-  if (config.solver.time == "auto" &&
+  // A tool that touches is slow where nobody has said how fast it is.
+  if (config.solver.time == "auto" && !(result.loading.touch && !was_given(own, "load.rate_mm_per_s")) &&
       choose_time(result.model, {materials_of(found), result.tissues.of_point}, result.loading) !=
           TimeMode::quasi_static)
     require_proportional(
         fmt::format("with the {} that would fit, the load is so short that inertia takes part in it",
                     stress_in_words(best.number[0].value)));
   const std::string& unknown = result.band.unknown;
-  add_discretisation(best, curve.depth, largest_share(result));
+  add_discretisation(best, curve.depth, share_of_band(result, curve, best));
+  const double uncertain = off_first_touch(curve.depth.back());
+  double touch = 0.0;  // [m]
+  if (options.of == with_touch) {
+    touch = 1e-3 * best.number[1].value;
+    found.load.depth_mm = 1e3 * (curve.depth.back() - touch);
+  } else {
+    const double of_model = best.number[0].value / material_of(with_numbers(own, options.of, numbers)).mu;
+    add_first_touch(best, curve.force, scaled(forces_later(result, curve.depth, -uncertain), of_model),
+                    scaled(forces_later(result, curve.depth, uncertain), of_model));
+  }
+  const std::optional<HalfSpaceCheck> check =
+      half_space_check(result, curve, touch, poisson_ratio(material_of(found)));
 
   const auto [least, most] = std::minmax_element(curve.force.begin(), curve.force.end());
   const double largest = std::max(std::abs(*least), std::abs(*most)), off = best.rms / largest;
@@ -515,8 +650,8 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
   if (off > 0.02 && best.memory > 2.0 / std::sqrt(static_cast<double>(curve.depth.size())))
     warnings.push_back(
         fmt::format("the residuals, {:.1f} % of the largest force (rms), are no noise: neighbours lie on one "
-                    "side. The tissue follows another law, or the indentation is not counted from contact",
-                    100.0 * off));
+                    "side. The tissue follows another law, or the indentation is not counted from contact{}",
+                    100.0 * off, options.of == "mu" ? " (--of mu,touch looks for that)" : ""));
   if (fits.size() > 1 && alike(best, fits[1])) {
     FittedNumber &mu = best.number[0], &alpha = best.number[1];
     const FittedNumber &mu2 = fits[1].number[0], &alpha2 = fits[1].number[1];
@@ -535,21 +670,21 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
   if (!lock) lock.emplace(folder);
   remove_temporaries_in(folder);
   fs::remove(folder / "summary.json", ignored);  // it comes last: with it the fit is complete
-  const auto in = [](std::vector<double> list, double factor) {
-    for (double& x : list) x *= factor;
-    return list;
-  };
-  const std::vector<double> depth_mm = in(curve.depth, 1e3);
+  const std::vector<double> depth_mm = scaled(curve.depth, 1e3);
   std::vector<double> residual = curve.force;
   for (std::size_t k = 0; k < residual.size(); ++k) residual[k] -= best.force[k];
   write_csv(folder / "fit.csv", {.header = {"indentation_mm", "measured_N", "model_N", "residual_N"},
                                  .column = {depth_mm, curve.force, best.force, residual}});
   std::vector<std::string> words;
   for (const FittedNumber& f : best.number) words.push_back(in_words(f, unknown));
+  std::vector<std::string> by_touch;
+  for (const FittedNumber& f : best.number)
+    if (const std::string text = first_touch_in_words(f, uncertain); !text.empty()) by_touch.push_back(text);
+  words.insert(words.end(), by_touch.begin(), by_touch.end());
   const Written axis = force_written(largest);
   const double unit = axis.per_unit;
   const std::string in_unit = fmt::format("[{}]", axis.unit);
-  std::vector<double> zero_and_depths = depth_mm, zero_and_forces = in(best.force, unit);
+  std::vector<double> zero_and_depths = depth_mm, zero_and_forces = scaled(best.force, unit);
   zero_and_depths.insert(zero_and_depths.begin(), 0.0);
   zero_and_forces.insert(zero_and_forces.begin(), 0.0);
   const std::vector<Chart> charts = {
@@ -557,17 +692,18 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
        .subtitle = words,
        .x_label = "indentation [mm]",
        .y_label = "force " + in_unit,
-       .series = {{.name = "measured", .x = depth_mm, .y = in(curve.force, unit), .line = false},
+       .series = {{.name = "measured", .x = depth_mm, .y = scaled(curve.force, unit), .line = false},
                   {.name = "model", .x = zero_and_depths, .y = zero_and_forces, .markers = false}}},
       {.title = "residuals",
        .subtitle = {fmt::format("measured - model; rms {:.2f} % of the largest force", 100.0 * off)},
        .x_label = "indentation [mm]",
        .y_label = "residual " + in_unit,
-       .series = {{.x = depth_mm, .y = in(residual, unit), .line = false}}}};
+       .series = {{.x = depth_mm, .y = scaled(residual, unit), .line = false}}}};
   write_chart_png(folder / "fit.png", charts);
   write_chart_svg(folder / "fit.svg", charts);
   const std::map<std::string, std::vector<std::string>> keys = {
       {"mu", {"material.mu_Pa", "material.ogden_mu_Pa"}},
+      {"touch", {}},
       {"alpha", {"material.ogden_alpha"}},
       {"g", {"material.prony_g"}},
       {"tau", {"material.prony_tau_s"}}};
@@ -597,13 +733,25 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
   if (!unknown.empty()) summary["discretisation_unknown"] = unknown;
   summary["band_of"] = unknown.empty() ? "noise and discretisation" : "noise alone";
   for (const FittedNumber& f : best.number) summary["numbers"][f.name] = to_json(f, unknown.empty());
+  if (options.of != with_touch) {
+    summary["first_touch"] = {{"off_mm", 1e3 * uncertain},
+                              {"mu_if_earlier_Pa", told(mu.earlier)},
+                              {"mu_if_later_Pa", told(mu.later)}};
+  }
+  if (check)
+    summary["half_space_check"] = {{"mu_Pa", check->mu},
+                                   {"ratio", check->mu / mu.value},
+                                   {"thickness_in_contact_radii", check->thickness}};
+  if (result.loading.touch) summary["tool"] = own.tool.shape;
+  if (result.loading.touch) summary["friction"] = own.tool.friction;
   summary["rows"] = curve.depth.size();
   summary["depth_mm"] = depth_mm.back();
   summary["nodes"] = result.model.node_count();
   summary["runs"] = runs;
   summary["residual_rms_N"] = best.rms;
   summary["residual_memory"] = best.memory;
-  summary["not_in_the_band"] = not_in_the_band;
+  const char* left_out = result.loading.touch ? not_in_the_band_of_a_tool : not_in_the_band;
+  summary["not_in_the_band"] = left_out;
   summary["warnings"] = warnings;
   const std::string text = as_text(summary);
   write_file(folder / "summary.json", text);
@@ -621,7 +769,8 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
       "fit      {} rows to {}, {} run{} with {} nodes, residuals {:.2f} % of the largest force (rms)",
       curve.depth.size(), length_in_words(depth_mm.back()), runs, runs == 1 ? "" : "s",
       result.model.node_count(), 100.0 * off));
-  progress(fmt::format("note     {}", not_in_the_band));
+  if (check) progress(in_words(*check, mu.value));
+  progress(fmt::format("note     {}", left_out));
   return {.summary_json = text, .headline = fmt::format("{}", fmt::join(words, "; "))};
 }
 

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <filesystem>
 #include <functional>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,7 @@ struct FitParameter {
   std::string name, unit;
   double start = 0.0, least = 0.0, most = 0.0;
   bool logarithmic = false;
+  bool is_place = false;  ///< on an axis, whose zero means nothing: its band is wide beside the limits alone
 };
 
 /// Forces [N] of the model at the depths of a measured curve, with a modulus of 1 Pa: in equilibrium they
@@ -29,7 +31,10 @@ struct FittedNumber {
   double value = 0.0;
   double noise = 0.0;           ///< by what the residuals scatter; infinite: the curve does not tell
   double discretisation = 0.0;  ///< by the band of the model's force; 0 where that is not known
-  double by_tilt = 0.0;    ///< where there are several: what a tilt of the forces from +1 % to -1 % changes
+  double by_tilt = 0.0;  ///< where there are several: what a tilt of the forces from +1 % to -1 % changes
+  double earlier = std::numeric_limits<double>::quiet_NaN();  ///< see add_first_touch(); nothing: not finite
+  double later = std::numeric_limits<double>::quiet_NaN();
+  double scale = 0.0;      ///< where it is a place, how far the search for it goes
   bool at_limit = false;   ///< of the search
   bool determined = true;  ///< false: see settle()
   double half() const { return noise + discretisation; }
@@ -69,6 +74,19 @@ CurveFit fit_curve(const std::vector<double>& depth, const std::vector<double>& 
 /// the other at the end. A modulus alone lies between mu / (1 + h) and mu / (1 - h).
 void add_discretisation(CurveFit& fit, const std::vector<double>& depth, double half_share);
 
+/// What the numbers would be, had the tool first touched off_first_touch() before and after where the curve's
+/// depth begins: `earlier` and `later` are the forces [N] of the model with the numbers found, at depths that
+/// are larger and smaller by that. A modulus alone is fitted anew, several numbers follow by their
+/// derivatives.
+void add_first_touch(CurveFit& fit, const std::vector<double>& measured, const std::vector<double>& earlier,
+                     const std::vector<double>& later);
+/// [m] A tenth of a millimetre, of a curve that is shallower than four of these a quarter of its depth.
+double off_first_touch(double depth);
+
+/// Half the width of the model's band as a share of the force, as a modulus alone feels it: least squares
+/// weighs each row by the square of its force.
+double weighted_share(const std::vector<double>& share, const std::vector<double>& force);
+
 /// Which numbers the curve determines: not those whose band is wider than themselves, or would be by a tilt
 /// of the forces of 1 %, by which clouds may differ, where the discretisation's part is not known; nor those
 /// at a limit of the search. What is said of each of the others.
@@ -77,11 +95,14 @@ std::vector<std::string> settle(CurveFit& fit, bool discretisation_known);
 /// The worse fit is not worse beyond the noise: the curve does not choose between the two.
 bool alike(const CurveFit& better, const CurveFit& worse);
 
+/// How far from the zero of a curve's depth the first touch is looked for [m].
+double farthest_first_touch(double depth);
+
 /// Nodes that the modulus alone is fitted with, where no others are asked for.
 inline constexpr Index nodes_for_one_run = 4000;
 
 struct FitOptions {
-  std::string of = "mu";        ///< "mu", "mu,alpha", "mu,g,tau"
+  std::string of = "mu";        ///< "mu", "mu,touch", "mu,alpha", "mu,g,tau"
   std::filesystem::path curve;  ///< see read_measured_curve()
 };
 

@@ -132,4 +132,19 @@ double contact_radius(const ToolShape& shape, double depth) {
   return 0.5 * (low + high);
 }
 
+std::optional<double> half_space_force(const ToolShape& shape, double depth) {
+  if (shape.kind == ToolShape::Kind::drawn) return std::nullopt;
+  if (!(depth > 0.0)) return 0.0;
+  const double a = contact_radius(shape, depth), R = shape.radius;
+  double force = 0.0;
+  if (shape.kind == ToolShape::Kind::punch) {
+    const double b = R - shape.edge, s = std::sqrt(a * a - b * b);
+    force = (s * (4.0 * a * a - b * b) - 3.0 * b * a * a * std::acos(b / a)) / (3.0 * shape.edge);
+  } else {
+    force = 0.5 * (a * a + R * R) * std::log((R + a) / (R - a)) - a * R;
+  }
+  // Where contact has come to the tool's side it grows no more: dF / d depth = 2 E* a.
+  return force + 2.0 * a * std::max(0.0, depth - depth_of_contact(shape, a));
+}
+
 }  // namespace dimple

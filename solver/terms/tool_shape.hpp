@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 
 #include "io/types.hpp"
 #include "preprocess/scene/tool_mesh.hpp"
@@ -53,5 +54,9 @@ double length_of_tool(const ToolShape& shape);
 /// (Sneddon 1965), of a capsule that of its end; at most nearly the tool's own. Of a tool that was drawn: to
 /// where its lower surface is half of the depth above its tip, as it is of a paraboloid.
 double contact_radius(const ToolShape& shape, double depth);
+
+/// The force with which a tool is pressed by `depth` [m] into that half-space, over E / (1 - nu^2) [m^2]. A
+/// punch's edge is taken for a parabola, and contact ends at its side. Nothing of a tool that was drawn.
+std::optional<double> half_space_force(const ToolShape& shape, double depth);
 
 }  // namespace dimple

@@ -266,7 +266,7 @@ TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
     texts.insert(texts.end(), {"modelled are quasi-static and dynamic indentation", "not-modelled"});
     expect(2, std::string("run brain.nrrd -o out ") + words, texts);
   }
-  expect(2, "model brain.nrrd -o out --tool sphere:5mm", {"an option of `dimple run` alone", "not-modelled"});
+  expect(2, "model brain.nrrd -o out --tool sphere:5mm", {"an option of `dimple run` and `dimple fit` alone", "not-modelled"});
   // An option that the command has is not what is wrong with its line.
   expect(2, "run brain.nrrd --tool sphere:5mm", {"--out", "usage of the command"});
 }

@@ -154,6 +154,15 @@ TEST(ToolThatTouches, MayBeDrawnAndABallThatWasIsASphere) {
     EXPECT_NE(summary["band"]["unknown"].get<std::string>(), "");
   }
   EXPECT_NEAR(force[0], force[1], 0.02 * force[1]);
+  // The sphere's curve, fitted with the ball, of which no formula for a half-space is known.
+  const Ran fit = dimple(folder,
+                         "fit brain.nrrd -o fit --curve out/force.csv --tool ball.stl --nodes 800 -q "
+                         "--time quasi-static");
+  ASSERT_EQ(fit.code, 0) << fit.err;
+  const auto fitted = nlohmann::json::parse(text_of(folder / "fit" / "summary.json"));
+  EXPECT_NEAR(fitted["mu_Pa"].get<double>(), 210.0, 0.02 * 210.0);
+  EXPECT_FALSE(fitted.contains("half_space_check"));
+  EXPECT_NE(fitted["discretisation_unknown"].get<std::string>(), "");
 }
 
 TEST(ToolThatTouches, WhoseTrianglesFaceInwardIsTurnedAndSaysSo) {

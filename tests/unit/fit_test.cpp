@@ -9,6 +9,7 @@
 #include <fstream>
 
 #include "apps/run/compare.hpp"
+#include "apps/run/tool.hpp"
 #include "io/error.hpp"
 #include "io/table.hpp"
 #include "tests/helpers/draw.hpp"
@@ -124,6 +125,120 @@ TEST(Fit, AModulusAloneLiesBetweenWhatBothEndsOfTheForcesBandGive) {
   add_discretisation(fit, depth, 0.05);
   EXPECT_NEAR(fit.number[0].value, 1.0, 1e-12);
   EXPECT_NEAR(fit.number[0].discretisation, 1.0 / 0.95 - 1.0, 1e-12);
+}
+
+// What a round tip feels that has come in by d, of 1 Pa.
+std::vector<double> of_a_sphere(const std::vector<double>& depth, double touch = 0.0) {
+  std::vector<double> force;
+  for (const double d : depth) force.push_back(0.2 * std::pow(std::max(0.0, d - touch), 1.5));
+  return force;
+}
+
+TEST(Fit, SaysWhatTheModulusWouldBeHadTheToolTouchedEarlierOrLater) {
+  const std::vector<double> depth = depths(20), unit = of_a_sphere(depth);
+  const double off = off_first_touch(depth.back());
+  EXPECT_DOUBLE_EQ(off, 1e-4);
+  EXPECT_DOUBLE_EQ(off_first_touch(2e-4), 0.5e-4);
+  for (const double touch : {-off, off}) {  // where the tool of the measured curve touched, with 300 Pa
+    std::vector<double> measured = of_a_sphere(depth, touch);
+    for (double& f : measured) f *= 300.0;
+    CurveFit fit = fit_curve(depth, measured, {}, [&](const auto&) { return unit; });
+    const double found = fit.number[0].value;
+    EXPECT_GT(std::abs(found - 300.0), 4.0);
+    const auto model = [&](double at) {
+      std::vector<double> force = of_a_sphere(depth, at);
+      for (double& f : force) f *= found;
+      return force;
+    };
+    add_first_touch(fit, measured, model(-off), model(off));
+    EXPECT_NEAR(touch < 0.0 ? fit.number[0].earlier : fit.number[0].later, 300.0, 1e-9);
+  }
+}
+
+TEST(Fit, SeveralNumbersChangeWithTheFirstTouchAsASecondFitSays) {
+  const std::vector<double> depth = depths(40);
+  const FitParameter alpha{
+      .name = "alpha", .unit = "", .start = 2.0, .least = 0.5, .most = 30.0, .logarithmic = true};
+  const auto later_by = [&](double off) {
+    std::vector<double> moved = depth;
+    for (double& d : moved) d -= off;
+    return moved;
+  };
+  std::vector<double> measured = bent(depth, 4.7);
+  for (double& f : measured) f *= 300.0;
+  constexpr double off = 1e-5;
+  const auto fitted_at = [&](double later) {
+    return fit_curve(depth, measured, {alpha},
+                     [&](const std::vector<double>& numbers) { return bent(later_by(later), numbers[0]); });
+  };
+  CurveFit fit = fitted_at(0.0);
+  const auto model = [&](double later) {
+    std::vector<double> force = bent(later_by(later), fit.number[1].value);
+    for (double& f : force) f *= fit.number[0].value;
+    return force;
+  };
+  add_first_touch(fit, measured, model(-off), model(off));
+  const CurveFit earlier = fitted_at(-off), later = fitted_at(off);
+  for (const std::size_t k : {0u, 1u}) {
+    const double up = later.number[k].value - fit.number[k].value;
+    EXPECT_NEAR(fit.number[k].later - fit.number[k].value, up, 0.1 * std::abs(up)) << fit.number[k].name;
+    EXPECT_NEAR(fit.number[k].earlier - fit.number[k].value, earlier.number[k].value - fit.number[k].value,
+                0.1 * std::abs(up));
+  }
+}
+
+TEST(Fit, FindsWhereTheToolFirstTouchedAlsoWhereThatIsTheCurvesZero) {
+  Draw draw{std::mt19937_64(9)};
+  const std::vector<double> depth = depths(40);
+  const double far = 1e3 * farthest_first_touch(depth.back());
+  const FitParameter place{
+      .name = "touch", .unit = "mm", .start = 0.0, .least = -far, .most = far, .is_place = true};
+  const UnitForces model = [&](const std::vector<double>& numbers) {
+    return of_a_sphere(depth, 1e-3 * numbers[0]);
+  };
+  for (const double touch_mm : {-0.4, 0.0, 0.4}) {
+    std::vector<double> truth = of_a_sphere(depth, 1e-3 * touch_mm);
+    for (double& f : truth) f *= 300.0;
+    CurveFit exact = fit_curve(depth, truth, {place}, model, 200);
+    EXPECT_NEAR(exact.number[0].value, 300.0, 0.1) << touch_mm;
+    EXPECT_NEAR(exact.number[1].value, touch_mm, 1e-3);
+    CurveFit rough = fit_curve(depth, noisy(truth, 0.003 * truth.back(), draw), {place}, model, 200);
+    EXPECT_THAT(settle(rough, true), testing::IsEmpty()) << "a place at zero is as good as another";
+    EXPECT_NEAR(rough.number[1].value, touch_mm, 2.0 * rough.number[1].noise);
+    EXPECT_LT(rough.number[1].noise, 0.2);
+  }
+  std::vector<double> beyond = of_a_sphere(depth, 2.0 * 1e-3 * far);
+  CurveFit at_limit = fit_curve(depth, beyond, {place}, model, 200);
+  EXPECT_THAT(settle(at_limit, true), testing::Contains(HasSubstr("touch ran to its limit")));
+}
+
+TEST(Fit, AModulusIsOffByTheShareOfItsModelsForcesAsTheseWeigh) {
+  const std::vector<double> depth = depths(10), unit = of_a_sphere(depth);
+  std::vector<double> share, wrong = unit;
+  for (std::size_t k = 0; k < depth.size(); ++k) {
+    share.push_back(1e-4 / (depth[k] * 1e3));  // a tool that has hardly touched is known worst
+    wrong[k] *= 1.0 + share[k];
+  }
+  const CurveFit right = fit_curve(depth, unit, {}, [&](const auto&) { return unit; }),
+                 off = fit_curve(depth, unit, {}, [&](const auto&) { return wrong; });
+  const double by = weighted_share(share, unit);
+  EXPECT_NEAR(right.number[0].value / off.number[0].value - 1.0, by, 1e-3 * by);
+  EXPECT_LT(by, 0.2 * share.front());
+}
+
+TEST(ForcesOfTouch, FollowAPowerOfTheDepthBetweenSamplesBeforeTheFirstAndBeyondTheLast) {
+  for (const double power : {1.0, 1.5, 2.2}) {
+    std::vector<ForceSample> samples = {{0.0, 0.0, 0.0, 0.0}};
+    for (const double d : {0.5e-3, 1e-3, 2e-3}) samples.push_back({0.0, d, 3.0 * std::pow(d, power), 0.0});
+    const std::vector<double> depth = {0.1e-3, 0.5e-3, 0.8e-3, 1.9e-3, 2.1e-3},
+                              force = forces_of_touch(samples, depth);
+    for (std::size_t k = 0; k < depth.size(); ++k)
+      EXPECT_NEAR(force[k] / (3.0 * std::pow(depth[k], power)), 1.0, 1e-12) << depth[k];
+  }
+  // Not in contact, or none yet; and one sample alone is a round tip's.
+  EXPECT_THAT(forces_of_touch({{0.0, 1e-3, 8.0, 0.0}}, {-1e-3, 0.0, 0.25e-3}),
+              testing::ElementsAre(0.0, 0.0, testing::DoubleNear(1.0, 1e-12)));
+  EXPECT_THAT(forces_of_touch({{0.0, 0.0, 0.0, 0.0}}, {1e-3}), testing::ElementsAre(0.0));
 }
 
 TEST(Fit, RefusesAModulusThatNoTissueHas) {

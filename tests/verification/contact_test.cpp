@@ -124,9 +124,28 @@ TEST(TouchingTruth, TheRadiusOfContactIsThatOfSneddon) {
     const double force = 0.5 * (a * a + 1.0) * std::log((1.0 + a) / (1.0 - a)) - a;
     const double series = 1.0 - depth / 10.0 - depth * depth / 840.0 + 11.0 * std::pow(depth, 3) / 15120.0;
     EXPECT_NEAR(force / hertz(1.0, depth), series, 1e-3);
+    EXPECT_NEAR(half_space_force(sphere, depth).value() / hertz(1.0, depth), series, 1e-3);
   }
   const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5.0, .edge = 1.0};
   EXPECT_NEAR(contact_radius(punch, 0.71111), 4.5, 1e-4);
+}
+
+TEST(TouchingTruth, TheForceOnAHalfSpaceGrowsByTheDiameterOfItsContactForEachLengthOfDepth) {
+  const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5.0, .edge = 1.0};
+  EXPECT_NEAR(half_space_force(punch, 0.71111).value(), 6.12052, 1e-3);
+  // dF / d depth = 2 a E*, of any body of revolution (Sneddon 1965); the punch's contact ends at its side.
+  for (const ToolShape& shape : {punch, ToolShape{.kind = ToolShape::Kind::sphere, .radius = 5.0},
+                                 ToolShape{.kind = ToolShape::Kind::capsule, .radius = 5.0, .length = 20.0}})
+    for (const double depth : {0.01, 0.3, 1.0, 4.0, 9.0}) {
+      constexpr double h = 1e-4;
+      const double slope =
+          (*half_space_force(shape, depth + h) - *half_space_force(shape, depth - h)) / (2.0 * h);
+      EXPECT_NEAR(slope, 2.0 * contact_radius(shape, depth), 1e-5 * slope) << depth;
+    }
+  EXPECT_NEAR(contact_radius(punch, 9.0), 5.0, 1e-9);
+  EXPECT_EQ(half_space_force(punch, -0.1), 0.0);
+  const ToolShape drawn{.kind = ToolShape::Kind::drawn};
+  EXPECT_FALSE(half_space_force(drawn, 1.0)) << "a drawn tool has no closed form";
 }
 
 TEST(ToolShape, TheNormalIsTheGradientOfTheDistanceAndOfUnitLength) {
