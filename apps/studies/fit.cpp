@@ -534,9 +534,9 @@ std::string in_words(const HalfSpaceCheck& check, double mu) {
   return fmt::format(
       "check    the formula of Hertz and Sneddon for a half-space without friction gives {} from this curve, "
       "{:+.1f} "
-      "%: a check and not the answer, too high where the body is thin; here it is {:.3g} radii of the "
-      "contact "
-      "thick",
+      "%: a check and not the answer, as it leaves out the body's shape and large strain, and is too high on "
+      "a "
+      "thin layer; here the body is {:.3g} radii of the contact thick",
       stress_in_words(check.mu), 100.0 * (check.mu / mu - 1.0), check.thickness);
 }
 

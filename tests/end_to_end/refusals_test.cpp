@@ -259,14 +259,16 @@ TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
   const std::pair<const char*, std::vector<std::string>> asked[] = {
       {"--body-force 9.81", {"gravity alone", "--gravity inferior"}},
       {"--unload", {"unloading and holding are not modelled", "dimple poke IMAGE --script"}},
-      {"--friction-coefficient=0.3", {"under a tool that touches, of `dimple run` alone", "--friction 0.3"}},
+      {"--friction-coefficient=0.3",
+       {"under a tool that touches, of `dimple run` and `dimple fit` alone", "--friction 0.3"}},
       {"--tear", {"tissue does not tear", "closest: dimple run IMAGE --cut"}},
       {"--pia 0.1mm", {"a shell that bends is not modelled", "--membrane 0.1mm:400kPa"}}};
   for (auto [words, texts] : asked) {
     texts.insert(texts.end(), {"modelled are quasi-static and dynamic indentation", "not-modelled"});
     expect(2, std::string("run brain.nrrd -o out ") + words, texts);
   }
-  expect(2, "model brain.nrrd -o out --tool sphere:5mm", {"an option of `dimple run` and `dimple fit` alone", "not-modelled"});
+  expect(2, "model brain.nrrd -o out --tool sphere:5mm",
+         {"an option of `dimple run` and `dimple fit` alone", "not-modelled"});
   // An option that the command has is not what is wrong with its line.
   expect(2, "run brain.nrrd --tool sphere:5mm", {"--out", "usage of the command"});
 }
