@@ -79,6 +79,7 @@ TEST_F(Fit, OfASphereGivesTheModulusOfSneddonsHalfSpaceBack) {
   good("phantom big.nrrd --shape block --size 100,100,50 --spacing 2 -q");
   std::ofstream curve(folder / "curve.csv");
   curve << "indentation_mm,force_N\n";
+  curve << 0.001 << ',' << on_half_space(5e-3, 1e-6) << '\n';
   for (int k = 1; k <= 6; ++k) curve << 0.01 * k << ',' << on_half_space(5e-3, 1e-5 * k) << '\n';
   curve.close();
   const Ran ran = good("fit big.nrrd -o out --curve curve.csv --tool sphere:5mm --nu 0.499 --nodes 800");
@@ -91,6 +92,9 @@ TEST_F(Fit, OfASphereGivesTheModulusOfSneddonsHalfSpaceBack) {
   EXPECT_NEAR(s["mu_Pa"].get<double>(), 231.0, 0.02 * 231.0);
   EXPECT_NEAR(s["half_space_check"]["mu_Pa"].get<double>(), 231.0, 1e-3 * 231.0);
   EXPECT_GT(s["half_space_check"]["thickness_in_contact_radii"].get<double>(), 80.0);
+  // Before the first equilibrium too the force falls as the depth to the power of 1.5, and not as the depth.
+  const Table rows = read_csv(folder / "out" / "fit.csv");
+  EXPECT_NEAR(rows.find("model_N")->front() / rows.find("measured_N")->front(), 1.0, 0.3);
 }
 
 // Bonded to its base, of a tenth to three tenths of its thickness of contact radius; the factors are those of
@@ -148,6 +152,8 @@ TEST_F(Fit, FindsWhereASphereFirstTouchedWhereItIsAskedForAndElseSaysHowMuchThat
   EXPECT_NEAR(with["numbers"]["touch"]["value"].get<double>(), -0.1, 0.05);
   EXPECT_EQ(with["runs"], 1);
   EXPECT_FALSE(with.contains("first_touch")) << "it was looked for";
+  const std::string fitted = text_of(folder / "touch" / "fitted.toml");  // to where the tool has really come
+  EXPECT_NEAR(std::stod(fitted.substr(fitted.find("\ndepth_mm = ") + 12)), 3.0, 0.05);
 }
 
 TEST_F(Fit, OfATouchingToolHasABandWhereItsForceHasOne) {
