@@ -227,7 +227,9 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
   result.loading.loads = loads_of(config, model);
   result.loading.steps = steps_of(config, model.tool.push);
   for (const Step& step : result.loading.steps) talk.say("step     " + in_words(step));
-  if ((result.loading.touch = touch_of(config, model))) {
+  result.loading.touch =
+      given.change.tool ? touch_of(config, model, *given.change.tool) : touch_of(config, model);
+  if (result.loading.touch) {
     const Touch& touch = *result.loading.touch;
     talk.say(
         fmt::format("tool     {}{}, {}; its tip at first touch at {}; contact is looked for at "

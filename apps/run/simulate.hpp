@@ -18,11 +18,13 @@
 
 namespace dimple {
 
-/// What a comparison changes of the body before its surface is drawn: no options of a run.
+/// What a comparison changes of the body before its surface is drawn, or of the tool when the nodes are
+/// placed: no options of a run.
 struct BodyChange {
   std::function<LabelImage(const LabelImage&)> image = {};
-  double smoothing = 1.0;       ///< SurfaceOptions::smoothing
-  double outward_voxels = 0.0;  ///< SurfaceOptions::outward_mm in voxels, of their mean edge
+  double smoothing = 1.0;              ///< SurfaceOptions::smoothing
+  double outward_voxels = 0.0;         ///< SurfaceOptions::outward_mm in voxels, of their mean edge
+  std::optional<ToolShape> tool = {};  ///< that touches, on the nodes of the one that the options name
 };
 
 struct Origin;     // organ.hpp

@@ -20,8 +20,6 @@ namespace dimple {
 namespace {
 
 constexpr const char* forms = "sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,length=20mm or probe.stl";
-// Of a punch's radius. The pressure at an edge that is nearly sharp is nearly unbounded.
-constexpr double sharpest_edge = 0.1;
 constexpr double usual_depth = 0.8;           // of the radius
 constexpr double power_of_a_round_tip = 1.5;  // Hertz
 const std::string by_tool = "the tool";
@@ -309,12 +307,15 @@ double reach_of_contact(const ToolShape& shape, double depth) {
 
 std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model) {
   const std::optional<ToolShape> shape = tool_of(config);
-  if (!shape) return nullptr;
+  return shape ? touch_of(config, model, *shape) : nullptr;
+}
+
+std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model, const ToolShape& shape) {
   auto touch = std::make_shared<Touch>();
-  touch->shape = *shape;
-  touch->surface = contact_surface(model, reach_of_contact(*shape, 1e-3 * config.load.depth_mm),
+  touch->shape = shape;
+  touch->surface = contact_surface(model, reach_of_contact(shape, 1e-3 * config.load.depth_mm),
                                    way_of_tool(config, model.tool.push));
-  touch->pose = first_touch(*shape, model.tool, touch->surface);
+  touch->pose = first_touch(shape, model.tool, touch->surface);
   touch->friction = friction_of(config);
   return touch;
 }

@@ -17,6 +17,10 @@ std::optional<ToolShape> tool_of(const Config& config);
 /// "a sphere of 5 mm radius".
 std::string in_words(const ToolShape& shape);
 
+/// Of a punch's radius its edge is rounded by so much at least: the pressure at an edge that is nearly sharp
+/// is nearly unbounded.
+inline constexpr double sharpest_edge = 0.1;
+
 /// Coulomb's coefficient under a tool that touches; infinite: `stick`. Throws UsageError:
 /// config.tool.friction is neither a number from 0 to 10 nor that word.
 double friction_of(const Config& config);
@@ -39,6 +43,8 @@ void require_circle(const Config& config, const std::string& what);
 /// The tool where it first touches the model, and the part of the surface that it may touch; null: the
 /// circle. Throws ModelError as contact_surface() does.
 std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model);
+/// The same of another tool than the options name.
+std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model, const ToolShape& shape);
 
 /// Forces [N] at depths [m] of the curve of a tool that touches: between two samples they follow a power of
 /// the depth, as they do at the beginning (1.5 of a sphere, 1 of a flat end), before the first and after the

@@ -1,9 +1,11 @@
 #include "apps/studies/explain.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <optional>
 #include <tuple>
@@ -133,7 +135,9 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
   };
   const Boundary& boundary = found.report.boundary;
   const auto& tool = found.model.tool;
-  const double radius_mm = 1e3 * tool.radius;
+  const Touch* touch = found.loading.touch.get();
+  const double radius_mm = 1e3 * (touch ? touch->shape.radius : tool.radius);
+  const std::string name = touch ? "tool" : "circle";
 
   for (const int more : {1, 2})
     add("cloud", "two other random clouds",
@@ -153,12 +157,19 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
       fmt::format("to {} of the reactions instead of {}", plain(0.1 * tolerance), plain(tolerance)),
       Kind::cloud, [&](Case& c) { c.config.solver.tolerance = std::max(0.1 * tolerance, 1e-8); });
   const double step = config.solver.step_radii;
-  add("steps of the load", "", fmt::format("{:g} instead of {:g} radii of the circle", 0.5 * step, step),
+  add("steps of the load", "", fmt::format("{:g} instead of {:g} radii of the {}", 0.5 * step, step, name),
       Kind::cloud, [&](Case& c) { c.config.solver.step_radii = std::max(0.5 * step, 0.001); });
 
   const bool bonded = config.load.contact == "bonded";
-  add("contact", "", bonded ? "frictionless instead of bonded" : "bonded instead of frictionless",
-      Kind::doubt, [&](Case& c) { c.config.load.contact = bonded ? "frictionless" : "bonded"; });
+  if (touch)
+    for (const ToolChoice& choice : tool_choices(touch->shape, touch->friction))
+      add(choice.what, choice.all, choice.instead, Kind::doubt, [&](Case& c) {
+        c.change.tool = choice.shape;
+        c.config.tool.friction = choice.friction;
+      });
+  else
+    add("contact", "", bonded ? "frictionless instead of bonded" : "bonded instead of frictionless",
+        Kind::doubt, [&](Case& c) { c.config.load.contact = bonded ? "frictionless" : "bonded"; });
 
   const std::vector<double> heights =
       boundary.flat_base ? std::vector<double>{boundary.height / 6.0}
@@ -176,7 +187,7 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
   const Vec3 u = (Vec3::Unit(axis) - tool.push[axis] * tool.push).normalized(), v = tool.push.cross(u);
   for (const Vec3& step : {u, Vec3(-u), v, Vec3(-v)}) {
     const Vec3 shown = step.array() + 0.0;  // no -0
-    add("circle", fmt::format("moved by {:g} mm in four directions", tool_step_mm),
+    add(touch ? "tool's place" : "circle", fmt::format("moved by {:g} mm in four directions", tool_step_mm),
         fmt::format("moved by {:g} mm along ({:+.1f}, {:+.1f}, {:+.1f})", tool_step_mm, shown.x(), shown.y(),
                     shown.z()),
         Kind::doubt,
@@ -204,7 +215,8 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
         [](Case& c) { c.config.image.close_mm = narrow_gap_mm; });
 
   const double small_mm = small_depth_radii * radius_mm;
-  if (small_mm < config.load.depth_mm && found.time == TimeMode::quasi_static) {
+  // The force of a tool that touches is not proportional to its depth at small strain either.
+  if (!touch && small_mm < config.load.depth_mm && found.time == TimeMode::quasi_static) {
     add("strain", "", "small instead of large", Kind::simplification, [&](Case& c) {
       // Supports come as far as they have when the tool is there.
       for (auto& [name, support] : c.config.held)
@@ -214,7 +226,8 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
     });
     trials.back().linear = true;
   }
-  add("far tissue", "", fmt::format("cut away beyond {:.0f} mm of the circle's axis", far_radii * radius_mm),
+  add("far tissue", "",
+      fmt::format("cut away beyond {:.0f} mm of the {}'s axis", far_radii * radius_mm, name),
       Kind::simplification, [&](Case& c) {
         const std::vector<int> labels = found.segment.labels;
         const Vec3 centre = 1e3 * tool.centre, push = tool.push;
@@ -235,8 +248,9 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
         Kind::simplification, [&](Case& c) { c.config.material.nu = nu; });
   }
   const bool dynamic = found.time != TimeMode::quasi_static;
-  add("inertia", "", dynamic ? "neglected" : "included", dynamic ? Kind::simplification : Kind::doubt,
-      [&](Case& c) { c.config.solver.time = dynamic ? "quasi-static" : "dynamic"; });
+  if (!touch)
+    add("inertia", "", dynamic ? "neglected" : "included", dynamic ? Kind::simplification : Kind::doubt,
+        [&](Case& c) { c.config.solver.time = dynamic ? "quasi-static" : "dynamic"; });
   if (!config.tissue.empty()) {
     add("tissues", "", "all of one material", Kind::simplification, [](Case& c) { c.config.tissue.clear(); });
   }
@@ -281,14 +295,55 @@ const char* word(Kind kind) {
 
 }  // namespace
 
-Index nodes_to_explain(double facing_share) {
-  return facing_share > most_facing ? 2000 : Config{}.cloud.nodes;
+Index nodes_to_explain(const Config& config, double facing_share) {
+  return std::max(fewest_nodes_under_tool(config),
+                  facing_share > most_facing ? Index{2000} : Config{}.cloud.nodes);
+}
+
+std::vector<ToolChoice> tool_choices(const ToolShape& shape, double friction) {
+  std::vector<ToolChoice> choices;
+  const std::string same = std::isinf(friction) ? "stick" : fmt::format("{}", friction);
+  const auto add_length = [&](const char* what, double ToolShape::*length, double share, double least,
+                              double most) {
+    for (const double sign : {1.0, -1.0}) {
+      ToolShape other = shape;
+      other.*length = std::clamp(shape.*length * (1.0 + sign * share), least, most);
+      if (other.*length == shape.*length) continue;
+      choices.push_back({what, fmt::format("{:g} % larger or smaller", 100.0 * share),
+                         fmt::format("{} instead of {}", length_in_words(1e3 * other.*length),
+                                     length_in_words(1e3 * shape.*length)),
+                         other, same});
+    }
+  };
+  constexpr double well_known = 0.02, hardly_known = 0.2, any = std::numeric_limits<double>::infinity();
+  if (!shape.mesh)
+    add_length("tool's radius", &ToolShape::radius, well_known, shape.edge,
+               shape.kind == ToolShape::Kind::capsule ? 0.5 * shape.length : any);
+  if (shape.kind == ToolShape::Kind::punch)
+    add_length("tool's edge", &ToolShape::edge, hardly_known, sharpest_edge * shape.radius, shape.radius);
+
+  std::vector<std::string> others;
+  for (const auto& [value, text, word] :
+       {std::tuple{0.0, "0", "none"}, {0.3, "0.3", "0.3"}, {any, "stick", "stuck"}})
+    if (value != friction) {
+      others.emplace_back(word);
+      choices.push_back(
+          {"friction",
+           {},
+           fmt::format("{} instead of {}", friction_in_words(value), friction_in_words(friction)),
+           shape,
+           text});
+    }
+  const std::string last = others.back();
+  others.pop_back();
+  for (ToolChoice& choice : choices)
+    if (choice.all.empty()) choice.all = fmt::format("{} or {}", fmt::join(others, ", "), last);
+  return choices;
 }
 
 void check_explainable(const Config& config) {
   require_no_steps(config, "--explain");
   require_no_membranes(config, "--explain");
-  require_circle(config, "--explain");
   if (config.scheme.name != Config{}.scheme.name)
     throw UsageError({.fact = "the comparisons of --explain need the converging scheme",
                       .where = "--explain and --scheme",
@@ -322,7 +377,7 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
   Tried found =
       run({.config = config, .change = {.image = [&](const LabelImage& read) { return image = read; }}},
           depths_mm);
-  if (const Index least = nodes_to_explain(found.result.facing_share); more && nodes < least) {
+  if (const Index least = nodes_to_explain(config, found.result.facing_share); more && nodes < least) {
     *more = least;
     return std::nullopt;
   }
@@ -419,7 +474,7 @@ Explanation explain(const Config& config, Index nodes,
   check_explainable(config);
   if (nodes > 0) return *explain_with(nodes, nullptr, config, progress);
   const Stopwatch whole;
-  for (Index more = nodes_to_explain(0.0);;) {
+  for (Index more = nodes_to_explain(config, 0.0);;) {
     nodes = more;
     if (std::optional<Explanation> explanation =
             explain_with(nodes, nodes < most_nodes_to_explain ? &more : nullptr, config, progress)) {

@@ -8,6 +8,7 @@
 
 #include "apps/run/config.hpp"
 #include "io/types.hpp"
+#include "solver/terms/tool_shape.hpp"
 
 namespace dimple {
 
@@ -50,20 +51,33 @@ inline double threshold(const Explanation& e) {
   return e.noise > least_effect ? e.noise : least_effect;
 }
 
-/// Nodes with which choices are compared at first: as many as a run has by itself, and more on a folded body.
-Index nodes_to_explain(double facing_share);
+/// Nodes with which choices are compared at first: as many as a run has by itself, and more on a folded body
+/// and under a tool that takes more.
+Index nodes_to_explain(const Config& config, double facing_share);
+
+/// A tool that touches, changed in one of its choices: a length, on the nodes of the unchanged one, or its
+/// friction. What is not known of it: a radius to 2 %, the radius of an edge to 20 %.
+struct ToolChoice {
+  const char* what;
+  std::string all, instead;
+  ToolShape shape;
+  std::string friction;
+};
+/// None that the tool cannot have: see tool_of().
+std::vector<ToolChoice> tool_choices(const ToolShape& shape, double friction);
 
 /// Throws UsageError: the scheme is not the converging one.
 void check_explainable(const Config& config);
 
-/// Runs the scene of `config` and then with one choice at a time changed: other clouds, the contact, the
-/// base's height, the circle's place, the segmentation's border, the surface's smoothing, the voxels' size,
-/// folds that are narrow, and what a model may leave out: large strain, far tissue, incompressibility,
-/// inertia, tissues of their own. The circle, its direction and the base stay where the scene as it is has
-/// them. A choice that gives the run another cloud is compared with the mean of three clouds, and is the mean
-/// of two itself where its effect is below three times what clouds differ by; any other is compared with the
-/// force on the same cloud. Where the tissue gives way, forces are compared above: where it comes to rest
-/// differs from cloud to cloud by more than any choice does.
+/// Runs the scene of `config` and then with one choice at a time changed: other clouds, the contact (of a
+/// tool that touches its friction, its radius and the radius of its edge, on the same nodes), the base's
+/// height, the circle's place, the segmentation's border, the surface's smoothing, the voxels' size, folds
+/// that are narrow, and what a model may leave out: large strain, far tissue, incompressibility, inertia,
+/// tissues of their own. The circle, its direction and the base stay where the scene as it is has them. A
+/// choice that gives the run another cloud is compared with the mean of three clouds, and is the mean of two
+/// itself where its effect is below three times what clouds differ by; any other is compared with the force
+/// on the same cloud. Where the tissue gives way, forces are compared above: where it comes to rest differs
+/// from cloud to cloud by more than any choice does.
 ///
 /// `nodes`: 0: nodes_to_explain(), and more where another random cloud has more than `least_effect`. An
 /// accuracy that was asked for plays no part. `progress` hears a line about each run. Throws what simulate()

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <set>
 
 #include "io/table.hpp"
 #include "tests/end_to_end/program.hpp"
@@ -278,12 +279,33 @@ TEST(ToolThatTouches, IsRefusedBesideWhatIsNotModelledBeforeAnythingIsBuilt) {
   const std::string with = "run nowhere.nrrd -o out --tool sphere:5mm ";
   for (const char* beside :
        {"--time explicit", "--time dynamic", "--scheme horton2007", "--gravity inferior", "--contact bonded",
-        "--accuracy 2%", "--indenter-diameter 8mm", "--depth 11mm", "--explain", "--compare horton2007"}) {
+        "--accuracy 2%", "--indenter-diameter 8mm", "--depth 11mm", "--compare horton2007"}) {
     const Ran ran = dimple(folder, with + beside);
     EXPECT_EQ(ran.code, 2) << beside << ": " << ran.err;
     EXPECT_NE(ran.err.find("tool"), std::string::npos) << ran.err;
   }
   EXPECT_FALSE(fs::exists(folder / "out" / "summary.json"));
+}
+
+// Each choice is a run of its own: half a minute in all.
+TEST(ToolThatTouches, IsExplainedByItsOwnChoicesAndNoneOfTheCircles) {
+  const fs::path folder = fresh_folder();
+  const std::string tool = " --tool punch:5mm,edge=2mm --depth 1.5mm";
+  EXPECT_EQ(dimple(folder, "run nowhere.nrrd -o out --explain" + tool).code, 3)
+      << "it is the image that lacks";
+  if (!std::getenv("DIMPLE_ALL_SCENES")) GTEST_SKIP() << "skipped: the runs, without DIMPLE_ALL_SCENES";
+  const Ran ran =
+      dimple(folder, "run " DIMPLE_SAMPLE_DATA "/block_3mm.nrrd -o out --band off --explain" + tool);
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  std::set<std::string> choices;
+  for (const TextTable::Row& row : read_text_csv(folder / "out" / "explain.csv").row) {
+    EXPECT_NE(row.field[5], "") << row.field[0] << ", " << row.field[1] << ": " << row.field[7];
+    choices.insert(row.field[0]);
+  }
+  EXPECT_EQ(choices, (std::set<std::string>{"Poisson's ratio", "base", "cloud", "equilibrium", "far tissue",
+                                            "friction", "integration points", "number of nodes",
+                                            "segmentation", "steps of the load", "surface", "tool's edge",
+                                            "tool's place", "tool's radius", "voxels"}));
 }
 
 TEST(ToolThatTouches, AShapeThatIsNoneIsRefusedWithWhatThereIs) {

@@ -1,0 +1,116 @@
+// What --explain changes of a tool that touches, and what that does to its force with few nodes. The program
+// itself takes more nodes: see touching_tool_test.
+
+#include "apps/studies/explain.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include "apps/run/tool.hpp"
+#include "io/file.hpp"
+#include "io/stop.hpp"
+#include "tests/helpers/folder.hpp"
+
+namespace dimple {
+namespace {
+
+using testing::ElementsAre;
+
+constexpr double stuck = std::numeric_limits<double>::infinity();
+
+// "choice: instead"
+std::vector<std::string> lines(const ToolShape& shape, double friction) {
+  std::vector<std::string> result;
+  for (const ToolChoice& choice : tool_choices(shape, friction))
+    result.push_back(std::string(choice.what) + ": " + choice.instead);
+  return result;
+}
+
+TEST(ToolChoices, AreOfWhatTheToolHas) {
+  EXPECT_THAT(
+      lines({.radius = 5e-3}, 0.0),
+      ElementsAre("tool's radius: 5.10 mm instead of 5.00 mm", "tool's radius: 4.90 mm instead of 5.00 mm",
+                  "friction: with friction 0.3 instead of without friction",
+                  "friction: stuck where it has touched instead of without friction"));
+  const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3};
+  EXPECT_THAT(
+      lines(punch, 0.3),
+      ElementsAre("tool's radius: 5.10 mm instead of 5.00 mm", "tool's radius: 4.90 mm instead of 5.00 mm",
+                  "tool's edge: 1.20 mm instead of 1.00 mm", "tool's edge: 0.80 mm instead of 1.00 mm",
+                  "friction: without friction instead of with friction 0.3",
+                  "friction: stuck where it has touched instead of with friction 0.3"));
+  const ToolShape drawn{.kind = ToolShape::Kind::drawn, .mesh = std::make_shared<ToolMesh>()};
+  EXPECT_THAT(lines(drawn, stuck),
+              ElementsAre("friction: without friction instead of stuck where it has touched",
+                          "friction: with friction 0.3 instead of stuck where it has touched"));
+}
+
+TEST(ToolChoices, ChangeOneThingAlone) {
+  const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3};
+  for (const ToolChoice& choice : tool_choices(punch, 0.2)) {
+    const int changes = (choice.shape.radius != punch.radius) + (choice.shape.edge != punch.edge) +
+                        (choice.friction != "0.2");
+    EXPECT_EQ(changes, 1) << choice.what << choice.instead;
+    if (choice.what == std::string("friction")) EXPECT_EQ(choice.all, "none, 0.3 or stuck");
+  }
+  EXPECT_EQ(tool_choices(punch, 0.0).back().all, "0.3 or stuck");
+}
+
+TEST(ToolChoices, AreNeverALengthThatAToolCannotHave) {
+  const ToolShape ball_end{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 5e-3},
+      sharp{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 0.5e-3},
+      ball{.kind = ToolShape::Kind::capsule, .radius = 5e-3, .length = 10e-3};
+  for (const ToolShape& shape : {ball_end, sharp, ball})
+    for (const ToolChoice& choice : tool_choices(shape, 0.0)) {
+      EXPECT_LE(choice.shape.edge, choice.shape.radius) << choice.instead;
+      if (shape.edge > 0.0) EXPECT_GE(choice.shape.edge, (1.0 - 0.021) * sharpest_edge * choice.shape.radius);
+      if (shape.length > 0.0) EXPECT_GE(choice.shape.length, 2.0 * choice.shape.radius);
+    }
+  EXPECT_EQ(lines(ball_end, 0.0).size(), 4u) << "wider, a sharper edge, two frictions";
+  EXPECT_EQ(lines(ball, 0.0).size(), 3u);
+}
+
+// Until the base is changed, then it is stopped: all of it takes a minute in the program.
+TEST(Explain, OfASphereTellsWhatItsRadiusDoesOnTheSameNodesAndWhatFrictionDoes) {
+  Config config;
+  const auto set = [&](const char* key, const std::string& value) { set_option(config, key, value, "test"); };
+  set("image.file", DIMPLE_SAMPLE_DATA "/block_3mm.nrrd");
+  set("tool.shape", "sphere:5mm");
+  set("load.depth_mm", "1");
+  const Explanation explanation = explain(config, 400, [](const std::string& line) {
+    if (line.find("stuck where") != std::string::npos) ask_to_stop(StopReason::interrupted);
+  });
+  forget_stop();
+  std::map<std::string, double> effect;
+  for (const Alternative& a : explanation.alternatives) {
+    EXPECT_EQ(a.failed, "") << a.what;
+    effect[a.what + ": " + a.instead] = a.effect;
+  }
+  EXPECT_EQ(effect.count("contact: frictionless instead of bonded"), 0u) << "that is the circle's";
+  // The square root of the radius, nearly; the block is 18 radii of the contact thick.
+  const ToolShape sphere{.radius = 5e-3}, larger{.radius = 5.1e-3};
+  const double up = *half_space_force(larger, 1e-3) / *half_space_force(sphere, 1e-3) - 1.0;
+  EXPECT_NEAR(up, 0.01, 1e-3);
+  EXPECT_NEAR(effect.at("tool's radius: 5.10 mm instead of 5.00 mm"), up, 0.5 * up);
+  EXPECT_NEAR(effect.at("tool's radius: 4.90 mm instead of 5.00 mm"), -up, 0.5 * up);
+  const double rubs = effect.at("friction: with friction 0.3 instead of without friction"),
+               sticks = effect.at("friction: stuck where it has touched instead of without friction");
+  EXPECT_GT(rubs, 0.0);
+  EXPECT_LT(rubs, 0.03);
+  EXPECT_NEAR(sticks, rubs, 0.01);
+  EXPECT_TRUE(effect.count("steps of the load: 0.05 instead of 0.1 radii of the tool"));
+
+  const std::filesystem::path folder = fresh_folder();
+  write_explanation(folder, explanation, "block");
+  const std::string picture = read_file(folder / "explain.svg");
+  for (const char* bar : {">tool's radius<", ">2 % larger or smaller<", ">friction<", ">0.3 or stuck<"})
+    EXPECT_TRUE(picture.find(bar) != std::string::npos) << bar;
+  EXPECT_EQ(picture.find("circle"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace dimple
