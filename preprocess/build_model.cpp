@@ -212,11 +212,12 @@ Site find_site(const BodySurface& body, const ModelOptions& options, const Bound
     site.boundary.radius = options.boundary.contact_radius_mm;
     grading = to_the_size_of(body, site.boundary.radius, grading);
   }
+  site.boundary.over_cut = uncut && options.boundary.contact_radius_mm > 0.0;
   site.graded = site.boundary;
   if (const auto& height = options.boundary.height_of_tool)
     site.graded.centre =
         place_of_touch(before, site.boundary, 0.5 * options.boundary.indenter_diameter_mm, height);
-  site.sizing = Sizing(body, site.graded, grading, along_way(before, site.graded, options.boundary));
+  site.sizing = Sizing(body, site.graded, grading, along_way(before, site.graded, options.boundary), &before);
   return site;
 }
 

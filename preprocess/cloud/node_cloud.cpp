@@ -56,9 +56,16 @@ double lateral_distance(const Boundary& boundary, const Vec3& x) {
 
 // The part of the surface that the tool touches: not a wall beneath the rim, and not the far side of a thin
 // body.
-bool near_circle(const Boundary& boundary, const Vec3& x, const Vec3& normal, double margin) {
-  return lateral_distance(boundary, x) < boundary.radius + margin && normal.dot(boundary.push) < 0.0 &&
-         std::abs((x - boundary.centre).dot(boundary.push)) < 2.0 * boundary.radius;
+bool near_circle(const BodySurface& body, const Boundary& boundary, const Vec3& x, const Vec3& normal,
+                 double margin) {
+  const bool is_near = lateral_distance(boundary, x) < boundary.radius + margin &&
+                       normal.dot(boundary.push) < 0.0 &&
+                       std::abs((x - boundary.centre).dot(boundary.push)) < 2.0 * boundary.radius;
+  if (!is_near || !boundary.over_cut) return is_near;
+  // Nor a bank of a cut, beneath the other one.
+  const std::vector<double> before =
+      body.crossings(x - 1e-3 * boundary.radius * boundary.push, -boundary.push);
+  return std::none_of(before.begin(), before.end(), [](double t) { return t > 0.0; });
 }
 
 using Spacing = std::function<double(const Vec3&)>;  // [mm]
@@ -238,8 +245,9 @@ Measured measure(const BodySurface& body, const Sizing& sizing, double rough_spa
   throw too_fine_a_rim(sizing);
 }
 
-std::vector<Vec3> surface_candidates(const Facets& facets, const Boundary& boundary, Index count,
-                                     const Sizing& sizing, double far_spacing, std::mt19937_64& random) {
+std::vector<Vec3> surface_candidates(const BodySurface& body, const Facets& facets, const Boundary& boundary,
+                                     Index count, const Sizing& sizing, double far_spacing,
+                                     std::mt19937_64& random) {
   const std::vector<Triangle>& triangles = facets.triangle;
   std::vector<Vec3> result;
   std::vector<double> cumulated(triangles.size());
@@ -256,7 +264,7 @@ std::vector<Vec3> surface_candidates(const Facets& facets, const Boundary& bound
     double u = uniform(random), v = uniform(random);
     if (u + v > 1.0) u = 1.0 - u, v = 1.0 - v;
     const Vec3 x = t.a + u * (t.b - t.a) + v * (t.c - t.a);
-    if (!near_circle(boundary, x, t.normal, 0.5 * far_spacing * sizing(x))) result.push_back(x);
+    if (!near_circle(body, boundary, x, t.normal, 0.5 * far_spacing * sizing(x))) result.push_back(x);
   }
   return result;
 }
@@ -508,7 +516,7 @@ void spread_out(const BodySurface& body, const Boundary& boundary, const Spacing
       if (const double length = move.norm(); length > 0.2 * h[a]) move *= 0.2 * h[a] / length;
       if (on_surface) {
         const auto there = body.closest(x + move);
-        if (!near_circle(boundary, there.place, body.normal().col(there.triangle), 0.5 * h[a]))
+        if (!near_circle(body, boundary, there.place, body.normal().col(there.triangle), 0.5 * h[a]))
           next.col(a) = there.place;
       } else {
         next.col(a) = kept_inside(a, x, move);
@@ -651,7 +659,7 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
     for (std::size_t k = 0; k < facets.triangle.size(); ++k) {
       const Triangle& t = facets.triangle[k];
       const double s = facets.sizing[k];
-      if (!near_circle(boundary, (t.a + t.b + t.c) / 3.0, t.normal, 0.5 * h * s))
+      if (!near_circle(body, boundary, (t.a + t.b + t.c) / 3.0, t.normal, 0.5 * h * s))
         free_area += t.area / (s * s);
     }
   }
@@ -673,7 +681,7 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
 
   std::mt19937_64 random(options.seed);
   const auto on_surface =
-      surface_candidates(facets, boundary, candidates_per_node * free_surface, sizing, h, random);
+      surface_candidates(body, facets, boundary, candidates_per_node * free_surface, sizing, h, random);
   for (const Vec3& x : thin_out(on_surface, placed, free_surface - outline, 1.07, spacing))
     placed.push_back(x);
   cloud.surface_count = static_cast<Index>(placed.size());

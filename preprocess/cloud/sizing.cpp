@@ -70,10 +70,12 @@ bool must_halve(const Leaf& box, const Sizing& sizing, const std::function<doubl
 }  // namespace
 
 Sizing::Sizing(const BodySurface& body, const Boundary& boundary, const GradingOptions& options,
-               std::vector<Vec3> along) {
+               std::vector<Vec3> along, const BodySurface* uncut) {
   if (options.rim >= 1.0) return;
   along_ = std::move(along);
-  rim_ = rim_of_circle(body, boundary, rim_corners);
+  Boundary whole = boundary;
+  whole.over_cut = false;
+  rim_ = rim_of_circle(uncut ? *uncut : body, whole, rim_corners);
   corner_ = rim_.transpose();
   share_ = options.rim;
   whole_circle_ = options.whole_circle;
@@ -83,7 +85,8 @@ Sizing::Sizing(const BodySurface& body, const Boundary& boundary, const GradingO
   reach_ = options.reach * boundary.radius;
   slope_ = (1.0 - options.rim) / reach_;
   if (options.load_exponent > 0.0)
-    path_ = std::make_shared<LoadPath>(body, boundary, options.load_exponent, options.load_slope / reach_);
+    path_ =
+        std::make_shared<LoadPath>(body, boundary, rim_, options.load_exponent, options.load_slope / reach_);
   for (int k = 0; k < rim_corners; ++k)
     longest_edge_ = std::max(longest_edge_, (rim_.col((k + 1) % rim_corners) - rim_.col(k)).norm());
   lower_ = rim_.rowwise().minCoeff().array() - 1e-6 * boundary.radius;

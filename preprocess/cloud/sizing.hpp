@@ -22,9 +22,10 @@ namespace dimple {
 class Sizing {
  public:
   Sizing() = default;  ///< even: 1 everywhere
-  /// `along` [mm]: as fine besides around the circle moved by each of these.
+  /// `along` [mm]: as fine besides around the circle moved by each of these. `uncut`: the body as it was
+  /// before cuts, on which the rim lies.
   Sizing(const BodySurface& body, const Boundary& boundary, const GradingOptions& options,
-         std::vector<Vec3> along = {});
+         std::vector<Vec3> along = {}, const BodySurface* uncut = nullptr);
   double operator()(const Vec3& x) const { return at(distance(x), finer(x)); }
   double distance(const Vec3& x) const;  ///< to the rim [mm]; where the far spacing holds, infinite
   double finer(const Vec3& x) const { return path_ ? (*path_)(x) : 1.0; }  ///< f

@@ -550,10 +550,19 @@ bool on_base(const Boundary& boundary, const Vec3& x, const Vec3& normal) {
 
 namespace {
 
+bool is_near_middle(const Boundary& boundary, const Vec3& touch) {
+  return std::abs((touch - boundary.centre).dot(boundary.push)) <= 2.0 * boundary.radius;
+}
+
+// Not so deep in the gap of a cut, or through it, that the tool cannot come there.
+bool is_under_circle(const BodySurface& body, const Boundary& boundary, const Vec3& x) {
+  const auto touch = first_touch(body, x, boundary.push);
+  return touch && is_near_middle(boundary, *touch);
+}
+
 Vec3 touch_of_circle(const BodySurface& body, const Boundary& boundary, const Vec3& x) {
   const auto touch = first_touch(body, x, boundary.push);
-  if (touch && std::abs((*touch - boundary.centre).dot(boundary.push)) <= 2.0 * boundary.radius)
-    return *touch;
+  if (touch && is_near_middle(boundary, *touch)) return *touch;
   const Vec3 world = body.to_world() * boundary.centre;
   throw ModelError(
       {.fact = fmt::format("the indenter's circle of {:.1f} mm diameter at ({:.1f}, {:.1f}, {:.1f}) mm hangs "
@@ -573,8 +582,16 @@ void add_ring(const BodySurface& body, const Boundary& boundary, double r, int c
   for (int k = 0; k < count; ++k) {
     const double angle = 2.0 * std::numbers::pi * (k + turn) / count;
     const Vec3 x = boundary.centre + r * (std::cos(angle) * e1 + std::sin(angle) * e2);
-    nodes.push_back(touch_of_circle(body, boundary, x));
+    if (!boundary.over_cut || is_under_circle(body, boundary, x))
+      nodes.push_back(touch_of_circle(body, boundary, x));
   }
+}
+
+// None where a cut has taken it away.
+std::vector<Vec3> middle_of_circle(const BodySurface& body, const Boundary& boundary) {
+  if (!boundary.over_cut) return {boundary.centre};
+  if (!is_under_circle(body, boundary, boundary.centre)) return {};
+  return {touch_of_circle(body, boundary, boundary.centre)};
 }
 
 }  // namespace
@@ -593,7 +610,7 @@ Points rim_of_circle(const BodySurface& body, const Boundary& boundary, int coun
 
 Points circle_nodes(const BodySurface& body, const Boundary& boundary, double spacing_mm) {
   const int rings = std::max(1, static_cast<int>(std::ceil(boundary.radius / spacing_mm - 0.2)));
-  std::vector<Vec3> nodes = {boundary.centre};
+  std::vector<Vec3> nodes = middle_of_circle(body, boundary);
   for (int ring = 1; ring <= rings; ++ring) {
     const double r = boundary.radius * ring / rings;
     const int count = std::max(6, static_cast<int>(std::lround(2.0 * std::numbers::pi * r / spacing_mm)));
@@ -620,7 +637,7 @@ Points graded_circle_nodes(const BodySurface& body, const Boundary& boundary,
     for (std::size_t k = 1; k < radii.size(); ++k)
       radii[k] -= 0.5 * excess * (boundary.radius - radii[k]) / span;
   }
-  std::vector<Vec3> nodes = {boundary.centre};
+  std::vector<Vec3> nodes = middle_of_circle(body, boundary);
   for (std::size_t k = 0; k < radii.size(); ++k) {
     const int count =
         std::max(6, static_cast<int>(std::lround(2.0 * std::numbers::pi * radii[k] / spacing(radii[k]))));

@@ -46,6 +46,8 @@ struct Boundary {
   Vec3 push = -Vec3::UnitZ();  ///< unit vector
   double radius = 5.0;
   double room = 0.0;  ///< from the centre to the nearest fold or edge, as far as was looked: 2.3 radii
+  bool over_cut =
+      false;  ///< a tool that touches stands on a body with cuts: its places lie on the banks' edges
   std::string base_reason, circle_reason;
   std::vector<std::string> warnings;
 };

@@ -16,7 +16,6 @@ namespace {
 constexpr double cells = 15000.0;    // of the lattice that lie in the body
 constexpr double most_in_box = 4e6;  // and all, in a body that fills little of its box
 constexpr double most_finer = 30.0;  // times the half-space's flux
-constexpr int rim_places = 48;
 
 // Cells of one edge that fill the body's box.
 struct Lattice {
@@ -138,11 +137,10 @@ Index cell_near(const Lattice& lattice, const Vec3& x) {
 }
 
 // [cells inside] What flows in under the circle, 1 in all; none where no cell is near it.
-Eigen::VectorXd inflow(const Lattice& lattice, const BodySurface& body, const Boundary& boundary) {
+Eigen::VectorXd inflow(const Lattice& lattice, const Boundary& boundary, const Points& rim) {
   Eigen::VectorXd flux = Eigen::VectorXd::Zero(static_cast<Index>(lattice.cell.size()));
-  const Points rim = rim_of_circle(body, boundary, rim_places);
   for (const double part : {0.25, 0.55, 0.75, 0.93})
-    for (Index k = 0; k < rim_places; ++k) {
+    for (Index k = 0; k < rim.cols(); ++k) {
       const Vec3 x =
           boundary.centre + part * (rim.col(k) - boundary.centre) + 0.7 * lattice.edge * boundary.push;
       if (const Index best = cell_near(lattice, x); best >= 0) flux[best] += part;
@@ -195,7 +193,8 @@ void limit_slope(const Lattice& lattice, double step, std::vector<double>& value
 
 }  // namespace
 
-LoadPath::LoadPath(const BodySurface& body, const Boundary& boundary, double exponent, double slope)
+LoadPath::LoadPath(const BodySurface& body, const Boundary& boundary, const Points& rim, double exponent,
+                   double slope)
     : slope_(slope) {
   const Lattice lattice(body);
   n_ = lattice.n;
@@ -203,7 +202,7 @@ LoadPath::LoadPath(const BodySurface& body, const Boundary& boundary, double exp
   origin_ = lattice.origin;
   finer_.assign(static_cast<std::size_t>(lattice.all()), 1.0);
   if (lattice.cell.empty()) return;
-  const Eigen::VectorXd flux = inflow(lattice, body, boundary);
+  const Eigen::VectorXd flux = inflow(lattice, boundary, rim);
   if (!(flux.sum() > 0.0)) return;
   const Eigen::VectorXd phi = potential(conduction(lattice, boundary), flux);
   stop_if_asked();

@@ -19,9 +19,10 @@ namespace dimple {
 class LoadPath {
  public:
   LoadPath() = default;  ///< 1 everywhere
-  /// `exponent`: 0.4 as derived; `slope`: along each axis of the body by how much the result changes at most
-  /// [1/mm].
-  LoadPath(const BodySurface& body, const Boundary& boundary, double exponent, double slope);
+  /// `rim`: places on the circle's rim; `exponent`: 0.4 as derived; `slope`: along each axis of the body by
+  /// how much the result changes at most [1/mm].
+  LoadPath(const BodySurface& body, const Boundary& boundary, const Points& rim, double exponent,
+           double slope);
   double operator()(const Vec3& x) const;  ///< (0, 1], linear between the lattice's places
   double slope() const { return slope_; }
 
