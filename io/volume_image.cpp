@@ -91,6 +91,11 @@ const std::byte* VolumeImage::voxel(Index v) const {
   return stored_->data.data() + static_cast<std::size_t>(v) * bytes_per_voxel();
 }
 
+void VolumeImage::set_to_zero(Index v) {
+  std::fill_n(stored_->data.data() + static_cast<std::size_t>(v) * bytes_per_voxel(), bytes_per_voxel(),
+              std::byte{0});
+}
+
 std::int64_t VolumeImage::label_of(const std::byte* bytes) const {
   double number = 0.0;
   with_type(stored_->type, [&]<class T>(T value) {

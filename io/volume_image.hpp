@@ -52,6 +52,7 @@ class VolumeImage {
   std::int64_t label_of(const std::byte* number) const;
   /// Number v, in the order of the file, and all behind it.
   const std::byte* voxel(Index v) const;
+  void set_to_zero(Index v);
   const StoredImage& stored() const { return *stored_; }
 
  private:

@@ -102,9 +102,23 @@ void refuse_beyond_memory(const ModelOptions& options, Index nodes) {
          .code = "memory"});
 }
 
+// Those of a cut body's triangles that were not on its surface before.
+std::vector<char> cut_faces(const BodySurface& body, const Triangles& triangles, const BodySurface* uncut) {
+  if (!uncut) return {};
+  const double rounding = 1e-6 * (body.upper() - body.lower()).norm();
+  std::vector<char> result(static_cast<std::size_t>(triangles.cols()));
+  tbb::parallel_for(Index{0}, triangles.cols(), [&](Index t) {
+    if (t % 1024 == 0) stop_if_asked();
+    const Vec3 middle = body.vertex()(Eigen::all, triangles.col(t)).rowwise().mean();
+    result[static_cast<std::size_t>(t)] = uncut->closest(middle).distance > rounding;
+  });
+  return result;
+}
+
 // In metres in the world, nodes and points each in the order of a curve through the body.
-Discretisation places_of(const BodySurface& body, const Boundary& boundary, const NodeCloud& cloud,
+Discretisation places_of(const BodySurface& body, const Site& site, const NodeCloud& cloud,
                          const IntegrationGrid& grid, bool holds_circle) {
+  const Boundary& boundary = site.boundary;
   Discretisation places;
   const std::vector<Index> nodes = spatial_order(cloud.X), points = spatial_order(grid.point);
   places.X = world_metres(body, cloud.X(Eigen::all, nodes));
@@ -115,6 +129,7 @@ Discretisation places_of(const BodySurface& body, const Boundary& boundary, cons
   places.axes = body.to_world().linear();
   places.surface.vertex_mm = rounded_for_files(body, body.to_world() * body.vertex().colwise().homogeneous());
   places.surface.triangles = in_strips(body.triangles());  // what is written of it is shorter then
+  places.surface.cut_face = cut_faces(body, places.surface.triangles, site.uncut.get());
   if (grid.spread.cols() > 0) {
     const Spread in_order = grid.spread(Eigen::all, points);
     places.spread = turned(in_order, places.axes).unaryExpr(&square_metres);
@@ -263,7 +278,7 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
   report.stages.done("cloud, grid");
 
   stop_if_asked();
-  result.places = places_of(body, boundary, cloud, grid, !(options.boundary.contact_radius_mm > 0.0));
+  result.places = places_of(body, site, cloud, grid, !(options.boundary.contact_radius_mm > 0.0));
   report_cloud(site.graded, cloud, grid, sizing.even() ? 1.0 : options.cloud.grading.rim, report);
   report.stages.done("other");
   refuse_without_base_or_on_it(boundary, cloud, result.places);

@@ -59,6 +59,7 @@ struct Site {
   Boundary boundary;
   Sizing sizing;    ///< with the rim that the options give
   Boundary graded;  ///< whose circle the nodes are finest around: the same, or where a round tool touches
+  std::shared_ptr<const BodySurface> uncut = {};  ///< the body before it was cut; null: it was not
 };
 Site find_site(const BodySurface& body, const ModelOptions& options, const Boundary* known = nullptr,
                const BodySurface* uncut = nullptr);

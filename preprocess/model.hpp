@@ -54,7 +54,9 @@ struct Indenter {
 struct Surface {
   Points vertex_mm;  ///< [3xV] LPS mm, to the last bit as files have it
   Triangles triangles;
+  std::vector<char> cut_face = {};  ///< [T] 1: on the bank of a cut; empty: there is none
   bool empty() const { return triangles.cols() == 0; }
+  bool is_cut_face(Index t) const { return !cut_face.empty() && cut_face[static_cast<std::size_t>(t)] != 0; }
 };
 
 /// Where nodes and integration points lie, what they stand for, and which nodes are held: what a model folder

@@ -28,6 +28,7 @@ struct Begun {
   double t = 0.0, depth = 0.0;  ///< [s], [m] of the tool along its push
   double sinks = 1.0;           ///< the tool's depth gains so much of the way in this step
   int frame = 0;
+  std::int64_t evaluations = 0;  ///< that the steps before may have taken, at most
 };
 
 /// How the tool moves: straight, at constant speed, from touching to `depth`; or in steps.

@@ -63,6 +63,10 @@ Json summary_in(const fs::path& folder, const std::string& name) {
     if (!summary.contains(key) || !summary.at(key).is_number())
       refuse(fmt::format("{} holds no run", name), (fs::path(name) / "summary.json").string(),
              fmt::format("its summary.json has no {}", key), remedy);
+  if (summary.contains("scene"))
+    refuse(fmt::format("the run in {} is a scene of steps", name), (fs::path(name) / "summary.json").string(),
+           "its tool goes back or aside, so that there is no one force at a depth",
+           "compare what `scene` of each summary.json says of the ends of the steps");
   return summary;
 }
 

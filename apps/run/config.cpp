@@ -541,7 +541,7 @@ void set_all(Config& config, const std::string& section, const toml::node& node,
   }
 }
 
-// A table of TOML has no order of its own: the lines have.
+// A table of TOML has no order of its own: the lines have, and the places in them.
 void read_steps(Config& config, const toml::table& table, const std::filesystem::path& file) {
   const toml::node* section = table.get("step");
   if (!section) return;
@@ -550,7 +550,8 @@ void read_steps(Config& config, const toml::table& table, const std::filesystem:
   std::vector<std::pair<std::string, const toml::node*>> steps;
   for (const auto& [name, node] : *section->as_table()) steps.emplace_back(name.str(), &node);
   std::sort(steps.begin(), steps.end(), [](const auto& a, const auto& b) {
-    return a.second->source().begin.line < b.second->source().begin.line;
+    const toml::source_position x = a.second->source().begin, y = b.second->source().begin;
+    return std::pair(x.line, x.column) < std::pair(y.line, y.column);
   });
   for (const auto& [name, node] : steps) set_all(config, "step." + name, *node, file);
 }

@@ -158,11 +158,13 @@ void require_overlap(const ImageTask& task, const Discretisation& body) {
   }
 }
 
-ImageWriter::ImageWriter(ImageTask task, fs::path folder, const Model& model, std::vector<int> labels)
+ImageWriter::ImageWriter(ImageTask task, fs::path folder, const Model& model, std::vector<int> labels,
+                         ImageFacts::Cut cut)
     : task_(std::move(task)),
       folder_(std::move(folder) / "images"),
       model_(model),
-      labels_(std::move(labels)) {}
+      labels_(std::move(labels)),
+      cut_(std::move(cut)) {}
 ImageWriter::~ImageWriter() = default;
 
 void ImageWriter::keep(const Frame& frame) {
@@ -194,6 +196,7 @@ void ImageWriter::write() {
   std::optional<VolumeImage> labels;
   if (!task_.label_image.empty()) {
     labels.emplace(task_.label_image);
+    take_out_what_was_cut(*labels);
     groups.push_back({.grid = labels->grid(), .labels = &*labels});
   }
   for (const ImageTask::Warped& image : task_.warped) {
@@ -289,6 +292,24 @@ std::vector<ImageWriter::Target> ImageWriter::targets_of(const Group& group, std
 
 bool ImageWriter::is_body(std::int64_t label) const {
   return label != 0 && (labels_.empty() || std::find(labels_.begin(), labels_.end(), label) != labels_.end());
+}
+
+void ImageWriter::take_out_what_was_cut(VolumeImage& labels) const {
+  if (cut_.labels.empty() && !cut_.took) return;
+  const VoxelGrid& grid = labels.grid();
+  tbb::parallel_for(Index{0}, grid.size[1] * grid.size[2], [&](Index row) {
+    if (row % 16 == 0) stop_if_asked();
+    for (Index i = 0; i < grid.size[0]; ++i) {
+      const Index v = i + grid.size[0] * row;
+      const std::int64_t label = labels.label_of(labels.voxel(v));
+      if (label == 0) continue;
+      const Vec3 at(static_cast<double>(i), static_cast<double>(row % grid.size[1]),
+                    static_cast<double>(row / grid.size[1]));
+      const bool is_cut_out = std::any_of(cut_.labels.begin(), cut_.labels.end(),
+                                          [&](const LabelMeasure& m) { return m.value == label; });
+      if (is_cut_out || (cut_.took && is_body(label) && cut_.took(grid.to_world * at))) labels.set_to_zero(v);
+    }
+  });
 }
 
 // Of each voxel of a label image, whether it is of the body.

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "apps/run/config.hpp"
+#include "apps/run/simulate.hpp"
 #include "io/volume_image.hpp"
 #include "preprocess/output/deformation_map.hpp"
 #include "solver/march.hpp"
@@ -43,8 +44,9 @@ void require_overlap(const ImageTask& task, const Discretisation& body);
 class ImageWriter {
  public:
   /// `model` must outlive this, and its discretisation must not change. `labels`: those that are the body;
-  /// none: all.
-  ImageWriter(ImageTask task, std::filesystem::path folder, const Model& model, std::vector<int> labels);
+  /// none: all. What was cut out is background in the deformed labels.
+  ImageWriter(ImageTask task, std::filesystem::path folder, const Model& model, std::vector<int> labels,
+              ImageFacts::Cut cut);
   ~ImageWriter();
 
   bool each_frame() const { return task_.each_frame; }
@@ -67,6 +69,7 @@ class ImageWriter {
   std::vector<Target> targets_of(const Group& group, std::list<VolumeImage>& images);
   VolumeWriter begun(const std::filesystem::path& file, const VoxelGrid& grid, const VolumeKind& kind);
   bool is_body(std::int64_t label) const;
+  void take_out_what_was_cut(VolumeImage& labels) const;
   std::vector<char> body_of(const VolumeImage& labels, const VoxelGrid& grid) const;
   std::int64_t voxels_of_body(const VolumeImage& image, const std::byte* number, Index n) const;
   std::filesystem::path file_of(const std::string& name, const std::string& suffix) const;
@@ -75,6 +78,7 @@ class ImageWriter {
   std::filesystem::path folder_;
   const Model& model_;
   std::vector<int> labels_;
+  ImageFacts::Cut cut_;
   std::unique_ptr<FieldAnywhere> field_;
 
   int frame_ = -1;

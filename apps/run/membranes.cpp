@@ -50,7 +50,7 @@ std::vector<Index> triangles_of(const std::string& name, const Config::Film& fil
   const auto part = surface_part_named(film.on);
   if (!part)
     refuse(name, fmt::format("is on '{}'", film.on), where, "this names no part of the surface", remedy);
-  std::vector<Index> chosen = triangles_on(*part, surface);
+  std::vector<Index> chosen = uncut_triangles_on(*part, surface);
   if (chosen.empty() && !surface.empty())
     refuse(name, fmt::format("on '{}' meets no part of the surface", film.on), where,
            "it would cover nothing", remedy);

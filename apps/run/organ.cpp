@@ -24,7 +24,8 @@ namespace {
 // Labels given by number or name, as numbers; `present`: those of the image.
 std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelMeasure>& present,
                                const std::vector<std::string>& wanted,
-                               const char* option = "--label (image.label)") {
+                               const char* option = "--label (image.label)",
+                               const char* of = "the image holds") {
   std::vector<int> result;
   for (const std::string& word : wanted) {
     if (!word.empty() && word.find_first_not_of("0123456789") == std::string::npos && word.size() < 10) {
@@ -63,7 +64,7 @@ std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelM
     if (std::none_of(present.begin(), present.end(), [&](const LabelMeasure& m) { return m.value == value; }))
       throw InputError({.fact = fmt::format("no voxel has label {}", value),
                         .where = option,
-                        .why = fmt::format("the image holds {}", in_words(present)),
+                        .why = fmt::format("{} {}", of, in_words(present)),
                         .remedy = "choose one of these"});
   return result;
 }
@@ -78,7 +79,8 @@ struct Taken {
 // --cut label:NAME.
 void cut_out(const Config& config, const LabelImage& image, Taken& taken) {
   const std::vector<int> gone =
-      chosen_labels(image, taken.labels, labels_cut_out(config), "--cut (image.cut)");
+      chosen_labels(image, taken.labels, labels_cut_out(config), "--cut (image.cut)",
+                    config.image.label.empty() ? "the image holds" : "--label takes");
   if (gone.empty()) return;
   const auto is_gone = [&](const LabelMeasure& m) {
     return std::find(gone.begin(), gone.end(), m.value) != gone.end();
@@ -389,14 +391,20 @@ void cut_organ(const Config& config, Organ& organ, Result& result) {
   if (blades.empty()) return;
   const BodySurface& before = organ.body->surface;
   Site site{find_boundary(before, organ.options.boundary), {}, {}};
-  auto [surface, removed_mm3, area_mm2, parted] =
+  auto [surface, removed_mm3, area_mm2, parted, taken] =
       cut(before, blades, config.image.cut_gap_mm, site.boundary.centre);
   refuse_without_base(surface, site.boundary);
   if (!(organ.options.boundary.contact_radius_mm > 0.0))
     refuse_circle_over_cut(before, surface, site.boundary, config.image.cut_gap_mm);
   for (CutPiece& piece : parted) piece.centre = surface.to_world() * piece.centre;
   result.cut.area_mm2 = area_mm2, result.cut.removed_mm3 = removed_mm3, result.cut.parted = std::move(parted);
+  result.cut.took = [all = std::make_shared<const std::vector<BodySurface>>(std::move(taken)),
+                     to_body = before.to_world().inverse()](const Vec3& place) {
+    const Vec3 x = to_body * place;
+    return std::any_of(all->begin(), all->end(), [&](const BodySurface& one) { return one.contains(x); });
+  };
   site = find_site(surface, organ.options, nullptr, &before);
+  site.uncut = std::shared_ptr<const BodySurface>(organ.body, &before);
   for (const TriangleMesh& blade : blades)
     for (const auto& x : blade.vertex.colwise())
       if (before.contains(x)) result.cut.sizing = std::max(result.cut.sizing, site.sizing(x));

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "apps/run/bending.hpp"
+#include "apps/run/closing_cut.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/run_words.hpp"
@@ -320,11 +321,13 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
   if (from && from->f.cols() > 0)
     feel_supports(from->f, from->history.force.back().depth, result);  // likewise
   BendingOfPart bending(result.model);
+  ClosingCut closing(result.model, 1e-3 * config.image.cut_gap_mm);
   Observer hears = observer;
   hears.frame = [&](const Frame& frame) {
     if (place) result.followed->u = displacement_at(*place, frame.u);
     feel_supports(frame.f, frame.depth, result);
     bending.see(frame);
+    closing.see(frame);
     if (observer.frame) observer.frame(frame);
   };
   std::unique_ptr<ForceSystem> system = force_system(config, result);
@@ -343,7 +346,8 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
   result.solve_s = solving.seconds();
   keep_findings(talk, result);
   tell_of_lost_contact(talk, result);
-  if (const std::string warning = bending.warning(); !warning.empty()) talk.warn(warning);
+  for (const std::string& warning : {bending.warning(), closing.warning()})
+    if (!warning.empty()) talk.warn(warning);
   return system;
 }
 

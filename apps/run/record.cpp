@@ -202,7 +202,7 @@ class Recorder {
     if (how_.images.any() && !now.history.interrupted) {
       std::vector<int> labels;
       for (const LabelMeasure& label : now.labels) labels.push_back(label.value);
-      images_.emplace(how_.images, how_.folder, now.model, std::move(labels));
+      images_.emplace(how_.images, how_.folder, now.model, std::move(labels), now.cut);
     }
     marching_ = since_kept_ = {};
     if (!how_.resumed) return;

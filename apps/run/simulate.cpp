@@ -7,6 +7,7 @@
 
 #include "apps/run/band_of_run.hpp"
 #include "apps/run/loads.hpp"
+#include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/refine.hpp"
@@ -148,7 +149,11 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   check_supports(given.config);
   check_steps(given.config);
   check_tool(given.config);
-  if (given.model) require_circle(given.config, "a model that was made before");
+  if (given.model) {
+    require_circle(given.config, "a model that was made before");
+    if (!given.origin && given.model->provenance.contains("cut"))
+      require_no_membranes(given.config, "a model's files of a cut body, which do not say what is a bank,");
+  }
   if (const Case refined = with_origin(given); const std::optional<Goal> goal = goal_of(refined.config))
     return simulate_to(*goal, refined, observer, result);
   const Talk talk{observer, result};

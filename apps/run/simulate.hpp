@@ -67,7 +67,8 @@ struct ImageFacts {
     double area_mm2 = 0.0, removed_mm3 = 0.0;
     double sizing = 0.0;           ///< the coarsest that nodes are along it, of the spacing far from the tool
     std::vector<CutPiece> parted;  ///< pieces that are not the one under the tool
-    std::vector<LabelMeasure> labels;  ///< taken out
+    std::vector<LabelMeasure> labels;            ///< taken out
+    std::function<bool(const Vec3&)> took = {};  ///< whether a blade took what was at a place [mm, LPS]
   } cut;
   double facing_share = 0.0;  ///< of the surface: what faces another part across narrow_gap_mm or less
   SegmentReport segment;

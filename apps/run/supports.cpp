@@ -59,8 +59,13 @@ struct Chosen {
   Vec3 normal = Vec3::Zero();
 };
 
+// A bank of a cut belongs to no side of the body; a ball may take hold of it.
+bool is_inside_cut(const SurfacePart& part, const Surface& faces, Index t) {
+  return part.side && faces.is_cut_face(t);
+}
+
 // Over the area: nodes are few, and some of them lie on rounded edges.
-Vec3 mean_normal(const SurfacePart& part, const BodySurface& surface) {
+Vec3 mean_normal(const SurfacePart& part, const BodySurface& surface, const Surface& faces) {
   Vec3 sum = Vec3::Zero();
   double area = 0.0;
   for (Index t = 0; t < surface.triangles().cols(); ++t) {
@@ -68,7 +73,7 @@ Vec3 mean_normal(const SurfacePart& part, const BodySurface& surface) {
     const Vec3 middle = (surface.vertex().col(corner[0]) + surface.vertex().col(corner[1]) +
                          surface.vertex().col(corner[2])) /
                         3.0;
-    if (!part.has(middle, surface.normal().col(t))) continue;
+    if (!part.has(middle, surface.normal().col(t)) || is_inside_cut(part, faces, t)) continue;
     sum += surface.triangle_area()[t] * surface.normal().col(t);
     area += surface.triangle_area()[t];
   }
@@ -81,11 +86,11 @@ Chosen nodes_on_surface(const SurfacePart& part, const Discretisation& places, c
     const Vec3 x = 1e3 * places.X.col(a);
     const double near = on_surface * 1e3 * places.spacing[a];
     if (surface.farther(x, near)) continue;
-    const Vec3 normal = surface.normal().col(surface.closest(x).triangle);
-    if (!part.has(x, normal)) continue;
+    const Index t = surface.closest(x).triangle;
+    if (!part.has(x, surface.normal().col(t)) || is_inside_cut(part, places.surface, t)) continue;
     chosen.node.push_back(a);
   }
-  chosen.normal = mean_normal(part, surface);
+  chosen.normal = mean_normal(part, surface, places.surface);
   return chosen;
 }
 

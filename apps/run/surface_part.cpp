@@ -40,6 +40,12 @@ std::vector<Index> triangles_on(const SurfacePart& part, const Surface& surface)
   return chosen;
 }
 
+std::vector<Index> uncut_triangles_on(const SurfacePart& part, const Surface& surface) {
+  std::vector<Index> chosen = triangles_on(part, surface);
+  std::erase_if(chosen, [&](Index t) { return surface.is_cut_face(t); });
+  return chosen;
+}
+
 std::optional<SurfacePart> surface_part_named(const std::string& on) {
   if (on == "all") return SurfacePart{};
   const SurfacePart part{.side = side_named(on), .ball = ball_in_mm(on)};

@@ -23,6 +23,8 @@ std::optional<SurfacePart> surface_part_named(const std::string& on);
 
 /// The triangles of a surface that it holds, by their middles.
 std::vector<Index> triangles_on(const SurfacePart& part, const Surface& surface);
+/// The same without the banks of cuts, on which nothing lies that lay on the whole body.
+std::vector<Index> uncut_triangles_on(const SurfacePart& part, const Surface& surface);
 
 /// Cosine of the largest angle at which a surface faces a direction.
 inline constexpr double facing = std::numbers::sqrt2 / 2.0;

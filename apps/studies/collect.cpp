@@ -263,10 +263,14 @@ Json columns_of(const Table& table) {
       {"force_y_N", {"force of the tissue on the tool, towards posterior", "N"}},
       {"force_z_N", {"force of the tissue on the tool, towards superior", "N"}},
       {"moment_x_Nm",
-       {"its moment about the circle's middle, which moves with the tool; about the axis to the left",
+       {"its moment about the middle of the circle, or the tip of a tool that touches, which moves with it; "
+        "about the axis to the left",
         "N.m"}},
       {"moment_y_Nm", {"the same about the axis to posterior", "N.m"}},
       {"moment_z_Nm", {"the same about the axis to superior", "N.m"}},
+      {"aside_x_mm", {"how far the tool has come across its push, towards the patient's left", "mm"}},
+      {"aside_y_mm", {"the same towards posterior", "mm"}},
+      {"aside_z_mm", {"the same towards superior", "mm"}},
       {"mu_low_N", {"low end of the force's band, by the shear modulus", "N"}},
       {"mu_high_N", {"high end of the force's band, by the shear modulus", "N"}}};
   Json columns = Json::object();

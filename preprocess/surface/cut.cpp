@@ -197,6 +197,7 @@ TriangleMesh swept_sheet(const Vec3& x, const Vec3& y, const Vec3& into, double 
 CutBody cut(const BodySurface& body, const std::vector<TriangleMesh>& sheets, double gap, const Vec3& keep) {
   Mesh mesh = to_mesh(body.vertex(), body.triangles());
   double volume = body.volume(), area = 0.0;
+  std::vector<BodySurface> taken;
   for (const TriangleMesh& sheet : sheets) {
     stop_if_asked();
     Mesh solid = to_mesh(sheet.vertex, sheet.triangles);
@@ -208,6 +209,8 @@ CutBody cut(const BodySurface& body, const std::vector<TriangleMesh>& sheets, do
       pmp::reverse_face_orientations(solid);
     }
     refuse_folded(solid, is_region, gap);
+    const TriangleMesh outline = from_mesh(solid);
+    taken.emplace_back(outline.vertex, outline.triangles);
     Mesh left;
     if (!pmp::corefine_and_compute_difference(mesh, solid, left))
       refuse("the surface around a cut cannot be drawn", "it would touch itself along an edge",
@@ -250,7 +253,7 @@ CutBody cut(const BodySurface& body, const std::vector<TriangleMesh>& sheets, do
   TriangleMesh its = from_mesh(result);
   BodySurface surface(std::move(its.vertex), std::move(its.triangles), body.to_world());
   surface.ends_with_image(body.image_ends());
-  return {std::move(surface), body.volume() - volume, area, std::move(parted)};
+  return {std::move(surface), body.volume() - volume, area, std::move(parted), std::move(taken)};
 }
 
 double distance_to(const std::vector<TriangleMesh>& sheets, const Vec3& x) {

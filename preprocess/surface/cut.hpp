@@ -24,10 +24,11 @@ struct CutPiece {
 };
 
 struct CutBody {
-  BodySurface surface;           ///< of the piece that is kept
-  double removed_mm3 = 0.0;      ///< of the body in the gaps themselves
-  double area_mm2 = 0.0;         ///< of one bank of the cuts by open sheets
-  std::vector<CutPiece> parted;  ///< not kept, largest first
+  BodySurface surface;             ///< of the piece that is kept
+  double removed_mm3 = 0.0;        ///< of the body in the gaps themselves
+  double area_mm2 = 0.0;           ///< of one bank of the cuts by open sheets
+  std::vector<CutPiece> parted;    ///< not kept, largest first
+  std::vector<BodySurface> taken;  ///< around what each of the sheets takes out
 };
 
 /// The body without what lies within half a `gap` of the sheets; of its pieces the one nearest to `keep`.

@@ -181,8 +181,8 @@ QuasiStaticMarch::QuasiStaticMarch(System& system, const Loading& loading, const
       between_{system, relax_, loading, options, observer, ledger_, history},
       steps_(steps_of_load(model_, loading, options)),
       step_(loading.depth / steps_),
-      most_(relax_.has_mixed() ? options.evaluations + evaluations_of_step * steps_
-                               : options.evaluations * steps_) {
+      most_(loading.begun.evaluations +
+            (relax_.has_mixed() ? most_evaluations(steps_, options) : options.evaluations * steps_)) {
   if (from) {
     history = from->history;
     past_.point = from->path;
@@ -443,6 +443,10 @@ void QuasiStaticMarch::go_back(const Way& way, const Found& found, const SolveEr
 }
 
 }  // namespace
+
+std::int64_t most_evaluations(int steps, const SolverOptions& options) {
+  return options.evaluations + evaluations_of_step * steps;
+}
 
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options) {
   const double way = loading.depth * longest_share(loading.further);

@@ -19,6 +19,8 @@ void march_quasi_statically(System& system, const Loading& loading, const Solver
 
 /// How many steps that load takes, where none is shortened.
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options);
+/// Of the force by the mixed iteration, for all equilibria of so many steps of the load together.
+std::int64_t most_evaluations(int steps, const SolverOptions& options);
 
 /// A first guess of the displacements u [4xN] m when the tool has moved by `way` [m] along `direction`: they
 /// fade away from the circle and towards the base.

@@ -96,7 +96,8 @@ void march_in_steps(System& system, const Loading& loading, const SolverOptions&
       if (moves_tool(step)) way_before += step.way;
     }
     gone += now.depth;
-    now.begun = {now.t_at(now.depth), now.depth_at(now.depth), 1.0, now.begun.frame + frames[k]};
+    now.begun = {now.t_at(now.depth), now.depth_at(now.depth), 1.0, now.begun.frame + frames[k],
+                 now.begun.evaluations + most_evaluations(steps_of_load(model, now, options), options)};
   }
 }
 
