@@ -120,6 +120,15 @@ TEST_F(Compare, WithoutABandItIsNotKnownWhetherTheyOverlap) {
   EXPECT_THAT(dimple(folder, "compare a b").out, HasSubstr("B has no band"));
 }
 
+TEST_F(Compare, RefusesASceneWhoseToolGoesBackOrAside) {
+  const Ran ran = dimple(folder,
+                         "run body.nrrd -o scene --nodes 1000 --indenter-diameter 10mm --write force --quiet "
+                         "--set step.press.move=1mm --set step.drag.move=1,0,0");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  EXPECT_THAT(refused("a", "scene", 3).err, HasSubstr("is a scene of steps"));
+  EXPECT_THAT(refused("scene", "scene", 3).err, HasSubstr("is a scene of steps"));
+}
+
 TEST_F(Compare, RefusesWhatIsNoFinishedRun) {
   EXPECT_THAT(refused("a", "nowhere", 3).err, HasSubstr("there is no folder nowhere"));
   fs::create_directory(folder / "empty");

@@ -155,6 +155,75 @@ TEST(Cut, ThatIsNoneIsRefusedByWhatIsWrongWithIt) {
   }
 }
 
+TEST(Cut, UnderAToolThatTouchesIsPressedOnBothBanksAndMakesTheBodySofter) {
+  const fs::path folder = fresh_folder();
+  const std::string sphere = "--tool sphere:5mm ";
+  const double whole = run_of(folder, block, sphere, "whole")["force_N"];
+  const double cut =
+      run_of(folder, block, sphere + "--cut line:-15,0,30,15,0,30,depth=15mm", "cut")["force_N"];
+  EXPECT_LT(cut, 0.99 * whole);
+  EXPECT_GT(cut, 0.5 * whole);
+}
+
+TEST(Cut, HasBanksThatBearNoMembraneAndAreOnNoSideOfTheBody) {
+  const fs::path folder = fresh_folder();
+  const std::string across = " --cut plane:12,0,20,1,0,0,radius=25mm";
+  const std::string film = "--membrane 0.1mm:40kPa";
+  const auto area_of = [](const Json& run) { return run["membranes"]["surface"]["area_mm2"].get<double>(); };
+  const double whole = area_of(run_of(folder, block, film, "film")),
+               cut = area_of(run_of(folder, block, film + across, "cut_film"));
+  EXPECT_LT(cut, whole);
+  EXPECT_GT(cut, whole - 0.5 * 60.0 - 2.0 * 0.5 * 30.0 - 5.0);  // the gap's mouth on the top and the sides
+
+  const std::string held = "--set support.wall.on=left --set support.wall.hold=sliding";
+  const Json wall = run_of(folder, block, held, "held")["supports"]["wall"],
+             beside = run_of(folder, block, held + across, "cut_held")["supports"]["wall"];
+  EXPECT_LT(beside["nodes"].get<double>(), 1.5 * wall["nodes"].get<double>());
+}
+
+TEST(Cut, TakesWhatIsCutOutFromTheDeformedLabelsToo) {
+  const fs::path folder = fresh_folder();
+  std::ofstream(folder / "cube.obj")
+      << "v 12 -6 20\nv 24 -6 20\nv 24 6 20\nv 12 6 20\nv 12 -6 40\nv 24 -6 40\nv 24 6 "
+         "40\nv 12 6 40\nf 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
+  const auto run = [&](const std::string& image, const std::string& cut, const std::string& out) {
+    const Ran ran = dimple(folder, "run " + image +
+                                       " -q --write force,images --nodes 1000 --depth 2mm --frames 1 "
+                                       "--band off --cut " +
+                                       cut + " -o " + out);
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    return summary_of(folder / out);
+  };
+  const Json cube = run(block, "cube.obj", "cube");
+  const double removed = cube["model"]["cut"]["removed_mm3"], rest = cube["images"]["labels_at_rest_mm3"];
+  EXPECT_NEAR(rest, 108e3 - removed, 0.3 * removed);  // voxels of 3 mm
+  EXPECT_NEAR(cube["images"]["labels_mm3"].get<double>(), rest, 0.02 * rest);
+
+  const Json info = Json::parse(dimple(folder, "info " + two + " --json").out);
+  const int gone = info["labels"][1]["value"];
+  run(two, "label:" + std::to_string(gone), "label");
+  const Json after = Json::parse(dimple(folder, "info label/images/labels.nii.gz --json").out);
+  ASSERT_EQ(after["labels"].size(), 1U);
+  EXPECT_NE(after["labels"][0]["value"].get<int>(), gone);
+}
+
+TEST(Cut, ThatTheLoadClosesSaysThatItsBanksPassThroughEachOtherAndOneThatOpensDoesNot) {
+  const fs::path folder = fresh_folder();
+  const auto closes = [&](const std::string& options, const char* out) {
+    const Json run = run_of(folder, block, options, out);
+    return run["warnings"].dump().find("the banks pass through each other") != std::string::npos;
+  };
+  const std::string beneath = "--cut plane:0,0,24,0,0,1,radius=8mm ";
+  EXPECT_TRUE(closes(beneath, "pressed"));
+  EXPECT_FALSE(closes(beneath + "--set image.cut_gap=4mm", "wide"));
+  const std::string lifted = std::string(quick).substr(0, std::string(quick).find("--depth"));
+  ASSERT_EQ(
+      dimple(folder, "run " + block + " -o lifted --band off --set step.lift.move=-2mm " + beneath + lifted)
+          .code,
+      0);
+  EXPECT_EQ(text_of(folder / "lifted" / "summary.json").find("pass through each other"), std::string::npos);
+}
+
 TEST(Cut, IsRefusedWhereTheBodyWouldStayWhole) {
   const fs::path folder = fresh_folder();
   for (const char* command : {"places ", "poke --socket s ", "export -o e.inp "}) {

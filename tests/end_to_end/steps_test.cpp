@@ -93,6 +93,24 @@ TEST_F(SceneOfSteps, ADraggedToolIsPulledBack) {
   EXPECT_NEAR(summary["indentation_mm"].get<double>(), 2.0, 1e-9);
 }
 
+TEST_F(SceneOfSteps, StepsOfOneLineAreDoneInItsOrder) {
+  write_scene("step = { press = { move_mm = [1] }, aside = { move_mm = [0.5, 0, 0] } }\n");
+  const Json scene = run(" --config scene.toml --write force")["scene"];
+  ASSERT_EQ(scene.size(), 2u);
+  EXPECT_EQ(scene[0]["name"], "press");
+}
+
+// What bounds the search for equilibrium grows with the scene.
+TEST_F(SceneOfSteps, ALongSceneEndsAsItsFirstStepsDo) {
+  std::string steps = " --write force --set solver.evaluations=100";
+  for (const char* name : {"1", "2", "3", "4", "5", "6"})
+    steps += std::string(" --set step.press") + name + ".move=0.5mm --set step.lift" + name + ".move=-0.5mm";
+  const Json scene = run(steps)["scene"];
+  ASSERT_EQ(scene.size(), 12u);
+  const double first = scene[0]["force_N"], last = scene[10]["force_N"];
+  EXPECT_NEAR(last, first, 1e-3 * first);
+}
+
 TEST_F(SceneOfSteps, WhatMakesNoSceneIsRefusedInWords) {
   const std::string all = "run block.nrrd -o out" + scene;
   refused(all + " --set step.a.moves=retractor --set step.a.move=1,0,0",
