@@ -57,7 +57,9 @@ double reach_beneath(const Discretisation& places) {
 
 void require_room_beneath(const Config& config, const Discretisation& places) {
   const double beneath = reach_beneath(places);
-  if (const double depth = deepest(config, places.tool.push); depth >= beneath)
+  const double depth = deepest(config, places.tool.push);
+  require_tool_as_long(config, 1e3 * depth);
+  if (depth >= beneath)
     throw ModelError(
         {.fact = fmt::format("an indentation of {} is deeper than the organ beneath the circle, {}",
                              length_in_words(1e3 * depth), length_in_words(1e3 * beneath)),

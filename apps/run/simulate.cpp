@@ -151,8 +151,12 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   check_tool(given.config);
   if (given.model) {
     require_circle(given.config, "a model that was made before");
-    if (!given.origin && given.model->provenance.contains("cut"))
-      require_no_membranes(given.config, "a model's files of a cut body, which do not say what is a bank,");
+    if (!given.origin && given.model->provenance.contains("cut") && has_membranes(given.config))
+      throw UsageError({.fact = "a membrane is asked for on the model of a body that was cut",
+                        .where = "membrane",
+                        .why = "the model's files do not say which of its surface the cut has opened, where "
+                               "none lies",
+                        .remedy = "begin with the image: dimple run IMAGE --cut ... --membrane ..."});
   }
   if (const Case refined = with_origin(given); const std::optional<Goal> goal = goal_of(refined.config))
     return simulate_to(*goal, refined, observer, result);

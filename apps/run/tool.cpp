@@ -215,6 +215,17 @@ std::string depth_of_tool_in_words(const Config& config) {
       config.load.depth_mm < Config{}.load.depth_mm ? fmt::format(", {:g} of its radius", usual_depth) : "");
 }
 
+void require_tool_as_long(const Config& config, double depth_mm) {
+  const std::optional<ToolShape> tool = tool_of(config);
+  if (!tool || 1e-3 * depth_mm <= length_of_tool(*tool)) return;
+  throw UsageError(
+      {.fact = fmt::format("the tool is to be pushed in by {}, and is {} long", length_in_words(depth_mm),
+                           length_in_words(1e3 * length_of_tool(*tool))),
+       .where = config.step.empty() ? "--depth (load.depth_mm)" : "step",
+       .why = "what holds it at its upper end is not modelled",
+       .remedy = "give a smaller --depth, or a longer tool"});
+}
+
 void check_tool(const Config& config) {
   const std::optional<ToolShape> tool = tool_of(config);
   const double friction = friction_of(config);
@@ -253,13 +264,7 @@ void check_tool(const Config& config) {
                 "--accuracy (accuracy.goal)",
                 "the error of the force was measured for the circle alone, so that no band is known",
                 "choose the number of nodes with --nodes, and compare two of them");
-  if (const double length = length_of_tool(*tool); 1e-3 * config.load.depth_mm > length)
-    throw UsageError(
-        {.fact = fmt::format("the tool is to be pushed in by {}, and is {} long",
-                             length_in_words(config.load.depth_mm), length_in_words(1e3 * length)),
-         .where = "--depth (load.depth_mm)",
-         .why = "what holds it at its upper end is not modelled",
-         .remedy = "give a smaller --depth, or a longer tool"});
+  require_tool_as_long(config, config.load.depth_mm);
 }
 
 Index fewest_nodes_under_tool(const Config& config) {

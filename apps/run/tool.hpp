@@ -36,6 +36,8 @@ std::string depth_of_tool_in_words(const Config& config);
 /// Before anything is built: throws UsageError where what is asked for beside a tool that touches is not
 /// modelled.
 void check_tool(const Config& config);
+/// A tool that touches and goes deeper than it is long is refused: UsageError.
+void require_tool_as_long(const Config& config, double depth_mm);
 
 /// Throws UsageError: a tool that touches is asked for, of something that knows the circle alone.
 void require_circle(const Config& config, const std::string& what);

@@ -40,8 +40,9 @@ Mesh to_mesh(const Points& vertex, const Triangles& triangles) {
   const auto at = [&](Index v) { return corner[static_cast<std::size_t>(v)]; };
   for (const auto& t : triangles.colwise())
     if (mesh.add_face(at(t[0]), at(t[1]), at(t[2])) == Mesh::null_face())
-      refuse("the sheet of a cut is no surface", "more than two of its triangles meet at an edge",
-             "give a sheet of one layer");
+      refuse("the sheet of a cut is no surface",
+             "more than two of its triangles meet at an edge, or neighbours face opposite ways",
+             "give a sheet of one layer that faces one way");
   return mesh;
 }
 

@@ -93,6 +93,9 @@ TEST(Cut, ThatPartsTheBodySaysWhatIsLeftOutAndRefusesAToolOnWhatNothingHolds) {
   EXPECT_NEAR(cut["parted"][0]["volume_mm3"].get<double>(), 17.75 * 1800.0, 0.02 * 17.75 * 1800.0);
   EXPECT_NEAR(cut["parted"][0]["centre_mm"][0].get<double>(), 21.1, 0.3);
   EXPECT_NE(summary_of(folder / "out")["warnings"].dump().find("it is left out"), std::string::npos);
+  const Json image = summary_of(folder / "out")["verdict"]["image"];  // what was asked for is no doubt
+  EXPECT_EQ(image["word"], "good") << image;
+  EXPECT_NE(image["of"].get<std::string>().find("cut away"), std::string::npos);
   const Ran falls = dimple(folder, "run " + block + " -o falls --cut plane:0,0,12,0,0,1" + quick);
   EXPECT_EQ(falls.code, 4);
   EXPECT_NE(falls.err.find("parted from the base"), std::string::npos) << falls.err;
