@@ -24,10 +24,14 @@ Boundary circle_on_top(const BodySurface& body, double diameter_mm) {
                        {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = diameter_mm});
 }
 
+Points rim_of(const BodySurface& body, const Boundary& boundary) {
+  return rim_of_circle(body, boundary, 48);
+}
+
 TEST(LoadPath, InAColumnIsTheFluxThroughItsSection) {
   const BodySurface body = block_surface(Vec3(-10, -10, 0), Vec3(10, 10, 100));
   const Boundary boundary = circle_on_top(body, 8.0);
-  const LoadPath path(body, boundary, exponent, any_slope);
+  const LoadPath path(body, boundary, rim_of(body, boundary), exponent, any_slope);
   // Cells at the walls count as whole ones: 15 of 1.39 mm for 20 mm, 3 % of the factor.
   for (const double depth : {20.0, 30.0, 40.0}) {
     const double more = 1.0 / (20.0 * 20.0) / half_space(depth, 4.0);
@@ -39,7 +43,7 @@ TEST(LoadPath, InAColumnIsTheFluxThroughItsSection) {
 TEST(LoadPath, InAWideDeepBodyIsThatOfAHalfSpace) {
   const BodySurface body = block_surface(Vec3(-60, -60, 0), Vec3(60, 60, 120));
   const Boundary boundary = circle_on_top(body, 12.0);
-  const LoadPath path(body, boundary, exponent, any_slope);
+  const LoadPath path(body, boundary, rim_of(body, boundary), exponent, any_slope);
   for (const double depth : {15.0, 20.0, 30.0})
     EXPECT_GT(path(boundary.centre + depth * boundary.push), 0.93) << depth << " mm";
 }
@@ -48,8 +52,9 @@ TEST(LoadPath, GoesAroundASlitHoweverNarrow) {
   // The load reaches what is behind a slit from below only: there is less of it than in the whole block.
   const BodySurface whole = slit_block_surface({60, 60, 30}, 6.0, 2.0, 1.0),
                     slit = slit_block_surface({60, 60, 30}, 6.0, 0.05, 25.0);
-  const LoadPath open(whole, circle_on_top(whole, 10.0), exponent, any_slope),
-      cut(slit, circle_on_top(slit, 10.0), exponent, any_slope);
+  const LoadPath open(whole, circle_on_top(whole, 10.0), rim_of(whole, circle_on_top(whole, 10.0)), exponent,
+                      any_slope),
+      cut(slit, circle_on_top(slit, 10.0), rim_of(slit, circle_on_top(slit, 10.0)), exponent, any_slope);
   const Vec3 behind(12.0, 0.0, 12.0), before(3.0, 0.0, 12.0);
   EXPECT_LT(cut(before), open(before) - 0.01);
   EXPECT_GE(cut(behind), open(behind));
@@ -58,7 +63,8 @@ TEST(LoadPath, GoesAroundASlitHoweverNarrow) {
 TEST(LoadPath, ChangesNowhereFasterThanAsked) {
   const BodySurface body = block_surface(Vec3(-10, -10, 0), Vec3(10, 10, 100));
   constexpr double slope = 1.0 / 60.0;
-  const LoadPath path(body, circle_on_top(body, 8.0), exponent, slope);
+  const LoadPath path(body, circle_on_top(body, 8.0), rim_of(body, circle_on_top(body, 8.0)), exponent,
+                      slope);
   double before = path(Vec3(0, 0, 0.25));
   for (double z = 0.75; z < 100.0; z += 0.5) {
     const double here = path(Vec3(0, 0, z));
