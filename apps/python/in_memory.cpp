@@ -176,10 +176,10 @@ void members(Archive& io, T& organ) {
 
 template <class Archive, Like<Boundary> T>
 void members(Archive& io, T& boundary) {
-  auto& [down, lowest, height, base_depth, flat_base, base_by_axes, centre, push, radius, room, base_reason,
-         circle_reason, warnings] = boundary;
-  io(down, lowest, height, base_depth, flat_base, base_by_axes, centre, push, radius, room, base_reason,
-     circle_reason, warnings);
+  auto& [down, lowest, height, base_depth, flat_base, base_by_axes, centre, push, radius, room, over_cut,
+         base_reason, circle_reason, warnings] = boundary;
+  io(down, lowest, height, base_depth, flat_base, base_by_axes, centre, push, radius, room, over_cut,
+     base_reason, circle_reason, warnings);
 }
 
 template <class Archive, Like<LabelMeasure> T>
@@ -191,7 +191,7 @@ void members(Archive& io, T& label) {
 template <class Archive, Like<ImageFacts> T>
 void members(Archive& io, T& facts) {
   auto& [image_words, labels, closed_mm3, cut, facing_share, segment] = facts;
-  auto& [area_mm2, removed_mm3, sizing, parted, taken_out] = cut;
+  auto& [area_mm2, removed_mm3, sizing, parted, taken_out, took] = cut;  // images alone ask what a blade took
   io(image_words, labels, closed_mm3, area_mm2, removed_mm3, sizing, parted, taken_out, facing_share,
      segment);
 }
@@ -216,9 +216,9 @@ template <class Archive, Like<Discretisation> T>
 void members(Archive& io, T& places) {
   auto& [X, spacing, point, volume, spread, label, base, indenter, tool, axes, surface] = places;
   auto& [centre, push, radius] = tool;
-  auto& [vertex_mm, triangles] = surface;
+  auto& [vertex_mm, triangles, cut_face] = surface;
   io(X, spacing, point, volume, spread, label, base, indenter, centre, push, radius, axes, vertex_mm,
-     triangles);
+     triangles, cut_face);
 }
 
 template <class Archive, Like<ModelInMemory> T>
