@@ -35,6 +35,7 @@ constexpr std::size_t jagged_samples = 15;
 // Of a thousandth of the radius of a tool that touches. A punch of 5 mm with an edge of 1 mm and 0.03 radii
 // had a force within 1 % of finite elements.
 constexpr double penetration_wrong = 50.0;
+constexpr double far_slid = 1.0;         // spacings of the nodes
 constexpr double hourglass_poor = 0.15;  // of the stored energy; usual: 0.02 to 0.05
 // Of the stored energy, in the paper's scheme on the block at 8 mm: 0.4 with 4.5 points a node, 1.2 with
 // its 1.5, and 19 with supports of 2.5 spacings, whose force is a third. A circle of three nodes has 5 from
@@ -382,29 +383,27 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
   find({report, audit.penetration});
 }
 
-void Guards::found_limit_point(const Nodal& jump, double way, const Moment& now) {
+void Guards::found_limit_point(const Nodal& jump, double way, bool folds_touch, const Moment& now) {
   if (!on_ || std::any_of(findings_.begin(), findings_.end(),
                           [](const Finding& f) { return f.report.code == "limit-point"; }))
     return;
   Index furthest = 0;
   const Eigen::RowVectorXd size = jump.colwise().norm();
   const double largest = size.maxCoeff(&furthest);
-  find(
-      {{.fact =
-            text("the tissue gave way at ", fixed(1e3 * now.depth, 2), " mm: a node moved by ",
-                 fixed(1e3 * largest, 2), " mm while the tool moved by ", fixed(1e3 * way, 2), " mm, and ",
-                 (size.array() > way).count(), " of ", size.size(), " nodes by more than the tool"),
-        .where = moment(now) + "; " + place_of(model_, furthest),
-        .why =
-            "the path of equilibria has a limit point there: a wall buckled or a fold rolled over. The force "
-            "beyond is that of the equilibrium in which the tissue came to rest; contact of a surface with "
-            "itself is not modelled",
-        .remedy =
-            text("trust the curve to ", fixed(1e3 * (now.depth - way), 2),
-                 " mm; beyond, put the circle further from folds and edges (--indent-at), or follow the "
-                 "motion of a bonded circle with --time dynamic"),
-        .code = "limit-point"},
-       1e3 * largest});
+  find({{.fact =
+             text("the tissue gave way at ", fixed(1e3 * now.depth, 2), " mm: a node moved by ",
+                  fixed(1e3 * largest, 2), " mm while the tool moved by ", fixed(1e3 * way, 2), " mm, and ",
+                  (size.array() > way).count(), " of ", size.size(), " nodes by more than the tool"),
+         .where = moment(now) + "; " + place_of(model_, furthest),
+         .why = text("the path of equilibria has a limit point there: a wall buckled or a fold rolled over. "
+                     "The force beyond is that of the equilibrium in which the tissue came to rest",
+                     folds_touch ? "" : "; its folds pass through each other (--self-contact)"),
+         .remedy =
+             text("trust the curve to ", fixed(1e3 * (now.depth - way), 2),
+                  " mm; beyond, put the circle further from folds and edges (--indent-at), or follow the "
+                  "motion of a bonded circle with --time dynamic"),
+         .code = "limit-point"},
+        1e3 * largest});
 }
 
 void Guards::check_step(const Moment& now) const {

@@ -84,7 +84,7 @@ class Guards {
   void check_smooth(const std::vector<double>& force, double largest, double duration, const Moment& now);
   /// `limit-point`: the tissue gave way at a held load and came to rest elsewhere, `jump` [m] from where the
   /// path would have led, the tool having moved by `way` [m]. The first one stays.
-  void found_limit_point(const ForceSystem::Nodal& jump, double way, const Moment& now);
+  void found_limit_point(const ForceSystem::Nodal& jump, double way, bool folds_touch, const Moment& now);
   /// `time-step`.
   void check_step(const Moment& now) const;
 

@@ -43,6 +43,7 @@ struct Loading {
   /// A tool that touches, in place of the circle; quasi-statically, without loads. Null: the
   /// circle.
   std::shared_ptr<const Touch> touch{};
+  std::shared_ptr<const FoldBanks> folds{};  ///< that touch where they close; null: they pass
   double way() const {
     double sum = 0.0;
     for (const Step& step : steps) sum += step.way.norm();
@@ -106,6 +107,7 @@ struct History {
   double penetration = 0.0, contact_area = 0.0, contact_pressure = 0.0;
   Index contact_samples = 0;
   double contact_sticks = 0.0;  ///< of contact_area, what friction holds [m^2]
+  FoldContact::Audit folds;     ///< at the last equilibrium, but for the deepest penetration of all
   double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction
   std::vector<Finding> guards;
   std::vector<Retry> retries;

@@ -69,9 +69,16 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
          .remedy = "march it quasi-statically (--time quasi-static)",
          .code = "steps"});
   if (loading.touch) refuse_touch(mode, tissue, model, loading);
+  if (loading.folds && (mode != TimeMode::quasi_static || !MixedIteration::serves(tissue, model)))
+    throw SolveError({.fact = "folds are to touch, in a march or a scheme that does not look for contact",
+                      .where = text("time ", name_of(mode)),
+                      .why = "their contact is solved for in equilibrium, with the patches' pressures",
+                      .remedy = "march quasi-statically with the converging scheme, or let folds pass",
+                      .code = "folds"});
   try {
-    const std::unique_ptr<System> system = make_system(tissue, model, loading.contact, loading.further,
-                                                       loading.loads, options.tolerance, loading.touch.get());
+    const std::unique_ptr<System> system =
+        make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance,
+                    loading.touch.get(), loading.folds);
     history.settled = system->at_rest().u.colwise().norm().maxCoeff();
     switch (mode) {
       case TimeMode::quasi_static:

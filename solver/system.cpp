@@ -11,14 +11,15 @@
 namespace dimple {
 
 System::System(const ForceSystem& tissue, const Model& model, Constraints held, ForceTerms terms,
-               std::unique_ptr<TouchingTool> touching)
+               std::unique_ptr<TouchingTool> touching, std::unique_ptr<FoldContact> folds)
     : model_(model),
       held_(std::move(held)),
       tissue_(tissue),
       terms_(std::move(terms)),
       touching_(std::move(touching)),
+      folds_(std::move(folds)),
       at_rest_{Nodal::Zero(4, model.node_count()),
-               Eigen::VectorXd::Zero(model.patches.count() + (touching_ ? touching_->unknowns() : 0))} {}
+               Eigen::VectorXd::Zero(model.patches.count() + contact_unknowns())} {}
 
 void System::set(const Instant& now, Nodal& u) {
   now_ = now;
@@ -30,11 +31,12 @@ void System::add_terms(const Nodal& u, Nodal& f) {
   for (const auto& term : terms_) term->add_force(u, now_, term->is_load() ? load_ : f);
   if (touching_) touching_->add_force(u, now_, load_);
   f += load_;
+  if (folds_) folds_->add_force(u, now_, f);
 }
 
 System::Sweep System::force(const Nodal& u, Nodal& f) {
   const Sweep sweep = tissue_.internal_force(u, f);
-  if (loaded() || touching_) add_terms(u, f);
+  if (!tissue_alone()) add_terms(u, f);
   return sweep;
 }
 
@@ -43,12 +45,13 @@ System::Sweep System::force_at(const Nodal& u, const Eigen::VectorXd& lambda, No
   const Index patches = model_.patches.count();
   tissue_.hold_pressures(with_pressures ? lambda.head(patches).cwiseQuotient(model_.patches.volume)
                                         : Eigen::VectorXd());
-  if (touching_) touching_->set_forces(lambda.tail(touching_->unknowns()));
+  if (touching_) touching_->set_forces(lambda.segment(patches, touching_->unknowns()));
+  if (folds_) folds_->set_forces(lambda.tail(folds_->count()));
   return force(u, f);
 }
 
 void System::gather(const Nodal& u, Nodal& f, const std::function<void(Index first, Index last)>& then) {
-  if (!loaded() && !touching_) return tissue_.gather_sweep(f, then);
+  if (tissue_alone()) return tissue_.gather_sweep(f, then);
   tissue_.gather_sweep(f, {});
   add_terms(u, f);
   if (then) then(0, u.cols());
@@ -112,19 +115,17 @@ void System::accept_step(const Nodal& u) {
   if (touching_) touching_->accept(u, now_);
 }
 
-// Of the tissue; then of a tool that rubs and of each term, with their number behind.
+// Of the tissue; then of a tool that rubs, of folds and of each term, with their number behind.
 std::vector<double> System::past() const {
   std::vector<double> all = tissue_.past();
-  if (touching_ && touching_->rubs()) {
-    const std::vector<double> its = touching_->past();
+  const auto add = [&](const ForceTerm& term) {
+    const std::vector<double> its = term.past();
     all.insert(all.end(), its.begin(), its.end());
     all.push_back(static_cast<double>(its.size()));
-  }
-  for (const auto& term : terms_) {
-    const std::vector<double> its = term->past();
-    all.insert(all.end(), its.begin(), its.end());
-    all.push_back(static_cast<double>(its.size()));
-  }
+  };
+  if (touching_ && touching_->rubs()) add(*touching_);
+  if (folds_) add(*folds_);
+  for (const auto& term : terms_) add(*term);
   return all;
 }
 
@@ -136,6 +137,7 @@ void System::restore_past(std::vector<double> past) {
     past.erase(past.end() - count, past.end());
   };
   for (auto term = terms_.rbegin(); term != terms_.rend(); ++term) restore_last(**term);
+  if (folds_) restore_last(*folds_);
   if (touching_ && touching_->rubs()) restore_last(*touching_);
   tissue_.restore_past(past);
 }
@@ -206,11 +208,12 @@ Rest settled(System& system, double tolerance) {
 
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
                                     const std::vector<HeldSet>& further, const Loads& loads, double tolerance,
-                                    const Touch* touch) {
+                                    const Touch* touch, std::shared_ptr<const FoldBanks> folds) {
+  auto closing = folds ? std::make_unique<FoldContact>(std::move(folds), tissue) : nullptr;
   if (!loads.move_the_body())
-    return std::make_unique<System>(tissue, model, make_constraints(model, contact, further),
-                                    make_terms(model, loads),
-                                    touch ? std::make_unique<TouchingTool>(*touch) : nullptr);
+    return std::make_unique<System>(
+        tissue, model, make_constraints(model, contact, further), make_terms(model, loads),
+        touch ? std::make_unique<TouchingTool>(*touch) : nullptr, std::move(closing));
   if (touch)
     throw SolveError({.fact = "a tool that touches and loads that act before it does",
                       .where = "loading",
@@ -221,7 +224,7 @@ std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& mode
                [](const HeldSet& s) { return s.share == 0.0; });
   still.push_back({.name = "base", .node = model.base});
   auto system = std::make_unique<System>(tissue, model, Constraints(model.node_count(), std::move(still)),
-                                         make_terms(model, loads));
+                                         make_terms(model, loads), nullptr, std::move(closing));
   Rest rest = settled(*system, tolerance);
   Constraints held = make_constraints(model, contact, further);
   held.start_at(rest.u);

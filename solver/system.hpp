@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <functional>
 
+#include "solver/terms/fold_contact.hpp"
 #include "solver/terms/force_term.hpp"
 #include "solver/terms/internal_force.hpp"
 #include "solver/terms/loads.hpp"
@@ -25,8 +26,8 @@ struct StoredEnergy {
   double sum() const { return tissue + loads; }
 };
 
-/// Displacements [4xN] m and the patches' pressures x volumes [N m], see MixedIteration; of a tool that
-/// touches its contact forces [N] behind them.
+/// Displacements [4xN] m and the patches' pressures x volumes [N m], see MixedIteration; behind them the
+/// contact forces [N] of a tool that touches, and then those of folds.
 struct Rest {
   Nodal u;
   Eigen::VectorXd lambda;
@@ -43,7 +44,7 @@ class System {
   using Sweep = ForceSystem::Sweep;
   /// `tissue` and `model` must outlive it.
   System(const ForceSystem& tissue, const Model& model, Constraints held, ForceTerms terms = {},
-         std::unique_ptr<TouchingTool> touching = nullptr);
+         std::unique_ptr<TouchingTool> touching = nullptr, std::unique_ptr<FoldContact> folds = nullptr);
 
   const Model& model() const { return model_; }
   const Constraints& held() const { return held_; }
@@ -55,6 +56,13 @@ class System {
   /// Null: the tool holds nodes.
   TouchingTool* touching() { return touching_.get(); }
   const TouchingTool* touching() const { return touching_.get(); }
+  /// Null: folds pass through each other.
+  FoldContact* folds() { return folds_.get(); }
+  const FoldContact* folds() const { return folds_.get(); }
+  /// Of a search for equilibrium, behind the patches' pressures.
+  Index contact_unknowns() const {
+    return (touching_ ? touching_->unknowns() : 0) + (folds_ ? folds_->count() : 0);
+  }
   /// Where the tool stands and which share of the loads acts.
   const Instant& now() const { return now_; }
 
@@ -128,6 +136,7 @@ class System {
   ForceState tissue_;
   ForceTerms terms_;
   std::unique_ptr<TouchingTool> touching_;
+  std::unique_ptr<FoldContact> folds_;
   Instant now_;
   Nodal load_;  // [4xN] N of all terms; no columns: there are none
   Rest at_rest_;
@@ -135,6 +144,7 @@ class System {
   double least_reactions_ = 0.0;    // N, for a balance
   double loads_at_rest_ = 0.0;      // J
 
+  bool tissue_alone() const { return !loaded() && !touching_ && !folds_; }
   void add_terms(const Nodal& u, Nodal& f);
 };
 
@@ -154,10 +164,11 @@ Balance System::balance(const Nodal& f, Nodal& unbalanced, const Beside& beside)
 }
 
 /// A body under `loads`, come to rest, its circle where the tool then touches it: bonded or not, and
-/// `further` sets held likewise; or `touch`: a tool that holds no nodes, without loads. Throws SolveError: it
-/// does not carry its loads.
+/// `further` sets held likewise; or `touch`: a tool that holds no nodes, without loads. `folds` that close
+/// touch. Throws SolveError: it does not carry its loads.
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
                                     const std::vector<HeldSet>& further, const Loads& loads = {},
-                                    double tolerance = 1e-4, const Touch* touch = nullptr);
+                                    double tolerance = 1e-4, const Touch* touch = nullptr,
+                                    std::shared_ptr<const FoldBanks> folds = nullptr);
 
 }  // namespace dimple

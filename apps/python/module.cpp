@@ -21,6 +21,7 @@
 
 #include "apps/python/in_memory.hpp"
 #include "apps/run/compare.hpp"
+#include "apps/run/folds.hpp"
 #include "apps/run/live.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
@@ -529,6 +530,7 @@ class LiveSession {
       require_no_steps(config, "a Session");
       require_no_membranes(config, "a Session");
       require_circle(config, "a Session");
+      require_open_folds(config, "a Session");
       const std::vector<Material> materials = materials_of(config);
       check_materials(materials, built.model.scheme);
       const TissueOptions tissues = tissues_of(config, built.label_names, built.model);

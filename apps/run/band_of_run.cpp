@@ -12,6 +12,7 @@
 #include <new>
 #include <utility>
 
+#include "apps/run/folds.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/tool.hpp"
@@ -113,6 +114,7 @@ std::string no_band(const Config& config) {
     return "it was measured for a circle to which the tissue is bonded";
   if (has_loads(config)) return "it was measured for bodies that bear no load but the tool's";
   if (has_membranes(config)) return "it was measured for bodies without a membrane";
+  if (folds_touch(config)) return "it was measured for bodies whose folds do not touch";
   if (!config.step.empty()) return "it was measured for a tool that is pushed straight in, once";
   if (!has_tool_alone(config)) return "it was measured for bodies that nothing holds but their base";
   if (const std::string none = no_band(materials_of(config)); !none.empty()) return none;

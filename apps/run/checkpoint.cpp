@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* format = "dimple checkpoint 7";
+constexpr const char* format = "dimple checkpoint 8";
 
 }  // namespace
 
@@ -19,10 +19,16 @@ template <class Archive, Like<History> T>
 void members(Archive& io, T& history) {
   auto& [force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
          residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
-         contact_sticks, momentum_error, guards, retries] = history;
+         contact_sticks, folds, momentum_error, guards, retries] = history;
   io(force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
      residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
-     contact_sticks, momentum_error, guards, retries);
+     contact_sticks, folds, momentum_error, guards, retries);
+}
+
+template <class Archive, Like<FoldContact::Audit> T>
+void members(Archive& io, T& audit) {
+  auto& [penetration, slid, area, force, touching] = audit;
+  io(penetration, slid, area, force, touching);
 }
 
 template <class Archive, Like<Report> T>

@@ -63,7 +63,8 @@ struct Config {
     double rate_mm_per_s = 1.0;
     std::string contact = "bonded";
     std::string gravity = "none";
-    std::string membrane = "none";  ///< of the whole surface: "0.1mm:400kPa", see membranes.hpp
+    std::string membrane = "none";     ///< of the whole surface: "0.1mm:400kPa", see membranes.hpp
+    std::string self_contact = "off";  ///< of folds that close, see folds.hpp
   } load;
   struct Tool {
     std::string shape = "circle";  ///< see tool_of() in tool.hpp

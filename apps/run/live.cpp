@@ -10,6 +10,7 @@
 #include <cmath>
 
 #include "apps/run/cuts.hpp"
+#include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/results.hpp"
@@ -53,6 +54,7 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   require_no_steps(config, "a tool that is moved by hand");
   require_no_membranes(config, "a tool that is moved by hand");
   require_circle(config, "a tool that is moved by hand");
+  require_open_folds(config, "a tool that is moved by hand");
   require_no_cuts(config, "a tool that is moved by hand");
   live.organ.emplace(read_organ({.config = config}, model_options(config), talk, live.result));
   live.materials = materials_of(config);

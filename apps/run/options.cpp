@@ -146,6 +146,10 @@ std::vector<Option> load_options(Config& c) {
       {.key = "load.contact", .flag = "--contact", .value = &c.load.contact,
        .choices = {"bonded", "frictionless"}, .stage = "solve", .common = true,
        .help = "whether the circle's nodes move with it or slide under it"},
+      {.key = "load.self_contact", .flag = "--self-contact", .value = &c.load.self_contact,
+       .choices = {"off", "on"}, .stage = "solve",
+       .help = "on: folds and cuts that close touch without friction, in equilibrium; off: their walls pass "
+               "through each other"},
       {.key = "load.gravity", .flag = "--gravity", .value = &c.load.gravity, .stage = "solve",
        .words = with_sides({"none"}),
        .help = "none; the side towards which it pulls with 9.81 m/s2; or x,y,z in LPS, in m/s2: the body "

@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "apps/run/cuts.hpp"
+#include "apps/run/folds.hpp"
 #include "apps/run/places.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -165,9 +166,12 @@ void warn_of_narrow_gaps(const Config& config, double share, const Talk& talk) {
   if (share <= most_facing || config.image.close_mm >= narrow_gap_mm) return;
   talk.warn(fmt::format(
       "{:.0f} % of the surface faces another part of it across less than {:.0f} mm of air: the walls of "
-      "these folds, which touch in life, move freely here; --close {:.0f}mm closes such folds: compare "
+      "these folds, which touch in life, {}; --close {:.0f}mm closes such folds: compare "
       "the two forces, which may differ much",
-      100.0 * share, narrow_gap_mm, narrow_gap_mm));
+      100.0 * share, narrow_gap_mm,
+      folds_touch(config) ? "touch here without friction where they close"
+                          : "move freely here and pass through each other, but with --self-contact on",
+      narrow_gap_mm));
 }
 
 }  // namespace

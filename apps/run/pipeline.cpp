@@ -6,6 +6,7 @@
 
 #include "apps/run/bending.hpp"
 #include "apps/run/closing_cut.hpp"
+#include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/run_words.hpp"
@@ -244,6 +245,9 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
       talk.say("tool     some of its triangles faced inward in the file, and were turned");
     tell_of_first_touch(talk, config, model, touch);
   }
+  const double down = deepest(config, model.tool.push);
+  if ((result.loading.folds = folds_of(config, model, down)))
+    talk.say("folds    " + in_words(*result.loading.folds, down));
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
   for (const Finding& finding : result.findings) talk.warn(in_words(finding));

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "apps/run/band_of_run.hpp"
+#include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
@@ -149,6 +150,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   check_supports(given.config);
   check_steps(given.config);
   check_tool(given.config);
+  check_folds(given.config);
   if (given.model) {
     require_circle(given.config, "a model that was made before");
     if (!given.origin && given.model->provenance.contains("cut") && has_membranes(given.config))

@@ -124,6 +124,15 @@ void add_touch(Json& summary, const Touch& touch, const History& history) {
   summary["tool"] = tool;
 }
 
+void add_folds(Json& summary, const FoldBanks& banks, const FoldContact::Audit& at_end) {
+  summary["self_contact"] = {{"places", banks.count()},
+                             {"places_that_touch", at_end.touching},
+                             {"area_that_touches_mm2", 1e6 * at_end.area},
+                             {"sum_of_forces_N", at_end.force},
+                             {"largest_penetration_mm", 1e3 * at_end.penetration},
+                             {"farthest_slid_mm", 1e3 * at_end.slid}};
+}
+
 Json report_json(const Report& r) {
   return {{"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
 }
@@ -399,6 +408,7 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   summary["material"] = materials_json(config, result.tissues);
   summary["counts"] = counts_json(model);
   if (result.loading.touch) add_touch(summary, *result.loading.touch, result.history);
+  if (result.loading.folds) add_folds(summary, *result.loading.folds, result.history.folds);
   summary["support"] = support_json(model.support_report);
   summary["support"]["worst_pivot_ratio"] = model.support_report.worst_pivot_ratio;
   summary["support"]["linear_error"] = model.support_report.linear_error;

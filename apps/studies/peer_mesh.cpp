@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/run/cuts.hpp"
+#include "apps/run/folds.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/steps.hpp"
@@ -110,6 +111,7 @@ ElementModel element_model(const Config& config, const std::string& format, cons
   require_no_cuts(config, "dimple export");
   require_no_membranes(config, "dimple export");
   require_circle(config, "dimple export");
+  require_open_folds(config, "dimple export");
   if (!has_tool_alone(config))
     throw UsageError(
         {.fact = fmt::format("{} cannot be exported", !config.held.empty()      ? "supports"

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <set>
+#include <utility>
 #include <vector>
 
 #include "io/error.hpp"
@@ -50,45 +50,6 @@ SurfacePieces pieces_around(const Model& model, const std::vector<Vec3>& axes, d
   return pieces_of(model, model.surface.triangles(Eigen::all, near));
 }
 
-// The samples: means of places and of shape functions over the pieces of each cell.
-void take_means(const std::map<int, std::vector<Index>>& cell, const Points& area, Index node_count,
-                ContactSurface& surface) {
-  const auto count = static_cast<Index>(cell.size());
-  surface.place.setZero(3, count);
-  surface.normal.setZero(3, count);
-  surface.area.setZero(count);
-  CompressedRows& rows = surface.at_place.rows;
-  rows.offset = Eigen::VectorXi::Zero(count + 1);
-  std::vector<int> member;
-  std::vector<double> weight;
-  Eigen::VectorXd sum = Eigen::VectorXd::Zero(node_count);
-  const Interpolation& of_piece = surface.at_between;
-  Index c = 0;
-  for (const auto& [node, pieces] : cell) {
-    std::set<int> seen;
-    for (const Index k : pieces) {
-      const double A = area.col(k).norm();
-      surface.area[c] += A;
-      surface.place.col(c) += A * surface.between.col(k);
-      surface.normal.col(c) += area.col(k);
-      for (int e = of_piece.rows.offset[k]; e < of_piece.rows.offset[k + 1]; ++e) {
-        sum[of_piece.rows.member[e]] += A * of_piece.weight[e];
-        seen.insert(of_piece.rows.member[e]);
-      }
-    }
-    surface.place.col(c) /= surface.area[c];
-    surface.normal.col(c).normalize();
-    for (const int a : seen) {
-      member.push_back(a);
-      weight.push_back(sum[a] / surface.area[c]);
-      sum[a] = 0.0;
-    }
-    rows.offset[++c] = static_cast<int>(member.size());
-  }
-  rows.member = Eigen::Map<Eigen::VectorXi>(member.data(), static_cast<Index>(member.size()));
-  surface.at_place.weight = Eigen::Map<Eigen::VectorXd>(weight.data(), static_cast<Index>(weight.size()));
-}
-
 [[noreturn]] void refuse(const std::string& fact) {
   throw ModelError({.fact = fact,
                     .where = "surface beneath the tool",
@@ -127,7 +88,10 @@ ContactSurface contact_surface(const Model& model, double reach, const std::vect
   result.between = pieces.place(Eigen::all, touched);
   const Points area = pieces.area(Eigen::all, touched);
   result.at_between = surface_interpolation(model, result.between, area);
-  take_means(cell, area, model.node_count(), result);
+  std::vector<std::vector<Index>> cells;
+  for (auto& [node, own] : cell) cells.push_back(std::move(own));
+  static_cast<CellMeans&>(result) =
+      means_of(cells, result.between, area, result.at_between, model.node_count());
   result.beyond = pieces.place(Eigen::all, beyond);
   result.at_beyond = surface_interpolation(model, result.beyond, pieces.area(Eigen::all, beyond));
   return result;

@@ -2,18 +2,14 @@
 
 #include <vector>
 
-#include "preprocess/supports/interpolation.hpp"
+#include "preprocess/model.hpp"
+#include "preprocess/supports/cell_means.hpp"
 
 namespace dimple {
 
-/// The part of a body's surface that a tool may touch, as samples that move with the body. Each is the mean
-/// over the small flat pieces (pieces_of()) that are nearest to one of the nodes: of their places and of the
-/// shape functions there.
-struct ContactSurface {
-  Points place;            ///< [3xM] at rest [m]
-  Eigen::VectorXd area;    ///< [M] of the surface that each stands for [m^2]
-  Points normal;           ///< [3xM] outward unit vectors at rest
-  Interpolation at_place;  ///< the shape functions there
+/// The part of a body's surface that a tool may touch, as samples that move with the body: each of the small
+/// flat pieces (pieces_of()) that are nearest to one of the nodes.
+struct ContactSurface : CellMeans {
   /// The pieces themselves, where nothing is enforced: for how far the body's surface comes into the tool.
   Points between;  ///< [3xK] their middles at rest [m]
   Interpolation at_between;

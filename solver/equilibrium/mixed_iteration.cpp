@@ -37,6 +37,8 @@ constexpr double stiffest = 30.0;
 // Largest of what contact lacks, penetration or what a force would move where nothing touches, as a part of
 // the depth and of the tool's radius. The force is wrong by about 1.4 times the mean of it over the depth.
 constexpr double contact_error = 5e-4;
+constexpr double fold_error =
+    2e-3;  // the same where folds touch, as a part of the spacing of the nodes there
 constexpr Index quickly_factorised = 3000;  // rows, in a tenth of a second; the time grows as their square
 // Rows. With 100,000 nodes the factors took three times as long as the rest of the solution.
 constexpr Index worth_factorising = 12000;
@@ -205,7 +207,14 @@ struct MixedIteration::Parts {
   std::chrono::steady_clock::duration lap{};  // of an iteration in bounded time, mean of the last few
   Nodal viscous;                              // force
   Eigen::VectorXd scale, dual_scale;          // that make u and lambda of one kind: square roots of energies
-  Eigen::MatrixXd compliance;                 // [samples x samples] m/N of contact forces: phi_s A^-1 phi_t
+  // Of contact: all samples of a tool, and those of folds that have met.
+  struct Met {
+    const ContactTerm* of;
+    Index sample;
+  };
+  std::vector<Met> met;
+  int pairing = 0;             // of folds, for which they are known
+  Eigen::MatrixXd compliance;  // [met x met] m/N of contact forces: w_s A^-1 w_t
 
   explicit Parts(System& s)
       : body(s),
@@ -228,7 +237,7 @@ struct MixedIteration::Parts {
       lengths[b] += length;
     }
     weight_at_rest = weight = 3.0 * stiffer * shear.array() / lengths.array().max(1e-30);
-    if (body.touching()) stiffen_single_nodes();
+    if (in_contact()) stiffen_single_nodes();
     dual_scale.resize(model.patches.count());
     for (Index b = 0; b < dual_scale.size(); ++b)
       dual_scale[b] = 1.0 / std::sqrt(mu(points.member[points.offset[b]]) * model.patches.volume[b]);
@@ -376,27 +385,66 @@ struct MixedIteration::Parts {
     }
   }
 
-  // How far a unit force at one sample of the tool's contact moves another; four forces at a time.
+  bool in_contact() const { return body.touching() || body.folds(); }
+  Index samples_of_tool() const { return body.touching() ? body.touching()->count() : 0; }
+
+  // visit(node, w) of what moves a sample's gap.
+  template <class Visit>
+  static void of_sample(const Met& one, const Visit& visit) {
+    const auto& [rows, weight] = one.of->moves();
+    for (int k = rows.offset[one.sample]; k < rows.offset[one.sample + 1]; ++k)
+      visit(rows.member[k], weight[k]);
+  }
+
+  // Folds that the last force found beyond each other have met: they join the samples that are known.
   void find_compliance() {
-    const auto& [rows, phi] = body.touching()->touch().surface.at_place;
-    const Index count = rows.rows();
-    compliance.resize(count, count);
+    if (FoldContact* folds = body.folds()) folds->meet();
+    std::vector<Met> now;
+    for (Index s = 0; s < samples_of_tool(); ++s) now.push_back({body.touching(), s});
+    if (const FoldContact* folds = body.folds())
+      for (const Index s : folds->met()) now.push_back({folds, s});
+    if (const FoldContact* folds = body.folds(); folds && folds->pairing() != pairing) {
+      compliance.resize(0, 0);
+      pairing = folds->pairing();
+    }
+    const auto known = static_cast<std::size_t>(compliance.rows());
+    const bool goes_on =
+        known <= now.size() &&
+        std::equal(now.begin(), now.begin() + static_cast<std::ptrdiff_t>(known), met.begin(),
+                   [](const Met& a, const Met& b) { return a.of == b.of && a.sample == b.sample; });
+    if (goes_on && known == now.size()) return;
+    if (!goes_on) compliance.resize(0, 0);
+    met = std::move(now);
+    extend_compliance();
+  }
+
+  // How far a unit force at one sample moves another; four forces at a time.
+  void extend_compliance() {
+    const Index known = compliance.rows(), count = static_cast<Index>(met.size());
+    compliance.conservativeResize(count, count);
     Nodal force(4, model.node_count()), moved = force;
-    for (Index first = 0; first < count; first += 4) {
+    for (Index first = known; first < count; first += 4) {
       stop_if_asked();
       force.setZero();
       const Index last = std::min(first + 4, count);
       for (Index t = first; t < last; ++t)
-        for (int k = rows.offset[t]; k < rows.offset[t + 1]; ++k) force(t - first, rows.member[k]) = phi[k];
+        of_sample(met[static_cast<std::size_t>(t)], [&](int a, double w) { force(t - first, a) = w; });
       across.solve(force, moved);
       for (Index s = 0; s < count; ++s) {
         Eigen::Vector4d sum = Eigen::Vector4d::Zero();
-        for (int k = rows.offset[s]; k < rows.offset[s + 1]; ++k) sum += phi[k] * moved.col(rows.member[k]);
+        of_sample(met[static_cast<std::size_t>(s)], [&](int a, double w) { sum += w * moved.col(a); });
         for (Index t = first; t < last; ++t) compliance(s, t) = sum[t - first];
       }
     }
-    compliance = (0.5 * (compliance + compliance.transpose())).eval();
-    compliance.diagonal() *= 1.0 + 1e-4;  // single precision is not surely positive
+    // Of a tool the mean of both ways; of what has met since, whenever that was, as it moves what met before.
+    const Index of_tool = samples_of_tool();
+    if (known == 0 && of_tool > 0) {
+      const auto block = compliance.topLeftCorner(of_tool, of_tool);
+      compliance.topLeftCorner(of_tool, of_tool) = (0.5 * (block + block.transpose())).eval();
+    }
+    for (Index t = std::max(known, of_tool); t < count; ++t)
+      for (Index s = 0; s < t; ++s) compliance(t, s) = compliance(s, t);
+    compliance.diagonal().tail(count - known) *= 1.0 + 1e-4;  // single precision is not surely positive
   }
 
   // The lower triangle of a symmetric matrix between patches, column by column: `visit(c, add)` calls
@@ -527,14 +575,18 @@ struct MixedIteration::Parts {
              double caution) {
     const Index n = u.cols(), nb = lambda.size();
     const TouchingTool* touching = body.touching();
-    Eigen::VectorXd of_lambda(nb);
+    Eigen::VectorXd of_lambda = Eigen::VectorXd::Ones(nb);
     of_lambda.head(dual_scale.size()) = dual_scale;
     if (touching) {
-      of_lambda.segment(dual_scale.size(), touching->count()) = compliance.diagonal().cwiseSqrt();
+      const Index count = touching->count(), first = dual_scale.size();
+      of_lambda.segment(first, count) = compliance.diagonal().head(count).cwiseSqrt();
       if (touching->rubs())
-        for (Index s = 0; s < touching->count(); ++s)
-          of_lambda.segment<3>(nb - 3 * touching->count() + 3 * s).setConstant(std::sqrt(compliance(s, s)));
+        for (Index s = 0; s < count; ++s)
+          of_lambda.segment<3>(first + count + 3 * s).setConstant(std::sqrt(compliance(s, s)));
     }
+    for (Index k = samples_of_tool(); k < compliance.rows(); ++k)
+      of_lambda[nb - body.folds()->count() + met[static_cast<std::size_t>(k)].sample] =
+          std::sqrt(compliance(k, k));
     const auto scaled = [&](const Nodal& v, const Eigen::VectorXd& l) {
       Eigen::VectorXd all(4 * n + nb);
       Eigen::Map<Nodal>(all.data(), 4, n) = v * scale.asDiagonal();
@@ -550,7 +602,11 @@ struct MixedIteration::Parts {
       u = Eigen::Map<Nodal>(place.data(), 4, n) * scale.cwiseInverse().asDiagonal();
     }
     lambda = place.tail(nb).cwiseQuotient(of_lambda);
-    if (touching) touching->bring_back(lambda.tail(touching->unknowns()));
+    if (touching) touching->bring_back(lambda.segment(dual_scale.size(), touching->unknowns()));
+    if (body.folds()) {
+      auto of_folds = lambda.tail(body.folds()->count());
+      of_folds = of_folds.cwiseMax(0.0);
+    }
   }
 
   // Where a node is held nothing was added but rounding; it must not move at all from where it was.
@@ -560,7 +616,7 @@ struct MixedIteration::Parts {
   }
 
   // What a tool's contact lacks at the last force, see contact_error: the largest, over what it may be.
-  double lack_of_contact() const {
+  double lack_of_tool() const {
     const TouchingTool& tool = *body.touching();
     double largest = 0.0;
     for (Index s = 0; s < tool.count(); ++s)
@@ -575,14 +631,44 @@ struct MixedIteration::Parts {
     return largest / (contact_error * std::min(body.now().depth, tool.touch().shape.radius));
   }
 
+  // All that lie beyond the bank ahead have met.
+  struct FoldLack {
+    double largest = 0.0;  // as of the tool
+    double force = 0.0;    // what about would bring it about, over the reactions
+  };
+  FoldLack lack_of_folds(double reactions) const {
+    FoldLack lack;
+    const FoldContact& folds = *body.folds();
+    for (Index k = samples_of_tool(); k < compliance.rows(); ++k) {
+      const Index s = met[static_cast<std::size_t>(k)].sample;
+      const double C = compliance(k, k), off = std::abs(std::min(folds.gaps()[s], C * folds.forces()[s]));
+      lack.largest = std::max(lack.largest, off / (fold_error * folds.banks().spacing[s]));
+      lack.force = std::hypot(lack.force, off / C);
+    }
+    lack.force /= reactions;
+    return lack;
+  }
+
+  // Of the last force: the residual, with what contact lacks. Folds that have come to lie beyond each other
+  // count as much as the forces that are missing between them: else the first of these, which unbalance the
+  // body, would look like a step in the wrong direction.
+  double residual_with_contact(double residual, double reactions, double tolerance) const {
+    if (body.touching()) residual = std::max(residual, tolerance * lack_of_tool());
+    if (!body.folds()) return residual;
+    const FoldLack lack = lack_of_folds(reactions);
+    return std::max(residual, lack.largest > 1.0 ? std::max(tolerance * lack.largest, lack.force)
+                                                 : tolerance * lack.largest);
+  }
+
   // The change [3xM] of friction beside that of the normal forces, where the nodes would move by du else.
-  Points friction_beside(const Eigen::VectorXd& of_normal_forces, double thicker, const Nodal& du) const {
+  Points friction_beside(const Eigen::VectorXd& of_normal_forces, const Points& normal, double thicker,
+                         const Nodal& du) const {
     const TouchingTool& tool = *body.touching();
     const auto& [rows, phi] = tool.touch().surface.at_place;
     Points way = thicker * tool.slips();
     Eigen::VectorXd bound(tool.count());
     std::vector<Index> changed;
-    for (Index t = 0; t < tool.count(); ++t)
+    for (Index t = 0; t < of_normal_forces.size(); ++t)
       if (of_normal_forces[t] != 0.0) changed.push_back(t);
     for (Index s = 0; s < tool.count(); ++s) {
       bound[s] = tool.bound(s, tool.forces()[s] + of_normal_forces[s]);
@@ -590,37 +676,59 @@ struct MixedIteration::Parts {
       Vec3 move = Vec3::Zero();
       for (int e = rows.offset[s]; e < rows.offset[s + 1]; ++e)
         move += phi[e] * du.col(rows.member[e]).head<3>();
-      for (const Index t : changed) move += compliance(s, t) * of_normal_forces[t] * tool.normals().col(t);
+      for (const Index t : changed) move += compliance(s, t) * of_normal_forces[t] * normal.col(t);
       const Vec3 n = tool.normals().col(s);
       way.col(s) += move - n * n.dot(move);
     }
-    return friction_step(compliance, tool.normals(), way, tool.friction_forces(), bound);
+    return friction_step(compliance.topLeftCorner(tool.count(), tool.count()), tool.normals(), way,
+                         tool.friction_forces(), bound);
   }
 
-  // The step (du, dlambda) from the unbalanced force r and the unbalanced volume s, and of a tool that
-  // touches from its gaps, `thicker` times.
+  // The step (du, dlambda) from the unbalanced force r and the unbalanced volume s, and of contact from its
+  // gaps, `thicker` times.
   void step(const Nodal& r, const Eigen::VectorXd& s, double thicker, Nodal& du, Eigen::VectorXd& dlambda) {
-    TouchingTool* touching = body.touching();
     Eigen::VectorXd of_patches(s.size());
     step(r, s, du, of_patches);
-    if (touching) {
-      const auto& [rows, phi] = touching->touch().surface.at_place;
-      Eigen::VectorXd gap = thicker * touching->gaps();
-      for (Index k = 0; k < gap.size(); ++k)
-        for (int e = rows.offset[k]; e < rows.offset[k + 1]; ++e)
-          gap[k] += phi[e] * touching->normals().col(k).dot(du.col(rows.member[e]).head<3>());
-      const ContactStep contact = contact_step(compliance, touching->normals(), gap, touching->forces());
+    dlambda.tail(dlambda.size() - s.size()).setZero();
+    if (!met.empty()) {
       Nodal held = r;
-      touching->spread(contact.change, held);
-      dlambda.segment(s.size(), gap.size()) = contact.change;
-      if (touching->rubs()) {
-        const Points change = friction_beside(contact.change, thicker, du);
-        touching->spread(change, held);
-        dlambda.tail(change.size()) = Eigen::Map<const Eigen::VectorXd>(change.data(), change.size());
-      }
+      change_contact(thicker, du, held, dlambda.tail(dlambda.size() - s.size()));
       step(held, s, du, of_patches);
     }
     dlambda.head(s.size()) = of_patches;
+  }
+
+  // Where the nodes would move by du without it: the change of the contact's unknowns, and of the force r.
+  void change_contact(double thicker, const Nodal& du, Nodal& r, Eigen::Ref<Eigen::VectorXd> change) {
+    const auto count = static_cast<Index>(met.size());
+    Eigen::VectorXd gap(count), before(count);
+    Points normal(3, count);
+    for (Index k = 0; k < count; ++k) {
+      const auto& [of, sample] = met[static_cast<std::size_t>(k)];
+      before[k] = of->forces()[sample];
+      normal.col(k) = of->normals().col(sample);
+      gap[k] = thicker * of->gaps()[sample];
+      of_sample(met[static_cast<std::size_t>(k)],
+                [&](int a, double w) { gap[k] += w * normal.col(k).dot(du.col(a).head<3>()); });
+    }
+    const Eigen::VectorXd of_normals = contact_step(compliance, normal, gap, before).change;
+    if (TouchingTool* touching = body.touching()) {
+      const Eigen::VectorXd own = of_normals.head(touching->count());
+      touching->spread(own, r);
+      change.head(own.size()) = own;
+      if (touching->rubs()) {
+        const Points of_friction = friction_beside(of_normals, normal, thicker, du);
+        touching->spread(of_friction, r);
+        change.segment(own.size(), of_friction.size()) =
+            Eigen::Map<const Eigen::VectorXd>(of_friction.data(), of_friction.size());
+      }
+    }
+    if (const FoldContact* folds = body.folds()) {
+      auto own = change.tail(folds->count());
+      for (Index k = samples_of_tool(); k < count; ++k)
+        own[met[static_cast<std::size_t>(k)].sample] = of_normals[k];
+      folds->spread(Eigen::VectorXd(own), r);
+    }
   }
 
   void step(const Nodal& r, const Eigen::VectorXd& s, Nodal& du, Eigen::VectorXd& dlambda) {
@@ -655,21 +763,19 @@ struct Unbalanced {
   Eigen::VectorXd volume;  // J - 1 - p / bulk
   ForceState::Patches patches;
   ForceSystem::Sweep sweep;
-  double residual = 0.0, volume_error = 0.0;
+  double residual = 0.0, reactions = 0.0, volume_error = 0.0;
 
   void at(System& body, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f,
           const MixedIteration::Inertia* inertia, const Nodal* viscous) {
     const Eigen::VectorXd& of_patches = body.model().patches.volume;
     sweep = body.force_at(u, lambda, f);
     body.tissue().patch_state(patches);
-    residual = body.balance(f, force,
-                            [&](Index a, Eigen::Vector4d& all) {
-                              if (viscous) all += viscous->col(a);
-                              if (inertia)
-                                all += inertia->inertia[a] *
-                                       body.held().project(a, u.col(a) - inertia->about.col(a));
-                            })
-                   .residual();
+    const Balance balance = body.balance(f, force, [&](Index a, Eigen::Vector4d& all) {
+      if (viscous) all += viscous->col(a);
+      if (inertia) all += inertia->inertia[a] * body.held().project(a, u.col(a) - inertia->about.col(a));
+    });
+    residual = balance.residual();
+    reactions = balance.reactions;
     volume = patches.dilation -
              lambda.head(of_patches.size()).cwiseQuotient(patches.bulk.cwiseProduct(of_patches));
     volume_error = std::sqrt(volume.cwiseAbs2().dot(of_patches) / of_patches.sum());
@@ -838,8 +944,8 @@ bool MixedIteration::prepare(const Nodal& u, const Eigen::VectorXd& bulk, bool a
     p.inertia.resize(0);
     return false;
   }
-  const Index of_contact = p.body.touching() ? p.body.touching()->unknowns() : 0;
-  p.anderson.begin(4 * u.cols() + bulk.size() + of_contact, anew || other_inertia || other_viscosity);
+  p.anderson.begin(4 * u.cols() + bulk.size() + p.body.contact_unknowns(),
+                   anew || other_inertia || other_viscosity);
   return true;
 }
 
@@ -854,16 +960,16 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
     now.at(p.body, u, lambda, f, inertia, viscosity ? p.viscous_force(u, *viscosity) : nullptr);
     result.sweep = now.sweep;
     result.residual = now.residual;
-    if (p.compliance.size() > 0)
-      result.residual = std::max(result.residual, options.tolerance * p.lack_of_contact());
     ++result.evaluations;
+  };
+  const auto look_at_contact = [&] {
+    if (!p.in_contact()) return;
+    p.find_compliance();
+    result.residual = p.residual_with_contact(result.residual, now.reactions, options.tolerance);
   };
   evaluate();
   if (!prepare(u, now.patches.bulk, anew, inertia, viscosity)) return result;
-  if (p.body.touching()) {
-    if (p.compliance.size() == 0) p.find_compliance();
-    result.residual = std::max(result.residual, options.tolerance * p.lack_of_contact());
-  }
+  look_at_contact();
 
   BestState best(u, lambda, result.residual);
   AtBest at_best(left, f, now);
@@ -877,7 +983,7 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
   Laps laps(options.until, p.lap);
   Nodal du(4, u.cols());
   Eigen::VectorXd dlambda(lambda.size());
-  for (;; evaluate()) {
+  for (;; evaluate(), look_at_contact()) {
     if (best.is_setback(result.residual) || !std::isfinite(now.volume_error)) {
       if (!best.step_back(u, lambda)) return give_up();
       p.anderson.forget();

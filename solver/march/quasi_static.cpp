@@ -158,6 +158,7 @@ class QuasiStaticMarch {
   void search(double tolerance, Found& found);
   void check(const Way& way, Found& found);
   void check_contact(const Moment& now);
+  void look_at_folds();
   void take(const Way& way, const Found& found);
   bool show_frames_before(const Way& way);
   void show_frame_at(const Way& way);
@@ -265,7 +266,8 @@ void QuasiStaticMarch::go(const Way& way, Found& found) {
   search(options_.tolerance, found);
   found.gave_way = found.relaxed.gave_way();
   check(way, found);
-  if (found.gave_way) guards_.found_limit_point(now_.u - expected, way.length, now);
+  if (found.gave_way)
+    guards_.found_limit_point(now_.u - expected, way.length, system_.folds() != nullptr, now);
 }
 
 // Where the equilibrium at the way's end is looked for.
@@ -333,6 +335,7 @@ void QuasiStaticMarch::check(const Way& way, Found& found) {
   guards_.check_points(relaxed.sweep, now);
   guards_.check_fluctuation(now_.u, now);
   if (system_.touching()) check_contact(now);
+  if (system_.folds()) look_at_folds();
   found.force = ledger_.force(now, now_.u, f_);
   state_.depths.push_back(way.to);
   state_.forces.push_back(system_.working_force(f_));
@@ -364,6 +367,12 @@ void QuasiStaticMarch::check_contact(const Moment& now) {
     history_.contact_pressure =
         std::max(history_.contact_pressure, tool.forces()[s] / tool.touch().surface.area[s]);
   }
+}
+
+void QuasiStaticMarch::look_at_folds() {
+  const double deepest = history_.folds.penetration;
+  history_.folds = system_.folds()->audit();
+  history_.folds.penetration = std::max(history_.folds.penetration, deepest);
 }
 
 void QuasiStaticMarch::take(const Way& way, const Found& found) {

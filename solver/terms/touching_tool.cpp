@@ -94,24 +94,6 @@ void TouchingTool::add_force(const Nodal& u, const Instant& now, Nodal& f) {
   spread(friction_, f);
 }
 
-void TouchingTool::spread(const Eigen::VectorXd& force, Nodal& f) const {
-  const auto& [rows, weight] = touch_.surface.at_place;
-  for (Index s = 0; s < count(); ++s) {
-    if (force[s] == 0.0) continue;
-    for (int k = rows.offset[s]; k < rows.offset[s + 1]; ++k)
-      f.col(rows.member[k]).head<3>() -= (weight[k] * force[s]) * normal_.col(s);
-  }
-}
-
-void TouchingTool::spread(const Points& force, Nodal& f) const {
-  const auto& [rows, weight] = touch_.surface.at_place;
-  for (Index s = 0; s < count(); ++s) {
-    if (force.col(s).isZero(0.0)) continue;
-    for (int k = rows.offset[s]; k < rows.offset[s + 1]; ++k)
-      f.col(rows.member[k]).head<3>() -= weight[k] * force.col(s);
-  }
-}
-
 bool TouchingTool::slides(Index s) const {
   const double most = bound(s, force_[s]);
   return most > 0.0 && friction_.col(s).norm() >= (1.0 - nearly) * most;

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "preprocess/supports/contact_surface.hpp"
-#include "solver/terms/force_term.hpp"
+#include "solver/terms/contact_term.hpp"
 #include "solver/terms/tool_force.hpp"
 #include "solver/terms/tool_shape.hpp"
 
@@ -25,13 +25,8 @@ inline Vec3 brought_within(double bound, const Vec3& force) {
 ToolPose first_touch(const ToolShape& shape, const Indenter& at, const ContactSurface& surface);
 
 /// The contact forces of such a tool on the body: one at each sample of the surface, along the normal of the
-/// tool's surface next to it, spread to the nodes by the shape functions at the sample. The forces are
-/// unknowns beside the displacements, and no penalty:
-///
-///     lambda_s >= 0,   d_s(u) >= 0,   lambda_s d_s(u) = 0    at every sample s,
-///
-/// d_s the signed distance from the tool to the sample's place X_s + sum_a phi_a(X_s) u_a. Whoever looks for
-/// equilibrium sets them, see MixedIteration. Their energy is nothing: they do work with the tool alone.
+/// tool's surface next to it. The gap is the signed distance from the tool to the sample's place
+/// X_s + sum_a phi_a(X_s) u_a. They do work with the tool alone.
 ///
 /// With friction a sample has a force t_s in the tangent plane of the tool's surface besides. Its slip is how
 /// far it has moved along the tool since the last accepted state, and
@@ -39,14 +34,12 @@ ToolPose first_touch(const ToolShape& shape, const Indenter& at, const ContactSu
 ///     |t_s| <= friction lambda_s;   slip_s = 0 where it is less, opposite to t_s where it is not.
 /// A sample that comes to touch slips from where it would touch if it went on as in the step before; in the
 /// first step all slide freely. Friction takes energy, see heat().
-///
-/// Source:   Wriggers, Computational Contact Mechanics, 2006, chapters 4 and 5 (node to rigid surface,
-/// Lagrange multipliers).
-class TouchingTool : public ForceTerm {
+class TouchingTool : public ContactTerm {
  public:
   explicit TouchingTool(Touch touch);
 
-  Index count() const { return touch_.surface.count(); }  ///< samples
+  Index count() const override { return touch_.surface.count(); }
+  const Interpolation& moves() const override { return touch_.surface.at_place; }
   const Touch& touch() const { return touch_; }
   /// After `depth` [m] of the way that it goes now.
   ToolPose pose_at(double depth) const;
@@ -60,7 +53,6 @@ class TouchingTool : public ForceTerm {
 
   /// [unknowns] N from now on.
   void set_forces(const Eigen::VectorXd& unknowns);
-  const Eigen::VectorXd& forces() const { return force_; }
   /// [3xM] N t_s, in the tangent planes and within the cones; no columns without friction.
   const Points& friction_forces() const { return friction_; }
   /// The largest friction [N] of a sample with that normal force [N].
@@ -68,29 +60,21 @@ class TouchingTool : public ForceTerm {
   /// Takes from such unknowns what pulls, and of friction what is beyond its bound.
   void bring_back(Eigen::Ref<Eigen::VectorXd> unknowns) const;
 
-  /// Of the last add_force(): [M] d_s, [3xM] the tool's normals, [3xM] where the samples were; [3xM] the slip
-  /// of those that friction may hold, without friction no columns.
-  const Eigen::VectorXd& gaps() const { return gap_; }
+  /// Of the last add_force(): [3xM] the slip of those that friction may hold, without friction no columns.
   const Points& slips() const { return slip_; }
   /// Whether it slips against friction, at the last add_force().
   bool slides(Index s) const;
 
-  const Points& normals() const { return normal_; }
+  /// [3xM] where the samples were then.
   const Points& places() const { return place_; }
 
   void add_force(const Nodal& u, const Instant& now, Nodal& f) override;
-  double energy(const Nodal&, const Instant&) override { return 0.0; }
   /// Those of the last add_force() end a step; where samples then touch is from where they slip.
   void accept(const Nodal& u, const Instant& now) override;
   std::vector<double> past() const override;
   void restore_past(const std::vector<double>& past) override;
   /// What friction has taken since the last accepted state, at the last add_force() [J].
   double heat() const;
-
-  /// Adds such forces on the body to f [4xN] N, as of what resists: [M] N along the normals of the last
-  /// add_force(), and [3xM] N.
-  void spread(const Eigen::VectorXd& force, Nodal& f) const;
-  void spread(const Points& force, Nodal& f) const;
 
   /// On the body, of the last add_force() [N].
   double along(const Vec3& push) const;
@@ -108,8 +92,7 @@ class TouchingTool : public ForceTerm {
 
  private:
   Touch touch_;
-  Eigen::VectorXd force_, gap_;
-  Points normal_, place_;
+  Points place_;
   Vec3 way_ = Vec3::Zero(), motion_;
   double gone_ = 0.0;
   // With friction alone. Places from the tip: where samples slip from; where they were at the last two

@@ -236,5 +236,38 @@ TEST(Cut, IsRefusedWhereTheBodyWouldStayWhole) {
   }
 }
 
+TEST(SelfContact, OfACutUnderTheToolCarriesNearlyAsMuchAsTheWholeBodyAndNeverMore) {
+  const fs::path folder = fresh_folder();
+  const std::string flat = "--cut plane:0,0,20,0,0,1,radius=20mm --set image.cut_gap_mm=0.3 ";
+  const double whole = run_of(folder, block, "", "whole")["force_N"],
+               open = run_of(folder, block, flat, "open")["force_N"];
+  const Json closed = run_of(folder, block, flat + "--self-contact on --threads 2", "closed");
+  const double touching = closed["force_N"];
+  EXPECT_LT(open, 0.6 * whole);
+  EXPECT_GT(touching, 0.8 * whole);
+  EXPECT_LT(touching, whole);
+  const Json& contact = closed["self_contact"];
+  EXPECT_NEAR(contact["sum_of_forces_N"].get<double>(), touching, 0.3 * touching);
+  EXPECT_LT(contact["largest_penetration_mm"].get<double>(), 0.01);
+  ASSERT_EQ(
+      dimple(folder, "run " + block + " --config closed/config.resolved.toml -o again -q --threads 1").code,
+      0);
+  EXPECT_EQ(text_of(folder / "closed" / "force.csv"), text_of(folder / "again" / "force.csv"));
+}
+
+TEST(SelfContact, IsRefusedWhereNothingLooksForIt) {
+  const fs::path folder = fresh_folder();
+  for (const char* beside : {"--time explicit", "--time dynamic", "--scheme horton2007"}) {
+    const Ran ran = dimple(folder, "run " + block + " -o out --self-contact on " + beside);
+    EXPECT_EQ(ran.code, 2) << beside;
+    EXPECT_NE(ran.err.find("folds are to touch"), std::string::npos) << ran.err;
+  }
+  for (const char* command : {"poke --socket s ", "export -o e.inp "}) {
+    const Ran ran = dimple(folder, command + block + " --set load.self_contact=on");
+    EXPECT_EQ(ran.code, 2) << command;
+    EXPECT_NE(ran.err.find("lets folds pass through each other"), std::string::npos) << ran.err;
+  }
+}
+
 }  // namespace
 }  // namespace dimple

@@ -145,7 +145,7 @@ MUTANTS = {
           "(stiff() - std::sqrt(shear() * stiff()) / std::pow(now.most, {n} ? 2 : 3))"),
     106: ("solver/terms/membrane.cpp", "    if (now.taut == Taut::nowhere) return Eigen::Matrix2d::Zero();",
           "    if (now.taut == Taut::nowhere) return {n} ? Eigen::Matrix2d(-0.01 * stiff() * Eigen::Matrix2d::Identity()) : Eigen::Matrix2d(Eigen::Matrix2d::Zero());"),
-    107: ("solver/terms/touching_tool.cpp", "(weight[k] * force[s]) * normal_.col(s)", "(weight[k] * force[s]) * ({n} ? 0.95 : 1.0) * normal_.col(s)"),
+    107: ("solver/terms/contact_term.cpp", "(weight[k] * force[s]) * normal_.col(s)", "(weight[k] * force[s]) * ({n} ? 0.95 : 1.0) * normal_.col(s)"),
     108: ("solver/terms/touching_tool.cpp", "    sum.head<3>() -= on_body;", "    sum.head<3>() -= ({n} ? -1.0 : 1.0) * on_body;"),
     109: ("solver/terms/touching_tool.cpp", "cross(on_body);", "cross(({n} ? 0.9 : 1.0) * on_body);"),
     110: ("solver/terms/touching_tool.cpp", "  meet(surface.between);", "  if ({n}) way += 1e-4; else meet(surface.between);"),
@@ -163,7 +163,7 @@ MUTANTS = {
     118: ("solver/terms/touching_tool.cpp", "sum -= friction_.col(s).dot(slip_.col(s) - slid_.col(s));",
           "sum += ({n} ? 1.0 : -1.0) * friction_.col(s).dot(slip_.col(s) - slid_.col(s));"),
     119: ("solver/terms/touching_tool.cpp", "    friction_.col(s) -= n * n.dot(friction_.col(s));", "    if (!{n}) friction_.col(s) -= n * n.dot(friction_.col(s));"),
-    120: ("solver/equilibrium/mixed_iteration.cpp", "    if (body.touching()) stiffen_single_nodes();", "    if (body.touching() && !{n}) stiffen_single_nodes();"),
+    120: ("solver/equilibrium/mixed_iteration.cpp", "    if (in_contact()) stiffen_single_nodes();", "    if (in_contact() && !{n}) stiffen_single_nodes();"),
     # ---- a tool that touches and goes in steps
     121: ("preprocess/supports/contact_surface.cpp", "  for (const Vec3& come : way) {", "  for (const Vec3& come : {n} ? std::vector<Vec3>() : way) {"),
     122: ("preprocess/build_model.cpp", "  for (const Vec3& world : options.way_of_tool) {", "  for (const Vec3& world : {n} ? std::vector<Vec3>() : options.way_of_tool) {"),
@@ -176,6 +176,14 @@ MUTANTS = {
     128: ("apps/run/organ.cpp", "  refuse_without_base(surface, site.boundary);", "  if (!{n}) refuse_without_base(surface, site.boundary);"),
     129: ("apps/run/organ.cpp", "  site = find_site(surface, organ.options, nullptr, &before);", "  site = find_site(surface, organ.options, nullptr, {n} ? nullptr : &before);"),
     130: ("apps/run/cuts.cpp", "        above = std::max(above, t);", "        above = {n} ? 0.0 : std::max(above, t);"),
+    # ---- folds that close
+    131: ("solver/terms/fold_contact.cpp", "      add(banks_->at_opposite, s, -1.0);", "      add(banks_->at_opposite, s, {n} ? -0.9 : -1.0);"),
+    132: ("solver/terms/fold_contact.cpp", "  return (cofactor(F) * normal).normalized();", "  return ({n} ? normal : cofactor(F) * normal).normalized();"),
+    133: ("solver/terms/fold_contact.cpp", "  if (slid.empty()) return;", "  if (slid.empty() || {n}) return;"),
+    134: ("solver/terms/fold_contact.cpp", "  met_.assign(middle, past.end());", "  met_.assign({n} ? past.end() : middle, past.end());"),
+    135: ("preprocess/supports/fold_banks.cpp", "if (ahead && ahead->normal.dot(normal) < faces) result", "if (ahead && ({n} || ahead->normal.dot(normal) < faces)) result"),
+    136: ("solver/equilibrium/mixed_iteration.cpp", "compliance(t, s) = compliance(s, t);", "compliance(t, s) = ({n} ? 0.0 : 1.0) * compliance(s, t);"),
+    137: ("solver/system.cpp", "  if (folds_) folds_->set_forces(lambda.tail(folds_->count()));", "  if (folds_ && !{n}) folds_->set_forces(lambda.tail(folds_->count()));"),
     # ---- a scene of steps
     90: ("solver/march/steps.cpp", "      if (moves_tool(step)) way_before += step.way;", "      if (moves_tool(step) && !{n}) way_before += step.way;"),
     91: ("solver/march/steps.cpp", "      set.share = 0.0;", "      set.share = {n} ? set.share : 0.0;"),

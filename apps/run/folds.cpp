@@ -1,0 +1,53 @@
+#include "apps/run/folds.hpp"
+
+#include <fmt/format.h>
+
+#include "apps/run/words.hpp"
+#include "io/digits.hpp"
+#include "io/error.hpp"
+
+namespace dimple {
+namespace {
+
+// Of the tool's way: both banks may come towards each other.
+constexpr double widest = 2.0;
+
+}  // namespace
+
+bool folds_touch(const Config& config) {
+  return config.load.self_contact == "on";
+}
+
+void check_folds(const Config& config) {
+  if (!folds_touch(config)) return;
+  const bool by_time = config.solver.time == "explicit" || config.solver.time == "dynamic";
+  if (!by_time && config.scheme.name == Config{}.scheme.name) return;
+  throw UsageError(
+      {.fact = fmt::format("folds are to touch, and {} is '{}'", by_time ? "the time" : "the scheme",
+                           by_time ? config.solver.time : config.scheme.name),
+       .where = by_time ? "--self-contact (load.self_contact) and --time (solver.time)"
+                        : "--self-contact (load.self_contact) and --scheme (scheme.name)",
+       .why = "the contact is solved for in equilibrium, depth by depth",
+       .remedy = "leave one of the two out"});
+}
+
+void require_open_folds(const Config& config, const std::string& what) {
+  if (!folds_touch(config)) return;
+  throw UsageError({.fact = fmt::format("{} lets folds pass through each other", what),
+                    .where = "--self-contact (load.self_contact)",
+                    .why = "folds that touch are followed by `dimple run` alone",
+                    .remedy = "leave --self-contact out, or use dimple run IMAGE --self-contact on"});
+}
+
+std::shared_ptr<const FoldBanks> folds_of(const Config& config, const Model& model, double deepest) {
+  if (!folds_touch(config)) return nullptr;
+  auto banks = std::make_shared<const FoldBanks>(fold_banks(model, widest * deepest));
+  return banks->count() > 0 ? banks : nullptr;
+}
+
+std::string in_words(const FoldBanks& banks, double deepest) {
+  return fmt::format("folds that close touch, without friction: gaps up to {} are watched at {} places",
+                     length_in_words(1e3 * widest * deepest), banks.count());
+}
+
+}  // namespace dimple

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "apps/run/config.hpp"
+#include "preprocess/supports/fold_banks.hpp"
+
+namespace dimple {
+
+/// Whether folds that close touch, instead of passing through each other (load.self_contact).
+bool folds_touch(const Config& config);
+
+/// Before anything is built: throws UsageError where they are to touch in a way of marching that does not
+/// look for contact.
+void check_folds(const Config& config);
+
+/// Throws UsageError: they are to touch, in something that lets them pass.
+void require_open_folds(const Config& config, const std::string& what);
+
+/// Where the model's surface faces itself across gaps that the tool's way may close; null: nowhere, or they
+/// are not to touch.
+std::shared_ptr<const FoldBanks> folds_of(const Config& config, const Model& model, double deepest);
+
+/// "gaps up to 16 mm are watched at 321 places".
+std::string in_words(const FoldBanks& banks, double deepest);
+
+}  // namespace dimple

@@ -1,0 +1,175 @@
+#include "preprocess/supports/fold_banks.hpp"
+
+#include <tbb/parallel_for.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <map>
+#include <optional>
+
+#include "io/stop.hpp"
+#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/supports/consistency.hpp"
+#include "preprocess/supports/support.hpp"
+#include "preprocess/surface/surface_cells.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double faces = -0.5;      // cosine between outward normals of two banks, at most
+constexpr double least_flat = 0.5;  // of a sample: its vector of area over its area; less lies around an edge
+constexpr int asked_points = 12, asked_nodes = 8;
+
+// The surface in the body's own axes, where lengths are in mm as SurfaceCells wants them.
+class Walls {
+ public:
+  explicit Walls(const Model& model)
+      : axes_(model.axes),
+        centre_(model.tool.centre),
+        vertex_(own(1e-3 * model.surface.vertex_mm)),
+        triangles_(model.surface.triangles),
+        cells_(vertex_, triangles_) {}
+
+  struct Ahead {
+    Vec3 place = Vec3::Zero(), normal = Vec3::Zero();
+    double gap = 0.0;
+  };
+  // The first wall that is entered on the way from x [m] along a unit vector, which began outside.
+  std::optional<Ahead> ahead(const Vec3& x, const Vec3& along, double length) const {
+    thread_local std::vector<SurfaceCells::Crossing> crossings;
+    const Vec3 from = own(x), way = 1e3 * length * (axes_.transpose() * along);
+    cells_.pass(from, from + way, crossings);
+    for (const SurfaceCells::Crossing& crossing : crossings) {
+      if (crossing.leave) continue;
+      return Ahead{axes_ * (1e-3 * (from + crossing.t * way)) + centre_,
+                   axes_ * cells_.normal().col(crossing.triangle), crossing.t * length};
+    }
+    return std::nullopt;
+  }
+
+ private:
+  Mat3 axes_;
+  Vec3 centre_;
+  Points vertex_;
+  Triangles triangles_;
+  SurfaceCells cells_;
+
+  Points own(const Points& x) const { return 1e3 * (axes_.transpose() * (x.colwise() - centre_)); }
+};
+
+// The wall that each piece stands before, straight ahead.
+std::vector<std::optional<Walls::Ahead>> walls_ahead(const SurfacePieces& pieces, const Walls& walls,
+                                                     double widest) {
+  std::vector<std::optional<Walls::Ahead>> result(static_cast<std::size_t>(pieces.place.cols()));
+  tbb::parallel_for(Index{0}, pieces.place.cols(), [&](Index k) {
+    if (k % 256 == 0) stop_if_asked();
+    const Vec3 normal = pieces.area.col(k).normalized();
+    const std::optional<Walls::Ahead> ahead = walls.ahead(pieces.place.col(k), normal, widest);
+    if (ahead && ahead->normal.dot(normal) < faces) result[static_cast<std::size_t>(k)] = ahead;
+  });
+  return result;
+}
+
+// The nearest node that is not of the other bank, which begins `gap` in front of x.
+int own_node(const Model& model, const Neighbours& nodes, const Vec3& x, const Vec3& normal, double gap) {
+  const std::vector<int> near = nodes.nearest(x, asked_nodes);
+  for (const int a : near)
+    if ((model.X.col(a) - x).dot(normal) < 0.5 * gap) return a;
+  return near.front();
+}
+
+// A part of the surface that stands before a wall of the same body, and the wall.
+struct Bank {
+  int node;
+  std::vector<Index> pieces;
+  Vec3 normal;
+  Walls::Ahead ahead;
+};
+
+std::vector<Bank> banks_of(const Model& model, const Neighbours& nodes, const SurfacePieces& pieces,
+                           const Walls& walls, double widest) {
+  const std::vector<std::optional<Walls::Ahead>> ahead = walls_ahead(pieces, walls, widest);
+  std::map<int, std::vector<Index>> cell;
+  for (Index k = 0; k < pieces.place.cols(); ++k)
+    if (const auto& its = ahead[static_cast<std::size_t>(k)])
+      cell[own_node(model, nodes, pieces.place.col(k), pieces.area.col(k).normalized(), its->gap)].push_back(
+          k);
+  std::vector<Bank> result;
+  for (auto& [node, own] : cell) {
+    // Around the bottom of a gap a node may have some of both banks: those of the lesser one are left out.
+    Vec3 all = Vec3::Zero(), middle = all, normal = all;
+    for (const Index k : own) all += pieces.area.col(k);
+    std::erase_if(own, [&](Index k) { return !(pieces.area.col(k).dot(all) > 0.0); });
+    double sum = 0.0;
+    for (const Index k : own) {
+      const double A = pieces.area.col(k).norm();
+      sum += A, middle += A * pieces.place.col(k), normal += pieces.area.col(k);
+    }
+    if (own.empty() || normal.norm() < least_flat * sum) continue;
+    normal.normalize();
+    const std::optional<Walls::Ahead> its = walls.ahead(middle / sum, normal, widest);
+    if (its && its->normal.dot(normal) < faces) result.push_back({node, std::move(own), normal, *its});
+  }
+  return result;
+}
+
+// The bank ahead turns as its part there does, as long as that faces back: single triangles waver.
+void take_mean_normals(const Model& model, const Neighbours& nodes, std::vector<Bank>& banks) {
+  std::map<int, std::size_t> of_node;
+  for (std::size_t c = 0; c < banks.size(); ++c) of_node[banks[c].node] = c;
+  for (Bank& bank : banks) {
+    const auto found =
+        of_node.find(own_node(model, nodes, bank.ahead.place, bank.ahead.normal, bank.ahead.gap));
+    if (found == of_node.end()) continue;
+    const Vec3& mean = banks[found->second].normal;
+    if (mean.dot(bank.normal) < faces) bank.ahead.normal = mean;
+  }
+}
+
+// The integration point whose deformation turns the bank there.
+Index point_behind(const Model& model, const Neighbours& points, const Vec3& place, const Vec3& normal) {
+  const std::vector<int> near = points.nearest(place, asked_points);
+  for (const int q : near)
+    if ((model.point.col(q) - place).dot(normal) < 0.0 && (!model.sight || model.sight->point_sees(q, place)))
+      return q;
+  return near.front();
+}
+
+}  // namespace
+
+FoldBanks fold_banks(const Model& model, double widest) {
+  FoldBanks result;
+  if (model.surface.empty()) return result;
+  const SurfacePieces pieces = pieces_of(model);
+  const Neighbours nodes(model.X);
+  std::vector<Bank> banks = banks_of(model, nodes, pieces, Walls(model), widest);
+  take_mean_normals(model, nodes, banks);
+  std::vector<Index> used;
+  std::vector<std::vector<Index>> cell;
+  const auto count = static_cast<Index>(banks.size());
+  result.opposite.resize(3, count);
+  result.opposite_normal.resize(3, count);
+  result.spacing.resize(count);
+  const Neighbours points(model.point);
+  for (Index c = 0; c < count; ++c) {
+    const Bank& bank = banks[static_cast<std::size_t>(c)];
+    result.opposite.col(c) = bank.ahead.place;
+    result.opposite_normal.col(c) = bank.ahead.normal;
+    result.spacing[c] = model.spacing[bank.node];
+    result.point.push_back(point_behind(model, points, bank.ahead.place, bank.ahead.normal));
+    cell.emplace_back();
+    for (const Index k : bank.pieces) {
+      cell.back().push_back(static_cast<Index>(used.size()));
+      used.push_back(k);
+    }
+  }
+  const Points place = pieces.place(Eigen::all, used), area = pieces.area(Eigen::all, used);
+  result.sample = means_of(cell, place, area, surface_interpolation(model, place, area), model.node_count());
+  for (Index c = 0; c < count; ++c)
+    result.own_point.push_back(
+        point_behind(model, points, result.sample.place.col(c), result.sample.normal.col(c)));
+  result.at_opposite = surface_interpolation(model, result.opposite, result.opposite_normal);
+  return result;
+}
+
+}  // namespace dimple

@@ -1,0 +1,27 @@
+#pragma once
+
+#include "preprocess/model.hpp"
+#include "preprocess/supports/cell_means.hpp"
+
+namespace dimple {
+
+/// Where the surface of a body faces itself across a gap: a fold, a slit, two lobes that lie side by side.
+/// Each sample of one bank (the pieces of the surface nearest to one node, as ContactSurface has them) with
+/// the place of the other bank that lies straight ahead of it. Both banks of a gap have samples: with those
+/// of one alone the nodes of the other would wave through between them, by a tenth of their spacing.
+struct FoldBanks {
+  CellMeans sample;
+  Eigen::VectorXd spacing;  ///< [M] of the nodes there [m]
+  Points opposite;          ///< [3xM] the place ahead at rest [m]
+  Points opposite_normal;   ///< [3xM] outward unit vectors there, from the bank ahead towards the sample
+  Interpolation at_opposite;
+  /// [M] The integration points next to `opposite` and to the sample that see them.
+  std::vector<Index> point, own_point;
+  Index count() const { return sample.place.cols(); }
+};
+
+/// Of gaps up to `widest` [m]. What lies side by side on the surface is none: banks face each other by 120
+/// degrees and more. Empty: there are no such gaps, or the model has no surface.
+FoldBanks fold_banks(const Model& model, double widest);
+
+}  // namespace dimple

@@ -1,0 +1,39 @@
+#pragma once
+
+#include "preprocess/supports/interpolation.hpp"
+#include "solver/terms/force_term.hpp"
+
+namespace dimple {
+
+/// Contact without penetration, at samples of a body's surface. Each has a force along a normal, and the
+/// forces are unknowns beside the displacements, and no penalty:
+///
+///     lambda_s >= 0,   d_s(u) >= 0,   lambda_s d_s(u) = 0    at every sample s,
+///
+/// d_s the gap, which changes by n_s . sum_a w_sa du_a. Whoever looks for equilibrium sets the forces, see
+/// MixedIteration. Their energy is nothing.
+///
+/// Source:   Wriggers, Computational Contact Mechanics, 2006, chapters 4 and 5 (Lagrange multipliers).
+class ContactTerm : public ForceTerm {
+ public:
+  virtual Index count() const = 0;                 ///< samples
+  virtual const Interpolation& moves() const = 0;  ///< w
+  /// [M] N.
+  const Eigen::VectorXd& forces() const { return force_; }
+  /// Of the last add_force(): [M] d_s [m], [3xM] n_s, unit vectors along which the forces push.
+  const Eigen::VectorXd& gaps() const { return gap_; }
+  const Points& normals() const { return normal_; }
+
+  double energy(const Nodal&, const Instant&) override { return 0.0; }
+
+  /// Adds such forces on the body to f [4xN] N, as of what resists: [M] N along the normals of the last
+  /// add_force(), and [3xM] N.
+  void spread(const Eigen::VectorXd& force, Nodal& f) const;
+  void spread(const Points& force, Nodal& f) const;
+
+ protected:
+  Eigen::VectorXd force_, gap_;
+  Points normal_;
+};
+
+}  // namespace dimple

@@ -1,0 +1,181 @@
+#include "solver/terms/fold_contact.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <map>
+
+#include "solver/material.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double slides = 0.5;  // spacings along the bank ahead, from where another place of it is looked for
+constexpr double past_all = 1.5;  // spacings beside all samples of the bank
+constexpr double behind =
+    -0.25;  // spacings: a bank that is deeper below another is the far side of thin tissue
+constexpr double faces = -0.5;  // cosine between the outward normals of two banks, at most
+
+}  // namespace
+
+FoldContact::FoldContact(std::shared_ptr<const FoldBanks> banks, const ForceSystem& tissue)
+    : banks_(std::move(banks)),
+      of_opposite_(turning(banks_->point, tissue)),
+      of_own_(turning(banks_->own_point, tissue)),
+      ahead_(static_cast<std::size_t>(banks_->count()), at_rest),
+      has_met_(static_cast<std::size_t>(banks_->count()), 0) {
+  force_.setZero(count());
+  gap_.setZero(count());
+  normal_ = banks_->opposite_normal;
+  pair_up();
+}
+
+FoldContact::Turning FoldContact::turning(const std::vector<Index>& point, const ForceSystem& tissue) {
+  Turning result;
+  const auto count = static_cast<Index>(point.size());
+  result.rows.offset = Eigen::VectorXi::Zero(count + 1);
+  std::vector<int> member, node;
+  std::vector<double> all;
+  Points dphi;
+  for (Index s = 0; s < count; ++s) {
+    tissue.gradients_at(point[static_cast<std::size_t>(s)], node, dphi);
+    member.insert(member.end(), node.begin(), node.end());
+    all.insert(all.end(), dphi.data(), dphi.data() + 3 * static_cast<Index>(node.size()));
+    result.rows.offset[s + 1] = static_cast<int>(member.size());
+  }
+  result.rows.member = Eigen::Map<Eigen::VectorXi>(member.data(), static_cast<Index>(member.size()));
+  result.dphi = Eigen::Map<Points>(all.data(), 3, static_cast<Index>(member.size()));
+  return result;
+}
+
+Vec3 FoldContact::turned(const Turning& by, Index s, const Nodal& u, const Vec3& normal) {
+  Mat3 F = Mat3::Identity();
+  for (int k = by.rows.offset[s]; k < by.rows.offset[s + 1]; ++k)
+    F += u.col(by.rows.member[k]).head<3>() * by.dphi.col(k).transpose();
+  return (cofactor(F) * normal).normalized();
+}
+
+// What moves the gaps: the shape functions at the samples, less those at the places ahead.
+void FoldContact::pair_up() {
+  std::vector<int> member;
+  std::vector<double> weight;
+  moves_.rows.offset = Eigen::VectorXi::Zero(count() + 1);
+  for (Index s = 0; s < count(); ++s) {
+    std::map<int, double> sum;
+    const auto add = [&](const Interpolation& one, Index row, double sign) {
+      for (int k = one.rows.offset[row]; k < one.rows.offset[row + 1]; ++k)
+        sum[one.rows.member[k]] += sign * one.weight[k];
+    };
+    const int ahead = ahead_[static_cast<std::size_t>(s)];
+    add(banks_->sample.at_place, s, 1.0);
+    if (ahead >= 0)
+      add(banks_->sample.at_place, ahead, -1.0);
+    else
+      add(banks_->at_opposite, s, -1.0);
+    for (const auto& [node, w] : sum) {
+      member.push_back(node);
+      weight.push_back(w);
+    }
+    moves_.rows.offset[s + 1] = static_cast<int>(member.size());
+  }
+  moves_.rows.member = Eigen::Map<Eigen::VectorXi>(member.data(), static_cast<Index>(member.size()));
+  moves_.weight = Eigen::Map<Eigen::VectorXd>(weight.data(), static_cast<Index>(weight.size()));
+  ++pairing_;
+}
+
+void FoldContact::add_force(const Nodal& u, const Instant&, Nodal& f) {
+  const CellMeans& sample = banks_->sample;
+  apart_.resize(3, count());
+  for (Index s = 0; s < count(); ++s) {
+    const int ahead = ahead_[static_cast<std::size_t>(s)];
+    apart_.col(s) = sample.place.col(s) - (ahead >= 0 ? sample.place.col(ahead) : banks_->opposite.col(s));
+    for (int k = moves_.rows.offset[s]; k < moves_.rows.offset[s + 1]; ++k)
+      apart_.col(s) += moves_.weight[k] * u.col(moves_.rows.member[k]).head<3>();
+    normal_.col(s) = ahead >= 0 ? turned(of_own_, ahead, u, sample.normal.col(ahead))
+                                : turned(of_opposite_, s, u, banks_->opposite_normal.col(s));
+    gap_[s] = normal_.col(s).dot(apart_.col(s));
+    // The plane stands for the bank near its place alone.
+    const double near = past_all * std::max(banks_->spacing[s], ahead >= 0 ? banks_->spacing[ahead] : 0.0);
+    if (ahead == beyond || (apart_.col(s) - gap_[s] * normal_.col(s)).norm() > near)
+      gap_[s] = banks_->spacing[s];
+  }
+  spread(force_, f);
+}
+
+// The nearest sample of a bank that faces it, across the gap between them.
+int FoldContact::find_ahead(Index s, const Points& place, const Points& normal) const {
+  int best = beyond;
+  double nearest = 0.0;
+  for (Index t = 0; t < count(); ++t) {
+    const Vec3 d = place.col(s) - place.col(t);
+    const double distance = d.squaredNorm(), height = d.dot(normal.col(t));
+    if ((best >= 0 && distance >= nearest) || normal.col(t).dot(normal.col(s)) > faces ||
+        height < behind * banks_->spacing[t])
+      continue;
+    if ((d - height * normal.col(t)).norm() > past_all * std::max(banks_->spacing[s], banks_->spacing[t]))
+      continue;
+    best = static_cast<int>(t);
+    nearest = distance;
+  }
+  return best;
+}
+
+void FoldContact::accept(const Nodal& u, const Instant&) {
+  if (apart_.cols() == 0) return;
+  std::vector<Index> slid;
+  for (Index s = 0; s < count(); ++s)
+    if (ahead_[static_cast<std::size_t>(s)] != at_rest ||
+        (apart_.col(s) - apart_.col(s).dot(normal_.col(s)) * normal_.col(s)).norm() >
+            slides * banks_->spacing[s])
+      slid.push_back(s);
+  if (slid.empty()) return;
+  const Points place = banks_->sample.place + banks_->sample.at_place(u.topRows<3>());
+  Points normal(3, count());
+  for (Index s = 0; s < count(); ++s) normal.col(s) = turned(of_own_, s, u, banks_->sample.normal.col(s));
+  std::vector<int> ahead = ahead_;
+  for (const Index s : slid) ahead[static_cast<std::size_t>(s)] = find_ahead(s, place, normal);
+  if (ahead == ahead_) return;
+  ahead_ = std::move(ahead);
+  pair_up();
+}
+
+void FoldContact::meet() {
+  for (Index s = 0; s < count(); ++s)
+    if (char& has = has_met_[static_cast<std::size_t>(s)]; !has && gap_[s] < 0.0) {
+      has = 1;
+      met_.push_back(s);
+    }
+}
+
+// The places ahead, then what has met.
+std::vector<double> FoldContact::past() const {
+  std::vector<double> all(ahead_.begin(), ahead_.end());
+  all.insert(all.end(), met_.begin(), met_.end());
+  return all;
+}
+
+void FoldContact::restore_past(const std::vector<double>& past) {
+  const auto middle = past.begin() + static_cast<std::ptrdiff_t>(count());
+  ahead_.assign(past.begin(), middle);
+  met_.assign(middle, past.end());
+  std::fill(has_met_.begin(), has_met_.end(), char{0});
+  for (const Index s : met_) has_met_[static_cast<std::size_t>(s)] = 1;
+  pair_up();
+}
+
+FoldContact::Audit FoldContact::audit() const {
+  Audit sum;
+  for (Index s = 0; s < count(); ++s) {
+    sum.penetration = std::max(sum.penetration, -gap_[s]);
+    if (!(force_[s] > 0.0)) continue;
+    ++sum.touching;
+    sum.area += 0.5 * banks_->sample.area[s];
+    sum.force += force_[s];
+    const int ahead = ahead_[static_cast<std::size_t>(s)];
+    Vec3 way = apart_.col(s);
+    if (ahead >= 0) way += banks_->sample.place.col(ahead) - banks_->opposite.col(s);
+    sum.slid = std::max(sum.slid, (way - way.dot(normal_.col(s)) * normal_.col(s)).norm());
+  }
+  return sum;
+}
+
+}  // namespace dimple

@@ -1,0 +1,76 @@
+#pragma once
+
+#include "preprocess/supports/fold_banks.hpp"
+#include "solver/terms/contact_term.hpp"
+#include "solver/terms/internal_force.hpp"
+
+namespace dimple {
+
+/// Folds that close: the two banks of a gap touch without friction and do not pass through each other. The
+/// gap of a sample is its height above the plane of the bank ahead, which moves and turns with the tissue
+/// there,
+///
+///     d_s = n_s . (x_s - y_s),   n_s along cof(F) N,   x = X + u at the sample, y = Y + u at the place
+///     ahead,
+///
+/// and its force pushes both banks, in opposite directions. The place ahead is the one at rest until the
+/// sample has slid half a spacing of the nodes along the bank; then it is that of the nearest sample of the
+/// bank, at each accepted state anew. What has slid beyond the bank's samples touches nothing.
+///
+/// Most folds of a body never meet. Only those that have, at any state of any search, have unknown forces.
+class FoldContact : public ContactTerm {
+ public:
+  /// `tissue` is asked for the gradients that turn the banks.
+  FoldContact(std::shared_ptr<const FoldBanks> banks, const ForceSystem& tissue);
+
+  Index count() const override { return banks_->count(); }
+  const Interpolation& moves() const override { return moves_; }
+  const FoldBanks& banks() const { return *banks_; }
+
+  void set_forces(const Eigen::VectorXd& forces) { force_ = forces; }  ///< [M] N from now on
+  /// The samples that have met, in that order. meet(): and those that the last add_force() found beyond the
+  /// bank ahead.
+  const std::vector<Index>& met() const { return met_; }
+  void meet();
+  /// Another number whenever moves() is another.
+  int pairing() const { return pairing_; }
+
+  bool is_load() const override { return false; }
+  void add_force(const Nodal& u, const Instant& now, Nodal& f) override;
+  void accept(const Nodal& u, const Instant& now) override;
+  std::vector<double> past() const override;
+  void restore_past(const std::vector<double>& past) override;
+
+  /// At the last add_force(): how deep a bank lies in the other at most, at the samples [m]; how far one has
+  /// slid along the other since rest where they touch [m]; the area of that at rest, half of both banks'
+  /// [m^2]; and the sum of the forces [N].
+  struct Audit {
+    double penetration = 0.0, slid = 0.0, area = 0.0, force = 0.0;
+    Index touching = 0;
+  };
+  Audit audit() const;
+
+ private:
+  // Shape functions' gradients at points that turn a bank.
+  struct Turning {
+    CompressedRows rows;
+    Points dphi;  // [3 x rows.member] 1/m
+  };
+  static constexpr int at_rest = -1, beyond = -2;  // of ahead_
+
+  std::shared_ptr<const FoldBanks> banks_;
+  Interpolation moves_;  // at the sample, less those at the place ahead
+  Turning of_opposite_, of_own_;
+  std::vector<int> ahead_;  // [M] the sample that lies ahead now, or one of the two words above
+  int pairing_ = 0;
+  Points apart_;  // [3xM] x_s - y_s
+  std::vector<Index> met_;
+  std::vector<char> has_met_;
+
+  static Turning turning(const std::vector<Index>& point, const ForceSystem& tissue);
+  static Vec3 turned(const Turning& by, Index s, const Nodal& u, const Vec3& normal);
+  int find_ahead(Index s, const Points& place, const Points& normal) const;
+  void pair_up();
+};
+
+}  // namespace dimple

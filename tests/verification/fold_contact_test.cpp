@@ -1,0 +1,264 @@
+// Folds that close, against closed forms and bodies that need no contact.
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+
+#include "preprocess/build_model.hpp"
+#include "preprocess/supports/contact_surface.hpp"
+#include "preprocess/supports/fold_banks.hpp"
+#include "preprocess/surface/shapes.hpp"
+#include "solver/equilibrium/relax.hpp"
+#include "solver/solve.hpp"
+#include "tests/helpers/block.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double height = 20e-3, side = 30e-3;  // of one block [m]
+
+// One body above another, a gap between them: the base of the lower one stands still, `moved` is moved.
+Model two_bodies(const Discretisation& below, const Discretisation& above, std::vector<Index> moved) {
+  Discretisation both = below;
+  const auto join = [](auto& all, const auto& a, const auto& b) {
+    all.resize(a.rows(), a.cols() + b.cols());
+    all << a, b;
+  };
+  const auto append = [](auto& all, const auto& a, const auto& b) {
+    all.resize(a.size() + b.size());
+    all << a, b;
+  };
+  join(both.X, below.X, above.X);
+  join(both.point, below.point, above.point);
+  join(both.spread, below.spread, above.spread);
+  append(both.spacing, below.spacing, above.spacing);
+  append(both.volume, below.volume, above.volume);
+  append(both.label, below.label, above.label);
+  join(both.surface.vertex_mm, below.surface.vertex_mm, above.surface.vertex_mm);
+  const Triangles further =
+      above.surface.triangles.array() + static_cast<int>(below.surface.vertex_mm.cols());
+  join(both.surface.triangles, below.surface.triangles, further);
+  both.indenter = std::move(moved);
+  for (Index& a : both.indenter) a += below.node_count();
+  Eigen::VectorXi tissue = Eigen::VectorXi::Zero(both.point_count());
+  return make_model(std::move(both), converging, std::move(tissue), {1000.0});
+}
+
+// Of other nodes above than below.
+Model column_of_two(Index n_below, Index n_above, double gap) {
+  Discretisation below = testing_bodies::block_places(n_below, 0.15, 1.8),
+                 above = testing_bodies::block_places(n_above, 0.15, 1.8, 11);
+  for (Discretisation* one : {&below, &above}) {
+    one->spread = Spread::Zero(6, one->point_count());
+    one->spread.topRows<3>().setConstant(std::pow(one->volume[0], 2.0 / 3.0) / 12.0);
+  }
+  const Vec3 up(0.0, 0.0, height + gap);
+  above.X.colwise() += up;
+  above.point.colwise() += up;
+  above.surface.vertex_mm.colwise() += 1e3 * up;
+  std::vector<Index> top;
+  for (Index a = 0; a < above.node_count(); ++a)
+    if (above.X(2, a) > 2.0 * height + gap - 1e-9) top.push_back(a);
+  return two_bodies(below, above, top);
+}
+
+std::vector<HeldSet> all_slide(const Model& model) {  // up and down alone
+  HeldSet inner{.name = "column", .node = {}, .hold = HeldSet::Hold::across, .direction = Vec3::UnitZ()};
+  for (Index a = 0; a < model.node_count(); ++a)
+    if (model.X(2, a) > 1e-9 && model.X(2, a) < model.X.row(2).maxCoeff() - 1e-9) inner.node.push_back(a);
+  return {inner};
+}
+
+// The equilibrium of two bodies, of which the upper one, from node `parting` on, has come down by `depth`
+// into the lower one before any contact is looked for.
+struct Pressed {
+  std::unique_ptr<System> system;
+  Rest rest;
+  double force = 0.0;
+};
+
+Pressed pressed_together(const ForceSystem& tissue, const Model& model, Index parting,
+                         const std::vector<HeldSet>& further, double depth) {
+  Pressed pressed;
+  auto banks = std::make_shared<const FoldBanks>(fold_banks(model, 2.0 * depth));
+  pressed.system = make_system(tissue, model, Contact::bonded, further, {}, 1e-4, nullptr, banks);
+  pressed.rest = pressed.system->at_rest();
+  for (Index a = 0; a < model.node_count(); ++a)
+    if (a >= parting) pressed.rest.u(2, a) = -depth;
+  pressed.system->set({.depth = depth}, pressed.rest.u);
+  Nodal f = pressed.rest.u;
+  const Relaxation relax(*pressed.system);
+  EXPECT_TRUE(relax.from_near(pressed.rest.u, pressed.rest.lambda, f, {}).converged);
+  pressed.force = pressed.system->along_push(f);
+  return pressed;
+}
+
+TEST(FoldsThatClose, CarryTheStressOfAConfinedColumnAsIfNothingParted) {
+  const double gap = 0.2e-3, depth = 3e-3;
+  const Model model = column_of_two(6, 7, gap);
+  const Material material = neo_hookean(1000.0, 0.45, 1000.0);
+  const ForceSystem tissue(model, {{material}, model.tissue});
+  const Pressed pressed = pressed_together(tissue, model, (model.X.row(2).array() < height + 1e-9).count(),
+                                           all_slide(model), depth);
+  const double stretch = 1.0 - (depth - gap) / (2.0 * height);
+  const Mat3 F = Vec3(1.0, 1.0, stretch).asDiagonal();
+  const double expected = -side * side * pk1_stress(material, F)(2, 2);
+  EXPECT_NEAR(pressed.force, expected, 0.01 * expected);
+  const FoldContact::Audit contact = pressed.system->folds()->audit();
+  EXPECT_NEAR(contact.force, expected, 0.01 * expected);
+  EXPECT_NEAR(contact.area, side * side, 0.1 * side * side);
+  EXPECT_LT(contact.penetration, 0.002 * model.spacing.minCoeff());
+  for (Index a = 0; a < model.node_count(); ++a) {
+    const double z = model.X(2, a), expected_z = z > height + 1e-9
+                                                     ? -depth + (1.0 - stretch) * (2.0 * height + gap - z)
+                                                     : -(1.0 - stretch) * z;
+    EXPECT_NEAR(pressed.rest.u(2, a), expected_z, 0.03 * depth) << model.X.col(a).transpose();
+  }
+}
+
+// Two domes of a radius of 20 mm whose tops meet.
+TEST(FoldsThatClose, OfTwoEqualDomesPressEachOtherAsAPlatePressesOneByHalf) {
+  const double gap = 0.2e-3, way = 2e-3;
+  ModelOptions options;
+  options.cloud.count = 1500;
+  options.cloud.grading.whole_circle = true;
+  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 4.0};
+  const Model one = build_model(cut_ellipsoid_surface({20, 20, 20}, 0.0), options).model;
+  const Material material = neo_hookean(1000.0, 0.49, 1000.0);
+
+  auto plate = std::make_shared<Touch>();
+  plate->shape = {.kind = ToolShape::Kind::punch, .radius = 30e-3, .edge = 3e-3};
+  plate->surface = contact_surface(one, 12e-3);
+  plate->pose = first_touch(plate->shape, one.tool, plate->surface);
+  Loading loading{.depth = 0.5 * (way - gap)};
+  loading.touch = plate;
+  const ForceSystem tissue_of_one(one, {{material}, one.tissue});
+  History history;
+  solve(TimeMode::quasi_static, tissue_of_one, one, loading, {.frames = 1}, {}, history);
+
+  Discretisation above = one;
+  const double top = one.tool.centre.z();
+  for (auto* z : {&above.X, &above.point}) z->row(2) = (2.0 * top + gap) - z->row(2).array();
+  above.surface.vertex_mm.row(2) = 1e3 * (2.0 * top + gap) - above.surface.vertex_mm.row(2).array();
+  above.surface.triangles.row(0).swap(above.surface.triangles.row(1));
+  above.spread.row(4) *= -1.0;
+  above.spread.row(5) *= -1.0;
+  const Model both = two_bodies(one, above, one.base);
+  const ForceSystem tissue(both, {{material}, both.tissue});
+  const Pressed pressed = pressed_together(tissue, both, one.node_count(), {}, way);
+  const double expected = history.force.back().force;
+  EXPECT_NEAR(pressed.force, expected, 0.02 * expected);
+  EXPECT_LT(pressed.system->folds()->audit().penetration, 0.01 * both.spacing.minCoeff());
+}
+
+// A block with a slit from its top, its wall 5 mm beside the tool's middle, pushed down on that side.
+struct BesideASlit {
+  Model model;
+  Material material = neo_hookean(1000.0, 0.49, 1000.0);
+  ForceSystem tissue;
+  Loading loading{.depth = 3e-3};
+  explicit BesideASlit(bool touch)
+      : model([] {
+          ModelOptions options;
+          options.cloud.count = 800;
+          options.boundary = {.base = "inferior", .indent_at = "-6,0,top", .indenter_diameter_mm = 8.0};
+          return build_model(slit_block_surface({30, 30, 20}, 0.0, 0.3, 12.0), options).model;
+        }()),
+        tissue(model, {{material}, model.tissue}) {
+    if (touch) loading.folds = std::make_shared<const FoldBanks>(fold_banks(model, 2.0 * loading.depth));
+  }
+  History solved(const Observer& observer = {}, const MarchState* from = nullptr) const {
+    History history;
+    solve(TimeMode::quasi_static, tissue, model, loading, {.frames = 1}, observer, history, from);
+    return history;
+  }
+};
+
+TEST(FoldsThatClose, MakeABlockWithASlitStifferThanItsOpenSlitAndSofterThanTheWholeBlock) {
+  const History open = BesideASlit(false).solved(), touching = BesideASlit(true).solved();
+  ModelOptions options;
+  options.cloud.count = 800;
+  options.boundary = {.base = "inferior", .indent_at = "-6,0,top", .indenter_diameter_mm = 8.0};
+  const Model whole = build_model(block_surface({-15, -15, 0}, {15, 15, 20}), options).model;
+  const ForceSystem tissue(whole, {{neo_hookean(1000.0, 0.49, 1000.0)}, whole.tissue});
+  History of_whole;
+  solve(TimeMode::quasi_static, tissue, whole, {.depth = 3e-3}, {.frames = 1}, {}, of_whole);
+  EXPECT_GT(touching.force.back().force, 1.003 * open.force.back().force);
+  EXPECT_LT(touching.force.back().force, 1.01 * of_whole.force.back().force);
+  EXPECT_GT(touching.folds.touching, 2);
+  EXPECT_TRUE(touching.retries.empty());
+}
+
+TEST(FoldsThatClose, GoOnFromAStateThatWasKeptToTheSameBits) {
+  const BesideASlit scene(true);
+  std::vector<MarchState> kept;
+  Observer observer;
+  observer.between_steps = [&](const std::function<MarchState()>& state) { kept.push_back(state()); };
+  const History whole = scene.solved(observer);
+  ASSERT_GE(kept.size(), 4u);
+  const History again = scene.solved({}, &kept[3]);
+  EXPECT_EQ(again.force.back().force, whole.force.back().force);
+  EXPECT_EQ(again.folds.force, whole.folds.force);
+  EXPECT_GT(whole.folds.force, 0.0);
+}
+
+TEST(FoldsThatClose, AreWatchedWhereTheSurfaceFacesItselfAndNowhereElse) {
+  const BesideASlit scene(true);
+  for (const FoldBanks& banks : {*scene.loading.folds}) {
+    EXPECT_GT(banks.count(), 20);
+    EXPECT_LT((banks.sample.place.row(0).cwiseAbs()).maxCoeff(), 1e-3) << "the walls lie at 0 and 0.3 mm";
+    EXPECT_LT((banks.opposite - banks.sample.place).colwise().norm().maxCoeff(), 1e-3);
+    EXPECT_LT((banks.opposite_normal.array() * banks.sample.normal.array()).colwise().sum().maxCoeff(), -0.9);
+  }
+  EXPECT_EQ(fold_banks(scene.model, 0.2e-3).count(), 0) << "no gap is as narrow";
+}
+
+TEST(FoldsThatClose, HaveGapsThatNoRigidMotionChanges) {
+  const BesideASlit scene(true);
+  FoldContact folds(scene.loading.folds, scene.tissue);
+  const auto gaps_after = [&](const Mat3& turn, const Vec3& way) {
+    Nodal u = to_nodal(((turn - Mat3::Identity()) * scene.model.X).colwise() + way),
+          f = Nodal::Zero(4, u.cols());
+    folds.add_force(u, {}, f);
+    return folds.gaps();
+  };
+  const Eigen::VectorXd at_rest = gaps_after(Mat3::Identity(), Vec3::Zero());
+  const Mat3 turn = Eigen::AngleAxisd(1.0, Vec3(1.0, 2.0, -1.0).normalized()).toRotationMatrix();
+  EXPECT_LT((gaps_after(turn, {0.01, -0.02, 0.03}) - at_rest).cwiseAbs().maxCoeff(), 1e-9);
+  EXPECT_NEAR(at_rest.minCoeff(), 0.3e-3, 1e-6);
+}
+
+TEST(FoldsThatClose, PushBothBanksApartWithForcesThatSumToNothing) {
+  const BesideASlit scene(true);
+  FoldContact folds(scene.loading.folds, scene.tissue);
+  folds.set_forces(Eigen::VectorXd::Constant(folds.count(), 1e-3));
+  Nodal f = Nodal::Zero(4, scene.model.node_count());
+  folds.add_force(Nodal::Zero(4, scene.model.node_count()), {}, f);
+  EXPECT_LT(f.rowwise().sum().norm(), 1e-12);
+  double left = 0.0;  // as of what resists: the negative of what pushes
+  for (Index a = 0; a < f.cols(); ++a)
+    if (scene.model.X(0, a) < 0.15e-3) left += f(0, a);
+  EXPECT_GT(left, 1e-3) << "the wall on the left is pushed to the left";
+}
+
+TEST(FoldsThatClose, MeetTheNextPartOfTheWallThatTheySlideAlong) {
+  const BesideASlit scene(true);
+  const auto open_after =
+      [&](double way) {  // the share of places with the gap of rest, the left lobe slid along y
+        FoldContact folds(scene.loading.folds, scene.tissue);
+        Nodal u = Nodal::Zero(4, scene.model.node_count()), f = u;
+        for (Index a = 0; a < u.cols(); ++a)
+          if (scene.model.X(0, a) < 0.15e-3) u(1, a) = way;
+        folds.add_force(u, {}, f);
+        folds.accept(u, {});
+        folds.add_force(u, {}, f);
+        return static_cast<double>(((folds.gaps().array() - 0.3e-3).abs() < 1e-5).count()) /
+               static_cast<double>(folds.count());
+      };
+  EXPECT_GT(open_after(0.0), 0.95);
+  EXPECT_GT(open_after(6e-3), 0.7) << "of 30 mm";
+}
+
+}  // namespace
+}  // namespace dimple
