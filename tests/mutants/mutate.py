@@ -181,7 +181,7 @@ MUTANTS = {
     132: ("solver/terms/fold_contact.cpp", "  return (cofactor(F) * normal).normalized();", "  return ({n} ? normal : cofactor(F) * normal).normalized();"),
     133: ("solver/terms/fold_contact.cpp", "  if (slid.empty()) return;", "  if (slid.empty() || {n}) return;"),
     134: ("solver/terms/fold_contact.cpp", "  met_.assign(middle, past.end());", "  met_.assign({n} ? past.end() : middle, past.end());"),
-    135: ("preprocess/supports/fold_banks.cpp", "if (ahead && ahead->normal.dot(normal) < faces) result", "if (ahead && ({n} || ahead->normal.dot(normal) < faces)) result"),
+    135: ("preprocess/supports/fold_banks.cpp", "way = 1e3 * length * ", "way = ({n} ? 1e4 : 1e3) * length * "),
     136: ("solver/equilibrium/mixed_iteration.cpp", "compliance(t, s) = compliance(s, t);", "compliance(t, s) = ({n} ? 0.0 : 1.0) * compliance(s, t);"),
     137: ("solver/system.cpp", "  if (folds_) folds_->set_forces(lambda.tail(folds_->count()));", "  if (folds_ && !{n}) folds_->set_forces(lambda.tail(folds_->count()));"),
     # ---- a scene of steps
