@@ -7,8 +7,8 @@
 
 namespace dimple {
 
-/// Whether the banks of a cut, which nothing keeps apart, pass through each other under the load: on samples
-/// of each bank, against the plane of the bank that was opposite at rest.
+/// Whether the banks of a cut pass through each other under the load, which nothing keeps apart or contact at
+/// other places than these: on samples of each bank, against the plane of the bank that was opposite at rest.
 class ClosingCut {
  public:
   /// `gap` [m]: what was between the banks at rest.
@@ -16,6 +16,8 @@ class ClosingCut {
   void see(const Frame& frame);
   /// A warning, if a hundredth of the banks' area or more does so; empty: less, or there are none.
   std::string warning() const;
+  /// How far the one came into the other at most [m].
+  double deepest() const { return worst_; }
 
  private:
   Interpolation at_;      // three corners of each sample, then the place opposite

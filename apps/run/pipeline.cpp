@@ -352,7 +352,11 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
   result.solve_s = solving.seconds();
   keep_findings(talk, result);
   tell_of_lost_contact(talk, result);
-  for (const std::string& warning : {bending.warning(), closing.warning()})
+  // Between the places where folds touch the banks of a cut are looked at too.
+  FoldContact::Audit& folds = result.history.folds;
+  folds.penetration = std::max(folds.penetration, result.loading.folds ? closing.deepest() : 0.0);
+  for (const std::string& warning :
+       {bending.warning(), result.loading.folds ? std::string() : closing.warning()})
     if (!warning.empty()) talk.warn(warning);
   return system;
 }

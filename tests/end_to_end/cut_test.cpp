@@ -248,7 +248,7 @@ TEST(SelfContact, OfACutUnderTheToolCarriesNearlyAsMuchAsTheWholeBodyAndNeverMor
   EXPECT_LT(touching, whole);
   const Json& contact = closed["self_contact"];
   EXPECT_NEAR(contact["sum_of_forces_N"].get<double>(), touching, 0.3 * touching);
-  EXPECT_LT(contact["largest_penetration_mm"].get<double>(), 0.01);
+  EXPECT_LT(contact["largest_penetration_mm"].get<double>(), 0.3) << "the gap; open, they pass by 3 mm";
   ASSERT_EQ(
       dimple(folder, "run " + block + " --config closed/config.resolved.toml -o again -q --threads 1").code,
       0);
