@@ -10,6 +10,7 @@
 #include "apps/commands/terminal.hpp"
 #include "apps/run/checkpoint.hpp"
 #include "apps/run/summary.hpp"
+#include "io/digits.hpp"
 #include "io/draw/chart.hpp"
 #include "io/file.hpp"
 #include "io/table.hpp"
@@ -31,6 +32,8 @@ struct FinishedRun {
   std::vector<double> half;                    // of the band at each of them [N], or none
   std::string no_band;                         // why there is none
   std::string image_sha256;                    // empty: it is not known
+  double cut_area = 0.0;                       // of all its cuts [m^2]
+  double stored = 0.0;                         // energy at the end [J]
 };
 
 [[noreturn]] void refuse(const std::string& fact, const std::string& where, const std::string& why,
@@ -91,6 +94,17 @@ void read_curve(const fs::path& file, FinishedRun& run) {
            "its last force is not that of summary.json", "run the scene anew with --force");
 }
 
+// What a longer cut has released beside a shorter one or none.
+void read_energy(const fs::path& folder, FinishedRun& run) {
+  const Json cut = run.summary.value("model", Json::object()).value("cut", Json::object());
+  if (cut.contains("area_mm2") && cut.at("area_mm2").is_number())
+    run.cut_area = 1e-6 * cut.at("area_mm2").get<double>();
+  std::error_code ignored;
+  if (!fs::is_regular_file(folder / "energy.csv", ignored)) return;
+  const Table table = read_csv(folder / "energy.csv");
+  if (const auto* stored = table.find("stored_J"); stored && !stored->empty()) run.stored = stored->back();
+}
+
 FinishedRun read_run(const std::string& given) {
   const fs::path folder = given;
   FinishedRun run;
@@ -100,6 +114,7 @@ FinishedRun read_run(const std::string& given) {
   read_config(config, folder / "config.resolved.toml");
   run.options = option_values(config);
   read_curve(folder / "force.csv", run);
+  read_energy(folder, run);
   if (run.half.empty()) {
     const Json band = run.summary.value("band", Json::object());
     run.no_band = band.is_object() && band.contains("unknown") && band.at("unknown").is_string()
@@ -181,6 +196,34 @@ std::vector<Row> rows_of(const FinishedRun& a, const FinishedRun& b) {
   return rows;
 }
 
+// Of two bodies that differ in their cuts alone, held alike: what the further cut has released by itself.
+struct Released {
+  bool in_b = true;     // which is cut further
+  double energy, area;  // [J], [m^2]
+};
+
+std::optional<Released> released_by_cut(const FinishedRun& a, const FinishedRun& b,
+                                        const std::vector<Difference>& differences) {
+  const bool alike = a.image_sha256 == b.image_sha256 && !a.image_sha256.empty() &&
+                     std::abs(a.curve.back().depth - b.curve.back().depth) < 1e-9 &&
+                     std::all_of(differences.begin(), differences.end(), [](const Difference& d) {
+                       return d.what == "image.cut" || d.what == "chosen nodes";
+                     });
+  if (!alike || a.cut_area == b.cut_area || !(a.stored > 0.0 && b.stored > 0.0)) return std::nullopt;
+  const bool in_b = b.cut_area > a.cut_area;
+  const double sign = in_b ? 1.0 : -1.0;
+  return Released{in_b, sign * (a.stored - b.stored), sign * (b.cut_area - a.cut_area)};
+}
+
+std::string in_words(const Released& released, const FinishedRun& a, const FinishedRun& b) {
+  return fmt::format(
+      "energy   {} more of cut in {} release {} uJ at that depth, {} J/m2; A stores {}, B {} uJ, and the "
+      "errors of both discretisations are in the difference",
+      fmt::format("{:.4g} mm2", 1e6 * released.area), released.in_b ? "B" : "A",
+      three_digits(1e6 * released.energy), three_digits(released.energy / released.area),
+      three_digits(1e6 * a.stored), three_digits(1e6 * b.stored));
+}
+
 bool both_banded(const FinishedRun& a, const FinishedRun& b) {
   return !a.half.empty() && !b.half.empty();
 }
@@ -253,6 +296,7 @@ void print_table(const FinishedRun& a, const FinishedRun& b, const std::vector<R
                       : row.overlap()    ? "yes"
                                          : "no"));
   print(fmt::format("\n{}\n", verdict_in_words(a, b, rows.back())));
+  if (const auto released = released_by_cut(a, b, differences)) print(in_words(*released, a, b) + "\n");
 }
 
 Json to_json(const FinishedRun& a, const FinishedRun& b, const std::vector<Row>& rows,
@@ -268,6 +312,10 @@ Json to_json(const FinishedRun& a, const FinishedRun& b, const std::vector<Row>&
   json["differences"] = Json::array();
   for (const Difference& d : differences)
     json["differences"].push_back({{"what", d.what}, {"a", d.a}, {"b", d.b}});
+  if (const auto released = released_by_cut(a, b, differences))
+    json["released_by_cut"] = {{"energy_J", released->energy},
+                               {"area_mm2", 1e6 * released->area},
+                               {"energy_per_area_J_m2", released->energy / released->area}};
   json["at_depth"] = Json::array();
   const auto end = [](bool known, double value) { return known ? Json(value) : Json(); };
   for (const Row& row : rows) {

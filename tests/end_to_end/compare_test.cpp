@@ -156,5 +156,29 @@ TEST_F(Compare, RefusesWhatIsNoFinishedRun) {
   EXPECT_THAT(ran.err, HasSubstr(".png or .svg"));
 }
 
+TEST_F(Compare, SaysWhatACutHasReleasedAsTheWorkBetweenTheTwoCurves) {
+  run("body.nrrd", "cut", " --cut plane:0,0,16,0,0,1,radius=10mm");
+  const Json told = compared("a", "cut");
+  const auto work = [&](const char* which) {
+    double sum = 0.0, depth = 0.0, force = 0.0;
+    for (const Json& row : told["at_depth"]) {
+      const double next = 1e-3 * row["indentation_mm"].get<double>(), its = row[which];
+      sum += 0.5 * (next - depth) * (its + force);
+      depth = next, force = its;
+    }
+    return sum;
+  };
+  const Json& released = told["released_by_cut"];
+  const double expected = work("a_force_N") - work("b_force_N"), area = released["area_mm2"];
+  EXPECT_GT(expected, 0.0);
+  EXPECT_NEAR(released["energy_J"].get<double>(), expected, 0.02 * work("a_force_N"));
+  EXPECT_NEAR(area, 3.14159 * 100.0, 10.0);
+  EXPECT_NEAR(released["energy_per_area_J_m2"].get<double>() * 1e-6 * area, released["energy_J"], 1e-12);
+  EXPECT_EQ(compared("cut", "a")["released_by_cut"], released);
+  EXPECT_THAT(dimple(folder, "compare a cut").out, HasSubstr("J/m2"));
+  run("body.nrrd", "softer", " --cut plane:0,0,16,0,0,1,radius=10mm --mu 100");
+  EXPECT_FALSE(compared("a", "softer").contains("released_by_cut")) << "another tissue";
+}
+
 }  // namespace
 }  // namespace dimple

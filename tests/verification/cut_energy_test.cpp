@@ -1,0 +1,94 @@
+// What a cut releases: stored energies of bodies with a longer and a shorter slit, held alike, against closed
+// forms.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+
+#include "preprocess/make_model.hpp"
+#include "preprocess/surface/shapes.hpp"
+#include "solver/equilibrium/relax.hpp"
+#include "solver/system.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double mu = 1000.0, nu = 0.499;
+const Vec3 strip(20e-3, 2e-3, 80e-3);  // between its grips, thick, wide [m]
+
+// On a lattice: grips at both ends of x; a slit at half of that, all through y, from the top of z to `depth`.
+Model slit_strip(double depth) {
+  const Eigen::Array3i nodes(20, 3, 77), cells(36, 4, 140);
+  const auto at = [&](const Eigen::Array3i& k, const Eigen::Array3i& n, double shift) {
+    const Eigen::Array3d share = (k.cast<double>() + shift) / (n.cast<double>());
+    return Vec3((share - Eigen::Array3d(0.5, 0.5, 0.0)) * strip.array());
+  };
+  Discretisation places;
+  places.X.resize(3, nodes.prod());
+  places.point.resize(3, cells.prod());
+  Index a = 0, q = 0;
+  for (int k = 0; k < nodes.z(); ++k)
+    for (int j = 0; j < nodes.y(); ++j)
+      for (int i = 0; i < nodes.x(); ++i) {
+        if (i == 0) places.base.push_back(a);
+        if (i == nodes.x() - 1) places.indenter.push_back(a);
+        places.X.col(a++) = at({i, j, k}, nodes - 1, 0.0);
+      }
+  for (int k = 0; k < cells.z(); ++k)
+    for (int j = 0; j < cells.y(); ++j)
+      for (int i = 0; i < cells.x(); ++i) places.point.col(q++) = at({i, j, k}, cells, 0.5);
+  const Vec3 cell = strip.array() / cells.cast<double>();
+  places.spacing = Eigen::VectorXd::Constant(nodes.prod(), strip.x() / (nodes.x() - 1));
+  places.volume = Eigen::VectorXd::Constant(q, cell.prod());
+  places.spread = Spread::Zero(6, q);
+  places.spread.topRows<3>().colwise() = Vec3(cell.array().square() / 12.0);
+  places.label = Eigen::VectorXi::Zero(q);
+  places.tool.push = Vec3::UnitX();
+  const BodySurface surface = slit_block_surface(1e3 * strip, -0.05, 0.1, 1e3 * depth);
+  places.surface.vertex_mm = surface.vertex();
+  places.surface.triangles = surface.triangles();
+  Eigen::VectorXi tissue = places.label;
+  return make_model(std::move(places), converging, std::move(tissue), {1000.0});
+}
+
+constexpr std::array stretches = {1.2, 1.5, 2.0};
+
+// [J] with the grips drawn apart to so many times their distance.
+std::array<double, 3> energies_of(double depth) {
+  const Model model = slit_strip(depth);
+  const ForceSystem tissue(model, {{neo_hookean(mu, nu, 1000.0)}, model.tissue});
+  const std::unique_ptr<System> system = make_system(tissue, model, Contact::bonded, {});
+  const Relaxation relax(*system);
+  Rest rest = system->at_rest();
+  Nodal f = rest.u;
+  std::array<double, 3> energy{};
+  double now = 1.0;
+  for (std::size_t k = 0; k < stretches.size(); ++k) {
+    while (now < stretches[k] - 1e-9) {
+      const double next = std::min(now + 0.15, stretches[k]);
+      rest.u *= (next - 1.0) / std::max(now - 1.0, 1e-9);  // nothing at first
+      system->set({.depth = (next - 1.0) * strip.x()}, rest.u);
+      EXPECT_TRUE(relax.from_near(rest.u, rest.lambda, f, {}).converged) << next;
+      now = next;
+    }
+    energy[k] = system->stored_energy(rest.u).tissue;
+  }
+  return energy;
+}
+
+// A strip that is much wider than its grips are apart, under pure shear (its thickness gives way, its width
+// does not): a longer slit unloads that much more of it. Rivlin and Thomas, J. Polym. Sci. 10 (1953) 291: G =
+// H0 W, W = mu/2 (l^2 + l^-2 - 2).
+TEST(ACutReleases, OfAPureShearStripTheEnergyThatItsHeightHolds) {
+  constexpr double shorter = 30e-3, longer = 45e-3;
+  const auto before = energies_of(shorter), after = energies_of(longer);
+  for (std::size_t k = 0; k < stretches.size(); ++k) {
+    const double l = stretches[k], G = (before[k] - after[k]) / ((longer - shorter) * strip.y()),
+                 expected = strip.x() * 0.5 * mu * (l * l + 1.0 / (l * l) - 2.0);
+    EXPECT_NEAR(G, expected, 0.03 * expected) << l;
+  }
+}
+
+}  // namespace
+}  // namespace dimple
