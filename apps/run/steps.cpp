@@ -84,17 +84,39 @@ void check_steps(const Config& config) {
                       .remedy = "leave --time and --scheme out, or the steps"});
 }
 
+namespace {
+
+// [mm] the deepest that the tool is pushed. Of ways in x, y and z alone, the push not being known yet: along
+// the first of them.
+double deepest_push(const Config& config) {
+  double pushed = 0.0, deepest = 0.0, along_first = 0.0, deepest_along_first = 0.0;
+  Vec3 first = Vec3::Zero();
+  for (const auto& [name, step] : steps_in_order(config)) {
+    if (!is_of_tool(step)) continue;
+    if (step.move_mm.size() == 1) {
+      pushed += step.move_mm[0];
+      deepest = std::max(deepest, pushed);
+    } else if (step.move_mm.size() == 3) {
+      const Vec3 way(step.move_mm[0], step.move_mm[1], step.move_mm[2]);
+      if (first.isZero(0.0)) first = way.normalized();
+      along_first += way.dot(first);
+      deepest_along_first = std::max(deepest_along_first, along_first);
+    }
+  }
+  return deepest > 0.0 ? deepest : deepest_along_first;
+}
+
+}  // namespace
+
 void resolve_steps(Config& config) {
   if (config.step.empty()) return;
-  double pushed = 0.0, deepest = 0.0, longest = 0.0;
+  double longest = 0.0;
   for (const auto& [name, step] : steps_in_order(config)) {
     double length = 0.0;
     for (const double d : step.move_mm) length = std::hypot(length, d);
     longest = std::max(longest, length);
-    if (is_of_tool(step) && step.move_mm.size() == 1) pushed += step.move_mm[0];
-    deepest = std::max(deepest, pushed);
   }
-  const double depth = deepest > 0.0 ? deepest : longest;
+  const double pushed = deepest_push(config), depth = pushed > 0.0 ? pushed : longest;
   if (!(depth > 0.0)) return;  // which check_steps() refuses
   const auto given = config.source.find("load.depth_mm");
   if (given != config.source.end() && given->second != "the steps" &&

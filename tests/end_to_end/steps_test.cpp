@@ -82,6 +82,16 @@ TEST_F(SceneOfSteps, ThePushOfOneStepIsTheRunWithoutSteps) {
   EXPECT_EQ(plain, stepped);
 }
 
+TEST_F(SceneOfSteps, TwoWaysInTheSameDirectionAreAsDeepAsBothTogether) {
+  const Json once = run(" --set step.a.move=0,0,-2 --write force"),
+             twice = run(" --set step.a.move=0,0,-1 --set step.b.move=0,0,-1 --write force"),
+             aside = run(" --set step.a.move=0,0,-2 --set step.b.move=1,0,0 --write force");
+  for (const Json* summary : {&once, &twice, &aside})
+    EXPECT_EQ((*summary)["requested"]["depth_mm"].get<double>(), 2.0);
+  EXPECT_NEAR(twice["force_N"].get<double>(), once["force_N"].get<double>(),
+              1e-3 * once["force_N"].get<double>());
+}
+
 TEST_F(SceneOfSteps, ADraggedToolIsPulledBack) {
   const Json summary = run(" --set step.press.move=2mm --set step.drag.move=1,0,0 --write all");
   const auto on_tool = summary["scene"][1]["force_on_tool_N"].get<std::vector<double>>();
