@@ -54,6 +54,18 @@ TEST(ToolThatTouches, APunchThatTheSurfaceComesIntoEndsWithAReasonAndNotWithAFor
   EXPECT_NE(ran.err.find("penetration"), std::string::npos) << ran.err;
 }
 
+TEST(ToolThatTouches, IsRefusedAnyWayThatPushesItInByMoreThanItsLength) {
+  const fs::path folder = with_phantom();
+  for (const char* way :
+       {"--depth 12mm", "--set step.a.move=12mm", "--set step.a.move=0,0,-6 --set step.b.move=0,0,-6",
+        "--set step.a.move=5mm --set step.b.move=0,0,-7"}) {
+    const Ran ran = dimple(
+        folder, std::string("run brain.nrrd -o out --nodes 600 --tool capsule:2mm,length=10mm ") + way);
+    EXPECT_EQ(ran.code, 2) << way << ran.err;
+    EXPECT_NE(ran.err.find("is 10.00 mm long"), std::string::npos) << way << ran.err;
+  }
+}
+
 // Its file states every option, the usual way of the circle among them.
 TEST(ToolThatTouches, IsRepeatedByTheConfigurationThatItsRunWrote) {
   const fs::path folder = with_phantom();
