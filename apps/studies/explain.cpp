@@ -11,6 +11,7 @@
 #include <tuple>
 
 #include "apps/run/band.hpp"
+#include "apps/run/folds.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/steps.hpp"
@@ -213,6 +214,9 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
   else
     add("folds", "", fmt::format("closed below {} mm", plain(narrow_gap_mm)), Kind::doubt,
         [](Case& c) { c.config.image.close_mm = narrow_gap_mm; });
+  if (found.facing_share > most_facing && found.time == TimeMode::quasi_static && !folds_touch(config))
+    add("walls of folds", "", "touch where they close, without friction", Kind::doubt,
+        [](Case& c) { c.config.load.self_contact = "on"; });
 
   const double small_mm = small_depth_radii * radius_mm;
   // The force of a tool that touches is not proportional to its depth at small strain either.
@@ -422,10 +426,11 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
             std::abs(now.force[depths - 1] / compared[depths - 1] - 1.0) < few_noises * explanation.noise) {
           Case again = trial.given;
           ++again.config.cloud.seed;
-          const std::vector<double> other = run(again, depths_mm).force;
-          depths = std::min(depths, other.size());
+          const auto other = run(again, depths_mm);
+          if (other.force.size() < depths) now.deeper = other.deeper;
+          depths = std::min(depths, other.force.size());
           now.force.resize(depths);
-          for (std::size_t k = 0; k < depths; ++k) now.force[k] = 0.5 * (now.force[k] + other[k]);
+          for (std::size_t k = 0; k < depths; ++k) now.force[k] = 0.5 * (now.force[k] + other.force[k]);
         }
         for (std::size_t k = 0; k < depths; ++k)
           alternative.effects.emplace_back(depths_mm[k], now.force[k] / compared[k] - 1.0);
