@@ -53,6 +53,8 @@ void BendingOfPart::see(const Frame& frame) {
   moved_ = 0.0;
   for (const Index a : opposite_)
     moved_ += frame.u.col(a).head<3>().dot(push_) / static_cast<double>(opposite_.size());
+  if (frame.number == 0) settled_ = moved_;
+  moved_ -= settled_;
 }
 
 std::string BendingOfPart::warning() const {

@@ -13,7 +13,8 @@ class BendingOfPart {
  public:
   explicit BendingOfPart(const Model& model);
   void see(const Frame& frame);
-  /// A warning, if it is half of the push or more; empty: it is less, or nothing was seen.
+  /// A warning, if it is half of the push or more; empty: it is less, or nothing was seen. Loads that act
+  /// before the tool moves have moved that surface too, which does not count.
   std::string warning() const;
 
  private:
@@ -22,6 +23,7 @@ class BendingOfPart {
   double thickness_ = 0.0;            // [m]
   double diameter_ = 0.0;             // [m]
   double depth_ = 0.0, moved_ = 0.0;  // [m]
+  double settled_ = 0.0;              // of moved_, before the tool has moved [m]
 };
 
 }  // namespace dimple

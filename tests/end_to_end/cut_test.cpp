@@ -255,6 +255,20 @@ TEST(SelfContact, OfACutUnderTheToolCarriesNearlyAsMuchAsTheWholeBodyAndNeverMor
   EXPECT_EQ(text_of(folder / "closed" / "force.csv"), text_of(folder / "again" / "force.csv"));
 }
 
+TEST(Cut, UnderGravityCountsTheBendingOfTheFlapFromWhereTheBodyCameToRest) {
+  const fs::path folder = fresh_folder();
+  const Ran ran =
+      dimple(folder, "run " + block +
+                         " -o out --write force --nodes 1000 --depth 1mm --frames 1 --band off --mu 500 "
+                         "--gravity inferior --cut plane:0,0,22,0,0,1,radius=14mm");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const std::size_t at = ran.err.find(" % of the push bends");
+  ASSERT_NE(at, std::string::npos) << ran.err;
+  const double percent = std::stod(ran.err.substr(ran.err.rfind(' ', at - 1)));
+  EXPECT_GT(percent, 50.0);
+  EXPECT_LE(percent, 100.0) << "at rest the flap has sunk already";
+}
+
 TEST(SelfContact, IsRefusedWhereNothingLooksForIt) {
   const fs::path folder = fresh_folder();
   for (const char* beside : {"--time explicit", "--time dynamic", "--scheme horton2007"}) {
