@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <optional>
 
 #include "io/error.hpp"
@@ -31,10 +32,17 @@ constexpr double passed = 0.01;         // and of one on the way to where the to
 constexpr double slowest = 1.0 / 32.0;  // of longest_way, where the tool stops
 constexpr double folded = 0.01;         // share of inverted points
 constexpr double widest = 2.5;          // displacement, in depths of the tool
-constexpr double gradient_good = 0.1;   // radii, for which dJ/du serves
+// Of a tool that touches, of its depth and of its radius.
+constexpr double deepest_first = 0.35;  // radii, see find_first_contact()
+constexpr std::int64_t for_first = 60;
+constexpr double open_contact = 0.02, deepest_in_tool = 0.05, beyond_samples = 1e-3;
+constexpr double gradient_good = 0.1;  // radii, for which dJ/du serves
 // Of the error: shares of the correction, of the mean of the energies left and of the tool, and of the force.
 // Chosen before the study that counts how often it holds (tests/bench/README.md).
 constexpr double of_correction = 0.5, of_energy = 0.1, of_force = 1e-3;
+// Of a tool that touches, whose contact has no edge yet where few evaluations have looked for it. Chosen on a
+// sphere that comes straight down on a cylinder, where with 3 evaluations a frame 0.1 did not hold.
+constexpr double of_energy_in_contact = 0.3;
 
 }  // namespace
 
@@ -43,20 +51,51 @@ struct Session::Parts {
       : model(std::move(m)),
         options(o),
         tissue(model, {std::move(materials), model.tissue}, options.precision),
-        system(
-            make_system(tissue, model, options.contact, options.further, options.loads, options.tolerance)),
+        system(make_system(tissue, model, options.contact, options.further, options.loads, options.tolerance,
+                           options.touch.get())),
         relax(*system),
         u(system->at_rest().u),
         v(Nodal::Zero(4, model.node_count())),
         f(v),
         lambda(system->at_rest().lambda),
-        thick((model.X.transpose() * model.tool.push).maxCoeff() - model.tool.centre.dot(model.tool.push)) {
+        tool(model.tool) {
+    if (options.touch) {
+      tool.centre = options.touch->pose.tip;
+      tool.radius = options.touch->shape.radius;
+      longest_tool = length_of_tool(options.touch->shape);
+      require_curve_of_equilibria();
+    }
+    longest = longest_way * tool.radius / longest_share(options.further);
+    thick = (model.X.transpose() * tool.push).maxCoeff() - tool.centre.dot(tool.push);
     path.push(0.0, u, lambda);
-    known.apart = kept_apart * model.tool.radius;
+    known.apart = kept_apart * tool.radius;
     known.add({0.0, u, lambda, 0.0, 0.0});
-    left.force = v;
-    left.volume = Eigen::VectorXd::Zero(lambda.size());
+    nothing_left();
     lie_at_rest();
+  }
+
+  // Under a tool that touches: what was found on the way in must serve on the way out, and again.
+  void require_curve_of_equilibria() const {
+    const bool rubs = options.touch->friction > 0.0;
+    if (!rubs && !system->viscoelastic() && relax.has_mixed()) return;
+    throw SolveError({.fact = rubs ? "a tool that rubs cannot be followed"
+                                   : "this tissue cannot be followed under a tool that touches",
+                      .where = "Session",
+                      .why = rubs ? "with friction its force depends on the way that it took"
+                             : system->viscoelastic()
+                                 ? "tissue that relaxes goes on moving where the tool has left it"
+                                 : "its contact is found with patches that hold the volume",
+                      .remedy = "take a tool without friction, elastic tissue, the scheme 'converging' and a "
+                                "Poisson's ratio above "
+                                "0.3, or the circle",
+                      .code = "no-live"});
+  }
+
+  // Of an equilibrium.
+  void nothing_left() {
+    left.force.setZero(4, u.cols());
+    left.volume.setZero(model.patches.count());
+    left.energy = left.contact = 0.0;
   }
 
   Model model;
@@ -69,10 +108,11 @@ struct Session::Parts {
   // Which may draw the tissue away from the tool.
   bool moves_supports = std::any_of(options.further.begin(), options.further.end(),
                                     [](const HeldSet& s) { return s.share != 0.0; });
-  double longest =
-      longest_way * model.tool.radius / longest_share(options.further);  // way of the tool, likewise [m]
-  double thick;       // of the body along the push, from where the tool touches it [m]
-  Predictor path{2};  // the last equilibria
+  Indenter tool;   // see Session::tool()
+  double longest;  // way of the tool, likewise [m]
+  double thick;    // of the body along the push, from where the tool touches it [m]
+  double longest_tool = std::numeric_limits<double>::infinity();  // [m]
+  Predictor path{2};                                              // the last equilibria
   double depth = 0.0;
 
   // Of follow().
@@ -97,9 +137,27 @@ struct Session::Parts {
     const double before = last.size() > 1 ? last[1].at - last[0].at : 0.0;
     if (before != 0.0 && std::abs(way / before) <= 2.0 && last[1].at == depth)
       path.extrapolate(to, u, lambda);
-    else if (depth == 0.0)
+    else if (depth == 0.0 && !options.touch)  // contact grows from a point
       first_guess(model, model.tool.push, way, u);
+    bring_back(lambda);
     system->set({.depth = to}, u);
+  }
+
+  // Contact forces that were extrapolated do not pull.
+  void bring_back(Eigen::VectorXd& l) const {
+    if (TouchingTool* touching = system->touching())
+      touching->bring_back(l.segment(model.patches.count(), touching->unknowns()));
+  }
+
+  // The force on the tool along its push at a state [N]; the contact is of there from now on.
+  double resistance(const Nodal& its, const Eigen::VectorXd& l, const Nodal& force, double at) const {
+    TouchingTool* touching = system->touching();
+    if (!touching) return along_push(model, model.indenter, force);
+    system->set({.depth = at});
+    touching->set_forces(l.segment(model.patches.count(), touching->unknowns()));
+    Nodal of_contact = Nodal::Zero(4, its.cols());
+    touching->add_force(its, system->now(), of_contact);
+    return touching->along(tool.push);
   }
 
   // With the tool lifted: undeformed, or as the loads have it.
@@ -114,10 +172,12 @@ struct Session::Parts {
   }
 
   std::int64_t to_equilibrium(double to) {
-    if (to == 0.0 && !system->viscoelastic()) {  // rest: no reaction that a residual could be measured by
+    // Rest: no reaction that a residual could be measured by.
+    if ((to == 0.0 && !system->viscoelastic()) || (options.touch && to <= 0.0)) {
       lie_at_rest();
+      depth = to;
       path.point.clear();
-      path.push(0.0, u, lambda);
+      path.push(to, u, lambda);
       return 0;
     }
     look_ahead(to);
@@ -128,8 +188,7 @@ struct Session::Parts {
     path.push(depth, u, lambda);
     v.setZero();
     begun.reset();
-    left.force.setZero(), left.volume.setZero();
-    left.energy = 0.0;
+    nothing_left();
     residual = found.residual;
     return found.evaluations;
   }
@@ -139,13 +198,14 @@ struct Session::Parts {
     if (known.state.size() < 2) {
       next = system->at_rest().u;
       l = system->at_rest().lambda;
-      first_guess(model, model.tool.push, to, next);
+      if (!options.touch) first_guess(model, model.tool.push, to, next);
     } else if (system->viscoelastic()) {  // its states are no curve
       const KnownStates::Slope slope = known.slope(depth);
       next = u + (to - depth) * slope.u;
       l = lambda + (to - depth) * slope.lambda;
     } else {
       known.guess(to, next, l);
+      bring_back(l);
     }
     system->set({.depth = to}, next);
   }
@@ -162,13 +222,14 @@ struct Session::Parts {
   // Session::follow().
   double correction_at(double at, const MixedIteration::Left& its) const {
     const KnownStates::Slope slope = known.slope(at);
-    return slope.u.cwiseProduct(its.force).sum() + slope.lambda.dot(its.volume);
+    return slope.u.cwiseProduct(its.force).sum() + slope.lambda.head(its.volume.size()).dot(its.volume);
   }
 
   // Elastic tissue under a bonded tool pushes back: a state in which it does not lies on another branch.
-  bool pushes_back(const Nodal& force, const MixedIteration::Left& its, double at) const {
+  bool pushes_back(const Begun& now, const Nodal& force, const MixedIteration::Left& its) const {
+    const double at = now.at;
     if (system->viscoelastic() || at <= 0.0 || moves_supports) return true;
-    const double raw = along_push(model, model.indenter, force);
+    const double raw = resistance(now.u, now.lambda, force, at);
     return raw > 0.0 && (known.state.size() < 2 || raw + correction_at(at, its) > 0.0);
   }
 
@@ -180,9 +241,17 @@ struct Session::Parts {
                widest * longest_share(options.further) * reach;
   }
 
+  // Of a tool that touches, after resistance(): as a run's guards ask, it stays out of the body.
+  bool touches_well(const Begun& now, const MixedIteration::Left& its) const {
+    if (!options.touch) return true;
+    if (its.contact > open_contact) return false;
+    const TouchingTool::Audit audit = system->touching()->audit(now.u, system->now());
+    return audit.penetration <= deepest_in_tool * tool.radius && audit.beyond <= beyond_samples * tool.radius;
+  }
+
   LiveFrame frame_at_depth(double asked, std::int64_t evaluations) const {
     LiveFrame frame{.asked = asked, .depth = depth, .residual = residual, .evaluations = evaluations};
-    frame.force = along_push(model, model.indenter, f);
+    frame.force = resistance(u, lambda, f, depth);
     system->set({.depth = depth});
     frame.on_tool = system->on_tool(u, f);
     frame.per_force = per_force(frame);
@@ -193,7 +262,8 @@ struct Session::Parts {
     frame.on_tool.head<3>() -= correction * model.tool.push;
     frame.per_force = per_force(frame);
     frame.error = of_correction * std::abs(correction) +
-                  of_energy * std::sqrt(left.energy * std::max(0.0, stiffness)) +
+                  (options.touch ? of_energy_in_contact : of_energy) *
+                      std::sqrt(left.energy * std::max(0.0, stiffness)) +
                   of_force * std::abs(frame.force);
     return frame;
   }
@@ -208,16 +278,16 @@ struct Session::Parts {
 
   void lift() {
     lie_at_rest();
-    left.force.setZero(), left.volume.setZero();
-    left.energy = residual = 0.0;
+    nothing_left();
+    residual = 0.0;
     begun.reset();
   }
 
   // One call of follow().
   struct Call {
-    Call(double asked_, const FrameLimit& limit, double tolerance, Clock::duration beside)
+    Call(double asked_, double most, const FrameLimit& limit, double tolerance, Clock::duration beside)
         : asked(asked_),
-          to(std::max(0.0, asked_)),
+          to(std::clamp(asked_, 0.0, most)),
           timed(limit.evaluations == 0),
           begin(timed ? Clock::now() : Clock::time_point()),
           how{.tolerance = tolerance, .evaluations = timed ? 100000 : limit.evaluations},
@@ -244,10 +314,12 @@ struct Session::Parts {
   };
 
   LiveFrame follow(double asked, const FrameLimit& limit, double dt) {
-    Call call(asked, limit, options.tolerance, beside);
+    Call call(asked, longest_tool, limit, options.tolerance, beside);
     call.force.resize(4, u.cols());
     system->begin_step(dt);
     v.setZero();
+    const std::int64_t at_first =
+        options.touch && call.to > 0.0 && known.state.size() < 2 ? find_first_contact() : 0;
     if (call.to > 0.0 || system->viscoelastic())
       while (comes_nearer(call)) {
       }
@@ -256,12 +328,31 @@ struct Session::Parts {
     if (system->viscoelastic() && call.moved) system->accept_step(u);
     path.point.clear();
     path.push(depth, u, lambda);
-    LiveFrame frame = frame_at_depth(asked, call.all - call.how.evaluations);
+    LiveFrame frame = frame_at_depth(asked, at_first + call.all - call.how.evaluations);
     frame.tool = call.tool;
     if (depth != call.to && call.tool == LiveFrame::Tool::there) frame.tool = LiveFrame::Tool::lags;
-    if (call.to > thick) frame.tool = LiveFrame::Tool::beyond;
+    if (call.to > thick || asked > longest_tool) frame.tool = LiveFrame::Tool::beyond;
     if (call.timed) beside += (Clock::now() - call.begin - call.iterating - beside) / 5;
     return frame;
+  }
+
+  // From rest there is nothing to begin with, and few evaluations get nowhere: once, it takes more. A contact
+  // that is too small for the nodes may not be found; then a deeper one is tried.
+  std::int64_t find_first_contact() {
+    std::int64_t evaluations = 0;
+    for (double at = known.apart; at <= deepest_first * tool.radius && known.state.size() < 2; at *= 2.0) {
+      Begun now{.at = at, .residual = 0.0, .u = u, .lambda = lambda};
+      Nodal force(4, u.cols());
+      MixedIteration::Left its;
+      guess(at, now.u, now.lambda);
+      const Relaxed found = relax.mixed().within(
+          now.u, now.lambda, force, {.tolerance = options.tolerance, .evaluations = for_first}, true, its);
+      evaluations += found.evaluations;
+      if (!good(found, now.u, at) || !pushes_back(now, force, its) || !touches_well(now, its)) continue;
+      known.add({at, now.u, now.lambda, found.residual, resistance(now.u, now.lambda, force, at)});
+    }
+    gradient_at = -1.0;
+    return evaluations;
   }
 
   // One search for an equilibrium. False: no further one follows it.
@@ -270,13 +361,15 @@ struct Session::Parts {
     look_for_place(call);
     Begun& now = call.now;
     call.how.tolerance = call.arrives() ? options.tolerance : std::max(options.tolerance, passed);
-    const bool anew = gradient_at < 0.0 || std::abs(now.at - gradient_at) > gradient_good * model.tool.radius;
+    const bool anew = gradient_at < 0.0 || std::abs(now.at - gradient_at) > gradient_good * tool.radius;
     if (anew) gradient_at = now.at;
+    system->set({.depth = now.at});  // whichever state it begins from
     const Relaxed found = relax.mixed().within(now.u, now.lambda, call.force, call.how, anew, call.left);
     if (call.timed) call.iterating += Clock::now() - lap;
     call.how.evaluations -= found.evaluations;
     call.time_is_up = call.how.evaluations < 1 || call.left.late;
-    if (good(found, now.u, now.at) && pushes_back(call.force, call.left, now.at)) {
+    if (good(found, now.u, now.at) && pushes_back(now, call.force, call.left) &&
+        touches_well(now, call.left)) {
       take(call, found.residual);
       return !call.arrives() && !call.back && !call.time_is_up;
     }
@@ -406,6 +499,12 @@ LiveFrame Session::follow(double depth, const FrameLimit& limit, double dt) {
 std::int64_t Session::step(double depth, double dt) {
   Parts& p = *parts_;
   if (!(dt > 0.0)) throw std::invalid_argument("Session::step: dt must be positive");
+  if (p.options.touch)
+    throw SolveError({.fact = "a tool that touches is not followed with inertia",
+                      .where = "Session::step",
+                      .why = "its contact is solved for in equilibrium",
+                      .remedy = "call equilibrate() or follow()",
+                      .code = "no-live"});
   return p.whole([&] {
     p.system->tissue().hold_pressures({});  // an equilibrium has left its own
     const double stable = safety * stable_time_step(*p.system, p.model.mass, p.u).dt;
@@ -444,13 +543,15 @@ double Session::depth() const {
   return parts_->depth;
 }
 double Session::force() const {
-  return along_push(parts_->model, parts_->model.indenter, parts_->f);
+  const Parts& p = *parts_;
+  return p.resistance(p.u, p.lambda, p.f, p.depth);
 }
 double Session::base_force() const {
   return -along_push(parts_->model, parts_->model.base, parts_->f);
 }
 Wrench Session::on_tool() const {
   const Parts& p = *parts_;
+  p.resistance(p.u, p.lambda, p.f, p.depth);
   p.system->set({.depth = p.depth});
   return p.system->on_tool(p.u, p.f);
 }
@@ -465,6 +566,12 @@ Points Session::forces() const {
 }
 const Model& Session::model() const {
   return parts_->model;
+}
+Indenter Session::tool() const {
+  return parts_->tool;
+}
+const Touch* Session::touch() const {
+  return parts_->options.touch.get();
 }
 
 }  // namespace dimple

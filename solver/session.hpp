@@ -7,6 +7,7 @@
 #include "solver/terms/internal_force.hpp"
 #include "solver/terms/loads.hpp"
 #include "solver/terms/tool_force.hpp"
+#include "solver/terms/touching_tool.hpp"
 
 namespace dimple {
 
@@ -17,6 +18,8 @@ struct SessionOptions {
   std::int64_t steps = 20000;         ///< of one step(), at most: the bound of its time
   std::vector<HeldSet> further = {};  ///< beside the circle and the base
   Loads loads = {};                   ///< that act before the tool touches, and go on acting
+  /// A tool that touches elastic tissue without friction, in place of the circle and without loads.
+  std::shared_ptr<const Touch> touch = {};
 };
 
 /// What one frame may take: a time, or, for the same bits whatever the machine, evaluations of the force.
@@ -32,7 +35,7 @@ struct LiveFrame {
     lags,     ///< the time did not suffice: it is on its way, and the next frames go on
     stopped,  ///< no equilibrium is found any deeper: it stays at the deepest that is known
     ignored,  ///< it was to move across the push while it touches, and has kept to its axis
-    beyond    ///< it was asked to be deeper than the body reaches
+    beyond    ///< it was asked to be deeper than the body reaches, or than a tool that touches is long
   };
   double asked = 0.0, depth = 0.0;  ///< where the tool was to be, and where it is [m]
   double force = 0.0;  ///< on the tool along the push [N], with what is left unbalanced accounted for
@@ -57,7 +60,8 @@ struct LiveFrame {
 ///     double newtons = session.force();
 class Session {
  public:
-  /// `materials`: of each tissue of the model, by its number.
+  /// `materials`: of each tissue of the model, by its number. Throws SolveError: what options.touch does not
+  /// say, or a scheme or material that MixedIteration does not serve under such a tool.
   Session(Model model, std::vector<Material> materials, const SessionOptions& options = {});
   ~Session();
   Session(Session&&) noexcept;
@@ -79,13 +83,14 @@ class Session {
   ///
   /// Source:   Becker, Rannacher, Acta Numerica 10, 2001 (dual weighted residuals), the dual solution
   ///           by differences of equilibria along the tool's way, which symmetry makes the same.
+  /// The first frame of a tool that touches takes up to 240 evaluations more, to find what to begin with.
   /// Throws SolveError: a scheme that MixedIteration does not serve; Stopped.
   LiveFrame follow(double depth, const FrameLimit& limit, double dt = 0.0);
 
   /// Moves the tool to `depth` [m] at an even speed within `dt` [s] and follows the body with its inertia, by
   /// central differences. Returns their number. Throws SolveError: they would be more than
-  /// SessionOptions::steps, a number stopped being one, or an integration point was inverted; the body is
-  /// then as it was.
+  /// SessionOptions::steps, a number stopped being one, or an integration point was inverted, and the body is
+  /// then as it was; or the tool is one that touches.
   std::int64_t step(double depth, double dt);
 
   double depth() const;         ///< of the tool [m]
@@ -97,6 +102,10 @@ class Session {
   /// 3 x N, newtons: what the tissue resists with at each node; on held nodes the reaction.
   Points forces() const;
   const Model& model() const;
+  /// Where depth is counted from: the circle's middle, or the tip of a tool that touches where it first does;
+  /// and its radius.
+  Indenter tool() const;
+  const Touch* touch() const;  ///< null: the circle
 
  private:
   struct Parts;

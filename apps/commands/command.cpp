@@ -22,7 +22,7 @@ bool has_flag(const std::string& command, const Option& of) {
   const std::string& option = of.stage;
   if (command == "live")
     return option == "model" || of.key.starts_with("material.") || of.key == "load.contact" ||
-           of.key == "solver.precision";
+           of.key == "solver.precision" || of.key == "tool.shape";
   if (option == "files") return command == "run" || command == "solve";
   if (option == "run") return command == "run" || (command == "fit" && of.key.starts_with("tool."));
   return command.empty() || command == "run" || command == "fit" || option == command;

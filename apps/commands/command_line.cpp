@@ -129,7 +129,7 @@ const std::vector<NotModelled>& not_modelled() {
        "a body force is modelled as gravity alone",
        "--gravity inferior, or --gravity x,y,z in m/s2"},
       {{"--tool", "--sphere", "--cone", "--indenter", "--indenter-shape", "--tool-shape"},
-       "a tool of another shape than the flat circle is an option of `dimple run` and `dimple fit` alone: "
+       "a tool of another shape than the flat circle is an option of `dimple run`, `fit` and `poke` alone: "
        "--tool",
        "dimple run IMAGE --tool sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,length=20mm or probe.stl"},
       {{"--unload", "--unloading", "--retract", "--relax", "--hold"},

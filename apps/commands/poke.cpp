@@ -105,7 +105,7 @@ class Poking {
   std::vector<PathFrame> run() {
     window_.pressed = [this](const Vec3& place_mm) {
       if (!by_hand()) return false;
-      const Indenter& at = tool_.session->model().tool;
+      const Indenter at = tool_.session->tool();
       if ((1e-3 * place_mm - at.centre).norm() > 0.25 * at.radius) {
         try {
           put_down(tool_, 1e-3 * place_mm, options_.evaluations == 0);
@@ -134,16 +134,17 @@ class Poking {
   void touched(bool look) {
     const Model& model = tool_.session->model();
     skin_.emplace(model);
-    const BodyFrame frame = body_frame(model.X, model.tool.centre, model.tool.push);
-    const SurfaceFile tool = tool_body(model);
+    const Indenter at = tool_.session->tool();
+    const BodyFrame frame = body_frame(model.X, at.centre, at.push);
+    const SurfaceFile tool = tool_.session->touch() ? tool_body(*tool_.session->touch()) : tool_body(model);
     window_.show({.surface_mm = skin_->rest_mm,
                   .triangles = skin_->part.triangles,
                   .tool_mm = tool.position_mm,
                   .tool_triangles = tool.triangles,
                   .up = frame.up,
                   .front = frame.front,
-                  .centre_mm = 1e3 * model.tool.centre},
-                 1e3 * model.tool.radius, look);
+                  .centre_mm = 1e3 * at.centre},
+                 1e3 * at.radius, look);
     asked_ = 0.0;
   }
 
@@ -197,7 +198,7 @@ class Poking {
     window_.show(ShownFrame{
         .surface_mm = skin_->rest_mm + u,
         .displacement_mm = u.colwise().norm(),
-        .tool_mm = 1e3 * f.depth * tool_.session->model().tool.push,
+        .tool_mm = 1e3 * f.depth * tool_.session->tool().push,
         .words = fmt::format("{}\n{} nodes, {:.0f} frames a second: solving {:.0f} ms, drawing {:.0f} ms{}",
                              words_of(now, by_hand()), tool_.session->model().node_count(), 1.0 / busy_,
                              1e3 * solve_s_, 1e3 * draw_s_, notice_.empty() ? "" : "\n" + notice_)});

@@ -18,6 +18,7 @@
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/run/tool_band.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
@@ -44,6 +45,23 @@ double quantile(std::vector<double> values, double share) {
   return values[std::min(k, values.size() - 1)];
 }
 
+// What is known of the way in serves on the way out.
+void require_no_past(const Config& config) {
+  if (!tool_of(config)) return;
+  const auto refuse = [&](const char* fact, const char* where, const char* why, const char* remedy) {
+    throw UsageError({.fact = fact, .where = where, .why = why, .remedy = remedy});
+  };
+  if (friction_of(config) > 0.0)
+    refuse("a tool that is moved by hand has no friction", "tool.friction",
+           "with friction its force depends on the way that it took",
+           "leave the friction out, or use dimple run");
+  for (const Material& material : materials_of(config))
+    if (!material.prony.empty())
+      refuse("a tool that touches is moved by hand in elastic tissue alone", "material.prony_g",
+             "tissue that relaxes goes on moving where the tool has left it",
+             "leave the Prony terms out, or take the circle");
+}
+
 }  // namespace
 
 LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
@@ -53,8 +71,9 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   check_supports(config);
   require_no_steps(config, "a tool that is moved by hand");
   require_no_membranes(config, "a tool that is moved by hand");
-  require_circle(config, "a tool that is moved by hand");
   require_open_folds(config, "a tool that is moved by hand");
+  check_tool(config);
+  require_no_past(config);
   require_no_cuts(config, "a tool that is moved by hand");
   live.organ.emplace(read_organ({.config = config}, model_options(config), talk, live.result));
   live.materials = materials_of(config);
@@ -81,21 +100,24 @@ Session touch(const LiveOrgan& live, Index nodes, const Site& site) {
   Eigen::VectorXi tissue = tissue_of_points(places, tissues);
   Model model = make_model(std::move(places), options.scheme, std::move(tissue), tissues.density);
   Loads loads = loads_of(live.config, model);
+  std::shared_ptr<const Touch> its_touch = touch_of(live.config, model);
   return Session(std::move(model), live.materials,
                  {.contact = loading_of(live.config).contact,
                   .precision = precision_of(live.config),
                   .tolerance = live.config.solver.tolerance,
                   .further = std::move(supports),
-                  .loads = std::move(loads)});
+                  .loads = std::move(loads),
+                  .touch = std::move(its_touch)});
 }
 
 namespace {
 
-// Forces at equilibria down to one radius, as far as there are any.
+// Forces at equilibria down to one radius, of a tool that touches to 0.8, as far as there are any.
 std::vector<ForceSample> forces_to_radius(Session& session) {
+  const double deepest = (session.touch() ? deepest_with_tool_band : 1.0) * session.tool().radius;
   std::vector<ForceSample> curve = {{}};
   for (int k = 1; k <= 4; ++k) {
-    const LiveFrame frame = session.follow(0.25 * k * session.model().tool.radius, {.evaluations = 500});
+    const LiveFrame frame = session.follow(0.25 * k * deepest, {.evaluations = 500});
     if (frame.tool != LiveFrame::Tool::there) break;
     curve.push_back({.t = 0.0, .depth = frame.depth, .force = frame.force, .base_force = frame.force});
   }
@@ -129,7 +151,8 @@ void take_finer(LiveTool& tool, const FrameLimit& limit, double dt) {
 TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site) {
   TriedTouch tried{.session = touch(live, nodes, site)};
   std::vector<ForceSample> fine = forces_to_radius(tried.session);
-  if (!has_tool_alone(live.config)) return tried;  // the band was measured for nothing else
+  // The band was measured for nothing else, and of a tool that touches with other clouds.
+  if (!has_tool_alone(live.config) || tried.session.touch()) return tried;
   if (nodes < fewest_nodes_with_band(live.result.facing_share) || fine.size() < 2) return tried;
   Session coarse = touch(live, std::max(first_nodes, nodes / 4), site);
   std::vector<ForceSample> its = forces_to_radius(coarse);
@@ -145,7 +168,7 @@ LiveTool make_live_tool(const LiveOrgan& organ, Index nodes) {
   use(tool, try_touch(organ, nodes, site_at(organ)));
   tool.made_s = making.seconds();
   tool.touches = 1;
-  tool.tip = tool.session->model().tool.centre;
+  tool.tip = tool.session->tool().centre;
   return tool;
 }
 
@@ -177,7 +200,7 @@ std::optional<double> half_band(const LiveTool& tool) {
   const LiveFrame& now = tool.frame;
   if (tool.fine.size() < 2) return {};
   if (now.depth <= 0.0) return 0.0;
-  const double radius = tool.session->model().tool.radius, radii = now.depth / radius;
+  const double radius = tool.session->tool().radius, radii = now.depth / radius;
   if (radii > deepest_with_band) return {};
   double change = 0.0;
   for (std::size_t k = 1; k < tool.fine.size(); ++k) {
@@ -210,14 +233,14 @@ const char* name_of(LiveFrame::Tool tool) {
 
 LiveFrame move_depth(LiveTool& tool, double depth, const FrameLimit& limit, double dt) {
   take_finer(tool, limit, dt);
-  const Indenter& at = tool.session->model().tool;
+  const Indenter at = tool.session->tool();
   tool.tip = at.centre + depth * at.push;
   return tool.frame = tool.session->follow(depth, limit, dt);
 }
 
 LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt) {
-  const OnAxis at = on_axis(tool.session->model().tool, tip);
-  const bool beside = is_aside(tool.session->model().tool, at);
+  const OnAxis at = on_axis(tool.session->tool(), tip);
+  const bool beside = is_aside(tool.session->tool(), at);
   const bool in_touch = tool.session->depth() > 0.0 && at.depth > 0.0;
   if (beside && !in_touch) {
     if (!is_inside(*tool.organ, tip)) {  // in the air, on its way elsewhere
@@ -230,7 +253,7 @@ LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, dou
     take_finer(tool, limit, dt);
   }
   tool.tip = tip;
-  tool.frame = tool.session->follow(on_axis(tool.session->model().tool, tip).depth, limit, dt);
+  tool.frame = tool.session->follow(on_axis(tool.session->tool(), tip).depth, limit, dt);
   if (beside && in_touch && tool.frame.tool != LiveFrame::Tool::beyond)
     tool.frame.tool = LiveFrame::Tool::ignored;
   return tool.frame;
@@ -339,7 +362,7 @@ Index nodes_for_rate(const LiveOrgan& organ, double rate) {
   constexpr double wanted = 10.0;  // evaluations of a frame
   LiveTool tool{.organ = &organ, .nodes = tried};
   tool.session.emplace(touch(organ, tried, site_at(organ)));
-  const double way = 0.01 / rate, deepest = 0.5 * tool.session->model().tool.radius;
+  const double way = 0.01 / rate, deepest = 0.5 * tool.session->tool().radius;
   double spent = 0.0, evaluations = 0.0;
   move_depth(tool, way, {.evaluations = 100});
   for (double depth = 2.0 * way; depth < deepest && spent < 0.3; depth += way) {

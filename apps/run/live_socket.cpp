@@ -120,8 +120,7 @@ void send_words(int client, const std::string& words) {
 }  // namespace
 
 struct ForceServer::Parts {
-  Parts(const LiveTool& live, const fs::path& at)
-      : path(at), organ(*live.organ), tool(live.session->model().tool) {
+  Parts(const LiveTool& live, const fs::path& at) : path(at), organ(*live.organ), tool(live.session->tool()) {
     tip = tool.centre;
     between.radius = tool.radius;
     touches = live.touches;
@@ -320,7 +319,7 @@ PathFrame ForceServer::move(LiveTool& tool, const FrameLimit& limit, double dt) 
   if (p.touches != tool.touches) forget(p.between);
   p.touches = tool.touches;
   p.no_place = no_place ? std::optional(tip) : std::nullopt;
-  p.tool = tool.session->model().tool;
+  p.tool = tool.session->tool();
   p.between.radius = p.tool.radius;
   p.frame = now.frame;
   correct(p.between, now.frame, p.now());

@@ -277,7 +277,7 @@ void require_circle(const Config& config, const std::string& what) {
   throw UsageError(
       {.fact = fmt::format("{} knows the circle alone, and the tool is '{}'", what, config.tool.shape),
        .where = "tool.shape",
-       .why = "a tool that touches is followed by `dimple run` and `dimple fit` alone",
+       .why = "a tool that touches is known to `dimple run`, `fit` and `poke` alone",
        .remedy = "leave the tool out, or use dimple run IMAGE --tool"});
 }
 

@@ -39,6 +39,7 @@ constexpr double stiffest = 30.0;
 constexpr double contact_error = 5e-4;
 constexpr double fold_error =
     2e-3;  // the same where folds touch, as a part of the spacing of the nodes there
+constexpr double usual_tolerance = 1e-4;    // of a residual, to which that belongs
 constexpr Index quickly_factorised = 3000;  // rows, in a tenth of a second; the time grows as their square
 // Rows. With 100,000 nodes the factors took three times as long as the rest of the solution.
 constexpr Index worth_factorising = 12000;
@@ -764,6 +765,7 @@ struct Unbalanced {
   ForceState::Patches patches;
   ForceSystem::Sweep sweep;
   double residual = 0.0, reactions = 0.0, volume_error = 0.0;
+  double contact = 0.0;  // what a tool's lacks, over what it may
 
   void at(System& body, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f,
           const MixedIteration::Inertia* inertia, const Nodal* viscous) {
@@ -795,6 +797,7 @@ struct AtBest {
     sweep = now.sweep;
     left->force = now.force;
     left->volume = now.volume;
+    left->contact = contact_error * now.contact;
   }
   void give_back(Nodal& f_, ForceSystem::Sweep& sweep_) const {
     if (!left) return;
@@ -910,7 +913,8 @@ Relaxed MixedIteration::within(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, cons
                                bool anew, Left& left, const Inertia* inertia) {
   Parts& p = *parts_;
   left.force.setZero(4, u.cols());
-  left.volume.setZero(lambda.size());
+  left.volume.setZero(p.model.patches.count());
+  left.contact = 0.0;
   left.late = false;
   const Relaxed found = iterate(u, lambda, f, options, anew, inertia, nullptr, &left);
   if (p.across.node.empty() || !p.schur.ready()) return found;
@@ -965,7 +969,10 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
   const auto look_at_contact = [&] {
     if (!p.in_contact()) return;
     p.find_compliance();
-    result.residual = p.residual_with_contact(result.residual, now.reactions, options.tolerance);
+    // In bounded time states are compared that were sought to one tolerance or another.
+    result.residual =
+        p.residual_with_contact(result.residual, now.reactions, left ? usual_tolerance : options.tolerance);
+    if (left && p.body.touching()) now.contact = p.lack_of_tool();
   };
   evaluate();
   if (!prepare(u, now.patches.bulk, anew, inertia, viscosity)) return result;

@@ -80,6 +80,7 @@ class MixedIteration {
   struct Left {
     ForceSystem::Nodal force;  ///< [N] N, of what is free to move
     Eigen::VectorXd volume;    ///< [patches] J - 1 - p / bulk
+    double contact = 0.0;      ///< what contact lacks at most, of the depth
     bool late = false;         ///< RelaxOptions::until ended it
     double energy = 0.0;       ///< about that of the way which is left: force.A^-1 force, and of volumes [J]
   };

@@ -268,7 +268,7 @@ TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
     expect(2, std::string("run brain.nrrd -o out ") + words, texts);
   }
   expect(2, "model brain.nrrd -o out --tool sphere:5mm",
-         {"an option of `dimple run` and `dimple fit` alone", "not-modelled"});
+         {"an option of `dimple run`, `fit` and `poke` alone", "not-modelled"});
   // An option that the command has is not what is wrong with its line.
   expect(2, "run brain.nrrd --tool sphere:5mm", {"--out", "usage of the command"});
 }

@@ -1,0 +1,239 @@
+// A tool that touches, moved by hand: against the equilibria of a march.
+
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <cmath>
+#include <random>
+
+#include "apps/run/config.hpp"
+#include "apps/run/tool.hpp"
+#include "io/error.hpp"
+#include "preprocess/build_model.hpp"
+#include "preprocess/surface/shapes.hpp"
+#include "solver/session.hpp"
+#include "solver/solve.hpp"
+
+namespace dimple {
+namespace {
+
+const Material tissue = neo_hookean(210.0, 0.499, 1000.0);
+
+struct Scene {
+  Model model;
+  std::shared_ptr<const Touch> touch;
+  SessionOptions options(double tolerance = 1e-4) const { return {.tolerance = tolerance, .touch = touch}; }
+};
+
+// On the axis of a cylinder; `tilt` [degrees] off it, the tool meets its flat end aslant.
+Scene scene(const char* tool, double tilt = 0.0, const char* friction = "0") {
+  Config config;
+  const auto set = [&](const char* key, const std::string& value) { set_option(config, key, value, "test"); };
+  set("tool.shape", tool);
+  set("tool.friction", friction);
+  set("load.depth_mm", "3");
+  set("cloud.nodes", "500");
+  set("boundary.base", "inferior");
+  set("boundary.indent_at", "0,0,top");
+  const double angle = tilt * M_PI / 180.0;
+  set("boundary.direction", std::to_string(std::sin(angle)) + ",0," + std::to_string(-std::cos(angle)));
+  Model model = build_model(cylinder_surface(20, 20), model_options(config)).model;
+  std::shared_ptr<const Touch> touch = touch_of(config, model);
+  return {std::move(model), std::move(touch)};
+}
+
+// A frame is 40 ms: 10 mm/s in, out of the body, and in again with a stop.
+std::vector<double> way_of_a_hand() {
+  std::vector<double> depth;
+  for (int k = 1; k <= 6; ++k) depth.push_back(0.4e-3 * k);
+  depth.insert(depth.end(), 3, 2.4e-3);
+  for (int k = 5; k >= 1; --k) depth.push_back(0.4e-3 * k + 0.1e-3);
+  depth.insert(depth.end(), {-1e-3, 0.3e-3, 0.9e-3, 1.5e-3, 1.5e-3, 1.5e-3});
+  return depth;
+}
+
+// How far the body's surface is inside of the tool, where contact is enforced or between these places too
+// [m].
+double deepest_in_tool(const Session& session, double depth, bool between) {
+  const Touch& touch = *session.touch();
+  const ToolPose pose{touch.pose.tip + depth * touch.pose.points_at, touch.pose.points_at};
+  Nodal u = Nodal::Zero(4, session.model().node_count());
+  u.topRows<3>() = session.displacement();
+  const ContactSurface& surface = touch.surface;
+  const Points moved[] = {surface.place + surface.at_place(u.topRows<3>()),
+                          surface.between + surface.at_between(u.topRows<3>())};
+  double deepest = 0.0;
+  for (const Points& places : moved) {
+    if (&places == &moved[1] && !between) break;
+    for (const auto& x : places.colwise())
+      deepest = std::max(deepest, -distance_to_tool(touch.shape, pose, x).distance);
+  }
+  return deepest;
+}
+
+TEST(LiveTouch, FeelsInAndOutTheForceOfEquilibriumAndStatesItsError) {
+  for (const auto& [tool, tilt] : {std::pair{"sphere:5mm", 20.0}, {"punch:5mm,edge=3mm", 0.0}}) {
+    SCOPED_TRACE(tool);
+    const Scene with = scene(tool, tilt);
+    Session live(with.model, {tissue}, with.options()), still(with.model, {tissue}, with.options(1e-5));
+    int held = 0, frames = 0;
+    double before = 0.0;
+    for (const double depth : way_of_a_hand()) {
+      const LiveFrame frame = live.follow(depth, {.evaluations = 8});
+      EXPECT_LE(frame.evaluations, frames == 0 ? 8 + 240 : 8) << "the first finds what to begin with";
+      EXPECT_EQ(frame.tool == LiveFrame::Tool::there, frame.depth == std::max(0.0, depth));
+      if (frame.depth > 0.0) {
+        still.equilibrate(frame.depth);
+        const double truth = still.force();
+        EXPECT_NEAR(frame.force, truth, (depth == before ? 0.003 : 0.05) * truth) << 1e3 * depth;
+        EXPECT_NEAR(frame.on_tool.head<3>().dot(-with.model.tool.push), frame.force, 1e-9 * frame.force);
+        held += std::abs(frame.force - truth) <= frame.error;
+        ++frames;
+        EXPECT_LT(deepest_in_tool(live, frame.depth, false), 0.02 * frame.depth);
+      }
+      before = depth;
+    }
+    EXPECT_GE(frames, 18);
+    EXPECT_GE(held, frames - 1);
+  }
+}
+
+TEST(LiveTouch, EquilibriaAreThoseOfAMarch) {
+  const Scene with = scene("sphere:5mm");
+  const ForceSystem force(with.model, {{tissue}, with.model.tissue}, Precision::single_);
+  Loading loading{.depth = 2e-3};
+  loading.touch = with.touch;
+  History history;
+  solve(TimeMode::quasi_static, force, with.model, loading, {.frames = 2}, {}, history);
+  Session session(with.model, {tissue}, with.options());
+  session.equilibrate(2e-3);
+  EXPECT_NEAR(session.force(), history.force.back().force, 1e-3 * session.force());
+  EXPECT_NEAR(session.base_force(), session.force(), 2e-3 * session.force());
+  EXPECT_NEAR(session.on_tool().head<3>().dot(-with.model.tool.push), session.force(),
+              1e-9 * session.force());
+  EXPECT_EQ(session.tool().centre, with.touch->pose.tip);
+  session.equilibrate(-1e-3);
+  EXPECT_EQ(session.force(), 0.0);
+  EXPECT_EQ(session.depth(), -1e-3);
+  EXPECT_TRUE(session.displacement().isZero(0.0));
+}
+
+TEST(LiveTouch, AForceIsBetterForWhatIsLeftUnbalancedBeingAccountedFor) {
+  const Scene with = scene("sphere:5mm");
+  Session live(with.model, {tissue}, with.options()), still(with.model, {tissue}, with.options(1e-5));
+  live.follow(1e-3, {.evaluations = 200});
+  double corrected = 0.0, raw = 0.0;
+  for (int k = 1; k <= 5; ++k) {
+    const LiveFrame frame = live.follow(1e-3 + 0.4e-3 * k, {.evaluations = 3});
+    still.equilibrate(frame.depth);
+    corrected += std::abs(frame.force - still.force());
+    raw += std::abs(live.force() - still.force());
+  }
+  EXPECT_LT(corrected, 0.6 * raw);
+}
+
+// With too few evaluations for one frame an equilibrium is gone on with in the next, with the tool where it
+// then is: what contact lacked there was once looked for where the tool had been.
+TEST(LiveTouch, WithFewEvaluationsItLagsAndNeverShowsAForceOfAnotherDepth) {
+  const Scene with = scene("sphere:5mm");
+  Session live(with.model, {tissue}, with.options()), still(with.model, {tissue}, with.options(1e-5));
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> unit(0.0, 1.0);
+  double depth = 0.0, to = 0.0;
+  int held = 0, frames = 0;
+  for (int k = 0; k < 40; ++k) {
+    if (k % 10 == 0) to = 0.4e-3 + 2e-3 * unit(random);
+    depth = std::abs(to - depth) < 0.4e-3 ? to : depth + std::copysign(0.4e-3, to - depth);
+    const LiveFrame frame = live.follow(depth, {.evaluations = 3});
+    if (!(frame.depth > 0.2e-3)) continue;
+    still.equilibrate(frame.depth);
+    EXPECT_NEAR(frame.force, still.force(), 0.02 * still.force()) << 1e3 * frame.depth;
+    held += std::abs(frame.force - still.force()) <= frame.error;
+    ++frames;
+  }
+  EXPECT_GE(frames, 35);
+  EXPECT_GE(held, frames - 2);
+}
+
+TEST(LiveTouch, RandomJerksNeverPullNorComeIntoTheBodyAndLeaveNothingBehind) {
+  const Scene with = scene("sphere:5mm");
+  Session session(with.model, {tissue}, with.options());
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> unit(0.0, 1.0);
+  for (int k = 0; k < 60; ++k) {
+    const LiveFrame frame = session.follow(-1e-3 + 5e-3 * unit(random), {.evaluations = 6});
+    ASSERT_TRUE(std::isfinite(frame.force) && std::isfinite(frame.error));
+    ASSERT_GE(frame.force, 0.0);
+    ASSERT_LT(deepest_in_tool(session, frame.depth, true), 0.05 * 5e-3);
+  }
+  EXPECT_EQ(session.follow(-1e-3, {.evaluations = 1}).force, 0.0);
+  EXPECT_TRUE(session.displacement().isZero(0.0));
+}
+
+TEST(LiveTouch, TheSameWayGivesTheSameForcesWithAnyNumberOfThreads) {
+  const Scene with = scene("sphere:5mm");
+  const auto forces = [&](std::size_t threads) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    Session session(with.model, {tissue}, with.options());
+    std::vector<double> force;
+    for (const double depth : {0.4e-3, 0.8e-3, 1.2e-3, 0.6e-3}) {
+      const LiveFrame frame = session.follow(depth, {.evaluations = 6});
+      force.insert(force.end(), {frame.depth, frame.force, frame.error, frame.stiffness});
+    }
+    return force;
+  };
+  EXPECT_EQ(forces(1), forces(4));
+}
+
+// The cloud is too coarse for so small a ball, and the ball shorter than the way.
+TEST(LiveTouch, ItStopsBeforeTheSurfaceComesIntoTheToolAndNoDeeperThanTheToolIsLong) {
+  const Scene with = scene("sphere:2mm");
+  Session session(with.model, {tissue}, with.options());
+  double deepest = 0.0;
+  for (int k = 1; k <= 12; ++k) {
+    const LiveFrame frame = session.follow(0.4e-3 * k, {.evaluations = 10});
+    if (0.4e-3 * k > 4e-3) EXPECT_EQ(frame.tool, LiveFrame::Tool::beyond);
+    EXPECT_LT(deepest_in_tool(session, frame.depth, true), 0.05 * 2e-3);
+    deepest = std::max(deepest, frame.depth);
+    // Whatever deeper places were tried, the force is that of where it stands.
+    const double force = session.force();
+    EXPECT_NEAR(session.on_tool().head<3>().dot(-with.model.tool.push), force, 1e-9 * force);
+    EXPECT_NEAR(session.base_force(), force, 0.05 * force);
+  }
+  EXPECT_GT(deepest, 0.3e-3);
+  EXPECT_LT(deepest, 4e-3);
+  EXPECT_NE(session.follow(0.3e-3, {.evaluations = 100}).tool, LiveFrame::Tool::beyond);
+}
+
+TEST(LiveTouch, WhatWasTriedDeeperLeavesTheForceOfWhereItStands) {
+  const Scene with = scene("sphere:5mm");
+  Session session(with.model, {tissue}, with.options());
+  const LiveFrame there = session.follow(1e-3, {.evaluations = 200});
+  const double force = session.force();
+  EXPECT_EQ(session.follow(3e-3, {.evaluations = 1}).force, there.force);
+  ASSERT_EQ(session.depth(), 1e-3) << "one evaluation gets nowhere";
+  EXPECT_EQ(session.force(), force);
+}
+
+TEST(LiveTouch, WhatHangsOnItsWayIsRefusedInWords) {
+  const auto refused = [](const Scene& with, const Material& material, const char* word) {
+    try {
+      Session(with.model, {material}, with.options());
+      ADD_FAILURE() << word;
+    } catch (const SolveError& error) {
+      EXPECT_EQ(error.report.code, "no-live");
+      EXPECT_NE(error.report.why.find(word), std::string::npos) << error.report.why;
+    }
+  };
+  Material slow = tissue;
+  slow.prony = {{0.5, 0.2}};
+  refused(scene("sphere:5mm", 0.0, "0.3"), tissue, "friction");
+  const Scene with = scene("sphere:5mm");
+  refused(with, slow, "relaxes");
+  refused(with, neo_hookean(210.0, 0.0, 1000.0), "patches");
+  Session session(with.model, {tissue}, with.options());
+  EXPECT_THROW(session.step(1e-4, 1e-3), SolveError);
+}
+
+}  // namespace
+}  // namespace dimple
