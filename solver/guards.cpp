@@ -406,6 +406,26 @@ void Guards::found_limit_point(const Nodal& jump, double way, bool folds_touch, 
         1e3 * largest});
 }
 
+void Guards::found_left(const Nodal& jump, double way, const Moment& now) {
+  Index furthest = 0;
+  const double largest = jump.colwise().norm().maxCoeff(&furthest);
+  if (!on_ || largest <= way || std::any_of(findings_.begin(), findings_.end(), [](const Finding& f) {
+        return f.report.code == "tool-left";
+      }))
+    return;
+  find(
+      {{.fact = text("the tool has left the body, and a node sprang back by ", fixed(1e3 * largest, 2),
+                     " mm while the tool moved by ", fixed(1e3 * way, 2), " mm"),
+        .where = moment(now) + "; " + place_of(model_, furthest),
+        .why =
+            "no equilibrium was found any more in which they touch, as where a tool slides off an edge; the "
+            "body at rest is one, and what it held went as heat",
+        .remedy = "trust the curve to the depth before; for the moment at which it leaves take shorter steps "
+                  "(--set solver.step_radii=0.02)",
+        .code = "tool-left"},
+       1e3 * largest});
+}
+
 void Guards::check_step(const Moment& now) const {
   if (!on_ || now.dt <= now.dt_stable) return;
   throw SolveError({.fact = text("the time step of ", 1e6 * now.dt, " us is above the stable one of ",

@@ -134,7 +134,16 @@ Relaxed Relaxation::from_near(Nodal& u, Eigen::VectorXd& lambda, Nodal& f,
   Relaxed found = (*mixed_)(v, l, f, options, true);
   RelaxOptions rest = options;
   rest.evaluations -= found.evaluations;
-  if (!found.converged && found.residual < near && rest.evaluations > 1) {
+  const TouchingTool* tool = system_.touching();
+  if (!found.converged && options.may_leave && rest.evaluations > 1 && tool &&
+      tool->clears_body_at_rest(system_.now())) {
+    v.setZero();
+    l.setZero();
+    const std::int64_t spent = found.evaluations;
+    found = (*mixed_)(v, l, f, rest, true);
+    found.evaluations += spent;
+    found.left = found.converged && (tool->forces().array() == 0.0).all();
+  } else if (!found.converged && found.residual < near && rest.evaluations > 1) {
     const std::int64_t spent = found.evaluations;
     found = give_way(v, l, f, rest);
     found.evaluations += spent;

@@ -37,7 +37,9 @@ class Relaxation {
   Relaxed operator()(ForceSystem::Nodal& u, ForceSystem::Nodal& f, const RelaxOptions& options = {},
                      Eigen::VectorXd* lambda = nullptr) const;
   /// The same without the last resort, for a caller who can come nearer: not converged where there is none to
-  /// be found, `u` and `lambda` then as they were. For models that MixedIteration serves.
+  /// be found, `u` and `lambda` then as they were. For models that MixedIteration serves. Where the path of
+  /// equilibria ends under a tool that touches and is outside of the body at rest, it may have left it: the
+  /// body at rest is an equilibrium there.
   Relaxed from_near(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                     const RelaxOptions& options) const;
   bool has_mixed() const { return mixed_ != nullptr; }

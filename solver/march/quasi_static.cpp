@@ -264,9 +264,11 @@ void QuasiStaticMarch::go(const Way& way, Found& found) {
   look_ahead(way, found);
   const Nodal expected = now_.u;
   search(options_.tolerance, found);
-  found.gave_way = found.relaxed.gave_way();
+  found.gave_way = found.relaxed.gave_way() || found.relaxed.left;
   check(way, found);
-  if (found.gave_way)
+  if (found.gave_way && system_.touching() && history_.contact_samples == 0)
+    guards_.found_left(now_.u - past_.point.back().u, way.length, now);
+  else if (found.gave_way)
     guards_.found_limit_point(now_.u - expected, way.length, system_.folds() != nullptr, now);
 }
 
@@ -307,7 +309,8 @@ void QuasiStaticMarch::search(double tolerance, Found& found) {
   const RelaxOptions how{.tolerance = tolerance,
                          .evaluations = relax_.has_mixed()
                                             ? std::min(options_.evaluations, most_ - history_.steps)
-                                            : options_.evaluations};
+                                            : options_.evaluations,
+                         .may_leave = true};
   Relaxed& relaxed = found.relaxed;
   relaxed.converged = false;
   if (how.evaluations < 1) throw no_equilibrium(relaxed, model_);
@@ -343,6 +346,7 @@ void QuasiStaticMarch::check(const Way& way, Found& found) {
   const StoredEnergy stored = system_.stored_energy(now_.u);
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
   double heat = found.gave_way ? relaxed.dissipated : 0.0;
+  if (relaxed.left) heat = std::max(0.0, history_.energy.back().stored + work - stored.sum());
   if (system_.touching()) heat += system_.touching()->heat();
   found.energy = ledger_.energy(now, 0.0, stored, work, heat);
   if (state_.depths.size() > few)

@@ -197,4 +197,13 @@ TouchingTool::Audit TouchingTool::audit(const Nodal& u, const Instant& now) cons
   return result;
 }
 
+bool TouchingTool::clears_body_at_rest(const Instant& now) const {
+  const ToolPose pose = pose_at(now.depth);
+  const ContactSurface& surface = touch_.surface;
+  for (const Points* part : {&surface.place, &surface.between, &surface.beyond})
+    for (const auto& x : part->colwise())
+      if (distance_to_tool(touch_.shape, pose, x).distance < 0.0) return false;
+  return true;
+}
+
 }  // namespace dimple

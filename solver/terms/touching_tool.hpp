@@ -89,6 +89,8 @@ class TouchingTool : public ContactTerm {
     Index beyond_at = -1;
   };
   Audit audit(const Nodal& u, const Instant& now) const;
+  /// Whether it is then outside of the body at rest, everywhere.
+  bool clears_body_at_rest(const Instant& now) const;
 
  private:
   Touch touch_;

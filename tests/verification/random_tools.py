@@ -24,6 +24,7 @@ import time
 ORGANS = {"heart": ["heart_ct_1.5mm.nii.gz"], "liver": ["abdomen_mr_3mm.nii.gz", "--label", "5"],
           "lung": ["lung_ct_aniso.mha"], "brain": ["human_brain_mri_2mm.nrrd"],
           "chest": ["chest_ct_10mm.seg.nrrd"]}
+LEAST_RADIUS = {"liver": 1.5, "lung": 1.25, "chest": 5.0}  # mm, of half a voxel: smaller tools are refused; others: 1
 SIDES = {"superior": (0, 0, 1), "inferior": (0, 0, -1), "anterior": (0, -1, 0), "posterior": (0, 1, 0),
          "left": (1, 0, 0), "right": (-1, 0, 0)}
 SECONDS = 60.0
@@ -80,7 +81,8 @@ def words(v):
 def scene(number):
     """All that is drawn, in a fixed order, so that a change of one part leaves the others."""
     draw = random.Random(f"random tools {number}")
-    radius = round(math.exp(draw.uniform(0.0, math.log(12.0))), 2)
+    organ = draw.choice(sorted(ORGANS))
+    radius = round(math.exp(draw.uniform(math.log(LEAST_RADIUS.get(organ, 1.0)), math.log(12.0))), 2)
     edge, length = draw.uniform(0.1, 1.0), draw.uniform(2.0, 5.0)
     kind = draw.choices(["sphere", "punch", "capsule", "ball.stl"], [40, 25, 20, 15])[0]
     tool = {"sphere": f"sphere:{radius}mm", "punch": f"punch:{radius}mm,edge={edge * radius:.3f}mm",
@@ -99,10 +101,10 @@ def scene(number):
     if steps:
         way = (slide, 0, 0) if along == "x" else (0, slide, 0)
         options += ["--set", f"step.1press.move={depth}mm", "--set", f"step.2slide.move={words(way)}",
-                    "--set", f"step.3lift.move={-depth - max(1.0, 0.2 * radius):.3f}mm"]
+                    "--set", f"step.3lift.move={-depth - abs(slide) - 1.0:.3f}mm"]
     else:
         options += ["--depth", f"{depth}mm"]
-    return {"organ": draw.choice(sorted(ORGANS)), "kind": kind, "tool": tool, "radius": radius, "options": options,
+    return {"organ": organ, "kind": kind, "tool": tool, "radius": radius, "options": options,
             "tilt": math.radians(draw.choice([0.0, draw.uniform(0.0, 20.0)])), "round": draw.uniform(0.0, 2 * math.pi),
             "place": place, "side": side, "one_of": draw.random(), "from": comes_from,
             "cut": draw.random() < 0.08, "cut_beside": draw.uniform(0.0, 1.5), "cut_wide": draw.uniform(8.0, 20.0),
@@ -132,11 +134,11 @@ def place_of(program, files, drawn):
         far = tuple(m + 400.0 * x for m, x in zip(middle, drawn["from"]))
         # Such a place is refused, with the place that a line along the push meets first, or else the nearest.
         told = said(program, "run", *files, "--indent-at", words(far), "--direction", words(push), "-o", "probe",
-                    "--set", "boundary.tool=sphere:1mm", "-q").stderr
+                    "--tool", "sphere:2mm", "-q").stderr
         met = re.search(r"touches the organ at \(([^)]*)\)", told) or re.search(r"of its surface, \(([^)]*)\)", told)
         if met:
             place = [float(x) for x in met.group(1).split(",")]
-            return ["--indent-at", words(place)], place, push
+            return ["--indent-at", words(place), "--base", words(push)], place, push
     return ["--indent-at", drawn["side"]], None, tuple(-x for x in SIDES[drawn["side"]])
 
 
