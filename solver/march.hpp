@@ -78,6 +78,14 @@ struct ForceSample {
   std::array<double, 3> aside = {};  ///< how far the tool has come across its push [m]; LPS
 };
 
+/// Of the pieces between neighbouring samples of a tool's way in equilibrium: by how much one differs at most
+/// from what its neighbours on either side would make of it [N], and the sample at its end.
+struct Jump {
+  double force = 0.0;
+  std::size_t sample = 0;
+};
+Jump largest_jump(const std::vector<ForceSample>& curve);
+
 /// The body at one time.
 struct Frame {
   int number;

@@ -151,6 +151,33 @@ void tell_of_lost_contact(const Talk& talk, const Result& result) {
                     length_in_words(1e3 * last->depth), last->t));
 }
 
+// What no step of the march sees alone: of a tool that touches, unless it is known why.
+void find_jump(Result& result) {
+  constexpr double much = 0.2;  // of the largest force
+  History& history = result.history;
+  if (!result.loading.touch ||
+      std::any_of(history.guards.begin(), history.guards.end(), [](const Finding& f) {
+        return f.report.code == "limit-point" || f.report.code == "tool-left";
+      }))
+    return;
+  double largest = 0.0;
+  for (const ForceSample& sample : history.force) largest = std::max(largest, std::abs(sample.force));
+  const Jump jump = largest_jump(history.force);
+  if (!(jump.force > much * largest)) return;
+  const ForceSample& at = history.force[jump.sample];
+  const Vec3 aside(at.aside[0], at.aside[1], at.aside[2]);
+  history.guards.push_back(
+      {{.fact = fmt::format("the force jumps by {:.0f} % of the largest from one equilibrium to the next",
+                            100.0 * jump.force / largest),
+        .where = fmt::format("t = {:.4g} s, indentation {:.4g} mm, {:.4g} mm across the push", at.t,
+                             1e3 * at.depth, 1e3 * aside.norm()),
+        .why = "few nodes touch the tool there, or it comes over an edge or a step of the surface",
+        .remedy = "use more nodes (--nodes), a larger tool, or a shorter way; shorter steps (--set "
+                  "solver.step_radii=0.05) show whether the force goes there smoothly",
+        .code = "jagged"},
+       jump.force / largest});
+}
+
 void keep_findings(const Talk& talk, Result& result) {
   for (const Finding& finding : result.history.guards) talk.warn(in_words(finding));
   result.findings.insert(result.findings.end(), result.history.guards.begin(), result.history.guards.end());
@@ -350,6 +377,7 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
     throw;
   }
   result.solve_s = solving.seconds();
+  find_jump(result);
   keep_findings(talk, result);
   tell_of_lost_contact(talk, result);
   // Between the places where folds touch the banks of a cut are looked at too.

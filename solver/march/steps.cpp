@@ -56,6 +56,26 @@ Vec3 moved(const std::vector<Step>& steps, std::string_view name, double come) {
   return sum;
 }
 
+Jump largest_jump(const std::vector<ForceSample>& curve) {
+  std::vector<double> slope, way;
+  std::vector<std::size_t> end;
+  for (std::size_t k = 1; k < curve.size(); ++k) {
+    double square = std::pow(curve[k].depth - curve[k - 1].depth, 2);
+    for (std::size_t i = 0; i < 3; ++i) square += std::pow(curve[k].aside[i] - curve[k - 1].aside[i], 2);
+    if (!(square > 0.0)) continue;
+    way.push_back(std::sqrt(square));
+    slope.push_back((curve[k].force - curve[k - 1].force) / way.back());
+    end.push_back(k);
+  }
+  Jump result;
+  for (std::size_t k = 1; k + 1 < slope.size(); ++k)
+    if (const double off =
+            way[k] * std::min(std::abs(slope[k] - slope[k - 1]), std::abs(slope[k] - slope[k + 1]));
+        off > result.force)
+      result = {off, end[k]};
+  return result;
+}
+
 void march_in_steps(System& system, const Loading& loading, const SolverOptions& options,
                     const Observer& observer, History& history, const MarchState* from) {
   const Model& model = system.model();

@@ -11,6 +11,7 @@ namespace {
 // Of its bound, which friction that slides has but for the tolerance of the search and for turning with the
 // tool's normal.
 constexpr double nearly = 1e-3;
+constexpr double rounding = 1e-6;  // of the tool's radius: where it has come back to its first touch
 
 }  // namespace
 
@@ -202,7 +203,7 @@ bool TouchingTool::clears_body_at_rest(const Instant& now) const {
   const ContactSurface& surface = touch_.surface;
   for (const Points* part : {&surface.place, &surface.between, &surface.beyond})
     for (const auto& x : part->colwise())
-      if (distance_to_tool(touch_.shape, pose, x).distance < 0.0) return false;
+      if (distance_to_tool(touch_.shape, pose, x).distance < -rounding * touch_.shape.radius) return false;
   return true;
 }
 

@@ -235,6 +235,32 @@ TEST(ToolThatTouches, GoesInStepsAsItsConfigurationSaysAndGivesTheSameBytesAgain
   EXPECT_EQ(text_of(folder / "out" / "force.csv"), text_of(folder / "again" / "force.csv"));
 }
 
+// At rest the body is an equilibrium where the tool is outside of it, and none needs to be looked for.
+TEST(ToolThatTouches, APunchThatIsLiftedLeavesABlockWithoutALimitPoint) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 40,40,20 --spacing 1.5 -q").code, 0);
+  const Ran ran =
+      dimple(folder,
+             "run block.nrrd -o out -q --write force --base inferior --indent-at 0,0,top --nodes 800 "
+             "--band off --tool punch:5mm,edge=1mm --set step.1press.move=2mm --set step.2lift.move=-3mm");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const auto summary = nlohmann::json::parse(text_of(folder / "out" / "summary.json"));
+  for (const auto& guard : summary["guards"]) EXPECT_EQ(guard["code"], "penetration") << guard;
+  EXPECT_TRUE(summary["retries"].empty()) << summary["retries"];
+  EXPECT_EQ(summary["tool"]["samples_in_contact"], 0);
+  const Table curve = read_csv(folder / "out" / "force.csv"),
+              energy = read_csv(folder / "out" / "energy.csv");
+  const std::vector<double>&force = *curve.find("force_N"), &depth = *curve.find("indentation_mm");
+  double most = 0.0;
+  for (std::size_t k = 0; k < force.size(); ++k) {
+    if (depth[k] > 0.5) EXPECT_GT(force[k], 0.0) << "it does not leave before it is lifted that far";
+    if (depth[k] < 0.0) EXPECT_EQ(force[k], 0.0) << depth[k];
+  }
+  for (const double work : *energy.find("external_work_J")) most = std::max(most, work);
+  EXPECT_EQ(energy.find("stored_J")->back(), 0.0);
+  EXPECT_LT(std::abs(energy.find("error_J")->back()), 0.02 * most);
+}
+
 TEST(ToolThatTouches, IsTooFastOnlyAtARateThatSomebodyAskedFor) {
   const fs::path folder = with_phantom();
   const std::string shallow =

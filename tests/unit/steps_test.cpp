@@ -70,6 +70,28 @@ TEST_F(Steps, AreMeasuredByAHundredthOfTheForcesThatTheyBeginWith) {
   EXPECT_DOUBLE_EQ(system.least_reactions(), 0.01 * reactions) << "the largest counts";
 }
 
+ForceSample sample(double depth, double aside, double force) {
+  ForceSample s{0.0, depth, force, 0.0};
+  s.aside[1] = aside;
+  return s;
+}
+
+TEST(JumpOfACurve, IsWhatNeitherNeighbourLeadsTo) {
+  // A corner, where pressing becomes sliding, is none, and neither is a long piece of an even slope.
+  EXPECT_NEAR(
+      largest_jump({sample(0, 0, 0), sample(1, 0, 1), sample(2, 0, 2), sample(2, 1, 2), sample(2, 2, 2)})
+          .force,
+      0.0, 1e-15);
+  EXPECT_NEAR(largest_jump({sample(0, 0, 0), sample(1, 0, 1), sample(4, 0, 4), sample(5, 0, 5)}).force, 0.0,
+              1e-15);
+  const Jump down = largest_jump({sample(2, 0, 2), sample(2, 1, 2), sample(2, 2, 1.25), sample(2, 2, 1.25),
+                                  sample(2, 3, 1.25), sample(2, 4, 1.25)});
+  EXPECT_NEAR(down.force, 0.75, 1e-15);
+  EXPECT_EQ(down.sample, 2u);
+  EXPECT_EQ(largest_jump({}).force, 0.0);
+  EXPECT_EQ(largest_jump({sample(0, 0, 0), sample(1, 0, 1)}).force, 0.0) << "one piece has no neighbours";
+}
+
 TEST_F(Steps, TwoPushesAreOne) {
   const Seen once = march(model, {}),
              twice = march(model, {{"a", "", 0.4e-3 * push}, {"b", "", 0.6e-3 * push}});
