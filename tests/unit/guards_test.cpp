@@ -128,6 +128,19 @@ class StateGuard : public testing::Test {
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
 };
 
+TEST_F(StateGuard, OfAToolThatLeavesWarnsOnceAndOnlyWhereTheTissueSpringsBackByMoreThanTheToolMoved) {
+  u(2, 3) = -0.4e-3;
+  guards.found_left(u, 0.4e-3, now);
+  EXPECT_TRUE(findings.empty()) << "it follows a tool that is lifted";
+  guards.found_left(u, 0.3e-3, now);
+  ASSERT_EQ(findings.size(), 1u);
+  expect_whole(findings.front().report, "tool-left");
+  EXPECT_THAT(findings.front().report.fact, HasSubstr("0.40 mm while the tool moved by 0.30 mm"));
+  EXPECT_THAT(findings.front().report.where, HasSubstr("node 3"));
+  guards.found_left(2.0 * u, 0.1e-3, now);
+  EXPECT_EQ(findings.size(), 1u);
+}
+
 TEST_F(StateGuard, OfAToolThatTouchesWarnsOfWhatComesIntoItAndEndsWhereItIsTooMuchOrNowhereLookedFor) {
   ContactSurface surface;
   surface.beyond = Points::Constant(3, 1, 7e-3);

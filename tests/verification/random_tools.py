@@ -206,7 +206,7 @@ def judged(row, drawn):
     doubts = []
     if row["least_N"] < -0.02 * row["largest_N"] and not (drawn["steps"] and "--friction" in drawn["options"]):
         doubts.append("negative force")
-    if row["jump_percent"] > 20.0 and "limit-point" not in guards:
+    if row["jump_percent"] > 20.0 and not {"limit-point", "tool-left", "jagged"} & set(guards):
         doubts.append("jump")
     if row["energy_off_percent"] > 10.0 and "energy" not in guards:
         doubts.append("energy")
