@@ -84,10 +84,10 @@ TEST(JumpOfACurve, IsWhatNeitherNeighbourLeadsTo) {
       0.0, 1e-15);
   EXPECT_NEAR(largest_jump({sample(0, 0, 0), sample(1, 0, 1), sample(4, 0, 4), sample(5, 0, 5)}).force, 0.0,
               1e-15);
-  const Jump down = largest_jump({sample(2, 0, 2), sample(2, 1, 2), sample(2, 2, 1.25), sample(2, 2, 1.25),
-                                  sample(2, 3, 1.25), sample(2, 4, 1.25)});
+  const Jump down = largest_jump({sample(2, 0, 2), sample(2, 2, 2), sample(2, 2, 2), sample(2, 3, 1.25),
+                                  sample(2, 5, 1.25), sample(2, 6, 1.25)});
   EXPECT_NEAR(down.force, 0.75, 1e-15);
-  EXPECT_EQ(down.sample, 2u);
+  EXPECT_EQ(down.sample, 3u);
   EXPECT_EQ(largest_jump({}).force, 0.0);
   EXPECT_EQ(largest_jump({sample(0, 0, 0), sample(1, 0, 1)}).force, 0.0) << "one piece has no neighbours";
 }
