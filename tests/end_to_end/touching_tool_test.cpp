@@ -261,6 +261,42 @@ TEST(ToolThatTouches, APunchThatIsLiftedLeavesABlockWithoutALimitPoint) {
   EXPECT_LT(std::abs(energy.find("error_J")->back()), 0.02 * most);
 }
 
+// A small sphere slides over a liver of 3 mm voxels, away from where the nodes are fine.
+TEST(ToolThatTouches, WhoseForceJumpsAsItSlidesSaysSo) {
+  const char* place = std::getenv("DIMPLE_SHARED_DATA");
+  if (!place) GTEST_SKIP() << "skipped: DIMPLE_SHARED_DATA names no folder with label images";
+  const fs::path folder = fresh_folder();
+  const Ran ran = dimple(folder, {"run",
+                                  fs::path(place) / "abdomen_mr_3mm.nii.gz",
+                                  "--label",
+                                  "5",
+                                  "-o",
+                                  "out",
+                                  "-q",
+                                  "--write",
+                                  "force",
+                                  "--band",
+                                  "off",
+                                  "--nodes",
+                                  "1000",
+                                  "--nu",
+                                  "0.4925",
+                                  "--tool",
+                                  "sphere:2.59mm",
+                                  "--indent-at=-87.4,-27.2,29.3",
+                                  "--base=-0.09607,-0.2448,0.9648",
+                                  "--direction=-0.09925,-0.2545,0.962",
+                                  "--set",
+                                  "step.1press.move=0.365mm",
+                                  "--set",
+                                  "step.2slide.move=8.1,0,0"});
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const auto summary = nlohmann::json::parse(text_of(folder / "out" / "summary.json"));
+  bool told = false;
+  for (const auto& guard : summary["guards"]) told |= guard["code"] == "jagged";
+  EXPECT_TRUE(told) << summary["guards"];
+}
+
 TEST(ToolThatTouches, IsTooFastOnlyAtARateThatSomebodyAskedFor) {
   const fs::path folder = with_phantom();
   const std::string shallow =
