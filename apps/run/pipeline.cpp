@@ -275,6 +275,9 @@ void make_ready(const Case& given, Placed placed, const Talk& talk, Result& resu
   const double down = deepest(config, model.tool.push);
   if ((result.loading.folds = folds_of(config, model, down)))
     talk.say("folds    " + in_words(*result.loading.folds, down));
+  else if (folds_touch(config))
+    talk.say(
+        "folds    nothing can touch: the surface nowhere faces itself across twice the tool's way or less");
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
   for (const Finding& finding : result.findings) talk.warn(in_words(finding));

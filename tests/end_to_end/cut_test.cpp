@@ -269,6 +269,16 @@ TEST(Cut, UnderGravityCountsTheBendingOfTheFlapFromWhereTheBodyCameToRest) {
   EXPECT_LE(percent, 100.0) << "at rest the flap has sunk already";
 }
 
+TEST(SelfContact, OfABodyThatNowhereFacesItselfSaysThatNothingCanTouch) {
+  const fs::path folder = fresh_folder();
+  const Ran ran = dimple(folder, "run " + block +
+                                     " -o out --write force --nodes 300 --depth 1mm --frames 1 --band off "
+                                     "--self-contact on");
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  EXPECT_NE(ran.err.find("nothing can touch"), std::string::npos) << ran.err;
+  EXPECT_FALSE(summary_of(folder / "out").contains("self_contact"));
+}
+
 TEST(SelfContact, IsRefusedWhereNothingLooksForIt) {
   const fs::path folder = fresh_folder();
   for (const char* beside : {"--time explicit", "--time dynamic", "--scheme horton2007"}) {
