@@ -44,6 +44,7 @@ struct Loading {
   /// circle.
   std::shared_ptr<const Touch> touch{};
   std::shared_ptr<const FoldBanks> folds{};  ///< that touch where they close; null: they pass
+  std::vector<Touch> walls{};                ///< rigid contacts beside the tool; quasi-statically
   double way() const {
     double sum = 0.0;
     for (const Step& step : steps) sum += step.way.norm();
@@ -116,6 +117,7 @@ struct History {
   Index contact_samples = 0;
   double contact_sticks = 0.0;  ///< of contact_area, what friction holds [m^2]
   FoldContact::Audit folds;     ///< at the last equilibrium, but for the deepest penetration of all
+  std::vector<TouchingTool::Touched> walls = {};  ///< likewise, of each wall
   double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction
   std::vector<Finding> guards;
   std::vector<Retry> retries;

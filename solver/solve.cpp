@@ -75,10 +75,17 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
                       .why = "their contact is solved for in equilibrium, with the patches' pressures",
                       .remedy = "march quasi-statically with the converging scheme, or let folds pass",
                       .code = "folds"});
+  if (!loading.walls.empty() && (mode != TimeMode::quasi_static || !MixedIteration::serves(tissue, model)))
+    throw SolveError(
+        {.fact = "walls stand beside the body, in a march or a scheme that does not look for contact",
+         .where = text("time ", name_of(mode)),
+         .why = "their contact is solved for in equilibrium, with the patches' pressures",
+         .remedy = "march quasi-statically with the converging scheme, or leave the walls out",
+         .code = "walls"});
   try {
     const std::unique_ptr<System> system =
         make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance,
-                    loading.touch.get(), loading.folds);
+                    loading.touch.get(), loading.folds, loading.walls);
     history.settled = system->at_rest().u.colwise().norm().maxCoeff();
     switch (mode) {
       case TimeMode::quasi_static:

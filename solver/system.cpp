@@ -1,5 +1,6 @@
 #include "solver/system.hpp"
 
+#include <algorithm>
 #include <limits>
 #include <utility>
 
@@ -11,15 +12,42 @@
 namespace dimple {
 
 System::System(const ForceSystem& tissue, const Model& model, Constraints held, ForceTerms terms,
-               std::unique_ptr<TouchingTool> touching, std::unique_ptr<FoldContact> folds)
+               std::vector<std::unique_ptr<TouchingTool>> rigid, std::unique_ptr<FoldContact> folds)
     : model_(model),
       held_(std::move(held)),
       tissue_(tissue),
       terms_(std::move(terms)),
-      touching_(std::move(touching)),
-      folds_(std::move(folds)),
-      at_rest_{Nodal::Zero(4, model.node_count()),
-               Eigen::VectorXd::Zero(model.patches.count() + contact_unknowns())} {}
+      rigid_(std::move(rigid)),
+      folds_(std::move(folds)) {
+  std::stable_partition(rigid_.begin(), rigid_.end(), [](const auto& one) { return one->is_measured(); });
+  for (const auto& one : rigid_) {
+    contacts_.push_back({one.get(), one.get(), contact_unknowns()});
+    if (one->is_measured())
+      touching_ = one.get();
+    else
+      walls_.push_back(one.get());
+  }
+  if (folds_) contacts_.push_back({folds_.get(), nullptr, contact_unknowns()});
+  for (const OneContact& one : contacts_)
+    has_met_.emplace_back(static_cast<std::size_t>(one.term->count()), char{0});
+  if (touching_)
+    for (Index s = 0; s < touching_->count(); ++s) add_to_met({0, s});
+  at_rest_ = {Nodal::Zero(4, model.node_count()),
+              Eigen::VectorXd::Zero(model.patches.count() + contact_unknowns())};
+}
+
+void System::add_to_met(const Met& one) {
+  met_.push_back(one);
+  has_met_[static_cast<std::size_t>(one.contact)][static_cast<std::size_t>(one.sample)] = 1;
+}
+
+void System::meet() {
+  for (std::size_t c = 0; c < contacts_.size(); ++c) {
+    const Eigen::VectorXd& gap = contacts_[c].term->gaps();
+    for (Index s = 0; s < gap.size(); ++s)
+      if (gap[s] < 0.0 && !has_met_[c][static_cast<std::size_t>(s)]) add_to_met({static_cast<Index>(c), s});
+  }
+}
 
 void System::set(const Instant& now, Nodal& u) {
   now_ = now;
@@ -29,7 +57,7 @@ void System::set(const Instant& now, Nodal& u) {
 void System::add_terms(const Nodal& u, Nodal& f) {
   load_.setZero(4, u.cols());
   for (const auto& term : terms_) term->add_force(u, now_, term->is_load() ? load_ : f);
-  if (touching_) touching_->add_force(u, now_, load_);
+  for (const auto& one : rigid_) one->add_force(u, now_, load_);
   f += load_;
   if (folds_) folds_->add_force(u, now_, f);
 }
@@ -45,8 +73,8 @@ System::Sweep System::force_at(const Nodal& u, const Eigen::VectorXd& lambda, No
   const Index patches = model_.patches.count();
   tissue_.hold_pressures(with_pressures ? lambda.head(patches).cwiseQuotient(model_.patches.volume)
                                         : Eigen::VectorXd());
-  if (touching_) touching_->set_forces(lambda.segment(patches, touching_->unknowns()));
-  if (folds_) folds_->set_forces(lambda.tail(folds_->count()));
+  for (const OneContact& one : contacts_)
+    one.term->set_forces(lambda.segment(patches + one.first, one.term->unknowns()));
   return force(u, f);
 }
 
@@ -83,8 +111,10 @@ double System::along_push(const Nodal& f) const {
 }
 
 double System::working_force(const Nodal& f) const {
-  const double of_held = held_.working_force(f);
-  return touching_ ? of_held + touching_->along(held_.motion(tool_set)) : of_held;
+  double force = held_.working_force(f);
+  if (touching_) force += touching_->along(held_.motion(tool_set));
+  for (const TouchingTool* wall : walls_) force += wall->along(wall->motion());
+  return force;
 }
 
 Wrench System::on_tool(const Nodal& u, const Nodal& f) const {
@@ -112,10 +142,11 @@ Vec3 System::aside() const {
 void System::accept_step(const Nodal& u) {
   tissue_.accept_step(u);
   for (const auto& term : terms_) term->accept(u, now_);
-  if (touching_) touching_->accept(u, now_);
+  for (const OneContact& one : contacts_) one.term->accept(u, now_);
 }
 
-// Of the tissue; then of a tool that rubs, of folds and of each term, with their number behind.
+// Of the tissue; then what has met a wall or a fold, and of a tool that rubs, of walls, of folds and of each
+// term, with their number behind.
 std::vector<double> System::past() const {
   std::vector<double> all = tissue_.past();
   const auto add = [&](const ForceTerm& term) {
@@ -123,22 +154,38 @@ std::vector<double> System::past() const {
     all.insert(all.end(), its.begin(), its.end());
     all.push_back(static_cast<double>(its.size()));
   };
-  if (touching_ && touching_->rubs()) add(*touching_);
-  if (folds_) add(*folds_);
+  const Index of_tool = touching_ ? touching_->count() : 0;
+  for (const OneContact& one : contacts_) {
+    if (one.term == touching_ && !touching_->rubs()) continue;
+    add(*one.term);
+  }
+  for (auto one = met_.begin() + of_tool; one != met_.end(); ++one) {
+    all.push_back(static_cast<double>(one->contact));
+    all.push_back(static_cast<double>(one->sample));
+  }
+  all.push_back(static_cast<double>(2 * (static_cast<Index>(met_.size()) - of_tool)));
   for (const auto& term : terms_) add(*term);
   return all;
 }
 
 void System::restore_past(std::vector<double> past) {
-  const auto restore_last = [&](ForceTerm& term) {
+  const auto take_last = [&] {
     const auto count = static_cast<std::ptrdiff_t>(past.back());
     past.pop_back();
-    term.restore_past({past.end() - count, past.end()});
+    const std::vector<double> its(past.end() - count, past.end());
     past.erase(past.end() - count, past.end());
+    return its;
   };
+  const auto restore_last = [&](ForceTerm& term) { term.restore_past(take_last()); };
   for (auto term = terms_.rbegin(); term != terms_.rend(); ++term) restore_last(**term);
-  if (folds_) restore_last(*folds_);
-  if (touching_ && touching_->rubs()) restore_last(*touching_);
+  const std::vector<double> met = take_last();
+  met_.resize(static_cast<std::size_t>(touching_ ? touching_->count() : 0));
+  for (std::size_t c = touching_ ? 1 : 0; c < has_met_.size(); ++c)
+    std::fill(has_met_[c].begin(), has_met_[c].end(), char{0});
+  for (std::size_t k = 0; k + 1 < met.size(); k += 2)
+    add_to_met({static_cast<Index>(met[k]), static_cast<Index>(met[k + 1])});
+  for (auto one = contacts_.rbegin(); one != contacts_.rend(); ++one)
+    if (one->term != touching_ || touching_->rubs()) restore_last(*one->term);
   tissue_.restore_past(past);
 }
 
@@ -156,7 +203,11 @@ void System::go_on(Rest from, Constraints held, const Vec3& way_of_tool, double 
   at_rest_ = std::move(from);
   held_ = std::move(held);
   way_before_ = way_of_tool;
-  if (touching_) touching_->go_on(way_of_tool, gone, held_.motion(tool_set));
+  for (const auto& one : rigid_)
+    if (one->is_measured())
+      one->go_on(way_of_tool, gone, held_.motion(tool_set));
+    else
+      one->go_on(gone * one->motion(), gone, one->motion());
   tissue_.hold_pressures({});
 }
 
@@ -208,12 +259,15 @@ Rest settled(System& system, double tolerance) {
 
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
                                     const std::vector<HeldSet>& further, const Loads& loads, double tolerance,
-                                    const Touch* touch, std::shared_ptr<const FoldBanks> folds) {
+                                    const Touch* touch, std::shared_ptr<const FoldBanks> folds,
+                                    const std::vector<Touch>& walls) {
+  std::vector<std::unique_ptr<TouchingTool>> rigid;
+  if (touch) rigid.push_back(std::make_unique<TouchingTool>(*touch));
+  for (const Touch& wall : walls) rigid.push_back(std::make_unique<TouchingTool>(wall));
   auto closing = folds ? std::make_unique<FoldContact>(std::move(folds), tissue) : nullptr;
   if (!loads.move_the_body())
-    return std::make_unique<System>(
-        tissue, model, make_constraints(model, contact, further), make_terms(model, loads),
-        touch ? std::make_unique<TouchingTool>(*touch) : nullptr, std::move(closing));
+    return std::make_unique<System>(tissue, model, make_constraints(model, contact, further),
+                                    make_terms(model, loads), std::move(rigid), std::move(closing));
   if (touch)
     throw SolveError({.fact = "a tool that touches and loads that act before it does",
                       .where = "loading",
@@ -224,7 +278,7 @@ std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& mode
                [](const HeldSet& s) { return s.share == 0.0; });
   still.push_back({.name = "base", .node = model.base});
   auto system = std::make_unique<System>(tissue, model, Constraints(model.node_count(), std::move(still)),
-                                         make_terms(model, loads), nullptr, std::move(closing));
+                                         make_terms(model, loads), std::move(rigid), std::move(closing));
   Rest rest = settled(*system, tolerance);
   Constraints held = make_constraints(model, contact, further);
   held.start_at(rest.u);

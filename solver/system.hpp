@@ -27,7 +27,7 @@ struct StoredEnergy {
 };
 
 /// Displacements [4xN] m and the patches' pressures x volumes [N m], see MixedIteration; behind them the
-/// contact forces [N] of a tool that touches, and then those of folds.
+/// contact forces [N] as System::contacts() has them.
 struct Rest {
   Nodal u;
   Eigen::VectorXd lambda;
@@ -42,9 +42,9 @@ struct Rest {
 class System {
  public:
   using Sweep = ForceSystem::Sweep;
-  /// `tissue` and `model` must outlive it.
+  /// `tissue` and `model` must outlive it. Of the `rigid` contacts one at most is measured.
   System(const ForceSystem& tissue, const Model& model, Constraints held, ForceTerms terms = {},
-         std::unique_ptr<TouchingTool> touching = nullptr, std::unique_ptr<FoldContact> folds = nullptr);
+         std::vector<std::unique_ptr<TouchingTool>> rigid = {}, std::unique_ptr<FoldContact> folds = nullptr);
 
   const Model& model() const { return model_; }
   const Constraints& held() const { return held_; }
@@ -53,16 +53,33 @@ class System {
   const Tissues& tissues() const { return tissue_.system().tissues(); }
   bool viscoelastic() const { return tissue_.system().viscoelastic(); }
   bool loaded() const { return !terms_.empty(); }
-  /// Null: the tool holds nodes.
-  TouchingTool* touching() { return touching_.get(); }
-  const TouchingTool* touching() const { return touching_.get(); }
+  /// The tool that is measured; null: it holds nodes.
+  TouchingTool* touching() { return touching_; }
+  const TouchingTool* touching() const { return touching_; }
+  /// What is rigid beside it: walls, and tools that are not measured.
+  const std::vector<const TouchingTool*>& walls() const { return walls_; }
   /// Null: folds pass through each other.
   FoldContact* folds() { return folds_.get(); }
   const FoldContact* folds() const { return folds_.get(); }
-  /// Of a search for equilibrium, behind the patches' pressures.
+  /// Each of these contacts, and where its unknowns stand in a search for equilibrium, behind the patches'
+  /// pressures: first the tool that is measured, last the folds.
+  struct OneContact {
+    ContactTerm* term;
+    TouchingTool* rigid;  ///< the same; null: folds
+    Index first;
+  };
+  const std::vector<OneContact>& contacts() const { return contacts_; }
   Index contact_unknowns() const {
-    return (touching_ ? touching_->unknowns() : 0) + (folds_ ? folds_->count() : 0);
+    return contacts_.empty() ? 0 : contacts_.back().first + contacts_.back().term->unknowns();
   }
+  /// Most of a surface never meets anything. The samples that have, at any state of any search, in that
+  /// order: only their forces are looked for. Of the tool that is measured all have from the first.
+  struct Met {
+    Index contact, sample;
+  };
+  const std::vector<Met>& met() const { return met_; }
+  /// And those that the last force() found beyond what they face.
+  void meet();
   /// Where the tool stands and which share of the loads acts.
   const Instant& now() const { return now_; }
 
@@ -135,8 +152,13 @@ class System {
   Constraints held_;
   ForceState tissue_;
   ForceTerms terms_;
-  std::unique_ptr<TouchingTool> touching_;
+  std::vector<std::unique_ptr<TouchingTool>> rigid_;
   std::unique_ptr<FoldContact> folds_;
+  TouchingTool* touching_ = nullptr;        // of rigid_
+  std::vector<const TouchingTool*> walls_;  // likewise
+  std::vector<OneContact> contacts_;
+  std::vector<Met> met_;
+  std::vector<std::vector<char>> has_met_;  // of each contact's samples
   Instant now_;
   Nodal load_;  // [4xN] N of all terms; no columns: there are none
   Rest at_rest_;
@@ -144,8 +166,9 @@ class System {
   double least_reactions_ = 0.0;    // N, for a balance
   double loads_at_rest_ = 0.0;      // J
 
-  bool tissue_alone() const { return !loaded() && !touching_ && !folds_; }
+  bool tissue_alone() const { return !loaded() && contacts_.empty(); }
   void add_terms(const Nodal& u, Nodal& f);
+  void add_to_met(const Met& one);
 };
 
 template <class Beside>
@@ -165,10 +188,11 @@ Balance System::balance(const Nodal& f, Nodal& unbalanced, const Beside& beside)
 
 /// A body under `loads`, come to rest, its circle where the tool then touches it: bonded or not, and
 /// `further` sets held likewise; or `touch`: a tool that holds no nodes, without loads. `folds` that close
-/// touch. Throws SolveError: it does not carry its loads.
+/// touch. `walls`: rigid contacts that are not measured. Throws SolveError: it does not carry its loads.
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
                                     const std::vector<HeldSet>& further, const Loads& loads = {},
                                     double tolerance = 1e-4, const Touch* touch = nullptr,
-                                    std::shared_ptr<const FoldBanks> folds = nullptr);
+                                    std::shared_ptr<const FoldBanks> folds = nullptr,
+                                    const std::vector<Touch>& walls = {});
 
 }  // namespace dimple

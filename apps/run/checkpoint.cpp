@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* format = "dimple checkpoint 8";
+constexpr const char* format = "dimple checkpoint 9";
 
 }  // namespace
 
@@ -19,10 +19,16 @@ template <class Archive, Like<History> T>
 void members(Archive& io, T& history) {
   auto& [force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
          residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
-         contact_sticks, folds, momentum_error, guards, retries] = history;
+         contact_sticks, folds, walls, momentum_error, guards, retries] = history;
   io(force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
      residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
-     contact_sticks, folds, momentum_error, guards, retries);
+     contact_sticks, folds, walls, momentum_error, guards, retries);
+}
+
+template <class Archive, Like<TouchingTool::Touched> T>
+void members(Archive& io, T& touched) {
+  auto& [force, area, sticks, pressure, samples, penetration] = touched;
+  io(force, area, sticks, pressure, samples, penetration);
 }
 
 template <class Archive, Like<FoldContact::Audit> T>

@@ -185,6 +185,10 @@ std::string in_words(const ToolShape& shape) {
     case ToolShape::Kind::drawn:
       return fmt::format("the tool of {}, {} wide and {} long", shape.mesh->name,
                          length_in_words(1e3 * shape.mesh->width), length_in_words(1e3 * shape.mesh->length));
+    case ToolShape::Kind::plane:
+      return "a plane";
+    case ToolShape::Kind::field:
+      return "a wall";
     case ToolShape::Kind::sphere:
       break;
   }

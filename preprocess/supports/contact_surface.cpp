@@ -89,7 +89,11 @@ ContactSurface contact_surface(const Model& model, double reach, const std::vect
   const Points area = pieces.area(Eigen::all, touched);
   result.at_between = surface_interpolation(model, result.between, area);
   std::vector<std::vector<Index>> cells;
-  for (auto& [node, own] : cell) cells.push_back(std::move(own));
+  result.spacing.resize(static_cast<Index>(cell.size()));
+  for (auto& [node, own] : cell) {
+    result.spacing[static_cast<Index>(cells.size())] = model.spacing[node];
+    cells.push_back(std::move(own));
+  }
   static_cast<CellMeans&>(result) =
       means_of(cells, result.between, area, result.at_between, model.node_count());
   result.beyond = pieces.place(Eigen::all, beyond);

@@ -37,8 +37,8 @@ constexpr double stiffest = 30.0;
 // Largest of what contact lacks, penetration or what a force would move where nothing touches, as a part of
 // the depth and of the tool's radius. The force is wrong by about 1.4 times the mean of it over the depth.
 constexpr double contact_error = 5e-4;
-constexpr double fold_error =
-    2e-3;  // the same where folds touch, as a part of the spacing of the nodes there
+constexpr double wall_error =
+    2e-3;  // the same of walls and folds, as a part of the spacing of the nodes there
 constexpr double usual_tolerance = 1e-4;    // of a residual, to which that belongs
 constexpr Index quickly_factorised = 3000;  // rows, in a tenth of a second; the time grows as their square
 // Rows. With 100,000 nodes the factors took three times as long as the rest of the solution.
@@ -208,14 +208,8 @@ struct MixedIteration::Parts {
   std::chrono::steady_clock::duration lap{};  // of an iteration in bounded time, mean of the last few
   Nodal viscous;                              // force
   Eigen::VectorXd scale, dual_scale;          // that make u and lambda of one kind: square roots of energies
-  // Of contact: all samples of a tool, and those of folds that have met.
-  struct Met {
-    const ContactTerm* of;
-    Index sample;
-  };
-  std::vector<Met> met;
-  int pairing = 0;             // of folds, for which they are known
-  Eigen::MatrixXd compliance;  // [met x met] m/N of contact forces: w_s A^-1 w_t
+  int pairings = 0;                           // the sum of all contacts', for which `compliance` is known
+  Eigen::MatrixXd compliance;  // [met x met] m/N of contact forces: w_s A^-1 w_t, as System::met() has them
 
   explicit Parts(System& s)
       : body(s),
@@ -386,54 +380,47 @@ struct MixedIteration::Parts {
     }
   }
 
-  bool in_contact() const { return body.touching() || body.folds(); }
+  bool in_contact() const { return !body.contacts().empty(); }
   Index samples_of_tool() const { return body.touching() ? body.touching()->count() : 0; }
+
+  const System::Met& met(Index row) const { return body.met()[static_cast<std::size_t>(row)]; }
+  const System::OneContact& contact_of(const System::Met& one) const {
+    return body.contacts()[static_cast<std::size_t>(one.contact)];
+  }
 
   // visit(node, w) of what moves a sample's gap.
   template <class Visit>
-  static void of_sample(const Met& one, const Visit& visit) {
-    const auto& [rows, weight] = one.of->moves();
-    for (int k = rows.offset[one.sample]; k < rows.offset[one.sample + 1]; ++k)
-      visit(rows.member[k], weight[k]);
+  void of_sample(Index row, const Visit& visit) const {
+    const System::Met& one = met(row);
+    const auto& [rows, w] = contact_of(one).term->moves();
+    for (int k = rows.offset[one.sample]; k < rows.offset[one.sample + 1]; ++k) visit(rows.member[k], w[k]);
   }
 
-  // Folds that the last force found beyond each other have met: they join the samples that are known.
+  // What the last force found beyond a wall or beyond each other has met: it joins the samples that are
+  // known.
   void find_compliance() {
-    if (FoldContact* folds = body.folds()) folds->meet();
-    std::vector<Met> now;
-    for (Index s = 0; s < samples_of_tool(); ++s) now.push_back({body.touching(), s});
-    if (const FoldContact* folds = body.folds())
-      for (const Index s : folds->met()) now.push_back({folds, s});
-    if (const FoldContact* folds = body.folds(); folds && folds->pairing() != pairing) {
-      compliance.resize(0, 0);
-      pairing = folds->pairing();
-    }
-    const auto known = static_cast<std::size_t>(compliance.rows());
-    const bool goes_on =
-        known <= now.size() &&
-        std::equal(now.begin(), now.begin() + static_cast<std::ptrdiff_t>(known), met.begin(),
-                   [](const Met& a, const Met& b) { return a.of == b.of && a.sample == b.sample; });
-    if (goes_on && known == now.size()) return;
-    if (!goes_on) compliance.resize(0, 0);
-    met = std::move(now);
-    extend_compliance();
+    body.meet();
+    int pairings_now = 0;
+    for (const System::OneContact& one : body.contacts()) pairings_now += one.term->pairing();
+    if (pairings_now != pairings) compliance.resize(0, 0);
+    pairings = pairings_now;
+    if (static_cast<Index>(body.met().size()) > compliance.rows()) extend_compliance();
   }
 
   // How far a unit force at one sample moves another; four forces at a time.
   void extend_compliance() {
-    const Index known = compliance.rows(), count = static_cast<Index>(met.size());
+    const Index known = compliance.rows(), count = static_cast<Index>(body.met().size());
     compliance.conservativeResize(count, count);
     Nodal force(4, model.node_count()), moved = force;
     for (Index first = known; first < count; first += 4) {
       stop_if_asked();
       force.setZero();
       const Index last = std::min(first + 4, count);
-      for (Index t = first; t < last; ++t)
-        of_sample(met[static_cast<std::size_t>(t)], [&](int a, double w) { force(t - first, a) = w; });
+      for (Index t = first; t < last; ++t) of_sample(t, [&](int a, double w) { force(t - first, a) = w; });
       across.solve(force, moved);
       for (Index s = 0; s < count; ++s) {
         Eigen::Vector4d sum = Eigen::Vector4d::Zero();
-        of_sample(met[static_cast<std::size_t>(s)], [&](int a, double w) { sum += w * moved.col(a); });
+        of_sample(s, [&](int a, double w) { sum += w * moved.col(a); });
         for (Index t = first; t < last; ++t) compliance(s, t) = sum[t - first];
       }
     }
@@ -575,19 +562,17 @@ struct MixedIteration::Parts {
   void go_on(Nodal& u, Eigen::VectorXd& lambda, const Nodal& du, const Eigen::VectorXd& dlambda,
              double caution) {
     const Index n = u.cols(), nb = lambda.size();
-    const TouchingTool* touching = body.touching();
     Eigen::VectorXd of_lambda = Eigen::VectorXd::Ones(nb);
     of_lambda.head(dual_scale.size()) = dual_scale;
-    if (touching) {
-      const Index count = touching->count(), first = dual_scale.size();
-      of_lambda.segment(first, count) = compliance.diagonal().head(count).cwiseSqrt();
-      if (touching->rubs())
-        for (Index s = 0; s < count; ++s)
-          of_lambda.segment<3>(first + count + 3 * s).setConstant(std::sqrt(compliance(s, s)));
+    for (Index k = 0; k < compliance.rows(); ++k) {
+      const System::Met& one = met(k);
+      of_lambda[dual_scale.size() + contact_of(one).first + one.sample] = std::sqrt(compliance(k, k));
     }
-    for (Index k = samples_of_tool(); k < compliance.rows(); ++k)
-      of_lambda[nb - body.folds()->count() + met[static_cast<std::size_t>(k)].sample] =
-          std::sqrt(compliance(k, k));
+    for (const System::OneContact& one : body.contacts())
+      if (one.rigid && one.rigid->rubs())
+        for (const auto& [k, s] : known_of(one.term))
+          of_lambda.segment<3>(dual_scale.size() + one.first + one.rigid->count() + 3 * s)
+              .setConstant(std::sqrt(compliance(k, k)));
     const auto scaled = [&](const Nodal& v, const Eigen::VectorXd& l) {
       Eigen::VectorXd all(4 * n + nb);
       Eigen::Map<Nodal>(all.data(), 4, n) = v * scale.asDiagonal();
@@ -603,11 +588,8 @@ struct MixedIteration::Parts {
       u = Eigen::Map<Nodal>(place.data(), 4, n) * scale.cwiseInverse().asDiagonal();
     }
     lambda = place.tail(nb).cwiseQuotient(of_lambda);
-    if (touching) touching->bring_back(lambda.segment(dual_scale.size(), touching->unknowns()));
-    if (body.folds()) {
-      auto of_folds = lambda.tail(body.folds()->count());
-      of_folds = of_folds.cwiseMax(0.0);
-    }
+    for (const System::OneContact& one : body.contacts())
+      one.term->bring_back(lambda.segment(dual_scale.size() + one.first, one.term->unknowns()));
   }
 
   // Where a node is held nothing was added but rounding; it must not move at all from where it was.
@@ -616,73 +598,92 @@ struct MixedIteration::Parts {
       if (!constraints.is_free(a)) u.col(a) = was.col(a) + constraints.project(a, u.col(a) - was.col(a));
   }
 
-  // What a tool's contact lacks at the last force, see contact_error: the largest, over what it may be.
-  double lack_of_tool() const {
-    const TouchingTool& tool = *body.touching();
-    double largest = 0.0;
-    for (Index s = 0; s < tool.count(); ++s)
-      largest = std::max(largest, std::abs(std::min(tool.gaps()[s], compliance(s, s) * tool.forces()[s])));
-    if (tool.rubs())
-      for (Index s = 0; s < tool.count(); ++s) {
-        const Vec3 force = tool.friction_forces().col(s), slip = tool.slips().col(s);
-        const double most = tool.bound(s, tool.forces()[s]), C = compliance(s, s);
-        if (most > 0.0)
-          largest = std::max(largest, C * (force - brought_within(most, force - slip / C)).norm());
-      }
-    return largest / (contact_error * std::min(body.now().depth, tool.touch().shape.radius));
+  // The samples of one contact that are known: their rows in `compliance`, and which they are.
+  struct Known {
+    Index row, sample;
+  };
+  std::vector<Known> known_of(const ContactTerm* term) const {
+    std::vector<Known> result;
+    for (Index k = 0; k < compliance.rows(); ++k)
+      if (contact_of(met(k)).term == term) result.push_back({k, met(k).sample});
+    return result;
   }
 
-  // All that lie beyond the bank ahead have met.
-  struct FoldLack {
-    double largest = 0.0;  // as of the tool
-    double force = 0.0;    // what about would bring it about, over the reactions
+  // What a sample's friction lacks at the last force [m].
+  double lack_of_friction(const TouchingTool& rigid, Index row, Index s) const {
+    const Vec3 force = rigid.friction_forces().col(s), slip = rigid.slips().col(s);
+    const double most = rigid.bound(s, rigid.forces()[s]), C = compliance(row, row);
+    return most > 0.0 ? C * (force - brought_within(most, force - slip / C)).norm() : 0.0;
+  }
+
+  // What a contact lacks at the last force: the largest, over what it may be.
+  struct Lack {
+    double largest = 0.0;
+    double force = 0.0;  // what about would bring it about [N]
   };
-  FoldLack lack_of_folds(double reactions) const {
-    FoldLack lack;
-    const FoldContact& folds = *body.folds();
-    for (Index k = samples_of_tool(); k < compliance.rows(); ++k) {
-      const Index s = met[static_cast<std::size_t>(k)].sample;
-      const double C = compliance(k, k), off = std::abs(std::min(folds.gaps()[s], C * folds.forces()[s]));
-      lack.largest = std::max(lack.largest, off / (fold_error * folds.banks().spacing[s]));
+  Lack lack_of(const System::OneContact& one) const {
+    Lack lack;
+    const double error = one.rigid && one.rigid->is_measured() ? contact_error : wall_error;
+    const bool rubs = one.rigid && one.rigid->rubs();
+    for (const auto& [k, s] : known_of(one.term)) {
+      const double C = compliance(k, k);
+      double off = std::abs(std::min(one.term->gaps()[s], C * one.term->forces()[s]));
+      if (rubs) off = std::max(off, lack_of_friction(*one.rigid, k, s));
+      lack.largest = std::max(lack.largest, off / (error * one.term->length_at(s, body.now())));
       lack.force = std::hypot(lack.force, off / C);
     }
-    lack.force /= reactions;
     return lack;
   }
+  double lack_of_tool() const { return body.touching() ? lack_of(body.contacts().front()).largest : 0.0; }
 
-  // Of the last force: the residual, with what contact lacks. Folds that have come to lie beyond each other
-  // count as much as the forces that are missing between them: else the first of these, which unbalance the
-  // body, would look like a step in the wrong direction.
+  // Of the last force: the residual, with what contact lacks. What has come to lie beyond a wall or a fold
+  // counts as much as the forces that are missing there: else the first of these, which unbalance the body,
+  // would look like a step in the wrong direction.
   double residual_with_contact(double residual, double reactions, double tolerance) const {
-    if (body.touching()) residual = std::max(residual, tolerance * lack_of_tool());
-    if (!body.folds()) return residual;
-    const FoldLack lack = lack_of_folds(reactions);
-    return std::max(residual, lack.largest > 1.0 ? std::max(tolerance * lack.largest, lack.force)
-                                                 : tolerance * lack.largest);
+    Lack beside;
+    for (const System::OneContact& one : body.contacts()) {
+      const Lack its = lack_of(one);
+      if (one.rigid && one.rigid->is_measured()) {
+        residual = std::max(residual, tolerance * its.largest);
+        continue;
+      }
+      beside.largest = std::max(beside.largest, its.largest);
+      beside.force = std::hypot(beside.force, its.force);
+    }
+    reactions = std::max(reactions, 1e-9 * beside.force);  // none at all where nothing has met yet
+    return std::max(residual, beside.largest > 1.0
+                                  ? std::max(tolerance * beside.largest, beside.force / reactions)
+                                  : tolerance * beside.largest);
   }
 
-  // The change [3xM] of friction beside that of the normal forces, where the nodes would move by du else.
-  Points friction_beside(const Eigen::VectorXd& of_normal_forces, const Points& normal, double thicker,
-                         const Nodal& du) const {
-    const TouchingTool& tool = *body.touching();
-    const auto& [rows, phi] = tool.touch().surface.at_place;
-    Points way = thicker * tool.slips();
-    Eigen::VectorXd bound(tool.count());
-    std::vector<Index> changed;
+  // The change [3xM] of one contact's friction beside that of all normal forces, where the nodes would move
+  // by du else.
+  Points friction_beside(const TouchingTool& rigid, const Eigen::VectorXd& of_normal_forces,
+                         const Points& normal, double thicker, const Nodal& du) const {
+    const std::vector<Known> own = known_of(&rigid);
+    const auto count = static_cast<Index>(own.size());
+    std::vector<Index> row, changed;
     for (Index t = 0; t < of_normal_forces.size(); ++t)
       if (of_normal_forces[t] != 0.0) changed.push_back(t);
-    for (Index s = 0; s < tool.count(); ++s) {
-      bound[s] = tool.bound(s, tool.forces()[s] + of_normal_forces[s]);
-      if (!(bound[s] > 0.0)) continue;
+    Points way(3, count), its_normal(3, count), before(3, count);
+    Eigen::VectorXd bound(count);
+    for (Index i = 0; i < count; ++i) {
+      const auto& [k, s] = own[static_cast<std::size_t>(i)];
+      row.push_back(k);
+      const Vec3 n = its_normal.col(i) = rigid.normals().col(s);
+      way.col(i) = thicker * rigid.slips().col(s);
+      before.col(i) = rigid.friction_forces().col(s);
+      bound[i] = rigid.bound(s, rigid.forces()[s] + of_normal_forces[k]);
+      if (!(bound[i] > 0.0)) continue;
       Vec3 move = Vec3::Zero();
-      for (int e = rows.offset[s]; e < rows.offset[s + 1]; ++e)
-        move += phi[e] * du.col(rows.member[e]).head<3>();
-      for (const Index t : changed) move += compliance(s, t) * of_normal_forces[t] * normal.col(t);
-      const Vec3 n = tool.normals().col(s);
-      way.col(s) += move - n * n.dot(move);
+      of_sample(k, [&](int a, double w) { move += w * du.col(a).head<3>(); });
+      for (const Index t : changed) move += compliance(k, t) * of_normal_forces[t] * normal.col(t);
+      way.col(i) += move - n * n.dot(move);
     }
-    return friction_step(compliance.topLeftCorner(tool.count(), tool.count()), tool.normals(), way,
-                         tool.friction_forces(), bound);
+    const Points of_known = friction_step(compliance(row, row), its_normal, way, before, bound);
+    Points change = Points::Zero(3, rigid.count());
+    for (Index i = 0; i < count; ++i) change.col(own[static_cast<std::size_t>(i)].sample) = of_known.col(i);
+    return change;
   }
 
   // The step (du, dlambda) from the unbalanced force r and the unbalanced volume s, and of contact from its
@@ -691,7 +692,7 @@ struct MixedIteration::Parts {
     Eigen::VectorXd of_patches(s.size());
     step(r, s, du, of_patches);
     dlambda.tail(dlambda.size() - s.size()).setZero();
-    if (!met.empty()) {
+    if (compliance.rows() > 0) {
       Nodal held = r;
       change_contact(thicker, du, held, dlambda.tail(dlambda.size() - s.size()));
       step(held, s, du, of_patches);
@@ -701,34 +702,26 @@ struct MixedIteration::Parts {
 
   // Where the nodes would move by du without it: the change of the contact's unknowns, and of the force r.
   void change_contact(double thicker, const Nodal& du, Nodal& r, Eigen::Ref<Eigen::VectorXd> change) {
-    const auto count = static_cast<Index>(met.size());
+    const Index count = compliance.rows();
     Eigen::VectorXd gap(count), before(count);
     Points normal(3, count);
     for (Index k = 0; k < count; ++k) {
-      const auto& [of, sample] = met[static_cast<std::size_t>(k)];
-      before[k] = of->forces()[sample];
-      normal.col(k) = of->normals().col(sample);
-      gap[k] = thicker * of->gaps()[sample];
-      of_sample(met[static_cast<std::size_t>(k)],
-                [&](int a, double w) { gap[k] += w * normal.col(k).dot(du.col(a).head<3>()); });
+      const Index sample = met(k).sample;
+      const ContactTerm& of = *contact_of(met(k)).term;
+      before[k] = of.forces()[sample];
+      normal.col(k) = of.normals().col(sample);
+      gap[k] = thicker * of.gaps()[sample];
+      of_sample(k, [&](int a, double w) { gap[k] += w * normal.col(k).dot(du.col(a).head<3>()); });
     }
     const Eigen::VectorXd of_normals = contact_step(compliance, normal, gap, before).change;
-    if (TouchingTool* touching = body.touching()) {
-      const Eigen::VectorXd own = of_normals.head(touching->count());
-      touching->spread(own, r);
-      change.head(own.size()) = own;
-      if (touching->rubs()) {
-        const Points of_friction = friction_beside(of_normals, normal, thicker, du);
-        touching->spread(of_friction, r);
-        change.segment(own.size(), of_friction.size()) =
-            Eigen::Map<const Eigen::VectorXd>(of_friction.data(), of_friction.size());
-      }
-    }
-    if (const FoldContact* folds = body.folds()) {
-      auto own = change.tail(folds->count());
-      for (Index k = samples_of_tool(); k < count; ++k)
-        own[met[static_cast<std::size_t>(k)].sample] = of_normals[k];
-      folds->spread(Eigen::VectorXd(own), r);
+    for (Index k = 0; k < count; ++k) change[contact_of(met(k)).first + met(k).sample] = of_normals[k];
+    for (const System::OneContact& one : body.contacts()) {
+      one.term->spread(Eigen::VectorXd(change.segment(one.first, one.term->count())), r);
+      if (!(one.rigid && one.rigid->rubs())) continue;
+      const Points of_friction = friction_beside(*one.rigid, of_normals, normal, thicker, du);
+      one.rigid->spread(of_friction, r);
+      change.segment(one.first + one.rigid->count(), of_friction.size()) =
+          Eigen::Map<const Eigen::VectorXd>(of_friction.data(), of_friction.size());
     }
   }
 

@@ -158,6 +158,7 @@ class QuasiStaticMarch {
   void search(double tolerance, Found& found);
   void check(const Way& way, Found& found);
   void check_contact(const Moment& now);
+  void look_at_walls();
   void look_at_folds();
   void take(const Way& way, const Found& found);
   bool show_frames_before(const Way& way);
@@ -338,6 +339,7 @@ void QuasiStaticMarch::check(const Way& way, Found& found) {
   guards_.check_points(relaxed.sweep, now);
   guards_.check_fluctuation(now_.u, now);
   if (system_.touching()) check_contact(now);
+  look_at_walls();
   if (system_.folds()) look_at_folds();
   found.force = ledger_.force(now, now_.u, f_);
   state_.depths.push_back(way.to);
@@ -347,7 +349,8 @@ void QuasiStaticMarch::check(const Way& way, Found& found) {
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
   double heat = found.gave_way ? relaxed.dissipated : 0.0;
   if (relaxed.left) heat = std::max(0.0, history_.energy.back().stored + work - stored.sum());
-  if (system_.touching()) heat += system_.touching()->heat();
+  for (const System::OneContact& one : system_.contacts())
+    if (one.rigid) heat += one.rigid->heat();
   found.energy = ledger_.energy(now, 0.0, stored, work, heat);
   if (state_.depths.size() > few)
     guards_.check(found.energy, std::max(state_.account.largest_external, std::abs(found.energy.external)),
@@ -361,15 +364,21 @@ void QuasiStaticMarch::check_contact(const Moment& now) {
   const double most = most_penetration * tool.touch().shape.radius;
   guards_.check_contact(audit, most, tool.touch().surface, now);
   history_.penetration = std::max(history_.penetration, audit.penetration);
-  history_.contact_area = history_.contact_pressure = history_.contact_sticks = 0.0;
-  history_.contact_samples = 0;
-  for (Index s = 0; s < tool.count(); ++s) {
-    if (!(tool.forces()[s] > 0.0)) continue;
-    ++history_.contact_samples;
-    history_.contact_area += tool.touch().surface.area[s];
-    if (tool.rubs() && !tool.slides(s)) history_.contact_sticks += tool.touch().surface.area[s];
-    history_.contact_pressure =
-        std::max(history_.contact_pressure, tool.forces()[s] / tool.touch().surface.area[s]);
+  const TouchingTool::Touched touched = tool.touched();
+  history_.contact_samples = touched.samples;
+  history_.contact_area = touched.area;
+  history_.contact_sticks = touched.sticks;
+  history_.contact_pressure = touched.pressure;
+}
+
+void QuasiStaticMarch::look_at_walls() {
+  history_.walls.resize(system_.walls().size());
+  for (std::size_t k = 0; k < history_.walls.size(); ++k) {
+    TouchingTool::Touched& wall = history_.walls[k];
+    const double deepest =
+        std::max(wall.penetration, system_.walls()[k]->audit(now_.u, system_.now()).penetration);
+    wall = system_.walls()[k]->touched();
+    wall.penetration = deepest;
   }
 }
 

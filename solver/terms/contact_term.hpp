@@ -18,6 +18,18 @@ class ContactTerm : public ForceTerm {
  public:
   virtual Index count() const = 0;                 ///< samples
   virtual const Interpolation& moves() const = 0;  ///< w
+  /// Another number whenever moves() is another.
+  virtual int pairing() const { return 0; }
+  /// What a sample's gap may be wrong by is a part of this length [m].
+  virtual double length_at(Index s, const Instant& now) const = 0;
+
+  /// Of the search for equilibrium: a normal force for each sample, and behind them what friction needs.
+  virtual Index unknowns() const { return count(); }
+  /// [unknowns] N from now on.
+  virtual void set_forces(const Eigen::VectorXd& unknowns) { force_ = unknowns; }
+  /// Takes from such unknowns what pulls, and of friction what is beyond its bound.
+  virtual void bring_back(Eigen::Ref<Eigen::VectorXd> unknowns) const { unknowns = unknowns.cwiseMax(0.0); }
+
   /// [M] N.
   const Eigen::VectorXd& forces() const { return force_; }
   /// Of the last add_force(): [M] d_s [m], [3xM] n_s, unit vectors along which the forces push.

@@ -21,8 +21,7 @@ FoldContact::FoldContact(std::shared_ptr<const FoldBanks> banks, const ForceSyst
     : banks_(std::move(banks)),
       of_opposite_(turning(banks_->point, tissue)),
       of_own_(turning(banks_->own_point, tissue)),
-      ahead_(static_cast<std::size_t>(banks_->count()), at_rest),
-      has_met_(static_cast<std::size_t>(banks_->count()), 0) {
+      ahead_(static_cast<std::size_t>(banks_->count()), at_rest) {
   force_.setZero(count());
   gap_.setZero(count());
   normal_ = banks_->opposite_normal;
@@ -138,27 +137,12 @@ void FoldContact::accept(const Nodal& u, const Instant&) {
   pair_up();
 }
 
-void FoldContact::meet() {
-  for (Index s = 0; s < count(); ++s)
-    if (char& has = has_met_[static_cast<std::size_t>(s)]; !has && gap_[s] < 0.0) {
-      has = 1;
-      met_.push_back(s);
-    }
-}
-
-// The places ahead, then what has met.
 std::vector<double> FoldContact::past() const {
-  std::vector<double> all(ahead_.begin(), ahead_.end());
-  all.insert(all.end(), met_.begin(), met_.end());
-  return all;
+  return {ahead_.begin(), ahead_.end()};
 }
 
 void FoldContact::restore_past(const std::vector<double>& past) {
-  const auto middle = past.begin() + static_cast<std::ptrdiff_t>(count());
-  ahead_.assign(past.begin(), middle);
-  met_.assign(middle, past.end());
-  std::fill(has_met_.begin(), has_met_.end(), char{0});
-  for (const Index s : met_) has_met_[static_cast<std::size_t>(s)] = 1;
+  ahead_.assign(past.begin(), past.end());
   pair_up();
 }
 

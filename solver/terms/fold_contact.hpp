@@ -16,8 +16,6 @@ namespace dimple {
 /// and its force pushes both banks, in opposite directions. The place ahead is the one at rest until the
 /// sample has slid half a spacing of the nodes along the bank; then it is that of the nearest sample of the
 /// bank, at each accepted state anew. What has slid beyond the bank's samples touches nothing.
-///
-/// Most folds of a body never meet. Only those that have, at any state of any search, have unknown forces.
 class FoldContact : public ContactTerm {
  public:
   /// `tissue` is asked for the gradients that turn the banks.
@@ -26,14 +24,8 @@ class FoldContact : public ContactTerm {
   Index count() const override { return banks_->count(); }
   const Interpolation& moves() const override { return moves_; }
   const FoldBanks& banks() const { return *banks_; }
-
-  void set_forces(const Eigen::VectorXd& forces) { force_ = forces; }  ///< [M] N from now on
-  /// The samples that have met, in that order. meet(): and those that the last add_force() found beyond the
-  /// bank ahead.
-  const std::vector<Index>& met() const { return met_; }
-  void meet();
-  /// Another number whenever moves() is another.
-  int pairing() const { return pairing_; }
+  int pairing() const override { return pairing_; }
+  double length_at(Index s, const Instant&) const override { return banks_->spacing[s]; }
 
   bool is_load() const override { return false; }
   void add_force(const Nodal& u, const Instant& now, Nodal& f) override;
@@ -64,8 +56,6 @@ class FoldContact : public ContactTerm {
   std::vector<int> ahead_;  // [M] the sample that lies ahead now, or one of the two words above
   int pairing_ = 0;
   Points apart_;  // [3xM] x_s - y_s
-  std::vector<Index> met_;
-  std::vector<char> has_met_;
 
   static Turning turning(const std::vector<Index>& point, const ForceSystem& tissue);
   static Vec3 turned(const Turning& by, Index s, const Nodal& u, const Vec3& normal);

@@ -35,8 +35,11 @@ InPlane in_plane(const ToolShape& shape, double r, double z) {
       return to_punch(r, z, shape);
     case ToolShape::Kind::capsule:
       return to_ball(r, z, shape.radius, std::clamp(z, shape.radius, shape.length - shape.radius));
+    case ToolShape::Kind::plane:
+      return {-z, 0.0, -1.0};
     case ToolShape::Kind::sphere:
     case ToolShape::Kind::drawn:
+    case ToolShape::Kind::field:
       break;
   }
   return to_ball(r, z, shape.radius, shape.radius);
@@ -79,6 +82,11 @@ ToolDistance distance_to_tool(const ToolShape& shape, const ToolPose& pose, cons
     const Distance here = distance_in(shape.mesh->distance, axes.transpose() * d);
     return {here.distance, axes * here.gradient.normalized()};
   }
+  if (shape.kind == ToolShape::Kind::field) {
+    const Distance here = distance_in(*shape.field, d);
+    const double steep = here.gradient.norm();  // nothing far from the surface, where nobody touches
+    return {here.distance, steep > 0.0 ? Vec3(here.gradient / steep) : Vec3::UnitZ()};
+  }
   const double z = -d.dot(pose.points_at);
   const Vec3 across = d + z * pose.points_at;
   const double r = across.norm();
@@ -111,6 +119,8 @@ double height_of_tool(const ToolShape& shape, double r) {
 double length_of_tool(const ToolShape& shape) {
   switch (shape.kind) {
     case ToolShape::Kind::punch:
+    case ToolShape::Kind::plane:
+    case ToolShape::Kind::field:
       return std::numeric_limits<double>::infinity();
     case ToolShape::Kind::capsule:
       return shape.length;

@@ -15,13 +15,16 @@ struct ToolShape {
     sphere,   ///< of `radius`
     punch,    ///< a flat-ended cylinder of `radius` whose rim is rounded by `edge`; it has no upper end
     capsule,  ///< a rod of `radius` and `length` with both ends round, which stands on one of them
-    drawn     ///< `mesh`, `radius` half its width
+    drawn,    ///< `mesh`, `radius` half its width
+    plane,    ///< all that is behind the plane through the tip, across the axis
+    field     ///< `field`, whose origin is where the tip is
   };
   Kind kind = Kind::sphere;
   double radius = 5e-3;                            ///< [m]
   double edge = 0.0;                               ///< [m] of a punch: more than 0, at most the radius
   double length = 0.0;                             ///< [m] of a capsule, with its ends: at least two radii
   std::shared_ptr<const ToolMesh> mesh = nullptr;  ///< of a tool that was drawn
+  std::shared_ptr<const DistanceGrid> field = nullptr;  ///< of a wall, in the body's own frame
 };
 
 /// Where it stands: its tip, and the unit vector from its upper end to its tip.

@@ -29,19 +29,37 @@ ToolPose first_touch(const ToolShape& shape, const Indenter& at, const ContactSu
   return {at.centre + way * at.push, at.push};
 }
 
-TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)), motion_(touch_.pose.points_at) {
+TouchingTool::TouchingTool(Touch touch)
+    : touch_(std::move(touch)), motion_(touch_.motion.value_or(touch_.pose.points_at)) {
   force_.setZero(count());
+  gap_.setZero(count());
+  normal_.setZero(3, count());
   if (!rubs()) return;
   friction_.setZero(3, count());
   slip_ = slid_ = anchor_ = friction_;
   last_ = before_last_ = touch_.surface.place.colwise() - touch_.pose.tip;
   touched_.assign(static_cast<std::size_t>(count()), 0);
+  if (!is_measured()) stand_at_rest();
+}
+
+// What stands is there before anything moves.
+void TouchingTool::stand_at_rest() {
+  gone_before_ = -1.0;
+  const ToolPose at_origin{Vec3::Zero(), touch_.pose.points_at};
+  for (Index s = 0; s < count(); ++s)
+    touched_[static_cast<std::size_t>(s)] =
+        distance_to_tool(touch_.shape, at_origin, last_.col(s)).distance + set_back(s) <= 0.0;
+}
+
+// All of the tool's way, and of what stands the share of the loads besides, which move the body as well.
+double TouchingTool::gone(const Instant& now) const {
+  return gone_ + now.depth + (is_measured() ? 0.0 : now.share);
 }
 
 // What comes to touch and goes again while equilibrium is looked for would jump if a force without bound held
 // it.
 double TouchingTool::bound(Index s, double normal_force) const {
-  if (!(last_gone_ > 0.0 && normal_force > 0.0)) return 0.0;
+  if (!(may_rub() && normal_force > 0.0)) return 0.0;
   return (touched_[static_cast<std::size_t>(s)] ? touch_.friction : std::min(touch_.friction, 1.0)) *
          normal_force;
 }
@@ -79,16 +97,16 @@ void TouchingTool::add_force(const Nodal& u, const Instant& now, Nodal& f) {
   normal_.resize(3, count());
   for (Index s = 0; s < count(); ++s) {
     const ToolDistance here = distance_to_tool(touch_.shape, pose, place_.col(s));
-    gap_[s] = here.distance;
+    gap_[s] = here.distance + set_back(s);
     normal_.col(s) = here.normal;
   }
   spread(force_, f);
   if (!rubs()) return;
-  if (last_gone_ > 0.0 && foreseen_for_ != gone_ + now.depth) foresee(gone_ + now.depth);
+  if (may_rub() && foreseen_for_ != gone(now)) foresee(gone(now));
   for (Index s = 0; s < count(); ++s) {
     const Vec3 n = normal_.col(s);
     friction_.col(s) -= n * n.dot(friction_.col(s));
-    if (!(last_gone_ > 0.0)) continue;
+    if (!may_rub()) continue;
     const Vec3 way = place_.col(s) - pose.tip - anchor_.col(s);
     slip_.col(s) = way - n * n.dot(way);
   }
@@ -116,11 +134,11 @@ void TouchingTool::foresee(double gone) {
   for (Index s = 0; s < count(); ++s) {
     if (touched_[static_cast<std::size_t>(s)]) continue;
     const Vec3 x = last_.col(s), way = share * (x - before_last_.col(s));
-    const double gap = distance_to_tool(touch_.shape, at_origin, x).distance,
-                 closes = gap - distance_to_tool(touch_.shape, at_origin, x + way).distance;
+    const double gap = distance_to_tool(touch_.shape, at_origin, x).distance + set_back(s),
+                 closes = gap - set_back(s) - distance_to_tool(touch_.shape, at_origin, x + way).distance;
     const Vec3 there = x + (closes > gap && gap > 0.0 ? gap / closes : 1.0) * way;
     const ToolDistance tool = distance_to_tool(touch_.shape, at_origin, there);
-    anchor_.col(s) = there - tool.distance * tool.normal;
+    anchor_.col(s) = there - (tool.distance + set_back(s)) * tool.normal;
   }
   foreseen_for_ = gone;
 }
@@ -139,7 +157,7 @@ void TouchingTool::accept(const Nodal&, const Instant& now) {
   before_last_ = last_;
   last_ = place_.colwise() - tip;
   gone_before_ = last_gone_;
-  last_gone_ = gone_ + now.depth;
+  last_gone_ = gone(now);
   foreseen_for_ = -1.0;
 }
 
@@ -178,6 +196,22 @@ Wrench TouchingTool::on_tool(const Instant& now) const {
     sum.tail<3>() -= (place_.col(s) - tip).cross(on_body);
   }
   return sum;
+}
+
+TouchingTool::Touched TouchingTool::touched() const {
+  const Eigen::VectorXd& area = touch_.surface.area;
+  Touched all;
+  for (Index s = 0; s < count(); ++s) {
+    all.penetration = std::max(all.penetration, -gap_[s]);
+    if (!(force_[s] > 0.0)) continue;
+    ++all.samples;
+    all.area += area[s];
+    if (rubs() && !slides(s)) all.sticks += area[s];
+    all.pressure = std::max(all.pressure, force_[s] / area[s]);
+    all.force -= force_[s] * normal_.col(s);
+    if (rubs()) all.force -= friction_.col(s);
+  }
+  return all;
 }
 
 TouchingTool::Audit TouchingTool::audit(const Nodal& u, const Instant& now) const {

@@ -1,5 +1,9 @@
 #pragma once
 
+#include <algorithm>
+#include <optional>
+#include <string>
+
 #include "preprocess/supports/contact_surface.hpp"
 #include "solver/terms/contact_term.hpp"
 #include "solver/terms/tool_force.hpp"
@@ -7,12 +11,17 @@
 
 namespace dimple {
 
-/// A rigid tool that touches a body, without friction or with Coulomb's, and does not turn.
+/// A rigid tool that touches a body, without friction or with Coulomb's, and does not turn; or a wall.
 struct Touch {
   ToolShape shape;
   ToolPose pose;  ///< where it first touches: at depth 0
   ContactSurface surface;
   double friction = 0.0;  ///< Coulomb's coefficient; infinite: what has touched sticks while it is pressed
+  /// Of what stands, a wall, or moves beside the tool that is measured: its way for each metre of that one's.
+  /// Nothing: it is this tool.
+  std::optional<Vec3> motion = {};
+  std::string name = {};
+  Eigen::VectorXd set_back = {};  ///< [M] m, of the tool's surface at each sample; empty: not at all
 };
 
 /// The nearest to `force` that is no larger than `bound`.
@@ -33,13 +42,18 @@ ToolPose first_touch(const ToolShape& shape, const Indenter& at, const ContactSu
 ///
 ///     |t_s| <= friction lambda_s;   slip_s = 0 where it is less, opposite to t_s where it is not.
 /// A sample that comes to touch slips from where it would touch if it went on as in the step before; in the
-/// first step all slide freely. Friction takes energy, see heat().
+/// first step all slide freely along a tool, and along a wall from where it is nearest to them at rest.
+/// Friction takes energy, see heat().
 class TouchingTool : public ContactTerm {
  public:
   explicit TouchingTool(Touch touch);
 
   Index count() const override { return touch_.surface.count(); }
   const Interpolation& moves() const override { return touch_.surface.at_place; }
+  bool is_measured() const { return !touch_.motion; }
+  double length_at(Index s, const Instant& now) const override {
+    return is_measured() ? std::min(now.depth, touch_.shape.radius) : touch_.surface.spacing[s];
+  }
   const Touch& touch() const { return touch_; }
   /// After `depth` [m] of the way that it goes now.
   ToolPose pose_at(double depth) const;
@@ -49,16 +63,14 @@ class TouchingTool : public ContactTerm {
 
   bool rubs() const { return touch_.friction > 0.0; }
   /// Of the search for equilibrium: a normal force for each sample, with friction t_s behind them all.
-  Index unknowns() const { return (rubs() ? 4 : 1) * count(); }
+  Index unknowns() const override { return (rubs() ? 4 : 1) * count(); }
 
-  /// [unknowns] N from now on.
-  void set_forces(const Eigen::VectorXd& unknowns);
+  void set_forces(const Eigen::VectorXd& unknowns) override;
   /// [3xM] N t_s, in the tangent planes and within the cones; no columns without friction.
   const Points& friction_forces() const { return friction_; }
   /// The largest friction [N] of a sample with that normal force [N].
   double bound(Index s, double normal_force) const;
-  /// Takes from such unknowns what pulls, and of friction what is beyond its bound.
-  void bring_back(Eigen::Ref<Eigen::VectorXd> unknowns) const;
+  void bring_back(Eigen::Ref<Eigen::VectorXd> unknowns) const override;
 
   /// Of the last add_force(): [3xM] the slip of those that friction may hold, without friction no columns.
   const Points& slips() const { return slip_; }
@@ -67,6 +79,7 @@ class TouchingTool : public ContactTerm {
 
   /// [3xM] where the samples were then.
   const Points& places() const { return place_; }
+  const Vec3& motion() const { return motion_; }
 
   void add_force(const Nodal& u, const Instant& now, Nodal& f) override;
   /// Those of the last add_force() end a step; where samples then touch is from where they slip.
@@ -80,6 +93,17 @@ class TouchingTool : public ContactTerm {
   double along(const Vec3& push) const;
   /// On the tool, about its tip.
   Wrench on_tool(const Instant& now) const;
+
+  /// At the last add_force(): the force on the tool [N]; the area that touches and what of it friction holds,
+  /// both at rest [m^2]; the largest pressure [Pa]; the samples that touch; and how far the surface reaches
+  /// into the tool, at samples [m].
+  struct Touched {
+    Vec3 force = Vec3::Zero();
+    double area = 0.0, sticks = 0.0, pressure = 0.0;
+    Index samples = 0;
+    double penetration = 0.0;
+  };
+  Touched touched() const;
 
   /// How far the body's surface reaches into the tool anywhere between the samples [m]; and where the tool
   /// has come to parts of the surface that have no samples.
@@ -101,10 +125,14 @@ class TouchingTool : public ContactTerm {
   // accepted states, which of them touched at the last, and by how much they had slipped there.
   Points friction_, slip_, anchor_, last_, before_last_, slid_;
   std::vector<char> touched_;
-  double last_gone_ = 0.0, gone_before_ = 0.0;  // all the way to those two states
+  double last_gone_ = 0.0, gone_before_ = 0.0;  // all the way to those two states, see gone()
   double foreseen_for_ = -1.0;  // the way for which anchors of what has not touched were looked for
 
+  double set_back(Index s) const { return touch_.set_back.size() > 0 ? touch_.set_back[s] : 0.0; }
+  double gone(const Instant& now) const;
+  bool may_rub() const { return last_gone_ > gone_before_; }
   void foresee(double gone);
+  void stand_at_rest();
 };
 
 }  // namespace dimple

@@ -258,6 +258,16 @@ TEST(FoldsThatClose, MeetTheNextPartOfTheWallThatTheySlideAlong) {
       };
   EXPECT_GT(open_after(0.0), 0.95);
   EXPECT_GT(open_after(6e-3), 0.7) << "of 30 mm";
+  // And whoever marches accepts that step for them.
+  const auto system =
+      make_system(scene.tissue, scene.model, Contact::bonded, {}, {}, 1e-4, nullptr, scene.loading.folds);
+  Nodal u = Nodal::Zero(4, scene.model.node_count()), f = u;
+  for (Index a = 0; a < u.cols(); ++a)
+    if (scene.model.X(0, a) < 0.15e-3) u(1, a) = 6e-3;
+  system->force(u, f);
+  const int before = system->folds()->pairing();
+  system->accept_step(u);
+  EXPECT_GT(system->folds()->pairing(), before);
 }
 
 }  // namespace

@@ -1,0 +1,104 @@
+#include "preprocess/supports/wall_surface.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <vector>
+
+#include "io/stop.hpp"
+#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/supports/consistency.hpp"
+#include "preprocess/supports/support.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double most_held = 0.5;  // of a sample that moves with the base: it has nothing to give
+
+using Cells = std::vector<std::vector<Index>>;  // the pieces of each sample
+
+double held_share(const Model& model, const std::vector<Index>& pieces, const Points& area,
+                  const Interpolation& at_piece) {
+  double held = 0.0, all = 0.0;
+  for (const Index k : pieces) {
+    const double A = area.col(k).norm();
+    all += A;
+    for (int e = at_piece.rows.offset[k]; e < at_piece.rows.offset[k + 1]; ++e)
+      if (std::binary_search(model.base.begin(), model.base.end(), at_piece.rows.member[e]))
+        held += A * at_piece.weight[e];
+  }
+  return held / all;
+}
+
+// By the node that is nearest to each piece; of one node two samples where its surface faces two ways, as
+// thin tissue has it.
+std::map<std::array<Index, 2>, std::vector<Index>> by_node(const std::vector<int>& node, const Points& area) {
+  std::map<std::array<Index, 2>, std::vector<Index>> cell;
+  std::map<Index, Vec3> first;
+  for (Index k = 0; k < area.cols(); ++k) {
+    const Index a = node[static_cast<std::size_t>(k)];
+    const Vec3& facing = first.try_emplace(a, area.col(k)).first->second;
+    cell[{a, facing.dot(area.col(k)) < 0.0 ? 1 : 0}].push_back(k);
+  }
+  return cell;
+}
+
+}  // namespace
+
+ContactSurface wall_surface(const Model& model, const MayTouch& may_touch, Index most) {
+  ContactSurface result;
+  const SurfacePieces pieces = pieces_of(model, model.surface.triangles);
+  const Neighbours nodes(model.X);
+  std::vector<Index> taken;
+  std::vector<int> node;
+  for (Index k = 0; k < pieces.place.cols(); ++k) {
+    if (k % 4096 == 0) stop_if_asked();
+    const Vec3 x = pieces.place.col(k), area = pieces.area.col(k);
+    if (!may_touch(x, area.normalized())) continue;
+    taken.push_back(k);
+    node.push_back(nodes.nearest(x, 1).front());
+  }
+  if (taken.empty()) return result;
+  result.between = pieces.place(Eigen::all, taken);
+  const Points area = pieces.area(Eigen::all, taken);
+  result.at_between = surface_interpolation(model, result.between, area);
+  const auto of_node = by_node(node, area);
+  // Neighbours in a grid that is as coarse as it must be join.
+  Cells cells;
+  std::vector<double> spacing;
+  double coarse = 0.0;
+  for (double edge = 0.0;; edge = edge > 0.0 ? 1.2 * edge : model.spacing.minCoeff()) {
+    stop_if_asked();
+    std::map<std::array<Index, 5>, std::vector<Index>> joined;
+    for (const auto& [key, own] : of_node) {
+      std::array<Index, 5> at{0, 0, 0, key[0], key[1]};
+      if (edge > 0.0) {
+        const Vec3 x = model.X.col(key[0]) / edge, n = area.col(own.front());
+        Index side = 0;
+        n.cwiseAbs().maxCoeff(&side);
+        at = {static_cast<Index>(std::floor(x.x())), static_cast<Index>(std::floor(x.y())),
+              static_cast<Index>(std::floor(x.z())), side, n[side] > 0.0 ? 1 : 0};
+      }
+      auto& all = joined[at];
+      all.insert(all.end(), own.begin(), own.end());
+    }
+    if (static_cast<Index>(joined.size()) > most) continue;
+    coarse = edge;
+    for (auto& [key, own] : joined) {
+      if (held_share(model, own, area, result.at_between) > most_held) continue;
+      spacing.push_back(std::max(coarse, model.spacing[node[static_cast<std::size_t>(own.front())]]));
+      cells.push_back(std::move(own));
+    }
+    break;
+  }
+  static_cast<CellMeans&>(result) =
+      means_of(cells, result.between, area, result.at_between, model.node_count());
+  result.spacing = Eigen::Map<Eigen::VectorXd>(spacing.data(), static_cast<Index>(spacing.size()));
+  result.beyond.resize(3, 0);
+  result.at_beyond = surface_interpolation(model, result.beyond, result.beyond);
+  return result;
+}
+
+}  // namespace dimple
