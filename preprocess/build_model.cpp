@@ -130,9 +130,9 @@ Discretisation places_of(const BodySurface& body, const Site& site, const NodeCl
   places.surface.vertex_mm = rounded_for_files(body, body.to_world() * body.vertex().colwise().homogeneous());
   places.surface.triangles = in_strips(body.triangles());  // what is written of it is shorter then
   places.surface.cut_face = cut_faces(body, places.surface.triangles, site.uncut.get());
-  if (grid.spread.cols() > 0) {
-    const Spread in_order = grid.spread(Eigen::all, points);
-    places.spread = turned(in_order, places.axes).unaryExpr(&square_metres);
+  if (grid.second_moments.cols() > 0) {
+    const SecondMoments in_order = grid.second_moments(Eigen::all, points);
+    places.second_moments = turned(in_order, places.axes).unaryExpr(&square_metres);
   }
   places.tool.centre = world_metres(body, boundary.centre);
   places.tool.push = body.to_world().linear() * boundary.push + Vec3::Zero();  // no minus zeros

@@ -20,17 +20,17 @@ CompressedRows transpose(const CompressedRows& rows, Index columns, Eigen::Vecto
   return result;
 }
 
-Mat3 as_matrix(const Spread& spread, Index q) {
-  const auto s = spread.col(q);
+Mat3 as_matrix(const SecondMoments& moments, Index q) {
+  const auto s = moments.col(q);
   Mat3 about;
   about << s[0], s[3], s[5], s[3], s[1], s[4], s[5], s[4], s[2];
   return about;
 }
 
-Spread turned(const Spread& spread, const Mat3& R) {
-  Spread result(6, spread.cols());
-  for (Index q = 0; q < spread.cols(); ++q) {
-    const Mat3 about = R * as_matrix(spread, q) * R.transpose();
+SecondMoments turned(const SecondMoments& moments, const Mat3& R) {
+  SecondMoments result(6, moments.cols());
+  for (Index q = 0; q < moments.cols(); ++q) {
+    const Mat3 about = R * as_matrix(moments, q) * R.transpose();
     result.col(q) << about(0, 0), about(1, 1), about(2, 2), about(0, 1), about(1, 2), about(2, 0);
   }
   return result;

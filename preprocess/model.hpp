@@ -19,11 +19,11 @@ struct CompressedRows {
 };
 
 /// Symmetric 3x3 matrices, one a column: xx, yy, zz, xy, yz, zx.
-using Spread = Eigen::Matrix<double, 6, Eigen::Dynamic>;
+using SecondMoments = Eigen::Matrix<double, 6, Eigen::Dynamic>;
 
 /// Column q as a matrix; and all of them after the rotation R, R S R^T.
-Mat3 as_matrix(const Spread& spread, Index q);
-Spread turned(const Spread& spread, const Mat3& R);
+Mat3 as_matrix(const SecondMoments& moments, Index q);
+SecondMoments turned(const SecondMoments& moments, const Mat3& R);
 
 /// A coarser space for the change of volume: overlapping patches, each with a part in the points around it.
 /// Each patch lies in one tissue.
@@ -63,14 +63,14 @@ struct Surface {
 /// keeps, and what a program of another's can make. SI units but for the surface; positions are LPS, in
 /// metres.
 struct Discretisation {
-  Points X;                     ///< [3xN] nodes at rest
-  Eigen::VectorXd spacing;      ///< [N] distance to the next nodes that the cloud aimed at there
-  Points point;                 ///< [3xQ] integration points
-  Eigen::VectorXd volume;       ///< [Q] of the tissue that each point stands for
-  Spread spread;                ///< [6xQ] mean of (x - point)(x - point)^T over each cell [m^2]; empty: none
-  Eigen::VectorXi label;        ///< [Q] of the image at each point
-  std::vector<Index> base;      ///< nodes held fixed, ascending
-  std::vector<Index> indenter;  ///< nodes of the circle, ascending
+  Points X;                      ///< [3xN] nodes at rest
+  Eigen::VectorXd spacing;       ///< [N] distance to the next nodes that the cloud aimed at there
+  Points point;                  ///< [3xQ] integration points
+  Eigen::VectorXd volume;        ///< [Q] of the tissue that each point stands for
+  SecondMoments second_moments;  ///< [6xQ] mean of (x - point)(x - point)^T over each cell [m^2]; empty: none
+  Eigen::VectorXi label;         ///< [Q] of the image at each point
+  std::vector<Index> base;       ///< nodes held fixed, ascending
+  std::vector<Index> indenter;   ///< nodes of the circle, ascending
   Indenter tool;
   Mat3 axes =
       Mat3::Identity();  ///< columns: the image's axes; what has a direction of its own is made along them

@@ -3,16 +3,16 @@
 #   cmake -D SOURCE=<root> -P include_direction.cmake
 set(forbidden_io "^(preprocess|solver|apps)/")
 set(forbidden_preprocess "^(solver|apps)/")
-set(forbidden_solver "^(apps/|itk|vtk|CGAL/|nanoflann|fmt/|spdlog/|toml|nlohmann/|CLI/)")
+set(forbidden_solver "^(apps/|itk|vtk|CGAL/|nanoflann|fmt/|toml|nlohmann/|CLI/)")
 # The solver is handed a Model and patches of its surface, and speaks in errors: nothing else of the other folders
 # reaches it, but for the macro that both clone their hot loops with.
 set(allowed_solver "^(solver/.*|preprocess/(model|scheme|clones|supports/interpolation|scene/tool_mesh|supports/(surface_patch|contact_surface|fold_banks|wall_surface))\\.hpp|io/(digits|error|stop|types)\\.hpp)$")
 # What computes prints nothing: the log and the command line are known to the commands alone.
-set(forbidden_apps/run "^(apps/(studies|commands|ending|examples)|spdlog/|CLI/)")
-set(forbidden_apps/studies "^(apps/(commands|examples)/|spdlog/|CLI/)")
+set(forbidden_apps/run "^(apps/(studies|commands|ending|examples)|CLI/)")
+set(forbidden_apps/studies "^(apps/(commands|examples)/|CLI/)")
 set(forbidden_apps/commands "^apps/examples/")
 set(forbidden_apps/examples "^apps/")
-set(forbidden_apps/python "^(apps/(studies|commands|examples)/|spdlog/|CLI/)")
+set(forbidden_apps/python "^(apps/(studies|commands|examples)/|CLI/)")
 
 set(wrong "")
 foreach(folder io preprocess solver apps/run apps/studies apps/commands apps/examples apps/python)

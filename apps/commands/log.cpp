@@ -1,9 +1,7 @@
 #include "apps/commands/log.hpp"
 
+#include <fmt/color.h>
 #include <fmt/format.h>
-#include <spdlog/sinks/stdout_color_sinks.h>
-#include <spdlog/sinks/stdout_sinks.h>
-#include <spdlog/spdlog.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -26,7 +24,7 @@
 namespace dimple {
 namespace {
 
-bool quiet = false, verbose = false;
+bool quiet = false, verbose = false, coloured = false;
 
 std::mutex warnings_mutex;
 std::vector<std::string> warnings;
@@ -197,21 +195,22 @@ void above_stage_line(const std::function<void()>& print) {
     print();
 }
 
+// In colours on a terminal alone.
+void print_line(const std::string& line, const fmt::text_style& style) {
+  above_stage_line([&] {
+    fmt::print(stderr, coloured ? style : fmt::text_style(), "{}", line);
+    std::fputc('\n', stderr);
+    std::fflush(stderr);
+  });
+}
+
 }  // namespace
 
 void start_log(Verbosity verbosity, bool slicer) {
   // https://no-color.org: any value of NO_COLOR means plain text.
   const bool plain =
       std::getenv("NO_COLOR") || std::string_view(std::getenv("TERM") ? std::getenv("TERM") : "") == "dumb";
-  auto log =
-      plain ? std::make_shared<spdlog::logger>("dimple", std::make_shared<spdlog::sinks::stderr_sink_mt>())
-            : std::make_shared<spdlog::logger>("dimple",
-                                               std::make_shared<spdlog::sinks::stderr_color_sink_mt>());
-  log->set_pattern("%^%v%$");
-  log->set_level(verbosity == Verbosity::quiet    ? spdlog::level::err
-                 : verbosity == Verbosity::normal ? spdlog::level::info
-                                                  : spdlog::level::debug);
-  spdlog::set_default_logger(log);
+  coloured = !plain && isatty(STDERR_FILENO) != 0;
   quiet = verbosity == Verbosity::quiet;
   verbose = verbosity == Verbosity::verbose;
   stage_line.emplace(slicer);
@@ -226,17 +225,18 @@ void clear_stage_line() {
 }
 
 void say(const std::string& line) {
-  above_stage_line([&] { spdlog::info("{}", printable(line)); });
+  if (!quiet) print_line(printable(line), fmt::fg(fmt::terminal_color::green));
 }
 void detail(const std::string& line) {
-  if (verbose) above_stage_line([&] { spdlog::debug("{}", printable(line)); });
+  if (verbose) print_line(printable(line), fmt::fg(fmt::terminal_color::cyan));
 }
 void warn(const std::string& line) {
   {
     const std::lock_guard lock(warnings_mutex);
     warnings.push_back(line);
   }
-  above_stage_line([&] { spdlog::warn("warning: {}", printable(line)); });
+  if (!quiet)
+    print_line("warning: " + printable(line), fmt::emphasis::bold | fmt::fg(fmt::terminal_color::yellow));
 }
 
 std::vector<std::string> warnings_so_far() {

@@ -46,21 +46,21 @@ struct CoarserMarch::Parts {
   // At few depths.
   void run() {
     const RunObserver unheard;
-    const Talk talk{unheard, coarse};
+    const RunLog log{unheard, coarse};
     const auto go_on = [&] {
       if (given_up) throw Stopped(StopReason::interrupted);
     };
     try {
       unless_stopped([&] {
         go_on();
-        Placed placed = place(nodes, config, origin->organ, origin->image, talk, coarse);
+        Placed placed = place(nodes, config, origin->organ, origin->image, log, coarse);
         go_on();
-        complete(config, std::move(placed), talk, coarse);
+        complete(config, std::move(placed), log, coarse);
         coarse.loading.touch = touch_of(config, coarse.model);
         SolverOptions options = solver_options(config);
         options.frames = 1;  // nobody looks at them
         march(config, options,
-              {.sample = [&](const ForceSample&, const History&) { return !given_up.load(); }}, nullptr, talk,
+              {.sample = [&](const ForceSample&, const History&) { return !given_up.load(); }}, nullptr, log,
               coarse);
         if (coarse.history.interrupted) throw Stopped(stop_asked());
       });

@@ -152,7 +152,7 @@ std::string sha256_of_model(const Discretisation& m, const Scheme& scheme) {
   matrix(m.spacing);
   matrix(m.point);
   matrix(m.volume);
-  matrix(m.spread);
+  matrix(m.second_moments);
   matrix(m.label);
   for (const auto* set : {&m.base, &m.indenter}) add(set->data(), sizeof(Index) * set->size());
   matrix(m.tool.centre);

@@ -66,7 +66,7 @@ void require_no_past(const Config& config) {
 
 LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   LiveOrgan live{.config = config, .result = {}};
-  const Talk talk{observer, live.result};
+  const RunLog log{observer, live.result};
   check_loads(config);
   check_supports(config);
   require_no_steps(config, "a tool that is moved by hand");
@@ -75,10 +75,10 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   check_tool(config);
   require_no_past(config);
   require_no_cuts(config, "a tool that is moved by hand");
-  live.organ.emplace(read_organ({.config = config}, model_options(config), talk, live.result));
+  live.organ.emplace(read_organ({.config = config}, model_options(config), log, live.result));
   live.materials = materials_of(config);
   live.base = find_boundary(live.organ->body->surface, live.organ->options.boundary);
-  for (const std::string& warning : live.base->warnings) talk.warn(warning);
+  for (const std::string& warning : live.base->warnings) log.warn(warning);
   return live;
 }
 

@@ -266,11 +266,12 @@ void take_spread(const fs::path& file, const PointFile& points, ModelFiles& file
     if (!spread->values.allFinite())
       refuse(file, "a point's spread is not finite", "it is the size of the point's cell",
              "mend the column, or leave it out");
-    model.spread = spread->values.unaryExpr(&square_metres);
+    model.second_moments = spread->values.unaryExpr(&square_metres);
     return;
   }
-  model.spread = Spread::Zero(6, model.point_count());
-  for (int d = 0; d < 3; ++d) model.spread.row(d) = model.volume.transpose().array().pow(2.0 / 3.0) / 12.0;
+  model.second_moments = SecondMoments::Zero(6, model.point_count());
+  for (int d = 0; d < 3; ++d)
+    model.second_moments.row(d) = model.volume.transpose().array().pow(2.0 / 3.0) / 12.0;
   files.notes.push_back("points carry no spread: each stands for a cube of its volume");
 }
 
@@ -368,10 +369,10 @@ void write_model(const fs::path& folder, const Discretisation& model, const Sche
        .values = model.volume.transpose().unaryExpr(&cubic_millimetres),
        .type = Type::real64},
       {.name = "label", .unit = "", .values = model.label.transpose().cast<double>(), .type = Type::int32}};
-  if (model.spread.cols() > 0)
+  if (model.second_moments.cols() > 0)
     fields.push_back({.name = "spread_mm2",
                       .unit = "mm^2",
-                      .values = model.spread.unaryExpr(&square_millimetres),
+                      .values = model.second_moments.unaryExpr(&square_millimetres),
                       .components = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"},
                       .type = Type::real64});
   write_vtu(folder / "points.vtu", {.position_mm = to_mm(model.point), .fields = fields, .small = true}, 0.0,

@@ -97,9 +97,9 @@ void cut_out(const Config& config, const LabelImage& image, Taken& taken) {
   for (const LabelMeasure& m : taken.labels) taken.chosen.push_back(m.value);
 }
 
-Taken take_labels(const Talk& talk, const Config& config, const LabelImage& image,
+Taken take_labels(const RunLog& log, const Config& config, const LabelImage& image,
                   const std::map<std::string, int>& names) {
-  for (const std::string& warning : image.warnings) talk.warn(warning);
+  for (const std::string& warning : image.warnings) log.warn(warning);
   const std::vector<LabelMeasure> present = measure_labels(image);
   Taken taken{.chosen = chosen_labels(image, present, config.image.label), .labels = {}, .cut_out = {}};
   for (const LabelMeasure& label : present)
@@ -127,16 +127,16 @@ Taken take_labels(const Talk& talk, const Config& config, const LabelImage& imag
   return taken;
 }
 
-void say_labels(const Talk& talk, const Config& config, const std::vector<int>& chosen,
+void say_labels(const RunLog& log, const Config& config, const std::vector<int>& chosen,
                 const std::vector<LabelMeasure>& taken, const std::map<std::string, int>& names) {
-  talk.say(fmt::format("labels   {}: {}", chosen.empty() ? "all" : "chosen", in_words(taken)));
+  log.say(fmt::format("labels   {}: {}", chosen.empty() ? "all" : "chosen", in_words(taken)));
   std::vector<LabelMeasure> alike;  // of the one material that config.material is
   for (const LabelMeasure& label : taken)
     if (std::none_of(config.tissue.begin(), config.tissue.end(),
                      [&](const auto& tissue) { return number_of_label(tissue.first, names) == label.value; }))
       alike.push_back(label);
   if (chosen.empty() && alike.size() > 1)
-    talk.warn(
+    log.warn(
         fmt::format("{} labels form one body of one material, because no --label was given: {}; choose with "
                     "--label {}, or "
                     "give one a material of its own, as in --set tissue.{}.mu=300Pa",
@@ -145,16 +145,16 @@ void say_labels(const Talk& talk, const Config& config, const std::vector<int>& 
 
 // The image as its gaps are closed, where that is asked for; what was done goes into `sentence`.
 std::optional<ClosedImage> closed(const Config& config, const LabelImage& image,
-                                  const std::vector<int>& labels, const Talk& talk, std::string& sentence) {
+                                  const std::vector<int>& labels, const RunLog& log, std::string& sentence) {
   const double width = config.image.close_mm;
   if (!(width > 0.0)) return std::nullopt;
-  talk.doing("closing gaps");
+  log.doing("closing gaps");
   ClosedImage result = close_gaps(image, labels, width);
   sentence = fmt::format("gaps narrower than {:.4g} mm: {} added ({:.1f} %)", width,
                          volume_in_words(result.added_mm3), 100.0 * result.added_mm3 / result.body_mm3);
-  talk.say("closed   " + sentence);
+  log.say("closed   " + sentence);
   if (const double finest = image.spacing().minCoeff(); 0.5 * width < finest)
-    talk.warn(
+    log.warn(
         fmt::format("--close {:.4g}mm closes nothing: the narrowest gap between voxels of {:.4g} mm that it "
                     "could close is {:.4g} mm wide; give at least --close {:.4g}mm",
                     width, finest, finest, 2.0 * finest));
@@ -162,9 +162,9 @@ std::optional<ClosedImage> closed(const Config& config, const LabelImage& image,
 }
 
 // Narrow gaps that the model keeps open decide much of the force.
-void warn_of_narrow_gaps(const Config& config, double share, const Talk& talk) {
+void warn_of_narrow_gaps(const Config& config, double share, const RunLog& log) {
   if (share <= most_facing || config.image.close_mm >= narrow_gap_mm) return;
-  talk.warn(fmt::format(
+  log.warn(fmt::format(
       "{:.0f} % of the surface faces another part of it across less than {:.0f} mm of air: the walls of "
       "these folds, which touch in life, {}; --close {:.0f}mm closes such folds: compare "
       "the two forces, which may differ much",
@@ -224,9 +224,9 @@ void check_materials(const std::vector<Material>& materials, const Scheme& schem
                       .remedy = "add --scheme horton2007"});
 }
 
-void say_default_stiffness(const Talk& talk, const Config& config) {
+void say_default_stiffness(const RunLog& log, const Config& config) {
   if (default_stiffness(config))
-    talk.say(fmt::format(
+    log.say(fmt::format(
         "material mu {} of swine brain (Horton et al. 2007), because no material was given; for other "
         "tissues give --mu, --young or --preset",
         stress_in_words(config.material.mu_Pa)));
@@ -252,7 +252,7 @@ TissueOptions tissues_of(const Config& config, const std::map<std::string, int>&
   return tissues;
 }
 
-Organ read_organ(const Case& given, const ModelOptions& options, const Talk& talk, Result& result) {
+Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& log, Result& result) {
   const Config& config = given.config;
   if (config.image.file.empty() && !given.image)
     throw UsageError({.fact = "no label image was given",
@@ -263,12 +263,12 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
   check_words(options.boundary);
   check_cuts(config);
   const Stopwatch reading;
-  talk.begin(Part::reading, config);
+  log.begin(Part::reading, config);
   result.image = given.image ? *given.image : read_label_image(config.image.file, config.image.label_names);
   if (given.change.image) result.image = given.change.image(result.image);
   Organ organ{.options = options, .labels = {}};
   for (const auto& [value, name] : result.image.names) organ.label_names[name] = value;
-  const auto [labels, taken, gone] = take_labels(talk, config, result.image, organ.label_names);
+  const auto [labels, taken, gone] = take_labels(log, config, result.image, organ.label_names);
   organ.labels = labels;
   result.labels = taken;
   result.cut.labels = gone;
@@ -279,18 +279,18 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
                   result.image.stored_size[0], result.image.stored_size[1], result.image.stored_size[2],
                   result.image.stored_spacing.x(), result.image.stored_spacing.y(),
                   result.image.stored_spacing.z(), result.image.orientation);
-  talk.say(fmt::format("image    {}: {}", name_of_image(config), result.image_words));
-  say_labels(talk, config, labels, taken, organ.label_names);
-  say_default_stiffness(talk, config);
+  log.say(fmt::format("image    {}: {}", name_of_image(config), result.image_words));
+  say_labels(log, config, labels, taken, organ.label_names);
+  say_default_stiffness(log, config);
 
   const Stopwatch building;
-  organ.closed = closed(config, result.image, labels, talk, organ.closing);
+  organ.closed = closed(config, result.image, labels, log, organ.closing);
   const LabelImage& image = organ.closed ? organ.closed->image : result.image;
   if (organ.closed) {
     result.closed_mm3 = organ.closed->added_mm3;
     result.stages.done("close gaps");
   }
-  talk.begin(Part::surface, config);
+  log.begin(Part::surface, config);
   organ.options.boundary.voxel_mm = image.spacing().maxCoeff();
   organ.body = std::make_shared<const SegmentedBody>(
       make_body_surface(image, labels,
@@ -301,18 +301,18 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
   result.stages.done("surface");
   result.segment = body.report;
   const SegmentReport& segment = result.segment;
-  for (const std::string& warning : segment.warnings) talk.warn(warning);
+  for (const std::string& warning : segment.warnings) log.warn(warning);
   if (segment.pieces > 1)
-    talk.say(fmt::format("organ    {} pieces: kept the largest, dropped {} ({:.2f} %)", segment.pieces,
-                         volume_in_words(segment.dropped_volume_mm3),
-                         100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
+    log.say(fmt::format("organ    {} pieces: kept the largest, dropped {} ({:.2f} %)", segment.pieces,
+                        volume_in_words(segment.dropped_volume_mm3),
+                        100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
   if (segment.dropped_volume_mm3 > 0.05 * segment.label_volume_mm3)
-    talk.warn(fmt::format(
+    log.warn(fmt::format(
         "{:.1f} % of the labelled volume lies in pieces that do not touch the largest and was dropped",
         100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
   const double volume = segment.voxel_volume_mm3;
-  talk.say("organ    " + volume_in_words(volume));
-  talk.detail(
+  log.say("organ    " + volume_in_words(volume));
+  log.detail(
       fmt::format("surface  {:.1f} cm2: {} triangles of {:.2f} mm, smoothed by {:.2f} mm; the enclosed "
                   "volume differs from the "
                   "voxels' by {:+.2f} %",
@@ -320,7 +320,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
                   segment.smoothing_mm, 100.0 * (body.surface.volume() / volume - 1.0)));
 
   result.facing_share = facing_share(body.surface, narrow_gap_mm);
-  warn_of_narrow_gaps(config, result.facing_share, talk);
+  warn_of_narrow_gaps(config, result.facing_share, log);
   result.image_warnings = result.warnings.size();
   result.build_s = building.seconds();
   return organ;
@@ -328,7 +328,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const Talk& tal
 
 ReadOrgan read_once(const Case& given, const RunObserver& observer) {
   Result read;
-  Organ organ = read_organ(given, model_options(given.config), Talk{observer, read}, read);
+  Organ organ = read_organ(given, model_options(given.config), RunLog{observer, read}, read);
   return {std::move(organ), std::move(read)};
 }
 
@@ -376,17 +376,17 @@ void refuse_without_base(const BodySurface& body, const Boundary& at) {
 
 constexpr double widest_over_gap = 25.0;  // node spacings: see sees() of sight.hpp
 
-void say_cut(const Talk& talk, const Config& config, const ImageFacts::Cut& cut, Result& result) {
+void say_cut(const RunLog& log, const Config& config, const ImageFacts::Cut& cut, Result& result) {
   std::string sentence = fmt::format("'{}'", config.image.cut);
   if (cut.area_mm2 > 0.0)
     sentence +=
         fmt::format(": {:.4g} cm2, its banks {:.4g} mm apart", cut.area_mm2 / 1e2, config.image.cut_gap_mm);
   if (!cut.labels.empty()) sentence += fmt::format("; taken out: {}", in_words(cut.labels));
   result.provenance["cut"] = sentence;
-  talk.say("cut      " + sentence);
+  log.say("cut      " + sentence);
   for (const CutPiece& piece : cut.parted)
-    talk.warn(fmt::format("the cut parts {} at {} from what is under the tool: it is left out",
-                          volume_in_words(piece.volume_mm3), in_words(piece.centre)));
+    log.warn(fmt::format("the cut parts {} at {} from what is under the tool: it is left out",
+                         volume_in_words(piece.volume_mm3), in_words(piece.centre)));
 }
 
 // Base and tool have their places on the body as it was before.
@@ -425,12 +425,12 @@ void cut_organ(const Config& config, Organ& organ, Result& result) {
 
 }  // namespace
 
-void find_site(const Config& config, const Talk& talk, Organ& organ, Result& result) {
+void find_site(const Config& config, const RunLog& log, Organ& organ, Result& result) {
   const Stopwatch finding;
-  talk.begin(Part::cloud, config);
+  log.begin(Part::cloud, config);
   if (has_cuts(config)) {
     cut_organ(config, organ, result);
-    say_cut(talk, config, result.cut, result);
+    say_cut(log, config, result.cut, result);
   }
   if (!organ.site) organ.site = std::make_shared<const Site>(find_site(organ.body->surface, organ.options));
   result.stages.done("boundary");
@@ -438,25 +438,25 @@ void find_site(const Config& config, const Talk& talk, Organ& organ, Result& res
 }
 
 Discretisation place_nodes(const Config& config, const Organ& organ, const ModelOptions& options,
-                           const LabelImage& image, const Talk& talk, Result& result) {
+                           const LabelImage& image, const RunLog& log, Result& result) {
   const Stopwatch building;
   const SegmentReport& segment = result.segment;
-  talk.begin(Part::cloud, config);
+  log.begin(Part::cloud, config);
   auto [places, report] =
       discretise(organ.body->surface, options, labels_of(config, organ, image), *organ.site);
   result.stages.add(report.stages);
-  for (const std::string& warning : report.boundary.warnings) talk.warn(warning);
+  for (const std::string& warning : report.boundary.warnings) log.warn(warning);
   if (const std::string bends = warning_of_bending(organ.body->surface, report.boundary); !bends.empty())
-    talk.warn(bends);
+    log.warn(bends);
   result.build_s += building.seconds();
-  talk.say(fmt::format("model    {}; {} integration points", nodes_in_words(places.node_count(), report),
-                       places.point_count()));
-  talk.detail(fmt::format(
+  log.say(fmt::format("model    {}; {} integration points", nodes_in_words(places.node_count(), report),
+                      places.point_count()));
+  log.detail(fmt::format(
       "nodes    {} on the surface; nearest node {:.2f} +- {:.2f}, at least {:.2f}, largest gap {:.2f} "
       "spacings",
       report.surface_nodes, report.evenness.mean, report.evenness.spread * report.evenness.mean,
       report.evenness.minimum, report.evenness.fill));
-  talk.detail(fmt::format(
+  log.detail(fmt::format(
       "points   in cells of {}{:.3f} mm, {} clipped by the surface, {} slivers merged; volume {}, {:+.3f} % "
       "of the organ's",
       options.scheme.averaged_gradients ? "up to " : "", report.cell_mm, report.clipped, report.merged,
@@ -464,18 +464,18 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
       100.0 * (report.grid_volume_mm3 / segment.voxel_volume_mm3 - 1.0)));
   if (const double apart = result.cut.sizing * report.spacing_mm, gap = config.image.cut_gap_mm;
       apart > widest_over_gap * gap)
-    talk.warn(
+    log.warn(
         fmt::format("a cut reaches to where nodes are {} apart, which see across a gap of {} as if it were "
                     "not there; give more --nodes, or a wider gap with --set image.cut_gap={:.2g}mm",
                     length_in_words(apart), length_in_words(gap), apart / widest_over_gap));
-  talk.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
+  log.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
   const std::string centre = in_words(places.tool.centre * 1e3);
   if (options.boundary.contact_radius_mm > 0.0)
-    talk.say(fmt::format("contact  nodes are finest around a circle {:.1f} mm across at {}: {}",
-                         2e3 * places.tool.radius, centre, report.boundary.circle_reason));
+    log.say(fmt::format("contact  nodes are finest around a circle {:.1f} mm across at {}: {}",
+                        2e3 * places.tool.radius, centre, report.boundary.circle_reason));
   else
-    talk.say(fmt::format("circle   {} nodes, {} on its rim, {:.1f} mm across at {}: {}", report.circle_nodes,
-                         report.rim_nodes, 2e3 * places.tool.radius, centre, report.boundary.circle_reason));
+    log.say(fmt::format("circle   {} nodes, {} on its rim, {:.1f} mm across at {}: {}", report.circle_nodes,
+                        report.rim_nodes, 2e3 * places.tool.radius, centre, report.boundary.circle_reason));
 
   const Vec3& push = places.tool.push;
   result.chosen = {

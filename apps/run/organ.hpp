@@ -17,7 +17,7 @@ namespace dimple {
 Work work_of(const Config& config, const Result& result);
 
 /// What is told to the observer; warnings are kept too.
-struct Talk {
+struct RunLog {
   const RunObserver& observer;
   Result& result;
   void line(RunObserver::Line kind, const std::string& text) const {
@@ -42,7 +42,7 @@ std::string sha256_of_image(const Config& config, const LabelImage& image);
 
 /// Says what is wrong with the materials before anything is built. Throws UsageError.
 void check_materials(const std::vector<Material>& materials, const Scheme& scheme);
-void say_default_stiffness(const Talk& talk, const Config& config);
+void say_default_stiffness(const RunLog& log, const Config& config);
 
 /// The tissues of config.tissue by their labels. Throws InputError: one has no point.
 TissueOptions tissues_of(const Config& config, const std::map<std::string, int>& label_names,
@@ -77,18 +77,18 @@ struct Origin {
 };
 
 /// Reads the image, takes its labels, closes its gaps, draws the surface.
-Organ read_organ(const Case& given, const ModelOptions& options, const Talk& talk, Result& result);
+Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& log, Result& result);
 
 /// The label of a place, where labels are of several tissues or one is a support; where they are all of one
 /// their borders mean nothing. Good for as long as the image is.
 LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& image);
 
 /// Where the organ rests and the tool stands, under its options.
-void find_site(const Config& config, const Talk& talk, Organ& organ, Result& result);
+void find_site(const Config& config, const RunLog& log, Organ& organ, Result& result);
 
 /// Nodes, points, base and circle of an organ whose site is known; `options` differ from the organ's in the
 /// number of nodes, if at all. Adds them to the provenance of the image.
 Discretisation place_nodes(const Config& config, const Organ& organ, const ModelOptions& options,
-                           const LabelImage& image, const Talk& talk, Result& result);
+                           const LabelImage& image, const RunLog& log, Result& result);
 
 }  // namespace dimple

@@ -29,12 +29,12 @@ namespace {
 using Line = RunObserver::Line;
 
 // Where nobody has chosen, a folded body takes as many as its band needs, and a punch as its edge does.
-void take_nodes_for_band(const Config& config, const Talk& talk, ModelOptions& options, Result& result) {
+void take_nodes_for_band(const Config& config, const RunLog& log, ModelOptions& options, Result& result) {
   const Index of_tool = fewest_nodes_under_tool(config),
               of_body = fewest_nodes_with_band(result.facing_share), fewest = std::max(of_tool, of_body);
   if (!default_nodes(config) || !options.scheme.pressure_patches || options.cloud.count >= fewest) return;
-  talk.say(of_tool >= of_body ? nodes_for_edge_in_words(fewest, options.cloud.count)
-                              : nodes_for_band_in_words(fewest, options.cloud.count, result.facing_share));
+  log.say(of_tool >= of_body ? nodes_for_edge_in_words(fewest, options.cloud.count)
+                             : nodes_for_band_in_words(fewest, options.cloud.count, result.facing_share));
   options.cloud.count = result.nodes_for_band = fewest;
 }
 
@@ -71,7 +71,7 @@ void require_room_beneath(const Config& config, const Discretisation& places) {
 
 // Where the contact's radius is less than four node spacings the force was up to 4 % too high, and where it
 // is less than two up to 12 % (spheres beside finite elements).
-void tell_of_first_touch(const Talk& talk, const Config& config, const Model& model, const Touch& touch) {
+void tell_of_first_touch(const RunLog& log, const Config& config, const Model& model, const Touch& touch) {
   constexpr double enough = 4.0;
   const double radius = enough * model.spacing.minCoeff(), depth = 1e-3 * config.load.depth_mm;
   if (touch.shape.kind == ToolShape::Kind::punch) return;
@@ -85,18 +85,18 @@ void tell_of_first_touch(const Talk& talk, const Config& config, const Model& mo
   }
   if (until < 0.01 * depth) return;  // a flat end touches with all of it at once
   if (until < 0.2 * depth)
-    return talk.say(
+    return log.say(
         fmt::format("touch    up to a depth of {} the contact is less than {:g} node spacings in radius, and "
                     "the force may be 4 % too high there",
                     length_in_words(1e3 * until), enough));
-  talk.warn(
+  log.warn(
       fmt::format("up to a depth of {} the contact is less than {:g} node spacings in radius, and the "
                   "force was up to 12 % too high with such; give more --nodes",
                   length_in_words(1e3 * until), enough));
 }
 
 // As config.solver.time asks: "auto" and "dynamic" look at how long the load lasts.
-TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
+TimeMode time_of(const Config& config, const RunLog& log, const Result& result) {
   const std::string& asked = config.solver.time;
   if (asked == "quasi-static") return TimeMode::quasi_static;
   if (asked == "explicit" || !result.model.scheme.pressure_patches) {
@@ -120,8 +120,8 @@ TimeMode time_of(const Config& config, const Talk& talk, const Result& result) {
   if (mode != TimeMode::quasi_static) require_no_membranes(config, "a run with inertia");
   const double crossings = shear_crossings(result.model, result.tissues, result.loading);
   const bool shallow = mode == TimeMode::quasi_static && crossings < slow_load;
-  talk.line(mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
-            time_in_words(mode, crossings, shallow));
+  log.line(mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
+           time_in_words(mode, crossings, shallow));
   return mode;
 }
 
@@ -137,7 +137,7 @@ std::unique_ptr<ForceSystem> force_system(const Config& config, Result& result) 
 }
 
 // Where it was lifted, or slid beyond what it had touched.
-void tell_of_lost_contact(const Talk& talk, const Result& result) {
+void tell_of_lost_contact(const RunLog& log, const Result& result) {
   constexpr double nothing = 1e-6;  // of the largest force: the search for equilibrium has a tolerance
   const std::vector<ForceSample>& force = result.history.force;
   if (!result.loading.touch || force.empty()) return;
@@ -146,7 +146,7 @@ void tell_of_lost_contact(const Talk& talk, const Result& result) {
   const auto last = std::find_if(force.rbegin(), force.rend(),
                                  [&](const ForceSample& sample) { return sample.force > nothing * largest; });
   if (last != force.rend() && last != force.rbegin())
-    talk.say(
+    log.say(
         fmt::format("touch    the tool has left the body: it touched last at a depth of {}, after {:.3g} s",
                     length_in_words(1e3 * last->depth), last->t));
 }
@@ -178,8 +178,8 @@ void find_jump(Result& result) {
        jump.force / largest});
 }
 
-void keep_findings(const Talk& talk, Result& result) {
-  for (const Finding& finding : result.history.guards) talk.warn(in_words(finding));
+void keep_findings(const RunLog& log, Result& result) {
+  for (const Finding& finding : result.history.guards) log.warn(in_words(finding));
   result.findings.insert(result.findings.end(), result.history.guards.begin(), result.history.guards.end());
 }
 
@@ -195,26 +195,26 @@ Vec3 displacement_at(const Interpolation& place, const ForceSystem::Nodal& u) {
 
 }  // namespace
 
-Organ organ_of(const Case& given, const Talk& talk, Result& result) {
+Organ organ_of(const Case& given, const RunLog& log, Result& result) {
   Organ organ =
-      given.organ ? taken_again(given, result) : read_organ(given, model_options(given.config), talk, result);
+      given.organ ? taken_again(given, result) : read_organ(given, model_options(given.config), log, result);
   result.provenance = {{"image", name_of_image(given.config)},
                        {"image_sha256", sha256_of_image(given.config, result.image)}};
-  find_site(given.config, talk, organ, result);
+  find_site(given.config, log, organ, result);
   return organ;
 }
 
-Placed place(const Case& given, const std::optional<Organ>& organ, const Talk& talk, Result& result) {
+Placed place(const Case& given, const std::optional<Organ>& organ, const RunLog& log, Result& result) {
   if (!organ) {
     check_materials(materials_of(given.config), given.model->scheme);
-    for (const std::string& note : given.model->notes) talk.warn(note);
-    say_default_stiffness(talk, given.config);
+    for (const std::string& note : given.model->notes) log.warn(note);
+    say_default_stiffness(log, given.config);
     result.provenance = given.model->provenance;
     return {given.model->places, given.model->scheme, given.model->label_names};
   }
   ModelOptions options = organ->options;
-  take_nodes_for_band(given.config, talk, options, result);
-  Placed placed{place_nodes(given.config, *organ, options, result.image, talk, result), options.scheme,
+  take_nodes_for_band(given.config, log, options, result);
+  Placed placed{place_nodes(given.config, *organ, options, result.image, log, result), options.scheme,
                 organ->label_names};
   if (result.nodes_for_band > 0)
     result.chosen["cloud.nodes"] += result.nodes_for_band == fewest_nodes_under_tool(given.config)
@@ -223,89 +223,89 @@ Placed place(const Case& given, const std::optional<Organ>& organ, const Talk& t
   return placed;
 }
 
-Placed place(Index nodes, const Config& config, const Organ& organ, const LabelImage& image, const Talk& talk,
-             Result& result) {
+Placed place(Index nodes, const Config& config, const Organ& organ, const LabelImage& image,
+             const RunLog& log, Result& result) {
   ModelOptions options = organ.options;
   options.cloud.count = nodes;
   options.cloud.spacing_mm = 0.0;
-  return {place_nodes(config, organ, options, image, talk, result), options.scheme, organ.label_names};
+  return {place_nodes(config, organ, options, image, log, result), options.scheme, organ.label_names};
 }
 
-void complete(const Config& config, Placed placed, const Talk& talk, Result& result) {
+void complete(const Config& config, Placed placed, const RunLog& log, Result& result) {
   const Stopwatch completing;
   const TissueOptions tissues = tissues_of(config, placed.label_names, placed.places);
-  talk.begin(Part::supports, config);
+  log.begin(Part::supports, config);
   Eigen::VectorXi of_point = tissue_of_points(placed.places, tissues);
   result.model = make_model(std::move(placed.places), placed.scheme, std::move(of_point), tissues.density,
                             &result.stages);
   result.tissues = {materials_of(config), result.model.tissue};
-  tell_of_supports(talk, result.model);
+  tell_of_supports(log, result.model);
   result.complete_s = completing.seconds();
 }
 
 // From places to a model that is complete, and a load that is accepted.
-void make_ready(const Case& given, Placed placed, const Talk& talk, Result& result) {
+void make_ready(const Case& given, Placed placed, const RunLog& log, Result& result) {
   const Config& config = given.config;
   require_room_beneath(config, placed.places);
   check_loads(config, placed.places.surface);
   Supports supports = supports_of(config, placed.places, placed.label_names);
-  for (const std::string& words : supports.words) talk.say("support  " + words);
+  for (const std::string& words : supports.words) log.say("support  " + words);
   const Stopwatch preparing;
-  complete(config, std::move(placed), talk, result);
+  complete(config, std::move(placed), log, result);
   const Model& model = result.model;
   const Loading& loading = result.loading = loading_of(config);
   result.loading.further = std::move(supports.sets);
   result.loading.loads = loads_of(config, model);
   result.loading.steps = steps_of(config, model.tool.push);
-  for (const Step& step : result.loading.steps) talk.say("step     " + in_words(step));
+  for (const Step& step : result.loading.steps) log.say("step     " + in_words(step));
   result.loading.touch =
       given.change.tool ? touch_of(config, model, *given.change.tool) : touch_of(config, model);
   if (result.loading.touch) {
     const Touch& touch = *result.loading.touch;
-    talk.say(
+    log.say(
         fmt::format("tool     {}{}, {}; its tip at first touch at {}; contact is looked for at "
                     "{} parts of the "
                     "surface",
                     in_words(touch.shape), depth_of_tool_in_words(config), friction_in_words(touch.friction),
                     in_words(1e3 * touch.pose.tip), touch.surface.count()));
     if (touch.shape.mesh && touch.shape.mesh->turned)
-      talk.say("tool     some of its triangles faced inward in the file, and were turned");
-    tell_of_first_touch(talk, config, model, touch);
+      log.say("tool     some of its triangles faced inward in the file, and were turned");
+    tell_of_first_touch(log, config, model, touch);
   }
   const double down = deepest(config, model.tool.push);
   if ((result.loading.folds = folds_of(config, model, down)))
-    talk.say("folds    " + in_words(*result.loading.folds, down));
+    log.say("folds    " + in_words(*result.loading.folds, down));
   else if (folds_touch(config))
-    talk.say(
+    log.say(
         "folds    nothing can touch: the surface nowhere faces itself across twice the tool's way or less");
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
-  for (const Finding& finding : result.findings) talk.warn(in_words(finding));
+  for (const Finding& finding : result.findings) log.warn(in_words(finding));
   for (std::size_t t = 0; t < result.tissues.material.size(); ++t) {
     const Material& m = result.tissues.material[t];
     // The stiffness that nobody has chosen was told of before.
-    talk.line(t == 0 && default_stiffness(config) ? Line::detail : Line::said, describe(result.tissues, t));
-    talk.detail(fmt::format("waves    kappa {}, so {:.2f} and {:.3f} m/s", stress_in_words(m.kappa),
-                            pressure_wave_speed(m), shear_wave_speed(m)));
+    log.line(t == 0 && default_stiffness(config) ? Line::detail : Line::said, describe(result.tissues, t));
+    log.detail(fmt::format("waves    kappa {}, so {:.2f} and {:.3f} m/s", stress_in_words(m.kappa),
+                           pressure_wave_speed(m), shear_wave_speed(m)));
   }
-  if (const std::string preset = beside_preset(config); !preset.empty()) talk.say("preset   " + preset);
-  for (const Membrane& film : loading.loads.membrane) talk.say("membrane " + in_words(film));
+  if (const std::string preset = beside_preset(config); !preset.empty()) log.say("preset   " + preset);
+  for (const Membrane& film : loading.loads.membrane) log.say("membrane " + in_words(film));
   if (const std::string loads = in_words(loading.loads); !loads.empty())
-    talk.say("loads    " + loads + "; the body comes to rest under it first");
-  result.time = time_of(config, talk, result);
-  talk.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(config.load.depth_mm),
-                          plain(config.load.rate_mm_per_s), three_digits(loading.duration()),
-                          !loading.touch                   ? config.load.contact
-                          : loading.touch->friction == 0.0 ? "frictionless"
-                                                           : friction_in_words(loading.touch->friction),
-                          result.time == TimeMode::quasi_static
-                              ? fmt::format("equilibrium in {} steps", steps_of_load(model, loading, options))
-                          : result.time == TimeMode::dynamic ? "with inertia, by implicit steps"
-                                                             : "with inertia, by central differences"));
+    log.say("loads    " + loads + "; the body comes to rest under it first");
+  result.time = time_of(config, log, result);
+  log.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(config.load.depth_mm),
+                         plain(config.load.rate_mm_per_s), three_digits(loading.duration()),
+                         !loading.touch                   ? config.load.contact
+                         : loading.touch->friction == 0.0 ? "frictionless"
+                                                          : friction_in_words(loading.touch->friction),
+                         result.time == TimeMode::quasi_static
+                             ? fmt::format("equilibrium in {} steps", steps_of_load(model, loading, options))
+                         : result.time == TimeMode::dynamic ? "with inertia, by implicit steps"
+                                                            : "with inertia, by central differences"));
   if (is_as_printed(result.tissues.material.front())) {
-    talk.warn("the printed stress has no energy: energy.csv shows that of the consistent form");
+    log.warn("the printed stress has no energy: energy.csv shows that of the consistent form");
     if (options.damping == 0.0)
-      talk.warn(
+      log.warn(
           "the printed stress does work on closed paths, so undamped vibration grows: give --damping, for "
           "instance 20");
   }
@@ -349,7 +349,7 @@ void feel_supports(const ForceSystem::Nodal& f, double depth, Result& result) {
 }  // namespace
 
 std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options,
-                                   const Observer& observer, const MarchState* from, const Talk& talk,
+                                   const Observer& observer, const MarchState* from, const RunLog& log,
                                    Result& result) {
   const std::optional<Interpolation> place = to_followed(result);
   if (place && from && from->u.cols() > 0)
@@ -376,19 +376,19 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
     result.history.interrupted = true;
   } catch (const Error&) {
     result.solve_s = solving.seconds();
-    keep_findings(talk, result);  // they count also where the march ends by an error
+    keep_findings(log, result);  // they count also where the march ends by an error
     throw;
   }
   result.solve_s = solving.seconds();
   find_jump(result);
-  keep_findings(talk, result);
-  tell_of_lost_contact(talk, result);
+  keep_findings(log, result);
+  tell_of_lost_contact(log, result);
   // Between the places where folds touch the banks of a cut are looked at too.
   FoldContact::Audit& folds = result.history.folds;
   folds.penetration = std::max(folds.penetration, result.loading.folds ? closing.deepest() : 0.0);
   for (const std::string& warning :
        {bending.warning(), result.loading.folds ? std::string() : closing.warning()})
-    if (!warning.empty()) talk.warn(warning);
+    if (!warning.empty()) log.warn(warning);
   return system;
 }
 

@@ -20,17 +20,17 @@ struct Placed {
 };
 
 /// The image of a case, read, or as it was read before, and its site; then its provenance is known too.
-Organ organ_of(const Case& given, const Talk& talk, Result& result);
+Organ organ_of(const Case& given, const RunLog& log, Result& result);
 /// Places for the tool and for the case's own number of nodes. `organ`: nothing where it began with a model.
-Placed place(const Case& given, const std::optional<Organ>& organ, const Talk& talk, Result& result);
+Placed place(const Case& given, const std::optional<Organ>& organ, const RunLog& log, Result& result);
 /// As many nodes as that, whatever the case has chosen.
-Placed place(Index nodes, const Config& config, const Organ& organ, const LabelImage& image, const Talk& talk,
-             Result& result);
+Placed place(Index nodes, const Config& config, const Organ& organ, const LabelImage& image,
+             const RunLog& log, Result& result);
 
 /// From places to a model that is complete.
-void complete(const Config& config, Placed placed, const Talk& talk, Result& result);
+void complete(const Config& config, Placed placed, const RunLog& log, Result& result);
 /// The same, and to a load that is accepted. Throws UsageError, ModelError: it is not.
-void make_ready(const Case& given, Placed placed, const Talk& talk, Result& result);
+void make_ready(const Case& given, Placed placed, const RunLog& log, Result& result);
 
 /// The place whose displacement the case asks for, if it does. Throws UsageError: it is outside of the body.
 std::optional<Followed> followed_in(const Config& config, const Organ& organ);
@@ -39,7 +39,7 @@ std::optional<Followed> followed_in(const Config& config, const Organ& organ);
 /// is followed. Asked to stop it returns what there is, `interrupted`. What is returned is to outlive the
 /// frames' forces.
 std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options,
-                                   const Observer& observer, const MarchState* from, const Talk& talk,
+                                   const Observer& observer, const MarchState* from, const RunLog& log,
                                    Result& result);
 
 /// What else the clouds of the result's organ are made from, but for the image.

@@ -41,9 +41,9 @@ Json described(const UsablePlace& place) {
 PlacesOfImage places_of_image(const Config& config, const LabelImage* image, const RunObserver& observer) {
   PlacesOfImage found;
   Result result;
-  const Talk talk{observer, result};
+  const RunLog log{observer, result};
   require_no_cuts(config, "the list of places");
-  const Organ organ = read_organ({.config = config, .image = image}, model_options(config), talk, result);
+  const Organ organ = read_organ({.config = config, .image = image}, model_options(config), log, result);
   found.places = usable_places(organ.body->surface, organ.options.boundary);
   found.warnings = result.warnings;
   return found;

@@ -29,10 +29,10 @@ std::unique_ptr<Level> march_level(Index nodes, const Case& given, const Origin&
                                   level->lines.emplace_back(kind, text);
                                 },
                             .part = observer.part};
-  const Talk talk{keeping, result};
-  make_ready(given, place(nodes, given.config, from.organ, from.image, talk, result), talk, result);
+  const RunLog log{keeping, result};
+  make_ready(given, place(nodes, given.config, from.organ, from.image, log, result), log, result);
   require_a_band(no_band(given.config, from.organ, result.report.boundary, result));
-  talk.begin(Part::solving, given.config);
+  log.begin(Part::solving, given.config);
   const Observer hears{
       .frame =
           [&](const Frame& frame) {
@@ -41,10 +41,10 @@ std::unique_ptr<Level> march_level(Index nodes, const Case& given, const Origin&
       .sample = [](const ForceSample&, const History&) { return stop_asked() == StopReason::none; },
       .retry =
           [&](const Retry& retry) {
-            talk.detail(
+            log.detail(
                 fmt::format("retry    at {:.3f} mm ({}): {}", 1e3 * retry.depth, retry.code, retry.what));
           }};
-  level->system = march(given.config, solver_options(given.config), hears, nullptr, talk, result);
+  level->system = march(given.config, solver_options(given.config), hears, nullptr, log, result);
   if (result.history.interrupted) throw Stopped(stop_asked());
   level->seconds = whole.seconds();
   return level;

@@ -32,33 +32,33 @@ std::string nodes_for_edge_in_words(Index nodes, Index usual) {
                      nodes, usual);
 }
 
-void tell_of_supports(const Talk& talk, const Model& model) {
+void tell_of_supports(const RunLog& log, const Model& model) {
   const SupportOptions& options = model.scheme.support;
   const SupportReport& support = model.support_report;
   const ConsistencyReport& consistency = model.consistency_report;
-  talk.detail(fmt::format(
+  log.detail(fmt::format(
       "support  {} basis, {} weight, radius {:.2f} spacings: {} to {} nodes per point, mean {:.1f}; {} grown "
       "for conditioning",
       basis_word(options.basis), weight_word(options.weight), options.effective_radius_factor(),
       support.fewest, support.most, support.mean, support.grown));
-  talk.detail(fmt::format("support  linear fields reproduced to {:.1e}; worst pivot ratio {:.1e}",
-                          support.linear_error, support.worst_pivot_ratio));
+  log.detail(fmt::format("support  linear fields reproduced to {:.1e}; worst pivot ratio {:.1e}",
+                         support.linear_error, support.worst_pivot_ratio));
   if (consistency.iterations > 0)
-    talk.detail(fmt::format(
+    log.detail(fmt::format(
         "patch    forces of a constant pressure: {:.1e} off before, {:.1e} after a change of gradients by at "
         "most {:.2f} of a cell's largest",
         consistency.before, consistency.after, consistency.largest_change));
   if (support.unseen > 0)
-    talk.detail(
+    log.detail(
         fmt::format("folds    {} pairs of a node and a point are near each other across a gap and do not "
                     "belong together; {} "
                     "points see too few nodes and take what is near",
                     support.unseen, support.unconnected));
   else if (model.scheme.consistent_gradients && model.surface.empty())
-    talk.warn("without a surface the gradients are not made consistent: forces at high pressure are too low");
-  talk.detail(fmt::format("mass     {} g in all, {} to {} g per node", three_digits(model.mass.sum() * 1e3),
-                          three_digits(model.mass.minCoeff() * 1e3),
-                          three_digits(model.mass.maxCoeff() * 1e3)));
+    log.warn("without a surface the gradients are not made consistent: forces at high pressure are too low");
+  log.detail(fmt::format("mass     {} g in all, {} to {} g per node", three_digits(model.mass.sum() * 1e3),
+                         three_digits(model.mass.minCoeff() * 1e3),
+                         three_digits(model.mass.maxCoeff() * 1e3)));
 }
 
 std::string describe(const Tissues& tissues, std::size_t t) {

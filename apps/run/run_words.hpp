@@ -13,7 +13,7 @@ namespace dimple {
 std::string nodes_for_band_in_words(Index nodes, Index usual, double facing_share);
 std::string nodes_for_edge_in_words(Index nodes, Index usual);
 /// The supports, the gradients, the folds and the masses of a model that is complete.
-void tell_of_supports(const Talk& talk, const Model& model);
+void tell_of_supports(const RunLog& log, const Model& model);
 /// Law and numbers of a tissue.
 std::string describe(const Tissues& tissues, std::size_t t);
 /// How time is followed, and why so. `shallow`: the load is short, but its tool is slow.

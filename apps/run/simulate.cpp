@@ -25,10 +25,10 @@ namespace {
 
 // The case's own cloud, and of an image what other clouds are made from.
 std::pair<Placed, std::shared_ptr<Origin>> placed_by(const Case& given, const RunObserver& observer,
-                                                     const Talk& talk, Result& result) {
+                                                     const RunLog& log, Result& result) {
   std::optional<Organ> organ;
-  if (!given.model) organ = organ_of(given, talk, result);
-  Placed placed = place(given, organ, talk, result);
+  if (!given.model) organ = organ_of(given, log, result);
+  Placed placed = place(given, organ, log, result);
   std::shared_ptr<Origin> of_image;
   if (organ) of_image = origin_of(given.config, std::move(*organ), result);
   if (observer.placed) observer.placed(placed.places, placed.scheme);
@@ -44,8 +44,8 @@ std::unique_ptr<CoarserMarch> begin_band(const Case& given, Result& result) {
   return std::make_unique<CoarserMarch>(config, result);
 }
 
-void find_band(const Case& given, CoarserMarch& coarser, const Talk& talk, Result& result) {
-  talk.begin(Part::band, given.config);
+void find_band(const Case& given, CoarserMarch& coarser, const RunLog& log, Result& result) {
+  log.begin(Part::band, given.config);
   BandOfRun found = band_of_run(given.config, result, coarser);
   result.band = std::move(found.band);
   if (result.followed) result.followed->half = found.half_of_displacement;
@@ -64,9 +64,9 @@ Case with_origin(const Case& given) {
 }
 
 // What the levels of a refinement are made from: the image, or what is kept of it with a model in memory.
-std::shared_ptr<Origin> origin_of_levels(const Case& given, const Talk& talk, Result& result) {
+std::shared_ptr<Origin> origin_of_levels(const Case& given, const RunLog& log, Result& result) {
   if (!given.model) {
-    std::shared_ptr<Origin> origin = origin_of(given.config, organ_of(given, talk, result), result);
+    std::shared_ptr<Origin> origin = origin_of(given.config, organ_of(given, log, result), result);
     origin->image = std::move(result.image);
     return origin;
   }
@@ -78,25 +78,25 @@ std::shared_ptr<Origin> origin_of_levels(const Case& given, const Talk& talk, Re
   result.provenance = given.model->provenance;
   result.warnings = origin->image_warnings;
   result.image_warnings = result.warnings.size();
-  say_default_stiffness(talk, given.config);
+  say_default_stiffness(log, given.config);
   return origin;
 }
 
 void tell_how_it_ended(const Config& config, const Goal& goal, Refinement& found,
                        const RunObserver& observer) {
   Result& finest = found.finest->result;
-  const Talk talk{observer, finest};
+  const RunLog log{observer, finest};
   const bool known = finest.band.known();
   const std::string ended = found.ended ? in_words(*found.ended, goal) : "";
   if (found.ended && (goal.share > 0.0 || goal.absolute > 0.0)) {
     const auto [value, half] = asked_for(found.levels.back(), finest);
-    talk.warn(
+    log.warn(
         shortfall_in_words(config.accuracy.goal, known ? std::optional(half / value) : std::nullopt, ended));
   } else if (found.ended) {
-    talk.say("refine   " + ended);
+    log.say("refine   " + ended);
   }
   const Index more = nodes_for_half_the_band(finest.model.node_count(), band_floor(config));
-  if (known && more <= most_nodes_for_accuracy) talk.say(next_half_in_words(found, more));
+  if (known && more <= most_nodes_for_accuracy) log.say(next_half_in_words(found, more));
   if (goal.budget_s > 0.0)
     finest.chosen["accuracy.budget_s"] = fmt::format(
         "another machine finds another cloud; these bits again: --budget 0 --nodes {}", found.finest->asked);
@@ -104,7 +104,7 @@ void tell_how_it_ended(const Config& config, const Goal& goal, Refinement& found
 
 void simulate_to(const Goal& goal, const Case& given, const RunObserver& observer, Result& result) {
   const Stopwatch whole;
-  const Talk talk{observer, result};
+  const RunLog log{observer, result};
   const Config& config = given.config;
   if (given.model && !given.origin)
     throw UsageError({.fact = "a model's files hold one cloud, and an accuracy takes several",
@@ -112,15 +112,15 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
                       .why = "the surface from which clouds are made is not in them",
                       .remedy = "begin with the image: dimple run"});
   require_a_band(no_band(config));
-  const std::shared_ptr<Origin> origin = origin_of_levels(given, talk, result);
+  const std::shared_ptr<Origin> origin = origin_of_levels(given, log, result);
   result.followed = followed_in(config, origin->organ);
   const bool follows = result.followed.has_value();
   Refinement found = refine(
       given, goal, *origin, result, whole,
       {.marched = [&](int number,
-                      const RefinementLevel& level) { talk.say(level_in_words(number, level, follows)); },
+                      const RefinementLevel& level) { log.say(level_in_words(number, level, follows)); },
        .failed = [&](int number, Index nodes,
-                     const std::string& fact) { talk.say(failure_in_words(number, nodes, fact)); },
+                     const std::string& fact) { log.say(failure_in_words(number, nodes, fact)); },
        .of_march = observer});
   tell_how_it_ended(config, goal, found, observer);
   Result& finest = found.finest->result;
@@ -136,10 +136,10 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
 }  // namespace
 
 void build_case(const Case& given, const RunObserver& observer, Result& result) {
-  const Talk talk{observer, result};
+  const RunLog log{observer, result};
   require_circle(given.config, "a model by itself");
-  auto [placed, of_image] = placed_by(given, observer, talk, result);
-  complete(given.config, std::move(placed), talk, result);
+  auto [placed, of_image] = placed_by(given, observer, log, result);
+  complete(given.config, std::move(placed), log, result);
   if (of_image) of_image->image = result.image;
   result.origin = of_image;
 }
@@ -162,21 +162,21 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   }
   if (const Case refined = with_origin(given); const std::optional<Goal> goal = goal_of(refined.config))
     return simulate_to(*goal, refined, observer, result);
-  const Talk talk{observer, result};
+  const RunLog log{observer, result};
   const Config& config = given.config;
-  auto [placed, of_image] = placed_by(given, observer, talk, result);
+  auto [placed, of_image] = placed_by(given, observer, log, result);
   result.origin = of_image ? of_image : given.origin;
   if (given.origin) static_cast<ImageFacts&>(result) = given.origin->facts;
   if (result.origin) result.followed = followed_in(config, result.origin->organ);
-  make_ready(given, std::move(placed), talk, result);
+  make_ready(given, std::move(placed), log, result);
   stop_if_asked();
-  talk.begin(Part::solving, config);
+  log.begin(Part::solving, config);
   if (observer.begin) observer.begin(result);
   if (of_image && !config.tissue.empty()) of_image->image = std::move(result.image);
   result.image = {};  // nobody needs it any longer
   const std::unique_ptr<CoarserMarch> coarser = given.band ? begin_band(given, result) : nullptr;
-  march(config, solver_options(config), observer.march, given.from, talk, result);
-  if (coarser && !result.history.interrupted) find_band(given, *coarser, talk, result);
+  march(config, solver_options(config), observer.march, given.from, log, result);
+  if (coarser && !result.history.interrupted) find_band(given, *coarser, log, result);
 }
 
 Result simulate(const Case& given, const RunObserver& observer) {

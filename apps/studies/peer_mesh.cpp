@@ -123,13 +123,13 @@ ElementModel element_model(const Config& config, const std::string& format, cons
          .why = "the file holds the tool and the base alone",
          .remedy = "leave them out here, and add them to the file in the other program's own words"});
   Result unused;
-  const Talk talk{observer, unused};
-  const Organ organ = read_organ({.config = config}, model_options(config), talk, unused);
+  const RunLog log{observer, unused};
+  const Organ organ = read_organ({.config = config}, model_options(config), log, unused);
   const BodySurface& surface = organ.body->surface;
   const bool mixed = elements == "hexahedra" && format == "febio";
   const Mesh mesh = elements == "hexahedra" ? hexahedra(config, surface, organ.options, mixed)
                                             : tetrahedra(config, surface, organ.options);
-  for (const std::string& warning : mesh.boundary.warnings) talk.warn(warning);
+  for (const std::string& warning : mesh.boundary.warnings) log.warn(warning);
   ElementModel model = mesh.model;
   model.X = surface.to_world() * model.X.colwise().homogeneous();
   model.mu = material.mu;

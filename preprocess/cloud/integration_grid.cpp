@@ -397,7 +397,7 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
   const auto count = static_cast<Index>(kept.size());
   grid.point.resize(3, count);
   grid.volume.resize(count);
-  grid.spread.resize(6, count);
+  grid.second_moments.resize(6, count);
   grid.label.resize(count);
   for (Index q = 0; q < count; ++q) {
     const Part& part = kept[static_cast<std::size_t>(q)];
@@ -405,7 +405,8 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
     const Mat3 about = part.second / part.volume - x * x.transpose();
     grid.point.col(q) = x;
     grid.volume[q] = part.volume * correction;
-    grid.spread.col(q) << about(0, 0), about(1, 1), about(2, 2), about(0, 1), about(1, 2), about(2, 0);
+    grid.second_moments.col(q) << about(0, 0), about(1, 1), about(2, 2), about(0, 1), about(1, 2),
+        about(2, 0);
     grid.label[q] = part.label;
   }
   return grid;

@@ -16,7 +16,7 @@ struct IntegrationGrid {
   Points point;  ///< [3xQ] centroid of each cell's part inside the body: the cell's centre if it is whole
   Eigen::VectorXd volume;  ///< [Q] of that part [mm^3]
   /// [6xQ] mean of (x - point)(x - point)^T over that part: xx, yy, zz, xy, yz, zx [mm^2]. Empty: not wanted.
-  Spread spread;
+  SecondMoments second_moments;
   Eigen::VectorXi label;  ///< [Q] of the tissue
   double cell = 0.0;      ///< edge of a cell [mm]; of the largest, where they differ
   Index clipped = 0;      ///< cells that the surface cuts

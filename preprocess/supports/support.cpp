@@ -164,9 +164,9 @@ Near nodes_near(const Points& places, const Cloud& cloud, const Eigen::VectorXd&
   return result;
 }
 
-// The symmetric root, in the frame of the body's axes: smooth in the spread, and it turns with the body.
-Mat3 root_of_spread(const Discretisation& model, Index q) {
-  const Mat3 about = as_matrix(model.spread, q);
+// The symmetric root, in the frame of the body's axes: smooth in the moments, and it turns with the body.
+Mat3 root_of_moments(const Discretisation& model, Index q) {
+  const Mat3 about = as_matrix(model.second_moments, q);
   const double size = about.trace();
   if (!(size > 0.0)) return Mat3::Zero();
   const Eigen::SelfAdjointEigenSolver<Mat3> solver(about / size);
@@ -250,7 +250,7 @@ bool one_by_one(const Points& x, const Cloud& cloud, std::span<const int> near,
 
 void over_cell(Index q, const Cloud& cloud, std::span<const int> near,
                const std::function<bool(int)>& connected, double weight, PointSupport& result) {
-  const Mat3 root = root_of_spread(cloud.model, q);
+  const Mat3 root = root_of_moments(cloud.model, q);
   Points x(3, cell_places);
   for (int k = 0; k < cell_places; ++k) {
     const Vec3 sign(k & 1 ? 1.0 : -1.0, k & 2 ? 1.0 : -1.0, k & 4 ? 1.0 : -1.0);
@@ -405,16 +405,17 @@ namespace {
 // In the body's own axes: how well nodes span the basis is judged along the axes, and must not depend on how
 // the image is turned.
 struct InOwnAxes {
-  explicit InOwnAxes(Model& m) : model(m), axes(m.axes), X(m.X), point(m.point), spread(m.spread) {
+  explicit InOwnAxes(Model& m)
+      : model(m), axes(m.axes), X(m.X), point(m.point), second_moments(m.second_moments) {
     model.X = axes.transpose() * X;
     model.point = axes.transpose() * point;
-    model.spread = turned(spread, axes.transpose());
+    model.second_moments = turned(second_moments, axes.transpose());
     model.axes.setIdentity();
   }
   ~InOwnAxes() {
     model.X.swap(X);
     model.point.swap(point);
-    model.spread.swap(spread);
+    model.second_moments.swap(second_moments);
     model.axes = axes;
   }
   InOwnAxes(const InOwnAxes&) = delete;
@@ -422,7 +423,7 @@ struct InOwnAxes {
   Model& model;
   Mat3 axes;
   Points X, point;
-  Spread spread;
+  SecondMoments second_moments;
 };
 
 [[noreturn]] void refuse_support(const SupportOptions& options, Index q, const PointSupport& s,
@@ -514,7 +515,7 @@ void supports_of(Model& model, const Sight* sight) {
   const bool averaged = model.scheme.averaged_gradients;
   Eigen::VectorXd margin;
   if (averaged)
-    margin = model.spread.topRows<3>().colwise().sum().cwiseMax(0.0).cwiseSqrt().transpose() * 1.8;
+    margin = model.second_moments.topRows<3>().colwise().sum().cwiseMax(0.0).cwiseSqrt().transpose() * 1.8;
   const double mean_radius = options.effective_radius_factor() * model.spacing.mean();
 
   SupportReport& report = model.support_report = {};

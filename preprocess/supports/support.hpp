@@ -17,8 +17,8 @@ namespace dimple {
 /// the basis has terms; until then all radii are enlarged for that place by a tenth, at most to 2.5 times.
 ///
 /// Where the scheme averages gradients, they are means over the point's cell, by the eight places
-/// point + spread^(1/2) (+-1, +-1, +-1), which integrate quadratics exactly; and `variance` receives what the
-/// mean leaves out of |F|^2. Means make the sum of forces independent of where the points lie; the
+/// point + second_moments^(1/2) (+-1, +-1, +-1), which integrate quadratics exactly; and `variance` receives
+/// what the mean leaves out of |F|^2. Means make the sum of forces independent of where the points lie; the
 /// variance makes it independent of how many there are.
 ///
 /// A step of make_model(): fills support, dphi, variance and support_report from the discretisation, the

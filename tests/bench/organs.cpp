@@ -246,11 +246,11 @@ std::map<double, Known> reference_of(const Body& body) {
   return result;
 }
 
-struct Spread {
+struct SecondMoments {
   double mean = 0.0, scatter = 0.0;  // of forces: N; largest less smallest over the mean
 };
 
-Spread over_seeds(const Forces& forces, Index nodes, double depth) {
+SecondMoments over_seeds(const Forces& forces, Index nodes, double depth) {
   std::vector<double> all;
   for (const auto& [run, curve] : forces)
     if (const auto at = curve.find(depth); run.first == nodes && at != curve.end()) all.push_back(at->second);
@@ -290,7 +290,7 @@ void compare(const std::vector<std::pair<Body, Forces>>& measured, const Options
     for (const Index n : wanted.nodes) {
       std::vector<std::string> off, scatter;
       for (std::size_t d = 0; d < depths.size(); ++d) {
-        const Spread spread = over_seeds(forces, n, depths[d]);
+        const SecondMoments spread = over_seeds(forces, n, depths[d]);
         const double percent = 100.0 * (spread.mean / known.at(depths[d]).force - 1.0);
         off.push_back(spread.mean > 0.0 ? fmt::format("{:+.1f}", percent) : "none");
         scatter.push_back(fmt::format("{:.1f}", 100.0 * spread.scatter));
@@ -333,9 +333,9 @@ void write_orders(const std::vector<std::pair<Body, Forces>>& measured, const Op
           const auto n = [&](std::size_t k) { return static_cast<double>(wanted.nodes[k]); };
           if (n(a) * n(c) != n(b) * n(b)) continue;
           for (const double depth : {1.0, 2.0, 3.0, 4.0}) {
-            const Spread one = over_seeds(forces, wanted.nodes[a], depth),
-                         two = over_seeds(forces, wanted.nodes[b], depth),
-                         three = over_seeds(forces, wanted.nodes[c], depth);
+            const SecondMoments one = over_seeds(forces, wanted.nodes[a], depth),
+                                two = over_seeds(forces, wanted.nodes[b], depth),
+                                three = over_seeds(forces, wanted.nodes[c], depth);
             if (!(one.mean > 0.0 && two.mean > 0.0 && three.mean > 0.0)) continue;
             const double first = 100.0 * (two.mean / one.mean - 1.0);
             const double second = 100.0 * (three.mean / two.mean - 1.0);
@@ -412,8 +412,8 @@ void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
       const std::map<double, Known> known = reference_of(body);
       std::vector<std::string> changes, scatters;
       for (const double depth : depths) {
-        const Spread now = over_seeds(forces, nodes, depth),
-                     before = over_seeds(plain[body.name], nodes, depth);
+        const SecondMoments now = over_seeds(forces, nodes, depth),
+                            before = over_seeds(plain[body.name], nodes, depth);
         if (!(now.mean > 0.0 && before.mean > 0.0)) continue;
         const double change = 100.0 * (now.mean / before.mean - 1.0);
         const double off = known.contains(depth) ? 100.0 * (now.mean / known.at(depth).force - 1.0) : 0.0;

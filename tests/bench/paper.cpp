@@ -141,7 +141,7 @@ Model as_tetrahedra(const Model& nodes, const Tetrahedra& mesh) {
   const auto count = static_cast<Index>(mesh.corner.size());
   model.point.resize(3, count);
   model.volume.resize(count);
-  model.spread.resize(6, 0);
+  model.second_moments.resize(6, 0);
   model.label = Eigen::VectorXi::Zero(count);
   model.support.offset = Eigen::VectorXi::LinSpaced(count + 1, 0, static_cast<int>(4 * count));
   model.support.member.resize(4 * count);

@@ -49,8 +49,8 @@ inline Model arch_under_a_pad(double rise = 10e-3) {
     places.label[q] = x.z() > arch ? 1 : 0;
   }
   places.volume = Eigen::VectorXd::Constant(count, cell * cell * cell);
-  places.spread = Spread::Zero(6, count);
-  places.spread.topRows<3>().setConstant(cell * cell / 12.0);
+  places.second_moments = SecondMoments::Zero(6, count);
+  places.second_moments.topRows<3>().setConstant(cell * cell / 12.0);
   places.tool = {.centre = lifted({0.5 * length, 0.5 * width, top}), .push = -Vec3::UnitZ(), .radius = reach};
   Eigen::VectorXi tissue = places.label;
   return make_model(std::move(places), converging, std::move(tissue), {1000.0, 1000.0});

@@ -81,8 +81,8 @@ inline Model block(Index n = 6, double jitter = 0.2, double cells_per_spacing = 
 inline Model averaged_block(Index n = 6, double jitter = 0.2, double cells_per_spacing = 1.8,
                             const std::function<int(const Vec3&)>& tissue = {}) {
   Discretisation places = block_places(n, jitter, cells_per_spacing);
-  places.spread = Spread::Zero(6, places.point_count());
-  places.spread.topRows<3>().setConstant(std::pow(places.volume[0], 2.0 / 3.0) / 12.0);
+  places.second_moments = SecondMoments::Zero(6, places.point_count());
+  places.second_moments.topRows<3>().setConstant(std::pow(places.volume[0], 2.0 / 3.0) / 12.0);
   if (tissue)
     for (Index q = 0; q < places.point_count(); ++q) places.label[q] = tissue(places.point.col(q));
   Eigen::VectorXi of_point = places.label;

@@ -187,7 +187,7 @@ TEST(IntegrationGrid, ThatFollowsTheNodesHasTheBodysVolumeCentroidAndInertia) {
   for (int d = 0; d < 3; ++d) {
     double second = 0.0;
     for (Index q = 0; q < grid.point.cols(); ++q)
-      second += grid.volume[q] * (grid.spread(d, q) + std::pow(grid.point(d, q) - centroid[d], 2));
+      second += grid.volume[q] * (grid.second_moments(d, q) + std::pow(grid.point(d, q) - centroid[d], 2));
     EXPECT_NEAR(second / grid.volume.sum(), size[d] * size[d] / 12.0, 0.03 * size[d] * size[d] / 12.0);
   }
 }

@@ -41,8 +41,8 @@ Model slit_strip(double depth) {
   const Vec3 cell = strip.array() / cells.cast<double>();
   places.spacing = Eigen::VectorXd::Constant(nodes.prod(), strip.x() / (nodes.x() - 1));
   places.volume = Eigen::VectorXd::Constant(q, cell.prod());
-  places.spread = Spread::Zero(6, q);
-  places.spread.topRows<3>().colwise() = Vec3(cell.array().square() / 12.0);
+  places.second_moments = SecondMoments::Zero(6, q);
+  places.second_moments.topRows<3>().colwise() = Vec3(cell.array().square() / 12.0);
   places.label = Eigen::VectorXi::Zero(q);
   places.tool.push = Vec3::UnitX();
   const BodySurface surface = slit_block_surface(1e3 * strip, -0.05, 0.1, 1e3 * depth);

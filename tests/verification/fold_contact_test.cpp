@@ -31,7 +31,7 @@ Model two_bodies(const Discretisation& below, const Discretisation& above, std::
   };
   join(both.X, below.X, above.X);
   join(both.point, below.point, above.point);
-  join(both.spread, below.spread, above.spread);
+  join(both.second_moments, below.second_moments, above.second_moments);
   append(both.spacing, below.spacing, above.spacing);
   append(both.volume, below.volume, above.volume);
   append(both.label, below.label, above.label);
@@ -50,7 +50,7 @@ Model column_of_two(Index n_below, Index n_above, double gap) {
   Discretisation below = testing_bodies::block_places(n_below, 0.15, 1.8),
                  above = testing_bodies::block_places(n_above, 0.15, 1.8, 11);
   for (Discretisation* one : {&below, &above}) {
-    one->spread = Spread::Zero(6, one->point_count());
+    one->spread = SecondMoments::Zero(6, one->point_count());
     one->spread.topRows<3>().setConstant(std::pow(one->volume[0], 2.0 / 3.0) / 12.0);
   }
   const Vec3 up(0.0, 0.0, height + gap);
@@ -142,8 +142,8 @@ TEST(FoldsThatClose, OfTwoEqualDomesPressEachOtherAsAPlatePressesOneByHalf) {
   for (auto* z : {&above.X, &above.point}) z->row(2) = (2.0 * top + gap) - z->row(2).array();
   above.surface.vertex_mm.row(2) = 1e3 * (2.0 * top + gap) - above.surface.vertex_mm.row(2).array();
   above.surface.triangles.row(0).swap(above.surface.triangles.row(1));
-  above.spread.row(4) *= -1.0;
-  above.spread.row(5) *= -1.0;
+  above.second_moments.row(4) *= -1.0;
+  above.second_moments.row(5) *= -1.0;
   const Model both = two_bodies(one, above, one.base);
   const ForceSystem tissue(both, {{material}, both.tissue});
   const Pressed pressed = pressed_together(tissue, both, one.node_count(), {}, way);

@@ -120,7 +120,7 @@ LatticeBody make_lattice(const Lattice& lattice) {
   const auto points = static_cast<Index>(parts.size());
   places.point.resize(3, points);
   places.volume.resize(points);
-  places.spread.resize(6, points);
+  places.second_moments.resize(6, points);
   places.label = Eigen::Map<Eigen::VectorXi>(tissue.data(), points);
   for (Index q = 0; q < points; ++q) {
     const Part& part = parts[static_cast<std::size_t>(q)];
@@ -128,7 +128,7 @@ LatticeBody make_lattice(const Lattice& lattice) {
     const Mat3 s = part.second / part.volume - x * x.transpose();
     places.point.col(q) = x;
     places.volume[q] = part.volume;
-    places.spread.col(q) << s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(1, 2), s(2, 0);
+    places.second_moments.col(q) << s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(1, 2), s(2, 0);
   }
   // The six faces, a square of two triangles to each face of a cell on them.
   std::vector<Vec3> corner;

@@ -253,7 +253,7 @@ void verify_manufactured(Rows& rows, Index) {
         for (int k = 0; k < 8; ++k) {
           const Vec3 sign(k & 1 ? 1.0 : -1.0, k & 2 ? 1.0 : -1.0, k & 4 ? 1.0 : -1.0);
           places.col(8 * q + k) =
-              model.point.col(q) + sign.cwiseProduct(model.spread.col(q).head<3>().cwiseSqrt());
+              model.point.col(q) + sign.cwiseProduct(model.second_moments.col(q).head<3>().cwiseSqrt());
         }
       const Interpolation to_places = make_interpolation(model, converging.support, places);
       Points load = Points::Zero(3, model.node_count());
