@@ -133,8 +133,19 @@ const std::vector<NotModelled>& not_modelled() {
        "--tool",
        "dimple run IMAGE --tool sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,length=20mm or probe.stl"},
       {{"--unload", "--unloading", "--retract", "--relax", "--hold"},
-       "unloading and holding are not modelled: the load grows to --depth and ends there",
-       "`dimple poke IMAGE --script PATH`, which follows a tool in and out"},
+       "unloading is a step of a scene, of elastic tissue in equilibrium; a tool that is held while tissue "
+       "relaxes "
+       "is not modelled",
+       "--set step.press.move=4mm --set step.lift.move=-2mm, or `dimple poke IMAGE --script PATH`, which "
+       "follows "
+       "a tool in and out"},
+      {{"--adhesion", "--adhesive", "--stick", "--cohesion"},
+       "adhesion is not modelled: a tool that touches sticks while it is pressed, and does not pull",
+       "--friction stick under --tool; or the circle, which is bonded and pulls"},
+      {{"--landmarks", "--targets", "--stress-at", "--probe"},
+       "no table of points that the user names is written",
+       "--quantity displacement@x,y,z for one point with its band; nodes/*.vtu and ParaView's probe for "
+       "stress"},
       {{"--friction", "--mu-friction", "--friction-coefficient"},
        "friction is an option under a tool that touches, of `dimple run` and `dimple fit` alone: --friction",
        "dimple run IMAGE --tool sphere:5mm --friction 0.3; the circle has --contact bonded and frictionless"},
@@ -182,6 +193,9 @@ void refuse_what_is_not_modelled(const CLI::App& app, const std::vector<std::str
       for (const std::string& name : option->get_lnames()) flags.push_back("--" + name);
   }
   std::string fact = error.what();
+  // CLI11: "--gravity: 1 required TEXT missing"
+  if (const std::size_t missing = fact.find(": 1 required"); missing != std::string::npos)
+    fact = fmt::format("{} is given without its value", fact.substr(0, missing));
   if (!words.empty() && words[0].rfind("-", 0) != 0 &&
       std::find(commands.begin(), commands.end(), words[0]) == commands.end())
     fact = fmt::format("there is no command '{}'{}", words[0], did_you_mean(words[0], commands));

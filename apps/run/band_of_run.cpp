@@ -106,7 +106,19 @@ const Result& CoarserMarch::operator()() {
   return p.coarse;
 }
 
-std::string no_band(const Config& config) {
+namespace {
+
+// Those that points are of.
+std::vector<Material> in_use(const Tissues& tissues) {
+  std::vector<char> met(tissues.material.size(), 0);
+  for (const int tissue : tissues.of_point) met[static_cast<std::size_t>(tissue)] = 1;
+  std::vector<Material> result;
+  for (std::size_t t = 0; t < met.size(); ++t)
+    if (met[t]) result.push_back(tissues.material[t]);
+  return result;
+}
+
+std::string no_band(const Config& config, const std::vector<Material>& tissues) {
   const Config usual;
   if (config.scheme.name != usual.scheme.name) return "it was measured for the converging scheme alone";
   if (config.solver.time == "explicit" || config.solver.time == "dynamic") return not_for_dynamics;
@@ -117,7 +129,7 @@ std::string no_band(const Config& config) {
   if (folds_touch(config)) return "it was measured for bodies whose folds do not touch";
   if (!config.step.empty()) return "it was measured for a tool that is pushed straight in, once";
   if (!has_tool_alone(config)) return "it was measured for bodies that nothing holds but their base";
-  if (const std::string none = no_band(materials_of(config)); !none.empty()) return none;
+  if (const std::string none = no_band(tissues); !none.empty()) return none;
   if (config.solver.tolerance > usual.solver.tolerance)
     return fmt::format("it was measured for a tolerance of {:g}", usual.solver.tolerance);
   if (config.solver.step_radii > usual.solver.step_radii)
@@ -142,10 +154,19 @@ std::string no_band(const Config& config) {
   return {};
 }
 
+}  // namespace
+
+// Whether tissues of labels leave any label to the default one is known of the model alone.
+std::string no_band(const Config& config) {
+  std::vector<Material> tissues = materials_of(config);
+  if (tissues.size() > 1) tissues.erase(tissues.begin());
+  return no_band(config, tissues);
+}
+
 std::string no_band(const Config& config, const Organ& organ, const Boundary& boundary,
                     const Result& result) {
   if (result.time != TimeMode::quasi_static) return not_for_dynamics;
-  if (const std::string none = no_band(config); !none.empty()) return none;
+  if (const std::string none = no_band(config, in_use(result.tissues)); !none.empty()) return none;
   const BodyUnderCircle body =
       body_under_circle(organ.body->surface, boundary, organ.options.boundary.voxel_mm);
   if (!tool_of(config)) return no_band(body);

@@ -18,6 +18,7 @@
 #include <mutex>
 #include <string_view>
 #include <thread>
+#include <utility>
 
 #include "apps/run/stopwatch.hpp"
 #include "io/error.hpp"
@@ -53,6 +54,11 @@ struct Descriptor {
   explicit Descriptor(int n) : number(n) {}
   Descriptor(const Descriptor&) = delete;
   Descriptor& operator=(const Descriptor&) = delete;
+  Descriptor(Descriptor&& other) noexcept : number(std::exchange(other.number, -1)) {}
+  Descriptor& operator=(Descriptor&& other) noexcept {
+    std::swap(number, other.number);
+    return *this;
+  }
   ~Descriptor() { close(); }
   void close() {
     if (number >= 0) ::close(number);
@@ -153,6 +159,7 @@ struct ForceServer::Parts {
 
   // Of the thread that answers.
   std::string received, answers;  // of the program that moves the tool
+  bool within_line = false;       // the last that it took ended amid an answer
   Clock::time_point taken;        // when it last took something
   std::thread thread;
 
@@ -163,7 +170,7 @@ struct ForceServer::Parts {
   std::string answer_to(std::string_view line);
   bool read_from(int client);
   bool write_to(int client);
-  void turn_away() const;
+  Descriptor turn_away() const;
 };
 
 // Where the tip is asked to be by its place. It may be in the air beside the circle, or pushed across at
@@ -239,26 +246,32 @@ bool ForceServer::Parts::write_to(int client) {
     if (sent < 0 && errno != EAGAIN && errno != EINTR) return false;
     if (sent <= 0) break;
     taken = Clock::now();
+    within_line = answers[static_cast<std::size_t>(sent) - 1] != '\n';
     answers.erase(0, static_cast<std::size_t>(sent));
   }
   if (answers.empty() || seconds_since(taken) < patience_s) return true;
   const int more = 2 * kept_bytes;
   setsockopt(client, SOL_SOCKET, SO_SNDBUF, &more, sizeof more);
-  send_words(client, "\nerror: the answers were not taken for 1 s; read each before you ask on\n");
+  const std::string rest = within_line ? answers.substr(0, answers.find('\n') + 1) : std::string();
+  send_words(client, rest + "error: the answers were not taken for 1 s; read each before you ask on\n");
   return false;
 }
 
-void ForceServer::Parts::turn_away() const {
-  const Descriptor other(accept4(listening.number, nullptr, nullptr, SOCK_CLOEXEC));
-  if (other.number >= 0)
-    send_words(other.number, "error: another program moves the tool; try again when it has gone\n");
+// Nothing more is said to it; but it may say something before it reads, and is then not to be cut off.
+Descriptor ForceServer::Parts::turn_away() const {
+  Descriptor other(accept4(listening.number, nullptr, nullptr, SOCK_CLOEXEC));
+  if (other.number < 0) return other;
+  send_words(other.number, "error: another program moves the tool; try again when it has gone\n");
+  shutdown(other.number, SHUT_WR);
+  return other;
 }
 
 void ForceServer::Parts::serve() {
-  Descriptor client;
+  Descriptor client, turned_away;
   const auto leave = [&] {
     client.close();
     received.clear(), answers.clear();
+    within_line = false;
   };
   while (!end.load()) {
     const short asks = answers.empty() ? POLLIN : POLLOUT;
@@ -274,7 +287,7 @@ void ForceServer::Parts::serve() {
     if (client.number >= 0) {
       const std::lock_guard lock(mutex);
       ++served.turned_away;
-      turn_away();
+      turned_away = turn_away();
       continue;
     }
     client.number = accept4(listening.number, nullptr, nullptr, SOCK_CLOEXEC);

@@ -258,7 +258,9 @@ TEST_F(Refusal, OfWordsItDoesNotKnow) {
 TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
   const std::pair<const char*, std::vector<std::string>> asked[] = {
       {"--body-force 9.81", {"gravity alone", "--gravity inferior"}},
-      {"--unload", {"unloading and holding are not modelled", "dimple poke IMAGE --script"}},
+      {"--unload", {"unloading is a step of a scene", "step.lift.move=-2mm", "dimple poke IMAGE --script"}},
+      {"--adhesion 3kPa", {"adhesion is not modelled", "--friction stick"}},
+      {"--stress-at 0,0,0", {"no table of points", "--quantity displacement@x,y,z"}},
       {"--friction-coefficient=0.3",
        {"under a tool that touches, of `dimple run` and `dimple fit` alone", "--friction 0.3"}},
       {"--tear", {"tissue does not tear", "closest: dimple run IMAGE --cut"}},
@@ -269,6 +271,8 @@ TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
   }
   expect(2, "model brain.nrrd -o out --tool sphere:5mm",
          {"an option of `dimple run`, `fit` and `poke` alone", "not-modelled"});
+  expect(2, "run brain.nrrd -o out --gravity",
+         {"--gravity is given without its value", "usage of the command"});
   // An option that the command has is not what is wrong with its line.
   expect(2, "run brain.nrrd --tool sphere:5mm", {"--out", "usage of the command"});
 }

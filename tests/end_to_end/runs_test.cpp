@@ -579,6 +579,14 @@ TEST_F(Run, TakesAMaterialForEachLabelByNumberOrName) {
   EXPECT_EQ(force("by_name"), force("by_number"));
 }
 
+TEST_F(Run, OfTwoLabelsWithATissueEachIsABodyOfTwoTissuesAndHasABand) {
+  good("phantom two.seg.nrrd --shape block --size 60,60,30 --spacing 3 --two-labels");
+  good("run two.seg.nrrd -o both --set tissue.1.mu=300 --set tissue.2.mu=900 --depth 1mm --frames 1 -q");
+  EXPECT_FALSE(summary("both").at("band").contains("unknown")) << summary("both").at("band");
+  good("run two.seg.nrrd -o far --set tissue.1.mu=100 --set tissue.2.mu=900 --depth 1mm --frames 1 -q");
+  EXPECT_TRUE(summary("far").at("band").contains("unknown")) << "nine times as stiff";
+}
+
 TEST_F(Run, SaysWhatWasAskedOfItAndEveryWarning) {
   const Ran ran = good("run brain.nrrd -o out --contact frictionless --mu 0.3kPa" + cloud + load);
   const Json json = summary("out");

@@ -437,6 +437,8 @@ TEST(Poke, OneDeviceMovesTheToolAndOthersAreTurnedAwayInWords) {
     Device third(served.at);
     EXPECT_EQ(third.hear(), "error: another program moves the tool; try again when it has gone\n");
     EXPECT_EQ(third.hear(), "") << "and is let go";
+    Device hasty(served.at);
+    EXPECT_EQ(hasty.ask("1\n"), "error: another program moves the tool; try again when it has gone\n");
   }
   felt_in(second.ask("1\n"));
   EXPECT_EQ(served.end(), 130);
@@ -452,7 +454,9 @@ TEST(Poke, ADeviceThatTakesNoAnswersIsToldAndLeavesRoomForTheNext) {
     for (int k = 0; k < 30; ++k, sleep_ms(50)) flood.pour(lines);
     for (std::string more; !(more = flood.hear()).empty();) heard += more;
   }
-  EXPECT_NE(heard.find("\nerror: the answers were not taken for 1 s"), std::string::npos) << heard.size();
+  const std::size_t error = heard.find("\nerror: the answers were not taken for 1 s");
+  ASSERT_NE(error, std::string::npos) << heard.size();
+  felt_in(heard.substr(heard.rfind('\n', error - 1) + 1));  // its last answer is whole
   Device next(served.at);
   felt_in(next.ask("0.5\n"));
   EXPECT_EQ(served.end(), 130);
@@ -533,6 +537,8 @@ TEST(Poke, AScriptThatMovesTheToolAcrossAtDepthIsToldOfIt) {
   ASSERT_EQ(ran.code, 0) << ran.err;
   const Table felt = read_csv(folder / "rec" / "forces.csv");
   EXPECT_EQ(felt.find("tool")->back(), 3.0) << "ignored";
+  EXPECT_NE(ran.out.find(" frames the tool was to move across its push at depth"), std::string::npos)
+      << ran.out;
   EXPECT_GT(felt.find("force_N")->back(), 1e-3);
 }
 
