@@ -175,7 +175,7 @@ std::vector<Option> solver_options_of(Config& c) {
        .choices = {"auto", "quasi-static", "dynamic", "explicit"}, .stage = "solve",
        .help = "quasi-static: equilibrium after each step of the load; explicit: central differences; "
                "dynamic: implicit steps as long as the body's natural modes allow, explicit if the load "
-               "is too short; auto: quasi-static or, if the tool is fast for the body, explicit. "
+               "is too short; auto: quasi-static or, if the --rate given is fast for the body, explicit. "
                "horton2007 is explicit"},
       {.key = "solver.precision", .flag = "--precision", .value = &c.solver.precision,
        .choices = {"single", "double"}, .stage = "solve",

@@ -104,7 +104,8 @@ TimeMode time_of(const Config& config, const RunLog& log, const Result& result) 
     return TimeMode::explicit_;
   }
   TimeMode mode = choose_time(result.model, result.tissues, result.loading);
-  if (result.loading.touch && !was_given(config, "load.rate_mm_per_s")) mode = TimeMode::quasi_static;
+  // Whoever names no speed asks for the force of equilibrium.
+  if (!was_given(config, "load.rate_mm_per_s")) mode = TimeMode::quasi_static;
   if (mode != TimeMode::quasi_static && result.loading.touch)
     throw UsageError({.fact = "the tool is too fast for its contact to be solved for in equilibrium",
                       .where = "--rate (load.rate_mm_per_s)",

@@ -12,6 +12,7 @@ namespace dimple {
 /// Where a number is beyond these, the word is no longer "good". Shares, not per cent.
 inline constexpr double volume_to_check = 0.05;        ///< of the labels, that the body has not, or has more
 inline constexpr double grid_volume_to_check = 0.005;  ///< of the body, that the integration points have not
+inline constexpr double inertia_to_check = 0.1;        ///< of the tool's force, that the base does not bear
 inline constexpr double energy_to_check = 0.02;        ///< as guards.hpp has it
 inline constexpr double band_to_check = 0.1, band_too_wide = 0.25;  ///< half the width, of the force
 

@@ -465,6 +465,15 @@ TEST_F(Files, ATinyDepthHasTheStiffnessOfEquilibrium) {
   }
   EXPECT_THAT(good(line + "-o fast --depth 0.3mm --rate 1m/s").err, HasSubstr("time     explicit dynamics"))
       << "a fast tool still has inertia";
+  // So large that shear takes long to cross it: a tilted push had the wrong sign, by inertia.
+  good("phantom large.nrrd --shape block --size 100,100,60 --spacing 4");
+  good(
+      "run large.nrrd -o tilted --direction 0.5,0,-1 --nodes 600 --frames 1 --band off --write force -q "
+      "--depth 0.01mm");
+  good(
+      "run large.nrrd -o deeper --direction 0.5,0,-1 --nodes 600 --frames 1 --band off --write force -q "
+      "--depth 0.1mm");
+  EXPECT_NEAR(force("tilted") / force("deeper"), 0.1, 0.005);
 }
 
 TEST_F(Files, AMillionRowsOfACurveAreAveraged) {

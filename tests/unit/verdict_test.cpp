@@ -153,7 +153,13 @@ TEST(Verdict, InDynamicsTheBaseMustCarryWhatTheToolPresses) {
   Result result = good_run();
   result.time = TimeMode::dynamic;
   result.history.force.back().base_force = 0.04;
-  EXPECT_NEAR(verdict_of({}, result, "finished")["equilibrium"]["value"].get<double>(), 20.0, 1e-12);
+  const auto equilibrium = verdict_of({}, result, "finished")["equilibrium"];
+  EXPECT_NEAR(equilibrium["value"].get<double>(), 20.0, 1e-12);
+  EXPECT_EQ(equilibrium["word"], "check") << "a fifth of the force is inertia";
+  result.history.force.back().base_force = 0.048;
+  EXPECT_EQ(verdict_of({}, result, "finished")["equilibrium"]["word"], "good");
+  result.history.force.back().force = result.history.force.back().base_force = -0.05;
+  EXPECT_EQ(verdict_of({}, result, "finished")["equilibrium"]["word"], "check") << "it pulls the tool in";
 }
 
 }  // namespace
