@@ -21,6 +21,12 @@ inline std::string fixed(double x, int decimals) {
   return text.find_first_not_of("-0.") == std::string::npos && text.starts_with('-') ? text.substr(1) : text;
 }
 
+/// A change, with its sign and one decimal; "0.0" where it rounds to nothing.
+inline std::string with_sign(double x) {
+  const std::string text = fixed(x, 1);
+  return text.starts_with('-') || text == "0.0" || !std::isfinite(x) ? text : '+' + text;
+}
+
 /// Digits after the point that leave so many significant ones, of the number as it is rounded to them.
 inline int decimals_of(double x, int digits = 3) {
   if (!(std::abs(x) > 0.0) || !std::isfinite(x)) return 0;

@@ -152,6 +152,19 @@ void tell_of_lost_contact(const RunLog& log, const Result& result) {
                     length_in_words(1e3 * last->depth), last->t));
 }
 
+// The force is said along the push; what of it is across is said where it is more than a little.
+void tell_of_lateral_force(const RunLog& log, const Result& result) {
+  constexpr double little = 0.05;
+  if (result.history.force.empty()) return;
+  const Eigen::Map<const Wrench> on_tool(result.history.force.back().on_tool.data());
+  const double share = lateral_share(on_tool, result.model.tool.push);
+  if (!(share > little)) return;
+  const Written written = force_written(on_tool.head<3>().norm());
+  log.say(fmt::format("across   {} of the force on the tool is across its push: x {}, y {}, z {} {} (LPS)",
+                      percent(share), written.number(on_tool[0]), written.number(on_tool[1]),
+                      written.number(on_tool[2]), written.unit));
+}
+
 // What no step of the march sees alone: of a tool that touches, unless it is known why.
 void find_jump(Result& result) {
   constexpr double much = 0.2;  // of the largest force
@@ -384,6 +397,7 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
   find_jump(result);
   keep_findings(log, result);
   tell_of_lost_contact(log, result);
+  tell_of_lateral_force(log, result);
   // Between the places where folds touch the banks of a cut are looked at too.
   FoldContact::Audit& folds = result.history.folds;
   folds.penetration = std::max(folds.penetration, result.loading.folds ? closing.deepest() : 0.0);

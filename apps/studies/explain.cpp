@@ -19,6 +19,7 @@
 #include "apps/run/tool.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "apps/run/words.hpp"
+#include "io/digits.hpp"
 #include "io/draw/chart.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -457,10 +458,10 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
         alternative.failed = error.report.fact;
       }
       if (alternative.seconds == 0.0) alternative.seconds = trying.seconds();
-      say(fmt::format("explain  {}, {}: {}, {:.1f} s", trial.what, instead_of(alternative, explanation),
-                      alternative.failed.empty() ? fmt::format("{:+.1f} %", 100.0 * alternative.effect)
-                                                 : alternative.failed,
-                      alternative.seconds));
+      say(fmt::format(
+          "explain  {}, {}: {}, {:.1f} s", trial.what, instead_of(alternative, explanation),
+          alternative.failed.empty() ? with_sign(100.0 * alternative.effect) + " %" : alternative.failed,
+          alternative.seconds));
       explanation.alternatives.push_back(std::move(alternative));
     }
   } catch (const Stopped& stopped) {
@@ -531,7 +532,7 @@ void write_explanation(const std::filesystem::path& folder, const Explanation& e
                        there ? fmt::format("{:.4g}", 100.0 * a.effect) : "", a.seconds,
                        csv_field(verdict(e, a)));
     text += fmt::format("| {} | {} | {} | {} | {:.1f} | {} |\n", a.what, instead_of(a, e), word(a.kind),
-                        there ? fmt::format("{:+.1f}", 100.0 * a.effect) : "", a.seconds, verdict(e, a));
+                        there ? with_sign(100.0 * a.effect) : "", a.seconds, verdict(e, a));
     if (!there) continue;
     const auto [at, is_new] = place.emplace(a.what, tornado.rows.size());
     if (is_new)

@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "io/digits.hpp"
 #include "io/draw/canvas.hpp"
 #include "io/draw/pen.hpp"
 
@@ -466,10 +467,9 @@ void draw_panel(Pen& pen, const Rect& tile, const Tornado& tornado) {
     const auto number = static_cast<std::size_t>(std::max(row.colour, 0));
     pen.rectangle({across(low), middle - thick / 2.0, std::max(across(high) - across(low), 2.0), thick},
                   hues[number % hues.size()], 2.0);
-    const auto text = [](double value) { return fmt::format("{:+.1f}", value); };
     if (row.low < 0.0 || row.high <= 0.0)
-      pen.text({across(low) - 6.0, middle + 5.0}, text(row.low), small, Align::right);
-    if (row.high > 0.0) pen.text({across(high) + 6.0, middle + 5.0}, text(row.high), small, Align::left);
+      pen.text({across(low) - 6.0, middle + 5.0}, with_sign(row.low), small, Align::right);
+    if (row.high > 0.0) pen.text({across(high) + 6.0, middle + 5.0}, with_sign(row.high), small, Align::left);
   }
   pen.line({{across(0.0), plot.y}, {across(0.0), plot.y + plot.h}}, 1.4, soft_ink, false);
   double baseline = plot.y + plot.h + 44.0;

@@ -587,6 +587,37 @@ TEST_F(Run, OfTwoLabelsWithATissueEachIsABodyOfTwoTissuesAndHasABand) {
   EXPECT_TRUE(summary("far").at("band").contains("unknown")) << "nine times as stiff";
 }
 
+// A bonded disc of radius a on an incompressible half-space bears 8 G a across its plane and 16/3 G a along
+// it; on a body of ten diameters some per cent more.
+TEST_F(Run, ATiltedPushFeelsAlongTheSurfaceTwoThirdsOfWhatItFeelsAcross) {
+  good("phantom large.nrrd --shape block --size 100,100,60 --spacing 4");
+  const Ran ran =
+      good("run large.nrrd -o out --direction 0.2,0,-1 --depth 0.1mm --frames 1 --write force --band off");
+  const Json on_tool = summary("out").at("force_on_tool_N");
+  const double moved = 0.1e-3 / std::sqrt(1.04), disc = 210.0 * 5e-3 * moved;
+  EXPECT_NEAR(on_tool[2].get<double>() / (8.0 * disc), 1.08, 0.03);
+  EXPECT_NEAR(-on_tool[0].get<double>() / (16.0 / 3.0 * disc * 0.2), 0.95, 0.04);
+  EXPECT_NEAR(on_tool[1].get<double>(), 0.0, 1e-2 * on_tool[2].get<double>());
+}
+
+// The force of a ramp over the elastic one is 1 - g + g tau / t (1 - exp(-t / tau)) (Lee and Radok 1960).
+TEST_F(Run, ATissueThatRelaxesHasUnderARampTheShareOfTheElasticForceThatLeeAndRadokSay) {
+  good("phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
+  const std::string ramp =
+      "run block.nrrd --nodes 600 --depth 0.05mm --rate 0.05mm/s --frames 5 --time "
+      "quasi-static --write force --band off -q ";
+  good(ramp + "-o elastic");
+  good(ramp + "-o relaxing --set material.prony_g=0.6 --set material.prony_tau_s=0.3");
+  const Table elastic = read_csv(folder / "elastic" / "force.csv"),
+              relaxing = read_csv(folder / "relaxing" / "force.csv");
+  for (std::size_t k = 1; k < elastic.find("time_s")->size(); ++k) {
+    const double t = (*elastic.find("time_s"))[k];
+    EXPECT_NEAR((*relaxing.find("force_N"))[k] / (*elastic.find("force_N"))[k],
+                0.4 + 0.6 * 0.3 / t * (1.0 - std::exp(-t / 0.3)), 3e-3)
+        << t;
+  }
+}
+
 TEST_F(Run, SaysWhatWasAskedOfItAndEveryWarning) {
   const Ran ran = good("run brain.nrrd -o out --contact frictionless --mu 0.3kPa" + cloud + load);
   const Json json = summary("out");

@@ -59,6 +59,12 @@ TEST(Words, AShareTooSmallToMatterIsSmallAndNotNothing) {
   EXPECT_EQ(words(0.0), "0 %");
 }
 
+TEST(Words, AChangeHasItsSignAndNothingHasNone) {
+  EXPECT_EQ(with_sign(1.26), "+1.3");
+  EXPECT_EQ(with_sign(-1.26), "-1.3");
+  for (const double nothing : {0.0, -0.04, 0.04, -0.0}) EXPECT_EQ(with_sign(nothing), "0.0");
+}
+
 TEST(Words, AModulusIsInKilopascalsFromTenOnward) {
   EXPECT_EQ(stress_in_words(210.0), "210 Pa");
   EXPECT_EQ(stress_in_words(231.68), "231.7 Pa");
