@@ -158,6 +158,7 @@ TEST(Verdict, InDynamicsTheBaseMustCarryWhatTheToolPresses) {
   EXPECT_EQ(equilibrium["word"], "check") << "a fifth of the force is inertia";
   result.history.force.back().base_force = 0.048;
   EXPECT_EQ(verdict_of({}, result, "finished")["equilibrium"]["word"], "good");
+  result.history.force.back().depth = 1e-3;
   result.history.force.back().force = result.history.force.back().base_force = -0.05;
   EXPECT_EQ(verdict_of({}, result, "finished")["equilibrium"]["word"], "check") << "it pulls the tool in";
 }

@@ -50,8 +50,8 @@ Model column_of_two(Index n_below, Index n_above, double gap) {
   Discretisation below = testing_bodies::block_places(n_below, 0.15, 1.8),
                  above = testing_bodies::block_places(n_above, 0.15, 1.8, 11);
   for (Discretisation* one : {&below, &above}) {
-    one->spread = SecondMoments::Zero(6, one->point_count());
-    one->spread.topRows<3>().setConstant(std::pow(one->volume[0], 2.0 / 3.0) / 12.0);
+    one->second_moments = SecondMoments::Zero(6, one->point_count());
+    one->second_moments.topRows<3>().setConstant(std::pow(one->volume[0], 2.0 / 3.0) / 12.0);
   }
   const Vec3 up(0.0, 0.0, height + gap);
   above.X.colwise() += up;
