@@ -154,7 +154,7 @@ void tell_of_lost_contact(const RunLog& log, const Result& result) {
 
 // The force is said along the push; what of it is across is said where it is more than a little.
 void tell_of_lateral_force(const RunLog& log, const Result& result) {
-  constexpr double little = 0.05;
+  constexpr double little = 0.2;
   if (result.history.force.empty()) return;
   const Eigen::Map<const Wrench> on_tool(result.history.force.back().on_tool.data());
   const double share = lateral_share(on_tool, result.model.tool.push);

@@ -109,11 +109,14 @@ Answer of_equilibrium(const Result& result, const std::string& status) {
     const ForceSample& last = history.force.back();
     answer.value = last.force != 0.0 ? 100.0 * std::abs(last.base_force / last.force - 1.0) : 0.0;
     answer.of = "difference between the tool's and the base's force at the end";
-    answer.check_beyond(100.0 * inertia_to_check);
-    if (last.force < 0.0 && last.depth > 0.0) answer.reasons.insert("inertia pulls the tool in");
   }
   answer.reasons = fired(result, {"non-finite", "inverted", "volume", "time-step", "limit-point",
                                   "no-equilibrium", "kinetic", "jagged"});
+  if (result.time != TimeMode::quasi_static) {
+    answer.check_beyond(100.0 * inertia_to_check);
+    if (!history.force.empty() && history.force.back().force < 0.0 && history.force.back().depth > 0.0)
+      answer.reasons.insert("inertia pulls the tool in");
+  }
   if (status != "finished") answer.reasons.insert("the run was " + status);
   answer.bad = status == "failed";
   return answer;
