@@ -196,7 +196,8 @@ GradingOptions to_the_size_of(const BodySurface& body, double contact_radius, Gr
   return grading;
 }
 
-// From the middle of the graded circle to those on the surface along the tool's way, a radius apart at most.
+// From the middle of the graded circle to those on the surface along the tool's way, a radius apart at most,
+// and to those of further tools.
 std::vector<Vec3> along_way(const BodySurface& body, const Boundary& graded, const BoundaryOptions& options) {
   std::vector<Vec3> along;
   const Vec3& push = graded.push;
@@ -213,6 +214,8 @@ std::vector<Vec3> along_way(const BodySurface& body, const Boundary& graded, con
     }
     last = next;
   }
+  for (const Vec3& world : options.other_tools)
+    along.push_back(body.closest(body.to_world().inverse() * world).place - graded.centre);
   return along;
 }
 

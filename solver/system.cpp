@@ -198,16 +198,20 @@ void System::begin_at(Rest rest, Constraints held) {
   for (const auto& term : terms_) loads_at_rest_ += term->energy(at_rest_.u, now_);
 }
 
-void System::go_on(Rest from, Constraints held, const Vec3& way_of_tool, double gone) {
+void System::go_on(Rest from, Constraints held, const Vec3& way_of_tool, double gone,
+                   const std::vector<RigidWay>& of_walls) {
   held.start_at(from.u);
   at_rest_ = std::move(from);
   held_ = std::move(held);
   way_before_ = way_of_tool;
+  std::size_t wall = 0;
   for (const auto& one : rigid_)
-    if (one->is_measured())
+    if (one->is_measured()) {
       one->go_on(way_of_tool, gone, held_.motion(tool_set));
-    else
-      one->go_on(gone * one->motion(), gone, one->motion());
+    } else {
+      one->go_on(of_walls[wall].come, gone, of_walls[wall].motion);
+      ++wall;
+    }
   tissue_.hold_pressures({});
 }
 

@@ -135,8 +135,15 @@ class System {
   const Rest& at_rest() const { return at_rest_; }
   /// The body rests so; what is held from now on is moved from there.
   void begin_at(Rest rest, Constraints held);
-  /// A further step of a scene begins at `from`, where the tool has come by `way_of_tool` [m].
-  void go_on(Rest from, Constraints held, const Vec3& way_of_tool, double gone = 0.0);
+  /// Of what is rigid beside the tool: how far it has come [m], and what it moves by for each metre of a
+  /// step.
+  struct RigidWay {
+    Vec3 come = Vec3::Zero(), motion = Vec3::Zero();
+  };
+  /// A further step of a scene begins at `from`, where the tool has come by `way_of_tool` [m], and the steps
+  /// before are `gone` [m] long in all; `of_walls`: of each of walls().
+  void go_on(Rest from, Constraints held, const Vec3& way_of_tool, double gone,
+             const std::vector<RigidWay>& of_walls);
   /// The forces f [4xN] N that a step begins with are the measure of its balance, down to a hundredth of
   /// them: a tool that comes back to where it touched leaves no reactions to compare with.
   void measure_by(const Nodal& f);

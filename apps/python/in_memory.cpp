@@ -31,6 +31,12 @@ void members(Archive& io, T& held) {
   io(on, hold, move_mm);
 }
 
+template <class Archive, Like<Config::OtherTool> T>
+void members(Archive& io, T& tool) {
+  auto& [shape, friction, at_mm, direction, move_mm] = tool;
+  io(shape, friction, at_mm, direction, move_mm);
+}
+
 template <class Archive, Like<Config::Step> T>
 void members(Archive& io, T& step) {
   auto& [moves, move_mm, order] = step;
@@ -41,7 +47,7 @@ template <class Archive, Like<Config> T>
 void members(Archive& io, T& config) {
   Config all = config;
   for (const Option& option : options_of(all)) std::visit([&](auto* value) { io(*value); }, option.value);
-  io(all.tissue, all.pressure, all.membrane, all.held, all.step, all.source);
+  io(all.tissue, all.pressure, all.membrane, all.held, all.other_tool, all.step, all.source);
   if constexpr (!std::is_const_v<T>) config = std::move(all);
 }
 

@@ -10,6 +10,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "apps/run/other_tools.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/tool.hpp"
 #include "io/digits.hpp"
@@ -269,6 +270,10 @@ NamedSection<Config::Held> supports_of(Config& config) {
   return {config.held, "support.", "support", "for instance --set support.retractor.on=left"};
 }
 
+NamedSection<Config::OtherTool> tools_of(Config& config) {
+  return {config.other_tool, "tool.", "tool", "for instance --set tool.left.shape=sphere:4mm"};
+}
+
 NamedSection<Config::Step> steps_of(Config& config) {
   return {config.step, "step.", "step", "for instance --set step.press.move=4mm"};
 }
@@ -277,6 +282,7 @@ std::optional<Option> named_option(Config& config, const std::string& key, const
   if (auto option = pressures_of(config).option_of(key, source)) return option;
   if (auto option = membranes_of(config).option_of(key, source)) return option;
   if (auto option = supports_of(config).option_of(key, source)) return option;
+  if (auto option = tools_of(config).option_of(key, source)) return option;
   const int before = static_cast<int>(config.step.size());
   auto option = steps_of(config).option_of(key, source);
   if (static_cast<int>(config.step.size()) > before)
@@ -286,10 +292,9 @@ std::optional<Option> named_option(Config& config, const std::string& key, const
 
 std::vector<std::pair<std::string, Option>> named_options(Config& config) {
   auto all = pressures_of(config).all(), membranes = membranes_of(config).all(),
-       supports = supports_of(config).all(), steps = steps_of(config).all();
-  all.insert(all.end(), membranes.begin(), membranes.end());
-  all.insert(all.end(), supports.begin(), supports.end());
-  all.insert(all.end(), steps.begin(), steps.end());
+       supports = supports_of(config).all(), tools = tools_of(config).all(), steps = steps_of(config).all();
+  for (const auto* further : {&membranes, &supports, &tools, &steps})
+    all.insert(all.end(), further->begin(), further->end());
   return all;
 }
 
@@ -301,6 +306,12 @@ void refuse_names_of_options(const Config& config, const std::string& source) {
                         .where = source,
                         .why = fmt::format("support.{} is an option of the moving least squares", taken),
                         .remedy = "give it another name, such as support.retractor"});
+  for (const char* taken : {"shape", "friction"})
+    if (config.other_tool.contains(taken))
+      throw UsageError({.fact = fmt::format("a further tool is named '{}'", taken),
+                        .where = source,
+                        .why = fmt::format("tool.{} is an option of the tool itself", taken),
+                        .remedy = "give it another name, such as tool.left"});
 }
 
 // "tissue.2.mu" -> label "2" and "material.mu_Pa", checked as that option is.
@@ -578,7 +589,8 @@ void read_config(Config& config, const std::filesystem::path& file) {
         set_all(config, "tissue." + std::string(name.str()), value, file);
         continue;
       }
-      if (section.str() == "membrane" || (section.str() == "support" && value.is_table())) {
+      if (section.str() == "membrane" ||
+          ((section.str() == "support" || section.str() == "tool") && value.is_table())) {
         set_all(config, fmt::format("{}.{}", section.str(), name.str()), value, file);
         continue;
       }
@@ -661,6 +673,7 @@ std::string to_toml(const Config& config, const std::map<std::string, std::strin
   for (auto [name, pressure] : config.pressure) text += as_table("load.pressure", name, options_of(pressure));
   for (auto [name, film] : config.membrane) text += as_table("membrane", name, options_of(film));
   for (auto [name, held] : config.held) text += as_table("support", name, options_of(held));
+  for (auto [name, tool] : config.other_tool) text += as_table("tool", name, options_of(tool));
   for (auto [name, step] : steps_in_order(config)) text += as_table("step", name, options_of(step));
   return text;
 }
@@ -682,6 +695,7 @@ std::string option_reference() {
   config.pressure["NAME"];
   config.membrane["NAME"];
   config.held["NAME"];
+  config.other_tool["NAME"];
   config.step["NAME"];
   std::string text =
       "Options, as `--set key=value` or in a TOML file given with --config. Bare numbers are in the unit "
@@ -759,7 +773,8 @@ bool has_membranes(const Config& config) {
 }
 
 bool has_tool_alone(const Config& config) {
-  return !has_loads(config) && !has_membranes(config) && config.held.empty() && config.step.empty();
+  return !has_loads(config) && !has_membranes(config) && config.held.empty() && config.other_tool.empty() &&
+         config.step.empty();
 }
 
 std::string why_not_proportional(const Config& config) {
@@ -874,6 +889,7 @@ ModelOptions model_options(const Config& c) {
                       .indent_at = c.boundary.indent_at,
                       .indenter_diameter_mm = c.boundary.indenter_diameter_mm,
                       .direction = c.boundary.direction};
+  options.boundary.other_tools = places_of_other_tools(c);
   if (const std::optional<ToolShape> tool = tool_of(c)) {
     options.boundary.indenter_diameter_mm = 2e3 * tool->radius;
     options.boundary.contact_radius_mm = 1e3 * contact_radius(*tool, 1e-3 * c.load.depth_mm);

@@ -93,10 +93,19 @@ struct Config {
     std::vector<double> move_mm = {0, 0, 0};  ///< where it has come when the tool is at load.depth_mm
   };
   std::map<std::string, Held> held;
+  /// A further tool that touches, beside [tool]: [tool.NAME].
+  struct OtherTool {
+    std::string shape;           ///< as of the tool, but no circle
+    std::string friction = "0";  ///< likewise
+    std::vector<double> at_mm;   ///< x,y,z in LPS: the nearest place of the surface is where it touches first
+    std::vector<double> direction;   ///< x,y,z in LPS; none: straight into the surface there
+    std::vector<double> move_mm = {0};  ///< where it has come when the tool is at load.depth_mm: as of a step
+  };
+  std::map<std::string, OtherTool> other_tool;
   /// What moves, and how far, one after the other: [step.NAME]. None: the tool, straight to load.depth_mm.
   struct Step {
-    std::string moves = "tool";   ///< or the name of a support
-    std::vector<double> move_mm;  ///< x,y,z in LPS, or of the tool one number: along its push
+    std::string moves = "tool";   ///< or the name of a support or a further tool
+    std::vector<double> move_mm;  ///< x,y,z in LPS, or of a tool one number: along its push
     int order = 0;                ///< as they were given
   };
   std::map<std::string, Step> step;
@@ -149,6 +158,7 @@ std::vector<Option> options_of(Config& config);
 std::vector<Option> options_of(Config::Pressure& pressure);
 std::vector<Option> options_of(Config::Film& membrane);
 std::vector<Option> options_of(Config::Held& held);
+std::vector<Option> options_of(Config::OtherTool& tool);
 std::vector<Option> options_of(Config::Step& step);
 
 /// The steps of a scene in their order, by name.

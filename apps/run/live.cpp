@@ -13,6 +13,7 @@
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
+#include "apps/run/other_tools.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -70,6 +71,7 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   check_loads(config);
   check_supports(config);
   require_no_steps(config, "a tool that is moved by hand");
+  require_one_tool(config, "a tool that is moved by hand");
   require_no_membranes(config, "a tool that is moved by hand");
   require_open_folds(config, "a tool that is moved by hand");
   check_tool(config);

@@ -279,12 +279,27 @@ std::vector<Option> options_of(Config::Held& h) {
   };
 }
 
+std::vector<Option> options_of(Config::OtherTool& t) {
+  return {
+      {.key = "tool.shape", .value = &t.shape, .stage = "model",
+       .help = "what touches beside the tool, as --tool has it: sphere:RADIUS, ..., FILE.stl"},
+      {.key = "tool.friction", .value = &t.friction, .stage = "solve",
+       .help = "Coulomb's coefficient under it, or the word stick"},
+      {.key = "tool.at_mm", .unit = "mm", .value = &t.at_mm, .stage = "model",
+       .help = "x,y,z in LPS: it first touches the body at the nearest place of the surface"},
+      {.key = "tool.direction", .value = &t.direction, .stage = "model",
+       .help = "the way that it points and is pushed, x,y,z in LPS; none: straight into the surface there"},
+      {.key = "tool.move_mm", .unit = "mm", .value = &t.move_mm, .stage = "solve",
+       .help = "where it has come when the tool is at its depth: x,y,z, or one number along its push"},
+  };
+}
+
 std::vector<Option> options_of(Config::Step& s) {
   return {
       {.key = "step.moves", .value = &s.moves, .stage = "solve",
-       .help = "what moves in this step: tool, or the name of a support"},
+       .help = "what moves in this step: tool, or the name of a support or of a further tool"},
       {.key = "step.move_mm", .unit = "mm", .value = &s.move_mm, .stage = "solve",
-       .help = "how far it moves: x,y,z in LPS, or of the tool one number, along its push"},
+       .help = "how far it moves: x,y,z in LPS, or of a tool one number, along its push"},
   };
 }
 

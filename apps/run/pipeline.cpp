@@ -9,6 +9,7 @@
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
+#include "apps/run/other_tools.hpp"
 #include "apps/run/run_words.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -111,6 +112,11 @@ TimeMode time_of(const Config& config, const RunLog& log, const Result& result) 
                       .where = "--rate (load.rate_mm_per_s)",
                       .why = "its force holds inertia, which is modelled for the circle alone",
                       .remedy = "give a lower --rate, or --time quasi-static"});
+  if (mode != TimeMode::quasi_static && !config.other_tool.empty())
+    throw UsageError({.fact = "the load is too fast for the contact of further tools to be solved for",
+                      .where = "--rate (load.rate_mm_per_s)",
+                      .why = "contact is solved for in equilibrium, without inertia",
+                      .remedy = "give a lower --rate, or --time quasi-static"});
   if (result.loading.touch) return mode;
   if (mode == TimeMode::quasi_static && asked == "dynamic") mode = TimeMode::dynamic;
   if (mode != TimeMode::quasi_static && !config.step.empty())
@@ -163,6 +169,20 @@ void tell_of_lateral_force(const RunLog& log, const Result& result) {
   log.say(fmt::format("across   {} of the force on the tool is across its push: x {}, y {}, z {} {} (LPS)",
                       percent(share), written.number(on_tool[0]), written.number(on_tool[1]),
                       written.number(on_tool[2]), written.unit));
+}
+
+void tell_of_other_tools(const RunLog& log, const Config& config, const Result& result) {
+  const auto& walls = result.history.walls;
+  for (std::size_t k = 0; k < walls.size(); ++k) {
+    const std::string& name = result.loading.walls[k].name;
+    if (!config.other_tool.contains(name)) continue;
+    const Written written = force_written(walls[k].force.norm());
+    log.say(walls[k].samples == 0
+                ? fmt::format("tool     {}: touches nothing at the end", name)
+                : fmt::format("tool     {}: the tissue's force on it is x {}, y {}, z {} {} (LPS) at the end",
+                              name, written.number(walls[k].force.x()), written.number(walls[k].force.y()),
+                              written.number(walls[k].force.z()), written.unit));
+  }
 }
 
 // What no step of the march sees alone: of a tool that touches, unless it is known why.
@@ -270,7 +290,11 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   const Loading& loading = result.loading = loading_of(config);
   result.loading.further = std::move(supports.sets);
   result.loading.loads = loads_of(config, model);
-  result.loading.steps = steps_of(config, model.tool.push);
+  OtherTools others = other_tools_of(config, model);
+  for (const std::string& words : others.words) log.say("tool     " + words);
+  std::map<std::string, Vec3> push_of_others;
+  for (const Touch& other : others.touch) push_of_others[other.name] = other.pose.points_at;
+  result.loading.steps = steps_of(config, model.tool.push, push_of_others);
   for (const Step& step : result.loading.steps) log.say("step     " + in_words(step));
   result.loading.touch =
       given.change.tool ? touch_of(config, model, *given.change.tool) : touch_of(config, model);
@@ -286,6 +310,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
       log.say("tool     some of its triangles faced inward in the file, and were turned");
     tell_of_first_touch(log, config, model, touch);
   }
+  result.loading.walls = std::move(others.touch);
   const double down = deepest(config, model.tool.push);
   if ((result.loading.folds = folds_of(config, model, down)))
     log.say("folds    " + in_words(*result.loading.folds, down));
@@ -398,6 +423,7 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
   keep_findings(log, result);
   tell_of_lost_contact(log, result);
   tell_of_lateral_force(log, result);
+  tell_of_other_tools(log, config, result);
   // Between the places where folds touch the banks of a cut are looked at too.
   FoldContact::Audit& folds = result.history.folds;
   folds.penetration = std::max(folds.penetration, result.loading.folds ? closing.deepest() : 0.0);

@@ -8,6 +8,7 @@
 #include "apps/run/band_of_run.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
+#include "apps/run/other_tools.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/pipeline.hpp"
@@ -150,6 +151,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   check_supports(given.config);
   check_steps(given.config);
   check_tool(given.config);
+  check_other_tools(given.config);
   check_folds(given.config);
   if (given.model) {
     require_circle(given.config, "a model that was made before");

@@ -26,19 +26,14 @@ bool is_of_tool(const Config::Step& step) {
                     .remedy = remedy});
 }
 
-// [mm]
-Vec3 way_of(const Config::Step& step, const Vec3& push) {
-  if (step.move_mm.size() == 1) return step.move_mm[0] * push;
-  return Vec3(step.move_mm[0], step.move_mm[1], step.move_mm[2]);
-}
-
 void check_way(const Config& config, const std::string& name, const Config::Step& step) {
   const std::size_t count = step.move_mm.size();
-  const bool along_push = count == 1 && is_of_tool(step);
+  const bool is_a_tool = is_of_tool(step) || config.other_tool.contains(step.moves);
+  const bool along_push = count == 1 && is_a_tool;
   if (count != 3 && !along_push)
     refuse(name, "move_mm", count == 0 ? "moves nothing" : fmt::format("moves by {} numbers", count),
-           is_of_tool(step) ? "the tool moves by x,y,z in LPS, or by one number along its push"
-                            : "a support moves by x,y,z in LPS",
+           is_a_tool ? "a tool moves by x,y,z in LPS, or by one number along its push"
+                     : "a support moves by x,y,z in LPS",
            "give for instance move_mm = [3, 0, 0]");
   if (std::all_of(step.move_mm.begin(), step.move_mm.end(), [](double d) { return d == 0.0; }))
     refuse(name, "move_mm", "moves by nothing", "a step ends where something has come", "leave the step out");
@@ -57,11 +52,11 @@ void check_steps(const Config& config) {
     if (!is_of_tool(step)) {
       std::vector<std::string> known = {tool_word};
       for (const auto& [support, its] : config.held) known.push_back(support);
-      const auto held = config.held.find(step.moves);
-      if (held == config.held.end())
+      for (const auto& [tool, its] : config.other_tool) known.push_back(tool);
+      if (std::find(known.begin() + 1, known.end(), step.moves) == known.end())
         refuse(name, "moves", fmt::format("moves '{}', which is not there", step.moves),
-               "it moves the tool, or a support" + did_you_mean(step.moves, known),
-               "give moves = \"tool\", or the NAME of a [support.NAME]");
+               "it moves the tool, a support or a further tool" + did_you_mean(step.moves, known),
+               "give moves = \"tool\", or the NAME of a [support.NAME] or a [tool.NAME]");
     }
     check_way(config, name, step);
     if (is_of_tool(step) && step.move_mm.size() == 1) pushed += step.move_mm[0];
@@ -130,10 +125,18 @@ void resolve_steps(Config& config) {
   config.source["load.depth_mm"] = "the steps";
 }
 
-std::vector<Step> steps_of(const Config& config, const Vec3& push) {
+Vec3 way_of(const std::vector<double>& move, const Vec3& push) {
+  return move.size() == 1 ? Vec3(move[0] * push) : Vec3(move[0], move[1], move[2]);
+}
+
+std::vector<Step> steps_of(const Config& config, const Vec3& push,
+                           const std::map<std::string, Vec3>& push_of_others) {
   std::vector<Step> steps;
-  for (const auto& [name, step] : steps_in_order(config))
-    steps.push_back({name, is_of_tool(step) ? "" : step.moves, 1e-3 * way_of(step, push)});
+  for (const auto& [name, step] : steps_in_order(config)) {
+    const auto other = push_of_others.find(step.moves);
+    steps.push_back({name, is_of_tool(step) ? "" : step.moves,
+                     1e-3 * way_of(step.move_mm, other == push_of_others.end() ? push : other->second)});
+  }
   return steps;
 }
 

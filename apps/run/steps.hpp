@@ -1,5 +1,6 @@
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
@@ -15,8 +16,12 @@ void check_steps(const Config& config);
 /// longest way that anything has gone. Throws UsageError: another depth was given.
 void resolve_steps(Config& config);
 
-/// The steps for the solver, of a tool that is pushed along `push`.
-std::vector<Step> steps_of(const Config& config, const Vec3& push);
+/// x,y,z in LPS, or one number along the push.
+Vec3 way_of(const std::vector<double>& move, const Vec3& push);
+
+/// The steps for the solver, of a tool that is pushed along `push`, and of others along theirs.
+std::vector<Step> steps_of(const Config& config, const Vec3& push,
+                           const std::map<std::string, Vec3>& push_of_others = {});
 
 /// How far the tool has come after each step [m].
 std::vector<Vec3> way_of_tool(const Config& config, const Vec3& push);

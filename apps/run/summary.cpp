@@ -124,6 +124,23 @@ void add_touch(Json& summary, const Touch& touch, const History& history) {
   summary["tool"] = tool;
 }
 
+// Further tools, beside the one that is measured: at the end.
+void add_other_tools(Json& summary, const Config& config, const Result& result) {
+  for (std::size_t k = 0; k < result.history.walls.size(); ++k) {
+    const Touch& tool = result.loading.walls[k];
+    const TouchingTool::Touched& now = result.history.walls[k];
+    if (!config.other_tool.contains(tool.name)) continue;
+    summary["other_tools"][tool.name] = {{"words", in_words(tool.shape)},
+                                         {"first_touch_mm", three(1e3 * tool.pose.tip)},
+                                         {"points_along", three(tool.pose.points_at)},
+                                         {"force_on_tool_N", three(now.force)},
+                                         {"samples_in_contact", now.samples},
+                                         {"contact_area_mm2", 1e6 * now.area},
+                                         {"largest_pressure_Pa", now.pressure},
+                                         {"largest_penetration_mm", 1e3 * now.penetration}};
+  }
+}
+
 void add_folds(Json& summary, const FoldBanks& banks, const FoldContact::Audit& at_end) {
   summary["self_contact"] = {{"places", banks.count()},
                              {"places_that_touch", at_end.touching},
@@ -408,6 +425,7 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   summary["material"] = materials_json(config, result.tissues);
   summary["counts"] = counts_json(model);
   if (result.loading.touch) add_touch(summary, *result.loading.touch, result.history);
+  add_other_tools(summary, config, result);
   if (result.loading.folds) add_folds(summary, *result.loading.folds, result.history.folds);
   summary["support"] = support_json(model.support_report);
   summary["support"]["worst_pivot_ratio"] = model.support_report.worst_pivot_ratio;

@@ -24,18 +24,24 @@ constexpr double usual_depth = 0.8;           // of the radius
 constexpr double power_of_a_round_tip = 1.5;  // Hertz
 const std::string by_tool = "the tool";
 
-[[noreturn]] void refuse(const Config& config, const std::string& fact, const std::string& why,
+// A shape as it was written, and the option that it stands in.
+struct Asked {
+  const std::string& shape;
+  std::string option;
+};
+
+[[noreturn]] void refuse(const Asked& tool, const std::string& fact, const std::string& why,
                          const std::string& remedy) {
-  throw UsageError({.fact = fmt::format("the tool '{}' {}", config.tool.shape, fact),
-                    .where = "--tool (tool.shape)",
+  throw UsageError({.fact = fmt::format("the tool '{}' {}", tool.shape, fact),
+                    .where = tool.option,
                     .why = why,
                     .remedy = remedy});
 }
 
 // [m], in the units that every option of a length takes.
-double length_of(const Config& config, const std::string& text) {
+double length_of(const Asked& tool, const std::string& text) {
   if (text.empty())
-    refuse(config, "lacks a length", "its lengths say how large it is",
+    refuse(tool, "lacks a length", "its lengths say how large it is",
            fmt::format("give for instance {}", forms));
   double mm = 0.0;
   set_value({.key = "tool.shape",
@@ -45,7 +51,7 @@ double length_of(const Config& config, const std::string& text) {
              .most = 1000.0,
              .least_excluded = true,
              .help = "a length of the tool"},
-            text, "--tool (tool.shape)");
+            text, tool.option);
   return 1e-3 * mm;
 }
 
@@ -54,8 +60,7 @@ struct Words {
   std::vector<std::pair<std::string, std::string>> more;
 };
 
-Words words_of(const Config& config) {
-  const std::string& text = config.tool.shape;
+Words words_of(const std::string& text) {
   const std::size_t colon = text.find(':');
   Words words{.kind = std::string(trimmed(text.substr(0, colon))), .radius = {}, .more = {}};
   if (colon == std::string::npos) return words;
@@ -76,28 +81,28 @@ Words words_of(const Config& config) {
 }
 
 // The one further length that a shape takes.
-double further(const Config& config, const Words& words, const std::string& name) {
+double further(const Asked& tool, const Words& words, const std::string& name) {
   if (words.more.size() != 1 || words.more.front().first != name)
-    refuse(config, fmt::format("is not written as {}:RADIUS,{}=LENGTH", words.kind, name),
+    refuse(tool, fmt::format("is not written as {}:RADIUS,{}=LENGTH", words.kind, name),
            fmt::format("a {} has a radius and one more length, {}", words.kind, name),
            fmt::format("give for instance {}", forms));
-  return length_of(config, words.more.front().second);
+  return length_of(tool, words.more.front().second);
 }
 
-ToolShape shape_of(const Config& config, const Words& words) {
-  ToolShape shape{.kind = ToolShape::Kind::sphere, .radius = length_of(config, words.radius)};
+ToolShape shape_of(const Asked& tool, const Words& words) {
+  ToolShape shape{.kind = ToolShape::Kind::sphere, .radius = length_of(tool, words.radius)};
   if (words.kind == "sphere") {
     if (!words.more.empty())
-      refuse(config, "is not written as sphere:RADIUS", "a sphere has one length, its radius",
+      refuse(tool, "is not written as sphere:RADIUS", "a sphere has one length, its radius",
              "give for instance sphere:5mm");
     return shape;
   }
   if (words.kind == "punch") {
     shape.kind = ToolShape::Kind::punch;
-    shape.edge = further(config, words, "edge");
+    shape.edge = further(tool, words, "edge");
     if (shape.edge > shape.radius || shape.edge < sharpest_edge * shape.radius)
       refuse(
-          config, fmt::format("has an edge of {}", length_in_words(1e3 * shape.edge)),
+          tool, fmt::format("has an edge of {}", length_in_words(1e3 * shape.edge)),
           fmt::format("it is rounded by {:g} radii at least, for the pressure at a sharp edge is unbounded, "
                       "and by a radius at most",
                       sharpest_edge),
@@ -106,9 +111,9 @@ ToolShape shape_of(const Config& config, const Words& words) {
     return shape;
   }
   shape.kind = ToolShape::Kind::capsule;
-  shape.length = further(config, words, "length");
+  shape.length = further(tool, words, "length");
   if (shape.length < 2.0 * shape.radius)
-    refuse(config, fmt::format("is {} long", length_in_words(1e3 * shape.length)),
+    refuse(tool, fmt::format("is {} long", length_in_words(1e3 * shape.length)),
            "with both its round ends it is two radii long at least",
            fmt::format("give length={}mm or more", plain(2e3 * shape.radius)));
   return shape;
@@ -143,28 +148,37 @@ void refuse_beside(const Config& config, bool is_asked, const char* what, const 
 }  // namespace
 
 std::optional<ToolShape> tool_of(const Config& config) {
-  if (is_surface_file(config.tool.shape)) {
-    auto mesh = drawn_in(config.tool.shape);
+  return tool_of(config.tool.shape, "--tool (tool.shape)");
+}
+
+std::optional<ToolShape> tool_of(const std::string& shape, const std::string& option) {
+  if (is_surface_file(shape)) {
+    auto mesh = drawn_in(shape);
     const double radius = 0.5 * mesh->width;
     return ToolShape{.kind = ToolShape::Kind::drawn, .radius = radius, .mesh = std::move(mesh)};
   }
-  const Words words = words_of(config);
+  const Words words = words_of(shape);
+  const Asked tool{shape, option};
   if (words.kind == "circle" && words.radius.empty()) return std::nullopt;
   if (words.kind != "sphere" && words.kind != "punch" && words.kind != "capsule")
-    refuse(config, "is not known", "it is circle, or a shape that touches",
+    refuse(tool, "is not known", "it is circle, or a shape that touches",
            fmt::format("give circle, {}", forms));
-  return shape_of(config, words);
+  return shape_of(tool, words);
 }
 
 double friction_of(const Config& config) {
-  if (config.tool.friction == "stick") return std::numeric_limits<double>::infinity();
+  return friction_of(config.tool.friction, "--friction (tool.friction)");
+}
+
+double friction_of(const std::string& friction, const std::string& option) {
+  if (friction == "stick") return std::numeric_limits<double>::infinity();
   double coefficient = 0.0;
   set_value({.key = "tool.friction",
              .flag = "--friction",
              .value = &coefficient,
              .most = 10.0,
              .help = "Coulomb's coefficient, or the word stick"},
-            config.tool.friction, "--friction (tool.friction)");
+            friction, option);
   return coefficient;
 }
 

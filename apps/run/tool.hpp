@@ -13,6 +13,8 @@ namespace dimple {
 /// The tool that touches the body, in place of the circle; nothing: the circle. Throws
 /// UsageError: config.tool.shape is neither `circle` nor a shape with lengths that a tool can have.
 std::optional<ToolShape> tool_of(const Config& config);
+/// The same of a shape that stands in another option.
+std::optional<ToolShape> tool_of(const std::string& shape, const std::string& option);
 
 /// "a sphere of 5 mm radius".
 std::string in_words(const ToolShape& shape);
@@ -24,6 +26,7 @@ inline constexpr double sharpest_edge = 0.1;
 /// Coulomb's coefficient under a tool that touches; infinite: `stick`. Throws UsageError:
 /// config.tool.friction is neither a number from 0 to 10 nor that word.
 double friction_of(const Config& config);
+double friction_of(const std::string& friction, const std::string& option);
 /// "without friction".
 std::string friction_in_words(double friction);
 

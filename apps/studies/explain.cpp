@@ -13,6 +13,7 @@
 #include "apps/run/band.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/membranes.hpp"
+#include "apps/run/other_tools.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -348,6 +349,7 @@ std::vector<ToolChoice> tool_choices(const ToolShape& shape, double friction) {
 
 void check_explainable(const Config& config) {
   require_no_steps(config, "--explain");
+  require_one_tool(config, "--explain");
   require_no_membranes(config, "--explain");
   if (config.scheme.name != Config{}.scheme.name)
     throw UsageError({.fact = "the comparisons of --explain need the converging scheme",

@@ -12,6 +12,7 @@
 #include <optional>
 #include <unsupported/Eigen/NonLinearOptimization>
 
+#include "apps/run/other_tools.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/steps.hpp"
@@ -336,6 +337,7 @@ Config case_of(const Config& config, const FitOptions& options, const MeasuredCu
   require_proportional(why_not_proportional(config));
   require_no_goal(config, "dimple fit");
   require_no_steps(config, "dimple fit");
+  require_one_tool(config, "dimple fit");
   refuse_given(config, {"load.depth_mm"}, "the run is as deep as the curve");
   refuse_given(config, {"material.mu_Pa", "material.young_Pa", "material.mu_spread_percent"},
                "the modulus is what is looked for");

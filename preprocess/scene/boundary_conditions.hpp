@@ -32,6 +32,8 @@ struct BoundaryOptions {
   /// Of a tool that touches and goes on in steps: how far it has come after each, LPS mm; nodes are as fine
   /// along that way. Of one that goes straight in: none.
   std::vector<Vec3> way_of_tool = {};
+  /// Where further tools touch, LPS mm: nodes are as fine around the nearest place of the surface.
+  std::vector<Vec3> other_tools = {};
 };
 
 /// The fixed base and the indenter's circle as places on the surface; mm, in the surface's own frame.

@@ -36,12 +36,13 @@ std::vector<Vec3> axes_along(const Indenter& tool, const std::vector<Vec3>& way,
 }
 
 // The surface around the tool's axis, in pieces.
-SurfacePieces pieces_around(const Model& model, const std::vector<Vec3>& axes, double radius) {
+SurfacePieces pieces_around(const Model& model, const Indenter& tool, const std::vector<Vec3>& axes,
+                            double radius) {
   const Points vertex = model.surface.vertex_mm * 1e-3;
   std::vector<Index> near;
   for (Index t = 0; t < model.surface.triangles.cols(); ++t) {
     const auto corner = model.surface.triangles.col(t);
-    const auto at = [&](Index c) { return across(model.tool, vertex.col(corner[c]) - model.tool.centre); };
+    const auto at = [&](Index c) { return across(tool, vertex.col(corner[c]) - tool.centre); };
     const Vec3 a = at(0), b = at(1), c = at(2);
     if (std::any_of(axes.begin(), axes.end(),
                     [&](const Vec3& axis) { return distance2_to_triangle(axis, a, b, c) < radius * radius; }))
@@ -62,19 +63,24 @@ SurfacePieces pieces_around(const Model& model, const std::vector<Vec3>& axes, d
 }  // namespace
 
 ContactSurface contact_surface(const Model& model, double reach, const std::vector<Vec3>& way) {
+  return contact_surface(model, model.tool, reach, way);
+}
+
+ContactSurface contact_surface(const Model& model, const Indenter& tool, double reach,
+                               const std::vector<Vec3>& way) {
   if (model.surface.empty()) refuse("the model has no surface that a tool could touch");
-  const std::vector<Vec3> axes = axes_along(model.tool, way, 0.25 * reach);
-  const SurfacePieces pieces = pieces_around(model, axes, looked_at * reach);
+  const std::vector<Vec3> axes = axes_along(tool, way, 0.25 * reach);
+  const SurfacePieces pieces = pieces_around(model, tool, axes, looked_at * reach);
   const Neighbours nodes(model.X);
   std::map<int, std::vector<Index>> cell;  // the pieces that are nearest to a node
   std::vector<Index> touched, beyond;
   for (Index k = 0; k < pieces.place.cols(); ++k) {
     const Vec3 x = pieces.place.col(k), area = pieces.area.col(k);
-    const Vec3 aside = across(model.tool, x - model.tool.centre);
+    const Vec3 aside = across(tool, x - tool.centre);
     double away = std::numeric_limits<double>::infinity();
     for (const Vec3& axis : axes) away = std::min(away, (aside - axis).norm());
     const int node = nodes.nearest(x, 1).front();
-    const bool faces = area.dot(model.tool.push) < faces_tool * area.norm();
+    const bool faces = area.dot(tool.push) < faces_tool * area.norm();
     const bool held = std::binary_search(model.base.begin(), model.base.end(), node);
     if (away < reach && faces && !held) {
       cell[node].push_back(static_cast<Index>(touched.size()));

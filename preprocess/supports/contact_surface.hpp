@@ -24,5 +24,8 @@ struct ContactSurface : CellMeans {
 /// the model has no surface, or none of it is there. `way`: how far the tool comes after each of its steps
 /// [m]; what its axis passes is then taken too.
 ContactSurface contact_surface(const Model& model, double reach, const std::vector<Vec3>& way = {});
+/// The same of another tool than the model's.
+ContactSurface contact_surface(const Model& model, const Indenter& tool, double reach,
+                               const std::vector<Vec3>& way = {});
 
 }  // namespace dimple

@@ -471,7 +471,10 @@ std::int64_t most_evaluations(int steps, const SolverOptions& options) {
 }
 
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options) {
-  const double way = loading.depth * longest_share(loading.further);
+  double share = longest_share(loading.further);
+  for (const Touch& wall : loading.walls)
+    share = std::max(share, wall.motion.value_or(Vec3::Zero().eval()).norm());
+  const double way = loading.depth * share;
   const double radius = loading.touch ? loading.touch->shape.radius : model.tool.radius;
   const double steps = std::ceil(way / (options.step_radii * radius) - same_depth);
   return std::max(1, static_cast<int>(steps));

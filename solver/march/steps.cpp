@@ -30,6 +30,18 @@ Constraints held_in(const Model& model, const Loading& loading, const Step& step
   return {model.node_count(), std::move(sets)};
 }
 
+std::vector<System::RigidWay> ways_of_walls(const System& system, const Loading& loading, std::size_t step,
+                                            double gone) {
+  std::vector<System::RigidWay> ways;
+  for (const TouchingTool* wall : system.walls()) {
+    const std::string& name = wall->touch().name;
+    const Step& now = loading.steps[step];
+    ways.push_back(
+        {moved(loading.steps, name, gone), now.moves == name ? now.way.normalized() : Vec3::Zero().eval()});
+  }
+  return ways;
+}
+
 }  // namespace
 
 std::vector<int> frames_of_steps(const std::vector<Step>& steps, int frames) {
@@ -95,7 +107,8 @@ void march_in_steps(System& system, const Loading& loading, const SolverOptions&
       way_before = from->way_before;
     }
     if (k >= first) {
-      system.go_on(begun, held_in(model, loading, step), way_before, gone);
+      system.go_on(begun, held_in(model, loading, step), way_before, gone,
+                   ways_of_walls(system, loading, k, gone));
       SolverOptions own = options;
       own.frames = frames[k];
       Observer watching = observer;

@@ -457,5 +457,103 @@ TEST(ToolThatTouches, OtherCommandsRefuseItInWords) {
   }
 }
 
+// A wall of tissue, 16 mm thick, that stands on its base; two spheres that come from its two sides.
+struct Pinched {
+  fs::path folder = fresh_folder();
+  Pinched() {
+    EXPECT_EQ(dimple(folder, "phantom wall.nrrd --shape block --size 16,60,40 --spacing 2 -q").code, 0);
+  }
+  nlohmann::json run(const std::string& more) const {
+    const Ran ran =
+        dimple(folder,
+               "run wall.nrrd -o out --force -q --write force --nodes 1500 --frames 2 --base inferior "
+               "--tool sphere:5mm --indent-at=-8,0,28 --direction 1,0,0 " +
+                   more);
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    return nlohmann::json::parse(text_of(folder / "out" / "summary.json"));
+  }
+};
+constexpr const char* other = "--set tool.other.shape=sphere:5mm --set tool.other.at=8,0,28 ";
+
+TEST(SeveralTools, ThatPinchAWallPressItAlikeFromBothSidesAndHarderThanOneByItself) {
+  const Pinched wall;
+  const double alone = wall.run("--depth 2mm")["force_N"];
+  const auto both = wall.run(std::string("--depth 2mm ") + other + "--set tool.other.move=2mm");
+  const double force = both["force_N"];
+  EXPECT_GT(force, 1.2 * alone) << "one by itself bends the wall";
+  const auto on_other = both["other_tools"]["other"]["force_on_tool_N"];
+  EXPECT_NEAR(on_other[0].get<double>() / force, 1.0, 0.03);
+  EXPECT_NEAR(on_other[0].get<double>() / both["force_on_tool_N"][0].get<double>(), -1.0, 0.03);
+  EXPECT_NEAR(both["base_force_N"].get<double>(), 0.0, 0.03 * force);
+  EXPECT_TRUE(both["band"].contains("unknown"));
+  // One that stands is pressed by the wall that comes towards it, and less than one that comes.
+  const auto stands = wall.run(std::string("--depth 2mm ") + other);
+  const double on_it = stands["other_tools"]["other"]["force_on_tool_N"][0];
+  EXPECT_GT(on_it, 0.01 * force);
+  EXPECT_LT(on_it, 0.9 * force);
+  EXPECT_GE(stands["force_N"].get<double>(), 0.99 * alone);
+}
+
+TEST(SeveralTools, WithoutFrictionComeOneAfterTheOtherToTheSameForcesAsTogether) {
+  const Pinched wall;
+  const auto both = wall.run(std::string("--depth 2mm ") + other + "--set tool.other.move=2mm");
+  const auto steps =
+      wall.run(std::string(other) + "--set step.a.moves=other --set step.a.move=2mm --set step.b.move=2mm");
+  const auto x = [](const nlohmann::json& summary) {
+    return summary["other_tools"]["other"]["force_on_tool_N"][0].get<double>();
+  };
+  EXPECT_NEAR(x(steps) / x(both), 1.0, 5e-3);
+  EXPECT_NEAR(steps["force_N"].get<double>() / both["force_N"].get<double>(), 1.0, 5e-3);
+}
+
+TEST(SeveralTools, ThatPinchAWallLiftItAlikeByFriction) {
+  const Pinched wall;
+  const auto lifted = wall.run(
+      std::string(other) +
+      "--friction 0.6 --set tool.other.friction=0.6 --set step.a.move=2mm --set step.b.moves=other --set "
+      "step.b.move=2mm --set step.c.move=0,0,1 --set step.d.moves=other --set step.d.move=0,0,1");
+  const auto on_tool = lifted["force_on_tool_N"],
+             on_other = lifted["other_tools"]["other"]["force_on_tool_N"];
+  EXPECT_NEAR(on_other[0].get<double>() / on_tool[0].get<double>(), -1.0, 0.03);
+  EXPECT_NEAR(on_other[2].get<double>() / on_tool[2].get<double>(), 1.0, 0.05);
+  EXPECT_LT(on_tool[2].get<double>(), 0.0) << "the wall hangs on them";
+  EXPECT_LE(-on_tool[2].get<double>(), 0.6 * std::abs(on_tool[0].get<double>()))
+      << "within Coulomb's cone, nearly";
+}
+
+TEST(SeveralTools, AreRefusedInWordsWhereWhatIsSaidOfThemMakesNoTool) {
+  const fs::path folder = with_phantom();
+  const auto refused = [&](int code, const std::string& line, const std::string& words) {
+    const Ran ran = dimple(folder, line);
+    EXPECT_EQ(ran.code, code) << line << '\n' << ran.err;
+    EXPECT_NE(ran.err.find(words), std::string::npos) << line << '\n' << ran.err;
+    EXPECT_FALSE(fs::exists(folder / "out")) << line;
+  };
+  const std::string run =
+      "run brain.nrrd -o out -q --tool sphere:5mm --depth 2mm --set tool.other.at=0,0,60 ";
+  refused(2, run, "the tool 'other' has no shape");
+  refused(2, run + "--set tool.other.shape=circle", "the tool 'other' is a circle");
+  refused(2, run + "--set tool.other.shape=sphere:0mm", "tool.other.shape");
+  refused(2, run + "--set tool.other.shape=sphere:4mm --set tool.other.friction=much", "tool.other.friction");
+  refused(2, run + "--set tool.other.shape=sphere:4mm --set tool.other.move=1,2", "moves by 2 numbers");
+  refused(2, run + "--set tool.other.shape=sphere:4mm --set tool.other.direction=0,0,0", "all of them zero");
+  refused(2, run + "--set tool.other.shape=sphere:4mm --gravity inferior", "gravity");
+  refused(2,
+          "run brain.nrrd -o out -q --tool sphere:5mm --set tool.other.at=0,0,60 --set "
+          "tool.other.shape=sphere:4mm --set step.a.moves=othr --set step.a.move=1mm",
+          "did you mean 'other'");
+  refused(2, "run brain.nrrd -o out -q --tool sphere:5mm --set tool.other.shape=sphere:4mm",
+          "the tool 'other' is nowhere");
+  refused(2,
+          "poke brain.nrrd -q --socket s --tool sphere:5mm --set tool.other.shape=sphere:4mm --set "
+          "tool.other.at=0,0,60",
+          "knows one tool");
+  const Ran far = dimple(folder,
+                         "run brain.nrrd -o far -q --nodes 400 --tool sphere:5mm --depth 1mm --set "
+                         "tool.other.shape=sphere:4mm --set tool.other.at=0,0,160");
+  EXPECT_EQ(far.code, 4) << far.err;
+  EXPECT_NE(far.err.find("the nearest place of the surface is"), std::string::npos) << far.err;
+}
+
 }  // namespace
 }  // namespace dimple

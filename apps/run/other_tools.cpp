@@ -1,0 +1,215 @@
+#include "apps/run/other_tools.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "apps/run/steps.hpp"
+#include "apps/run/tool.hpp"
+#include "apps/run/words.hpp"
+#include "io/error.hpp"
+#include "preprocess/surface/body_surface.hpp"
+
+namespace dimple {
+namespace {
+
+Report report_on(const std::string& name, const char* key, const std::string& fact, const std::string& why,
+                 const std::string& remedy) {
+  return {.fact = fmt::format("the tool '{}' {}", name, fact),
+          .where = fmt::format("tool.{}.{}", name, key),
+          .why = why,
+          .remedy = remedy};
+}
+
+ToolShape shape_of(const std::string& name, const Config::OtherTool& tool) {
+  const auto refuse = [&](const std::string& fact) {
+    throw UsageError(report_on(name, "shape", fact, "a further tool touches the body and holds no nodes",
+                               "give for instance shape = \"sphere:4mm\""));
+  };
+  if (tool.shape.empty()) refuse("has no shape");
+  const auto shape = tool_of(tool.shape, fmt::format("tool.{}.shape", name));
+  if (!shape) refuse("is a circle");
+  return *shape;
+}
+
+double friction_of(const std::string& name, const Config::OtherTool& tool) {
+  return dimple::friction_of(tool.friction, fmt::format("tool.{}.friction", name));
+}
+
+void check(const std::string& name, const Config::OtherTool& tool) {
+  (void)shape_of(name, tool);
+  (void)friction_of(name, tool);
+  if (tool.at_mm.size() != 3)
+    throw UsageError(report_on(
+        name, "at_mm", tool.at_mm.empty() ? "is nowhere" : fmt::format("is at {} numbers", tool.at_mm.size()),
+        "its place has three coordinates, LPS in mm",
+        "give for instance at_mm = [12, -40, 30], on the surface or near to it"));
+  const bool is_zero =
+      std::all_of(tool.direction.begin(), tool.direction.end(), [](double d) { return d == 0.0; });
+  if (!tool.direction.empty() && (tool.direction.size() != 3 || is_zero))
+    throw UsageError(report_on(
+        name, "direction",
+        fmt::format("points along {} numbers{}", tool.direction.size(), is_zero ? ", all of them zero" : ""),
+        "a direction has three components, LPS", "give x,y,z, or leave it out"));
+  if (tool.move_mm.size() != 1 && tool.move_mm.size() != 3)
+    throw UsageError(report_on(name, "move_mm", fmt::format("moves by {} numbers", tool.move_mm.size()),
+                               "it moves by x,y,z in LPS, or by one number along its push",
+                               "give for instance move_mm = 2"));
+}
+
+bool stands(const Config::OtherTool& tool) {
+  return std::all_of(tool.move_mm.begin(), tool.move_mm.end(), [](double d) { return d == 0.0; });
+}
+
+void refuse_beside(bool is_asked, const char* what, const char* option, const char* why) {
+  if (!is_asked) return;
+  throw UsageError({.fact = fmt::format("{} is asked for beside a further tool", what),
+                    .where = option,
+                    .why = why,
+                    .remedy = "leave one of them out"});
+}
+
+// The place of the surface next to what was asked for, and the mean of its normals around there [m].
+Indenter stand_of(const std::string& name, const Config::OtherTool& tool, const BodySurface& surface,
+                  double radius) {
+  const Vec3 asked(tool.at_mm[0], tool.at_mm[1], tool.at_mm[2]);
+  const double radius_mm = 1e3 * radius;
+  const auto near = surface.closest(asked);
+  const double away = (near.place - asked).norm();
+  if (away > 2.0 * radius_mm)
+    throw ModelError(report_on(
+        name, "at_mm",
+        fmt::format("is to touch at {}, and the surface is {} away", in_words(asked), length_in_words(away)),
+        fmt::format("the nearest place of the surface is {}", in_words(near.place)),
+        "give at_mm on the surface or near to it, x,y,z in LPS mm"));
+  Vec3 push = Vec3::Zero();
+  if (tool.direction.size() == 3) {
+    push = Vec3(tool.direction[0], tool.direction[1], tool.direction[2]).normalized();
+  } else {
+    for (Index t = 0; t < surface.triangles().cols(); ++t) {
+      const auto corner = surface.triangles().col(t);
+      const Vec3 middle = (surface.vertex().col(corner[0]) + surface.vertex().col(corner[1]) +
+                           surface.vertex().col(corner[2])) /
+                          3.0;
+      if ((middle - near.place).norm() < radius_mm &&
+          surface.normal().col(t).dot(surface.normal().col(near.triangle)) > 0.0)
+        push -= surface.triangle_area()[t] * surface.normal().col(t);
+    }
+    push = push.isZero(0.0) ? Vec3(-surface.normal().col(near.triangle)) : push.normalized();
+  }
+  if (push.dot(surface.normal().col(near.triangle)) > -0.2)
+    throw ModelError(report_on(
+        name, "direction", fmt::format("does not point into the body at {}", in_words(near.place)),
+        fmt::format("the surface faces ({:.2f}, {:.2f}, {:.2f}) there", surface.normal()(0, near.triangle),
+                    surface.normal()(1, near.triangle), surface.normal()(2, near.triangle)),
+        "give a direction that goes in, or leave it out"));
+  return {1e-3 * near.place, push, radius};
+}
+
+// [m] after `gone` of its steps, or for a load without any.
+std::vector<Vec3> ways_of(const Config& config, const std::string& name, const Config::OtherTool& tool,
+                          const Vec3& push) {
+  std::vector<Vec3> way;
+  Vec3 come = Vec3::Zero();
+  for (const auto& [step_name, step] : steps_in_order(config))
+    if (step.moves == name) way.push_back(come += 1e-3 * way_of(step.move_mm, push));
+  if (config.step.empty() && !stands(tool)) way.push_back(1e-3 * way_of(tool.move_mm, push));
+  return way;
+}
+
+double deepest_of(const std::vector<Vec3>& way, const Vec3& push) {
+  double depth = 0.0;
+  for (const Vec3& come : way) depth = std::max(depth, come.dot(push));
+  return depth;
+}
+
+}  // namespace
+
+void check_other_tools(const Config& config) {
+  if (config.other_tool.empty()) return;
+  for (const auto& [name, tool] : config.other_tool) {
+    check(name, tool);
+    if (config.held.contains(name))
+      throw UsageError(report_on(name, "shape", "and a support have one name",
+                                 "steps move things by their names", "name them differently"));
+    if (!config.step.empty() && !stands(tool))
+      throw UsageError(report_on(name, "move_mm", "moves with the tool, and there are steps",
+                                 "in a scene of steps one thing moves at a time",
+                                 fmt::format("give it a step: [step.NAME] with moves = \"{}\"", name)));
+  }
+  const Config usual;
+  constexpr const char* in_equilibrium = "contact is solved for in equilibrium, depth by depth";
+  refuse_beside(config.solver.time == "explicit" || config.solver.time == "dynamic", "inertia",
+                "--time (solver.time)", in_equilibrium);
+  refuse_beside(config.scheme.name != usual.scheme.name, "the paper's scheme", "--scheme (scheme.name)",
+                "its explicit march knows the circle alone");
+  refuse_beside(has_loads(config), "gravity or a pressure", "load",
+                "the first touch is found on the body at rest, without loads");
+  refuse_beside(has_membranes(config), "a membrane", "membrane",
+                "contact with a body under a membrane has not been compared with anything");
+}
+
+void require_one_tool(const Config& config, const std::string& command) {
+  if (config.other_tool.empty()) return;
+  throw UsageError({.fact = fmt::format("{} knows one tool, and there is a further one, '{}'", command,
+                                        config.other_tool.begin()->first),
+                    .where = fmt::format("tool.{}", config.other_tool.begin()->first),
+                    .why = "several tools at once are known to dimple run alone",
+                    .remedy = "leave it out here"});
+}
+
+std::vector<Vec3> places_of_other_tools(const Config& config) {
+  std::vector<Vec3> places;
+  for (const auto& [name, tool] : config.other_tool)
+    if (tool.at_mm.size() == 3) places.emplace_back(tool.at_mm[0], tool.at_mm[1], tool.at_mm[2]);
+  return places;
+}
+
+OtherTools other_tools_of(const Config& config, const Model& model) {
+  OtherTools result;
+  if (config.other_tool.empty()) return result;
+  if (model.surface.empty())
+    throw ModelError({.fact = "a further tool touches the surface, and this model has none",
+                      .where = "tool",
+                      .why = "its files hold nodes and points alone",
+                      .remedy = "begin with the label image"});
+  const BodySurface surface(model.surface.vertex_mm, model.surface.triangles);
+  for (const auto& [name, tool] : config.other_tool) {
+    Touch touch;
+    touch.shape = shape_of(name, tool);
+    const Indenter at = stand_of(name, tool, surface, touch.shape.radius);
+    const std::vector<Vec3> way = ways_of(config, name, tool, at.push);
+    const double depth = deepest_of(way, at.push);
+    if (depth > length_of_tool(touch.shape))
+      throw UsageError(
+          report_on(name, "move_mm",
+                    fmt::format("is to be pushed in by {}, and is {} long", length_in_words(1e3 * depth),
+                                length_in_words(1e3 * length_of_tool(touch.shape))),
+                    "what holds it at its upper end is not modelled", "move it less, or give a longer tool"));
+    // A tool that stands is pressed by what comes towards it.
+    touch.surface =
+        contact_surface(model, at, reach_of_contact(touch.shape, std::max(depth, touch.shape.radius)), way);
+    touch.pose = first_touch(touch.shape, at, touch.surface);
+    touch.friction = friction_of(name, tool);
+    touch.name = name;
+    touch.motion = config.step.empty()
+                       ? Vec3(1e-3 * way_of(tool.move_mm, at.push) / (1e-3 * config.load.depth_mm))
+                       : Vec3::Zero();
+    result.words.push_back(fmt::format(
+        "{}: {}, {}; its tip at first touch at {}, pointing along ({:.2f}, {:.2f}, {:.2f}){}", name,
+        in_words(touch.shape), friction_in_words(touch.friction), in_words(1e3 * touch.pose.tip),
+        at.push.x() + 0.0, at.push.y() + 0.0, at.push.z() + 0.0,
+        config.step.empty() ? stands(tool)
+                                  ? "; it stands"
+                                  : fmt::format("; it moves with the tool, by ({:.4g}, {:.4g}, {:.4g}) mm",
+                                                1e3 * way.back().x() + 0.0, 1e3 * way.back().y() + 0.0,
+                                                1e3 * way.back().z() + 0.0)
+                            : ""));
+    result.touch.push_back(std::move(touch));
+  }
+  return result;
+}
+
+}  // namespace dimple

@@ -1,0 +1,33 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "apps/run/config.hpp"
+#include "solver/march.hpp"
+#include "solver/terms/touching_tool.hpp"
+
+namespace dimple {
+
+/// Further tools that touch the body beside the one whose force is the answer: [tool.NAME].
+
+/// Before anything is built: throws UsageError where what is said of one is not understood, or what is asked
+/// for beside them is not modelled.
+void check_other_tools(const Config& config);
+
+/// Throws UsageError, for a command that knows one tool alone.
+void require_one_tool(const Config& config, const std::string& command);
+
+/// Where they are to touch [mm, LPS]: nodes are as fine there as under the tool.
+std::vector<Vec3> places_of_other_tools(const Config& config);
+
+/// Each where it first touches the model, and a sentence on it. Its way is that of config.other_tool for each
+/// metre of the tool's, or what the steps say. Throws ModelError: the surface is far from the place that was
+/// asked for, or the tool stands in another one.
+struct OtherTools {
+  std::vector<Touch> touch;
+  std::vector<std::string> words;
+};
+OtherTools other_tools_of(const Config& config, const Model& model);
+
+}  // namespace dimple
