@@ -511,7 +511,7 @@ TEST(SeveralTools, ThatPinchAWallLiftItAlikeByFriction) {
   const auto lifted = wall.run(
       std::string(other) +
       "--friction 0.6 --set tool.other.friction=0.6 --set step.a.move=2mm --set step.b.moves=other --set "
-      "step.b.move=2mm --set step.c.move=0,0,1 --set step.d.moves=other --set step.d.move=0,0,1");
+      "step.b.move=2mm --set step.c.move=0,0,2 --set step.d.moves=other --set step.d.move=0,0,2");
   const auto on_tool = lifted["force_on_tool_N"],
              on_other = lifted["other_tools"]["other"]["force_on_tool_N"];
   EXPECT_NEAR(on_other[0].get<double>() / on_tool[0].get<double>(), -1.0, 0.03);
