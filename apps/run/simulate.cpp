@@ -8,9 +8,9 @@
 #include "apps/run/band_of_run.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
-#include "apps/run/other_tools.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
+#include "apps/run/other_tools.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/refine.hpp"
 #include "apps/run/run_words.hpp"
@@ -139,6 +139,7 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
 void build_case(const Case& given, const RunObserver& observer, Result& result) {
   const RunLog log{observer, result};
   require_circle(given.config, "a model by itself");
+  require_one_tool(given.config, "a model by itself");
   auto [placed, of_image] = placed_by(given, observer, log, result);
   complete(given.config, std::move(placed), log, result);
   if (of_image) of_image->image = result.image;
