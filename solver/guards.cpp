@@ -10,6 +10,8 @@
 namespace dimple {
 namespace {
 
+constexpr double wall_poor = 0.15;  // of the spacing of the nodes, that a surface may reach into a wall
+
 using Nodal = ForceSystem::Nodal;
 
 // Moment matrices are refused at 1e-5 (MlsResult::ok); clouds of the default spacing stay above 1e-4.
@@ -381,6 +383,18 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
       .code = "penetration"};
   if (audit.penetration > penetration_wrong * most) throw SolveError(report);
   find({report, audit.penetration});
+}
+
+void Guards::check_wall(const std::string& name, double penetration, double spacing, const Moment& now) {
+  if (!on_ || penetration <= wall_poor * spacing) return;
+  find({{.fact = text("the body's surface reaches ", fixed(1e3 * penetration, 2), " mm into the wall '", name,
+                      "' between the places where contact is enforced"),
+         .where = moment(now),
+         .why = text("nodes are ", fixed(1e3 * spacing, 1),
+                     " mm apart there, and the load bends the surface between them"),
+         .remedy = "use more nodes (--nodes), or a smaller load",
+         .code = "wall-penetration"},
+        penetration});
 }
 
 void Guards::found_limit_point(const Nodal& jump, double way, bool folds_touch, const Moment& now) {

@@ -25,6 +25,12 @@ void members(Archive& io, T& film) {
   io(thickness_mm, mu_Pa, tension_N_per_m, on, wrinkles);
 }
 
+template <class Archive, Like<Config::Wall> T>
+void members(Archive& io, T& wall) {
+  auto& [shape, friction, gap, opening] = wall;
+  io(shape, friction, gap, opening);
+}
+
 template <class Archive, Like<Config::Held> T>
 void members(Archive& io, T& held) {
   auto& [on, hold, move_mm] = held;
@@ -47,7 +53,7 @@ template <class Archive, Like<Config> T>
 void members(Archive& io, T& config) {
   Config all = config;
   for (const Option& option : options_of(all)) std::visit([&](auto* value) { io(*value); }, option.value);
-  io(all.tissue, all.pressure, all.membrane, all.held, all.other_tool, all.step, all.source);
+  io(all.tissue, all.pressure, all.membrane, all.wall, all.held, all.other_tool, all.step, all.source);
   if constexpr (!std::is_const_v<T>) config = std::move(all);
 }
 

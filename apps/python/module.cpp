@@ -34,6 +34,7 @@
 #include "apps/run/summary.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
 #include "io/stop.hpp"
@@ -529,6 +530,7 @@ class LiveSession {
       const Config config = settings.config();
       require_no_steps(config, "a Session");
       require_no_membranes(config, "a Session");
+      require_no_walls(config, "a Session");
       require_circle(config, "a Session");
       require_open_folds(config, "a Session");
       const std::vector<Material> materials = materials_of(config);

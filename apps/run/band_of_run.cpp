@@ -127,6 +127,7 @@ std::string no_band(const Config& config, const std::vector<Material>& tissues) 
   if (has_loads(config)) return "it was measured for bodies that bear no load but the tool's";
   if (has_membranes(config)) return "it was measured for bodies without a membrane";
   if (folds_touch(config)) return "it was measured for bodies whose folds do not touch";
+  if (has_walls(config)) return "it was measured for bodies that touch no walls";
   if (!config.step.empty()) return "it was measured for a tool that is pushed straight in, once";
   if (!has_tool_alone(config)) return "it was measured for bodies that nothing holds but their base";
   if (const std::string none = no_band(tissues); !none.empty()) return none;

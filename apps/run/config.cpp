@@ -266,6 +266,9 @@ NamedSection<Config::Pressure> pressures_of(Config& config) {
 NamedSection<Config::Film> membranes_of(Config& config) {
   return {config.membrane, "membrane.", "membrane", "for instance --set membrane.pia.thickness=0.1mm"};
 }
+NamedSection<Config::Wall> walls_of(Config& config) {
+  return {config.wall, "wall.", "wall", "for instance --set wall.skull.shape=label:skull"};
+}
 NamedSection<Config::Held> supports_of(Config& config) {
   return {config.held, "support.", "support", "for instance --set support.retractor.on=left"};
 }
@@ -281,6 +284,7 @@ NamedSection<Config::Step> steps_of(Config& config) {
 std::optional<Option> named_option(Config& config, const std::string& key, const std::string& source) {
   if (auto option = pressures_of(config).option_of(key, source)) return option;
   if (auto option = membranes_of(config).option_of(key, source)) return option;
+  if (auto option = walls_of(config).option_of(key, source)) return option;
   if (auto option = supports_of(config).option_of(key, source)) return option;
   if (auto option = tools_of(config).option_of(key, source)) return option;
   const int before = static_cast<int>(config.step.size());
@@ -292,8 +296,9 @@ std::optional<Option> named_option(Config& config, const std::string& key, const
 
 std::vector<std::pair<std::string, Option>> named_options(Config& config) {
   auto all = pressures_of(config).all(), membranes = membranes_of(config).all(),
-       supports = supports_of(config).all(), tools = tools_of(config).all(), steps = steps_of(config).all();
-  for (const auto* further : {&membranes, &supports, &tools, &steps})
+       walls = walls_of(config).all(), supports = supports_of(config).all(), tools = tools_of(config).all(),
+       steps = steps_of(config).all();
+  for (const auto* further : {&membranes, &walls, &supports, &tools, &steps})
     all.insert(all.end(), further->begin(), further->end());
   return all;
 }
@@ -589,7 +594,7 @@ void read_config(Config& config, const std::filesystem::path& file) {
         set_all(config, "tissue." + std::string(name.str()), value, file);
         continue;
       }
-      if (section.str() == "membrane" ||
+      if (section.str() == "membrane" || section.str() == "wall" ||
           ((section.str() == "support" || section.str() == "tool") && value.is_table())) {
         set_all(config, fmt::format("{}.{}", section.str(), name.str()), value, file);
         continue;
@@ -672,6 +677,7 @@ std::string to_toml(const Config& config, const std::map<std::string, std::strin
   }
   for (auto [name, pressure] : config.pressure) text += as_table("load.pressure", name, options_of(pressure));
   for (auto [name, film] : config.membrane) text += as_table("membrane", name, options_of(film));
+  for (auto [name, wall] : config.wall) text += as_table("wall", name, options_of(wall));
   for (auto [name, held] : config.held) text += as_table("support", name, options_of(held));
   for (auto [name, tool] : config.other_tool) text += as_table("tool", name, options_of(tool));
   for (auto [name, step] : steps_in_order(config)) text += as_table("step", name, options_of(step));
@@ -694,6 +700,7 @@ std::string option_reference() {
   Config config;
   config.pressure["NAME"];
   config.membrane["NAME"];
+  config.wall["NAME"];
   config.held["NAME"];
   config.other_tool["NAME"];
   config.step["NAME"];
@@ -772,9 +779,13 @@ bool has_membranes(const Config& config) {
   return config.load.membrane != "none" || !config.membrane.empty();
 }
 
+bool has_walls(const Config& config) {
+  return config.load.wall != "none" || !config.wall.empty();
+}
+
 bool has_tool_alone(const Config& config) {
-  return !has_loads(config) && !has_membranes(config) && config.held.empty() && config.other_tool.empty() &&
-         config.step.empty();
+  return !has_loads(config) && !has_membranes(config) && !has_walls(config) && config.held.empty() &&
+         config.other_tool.empty() && config.step.empty();
 }
 
 std::string why_not_proportional(const Config& config) {

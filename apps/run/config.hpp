@@ -65,6 +65,7 @@ struct Config {
     std::string gravity = "none";
     std::string membrane = "none";     ///< of the whole surface: "0.1mm:400kPa", see membranes.hpp
     std::string self_contact = "off";  ///< of folds that close, see folds.hpp
+    std::string wall = "none";         ///< one rigid wall beside the body, see walls.hpp
   } load;
   struct Tool {
     std::string shape = "circle";  ///< see tool_of() in tool.hpp
@@ -85,6 +86,14 @@ struct Config {
     std::string wrinkles = "yes";            ///< where it is compressed, instead of bearing that
   };
   std::map<std::string, Film> membrane;
+  /// What stands beside or around the body and is rigid: [wall.NAME].
+  struct Wall {
+    std::string shape;             ///< label:NAME, a file, plane:x,y,z,nx,ny,nz or around:GAP
+    std::string friction = "0";    ///< as a tool's
+    std::string gap = "image";     ///< [mm] at the nearest place; image: as it is there
+    std::string opening = "none";  ///< x,y,z,radius in mm: what is nearest to the wall there is free
+  };
+  std::map<std::string, Wall> wall;
   /// A part of the body that is held beside the base, or moved beside the tool: [support.NAME]. The numbers
   /// of the moving least squares' supports stand in [support] itself.
   struct Held {
@@ -157,6 +166,7 @@ struct Option {
 std::vector<Option> options_of(Config& config);
 std::vector<Option> options_of(Config::Pressure& pressure);
 std::vector<Option> options_of(Config::Film& membrane);
+std::vector<Option> options_of(Config::Wall& wall);
 std::vector<Option> options_of(Config::Held& held);
 std::vector<Option> options_of(Config::OtherTool& tool);
 std::vector<Option> options_of(Config::Step& step);
@@ -220,10 +230,11 @@ std::string did_you_mean(const std::string& word, const std::vector<std::string>
 
 /// Whether anybody has chosen the option of that key: not where a file of all options states what is usual.
 bool was_given(const Config& config, const char* key);
-/// Whether gravity or a pressure acts on the body; whether it has a membrane; and whether nothing acts but
-/// the tool, nor holds it but the base.
+/// Whether gravity or a pressure acts on the body; whether it has a membrane; whether a wall stands beside
+/// it; and whether nothing acts but the tool, nor holds it but the base.
 bool has_loads(const Config& config);
 bool has_membranes(const Config& config);
+bool has_walls(const Config& config);
 bool has_tool_alone(const Config& config);
 
 /// Why the force is not proportional to the constants of one law, all multiplied alike; empty: it is, in

@@ -150,6 +150,10 @@ std::vector<Option> load_options(Config& c) {
        .choices = {"off", "on"}, .stage = "solve",
        .help = "on: folds and cuts that close touch without friction, in equilibrium; off: their walls pass "
                "through each other"},
+      {.key = "load.wall", .flag = "--wall", .value = &c.load.wall, .stage = "solve", .words = {"none"},
+       .help = "what is rigid beside or around the body, and touches it without friction: label:NAME of "
+               "the image, a closed mesh FILE.stl, plane:x,y,z,nx,ny,nz, or around:2mm, its outer hull at "
+               "that gap; none"},
       {.key = "load.gravity", .flag = "--gravity", .value = &c.load.gravity, .stage = "solve",
        .words = with_sides({"none"}),
        .help = "none; the side towards which it pulls with 9.81 m/s2; or x,y,z in LPS, in m/s2: the body "
@@ -264,6 +268,22 @@ std::vector<Option> options_of(Config::Film& m) {
       {.key = "membrane.wrinkles", .value = &m.wrinkles, .choices = {"yes", "no"}, .stage = "solve",
        .help = "yes: it bears no compression, as a thin film that folds into fine wrinkles; no: as much "
                "as tension"},
+  };
+}
+
+std::vector<Option> options_of(Config::Wall& w) {
+  return {
+      {.key = "wall.shape", .value = &w.shape, .stage = "solve",
+       .help = "label:NAME of the image; a closed mesh FILE.stl, .obj or .vtp in mm, LPS; "
+               "plane:x,y,z,nx,ny,nz, whose normal points to the body; or around:GAP, the outer hull of the "
+               "body, folds closed, at that gap"},
+      {.key = "wall.friction", .value = &w.friction, .stage = "solve",
+       .help = "Coulomb's coefficient, as 0.3, or stick: what has touched moves along it no more"},
+      {.key = "wall.gap", .value = &w.gap, .stage = "solve", .words = {"image"},
+       .help = "gap to the body at the nearest place, as 0.5mm: the wall is set back or forward by as much "
+               "everywhere; image: as the image has it"},
+      {.key = "wall.opening", .value = &w.opening, .stage = "solve", .words = {"none"},
+       .help = "x,y,z,radius in mm: there the wall is open; none"},
   };
 }
 

@@ -13,6 +13,7 @@
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
+#include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -270,6 +271,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
   for (const auto& [value, name] : result.image.names) organ.label_names[name] = value;
   const auto [labels, taken, gone] = take_labels(log, config, result.image, organ.label_names);
   organ.labels = labels;
+  check_walls(config, result.image, labels, organ.label_names);
   result.labels = taken;
   result.cut.labels = gone;
   result.read_s = reading.seconds();

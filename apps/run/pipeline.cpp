@@ -16,6 +16,7 @@
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/unless_stopped.hpp"
+#include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/memory.hpp"
@@ -102,6 +103,7 @@ TimeMode time_of(const Config& config, const RunLog& log, const Result& result) 
   if (asked == "quasi-static") return TimeMode::quasi_static;
   if (asked == "explicit" || !result.model.scheme.pressure_patches) {
     require_no_membranes(config, "a run with inertia");
+    require_no_walls(config, "a run with inertia");
     return TimeMode::explicit_;
   }
   TimeMode mode = choose_time(result.model, result.tissues, result.loading);
@@ -125,6 +127,7 @@ TimeMode time_of(const Config& config, const RunLog& log, const Result& result) 
                       .why = "its force holds inertia, and each step goes from an equilibrium to the next",
                       .remedy = "give a lower --rate, or --time quasi-static"});
   if (mode != TimeMode::quasi_static) require_no_membranes(config, "a run with inertia");
+  if (mode != TimeMode::quasi_static) require_no_walls(config, "a run with inertia");
   const double crossings = shear_crossings(result.model, result.tissues, result.loading);
   const bool shallow = mode == TimeMode::quasi_static && crossings < slow_load;
   log.line(mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
@@ -183,6 +186,13 @@ void tell_of_other_tools(const RunLog& log, const Config& config, const Result& 
                               name, written.number(walls[k].force.x()), written.number(walls[k].force.y()),
                               written.number(walls[k].force.z()), written.unit));
   }
+}
+
+void tell_of_walls(const RunLog& log, const Config& config, const Result& result) {
+  const std::vector<TouchingTool::Touched>& walls = result.history.walls;
+  for (std::size_t k = 0; k < walls.size(); ++k)
+    if (const std::string& name = result.loading.walls[k].name; !config.other_tool.contains(name))
+      log.say("wall     " + in_words(name, walls[k]));
 }
 
 // What no step of the march sees alone: of a tool that touches, unless it is known why.
@@ -277,6 +287,17 @@ void complete(const Config& config, Placed placed, const RunLog& log, Result& re
   result.complete_s = completing.seconds();
 }
 
+void stand_walls(const Case& given, const RunLog& log, Result& result) {
+  if (!has_walls(given.config)) return;
+  log.doing("walls");
+  const LabelImage& image = result.image.run.empty() && result.origin ? result.origin->image : result.image;
+  Walls walls =
+      walls_beside(given.config, result.model, &image, result.origin ? &result.origin->organ : nullptr);
+  for (const std::string& words : walls.words) log.say("wall     " + words);
+  for (Touch& wall : walls.touch) result.loading.walls.push_back(std::move(wall));
+  result.stages.done("walls");
+}
+
 // From places to a model that is complete, and a load that is accepted.
 void make_ready(const Case& given, Placed placed, const RunLog& log, Result& result) {
   const Config& config = given.config;
@@ -317,6 +338,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   else if (folds_touch(config))
     log.say(
         "folds    nothing can touch: the surface nowhere faces itself across twice the tool's way or less");
+  stand_walls(given, log, result);
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
   for (const Finding& finding : result.findings) log.warn(in_words(finding));
@@ -424,6 +446,7 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
   tell_of_lost_contact(log, result);
   tell_of_lateral_force(log, result);
   tell_of_other_tools(log, config, result);
+  tell_of_walls(log, config, result);
   // Between the places where folds touch the banks of a cut are looked at too.
   FoldContact::Audit& folds = result.history.folds;
   folds.penetration = std::max(folds.penetration, result.loading.folds ? closing.deepest() : 0.0);

@@ -18,6 +18,7 @@
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/run/walls.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 
@@ -154,6 +155,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   check_tool(given.config);
   check_other_tools(given.config);
   check_folds(given.config);
+  check_walls(given.config);
   if (given.model) {
     require_circle(given.config, "a model that was made before");
     if (!given.origin && given.model->provenance.contains("cut") && has_membranes(given.config))

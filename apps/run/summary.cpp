@@ -150,6 +150,27 @@ void add_folds(Json& summary, const FoldBanks& banks, const FoldContact::Audit& 
                              {"farthest_slid_mm", 1e3 * at_end.slid}};
 }
 
+void add_walls(Json& summary, const Config& config, const Result& result) {
+  const std::vector<Touch>& walls = result.loading.walls;
+  const std::vector<TouchingTool::Touched>& at_end = result.history.walls;
+  for (std::size_t k = 0; k < walls.size(); ++k) {
+    const Touch& wall = walls[k];
+    if (config.other_tool.contains(wall.name)) continue;
+    const TouchingTool::Touched touched = k < at_end.size() ? at_end[k] : TouchingTool::Touched{};
+    const Eigen::VectorXd& back = wall.set_back;
+    Json& its = summary["walls"][wall.name];
+    its = {{"places", wall.surface.count()},
+           {"places_that_touch", touched.samples},
+           {"force_N", three(touched.force)},
+           {"area_that_touches_mm2", 1e6 * touched.area},
+           {"largest_penetration_mm", 1e3 * touched.penetration},
+           {"largest_overlap_at_rest_mm", back.size() > 0 ? 1e3 * (back.maxCoeff() - back.minCoeff()) : 0.0}};
+    if (!(wall.friction > 0.0)) continue;
+    its["friction"] = std::isinf(wall.friction) ? Json("stick") : Json(wall.friction);
+    its["sticking_area_mm2"] = 1e6 * touched.sticks;
+  }
+}
+
 Json report_json(const Report& r) {
   return {{"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
 }
@@ -426,6 +447,7 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   summary["counts"] = counts_json(model);
   if (result.loading.touch) add_touch(summary, *result.loading.touch, result.history);
   add_other_tools(summary, config, result);
+  add_walls(summary, config, result);
   if (result.loading.folds) add_folds(summary, *result.loading.folds, result.history.folds);
   summary["support"] = support_json(model.support_report);
   summary["support"]["worst_pivot_ratio"] = model.support_report.worst_pivot_ratio;

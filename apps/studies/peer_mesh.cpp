@@ -11,6 +11,7 @@
 #include "apps/run/organ.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/run/walls.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
@@ -112,6 +113,7 @@ ElementModel element_model(const Config& config, const std::string& format, cons
   require_no_membranes(config, "dimple export");
   require_circle(config, "dimple export");
   require_open_folds(config, "dimple export");
+  require_no_walls(config, "dimple export");
   if (!has_tool_alone(config))
     throw UsageError(
         {.fact = fmt::format("{} cannot be exported", !config.held.empty()      ? "supports"

@@ -31,26 +31,26 @@ constexpr double smallest_mm = 0.2, largest_mm = 2000.0;
 constexpr double wanted_points = 200e3;  // of the grid
 constexpr double margin = 0.25;          // of the width, around the tool
 
-[[noreturn]] void refuse(const std::string& name, const std::string& fact, const std::string& why,
+[[noreturn]] void refuse(const Drawing& of, const std::string& fact, const std::string& why,
                          const std::string& remedy) {
-  throw InputError({.fact = fmt::format("the tool in {} {}", name, fact),
-                    .where = "--tool (tool.shape)",
+  throw InputError({.fact = fmt::format("the {} in {} {}", of.what, of.name, fact),
+                    .where = of.where,
                     .why = why,
                     .remedy = remedy,
-                    .code = "tool-mesh"});
+                    .code = of.what + "-mesh"});
 }
 
-void refuse_other_units(const std::string& name, const Points& vertex) {
+void refuse_other_units(const Drawing& of, const Points& vertex) {
   const double size = (vertex.rowwise().maxCoeff() - vertex.rowwise().minCoeff()).maxCoeff();
   if (size < smallest_mm || size > largest_mm)
-    refuse(name, fmt::format("is {:.3g} mm long", size),
-           fmt::format(
-               "a tool of {:g} to {:g} mm is taken; the file has no units, and its numbers are read as mm",
-               smallest_mm, largest_mm),
-           size < smallest_mm ? "scale it by 1000 if it was drawn in metres" : "scale it to mm");
+    refuse(
+        of, fmt::format("is {:.3g} mm long", size),
+        fmt::format("a {} of {:g} to {:g} mm is taken; the file has no units, and its numbers are read as mm",
+                    of.what, smallest_mm, largest_mm),
+        size < smallest_mm ? "scale it by 1000 if it was drawn in metres" : "scale it to mm");
 }
 
-void refuse_border(const std::string& name, const TriangleMesh& mesh) {
+void refuse_border(const Drawing& of, const TriangleMesh& mesh) {
   std::vector<std::array<Index, 2>> edge;
   edge.reserve(static_cast<std::size_t>(mesh.triangles.size()));
   for (Index t = 0; t < mesh.triangles.cols(); ++t)
@@ -66,7 +66,7 @@ void refuse_border(const std::string& name, const TriangleMesh& mesh) {
     if ((end - begin) % 2 == 1 && open++ == 0) at = *begin;
   }
   if (open > 0)
-    refuse(name, fmt::format("has an open border of {} edges", open),
+    refuse(of, fmt::format("has an open border of {} edges", open),
            fmt::format("one of them is near {} in its file; inside and outside are not known",
                        in_words(Vec3(0.5 * (mesh.vertex.col(at[0]) + mesh.vertex.col(at[1]))))),
            "close its holes in the program that drew it");
@@ -107,7 +107,7 @@ bool turn_outward(TriangleMesh& mesh) {
 }
 
 // Of a mesh that faces outward and is a manifold.
-void refuse_crossing(const std::string& name, const TriangleMesh& mesh) {
+void refuse_crossing(const Drawing& of, const TriangleMesh& mesh) {
   using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
   using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
   Mesh surface;
@@ -120,11 +120,11 @@ void refuse_crossing(const std::string& name, const TriangleMesh& mesh) {
       surface, std::back_inserter(crossing));
   if (crossing.empty()) return;
   const auto [t, other] = *std::min_element(crossing.begin(), crossing.end());
-  const auto middle = [&](Mesh::Face_index of) {
-    const auto its = mesh.triangles.col(static_cast<Index>(of.idx()));
+  const auto middle = [&](Mesh::Face_index face) {
+    const auto its = mesh.triangles.col(static_cast<Index>(face.idx()));
     return Vec3((mesh.vertex.col(its[0]) + mesh.vertex.col(its[1]) + mesh.vertex.col(its[2])) / 3.0);
   };
-  refuse(name, fmt::format("passes through itself: {} pairs of its triangles cross", crossing.size()),
+  refuse(of, fmt::format("passes through itself: {} pairs of its triangles cross", crossing.size()),
          fmt::format("two of them are near {} in its file; inside and outside are not known",
                      in_words(Vec3(0.5 * (middle(t) + middle(other))))),
          "unite its parts in the program that drew it");
@@ -174,17 +174,23 @@ std::vector<double> lower_surface(const DistanceGrid& grid, double width) {
 
 }  // namespace
 
-ToolMesh tool_mesh(const Points& vertex_mm, const Triangles& triangles, const std::string& name) {
+TriangleMesh closed_drawing(const Drawing& of, const Points& vertex_mm, const Triangles& triangles,
+                            bool& turned) {
   TriangleMesh mesh{vertex_mm, triangles};
-  refuse_other_units(name, mesh.vertex);
-  refuse_border(name, mesh);
-  ToolMesh result;
-  result.name = name;
-  result.turned = turn_outward(mesh);
+  refuse_other_units(of, mesh.vertex);
+  refuse_border(of, mesh);
+  turned = turn_outward(mesh);
   separate_touching_sheets(mesh);
   stop_if_asked();
-  refuse_crossing(name, mesh);
+  refuse_crossing(of, mesh);
   stop_if_asked();
+  return mesh;
+}
+
+ToolMesh tool_mesh(const Points& vertex_mm, const Triangles& triangles, const std::string& name) {
+  ToolMesh result;
+  result.name = name;
+  TriangleMesh mesh = closed_drawing({.name = name}, vertex_mm, triangles, result.turned);
   const Vec3 low = mesh.vertex.rowwise().minCoeff(), high = mesh.vertex.rowwise().maxCoeff();
   mesh.vertex.colwise() -= Vec3(0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]);
   const double width = 2.0 * mesh.vertex.topRows<2>().colwise().norm().maxCoeff();

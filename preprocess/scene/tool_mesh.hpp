@@ -23,9 +23,21 @@ struct ToolMesh {
   bool turned = false;  ///< its triangles, or some of them, faced inward in the file
 };
 
+/// Of a drawing, for what is said.
+struct Drawing {
+  std::string name;  ///< of its file
+  std::string what = "tool";
+  std::string where = "--tool (tool.shape)";
+};
+
+/// All triangles facing outward; whether some did not. Throws InputError: it has a border, or passes through
+/// itself, each with a place; or is so small or large that it cannot be in mm. Throws Stopped.
+struct TriangleMesh;
+TriangleMesh closed_drawing(const Drawing& of, const Points& vertex_mm, const Triangles& triangles,
+                            bool& turned);
+
 /// `vertex_mm`: z away from the body. `name`: of the file, for what is said. Distances are sampled from the
-/// tip to two widths above it and a quarter of the width around. Throws InputError: it has a border, or
-/// passes through itself, each with a place; or is so small or large that it cannot be in mm. Throws Stopped.
+/// tip to two widths above it and a quarter of the width around. Throws as closed_drawing().
 ToolMesh tool_mesh(const Points& vertex_mm, const Triangles& triangles, const std::string& name);
 
 }  // namespace dimple

@@ -119,6 +119,8 @@ Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options,
       if (lambda) *lambda = l;
       return found;
     }
+    // Dynamic relaxation looks for no contact forces.
+    if (!system_.contacts().empty()) throw no_equilibrium(found, system_.model());
     spent = found.evaluations;
     system_.tissue().hold_pressures({});
   }

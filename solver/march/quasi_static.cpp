@@ -158,7 +158,7 @@ class QuasiStaticMarch {
   void search(double tolerance, Found& found);
   void check(const Way& way, Found& found);
   void check_contact(const Moment& now);
-  void look_at_walls();
+  void look_at_walls(const Moment& now);
   void look_at_folds();
   void take(const Way& way, const Found& found);
   bool show_frames_before(const Way& way);
@@ -339,7 +339,7 @@ void QuasiStaticMarch::check(const Way& way, Found& found) {
   guards_.check_points(relaxed.sweep, now);
   guards_.check_fluctuation(now_.u, now);
   if (system_.touching()) check_contact(now);
-  look_at_walls();
+  look_at_walls(now);
   if (system_.folds()) look_at_folds();
   found.force = ledger_.force(now, now_.u, f_);
   state_.depths.push_back(way.to);
@@ -371,7 +371,7 @@ void QuasiStaticMarch::check_contact(const Moment& now) {
   history_.contact_pressure = touched.pressure;
 }
 
-void QuasiStaticMarch::look_at_walls() {
+void QuasiStaticMarch::look_at_walls(const Moment& now) {
   history_.walls.resize(system_.walls().size());
   for (std::size_t k = 0; k < history_.walls.size(); ++k) {
     TouchingTool::Touched& wall = history_.walls[k];
@@ -379,6 +379,8 @@ void QuasiStaticMarch::look_at_walls() {
         std::max(wall.penetration, system_.walls()[k]->audit(now_.u, system_.now()).penetration);
     wall = system_.walls()[k]->touched();
     wall.penetration = deepest;
+    const Touch& of = system_.walls()[k]->touch();
+    if (of.surface.count() > 0) guards_.check_wall(of.name, deepest, of.surface.spacing.mean(), now);
   }
 }
 

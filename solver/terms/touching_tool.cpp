@@ -39,16 +39,7 @@ TouchingTool::TouchingTool(Touch touch)
   slip_ = slid_ = anchor_ = friction_;
   last_ = before_last_ = touch_.surface.place.colwise() - touch_.pose.tip;
   touched_.assign(static_cast<std::size_t>(count()), 0);
-  if (!is_measured()) stand_at_rest();
-}
-
-// What stands is there before anything moves.
-void TouchingTool::stand_at_rest() {
-  gone_before_ = -1.0;
-  const ToolPose at_origin{Vec3::Zero(), touch_.pose.points_at};
-  for (Index s = 0; s < count(); ++s)
-    touched_[static_cast<std::size_t>(s)] =
-        distance_to_tool(touch_.shape, at_origin, last_.col(s)).distance + set_back(s) <= 0.0;
+  if (!is_measured()) gone_before_ = -1.0;  // what stands is there before anything moves
 }
 
 // All of the tool's way, and of what stands the share of the loads besides, which move the body as well.
@@ -220,10 +211,13 @@ TouchingTool::Audit TouchingTool::audit(const Nodal& u, const Instant& now) cons
   Audit result;
   const Points between = surface.between + surface.at_between(u.topRows<3>()),
                beyond = surface.beyond + surface.at_beyond(u.topRows<3>());
-  for (const auto& x : between.colwise())
-    result.penetration = std::max(result.penetration, -distance_to_tool(touch_.shape, pose, x).distance);
-  for (const auto& x : place_.colwise())
-    result.penetration = std::max(result.penetration, -distance_to_tool(touch_.shape, pose, x).distance);
+  for (Index k = 0; k < between.cols(); ++k)
+    result.penetration = std::max(
+        result.penetration, -distance_to_tool(touch_.shape, pose, between.col(k)).distance -
+                                (touch_.set_back_between.size() > 0 ? touch_.set_back_between[k] : 0.0));
+  for (Index s = 0; s < place_.cols(); ++s)
+    result.penetration = std::max(
+        result.penetration, -distance_to_tool(touch_.shape, pose, place_.col(s)).distance - set_back(s));
   for (Index v = 0; v < beyond.cols(); ++v)
     if (const double in = -distance_to_tool(touch_.shape, pose, beyond.col(v)).distance; in > result.beyond) {
       result.beyond = in;

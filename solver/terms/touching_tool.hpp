@@ -21,7 +21,9 @@ struct Touch {
   /// Nothing: it is this tool.
   std::optional<Vec3> motion = {};
   std::string name = {};
-  Eigen::VectorXd set_back = {};  ///< [M] m, of the tool's surface at each sample; empty: not at all
+  /// [M], [K] m: how far its surface is set back at each sample, and at each piece between; empty: not at
+  /// all.
+  Eigen::VectorXd set_back = {}, set_back_between = {};
 };
 
 /// The nearest to `force` that is no larger than `bound`.
@@ -132,7 +134,6 @@ class TouchingTool : public ContactTerm {
   double gone(const Instant& now) const;
   bool may_rub() const { return last_gone_ > gone_before_; }
   void foresee(double gone);
-  void stand_at_rest();
 };
 
 }  // namespace dimple

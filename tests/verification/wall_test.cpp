@@ -4,8 +4,12 @@
 
 #include <cmath>
 #include <functional>
+#include <limits>
 
+#include "preprocess/build_model.hpp"
+#include "preprocess/scene/wall_field.hpp"
 #include "preprocess/supports/wall_surface.hpp"
+#include "preprocess/surface/shapes.hpp"
 #include "solver/equilibrium/relax.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
@@ -148,6 +152,116 @@ TEST(Walls, ConfineAColumnThatItsOwnWeightShortens) {
   EXPECT_LT(right.x(), 1.01 * all);
   EXPECT_NEAR(left.x(), -right.x(), 0.01 * all);
   EXPECT_LT(std::abs(right.z()), 1e-9 * all) << "without friction";
+}
+
+TEST(Walls, LetGoOfAColumnThatHangsAndNeverPullAtIt) {
+  const Model model = testing_bodies::averaged_block(4, 0.1);
+  const ForceSystem tissue(model, {{neo_hookean(210.0, 0.45, 1000.0)}, model.tissue});
+  const std::vector<Touch> walls = {plane(model, "-x", Vec3::Zero(), Vec3::UnitX()),
+                                    plane(model, "+x", size, -Vec3::UnitX())};
+  const Loads up{.gravity = Vec3(0.0, 0.0, 4.0), .pressure = {}};
+  const auto between = make_system(tissue, model, Contact::bonded, {}, up, 1e-5, nullptr, nullptr, walls);
+  const auto alone = make_system(tissue, model, Contact::bonded, {}, up, 1e-5);
+  const double longest = alone->at_rest().u.colwise().norm().maxCoeff();
+  EXPECT_GT(longest, 0.5e-3);
+  EXPECT_LT((between->at_rest().u - alone->at_rest().u).cwiseAbs().maxCoeff(), 0.01 * longest);
+  double all = 0.0;
+  for (const TouchingTool* wall : between->walls()) {
+    EXPECT_GE(wall->forces().minCoeff(), 0.0);
+    all += wall->forces().sum();
+  }
+  EXPECT_LT(all, 1e-3 * model.mass.sum() * 4.0);
+}
+
+TEST(Walls, ThatStickHoldTheSidesOfAColumnThatSinks) {
+  const Model model = testing_bodies::averaged_block(5, 0.1);
+  const ForceSystem tissue(model, {{neo_hookean(210.0, 0.4, 1000.0)}, model.tissue});
+  std::vector<Touch> walls = {
+      plane(model, "-x", Vec3::Zero(), Vec3::UnitX()), plane(model, "+x", size, -Vec3::UnitX()),
+      plane(model, "-y", Vec3::Zero(), Vec3::UnitY()), plane(model, "+y", size, -Vec3::UnitY())};
+  // The mean way down along the walls, in the middle of their height, where they are pressed.
+  const auto sinks_beside = [&](double friction) {
+    for (Touch& wall : walls) wall.friction = friction;
+    const auto system =
+        make_system(tissue, model, Contact::bonded, {}, {.gravity = Vec3(0.0, 0.0, -9.81), .pressure = {}},
+                    1e-4, nullptr, nullptr, walls);
+    double sum = 0.0, count = 0.0;
+    for (const HeldSet& set : sides_held(model))
+      for (const Index a : set.node)
+        if (std::abs(model.X(2, a) - 0.5 * size.z()) < 0.15 * size.z()) {
+          sum -= system->at_rest().u(2, a);
+          ++count;
+        }
+    for (const TouchingTool* wall : system->walls())
+      for (Index s = 0; s < wall->count(); ++s)
+        if (friction > 0.0 && std::isfinite(friction)) {
+          EXPECT_LE(wall->friction_forces().col(s).norm(), 1.001 * friction * wall->forces()[s]);
+        }
+    return sum / count;
+  };
+  const double slides = sinks_beside(0.0);
+  EXPECT_GT(slides, 0.5e-3);
+  const double rubs = sinks_beside(0.2);
+  EXPECT_LT(rubs, 0.9 * slides);
+  EXPECT_LT(sinks_beside(std::numeric_limits<double>::infinity()), std::min(0.15 * slides, rubs));
+}
+
+// A ball of 5 mm that comes down on a layer.
+TEST(Walls, ThatAreMovedPressAsTheToolThatIsMeasuredDoes) {
+  ModelOptions options;
+  options.cloud.count = 800;
+  options.cloud.grading.whole_circle = true;
+  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 2.7};
+  const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
+  const ForceSystem tissue(model, {{neo_hookean(210.0, 0.49, 1000.0)}, model.tissue}, Precision::double_);
+  const Vec3 top(0.0, 0.0, 20e-3);
+  Touch ball{.shape = {.kind = ToolShape::Kind::sphere, .radius = 5e-3},
+             .pose = {top, -Vec3::UnitZ()},
+             .surface = {}};
+  ball.surface = wall_surface(
+      model, [&](const Vec3& x, const Vec3& n) { return n.z() > 0.5 && (x - top).norm() < 7e-3; }, 2000);
+  const auto force = [&](const Touch& touch) {
+    std::vector<std::unique_ptr<TouchingTool>> rigid;
+    rigid.push_back(std::make_unique<TouchingTool>(touch));
+    System system(tissue, model, make_constraints(model, Contact::bonded, {}), {}, std::move(rigid));
+    Rest rest = system.at_rest();
+    Nodal f = rest.u;
+    const Relaxation relax(system);
+    for (const double depth : {0.5e-3, 1e-3, 1.5e-3}) {
+      system.set({.depth = depth}, rest.u);
+      EXPECT_TRUE(relax.from_near(rest.u, rest.lambda, f, {}).converged) << depth;
+      system.accept_step(rest.u);
+    }
+    return system.contacts().front().rigid->touched().force.z();
+  };
+  const double measured = force(ball);
+  Touch moved = ball;
+  moved.motion = -Vec3::UnitZ();
+  EXPECT_NEAR(force(moved), measured, 0.005 * measured);
+  // And drawn, as a wall's distances are kept.
+  const BodySurface drawn = cut_ellipsoid_surface(Vec3::Constant(5.0), -4.999);
+  auto field = std::make_shared<DistanceGrid>(
+      wall_field(drawn, false, Vec3::Constant(-9.0), Vec3::Constant(9.0), 0.2, 4.0));
+  moved.shape = {.kind = ToolShape::Kind::field, .field = field};
+  moved.pose.tip = top + Vec3(0.0, 0.0, 5e-3);  // where its frame begins
+  EXPECT_NEAR(force(moved), measured, 0.02 * measured);
+}
+
+TEST(WallField, IsTheDistanceFromTheSurfaceInsideOutWhereItIsHollow) {
+  const BodySurface ball = cut_ellipsoid_surface(Vec3::Constant(20.0), -19.999);
+  const Vec3 far = Vec3::Constant(30.0);
+  const DistanceGrid solid = wall_field(ball, false, -far, far, 1.0, 8.0),
+                     hollow = wall_field(ball, true, -far, far, 1.0, 8.0);
+  const Vec3 out = Vec3(1.0, 2.0, 2.0) / 3.0;
+  for (const double r : {14e-3, 18e-3, 20e-3, 22e-3, 26e-3}) {
+    const Distance from = distance_in(solid, r * out), within = distance_in(hollow, r * out);
+    EXPECT_NEAR(from.distance, r - 20e-3, 0.05e-3) << r;
+    EXPECT_NEAR(within.distance, 20e-3 - r, 0.05e-3) << r;
+    EXPECT_LT((from.gradient - out).norm(), 0.02);
+    EXPECT_LT((within.gradient + out).norm(), 0.02);
+  }
+  EXPECT_NEAR(distance_in(solid, Vec3::Zero()).distance, -8e-3, 1e-9)
+      << "and no farther than it was asked for";
 }
 
 }  // namespace

@@ -1,0 +1,342 @@
+#include "apps/run/walls.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "apps/run/steps.hpp"
+#include "apps/run/supports.hpp"
+#include "apps/run/tool.hpp"
+#include "apps/run/words.hpp"
+#include "io/digits.hpp"
+#include "io/error.hpp"
+#include "io/surface_mesh.hpp"
+#include "io/text.hpp"
+#include "preprocess/image/close_gaps.hpp"
+#include "preprocess/scene/wall_field.hpp"
+#include "preprocess/supports/wall_surface.hpp"
+#include "preprocess/surface/closed_mesh.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr const char* wall_of_option = "wall";
+constexpr const char* wall_forms =
+    "give label:NAME, a closed mesh such as skull.stl, plane:x,y,z,nx,ny,nz, or around:2mm";
+constexpr double hull_closes_mm = 30.0;  // gaps in the body narrower than this: its fissures
+constexpr double faces_wall = -0.3;      // outward normal of the body . that of the wall, at most
+constexpr Index most_wall_samples = 700;
+// How far from the body a wall is looked for: of the body's size, and at least and at most [m].
+constexpr double reach_of_size = 0.15, least_reach = 10e-3, most_reach = 30e-3;
+constexpr double overlap_voxels = 1.0;    // that neighbouring labels may have
+constexpr double overlap_spacings = 0.2;  // the same where there is no image
+
+std::string wall_key(const std::string& name, const char* option) {
+  return name == wall_of_option && std::string(option) == "shape" ? "--wall (load.wall)"
+                                                                  : fmt::format("wall.{}.{}", name, option);
+}
+
+[[noreturn]] void refuse_wall(const std::string& name, const std::string& fact, const char* option,
+                              const std::string& why, const std::string& remedy) {
+  throw UsageError({.fact = fmt::format("the wall '{}' {}", name, fact),
+                    .where = wall_key(name, option),
+                    .why = why,
+                    .remedy = remedy});
+}
+
+std::vector<double> numbers_of(const std::string& name, const std::string& text, const char* option,
+                               std::size_t count, const char* what) {
+  std::vector<double> numbers;
+  set_value(
+      {.key = fmt::format("wall.{}", option), .value = &numbers, .least = -1e6, .most = 1e6, .help = what},
+      text, wall_key(name, option));
+  if (numbers.size() != count)
+    refuse_wall(name, fmt::format("has {} numbers", numbers.size()), option,
+                fmt::format("{} is {}", text, what),
+                option == std::string("shape") ? wall_forms : "give four numbers in mm, or none");
+  return numbers;
+}
+
+double gap_length(const std::string& name, const std::string& text, const char* option) {
+  double mm = 0.0;
+  set_value(
+      {.key = fmt::format("wall.{}", option), .unit = "mm", .value = &mm, .most = 100.0, .help = "a gap"},
+      text, wall_key(name, option));
+  return mm;
+}
+
+// What a wall is made of, by its words.
+struct WallWords {
+  enum class Kind { label, file, plane, around } kind;
+  std::string rest;
+};
+
+WallWords words_of_wall(const std::string& name, const Config::Wall& wall) {
+  const std::string text(trimmed(wall.shape));
+  if (text.empty()) refuse_wall(name, "has no shape", "shape", "it is not known where it stands", wall_forms);
+  if (is_surface_file(text)) return {WallWords::Kind::file, text};
+  const auto colon = text.find(':');
+  const std::string kind = text.substr(0, colon),
+                    rest = colon == std::string::npos ? "" : std::string(trimmed(text.substr(colon + 1)));
+  if (!rest.empty() && kind == "label") return {WallWords::Kind::label, rest};
+  if (!rest.empty() && kind == "plane") return {WallWords::Kind::plane, rest};
+  if (!rest.empty() && kind == "around") return {WallWords::Kind::around, rest};
+  refuse_wall(name, fmt::format("is '{}'", text), "shape", "this names no wall", wall_forms);
+}
+
+ToolPose plane_of(const std::string& name, const std::string& text) {
+  const std::vector<double> n =
+      numbers_of(name, text, "shape", 6, "a place in mm and a normal: x,y,z,nx,ny,nz");
+  const Vec3 normal(n[3], n[4], n[5]);
+  if (!(normal.norm() > 0.0))
+    refuse_wall(name, "has no normal", "shape", "three zeros are no direction",
+                "give one that points to the body");
+  return {1e-3 * Vec3(n[0], n[1], n[2]), normal.normalized()};
+}
+
+BodySurface surface_of_file(const std::string& name, const std::string& file) {
+  const SurfaceFile drawn = read_surface_mesh(file);
+  bool turned = false;
+  TriangleMesh mesh = closed_drawing({.name = std::filesystem::path(file).filename().string(),
+                                      .what = "wall",
+                                      .where = wall_key(name, "shape")},
+                                     drawn.position_mm, drawn.triangles, turned);
+  return {std::move(mesh.vertex), std::move(mesh.triangles)};
+}
+
+std::optional<Eigen::Vector4d> opening_of(const std::string& name, const Config::Wall& wall) {
+  if (trimmed(wall.opening) == "none") return std::nullopt;
+  const std::vector<double> n = numbers_of(name, wall.opening, "opening", 4, "a ball in mm: x,y,z,radius");
+  if (!(n[3] > 0.0))
+    refuse_wall(name, "has an opening without a radius", "opening", "nothing would be open",
+                "give x,y,z,radius in mm, or none");
+  return Eigen::Vector4d(n[0], n[1], n[2], n[3]);
+}
+
+std::optional<double> gap_of(const std::string& name, const Config::Wall& wall) {
+  if (trimmed(wall.gap) == "image") return std::nullopt;
+  return 1e-3 * gap_length(name, wall.gap, "gap");
+}
+
+// The distance field of a wall around the model's box, with what was done.
+DistanceGrid field_of(const BodySurface& wall, bool hollow, const Model& model, double finest_mm,
+                      double reach) {
+  const Vec3 low = 1e3 * (model.X.rowwise().minCoeff().array() - 1.2 * reach).matrix(),
+             high = 1e3 * (model.X.rowwise().maxCoeff().array() + 1.2 * reach).matrix();
+  return wall_field(wall, hollow, low, high, finest_mm, 1e3 * 1.1 * reach);
+}
+
+struct WallShape {
+  ToolShape shape;
+  ToolPose pose;
+  double gap = 0.0;  // that its words say, in front of what is drawn [m]
+  std::string words;
+};
+
+WallShape wall_shape_of(const std::string& name, const Config::Wall& wall, const Model& model,
+                        const LabelImage* image, const Organ* organ, double reach) {
+  const WallWords words = words_of_wall(name, wall);
+  WallShape result{.shape = {.kind = ToolShape::Kind::field}, .pose = {}, .words = {}};
+  if (words.kind == WallWords::Kind::plane) {
+    result.shape.kind = ToolShape::Kind::plane;
+    result.pose = plane_of(name, words.rest);
+    result.words = "a plane";
+    return result;
+  }
+  const auto take = [&](const BodySurface& surface, bool hollow, double finest) {
+    result.shape.field =
+        std::make_shared<const DistanceGrid>(field_of(surface, hollow, model, finest, reach));
+  };
+  if (words.kind == WallWords::Kind::file) {
+    take(surface_of_file(name, words.rest), false, 0.0);
+    result.words = fmt::format("the mesh {}", std::filesystem::path(words.rest).filename().string());
+    return result;
+  }
+  if (!image || !organ || image->run.empty())
+    refuse_wall(name, fmt::format("is '{}', and there is no label image", wall.shape), "shape",
+                "the model was made before, and its files do not hold the image",
+                "begin with the image: dimple run IMAGE --wall ...");
+  const double voxel = image->spacing().minCoeff();
+  if (words.kind == WallWords::Kind::label) {
+    const SegmentedBody solid = make_body_surface(*image, {number_of_label(words.rest, organ->label_names)});
+    take(solid.surface, false, voxel);
+    result.words = fmt::format("label {}", words.rest);
+    if (solid.report.dropped_volume_mm3 > 0.0)
+      result.words += fmt::format(", the largest of its {} pieces (without {})", solid.report.pieces,
+                                  volume_in_words(solid.report.dropped_volume_mm3));
+    return result;
+  }
+  result.gap = 1e-3 * gap_length(name, words.rest, "shape");
+  const Vec3 size = organ->body->surface.upper() - organ->body->surface.lower();
+  const double closes = std::min(hull_closes_mm, 0.5 * size.minCoeff());
+  const ClosedImage closed = close_gaps(organ->closed ? organ->closed->image : *image, organ->labels, closes);
+  take(make_body_surface(closed.image, organ->labels).surface, true, voxel);
+  result.words = fmt::format("the outer hull of the body, gaps narrower than {} closed, at a gap of {}",
+                             length_in_words(closes), length_in_words(1e3 * result.gap));
+  return result;
+}
+
+}  // namespace
+
+std::map<std::string, Config::Wall> walls_named(const Config& config) {
+  std::map<std::string, Config::Wall> walls = config.wall;
+  if (config.load.wall == "none") return walls;
+  std::string config_shape = config.load.wall;
+  Config::Wall& its = walls[wall_of_option];  // its other options may be given by that name
+  std::swap(its.shape, config_shape);
+  if (!config_shape.empty())
+    refuse_wall(wall_of_option, "is given twice", "shape", "the one of --wall has that name",
+                "give one of them, or the other a name of its own");
+  return walls;
+}
+
+void check_walls(const Config& config) {
+  for (const auto& [name, wall] : walls_named(config)) {
+    const WallWords words = words_of_wall(name, wall);
+    if (words.kind == WallWords::Kind::plane) plane_of(name, words.rest);
+    if (words.kind == WallWords::Kind::around) gap_length(name, words.rest, "shape");
+    if (words.kind == WallWords::Kind::file) surface_of_file(name, words.rest);
+    friction_of(wall.friction, wall_key(name, "friction"));
+    opening_of(name, wall);
+    if (gap_of(name, wall) && words.kind == WallWords::Kind::around)
+      refuse_wall(name, "has two gaps", "gap", "around:GAP is at that gap already", "leave one of them out");
+  }
+  if (!has_walls(config)) return;
+  if (config.scheme.name != Config{}.scheme.name) require_no_walls(config, "the scheme of 2007");
+  if (config.solver.time == "explicit" || config.solver.time == "dynamic")
+    require_no_walls(config, "a run with inertia");
+}
+
+void check_walls(const Config& config, const LabelImage& image, const std::vector<int>& of_body,
+                 const std::map<std::string, int>& names) {
+  for (const auto& [name, wall] : walls_named(config)) {
+    const WallWords words = words_of_wall(name, wall);
+    if (words.kind != WallWords::Kind::label) continue;
+    const int value = number_of_label(words.rest, names);
+    const bool there =
+        std::any_of(image.run.begin(), image.run.end(), [&](const Run& run) { return run.label == value; });
+    if (there && !of_body.empty() && std::find(of_body.begin(), of_body.end(), value) == of_body.end())
+      continue;
+    throw InputError(
+        {.fact =
+             there ? fmt::format("label '{}' is both the wall '{}' and a part of the body", words.rest, name)
+                   : fmt::format("the image has no label '{}' for the wall '{}'", words.rest, name),
+         .where = wall_key(name, "shape"),
+         .why = there ? "a wall is rigid, and what is soft is another label" : "no voxel has it",
+         .remedy =
+             there ? "choose the labels of the body with --label" : "`dimple info IMAGE` shows the labels"});
+  }
+}
+
+void require_no_walls(const Config& config, const std::string& command) {
+  if (!has_walls(config)) return;
+  throw UsageError({.fact = fmt::format("{} takes no walls", command),
+                    .where = config.load.wall != "none" ? "--wall (load.wall)" : "wall",
+                    .why = "contact with walls is solved for in equilibrium alone, in dimple run and solve",
+                    .remedy = "leave the walls out, or take dimple run with --time quasi-static"});
+}
+
+namespace {
+
+// What of the surface can come to it, by the place next to it on the wall.
+ContactSurface facing_surface(const Model& model, const Touch& wall, double reach,
+                              const std::optional<Eigen::Vector4d>& opening) {
+  return wall_surface(
+      model,
+      [&](const Vec3& x, const Vec3& outward) {
+        const ToolDistance to = distance_to_tool(wall.shape, wall.pose, x);
+        if (to.distance > reach || outward.dot(to.normal) > faces_wall) return false;
+        const Vec3 there = 1e3 * (x - to.distance * to.normal);
+        return !opening || (there - opening->head<3>()).norm() > (*opening)[3];
+      },
+      most_wall_samples);
+}
+
+Eigen::VectorXd distances(const Touch& wall, const Points& places) {
+  Eigen::VectorXd result(places.cols());
+  for (Index k = 0; k < places.cols(); ++k)
+    result[k] = distance_to_tool(wall.shape, wall.pose, places.col(k)).distance;
+  return result;
+}
+
+// Sets the wall back: as a whole to a stated gap, and where it lies in the body to where that is.
+std::string set_back(const std::string& name, const WallShape& shape, std::optional<double> gap,
+                     double allowed, Touch& wall) {
+  const ContactSurface& surface = wall.surface;
+  const Eigen::VectorXd at = distances(wall, surface.place), between = distances(wall, surface.between);
+  Index first = 0;
+  const double nearest = at.minCoeff(&first);
+  const double whole = gap ? *gap - nearest : shape.gap;
+  if (nearest + whole < -allowed)
+    throw ModelError(
+        {.fact =
+             fmt::format("the wall '{}' lies {} in the body at {}", name,
+                         length_in_words(-1e3 * (nearest + whole)), in_words(1e3 * surface.place.col(first))),
+         .where = wall_key(name, "shape"),
+         .why = fmt::format("more than {} of overlap are not taken for neighbours that touch",
+                            length_in_words(1e3 * allowed)),
+         .remedy = fmt::format("correct the image or the wall, or give a gap: --set wall.{}.gap=0mm", name),
+         .code = "wall"});
+  wall.set_back = (-at.array() - whole).max(0.0) + whole;
+  wall.set_back_between = (-between.array() - whole).max(0.0) + whole;
+  const double overlap = std::max(0.0, -(nearest + whole));
+  std::string words =
+      overlap > 0.0
+          ? fmt::format("overlaps of up to {} at rest are taken for touching", length_in_words(1e3 * overlap))
+          : fmt::format("{} away at the nearest place", length_in_words(1e3 * (nearest + whole)));
+  if (gap)
+    words += fmt::format(", set {} by {}", whole < 0.0 ? "forward" : "back",
+                         length_in_words(1e3 * std::abs(whole)));
+  return words;
+}
+
+}  // namespace
+
+std::string in_words(const std::string& name, const TouchingTool::Touched& wall) {
+  if (wall.samples == 0) return name + ": not touched at the end";
+  return fmt::format("{}: pushed with {} over {:.0f} mm2; the surface reaches {} into it at most", name,
+                     force_in_words(wall.force.norm()), 1e6 * wall.area,
+                     length_in_words(1e3 * wall.penetration));
+}
+
+Walls walls_beside(const Config& config, const Model& model, const LabelImage* image, const Organ* organ) {
+  Walls walls;
+  if (!has_walls(config)) return walls;
+  if (model.surface.empty())
+    throw ModelError({.fact = "a wall stands beside the body, and this model has no surface to touch it with",
+                      .where = "wall",
+                      .why = "its files hold nodes and points alone",
+                      .remedy = "take the label image, or leave the wall out"});
+  const double size = (model.X.rowwise().maxCoeff() - model.X.rowwise().minCoeff()).maxCoeff();
+  const double reach = std::max(std::clamp(reach_of_size * size, least_reach, most_reach),
+                                1.5 * deepest(config, model.tool.push));
+  for (const auto& [name, its] : walls_named(config)) {
+    Touch wall;
+    const WallShape shape = wall_shape_of(name, its, model, image, organ, reach);
+    wall.shape = shape.shape;
+    wall.pose = shape.pose;
+    wall.name = name;
+    wall.motion = Vec3::Zero().eval();
+    wall.friction = friction_of(its.friction, wall_key(name, "friction"));
+    wall.surface = facing_surface(model, wall, reach, opening_of(name, its));
+    if (wall.surface.count() == 0)
+      throw ModelError(
+          {.fact = fmt::format("nothing of the body can come to the wall '{}'", name),
+           .where = wall_key(name, "shape"),
+           .why = fmt::format("no part of its surface faces it within {}", length_in_words(1e3 * reach)),
+           .remedy = "`dimple info IMAGE` shows where the body is; a plane's normal points to it",
+           .code = "wall"});
+    const double allowed = image && !image->run.empty() ? 1e-3 * overlap_voxels * image->spacing().maxCoeff()
+                                                        : overlap_spacings * model.spacing.mean();
+    const std::string apart = set_back(name, shape, gap_of(name, its), allowed, wall);
+    walls.words.push_back(fmt::format("{}: {}, {}; {}; {} parts of the surface may touch it", name,
+                                      shape.words, friction_in_words(wall.friction), apart,
+                                      wall.surface.count()));
+    walls.touch.push_back(std::move(wall));
+  }
+  return walls;
+}
+
+}  // namespace dimple

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "apps/run/config.hpp"
+#include "apps/run/organ.hpp"
+#include "solver/terms/touching_tool.hpp"
+
+namespace dimple {
+
+/// All walls by name; that of --wall is called "wall".
+std::map<std::string, Config::Wall> walls_named(const Config& config);
+
+/// Before anything is built: throws UsageError where the words of a wall are not understood, or the run has
+/// inertia; InputError: the file of one is no closed mesh.
+void check_walls(const Config& config);
+/// Once the image is read: throws InputError where a wall is a label that is not there, or is of the body.
+void check_walls(const Config& config, const LabelImage& image, const std::vector<int>& of_body,
+                 const std::map<std::string, int>& names);
+/// Throws UsageError, for a command that knows no walls.
+void require_no_walls(const Config& config, const std::string& command);
+
+/// The walls beside a model, and what was found of each, in a sentence.
+struct Walls {
+  std::vector<Touch> touch;
+  std::vector<std::string> words;
+};
+/// `image`: of the labels, and `organ`: as it was read from it; null: the model was made before. Throws
+/// UsageError: a wall is made of an image, and there is none; ModelError: a wall lies in the body by more
+/// than a voxel, with the place, or nothing of the body can reach it.
+Walls walls_beside(const Config& config, const Model& model, const LabelImage* image, const Organ* organ);
+
+/// "skull: pushed with 1.20 N over 350 mm2; the surface reaches 0.0123 mm into it at most", or "not touched".
+std::string in_words(const std::string& name, const TouchingTool::Touched& wall);
+
+}  // namespace dimple

@@ -1,0 +1,101 @@
+// dimple run --wall: what is rigid beside or around the body, through the program itself.
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+constexpr const char* quick_wall = " --write force --nodes 600 --depth 3mm --frames 1 --band off ";
+const std::string body = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 mm, the circle at (0, 0, 30)
+const std::string halves = DIMPLE_SAMPLE_DATA "/two_labels_3mm.nii.gz";
+
+Json walled(const fs::path& folder, const std::string& image, const std::string& options, const char* out) {
+  const Ran ran = dimple(folder, "run " + image + " -o " + out + quick_wall + options);
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  return ran.code == 0 ? Json::parse(text_of(folder / out / "summary.json")) : Json();
+}
+
+TEST(Wall, OnFourSidesMakesABlockStifferAndIsPushedOutward) {
+  const fs::path folder = fresh_folder();
+  const double free = walled(folder, body, "-q", "free")["force_N"];
+  const std::string sides =
+      "--set wall.left.shape=plane:30,0,0,-1,0,0 --set wall.right.shape=plane:-30,0,0,1,0,0 "
+      "--set wall.front.shape=plane:0,-30,0,0,1,0 --wall plane:0,30,0,0,-1,0 ";
+  const Json confined = walled(folder, body, sides + "--threads 2", "confined");
+  EXPECT_GT(confined["force_N"].get<double>(), 1.02 * free);
+  const Json& walls = confined["walls"];
+  ASSERT_EQ(walls.size(), 4u);
+  EXPECT_GT(walls["left"]["force_N"][0].get<double>(), 0.0);
+  EXPECT_LT(walls["right"]["force_N"][0].get<double>(), 0.0);
+  EXPECT_LT(walls["front"]["force_N"][1].get<double>(), 0.0);
+  EXPECT_GT(walls["wall"]["force_N"][1].get<double>(), 0.0);
+  EXPECT_EQ(walls["left"]["force_N"][2].get<double>(), 0.0) << "without friction";
+  EXPECT_LT(walls["left"]["largest_penetration_mm"].get<double>(), 0.5);
+  walled(folder, body, "-q --config confined/config.resolved.toml --threads 1", "again");
+  EXPECT_EQ(text_of(folder / "confined" / "force.csv"), text_of(folder / "again" / "force.csv"));
+}
+
+TEST(Wall, ThatIsNotReachedChangesNothingAndSaysSo) {
+  const fs::path folder = fresh_folder();
+  walled(folder, body, "-q", "free");
+  const Ran ran = dimple(folder, "run " + body + " -o far" + quick_wall + "--wall around:5mm");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  EXPECT_NE(ran.err.find("wall: not touched at the end"), std::string::npos) << ran.err;
+  const Json far = Json::parse(text_of(folder / "far" / "summary.json"));
+  EXPECT_EQ(far["walls"]["wall"]["places_that_touch"], 0);
+  const Json alone = Json::parse(text_of(folder / "free" / "summary.json"));
+  EXPECT_NEAR(far["force_N"].get<double>(), alone["force_N"].get<double>(),
+              1e-3 * alone["force_N"].get<double>());
+}
+
+TEST(Wall, OfALabelHoldsBackItsNeighbourThatIsPressedFromTheSide) {
+  const fs::path folder = fresh_folder();
+  const std::string lower = "-q --label 1 --base left ";  // label 2 lies on label 1
+  const Json free = walled(folder, halves, lower, "free"),
+             beside = walled(folder, halves, lower + "--wall label:2", "beside");
+  const Json& wall = beside["walls"]["wall"];
+  EXPECT_GE(wall["places_that_touch"].get<int>(), 3);
+  EXPECT_GT(wall["force_N"][2].get<double>(), 0.0) << "it is pushed up";
+  EXPECT_GT(beside["force_N"].get<double>(), 1.004 * free["force_N"].get<double>());
+}
+
+TEST(Wall, IsRefusedWhereItCannotStandOrNothingLooksForIt) {
+  const fs::path folder = fresh_folder();
+  const auto refused = [&](const std::string& options, const std::string& fact,
+                           const std::string& command = "run ") {
+    const Ran ran = dimple(
+        folder, command + body + (command == "run " ? " -o out" + std::string(quick_wall) : " ") + options);
+    EXPECT_NE(ran.code, 0) << options;
+    EXPECT_NE(ran.err.find(fact), std::string::npos) << options << '\n' << ran.err;
+    EXPECT_NE(ran.err.find("  try:"), std::string::npos) << ran.err;
+  };
+  refused("--wall nothing", "this names no wall");
+  refused("--wall plane:1,2,3", "has 3 numbers");
+  refused("--wall plane:1,2,3,0,0,0", "has no normal");
+  refused("--wall label:9", "no label '9'");
+  refused("--wall label:1", "both the wall");
+  refused("--wall no.stl", "no.stl");
+  refused("--wall plane:20,0,0,-1,0,0", "in the body at");
+  refused("--wall plane:90,0,0,-1,0,0", "nothing of the body can come to the wall");
+  refused("--wall around:1mm --set wall.wall.gap=1mm", "two gaps");
+  refused("--wall around:1mm --set wall.wall.friction=-1", "friction");
+  refused("--wall around:1mm --set wall.wall.opening=1,2,3", "has 3 numbers");
+  refused("--set wall.skull.friction=0.1", "has no shape");
+  refused("--wall around:1mm --time explicit", "takes no walls");
+  refused("--wall around:1mm --scheme horton2007", "takes no walls");
+  const Ran ran = dimple(folder, "run " + body + " -o out --accuracy 2% --wall around:1mm");
+  EXPECT_NE(ran.code, 0);
+  EXPECT_NE(ran.err.find("no walls"), std::string::npos) << ran.err;
+  refused("--socket s --set load.wall=around:1mm", "takes no walls", "poke ");
+  EXPECT_FALSE(fs::exists(folder / "out" / "force.csv"));
+}
+
+}  // namespace
+}  // namespace dimple
