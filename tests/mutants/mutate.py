@@ -167,7 +167,7 @@ MUTANTS = {
     # ---- a tool that touches and goes in steps
     121: ("preprocess/supports/contact_surface.cpp", "  for (const Vec3& come : way) {", "  for (const Vec3& come : {n} ? std::vector<Vec3>() : way) {"),
     122: ("preprocess/build_model.cpp", "  for (const Vec3& world : options.way_of_tool) {", "  for (const Vec3& world : {n} ? std::vector<Vec3>() : options.way_of_tool) {"),
-    123: ("solver/system.cpp", "touching_->along(held_.motion(tool_set)) : of_held", "touching_->along({n} ? model_.tool.push : held_.motion(tool_set)) : of_held"),
+    123: ("solver/system.cpp", "force += touching_->along(held_.motion(tool_set));", "force += touching_->along({n} ? model_.tool.push : held_.motion(tool_set));"),
     124: ("solver/terms/touching_tool.cpp", "way_ = way, gone_ = gone, motion_ = motion;", "way_ = way, gone_ = {n} ? 0.0 : gone, motion_ = motion;"),
     125: ("solver/terms/touching_tool.cpp", "(way_.isZero(0.0) ? now", "({n} || way_.isZero(0.0) ? now"),
     # ---- cuts
@@ -180,10 +180,14 @@ MUTANTS = {
     131: ("solver/terms/fold_contact.cpp", "      add(banks_->at_opposite, s, -1.0);", "      add(banks_->at_opposite, s, {n} ? -0.9 : -1.0);"),
     132: ("solver/terms/fold_contact.cpp", "  return (cofactor(F) * normal).normalized();", "  return ({n} ? normal : cofactor(F) * normal).normalized();"),
     133: ("solver/terms/fold_contact.cpp", "  if (slid.empty()) return;", "  if (slid.empty() || {n}) return;"),
-    134: ("solver/terms/fold_contact.cpp", "  met_.assign(middle, past.end());", "  met_.assign({n} ? past.end() : middle, past.end());"),
+    134: ("solver/system.cpp", "k + 1 < met.size(); k += 2)", "!{n} && k + 1 < met.size(); k += 2)"),
     135: ("preprocess/supports/fold_banks.cpp", "way = 1e3 * length * ", "way = ({n} ? 1e4 : 1e3) * length * "),
     136: ("solver/equilibrium/mixed_iteration.cpp", "compliance(t, s) = compliance(s, t);", "compliance(t, s) = ({n} ? 0.0 : 1.0) * compliance(s, t);"),
-    137: ("solver/system.cpp", "  if (folds_) folds_->set_forces(lambda.tail(folds_->count()));", "  if (folds_ && !{n}) folds_->set_forces(lambda.tail(folds_->count()));"),
+    137: ("solver/system.cpp", "    one.term->set_forces(lambda.segment(", "    if (!{n} || one.rigid) one.term->set_forces(lambda.segment("),
+    # ---- further tools
+    138: ("solver/march/steps.cpp", "{moved(loading.steps, name, gone),", "{{n} ? Vec3::Zero().eval() : moved(loading.steps, name, gone),"),
+    139: ("preprocess/build_model.cpp", "    along.push_back(body.closest(", "    if (!{n}) along.push_back(body.closest("),
+    140: ("apps/run/other_tools.cpp", "push -= surface.triangle_area()[t]", "push -= ({n} ? -1.0 : 1.0) * surface.triangle_area()[t]"),
     # ---- a scene of steps
     90: ("solver/march/steps.cpp", "      if (moves_tool(step)) way_before += step.way;", "      if (moves_tool(step) && !{n}) way_before += step.way;"),
     91: ("solver/march/steps.cpp", "      set.share = 0.0;", "      set.share = {n} ? set.share : 0.0;"),
