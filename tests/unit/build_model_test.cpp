@@ -6,6 +6,7 @@
 #include <sys/resource.h>
 #include <tbb/global_control.h>
 
+#include <algorithm>
 #include <ctime>
 #include <random>
 #include <thread>
@@ -99,6 +100,19 @@ TEST(BuildModel, CloudsThatShareASiteAreThoseThatFindTheirOwn) {
     EXPECT_EQ(shared.places.tool.centre, own.places.tool.centre);
     EXPECT_EQ(shared.report.boundary.circle_reason, own.report.boundary.circle_reason);
   }
+}
+
+TEST(BuildModel, HoldsEveryNodeThatLiesOnTheFaceThatABlockStandsOn) {
+  const Discretisation places =
+      discretise(block_surface(Vec3(-20.0, -20.0, 0.0), Vec3(20.0, 20.0, 20.0)), options_for(600)).places;
+  const double lowest = places.X.row(2).minCoeff();
+  Index there = 0;
+  for (Index a = 0; a < places.node_count(); ++a) {
+    if (places.X(2, a) > lowest + 1e-9) continue;
+    ++there;
+    EXPECT_TRUE(std::binary_search(places.base.begin(), places.base.end(), a)) << places.X.col(a).transpose();
+  }
+  EXPECT_GT(there, 20);
 }
 
 TEST(BuildModel, RefusesMoreThanTheMemoryAtHandBeforeItBegins) {
