@@ -10,6 +10,7 @@
 #include "apps/run/results.hpp"
 #include "io/table.hpp"
 #include "io/vtk_files.hpp"
+#include "preprocess/build_model.hpp"
 #include "preprocess/image/phantom.hpp"
 #include "preprocess/surface/shapes.hpp"
 #include "solver/solve.hpp"
@@ -84,6 +85,39 @@ TEST(Fields, OfALargeUniformStrainInATurnedFrameAreThoseOfTheLaw) {
     const Vec3 there = (F - Mat3::Identity()) * points.position_mm.col(q);
     ASSERT_LT((moved->values.col(q) - there).norm(), 1e-4);
   }
+}
+
+// The patch test, on a cloud as the product makes it: curved, graded, as many points as it takes. Of a
+// uniform stress P every node bears P times the sum of V dphi there, which is nothing within the body, and on
+// all of them together V P.
+TEST(Fields, OfAUniformStrainOnTheGradedCloudOfACurvedBodyLeaveNoForceWithinIt) {
+  ModelOptions options;
+  options.cloud.count = 2000;
+  const BodySurface body = cut_ellipsoid_surface({46.0, 31.0, 27.0}, -10.0);
+  const Model model = build_model(body, options).model;
+  const Material sponge = neo_hookean(210.0, 0.3, 1000.0);
+  const Mat3 F = (Mat3() << 1.2, 0.1, 0.0, -0.05, 0.9, 0.15, 0.08, 0.0, 1.1).finished(),
+             P = pk1_stress(sponge, F);
+  const ForceSystem system(model, sponge, Precision::double_);
+  ForceState forces(system);
+  Nodal f = testing_bodies::affine(model, F);
+  const Nodal u = f;
+  forces.internal_force(u, f);
+  Mat3 moment = Mat3::Zero();
+  double within = 0.0, most = 0.0;
+  Index inner = 0;
+  for (Index a = 0; a < model.node_count(); ++a) {
+    const Vec3 force = f.col(a).head<3>(), X = model.X.col(a);
+    moment += force * X.transpose();
+    const double size = P.norm() * std::pow(model.spacing[a], 2);
+    most = std::max(most, force.norm() / size);
+    if (!body.farther(1e3 * X, 2e3 * model.spacing[a])) continue;
+    within = std::max(within, force.norm() / size);
+    ++inner;
+  }
+  EXPECT_GT(inner, 100);
+  EXPECT_LT(within, 1e-3 * most);
+  EXPECT_LT((moment - model.volume.sum() * P).norm(), 1e-3 * model.volume.sum() * P.norm());
 }
 
 // A rigid, flat, frictionless punch of radius 1 on an incompressible half-space, with the mean pressure 1:
