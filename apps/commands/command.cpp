@@ -23,6 +23,10 @@ bool has_flag(const std::string& command, const Option& of) {
   if (command == "live")
     return option == "model" || of.key.starts_with("material.") || of.key == "load.contact" ||
            of.key == "solver.precision" || of.key == "tool.shape";
+  if (command == "shift")
+    return of.key.starts_with("material.") || of.key == "cloud.nodes" || of.key == "image.label_names" ||
+           of.key == "image.close_mm" || of.key.starts_with("output.warp") || of.key == "load.self_contact" ||
+           of.key.starts_with("boundary.base");
   if (option == "files") return command == "run" || command == "solve";
   if (option == "run") return command == "run" || (command == "fit" && of.key.starts_with("tool."));
   return command.empty() || command == "run" || command == "fit" || option == command;

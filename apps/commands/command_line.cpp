@@ -28,6 +28,7 @@ Command add_model(CLI::App& app, Invocation& shared);
 Command add_solve(CLI::App& app, Invocation& shared);
 Command add_run(CLI::App& app, Invocation& shared);
 Command add_fit(CLI::App& app, Invocation& shared);
+Command add_shift(CLI::App& app, Invocation& shared);
 Command add_export(CLI::App& app, Invocation& shared);
 Command add_options(CLI::App& app, Invocation& shared);
 Command add_view(CLI::App& app, Invocation& shared);
@@ -43,9 +44,9 @@ Command add_completion(CLI::App& app, Invocation& shared);  // man.cpp
 namespace {
 
 constexpr Command (*subcommands[])(CLI::App&, Invocation&) = {
-    add_phantom, add_info,    add_places, add_model,   add_solve,   add_run,
-    add_view,    add_poke,    add_batch,  add_collect, add_compare, add_fit,
-    add_export,  add_options, add_cite,   add_doctor,  add_man,     add_completion};
+    add_phantom, add_info,  add_places,  add_model,   add_solve,     add_run,   add_view,
+    add_poke,    add_batch, add_collect, add_compare, add_fit,       add_shift, add_export,
+    add_options, add_cite,  add_doctor,  add_man,     add_completion};
 
 constexpr const char* footer = R"(Examples:
   dimple phantom brain.nrrd                make a swine-brain-sized image

@@ -768,7 +768,7 @@ Scheme scheme_of(const Config& c) {
 }
 
 bool has_loads(const Config& config) {
-  return config.load.gravity != "none" || !config.pressure.empty();
+  return config.load.gravity != "none" || config.load.fluid_lost != "none" || !config.pressure.empty();
 }
 
 bool was_given(const Config& config, const char* key) {

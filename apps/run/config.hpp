@@ -65,6 +65,7 @@ struct Config {
     std::string gravity = "none";
     std::string membrane = "none";     ///< of the whole surface: "0.1mm:400kPa", see membranes.hpp
     std::string self_contact = "off";  ///< of folds that close, see folds.hpp
+    std::string fluid_lost = "none";   ///< "anterior,60%", see loads.hpp
     std::string wall = "none";         ///< one rigid wall beside the body, see walls.hpp
   } load;
   struct Tool {
@@ -107,7 +108,7 @@ struct Config {
     std::string shape;           ///< as of the tool, but no circle
     std::string friction = "0";  ///< likewise
     std::vector<double> at_mm;   ///< x,y,z in LPS: the nearest place of the surface is where it touches first
-    std::vector<double> direction;   ///< x,y,z in LPS; none: straight into the surface there
+    std::vector<double> direction;      ///< x,y,z in LPS; none: straight into the surface there
     std::vector<double> move_mm = {0};  ///< where it has come when the tool is at load.depth_mm: as of a step
   };
   std::map<std::string, OtherTool> other_tool;

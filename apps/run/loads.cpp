@@ -36,10 +36,53 @@ std::vector<Index> triangles_on(const std::string& name, const Config::Pressure&
 
 }  // namespace
 
+std::optional<FluidWords> fluid_lost_of(const Config& config) {
+  const std::string& text = config.load.fluid_lost;
+  if (text == "none") return std::nullopt;
+  const auto refuse = [&](const std::string& fact, const std::string& why) {
+    throw UsageError({.fact = fmt::format("the fluid that is lost {}", fact),
+                      .where = "load.fluid_lost",
+                      .why = why,
+                      .remedy = "give which way is up and the share of the body's height that has no fluid "
+                                "any more: anterior,60%, or 0,-1,0,60%"});
+  };
+  const auto comma = text.rfind(',');
+  const std::string last = comma == std::string::npos ? "" : text.substr(comma + 1);
+  if (last.size() < 2 || last.back() != '%')
+    refuse(fmt::format("is '{}'", text), "it ends with a share in percent");
+  double percent = 0.0;
+  set_value({.key = "load.fluid_lost",
+             .value = &percent,
+             .most = 100.0,
+             .least_excluded = true,
+             .help = "a share in percent"},
+            last.substr(0, last.size() - 1), "load.fluid_lost");
+  const std::string up = text.substr(0, comma);
+  std::optional<Vec3> direction = side_named(up);
+  if (!direction) {
+    std::vector<double> n;
+    set_value({.key = "load.fluid_lost", .value = &n, .least = -1e6, .most = 1e6, .help = "which way is up"},
+              up, "load.fluid_lost");
+    if (n.size() != 3 || !(Vec3(n[0], n[1], n[2]).norm() > 0.0))
+      refuse(fmt::format("has '{}' for the way up", up),
+             "it is a side, or three numbers that are a direction");
+    direction = Vec3(n[0], n[1], n[2]).normalized();
+  }
+  if (config.load.gravity != "none")
+    refuse("is asked for beside gravity",
+           "gravity lays the whole weight on a body that was imaged without it; a lost fluid changes the "
+           "equilibrium in which it was imaged");
+  return FluidWords{*direction, 0.01 * percent};
+}
+
 std::string in_words(const Loads& loads) {
   std::string text;
   if (!loads.gravity.isZero(0.0))
     text = fmt::format("gravity {:.4g} m/s2 ({})", loads.gravity.norm(), side_towards(loads.gravity));
+  if (loads.fluid)
+    text +=
+        fmt::format("{}fluid lost above {:.1f} mm along ({:.2f}, {:.2f}, {:.2f})", text.empty() ? "" : ", ",
+                    1e3 * loads.fluid->level, loads.fluid->up.x(), loads.fluid->up.y(), loads.fluid->up.z());
   for (const SurfacePressure& one : loads.pressure)
     text += fmt::format("{}pressure {} {:.4g} Pa", text.empty() ? "" : ", ", one.name, one.pressure);
   return text;
@@ -47,6 +90,7 @@ std::string in_words(const Loads& loads) {
 
 void check_loads(const Config& config) {
   gravity_of(config);
+  fluid_lost_of(config);
   for (const auto& [name, pressure] : config.pressure) part_of(name, pressure);
   check_membranes(config);
 }
@@ -64,6 +108,11 @@ void check_loads(const Config& config, const Surface& surface) {
 Loads loads_of(const Config& config, const Model& model) {
   check_loads(config, model.surface);
   Loads loads{.gravity = gravity_of(config), .pressure = {}, .membrane = membranes_on(config, model)};
+  if (const auto fluid = fluid_lost_of(config)) {
+    const Eigen::VectorXd height = model.X.transpose() * fluid->up;
+    loads.fluid = FluidLost{
+        .up = fluid->up, .level = height.maxCoeff() - fluid->share * (height.maxCoeff() - height.minCoeff())};
+  }
   for (const auto& [name, pressure] : config.pressure)
     loads.pressure.push_back({.name = name,
                               .patch = surface_patch(model, triangles_on(name, pressure, model.surface)),

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <optional>
+
 #include "apps/run/config.hpp"
 #include "solver/terms/loads.hpp"
 
@@ -15,5 +17,14 @@ Loads loads_of(const Config& config, const Model& model);
 
 /// "gravity 9.81 m/s2 (inferior), pressure csf 500 Pa"; of membranes nothing.
 std::string in_words(const Loads& loads);
+
+/// Which way is up, and the share of the body's height that a fluid has left, in [0, 1]: of "anterior,60%"
+/// (load.fluid_lost). Nothing: no fluid is lost. Throws UsageError: it is not understood, or gravity acts
+/// too.
+struct FluidWords {
+  Vec3 up;
+  double share;
+};
+std::optional<FluidWords> fluid_lost_of(const Config& config);
 
 }  // namespace dimple

@@ -158,6 +158,10 @@ std::vector<Option> load_options(Config& c) {
        .words = with_sides({"none"}),
        .help = "none; the side towards which it pulls with 9.81 m/s2; or x,y,z in LPS, in m/s2: the body "
                "comes to rest under it before the tool touches"},
+      {.key = "load.fluid_lost", .value = &c.load.fluid_lost, .stage = "solve", .words = {"none"},
+       .help = "fluid around the body whose level has fallen: the side that is up (or x,y,z) and the share "
+               "of the body's height that lies above the level, as anterior,60%; there its buoyancy is "
+               "lost, and nothing else of gravity acts; none"},
       {.key = "load.membrane", .flag = "--membrane", .value = &c.load.membrane, .stage = "solve",
        .words = {"none"},
        .help = "a thin film bonded to all of the surface, as a pia or a capsule: thickness:shear modulus, "

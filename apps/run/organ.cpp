@@ -447,8 +447,10 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
   auto [places, report] =
       discretise(organ.body->surface, options, labels_of(config, organ, image), *organ.site);
   result.stages.add(report.stages);
-  for (const std::string& warning : report.boundary.warnings) log.warn(warning);
-  if (const std::string bends = warning_of_bending(organ.body->surface, report.boundary); !bends.empty())
+  if (options.boundary.is_pressed)
+    for (const std::string& warning : report.boundary.warnings) log.warn(warning);
+  if (const std::string bends = warning_of_bending(organ.body->surface, report.boundary);
+      !bends.empty() && options.boundary.is_pressed)
     log.warn(bends);
   result.build_s += building.seconds();
   log.say(fmt::format("model    {}; {} integration points", nodes_in_words(places.node_count(), report),
@@ -472,10 +474,10 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
                     length_in_words(apart), length_in_words(gap), apart / widest_over_gap));
   log.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
   const std::string centre = in_words(places.tool.centre * 1e3);
-  if (options.boundary.contact_radius_mm > 0.0)
+  if (options.boundary.contact_radius_mm > 0.0 && options.boundary.is_pressed)
     log.say(fmt::format("contact  nodes are finest around a circle {:.1f} mm across at {}: {}",
                         2e3 * places.tool.radius, centre, report.boundary.circle_reason));
-  else
+  else if (options.boundary.is_pressed)
     log.say(fmt::format("circle   {} nodes, {} on its rim, {:.1f} mm across at {}: {}", report.circle_nodes,
                         report.rim_nodes, 2e3 * places.tool.radius, centre, report.boundary.circle_reason));
 

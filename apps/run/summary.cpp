@@ -332,6 +332,10 @@ void add_loads_and_supports(Json& summary, const Result& result) {
     summary["loads"] = {{"gravity_m_per_s2", {loads.gravity.x(), loads.gravity.y(), loads.gravity.z()}},
                         {"pressure_Pa", pressures},
                         {"settled_mm", 1e3 * history.settled}};
+    if (loads.fluid)
+      summary["loads"]["fluid_lost"] = {{"up", three(loads.fluid->up)},
+                                        {"level_mm", 1e3 * loads.fluid->level},
+                                        {"density_kg_per_m3", loads.fluid->density}};
   }
   if (!result.loading.steps.empty()) summary["scene"] = steps_json(result);
   for (std::size_t k = 0; k < result.on_support.size(); ++k) {

@@ -25,9 +25,9 @@ namespace {
 constexpr const char* wall_of_option = "wall";
 constexpr const char* wall_forms =
     "give label:NAME, a closed mesh such as skull.stl, plane:x,y,z,nx,ny,nz, or around:2mm";
-constexpr double hull_closes_mm = 30.0;  // gaps in the body narrower than this: its fissures
+constexpr double hull_closes_mm = 12.0;  // gaps in the body narrower than this: its fissures
 constexpr double faces_wall = -0.3;      // outward normal of the body . that of the wall, at most
-constexpr Index most_wall_samples = 700;
+constexpr Index most_wall_samples = 1500;
 // How far from the body a wall is looked for: of the body's size, and at least and at most [m].
 constexpr double reach_of_size = 0.15, least_reach = 10e-3, most_reach = 30e-3;
 constexpr double overlap_voxels = 1.0;    // that neighbouring labels may have

@@ -34,6 +34,7 @@ struct BoundaryOptions {
   std::vector<Vec3> way_of_tool = {};
   /// Where further tools touch, LPS mm: nodes are as fine around the nearest place of the surface.
   std::vector<Vec3> other_tools = {};
+  bool is_pressed = true;  ///< false: no tool presses there, and it is a place for fine nodes alone
 };
 
 /// The fixed base and the indenter's circle as places on the surface; mm, in the surface's own frame.

@@ -95,6 +95,12 @@ ContactSurface wall_surface(const Model& model, const MayTouch& may_touch, Index
   }
   static_cast<CellMeans&>(result) =
       means_of(cells, result.between, area, result.at_between, model.node_count());
+  // What the base holds is no part of it.
+  std::vector<Index> kept;
+  for (const std::vector<Index>& own : cells) kept.insert(kept.end(), own.begin(), own.end());
+  std::sort(kept.begin(), kept.end());
+  result.between = Points(result.between(Eigen::all, kept));
+  result.at_between = surface_interpolation(model, result.between, Points(area(Eigen::all, kept)));
   result.spacing = Eigen::Map<Eigen::VectorXd>(spacing.data(), static_cast<Index>(spacing.size()));
   result.beyond.resize(3, 0);
   result.at_beyond = surface_interpolation(model, result.beyond, result.beyond);

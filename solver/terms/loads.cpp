@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 namespace dimple {
@@ -84,8 +85,26 @@ class FollowingPressure : public ForceTerm {
 
 }  // namespace
 
+Nodal lost_buoyancy(const Model& model, const FluidLost& fluid) {
+  Eigen::VectorXd mass = Eigen::VectorXd::Zero(model.node_count());
+  for (Index q = 0; q < model.point_count(); ++q) {
+    // A cell stands for a box: its second moment along `up` is a third of half its height, squared.
+    const double half =
+        model.second_moments.cols() > 0
+            ? std::sqrt(3.0 * std::max(0.0, fluid.up.dot(as_matrix(model.second_moments, q) * fluid.up)))
+            : 0.0;
+    const double height = model.point.col(q).dot(fluid.up) - fluid.level;
+    const double above = half > 0.0 ? std::clamp(0.5 + 0.5 * height / half, 0.0, 1.0) : height > 0.0;
+    const double share =
+        above * fluid.density * model.volume[q] / static_cast<double>(model.support.count(q));
+    for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
+      mass[model.support.member[k]] += share;
+  }
+  return padded(-fluid.acceleration * fluid.up) * mass.transpose();
+}
+
 bool Loads::move_the_body() const {
-  return !gravity.isZero(0.0) || !pressure.empty() ||
+  return !gravity.isZero(0.0) || !pressure.empty() || fluid ||
          std::any_of(membrane.begin(), membrane.end(), [](const Membrane& m) { return m.tension > 0.0; });
 }
 
@@ -96,6 +115,7 @@ std::unique_ptr<ForceTerm> dead_load(Nodal force) {
 ForceTerms make_terms(const Model& model, const Loads& loads) {
   ForceTerms terms;
   if (!loads.gravity.isZero(0.0)) terms.push_back(dead_load(padded(loads.gravity) * model.mass.transpose()));
+  if (loads.fluid) terms.push_back(dead_load(lost_buoyancy(model, *loads.fluid)));
   for (const SurfacePressure& one : loads.pressure)
     if (one.follows)
       terms.push_back(std::make_unique<FollowingPressure>(one.patch, one.pressure, model.node_count()));

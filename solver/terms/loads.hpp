@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "solver/terms/membrane.hpp"
@@ -15,12 +16,26 @@ struct SurfacePressure {
       true;  ///< it acts on the deformed surface along its normals; false: on that at rest, and stays so
 };
 
+/// A fluid in which the body lay in equilibrium with its weight, and whose level has fallen: what then acts
+/// is the buoyancy that is lost above the level. (Its pressure is gone there too, and lower by the same
+/// amount everywhere below: in incompressible tissue that moves nothing more.)
+struct FluidLost {
+  Vec3 up = Vec3::UnitZ();     ///< unit vector, against gravity
+  double level = 0.0;          ///< along it, of the fluid that is left [m]
+  double density = 1007.0;     ///< of the fluid [kg/m^3]: cerebrospinal fluid
+  double acceleration = 9.81;  ///< [m/s^2]
+};
+
+/// [4xN] N: of each integration point its nodes bear what of its cell is above the level.
+Nodal lost_buoyancy(const Model& model, const FluidLost& fluid);
+
 /// What acts on a body before a tool touches it, and goes on acting.
 struct Loads {
   Vec3 gravity = Vec3::Zero();  ///< [m/s^2]
   std::vector<SurfacePressure> pressure;
   std::vector<Membrane> membrane = {};
-  bool none() const { return gravity.isZero(0.0) && pressure.empty() && membrane.empty(); }
+  std::optional<FluidLost> fluid = {};
+  bool none() const { return gravity.isZero(0.0) && pressure.empty() && membrane.empty() && !fluid; }
   /// Whether the body comes to rest under it first: a membrane without tension leaves it where it is.
   bool move_the_body() const;
 };

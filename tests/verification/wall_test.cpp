@@ -5,6 +5,8 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <map>
+#include <numeric>
 
 #include "preprocess/build_model.hpp"
 #include "preprocess/scene/wall_field.hpp"
@@ -152,6 +154,42 @@ TEST(Walls, ConfineAColumnThatItsOwnWeightShortens) {
   EXPECT_LT(right.x(), 1.01 * all);
   EXPECT_NEAR(left.x(), -right.x(), 0.01 * all);
   EXPECT_LT(std::abs(right.z()), 1e-9 * all) << "without friction";
+}
+
+// P(l(Z)) = -rho_fluid g (H - max(Z, L)): above the level the buoyancy is lost, and below it nothing changes.
+TEST(FluidLost, ShortensAConfinedColumnByTheBuoyancyOfWhatIsAboveItsLevel) {
+  const Model model = testing_bodies::averaged_block(6, 0.1);
+  const double H = size.z(), level = 8.5e-3;
+  const Material sponge = neo_hookean(210.0, 0.3, 1000.0);
+  const ForceSystem tissue(model, {{sponge}, model.tissue});
+  Loads loads;
+  loads.fluid = FluidLost{.up = Vec3::UnitZ(), .level = level, .density = 1100.0};
+  const auto system = make_system(tissue, model, Contact::bonded, sides_held(model), loads);
+  const auto stretch = [&](double Z) {
+    return root(
+        [&](double l) {
+          return pk1_stress(sponge, Mat3(Vec3(1.0, 1.0, l).asDiagonal()))(2, 2) +
+                 1100.0 * 9.81 * (H - std::max(Z, level));
+        },
+        0.2, 1.2);
+  };
+  const auto sinks = [&](double Z) {
+    double sum = 0.0;
+    constexpr int parts = 400;
+    for (int k = 0; k < parts; ++k) sum += (stretch(Z * (k + 0.5) / parts) - 1.0) * Z / parts;
+    return sum;
+  };
+  EXPECT_GT(stretch(0.0), 0.6);
+  std::map<double, std::vector<double>> by_height;  // what sinks at about that height, less what it should
+  for (Index a = 0; a < model.node_count(); ++a)
+    by_height[std::round(6.0 * model.X(2, a) / H)].push_back(system->at_rest().u(2, a) -
+                                                             sinks(model.X(2, a)));
+  for (const auto& [layer, off] : by_height)
+    EXPECT_NEAR(std::accumulate(off.begin(), off.end(), 0.0) / static_cast<double>(off.size()), 0.0,
+                0.015 * std::abs(sinks(H)))
+        << layer;
+  const double all = lost_buoyancy(model, *loads.fluid).row(2).sum();
+  EXPECT_NEAR(all, -1100.0 * 9.81 * size.x() * size.y() * (H - level), 0.01 * std::abs(all));
 }
 
 TEST(Walls, LetGoOfAColumnThatHangsAndNeverPullAtIt) {

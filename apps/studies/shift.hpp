@@ -1,0 +1,31 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "apps/run/record.hpp"
+
+namespace dimple {
+
+/// Brain shift after a craniotomy, as the command line has it.
+struct ShiftOptions {
+  std::string brain;                ///< labels of what is soft; empty: all
+  std::string skull = "derived";    ///< a label, or the outer hull of the brain at a gap
+  std::string opening;              ///< x,y,z,radius in mm
+  std::string up;                   ///< a side, or x,y,z: against gravity
+  std::string fluid_lost = "60%";   ///< of the brain's height
+  std::string gap;                  ///< between brain and skull; empty: of a label as the image has it
+  std::vector<std::string> target;  ///< x,y,z in mm each
+};
+
+/// `config` with a skull around the brain that is open there, fluid lost down to that share of its height,
+/// its lowest part held, and no tool. Throws UsageError: one of the options is not understood.
+Config config_of_shift(Config config, const ShiftOptions& options);
+
+/// The equilibrium after it: displacement and deformed images, targets.csv, profile.csv, surface.vtp,
+/// nodes.vtu, summary.json. `config`: as config_of_shift() returns it. Throws as simulate() does.
+Outcome shift(const Config& config, const ShiftOptions& options, const std::filesystem::path& folder,
+              Existing existing, const RecordObserver& observer);
+
+}  // namespace dimple

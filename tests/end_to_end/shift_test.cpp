@@ -1,0 +1,78 @@
+// dimple shift: brain shift after a craniotomy, through the program itself, on a block that stands for a
+// brain.
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+const std::string block_of_brain = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 mm on z = 0
+constexpr const char* opened = " --opening 0,0,30,15 --up superior --nodes 500 --mu 300 ";
+
+Json shifted(const fs::path& folder, const std::string& options, const char* out) {
+  const Ran ran = dimple(folder, "shift " + block_of_brain + " -o " + out + opened + options);
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  return ran.code == 0 ? Json::parse(text_of(folder / out / "summary.json")) : Json();
+}
+
+TEST(Shift, GrowsWithTheFluidThatIsLostAndFallsAlongGravity) {
+  const fs::path folder = fresh_folder();
+  double before = 0.0;
+  for (const char* lost : {"20%", "60%", "100%"}) {
+    const Json shift = shifted(folder, std::string("-q --fluid-lost ") + lost, lost)["shift"];
+    const double most = shift["largest_at_opening_mm"];
+    EXPECT_GT(most, before) << lost;
+    EXPECT_GT(shift["along_gravity_mm"].get<double>(), 0.9 * most) << lost;
+    before = most;
+  }
+}
+
+TEST(Shift, WritesTargetsProfileAndImagesWithTheSameNumbersForAnyThreads) {
+  const fs::path folder = fresh_folder();
+  const std::string targets = "-q --target 0,0,25 --target 10,10,10 ";
+  const Json summary = shifted(folder, targets + "--threads 2", "two");
+  shifted(folder, targets + "--threads 1", "one");
+  for (const char* file : {"targets.csv", "profile.csv"})
+    EXPECT_EQ(text_of(folder / "two" / file), text_of(folder / "one" / file)) << file;
+  const std::string table = text_of(folder / "two" / "targets.csv");
+  EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 3);
+  EXPECT_NE(table.find("along_gravity_mm"), std::string::npos);
+  for (const char* file : {"surface.vtp", "nodes.vtu", "images/displacement_mm.nrrd", "images/labels.nrrd"})
+    EXPECT_TRUE(fs::exists(folder / "two" / file)) << file;
+  EXPECT_EQ(summary["walls"]["skull"]["places_that_touch"].get<int>() >= 0, true);
+  EXPECT_NE(summary["shift"]["left_out"].get<std::string>().find("falx"), std::string::npos);
+  EXPECT_FALSE(summary["shift"]["assumed"].empty());
+}
+
+TEST(Shift, IsRefusedBeforeAnythingIsBuiltWhereItIsNotUnderstood) {
+  const fs::path folder = fresh_folder();
+  const auto refused = [&](const std::string& options, const std::string& fact) {
+    const Ran ran = dimple(folder, "shift " + block_of_brain + " -o out " + options);
+    EXPECT_NE(ran.code, 0) << options;
+    EXPECT_NE(ran.err.find(fact), std::string::npos) << options << '\n' << ran.err;
+  };
+  const std::string well = " --opening 0,0,30,15 --up superior ";
+  refused("--up superior", "--opening");
+  refused("--opening 0,0,30 --up superior", "has 3 numbers");
+  refused("--opening 0,0,30,0 --up superior", "no radius");
+  refused("--opening 0,0,90,15 --up superior", "from the brain's surface");
+  refused("--opening 0,0,30,15 --up 0,0,0", "no direction");
+  refused(well + "--fluid-lost 60", "ends with a share");
+  refused(well + "--fluid-lost 0%", "0");
+  refused(well + "--target 0,0", "has 2 numbers");
+  refused(well + "--target 0,0,60", "outside of the brain");
+  refused(well + "--skull 7", "no label '7'");
+  refused(well + "--gap wide", "--gap");
+  refused(well + "--set tool.shape=sphere:5mm", "dimple shift");
+  refused(well + "--set load.gravity=inferior", "beside gravity");
+}
+
+}  // namespace
+}  // namespace dimple
