@@ -131,9 +131,9 @@ void check_other_tools(const Config& config) {
   if (config.other_tool.empty()) return;
   for (const auto& [name, tool] : config.other_tool) {
     check(name, tool);
-    if (config.held.contains(name))
-      throw UsageError(report_on(name, "shape", "and a support have one name",
-                                 "steps move things by their names", "name them differently"));
+    if (config.held.contains(name) || config.wall.contains(name))
+      throw UsageError(report_on(name, "shape", "has the name of a support or a wall",
+                                 "things are told of and moved by their names", "name them differently"));
     if (!config.step.empty() && !stands(tool))
       throw UsageError(report_on(name, "move_mm", "moves with the tool, and there are steps",
                                  "in a scene of steps one thing moves at a time",

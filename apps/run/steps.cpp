@@ -58,6 +58,9 @@ void check_steps(const Config& config) {
                "it moves the tool, a support or a further tool" + did_you_mean(step.moves, known),
                "give moves = \"tool\", or the NAME of a [support.NAME] or a [tool.NAME]");
     }
+    if (config.wall.contains(step.moves))
+      refuse(name, "moves", fmt::format("moves '{}', and a wall has that name too", step.moves),
+             "a wall stands, and things are moved by their names", "name the wall differently");
     check_way(config, name, step);
     if (is_of_tool(step) && step.move_mm.size() == 1) pushed += step.move_mm[0];
     if (pushed < 0.0 && config.load.contact == "frictionless")

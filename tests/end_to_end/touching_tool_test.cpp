@@ -542,6 +542,13 @@ TEST(SeveralTools, AreRefusedInWordsWhereWhatIsSaidOfThemMakesNoTool) {
           "run brain.nrrd -o out -q --tool sphere:5mm --set tool.other.at=0,0,60 --set "
           "tool.other.shape=sphere:4mm --set step.a.moves=othr --set step.a.move=1mm",
           "did you mean 'other'");
+  refused(2, run + "--set tool.other.shape=sphere:4mm --set wall.other.shape=around:2mm",
+          "has the name of a support or a wall");
+  refused(2,
+          "run brain.nrrd -o out -q --set support.left.on=left --set wall.left.shape=around:2mm --set "
+          "step.a.moves=left "
+          "--set step.a.move=1,0,0",
+          "and a wall has that name too");
   refused(2, "run brain.nrrd -o out -q --tool sphere:5mm --set tool.other.shape=sphere:4mm",
           "the tool 'other' is nowhere");
   refused(2,
