@@ -192,6 +192,28 @@ TEST(FluidLost, ShortensAConfinedColumnByTheBuoyancyOfWhatIsAboveItsLevel) {
   EXPECT_NEAR(all, -1100.0 * 9.81 * size.x() * size.y() * (H - level), 0.01 * std::abs(all));
 }
 
+// As surfaces of neighbouring labels do.
+TEST(Walls, ThatLieInTheBodyAtRestAndAreSetBackByAsMuchTouchItAndPushNothing) {
+  const Model model = testing_bodies::averaged_block(4, 0.1);
+  const ForceSystem tissue(model, {{neo_hookean(210.0, 0.3, 1000.0)}, model.tissue});
+  const Loads down{.gravity = Vec3(0.0, 0.0, -5.0), .pressure = {}};
+  const auto settled = [&](double in, double back) {
+    std::vector<Touch> walls = {plane(model, "-x", Vec3(in, 0.0, 0.0), Vec3::UnitX()),
+                                plane(model, "+x", size - Vec3(in, 0.0, 0.0), -Vec3::UnitX())};
+    for (Touch& wall : walls) {
+      wall.set_back.setConstant(wall.surface.count(), back);
+      wall.set_back_between.setConstant(wall.surface.between.cols(), back);
+    }
+    return make_system(tissue, model, Contact::bonded, {}, down, 1e-5, nullptr, nullptr, walls);
+  };
+  const auto beside = settled(0.0, 0.0), overlapping = settled(0.4e-3, 0.4e-3);
+  const double sinks = beside->at_rest().u.colwise().norm().maxCoeff();
+  EXPECT_LT((overlapping->at_rest().u - beside->at_rest().u).cwiseAbs().maxCoeff(), 0.005 * sinks);
+  const TouchingTool& wall = *overlapping->walls().front();
+  EXPECT_GT(wall.touched().samples, 10);
+  EXPECT_LT(wall.audit(overlapping->at_rest().u, overlapping->now()).penetration, 0.1e-3);
+}
+
 TEST(Walls, LetGoOfAColumnThatHangsAndNeverPullAtIt) {
   const Model model = testing_bodies::averaged_block(4, 0.1);
   const ForceSystem tissue(model, {{neo_hookean(210.0, 0.45, 1000.0)}, model.tissue});
