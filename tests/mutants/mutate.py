@@ -188,6 +188,15 @@ MUTANTS = {
     138: ("solver/march/steps.cpp", "{moved(loading.steps, name, gone),", "{{n} ? Vec3::Zero().eval() : moved(loading.steps, name, gone),"),
     139: ("preprocess/build_model.cpp", "    along.push_back(body.closest(", "    if (!{n}) along.push_back(body.closest("),
     140: ("apps/run/other_tools.cpp", "push -= surface.triangle_area()[t]", "push -= ({n} ? -1.0 : 1.0) * surface.triangle_area()[t]"),
+    # ---- walls and a fluid that is lost
+    141: ("solver/terms/touching_tool.cpp", "gap_[s] = here.distance + set_back(s);", "gap_[s] = here.distance + ({n} ? 0.0 : set_back(s));"),
+    142: ("solver/terms/touching_tool.cpp", "(is_measured() ? 0.0 : now.share)", "(is_measured() || {n} ? 0.0 : now.share)"),
+    143: ("solver/terms/touching_tool.cpp", "if (!is_measured()) gone_before_ = -1.0;", "if (!is_measured() && !{n}) gone_before_ = -1.0;"),
+    144: ("solver/terms/loads.cpp", "std::clamp(0.5 + 0.5 * height / half,", "std::clamp(0.5 + ({n} ? -0.5 : 0.5) * height / half,"),
+    145: ("solver/terms/loads.cpp", "dot(fluid.up) - fluid.level;", "dot(fluid.up) - ({n} ? 0.8 : 1.0) * fluid.level;"),
+    146: ("preprocess/scene/wall_field.cpp", "wall.contains(x) != hollow", "wall.contains(x) != ({n} ? false : hollow)"),
+    147: ("preprocess/supports/wall_surface.cpp", "> most_held) continue;", "> ({n} ? 2.0 : most_held)) continue;"),
+    148: ("solver/equilibrium/mixed_iteration.cpp", "if (rubs) off = std::max", "if (rubs && !{n}) off = std::max"),
     # ---- a scene of steps
     90: ("solver/march/steps.cpp", "      if (moves_tool(step)) way_before += step.way;", "      if (moves_tool(step) && !{n}) way_before += step.way;"),
     91: ("solver/march/steps.cpp", "      set.share = 0.0;", "      set.share = {n} ? set.share : 0.0;"),
