@@ -163,7 +163,7 @@ std::vector<double> System::past() const {
     all.push_back(static_cast<double>(one->contact));
     all.push_back(static_cast<double>(one->sample));
   }
-  all.push_back(static_cast<double>(2 * (static_cast<Index>(met_.size()) - of_tool)));
+  if (!contacts_.empty()) all.push_back(static_cast<double>(2 * (static_cast<Index>(met_.size()) - of_tool)));
   for (const auto& term : terms_) add(*term);
   return all;
 }
@@ -178,7 +178,7 @@ void System::restore_past(std::vector<double> past) {
   };
   const auto restore_last = [&](ForceTerm& term) { term.restore_past(take_last()); };
   for (auto term = terms_.rbegin(); term != terms_.rend(); ++term) restore_last(**term);
-  const std::vector<double> met = take_last();
+  const std::vector<double> met = contacts_.empty() ? std::vector<double>() : take_last();
   met_.resize(static_cast<std::size_t>(touching_ ? touching_->count() : 0));
   for (std::size_t c = touching_ ? 1 : 0; c < has_met_.size(); ++c)
     std::fill(has_met_[c].begin(), has_met_[c].end(), char{0});
