@@ -40,8 +40,10 @@ constexpr double usual_gap_mm = 2.0;    // where a skull is derived and nobody s
 constexpr double usual_mu_Pa = 1000.0;  // of brain, where no material is given
 constexpr double usual_nodes = 4000;
 constexpr double usual_close_mm = 4.0;  // sulci narrower than this hold together
+constexpr double held_share = 0.15;     // of the brain's smallest extent, and at most that
 constexpr double held_depth_mm = 20.0;  // of the brain's lowest part
 constexpr double finest_mm = 5.0;       // spacing of the nodes around the opening
+constexpr double fold_reach_mm = 5.0;   // half of the widest gap that is watched with --self-contact
 constexpr double profile_step_mm = 5.0;
 constexpr double least_shift_mm = 2.5, most_shift_mm = 21.0;  // published: 16 craniotomies, PMC4834281
 
@@ -122,6 +124,10 @@ void require_on_brain(const Organ& organ, const Eigen::Vector4d& opening, const 
 // and no node is held.
 void grade_around(const Eigen::Vector4d& opening, Organ& organ) {
   BoundaryOptions& boundary = organ.options.boundary;
+  const BodySurface& surface = organ.body->surface;
+  if (!(boundary.base_depth_mm > 0.0))
+    boundary.base_depth_mm =
+        std::min(held_depth_mm, held_share * (surface.upper() - surface.lower()).minCoeff());
   boundary.is_pressed = false;
   boundary.contact_radius_mm = finest_mm;
   boundary.other_tools = {Vec3(opening.head<3>())};
@@ -256,14 +262,13 @@ Config config_of_shift(Config config, const ShiftOptions& options) {
   config.load.fluid_lost = fmt::format("{},{},{},{}", up.x(), up.y(), up.z(), options.fluid_lost);
   fluid_lost_of(config);
   if (!was_given(config, "boundary.base")) config.boundary.base = "inferior";
-  if (!was_given(config, "boundary.base_depth_mm")) config.boundary.base_depth_mm = held_depth_mm;
   if (!was_given(config, "material.mu_Pa") && !was_given(config, "material.young_Pa") &&
       config.material.preset == "none")
     set_option(config, "material.mu_Pa", plain(usual_mu_Pa), by_shift);
   if (default_nodes(config)) set_option(config, "cloud.nodes", plain(usual_nodes), by_shift);
   if (!was_given(config, "image.close_mm"))
     set_option(config, "image.close_mm", plain(usual_close_mm), by_shift);
-  config.load.depth_mm = 1.0;
+  config.load.depth_mm = fold_reach_mm;
   config.solver.time = "quasi-static";
   config.accuracy.band = "off";
   config.output.write = {"images"};

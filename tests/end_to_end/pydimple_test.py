@@ -65,6 +65,19 @@ class InAFolder(unittest.TestCase):
         return error
 
 
+class Walls(InAFolder):
+    def test_a_wall_has_a_name_and_a_shape_and_holds_the_body(self):
+        labels, to_lps = half_ellipsoid()
+        image = dict(image=labels, affine=to_lps, space="LPS")
+        scene = dict(nodes=400, depth_mm=2, frames=1)
+        hull = pydimple.run(**image, **scene, walls={"hull": {"shape": "around:0mm", "friction": "0.3"}})
+        self.assertGreater(hull.summary["walls"]["hull"]["places"], 20)
+        self.assertEqual(hull.summary["walls"]["hull"]["friction"], 0.3)
+        self.assertGreater(hull.force_N[-1], pydimple.run(**image, **scene).force_N[-1])
+        refused = self.raised(pydimple.UsageError, pydimple.run, **image, **scene, walls={"hull": {"shape": "no"}})
+        self.assertIn("this names no wall", refused.why)
+
+
 class Membranes(InAFolder):
     def test_a_membrane_is_the_one_of_the_command_line_and_a_session_refuses_it(self):
         labels, to_lps = half_ellipsoid()

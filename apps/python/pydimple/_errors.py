@@ -131,7 +131,7 @@ def _given(option, text):
 
 
 # Sections of options whose members have names of one's own.
-KEYWORD_OF_SECTION = {"tissue": "tissue", "load.pressure": "pressures", "support": "supports", "step": "steps", "membrane": "membranes"}
+KEYWORD_OF_SECTION = {"tissue": "tissue", "load.pressure": "pressures", "support": "supports", "step": "steps", "membrane": "membranes", "wall": "walls"}
 
 
 def _of_set(text):
