@@ -277,7 +277,7 @@ std::string set_back(const std::string& name, const WallShape& shape, std::optio
          .where = wall_key(name, "shape"),
          .why = fmt::format("more than {} of overlap are not taken for neighbours that touch",
                             length_in_words(1e3 * allowed)),
-         .remedy = fmt::format("correct the image or the wall, or give a gap: --set wall.{}.gap=0mm", name),
+         .remedy = fmt::format("correct the image or the wall, or give it a gap, as wall.{}.gap = 0", name),
          .code = "wall"});
   wall.set_back = (-at.array() - whole).max(0.0) + whole;
   wall.set_back_between = (-between.array() - whole).max(0.0) + whole;
