@@ -26,6 +26,7 @@
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
+#include "apps/run/other_tools.hpp"
 #include "apps/run/places.hpp"
 #include "apps/run/record.hpp"
 #include "apps/run/simulate.hpp"
@@ -531,6 +532,7 @@ class LiveSession {
       require_no_steps(config, "a Session");
       require_no_membranes(config, "a Session");
       require_no_walls(config, "a Session");
+      require_one_tool(config, "a Session");
       require_circle(config, "a Session");
       require_open_folds(config, "a Session");
       const std::vector<Material> materials = materials_of(config);

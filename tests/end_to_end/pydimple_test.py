@@ -77,6 +77,17 @@ class Walls(InAFolder):
         refused = self.raised(pydimple.UsageError, pydimple.run, **image, **scene, walls={"hull": {"shape": "no"}})
         self.assertIn("this names no wall", refused.why)
 
+    def test_a_further_tool_has_a_name_and_is_pressed(self):
+        labels, to_lps = half_ellipsoid()
+        scene = dict(image=labels, affine=to_lps, space="LPS", nodes=400, depth_mm=2, frames=1)
+        place = pydimple.run(**scene, time="quasi-static").summary["counts"]["circle_centre_mm"]
+        beside = [place[0] + 14, place[1], place[2] - 1]
+        ran = pydimple.run(**scene, tools={"other": {"shape": "sphere:4mm", "at": beside, "move": 1}})
+        on_it = ran.summary["other_tools"]["other"]["force_on_tool_N"]
+        self.assertGreater(on_it[2], 0.0)
+        refused = self.raised(pydimple.UsageError, pydimple.run, **scene, tools={"other": {"shape": "circle", "at": beside}})
+        self.assertIn("is a circle", refused.fact)
+
 
 class Membranes(InAFolder):
     def test_a_membrane_is_the_one_of_the_command_line_and_a_session_refuses_it(self):

@@ -132,9 +132,12 @@ def _settings(where, config, named, options):
     return _core.Settings("" if config is None else os.fspath(config), given)
 
 
-def _named(tissue, pressures, supports, steps=None, membranes=None, walls=None):
+def _named(tissue, pressures, supports, steps=None, membranes=None, walls=None, tools=None):
     """Sections of options that have names of their own."""
-    return {"tissue": tissue, "load.pressure": pressures, "support": supports, "step": steps, "membrane": membranes, "wall": walls}
+    return {
+        "tissue": tissue, "load.pressure": pressures, "support": supports, "step": steps, "membrane": membranes, "wall": walls,
+        "tool": tools,
+    }  # fmt: skip
 
 
 def _array(where, image):
@@ -229,22 +232,22 @@ def _places(text):
     return found
 
 
-def solve(model, *, config=None, tissue=None, pressures=None, supports=None, steps=None, membranes=None, walls=None, **options):
+def solve(model, *, config=None, tissue=None, pressures=None, supports=None, steps=None, membranes=None, walls=None, tools=None, **options):
     """The force curve of a model with its band.
 
     With an accuracy (``accuracy="2%"``, or a time for it, ``budget_s=60``) clouds of more and more nodes are made of the organ
     that the model is of, until the error is as small as that: the result, to the same bits, is that of `run` with the same
     accuracy, and `Result.model` is the cloud that was fine enough. The number of nodes of the model given does not count then.
     """
-    return _core.solve(model, _settings("solve", config, _named(tissue, pressures, supports, steps, membranes, walls), options))
+    return _core.solve(model, _settings("solve", config, _named(tissue, pressures, supports, steps, membranes, walls, tools), options))
 
 
 def run(
     image, *, affine=None, space=None, out=None, overwrite=False, config=None, tissue=None, pressures=None, supports=None, steps=None,
-    membranes=None, walls=None, **options
+    membranes=None, walls=None, tools=None, **options
 ):
     """From an image to the force curve with its band, as `dimple run` does: with the same options the same bits."""
-    settings, array = _with_image("run", image, affine, space, config, _named(tissue, pressures, supports, steps, membranes, walls), options)
+    settings, array = _with_image("run", image, affine, space, config, _named(tissue, pressures, supports, steps, membranes, walls, tools), options)
     if out is None:
         for keyword, value in options.items():
             if value is not None and _OPTIONS[keyword]["stage"] == "files":

@@ -43,6 +43,8 @@ def solve(
     supports: _Named | None = None,
     steps: _Named | None = None,
     membranes: _Named | None = None,
+    walls: _Named | None = None,
+    tools: _Named | None = None,
     **options: Any,
 ) -> Result: ...
 def run(
@@ -58,6 +60,8 @@ def run(
     supports: _Named | None = None,
     steps: _Named | None = None,
     membranes: _Named | None = None,
+    walls: _Named | None = None,
+    tools: _Named | None = None,
     **options: Any,
 ) -> Result: ...
 def limit_threads(count: int | None = None) -> None: ...

@@ -131,7 +131,10 @@ def _given(option, text):
 
 
 # Sections of options whose members have names of one's own.
-KEYWORD_OF_SECTION = {"tissue": "tissue", "load.pressure": "pressures", "support": "supports", "step": "steps", "membrane": "membranes", "wall": "walls"}
+KEYWORD_OF_SECTION = {
+    "tissue": "tissue", "load.pressure": "pressures", "support": "supports", "step": "steps", "membrane": "membranes", "wall": "walls",
+    "tool": "tools",
+}  # fmt: skip
 
 
 def _of_set(text):
