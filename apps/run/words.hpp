@@ -23,7 +23,8 @@ std::string force_title(double force_N, double depth_mm, std::optional<double> h
 std::string from_to(double force_N, double half_N, const std::string& by);
 
 /// "1500 nodes: 0.55 mm apart at the tool, 24.46 mm far from it".
-std::string nodes_in_words(Index nodes, const ModelReport& report);
+/// `fine`: where they are closest.
+std::string nodes_in_words(Index nodes, const ModelReport& report, const char* fine = "at the tool");
 
 double poisson_ratio(const Material& m);
 

@@ -296,6 +296,53 @@ Json json_of(const Vec3& v) {
 
 }  // namespace
 
+namespace {
+
+Json shift_json(const Config& config, const ShiftOptions& options, const Result& result, const Shifted& now,
+                const Vec3& most) {
+  const Eigen::Vector4d opening = opening_of(options);
+  const Vec3 up = up_of(options);
+  return {{"largest_at_opening_mm", most.norm()},
+          {"along_gravity_mm", -most.dot(up)},
+          {"components_mm", json_of(most)},
+          {"at_mm", now.largest < 0 ? Json() : json_of(result.model.surface.vertex_mm.col(now.largest))},
+          {"largest_of_all_mm", now.surface_mm.colwise().norm().maxCoeff()},
+          {"up", json_of(up)},
+          {"fluid_lost", options.fluid_lost},
+          {"fluid_level_mm", 1e3 * result.loading.loads.fluid->level},
+          {"skull", options.skull},
+          {"opening_mm", {opening[0], opening[1], opening[2], opening[3]}},
+          {"mu_Pa", config.material.mu_Pa},
+          {"base", result.report.boundary.base_reason},
+          {"band", "unknown: it was measured for forces under a tool"},
+          {"left_out", shift_leaves_out}};
+}
+
+Json walls_json(const RunLog& log, const System& system) {
+  Json walls = Json::object();
+  for (const TouchingTool* wall : system.walls()) {
+    const TouchingTool::Touched touched = wall->touched();
+    log.say("wall     " + dimple::in_words(wall->touch().name, touched));
+    walls[wall->touch().name] = {{"places", wall->count()},
+                                 {"places_that_touch", touched.samples},
+                                 {"force_N", json_of(touched.force)},
+                                 {"area_that_touches_mm2", 1e6 * touched.area},
+                                 {"largest_penetration_mm", 1e3 * touched.penetration}};
+  }
+  return walls;
+}
+
+// The shift at the targets, and along a line into the brain.
+void write_tables(const fs::path& folder, const Model& model, const std::vector<Vec3>& targets,
+                  const Points& line, const Nodal& u, const Vec3& up) {
+  Points places(3, static_cast<Index>(targets.size()));
+  for (Index k = 0; k < places.cols(); ++k) places.col(k) = targets[static_cast<std::size_t>(k)];
+  write_csv(folder / "targets.csv", table_of(places, shifts_at(model, places, u), up));
+  write_csv(folder / "profile.csv", table_of(line, shifts_at(model, line, u), up));
+}
+
+}  // namespace
+
 Outcome shift(const Config& config, const ShiftOptions& options, const fs::path& folder, Existing existing,
               const RecordObserver& observer) {
   const Stopwatch whole;
@@ -341,11 +388,7 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
 
   results.prepare();
   write_fields(folder, model, now);
-  Points places(3, static_cast<Index>(targets.size()));
-  for (Index k = 0; k < places.cols(); ++k) places.col(k) = targets[static_cast<std::size_t>(k)];
-  const Points at_targets = shifts_at(model, places, u), at_line = shifts_at(model, line, u);
-  write_csv(folder / "targets.csv", table_of(places, at_targets, up));
-  write_csv(folder / "profile.csv", table_of(line, at_line, up));
+  write_tables(folder, model, targets, line, u, up);
   std::vector<int> labels;
   for (const LabelMeasure& label : result.labels) labels.push_back(label.value);
   ImageWriter images(task, folder, model, labels, result.cut);
@@ -358,29 +401,8 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   Json summary = summary_of_image(config, result);
   summary["status"] = "finished";
   summary["version"] = DIMPLE_VERSION;
-  summary["shift"] = {{"largest_at_opening_mm", most.norm()},
-                      {"along_gravity_mm", -most.dot(up)},
-                      {"components_mm", json_of(most)},
-                      {"at_mm", now.largest < 0 ? Json() : json_of(model.surface.vertex_mm.col(now.largest))},
-                      {"largest_of_all_mm", now.surface_mm.colwise().norm().maxCoeff()},
-                      {"up", json_of(up)},
-                      {"fluid_lost", options.fluid_lost},
-                      {"fluid_level_mm", 1e3 * result.loading.loads.fluid->level},
-                      {"skull", options.skull},
-                      {"opening_mm", {opening[0], opening[1], opening[2], opening[3]}},
-                      {"mu_Pa", config.material.mu_Pa},
-                      {"base", result.report.boundary.base_reason},
-                      {"band", "unknown: it was measured for forces under a tool"},
-                      {"left_out", shift_leaves_out}};
-  for (const TouchingTool* wall : now.system->walls()) {
-    const TouchingTool::Touched touched = wall->touched();
-    log.say("wall     " + dimple::in_words(wall->touch().name, touched));
-    summary["walls"][wall->touch().name] = {{"places", wall->count()},
-                                            {"places_that_touch", touched.samples},
-                                            {"force_N", json_of(touched.force)},
-                                            {"area_that_touches_mm2", 1e6 * touched.area},
-                                            {"largest_penetration_mm", 1e3 * touched.penetration}};
-  }
+  summary["shift"] = shift_json(config, options, result, now, most);
+  summary["walls"] = walls_json(log, *now.system);
   const std::vector<std::string> assumed = assumptions_of(config, options);
   log.say("assumed  " + fmt::format("{}", fmt::join(assumed, "; ")));
   summary["shift"]["assumed"] = assumed;
