@@ -777,7 +777,8 @@ def study(case, options, say):
     for of in maps:
         csv, panels = result_of(of, case, options, runner.runs, blocks)
         _study.write(folder / f"stress_{of.name}.csv", csv)
-        draw(plt, folder, of, panels, options.finest)
+        if not stopped:  # a picture takes longer than an answer to Ctrl-C may
+            draw(plt, folder, of, panels, options.finest)
         for scheme, verdicts in panels.items():
             counts = _counts(verdicts)
             cells, alive = sum(counts.values()), sum(n for code, n in counts.items() if survived(code))

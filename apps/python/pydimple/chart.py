@@ -642,9 +642,9 @@ def study(case, options, say):
             _run_all(subject, options, peers, note, threads)
     except KeyboardInterrupt:
         stopped = True
-    draw(plt, folder, note.points, subjects)
-    if stopped:
+    if stopped:  # a picture takes longer than an answer to Ctrl-C may
         raise KeyboardInterrupt(f"chart.csv has the {len(note.points)} runs until then")
+    draw(plt, folder, note.points, subjects)
     drawn = sum(p.complete for p in note.points)
     return f"{comparison(note.points, subjects)}{drawn} of {len(note.points)} runs in the chart"
 
