@@ -135,16 +135,14 @@ const std::vector<NotModelled>& not_modelled() {
        "dimple run IMAGE --tool sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,length=20mm or probe.stl"},
       {{"--unload", "--unloading", "--retract", "--relax", "--hold"},
        "unloading is a step of a scene, of elastic tissue in equilibrium; a tool that is held while tissue "
-       "relaxes "
-       "is not modelled",
+       "relaxes is not modelled",
        "--set step.press.move=4mm --set step.lift.move=-2mm, or `dimple poke IMAGE --script PATH`, which "
-       "follows "
-       "a tool in and out"},
+       "follows a tool in and out"},
       {{"--adhesion", "--adhesive", "--stick", "--cohesion"},
        "adhesion is not modelled: a tool that touches sticks while it is pressed, and does not pull",
        "--friction stick under --tool; or the circle, which is bonded and pulls"},
       {{"--landmarks", "--targets", "--stress-at", "--probe"},
-       "no table of points that the user names is written",
+       "no table of points that the user names is written, but of a brain's shift (dimple shift --target)",
        "--quantity displacement@x,y,z for one point with its band; nodes/*.vtu and ParaView's probe for "
        "stress"},
       {{"--friction", "--mu-friction", "--friction-coefficient"},
