@@ -97,12 +97,16 @@ void VolumeImage::set_to_zero(Index v) {
 }
 
 std::int64_t VolumeImage::label_of(const std::byte* bytes) const {
+  return std::llround(value_of(bytes));
+}
+
+double VolumeImage::value_of(const std::byte* bytes) const {
   double number = 0.0;
   with_type(stored_->type, [&]<class T>(T value) {
     std::memcpy(&value, bytes, sizeof value);
     number = static_cast<double>(value);
   });
-  return std::llround(stored_->slope * number + stored_->intercept);
+  return stored_->slope * number + stored_->intercept;
 }
 
 void VolumeImage::sample(std::span<const float> place, Sampling how, std::byte* result) const {

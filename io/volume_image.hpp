@@ -48,7 +48,8 @@ class VolumeImage {
   /// voxels around, whole numbers rounded. Nearest: the voxel's number. Beyond the image: linear, as at its
   /// border; nearest, 0.
   void sample(std::span<const float> place, Sampling how, std::byte* result) const;
-  /// The voxel's number as a label, times slope and so on; for counting.
+  /// The voxel's number, times slope and so on; and as a label, for counting.
+  double value_of(const std::byte* number) const;
   std::int64_t label_of(const std::byte* number) const;
   /// Number v, in the order of the file, and all behind it.
   const std::byte* voxel(Index v) const;

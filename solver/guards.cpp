@@ -385,15 +385,18 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
   find({report, audit.penetration});
 }
 
-void Guards::check_wall(const std::string& name, double penetration, double spacing, const Moment& now) {
+void Guards::check_wall(const Touch& wall, double penetration, const Moment& now) {
+  const double spacing = wall.surface.count() > 0 ? wall.surface.spacing.mean() : 0.0;
   if (!on_ || penetration <= wall_poor * spacing) return;
-  find({{.fact = text("the body's surface reaches ", fixed(1e3 * penetration, 2), " mm into the wall '", name,
+  const bool is_tool = wall.is_tool;
+  find({{.fact = text("the body's surface reaches ", fixed(1e3 * penetration, 2), " mm into the ",
+                      is_tool ? "tool" : "wall", " '", wall.name,
                       "' between the places where contact is enforced"),
          .where = moment(now),
          .why = text("nodes are ", fixed(1e3 * spacing, 1),
                      " mm apart there, and the load bends the surface between them"),
          .remedy = "use more nodes (--nodes), or a smaller load",
-         .code = "wall-penetration"},
+         .code = is_tool ? "tool-penetration" : "wall-penetration"},
         penetration});
 }
 

@@ -72,9 +72,9 @@ class Guards {
   /// it has come to a part of the surface that has no samples.
   void check_contact(const TouchingTool::Audit& audit, double most, const ContactSurface& surface,
                      const Moment& now);
-  /// Of a wall: how deep the body's surface is in it between the places where contact is looked for [m], and
-  /// how far nodes are apart there.
-  void check_wall(const std::string& name, double penetration, double spacing, const Moment& now);
+  /// Of a wall or a further tool: how deep the body's surface is in it between the places where contact is
+  /// looked for [m]; nodes are as far apart there as its samples.
+  void check_wall(const Touch& wall, double penetration, const Moment& now);
   /// `hourglass` of gradients at points, where nothing holds it: what the displacements of each point's nodes
   /// differ from the linear field with the point's gradient,
   ///

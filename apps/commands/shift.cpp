@@ -1,7 +1,12 @@
 #include "apps/studies/shift.hpp"
 
+#include <filesystem>
+
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
+#include "apps/run/results.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "apps/studies/explain_shift.hpp"
 
 namespace dimple {
 namespace {
@@ -9,7 +14,25 @@ namespace {
 struct ShiftArguments {
   Flags flags;
   ShiftOptions shift;
+  bool explain = false;
 };
+
+// After a shift: what it depends on.
+Outcome explained(const Config& config, const ShiftOptions& options, const Invocation& shared,
+                  Outcome outcome) {
+  const Stopwatch comparing;
+  const ShiftExplanation explanation = explain_shift(
+      config, options, [](const std::string& line) { to_log().line(RunObserver::Line::said, line); });
+  const std::filesystem::path out = shared.out;
+  const FileList list(out);
+  write_explanation(out, explanation, std::filesystem::path(config.image.file).filename().string());
+  if (!explanation.ended_by.empty()) {
+    outcome.interrupted = true;
+    outcome.ended_by = explanation.ended_by + "; explain.md has what was compared until then";
+  }
+  add_explained(outcome, out, comparing.seconds());
+  return outcome;
+}
 
 }  // namespace
 
@@ -42,13 +65,18 @@ Command add_shift(CLI::App& app, Invocation& shared) {
                    "a place x,y,z in LPS mm whose shift is asked for; several")
       ->expected(1)
       ->take_all();
+  command->add_flag("--explain", options->explain,
+                    "then repeat the shift, changing one choice at a time, and show what it depends on");
   options->flags.add(*command, "shift");
   add_common(*command, shared);
   return {command, [&shared, command, options] {
             const Config config =
                 config_of_shift(options->flags.config(*command, shared.image), options->shift);
             into_folder(shared, config.image.file);
-            return finish(shared, shift(config, options->shift, shared.out, shared.existing(), to_log()));
+            Outcome outcome = shift(config, options->shift, shared.out, shared.existing(), to_log());
+            if (options->explain && !outcome.interrupted)
+              outcome = explained(config, options->shift, shared, std::move(outcome));
+            return finish(shared, outcome);
           }};
 }
 

@@ -194,6 +194,7 @@ OtherTools other_tools_of(const Config& config, const Model& model) {
     touch.pose = first_touch(touch.shape, at, touch.surface);
     touch.friction = friction_of(name, tool);
     touch.name = name;
+    touch.is_tool = true;
     touch.motion = config.step.empty()
                        ? Vec3(1e-3 * way_of(tool.move_mm, at.push) / (1e-3 * config.load.depth_mm))
                        : Vec3::Zero();

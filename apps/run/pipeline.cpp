@@ -174,25 +174,21 @@ void tell_of_lateral_force(const RunLog& log, const Result& result) {
                       written.number(on_tool[2]), written.unit));
 }
 
-void tell_of_other_tools(const RunLog& log, const Config& config, const Result& result) {
-  const auto& walls = result.history.walls;
-  for (std::size_t k = 0; k < walls.size(); ++k) {
-    const std::string& name = result.loading.walls[k].name;
-    if (!config.other_tool.contains(name)) continue;
-    const Written written = force_written(walls[k].force.norm());
-    log.say(walls[k].samples == 0
-                ? fmt::format("tool     {}: touches nothing at the end", name)
-                : fmt::format("tool     {}: the tissue's force on it is x {}, y {}, z {} {} (LPS) at the end",
-                              name, written.number(walls[k].force.x()), written.number(walls[k].force.y()),
-                              written.number(walls[k].force.z()), written.unit));
+// Of all that is rigid beside the tool: further tools and walls.
+void tell_of_rigid(const RunLog& log, const Result& result) {
+  for (std::size_t k = 0; k < result.history.walls.size(); ++k) {
+    const Touch& rigid = result.loading.walls[k];
+    const TouchingTool::Touched& now = result.history.walls[k];
+    const Written written = force_written(now.force.norm());
+    if (!rigid.is_tool)
+      log.say("wall     " + in_words(rigid.name, now));
+    else if (now.samples == 0)
+      log.say(fmt::format("tool     {}: touches nothing at the end", rigid.name));
+    else
+      log.say(fmt::format("tool     {}: the tissue's force on it is x {}, y {}, z {} {} (LPS) at the end",
+                          rigid.name, written.number(now.force.x()), written.number(now.force.y()),
+                          written.number(now.force.z()), written.unit));
   }
-}
-
-void tell_of_walls(const RunLog& log, const Config& config, const Result& result) {
-  const std::vector<TouchingTool::Touched>& walls = result.history.walls;
-  for (std::size_t k = 0; k < walls.size(); ++k)
-    if (const std::string& name = result.loading.walls[k].name; !config.other_tool.contains(name))
-      log.say("wall     " + in_words(name, walls[k]));
 }
 
 // What no step of the march sees alone: of a tool that touches, unless it is known why.
@@ -445,8 +441,7 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
   keep_findings(log, result);
   tell_of_lost_contact(log, result);
   tell_of_lateral_force(log, result);
-  tell_of_other_tools(log, config, result);
-  tell_of_walls(log, config, result);
+  tell_of_rigid(log, result);
   // Between the places where folds touch the banks of a cut are looked at too.
   FoldContact::Audit& folds = result.history.folds;
   folds.penetration = std::max(folds.penetration, result.loading.folds ? closing.deepest() : 0.0);

@@ -15,6 +15,7 @@
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -269,6 +270,7 @@ class Recorder {
   std::string ended_by(const Report& stopped, const End& end) const;
   void tell_end(const End& end);
   Comparison compare_with_measured();
+  void show_walls();
   void draw_overview(const End& end, const std::optional<Comparison>& comparison);
   bool has_images() const { return images_ && !images_->told().empty(); }
   void tell_of_images();
@@ -320,6 +322,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   if (!history.force.empty()) {
     tell_end(end);
     if (how_.beside) comparison = compare_with_measured();
+    show_walls();
     draw_overview(end, comparison);
     if (wanted_of(config).report)
       page = writer_->report(history, result.band, comparison, slices_, options, !history.interrupted);
@@ -419,6 +422,14 @@ Comparison Recorder::compare_with_measured() {
   for (const std::string* words : {&comparison.measured.left_out, &comparison.measured.averaged})
     if (!words->empty()) say(observer_, "compare  " + *words);
   return comparison;
+}
+
+// Where they stand, for picture and page, and what they bear.
+void Recorder::show_walls() {
+  writer_->show_walls(gap_to_walls(given_.config, result.loading, result.history.force.back().t));
+  for (std::size_t k = 0; k < result.history.walls.size(); ++k)
+    if (const Touch& wall = result.loading.walls[k]; !wall.is_tool)
+      facts_.push_back((wall.name == "wall" ? "" : "wall ") + in_words(wall.name, result.history.walls[k]));
 }
 
 // Who is asked to end has not always the time for a picture.

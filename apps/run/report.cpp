@@ -116,21 +116,14 @@ Json hundredths(const Vec3& place) {
           static_cast<std::int64_t>(std::lround(100.0 * place.y()))};
 }
 
-// Where a surface crosses the plane: four numbers for each piece of it, in hundredths of a millimetre.
-Json outline(const Points& on_slice, const Triangles& triangles) {
-  Json pieces = Json::array();
-  for (const auto& t : triangles.colwise()) {
-    std::array<Vec3, 2> end;
-    std::size_t found = 0;
-    for (int e = 0; e < 3; ++e) {
-      const Vec3 a = on_slice.col(t[e]), b = on_slice.col(t[(e + 1) % 3]);
-      if ((a.z() < 0.0) != (b.z() < 0.0) && found < 2) end[found++] = a + (b - a) * (a.z() / (a.z() - b.z()));
-    }
-    if (found < 2 || !end[0].allFinite() || !end[1].allFinite()) continue;
-    for (const Vec3& place : end)
-      for (const Json& number : hundredths(place)) pieces.push_back(number);
-  }
-  return pieces;
+// Pieces of lines as four numbers each, in hundredths of a millimetre.
+template <class Place>
+Json hundredths_of(const std::vector<std::array<Place, 2>>& pieces) {
+  Json numbers = Json::array();
+  for (const auto& piece : pieces)
+    for (const Place& place : piece)
+      for (const Json& number : hundredths(Vec3(place.x(), place.y(), 0.0))) numbers.push_back(number);
+  return numbers;
 }
 
 // -------------------------------------------------------------------------------------------------------
@@ -218,11 +211,12 @@ Json slice_json(const Slice& slice, const ReportInput& input, double slab_mm) {
 
   const Surface& surface = input.frames.body;
   if (!surface.empty()) {
-    result["outline_at_rest"] = outline(moved(surface.vertex_mm), surface.triangles);
+    result["outline_at_rest"] = hundredths_of(crossings(moved(surface.vertex_mm), surface.triangles));
     if (input.surface_displacement_mm.cols() == surface.vertex_mm.cols())
-      result["outline_at_end"] =
-          outline(moved(surface.vertex_mm + input.surface_displacement_mm), surface.triangles);
+      result["outline_at_end"] = hundredths_of(
+          crossings(moved(surface.vertex_mm + input.surface_displacement_mm), surface.triangles));
   }
+  if (input.walls) result["walls"] = hundredths_of(wall_on(slice, input.walls));
   result["tool"] = silhouette(slice, input);
   return result;
 }
@@ -318,7 +312,7 @@ void write_words(Json& words, const Json& part, const std::string& place, const 
     if (!value.is_number()) continue;
     const double x = value;
     const auto add = [&](const Written& w) { words[here] = {w.number(x), w.unit, w.per_unit}; };
-    if (name.ends_with("_N")) add(force);
+    if (name.ends_with("_N")) add(here.starts_with("walls.") ? force_written(x) : force);
     if (name.ends_with("_mm")) add(length_written(x));
     if (name.ends_with("_mm3")) add(volume_written(x));
     if (name == "value" && part.value("unit", "") == "%") add(percent_written(x));
@@ -383,6 +377,28 @@ Mat3 nearest_to_patient(const Mat3& axes) {
 }
 
 }  // namespace
+
+std::vector<std::array<Vec3, 2>> crossings(const Points& on_slice, const Triangles& triangles) {
+  std::vector<std::array<Vec3, 2>> pieces;
+  for (const auto& t : triangles.colwise()) {
+    std::array<Vec3, 2> end;
+    std::size_t found = 0;
+    for (int e = 0; e < 3; ++e) {
+      const Vec3 a = on_slice.col(t[e]), b = on_slice.col(t[(e + 1) % 3]);
+      if ((a.z() < 0.0) != (b.z() < 0.0) && found < 2) end[found++] = a + (b - a) * (a.z() / (a.z() - b.z()));
+    }
+    if (found == 2 && end[0].allFinite() && end[1].allFinite()) pieces.push_back(end);
+  }
+  return pieces;
+}
+
+std::vector<std::array<Eigen::Vector2d, 2>> wall_on(const Slice& slice, const GapAt& gap) {
+  if (!gap) return {};
+  constexpr double cells = 150.0;  // along the longer side
+  const Eigen::Affine3d to_world = slice.place.inverse();
+  return zero_pieces(slice.width_mm, slice.height_mm, std::max(slice.width_mm, slice.height_mm) / cells,
+                     [&](const Eigen::Vector2d& p) { return gap(to_world * Vec3(p.x(), p.y(), 0.0)); });
+}
 
 double tilt_degrees(const Mat3& axes) {
   const double least = nearest_to_patient(axes).diagonal().minCoeff();

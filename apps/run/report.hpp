@@ -9,6 +9,7 @@
 
 #include "apps/run/band.hpp"
 #include "apps/run/compare.hpp"
+#include "io/draw/zero_pieces.hpp"
 #include "io/label_image.hpp"
 #include "io/vtk_files.hpp"
 #include "preprocess/model.hpp"
@@ -37,6 +38,11 @@ double tilt_degrees(const Mat3& axes);
 
 /// Sagittal, coronal, axial. Without an image along the model's axes, with no labels.
 std::vector<Slice> slices_through(const Vec3& place_mm, const Model& model, const LabelImage& image);
+
+/// Where a surface crosses the plane z = 0: pairs of places.
+std::vector<std::array<Vec3, 2>> crossings(const Points& on_slice, const Triangles& triangles);
+/// Where what is rigid does.
+std::vector<std::array<Eigen::Vector2d, 2>> wall_on(const Slice& slice, const GapAt& gap);
 
 /// The body's surface over time.
 struct BodyFrames {
@@ -67,6 +73,7 @@ struct ReportInput {
   const Points& surface_displacement_mm;  ///< [3 x its vertices] of the frames' body at the end, or none
   std::string options;                    ///< config.resolved.toml
   std::string picture;                    ///< of the body at the end: a PNG's bytes, or none
+  GapAt walls = {};                       ///< at the end; empty: there are none
 };
 /// The page but for the summary: what takes time.
 nlohmann::ordered_json report_data(const ReportInput& input);

@@ -465,6 +465,7 @@ void ResultWriter::overview(const History& history, const Band& band,
   picture.title = title;
   picture.lines = lines;
   picture.warnings = warnings;
+  picture.walls = walls_;
   if (comparison) {
     const MeasuredCurve& measured = comparison->measured;
     for (const double depth : measured.depth) picture.beside_depth_mm.push_back(1e3 * depth);
@@ -490,7 +491,8 @@ Json ResultWriter::report(const History& history, const Band& band,
                       .options = options,
                       .picture = !drawn               ? ""
                                  : !body_png_.empty() ? body_png_
-                                                      : body_png(picture)});
+                                                      : body_png(picture),
+                      .walls = walls_});
 }
 
 namespace {

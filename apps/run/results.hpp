@@ -81,6 +81,8 @@ class ResultWriter {
   const std::vector<double>& frame_time_s() const { return frame_time_s_; }
   /// `spread`: of the force by its material, as a share of it; 0: not known.
   void tables(const History& history, const Band& band, double spread) const;
+  /// Of overview() and report(): what is rigid beside the body.
+  void show_walls(GapAt walls) { walls_ = std::move(walls); }
   /// overview.png: the model at rest, the last frame, the force curve, and what it is compared with.
   void overview(const History& history, const Band& band, const std::optional<Comparison>& comparison,
                 const std::string& title, const std::vector<std::string>& lines,
@@ -129,6 +131,7 @@ class ResultWriter {
   TimeSeries node_series_, point_series_, surface_series_, section_series_, tool_series_;
   std::vector<double> frame_time_s_;
   Points last_u_mm_;
+  GapAt walls_;
   BodyFrames shown_;
   double end_s_, pending_time_s_ = 0.0;
   std::unique_ptr<Packing> points_left_;  // of the newest frame, while it may not be the last

@@ -124,23 +124,6 @@ void add_touch(Json& summary, const Touch& touch, const History& history) {
   summary["tool"] = tool;
 }
 
-// Further tools, beside the one that is measured: at the end.
-void add_other_tools(Json& summary, const Config& config, const Result& result) {
-  for (std::size_t k = 0; k < result.history.walls.size(); ++k) {
-    const Touch& tool = result.loading.walls[k];
-    const TouchingTool::Touched& now = result.history.walls[k];
-    if (!config.other_tool.contains(tool.name)) continue;
-    summary["other_tools"][tool.name] = {{"words", in_words(tool.shape)},
-                                         {"first_touch_mm", three(1e3 * tool.pose.tip)},
-                                         {"points_along", three(tool.pose.points_at)},
-                                         {"force_on_tool_N", three(now.force)},
-                                         {"samples_in_contact", now.samples},
-                                         {"contact_area_mm2", 1e6 * now.area},
-                                         {"largest_pressure_Pa", now.pressure},
-                                         {"largest_penetration_mm", 1e3 * now.penetration}};
-  }
-}
-
 void add_folds(Json& summary, const FoldBanks& banks, const FoldContact::Audit& at_end) {
   summary["self_contact"] = {{"places", banks.count()},
                              {"places_that_touch", at_end.touching},
@@ -150,24 +133,41 @@ void add_folds(Json& summary, const FoldBanks& banks, const FoldContact::Audit& 
                              {"farthest_slid_mm", 1e3 * at_end.slid}};
 }
 
-void add_walls(Json& summary, const Config& config, const Result& result) {
-  const std::vector<Touch>& walls = result.loading.walls;
+Json other_tool_json(const Touch& tool, const TouchingTool::Touched& now) {
+  return {{"words", in_words(tool.shape)},
+          {"first_touch_mm", three(1e3 * tool.pose.tip)},
+          {"points_along", three(tool.pose.points_at)},
+          {"force_on_tool_N", three(now.force)},
+          {"samples_in_contact", now.samples},
+          {"contact_area_mm2", 1e6 * now.area},
+          {"largest_pressure_Pa", now.pressure},
+          {"largest_penetration_mm", 1e3 * now.penetration}};
+}
+
+Json wall_json(const Touch& wall, const TouchingTool::Touched& now) {
+  const Eigen::VectorXd& back = wall.set_back;
+  Json its = {
+      {"places", wall.surface.count()},
+      {"places_that_touch", now.samples},
+      {"force_N", three(now.force)},
+      {"force_size_N", now.force.norm()},
+      {"area_that_touches_mm2", 1e6 * now.area},
+      {"largest_penetration_mm", 1e3 * now.penetration},
+      {"largest_overlap_at_rest_mm", back.size() > 0 ? 1e3 * (back.maxCoeff() - back.minCoeff()) : 0.0}};
+  if (!(wall.friction > 0.0)) return its;
+  its["friction"] = std::isinf(wall.friction) ? Json("stick") : Json(wall.friction);
+  its["sticking_area_mm2"] = 1e6 * now.sticks;
+  return its;
+}
+
+// What is rigid beside the tool that is measured, at the end.
+void add_rigid(Json& summary, const Result& result) {
   const std::vector<TouchingTool::Touched>& at_end = result.history.walls;
-  for (std::size_t k = 0; k < walls.size(); ++k) {
-    const Touch& wall = walls[k];
-    if (config.other_tool.contains(wall.name)) continue;
-    const TouchingTool::Touched touched = k < at_end.size() ? at_end[k] : TouchingTool::Touched{};
-    const Eigen::VectorXd& back = wall.set_back;
-    Json& its = summary["walls"][wall.name];
-    its = {{"places", wall.surface.count()},
-           {"places_that_touch", touched.samples},
-           {"force_N", three(touched.force)},
-           {"area_that_touches_mm2", 1e6 * touched.area},
-           {"largest_penetration_mm", 1e3 * touched.penetration},
-           {"largest_overlap_at_rest_mm", back.size() > 0 ? 1e3 * (back.maxCoeff() - back.minCoeff()) : 0.0}};
-    if (!(wall.friction > 0.0)) continue;
-    its["friction"] = std::isinf(wall.friction) ? Json("stick") : Json(wall.friction);
-    its["sticking_area_mm2"] = 1e6 * touched.sticks;
+  for (std::size_t k = 0; k < result.loading.walls.size(); ++k) {
+    const Touch& rigid = result.loading.walls[k];
+    const TouchingTool::Touched now = k < at_end.size() ? at_end[k] : TouchingTool::Touched{};
+    summary[rigid.is_tool ? "other_tools" : "walls"][rigid.name] =
+        rigid.is_tool ? other_tool_json(rigid, now) : wall_json(rigid, now);
   }
 }
 
@@ -450,8 +450,7 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   summary["material"] = materials_json(config, result.tissues);
   summary["counts"] = counts_json(model);
   if (result.loading.touch) add_touch(summary, *result.loading.touch, result.history);
-  add_other_tools(summary, config, result);
-  add_walls(summary, config, result);
+  add_rigid(summary, result);
   if (result.loading.folds) add_folds(summary, *result.loading.folds, result.history.folds);
   summary["support"] = support_json(model.support_report);
   summary["support"]["worst_pivot_ratio"] = model.support_report.worst_pivot_ratio;
@@ -467,6 +466,21 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   summary["threads"] = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
   summary["warnings"] = result.warnings;
   add_guards(summary, result);
+}
+
+void add_scene(Json& summary, const Config& config, const Result& result) {
+  const Model& model = result.model;
+  summary["scheme"] = model.scheme.name;
+  summary["precision"] = config.solver.precision;
+  add_loads_and_supports(summary, result);
+  summary["material"] = materials_json(config, result.tissues);
+  summary["counts"] = counts_json(model);
+  for (const char* of_circle : {"circle_nodes", "circle_centre_mm", "circle_diameter_mm", "push"})
+    summary["counts"].erase(of_circle);
+  add_rigid(summary, result);
+  summary["support"] = support_json(model.support_report);
+  summary["volume_mm3"] = model.volume.sum() * 1e9;
+  summary["threads"] = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
 }
 
 }  // namespace dimple

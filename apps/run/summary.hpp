@@ -31,6 +31,9 @@ struct RunTimes {
 void add_run(Json& summary, const Config& config, const Result& result, const RunTimes& times,
              const std::string& status, ExitCode code, const Report* reason);
 
+/// What add_run() says of the body and of what surrounds it, of a case without a march.
+void add_scene(Json& summary, const Config& config, const Result& result);
+
 /// Force evaluations of the march.
 double evaluations_of(const History& history);
 /// Largest imbalance of the energies, as a part of the largest work of the tool.

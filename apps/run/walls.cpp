@@ -18,6 +18,7 @@
 #include "preprocess/scene/wall_field.hpp"
 #include "preprocess/supports/wall_surface.hpp"
 #include "preprocess/surface/closed_mesh.hpp"
+#include "solver/march/steps.hpp"
 
 namespace dimple {
 namespace {
@@ -293,6 +294,52 @@ std::string set_back(const std::string& name, const WallShape& shape, std::optio
 }
 
 }  // namespace
+
+namespace {
+
+// Beyond its grid a wall's distance is no distance any more.
+bool is_within(const DistanceGrid& grid, const Vec3& x) {
+  const Vec3 at = (x - grid.origin) / grid.step;
+  for (Index d = 0; d < 3; ++d)
+    if (at[d] < 0.0 || at[d] > static_cast<double>(grid.n[static_cast<std::size_t>(d)] - 1)) return false;
+  return true;
+}
+
+}  // namespace
+
+GapAt gap_to_walls(const Config& config, const Loading& loading, double time_s) {
+  struct Standing {
+    Touch wall;
+    double back;  // [m]
+    std::optional<Eigen::Vector4d> opening;
+  };
+  std::vector<Standing> walls;
+  const std::map<std::string, Config::Wall> named = walls_named(config);
+  for (const Touch& wall : loading.walls) {
+    const auto its = named.find(wall.name);
+    if (wall.is_tool || its == named.end()) continue;
+    Standing& one =
+        walls.emplace_back(Standing{wall, wall.set_back.size() > 0 ? wall.set_back.minCoeff() : 0.0,
+                                    opening_of(its->first, its->second)});
+    if (!loading.steps.empty()) one.wall.pose.tip += moved(loading.steps, wall.name, time_s * loading.rate);
+  }
+  if (walls.empty()) return {};
+  return [walls](const Vec3& place_mm) {
+    double nearest = std::numeric_limits<double>::infinity();
+    bool is_open = false;
+    for (const Standing& one : walls) {
+      if (one.wall.shape.field && !is_within(*one.wall.shape.field, 1e-3 * place_mm - one.wall.pose.tip))
+        continue;
+      const ToolDistance to = distance_to_tool(one.wall.shape, one.wall.pose, 1e-3 * place_mm);
+      const double gap = 1e3 * (to.distance + one.back);
+      if (!(gap < nearest)) continue;
+      nearest = gap;
+      const Vec3 there = place_mm - 1e3 * to.distance * to.normal;
+      is_open = one.opening && (there - one.opening->head<3>()).norm() <= (*one.opening)[3];
+    }
+    return is_open ? std::numeric_limits<double>::quiet_NaN() : nearest;
+  };
+}
 
 std::string in_words(const std::string& name, const TouchingTool::Touched& wall) {
   if (wall.samples == 0) return name + ": not touched at the end";

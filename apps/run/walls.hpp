@@ -6,7 +6,8 @@
 
 #include "apps/run/config.hpp"
 #include "apps/run/organ.hpp"
-#include "solver/terms/touching_tool.hpp"
+#include "io/draw/zero_pieces.hpp"
+#include "solver/march.hpp"
 
 namespace dimple {
 
@@ -31,6 +32,10 @@ struct Walls {
 /// UsageError: a wall is made of an image, and there is none; ModelError: a wall lies in the body by more
 /// than a voxel, with the place, or nothing of the body can reach it.
 Walls walls_beside(const Config& config, const Model& model, const LabelImage* image, const Organ* organ);
+
+/// How far a place is from the nearest of the walls [mm], as they then stand; not a number where the nearest
+/// is open. Empty: there are none.
+GapAt gap_to_walls(const Config& config, const Loading& loading, double time_s);
 
 /// "skull: pushed with 1.20 N over 350 mm2; the surface reaches 0.0123 mm into it at most", or "not touched".
 std::string in_words(const std::string& name, const TouchingTool::Touched& wall);

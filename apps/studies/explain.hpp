@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -27,6 +28,7 @@ struct Alternative {
   double effect = 0.0;    ///< on it: force / the force of the scene as it is - 1
   std::vector<std::pair<double, double>> effects =
       {};                   ///< depth [mm], and the effect there: the last is `effect`
+  double elsewhere = 0.0;   ///< of a shift: the longest change of a displacement at a target or in depth [mm]
   std::string deeper = {};  ///< why there is nothing beyond depth_mm: no equilibrium, or the tissue gave way
   double seconds = 0.0;     ///< from the image to the force
   std::string failed = {};  ///< why there is none; empty: there is one
@@ -86,7 +88,33 @@ void check_explainable(const Config& config);
 Explanation explain(const Config& config, Index nodes,
                     const std::function<void(const std::string&)>& progress);
 
-/// explain.csv, .md, .png and .svg. `subject`: what it is of.
+/// By `what` the largest effect first, those that failed last.
+void sort_by_effect(std::vector<Alternative>& alternatives);
+/// "discretisation", "doubt", "simplification".
+const char* word_of(Alternative::Kind kind);
+
+/// A quantity and what changes it, ready to be written.
+struct ChoiceTable {
+  struct Row {
+    std::string what, instead, all;  ///< as of an Alternative
+    Alternative::Kind kind = Alternative::Kind::doubt;
+    std::optional<double> effect = {};  ///< nothing: the changed run failed
+    std::string csv, verdict;
+    double seconds = 0.0;
+  };
+  std::string text;                ///< in front of the table in explain.md
+  std::string effect, csv_header;  ///< "effect on the force, %"
+  std::string title;               ///< of the chart
+  std::vector<std::string> subtitle = {};
+  std::string axis;
+  double shade = 0.0;  ///< effects below it do not matter
+  std::string shade_text;
+  std::vector<Row> rows = {};
+};
+/// explain.csv, .md, .png and .svg.
+void write_choices(const std::filesystem::path& folder, const ChoiceTable& table);
+
+/// The same of an explanation. `subject`: what it is of.
 void write_explanation(const std::filesystem::path& folder, const Explanation& explanation,
                        const std::string& subject);
 

@@ -32,7 +32,8 @@ constexpr int height = 1200;
 const Colour interior = rgb(0xB9C8D8), base = rgb(0x1560A0), circle = rgb(0xE8590C), cross = rgb(0x8794A4),
              curve = rgb(0x1560A0), band = rgb(0xBCD5EA), other_curve = rgb(0x00805E),
              node_dot = rgb(0x6F8AA6), tool_metal = rgb(0x4F9DA6), tool_fill = rgb(0xDCECEE),
-             tool_ink = rgb(0x1F6F78), warning_ink = rgb(0x8A4B00), warning_fill = rgb(0xFFF3DC);
+             tool_ink = rgb(0x1F6F78), wall_ink = rgb(0x6B4FA0), warning_ink = rgb(0x8A4B00),
+             warning_fill = rgb(0xFFF3DC);
 
 bool is_base(int set) {
   return (set & 1) != 0;
@@ -555,6 +556,22 @@ Points nodes_near(const Overview& o, const SectionView& view, const Vec3& centre
   return o.nodes_mm(Eigen::all, near);
 }
 
+/// Where walls cross the section.
+void draw_walls(Canvas& canvas, const GapAt& walls, const SectionView& view, const Vec3& centre) {
+  if (!walls) return;
+  constexpr double cell = 4.0;  // pixels
+  const Projection& p = view.projection;
+  const Vec3 on_plane = centre.dot(p.camera.toward) * p.camera.toward;
+  const Vec2 corner(view.shown.x, view.shown.y);
+  const auto gap = [&](const Vec2& pixel) {
+    const Vec2 mm = (pixel + corner - p.centre) / p.scale;
+    return walls(on_plane + (p.middle_mm.x() + mm.x()) * p.camera.right +
+                 (p.middle_mm.y() - mm.y()) * p.camera.up);
+  };
+  for (const auto& [a, b] : zero_pieces(view.shown.w, view.shown.h, cell, gap))
+    canvas.line(corner + a, corner + b, 2.2, wall_ink);
+}
+
 void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const BodyFrame& frame,
                   double spacing) {
   const Camera camera_ahead = camera(frame, 0.0, 0.0);
@@ -574,6 +591,7 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Bod
   };
   // The tool first: what it presses upon is drawn over it.
   draw_tool(canvas, o, view, camera_ahead, centre);
+  draw_walls(canvas, o.walls, view, centre);
   const Pieces at_rest = cut(o.surface_mm, o.surface_triangles, centre, camera_ahead.toward);
   draw(at_rest, 1.2, soft_ink, 0.8);
   const double step = spacing * view.projection.scale;  // nodes on the picture are about this far apart
@@ -604,6 +622,7 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Bod
                                       {"integration point", cross, '+'},
                                       {"outline at rest", soft_ink, '-'},
                                       {"at the end", circle, '-'}};
+  if (o.walls) entries.push_back({"wall", wall_ink, '-'});
   for (const LegendEntry& entry : tool_entry(o)) entries.push_back(entry);
   legend(canvas, {room.x + 6.0, room.y + 18.0}, entries);
 }

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "io/draw/zero_pieces.hpp"
 #include "io/types.hpp"
 
 namespace dimple {
@@ -32,6 +33,7 @@ struct Overview {
   std::vector<double> half_N;  ///< half the width of the band about it; empty: not known
   std::vector<double> beside_depth_mm, beside_force_N;  ///< another curve, as dots; empty: none
   std::string beside;                                   ///< its word in the legend
+  GapAt walls = {};                                     ///< what is rigid beside the body; empty: nothing
   bool two_threads = false;                             ///< draw with a second one; the same picture
 };
 

@@ -379,8 +379,7 @@ void QuasiStaticMarch::look_at_walls(const Moment& now) {
         std::max(wall.penetration, system_.walls()[k]->audit(now_.u, system_.now()).penetration);
     wall = system_.walls()[k]->touched();
     wall.penetration = deepest;
-    const Touch& of = system_.walls()[k]->touch();
-    if (of.surface.count() > 0) guards_.check_wall(of.name, deepest, of.surface.spacing.mean(), now);
+    guards_.check_wall(system_.walls()[k]->touch(), deepest, now);
   }
 }
 

@@ -21,6 +21,7 @@ struct Touch {
   /// Nothing: it is this tool.
   std::optional<Vec3> motion = {};
   std::string name = {};
+  bool is_tool = false;  ///< of what has a name: a further tool, and no wall
   /// [M], [K] m: how far its surface is set back at each sample, and at each piece between; empty: not at
   /// all.
   Eigen::VectorXd set_back = {}, set_back_between = {};

@@ -137,6 +137,31 @@ TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthers) {
     EXPECT_TRUE(keys.contains(key)) << key;
 }
 
+TEST_F(Report, OfABrainShiftShowsItsNumbers) {
+  const Ran ran = dimple(folder,
+                         "shift brain.nrrd -o out --opening 0,0,40,20 --up superior --nodes 600 --mu 200 "
+                         "--gap 0.2 --target 0,0,5");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Json numbers = summary();
+  EXPECT_EQ(held(text_of(folder / "out" / "report.html"), "dimple-summary"), numbers);
+  const std::set<std::string> keys = keys_shown(shown(), numbers);
+  for (const char* key : {"shift.largest_at_opening_mm", "shift.along_gravity_mm", "shift.targets.0.shift_mm",
+                          "shift.profile.0.shift_mm", "shift.band", "shift.assumed.0", "shift.left_out",
+                          "walls.skull.force_size_N", "walls.skull.largest_penetration_mm",
+                          "material.0.mu_Pa", "counts.nodes", "total_wall_s"})
+    EXPECT_TRUE(keys.contains(key)) << key;
+}
+
+TEST_F(Report, OfABodyBesideAWallShowsTheWallsForce) {
+  run(" --wall around:0.2mm");
+  const Json numbers = summary();
+  ASSERT_GT(numbers["walls"]["wall"]["places_that_touch"].get<int>(), 0);
+  const std::string page = shown();
+  EXPECT_TRUE(keys_shown(page, numbers).contains("walls.wall.force_size_N"));
+  EXPECT_TRUE(std::regex_search(page, std::regex("<path class=\"wall\" d=\"M[0-9]")))
+      << "and where it stands";
+}
+
 TEST_F(Report, OfAToolThatTouchesACutBodyShowsItsNumbersToo) {
   run(" --tool sphere:5mm --cut line:12,-20,25,12,20,25,depth=10mm");
   const std::string page = shown();

@@ -3,7 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <map>
 #include <nlohmann/json.hpp>
+#include <regex>
+#include <sstream>
 
 #include "tests/end_to_end/program.hpp"
 
@@ -49,6 +52,61 @@ TEST(Shift, WritesTargetsProfileAndImagesWithTheSameNumbersForAnyThreads) {
   EXPECT_EQ(summary["walls"]["skull"]["places_that_touch"].get<int>() >= 0, true);
   EXPECT_NE(summary["shift"]["left_out"].get<std::string>().find("falx"), std::string::npos);
   EXPECT_FALSE(summary["shift"]["assumed"].empty());
+}
+
+TEST(Shift, DrawsBeforeAndAfterAndAPageWithTheSameBytesForAnyThreads) {
+  const fs::path folder = fresh_folder();
+  const Json summary = shifted(folder, "-q --target 0,0,25 --threads 2", "two");
+  shifted(folder, "-q --target 0,0,25 --threads 1", "one");
+  EXPECT_EQ(text_of(folder / "two" / "overview.png"), text_of(folder / "one" / "overview.png"));
+  const std::string page = text_of(folder / "two" / "report.html");
+  for (const char* part :
+       {"data:image/png;base64,", "\"outline_at_end\"", "\"walls\":[", "--opening 0,0,30,15"})
+    EXPECT_NE(page.find(part), std::string::npos) << part;
+  const Json &shift = summary["shift"], &target = shift["targets"][0];
+  EXPECT_GT(target["shift_mm"].get<double>(), 0.0);
+  EXPECT_LT(target["shift_mm"].get<double>(), shift["largest_of_all_mm"].get<double>());
+  EXPECT_EQ(shift["band"].get<std::string>().substr(0, 7), "unknown");
+  double before = -1.0;
+  for (const Json& place : shift["profile"]) {
+    EXPECT_GT(place["depth_mm"].get<double>(), before);
+    before = place["depth_mm"];
+  }
+  // The command that the page names gives the same numbers again.
+  ASSERT_EQ(dimple(folder / "two",
+                   "shift -q --config config.resolved.toml --skull derived --opening 0,0,30,15 --up "
+                   "superior --fluid-lost 60% --target 0,0,25 -o again")
+                .code,
+            0);
+  EXPECT_EQ(text_of(folder / "two" / "targets.csv"), text_of(folder / "two" / "again" / "targets.csv"));
+}
+
+TEST(Shift, IsExplainedByOneDoubtAtATimeInMillimetres) {
+  const fs::path folder = fresh_folder();
+  const Json summary = shifted(folder, "-q --explain", "out");
+  std::istringstream rows(text_of(folder / "out" / "explain.csv"));
+  std::string row;
+  std::getline(rows, row);
+  EXPECT_EQ(row, "choice,instead,kind,change_mm,elsewhere_mm,wall_s,verdict");
+  std::map<std::string, double> of;  // by choice and what it is instead
+  while (std::getline(rows, row)) {
+    std::smatch cell;
+    const std::regex cells("\"([^\"]*)\",\"([^\"]*)\",[a-z]+,([^,]*),.*");
+    ASSERT_TRUE(std::regex_match(row, cell, cells)) << row;
+    if (cell[3] != "") of[cell[1].str() + ": " + cell[2].str()] = std::stod(cell[3]);
+  }
+  const double shift = summary["shift"]["largest_at_opening_mm"];
+  EXPECT_GT(of.at("shear modulus: 150 Pa instead of 300 Pa"), 0.05 * shift);
+  EXPECT_LT(of.at("shear modulus: 600 Pa instead of 300 Pa"), -0.1 * shift);
+  EXPECT_LT(of.at("fluid lost: 40 % instead of 60 %"), 0.0);
+  EXPECT_GT(of.at("fluid lost: 80 % instead of 60 %"), 0.0);
+  for (const char* doubt :
+       {"gap: 4 mm instead of 2 mm", "friction at the skull: 0.3 instead of none",
+        "opening: radius 20 mm instead of 15 mm", "direction of up: tilted by 15 degrees, left",
+        "number of nodes: 1000 instead of 500"})
+    EXPECT_TRUE(of.contains(doubt)) << doubt;
+  EXPECT_NE(text_of(folder / "out" / "report.html").find("What the shift depends on"), std::string::npos);
+  EXPECT_GT(summary["parts_wall_s"]["comparing"].get<double>(), 0.0);
 }
 
 TEST(Shift, IsRefusedBeforeAnythingIsBuiltWhereItIsNotUnderstood) {

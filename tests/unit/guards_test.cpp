@@ -163,6 +163,22 @@ TEST_F(StateGuard, OfAToolThatTouchesWarnsOfWhatComesIntoItAndEndsWhereItIsTooMu
   EXPECT_EQ(ends_with({.penetration = 0.0, .beyond = 1.01 * most, .beyond_at = 0}), "contact-surface");
 }
 
+TEST_F(StateGuard, TellsWhetherTheSurfaceReachesIntoAWallOrIntoAFurtherTool) {
+  Touch rigid;
+  rigid.name = "skull";
+  rigid.surface.place.setZero(3, 1);
+  rigid.surface.spacing.setConstant(1, 1e-3);
+  guards.check_wall(rigid, 0.14e-3, now);
+  EXPECT_TRUE(findings.empty());
+  guards.check_wall(rigid, 0.16e-3, now);
+  rigid.name = "spatula";
+  rigid.is_tool = true;
+  guards.check_wall(rigid, 0.16e-3, now);
+  ASSERT_EQ(findings.size(), 2u);
+  EXPECT_THAT(findings[0].report.fact, HasSubstr("into the wall 'skull'"));
+  EXPECT_THAT(findings[1].report.fact, HasSubstr("into the tool 'spatula'"));
+}
+
 TEST_F(StateGuard, SeesWhatIsNoNumberInAnyComponentOfAnyNode) {
   EXPECT_NO_THROW(guards.check(u, f, now));
   for (const double nonsense :

@@ -6,18 +6,10 @@ const width = 680;
 const height = 400;
 const plot = { left: 64, right: 18, top: 34, bottom: 50 };
 
-export function forceChart() {
-  const { depth_mm: depth, force_N: force, half_N: half } = data.curve;
-  const beside = data.beside;
-  const largest = Math.max(...force.map((f, k) => f + (half[k] ?? 0)), ...(beside ? beside.force_N : []), 1e-12);
-  const least = Math.min(0, ...force.map((f, k) => f - (half[k] ?? 0)));
-  const unit = { unit: data.curve.unit, scale: data.curve.per_unit };
-  const x = scaleLinear([0, Math.max(...depth, ...(beside ? beside.depth_mm : []), 1e-9) * 1.04], [plot.left, width - plot.right]);
-  const y = scaleLinear([least * unit.scale, largest * unit.scale * 1.1], [height - plot.bottom, plot.top]);
-  const px = (d) => x(d).toFixed(1);
-  const py = (f) => y(f * unit.scale).toFixed(1);
-
-  const chart = svg('svg', { viewBox: `0 0 ${width} ${height}`, class: 'chart', role: 'img', 'aria-label': 'force against indentation' });
+// Axes with their ticks, and how places of the plot become pixels.
+function axesOf(chart, xRange, yRange, xLabel, yLabel) {
+  const x = scaleLinear(xRange, [plot.left, width - plot.right]);
+  const y = scaleLinear(yRange, [height - plot.bottom, plot.top]);
   const axes = svg('g', { class: 'axes' });
   for (const value of x.ticks(6))
     axes.append(
@@ -32,10 +24,33 @@ export function forceChart() {
   axes.append(
     svg('line', { class: 'zero', x1: plot.left, x2: width - plot.right, y1: y(0), y2: y(0) }),
     svg('line', { class: 'zero', x1: plot.left, x2: plot.left, y1: plot.top, y2: height - plot.bottom }),
-    svg('text', { x: (plot.left + width - plot.right) / 2, y: height - 8, 'text-anchor': 'middle' }, 'indentation in mm'),
-    svg('text', { x: 8, y: 16 }, `force in ${unit.unit}`),
+    svg('text', { x: (plot.left + width - plot.right) / 2, y: height - 8, 'text-anchor': 'middle' }, xLabel),
+    svg('text', { x: 8, y: 16 }, yLabel),
   );
   chart.append(axes);
+  return { px: (value) => x(value).toFixed(1), py: (value) => y(value).toFixed(1) };
+}
+
+const empty = (label) => svg('svg', { viewBox: `0 0 ${width} ${height}`, class: 'chart', role: 'img', 'aria-label': label });
+
+/** One line through points. */
+export function curveChart({ x, y, xLabel, yLabel }) {
+  const chart = empty(`${yLabel} against ${xLabel}`);
+  const { px, py } = axesOf(chart, [0, Math.max(...x, 1e-9) * 1.04], [0, Math.max(...y, 1e-9) * 1.1], xLabel, yLabel);
+  if (x.length > 0) chart.append(svg('path', { class: 'curve', d: `M${x.map((value, k) => `${px(value)} ${py(y[k])}`).join('L')}` }));
+  return chart;
+}
+
+export function forceChart() {
+  const { depth_mm: depth, force_N: force, half_N: half } = data.curve;
+  const beside = data.beside;
+  const largest = Math.max(...force.map((f, k) => f + (half[k] ?? 0)), ...(beside ? beside.force_N : []), 1e-12);
+  const least = Math.min(0, ...force.map((f, k) => f - (half[k] ?? 0)));
+  const unit = { unit: data.curve.unit, scale: data.curve.per_unit };
+  const chart = empty('force against indentation');
+  const deepest = Math.max(...depth, ...(beside ? beside.depth_mm : []), 1e-9) * 1.04;
+  const { px, py: pixel } = axesOf(chart, [0, deepest], [least * unit.scale, largest * unit.scale * 1.1], 'indentation in mm', `force in ${unit.unit}`);
+  const py = (f) => pixel(f * unit.scale);
 
   const way = (points) => `M${points.map(([d, f]) => `${px(d)} ${py(f)}`).join('L')}`;
   const curve = depth.map((d, k) => [d, force[k]]);

@@ -1,19 +1,12 @@
 // What the page says, from the top: verdict, warnings, force, body, slices, and how it came about.
 import { chartLegend, forceChart } from './chart.js';
 import { body, canDraw } from './body.js';
-import { at, data, element, heat, number, quantity, word, written } from './numbers.js';
+import { at, baseName, data, element, facts, heat, number, place3, quantity, section, there, word, written } from './numbers.js';
+import { assumedOfShift, head as headOfShift, shift, slicesOfShift, walls } from './shift.js';
 import { slices, taken, tintOf } from './slices.js';
 
-const section = (id) => document.getElementById(id);
-const there = (key) => at(key) !== undefined && at(key) !== null;
-const baseName = (path) => path.split('/').pop();
 
-/** A table of facts; rows without a value are left out. */
-function facts(rows, css = 'facts') {
-  const table = element('table', { class: css });
-  for (const [name, ...value] of rows.filter(Boolean)) table.append(element('tr', {}, element('th', { scope: 'row' }, name), element('td', {}, ...value.flat().filter((part) => part !== false))));
-  return table;
-}
+const isShift = there('shift');
 
 // ------------------------------------------------------------------------------------------------------- head
 
@@ -78,6 +71,7 @@ function forceSection() {
   ];
   const table = facts(rows);
   const words = element('div', {}, table);
+  if (there('walls')) words.append(element('h3', {}, 'Walls at the end'), walls());
   if (there('compare.file')) words.append(element('h3', {}, 'Beside ', word('compare.file')), comparison());
   if (there('ladder')) words.append(element('h3', {}, 'Refinement levels'), ladder());
   place.append(element('div', { class: 'beside' }, element('div', { class: 'wide' }, forceChart(), chartLegend()), words));
@@ -136,10 +130,10 @@ function bodySection() {
     return undefined;
   }
   stage.append(colourBar(shown.most));
-  stage.after(element('ul', { class: 'legend screen' }, element('li', {}, element('span', { class: 'mark tool' }), ...toolWords())));
+  stage.after(element('ul', { class: 'legend screen' }, element('li', {}, element('span', { class: 'mark tool' }), ...(isShift ? ['where the skull is open'] : toolWords()))));
   const show = (k) => {
     slider.value = k;
-    depth.textContent = `${shown.depths[k].toFixed(2)} mm`;
+    depth.textContent = isShift ? (k === 0 ? 'at rest' : 'after it') : `${shown.depths[k].toFixed(2)} mm`;
     shown.show(k);
   };
   let timer = 0;
@@ -185,10 +179,11 @@ function sliceSection() {
     if (k < 8) legend.append(element('li', {}, element('span', { class: 'mark tint', style: `background:${tintOf(label.value)}` }), label.name ? `${label.value} ${label.name}` : `label ${label.value}`));
   }
   if (taken.length > 8) legend.append(element('li', {}, `and ${taken.length - 8} more labels`));
-  legend.append(entry('node', 'node'), entry('node base', 'fixed base'), ...(there('counts.circle_nodes') ? [entry('node circle', "tool's circle")] : []), entry('outline', 'outline at rest'), entry('outline moved', 'at the end'), entry('tool', 'tool at the end'));
+  legend.append(entry('node', 'node'), entry('node base', 'fixed base'), ...(there('counts.circle_nodes') ? [entry('node circle', "tool's circle")] : []), entry('outline', 'outline at rest'), entry('outline moved', 'at the end'), entry('tool', isShift ? 'where the skull is open' : 'tool at the end'));
+  if (data.slices.some((one) => (one.walls ?? []).length > 0)) legend.append(entry('wall', isShift ? 'skull' : 'wall'));
   place.append(slices(), legend);
   const tilt = data.tilt_degrees > 1 ? ` The image's axes are turned by ${data.tilt_degrees} degrees against the patient's; the letters name the nearest.` : '';
-  place.append(element('p', { class: 'soft' }, `Planes through the middle of the tool's way, seen from the left, from the front and from the feet: the patient's right is on the left. Nodes at rest within ${(data.slab_mm / 2).toFixed(1)} mm of the plane; the tool is seen along it.${tilt}`));
+  place.append(element('p', { class: 'soft' }, `Planes through the ${isShift ? 'opening' : "middle of the tool's way"}, seen from the left, from the front and from the feet: the patient's right is on the left. Nodes at rest within ${(data.slab_mm / 2).toFixed(1)} mm of the plane; the ${isShift ? 'opening' : 'tool'} is seen along it.${tilt}`));
   return undefined;
 }
 
@@ -219,9 +214,6 @@ function labelList() {
   return table;
 }
 
-function place3(key) {
-  return element('span', {}, '(', ...[0, 1, 2].flatMap((k) => [k > 0 ? ', ' : '', number(`${key}.${k}`, { decimals: 1, place: true })]), ')');
-}
 function materials() {
   return at('material').map((material, k) => {
     const one = `material.${k}`;
@@ -241,14 +233,15 @@ function assumed() {
         at('model.closed_volume_mm3') > 0 ? [', ', written('model.closed_volume_mm3'), ' added by closing gaps'] : '',
         element('div', { class: 'soft' }, 'surface of triangles of ', written('model.surface_step_mm'), ', smoothed by ', written('model.smoothing_mm'))],
       ['Material', ...materials()],
+      ...(isShift ? assumedOfShift() : []),
       ['Base', number('counts.base_nodes', { decimals: 0 }), ' nodes held', reason('model.base_reason'), reason('made_from.base')],
       there('model.cut') && (at('model.cut.area_mm2') > 0 || at('model.cut.removed_mm3') > 0 || at('model.cut.labels_taken_out').length > 0) && ['Cut', ...cutWords()],
-      there('tool.words')
+      !isShift && (there('tool.words')
         ? ['Tool', word('tool.words'), ', its tip at first touch at ', place3('tool.first_touch_mm'), ' mm, pushed along ', place3('counts.push'), reason('model.circle_reason')]
-        : ['Tool', written('counts.circle_diameter_mm'), ' in diameter, on ', number('counts.circle_nodes', { decimals: 0 }), ' nodes at ', place3('counts.circle_centre_mm'), ' mm, pushed along ', place3('counts.push'), reason('model.circle_reason'), reason('made_from.circle')],
+        : ['Tool', written('counts.circle_diameter_mm'), ' in diameter, on ', number('counts.circle_nodes', { decimals: 0 }), ' nodes at ', place3('counts.circle_centre_mm'), ' mm, pushed along ', place3('counts.push'), reason('model.circle_reason'), reason('made_from.circle')]),
       there('tool.contact_area_mm2') && ['Contact', quantity('tool.contact_area_mm2', 'mm²', { decimals: 1 }), ' at the end, on ', number('tool.samples_in_contact', { decimals: 0 }), ' parts of the surface; largest pressure ', written('tool.largest_pressure_Pa'), '; between them the surface comes into the tool by ', written('tool.largest_penetration_mm'), ' at most'],
-      ['Load', written('requested.depth_mm'), ' at ', quantity('requested.rate_mm_per_s', 'mm/s'), ', ', word('contact'), ', ', word('time')],
-      ['Discretisation', number('counts.nodes', { decimals: 0 }), ' nodes', there('model.largest_spacing_mm') ? [': ', written('model.rim_spacing_mm'), ' apart at the tool, ', written('model.largest_spacing_mm'), ' far from it'] : '', '; ', number('counts.integration_points', { decimals: 0 }), ' integration points',
+      !isShift && ['Load', written('requested.depth_mm'), ' at ', quantity('requested.rate_mm_per_s', 'mm/s'), ', ', word('contact'), ', ', word('time')],
+      ['Discretisation', number('counts.nodes', { decimals: 0 }), ' nodes', there('model.largest_spacing_mm') ? [': ', written('model.rim_spacing_mm'), ` apart at the ${isShift ? 'opening' : 'tool'}, `, written('model.largest_spacing_mm'), ' far from it'] : '', '; ', number('counts.integration_points', { decimals: 0 }), ' integration points',
         element('div', { class: 'soft' }, 'scheme ', word('scheme'), ', ', word('precision'), ' precision')],
     ], 'facts broad'),
     element('p', { class: 'soft' }, 'Places are in mm along left, posterior and superior (LPS).'));
@@ -266,7 +259,8 @@ function times() {
     table.append(element('tr', {}, element('td', { class: 'text' }, element('span', { class: `mark part p${k}` }), name), element('td', {}, quantity(key, 's', { decimals: 2 }))));
   });
   table.append(element('tr', { class: 'sum' }, element('td', { class: 'text' }, 'in all, with ', number('threads', { decimals: 0 }), at('threads') === 1 ? ' thread' : ' threads'), element('td', {}, quantity('total_wall_s', 's', { decimals: 2 }))));
-  section('times').append(bar, table, element('p', { class: 'soft' }, number('force_evaluations', { decimals: 0 }), ' evaluations of the force, ', quantity('ms_per_step', 'ms', { decimals: 2 }), ' each.'));
+  section('times').append(bar, table);
+  if (there('force_evaluations')) section('times').append(element('p', { class: 'soft' }, number('force_evaluations', { decimals: 0 }), ' evaluations of the force, ', quantity('ms_per_step', 'ms', { decimals: 2 }), ' each.'));
 }
 
 // ---------------------------------------------------------------------------------------------- again and cite
@@ -289,7 +283,7 @@ function copied(text, css = '') {
 
 function again() {
   const place = section('again');
-  const command = there('image') ? 'dimple run --config config.resolved.toml -o again' : 'dimple solve MODEL --config config.resolved.toml -o again';
+  const command = data.command ? data.command : there('image') ? 'dimple run --config config.resolved.toml -o again' : 'dimple solve MODEL --config config.resolved.toml -o again';
   place.append(copied(command));
   const hash = there('image_sha256') ? 'image_sha256' : 'model_sha256';
   place.append(element('p', { class: 'soft' }, there('image') ? 'The image has the SHA-256 ' : 'The model has the SHA-256 ', element('code', {}, word(hash)), '. With the file below, which lies beside this page, the same version of the program gives the same bits.'));
@@ -314,10 +308,12 @@ function cite() {
 function depends() {
   const place = section('depends');
   if (place.querySelector('svg')) return;
-  place.append(element('p', {}, 'This was not measured. ', element('code', {}, 'dimple run … --explain'), ' repeats the run, changing one choice at a time, and puts a chart of the effects here.'));
+  place.append(element('p', {}, 'This was not measured. ', element('code', {}, `dimple ${isShift ? 'shift' : 'run'} … --explain`), ' repeats the run, changing one choice at a time, and puts a chart of the effects here.'));
 }
 
-for (const part of [head, verdict, warnings, forceSection, bodySection, sliceSection, depends, assumed, times, again, cite]) {
+const indentation = [head, verdict, warnings, forceSection, bodySection, sliceSection];
+const craniotomy = [headOfShift, warnings, shift, bodySection, sliceSection, slicesOfShift];
+for (const part of [...(isShift ? craniotomy : indentation), depends, assumed, times, again, cite]) {
   try {
     part();
   } catch (problem) { // what one part lacks is no reason to lose the others

@@ -18,6 +18,21 @@ export function element(name, attributes = {}, ...children) {
   return made;
 }
 
+export const section = (id) => document.getElementById(id);
+export const there = (key) => at(key) !== undefined && at(key) !== null;
+export const baseName = (path) => path.split('/').pop();
+
+/** A table of facts; rows without a value are left out. */
+export function facts(rows, css = 'facts') {
+  const table = element('table', { class: css });
+  for (const [name, ...value] of rows.filter(Boolean)) table.append(element('tr', {}, element('th', { scope: 'row' }, name), element('td', {}, ...value.flat().filter((part) => part !== false))));
+  return table;
+}
+
+export function place3(key) {
+  return element('span', {}, '(', ...[0, 1, 2].flatMap((k) => [k > 0 ? ', ' : '', number(`${key}.${k}`, { decimals: 1, place: true })]), ')');
+}
+
 /** A word of the summary. */
 export function word(key) {
   return element('span', { 'data-key': key }, String(at(key)));

@@ -70,7 +70,7 @@ export function slice(one, number, pixelsPerMm) {
     viewBox: box.map((x) => x.toFixed(2)).join(' '),
     class: 'slice',
     role: 'img',
-    'aria-label': `${one.name} plane through the tool's way`,
+    'aria-label': `${one.name} plane`,
     style: `--mm:${(1 / pixelsPerMm).toFixed(4)}`,
   });
   if (one.columns > 0)
@@ -80,6 +80,7 @@ export function slice(one, number, pixelsPerMm) {
     svg('path', { class: 'node free', d: dots(one.nodes.free) }),
     svg('path', { class: 'node base', d: dots(one.nodes.base) }),
     svg('path', { class: 'node circle', d: dots(one.nodes.circle) }),
+    svg('path', { class: 'wall', d: pieces(one.walls) }),
     svg('path', { class: 'moved', d: pieces(one.outline_at_end) }),
     ...(tool.length > 0 ? [svg('path', { class: 'tool', d: `M${hull(tool).map((p) => `${mm(p[0])} ${mm(p[1])}`).join('L')}Z` })] : []),
   );

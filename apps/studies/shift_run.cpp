@@ -1,0 +1,252 @@
+#include "apps/studies/shift_run.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "apps/run/folds.hpp"
+#include "apps/run/loads.hpp"
+#include "apps/run/membranes.hpp"
+#include "apps/run/other_tools.hpp"
+#include "apps/run/pipeline.hpp"
+#include "apps/run/steps.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "apps/run/supports.hpp"
+#include "apps/run/tool.hpp"
+#include "apps/run/walls.hpp"
+#include "apps/run/words.hpp"
+#include "io/digits.hpp"
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "preprocess/scene/sides.hpp"
+#include "preprocess/supports/support.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double usual_gap_mm = 2.0;    // where a skull is derived and nobody says one
+constexpr double usual_mu_Pa = 1000.0;  // of brain, where no material is given
+constexpr double usual_nodes = 4000;
+constexpr double usual_close_mm = 4.0;  // sulci narrower than this hold together
+constexpr double held_share = 0.15;     // of the brain's smallest extent, and at most that
+constexpr double held_depth_mm = 20.0;  // of the brain's lowest part
+constexpr double finest_mm = 5.0;       // spacing of the nodes around the opening
+constexpr double fold_reach_mm = 5.0;   // half of the widest gap that is watched with --self-contact
+constexpr double profile_step_mm = 5.0;
+constexpr const char* by_shift = "dimple shift";
+
+[[noreturn]] void refuse_shift(const std::string& flag, const std::string& fact, const std::string& why,
+                               const std::string& remedy) {
+  throw UsageError({.fact = fact, .where = flag, .why = why, .remedy = remedy});
+}
+
+std::vector<double> numbers_of_shift(const std::string& text, const std::string& flag, std::size_t count,
+                                     const std::string& what) {
+  std::vector<double> numbers;
+  set_value({.key = flag, .value = &numbers, .least = -1e6, .most = 1e6, .help = what}, text, flag);
+  if (numbers.size() != count)
+    refuse_shift(flag, fmt::format("'{}' has {} numbers", text, numbers.size()), "it is " + what,
+                 fmt::format("give {} numbers, separated by commas", count));
+  return numbers;
+}
+
+Eigen::Vector4d opening_of(const ShiftOptions& options) {
+  const auto n = numbers_of_shift(options.opening, "--opening", 4, "x,y,z,radius in mm, LPS");
+  if (!(n[3] > 0.0))
+    refuse_shift("--opening", "the opening has no radius", "nothing would be open",
+                 "give x,y,z,radius in mm");
+  return {n[0], n[1], n[2], n[3]};
+}
+
+Vec3 up_of(const ShiftOptions& options) {
+  if (const auto side = side_named(options.up)) return *side;
+  const auto n = numbers_of_shift(options.up, "--up", 3, "a side, such as anterior, or x,y,z, LPS");
+  const Vec3 up(n[0], n[1], n[2]);
+  if (!(up.norm() > 0.0))
+    refuse_shift("--up", "three zeros are no direction", "gravity acts against it", "give a side, or x,y,z");
+  return up.normalized();
+}
+
+std::vector<Vec3> targets_of(const ShiftOptions& options) {
+  std::vector<Vec3> targets;
+  for (const std::string& one : options.target) {
+    const auto n = numbers_of_shift(one, "--target", 3, "x,y,z in mm, LPS");
+    targets.emplace_back(n[0], n[1], n[2]);
+  }
+  return targets;
+}
+
+// What is asked for lies on or in the brain, before anything expensive is done.
+void require_on_brain(const Organ& organ, const Eigen::Vector4d& opening, const std::vector<Vec3>& targets) {
+  const BodySurface& surface = organ.body->surface;
+  const auto closest = [&](const Vec3& place) {
+    return surface.closest(surface.to_world().inverse() * place);
+  };
+  const auto nearest = closest(opening.head<3>());
+  if (nearest.distance > opening[3])
+    throw UsageError(
+        {.fact = fmt::format("the opening at {} is {} from the brain's surface",
+                             dimple::in_words(Vec3(opening.head<3>())), length_in_words(nearest.distance)),
+         .where = "--opening",
+         .why = fmt::format("nothing of the brain lies in it; the nearest place is {}",
+                            dimple::in_words(surface.to_world() * nearest.place)),
+         .remedy = "give a place on the brain's surface, in LPS mm; 3D Slicer's coordinates are RAS"});
+  for (const Vec3& target : targets)
+    if (!surface.contains(surface.to_world().inverse() * target))
+      throw UsageError(
+          {.fact = fmt::format("the target {} lies outside of the brain", dimple::in_words(target)),
+           .where = "--target",
+           .why = fmt::format("its surface is {} away", length_in_words(closest(target).distance)),
+           .remedy = "give a place of the brain at rest, in LPS mm"});
+}
+
+// Nodes are as fine around the opening as opposite to the base, where a tool would stand: none presses here,
+// and no node is held.
+void grade_around(const Eigen::Vector4d& opening, Organ& organ) {
+  BoundaryOptions& boundary = organ.options.boundary;
+  const BodySurface& surface = organ.body->surface;
+  if (!(boundary.base_depth_mm > 0.0))
+    boundary.base_depth_mm =
+        std::min(held_depth_mm, held_share * (surface.upper() - surface.lower()).minCoeff());
+  boundary.is_pressed = false;
+  boundary.contact_radius_mm = finest_mm;
+  boundary.other_tools = {Vec3(opening.head<3>())};
+  GradingOptions& grading = organ.options.cloud.grading;
+  grading.whole_circle = true;
+  grading.least = 1.0;  // the spacing there is that radius
+}
+
+// From the brain's surface at the opening towards its middle, as far as its middle.
+Points line_into(const BodySurface& surface, const Vec3& opening) {
+  const Eigen::Isometry3d to_body = surface.to_world().inverse();
+  const Vec3 from = surface.closest(to_body * opening).place, to = surface.centroid();
+  std::vector<Vec3> places;
+  const double length = (to - from).norm();
+  for (double way = 0.5; way < length; way += profile_step_mm) {
+    const Vec3 x = from + way / length * (to - from);
+    if (surface.contains(x)) places.push_back(surface.to_world() * x);
+  }
+  Points result(3, static_cast<Index>(places.size()));
+  for (Index k = 0; k < result.cols(); ++k) result.col(k) = places[static_cast<std::size_t>(k)];
+  return result;
+}
+
+}  // namespace
+
+double gap_of_skull(const ShiftOptions& options) {
+  double gap = usual_gap_mm;
+  if (!options.gap.empty())
+    set_value({.key = "--gap", .unit = "mm", .value = &gap, .most = 100.0, .help = "a gap"}, options.gap,
+              "--gap");
+  return gap;
+}
+
+ShiftScene scene_of(const ShiftOptions& options) {
+  return {opening_of(options), up_of(options), targets_of(options)};
+}
+
+Index Shifted::largest_in(const Eigen::Vector4d& ball) const {
+  const Points& vertex = result.model.surface.vertex_mm;
+  Index largest = -1;
+  for (Index v = 0; v < vertex.cols(); ++v)
+    if ((vertex.col(v) - ball.head<3>()).norm() <= ball[3] &&
+        (largest < 0 || surface_mm.col(v).norm() > surface_mm.col(largest).norm()))
+      largest = v;
+  return largest;
+}
+
+Points Shifted::at(const Points& places_mm) const {
+  if (places_mm.cols() == 0) return Points(3, 0);
+  return 1e3 * inner_interpolation(result.model, 1e-3 * places_mm)(u().topRows<3>());
+}
+
+void come_to_rest(const Config& config, const ShiftScene& scene, const ShiftHooks& hooks, Shifted& now) {
+  require_circle(config, by_shift);
+  require_one_tool(config, by_shift);
+  require_no_steps(config, by_shift);
+  require_no_goal(config, by_shift);
+  check_loads(config);
+  check_supports(config);
+  check_folds(config);
+  check_walls(config);
+  Result& result = now.result;
+  const RunLog log{hooks.observer, result};
+  const Case given{.config = config, .change = hooks.change};
+  Organ organ = read_organ(given, model_options(config), log, result);
+  require_on_brain(organ, scene.opening, scene.targets);
+  grade_around(scene.opening, organ);
+  result.provenance = {{"image", name_of_image(config)},
+                       {"image_sha256", sha256_of_image(config, result.image)}};
+  find_site(config, log, organ, result);
+  const std::optional<Organ> brain = std::move(organ);
+  Placed placed = place(given, brain, log, result);
+  if (hooks.placed) hooks.placed(placed.places);
+  now.line = line_into(brain->body->surface, scene.opening.head<3>());
+  result.origin = std::make_shared<Origin>(Origin{
+      .config = config, .organ = *brain, .image = {}, .facts = result, .image_warnings = {}, .boundary = {}});
+  make_ready(given, std::move(placed), log, result);
+  stop_if_asked();
+  log.begin(Part::solving, config);
+  const Stopwatch solving;
+  now.tissue = std::make_unique<ForceSystem>(result.model, result.tissues, precision_of(config));
+  const Loading& loading = result.loading;
+  now.system = make_system(*now.tissue, result.model, loading.contact, loading.further, loading.loads,
+                           config.solver.tolerance, nullptr, loading.folds, loading.walls);
+  const Rest& rest = now.system->at_rest();
+  now.f.setZero(4, rest.u.cols());
+  now.system->set({});
+  now.sweep = now.system->force_at(rest.u, rest.lambda, now.f);
+  now.surface_mm = 1e3 * surface_interpolation(result.model)(rest.u.topRows<3>());
+  for (const TouchingTool* wall : now.system->walls()) {
+    TouchingTool::Touched& touched = result.history.walls.emplace_back(wall->touched());
+    touched.penetration = std::max(touched.penetration, wall->audit(rest.u, now.system->now()).penetration);
+  }
+  now.solve_s = solving.seconds();
+}
+
+// What nobody has said.
+std::vector<std::string> assumptions_of(const Config& config, const ShiftOptions& options) {
+  const auto assumed = [&](const char* key) {
+    const auto source = config.source.find(key);
+    return source != config.source.end() && source->second == by_shift;
+  };
+  std::vector<std::string> all;
+  if (assumed("material.mu_Pa"))
+    all.push_back(fmt::format("the brain's shear modulus is {}", stress_in_words(usual_mu_Pa)));
+  if (assumed("image.close_mm"))
+    all.push_back(fmt::format("sulci narrower than {} are filled with tissue, as their walls hold together",
+                              length_in_words(usual_close_mm)));
+  if (options.skull == "derived")
+    all.push_back(
+        fmt::format("the skull is the brain's outer hull at a gap of {} mm", plain(gap_of_skull(options))));
+  all.push_back("the skull holds the brain back without friction");
+  return all;
+}
+
+Config config_of_shift(Config config, const ShiftOptions& options) {
+  const auto [opening, up, targets] = scene_of(options);
+  if (!options.brain.empty()) set_option(config, "image.label", options.brain, "--brain");
+  Config::Wall& skull = config.wall[skull_name];
+  const double gap = gap_of_skull(options);
+  const bool derived = options.skull == "derived";
+  skull.shape = derived ? fmt::format("around:{}mm", plain(gap)) : "label:" + options.skull;
+  if (!derived && !options.gap.empty()) skull.gap = plain(gap);
+  skull.opening = fmt::format("{},{},{},{}", opening[0], opening[1], opening[2], opening[3]);
+  config.load.fluid_lost = fmt::format("{},{},{},{}", up.x(), up.y(), up.z(), options.fluid_lost);
+  fluid_lost_of(config);
+  if (!was_given(config, "boundary.base")) config.boundary.base = "inferior";
+  if (!was_given(config, "material.mu_Pa") && !was_given(config, "material.young_Pa") &&
+      config.material.preset == "none")
+    set_option(config, "material.mu_Pa", plain(usual_mu_Pa), by_shift);
+  if (default_nodes(config)) set_option(config, "cloud.nodes", plain(usual_nodes), by_shift);
+  if (!was_given(config, "image.close_mm"))
+    set_option(config, "image.close_mm", plain(usual_close_mm), by_shift);
+  config.load.depth_mm = fold_reach_mm;
+  config.solver.time = "quasi-static";
+  config.accuracy.band = "off";
+  config.output.write = {"images"};
+  return config;
+}
+
+}  // namespace dimple

@@ -1,0 +1,59 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "apps/run/organ.hpp"
+#include "apps/studies/shift.hpp"
+#include "solver/system.hpp"
+
+namespace dimple {
+
+/// What the options of a shift say, in LPS mm.
+struct ShiftScene {
+  Eigen::Vector4d opening;  ///< x, y, z, radius
+  Vec3 up;                  ///< unit vector against gravity
+  std::vector<Vec3> targets;
+};
+/// Throws UsageError: one of them is not understood.
+ShiftScene scene_of(const ShiftOptions& options);
+
+inline constexpr const char* skull_name = "skull";
+/// Of a derived skull, in mm.
+double gap_of_skull(const ShiftOptions& options);
+
+/// The brain at rest after it. Not to be moved: its parts refer to each other.
+struct Shifted {
+  Result result;
+  std::unique_ptr<ForceSystem> tissue;
+  std::unique_ptr<System> system;
+  Nodal f;
+  ForceSystem::Sweep sweep;
+  Points surface_mm;  ///< [3xV] the shift of the surface's vertices
+  Points line;        ///< [3xL] LPS mm, from the brain's surface at the opening towards its middle
+  double solve_s = 0.0;
+
+  const Nodal& u() const { return system->at_rest().u; }
+  /// The vertex within a ball that moves most; -1: none lies in it.
+  Index largest_in(const Eigen::Vector4d& ball) const;
+  /// [3 x places] mm.
+  Points at(const Points& places_mm) const;
+};
+
+/// What else a run of one choice changed has.
+struct ShiftHooks {
+  RunObserver observer = {};
+  std::function<void(const Discretisation&)> placed = {};
+  BodyChange change = {};
+};
+/// `config`: as config_of_shift() returns it. Throws as simulate() does; UsageError: the opening or a target
+/// is not where the brain is.
+void come_to_rest(const Config& config, const ShiftScene& scene, const ShiftHooks& hooks, Shifted& result);
+
+/// What nobody has said, a sentence each.
+std::vector<std::string> assumptions_of(const Config& config, const ShiftOptions& options);
+
+}  // namespace dimple
