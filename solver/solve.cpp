@@ -59,7 +59,8 @@ void refuse_touch(TimeMode mode, const ForceSystem& tissue, const Model& model, 
 }  // namespace
 
 void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading,
-           const SolverOptions& options, const Observer& observer, History& history, const MarchState* from) {
+           const SolverOptions& options, const Observer& observer, History& history, const MarchState* from,
+           ScenePart* part) {
   if (!loading.steps.empty() && mode != TimeMode::quasi_static)
     throw SolveError(
         {.fact = "a scene of steps is asked for with inertia",
@@ -86,10 +87,11 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
     const std::unique_ptr<System> system =
         make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance,
                     loading.touch.get(), loading.folds, loading.walls);
-    history.settled = system->at_rest().u.colwise().norm().maxCoeff();
+    if (!part || !part->near) history.settled = system->at_rest().u.colwise().norm().maxCoeff();
     switch (mode) {
       case TimeMode::quasi_static:
-        if (!loading.steps.empty()) return march_in_steps(*system, loading, options, observer, history, from);
+        if (!loading.steps.empty())
+          return march_in_steps(*system, loading, options, observer, history, from, part);
         return march_quasi_statically(*system, loading, options, observer, history, from);
       case TimeMode::dynamic:
         return march_implicitly(*system, loading, options, observer, history, from);

@@ -2,7 +2,7 @@
 
 #include <string_view>
 
-#include "solver/march.hpp"
+#include "solver/march/steps.hpp"
 
 namespace dimple {
 
@@ -27,10 +27,11 @@ double shear_crossings(const Model& model, const Tissues& tissues, const Loading
 TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& loading);
 
 /// Marches from rest, or from where an earlier run of the same case stood, to the depth of the load.
-/// `history` receives the force curve as it goes. Throws SolveError: why it ended before.
+/// `history` receives the force curve as it goes. `part`: of a scene whose body changes between its steps.
+/// Throws SolveError: why it ended before.
 void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading,
            const SolverOptions& options, const Observer& observer, History& history,
-           const MarchState* from = nullptr);
+           const MarchState* from = nullptr, ScenePart* part = nullptr);
 
 /// The same for who wants only the curve. `interrupted` if it was asked to stop.
 History solve(const Model& model, const Tissues& tissues, const Loading& loading,

@@ -409,6 +409,10 @@ py::array_t<double> at_surface(const ModelInMemory& built,
 // ---------------------------------------------------------------------------------------------------------
 
 void add(Solved& solved, const Frame& frame) {
+  // A step has cut the body: its model is another, and its frames begin there.
+  if (const std::size_t before = solved.frame_time.size();
+      solved.frame_u.size() != before * 3 * static_cast<std::size_t>(frame.u.cols()))
+    solved.frame_time.clear(), solved.frame_depth.clear(), solved.frame_u.clear();
   solved.frame_time.push_back(frame.t);
   solved.frame_depth.push_back(frame.depth);
   for (Index a = 0; a < frame.u.cols(); ++a)

@@ -225,6 +225,12 @@ std::vector<std::pair<std::string, Config::Step>> steps_in_order(const Config& c
   return steps;
 }
 
+std::vector<std::pair<std::string, Config::Step>> moving_steps(const Config& config) {
+  auto steps = steps_in_order(config);
+  std::erase_if(steps, [](const auto& step) { return !step.second.cut.empty(); });
+  return steps;
+}
+
 namespace {
 
 // What a name of one's own stands for, below a section: "load.pressure.csf.on".

@@ -116,6 +116,7 @@ struct Config {
   struct Step {
     std::string moves = "tool";   ///< or the name of a support or a further tool
     std::vector<double> move_mm;  ///< x,y,z in LPS, or of a tool one number: along its push
+    std::string cut;              ///< as image.cut, of the body as it then is; nothing moves meanwhile
     int order = 0;                ///< as they were given
   };
   std::map<std::string, Step> step;
@@ -174,6 +175,8 @@ std::vector<Option> options_of(Config::Step& step);
 
 /// The steps of a scene in their order, by name.
 std::vector<std::pair<std::string, Config::Step>> steps_in_order(const Config& config);
+/// Those that move something.
+std::vector<std::pair<std::string, Config::Step>> moving_steps(const Config& config);
 
 /// "material.mu" of "material.mu_Pa"; a key without its unit at the end stays.
 std::string without_unit(const Option& option);

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "apps/run/steps.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/surface_mesh.hpp"
@@ -14,18 +15,11 @@
 namespace dimple {
 namespace {
 
-constexpr const char* where = "--cut (image.cut)";
+constexpr const char* option_of_cuts = "--cut (image.cut)";
 // Of a whole plane: CGAL hears no Ctrl-C, and a lung's took 12 s with 214 of them.
 constexpr double most_rings = 60.0;
 constexpr const char* forms =
     "plane:x,y,z,nx,ny,nz[,radius=20mm], line:x,y,z,x,y,z,depth=15mm, sheet.stl or label:NAME";
-
-[[noreturn]] void refuse(const std::string& text, const std::string& fact, const std::string& why) {
-  throw UsageError({.fact = fmt::format("the cut '{}' {}", text, fact),
-                    .where = where,
-                    .why = why,
-                    .remedy = fmt::format("give {}", forms)});
-}
 
 std::vector<std::string> split(const std::string& text, char at) {
   std::vector<std::string> parts;
@@ -38,24 +32,32 @@ std::vector<std::string> split(const std::string& text, char at) {
   return parts;
 }
 
-// One of those that --cut lists.
+// One of those that such an option lists.
 struct Words {
-  std::string text, kind, rest;
+  std::string text, where, kind, rest;
   bool is_file() const { return kind == "file"; }
 };
 
-std::vector<Words> words_of(const Config& config) {
+[[noreturn]] void refuse(const Words& words, const std::string& fact, const std::string& why) {
+  throw UsageError({.fact = fmt::format("the cut '{}' {}", words.text, fact),
+                    .where = words.where,
+                    .why = why,
+                    .remedy = fmt::format("give {}", forms)});
+}
+
+std::vector<Words> words_of(const CutText& cut) {
   std::vector<Words> result;
-  for (const std::string& text : split(config.image.cut, ';')) {
+  for (const std::string& text : split(cut.text, ';')) {
     const std::size_t colon = text.find(':');
     const std::string kind = text.substr(0, colon);
     if (kind == "plane" || kind == "line" || kind == "label")
-      result.push_back(
-          {text, kind, colon == std::string::npos ? "" : std::string(trimmed(text.substr(colon + 1)))});
+      result.push_back({text, cut.where, kind,
+                        colon == std::string::npos ? "" : std::string(trimmed(text.substr(colon + 1)))});
     else if (is_surface_file(text))
-      result.push_back({text, "file", text});
+      result.push_back({text, cut.where, "file", text});
     else
-      refuse(text, "is not known", "it is a plane, a line, a label or a surface that was drawn");
+      refuse({text, cut.where, "", ""}, "is not known",
+             "it is a plane, a line, a label or a surface that was drawn");
   }
   return result;
 }
@@ -69,7 +71,7 @@ double number_of(const Words& words, const std::string& text, const char* unit) 
              .least = -1e6,
              .most = 1e6,
              .help = "a number of a cut"},
-            text, fmt::format("{}, '{}'", where, words.text));
+            text, fmt::format("{}, '{}'", words.where, words.text));
   return value;
 }
 
@@ -82,7 +84,7 @@ struct Six {
 Six six_of(const Words& words, const std::string& name, const char* unit_of_second) {
   const std::vector<std::string> parts = split(words.rest, ',');
   if (parts.size() < 6 || parts.size() > 7)
-    refuse(words.text, fmt::format("has {} parts", parts.size()),
+    refuse(words, fmt::format("has {} parts", parts.size()),
            fmt::format("a {} has six numbers{}", words.kind, " and one length by name"));
   Six six;
   for (Index k = 0; k < 3; ++k) {
@@ -92,25 +94,24 @@ Six six_of(const Words& words, const std::string& name, const char* unit_of_seco
   if (parts.size() == 6) return six;
   const std::size_t equals = parts[6].find('=');
   if (equals == std::string::npos || trimmed(parts[6].substr(0, equals)) != name)
-    refuse(words.text, fmt::format("ends with '{}'", parts[6]), fmt::format("its length is called {}", name));
+    refuse(words, fmt::format("ends with '{}'", parts[6]), fmt::format("its length is called {}", name));
   six.length = number_of(words, std::string(trimmed(parts[6].substr(equals + 1))), "mm");
   if (!(six.length > 0.0))
-    refuse(words.text, fmt::format("has a {} of {}", name, length_in_words(six.length)),
-           "a length is above zero");
+    refuse(words, fmt::format("has a {} of {}", name, length_in_words(six.length)), "a length is above zero");
   return six;
 }
 
 Six plane_of(const Words& words) {
   const Six six = six_of(words, "radius", "");
-  if (!(six.second.norm() > 0.0)) refuse(words.text, "has no normal", "three zeros are no direction");
+  if (!(six.second.norm() > 0.0)) refuse(words, "has no normal", "three zeros are no direction");
   return six;
 }
 
 Six line_of(const Words& words) {
   const Six six = six_of(words, "depth", "mm");
-  if (!(six.length > 0.0)) refuse(words.text, "has no depth", "an edge cuts as deep as it is pushed");
+  if (!(six.length > 0.0)) refuse(words, "has no depth", "an edge cuts as deep as it is pushed");
   if (!((six.first - six.second).norm() > 0.0))
-    refuse(words.text, "begins where it ends", "an edge that does not move opens nothing");
+    refuse(words, "begins where it ends", "an edge that does not move opens nothing");
   return six;
 }
 
@@ -130,7 +131,7 @@ TriangleMesh swept(const Words& words, const BodySurface& body, double step) {
   into -= into.dot(along) * along;
   if (!(into.norm() > 0.2))
     throw ModelError({.fact = fmt::format("there is no one way into the body along the cut '{}'", words.text),
-                      .where = where,
+                      .where = words.where,
                       .why = "the surface near it faces opposite ways, or along it",
                       .remedy = "give places on one side of the body, or a plane or sheet instead",
                       .code = "cut"});
@@ -151,33 +152,58 @@ TriangleMesh swept(const Words& words, const BodySurface& body, double step) {
 
 }  // namespace
 
+CutText cut_of_step(const std::string& name, const std::string& text) {
+  return {text, fmt::format("step.{}.cut", name)};
+}
+
+std::vector<CutText> cuts_at_rest(const Config& config) {
+  std::vector<CutText> cuts;
+  if (!split(config.image.cut, ';').empty()) cuts.push_back({config.image.cut, option_of_cuts});
+  for (const auto& [name, step] : steps_in_order(config)) {
+    if (step.cut.empty()) break;
+    cuts.push_back(cut_of_step(name, step.cut));
+  }
+  return cuts;
+}
+
 bool has_cuts(const Config& config) {
-  return !split(config.image.cut, ';').empty();
+  return !cuts_at_rest(config).empty();
 }
 
 void check_cuts(const Config& config) {
-  for (const Words& words : words_of(config)) {
-    if (words.kind == "plane") plane_of(words);
-    if (words.kind == "line") line_of(words);
-    if (words.kind == "label" && words.rest.empty())
-      refuse(words.text, "names no label", "it takes out the voxels of a label");
-    if (words.is_file()) drawn(words);
+  std::vector<CutText> all = cuts_at_rest(config);
+  for (const CutStep& step : cut_steps(config)) all.push_back(cut_of_step(step.name, step.cut));
+  for (const CutText& cut : all) {
+    if (words_of(cut).empty())
+      refuse({cut.text, cut.where, "", ""}, "says nothing", "a step that cuts says what");
+    for (const Words& words : words_of(cut)) {
+      if (words.kind == "plane") plane_of(words);
+      if (words.kind == "line") line_of(words);
+      if (words.kind == "label" && words.rest.empty())
+        refuse(words, "names no label", "it takes out the voxels of a label");
+      if (words.is_file()) drawn(words);
+    }
   }
 }
 
-std::vector<std::string> labels_cut_out(const Config& config) {
+std::vector<std::string> labels_cut_out(const CutText& cut) {
   std::vector<std::string> labels;
-  for (const Words& words : words_of(config))
+  for (const Words& words : words_of(cut))
     if (words.kind == "label") labels.push_back(words.rest);
   return labels;
 }
 
-std::vector<TriangleMesh> blades_of(const Config& config, const SegmentedBody& of) {
-  const BodySurface& body = of.surface;
+std::vector<std::string> labels_cut_out_at_rest(const Config& config) {
+  std::vector<std::string> labels;
+  for (const CutText& cut : cuts_at_rest(config))
+    for (std::string& label : labels_cut_out(cut)) labels.push_back(std::move(label));
+  return labels;
+}
+
+std::vector<TriangleMesh> blades_of(const CutText& cut, const BodySurface& body, double step) {
   const Eigen::Isometry3d to_body = body.to_world().inverse();
-  const double step = of.report.step_mm > 0.0 ? of.report.step_mm : 1.0;
   std::vector<TriangleMesh> sheets;
-  for (const Words& words : words_of(config)) {
+  for (const Words& words : words_of(cut)) {
     if (words.kind == "plane") {
       const Six plane = plane_of(words);
       const Vec3 place = to_body * plane.first;
@@ -198,10 +224,19 @@ std::vector<TriangleMesh> blades_of(const Config& config, const SegmentedBody& o
   return sheets;
 }
 
+std::vector<TriangleMesh> blades_of(const Config& config, const SegmentedBody& body) {
+  std::vector<TriangleMesh> sheets;
+  for (const CutText& cut : cuts_at_rest(config))
+    for (TriangleMesh& sheet :
+         blades_of(cut, body.surface, body.report.step_mm > 0.0 ? body.report.step_mm : 1.0))
+      sheets.push_back(std::move(sheet));
+  return sheets;
+}
+
 void require_no_cuts(const Config& config, const std::string& what) {
   if (!has_cuts(config)) return;
   throw UsageError({.fact = fmt::format("{} knows no cuts, and '{}' is asked for", what, config.image.cut),
-                    .where = where,
+                    .where = option_of_cuts,
                     .why = "a body is cut by `dimple run` and `dimple model` before the tool touches it",
                     .remedy = "leave --cut out, or use dimple run IMAGE --cut"});
 }

@@ -16,12 +16,24 @@ namespace dimple {
 ///     line:x,y,z,x,y,z,depth=15mm       an edge's way from place to place, straight into the surface there
 ///     FILE.stl, .obj, .vtp              a sheet that was drawn: LPS, mm; a closed one is taken out whole
 ///     label:NAME                        the voxels of a label are taken out
-bool has_cuts(const Config& config);
-/// Throws UsageError: a word, number or unit that is none; InputError of a file.
+///
+/// A cut at rest is that, or of a step of the scene before anything has moved.
+struct CutText {
+  std::string text;
+  std::string where;  ///< the option
+};
+std::vector<CutText> cuts_at_rest(const Config& config);
+CutText cut_of_step(const std::string& name, const std::string& text);
+bool has_cuts(const Config& config);  ///< at rest
+/// Of all steps too. Throws UsageError: a word, number or unit that is none; InputError of a file.
 void check_cuts(const Config& config);
 /// The labels that are taken out, by number or name.
-std::vector<std::string> labels_cut_out(const Config& config);
-/// What the blades sweep, in the body's own frame. Throws as check_cuts(); ModelError: no way into the body.
+std::vector<std::string> labels_cut_out(const CutText& cut);
+std::vector<std::string> labels_cut_out_at_rest(const Config& config);
+/// What the blades sweep, in the body's own frame, in triangles of `step` [mm] where nobody drew them. Throws
+/// as check_cuts(); ModelError: no way into the body.
+std::vector<TriangleMesh> blades_of(const CutText& cut, const BodySurface& body, double step);
+/// Of all cuts at rest.
 std::vector<TriangleMesh> blades_of(const Config& config, const SegmentedBody& body);
 
 /// Throws UsageError: there is a cut, of which `what` knows nothing.

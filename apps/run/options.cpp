@@ -324,6 +324,8 @@ std::vector<Option> options_of(Config::Step& s) {
        .help = "what moves in this step: tool, or the name of a support or of a further tool"},
       {.key = "step.move_mm", .unit = "mm", .value = &s.move_mm, .stage = "solve",
        .help = "how far it moves: x,y,z in LPS, or of a tool one number, along its push"},
+      {.key = "step.cut", .value = &s.cut, .stage = "solve",
+       .help = "what is cut in this step, as image.cut, where the body then is; nothing moves in it"},
   };
 }
 

@@ -78,10 +78,11 @@ struct Taken {
   std::vector<LabelMeasure> labels, cut_out;
 };
 
-// --cut label:NAME.
-void cut_out(const Config& config, const LabelImage& image, Taken& taken) {
+// label:NAME of a cut, which stands `where`.
+void cut_out(const std::vector<std::string>& labels, const std::string& where, const Config& config,
+             const LabelImage& image, Taken& taken) {
   const std::vector<int> gone =
-      chosen_labels(image, taken.labels, labels_cut_out(config), "--cut (image.cut)",
+      chosen_labels(image, taken.labels, labels, where.c_str(),
                     config.image.label.empty() ? "the image holds" : "--label takes");
   if (gone.empty()) return;
   const auto is_gone = [&](const LabelMeasure& m) {
@@ -91,7 +92,7 @@ void cut_out(const Config& config, const LabelImage& image, Taken& taken) {
   std::erase_if(taken.labels, is_gone);
   if (taken.labels.empty())
     throw InputError({.fact = "nothing of the body is left when its labels are taken out",
-                      .where = "--cut (image.cut)",
+                      .where = where,
                       .why = "all labels that form the body are cut out",
                       .remedy = "leave one, or take more with --label"});
   taken.chosen.clear();
@@ -107,7 +108,7 @@ Taken take_labels(const RunLog& log, const Config& config, const LabelImage& ima
     if (taken.chosen.empty() ||
         std::find(taken.chosen.begin(), taken.chosen.end(), label.value) != taken.chosen.end())
       taken.labels.push_back(label);
-  cut_out(config, image, taken);
+  cut_out(labels_cut_out_at_rest(config), "--cut (image.cut)", config, image, taken);
   const auto has = [](const std::vector<LabelMeasure>& labels, int value) {
     return std::any_of(labels.begin(), labels.end(), [&](const auto& m) { return m.value == value; });
   };
@@ -234,14 +235,16 @@ void say_default_stiffness(const RunLog& log, const Config& config) {
 }
 
 TissueOptions tissues_of(const Config& config, const std::map<std::string, int>& label_names,
-                         const Discretisation& places) {
+                         const Discretisation& places, const std::vector<LabelMeasure>& taken_out) {
   TissueOptions tissues{.of_label = {}, .density = {}};
   for (const Material& material : materials_of(config)) tissues.density.push_back(material.density);
   int number = 0;
   for (const auto& [label, differing] : config.tissue) {
     const int value = number_of_label(label, label_names);
     tissues.of_label[value] = ++number;
-    if (!(places.label.array() == value).any())
+    const bool is_gone = std::any_of(taken_out.begin(), taken_out.end(),
+                                     [&](const LabelMeasure& m) { return m.value == value; });
+    if (!is_gone && !(places.label.array() == value).any())
       throw InputError(
           {.fact = fmt::format("no tissue of the model has label '{}'", label),
            .where = fmt::format("tissue.{}", label),
@@ -252,6 +255,18 @@ TissueOptions tissues_of(const Config& config, const std::map<std::string, int>&
   }
   return tissues;
 }
+
+namespace {
+
+SegmentedBody body_of(const LabelImage& image, const std::vector<int>& labels,
+                      const BoundaryOptions& boundary, const BodyChange& change) {
+  return make_body_surface(image, labels,
+                           {.indenter_diameter_mm = boundary.indenter_diameter_mm,
+                            .smoothing = change.smoothing,
+                            .outward_mm = change.outward_voxels * std::cbrt(image.voxel_volume())});
+}
+
+}  // namespace
 
 Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& log, Result& result) {
   const Config& config = given.config;
@@ -294,11 +309,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
   }
   log.begin(Part::surface, config);
   organ.options.boundary.voxel_mm = image.spacing().maxCoeff();
-  organ.body = std::make_shared<const SegmentedBody>(
-      make_body_surface(image, labels,
-                        {.indenter_diameter_mm = options.boundary.indenter_diameter_mm,
-                         .smoothing = given.change.smoothing,
-                         .outward_mm = given.change.outward_voxels * std::cbrt(image.voxel_volume())}));
+  organ.body = std::make_shared<const SegmentedBody>(body_of(image, labels, options.boundary, given.change));
   const SegmentedBody& body = *organ.body;
   result.stages.done("surface");
   result.segment = body.report;
@@ -378,27 +389,30 @@ void refuse_without_base(const BodySurface& body, const Boundary& at) {
 
 constexpr double widest_over_gap = 25.0;  // node spacings: see sees() of sight.hpp
 
-void say_cut(const RunLog& log, const Config& config, const ImageFacts::Cut& cut, Result& result) {
-  std::string sentence = fmt::format("'{}'", config.image.cut);
+std::string sentence_of(const Config& config, const ImageFacts::Cut& cut) {
+  std::string sentence;
+  for (const CutText& text : cuts_at_rest(config))
+    sentence += fmt::format("{}'{}'", sentence.empty() ? "" : ", ", text.text);
   if (cut.area_mm2 > 0.0)
     sentence +=
         fmt::format(": {:.4g} cm2, its banks {:.4g} mm apart", cut.area_mm2 / 1e2, config.image.cut_gap_mm);
   if (!cut.labels.empty()) sentence += fmt::format("; taken out: {}", in_words(cut.labels));
-  result.provenance["cut"] = sentence;
-  log.say("cut      " + sentence);
-  for (const CutPiece& piece : cut.parted)
+  return sentence;
+}
+
+void warn_of_parted(const RunLog& log, const std::vector<CutPiece>& parted) {
+  for (const CutPiece& piece : parted)
     log.warn(fmt::format("the cut parts {} at {} from what is under the tool: it is left out",
                          volume_in_words(piece.volume_mm3), in_words(piece.centre)));
 }
 
-// Base and tool have their places on the body as it was before.
-void cut_organ(const Config& config, Organ& organ, Result& result) {
-  const std::vector<TriangleMesh> blades = blades_of(config, *organ.body);
-  if (blades.empty()) return;
-  const BodySurface& before = organ.body->surface;
+// Base and tool have their places on the body as it was before, `uncut` where that is another.
+void cut_organ(const Config& config, const std::vector<TriangleMesh>& blades, const SegmentedBody& uncut,
+               Organ& organ, Result& result) {
+  const BodySurface &before = uncut.surface, &body = organ.body->surface;
   Site site{find_boundary(before, organ.options.boundary), {}, {}};
   auto [surface, removed_mm3, area_mm2, parted, taken] =
-      cut(before, blades, config.image.cut_gap_mm, site.boundary.centre);
+      cut(body, blades, config.image.cut_gap_mm, site.boundary.centre);
   refuse_without_base(surface, site.boundary);
   if (!(organ.options.boundary.contact_radius_mm > 0.0))
     refuse_circle_over_cut(before, surface, site.boundary, config.image.cut_gap_mm);
@@ -410,29 +424,79 @@ void cut_organ(const Config& config, Organ& organ, Result& result) {
     return std::any_of(all->begin(), all->end(), [&](const BodySurface& one) { return one.contains(x); });
   };
   site = find_site(surface, organ.options, nullptr, &before);
-  site.uncut = std::shared_ptr<const BodySurface>(organ.body, &before);
+  site.uncut = std::shared_ptr<const BodySurface>(organ.body, &body);
   for (const TriangleMesh& blade : blades)
     for (const auto& x : blade.vertex.colwise())
-      if (before.contains(x)) result.cut.sizing = std::max(result.cut.sizing, site.sizing(x));
+      if (body.contains(x)) result.cut.sizing = std::max(result.cut.sizing, site.sizing(x));
   const double room = distance_to(blades, site.boundary.centre);
   site.boundary.room = std::min(site.boundary.room, room),
   site.graded.room = std::min(site.graded.room, room);
   SegmentReport report = organ.body->report;
-  report.voxel_volume_mm3 *= surface.volume() / before.volume();
+  report.voxel_volume_mm3 *= surface.volume() / body.volume();
   organ.site = std::make_shared<const Site>(std::move(site));
   organ.body = std::make_shared<const SegmentedBody>(SegmentedBody{std::move(surface), report});
   result.segment = std::move(report);
   result.stages.done("cut");
 }
 
+// The body without further labels, in the frame that it has with them.
+SegmentedBody without_labels(const LabelImage& image, const SegmentedBody& whole, const Organ& organ) {
+  SegmentedBody rest = body_of(image, organ.labels, organ.options.boundary, {});
+  const Eigen::Isometry3d to_frame = whole.surface.to_world().inverse() * rest.surface.to_world();
+  BodySurface surface((to_frame * rest.surface.vertex().colwise().homogeneous()).eval(),
+                      rest.surface.triangles(), whole.surface.to_world());
+  surface.ends_with_image(whole.surface.image_ends());
+  return {std::move(surface), rest.report};
+}
+
 }  // namespace
+
+Organ cut_by_steps(const Config& config, const Organ& whole, const LabelImage& image, const StepCuts& cuts,
+                   const RunLog& log, Result& result) {
+  const Stopwatch cutting;
+  Organ organ = whole;
+  if (!cuts.labels.empty()) {
+    Taken taken{.chosen = {}, .labels = result.labels, .cut_out = {}};
+    cut_out(cuts.labels, cuts.where, config, image, taken);
+    result.labels = taken.labels;
+    result.cut.labels.insert(result.cut.labels.end(), taken.cut_out.begin(), taken.cut_out.end());
+  }
+  if (cuts.has_taken_labels) {
+    organ.labels.clear();
+    for (const LabelMeasure& m : result.labels) organ.labels.push_back(m.value);
+    organ.body = std::make_shared<const SegmentedBody>(
+        without_labels(organ.closed ? organ.closed->image : image, *whole.body, organ));
+    result.segment = organ.body->report;
+  }
+  std::vector<TriangleMesh> blades = blades_of(config, *whole.body);
+  const Eigen::Isometry3d to_body = whole.body->surface.to_world().inverse();
+  for (TriangleMesh sheet : cuts.sheets) {
+    sheet.vertex = (to_body * sheet.vertex.colwise().homogeneous()).eval();
+    blades.push_back(std::move(sheet));
+  }
+  const std::size_t parted = result.cut.parted.size();
+  try {
+    cut_organ(config, blades, *whole.body, organ, result);
+  } catch (const ModelError& error) {
+    Report report = error.report;
+    report.where = cuts.where;
+    throw ModelError(report);
+  }
+  if (result.cut.parted.size() > parted) warn_of_parted(log, result.cut.parted);
+  result.provenance["cut"] = sentence_of(config, result.cut);
+  result.build_s += cutting.seconds();
+  return organ;
+}
 
 void find_site(const Config& config, const RunLog& log, Organ& organ, Result& result) {
   const Stopwatch finding;
   log.begin(Part::cloud, config);
   if (has_cuts(config)) {
-    cut_organ(config, organ, result);
-    say_cut(log, config, result.cut, result);
+    const std::shared_ptr<const SegmentedBody> before = organ.body;
+    if (const std::vector<TriangleMesh> blades = blades_of(config, *before); !blades.empty())
+      cut_organ(config, blades, *before, organ, result);
+    log.say("cut      " + (result.provenance["cut"] = sentence_of(config, result.cut)));
+    warn_of_parted(log, result.cut.parted);
   }
   if (!organ.site) organ.site = std::make_shared<const Site>(find_site(organ.body->surface, organ.options));
   result.stages.done("boundary");

@@ -44,9 +44,10 @@ std::string sha256_of_image(const Config& config, const LabelImage& image);
 void check_materials(const std::vector<Material>& materials, const Scheme& scheme);
 void say_default_stiffness(const RunLog& log, const Config& config);
 
-/// The tissues of config.tissue by their labels. Throws InputError: one has no point.
+/// The tissues of config.tissue by their labels. Throws InputError: one has no point, and is not among those
+/// that a step has taken out.
 TissueOptions tissues_of(const Config& config, const std::map<std::string, int>& label_names,
-                         const Discretisation& places);
+                         const Discretisation& places, const std::vector<LabelMeasure>& taken_out = {});
 
 /// The body as the image and the options give it, before any node is placed.
 struct Organ {
@@ -85,6 +86,19 @@ LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& im
 
 /// Where the organ rests and the tool stands, under its options.
 void find_site(const Config& config, const RunLog& log, Organ& organ, Result& result);
+
+/// What steps of a scene have cut, all of them so far.
+struct StepCuts {
+  std::vector<TriangleMesh> sheets;  ///< as they lie in the body at rest [mm, LPS]
+  std::vector<std::string> labels;   ///< that the last of them takes out
+  bool has_taken_labels = false;     ///< any of them
+  std::string where;                 ///< the option of the last
+};
+/// `whole`: the organ before any cut but of labels, its site unknown. Base and tool stay where they are on
+/// it. The result's labels and cut become those of the organ that is left. Throws ModelError ("cut"),
+/// InputError: there is no such label.
+Organ cut_by_steps(const Config& config, const Organ& whole, const LabelImage& image, const StepCuts& cuts,
+                   const RunLog& log, Result& result);
 
 /// Nodes, points, base and circle of an organ whose site is known; `options` differ from the organ's in the
 /// number of nodes, if at all. Adds them to the provenance of the image.

@@ -6,6 +6,7 @@
 
 #include "apps/run/bending.hpp"
 #include "apps/run/closing_cut.hpp"
+#include "apps/run/cut_scene.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
@@ -235,11 +236,12 @@ Vec3 displacement_at(const Interpolation& place, const ForceSystem::Nodal& u) {
 
 }  // namespace
 
-Organ organ_of(const Case& given, const RunLog& log, Result& result) {
+Organ organ_of(const Case& given, const RunLog& log, Result& result, std::optional<Organ>* before_cuts) {
   Organ organ =
       given.organ ? taken_again(given, result) : read_organ(given, model_options(given.config), log, result);
   result.provenance = {{"image", name_of_image(given.config)},
                        {"image_sha256", sha256_of_image(given.config, result.image)}};
+  if (before_cuts) *before_cuts = organ;
   find_site(given.config, log, organ, result);
   return organ;
 }
@@ -273,7 +275,7 @@ Placed place(Index nodes, const Config& config, const Organ& organ, const LabelI
 
 void complete(const Config& config, Placed placed, const RunLog& log, Result& result) {
   const Stopwatch completing;
-  const TissueOptions tissues = tissues_of(config, placed.label_names, placed.places);
+  const TissueOptions tissues = tissues_of(config, placed.label_names, placed.places, result.cut.labels);
   log.begin(Part::supports, config);
   Eigen::VectorXi of_point = tissue_of_points(placed.places, tissues);
   result.model = make_model(std::move(placed.places), placed.scheme, std::move(of_point), tissues.density,
@@ -405,49 +407,119 @@ void feel_supports(const ForceSystem::Nodal& f, double depth, Result& result) {
 
 }  // namespace
 
+namespace {
+
+// What is seen of one body while it is marched.
+class Watched {
+ public:
+  Watched(const Config& config, const Observer& observer, const MarchState* from, Result& result)
+      : result_(result),
+        observer_(observer),
+        hears_(observer),
+        place_(to_followed(result)),
+        bending_(result.model),
+        closing_(result.model, 1e-3 * config.image.cut_gap_mm) {
+    if (place_ && from && from->u.cols() > 0)
+      result.followed->u = displacement_at(*place_, from->u);  // no frame may be left
+    if (from && from->f.cols() > 0)
+      feel_supports(from->f, from->history.force.back().depth, result);  // likewise
+    hears_.frame = [this](const Frame& frame) { see(frame); };
+  }
+  Watched(const Watched&) = delete;
+  Watched& operator=(const Watched&) = delete;
+  const Observer& hears() const { return hears_; }
+  // Between the places where folds touch the banks of a cut are looked at too.
+  void tell(const RunLog& log) {
+    FoldContact::Audit& folds = result_.history.folds;
+    const bool touch = result_.loading.folds != nullptr;
+    folds.penetration = std::max(folds.penetration, touch ? closing_.deepest() : 0.0);
+    for (const std::string& warning : {bending_.warning(), touch ? std::string() : closing_.warning()})
+      if (!warning.empty()) log.warn(warning);
+  }
+
+ private:
+  void see(const Frame& frame) {
+    if (place_) result_.followed->u = displacement_at(*place_, frame.u);
+    feel_supports(frame.f, frame.depth, result_);
+    bending_.see(frame);
+    closing_.see(frame);
+    if (observer_.frame) observer_.frame(frame);
+  }
+
+  Result& result_;
+  const Observer& observer_;
+  Observer hears_;
+  std::optional<Interpolation> place_;
+  BendingOfPart bending_;
+  ClosingCut closing_;
+};
+
+// The scene on one body after another.
+std::unique_ptr<ForceSystem> march_cut(const Config& config, const SolverOptions& options,
+                                       const Observer& observer, const MarchState* from, const RunLog& log,
+                                       Result& result, CutScene& cuts, const RunObserver& watching) {
+  ScenePart part = cuts.part(0);
+  Observer later = observer;
+  later.between_steps = {};  // a run that is taken up again makes its cuts again
+  for (std::size_t k = 0;; ++k) {
+    std::unique_ptr<ForceSystem> system = force_system(config, result);
+    {
+      Watched watched(config, k == 0 ? observer : later, k == 0 ? from : nullptr, result);
+      part.has_settled = [&] { cuts.tell(k - 1, part, log, result); };
+      const Stopwatch solving;
+      try {
+        solve(result.time, *system, result.model, result.loading, options, watched.hears(), result.history,
+              k == 0 ? from : nullptr, &part);
+      } catch (...) {
+        result.solve_s += solving.seconds();
+        throw;
+      }
+      result.solve_s += solving.seconds();
+      watched.tell(log);
+    }
+    if (k == cuts.count() || result.history.interrupted) return system;
+    if (watching.before_cut) watching.before_cut(result);
+    ScenePart next;
+    cuts.cut(k, part, log, result, next);
+    part = std::move(next);
+    if (watching.after_cut) watching.after_cut(result);
+  }
+}
+
+}  // namespace
+
 std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options,
                                    const Observer& observer, const MarchState* from, const RunLog& log,
-                                   Result& result) {
-  const std::optional<Interpolation> place = to_followed(result);
-  if (place && from && from->u.cols() > 0)
-    result.followed->u = displacement_at(*place, from->u);  // no frame may be left
-  if (from && from->f.cols() > 0)
-    feel_supports(from->f, from->history.force.back().depth, result);  // likewise
-  BendingOfPart bending(result.model);
-  ClosingCut closing(result.model, 1e-3 * config.image.cut_gap_mm);
-  Observer hears = observer;
-  hears.frame = [&](const Frame& frame) {
-    if (place) result.followed->u = displacement_at(*place, frame.u);
-    feel_supports(frame.f, frame.depth, result);
-    bending.see(frame);
-    closing.see(frame);
-    if (observer.frame) observer.frame(frame);
-  };
-  std::unique_ptr<ForceSystem> system = force_system(config, result);
+                                   Result& result, CutScene* cuts, const RunObserver* watching) {
+  std::optional<Watched> watched;
+  std::unique_ptr<ForceSystem> system;
+  if (!cuts) {
+    watched.emplace(config, observer, from, result);
+    system = force_system(config, result);
+  }
   const Stopwatch solving;
   try {
     unless_stopped([&] {
-      solve(result.time, *system, result.model, result.loading, options, hears, result.history, from);
+      if (cuts)
+        system = march_cut(config, options, observer, from, log, result, *cuts, *watching);
+      else
+        solve(result.time, *system, result.model, result.loading, options, watched->hears(), result.history,
+              from);
     });
   } catch (const Stopped&) {
     result.history.interrupted = true;
   } catch (const Error&) {
-    result.solve_s = solving.seconds();
+    if (!cuts) result.solve_s = solving.seconds();
     keep_findings(log, result);  // they count also where the march ends by an error
     throw;
   }
-  result.solve_s = solving.seconds();
+  if (!cuts) result.solve_s = solving.seconds();
   find_jump(result);
   keep_findings(log, result);
   tell_of_lost_contact(log, result);
   tell_of_lateral_force(log, result);
   tell_of_rigid(log, result);
-  // Between the places where folds touch the banks of a cut are looked at too.
-  FoldContact::Audit& folds = result.history.folds;
-  folds.penetration = std::max(folds.penetration, result.loading.folds ? closing.deepest() : 0.0);
-  for (const std::string& warning :
-       {bending.warning(), result.loading.folds ? std::string() : closing.warning()})
-    if (!warning.empty()) log.warn(warning);
+  if (watched) watched->tell(log);
   return system;
 }
 

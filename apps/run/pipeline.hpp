@@ -20,7 +20,9 @@ struct Placed {
 };
 
 /// The image of a case, read, or as it was read before, and its site; then its provenance is known too.
-Organ organ_of(const Case& given, const RunLog& log, Result& result);
+/// `before_cuts`, if given, receives it before it is cut.
+Organ organ_of(const Case& given, const RunLog& log, Result& result,
+               std::optional<Organ>* before_cuts = nullptr);
 /// Places for the tool and for the case's own number of nodes. `organ`: nothing where it began with a model.
 Placed place(const Case& given, const std::optional<Organ>& organ, const RunLog& log, Result& result);
 /// As many nodes as that, whatever the case has chosen.
@@ -35,12 +37,16 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
 /// The place whose displacement the case asks for, if it does. Throws UsageError: it is outside of the body.
 std::optional<Followed> followed_in(const Config& config, const Organ& organ);
 
+class CutScene;  // cut_scene.hpp
+
 /// Marches a model that is complete, and keeps what comes of it: history, findings, where the place goes that
-/// is followed. Asked to stop it returns what there is, `interrupted`. What is returned is to outlive the
-/// frames' forces.
+/// is followed. Where the scene has steps that cut, `cuts` makes them, and the result's model is then
+/// another. Asked to stop it returns what there is, `interrupted`. What is returned is to outlive the frames'
+/// forces.
 std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options,
                                    const Observer& observer, const MarchState* from, const RunLog& log,
-                                   Result& result);
+                                   Result& result, CutScene* cuts = nullptr,
+                                   const RunObserver* watching = nullptr);
 
 /// What else the clouds of the result's organ are made from, but for the image.
 std::shared_ptr<Origin> origin_of(const Config& config, Organ organ, const Result& result);

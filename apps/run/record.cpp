@@ -132,6 +132,14 @@ struct Recording {
   Stopwatch whole = {};
 };
 
+ExitCode code_of(const std::exception_ptr& failure) {
+  try {
+    std::rethrow_exception(failure);
+  } catch (const Error& error) {
+    return error.code;
+  }
+}
+
 // Between the march and the disk: frames as they come, and now and then where the march stands.
 class Recorder {
  public:
@@ -145,6 +153,8 @@ class Recorder {
             .part = observer_.part,
             .placed = [this](const Discretisation& places, const Scheme& scheme) { compare(places, scheme); },
             .begin = [this](Result& now) { begin(now); },
+            .before_cut = [this](Result&) { writer_->finish_frames(); },
+            .after_cut = [this](Result& now) { go_on(now); },
             .march = {.frame = [this](const Frame& frame) { write(frame); },
                       .sample = [this](const ForceSample& now, const History& h) { return tell(now, h); },
                       .between_steps = [this](const auto& state) { keep(state); },
@@ -184,27 +194,41 @@ class Recorder {
            .remedy = "start anew with --force, or resume where the run was begun"});
   }
 
-  void begin(Result& now) {
-    const Stopwatch writing;
-    how_.write_model(now);
-    before_march_s_ = writing.seconds();
-    // A refinement that was stopped has little time to write what it has.
+  // Of the present body, from the next frame on.
+  void write_of(Result& now, const LabelImage& image) {
     LabelAt label_at;
-    if (!now.labels.empty()) {
-      std::vector<int> taken;
-      for (const LabelMeasure& label : now.labels) taken.push_back(label.value);
-      label_at = label_finder(now.image, Eigen::Isometry3d::Identity(), taken);
-    }
+    std::vector<int> labels;
+    for (const LabelMeasure& label : now.labels) labels.push_back(label.value);
+    if (!labels.empty()) label_at = label_finder(image, Eigen::Isometry3d::Identity(), labels);
+    // A refinement that was stopped has little time to write what it has.
     writer_.emplace(how_.folder, now.model, now.history.interrupted ? tables_alone : wanted_of(given_.config),
                     label_at, now.loading.further, now.loading.duration(), now.loading.touch);
     if (wanted_of(given_.config).report)
       slices_ = slices_through(1e3 * (now.model.tool.centre + 0.5 * now.loading.depth * now.model.tool.push),
-                               now.model, now.image);
-    if (how_.images.any() && !now.history.interrupted) {
-      std::vector<int> labels;
-      for (const LabelMeasure& label : now.labels) labels.push_back(label.value);
+                               now.model, image);
+    if (how_.images.any() && !now.history.interrupted)
       images_.emplace(how_.images, how_.folder, now.model, std::move(labels), now.cut);
-    }
+  }
+
+  // A step has cut the body: frames go on, of another model.
+  void go_on(Result& now) {
+    const Stopwatch writing;
+    const std::vector<double> times = writer_->frame_time_s();
+    write_of(now, now.origin->image);
+    writer_->go_on_after_cut(times);
+    if (!now.cuts.back().sheets.empty()) make_folder(how_.folder / "cuts");
+    for (const TriangleMesh& sheet : now.cuts.back().sheets)
+      write_vtp(how_.folder / "cuts" / fmt::format("cut_{:04d}.vtp", ++sheets_),
+                {.position_mm = sheet.vertex, .triangles = sheet.triangles, .fields = {}},
+                now.history.force.back().t);
+    writing_s_ += writing.seconds();
+  }
+
+  void begin(Result& now) {
+    const Stopwatch writing;
+    how_.write_model(now);
+    before_march_s_ = writing.seconds();
+    write_of(now, now.image);
     marching_ = since_kept_ = {};
     if (!how_.resumed) return;
     const Checkpoint& from = *how_.resumed;
@@ -290,6 +314,7 @@ class Recorder {
   std::vector<std::string> facts_;  // for the picture
   std::optional<ImageWriter> images_;
   Stopwatch marching_, since_kept_;
+  int sheets_ = 0;  // of cuts, written
   // What the march waits for: frames are packed and written beside it.
   double before_march_s_ = 0.0, writing_s_ = 0.0, keeping_s_ = 0.0, finishing_s_ = 0.0, images_s_ = 0.0;
 };
@@ -332,7 +357,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   outcome.times = times_here(solve_s, write_s);
   Json summary = how_.summary(result);
   add_run(summary, config, result, times_in_all(outcome.times, end.solve_s, write_s), end.status,
-          failure               ? ExitCode::solve
+          failure               ? code_of(failure)
           : history.interrupted ? ExitCode::interrupted
                                 : ExitCode::ok,
           failure               ? &reason

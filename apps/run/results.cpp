@@ -192,6 +192,15 @@ void ResultWriter::resume(const std::vector<double>& frame_time_s) {
     }
 }
 
+void ResultWriter::go_on_after_cut(const std::vector<double>& frame_time_s) {
+  frame_time_s_ = frame_time_s;
+  if (wanted_.nodes) node_series_.resume(frame_time_s);
+  if (wanted_.points) point_series_.resume(wanted_.fine ? frame_time_s : std::vector<double>{});
+  if (wanted_.surface)
+    for (TimeSeries* series : {&surface_series_, &section_series_, &tool_series_})
+      series->resume(frame_time_s);
+}
+
 PointStress stress_at_points(const Frame& frame) {
   ForceState forces = frame.forces;  // whose last sweep may have been elsewhere
   forces.stress_sweep(frame.u);
@@ -504,7 +513,8 @@ constexpr std::array files_of_a_run = {
     "compare.csv",   "explain.md",   "explain.csv",      "explain.png",  "explain.svg",
     "report.html",   "section.pvd",  "tool.pvd",         view_file};
 constexpr std::array files_of_a_model = {"model.toml", "nodes.vtu", "points.vtu", "surface.vtp", "label.vti"};
-constexpr std::array folders_of_a_run = {"nodes", "points", "surface", "section", "tool", "model", "images"};
+constexpr std::array folders_of_a_run = {"nodes", "points", "surface", "section",
+                                         "tool",  "model",  "images",  "cuts"};
 
 template <std::size_t count>
 bool is_among(const fs::path& file, const std::array<const char*, count>& names) {
@@ -520,6 +530,11 @@ bool is_image(const fs::path& file) {
   static const std::regex image(
       R"((displacement_mm|transform|labels|jacobian|von_mises_Pa|warped_.+)(_\d{4,})?\.(nii|nii\.gz|nrrd|seg\.nrrd|mha))");
   return std::regex_match(file.filename().string(), image);
+}
+
+bool is_blade(const fs::path& file) {
+  static const std::regex blade(R"(cut_\d{4,}\.vtp)");
+  return std::regex_match(file.filename().string(), blade);
 }
 
 bool is_folder_itself(const fs::path& folder) {  // and no link to one
@@ -576,6 +591,7 @@ std::vector<fs::path> made_by_a_run(const fs::path& folder) {
     for (const auto& entry : fs::directory_iterator(folder / name, ignored))
       if (is_temporary(entry) || (name == "model"    ? is_among(entry, files_of_a_model)
                                   : name == "images" ? is_image(entry)
+                                  : name == "cuts"   ? is_blade(entry)
                                                      : is_frame(entry)))
         add(entry, is_temporary(entry));
     if (fs::is_empty(folder / name, ignored)) list.push_back(folder / name);
@@ -692,7 +708,8 @@ namespace {
 
 // A run writes through no link, and deletes behind none.
 void refuse_links(const fs::path& folder) {
-  for (const char* name : {"nodes", "points", "surface", "section", "tool", "model", "images", "window"}) {
+  for (const char* name :
+       {"nodes", "points", "surface", "section", "tool", "model", "images", "cuts", "window"}) {
     std::error_code ignored;
     if (fs::symlink_status(folder / name, ignored).type() == fs::file_type::symlink)
       throw OutputError({.fact = fmt::format("{} is a link", (folder / name).string()),

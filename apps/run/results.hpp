@@ -77,6 +77,8 @@ class ResultWriter {
   void end_frames();
   /// Goes on after the frames that an earlier run has written at these times [s].
   void resume(const std::vector<double>& frame_time_s);
+  /// The same after those of another body, which has been cut since.
+  void go_on_after_cut(const std::vector<double>& frame_time_s);
   /// Of the frames on the disk.
   const std::vector<double>& frame_time_s() const { return frame_time_s_; }
   /// `spread`: of the force by its material, as a share of it; 0: not known.

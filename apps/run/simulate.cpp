@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "apps/run/band_of_run.hpp"
+#include "apps/run/cut_scene.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
@@ -27,9 +28,10 @@ namespace {
 
 // The case's own cloud, and of an image what other clouds are made from.
 std::pair<Placed, std::shared_ptr<Origin>> placed_by(const Case& given, const RunObserver& observer,
-                                                     const RunLog& log, Result& result) {
+                                                     const RunLog& log, Result& result,
+                                                     std::optional<Organ>* before_cuts = nullptr) {
   std::optional<Organ> organ;
-  if (!given.model) organ = organ_of(given, log, result);
+  if (!given.model) organ = organ_of(given, log, result, before_cuts);
   Placed placed = place(given, organ, log, result);
   std::shared_ptr<Origin> of_image;
   if (organ) of_image = origin_of(given.config, std::move(*organ), result);
@@ -158,6 +160,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   check_walls(given.config);
   if (given.model) {
     require_circle(given.config, "a model that was made before");
+    require_no_cut_steps(given.config, "a model that was made before");
     if (!given.origin && given.model->provenance.contains("cut") && has_membranes(given.config))
       throw UsageError({.fact = "a membrane is asked for on the model of a body that was cut",
                         .where = "membrane",
@@ -169,7 +172,8 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
     return simulate_to(*goal, refined, observer, result);
   const RunLog log{observer, result};
   const Config& config = given.config;
-  auto [placed, of_image] = placed_by(given, observer, log, result);
+  std::optional<Organ> before_cuts;
+  auto [placed, of_image] = placed_by(given, observer, log, result, &before_cuts);
   result.origin = of_image ? of_image : given.origin;
   if (given.origin) static_cast<ImageFacts&>(result) = given.origin->facts;
   if (result.origin) result.followed = followed_in(config, result.origin->organ);
@@ -177,10 +181,13 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   stop_if_asked();
   log.begin(Part::solving, config);
   if (observer.begin) observer.begin(result);
-  if (of_image && !config.tissue.empty()) of_image->image = std::move(result.image);
+  std::optional<CutScene> cuts;
+  if (before_cuts && !cut_steps(config).empty()) cuts.emplace(given, std::move(*before_cuts));
+  if (of_image && (cuts || !config.tissue.empty())) of_image->image = std::move(result.image);
   result.image = {};  // nobody needs it any longer
   const std::unique_ptr<CoarserMarch> coarser = given.band ? begin_band(given, result) : nullptr;
-  march(config, solver_options(config), observer.march, given.from, log, result);
+  march(config, solver_options(config), observer.march, given.from, log, result, cuts ? &*cuts : nullptr,
+        &observer);
   if (coarser && !result.history.interrupted) find_band(given, *coarser, log, result);
 }
 

@@ -74,6 +74,18 @@ struct ImageFacts {
   SegmentReport segment;
 };
 
+/// A step of a scene that has cut the body.
+struct CutMade {
+  std::string name, text;
+  std::size_t after = 0;                     ///< so many steps that move something
+  std::vector<TriangleMesh> sheets = {};     ///< as they lie in the body at rest [mm, LPS]
+  double area_mm2 = 0.0, removed_mm3 = 0.0;  ///< of this one, at rest, as of ImageFacts::Cut
+  Index nodes = 0;                           ///< of the cloud from then on
+  double t = 0.0, depth = 0.0;               ///< [s], [m]
+  double force_before = 0.0, force = 0.0;    ///< on the tool, along its push [N]
+  double released = 0.0;                     ///< of the stored energy [J]
+};
+
 /// What came of it. Each part is there as soon as it is known: also when simulate() throws later.
 struct Result : ImageFacts {
   LabelImage image;                      ///< until the march has begun, where the case began with one
@@ -97,6 +109,7 @@ struct Result : ImageFacts {
   Band band;
   std::optional<Followed> followed;  ///< where a displacement is asked for
   double spread = 0.0;               ///< of the force by its material: +- this share of it; 0: not asked for
+  std::vector<CutMade> cuts;         ///< by steps that have been done
   std::vector<RefinementLevel> levels;  ///< where an accuracy was asked for: all clouds, the last is this one
 
   std::vector<std::string> warnings;
@@ -123,6 +136,8 @@ struct RunObserver {
   std::function<void(const Discretisation&, const Scheme&)> placed = {};
   /// The model is complete and the case is accepted: the march begins.
   std::function<void(Result&)> begin = {};
+  /// A step cuts the body: its model is about to be another; then it is, and the march goes on.
+  std::function<void(Result&)> before_cut = {}, after_cut = {};
   Observer march = {};
 };
 

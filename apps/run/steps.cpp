@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "apps/run/tool.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "solver/constraints.hpp"
@@ -43,12 +44,57 @@ void check_way(const Config& config, const std::string& name, const Config::Step
            "give one number, along its push, or --contact bonded");
 }
 
+// Whether anything that touches does so with friction.
+bool rubs(const Config& config) {
+  const auto with = [](const auto& named) { return named.second.friction != "0"; };
+  return (config.tool.shape != "circle" && friction_of(config) > 0.0) ||
+         std::any_of(config.other_tool.begin(), config.other_tool.end(), with) ||
+         std::any_of(config.wall.begin(), config.wall.end(), with);
+}
+
+// In a step either something moves or the body is cut.
+void check_cut_steps(const Config& config) {
+  for (const auto& [name, step] : steps_in_order(config))
+    if (!step.cut.empty() && (!step.move_mm.empty() || !is_of_tool(step)))
+      refuse(name, "cut", "cuts and moves something", "a cut is made while all stands still",
+             "give it two steps, one after the other");
+  if (moving_steps(config).empty())
+    refuse(config.step.begin()->first, "cut", "cuts, and no step moves anything",
+           "where there are steps they say how the tool moves",
+           "add one, as step.press.move = 4mm, or cut the body at rest by --cut");
+  if (cut_steps(config).empty()) return;
+  const std::string& first = cut_steps(config).front().name;
+  const auto refuse_beside = [&](bool is_asked, const char* what, const char* why, const char* remedy) {
+    if (is_asked)
+      refuse(first, "cut", fmt::format("cuts a body in a deformed state, beside {}", what), why, remedy);
+  };
+  refuse_beside(has_loads(config), "gravity, a pressure or a loss of fluid",
+                "the circle holds what it took hold of as the loads had it, and the cut body has other nodes",
+                "cut it at rest (--cut), or leave the loads out");
+  refuse_beside(std::any_of(config.membrane.begin(), config.membrane.end(),
+                            [](const auto& film) { return film.second.tension_N_per_m != 0.0; }),
+                "a membrane with tension", "it moves the body before the tool touches, as loads do",
+                "cut it at rest (--cut), or leave the tension out");
+  const std::vector<Material> materials = materials_of(config);
+  refuse_beside(
+      std::any_of(materials.begin(), materials.end(), [](const Material& m) { return !m.prony.empty(); }),
+      "viscoelastic tissue", "its past belongs to integration points, and the cut body has others",
+      "cut it at rest (--cut), or leave the relaxation out");
+  refuse_beside(rubs(config), "friction", "what has slipped belongs to places of the surface as it was",
+                "cut it at rest (--cut), or leave the friction out");
+  refuse_beside(std::any_of(config.wall.begin(), config.wall.end(),
+                            [](const auto& wall) { return wall.second.gap != "image"; }),
+                "a wall at a stated gap", "the gap is that of the body as it was before",
+                "cut it at rest (--cut), or leave the wall where the image has it");
+}
+
 }  // namespace
 
 void check_steps(const Config& config) {
   if (config.step.empty()) return;
+  check_cut_steps(config);
   double pushed = 0.0;
-  for (const auto& [name, step] : steps_in_order(config)) {
+  for (const auto& [name, step] : moving_steps(config)) {
     if (!is_of_tool(step)) {
       std::vector<std::string> known = {tool_word};
       for (const auto& [support, its] : config.held) known.push_back(support);
@@ -82,6 +128,25 @@ void check_steps(const Config& config) {
                       .remedy = "leave --time and --scheme out, or the steps"});
 }
 
+std::vector<CutStep> cut_steps(const Config& config) {
+  std::vector<CutStep> cuts;
+  std::size_t moved = 0;
+  for (const auto& [name, step] : steps_in_order(config)) {
+    if (step.cut.empty())
+      ++moved;
+    else if (moved > 0)
+      cuts.push_back({name, step.cut, moved});
+  }
+  return cuts;
+}
+
+void require_no_cut_steps(const Config& config, const std::string& what) {
+  for (const auto& [name, step] : config.step)
+    if (!step.cut.empty())
+      refuse(name, "cut", fmt::format("cuts, and {} cannot be cut", what),
+             "a cut body is made anew from its image", "begin with the image: dimple run IMAGE");
+}
+
 namespace {
 
 // [mm] the deepest that the tool is pushed. Of ways in x, y and z alone, the push not being known yet: along
@@ -89,7 +154,7 @@ namespace {
 double deepest_push(const Config& config) {
   double pushed = 0.0, deepest = 0.0, along_first = 0.0, deepest_along_first = 0.0;
   Vec3 first = Vec3::Zero();
-  for (const auto& [name, step] : steps_in_order(config)) {
+  for (const auto& [name, step] : moving_steps(config)) {
     if (!is_of_tool(step)) continue;
     if (step.move_mm.size() == 1) {
       pushed += step.move_mm[0];
@@ -109,7 +174,7 @@ double deepest_push(const Config& config) {
 void resolve_steps(Config& config) {
   if (config.step.empty()) return;
   double longest = 0.0;
-  for (const auto& [name, step] : steps_in_order(config)) {
+  for (const auto& [name, step] : moving_steps(config)) {
     double length = 0.0;
     for (const double d : step.move_mm) length = std::hypot(length, d);
     longest = std::max(longest, length);
@@ -135,7 +200,7 @@ Vec3 way_of(const std::vector<double>& move, const Vec3& push) {
 std::vector<Step> steps_of(const Config& config, const Vec3& push,
                            const std::map<std::string, Vec3>& push_of_others) {
   std::vector<Step> steps;
-  for (const auto& [name, step] : steps_in_order(config)) {
+  for (const auto& [name, step] : moving_steps(config)) {
     const auto other = push_of_others.find(step.moves);
     steps.push_back({name, is_of_tool(step) ? "" : step.moves,
                      1e-3 * way_of(step.move_mm, other == push_of_others.end() ? push : other->second)});

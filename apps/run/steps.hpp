@@ -12,6 +12,17 @@ namespace dimple {
 /// where the tool and the depth are given twice, or for a way of marching that takes no steps.
 void check_steps(const Config& config);
 
+/// A step that cuts the body once something has moved.
+struct CutStep {
+  std::string name, cut;
+  std::size_t after;  ///< so many of the steps that move something
+};
+/// Those before anything has moved cut the body at rest, see cuts.hpp.
+std::vector<CutStep> cut_steps(const Config& config);
+
+/// Throws UsageError, for what has no image to cut: also of steps that cut at rest.
+void require_no_cut_steps(const Config& config, const std::string& what);
+
 /// load.depth_mm of a scene of steps follows from them: the deepest that the tool is pushed, or else the
 /// longest way that anything has gone. Throws UsageError: another depth was given.
 void resolve_steps(Config& config);

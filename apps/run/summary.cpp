@@ -284,10 +284,30 @@ Vec3 way_of_support(const Result& result, const HeldSet& support) {
   return moved(loading.steps, support.name, t * loading.rate);
 }
 
+namespace {
+
+Json cut_step_json(const CutMade& made) {
+  Json one = {{"name", made.name},
+              {"cut", made.text},
+              {"time_s", made.t},
+              {"indentation_mm", 1e3 * made.depth},
+              {"area_mm2", made.area_mm2},
+              {"removed_mm3", made.removed_mm3},
+              {"force_before_N", made.force_before},
+              {"force_N", made.force},
+              {"released_J", made.released},
+              {"nodes", made.nodes}};
+  if (made.area_mm2 > 0.0) one["released_J_per_m2"] = 1e6 * made.released / made.area_mm2;
+  return one;
+}
+
+}  // namespace
+
 // What each step that was done left, as far as the run came.
 Json steps_json(const Result& result) {
   Json list = Json::array();
   double come = 0.0;
+  std::size_t moved = 0;
   for (const Step& step : result.loading.steps) {
     const Vec3 way = 1e3 * step.way + Vec3::Zero();
     const double t = (come += step.way.norm()) / result.loading.rate;
@@ -302,6 +322,9 @@ Json steps_json(const Result& result) {
         one["force_on_tool_N"] = {sample.on_tool[0], sample.on_tool[1], sample.on_tool[2]};
       }
     list.push_back(one);
+    ++moved;
+    for (const CutMade& made : result.cuts)
+      if (made.after == moved && made.t > 0.0) list.push_back(cut_step_json(made));
   }
   return list;
 }

@@ -125,6 +125,7 @@ class QuasiStaticMarch {
   QuasiStaticMarch(System& system, const Loading& loading, const SolverOptions& options,
                    const Observer& observer, History& history, const MarchState* from);
   void run();
+  AfterCut settle(double t);
   Rest ended() && { return std::move(now_); }
 
  private:
@@ -157,6 +158,7 @@ class QuasiStaticMarch {
   void set_tool(double come);
   void search(double tolerance, Found& found);
   void check(const Way& way, Found& found);
+  void check_equilibrium(const Moment& now, const Found& found);
   void check_contact(const Moment& now);
   void look_at_walls(const Moment& now);
   void look_at_folds();
@@ -330,17 +332,21 @@ void QuasiStaticMarch::search(double tolerance, Found& found) {
   throw no_equilibrium(relaxed, model_);
 }
 
-// What was found, by the guards; the depth and the force there join those of the equilibria before.
-void QuasiStaticMarch::check(const Way& way, Found& found) {
-  const Moment& now = way.end;
-  const Relaxed& relaxed = found.relaxed;
-  guards_.check(relaxed.sweep, now);
+void QuasiStaticMarch::check_equilibrium(const Moment& now, const Found& found) {
+  guards_.check(found.relaxed.sweep, now);
   guards_.check(now_.u, f_, now);
-  guards_.check_points(relaxed.sweep, now);
+  guards_.check_points(found.relaxed.sweep, now);
   guards_.check_fluctuation(now_.u, now);
   if (system_.touching()) check_contact(now);
   look_at_walls(now);
   if (system_.folds()) look_at_folds();
+}
+
+// What was found, by the guards; the depth and the force there join those of the equilibria before.
+void QuasiStaticMarch::check(const Way& way, Found& found) {
+  const Moment& now = way.end;
+  const Relaxed& relaxed = found.relaxed;
+  check_equilibrium(now, found);
   found.force = ledger_.force(now, now_.u, f_);
   state_.depths.push_back(way.to);
   state_.forces.push_back(system_.working_force(f_));
@@ -443,6 +449,29 @@ void QuasiStaticMarch::show_frame_at(const Way& way) {
                      system_.tissue(), system_.aside(), system_.touching() ? system_.along_push(f_) : 0.0});
 }
 
+// Nothing moves: what the tissue gives off has gone with the cut.
+AfterCut QuasiStaticMarch::settle(double t) {
+  const Moment now{t, loading_.begun.depth};
+  Found found;
+  set_tool(0.0);
+  search(options_.tolerance, found);
+  check_equilibrium(now, found);
+  const StoredEnergy stored = system_.stored_energy(now_.u);
+  guards_.check_hourglass(stored.hourglass, stored.tissue, now);
+  AfterCut result{.released = history_.energy.back().stored - stored.sum(),
+                  .gave_way = found.relaxed.gave_way()};
+  ledger_.count(found.relaxed.sweep);
+  history_.residual = std::max(history_.residual, found.relaxed.residual);
+  ledger_.write(ledger_.force(now, now_.u, f_), f_);
+  ledger_.write(ledger_.energy(now, 0.0, stored, 0.0, result.released));
+  if (observer_.frame)
+    observer_.frame({loading_.begun.frame, now.t, now.depth, now_.u, f_, system_.tissue(), system_.aside(),
+                     system_.touching() ? system_.along_push(f_) : 0.0});
+  if (!ledger_.show_force()) history_.interrupted = true;
+  system_.accept_step(now_.u);
+  return result;
+}
+
 // To the last equilibrium, and on by a shorter way; or it ends here.
 void QuasiStaticMarch::go_back(const Way& way, const Found& found, const SolveError& error) {
   const double depth = way.end.depth, shorter = 0.5 * way.length;
@@ -499,6 +528,14 @@ void march_quasi_statically(System& system, const Loading& loading, const Solver
   QuasiStaticMarch march(system, loading, options, observer, history, from);
   march.run();
   if (ended) *ended = std::move(march).ended();
+}
+
+AfterCut settle_after_cut(System& system, const Loading& loading, double t, const SolverOptions& options,
+                          const Observer& observer, History& history, Rest& ended) {
+  QuasiStaticMarch march(system, loading, options, observer, history, nullptr);
+  const AfterCut result = march.settle(t);
+  ended = std::move(march).ended();
+  return result;
 }
 
 }  // namespace dimple

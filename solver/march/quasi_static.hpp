@@ -17,6 +17,17 @@ void march_quasi_statically(System& system, const Loading& loading, const Solver
                             const Observer& observer, History& history, const MarchState* from = nullptr,
                             Rest* ended = nullptr);
 
+/// What a cut has left at a pose that is held.
+struct AfterCut {
+  double released = 0.0;  ///< of the stored energy [J]
+  bool gave_way = false;  ///< no equilibrium was near: viscous steps led to this one
+};
+/// The body has been cut while all that holds it stays: the equilibrium near that which the system was told
+/// to go on from, at loading.begun. It joins curve, books and frames at `t` [s], and `ended` receives it.
+/// Throws SolveError: there is none to be found, or a guard says that it is wrong.
+AfterCut settle_after_cut(System& system, const Loading& loading, double t, const SolverOptions& options,
+                          const Observer& observer, History& history, Rest& ended);
+
 /// How many steps that load takes, where none is shortened.
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options);
 /// Of the force by the mixed iteration, for all equilibria of so many steps of the load together.

@@ -88,50 +88,149 @@ Jump largest_jump(const std::vector<ForceSample>& curve) {
   return result;
 }
 
-void march_in_steps(System& system, const Loading& loading, const SolverOptions& options,
-                    const Observer& observer, History& history, const MarchState* from) {
-  const Model& model = system.model();
-  const std::vector<int> frames = frames_of_steps(loading.steps, options.frames);
-  Rest begun = system.at_rest();
-  Vec3 way_before = Vec3::Zero();
+namespace {
+
+// How far the scene has come, for whoever does its steps one by one.
+struct Walk {
+  Loading now;  // of the next step: where it begins
+  Vec3 way_of_tool = Vec3::Zero();
   double gone = 0.0;
-  Loading now = loading;
-  now.steps.clear();
-  const std::size_t first = from ? static_cast<std::size_t>(from->step_of_scene) : 0;
-  for (std::size_t k = 0; k < loading.steps.size(); ++k) {
-    const Step& step = loading.steps[k];
+
+  explicit Walk(const Loading& loading) : now(loading) { now.steps.clear(); }
+  void turn_to(const Step& step, const Model& model) {
     now.depth = step.way.norm();
     now.begun.sinks = moves_tool(step) ? step.way.dot(model.tool.push) / now.depth : 0.0;
-    if (k == first && from && k > 0) {
-      begun = from->begun;
-      way_before = from->way_before;
-    }
-    if (k >= first) {
-      system.go_on(begun, held_in(model, loading, step), way_before, gone,
-                   ways_of_walls(system, loading, k, gone));
-      SolverOptions own = options;
-      own.frames = frames[k];
-      Observer watching = observer;
-      Rest ended;
-      if (observer.between_steps)
-        watching.between_steps = [&](const std::function<MarchState()>& state) {
-          observer.between_steps([&] {
-            MarchState copy = state();
-            copy.step_of_scene = static_cast<int>(k);
-            copy.begun = begun;
-            copy.way_before = way_before;
-            return copy;
-          });
-        };
-      march_quasi_statically(system, now, own, watching, history, k == first ? from : nullptr, &ended);
-      if (history.interrupted) return;
-      begun = std::move(ended);
-      if (moves_tool(step)) way_before += step.way;
-    }
+  }
+  void pass(const Step& step, int frames, const Model& model, const SolverOptions& options) {
+    if (moves_tool(step)) way_of_tool += step.way;
     gone += now.depth;
-    now.begun = {now.t_at(now.depth), now.depth_at(now.depth), 1.0, now.begun.frame + frames[k],
+    now.begun = {now.t_at(now.depth), now.depth_at(now.depth), 1.0, now.begun.frame + frames,
                  now.begun.evaluations + most_evaluations(steps_of_load(model, now, options), options)};
   }
+};
+
+// One after the other from `walk`, which then stands where they end, and so does `begun`.
+void do_steps(System& system, const Loading& loading, std::size_t first, std::size_t end,
+              const SolverOptions& options, const Observer& observer, History& history,
+              const MarchState* from, Walk& walk, Rest& begun) {
+  const std::vector<int> frames = frames_of_steps(loading.steps, options.frames);
+  for (std::size_t k = first; k < end; ++k) {
+    const Step& step = loading.steps[k];
+    walk.turn_to(step, system.model());
+    system.go_on(begun, held_in(system.model(), loading, step), walk.way_of_tool, walk.gone,
+                 ways_of_walls(system, loading, k, walk.gone));
+    SolverOptions own = options;
+    own.frames = frames[k];
+    Observer watching = observer;
+    Rest ended;
+    if (observer.between_steps)
+      watching.between_steps = [&](const std::function<MarchState()>& state) {
+        observer.between_steps([&] {
+          MarchState copy = state();
+          copy.step_of_scene = static_cast<int>(k);
+          copy.begun = begun;
+          copy.way_before = walk.way_of_tool;
+          return copy;
+        });
+      };
+    march_quasi_statically(system, walk.now, own, watching, history, k == first ? from : nullptr, &ended);
+    if (history.interrupted) return;
+    begun = std::move(ended);
+    walk.pass(step, frames[k], system.model(), options);
+  }
+}
+
+// All sets of the scene, none of which moves.
+Constraints held_still(const Model& model, const Loading& loading) {
+  std::vector<HeldSet> sets = make_constraints(model, loading.contact, loading.further).sets();
+  for (HeldSet& set : sets) set.share = 0.0;
+  return {model.node_count(), std::move(sets)};
+}
+
+// Where each set has come after `gone` [m] of the steps.
+Nodal places_of_sets(const Model& model, const Loading& loading, const Constraints& held, double gone) {
+  Nodal places = Nodal::Zero(4, model.node_count());
+  for (const HeldSet& set : held.sets()) {
+    const Vec3 way = moved(loading.steps, set.name == tool_set ? "" : std::string_view(set.name), gone);
+    for (const Index a : set.node) places.col(a) = padded(way);
+  }
+  return places;
+}
+
+void stand(System& system, const Loading& loading, const Walk& walk, const Rest& rest) {
+  std::vector<System::RigidWay> walls;
+  for (const TouchingTool* wall : system.walls())
+    walls.push_back({moved(loading.steps, wall->touch().name, walk.gone), Vec3::Zero()});
+  system.go_on(rest, held_still(system.model(), loading), walk.way_of_tool, walk.gone, walls);
+}
+
+// The body that has been cut, held as the steps before have left it. Where the tissue springs so far that
+// nothing is found from there, it is brought there again by those steps: elastic tissue under a tool that it
+// is bonded to, or that does not rub, is where it is whatever the way there.
+Rest settle(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
+            History& history, Walk walk, ScenePart& part) {
+  const Rest at_rest = system.at_rest();
+  Rest near = std::move(*part.near), ended;
+  const Index given = near.lambda.size();
+  near.lambda.conservativeResize(at_rest.lambda.size());
+  near.lambda.tail(at_rest.lambda.size() - given).setZero();
+  const Constraints held = held_still(system.model(), loading);
+  held.take_held(near.u, places_of_sets(system.model(), loading, held, walk.gone));
+  system.set_least_reactions(part.least_reactions);
+  stand(system, loading, walk, near);
+  walk.now.depth = 0.0;
+  SolverOptions own = options;
+  own.frames = 1;
+  const double t = walk.now.begun.t + part.later;
+  const History before = history;
+  try {
+    part.cut = settle_after_cut(system, walk.now, t, own, observer, history, ended);
+    return ended;
+  } catch (const SolveError&) {
+    if (part.path_matters) throw;
+    history = before;
+  }
+  part.done_again = true;
+  History aside;
+  Walk again(loading);
+  Rest rest = at_rest;
+  do_steps(system, loading, 0, part.first, options, {}, aside, nullptr, again, rest);
+  history.extra_evaluations += aside.steps + aside.extra_evaluations;
+  history.interrupted = aside.interrupted;
+  if (history.interrupted) return rest;
+  stand(system, loading, walk, rest);
+  part.cut = settle_after_cut(system, walk.now, t, own, observer, history, ended);
+  return ended;
+}
+
+}  // namespace
+
+void march_in_steps(System& system, const Loading& loading, const SolverOptions& options,
+                    const Observer& observer, History& history, const MarchState* from, ScenePart* part) {
+  const Model& model = system.model();
+  const std::vector<int> frames = frames_of_steps(loading.steps, options.frames);
+  const std::size_t end = part ? std::min(part->end, loading.steps.size()) : loading.steps.size();
+  const std::size_t first = from ? static_cast<std::size_t>(from->step_of_scene) : part ? part->first : 0;
+  Walk walk(loading);
+  for (std::size_t k = 0; k < first; ++k) {
+    walk.turn_to(loading.steps[k], model);
+    walk.pass(loading.steps[k], frames[k], model, options);
+  }
+  Rest begun = system.at_rest();
+  if (from && first > 0) {
+    begun = from->begun;
+    walk.way_of_tool = from->way_before;
+  }
+  if (part) walk.now.begun.frame += part->cuts;
+  if (part && part->near) {
+    begun = settle(system, loading, options, observer, history, walk, *part);
+    if (history.interrupted) return;
+    if (part->has_settled) part->has_settled();
+  }
+  do_steps(system, loading, first, end, options, observer, history, from, walk, begun);
+  if (!part || history.interrupted) return;
+  part->least_reactions = system.least_reactions();
+  part->ended = std::move(begun);
 }
 
 }  // namespace dimple

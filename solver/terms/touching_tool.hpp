@@ -55,7 +55,8 @@ class TouchingTool : public ContactTerm {
   const Interpolation& moves() const override { return touch_.surface.at_place; }
   bool is_measured() const { return !touch_.motion; }
   double length_at(Index s, const Instant& now) const override {
-    return is_measured() ? std::min(now.depth, touch_.shape.radius) : touch_.surface.spacing[s];
+    if (!is_measured()) return touch_.surface.spacing[s];
+    return std::min(now.depth > 0.0 ? now.depth : gone_, touch_.shape.radius);  // it may be held
   }
   const Touch& touch() const { return touch_; }
   /// After `depth` [m] of the way that it goes now.

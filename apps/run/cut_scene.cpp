@@ -1,0 +1,215 @@
+#include "apps/run/cut_scene.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "apps/run/cuts.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "apps/run/words.hpp"
+#include "io/error.hpp"
+#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/output/carry_back.hpp"
+#include "preprocess/supports/support.hpp"
+
+namespace dimple {
+namespace {
+
+// Of the load's duration: frames and rows of the curve that stand at one time would be taken for one.
+constexpr double moment = 1e-6;
+
+// The blade where it lies in the body at rest [mm, LPS].
+std::vector<TriangleMesh> sheets_at_rest(const CutText& cut, double step, const Model& model,
+                                         const Nodal& u) {
+  const bool at_rest = u.isZero(0.0);
+  const Points places = u.topRows<3>();
+  const BodySurface now = deformed_surface(model, places);
+  std::vector<TriangleMesh> sheets = blades_of(cut, now, step);
+  if (at_rest) return sheets;
+  for (TriangleMesh& sheet : sheets) try {
+      sheet = carried_back(sheet, model, places);
+    } catch (const ModelError& error) {
+      Report report = error.report;
+      report.where = cut.where;
+      throw ModelError(report);
+    }
+  return sheets;
+}
+
+// The patches' pressures x volumes, of points that lie next to each other.
+Eigen::VectorXd carried_pressures(const Model& from, const Eigen::VectorXd& lambda, const Model& to) {
+  Eigen::VectorXd pressure = Eigen::VectorXd::Zero(from.point_count());
+  const PressurePatches &before = from.patches, &after = to.patches;
+  for (Index q = 0; q < from.point_count(); ++q)
+    for (int k = before.of_point.offset[q]; k < before.of_point.offset[q + 1]; ++k)
+      pressure[q] +=
+          before.psi[k] * lambda[before.of_point.member[k]] / before.volume[before.of_point.member[k]];
+  const Neighbours points(from.point);
+  Eigen::VectorXd result = Eigen::VectorXd::Zero(after.count());
+  for (Index q = 0; q < to.point_count(); ++q) {
+    const double here = pressure[points.nearest(to.point.col(q), 1).front()];
+    for (int k = after.of_point.offset[q]; k < after.of_point.offset[q + 1]; ++k)
+      result[after.of_point.member[k]] += after.psi[k] * to.volume[q] * here;
+  }
+  return result;
+}
+
+// Of a tool that touches without friction: forces at samples as large as the pressures next to them.
+Eigen::VectorXd carried_contact(const Touch& from, const Eigen::VectorXd& force, const Touch& to) {
+  const Neighbours samples(from.surface.place);
+  Eigen::VectorXd result(to.surface.count());
+  for (Index s = 0; s < result.size(); ++s) {
+    const int next = samples.nearest(to.surface.place.col(s), 1).front();
+    result[s] = force[next] / from.surface.area[next] * to.surface.area[s];
+  }
+  return result;
+}
+
+// Tools and walls stay where they were, whatever the cut has made of the surface that they first touched.
+void keep_poses(const Loading& before, Loading& now) {
+  if (now.touch) {
+    auto touch = std::make_shared<Touch>(*now.touch);
+    touch->pose = before.touch->pose;
+    now.touch = std::move(touch);
+  }
+  for (Touch& wall : now.walls)
+    for (const Touch& its : before.walls)
+      if (its.name == wall.name) wall.pose = its.pose;
+}
+
+// What there is of it before it is cut.
+struct Body {
+  Model model;
+  Loading loading;
+  ImageFacts facts;
+  ModelReport report;
+  std::map<std::string, std::string> chosen, provenance;
+  std::vector<Finding> findings;
+};
+
+}  // namespace
+
+CutScene::CutScene(const Case& given, Organ organ)
+    : given_(given), whole_(std::move(organ)), steps_(cut_steps(given.config)) {}
+
+ScenePart CutScene::part(std::size_t k) const {
+  ScenePart part;
+  if (k > 0) part.first = steps_[k - 1].after;
+  if (k < steps_.size()) part.end = steps_[k].after;
+  part.cuts = static_cast<int>(k);
+  return part;
+}
+
+// The cut body, as if it had been so from the start; of its warnings those are told that are new.
+void CutScene::make_again(const RunLog& log, Result& result) {
+  const RunObserver silent;
+  const RunLog quiet{silent, result};
+  const std::vector<std::string> warned = std::exchange(result.warnings, {});
+  const std::size_t of_model = result.model_warnings;
+  const auto tell_new = [&] {
+    const std::vector<std::string> all = std::exchange(result.warnings, warned);
+    result.model_warnings = of_model;
+    for (const std::string& warning : all)
+      if (std::find(warned.begin(), warned.end(), warning) == warned.end()) log.warn(warning);
+  };
+  try {
+    const LabelImage& image = result.origin->image;
+    const Organ organ = cut_by_steps(given_.config, whole_, image, done_, quiet, result);
+    ModelOptions options = organ.options;
+    if (result.nodes_for_band > 0) options.cloud.count = result.nodes_for_band;
+    Placed placed{place_nodes(given_.config, organ, options, image, quiet, result), options.scheme,
+                  organ.label_names};
+    make_ready(given_, std::move(placed), quiet, result);
+  } catch (...) {
+    tell_new();
+    throw;
+  }
+  tell_new();
+}
+
+void CutScene::cut(std::size_t k, const ScenePart& part, const RunLog& log, Result& result, ScenePart& next) {
+  const CutText cut = cut_of_step(steps_[k].name, steps_[k].cut);
+  log.doing("cutting");
+  CutMade made{.name = steps_[k].name, .text = steps_[k].cut, .after = steps_[k].after};
+  made.sheets = sheets_at_rest(cut, whole_.body->report.step_mm, result.model, part.ended.u);
+  done_.sheets.insert(done_.sheets.end(), made.sheets.begin(), made.sheets.end());
+  done_.labels = labels_cut_out(cut);
+  done_.has_taken_labels = done_.has_taken_labels || !done_.labels.empty();
+  done_.where = cut.where;
+
+  const double area = result.cut.area_mm2, removed = result.cut.removed_mm3;
+  Body before{std::move(result.model), std::move(result.loading), result,         result.report,
+              result.chosen,           result.provenance,         result.findings};
+  try {
+    make_again(log, result);
+  } catch (...) {  // what was there is still to be told of
+    result.model = std::move(before.model);
+    result.loading = std::move(before.loading);
+    static_cast<ImageFacts&>(result) = before.facts;
+    result.report = before.report, result.chosen = before.chosen, result.provenance = before.provenance;
+    result.findings = before.findings;
+    throw;
+  }
+  result.findings = before.findings;
+  keep_poses(before.loading, result.loading);
+
+  made.area_mm2 = result.cut.area_mm2 - area;
+  made.removed_mm3 = result.cut.removed_mm3 - removed;
+  made.nodes = result.model.node_count();
+  made.force_before = result.history.force.back().force;
+  result.cuts.push_back(std::move(made));
+
+  next = this->part(k + 1);
+  const std::size_t of_these = static_cast<std::size_t>(
+      std::count_if(steps_.begin(), steps_.begin() + static_cast<std::ptrdiff_t>(k + 1),
+                    [&](const CutStep& step) { return step.after == steps_[k].after; }));
+  next.later = moment * static_cast<double>(of_these) * result.loading.duration();
+  next.least_reactions = part.least_reactions;
+  Rest near;
+  near.u = to_nodal(inner_interpolation(before.model, result.model.X)(part.ended.u.topRows<3>()));
+  const Eigen::VectorXd pressures = carried_pressures(before.model, part.ended.lambda, result.model);
+  const Eigen::VectorXd touching =
+      result.loading.touch ? carried_contact(*before.loading.touch,
+                                             part.ended.lambda.segment(before.model.patches.count(),
+                                                                       before.loading.touch->surface.count()),
+                                             *result.loading.touch)
+                           : Eigen::VectorXd();
+  near.lambda.resize(pressures.size() + touching.size());
+  near.lambda << pressures, touching;
+  next.near = std::move(near);
+}
+
+void CutScene::tell(std::size_t k, const ScenePart& part, const RunLog& log, Result& result) {
+  CutMade& made = result.cuts[k];
+  const ForceSample& now = result.history.force.back();
+  made.t = now.t;
+  made.depth = now.depth;
+  made.force = now.force;
+  made.released = part.cut.released;
+  log.say("cut      " + in_words(made));
+  if (part.done_again)
+    log.say("cut      the tissue springs so far that the steps before were done again on the cut body");
+  if (!part.cut.gave_way) return;
+  result.history.guards.push_back(
+      {{.fact = fmt::format("the tissue gave way at the cut '{}': no equilibrium was near", made.name),
+        .where = fmt::format("indentation {}", length_in_words(1e3 * made.depth)),
+        .why = "viscous steps at the held pose led to the one that is shown; there may be others",
+        .remedy = "compare with the same cut from the start: --cut, with the blades in the folder cuts",
+        .code = "limit-point"},
+       0.0});
+}
+
+std::string in_words(const CutMade& made) {
+  std::string words = fmt::format("{}: '{}' at {}", made.name, made.text, length_in_words(1e3 * made.depth));
+  if (made.area_mm2 > 0.0) words += fmt::format(", {:.4g} cm2", made.area_mm2 / 1e2);
+  const Written written = force_written(std::max(std::abs(made.force), std::abs(made.force_before)));
+  words += fmt::format("; the force goes from {} to {}", written(made.force_before), written(made.force));
+  words += fmt::format("; {} mJ released", three_digits(1e3 * made.released));
+  if (made.area_mm2 > 0.0)
+    words += fmt::format(", {} J/m2", three_digits(1e6 * made.released / made.area_mm2));
+  return words + fmt::format("; {} nodes from here on", made.nodes);
+}
+
+}  // namespace dimple

@@ -1,0 +1,273 @@
+#include "preprocess/output/carry_back.hpp"
+
+#include <fmt/format.h>
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <optional>
+#include <set>
+#include <vector>
+
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "io/words.hpp"
+#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/supports/support.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double aimed_at = 1e-9, good_enough = 1e-6;  // m
+constexpr int most_steps = 30, starts = 8;
+constexpr double far_apart = 2.5;  // node spacings, from which on two places at rest are two
+
+[[noreturn]] void refuse(const std::string& fact, const std::string& why, const std::string& remedy) {
+  throw ModelError({.fact = fact, .where = "cut", .why = why, .remedy = remedy, .code = "cut"});
+}
+
+// X + u(X) = x, by Newton's method. All in metres.
+class WayBack {
+ public:
+  WayBack(const Model& model, const Points& u)
+      : model_(model), u_(u), field_(model), moved_(model.X + u), near_(moved_) {}
+
+  // From a node, until nothing gets nearer.
+  std::optional<Vec3> from(Index node, const Vec3& x) const {
+    const double longest = model_.spacing[node];
+    Vec3 X = model_.X.col(node) + (x - moved_.col(node));
+    auto [r, F] = residual(X, x);
+    double size = r.norm();
+    for (int k = 0; k < most_steps && size > aimed_at; ++k) {
+      Vec3 step = -F.fullPivLu().solve(r);
+      if (!step.allFinite()) break;
+      if (const double length = step.norm(); length > longest) step *= longest / length;
+      bool nearer = false;
+      for (int halved = 0; halved < 6 && !nearer; ++halved, step *= 0.5) {
+        const auto [r_then, F_then] = residual(X + step, x);
+        if (!(r_then.norm() < size)) continue;
+        nearer = true;
+        X += step;
+        r = r_then, F = F_then, size = r.norm();
+      }
+      if (!nearer) break;
+    }
+    return size < good_enough ? std::optional(X) : std::nullopt;
+  }
+
+  // All places of the body at rest that have come to x. `may_be_none`: x may lie outside of it.
+  std::vector<Vec3> places_at_rest(const Vec3& x, const BodySurface& rest) const {
+    std::vector<Vec3> found;
+    for (const int a : near_.nearest(x, starts)) {
+      const double spacing = model_.spacing[a], away = (moved_.col(a) - x).norm();
+      if (away > 3.0 * spacing && found.empty()) break;  // the nearest is far off: outside
+      const bool known = std::any_of(found.begin(), found.end(), [&](const Vec3& X) {
+        return (model_.X.col(a) - X).norm() < far_apart * spacing + 2.0 * away;
+      });
+      if (known) continue;
+      const std::optional<Vec3> X = from(a, x);
+      if (!X || !rest.contains(1e3 * *X)) continue;
+      if (std::none_of(found.begin(), found.end(),
+                       [&](const Vec3& other) { return (*X - other).norm() < 0.5 * spacing; }))
+        found.push_back(*X);
+    }
+    return found;
+  }
+
+ private:
+  std::pair<Vec3, Mat3> residual(const Vec3& X, const Vec3& x) const {
+    Points value(3, 1);
+    Eigen::Matrix<double, 9, Eigen::Dynamic> derivative(9, 1);
+    field_.at(X, u_, value, &derivative);
+    return {X + value - x, Mat3::Identity() + Eigen::Map<const Mat3>(derivative.data())};
+  }
+
+  const Model& model_;
+  const Points& u_;
+  FieldAnywhere field_;
+  Points moved_;
+  Neighbours near_;
+};
+
+// Before the surface, as far from it as it is of the deformed one [mm].
+class Before {
+ public:
+  Before(const BodySurface& now, const BodySurface& rest) : now_(now), rest_(rest) {
+    normal_.setZero(3, rest.vertex().cols());
+    for (Index t = 0; t < rest.triangles().cols(); ++t)
+      for (Index c = 0; c < 3; ++c)
+        normal_.col(rest.triangles()(c, t)) += rest.triangle_area()[t] * rest.normal().col(t);
+  }
+  struct Place {
+    Vec3 X;
+    double distance;
+  };
+  Place at_rest(const Vec3& x) const {
+    const BodySurface::Closest closest = now_.closest(x);
+    const auto corner = now_.triangles().col(closest.triangle);
+    Mat3 corners;
+    for (Index c = 0; c < 3; ++c) corners.col(c) = now_.vertex().col(corner[c]);
+    Vec3 share = barycentric(corners, closest.place).cwiseMax(0.0);
+    share /= share.sum();
+    Vec3 place = Vec3::Zero(), normal = Vec3::Zero();
+    for (Index c = 0; c < 3; ++c) {
+      place += share[c] * rest_.vertex().col(corner[c]);
+      normal += share[c] * normal_.col(corner[c]).normalized();
+    }
+    if (!(normal.norm() > 0.1)) normal = rest_.normal().col(closest.triangle);
+    normal.normalize();
+    double room = std::numeric_limits<double>::infinity();
+    for (const double t : rest_.crossings(place, normal))
+      if (t > nearest_other) {
+        room = t;
+        break;
+      }
+    return {place + std::min(closest.distance, 0.5 * room) * normal, closest.distance};
+  }
+
+ private:
+  static constexpr double nearest_other = 0.01;  // mm, less than the narrowest gap of a cut
+
+  static Vec3 barycentric(const Mat3& corners, const Vec3& x) {
+    const Vec3 e = corners.col(1) - corners.col(0), g = corners.col(2) - corners.col(0),
+               d = x - corners.col(0), n = e.cross(g);
+    const double area = n.squaredNorm();
+    if (!(area > 0.0)) return {1.0, 0.0, 0.0};
+    const double b = d.cross(g).dot(n) / area, c = e.cross(d).dot(n) / area;
+    return {1.0 - b - c, b, c};
+  }
+
+  const BodySurface &now_, &rest_;
+  Points normal_;  // of the vertices at rest
+};
+
+bool is_open(const Triangles& triangles) {
+  std::set<std::pair<Index, Index>> edge;
+  for (const auto& t : triangles.colwise())
+    for (Index c = 0; c < 3; ++c) edge.emplace(t[c], t[(c + 1) % 3]);
+  return std::any_of(edge.begin(), edge.end(), [&](const auto& one) {
+    return !edge.contains({one.second, one.first});
+  });
+}
+
+// More than one fan of the kept triangles around a vertex: where parts of a sheet meet at it alone.
+std::vector<Index> pinched(const Triangles& triangles, const std::vector<char>& kept, Index vertices) {
+  // Of each vertex, edges around it: from -> to.
+  std::vector<std::map<Index, Index>> around(static_cast<std::size_t>(vertices));
+  for (Index t = 0; t < triangles.cols(); ++t)
+    if (kept[static_cast<std::size_t>(t)])
+      for (Index c = 0; c < 3; ++c)
+        around[static_cast<std::size_t>(triangles(c, t))][triangles((c + 1) % 3, t)] =
+            triangles((c + 2) % 3, t);
+  std::vector<Index> result;
+  for (std::size_t v = 0; v < around.size(); ++v) {
+    if (around[v].empty()) continue;
+    std::set<Index> ends;
+    for (const auto& [from, to] : around[v]) ends.insert(to);
+    std::size_t fans = 0;
+    for (const auto& [from, to] : around[v]) fans += ends.contains(from) ? 0 : 1;
+    if (fans > 1) result.push_back(static_cast<Index>(v));
+  }
+  return result;
+}
+
+// What of an open sheet is near to the body, in whole triangles.
+TriangleMesh near_part(const TriangleMesh& sheet, const TriangleMesh& at_rest,
+                       const std::vector<double>& away) {
+  std::vector<char> kept(static_cast<std::size_t>(sheet.triangles.cols()), 0);
+  for (Index t = 0; t < sheet.triangles.cols(); ++t) {
+    double longest = 0.0, nearest = std::numeric_limits<double>::infinity();
+    for (Index c = 0; c < 3; ++c) {
+      const Index a = sheet.triangles(c, t), b = sheet.triangles((c + 1) % 3, t);
+      longest = std::max(longest, (sheet.vertex.col(a) - sheet.vertex.col(b)).norm());
+      nearest = std::min(nearest, away[static_cast<std::size_t>(a)]);
+    }
+    kept[static_cast<std::size_t>(t)] = nearest <= longest;
+  }
+  // Parts that would meet at a vertex alone are joined there.
+  for (std::vector<Index> at; !(at = pinched(sheet.triangles, kept, sheet.vertex.cols())).empty();) {
+    const std::set<Index> all(at.begin(), at.end());
+    for (Index t = 0; t < sheet.triangles.cols(); ++t)
+      for (Index c = 0; c < 3; ++c)
+        if (all.contains(sheet.triangles(c, t))) kept[static_cast<std::size_t>(t)] = 1;
+  }
+  TriangleMesh result;
+  std::vector<int> number(static_cast<std::size_t>(sheet.vertex.cols()), -1);
+  std::vector<Index> vertex, triangle;
+  for (Index t = 0; t < sheet.triangles.cols(); ++t) {
+    if (!kept[static_cast<std::size_t>(t)]) continue;
+    triangle.push_back(t);
+    for (Index c = 0; c < 3; ++c)
+      if (int& n = number[static_cast<std::size_t>(sheet.triangles(c, t))]; n < 0) {
+        n = static_cast<int>(vertex.size());
+        vertex.push_back(sheet.triangles(c, t));
+      }
+  }
+  result.vertex = at_rest.vertex(Eigen::all, vertex);
+  result.triangles.resize(3, static_cast<Index>(triangle.size()));
+  for (std::size_t k = 0; k < triangle.size(); ++k)
+    for (Index c = 0; c < 3; ++c)
+      result.triangles(c, static_cast<Index>(k)) =
+          number[static_cast<std::size_t>(sheet.triangles(c, triangle[k]))];
+  return result;
+}
+
+}  // namespace
+
+BodySurface deformed_surface(const Model& model, const Points& u) {
+  return {model.surface.vertex_mm + 1e3 * surface_interpolation(model)(u), model.surface.triangles};
+}
+
+TriangleMesh carried_back(const TriangleMesh& sheet, const Model& model, const Points& u) {
+  const BodySurface now = deformed_surface(model, u), rest(model.surface.vertex_mm, model.surface.triangles);
+  const WayBack way_back(model, u);
+  const Before before(now, rest);
+  const Index count = sheet.vertex.cols();
+  TriangleMesh at_rest = sheet;
+  std::vector<double> away(static_cast<std::size_t>(count), 0.0);
+  std::vector<char> places(static_cast<std::size_t>(count), 1);
+  tbb::parallel_for(tbb::blocked_range<Index>(0, count, 64), [&](const tbb::blocked_range<Index>& range) {
+    for (Index v = range.begin(); v < range.end(); ++v) {
+      if (stop_asked() != StopReason::none) return;
+      const auto at = static_cast<std::size_t>(v);
+      const std::vector<Vec3> found = way_back.places_at_rest(1e-3 * sheet.vertex.col(v), rest);
+      places[at] = static_cast<char>(found.size());
+      if (!found.empty()) {
+        at_rest.vertex.col(v) = 1e3 * found.front();
+        continue;
+      }
+      if (now.contains(sheet.vertex.col(v)) && now.closest(sheet.vertex.col(v)).distance > 0.1) continue;
+      const Before::Place place = before.at_rest(sheet.vertex.col(v));
+      at_rest.vertex.col(v) = place.X;
+      away[at] = place.distance;
+      places[at] = 1;
+    }
+  });
+  stop_if_asked();
+  for (Index v = 0; v < count; ++v) {
+    const int found = places[static_cast<std::size_t>(v)];
+    if (found > 1)
+      refuse(fmt::format("the blade passes through {}, where two parts of the body have come to lie",
+                         in_words(sheet.vertex.col(v))),
+             "its walls have passed through each other there, and which of them is cut is not known",
+             "let them touch with --self-contact on, or cut before they close");
+    if (found == 0)
+      refuse(
+          fmt::format("what the blade passes through at {} cannot be followed back to where it was at rest",
+                      in_words(sheet.vertex.col(v))),
+          "the field of displacements cannot be inverted there: tissue may be turned inside out",
+          "use more nodes, or cut before the body is deformed so much");
+  }
+  if (!is_open(sheet.triangles)) return at_rest;
+  TriangleMesh result = near_part(sheet, at_rest, away);
+  if (result.triangles.cols() == 0)
+    refuse("a cut meets no tissue", "its blade misses the organ as it then is",
+           "move it; the surface of the frame before shows where the body is");
+  return result;
+}
+
+}  // namespace dimple
