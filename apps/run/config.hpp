@@ -117,6 +117,7 @@ struct Config {
     std::string moves = "tool";   ///< or the name of a support or a further tool
     std::vector<double> move_mm;  ///< x,y,z in LPS, or of a tool one number: along its push
     std::string cut;              ///< as image.cut, of the body as it then is; nothing moves meanwhile
+    double toughness_J_m2 = 0.0;  ///< what new area takes; 0: not known
     int order = 0;                ///< as they were given
   };
   std::map<std::string, Step> step;

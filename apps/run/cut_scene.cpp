@@ -132,7 +132,10 @@ void CutScene::make_again(const RunLog& log, Result& result) {
 void CutScene::cut(std::size_t k, const ScenePart& part, const RunLog& log, Result& result, ScenePart& next) {
   const CutText cut = cut_of_step(steps_[k].name, steps_[k].cut);
   log.doing("cutting");
-  CutMade made{.name = steps_[k].name, .text = steps_[k].cut, .after = steps_[k].after};
+  CutMade made{.name = steps_[k].name,
+               .text = steps_[k].cut,
+               .after = steps_[k].after,
+               .toughness_J_m2 = steps_[k].toughness_J_m2};
   made.sheets = sheets_at_rest(cut, whole_.body->report.step_mm, result.model, part.ended.u);
   done_.sheets.insert(done_.sheets.end(), made.sheets.begin(), made.sheets.end());
   done_.labels = labels_cut_out(cut);
@@ -181,8 +184,8 @@ void CutScene::cut(std::size_t k, const ScenePart& part, const RunLog& log, Resu
   next.near = std::move(near);
 }
 
-void CutScene::tell(std::size_t k, const ScenePart& part, const RunLog& log, Result& result) {
-  CutMade& made = result.cuts[k];
+void CutScene::tell(const ScenePart& part, const RunLog& log, Result& result) {
+  CutMade& made = result.cuts.back();
   const ForceSample& now = result.history.force.back();
   made.t = now.t;
   made.depth = now.depth;
@@ -209,6 +212,9 @@ std::string in_words(const CutMade& made) {
   words += fmt::format("; {} mJ released", three_digits(1e3 * made.released));
   if (made.area_mm2 > 0.0)
     words += fmt::format(", {} J/m2", three_digits(1e6 * made.released / made.area_mm2));
+  if (made.toughness_J_m2 > 0.0)
+    words += fmt::format("; the blade's work, by balance of energy, {} mJ",
+                         three_digits(1e3 * made.work_of_blade()));
   return words + fmt::format("; {} nodes from here on", made.nodes);
 }
 

@@ -24,8 +24,8 @@ class CutScene {
   /// Makes the cut k, 0 the first, where `part` has left the body: `result` has then its model and its load,
   /// and `next` where it is about. Throws ModelError, UsageError, InputError: it cannot be made.
   void cut(std::size_t k, const ScenePart& part, const RunLog& log, Result& result, ScenePart& next);
-  /// What came of it, for the summary; told in a line.
-  void tell(std::size_t k, const ScenePart& part, const RunLog& log, Result& result);
+  /// What came of the last, for the summary; told in a line.
+  void tell(const ScenePart& part, const RunLog& log, Result& result);
 
  private:
   void make_again(const RunLog& log, Result& result);

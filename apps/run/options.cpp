@@ -326,6 +326,8 @@ std::vector<Option> options_of(Config::Step& s) {
        .help = "how far it moves: x,y,z in LPS, or of a tool one number, along its push"},
       {.key = "step.cut", .value = &s.cut, .stage = "solve",
        .help = "what is cut in this step, as image.cut, where the body then is; nothing moves in it"},
+      {.key = "step.toughness_J_m2", .value = &s.toughness_J_m2, .least = 0.0, .most = 1e6, .stage = "solve",
+       .help = "of a step that cuts: energy that a square metre of new area takes; 0: not known"},
   };
 }
 

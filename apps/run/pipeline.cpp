@@ -465,7 +465,7 @@ std::unique_ptr<ForceSystem> march_cut(const Config& config, const SolverOptions
     std::unique_ptr<ForceSystem> system = force_system(config, result);
     {
       Watched watched(config, k == 0 ? observer : later, k == 0 ? from : nullptr, result);
-      part.has_settled = [&] { cuts.tell(k - 1, part, log, result); };
+      part.has_settled = [&] { cuts.tell(part, log, result); };
       const Stopwatch solving;
       try {
         solve(result.time, *system, result.model, result.loading, options, watched.hears(), result.history,

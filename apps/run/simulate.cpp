@@ -7,6 +7,7 @@
 
 #include "apps/run/band_of_run.hpp"
 #include "apps/run/cut_scene.hpp"
+#include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
@@ -137,6 +138,18 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
   result.band.seconds = others_s;
 }
 
+// Steps that cut before anything has moved, which the model has from the start.
+void list_cuts_at_rest(const Config& config, Result& result) {
+  const std::size_t all = cuts_at_rest(config).size();
+  for (const auto& [name, step] : steps_in_order(config)) {
+    if (step.cut.empty()) return;
+    CutMade made{.name = name, .text = step.cut, .toughness_J_m2 = step.toughness_J_m2};
+    if (all == 1) made.area_mm2 = result.cut.area_mm2, made.removed_mm3 = result.cut.removed_mm3;
+    made.nodes = result.model.node_count();
+    result.cuts.push_back(std::move(made));
+  }
+}
+
 }  // namespace
 
 void build_case(const Case& given, const RunObserver& observer, Result& result) {
@@ -178,6 +191,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   if (given.origin) static_cast<ImageFacts&>(result) = given.origin->facts;
   if (result.origin) result.followed = followed_in(config, result.origin->organ);
   make_ready(given, std::move(placed), log, result);
+  list_cuts_at_rest(config, result);
   stop_if_asked();
   log.begin(Part::solving, config);
   if (observer.begin) observer.begin(result);

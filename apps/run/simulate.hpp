@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <functional>
 #include <map>
 #include <memory>
@@ -74,16 +75,20 @@ struct ImageFacts {
   SegmentReport segment;
 };
 
-/// A step of a scene that has cut the body.
+/// A step of a scene that has cut the body; `after` 0: at rest.
 struct CutMade {
   std::string name, text;
   std::size_t after = 0;                     ///< so many steps that move something
+  double toughness_J_m2 = 0.0;               ///< 0: not known
   std::vector<TriangleMesh> sheets = {};     ///< as they lie in the body at rest [mm, LPS]
   double area_mm2 = 0.0, removed_mm3 = 0.0;  ///< of this one, at rest, as of ImageFacts::Cut
   Index nodes = 0;                           ///< of the cloud from then on
   double t = 0.0, depth = 0.0;               ///< [s], [m]
   double force_before = 0.0, force = 0.0;    ///< on the tool, along its push [N]
   double released = 0.0;                     ///< of the stored energy [J]
+  /// [J] By the balance of energy: what the area takes and the tissue does not give is the blade's work,
+  /// without what it rubs on its sides.
+  double work_of_blade() const { return std::max(0.0, 1e-6 * toughness_J_m2 * area_mm2 - released); }
 };
 
 /// What came of it. Each part is there as soon as it is known: also when simulate() throws later.

@@ -58,6 +58,10 @@ void check_cut_steps(const Config& config) {
     if (!step.cut.empty() && (!step.move_mm.empty() || !is_of_tool(step)))
       refuse(name, "cut", "cuts and moves something", "a cut is made while all stands still",
              "give it two steps, one after the other");
+  for (const auto& [name, step] : moving_steps(config))
+    if (step.toughness_J_m2 > 0.0)
+      refuse(name, "toughness_J_m2", "has a toughness and cuts nothing",
+             "it is the energy that a cut's area takes", "give it to a step with a cut");
   if (moving_steps(config).empty())
     refuse(config.step.begin()->first, "cut", "cuts, and no step moves anything",
            "where there are steps they say how the tool moves",
@@ -135,7 +139,7 @@ std::vector<CutStep> cut_steps(const Config& config) {
     if (step.cut.empty())
       ++moved;
     else if (moved > 0)
-      cuts.push_back({name, step.cut, moved});
+      cuts.push_back({name, step.cut, moved, step.toughness_J_m2});
   }
   return cuts;
 }

@@ -15,7 +15,8 @@ void check_steps(const Config& config);
 /// A step that cuts the body once something has moved.
 struct CutStep {
   std::string name, cut;
-  std::size_t after;  ///< so many of the steps that move something
+  std::size_t after;            ///< so many of the steps that move something
+  double toughness_J_m2 = 0.0;  ///< 0: not known
 };
 /// Those before anything has moved cut the body at rest, see cuts.hpp.
 std::vector<CutStep> cut_steps(const Config& config);

@@ -298,6 +298,10 @@ Json cut_step_json(const CutMade& made) {
               {"released_J", made.released},
               {"nodes", made.nodes}};
   if (made.area_mm2 > 0.0) one["released_J_per_m2"] = 1e6 * made.released / made.area_mm2;
+  if (made.toughness_J_m2 > 0.0) {
+    one["toughness_J_m2"] = made.toughness_J_m2;
+    if (made.area_mm2 > 0.0) one["work_of_blade_J"] = made.work_of_blade();
+  }
   return one;
 }
 
@@ -308,6 +312,8 @@ Json steps_json(const Result& result) {
   Json list = Json::array();
   double come = 0.0;
   std::size_t moved = 0;
+  for (const CutMade& made : result.cuts)
+    if (made.after == 0) list.push_back(cut_step_json(made));
   for (const Step& step : result.loading.steps) {
     const Vec3 way = 1e3 * step.way + Vec3::Zero();
     const double t = (come += step.way.norm()) / result.loading.rate;

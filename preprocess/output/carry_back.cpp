@@ -24,7 +24,9 @@ namespace {
 
 constexpr double aimed_at = 1e-9, good_enough = 1e-6;  // m
 constexpr int most_steps = 30, starts = 8;
-constexpr double far_apart = 2.5;  // node spacings, from which on two places at rest are two
+constexpr double beside_the_body = 0.25;  // node spacings, as far as the field continues outside of it
+constexpr double lost = 0.1;              // mm inside of the surface
+constexpr double far_apart = 2.5;         // node spacings, from which on two places at rest are two
 
 [[noreturn]] void refuse(const std::string& fact, const std::string& why, const std::string& remedy) {
   throw ModelError({.fact = fact, .where = "cut", .why = why, .remedy = remedy, .code = "cut"});
@@ -59,9 +61,14 @@ class WayBack {
     return size < good_enough ? std::optional(X) : std::nullopt;
   }
 
-  // All places of the body at rest that have come to x. `may_be_none`: x may lie outside of it.
-  std::vector<Vec3> places_at_rest(const Vec3& x, const BodySurface& rest) const {
-    std::vector<Vec3> found;
+  struct Found {
+    std::vector<Vec3> inside = {};    // all places of the body at rest that have come to x
+    std::optional<Vec3> beside = {};  // none: where the field continues to
+    bool settles = false;             // somewhere
+  };
+  Found places_at_rest(const Vec3& x, const BodySurface& rest) const {
+    Found all;
+    std::vector<Vec3>& found = all.inside;
     for (const int a : near_.nearest(x, starts)) {
       const double spacing = model_.spacing[a], away = (moved_.col(a) - x).norm();
       if (away > 3.0 * spacing && found.empty()) break;  // the nearest is far off: outside
@@ -70,12 +77,18 @@ class WayBack {
       });
       if (known) continue;
       const std::optional<Vec3> X = from(a, x);
-      if (!X || !rest.contains(1e3 * *X)) continue;
+      if (!X) continue;
+      all.settles = true;
+      if (!rest.contains(1e3 * *X)) {
+        const bool next_to_it = rest.closest(1e3 * *X).distance < beside_the_body * 1e3 * spacing;
+        if (next_to_it && !all.beside) all.beside = X;
+        continue;
+      }
       if (std::none_of(found.begin(), found.end(),
                        [&](const Vec3& other) { return (*X - other).norm() < 0.5 * spacing; }))
         found.push_back(*X);
     }
-    return found;
+    return all;
   }
 
  private:
@@ -93,57 +106,58 @@ class WayBack {
   Neighbours near_;
 };
 
-// Before the surface, as far from it as it is of the deformed one [mm].
-class Before {
- public:
-  Before(const BodySurface& now, const BodySurface& rest) : now_(now), rest_(rest) {
-    normal_.setZero(3, rest.vertex().cols());
-    for (Index t = 0; t < rest.triangles().cols(); ++t)
-      for (Index c = 0; c < 3; ++c)
-        normal_.col(rest.triangles()(c, t)) += rest.triangle_area()[t] * rest.normal().col(t);
-  }
-  struct Place {
-    Vec3 X;
-    double distance;
+// What the surface next to a place outside of the body has moved by [mm].
+Vec3 moved_next_to(const BodySurface::Closest& closest, const BodySurface& now, const BodySurface& rest) {
+  const auto corner = now.triangles().col(closest.triangle);
+  const Vec3 a = now.vertex().col(corner[0]), e = now.vertex().col(corner[1]) - a,
+             g = now.vertex().col(corner[2]) - a, d = closest.place - a, n = e.cross(g);
+  const double area = std::max(n.squaredNorm(), std::numeric_limits<double>::min());
+  Vec3 share(0.0, d.cross(g).dot(n) / area, e.cross(d).dot(n) / area);
+  share[0] = 1.0 - share[1] - share[2];
+  Vec3 moved = Vec3::Zero();
+  for (Index c = 0; c < 3; ++c)
+    moved += share[c] * (now.vertex().col(corner[c]) - rest.vertex().col(corner[c]));
+  return moved;
+}
+
+std::vector<std::vector<Index>> neighbours_on(const TriangleMesh& sheet) {
+  std::vector<std::set<Index>> sets(static_cast<std::size_t>(sheet.vertex.cols()));
+  for (const auto& t : sheet.triangles.colwise())
+    for (Index c = 0; c < 3; ++c)
+      for (Index d = 1; d < 3; ++d) sets[static_cast<std::size_t>(t[c])].insert(t[(c + d) % 3]);
+  std::vector<std::vector<Index>> lists;
+  for (const std::set<Index>& one : sets) lists.emplace_back(one.begin(), one.end());
+  return lists;
+}
+
+// Continues `way` [3 x vertices] from those that are known over the others, harmonically on the sheet.
+void continue_over(const TriangleMesh& sheet, const std::vector<char>& known, Points& way) {
+  constexpr int sweeps = 200;
+  const std::vector<std::vector<Index>> next_to = neighbours_on(sheet);
+  std::vector<char> reached = known;
+  std::vector<Index> others, front;  // in the order in which they are reached
+  for (std::size_t v = 0; v < known.size(); ++v)
+    if (known[v]) front.push_back(static_cast<Index>(v));
+  const auto mean = [&](Index v) {
+    Vec3 sum = Vec3::Zero();
+    int count = 0;
+    for (const Index w : next_to[static_cast<std::size_t>(v)])
+      if (reached[static_cast<std::size_t>(w)]) sum += way.col(w), ++count;
+    return Vec3(sum / std::max(count, 1));
   };
-  Place at_rest(const Vec3& x) const {
-    const BodySurface::Closest closest = now_.closest(x);
-    const auto corner = now_.triangles().col(closest.triangle);
-    Mat3 corners;
-    for (Index c = 0; c < 3; ++c) corners.col(c) = now_.vertex().col(corner[c]);
-    Vec3 share = barycentric(corners, closest.place).cwiseMax(0.0);
-    share /= share.sum();
-    Vec3 place = Vec3::Zero(), normal = Vec3::Zero();
-    for (Index c = 0; c < 3; ++c) {
-      place += share[c] * rest_.vertex().col(corner[c]);
-      normal += share[c] * normal_.col(corner[c]).normalized();
-    }
-    if (!(normal.norm() > 0.1)) normal = rest_.normal().col(closest.triangle);
-    normal.normalize();
-    double room = std::numeric_limits<double>::infinity();
-    for (const double t : rest_.crossings(place, normal))
-      if (t > nearest_other) {
-        room = t;
-        break;
-      }
-    return {place + std::min(closest.distance, 0.5 * room) * normal, closest.distance};
+  while (!front.empty()) {
+    std::set<Index> ring;
+    for (const Index v : front)
+      for (const Index w : next_to[static_cast<std::size_t>(v)])
+        if (!reached[static_cast<std::size_t>(w)]) ring.insert(w);
+    front.assign(ring.begin(), ring.end());
+    for (const Index v : front) way.col(v) = mean(v);
+    for (const Index v : front) reached[static_cast<std::size_t>(v)] = 1;
+    others.insert(others.end(), front.begin(), front.end());
   }
-
- private:
-  static constexpr double nearest_other = 0.01;  // mm, less than the narrowest gap of a cut
-
-  static Vec3 barycentric(const Mat3& corners, const Vec3& x) {
-    const Vec3 e = corners.col(1) - corners.col(0), g = corners.col(2) - corners.col(0),
-               d = x - corners.col(0), n = e.cross(g);
-    const double area = n.squaredNorm();
-    if (!(area > 0.0)) return {1.0, 0.0, 0.0};
-    const double b = d.cross(g).dot(n) / area, c = e.cross(d).dot(n) / area;
-    return {1.0 - b - c, b, c};
-  }
-
-  const BodySurface &now_, &rest_;
-  Points normal_;  // of the vertices at rest
-};
+  for (int k = 0; k < sweeps; ++k)
+    for (const Index v : others) way.col(v) = mean(v);
+}
 
 bool is_open(const Triangles& triangles) {
   std::set<std::pair<Index, Index>> edge;
@@ -201,12 +215,13 @@ TriangleMesh near_part(const TriangleMesh& sheet, const TriangleMesh& at_rest,
   for (Index t = 0; t < sheet.triangles.cols(); ++t) {
     if (!kept[static_cast<std::size_t>(t)]) continue;
     triangle.push_back(t);
-    for (Index c = 0; c < 3; ++c)
-      if (int& n = number[static_cast<std::size_t>(sheet.triangles(c, t))]; n < 0) {
-        n = static_cast<int>(vertex.size());
-        vertex.push_back(sheet.triangles(c, t));
-      }
+    for (Index c = 0; c < 3; ++c) number[static_cast<std::size_t>(sheet.triangles(c, t))] = 0;
   }
+  for (std::size_t v = 0; v < number.size(); ++v)
+    if (number[v] == 0) {
+      number[v] = static_cast<int>(vertex.size());
+      vertex.push_back(static_cast<Index>(v));
+    }
   result.vertex = at_rest.vertex(Eigen::all, vertex);
   result.triangles.resize(3, static_cast<Index>(triangle.size()));
   for (std::size_t k = 0; k < triangle.size(); ++k)
@@ -225,43 +240,45 @@ BodySurface deformed_surface(const Model& model, const Points& u) {
 TriangleMesh carried_back(const TriangleMesh& sheet, const Model& model, const Points& u) {
   const BodySurface now = deformed_surface(model, u), rest(model.surface.vertex_mm, model.surface.triangles);
   const WayBack way_back(model, u);
-  const Before before(now, rest);
   const Index count = sheet.vertex.cols();
-  TriangleMesh at_rest = sheet;
+  Points way = Points::Zero(3, count);  // back
   std::vector<double> away(static_cast<std::size_t>(count), 0.0);
-  std::vector<char> places(static_cast<std::size_t>(count), 1);
+  std::vector<char> places(static_cast<std::size_t>(count), 1), is_lost(places.size(), 0);
   tbb::parallel_for(tbb::blocked_range<Index>(0, count, 64), [&](const tbb::blocked_range<Index>& range) {
-    for (Index v = range.begin(); v < range.end(); ++v) {
-      if (stop_asked() != StopReason::none) return;
+    for (Index v = range.begin(); v < range.end() && stop_asked() == StopReason::none; ++v) {
       const auto at = static_cast<std::size_t>(v);
-      const std::vector<Vec3> found = way_back.places_at_rest(1e-3 * sheet.vertex.col(v), rest);
-      places[at] = static_cast<char>(found.size());
-      if (!found.empty()) {
-        at_rest.vertex.col(v) = 1e3 * found.front();
+      const Vec3 x = sheet.vertex.col(v);
+      const WayBack::Found found = way_back.places_at_rest(1e-3 * x, rest);
+      places[at] = static_cast<char>(found.inside.empty() ? found.beside.has_value() : found.inside.size());
+      if (!found.inside.empty()) {
+        way.col(v) = 1e3 * found.inside.front() - x;
         continue;
       }
-      if (now.contains(sheet.vertex.col(v)) && now.closest(sheet.vertex.col(v)).distance > 0.1) continue;
-      const Before::Place place = before.at_rest(sheet.vertex.col(v));
-      at_rest.vertex.col(v) = place.X;
-      away[at] = place.distance;
-      places[at] = 1;
+      const BodySurface::Closest closest = now.closest(x);
+      away[at] = closest.distance;
+      is_lost[at] = !found.settles && closest.distance > lost && now.contains(x);
+      way.col(v) = found.beside ? Vec3(1e3 * *found.beside - x) : Vec3(-moved_next_to(closest, now, rest));
     }
   });
   stop_if_asked();
   for (Index v = 0; v < count; ++v) {
-    const int found = places[static_cast<std::size_t>(v)];
-    if (found > 1)
+    const auto at = static_cast<std::size_t>(v);
+    const Vec3 x = sheet.vertex.col(v);
+    if (places[at] > 1)
       refuse(fmt::format("the blade passes through {}, where two parts of the body have come to lie",
-                         in_words(sheet.vertex.col(v))),
+                         in_words(x)),
              "its walls have passed through each other there, and which of them is cut is not known",
              "let them touch with --self-contact on, or cut before they close");
-    if (found == 0)
+    if (is_lost[at])
       refuse(
           fmt::format("what the blade passes through at {} cannot be followed back to where it was at rest",
-                      in_words(sheet.vertex.col(v))),
+                      in_words(x)),
           "the field of displacements cannot be inverted there: tissue may be turned inside out",
           "use more nodes, or cut before the body is deformed so much");
   }
+  if (std::any_of(places.begin(), places.end(), [](char found) { return found > 0; }))
+    continue_over(sheet, places, way);
+  TriangleMesh at_rest{sheet.vertex + way, sheet.triangles};
   if (!is_open(sheet.triangles)) return at_rest;
   TriangleMesh result = near_part(sheet, at_rest, away);
   if (result.triangles.cols() == 0)

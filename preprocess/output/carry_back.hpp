@@ -13,10 +13,10 @@ BodySurface deformed_surface(const Model& model, const Points& u);
 ///
 /// In the body a place x goes to X with X + u(X) = x, u the moving-least-squares field, by Newton's method
 /// from the nodes that have come nearest to x, until X + u(X) lies within a micrometre of x. Outside of it,
-/// where there is no u, x lies so far before the place of the surface next to it as it does now, along the
-/// normal there; but not beyond half of the way to what the surface faces at rest, as in a cut that gapes. Of
-/// an open sheet what lies farther from the body than its triangles are large is left out: no triangle of it
-/// meets the body.
+/// farther than a quarter of the nodes' spacing, where there is no u, the way back continues from the sheet's
+/// places in the body, harmonically over the sheet; if it has none there, as that of the surface next to x.
+/// Of an open sheet what lies farther from the body than its triangles are large is left out: no triangle of
+/// it meets the body.
 ///
 /// Throws ModelError ("cut"): x has two such X, as where a fold or a cut has closed and its walls have passed
 /// through each other; the search settles nowhere, as in tissue that is turned inside out; no part of the
