@@ -67,7 +67,7 @@ void check_cut_steps(const Config& config) {
            "where there are steps they say how the tool moves",
            "add one, as step.press.move = 4mm, or cut the body at rest by --cut");
   if (cut_steps(config).empty()) return;
-  const std::string& first = cut_steps(config).front().name;
+  const std::string first = cut_steps(config).front().name;
   const auto refuse_beside = [&](bool is_asked, const char* what, const char* why, const char* remedy) {
     if (is_asked)
       refuse(first, "cut", fmt::format("cuts a body in a deformed state, beside {}", what), why, remedy);

@@ -15,7 +15,9 @@
 #include <limits>
 #include <map>
 #include <numbers>
+#include <numeric>
 #include <optional>
+#include <tuple>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -63,6 +65,69 @@ TriangleMesh from_mesh(const Mesh& mesh) {
   }
   result.vertex.resize(3, static_cast<Index>(vertex.size()));
   for (std::size_t v = 0; v < vertex.size(); ++v) result.vertex.col(static_cast<Index>(v)) = vertex[v];
+  return result;
+}
+
+// CGAL's order of what it has made of two meshes hangs on addresses in memory. Here: the vertices of the
+// first as they stood there, those of the second, then new ones by their places; triangles where that stood
+// of which they are a part, then new ones by their vertices.
+TriangleMesh in_order(const TriangleMesh& mesh, const TriangleMesh& first, const TriangleMesh& second) {
+  using Place = std::array<double, 3>;
+  const auto place_of = [](const Points& vertex, Index v) {
+    return Place{vertex(0, v), vertex(1, v), vertex(2, v)};
+  };
+  std::map<Place, Index> stood;
+  for (Index v = 0; v < first.vertex.cols(); ++v) stood.try_emplace(place_of(first.vertex, v), v);
+  for (Index v = 0; v < second.vertex.cols(); ++v)
+    stood.try_emplace(place_of(second.vertex, v), first.vertex.cols() + v);
+  const Index none = first.vertex.cols() + second.vertex.cols();
+  const auto nearly = [](double mm) { return std::floor(1e5 * mm + 0.3); };  // whatever the last digits are
+  std::vector<std::tuple<Index, Place, Place>> key;
+  for (Index v = 0; v < mesh.vertex.cols(); ++v) {
+    const Place place = place_of(mesh.vertex, v);
+    const auto known = stood.find(place);
+    key.emplace_back(known == stood.end() ? none : known->second,
+                     Place{nearly(place[0]), nearly(place[1]), nearly(place[2])}, place);
+  }
+  std::vector<int> at(key.size()), number(key.size());
+  std::iota(at.begin(), at.end(), 0);
+  std::stable_sort(at.begin(), at.end(), [&](int a, int b) {
+    return key[static_cast<std::size_t>(a)] < key[static_cast<std::size_t>(b)];
+  });
+  TriangleMesh result{mesh.vertex(Eigen::all, at), mesh.triangles};
+  for (std::size_t k = 0; k < at.size(); ++k) number[static_cast<std::size_t>(at[k])] = static_cast<int>(k);
+  const auto turned = [](std::array<Index, 3> its) {
+    std::rotate(its.begin(), std::min_element(its.begin(), its.end()), its.end());
+    return its;
+  };
+  std::map<std::array<Index, 3>, Index> of_first;
+  for (Index t = 0; t < first.triangles.cols(); ++t)
+    of_first[turned({first.triangles(0, t), first.triangles(1, t), first.triangles(2, t)})] = t;
+  std::optional<BodySurface> whole;
+  const auto part_of = [&](const auto& t) {
+    constexpr double on_it = 1e-6;  // mm
+    const Index none_of_them = first.triangles.cols();
+    if (none_of_them == 0) return none_of_them;
+    if (!whole) whole.emplace(first.vertex, first.triangles);
+    const Vec3 middle = (mesh.vertex.col(t[0]) + mesh.vertex.col(t[1]) + mesh.vertex.col(t[2])) / 3.0;
+    const BodySurface::Closest next = whole->closest(middle);
+    return next.distance < on_it ? next.triangle : none_of_them;
+  };
+  std::vector<std::pair<Index, std::array<Index, 3>>> triangles;
+  for (const auto& t : mesh.triangles.colwise()) {
+    std::array<Index, 3> its{}, before{};
+    for (std::size_t c = 0; c < 3; ++c) {
+      const auto v = static_cast<std::size_t>(t[static_cast<Index>(c)]);
+      its[c] = number[v], before[c] = std::get<0>(key[v]);
+    }
+    const auto known = of_first.find(turned(before));
+    triangles.emplace_back(known == of_first.end() ? part_of(t) : known->second, turned(its));
+  }
+  std::sort(triangles.begin(), triangles.end());
+  for (std::size_t t = 0; t < triangles.size(); ++t)
+    for (Index c = 0; c < 3; ++c)
+      result.triangles(c, static_cast<Index>(t)) =
+          static_cast<int>(triangles[t].second[static_cast<std::size_t>(c)]);
   return result;
 }
 
@@ -196,7 +261,8 @@ TriangleMesh swept_sheet(const Vec3& x, const Vec3& y, const Vec3& into, double 
 }
 
 CutBody cut(const BodySurface& body, const std::vector<TriangleMesh>& sheets, double gap, const Vec3& keep) {
-  Mesh mesh = to_mesh(body.vertex(), body.triangles());
+  TriangleMesh now_is{body.vertex(), body.triangles()};
+  Mesh mesh = to_mesh(now_is.vertex, now_is.triangles);
   double volume = body.volume(), area = 0.0;
   std::vector<BodySurface> taken;
   for (const TriangleMesh& sheet : sheets) {
@@ -223,7 +289,8 @@ CutBody cut(const BodySurface& body, const std::vector<TriangleMesh>& sheets, do
              "move it; `dimple info IMAGE` shows where the labels lie");
     if (!is_region) area += (volume - now) / gap;
     volume = now;
-    mesh = std::move(left);
+    now_is = in_order(from_mesh(left), now_is, outline);
+    mesh = to_mesh(now_is.vertex, now_is.triangles);
   }
 
   std::vector<Shell> shells = shells_of(mesh);
@@ -251,7 +318,7 @@ CutBody cut(const BodySurface& body, const std::vector<TriangleMesh>& sheets, do
     const auto& p = shells[k].mesh.point(*shells[k].mesh.vertices().begin());
     if (pieces[*kept].contains({p.x(), p.y(), p.z()})) result += shells[k].mesh;
   }
-  TriangleMesh its = from_mesh(result);
+  TriangleMesh its = in_order(from_mesh(result), now_is, {Points(3, 0), Triangles(3, 0)});
   BodySurface surface(std::move(its.vertex), std::move(its.triangles), body.to_world());
   surface.ends_with_image(body.image_ends());
   return {std::move(surface), body.volume() - volume, area, std::move(parted), std::move(taken)};
