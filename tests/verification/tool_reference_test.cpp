@@ -24,6 +24,7 @@ struct Scene {
   const char* tool;
   double radius_mm, height_mm, nu, depth_mm;
   const char* friction = "0";
+  double top_mu = 210.0;  // of the uppermost 3 mm [Pa]
 };
 
 std::string name_of(const testing::TestParamInfo<std::pair<Scene, Index>>& info) {
@@ -38,6 +39,11 @@ double reference(const std::vector<double>& depth, const std::vector<double>& fo
   for (std::size_t k = 0; k < depth.size(); ++k)
     if (std::abs(depth[k] - at) < 1e-6) return force[k];
   return std::nan("");
+}
+
+LabelAt layer_of(const Scene& scene) {
+  if (scene.top_mu == 210.0) return {};
+  return [from_mm = scene.height_mm - 3.0](const Vec3& at_mm) { return at_mm.z() > from_mm ? 2 : 1; };
 }
 
 class ToolOnACylinder : public testing::TestWithParam<std::pair<Scene, Index>> {};
@@ -61,9 +67,13 @@ TEST_P(ToolOnACylinder, HasTheForceOfFiniteElements) {
   set("boundary.base", "inferior");
   set("boundary.indent_at", "0,0,top");
   const BuiltModel built =
-      build_model(cylinder_surface(scene.radius_mm, scene.height_mm), model_options(config));
-  const ForceSystem tissue(built.model, {{neo_hookean(210.0, scene.nu, 1000.0)}, built.model.tissue},
-                           Precision::single_);
+      build_model(cylinder_surface(scene.radius_mm, scene.height_mm), model_options(config),
+                  {.of_label = {{2, 1}}, .density = {1000.0, 1000.0}}, layer_of(scene));
+  const ForceSystem tissue(
+      built.model,
+      {{neo_hookean(210.0, scene.nu, 1000.0), neo_hookean(scene.top_mu, scene.nu, 1000.0)},
+       built.model.tissue},
+      Precision::single_);
   Loading loading{.depth = 1e-3 * scene.depth_mm};
   loading.touch = touch_of(config, built.model);
   History history;
@@ -72,7 +82,7 @@ TEST_P(ToolOnACylinder, HasTheForceOfFiniteElements) {
          .step_radii = std::getenv("SR") ? std::atof(std::getenv("SR")) : 0.1},
         {}, history);
   EXPECT_EQ(history.force.back().depth, loading.depth);
-  const double allowed = nodes >= 4000 ? 0.02 : 0.03;
+  const double allowed = nodes >= 4000 && scene.top_mu == 210.0 ? 0.02 : 0.03;
   double worst = 0.0;
   for (const ForceSample& sample : history.force) {
     const double truth = reference(depth, force, 1e3 * sample.depth);
@@ -107,6 +117,16 @@ INSTANTIATE_TEST_SUITE_P(ToLargeStrains, ToolOnACylinder,
                                          std::pair{layer, Index{4000}}, std::pair{shallow_punch, Index{1500}},
                                          std::pair{punch, Index{4000}},
                                          std::pair{punch_nu_0_45, Index{1500}}),
+                         name_of);
+
+// Skin four times as stiff as what it lies on, and fat of a quarter of it. Where two tissues meet the error
+// falls with the spacing and not with its square: of the soft layer 2.6, 2.3 and 1.0 % with 1500, 4000 and
+// 12,000 nodes, of the stiff one 1.2 and 0.9 %.
+constexpr Scene stiff_layer{"sphere_on_stiff_layer", "sphere:5mm", 30, 30, 0.499, 4, "0", 840.0},
+    soft_layer{"sphere_on_soft_layer", "sphere:5mm", 30, 30, 0.499, 2.5, "0", 52.5};
+INSTANTIATE_TEST_SUITE_P(OnTwoTissues, ToolOnACylinder,
+                         testing::Values(std::pair{stiff_layer, Index{1500}},
+                                         std::pair{soft_layer, Index{1500}}),
                          name_of);
 
 // With 4000 nodes the layer, on which friction matters most; the dearer others with DIMPLE_ALL_SCENES=1.

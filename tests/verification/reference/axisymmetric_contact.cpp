@@ -65,6 +65,8 @@ struct Options {
       {"friction", 0.3},  // of touch=coulomb
       {"substeps", 1},    // equal parts of a load step, at least
       {"back", 0},        // of the depth, by which the tool comes back at the end
+      {"layer", 0},       // thickness of a layer of another tissue at the top, which `below` then is
+      {"layer_mu", 0},
   };
   double operator[](const std::string& name) const { return named.at(name); }
 };
@@ -73,6 +75,9 @@ struct Options {
 struct Law {
   double mu, bulk;
 };
+Law law_of(double mu, double nu) {
+  return {mu, mu * 2.0 * nu / (1.0 - 2.0 * nu) + 2.0 / 3.0 * mu};
+}
 
 double volume_ratio(const Vector5d& F) {
   return (F[0] * F[3] - F[1] * F[2]) * F[4];
@@ -146,7 +151,8 @@ Mesh mesh_of(const Options& o) {
     }
     r = divided;
   }
-  std::vector<double> z = graded(o["fine"], o["below"], o["growth"], o["largest"], o["height"]);
+  const double below = o["layer"] > 0.0 ? o["layer"] : o["below"];
+  std::vector<double> z = graded(o["fine"], below, o["growth"], o["largest"], o["height"]);
   for (double& one : z) one = o["height"] - one;
   std::reverse(z.begin(), z.end());
   const int nr = static_cast<int>(r.size()) - 1, nz = static_cast<int>(z.size()) - 1, row = 2 * nr + 1;
@@ -212,13 +218,15 @@ struct Assembly {
   double J_min = 1e9;
 };
 
-Assembly assemble(const Mesh& mesh, const std::vector<std::array<Point, 9>>& points, const Law& law,
-                  const VectorXd& u) {
+// Elements above the height `layer_from` are of the second law.
+Assembly assemble(const Mesh& mesh, const std::vector<std::array<Point, 9>>& points,
+                  const std::array<Law, 2>& laws, double layer_from, const VectorXd& u) {
   Assembly all;
   all.force = VectorXd::Zero(u.size());
   const Vector5d one(1.0, 0.0, 0.0, 1.0, 1.0);
   for (std::size_t n = 0; n < mesh.element.size(); ++n) {
     const Element& e = mesh.element[n];
+    const Law& law = laws[mesh.X[static_cast<std::size_t>(e.node[4])].y() > layer_from ? 1 : 0];
     ElementVector ue, f = ElementVector::Zero();
     for (int k = 0; k < 9; ++k) ue.segment<2>(2 * k) = u.segment<2>(2 * e.node[static_cast<std::size_t>(k)]);
     ElementMatrix K = ElementMatrix::Zero();
@@ -318,7 +326,8 @@ class Scene {
  public:
   explicit Scene(const Options& o)
       : options_(o),
-        law_{o["mu"], o["mu"] * 2.0 * o["nu"] / (1.0 - 2.0 * o["nu"]) + 2.0 / 3.0 * o["mu"]},
+        laws_{law_of(o["mu"], o["nu"]), law_of(o["layer_mu"], o["nu"])},
+        layer_from_(o["height"] - o["layer"]),
         mesh_(mesh_of(o)) {
     for (const Element& e : mesh_.element) points_.push_back(points_of(mesh_, e));
     held_.assign(2 * mesh_.X.size(), 0);
@@ -352,7 +361,7 @@ class Scene {
   // Semismooth Newton from `s`.
   Result solve(State& s, double depth) const {
     for (int k = 0; k < 60; ++k) {
-      const Assembly tissue = assemble(mesh_, points_, law_, s.u);
+      const Assembly tissue = assemble(mesh_, points_, laws_, layer_from_, s.u);
       if (!(tissue.J_min > 0.0)) return {};
       const std::vector<Gap> gap = gaps(s.u, depth);
       const bool changed = choose_active(s, gap, depth, k >= settled_after);
@@ -376,7 +385,8 @@ class Scene {
  private:
   static constexpr int settled_after = 8;  // steps of Newton; then one node at a time comes or goes
   Options options_;
-  Law law_;
+  std::array<Law, 2> laws_;
+  double layer_from_;
   Mesh mesh_;
   std::vector<std::array<Point, 9>> points_;
   std::vector<char> held_;
@@ -408,7 +418,7 @@ class Scene {
   }
 
   bool choose_active(State& s, const std::vector<Gap>& gap, double depth, bool one) const {
-    const double stiffness = law_.mu * options_["fine"];
+    const double stiffness = laws_[0].mu * options_["fine"];
     std::vector<std::pair<double, std::size_t>> wrong;  // by how much
     for (std::size_t i = 0; i < gap.size(); ++i) {
       const double wanted = s.force[i].dot(gap[i].normal) - stiffness * gap[i].value;

@@ -4,6 +4,7 @@
     contact.py run PROGRAM    all scenes and closed forms anew into contact_runs.csv (about an hour on one core)
     contact.py friction PROGRAM  the scenes with friction alone, anew, and what is known of friction in closed form into
                                  friction_closed_forms.csv
+    contact.py layers PROGRAM    the scenes of two tissues alone, anew
     contact.py small PROGRAM  spheres of small contacts into small_contacts.csv (about an hour on one core)
     contact.py                contact.csv from contact_runs.csv: force, and how well it is known
 
@@ -25,6 +26,8 @@ SCENES = {
     "sphere_friction_0.3": "tool=sphere radius=5 depth=4 steps=8 touch=coulomb friction=0.3",
     "sphere_layer_sticks": "tool=sphere radius=5 depth=4 steps=8 body=40 height=10 touch=stick",
     "sphere_layer_friction_0.3": "tool=sphere radius=5 depth=4 steps=8 body=40 height=10 touch=coulomb friction=0.3",
+    "sphere_on_stiff_layer": "tool=sphere radius=5 depth=4 steps=8 layer=3 layer_mu=840e-6",
+    "sphere_on_soft_layer": "tool=sphere radius=5 depth=4 steps=8 layer=3 layer_mu=52.5e-6",
     "punch": "tool=punch radius=5 edge=1 depth=6 steps=12",
     "punch_sticks": "tool=punch radius=5 edge=1 depth=6 steps=12 touch=stick",
     "punch_nu_0.45": "tool=punch radius=5 edge=1 depth=6 steps=12 nu=0.45",
@@ -128,10 +131,15 @@ def friction(program):
             ratio = (last[1][1] - last[1][0]) / (last[0][1] - last[0][0])
             out.writerow([what, options, touch, f"{known:.5g}", f"{ratio:.5g}", f"{100 * (ratio / known - 1):.2f}"])
             file.flush()
-    kept = [r for r in csv.DictReader(open("contact_runs.csv")) if "touch=" not in r["options"]]
+    again(program, "touch=")
+
+
+def again(program, word):
+    """The scenes that have `word` among their options, anew."""
+    kept = [r for r in csv.DictReader(open("contact_runs.csv")) if word not in r["options"]]
     for mesh, of_mesh in MESHES.items():
         for scene, of_scene in SCENES.items():
-            if "touch=" in of_scene:
+            if word in of_scene:
                 kept += [{"scene": scene, "mesh": mesh, "options": f"{of_scene} {of_mesh}", **r} for r in rows(program, f"{of_scene} {of_mesh}")]
     with open("contact_runs.csv", "w") as file:
         out = csv.DictWriter(file, ["scene", "mesh", "options", "nodes", "depth_mm", "force_N", "contact_radius_mm", "J_min",
@@ -210,6 +218,8 @@ if __name__ == "__main__":
         run(sys.argv[2])
     if len(sys.argv) == 3 and sys.argv[1] == "friction":
         friction(sys.argv[2])
+    if len(sys.argv) == 3 and sys.argv[1] == "layers":
+        again(sys.argv[2], "layer=")
     if len(sys.argv) == 3 and sys.argv[1] == "small":
         small(sys.argv[2])
     derive()
