@@ -40,8 +40,8 @@ struct Loading {
   Loads loads{};                   ///< that act before the tool touches, and go on acting
   std::vector<Step> steps{};       ///< one after the other, each from the last one's equilibrium
   Begun begun{};                   ///< for march_in_steps() alone
-  /// A tool that touches, in place of the circle; quasi-statically, without loads. Null: the
-  /// circle.
+  /// A tool that touches, in place of the circle; quasi-statically. Of a body that loads move its pose is
+  /// that of touch_under_loads(). Null: the circle.
   std::shared_ptr<const Touch> touch{};
   std::shared_ptr<const FoldBanks> folds{};  ///< that touch where they close; null: they pass
   std::vector<Touch> walls{};                ///< rigid contacts beside the tool; quasi-statically

@@ -46,8 +46,7 @@ void refuse_touch(TimeMode mode, const ForceSystem& tissue, const Model& model, 
   const char* what = mode != TimeMode::quasi_static ? "inertia"
                      : !MixedIteration::serves(tissue, model)
                          ? "a scheme or a tissue without patches of pressure"
-                     : !loading.loads.none() ? "gravity or pressures"
-                                             : nullptr;
+                         : nullptr;
   if (!what) return;
   throw SolveError({.fact = text("a tool that touches is asked for together with ", what),
                     .where = text("time ", name_of(mode), ", tool"),
@@ -57,6 +56,16 @@ void refuse_touch(TimeMode mode, const ForceSystem& tissue, const Model& model, 
 }
 
 }  // namespace
+
+std::shared_ptr<const Touch> touch_under_loads(const ForceSystem& tissue, const Model& model,
+                                               const Loading& loading, double tolerance) {
+  if (!loading.touch || !loading.loads.move_the_body()) return loading.touch;
+  const auto system = make_system(tissue, model, loading.contact, loading.further, loading.loads, tolerance,
+                                  loading.touch.get(), loading.folds, loading.walls);
+  auto there = std::make_shared<Touch>(*loading.touch);
+  there->pose = first_touch(*there, system->at_rest().u);
+  return there;
+}
 
 void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading,
            const SolverOptions& options, const Observer& observer, History& history, const MarchState* from,

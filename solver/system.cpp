@@ -34,6 +34,7 @@ System::System(const ForceSystem& tissue, const Model& model, Constraints held, 
     for (Index s = 0; s < touching_->count(); ++s) add_to_met({0, s});
   at_rest_ = {Nodal::Zero(4, model.node_count()),
               Eigen::VectorXd::Zero(model.patches.count() + contact_unknowns())};
+  before_touch_ = at_rest_;
 }
 
 void System::add_to_met(const Met& one) {
@@ -190,7 +191,7 @@ void System::restore_past(std::vector<double> past) {
 }
 
 void System::begin_at(Rest rest, Constraints held) {
-  at_rest_ = std::move(rest);
+  before_touch_ = at_rest_ = std::move(rest);
   held_ = std::move(held);
   tissue_.hold_pressures({});  // the search has left them held; who searches on holds his own
   accept_step(at_rest_.u);
@@ -272,18 +273,15 @@ std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& mode
   if (!loads.move_the_body())
     return std::make_unique<System>(tissue, model, make_constraints(model, contact, further),
                                     make_terms(model, loads), std::move(rigid), std::move(closing));
-  if (touch)
-    throw SolveError({.fact = "a tool that touches and loads that act before it does",
-                      .where = "loading",
-                      .why = "where it first touches is known of the body without loads",
-                      .remedy = "leave one of them out"});
   std::vector<HeldSet> still;  // those that move have not come yet, as the tool has not
   std::copy_if(further.begin(), further.end(), std::back_inserter(still),
                [](const HeldSet& s) { return s.share == 0.0; });
   still.push_back({.name = "base", .node = model.base});
   auto system = std::make_unique<System>(tissue, model, Constraints(model.node_count(), std::move(still)),
                                          make_terms(model, loads), std::move(rigid), std::move(closing));
+  if (touch) system->touching()->stand_apart(true);
   Rest rest = settled(*system, tolerance);
+  if (touch) system->touching()->stand_apart(false);
   Constraints held = make_constraints(model, contact, further);
   held.start_at(rest.u);
   system->begin_at(std::move(rest), std::move(held));

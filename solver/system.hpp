@@ -133,6 +133,8 @@ class System {
 
   /// Where the body is at rest before the tool moves: undeformed, or as its loads have it.
   const Rest& at_rest() const { return at_rest_; }
+  /// Where it was so at the beginning of the run.
+  const Rest& before_touch() const { return before_touch_; }
   /// The body rests so; what is held from now on is moved from there.
   void begin_at(Rest rest, Constraints held);
   /// Of what is rigid beside the tool: how far it has come [m], and what it moves by for each metre of a
@@ -168,7 +170,7 @@ class System {
   std::vector<std::vector<char>> has_met_;  // of each contact's samples
   Instant now_;
   Nodal load_;  // [4xN] N of all terms; no columns: there are none
-  Rest at_rest_;
+  Rest at_rest_, before_touch_;
   Vec3 way_before_ = Vec3::Zero();  // of the tool, in earlier steps
   double least_reactions_ = 0.0;    // N, for a balance
   double loads_at_rest_ = 0.0;      // J
@@ -194,7 +196,7 @@ Balance System::balance(const Nodal& f, Nodal& unbalanced, const Beside& beside)
 }
 
 /// A body under `loads`, come to rest, its circle where the tool then touches it: bonded or not, and
-/// `further` sets held likewise; or `touch`: a tool that holds no nodes, without loads. `folds` that close
+/// `further` sets held likewise; or `touch`: a tool that holds no nodes, and stands apart until then. `folds` that close
 /// touch. `walls`: rigid contacts that are not measured. Throws SolveError: it does not carry its loads.
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
                                     const std::vector<HeldSet>& further, const Loads& loads = {},

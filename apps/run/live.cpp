@@ -53,6 +53,14 @@ void require_no_past(const Config& config) {
   const auto refuse = [&](const char* fact, const char* where, const char* why, const char* remedy) {
     throw UsageError({.fact = fact, .where = where, .why = why, .remedy = remedy});
   };
+  if (has_loads(config))
+    refuse("a tool that touches is moved by hand on a body without loads", "load",
+           "where it first touches is looked for on the body as it was imaged",
+           "leave gravity and pressures out, take the circle, or use dimple run");
+  if (!config.held.empty())
+    refuse("a tool that touches is moved by hand on a body that its base alone holds", "support",
+           "a part that is held or moved besides has not been tried with it",
+           "leave the supports out, take the circle, or use dimple run");
   if (friction_of(config) > 0.0)
     refuse("a tool that is moved by hand has no friction", "tool.friction",
            "with friction its force depends on the way that it took",

@@ -296,6 +296,27 @@ void stand_walls(const Case& given, const RunLog& log, Result& result) {
   result.stages.done("walls");
 }
 
+// To where it first touches.
+void bring_tool(const Config& config, const RunLog& log, Result& result) {
+  const Model& model = result.model;
+  const bool moved = result.loading.loads.move_the_body();
+  if (moved) {
+    log.doing("loads");
+    const ForceSystem tissue(model, result.tissues, precision_of(config));
+    result.loading.touch = touch_under_loads(tissue, model, result.loading, config.solver.tolerance);
+    result.stages.done("loads");
+  }
+  const Touch& touch = *result.loading.touch;
+  log.say(fmt::format(
+      "tool     {}{}, {}; its tip at first touch at {}{}; contact is looked for at {} parts of the "
+      "surface",
+      in_words(touch.shape), depth_of_tool_in_words(config), friction_in_words(touch.friction),
+      in_words(1e3 * touch.pose.tip), moved ? ", where the loads have moved it" : "", touch.surface.count()));
+  if (touch.shape.mesh && touch.shape.mesh->turned)
+    log.say("tool     some of its triangles faced inward in the file, and were turned");
+  tell_of_first_touch(log, config, model, touch);
+}
+
 // From places to a model that is complete, and a load that is accepted.
 void make_ready(const Case& given, Placed placed, const RunLog& log, Result& result) {
   const Config& config = given.config;
@@ -317,18 +338,6 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   for (const Step& step : result.loading.steps) log.say("step     " + in_words(step));
   result.loading.touch =
       given.change.tool ? touch_of(config, model, *given.change.tool) : touch_of(config, model);
-  if (result.loading.touch) {
-    const Touch& touch = *result.loading.touch;
-    log.say(
-        fmt::format("tool     {}{}, {}; its tip at first touch at {}; contact is looked for at "
-                    "{} parts of the "
-                    "surface",
-                    in_words(touch.shape), depth_of_tool_in_words(config), friction_in_words(touch.friction),
-                    in_words(1e3 * touch.pose.tip), touch.surface.count()));
-    if (touch.shape.mesh && touch.shape.mesh->turned)
-      log.say("tool     some of its triangles faced inward in the file, and were turned");
-    tell_of_first_touch(log, config, model, touch);
-  }
   result.loading.walls = std::move(others.touch);
   const double down = deepest(config, model.tool.push);
   if ((result.loading.folds = folds_of(config, model, down)))
@@ -337,6 +346,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
     log.say(
         "folds    nothing can touch: the surface nowhere faces itself across twice the tool's way or less");
   stand_walls(given, log, result);
+  if (loading.touch) bring_tool(config, log, result);
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
   for (const Finding& finding : result.findings) log.warn(in_words(finding));

@@ -262,16 +262,6 @@ void check_tool(const Config& config) {
   refuse_beside(config, config.scheme.name != usual.scheme.name, "the paper's scheme",
                 "--scheme (scheme.name)", "its explicit march knows the circle alone",
                 "leave --scheme out, or --tool");
-  refuse_beside(config, has_loads(config), "gravity or a pressure",
-                config.load.gravity != "none" ? "--gravity (load.gravity)" : "load.pressure",
-                "the first touch is found on the body at rest, without loads",
-                "leave the loads out, or --tool");
-  refuse_beside(config, has_membranes(config), "a membrane", "--membrane (membrane)",
-                "contact with a body under a membrane has not been compared with anything",
-                "leave the membrane out, or --tool");
-  refuse_beside(config, !config.held.empty(), "a support", "support",
-                "a part that is held or moved beside a tool that touches is not modelled",
-                "leave the supports out, or --tool");
   refuse_beside(config, was_given(config, "load.contact"), "a way in which the circle holds the tissue",
                 "--contact (load.contact)", "a tool of this shape touches, with --friction or without",
                 "leave --contact out, or --tool");

@@ -138,9 +138,9 @@ Relaxed Relaxation::from_near(Nodal& u, Eigen::VectorXd& lambda, Nodal& f,
   rest.evaluations -= found.evaluations;
   const TouchingTool* tool = system_.touching();
   if (!found.converged && options.may_leave && rest.evaluations > 1 && tool &&
-      tool->clears_body_at_rest(system_.now())) {
-    v.setZero();
-    l.setZero();
+      tool->clears_body(system_.before_touch().u, system_.now())) {
+    v = system_.before_touch().u;
+    l = system_.before_touch().lambda;
     const std::int64_t spent = found.evaluations;
     found = (*mixed_)(v, l, f, rest, true);
     found.evaluations += spent;

@@ -13,20 +13,29 @@ namespace {
 constexpr double nearly = 1e-3;
 constexpr double rounding = 1e-6;  // of the tool's radius: where it has come back to its first touch
 
+// The tool on its axis, where it first touches any of these places.
+ToolPose first_touch(const ToolShape& shape, const ToolPose& axis, const Points& places,
+                     const Points& between) {
+  double way = std::numeric_limits<double>::infinity();
+  for (const Points* part : {&places, &between})
+    for (const auto& x : part->colwise())
+      way = std::min(way, (x - axis.tip).dot(axis.points_at) + height_of_tool(shape, axis, x));
+  return {axis.tip + way * axis.points_at, axis.points_at};
+}
+
 }  // namespace
 
 ToolPose first_touch(const ToolShape& shape, const Indenter& at, const ContactSurface& surface) {
-  double way = std::numeric_limits<double>::infinity();
-  const auto meet = [&](const Points& places) {
-    for (const auto& x : places.colwise()) {
-      const Vec3 d = x - at.centre;
-      const double along = d.dot(at.push);
-      way = std::min(way, along + height_of_tool(shape, {at.centre, at.push}, x));
-    }
-  };
-  meet(surface.place);
-  meet(surface.between);
-  return {at.centre + way * at.push, at.push};
+  return first_touch(shape, {at.centre, at.push}, surface.place, surface.between);
+}
+
+ToolPose first_touch(const Touch& touch, const Nodal& u) {
+  const ContactSurface& surface = touch.surface;
+  const Points moves = surface.at_place(u.topRows<3>());
+  Index under = 0;
+  (surface.place.colwise() - touch.pose.tip).colwise().squaredNorm().minCoeff(&under);
+  return first_touch(touch.shape, {touch.pose.tip + moves.col(under), touch.pose.points_at},
+                     surface.place + moves, surface.between + surface.at_between(u.topRows<3>()));
 }
 
 TouchingTool::TouchingTool(Touch touch)
@@ -86,6 +95,11 @@ void TouchingTool::add_force(const Nodal& u, const Instant& now, Nodal& f) {
   place_ = surface.place + surface.at_place(u.topRows<3>());
   gap_.resize(count());
   normal_.resize(3, count());
+  if (apart_) {
+    gap_.setConstant(touch_.shape.radius);
+    normal_.colwise() = pose.points_at;
+    return;
+  }
   for (Index s = 0; s < count(); ++s) {
     const ToolDistance here = distance_to_tool(touch_.shape, pose, place_.col(s));
     gap_[s] = here.distance + set_back(s);
@@ -226,10 +240,13 @@ TouchingTool::Audit TouchingTool::audit(const Nodal& u, const Instant& now) cons
   return result;
 }
 
-bool TouchingTool::clears_body_at_rest(const Instant& now) const {
+bool TouchingTool::clears_body(const Nodal& u, const Instant& now) const {
   const ToolPose pose = pose_at(now.depth);
   const ContactSurface& surface = touch_.surface;
-  for (const Points* part : {&surface.place, &surface.between, &surface.beyond})
+  const Points place = surface.place + surface.at_place(u.topRows<3>()),
+               between = surface.between + surface.at_between(u.topRows<3>()),
+               beyond = surface.beyond + surface.at_beyond(u.topRows<3>());
+  for (const Points* part : {&place, &between, &beyond})
     for (const auto& x : part->colwise())
       if (distance_to_tool(touch_.shape, pose, x).distance < -rounding * touch_.shape.radius) return false;
   return true;

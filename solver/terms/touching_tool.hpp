@@ -35,6 +35,8 @@ inline Vec3 brought_within(double bound, const Vec3& force) {
 
 /// The tool on the axis of `at`, moved along its push to where it first touches the surface.
 ToolPose first_touch(const ToolShape& shape, const Indenter& at, const ContactSurface& surface);
+/// The same on the surface as it lies at u [4xN] m: the axis has gone with what it stood over.
+ToolPose first_touch(const Touch& touch, const Nodal& u);
 
 /// The contact forces of such a tool on the body: one at each sample of the surface, along the normal of the
 /// tool's surface next to it. The gap is the signed distance from the tool to the sample's place
@@ -64,6 +66,9 @@ class TouchingTool : public ContactTerm {
   /// From now on it moves by `motion` for each metre of its way, from where it has come by `way` [m]; it has
   /// gone `gone` [m] to there.
   void go_on(const Vec3& way, double gone, const Vec3& motion);
+
+  /// While loads come on that act before it does, it stands apart from the body.
+  void stand_apart(bool apart) { apart_ = apart; }
 
   bool rubs() const { return touch_.friction > 0.0; }
   /// Of the search for equilibrium: a normal force for each sample, with friction t_s behind them all.
@@ -117,13 +122,14 @@ class TouchingTool : public ContactTerm {
     Index beyond_at = -1;
   };
   Audit audit(const Nodal& u, const Instant& now) const;
-  /// Whether it is then outside of the body at rest, everywhere.
-  bool clears_body_at_rest(const Instant& now) const;
+  /// Whether it is then outside of the body, everywhere, as that lies at u.
+  bool clears_body(const Nodal& u, const Instant& now) const;
 
  private:
   Touch touch_;
   Points place_;
   Vec3 way_ = Vec3::Zero(), motion_;
+  bool apart_ = false;
   double gone_ = 0.0;
   // With friction alone. Places from the tip: where samples slip from; where they were at the last two
   // accepted states, which of them touched at the last, and by how much they had slipped there.

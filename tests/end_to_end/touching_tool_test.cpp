@@ -352,13 +352,41 @@ TEST(ToolThatTouches, IsRefusedBesideWhatIsNotModelledBeforeAnythingIsBuilt) {
   const fs::path folder = fresh_folder();
   const std::string with = "run nowhere.nrrd -o out --tool sphere:5mm ";
   for (const char* beside :
-       {"--time explicit", "--time dynamic", "--scheme horton2007", "--gravity inferior", "--contact bonded",
-        "--accuracy 2%", "--indenter-diameter 8mm", "--depth 11mm", "--compare horton2007"}) {
+       {"--time explicit", "--time dynamic", "--scheme horton2007", "--contact bonded", "--accuracy 2%",
+        "--indenter-diameter 8mm", "--depth 11mm", "--compare horton2007"}) {
     const Ran ran = dimple(folder, with + beside);
     EXPECT_EQ(ran.code, 2) << beside << ": " << ran.err;
     EXPECT_NE(ran.err.find("tool"), std::string::npos) << ran.err;
   }
   EXPECT_FALSE(fs::exists(folder / "out" / "summary.json"));
+}
+
+// A block that its weight bends to a side by a sixth of its height: what it feels there it feels upright too.
+// Beneath what presses as hard to both sides it feels no side.
+TEST(ToolThatTouches, StandsWhereLoadsHaveMovedThePlaceBeneathItAndFeelsThemOnlyAsTheyChangeTheTissue) {
+  const fs::path folder = fresh_folder();
+  const std::string scene =
+      "run " DIMPLE_SAMPLE_DATA "/block_3mm.nrrd -o out --force --write force --band off --tool sphere:5mm ";
+  const auto ran = [&](const std::string& loads) {
+    const Ran one = dimple(folder, scene + loads + quick);
+    EXPECT_EQ(one.code, 0) << one.err;
+    return nlohmann::json::parse(text_of(folder / "out" / "summary.json"));
+  };
+  const auto plain = ran(""), aside = ran("--gravity 2,0,0"), weak = ran("--gravity 0,0,-1e-6"),
+             held = ran("--set support.left.on=left --set support.right.on=right");
+  const auto tip = [](const nlohmann::json& of, int axis) {
+    return of["tool"]["first_touch_mm"][axis].get<double>();
+  };
+  const auto force = [](const nlohmann::json& of) { return of["force_N"].get<double>(); };
+  EXPECT_NEAR(tip(aside, 0) - tip(plain, 0), 5.0, 0.3);
+  EXPECT_NEAR(tip(aside, 1), tip(plain, 1), 0.05);
+  EXPECT_NEAR(force(aside), force(plain), 0.01 * force(plain));
+  EXPECT_NEAR(tip(weak, 2), tip(plain, 2), 1e-3);
+  EXPECT_NEAR(force(weak), force(plain), 1e-3 * force(plain));
+  EXPECT_GT(force(held), force(plain));
+  EXPECT_LT(force(held), 1.05 * force(plain));
+  EXPECT_EQ(held["supports"].size(), 2U);
+  EXPECT_TRUE(aside["band"].contains("unknown"));
 }
 
 TEST(ToolThatTouches, IsFollowedLiveAndFeelsAtEachStopTheForceOfARun) {
@@ -405,7 +433,8 @@ TEST(ToolThatTouches, WithFrictionOrOnTissueThatRelaxesIsNotFollowedLive) {
   for (const auto& [option, word] :
        {std::pair{"--set tool.friction=0.3", "tool.friction"},
         {"--set material.prony_g=0.5 --set material.prony_tau=1s", "material.prony_g"},
-        {"--set load.gravity=inferior", "gravity"}}) {
+        {"--set load.gravity=inferior", "where: load"},
+        {"--set support.side.on=left", "where: support"}}) {
     const Ran ran =
         dimple(folder, std::string("poke " DIMPLE_SAMPLE_DATA "/block_3mm.nrrd --script path.csv --tool "
                                    "sphere:5mm ") +

@@ -197,6 +197,11 @@ MUTANTS = {
     146: ("preprocess/scene/wall_field.cpp", "wall.contains(x) != hollow", "wall.contains(x) != ({n} ? false : hollow)"),
     147: ("preprocess/supports/wall_surface.cpp", "> most_held) continue;", "> ({n} ? 2.0 : most_held)) continue;"),
     148: ("solver/equilibrium/mixed_iteration.cpp", "if (rubs) off = std::max", "if (rubs && !{n}) off = std::max"),
+    # ---- pressures, and loads beneath a tool that touches
+    149: ("preprocess/supports/pressure_patches.cpp", "worth * nodes_per_worth / nodes_per_patch", "worth * nodes_per_worth / ({n} ? 1.0 : nodes_per_patch)"),
+    150: ("solver/terms/touching_tool.cpp", "  if (apart_) {", "  if (apart_ && !{n}) {"),
+    151: ("solver/solve.cpp", "  there->pose = first_touch(", "  if (!{n}) there->pose = first_touch("),
+    152: ("solver/terms/touching_tool.cpp", "touch.pose.tip + moves.col(under)", "touch.pose.tip + ({n} ? 0.0 : 1.0) * moves.col(under)"),
     # ---- a scene of steps
     90: ("solver/march/steps.cpp", "      if (moves_tool(step)) way_before += step.way;", "      if (moves_tool(step) && !{n}) way_before += step.way;"),
     91: ("solver/march/steps.cpp", "      set.share = 0.0;", "      set.share = {n} ? set.share : 0.0;"),

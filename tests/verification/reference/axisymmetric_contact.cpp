@@ -67,6 +67,8 @@ struct Options {
       {"back", 0},        // of the depth, by which the tool comes back at the end
       {"layer", 0},       // thickness of a layer of another tissue at the top, which `below` then is
       {"layer_mu", 0},
+      {"film", 0},    // shear modulus times thickness of a neo-Hookean membrane on the top [N/mm]
+      {"weight", 0},  // of the body [N/mm^3], which it comes to rest under before the tool touches
   };
   double operator[](const std::string& name) const { return named.at(name); }
 };
@@ -178,6 +180,7 @@ Mesh mesh_of(const Options& o) {
 // ---- an element
 struct Point {
   Eigen::Matrix<double, 5, 18> B;  // from the nodes' displacements (r0 z0 r1 z1 ...) to F - 1
+  Eigen::Matrix<double, 9, 1> N;
   double volume;
   Vector3d psi;
 };
@@ -206,7 +209,8 @@ std::array<Point, 9> points_of(const Mesh& mesh, const Element& e) {
           const int k = 3 * b + a;
           p.B(0, 2 * k) = p.B(2, 2 * k + 1) = dx[a] * ny[b];
           p.B(1, 2 * k) = p.B(3, 2 * k + 1) = nx[a] * dy[b];
-          p.B(4, 2 * k) = nx[a] * ny[b] / R;
+          p.N[k] = nx[a] * ny[b];
+          p.B(4, 2 * k) = p.N[k] / R;
         }
     }
   return points;
@@ -217,6 +221,59 @@ struct Assembly {
   std::vector<Eigen::Triplet<double>> entry;  // its second derivative
   double J_min = 1e9;
 };
+
+// Adds a membrane on the top: W = film/2 (a + b + 1/(a b) - 3) by area at rest, a and b the squares of its
+// stretches along the meridian and around. What is compressed resists too.
+void add_film(const Mesh& mesh, double film, const VectorXd& u, Assembly& all) {
+  const double g = std::sqrt(0.6);
+  const std::array<double, 3> at = {-g, 0.0, g}, weight = {5.0 / 9.0, 8.0 / 9.0, 5.0 / 9.0};
+  for (std::size_t first = 0; first + 2 < mesh.top.size(); first += 2) {
+    const int* node = &mesh.top[first];
+    const double low = mesh.X[static_cast<std::size_t>(node[0])].x(),
+                 half = 0.5 * (mesh.X[static_cast<std::size_t>(node[2])].x() - low);
+    for (std::size_t q = 0; q < 3; ++q) {
+      const double x = at[q], R = low + half * (1.0 + x), area = weight[q] * half * 2.0 * pi * R;
+      const Vector3d N(0.5 * x * (x - 1.0), 1.0 - x * x, 0.5 * x * (x + 1.0)),
+          slope = Vector3d(x - 0.5, -2.0 * x, x + 0.5) / half;
+      Vector2d along(1.0, 0.0);
+      double r = R;
+      for (int k = 0; k < 3; ++k) {
+        along += slope[k] * u.segment<2>(2 * node[k]);
+        r += N[k] * u[2 * node[k]];
+      }
+      const double a = along.squaredNorm(), b = r * r / (R * R), ab = a * b;
+      Eigen::Matrix<double, 6, 1> da, db;
+      Eigen::Matrix<double, 6, 6> dda = Eigen::Matrix<double, 6, 6>::Zero(), ddb = dda;
+      for (int k = 0; k < 3; ++k) {
+        da.segment<2>(2 * k) = 2.0 * slope[k] * along;
+        db.segment<2>(2 * k) = Vector2d(2.0 * r * N[k] / (R * R), 0.0);
+        for (int l = 0; l < 3; ++l) {
+          dda.block<2, 2>(2 * k, 2 * l) = 2.0 * slope[k] * slope[l] * Matrix2d::Identity();
+          ddb(2 * k, 2 * l) = 2.0 * N[k] * N[l] / (R * R);
+        }
+      }
+      const double Wa = 0.5 * film * (1.0 - 1.0 / (a * ab)), Wb = 0.5 * film * (1.0 - 1.0 / (ab * b)),
+                   Waa = film / (a * a * ab), Wbb = film / (ab * b * b), Wab = 0.5 * film / (ab * ab);
+      const Eigen::Matrix<double, 6, 1> f = area * (Wa * da + Wb * db);
+      const Eigen::Matrix<double, 6, 6> K =
+          area * (Wa * dda + Wb * ddb + Waa * da * da.transpose() + Wbb * db * db.transpose() +
+                  Wab * (da * db.transpose() + db * da.transpose()));
+      for (int k = 0; k < 6; ++k) {
+        all.force[2 * node[k / 2] + k % 2] += f[k];
+        for (int l = 0; l < 6; ++l)
+          all.entry.emplace_back(2 * node[k / 2] + k % 2, 2 * node[l / 2] + l % 2, K(k, l));
+      }
+    }
+  }
+}
+
+void add_weight(const Mesh& mesh, const std::vector<std::array<Point, 9>>& points, double weight,
+                Assembly& all) {
+  for (std::size_t n = 0; n < mesh.element.size(); ++n)
+    for (const Point& p : points[n])
+      for (int k = 0; k < 9; ++k)
+        all.force[2 * mesh.element[n].node[static_cast<std::size_t>(k)] + 1] += weight * p.volume * p.N[k];
+}
 
 // Elements above the height `layer_from` are of the second law.
 Assembly assemble(const Mesh& mesh, const std::vector<std::array<Point, 9>>& points,
@@ -346,6 +403,14 @@ class Scene {
             std::vector<Vector2d>(tops, Vector2d::Zero()),
             std::vector<Vector2d>(tops, Vector2d::Zero())};
   }
+  // How far the middle of the top has sunk when the body rests under its weight.
+  double rest_under_weight(State& s) {
+    for (int k = 1; k <= 16; ++k) {
+      weight_ = options_["weight"] * k / 16.0;
+      if (!solve(s, -1e3).converged) return std::nan("");
+    }
+    return -s.u[2 * mesh_.top[0] + 1];
+  }
   std::size_t nodes() const { return mesh_.X.size(); }
 
   // Where nodes that slip have come to is where they stick from now on; those that have just touched do.
@@ -361,8 +426,10 @@ class Scene {
   // Semismooth Newton from `s`.
   Result solve(State& s, double depth) const {
     for (int k = 0; k < 60; ++k) {
-      const Assembly tissue = assemble(mesh_, points_, laws_, layer_from_, s.u);
+      Assembly tissue = assemble(mesh_, points_, laws_, layer_from_, s.u);
       if (!(tissue.J_min > 0.0)) return {};
+      if (options_["film"] > 0.0) add_film(mesh_, options_["film"], s.u, tissue);
+      if (weight_ > 0.0) add_weight(mesh_, points_, weight_, tissue);
       const std::vector<Gap> gap = gaps(s.u, depth);
       const bool changed = choose_active(s, gap, depth, k >= settled_after);
       const std::vector<Row> row = rows(s, gap, depth);
@@ -375,7 +442,7 @@ class Scene {
       for (Eigen::Index d = 0; d < residual.size(); ++d)
         if (held_[static_cast<std::size_t>(d)]) residual[d] = 0.0;
       for (const Row& one : row) worst = std::max(worst, std::abs(one.open));
-      if (!changed && residual.norm() < 1e-5 * std::abs(force) + 1e-12 && worst < 1e-8)
+      if (!changed && residual.norm() < 1e-5 * std::abs(force) + 1e-12 + 1e-6 * weight_ && worst < 1e-8)
         return found(s, depth, -force, tissue.J_min, k);
       if (!step(s, tissue, residual, gap, row)) return {};
     }
@@ -386,7 +453,7 @@ class Scene {
   static constexpr int settled_after = 8;  // steps of Newton; then one node at a time comes or goes
   Options options_;
   std::array<Law, 2> laws_;
-  double layer_from_;
+  double layer_from_, weight_ = 0.0;
   Mesh mesh_;
   std::vector<std::array<Point, 9>> points_;
   std::vector<char> held_;
@@ -565,8 +632,11 @@ int main(int count, char** word) {
     else
       return std::fprintf(stderr, "no option is called %s\n", name.c_str()), 2;
   }
-  const Scene scene(o);
+  Scene scene(o);
   State state = scene.at_rest();
+  const double sunk = o["weight"] > 0.0 ? scene.rest_under_weight(state) : 0.0;
+  if (std::isnan(sunk)) return std::fprintf(stderr, "the body does not carry its weight\n"), 1;
+  if (sunk > 0.0) std::fprintf(stderr, "sunk by %.5g mm\n", sunk);
   std::printf(
       "depth_mm,force_N,contact_radius_mm,J_min,penetration_between_nodes_mm,nodes,stick_radius_mm\n");
   const double longest = o["depth"] / o["steps"], part = longest / o["substeps"];
@@ -578,13 +648,13 @@ int main(int count, char** word) {
                  go = std::min(std::abs(way), step);
     const double next = std::abs(way) <= step ? to : done + (way > 0.0 ? go : -go);
     State tried = state;
-    const Result found = scene.solve(tried, next);
+    const Result found = scene.solve(tried, next + sunk);
     if (!found.converged) {
       step = 0.5 * go;
       if (step < longest / 1024.0) return std::fprintf(stderr, "no equilibrium beyond %g mm\n", done), 1;
       continue;
     }
-    scene.accept(tried, next);
+    scene.accept(tried, next + sunk);
     state = std::move(tried);
     done = next;
     step = std::min(part, 2.0 * step);

@@ -4,7 +4,7 @@
     contact.py run PROGRAM    all scenes and closed forms anew into contact_runs.csv (about an hour on one core)
     contact.py friction PROGRAM  the scenes with friction alone, anew, and what is known of friction in closed form into
                                  friction_closed_forms.csv
-    contact.py layers PROGRAM    the scenes of two tissues alone, anew
+    contact.py again PROGRAM WORD  the scenes that have WORD among their options alone, anew: layer=, film=, weight=
     contact.py small PROGRAM  spheres of small contacts into small_contacts.csv (about an hour on one core)
     contact.py                contact.csv from contact_runs.csv: force, and how well it is known
 
@@ -28,6 +28,8 @@ SCENES = {
     "sphere_layer_friction_0.3": "tool=sphere radius=5 depth=4 steps=8 body=40 height=10 touch=coulomb friction=0.3",
     "sphere_on_stiff_layer": "tool=sphere radius=5 depth=4 steps=8 layer=3 layer_mu=840e-6",
     "sphere_on_soft_layer": "tool=sphere radius=5 depth=4 steps=8 layer=3 layer_mu=52.5e-6",
+    "sphere_on_film": "tool=sphere radius=5 depth=4 steps=8 film=1e-3",
+    "sphere_under_gravity": "tool=sphere radius=5 depth=4 steps=8 weight=9.81e-6",
     "punch": "tool=punch radius=5 edge=1 depth=6 steps=12",
     "punch_sticks": "tool=punch radius=5 edge=1 depth=6 steps=12 touch=stick",
     "punch_nu_0.45": "tool=punch radius=5 edge=1 depth=6 steps=12 nu=0.45",
@@ -218,8 +220,8 @@ if __name__ == "__main__":
         run(sys.argv[2])
     if len(sys.argv) == 3 and sys.argv[1] == "friction":
         friction(sys.argv[2])
-    if len(sys.argv) == 3 and sys.argv[1] == "layers":
-        again(sys.argv[2], "layer=")
+    if len(sys.argv) == 4 and sys.argv[1] == "again":
+        again(sys.argv[2], sys.argv[3])
     if len(sys.argv) == 3 and sys.argv[1] == "small":
         small(sys.argv[2])
     derive()
