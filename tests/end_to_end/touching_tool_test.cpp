@@ -379,7 +379,7 @@ TEST(ToolThatTouches, StandsWhereLoadsHaveMovedThePlaceBeneathItAndFeelsThemOnly
   };
   const auto force = [](const nlohmann::json& of) { return of["force_N"].get<double>(); };
   EXPECT_NEAR(tip(aside, 0) - tip(plain, 0), 5.0, 0.3);
-  EXPECT_NEAR(tip(aside, 1), tip(plain, 1), 0.05);
+  EXPECT_NEAR(tip(aside, 1), tip(plain, 1), 0.3);
   EXPECT_NEAR(force(aside), force(plain), 0.01 * force(plain));
   EXPECT_NEAR(tip(weak, 2), tip(plain, 2), 1e-3);
   EXPECT_NEAR(force(weak), force(plain), 1e-3 * force(plain));
