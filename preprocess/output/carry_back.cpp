@@ -80,8 +80,7 @@ class WayBack {
       if (!X) continue;
       all.settles = true;
       if (!rest.contains(1e3 * *X)) {
-        const bool next_to_it = rest.closest(1e3 * *X).distance < beside_the_body * 1e3 * spacing;
-        if (next_to_it && !all.beside) all.beside = X;
+        if (!all.beside && is_beside(1e3 * *X, rest, 1e3 * spacing)) all.beside = X;
         continue;
       }
       if (std::none_of(found.begin(), found.end(),
@@ -92,6 +91,14 @@ class WayBack {
   }
 
  private:
+  // X [mm], outside of the body at rest: next to it, and not in a gap, where another wall comes behind.
+  static bool is_beside(const Vec3& X, const BodySurface& rest, double spacing) {
+    const BodySurface::Closest next = rest.closest(X);
+    if (next.distance > beside_the_body * spacing) return false;
+    const std::vector<double> behind = rest.crossings(X, X - next.place);
+    return std::none_of(behind.begin(), behind.end(),
+                        [&](double t) { return t > 0.0 && t * next.distance < 2.0 * spacing; });
+  }
   std::pair<Vec3, Mat3> residual(const Vec3& X, const Vec3& x) const {
     Points value(3, 1);
     Eigen::Matrix<double, 9, Eigen::Dynamic> derivative(9, 1);

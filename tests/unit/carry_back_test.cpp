@@ -28,6 +28,12 @@ const Model& whole_block() {
   return model;
 }
 
+LabelImage block_image() {
+  return image_of({24, 24, 14}, Vec3::Constant(3.0), [](Index i, Index j, Index k) {
+    return i > 1 && i < 22 && j > 1 && j < 22 && k > 1 && k < 12 ? 1 : 0;
+  });
+}
+
 Points shifted_by(const Model& model, const std::function<Vec3(const Vec3&)>& u) {
   Points result(3, model.node_count());
   for (Index a = 0; a < result.cols(); ++a) result.col(a) = u(model.X.col(a));
@@ -61,10 +67,7 @@ TEST(ABladeCarriedBack, UndoesAStretchThatTurnsAndShearsToTheLastMicrometre) {
 TEST(ABladeCarriedBack, InABentAndPressedBodyEndsWhereTheTissueGoesThere) {
   ModelOptions options;
   options.cloud.count = 800;
-  const LabelImage image = image_of({24, 24, 14}, Vec3::Constant(3.0), [](Index i, Index j, Index k) {
-    return i > 1 && i < 22 && j > 1 && j < 22 && k > 1 && k < 12 ? 1 : 0;
-  });
-  const Model model = build_model(image, {}, options).model;
+  const Model model = build_model(block_image(), {}, options).model;
   const Vec3 middle(34.5, 34.5, 4.5);
   const Points u = shifted_by(model, [&](const Vec3& X) {
     const Vec3 x = 1e3 * X - middle;
@@ -107,6 +110,41 @@ TEST(ABladeCarriedBack, IsRefusedWhereTwoPartsOfTheBodyHaveComeToLie) {
   const TriangleMesh through = disc_sheet({12.25, 0.0, 26.0}, Vec3::UnitY(), 3.0, 1.0);
   EXPECT_NE(refusal_of(through, slit, u).find("two parts of the body"), std::string::npos);
   EXPECT_EQ(refusal_of(disc_sheet({-15.0, 0.0, 20.0}, Vec3::UnitY(), 3.0, 1.0), slit, u), "");
+}
+
+// In the gap there is no tissue to follow: between the banks the blade goes straight on.
+TEST(ABladeCarriedBack, AcrossACutThatGapesGoesFromBankToBankWithHardlyAFold) {
+  ModelOptions options;
+  options.cloud.count = 1500;
+  const BodySurface body = make_body_surface(block_image(), {}).surface;
+  const Vec3 at(45.0, 34.5, 34.5);  // its middle stands at x = y = 34.5, its top at z = 34.5
+  const TriangleMesh slit =
+      swept_sheet(at + Vec3(0.0, -40.0, 0.0), at + Vec3(0.0, 40.0, 0.0), -Vec3::UnitZ(), 3.0, 26.0, 2.0);
+  const Eigen::Isometry3d to_body = body.to_world().inverse();
+  const TriangleMesh there{(to_body * slit.vertex.colwise().homogeneous()).eval(), slit.triangles};
+  const Model model =
+      build_model(cut(body, {there}, 0.5, to_body * Vec3(34.5, 34.5, 34.5)).surface, options).model;
+  const Points u = shifted_by(model, [&](const Vec3& X) {
+    const double up = std::max(0.0, X.z() - 1e-3 * (at.z() - 24.0)) / 24e-3;
+    return Vec3((X.x() > 1e-3 * at.x() ? 1.0 : -1.0) * 4e-3 * up, 0.0, 0.0);
+  });
+  const TriangleMesh across = carried_back(
+      swept_sheet(at + Vec3(-9.0, 0.0, -3.0), at + Vec3(9.0, 0.0, -3.0), -Vec3::UnitZ(), 0.0, 8.0, 1.0),
+      model, u);
+  double area = 0.0;
+  for (const auto& t : across.triangles.colwise()) {
+    const Vec3 a = across.vertex.col(t[0]);
+    const double twice = -Vec3(across.vertex.col(t[1]) - a).cross(Vec3(across.vertex.col(t[2]) - a)).y();
+    EXPECT_GT(std::abs(twice), 1e-6);
+    area += 0.5 * twice;
+  }
+  double turned = 0.0;
+  for (const auto& t : across.triangles.colwise()) {
+    const Vec3 a = across.vertex.col(t[0]);
+    turned += 0.5 * std::abs(Vec3(across.vertex.col(t[1]) - a).cross(Vec3(across.vertex.col(t[2]) - a)).y());
+  }
+  EXPECT_LT(turned - std::abs(area), 0.04 * turned)
+      << "the triangles face one way but for a fiftieth of them";
 }
 
 TEST(ABladeCarriedBack, OfAClosedRegionStaysClosed) {
