@@ -20,6 +20,21 @@ namespace {
 // Of the load's duration: frames and rows of the curve that stand at one time would be taken for one.
 constexpr double moment = 1e-6;
 
+constexpr double hardly = 0.02;  // of a blade's area
+
+// Of open sheets [mm^2].
+double area_of(const std::vector<TriangleMesh>& sheets) {
+  double area = 0.0;
+  for (const TriangleMesh& sheet : sheets) {
+    if (is_closed(sheet.triangles, sheet.vertex.cols())) continue;
+    for (const auto& t : sheet.triangles.colwise()) {
+      const Vec3 a = sheet.vertex.col(t[0]);
+      area += 0.5 * (Vec3(sheet.vertex.col(t[1])) - a).cross(Vec3(sheet.vertex.col(t[2])) - a).norm();
+    }
+  }
+  return area;
+}
+
 // The blade where it lies in the body at rest [mm, LPS].
 std::vector<TriangleMesh> sheets_at_rest(const CutText& cut, double step, const Model& model,
                                          const Nodal& u) {
@@ -161,6 +176,11 @@ void CutScene::cut(std::size_t k, const ScenePart& part, const RunLog& log, Resu
   made.area_mm2 = result.cut.area_mm2 - area;
   made.removed_mm3 = result.cut.removed_mm3 - removed;
   made.nodes = result.model.node_count();
+  if (const double blade = area_of(made.sheets); blade > 0.0 && made.area_mm2 < hardly * blade)
+    log.warn(
+        fmt::format("the cut '{}' opens {:.3g} mm2, of {:.3g} mm2 of its blade at the body: another cut has "
+                    "gone there, or it grazes the surface",
+                    made.name, made.area_mm2, blade));
   made.force_before = result.history.force.back().force;
   result.cuts.push_back(std::move(made));
 

@@ -172,6 +172,19 @@ TEST_F(StepsThatCut, TakeOutALabelWhereverItHasGone) {
   EXPECT_THAT(falls.err, HasSubstr("step.out.cut"));
 }
 
+// At rest again the second blade lies in the gap of the first, but for rounding.
+TEST_F(StepsThatCut, WhereAnotherHasGoneSayThatTheyOpenHardlyAnythingAndChangeNothing) {
+  const std::string first = press + "--set step.a.cut=" + disc;
+  quick("first", first);
+  const Json step = quick("out", first +
+                                     " --set step.lift.move=-2mm --set step.b.cut=first/cuts/cut_0001.vtp "
+                                     "--set step.again.move=2mm");
+  EXPECT_THAT(step["warnings"].dump(), HasSubstr("another cut has gone there"));
+  EXPECT_LT(step["scene"][3]["area_mm2"].get<double>(), 0.1);
+  const double before = step["scene"][1]["force_N"], after = step["force_N"];
+  EXPECT_NEAR(after, before, 0.01 * before);
+}
+
 TEST_F(StepsThatCut, ThatCannotBeMadeLeaveTheCurveUntilThenAndSayWhy) {
   const struct {
     const char* cut;
