@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdlib>
+#include <iostream>
 #include <nlohmann/json.hpp>
 #include <regex>
 #include <set>
@@ -76,6 +78,27 @@ TEST_F(StepsThatCut, InADeformedStateAreTheBodyThatHasThatSlitFromTheStart) {
   // Another blade than one at the same place of the body at rest.
   const Json at_rest = quick("at_rest", " --cut " + disc + "" + press);
   EXPECT_GT(std::abs(at_rest["force_N"].get<double>() - force), 0.002 * force);
+}
+
+// The nine slits of the verification (tests/verification/indentation_test.cpp), cut at 2 mm of indentation.
+TEST_F(StepsThatCut, AtTwoMillimetresAreTheNineSlitBlocksPressedSoDeepWithinHalfAPercent) {
+  if (const char* all = std::getenv("DIMPLE_ALL_SCENES"); !all || std::string(all) != "1")
+    GTEST_SKIP() << "DIMPLE_ALL_SCENES=1 runs it";
+  for (const double width : {0.5, 1.0, 2.0})
+    for (const double from_rim : {1.0, 3.0, 8.0}) {
+      const std::string at = std::to_string(5.0 + from_rim + 0.5 * width),
+                        slit = "line:" + at + ",-35,30," + at + ",35,30,depth=25mm",
+                        options = " -q --force --write force --frames 2 --nodes 4250 --set image.cut_gap=" +
+                                  std::to_string(width) + "mm" + press;
+      const Ran step = dimple(folder, "run " + block + options + "-o step --set step.slit.cut=" + slit),
+                whole = dimple(folder, "run " + block + options + "-o slit --cut step/cuts/cut_0001.vtp");
+      ASSERT_EQ(step.code, 0) << step.err;
+      ASSERT_EQ(whole.code, 0) << whole.err;
+      const double is = last(curve("step"), "force_N"), expected = last(curve("slit"), "force_N");
+      EXPECT_NEAR(is, expected, 0.005 * expected) << slit << ", " << width << " mm wide";
+      std::cout << width << " mm wide, " << slit << ": " << 1e3 * is << " mN, "
+                << 100.0 * (is / expected - 1.0) << " %\n";
+    }
 }
 
 TEST_F(StepsThatCut, AfterUnloadingAreTheBodyCutAtRest) {
