@@ -789,9 +789,13 @@ bool has_walls(const Config& config) {
   return config.load.wall != "none" || !config.wall.empty();
 }
 
+bool has_base(const Config& config) {
+  return config.boundary.base_hold != "none";
+}
+
 bool has_tool_alone(const Config& config) {
-  return !has_loads(config) && !has_membranes(config) && !has_walls(config) && config.held.empty() &&
-         config.other_tool.empty() && config.step.empty();
+  return has_base(config) && !has_loads(config) && !has_membranes(config) && !has_walls(config) &&
+         config.held.empty() && config.other_tool.empty() && config.step.empty();
 }
 
 std::string why_not_proportional(const Config& config) {

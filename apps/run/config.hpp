@@ -46,6 +46,7 @@ struct Config {
   struct BoundarySection {
     std::string base = "auto";
     double base_depth_mm = 0.0;
+    std::string base_hold = "fixed";  ///< or "none": walls carry the body
     std::string indent_at = "opposite";
     double indenter_diameter_mm = 10.0;
     std::string direction = "auto";
@@ -240,6 +241,7 @@ bool was_given(const Config& config, const char* key);
 bool has_loads(const Config& config);
 bool has_membranes(const Config& config);
 bool has_walls(const Config& config);
+bool has_base(const Config& config);  ///< that is held
 bool has_tool_alone(const Config& config);
 
 /// Why the force is not proportional to the constants of one law, all multiplied alike; empty: it is, in

@@ -81,6 +81,9 @@ std::vector<Option> boundary_options(Config& c) {
       {.key = "boundary.base_depth_mm", .flag = "--base-depth", .unit = "mm",
        .value = &c.boundary.base_depth_mm, .most = 1000, .stage = "model",
        .help = "the surface is fixed up to this height above the base's lowest point; 0: chosen"},
+      {.key = "boundary.base_hold", .flag = "--base-hold", .value = &c.boundary.base_hold,
+       .choices = {"fixed", "none"}, .stage = "solve",
+       .help = "fixed: the base's nodes stand still; none: walls carry the body (--wall), by contact alone"},
       {.key = "boundary.indent_at", .flag = "--indent-at", .value = &c.boundary.indent_at, .stage = "model",
        .common = true, .words = with_sides({"opposite"}),
        .help = "where the circle is: opposite (to the base), a side, x,y,z in LPS (mm, or 2cm,-5mm,3cm) "

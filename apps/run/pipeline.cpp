@@ -326,6 +326,10 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   for (const std::string& words : supports.words) log.say("support  " + words);
   const Stopwatch preparing;
   complete(config, std::move(placed), log, result);
+  if (!has_base(config)) {
+    result.model.base.clear();
+    log.say("base     is not held: the body lies on its walls, by contact alone");
+  }
   const Model& model = result.model;
   const Loading& loading = result.loading = loading_of(config);
   result.loading.further = std::move(supports.sets);

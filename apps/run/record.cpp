@@ -451,7 +451,7 @@ Comparison Recorder::compare_with_measured() {
 
 // Where they stand, for picture and page, and what they bear.
 void Recorder::show_walls() {
-  writer_->show_walls(gap_to_walls(given_.config, result.loading, result.history.force.back().t));
+  writer_->show_walls(gap_to_walls(given_.config, result.loading));
   for (std::size_t k = 0; k < result.history.walls.size(); ++k)
     if (const Touch& wall = result.loading.walls[k]; !wall.is_tool)
       facts_.push_back((wall.name == "wall" ? "" : "wall ") + in_words(wall.name, result.history.walls[k]));

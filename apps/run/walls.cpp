@@ -18,7 +18,6 @@
 #include "preprocess/scene/wall_field.hpp"
 #include "preprocess/supports/wall_surface.hpp"
 #include "preprocess/surface/closed_mesh.hpp"
-#include "solver/march/steps.hpp"
 
 namespace dimple {
 namespace {
@@ -193,6 +192,40 @@ std::map<std::string, Config::Wall> walls_named(const Config& config) {
   return walls;
 }
 
+namespace {
+
+// A body whose base is not held: what carries it, and what keeps it from drifting.
+void check_bed(const Config& config) {
+  if (has_base(config)) return;
+  constexpr const char* option = "--base-hold (boundary.base_hold)";
+  const std::map<std::string, Config::Wall> walls = walls_named(config);
+  if (walls.empty() && config.held.empty())
+    throw UsageError({.fact = "the base is not held, and nothing carries the body",
+                      .where = option,
+                      .why = "it would move as a whole",
+                      .remedy = "give a wall below it, as --wall plane:0,0,0,0,0,1, or a support"});
+  const auto rubs = [](const std::string& text, const std::string& where) {
+    return friction_of(text, where) > 0.0;
+  };
+  const bool any_rubs = std::any_of(walls.begin(), walls.end(), [&](const auto& wall) {
+    return rubs(wall.second.friction, wall_key(wall.first, "friction"));
+  });
+  // A bonded circle keeps its nodes on their way; but not before the loads have done their work.
+  const bool circle_holds =
+      config.tool.shape == "circle" && config.load.contact == "bonded" && !has_loads(config);
+  const bool tool_rubs = config.tool.shape != "circle" && rubs(config.tool.friction, "tool.friction");
+  if (any_rubs || circle_holds || tool_rubs || !config.held.empty()) return;
+  throw UsageError(
+      {.fact = "nothing holds the body sideways",
+       .where = option,
+       .why = "walls and tool are without friction, and the base is not held",
+       .remedy =
+           "give a wall friction, as --set wall.wall.friction=0.3, a [support.NAME], or a bonded circle "
+           "without gravity"});
+}
+
+}  // namespace
+
 void check_walls(const Config& config) {
   for (const auto& [name, wall] : walls_named(config)) {
     const WallWords words = words_of_wall(name, wall);
@@ -204,7 +237,8 @@ void check_walls(const Config& config) {
     if (gap_of(name, wall) && words.kind == WallWords::Kind::around)
       refuse_wall(name, "has two gaps", "gap", "around:GAP is at that gap already", "leave one of them out");
   }
-  if (!has_walls(config)) return;
+  check_bed(config);
+  if (!has_walls(config) && has_base(config)) return;
   if (config.scheme.name != Config{}.scheme.name) require_no_walls(config, "the scheme of 2007");
   if (config.solver.time == "explicit" || config.solver.time == "dynamic")
     require_no_walls(config, "a run with inertia");
@@ -232,6 +266,12 @@ void check_walls(const Config& config, const LabelImage& image, const std::vecto
 }
 
 void require_no_walls(const Config& config, const std::string& command) {
+  if (!has_base(config))
+    throw UsageError({.fact = fmt::format("{} takes no body whose base is not held", command),
+                      .where = "--base-hold (boundary.base_hold)",
+                      .why = "walls carry it, and contact with walls is solved for in equilibrium alone, in "
+                             "dimple run and solve",
+                      .remedy = "leave it out, or take dimple run with --time quasi-static"});
   if (!has_walls(config)) return;
   throw UsageError({.fact = fmt::format("{} takes no walls", command),
                     .where = config.load.wall != "none" ? "--wall (load.wall)" : "wall",
@@ -307,7 +347,7 @@ bool is_within(const DistanceGrid& grid, const Vec3& x) {
 
 }  // namespace
 
-GapAt gap_to_walls(const Config& config, const Loading& loading, double time_s) {
+GapAt gap_to_walls(const Config& config, const Loading& loading) {
   struct Standing {
     Touch wall;
     double back;  // [m]
@@ -318,10 +358,8 @@ GapAt gap_to_walls(const Config& config, const Loading& loading, double time_s) 
   for (const Touch& wall : loading.walls) {
     const auto its = named.find(wall.name);
     if (wall.is_tool || its == named.end()) continue;
-    Standing& one =
-        walls.emplace_back(Standing{wall, wall.set_back.size() > 0 ? wall.set_back.minCoeff() : 0.0,
-                                    opening_of(its->first, its->second)});
-    if (!loading.steps.empty()) one.wall.pose.tip += moved(loading.steps, wall.name, time_s * loading.rate);
+    walls.push_back({wall, wall.set_back.size() > 0 ? wall.set_back.minCoeff() : 0.0,
+                     opening_of(its->first, its->second)});
   }
   if (walls.empty()) return {};
   return [walls](const Vec3& place_mm) {

@@ -33,9 +33,9 @@ struct Walls {
 /// than a voxel, with the place, or nothing of the body can reach it.
 Walls walls_beside(const Config& config, const Model& model, const LabelImage* image, const Organ* organ);
 
-/// How far a place is from the nearest of the walls [mm], as they then stand; not a number where the nearest
-/// is open. Empty: there are none.
-GapAt gap_to_walls(const Config& config, const Loading& loading, double time_s);
+/// How far a place is from the nearest of the walls [mm]; not a number where that is open. Empty: there are
+/// none.
+GapAt gap_to_walls(const Config& config, const Loading& loading);
 
 /// "skull: pushed with 1.20 N over 350 mm2; the surface reaches 0.0123 mm into it at most", or "not touched".
 std::string in_words(const std::string& name, const TouchingTool::Touched& wall);

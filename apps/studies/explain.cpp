@@ -19,6 +19,7 @@
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/unless_stopped.hpp"
+#include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
 #include "io/draw/chart.hpp"
@@ -126,6 +127,19 @@ Config pinned(Config config, const Result& found, const Vec3& down) {
   return config;
 }
 
+// What is rigid beside the body: not there, and with friction.
+template <class Add>
+void add_walls(const Add& add) {
+  add("walls", "", "none", Kind::simplification, [](Case& c) {
+    c.config.wall.clear();
+    c.config.load.wall = "none";
+  });
+  const std::string friction = "0.3";
+  add("walls' friction", "", friction, Kind::doubt, [&](Case& c) {
+    for (const auto& [name, wall] : walls_named(c.config)) c.config.wall[name].friction = friction;
+  });
+}
+
 // In the order in which they are run.
 std::vector<Trial> trials_of(const Config& config, const Config& held, const Result& found,
                              const Vec3& down) {
@@ -177,13 +191,14 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
   const std::vector<double> heights =
       boundary.flat_base ? std::vector<double>{boundary.height / 6.0}
                          : std::vector<double>{0.5 * boundary.base_depth, 1.5 * boundary.base_depth};
-  for (const double height : heights)
-    add("base",
-        heights.size() < 2 ? ""
-                           : fmt::format("held to {:.1f} or {:.1f} mm instead of {:.1f} mm", heights[0],
-                                         heights[1], boundary.base_depth),
-        fmt::format("held to {:.1f} mm instead of {:.1f} mm", height, boundary.base_depth), Kind::doubt,
-        [&](Case& c) { c.config.boundary.base_depth_mm = height; });
+  if (has_base(config))
+    for (const double height : heights)
+      add("base",
+          heights.size() < 2 ? ""
+                             : fmt::format("held to {:.1f} or {:.1f} mm instead of {:.1f} mm", heights[0],
+                                           heights[1], boundary.base_depth),
+          fmt::format("held to {:.1f} mm instead of {:.1f} mm", height, boundary.base_depth), Kind::doubt,
+          [&](Case& c) { c.config.boundary.base_depth_mm = height; });
 
   Index axis = 0;
   tool.push.cwiseAbs().minCoeff(&axis);
@@ -254,7 +269,8 @@ std::vector<Trial> trials_of(const Config& config, const Config& held, const Res
         Kind::simplification, [&](Case& c) { c.config.material.nu = nu; });
   }
   const bool dynamic = found.time != TimeMode::quasi_static;
-  if (!touch)
+  if (has_walls(config)) add_walls(add);
+  if (!touch && !has_walls(config))
     add("inertia", "", dynamic ? "neglected" : "included", dynamic ? Kind::simplification : Kind::doubt,
         [&](Case& c) { c.config.solver.time = dynamic ? "quasi-static" : "dynamic"; });
   if (!config.tissue.empty()) {
@@ -268,8 +284,8 @@ std::string left_out(const Trial& trial, const Result& now, const Result& found)
   if (trial.what == "folds" && trial.given.config.image.close_mm > 0.0 && now.closed_mm3 == 0.0)
     return "no gap is that narrow";
   if (const Config& config = trial.given.config;
-      trial.what == "far tissue" && !(config.held.empty() && config.pressure.empty()))
-    return "supports and pressures would lie where it is cut";
+      trial.what == "far tissue" && !(config.held.empty() && config.pressure.empty() && !has_walls(config)))
+    return "supports, pressures and walls would lie where it is cut";
   if (trial.what == "far tissue" && now.segment.voxel_volume_mm3 == found.segment.voxel_volume_mm3)
     return "no tissue lies that far away";
   return {};

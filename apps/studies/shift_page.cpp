@@ -189,7 +189,7 @@ std::string before_and_after(const Shifted& now, const ShiftScene& scene, const 
     return shown.how == Sampling::linear ? greys(on.value, low, high) : tints(on.value, now.result.labels);
   };
   const Surface& surface = now.result.model.surface;
-  const GapAt gap = gap_to_walls(config, now.result.loading, 0.0);
+  const GapAt gap = gap_to_walls(config, now.result.loading);
   BeforeAfter picture{.title = title, .warnings = now.result.warnings, .wall = "skull"};
   for (std::size_t k = 0; k < slices.size(); ++k) {
     const Slice& slice = slices[k];
@@ -245,7 +245,7 @@ nlohmann::ordered_json page_of_shift(Shifted& now, const ShiftScene& scene, cons
                                              .surface_displacement_mm = moved,
                                              .options = options,
                                              .picture = {},
-                                             .walls = gap_to_walls(config, now.result.loading, 0.0)});
+                                             .walls = gap_to_walls(config, now.result.loading)});
   page["command"] = command;
   page["before_after"] = "data:image/png;base64," + base64(picture);
   model.tool = was;

@@ -511,6 +511,10 @@ int steps_of_load(const Model& model, const Loading& loading, const SolverOption
 }
 
 void first_guess(const Model& model, const Vec3& direction, double way, Nodal& u) {
+  if (model.base.empty()) {  // it goes as a whole until something stops it
+    u.colwise() += padded(direction) * way;
+    return;
+  }
   const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
   const double top = model.tool.centre.dot(model.tool.push), bottom = along.maxCoeff();
   for (Index a = 0; a < model.node_count(); ++a) {

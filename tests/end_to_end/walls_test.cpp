@@ -2,7 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
 #include <nlohmann/json.hpp>
+#include <sstream>
+#include <thread>
 
 #include "tests/end_to_end/program.hpp"
 
@@ -95,6 +100,69 @@ TEST(Wall, IsRefusedWhereItCannotStandOrNothingLooksForIt) {
   EXPECT_NE(ran.err.find("no walls"), std::string::npos) << ran.err;
   refused("--socket s --set load.wall=around:1mm", "takes no walls", "poke ");
   EXPECT_FALSE(fs::exists(folder / "out" / "force.csv"));
+}
+
+constexpr const char* beside = "--wall plane:30.3,0,0,-1,0,0 --set wall.hull.shape=around:0.3mm ";
+
+TEST(Wall, GoesInAFitThatFindsTheModulusOfItsOwnCurve) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "run " + body +
+                               " -q --write force --nodes 600 --depth 3mm --frames 3 --band off "
+                               "--mu 300 -o run " +
+                               beside)
+                .code,
+            0);
+  const Ran ran = dimple(folder, "fit " + body + " -o fit -q --nodes 600 --curve run/force.csv " + beside);
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Json fit = Json::parse(text_of(folder / "fit" / "summary.json"));
+  EXPECT_NEAR(fit["mu_Pa"].get<double>(), 300.0, 3.0) << fit.dump(1);
+}
+
+TEST(Wall, GoesInASceneOfStepsAndNoStepMovesIt) {
+  const fs::path folder = fresh_folder();
+  const std::string press =
+      " -q --write force --nodes 600 --band off --set step.a.move=2 --set step.b.move=-1 ";
+  ASSERT_EQ(dimple(folder, "run " + body + " -o out" + press + beside).code, 0);
+  const Json scene = Json::parse(text_of(folder / "out" / "summary.json"));
+  EXPECT_EQ(scene["scene"].size(), 2u);
+  EXPECT_TRUE(scene["walls"].contains("hull"));
+  const Ran ran = dimple(
+      folder, "run " + body + " -o no" + press + beside + "--set step.c.move=1,0,0 --set step.c.moves=hull");
+  EXPECT_NE(ran.code, 0);
+  EXPECT_NE(ran.err.find("step.c.moves"), std::string::npos) << ran.err;
+}
+
+TEST(Wall, ThatIsRubbedIsTakenUpAgainAfterCtrlCToTheSameBits) {
+  const fs::path folder = fresh_folder();
+  const std::string run = "run " + body +
+                          " -q --write force --nodes 1200 --depth 5mm --frames 60 --band off " + beside +
+                          "--set wall.wall.friction=0.3 -o ";
+  ASSERT_EQ(dimple(folder, run + "whole").code, 0);
+  std::istringstream in(run + "out");
+  std::vector<std::string> words;
+  for (std::string word; in >> word;) words.push_back(word);
+  Program program(folder, words);
+  while (program.running() && !fs::exists(folder / "out" / "checkpoint.cbor"))
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  program.send(SIGINT);
+  EXPECT_EQ(program.wait().code, 130);
+  EXPECT_NE(text_of(folder / "out" / "force.csv"), text_of(folder / "whole" / "force.csv"));
+  ASSERT_EQ(dimple(folder, run + "out --resume").code, 0);
+  EXPECT_EQ(text_of(folder / "out" / "force.csv"), text_of(folder / "whole" / "force.csv"));
+}
+
+TEST(Wall, IsOneOfTheChoicesThatExplainChanges) {
+  if (!std::getenv("DIMPLE_ALL_SCENES")) GTEST_SKIP() << "skipped: 15 s, without DIMPLE_ALL_SCENES";
+  const fs::path folder = fresh_folder();
+  const Ran ran = dimple(folder, "run " + body +
+                                     " -q --write force --nodes 600 --depth 2mm --frames 1 --explain "
+                                     "--wall plane:30.3,0,0,-1,0,0 -o out");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const std::string table = text_of(folder / "out" / "explain.csv");
+  for (const char* choice : {"\"walls\",\"none\"", "\"walls' friction\",\"0.3\""})
+    EXPECT_NE(table.find(choice), std::string::npos) << table;
+  EXPECT_EQ(table.find("far tissue"), std::string::npos) << "the wall would stand where it is cut";
+  EXPECT_EQ(table.find("inertia"), std::string::npos) << "which takes no walls";
 }
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include "solver/equilibrium/relax.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
+#include "tests/verification/hertz.hpp"
 
 namespace dimple {
 namespace {
@@ -79,10 +80,11 @@ struct Pressed {
 };
 
 Pressed pressed_together(const ForceSystem& tissue, const Model& model, Index parting,
-                         const std::vector<HeldSet>& further, double depth) {
+                         const std::vector<HeldSet>& further, double depth,
+                         Contact contact = Contact::bonded) {
   Pressed pressed;
   auto banks = std::make_shared<const FoldBanks>(fold_banks(model, 2.0 * depth));
-  pressed.system = make_system(tissue, model, Contact::bonded, further, {}, 1e-4, nullptr, banks);
+  pressed.system = make_system(tissue, model, contact, further, {}, 1e-4, nullptr, banks);
   pressed.rest = pressed.system->at_rest();
   for (Index a = 0; a < model.node_count(); ++a)
     if (a >= parting) pressed.rest.u(2, a) = -depth;
@@ -150,6 +152,38 @@ TEST(FoldsThatClose, OfTwoEqualDomesPressEachOtherAsAPlatePressesOneByHalf) {
   const double expected = history.force.back().force;
   EXPECT_NEAR(pressed.force, expected, 0.02 * expected);
   EXPECT_LT(pressed.system->folds()->audit().penetration, 0.01 * both.spacing.minCoeff());
+}
+
+// Two halves of spheres whose tops meet, their middle planes sliding in themselves.
+TEST(FoldsThatClose, OfTwoSpheresPressEachOtherAsHertzFound) {
+  if (!std::getenv("DIMPLE_ALL_SCENES")) GTEST_SKIP() << "skipped: 10 s, without DIMPLE_ALL_SCENES";
+  const auto [nodes, within] = hertz::fineness();
+  const double gap = 0.02e-3, approach = 0.3e-3;
+  const Discretisation below = hertz::half_sphere(nodes);
+  const Index centre = hertz::centre_of(below), count = below.node_count();
+  Discretisation above = below;
+  for (auto* z : {&above.X, &above.point}) z->row(2) = (2.0 * hertz::radius + gap) - z->row(2).array();
+  above.surface.vertex_mm.row(2) = 1e3 * (2.0 * hertz::radius + gap) - above.surface.vertex_mm.row(2).array();
+  above.surface.triangles.row(0).swap(above.surface.triangles.row(1));
+  above.second_moments.row(4) *= -1.0;
+  above.second_moments.row(5) *= -1.0;
+  HeldSet still{
+      .name = "still", .node = below.base, .hold = HeldSet::Hold::along, .direction = Vec3::UnitZ()};
+  std::erase(still.node, centre);
+  std::vector<Index> moved = still.node;
+  Discretisation fixed = below;
+  fixed.base = {centre};
+  fixed.tool = {
+      .centre = Vec3(0.0, 0.0, 2.0 * hertz::radius + gap), .push = -Vec3::UnitZ(), .radius = hertz::radius};
+  const Model model = two_bodies(fixed, above, moved);
+  const ForceSystem tissue(model, {{neo_hookean(hertz::mu, hertz::nu, 1000.0)}, model.tissue});
+  const Pressed pressed = pressed_together(
+      tissue, model, count,
+      {still, {.name = "centre", .node = {count + centre}, .direction = -Vec3::UnitZ(), .share = 1.0}},
+      2.0 * approach + gap, Contact::frictionless);
+  const double expected = hertz::force_at(approach);
+  std::printf("%td nodes: %+.2f %% of the truth\n", nodes, 100.0 * (pressed.force / expected - 1.0));
+  EXPECT_NEAR(pressed.force, expected, within * expected);
 }
 
 // A block with a slit from its top, its wall 5 mm beside the tool's middle, pushed down on that side.
