@@ -194,34 +194,28 @@ std::map<std::string, Config::Wall> walls_named(const Config& config) {
 
 namespace {
 
-// A body whose base is not held: what carries it, and what keeps it from drifting.
+// A body whose base is not held: what carries it, and what keeps it from drifting. Friction does not: before
+// anything is pressed there is none, and no equilibrium was found from there.
 void check_bed(const Config& config) {
   if (has_base(config)) return;
   constexpr const char* option = "--base-hold (boundary.base_hold)";
-  const std::map<std::string, Config::Wall> walls = walls_named(config);
-  if (walls.empty() && config.held.empty())
+  if (!has_walls(config) && config.held.empty())
     throw UsageError({.fact = "the base is not held, and nothing carries the body",
                       .where = option,
                       .why = "it would move as a whole",
                       .remedy = "give a wall below it, as --wall plane:0,0,0,0,0,1, or a support"});
-  const auto rubs = [](const std::string& text, const std::string& where) {
-    return friction_of(text, where) > 0.0;
-  };
-  const bool any_rubs = std::any_of(walls.begin(), walls.end(), [&](const auto& wall) {
-    return rubs(wall.second.friction, wall_key(wall.first, "friction"));
-  });
-  // A bonded circle keeps its nodes on their way; but not before the loads have done their work.
+  // A bonded circle keeps its nodes on their way, but not before the loads have done their work.
   const bool circle_holds =
       config.tool.shape == "circle" && config.load.contact == "bonded" && !has_loads(config);
-  const bool tool_rubs = config.tool.shape != "circle" && rubs(config.tool.friction, "tool.friction");
-  if (any_rubs || circle_holds || tool_rubs || !config.held.empty()) return;
+  const bool support_holds = std::any_of(config.held.begin(), config.held.end(),
+                                         [](const auto& support) { return support.second.hold == "fixed"; });
+  if (circle_holds || support_holds) return;
   throw UsageError(
-      {.fact = "nothing holds the body sideways",
+      {.fact = "nothing holds the body sideways before it is pressed on its walls",
        .where = option,
-       .why = "walls and tool are without friction, and the base is not held",
+       .why = "the base is not held, walls and tools press alone, and friction holds only what is pressed",
        .remedy =
-           "give a wall friction, as --set wall.wall.friction=0.3, a [support.NAME], or a bonded circle "
-           "without gravity"});
+           "take a bonded circle without gravity or pressures, or give a [support.NAME] that is fixed"});
 }
 
 }  // namespace

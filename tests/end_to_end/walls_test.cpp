@@ -165,5 +165,56 @@ TEST(Wall, IsOneOfTheChoicesThatExplainChanges) {
   EXPECT_EQ(table.find("inertia"), std::string::npos) << "which takes no walls";
 }
 
+const std::string bed = "--base-hold none --wall plane:0,0,0,0,0,1 ";  // below the block
+
+TEST(Bed, CarriesABodyUnderTheToolAndGivesWayMoreThanAHeldBase) {
+  const fs::path folder = fresh_folder();
+  const double held = walled(folder, body, "-q", "held")["force_N"];
+  const Json lies = walled(folder, body, "-q " + bed, "lies");
+  const double force = lies["force_N"];
+  EXPECT_LT(force, 0.99 * held) << "its lower face slides";
+  EXPECT_GT(force, 0.7 * held);
+  const Json& wall = lies["walls"]["wall"];
+  EXPECT_NEAR(wall["force_N"][2].get<double>(), -force, 0.01 * force) << "all of it goes into the bed";
+  EXPECT_EQ(lies["counts"]["base_nodes"], 0);
+  const double sticks =
+      walled(folder, body, "-q " + bed + "--set wall.wall.friction=stick", "sticks")["force_N"];
+  EXPECT_GT(sticks, force);
+  EXPECT_LT(sticks, 1.01 * held) << "and its rim may still come off";
+}
+
+TEST(Bed, CarriesTheWeightOfABodyThatASupportKeepsFromDrifting) {
+  const fs::path folder = fresh_folder();
+  const Json lies =
+      walled(folder, body, "-q --gravity inferior --set support.s.on=left --mu 2000 " + bed, "lies");
+  const double weight = 9.81 * 1e-3 * lies["mass_g"].get<double>(),
+               on_bed = -lies["walls"]["wall"]["force_N"][2].get<double>(),
+               on_support = -lies["supports"]["s"]["force_N"][2].get<double>();
+  EXPECT_GT(on_bed, 0.6 * weight);
+  EXPECT_NEAR(on_bed + on_support, weight + lies["force_N"].get<double>(), 0.01 * weight);
+}
+
+TEST(Bed, IsRefusedWhereNothingCarriesTheBodyOrHoldsItSideways) {
+  const fs::path folder = fresh_folder();
+  const auto refused = [&](const std::string& options, const std::string& fact,
+                           const std::string& command = "run ") {
+    const Ran ran = dimple(
+        folder, command + body + (command == "run " ? " -o out" + std::string(quick_wall) : " ") + options);
+    EXPECT_NE(ran.code, 0) << options;
+    EXPECT_NE(ran.err.find(fact), std::string::npos) << options << '\n' << ran.err;
+    EXPECT_NE(ran.err.find("  try:"), std::string::npos) << ran.err;
+  };
+  refused("--base-hold none", "nothing carries the body");
+  refused("--base-hold loose", "--base-hold");
+  for (const char* loose : {"--contact frictionless", "--tool sphere:10mm", "--gravity inferior",
+                            "--gravity inferior --set wall.wall.friction=stick",
+                            "--gravity inferior --set support.s.on=left --set support.s.hold=sliding"})
+    refused(bed + loose, "nothing holds the body sideways");
+  refused(bed + "--time dynamic", "whose base is not held");
+  refused(bed + "--scheme horton2007", "whose base is not held");
+  refused("--socket s --set boundary.base_hold=none --set load.wall=plane:0,0,0,0,0,1",
+          "whose base is not held", "poke ");
+}
+
 }  // namespace
 }  // namespace dimple

@@ -233,6 +233,37 @@ TEST(Walls, LetGoOfAColumnThatHangsAndNeverPullAtIt) {
   EXPECT_LT(all, 1e-3 * model.mass.sum() * 4.0);
 }
 
+// All of its top is pushed, so that nothing comes off, and the bed does what a face that slides does.
+TEST(Walls, BelowABodyThatNothingElseHoldsAreAsABaseThatSlides) {
+  Model model = testing_bodies::averaged_block(5, 0.1);
+  const HeldSet slides{
+      .name = "slides", .node = model.base, .hold = HeldSet::Hold::along, .direction = Vec3::UnitZ()};
+  model.base.clear();
+  model.indenter.clear();
+  for (Index a = 0; a < model.node_count(); ++a)
+    if (model.X(2, a) > size.z() - 1e-9) model.indenter.push_back(a);
+  model.tool = {.centre = Vec3(0.5 * size.x(), 0.5 * size.y(), size.z()),
+                .push = -Vec3::UnitZ(),
+                .radius = 0.5 * size.x()};
+  const ForceSystem tissue(model, {{neo_hookean(1000.0, 0.45, 1000.0)}, model.tissue});
+  const auto pressed = [&](bool on_bed) {
+    Loading loading{.depth = 2e-3};
+    if (on_bed)
+      loading.walls = {plane(model, "bed", Vec3::Zero(), Vec3::UnitZ())};
+    else
+      loading.further = {slides};
+    History history;
+    solve(TimeMode::quasi_static, tissue, model, loading, {.frames = 2}, {}, history);
+    return history;
+  };
+  const History bed = pressed(true), sliding = pressed(false);
+  const double force = sliding.force.back().force;
+  EXPECT_NEAR(bed.force.back().force, force, 0.005 * force);
+  EXPECT_NEAR(-bed.walls.front().force.z(), force, 0.005 * force) << "all of it goes into the bed";
+  EXPECT_LT(bed.walls.front().force.head<2>().norm(), 1e-9 * force) << "without friction";
+  EXPECT_NEAR(bed.walls.front().area, size.x() * size.y(), 0.01 * size.x() * size.y());
+}
+
 TEST(Walls, ThatStickHoldTheSidesOfAColumnThatSinks) {
   const Model model = testing_bodies::averaged_block(5, 0.1);
   const ForceSystem tissue(model, {{neo_hookean(210.0, 0.4, 1000.0)}, model.tissue});
