@@ -1,5 +1,5 @@
-// sample_data/tutorial.md: its commands work in the order in which a reader types them, say what the page
-// shows, and leave the files that it names.
+// sample_data/tutorial.md and craniotomy.md: their commands work in the order in which a reader types them,
+// say what the page shows, and leave the files that it names.
 
 #include <gtest/gtest.h>
 
@@ -15,14 +15,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const std::string page = text_of(fs::path(DIMPLE_SAMPLE_DATA) / "tutorial.md");
+std::string page_of(const char* name) {
+  return text_of(fs::path(DIMPLE_SAMPLE_DATA) / name);
+}
 
 struct Step {
   std::string command;             ///< after the word dimple
   std::vector<std::string> shown;  ///< lines that the page shows of its output
 };
 
-std::vector<std::vector<std::string>> blocks() {
+std::vector<std::vector<std::string>> blocks(const std::string& page) {
   std::vector<std::vector<std::string>> all;
   std::istringstream in(page);
   bool within = false;
@@ -36,9 +38,9 @@ std::vector<std::vector<std::string>> blocks() {
   return all;
 }
 
-std::vector<Step> steps() {
+std::vector<Step> steps(const std::string& page) {
   std::vector<Step> all;
-  for (const auto& block : blocks()) {
+  for (const auto& block : blocks(page)) {
     bool ours = false;
     for (const std::string& line : block) {
       const std::string typed = line.starts_with("$ ") ? line.substr(2) : line;
@@ -60,29 +62,26 @@ std::string without_times(const std::string& text) {
                             std::regex("\\s+"), " ");
 }
 
-TEST(Tutorial, CommandsWorkInTheirOrderAndSayWhatThePageShows) {
-  const fs::path folder = fresh_folder();
-  for (const auto& block : blocks())
-    if (!block.empty() && block.front().starts_with("indentation_mm,")) {
-      std::ofstream file(folder / "measured.csv");
-      for (const std::string& line : block) file << line << '\n';
-    }
+// The commands that were tried, by their first word. A window needs a display, which window_test has; and
+// --explain takes a minute, its lines are tried by runs_test.
+std::set<std::string> tried_of(const std::string& page, const fs::path& folder) {
   std::set<std::string> tried;
-  for (const Step& step : steps()) {
-    // A window needs a display, which window_test has; and --explain takes a minute, its lines are tried by
-    // runs_test.
+  for (const Step& step : steps(page)) {
     if (step.command.starts_with("view ") || step.command.find("--explain") != std::string::npos) continue;
     SCOPED_TRACE(step.command);
     const Ran ran = dimple(folder, step.command);
-    ASSERT_EQ(ran.code, 0) << ran.err;
+    EXPECT_EQ(ran.code, 0) << ran.err;
     const std::string said = without_times(ran.out + ran.err);
     for (const std::string& line : step.shown)
       EXPECT_NE(said.find(without_times(line)), std::string::npos) << line << '\n' << ran.err;
     tried.insert(step.command.substr(0, step.command.find(' ')));
   }
-  EXPECT_EQ(tried, (std::set<std::string>{"cite", "fit", "info", "phantom", "run"}));
+  return tried;
+}
 
-  const std::regex named("[ `(=\"]((out|fit|paper)/[a-z_./]*[a-z])");
+// How many files the page names; each is there.
+int files_named(const std::string& page, const fs::path& folder) {
+  const std::regex named("[ `(=\"]((out|fit|paper|shift)/[a-z_./]*[a-z])");
   int there = 0;
   for (std::sregex_iterator name(page.begin(), page.end(), named), end; name != end; ++name) {
     const std::string file = (*name)[1];
@@ -90,7 +89,26 @@ TEST(Tutorial, CommandsWorkInTheirOrderAndSayWhatThePageShows) {
     EXPECT_TRUE(fs::exists(folder / file)) << file;
     ++there;
   }
-  EXPECT_GE(there, 10);
+  return there;
+}
+
+TEST(Tutorial, CommandsWorkInTheirOrderAndSayWhatThePageShows) {
+  const fs::path folder = fresh_folder();
+  const std::string page = page_of("tutorial.md");
+  for (const auto& block : blocks(page))
+    if (!block.empty() && block.front().starts_with("indentation_mm,")) {
+      std::ofstream file(folder / "measured.csv");
+      for (const std::string& line : block) file << line << '\n';
+    }
+  EXPECT_EQ(tried_of(page, folder), (std::set<std::string>{"cite", "fit", "info", "phantom", "run"}));
+  EXPECT_GE(files_named(page, folder), 10);
+}
+
+TEST(Tutorial, OfACraniotomySaysWhatThePageShows) {
+  const fs::path folder = fresh_folder();
+  const std::string page = page_of("craniotomy.md");
+  EXPECT_EQ(tried_of(page, folder), (std::set<std::string>{"phantom", "shift"}));
+  EXPECT_GE(files_named(page, folder), 6);
 }
 
 }  // namespace

@@ -12,6 +12,8 @@
 #include <limits>
 #include <numbers>
 
+#include "io/draw/before_after.hpp"
+#include "io/draw/zero_pieces.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "tests/helpers/folder.hpp"
@@ -359,6 +361,59 @@ TEST(Overview, SurvivesAToolThatIsNotFinite) {
 
 TEST(Overview, GivesAnOutputErrorWhereItCannotWrite) {
   EXPECT_THROW(write_overview(fresh_folder() / "absent" / "overview.png", half_ellipsoid()), OutputError);
+}
+
+TEST(ZeroPieces, OfACircleLieOnItAndAreAsLongAsItAndLeaveOutWhatIsNoNumber) {
+  const Eigen::Vector2d middle(5.2, 3.9);
+  const auto length_of = [&](const auto& value) {
+    double length = 0.0;
+    for (const auto& [a, b] : zero_pieces(10.0, 8.0, 0.1, value)) {
+      for (const Eigen::Vector2d& end : {a, b}) EXPECT_NEAR((end - middle).norm(), 3.0, 2e-3);
+      length += (b - a).norm();
+    }
+    return length;
+  };
+  const double around = 2.0 * std::numbers::pi * 3.0;
+  const auto from = [&](const Eigen::Vector2d& p) { return (p - middle).norm() - 3.0; };
+  EXPECT_NEAR(length_of(from), around, 0.005 * around);
+  EXPECT_NEAR(length_of([&](const Eigen::Vector2d& p) {
+                return p.x() > middle.x() ? std::numeric_limits<double>::quiet_NaN() : from(p);
+              }),
+              0.5 * around, 0.03 * around);
+  EXPECT_EQ(length_of([](const Eigen::Vector2d&) { return 1.0; }), 0.0);
+}
+
+BeforeAfter one_plane() {
+  BeforeAfter picture{.title = "a plane", .wall = "skull"};
+  picture.plane.push_back({.name = "axial",
+                           .letters = {"R", "L", "A", "P"},
+                           .width_mm = 30.0,
+                           .height_mm = 20.0,
+                           .columns = 3,
+                           .rows = 2,
+                           .before = std::vector<std::uint8_t>(18, 90),
+                           .after = std::vector<std::uint8_t>(18, 90)});
+  return picture;
+}
+
+TEST(BeforeAfter, IsTheSamePictureForTheSamePlanesAndAnotherForAnotherPixelOrOutline) {
+  const std::string was = before_after_png(one_plane());
+  EXPECT_EQ(before_after_png(one_plane()), was);
+  BeforeAfter other = one_plane();
+  other.plane[0].after[17] = 91;
+  EXPECT_NE(before_after_png(other), was);
+  other = one_plane();
+  other.plane[0].moved = {{Eigen::Vector2d(1.0, 1.0), Eigen::Vector2d(5.0, 1.0)}};
+  EXPECT_NE(before_after_png(other), was);
+}
+
+TEST(BeforeAfter, RefusesAPlaneWithoutAsManyNumbersAsItHasPlaces) {
+  BeforeAfter picture = one_plane();
+  picture.plane[0].after.pop_back();
+  EXPECT_THROW(before_after_png(picture), std::invalid_argument);
+  picture = one_plane();
+  picture.plane[0].width_mm = 0.0;
+  EXPECT_THROW(before_after_png(picture), std::invalid_argument);
 }
 
 }  // namespace
