@@ -211,6 +211,7 @@ void CutScene::tell(const ScenePart& part, const RunLog& log, Result& result) {
   made.depth = now.depth;
   made.force = now.force;
   made.released = part.cut.released;
+  made.stored_before = made.released + result.history.energy.back().stored;
   log.say("cut      " + in_words(made));
   if (part.done_again)
     log.say("cut      the tissue springs so far that the steps before were done again on the cut body");
@@ -232,6 +233,8 @@ std::string in_words(const CutMade& made) {
   words += fmt::format("; {} mJ released", three_digits(1e3 * made.released));
   if (made.area_mm2 > 0.0)
     words += fmt::format(", {} J/m2", three_digits(1e6 * made.released / made.area_mm2));
+  if (made.stored_before > 0.0 && made.releases_no_more_than_clouds_differ())
+    words += ", no more than the two clouds may differ by";
   if (made.toughness_J_m2 > 0.0)
     words += fmt::format("; the blade's work, by balance of energy, {} mJ",
                          three_digits(1e3 * made.work_of_blade()));

@@ -78,14 +78,16 @@ struct ImageFacts {
 /// A step of a scene that has cut the body; `after` 0: at rest.
 struct CutMade {
   std::string name, text;
-  std::size_t after = 0;                     ///< so many steps that move something
-  double toughness_J_m2 = 0.0;               ///< 0: not known
-  std::vector<TriangleMesh> sheets = {};     ///< as they lie in the body at rest [mm, LPS]
-  double area_mm2 = 0.0, removed_mm3 = 0.0;  ///< of this one, at rest, as of ImageFacts::Cut
-  Index nodes = 0;                           ///< of the cloud from then on
-  double t = 0.0, depth = 0.0;               ///< [s], [m]
-  double force_before = 0.0, force = 0.0;    ///< on the tool, along its push [N]
-  double released = 0.0;                     ///< of the stored energy [J]
+  std::size_t after = 0;                       ///< so many steps that move something
+  double toughness_J_m2 = 0.0;                 ///< 0: not known
+  std::vector<TriangleMesh> sheets = {};       ///< as they lie in the body at rest [mm, LPS]
+  double area_mm2 = 0.0, removed_mm3 = 0.0;    ///< of this one, at rest, as of ImageFacts::Cut
+  Index nodes = 0;                             ///< of the cloud from then on
+  double t = 0.0, depth = 0.0;                 ///< [s], [m]
+  double force_before = 0.0, force = 0.0;      ///< on the tool, along its push [N]
+  double stored_before = 0.0, released = 0.0;  ///< the stored energy, and by how much it falls [J]
+  /// Clouds of the two bodies differ by as much, where a cut releases nothing.
+  bool releases_no_more_than_clouds_differ() const { return released < 0.003 * stored_before; }
   /// [J] By the balance of energy: what the area takes and the tissue does not give is the blade's work,
   /// without what it rubs on its sides.
   double work_of_blade() const { return std::max(0.0, 1e-6 * toughness_J_m2 * area_mm2 - released); }

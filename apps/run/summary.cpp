@@ -295,6 +295,7 @@ Json cut_step_json(const CutMade& made) {
               {"removed_mm3", made.removed_mm3},
               {"force_before_N", made.force_before},
               {"force_N", made.force},
+              {"stored_before_J", made.stored_before},
               {"released_J", made.released},
               {"nodes", made.nodes}};
   if (made.area_mm2 > 0.0) one["released_J_per_m2"] = 1e6 * made.released / made.area_mm2;
