@@ -408,11 +408,12 @@ py::array_t<double> at_surface(const ModelInMemory& built,
 // Result
 // ---------------------------------------------------------------------------------------------------------
 
+// A step has cut the body: its model is another, and its frames begin there.
+void forget_frames(Solved& solved) {
+  solved.frame_time.clear(), solved.frame_depth.clear(), solved.frame_u.clear();
+}
+
 void add(Solved& solved, const Frame& frame) {
-  // A step has cut the body: its model is another, and its frames begin there.
-  if (const std::size_t before = solved.frame_time.size();
-      solved.frame_u.size() != before * 3 * static_cast<std::size_t>(frame.u.cols()))
-    solved.frame_time.clear(), solved.frame_depth.clear(), solved.frame_u.clear();
   solved.frame_time.push_back(frame.t);
   solved.frame_depth.push_back(frame.depth);
   for (Index a = 0; a < frame.u.cols(); ++a)
@@ -469,6 +470,7 @@ std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const
     Result result;
     simulate(given,
              {.line = log,
+              .after_cut = [&](Result&) { forget_frames(*kept); },
               .march = {.frame = [&](const Frame& frame) { add(*kept, frame); },
                         .sample = [](const ForceSample&,
                                      const History&) { return stop_asked() == StopReason::none; }}},
@@ -515,6 +517,7 @@ std::unique_ptr<Solved> run_into_folder(const Settings& settings, const LabelIma
     const Outcome outcome = record_run(config, folder, overwrite ? Existing::replace : Existing::refuse,
                                        {.line = log,
                                         .frame = [&](const Frame& frame) { add(*kept, frame); },
+                                        .after_cut = [&] { forget_frames(*kept); },
                                         .result = [&](Result& result) { take(*kept, result, config); }},
                                        image);
     if (outcome.interrupted) throw Stopped(stop_asked());

@@ -216,6 +216,7 @@ class Recorder {
     const std::vector<double> times = writer_->frame_time_s();
     write_of(now, now.origin->image);
     writer_->go_on_after_cut(times);
+    if (observer_.after_cut) observer_.after_cut();
     if (!now.cuts.back().sheets.empty()) make_folder(how_.folder / "cuts");
     for (const TriangleMesh& sheet : now.cuts.back().sheets)
       write_vtp(how_.folder / "cuts" / fmt::format("cut_{:04d}.vtp", ++sheets_),

@@ -26,6 +26,7 @@ struct RecordObserver {
   std::function<void(Part, const Work&)> part = {};
   std::function<void(double share, const std::string& state)> progress = {};
   std::function<void(const Frame&)> frame = {};
+  std::function<void()> after_cut = {};  ///< of a step: frames are of another model from then on
   /// When all is written, also of a march that was stopped: for who goes on with it in memory.
   std::function<void(Result&)> result = {};
 };
