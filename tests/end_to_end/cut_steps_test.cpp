@@ -42,6 +42,11 @@ class StepsThatCut : public testing::Test {
   }
 };
 
+bool all_scenes() {
+  const char* all = std::getenv("DIMPLE_ALL_SCENES");
+  return all && std::string(all) == "1";
+}
+
 double last(const Table& table, const char* column) {
   return table.find(column)->back();
 }
@@ -82,8 +87,7 @@ TEST_F(StepsThatCut, InADeformedStateAreTheBodyThatHasThatSlitFromTheStart) {
 
 // The nine slits of the verification (tests/verification/indentation_test.cpp), cut at 2 mm of indentation.
 TEST_F(StepsThatCut, AtTwoMillimetresAreTheNineSlitBlocksPressedSoDeepWithinHalfAPercent) {
-  if (const char* all = std::getenv("DIMPLE_ALL_SCENES"); !all || std::string(all) != "1")
-    GTEST_SKIP() << "DIMPLE_ALL_SCENES=1 runs it";
+  if (!all_scenes()) GTEST_SKIP() << "DIMPLE_ALL_SCENES=1 runs it";
   for (const double width : {0.5, 1.0, 2.0})
     for (const double from_rim : {1.0, 3.0, 8.0}) {
       const std::string at = std::to_string(5.0 + from_rim + 0.5 * width),
@@ -142,6 +146,7 @@ TEST_F(StepsThatCut, OneAfterTheOtherAreAllInTheBodyThatIsLeft) {
 
 // What CGAL makes of two blades it makes in an order that hangs on addresses in memory.
 TEST_F(StepsThatCut, ThatCrossAreTheSameBitsEachTime) {
+  if (!all_scenes()) GTEST_SKIP() << "DIMPLE_ALL_SCENES=1 runs it";
   const std::string scene = press +
                             "--set step.a.cut=line:-8,-20,30,-8,20,30,depth=10mm --set "
                             "step.b.cut=line:-20,9,30,20,9,30,depth=10mm";
@@ -197,6 +202,7 @@ TEST_F(StepsThatCut, TakeOutALabelWhereverItHasGone) {
 
 // At rest again the second blade lies in the gap of the first, but for rounding.
 TEST_F(StepsThatCut, WhereAnotherHasGoneSayThatTheyOpenHardlyAnythingAndChangeNothing) {
+  if (!all_scenes()) GTEST_SKIP() << "DIMPLE_ALL_SCENES=1 runs it";
   const std::string first = press + "--set step.a.cut=" + disc;
   quick("first", first);
   const Json step = quick("out", first +
