@@ -1,5 +1,7 @@
 #include "solver/terms/membrane.hpp"
 
+#include <tbb/parallel_for.h>
+
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -24,20 +26,26 @@ class Film : public ForceTerm {
       edges << ab.dot(e1), ac.dot(e1), ab.dot(e2), ac.dot(e2);
       triangle_.push_back({0.5 * normal.norm(), edges.inverse()});
     }
+    between_ = stiffness_between();
   }
 
   void add_force(const Nodal& u, const Instant& now, Nodal& f) override {
     const Points corner = moved(u);
-    Points force = Points::Zero(3, corner.cols());
+    std::vector<Plane> of_edges(triangle_.size());
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, triangle_.size(), 256), [&](const auto& range) {
+      for (std::size_t k = range.begin(); k < range.end(); ++k) {
+        const Triangle& mine = triangle_[k];
+        const Plane F = deformed(corner, film_.patch.triangles.col(static_cast<Index>(k))) * mine.to_rest;
+        const Plane P = F * second_stress(F);
+        of_edges[k] = (now.share * mine.area) * P * mine.to_rest.transpose();
+      }
+    });
+    Points force = Points::Zero(3, corner.cols());  // summed in one order
     for (std::size_t k = 0; k < triangle_.size(); ++k) {
       const auto t = film_.patch.triangles.col(static_cast<Index>(k));
-      const Triangle& mine = triangle_[k];
-      const Plane F = deformed(corner, t) * mine.to_rest;
-      const Plane P = F * second_stress(F);
-      const Plane of_edges = (now.share * mine.area) * P * mine.to_rest.transpose();
-      force.col(t[0]) -= of_edges.rowwise().sum();
-      force.col(t[1]) += of_edges.col(0);
-      force.col(t[2]) += of_edges.col(1);
+      force.col(t[0]) -= of_edges[k].rowwise().sum();
+      force.col(t[1]) += of_edges[k].col(0);
+      force.col(t[2]) += of_edges[k].col(1);
     }
     const auto& [rows, weight] = film_.patch.at_corner;
     for (Index v = 0; v < force.cols(); ++v)
@@ -56,36 +64,11 @@ class Film : public ForceTerm {
     return now.share * sum;
   }
 
-  // What shears it, in all directions alike: A shear |grad u|^2, the sum over a triangle's edges of cot / 2
-  // (u_i - u_j)^2. What it stretches is up to four times as stiff and what bends it not at all; four times in
-  // all directions takes more steps. A difference of corners is one of their nodes: with D = w_i - w_j, which
-  // sums to nothing, (sum D_a u_a)^2 <= sum of D+_a D-_b (u_a - u_b)^2.
   void add_stiffness_bound(StiffnessBound& bound) const override {
-    const double shear = film_.thickness * film_.shear_modulus + film_.tension;
-    std::map<std::pair<int, int>, double> corners, nodes;
-    for (const auto& t : film_.patch.triangles.colwise())
-      for (int i = 0; i < 3; ++i) {
-        const auto a = static_cast<int>(t[(i + 1) % 3]), b = static_cast<int>(t[(i + 2) % 3]);
-        const Vec3 x = film_.patch.corner.col(a) - film_.patch.corner.col(t[i]),
-                   y = film_.patch.corner.col(b) - film_.patch.corner.col(t[i]);
-        // Obtuse angles count nothing: they only soften.
-        corners[std::minmax(a, b)] += 0.5 * std::max(0.0, x.dot(y) / x.cross(y).norm());
-      }
-    const auto& [rows, weight] = film_.patch.at_corner;
-    for (const auto& [ends, share] : corners) {
-      std::map<int, double> difference;
-      for (int k = rows.offset[ends.first]; k < rows.offset[ends.first + 1]; ++k)
-        difference[rows.member[k]] += weight[k];
-      for (int k = rows.offset[ends.second]; k < rows.offset[ends.second + 1]; ++k)
-        difference[rows.member[k]] -= weight[k];
-      for (const auto& [a, more] : difference)
-        for (const auto& [b, less] : difference)
-          if (more > 0.0 && less < 0.0) nodes[std::minmax(a, b)] -= shear * share * more * less;
-    }
-    for (const auto& [ends, value] : nodes) bound.directed.push_back({ends.first, ends.second, value});
+    bound.directed.insert(bound.directed.end(), between_.begin(), between_.end());
   }
 
-  // In its plane as in add_stiffness_bound(), out of it what its stress S holds it with, A G.S G: a taut film
+  // In its plane as in stiffness_between(), out of it what its stress S holds it with, A G.S G: a taut film
   // is stiff there too.
   void add_node_stiffness(const Nodal& u, NodeStiffness& sum) const override {
     const Points corner = moved(u);
@@ -125,6 +108,38 @@ class Film : public ForceTerm {
   };
   Membrane film_;
   std::vector<Triangle> triangle_;
+  std::vector<StiffnessBound::Edge> between_;  // of nodes
+
+  // What shears it, in all directions alike: A shear |grad u|^2, the sum over a triangle's edges of cot / 2
+  // (u_i - u_j)^2. What it stretches is up to four times as stiff and what bends it not at all; four times in
+  // all directions takes more steps. A difference of corners is one of their nodes: with D = w_i - w_j, which
+  // sums to nothing, (sum D_a u_a)^2 <= sum of D+_a D-_b (u_a - u_b)^2.
+  std::vector<StiffnessBound::Edge> stiffness_between() const {
+    const double shear = film_.thickness * film_.shear_modulus + film_.tension;
+    std::map<std::pair<int, int>, double> corners, nodes;
+    for (const auto& t : film_.patch.triangles.colwise())
+      for (int i = 0; i < 3; ++i) {
+        const auto a = static_cast<int>(t[(i + 1) % 3]), b = static_cast<int>(t[(i + 2) % 3]);
+        const Vec3 x = film_.patch.corner.col(a) - film_.patch.corner.col(t[i]),
+                   y = film_.patch.corner.col(b) - film_.patch.corner.col(t[i]);
+        // Obtuse angles count nothing: they only soften.
+        corners[std::minmax(a, b)] += 0.5 * std::max(0.0, x.dot(y) / x.cross(y).norm());
+      }
+    const auto& [rows, weight] = film_.patch.at_corner;
+    for (const auto& [ends, share] : corners) {
+      std::map<int, double> difference;
+      for (int k = rows.offset[ends.first]; k < rows.offset[ends.first + 1]; ++k)
+        difference[rows.member[k]] += weight[k];
+      for (int k = rows.offset[ends.second]; k < rows.offset[ends.second + 1]; ++k)
+        difference[rows.member[k]] -= weight[k];
+      for (const auto& [a, more] : difference)
+        for (const auto& [b, less] : difference)
+          if (more > 0.0 && less < 0.0) nodes[std::minmax(a, b)] -= shear * share * more * less;
+    }
+    std::vector<StiffnessBound::Edge> result;
+    for (const auto& [ends, value] : nodes) result.push_back({ends.first, ends.second, value});
+    return result;
+  }
 
   // How a film that wrinkles is stretched: along `way` alone where it is shorter across than a strip of it
   // would be, not at all where it is shorter in all directions.
