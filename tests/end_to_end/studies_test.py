@@ -179,7 +179,7 @@ class Stop(Study):
     def test_a_study_amid_a_run_keeps_the_runs_before_it(self):
         self.block()
         kept = []
-        for after in (1.0, 1.5, 2.0, 3.0, 4.0):
+        for after in (1.5, 2.5, 4.0):
             shutil.rmtree("out", ignore_errors=True)
             code, said = self.stopped("pydimple.converge block.nrrd -o out --sizes 300,500,700,900,1100,2000,3000 --frames 4", after)
             self.assertEqual(code, 130, said)
