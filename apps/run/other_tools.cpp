@@ -9,6 +9,7 @@
 #include "apps/run/steps.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/words.hpp"
+#include "io/digits.hpp"
 #include "io/error.hpp"
 #include "preprocess/surface/body_surface.hpp"
 
@@ -211,6 +212,14 @@ OtherTools other_tools_of(const Config& config, const Model& model) {
     result.touch.push_back(std::move(touch));
   }
   return result;
+}
+
+std::string force_in_words(const std::string& name, const TouchingTool::Touched& now) {
+  if (now.samples == 0) return name + ": touches nothing at the end";
+  const Written written = force_written(now.force.norm());
+  return fmt::format("{}: the tissue's force on it is x {}, y {}, z {} {} (LPS) at the end", name,
+                     written.number(now.force.x()), written.number(now.force.y()),
+                     written.number(now.force.z()), written.unit);
 }
 
 }  // namespace dimple

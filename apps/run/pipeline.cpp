@@ -180,15 +180,8 @@ void tell_of_rigid(const RunLog& log, const Result& result) {
   for (std::size_t k = 0; k < result.history.walls.size(); ++k) {
     const Touch& rigid = result.loading.walls[k];
     const TouchingTool::Touched& now = result.history.walls[k];
-    const Written written = force_written(now.force.norm());
-    if (!rigid.is_tool)
-      log.say("wall     " + in_words(rigid.name, now));
-    else if (now.samples == 0)
-      log.say(fmt::format("tool     {}: touches nothing at the end", rigid.name));
-    else
-      log.say(fmt::format("tool     {}: the tissue's force on it is x {}, y {}, z {} {} (LPS) at the end",
-                          rigid.name, written.number(now.force.x()), written.number(now.force.y()),
-                          written.number(now.force.z()), written.unit));
+    log.say(rigid.is_tool ? "tool     " + force_in_words(rigid.name, now)
+                          : "wall     " + in_words(rigid.name, now));
   }
 }
 

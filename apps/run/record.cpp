@@ -10,11 +10,13 @@
 #include "apps/run/checkpoint.hpp"
 #include "apps/run/images.hpp"
 #include "apps/run/organ.hpp"
+#include "apps/run/other_tools.hpp"
 #include "apps/run/report.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/run/view.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
@@ -203,6 +205,7 @@ class Recorder {
     // A refinement that was stopped has little time to write what it has.
     writer_.emplace(how_.folder, now.model, now.history.interrupted ? tables_alone : wanted_of(given_.config),
                     label_at, now.loading.further, now.loading.duration(), now.loading.touch);
+    show_further_tools(now.loading);
     if (wanted_of(given_.config).report)
       slices_ = slices_through(1e3 * (now.model.tool.centre + 0.5 * now.loading.depth * now.model.tool.push),
                                now.model, image);
@@ -296,6 +299,7 @@ class Recorder {
   void tell_end(const End& end);
   Comparison compare_with_measured();
   void show_walls();
+  void show_further_tools(const Loading& loading);
   void draw_overview(const End& end, const std::optional<Comparison>& comparison);
   bool has_images() const { return images_ && !images_->told().empty(); }
   void tell_of_images();
@@ -450,12 +454,29 @@ Comparison Recorder::compare_with_measured() {
   return comparison;
 }
 
+// As solids, like the tool that is measured.
+void Recorder::show_further_tools(const Loading& loading) {
+  std::vector<ResultWriter::FurtherTool> tools;
+  for (const Touch& other : loading.walls) {
+    if (!other.is_tool) continue;
+    const auto come = [steps = loading.steps, rate = loading.rate, name = other.name,
+                       motion = other.motion.value_or(Vec3::Zero().eval())](double time_s) {
+      return steps.empty() ? Vec3(rate * time_s * motion) : moved(steps, name, rate * time_s);
+    };
+    tools.push_back({other.name, tool_body(other), come});
+  }
+  writer_->show_further(std::move(tools));
+}
+
 // Where they stand, for picture and page, and what they bear.
 void Recorder::show_walls() {
   writer_->show_walls(gap_to_walls(given_.config, result.loading));
-  for (std::size_t k = 0; k < result.history.walls.size(); ++k)
-    if (const Touch& wall = result.loading.walls[k]; !wall.is_tool)
-      facts_.push_back((wall.name == "wall" ? "" : "wall ") + in_words(wall.name, result.history.walls[k]));
+  for (std::size_t k = 0; k < result.history.walls.size(); ++k) {
+    const Touch& rigid = result.loading.walls[k];
+    const TouchingTool::Touched& now = result.history.walls[k];
+    facts_.push_back(rigid.is_tool ? "tool " + force_in_words(rigid.name, now)
+                                   : (rigid.name == "wall" ? "" : "wall ") + in_words(rigid.name, now));
+  }
 }
 
 // Who is asked to end has not always the time for a picture.

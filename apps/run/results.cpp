@@ -369,9 +369,10 @@ void ResultWriter::write_view(const Packing& frame) {
         {.name = "label", .unit = "", .values = label_, .type = Field::Type::int32});
   write_vtp(section_series_.next_frame(), section, frame.time_s);
   const Indenter& tool = model_.tool;
+  SurfaceFile tools = tools_at(frame.time_s, 1e3 * (frame.depth * tool.push + frame.aside));
   write_vtp(tool_series_.next_frame(),
-            {.position_mm = tool_.position_mm.colwise() + 1e3 * (frame.depth * tool.push + frame.aside),
-             .triangles = tool_.triangles,
+            {.position_mm = std::move(tools.position_mm),
+             .triangles = std::move(tools.triangles),
              .fields = {},
              .facts = {fact("indentation_mm", "mm", number(1e3 * frame.depth)),
                        fact("force_N", "N", number(frame.force)),
@@ -429,6 +430,21 @@ void ResultWriter::tables(const History& history, const Band& band, double sprea
   write_csv(folder_ / "energy.csv", energy);
 }
 
+SurfaceFile ResultWriter::tools_at(double time_s, const Vec3& way_mm) const {
+  SurfaceFile all{
+      .position_mm = tool_.position_mm.colwise() + way_mm, .triangles = tool_.triangles, .fields = {}};
+  for (const FurtherTool& one : further_) {
+    const Index vertices = all.position_mm.cols(), triangles = all.triangles.cols();
+    all.position_mm.conservativeResize(3, vertices + one.body.position_mm.cols());
+    all.position_mm.rightCols(one.body.position_mm.cols()) =
+        one.body.position_mm.colwise() + 1e3 * one.come(time_s);
+    all.triangles.conservativeResize(3, triangles + one.body.triangles.cols());
+    all.triangles.rightCols(one.body.triangles.cols()) =
+        one.body.triangles.array() + static_cast<int>(vertices);
+  }
+  return all;
+}
+
 // What a picture shows of the body and the tool.
 Overview ResultWriter::body_of(double depth) const {
   Overview picture;
@@ -462,6 +478,13 @@ Overview ResultWriter::picture_of(const History& history, const Band& band) cons
     picture.force_N.push_back(s.force);
   }
   if (band.known()) picture.half_N = band.half;
+  if (history.force.empty()) return picture;
+  // The picture moves them all as the tool that is measured.
+  const Vec3 way_mm = picture.depth_mm.back() * picture.push + picture.aside_mm;
+  SurfaceFile tools = tools_at(history.force.back().t, way_mm);
+  picture.tool_mm = tools.position_mm.colwise() - way_mm;
+  picture.tool_triangles = std::move(tools.triangles);
+  for (const FurtherTool& one : further_) picture.tool += ", " + one.name;
   return picture;
 }
 

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <filesystem>
+#include <functional>
 #include <future>
 #include <limits>
 #include <memory>
@@ -66,6 +67,14 @@ class ResultWriter {
                double end_s = std::numeric_limits<double>::infinity(),
                std::shared_ptr<const Touch> touch = nullptr);
 
+  /// A further tool that is drawn beside the one that is measured.
+  struct FurtherTool {
+    std::string name;
+    SurfaceFile body;                         ///< where it first touches [mm]
+    std::function<Vec3(double time_s)> come;  ///< [m] from there
+  };
+  void show_further(std::vector<FurtherTool> tools) { further_ = std::move(tools); }
+
   ~ResultWriter();
 
   /// Throws what the frame before this one met, as if it had met that itself.
@@ -120,6 +129,9 @@ class ResultWriter {
   Wanted wanted_;
   bool beside_;  // frames are written while the march goes on
   Section section_;
+  std::vector<FurtherTool> further_;
+  /// All tools as one body, where that which is measured has come by `way_mm`.
+  SurfaceFile tools_at(double time_s, const Vec3& way_mm) const;
   SurfaceFile tool_;  // at rest
   Interpolation to_nodes_, to_points_, to_section_;
   PointMeans on_section_;

@@ -10,6 +10,7 @@
 #include <set>
 
 #include "io/table.hpp"
+#include "io/vtk_files.hpp"
 #include "tests/end_to_end/program.hpp"
 
 namespace dimple {
@@ -521,6 +522,29 @@ TEST(SeveralTools, ThatPinchAWallPressItAlikeFromBothSidesAndHarderThanOneByItse
   EXPECT_GT(on_it, 0.01 * force);
   EXPECT_LT(on_it, 0.9 * force);
   EXPECT_GE(stands["force_N"].get<double>(), 0.99 * alone);
+}
+
+// In ParaView's file; the page has their forces.
+TEST(SeveralTools, AreDrawnEachWhereItIs) {
+  const fs::path folder = fresh_folder();
+  const std::string scene =
+      "run " DIMPLE_SAMPLE_DATA
+      "/block_3mm.nrrd -o out -q --band off --nodes 500 --frames 2 --depth 2mm --tool "
+      "sphere:5mm --set tool.other.shape=sphere:4mm --set tool.other.at=18,0,30 --set tool.other.move=";
+  for (const double way : {0.0, 1.0}) {
+    const Ran ran = dimple(folder, scene + fmt::format("{}mm --force", way));
+    ASSERT_EQ(ran.code, 0) << ran.err;
+    for (const auto& [file, share] : {std::pair{"tool_0000.vtp", 0.0}, {"tool_0002.vtp", 1.0}}) {
+      const Points at = read_vtp(folder / "out" / "tool" / file).position_mm;
+      const Index each = at.cols() / 2;
+      EXPECT_NEAR(at.leftCols(each).row(2).minCoeff(), 30.0 - 2.0 * share, 0.9) << file;
+      const Points other = at.rightCols(each);
+      EXPECT_NEAR(other.row(2).minCoeff(), 30.0 - way * share, 0.9) << file;
+      EXPECT_NEAR(other.row(0).mean(), 18.0, 0.5) << file;
+      EXPECT_NEAR(other.row(0).maxCoeff() - other.row(0).minCoeff(), 8.0, 0.05) << file;
+    }
+    EXPECT_NE(text_of(folder / "out" / "report.html").find("other_tools"), std::string::npos);
+  }
 }
 
 TEST(SeveralTools, WithoutFrictionComeOneAfterTheOtherToTheSameForcesAsTogether) {
