@@ -378,7 +378,7 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
                    " mm into the tool between the places where contact is enforced"),
       .where = moment(now),
       .why = text("the nodes under the tool are too far apart for its shape; the force may be off by ",
-                  percent(1.4 * audit.penetration / now.depth), " or more"),
+                  percent(off_by_penetration(audit.penetration, now.depth)), " or more"),
       .remedy = "use more nodes (--nodes), a smaller --depth, or a tool with a rounder edge",
       .code = "penetration"};
   if (audit.penetration > penetration_wrong * most) throw SolveError(report);

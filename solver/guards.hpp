@@ -67,6 +67,9 @@ class Guards {
   /// `hourglass`: the part of the stored energy in what averaged gradients do not see [J]; see
   /// GradientVariance.
   void check_hourglass(double hourglass, double stored, const Moment& now);
+  /// What the force may be off by, as a part of it, where the surface of a body reaches so far into a tool
+  /// that has come so deep [m]: a sphere's force grows as its depth^1.5.
+  static double off_by_penetration(double penetration, double depth) { return 1.4 * penetration / depth; }
   /// Of a tool that touches: `penetration`, where the surface reaches into it by more than `most` [m] between
   /// the places where contact is enforced. Throws SolveError: by fifty times as much; or `contact-surface`:
   /// it has come to a part of the surface that has no samples.

@@ -201,6 +201,13 @@ double half_of_displacement(const Result& result, const Vec3& coarse) {
                                  result.model.node_count());
 }
 
+namespace {
+bool has_finding(const History& history, std::string_view code) {
+  return std::any_of(history.guards.begin(), history.guards.end(),
+                     [&](const Finding& f) { return f.report.code == code; });
+}
+}  // namespace
+
 BandOfRun band_of_run(const Config& config, const Result& result, CoarserMarch& coarser) {
   const Stopwatch whole;
   BandOfRun found;
@@ -212,11 +219,13 @@ BandOfRun band_of_run(const Config& config, const Result& result, CoarserMarch& 
     const Result& coarse = coarser();
     band.half = result.loading.touch
                     ? tool_half_widths(result.history.force, result.model, coarse.history.force,
-                                       result.loading.touch->shape)
+                                       result.loading.touch->shape, result.history.off_by_penetration)
                     : half_widths(result.history.force, result.model.node_count(), coarse.history.force,
                                   result.model.tool.radius, !config.tissue.empty());
     if (band.half.empty())
       band.unknown = cloud + "the force ends before";
+    else if (result.loading.touch && has_finding(result.history, "hourglass"))
+      band.half.clear(), band.unknown = "the cloud is too coarse for this load, as a warning says";
     else if (result.followed)
       found.half_of_displacement = half_of_displacement(result, coarse.followed->u);
   } catch (const Stopped&) {

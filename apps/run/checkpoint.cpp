@@ -19,10 +19,10 @@ template <class Archive, Like<History> T>
 void members(Archive& io, T& history) {
   auto& [force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
          residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
-         contact_sticks, folds, walls, momentum_error, guards, retries] = history;
+         off_by_penetration, contact_sticks, folds, walls, momentum_error, guards, retries] = history;
   io(force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
      residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
-     contact_sticks, folds, walls, momentum_error, guards, retries);
+     off_by_penetration, contact_sticks, folds, walls, momentum_error, guards, retries);
 }
 
 template <class Archive, Like<TouchingTool::Touched> T>

@@ -31,7 +31,8 @@ double tool_band_half_width(double change, Index nodes, double spacing, double c
 }
 
 std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, const Model& model,
-                                     const std::vector<ForceSample>& coarse, const ToolShape& shape) {
+                                     const std::vector<ForceSample>& coarse, const ToolShape& shape,
+                                     double least) {
   if (force.empty() || coarse.empty() || coarse.back().depth < force.back().depth * (1.0 - 1e-9)) return {};
   Changes changes;
   for (const ForceSample& sample : coarse)
@@ -48,8 +49,9 @@ std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, cons
   std::vector<double> half;
   for (const ForceSample& sample : force)
     half.push_back(sample.depth > 0.0 ? std::abs(sample.force) *
-                                            tool_band_half_width(changes.at(sample.depth), model.node_count(),
-                                                                 spacing, contact_radius(shape, sample.depth))
+                                            std::max(least, tool_band_half_width(
+                                                                changes.at(sample.depth), model.node_count(),
+                                                                spacing, contact_radius(shape, sample.depth)))
                                       : 0.0);
   return half;
 }

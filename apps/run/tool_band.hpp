@@ -24,9 +24,11 @@ extern const double tool_band_multiplier;
 double tool_band_measure(double change, Index nodes, double spacing, double contact);
 
 /// Half the band's width [N] at each depth of a force curve of the model, against that of a coarser cloud.
-/// Empty if the coarser curve ends before.
+/// `least`: as a part of the force, what is known to be off at any depth. Empty if the coarser curve ends
+/// before.
 std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, const Model& model,
-                                     const std::vector<ForceSample>& coarse, const ToolShape& shape);
+                                     const std::vector<ForceSample>& coarse, const ToolShape& shape,
+                                     double least = 0.0);
 
 /// Clouds for which the band was measured, with half of which they were compared.
 inline constexpr Index fewest_nodes_with_tool_band = 1500;

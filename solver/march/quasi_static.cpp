@@ -369,7 +369,11 @@ void QuasiStaticMarch::check_contact(const Moment& now) {
   const TouchingTool::Audit audit = tool.audit(now_.u, system_.now());
   const double most = most_penetration * tool.touch().shape.radius;
   guards_.check_contact(audit, most, tool.touch().surface, now);
-  history_.penetration = std::max(history_.penetration, audit.penetration);
+  if (audit.penetration > history_.penetration) {
+    history_.penetration = audit.penetration;
+    if (audit.penetration > most)
+      history_.off_by_penetration = Guards::off_by_penetration(audit.penetration, now.depth);
+  }
   const TouchingTool::Touched touched = tool.touched();
   history_.contact_samples = touched.samples;
   history_.contact_area = touched.area;

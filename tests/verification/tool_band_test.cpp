@@ -97,6 +97,22 @@ double needed(const Scene& scene, Index nodes, bool& known) {
   return most;
 }
 
+// No narrower than a warning says that the force may be off.
+TEST(ToolBandWidth, IsNeverLessThanWhatIsKnownToBeOff) {
+  Model model;
+  model.X = Points::Zero(3, 2000);
+  model.spacing = Eigen::VectorXd::Constant(2000, 0.3e-3);
+  const std::vector<ForceSample> force = {
+      {}, {.t = 1.0, .depth = 1e-3, .force = 1e-3}, {.t = 2.0, .depth = 2e-3, .force = 3e-3}};
+  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+  const std::vector<double> usual = tool_half_widths(force, model, force, sphere),
+                            wide = tool_half_widths(force, model, force, sphere, 0.2);
+  ASSERT_EQ(usual.size(), 3U);
+  EXPECT_LT(usual[2], 0.1 * force[2].force);
+  for (const std::size_t k : {1U, 2U}) EXPECT_DOUBLE_EQ(wide[k], 0.2 * force[k].force);
+  EXPECT_EQ(tool_half_widths(force, model, force, sphere, 1e-6), usual);
+}
+
 class ToolBand : public testing::TestWithParam<bool> {};
 
 TEST_P(ToolBand, HoldsAtAllDepthsAtOnceOnScenesOfFiniteElements) {
