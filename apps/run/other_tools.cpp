@@ -214,7 +214,7 @@ OtherTools other_tools_of(const Config& config, const Model& model) {
   return result;
 }
 
-std::string force_in_words(const std::string& name, const TouchingTool::Touched& now) {
+std::string at_the_end_in_words(const std::string& name, const TouchingTool::Touched& now) {
   if (now.samples == 0) return name + ": touches nothing at the end";
   const Written written = force_written(now.force.norm());
   return fmt::format("{}: the tissue's force on it is x {}, y {}, z {} {} (LPS) at the end", name,

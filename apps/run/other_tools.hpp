@@ -31,6 +31,6 @@ struct OtherTools {
 OtherTools other_tools_of(const Config& config, const Model& model);
 
 /// What the tissue does to a further tool at the end, as a sentence.
-std::string force_in_words(const std::string& name, const TouchingTool::Touched& now);
+std::string at_the_end_in_words(const std::string& name, const TouchingTool::Touched& now);
 
 }  // namespace dimple

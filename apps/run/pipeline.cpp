@@ -180,7 +180,7 @@ void tell_of_rigid(const RunLog& log, const Result& result) {
   for (std::size_t k = 0; k < result.history.walls.size(); ++k) {
     const Touch& rigid = result.loading.walls[k];
     const TouchingTool::Touched& now = result.history.walls[k];
-    log.say(rigid.is_tool ? "tool     " + force_in_words(rigid.name, now)
+    log.say(rigid.is_tool ? "tool     " + at_the_end_in_words(rigid.name, now)
                           : "wall     " + in_words(rigid.name, now));
   }
 }

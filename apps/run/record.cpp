@@ -474,7 +474,7 @@ void Recorder::show_walls() {
   for (std::size_t k = 0; k < result.history.walls.size(); ++k) {
     const Touch& rigid = result.loading.walls[k];
     const TouchingTool::Touched& now = result.history.walls[k];
-    facts_.push_back(rigid.is_tool ? "tool " + force_in_words(rigid.name, now)
+    facts_.push_back(rigid.is_tool ? "tool " + at_the_end_in_words(rigid.name, now)
                                    : (rigid.name == "wall" ? "" : "wall ") + in_words(rigid.name, now));
   }
 }
