@@ -42,7 +42,7 @@ TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& 
 
 namespace {
 
-void refuse_touch(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading) {
+void refuse_touch(TimeMode mode, const ForceSystem& tissue, const Model& model) {
   const char* what = mode != TimeMode::quasi_static ? "inertia"
                      : !MixedIteration::serves(tissue, model)
                          ? "a scheme or a tissue without patches of pressure"
@@ -78,7 +78,7 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
                 "its nodes would change their speed at once",
          .remedy = "march it quasi-statically (--time quasi-static)",
          .code = "steps"});
-  if (loading.touch) refuse_touch(mode, tissue, model, loading);
+  if (loading.touch) refuse_touch(mode, tissue, model);
   if (loading.folds && (mode != TimeMode::quasi_static || !MixedIteration::serves(tissue, model)))
     throw SolveError({.fact = "folds are to touch, in a march or a scheme that does not look for contact",
                       .where = text("time ", name_of(mode)),

@@ -144,7 +144,7 @@ TEST(ABladeCarriedBack, AcrossACutThatGapesGoesFromBankToBankWithHardlyAFold) {
     turned += 0.5 * std::abs(Vec3(across.vertex.col(t[1]) - a).cross(Vec3(across.vertex.col(t[2]) - a)).y());
   }
   EXPECT_LT(turned - std::abs(area), 0.04 * turned)
-      << "the triangles face one way but for a fiftieth of them";
+      << "the triangles face one way but for a twenty-fifth of their area";
 }
 
 TEST(ABladeCarriedBack, OfAClosedRegionStaysClosed) {
