@@ -196,8 +196,9 @@ Balance System::balance(const Nodal& f, Nodal& unbalanced, const Beside& beside)
 }
 
 /// A body under `loads`, come to rest, its circle where the tool then touches it: bonded or not, and
-/// `further` sets held likewise; or `touch`: a tool that holds no nodes, and stands apart until then. `folds` that close
-/// touch. `walls`: rigid contacts that are not measured. Throws SolveError: it does not carry its loads.
+/// `further` sets held likewise; or `touch`: a tool that holds no nodes, and stands apart until then. `folds`
+/// that close touch. `walls`: rigid contacts that are not measured. Throws SolveError: it does not carry its
+/// loads.
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
                                     const std::vector<HeldSet>& further, const Loads& loads = {},
                                     double tolerance = 1e-4, const Touch* touch = nullptr,
