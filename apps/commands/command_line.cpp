@@ -149,7 +149,7 @@ const std::vector<NotModelled>& not_modelled() {
        "friction is an option under a tool that touches, of `dimple run` and `dimple fit` alone: --friction",
        "dimple run IMAGE --tool sphere:5mm --friction 0.3; the circle has --contact bonded and frictionless"},
       {{"--cut", "--cutting", "--incision", "--tear", "--fracture"},
-       "a cut is made before the load, by --cut, and tissue does not tear under it",
+       "a cut is made before the load, by --cut, or in a step of a scene, and tissue does not tear by itself",
        "dimple run IMAGE --cut line:x,y,z,x,y,z,depth=15mm, plane:x,y,z,nx,ny,nz, sheet.stl or label:NAME"},
       {{"--skin", "--pia", "--shell", "--capsule"},
        "a shell that bends is not modelled: a film on the organ resists stretching alone",
