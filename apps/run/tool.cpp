@@ -268,10 +268,12 @@ void check_tool(const Config& config) {
   refuse_beside(config, was_given(config, "boundary.indenter_diameter_mm"), "a diameter of the circle",
                 "--indenter-diameter (boundary.indenter_diameter_mm)", "the tool has lengths of its own",
                 "leave --indenter-diameter out, or --tool");
-  refuse_beside(config, !config.accuracy.goal.empty() || config.accuracy.budget_s > 0.0, "an accuracy",
-                "--accuracy (accuracy.goal)",
-                "the error of the force was measured for the circle alone, so that no band is known",
-                "choose the number of nodes with --nodes, and compare two of them");
+  refuse_beside(
+      config, !config.accuracy.goal.empty() || config.accuracy.budget_s > 0.0, "an accuracy",
+      "--accuracy (accuracy.goal)",
+      "which clouds reach it is known of the circle alone; of a tool the band is told with the nodes "
+      "that are given",
+      "choose the number of nodes with --nodes, and read the band");
   require_tool_as_long(config, config.load.depth_mm);
 }
 

@@ -105,9 +105,7 @@ TEST_P(ToolOnACylinder, HasTheForceOfFiniteElements) {
   loading.touch = touch_under_loads(tissue, built.model, loading);
   History history;
   solve(TimeMode::quasi_static, tissue, built.model, loading,
-        {.frames = static_cast<int>(std::lround(2.0 * scene.depth_mm)),
-         .step_radii = std::getenv("SR") ? std::atof(std::getenv("SR")) : 0.1},
-        {}, history);
+        {.frames = static_cast<int>(std::lround(2.0 * scene.depth_mm))}, {}, history);
   EXPECT_EQ(history.force.back().depth, loading.depth);
   const double allowed = nodes >= 4000 && scene.top_mu == 210.0 ? 0.02 : 0.03;
   double worst = 0.0;
