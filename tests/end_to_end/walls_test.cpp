@@ -71,16 +71,20 @@ TEST(Wall, OfALabelHoldsBackItsNeighbourThatIsPressedFromTheSide) {
   EXPECT_GT(beside["force_N"].get<double>(), 1.004 * free["force_N"].get<double>());
 }
 
-TEST(Wall, IsRefusedWhereItCannotStandOrNothingLooksForIt) {
-  const fs::path folder = fresh_folder();
-  const auto refused = [&](const std::string& options, const std::string& fact,
-                           const std::string& command = "run ") {
+struct Refused {
+  fs::path folder = fresh_folder();
+  void operator()(const std::string& options, const std::string& fact,
+                  const std::string& command = "run ") const {
     const Ran ran = dimple(
         folder, command + body + (command == "run " ? " -o out" + std::string(quick_wall) : " ") + options);
     EXPECT_NE(ran.code, 0) << options;
     EXPECT_NE(ran.err.find(fact), std::string::npos) << options << '\n' << ran.err;
     EXPECT_NE(ran.err.find("  try:"), std::string::npos) << ran.err;
-  };
+  }
+};
+
+TEST(Wall, IsRefusedWhereItCannotStandOrNothingLooksForIt) {
+  const Refused refused;
   refused("--wall nothing", "this names no wall");
   refused("--wall plane:1,2,3", "has 3 numbers");
   refused("--wall plane:1,2,3,0,0,0", "has no normal");
@@ -95,11 +99,11 @@ TEST(Wall, IsRefusedWhereItCannotStandOrNothingLooksForIt) {
   refused("--set wall.skull.friction=0.1", "has no shape");
   refused("--wall around:1mm --time explicit", "takes no walls");
   refused("--wall around:1mm --scheme horton2007", "takes no walls");
-  const Ran ran = dimple(folder, "run " + body + " -o out --accuracy 2% --wall around:1mm");
+  const Ran ran = dimple(refused.folder, "run " + body + " -o out --accuracy 2% --wall around:1mm");
   EXPECT_NE(ran.code, 0);
   EXPECT_NE(ran.err.find("no walls"), std::string::npos) << ran.err;
   refused("--socket s --set load.wall=around:1mm", "takes no walls", "poke ");
-  EXPECT_FALSE(fs::exists(folder / "out" / "force.csv"));
+  EXPECT_FALSE(fs::exists(refused.folder / "out" / "force.csv"));
 }
 
 constexpr const char* beside = "--wall plane:30.3,0,0,-1,0,0 --set wall.hull.shape=around:0.3mm ";
@@ -195,15 +199,7 @@ TEST(Bed, CarriesTheWeightOfABodyThatASupportKeepsFromDrifting) {
 }
 
 TEST(Bed, IsRefusedWhereNothingCarriesTheBodyOrHoldsItSideways) {
-  const fs::path folder = fresh_folder();
-  const auto refused = [&](const std::string& options, const std::string& fact,
-                           const std::string& command = "run ") {
-    const Ran ran = dimple(
-        folder, command + body + (command == "run " ? " -o out" + std::string(quick_wall) : " ") + options);
-    EXPECT_NE(ran.code, 0) << options;
-    EXPECT_NE(ran.err.find(fact), std::string::npos) << options << '\n' << ran.err;
-    EXPECT_NE(ran.err.find("  try:"), std::string::npos) << ran.err;
-  };
+  const Refused refused;
   refused("--base-hold none", "nothing carries the body");
   refused("--base-hold loose", "--base-hold");
   for (const char* loose : {"--contact frictionless", "--tool sphere:10mm", "--gravity inferior",
