@@ -32,11 +32,7 @@ Outcome explained(const Config& config, const Invocation& shared, Outcome outcom
       fmt::format("{} with {} nodes", force_title(summary.at("force_N"), summary.at("indentation_mm")),
                   summary.at("counts").at("nodes").get<Index>());
   write_explanation(out, explanation, std::filesystem::path(config.image.file).filename().string());
-  if (!explanation.ended_by.empty()) {
-    outcome.interrupted = true;
-    outcome.ended_by = explanation.ended_by + "; explain.md has what was compared until then";
-  }
-  add_explained(outcome, out, comparing.seconds());
+  add_explained(outcome, out, comparing.seconds(), explanation.ended_by);
   return outcome;
 }
 

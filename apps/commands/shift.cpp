@@ -26,11 +26,7 @@ Outcome explained(const Config& config, const ShiftOptions& options, const Invoc
   const std::filesystem::path out = shared.out;
   const FileList list(out);
   write_explanation(out, explanation, std::filesystem::path(config.image.file).filename().string());
-  if (!explanation.ended_by.empty()) {
-    outcome.interrupted = true;
-    outcome.ended_by = explanation.ended_by + "; explain.md has what was compared until then";
-  }
-  add_explained(outcome, out, comparing.seconds());
+  add_explained(outcome, out, comparing.seconds(), explanation.ended_by);
   return outcome;
 }
 

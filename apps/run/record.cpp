@@ -591,7 +591,11 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
                 observer);
 }
 
-void add_explained(Outcome& outcome, const fs::path& folder, double seconds) {
+void add_explained(Outcome& outcome, const fs::path& folder, double seconds, const std::string& ended_by) {
+  if (!ended_by.empty()) {
+    outcome.interrupted = true;
+    outcome.ended_by = ended_by + "; explain.md has what was compared until then";
+  }
   Json summary = Json::parse(outcome.summary_json);
   outcome.times.emplace_back("comparing", seconds);
   Json& parts = summary["parts_wall_s"];

@@ -46,7 +46,9 @@ Outcome record_model(const Config& config, const std::filesystem::path& folder, 
                      const RecordObserver& observer = {});
 
 /// What came of a run after its summary had been written, for so long, is in the summary and on the page too:
-/// the chart of what the force depends on, and how it ended. Throws OutputError.
-void add_explained(Outcome& outcome, const std::filesystem::path& folder, double seconds);
+/// the chart of what the force depends on, and how it ended. `ended_by`: what stopped it, or nothing. Throws
+/// OutputError.
+void add_explained(Outcome& outcome, const std::filesystem::path& folder, double seconds,
+                   const std::string& ended_by);
 
 }  // namespace dimple
