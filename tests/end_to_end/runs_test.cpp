@@ -25,6 +25,7 @@ using Json = nlohmann::json;
 const std::string cloud = " --nodes 500";
 // Slow enough for the wave of the sudden start, which is proportional to the rate, to stay below the force.
 const std::string load = " --depth 0.5mm --rate 5mm/s --frames 4";
+const std::string tables_alone = load + " --write force";  // where nothing else is looked at
 
 class Run : public InFolder {
  protected:
@@ -96,7 +97,7 @@ TEST_F(Run, IsRepeatedBitForBitByTheConfigurationItWrote) {
   good(
       "run brain.nrrd -o first --set material.mu=0.3kPa --nu 0.49 --density 1.04g/cm3 --seed 3 --safety 0.8"
       " --indent-at superior,left --label left_hemisphere,2" +
-      cloud + load);
+      cloud + tables_alone);
   good("run --config first/config.resolved.toml -o second");
   EXPECT_EQ(force("first"), force("second"));
   EXPECT_NE(text_of(folder / "second" / "config.resolved.toml").find("mu_Pa = 300.0"), std::string::npos);
@@ -252,7 +253,8 @@ TEST_F(Run, ForTheAccuracyOfADisplacementClimbsUntilItsBandIsAsNarrow) {
 
 TEST_F(Run, TellsWhatItsForceDependsOn) {
   const std::string sample = std::string(DIMPLE_SAMPLE_DATA) + "/block_3mm.nrrd";
-  const std::string line = "run " + sample + " -o out --depth 3mm --frames 4 --band off --write report";
+  const std::string line =
+      "run " + sample + " -o out --nodes 1000 --depth 3mm --frames 4 --band off --write report";
   const Ran ran = good(line + " --explain");
   EXPECT_NE(text_of(folder / "out/report.html").find("What the force depends on: "), std::string::npos)
       << "the chart is in the page";
@@ -320,7 +322,7 @@ TEST_F(Run, IsProportionalToAModulusThatIsKnownToAShare) {
 
 TEST_F(Run, GivesTheSameBitsWithAnyNumberOfThreads) {
   for (const char* threads : {"1", "2", "3"})
-    good("run brain.nrrd -o threads" + std::string(threads) + cloud + load + " --threads " + threads);
+    good("run brain.nrrd -o threads" + std::string(threads) + cloud + tables_alone + " --threads " + threads);
   EXPECT_EQ(force("threads1"), force("threads2"));
   EXPECT_EQ(force("threads1"), force("threads3"));
 }
@@ -433,7 +435,7 @@ TEST_F(Run, TellsOfNarrowFoldsAndClosesThemOnRequest) {
 
 TEST_F(Run, SolvesTwoPlainListsOfLocations) {
   good("model brain.nrrd -o model --scheme horton2007" + cloud);
-  good("solve model -o from_vtu" + load);
+  good("solve model -o from_vtu" + tables_alone);
   const auto list = [&](const PointFile& points, const std::vector<std::string>& columns) {
     Table table{.header = {"x_mm", "y_mm", "z_mm"}, .column = {}};
     for (Index d = 0; d < 3; ++d) {
@@ -458,14 +460,14 @@ TEST_F(Run, SolvesTwoPlainListsOfLocations) {
   write_csv(folder / "full" / "nodes.csv", list(nodes, {"spacing_mm", "node_set"}));
   write_csv(folder / "full" / "points.csv", list(points, {"volume_mm3"}));
   std::ofstream(folder / "full" / "model.toml") << toml;
-  good("solve full -o from_full" + load);
+  good("solve full -o from_full" + tables_alone);
   EXPECT_EQ(force("from_full"), force("from_vtu"));
 
   fs::create_directories(folder / "plain");  // places alone: what is missing is assumed, and said
   write_csv(folder / "plain" / "nodes.csv", list(nodes, {}));
   write_csv(folder / "plain" / "points.csv", list(points, {}));
   std::ofstream(folder / "plain" / "model.toml") << toml;
-  const Ran ran = good("solve plain -o from_plain" + load);
+  const Ran ran = good("solve plain -o from_plain" + tables_alone);
   for (const char* word : {"warning", "no spacing", "no volume", "no node_set"})
     EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
   EXPECT_GT(last_force("from_plain"), 0.0);
@@ -528,9 +530,9 @@ TEST_F(Run, LeavesAValidPartialResultWhenInterrupted) {
 }
 
 TEST_F(Run, CanSlideUnderTheIndenterAndUseAQuadraticBasis) {
-  good("run brain.nrrd -o bonded" + cloud + load);
-  good("run brain.nrrd -o frictionless --contact frictionless" + cloud + load);
-  good("run brain.nrrd -o quadratic --basis quadratic" + cloud + load);
+  good("run brain.nrrd -o bonded" + cloud + tables_alone);
+  good("run brain.nrrd -o frictionless --contact frictionless" + cloud + tables_alone);
+  good("run brain.nrrd -o quadratic --basis quadratic" + cloud + tables_alone);
   for (const char* out : {"bonded", "frictionless", "quadratic"}) {
     EXPECT_EQ(summary(out).at("status"), "finished") << out;
     EXPECT_GT(last_force(out), 0.0) << out;
@@ -541,11 +543,12 @@ TEST_F(Run, CanSlideUnderTheIndenterAndUseAQuadraticBasis) {
 }
 
 TEST_F(Run, TakesALabelByNameOrByNumber) {
-  good("run brain.nrrd -o by_name --label Right_Hemisphere --nodes 400" + load);  // case does not matter
-  good("run brain.nrrd -o by_number --label 2 --nodes 400" + load);
+  good("run brain.nrrd -o by_name --label Right_Hemisphere --nodes 400" +
+       tables_alone);  // case does not matter
+  good("run brain.nrrd -o by_number --label 2 --nodes 400" + tables_alone);
   EXPECT_EQ(force("by_name"), force("by_number"));
-  good("run brain.nrrd -o both --label 1,2" + cloud + load);
-  good("run brain.nrrd -o all" + cloud + load);
+  good("run brain.nrrd -o both --label 1,2" + cloud + tables_alone);
+  good("run brain.nrrd -o all" + cloud + tables_alone);
   EXPECT_EQ(force("both"), force("all"));
 }
 
@@ -553,23 +556,23 @@ TEST_F(Run, TakesLabelNamesFromATable) {
   good("phantom brain.nii.gz --spacing 3");  // NIfTI has no names: they lie beside it
   ASSERT_TRUE(fs::exists(folder / "brain.labels.txt"));
   good("run brain.nii.gz -o named --label right_hemisphere --label-names brain.labels.txt --nodes 400" +
-       load);
-  good("run brain.nii.gz -o numbered --label 2 --nodes 400" + load);
+       tables_alone);
+  good("run brain.nii.gz -o numbered --label 2 --nodes 400" + tables_alone);
   EXPECT_EQ(force("named"), force("numbered"));
 }
 
 TEST_F(Run, TakesBothLabelsOfATwoLabelImageAsOneBody) {
   good("phantom two.seg.nrrd --shape block --size 60,60,30 --spacing 3 --two-labels");
   good("phantom one.seg.nrrd --shape block --size 60,60,30 --spacing 3");
-  good("run two.seg.nrrd -o two" + cloud + load);
-  good("run one.seg.nrrd -o one" + cloud + load);
+  good("run two.seg.nrrd -o two" + cloud + tables_alone);
+  good("run one.seg.nrrd -o one" + cloud + tables_alone);
   EXPECT_EQ(force("two"), force("one"));
   EXPECT_NEAR(summary("two").at("volume_mm3").get<double>(), 60.0 * 60.0 * 30.0, 0.01 * 60.0 * 60.0 * 30.0);
 }
 
 TEST_F(Run, TakesAMaterialForEachLabelByNumberOrName) {
   good("phantom two.seg.nrrd --shape block --size 60,60,30 --spacing 3 --two-labels");
-  const std::string shallow = " --nodes 400 --depth 0.5mm --frames 1 -q";
+  const std::string shallow = " --nodes 400 --depth 0.5mm --frames 1 -q --write force";
   good("run two.seg.nrrd -o one" + shallow);
   good("run two.seg.nrrd -o by_number --set tissue.2.mu=900" + shallow);
   const auto names = Json::parse(good("info two.seg.nrrd --json").out).at("labels");
@@ -581,9 +584,13 @@ TEST_F(Run, TakesAMaterialForEachLabelByNumberOrName) {
 
 TEST_F(Run, OfTwoLabelsWithATissueEachIsABodyOfTwoTissuesAndHasABand) {
   good("phantom two.seg.nrrd --shape block --size 60,60,30 --spacing 3 --two-labels");
-  good("run two.seg.nrrd -o both --set tissue.1.mu=300 --set tissue.2.mu=900 --depth 1mm --frames 1 -q");
+  good(
+      "run two.seg.nrrd -o both --set tissue.1.mu=300 --set tissue.2.mu=900 --depth 1mm --frames 1 -q "
+      "--write force");
   EXPECT_FALSE(summary("both").at("band").contains("unknown")) << summary("both").at("band");
-  good("run two.seg.nrrd -o far --set tissue.1.mu=100 --set tissue.2.mu=900 --depth 1mm --frames 1 -q");
+  good(
+      "run two.seg.nrrd -o far --set tissue.1.mu=100 --set tissue.2.mu=900 --depth 1mm --frames 1 -q --write "
+      "force");
   EXPECT_TRUE(summary("far").at("band").contains("unknown")) << "nine times as stiff";
 }
 
@@ -620,7 +627,7 @@ TEST_F(Run, ATissueThatRelaxesHasUnderARampTheShareOfTheElasticForceThatLeeAndRa
 }
 
 TEST_F(Run, SaysWhatWasAskedOfItAndEveryWarning) {
-  const Ran ran = good("run brain.nrrd -o out --contact frictionless --mu 0.3kPa" + cloud + load);
+  const Ran ran = good("run brain.nrrd -o out --contact frictionless --mu 0.3kPa" + cloud + tables_alone);
   const Json json = summary("out");
   EXPECT_EQ(json.at("exit_code"), 0);
   EXPECT_EQ(json.at("requested").at("depth_mm"), 0.5);
@@ -657,7 +664,7 @@ TEST_F(Run, SaysWhatWasAskedOfItAndEveryWarning) {
       << ran.err;
   EXPECT_EQ(ran.err.find("swine brain"), std::string::npos) << ran.err;
 
-  const Ran one = good("run brain.nrrd -o one --label 2 --nodes 400" + load);
+  const Ran one = good("run brain.nrrd -o one --label 2 --nodes 400" + tables_alone);
   EXPECT_EQ(one.err.find("labels form one body"), std::string::npos) << one.err;
   EXPECT_NE(one.err.find("labels   chosen: 2 (right_hemisphere)"), std::string::npos) << one.err;
   EXPECT_NE(one.err.find("mu 210 Pa of swine brain"), std::string::npos) << one.err;
@@ -665,7 +672,7 @@ TEST_F(Run, SaysWhatWasAskedOfItAndEveryWarning) {
 }
 
 TEST_F(Run, TakesYoungsModulusInPlaceOfTheShearModulus) {
-  const std::string quick = " --nodes 400 --depth 0.5mm --frames 1 -q --nu 0.45";
+  const std::string quick = " --nodes 400 --depth 0.5mm --frames 1 -q --nu 0.45 --write force";
   good("run brain.nrrd -o young --young 0.58kPa" + quick);
   good("run brain.nrrd -o mu --mu 200" + quick);
   EXPECT_EQ(force("young"), force("mu"));

@@ -93,7 +93,8 @@ TEST_F(Stop, IsAnsweredWithinTwoSecondsByEveryCommand) {
 
 // The finest cloud until then, as if it alone had been asked for.
 TEST_F(Stop, OfARefinementKeepsItsBestForceWithItsBand) {
-  const std::string line = "run brain.nrrd -o out --accuracy 0.5% --depth 2mm --frames 4";
+  const std::string line =
+      "run brain.nrrd -o out --accuracy 0.5% --depth 2mm --frames 4 --write force,picture";
   int with_band = 0;
   for (int stop = 0; stop < 6; ++stop) {  // amid the first three clouds
     SCOPED_TRACE(stop);
@@ -117,8 +118,9 @@ TEST_F(Stop, OfAnExplanationKeepsTheForceAndTheLinesBeforeIt) {
   for (const int said : {0, 1, 2, 5}) {
     SCOPED_TRACE(said);
     fs::remove_all(folder / "out");
-    const Ran ran = expect_end("run brain.nrrd -o out --explain --band off --depth 2mm --frames 4",
-                               milliseconds(200), SIGINT, "explain  ", said);
+    const Ran ran =
+        expect_end("run brain.nrrd -o out --explain --band off --nodes 700 --depth 2mm --frames 4",
+                   milliseconds(200), SIGINT, "explain  ", said);
     if (!fs::exists(folder / "out/force.csv")) continue;
     expect_whole_files(folder / "out", true);
     EXPECT_EQ(summary("out").at("exit_code"), ran.code);

@@ -183,8 +183,8 @@ const std::string precisely = "--precision double --time quasi-static --set solv
 Result run(const fs::path& folder, const std::string& image, const std::string& options = precisely) {
   SCOPED_TRACE(image);
   const std::string out = image + ".out";
-  const Ran ran =
-      dimple(folder, "run " + image + " -o " + out + " -q --nodes 500 --depth 1mm --frames 1 " + options);
+  const Ran ran = dimple(folder, "run " + image + " -o " + out +
+                                     " -q --nodes 500 --depth 1mm --frames 1 --write model " + options);
   EXPECT_EQ(ran.code, 0) << ran.err;
   if (ran.code != 0) return {};
   const PointFile points = read_vtu(folder / out / "model" / "points.vtu");
@@ -365,7 +365,7 @@ TEST(Storage, OfATurnedOrganGivesTheTurnedModelAndTheSameForce) {
 
 double force_of_brain(const fs::path& folder, const LabelImage& image, const std::string& options) {
   write_nrrd(folder / "brain.nrrd", stored_as(image, {0, 1, 2}, {false, false, false}), false);
-  const Ran ran = dimple(folder, "run brain.nrrd -o out --force -q " + options);
+  const Ran ran = dimple(folder, "run brain.nrrd -o out --force -q --band off --write force " + options);
   EXPECT_EQ(ran.code, 0) << ran.err;
   return ran.code == 0 ? read_csv(folder / "out/force.csv").find("force_N")->back() : std::nan("");
 }
