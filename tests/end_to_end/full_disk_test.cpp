@@ -90,8 +90,8 @@ class FullDisk : public testing::Test {
             "phantom " + out + "/p.seg.nrrd --spacing 3 -q",
             "phantom " + out + "/p.nii.gz --spacing 3 -q",
             "phantom " + out + "/p.mha --spacing 3 -q",
-            "export brain.nrrd --nodes 2000 -q -o " + out + "/scene.inp",
-            "export brain.nrrd --nodes 2000 -q -o " + out + "/scene.feb",
+            "export brain.nrrd --nodes 800 -q -o " + out + "/scene.inp",
+            "export brain.nrrd --nodes 800 -q -o " + out + "/scene.feb",
             "model brain.nrrd --nodes 500 -q -o " + out + "/model",
             "solve model --depth 1mm --frames 2 -q -o " + out + "/solved",
             "run brain.nrrd --nodes 500 --depth 1mm --frames 2 -q -o " + out + "/run"};
