@@ -27,11 +27,18 @@
 
 namespace dimple::wide {
 
-/// Whether functions marked so may be called: with registers of 32 bytes, and of 64.
+/// Whether functions marked so may be called: with registers of 32 bytes, and of 64. Clang refuses the assembly
+/// for 64 before it inlines it where they are.
 #if defined(__x86_64__)
-inline const bool has_avx2 = __builtin_cpu_supports("avx2"), has_avx512 = __builtin_cpu_supports("avx512f");
+inline const bool has_avx2 = __builtin_cpu_supports("avx2");
 #else
-inline constexpr bool has_avx2 = false, has_avx512 = false;
+inline constexpr bool has_avx2 = false;
+#endif
+#if defined(__x86_64__) && !defined(__clang__)
+#define DIMPLE_ASSEMBLY
+inline const bool has_avx512 = __builtin_cpu_supports("avx512f");
+#else
+inline constexpr bool has_avx512 = false;
 #endif
 
 template <class Real, int count>
@@ -115,8 +122,8 @@ template <int nodes, class Real>
     std::memcpy(&all, twice, sizeof all);
     const Four<Real>&a = four(values + 2 * (all & 0xffff)), &b = four(values + 2 * (all >> 16 & 0xffff)),
           &c = four(values + 2 * (all >> 32 & 0xffff)), &d = four(values + 2 * (all >> 48));
-    Nodes<Real, 4> joined = {};  // and nothing else off x86-64, where nobody calls this
-#if defined(__x86_64__)
+    Nodes<Real, 4> joined = {};  // and nothing else where nobody calls this
+#if defined(DIMPLE_ASSEMBLY)
     // Loads into lanes: what compilers make of shuffles waits for the one port that shuffles.
     asm("vbroadcastf32x4 %1, %0" : "=v"(joined) : "m"(a));
     asm("vbroadcastf32x4 %1, %0%{%2%}" : "+v"(joined) : "m"(b), "Yk"(std::uint16_t{0x00f0}));
@@ -163,7 +170,7 @@ template <int nodes, class Real>
   }
   if constexpr (nodes == 4) {
     auto all = load<16>(d[0]);
-#if defined(__x86_64__)
+#if defined(DIMPLE_ASSEMBLY)
     asm("" : "+v"(all));  // loaded once, not once for each of the three
 #endif
     return {__builtin_shufflevector(all, all, 0, 0, 0, 0, 3, 3, 3, 3, 6, 6, 6, 6, 9, 9, 9, 9),
