@@ -2,6 +2,7 @@
 # make test   install what is missing, build, run all tests
 # make build  only build
 # make check  the tests under address and undefined-behaviour sanitizers
+# make check-quick   those of the solver that take no minute there: what .ci/run does
 # make check-threads   the tests under the thread sanitizer
 # make fuzz   a million damaged files for each reader, under sanitizers (clang); 5000 honest ones beside other libraries
 # make bench  how long each stage takes, beside what this processor can do; results into tests/bench/results
@@ -15,7 +16,7 @@ DIMPLE := $(BUILD)/dimple
 DEMO := out/demo
 FUZZ_RUNS := 1000000
 
-.PHONY: demo test build check check-threads fuzz bench converge atlas chart studies wheel deb clean bootstrap
+.PHONY: demo test build check check-quick check-threads fuzz bench converge atlas chart studies wheel deb clean bootstrap
 
 demo: build
 	@mkdir -p $(DEMO)
@@ -35,6 +36,12 @@ check: bootstrap
 	cmake --preset asan
 	cmake --build build/asan
 	LSAN_OPTIONS=suppressions=$(CURDIR)/tests/leaks.supp ctest --test-dir build/asan --output-on-failure -j 2
+
+check-quick: bootstrap
+	cmake --preset asan -B build/asan-solver -DDIMPLE_SOLVER_ONLY=ON
+	cmake --build build/asan-solver --target solver_test discretise_test
+	LSAN_OPTIONS=suppressions=$(CURDIR)/tests/leaks.supp ctest --test-dir build/asan-solver --output-on-failure -j 2 -L unit \
+	  -E '^(LoadSlowly|Frames|Live|Restart|Steps|Recovery)\.'
 
 # ITK's pool and VTK's hand work over where the sanitizer cannot see it. ITK's plain threads it sees; VTK gets one.
 check-threads: bootstrap

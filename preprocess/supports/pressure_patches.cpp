@@ -276,7 +276,8 @@ void make_pressure_patches(Model& model, bool folded, double nodes_per_patch) {
   for (Index q = 0; q < count; ++q) of_tissue[model.tissue[q]].push_back(static_cast<int>(q));
   std::vector<Share> share(static_cast<std::size_t>(count));
   Index first = 0;
-  for (const auto& [number, points] : of_tissue) {
+  for (const auto& tissue : of_tissue) {
+    const std::vector<int>& points = tissue.second;
     double worth = 0.0;
     for (const int q : points) worth += places.worth[q];
     const Index wanted = std::max<Index>(1, std::lround(worth * nodes_per_worth / nodes_per_patch));
