@@ -234,7 +234,7 @@ TEST_F(Fit, ARunDrawsAMeasuredCurveBesideItsOwnAndChangesNothingElse) {
   const Json compared = summary("out")["compare"];
   EXPECT_EQ(compared["file"], "measured.csv");
   EXPECT_EQ(compared["depth_mm"], 1.0);
-  EXPECT_TRUE(compared["inside_band"].is_null()) << "500 nodes have no band";
+  EXPECT_TRUE(compared.at("inside_band").is_null()) << "500 nodes have no band";
   EXPECT_FALSE(summary("plain").contains("compare"));
 
   good(run + " -o out --force --write force");

@@ -74,7 +74,8 @@ TEST_F(GravityInAScene, IsBorneByTheBaseWhereTheToolBarelyTouches) {
   EXPECT_NEAR(curve.find("force_N")->front(), 0.0, 1e-3 * weight);
   EXPECT_NEAR(curve.find("base_force_N")->back() - curve.find("force_N")->back(), weight, 1e-3 * weight);
   EXPECT_LT(summary["momentum_error"].get<double>(), 1e-3) << "the tissue's own forces add up to nothing";
-  EXPECT_TRUE(summary["band"]["low_N"].is_null() || !summary["band"]["unknown"].is_null()) << summary["band"];
+  EXPECT_TRUE(summary["band"].contains("unknown")) << summary["band"];
+  EXPECT_FALSE(summary["band"].contains("low_N")) << summary["band"];
 }
 
 TEST_F(GravityInAScene, SettlesTheBodyTheMoreTheStrongerItIs) {

@@ -6,7 +6,7 @@
 #include <Eigen/QR>
 #include <cmath>
 
-namespace dimple {
+namespace dimple::anderson_test {
 namespace {
 
 // x -> x + b - A x with eigenvalues of A from 0.02 to 1.9.
@@ -90,4 +90,4 @@ TEST(Anderson, RemembersNoMoreThanItsWindow) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::anderson_test

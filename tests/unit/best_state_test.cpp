@@ -4,7 +4,7 @@
 
 #include <limits>
 
-namespace dimple {
+namespace dimple::best_state_test {
 namespace {
 
 Nodal nodes(double value) {
@@ -71,4 +71,4 @@ TEST(BestState, ABetterStateWithoutAStepLeavesTheLastStep) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::best_state_test

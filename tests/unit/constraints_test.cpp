@@ -7,7 +7,7 @@
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
 
-namespace dimple {
+namespace dimple::constraints_test {
 namespace {
 
 using namespace testing_bodies;
@@ -102,4 +102,4 @@ TEST(Constraints, ARetractorIsFollowedByEveryWayOfMarching) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::constraints_test

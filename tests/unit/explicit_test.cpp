@@ -8,7 +8,7 @@
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
 
-namespace dimple {
+namespace dimple::explicit_test {
 namespace {
 
 using namespace testing_bodies;
@@ -112,4 +112,4 @@ TEST(Simulate, NothingFreeToMoveIsRefused) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::explicit_test

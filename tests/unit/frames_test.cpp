@@ -9,7 +9,7 @@
 #include "solver/solve.hpp"
 #include "tests/helpers/arch.hpp"
 
-namespace dimple {
+namespace dimple::frames_test {
 namespace {
 
 using namespace testing_bodies;
@@ -105,4 +105,4 @@ TEST(Frames, StepsGrowWithTheDepthInRadiiAlone) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::frames_test

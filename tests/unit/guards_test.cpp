@@ -12,7 +12,7 @@
 #include "solver/text.hpp"
 #include "tests/helpers/block.hpp"
 
-namespace dimple {
+namespace dimple::guards_test {
 namespace {
 
 using namespace testing_bodies;
@@ -541,4 +541,4 @@ TEST(Guards, ChangeNoBitOfARunInWhichNoneFires) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::guards_test

@@ -7,7 +7,7 @@
 
 #include "tests/helpers/block.hpp"
 
-namespace dimple {
+namespace dimple::internal_force_test {
 namespace {
 
 using namespace testing_bodies;
@@ -246,4 +246,4 @@ TEST(InternalForce, KeepsItsDigitsNearRest) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::internal_force_test

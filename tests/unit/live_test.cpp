@@ -16,7 +16,7 @@
 #include "solver/session.hpp"
 #include "tests/helpers/block.hpp"
 
-namespace dimple {
+namespace dimple::live_test {
 namespace {
 
 const Material tissue = neo_hookean(210.0, 0.499, 1000.0);
@@ -496,4 +496,4 @@ TEST(BetweenFrames, NoAnswerOfARandomMinuteLiesOutsideOfTheEquilibriaOfItsLastTe
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::live_test

@@ -13,7 +13,7 @@
 
 #include "io/error.hpp"
 
-namespace dimple {
+namespace dimple::material_test {
 namespace {
 
 const Material swine_brain = neo_hookean(210.0, 0.499, 1000.0);
@@ -540,4 +540,4 @@ TEST(MaterialPreset, AnUnknownNameIsAnsweredWithAllNames) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::material_test

@@ -10,7 +10,7 @@
 
 #include "tests/helpers/caches.hpp"
 
-namespace dimple {
+namespace dimple::multigrid_test {
 namespace {
 
 using Sparse = Multigrid::Sparse;
@@ -144,4 +144,4 @@ TEST(Multigrid, SaysThatAMatrixIsNotPositiveDefinite) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::multigrid_test

@@ -7,7 +7,7 @@
 
 #include "solver/material.hpp"
 
-namespace dimple {
+namespace dimple::neo_hookean_test {
 namespace {
 
 const Material swine_brain = neo_hookean(210.0, 0.499, 1000.0);
@@ -140,4 +140,4 @@ TEST(NeoHookean, WavesHaveTheSpeedsOfTheirModuli) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::neo_hookean_test

@@ -12,7 +12,7 @@
 #include "solver/terms/internal_force.hpp"
 #include "tests/helpers/block.hpp"
 
-namespace dimple {
+namespace dimple::projected_kernel_test {
 namespace {
 
 using namespace testing_bodies;
@@ -232,4 +232,4 @@ TEST(Viscoelasticity, WhatMeanGradientsDoNotSeeRelaxesToo) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::projected_kernel_test

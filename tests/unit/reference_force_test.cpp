@@ -7,7 +7,7 @@
 #include "solver/terms/internal_force.hpp"
 #include "tests/helpers/block.hpp"
 
-namespace dimple {
+namespace dimple::reference_force_test {
 namespace {
 
 using namespace testing_bodies;
@@ -77,4 +77,4 @@ TEST(ReferenceForce, IsTheKernelsInSinglePrecision) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::reference_force_test

@@ -12,7 +12,7 @@
 #include "tests/helpers/arch.hpp"
 #include "tests/helpers/system.hpp"
 
-namespace dimple {
+namespace dimple::relax_test {
 namespace {
 
 using namespace testing_bodies;
@@ -432,4 +432,4 @@ TEST(StiffnessRowSums, BoundTheStiffnessFromAbove) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::relax_test

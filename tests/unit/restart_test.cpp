@@ -7,7 +7,7 @@
 #include "solver/solve.hpp"
 #include "tests/helpers/arch.hpp"
 
-namespace dimple {
+namespace dimple::restart_test {
 namespace {
 
 using namespace testing_bodies;
@@ -151,4 +151,4 @@ TEST(Restart, OfEveryWave) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::restart_test

@@ -13,7 +13,7 @@
 #include "tests/helpers/block.hpp"
 #include "tests/helpers/caches.hpp"
 
-namespace dimple {
+namespace dimple::session_test {
 namespace {
 
 const Material tissue = neo_hookean(210.0, 0.499, 1000.0);
@@ -170,4 +170,4 @@ TEST(Session, StepsFromAnEquilibriumGoOnWithTheStiffnessOfTheVolume) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::session_test

@@ -5,7 +5,7 @@
 #include "tests/helpers/block.hpp"
 #include "tests/helpers/system.hpp"
 
-namespace dimple {
+namespace dimple::stable_time_step_test {
 namespace {
 
 using namespace testing_bodies;
@@ -75,4 +75,4 @@ TEST(StableTimeStep, ShrinksWhereTheTissueIsPressedTogether) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::stable_time_step_test

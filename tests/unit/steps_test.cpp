@@ -12,7 +12,7 @@
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
 
-namespace dimple {
+namespace dimple::steps_test {
 namespace {
 
 const Material tissue = neo_hookean(210.0, 0.49, 1000.0);
@@ -206,4 +206,4 @@ TEST(FramesOfSteps, AreSharedOutByTheWaysAndNoStepHasNone) {
 }
 
 }  // namespace
-}  // namespace dimple
+}  // namespace dimple::steps_test
