@@ -27,8 +27,8 @@
 
 namespace dimple::wide {
 
-/// Whether functions marked so may be called: with registers of 32 bytes, and of 64. Clang refuses the assembly
-/// for 64 before it inlines it where they are.
+/// Whether functions marked so may be called: with registers of 32 bytes, and of 64. Clang refuses the
+/// assembly for 64 before it inlines it where they are.
 #if defined(__x86_64__)
 inline const bool has_avx2 = __builtin_cpu_supports("avx2");
 #else
