@@ -203,7 +203,11 @@ std::vector<Vec3> along_way(const BodySurface& body, const Boundary& graded, con
   const Vec3& push = graded.push;
   const double far = (body.upper() - body.lower()).norm();
   Vec3 last = Vec3::Zero();
-  for (const Vec3& world : options.way_of_tool) {
+  const std::vector<Vec3> way =
+      options.way_of_turning_tool
+          ? options.way_of_turning_tool(body.to_world().linear() * push, body.to_world() * graded.centre)
+          : options.way_of_tool;
+  for (const Vec3& world : way) {
     const Vec3 next = body.to_world().linear().transpose() * world,
                across = next - last - (next - last).dot(push) * push;
     const int pieces = std::min(1000, static_cast<int>(std::ceil(across.norm() / graded.radius)));

@@ -4,8 +4,10 @@
 // chooses.
 
 #include <array>
+#include <cmath>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "solver/equilibrium/mixed_iteration.hpp"
@@ -16,17 +18,26 @@
 
 namespace dimple {
 
-/// A piece of a scene: one thing moves, straight and at the loading's rate; all others stay where they are.
+/// A piece of a scene: one thing moves, straight and at the loading's rate; all others stay where they are. A
+/// tool that touches may turn meanwhile.
 struct Step {
   std::string name;
-  std::string moves;        ///< the tool (empty), or the name of a further set
-  Vec3 way = Vec3::Zero();  ///< [m]
+  std::string moves;               ///< the tool (empty), or the name of a further set
+  Vec3 way = Vec3::Zero();         ///< [m]
+  Vec3 turn = Vec3::Zero();        ///< rotation vector [rad]
+  std::optional<Vec3> about = {};  ///< what it turns about [m]; nothing: its tip, as the step begins
+  double lever = 0.0;              ///< [m] of what turns: an angle of 1 is as long a way
+  bool turns() const { return !turn.isZero(0.0); }
+  /// Of all its way, at the loading's rate [m].
+  double length() const { return turns() ? std::hypot(way.norm(), lever * turn.norm()) : way.norm(); }
 };
 
 /// Where a step begins: what the steps before it have left.
 struct Begun {
   double t = 0.0, depth = 0.0;  ///< [s], [m] of the tool along its push
   double sinks = 1.0;           ///< the tool's depth gains so much of the way in this step
+  RigidWay of_tool = {};        ///< where it turns: what its tip sinks besides, along `push`
+  Vec3 push = Vec3::Zero();
   int frame = 0;
   std::int64_t evaluations = 0;  ///< that the steps before may have taken, at most
 };
@@ -47,13 +58,16 @@ struct Loading {
   std::vector<Touch> walls{};                ///< rigid contacts beside the tool; quasi-statically
   double way() const {
     double sum = 0.0;
-    for (const Step& step : steps) sum += step.way.norm();
+    for (const Step& step : steps) sum += step.length();
     return steps.empty() ? depth : sum;
   }
   double duration() const { return way() / rate; }
   /// After so much of a step's way [m]: the time, and the tool's depth.
   double t_at(double come) const { return begun.t + come / rate; }
-  double depth_at(double come) const { return begun.depth + begun.sinks * come; }
+  double depth_at(double come) const {
+    const double straight = begun.depth + begun.sinks * come;
+    return begun.of_tool.turns() ? straight + begun.push.dot(begun.of_tool.by_turning(come)) : straight;
+  }
 };
 
 struct SolverOptions {
@@ -76,7 +90,8 @@ struct ForceSample {
   double base_force;  ///< on the base's nodes, with which the bed holds the body [N]
   /// All of the force on the tool [N] and its moment [N m], as a Wrench (tool_force.hpp).
   std::array<double, 6> on_tool = {};
-  std::array<double, 3> aside = {};  ///< how far the tool has come across its push [m]; LPS
+  std::array<double, 3> aside = {};   ///< how far the tool has come across its push [m]; LPS
+  std::array<double, 3> turned = {};  ///< by which rotation vector it has turned [rad]; LPS
 };
 
 /// Of the pieces between neighbouring samples of a tool's way in equilibrium: by how much one differs at most
@@ -96,6 +111,7 @@ struct Frame {
   const ForceState& forces;     ///< with the history and the pressures that belong to f
   Vec3 aside = Vec3::Zero();    ///< how far the tool has come across its push [m]
   double contact_force = 0.0;   ///< of a tool that touches, along its push, which no held node bears [N]
+  Vec3 turned = Vec3::Zero();   ///< by which rotation vector the tool has turned [rad]
 };
 
 struct History {
@@ -151,11 +167,10 @@ struct MarchState {
   Eigen::VectorXd lambda;              ///< [patches] N m
   std::deque<Predictor::Point> path;
   MixedIteration::Memory mixed;
-  std::vector<double> past;        ///< of viscoelastic tissue, as ForceState::past()
-  int step_of_scene = 0;           ///< of Loading::steps, from 0
-  Rest begun;                      ///< where that step began
-  double least_reactions = 0.0;    ///< System::measure_by() [N]
-  Vec3 way_before = Vec3::Zero();  ///< of the tool, in the steps before it [m]
+  std::vector<double> past;      ///< of viscoelastic tissue, as ForceState::past()
+  int step_of_scene = 0;         ///< of Loading::steps, from 0
+  Rest begun;                    ///< where that step began
+  double least_reactions = 0.0;  ///< System::measure_by() [N]
   History history;
 };
 

@@ -113,7 +113,7 @@ double System::along_push(const Nodal& f) const {
 
 double System::working_force(const Nodal& f) const {
   double force = held_.working_force(f);
-  if (touching_) force += touching_->along(held_.motion(tool_set));
+  if (touching_) force += touching_->working_force(now_);
   for (const TouchingTool* wall : walls_) force += wall->along(wall->motion());
   return force;
 }
@@ -124,19 +124,25 @@ Wrench System::on_tool(const Nodal& u, const Nodal& f) const {
   if (loaded() && !model_.indenter.empty()) {
     for (const Index a : model_.indenter) carried += at_rest_.u.col(a).head<3>();
     carried /= static_cast<double>(model_.indenter.size());
-    carried -= way_before_;
+    carried -= way_before_.come;
   }
   return wrench_on_tool(model_, held_, u, f, model_.tool.centre + way_of_tool() + carried);
 }
 
 Vec3 System::way_of_tool() const {
-  const Vec3 now = now_.depth * held_.motion(tool_set);
-  return way_before_.isZero(0.0) ? now : way_before_ + now;
+  RigidWay way = way_before_;
+  way.motion = held_.motion(tool_set);
+  return way.come_at(now_.depth);
+}
+
+Vec3 System::turned() const {
+  return way_before_.has_turned() ? rotation_vector(way_before_.turned_at(now_.depth)) : Vec3::Zero().eval();
 }
 
 Vec3 System::aside() const {
   const Vec3 way = way_of_tool(), &push = model_.tool.push;
-  if (way_before_.isZero(0.0) && held_.motion(tool_set) == push) return Vec3::Zero();  // without rounding
+  if (way_before_.come.isZero(0.0) && !way_before_.turns() && held_.motion(tool_set) == push)
+    return Vec3::Zero();  // without rounding
   return way - way.dot(push) * push;
 }
 
@@ -199,18 +205,20 @@ void System::begin_at(Rest rest, Constraints held) {
   for (const auto& term : terms_) loads_at_rest_ += term->energy(at_rest_.u, now_);
 }
 
-void System::go_on(Rest from, Constraints held, const Vec3& way_of_tool, double gone,
+void System::go_on(Rest from, Constraints held, const RigidWay& of_tool, double gone,
                    const std::vector<RigidWay>& of_walls) {
   held.start_at(from.u);
   at_rest_ = std::move(from);
   held_ = std::move(held);
-  way_before_ = way_of_tool;
+  way_before_ = of_tool;
   std::size_t wall = 0;
   for (const auto& one : rigid_)
     if (one->is_measured()) {
-      one->go_on(way_of_tool, gone, held_.motion(tool_set));
+      RigidWay way = of_tool;
+      way.motion = held_.motion(tool_set);
+      one->go_on(way, gone);
     } else {
-      one->go_on(of_walls[wall].come, gone, of_walls[wall].motion);
+      one->go_on(of_walls[wall], gone);
       ++wall;
     }
   tissue_.hold_pressures({});

@@ -137,14 +137,9 @@ class System {
   const Rest& before_touch() const { return before_touch_; }
   /// The body rests so; what is held from now on is moved from there.
   void begin_at(Rest rest, Constraints held);
-  /// Of what is rigid beside the tool: how far it has come [m], and what it moves by for each metre of a
-  /// step.
-  struct RigidWay {
-    Vec3 come = Vec3::Zero(), motion = Vec3::Zero();
-  };
-  /// A further step of a scene begins at `from`, where the tool has come by `way_of_tool` [m], and the steps
-  /// before are `gone` [m] long in all; `of_walls`: of each of walls().
-  void go_on(Rest from, Constraints held, const Vec3& way_of_tool, double gone,
+  /// A further step of a scene begins at `from`, in which the tool goes as `of_tool` says, but that `held`
+  /// has its motion, and the steps before are `gone` [m] long in all; `of_walls`: of each of walls().
+  void go_on(Rest from, Constraints held, const RigidWay& of_tool, double gone,
              const std::vector<RigidWay>& of_walls);
   /// The forces f [4xN] N that a step begins with are the measure of its balance, down to a hundredth of
   /// them: a tool that comes back to where it touched leaves no reactions to compare with.
@@ -155,6 +150,8 @@ class System {
   Vec3 way_of_tool() const;
   /// What of it is across its push.
   Vec3 aside() const;
+  /// By which rotation vector it has turned [rad].
+  Vec3 turned() const;
 
  private:
   const Model& model_;
@@ -171,9 +168,9 @@ class System {
   Instant now_;
   Nodal load_;  // [4xN] N of all terms; no columns: there are none
   Rest at_rest_, before_touch_;
-  Vec3 way_before_ = Vec3::Zero();  // of the tool, in earlier steps
-  double least_reactions_ = 0.0;    // N, for a balance
-  double loads_at_rest_ = 0.0;      // J
+  RigidWay way_before_;           // of the tool, after earlier steps, without its motion
+  double least_reactions_ = 0.0;  // N, for a balance
+  double loads_at_rest_ = 0.0;    // J
 
   bool tissue_alone() const { return !loaded() && contacts_.empty(); }
   void add_terms(const Nodal& u, Nodal& f);

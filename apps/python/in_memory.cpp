@@ -100,7 +100,7 @@ template <class Archive, Like<BoundaryOptions> T>
 void members(Archive& io, T& boundary) {
   // Of a tool that touches no model is kept in memory.
   auto& [base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm, contact_radius_mm,
-         height_of_tool, way_of_tool, other_tools, is_pressed] = boundary;
+         height_of_tool, way_of_tool, way_of_turning_tool, other_tools, is_pressed] = boundary;
   io(base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm, contact_radius_mm);
 }
 

@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* format = "dimple checkpoint 9";
+constexpr const char* format = "dimple checkpoint 10";
 
 }  // namespace
 
@@ -85,10 +85,9 @@ template <class Archive, Like<MarchState> T>
 void members(Archive& io, T& state) {
   auto& [frame, step, steps, t, dt, dt_before, dt_stable, depth, account, safety, longest, looked, anew,
          depths, forces, u, v, a, f, lambda, path, mixed, past, step_of_scene, begun, least_reactions,
-         way_before, history] = state;
+         history] = state;
   io(frame, step, steps, t, dt, dt_before, dt_stable, depth, account, safety, longest, looked, anew, depths,
-     forces, u, v, a, f, lambda, path, mixed, past, step_of_scene, begun, least_reactions, way_before,
-     history);
+     forces, u, v, a, f, lambda, path, mixed, past, step_of_scene, begun, least_reactions, history);
 }
 
 template <class Archive, Like<Checkpoint> T>

@@ -8,6 +8,7 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <numbers>
 #include <sstream>
 
 #include "apps/run/other_tools.hpp"
@@ -23,8 +24,8 @@ namespace dimple {
 
 std::string without_unit(const Option& option) {
   static const std::map<std::string, std::string> suffix = {
-      {"mm", "_mm"},       {"Pa", "_Pa"}, {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"}, {"1/s", "_per_s"},
-      {"N/m", "_N_per_m"}, {"s", "_s"}};
+      {"mm", "_mm"},     {"Pa", "_Pa"},       {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"},
+      {"1/s", "_per_s"}, {"N/m", "_N_per_m"}, {"s", "_s"},           {"deg", "_deg"}};
   const auto found = suffix.find(option.unit);
   if (found == suffix.end() || !option.key.ends_with(found->second)) return option.key;
   return option.key.substr(0, option.key.size() - found->second.size());
@@ -43,6 +44,7 @@ const std::map<std::string, std::map<std::string, double>>& unit_table() {
       {"1/s", {{"1/s", 1.0}, {"Hz", 1.0}, {"kHz", 1000.0}}},
       {"s", {{"s", 1.0}, {"ms", 1e-3}, {"min", 60.0}, {"h", 3600.0}}},
       {"%", {{"%", 1.0}}},
+      {"deg", {{"deg", 1.0}, {"rad", 180.0 / std::numbers::pi}}},
       {"N", {{"N", 1.0}, {"mN", 1e-3}, {"uN", 1e-6}}},
       {"N/m", {{"N/m", 1.0}, {"mN/m", 1e-3}}},
   };
@@ -916,6 +918,13 @@ ModelOptions model_options(const Config& c) {
     options.boundary.contact_radius_mm = 1e3 * contact_radius(*tool, 1e-3 * c.load.depth_mm);
     // What a step goes along the push, which is not known yet, needs no other nodes.
     for (const Vec3& come : way_of_tool(c, Vec3::Zero())) options.boundary.way_of_tool.push_back(1e3 * come);
+    if (turns(c))
+      options.boundary.way_of_turning_tool = [c](const Vec3& push, const Vec3& place_mm) {
+        std::vector<Vec3> way;
+        for (const Vec3& come : swept(c, {.centre = 1e-3 * place_mm, .push = push}))
+          way.push_back(1e3 * come);
+        return way;
+      };
     GradingOptions& grading = options.cloud.grading;
     grading.whole_circle = tool->kind != ToolShape::Kind::punch;
     // A bonded rim tears finer nodes apart; a round tool's first touch is small beside its last.

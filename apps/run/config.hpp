@@ -117,6 +117,9 @@ struct Config {
   struct Step {
     std::string moves = "tool";   ///< or the name of a support or a further tool
     std::vector<double> move_mm;  ///< x,y,z in LPS, or of a tool one number: along its push
+    /// Rotation vector in LPS axes of a tool that touches, about a place in LPS; none: about its tip, as the
+    /// step begins.
+    std::vector<double> turn_deg, about_mm;
     std::string cut;              ///< as image.cut, of the body as it then is; nothing moves meanwhile
     double toughness_J_m2 = 0.0;  ///< what new area takes; 0: not known
     int order = 0;                ///< as they were given

@@ -327,6 +327,11 @@ std::vector<Option> options_of(Config::Step& s) {
        .help = "what moves in this step: tool, or the name of a support or of a further tool"},
       {.key = "step.move_mm", .unit = "mm", .value = &s.move_mm, .stage = "solve",
        .help = "how far it moves: x,y,z in LPS, or of a tool one number, along its push"},
+      {.key = "step.turn_deg", .unit = "deg", .value = &s.turn_deg, .stage = "solve",
+       .help = "how a tool that touches turns meanwhile: a rotation vector x,y,z in LPS, right-handed; its "
+               "length is the angle"},
+      {.key = "step.about_mm", .unit = "mm", .value = &s.about_mm, .stage = "solve",
+       .help = "what it turns about, x,y,z in LPS; none: its tip as it is when the step begins"},
       {.key = "step.cut", .value = &s.cut, .stage = "solve",
        .help = "what is cut in this step, as image.cut, where the body then is; nothing moves in it"},
       {.key = "step.toughness_J_m2", .value = &s.toughness_J_m2, .least = 0.0, .most = 1e6, .stage = "solve",

@@ -61,8 +61,9 @@ double reach_beneath(const Discretisation& places) {
 
 void require_room_beneath(const Config& config, const Discretisation& places) {
   const double beneath = reach_beneath(places);
-  const double depth = deepest(config, places.tool.push);
+  const double depth = deepest(config, places.tool);
   require_tool_as_long(config, 1e3 * depth);
+  if (turns(config)) require_tool_as_long_turned(config, most_of_tool_below(config, places.tool));
   if (depth >= beneath)
     throw ModelError(
         {.fact = fmt::format("an indentation of {} is deeper than the organ beneath the circle, {}",
@@ -331,12 +332,12 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   for (const std::string& words : others.words) log.say("tool     " + words);
   std::map<std::string, Vec3> push_of_others;
   for (const Touch& other : others.touch) push_of_others[other.name] = other.pose.points_at;
-  result.loading.steps = steps_of(config, model.tool.push, push_of_others);
+  result.loading.steps = steps_of(config, model.tool, push_of_others);
   for (const Step& step : result.loading.steps) log.say("step     " + in_words(step));
   result.loading.touch =
       given.change.tool ? touch_of(config, model, *given.change.tool) : touch_of(config, model);
   result.loading.walls = std::move(others.touch);
-  const double down = deepest(config, model.tool.push);
+  const double down = deepest(config, model.tool);
   if ((result.loading.folds = folds_of(config, model, down)))
     log.say("folds    " + in_words(*result.loading.folds, down));
   else if (folds_touch(config))

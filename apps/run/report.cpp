@@ -129,16 +129,19 @@ Json hundredths_of(const std::vector<std::array<Place, 2>>& pieces) {
 // -------------------------------------------------------------------------------------------------------
 // parts
 
-// How far the tool has come at a time, along its push and in space: between two samples evenly [mm].
+// How far the tool has come at a time, along its push and in space, and turned: between two samples evenly
+// [mm].
 struct Come {
   double depth = 0.0;
   Vec3 way = Vec3::Zero();
+  Eigen::Quaterniond turned = Eigen::Quaterniond::Identity();
 };
 
 Come come_at(const History& history, const Vec3& push, double time_s) {
   const std::vector<ForceSample>& force = history.force;
   const auto of = [&](const ForceSample& s) {
-    return Come{1e3 * s.depth, 1e3 * (s.depth * push + Vec3(s.aside.data()))};
+    return Come{1e3 * s.depth, 1e3 * (s.depth * push + Vec3(s.aside.data())),
+                Eigen::Quaterniond(rotation(Vec3(s.turned.data())))};
   };
   if (force.empty()) return {};
   const auto after =
@@ -147,7 +150,8 @@ Come come_at(const History& history, const Vec3& push, double time_s) {
   if (after == force.begin()) return of(*after);
   const Come a = of(*(after - 1)), b = of(*after);
   const double share = (time_s - (after - 1)->t) / (after->t - (after - 1)->t);
-  return {a.depth + share * (b.depth - a.depth), a.way + share * (b.way - a.way)};
+  return {a.depth + share * (b.depth - a.depth), a.way + share * (b.way - a.way),
+          a.turned.slerp(share, b.turned)};
 }
 
 // How wide the tool is: of one that touches, half of its own width, and else the circle's radius [m].
@@ -160,9 +164,14 @@ double tool_radius(const ReportInput& input) {
 Json silhouette(const Slice& slice, const ReportInput& input) {
   constexpr int ways = 48;
   const Vec3 push = input.model.tool.push;
-  const Vec3 come = come_at(input.history, push, std::numeric_limits<double>::infinity()).way;
+  const Come at_end = come_at(input.history, push, std::numeric_limits<double>::infinity());
+  const Vec3 come = at_end.way;
   Points places = input.tool.position_mm;
   if (places.cols() == 0) return Json::array();
+  if (input.touch && at_end.turned.vec() != Vec3::Zero()) {
+    const Vec3 foot = 1e3 * input.touch->pose.tip;
+    places = (at_end.turned.toRotationMatrix() * (places.colwise() - foot)).colwise() + foot;
+  }
   const double tip = (push.transpose() * places).maxCoeff(), highest = 3e3 * tool_radius(input);
   for (auto place : places.colwise()) place += come + push * std::max(0.0, tip - push.dot(place) - highest);
   const Points seen = (slice.place.linear() * places).colwise() + slice.place.translation();
@@ -253,6 +262,9 @@ Json body_json(const ReportInput& input) {
                       {"tool_mm", {tool.way.x(), tool.way.y(), tool.way.z()}},
                       {"step_mm", largest / 127.0},
                       {"displacement", packed(moved)}});
+    const Eigen::Quaterniond& turned = tool.turned;  // about the tip, x,y,z,w
+    if (turned.vec() != Vec3::Zero())
+      frames.back()["tool_turned"] = {turned.x(), turned.y(), turned.z(), turned.w()};
   }
   Json result = mesh_json(input.frames.body.vertex_mm, input.frames.body.triangles);
   result["frames"] = std::move(frames);

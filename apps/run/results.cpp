@@ -10,6 +10,7 @@
 #include <limits>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <numeric>
 #include <regex>
 #include <set>
@@ -82,7 +83,7 @@ Wanted wanted_of(const Config& config) {
 // What is written of a frame, beside what stays the same.
 struct ResultWriter::Packing {
   double time_s, depth, force;  // [s], [m], [N]
-  Vec3 aside;                   // [m]
+  Vec3 aside, turned;           // [m], [rad]
   Points u, reaction = {};      // [mm], [N]
   Eigen::MatrixXd J = {}, sigma = {}, mises = {};
 };
@@ -227,6 +228,7 @@ void ResultWriter::frame(const Frame& frame) {
                   .depth = frame.depth,
                   .force = frame.contact_force,
                   .aside = frame.aside,
+                  .turned = frame.turned,
                   .u = frame.u.topRows<3>() * 1e3};
   for (const Index a : model_.indenter) packing.force += frame.f.col(a).head<3>().dot(model_.tool.push);
   const Points& u = packing.u;
@@ -281,7 +283,8 @@ void ResultWriter::write(Packing frame) {
     keep(shown_, {frame_time_s_.size(), frame.time_s, skin_.to(frame.u).cast<float>()});
   // In this thread, beside the band, which leaves a processor idle now and then; not beside another picture,
   // for VTK sets text in one thread at a time.
-  if (wanted_.report && beside_ && is_last(frame.time_s)) body_png_ = body_png(body_of(frame.depth));
+  if (wanted_.report && beside_ && is_last(frame.time_s))
+    body_png_ = body_png(body_of(frame.depth, frame.aside, frame.turned));
   const double time_s = frame.time_s;
   const bool last = is_last(time_s), points_now = wanted_.points && (wanted_.fine || last);
   if (points_now)
@@ -369,7 +372,7 @@ void ResultWriter::write_view(const Packing& frame) {
         {.name = "label", .unit = "", .values = label_, .type = Field::Type::int32});
   write_vtp(section_series_.next_frame(), section, frame.time_s);
   const Indenter& tool = model_.tool;
-  SurfaceFile tools = tools_at(frame.time_s, 1e3 * (frame.depth * tool.push + frame.aside));
+  SurfaceFile tools = tools_at(frame.time_s, 1e3 * (frame.depth * tool.push + frame.aside), frame.turned);
   write_vtp(tool_series_.next_frame(),
             {.position_mm = std::move(tools.position_mm),
              .triangles = std::move(tools.triangles),
@@ -410,13 +413,18 @@ void ResultWriter::tables(const History& history, const Band& band, double sprea
     for (const ForceSample& s : history.force) column.push_back(s.on_tool[c]);
   }
   // Columns that are zero but in a scene of steps.
-  const auto strays = [](const ForceSample& s) { return s.aside != std::array<double, 3>{}; };
-  if (std::any_of(history.force.begin(), history.force.end(), strays))
-    for (std::size_t c = 0; c < aside_columns.size(); ++c) {
-      force.header.push_back(aside_columns[c]);
+  const auto add_if_any = [&](const auto& names, double unit, std::array<double, 3> ForceSample::*its) {
+    if (std::all_of(history.force.begin(), history.force.end(),
+                    [&](const ForceSample& s) { return s.*its == std::array<double, 3>{}; }))
+      return;
+    for (std::size_t c = 0; c < names.size(); ++c) {
+      force.header.push_back(names[c]);
       std::vector<double>& column = force.column.emplace_back();
-      for (const ForceSample& s : history.force) column.push_back(1e3 * s.aside[c]);
+      for (const ForceSample& s : history.force) column.push_back(unit * (s.*its)[c]);
     }
+  };
+  add_if_any(aside_columns, 1e3, &ForceSample::aside);
+  add_if_any(turned_columns, 180.0 / std::numbers::pi, &ForceSample::turned);
   write_csv(folder_ / "force.csv", force);
 
   Table energy{.header = {"time_s", "indentation_mm", "kinetic_J", "stored_J", "external_work_J",
@@ -430,9 +438,15 @@ void ResultWriter::tables(const History& history, const Band& band, double sprea
   write_csv(folder_ / "energy.csv", energy);
 }
 
-SurfaceFile ResultWriter::tools_at(double time_s, const Vec3& way_mm) const {
+Points ResultWriter::tool_turned(const Vec3& turned) const {
+  if (!touch_ || turned.isZero(0.0)) return tool_.position_mm;
+  const Vec3 tip = 1e3 * touch_->pose.tip;
+  return (rotation(turned) * (tool_.position_mm.colwise() - tip)).colwise() + tip;
+}
+
+SurfaceFile ResultWriter::tools_at(double time_s, const Vec3& way_mm, const Vec3& turned) const {
   SurfaceFile all{
-      .position_mm = tool_.position_mm.colwise() + way_mm, .triangles = tool_.triangles, .fields = {}};
+      .position_mm = tool_turned(turned).colwise() + way_mm, .triangles = tool_.triangles, .fields = {}};
   for (const FurtherTool& one : further_) {
     const Index vertices = all.position_mm.cols(), triangles = all.triangles.cols();
     all.position_mm.conservativeResize(3, vertices + one.body.position_mm.cols());
@@ -446,7 +460,7 @@ SurfaceFile ResultWriter::tools_at(double time_s, const Vec3& way_mm) const {
 }
 
 // What a picture shows of the body and the tool.
-Overview ResultWriter::body_of(double depth) const {
+Overview ResultWriter::body_of(double depth, const Vec3& aside, const Vec3& turned) const {
   Overview picture;
   picture.nodes_mm = nodes_mm_;
   picture.displacement_mm = last_u_mm_;
@@ -455,7 +469,8 @@ Overview ResultWriter::body_of(double depth) const {
   picture.surface_mm = skin_.rest.vertex_mm;
   if (!skin_.rest.empty() && last_u_mm_.cols() > 0) picture.surface_displacement_mm = skin_.to(last_u_mm_);
   picture.surface_triangles = skin_.rest.triangles;
-  picture.tool_mm = tool_.position_mm;
+  picture.tool_mm = tool_turned(turned);
+  picture.aside_mm = 1e3 * aside;
   picture.tool_triangles = tool_.triangles;
   picture.centre_mm = model_.tool.centre * 1e3;
   picture.push = model_.tool.push;
@@ -481,7 +496,7 @@ Overview ResultWriter::picture_of(const History& history, const Band& band) cons
   if (history.force.empty()) return picture;
   // The picture moves them all as the tool that is measured.
   const Vec3 way_mm = picture.depth_mm.back() * picture.push + picture.aside_mm;
-  SurfaceFile tools = tools_at(history.force.back().t, way_mm);
+  SurfaceFile tools = tools_at(history.force.back().t, way_mm, Vec3(history.force.back().turned.data()));
   picture.tool_mm = tools.position_mm.colwise() - way_mm;
   picture.tool_triangles = std::move(tools.triangles);
   for (const FurtherTool& one : further_) picture.tool += ", " + one.name;

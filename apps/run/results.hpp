@@ -41,6 +41,8 @@ inline constexpr Wanted tables_alone = {false, false, false, false, false, false
 /// LPS, in files.
 /// Of force.csv, in a scene of steps: how far the tool has come across its push, LPS.
 inline constexpr std::array aside_columns = {"aside_x_mm", "aside_y_mm", "aside_z_mm"};
+/// Where it turns: by which rotation vector it has, from where it began, LPS.
+inline constexpr std::array turned_columns = {"turned_x_deg", "turned_y_deg", "turned_z_deg"};
 inline constexpr std::array wrench_columns = {"force_x_N",   "force_y_N",   "force_z_N",
                                               "moment_x_Nm", "moment_y_Nm", "moment_z_Nm"};
 
@@ -120,7 +122,7 @@ class ResultWriter {
   void write_points(Packing frame, bool of_stopped = false);
   void write_view(const Packing& frame);
   bool is_last(double time_s) const { return time_s >= end_s_ * (1.0 - 1e-9); }
-  Overview body_of(double depth) const;
+  Overview body_of(double depth, const Vec3& aside = Vec3::Zero(), const Vec3& turned = Vec3::Zero()) const;
   Overview picture_of(const History& history, const Band& band) const;
 
   std::filesystem::path folder_;
@@ -130,8 +132,10 @@ class ResultWriter {
   bool beside_;  // frames are written while the march goes on
   Section section_;
   std::vector<FurtherTool> further_;
-  /// All tools as one body, where that which is measured has come by `way_mm`.
-  SurfaceFile tools_at(double time_s, const Vec3& way_mm) const;
+  /// The tool that is measured, turned about its tip by a rotation vector [rad].
+  Points tool_turned(const Vec3& turned) const;
+  /// All tools as one body, where that which is measured has come by `way_mm` and turned.
+  SurfaceFile tools_at(double time_s, const Vec3& way_mm, const Vec3& turned) const;
   SurfaceFile tool_;  // at rest
   Interpolation to_nodes_, to_points_, to_section_;
   PointMeans on_section_;

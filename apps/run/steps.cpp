@@ -4,16 +4,22 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "apps/run/tool.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "solver/constraints.hpp"
+#include "solver/march/steps.hpp"
 
 namespace dimple {
 namespace {
 
 constexpr const char* tool_word = "tool";
+constexpr double most_turned_deg = 90.0;  // in one step
+// A turning tool is looked at so often; along its axis that is looked at to where it is a radius above its
+// first touch, but for so many times that length where it lies flat.
+constexpr double looked_at_deg = 5.0, most_of_axis = 4.0;
 
 bool is_of_tool(const Config::Step& step) {
   return step.moves == tool_word;
@@ -27,8 +33,49 @@ bool is_of_tool(const Config::Step& step) {
                     .remedy = remedy});
 }
 
+bool all_zero(const std::vector<double>& numbers) {
+  return std::all_of(numbers.begin(), numbers.end(), [](double d) { return d == 0.0; });
+}
+
+Vec3 three(const std::vector<double>& numbers) {
+  return {numbers[0], numbers[1], numbers[2]};
+}
+
+void check_turn(const Config& config, const std::string& name, const Config::Step& step) {
+  if (step.turn_deg.empty()) {
+    if (!step.about_mm.empty())
+      refuse(name, "about_mm", "has a place to turn about, and does not turn",
+             "about_mm says where a turn has its middle", "give turn_deg too, or leave about_mm out");
+    return;
+  }
+  if (!is_of_tool(step))
+    refuse(name, "turn_deg", fmt::format("turns '{}'", step.moves),
+           "only the tool whose force is measured turns; supports and further tools go straight",
+           "move it by move_mm, or let the tool turn (moves = \"tool\")");
+  if (config.tool.shape == "circle")
+    refuse(name, "turn_deg", "turns the tool, and it is the circle",
+           "the circle holds the tissue's nodes and goes straight",
+           "choose a tool that touches, as --tool capsule:2mm,length=20mm");
+  if (step.turn_deg.size() != 3)
+    refuse(name, "turn_deg", fmt::format("turns by {} numbers", step.turn_deg.size()),
+           "a turn is a rotation vector x,y,z in LPS: its direction is the axis, its length the angle",
+           "give for instance turn_deg = [0, 20, 0]");
+  if (all_zero(step.turn_deg))
+    refuse(name, "turn_deg", "turns by nothing", "a step ends where something has come",
+           "leave turn_deg out");
+  if (const double angle = three(step.turn_deg).norm(); angle > most_turned_deg * (1.0 + 1e-9))
+    refuse(name, "turn_deg", fmt::format("turns by {:.4g} degrees", angle),
+           fmt::format("a step turns by {:g} degrees at most", most_turned_deg),
+           "give it several steps, one after the other");
+  if (!step.about_mm.empty() && step.about_mm.size() != 3)
+    refuse(name, "about_mm", fmt::format("turns about {} numbers", step.about_mm.size()),
+           "a place is x,y,z in LPS", "give for instance about_mm = [0, 0, 40]");
+}
+
 void check_way(const Config& config, const std::string& name, const Config::Step& step) {
   const std::size_t count = step.move_mm.size();
+  check_turn(config, name, step);
+  if (count == 0 && !step.turn_deg.empty()) return;
   const bool is_a_tool = is_of_tool(step) || config.other_tool.contains(step.moves);
   const bool along_push = count == 1 && is_a_tool;
   if (count != 3 && !along_push)
@@ -36,7 +83,7 @@ void check_way(const Config& config, const std::string& name, const Config::Step
            is_a_tool ? "a tool moves by x,y,z in LPS, or by one number along its push"
                      : "a support moves by x,y,z in LPS",
            "give for instance move_mm = [3, 0, 0]");
-  if (std::all_of(step.move_mm.begin(), step.move_mm.end(), [](double d) { return d == 0.0; }))
+  if (all_zero(step.move_mm))
     refuse(name, "move_mm", "moves by nothing", "a step ends where something has come", "leave the step out");
   if (is_of_tool(step) && !along_push && config.load.contact == "frictionless")
     refuse(name, "move_mm", "moves the tool in space, and it is frictionless",
@@ -52,10 +99,36 @@ bool rubs(const Config& config) {
          std::any_of(config.wall.begin(), config.wall.end(), with);
 }
 
+// [mm] the deepest that the tool is pushed. Of ways in x, y and z alone, the push not being known yet: along
+// the first of them.
+double deepest_push(const Config& config) {
+  double pushed = 0.0, deepest = 0.0, along_first = 0.0, deepest_along_first = 0.0;
+  Vec3 first = Vec3::Zero();
+  for (const auto& [name, step] : moving_steps(config)) {
+    if (!is_of_tool(step)) continue;
+    if (step.move_mm.size() == 1) {
+      pushed += step.move_mm[0];
+      deepest = std::max(deepest, pushed);
+    } else if (step.move_mm.size() == 3) {
+      const Vec3 way(step.move_mm[0], step.move_mm[1], step.move_mm[2]);
+      if (first.isZero(0.0)) first = way.normalized();
+      along_first += way.dot(first);
+      deepest_along_first = std::max(deepest_along_first, along_first);
+    }
+  }
+  return deepest > 0.0 ? deepest : deepest_along_first;
+}
+
+std::string first_turn(const Config& config) {
+  for (const auto& [name, step] : moving_steps(config))
+    if (!step.turn_deg.empty()) return name;
+  return {};
+}
+
 // In a step either something moves or the body is cut.
 void check_cut_steps(const Config& config) {
   for (const auto& [name, step] : steps_in_order(config))
-    if (!step.cut.empty() && (!step.move_mm.empty() || !is_of_tool(step)))
+    if (!step.cut.empty() && (!step.move_mm.empty() || !step.turn_deg.empty() || !is_of_tool(step)))
       refuse(name, "cut", "cuts and moves something", "a cut is made while all stands still",
              "give it two steps, one after the other");
   for (const auto& [name, step] : moving_steps(config))
@@ -84,6 +157,9 @@ void check_cut_steps(const Config& config) {
       std::any_of(materials.begin(), materials.end(), [](const Material& m) { return !m.prony.empty(); }),
       "viscoelastic tissue", "its past belongs to integration points, and the cut body has others",
       "cut it at rest (--cut), or leave the relaxation out");
+  refuse_beside(turns(config), "a tool that turns",
+                "the place that it turns about would be looked for anew on the cut body",
+                "cut it at rest (--cut), or let the tool go straight");
   refuse_beside(rubs(config), "friction", "what has slipped belongs to places of the surface as it was",
                 "cut it at rest (--cut), or leave the friction out");
   refuse_beside(std::any_of(config.wall.begin(), config.wall.end(),
@@ -117,6 +193,10 @@ void check_steps(const Config& config) {
       refuse(name, "move_mm", "lifts the tool above where it touched, and it is frictionless",
              "only a tool that the tissue is bonded to pulls", "lift it less, or give --contact bonded");
   }
+  if (turns(config) && deepest_push(config) <= 0.0)
+    refuse(first_turn(config), "turn_deg", "turns the tool, and no step presses it in",
+           "the nodes are laid for the depth that it is pressed to",
+           "press it first, as step.press.move_mm = 2");
   for (const auto& [name, held] : config.held)
     if (std::any_of(held.move_mm.begin(), held.move_mm.end(), [](double d) { return d != 0.0; }))
       throw UsageError(
@@ -151,30 +231,6 @@ void require_no_cut_steps(const Config& config, const std::string& what) {
              "a cut body is made anew from its image", "begin with the image: dimple run IMAGE");
 }
 
-namespace {
-
-// [mm] the deepest that the tool is pushed. Of ways in x, y and z alone, the push not being known yet: along
-// the first of them.
-double deepest_push(const Config& config) {
-  double pushed = 0.0, deepest = 0.0, along_first = 0.0, deepest_along_first = 0.0;
-  Vec3 first = Vec3::Zero();
-  for (const auto& [name, step] : moving_steps(config)) {
-    if (!is_of_tool(step)) continue;
-    if (step.move_mm.size() == 1) {
-      pushed += step.move_mm[0];
-      deepest = std::max(deepest, pushed);
-    } else if (step.move_mm.size() == 3) {
-      const Vec3 way(step.move_mm[0], step.move_mm[1], step.move_mm[2]);
-      if (first.isZero(0.0)) first = way.normalized();
-      along_first += way.dot(first);
-      deepest_along_first = std::max(deepest_along_first, along_first);
-    }
-  }
-  return deepest > 0.0 ? deepest : deepest_along_first;
-}
-
-}  // namespace
-
 void resolve_steps(Config& config) {
   if (config.step.empty()) return;
   double longest = 0.0;
@@ -201,37 +257,121 @@ Vec3 way_of(const std::vector<double>& move, const Vec3& push) {
   return move.size() == 1 ? Vec3(move[0] * push) : Vec3(move[0], move[1], move[2]);
 }
 
-std::vector<Step> steps_of(const Config& config, const Vec3& push,
+std::vector<Step> steps_of(const Config& config, const Indenter& tool,
                            const std::map<std::string, Vec3>& push_of_others) {
   std::vector<Step> steps;
+  RigidWay of_tool;
   for (const auto& [name, step] : moving_steps(config)) {
     const auto other = push_of_others.find(step.moves);
-    steps.push_back({name, is_of_tool(step) ? "" : step.moves,
-                     1e-3 * way_of(step.move_mm, other == push_of_others.end() ? push : other->second)});
+    Step& made = steps.emplace_back();
+    made.name = name;
+    made.moves = is_of_tool(step) ? "" : step.moves;
+    if (!step.move_mm.empty())
+      made.way = 1e-3 * way_of(step.move_mm, other == push_of_others.end() ? tool.push : other->second);
+    if (!step.turn_deg.empty()) {
+      made.turn = std::numbers::pi / 180.0 * three(step.turn_deg);
+      made.lever = std::max(tool_of(config)->radius, 1e-3 * config.load.depth_mm);
+    }
+    if (!step.about_mm.empty()) {
+      made.about = 1e-3 * three(step.about_mm);
+      made.lever = std::max(made.lever, (*made.about - tool.centre - of_tool.come).norm());
+    }
+    of_tool = after(made, of_tool, tool.centre);
   }
   return steps;
+}
+
+bool turns(const Config& config) {
+  return std::any_of(config.step.begin(), config.step.end(),
+                     [](const auto& step) { return !step.second.turn_deg.empty(); });
 }
 
 std::vector<Vec3> way_of_tool(const Config& config, const Vec3& push) {
   std::vector<Vec3> way;
   Vec3 come = Vec3::Zero();
-  for (const Step& step : steps_of(config, push))
+  for (const Step& step : steps_of(config, {.push = push}))
     if (step.moves.empty()) way.push_back(come += step.way);
   return way;
 }
 
-double deepest(const Config& config, const Vec3& push) {
+namespace {
+
+// Where a tool that turns is looked at: at the end of each step, and by and by where it turns. `turned`: it
+// has done so, then or before.
+template <class Look>
+void look_along(const Config& config, const Indenter& tool, const Look& look) {
+  RigidWay before;
+  for (const Step& step : steps_of(config, tool)) {
+    if (!step.moves.empty()) continue;
+    const RigidWay way = way_in(step, before, tool.centre);
+    const double angle = 180.0 / std::numbers::pi * step.turn.norm();
+    const int looks = std::max(1, static_cast<int>(std::ceil(angle / looked_at_deg - 1e-9)));
+    for (int k = 1; k < looks; ++k) {
+      const double s = step.length() * k / looks;
+      look(way.come_at(s), way.turned_at(s), way.has_turned());
+    }
+    before = after(step, before, tool.centre);
+    look(before.come, before.turned, way.has_turned());
+  }
+}
+
+// Of its axis, from the tip to where that is as high as its first touch, or `above` that [m].
+double axis_below(const Vec3& come, const Mat3& turned, const Vec3& push, double above) {
+  const double high = std::max(0.0, come.dot(push) + above), upright = push.dot(turned * push);
+  return high / std::max(upright, 1.0 / most_of_axis);
+}
+
+}  // namespace
+
+std::vector<Vec3> swept(const Config& config, const Indenter& tool) {
+  const ToolShape shape = tool_of(config).value();
+  std::vector<Vec3> way;
+  look_along(config, tool, [&](const Vec3& come, const Mat3& turned, bool has_turned) {
+    way.push_back(come);
+    if (!has_turned) return;
+    const double up = std::min(axis_below(come, turned, tool.push, shape.radius), length_of_tool(shape));
+    way.push_back(come - up * (turned * tool.push));
+  });
+  return way;
+}
+
+double deepest(const Config& config, const Indenter& tool) {
   if (config.step.empty()) return 1e-3 * config.load.depth_mm;
-  double depth = 0.0, most = 0.0;
-  for (const Step& step : steps_of(config, push))
-    if (step.moves.empty()) most = std::max(most, depth += step.way.dot(push));
+  double most = 0.0;
+  if (turns(config)) {
+    look_along(config, tool,
+               [&](const Vec3& come, const Mat3&, bool) { most = std::max(most, come.dot(tool.push)); });
+    return most;
+  }
+  double depth = 0.0;
+  for (const Step& step : steps_of(config, tool))
+    if (step.moves.empty()) most = std::max(most, depth += step.way.dot(tool.push));
+  return most;
+}
+
+double most_of_tool_below(const Config& config, const Indenter& tool) {
+  if (!turns(config)) return deepest(config, tool);
+  double most = 0.0;
+  look_along(config, tool, [&](const Vec3& come, const Mat3& turned, bool) {
+    most = std::max(most, axis_below(come, turned, tool.push, 0.0));
+  });
   return most;
 }
 
 std::string in_words(const Step& step) {
-  const Vec3 mm = 1e3 * step.way + Vec3::Zero();
-  return fmt::format("{}: {} moves by ({:.4g}, {:.4g}, {:.4g}) mm", step.name,
-                     step.moves.empty() ? "the tool" : step.moves, mm.x(), mm.y(), mm.z());
+  const Vec3 mm = 1e3 * step.way + Vec3::Zero(),
+             degrees = 180.0 / std::numbers::pi * step.turn + Vec3::Zero();
+  const std::string who = step.moves.empty() ? "the tool" : step.moves;
+  const std::string moves = fmt::format("moves by ({:.4g}, {:.4g}, {:.4g}) mm", mm.x(), mm.y(), mm.z());
+  if (!step.turns()) return fmt::format("{}: {} {}", step.name, who, moves);
+  std::string about = "its tip";
+  if (step.about) {
+    const Vec3 place = 1e3 * *step.about + Vec3::Zero();
+    about = fmt::format("({:.4g}, {:.4g}, {:.4g}) mm", place.x(), place.y(), place.z());
+  }
+  return fmt::format("{}: {} {}turns by {:.4g} degrees, ({:.4g}, {:.4g}, {:.4g}), about {}", step.name, who,
+                     step.way.isZero(0.0) ? "" : moves + " and ", degrees.norm(), degrees.x(), degrees.y(),
+                     degrees.z(), about);
 }
 
 void require_no_steps(const Config& config, const std::string& command) {

@@ -31,15 +31,25 @@ void resolve_steps(Config& config);
 /// x,y,z in LPS, or one number along the push.
 Vec3 way_of(const std::vector<double>& move, const Vec3& push);
 
-/// The steps for the solver, of a tool that is pushed along `push`, and of others along theirs.
-std::vector<Step> steps_of(const Config& config, const Vec3& push,
+/// The steps for the solver, of a tool that is pushed along its push from its centre, and of others along
+/// theirs.
+std::vector<Step> steps_of(const Config& config, const Indenter& tool,
                            const std::map<std::string, Vec3>& push_of_others = {});
 
-/// How far the tool has come after each step [m].
+/// Whether the tool turns in any of them.
+bool turns(const Config& config);
+
+/// How far the tool, which does not turn, has come after each step [m].
 std::vector<Vec3> way_of_tool(const Config& config, const Vec3& push);
 
-/// The deepest that the tool comes [m], along its push.
-double deepest(const Config& config, const Vec3& push);
+/// The same of a tool that touches and may turn, first at its centre: where it turns its tip by and by, and
+/// after each of these places one as far up its axis as it may touch.
+std::vector<Vec3> swept(const Config& config, const Indenter& tool);
+
+/// The deepest that the tool comes [m], along its push; and what of the tool is then below where it first
+/// touched, along its own axis.
+double deepest(const Config& config, const Indenter& tool);
+double most_of_tool_below(const Config& config, const Indenter& tool);
 
 /// "press: the tool moves (0, 0, -4) mm".
 std::string in_words(const Step& step);

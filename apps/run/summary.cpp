@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "apps/run/organ.hpp"
 #include "apps/run/tool.hpp"
@@ -317,16 +318,22 @@ Json steps_json(const Result& result) {
     if (made.after == 0) list.push_back(cut_step_json(made));
   for (const Step& step : result.loading.steps) {
     const Vec3 way = 1e3 * step.way + Vec3::Zero();
-    const double t = (come += step.way.norm()) / result.loading.rate;
+    const double t = (come += step.length()) / result.loading.rate;
     Json one = {{"name", step.name},
                 {"moves", step.moves.empty() ? "tool" : step.moves},
                 {"move_mm", {way.x(), way.y(), way.z()}}};
+    if (step.turns()) one["turn_deg"] = three(180.0 / std::numbers::pi * step.turn);
+    if (step.about) one["about_mm"] = three(1e3 * *step.about);
     for (const ForceSample& sample : result.history.force)
       if (std::abs(sample.t - t) <= 1e-9 * t) {
         one["time_s"] = sample.t;
         one["indentation_mm"] = 1e3 * sample.depth;
         one["force_N"] = sample.force;
         one["force_on_tool_N"] = {sample.on_tool[0], sample.on_tool[1], sample.on_tool[2]};
+        if (step.turns()) {
+          one["moment_on_tool_Nm"] = {sample.on_tool[3], sample.on_tool[4], sample.on_tool[5]};
+          one["turned_deg"] = three(180.0 / std::numbers::pi * Vec3(sample.turned.data()));
+        }
       }
     list.push_back(one);
     ++moved;

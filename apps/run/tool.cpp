@@ -244,6 +244,20 @@ void require_tool_as_long(const Config& config, double depth_mm) {
        .remedy = "give a smaller --depth, or a longer tool"});
 }
 
+void require_tool_as_long_turned(const Config& config, double below) {
+  const ToolShape tool = tool_of(config).value();
+  const double known = tool.mesh ? std::min(2.0 * tool.mesh->width, tool.mesh->length) : length_of_tool(tool);
+  if (below <= known) return;
+  throw UsageError({.fact = fmt::format(
+                        "the tool turns until {} of it, along its axis, lie below its first touch, and its "
+                        "surface is known to {} above its tip",
+                        length_in_words(1e3 * below), length_in_words(1e3 * known)),
+                    .where = "step",
+                    .why = tool.mesh ? "a tool that was drawn is sampled to two widths above its tip"
+                                     : "what holds it at its upper end is not modelled",
+                    .remedy = "turn it less, press it in less, or give a longer tool"});
+}
+
 void check_tool(const Config& config) {
   const std::optional<ToolShape> tool = tool_of(config);
   const double friction = friction_of(config);
@@ -328,8 +342,9 @@ std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model) 
 std::shared_ptr<const Touch> touch_of(const Config& config, const Model& model, const ToolShape& shape) {
   auto touch = std::make_shared<Touch>();
   touch->shape = shape;
-  touch->surface = contact_surface(model, reach_of_contact(shape, 1e-3 * config.load.depth_mm),
-                                   way_of_tool(config, model.tool.push));
+  touch->surface =
+      contact_surface(model, reach_of_contact(shape, 1e-3 * config.load.depth_mm),
+                      turns(config) ? swept(config, model.tool) : way_of_tool(config, model.tool.push));
   touch->pose = first_touch(shape, model.tool, touch->surface);
   touch->friction = friction_of(config);
   return touch;

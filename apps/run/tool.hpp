@@ -41,6 +41,9 @@ std::string depth_of_tool_in_words(const Config& config);
 void check_tool(const Config& config);
 /// A tool that touches and goes deeper than it is long is refused: UsageError.
 void require_tool_as_long(const Config& config, double depth_mm);
+/// Likewise of a tool that turns, of which so much [m] is below its first touch along its own axis; of one
+/// that was drawn its distances must be known there.
+void require_tool_as_long_turned(const Config& config, double below);
 
 /// Throws UsageError: a tool that touches is asked for, of something that knows the circle alone.
 void require_circle(const Config& config, const std::string& what);

@@ -389,8 +389,8 @@ Walls walls_beside(const Config& config, const Model& model, const LabelImage* i
                       .why = "its files hold nodes and points alone",
                       .remedy = "take the label image, or leave the wall out"});
   const double size = (model.X.rowwise().maxCoeff() - model.X.rowwise().minCoeff()).maxCoeff();
-  const double reach = std::max(std::clamp(reach_of_size * size, least_reach, most_reach),
-                                1.5 * deepest(config, model.tool.push));
+  const double reach =
+      std::max(std::clamp(reach_of_size * size, least_reach, most_reach), 1.5 * deepest(config, model.tool));
   for (const auto& [name, its] : walls_named(config)) {
     Touch wall;
     const WallShape shape = wall_shape_of(name, its, model, image, organ, reach);

@@ -271,6 +271,11 @@ Json columns_of(const Table& table) {
       {"aside_x_mm", {"how far the tool has come across its push, towards the patient's left", "mm"}},
       {"aside_y_mm", {"the same towards posterior", "mm"}},
       {"aside_z_mm", {"the same towards superior", "mm"}},
+      {"turned_x_deg",
+       {"by which rotation vector the tool has turned from where it began: towards the patient's left",
+        "deg"}},
+      {"turned_y_deg", {"the same towards posterior", "deg"}},
+      {"turned_z_deg", {"the same towards superior", "deg"}},
       {"mu_low_N", {"low end of the force's band, by the shear modulus", "N"}},
       {"mu_high_N", {"high end of the force's band, by the shear modulus", "N"}}};
   Json columns = Json::object();

@@ -32,6 +32,8 @@ struct BoundaryOptions {
   /// Of a tool that touches and goes on in steps: how far it has come after each, LPS mm; nodes are as fine
   /// along that way. Of one that goes straight in: none.
   std::vector<Vec3> way_of_tool = {};
+  /// The same of one that turns, which depends on its push, and on where it first touches, LPS mm.
+  std::function<std::vector<Vec3>(const Vec3& push, const Vec3& place_mm)> way_of_turning_tool = {};
   /// Where further tools touch, LPS mm: nodes are as fine around the nearest place of the surface.
   std::vector<Vec3> other_tools = {};
   bool is_pressed = true;  ///< false: no tool presses there, and it is a place for fine nodes alone

@@ -21,6 +21,7 @@ ForceSample Ledger::force(const Moment& now, const Nodal& u, const Nodal& f) con
   ForceSample sample{now.t, now.depth, system_.along_push(f), -along_push(model, model.base, f)};
   Eigen::Map<Wrench>(sample.on_tool.data()) = system_.on_tool(u, f);
   Eigen::Map<Vec3>(sample.aside.data()) = system_.aside();
+  Eigen::Map<Vec3>(sample.turned.data()) = system_.turned();
   return sample;
 }
 

@@ -66,7 +66,7 @@ struct FramesBetween {
         tell_of_line(at.depth);
       if (observer.frame)
         observer.frame({loading.begun.frame + last + 1, at.t, at.depth, now.u, f, system.tissue(),
-                        system.aside(), system.touching() ? system.along_push(f) : 0.0});
+                        system.aside(), system.touching() ? system.along_push(f) : 0.0, system.turned()});
       if (found && !ledger.show_force()) return false;
     }
     return true;
@@ -450,7 +450,8 @@ void QuasiStaticMarch::show_frame_at(const Way& way) {
   ++state_.frame;
   if (observer_.frame)
     observer_.frame({loading_.begun.frame + state_.frame, way.end.t, way.end.depth, now_.u, f_,
-                     system_.tissue(), system_.aside(), system_.touching() ? system_.along_push(f_) : 0.0});
+                     system_.tissue(), system_.aside(), system_.touching() ? system_.along_push(f_) : 0.0,
+                     system_.turned()});
 }
 
 // Nothing moves: what the tissue gives off has gone with the cut.
@@ -470,7 +471,7 @@ AfterCut QuasiStaticMarch::settle(double t) {
   ledger_.write(ledger_.energy(now, 0.0, stored, 0.0, result.released));
   if (observer_.frame)
     observer_.frame({loading_.begun.frame, now.t, now.depth, now_.u, f_, system_.tissue(), system_.aside(),
-                     system_.touching() ? system_.along_push(f_) : 0.0});
+                     system_.touching() ? system_.along_push(f_) : 0.0, system_.turned()});
   if (!ledger_.show_force()) history_.interrupted = true;
   system_.accept_step(now_.u);
   return result;

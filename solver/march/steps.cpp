@@ -13,9 +13,9 @@ bool moves_tool(const Step& step) {
 }
 
 // What is held of a set along its motion: of one that slides its own direction, of others the way itself.
-void move(HeldSet& set, const Vec3& way) {
-  if (set.hold == HeldSet::Hold::all) set.direction = way.normalized();
-  set.share = set.direction.dot(way) / way.norm();
+void move(HeldSet& set, const Step& step) {
+  if (set.hold == HeldSet::Hold::all) set.direction = step.way.normalized();
+  set.share = set.direction.dot(step.way) / step.length();
 }
 
 // All sets of the scene, of which the step moves one.
@@ -23,21 +23,22 @@ Constraints held_in(const Model& model, const Loading& loading, const Step& step
   std::vector<HeldSet> sets = make_constraints(model, loading.contact, loading.further).sets();
   for (HeldSet& set : sets) {
     if (set.name == (moves_tool(step) ? tool_set : step.moves))
-      move(set, step.way);
+      move(set, step);
     else
       set.share = 0.0;
   }
   return {model.node_count(), std::move(sets)};
 }
 
-std::vector<System::RigidWay> ways_of_walls(const System& system, const Loading& loading, std::size_t step,
-                                            double gone) {
-  std::vector<System::RigidWay> ways;
+std::vector<RigidWay> ways_of_walls(const System& system, const Loading& loading, std::size_t step,
+                                    double gone) {
+  std::vector<RigidWay> ways;
   for (const TouchingTool* wall : system.walls()) {
     const std::string& name = wall->touch().name;
     const Step& now = loading.steps[step];
-    ways.push_back(
-        {moved(loading.steps, name, gone), now.moves == name ? now.way.normalized() : Vec3::Zero().eval()});
+    RigidWay& way = ways.emplace_back();
+    way.come = moved(loading.steps, name, gone);
+    if (now.moves == name) way.motion = now.way.normalized();
   }
   return ways;
 }
@@ -46,11 +47,11 @@ std::vector<System::RigidWay> ways_of_walls(const System& system, const Loading&
 
 std::vector<int> frames_of_steps(const std::vector<Step>& steps, int frames) {
   double whole = 0.0, come = 0.0;
-  for (const Step& step : steps) whole += step.way.norm();
+  for (const Step& step : steps) whole += step.length();
   std::vector<int> result;
   int given = 0;
   for (const Step& step : steps) {
-    come += step.way.norm();
+    come += step.length();
     const int until = static_cast<int>(std::lround(frames * come / whole));
     result.push_back(std::max(1, until - given));
     given += result.back();
@@ -61,21 +62,41 @@ std::vector<int> frames_of_steps(const std::vector<Step>& steps, int frames) {
 Vec3 moved(const std::vector<Step>& steps, std::string_view name, double come) {
   Vec3 sum = Vec3::Zero();
   for (const Step& step : steps) {
-    const double way = step.way.norm(), done = std::clamp(come, 0.0, way);
+    const double way = step.length(), done = std::clamp(come, 0.0, way);
     if (step.moves == name) sum += done / way * step.way;
     come -= way;
   }
   return sum;
 }
 
+RigidWay way_in(const Step& step, const RigidWay& before, const Vec3& tip) {
+  RigidWay way = before;
+  if (!moves_tool(step)) return way;
+  way.motion = step.way / step.length();
+  way.turn = step.turn / step.length();
+  if (step.turns() && step.about) way.arm = *step.about - tip - before.come;
+  return way;
+}
+
+RigidWay after(const Step& step, const RigidWay& before, const Vec3& tip) {
+  if (!moves_tool(step)) return before;
+  if (!step.turns()) return {before.come + step.way, before.turned};
+  const RigidWay way = way_in(step, before, tip);
+  return {way.come_at(step.length()), way.turned_at(step.length())};
+}
+
 Jump largest_jump(const std::vector<ForceSample>& curve) {
+  // Where it turns besides, time stands for its way, as a step goes evenly.
+  const bool turns = std::any_of(curve.begin(), curve.end(),
+                                 [](const ForceSample& s) { return s.turned != std::array<double, 3>{}; });
   std::vector<double> slope, way;
   std::vector<std::size_t> end;
   for (std::size_t k = 1; k < curve.size(); ++k) {
     double square = std::pow(curve[k].depth - curve[k - 1].depth, 2);
     for (std::size_t i = 0; i < 3; ++i) square += std::pow(curve[k].aside[i] - curve[k - 1].aside[i], 2);
-    if (!(square > 0.0)) continue;
-    way.push_back(std::sqrt(square));
+    if (!(square > 0.0) && curve[k].turned == curve[k - 1].turned) continue;
+    if (turns && !(curve[k].t > curve[k - 1].t)) continue;
+    way.push_back(turns ? curve[k].t - curve[k - 1].t : std::sqrt(square));
     slope.push_back((curve[k].force - curve[k - 1].force) / way.back());
     end.push_back(k);
   }
@@ -93,19 +114,25 @@ namespace {
 // How far the scene has come, for whoever does its steps one by one.
 struct Walk {
   Loading now;  // of the next step: where it begins
-  Vec3 way_of_tool = Vec3::Zero();
+  RigidWay of_tool;
   double gone = 0.0;
 
   explicit Walk(const Loading& loading) : now(loading) { now.steps.clear(); }
+  Vec3 tip() const { return now.touch ? now.touch->pose.tip : Vec3::Zero().eval(); }
   void turn_to(const Step& step, const Model& model) {
-    now.depth = step.way.norm();
+    now.depth = step.length();
     now.begun.sinks = moves_tool(step) ? step.way.dot(model.tool.push) / now.depth : 0.0;
+    now.begun.of_tool = way_in(step, of_tool, tip());
+    now.begun.push = model.tool.push;
   }
   void pass(const Step& step, int frames, const Model& model, const SolverOptions& options) {
-    if (moves_tool(step)) way_of_tool += step.way;
+    of_tool = after(step, of_tool, tip());
     gone += now.depth;
-    now.begun = {now.t_at(now.depth), now.depth_at(now.depth), 1.0, now.begun.frame + frames,
-                 now.begun.evaluations + most_evaluations(steps_of_load(model, now, options), options)};
+    now.begun = {
+        .t = now.t_at(now.depth),
+        .depth = now.depth_at(now.depth),
+        .frame = now.begun.frame + frames,
+        .evaluations = now.begun.evaluations + most_evaluations(steps_of_load(model, now, options), options)};
   }
 };
 
@@ -117,7 +144,7 @@ void do_steps(System& system, const Loading& loading, std::size_t first, std::si
   for (std::size_t k = first; k < end; ++k) {
     const Step& step = loading.steps[k];
     walk.turn_to(step, system.model());
-    system.go_on(begun, held_in(system.model(), loading, step), walk.way_of_tool, walk.gone,
+    system.go_on(begun, held_in(system.model(), loading, step), walk.now.begun.of_tool, walk.gone,
                  ways_of_walls(system, loading, k, walk.gone));
     SolverOptions own = options;
     own.frames = frames[k];
@@ -129,7 +156,6 @@ void do_steps(System& system, const Loading& loading, std::size_t first, std::si
           MarchState copy = state();
           copy.step_of_scene = static_cast<int>(k);
           copy.begun = begun;
-          copy.way_before = walk.way_of_tool;
           return copy;
         });
       };
@@ -158,10 +184,10 @@ Nodal places_of_sets(const Model& model, const Loading& loading, const Constrain
 }
 
 void stand(System& system, const Loading& loading, const Walk& walk, const Rest& rest) {
-  std::vector<System::RigidWay> walls;
+  std::vector<RigidWay> walls;
   for (const TouchingTool* wall : system.walls())
-    walls.push_back({moved(loading.steps, wall->touch().name, walk.gone), Vec3::Zero()});
-  system.go_on(rest, held_still(system.model(), loading), walk.way_of_tool, walk.gone, walls);
+    walls.emplace_back().come = moved(loading.steps, wall->touch().name, walk.gone);
+  system.go_on(rest, held_still(system.model(), loading), walk.of_tool, walk.gone, walls);
 }
 
 // The body that has been cut, held as the steps before have left it. Where the tissue springs so far that
@@ -217,10 +243,7 @@ void march_in_steps(System& system, const Loading& loading, const SolverOptions&
     walk.pass(loading.steps[k], frames[k], model, options);
   }
   Rest begun = system.at_rest();
-  if (from && first > 0) {
-    begun = from->begun;
-    walk.way_of_tool = from->way_before;
-  }
+  if (from && first > 0) begun = from->begun;
   if (part) walk.now.begun.frame += part->cuts;
   if (part && part->near) {
     begun = settle(system, loading, options, observer, history, walk, *part);

@@ -39,7 +39,13 @@ void march_in_steps(System& system, const Loading& loading, const SolverOptions&
 /// The frames of each step, of `frames` in all or as many as there are steps.
 std::vector<int> frames_of_steps(const std::vector<Step>& steps, int frames);
 
-/// How far the set of that name (empty: the tool) has come, after `come` [m] of all steps' ways.
+/// How far the set of that name (empty: the tool, which does not turn) has come, after `come` [m] of all
+/// steps' ways.
 Vec3 moved(const std::vector<Step>& steps, std::string_view name, double come);
+
+/// How the tool goes on in a step that begins where it has gone by `before`, from where its tip was at `tip`
+/// [m]; and where it is when that step has ended.
+RigidWay way_in(const Step& step, const RigidWay& before, const Vec3& tip);
+RigidWay after(const Step& step, const RigidWay& before, const Vec3& tip);
 
 }  // namespace dimple

@@ -70,6 +70,7 @@ double radius_at_height(const ToolShape& shape, double height) {
 }  // namespace
 
 Mat3 ToolPose::axes() const {
+  if (turned_axes) return *turned_axes;
   const Vec3 up = -points_at, along = std::abs(up.x()) < 0.9 ? Vec3::UnitX() : Vec3::UnitY();
   const Vec3 x = (along - along.dot(up) * up).normalized();
   return (Mat3() << x, up.cross(x), up).finished();

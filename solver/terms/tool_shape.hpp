@@ -27,13 +27,15 @@ struct ToolShape {
   std::shared_ptr<const DistanceGrid> field = nullptr;  ///< of a wall, in the body's own frame
 };
 
-/// Where it stands: its tip, and the unit vector from its upper end to its tip.
+/// Where it stands: its tip, and the unit vector from its upper end to its tip, as they are now.
 struct ToolPose {
   Vec3 tip = Vec3::Zero();          ///< [m]
   Vec3 points_at = -Vec3::UnitZ();  ///< unit vector
   /// [3x3] from the frame of a tool that was drawn: its z axis away from points_at, its x axis as nearly
-  /// along x (LPS: to the left) as it can be, along y where points_at is that.
+  /// along x (LPS: to the left) as it can be, along y where points_at is that. Of a tool that has turned:
+  /// those of where it began, turned with it.
   Mat3 axes() const;
+  std::optional<Mat3> turned_axes = {};
 };
 
 /// From the tool's surface to a place, negative inside of the tool [m]; and its gradient, the unit normal of

@@ -38,8 +38,8 @@ ToolPose first_touch(const Touch& touch, const Nodal& u) {
                      surface.place + moves, surface.between + surface.at_between(u.topRows<3>()));
 }
 
-TouchingTool::TouchingTool(Touch touch)
-    : touch_(std::move(touch)), motion_(touch_.motion.value_or(touch_.pose.points_at)) {
+TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)) {
+  way_.motion = touch_.motion.value_or(touch_.pose.points_at);
   force_.setZero(count());
   gap_.setZero(count());
   normal_.setZero(3, count());
@@ -81,12 +81,14 @@ void TouchingTool::bring_back(Eigen::Ref<Eigen::VectorXd> unknowns) const {
 }
 
 ToolPose TouchingTool::pose_at(double depth) const {
-  const Vec3 now = depth * motion_;
-  return {touch_.pose.tip + (way_.isZero(0.0) ? now : Vec3(way_ + now)), touch_.pose.points_at};
+  const Vec3 tip = touch_.pose.tip + way_.come_at(depth);
+  if (!way_.has_turned()) return {tip, touch_.pose.points_at};
+  const Mat3 turned = way_.turned_at(depth);
+  return {tip, turned * touch_.pose.points_at, turned * touch_.pose.axes()};
 }
 
-void TouchingTool::go_on(const Vec3& way, double gone, const Vec3& motion) {
-  way_ = way, gone_ = gone, motion_ = motion;
+void TouchingTool::go_on(const RigidWay& way, double gone) {
+  way_ = way, gone_ = gone;
 }
 
 void TouchingTool::add_force(const Nodal& u, const Instant& now, Nodal& f) {
@@ -108,11 +110,12 @@ void TouchingTool::add_force(const Nodal& u, const Instant& now, Nodal& f) {
   spread(force_, f);
   if (!rubs()) return;
   if (may_rub() && foreseen_for_ != gone(now)) foresee(gone(now));
+  turned_ = way_.turned_at(now.depth);
   for (Index s = 0; s < count(); ++s) {
     const Vec3 n = normal_.col(s);
     friction_.col(s) -= n * n.dot(friction_.col(s));
     if (!may_rub()) continue;
-    const Vec3 way = place_.col(s) - pose.tip - anchor_.col(s);
+    const Vec3 way = place_.col(s) - pose.tip - turned_ * anchor_.col(s);
     slip_.col(s) = way - n * n.dot(way);
   }
   spread(friction_, f);
@@ -128,7 +131,7 @@ double TouchingTool::heat() const {
   double sum = 0.0;
   for (Index s = 0; s < slip_.cols(); ++s)
     if (const double most = bound(s, force_[s]); most > 0.0 && std::isfinite(most))
-      sum -= friction_.col(s).dot(slip_.col(s) - slid_.col(s));
+      sum -= friction_.col(s).dot(slip_.col(s) - turned_ * slid_.col(s));
   return std::max(0.0, sum);
 }
 
@@ -151,16 +154,17 @@ void TouchingTool::foresee(double gone) {
 void TouchingTool::accept(const Nodal&, const Instant& now) {
   if (!rubs()) return;
   const Vec3 tip = pose_at(now.depth).tip;
+  const Mat3 back = turned_.transpose();
   for (Index s = 0; s < count(); ++s) {
     touched_[static_cast<std::size_t>(s)] = force_[s] > 0.0;
     // What sticks is held where it was first, so that its slip within the tolerance does not add up.
-    slid_.col(s) = slip_.col(s);
+    slid_.col(s) = back * slip_.col(s);
     if (bound(s, force_[s]) > 0.0 && !slides(s)) continue;
     slid_.col(s).setZero();
-    anchor_.col(s) = place_.col(s) - gap_[s] * normal_.col(s) - tip;
+    anchor_.col(s) = back * (place_.col(s) - gap_[s] * normal_.col(s) - tip);
   }
   before_last_ = last_;
-  last_ = place_.colwise() - tip;
+  last_ = back * (place_.colwise() - tip);
   gone_before_ = last_gone_;
   last_gone_ = gone(now);
   foreseen_for_ = -1.0;
@@ -201,6 +205,13 @@ Wrench TouchingTool::on_tool(const Instant& now) const {
     sum.tail<3>() -= (place_.col(s) - tip).cross(on_body);
   }
   return sum;
+}
+
+// Of the forces on the body the power for each metre of the way: of a tool that turns its tip's motion with
+// their sum, and the turn with their moment about the tip.
+double TouchingTool::working_force(const Instant& now) const {
+  if (!way_.turns()) return along(way_.motion);
+  return along(way_.speed_at(now.depth)) - way_.turn.dot(on_tool(now).tail<3>());
 }
 
 TouchingTool::Touched TouchingTool::touched() const {

@@ -6,12 +6,13 @@
 
 #include "preprocess/supports/contact_surface.hpp"
 #include "solver/terms/contact_term.hpp"
+#include "solver/terms/rigid_way.hpp"
 #include "solver/terms/tool_force.hpp"
 #include "solver/terms/tool_shape.hpp"
 
 namespace dimple {
 
-/// A rigid tool that touches a body, without friction or with Coulomb's, and does not turn; or a wall.
+/// A rigid tool that touches a body, without friction or with Coulomb's; or a wall, which does not turn.
 struct Touch {
   ToolShape shape;
   ToolPose pose;  ///< where it first touches: at depth 0
@@ -43,7 +44,7 @@ ToolPose first_touch(const Touch& touch, const Nodal& u);
 /// X_s + sum_a phi_a(X_s) u_a. They do work with the tool alone.
 ///
 /// With friction a sample has a force t_s in the tangent plane of the tool's surface besides. Its slip is how
-/// far it has moved along the tool since the last accepted state, and
+/// far it has moved along the tool, which turns under it, since the last accepted state, and
 ///
 ///     |t_s| <= friction lambda_s;   slip_s = 0 where it is less, opposite to t_s where it is not.
 /// A sample that comes to touch slips from where it would touch if it went on as in the step before; in the
@@ -63,9 +64,8 @@ class TouchingTool : public ContactTerm {
   const Touch& touch() const { return touch_; }
   /// After `depth` [m] of the way that it goes now.
   ToolPose pose_at(double depth) const;
-  /// From now on it moves by `motion` for each metre of its way, from where it has come by `way` [m]; it has
-  /// gone `gone` [m] to there.
-  void go_on(const Vec3& way, double gone, const Vec3& motion);
+  /// From now on it goes so; it has gone `gone` [m] to where that begins.
+  void go_on(const RigidWay& way, double gone);
 
   /// While loads come on that act before it does, it stands apart from the body.
   void stand_apart(bool apart) { apart_ = apart; }
@@ -88,7 +88,7 @@ class TouchingTool : public ContactTerm {
 
   /// [3xM] where the samples were then.
   const Points& places() const { return place_; }
-  const Vec3& motion() const { return motion_; }
+  const Vec3& motion() const { return way_.motion; }
 
   void add_force(const Nodal& u, const Instant& now, Nodal& f) override;
   /// Those of the last add_force() end a step; where samples then touch is from where they slip.
@@ -100,6 +100,8 @@ class TouchingTool : public ContactTerm {
 
   /// On the body, of the last add_force() [N].
   double along(const Vec3& push) const;
+  /// Likewise, what does work on its way, for each metre of that [N].
+  double working_force(const Instant& now) const;
   /// On the tool, about its tip.
   Wrench on_tool(const Instant& now) const;
 
@@ -128,12 +130,14 @@ class TouchingTool : public ContactTerm {
  private:
   Touch touch_;
   Points place_;
-  Vec3 way_ = Vec3::Zero(), motion_;
+  RigidWay way_;
   bool apart_ = false;
   double gone_ = 0.0;
-  // With friction alone. Places from the tip: where samples slip from; where they were at the last two
-  // accepted states, which of them touched at the last, and by how much they had slipped there.
+  // With friction alone. Places from the tip in the tool's own frame, which are the world's axes as it began:
+  // where samples slip from; where they were at the last two accepted states, which of them touched at the
+  // last, and by how much they had slipped there.
   Points friction_, slip_, anchor_, last_, before_last_, slid_;
+  Mat3 turned_ = Mat3::Identity();  // at the last add_force()
   std::vector<char> touched_;
   double last_gone_ = 0.0, gone_before_ = 0.0;  // all the way to those two states, see gone()
   double foreseen_for_ = -1.0;  // the way for which anchors of what has not touched were looked for

@@ -45,7 +45,7 @@ function unpack() {
     const u = Float32Array.from(unpacked(frame.displacement, Int8Array), (n) => n * frame.step_mm);
     const size = new Float32Array(u.length / 3);
     for (let v = 0; v < size.length; ++v) size[v] = Math.hypot(u[3 * v], u[3 * v + 1], u[3 * v + 2]);
-    return { u, size, depth: frame.depth_mm, tool: frame.tool_mm };
+    return { u, size, depth: frame.depth_mm, tool: frame.tool_mm, turned: frame.tool_turned ?? [0, 0, 0, 1] };
   });
   return { rest, triangles, frames };
 }
@@ -162,6 +162,7 @@ export function body(place) {
   toolMapper.setInputData(flat(unpackMesh(data.tool)));
   const toolActor = vtkActor.newInstance();
   toolActor.setMapper(toolMapper);
+  toolActor.setOrigin(...data.tool.centre_mm);
   // An actor's colour stands for three, and only its setter sets them all.
   toolActor.getProperty().setColor(...rgb(metal));
   toolActor.getProperty().set({ ambient: 0.25, diffuse: 0.8, specular: 0.15, specularPower: 24 });
@@ -208,6 +209,7 @@ export function body(place) {
     surface.array.modified();
     surface.made.modified();
     toolActor.setPosition(...frame.tool);
+    toolActor.setOrientationFromQuaternion(frame.turned);
     window3d.render();
   };
   show(frames.length - 1);

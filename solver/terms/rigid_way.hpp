@@ -1,0 +1,47 @@
+#pragma once
+
+#include <Eigen/Geometry>
+
+#include "io/types.hpp"
+
+namespace dimple {
+
+/// [3x3] of a rotation vector, whose length is the angle [rad], right-handed.
+inline Mat3 rotation(const Vec3& vector) {
+  const double angle = vector.norm();
+  return angle > 0.0 ? Eigen::AngleAxisd(angle, vector / angle).toRotationMatrix() : Mat3::Identity().eval();
+}
+
+/// The other way round, of an angle of pi at most.
+inline Vec3 rotation_vector(const Mat3& turned) {
+  const Eigen::AngleAxisd whole(turned);
+  return whole.angle() * whole.axis();
+}
+
+/// What a rigid thing does in a step of a scene: where its tip p and it itself R stand as the step begins,
+/// and how they go on, s [m] of the step's way later, about c = p + `arm`:
+///
+///     p(s) = c + exp(s turn) (p - c) + s motion,   R(s) = exp(s turn) R
+struct RigidWay {
+  Vec3 come = Vec3::Zero();        ///< of the tip, from where it began [m]
+  Mat3 turned = Mat3::Identity();  ///< of the thing itself, from where it began
+  Vec3 motion = Vec3::Zero();      ///< [m] for each metre of the step's way
+  Vec3 turn = Vec3::Zero();        ///< rotation vector, likewise [rad]
+  Vec3 arm = Vec3::Zero();         ///< from the tip, as the step begins, to what it turns about [m]
+
+  bool turns() const { return !turn.isZero(0.0); }
+  bool has_turned() const { return turns() || turned != Mat3::Identity(); }
+  Vec3 by_turning(double s) const { return arm - rotation(s * turn) * arm; }
+  Vec3 come_at(double s) const {
+    Vec3 now = s * motion;
+    if (turns()) now += by_turning(s);
+    return come.isZero(0.0) ? now : Vec3(come + now);
+  }
+  Mat3 turned_at(double s) const { return turns() ? Mat3(rotation(s * turn) * turned) : turned; }
+  /// dp/ds.
+  Vec3 speed_at(double s) const {
+    return turns() ? Vec3(motion - turn.cross(rotation(s * turn) * arm)) : motion;
+  }
+};
+
+}  // namespace dimple

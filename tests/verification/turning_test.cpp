@@ -1,0 +1,253 @@
+// A tool that touches and turns: against the same tool that came another way, and against closed forms of
+// linear elasticity.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <memory>
+#include <numbers>
+
+#include "preprocess/build_model.hpp"
+#include "preprocess/surface/shapes.hpp"
+#include "solver/march/steps.hpp"
+#include "solver/solve.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr double mu = 2000.0, degree = std::numbers::pi / 180.0;
+
+const ToolShape capsule{.kind = ToolShape::Kind::capsule, .radius = 3e-3, .length = 20e-3},
+    punch{.kind = ToolShape::Kind::punch, .radius = 4e-3, .edge = 2e-3},
+    sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+
+// Of a block of 40 x 40 x 20 mm, fine at its top around a place on it [mm].
+struct Block {
+  Model model;
+  ContactSurface surface;
+  Block(Index nodes, double contact_radius_mm, double reach, const std::string& at = "0,0,top") {
+    ModelOptions options;
+    options.cloud.count = nodes;
+    options.cloud.grading.whole_circle = true;
+    options.boundary = {.base = "inferior", .indent_at = at, .contact_radius_mm = contact_radius_mm};
+    model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
+    surface = contact_surface(model, reach);
+  }
+};
+
+struct Ran {
+  History history;
+  std::vector<ForceSample> end;  // of each step
+  Eigen::Map<const Wrench> wrench(std::size_t step) const {
+    return Eigen::Map<const Wrench>(end[step].on_tool.data());
+  }
+  double work_until(std::size_t step) const { return energy_at(step).external; }
+  const EnergySample& energy_at(std::size_t step) const {
+    return *std::find_if(history.energy.begin(), history.energy.end(),
+                         [&](const EnergySample& e) { return e.t > end[step].t * (1.0 - 1e-9); });
+  }
+};
+
+struct Wanted {
+  double friction = 0.0, tolerance = 1e-4, step_radii = 0.1;
+};
+
+Ran run(const Block& block, const ToolShape& shape, const ToolPose& pose, const std::vector<Step>& steps,
+        const Wanted& wanted = {}) {
+  auto touch = std::make_shared<Touch>();
+  touch->shape = shape;
+  touch->surface = block.surface;
+  touch->pose = pose;
+  touch->friction = wanted.friction;
+  Loading loading;
+  loading.touch = touch;
+  loading.steps = steps;
+  const ForceSystem system(block.model, {{neo_hookean(mu, 0.49, 1000.0)}, block.model.tissue},
+                           Precision::double_);
+  Ran ran;
+  solve(TimeMode::quasi_static, system, block.model, loading,
+        {.frames = 1, .step_radii = wanted.step_radii, .tolerance = wanted.tolerance}, {}, ran.history);
+  double until = 0.0;
+  for (const Step& step : steps) {
+    until += step.length() / loading.rate;
+    const auto at = std::find_if(ran.history.force.begin(), ran.history.force.end(),
+                                 [&](const ForceSample& s) { return s.t > until * (1.0 - 1e-9); });
+    EXPECT_NE(at, ran.history.force.end());
+    ran.end.push_back(at == ran.history.force.end() ? ForceSample{} : *at);
+  }
+  return ran;
+}
+
+ToolPose touches(const Block& block, const ToolShape& shape) {
+  return first_touch(shape, block.model.tool, block.surface);
+}
+
+Step by(const Vec3& way) {
+  return {.name = "", .moves = "", .way = way};
+}
+Step turn(const Vec3& degrees, double lever, std::optional<Vec3> about = {}, const Vec3& way = Vec3::Zero()) {
+  return {.name = "", .moves = "", .way = way, .turn = degree * degrees, .about = about, .lever = lever};
+}
+
+// Along its own axis, turned by R from the first, to where its tip then is.
+Ran tilted_straight_to(const Block& block, const ToolShape& shape, const Mat3& R, const Vec3& tip) {
+  const Vec3 push = R * block.model.tool.push;
+  const ToolPose begins = first_touch(shape, {.centre = tip, .push = push}, block.surface);
+  return run(block, shape, begins, {by(tip - begins.tip)});
+}
+
+// ---------------------------------------------------------------------------------------------------------
+
+TEST(RigidWay, ItsSpeedIsTheDerivativeOfItsPlaceAndItsTurnGoesOnEvenly) {
+  RigidWay way;
+  way.come = Vec3(1e-3, 2e-3, -3e-3);
+  way.turned = rotation(Vec3(0.3, -0.2, 0.5));
+  way.motion = Vec3(0.2, -0.7, 0.1);
+  way.turn = Vec3(80.0, -30.0, 50.0);
+  way.arm = Vec3(4e-3, -1e-3, 9e-3);
+  const double s = 2e-3, h = 1e-7;
+  const Vec3 speed = (way.come_at(s + h) - way.come_at(s - h)) / (2.0 * h);
+  EXPECT_LT((way.speed_at(s) - speed).norm(), 1e-6 * speed.norm());
+  EXPECT_LT((way.turned_at(2.0 * s) - rotation(s * way.turn) * way.turned_at(s)).norm(), 1e-12);
+  const Vec3 pivot = way.come + way.arm, after = way.come_at(s) - s * way.motion;
+  EXPECT_NEAR((after - pivot).norm(), way.arm.norm(), 1e-15)
+      << "but for its motion it keeps away from it as far";
+  EXPECT_LT((rotation_vector(rotation(Vec3(0.3, -0.2, 0.5))) - Vec3(0.3, -0.2, 0.5)).norm(), 1e-12);
+  EXPECT_EQ(rotation_vector(Mat3::Identity()).norm(), 0.0);
+}
+
+class TurningTool : public testing::TestWithParam<const ToolShape*> {};
+INSTANTIATE_TEST_SUITE_P(Shapes, TurningTool, testing::Values(&capsule, &punch),
+                         [](const auto& shape) { return shape.param == &punch ? "Punch" : "Capsule"; });
+
+// Elastic tissue without friction does not know the way.
+TEST_P(TurningTool, WithoutFrictionFeelsHowItStandsAndNotHowItHasTurnedThere) {
+  const ToolShape& shape = *GetParam();
+  const Block block(1200, 2.7, 8e-3);
+  const Vec3 down(0, 0, -1.5e-3), angle(4, 15, 0);
+  const ToolPose straight = touches(block, shape);
+  const Ran turned = run(block, shape, straight, {by(down), turn(angle, 3e-3)});
+
+  const Mat3 R = rotation(degree * angle);
+  const Ran came = tilted_straight_to(block, shape, R, straight.tip + down);
+  const Vec3 force = came.wrench(0).head<3>(), moment = came.wrench(0).tail<3>();
+  EXPECT_GT(moment.norm(), 0.1 * force.norm() * shape.radius) << "it leans on the tissue";
+  EXPECT_LT((turned.wrench(1).head<3>() - force).norm(), 2e-3 * force.norm());
+  EXPECT_LT((turned.wrench(1).tail<3>() - moment).norm(), 2e-3 * force.norm() * shape.radius);
+  EXPECT_NEAR(turned.energy_at(1).stored, came.energy_at(0).stored, 2e-3 * came.energy_at(0).stored);
+  EXPECT_LT(std::abs(turned.energy_at(1).error()), 0.01 * turned.energy_at(1).external);
+  const Vec3 told(turned.end[1].turned.data());
+  EXPECT_LT((told - degree * angle).norm(), 1e-12);
+  EXPECT_EQ(Vec3(turned.end[0].turned.data()), Vec3::Zero());
+}
+
+// About a pivot above it and beside it, and moved meanwhile.
+TEST(TurningTool, AboutAPlaceAndMovedMeanwhileComesWhereARigidBodyDoes) {
+  const Block block(1200, 2.7, 8e-3);
+  const Vec3 down(0, 0, -1.5e-3), angle(0, -12, 5), aside(0.5e-3, 0, -0.3e-3);
+  const ToolPose straight = touches(block, capsule);
+  const Vec3 pivot = straight.tip + Vec3(1e-3, 0, 12e-3);
+  const Ran turned = run(block, capsule, straight, {by(down), turn(angle, 12e-3, pivot, aside)});
+
+  const Mat3 R = rotation(degree * angle);
+  const Vec3 tip = pivot + R * (straight.tip + down - pivot) + aside;
+  EXPECT_GT((tip - straight.tip - down).head<2>().norm(), 1e-3);
+  const Vec3 come = (turned.end[1].depth) * straight.points_at + Vec3(turned.end[1].aside.data());
+  EXPECT_LT((straight.tip + come - tip).norm(), 1e-9);
+  const Ran came = tilted_straight_to(block, capsule, R, tip);
+  const Vec3 force = came.wrench(0).head<3>(), moment = came.wrench(0).tail<3>();
+  EXPECT_LT((turned.wrench(1).head<3>() - force).norm(), 2e-3 * force.norm());
+  EXPECT_LT((turned.wrench(1).tail<3>() - moment).norm(), 2e-3 * force.norm() * capsule.radius);
+  EXPECT_LT(std::abs(turned.energy_at(1).error()), 0.01 * turned.energy_at(1).external);
+}
+
+TEST(TurningTool, ThereAndBackWithoutFrictionTakesNoWorkAndWithFrictionLosesIt) {
+  const Block block(1000, 2.7, 8e-3);
+  const ToolPose pose = touches(block, punch);
+  const auto there_and_back = [&](double friction, std::optional<Vec3> about) {
+    return run(block, punch, pose,
+               {by({0, 0, -1e-3}), turn({0, 10, 0}, 4e-3, about), turn({0, -10, 0}, 4e-3, about)},
+               {.friction = friction});
+  };
+  const Ran free = there_and_back(0.0, std::nullopt);
+  EXPECT_LT((free.wrench(2) - free.wrench(0)).head<3>().norm(), 1e-3 * free.wrench(0).head<3>().norm());
+  const double there = std::abs(free.work_until(1) - free.work_until(0));
+  EXPECT_GT(there, 1e-3 * free.work_until(0));
+  EXPECT_LT(std::abs(free.work_until(2) - free.work_until(0)), 0.05 * there + 1e-4 * free.work_until(0));
+  EXPECT_LT(free.history.energy.back().dissipated, 1e-3 * there);
+
+  const Ran rubbed = there_and_back(0.3, pose.tip + Vec3(0, 0, 5e-3));
+  double before = 0.0;
+  for (const EnergySample& sample : rubbed.history.energy) {
+    EXPECT_GE(sample.dissipated, before - 1e-15);
+    before = sample.dissipated;
+  }
+  EXPECT_GT(rubbed.energy_at(2).dissipated - rubbed.energy_at(0).dissipated,
+            0.01 * rubbed.energy_at(0).external);
+  EXPECT_LT(std::abs(rubbed.history.energy.back().error()), 0.05 * rubbed.history.energy.back().external);
+}
+
+TEST(TurningTool, TheOtherWayRoundOnASymmetricBlockHasTheMirroredForceAndMoment) {
+  const Block block(1500, 2.7, 8e-3);
+  const ToolPose pose = touches(block, punch);
+  const Ran left = run(block, punch, pose, {by({0, 0, -1.5e-3}), turn({12, 0, 0}, 4e-3)}),
+            right = run(block, punch, pose, {by({0, 0, -1.5e-3}), turn({-12, 0, 0}, 4e-3)});
+  Wrench mirrored = right.wrench(1);  // in y: of a moment the other two components change their sign
+  mirrored[1] *= -1.0, mirrored[3] *= -1.0, mirrored[5] *= -1.0;
+  const double force = left.wrench(1).head<3>().norm();
+  EXPECT_GT(std::abs(left.wrench(1)[1]), 0.02 * force);
+  EXPECT_LT((mirrored - left.wrench(1)).head<3>().norm(), 0.01 * force);
+  EXPECT_LT((mirrored - left.wrench(1)).tail<3>().norm(), 0.01 * force * punch.radius);
+}
+
+// ---------------------------------------------------------------------------------------------------------
+// A sphere about its middle
+// ---------------------------------------------------------------------------------------------------------
+
+TEST(TurningSphere, AboutItsMiddleWithoutFrictionIsNotFelt) {
+  const Block block(1000, 2.7, 8e-3);
+  const ToolPose pose = touches(block, sphere);
+  const Vec3 down(0, 0, -1.5e-3), middle = pose.tip + down + Vec3(0, 0, sphere.radius);
+  const Ran ran = run(block, sphere, pose, {by(down), turn({20, 10, 30}, sphere.radius, middle)});
+  EXPECT_LT((ran.wrench(1) - ran.wrench(0)).head<3>().norm(), 1e-4 * ran.wrench(0).head<3>().norm());
+  EXPECT_NEAR(ran.work_until(1), ran.work_until(0), 1e-4 * ran.work_until(0));
+}
+
+// On a body that is large beside the contact.
+struct Spun {
+  double force, moment, a;  // along the push; the contact's radius by Hertz [m]
+  Ran ran;
+};
+Spun spun(double friction, double degrees) {
+  static const Block block(1500, 0.9, 2.5e-3);
+  const ToolPose pose = touches(block, sphere);
+  const Vec3 down(0, 0, -0.15e-3);
+  Ran ran = run(block, sphere, pose, {by(down), turn({0, 0, degrees}, 0.15e-3)}, {friction, 1e-5, 0.01});
+  const double force = ran.wrench(1)[2], E = 2.0 * mu * 1.49, nu = 0.49;
+  const double a = std::cbrt(0.75 * force * sphere.radius * (1.0 - nu * nu) / E);
+  return {force, ran.wrench(1)[5], a, std::move(ran)};
+}
+
+// Lubkin 1951; Johnson, Contact Mechanics, 1985, section 7.4: all of the contact slides.
+TEST(TurningSphere, AboutItsPushSlidesWithTheTorqueOfLubkin) {
+  const double friction = 0.05;
+  const Spun sphere_spun = spun(friction, 30.0);
+  const double slides = 3.0 * std::numbers::pi / 16.0 * friction * sphere_spun.force * sphere_spun.a;
+  EXPECT_NEAR(sphere_spun.moment, -slides, 0.05 * slides) << "against the turn";
+  const History& history = sphere_spun.ran.history;
+  EXPECT_GT(history.energy.back().dissipated, 0.0);
+  EXPECT_LT(history.contact_sticks, 0.1 * history.contact_area);
+}
+
+// Johnson, equation 7.43 (Reissner and Sagoci 1944): what sticks wholly turns as if it were bonded.
+TEST(TurningSphere, AboutItsPushStuckHasTheTorqueOfABondedDisc) {
+  const double angle = 2.0;
+  const Spun sphere_spun = spun(std::numeric_limits<double>::infinity(), angle);
+  const double bonded = 16.0 / 3.0 * mu * std::pow(sphere_spun.a, 3) * angle * degree;
+  EXPECT_NEAR(sphere_spun.moment, -bonded, 0.05 * bonded) << "against the turn";
+  const EnergySample &end = sphere_spun.ran.energy_at(1), &before = sphere_spun.ran.energy_at(0);
+  EXPECT_NEAR(end.stored - before.stored, 0.5 * bonded * angle * degree, 0.1 * 0.5 * bonded * angle * degree);
+}
+
+}  // namespace
+}  // namespace dimple
