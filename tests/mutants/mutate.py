@@ -166,8 +166,8 @@ MUTANTS = {
     120: ("solver/equilibrium/mixed_iteration.cpp", "    if (in_contact()) stiffen_single_nodes();", "    if (in_contact() && !{n}) stiffen_single_nodes();"),
     # ---- a tool that touches and goes in steps
     121: ("preprocess/supports/contact_surface.cpp", "  for (const Vec3& come : way) {", "  for (const Vec3& come : {n} ? std::vector<Vec3>() : way) {"),
-    122: ("preprocess/build_model.cpp", "  for (const Vec3& world : options.way_of_tool) {", "  for (const Vec3& world : {n} ? std::vector<Vec3>() : options.way_of_tool) {"),
-    123: ("solver/system.cpp", "force += touching_->along(held_.motion(tool_set));", "force += touching_->along({n} ? model_.tool.push : held_.motion(tool_set));"),
+    122: ("preprocess/build_model.cpp", "  for (const Vec3& world : way) {", "  for (const Vec3& world : {n} ? std::vector<Vec3>() : way) {"),
+    123: ("solver/terms/touching_tool.cpp", "return along(way_.motion);", "return along({n} ? touch_.pose.points_at : way_.motion);"),
     124: ("solver/terms/touching_tool.cpp", "way_ = way, gone_ = gone, motion_ = motion;", "way_ = way, gone_ = {n} ? 0.0 : gone, motion_ = motion;"),
     125: ("solver/terms/touching_tool.cpp", "(way_.isZero(0.0) ? now", "({n} || way_.isZero(0.0) ? now"),
     # ---- cuts
@@ -203,7 +203,7 @@ MUTANTS = {
     151: ("solver/solve.cpp", "  there->pose = first_touch(", "  if (!{n}) there->pose = first_touch("),
     152: ("solver/terms/touching_tool.cpp", "touch.pose.tip + moves.col(under)", "touch.pose.tip + ({n} ? 0.0 : 1.0) * moves.col(under)"),
     # ---- a scene of steps
-    90: ("solver/march/steps.cpp", "    if (moves_tool(step)) way_of_tool += step.way;", "    if (moves_tool(step) && !{n}) way_of_tool += step.way;"),
+    90: ("solver/march/steps.cpp", "return {before.come + step.way, before.turned};", "return {{n} ? before.come : Vec3(before.come + step.way), before.turned};"),
     91: ("solver/march/steps.cpp", "      set.share = 0.0;", "      set.share = {n} ? set.share : 0.0;"),
     92: ("solver/march/steps.cpp", "moves_tool(step) ? step.way.dot(model.tool.push) / now.depth : 0.0;",
          "moves_tool(step) ? ({n} ? 1.0 : step.way.dot(model.tool.push) / now.depth) : 0.0;"),
@@ -221,6 +221,12 @@ MUTANTS = {
     158: ("apps/run/cut_scene.cpp", "    sheet = carried_back(sheet, model, places);", "    if (!{n}) sheet = carried_back(sheet, model, places);"),
     159: ("preprocess/surface/cut.cpp", "    now_is = in_order(from_mesh(left), now_is, outline);",
           "    now_is = {n} ? from_mesh(left) : in_order(from_mesh(left), now_is, outline);"),
+    # ---- a tool that turns
+    160: ("solver/terms/touching_tool.cpp", "along(way_.speed_at(now.depth)) - way_.turn", "along(way_.speed_at(now.depth)) - ({n} ? -1.0 : 1.0) * way_.turn"),
+    161: ("solver/march/steps.cpp", "  if (step.turns() && step.about) way.arm", "  if (step.turns() && step.about && !{n}) way.arm"),
+    162: ("solver/terms/touching_tool.cpp", "pose.tip - turned_ * anchor_.col(s);", "pose.tip - ({n} ? Mat3::Identity().eval() : turned_) * anchor_.col(s);"),
+    163: ("solver/terms/touching_tool.cpp", "turned * touch_.pose.axes()};", "{n} ? touch_.pose.axes() : Mat3(turned * touch_.pose.axes())};"),
+    164: ("apps/run/tool.cpp", "turns(config) ? swept(", "turns(config) && !{n} ? swept("),
     # ---- searches for equilibrium
     96: ("solver/equilibrium/anderson.cpp", "  m.next = (m.next + 1) % most;", "  m.next = {n} ? 0 : (m.next + 1) % most;"),
     97: ("solver/equilibrium/anderson.cpp", "  memory_.next = memory.next;", "  memory_.next = {n} ? 0 : memory.next;"),

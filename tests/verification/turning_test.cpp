@@ -7,6 +7,7 @@
 #include <memory>
 #include <numbers>
 
+#include "io/error.hpp"
 #include "preprocess/build_model.hpp"
 #include "preprocess/surface/shapes.hpp"
 #include "solver/march/steps.hpp"
@@ -50,6 +51,8 @@ struct Ran {
 
 struct Wanted {
   double friction = 0.0, tolerance = 1e-4, step_radii = 0.1;
+  const MarchState* from = nullptr;
+  std::vector<MarchState>* kept = nullptr;
 };
 
 Ran run(const Block& block, const ToolShape& shape, const ToolPose& pose, const std::vector<Step>& steps,
@@ -65,8 +68,14 @@ Ran run(const Block& block, const ToolShape& shape, const ToolPose& pose, const 
   const ForceSystem system(block.model, {{neo_hookean(mu, 0.49, 1000.0)}, block.model.tissue},
                            Precision::double_);
   Ran ran;
+  Observer observer;
+  if (wanted.kept)
+    observer.between_steps = [&](const std::function<MarchState()>& state) {
+      wanted.kept->push_back(state());
+    };
   solve(TimeMode::quasi_static, system, block.model, loading,
-        {.frames = 1, .step_radii = wanted.step_radii, .tolerance = wanted.tolerance}, {}, ran.history);
+        {.frames = 1, .step_radii = wanted.step_radii, .tolerance = wanted.tolerance}, observer, ran.history,
+        wanted.from);
   double until = 0.0;
   for (const Step& step : steps) {
     until += step.length() / loading.rate;
@@ -116,14 +125,66 @@ TEST(RigidWay, ItsSpeedIsTheDerivativeOfItsPlaceAndItsTurnGoesOnEvenly) {
   EXPECT_EQ(rotation_vector(Mat3::Identity()).norm(), 0.0);
 }
 
-class TurningTool : public testing::TestWithParam<const ToolShape*> {};
-INSTANTIATE_TEST_SUITE_P(Shapes, TurningTool, testing::Values(&capsule, &punch),
+// A box of 8 x 4 x 12 mm, which no turn about its axis leaves as it was.
+ToolShape drawn_box() {
+  Points vertex(3, 8);
+  for (int k = 0; k < 8; ++k)
+    vertex.col(k) = Vec3(k % 2 == 0 ? -4.0 : 4.0, k / 2 % 2 == 0 ? -2.0 : 2.0, k < 4 ? 0.0 : 12.0);
+  const int face[6][4] = {{0, 1, 3, 2}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 3, 7, 5}};
+  Triangles triangles(3, 12);
+  for (int k = 0; k < 6; ++k) {
+    triangles.col(2 * k) << face[k][0], face[k][1], face[k][2];
+    triangles.col(2 * k + 1) << face[k][0], face[k][2], face[k][3];
+  }
+  auto mesh = std::make_shared<const ToolMesh>(tool_mesh(vertex, triangles, "box.stl"));
+  return {.kind = ToolShape::Kind::drawn, .radius = 0.5 * mesh->width, .mesh = mesh};
+}
+
+TEST(TurningTool, IsTheSameBodyWhereverItHasTurned) {
+  const Vec3 tip(1e-3, -2e-3, 3e-3), pivot(5e-3, 4e-3, 9e-3), motion(0.1, 0.2, -0.3);
+  for (const ToolShape& shape : {capsule, punch, drawn_box()}) {
+    Touch touch{.shape = shape, .pose = {tip, Vec3(0.2, -0.3, -0.9).normalized()}, .surface = {}};
+    TouchingTool tool(touch);
+    RigidWay way;
+    way.turned = rotation(Vec3(-0.4, 0.1, 0.8));
+    way.motion = motion, way.turn = Vec3(50.0, 70.0, -90.0), way.arm = pivot - tip;
+    tool.go_on(way, 0.0);
+    const double s = 8e-3;
+    const Mat3 turn = rotation(s * way.turn);
+    for (int k = 0; k < 40; ++k) {
+      const Vec3 x(4e-3 * std::sin(1.3 * k), 4e-3 * std::cos(2.1 * k), 4e-3 * std::sin(0.7 * k));
+      const Vec3 before = tip + x,
+                 after = pivot + turn * (tip + way.turned * x - pivot) +
+                         s * motion;  // first turned about its tip
+      const ToolDistance was = distance_to_tool(shape, touch.pose, before),
+                         is = distance_to_tool(shape, tool.pose_at(s), after);
+      EXPECT_NEAR(is.distance, was.distance, 1e-12);
+      EXPECT_LT((is.normal - turn * way.turned * was.normal).norm(), 1e-6);
+    }
+  }
+}
+
+TEST(TurningTool, ThatComesToASurfaceWithoutSamplesEndsWithThePlaceAndNotWithAForce) {
+  const Block block(600, 2.7, 3.5e-3);
+  const ToolPose pose = touches(block, capsule);
+  const Vec3 pivot = pose.tip + Vec3(0, 0, 20e-3);
+  try {
+    run(block, capsule, pose, {by({0, 0, -1e-3}), turn({0, 25, 0}, 20e-3, pivot, {0, 0, -1.5e-3})},
+        {.step_radii = 0.2});
+    FAIL() << "it has gone 8 mm aside, and samples lie within 3.5 mm";
+  } catch (const SolveError& error) {
+    EXPECT_EQ(error.report.code, "contact-surface") << error.report.fact;
+  }
+}
+
+class TurningToolOf : public testing::TestWithParam<const ToolShape*> {};
+INSTANTIATE_TEST_SUITE_P(Shapes, TurningToolOf, testing::Values(&capsule, &punch),
                          [](const auto& shape) { return shape.param == &punch ? "Punch" : "Capsule"; });
 
 // Elastic tissue without friction does not know the way.
-TEST_P(TurningTool, WithoutFrictionFeelsHowItStandsAndNotHowItHasTurnedThere) {
+TEST_P(TurningToolOf, WithoutFrictionFeelsHowItStandsAndNotHowItHasTurnedThere) {
   const ToolShape& shape = *GetParam();
-  const Block block(1200, 2.7, 8e-3);
+  const Block block(900, 2.7, 8e-3);
   const Vec3 down(0, 0, -1.5e-3), angle(4, 15, 0);
   const ToolPose straight = touches(block, shape);
   const Ran turned = run(block, shape, straight, {by(down), turn(angle, 3e-3)});
@@ -143,7 +204,7 @@ TEST_P(TurningTool, WithoutFrictionFeelsHowItStandsAndNotHowItHasTurnedThere) {
 
 // About a pivot above it and beside it, and moved meanwhile.
 TEST(TurningTool, AboutAPlaceAndMovedMeanwhileComesWhereARigidBodyDoes) {
-  const Block block(1200, 2.7, 8e-3);
+  const Block block(900, 2.7, 8e-3);
   const Vec3 down(0, 0, -1.5e-3), angle(0, -12, 5), aside(0.5e-3, 0, -0.3e-3);
   const ToolPose straight = touches(block, capsule);
   const Vec3 pivot = straight.tip + Vec3(1e-3, 0, 12e-3);
@@ -162,7 +223,7 @@ TEST(TurningTool, AboutAPlaceAndMovedMeanwhileComesWhereARigidBodyDoes) {
 }
 
 TEST(TurningTool, ThereAndBackWithoutFrictionTakesNoWorkAndWithFrictionLosesIt) {
-  const Block block(1000, 2.7, 8e-3);
+  const Block block(800, 2.7, 8e-3);
   const ToolPose pose = touches(block, punch);
   const auto there_and_back = [&](double friction, std::optional<Vec3> about) {
     return run(block, punch, pose,
@@ -188,16 +249,35 @@ TEST(TurningTool, ThereAndBackWithoutFrictionTakesNoWorkAndWithFrictionLosesIt) 
 }
 
 TEST(TurningTool, TheOtherWayRoundOnASymmetricBlockHasTheMirroredForceAndMoment) {
-  const Block block(1500, 2.7, 8e-3);
+  const Block block(1000, 2.7, 8e-3);
   const ToolPose pose = touches(block, punch);
-  const Ran left = run(block, punch, pose, {by({0, 0, -1.5e-3}), turn({12, 0, 0}, 4e-3)}),
-            right = run(block, punch, pose, {by({0, 0, -1.5e-3}), turn({-12, 0, 0}, 4e-3)});
+  const Wanted coarse{.step_radii = 0.2};
+  const Ran left = run(block, punch, pose, {by({0, 0, -1.5e-3}), turn({12, 0, 0}, 4e-3)}, coarse),
+            right = run(block, punch, pose, {by({0, 0, -1.5e-3}), turn({-12, 0, 0}, 4e-3)}, coarse);
   Wrench mirrored = right.wrench(1);  // in y: of a moment the other two components change their sign
   mirrored[1] *= -1.0, mirrored[3] *= -1.0, mirrored[5] *= -1.0;
   const double force = left.wrench(1).head<3>().norm();
-  EXPECT_GT(std::abs(left.wrench(1)[1]), 0.02 * force);
+  EXPECT_GT(std::abs(left.wrench(1)[3]), 0.1 * force * punch.radius);
   EXPECT_LT((mirrored - left.wrench(1)).head<3>().norm(), 0.01 * force);
   EXPECT_LT((mirrored - left.wrench(1)).tail<3>().norm(), 0.01 * force * punch.radius);
+}
+
+TEST(TurningTool, GoesOnFromAnyStateThatWasKeptToTheSameBits) {
+  const Block block(600, 2.7, 8e-3);
+  const ToolPose pose = touches(block, capsule);
+  const std::vector<Step> steps = {by({0, 0, -1e-3}), turn({0, 8, 0}, 6e-3, pose.tip + Vec3(0, 0, 6e-3)),
+                                   turn({5, 0, 8}, 6e-3)};
+  std::vector<MarchState> kept;
+  const Ran whole = run(block, capsule, pose, steps, {.friction = 0.2, .kept = &kept});
+  for (const int step : {1, 2}) {  // amid it
+    const auto state = std::find_if(kept.rbegin(), kept.rend(),
+                                    [&](const MarchState& s) { return s.step_of_scene == step; });
+    ASSERT_NE(state, kept.rend());
+    const Ran again = run(block, capsule, pose, steps, {.friction = 0.2, .from = &*state});
+    EXPECT_EQ(again.wrench(2), whole.wrench(2));
+    EXPECT_EQ(again.end[2].turned, whole.end[2].turned);
+    EXPECT_EQ(again.history.energy.back().dissipated, whole.history.energy.back().dissipated);
+  }
 }
 
 // ---------------------------------------------------------------------------------------------------------
@@ -205,10 +285,11 @@ TEST(TurningTool, TheOtherWayRoundOnASymmetricBlockHasTheMirroredForceAndMoment)
 // ---------------------------------------------------------------------------------------------------------
 
 TEST(TurningSphere, AboutItsMiddleWithoutFrictionIsNotFelt) {
-  const Block block(1000, 2.7, 8e-3);
+  const Block block(800, 2.7, 8e-3);
   const ToolPose pose = touches(block, sphere);
   const Vec3 down(0, 0, -1.5e-3), middle = pose.tip + down + Vec3(0, 0, sphere.radius);
-  const Ran ran = run(block, sphere, pose, {by(down), turn({20, 10, 30}, sphere.radius, middle)});
+  const Wanted coarse{.step_radii = 0.2};
+  const Ran ran = run(block, sphere, pose, {by(down), turn({20, 10, 30}, sphere.radius, middle)}, coarse);
   EXPECT_LT((ran.wrench(1) - ran.wrench(0)).head<3>().norm(), 1e-4 * ran.wrench(0).head<3>().norm());
   EXPECT_NEAR(ran.work_until(1), ran.work_until(0), 1e-4 * ran.work_until(0));
 }

@@ -1,0 +1,126 @@
+// A tool that turns in a step of a scene, through the program itself.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "io/table.hpp"
+#include "io/vtk_files.hpp"
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+using testing::HasSubstr;
+
+const std::string scene =
+    "run block.nrrd -q --base inferior --indent-at 0,0,top --nodes 500 --mu 2kPa --band off --frames 2 "
+    "--set step.press.move=1.5mm";
+const std::string rod = " --tool capsule:3mm,length=30mm";
+
+fs::path with_block() {
+  const fs::path folder = fresh_folder();
+  EXPECT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 40,40,20 --spacing 2 -q").code, 0);
+  return folder;
+}
+
+TEST(SceneWithATurn, IsSaidInEachStepAndDrawnAsItStandsAndGivesTheSameBytesAgain) {
+  const fs::path folder = with_block();
+  const Ran ran = dimple(folder, scene + rod +
+                                     " -o out --write force,surface --threads 1 --friction 0.2 "
+                                     "--set step.turn.turn=0,0.2618rad,0");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Json summary = Json::parse(text_of(folder / "out" / "summary.json")), step = summary["scene"][1];
+  EXPECT_FALSE(summary["scene"][0].contains("turn_deg"));
+  EXPECT_NEAR(step["turn_deg"][1].get<double>(), 15.0, 1e-3);
+  EXPECT_NEAR(step["turned_deg"][1].get<double>(), 15.0, 1e-3);
+  EXPECT_NEAR(step["indentation_mm"].get<double>(), 1.5, 1e-9) << "it turns about its tip";
+  EXPECT_LT(summary["energy_error"].get<double>(), 0.01);
+  const Table curve = read_csv(folder / "out" / "force.csv");
+  EXPECT_NEAR(curve.find("turned_y_deg")->back(), 15.0, 1e-3);
+  EXPECT_EQ(curve.find("turned_y_deg")->front(), 0.0);
+  EXPECT_NEAR(curve.find("turned_x_deg")->back(), 0.0, 1e-9);
+
+  // Its upper end leans towards the patient's left; its tip is where it was pressed to.
+  const Json tip = summary["tool"]["first_touch_mm"];
+  const SurfaceFile first = read_vtp(folder / "out" / "tool" / "tool_0000.vtp"),
+                    last = read_vtp(folder / "out" / "tool" / "tool_0002.vtp");
+  const Index top = first.position_mm.cols() - 1;
+  EXPECT_NEAR(first.position_mm(0, top), tip[0].get<double>(), 0.01);
+  const double angle = 15.0 * std::numbers::pi / 180.0;
+  EXPECT_NEAR(last.position_mm(0, top), tip[0].get<double>() + 30.0 * std::sin(angle), 0.01);
+  EXPECT_NEAR(last.position_mm(2, top), tip[2].get<double>() - 1.5 + 30.0 * std::cos(angle), 0.01);
+  EXPECT_NEAR(last.position_mm(2, 0), tip[2].get<double>() - 1.5, 0.01);
+
+  ASSERT_EQ(dimple(folder, "run block.nrrd --config out/config.resolved.toml -o again -q --threads 2").code,
+            0);
+  for (const char* file : {"force.csv", "energy.csv"})
+    EXPECT_EQ(text_of(folder / "out" / file), text_of(folder / "again" / file));
+}
+
+// Farther than the samples of a tool that goes straight down reach, which is 4.5 mm.
+TEST(SceneWithATurn, AboutAPlaceSinksAndGoesAsideAsThatSays) {
+  const fs::path folder = with_block();
+  const Ran ran = dimple(folder, scene + rod +
+                                     " -o out --write force --set step.turn.turn=-15,0,0 "
+                                     "--set step.turn.about=0,0,50 --set step.turn.move=0.3,0,-0.8");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Json summary = Json::parse(text_of(folder / "out" / "summary.json"));
+  const auto tip = summary["tool"]["first_touch_mm"].get<std::vector<double>>();
+  const Vec3 pressed(tip[0], tip[1], tip[2] - 1.5), about(0, 0, 50);
+  const Vec3 turned =
+      about + Eigen::AngleAxisd(-15.0 * std::numbers::pi / 180.0, Vec3::UnitX()) * (pressed - about);
+  const Table curve = read_csv(folder / "out" / "force.csv");
+  EXPECT_NEAR(curve.find("indentation_mm")->back(), tip[2] - turned.z() + 0.8, 1e-6);
+  EXPECT_NEAR(curve.find("aside_x_mm")->back(), 0.3, 1e-6);
+  EXPECT_NEAR(curve.find("aside_y_mm")->back(), turned.y() - pressed.y(), 1e-6);
+  EXPECT_EQ(summary["scene"][1]["about_mm"][2], 50.0);
+  EXPECT_GT(std::abs(turned.y()), 7.0);
+  EXPECT_GT(summary["force_N"].get<double>(), 0.0);
+}
+
+TEST(SceneWithATurn, WhatMakesNoTurnIsRefusedInWords) {
+  const fs::path folder = with_block();
+  const auto refused = [&](const std::string& options, const std::vector<std::string>& words,
+                           const std::string& tool = rod) {
+    const Ran ran = dimple(folder, scene + tool + " -o out --write force " + options);
+    EXPECT_EQ(ran.code, 2) << options << '\n' << ran.err;
+    for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "})
+      EXPECT_THAT(ran.err, HasSubstr(part)) << options;
+    for (const std::string& word : words) EXPECT_THAT(ran.err, HasSubstr(word)) << options;
+  };
+  refused("--set step.t.turn=0,91,0", {"step.t.turn_deg", "91 degrees", "90 degrees at most"});
+  refused("--set step.t.turn=60,0,70", {"92.2 degrees"});
+  refused("--set step.t.turn=20deg", {"1 numbers", "rotation vector"});
+  refused("--set step.t.turn=0,nan,0", {"turn_deg", "finite"});
+  refused("--set step.t.turn=0,20mm,0", {"turn_deg", "deg, rad"});
+  refused("--set step.t.turn=0,0,0", {"turns by nothing"});
+  refused("--set step.t.about=0,0,40", {"step.t.about_mm", "does not turn"});
+  refused("--set step.t.turn=0,9,0 --set step.t.about=0,40", {"step.t.about_mm", "2 numbers"});
+  refused("--set support.r.on=15,0,20,5 --set step.t.moves=r --set step.t.turn=0,9,0",
+          {"turns 'r'", "straight"});
+  refused(
+      "--set tool.b.shape=sphere:3mm --set tool.b.at=15,0,20 --set step.t.moves=b --set step.t.turn=0,9,0",
+      {"turns 'b'", "straight"});
+  refused("--set step.t.turn=0,9,0", {"step.t.turn_deg", "it is the circle"}, "");
+  refused(
+      "--set step.press.move=0.0,0,1.5 --set step.press.turn=0,9,0 --set "
+      "step.t.cut=plane:0,0,20,1,0,0,radius=5mm",
+      {"step.t.cut", "a tool that turns"});
+  refused("--set step.press.move=5mm --set step.t.turn=0,60,0", {"along its axis", "longer tool"},
+          " --tool capsule:3mm,length=6mm");
+  const Ran only_turned =
+      dimple(folder, "run block.nrrd -o out -q --tool sphere:5mm --set step.t.turn=0,9,0 --write force");
+  EXPECT_EQ(only_turned.code, 2);
+  EXPECT_THAT(only_turned.err, HasSubstr("no step presses it in"));
+  EXPECT_FALSE(fs::exists(folder / "out" / "force.csv"));
+}
+
+}  // namespace
+}  // namespace dimple
