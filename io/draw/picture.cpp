@@ -303,10 +303,19 @@ struct LegendEntry {
   char mark;  ///< 'o' dot, '+' cross, '-' line, 's' solid
 };
 
-/// Entries side by side from the left.
-void legend(Canvas& canvas, Vec2 at, const std::vector<LegendEntry>& entries) {
+/// Without its last parts where there is no room for them: of a tool its measures, which stand below.
+std::string as_short_as(double room, std::string text, const Style& style) {
+  for (const char* part : {", ", " of "})
+    while (text_width(text, style) > room && text.rfind(part) != std::string::npos)
+      text.resize(text.rfind(part));
+  return text;
+}
+
+/// Entries side by side from the left, to `right` at most.
+void legend(Canvas& canvas, Vec2 at, double right, const std::vector<LegendEntry>& entries) {
   const Style style{.size = 14.0};
   for (const LegendEntry& entry : entries) {
+    const std::string text = as_short_as(right - at.x() - 20.0, entry.text, style);
     const Vec2 mark = at + Vec2(7.0, -5.0);
     if (entry.mark == 'o') canvas.disc(mark, 5.0, entry.colour);
     if (entry.mark == 's') canvas.rectangle({mark.x() - 6.0, mark.y() - 6.0, 12.0, 12.0}, entry.colour, 2.0);
@@ -315,8 +324,8 @@ void legend(Canvas& canvas, Vec2 at, const std::vector<LegendEntry>& entries) {
       canvas.line(mark - Vec2(5.0, 0.0), mark + Vec2(5.0, 0.0), 1.6, entry.colour);
       canvas.line(mark - Vec2(0.0, 5.0), mark + Vec2(0.0, 5.0), 1.6, entry.colour);
     }
-    write(canvas, at + Vec2(20.0, 0.0), entry.text, style);
-    at.x() += 20.0 + text_width(entry.text, style) + 24.0;
+    write(canvas, at + Vec2(20.0, 0.0), text, style);
+    at.x() += 20.0 + text_width(text, style) + 24.0;
   }
 }
 
@@ -382,7 +391,7 @@ void draw_cloud(Canvas& canvas, const Rect& rect, const Overview& o, const BodyF
   std::vector<LegendEntry> entries = {{"free", interior, 'o'},
                                       {fmt::format("fixed base ({})", in(1)), base, 'o'}};
   if (o.tool.empty()) entries.push_back({fmt::format("indenter circle ({})", in(2)), circle, 'o'});
-  legend(canvas, {room.x + 6.0, room.y + 18.0}, entries);
+  legend(canvas, {room.x + 6.0, room.y + 18.0}, room.x + room.w, entries);
 }
 
 /// Where the surface crosses the plane through `on` across `normal`: pairs of points.
@@ -624,7 +633,7 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Bod
                                       {"at the end", circle, '-'}};
   if (o.walls) entries.push_back({"wall", wall_ink, '-'});
   for (const LegendEntry& entry : tool_entry(o)) entries.push_back(entry);
-  legend(canvas, {room.x + 6.0, room.y + 18.0}, entries);
+  legend(canvas, {room.x + 6.0, room.y + 18.0}, room.x + room.w, entries);
 }
 
 /// Colours from 0 to `most` mm with a number at every step, standing at the right edge.
@@ -716,7 +725,7 @@ void draw_body(Canvas& canvas, const Rect& room, const Overview& o, const Deform
   scale_bar(canvas, room, body.projection.scale);
   if (body.most_mm > 1e-9) colour_bar(canvas, room, body.most_mm);
   const std::vector<LegendEntry> tool = tool_entry(o);
-  legend(canvas, {room.x + 6.0, room.y + 18.0},
+  legend(canvas, {room.x + 6.0, room.y + 18.0}, room.x + room.w,
          tool.empty() ? std::vector<LegendEntry>{{"nodes of the indenter circle", circle, 'o'}} : tool);
 }
 
@@ -797,7 +806,8 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   const double dot = beside.size() > 40 ? 2.4 : 4.5;
   for (const Vec2& p : beside) canvas.disc(at(p), dot, other_curve);
   if (!beside.empty())
-    legend(canvas, {plot.x + 14.0, plot.y + 20.0}, {{"this run", curve, '-'}, {o.beside, other_curve, 'o'}});
+    legend(canvas, {plot.x + 14.0, plot.y + 20.0}, plot.x + plot.w,
+           {{"this run", curve, '-'}, {o.beside, other_curve, 'o'}});
   const Vec2 last = at(points.back());
   canvas.disc(last, 6.5, card);
   canvas.disc(last, 5.0, circle);
