@@ -2,7 +2,7 @@
 # make test   install what is missing, build, run all tests
 # make build  only build
 # make check  the tests under address and undefined-behaviour sanitizers
-# make check-quick   those of the solver that take no minute there: what .ci/run does
+# make check-quick   those of the solver alone, but for what marches for minutes there
 # make check-threads   the tests under the thread sanitizer
 # make fuzz   a million damaged files for each reader, under sanitizers (clang); 5000 honest ones beside other libraries
 # make bench  how long each stage takes, beside what this processor can do; results into tests/bench/results
