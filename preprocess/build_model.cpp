@@ -62,7 +62,7 @@ void refuse_too_thin(double layers, Index nodes) {
   const double wanted = 100.0 * std::ceil(0.01 * static_cast<double>(nodes) *
                                           std::pow(enough_layers / std::max(layers, 0.1), 2.7));
   throw ModelError({.fact = fmt::format("the body is {:.2f} node spacings thick under the circle", layers),
-                    .where = "node cloud beneath the indenter's circle",
+                    .where = "node cloud beneath the tool's circle",
                     .why = fmt::format("{} nodes are too few for a body as thin as this: the force "
                                        "may be wrong by 50 % or more",
                                        nodes),
@@ -139,7 +139,7 @@ Discretisation places_of(const BodySurface& body, const Site& site, const NodeCl
   places.tool.radius = metres(boundary.radius);
   for (Index a = 0; a < places.node_count(); ++a) {
     const Index in_cloud = nodes[static_cast<std::size_t>(a)];
-    if (holds_circle && in_cloud < cloud.circle_count) places.indenter.push_back(a);
+    if (holds_circle && in_cloud < cloud.circle_count) places.circle.push_back(a);
     if (cloud.base[static_cast<std::size_t>(in_cloud)]) places.base.push_back(a);
   }
   return places;
@@ -177,8 +177,8 @@ void refuse_without_base_or_on_it(const Boundary& boundary, const NodeCloud& clo
     const Vec3 x = cloud.X.col(a);
     if (boundary.lowest - x.dot(boundary.down) <= boundary.base_depth)
       throw ModelError(
-          {.fact = "the indenter's circle lies on the fixed base",
-           .where = "fixed base and indenter circle",
+          {.fact = "the tool's circle lies on the fixed base",
+           .where = "fixed base and tool circle",
            .why = fmt::format("a node of the circle is within {:.2f} mm of the base's lowest point",
                               boundary.base_depth),
            .remedy = "choose another place (--indent-at), another --base or a smaller --base-depth"});

@@ -44,7 +44,7 @@ struct GradientVariance {
 };
 
 /// Where the rigid, flat-ended, cylindrical tool touches the body.
-struct Indenter {
+struct ToolPlace {
   Vec3 centre = Vec3::Zero();  ///< of its circle, on the body's surface [m]
   Vec3 push = -Vec3::UnitZ();  ///< unit vector: the way it moves
   double radius = 5e-3;        ///< [m]
@@ -70,8 +70,8 @@ struct Discretisation {
   SecondMoments second_moments;  ///< [6xQ] mean of (x - point)(x - point)^T over each cell [m^2]; empty: none
   Eigen::VectorXi label;         ///< [Q] of the image at each point
   std::vector<Index> base;       ///< nodes held fixed, ascending
-  std::vector<Index> indenter;   ///< nodes of the circle, ascending
-  Indenter tool;
+  std::vector<Index> circle;     ///< nodes of the circle, ascending
+  ToolPlace tool;
   Mat3 axes =
       Mat3::Identity();  ///< columns: the image's axes; what has a direction of its own is made along them
   Surface surface;       ///< may be empty

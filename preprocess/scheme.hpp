@@ -11,7 +11,7 @@ enum class Weight { quartic, cubic, gauss };
 /// How the node spacing follows the load. Each number's effect, halved and doubled:
 /// tests/verification/README.md.
 struct GradingOptions {
-  double rim = 1.0;    ///< spacing at the rim of the indenter's circle / spacing far away; 1: even everywhere
+  double rim = 1.0;    ///< spacing at the rim of the tool's circle / spacing far away; 1: even everywhere
   double reach = 3.0;  ///< distance from the rim at which the far spacing is reached [radii of the circle]
   bool whole_circle = false;  ///< and in all of the circle as at its rim
   double least = 0.0;         ///< spacing at the rim that a cloud does not go below [radii of the circle]

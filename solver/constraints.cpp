@@ -73,11 +73,11 @@ Eigen::Vector4d Constraints::sliding_direction() const {
 Constraints make_constraints(const Model& model, Contact contact, std::vector<HeldSet> further) {
   std::vector<HeldSet> sets = std::move(further);
   sets.push_back({.name = tool_set,
-                  .node = model.indenter,
+                  .node = model.circle,
                   .hold = contact == Contact::bonded ? HeldSet::Hold::all : HeldSet::Hold::along,
                   .direction = model.tool.push,
                   .share = 1.0});
-  sets.push_back({.name = "base", .node = model.base});
+  sets.push_back({.name = base_set, .node = model.base});
   return {model.node_count(), std::move(sets)};
 }
 

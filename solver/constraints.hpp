@@ -18,7 +18,7 @@ enum class Contact {
   frictionless  ///< only along the push; the nodes slide sideways freely under the flat end
 };
 
-/// Nodes whose motion is prescribed: the fixed base, the indenter's circle, a patch that a retractor holds.
+/// Nodes whose motion is prescribed: the fixed base, the tool's circle, a patch that a retractor holds.
 struct HeldSet {
   enum class Hold {
     all,    ///< all three components
@@ -32,8 +32,9 @@ struct HeldSet {
   double share = 0.0;             ///< the set moves along it by this share of the tool's depth; 0: not at all
 };
 
-/// The name of the set that is the tool's circle.
-inline constexpr const char* tool_set = "indenter";
+/// The names of the sets that are the tool's circle and the fixed base; no further set has one of them.
+inline constexpr const char* tool_set = "";
+inline constexpr const char* base_set = "base";
 
 /// How far the fastest of the tool and of these comes for one of the tool's way.
 double longest_share(const std::vector<HeldSet>& sets);

@@ -93,8 +93,8 @@ std::vector<Finding> check_model(const Model& model, const SupportReport& suppor
          share});
   // On the verification block 29, 33, 49, 63, 99 and 167 nodes in the circle gave forces 45, 23, 12, 8, 4 and
   // 1 % too large at a depth of 1.6 radii, and a quarter of that at first touch.
-  const auto nodes = static_cast<double>(model.indenter.size());
-  if (model.indenter.empty()) return findings;  // a tool that touches
+  const auto nodes = static_cast<double>(model.circle.size());
+  if (model.circle.empty()) return findings;  // a tool that touches
   const double deep = std::min(depth / (1.6 * model.tool.radius), 1.0);
   const double error = 0.04 * std::pow(99.0 / std::max(nodes, 1.0), 1.6) * (0.25 + 0.75 * deep * deep);
   if (error > accuracy)

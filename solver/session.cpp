@@ -108,7 +108,7 @@ struct Session::Parts {
   // Which may draw the tissue away from the tool.
   bool moves_supports = std::any_of(options.further.begin(), options.further.end(),
                                     [](const HeldSet& s) { return s.share != 0.0; });
-  Indenter tool;   // see Session::tool()
+  ToolPlace tool;  // see Session::tool()
   double longest;  // way of the tool, likewise [m]
   double thick;    // of the body along the push, from where the tool touches it [m]
   double longest_tool = std::numeric_limits<double>::infinity();  // [m]
@@ -152,7 +152,7 @@ struct Session::Parts {
   // The force on the tool along its push at a state [N]; the contact is of there from now on.
   double resistance(const Nodal& its, const Eigen::VectorXd& l, const Nodal& force, double at) const {
     TouchingTool* touching = system->touching();
-    if (!touching) return along_push(model, model.indenter, force);
+    if (!touching) return along_push(model, model.circle, force);
     system->set({.depth = at});
     touching->set_forces(l.segment(model.patches.count(), touching->unknowns()));
     Nodal of_contact = Nodal::Zero(4, its.cols());
@@ -567,7 +567,7 @@ Points Session::forces() const {
 const Model& Session::model() const {
   return parts_->model;
 }
-Indenter Session::tool() const {
+ToolPlace Session::tool() const {
   return parts_->tool;
 }
 const Touch* Session::touch() const {

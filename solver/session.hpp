@@ -104,7 +104,7 @@ class Session {
   const Model& model() const;
   /// Where depth is counted from: the circle's middle, or the tip of a tool that touches where it first does;
   /// and its radius.
-  Indenter tool() const;
+  ToolPlace tool() const;
   const Touch* touch() const;  ///< null: the circle
 
  private:

@@ -108,7 +108,7 @@ NodeStiffness System::node_stiffness(const Nodal& u) const {
 }
 
 double System::along_push(const Nodal& f) const {
-  return touching_ ? touching_->along(model_.tool.push) : dimple::along_push(model_, model_.indenter, f);
+  return touching_ ? touching_->along(model_.tool.push) : dimple::along_push(model_, model_.circle, f);
 }
 
 double System::working_force(const Nodal& f) const {
@@ -121,9 +121,9 @@ double System::working_force(const Nodal& f) const {
 Wrench System::on_tool(const Nodal& u, const Nodal& f) const {
   if (touching_) return touching_->on_tool(now_);
   Vec3 carried = Vec3::Zero();  // by the loads, before it touched
-  if (loaded() && !model_.indenter.empty()) {
-    for (const Index a : model_.indenter) carried += at_rest_.u.col(a).head<3>();
-    carried /= static_cast<double>(model_.indenter.size());
+  if (loaded() && !model_.circle.empty()) {
+    for (const Index a : model_.circle) carried += at_rest_.u.col(a).head<3>();
+    carried /= static_cast<double>(model_.circle.size());
     carried -= way_before_.come;
   }
   return wrench_on_tool(model_, held_, u, f, model_.tool.centre + way_of_tool() + carried);

@@ -105,7 +105,7 @@ class Poking {
   std::vector<PathFrame> run() {
     window_.pressed = [this](const Vec3& place_mm) {
       if (!by_hand()) return false;
-      const Indenter at = tool_.session->tool();
+      const ToolPlace at = tool_.session->tool();
       if ((1e-3 * place_mm - at.centre).norm() > 0.25 * at.radius) {
         try {
           put_down(tool_, 1e-3 * place_mm, options_.evaluations == 0);
@@ -134,7 +134,7 @@ class Poking {
   void touched(bool look) {
     const Model& model = tool_.session->model();
     skin_.emplace(model);
-    const Indenter at = tool_.session->tool();
+    const ToolPlace at = tool_.session->tool();
     const BodyFrame frame = body_frame(model.X, at.centre, at.push);
     const SurfaceFile tool = tool_.session->touch() ? tool_body(*tool_.session->touch()) : tool_body(model);
     window_.show({.surface_mm = skin_->rest_mm,

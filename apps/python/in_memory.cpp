@@ -226,10 +226,10 @@ void members(Archive& io, T& rows) {
 
 template <class Archive, Like<Discretisation> T>
 void members(Archive& io, T& places) {
-  auto& [X, spacing, point, volume, second_moments, label, base, indenter, tool, axes, surface] = places;
+  auto& [X, spacing, point, volume, second_moments, label, base, circle, tool, axes, surface] = places;
   auto& [centre, push, radius] = tool;
   auto& [vertex_mm, triangles, cut_face] = surface;
-  io(X, spacing, point, volume, second_moments, label, base, indenter, centre, push, radius, axes, vertex_mm,
+  io(X, spacing, point, volume, second_moments, label, base, circle, centre, push, radius, axes, vertex_mm,
      triangles, cut_face);
 }
 

@@ -685,7 +685,7 @@ Positions are LPS, in metres, but for those whose name ends in `_mm`.)")
           "positions_m", [=](const object& self) { return view(self, model(self).X); },
           "(N, 3) float64, metres, LPS: the nodes at rest.")
       .def_property_readonly(
-          "circle", [=](const object& self) { return nodes(self, model(self).indenter); },
+          "circle", [=](const object& self) { return nodes(self, model(self).circle); },
           "(n,) int64: numbers of the nodes that move with the tool, ascending.")
       .def_property_readonly(
           "base", [=](const object& self) { return nodes(self, model(self).base); },

@@ -153,7 +153,7 @@ std::string sha256_of_model(const Discretisation& m, const Scheme& scheme) {
   matrix(m.volume);
   matrix(m.second_moments);
   matrix(m.label);
-  for (const auto* set : {&m.base, &m.indenter}) add(set->data(), sizeof(Index) * set->size());
+  for (const auto* set : {&m.base, &m.circle}) add(set->data(), sizeof(Index) * set->size());
   matrix(m.tool.centre);
   matrix(m.tool.push);
   add(&m.tool.radius, sizeof m.tool.radius);

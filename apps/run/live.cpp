@@ -223,13 +223,13 @@ std::optional<double> half_band(const LiveTool& tool) {
                                                {radii, !tool.organ->config.tissue.empty()});
 }
 
-OnAxis on_axis(const Indenter& tool, const Vec3& tip) {
+OnAxis on_axis(const ToolPlace& tool, const Vec3& tip) {
   const Vec3 from = tip - tool.centre;
   const double depth = from.dot(tool.push);
   return {depth, (from - depth * tool.push).norm()};
 }
 
-bool is_aside(const Indenter& tool, const OnAxis& at) {
+bool is_aside(const ToolPlace& tool, const OnAxis& at) {
   return at.aside > aside * tool.radius;
 }
 
@@ -245,7 +245,7 @@ const char* name_of(LiveFrame::Tool tool) {
 
 LiveFrame move_depth(LiveTool& tool, double depth, const FrameLimit& limit, double dt) {
   take_finer(tool, limit, dt);
-  const Indenter at = tool.session->tool();
+  const ToolPlace at = tool.session->tool();
   tool.tip = at.centre + depth * at.push;
   return tool.frame = tool.session->follow(depth, limit, dt);
 }

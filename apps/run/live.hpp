@@ -72,9 +72,9 @@ std::optional<double> half_band(const LiveTool& tool);
 struct OnAxis {
   double depth, aside;
 };
-OnAxis on_axis(const Indenter& tool, const Vec3& tip);
+OnAxis on_axis(const ToolPlace& tool, const Vec3& tip);
 /// Farther off the axis than a touch counts as the same.
-bool is_aside(const Indenter& tool, const OnAxis& at);
+bool is_aside(const ToolPlace& tool, const OnAxis& at);
 /// Inside the body at rest; asked by any thread.
 bool is_inside(const LiveOrgan& organ, const Vec3& tip);
 /// "there", "lags", "stopped", "ignored", "beyond".

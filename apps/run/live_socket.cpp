@@ -152,7 +152,7 @@ struct ForceServer::Parts {
   double depth = 0.0;  // then this
   BetweenFrames between;
   LiveFrame frame;  // the last
-  Indenter tool;    // of the last touch
+  ToolPlace tool;   // of the last touch
   Index touches = 0;
   std::optional<Vec3> no_place;  // where it could not come down
   Served served;

@@ -21,7 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int base_bit = 1, indenter_bit = 2;
+constexpr int base_bit = 1, circle_bit = 2;
 
 Points to_mm(const Points& x) {
   return x.unaryExpr(&millimetres);
@@ -37,7 +37,7 @@ Field node_set_field(const Discretisation& model) {
               .components = {},
               .type = Field::Type::int32};
   for (const Index a : model.base) field.values(0, a) += base_bit;
-  for (const Index a : model.indenter) field.values(0, a) += indenter_bit;
+  for (const Index a : model.circle) field.values(0, a) += circle_bit;
   return field;
 }
 
@@ -155,12 +155,12 @@ void choose_sets_by_place(ModelFiles& files) {
     if (depth.maxCoeff() - depth[a] < 0.35 * h)
       model.base.push_back(a);
     else if (lateral <= model.tool.radius * (1.0 + 1e-9) && std::abs(d.dot(push)) < 0.35 * h)
-      model.indenter.push_back(a);
+      model.circle.push_back(a);
   }
   files.notes.push_back(fmt::format(
       "nodes carry no node_set: {} within a third of a spacing of the far end are the base, {} within the "
-      "circle and as near to its plane are the indenter's",
-      model.base.size(), model.indenter.size()));
+      "circle and as near to its plane are the tool's",
+      model.base.size(), model.circle.size()));
 }
 
 Vec3 vector_of(const toml::table& table, const std::string& section, const std::string& key,
@@ -275,7 +275,7 @@ void take_spread(const fs::path& file, const PointFile& points, ModelFiles& file
   files.notes.push_back("points carry no spread: each stands for a cube of its volume");
 }
 
-void take_tool(const fs::path& file, const toml::table& table, Indenter& tool) {
+void take_tool(const fs::path& file, const toml::table& table, ToolPlace& tool) {
   tool.centre = to_m(vector_of(table, "indenter", "centre_mm", file));
   tool.push = vector_of(table, "indenter", "push", file);
   if (!(std::abs(tool.push.norm() - 1.0) < 1e-6)) {
@@ -293,11 +293,11 @@ void take_tool(const fs::path& file, const toml::table& table, Indenter& tool) {
 void take_sets(const fs::path& file, const PointFile& nodes, ModelFiles& files) {
   Discretisation& model = files.places;
   if (const Field* set = nodes.find("node_set")) {
-    require_whole(file, *set, base_bit | indenter_bit);
+    require_whole(file, *set, base_bit | circle_bit);
     for (Index a = 0; a < model.node_count(); ++a) {
       const int bits = static_cast<int>(set->values(0, a));
       if (bits & base_bit) model.base.push_back(a);
-      if (bits & indenter_bit) model.indenter.push_back(a);
+      if (bits & circle_bit) model.circle.push_back(a);
     }
   } else {
     choose_sets_by_place(files);
@@ -305,9 +305,8 @@ void take_sets(const fs::path& file, const PointFile& nodes, ModelFiles& files) 
   if (model.base.empty())
     refuse(file, "no node belongs to the base", "node_set has no odd number, or no node lies at the far end",
            "set node_set to 1 for the nodes to hold");
-  if (model.indenter.empty())
-    refuse(file, "no node belongs to the indenter's circle",
-           "node_set has no 2, or the circle misses the nodes",
+  if (model.circle.empty())
+    refuse(file, "no node belongs to the tool's circle", "node_set has no 2, or the circle misses the nodes",
            "set node_set to 2 for the nodes to push, or mend indenter.centre_mm");
 }
 

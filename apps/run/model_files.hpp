@@ -12,7 +12,7 @@ namespace dimple {
 /// A model as files that a person can open and another program can make:
 ///
 ///     model.toml    which files, the tool, the support options; provenance
-///     nodes.vtu     positions [LPS mm, double], spacing_mm, node_set (1 base, 2 indenter)
+///     nodes.vtu     positions [LPS mm, double], spacing_mm, node_set (1 base, 2 tool circle)
 ///     points.vtu    positions [LPS mm, double], volume_mm3, label, spread_mm2
 ///     surface.vtp   the body's surface, for pictures; optional
 ///     label.vti     the label image, for pictures; optional

@@ -73,8 +73,8 @@ void refuse_beside(bool is_asked, const char* what, const char* option, const ch
 }
 
 // The place of the surface next to what was asked for, and the mean of its normals around there [m].
-Indenter stand_of(const std::string& name, const Config::OtherTool& tool, const BodySurface& surface,
-                  double radius) {
+ToolPlace stand_of(const std::string& name, const Config::OtherTool& tool, const BodySurface& surface,
+                   double radius) {
   const Vec3 asked(tool.at_mm[0], tool.at_mm[1], tool.at_mm[2]);
   const double radius_mm = 1e3 * radius;
   const auto near = surface.closest(asked);
@@ -132,6 +132,9 @@ void check_other_tools(const Config& config) {
   if (config.other_tool.empty()) return;
   for (const auto& [name, tool] : config.other_tool) {
     check(name, tool);
+    if (name == "tool")
+      throw UsageError(report_on(name, "shape", "has the name of the measured one",
+                                 "things are told of and moved by their names", "name it differently"));
     if (config.held.contains(name) || config.wall.contains(name))
       throw UsageError(report_on(name, "shape", "has the name of a support or a wall",
                                  "things are told of and moved by their names", "name them differently"));
@@ -180,7 +183,7 @@ OtherTools other_tools_of(const Config& config, const Model& model) {
   for (const auto& [name, tool] : config.other_tool) {
     Touch touch;
     touch.shape = shape_of(name, tool);
-    const Indenter at = stand_of(name, tool, surface, touch.shape.radius);
+    const ToolPlace at = stand_of(name, tool, surface, touch.shape.radius);
     const std::vector<Vec3> way = ways_of(config, name, tool, at.push);
     const double depth = deepest_of(way, at.push);
     if (depth > length_of_tool(touch.shape))

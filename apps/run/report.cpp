@@ -207,7 +207,7 @@ Json slice_json(const Slice& slice, const ReportInput& input, double slab_mm) {
   const Points nodes = moved(model.X * 1e3);
   std::vector<bool> base(static_cast<std::size_t>(nodes.cols())), circle(base);
   for (const Index a : model.base) base[static_cast<std::size_t>(a)] = true;
-  for (const Index a : model.indenter) circle[static_cast<std::size_t>(a)] = true;
+  for (const Index a : model.circle) circle[static_cast<std::size_t>(a)] = true;
   Json free = Json::array(), held = Json::array(), pushed = Json::array();
   for (Index a = 0; a < nodes.cols(); ++a) {
     if (!(std::abs(nodes(2, a)) <= 0.5 * slab_mm)) continue;
@@ -272,7 +272,7 @@ Json body_json(const ReportInput& input) {
 }
 
 Json tool_json(const ReportInput& input) {
-  const Indenter& tool = input.model.tool;
+  const ToolPlace& tool = input.model.tool;
   Json result = mesh_json(input.tool.position_mm, input.tool.triangles);
   const Vec3 centre = 1e3 * (input.touch ? input.touch->pose.tip : tool.centre);
   result["centre_mm"] = {centre.x(), centre.y(), centre.z()};

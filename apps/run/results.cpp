@@ -53,7 +53,7 @@ Eigen::MatrixXd rounded_to_bits(int bits, const Eigen::MatrixXd& x) {
 Eigen::MatrixXd node_sets(const Model& model, const std::vector<HeldSet>& supports) {
   Eigen::MatrixXd set = Eigen::MatrixXd::Zero(1, model.node_count());
   for (const Index a : model.base) set(0, a) += 1.0;
-  for (const Index a : model.indenter) set(0, a) += 2.0;
+  for (const Index a : model.circle) set(0, a) += 2.0;
   for (std::size_t k = 0; k < supports.size(); ++k)
     for (const Index a : supports[k].node) set(0, a) += std::ldexp(4.0, static_cast<int>(k));
   return set;
@@ -147,7 +147,7 @@ ResultWriter::Skin ResultWriter::skin_of(const std::vector<Index>& vertex, const
   if (!wanted_.surface) return skin;
   skin.mises = make_point_means(points_mm_, skin.rest.vertex_mm);
   skin.on_circle.setZero(1, skin.rest.vertex_mm.cols());
-  const Indenter& tool = model_.tool;
+  const ToolPlace& tool = model_.tool;
   for (Index m = 0; m < skin.on_circle.cols(); ++m) {
     const Vec3 d = skin.rest.vertex_mm.col(m) * 1e-3 - tool.centre;
     const double along = d.dot(tool.push);
@@ -230,7 +230,7 @@ void ResultWriter::frame(const Frame& frame) {
                   .aside = frame.aside,
                   .turned = frame.turned,
                   .u = frame.u.topRows<3>() * 1e3};
-  for (const Index a : model_.indenter) packing.force += frame.f.col(a).head<3>().dot(model_.tool.push);
+  for (const Index a : model_.circle) packing.force += frame.f.col(a).head<3>().dot(model_.tool.push);
   const Points& u = packing.u;
   if (wanted_.nodes) {
     packing.reaction = Points::Zero(3, u.cols());
@@ -371,7 +371,7 @@ void ResultWriter::write_view(const Packing& frame) {
     section.on_triangles.push_back(
         {.name = "label", .unit = "", .values = label_, .type = Field::Type::int32});
   write_vtp(section_series_.next_frame(), section, frame.time_s);
-  const Indenter& tool = model_.tool;
+  const ToolPlace& tool = model_.tool;
   SurfaceFile tools = tools_at(frame.time_s, 1e3 * (frame.depth * tool.push + frame.aside), frame.turned);
   write_vtp(tool_series_.next_frame(),
             {.position_mm = std::move(tools.position_mm),

@@ -257,7 +257,7 @@ Vec3 way_of(const std::vector<double>& move, const Vec3& push) {
   return move.size() == 1 ? Vec3(move[0] * push) : Vec3(move[0], move[1], move[2]);
 }
 
-std::vector<Step> steps_of(const Config& config, const Indenter& tool,
+std::vector<Step> steps_of(const Config& config, const ToolPlace& tool,
                            const std::map<std::string, Vec3>& push_of_others) {
   std::vector<Step> steps;
   RigidWay of_tool;
@@ -299,7 +299,7 @@ namespace {
 // Where a tool that turns is looked at: at the end of each step, and by and by where it turns. `turned`: it
 // has done so, then or before.
 template <class Look>
-void look_along(const Config& config, const Indenter& tool, const Look& look) {
+void look_along(const Config& config, const ToolPlace& tool, const Look& look) {
   RigidWay before;
   for (const Step& step : steps_of(config, tool)) {
     if (!step.moves.empty()) continue;
@@ -323,7 +323,7 @@ double axis_below(const Vec3& come, const Mat3& turned, const Vec3& push, double
 
 }  // namespace
 
-std::vector<Vec3> swept(const Config& config, const Indenter& tool) {
+std::vector<Vec3> swept(const Config& config, const ToolPlace& tool) {
   const ToolShape shape = tool_of(config).value();
   std::vector<Vec3> way;
   look_along(config, tool, [&](const Vec3& come, const Mat3& turned, bool has_turned) {
@@ -335,7 +335,7 @@ std::vector<Vec3> swept(const Config& config, const Indenter& tool) {
   return way;
 }
 
-double deepest(const Config& config, const Indenter& tool) {
+double deepest(const Config& config, const ToolPlace& tool) {
   if (config.step.empty()) return 1e-3 * config.load.depth_mm;
   double most = 0.0;
   if (turns(config)) {
@@ -349,7 +349,7 @@ double deepest(const Config& config, const Indenter& tool) {
   return most;
 }
 
-double most_of_tool_below(const Config& config, const Indenter& tool) {
+double most_of_tool_below(const Config& config, const ToolPlace& tool) {
   if (!turns(config)) return deepest(config, tool);
   double most = 0.0;
   look_along(config, tool, [&](const Vec3& come, const Mat3& turned, bool) {

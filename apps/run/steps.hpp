@@ -33,7 +33,7 @@ Vec3 way_of(const std::vector<double>& move, const Vec3& push);
 
 /// The steps for the solver, of a tool that is pushed along its push from its centre, and of others along
 /// theirs.
-std::vector<Step> steps_of(const Config& config, const Indenter& tool,
+std::vector<Step> steps_of(const Config& config, const ToolPlace& tool,
                            const std::map<std::string, Vec3>& push_of_others = {});
 
 /// Whether the tool turns in any of them.
@@ -44,12 +44,12 @@ std::vector<Vec3> way_of_tool(const Config& config, const Vec3& push);
 
 /// The same of a tool that touches and may turn, first at its centre: where it turns its tip by and by, and
 /// after each of these places one as far up its axis as it may touch.
-std::vector<Vec3> swept(const Config& config, const Indenter& tool);
+std::vector<Vec3> swept(const Config& config, const ToolPlace& tool);
 
 /// The deepest that the tool comes [m], along its push; and what of the tool is then below where it first
 /// touched, along its own axis.
-double deepest(const Config& config, const Indenter& tool);
-double most_of_tool_below(const Config& config, const Indenter& tool);
+double deepest(const Config& config, const ToolPlace& tool);
+double most_of_tool_below(const Config& config, const ToolPlace& tool);
 
 /// "press: the tool moves (0, 0, -4) mm".
 std::string in_words(const Step& step);

@@ -84,7 +84,7 @@ Json counts_json(const Model& model) {
   return {{"nodes", model.node_count()},
           {"integration_points", model.point_count()},
           {"base_nodes", model.base.size()},
-          {"circle_nodes", model.indenter.size()},
+          {"circle_nodes", model.circle.size()},
           {"circle_centre_mm", three(model.tool.centre * 1e3)},
           {"push", three(model.tool.push)},
           {"circle_diameter_mm", 2e3 * model.tool.radius}};

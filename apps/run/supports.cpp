@@ -39,6 +39,11 @@ bool slides(const Config::Held& held) {
 }
 
 void check(const std::string& name, const Config::Held& held) {
+  if (name == base_set || name == "tool")
+    throw UsageError({.fact = fmt::format("a support is named '{}'", name),
+                      .where = fmt::format("support.{}", name),
+                      .why = "what is held is told of and moved by its name, and the body has that already",
+                      .remedy = "name it differently"});
   const bool label = is_label(held) && !label_of(held).empty();
   if (!label && !surface_part_named(held.on))
     throw UsageError(report_on(name, "on",
@@ -118,12 +123,12 @@ void check_nodes(const std::string& name, const Config::Held& held, const std::v
                                    "knows no labels, unless tissues differ"
                                  : "give another side, a larger ball on the surface, or more --nodes"));
   const auto of_tool =
-      std::count_if(nodes.begin(), nodes.end(), [&](Index a) { return has(places.indenter, a); });
+      std::count_if(nodes.begin(), nodes.end(), [&](Index a) { return has(places.circle, a); });
   if (of_tool > 0)
     throw ModelError(
         report_on(name, "on",
                   fmt::format("on '{}' takes {} of the {} nodes of the tool's circle", held.on, of_tool,
-                              places.indenter.size()),
+                              places.circle.size()),
                   fmt::format("the circle's middle is at {}, and its nodes move with the tool",
                               in_words(1e3 * places.tool.centre)),
                   "move or shrink the support (a ball in place of a side), or move the tool (--indent-at)"));
@@ -249,8 +254,7 @@ Supports supports_of(const Config& config, const Discretisation& places,
     result.words.push_back(sentence(set, config.load.depth_mm, of_base, of_others));
   }
   Index held_before = 0;
-  for (Index a = 0; a < places.node_count(); ++a)
-    held_before += has(places.base, a) || has(places.indenter, a);
+  for (Index a = 0; a < places.node_count(); ++a) held_before += has(places.base, a) || has(places.circle, a);
   if (taken + held_before == places.node_count())
     throw ModelError({.fact = fmt::format("the supports take all of the {} nodes that are free", taken),
                       .where = "support",

@@ -17,9 +17,9 @@ namespace {
 class Foot {
  public:
   explicit Foot(const Discretisation& model)
-      : across_(3, static_cast<Index>(model.indenter.size())), along_(across_.cols()) {
+      : across_(3, static_cast<Index>(model.circle.size())), along_(across_.cols()) {
     for (Index k = 0; k < along_.size(); ++k) {
-      const Vec3 d = model.X.col(model.indenter[static_cast<std::size_t>(k)]) - model.tool.centre;
+      const Vec3 d = model.X.col(model.circle[static_cast<std::size_t>(k)]) - model.tool.centre;
       along_[k] = d.dot(model.tool.push);
       across_.col(k) = d - along_[k] * model.tool.push;
     }
@@ -44,7 +44,7 @@ class Foot {
 
 SurfaceFile tool_body(const Discretisation& model) {
   constexpr Index around = 96, rings = 6;
-  const Indenter& tool = model.tool;
+  const ToolPlace& tool = model.tool;
   Index least = 0;
   tool.push.cwiseAbs().minCoeff(&least);
   const Vec3 right = tool.push.cross(Vec3::Unit(least)).normalized(), ahead = tool.push.cross(right);

@@ -222,7 +222,7 @@ nlohmann::ordered_json page_of_shift(Shifted& now, const ShiftScene& scene, cons
                                      const std::string& picture) {
   // Seen from above, the opening in front.
   Model& model = now.result.model;
-  const Indenter was = model.tool;
+  const ToolPlace was = model.tool;
   model.tool = {1e-3 * scene.opening.head<3>(), -scene.up, 1e-3 * scene.opening[3]};
   const ReducedSurface reduced = reduced_surface(model.surface, model.tool, most_triangles_shown);
   BodyFrames frames;

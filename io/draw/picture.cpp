@@ -370,8 +370,8 @@ double node_spacing(const Points& nodes) {
 
 void draw_cloud(Canvas& canvas, const Rect& rect, const Overview& o, const BodyFrame& frame, double spacing) {
   const auto count = o.nodes_mm.cols();
-  const Rect room = panel(canvas, rect, "Nodes at rest",
-                          fmt::format("{} nodes, seen from the side of the indenter", count));
+  const Rect room =
+      panel(canvas, rect, "Nodes at rest", fmt::format("{} nodes, seen from the side of the tool", count));
   const Camera view = camera(frame, 28.0, 18.0);
   const Rect space = room.inset(20.0, 34.0, 20.0, 44.0);
   const Projection projection = fitted(view, space, {&o.nodes_mm}, spacing);
@@ -390,7 +390,7 @@ void draw_cloud(Canvas& canvas, const Rect& rect, const Overview& o, const BodyF
   };
   std::vector<LegendEntry> entries = {{"free", interior, 'o'},
                                       {fmt::format("fixed base ({})", in(1)), base, 'o'}};
-  if (o.tool.empty()) entries.push_back({fmt::format("indenter circle ({})", in(2)), circle, 'o'});
+  if (o.tool.empty()) entries.push_back({fmt::format("tool circle ({})", in(2)), circle, 'o'});
   legend(canvas, {room.x + 6.0, room.y + 18.0}, room.x + room.w, entries);
 }
 
@@ -726,7 +726,7 @@ void draw_body(Canvas& canvas, const Rect& room, const Overview& o, const Deform
   if (body.most_mm > 1e-9) colour_bar(canvas, room, body.most_mm);
   const std::vector<LegendEntry> tool = tool_entry(o);
   legend(canvas, {room.x + 6.0, room.y + 18.0}, room.x + room.w,
-         tool.empty() ? std::vector<LegendEntry>{{"nodes of the indenter circle", circle, 'o'}} : tool);
+         tool.empty() ? std::vector<LegendEntry>{{"nodes of the tool circle", circle, 'o'}} : tool);
 }
 
 void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Deformed& body, double spacing) {

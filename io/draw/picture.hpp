@@ -16,7 +16,7 @@ struct Overview {
   std::vector<std::string> lines;  ///< a few facts: counts, spacing, base and circle with their reasons
   Points nodes_mm;                 ///< [3xN] at rest
   Points displacement_mm;          ///< [3xN] at the end
-  std::vector<int> node_set;       ///< [N] bit 1 base, bit 2 indenter circle
+  std::vector<int> node_set;       ///< [N] bit 1 base, bit 2 tool circle
   Points points_mm;                ///< [3xQ] integration points, shown as + in a thin slab through the circle
   Points surface_mm;               ///< [3xM] the organ's surface at rest
   Points surface_displacement_mm;  ///< [3xM] at the end

@@ -15,7 +15,7 @@ void require_apart(const std::set<Index>& base, const std::set<Index>& circle, c
                       .remedy = "give a smaller --spacing or more --nodes"});
   for (const Index v : base)
     if (circle.count(v) > 0)
-      throw ModelError({.fact = "the indenter's circle lies on the fixed base",
+      throw ModelError({.fact = "the tool's circle lies on the fixed base",
                         .where = words.mesh,
                         .why = "a node of the mesh belongs to both",
                         .remedy = "choose another place (--indent-at) or another --base"});

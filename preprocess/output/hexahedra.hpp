@@ -16,7 +16,7 @@ struct HexahedralMesh {
   /// 15, 26, 37: the order of Abaqus, CalculiX and FEBio.
   Eigen::Matrix<Index, 20, Eigen::Dynamic> hexahedra;
   std::vector<Index> base;    ///< nodes held fixed, ascending
-  std::vector<Index> circle;  ///< nodes that the indenter moves, ascending
+  std::vector<Index> circle;  ///< nodes that the tool moves, ascending
   double volume_mm3 = 0.0;    ///< of all hexahedra
 };
 

@@ -26,7 +26,7 @@ struct Cubes {
   std::vector<Index> order;        // [V] vertices by key, then by number
 };
 
-Cubes cubes_of(const Surface& surface, const Indenter& tool, double edge_mm) {
+Cubes cubes_of(const Surface& surface, const ToolPlace& tool, double edge_mm) {
   const Index count = surface.vertex_mm.cols();
   const Vec3 low = surface.vertex_mm.rowwise().minCoeff();
   Cubes cubes{.key = std::vector<std::uint64_t>(static_cast<std::size_t>(count)),
@@ -69,7 +69,7 @@ double deviation(const Surface& surface, const ReducedSurface& from, const std::
 }
 
 // `of_vertex` [V]: which vertex is left instead of each.
-ReducedSurface reduced(const Surface& surface, const Indenter& tool, double edge_mm,
+ReducedSurface reduced(const Surface& surface, const ToolPlace& tool, double edge_mm,
                        std::vector<Index>& of_vertex) {
   const Cubes cubes = cubes_of(surface, tool, edge_mm);
   const std::size_t count = cubes.order.size();
@@ -111,7 +111,7 @@ ReducedSurface reduced(const Surface& surface, const Indenter& tool, double edge
 
 }  // namespace
 
-ReducedSurface reduced_surface(const Surface& surface, const Indenter& tool, Index most_triangles) {
+ReducedSurface reduced_surface(const Surface& surface, const ToolPlace& tool, Index most_triangles) {
   const Index count = surface.triangles.cols();
   if (count <= most_triangles) {
     ReducedSurface all{.vertex = std::vector<Index>(static_cast<std::size_t>(surface.vertex_mm.cols())),

@@ -16,7 +16,7 @@ struct TetrahedralMesh {
   /// Abaqus, CalculiX and FEBio.
   Eigen::Matrix<Index, 10, Eigen::Dynamic> tetrahedra;
   std::vector<Index> base;    ///< nodes held fixed, ascending
-  std::vector<Index> circle;  ///< nodes that the indenter moves, ascending
+  std::vector<Index> circle;  ///< nodes that the tool moves, ascending
   double volume_mm3 = 0.0;    ///< of all tetrahedra
 };
 

@@ -324,7 +324,7 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
   if (!touch) {
     const Vec3 lower = body.to_world() * body.lower(), upper = body.to_world() * body.upper();
     throw ModelError(
-        {.fact = fmt::format("the indenter at {} mm misses the organ", asked_for),
+        {.fact = fmt::format("the tool at {} mm misses the organ", asked_for),
          .where = "--indent-at (boundary.indent_at)",
          .why = fmt::format("a line through it along the push meets no tissue; the organ lies "
                             "between ({:.1f}, {:.1f}, {:.1f}) and ({:.1f}, {:.1f}, {:.1f}) mm",
@@ -361,7 +361,7 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
   result.room = room.even;
   if (room.whole < least_room)
     throw ModelError(
-        {.fact = fmt::format("the indenter's circle of {:.4g} mm diameter at {} hangs over the organ's edge",
+        {.fact = fmt::format("the tool's circle of {:.4g} mm diameter at {} hangs over the organ's edge",
                              2.0 * result.radius, words(body, *touch)),
          .where = "--indent-at (boundary.indent_at)",
          .why = fmt::format("{:.1f} mm from its middle the surface ends or drops by more than a radius",
@@ -401,7 +401,7 @@ void check_width(const BoundaryOptions& options, Boundary& result) {
   const double across = options.indenter_diameter_mm / std::max(options.voxel_mm, 1e-300);
   if (options.voxel_mm > 0.0 && across < 1.0)
     throw ModelError(
-        {.fact = fmt::format("the indenter of {:.4g} mm diameter is smaller than a voxel of {:.4g} mm",
+        {.fact = fmt::format("the tool of {:.4g} mm diameter is smaller than a voxel of {:.4g} mm",
                              options.indenter_diameter_mm, options.voxel_mm),
          .where = "--indenter-diameter (boundary.indenter_diameter_mm)",
          .why = "the image does not show the shape of the surface beneath it",
@@ -414,7 +414,7 @@ void check_width(const BoundaryOptions& options, Boundary& result) {
          .code = "circle-too-small"});
   if (options.voxel_mm > 0.0 && across < few_voxels)
     result.warnings.push_back(fmt::format(
-        "the indenter of {:.4g} mm diameter is {:.1f} voxels across: the image hardly shows the shape of the "
+        "the tool of {:.4g} mm diameter is {:.1f} voxels across: the image hardly shows the shape of the "
         "surface beneath it",
         options.indenter_diameter_mm, across));
 }
@@ -442,9 +442,9 @@ void place_on_highest(const BodySurface& body, const Moments& moments, const Bou
     place = dome_for(touches);
   const auto touch = place ? first_touch(body, view.at(place->centre, 0.0), result.push) : std::nullopt;
   if (!touch)
-    throw ModelError({.fact = fmt::format("no place on the {} has room for an indenter of {:.1f} mm diameter",
+    throw ModelError({.fact = fmt::format("no place on the {} has room for a tool of {:.1f} mm diameter",
                                           side, options.indenter_diameter_mm),
-                      .where = "indenter circle",
+                      .where = "tool circle",
                       .why = "it would hang over the organ's edge everywhere",
                       .remedy = "make it smaller with --indenter-diameter (or --tool), or see `dimple places "
                                 "IMAGE` for where it fits"});
@@ -565,10 +565,10 @@ Vec3 touch_of_circle(const BodySurface& body, const Boundary& boundary, const Ve
   if (touch && is_near_middle(boundary, *touch)) return *touch;
   const Vec3 world = body.to_world() * boundary.centre;
   throw ModelError(
-      {.fact = fmt::format("the indenter's circle of {:.1f} mm diameter at ({:.1f}, {:.1f}, {:.1f}) mm hangs "
+      {.fact = fmt::format("the tool's circle of {:.1f} mm diameter at ({:.1f}, {:.1f}, {:.1f}) mm hangs "
                            "over the organ's edge",
                            2.0 * boundary.radius, world.x(), world.y(), world.z()),
-       .where = "indenter circle",
+       .where = "tool circle",
        .why = touch
                   ? "below a part of its rim the surface lies more than a diameter deeper than at its middle"
                   : "a part of its rim meets no tissue",

@@ -23,7 +23,7 @@ struct BoundaryOptions {
   std::string direction = "auto";
   double voxel_mm =
       0.0;  ///< longest edge of the image's voxels: finer than that nothing is known; 0: unknown
-  /// Of a tool that touches and has the indenter's diameter: nodes are graded around a circle of this radius
+  /// Of a tool that touches and has the tool's diameter: nodes are graded around a circle of this radius
   /// in its middle, and none of them is held. 0: the tool is the circle.
   double contact_radius_mm = 0.0;
   /// Of a round tool that touches: how far its surface is above its tip at a distance from its axis [mm of
@@ -39,7 +39,7 @@ struct BoundaryOptions {
   bool is_pressed = true;  ///< false: no tool presses there, and it is a place for fine nodes alone
 };
 
-/// The fixed base and the indenter's circle as places on the surface; mm, in the surface's own frame.
+/// The fixed base and the tool's circle as places on the surface; mm, in the surface's own frame.
 struct Boundary {
   Vec3 down = -Vec3::UnitZ();  ///< unit vector towards what the organ rests on
   double lowest = 0.0;         ///< x . down on the plane that it rests on, or where a bed ends
@@ -72,7 +72,7 @@ void check_words(const BoundaryOptions& options);
 /// is a bed to a third of the organ's height, as in a mould. Circle: the highest dome with room
 /// (circle_place.hpp). Warns of a base or a circle where the image ends.
 ///
-/// Throws UsageError (unknown word; a direction that does not come from the side), ModelError (the indenter
+/// Throws UsageError (unknown word; a direction that does not come from the side), ModelError (the tool
 /// misses the organ, hangs over its edge, is smaller than a voxel, or lies two diameters from the place asked
 /// for).
 ///

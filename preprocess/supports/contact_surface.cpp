@@ -20,12 +20,12 @@ namespace {
 constexpr double faces_tool = 0.5;  // outward normal . push, at most: folds over the edge may turn to it
 constexpr double looked_at = 2.0;   // reaches from the axis: what is farther cannot come under the tool
 
-Vec3 across(const Indenter& tool, const Vec3& d) {
+Vec3 across(const ToolPlace& tool, const Vec3& d) {
   return d - d.dot(tool.push) * tool.push;
 }
 
 // Where the tool's axis stands along its way, from where it first touches [m], across its push.
-std::vector<Vec3> axes_along(const Indenter& tool, const std::vector<Vec3>& way, double apart) {
+std::vector<Vec3> axes_along(const ToolPlace& tool, const std::vector<Vec3>& way, double apart) {
   std::vector<Vec3> axes = {Vec3::Zero()};
   for (const Vec3& come : way) {
     const Vec3 from = axes.back(), to = across(tool, come);
@@ -36,7 +36,7 @@ std::vector<Vec3> axes_along(const Indenter& tool, const std::vector<Vec3>& way,
 }
 
 // The surface around the tool's axis, in pieces.
-SurfacePieces pieces_around(const Model& model, const Indenter& tool, const std::vector<Vec3>& axes,
+SurfacePieces pieces_around(const Model& model, const ToolPlace& tool, const std::vector<Vec3>& axes,
                             double radius) {
   const Points vertex = model.surface.vertex_mm * 1e-3;
   std::vector<Index> near;
@@ -66,7 +66,7 @@ ContactSurface contact_surface(const Model& model, double reach, const std::vect
   return contact_surface(model, model.tool, reach, way);
 }
 
-ContactSurface contact_surface(const Model& model, const Indenter& tool, double reach,
+ContactSurface contact_surface(const Model& model, const ToolPlace& tool, double reach,
                                const std::vector<Vec3>& way) {
   if (model.surface.empty()) refuse("the model has no surface that a tool could touch");
   const std::vector<Vec3> axes = axes_along(tool, way, 0.25 * reach);

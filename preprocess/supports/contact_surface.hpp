@@ -25,7 +25,7 @@ struct ContactSurface : CellMeans {
 /// [m]; what its axis passes is then taken too.
 ContactSurface contact_surface(const Model& model, double reach, const std::vector<Vec3>& way = {});
 /// The same of another tool than the model's.
-ContactSurface contact_surface(const Model& model, const Indenter& tool, double reach,
+ContactSurface contact_surface(const Model& model, const ToolPlace& tool, double reach,
                                const std::vector<Vec3>& way = {});
 
 }  // namespace dimple

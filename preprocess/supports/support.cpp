@@ -55,7 +55,7 @@ struct Cloud {
     }
     pinned.assign(static_cast<std::size_t>(m.node_count()), 0);
     if (o.interpolation <= 0.0) return;
-    for (const auto* set : {&m.base, &m.indenter})
+    for (const auto* set : {&m.base, &m.circle})
       for (const Index a : *set) pinned[static_cast<std::size_t>(a)] = 1;
   }
   const Discretisation& model;

@@ -38,7 +38,7 @@ constexpr double most_lost = 1.0 / 3.0, lost_to_tell = 0.03;  // of the volume, 
 
 // The lattice: as fine as the voxels, but no finer than the force can feel. The phantom brain in voxels of
 // 0.5 mm gives 0.03 % more with 64 steps across than with 89, 0.4 % less with 45.
-constexpr double steps_across_organ = 100.0, steps_across_indenter = 7.0, most_steps_across_organ = 250.0;
+constexpr double steps_across_organ = 100.0, steps_across_circle = 7.0, most_steps_across_organ = 250.0;
 
 VoxelSet chosen_voxels(const LabelImage& image, const std::vector<int>& labels) {
   VoxelSet set = voxels_with(image, labels);
@@ -222,10 +222,10 @@ double finest_step(const VoxelSet& body, const Vec3& spacing) {
   return std::max(spacing.minCoeff(), std::cbrt(box / most_lattice_points));
 }
 
-double lattice_step(const VoxelSet& body, const Vec3& spacing, double volume_mm3, double indenter_mm) {
+double lattice_step(const VoxelSet& body, const Vec3& spacing, double volume_mm3, double circle_mm) {
   const double organ = std::cbrt(volume_mm3);
   return std::max({finest_step(body, spacing),
-                   std::min(organ / steps_across_organ, indenter_mm / steps_across_indenter),
+                   std::min(organ / steps_across_organ, circle_mm / steps_across_circle),
                    organ / most_steps_across_organ});
 }
 

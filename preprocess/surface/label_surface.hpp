@@ -46,10 +46,10 @@ struct SegmentedBody {
 ///
 /// The indicator (1 inside, 0 outside) is smoothed by a Gaussian of 0.7 voxel or half a lattice step,
 /// whichever is more, and contoured half-way on a lattice. Its step is the smallest voxel edge or, if that is
-/// more, the smaller of a seventh of the indenter's diameter and 1/100 of the organ, but at least 1/250 of
+/// more, the smaller of a seventh of the tool's diameter and 1/100 of the organ, but at least 1/250 of
 /// the organ, whose measure is the cube root of its volume. The vertices are then relaxed by at most half a
 /// voxel, so that no terraces stay, and the surface is moved evenly until it encloses the voxels' volume
-/// within 0.1 %; with `outward_mm`, what that adds to them. It comes from the image and the indenter alone,
+/// within 0.1 %; with `outward_mm`, what that adds to them. It comes from the image and the tool alone,
 /// whatever the cloud. Cavities smaller than 1/500 of the organ are filled. Throws InputError (a label that
 /// is not there), ModelError (too few voxels for a body, or one so thin that smoothing takes a third of it).
 SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>& labels,

@@ -22,7 +22,7 @@ void move(HeldSet& set, const Step& step) {
 Constraints held_in(const Model& model, const Loading& loading, const Step& step) {
   std::vector<HeldSet> sets = make_constraints(model, loading.contact, loading.further).sets();
   for (HeldSet& set : sets) {
-    if (set.name == (moves_tool(step) ? tool_set : step.moves))
+    if (set.name == step.moves)  // of a step that moves the tool: tool_set
       move(set, step);
     else
       set.share = 0.0;
@@ -177,7 +177,7 @@ Constraints held_still(const Model& model, const Loading& loading) {
 Nodal places_of_sets(const Model& model, const Loading& loading, const Constraints& held, double gone) {
   Nodal places = Nodal::Zero(4, model.node_count());
   for (const HeldSet& set : held.sets()) {
-    const Vec3 way = moved(loading.steps, set.name == tool_set ? "" : std::string_view(set.name), gone);
+    const Vec3 way = moved(loading.steps, set.name, gone);
     for (const Index a : set.node) places.col(a) = padded(way);
   }
   return places;

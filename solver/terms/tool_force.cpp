@@ -7,7 +7,7 @@ namespace dimple {
 Wrench wrench_on_tool(const Model& model, const Constraints& constraints, const Nodal& u, const Nodal& f,
                       const Vec3& reference) {
   Wrench sum = Wrench::Zero();
-  for (const Index a : model.indenter) {
+  for (const Index a : model.circle) {
     const Vec3 holds = (f.col(a) - constraints.project(a, f.col(a))).head<3>();
     const Vec3 arm = model.X.col(a) + u.col(a).head<3>() - reference;
     sum.head<3>() -= holds;

@@ -25,7 +25,7 @@ ToolPose first_touch(const ToolShape& shape, const ToolPose& axis, const Points&
 
 }  // namespace
 
-ToolPose first_touch(const ToolShape& shape, const Indenter& at, const ContactSurface& surface) {
+ToolPose first_touch(const ToolShape& shape, const ToolPlace& at, const ContactSurface& surface) {
   return first_touch(shape, {at.centre, at.push}, surface.place, surface.between);
 }
 

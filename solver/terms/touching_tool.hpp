@@ -35,7 +35,7 @@ inline Vec3 brought_within(double bound, const Vec3& force) {
 }
 
 /// The tool on the axis of `at`, moved along its push to where it first touches the surface.
-ToolPose first_touch(const ToolShape& shape, const Indenter& at, const ContactSurface& surface);
+ToolPose first_touch(const ToolShape& shape, const ToolPlace& at, const ContactSurface& surface);
 /// The same on the surface as it lies at u [4xN] m: the axis has gone with what it stood over.
 ToolPose first_touch(const Touch& touch, const Nodal& u);
 

@@ -221,7 +221,7 @@ struct Body {
         mixed(body) {}
   double along_push(const Nodal& f) const {
     double sum = 0.0;
-    for (const Index a : model.indenter) sum += f.col(a).head<3>().dot(model.tool.push);
+    for (const Index a : model.circle) sum += f.col(a).head<3>().dot(model.tool.push);
     return sum;
   }
   const Model& model;
@@ -452,7 +452,7 @@ Config config_of(const fs::path& image) {
 std::string moves(const fs::path& image, Index nodes, int count) {
   const LiveOrgan organ = read_live_organ(config_of(image));
   LiveTool tool = make_live_tool(organ, nodes);
-  const Indenter first = tool.session->model().tool;
+  const ToolPlace first = tool.session->model().tool;
   std::mt19937 random(7);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
   std::vector<double> whole, made;

@@ -222,9 +222,20 @@ TEST_F(ASupport, ThatMovesFurtherThanTheToolArrives) {
   EXPECT_LT(three(summary["supports"]["r"]["force_N"]).x(), 0.0);
 }
 
+TEST_F(ASupport, MayHaveAnyNameAndTheForceIsTheSame) {
+  for (const char* moves : {" --depth 1mm --set support.@.move=1,0,0",
+                            " --set step.a.move=1mm --set step.b.moves=@ --set step.b.move=1,0,0"}) {
+    const auto named = [&](const std::string& name) {
+      std::string scene = std::string(" --nodes 600 --write force --set support.@.on=left") + moves;
+      for (std::size_t at; (at = scene.find('@')) != std::string::npos;) scene.replace(at, 1, name);
+      return run(scene)["force_on_tool_N"];
+    };
+    EXPECT_EQ(named("indenter"), named("retractor")) << moves;
+  }
+}
+
 TEST_F(ASupport, KeepsForcesProportionalToTheModulus) {
-  const std::string scene =
-      " --nodes 600 --depth 1mm --write force --set support.r.on=left --set support.r.move=1,0,0";
+  const std::string scene = " --nodes 600 --write force --set support.r.on=left --set support.r.move=1,0,0";
   const Json known = run(scene, "out", "2kPa+-30%"), stiff = run(scene, "out", "2.6kPa");
   EXPECT_NEAR(known["band_of_mu"]["high_N"].get<double>() / stiff["force_N"].get<double>(), 1.0, 2e-4);
   const Vec3 one = three(known["supports"]["r"]["force_N"]), other = three(stiff["supports"]["r"]["force_N"]);
@@ -290,6 +301,9 @@ TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
   refused(2, support + "left --set support.r.move=1,2", {"2 numbers", "x,y,z in mm"});
   refused(2, support + "label:1 --set support.r.hold=sliding", {"slides, and is the tissue of a label"});
   refused(2, start + "--set support.r.om=left", {"there is no option 'support.r.om'"});
+  for (const char* taken : {"tool", "base"})
+    refused(2, start + "--set support." + taken + ".on=left",
+            {std::string("a support is named '") + taken + "'", "name it differently"});
   refused(2, start + "--set support.basis.on=left", {"named 'basis'", "moving least squares"});
   refused(4, support + "500,0,0,3", {"meets no node", "a larger ball"});
   refused(4, support + "superior", {"nodes of the tool's circle", "--indent-at"});

@@ -383,7 +383,7 @@ TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
            Row{2, "--indent-at middle", "'middle' is not a place"},
            Row{2, "--nodes 20", "cloud.nodes = 20"},
            Row{4, "--nodes 400 --indent-at 0,0,90", "code:  place-moved"},
-           Row{4, "--indenter-diameter 70", "has room for an indenter of 70.0 mm"},
+           Row{4, "--indenter-diameter 70", "has room for a tool of 70.0 mm"},
            Row{4, "--nodes 400 --base superior --indent-at 0,0,30 --direction 0,0,-1",
                "lies on the fixed base"},
            Row{4, "--nodes 400 --points 4", "integration cells meet the body"},

@@ -595,6 +595,9 @@ TEST(SeveralTools, AreRefusedInWordsWhereWhatIsSaidOfThemMakesNoTool) {
           "run brain.nrrd -o out -q --tool sphere:5mm --set tool.other.at=0,0,60 --set "
           "tool.other.shape=sphere:4mm --set step.a.moves=othr --set step.a.move=1mm",
           "did you mean 'other'");
+  refused(
+      2, run + "--set tool.other.shape=sphere:4mm --set tool.tool.shape=sphere:4mm --set tool.tool.at=0,0,60",
+      "has the name of the measured one");
   refused(2, run + "--set tool.other.shape=sphere:4mm --set wall.other.shape=around:2mm",
           "has the name of a support or a wall");
   refused(2,

@@ -25,7 +25,7 @@ inline Model arch_under_a_pad(double rise = 10e-3) {
         if (k > 2 && !in_pad(x)) continue;
         const auto a = static_cast<Index>(nodes.size());
         if (i == 0 || i == 26) places.base.push_back(a);
-        if (k == 6) places.indenter.push_back(a);
+        if (k == 6) places.circle.push_back(a);
         if (i > 0 && i < 26 && k != 6) x += Vec3(noise(random), noise(random), noise(random));
         nodes.push_back(lifted(x));
       }

@@ -44,8 +44,7 @@ inline Discretisation block_places(Index n, double jitter, double cells_per_spac
         if (k > 0 && k < n) x.z() += noise(random);
         const Index a = static_cast<Index>(nodes.size());
         if (k == 0) places.base.push_back(a);
-        if (k == n && (x.head<2>() - Eigen::Vector2d(15e-3, 15e-3)).norm() < 4e-3)
-          places.indenter.push_back(a);
+        if (k == n && (x.head<2>() - Eigen::Vector2d(15e-3, 15e-3)).norm() < 4e-3) places.circle.push_back(a);
         nodes.push_back(x);
       }
   places.X.resize(3, static_cast<Index>(nodes.size()));

@@ -96,7 +96,7 @@ TEST(BuildModel, CloudsThatShareASiteAreThoseThatFindTheirOwn) {
     EXPECT_EQ(shared.places.point, own.places.point);
     EXPECT_EQ(shared.places.volume, own.places.volume);
     EXPECT_EQ(shared.places.base, own.places.base);
-    EXPECT_EQ(shared.places.indenter, own.places.indenter);
+    EXPECT_EQ(shared.places.circle, own.places.circle);
     EXPECT_EQ(shared.places.tool.centre, own.places.tool.centre);
     EXPECT_EQ(shared.report.boundary.circle_reason, own.report.boundary.circle_reason);
   }

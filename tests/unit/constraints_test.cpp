@@ -18,7 +18,7 @@ TEST(Constraints, HoldTheBaseAndDriveTheCircle) {
   const Constraints frictionless = make_constraints(model, Contact::frictionless);
   for (Index a = 0; a < model.node_count(); ++a) {
     const bool base = std::find(model.base.begin(), model.base.end(), a) != model.base.end();
-    const bool circle = std::find(model.indenter.begin(), model.indenter.end(), a) != model.indenter.end();
+    const bool circle = std::find(model.circle.begin(), model.circle.end(), a) != model.circle.end();
     EXPECT_EQ(bonded.is_held_wholly(a), base || circle);
     EXPECT_EQ(frictionless.is_held_wholly(a), base);
     EXPECT_EQ(frictionless.slides(a), circle && !base);

@@ -27,7 +27,7 @@ TEST(Simulate, GivesAFrameAtTheStartAndAfterEverySegmentAndEndsAtTheDepthAskedFo
                                  [&](const Frame& frame) {
                                    numbers.push_back(frame.number);
                                    depths.push_back(frame.depth);
-                                   for (const Index a : model.indenter) {
+                                   for (const Index a : model.circle) {
                                      EXPECT_NEAR(frame.u(2, a), -frame.depth, 1e-15);
                                      EXPECT_EQ(frame.u(0, a), 0.0);
                                    }
@@ -103,8 +103,7 @@ TEST(Simulate, NothingFreeToMoveIsRefused) {
   Model model = block(3);
   model.base.clear();
   for (Index a = 0; a < model.node_count(); ++a)
-    if (std::find(model.indenter.begin(), model.indenter.end(), a) == model.indenter.end())
-      model.base.push_back(a);
+    if (std::find(model.circle.begin(), model.circle.end(), a) == model.circle.end()) model.base.push_back(a);
   History history;
   EXPECT_THROW(
       solve(TimeMode::explicit_, ForceSystem(model, tissue), model, short_push, {.frames = 1}, {}, history),

@@ -25,7 +25,7 @@ Seen march(const Model& model, const Tissues& tissues, double depth, const Solve
   const Eigen::Vector4d push = padded(model.tool.push);
   const Observer observer{.frame = [&](const Frame& now) {
     double force = 0.0;
-    for (const Index a : model.indenter) force += now.f.col(a).dot(push);
+    for (const Index a : model.circle) force += now.f.col(a).dot(push);
     seen.depth.push_back(now.depth);
     seen.force.push_back(force);
   }};

@@ -96,7 +96,7 @@ TEST(ModelGuard, FindsACloudThatIsSparseBesideItsSupports) {
   few.X = Points(few.X.leftCols(6));
   few.spacing = Eigen::VectorXd(few.spacing.head(6));
   few.base = {0};
-  few.indenter = {5};
+  few.circle = {5};
   expect_whole(report_of<ModelError>([&] { find_supports(few, {}); }), "supports");
 }
 
@@ -107,10 +107,10 @@ TEST(ModelGuard, FindsTooFewNodesUnderTheCircleAndSaysHowManyItTakes) {
   const Finding* found = finding(findings, "circle-nodes");
   ASSERT_NE(found, nullptr);
   expect_whole(found->report, "circle-nodes");
-  EXPECT_EQ(found->worst, static_cast<double>(model.indenter.size()));
+  EXPECT_EQ(found->worst, static_cast<double>(model.circle.size()));
   EXPECT_THAT(found->report.remedy, HasSubstr("--nodes"));
 
-  while (model.indenter.size() < 120) model.indenter.push_back(0);
+  while (model.circle.size() < 120) model.circle.push_back(0);
   EXPECT_EQ(finding(check_model(model, support, 4e-3), "circle-nodes"), nullptr);
 }
 
@@ -204,7 +204,7 @@ TEST_F(StateGuard, SeesADisplacementThatIsNoNumberAtAPoint) {
 
 // As a sharp rim does: one node pushed through its neighbours.
 TEST_F(StateGuard, SaysThatAFewPointsAreInsideOutAndStopsForMany) {
-  const Index a = model.indenter.front();
+  const Index a = model.circle.front();
   u(2, a) = -1.6 * model.spacing[a];
   ForceSystem::Sweep sweep = forces.stress_sweep(u);
   ASSERT_GT(sweep.inverted, 0);
@@ -227,7 +227,7 @@ TEST_F(StateGuard, OfThePapersSchemeStopsForOnePointInsideOut) {
   std::vector<Finding> none;
   const Guards strict(plain_body, true, true, none);
   Nodal v = Nodal::Zero(4, paper.node_count());
-  v(2, paper.indenter.front()) = -3.0 * paper.spacing[0];
+  v(2, paper.circle.front()) = -3.0 * paper.spacing[0];
   const Report report = report_of<SolveError>([&] { strict.check(plain_body.stress_sweep(v), now); });
   expect_whole(report, "inverted");
   EXPECT_THAT(report.where, HasSubstr("mm"));

@@ -30,7 +30,7 @@ vtkSmartPointer<vtkImageData> picture_in(const fs::path& file) {
   return reader->GetOutput();
 }
 
-/// Pixels of the picture whose hue is that of the indenter's circle, in a rectangle counted from the top
+/// Pixels of the picture whose hue is that of the tool's circle, in a rectangle counted from the top
 /// left.
 int orange_pixels(vtkImageData& image, int left, int top, int right, int bottom) {
   int count = 0;

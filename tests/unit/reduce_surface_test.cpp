@@ -21,7 +21,7 @@ const Surface& dome() {
   }();
   return surface;
 }
-const Indenter tool{.centre = {0.0, 0.0, 27e-3}};
+const ToolPlace tool{.centre = {0.0, 0.0, 27e-3}};
 
 Vec3 corner(const ReducedSurface& reduced, Index triangle, int k) {
   return dome().vertex_mm.col(reduced.vertex[static_cast<std::size_t>(reduced.triangles(k, triangle))]);

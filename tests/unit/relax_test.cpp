@@ -31,7 +31,7 @@ TEST(Relaxation, EndsInEquilibriumWithWhatIsHeldInPlace) {
   double circle = 0.0, base = 0.0, unbalanced = 0.0;
   for (Index a = 0; a < model.node_count(); ++a) unbalanced += constraints.project(a, f.col(a)).squaredNorm();
   const Eigen::Vector4d push = padded(model.tool.push);
-  for (const Index a : model.indenter) {
+  for (const Index a : model.circle) {
     circle += f.col(a).dot(push);
     EXPECT_EQ(u.col(a), push * 1e-3);
   }
@@ -134,7 +134,7 @@ TEST(LoadSlowly, EndsWhereDynamicRelaxationDoes) {
   System body(system, plain, constraints);
   const Relaxed relaxed = Relaxation(body)(u, f, {.tolerance = 1e-5});
   double force = 0.0;
-  for (const Index a : model.indenter) force += f.col(a).dot(padded(model.tool.push));
+  for (const Index a : model.circle) force += f.col(a).dot(padded(model.tool.push));
   EXPECT_GT(relaxed.evaluations, 2 * mixed.steps);
   EXPECT_NEAR(mixed.force.back().force, force, 1e-3 * force);
 }
@@ -400,13 +400,13 @@ TEST(EveryMarch, OfABodyThatGravityCarriesHasTheMomentAboutWhereTheToolTouches) 
   body->set({.depth = 1e-3}, u);
   ASSERT_TRUE(Relaxation(*body)(u, f, {}, &lambda).converged);
   Vec3 rest = Vec3::Zero(), now = rest, force = rest, moment = rest;
-  for (const Index a : model.indenter) {
-    rest += model.X.col(a) / static_cast<double>(model.indenter.size());
-    now += (model.X.col(a) + u.col(a).head<3>()) / static_cast<double>(model.indenter.size());
+  for (const Index a : model.circle) {
+    rest += model.X.col(a) / static_cast<double>(model.circle.size());
+    now += (model.X.col(a) + u.col(a).head<3>()) / static_cast<double>(model.circle.size());
   }
   ASSERT_GT(std::abs((now - rest).x()), 0.02 * model.tool.radius) << "it is carried";
   const Vec3 about = model.tool.centre + now - rest;
-  for (const Index a : model.indenter) {
+  for (const Index a : model.circle) {
     const Vec3 on_tool = -f.col(a).head<3>();
     force += on_tool;
     moment += (model.X.col(a) + u.col(a).head<3>() - about).cross(on_tool);

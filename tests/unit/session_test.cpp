@@ -79,7 +79,7 @@ TEST(Session, TheForceAndTheMomentOnTheToolAreThoseOfTheBase) {
       force += f.col(a);
       moment += (at.col(a) - reference).cross(f.col(a));
     }
-    for (const Index a : model.indenter) across -= f.col(a);
+    for (const Index a : model.circle) across -= f.col(a);
     const Wrench felt = session.on_tool();
     EXPECT_LT((felt.head<3>() - force).norm(), 1e-4 * force.norm());
     EXPECT_LT((felt.tail<3>() - moment).norm(), 1e-4 * moment.norm());
@@ -109,7 +109,7 @@ TEST(Session, EverySampleOfAMarchHasTheForceVectorOfItsDepth) {
           {.frame = [&](const Frame& frame) { u = frame.u, f = frame.f; }}, whole);
     const ForceSample& last = whole.force.back();
     Vec3 force = Vec3::Zero(), moment = Vec3::Zero();
-    for (const Index a : model.indenter) {
+    for (const Index a : model.circle) {
       const Vec3 on_tool = -f.col(a).head<3>();
       force += on_tool;
       moment += (model.X.col(a) - model.tool.centre).cross(on_tool);  // the circle moves as one

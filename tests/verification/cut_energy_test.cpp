@@ -32,7 +32,7 @@ Model slit_strip(double depth) {
     for (int j = 0; j < nodes.y(); ++j)
       for (int i = 0; i < nodes.x(); ++i) {
         if (i == 0) places.base.push_back(a);
-        if (i == nodes.x() - 1) places.indenter.push_back(a);
+        if (i == nodes.x() - 1) places.circle.push_back(a);
         places.X.col(a++) = at({i, j, k}, nodes - 1, 0.0);
       }
   for (int k = 0; k < cells.z(); ++k)

@@ -40,8 +40,8 @@ Model two_bodies(const Discretisation& below, const Discretisation& above, std::
   const Triangles further =
       above.surface.triangles.array() + static_cast<int>(below.surface.vertex_mm.cols());
   join(both.surface.triangles, below.surface.triangles, further);
-  both.indenter = std::move(moved);
-  for (Index& a : both.indenter) a += below.node_count();
+  both.circle = std::move(moved);
+  for (Index& a : both.circle) a += below.node_count();
   Eigen::VectorXi tissue = Eigen::VectorXi::Zero(both.point_count());
   return make_model(std::move(both), converging, std::move(tissue), {1000.0});
 }

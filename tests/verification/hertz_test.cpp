@@ -29,8 +29,8 @@ TEST(Hertz, HasTheForceOfASphereThatIsPressedOnARigidPlane) {
   const auto [nodes, within] = hertz::fineness();
   Discretisation places = hertz::half_sphere(nodes);
   const Index centre = hertz::centre_of(places);
-  places.indenter = places.base;
-  std::erase(places.indenter, centre);
+  places.circle = places.base;
+  std::erase(places.circle, centre);
   places.base.clear();
   places.tool = {.centre = Vec3::Zero(), .push = Vec3::UnitZ(), .radius = hertz::radius};
   Eigen::VectorXi of_point = Eigen::VectorXi::Zero(places.point_count());

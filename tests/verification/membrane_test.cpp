@@ -213,7 +213,7 @@ double force_under(const Model& model, const Membrane* film, double depth,
     body.set({.depth = at}, u);
     found = iteration(u, lambda, f, {.tolerance = 1e-4}, true);
     if (!found.converged) return -1.0;
-    if (at == depth) return along_push(model, model.indenter, f);
+    if (at == depth) return along_push(model, model.circle, f);
     u *= std::min(at + step, depth) / at;
     lambda *= std::min(at + step, depth) / at;
   }
@@ -347,7 +347,7 @@ TEST(Membrane, TautOnAHalfSpaceBearsOfAPressureWhatItsClosedFormSays) {
   HeldSet held{.name = "far", .node = model.base};
   for (Index a = 0; a < model.node_count(); ++a)
     if ((model.X.col(a) - middle).norm() > 14.4 * c) held.node.push_back(a);
-  const Index under = *std::min_element(model.indenter.begin(), model.indenter.end(), [&](Index a, Index b) {
+  const Index under = *std::min_element(model.circle.begin(), model.circle.end(), [&](Index a, Index b) {
     return (model.X.col(a) - middle).norm() < (model.X.col(b) - middle).norm();
   });
   const ForceSystem tissue(model, neo_hookean(mu, 0.4999, 1000.0));

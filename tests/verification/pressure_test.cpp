@@ -16,7 +16,7 @@ namespace {
 
 Eigen::VectorXi places_of_free_nodes(const Model& model) {
   Eigen::VectorXi place = Eigen::VectorXi::Zero(model.node_count());
-  for (const auto* held : {&model.base, &model.indenter})
+  for (const auto* held : {&model.base, &model.circle})
     for (const Index a : *held) place[a] = -1;
   int next = 0;
   for (int& p : place)

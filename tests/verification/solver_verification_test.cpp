@@ -319,7 +319,7 @@ TEST(Verification, AFrictionlessCircleFeelsNoSidewaysForceOnceItHasSettled) {
   const Observer observer = {.frame =
                                  [&](const Frame& frame) {
                                    sideways = along = 0.0;
-                                   for (const Index a : model.indenter) {
+                                   for (const Index a : model.circle) {
                                      sideways = std::max(sideways, frame.f.col(a).head<2>().norm());
                                      along = std::max(along, std::abs(frame.f(2, a)));
                                    }

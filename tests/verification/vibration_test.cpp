@@ -45,7 +45,7 @@ Swing swing(double damping, Steps steps) {
   options.cloud.grading = {};  // even
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = 8.0};
   Model model = build_model(cylinder_surface(radius_mm, height_mm), options).model;
-  model.indenter.clear();
+  model.circle.clear();
   const ForceSystem system(model, tissue, Precision::double_);
   MarchState start;
   const Index n = model.node_count();

@@ -239,9 +239,9 @@ TEST(Walls, BelowABodyThatNothingElseHoldsAreAsABaseThatSlides) {
   const HeldSet slides{
       .name = "slides", .node = model.base, .hold = HeldSet::Hold::along, .direction = Vec3::UnitZ()};
   model.base.clear();
-  model.indenter.clear();
+  model.circle.clear();
   for (Index a = 0; a < model.node_count(); ++a)
-    if (model.X(2, a) > size.z() - 1e-9) model.indenter.push_back(a);
+    if (model.X(2, a) > size.z() - 1e-9) model.circle.push_back(a);
   model.tool = {.centre = Vec3(0.5 * size.x(), 0.5 * size.y(), size.z()),
                 .push = -Vec3::UnitZ(),
                 .radius = 0.5 * size.x()};
