@@ -671,7 +671,7 @@ def flags_of_messages():
     """Flag -> string literals of the library's sources that name it, with numbers for what is put in."""
     found = {}
     for folder in ("io", "preprocess", "solver", "apps/run"):
-        for file in (SOURCE / folder).glob("*.[ch]pp"):
+        for file in (SOURCE / folder).rglob("*.[ch]pp"):
             code = re.sub(r"^\s*(//|#).*$|\s//.*$", "", file.read_text(), flags=re.M)
             code = re.sub(r'"\s*\n\s*"', "", code)  # one message over several lines
             for literal in re.findall(r'"((?:[^"\\\n]|\\.)*)"', code):
