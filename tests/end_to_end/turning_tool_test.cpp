@@ -122,5 +122,25 @@ TEST(SceneWithATurn, WhatMakesNoTurnIsRefusedInWords) {
   EXPECT_FALSE(fs::exists(folder / "out" / "force.csv"));
 }
 
+TEST(SceneWithATurn, UnderGravityIsTheSameToBothSidesAndUndoneByTheTurnBack) {
+  const fs::path folder = with_block();
+  const auto forces = [&](const std::string& turns) {
+    const Ran ran = dimple(folder, scene + rod + " -o out --force --write force --gravity inferior " + turns);
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    std::vector<double> force;
+    const Json summary = Json::parse(text_of(folder / "out" / "summary.json"));
+    for (const Json& step : summary.at("scene")) force.push_back(step.at("force_N"));
+    return force;
+  };
+  const std::vector<double> there =
+                                forces("--set step.there.turn=0,15deg,0 --set step.xback.turn=0,-15deg,0"),
+                            mirrored = forces("--set step.there.turn=0,-15deg,0");
+  ASSERT_EQ(there.size(), 3u);
+  ASSERT_EQ(mirrored.size(), 2u);
+  EXPECT_NEAR(there[2], there[0], 1e-3 * there[0]);
+  EXPECT_NEAR(mirrored[1], there[1], 0.01 * there[1]);
+  EXPECT_GT(there[1], 1.03 * there[0]) << "it presses with its side then";
+}
+
 }  // namespace
 }  // namespace dimple
