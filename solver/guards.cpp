@@ -423,7 +423,7 @@ void Guards::found_limit_point(const Nodal& jump, double way, bool folds_touch, 
         1e3 * largest});
 }
 
-void Guards::found_left(const Nodal& jump, double way, const Moment& now) {
+void Guards::found_lost_contact(const Nodal& jump, double way, const Moment& now) {
   Index furthest = 0;
   const double largest = jump.colwise().norm().maxCoeff(&furthest);
   if (!on_ || largest <= way || std::any_of(findings_.begin(), findings_.end(), [](const Finding& f) {

@@ -93,7 +93,7 @@ class Guards {
   void found_limit_point(const ForceSystem::Nodal& jump, double way, bool folds_touch, const Moment& now);
   /// `tool-left`: the tool, having moved by `way` [m], touches nothing, and the tissue sprang back by `jump`
   /// [m], by more than that. The first one stays.
-  void found_left(const ForceSystem::Nodal& jump, double way, const Moment& now);
+  void found_lost_contact(const ForceSystem::Nodal& jump, double way, const Moment& now);
   /// `time-step`.
   void check_step(const Moment& now) const;
 

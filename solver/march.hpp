@@ -117,9 +117,10 @@ struct Frame {
 struct History {
   std::vector<ForceSample> force;
   std::vector<EnergySample> energy;
-  std::int64_t steps = 0;
+  /// Of the force: one in each step of time; quasi-statically what the searches for equilibrium took.
+  std::int64_t evaluations = 0;
   std::int64_t extra_evaluations =
-      0;  ///< of the force, for the stable step; slowly: for frames between steps
+      0;  ///< for the stable step; quasi-statically for frames between equilibria
   double dt_stable_first = 0.0, dt_first = 0.0, dt_smallest = 0.0;  ///< [s]
   double J_min = 1.0;                                               ///< smallest det F at any point and step
   Index inverted = 0;                                               ///< most points inverted at once

@@ -54,10 +54,10 @@ struct Session::Parts {
         system(make_system(tissue, model, options.contact, options.further, options.loads, options.tolerance,
                            options.touch.get())),
         relax(*system),
-        u(system->at_rest().u),
+        u(system->step_start().u),
         v(Nodal::Zero(4, model.node_count())),
         f(v),
-        lambda(system->at_rest().lambda),
+        lambda(system->step_start().lambda),
         tool(model.tool) {
     if (options.touch) {
       tool.centre = options.touch->pose.tip;
@@ -162,8 +162,8 @@ struct Session::Parts {
 
   // With the tool lifted: undeformed, or as the loads have it.
   void lie_at_rest() {
-    u = system->at_rest().u;
-    lambda = system->at_rest().lambda;
+    u = system->step_start().u;
+    lambda = system->step_start().lambda;
     v.setZero(), f.setZero();
     depth = 0.0;
     system->set({});
@@ -196,8 +196,8 @@ struct Session::Parts {
   // Where to look for the equilibrium at a depth.
   void guess(double to, Nodal& next, Eigen::VectorXd& l) const {
     if (known.state.size() < 2) {
-      next = system->at_rest().u;
-      l = system->at_rest().lambda;
+      next = system->step_start().u;
+      l = system->step_start().lambda;
       if (!options.touch) first_guess(model, model.tool.push, to, next);
     } else if (system->viscoelastic()) {  // its states are no curve
       const KnownStates::Slope slope = known.slope(depth);
@@ -237,7 +237,7 @@ struct Session::Parts {
     const double reach = system->viscoelastic() ? std::max(at, depth) : at;
     return std::isfinite(found.residual) && found.residual < shown && found.sweep.ok() &&
            static_cast<double>(found.sweep.inverted) <= folded * static_cast<double>(model.point_count()) &&
-           (its - system->at_rest().u).colwise().norm().maxCoeff() <
+           (its - system->step_start().u).colwise().norm().maxCoeff() <
                widest * longest_share(options.further) * reach;
   }
 

@@ -63,7 +63,7 @@ std::shared_ptr<const Touch> touch_under_loads(const ForceSystem& tissue, const 
   const auto system = make_system(tissue, model, loading.contact, loading.further, loading.loads, tolerance,
                                   loading.touch.get(), loading.folds, loading.walls);
   auto there = std::make_shared<Touch>(*loading.touch);
-  there->pose = first_touch(*there, system->at_rest().u);
+  there->pose = first_touch(*there, system->step_start().u);
   return there;
 }
 
@@ -96,7 +96,7 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
     const std::unique_ptr<System> system =
         make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance,
                     loading.touch.get(), loading.folds, loading.walls);
-    if (!part || !part->near) history.settled = system->at_rest().u.colwise().norm().maxCoeff();
+    if (!part || !part->near) history.settled = system->step_start().u.colwise().norm().maxCoeff();
     switch (mode) {
       case TimeMode::quasi_static:
         if (!loading.steps.empty())

@@ -29,24 +29,24 @@ System::System(const ForceSystem& tissue, const Model& model, Constraints held, 
   }
   if (folds_) contacts_.push_back({folds_.get(), nullptr, contact_unknowns()});
   for (const OneContact& one : contacts_)
-    has_met_.emplace_back(static_cast<std::size_t>(one.term->count()), char{0});
+    is_active_.emplace_back(static_cast<std::size_t>(one.term->count()), char{0});
   if (touching_)
-    for (Index s = 0; s < touching_->count(); ++s) add_to_met({0, s});
-  at_rest_ = {Nodal::Zero(4, model.node_count()),
-              Eigen::VectorXd::Zero(model.patches.count() + contact_unknowns())};
-  before_touch_ = at_rest_;
+    for (Index s = 0; s < touching_->count(); ++s) activate({0, s});
+  step_start_ = {Nodal::Zero(4, model.node_count()),
+                 Eigen::VectorXd::Zero(model.patches.count() + contact_unknowns())};
+  run_start_ = step_start_;
 }
 
-void System::add_to_met(const Met& one) {
-  met_.push_back(one);
-  has_met_[static_cast<std::size_t>(one.contact)][static_cast<std::size_t>(one.sample)] = 1;
+void System::activate(const ActiveSample& one) {
+  active_.push_back(one);
+  is_active_[static_cast<std::size_t>(one.contact)][static_cast<std::size_t>(one.sample)] = 1;
 }
 
-void System::meet() {
+void System::activate_penetrating() {
   for (std::size_t c = 0; c < contacts_.size(); ++c) {
     const Eigen::VectorXd& gap = contacts_[c].term->gaps();
     for (Index s = 0; s < gap.size(); ++s)
-      if (gap[s] < 0.0 && !has_met_[c][static_cast<std::size_t>(s)]) add_to_met({static_cast<Index>(c), s});
+      if (gap[s] < 0.0 && !is_active_[c][static_cast<std::size_t>(s)]) activate({static_cast<Index>(c), s});
   }
 }
 
@@ -122,14 +122,14 @@ Wrench System::on_tool(const Nodal& u, const Nodal& f) const {
   if (touching_) return touching_->on_tool(now_);
   Vec3 carried = Vec3::Zero();  // by the loads, before it touched
   if (loaded() && !model_.circle.empty()) {
-    for (const Index a : model_.circle) carried += at_rest_.u.col(a).head<3>();
+    for (const Index a : model_.circle) carried += step_start_.u.col(a).head<3>();
     carried /= static_cast<double>(model_.circle.size());
     carried -= way_before_.come;
   }
-  return wrench_on_tool(model_, held_, u, f, model_.tool.centre + way_of_tool() + carried);
+  return wrench_on_tool(model_, held_, u, f, model_.tool.centre + tool_displacement() + carried);
 }
 
-Vec3 System::way_of_tool() const {
+Vec3 System::tool_displacement() const {
   RigidWay way = way_before_;
   way.motion = held_.motion(tool_set);
   return way.come_at(now_.depth);
@@ -140,7 +140,7 @@ Vec3 System::turned() const {
 }
 
 Vec3 System::aside() const {
-  const Vec3 way = way_of_tool(), &push = model_.tool.push;
+  const Vec3 way = tool_displacement(), &push = model_.tool.push;
   if (way_before_.come.isZero(0.0) && !way_before_.turns() && held_.motion(tool_set) == push)
     return Vec3::Zero();  // without rounding
   return way - way.dot(push) * push;
@@ -166,11 +166,12 @@ std::vector<double> System::past() const {
     if (one.term == touching_ && !touching_->rubs()) continue;
     add(*one.term);
   }
-  for (auto one = met_.begin() + of_tool; one != met_.end(); ++one) {
+  for (auto one = active_.begin() + of_tool; one != active_.end(); ++one) {
     all.push_back(static_cast<double>(one->contact));
     all.push_back(static_cast<double>(one->sample));
   }
-  if (!contacts_.empty()) all.push_back(static_cast<double>(2 * (static_cast<Index>(met_.size()) - of_tool)));
+  if (!contacts_.empty())
+    all.push_back(static_cast<double>(2 * (static_cast<Index>(active_.size()) - of_tool)));
   for (const auto& term : terms_) add(*term);
   return all;
 }
@@ -186,29 +187,29 @@ void System::restore_past(std::vector<double> past) {
   const auto restore_last = [&](ForceTerm& term) { term.restore_past(take_last()); };
   for (auto term = terms_.rbegin(); term != terms_.rend(); ++term) restore_last(**term);
   const std::vector<double> met = contacts_.empty() ? std::vector<double>() : take_last();
-  met_.resize(static_cast<std::size_t>(touching_ ? touching_->count() : 0));
-  for (std::size_t c = touching_ ? 1 : 0; c < has_met_.size(); ++c)
-    std::fill(has_met_[c].begin(), has_met_[c].end(), char{0});
+  active_.resize(static_cast<std::size_t>(touching_ ? touching_->count() : 0));
+  for (std::size_t c = touching_ ? 1 : 0; c < is_active_.size(); ++c)
+    std::fill(is_active_[c].begin(), is_active_[c].end(), char{0});
   for (std::size_t k = 0; k + 1 < met.size(); k += 2)
-    add_to_met({static_cast<Index>(met[k]), static_cast<Index>(met[k + 1])});
+    activate({static_cast<Index>(met[k]), static_cast<Index>(met[k + 1])});
   for (auto one = contacts_.rbegin(); one != contacts_.rend(); ++one)
     if (one->term != touching_ || touching_->rubs()) restore_last(*one->term);
   tissue_.restore_past(past);
 }
 
 void System::begin_at(Rest rest, Constraints held) {
-  before_touch_ = at_rest_ = std::move(rest);
+  run_start_ = step_start_ = std::move(rest);
   held_ = std::move(held);
   tissue_.hold_pressures({});  // the search has left them held; who searches on holds his own
-  accept_step(at_rest_.u);
+  accept_step(step_start_.u);
   loads_at_rest_ = 0.0;
-  for (const auto& term : terms_) loads_at_rest_ += term->energy(at_rest_.u, now_);
+  for (const auto& term : terms_) loads_at_rest_ += term->energy(step_start_.u, now_);
 }
 
-void System::go_on(Rest from, Constraints held, const RigidWay& of_tool, double gone,
+void System::go_on(Rest from, Constraints held, const RigidWay& of_tool, double travel_before,
                    const std::vector<RigidWay>& of_walls) {
   held.start_at(from.u);
-  at_rest_ = std::move(from);
+  step_start_ = std::move(from);
   held_ = std::move(held);
   way_before_ = of_tool;
   std::size_t wall = 0;
@@ -216,9 +217,9 @@ void System::go_on(Rest from, Constraints held, const RigidWay& of_tool, double 
     if (one->is_measured()) {
       RigidWay way = of_tool;
       way.motion = held_.motion(tool_set);
-      one->go_on(way, gone);
+      one->go_on(way, travel_before);
     } else {
-      one->go_on(of_walls[wall], gone);
+      one->go_on(of_walls[wall], travel_before);
       ++wall;
     }
   tissue_.hold_pressures({});
@@ -235,7 +236,7 @@ constexpr double first_part = 0.25, smallest_part = 1.0 / 64.0;  // of the loads
 
 // Laid on part by part, so long that viscous tissue has relaxed.
 Rest settled(System& system, double tolerance) {
-  Rest rest = system.at_rest();
+  Rest rest = system.step_start();
   const Relaxation relax(system);
   Nodal f = rest.u;
   double done = 0.0, part = first_part;

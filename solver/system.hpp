@@ -15,7 +15,7 @@ namespace dimple {
 /// How far the forces on a body are from equilibrium.
 struct Balance {
   double unbalanced = 0.0;  ///< norm of the forces on what is free to move [N]
-  double reactions = 0.0;   ///< half the sum of the sizes of all reactions, and of all loads [N]
+  double reactions = 0.0;   ///< half the sizes of all reactions, and those of loads and rigid contacts [N]
   double residual() const { return unbalanced / std::max(reactions, 1e-30); }
 };
 
@@ -34,11 +34,12 @@ struct Rest {
 };
 
 /// A body in one run: its tissue, all other forces on it, and what is held of it. Every march, every search
-/// for an equilibrium and every guard is given this, and asks nothing else for a force. What f is: the
-/// derivative of all energy by the displacements; zero on free nodes in equilibrium, on held ones the
-/// reaction.
+/// for an equilibrium and every guard is given this, and asks nothing else for a force. f resists: where
+/// there is an energy it is its derivative by the displacements, so that a load counts with the opposite
+/// sign. It is zero on free nodes in equilibrium, on held ones the reaction.
 ///
-///     f(u) = tissue(u) + sum of terms(u, now)
+///     f(u, now, lambda) = tissue(u, pressures in lambda) + loads(u, now) + contacts(u, now, forces in
+///     lambda)
 class System {
  public:
   using Sweep = ForceSystem::Sweep;
@@ -53,7 +54,7 @@ class System {
   const Tissues& tissues() const { return tissue_.system().tissues(); }
   bool viscoelastic() const { return tissue_.system().viscoelastic(); }
   bool loaded() const { return !terms_.empty(); }
-  /// The tool that is measured; null: it holds nodes.
+  /// The measured tool, if it is one that touches, whether it does so now or not; null: it holds nodes.
   TouchingTool* touching() { return touching_; }
   const TouchingTool* touching() const { return touching_; }
   /// What is rigid beside it: walls, and tools that are not measured.
@@ -72,14 +73,15 @@ class System {
   Index contact_unknowns() const {
     return contacts_.empty() ? 0 : contacts_.back().first + contacts_.back().term->unknowns();
   }
-  /// Most of a surface never meets anything. The samples that have, at any state of any search, in that
-  /// order: only their forces are looked for. Of the tool that is measured all have from the first.
-  struct Met {
+  /// The samples of contacts whose forces are looked for. Most of a surface never meets anything: those that
+  /// have at any state of any search, in the order of that. It only grows; all of the measured tool's are
+  /// active from the start.
+  struct ActiveSample {
     Index contact, sample;
   };
-  const std::vector<Met>& met() const { return met_; }
-  /// And those that the last force() found beyond what they face.
-  void meet();
+  const std::vector<ActiveSample>& active() const { return active_; }
+  /// Adds the samples that the last force() found beyond what they face.
+  void activate_penetrating();
   /// Where the tool stands and which share of the loads acts.
   const Instant& now() const { return now_; }
 
@@ -93,12 +95,12 @@ class System {
   /// The same where a search for equilibrium is, which holds the patches' pressures and the contact forces
   /// `lambda`, see Rest, if it looks for any.
   Sweep force_at(const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f);
-  /// The sum of the forces in f that act within the body, which is nothing but for rounding.
-  double sum_of_tissue(const Nodal& f) const {
+  /// Size of the sum of the forces in f that act within the body, which is nothing but for rounding [N].
+  double spurious_resultant(const Nodal& f) const {
     const Eigen::Vector4d all = f.rowwise().sum();
     return load_.cols() > 0 ? (all - load_.rowwise().sum()).norm() : all.norm();
   }
-  /// Its two halves, for a caller that goes on with nodes [first, last) once their force is known.
+  /// force() in two halves, for a caller that goes on with nodes [first, last) once their force is known.
   Sweep stress_sweep(const Nodal& u) { return tissue_.stress_sweep(u); }
   void gather(const Nodal& u, Nodal& f, const std::function<void(Index first, Index last)>& then);
   /// Of the last force(). `unbalanced` [4xN] N: what of it is not held. `beside(a, all)` may add to the force
@@ -131,23 +133,25 @@ class System {
   std::vector<double> past() const;
   void restore_past(std::vector<double> past);
 
-  /// Where the body is at rest before the tool moves: undeformed, or as its loads have it.
-  const Rest& at_rest() const { return at_rest_; }
-  /// Where it was so at the beginning of the run.
-  const Rest& before_touch() const { return before_touch_; }
+  /// Where a step of a scene, or a run without steps, begins: undeformed, or as loads and earlier steps have
+  /// it.
+  const Rest& step_start() const { return step_start_; }
+  /// Where the first of them began.
+  const Rest& run_start() const { return run_start_; }
   /// The body rests so; what is held from now on is moved from there.
   void begin_at(Rest rest, Constraints held);
-  /// A further step of a scene begins at `from`, in which the tool goes as `of_tool` says, but that `held`
-  /// has its motion, and the steps before are `gone` [m] long in all; `of_walls`: of each of walls().
-  void go_on(Rest from, Constraints held, const RigidWay& of_tool, double gone,
+  /// A further step of a scene begins at `from`, in which `held` moves the tool on from where the steps
+  /// before have brought it: along `of_tool`, by `travel_before` [m] in all. `of_walls`: the same of each of
+  /// walls().
+  void go_on(Rest from, Constraints held, const RigidWay& of_tool, double travel_before,
              const std::vector<RigidWay>& of_walls);
   /// The forces f [4xN] N that a step begins with are the measure of its balance, down to a hundredth of
   /// them: a tool that comes back to where it touched leaves no reactions to compare with.
   void measure_by(const Nodal& f);
   double least_reactions() const { return least_reactions_; }
   void set_least_reactions(double least) { least_reactions_ = least; }
-  /// How far the tool has come [m].
-  Vec3 way_of_tool() const;
+  /// Of its tip, from where it touched [m].
+  Vec3 tool_displacement() const;
   /// What of it is across its push.
   Vec3 aside() const;
   /// By which rotation vector it has turned [rad].
@@ -163,18 +167,18 @@ class System {
   TouchingTool* touching_ = nullptr;        // of rigid_
   std::vector<const TouchingTool*> walls_;  // likewise
   std::vector<OneContact> contacts_;
-  std::vector<Met> met_;
-  std::vector<std::vector<char>> has_met_;  // of each contact's samples
+  std::vector<ActiveSample> active_;
+  std::vector<std::vector<char>> is_active_;  // of each contact's samples
   Instant now_;
-  Nodal load_;  // [4xN] N of all terms; no columns: there are none
-  Rest at_rest_, before_touch_;
+  Nodal load_;  // [4xN] N of all loads and rigid contacts; no columns: there are none
+  Rest step_start_, run_start_;
   RigidWay way_before_;           // of the tool, after earlier steps, without its motion
   double least_reactions_ = 0.0;  // N, for a balance
   double loads_at_rest_ = 0.0;    // J
 
   bool tissue_alone() const { return !loaded() && contacts_.empty(); }
   void add_terms(const Nodal& u, Nodal& f);
-  void add_to_met(const Met& one);
+  void activate(const ActiveSample& one);
 };
 
 template <class Beside>

@@ -83,7 +83,7 @@ BodyUnderCircle body_under_circle(const BodySurface& body, const Boundary& bound
   return result;
 }
 
-std::string no_band(const BodyUnderCircle& body) {
+std::string why_no_band(const BodyUnderCircle& body) {
   const auto outside = [](double value, const Covered& covered) {
     return !(value >= covered.least && value <= covered.most);
   };
@@ -103,7 +103,7 @@ std::string no_band(const BodyUnderCircle& body) {
   return {};
 }
 
-std::string no_band(const std::vector<Material>& materials) {
+std::string why_no_band(const std::vector<Material>& materials) {
   constexpr double rounding = 1e-9;
   double softest = materials.front().mu, stiffest = softest;
   for (const Material& material : materials) {

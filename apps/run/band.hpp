@@ -52,9 +52,9 @@ extern const double covered_voxel, covered_stiffness_ratio;        ///< at most;
 extern const std::size_t covered_tissues;                          ///< at most
 
 /// Why no band is known of such a body, or nothing.
-std::string no_band(const BodyUnderCircle& body);
+std::string why_no_band(const BodyUnderCircle& body);
 /// Why none is known of such tissues, or nothing.
-std::string no_band(const std::vector<Material>& materials);
+std::string why_no_band(const std::vector<Material>& materials);
 
 /// What a band depends on besides clouds: how deep the tool is [radii of the circle], and whether the body is
 /// of several tissues. Where they meet, points lie on either side by chance.

@@ -118,7 +118,7 @@ std::vector<Material> in_use(const Tissues& tissues) {
   return result;
 }
 
-std::string no_band(const Config& config, const std::vector<Material>& tissues) {
+std::string why_no_band(const Config& config, const std::vector<Material>& tissues) {
   const Config usual;
   if (config.scheme.name != usual.scheme.name) return "it was measured for the converging scheme alone";
   if (config.solver.time == "explicit" || config.solver.time == "dynamic") return not_for_dynamics;
@@ -130,7 +130,7 @@ std::string no_band(const Config& config, const std::vector<Material>& tissues) 
   if (has_walls(config)) return "it was measured for bodies that touch no walls";
   if (!config.step.empty()) return "it was measured for a tool that is pushed straight in, once";
   if (!has_tool_alone(config)) return "it was measured for bodies that nothing holds but their base";
-  if (const std::string none = no_band(tissues); !none.empty()) return none;
+  if (const std::string none = why_no_band(tissues); !none.empty()) return none;
   if (config.solver.tolerance > usual.solver.tolerance)
     return fmt::format("it was measured for a tolerance of {:g}", usual.solver.tolerance);
   if (config.solver.step_radii > usual.solver.step_radii)
@@ -158,19 +158,19 @@ std::string no_band(const Config& config, const std::vector<Material>& tissues) 
 }  // namespace
 
 // Whether tissues of labels leave any label to the default one is known of the model alone.
-std::string no_band(const Config& config) {
+std::string why_no_band(const Config& config) {
   std::vector<Material> tissues = materials_of(config);
   if (tissues.size() > 1) tissues.erase(tissues.begin());
-  return no_band(config, tissues);
+  return why_no_band(config, tissues);
 }
 
-std::string no_band(const Config& config, const Organ& organ, const Boundary& boundary,
-                    const Result& result) {
+std::string why_no_band(const Config& config, const Organ& organ, const Boundary& boundary,
+                        const Result& result) {
   if (result.time != TimeMode::quasi_static) return not_for_dynamics;
-  if (const std::string none = no_band(config, in_use(result.tissues)); !none.empty()) return none;
+  if (const std::string none = why_no_band(config, in_use(result.tissues)); !none.empty()) return none;
   const BodyUnderCircle body =
       body_under_circle(organ.body->surface, boundary, organ.options.boundary.voxel_mm);
-  if (!tool_of(config)) return no_band(body);
+  if (!tool_of(config)) return why_no_band(body);
   if (body.thickness >= thinnest_with_tool_band) return {};
   return fmt::format(
       "it was measured where the body is {:g} radii of the contact thick or more under it, and here it is "
@@ -178,16 +178,16 @@ std::string no_band(const Config& config, const Organ& organ, const Boundary& bo
       thinnest_with_tool_band, body.thickness);
 }
 
-std::string no_labels(const Config& config, const Origin& origin) {
+std::string why_no_labels(const Config& config, const Origin& origin) {
   if (config.tissue.empty() || !origin.image.run.empty()) return {};
   return "it takes another cloud, and the labels of the image were not kept";
 }
 
-std::string no_band_after(const Config& config, const Result& result) {
+std::string why_no_band_after(const Config& config, const Result& result) {
   const Origin* origin = result.origin.get();
   if (!origin) return "a model's files hold one cloud, and it takes two";
-  if (const std::string none = no_labels(config, *origin); !none.empty()) return none;
-  if (const std::string none = no_band(config, origin->organ, origin->boundary, result); !none.empty())
+  if (const std::string none = why_no_labels(config, *origin); !none.empty()) return none;
+  if (const std::string none = why_no_band(config, origin->organ, origin->boundary, result); !none.empty())
     return none;
   const Index fewest = std::max(fewest_nodes_with_band(result.facing_share),
                                 tool_of(config) ? fewest_nodes_with_tool_band : Index{0});

@@ -9,15 +9,16 @@
 namespace dimple {
 
 /// Why the band of such a run cannot be told, or nothing: it was measured for what is the default.
-std::string no_band(const Config& config);
+std::string why_no_band(const Config& config);
 /// Likewise, once it is known how time is followed and what the body looks like. `boundary`: in the surface's
 /// frame.
-std::string no_band(const Config& config, const Organ& organ, const Boundary& boundary, const Result& result);
+std::string why_no_band(const Config& config, const Organ& organ, const Boundary& boundary,
+                        const Result& result);
 /// Likewise, of a march that has come to its end. `config`: with the choices that its model was made with.
-std::string no_band_after(const Config& config, const Result& result);
+std::string why_no_band_after(const Config& config, const Result& result);
 
 /// That other clouds need the labels of an origin's image, and that these are not there; or nothing.
-std::string no_labels(const Config& config, const Origin& origin);
+std::string why_no_labels(const Config& config, const Origin& origin);
 
 /// The march of a coarser cloud of the same organ, by which a band is found. Where a processor can be spared
 /// it runs beside the march of the finer cloud, on one; otherwise when it is asked for. The same bits either

@@ -813,7 +813,7 @@ std::string why_not_proportional(const Config& config) {
   return {};
 }
 
-double spread_of(const Config& config) {
+double force_spread(const Config& config) {
   const double spread = 0.01 * config.material.mu_spread_percent;
   if (!(spread > 0.0)) return 0.0;
   std::string why = why_not_proportional(config);

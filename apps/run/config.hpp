@@ -253,7 +253,7 @@ std::string why_not_proportional(const Config& config);
 
 /// How well the force is known by its material, as a share of it: in equilibrium under a tool whose way is
 /// given it is proportional to the one modulus that the whole body has. Throws UsageError: it is not so here.
-double spread_of(const Config& config);
+double force_spread(const Config& config);
 
 /// Half the width that the band may have, of the force or of the displacement that is asked for, and the time
 /// in which the nodes for it are to be found.

@@ -382,7 +382,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
          .where = "--mu (material.mu_spread_percent)",
          .why = "the load is so short that the run is dynamic, and its force not proportional to mu",
          .remedy = "run it once with the smallest and once with the largest modulus, or slower"});
-  result.spread = spread_of(config);
+  result.spread = force_spread(config);
   result.model_warnings = result.warnings.size();
   result.complete_s = preparing.seconds();
 }

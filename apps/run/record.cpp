@@ -423,16 +423,17 @@ void Recorder::tell_end(const End& end) {
     detail(observer_,
            fmt::format("done     {} force evaluations, {:.3f} ms each; residual {} of the reactions, the "
                        "base carries {}",
-                       history.steps, ms, percent(history.residual), base));
+                       history.evaluations, ms, percent(history.residual), base));
   } else {
     const std::string step = three_digits(1e6 * history.dt_first);
     facts_.push_back(fmt::format(
-        "{} steps of {} us (stable {} us), {:.2f} ms each, {:.1f} s: {:.2f} x real time", history.steps, step,
-        three_digits(1e6 * history.dt_stable_first), ms, end.solve_s, times_real));
-    detail(observer_,
-           fmt::format("done     {} steps of {} us, {:.3f} ms each, {:.2f} x real time; energy error "
-                       "{}, the base carries {}",
-                       history.steps, step, ms, times_real, percent(largest_energy_error(history)), base));
+        "{} steps of {} us (stable {} us), {:.2f} ms each, {:.1f} s: {:.2f} x real time", history.evaluations,
+        step, three_digits(1e6 * history.dt_stable_first), ms, end.solve_s, times_real));
+    detail(
+        observer_,
+        fmt::format("done     {} steps of {} us, {:.3f} ms each, {:.2f} x real time; energy error "
+                    "{}, the base carries {}",
+                    history.evaluations, step, ms, times_real, percent(largest_energy_error(history)), base));
   }
   if (band.known())
     detail(observer_,

@@ -31,7 +31,7 @@ std::unique_ptr<Level> march_level(Index nodes, const Case& given, const Origin&
                             .part = observer.part};
   const RunLog log{keeping, result};
   make_ready(given, place(nodes, given.config, from.organ, from.image, log, result), log, result);
-  require_a_band(no_band(given.config, from.organ, result.report.boundary, result));
+  refuse_without_band(why_no_band(given.config, from.organ, result.report.boundary, result));
   log.begin(Part::solving, given.config);
   const Observer hears{
       .frame =
@@ -90,7 +90,7 @@ std::optional<RefinementEnd> end_before(Index next, Index nodes, const Level& le
 
 }  // namespace
 
-void require_a_band(const std::string& none) {
+void refuse_without_band(const std::string& none) {
   if (none.empty()) return;
   throw UsageError({.fact = "the accuracy of this run cannot be told",
                     .where = "--accuracy (accuracy.goal) or --budget (accuracy.budget_s)",
@@ -114,7 +114,7 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
   const Index hoped =
       expected_nodes(read.followed ? 0.0 : goal.share, read.facing_share, band_floor(given.config));
   Index nodes = nodes_of_first_level(hoped);
-  while (!found.ended) {
+  while (!found.stopped_short) {
     ++number;
     const Stopwatch marching;
     std::unique_ptr<Level> level;
@@ -122,14 +122,14 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
       level = unless_stopped([&] { return march_level(nodes, given, from, read, observer.of_march); });
     } catch (const Stopped&) {
       if (!found.finest) throw;
-      found.ended = RefinementEnd{.why = RefinementEnd::Why::stopped};
+      found.stopped_short = RefinementEnd{.why = RefinementEnd::Why::stopped};
       break;
     } catch (const Error& error) {
       const bool again = may_be_too_coarse(error) && ++failures < most_failures;
       const bool in_time = goal.budget_s == 0.0 || whole.seconds() + 2.0 * marching.seconds() < goal.budget_s;
       if (!again || !in_time || 2 * nodes > most_nodes_for_accuracy) {
         if (!found.finest) throw;
-        found.ended =
+        found.stopped_short =
             RefinementEnd{.why = RefinementEnd::Why::failed, .nodes = nodes, .fact = error.report.fact};
         break;
       }
@@ -147,7 +147,7 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
     found.finest = std::move(level);
     if (known && half <= wanted) break;
     const Index next = known ? nodes_of_next_level(nodes, half, wanted) : nodes_of_second_level(nodes, hoped);
-    found.ended = end_before(next, nodes, *found.finest, goal, whole);
+    found.stopped_short = end_before(next, nodes, *found.finest, goal, whole);
     nodes = next;
   }
   found.seconds = refining.seconds();

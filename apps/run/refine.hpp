@@ -42,9 +42,9 @@ struct RefinementEnd {
 };
 
 struct Refinement {
-  std::unique_ptr<Level> finest;        ///< there is one
-  std::vector<RefinementLevel> levels;  ///< that came to a force
-  std::optional<RefinementEnd> ended;   ///< nothing: the goal was reached
+  std::unique_ptr<Level> finest;               ///< there is one
+  std::vector<RefinementLevel> levels;         ///< that came to a force
+  std::optional<RefinementEnd> stopped_short;  ///< nothing: the goal was reached
   double seconds = 0.0;
 };
 
@@ -62,7 +62,7 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
                   const Stopwatch& whole, const RefinementObserver& observer);
 
 /// Throws UsageError if there is a reason why no band is known.
-void require_a_band(const std::string& none);
+void refuse_without_band(const std::string& none);
 
 /// What an accuracy is asked of, and half its band's width: of the displacement where one is asked for.
 std::pair<double, double> asked_for(const RefinementLevel& level, const Result& result);

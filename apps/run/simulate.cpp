@@ -40,12 +40,13 @@ std::pair<Placed, std::shared_ptr<Origin>> placed_by(const Case& given, const Ru
   return {std::move(placed), std::move(of_image)};
 }
 
-// Begins what the band takes, if there can be one; else says why there cannot.
+// The band is the error of the result by its discretisation, from a march on a coarser cloud, which begins
+// here beside the finer one. Null: there can be none, and the result says why.
 std::unique_ptr<CoarserMarch> begin_band(const Case& given, Result& result) {
   const Config config = given.origin ? with_model_of(given.config, given.origin->config) : given.config;
-  result.band.unknown = no_band_after(config, result);
+  result.band.unknown = why_no_band_after(config, result);
   if (!result.band.known()) return {};
-  result.band.unknown = "the run ended before";  // until find_band()
+  result.band.unknown = "the run ended before";  // what stays if find_band() is never reached
   return std::make_unique<CoarserMarch>(config, result);
 }
 
@@ -68,7 +69,8 @@ Case with_origin(const Case& given) {
   return result;
 }
 
-// What the levels of a refinement are made from: the image, or what is kept of it with a model in memory.
+// What the levels of a refinement are made from: the image, or what is kept of it with a model in memory. The
+// result gets what is known of the image.
 std::shared_ptr<Origin> origin_of_levels(const Case& given, const RunLog& log, Result& result) {
   if (!given.model) {
     std::shared_ptr<Origin> origin = origin_of(given.config, organ_of(given, log, result), result);
@@ -77,7 +79,7 @@ std::shared_ptr<Origin> origin_of_levels(const Case& given, const RunLog& log, R
   }
   auto origin = std::make_shared<Origin>(*given.origin);
   origin->config = given.config;
-  require_a_band(no_labels(given.config, *origin));
+  refuse_without_band(why_no_labels(given.config, *origin));
   check_materials(materials_of(given.config), given.model->scheme);
   static_cast<ImageFacts&>(result) = origin->facts;
   result.provenance = given.model->provenance;
@@ -92,13 +94,13 @@ void tell_how_it_ended(const Config& config, const Goal& goal, Refinement& found
   Result& finest = found.finest->result;
   const RunLog log{observer, finest};
   const bool known = finest.band.known();
-  const std::string ended = found.ended ? in_words(*found.ended, goal) : "";
-  if (found.ended && (goal.share > 0.0 || goal.absolute > 0.0)) {
+  const std::string why = found.stopped_short ? in_words(*found.stopped_short, goal) : "";
+  if (found.stopped_short && (goal.share > 0.0 || goal.absolute > 0.0)) {
     const auto [value, half] = asked_for(found.levels.back(), finest);
     log.warn(
-        shortfall_in_words(config.accuracy.goal, known ? std::optional(half / value) : std::nullopt, ended));
-  } else if (found.ended) {
-    log.say("refine   " + ended);
+        shortfall_in_words(config.accuracy.goal, known ? std::optional(half / value) : std::nullopt, why));
+  } else if (found.stopped_short) {
+    log.say("refine   " + why);
   }
   const Index more = nodes_for_half_the_band(finest.model.node_count(), band_floor(config));
   if (known && more <= most_nodes_for_accuracy) log.say(next_half_in_words(found, more));
@@ -116,7 +118,7 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
                       .where = "--accuracy (accuracy.goal)",
                       .why = "the surface from which clouds are made is not in them",
                       .remedy = "begin with the image: dimple run"});
-  require_a_band(no_band(config));
+  refuse_without_band(why_no_band(config));
   const std::shared_ptr<Origin> origin = origin_of_levels(given, log, result);
   result.followed = followed_in(config, origin->organ);
   const bool follows = result.followed.has_value();
@@ -134,6 +136,7 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
   origin->boundary = finest.report.boundary;
   finest.origin = origin;
   const double others_s = found.seconds - found.finest->seconds;
+  // The result becomes the finest level's, and the observer hears of it as if it had been the only one.
   replay(std::move(*found.finest), observer, result);
   result.band.seconds = others_s;
 }
@@ -163,7 +166,8 @@ void build_case(const Case& given, const RunObserver& observer, Result& result) 
 }
 
 void simulate(const Case& given, const RunObserver& observer, Result& result) {
-  spread_of(given.config);  // what is wrong with it is said before anything is built
+  (void)force_spread(
+      given.config);  // refuses, before anything is built, what the spread of mu is not known of
   check_loads(given.config);
   check_supports(given.config);
   check_steps(given.config);

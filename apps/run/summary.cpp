@@ -274,7 +274,7 @@ Json summary_of_model(const Config& config, const Result& result) {
 }
 
 double evaluations_of(const History& history) {
-  return static_cast<double>(history.steps + history.extra_evaluations);
+  return static_cast<double>(history.evaluations + history.extra_evaluations);
 }
 
 // [m] when on_support was taken.
@@ -423,10 +423,10 @@ void add_steps(Json& summary, const Result& result) {
   summary["stable_step_s"] = history.dt_stable_first;
   summary["time_step_s"] = history.dt_first;
   summary["smallest_time_step_s"] = history.dt_smallest;
-  summary["steps"] = result.time == TimeMode::quasi_static ? 0 : history.steps;
+  summary["steps"] = result.time == TimeMode::quasi_static ? 0 : history.evaluations;
   summary["residual"] = history.residual;
   summary["most_inverted_points"] = history.inverted;  // at any depth; guards tell of the worst one
-  summary["force_evaluations"] = history.steps + history.extra_evaluations;
+  summary["force_evaluations"] = history.evaluations + history.extra_evaluations;
   summary["J_min"] = history.J_min;
   summary["energy_error"] = largest_energy_error(history);
   summary["momentum_error"] = history.momentum_error;

@@ -259,7 +259,7 @@ Config case_of(const Cohort& cohort, std::size_t row, Config config) {
                       .remedy = "write the path of its label image there"});
   require_regular_file(config.image.file);
   goal_of(config);
-  spread_of(config);
+  force_spread(config);
   check_materials(materials_of(config), scheme_of(config));
   check_words(model_options(config).boundary);
   if (!config.output.compare.empty() && config.output.compare != paper_word)

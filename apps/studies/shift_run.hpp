@@ -36,7 +36,7 @@ struct Shifted {
   Points line;        ///< [3xL] LPS mm, from the brain's surface at the opening towards its middle
   double solve_s = 0.0;
 
-  const Nodal& u() const { return system->at_rest().u; }
+  const Nodal& u() const { return system->step_start().u; }
   /// The vertex within a ball that moves most; -1: none lies in it.
   Index largest_in(const Eigen::Vector4d& ball) const;
   /// [3 x places] mm.

@@ -383,15 +383,15 @@ struct MixedIteration::Parts {
   bool in_contact() const { return !body.contacts().empty(); }
   Index samples_of_tool() const { return body.touching() ? body.touching()->count() : 0; }
 
-  const System::Met& met(Index row) const { return body.met()[static_cast<std::size_t>(row)]; }
-  const System::OneContact& contact_of(const System::Met& one) const {
+  const System::ActiveSample& met(Index row) const { return body.active()[static_cast<std::size_t>(row)]; }
+  const System::OneContact& contact_of(const System::ActiveSample& one) const {
     return body.contacts()[static_cast<std::size_t>(one.contact)];
   }
 
   // visit(node, w) of what moves a sample's gap.
   template <class Visit>
   void of_sample(Index row, const Visit& visit) const {
-    const System::Met& one = met(row);
+    const System::ActiveSample& one = met(row);
     const auto& [rows, w] = contact_of(one).term->moves();
     for (int k = rows.offset[one.sample]; k < rows.offset[one.sample + 1]; ++k) visit(rows.member[k], w[k]);
   }
@@ -399,17 +399,17 @@ struct MixedIteration::Parts {
   // What the last force found beyond a wall or beyond each other has met: it joins the samples that are
   // known.
   void find_compliance() {
-    body.meet();
+    body.activate_penetrating();
     int pairings_now = 0;
     for (const System::OneContact& one : body.contacts()) pairings_now += one.term->pairing();
     if (pairings_now != pairings) compliance.resize(0, 0);
     pairings = pairings_now;
-    if (static_cast<Index>(body.met().size()) > compliance.rows()) extend_compliance();
+    if (static_cast<Index>(body.active().size()) > compliance.rows()) extend_compliance();
   }
 
   // How far a unit force at one sample moves another; four forces at a time.
   void extend_compliance() {
-    const Index known = compliance.rows(), count = static_cast<Index>(body.met().size());
+    const Index known = compliance.rows(), count = static_cast<Index>(body.active().size());
     compliance.conservativeResize(count, count);
     Nodal force(4, model.node_count()), moved = force;
     for (Index first = known; first < count; first += 4) {
@@ -565,7 +565,7 @@ struct MixedIteration::Parts {
     Eigen::VectorXd of_lambda = Eigen::VectorXd::Ones(nb);
     of_lambda.head(dual_scale.size()) = dual_scale;
     for (Index k = 0; k < compliance.rows(); ++k) {
-      const System::Met& one = met(k);
+      const System::ActiveSample& one = met(k);
       of_lambda[dual_scale.size() + contact_of(one).first + one.sample] = std::sqrt(compliance(k, k));
     }
     for (const System::OneContact& one : body.contacts())

@@ -13,7 +13,7 @@ struct RelaxOptions {
   /// Stop before an evaluation that is predicted to end later than this (1.5 x the recent mean).
   std::chrono::steady_clock::time_point until = std::chrono::steady_clock::time_point::max();
   /// Of Relaxation: a tool that touches may leave the body, which is then at rest.
-  bool may_leave = false;
+  bool may_lose_contact = false;
 };
 
 struct Relaxed {
@@ -27,7 +27,7 @@ struct Relaxed {
   double curvature = 1.0;
   double dissipated = 0.0;
   Index furthest = -1;
-  bool left = false;  ///< the tool has left the body, see RelaxOptions::may_leave
+  bool lost_contact = false;  ///< the tool has left the body, see RelaxOptions::may_lose_contact
   /// Under a load that the tissue can bear K is positive.
   bool gave_way() const { return curvature < -1e-4; }
 };

@@ -137,14 +137,14 @@ Relaxed Relaxation::from_near(Nodal& u, Eigen::VectorXd& lambda, Nodal& f,
   RelaxOptions rest = options;
   rest.evaluations -= found.evaluations;
   const TouchingTool* tool = system_.touching();
-  if (!found.converged && options.may_leave && rest.evaluations > 1 && tool &&
-      tool->clears_body(system_.before_touch().u, system_.now())) {
-    v = system_.before_touch().u;
-    l = system_.before_touch().lambda;
+  if (!found.converged && options.may_lose_contact && rest.evaluations > 1 && tool &&
+      tool->clears_body(system_.run_start().u, system_.now())) {
+    v = system_.run_start().u;
+    l = system_.run_start().lambda;
     const std::int64_t spent = found.evaluations;
     found = (*mixed_)(v, l, f, rest, true);
     found.evaluations += spent;
-    found.left = found.converged && (tool->forces().array() == 0.0).all();
+    found.lost_contact = found.converged && (tool->forces().array() == 0.0).all();
   } else if (!found.converged && found.residual < near && rest.evaluations > 1) {
     const std::int64_t spent = found.evaluations;
     found = give_way(v, l, f, rest);

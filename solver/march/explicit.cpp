@@ -83,7 +83,7 @@ ExplicitMarch::ExplicitMarch(System& system, const Loading& loading, const Solve
 
 void ExplicitMarch::begin_at_rest() {
   state_.safety = options_.safety;
-  u_ = system_.at_rest().u;
+  u_ = system_.step_start().u;
   v_ = Nodal::Zero(4, model_.node_count());
   if (system_.loaded()) ledger_.add_work(system_.stored_energy(u_).sum());
   // The tool brings its nodes to speed at once: the only work that is not force times way.
@@ -165,7 +165,7 @@ void ExplicitMarch::step(const Moment& now, bool first) {
         state_.account.dissipated += options_.damping * model_.mass[a] * v_.col(a).squaredNorm() * now.dt;
   state_.dt_before = now.dt;
   state_.depth = differences.depth;
-  ++history_.steps;
+  ++history_.evaluations;
 }
 
 // The stretch that was marched through, looked at from its end; then the next begins.
@@ -175,9 +175,9 @@ void ExplicitMarch::finish_stretch() {
   double next_stable = state_.dt_stable;
   if (!stopped_) {
     look_at_stretch(end);
-    if (last || history_.steps - state_.looked >= between_fluctuations) {
+    if (last || history_.evaluations - state_.looked >= between_fluctuations) {
       guards_.check_fluctuation(u_, end);
-      state_.looked = history_.steps;
+      state_.looked = history_.evaluations;
     }
     if (options_.guards || !last) next_stable = stable_step();
     guards_.check_step({end.t, end.depth, end.dt, next_stable});
@@ -254,7 +254,7 @@ void ExplicitMarch::go_back(const MarchState& kept, const SolveError& error) {
   const bool smaller_steps_help = error.report.code != "hourglass";
   const double depth = state_.account.depth_before, safety = state_.safety;
   History before = kept.history;
-  before.steps = history_.steps;
+  before.evaluations = history_.evaluations;
   before.extra_evaluations = history_.extra_evaluations;
   before.retries = std::move(history_.retries);
   history_ = std::move(before);

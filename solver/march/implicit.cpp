@@ -115,8 +115,8 @@ ImplicitMarch::ImplicitMarch(System& system, const Loading& loading, const Solve
 }
 
 void ImplicitMarch::begin_at_rest() {
-  u_ = system_.at_rest().u;
-  state_.lambda = system_.at_rest().lambda;
+  u_ = system_.step_start().u;
+  state_.lambda = system_.step_start().lambda;
   v_ = a_ = f_ = Nodal::Zero(4, model_.node_count());
   if (system_.loaded()) {  // in equilibrium: f is the reactions
     system_.force_at(u_, state_.lambda, f_);
@@ -304,7 +304,7 @@ void ImplicitMarch::add_work(double h) {
 bool ImplicitMarch::arrive(double end, double step) {
   past_.push(state_.t, u_, state_.lambda);
   history_.dt_smallest = std::min(history_.dt_smallest, step);
-  ++history_.steps;
+  ++history_.evaluations;
   const int frame = state_.frame;
   const bool at_end = end - state_.t <= same_time * longest_,
              goes_on = write(frame == options_.frames && at_end);

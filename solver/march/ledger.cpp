@@ -30,7 +30,7 @@ void Ledger::write(const ForceSample& sample, const Nodal& f) {
   account_.largest_reaction = std::max(account_.largest_reaction, std::abs(sample.force));
   if (account_.largest_reaction > 0.0)
     history_.momentum_error =
-        std::max(history_.momentum_error, system_.sum_of_tissue(f) / account_.largest_reaction);
+        std::max(history_.momentum_error, system_.spurious_resultant(f) / account_.largest_reaction);
 }
 
 EnergySample Ledger::energy(const Moment& now, double kinetic, const StoredEnergy& stored, double work,

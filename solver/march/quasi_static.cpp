@@ -15,16 +15,14 @@
 namespace dimple {
 namespace {
 
-constexpr double touch = 0.02;  // of the first way
-// Of a step: the shortest way on which an equilibrium is looked for; and evaluations, on the average, of a
-// whole run.
-constexpr double shortest = 1.0 / 16.0;
-constexpr std::int64_t evaluations_of_step = 60;
-constexpr double most_penetration = 1e-3;  // of the radius of a tool that touches
-constexpr double same_depth = 1e-6;        // of a step
-constexpr std::size_t few = 3;             // equilibria, before which the curve between two is a guess
+constexpr double nudge = 0.02;           // of the first increment
+constexpr double shortest = 1.0 / 16.0;  // increment in which an equilibrium is looked for; of a load step
+constexpr std::int64_t evaluations_of_step = 60;  // of a load step, on the average of a whole run
+constexpr double most_penetration = 1e-3;         // of the radius of a tool that touches
+constexpr double same_depth = 1e-6;               // of a step
+constexpr std::size_t few = 3;                    // equilibria, before which the curve between two is a guess
 
-// Of the force over the last piece of the way: the parabola through the last three places, or a line.
+// Of the force over the last increment: the parabola through the last three places, or a line.
 double work_of_last(const std::vector<double>& depth, const std::vector<double>& force, bool straight) {
   const std::size_t k = depth.size() - 1;
   const double h = depth[k] - depth[k - 1], slope = (force[k] - force[k - 1]) / h;
@@ -52,12 +50,12 @@ struct FramesBetween {
     Rest now{path.point.back().u, path.point.back().lambda};
     Nodal f = now.u;
     for (; last < options.frames && depth_of(last + 1) < before; ++last) {
-      const double come = depth_of(last + 1);
-      const Moment at{loading.t_at(come), loading.depth_at(come)};
-      system.begin_step((come - from) / loading.rate);
+      const double travel = depth_of(last + 1);
+      const Moment at{loading.t_at(travel), loading.depth_at(travel)};
+      system.begin_step((travel - from) / loading.rate);
       const std::int64_t swept = system.tissue().sweeps();
-      path.extrapolate(come, now.u, now.lambda);
-      system.set({.t = at.t, .depth = come}, now.u);
+      path.extrapolate(travel, now.u, now.lambda);
+      system.set({.t = at.t, .depth = travel}, now.u);
       const bool found = find(now, f);
       history.extra_evaluations += system.tissue().sweeps() - swept;
       if (found)
@@ -72,9 +70,9 @@ struct FramesBetween {
     return true;
   }
 
-  // `now` stays as it was where there is none.
+  // False: no equilibrium was found, and `now` is as it was.
   bool find(Rest& now, Nodal& f) {
-    const Nodal guess = now.u;
+    const Rest guess = now;
     try {
       const bool mixed = relax.has_mixed();
       const RelaxOptions how{.tolerance = options.tolerance,
@@ -83,8 +81,8 @@ struct FramesBetween {
       if ((mixed ? relax.from_near(now.u, now.lambda, f, how) : relax(now.u, f, how, &now.lambda)).converged)
         return true;
     } catch (const SolveError&) {
-      now.u = guess;
     }
+    now = guess;
     system.force_at(now.u, now.lambda, f);
     return false;
   }
@@ -103,19 +101,20 @@ struct FramesBetween {
   }
 };
 
-// From one equilibrium to the next.
-struct Way {
-  double from, length, to;  // how far the tool has come, and is to come [m]
-  bool arrives;             // at the end of a step of the load
-  bool sets_off;            // from where the body is at rest
+// From one equilibrium to the next. How far the tool has come in this step of a scene is its travel [m],
+// an Instant's depth; a Moment's adds the steps before.
+struct Increment {
+  double from, length, to;  // of the travel [m]
+  bool arrives;             // at the end of a load step
+  bool has_no_curve;        // one equilibrium is known, at the start or after a snap: nothing to extrapolate
   Moment end;
 };
 
-// At the end of a way: what the search has come to, and what the ledger says of it.
+// At the end of an increment: what the search has come to, and what the ledger says of it.
 struct Found {
-  Found() { relaxed.converged = false; }
+  Found() { relaxed.converged = false; }  // until a search has ended: go_back() asks
   Relaxed relaxed;
-  bool gave_way = false;
+  bool snapped = false;  // past a limit point, or the tool has left the body
   ForceSample force = {};
   EnergySample energy = {};
 };
@@ -137,7 +136,7 @@ class QuasiStaticMarch {
   History& history_;
   MarchState state_;
   const Relaxation relax_;
-  Predictor past_{4};  // where the next equilibrium is looked for
+  Predictor path_{4};  // the last equilibria, from which the next is looked for
   Rest now_;
   Nodal f_;
   Ledger ledger_;
@@ -146,26 +145,26 @@ class QuasiStaticMarch {
   const int steps_;
   const double step_;             // of the load [m]
   const std::int64_t most_;       // evaluations of all equilibria together
-  double halved_ = step_;         // way after an equilibrium that was not found
+  double after_failure_ = step_;  // increment after an equilibrium that was not found
   double least_curvature_ = 1.0;  // since the last that was found
   bool stopped_ = false;
 
   void begin_at_rest();
   void begin_after_steps();
-  Way next_way() const;
-  void go(const Way& way, Found& found);
-  void look_ahead(const Way& way, Found& found);
-  void set_tool(double come);
+  Increment next_increment() const;
+  void go(const Increment& increment, Found& found);
+  void look_ahead(const Increment& increment, Found& found);
+  void set_tool(double travel);
   void search(double tolerance, Found& found);
-  void check(const Way& way, Found& found);
+  void check(const Increment& increment, Found& found);
   void check_equilibrium(const Moment& now, const Found& found);
   void check_contact(const Moment& now);
   void look_at_walls(const Moment& now);
   void look_at_folds();
-  void take(const Way& way, const Found& found);
-  bool show_frames_before(const Way& way);
-  void show_frame_at(const Way& way);
-  void go_back(const Way& way, const Found& found, const SolveError& error);
+  void take(const Increment& increment, const Found& found);
+  bool show_frames_before(const Increment& increment);
+  void show_frame_at(const Increment& increment);
+  void go_back(const Increment& increment, const Found& found, const SolveError& error);
 };
 
 QuasiStaticMarch::QuasiStaticMarch(System& system, const Loading& loading, const SolverOptions& options,
@@ -178,7 +177,7 @@ QuasiStaticMarch::QuasiStaticMarch(System& system, const Loading& loading, const
       history_(history),
       state_(from ? *from : MarchState()),
       relax_(system),
-      now_(system.at_rest()),
+      now_(system.step_start()),
       f_(Nodal::Zero(4, model_.node_count())),
       ledger_(system, options, observer, state_.account, history),
       guards_(system, true, options.guards, history.guards),
@@ -189,7 +188,7 @@ QuasiStaticMarch::QuasiStaticMarch(System& system, const Loading& loading, const
             (relax_.has_mixed() ? most_evaluations(steps_, options) : options.evaluations * steps_)) {
   if (from) {
     history = from->history;
-    past_.point = from->path;
+    path_.point = from->path;
     system.restore_past(from->past);
     system.set_least_reactions(from->least_reactions);
   } else if (loading.begun.frame > 0) {
@@ -202,7 +201,7 @@ QuasiStaticMarch::QuasiStaticMarch(System& system, const Loading& loading, const
 void QuasiStaticMarch::begin_at_rest() {
   state_.depths = state_.forces = {0.0};
   state_.longest = step_;
-  past_.push(0.0, now_.u, now_.lambda);
+  path_.push(0.0, now_.u, now_.lambda);
   StoredEnergy stored;
   if (system_.loaded()) {
     system_.set({});
@@ -219,7 +218,7 @@ void QuasiStaticMarch::begin_at_rest() {
 
 // A later step of a scene, whose curve and books go on.
 void QuasiStaticMarch::begin_after_steps() {
-  past_.push(0.0, now_.u, now_.lambda);
+  path_.push(0.0, now_.u, now_.lambda);
   system_.set({.t = loading_.begun.t});
   system_.force_at(now_.u, now_.lambda, f_);
   system_.measure_by(f_);
@@ -234,86 +233,86 @@ void QuasiStaticMarch::begin_after_steps() {
 
 void QuasiStaticMarch::run() {
   while (state_.step < steps_ && !stopped_) {
-    const Way way = next_way();
+    const Increment increment = next_increment();
     const std::size_t equilibria = state_.depths.size();
     Found found;
     try {
-      go(way, found);
+      go(increment, found);
     } catch (const SolveError& error) {
-      if (!options_.guards || error.report.code == "hourglass") throw;  // which no shorter way mends
+      if (!options_.guards || error.report.code == "hourglass") throw;  // which no shorter increment mends
       state_.depths.resize(equilibria);
       state_.forces.resize(equilibria);
-      go_back(way, found, error);
+      go_back(increment, found, error);
       continue;
     }
-    take(way, found);
+    take(increment, found);
   }
 }
 
 // Where it was short it becomes long again by and by.
-Way QuasiStaticMarch::next_way() const {
+Increment QuasiStaticMarch::next_increment() const {
   const std::vector<double>& depths = state_.depths;
   const double end = step_ * static_cast<double>(state_.step + 1), at = depths.back();
   const double last = depths.size() > 1 ? at - depths[depths.size() - 2] : step_;
-  const double length = std::min({halved_, state_.longest, 2.0 * last, end - at});
+  const double length = std::min({after_failure_, state_.longest, 2.0 * last, end - at});
   const bool arrives = end - at - length < same_depth * step_;
   const double to = arrives ? end : at + length;
-  return {at, length, to, arrives, past_.point.size() == 1, {loading_.t_at(to), loading_.depth_at(to)}};
+  return {at, length, to, arrives, path_.point.size() == 1, {loading_.t_at(to), loading_.depth_at(to)}};
 }
 
-void QuasiStaticMarch::go(const Way& way, Found& found) {
-  const Moment& now = way.end;
-  system_.begin_step((way.to - way.from) / loading_.rate);
-  look_ahead(way, found);
+void QuasiStaticMarch::go(const Increment& increment, Found& found) {
+  const Moment& now = increment.end;
+  system_.begin_step((increment.to - increment.from) / loading_.rate);
+  look_ahead(increment, found);
   const Nodal expected = now_.u;
   search(options_.tolerance, found);
-  found.gave_way = found.relaxed.gave_way() || found.relaxed.left;
-  check(way, found);
-  if (found.gave_way && system_.touching() && history_.contact_samples == 0)
-    guards_.found_left(now_.u - past_.point.back().u, way.length, now);
-  else if (found.gave_way)
-    guards_.found_limit_point(now_.u - expected, way.length, system_.folds() != nullptr, now);
+  found.snapped = found.relaxed.gave_way() || found.relaxed.lost_contact;
+  check(increment, found);  // which counts the samples in contact
+  if (found.snapped && system_.touching() && history_.contact_samples == 0)
+    guards_.found_lost_contact(now_.u - path_.point.back().u, increment.length, now);
+  else if (found.snapped)
+    guards_.found_limit_point(now_.u - expected, increment.length, system_.folds() != nullptr, now);
 }
 
-// Where the equilibrium at the way's end is looked for.
-void QuasiStaticMarch::look_ahead(const Way& way, Found& found) {
-  const double length = way.to - way.from;
-  if (!way.sets_off) {
-    past_.extrapolate(way.to, now_.u, now_.lambda);
-    return set_tool(way.to);
+// Where the equilibrium at the increment's end is looked for.
+void QuasiStaticMarch::look_ahead(const Increment& increment, Found& found) {
+  const double length = increment.to - increment.from;
+  if (!increment.has_no_curve) {
+    path_.extrapolate(increment.to, now_.u, now_.lambda);
+    return set_tool(increment.to);
   }
-  // The first step of the search says more than any touch: contact grows from a point.
+  // The first iteration of the search says more than a nudge: contact grows from a point.
   if (system_.touching()) {
-    now_ = {past_.point.back().u, past_.point.back().lambda};
-    return set_tool(way.to);
+    now_ = {path_.point.back().u, path_.point.back().lambda};
+    return set_tool(increment.to);
   }
   const Vec3 motion = system_.held().motion(tool_set);
-  now_ = {past_.point.back().u, past_.point.back().lambda};
+  now_ = {path_.point.back().u, path_.point.back().lambda};
   if (!model_.scheme.pressure_patches) {
     first_guess(model_, motion, length, now_.u);
-    return set_tool(way.to);
+    return set_tool(increment.to);
   }
-  // A touch, to a low accuracy: the direction in which the tissue sets off.
-  const double a_touch = way.from + touch * length;
-  first_guess(model_, motion, touch * length, now_.u);
-  set_tool(a_touch);
+  // A nudge, to a low accuracy: the direction in which the tissue sets off.
+  const double nudged_to = increment.from + nudge * length;
+  first_guess(model_, motion, nudge * length, now_.u);
+  set_tool(nudged_to);
   search(std::max(1e-2, options_.tolerance), found);
-  Predictor touched = past_;
-  touched.push(a_touch, now_.u, now_.lambda);
-  touched.extrapolate(way.to, now_.u, now_.lambda);
-  set_tool(way.to);
+  Predictor nudged = path_;
+  nudged.push(nudged_to, now_.u, now_.lambda);
+  nudged.extrapolate(increment.to, now_.u, now_.lambda);
+  set_tool(increment.to);
 }
 
-void QuasiStaticMarch::set_tool(double come) {
-  system_.set({.t = loading_.t_at(come), .depth = come}, now_.u);
+void QuasiStaticMarch::set_tool(double travel) {
+  system_.set({.t = loading_.t_at(travel), .depth = travel}, now_.u);
 }
 
 void QuasiStaticMarch::search(double tolerance, Found& found) {
   const RelaxOptions how{.tolerance = tolerance,
                          .evaluations = relax_.has_mixed()
-                                            ? std::min(options_.evaluations, most_ - history_.steps)
+                                            ? std::min(options_.evaluations, most_ - history_.evaluations)
                                             : options_.evaluations,
-                         .may_leave = true};
+                         .may_lose_contact = true};
   Relaxed& relaxed = found.relaxed;
   relaxed.converged = false;
   if (how.evaluations < 1) throw no_equilibrium(relaxed, model_);
@@ -322,10 +321,10 @@ void QuasiStaticMarch::search(double tolerance, Found& found) {
     relaxed = relax_.has_mixed() ? relax_.from_near(now_.u, now_.lambda, f_, how)
                                  : relax_(now_.u, f_, how, &now_.lambda);
   } catch (const Stopped&) {
-    history_.steps += system_.tissue().sweeps() - before;
+    history_.evaluations += system_.tissue().sweeps() - before;
     throw;
   }
-  history_.steps += relaxed.evaluations;
+  history_.evaluations += relaxed.evaluations;
   least_curvature_ = std::min(least_curvature_, relaxed.curvature);
   if (relaxed.converged) return;
   relaxed.curvature = least_curvature_;
@@ -343,21 +342,21 @@ void QuasiStaticMarch::check_equilibrium(const Moment& now, const Found& found) 
 }
 
 // What was found, by the guards; the depth and the force there join those of the equilibria before.
-void QuasiStaticMarch::check(const Way& way, Found& found) {
-  const Moment& now = way.end;
+void QuasiStaticMarch::check(const Increment& increment, Found& found) {
+  const Moment& now = increment.end;
   const Relaxed& relaxed = found.relaxed;
   check_equilibrium(now, found);
   found.force = ledger_.force(now, now_.u, f_);
-  state_.depths.push_back(way.to);
+  state_.depths.push_back(increment.to);
   state_.forces.push_back(system_.working_force(f_));
-  const double work = work_of_last(state_.depths, state_.forces, way.sets_off || found.gave_way);
+  const double work = work_of_last(state_.depths, state_.forces, increment.has_no_curve || found.snapped);
   const StoredEnergy stored = system_.stored_energy(now_.u);
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
-  double heat = found.gave_way ? relaxed.dissipated : 0.0;
-  if (relaxed.left) heat = std::max(0.0, history_.energy.back().stored + work - stored.sum());
+  double dissipated = found.snapped ? relaxed.dissipated : 0.0;
+  if (relaxed.lost_contact) dissipated = std::max(0.0, history_.energy.back().stored + work - stored.sum());
   for (const System::OneContact& one : system_.contacts())
-    if (one.rigid) heat += one.rigid->heat();
-  found.energy = ledger_.energy(now, 0.0, stored, work, heat);
+    if (one.rigid) dissipated += one.rigid->heat();
+  found.energy = ledger_.energy(now, /*kinetic=*/0.0, stored, work, dissipated);
   if (state_.depths.size() > few)
     guards_.check(found.energy, std::max(state_.account.largest_external, std::abs(found.energy.external)),
                   now.t, false, now);
@@ -399,57 +398,58 @@ void QuasiStaticMarch::look_at_folds() {
   history_.folds.penetration = std::max(history_.folds.penetration, deepest);
 }
 
-void QuasiStaticMarch::take(const Way& way, const Found& found) {
-  halved_ = step_;
+void QuasiStaticMarch::take(const Increment& increment, const Found& found) {
+  after_failure_ = step_;
   least_curvature_ = 1.0;
   // After a limit point the new branch has nothing to do with the old one.
-  if (found.gave_way) past_.point.erase(past_.point.begin(), past_.point.end() - 1);
-  past_.push(way.to, now_.u, now_.lambda);
+  if (found.snapped) path_.point.erase(path_.point.begin(), path_.point.end() - 1);
+  path_.push(increment.to, now_.u, now_.lambda);
   ledger_.count(found.relaxed.sweep);
   history_.residual = std::max(history_.residual, found.relaxed.residual);
-  if (!show_frames_before(way)) {
+  if (!show_frames_before(increment)) {
     history_.interrupted = stopped_ = true;
     return;
   }
-  if (found.gave_way) past_.point.pop_front();
+  if (found.snapped) path_.point.pop_front();
   ledger_.write(found.force, f_);
   ledger_.write(found.energy);
-  show_frame_at(way);
-  const bool ended = way.arrives && state_.step + 1 == steps_;
+  show_frame_at(increment);
+  const bool ended = increment.arrives && state_.step + 1 == steps_;
   if (!ledger_.show_force()) {
     history_.interrupted = !ended;
     stopped_ = true;
     return;
   }
   system_.accept_step(now_.u);  // after the frame: its stresses are those of this step
-  if (way.arrives) ++state_.step;
+  if (increment.arrives) ++state_.step;
   if (observer_.between_steps && !ended)
     observer_.between_steps([&] {
       MarchState copy = ledger_.kept(state_);
-      copy.path = past_.point;
+      copy.path = path_.point;
       copy.least_reactions = system_.least_reactions();
       return copy;
     });
 }
 
 // False: the observer has enough.
-bool QuasiStaticMarch::show_frames_before(const Way& way) {
-  const double before = way.to - same_depth * step_;
+bool QuasiStaticMarch::show_frames_before(const Increment& increment) {
+  const double before = increment.to - same_depth * step_;
   if (between_.depth_of(state_.frame + 1) >= before) return true;
-  if (!between_.show(state_.frame, before, way.from, past_)) return false;
-  system_.begin_step((way.to - way.from) / loading_.rate);  // and back to this step's end
-  system_.set({.t = way.end.t, .depth = way.to});
+  if (!between_.show(state_.frame, before, increment.from, path_)) return false;
+  system_.begin_step((increment.to - increment.from) / loading_.rate);  // and back to this step's end
+  system_.set({.t = increment.end.t, .depth = increment.to});
   system_.force_at(now_.u, now_.lambda, f_);
   ++history_.extra_evaluations;
   return true;
 }
 
-void QuasiStaticMarch::show_frame_at(const Way& way) {
-  if (state_.frame == options_.frames || between_.depth_of(state_.frame + 1) >= way.to + same_depth * step_)
+void QuasiStaticMarch::show_frame_at(const Increment& increment) {
+  if (state_.frame == options_.frames ||
+      between_.depth_of(state_.frame + 1) >= increment.to + same_depth * step_)
     return;
   ++state_.frame;
   if (observer_.frame)
-    observer_.frame({loading_.begun.frame + state_.frame, way.end.t, way.end.depth, now_.u, f_,
+    observer_.frame({loading_.begun.frame + state_.frame, increment.end.t, increment.end.depth, now_.u, f_,
                      system_.tissue(), system_.aside(), system_.touching() ? system_.along_push(f_) : 0.0,
                      system_.turned()});
 }
@@ -477,26 +477,26 @@ AfterCut QuasiStaticMarch::settle(double t) {
   return result;
 }
 
-// To the last equilibrium, and on by a shorter way; or it ends here.
-void QuasiStaticMarch::go_back(const Way& way, const Found& found, const SolveError& error) {
-  const double depth = way.end.depth, shorter = 0.5 * way.length;
-  if (found.relaxed.converged) {
+// To the last equilibrium, and on by a shorter increment; or it ends here.
+void QuasiStaticMarch::go_back(const Increment& increment, const Found& found, const SolveError& error) {
+  const double depth = increment.end.depth, shorter = 0.5 * increment.length;
+  if (found.relaxed.converged) {  // and a guard refused it: shorter from now on
     if (history_.retries.size() == most_retries)
-      throw after_retries(error, text("steps of the load down to ", 1e3 * way.length, " mm"));
+      throw after_retries(error, text("steps of the load down to ", 1e3 * increment.length, " mm"));
     state_.longest = shorter;
-  } else {
-    halved_ = shorter;
-    if (halved_ < shortest * step_ || history_.steps >= most_) {
+  } else {  // shorter this once
+    after_failure_ = shorter;
+    if (after_failure_ < shortest * step_ || history_.evaluations >= most_) {
       Report report = error.report;
       report.where = text("indentation ", 1e3 * depth, " mm; ", report.where);
-      report.why += text("; it came again with steps of the load down to ", 1e3 * way.length, " mm, after ",
-                         history_.steps, " evaluations in all");
+      report.why += text("; it came again with steps of the load down to ", 1e3 * increment.length,
+                         " mm, after ", history_.evaluations, " evaluations in all");
       throw SolveError(report);
     }
   }
-  ledger_.count(Retry{
-      error.report.code, depth,
-      text("back to ", 1e3 * loading_.depth_at(way.from), " mm, and on in steps of ", 1e3 * shorter, " mm")});
+  ledger_.count(Retry{error.report.code, depth,
+                      text("back to ", 1e3 * loading_.depth_at(increment.from), " mm, and on in steps of ",
+                           1e3 * shorter, " mm")});
 }
 
 }  // namespace

@@ -195,7 +195,7 @@ void stand(System& system, const Loading& loading, const Walk& walk, const Rest&
 // is bonded to, or that does not rub, is where it is whatever the way there.
 Rest settle(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
             History& history, Walk walk, ScenePart& part) {
-  const Rest at_rest = system.at_rest();
+  const Rest at_rest = system.step_start();
   Rest near = std::move(*part.near), ended;
   const Index given = near.lambda.size();
   near.lambda.conservativeResize(at_rest.lambda.size());
@@ -221,7 +221,7 @@ Rest settle(System& system, const Loading& loading, const SolverOptions& options
   Walk again(loading);
   Rest rest = at_rest;
   do_steps(system, loading, 0, part.first, options, {}, aside, nullptr, again, rest);
-  history.extra_evaluations += aside.steps + aside.extra_evaluations;
+  history.extra_evaluations += aside.evaluations + aside.extra_evaluations;
   history.interrupted = aside.interrupted;
   if (history.interrupted) return rest;
   stand(system, loading, walk, rest);
@@ -242,7 +242,7 @@ void march_in_steps(System& system, const Loading& loading, const SolverOptions&
     walk.turn_to(loading.steps[k], model);
     walk.pass(loading.steps[k], frames[k], model, options);
   }
-  Rest begun = system.at_rest();
+  Rest begun = system.step_start();
   if (from && first > 0) begun = from->begun;
   if (part) walk.now.begun.frame += part->cuts;
   if (part && part->near) {

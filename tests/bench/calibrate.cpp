@@ -248,7 +248,7 @@ Rows measure(const Scene& scene, const std::vector<Index>& sizes, bool with_poin
       const Stopwatch solving;
       // A march that guards have sent back goes on in short steps, some for ten minutes.
       Observer observer{
-          .sample = [](const ForceSample&, const History& h) { return h.steps < most_evaluations; }};
+          .sample = [](const ForceSample&, const History& h) { return h.evaluations < most_evaluations; }};
       if (with_points) {
         if (!place) place = random_place(scene, body.surface, built.model.tool.centre);
         observer.frame = [&, at = inner_interpolation(built.model, *place)](const Frame& frame) {

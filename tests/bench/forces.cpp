@@ -88,7 +88,7 @@ void quasi_static_depth(benchmark::State& state, int threads) {
   for (auto _ : state) {
     History history;
     solve(TimeMode::quasi_static, system, s.model, loading, options, {}, history);
-    evaluations += static_cast<double>(history.steps);
+    evaluations += static_cast<double>(history.evaluations);
   }
   state.counters["evaluations"] = benchmark::Counter(evaluations, benchmark::Counter::kAvgIterations);
 }
@@ -108,8 +108,9 @@ void dynamic_step(benchmark::State& state, const std::string& scheme, int thread
     Observer observer;
     observer.sample = [&](const ForceSample& now, const History& h) {
       if (now.t == 0.0) start = Clock::now();
-      if (seconds > 0.0 || h.steps < 100) return seconds == 0.0;
-      seconds = std::chrono::duration<double>(Clock::now() - start).count() / static_cast<double>(h.steps);
+      if (seconds > 0.0 || h.evaluations < 100) return seconds == 0.0;
+      seconds =
+          std::chrono::duration<double>(Clock::now() - start).count() / static_cast<double>(h.evaluations);
       return false;
     };
     solve(TimeMode::explicit_, system, s.model, loading_of(s.config), solver_options(s.config), observer,

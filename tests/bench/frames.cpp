@@ -58,7 +58,7 @@ void compare(const std::filesystem::path& folder, int bodies, Index nodes, doubl
         csv += fmt::format("{},{},{:.2f},{:g},{},{:.9g},{:.6g},{},{},{}\n", number, body.name,
                            body.boundary.indenter_diameter_mm, body.nu, frames, force[k],
                            1e3 * history.force.back().depth, history.retries.size(),
-                           history.steps + history.extra_evaluations, why);
+                           history.evaluations + history.extra_evaluations, why);
       }
       ++marched;
       ended += !code[0].empty();

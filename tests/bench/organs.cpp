@@ -209,10 +209,10 @@ Forces measure(const Body& body, const Options& wanted, std::string& csv) {
           line += fmt::format(" {:.3f}", 1e3 * sample.force);
           csv += fmt::format("{},{},{},{},{:.6g},{:.7g},{:.4g},{:.4g},{},{:.3g},{:.3g}\n", body.name, count,
                              points, seed, 1e3 * sample.depth, sample.force, report.rim_spacing_mm,
-                             report.spacing_mm, history.steps, built_s, solved_s);
+                             report.spacing_mm, history.evaluations, built_s, solved_s);
         }
-        fmt::print("{} mN; {} ev, {:.2f} + {:.2f} s, {} of {} unconnected\n", line, history.steps, built_s,
-                   solved_s, unconnected, points);
+        fmt::print("{} mN; {} ev, {:.2f} + {:.2f} s, {} of {} unconnected\n", line, history.evaluations,
+                   built_s, solved_s, unconnected, points);
       } catch (const Error& error) {
         fmt::print("{:18} {:6} seed {}: {}; {}; {}\n", body.name, nodes, seed, error.report.fact,
                    error.report.where, error.report.why);

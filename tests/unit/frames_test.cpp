@@ -58,7 +58,7 @@ TEST(Frames, HoweverManyLeaveTheForceAsItIsToTheBit) {
         ASSERT_NE(same, nullptr) << s.depth;
         EXPECT_EQ(same->force, s.force) << s.depth;
       }
-      EXPECT_EQ(many.history.steps, few.history.steps);
+      EXPECT_EQ(many.history.evaluations, few.history.evaluations);
       EXPECT_EQ(many.history.J_min, few.history.J_min);
       ASSERT_EQ(many.history.energy.size(), few.history.energy.size());
       EXPECT_EQ(many.history.energy.back().external, few.history.energy.back().external);

@@ -130,14 +130,14 @@ class StateGuard : public testing::Test {
 
 TEST_F(StateGuard, OfAToolThatLeavesWarnsOnceAndOnlyWhereTheTissueSpringsBackByMoreThanTheToolMoved) {
   u(2, 3) = -0.4e-3;
-  guards.found_left(u, 0.4e-3, now);
+  guards.found_lost_contact(u, 0.4e-3, now);
   EXPECT_TRUE(findings.empty()) << "it follows a tool that is lifted";
-  guards.found_left(u, 0.3e-3, now);
+  guards.found_lost_contact(u, 0.3e-3, now);
   ASSERT_EQ(findings.size(), 1u);
   expect_whole(findings.front().report, "tool-left");
   EXPECT_THAT(findings.front().report.fact, HasSubstr("0.40 mm while the tool moved by 0.30 mm"));
   EXPECT_THAT(findings.front().report.where, HasSubstr("node 3"));
-  guards.found_left(2.0 * u, 0.1e-3, now);
+  guards.found_lost_contact(2.0 * u, 0.1e-3, now);
   EXPECT_EQ(findings.size(), 1u);
 }
 
@@ -365,7 +365,7 @@ TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShort
     History history;
     std::int64_t steps = -1;
     const Observer observer = {.frame = {}, .sample = {}, .retry = [&](const Retry&) {
-                                 if (steps < 0) steps = history.steps;
+                                 if (steps < 0) steps = history.evaluations;
                                }};
     solve(TimeMode::explicit_, system, model, push, {.safety = safety, .damping = 60.0, .frames = 4},
           observer, history);

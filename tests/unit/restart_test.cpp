@@ -53,7 +53,7 @@ bool same_bits(const std::vector<T>& a, const std::vector<T>& b) {
 void expect_same_end(const Result& whole, const Result& rest, std::size_t frames_before) {
   EXPECT_TRUE(same_bits(whole.history.force, rest.history.force));
   EXPECT_TRUE(same_bits(whole.history.energy, rest.history.energy));
-  EXPECT_EQ(whole.history.steps, rest.history.steps);
+  EXPECT_EQ(whole.history.evaluations, rest.history.evaluations);
   EXPECT_EQ(whole.history.extra_evaluations, rest.history.extra_evaluations);
   EXPECT_EQ(whole.history.J_min, rest.history.J_min);
   EXPECT_EQ(whole.history.inverted, rest.history.inverted);

@@ -304,7 +304,7 @@ void is_true(const Touched& found, double truth, double share) {
       "evaluations in %zu equilibria, %zu retries\n",
       found.nodes, 1e3 * found.force(), 100.0 * (ratio - 1.0),
       found.history.penetration / found.touch->shape.radius, found.history.contact_samples,
-      found.history.steps, found.history.force.size() - 1, found.history.retries.size());
+      found.history.evaluations, found.history.force.size() - 1, found.history.retries.size());
   EXPECT_NEAR(ratio, 1.0, share);
   // A surface that comes into the tool between the samples is told of.
   bool told = false;
@@ -423,7 +423,7 @@ TEST(TouchingTool, FindsItsFirstTouchOfANodeThatIsManyTimesAsStiffAsItsNeighbour
   History history;
   solve(TimeMode::quasi_static, system, model, loading, {.frames = 1}, {}, history);
   EXPECT_TRUE(history.retries.empty());
-  EXPECT_LT(history.steps, 100) << "58 were seen; 143 where the node was as soft as its surroundings";
+  EXPECT_LT(history.evaluations, 100) << "58 were seen; 143 where the node was as soft as its surroundings";
   EXPECT_GT(history.force.back().force, 0.0);
 }
 

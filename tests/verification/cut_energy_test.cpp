@@ -60,7 +60,7 @@ std::array<double, 3> energies_of(double depth) {
   const ForceSystem tissue(model, {{neo_hookean(mu, nu, 1000.0)}, model.tissue});
   const std::unique_ptr<System> system = make_system(tissue, model, Contact::bonded, {});
   const Relaxation relax(*system);
-  Rest rest = system->at_rest();
+  Rest rest = system->step_start();
   Nodal f = rest.u;
   std::array<double, 3> energy{};
   double now = 1.0;

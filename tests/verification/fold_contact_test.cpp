@@ -85,7 +85,7 @@ Pressed pressed_together(const ForceSystem& tissue, const Model& model, Index pa
   Pressed pressed;
   auto banks = std::make_shared<const FoldBanks>(fold_banks(model, 2.0 * depth));
   pressed.system = make_system(tissue, model, contact, further, {}, 1e-4, nullptr, banks);
-  pressed.rest = pressed.system->at_rest();
+  pressed.rest = pressed.system->step_start();
   for (Index a = 0; a < model.node_count(); ++a)
     if (a >= parting) pressed.rest.u(2, a) = -depth;
   pressed.system->set({.depth = depth}, pressed.rest.u);

@@ -265,7 +265,7 @@ TEST(Verification, ToolAndBaseGiveTheTissueTheMotionThatItHas) {
   solve(TimeMode::explicit_, system, model, {.depth = 2e-3, .rate = 10e-3}, {.frames = 1, .sample_rate = 1e9},
         observer, history);
   double momentum = 0.0, way = 0.0;
-  ASSERT_EQ(history.force.size(), static_cast<std::size_t>(history.steps) + 1);
+  ASSERT_EQ(history.force.size(), static_cast<std::size_t>(history.evaluations) + 1);
   for (std::size_t k = 0; k + 1 < history.force.size(); ++k) {
     const double dt = history.force[k + 1].t - history.force[k].t;
     momentum += (k == 0 ? 0.5 : 1.0) * dt * (history.force[k].force - history.force[k].base_force);

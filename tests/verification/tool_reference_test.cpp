@@ -120,7 +120,7 @@ TEST_P(ToolOnACylinder, HasTheForceOfFiniteElements) {
       "evaluations in %zu "
       "equilibria\n",
       scene.name, nodes, 1e3 * history.force.back().force, 100.0 * worst, 1e3 * history.penetration,
-      history.steps, history.force.size() - 1);
+      history.evaluations, history.force.size() - 1);
 }
 
 // With 1500 nodes the punch's edge is followed to 2.5 mm; the program takes 4000 by itself.

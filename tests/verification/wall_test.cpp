@@ -69,7 +69,7 @@ TEST(SeveralRigidContacts, PressABlockBetweenTwoPlatesAsAUniaxialTestDoes) {
   EXPECT_EQ(system.touching()->touch().name, "above")
       << "the one that is measured, whichever was named first";
   const Relaxation relax(system);
-  Rest rest = system.at_rest();
+  Rest rest = system.step_start();
   Nodal f = rest.u;
   const double depth = 2e-3, l = 1.0 - 2.0 * depth / size.z();
   for (const double way : {1e-3, depth}) {
@@ -119,7 +119,7 @@ TEST(Walls, ConfineAColumnThatItsOwnWeightShortens) {
   const auto system =
       make_system(tissue, model, Contact::bonded, {}, {.gravity = Vec3(0.0, 0.0, -g), .pressure = {}}, 1e-4,
                   nullptr, nullptr, walls);
-  const Nodal& u = system->at_rest().u;
+  const Nodal& u = system->step_start().u;
   const auto held = make_system(tissue, model, Contact::bonded, sides_held(model),
                                 {.gravity = Vec3(0.0, 0.0, -g), .pressure = {}});
   const auto confined = [&](double l) { return pk1_stress(sponge, Mat3(Vec3(1.0, 1.0, l).asDiagonal())); };
@@ -134,7 +134,7 @@ TEST(Walls, ConfineAColumnThatItsOwnWeightShortens) {
   };
   double top = 0.0, count = 0.0;
   for (Index a = 0; a < model.node_count(); ++a) {
-    EXPECT_LT((u.col(a) - held->at_rest().u.col(a)).norm(), 0.01 * std::abs(sinks(H)))
+    EXPECT_LT((u.col(a) - held->step_start().u.col(a)).norm(), 0.01 * std::abs(sinks(H)))
         << model.X.col(a).transpose();
     if (model.X(2, a) < H - 1e-9) continue;
     top += u(2, a);
@@ -182,7 +182,7 @@ TEST(FluidLost, ShortensAConfinedColumnByTheBuoyancyOfWhatIsAboveItsLevel) {
   EXPECT_GT(stretch(0.0), 0.6);
   std::map<double, std::vector<double>> by_height;  // what sinks at about that height, less what it should
   for (Index a = 0; a < model.node_count(); ++a)
-    by_height[std::round(6.0 * model.X(2, a) / H)].push_back(system->at_rest().u(2, a) -
+    by_height[std::round(6.0 * model.X(2, a) / H)].push_back(system->step_start().u(2, a) -
                                                              sinks(model.X(2, a)));
   for (const auto& [layer, off] : by_height)
     EXPECT_NEAR(std::accumulate(off.begin(), off.end(), 0.0) / static_cast<double>(off.size()), 0.0,
@@ -207,11 +207,11 @@ TEST(Walls, ThatLieInTheBodyAtRestAndAreSetBackByAsMuchTouchItAndPushNothing) {
     return make_system(tissue, model, Contact::bonded, {}, down, 1e-5, nullptr, nullptr, walls);
   };
   const auto beside = settled(0.0, 0.0), overlapping = settled(0.4e-3, 0.4e-3);
-  const double sinks = beside->at_rest().u.colwise().norm().maxCoeff();
-  EXPECT_LT((overlapping->at_rest().u - beside->at_rest().u).cwiseAbs().maxCoeff(), 0.005 * sinks);
+  const double sinks = beside->step_start().u.colwise().norm().maxCoeff();
+  EXPECT_LT((overlapping->step_start().u - beside->step_start().u).cwiseAbs().maxCoeff(), 0.005 * sinks);
   const TouchingTool& wall = *overlapping->walls().front();
   EXPECT_GT(wall.touched().samples, 10);
-  EXPECT_LT(wall.audit(overlapping->at_rest().u, overlapping->now()).penetration, 0.1e-3);
+  EXPECT_LT(wall.audit(overlapping->step_start().u, overlapping->now()).penetration, 0.1e-3);
 }
 
 TEST(Walls, LetGoOfAColumnThatHangsAndNeverPullAtIt) {
@@ -222,9 +222,9 @@ TEST(Walls, LetGoOfAColumnThatHangsAndNeverPullAtIt) {
   const Loads up{.gravity = Vec3(0.0, 0.0, 4.0), .pressure = {}};
   const auto between = make_system(tissue, model, Contact::bonded, {}, up, 1e-5, nullptr, nullptr, walls);
   const auto alone = make_system(tissue, model, Contact::bonded, {}, up, 1e-5);
-  const double longest = alone->at_rest().u.colwise().norm().maxCoeff();
+  const double longest = alone->step_start().u.colwise().norm().maxCoeff();
   EXPECT_GT(longest, 0.5e-3);
-  EXPECT_LT((between->at_rest().u - alone->at_rest().u).cwiseAbs().maxCoeff(), 0.01 * longest);
+  EXPECT_LT((between->step_start().u - alone->step_start().u).cwiseAbs().maxCoeff(), 0.01 * longest);
   double all = 0.0;
   for (const TouchingTool* wall : between->walls()) {
     EXPECT_GE(wall->forces().minCoeff(), 0.0);
@@ -280,7 +280,7 @@ TEST(Walls, ThatStickHoldTheSidesOfAColumnThatSinks) {
     for (const HeldSet& set : sides_held(model))
       for (const Index a : set.node)
         if (std::abs(model.X(2, a) - 0.5 * size.z()) < 0.15 * size.z()) {
-          sum -= system->at_rest().u(2, a);
+          sum -= system->step_start().u(2, a);
           ++count;
         }
     for (const TouchingTool* wall : system->walls())
@@ -315,7 +315,7 @@ TEST(Walls, ThatAreMovedPressAsTheToolThatIsMeasuredDoes) {
     std::vector<std::unique_ptr<TouchingTool>> rigid;
     rigid.push_back(std::make_unique<TouchingTool>(touch));
     System system(tissue, model, make_constraints(model, Contact::bonded, {}), {}, std::move(rigid));
-    Rest rest = system.at_rest();
+    Rest rest = system.step_start();
     Nodal f = rest.u;
     const Relaxation relax(system);
     for (const double depth : {0.5e-3, 1e-3, 1.5e-3}) {
