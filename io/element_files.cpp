@@ -112,17 +112,19 @@ std::string calculix_input(const ElementModel& m) {
   return text;
 }
 
-std::string febio_input(const ElementModel& m) {
-  const int axis = axis_of(m.push);
-  if (!m.bonded && axis == 3)
-    throw UsageError(
-        {.fact = fmt::format("FEBio cannot let a circle slide that is pushed along ({:.3f}, {:.3f}, {:.3f})",
-                             m.push.x(), m.push.y(), m.push.z()),
-         .where = "--contact frictionless",
-         .why = "its prescribed displacements are along x, y and z",
-         .remedy = "give --direction along an axis, e.g. 0,0,-1, or --contact bonded, or --format calculix"});
-  std::string text = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
-  const Text out(text);
+namespace {
+
+void require_febio_push(const ElementModel& m) {
+  if (m.bonded || axis_of(m.push) < 3) return;
+  throw UsageError(
+      {.fact = fmt::format("FEBio cannot let a circle slide that is pushed along ({:.3f}, {:.3f}, {:.3f})",
+                           m.push.x(), m.push.y(), m.push.z()),
+       .where = "--contact frictionless",
+       .why = "its prescribed displacements are along x, y and z",
+       .remedy = "give --direction along an axis, e.g. 0,0,-1, or --contact bonded, or --format calculix"});
+}
+
+void febio_comments(Text out, const ElementModel& m) {
   for (std::string line : head(m)) {
     // Two hyphens would end an XML comment.
     for (std::size_t at; (at = line.find("--")) != std::string::npos;) line.replace(at, 2, "- -");
@@ -133,23 +135,43 @@ std::string febio_input(const ElementModel& m) {
       "<!-- FEBio: W = c1 (I1_bar - 3) + U(J), U = k/2 (J - 1)^2 with the pressure model Abaqus: c1 = mu/2, "
       "k = "
       "kappa. -->\n"
-      "<!-- {5} with a pressure of their own (three-field): without, they lock at this k / c1. -->\n"
-      "<febio_spec version=\"4.0\">\n"
-      "  <Module type=\"solid\"/>\n"
-      "  <Control>\n    <analysis>STATIC</analysis>\n    <time_steps>{0}</time_steps>\n"
-      "    <step_size>{1:.9g}</step_size>\n"
-      "    <time_stepper type=\"default\">\n      <max_retries>20</max_retries>\n      "
-      "<opt_iter>15</opt_iter>\n"
-      "      <dtmin>{2:.9g}</dtmin>\n      <dtmax lc=\"2\">{1:.9g}</dtmax>\n    </time_stepper>\n"
-      "    <solver type=\"solid\">\n      <symmetric_stiffness>symmetric</symmetric_stiffness>\n    "
-      "</solver>\n"
-      "  </Control>\n"
-      "  <Material>\n    <material id=\"1\" name=\"soft\" type=\"Mooney-Rivlin\">\n      "
-      "<density>1e-6</density>\n"
-      "      <c1>{3:.9g}</c1>\n      <c2>0</c2>\n      <k>{4:.9g}</k>\n"
-      "      <pressure_model>Abaqus</pressure_model>\n    </material>\n  </Material>\n"
-      "  <Mesh>\n    <Nodes name=\"all\">\n",
-      m.frames, 1.0 / m.frames, 1e-4 / m.frames, 0.5 * m.mu * kPa, m.kappa * kPa, febio_element(m));
+      "<!-- {} with a pressure of their own (three-field): without, they lock at this k / c1. -->\n",
+      febio_element(m));
+}
+
+void febio_control(Text out, int frames) {
+  fmt::format_to(out,
+                 "  <Module type=\"solid\"/>\n"
+                 "  <Control>\n    <analysis>STATIC</analysis>\n    <time_steps>{0}</time_steps>\n"
+                 "    <step_size>{1:.9g}</step_size>\n"
+                 "    <time_stepper type=\"default\">\n      <max_retries>20</max_retries>\n      "
+                 "<opt_iter>15</opt_iter>\n"
+                 "      <dtmin>{2:.9g}</dtmin>\n      <dtmax lc=\"2\">{1:.9g}</dtmax>\n    </time_stepper>\n"
+                 "    <solver type=\"solid\">\n      "
+                 "<symmetric_stiffness>symmetric</symmetric_stiffness>\n    </solver>\n"
+                 "  </Control>\n",
+                 frames, 1.0 / frames, 1e-4 / frames);
+}
+
+void febio_material(Text out, const ElementModel& m) {
+  fmt::format_to(out,
+                 "  <Material>\n    <material id=\"1\" name=\"soft\" type=\"Mooney-Rivlin\">\n      "
+                 "<density>1e-6</density>\n"
+                 "      <c1>{:.9g}</c1>\n      <c2>0</c2>\n      <k>{:.9g}</k>\n"
+                 "      <pressure_model>Abaqus</pressure_model>\n    </material>\n  </Material>\n",
+                 0.5 * m.mu * kPa, m.kappa * kPa);
+}
+
+void febio_node_set(Text out, const char* name, const std::vector<Index>& nodes) {
+  fmt::format_to(out, "    <NodeSet name=\"{}\">\n", name);
+  for (std::size_t k = 0; k < nodes.size(); ++k)
+    fmt::format_to(out, "{}{}", nodes[k] + 1,
+                   k + 1 == nodes.size() || k % 16 == 15 ? (k + 1 == nodes.size() ? "\n" : ",\n") : ",");
+  fmt::format_to(out, "    </NodeSet>\n");
+}
+
+void febio_mesh(Text out, const ElementModel& m) {
+  fmt::format_to(out, "  <Mesh>\n    <Nodes name=\"all\">\n");
   for (Index a = 0; a < m.X.cols(); ++a)
     fmt::format_to(out, "      <node id=\"{}\">{:.9g},{:.9g},{:.9g}</node>\n", a + 1, m.X(0, a), m.X(1, a),
                    m.X(2, a));
@@ -161,39 +183,56 @@ std::string febio_input(const ElementModel& m) {
     fmt::format_to(out, "</elem>\n");
   }
   fmt::format_to(out, "    </Elements>\n");
-  for (const auto& [name, nodes] :
-       {std::pair<const char*, const std::vector<Index>&>{"base", m.base}, {"circle", m.circle}}) {
-    fmt::format_to(out, "    <NodeSet name=\"{}\">\n", name);
-    for (std::size_t k = 0; k < nodes.size(); ++k)
-      fmt::format_to(out, "{}{}", nodes[k] + 1,
-                     k + 1 == nodes.size() || k % 16 == 15 ? (k + 1 == nodes.size() ? "\n" : ",\n") : ",");
-    fmt::format_to(out, "    </NodeSet>\n");
-  }
+  febio_node_set(out, "base", m.base);
+  febio_node_set(out, "circle", m.circle);
   fmt::format_to(out,
                  "  </Mesh>\n  <MeshDomains>\n    <SolidDomain name=\"tissue\" mat=\"soft\" "
-                 "type=\"three-field-solid\"/>\n  </MeshDomains>\n"
+                 "type=\"three-field-solid\"/>\n  </MeshDomains>\n");
+}
+
+void febio_boundary(Text out, const ElementModel& m) {
+  fmt::format_to(out,
                  "  <Boundary>\n    <bc name=\"held\" node_set=\"base\" type=\"zero displacement\">\n"
                  "      <x_dof>1</x_dof>\n      <y_dof>1</y_dof>\n      <z_dof>1</z_dof>\n    </bc>\n");
   for (int d = 0; d < 3; ++d)
-    if (m.bonded || d == axis)
+    if (m.bonded || d == axis_of(m.push))
       fmt::format_to(out,
                      "    <bc name=\"push_{0}\" node_set=\"circle\" type=\"prescribed displacement\">\n"
                      "      <dof>{0}</dof>\n      <value lc=\"1\">{1:.9g}</value>\n      "
                      "<relative>0</relative>\n    </bc>\n",
                      "xyz"[d], m.depth_mm * m.push[d] + 0.0);
+  fmt::format_to(out, "  </Boundary>\n");
+}
+
+// The first curve takes the tool to its depth, the second limits the steps.
+void febio_load_curves(Text out, int frames) {
   fmt::format_to(
       out,
-      "  </Boundary>\n  <LoadData>\n    <load_controller id=\"1\" type=\"loadcurve\">\n"
+      "  <LoadData>\n    <load_controller id=\"1\" type=\"loadcurve\">\n"
       "      <interpolate>LINEAR</interpolate>\n      <points>\n        <pt>0,0</pt>\n        <pt>1,1</pt>\n"
       "      </points>\n    </load_controller>\n"
       // A curve for the largest step makes FEBio stop at each of its points.
       "    <load_controller id=\"2\" type=\"loadcurve\">\n      <interpolate>STEP</interpolate>\n      "
       "<points>\n");
-  for (int k = 0; k <= m.frames; ++k)
-    fmt::format_to(out, "        <pt>{0:.9g},{1:.9g}</pt>\n", static_cast<double>(k) / m.frames,
-                   1.0 / m.frames);
+  for (int k = 0; k <= frames; ++k)
+    fmt::format_to(out, "        <pt>{0:.9g},{1:.9g}</pt>\n", static_cast<double>(k) / frames, 1.0 / frames);
+  fmt::format_to(out, "      </points>\n    </load_controller>\n  </LoadData>\n");
+}
+
+}  // namespace
+
+std::string febio_input(const ElementModel& m) {
+  require_febio_push(m);
+  std::string text = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
+  const Text out(text);
+  febio_comments(out, m);
+  fmt::format_to(out, "<febio_spec version=\"4.0\">\n");
+  febio_control(out, m.frames);
+  febio_material(out, m);
+  febio_mesh(out, m);
+  febio_boundary(out, m);
+  febio_load_curves(out, m.frames);
   fmt::format_to(out,
-                 "      </points>\n    </load_controller>\n  </LoadData>\n"
                  "  <Output>\n    <logfile>\n      <node_data data=\"Rx;Ry;Rz\" node_set=\"circle\" "
                  "file=\"circle_forces.txt\" delim=\" \"/>\n"
                  "    </logfile>\n  </Output>\n</febio_spec>\n");
