@@ -254,43 +254,103 @@ std::string other_numbering(const std::string& word, const LabelImage& image) {
   return {};
 }
 
+namespace {
+
+/// A line of a table of label names; number 0: the table as a whole.
+struct TableLine {
+  const std::filesystem::path& file;
+  std::size_t number = 0;  ///< from 1
+  std::string text = {};
+};
+
+InputError bad_table(const TableLine& line, std::string fact) {
+  return InputError(
+      {.fact = std::move(fact),
+       .where = line.number == 0
+                    ? fmt::format("table of label names {}", line.file.string())
+                    : fmt::format("table of label names {}, line {}", line.file.string(), line.number),
+       .why = "a line is  IDX R G B A VIS MSH \"NAME\"  (ITK-SNAP) or  ID NAME R G B A  (colour table of 3D "
+              "Slicer or FreeSurfer); a table with commas has a first line with LabelValue and Name (3D "
+              "Slicer)",
+       .remedy = "correct the line, or give another table with --label-names; known without a file are "
+                 "totalsegmentator, totalsegmentator-mr and freesurfer"});
+}
+
+struct NamedLabel {
+  int label = 0;
+  std::string name;
+  bool unclear = false;  ///< where the name ends and the colour begins
+};
+
+/// Of a table with commas, whose first line names its columns.
+NamedLabel label_of_columns(const TableLine& line, const std::vector<std::string>& columns) {
+  const std::vector<std::string> values = values_of(line.text);
+  const auto value = [&](const char* column) {
+    const auto at =
+        static_cast<std::size_t>(std::find(columns.begin(), columns.end(), column) - columns.begin());
+    return at < values.size() ? values[at] : std::string();
+  };
+  const std::optional<int> label = integer(value("labelvalue"));
+  if (!label || *label < 0) throw bad_table(line, fmt::format("its LabelValue is '{}'", value("labelvalue")));
+  // Where no name is given, its meaning in the terminology.
+  return {*label, !value("name").empty() ? value("name") : value("type_codemeaning")};
+}
+
+/// Of a colour table, where words stand between the label and R G B, mostly A.
+NamedLabel label_before_colour(const TableLine& line, const std::vector<std::string>& word, int label) {
+  std::size_t numbers = 0;  // of the colour
+  while (numbers < 4 && numbers + 1 < word.size() && integer(word[word.size() - 1 - numbers])) ++numbers;
+  if (numbers < 3 || word.size() < numbers + 2)
+    throw bad_table(line, fmt::format("'{}' names no label and colour", line.text));
+  return {
+      label,
+      fmt::format("{}", fmt::join(word.begin() + 1, word.end() - static_cast<std::ptrdiff_t>(numbers), " ")),
+      // "7 lobe 3 10 20 30": a third lobe without opacity, or a lobe with a colour of four numbers?
+      numbers == 4 && word.size() > 6 && integer(word[word.size() - 5]).has_value()};
+}
+
+/// Of ITK-SNAP, with the name in quotes, or of a colour table.
+NamedLabel label_of_words(const TableLine& line) {
+  const std::string& text = line.text;
+  const auto open = text.find('"'), close = text.rfind('"');
+  std::istringstream words(text.substr(0, open));
+  const std::vector<std::string> word{std::istream_iterator<std::string>(words), {}};
+  const std::optional<int> label = word.empty() ? std::nullopt : integer(word.front());
+  if (!label || *label < 0)
+    throw bad_table(line, fmt::format("'{}' does not start with a label number", text));
+  if (open == std::string::npos) return label_before_colour(line, word, *label);
+  if (close == open) throw bad_table(line, "the name has no closing quote");
+  return {*label, text.substr(open + 1, close - open - 1)};
+}
+
+void keep(LabelTable& table, int label, const std::string& text) {
+  // What 3D Slicer writes for numbers without a name.
+  if (label == 0 || text.empty() || text == "(none)" || text == "invalid") return;
+  const std::string name = clean_name(text);
+  const auto [known, is_new] = table.names.emplace(label, name);
+  if (is_new || known->second == name) return;
+  table.warnings.push_back(
+      fmt::format("The table of label names calls label {} both '{}' and '{}'; the last "
+                  "is used.",
+                  label, known->second, name));
+  known->second = name;
+}
+
+}  // namespace
+
 // No library: formats of one short line a label, and the message must name the line.
 LabelTable read_label_names(const std::filesystem::path& file) {
-  const auto bad = [&](std::size_t line, std::string fact) {
-    return InputError(
-        {.fact = std::move(fact),
-         .where = line == 0 ? fmt::format("table of label names {}", file.string())
-                            : fmt::format("table of label names {}, line {}", file.string(), line),
-         .why =
-             "a line is  IDX R G B A VIS MSH \"NAME\"  (ITK-SNAP) or  ID NAME R G B A  (colour table of 3D "
-             "Slicer or FreeSurfer); a table with commas has a first line with LabelValue and Name (3D "
-             "Slicer)",
-         .remedy = "correct the line, or give another table with --label-names; known without a file are "
-                   "totalsegmentator, totalsegmentator-mr and freesurfer"});
-  };
-  LabelTable table;
-  std::size_t unclear = 0, first_unclear = 0;
-  const auto keep = [&](int label, const std::string& text) {
-    // What 3D Slicer writes for numbers without a name.
-    if (label == 0 || text.empty() || text == "(none)" || text == "invalid") return;
-    const std::string name = clean_name(text);
-    const auto [known, is_new] = table.names.emplace(label, name);
-    if (is_new || known->second == name) return;
-    table.warnings.push_back(
-        fmt::format("The table of label names calls label {} both '{}' and '{}'; the last "
-                    "is used.",
-                    label, known->second, name));
-    known->second = name;
-  };
-
   require_regular_file(file);
   std::istringstream lines(read_file(file, most_bytes_of_text));
-  std::string text;
+  LabelTable table;
+  std::size_t unclear = 0, first_unclear = 0;
   std::vector<std::string> columns;  // of a table with commas
   bool is_first = true;
-  for (std::size_t line = 1; std::getline(lines, text); ++line) {
-    if (line % 4096 == 0) stop_if_asked();
-    if (line == 1 && text.starts_with("\xEF\xBB\xBF")) text.erase(0, 3);  // byte order mark
+  TableLine line{.file = file};
+  while (std::getline(lines, line.text)) {
+    if (++line.number % 4096 == 0) stop_if_asked();
+    std::string& text = line.text;
+    if (line.number == 1 && text.starts_with("\xEF\xBB\xBF")) text.erase(0, 3);  // byte order mark
     const auto first = text.find_first_not_of(" \t\r");
     if (first == std::string::npos || text[first] == '#') continue;
 
@@ -299,44 +359,11 @@ LabelTable read_label_names(const std::filesystem::path& file) {
       columns = values_of(lower(text));
       continue;
     }
-    if (!columns.empty()) {
-      const std::vector<std::string> values = values_of(text);
-      const auto value = [&](const char* column) {
-        const auto at =
-            static_cast<std::size_t>(std::find(columns.begin(), columns.end(), column) - columns.begin());
-        return at < values.size() ? values[at] : std::string();
-      };
-      const std::optional<int> label = integer(value("labelvalue"));
-      if (!label || *label < 0) throw bad(line, fmt::format("its LabelValue is '{}'", value("labelvalue")));
-      // Where no name is given, its meaning in the terminology.
-      keep(*label, !value("name").empty() ? value("name") : value("type_codemeaning"));
-      continue;
-    }
-
-    const auto open = text.find('"'), close = text.rfind('"');
-    std::istringstream words(text.substr(0, open));
-    std::vector<std::string> word{std::istream_iterator<std::string>(words), {}};
-    const std::optional<int> label = word.empty() ? std::nullopt : integer(word.front());
-    if (!label || *label < 0) throw bad(line, fmt::format("'{}' does not start with a label number", text));
-
-    std::string name;
-    if (open != std::string::npos) {
-      if (close == open) throw bad(line, "the name has no closing quote");
-      name = text.substr(open + 1, close - open - 1);
-    } else {
-      std::size_t numbers = 0;  // R G B, mostly A: the name is what stands before them
-      while (numbers < 4 && numbers + 1 < word.size() && integer(word[word.size() - 1 - numbers])) ++numbers;
-      if (numbers < 3 || word.size() < numbers + 2)
-        throw bad(line, fmt::format("'{}' names no label and colour", text));
-      // "7 lobe 3 10 20 30": a third lobe without opacity, or a lobe with a colour of four numbers?
-      if (numbers == 4 && word.size() > 6 && integer(word[word.size() - 5]) && unclear++ == 0)
-        first_unclear = line;
-      name = fmt::format("{}",
-                         fmt::join(word.begin() + 1, word.end() - static_cast<std::ptrdiff_t>(numbers), " "));
-    }
-    keep(*label, name);
+    const NamedLabel named = columns.empty() ? label_of_words(line) : label_of_columns(line, columns);
+    if (named.unclear && unclear++ == 0) first_unclear = line.number;
+    keep(table, named.label, named.name);
   }
-  if (table.names.empty()) throw bad(0, "the table names no label");
+  if (table.names.empty()) throw bad_table({.file = file}, "the table names no label");
   if (unclear > 0)
     table.warnings.push_back(fmt::format(
         "In {} line{} of the table of label names, first in line {}, a name with blanks ends in a "
