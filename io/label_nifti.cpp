@@ -290,18 +290,8 @@ void read_geometry(const Header& h, StoredImage& image, const fs::path& file) {
   image.to_world.matrix().topRows<3>() = ras;
 }
 
-}  // namespace
-
-StoredImage read_nifti(const fs::path& named) {
-  const NiftiFiles files = files_of(named);
-  const fs::path& file = files.data;
-  GzFile in = open_gz(files.header);
-  const Header header = read_header(in.get(), files.header, files.is_pair);
-  if (files.is_pair) in = open_gz(file);
-
-  StoredImage image;
-  image.format = fmt::format("NIfTI-{}", header.layout->version);
-  image.type = number_type(header, named);
+/// Its axes as the file says them, checked.
+void read_size(const Header& header, StoredImage& image, const NiftiFiles& files, const fs::path& named) {
   if (header.dim[0] < 1 || header.dim[0] > 7)
     throw InputError({.fact = fmt::format("the image is said to have {} axes", header.dim[0]),
                       .where = image_place(files.header),
@@ -315,7 +305,11 @@ StoredImage read_nifti(const fs::path& named) {
   const Index components = size.size() > 4 ? size[4] : 1;
   if (size.size() > 4) size[4] = 1;
   image.size = checked_size(size, components, named);
-  check_length(image, file);
+  check_length(image, files.data);
+}
+
+/// How a voxel's bits become its value: type, slope and intercept.
+void read_scaling(const Header& header, StoredImage& image) {
   if (const auto bits = static_cast<int>(8 * bytes_of(image.type)); header.bitpix != bits)
     image.warnings.push_back(
         fmt::format("The header speaks of {} bits per voxel where its type has {}; the type is believed.",
@@ -324,8 +318,9 @@ StoredImage read_nifti(const fs::path& named) {
     image.slope = header.slope;
     image.intercept = header.intercept;
   }
+}
 
-  read_geometry(header, image, named);
+void take_unit_of_length(const Header& header, StoredImage& image) {
   switch (XYZT_TO_SPACE(header.units)) {
     case NIFTI_UNITS_METER:
       scale_to_millimetres(image, 1000.0, "metres");
@@ -340,47 +335,81 @@ StoredImage read_nifti(const fs::path& named) {
       image.warnings.push_back(fmt::format(
           "The file's unit of length {} is unknown; millimetres are assumed.", XYZT_TO_SPACE(header.units)));
   }
+}
 
-  // Skip extensions. A writer that forgot vox_offset meant the end of the header and its four bytes.
-  const double offset = header.vox_offset, length = static_cast<double>(fs::file_size(file));
-  const bool is_packed = gzdirect(in.get()) == 0;
+constexpr std::size_t chunk_to_skip = 1 << 16;  // [bytes]
+
+/// Past the header's extensions to the first voxel. `in` stands behind the header, or at the beginning of the
+/// file of voxels.
+void skip_to_voxels(gzFile in, const Header& header, const StoredImage& image, const NiftiFiles& files) {
+  // A writer that forgot vox_offset meant the end of the header and its four bytes.
+  const double offset = header.vox_offset, length = static_cast<double>(fs::file_size(files.data));
+  const bool is_packed = gzdirect(in) == 0;
   if (!(offset >= 0.0 && offset < 1e9) || (!is_packed && offset > length))
     throw InputError({.fact = fmt::format("the voxels are said to begin at byte {}", offset),
-                      .where = image_place(file),
+                      .where = image_place(files.data),
                       .why = "the header's vox_offset is damaged",
                       .remedy = "export the segmentation anew"});
   const double begin =
       files.is_pair ? offset : std::max(offset, static_cast<double>(header.layout->bytes) + 4.0);
   if (const double held = std::max(length - begin, 0.0);
       !is_packed && held < static_cast<double>(image.data_bytes()))
-    throw truncated(file,
+    throw truncated(files.data,
                     fmt::format("the file ends after {} of {} bytes of voxels", held, image.data_bytes()));
-  std::vector<std::byte> skipped(1 << 16);
+  std::vector<std::byte> skipped(chunk_to_skip);
   auto to_skip = static_cast<std::size_t>(begin) - (files.is_pair ? 0 : header.layout->bytes);
   while (to_skip > 0) {
     const std::size_t chunk = std::min(to_skip, skipped.size());
-    read_exactly(in.get(), skipped.data(), chunk, file);
+    read_exactly(in, skipped.data(), chunk, files.data);
     to_skip -= chunk;
   }
+}
 
+void read_voxels(gzFile in, StoredImage& image, const fs::path& file) {
   image.data.reserve(image.data_bytes());  // room in name only: memory is taken as the bytes come
   while (image.data.size() < image.data_bytes()) {
     const std::size_t done = image.data.size(),
                       chunk = std::min<std::size_t>(image.data_bytes() - done, 1 << 22);
     image.data.resize(done + chunk);
-    read_exactly(in.get(), image.data.data() + done, chunk, file, done, image.data_bytes());
+    read_exactly(in, image.data.data() + done, chunk, file, done, image.data_bytes());
   }
+}
+
+/// To the end, where zlib compares checksums: the bytes that no voxel has asked for.
+std::size_t read_surplus(gzFile in, const fs::path& file) {
+  std::vector<std::byte> skipped(chunk_to_skip);
   std::size_t surplus = 0;
-  int n = 0;  // to the end, where zlib compares checksums
+  int n = 0;
   while (surplus < surplus_limit) {
     stop_if_asked();
-    n = gzread(in.get(), skipped.data(), static_cast<unsigned>(skipped.size()));
+    n = gzread(in, skipped.data(), static_cast<unsigned>(skipped.size()));
     if (n <= 0) break;
     surplus += static_cast<std::size_t>(n);
   }
-  if (int code = Z_OK; n < 0 || (gzerror(in.get(), &code), code != Z_OK))
+  if (int code = Z_OK; n < 0 || (gzerror(in, &code), code != Z_OK))
     throw truncated(file, "the checksum at the end of the compressed data does not agree or is missing");
-  warn_of_surplus(image, surplus);
+  return surplus;
+}
+
+}  // namespace
+
+StoredImage read_nifti(const fs::path& named) {
+  const NiftiFiles files = files_of(named);
+  GzFile in = open_gz(files.header);
+  const Header header = read_header(in.get(), files.header, files.is_pair);
+  if (files.is_pair) in = open_gz(files.data);
+
+  StoredImage image;
+  image.format = fmt::format("NIfTI-{}", header.layout->version);
+  image.type = number_type(header, named);
+  read_size(header, image, files, named);
+  read_scaling(header, image);
+  read_geometry(header, image, named);
+  take_unit_of_length(header, image);
+
+  skip_to_voxels(in.get(), header, image, files);
+  read_voxels(in.get(), image, files.data);
+  warn_of_surplus(image, read_surplus(in.get(), files.data));
   if (header.swapped) swap_bytes(image);
   return image;
 }
