@@ -736,82 +736,118 @@ void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Defo
             o, body, spacing);
 }
 
-void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
-  const bool has_band = !o.half_N.empty() && o.half_N.size() == o.force_N.size();
-  const Rect room = panel(
-      canvas, rect, "Force against indentation",
-      fmt::format("{}; {}", o.tool.empty() ? "reaction of the circle's nodes" : "contact force on the tool",
-                  has_band ? "shaded: how far the discretisation may be off" : "its error is not known"));
+/// What the chart shows, where it is finite: depth [mm] and force.
+struct ForceCurve {
   std::vector<Vec2> points;
-  std::vector<double> half;
-  for (std::size_t i = 0; i < std::min(o.depth_mm.size(), o.force_N.size()); ++i)
-    if (std::isfinite(o.depth_mm[i]) && std::isfinite(o.force_N[i])) {
-      points.emplace_back(o.depth_mm[i], o.force_N[i]);
-      if (has_band) half.push_back(o.half_N[i]);
-    }
-  if (points.empty()) return say_nothing_to_show(canvas, room, "no force recorded");
-  std::vector<Vec2> beside;
-  for (std::size_t i = 0; i < std::min(o.beside_depth_mm.size(), o.beside_force_N.size()); ++i)
-    if (std::isfinite(o.beside_depth_mm[i]) && std::isfinite(o.beside_force_N[i]))
-      beside.emplace_back(o.beside_depth_mm[i], o.beside_force_N[i]);
+  std::vector<double> half;  ///< of the band at each of them, or none
+  std::vector<Vec2> beside;  ///< another curve
+};
 
+std::vector<Vec2> finite_points(const std::vector<double>& depth_mm, const std::vector<double>& force_N) {
+  std::vector<Vec2> points;
+  for (std::size_t i = 0; i < std::min(depth_mm.size(), force_N.size()); ++i)
+    if (std::isfinite(depth_mm[i]) && std::isfinite(force_N[i])) points.emplace_back(depth_mm[i], force_N[i]);
+  return points;
+}
+
+bool has_band(const Overview& o) {
+  return !o.half_N.empty() && o.half_N.size() == o.force_N.size();
+}
+
+ForceCurve force_curve(const Overview& o) {
+  ForceCurve shown{.points = finite_points(o.depth_mm, o.force_N),
+                   .half = {},
+                   .beside = finite_points(o.beside_depth_mm, o.beside_force_N)};
+  if (has_band(o))
+    for (std::size_t i = 0; i < std::min(o.depth_mm.size(), o.force_N.size()); ++i)
+      if (std::isfinite(o.depth_mm[i]) && std::isfinite(o.force_N[i])) shown.half.push_back(o.half_N[i]);
+  return shown;
+}
+
+/// With its band and the origin.
+Eigen::AlignedBox2d range_of(const ForceCurve& shown) {
   Eigen::AlignedBox2d range(Vec2(0.0, 0.0));
-  for (const Vec2& p : points) range.extend(p);
-  for (const Vec2& p : beside) range.extend(p);
-  for (std::size_t i = 0; i < half.size(); ++i)
-    range.extend(points[i] + Vec2(0.0, half[i])).extend(points[i] - Vec2(0.0, half[i]));
-  const Scale scale = force_scale(std::max(range.max().y(), -range.min().y()));
-  for (Vec2& p : points) p.y() *= scale.factor;
-  for (Vec2& p : beside) p.y() *= scale.factor;
-  for (double& h : half) h *= scale.factor;
-  Vec2 low(range.min().x(), range.min().y() * scale.factor),
-      high(range.max().x(), range.max().y() * scale.factor);
+  for (const Vec2& p : shown.points) range.extend(p);
+  for (const Vec2& p : shown.beside) range.extend(p);
+  for (std::size_t i = 0; i < shown.half.size(); ++i)
+    range.extend(shown.points[i] + Vec2(0.0, shown.half[i]))
+        .extend(shown.points[i] - Vec2(0.0, shown.half[i]));
+  return range;
+}
+
+ForceCurve in_unit(ForceCurve shown, const Scale& scale) {
+  for (Vec2& p : shown.points) p.y() *= scale.factor;
+  for (Vec2& p : shown.beside) p.y() *= scale.factor;
+  for (double& h : shown.half) h *= scale.factor;
+  return shown;
+}
+
+/// Where values lie in a chart, and the ticks of both axes.
+struct ChartAxes {
+  Rect plot;
+  Vec2 low, high;
+  Vec2 step, first;  ///< of the ticks
+  Vec2 at(const Vec2& p) const {
+    return {plot.x + plot.w * (p.x() - low.x()) / (high.x() - low.x()),
+            plot.y + plot.h * (1.0 - (p.y() - low.y()) / (high.y() - low.y()))};
+  }
+};
+
+/// For values from `low` to `high`.
+ChartAxes chart_axes(const Rect& plot, Vec2 low, Vec2 high) {
   if (!(high.x() - low.x() > 1e-9)) high.x() = low.x() + 1.0;
   if (!(high.y() - low.y() > 1e-9)) high.y() = low.y() + 1.0;
   const Vec2 step(round_below((high.x() - low.x()) / 3.9), round_below((high.y() - low.y()) / 3.9));
-  const Vec2 first = (low.array() / step.array() - 1e-9).ceil() * step.array();  // tick
+  const Vec2 first = (low.array() / step.array() - 1e-9).ceil() * step.array();
   if (low.x() < 0.0) low.x() -= 0.04 * (high.x() - low.x());
   if (low.y() < 0.0) low.y() -= 0.08 * (high.y() - low.y());
   high += Vec2(0.06, 0.14).cwiseProduct(high - low);  // room for the last point and its label
+  return {plot, low, high, step, first};
+}
 
-  const Rect plot = room.inset(66.0, 34.0, 20.0, 52.0);
-  const auto at = [&](const Vec2& p) {
-    return Vec2(plot.x + plot.w * (p.x() - low.x()) / (high.x() - low.x()),
-                plot.y + plot.h * (1.0 - (p.y() - low.y()) / (high.y() - low.y())));
-  };
+void draw_axes(Canvas& canvas, const Rect& room, const ChartAxes& axes, const std::string& unit) {
+  const auto& [plot, low, high, step, first] = axes;
   const Style label{.size = 14.0};
   for (int i = 0; first.x() + i * step.x() <= high.x(); ++i) {
-    const double value = first.x() + i * step.x(), x = at({value, 0.0}).x();
+    const double value = first.x() + i * step.x(), x = axes.at({value, 0.0}).x();
     canvas.line({x, plot.y}, {x, plot.y + plot.h}, 1.0, hairline);
     write(canvas, {x, plot.y + plot.h + 20.0}, tick_text(value, step.x()), label, Align::centre);
   }
   for (int i = 0; first.y() + i * step.y() <= high.y(); ++i) {
-    const double value = first.y() + i * step.y(), y = at({0.0, value}).y();
+    const double value = first.y() + i * step.y(), y = axes.at({0.0, value}).y();
     canvas.line({plot.x, y}, {plot.x + plot.w, y}, 1.0, hairline);
     write(canvas, {plot.x - 9.0, y + 5.0}, tick_text(value, step.y()), label, Align::right);
   }
-  canvas.line({plot.x, at({0.0, std::max(low.y(), 0.0)}).y()},
-              {plot.x + plot.w, at({0.0, std::max(low.y(), 0.0)}).y()}, 1.4, soft_ink);
+  const double zero = axes.at({0.0, std::max(low.y(), 0.0)}).y();
+  canvas.line({plot.x, zero}, {plot.x + plot.w, zero}, 1.4, soft_ink);
   canvas.line({plot.x, plot.y}, {plot.x, plot.y + plot.h}, 1.4, soft_ink);
   write(canvas, {plot.x + plot.w / 2.0, plot.y + plot.h + 44.0}, "indentation [mm]", label, Align::centre);
-  write(canvas, {room.x + 6.0, plot.y - 14.0}, fmt::format("force [{}]", scale.unit), label);
+  write(canvas, {room.x + 6.0, plot.y - 14.0}, fmt::format("force [{}]", unit), label);
+}
 
+void draw_force_curve(Canvas& canvas, const ChartAxes& axes, const ForceCurve& shown) {
+  const auto& [points, half, beside] = shown;
   for (std::size_t i = 1; i < half.size(); ++i) {
-    std::vector<Vec2> corners = {at(points[i - 1] + Vec2(0.0, half[i - 1])),
-                                 at(points[i] + Vec2(0.0, half[i])), at(points[i] - Vec2(0.0, half[i]))};
-    if (half[i - 1] > 0.0) corners.push_back(at(points[i - 1] - Vec2(0.0, half[i - 1])));
+    std::vector<Vec2> corners = {axes.at(points[i - 1] + Vec2(0.0, half[i - 1])),
+                                 axes.at(points[i] + Vec2(0.0, half[i])),
+                                 axes.at(points[i] - Vec2(0.0, half[i]))};
+    if (half[i - 1] > 0.0) corners.push_back(axes.at(points[i - 1] - Vec2(0.0, half[i - 1])));
     canvas.polygon(corners, band, 0.2);
   }
-  for (std::size_t i = 1; i < points.size(); ++i) canvas.line(at(points[i - 1]), at(points[i]), 2.6, curve);
+  for (std::size_t i = 1; i < points.size(); ++i)
+    canvas.line(axes.at(points[i - 1]), axes.at(points[i]), 2.6, curve);
   const double dot = beside.size() > 40 ? 2.4 : 4.5;
-  for (const Vec2& p : beside) canvas.disc(at(p), dot, other_curve);
-  if (!beside.empty())
-    legend(canvas, {plot.x + 14.0, plot.y + 20.0}, plot.x + plot.w,
-           {{"this run", curve, '-'}, {o.beside, other_curve, 'o'}});
-  const Vec2 last = at(points.back());
+  for (const Vec2& p : beside) canvas.disc(axes.at(p), dot, other_curve);
+}
+
+/// Says what force the curve ends with.
+void draw_end_of_curve(Canvas& canvas, const ChartAxes& axes, const ForceCurve& shown,
+                       const std::string& text) {
+  const auto& [points, half, beside] = shown;
+  const Rect& plot = axes.plot;
+  const Vec2 last = axes.at(points.back());
   canvas.disc(last, 6.5, card);
   canvas.disc(last, 5.0, circle);
-  const std::string text = end_of_curve(o);
   const Style strong{.size = 16.0, .bold = true};
   // Above the last point, unless the curve comes down to it; inside the plot in any case.
   const bool falls = (points.size() > 1 && points[points.size() - 2].y() > points.back().y()) ||
@@ -822,6 +858,28 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   if (!beside.empty())
     canvas.rectangle({foot.x() - room_for_text - 4.0, foot.y() - 16.0, room_for_text + 8.0, 22.0}, card, 4.0);
   write(canvas, foot, text, strong, Align::right);
+}
+
+void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
+  const Rect room = panel(
+      canvas, rect, "Force against indentation",
+      fmt::format("{}; {}", o.tool.empty() ? "reaction of the circle's nodes" : "contact force on the tool",
+                  has_band(o) ? "shaded: how far the discretisation may be off" : "its error is not known"));
+  const ForceCurve in_newton = force_curve(o);
+  if (in_newton.points.empty()) return say_nothing_to_show(canvas, room, "no force recorded");
+  const Eigen::AlignedBox2d range = range_of(in_newton);
+  const Scale scale = force_scale(std::max(range.max().y(), -range.min().y()));
+  const ForceCurve shown = in_unit(in_newton, scale);
+  const Vec2 per_unit(1.0, scale.factor);
+  const Rect plot = room.inset(66.0, 34.0, 20.0, 52.0);
+  const ChartAxes axes =
+      chart_axes(plot, range.min().cwiseProduct(per_unit), range.max().cwiseProduct(per_unit));
+  draw_axes(canvas, room, axes, scale.unit);
+  draw_force_curve(canvas, axes, shown);
+  if (!shown.beside.empty())
+    legend(canvas, {plot.x + 14.0, plot.y + 20.0}, plot.x + plot.w,
+           {{"this run", curve, '-'}, {o.beside, other_curve, 'o'}});
+  draw_end_of_curve(canvas, axes, shown, end_of_curve(o));
 }
 
 }  // namespace
