@@ -179,6 +179,48 @@ vtkStandardNewMacro(ToolStyle)
   (*static_cast<std::function<void()>*>(what))();
 }
 
+// Headed above it: the colours of displacements.
+void lay_out(vtkScalarBarActor& legend, vtkColorTransferFunction& heat) {
+  legend.SetLookupTable(&heat);
+  legend.SetTitle("displacement [mm]\n ");  // a line free: the library sets the numbers too close
+  legend.SetOrientationToHorizontal();
+  legend.SetNumberOfLabels(3);
+  legend.SetLabelFormat("%.2g");
+  legend.SetPosition(0.27, 0.88);
+  legend.SetWidth(0.46);
+  legend.SetHeight(0.10);
+  legend.SetVerticalTitleSeparation(8);
+  legend.UnconstrainedFontSizeOn();
+  for (vtkTextProperty* text : {legend.GetTitleTextProperty(), legend.GetLabelTextProperty()}) {
+    text->SetColor(0.15, 0.15, 0.15);
+    text->SetFontSize(13);
+    text->ItalicOff();
+    text->BoldOff();
+    text->ShadowOff();
+  }
+}
+
+// Columns x, force, low, high, and a line for each of the three: the force over the edges of its band.
+void plot_force(vtkChartXY& chart, vtkTable& table, const std::string& abscissa) {
+  for (const char* name : {"x", "force", "low", "high"}) {
+    vtkNew<vtkDoubleArray> column;
+    column->SetName(name);
+    table.AddColumn(column);
+  }
+  chart.SetForceAxesToBounds(true);
+  chart.GetAxis(vtkAxis::BOTTOM)->SetTitle(abscissa);
+  chart.GetAxis(vtkAxis::LEFT)->SetTitle("force [N]");
+  const std::array<std::pair<int, Rgb>, 3> lines = {
+      {{2, {0.62, 0.76, 0.88}}, {3, {0.62, 0.76, 0.88}}, {1, {0.08, 0.38, 0.63}}}};
+  for (const auto& [column, colour] : lines) {
+    vtkPlot* line = chart.AddPlot(vtkChart::LINE);
+    line->SetInputData(&table, 0, column);
+    line->SetColor(colour[0], colour[1], colour[2]);
+    line->SetWidth(column == 1 ? 2.5F : 1.5F);
+    line->SetVisible(false);
+  }
+}
+
 }  // namespace
 
 struct BodyWindow::Parts {
@@ -273,90 +315,84 @@ struct BodyWindow::Parts {
     const auto a = seen(centre), b = seen(centre - up);
     return {b[0] - a[0], b[1] - a[1]};
   }
+
+  void open(const WindowOptions& options) {
+    view->SetViewport(0.0, 0.0, chart_from, 1.0);
+    view->SetBackground(1.0, 1.0, 1.0);
+    chart_view->SetViewport(chart_from, 0.0, 1.0, 1.0);
+    chart_view->SetBackground(1.0, 1.0, 1.0);
+    window->SetSize(options.width, options.height);
+    window->SetWindowName(options.title.c_str());
+    window->SetMultiSamples(0);  // software rendering would take as many times longer
+    window->SetOffScreenRendering(options.hidden ? 1 : 0);
+    window->AddRenderer(view);
+    window->AddRenderer(chart_view);
+  }
+
+  // The body and its section coloured by displacement, the tool in metal; the mouse finds the body alone.
+  void add_shapes() {
+    heat->SetColorSpaceToLab();
+    colours_to(1.0);
+    for (Shape* shape : {&body, &section}) {
+      shape->mapper->SetLookupTable(heat);
+      shape->mapper->UseLookupTableScalarRangeOn();
+      shape->mapper->ScalarVisibilityOn();
+      view->AddActor(shape->actor);
+    }
+    section.actor->GetProperty()->LightingOff();
+    body.actor->GetProperty()->SetAmbient(0.25);
+    body.actor->GetProperty()->SetDiffuse(0.75);
+    tool.actor->GetProperty()->SetColor(0.31, 0.62, 0.65);  // as in overview.png
+    tool.actor->PickableOff();
+    section.actor->PickableOff();
+    view->AddActor(tool.actor);
+  }
+
+  void add_texts() {
+    lay_out(*legend, *heat);
+    view->AddActor2D(legend);
+    words->GetTextProperty()->SetColor(0.15, 0.15, 0.15);
+    words->GetTextProperty()->SetFontSize(16);
+    words->SetPosition(14, 12);
+    view->AddActor2D(words);
+  }
+
+  void add_chart(const std::string& abscissa) {
+    vtkNew<vtkContextScene> scene;
+    scene->AddItem(chart);
+    chart_actor->SetScene(scene);
+    chart_view->AddActor(chart_actor);
+    plot_force(*chart, *table, abscissa);
+  }
+
+  void take_mouse_and_keys() {
+    interactor->SetRenderWindow(window);
+    interactor->SetInteractorStyle(style);
+    style->SetDefaultRenderer(view);
+    style->SetCurrentRenderer(view);
+    style->AutoAdjustCameraClippingRangeOn();
+  }
+
+  // How far [mm] along the push the mouse has been dragged to there.
+  double dragged_to(int x, int y) {
+    const auto push = push_on_screen();
+    const double mm = std::hypot(push[0], push[1]);  // pixels
+    const double dx = x - from_x, dy = y - from_y;
+    const double in_one = 0.5 * view->GetSize()[1] / view->GetActiveCamera()->GetParallelScale();
+    // Seen from straight above, a push has no way on the screen: then down is in.
+    return mm > 0.3 * in_one ? (dx * push[0] + dy * push[1]) / (mm * mm) : -dy / in_one;
+  }
 };
 
 BodyWindow::BodyWindow(const WindowOptions& options) {
   require_display();
   parts_ = std::make_unique<Parts>();
   Parts& p = *parts_;
-  p.view->SetViewport(0.0, 0.0, chart_from, 1.0);
-  p.view->SetBackground(1.0, 1.0, 1.0);
-  p.chart_view->SetViewport(chart_from, 0.0, 1.0, 1.0);
-  p.chart_view->SetBackground(1.0, 1.0, 1.0);
-  p.window->SetSize(options.width, options.height);
-  p.window->SetWindowName(options.title.c_str());
-  p.window->SetMultiSamples(0);  // software rendering would take as many times longer
-  p.window->SetOffScreenRendering(options.hidden ? 1 : 0);
-  p.window->AddRenderer(p.view);
-  p.window->AddRenderer(p.chart_view);
-
-  p.heat->SetColorSpaceToLab();
-  p.colours_to(1.0);
-  for (Shape* shape : {&p.body, &p.section}) {
-    shape->mapper->SetLookupTable(p.heat);
-    shape->mapper->UseLookupTableScalarRangeOn();
-    shape->mapper->ScalarVisibilityOn();
-    p.view->AddActor(shape->actor);
-  }
-  p.section.actor->GetProperty()->LightingOff();
-  p.body.actor->GetProperty()->SetAmbient(0.25);
-  p.body.actor->GetProperty()->SetDiffuse(0.75);
-  p.tool.actor->GetProperty()->SetColor(0.31, 0.62, 0.65);  // as in overview.png
-  p.tool.actor->PickableOff();
-  p.section.actor->PickableOff();
-  p.view->AddActor(p.tool.actor);
-
-  p.legend->SetLookupTable(p.heat);
-  p.legend->SetTitle("displacement [mm]\n ");  // a line free: the library sets the numbers too close
-  p.legend->SetOrientationToHorizontal();
-  p.legend->SetNumberOfLabels(3);
-  p.legend->SetLabelFormat("%.2g");
-  p.legend->SetPosition(0.27, 0.88);
-  p.legend->SetWidth(0.46);
-  p.legend->SetHeight(0.10);
-  p.legend->SetVerticalTitleSeparation(8);
-  p.legend->UnconstrainedFontSizeOn();
-  for (vtkTextProperty* text : {p.legend->GetTitleTextProperty(), p.legend->GetLabelTextProperty()}) {
-    text->SetColor(0.15, 0.15, 0.15);
-    text->SetFontSize(13);
-    text->ItalicOff();
-    text->BoldOff();
-    text->ShadowOff();
-  }
-  p.view->AddActor2D(p.legend);
-
-  p.words->GetTextProperty()->SetColor(0.15, 0.15, 0.15);
-  p.words->GetTextProperty()->SetFontSize(16);
-  p.words->SetPosition(14, 12);
-  p.view->AddActor2D(p.words);
-
-  for (const char* name : {"x", "force", "low", "high"}) {
-    vtkNew<vtkDoubleArray> column;
-    column->SetName(name);
-    p.table->AddColumn(column);
-  }
-  vtkNew<vtkContextScene> scene;
-  scene->AddItem(p.chart);
-  p.chart_actor->SetScene(scene);
-  p.chart_view->AddActor(p.chart_actor);
-  p.chart->SetForceAxesToBounds(true);
-  p.chart->GetAxis(vtkAxis::BOTTOM)->SetTitle(options.abscissa);
-  p.chart->GetAxis(vtkAxis::LEFT)->SetTitle("force [N]");
-  const std::array<std::pair<int, Rgb>, 3> lines = {
-      {{2, {0.62, 0.76, 0.88}}, {3, {0.62, 0.76, 0.88}}, {1, {0.08, 0.38, 0.63}}}};
-  for (const auto& [column, colour] : lines) {
-    vtkPlot* line = p.chart->AddPlot(vtkChart::LINE);
-    line->SetInputData(p.table, 0, column);
-    line->SetColor(colour[0], colour[1], colour[2]);
-    line->SetWidth(column == 1 ? 2.5F : 1.5F);
-    line->SetVisible(false);
-  }
-
-  p.interactor->SetRenderWindow(p.window);
-  p.interactor->SetInteractorStyle(p.style);
-  p.style->SetDefaultRenderer(p.view);
-  p.style->SetCurrentRenderer(p.view);
-  p.style->AutoAdjustCameraClippingRangeOn();
+  p.open(options);
+  p.add_shapes();
+  p.add_texts();
+  p.add_chart(options.abscissa);
+  p.take_mouse_and_keys();
   p.style->down = [this](int x, int y) {
     if (!pressed) return false;
     vtkNew<vtkCellPicker> picker;
@@ -366,14 +402,7 @@ BodyWindow::BodyWindow(const WindowOptions& options) {
     return pressed(Vec3(picker->GetPickPosition()));
   };
   p.style->moved = [this](int x, int y) {
-    const auto push = parts_->push_on_screen();
-    const double mm = std::hypot(push[0], push[1]);  // pixels
-    const double dx = x - parts_->from_x, dy = y - parts_->from_y;
-    const double in_one =
-        0.5 * parts_->view->GetSize()[1] / parts_->view->GetActiveCamera()->GetParallelScale();
-    // Seen from straight above, a push has no way on the screen: then down is in.
-    const double along = mm > 0.3 * in_one ? (dx * push[0] + dy * push[1]) / (mm * mm) : -dy / in_one;
-    if (dragged) dragged(along);
+    if (dragged) dragged(parts_->dragged_to(x, y));
   };
   p.style->up = [this] {
     if (released) released();
