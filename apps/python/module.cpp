@@ -620,9 +620,11 @@ py::tuple follow(LiveSession& session, double depth_mm, double seconds, std::int
 
 std::optional<tbb::global_control> thread_limit;
 
-}  // namespace
+// ---------------------------------------------------------------------------------------------------------
+// What Python sees: documented in numpydoc's style, with shape, type, unit and meaning
+// ---------------------------------------------------------------------------------------------------------
 
-PYBIND11_MODULE(_core, m) {
+void add_errors() {
   py::register_exception_translator([](std::exception_ptr thrown) {
     try {
       if (thrown) std::rethrow_exception(thrown);
@@ -630,7 +632,9 @@ PYBIND11_MODULE(_core, m) {
       raise(error);
     }
   });
+}
 
+void add_words(py::module_& m) {
   m.attr("version") = DIMPLE_VERSION;
   m.def("force_in_words", &force_in_words);
   m.def("force_title", [](double force_N, double depth_mm) { return force_title(force_N, depth_mm); });
@@ -646,7 +650,9 @@ PYBIND11_MODULE(_core, m) {
     if (count)
       thread_limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(*count));
   });
+}
 
+void add_image_and_settings(py::module_& m) {
   py::class_<LabelImage, std::shared_ptr<LabelImage>>(m, "LabelImage").def(py::init(&label_image));
   py::class_<Settings>(m, "Settings")
       .def(py::init([](std::string file, std::vector<std::array<std::string, 3>> given) {
@@ -655,6 +661,9 @@ PYBIND11_MODULE(_core, m) {
       .def("set", [](Settings& self, std::string key, std::string text, std::string source) {
         self.given.push_back({std::move(key), std::move(text), std::move(source)});
       });
+}
+
+void add_computations(py::module_& m) {
   m.def("build", &build);
   m.def("usable_places_json", &usable_places_json);
   m.def("solve", &solve_model);
@@ -663,64 +672,66 @@ PYBIND11_MODULE(_core, m) {
   m.def("build_of_organ", &build_of_organ);
   m.def("places_of_organ", &places_of_organ);
   m.def("follow", &follow);
-  add_studies(m);
+}
 
-  // Documented in numpydoc's style: shape, type, unit, meaning.
-  using py::object;
-  const auto model = [](const object& self) -> const Model& {
-    return self.cast<const ModelInMemory&>().model;
-  };
-  const auto nodes = [](const object& self, const std::vector<Index>& list) {
-    return view(self, list.data(), {static_cast<py::ssize_t>(list.size())});
-  };
-  const auto dictionary = [](const std::string& json) {
-    return py::module_::import("json").attr("loads")(json);
-  };
+const Model& model_in(const py::object& self) {
+  return self.cast<const ModelInMemory&>().model;
+}
+
+py::array node_numbers(const py::object& self, const std::vector<Index>& list) {
+  return view(self, list.data(), {static_cast<py::ssize_t>(list.size())});
+}
+
+py::object dictionary(const std::string& json) {
+  return py::module_::import("json").attr("loads")(json);
+}
+
+void add_model(py::module_& m) {
   py::class_<ModelInMemory, ModelHolder>(
       m, "Model", R"(A body as nodes and integration points, with its base and the circle of the tool.
 
 Made by `build_model`. Its arrays are read-only views of the library's own memory, which lives as long as one of them.
 Positions are LPS, in metres, but for those whose name ends in `_mm`.)")
       .def_property_readonly(
-          "positions_m", [=](const object& self) { return view(self, model(self).X); },
+          "positions_m", [](const py::object& self) { return view(self, model_in(self).X); },
           "(N, 3) float64, metres, LPS: the nodes at rest.")
       .def_property_readonly(
-          "circle", [=](const object& self) { return nodes(self, model(self).circle); },
+          "circle", [](const py::object& self) { return node_numbers(self, model_in(self).circle); },
           "(n,) int64: numbers of the nodes that move with the tool, ascending.")
       .def_property_readonly(
-          "base", [=](const object& self) { return nodes(self, model(self).base); },
+          "base", [](const py::object& self) { return node_numbers(self, model_in(self).base); },
           "(n,) int64: numbers of the nodes that are held, ascending.")
       .def_property_readonly(
-          "points_m", [=](const object& self) { return view(self, model(self).point); },
+          "points_m", [](const py::object& self) { return view(self, model_in(self).point); },
           "(Q, 3) float64, metres, LPS: the integration points at rest.")
       .def_property_readonly(
           "volume_m3",
-          [=](const object& self) {
-            return view(self, model(self).volume.data(), {model(self).point_count()});
+          [](const py::object& self) {
+            return view(self, model_in(self).volume.data(), {model_in(self).point_count()});
           },
           "(Q,) float64, cubic metres: of the tissue that each integration point stands for.")
       .def_property_readonly(
           "label",
-          [=](const object& self) {
-            return view(self, model(self).label.data(), {model(self).label.size()});
+          [](const py::object& self) {
+            return view(self, model_in(self).label.data(), {model_in(self).label.size()});
           },
           "(Q,) int32: the image's label at each integration point, where the model was made for several "
           "tissues.")
       .def_property_readonly(
           "circle_centre_m",
-          [=](const object& self) { return view(self, model(self).tool.centre.data(), {3}); },
+          [](const py::object& self) { return view(self, model_in(self).tool.centre.data(), {3}); },
           "(3,) float64, metres, LPS: where the tool touches the body at first.")
       .def_property_readonly(
           "circle_radius_m", [](const ModelInMemory& self) { return self.model.tool.radius; },
           "float, metres.")
       .def_property_readonly(
-          "push", [=](const object& self) { return view(self, model(self).tool.push.data(), {3}); },
+          "push", [](const py::object& self) { return view(self, model_in(self).tool.push.data(), {3}); },
           "(3,) float64: unit vector, LPS, the way in which the tool moves.")
       .def_property_readonly(
-          "surface_mm", [=](const object& self) { return view(self, model(self).surface.vertex_mm); },
+          "surface_mm", [](const py::object& self) { return view(self, model_in(self).surface.vertex_mm); },
           "(V, 3) float64, millimetres, LPS: vertices of the boundary at rest, for pictures.")
       .def_property_readonly(
-          "triangles", [=](const object& self) { return view(self, model(self).surface.triangles); },
+          "triangles", [](const py::object& self) { return view(self, model_in(self).surface.triangles); },
           "(T, 3) int64: vertices of each triangle of the boundary, outward when counted anticlockwise.")
       .def("at_surface", &at_surface, py::arg("nodal"),
            R"(Values at the vertices of the boundary from values at the nodes.
@@ -735,7 +746,7 @@ Returns
 (V, k) float64 array
     In the same unit: with displacements, ``model.surface_mm + 1e3 * model.at_surface(u)`` is the deformed boundary.)")
       .def_property_readonly(
-          "report", [=](const ModelInMemory& self) { return dictionary(self.report_json); },
+          "report", [](const ModelInMemory& self) { return dictionary(self.report_json); },
           "dict: counts, volumes, spacings, and why the base and the circle are where they are.")
       .def_property_readonly(
           "warnings", [](const ModelInMemory& self) { return in_keywords(self.warnings); },
@@ -751,38 +762,42 @@ Returns
                         const std::vector<std::uint8_t> bytes = bytes_in(state, 1);
                         return computing([&] { return model_of(bytes); });
                       }));
+}
 
+void add_organ(py::module_& m) {
   py::class_<OrganInMemory>(m, "Organ")
       .def(py::init(&read_organ_of))
       .def_property_readonly(
           "warnings", [](const OrganInMemory& self) { return in_keywords(self.organ.read.warnings); },
           "list of str: of the image, what may make the organ another than was meant.")
       .def("__repr__", [](const OrganInMemory& self) { return shown(self); });
+}
 
-  py::class_<Solved>(m, "Result",
-                     R"(A force curve, the body's displacement along it, and how well the force is known.
-
-Made by `run` and `solve`. S samples, F frames, N nodes; all but the two edges of the band are read-only views of the
-library's own memory, which lives as long as one of them.)")
+void add_forces(py::class_<Solved>& result) {
+  result
       .def_property_readonly(
-          "depth_m", [](const object& self) { return curve(self, &ForceSample::depth); },
+          "depth_m", [](const py::object& self) { return curve(self, &ForceSample::depth); },
           "(S,) float64, metres: how far the tool has come from where it touched.")
       .def_property_readonly(
-          "force_N", [](const object& self) { return curve(self, &ForceSample::force); },
+          "force_N", [](const py::object& self) { return curve(self, &ForceSample::force); },
           "(S,) float64, newtons: on the tool along its push, positive where the tissue resists.")
       .def_property_readonly(
-          "base_force_N", [](const object& self) { return curve(self, &ForceSample::base_force); },
+          "base_force_N", [](const py::object& self) { return curve(self, &ForceSample::base_force); },
           "(S,) float64, newtons: with which the base holds the body.")
       .def_property_readonly(
-          "force_on_tool_N", [](const object& self) { return on_tool(self, 0); },
+          "force_on_tool_N", [](const py::object& self) { return on_tool(self, 0); },
           "(S, 3) float64, newtons, LPS: all of the force on the tool, not along its push alone.")
       .def_property_readonly(
-          "moment_on_tool_Nm", [](const object& self) { return on_tool(self, 3); },
+          "moment_on_tool_Nm", [](const py::object& self) { return on_tool(self, 3); },
           "(S, 3) float64, newton metres, LPS: its moment about the middle of the circle, which moves with "
           "the tool.")
       .def_property_readonly(
-          "time_s", [](const object& self) { return curve(self, &ForceSample::t); },
-          "(S,) float64, seconds since the tool touched.")
+          "time_s", [](const py::object& self) { return curve(self, &ForceSample::t); },
+          "(S,) float64, seconds since the tool touched.");
+}
+
+void add_band(py::class_<Solved>& result) {
+  result
       .def_property_readonly(
           "band",
           [](const Solved& self) -> py::object {
@@ -798,10 +813,14 @@ library's own memory, which lives as long as one of them.)")
           "(S,) float64, newtons, or None: its upper edge.")
       .def_property_readonly(
           "band_unknown", [](const Solved& self) { return in_keywords(self.band.unknown); },
-          "str: why there is no band; empty where there is one.")
+          "str: why there is no band; empty where there is one.");
+}
+
+void add_frames(py::class_<Solved>& result) {
+  result
       .def_property_readonly(
           "displacement_m",
-          [](const object& self) {
+          [](const py::object& self) {
             const auto& kept = self.cast<const Solved&>();
             return view(
                 self, kept.frame_u.data(),
@@ -810,22 +829,35 @@ library's own memory, which lives as long as one of them.)")
           "(F, N, 3) float64, metres, LPS: of each node at each frame, the first at rest.")
       .def_property_readonly(
           "frame_depth_m",
-          [](const object& self) {
+          [](const py::object& self) {
             const auto& depth = self.cast<const Solved&>().frame_depth;
             return view(self, depth.data(), {static_cast<py::ssize_t>(depth.size())});
           },
           "(F,) float64, metres: the tool's way at each frame.")
       .def_property_readonly(
           "frame_time_s",
-          [](const object& self) {
+          [](const py::object& self) {
             const auto& time = self.cast<const Solved&>().frame_time;
             return view(self, time.data(), {static_cast<py::ssize_t>(time.size())});
           },
-          "(F,) float64, seconds since the tool touched, at each frame.")
+          "(F,) float64, seconds since the tool touched, at each frame.");
+}
+
+void add_result(py::module_& m) {
+  py::class_<Solved> result(
+      m, "Result",
+      R"(A force curve, the body's displacement along it, and how well the force is known.
+
+Made by `run` and `solve`. S samples, F frames, N nodes; all but the two edges of the band are read-only views of the
+library's own memory, which lives as long as one of them.)");
+  add_forces(result);
+  add_band(result);
+  add_frames(result);
+  result
       .def_property_readonly(
           "model", [](const Solved& self) { return self.model; }, "Model: the body at rest.")
       .def_property_readonly(
-          "summary", [=](const Solved& self) { return dictionary(self.summary_json); },
+          "summary", [](const Solved& self) { return dictionary(self.summary_json); },
           "dict: what summary.json holds: status, material, counts, force and band, guards, times.")
       .def_property_readonly(
           "warnings", [](const Solved& self) { return in_keywords(self.warnings); },
@@ -838,9 +870,10 @@ library's own memory, which lives as long as one of them.)")
                        const auto its_model = state[1].cast<ModelHolder>();
                        return computing([&] { return solved_of(bytes, its_model); });
                      }));
+}
 
-  py::class_<LiveSession>(m, "Session")
-      .def(py::init<const ModelInMemory&, const Settings&>())
+void add_moves(py::class_<LiveSession>& session) {
+  session
       .def(
           "equilibrate",
           [](LiveSession& self, double depth_mm, double dt_s) {
@@ -892,8 +925,11 @@ int
 Raises
 ------
 SolveError
-    They would be more than 20000, or the body cannot follow; it is then as it was.)")
-      .def("__repr__", [](LiveSession& self) { return shown(self); })
+    They would be more than 20000, or the body cannot follow; it is then as it was.)");
+}
+
+void add_state(py::class_<LiveSession>& session) {
+  session.def("__repr__", [](LiveSession& self) { return shown(self); })
       .def_property_readonly(
           "depth_m", [](LiveSession& self) { return self.now([](Session& s) { return s.depth(); }); },
           "float, metres: the tool's way from where it first touched.")
@@ -927,6 +963,28 @@ SolveError
           [](LiveSession& self) { return handed_over(self.now([](Session& s) { return s.forces(); })); },
           "(N, 3) float64, newtons, LPS: what the tissue resists with at each node now; a new array each "
           "time.");
+}
+
+void add_session(py::module_& m) {
+  py::class_<LiveSession> session(m, "Session");
+  session.def(py::init<const ModelInMemory&, const Settings&>());
+  add_moves(session);
+  add_state(session);
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_core, m) {
+  add_errors();
+  // In this order: a signature names classes that are known by then.
+  add_words(m);
+  add_image_and_settings(m);
+  add_computations(m);
+  add_studies(m);
+  add_model(m);
+  add_organ(m);
+  add_result(m);
+  add_session(m);
 }
 
 }  // namespace dimple
