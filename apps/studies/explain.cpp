@@ -127,155 +127,214 @@ Config pinned(Config config, const Result& found, const Vec3& down) {
   return config;
 }
 
-// What is rigid beside the body: not there, and with friction.
-template <class Add>
-void add_walls(const Add& add) {
-  add("walls", "", "none", Kind::simplification, [](Case& c) {
-    c.config.wall.clear();
-    c.config.load.wall = "none";
-  });
-  const std::string friction = "0.3";
-  add("walls' friction", "", friction, Kind::doubt, [&](Case& c) {
-    for (const auto& [name, wall] : walls_named(c.config)) c.config.wall[name].friction = friction;
-  });
+// What trials are made from: the case, the same with its places as numbers, and what was found with it.
+struct Unchanged {
+  const Config& config;
+  const Config& held;
+  const Result& found;
+  Vec3 down;
+
+  const Touch* touch() const { return found.loading.touch.get(); }
+  std::string tool_name() const { return touch() ? "tool" : "circle"; }
+  double radius_mm() const { return 1e3 * (touch() ? touch()->shape.radius : found.model.tool.radius); }
+};
+
+// `all`: what the bar of several such changes says, where it is not the same.
+template <class Change>
+void add(std::vector<Trial>& trials, const Unchanged& u, const char* what, const std::string& all,
+         const std::string& instead, Kind kind, Change change) {
+  Trial trial{what, instead, all.empty() ? instead : all, kind, {.config = u.held}};
+  change(trial.given);
+  trials.push_back(std::move(trial));
 }
 
-// In the order in which they are run.
-std::vector<Trial> trials_of(const Config& config, const Config& held, const Result& found,
-                             const Vec3& down) {
-  std::vector<Trial> trials;
-  const auto add = [&](const char* what, const std::string& all, const std::string& instead, Kind kind,
-                       auto change) {
-    Trial trial{what, instead, all.empty() ? instead : all, kind, {.config = held}};
-    change(trial.given);
-    trials.push_back(std::move(trial));
-  };
-  const Boundary& boundary = found.report.boundary;
-  const auto& tool = found.model.tool;
-  const Touch* touch = found.loading.touch.get();
-  const double radius_mm = 1e3 * (touch ? touch->shape.radius : tool.radius);
-  const std::string name = touch ? "tool" : "circle";
-
+// Which only say how finely the same case is computed.
+void add_discretisation(std::vector<Trial>& trials, const Unchanged& u) {
+  const Config& config = u.config;
   for (const int more : {1, 2})
-    add("cloud", "two other random clouds",
+    add(trials, u, "cloud", "two other random clouds",
         fmt::format("seed {} instead of {}", config.cloud.seed + more, config.cloud.seed), Kind::cloud,
         [&](Case& c) { c.config.cloud.seed += more; });
-  add("number of nodes", "", fmt::format("{} instead of {}", 2 * config.cloud.nodes, config.cloud.nodes),
-      Kind::cloud, [](Case& c) { c.config.cloud.nodes *= 2; });
+  add(trials, u, "number of nodes", "",
+      fmt::format("{} instead of {}", 2 * config.cloud.nodes, config.cloud.nodes), Kind::cloud,
+      [](Case& c) { c.config.cloud.nodes *= 2; });
 
   const double ratio = scheme_of(config).points_per_node;
-  add("integration points", "", fmt::format("{} per node instead of {}", plain(2.0 * ratio), plain(ratio)),
-      Kind::cloud, [&](Case& c) {
+  add(trials, u, "integration points", "",
+      fmt::format("{} per node instead of {}", plain(2.0 * ratio), plain(ratio)), Kind::cloud, [&](Case& c) {
         c.config.grid.points = 0;
         c.config.grid.ratio = 2.0 * ratio;
       });
   const double tolerance = config.solver.tolerance;
-  add("equilibrium", "",
+  add(trials, u, "equilibrium", "",
       fmt::format("to {} of the reactions instead of {}", plain(0.1 * tolerance), plain(tolerance)),
       Kind::cloud, [&](Case& c) { c.config.solver.tolerance = std::max(0.1 * tolerance, 1e-8); });
   const double step = config.solver.step_radii;
-  add("steps of the load", "", fmt::format("{:g} instead of {:g} radii of the {}", 0.5 * step, step, name),
-      Kind::cloud, [&](Case& c) { c.config.solver.step_radii = std::max(0.5 * step, 0.001); });
+  add(trials, u, "steps of the load", "",
+      fmt::format("{:g} instead of {:g} radii of the {}", 0.5 * step, step, u.tool_name()), Kind::cloud,
+      [&](Case& c) { c.config.solver.step_radii = std::max(0.5 * step, 0.001); });
+}
 
-  const bool bonded = config.load.contact == "bonded";
-  if (touch)
+void add_contact(std::vector<Trial>& trials, const Unchanged& u) {
+  const bool bonded = u.config.load.contact == "bonded";
+  if (const Touch* touch = u.touch())
     for (const ToolChoice& choice : tool_choices(touch->shape, touch->friction))
-      add(choice.what, choice.all, choice.instead, Kind::doubt, [&](Case& c) {
+      add(trials, u, choice.what, choice.all, choice.instead, Kind::doubt, [&](Case& c) {
         c.change.tool = choice.shape;
         c.config.tool.friction = choice.friction;
       });
   else
-    add("contact", "", bonded ? "frictionless instead of bonded" : "bonded instead of frictionless",
-        Kind::doubt, [&](Case& c) { c.config.load.contact = bonded ? "frictionless" : "bonded"; });
+    add(trials, u, "contact", "",
+        bonded ? "frictionless instead of bonded" : "bonded instead of frictionless", Kind::doubt,
+        [&](Case& c) { c.config.load.contact = bonded ? "frictionless" : "bonded"; });
+}
 
+// How far up the body is held.
+void add_base(std::vector<Trial>& trials, const Unchanged& u) {
+  if (!has_base(u.config)) return;
+  const Boundary& boundary = u.found.report.boundary;
   const std::vector<double> heights =
       boundary.flat_base ? std::vector<double>{boundary.height / 6.0}
                          : std::vector<double>{0.5 * boundary.base_depth, 1.5 * boundary.base_depth};
-  if (has_base(config))
-    for (const double height : heights)
-      add("base",
-          heights.size() < 2 ? ""
-                             : fmt::format("held to {:.1f} or {:.1f} mm instead of {:.1f} mm", heights[0],
-                                           heights[1], boundary.base_depth),
-          fmt::format("held to {:.1f} mm instead of {:.1f} mm", height, boundary.base_depth), Kind::doubt,
-          [&](Case& c) { c.config.boundary.base_depth_mm = height; });
+  for (const double height : heights)
+    add(trials, u, "base",
+        heights.size() < 2 ? ""
+                           : fmt::format("held to {:.1f} or {:.1f} mm instead of {:.1f} mm", heights[0],
+                                         heights[1], boundary.base_depth),
+        fmt::format("held to {:.1f} mm instead of {:.1f} mm", height, boundary.base_depth), Kind::doubt,
+        [&](Case& c) { c.config.boundary.base_depth_mm = height; });
+}
 
+void add_tool_place(std::vector<Trial>& trials, const Unchanged& unchanged) {
+  const auto& tool = unchanged.found.model.tool;
   Index axis = 0;
   tool.push.cwiseAbs().minCoeff(&axis);
   const Vec3 u = (Vec3::Unit(axis) - tool.push[axis] * tool.push).normalized(), v = tool.push.cross(u);
   for (const Vec3& step : {u, Vec3(-u), v, Vec3(-v)}) {
     const Vec3 shown = step.array() + 0.0;  // no -0
-    add(touch ? "tool's place" : "circle", fmt::format("moved by {:g} mm in four directions", tool_step_mm),
+    add(trials, unchanged, unchanged.touch() ? "tool's place" : "circle",
+        fmt::format("moved by {:g} mm in four directions", tool_step_mm),
         fmt::format("moved by {:g} mm along ({:+.1f}, {:+.1f}, {:+.1f})", tool_step_mm, shown.x(), shown.y(),
                     shown.z()),
         Kind::doubt,
         [&](Case& c) { c.config.boundary.indent_at = vector_text(1e3 * tool.centre + tool_step_mm * step); });
   }
+}
 
+// Where the body ends: its segmentation, and how a surface is laid through it.
+void add_shape(std::vector<Trial>& trials, const Unchanged& u) {
   for (const double outward : {0.5, -0.5})
-    add("segmentation", "half a voxel larger or smaller",
+    add(trials, u, "segmentation", "half a voxel larger or smaller",
         fmt::format("half a voxel {}", outward > 0.0 ? "larger" : "smaller"), Kind::doubt,
         [&](Case& c) { c.change.outward_voxels = outward; });
+  const double smoothing_mm = u.found.segment.smoothing_mm;
   for (const double smoothing : {0.5, 2.0})
-    add("surface",
-        fmt::format("smoothed by {:.2f} or {:.2f} mm instead of {:.2f} mm", 0.5 * found.segment.smoothing_mm,
-                    2.0 * found.segment.smoothing_mm, found.segment.smoothing_mm),
-        fmt::format("smoothed by {:.2f} mm instead of {:.2f} mm", smoothing * found.segment.smoothing_mm,
-                    found.segment.smoothing_mm),
+    add(trials, u, "surface",
+        fmt::format("smoothed by {:.2f} or {:.2f} mm instead of {:.2f} mm", 0.5 * smoothing_mm,
+                    2.0 * smoothing_mm, smoothing_mm),
+        fmt::format("smoothed by {:.2f} mm instead of {:.2f} mm", smoothing * smoothing_mm, smoothing_mm),
         Kind::doubt, [&](Case& c) { c.change.smoothing = smoothing; });
-  add("voxels", "", "twice as large", Kind::simplification,
+  add(trials, u, "voxels", "", "twice as large", Kind::simplification,
       [](Case& c) { c.change.image = in_double_voxels; });
-  if (config.image.close_mm > 0.0)
-    add("folds", "", fmt::format("open instead of closed below {} mm", plain(config.image.close_mm)),
+}
+
+void add_folds(std::vector<Trial>& trials, const Unchanged& u) {
+  if (const double closed_mm = u.config.image.close_mm; closed_mm > 0.0)
+    add(trials, u, "folds", "", fmt::format("open instead of closed below {} mm", plain(closed_mm)),
         Kind::doubt, [](Case& c) { c.config.image.close_mm = 0.0; });
   else
-    add("folds", "", fmt::format("closed below {} mm", plain(narrow_gap_mm)), Kind::doubt,
+    add(trials, u, "folds", "", fmt::format("closed below {} mm", plain(narrow_gap_mm)), Kind::doubt,
         [](Case& c) { c.config.image.close_mm = narrow_gap_mm; });
-  if (found.facing_share > most_facing && found.time == TimeMode::quasi_static && !folds_touch(config))
-    add("walls of folds", "", "touch where they close, without friction", Kind::doubt,
+  if (u.found.facing_share > most_facing && u.found.time == TimeMode::quasi_static && !folds_touch(u.config))
+    add(trials, u, "walls of folds", "", "touch where they close, without friction", Kind::doubt,
         [](Case& c) { c.config.load.self_contact = "on"; });
+}
 
-  const double small_mm = small_depth_radii * radius_mm;
+void add_small_strain(std::vector<Trial>& trials, const Unchanged& u) {
+  const double depth_mm = u.config.load.depth_mm, small_mm = small_depth_radii * u.radius_mm();
   // The force of a tool that touches is not proportional to its depth at small strain either.
-  if (!touch && small_mm < config.load.depth_mm && found.time == TimeMode::quasi_static) {
-    add("strain", "", "small instead of large", Kind::simplification, [&](Case& c) {
-      // Supports come as far as they have when the tool is there.
-      for (auto& [name, support] : c.config.held)
-        for (double& way : support.move_mm) way *= small_mm / config.load.depth_mm;
-      c.config.load.depth_mm = small_mm;
-      c.config.solver.frames = 1;
-    });
-    trials.back().linear = true;
-  }
-  add("far tissue", "",
-      fmt::format("cut away beyond {:.0f} mm of the {}'s axis", far_radii * radius_mm, name),
-      Kind::simplification, [&](Case& c) {
-        const std::vector<int> labels = found.segment.labels;
-        const Vec3 centre = 1e3 * tool.centre, push = tool.push;
-        const double away = far_radii * radius_mm;
-        const LabelImage near = without_far_tissue(found.image, centre, push, away);
+  if (u.touch() || !(small_mm < depth_mm) || u.found.time != TimeMode::quasi_static) return;
+  add(trials, u, "strain", "", "small instead of large", Kind::simplification, [&](Case& c) {
+    // Supports come as far as they have when the tool is there.
+    for (auto& [name, support] : c.config.held)
+      for (double& way : support.move_mm) way *= small_mm / depth_mm;
+    c.config.load.depth_mm = small_mm;
+    c.config.solver.frames = 1;
+  });
+  trials.back().linear = true;
+}
+
+void add_far_tissue(std::vector<Trial>& trials, const Unchanged& u) {
+  const double away = far_radii * u.radius_mm();
+  add(trials, u, "far tissue", "",
+      fmt::format("cut away beyond {:.0f} mm of the {}'s axis", away, u.tool_name()), Kind::simplification,
+      [&](Case& c) {
+        const std::vector<int> labels = u.found.segment.labels;
+        const Boundary& boundary = u.found.report.boundary;
+        const Vec3 centre = 1e3 * u.found.model.tool.centre, push = u.found.model.tool.push;
+        const LabelImage near = without_far_tissue(u.found.image, centre, push, away);
         // Without its lowest part the body is held as far up as before.
         if (!boundary.flat_base)
           c.config.boundary.base_depth_mm = std::max(
-              boundary.base_depth - reach_of(found.image, labels, down) + reach_of(near, labels, down), 0.1);
+              boundary.base_depth - reach_of(u.found.image, labels, u.down) + reach_of(near, labels, u.down),
+              0.1);
         c.change.image = [=](const LabelImage& image) {
           return without_far_tissue(image, centre, push, away);
         };
       });
-  if (config.material.preset == "none") {
-    constexpr double nearly = 0.49, more_nearly = 0.499;
-    const double nu = config.material.nu > 0.5 * (nearly + more_nearly) ? nearly : more_nearly;
-    add("Poisson's ratio", "", fmt::format("{} instead of {}", plain(nu), plain(config.material.nu)),
-        Kind::simplification, [&](Case& c) { c.config.material.nu = nu; });
-  }
-  const bool dynamic = found.time != TimeMode::quasi_static;
-  if (has_walls(config)) add_walls(add);
-  if (!touch && !has_walls(config))
-    add("inertia", "", dynamic ? "neglected" : "included", dynamic ? Kind::simplification : Kind::doubt,
-        [&](Case& c) { c.config.solver.time = dynamic ? "quasi-static" : "dynamic"; });
-  if (!config.tissue.empty()) {
-    add("tissues", "", "all of one material", Kind::simplification, [](Case& c) { c.config.tissue.clear(); });
-  }
+}
+
+void add_poisson_ratio(std::vector<Trial>& trials, const Unchanged& u) {
+  if (u.config.material.preset != "none") return;
+  constexpr double nearly = 0.49, more_nearly = 0.499;
+  const double nu = u.config.material.nu > 0.5 * (nearly + more_nearly) ? nearly : more_nearly;
+  add(trials, u, "Poisson's ratio", "",
+      fmt::format("{} instead of {}", plain(nu), plain(u.config.material.nu)), Kind::simplification,
+      [&](Case& c) { c.config.material.nu = nu; });
+}
+
+// What is rigid beside the body: not there, and with friction.
+void add_walls(std::vector<Trial>& trials, const Unchanged& u) {
+  if (!has_walls(u.config)) return;
+  add(trials, u, "walls", "", "none", Kind::simplification, [](Case& c) {
+    c.config.wall.clear();
+    c.config.load.wall = "none";
+  });
+  const std::string friction = "0.3";
+  add(trials, u, "walls' friction", "", friction, Kind::doubt, [&](Case& c) {
+    for (const auto& [name, wall] : walls_named(c.config)) c.config.wall[name].friction = friction;
+  });
+}
+
+void add_inertia(std::vector<Trial>& trials, const Unchanged& u) {
+  if (u.touch() || has_walls(u.config)) return;
+  const bool dynamic = u.found.time != TimeMode::quasi_static;
+  add(trials, u, "inertia", "", dynamic ? "neglected" : "included",
+      dynamic ? Kind::simplification : Kind::doubt,
+      [&](Case& c) { c.config.solver.time = dynamic ? "quasi-static" : "dynamic"; });
+}
+
+void add_one_material(std::vector<Trial>& trials, const Unchanged& u) {
+  if (u.config.tissue.empty()) return;
+  add(trials, u, "tissues", "", "all of one material", Kind::simplification,
+      [](Case& c) { c.config.tissue.clear(); });
+}
+
+// In the order in which they are run.
+std::vector<Trial> trials_of(const Unchanged& unchanged) {
+  std::vector<Trial> trials;
+  add_discretisation(trials, unchanged);
+  add_contact(trials, unchanged);
+  add_base(trials, unchanged);
+  add_tool_place(trials, unchanged);
+  add_shape(trials, unchanged);
+  add_folds(trials, unchanged);
+  add_small_strain(trials, unchanged);
+  add_far_tissue(trials, unchanged);
+  add_poisson_ratio(trials, unchanged);
+  add_walls(trials, unchanged);
+  add_inertia(trials, unchanged);
+  add_one_material(trials, unchanged);
   return trials;
 }
 
@@ -380,35 +439,130 @@ void check_explainable(const Config& config) {
 
 namespace {
 
-// All comparisons with so many nodes; nothing, where these are too few: on a folded body, or because another
-// random cloud has more effect than is to matter. Then `more` is how many to take, if it is asked for.
-std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& given,
-                                        const std::function<void(const std::string&)>& progress) {
-  const Stopwatch whole;
-  Config config = given;
+// The case that is explained, with so many nodes.
+Config config_to_explain(Config config, Index nodes) {
   config.accuracy = {};
   config.material.mu_spread_percent = 0.0;
   config.cloud.spacing_mm = 0.0;
   config.cloud.nodes = nodes;
   config.source["cloud.nodes"] = "explain";
   config.solver.frames = frames;
-  const auto say = [&](const std::string& text) {
-    if (progress) progress(text);
-  };
+  return config;
+}
 
-  std::vector<double> depths_mm;
-  for (int k = 1; k <= frames; ++k) depths_mm.push_back(config.load.depth_mm * k / frames);
-
-  // simulate() lets go of the image, and cutting away what is far needs it.
+// simulate() lets go of the image, and cutting away what is far needs it.
+Tried run_with_image(const Config& config, const std::vector<double>& depths_mm) {
   LabelImage image;
   Tried found =
       run({.config = config, .change = {.image = [&](const LabelImage& read) { return image = read; }}},
           depths_mm);
+  found.result.image = std::move(image);
+  return found;
+}
+
+// What a trial is compared with.
+struct ForceReference {
+  const std::vector<double>& depths_mm;
+  const Tried& found;        // as the case was given
+  const Tried& as_it_is;     // the same with its places as numbers
+  std::vector<double> mean;  // force [N] of the clouds so far
+  int clouds = 1;
+};
+
+void take_into_mean(ForceReference& reference, const std::vector<double>& force) {
+  std::vector<double>& mean = reference.mean;
+  mean.resize(std::min(mean.size(), force.size()));
+  for (std::size_t k = 0; k < mean.size(); ++k) mean[k] += (force[k] - mean[k]) / (reference.clouds + 1);
+  ++reference.clouds;
+}
+
+// A force that is proportional to the depth, at each of the depths.
+std::vector<double> proportional(const Tried& now, double depth_mm, const std::vector<double>& depths_mm) {
+  const double stiffness = now.force.front() / depth_mm;
+  std::vector<double> force;
+  for (const double d : depths_mm) force.push_back(stiffness * d);
+  return force;
+}
+
+// Another random cloud of the same trial, and the mean of both in the place of the first: at as many depths
+// as both reach.
+std::size_t average_with_another_cloud(Tried& now, const Trial& trial, const std::vector<double>& depths_mm,
+                                       std::size_t depths) {
+  Case again = trial.given;
+  ++again.config.cloud.seed;
+  const auto other = run(again, depths_mm);
+  if (other.force.size() < depths) now.deeper = other.deeper;
+  depths = std::min(depths, other.force.size());
+  now.force.resize(depths);
+  for (std::size_t k = 0; k < depths; ++k) now.force[k] = 0.5 * (now.force[k] + other.force[k]);
+  return depths;
+}
+
+// Its forces beside those of the reference.
+void compare(Alternative& alternative, const Trial& trial, Tried& now, const ForceReference& reference,
+             double noise) {
+  const bool same_cloud =
+      trial.kind == Kind::cloud || same_nodes(now.result.model, reference.as_it_is.result.model);
+  const std::vector<double>& compared = same_cloud ? reference.as_it_is.force : reference.mean;
+  std::size_t depths = std::min({now.force.size(), compared.size(), reference.found.force.size()});
+  // What is hardly more than clouds differ by is told from two.
+  if (!same_cloud && std::abs(now.force[depths - 1] / compared[depths - 1] - 1.0) < few_noises * noise)
+    depths = average_with_another_cloud(now, trial, reference.depths_mm, depths);
+  for (std::size_t k = 0; k < depths; ++k)
+    alternative.effects.emplace_back(reference.depths_mm[k], now.force[k] / compared[k] - 1.0);
+  std::tie(alternative.depth_mm, alternative.effect) = alternative.effects.back();
+  alternative.force = (1.0 + alternative.effect) * reference.found.force[depths - 1];
+  alternative.seconds = now.seconds;
+  alternative.deeper = depths == now.force.size() ? now.deeper : "the unchanged run ends there";
+}
+
+using Say = std::function<void(const std::string&)>;
+
+// Runs it and compares; of a trial that fails, why. Nothing, where it has nothing to say.
+std::optional<Alternative> try_out(const Trial& trial, ForceReference& reference, double noise,
+                                   const Say& say) {
+  Alternative alternative{trial.what, trial.instead, trial.all, trial.kind};
+  const Stopwatch trying;
+  try {
+    const double depth_mm = trial.given.config.load.depth_mm;
+    Tried now = run(trial.given, trial.linear ? std::vector{depth_mm} : reference.depths_mm);
+    if (const std::string why = left_out(trial, now.result, reference.found.result); !why.empty()) {
+      say(fmt::format("explain  {}: {}", trial.what, why));
+      return std::nullopt;
+    }
+    if (trial.linear) now.force = proportional(now, depth_mm, reference.depths_mm);
+    compare(alternative, trial, now, reference, noise);
+    if (trial.what == "cloud") take_into_mean(reference, now.force);
+  } catch (const Stopped&) {
+    throw;
+  } catch (const Error& error) {
+    alternative.failed = error.report.fact;
+  }
+  if (alternative.seconds == 0.0) alternative.seconds = trying.seconds();
+  return alternative;
+}
+
+void say_alternative(const Alternative& a, const Explanation& explanation, const Say& say) {
+  say(fmt::format("explain  {}, {}: {}, {:.1f} s", a.what, instead_of(a, explanation),
+                  a.failed.empty() ? with_sign(100.0 * a.effect) + " %" : a.failed, a.seconds));
+}
+
+// All comparisons with so many nodes; nothing, where these are too few: on a folded body, or because another
+// random cloud has more effect than is to matter. Then `more` is how many to take, if it is asked for.
+std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& given, const Say& progress) {
+  const Stopwatch whole;
+  const Config config = config_to_explain(given, nodes);
+  const Say say = [&](const std::string& text) {
+    if (progress) progress(text);
+  };
+  std::vector<double> depths_mm;
+  for (int k = 1; k <= frames; ++k) depths_mm.push_back(config.load.depth_mm * k / frames);
+
+  const Tried found = run_with_image(config, depths_mm);
   if (const Index least = nodes_to_explain(config, found.result.facing_share); more && nodes < least) {
     *more = least;
     return std::nullopt;
   }
-  found.result.image = std::move(image);
   const Vec3 down = found.result.model.axes * found.result.report.boundary.down;
   Explanation explanation{.nodes = config.cloud.nodes,
                           .depth_mm = depths_mm[found.force.size() - 1],
@@ -423,68 +577,22 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
     // from there.
     const Config held = pinned(config, found.result, down);
     const Tried as_it_is = run({.config = held}, depths_mm);
-    std::vector<double> mean = as_it_is.force;  // of the clouds so far
-    int clouds = 1;
-    for (const Trial& trial : trials_of(config, held, found.result, down)) {
-      Alternative alternative{trial.what, trial.instead, trial.all, trial.kind};
-      const Stopwatch trying;
-      try {
-        Tried now =
-            run(trial.given, trial.linear ? std::vector{trial.given.config.load.depth_mm} : depths_mm);
-        if (const std::string why = left_out(trial, now.result, found.result); !why.empty()) {
-          say(fmt::format("explain  {}: {}", trial.what, why));
-          continue;
+    ForceReference reference{
+        .depths_mm = depths_mm, .found = found, .as_it_is = as_it_is, .mean = as_it_is.force};
+    for (const Trial& trial : trials_of({config, held, found.result, down})) {
+      std::optional<Alternative> alternative = try_out(trial, reference, explanation.noise, say);
+      if (!alternative) continue;
+      if (trial.what == "cloud" && alternative->failed.empty()) {
+        explanation.noise = std::max(explanation.noise, std::abs(alternative->effect));
+        if (more && explanation.noise > least_effect) {
+          say(fmt::format("explain  another random cloud changes the force by {:.1f} %: more nodes are taken",
+                          100.0 * explanation.noise));
+          *more = std::min(2 * nodes, most_nodes_to_explain);
+          return std::nullopt;
         }
-        if (trial.linear) {
-          const double stiffness = now.force.front() / trial.given.config.load.depth_mm;
-          now.force.clear();
-          for (const double depth_mm : depths_mm) now.force.push_back(stiffness * depth_mm);
-        }
-        const bool same_cloud =
-            trial.kind == Kind::cloud || same_nodes(now.result.model, as_it_is.result.model);
-        const std::vector<double>& compared = same_cloud ? as_it_is.force : mean;
-        std::size_t depths = std::min({now.force.size(), compared.size(), found.force.size()});
-        // What is hardly more than clouds differ by is told from two.
-        if (!same_cloud &&
-            std::abs(now.force[depths - 1] / compared[depths - 1] - 1.0) < few_noises * explanation.noise) {
-          Case again = trial.given;
-          ++again.config.cloud.seed;
-          const auto other = run(again, depths_mm);
-          if (other.force.size() < depths) now.deeper = other.deeper;
-          depths = std::min(depths, other.force.size());
-          now.force.resize(depths);
-          for (std::size_t k = 0; k < depths; ++k) now.force[k] = 0.5 * (now.force[k] + other.force[k]);
-        }
-        for (std::size_t k = 0; k < depths; ++k)
-          alternative.effects.emplace_back(depths_mm[k], now.force[k] / compared[k] - 1.0);
-        std::tie(alternative.depth_mm, alternative.effect) = alternative.effects.back();
-        alternative.force = (1.0 + alternative.effect) * found.force[depths - 1];
-        alternative.seconds = now.seconds;
-        alternative.deeper = depths == now.force.size() ? now.deeper : "the unchanged run ends there";
-        if (trial.what == "cloud") {
-          mean.resize(std::min(mean.size(), now.force.size()));
-          for (std::size_t k = 0; k < mean.size(); ++k) mean[k] += (now.force[k] - mean[k]) / (clouds + 1);
-          ++clouds;
-          explanation.noise = std::max(explanation.noise, std::abs(alternative.effect));
-          if (more && explanation.noise > least_effect) {
-            say(fmt::format(
-                "explain  another random cloud changes the force by {:.1f} %: more nodes are taken",
-                100.0 * explanation.noise));
-            *more = std::min(2 * nodes, most_nodes_to_explain);
-            return std::nullopt;
-          }
-        }
-      } catch (const Stopped&) {
-        throw;
-      } catch (const Error& error) {
-        alternative.failed = error.report.fact;
       }
-      if (alternative.seconds == 0.0) alternative.seconds = trying.seconds();
-      say(fmt::format(
-          "explain  {}, {}: {}, {:.1f} s", trial.what, instead_of(alternative, explanation),
-          alternative.failed.empty() ? with_sign(100.0 * alternative.effect) + " %" : alternative.failed,
-          alternative.seconds));
-      explanation.alternatives.push_back(std::move(alternative));
+      say_alternative(*alternative, explanation, say);
+      explanation.alternatives.push_back(*std::move(alternative));
     }
   } catch (const Stopped& stopped) {
     if (explanation.alternatives.empty()) throw;
