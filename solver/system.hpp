@@ -15,7 +15,7 @@ namespace dimple {
 /// How far the forces on a body are from equilibrium.
 struct Balance {
   double unbalanced = 0.0;  ///< norm of the forces on what is free to move [N]
-  double reactions = 0.0;   ///< half the sizes of all reactions, and those of loads and rigid contacts [N]
+  double reactions = 0.0;  ///< half the sizes of all reactions, and the whole of loads and rigid contacts [N]
   double residual() const { return unbalanced / std::max(reactions, 1e-30); }
 };
 
@@ -67,7 +67,7 @@ class System {
   struct OneContact {
     ContactTerm* term;
     TouchingTool* rigid;  ///< the same; null: folds
-    Index first;
+    Index first;          ///< counted from behind the pressures; every sample has its place, active or not
   };
   const std::vector<OneContact>& contacts() const { return contacts_; }
   Index contact_unknowns() const {
@@ -113,7 +113,7 @@ class System {
   StoredEnergy stored_energy(const Nodal& u);
   StiffnessBound stiffness_bound() const;
   NodeStiffness node_stiffness(const Nodal& u) const;
-  /// [N] of the loads at the last force() on node a.
+  /// [N] of the loads and rigid contacts at the last force() on node a.
   double load_on(Index a) const { return load_.cols() > 0 ? load_.col(a).norm() : 0.0; }
   /// Of the loads at the last force(), times u [J].
   double load_times(const Nodal& u, Index a) const {
@@ -127,7 +127,7 @@ class System {
   double along_push(const Nodal& f) const;
   double working_force(const Nodal& f) const;
 
-  /// A step of dt [s] begins; u ends it.
+  /// A step in time of dt [s] begins; accept_step(u) ends it.
   void begin_step(double dt) { tissue_.begin_step(dt); }
   void accept_step(const Nodal& u);
   std::vector<double> past() const;
@@ -172,7 +172,7 @@ class System {
   Instant now_;
   Nodal load_;  // [4xN] N of all loads and rigid contacts; no columns: there are none
   Rest step_start_, run_start_;
-  RigidWay way_before_;           // of the tool, after earlier steps, without its motion
+  RigidWay way_before_;           // shift and turn by which earlier steps left the tool; held_ has its motion
   double least_reactions_ = 0.0;  // N, for a balance
   double loads_at_rest_ = 0.0;    // J
 

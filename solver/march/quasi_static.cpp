@@ -32,6 +32,9 @@ double work_of_last(const std::vector<double>& depth, const std::vector<double>&
   return line - h * h * h / 6.0 * (slope - slope_before) / (depth[k] - depth[k - 2]);
 }
 
+// How far the tool has come in this step of a scene is its travel [m], which is an Instant's depth; a
+// Moment's depth counts the steps before, too.
+
 // Frames at depths between two equilibria of the march, which does not notice.
 struct FramesBetween {
   System& system;
@@ -42,15 +45,15 @@ struct FramesBetween {
   const Ledger& ledger;
   History& history;
 
-  double depth_of(int frame) const { return loading.depth / options.frames * frame; }
+  double travel_of(int frame) const { return loading.depth / options.frames * frame; }
 
   // Those after the frame `last` that lie before a depth; `path` holds the equilibria on both sides, and that
   // at `from` is the last that the tissue's past knows. False: the observer has enough.
   bool show(int& last, double before, double from, const Predictor& path) {
     Rest now{path.point.back().u, path.point.back().lambda};
     Nodal f = now.u;
-    for (; last < options.frames && depth_of(last + 1) < before; ++last) {
-      const double travel = depth_of(last + 1);
+    for (; last < options.frames && travel_of(last + 1) < before; ++last) {
+      const double travel = travel_of(last + 1);
       const Moment at{loading.t_at(travel), loading.depth_at(travel)};
       system.begin_step((travel - from) / loading.rate);
       const std::int64_t swept = system.tissue().sweeps();
@@ -101,8 +104,7 @@ struct FramesBetween {
   }
 };
 
-// From one equilibrium to the next. How far the tool has come in this step of a scene is its travel [m],
-// an Instant's depth; a Moment's adds the steps before.
+// From one equilibrium to the next.
 struct Increment {
   double from, length, to;  // of the travel [m]
   bool arrives;             // at the end of a load step
@@ -139,8 +141,8 @@ class QuasiStaticMarch {
   Predictor path_{4};  // the last equilibria, from which the next is looked for
   Rest now_;
   Nodal f_;
-  Ledger ledger_;
-  Guards guards_;
+  Ledger ledger_;  // its sums are those of state_.account
+  Guards guards_;  // check...() of what is no answer throws SolveError; found_...() notes a finding
   FramesBetween between_;
   const int steps_;
   const double step_;             // of the load [m]
@@ -318,6 +320,7 @@ void QuasiStaticMarch::search(double tolerance, Found& found) {
   if (how.evaluations < 1) throw no_equilibrium(relaxed, model_);
   const std::int64_t before = system_.tissue().sweeps();
   try {
+    // In u and lambda together; or of other schemes in u alone, by pseudo-time.
     relaxed = relax_.has_mixed() ? relax_.from_near(now_.u, now_.lambda, f_, how)
                                  : relax_(now_.u, f_, how, &now_.lambda);
   } catch (const Stopped&) {
@@ -420,7 +423,7 @@ void QuasiStaticMarch::take(const Increment& increment, const Found& found) {
     stopped_ = true;
     return;
   }
-  system_.accept_step(now_.u);  // after the frame: its stresses are those of this step
+  system_.accept_step(now_.u);  // after the frame: its stresses are those of this increment
   if (increment.arrives) ++state_.step;
   if (observer_.between_steps && !ended)
     observer_.between_steps([&] {
@@ -434,9 +437,9 @@ void QuasiStaticMarch::take(const Increment& increment, const Found& found) {
 // False: the observer has enough.
 bool QuasiStaticMarch::show_frames_before(const Increment& increment) {
   const double before = increment.to - same_depth * step_;
-  if (between_.depth_of(state_.frame + 1) >= before) return true;
+  if (between_.travel_of(state_.frame + 1) >= before) return true;
   if (!between_.show(state_.frame, before, increment.from, path_)) return false;
-  system_.begin_step((increment.to - increment.from) / loading_.rate);  // and back to this step's end
+  system_.begin_step((increment.to - increment.from) / loading_.rate);  // and back to this increment's end
   system_.set({.t = increment.end.t, .depth = increment.to});
   system_.force_at(now_.u, now_.lambda, f_);
   ++history_.extra_evaluations;
@@ -445,7 +448,7 @@ bool QuasiStaticMarch::show_frames_before(const Increment& increment) {
 
 void QuasiStaticMarch::show_frame_at(const Increment& increment) {
   if (state_.frame == options_.frames ||
-      between_.depth_of(state_.frame + 1) >= increment.to + same_depth * step_)
+      between_.travel_of(state_.frame + 1) >= increment.to + same_depth * step_)
     return;
   ++state_.frame;
   if (observer_.frame)
@@ -458,7 +461,7 @@ void QuasiStaticMarch::show_frame_at(const Increment& increment) {
 AfterCut QuasiStaticMarch::settle(double t) {
   const Moment now{t, loading_.begun.depth};
   Found found;
-  set_tool(0.0);
+  set_tool(0.0);  // no begin_step(): the cut takes no time, and tissue that remembers is refused
   search(options_.tolerance, found);
   check_equilibrium(now, found);
   const StoredEnergy stored = system_.stored_energy(now_.u);
@@ -470,6 +473,7 @@ AfterCut QuasiStaticMarch::settle(double t) {
   ledger_.write(ledger_.force(now, now_.u, f_), f_);
   ledger_.write(ledger_.energy(now, 0.0, stored, 0.0, result.released));
   if (observer_.frame)
+    // A frame of its own, which the caller has counted.
     observer_.frame({loading_.begun.frame, now.t, now.depth, now_.u, f_, system_.tissue(), system_.aside(),
                      system_.touching() ? system_.along_push(f_) : 0.0, system_.turned()});
   if (!ledger_.show_force()) history_.interrupted = true;
@@ -506,6 +510,7 @@ std::int64_t most_evaluations(int steps, const SolverOptions& options) {
 }
 
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options) {
+  // Of the tool itself it is 1: how far the fastest of all comes for one metre of its travel.
   double share = longest_share(loading.further);
   for (const Touch& wall : loading.walls)
     share = std::max(share, wall.motion.value_or(Vec3::Zero().eval()).norm());
@@ -527,8 +532,8 @@ void first_guess(const Model& model, const Vec3& direction, double way, Nodal& u
     const double lateral = (d - d.dot(model.tool.push) * model.tool.push).norm();
     const double away =
         std::hypot(std::max(0.0, lateral - model.tool.radius), d.dot(model.tool.push)) / model.tool.radius;
-    const double held = std::clamp((bottom - along[a]) / (bottom - top), 0.0, 1.0);
-    u.col(a) += padded(direction) * (way * held / ((1.0 + away) * (1.0 + away)));
+    const double follows = std::clamp((bottom - along[a]) / (bottom - top), 0.0, 1.0);
+    u.col(a) += padded(direction) * (way * follows / ((1.0 + away) * (1.0 + away)));
   }
 }
 
