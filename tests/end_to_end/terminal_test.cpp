@@ -1,5 +1,7 @@
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
@@ -27,6 +29,16 @@ const std::vector<std::string> commands = {"phantom", "info",    "places",  "mod
                                            "cite",    "doctor",  "man",     "completion"};
 
 class Terminal : public InFolder {};
+
+// A container may have none.
+bool has_terminals() {
+  const int terminal = posix_openpt(O_RDWR | O_NOCTTY);
+  const bool has = terminal >= 0 && grantpt(terminal) == 0 && unlockpt(terminal) == 0 &&
+                   ptsname(terminal) != nullptr && fs::exists(ptsname(terminal));
+  if (terminal >= 0) close(terminal);
+  return has;
+}
+constexpr const char* no_terminal = "no pseudo-terminal can be had here (/dev/pts)";
 
 std::vector<std::string> lines_of(const std::string& text) {
   std::vector<std::string> lines;
@@ -98,6 +110,7 @@ TEST_F(Terminal, WhatANoviceIsSparedIsThereWhenAskedFor) {
 }
 
 TEST_F(Terminal, OneLineRenewsItselfAndIsGoneInTheEnd) {
+  if (!has_terminals()) GTEST_SKIP() << no_terminal;
   good("phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
   const Ran run = dimple_on_terminal(
       folder, words_of("run block.nrrd -o out --nodes 300 --depth 1 --frames 4 --write force"), 100);
@@ -141,6 +154,7 @@ TEST_F(Terminal, ASmallForceNeverLooksLikeNothing) {
 }
 
 TEST_F(Terminal, HelpIsAsWideAsTheTerminal) {
+  if (!has_terminals()) GTEST_SKIP() << no_terminal;
   for (const int columns : {60, 80, 120, 200}) {
     std::size_t longest = 0;
     for (const std::string& command : commands)
