@@ -117,10 +117,12 @@ struct Frame {
 struct History {
   std::vector<ForceSample> force;
   std::vector<EnergySample> energy;
-  /// Of the force: one in each step of time; quasi-statically what the searches for equilibrium took.
+  /// With inertia the number of steps, each of which evaluates the force once in the explicit march; quasi-
+  /// statically the evaluations that the searches for equilibrium took.
   std::int64_t evaluations = 0;
-  std::int64_t extra_evaluations =
-      0;  ///< for the stable step; quasi-statically for frames between equilibria
+  /// Of the force besides: for the stable step; of the implicit march all; quasi-statically for frames
+  /// between equilibria.
+  std::int64_t extra_evaluations = 0;
   double dt_stable_first = 0.0, dt_first = 0.0, dt_smallest = 0.0;  ///< [s]
   double J_min = 1.0;                                               ///< smallest det F at any point and step
   Index inverted = 0;                                               ///< most points inverted at once

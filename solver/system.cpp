@@ -285,7 +285,7 @@ std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& mode
   std::vector<HeldSet> still;  // those that move have not come yet, as the tool has not
   std::copy_if(further.begin(), further.end(), std::back_inserter(still),
                [](const HeldSet& s) { return s.share == 0.0; });
-  still.push_back({.name = "base", .node = model.base});
+  still.push_back({.name = base_set, .node = model.base});
   auto system = std::make_unique<System>(tissue, model, Constraints(model.node_count(), std::move(still)),
                                          make_terms(model, loads), std::move(rigid), std::move(closing));
   if (touch) system->touching()->stand_apart(true);

@@ -38,8 +38,9 @@ struct Rest {
 /// there is an energy it is its derivative by the displacements, so that a load counts with the opposite
 /// sign. It is zero on free nodes in equilibrium, on held ones the reaction.
 ///
-///     f(u, now, lambda) = tissue(u, pressures in lambda) + loads(u, now) + contacts(u, now, forces in
-///     lambda)
+///     f(u, now, lambda) = tissue(u, lambda) + terms(u, now) + contacts(u, now, lambda)
+///
+/// Terms are loads and membranes; lambda are pressures in the tissue, and forces of contacts.
 class System {
  public:
   using Sweep = ForceSystem::Sweep;

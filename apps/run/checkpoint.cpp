@@ -17,10 +17,11 @@ constexpr const char* format = "dimple checkpoint 10";
 
 template <class Archive, Like<History> T>
 void members(Archive& io, T& history) {
-  auto& [force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
-         residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
-         off_by_penetration, contact_sticks, folds, walls, momentum_error, guards, retries] = history;
-  io(force, energy, steps, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
+  auto& [force, energy, evaluations, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min,
+         inverted, residual, interrupted, settled, penetration, contact_area, contact_pressure,
+         contact_samples, off_by_penetration, contact_sticks, folds, walls, momentum_error, guards, retries] =
+      history;
+  io(force, energy, evaluations, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
      residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
      off_by_penetration, contact_sticks, folds, walls, momentum_error, guards, retries);
 }

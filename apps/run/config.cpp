@@ -162,7 +162,8 @@ void assign_text(const Option& option, const std::string& text, const std::strin
   } else if (auto* numbers = std::get_if<std::vector<double>*>(&option.value)) {
     std::vector<double> read;
     for (const std::string& part : parts_of(text)) {
-      read.push_back(parse_quantity(option, part, source));
+      read.push_back(parse_quantity(option, part, source) +
+                     0.0);  // no -0, which is written as a whole number
       if (!std::isfinite(read.back())) refuse(option, part, source, "it is not a finite number");
     }
     **numbers = std::move(read);

@@ -12,6 +12,7 @@
 #include "io/digits.hpp"
 #include "io/error.hpp"
 #include "preprocess/surface/body_surface.hpp"
+#include "solver/constraints.hpp"
 
 namespace dimple {
 namespace {
@@ -132,9 +133,11 @@ void check_other_tools(const Config& config) {
   if (config.other_tool.empty()) return;
   for (const auto& [name, tool] : config.other_tool) {
     check(name, tool);
-    if (name == "tool")
-      throw UsageError(report_on(name, "shape", "has the name of the measured one",
-                                 "things are told of and moved by their names", "name it differently"));
+    if (name == "tool" || name == base_set)
+      throw UsageError(
+          report_on(name, "shape",
+                    name == base_set ? "has the name of the fixed base" : "has the name of the measured one",
+                    "things are told of and moved by their names", "name it differently"));
     if (config.held.contains(name) || config.wall.contains(name))
       throw UsageError(report_on(name, "shape", "has the name of a support or a wall",
                                  "things are told of and moved by their names", "name them differently"));

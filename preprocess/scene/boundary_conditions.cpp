@@ -399,18 +399,20 @@ double radius_of_touch(const BoundaryOptions& options) {
 
 void check_width(const BoundaryOptions& options, Boundary& result) {
   const double across = options.indenter_diameter_mm / std::max(options.voxel_mm, 1e-300);
+  const bool touches = options.contact_radius_mm > 0.0;
+  const double enough = few_voxels * options.voxel_mm;
   if (options.voxel_mm > 0.0 && across < 1.0)
     throw ModelError(
         {.fact = fmt::format("the tool of {:.4g} mm diameter is smaller than a voxel of {:.4g} mm",
                              options.indenter_diameter_mm, options.voxel_mm),
-         .where = "--indenter-diameter (boundary.indenter_diameter_mm)",
+         .where = touches ? "--tool (tool.shape)" : "--indenter-diameter (boundary.indenter_diameter_mm)",
          .why = "the image does not show the shape of the surface beneath it",
          .remedy =
-             few_voxels * options.voxel_mm > widest_circle
-                 ? std::string(
-                       "no circle is wide enough for such voxels: check the unit of the image's voxel "
-                       "spacing, which is taken as millimetres")
-                 : fmt::format("give at least {:.4g} mm, or a finer image", few_voxels * options.voxel_mm),
+             enough > widest_circle
+                 ? std::string("no tool is wide enough for such voxels: check the unit of the image's voxel "
+                               "spacing, which is taken as millimetres")
+             : touches ? fmt::format("give a radius of at least {:.4g} mm, or a finer image", 0.5 * enough)
+                       : fmt::format("give at least {:.4g} mm, or a finer image", enough),
          .code = "circle-too-small"});
   if (options.voxel_mm > 0.0 && across < few_voxels)
     result.warnings.push_back(fmt::format(

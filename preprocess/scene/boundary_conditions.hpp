@@ -23,8 +23,8 @@ struct BoundaryOptions {
   std::string direction = "auto";
   double voxel_mm =
       0.0;  ///< longest edge of the image's voxels: finer than that nothing is known; 0: unknown
-  /// Of a tool that touches and has the tool's diameter: nodes are graded around a circle of this radius
-  /// in its middle, and none of them is held. 0: the tool is the circle.
+  /// Of a tool that touches, which is indenter_diameter_mm wide: nodes are graded around a circle of this
+  /// radius in its middle, and none of them is held. 0: the tool is the circle.
   double contact_radius_mm = 0.0;
   /// Of a round tool that touches: how far its surface is above its tip at a distance from its axis [mm of
   /// mm]. On a slope it touches beside its axis, and nodes are graded around that place.

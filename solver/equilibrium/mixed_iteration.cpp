@@ -209,7 +209,7 @@ struct MixedIteration::Parts {
   Nodal viscous;                              // force
   Eigen::VectorXd scale, dual_scale;          // that make u and lambda of one kind: square roots of energies
   int pairings = 0;                           // the sum of all contacts', for which `compliance` is known
-  Eigen::MatrixXd compliance;  // [met x met] m/N of contact forces: w_s A^-1 w_t, as System::met() has them
+  Eigen::MatrixXd compliance;  // [active x active] m/N of forces: w_s A^-1 w_t, as System::active() has them
 
   explicit Parts(System& s)
       : body(s),

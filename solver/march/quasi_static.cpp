@@ -32,8 +32,8 @@ double work_of_last(const std::vector<double>& depth, const std::vector<double>&
   return line - h * h * h / 6.0 * (slope - slope_before) / (depth[k] - depth[k - 2]);
 }
 
-// How far the tool has come in this step of a scene is its travel [m], which is an Instant's depth; a
-// Moment's depth counts the steps before, too.
+// How far the tool, or what moves in its place, has come in this step of a scene is its travel [m], which is
+// an Instant's depth; a Moment's depth counts the steps before, too.
 
 // Frames at depths between two equilibria of the march, which does not notice.
 struct FramesBetween {

@@ -10,7 +10,7 @@ namespace dimple {
 /// How far a load has come: all that a force may depend on beside the displacements.
 struct Instant {
   double t = 0.0;      ///< [s]
-  double depth = 0.0;  ///< of the tool along its push [m]
+  double depth = 0.0;  ///< how far the tool, or what moves in its place, has come in this step of a scene [m]
   double share = 1.0;  ///< of the loads that act before the tool touches: 0 while none does, 1 when all do
 };
 

@@ -222,7 +222,7 @@ TEST_F(ASupport, ThatMovesFurtherThanTheToolArrives) {
   EXPECT_LT(three(summary["supports"]["r"]["force_N"]).x(), 0.0);
 }
 
-TEST_F(ASupport, MayHaveAnyNameAndTheForceIsTheSame) {
+TEST_F(ASupport, MayBeCalledIndenterAndTheForceIsTheSame) {
   for (const char* moves : {" --depth 1mm --set support.@.move=1,0,0",
                             " --set step.a.move=1mm --set step.b.moves=@ --set step.b.move=1,0,0"}) {
     const auto named = [&](const std::string& name) {
@@ -235,7 +235,8 @@ TEST_F(ASupport, MayHaveAnyNameAndTheForceIsTheSame) {
 }
 
 TEST_F(ASupport, KeepsForcesProportionalToTheModulus) {
-  const std::string scene = " --nodes 600 --write force --set support.r.on=left --set support.r.move=1,0,0";
+  const std::string scene =
+      " --nodes 600 --depth 1mm --write force --set support.r.on=left --set support.r.move=1,0,0";
   const Json known = run(scene, "out", "2kPa+-30%"), stiff = run(scene, "out", "2.6kPa");
   EXPECT_NEAR(known["band_of_mu"]["high_N"].get<double>() / stiff["force_N"].get<double>(), 1.0, 2e-4);
   const Vec3 one = three(known["supports"]["r"]["force_N"]), other = three(stiff["supports"]["r"]["force_N"]);

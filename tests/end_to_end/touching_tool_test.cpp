@@ -598,6 +598,9 @@ TEST(SeveralTools, AreRefusedInWordsWhereWhatIsSaidOfThemMakesNoTool) {
   refused(
       2, run + "--set tool.other.shape=sphere:4mm --set tool.tool.shape=sphere:4mm --set tool.tool.at=0,0,60",
       "has the name of the measured one");
+  refused(
+      2, run + "--set tool.other.shape=sphere:4mm --set tool.base.shape=sphere:4mm --set tool.base.at=0,0,60",
+      "has the name of the fixed base");
   refused(2, run + "--set tool.other.shape=sphere:4mm --set wall.other.shape=around:2mm",
           "has the name of a support or a wall");
   refused(2,
