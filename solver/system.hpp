@@ -91,10 +91,10 @@ class System {
   /// The same, and puts what is held of u [4xN] m where it then is.
   void set(const Instant& now, Nodal& u);
 
-  /// f [4xN] N at u [4xN] m.
+  /// f [4xN] N at u [4xN] m: with the pressures and contact forces that force_at() was last given; where none
+  /// were, pressures follow from the volumes, and nothing touches.
   Sweep force(const Nodal& u, Nodal& f);
-  /// The same where a search for equilibrium is, which holds the patches' pressures and the contact forces
-  /// `lambda`, see Rest, if it looks for any.
+  /// The same with those of `lambda`, see Rest. Of a scheme without patches these are contact forces alone.
   Sweep force_at(const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f);
   /// Size of the sum of the forces in f that act within the body, which is nothing but for rounding [N].
   double spurious_resultant(const Nodal& f) const {
@@ -141,9 +141,9 @@ class System {
   const Rest& run_start() const { return run_start_; }
   /// The body rests so; what is held from now on is moved from there.
   void begin_at(Rest rest, Constraints held);
-  /// A further step of a scene begins at `from`, in which `held` moves the tool on from where the steps
-  /// before have brought it: along `of_tool`, by `travel_before` [m] in all. `of_walls`: the same of each of
-  /// walls().
+  /// A further step of a scene begins at `from`. `held` has its motion; `of_tool`: the shift and turn by
+  /// which the steps before have left the tool, `of_walls`: the same of each of walls(); `travel_before` [m]:
+  /// how far these steps went in all, by which friction knows whether anything has moved since.
   void go_on(Rest from, Constraints held, const RigidWay& of_tool, double travel_before,
              const std::vector<RigidWay>& of_walls);
   /// The forces f [4xN] N that a step begins with are the measure of its balance, down to a hundredth of

@@ -128,7 +128,7 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
                       const RefinementLevel& level) { log.say(level_in_words(number, level, follows)); },
        .failed = [&](int number, Index nodes,
                      const std::string& fact) { log.say(failure_in_words(number, nodes, fact)); },
-       .of_march = observer});
+       .of_march = observer});  // hears how each level begins; its frames are kept for replay()
   tell_how_it_ended(config, goal, found, observer);
   Result& finest = found.finest->result;
   finest.levels = std::move(found.levels);
@@ -204,6 +204,9 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   if (of_image && (cuts || !config.tissue.empty())) of_image->image = std::move(result.image);
   result.image = {};  // nobody needs it any longer
   const std::unique_ptr<CoarserMarch> coarser = given.band ? begin_band(given, result) : nullptr;
+  // Makes the System of the result's model and takes it through the load, or each step of the scene, by the
+  // march that the time mode asks for; where a step cuts, `cuts` makes the next model, of which the observer
+  // is told.
   march(config, solver_options(config), observer.march, given.from, log, result, cuts ? &*cuts : nullptr,
         &observer);
   if (coarser && !result.history.interrupted) find_band(given, *coarser, log, result);

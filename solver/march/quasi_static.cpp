@@ -141,7 +141,7 @@ class QuasiStaticMarch {
   Predictor path_{4};  // the last equilibria, from which the next is looked for
   Rest now_;
   Nodal f_;
-  Ledger ledger_;  // its sums are those of state_.account
+  Ledger ledger_;  // force() and energy() only compute, write() books, into state_.account
   Guards guards_;  // check...() of what is no answer throws SolveError; found_...() notes a finding
   FramesBetween between_;
   const int steps_;
@@ -320,7 +320,7 @@ void QuasiStaticMarch::search(double tolerance, Found& found) {
   if (how.evaluations < 1) throw no_equilibrium(relaxed, model_);
   const std::int64_t before = system_.tissue().sweeps();
   try {
-    // In u and lambda together; or of other schemes in u alone, by pseudo-time.
+    // In u and lambda together; or, of schemes that have no lambda, in u alone by pseudo-time.
     relaxed = relax_.has_mixed() ? relax_.from_near(now_.u, now_.lambda, f_, how)
                                  : relax_(now_.u, f_, how, &now_.lambda);
   } catch (const Stopped&) {
@@ -358,7 +358,7 @@ void QuasiStaticMarch::check(const Increment& increment, Found& found) {
   double dissipated = found.snapped ? relaxed.dissipated : 0.0;
   if (relaxed.lost_contact) dissipated = std::max(0.0, history_.energy.back().stored + work - stored.sum());
   for (const System::OneContact& one : system_.contacts())
-    if (one.rigid) dissipated += one.rigid->heat();
+    if (one.rigid) dissipated += one.rigid->heat();  // of friction since accept_step()
   found.energy = ledger_.energy(now, /*kinetic=*/0.0, stored, work, dissipated);
   if (state_.depths.size() > few)
     guards_.check(found.energy, std::max(state_.account.largest_external, std::abs(found.energy.external)),
