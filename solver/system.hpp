@@ -116,7 +116,7 @@ class System {
   NodeStiffness node_stiffness(const Nodal& u) const;
   /// [N] of the loads and rigid contacts at the last force() on node a.
   double load_on(Index a) const { return load_.cols() > 0 ? load_.col(a).norm() : 0.0; }
-  /// Of the loads at the last force(), times u [J].
+  /// Of the loads and rigid contacts at the last force(), times u [J].
   double load_times(const Nodal& u, Index a) const {
     return load_.cols() > 0 ? load_.col(a).dot(u.col(a)) : 0.0;
   }

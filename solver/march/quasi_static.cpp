@@ -320,7 +320,8 @@ void QuasiStaticMarch::search(double tolerance, Found& found) {
   if (how.evaluations < 1) throw no_equilibrium(relaxed, model_);
   const std::int64_t before = system_.tissue().sweeps();
   try {
-    // In u and lambda together; or, of schemes that have no lambda, in u alone by pseudo-time.
+    // In u and lambda together; or, of schemes without patches, in u alone by pseudo-time: no contact, no
+    // lambda.
     relaxed = relax_.has_mixed() ? relax_.from_near(now_.u, now_.lambda, f_, how)
                                  : relax_(now_.u, f_, how, &now_.lambda);
   } catch (const Stopped&) {
@@ -481,7 +482,8 @@ AfterCut QuasiStaticMarch::settle(double t) {
   return result;
 }
 
-// To the last equilibrium, and on by a shorter increment; or it ends here.
+// To the last equilibrium, and on by a shorter increment; or it ends here. Nothing is put back: look_ahead()
+// starts from path_, and what accept_step() has not taken the next begin_step() forgets.
 void QuasiStaticMarch::go_back(const Increment& increment, const Found& found, const SolveError& error) {
   const double depth = increment.end.depth, shorter = 0.5 * increment.length;
   if (found.relaxed.converged) {  // and a guard refused it: shorter from now on

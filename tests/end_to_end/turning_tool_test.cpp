@@ -30,13 +30,18 @@ fs::path with_block() {
   return folder;
 }
 
+// Of the scene under the rod, run into out/.
+Json summary_with(const fs::path& folder, const std::string& options) {
+  const Ran ran = dimple(folder, scene + rod + " -o out --force --write force" + options);
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  return Json::parse(text_of(folder / "out" / "summary.json"));
+}
+
 TEST(SceneWithATurn, IsSaidInEachStepAndDrawnAsItStandsAndGivesTheSameBytesAgain) {
   const fs::path folder = with_block();
-  const Ran ran = dimple(folder, scene + rod +
-                                     " -o out --write force,surface --threads 1 --friction 0.2 "
-                                     "--set step.turn.turn=0,0.2618rad,0");
-  ASSERT_EQ(ran.code, 0) << ran.err;
-  const Json summary = Json::parse(text_of(folder / "out" / "summary.json")), step = summary["scene"][1];
+  const Json summary = summary_with(folder,
+                                    ",surface --threads 1 --friction 0.2 --set step.turn.turn=0,0.2618rad,0"),
+             step = summary["scene"][1];
   EXPECT_FALSE(summary["scene"][0].contains("turn_deg"));
   EXPECT_NEAR(step["turn_deg"][1].get<double>(), 15.0, 1e-3);
   EXPECT_NEAR(step["turned_deg"][1].get<double>(), 15.0, 1e-3);
@@ -67,11 +72,9 @@ TEST(SceneWithATurn, IsSaidInEachStepAndDrawnAsItStandsAndGivesTheSameBytesAgain
 // Farther than the samples of a tool that goes straight down reach, which is 4.5 mm.
 TEST(SceneWithATurn, AboutAPlaceSinksAndGoesAsideAsThatSays) {
   const fs::path folder = with_block();
-  const Ran ran = dimple(folder, scene + rod +
-                                     " -o out --write force --set step.turn.turn=-15,0,0 "
-                                     "--set step.turn.about=0,0,50 --set step.turn.move=0.3,0,-0.8");
-  ASSERT_EQ(ran.code, 0) << ran.err;
-  const Json summary = Json::parse(text_of(folder / "out" / "summary.json"));
+  const Json summary = summary_with(folder,
+                                    " --set step.turn.turn=-15,0,0 --set step.turn.about=0,0,50 "
+                                    "--set step.turn.move=0.3,0,-0.8");
   const auto tip = summary["tool"]["first_touch_mm"].get<std::vector<double>>();
   const Vec3 pressed(tip[0], tip[1], tip[2] - 1.5), about(0, 0, 50);
   const Vec3 turned =
@@ -125,10 +128,8 @@ TEST(SceneWithATurn, WhatMakesNoTurnIsRefusedInWords) {
 TEST(SceneWithATurn, UnderGravityIsTheSameToBothSidesAndUndoneByTheTurnBack) {
   const fs::path folder = with_block();
   const auto forces = [&](const std::string& turns) {
-    const Ran ran = dimple(folder, scene + rod + " -o out --force --write force --gravity inferior " + turns);
-    EXPECT_EQ(ran.code, 0) << ran.err;
     std::vector<double> force;
-    const Json summary = Json::parse(text_of(folder / "out" / "summary.json"));
+    const Json summary = summary_with(folder, " --gravity inferior " + turns);
     for (const Json& step : summary.at("scene")) force.push_back(step.at("force_N"));
     return force;
   };
