@@ -132,7 +132,7 @@ void Guards::find(Finding finding) {
     *same = std::move(finding);
 }
 
-void Guards::check(const ForceSystem::Sweep& sweep, const Moment& now) const {
+void Guards::check_sweep(const ForceSystem::Sweep& sweep, const Moment& now) const {
   if (sweep.ok()) return;
   const std::string where =
       moment(now) + text("; point at rest at ", in_mm(model_.point.col(std::max<Index>(sweep.point, 0))));
@@ -227,8 +227,8 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
   }
 }
 
-void Guards::check(const EnergySample& e, double largest_external, double duration, bool conserves,
-                   const Moment& now) {
+void Guards::check_energy(const EnergySample& e, double largest_external, double duration, bool conserves,
+                          const Moment& now) {
   if (!std::isfinite(e.kinetic) || !std::isfinite(e.stored))
     throw SolveError({.fact = "the energy is no longer a number",
                       .where = moment(now),

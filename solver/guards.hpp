@@ -53,15 +53,15 @@ class Guards {
   Guards(System& system, bool static_answer, bool on, std::vector<Finding>& findings);
 
   /// Of a sweep: `non-finite`, and `inverted` where the energy has no meaning there. Costs nothing.
-  void check(const ForceSystem::Sweep& sweep, const Moment& now) const;
+  void check_sweep(const ForceSystem::Sweep& sweep, const Moment& now) const;
   /// Every component of every node: `non-finite`; and `inverted`, where the tool has come out of the body.
-  void check(const ForceSystem::Nodal& u, const ForceSystem::Nodal& f, const Moment& now) const;
+  void check_nodes(const ForceSystem::Nodal& u, const ForceSystem::Nodal& f, const Moment& now) const;
   /// Points after the last sweep, which must have been at an accepted state: `inverted`, `volume`.
   void check_points(const ForceSystem::Sweep& sweep, const Moment& now);
   /// `energy`, `kinetic`. `largest_external`: so far [J]. `conserves`: the march and the law neither make nor
   /// lose any.
-  void check(const EnergySample& e, double largest_external, double duration, bool conserves,
-             const Moment& now);
+  void check_energy(const EnergySample& e, double largest_external, double duration, bool conserves,
+                    const Moment& now);
   /// Of central differences: `energy`, without the stored energy, which is never negative.
   void check_kinetic(double kinetic, double external, const Moment& now) const;
   /// `hourglass`: the part of the stored energy in what averaged gradients do not see [J]; see

@@ -15,7 +15,9 @@ namespace dimple {
 /// How far the forces on a body are from equilibrium.
 struct Balance {
   double unbalanced = 0.0;  ///< norm of the forces on what is free to move [N]
-  double reactions = 0.0;  ///< half the sizes of all reactions, and the whole of loads and rigid contacts [N]
+  /// Sum of the sizes of all reactions and of all loads and rigid contacts [N], of reactions the half: what
+  /// the tool puts in comes out at the base again.
+  double reactions = 0.0;
   double residual() const { return unbalanced / std::max(reactions, 1e-30); }
 };
 
@@ -26,8 +28,8 @@ struct StoredEnergy {
   double sum() const { return tissue + loads; }
 };
 
-/// Displacements [4xN] m and the patches' pressures x volumes [N m], see MixedIteration; behind them the
-/// contact forces [N] as System::contacts() has them.
+/// Displacements [4xN] m; and lambda: the pressure of each patch (neighbouring points that share one) times
+/// its volume [N m], see MixedIteration, behind them the contact forces [N] as System::contacts() has them.
 struct Rest {
   Nodal u;
   Eigen::VectorXd lambda;
@@ -43,7 +45,7 @@ struct Rest {
 /// Terms are loads and membranes; lambda are pressures in the tissue, and forces of contacts.
 class System {
  public:
-  using Sweep = ForceSystem::Sweep;
+  using Sweep = ForceSystem::Sweep;  ///< the worst point that was met: its J, and whether it is inverted
   /// `tissue` and `model` must outlive it. Of the `rigid` contacts one at most is measured.
   System(const ForceSystem& tissue, const Model& model, Constraints held, ForceTerms terms = {},
          std::vector<std::unique_ptr<TouchingTool>> rigid = {}, std::unique_ptr<FoldContact> folds = nullptr);
@@ -83,10 +85,10 @@ class System {
   const std::vector<ActiveSample>& active() const { return active_; }
   /// Adds the samples that the last force() found beyond what they face.
   void activate_penetrating();
-  /// Where the tool stands and which share of the loads acts.
+  /// Where the tool stands and which share of the loads acts: all of them once the tool moves.
   const Instant& now() const { return now_; }
 
-  /// Tool and loads stand so from now on.
+  /// Tool and loads stand so from now on. {}: where the step of the scene begins.
   void set(const Instant& now) { now_ = now; }
   /// The same, and puts what is held of u [4xN] m where it then is.
   void set(const Instant& now, Nodal& u);
@@ -128,9 +130,11 @@ class System {
   double along_push(const Nodal& f) const;
   double working_force(const Nodal& f) const;
 
-  /// A step in time of dt [s] begins; accept_step(u) ends it.
+  /// A step in time of dt [s] begins; accept_step(u) ends it: viscous stresses and what friction has dragged
+  /// along stay so.
   void begin_step(double dt) { tissue_.begin_step(dt); }
   void accept_step(const Nodal& u);
+  /// All that these steps have left and u does not tell, and which samples are active.
   std::vector<double> past() const;
   void restore_past(std::vector<double> past);
 
@@ -197,7 +201,8 @@ Balance System::balance(const Nodal& f, Nodal& unbalanced, const Beside& beside)
   return sum;
 }
 
-/// A body under `loads`, come to rest, its circle where the tool then touches it: bonded or not, and
+/// A body under `loads`, come to rest, its circle (the nodes that the tool holds) where the tool then touches
+/// it: bonded or not, and
 /// `further` sets held likewise; or `touch`: a tool that holds no nodes, and stands apart until then. `folds`
 /// that close touch. `walls`: rigid contacts that are not measured. Throws SolveError: it does not carry its
 /// loads.

@@ -107,7 +107,7 @@ struct Body {
 }  // namespace
 
 CutScene::CutScene(const Case& given, Organ organ)
-    : given_(given), whole_(std::move(organ)), steps_(cut_steps(given.config)) {}
+    : given_(given), whole_(std::move(organ)), steps_(cuts_after_moves(given.config)) {}
 
 ScenePart CutScene::part(std::size_t k) const {
   ScenePart part;

@@ -172,7 +172,7 @@ bool has_cuts(const Config& config) {
 
 void check_cuts(const Config& config) {
   std::vector<CutText> all = cuts_at_rest(config);
-  for (const CutStep& step : cut_steps(config)) all.push_back(cut_of_step(step.name, step.cut));
+  for (const CutStep& step : cuts_after_moves(config)) all.push_back(cut_of_step(step.name, step.cut));
   for (const CutText& cut : all) {
     if (words_of(cut).empty())
       refuse({cut.text, cut.where, "", ""}, "says nothing", "a step that cuts says what");

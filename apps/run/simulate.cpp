@@ -64,7 +64,7 @@ Case with_origin(const Case& given) {
   if (!given.origin) return result;
   const Config usual;
   result.config = with_model_of(given.config, given.origin->config);
-  result.config.cloud.nodes = usual.cloud.nodes;
+  result.config.cloud.nodes = usual.cloud.nodes;  // else goal_of() would take them for a wish
   result.config.cloud.spacing_mm = usual.cloud.spacing_mm;
   return result;
 }
@@ -120,7 +120,7 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
                       .remedy = "begin with the image: dimple run"});
   refuse_without_band(why_no_band(config));
   const std::shared_ptr<Origin> origin = origin_of_levels(given, log, result);
-  result.followed = followed_in(config, origin->organ);
+  result.followed = followed_in(config, origin->organ);  // a structure whose displacement is wanted too
   const bool follows = result.followed.has_value();
   Refinement found = refine(
       given, goal, *origin, result, whole,
@@ -132,6 +132,8 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
   tell_how_it_ended(config, goal, found, observer);
   Result& finest = found.finest->result;
   finest.levels = std::move(found.levels);
+  // Further clouds of this origin take their tissues from the image, if there are several, and their base and
+  // circle from the boundary.
   finest.image = config.tissue.empty() ? std::move(origin->image) : origin->image;
   origin->boundary = finest.report.boundary;
   finest.origin = origin;
@@ -166,8 +168,8 @@ void build_case(const Case& given, const RunObserver& observer, Result& result) 
 }
 
 void simulate(const Case& given, const RunObserver& observer, Result& result) {
-  (void)force_spread(
-      given.config);  // refuses, before anything is built, what the spread of mu is not known of
+  // Refuses, before anything is built, a spread of the shear modulus where it is not known what it does.
+  (void)force_spread(given.config);
   check_loads(given.config);
   check_supports(given.config);
   check_steps(given.config);
@@ -200,9 +202,10 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   log.begin(Part::solving, config);
   if (observer.begin) observer.begin(result);
   std::optional<CutScene> cuts;
-  if (before_cuts && !cut_steps(config).empty()) cuts.emplace(given, std::move(*before_cuts));
+  if (before_cuts && !cuts_after_moves(config).empty()) cuts.emplace(given, std::move(*before_cuts));
+  // Models after cuts, and further clouds of several tissues, ask the image what a point is made of.
   if (of_image && (cuts || !config.tissue.empty())) of_image->image = std::move(result.image);
-  result.image = {};  // nobody needs it any longer
+  result.image = {};  // the march does not
   const std::unique_ptr<CoarserMarch> coarser = given.band ? begin_band(given, result) : nullptr;
   // Makes the System of the result's model and takes it through the load, or each step of the scene, by the
   // march that the time mode asks for; where a step cuts, `cuts` makes the next model, of which the observer

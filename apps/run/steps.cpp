@@ -139,8 +139,8 @@ void check_cut_steps(const Config& config) {
     refuse(config.step.begin()->first, "cut", "cuts, and no step moves anything",
            "where there are steps they say how the tool moves",
            "add one, as step.press.move = 4mm, or cut the body at rest by --cut");
-  if (cut_steps(config).empty()) return;
-  const std::string first = cut_steps(config).front().name;
+  if (cuts_after_moves(config).empty()) return;
+  const std::string first = cuts_after_moves(config).front().name;
   const auto refuse_beside = [&](bool is_asked, const char* what, const char* why, const char* remedy) {
     if (is_asked)
       refuse(first, "cut", fmt::format("cuts a body in a deformed state, beside {}", what), why, remedy);
@@ -212,7 +212,7 @@ void check_steps(const Config& config) {
                       .remedy = "leave --time and --scheme out, or the steps"});
 }
 
-std::vector<CutStep> cut_steps(const Config& config) {
+std::vector<CutStep> cuts_after_moves(const Config& config) {
   std::vector<CutStep> cuts;
   std::size_t moved = 0;
   for (const auto& [name, step] : steps_in_order(config)) {

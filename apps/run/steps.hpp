@@ -18,8 +18,8 @@ struct CutStep {
   std::size_t after;            ///< so many of the steps that move something
   double toughness_J_m2 = 0.0;  ///< 0: not known
 };
-/// Those before anything has moved cut the body at rest, see cuts.hpp.
-std::vector<CutStep> cut_steps(const Config& config);
+/// Steps that cut what has moved before; those before anything has moved cut at rest, see cuts.hpp.
+std::vector<CutStep> cuts_after_moves(const Config& config);
 
 /// Throws UsageError, for what has no image to cut: also of steps that cut at rest.
 void require_no_cut_steps(const Config& config, const std::string& what);

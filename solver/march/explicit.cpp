@@ -140,7 +140,7 @@ void ExplicitMarch::step(const Moment& now, bool first) {
   system_.set({.t = now.t, .depth = now.depth});
   const ForceSystem::Sweep sweep = system_.stress_sweep(u_);
   ledger_.count(sweep);
-  guards_.check(sweep, now);
+  guards_.check_sweep(sweep, now);
 
   const CentralDifferences differences{.dt = now.dt,
                                        .kick = 0.5 * (before > 0.0 ? before + now.dt : now.dt),
@@ -185,7 +185,7 @@ void ExplicitMarch::finish_stretch() {
   if (last || options_.guards) {
     system_.set({.t = end.t, .depth = end.depth});
     const ForceSystem::Sweep sweep = last ? system_.force(u_, f_) : system_.stress_sweep(u_);
-    guards_.check(sweep, end);
+    guards_.check_sweep(sweep, end);
     guards_.check_points(sweep, end);
   }
   if (last) {
@@ -197,7 +197,7 @@ void ExplicitMarch::finish_stretch() {
 }
 
 void ExplicitMarch::look_at_stretch(const Moment& end) {
-  guards_.check(u_, f_, end);
+  guards_.check_nodes(u_, f_, end);
   std::vector<double> force;
   for (const ForceSample& sample : history_.force)
     if (sample.t >= stretch_ * state_.frame) force.push_back(sample.force);
@@ -213,7 +213,7 @@ bool ExplicitMarch::write(const Moment& now, bool last) {
   if (last || ledger_.energy_is_due(now.t)) write_energy(now);
   if (!last && !ledger_.force_is_due(now.t)) return true;
   ledger_.next_force_after(account.next_sample);
-  guards_.check(u_, f_, now);
+  guards_.check_nodes(u_, f_, now);
   ledger_.write(ledger_.force(now, u_, f_), f_);
   return ledger_.show_force();
 }
@@ -228,7 +228,7 @@ void ExplicitMarch::write_energy(const Moment& now) {
   }
   const StoredEnergy stored = system_.stored_energy(u_);
   ledger_.write(ledger_.energy(now, kinetic, stored));
-  guards_.check(history_.energy.back(), state_.account.largest_external, duration_, true, now);
+  guards_.check_energy(history_.energy.back(), state_.account.largest_external, duration_, true, now);
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
 }
 

@@ -180,8 +180,8 @@ void ImplicitMarch::balance_with_inertia(const BeforeAcceleration& before) {
 }
 
 void ImplicitMarch::check(const Relaxed& found, const Nodal& next, const Moment& now, bool ends_stretch) {
-  guards_.check(found.sweep, now);
-  guards_.check(next, f_, now);
+  guards_.check_sweep(found.sweep, now);
+  guards_.check_nodes(next, f_, now);
   if (ends_stretch) guards_.check_points(found.sweep, now);
 }
 
@@ -270,7 +270,7 @@ std::int64_t ImplicitMarch::small_steps(double to, double stable, std::int64_t t
 
 void ImplicitMarch::find_force(const Moment& now) {
   const ForceSystem::Sweep sweep = system_.force(u_, f_);
-  guards_.check(sweep, now);
+  guards_.check_sweep(sweep, now);
   ledger_.count(sweep);
   ++history_.extra_evaluations;
 }
@@ -333,7 +333,8 @@ void ImplicitMarch::write_energy(const Moment& now) {
   const double kinetic = 0.5 * (v_.colwise().squaredNorm() * model_.mass).value();
   const StoredEnergy stored = system_.stored_energy(u_);
   ledger_.write(ledger_.energy(now, kinetic, stored));
-  guards_.check(history_.energy.back(), state_.account.largest_external, loading_.duration(), false, now);
+  guards_.check_energy(history_.energy.back(), state_.account.largest_external, loading_.duration(), false,
+                       now);
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
 }
 

@@ -141,14 +141,14 @@ class QuasiStaticMarch {
   Predictor path_{4};  // the last equilibria, from which the next is looked for
   Rest now_;
   Nodal f_;
-  Ledger ledger_;  // force() and energy() only compute, write() books, into state_.account
+  Ledger ledger_;  // force() and energy() only compute; write() books, into history_ and state_.account
   Guards guards_;  // check...() of what is no answer throws SolveError; found_...() notes a finding
   FramesBetween between_;
   const int steps_;
   const double step_;             // of the load [m]
   const std::int64_t most_;       // evaluations of all equilibria together
   double after_failure_ = step_;  // increment after an equilibrium that was not found
-  double least_curvature_ = 1.0;  // since the last that was found
+  double least_curvature_ = 1.0;  // Relaxed::curvature since the last that was found; < 0: it gave way
   bool stopped_ = false;
 
   void begin_at_rest();
@@ -182,7 +182,7 @@ QuasiStaticMarch::QuasiStaticMarch(System& system, const Loading& loading, const
       now_(system.step_start()),
       f_(Nodal::Zero(4, model_.node_count())),
       ledger_(system, options, observer, state_.account, history),
-      guards_(system, true, options.guards, history.guards),
+      guards_(system, /*static_answer=*/true, options.guards, history.guards),
       between_{system, relax_, loading, options, observer, ledger_, history},
       steps_(steps_of_load(model_, loading, options)),
       step_(loading.depth / steps_),
@@ -208,7 +208,7 @@ void QuasiStaticMarch::begin_at_rest() {
   if (system_.loaded()) {
     system_.set({});
     system_.force_at(now_.u, now_.lambda, f_);
-    history_.force.push_back(ledger_.force({}, now_.u, f_));
+    history_.force.push_back(ledger_.force({}, now_.u, f_));  // no write(): of a first sample nothing to book
     stored = system_.stored_energy(now_.u);
     ledger_.add_work(stored.sum());  // what the loads did before counts as done from outside
   } else {
@@ -241,7 +241,9 @@ void QuasiStaticMarch::run() {
     try {
       go(increment, found);
     } catch (const SolveError& error) {
-      if (!options_.guards || error.report.code == "hourglass") throw;  // which no shorter increment mends
+      // No shorter increment mends an hourglass; and runs without guards measure their cost, so that none may
+      // go another way.
+      if (!options_.guards || error.report.code == "hourglass") throw;
       state_.depths.resize(equilibria);
       state_.forces.resize(equilibria);
       go_back(increment, found, error);
@@ -336,8 +338,8 @@ void QuasiStaticMarch::search(double tolerance, Found& found) {
 }
 
 void QuasiStaticMarch::check_equilibrium(const Moment& now, const Found& found) {
-  guards_.check(found.relaxed.sweep, now);
-  guards_.check(now_.u, f_, now);
+  guards_.check_sweep(found.relaxed.sweep, now);
+  guards_.check_nodes(now_.u, f_, now);
   guards_.check_points(found.relaxed.sweep, now);
   guards_.check_fluctuation(now_.u, now);
   if (system_.touching()) check_contact(now);
@@ -357,13 +359,15 @@ void QuasiStaticMarch::check(const Increment& increment, Found& found) {
   const StoredEnergy stored = system_.stored_energy(now_.u);
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
   double dissipated = found.snapped ? relaxed.dissipated : 0.0;
+  // Of a spring back from a tool that has left the search knows no work: all that is missing.
   if (relaxed.lost_contact) dissipated = std::max(0.0, history_.energy.back().stored + work - stored.sum());
   for (const System::OneContact& one : system_.contacts())
     if (one.rigid) dissipated += one.rigid->heat();  // of friction since accept_step()
   found.energy = ledger_.energy(now, /*kinetic=*/0.0, stored, work, dissipated);
   if (state_.depths.size() > few)
-    guards_.check(found.energy, std::max(state_.account.largest_external, std::abs(found.energy.external)),
-                  now.t, false, now);
+    guards_.check_energy(found.energy,
+                         std::max(state_.account.largest_external, std::abs(found.energy.external)),
+                         /*duration=*/now.t, /*conserves=*/false, now);
 }
 
 // Of a tool that touches: it must not enter the body, and must touch nothing where forces are not looked for.

@@ -180,26 +180,27 @@ TEST_F(StateGuard, TellsWhetherTheSurfaceReachesIntoAWallOrIntoAFurtherTool) {
 }
 
 TEST_F(StateGuard, SeesWhatIsNoNumberInAnyComponentOfAnyNode) {
-  EXPECT_NO_THROW(guards.check(u, f, now));
+  EXPECT_NO_THROW(guards.check_nodes(u, f, now));
   for (const double nonsense :
        {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()})
     for (const Index a : {Index{0}, model.node_count() / 2, model.node_count() - 1})
       for (int i = 0; i < 3; ++i) {
         Nodal bad = u;
         bad(i, a) = nonsense;
-        const Report of_u = report_of<SolveError>([&] { guards.check(bad, f, now); });
+        const Report of_u = report_of<SolveError>([&] { guards.check_nodes(bad, f, now); });
         expect_whole(of_u, "non-finite");
         EXPECT_THAT(of_u.fact, HasSubstr("node " + std::to_string(a)));
         EXPECT_THAT(of_u.fact, HasSubstr(std::string("along ") + "xyz"[i]));
         EXPECT_THAT(of_u.where, HasSubstr("2 mm"));
-        EXPECT_THAT(report_of<SolveError>([&] { guards.check(u, bad, now); }).fact, HasSubstr("force on"));
+        EXPECT_THAT(report_of<SolveError>([&] { guards.check_nodes(u, bad, now); }).fact,
+                    HasSubstr("force on"));
       }
 }
 
 TEST_F(StateGuard, SeesADisplacementThatIsNoNumberAtAPoint) {
   u(1, 40) = std::numeric_limits<double>::quiet_NaN();
   const ForceSystem::Sweep sweep = forces.stress_sweep(u);
-  expect_whole(report_of<SolveError>([&] { guards.check(sweep, now); }), "non-finite");
+  expect_whole(report_of<SolveError>([&] { guards.check_sweep(sweep, now); }), "non-finite");
 }
 
 // As a sharp rim does: one node pushed through its neighbours.
@@ -208,7 +209,7 @@ TEST_F(StateGuard, SaysThatAFewPointsAreInsideOutAndStopsForMany) {
   u(2, a) = -1.6 * model.spacing[a];
   ForceSystem::Sweep sweep = forces.stress_sweep(u);
   ASSERT_GT(sweep.inverted, 0);
-  guards.check(sweep, now);
+  guards.check_sweep(sweep, now);
   guards.check_points(sweep, now);
   const Finding* found = finding(findings, "inverted");
   ASSERT_NE(found, nullptr);
@@ -258,25 +259,27 @@ TEST_F(StateGuard, SeesNearlyIncompressibleTissueChangeItsVolume) {
 TEST_F(StateGuard, SeesEnergyThatIsNotBalanced) {
   const double J = 1e-4;
   const auto sample = [&](double stored) { return EnergySample{1.0, 2e-3, 0.0, stored, J, 0.0}; };
-  guards.check(sample(0.99 * J), J, 1.0, false, now);
+  guards.check_energy(sample(0.99 * J), J, 1.0, false, now);
   EXPECT_TRUE(findings.empty());
-  guards.check(sample(1.05 * J), J, 1.0, false, now);
+  guards.check_energy(sample(1.05 * J), J, 1.0, false, now);
   const Finding* found = finding(findings, "energy");
   ASSERT_NE(found, nullptr);
   expect_whole(found->report, "energy");
   EXPECT_NEAR(found->worst, 0.05, 1e-9);
-  const Report gained = report_of<SolveError>([&] { guards.check(sample(1.2 * J), J, 1.0, false, now); });
+  const Report gained =
+      report_of<SolveError>([&] { guards.check_energy(sample(1.2 * J), J, 1.0, false, now); });
   expect_whole(gained, "energy");
   EXPECT_THAT(gained.fact, HasSubstr("appeared from nowhere"));
-  EXPECT_NO_THROW(guards.check(sample(0.8 * J), J, 1.0, false, now));  // lost by steps that damp
-  EXPECT_THAT(report_of<SolveError>([&] { guards.check(sample(0.8 * J), J, 1.0, true, now); }).fact,
+  EXPECT_NO_THROW(guards.check_energy(sample(0.8 * J), J, 1.0, false, now));  // lost by steps that damp
+  EXPECT_THAT(report_of<SolveError>([&] { guards.check_energy(sample(0.8 * J), J, 1.0, true, now); }).fact,
               HasSubstr("lost"));
   // Central differences gain none but by instability.
   const Moment marching = {.t = 1.0, .depth = 2e-3, .dt = 0.9e-3, .dt_stable = 1e-3};
-  EXPECT_NO_THROW(guards.check(sample(1.01 * J), J, 1.0, true, marching));
-  EXPECT_NO_THROW(guards.check(sample(0.97 * J), J, 1.0, true, marching));
-  EXPECT_THAT(report_of<SolveError>([&] { guards.check(sample(1.03 * J), J, 1.0, true, marching); }).remedy,
-              HasSubstr("solver.safety"));
+  EXPECT_NO_THROW(guards.check_energy(sample(1.01 * J), J, 1.0, true, marching));
+  EXPECT_NO_THROW(guards.check_energy(sample(0.97 * J), J, 1.0, true, marching));
+  EXPECT_THAT(
+      report_of<SolveError>([&] { guards.check_energy(sample(1.03 * J), J, 1.0, true, marching); }).remedy,
+      HasSubstr("solver.safety"));
   expect_whole(report_of<SolveError>([&] { guards.check_kinetic(2.0 * J, J, now); }), "energy");
   EXPECT_NO_THROW(guards.check_kinetic(0.5 * J, J, now));
 }
@@ -302,9 +305,9 @@ TEST_F(StateGuard, SeesAForceThatJumpsFromSampleToSample) {
 
 TEST_F(StateGuard, SeesABodyThatSwingsWhereTheAnswerShouldBeStatic) {
   const EnergySample vibrating = {1.0, 2e-3, 0.1e-4, 1e-4, 1.1e-4, 0.0};
-  guards.check(vibrating, 1.1e-4, 10.0, true, now);  // the load has only begun
+  guards.check_energy(vibrating, 1.1e-4, 10.0, true, now);  // the load has only begun
   EXPECT_TRUE(findings.empty());
-  guards.check(vibrating, 1.1e-4, 2.0, true, now);
+  guards.check_energy(vibrating, 1.1e-4, 2.0, true, now);
   const Finding* found = finding(findings, "kinetic");
   ASSERT_NE(found, nullptr);
   expect_whole(found->report, "kinetic");
