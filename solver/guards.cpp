@@ -151,7 +151,7 @@ void Guards::check_sweep(const ForceSystem::Sweep& sweep, const Moment& now) con
        .code = "inverted"});
 }
 
-void Guards::check(const Nodal& u, const Nodal& f, const Moment& now) const {
+void Guards::check_nodes(const Nodal& u, const Nodal& f, const Moment& now) const {
   if (on_ && now.depth >= beneath_)
     throw SolveError({.fact = text("the tool has passed the far side of the body, ", 1e3 * beneath_,
                                    " mm beneath the circle: what lies between is inverted"),

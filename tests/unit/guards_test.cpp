@@ -229,7 +229,7 @@ TEST_F(StateGuard, OfThePapersSchemeStopsForOnePointInsideOut) {
   const Guards strict(plain_body, true, true, none);
   Nodal v = Nodal::Zero(4, paper.node_count());
   v(2, paper.circle.front()) = -3.0 * paper.spacing[0];
-  const Report report = report_of<SolveError>([&] { strict.check(plain_body.stress_sweep(v), now); });
+  const Report report = report_of<SolveError>([&] { strict.check_sweep(plain_body.stress_sweep(v), now); });
   expect_whole(report, "inverted");
   EXPECT_THAT(report.where, HasSubstr("mm"));
 }
@@ -314,7 +314,7 @@ TEST_F(StateGuard, SeesABodyThatSwingsWhereTheAnswerShouldBeStatic) {
   EXPECT_NEAR(found->worst, 0.1, 1e-9);
   EXPECT_THAT(found->report.remedy, HasSubstr("--damping"));
   std::vector<Finding> none;
-  Guards(body, false, true, none).check(vibrating, 1.1e-4, 2.0, true, now);  // a fast push may vibrate
+  Guards(body, false, true, none).check_energy(vibrating, 1.1e-4, 2.0, true, now);  // a fast push may vibrate
   EXPECT_TRUE(none.empty());
 }
 
