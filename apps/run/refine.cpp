@@ -88,6 +88,25 @@ std::optional<RefinementEnd> end_before(Index next, Index nodes, const Level& le
   return std::nullopt;
 }
 
+// Of the only cloud that came to a force: no finer one did, so that one of half its nodes tells its error.
+void compare_with_coarser(Refinement& found, int number, const Case& given, const Origin& from,
+                          const Result& read, const RefinementObserver& observer) {
+  const Index nodes = found.finest->asked / 2;
+  try {
+    const std::unique_ptr<Level> coarser =
+        unless_stopped([&] { return march_level(nodes, given, from, read, observer.of_march); });
+    compare(found.finest->result, coarser.get(), !given.config.tissue.empty());
+    found.levels.insert(found.levels.end() - 1, told_of(*coarser));
+    found.levels.back() = told_of(*found.finest);
+    observer.marched(number, found.levels[found.levels.size() - 2]);
+  } catch (const Error& error) {
+    found.finest->result.band.unknown = "no cloud but one came to a force";
+    observer.failed(number, nodes, error.report.fact);
+  } catch (const Stopped&) {
+    found.stopped_short = RefinementEnd{.why = RefinementEnd::Why::stopped};
+  }
+}
+
 }  // namespace
 
 void refuse_without_band(const std::string& none) {
@@ -106,10 +125,12 @@ std::pair<double, double> asked_for(const RefinementLevel& level, const Result& 
 Refinement refine(const Case& given, const Goal& goal, const Origin& from, const Result& read,
                   const Stopwatch& whole, const RefinementObserver& observer) {
   const Stopwatch refining;
+  const bool several_tissues = !given.config.tissue.empty();
   Refinement found;
   // A cloud may be too coarse for its body; what two in a row meet has another reason.
   constexpr int most_failures = 2;
   int failures = 0, number = 0;
+  std::optional<RefinementEnd> failed;  // the coarsest that is finer than one with a force
   // How much of a displacement its floor is, nobody knows before.
   const Index hoped =
       expected_nodes(read.followed ? 0.0 : goal.share, read.facing_share, band_floor(given.config));
@@ -125,20 +146,25 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
       found.stopped_short = RefinementEnd{.why = RefinementEnd::Why::stopped};
       break;
     } catch (const Error& error) {
-      const bool again = may_be_too_coarse(error) && ++failures < most_failures;
-      const bool in_time = goal.budget_s == 0.0 || whole.seconds() + 2.0 * marching.seconds() < goal.budget_s;
-      if (!again || !in_time || 2 * nodes > most_nodes_for_accuracy) {
-        if (!found.finest) throw;
-        found.stopped_short =
-            RefinementEnd{.why = RefinementEnd::Why::failed, .nodes = nodes, .fact = error.report.fact};
+      const RefinementEnd end{.why = RefinementEnd::Why::failed, .nodes = nodes, .fact = error.report.fact};
+      // Where a coarser cloud came to a force, a finer one than this would fail likewise.
+      const Index next = found.finest ? nodes / 2 : 2 * nodes;
+      const double expected = marching.seconds() * static_cast<double>(next) / static_cast<double>(nodes);
+      const bool in_time = goal.budget_s == 0.0 || whole.seconds() + expected < goal.budget_s;
+      const bool again = may_be_too_coarse(error) && in_time &&
+                         (found.finest ? next > found.finest->asked
+                                       : ++failures < most_failures && next <= most_nodes_for_accuracy);
+      if (!again && !found.finest) throw;
+      observer.failed(number, nodes, error.report.fact);
+      if (found.finest) failed = end;
+      if (!again) {
+        found.stopped_short = end;
         break;
       }
-      observer.failed(number, nodes, error.report.fact);
-      nodes *= 2;
+      nodes = next;
       continue;
     }
-    failures = 0;
-    compare(level->result, found.finest.get(), !given.config.tissue.empty());
+    compare(level->result, found.finest.get(), several_tissues);
     found.levels.push_back(told_of(*level));
     observer.marched(number, found.levels.back());
     const auto [last, half] = asked_for(found.levels.back(), level->result);
@@ -147,9 +173,12 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
     found.finest = std::move(level);
     if (known && half <= wanted) break;
     const Index next = known ? nodes_of_next_level(nodes, half, wanted) : nodes_of_second_level(nodes, hoped);
-    found.stopped_short = end_before(next, nodes, *found.finest, goal, whole);
+    found.stopped_short =
+        failed && next >= failed->nodes ? failed : end_before(next, nodes, *found.finest, goal, whole);
     nodes = next;
   }
+  if (failed && !found.finest->result.band.known())
+    compare_with_coarser(found, ++number, given, from, read, observer);
   found.seconds = refining.seconds();
   return found;
 }

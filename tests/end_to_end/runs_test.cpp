@@ -234,6 +234,20 @@ TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsRefinement) {
   EXPECT_EQ(summary("by_force").at("ladder").size(), 2u) << "the first cloud that has a band";
 }
 
+TEST_F(Run, ForAnAccuracyThatFinerCloudsCannotReachHasTheBandOfTheCoarserOnes) {
+  good("phantom small.nrrd --size 68,50,25 --spacing 1.5");
+  const Ran ran = good("run small.nrrd -o out --accuracy 5% --write force");
+  const Json told = summary("out"), levels = told.at("ladder");
+  ASSERT_GE(levels.size(), 2u) << ran.err;
+  EXPECT_NE(ran.err.find("with 2000 nodes: the tissue gave way"), std::string::npos) << ran.err;
+  EXPECT_NE(ran.err.find("was not reached: the error is +- "), std::string::npos) << ran.err;
+  EXPECT_EQ(ran.err.find("half the error would take"), std::string::npos) << "finer clouds end";
+  EXPECT_EQ(levels.back().at("force_N").get<double>(), last_force("out")) << "of the finest";
+  EXPECT_GT(levels.back().at("nodes").get<int>(), levels.front().at("nodes").get<int>());
+  EXPECT_GT(levels.back().at("half_N").get<double>(), 0.05 * last_force("out"));
+  EXPECT_EQ(told.at("band").at("coarser_nodes"), levels.front().at("nodes"));
+}
+
 TEST_F(Run, ForTheAccuracyOfADisplacementClimbsUntilItsBandIsAsNarrow) {
   const std::string place = " --quantity displacement@13.9,0,20";
   const Ran ran = good("run brain.nrrd -o out --accuracy 10%" + place + slow_load);
