@@ -27,6 +27,7 @@ constexpr double negligible = 0.03;
 constexpr double smoothing = 0.25;     // radii: of the heights before they are judged
 constexpr Index most_steps = 10;       // of the lattice of cuts, to a radius
 constexpr double whole_disc = 1.05;    // radii: the disc and a little more
+constexpr double half_disc = 0.5;      // radii
 constexpr double price_of_room = 4.0;  // radii of height for a whole radius of margin
 // Slopes less than five degrees, such as the voxels' ripples are, decide nothing: of a plateau its middle is
 // taken, along the directions in which the body is longest and shortest.
@@ -56,19 +57,29 @@ class Cuts {
 
  private:
   void grade(const HeightMap& map);
+  void count_missing();
+  bool any_missing(const Vec2& p, double radii) const;
   std::optional<Room> within(const Vec2& p, double radii) const;
+  struct Window {
+    Index first[2], last[2];
+  };
+  Window window(const Vec2& p, double radii) const;
   double radius_;
   Vec2 corner_;
   double step_ = 1.0;
-  Eigen::ArrayXXd cut_;      // 0 ... 1
-  Eigen::ArrayXXd missing_;  // 0 ... 1
+  Eigen::ArrayXXd cut_;             // 0 ... 1
+  Eigen::ArrayXXd missing_;         // 0 ... 1
+  Eigen::ArrayXXi missing_before_;  // how many places (i, j) with i < row and j < column miss anything
 };
 
 Cuts::Cuts(const HeightMap& map, double radius) : radius_(radius), corner_(map.corner), step_(map.step) {
   grade(map);
   // Of a lattice that is finer than the question needs the mean of several places.
   const Index merge = static_cast<Index>(radius / static_cast<double>(most_steps) / map.step);
-  if (merge < 2) return;
+  if (merge < 2) {
+    count_missing();
+    return;
+  }
   const auto coarse = [&](const Eigen::ArrayXXd& fine) {
     Eigen::ArrayXXd result((fine.rows() + merge - 1) / merge, (fine.cols() + merge - 1) / merge);
     for (Index j = 0; j < result.cols(); ++j)
@@ -82,6 +93,37 @@ Cuts::Cuts(const HeightMap& map, double radius) : radius_(radius), corner_(map.c
   missing_ = coarse(missing_);
   corner_ += Vec2::Constant(0.5 * static_cast<double>(merge - 1) * step_);
   step_ *= static_cast<double>(merge);
+  count_missing();
+}
+
+void Cuts::count_missing() {
+  missing_before_ = Eigen::ArrayXXi::Zero(missing_.rows() + 1, missing_.cols() + 1);
+  for (Index j = 0; j < missing_.cols(); ++j)
+    for (Index i = 0; i < missing_.rows(); ++i)
+      missing_before_(i + 1, j + 1) = missing_before_(i + 1, j) + missing_before_(i, j + 1) -
+                                      missing_before_(i, j) + (missing_(i, j) > 0.0 ? 1 : 0);
+}
+
+// The places of the lattice in a square about p.
+Cuts::Window Cuts::window(const Vec2& p, double radii) const {
+  const Vec2 middle = (p - corner_) / step_;
+  const double reach = radii * radius_ / step_;
+  Window result;
+  for (const int d : {0, 1}) {
+    const Index count = d == 0 ? cut_.rows() : cut_.cols();
+    result.first[d] = std::max<Index>(0, static_cast<Index>(std::ceil(middle[d] - reach)));
+    result.last[d] = std::min(count - 1, static_cast<Index>(std::floor(middle[d] + reach)));
+  }
+  return result;
+}
+
+bool Cuts::any_missing(const Vec2& p, double radii) const {
+  const auto [first, last] = window(p, radii);
+  if (first[0] > last[0] || first[1] > last[1]) return false;
+  const auto before = [&](Index i, Index j) { return missing_before_(i, j); };
+  return before(last[0] + 1, last[1] + 1) - before(first[0], last[1] + 1) - before(last[0] + 1, first[1]) +
+             before(first[0], first[1]) >
+         0;
 }
 
 // Heights without the voxels' ripples: means weighed by a Gaussian, of the places where the body is.
@@ -166,9 +208,12 @@ void Cuts::grade(const HeightMap& map) {
 }
 
 Room Cuts::at(const Vec2& p) const {
-  // Where a fold is near, as it is at most places of a brain, no one needs to look farther.
+  // Where a fold is near, as it is at most places of a brain, no one needs to look farther; and where all of
+  // the disc is there, not even as far as its edge.
   if (const double nearer = std::max(0.5 * sought, whole_disc + 2.0 * step_ / radius_); nearer < sought) {
-    const std::optional<Room> room = within(p, nearer);
+    std::optional<Room> room;
+    if (!any_missing(p, nearer)) room = within(p, half_disc);
+    if (!room) room = within(p, nearer);
     if (room) return *room;
   }
   return within(p, sought).value_or(Room{});
@@ -183,14 +228,9 @@ std::optional<Room> Cuts::within(const Vec2& p, double radii) const {
   Room room{.whole = infinite, .even = sought * radius_};
   const double reach = radii * radius_;
   const Vec2 middle = (p - corner_) / step_;
-  const auto from = [&](int d) {
-    return std::max<Index>(0, static_cast<Index>(std::ceil(middle[d] - reach / step_)));
-  };
-  const auto to = [&](int d, Index count) {
-    return std::min(count - 1, static_cast<Index>(std::floor(middle[d] + reach / step_)));
-  };
-  for (Index j = from(1); j <= to(1, cut_.cols()); ++j)
-    for (Index i = from(0); i <= to(0, cut_.rows()); ++i) {
+  const auto [first, last] = window(p, radii);
+  for (Index j = first[1]; j <= last[1]; ++j)
+    for (Index i = first[0]; i <= last[0]; ++i) {
       if (cut_(i, j) <= 0.0) continue;
       const double r = (Vec2(static_cast<double>(i), static_cast<double>(j)) - middle).norm() * step_;
       if (missing_(i, j) > 0.0) room.whole = std::min(room.whole, r);

@@ -15,6 +15,7 @@ namespace {
 constexpr double cell_edges = 1.2;  // of a cell, in edges of the mean triangle
 constexpr double most_cells = 4e6;
 constexpr double doubt = 1e-10;    // of the body's size: what lies nearer is not told apart
+constexpr double one_side = 1e-6;  // of the body's size: of a plane, far beyond rounding, a sliver's too
 constexpr int farthest_ring = 32;  // cells: clear_ is a lower bound beyond
 
 // From 0 in some cells and the farthest ring in all others to each cell's ring around the nearest 0: one pass
@@ -312,11 +313,16 @@ void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>&
       for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
         const int triangle = member_[static_cast<std::size_t>(m)];
         const Corners& corner = corner_[static_cast<std::size_t>(triangle)];
+        // Both ends on one side of its plane, surely: most are.
+        const Vec3 normal = normal_.col(triangle);
+        const double above = normal.dot(from - corner.a), later = above + normal.dot(way);
+        if (above * later > 0.0 && std::min(std::abs(above), std::abs(later)) > one_side * size_) continue;
         // Moeller & Trumbore, J. Graphics Tools 2 (1997) 21; a little beyond the edges, so that none is
         // missed.
         const Vec3 ab = corner.b - corner.a, ac = corner.c - corner.a, p = way.cross(ac);
         const double determinant = ab.dot(p);
-        if (std::abs(determinant) < 1e-12 * length * ab.norm() * ac.norm()) continue;
+        const double parallel = 1e-24 * length * length * ab.squaredNorm() * ac.squaredNorm();
+        if (determinant * determinant < parallel) continue;
         const Vec3 s = (from - corner.a) / determinant;
         const double u = s.dot(p);
         if (u < -doubt || u > 1.0 + doubt) continue;
