@@ -99,11 +99,11 @@ void compare_with_coarser(Refinement& found, int number, const Case& given, cons
     found.levels.insert(found.levels.end() - 1, told_of(*coarser));
     found.levels.back() = told_of(*found.finest);
     observer.marched(number, found.levels[found.levels.size() - 2]);
+  } catch (const Stopped&) {
+    found.stopped_short = RefinementEnd{.why = RefinementEnd::Why::stopped};
   } catch (const Error& error) {
     found.finest->result.band.unknown = "no cloud but one came to a force";
     observer.failed(number, nodes, error.report.fact);
-  } catch (const Stopped&) {
-    found.stopped_short = RefinementEnd{.why = RefinementEnd::Why::stopped};
   }
 }
 

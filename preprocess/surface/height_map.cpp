@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "io/stop.hpp"
+#include "preprocess/side_by_side.hpp"
 
 namespace dimple {
 namespace {
@@ -73,31 +74,28 @@ double HeightMap::between(const Eigen::Vector2d& p) const {
          a * ((1.0 - b) * height(i + 1, j) + b * height(i + 1, j + 1));
 }
 
-HeightMap height_map(const View& view, const Eigen::Vector2d& corner, double step, Index rows,
-                     Index columns) {
-  HeightMap map{corner, step, Eigen::ArrayXXd::Constant(rows, columns, none),
-                Eigen::ArrayXXd::Constant(rows, columns, none)};
-  Eigen::ArrayXXd& leaves = map.thickness;  // at first the height at which the line leaves the body
+namespace {
+
+// Where lines along the push meet the body, or leave it: the highest of each.
+void highest(const View& view, bool met, const HeightMap& map, Eigen::ArrayXXd& sheet) {
   const Triangles& triangles = view.body->triangles();
   for (Index t = 0; t < triangles.cols(); ++t) {
     if (t % 8192 == 0) stop_if_asked();
+    if (met != (view.body->normal().col(t).dot(view.push) < 0.0)) continue;
     const Vec3 a = view.place.col(triangles(0, t)), b = view.place.col(triangles(1, t)),
                c = view.place.col(triangles(2, t));
     const double double_area = (b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x());
     if (double_area == 0.0) continue;
     const auto first = [&](int d) {
-      return std::ceil((std::min({a[d], b[d], c[d]}) - corner[d]) / step - 1e-9);
+      return std::ceil((std::min({a[d], b[d], c[d]}) - map.corner[d]) / map.step - 1e-9);
     };
     const auto last = [&](int d) {
-      return std::floor((std::max({a[d], b[d], c[d]}) - corner[d]) / step + 1e-9);
+      return std::floor((std::max({a[d], b[d], c[d]}) - map.corner[d]) / map.step + 1e-9);
     };
     const auto i0 = static_cast<Index>(std::max(first(0), 0.0)),
                j0 = static_cast<Index>(std::max(first(1), 0.0)),
-               i1 = static_cast<Index>(std::min(last(0), static_cast<double>(rows - 1))),
-               j1 = static_cast<Index>(std::min(last(1), static_cast<double>(columns - 1)));
-    // Seen from where the push comes from, what is met there turns anticlockwise or clockwise alike.
-    const bool met = view.body->normal().col(t).dot(view.push) < 0.0;
-    Eigen::ArrayXXd& sheet = met ? map.height : leaves;
+               i1 = static_cast<Index>(std::min(last(0), static_cast<double>(sheet.rows() - 1))),
+               j1 = static_cast<Index>(std::min(last(1), static_cast<double>(sheet.cols() - 1)));
     for (Index j = j0; j <= j1; ++j)
       for (Index i = i0; i <= i1; ++i) {
         const Eigen::Vector2d p = map.place(i, j);
@@ -111,6 +109,16 @@ HeightMap height_map(const View& view, const Eigen::Vector2d& corner, double ste
         if (!(sheet(i, j) >= w)) sheet(i, j) = w;
       }
   }
+}
+
+}  // namespace
+
+HeightMap height_map(const View& view, const Eigen::Vector2d& corner, double step, Index rows,
+                     Index columns) {
+  HeightMap map{corner, step, Eigen::ArrayXXd::Constant(rows, columns, none),
+                Eigen::ArrayXXd::Constant(rows, columns, none)};
+  Eigen::ArrayXXd& leaves = map.thickness;  // at first the height at which the line leaves the body
+  side_by_side([&] { highest(view, true, map, map.height); }, [&] { highest(view, false, map, leaves); });
   map.thickness = (map.height - leaves).max(0.0);
   return map;
 }
