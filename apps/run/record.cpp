@@ -22,7 +22,6 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
-#include "preprocess/side_by_side.hpp"
 
 namespace dimple {
 namespace {
@@ -124,8 +123,8 @@ struct Recording {
   fs::path folder;
   RunIdentity identity;
   std::optional<Checkpoint> resumed = {};
-  std::function<void()> prepare = {};  // nothing is written before the model and the load are accepted
-  std::function<void(Result&)> write_model = {};                      // after that
+  std::function<void(Result&)> write_model =
+      {};  // nothing is written before the model and the load are accepted
   std::function<Json(const Result&)> summary = {};                    // what it begins with
   std::function<std::vector<std::string>(const Result&)> facts = {};  // for the picture
   std::string subject = {};
@@ -231,9 +230,9 @@ class Recorder {
 
   void begin(Result& now) {
     const Stopwatch writing;
-    how_.prepare();
-    side_by_side([&] { how_.write_model(now); }, [&] { write_of(now, now.image); });
+    how_.write_model(now);
     before_march_s_ = writing.seconds();
+    write_of(now, now.image);
     marching_ = since_kept_ = {};
     if (!how_.resumed) return;
     const Checkpoint& from = *how_.resumed;
@@ -354,12 +353,9 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
     tell_end(end);
     if (how_.beside) comparison = compare_with_measured();
     show_walls();
-    side_by_side([&] { draw_overview(end, comparison); },
-                 [&] {
-                   if (wanted_of(config).report)
-                     page = writer_->report(history, result.band, comparison, slices_, options,
-                                            !history.interrupted);
-                 });
+    draw_overview(end, comparison);
+    if (wanted_of(config).report)
+      page = writer_->report(history, result.band, comparison, slices_, options, !history.interrupted);
   }
   tell_of_images();
   const double write_s = writing_s_ + before_march_s_ + finishing_s_ + ending.seconds();
@@ -571,8 +567,8 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
       return finished_already(folder, config, "image_sha256", identity.input_sha256, observer);
     how.resumed = resumed_in(results, identity);
   }
-  how.prepare = [&] { results.prepare(); };
   how.write_model = [&](Result& result) {
+    results.prepare();
     const Wanted wanted = result.history.interrupted ? tables_alone : wanted_of(config);
     if (wanted.model) write_model(folder / "model", result.model, result.model.scheme, result.provenance);
     if (wanted.label) write_vti(folder / "label.vti", result.image);
@@ -631,8 +627,8 @@ Outcome record_solve(const Config& config, const fs::path& model, const fs::path
     return finished_already(folder, config, "model_sha256", how.identity.input_sha256, observer);
   how.resumed = resumed_in(results, how.identity);
   const fs::path model_folder = fs::is_directory(model) ? model : model.parent_path();
-  how.prepare = [&] { results.prepare(model_folder); };
   how.write_model = [&](Result&) {
+    results.prepare(model_folder);
     const fs::path label = model_folder / "label.vti";
     if (wanted_of(config).label && fs::exists(label)) write_file(folder / "label.vti", read_file(label));
   };
