@@ -1,0 +1,165 @@
+"""A rigid sphere of 5 mm pressed 4 mm into a bonded cylinder, without friction: Dimple beside GetFEM, error against time.
+
+    python3 tests/bench/contact_peer.py build/release OUT     (apt install python3-getfem gmsh; some minutes)
+    python3 tests/bench/contact_peer.py --draw OUT            the picture and the table again, from OUT/contact_peer.csv
+
+Writes contact_peer.csv and contact_peer.svg. Ours goes from a label image of the cylinder (1 mm) to the force at eight depths. The other
+knows the exact cylinder: gmsh's tetrahedra, quadratic displacement and linear pressure, contact by an augmented Lagrangian with a
+multiplier on the surface, Newton, MUMPS, from one depth to the next along the line through the last two. The reference is axisymmetric
+(tests/verification/reference/contact.csv, known to 0.1 to 0.4 %). Leave the machine alone meanwhile: the two run in turn.
+"""
+
+import csv
+import os
+import subprocess
+import sys
+import tempfile
+import time
+
+from fair_peer import REFERENCE, largest, timed
+
+RADIUS, HEIGHT, SPHERE, DEPTHS = 30.0, 30.0, 5.0, [0.5 * (k + 1) for k in range(8)]  # mm
+MU, NU = 210e-6, 0.499  # N/mm2
+NODES, SEEDS = [400, 600, 1000, 1500, 2000, 3000, 4000], [1, 2, 3]
+MESHES = [(fine, growth, far) for fine in [2.5, 2, 1.5, 1.2, 1] for growth, far in [(0.3, 8), (0.5, 10), (0.8, 15)]]
+COLUMNS = ["program", "setting", "unknowns", "wall_s", *(f"force_{d:g}mm_N" for d in DEPTHS), "error_percent", "error_at_4mm_percent"]
+
+
+def ours(build, image, nodes, seed, folder):
+    out = os.path.join(folder, "out")
+    wall, done = timed([os.path.join(build, "dimple"), "run", image, "-o", out, "--force", "-q", "--write", "force", "--band", "off",
+                        "--tool", f"sphere:{SPHERE:g}mm", "--depth", "4mm", "--frames", "8", "--nodes", str(nodes),
+                        "--set", f"cloud.seed={seed}"])
+    if done is None or done.returncode:
+        return None
+    with open(os.path.join(out, "force.csv")) as file:
+        at = {round(float(row["indentation_mm"]), 6): float(row["force_N"]) for row in csv.DictReader(file)}
+    return {"program": "Dimple", "setting": f"{nodes} nodes, seed {seed}", "unknowns": 3 * nodes, "wall_s": wall,
+            "force": [at[d] for d in DEPTHS]}
+
+
+def other(mesh, folder):
+    wall, done = timed([sys.executable, os.path.abspath(__file__), "--one", *map(str, mesh), folder])
+    said = done.stdout.split() if done and not done.returncode else []
+    if len(said) != len(DEPTHS) + 1:
+        return None
+    return {"program": "GetFEM", "setting": "edge {:g} growth {:g} far {:g}".format(*mesh), "unknowns": int(said[0]), "wall_s": wall,
+            "force": [float(f) for f in said[1:]]}
+
+
+def one(fine, growth, far, folder):
+    """The other's run: prints the number of its unknowns and the forces."""
+    import getfem
+    import numpy as np
+
+    getfem.util_trace_level(0)
+    getfem.util_warning_level(0)
+    geometry, file = os.path.join(folder, "cylinder.geo"), os.path.join(folder, "cylinder.msh")
+    with open(geometry, "w") as text:
+        text.write(f'''SetFactory("OpenCASCADE");
+Cylinder(1) = {{0, 0, 0, 0, 0, {HEIGHT}, {RADIUS}}};
+Point(100) = {{0, 0, {HEIGHT}, {fine}}};
+Point{{100}} In Surface{{2}};
+Field[1] = Distance; Field[1].PointsList = {{100}};
+Field[2] = MathEval; Field[2].F = "Min({far}, {fine} + {growth} * Max(0, F1 - {0.9 * SPHERE}))";
+Background Field = 2;
+Mesh.MeshSizeExtendFromBoundary = 0; Mesh.MeshSizeFromPoints = 0; Mesh.MshFileVersion = 2.2;
+''')
+    subprocess.run(["gmsh", "-3", "-v", "0", geometry, "-o", file], check=True)
+    mesh = getfem.Mesh("import", "gmsh", file)
+    place, faces = mesh.pts(), mesh.outer_faces()
+    corners = [place[:, mesh.pid_in_faces(faces[:, [k]])] for k in range(faces.shape[1])]
+    height = np.array([c[2].mean() for c in corners])
+    away = np.array([np.hypot(c[0], c[1]).max() for c in corners])
+    base, touched = 1, 2
+    mesh.set_region(base, faces[:, height < 1e-6])
+    mesh.set_region(touched, faces[:, (height > HEIGHT - 1e-6) & (away < 1.3 * SPHERE)])
+    quadratic, linear, on_surface = getfem.MeshFem(mesh, 3), getfem.MeshFem(mesh, 1), getfem.MeshFem(mesh, 1)
+    quadratic.set_classical_fem(2)
+    linear.set_classical_fem(1)
+    on_surface.set_classical_fem(1)
+    points = getfem.MeshIm(mesh, 4)
+    model = getfem.Model("real")
+    model.add_fem_variable("u", quadratic)
+    model.add_fem_variable("p", linear)
+    model.add_filtered_fem_variable("l", on_surface, touched)
+    bulk = 2 * MU * (1 + NU) / (3 * (1 - 2 * NU))
+    for name, value in {"mu": MU, "bulk": bulk, "R": SPHERE, "at": HEIGHT + SPHERE, "r": 20 * MU / fine}.items():
+        model.add_initialized_data(name, [value])
+    F, gap = "(Id(3)+Grad_u)", "(Norm(X+u-[0;0;at])-R)"
+    model.add_nonlinear_term(points, f"mu/2*(pow(Det{F},-2/3)*Norm_sqr{F}-3)+p*(Det{F}-1)-sqr(p)/(2*bulk)")
+    model.add_nonlinear_term(points, f"1/(2*r)*(sqr(neg_part(l+r*{gap}))-sqr(l))", touched)
+    model.add_Dirichlet_condition_with_simplification("u", base)
+    forces, states = [], []
+    for depth in DEPTHS:
+        model.set_variable("at", [HEIGHT + SPHERE - depth])
+        if len(states) > 1:
+            for name, last, before in zip("upl", states[-1], states[-2]):
+                model.set_variable(name, 2 * last - before)
+        within = 1e-7  # N, 1e-5 of the force
+        model.solve("max_iter", 40, "max_res", within, "lsearch", "simplest", "alpha min", 0.3, "lsolver", "mumps")
+        states.append([model.variable(name).copy() for name in "upl"])
+        push = f"neg_part(l+r*{gap})*(at-X(3)-u(3))/Norm(X+u-[0;0;at])"
+        forces.append(getfem.asm_generic(points, 0, push, touched, model))
+    print(model.nbdof(), *(f"{f:.6g}" for f in forces))
+
+
+def measure(build, out):
+    with open(os.path.join(REFERENCE, "contact.csv")) as file:
+        known = [float(row["force_N"]) for row in csv.DictReader(file) if row["scene"] == "sphere"]
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        image = os.path.join(folder, "cylinder.nrrd")
+        subprocess.run([os.path.join(build, "dimple"), "phantom", image, "--shape", "cylinder", "--size",
+                        f"{2 * RADIUS},{2 * RADIUS},{HEIGHT}", "-q"], check=True, stdout=subprocess.DEVNULL)
+        clouds = [(nodes, seed) for nodes in NODES for seed in SEEDS]
+        for k in range(max(len(clouds), len(MESHES))):
+            runs = [ours(build, image, *clouds[k], folder)] if k < len(clouds) else []
+            runs += [other(MESHES[k], folder)] if k < len(MESHES) else []
+            for run in filter(None, runs):
+                rows.append([run["program"], run["setting"], run["unknowns"], f"{run['wall_s']:.2f}",
+                             *(f"{f:.6g}" for f in run["force"]), f"{largest(run['force'], known):.2f}",
+                             f"{largest(run['force'][-1:], known[-1:]):.2f}"])
+    with open(os.path.join(out, "contact_peer.csv"), "w", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([COLUMNS] + rows)
+
+
+def draw(out):
+    import matplotlib
+
+    matplotlib.use("svg")
+    import matplotlib.pyplot as plt
+
+    plt.rcParams.update({"svg.hashsalt": "dimple", "svg.fonttype": "none", "font.size": 9})
+    with open(os.path.join(out, "contact_peer.csv")) as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    figure, panels = plt.subplots(1, 2, figsize=(8, 3.6), sharey=True, constrained_layout=True)
+    for panel, (column, title) in zip(panels, [("error_percent", "largest of eight depths"), ("error_at_4mm_percent", "at 4 mm")]):
+        for program, colour, marker in [("Dimple", "C0", "o"), ("GetFEM", "C1", "^")]:
+            of = [row for row in rows if row["program"] == program]
+            panel.plot([float(r["wall_s"]) for r in of], [float(r[column]) for r in of], marker, color=colour, ms=4, alpha=0.7,
+                       label=program)
+        panel.set(xscale="log", yscale="log", title=title, xlabel="to the force at eight depths, s")
+        panel.grid(True, which="both", alpha=0.2)
+    panels[0].set_ylabel("error of the force, %")
+    panels[0].legend()
+    figure.savefig(os.path.join(out, "contact_peer.svg"), metadata={"Date": None})
+    print("error_of,error_percent,ours_s,other_s,times_faster")
+    for column in ["error_percent", "error_at_4mm_percent"]:
+        for level in [1, 2, 3, 5, 10]:
+            best = [min((float(r["wall_s"]) for r in rows if r["program"] == program and float(r[column]) <= level), default=None)
+                    for program in ("Dimple", "GetFEM")]
+            times = f"{best[1] / best[0]:.1f}" if all(best) else ""
+            print(column, level, *("" if s is None else f"{s:.2f}" for s in best), times, sep=",")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) == 6 and sys.argv[1] == "--one":
+        one(*map(float, sys.argv[2:5]), sys.argv[5])
+    elif len(sys.argv) == 3 and sys.argv[1] == "--draw":
+        draw(sys.argv[2])
+    elif len(sys.argv) == 3:
+        measure(*sys.argv[1:])
+        draw(sys.argv[2])
+    else:
+        sys.exit(__doc__)
