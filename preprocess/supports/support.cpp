@@ -139,19 +139,24 @@ Near nodes_near(const Points& places, const Cloud& cloud, const Eigen::VectorXd&
   const Neighbours tree(places);
   const double largest_margin = margin.size() > 0 ? margin.maxCoeff() : 0.0;
   const Vec3 lower = places.rowwise().minCoeff(), upper = places.rowwise().maxCoeff();
-  std::vector<std::vector<int>> of_node(static_cast<std::size_t>(cloud.model.node_count()));
-  tbb::parallel_for(Index{0}, cloud.model.node_count(), [&](Index a) {
-    if (a % 256 == 0) stop_if_asked();
+  // Only those around these places: with all nodes for every slab of points the time would grow as N^2.
+  const double slack = 1.0 + 1e-9;
+  std::vector<int> around;
+  cloud.reaching(0.5 * (lower + upper), slack, around,
+                 slack * (0.5 * (upper - lower).norm() + largest_margin));
+  std::vector<std::vector<int>> of_node(around.size());
+  tbb::parallel_for(std::size_t{0}, around.size(), [&](std::size_t k) {
+    if (k % 256 == 0) stop_if_asked();
+    const int a = around[k];
     const Vec3 x = cloud.model.X.col(a);
     const double reach = cloud.radius[a] + largest_margin;
     if (((x - lower).array() < -reach).any() || ((x - upper).array() > reach).any()) return;
-    std::vector<int>& found = of_node[static_cast<std::size_t>(a)];
+    std::vector<int>& found = of_node[k];
     thread_local std::vector<int> all;
     tree.within_unordered(x, reach, all);
     for (const int q : all)
       if (const double within = cloud.radius[a] + (margin.size() > 0 ? margin[q] : 0.0);
-          (places.col(q) - x).squaredNorm() < within * within &&
-          (!connected || connected(static_cast<int>(a), q)))
+          (places.col(q) - x).squaredNorm() < within * within && (!connected || connected(a, q)))
         found.push_back(q);
   });
   for (const auto& found : of_node)
@@ -159,8 +164,8 @@ Near nodes_near(const Points& places, const Cloud& cloud, const Eigen::VectorXd&
   for (std::size_t q = 1; q < result.offset.size(); ++q) result.offset[q] += result.offset[q - 1];
   result.node.resize(result.offset.back());
   std::vector<std::size_t> next(result.offset.begin(), result.offset.end() - 1);
-  for (std::size_t a = 0; a < of_node.size(); ++a)
-    for (const int q : of_node[a]) result.node[next[static_cast<std::size_t>(q)]++] = static_cast<int>(a);
+  for (std::size_t k = 0; k < of_node.size(); ++k)
+    for (const int q : of_node[k]) result.node[next[static_cast<std::size_t>(q)]++] = around[k];
   return result;
 }
 
@@ -290,24 +295,35 @@ struct LowerRow {
 };
 
 // Adds the local matrices of points first, first + 1, ... to the rows; row by row, points ascending, so that
-// the sums have one order.
+// the sums have one order. `slot`: one of each node, all -1 between calls.
 void add_variance(const std::vector<PointSupport>& points, std::span<const int> tissue, int wanted,
-                  std::vector<LowerRow>& rows) {
-  std::vector<std::size_t> offset(rows.size() + 1, 0);
+                  std::vector<int>& slot, std::vector<LowerRow>& rows) {
+  std::vector<int> nodes;  // of these points, as they are met
+  std::vector<std::size_t> offset(1, 0);
   for (std::size_t q = 0; q < points.size(); ++q)
     if (tissue[q] == wanted)
-      for (const int a : points[q].nodes) ++offset[static_cast<std::size_t>(a) + 1];
-  for (std::size_t a = 0; a < rows.size(); ++a) offset[a + 1] += offset[a];
+      for (const int a : points[q].nodes) {
+        int& at = slot[static_cast<std::size_t>(a)];
+        if (at < 0) {
+          at = static_cast<int>(nodes.size());
+          nodes.push_back(a);
+          offset.push_back(0);
+        }
+        ++offset[static_cast<std::size_t>(at) + 1];
+      }
+  for (std::size_t n = 0; n < nodes.size(); ++n) offset[n + 1] += offset[n];
   std::vector<std::pair<int, int>> influence(offset.back());  // point, place in its list
   std::vector<std::size_t> next(offset.begin(), offset.end() - 1);
   for (std::size_t q = 0; q < points.size(); ++q)
     if (tissue[q] == wanted)
-      for (std::size_t k = 0; k < points[q].nodes.size(); ++k)
-        influence[next[static_cast<std::size_t>(points[q].nodes[k])]++] = {static_cast<int>(q),
-                                                                           static_cast<int>(k)};
-  tbb::parallel_for(std::size_t{0}, rows.size(), [&](std::size_t a) {
-    if (a % 1024 == 0) stop_if_asked();
-    if (offset[a] == offset[a + 1]) return;
+      for (std::size_t k = 0; k < points[q].nodes.size(); ++k) {
+        const int at = slot[static_cast<std::size_t>(points[q].nodes[k])];
+        influence[next[static_cast<std::size_t>(at)]++] = {static_cast<int>(q), static_cast<int>(k)};
+      }
+  for (const int a : nodes) slot[static_cast<std::size_t>(a)] = -1;
+  tbb::parallel_for(std::size_t{0}, nodes.size(), [&](std::size_t n) {
+    if (n % 1024 == 0) stop_if_asked();
+    const auto a = static_cast<std::size_t>(nodes[n]);
     thread_local std::vector<double> sum;          // all zero between rows
     thread_local std::vector<std::uint64_t> seen;  // a bit for each column; likewise
     if (sum.size() < rows.size()) {
@@ -325,7 +341,7 @@ void add_variance(const std::vector<PointSupport>& points, std::span<const int> 
     };
     LowerRow& row = rows[a];
     if (!row.column.empty()) add(row.column.data(), row.value.data(), row.column.size());
-    for (std::size_t i = offset[a]; i < offset[a + 1]; ++i) {
+    for (std::size_t i = offset[n]; i < offset[n + 1]; ++i) {
       const PointSupport& point = points[static_cast<std::size_t>(influence[i].first)];
       const auto k = static_cast<std::size_t>(influence[i].second);
       add(point.nodes.data(), point.variance.data() + k * (k + 1) / 2, k + 1);
@@ -528,6 +544,7 @@ void supports_of(Model& model, const Sight* sight) {
   model.support.offset[0] = 0;
   model.support.member.resize(0);
   std::vector<PointSupport> found;  // one slab's after the other's, in the same memory
+  std::vector<int> slot(static_cast<std::size_t>(averaged ? model.node_count() : 0), -1);
   for (Index first = 0; first < model.point_count(); first += slab) {
     const Index count = std::min(slab, model.point_count() - first);
     found.resize(static_cast<std::size_t>(count));
@@ -556,7 +573,7 @@ void supports_of(Model& model, const Sight* sight) {
     report.unseen += unseen;
     take_slab(model, at_rest, first, found);
     for (auto& [t, rows] : variance)
-      add_variance(found, {of_point.data() + first, static_cast<std::size_t>(count)}, t, rows);
+      add_variance(found, {of_point.data() + first, static_cast<std::size_t>(count)}, t, slot, rows);
   }
   finish_lists(model, at_rest);
   model.variance.clear();
