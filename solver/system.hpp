@@ -28,8 +28,9 @@ struct StoredEnergy {
   double sum() const { return tissue + loads; }
 };
 
-/// Displacements [4xN] m; and lambda: the pressure of each patch (neighbouring points that share one) times
-/// its volume [N m], see MixedIteration, behind them the contact forces [N] as System::contacts() has them.
+/// Displacements [4xN] m, their fourth row zero (a column is one vector of a processor); and lambda: the
+/// pressure of each patch (neighbouring points that share one) times its volume [N m], see MixedIteration,
+/// behind them the contact forces [N] as System::contacts() has them.
 struct Rest {
   Nodal u;
   Eigen::VectorXd lambda;
@@ -114,6 +115,8 @@ class System {
     return balance(f, unbalanced, [](Index, Eigen::Vector4d&) {});
   }
   StoredEnergy stored_energy(const Nodal& u);
+  /// Of terms alone, for preconditioners made of the tissue: from the rest shape, and [9xN] N/m of each node
+  /// as the body is deformed, where a film stiffens.
   StiffnessBound stiffness_bound() const;
   NodeStiffness node_stiffness(const Nodal& u) const;
   /// [N] of the loads and rigid contacts at the last force() on node a.
@@ -202,10 +205,9 @@ Balance System::balance(const Nodal& f, Nodal& unbalanced, const Beside& beside)
 }
 
 /// A body under `loads`, come to rest, its circle (the nodes that the tool holds) where the tool then touches
-/// it: bonded or not, and
-/// `further` sets held likewise; or `touch`: a tool that holds no nodes, and stands apart until then. `folds`
-/// that close touch. `walls`: rigid contacts that are not measured. Throws SolveError: it does not carry its
-/// loads.
+/// it: bonded or not, and `further` sets held likewise; or `touch`: a tool that holds no nodes, and stands
+/// apart until then. `folds` that close touch. `walls`: rigid contacts that are not measured. Throws
+/// SolveError: it does not carry its loads.
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
                                     const std::vector<HeldSet>& further, const Loads& loads = {},
                                     double tolerance = 1e-4, const Touch* touch = nullptr,

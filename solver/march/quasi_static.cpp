@@ -142,7 +142,7 @@ class QuasiStaticMarch {
   Rest now_;
   Nodal f_;
   Ledger ledger_;  // force() and energy() only compute; write() books, into history_ and state_.account
-  Guards guards_;  // check...() of what is no answer throws SolveError; found_...() notes a finding
+  Guards guards_;  // check...() notes what is doubtful and throws SolveError of what is no answer
   FramesBetween between_;
   const int steps_;
   const double step_;             // of the load [m]
@@ -338,10 +338,10 @@ void QuasiStaticMarch::search(double tolerance, Found& found) {
 }
 
 void QuasiStaticMarch::check_equilibrium(const Moment& now, const Found& found) {
-  guards_.check_sweep(found.relaxed.sweep, now);
+  guards_.check_sweep(found.relaxed.sweep, now);  // of numbers that are none, or a point inside out: throws
   guards_.check_nodes(now_.u, f_, now);
-  guards_.check_points(found.relaxed.sweep, now);
-  guards_.check_fluctuation(now_.u, now);
+  guards_.check_points(found.relaxed.sweep, now);  // how many inverted, what volume was lost: both
+  guards_.check_fluctuation(now_.u, now);          // of displacements that gradients do not see
   if (system_.touching()) check_contact(now);
   look_at_walls(now);
   if (system_.folds()) look_at_folds();
@@ -375,6 +375,7 @@ void QuasiStaticMarch::check_contact(const Moment& now) {
   const TouchingTool& tool = *system_.touching();
   const TouchingTool::Audit audit = tool.audit(now_.u, system_.now());
   const double most = most_penetration * tool.touch().shape.radius;
+  // Notes more than this, and throws from fifty times as much on.
   guards_.check_contact(audit, most, tool.touch().surface, now);
   if (audit.penetration > history_.penetration) {
     history_.penetration = audit.penetration;
@@ -396,7 +397,7 @@ void QuasiStaticMarch::look_at_walls(const Moment& now) {
         std::max(wall.penetration, system_.walls()[k]->audit(now_.u, system_.now()).penetration);
     wall = system_.walls()[k]->touched();
     wall.penetration = deepest;
-    guards_.check_wall(system_.walls()[k]->touch(), deepest, now);
+    guards_.check_wall(system_.walls()[k]->touch(), deepest, now);  // notes it
   }
 }
 
