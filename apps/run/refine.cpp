@@ -88,21 +88,32 @@ std::optional<RefinementEnd> end_before(Index next, Index nodes, const Level& le
   return std::nullopt;
 }
 
-// Of the only cloud that came to a force: no finer one did, so that one of half its nodes tells its error.
-void compare_with_coarser(Refinement& found, int number, const Case& given, const Origin& from,
-                          const Result& read, const RefinementObserver& observer) {
-  const Index nodes = found.finest->asked / 2;
+// The band of the only cloud that came to a force, where no finer one does: by one of half its nodes, which
+// may reach the goal.
+void compare_with_coarser(const Case& given, const Goal& goal, const Origin& from, const Result& read,
+                          const Stopwatch& whole, const RefinementObserver& observer, int number,
+                          Refinement& found) {
+  Level& finest = *found.finest;
+  const Index nodes = finest.asked / 2, fewest = fewest_nodes_with_band(read.facing_share);
+  if (finest.asked < fewest) {
+    finest.result.band.unknown =
+        fmt::format("it was measured from {} nodes on, and no cloud of as many came to a force", fewest);
+    return;
+  }
+  const bool in_time = goal.budget_s == 0.0 || whole.seconds() + 0.5 * finest.seconds < goal.budget_s;
+  if (nodes <= found.too_coarse || !in_time) return;
   try {
     const std::unique_ptr<Level> coarser =
         unless_stopped([&] { return march_level(nodes, given, from, read, observer.of_march); });
-    compare(found.finest->result, coarser.get(), !given.config.tissue.empty());
+    compare(finest.result, coarser.get(), !given.config.tissue.empty());
     found.levels.insert(found.levels.end() - 1, told_of(*coarser));
-    found.levels.back() = told_of(*found.finest);
+    found.levels.back() = told_of(finest);
     observer.marched(number, found.levels[found.levels.size() - 2]);
+    const auto [last, half] = asked_for(found.levels.back(), finest.result);
+    if (half <= goal.half_width(last)) found.stopped_short.reset();
   } catch (const Stopped&) {
     found.stopped_short = RefinementEnd{.why = RefinementEnd::Why::stopped};
   } catch (const Error& error) {
-    found.finest->result.band.unknown = "no cloud but one came to a force";
     observer.failed(number, nodes, error.report.fact);
   }
 }
@@ -130,7 +141,6 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
   // A cloud may be too coarse for its body; what two in a row meet has another reason.
   constexpr int most_failures = 2;
   int failures = 0, number = 0;
-  std::optional<RefinementEnd> failed;  // the coarsest that is finer than one with a force
   // How much of a displacement its floor is, nobody knows before.
   const Index hoped =
       expected_nodes(read.followed ? 0.0 : goal.share, read.facing_share, band_floor(given.config));
@@ -147,7 +157,7 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
       break;
     } catch (const Error& error) {
       const RefinementEnd end{.why = RefinementEnd::Why::failed, .nodes = nodes, .fact = error.report.fact};
-      // Where a coarser cloud came to a force, a finer one than this would fail likewise.
+      // Where a coarser cloud came to a force, a finer one than this is taken to fail likewise.
       const Index next = found.finest ? nodes / 2 : 2 * nodes;
       const double expected = marching.seconds() * static_cast<double>(next) / static_cast<double>(nodes);
       const bool in_time = goal.budget_s == 0.0 || whole.seconds() + expected < goal.budget_s;
@@ -156,7 +166,10 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
                                        : ++failures < most_failures && next <= most_nodes_for_accuracy);
       if (!again && !found.finest) throw;
       observer.failed(number, nodes, error.report.fact);
-      if (found.finest) failed = end;
+      if (found.finest)
+        found.failed = end;
+      else
+        found.too_coarse = nodes;
       if (!again) {
         found.stopped_short = end;
         break;
@@ -173,12 +186,14 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
     found.finest = std::move(level);
     if (known && half <= wanted) break;
     const Index next = known ? nodes_of_next_level(nodes, half, wanted) : nodes_of_second_level(nodes, hoped);
-    found.stopped_short =
-        failed && next >= failed->nodes ? failed : end_before(next, nodes, *found.finest, goal, whole);
+    found.stopped_short = found.failed && next >= found.failed->nodes
+                              ? found.failed
+                              : end_before(next, nodes, *found.finest, goal, whole);
     nodes = next;
   }
-  if (failed && !found.finest->result.band.known())
-    compare_with_coarser(found, ++number, given, from, read, observer);
+  const bool asked_to_stop = found.stopped_short && found.stopped_short->why == RefinementEnd::Why::stopped;
+  if (found.failed && !asked_to_stop && !found.finest->result.band.known())
+    compare_with_coarser(given, goal, from, read, whole, observer, ++number, found);
   found.seconds = refining.seconds();
   return found;
 }

@@ -45,6 +45,8 @@ struct Refinement {
   std::unique_ptr<Level> finest;               ///< there is one
   std::vector<RefinementLevel> levels;         ///< that came to a force
   std::optional<RefinementEnd> stopped_short;  ///< nothing: the goal was reached
+  std::optional<RefinementEnd> failed;         ///< the coarsest cloud finer than one with a force
+  Index too_coarse = 0;                        ///< nodes of the last that failed before any force
   double seconds = 0.0;
 };
 

@@ -103,8 +103,7 @@ void tell_how_it_ended(const Config& config, const Goal& goal, Refinement& found
     log.say("refine   " + why);
   }
   const Index more = nodes_for_half_the_band(finest.model.node_count(), band_floor(config));
-  const bool would_fail = found.stopped_short && found.stopped_short->why == RefinementEnd::Why::failed &&
-                          more >= found.stopped_short->nodes;
+  const bool would_fail = found.failed && more >= found.failed->nodes;
   if (known && !would_fail && more <= most_nodes_for_accuracy) log.say(next_half_in_words(found, more));
   if (goal.budget_s > 0.0)
     finest.chosen["accuracy.budget_s"] = fmt::format(
