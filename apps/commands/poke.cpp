@@ -121,7 +121,12 @@ class Poking {
     window_.dragged = [this](double along_mm) { asked_ = 1e-3 * std::max(0.0, along_mm); };
     window_.released = [this] { asked_ = 0.0; };
     window_.tick = [this] { return tick(); };
-    window_.run();
+    try {
+      window_.run();
+    } catch (const Stopped&) {
+      if (recording_) recording_->finish();
+      throw;
+    }
     if (recording_) recording_->finish();
     return frames_;
   }
@@ -234,13 +239,18 @@ std::vector<PathFrame> follow_unseen(LiveTool& tool, const PokeArguments& option
     recording->add(now, *tool.session, *skin);
   };
   std::vector<PathFrame> frames;
-  if (options.path)
-    frames = follow_path(
-        tool, *options.path,
-        {.rate = options.rate, .limit = {.seconds = 1.0 / options.rate, .evaluations = options.evaluations}},
-        record);
-  else
-    served = serve_forces(tool, options.socket, options.rate, options.seconds, record);
+  try {
+    if (options.path)
+      frames = follow_path(tool, *options.path,
+                           {.rate = options.rate,
+                            .limit = {.seconds = 1.0 / options.rate, .evaluations = options.evaluations}},
+                           record);
+    else
+      served = serve_forces(tool, options.socket, options.rate, options.seconds, record);
+  } catch (const Stopped&) {  // amid a frame: what was recorded before stays
+    if (recording) recording->finish();
+    throw;
+  }
   if (recording) recording->finish();
   return frames;
 }
