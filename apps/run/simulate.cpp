@@ -160,6 +160,7 @@ void list_cuts_at_rest(const Config& config, Result& result) {
 
 void build_case(const Case& given, const RunObserver& observer, Result& result) {
   const RunLog log{observer, result};
+  // A model's files hold the nodes under one bonded circle, and no tool that touches.
   require_circle(given.config, "a model by itself");
   require_one_tool(given.config, "a model by itself");
   auto [placed, of_image] = placed_by(given, observer, log, result);

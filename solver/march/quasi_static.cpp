@@ -433,7 +433,7 @@ void QuasiStaticMarch::take(const Increment& increment, const Found& found) {
   if (increment.arrives) ++state_.step;
   if (observer_.between_steps && !ended)
     observer_.between_steps([&] {
-      MarchState copy = ledger_.kept(state_);
+      MarchState copy = ledger_.kept(state_);  // with the history and the past so far
       copy.path = path_.point;
       copy.least_reactions = system_.least_reactions();
       return copy;
