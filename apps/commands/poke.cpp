@@ -92,6 +92,18 @@ class Recording {
   int pictures_ = 0;
 };
 
+// What was recorded stays, too where Ctrl-C comes amid a frame.
+template <class Work>
+void finish_after(std::optional<Recording>& recording, Work work) {
+  try {
+    work();
+  } catch (const Stopped&) {
+    if (recording) recording->finish();
+    throw;
+  }
+  if (recording) recording->finish();
+}
+
 class Poking {
  public:
   Poking(LiveTool& tool, const PokeArguments& options)
@@ -121,13 +133,7 @@ class Poking {
     window_.dragged = [this](double along_mm) { asked_ = 1e-3 * std::max(0.0, along_mm); };
     window_.released = [this] { asked_ = 0.0; };
     window_.tick = [this] { return tick(); };
-    try {
-      window_.run();
-    } catch (const Stopped&) {
-      if (recording_) recording_->finish();
-      throw;
-    }
-    if (recording_) recording_->finish();
+    finish_after(recording_, [this] { window_.run(); });
     return frames_;
   }
   /// Of the socket, if there is one.
@@ -239,7 +245,7 @@ std::vector<PathFrame> follow_unseen(LiveTool& tool, const PokeArguments& option
     recording->add(now, *tool.session, *skin);
   };
   std::vector<PathFrame> frames;
-  try {
+  finish_after(recording, [&] {
     if (options.path)
       frames = follow_path(tool, *options.path,
                            {.rate = options.rate,
@@ -247,11 +253,7 @@ std::vector<PathFrame> follow_unseen(LiveTool& tool, const PokeArguments& option
                            record);
     else
       served = serve_forces(tool, options.socket, options.rate, options.seconds, record);
-  } catch (const Stopped&) {  // amid a frame: what was recorded before stays
-    if (recording) recording->finish();
-    throw;
-  }
-  if (recording) recording->finish();
+  });
   return frames;
 }
 

@@ -136,7 +136,6 @@ std::pair<double, double> asked_for(const RefinementLevel& level, const Result& 
 Refinement refine(const Case& given, const Goal& goal, const Origin& from, const Result& read,
                   const Stopwatch& whole, const RefinementObserver& observer) {
   const Stopwatch refining;
-  const bool several_tissues = !given.config.tissue.empty();
   Refinement found;
   // A cloud may be too coarse for its body; what two in a row meet has another reason.
   constexpr int most_failures = 2;
@@ -177,7 +176,7 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
       nodes = next;
       continue;
     }
-    compare(level->result, found.finest.get(), several_tissues);
+    compare(level->result, found.finest.get(), !given.config.tissue.empty());
     found.levels.push_back(told_of(*level));
     observer.marched(number, found.levels.back());
     const auto [last, half] = asked_for(found.levels.back(), level->result);

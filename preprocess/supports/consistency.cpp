@@ -160,8 +160,8 @@ struct Operator {
 // The operator sees only what bends within a cell's support, so smooth fields cost it next to nothing, and
 // conjugate gradients alone would look for them one by one. Linear fields over a hundred or so nodes each
 // hold nearly all that is smooth: the exact solution among them leaves a number of iterations that does not
-// grow with the nodes, up to some 131,000 of them, and slowly beyond. (Nicolaides, SIAM J. Numer. Anal. 24,
-// 1987, in its additive form.)
+// grow with the nodes, up to some 131,000 of them; beyond, the groups grow. (Nicolaides, SIAM J. Numer. Anal.
+// 24, 1987, in its additive form.)
 class CoarseFields {
  public:
   CoarseFields(const Model& model, const Operator& A)
@@ -228,7 +228,8 @@ class CoarseFields {
  private:
   static Index group_count(Index nodes) {
     constexpr Index fewest = 64;  // nodes of a group: half and twice as many need a tenth less and half more
-    // Factors grow as the square: with 4096 groups, of 300,000 nodes, they took half of the supports' time.
+    // Factors grow faster than the nodes: with 4096 groups, of 300,000 nodes, they took half of the supports'
+    // time.
     constexpr Index most = 1024;
     const auto few = static_cast<std::size_t>(std::max<Index>(1, nodes / fewest));
     return std::min(most, static_cast<Index>(std::bit_floor(few)));

@@ -14,28 +14,14 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 
-from fair_peer import REFERENCE, largest, timed
+from fair_peer import REFERENCE, largest, pyplot, read_rows, run_to_depths, timed
 
 RADIUS, HEIGHT, SPHERE, DEPTHS = 30.0, 30.0, 5.0, [0.5 * (k + 1) for k in range(8)]  # mm
 MU, NU = 210e-6, 0.499  # N/mm2
 NODES, SEEDS = [400, 600, 1000, 1500, 2000, 3000, 4000], [1, 2, 3]
 MESHES = [(fine, growth, far) for fine in [2.5, 2, 1.5, 1.2, 1] for growth, far in [(0.3, 8), (0.5, 10), (0.8, 15)]]
 COLUMNS = ["program", "setting", "unknowns", "wall_s", *(f"force_{d:g}mm_N" for d in DEPTHS), "error_percent", "error_at_4mm_percent"]
-
-
-def ours(build, image, nodes, seed, folder):
-    out = os.path.join(folder, "out")
-    wall, done = timed([os.path.join(build, "dimple"), "run", image, "-o", out, "--force", "-q", "--write", "force", "--band", "off",
-                        "--tool", f"sphere:{SPHERE:g}mm", "--depth", "4mm", "--frames", "8", "--nodes", str(nodes),
-                        "--set", f"cloud.seed={seed}"])
-    if done is None or done.returncode:
-        return None
-    with open(os.path.join(out, "force.csv")) as file:
-        at = {round(float(row["indentation_mm"]), 6): float(row["force_N"]) for row in csv.DictReader(file)}
-    return {"program": "Dimple", "setting": f"{nodes} nodes, seed {seed}", "unknowns": 3 * nodes, "wall_s": wall,
-            "force": [at[d] for d in DEPTHS]}
 
 
 def other(mesh, folder):
@@ -105,8 +91,7 @@ Mesh.MeshSizeExtendFromBoundary = 0; Mesh.MeshSizeFromPoints = 0; Mesh.MshFileVe
 
 
 def measure(build, out):
-    with open(os.path.join(REFERENCE, "contact.csv")) as file:
-        known = [float(row["force_N"]) for row in csv.DictReader(file) if row["scene"] == "sphere"]
+    known = [float(row["force_N"]) for row in read_rows(os.path.join(REFERENCE, "contact.csv")) if row["scene"] == "sphere"]
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         image = os.path.join(folder, "cylinder.nrrd")
@@ -114,7 +99,7 @@ def measure(build, out):
                         f"{2 * RADIUS},{2 * RADIUS},{HEIGHT}", "-q"], check=True, stdout=subprocess.DEVNULL)
         clouds = [(nodes, seed) for nodes in NODES for seed in SEEDS]
         for k in range(max(len(clouds), len(MESHES))):
-            runs = [ours(build, image, *clouds[k], folder)] if k < len(clouds) else []
+            runs = [run_to_depths(build, image, ["--tool", f"sphere:{SPHERE:g}mm"], DEPTHS, *clouds[k], folder)] if k < len(clouds) else []
             runs += [other(MESHES[k], folder)] if k < len(MESHES) else []
             for run in filter(None, runs):
                 rows.append([run["program"], run["setting"], run["unknowns"], f"{run['wall_s']:.2f}",
@@ -125,14 +110,7 @@ def measure(build, out):
 
 
 def draw(out):
-    import matplotlib
-
-    matplotlib.use("svg")
-    import matplotlib.pyplot as plt
-
-    plt.rcParams.update({"svg.hashsalt": "dimple", "svg.fonttype": "none", "font.size": 9})
-    with open(os.path.join(out, "contact_peer.csv")) as file:
-        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    plt, rows = pyplot(), read_rows(os.path.join(out, "contact_peer.csv"))
     figure, panels = plt.subplots(1, 2, figsize=(8, 3.6), sharey=True, constrained_layout=True)
     for panel, (column, title) in zip(panels, [("error_percent", "largest of eight depths"), ("error_at_4mm_percent", "at 4 mm")]):
         for program, colour, marker in [("Dimple", "C0", "o"), ("GetFEM", "C1", "^")]:

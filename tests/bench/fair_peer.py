@@ -49,20 +49,27 @@ def timed(words):
     return time.time() - begun, done
 
 
-def ours(build, image, scene, nodes, seed, folder):
-    _, label, at, _ = SCENES[scene]
+def read_rows(path):
+    with open(path) as file:
+        return list(csv.DictReader(line for line in file if not line.startswith("#")))
+
+
+def run_to_depths(build, image, options, depths, nodes, seed, folder):
+    """Our forces at equal depths to 4 mm, and how long they took; nothing where the run ends without them."""
     out = os.path.join(folder, "out")
     wall, done = timed([os.path.join(build, "dimple"), "run", image, "-o", out, "--force", "-q", "--write", "force", "--band", "off",
-                        "--depth", "4mm", "--frames", "4", "--nodes", str(nodes), "--set", f"cloud.seed={seed}",
-                        "--base", "organ", *(["--label", str(label)] if label else []),
-                        *([f"--indent-at={at}"] if at else [])])
+                        "--depth", "4mm", "--frames", str(len(depths)), "--nodes", str(nodes), "--set", f"cloud.seed={seed}", *options])
     if done is None or done.returncode:
         return None
-    with open(os.path.join(out, "force.csv")) as file:
-        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
-    at = {round(float(row["indentation_mm"]), 6): float(row["force_N"]) for row in rows}
+    at = {round(float(row["indentation_mm"]), 6): float(row["force_N"]) for row in read_rows(os.path.join(out, "force.csv"))}
     return {"program": "Dimple", "setting": f"{nodes} nodes, seed {seed}", "unknowns": 3 * nodes, "wall_s": wall,
-            "force": [at[float(d)] for d in DEPTHS]}
+            "force": [at[float(d)] for d in depths]}
+
+
+def ours(build, image, scene, nodes, seed, folder):
+    _, label, at, _ = SCENES[scene]
+    options = ["--base", "organ", *(["--label", str(label)] if label else []), *([f"--indent-at={at}"] if at else [])]
+    return run_to_depths(build, image, options, DEPTHS, nodes, seed, folder)
 
 
 def other(build, image, scene, mesh, folder):
@@ -89,8 +96,7 @@ def measure(images, build, out):
         subprocess.run([os.path.join(build, "dimple"), "phantom", block, "--shape", "block", "--size", "60,60,30", "-q"], check=True)
         for scene, (image, _, _, more) in SCENES.items():
             image = block if scene == "block" else os.path.join(images, image)
-            with open(os.path.join(REFERENCE, scene + ".csv")) as file:
-                known = [float(row["force_N"]) for row in csv.DictReader(file)][: len(DEPTHS)]
+            known = [float(row["force_N"]) for row in read_rows(os.path.join(REFERENCE, scene + ".csv"))][: len(DEPTHS)]
             finest = {run["program"]: run for run in (ours(build, image, scene, FINEST_NODES, 1, folder),
                                                       other(build, image, scene, FINEST_OF_FOLDS if more else FINEST_MESH, folder)) if run}
             clouds = [(nodes, seed) for nodes in NODES for seed in SEEDS]
@@ -133,15 +139,19 @@ def table(rows):
                 print(f"{against},{scene},{level},{said(one)},{said(every)},{said(peer)},{ratio(one)},{ratio(every)}")
 
 
-def draw(out):
+def pyplot():
+    """Whose pictures come out the same each time."""
     import matplotlib
 
     matplotlib.use("svg")
-    import matplotlib.pyplot as plt
+    from matplotlib import pyplot as plt
 
     plt.rcParams.update({"svg.hashsalt": "dimple", "svg.fonttype": "none", "font.size": 9})
-    with open(os.path.join(out, "fair_peer.csv")) as file:
-        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    return plt
+
+
+def draw(out):
+    plt, rows = pyplot(), read_rows(os.path.join(out, "fair_peer.csv"))
     figure, panels = plt.subplots(2, 4, figsize=(12, 6), sharex=True, sharey="row", constrained_layout=True)
     for line, (column, against) in enumerate([("error_percent", "largest error against the reference, %"),
                                               ("off_own_finest_percent", "off its own finest run, %")]):
