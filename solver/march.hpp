@@ -52,8 +52,9 @@ struct Loading {
   std::vector<Step> steps{};       ///< one after the other, each from the last one's equilibrium
   Begun begun{};                   ///< for march_in_steps() alone
   /// A tool that touches, in place of the circle; quasi-statically. Of a body that loads move its pose is
-  /// that of touch_under_loads(). Null: the circle.
+  /// that of rest_under_loads(). Null: the circle.
   std::shared_ptr<const Touch> touch{};
+  std::shared_ptr<const Settled> settled{};  ///< of this body under these loads; null: not looked for yet
   std::shared_ptr<const FoldBanks> folds{};  ///< that touch where they close; null: they pass
   std::vector<Touch> walls{};                ///< rigid contacts beside the tool; quasi-statically
   double way() const {
@@ -163,6 +164,7 @@ struct MarchState {
   double depth = 0.0;                                          ///< [m]
   Account account;
   double safety = 0.0, longest = 0.0;  ///< explicit; slowly [m]: smaller once a guard has sent it back
+  int refused = 0;                     ///< slowly: equilibria that a guard has sent back
   std::int64_t looked = 0;             ///< explicit: steps until Guards::check_fluctuation()
   bool anew = true;                    ///< of the next MixedIteration
   std::vector<double> depths, forces;  ///< slowly: of all equilibria [m], [N]

@@ -57,14 +57,14 @@ void refuse_touch(TimeMode mode, const ForceSystem& tissue, const Model& model) 
 
 }  // namespace
 
-std::shared_ptr<const Touch> touch_under_loads(const ForceSystem& tissue, const Model& model,
-                                               const Loading& loading, double tolerance) {
-  if (!loading.touch || !loading.loads.move_the_body()) return loading.touch;
+void rest_under_loads(const ForceSystem& tissue, const Model& model, Loading& loading, double tolerance) {
+  if (!loading.touch || !loading.loads.move_the_body()) return;
   const auto system = make_system(tissue, model, loading.contact, loading.further, loading.loads, tolerance,
                                   loading.touch.get(), loading.folds, loading.walls);
+  loading.settled = std::make_shared<const Settled>(Settled{system->step_start(), system->past()});
   auto there = std::make_shared<Touch>(*loading.touch);
-  there->pose = first_touch(*there, system->step_start().u);
-  return there;
+  there->pose = first_touch(*there, loading.settled->rest.u);
+  loading.touch = std::move(there);
 }
 
 void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading,
@@ -95,7 +95,7 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
   try {
     const std::unique_ptr<System> system =
         make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance,
-                    loading.touch.get(), loading.folds, loading.walls);
+                    loading.touch.get(), loading.folds, loading.walls, loading.settled.get());
     if (!part || !part->near) history.settled = system->step_start().u.colwise().norm().maxCoeff();
     switch (mode) {
       case TimeMode::quasi_static:

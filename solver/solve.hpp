@@ -26,10 +26,10 @@ double shear_crossings(const Model& model, const Tissues& tissues, const Loading
 /// pi / 64 R / L of a flat punch's 8 mu R d: R is the circle's radius, c the shear wave's speed, L its way.
 TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& loading);
 
-/// The tool of a load, where it first touches the body that has come to rest under the loads that move it;
-/// the same tool if none do. Throws SolveError: the body does not carry them.
-std::shared_ptr<const Touch> touch_under_loads(const ForceSystem& tissue, const Model& model,
-                                               const Loading& loading, double tolerance = 1e-4);
+/// Lets the body come to rest under the loads that move it, if any do, and brings the tool of the load to
+/// where it first touches it then. Throws SolveError: the body does not carry them.
+void rest_under_loads(const ForceSystem& tissue, const Model& model, Loading& loading,
+                      double tolerance = 1e-4);
 
 /// Marches from rest, or from where an earlier run of the same case stood, to the depth of the load.
 /// `history` receives the force curve as it goes. `part`: of a scene whose body changes between its steps.

@@ -36,6 +36,12 @@ struct Rest {
   Eigen::VectorXd lambda;
 };
 
+/// Where a body rests under its loads before anything else moves it, and System::past() there.
+struct Settled {
+  Rest rest;
+  std::vector<double> past;
+};
+
 /// A body in one run: its tissue, all other forces on it, and what is held of it. Every march, every search
 /// for an equilibrium and every guard is given this, and asks nothing else for a force. f resists: where
 /// there is an energy it is its derivative by the displacements, so that a load counts with the opposite
@@ -108,7 +114,7 @@ class System {
   Sweep stress_sweep(const Nodal& u) { return tissue_.stress_sweep(u); }
   void gather(const Nodal& u, Nodal& f, const std::function<void(Index first, Index last)>& then);
   /// Of the last force(). `unbalanced` [4xN] N: what of it is not held. `beside(a, all)` may add to the force
-  /// of node a.
+  /// of node a: inertia, in a step in time.
   template <class Beside>
   Balance balance(const Nodal& f, Nodal& unbalanced, const Beside& beside) const;
   Balance balance(const Nodal& f, Nodal& unbalanced) const {
@@ -206,12 +212,14 @@ Balance System::balance(const Nodal& f, Nodal& unbalanced, const Beside& beside)
 
 /// A body under `loads`, come to rest, its circle (the nodes that the tool holds) where the tool then touches
 /// it: bonded or not, and `further` sets held likewise; or `touch`: a tool that holds no nodes, and stands
-/// apart until then. `folds` that close touch. `walls`: rigid contacts that are not measured. Throws
-/// SolveError: it does not carry its loads.
+/// apart until then. `folds` that close touch. `walls`: rigid contacts that are not measured. `settled`:
+/// where it rests, of the same body, if that was looked for before. Throws SolveError: it does not carry its
+/// loads.
+///
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
                                     const std::vector<HeldSet>& further, const Loads& loads = {},
                                     double tolerance = 1e-4, const Touch* touch = nullptr,
                                     std::shared_ptr<const FoldBanks> folds = nullptr,
-                                    const std::vector<Touch>& walls = {});
+                                    const std::vector<Touch>& walls = {}, const Settled* settled = nullptr);
 
 }  // namespace dimple

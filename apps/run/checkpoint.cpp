@@ -84,11 +84,11 @@ void members(Archive& io, T& account) {
 
 template <class Archive, Like<MarchState> T>
 void members(Archive& io, T& state) {
-  auto& [frame, step, steps, t, dt, dt_before, dt_stable, depth, account, safety, longest, looked, anew,
-         depths, forces, u, v, a, f, lambda, path, mixed, past, step_of_scene, begun, least_reactions,
+  auto& [frame, step, steps, t, dt, dt_before, dt_stable, depth, account, safety, longest, refused, looked,
+         anew, depths, forces, u, v, a, f, lambda, path, mixed, past, step_of_scene, begun, least_reactions,
          history] = state;
-  io(frame, step, steps, t, dt, dt_before, dt_stable, depth, account, safety, longest, looked, anew, depths,
-     forces, u, v, a, f, lambda, path, mixed, past, step_of_scene, begun, least_reactions, history);
+  io(frame, step, steps, t, dt, dt_before, dt_stable, depth, account, safety, longest, refused, looked, anew,
+     depths, forces, u, v, a, f, lambda, path, mixed, past, step_of_scene, begun, least_reactions, history);
 }
 
 template <class Archive, Like<Checkpoint> T>

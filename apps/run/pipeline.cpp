@@ -297,7 +297,7 @@ void bring_tool(const Config& config, const RunLog& log, Result& result) {
   if (moved) {
     log.doing("loads");
     const ForceSystem tissue(model, result.tissues, precision_of(config));
-    result.loading.touch = touch_under_loads(tissue, model, result.loading, config.solver.tolerance);
+    rest_under_loads(tissue, model, result.loading, config.solver.tolerance);
     result.stages.done("loads");
   }
   const Touch& touch = *result.loading.touch;

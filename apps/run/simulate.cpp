@@ -102,6 +102,7 @@ void tell_how_it_ended(const Config& config, const Goal& goal, Refinement& found
   } else if (found.stopped_short) {
     log.say("refine   " + why);
   }
+  // More nodes narrow a band down to a floor: so well two clouds agree by chance.
   const Index more = nodes_for_half_the_band(finest.model.node_count(), band_floor(config));
   const bool would_fail = found.failed && more >= found.failed->nodes;
   if (known && !would_fail && more <= most_nodes_for_accuracy) log.say(next_half_in_words(found, more));
@@ -150,6 +151,7 @@ void list_cuts_at_rest(const Config& config, Result& result) {
   for (const auto& [name, step] : steps_in_order(config)) {
     if (step.cut.empty()) return;
     CutMade made{.name = name, .text = step.cut, .toughness_J_m2 = step.toughness_J_m2};
+    // Of several blades at rest the area is known of all together, and is told of the run, not of a step.
     if (all == 1) made.area_mm2 = result.cut.area_mm2, made.removed_mm3 = result.cut.removed_mm3;
     made.nodes = result.model.node_count();
     result.cuts.push_back(std::move(made));

@@ -119,9 +119,10 @@ Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options,
       if (lambda) *lambda = l;
       return found;
     }
-    // Dynamic relaxation looks for no contact forces.
-    if (!system_.contacts().empty()) throw no_equilibrium(found, system_.model());
     spent = found.evaluations;
+    // Dynamic relaxation looks for no contact forces.
+    if (!system_.contacts().empty() || spent >= options.evaluations)
+      throw no_equilibrium(found, system_.model());
     system_.tissue().hold_pressures({});
   }
   Relaxed found = relax_dynamically(u, f, options, spent);

@@ -139,7 +139,7 @@ void ExplicitMarch::step(const Moment& now, bool first) {
   if (viscoelastic) system_.begin_step(before);
   system_.set({.t = now.t, .depth = now.depth});
   const ForceSystem::Sweep sweep = system_.stress_sweep(u_);
-  ledger_.count(sweep);
+  ledger_.keep_worst(sweep);
   guards_.check_sweep(sweep, now);
 
   const CentralDifferences differences{.dt = now.dt,
@@ -272,7 +272,7 @@ void ExplicitMarch::go_back(const MarchState& kept, const SolveError& error) {
     throw after_retries(error, text("steps down to ", safety, " of the stable one"));
   }
   state_.safety = std::min(0.9, smaller * safety);
-  ledger_.count(Retry{
+  ledger_.note(Retry{
       error.report.code, depth,
       text("back to ", 1e3 * reached, " mm, with time steps of ", state_.safety, " of the stable one")});
 }

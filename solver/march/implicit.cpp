@@ -162,7 +162,7 @@ void ImplicitMarch::step_towards(double end) {
   }
   check(found, next, {to, depth, h}, end - to <= same_time * longest_);
   take(before, next, next_lambda, to);
-  ledger_.count(found.sweep);
+  ledger_.keep_worst(found.sweep);
   history_.residual = std::max(history_.residual, found.residual);
   add_work(h);
   state_.dt = std::min(2.0 * h, longest_);
@@ -214,8 +214,8 @@ void ImplicitMarch::shorten(double h, double end) {
     return;
   }
   const double start = state_.t, until = std::min(start + longest_, end);
-  ledger_.count(Retry{"no-equilibrium", loading_.rate * start,
-                      text("by central differences to ", 1e3 * loading_.rate * until, " mm")});
+  ledger_.note(Retry{"no-equilibrium", loading_.rate * start,
+                     text("by central differences to ", 1e3 * loading_.rate * until, " mm")});
   step_explicitly(until);
   state_.dt = shorter * longest_;  // the next is tried carefully
   stopped_ = !arrive(end, until - start);
@@ -271,7 +271,7 @@ std::int64_t ImplicitMarch::small_steps(double to, double stable, std::int64_t t
 void ImplicitMarch::find_force(const Moment& now) {
   const ForceSystem::Sweep sweep = system_.force(u_, f_);
   guards_.check_sweep(sweep, now);
-  ledger_.count(sweep);
+  ledger_.keep_worst(sweep);
   ++history_.extra_evaluations;
 }
 

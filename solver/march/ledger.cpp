@@ -45,12 +45,12 @@ void Ledger::write(const EnergySample& energy) {
   history_.energy.push_back(energy);
 }
 
-void Ledger::count(const ForceSystem::Sweep& sweep) {
+void Ledger::keep_worst(const ForceSystem::Sweep& sweep) {
   history_.J_min = std::min(history_.J_min, sweep.J_min);
   history_.inverted = std::max(history_.inverted, sweep.inverted);
 }
 
-void Ledger::count(const Retry& retry) {
+void Ledger::note(const Retry& retry) {
   history_.retries.push_back(retry);
   if (observer_.retry) observer_.retry(history_.retries.back());
 }

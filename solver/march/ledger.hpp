@@ -36,8 +36,8 @@ class Ledger {
   /// Takes it, and its work and heat, into the books.
   void write(const EnergySample& energy);
 
-  void count(const ForceSystem::Sweep& sweep);  ///< its worst point
-  void count(const Retry& retry);
+  void keep_worst(const ForceSystem::Sweep& sweep);  ///< its worst point, if it is worse than those before
+  void note(const Retry& retry);
 
   /// All that a run needs which goes on from here.
   MarchState kept(const MarchState& state) const;

@@ -73,7 +73,8 @@ struct FramesBetween {
     return true;
   }
 
-  // False: no equilibrium was found, and `now` is as it was.
+  // False: no equilibrium was found, and `now` is as it was. A mixed search begins close by and is short, or
+  // fails: it gets twice what a load step costs on the average.
   bool find(Rest& now, Nodal& f) {
     const Rest guess = now;
     try {
@@ -322,11 +323,11 @@ void QuasiStaticMarch::search(double tolerance, Found& found) {
   if (how.evaluations < 1) throw no_equilibrium(relaxed, model_);
   const std::int64_t before = system_.tissue().sweeps();
   try {
-    // In u and lambda together; or, of schemes without patches, in u alone by pseudo-time: no contact, no
-    // lambda.
+    // In u and lambda together; or, of schemes without patches, in u alone by pseudo-time: no contact;
+    // lambda is what it ends with.
     relaxed = relax_.has_mixed() ? relax_.from_near(now_.u, now_.lambda, f_, how)
                                  : relax_(now_.u, f_, how, &now_.lambda);
-  } catch (const Stopped&) {
+  } catch (...) {
     history_.evaluations += system_.tissue().sweeps() - before;
     throw;
   }
@@ -413,7 +414,7 @@ void QuasiStaticMarch::take(const Increment& increment, const Found& found) {
   // After a limit point the new branch has nothing to do with the old one.
   if (found.snapped) path_.point.erase(path_.point.begin(), path_.point.end() - 1);
   path_.push(increment.to, now_.u, now_.lambda);
-  ledger_.count(found.relaxed.sweep);
+  ledger_.keep_worst(found.relaxed.sweep);
   history_.residual = std::max(history_.residual, found.relaxed.residual);
   if (!show_frames_before(increment)) {
     history_.interrupted = stopped_ = true;
@@ -474,7 +475,7 @@ AfterCut QuasiStaticMarch::settle(double t) {
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
   AfterCut result{.released = history_.energy.back().stored - stored.sum(),
                   .gave_way = found.relaxed.gave_way()};
-  ledger_.count(found.relaxed.sweep);
+  ledger_.keep_worst(found.relaxed.sweep);
   history_.residual = std::max(history_.residual, found.relaxed.residual);
   ledger_.write(ledger_.force(now, now_.u, f_), f_);
   ledger_.write(ledger_.energy(now, 0.0, stored, 0.0, result.released));
@@ -492,7 +493,7 @@ AfterCut QuasiStaticMarch::settle(double t) {
 void QuasiStaticMarch::go_back(const Increment& increment, const Found& found, const SolveError& error) {
   const double depth = increment.end.depth, shorter = 0.5 * increment.length;
   if (found.relaxed.converged) {  // and a guard refused it: shorter from now on
-    if (history_.retries.size() == most_retries)
+    if (state_.refused++ == most_retries)
       throw after_retries(error, text("steps of the load down to ", 1e3 * increment.length, " mm"));
     state_.longest = shorter;
   } else {  // shorter this once
@@ -505,9 +506,9 @@ void QuasiStaticMarch::go_back(const Increment& increment, const Found& found, c
       throw SolveError(report);
     }
   }
-  ledger_.count(Retry{error.report.code, depth,
-                      text("back to ", 1e3 * loading_.depth_at(increment.from), " mm, and on in steps of ",
-                           1e3 * shorter, " mm")});
+  ledger_.note(Retry{error.report.code, depth,
+                     text("back to ", 1e3 * loading_.depth_at(increment.from), " mm, and on in steps of ",
+                          1e3 * shorter, " mm")});
 }
 
 }  // namespace
@@ -527,6 +528,9 @@ int steps_of_load(const Model& model, const Loading& loading, const SolverOption
   return std::max(1, static_cast<int>(steps));
 }
 
+// The tissue goes along less with the square of the distance from the tool, in its radii, as under a small
+// load on a half-space; and with its height above the far side, where it is often held. A guess: the search
+// that follows decides.
 void first_guess(const Model& model, const Vec3& direction, double way, Nodal& u) {
   if (model.base.empty()) {  // it goes as a whole until something stops it
     u.colwise() += padded(direction) * way;

@@ -2,7 +2,6 @@
 
 #include <tbb/parallel_for.h>
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
@@ -27,6 +26,8 @@ class Film : public ForceTerm {
       triangle_.push_back({0.5 * normal.norm(), edges.inverse()});
     }
     between_ = stiffness_between();
+    find_gradients();
+    find_sums();
   }
 
   void add_force(const Nodal& u, const Instant& now, Nodal& f) override {
@@ -40,17 +41,23 @@ class Film : public ForceTerm {
         of_edges[k] = (now.share * mine.area) * P * mine.to_rest.transpose();
       }
     });
-    Points force = Points::Zero(3, corner.cols());  // summed in one order
-    for (std::size_t k = 0; k < triangle_.size(); ++k) {
-      const auto t = film_.patch.triangles.col(static_cast<Index>(k));
-      force.col(t[0]) -= of_edges[k].rowwise().sum();
-      force.col(t[1]) += of_edges[k].col(0);
-      force.col(t[2]) += of_edges[k].col(1);
-    }
-    const auto& [rows, weight] = film_.patch.at_corner;
-    for (Index v = 0; v < force.cols(); ++v)
-      for (int k = rows.offset[v]; k < rows.offset[v + 1]; ++k)
-        f.col(rows.member[k]).head<3>() += weight[k] * force.col(v);
+    Points force(3, corner.cols());
+    for_all(force.cols(), [&](Index v) {
+      Vec3 sum = Vec3::Zero();  // in one order
+      for (int i = of_corner_.offset[v]; i < of_corner_.offset[v + 1]; ++i) {
+        const auto k = static_cast<std::size_t>(of_corner_.member[i] / 3);
+        const int which = of_corner_.member[i] % 3;
+        if (which == 0)
+          sum -= of_edges[k].rowwise().sum();
+        else
+          sum += of_edges[k].col(which - 1);
+      }
+      force.col(v) = sum;
+    });
+    for_all(of_node_.rows(), [&](Index a) {
+      for (int i = of_node_.offset[a]; i < of_node_.offset[a + 1]; ++i)
+        f.col(a).head<3>() += weight_of_node_[i] * force.col(of_node_.member[i]);
+    });
   }
 
   double energy(const Nodal& u, const Instant& now) override {
@@ -72,27 +79,17 @@ class Film : public ForceTerm {
   // is stiff there too.
   void add_node_stiffness(const Nodal& u, NodeStiffness& sum) const override {
     const Points corner = moved(u);
-    const auto& [rows, weight] = film_.patch.at_corner;
-    const double shear = film_.thickness * film_.shear_modulus + film_.tension;
-    std::map<int, Eigen::Vector2d> gradient;  // of each node's function in the triangle
+    const double shear = stiff();
     for (std::size_t k = 0; k < triangle_.size(); ++k) {
       const auto t = film_.patch.triangles.col(static_cast<Index>(k));
-      const Triangle& mine = triangle_[k];
-      const Plane F = deformed(corner, t) * mine.to_rest;
+      const double area = triangle_[k].area;
+      const Plane F = deformed(corner, t) * triangle_[k].to_rest;
       const Vec3 normal = F.col(0).cross(F.col(1)).normalized();
       const Eigen::Matrix2d S = second_stress(F);
-      gradient.clear();
-      for (int i = 0; i < 3; ++i) {
-        const Eigen::Vector2d of_corner = i == 0 ? Eigen::Vector2d(-mine.to_rest.colwise().sum())
-                                                 : Eigen::Vector2d(mine.to_rest.row(i - 1));
-        for (int r = rows.offset[t[i]]; r < rows.offset[t[i] + 1]; ++r)
-          gradient.try_emplace(rows.member[r], Eigen::Vector2d::Zero()).first->second +=
-              weight[r] * of_corner;
-      }
-      for (const auto& [a, G] : gradient) {
-        const double within = mine.area * shear * G.squaredNorm(),
-                     out = mine.area * std::max(0.0, G.dot(S * G));
-        Eigen::Map<Mat3>(sum.col(a).data()) +=
+      for (std::size_t i = first_gradient_[k]; i < first_gradient_[k + 1]; ++i) {
+        const Eigen::Vector2d& G = gradient_[i].value;
+        const double within = area * shear * G.squaredNorm(), out = area * std::max(0.0, G.dot(S * G));
+        Eigen::Map<Mat3>(sum.col(gradient_[i].node).data()) +=
             within * Mat3::Identity() + (out - within) * normal * normal.transpose();
       }
     }
@@ -109,13 +106,64 @@ class Film : public ForceTerm {
   Membrane film_;
   std::vector<Triangle> triangle_;
   std::vector<StiffnessBound::Edge> between_;  // of nodes
+  struct Gradient {                            // of a node's function in a triangle
+    int node;
+    Eigen::Vector2d value;
+  };
+  std::vector<Gradient> gradient_;  // of triangle k from first_gradient_[k] on, in order of the nodes
+  std::vector<std::size_t> first_gradient_;
+  CompressedRows of_corner_;  // 3 k + i: it is corner i of triangle k
+  CompressedRows of_node_;    // the corners that a node has a share in, and which
+  Eigen::VectorXd weight_of_node_;
+
+  template <class Do>
+  static void for_all(Index count, const Do& at) {
+    tbb::parallel_for(tbb::blocked_range<Index>(0, count, 256), [&](const auto& range) {
+      for (Index i = range.begin(); i < range.end(); ++i) at(i);
+    });
+  }
+
+  void find_gradients() {
+    const auto& [rows, weight] = film_.patch.at_corner;
+    std::map<int, Eigen::Vector2d> gradient;
+    first_gradient_ = {0};
+    for (std::size_t k = 0; k < triangle_.size(); ++k) {
+      const auto t = film_.patch.triangles.col(static_cast<Index>(k));
+      const Eigen::Matrix2d& to_rest = triangle_[k].to_rest;
+      gradient.clear();
+      for (int i = 0; i < 3; ++i) {
+        const Eigen::Vector2d of_corner =
+            i == 0 ? Eigen::Vector2d(-to_rest.colwise().sum()) : Eigen::Vector2d(to_rest.row(i - 1));
+        for (int r = rows.offset[t[i]]; r < rows.offset[t[i] + 1]; ++r)
+          gradient.try_emplace(rows.member[r], Eigen::Vector2d::Zero()).first->second +=
+              weight[r] * of_corner;
+      }
+      for (const auto& [a, G] : gradient) gradient_.push_back({a, G});
+      first_gradient_.push_back(gradient_.size());
+    }
+  }
+
+  // Who adds to a corner's force, and to a node's: each is then summed by itself, in one order.
+  void find_sums() {
+    const Triangles& triangles = film_.patch.triangles;
+    const CompressedRows corners{
+        .offset = Eigen::VectorXi::LinSpaced(triangles.cols() + 1, 0, static_cast<int>(triangles.size())),
+        .member = triangles.reshaped().cast<int>()};
+    CompressedRows of_corner = transpose(corners, film_.patch.corner.cols(), &of_corner_.member);
+    of_corner_.offset = std::move(of_corner.offset);
+    const auto& [rows, weight] = film_.patch.at_corner;
+    const Index nodes = rows.member.size() > 0 ? rows.member.maxCoeff() + 1 : 0;
+    Eigen::VectorXi place;
+    of_node_ = transpose(rows, nodes, &place);
+    weight_of_node_ = weight(place);
+  }
 
   // What shears it, in all directions alike: A shear |grad u|^2, the sum over a triangle's edges of cot / 2
   // (u_i - u_j)^2. What it stretches is up to four times as stiff and what bends it not at all; four times in
   // all directions takes more steps. A difference of corners is one of their nodes: with D = w_i - w_j, which
   // sums to nothing, (sum D_a u_a)^2 <= sum of D+_a D-_b (u_a - u_b)^2.
   std::vector<StiffnessBound::Edge> stiffness_between() const {
-    const double shear = film_.thickness * film_.shear_modulus + film_.tension;
+    const double shear = stiff();
     std::map<std::pair<int, int>, double> corners, nodes;
     for (const auto& t : film_.patch.triangles.colwise())
       for (int i = 0; i < 3; ++i) {
@@ -153,13 +201,15 @@ class Film : public ForceTerm {
   double stiff() const { return shear() + film_.tension; }
   Stretched stretched(const Eigen::Matrix2d& C) const {
     if (!film_.wrinkles) return {};
-    Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> of;
-    of.computeDirect(C);
-    const double most = std::sqrt(of.eigenvalues()[1]), least2 = of.eigenvalues()[0],
+    const double mean = 0.5 * (C(0, 0) + C(1, 1)), half = 0.5 * (C(0, 0) - C(1, 1)),
+                 off = std::hypot(half, C(0, 1)), most = std::sqrt(mean + off), least2 = mean - off,
                  ratio = shear() / stiff();
     if (least2 * most > std::sqrt(ratio)) return {};
     if (most * most * most <= std::sqrt(ratio)) return {Taut::nowhere};
-    return {Taut::in_one, most, of.eigenvectors().col(1)};
+    // The longer of the two columns of C - least2 I, both along the way.
+    const Eigen::Vector2d way =
+        half > 0.0 ? Eigen::Vector2d(half + off, C(0, 1)) : Eigen::Vector2d(C(0, 1), off - half);
+    return {Taut::in_one, most, way.normalized()};
   }
   double energy_per_area(const Plane& F) const {
     const Eigen::Matrix2d C = F.transpose() * F;
@@ -175,10 +225,21 @@ class Film : public ForceTerm {
     const Stretched now = stretched(C);
     if (now.taut == Taut::nowhere) return Eigen::Matrix2d::Zero();
     if (now.taut == Taut::in_one)
-      return (stiff() - std::sqrt(shear() * stiff()) / std::pow(now.most, 3)) * now.way * now.way.transpose();
+      return (stiff() - std::sqrt(shear() * stiff()) / (now.most * now.most * now.most)) * now.way *
+             now.way.transpose();
     return stiff() * Eigen::Matrix2d::Identity() - shear() * C.inverse() / C.determinant();
   }
-  Points moved(const Nodal& u) const { return film_.patch.corner + film_.patch.at_corner(u.topRows<3>()); }
+  Points moved(const Nodal& u) const {
+    const auto& [rows, weight] = film_.patch.at_corner;
+    Points now(3, film_.patch.corner.cols());
+    for_all(now.cols(), [&](Index v) {
+      Vec3 moves = Vec3::Zero();
+      for (int k = rows.offset[v]; k < rows.offset[v + 1]; ++k)
+        moves += weight[k] * u.col(rows.member[k]).head<3>();
+      now.col(v) = film_.patch.corner.col(v) + moves;
+    });
+    return now;
+  }
   template <class Corners>
   static Plane deformed(const Points& corner, const Corners& t) {
     Plane edges;

@@ -6,6 +6,7 @@
 #include <functional>
 #include <limits>
 #include <map>
+#include <memory>
 #include <numeric>
 
 #include "preprocess/build_model.hpp"
@@ -336,6 +337,56 @@ TEST(Walls, ThatAreMovedPressAsTheToolThatIsMeasuredDoes) {
   moved.shape = {.kind = ToolShape::Kind::field, .field = field};
   moved.pose.tip = top + Vec3(0.0, 0.0, 5e-3);  // where its frame begins
   EXPECT_NEAR(force(moved), measured, 0.02 * measured);
+}
+
+// A tool that rubs, a wall that rubs, a pressure that follows and weight, which all keep a past.
+TEST(ABodyUnderLoads, IsPressedByTheSameBitsWhetherItComesToRestOnceOrTwice) {
+  ModelOptions options;
+  options.cloud.count = 500;
+  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 2.7};
+  const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
+  const ForceSystem tissue(model, {{neo_hookean(2100.0, 0.49, 1000.0)}, model.tissue}, Precision::double_);
+  const auto side = [&](const Vec3& towards) {
+    std::vector<Index> chosen;
+    const Surface& surface = model.surface;
+    for (Index t = 0; t < surface.triangles.cols(); ++t) {
+      const auto corner = [&](int i) { return Vec3(surface.vertex_mm.col(surface.triangles(i, t))); };
+      if ((corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized().dot(towards) > 0.9)
+        chosen.push_back(t);
+    }
+    return chosen;
+  };
+  Touch ball{
+      .shape = {.kind = ToolShape::Kind::sphere, .radius = 5e-3},
+      .pose = {Vec3(0.0, 0.0, 20e-3), -Vec3::UnitZ()},
+      .surface = wall_surface(
+          model, [](const Vec3& x, const Vec3& n) { return n.z() > 0.5 && x.head<2>().norm() < 9e-3; }, 2000),
+      .friction = 0.3};
+  Touch beside = plane(model, "beside", Vec3(20e-3, 0.0, 0.0), -Vec3::UnitX());
+  beside.friction = 0.2;
+  Loading loading{.depth = 1.5e-3};
+  loading.touch = std::make_shared<const Touch>(ball);
+  loading.walls = {beside};
+  loading.loads.gravity = {2.0, 0.0, -9.81};
+  loading.loads.pressure = {
+      {.patch = surface_patch(model, side(-Vec3::UnitY())), .pressure = 50.0, .follows = true}};
+  rest_under_loads(tissue, model, loading);
+  ASSERT_TRUE(loading.settled);
+  const auto curve = [&](const Loading& of) {
+    History history;
+    solve(TimeMode::quasi_static, tissue, model, of, {.frames = 2}, {}, history);
+    return history;
+  };
+  Loading anew = loading;
+  anew.settled = nullptr;
+  const History once = curve(loading), twice = curve(anew);
+  EXPECT_GT(once.settled, 1e-4) << "they do move it";
+  EXPECT_GT(once.walls.front().samples, 0);
+  EXPECT_EQ(once.evaluations, twice.evaluations);
+  ASSERT_EQ(once.force.size(), twice.force.size());
+  for (std::size_t k = 0; k < once.force.size(); ++k)
+    EXPECT_EQ(once.force[k].force, twice.force[k].force) << k;
+  EXPECT_EQ(once.energy.back().stored, twice.energy.back().stored);
 }
 
 TEST(WallField, IsTheDistanceFromTheSurfaceInsideOutWhereItIsHollow) {
