@@ -90,7 +90,7 @@ class System {
     Index contact, sample;
   };
   const std::vector<ActiveSample>& active() const { return active_; }
-  /// Adds the samples that the last force() found beyond what they face.
+  /// Adds the samples that the last force() found beyond what they face; a search does so as it goes.
   void activate_penetrating();
   /// Where the tool stands and which share of the loads acts: all of them once the tool moves.
   const Instant& now() const { return now_; }

@@ -27,7 +27,8 @@
 namespace dimple {
 namespace {
 
-// The case's own cloud, and of an image what other clouds are made from.
+// The case's own cloud, and of an image what other clouds are made from. `before_cuts` gets the body as it is
+// before anything is cut, for a scene whose later steps cut it again.
 std::pair<Placed, std::shared_ptr<Origin>> placed_by(const Case& given, const RunObserver& observer,
                                                      const RunLog& log, Result& result,
                                                      std::optional<Organ>* before_cuts = nullptr) {
@@ -124,6 +125,7 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
   const std::shared_ptr<Origin> origin = origin_of_levels(given, log, result);
   result.followed = followed_in(config, origin->organ);  // a structure whose displacement is wanted too
   const bool follows = result.followed.has_value();
+  // Marches finer and finer clouds until the band is as narrow as the goal, or time or the clouds run out.
   Refinement found = refine(
       given, goal, *origin, result, whole,
       {.marched = [&](int number,
@@ -142,7 +144,7 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
   const double others_s = found.seconds - found.finest->seconds;
   // The result becomes the finest level's, and the observer hears of it as if it had been the only one.
   replay(std::move(*found.finest), observer, result);
-  result.band.seconds = others_s;
+  result.band.seconds = others_s;  // the other levels are what the band has cost
 }
 
 // Steps that cut before anything has moved, which the model has from the start.

@@ -143,7 +143,8 @@ class QuasiStaticMarch {
   Rest now_;
   Nodal f_;
   Ledger ledger_;  // force() and energy() only compute; write() books, into history_ and state_.account
-  Guards guards_;  // check...() notes what is doubtful and throws SolveError of what is no answer
+  // check...() notes what is doubtful and throws SolveError of what is no answer; found_...() only notes.
+  Guards guards_;
   FramesBetween between_;
   const int steps_;
   const double step_;             // of the load [m]
