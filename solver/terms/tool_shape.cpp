@@ -117,6 +117,12 @@ double height_of_tool(const ToolShape& shape, double r) {
   return rounded - std::sqrt(std::max(0.0, rounded * rounded - beside * beside));
 }
 
+double power_of_first_touch(const ToolShape& shape) {
+  const bool round = shape.kind == ToolShape::Kind::sphere || shape.kind == ToolShape::Kind::capsule ||
+                     (shape.kind == ToolShape::Kind::punch && shape.edge >= shape.radius);
+  return round ? 1.5 : 1.0;
+}
+
 double length_of_tool(const ToolShape& shape) {
   switch (shape.kind) {
     case ToolShape::Kind::punch:

@@ -52,6 +52,10 @@ double height_of_tool(const ToolShape& shape, double r);
 /// The same straight above a place.
 double height_of_tool(const ToolShape& shape, const ToolPose& pose, const Vec3& x);
 
+/// As which power of the depth the force of a shallow contact grows: 3/2 of what is round (Hertz 1881), 1 of
+/// what is flat or was drawn.
+double power_of_first_touch(const ToolShape& shape);
+
 /// From the tip to the upper end [m]; infinite where there is none.
 double length_of_tool(const ToolShape& shape);
 

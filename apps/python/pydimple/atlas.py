@@ -90,6 +90,11 @@ class Map:
     settings: dict
     block_mm: tuple = (60, 60, 30)
 
+    def schemes(self, wanted):
+        """Those that know the scene: of a tool that touches the default one alone."""
+        touches = any(key.startswith("tool.") for key in [self.x.key, self.y.key, *self.settings])
+        return [scheme for scheme in wanted if scheme == SCHEMES[0] or not touches]
+
 
 def _depths(count, deepest_mm):
     """Even steps down into a block of 30 mm."""
@@ -159,6 +164,27 @@ MAPS = [
         _CLOUDS,
         _scene(load__depth_mm="0.2", solver__frames="4", load__rate_mm_per_s="0.2"),
         (40, 40, 20),
+    ),
+    Map(
+        "tool-depth",
+        "Tools that touch, and depth",
+        "block 60 x 60 x 30 mm, frictionless; 2000 nodes",
+        Axis(
+            "tool.shape",
+            ["sphere:5mm", "sphere:10mm", "capsule:4mm,length=20mm", "punch:5mm,edge=2.5mm", "punch:5mm,edge=1mm"],
+            "the tool, its radius",
+            ["sphere\n5 mm", "sphere\n10 mm", "rod 4 mm,\n20 long", "punch 5 mm,\nedge 2.5", "punch 5 mm,\nedge 1"],
+        ),
+        _depths(12, 9.0),
+        _scene(cloud__nodes="2000"),
+    ),
+    Map(
+        "friction-depth",
+        "Friction and depth",
+        "block 60 x 60 x 30 mm, sphere of 5 mm; 2000 nodes",
+        Axis("tool.friction", ["0", "0.1", "0.3", "0.6", "stick"], "Coulomb's coefficient"),
+        _depths(12, 9.0),
+        _scene(cloud__nodes="2000", tool__shape="sphere:5mm"),
     ),
 ]
 
@@ -548,7 +574,7 @@ def _stable(run, case):
 
 def _run_all(maps, base, options, runner, image):
     """The finest runs first, which take longest; the next finest only of cases where one is not stable."""
-    cells = [_cell_job(of, base, scheme, x, y, image) for of in maps for scheme in options.schemes for x, y in _steps(of)]
+    cells = [_cell_job(of, base, scheme, x, y, image) for of in maps for scheme in of.schemes(options.schemes) for x, y in _steps(of)]
     runner.expected = len(cells)
     finest = {}
     for level, nodes in enumerate(options.finest):
@@ -589,6 +615,9 @@ _MEANING = {
     "supports": "points that see too few nodes",
     "circle-nodes": "too few nodes under the circle",
     "hourglass": "deformation that the points do not see",
+    "penetration": "the surface came into the tool by over a twentieth of its radius",
+    "contact-surface": "the tool came to parts of the surface where contact is not looked for",
+    "tool-left": "the tool left the body",
 }
 
 # The same from map to map; what common colour-vision deficiencies keep apart first.
@@ -623,7 +652,8 @@ def _row(of, scheme, x, y, case, run, v):
     def percent(part, known=reached):
         return _number(100 * part, 4) if reached and known else ""
 
-    fields = [scheme, of.x.values[x], of.y.values[y], v.code, _number(v.force_N), _number(v.reference_N), v.reference_nodes]
+    at = [_study.quoted(value) if "," in value else value for value in (of.x.values[x], of.y.values[y])]
+    fields = [scheme, *at, v.code, _number(v.force_N), _number(v.reference_N), v.reference_nodes]
     fields += [percent(v.error, math.isfinite(v.reference_N)), percent(v.kink), percent(v.energy_error)]
     fields += [_number(v.J_min, 4) if reached else "", v.inverted, _number(v.inverted_mm3, 4)]
     fields += [run.points, run.nodes, run.retries, run.guards, len(run.frames), run.ended or "finished"]
@@ -639,7 +669,7 @@ def result_of(of, base, options, runs, image):
         "J_min,inverted_points,inverted_mm3,points,nodes,retries,guards,frames,ended,fact,run"
     ]
     panels = {}
-    for scheme in options.schemes:
+    for scheme in of.schemes(options.schemes):
         panels[scheme] = []
         for y in range(len(of.y.values)):
             for x in range(len(of.x.values)):
