@@ -358,13 +358,14 @@ void Guards::check_fluctuation(const Nodal& u, const Moment& now) {
   find({report, share});
 }
 
-void Guards::check_contact(const TouchingTool::Audit& audit, double most, const ContactSurface& surface,
+void Guards::check_contact(const TouchingTool::Audit& audit, double most, const Touch& touch,
                            const Moment& now) {
   if (audit.beyond > most)
     throw SolveError(
         {.fact = text("the tool has come ", 1e3 * audit.beyond,
                       " mm into a part of the surface on which no contact is looked for"),
-         .where = moment(now) + text("; that part at rest at ", in_mm(surface.beyond.col(audit.beyond_at))),
+         .where =
+             moment(now) + text("; that part at rest at ", in_mm(touch.surface.beyond.col(audit.beyond_at))),
          .why =
              "contact is looked for near the tool's axis, to half its radius or the depth beyond it, on what "
              "faces the tool: it has "
@@ -381,8 +382,16 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
                   percent(off_by_penetration(audit.penetration, now.depth)), " or more"),
       .remedy = "use more nodes (--nodes), a smaller --depth, or a tool with a rounder edge",
       .code = "penetration"};
-  if (audit.penetration > penetration_wrong * most) throw SolveError(report);
-  find({report, audit.penetration});
+  if (audit.penetration <= penetration_wrong * most) return find({report, audit.penetration});
+  const auto before = std::find_if(findings_.begin(), findings_.end(),
+                                   [](const Finding& f) { return f.report.code == "penetration"; });
+  // What nodes are too far apart for grows with the depth; what folds comes at once, with more nodes too.
+  if (touch.friction == 0.0 && before != findings_.end() && audit.penetration > 2.0 * before->worst) {
+    report.why = text("it was ", fixed(1e3 * before->worst, 4),
+                      " mm before: without friction the surface has folded at an edge of the tool");
+    report.remedy = "let the tool rub (--friction 0.3, or stick), round its edge, or use a smaller --depth";
+  }
+  throw SolveError(report);
 }
 
 void Guards::check_wall(const Touch& wall, double penetration, const Moment& now) {

@@ -73,8 +73,7 @@ class Guards {
   /// Of a tool that touches: `penetration`, where the surface reaches into it by more than `most` [m] between
   /// the places where contact is enforced. Throws SolveError: by fifty times as much; or `contact-surface`:
   /// it has come to a part of the surface that has no samples.
-  void check_contact(const TouchingTool::Audit& audit, double most, const ContactSurface& surface,
-                     const Moment& now);
+  void check_contact(const TouchingTool::Audit& audit, double most, const Touch& touch, const Moment& now);
   /// Of a wall or a further tool: how deep the body's surface is in it between the places where contact is
   /// looked for [m]; nodes are as far apart there as its samples.
   void check_wall(const Touch& wall, double penetration, const Moment& now);

@@ -383,7 +383,7 @@ void QuasiStaticMarch::check_contact(const Moment& now) {
   const TouchingTool::Audit audit = tool.audit(now_.u, system_.now());
   const double most = most_penetration * tool.touch().shape.radius;
   // Notes more than this, and throws from fifty times as much on.
-  guards_.check_contact(audit, most, tool.touch().surface, now);
+  guards_.check_contact(audit, most, tool.touch(), now);
   if (audit.penetration > history_.penetration) {
     history_.penetration = audit.penetration;
     if (audit.penetration > most)

@@ -142,18 +142,18 @@ TEST_F(StateGuard, OfAToolThatLeavesWarnsOnceAndOnlyWhereTheTissueSpringsBackByM
 }
 
 TEST_F(StateGuard, OfAToolThatTouchesWarnsOfWhatComesIntoItAndEndsWhereItIsTooMuchOrNowhereLookedFor) {
-  ContactSurface surface;
-  surface.beyond = Points::Constant(3, 1, 7e-3);
+  Touch touch;
+  touch.surface.beyond = Points::Constant(3, 1, 7e-3);
   const double most = 5e-6;
   EXPECT_NO_THROW(
-      guards.check_contact({.penetration = most, .beyond = most, .beyond_at = 0}, most, surface, now));
+      guards.check_contact({.penetration = most, .beyond = most, .beyond_at = 0}, most, touch, now));
   EXPECT_TRUE(findings.empty());
-  EXPECT_NO_THROW(guards.check_contact({.penetration = 2.0 * most}, most, surface, now));
+  EXPECT_NO_THROW(guards.check_contact({.penetration = 2.0 * most}, most, touch, now));
   ASSERT_EQ(findings.size(), 1u);
   EXPECT_EQ(findings.front().report.code, "penetration");
   const auto ends_with = [&](const TouchingTool::Audit& audit) -> std::string {
     try {
-      guards.check_contact(audit, most, surface, now);
+      guards.check_contact(audit, most, touch, now);
     } catch (const SolveError& error) {
       return error.report.code;
     }
@@ -161,6 +161,26 @@ TEST_F(StateGuard, OfAToolThatTouchesWarnsOfWhatComesIntoItAndEndsWhereItIsTooMu
   };
   EXPECT_EQ(ends_with({.penetration = 51.0 * most}), "penetration");
   EXPECT_EQ(ends_with({.penetration = 0.0, .beyond = 1.01 * most, .beyond_at = 0}), "contact-surface");
+}
+
+TEST_F(StateGuard, TellsTooFewNodesFromASurfaceThatFoldsAtAToolsEdge) {
+  Touch touch;
+  const double most = 5e-6;
+  const auto why = [&](double penetration) -> std::string {
+    try {
+      guards.check_contact({.penetration = penetration}, most, touch, now);
+    } catch (const SolveError& error) {
+      expect_whole(error.report, "penetration");
+      return error.report.why;
+    }
+    return "";
+  };
+  EXPECT_EQ(why(40.0 * most), "");
+  EXPECT_THAT(why(60.0 * most), HasSubstr("too far apart")) << "a little more than before";
+  EXPECT_THAT(why(90.0 * most),
+              HasSubstr("it was 0.2000 mm before: without friction the surface has folded"));
+  touch.friction = 0.3;
+  EXPECT_THAT(why(90.0 * most), HasSubstr("too far apart"));
 }
 
 TEST_F(StateGuard, TellsWhetherTheSurfaceReachesIntoAWallOrIntoAFurtherTool) {
