@@ -23,13 +23,13 @@ constexpr double same_depth = 1e-6;               // of a step
 constexpr std::size_t few = 3;                    // equilibria, before which the curve between two is a guess
 
 // Of the force over the last increment: the parabola through the last three places, or a line; from where a
-// tool first touches the force goes as the depth to the power `first`.
+// tool first touches `first_share` of depth times force.
 double work_of_last(const std::vector<double>& depth, const std::vector<double>& force, bool straight,
-                    double first) {
+                    double first_share) {
   const std::size_t k = depth.size() - 1;
   const double h = depth[k] - depth[k - 1], slope = (force[k] - force[k - 1]) / h;
   const double line = 0.5 * h * (force[k] + force[k - 1]);
-  if (k == 1 && depth.front() == 0.0 && force.front() == 0.0) return h * force[k] / (1.0 + first);
+  if (k == 1 && depth.front() == 0.0 && force.front() == 0.0) return first_share * h * force[k];
   if (k == 1 || straight) return line;
   const double slope_before = (force[k - 1] - force[k - 2]) / (depth[k - 1] - depth[k - 2]);
   return line - h * h * h / 6.0 * (slope - slope_before) / (depth[k] - depth[k - 2]);
@@ -360,9 +360,10 @@ void QuasiStaticMarch::check(const Increment& increment, Found& found) {
   found.force = ledger_.force(now, now_.u, f_);
   state_.depths.push_back(increment.to);
   state_.forces.push_back(system_.working_force(f_));
-  const double first = system_.touching() ? power_of_first_touch(system_.touching()->touch().shape) : 1.0;
+  const double first_share =
+      system_.touching() ? share_of_first_work(system_.touching()->touch().shape, increment.to) : 0.5;
   const double work =
-      work_of_last(state_.depths, state_.forces, increment.has_no_curve || found.snapped, first);
+      work_of_last(state_.depths, state_.forces, increment.has_no_curve || found.snapped, first_share);
   const StoredEnergy stored = system_.stored_energy(now_.u);
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
   double dissipated = found.snapped ? relaxed.dissipated : 0.0;

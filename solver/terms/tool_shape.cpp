@@ -117,12 +117,6 @@ double height_of_tool(const ToolShape& shape, double r) {
   return rounded - std::sqrt(std::max(0.0, rounded * rounded - beside * beside));
 }
 
-double power_of_first_touch(const ToolShape& shape) {
-  const bool round = shape.kind == ToolShape::Kind::sphere || shape.kind == ToolShape::Kind::capsule ||
-                     (shape.kind == ToolShape::Kind::punch && shape.edge >= shape.radius);
-  return round ? 1.5 : 1.0;
-}
-
 double length_of_tool(const ToolShape& shape) {
   switch (shape.kind) {
     case ToolShape::Kind::punch:
@@ -162,6 +156,15 @@ std::optional<double> half_space_force(const ToolShape& shape, double depth) {
   }
   // Where contact has come to the tool's side it grows no more: dF / d depth = 2 E* a.
   return force + 2.0 * a * std::max(0.0, depth - depth_of_contact(shape, a));
+}
+
+double share_of_first_work(const ToolShape& shape, double depth) {
+  constexpr int parts = 16;  // the middle of each, of a curve that is smooth
+  const std::optional<double> end = half_space_force(shape, depth);
+  if (!end) return 0.5;
+  double sum = 0.0;
+  for (int k = 0; k < parts; ++k) sum += *half_space_force(shape, depth * (k + 0.5) / parts);
+  return sum / (parts * *end);
 }
 
 }  // namespace dimple

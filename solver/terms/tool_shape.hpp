@@ -52,10 +52,6 @@ double height_of_tool(const ToolShape& shape, double r);
 /// The same straight above a place.
 double height_of_tool(const ToolShape& shape, const ToolPose& pose, const Vec3& x);
 
-/// As which power of the depth the force of a shallow contact grows: 3/2 of what is round (Hertz 1881), 1 of
-/// what is flat or was drawn.
-double power_of_first_touch(const ToolShape& shape);
-
 /// From the tip to the upper end [m]; infinite where there is none.
 double length_of_tool(const ToolShape& shape);
 
@@ -67,5 +63,8 @@ double contact_radius(const ToolShape& shape, double depth);
 /// The force with which a tool is pressed by `depth` [m] into that half-space, over E / (1 - nu^2) [m^2]. A
 /// punch's edge is taken for a parabola, and contact ends at its side. Nothing of a tool that was drawn.
 std::optional<double> half_space_force(const ToolShape& shape, double depth);
+/// The work of that force from the first touch on, over depth x force at its end: 2/5 of a sphere, 1/2 of
+/// what is flat, and of a tool that was drawn.
+double share_of_first_work(const ToolShape& shape, double depth);
 
 }  // namespace dimple
