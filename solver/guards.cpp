@@ -386,7 +386,10 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
   const auto before = std::find_if(findings_.begin(), findings_.end(),
                                    [](const Finding& f) { return f.report.code == "penetration"; });
   // What nodes are too far apart for grows with the depth; what folds comes at once, with more nodes too.
-  if (touch.friction == 0.0 && before != findings_.end() && audit.penetration > 2.0 * before->worst) {
+  const bool has_edge =
+      touch.shape.kind == ToolShape::Kind::punch || touch.shape.kind == ToolShape::Kind::drawn;
+  if (has_edge && touch.friction == 0.0 && before != findings_.end() &&
+      audit.penetration > 2.0 * before->worst) {
     report.why = text("it was ", fixed(1e3 * before->worst, 4),
                       " mm before: without friction the surface has folded at an edge of the tool");
     report.remedy = "let the tool rub (--friction 0.3, or stick), round its edge, or use a smaller --depth";

@@ -13,7 +13,7 @@ namespace dimple {
 // be wrong a guard throws, and the march takes up its last good state again, more carefully; where it is
 // honest but less good than one might think it leaves a finding.
 
-constexpr int most_retries = 3;  ///< of one run
+constexpr int most_retries = 3;  ///< that a guard asks for, of one run or step of a scene
 
 /// A guard that fired where the run could go on. `worst`: the number that it watches, at its worst.
 struct Finding {

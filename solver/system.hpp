@@ -213,9 +213,8 @@ Balance System::balance(const Nodal& f, Nodal& unbalanced, const Beside& beside)
 /// A body under `loads`, come to rest, its circle (the nodes that the tool holds) where the tool then touches
 /// it: bonded or not, and `further` sets held likewise; or `touch`: a tool that holds no nodes, and stands
 /// apart until then. `folds` that close touch. `walls`: rigid contacts that are not measured. `settled`:
-/// where it rests, of the same body, if that was looked for before. Throws SolveError: it does not carry its
-/// loads.
-///
+/// where this body rests under these loads beside these walls, if that was looked for before. Throws
+/// SolveError: it does not carry its loads.
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
                                     const std::vector<HeldSet>& further, const Loads& loads = {},
                                     double tolerance = 1e-4, const Touch* touch = nullptr,

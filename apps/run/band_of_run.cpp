@@ -82,6 +82,7 @@ CoarserMarch::CoarserMarch(const Config& config, const Result& result) : parts_(
   p.coarse.time = result.time;
   p.coarse.followed = result.followed;
   p.coarse.loading = result.loading;
+  p.coarse.loading.settled = nullptr;  // that is of the finer cloud
   p.beside = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism) > 1 &&
              result.model.node_count() <= most_nodes_beside;
   if (p.beside) p.arena.execute([&] { p.work.run([&p] { p.run(); }); });

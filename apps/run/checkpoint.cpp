@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* format = "dimple checkpoint 10";
+constexpr const char* format = "dimple checkpoint 11";
 
 }  // namespace
 

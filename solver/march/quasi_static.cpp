@@ -164,6 +164,7 @@ class QuasiStaticMarch {
   void set_tool(double travel);
   void search(double tolerance, Found& found);
   void check(const Increment& increment, Found& found);
+  bool tool_alone_presses() const;
   void check_equilibrium(const Moment& now, const Found& found);
   void check_contact(const Moment& now);
   void look_at_walls(const Moment& now);
@@ -352,6 +353,15 @@ void QuasiStaticMarch::check_equilibrium(const Moment& now, const Found& found) 
   if (system_.folds()) look_at_folds();
 }
 
+// A tool that touches, straight along its push, while all else stays where it is.
+bool QuasiStaticMarch::tool_alone_presses() const {
+  const auto moves = [](const Touch& wall) { return wall.motion && !wall.motion->isZero(0.0); };
+  return system_.touching() && system_.held().motion(tool_set).dot(model_.tool.push) > 1.0 - same_depth &&
+         std::none_of(loading_.walls.begin(), loading_.walls.end(), moves) &&
+         std::all_of(loading_.further.begin(), loading_.further.end(),
+                     [](const HeldSet& set) { return set.share == 0.0; });
+}
+
 // What was found, by the guards; the depth and the force there join those of the equilibria before.
 void QuasiStaticMarch::check(const Increment& increment, Found& found) {
   const Moment& now = increment.end;
@@ -361,7 +371,7 @@ void QuasiStaticMarch::check(const Increment& increment, Found& found) {
   state_.depths.push_back(increment.to);
   state_.forces.push_back(system_.working_force(f_));
   const double first_share =
-      system_.touching() ? share_of_first_work(system_.touching()->touch().shape, increment.to) : 0.5;
+      tool_alone_presses() ? share_of_first_work(system_.touching()->touch().shape, increment.to) : 0.5;
   const double work =
       work_of_last(state_.depths, state_.forces, increment.has_no_curve || found.snapped, first_share);
   const StoredEnergy stored = system_.stored_energy(now_.u);

@@ -292,6 +292,12 @@ class Maps(unittest.TestCase):
         self.assertTrue(atlas.is_physical(axis.key))
         self.assertFalse(atlas.is_physical("cloud.nodes"))
 
+    def test_a_map_of_a_tool_that_touches_asks_the_scheme_of_2007_for_nothing(self):
+        by_name = {of.name: of for of in atlas.MAPS}
+        self.assertEqual(by_name["tool-depth"].schemes(atlas.SCHEMES, {}), ["converging"])
+        self.assertEqual(by_name["depth-nu"].schemes(atlas.SCHEMES, {}), atlas.SCHEMES)
+        self.assertEqual(by_name["depth-nu"].schemes(atlas.SCHEMES, {"tool.shape": "sphere:5mm"}), ["converging"])
+
     def test_an_axis_is_refused_where_it_makes_no_map(self):
         wrong = {
             "material.nu": "is not key=value",
@@ -344,6 +350,9 @@ class Atlas(Study):
     def counted(self, out):
         """Runs, and how many of them now."""
         return tuple(int(n) for n in re.search(r"(\d+) runs, (\d+) of them now", out).groups())
+
+    def test_a_map_of_a_tool_is_refused_for_the_scheme_of_2007_alone(self):
+        self.refused(atlas, "-o out --map tool-depth --schemes horton2007", 2, "knows no contact", "--schemes")
 
     def test_a_map_of_two_options_has_a_code_for_every_cell(self):
         out, _ = self.good(atlas, "-o out --x material.nu=0.3,0.499 --y load.depth=1mm,2mm --finest 400,300 --set cloud.nodes=200")

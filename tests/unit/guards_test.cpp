@@ -165,6 +165,7 @@ TEST_F(StateGuard, OfAToolThatTouchesWarnsOfWhatComesIntoItAndEndsWhereItIsTooMu
 
 TEST_F(StateGuard, TellsTooFewNodesFromASurfaceThatFoldsAtAToolsEdge) {
   Touch touch;
+  touch.shape.kind = ToolShape::Kind::punch;
   const double most = 5e-6;
   const auto why = [&](double penetration) -> std::string {
     try {
@@ -181,6 +182,9 @@ TEST_F(StateGuard, TellsTooFewNodesFromASurfaceThatFoldsAtAToolsEdge) {
               HasSubstr("it was 0.2000 mm before: without friction the surface has folded"));
   touch.friction = 0.3;
   EXPECT_THAT(why(90.0 * most), HasSubstr("too far apart"));
+  touch.friction = 0.0;
+  touch.shape.kind = ToolShape::Kind::sphere;
+  EXPECT_THAT(why(90.0 * most), HasSubstr("too far apart")) << "it has no edge";
 }
 
 TEST_F(StateGuard, TellsWhetherTheSurfaceReachesIntoAWallOrIntoAFurtherTool) {

@@ -90,9 +90,9 @@ class Map:
     settings: dict
     block_mm: tuple = (60, 60, 30)
 
-    def schemes(self, wanted):
+    def schemes(self, wanted, given):
         """Those that know the scene: of a tool that touches the default one alone."""
-        touches = any(key.startswith("tool.") for key in [self.x.key, self.y.key, *self.settings])
+        touches = any(key.startswith("tool.") for key in [self.x.key, self.y.key, *self.settings, *given])
         return [scheme for scheme in wanted if scheme == SCHEMES[0] or not touches]
 
 
@@ -567,14 +567,21 @@ def _finest_job(of, case, x, y, nodes):
     return _file_name(f"{of.name}_finest{nodes}{place}"), f"{of.name} finest, {nodes} nodes{place}", finest_of(case, nodes)
 
 
+def _radius_mm(case):
+    """Of the circle, or of a tool that touches."""
+    values = case.values()
+    touches = re.match(r"\w+:([\d.]+)mm", values["tool.shape"])
+    return float(touches[1]) if touches else 0.5 * values["boundary.indenter_diameter_mm"]
+
+
 def _stable(run, case):
-    radius = 0.5 * case.values()["boundary.indenter_diameter_mm"]
+    radius = _radius_mm(case)
     return not _own_fault(run, case.values()["solver.frames"], radius, Verdict())
 
 
 def _run_all(maps, base, options, runner, image):
     """The finest runs first, which take longest; the next finest only of cases where one is not stable."""
-    cells = [_cell_job(of, base, scheme, x, y, image) for of in maps for scheme in of.schemes(options.schemes) for x, y in _steps(of)]
+    cells = [_cell_job(of, base, scheme, x, y, image) for of in maps for scheme in of.schemes(options.schemes, base.given) for x, y in _steps(of)]
     runner.expected = len(cells)
     finest = {}
     for level, nodes in enumerate(options.finest):
@@ -625,7 +632,8 @@ _COLOUR = {
     "ok": "#1e9e77", "ok-rim": "#8fcfbb", "": "#e9ecf0",
     "inverted": "#d55e00", "no-equilibrium": "#0072b2", "inaccurate": "#f0c83c", "kinked": "#cc79a7", "unchecked": "#56b4e9",
     "time-step": "#8c6d1f", "no-model": "#4a4e54", "energy": "#9b59b6", "crashed": "#111111", "conditioning": "#f4b183",
-    "supports": "#9dc3e6", "circle-nodes": "#ffe699", "hourglass": "#e6b8d0", "limit-point": "#c0c4ca", "non-finite": "#7f6000", "time-out": "#a5a5a5",
+    "supports": "#9dc3e6", "circle-nodes": "#ffe699", "hourglass": "#e6b8d0", "limit-point": "#c0c4ca",
+    "penetration": "#5b8a8a", "non-finite": "#7f6000", "time-out": "#a5a5a5",
 }  # fmt: skip
 
 
@@ -669,7 +677,7 @@ def result_of(of, base, options, runs, image):
         "J_min,inverted_points,inverted_mm3,points,nodes,retries,guards,frames,ended,fact,run"
     ]
     panels = {}
-    for scheme in of.schemes(options.schemes):
+    for scheme in of.schemes(options.schemes, base.given):
         panels[scheme] = []
         for y in range(len(of.y.values)):
             for x in range(len(of.x.values)):
@@ -678,7 +686,7 @@ def result_of(of, base, options, runs, image):
                     panels[scheme].append(None)
                     continue
                 names = [_finest_job(of, case, x, y, nodes)[0] for nodes in options.finest]
-                radius = 0.5 * case.values()["boundary.indenter_diameter_mm"]
+                radius = _radius_mm(case)
                 has_depth = of.x.is_depth or of.y.is_depth
                 finest = [runs[n] for n in names if n in runs]
                 v = judge(runs[name], finest, _last_frame(of, case, x, y), has_depth, radius)
@@ -781,6 +789,12 @@ def study(case, options, say):
     if not options.limit > 0:
         refuse(f"--limit {options.limit:g} is not allowed", "--limit", "a run takes some time", "for instance --limit 300")
     maps = maps_asked_for(case, options)
+    for of in maps:
+        if not of.schemes(options.schemes, case.given):
+            refuse(
+                f"the map {of.name} is of a tool that touches", "--schemes", "the scheme of 2007 knows no contact",
+                "leave --schemes out, or choose other maps by --map",
+            )  # fmt: skip
     folder = _study.folder_for(options.out, "stress.csv", "python3 -m pydimple.atlas").absolute()
     plt = _study.pyplot()
     if case.image:
