@@ -277,7 +277,8 @@ Rest come_to_rest(System& system, double tolerance) {
   return rest;
 }
 
-// As if it had come to rest here. The tool has been brought elsewhere since, where it knows no past yet.
+// As if it had come to rest here: to accept the same state once more changes nothing. The tool has been
+// brought elsewhere since, and knows no past there but this.
 void be_at_rest(System& system, const Settled& settled) {
   const Rest& rest = settled.rest;
   Nodal f = rest.u;
@@ -285,14 +286,6 @@ void be_at_rest(System& system, const Settled& settled) {
   system.begin_step(at_last);
   system.force_at(rest.u, rest.lambda, f);
   system.accept_step(rest.u);
-}
-
-void restore_but_of_tool(System& system, const std::vector<double>& past) {
-  TouchingTool* tool = system.touching();
-  const std::vector<double> of_tool = tool ? tool->past() : std::vector<double>();
-  system.restore_past(past);
-  if (tool) tool->restore_past(of_tool);
-  system.begin_step(at_last);
 }
 
 }  // namespace
@@ -321,7 +314,6 @@ std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& mode
   Constraints held = make_constraints(model, contact, further);
   held.start_at(rest.u);
   system->begin_at(std::move(rest), std::move(held));
-  if (settled) restore_but_of_tool(*system, settled->past);  // as it was after begin_at() there
   return system;
 }
 

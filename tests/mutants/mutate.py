@@ -231,9 +231,8 @@ MUTANTS = {
     166: ("solver/terms/membrane.cpp", "weight_of_node_ = weight(place);", "weight_of_node_ = {n} ? weight : Eigen::VectorXd(weight(place));"),
     167: ("solver/terms/membrane.cpp", "sum -= of_edges[k].rowwise().sum();", "sum -= ({n} ? 0.5 : 1.0) * of_edges[k].rowwise().sum();"),
     168: ("solver/terms/tool_shape.cpp", "return sum / (parts * *end);", "return {n} ? 0.5 : sum / (parts * *end);"),
-    169: ("solver/system.cpp", "  if (tool) tool->restore_past(of_tool);\n  system.begin_step(at_last);",
-          "  if (tool) tool->restore_past(of_tool);\n  if (!{n}) system.begin_step(at_last);"),
-    170: ("solver/system.cpp", "if (settled) restore_but_of_tool(", "if (settled && !{n}) restore_but_of_tool("),
+    169: ("solver/system.cpp", "  system.restore_past(settled.past);\n  system.begin_step(at_last);",
+          "  system.restore_past(settled.past);\n  if (!{n}) system.begin_step(at_last);"),
     172: ("solver/guards.cpp", "audit.penetration > 2.0 * before->worst", "audit.penetration > ({n} ? 1.0 : 2.0) * before->worst"),
     173: ("solver/guards.cpp", "if (has_edge && touch.friction == 0.0 &&", "if (has_edge && ({n} || touch.friction == 0.0) &&"),
     # ---- searches for equilibrium
