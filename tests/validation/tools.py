@@ -27,9 +27,12 @@ TOOLS = (  # name, options, colour
 
 def body_of(overview):
     """The deformed surface: in the white panel at the lower left, above which warnings take more room or less."""
-    bottom = (overview[:, 30, :3] > 0.99).all(axis=1).nonzero()[0][-1]
-    return overview[bottom - 370 : bottom - 62, 70:665]
-
+    white = (overview[:, 30, :3] > 0.99).all(axis=1)
+    bottom = white.nonzero()[0][-1]
+    top = (~white[:bottom]).nonzero()[0][-1]
+    panel = overview[top + 75 : bottom - 46, 40:665].copy()  # without its legend and its scale
+    panel[-56:, :90] = 1.0  # axes
+    return panel
 
 
 def run(program, folder, options):
@@ -54,10 +57,10 @@ def draw(curves, pictures, file):
         axis.plot(depth, [1e3 * f for f in force], color=colour, linewidth=1.5)
         axis.fill_between(depth, [1e3 * f for f in low], [1e3 * f for f in high], color=colour, alpha=0.2, linewidth=0)
         end = (depth[-1], 1e3 * force[-1])
-        axis.annotate(name.split(", friction")[0], end, (4, 0), textcoords="offset points", va="center", color=colour)
+        axis.annotate(name.replace("punch, radius 5 mm", "punch"), end, (4, 0), textcoords="offset points", va="center", color=colour)
     axis.set(xlabel="indentation [mm]", ylabel="force [mN]", xlim=(0, 6.6), ylim=(0, None), xticks=range(5))
     axis.set_title("force, with the band of its discretisation where one is known", loc="left", fontsize=9)
-    figure.savefig(file + ".png", dpi=120, metadata={"Software": None})
+    figure.savefig(file + ".png", dpi=120, bbox_inches="tight", metadata={"Software": None})
 
 
 def main(program, file):
