@@ -235,7 +235,7 @@ namespace {
 constexpr double first_part = 0.25, smallest_part = 1.0 / 64.0;  // of the loads, laid on at once
 // Evaluations of the force by mixed iteration. Of random scenes on real organs the 25 that came to rest took
 // at most 444 for a part and 1111 in all.
-constexpr std::int64_t most_of_part = 600, most = 2000;
+constexpr std::int64_t most_of_part = 600, most_in_all = 2000;
 constexpr double at_last = std::numeric_limits<double>::infinity();  // s: when viscous tissue has relaxed
 
 // Laid on part by part, so long that viscous tissue has relaxed.
@@ -258,14 +258,15 @@ Rest come_to_rest(System& system, double tolerance) {
     system.set({.share = share}, tried.u);
     try {
       RelaxOptions how{.tolerance = tolerance};
-      if (relax.has_mixed()) how.evaluations = std::clamp<std::int64_t>(most - sweeps(), 1, most_of_part);
+      if (relax.has_mixed())
+        how.evaluations = std::clamp<std::int64_t>(most_in_all - sweeps(), 1, most_of_part);
       relax(tried.u, f, how, &tried.lambda);
       system.accept_step(tried.u);
       rest = std::move(tried);
       done = share;
     } catch (const SolveError& error) {
       part *= 0.5;
-      if (part >= smallest_part && (sweeps() < most || !relax.has_mixed())) continue;
+      if (part >= smallest_part && (sweeps() < most_in_all || !relax.has_mixed())) continue;
       Report report = error.report;
       report.fact = text("the body does not carry its loads: ", report.fact);
       report.where =

@@ -581,7 +581,8 @@ def _stable(run, case):
 
 def _run_all(maps, base, options, runner, image):
     """The finest runs first, which take longest; the next finest only of cases where one is not stable."""
-    cells = [_cell_job(of, base, scheme, x, y, image) for of in maps for scheme in of.schemes(options.schemes, base.given) for x, y in _steps(of)]
+    panels = [(of, scheme) for of in maps for scheme in of.schemes(options.schemes, base.given)]
+    cells = [_cell_job(of, base, scheme, x, y, image) for of, scheme in panels for x, y in _steps(of)]
     runner.expected = len(cells)
     finest = {}
     for level, nodes in enumerate(options.finest):
