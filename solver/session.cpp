@@ -129,6 +129,7 @@ struct Session::Parts {
     Eigen::VectorXd lambda;
   };
   std::optional<Begun> begun;
+  bool unsettled = false;  // what is shown is a state of the body before it was cut
 
   // Where the next equilibrium is looked for: on the line through the last two, if they are as far apart.
   void look_ahead(double to) {
@@ -189,6 +190,7 @@ struct Session::Parts {
     v.setZero();
     begun.reset();
     nothing_left();
+    unsettled = false;
     residual = found.residual;
     return found.evaluations;
   }
@@ -255,6 +257,7 @@ struct Session::Parts {
     system->set({.depth = depth});
     frame.on_tool = system->on_tool(u, f);
     frame.per_force = per_force(frame);
+    if (unsettled) frame.error = std::abs(frame.force);
     if (known.state.size() < 2) return frame;
     const double correction = correction_at(depth, left), stiffness = known.slope(depth).force;
     frame.stiffness = stiffness;
@@ -281,6 +284,28 @@ struct Session::Parts {
     nothing_left();
     residual = 0.0;
     begun.reset();
+    unsettled = false;
+  }
+
+  // See Session::go_on_from().
+  void go_on_from(const Parts& before, const Points& its, const std::vector<Index>& of_patch) {
+    if (before.depth <= 0.0) return;
+    u.topRows<3>() = its;
+    f.setZero();
+    f.leftCols(before.f.cols()) = before.f;
+    depth = before.depth;
+    const PressurePatches &now = model.patches, &were = before.model.patches;
+    for (Index b = 0; b < now.count(); ++b) {
+      const Index of = of_patch[static_cast<std::size_t>(b)];
+      lambda[b] = before.lambda[of] / were.volume[of] * now.volume[b];
+    }
+    const Index contacts = lambda.size() - now.count();
+    if (contacts == before.lambda.size() - were.count()) lambda.tail(contacts) = before.lambda.tail(contacts);
+    path.point.clear();
+    path.push(depth, u, lambda);
+    begun = {.at = depth, .residual = 0.0, .u = u, .lambda = lambda};
+    residual = 1.0;  // unknown
+    unsettled = true;
   }
 
   // One call of follow().
@@ -319,7 +344,7 @@ struct Session::Parts {
     system->begin_step(dt);
     v.setZero();
     const std::int64_t at_first =
-        options.touch && call.to > 0.0 && known.state.size() < 2 ? find_first_contact() : 0;
+        options.touch && call.to > 0.0 && known.state.size() < 2 && !(unsettled && begun) ? find_first_contact() : 0;
     if (call.to > 0.0 || system->viscoelastic())
       while (comes_nearer(call)) {
       }
@@ -330,7 +355,8 @@ struct Session::Parts {
     path.push(depth, u, lambda);
     LiveFrame frame = frame_at_depth(asked, at_first + call.all - call.how.evaluations);
     frame.tool = call.tool;
-    if (depth != call.to && call.tool == LiveFrame::Tool::there) frame.tool = LiveFrame::Tool::lags;
+    if ((depth != call.to || unsettled) && call.tool == LiveFrame::Tool::there)
+      frame.tool = LiveFrame::Tool::lags;
     if (call.to > thick || asked > longest_tool) frame.tool = LiveFrame::Tool::beyond;
     if (call.timed) beside += (Clock::now() - call.begin - call.iterating - beside) / 5;
     return frame;
@@ -399,6 +425,7 @@ struct Session::Parts {
     std::swap(left, call.left);
     residual = its_residual;
     depth = call.now.at;
+    unsettled = false;
     call.moved = true;
     caution = std::min(1.0, 1.3 * caution);
     const LiveFrame here = frame_at_depth(call.asked, 0);
@@ -537,6 +564,21 @@ std::int64_t Session::step(double depth, double dt) {
     p.path.push(depth, p.u, p.lambda);
     return steps;
   });
+}
+
+void Session::go_on_from(const Session& before, const Points& u, const std::vector<Index>& of_patch) {
+  Parts& p = *parts_;
+  const Parts& was = *before.parts_;
+  if (u.cols() != p.model.node_count() || u.cols() < was.model.node_count() ||
+      static_cast<Index>(of_patch.size()) != p.model.patches.count())
+    throw std::invalid_argument("Session::go_on_from: the numbers of nodes or patches are others");
+  if (p.system->viscoelastic())
+    throw SolveError({.fact = "tissue that relaxes is not cut while a tool is moved by hand",
+                      .where = "Session::go_on_from",
+                      .why = "what each point remembers is not carried over",
+                      .remedy = "take elastic tissue",
+                      .code = "no-live"});
+  p.go_on_from(was, u, of_patch);
 }
 
 double Session::depth() const {

@@ -31,11 +31,13 @@ namespace fs = std::filesystem;
 
 struct PokeArguments {
   Flags flags;
-  std::string script, record, socket;
+  std::string script, strokes, record, socket;
   double rate = 25.0, seconds = 3600.0;
   std::int64_t evaluations = 0;
   bool window = false;
-  std::optional<ToolPath> path = {};  // the script's
+  std::optional<ToolPath> path = {};        // the script's
+  std::vector<TimedStroke> cuts = {};       // the strokes'
+  std::optional<double> blade = {};         // of a scalpel in the hand [m]
 };
 
 constexpr double for_solving = 0.7;       // of a frame's time; the rest is for drawing
@@ -48,11 +50,25 @@ struct Skin {
   Points rest_mm;
   Interpolation moved;
 
-  explicit Skin(const Model& model) : part(reduced_surface(model.surface, model.tool, most_triangles)) {
-    rest_mm = model.surface.vertex_mm(Eigen::all, part.vertex);
+  // `surface`: with the banks of cuts, if they are drawn yet.
+  Skin(const Model& model, const BodySurface* opened) {
+    const Surface surface = opened ? Surface{opened->to_world() * opened->vertex().colwise().homogeneous(),
+                                             opened->triangles()}
+                                   : model.surface;
+    part = reduced_surface(surface, model.tool, most_triangles);
+    rest_mm = surface.vertex_mm(Eigen::all, part.vertex);
     moved = inner_interpolation(model, 1e-3 * rest_mm);
   }
+  // A cloud that was cut since has further nodes behind those that this knows.
   Points displacement_mm(const Session& session) const { return 1e3 * moved(session.displacement()); }
+};
+
+// Of the tool's cloud as it now is: what is drawn of it is made anew when that changes.
+struct Drawn {
+  Index clouds = 0;
+  std::size_t opened_cuts = 0;
+  explicit Drawn(const LiveTool& tool) : clouds(tool.clouds), opened_cuts(tool.opened_cuts) {}
+  bool operator==(const Drawn&) const = default;
 };
 
 // Frames of the tool's way: forces.csv, surface.pvd, and how long each took.
@@ -80,8 +96,9 @@ class Recording {
     make_folder(folder);
     return folder / fmt::format("window_{:04d}.png", pictures_++);
   }
-  void finish() const {
+  void finish(const LiveTool& tool) const {
     if (!frames_.empty()) write_path_frames(folder_, frames_);
+    if (!tool.cuts.empty()) write_cuts(folder_, tool.cuts);
   }
 
  private:
@@ -94,14 +111,14 @@ class Recording {
 
 // What was recorded stays, too where Ctrl-C comes amid a frame.
 template <class Work>
-void finish_after(std::optional<Recording>& recording, Work work) {
+void finish_after(std::optional<Recording>& recording, const LiveTool& tool, Work work) {
   try {
     work();
   } catch (const Stopped&) {
-    if (recording) recording->finish();
+    if (recording) recording->finish(tool);
     throw;
   }
-  if (recording) recording->finish();
+  if (recording) recording->finish(tool);
 }
 
 class Poking {
@@ -115,25 +132,19 @@ class Poking {
   }
 
   std::vector<PathFrame> run() {
-    window_.pressed = [this](const Vec3& place_mm) {
-      if (!by_hand()) return false;
-      const ToolPlace at = tool_.session->tool();
-      if ((1e-3 * place_mm - at.centre).norm() > 0.25 * at.radius) {
-        try {
-          put_down(tool_, 1e-3 * place_mm, options_.evaluations == 0);
-          touched(false);
-        } catch (const ModelError& error) {
-          notice_ = error.report.fact;
-          return true;
-        }
-      }
-      notice_.clear();
+    window_.pressed = [this](const Vec3& place_mm) { return pressed(place_mm); };
+    window_.dragged = [this](double along_mm) {
+      if (!cuts_) asked_ = 1e-3 * std::max(0.0, along_mm);
+    };
+    window_.let_go = [this](const Vec3& place_mm) { to_mm_ = place_mm; };
+    window_.released = [this] { released(); };
+    window_.key = [this](const std::string& key) {
+      if (key != "t" || !options_.blade) return false;
+      cuts_ = !cuts_;
       return true;
     };
-    window_.dragged = [this](double along_mm) { asked_ = 1e-3 * std::max(0.0, along_mm); };
-    window_.released = [this] { asked_ = 0.0; };
     window_.tick = [this] { return tick(); };
-    finish_after(recording_, [this] { window_.run(); });
+    finish_after(recording_, tool_, [this] { window_.run(); });
     return frames_;
   }
   /// Of the socket, if there is one.
@@ -142,9 +153,37 @@ class Poking {
  private:
   bool by_hand() const { return !path_ && !server_; }
 
+  bool pressed(const Vec3& place_mm) {
+    notice_.clear();
+    if (cuts_) {
+      from_mm_ = to_mm_ = place_mm;
+      return true;
+    }
+    if (!by_hand()) return false;
+    const ToolPlace at = tool_.session->tool();
+    if ((1e-3 * place_mm - at.centre).norm() > 0.25 * at.radius) try {
+        put_down(tool_, 1e-3 * place_mm, options_.evaluations == 0);
+        touched(false);
+      } catch (const ModelError& error) {
+        notice_ = error.report.fact;
+      }
+    return true;
+  }
+
+  // The tool comes up with the hand; where a scalpel is at hand it stays, so that one can cut beside it.
+  void released() {
+    if (!cuts_) {
+      if (!options_.blade) asked_ = 0.0;
+      return;
+    }
+    if ((to_mm_ - from_mm_).norm() > 0.0)
+      cut(tool_, {1e-3 * from_mm_, 1e-3 * to_mm_, *options_.blade}, options_.evaluations == 0);
+  }
+
   void touched(bool look) {
     const Model& model = tool_.session->model();
-    skin_.emplace(model);
+    skin_.emplace(model, tool_.opened.get());
+    drawn_ = Drawn(tool_);
     const ToolPlace at = tool_.session->tool();
     const BodyFrame frame = body_frame(model.X, at.centre, at.push);
     const SurfaceFile tool = tool_.session->touch() ? tool_body(*tool_.session->touch()) : tool_body(model);
@@ -166,13 +205,16 @@ class Poking {
     next_ = std::max(next_ + period, now);
     const double time = path_ ? static_cast<double>(frames_.size()) * period : now;
     if (time > options_.seconds) return false;
-    const Index clouds = tool_.clouds, touches = tool_.touches;
+    const Index touches = tool_.touches;
+    const std::size_t strokes = tool_.cuts.size();
     const FrameLimit limit{.seconds = for_solving * period, .evaluations = options_.evaluations};
     const Stopwatch solving;
     PathFrame frame{.time = time};
     if (path_) {
       const double at = path_->time.front() + time;
       if (at > path_->time.back() + 1e-9) return false;
+      for (; stroke_ < options_.cuts.size() && options_.cuts[stroke_].time <= at; ++stroke_)
+        cut(tool_, options_.cuts[stroke_].stroke, options_.evaluations == 0);
       frame = path_frame(tool_, *path_, at, limit, period);
       frame.time = time;
     } else if (server_) {
@@ -186,8 +228,9 @@ class Poking {
     }
     solve_s_ = frame.seconds;
     const double depth = asked_;
-    if (tool_.clouds != clouds) touched(false);
+    if (!(drawn_ == Drawn(tool_))) touched(false);
     if (tool_.touches == touches) asked_ = depth;
+    if (tool_.cuts.size() > strokes) notice_ = in_words(tool_.cuts.back());
     frames_.push_back(frame);
     const Stopwatch drawing;
     draw(frame);
@@ -196,6 +239,11 @@ class Poking {
       window_.save_picture(recording_->picture());
     busy_ += 0.1 * (std::max(period, solve_s_ + draw_s_) - busy_);
     return true;
+  }
+
+  std::string instrument() const {
+    if (!options_.blade) return "";
+    return cuts_ ? "; the hand cuts (t: it presses)" : "; the hand presses (t: it cuts)";
   }
 
   void draw(const PathFrame& now) {
@@ -211,7 +259,7 @@ class Poking {
         .displacement_mm = u.colwise().norm(),
         .tool_mm = 1e3 * f.depth * tool_.session->tool().push,
         .words = fmt::format("{}\n{} nodes, {:.0f} frames a second: solving {:.0f} ms, drawing {:.0f} ms{}",
-                             words_of(now, by_hand()), tool_.session->model().node_count(), 1.0 / busy_,
+                             words_of(now, by_hand()) + instrument(), tool_.session->model().node_count(), 1.0 / busy_,
                              1e3 * solve_s_, 1e3 * draw_s_, notice_.empty() ? "" : "\n" + notice_)});
     window_.show(curve_);
     window_.draw();
@@ -221,10 +269,14 @@ class Poking {
   const PokeArguments& options_;
   BodyWindow window_;
   std::optional<Skin> skin_;
+  Drawn drawn_{tool_};
   std::optional<Recording> recording_;
   std::optional<ToolPath> path_;
   std::optional<ForceServer> server_;
-  double asked_ = 0.0;  // depth [m]
+  double asked_ = 0.0;                               // depth [m]
+  bool cuts_ = options_.blade.has_value();           // the scalpel is in the hand, not the tool
+  Vec3 from_mm_ = Vec3::Zero(), to_mm_ = from_mm_;  // of its stroke
+  std::size_t stroke_ = 0;                           // the next of the options
   Stopwatch clock_;
   std::vector<PathFrame> frames_;
   std::vector<ShownForce> curve_;
@@ -238,18 +290,20 @@ std::vector<PathFrame> follow_unseen(LiveTool& tool, const PokeArguments& option
   std::optional<Recording> recording;
   if (!options.record.empty()) recording.emplace(options.record);
   std::optional<Skin> skin;
-  Index clouds = 0;
+  Drawn drawn(tool);
   const auto record = [&](const PathFrame& now) {
     if (!recording) return;
-    if (clouds != tool.clouds) skin.emplace(tool.session->model()), clouds = tool.clouds;
+    if (!skin || !(drawn == Drawn(tool)))
+      skin.emplace(tool.session->model(), tool.opened.get()), drawn = Drawn(tool);
     recording->add(now, *tool.session, *skin);
   };
   std::vector<PathFrame> frames;
-  finish_after(recording, [&] {
+  finish_after(recording, tool, [&] {
     if (options.path)
       frames = follow_path(tool, *options.path,
                            {.rate = options.rate,
-                            .limit = {.seconds = 1.0 / options.rate, .evaluations = options.evaluations}},
+                            .limit = {.seconds = 1.0 / options.rate, .evaluations = options.evaluations},
+                            .strokes = options.cuts},
                            record);
     else
       served = serve_forces(tool, options.socket, options.rate, options.seconds, record);
@@ -267,15 +321,38 @@ void check(const PokeArguments& options) {
   if (!options.socket.empty() && !options.script.empty())
     refuse("the tool is moved by a script and through a socket", "--script, --socket", "it is in one place",
            "give one of them");
+  if (!options.strokes.empty() && options.script.empty())
+    refuse("strokes have times, and nothing else moves", "--strokes", "their times are those of a script",
+           "give --script, or cut by hand with --tool scalpel:12mm");
   if (options.socket.size() > 107)
     refuse("the path of the socket is too long", "--socket", "the system takes 107 characters at most",
            "give a shorter one, in /tmp for instance");
 }
 
+// "scalpel:12mm" is what the hand holds; the tool that presses stays the circle.
+std::optional<double> take_scalpel(Config& config) {
+  constexpr std::string_view name = "scalpel";
+  const std::string text = config.tool.shape;
+  if (!text.starts_with(name)) return {};
+  double depth = 0.0;
+  set_value({.key = "tool.shape",
+             .flag = "--tool",
+             .unit = "mm",
+             .value = &depth,
+             .least = 0.01,
+             .most = 1e3,
+             .help = "how deep a scalpel cuts"},
+            text.size() > name.size() + 1 ? text.substr(name.size() + 1) : "", "--tool scalpel:12mm");
+  config.tool.shape = Config().tool.shape;
+  return 1e-3 * depth;
+}
+
 int poke(const Invocation& shared, const CLI::App& command, PokeArguments& options) {
   check(options);
   if (!options.script.empty()) options.path = read_tool_path(options.script);
+  if (!options.strokes.empty()) options.cuts = read_strokes(options.strokes);
   Config config = options.flags.config(command, shared.image);
+  options.blade = take_scalpel(config);
   const bool windowed = options.window || (options.script.empty() && options.socket.empty());
   if (windowed) require_display();
   if (!options.record.empty()) {
@@ -326,6 +403,11 @@ Command add_poke(CLI::App& app, Invocation& shared) {
       ->add_option(
           "--script", options->script,
           "CSV with time_s, and depth_mm or the tip's x_mm, y_mm, z_mm (LPS): moves the tool without a hand")
+      ->type_name("FILE");
+  command
+      ->add_option("--strokes", options->strokes,
+                   "CSV with time_s, from_x_mm ..., to_x_mm ..., depth_mm (LPS): a scalpel cuts the body beside "
+                   "the tool of --script")
       ->type_name("FILE");
   command
       ->add_option("--record", options->record,

@@ -120,36 +120,6 @@ TriangleMesh drawn(const Words& words) {
   return {file.position_mm, file.triangles};
 }
 
-TriangleMesh swept(const Words& words, const BodySurface& body, double step) {
-  const Six line = line_of(words);
-  const Eigen::Isometry3d to_body = body.to_world().inverse();
-  const Vec3 x = to_body * line.first, y = to_body * line.second, along = (y - x).normalized();
-  const int places = std::clamp(static_cast<int>((y - x).norm() / step), 2, 1000);
-  const auto place = [&](int k) { return Vec3(x + static_cast<double>(k) / places * (y - x)); };
-  Vec3 into = Vec3::Zero();
-  for (int k = 0; k <= places; ++k) into -= body.normal().col(body.closest(place(k)).triangle) / (places + 1);
-  into -= into.dot(along) * along;
-  if (!(into.norm() > 0.2))
-    throw ModelError({.fact = fmt::format("there is no one way into the body along the cut '{}'", words.text),
-                      .where = words.where,
-                      .why = "the surface near it faces opposite ways, or along it",
-                      .remedy = "give places on one side of the body, or a plane or sheet instead",
-                      .code = "cut"});
-  into.normalize();
-  // From outside: the surface may bulge beyond the straight way.
-  double above = 0.0;
-  for (int k = 0; k <= places; ++k) {
-    const Vec3 at = place(k);
-    if (!body.contains(at)) continue;
-    for (const double t : body.crossings(at, -into))
-      if (t > 0.0) {
-        above = std::max(above, t);
-        break;
-      }
-  }
-  return swept_sheet(x, y, into, above + 0.1 * step, line.length, step);
-}
-
 }  // namespace
 
 CutText cut_of_step(const std::string& name, const std::string& text) {
@@ -200,6 +170,35 @@ std::vector<std::string> labels_cut_out_at_rest(const Config& config) {
   return labels;
 }
 
+TriangleMesh line_blade(const Vec3& x, const Vec3& y, double depth, const BodySurface& body, double step,
+                        const std::string& text, const std::string& where) {
+  const Vec3 along = (y - x).normalized();
+  const int places = std::clamp(static_cast<int>((y - x).norm() / step), 2, 1000);
+  const auto place = [&](int k) { return Vec3(x + static_cast<double>(k) / places * (y - x)); };
+  Vec3 into = Vec3::Zero();
+  for (int k = 0; k <= places; ++k) into -= body.normal().col(body.closest(place(k)).triangle) / (places + 1);
+  into -= into.dot(along) * along;
+  if (!(into.norm() > 0.2))
+    throw ModelError({.fact = fmt::format("there is no one way into the body along the cut '{}'", text),
+                      .where = where,
+                      .why = "the surface near it faces opposite ways, or along it",
+                      .remedy = "give places on one side of the body, or a plane or sheet instead",
+                      .code = "cut"});
+  into.normalize();
+  // From outside: the surface may bulge beyond the straight way.
+  double above = 0.0;
+  for (int k = 0; k <= places; ++k) {
+    const Vec3 at = place(k);
+    if (!body.contains(at)) continue;
+    for (const double t : body.crossings(at, -into))
+      if (t > 0.0) {
+        above = std::max(above, t);
+        break;
+      }
+  }
+  return swept_sheet(x, y, into, above + 0.1 * step, depth, step);
+}
+
 std::vector<TriangleMesh> blades_of(const CutText& cut, const BodySurface& body, double step) {
   const Eigen::Isometry3d to_body = body.to_world().inverse();
   std::vector<TriangleMesh> sheets;
@@ -214,7 +213,9 @@ std::vector<TriangleMesh> blades_of(const CutText& cut, const BodySurface& body,
                                   plane.length > 0.0 ? plane.length : all,
                                   plane.length > 0.0 ? step : std::max(step, all / most_rings)));
     } else if (words.kind == "line") {
-      sheets.push_back(swept(words, body, step));
+      const Six line = line_of(words);
+      sheets.push_back(line_blade(to_body * line.first, to_body * line.second, line.length, body, step,
+                                  words.text, words.where));
     } else if (words.is_file()) {
       TriangleMesh sheet = drawn(words);
       sheet.vertex = (to_body * sheet.vertex.colwise().homogeneous()).eval();

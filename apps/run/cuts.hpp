@@ -33,6 +33,10 @@ std::vector<std::string> labels_cut_out_at_rest(const Config& config);
 /// What the blades sweep, in the body's own frame, in triangles of `step` [mm] where nobody drew them. Throws
 /// as check_cuts(); ModelError: no way into the body.
 std::vector<TriangleMesh> blades_of(const CutText& cut, const BodySurface& body, double step);
+/// What an edge sweeps from place to place [mm, of the body's own frame], straight into the surface there.
+/// Throws ModelError: no one way into the body along it; `text`, `where`: what is then said to be wrong.
+TriangleMesh line_blade(const Vec3& x, const Vec3& y, double depth, const BodySurface& body, double step,
+                        const std::string& text, const std::string& where);
 /// Of all cuts at rest.
 std::vector<TriangleMesh> blades_of(const Config& config, const SegmentedBody& body);
 

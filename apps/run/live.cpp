@@ -26,6 +26,7 @@
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "io/table.hpp"
+#include "preprocess/output/carry_back.hpp"
 
 namespace dimple {
 namespace {
@@ -101,18 +102,12 @@ Site site_at(const LiveOrgan& live, const std::optional<Vec3>& tip) {
   return find_site(live.organ->body->surface, options, live.base ? &*live.base : nullptr);
 }
 
-Session touch(const LiveOrgan& live, Index nodes, const Site& site) {
-  ModelOptions options = live.organ->options;
-  options.cloud.count = nodes;
-  options.cloud.spacing_mm = 0.0;
-  const LabelAt label_at = labels_of(live.config, *live.organ, live.result.image);
-  Discretisation places = discretise(live.organ->body->surface, options, label_at, site).places;
-  const TissueOptions tissues = tissues_of(live.config, live.organ->label_names, places);
-  std::vector<HeldSet> supports = supports_of(live.config, places, live.organ->label_names).sets;
-  Eigen::VectorXi tissue = tissue_of_points(places, tissues);
-  Model model = make_model(std::move(places), options.scheme, std::move(tissue), tissues.density);
+namespace {
+
+Session session_on(const LiveOrgan& live, Model model) {
   Loads loads = loads_of(live.config, model);
   std::shared_ptr<const Touch> its_touch = touch_of(live.config, model);
+  std::vector<HeldSet> supports = supports_of(live.config, model, live.organ->label_names).sets;
   return Session(std::move(model), live.materials,
                  {.contact = loading_of(live.config).contact,
                   .precision = precision_of(live.config),
@@ -120,6 +115,39 @@ Session touch(const LiveOrgan& live, Index nodes, const Site& site) {
                   .further = std::move(supports),
                   .loads = std::move(loads),
                   .touch = std::move(its_touch)});
+}
+
+// The nodes that a piece of the body is held by.
+std::vector<Index> held_nodes(const LiveOrgan& live, const Model& model) {
+  std::vector<Index> held = model.base;
+  if (!tool_of(live.config) && loading_of(live.config).contact == Contact::bonded)
+    held.insert(held.end(), model.circle.begin(), model.circle.end());
+  for (const HeldSet& set : supports_of(live.config, model, live.organ->label_names).sets)
+    if (set.hold == HeldSet::Hold::all) held.insert(held.end(), set.node.begin(), set.node.end());
+  return held;
+}
+
+SheetCut cut_model(const LiveOrgan& live, const Model& model, const std::shared_ptr<const Sheet>& sheet) {
+  const std::vector<double> density = tissues_of(live.config, live.organ->label_names, model).density;
+  return cut_by_sheet(model, sheet, density, held_nodes(live, model));
+}
+
+}  // namespace
+
+Session touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets) {
+  ModelOptions options = live.organ->options;
+  options.cloud.count = nodes;
+  options.cloud.spacing_mm = 0.0;
+  const LabelAt label_at = labels_of(live.config, *live.organ, live.result.image);
+  Discretisation places = discretise(live.organ->body->surface, options, label_at, site).places;
+  const TissueOptions tissues = tissues_of(live.config, live.organ->label_names, places);
+  Eigen::VectorXi tissue = tissue_of_points(places, tissues);
+  Model model = make_model(std::move(places), options.scheme, std::move(tissue), tissues.density);
+  for (const std::shared_ptr<const Sheet>& sheet : sheets) try {
+      model = cut_model(live, model, sheet).model;
+    } catch (const ModelError&) {
+    }
+  return session_on(live, std::move(model));
 }
 
 namespace {
@@ -145,12 +173,36 @@ void use(LiveTool& tool, TriedTouch tried) {
   ++tool.clouds;
 }
 
+template <class T>
+bool is_ready(const std::future<T>& one) {
+  return one.valid() && one.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+}
+
+// On a processor of its own, as the frames need the other; on more if it is wanted at once.
+template <class Work>
+auto beside_frames(Work work, int processors = 1) {
+  return std::async(std::launch::async, [work = std::move(work), processors] {
+    tbb::task_arena arena(processors);
+    return arena.execute(work);
+  });
+}
+
+void make_finer(LiveTool& tool, const Site& site) {
+  tool.finer = beside_frames([organ = tool.organ, nodes = tool.nodes, site, sheets = tool.sheets] {
+    return try_touch(*organ, nodes, site, sheets);
+  });
+  tool.finer_site = site;
+}
+
 // The finer cloud takes the coarse one's place, where the tool is.
 void take_finer(LiveTool& tool, const FrameLimit& limit, double dt) {
-  if (!tool.finer.valid() || tool.finer.wait_for(std::chrono::seconds(0)) != std::future_status::ready)
-    return;
+  if (!is_ready(tool.finer) || tool.cutting.valid()) return;
   try {
     TriedTouch tried = tool.finer.get();
+    if (tried.cuts < tool.sheets.size()) {  // some were made meanwhile
+      make_finer(tool, tool.finer_site);
+      return;
+    }
     if (tool.frame.depth > 0.0) tried.session.follow(tool.frame.depth, limit, dt);
     use(tool, std::move(tried));
   } catch (const ModelError&) {  // then the coarse one goes on
@@ -160,11 +212,11 @@ void take_finer(LiveTool& tool, const FrameLimit& limit, double dt) {
 
 }  // namespace
 
-TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site) {
-  TriedTouch tried{.session = touch(live, nodes, site)};
+TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets) {
+  TriedTouch tried{.session = touch(live, nodes, site, sheets), .cuts = sheets.size()};
   std::vector<ForceSample> fine = forces_to_radius(tried.session);
   // The band was measured for nothing else, and of a tool that touches with other clouds.
-  if (!has_tool_alone(live.config) || tried.session.touch()) return tried;
+  if (!has_tool_alone(live.config) || tried.session.touch() || !sheets.empty()) return tried;
   if (nodes < fewest_nodes_with_band(live.result.facing_share) || fine.size() < 2) return tried;
   Session coarse = touch(live, std::max(first_nodes, nodes / 4), site);
   std::vector<ForceSample> its = forces_to_radius(coarse);
@@ -172,6 +224,78 @@ TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site) {
   its.resize(fine.size());
   if (fine.size() > 1) tried.fine = std::move(fine), tried.coarse = std::move(its);
   return tried;
+}
+
+namespace {
+
+// The surface with the banks of the next cut, for who draws it.
+void open_next(LiveTool& tool) {
+  if (tool.opening.valid() || tool.opened_cuts == tool.sheets.size()) return;
+  const Vec3 keep = 1e3 * tool.session->tool().centre;
+  tool.opening = beside_frames([organ = tool.organ, before = tool.opened,
+                                sheet = tool.sheets[tool.opened_cuts], keep] {
+    const BodySurface& body = before ? *before : organ->organ->body->surface;
+    const Eigen::Isometry3d to_body = body.to_world().inverse();
+    const TriangleMesh own{to_body * (1e3 * sheet->vertex()).colwise().homogeneous(), sheet->triangles()};
+    return std::make_shared<const BodySurface>(
+        cut(body, {own}, organ->config.image.cut_gap_mm, to_body * keep).surface);
+  });
+}
+
+// A surface that cannot be drawn changes no force.
+void take_opening(LiveTool& tool) {
+  ++tool.opened_cuts;
+  try {
+    tool.opened = tool.opening.get();
+  } catch (const ModelError&) {
+  }
+}
+
+void take_cut(LiveTool& tool) {
+  CutRecord& record = tool.cuts.emplace_back(tool.strokes.front());
+  tool.strokes.pop_front();
+  try {
+    CutSession made = tool.cutting.get();
+    made.session.go_on_from(*tool.session, carried(made.cut, tool.session->displacement()), made.cut.of_patch);
+    tool.session.emplace(std::move(made.session));
+    tool.sheets.push_back(std::move(made.sheet));
+    tool.fine.clear(), tool.coarse.clear();
+    record.area = made.cut.area;
+    record.nodes = made.cut.added.rows.rows();
+    record.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - record.asked).count();
+  } catch (const ModelError& error) {
+    record.why = error.report.fact;
+  } catch (const SolveError& error) {
+    record.why = error.report.fact;
+  }
+}
+
+void next_cut(LiveTool& tool) {
+  if (tool.strokes.empty() || tool.cutting.valid()) return;
+  // The model stays where it is until the cut is taken up.
+  tool.cutting = beside_frames([organ = tool.organ, model = &tool.session->model(),
+                                u = tool.session->displacement(), stroke = tool.strokes.front().stroke] {
+    return cut_session(*organ, *model, u, stroke);
+  }, tbb::task_arena::automatic);
+}
+
+void finish_cuts(LiveTool& tool) {
+  for (next_cut(tool); tool.cutting.valid(); next_cut(tool)) take_cut(tool);
+  for (open_next(tool); tool.opening.valid(); open_next(tool)) take_opening(tool);
+}
+
+}  // namespace
+
+void take_cuts(LiveTool& tool) {
+  if (is_ready(tool.cutting)) take_cut(tool);
+  next_cut(tool);
+  if (is_ready(tool.opening)) take_opening(tool);
+  open_next(tool);
+}
+
+void cut(LiveTool& tool, const Stroke& stroke, bool beside) {
+  tool.strokes.push_back({.stroke = stroke});
+  beside ? next_cut(tool) : finish_cuts(tool);
 }
 
 LiveTool make_live_tool(const LiveOrgan& organ, Index nodes) {
@@ -186,26 +310,34 @@ LiveTool make_live_tool(const LiveOrgan& organ, Index nodes) {
 
 void put_down(LiveTool& tool, const Vec3& tip, bool beside) {
   const Stopwatch making;
+  finish_cuts(tool);
   beside = beside && tool.nodes > first_nodes;
   if (tool.finer.valid()) tool.given_up.push_back(std::move(tool.finer));
-  std::erase_if(tool.given_up, [](const auto& one) {
-    return one.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
-  });
+  std::erase_if(tool.given_up, [](const auto& one) { return is_ready(one); });
   constexpr std::size_t most_given_up = 2;  // each takes a processor until it is done
   if (tool.given_up.size() > most_given_up) tool.given_up.front().wait();
   const Site site = site_at(*tool.organ, tip);
   if (beside) {
-    use(tool, {.session = touch(*tool.organ, first_nodes, site)});
-    tool.finer = std::async(std::launch::async, [organ = tool.organ, nodes = tool.nodes, site] {
-      tbb::task_arena one(1);  // the frames need the other processors
-      return one.execute([&] { return try_touch(*organ, nodes, site); });
-    });
+    use(tool, {.session = touch(*tool.organ, first_nodes, site, tool.sheets)});
+    make_finer(tool, site);
   } else {
-    use(tool, try_touch(*tool.organ, tool.nodes, site));
+    use(tool, try_touch(*tool.organ, tool.nodes, site, tool.sheets));
   }
   tool.made_s = making.seconds();
   tool.frame = {};
   ++tool.touches;
+}
+
+CutSession cut_session(const LiveOrgan& live, const Model& before, const Points& u, const Stroke& stroke) {
+  constexpr double fields = 6.0;  // along a stroke: as far as a short one may be bent
+  const SegmentedBody& organ = *live.organ->body;
+  const double step = std::max(organ.report.step_mm, 1e3 * (stroke.to - stroke.from).norm() / fields);
+  const TriangleMesh blade = stroke_at_rest(1e3 * stroke.from, 1e3 * stroke.to, 1e3 * stroke.depth, step,
+                                            before, u, organ.surface);
+  const auto sheet = std::make_shared<const Sheet>(1e-3 * blade.vertex, blade.triangles);
+  SheetCut cut = cut_model(live, before, sheet);
+  Session session = session_on(live, std::move(cut.model));
+  return {std::move(session), sheet, std::move(cut)};
 }
 
 std::optional<double> half_band(const LiveTool& tool) {
@@ -244,6 +376,7 @@ const char* name_of(LiveFrame::Tool tool) {
 }
 
 LiveFrame move_depth(LiveTool& tool, double depth, const FrameLimit& limit, double dt) {
+  take_cuts(tool);
   take_finer(tool, limit, dt);
   const ToolPlace at = tool.session->tool();
   tool.tip = at.centre + depth * at.push;
@@ -251,6 +384,7 @@ LiveFrame move_depth(LiveTool& tool, double depth, const FrameLimit& limit, doub
 }
 
 LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt) {
+  take_cuts(tool);
   const OnAxis at = on_axis(tool.session->tool(), tip);
   const bool beside = is_aside(tool.session->tool(), at);
   const bool in_touch = tool.session->depth() > 0.0 && at.depth > 0.0;
@@ -332,9 +466,12 @@ std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const P
   std::vector<PathFrame> frames;
   const double lasts = path.time.back() - path.time.front(), dt = 1.0 / options.rate;
   const auto count = static_cast<std::int64_t>(std::floor(lasts * options.rate + 1e-9)) + 1;
+  auto stroke = options.strokes.begin();
   for (std::int64_t i = 0; i < count && stop_asked() == StopReason::none; ++i) {
-    frames.push_back(
-        path_frame(tool, path, path.time.front() + static_cast<double>(i) * dt, options.limit, dt));
+    const double now = path.time.front() + static_cast<double>(i) * dt;
+    for (; stroke != options.strokes.end() && stroke->time <= now; ++stroke)
+      cut(tool, stroke->stroke, false);
+    frames.push_back(path_frame(tool, path, now, options.limit, dt));
     if (each) each(frames.back());
   }
   return frames;
@@ -367,6 +504,61 @@ void write_path_frames(const fs::path& folder, const std::vector<PathFrame>& fra
   }
   write_csv(folder / "forces.csv", forces);
   write_csv(folder / "times.csv", times);
+}
+
+void write_cuts(const fs::path& folder, const std::vector<CutRecord>& cuts) {
+  Table table{.header = {"from_x_mm", "from_y_mm", "from_z_mm", "to_x_mm", "to_y_mm", "to_z_mm", "depth_mm",
+                         "cut", "area_mm2", "nodes", "made_ms"},
+              .column = {}};
+  table.column.resize(table.header.size());
+  for (const CutRecord& one : cuts) {
+    const Vec3 from = 1e3 * one.stroke.from, to = 1e3 * one.stroke.to;
+    const double row[] = {from.x(), from.y(), from.z(), to.x(), to.y(), to.z(), 1e3 * one.stroke.depth,
+                          one.why.empty() ? 1.0 : 0.0, 1e6 * one.area, static_cast<double>(one.nodes),
+                          1e3 * one.seconds};
+    for (std::size_t c = 0; c < table.column.size(); ++c) table.column[c].push_back(row[c]);
+  }
+  write_csv(folder / "cuts.csv", table);
+}
+
+std::vector<TimedStroke> read_strokes(const fs::path& file) {
+  const Table table = read_csv(file);
+  constexpr std::array names = {"time_s",  "from_x_mm", "from_y_mm", "from_z_mm",
+                                "to_x_mm", "to_y_mm",   "to_z_mm",   "depth_mm"};
+  std::array<const std::vector<double>*, names.size()> column{};
+  for (std::size_t c = 0; c < names.size(); ++c)
+    if (column[c] = table.find(names[c]); !column[c])
+      refuse_path(file, fmt::format("there is no column {}", names[c]),
+                  fmt::format("the columns are named {}", fmt::join(table.header, ", ")),
+                  fmt::format("give {}", fmt::join(names, ", ")));
+  std::vector<TimedStroke> strokes;
+  for (std::size_t k = 0; k < column[0]->size(); ++k) {
+    const auto at = [&](std::size_t c) { return (*column[c])[k]; };
+    const TimedStroke one{at(0),
+                          {1e-3 * Vec3(at(1), at(2), at(3)), 1e-3 * Vec3(at(4), at(5), at(6)), 1e-3 * at(7)}};
+    if (k > 0 && one.time < strokes.back().time)
+      refuse_path(file, fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, one.time,
+                                    strokes.back().time),
+                  "strokes are made one after the other", "sort the rows");
+    if (!(one.stroke.depth > 0.0) || one.stroke.from == one.stroke.to)
+      refuse_path(file, fmt::format("the stroke in row {} has no {}", k + 1,
+                                    one.stroke.depth > 0.0 ? "length" : "depth"),
+                  "an edge cuts as far as it is moved and as deep as it is pushed",
+                  "give two places and a depth_mm above zero");
+    strokes.push_back(one);
+  }
+  return strokes;
+}
+
+std::string in_words(const Stroke& stroke) {
+  const Vec3 from = 1e3 * stroke.from, to = 1e3 * stroke.to;
+  return fmt::format("line:{:.4g},{:.4g},{:.4g},{:.4g},{:.4g},{:.4g},depth={:.4g}mm", from.x(), from.y(),
+                     from.z(), to.x(), to.y(), to.z(), 1e3 * stroke.depth);
+}
+
+std::string in_words(const CutRecord& record) {
+  if (!record.why.empty()) return "not cut: " + record.why;
+  return fmt::format("cut: {:.3g} mm2, after {:.0f} ms", 1e6 * record.area, 1e3 * record.seconds);
 }
 
 Index nodes_for_rate(const LiveOrgan& organ, double rate) {

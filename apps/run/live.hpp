@@ -1,14 +1,18 @@
 #pragma once
 
 #include <filesystem>
+#include <chrono>
+#include <deque>
 #include <functional>
 #include <future>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "apps/run/organ.hpp"
 #include "apps/run/simulate.hpp"
+#include "preprocess/supports/sheet_cut.hpp"
 #include "solver/session.hpp"
 
 namespace dimple {
@@ -28,19 +32,48 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer = {}
 
 /// Where the tool stands on the place that options.boundary.indent_at names, or on `tip` [3] LPS m.
 Site site_at(const LiveOrgan& live, const std::optional<Vec3>& tip = {});
-/// A cloud of `nodes` there.
-Session touch(const LiveOrgan& live, Index nodes, const Site& site);
+/// Blades at rest [m, LPS] that have cut an organ, in their order.
+using Sheets = std::vector<std::shared_ptr<const Sheet>>;
+/// A cloud of `nodes` there, cut. A sheet that so coarse a cloud does not resolve leaves it as it is.
+Session touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets = {});
 
 /// A touch that has been tried to one radius of the circle: its equilibria are known, and how far a coarser
 /// cloud's forces are from them.
 struct TriedTouch {
   Session session;
   std::vector<ForceSample> fine = {}, coarse = {};  ///< none: no band of the force is known
+  std::size_t cuts = 0;                             ///< that have been made in it
 };
-TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site);
+TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets = {});
+
+/// A scalpel's way on the body as it then is: from place to place [m, LPS] on its surface, straight in.
+struct Stroke {
+  Vec3 from = Vec3::Zero(), to = Vec3::Zero();
+  double depth = 0.0;  ///< of the blade [m], from the straight way between the two
+};
+/// A session on a body after a stroke, lifted, and what it goes on with (Session::go_on_from()).
+struct CutSession {
+  Session session;
+  std::shared_ptr<const Sheet> sheet;  ///< at rest
+  SheetCut cut;                        ///< its model has gone to the session
+};
+/// `before`: the body's model, its nodes displaced by u [3xN] m. Throws ModelError ("cut"): the blade misses the
+/// body, or parts a piece off that nothing holds; there is no one way into the body along it, or none back to
+/// where it was at rest (carried_back()).
+CutSession cut_session(const LiveOrgan& live, const Model& before, const Points& u, const Stroke& stroke);
 
 /// Nodes of the cloud that serves until a finer one is there, and that this one's forces are compared with.
 inline constexpr Index first_nodes = 400;
+
+/// What came of a stroke.
+struct CutRecord {
+  Stroke stroke;
+  std::chrono::steady_clock::time_point asked = std::chrono::steady_clock::now();
+  double area = 0.0;      ///< of the blade in the tissue, at rest [m^2]
+  Index nodes = 0;        ///< that the banks got
+  double seconds = 0.0;   ///< from the stroke until frames followed the cut body [s]
+  std::string why = {};   ///< it has not cut
+};
 
 /// A tool that is moved freely: the tip's pose in, the frame out. Between two touches it is in the air, and
 /// the force is zero; where it comes down more than a quarter of its radius away from the last touch a cloud
@@ -59,12 +92,38 @@ struct LiveTool {
   double made_s = 0.0;                                 ///< until the last touch could be followed [s]
   std::future<TriedTouch> finer = {};                  ///< in the making
   std::vector<std::future<TriedTouch>> given_up = {};  ///< of places that it has left again
+  Site finer_site = {};
+  Sheets sheets = {};               ///< of all strokes that have cut
+  std::deque<CutRecord> strokes = {};  ///< of which the first is in the making
+  std::future<CutSession> cutting = {};
+  std::vector<CutRecord> cuts = {};                ///< of each stroke, whether it has cut or not
+  std::shared_ptr<const BodySurface> opened = {};  ///< the body's surface with the banks of cuts; null: none
+  std::size_t opened_cuts = 0;                     ///< that were tried in it
+  std::future<std::shared_ptr<const BodySurface>> opening = {};
 };
 /// Begins at the place that the options name, in touch.
 LiveTool make_live_tool(const LiveOrgan& organ, Index nodes);
 /// It comes down somewhere else, at `tip` [3] LPS m, under no load. `beside`: a coarse cloud serves until the
 /// other is made; else it is waited for, and nothing depends on a clock.
 void put_down(LiveTool& tool, const Vec3& tip, bool beside);
+/// The body is cut where it now is. `beside`: beside the frames that follow, and one of them goes on with the
+/// cut body, some hundredths of a second later; else at once, and nothing depends on a clock. What is wrong
+/// with it is in its record, the last of tool.cuts. No band is known of the force on a cut cloud.
+void cut(LiveTool& tool, const Stroke& stroke, bool beside);
+/// What was made beside the frames is taken up; move_tip() and move_depth() do so too.
+void take_cuts(LiveTool& tool);
+
+/// Strokes over time: `time_s`, `from_x_mm` ..., `to_x_mm` ... and `depth_mm`, LPS.
+struct TimedStroke {
+  double time;  ///< [s]
+  Stroke stroke;
+};
+/// Throws InputError: no such columns, times that fall, no depth.
+std::vector<TimedStroke> read_strokes(const std::filesystem::path& file);
+/// "line:x,y,z,x,y,z,depth=12mm", as --cut has it.
+std::string in_words(const Stroke& stroke);
+/// What came of it, in a line.
+std::string in_words(const CutRecord& record);
 /// Half the band of the last frame's force [N]: how far it may be from that of an ever finer cloud. Nothing
 /// where no band is known (see Band).
 std::optional<double> half_band(const LiveTool& tool);
@@ -105,6 +164,7 @@ PathFrame path_frame(LiveTool& tool, const ToolPath& path, double time, const Fr
 struct PathOptions {
   double rate = 25.0;  ///< frames in a second of the path
   FrameLimit limit = {};
+  std::vector<TimedStroke> strokes = {};
 };
 /// Follows the path frame by frame, each within the limit, as fast as it goes. Stopped (io/stop.hpp) it
 /// returns what there is.
@@ -114,6 +174,8 @@ std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const P
 /// residual, evaluations, tool, and the vector of the force on the tool and its moment; and what differs from
 /// one time to the next, times.csv: time_s, frame_ms.
 void write_path_frames(const std::filesystem::path& folder, const std::vector<PathFrame>& frames);
+/// cuts.csv: the places of each stroke, area_mm2, nodes, made_ms, and 1 in `cut` if it has cut.
+void write_cuts(const std::filesystem::path& folder, const std::vector<CutRecord>& cuts);
 
 /// As many nodes as can be followed at `rate` frames a second on this machine, tried with the cloud of 1000
 /// at a way of 10 mm/s. In hundreds, 500 to 4000.

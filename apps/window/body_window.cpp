@@ -45,6 +45,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <numbers>
 #include <vector>
 
@@ -245,7 +246,7 @@ struct BodyWindow::Parts {
   Vec3 up = Vec3::UnitZ(), front = -Vec3::UnitY(), centre = Vec3::Zero();
   bool cut = false, by_label = false, running = false;
   double before = 0.0;
-  int from_x = 0, from_y = 0;  // of a drag
+  int from_x = 0, from_y = 0, to_x = 0, to_y = 0;  // of a drag
 
   void look() {
     vtkCamera& camera = *view->GetActiveCamera();
@@ -373,6 +374,14 @@ struct BodyWindow::Parts {
     style->AutoAdjustCameraClippingRangeOn();
   }
 
+  // What the mouse points to.
+  std::optional<Vec3> body_at(int x, int y) {
+    vtkNew<vtkCellPicker> picker;
+    picker->SetTolerance(0.0005);
+    if (!picker->Pick(x, y, 0.0, view)) return {};
+    return Vec3(picker->GetPickPosition());
+  }
+
   // How far [mm] along the push the mouse has been dragged to there.
   double dragged_to(int x, int y) {
     const auto push = push_on_screen();
@@ -394,17 +403,17 @@ BodyWindow::BodyWindow(const WindowOptions& options) {
   p.add_chart(options.abscissa);
   p.take_mouse_and_keys();
   p.style->down = [this](int x, int y) {
-    if (!pressed) return false;
-    vtkNew<vtkCellPicker> picker;
-    picker->SetTolerance(0.0005);
-    if (!picker->Pick(x, y, 0.0, parts_->view)) return false;
-    parts_->from_x = x, parts_->from_y = y;
-    return pressed(Vec3(picker->GetPickPosition()));
+    const std::optional<Vec3> place = pressed ? parts_->body_at(x, y) : std::nullopt;
+    if (!place) return false;
+    parts_->from_x = parts_->to_x = x, parts_->from_y = parts_->to_y = y;
+    return pressed(*place);
   };
   p.style->moved = [this](int x, int y) {
+    parts_->to_x = x, parts_->to_y = y;
     if (dragged) dragged(parts_->dragged_to(x, y));
   };
   p.style->up = [this] {
+    if (const auto place = let_go ? parts_->body_at(parts_->to_x, parts_->to_y) : std::nullopt) let_go(*place);
     if (released) released();
   };
   p.style->key = [this](const std::string& name) { return key && key(name); };

@@ -65,8 +65,10 @@ class BodyWindow {
   /// The left button went down on the body, there [LPS mm]: true, and the mouse belongs to the tool until it
   /// goes up.
   std::function<bool(const Vec3& place_mm)> pressed = {};
-  /// It has been moved since, by this much along the push on the screen [mm]; then it went up.
+  /// It has been moved since, by this much along the push on the screen [mm]; then it went up, if that was on
+  /// the body there [LPS mm].
   std::function<void(double along_mm)> dragged = {};
+  std::function<void(const Vec3& place_mm)> let_go = {};
   std::function<void()> released = {};
   /// A key by its X name ("space", "Right", "c"); true: something has changed, and is drawn.
   std::function<bool(const std::string& key)> key = {};

@@ -18,6 +18,7 @@
 #include "io/words.hpp"
 #include "preprocess/cloud/neighbours.hpp"
 #include "preprocess/supports/support.hpp"
+#include "preprocess/surface/cut.hpp"
 
 namespace dimple {
 namespace {
@@ -79,8 +80,9 @@ class WayBack {
       const std::optional<Vec3> X = from(a, x);
       if (!X) continue;
       all.settles = true;
-      if (!rest.contains(1e3 * *X)) {
-        if (!all.beside && is_beside(1e3 * *X, rest, 1e3 * spacing)) all.beside = X;
+      const Vec3 own = rest.to_world().inverse() * (1e3 * *X);
+      if (!rest.contains(own)) {
+        if (!all.beside && is_beside(own, rest, 1e3 * spacing)) all.beside = X;
         continue;
       }
       if (std::none_of(found.begin(), found.end(),
@@ -90,8 +92,21 @@ class WayBack {
     return all;
   }
 
+  // d x / d X there.
+  Mat3 gradient(const Vec3& X) const { return residual(X, X).second; }
+  // Of a place outside of the body, about.
+  Vec3 by_the_nearest_node(const Vec3& x) const {
+    const int a = near_.nearest(x, 1).front();
+    return model_.X.col(a) + (x - moved_.col(a));
+  }
+  // Inside of the body as it now is, at least next to a node.
+  bool is_by_a_node(const Vec3& x) const {
+    const int a = near_.nearest(x, 1).front();
+    return (moved_.col(a) - x).norm() < 0.5 * model_.spacing[a];
+  }
+
  private:
-  // X [mm], outside of the body at rest: next to it, and not in a gap, where another wall comes behind.
+  // X [mm, the surface's own frame], outside of the body at rest: next to it, and not in a gap, where another wall comes behind.
   static bool is_beside(const Vec3& X, const BodySurface& rest, double spacing) {
     const BodySurface::Closest next = rest.closest(X);
     if (next.distance > beside_the_body * spacing) return false;
@@ -112,6 +127,20 @@ class WayBack {
   Points moved_;
   Neighbours near_;
 };
+
+[[noreturn]] void refuse_two_places(const Vec3& x) {
+  refuse(
+      fmt::format("the blade passes through {}, where two parts of the body have come to lie", in_words(x)),
+      "its walls have passed through each other there, and which of them is cut is not known",
+      "let them touch with --self-contact on, or cut before they close");
+}
+
+[[noreturn]] void refuse_lost(const Vec3& x) {
+  refuse(fmt::format("what the blade passes through at {} cannot be followed back to where it was at rest",
+                     in_words(x)),
+         "the field of displacements cannot be inverted there: tissue may be turned inside out",
+         "use more nodes, or cut before the body is deformed so much");
+}
 
 // What the surface next to a place outside of the body has moved by [mm].
 Vec3 moved_next_to(const BodySurface::Closest& closest, const BodySurface& now, const BodySurface& rest) {
@@ -270,18 +299,8 @@ TriangleMesh carried_back(const TriangleMesh& sheet, const Model& model, const P
   stop_if_asked();
   for (Index v = 0; v < count; ++v) {
     const auto at = static_cast<std::size_t>(v);
-    const Vec3 x = sheet.vertex.col(v);
-    if (places[at] > 1)
-      refuse(fmt::format("the blade passes through {}, where two parts of the body have come to lie",
-                         in_words(x)),
-             "its walls have passed through each other there, and which of them is cut is not known",
-             "let them touch with --self-contact on, or cut before they close");
-    if (is_lost[at])
-      refuse(
-          fmt::format("what the blade passes through at {} cannot be followed back to where it was at rest",
-                      in_words(x)),
-          "the field of displacements cannot be inverted there: tissue may be turned inside out",
-          "use more nodes, or cut before the body is deformed so much");
+    if (places[at] > 1) refuse_two_places(sheet.vertex.col(v));
+    if (is_lost[at]) refuse_lost(sheet.vertex.col(v));
   }
   if (std::any_of(places.begin(), places.end(), [](char found) { return found > 0; }))
     continue_over(sheet, places, way);
@@ -292,6 +311,51 @@ TriangleMesh carried_back(const TriangleMesh& sheet, const Model& model, const P
     refuse("a cut meets no tissue", "its blade misses the organ as it then is",
            "move it; the surface of the frame before shows where the body is");
   return result;
+}
+
+TriangleMesh stroke_at_rest(const Vec3& x, const Vec3& y, double depth, double step, const Model& model,
+                            const Points& u, const BodySurface& rest) {
+  constexpr int samples = 8;
+  constexpr double steepest = 0.2;  // of the mean of unit normals across the stroke
+  const WayBack way_back(model, u);
+  const Vec3 along = (y - x).normalized();
+  const Eigen::Isometry3d to_body = rest.to_world().inverse();
+  Vec3 into = Vec3::Zero();
+  double above = 0.0;  // the surface may bulge beyond the straight way
+  for (int k = 0; k <= samples; ++k) {
+    const WayBack::Found found = way_back.places_at_rest(1e-3 * (x + k * (y - x) / samples), rest);
+    if (found.inside.size() > 1) refuse_two_places(x + k * (y - x) / samples);
+    const Vec3 X = !found.inside.empty() ? found.inside.front()
+                   : found.beside        ? *found.beside
+                                         : way_back.by_the_nearest_node(1e-3 * (x + k * (y - x) / samples));
+    const BodySurface::Closest closest = rest.closest(to_body * (1e3 * X));
+    const Vec3 normal = rest.to_world().linear() * rest.normal().col(closest.triangle);
+    into -= way_back.gradient(X).inverse().transpose().operator*(normal).normalized();
+    if (!found.inside.empty()) above = std::max(above, 2.0 * closest.distance);
+  }
+  into -= into.dot(along) * along;
+  if (!(into.norm() > steepest * (samples + 1)))
+    refuse("there is no one way into the body along the stroke",
+           "the surface near it faces opposite ways, or along it",
+           "go from place to place on one side of the body");
+  const TriangleMesh sheet = swept_sheet(x, y, into.normalized(), above + 0.1 * step, depth, step);
+  Points way = Points::Zero(3, sheet.vertex.cols());
+  std::vector<char> known(static_cast<std::size_t>(sheet.vertex.cols()), 0);
+  bool any = false;
+  for (Index v = 0; v < sheet.vertex.cols(); ++v) {
+    stop_if_asked();
+    const Vec3 place = sheet.vertex.col(v);
+    const WayBack::Found found = way_back.places_at_rest(1e-3 * place, rest);
+    if (found.inside.size() > 1) refuse_two_places(place);
+    if (!found.settles && way_back.is_by_a_node(1e-3 * place)) refuse_lost(place);
+    if (found.inside.empty() && !found.beside) continue;
+    way.col(v) = 1e3 * (found.inside.empty() ? *found.beside : found.inside.front()) - place;
+    known[static_cast<std::size_t>(v)] = any = true;
+  }
+  if (!any)
+    refuse("the blade meets no tissue", "its way lies beside the body as it now is", "move it, or cut deeper");
+  continue_over(sheet, known, way);
+  return {sheet.vertex + way, sheet.triangles};
 }
 
 }  // namespace dimple

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <iterator>
 #include <map>
+#include <numeric>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -265,7 +266,116 @@ PressurePatches in_rows(const std::vector<Share>& share, const Eigen::VectorXd& 
   return result;
 }
 
+struct PartOfPatch {
+  std::vector<int> points;  // ascending
+  double volume = 0.0;      // sum of psi V
+  int patch = -1;           // that it is from now on
+};
+
+double psi_of(const Share& share, int patch) {
+  const auto at = std::lower_bound(share.begin(), share.end(), std::pair{patch, 0.0});
+  return at->second;
+}
+
+// Of a patch's points those that are connected through common nodes, the largest part first.
+std::vector<PartOfPatch> parts_of(const Model& model, const std::vector<Share>& share, int patch,
+                                  const std::vector<int>& points) {
+  // Each point, and each node by the first point that it was met at, leads to an earlier point of its part.
+  std::vector<int> first(points.size());
+  std::iota(first.begin(), first.end(), 0);
+  const auto root = [&](int k) {
+    while (first[static_cast<std::size_t>(k)] != k) k = first[static_cast<std::size_t>(k)];
+    return k;
+  };
+  std::map<int, int> met;
+  for (int k = 0; k < static_cast<int>(points.size()); ++k)
+    for (int at = model.support.offset[points[static_cast<std::size_t>(k)]];
+         at < model.support.offset[points[static_cast<std::size_t>(k)] + 1]; ++at) {
+      const int a = root(met.try_emplace(model.support.member[at], k).first->second), b = root(k);
+      first[static_cast<std::size_t>(std::max(a, b))] = std::min(a, b);
+    }
+  std::map<int, PartOfPatch> of_root;
+  for (int k = 0; k < static_cast<int>(points.size()); ++k) {
+    const int q = points[static_cast<std::size_t>(k)];
+    PartOfPatch& part = of_root[root(k)];
+    part.points.push_back(q);
+    part.volume += psi_of(share[static_cast<std::size_t>(q)], patch) * model.volume[q];
+  }
+  std::vector<PartOfPatch> parts;
+  for (auto& [k, part] : of_root) parts.push_back(std::move(part));
+  std::stable_sort(parts.begin(), parts.end(),
+                   [](const PartOfPatch& a, const PartOfPatch& b) { return a.volume > b.volume; });
+  return parts;
+}
+
+constexpr double least_part = 0.25;  // of a patch of seven nodes: less than two
+constexpr int none = -1;             // no patch
+
 }  // namespace
+
+std::vector<Index> divide_patches(Model& model, const std::vector<Index>& whole,
+                                  const std::vector<Index>& changed) {
+  const PressurePatches& before = model.patches;
+  std::vector<Share> share(whole.size());
+  std::vector<std::vector<int>> of_patch(static_cast<std::size_t>(before.count()));
+  for (std::size_t q = 0; q < whole.size(); ++q)
+    for (int k = before.of_point.offset[whole[q]]; k < before.of_point.offset[whole[q] + 1]; ++k) {
+      share[q].push_back({before.of_point.member[k], before.psi[k]});
+      of_patch[static_cast<std::size_t>(before.of_point.member[k])].push_back(static_cast<int>(q));
+    }
+  std::vector<char> touched(of_patch.size(), 0);
+  for (const Index q : changed)
+    for (const auto& [b, psi] : share[static_cast<std::size_t>(q)]) touched[static_cast<std::size_t>(b)] = 1;
+  std::vector<std::vector<PartOfPatch>> parts(of_patch.size());
+  tbb::parallel_for(std::size_t{0}, of_patch.size(), [&](std::size_t b) {
+    if (touched[b]) parts[b] = parts_of(model, share, static_cast<int>(b), of_patch[b]);
+  });
+
+  std::vector<Index> from(of_patch.size());
+  std::iota(from.begin(), from.end(), Index{0});
+  std::vector<Share> now = share;
+  const auto rename = [&](PartOfPatch& part, int b, int patch) {
+    part.patch = patch;
+    for (const int q : part.points) {
+      const auto k = static_cast<std::size_t>(q);
+      const auto at = std::lower_bound(share[k].begin(), share[k].end(), std::pair{b, 0.0});
+      now[k][static_cast<std::size_t>(at - share[k].begin())].first = patch;
+    }
+  };
+  const auto make_own = [&](PartOfPatch& part, int b) {
+    rename(part, b, static_cast<int>(from.size()));
+    from.push_back(b);
+  };
+  const auto each_small = [&](const auto& act) {
+    for (std::size_t b = 0; b < parts.size(); ++b)
+      for (std::size_t k = 1; k < parts[b].size(); ++k)
+        if (parts[b][k].volume < least_part * before.volume[static_cast<Index>(b)])
+          act(parts[b][k], static_cast<int>(b));
+  };
+  for (std::size_t b = 0; b < parts.size(); ++b)
+    for (std::size_t k = 1; k < parts[b].size(); ++k)
+      if (parts[b][k].volume >= least_part * before.volume[static_cast<Index>(b)])
+        make_own(parts[b][k], static_cast<int>(b));
+  each_small([&](PartOfPatch& part, int b) { rename(part, b, none); });
+  // Where no other patch is, even a small part is one.
+  each_small([&](PartOfPatch& part, int b) {
+    if (std::any_of(part.points.begin(), part.points.end(), [&](int q) {
+          const Share& its = now[static_cast<std::size_t>(q)];
+          return std::all_of(its.begin(), its.end(), [](const auto& one) { return one.first == none; });
+        }))
+      make_own(part, b);
+  });
+  for (Share& list : now) {
+    const bool lost = std::erase_if(list, [](const auto& one) { return one.first == none; }) > 0;
+    double sum = 0.0;
+    for (const auto& one : list) sum += one.second;
+    if (lost)
+      for (auto& one : list) one.second /= sum;
+    std::sort(list.begin(), list.end());
+  }
+  model.patches = in_rows(now, model.volume, static_cast<Index>(from.size()));
+  return from;
+}
 
 void make_pressure_patches(Model& model, bool folded, double nodes_per_patch) {
   const Index count = model.point_count();

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <vector>
+
 #include "preprocess/model.hpp"
 
 namespace dimple {
@@ -19,5 +21,12 @@ namespace dimple {
 /// then holds only points that nodes connect, and each bank of a gap has its own. A step of make_model(),
 /// after find_supports(). A patch lies in one tissue.
 void make_pressure_patches(Model& model, bool folded = false, double nodes_per_patch = 7.0);
+
+/// After a cut: a patch of which points that share no node any more are parts of its own. `whole` [Q]: the
+/// point before that each is a part of, whose shares it has; `changed`: the points with other nodes than
+/// before. Parts of less than a quarter of a patch go to the patches that overlap them there. Returns the
+/// patch before that each is a part of. model.patches are those before; supports are those of now.
+std::vector<Index> divide_patches(Model& model, const std::vector<Index>& whole,
+                                  const std::vector<Index>& changed);
 
 }  // namespace dimple

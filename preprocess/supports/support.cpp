@@ -523,11 +523,11 @@ void finish_lists(Model& model, const InOwnAxes& at_rest) {
   model.support_report.mean = static_cast<double>(members) / static_cast<double>(model.point_count());
 }
 
-void supports_of(Model& model, const Sight* sight) {
+void supports_of(Model& model, const Connected& sees) {
   const InOwnAxes at_rest(model);
   const SupportOptions& options = model.scheme.support;
   const Cloud cloud(model, options);
-  const bool hidden = sight != nullptr;
+  const bool hidden = static_cast<bool>(sees);
   const bool averaged = model.scheme.averaged_gradients;
   Eigen::VectorXd margin;
   if (averaged)
@@ -550,7 +550,7 @@ void supports_of(Model& model, const Sight* sight) {
     found.resize(static_cast<std::size_t>(count));
     std::atomic<Index> unseen = 0;
     const Connected connected = [&](int a, Index k) {
-      const bool seen = sight->sees(a, first + k);
+      const bool seen = sees(a, first + k);
       if (!seen) unseen.fetch_add(1, std::memory_order_relaxed);
       return seen;
     };
@@ -587,10 +587,13 @@ void supports_of(Model& model, const Sight* sight) {
 }  // namespace
 
 void find_supports(Model& model) {
-  supports_of(model, nullptr);
+  supports_of(model, {});
 }
 void find_supports(Model& model, const Sight& sight) {
-  supports_of(model, &sight);
+  supports_of(model, [&](int a, Index q) { return sight.sees(a, q); });
+}
+void find_supports(Model& model, const Connected& sees) {
+  supports_of(model, sees);
 }
 
 Interpolation make_interpolation(const Discretisation& body, const SupportOptions& options,

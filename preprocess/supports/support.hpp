@@ -27,12 +27,14 @@ namespace dimple {
 /// where even that is not enough: the place, the count, what to change.
 void find_supports(Model& model);
 void find_supports(Model& model, const Sight& sight);
+/// The same where `sees`(node, point) says what belongs to what.
+using Connected = std::function<bool(int, Index)>;
+void find_supports(Model& model, const Connected& sees);
 
 /// What the model's nodes see, if its scheme connects supports through the tissue and something is hidden
 /// from some; else nothing. make_model() leaves it in the model.
 std::shared_ptr<const Sight> sight_in(const Discretisation& model, const SupportOptions& options);
 
-using Connected = std::function<bool(int, Index)>;
 Interpolation make_interpolation(const Discretisation& cloud, const SupportOptions& options,
                                  const Points& places, const Connected& connected = {});
 

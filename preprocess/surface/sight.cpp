@@ -81,15 +81,15 @@ Sight::Sight(const Discretisation& model, const Eigen::VectorXd& radius)
     : axes_(model.axes),
       centre_(model.tool.centre),
       spacing_(model.spacing),
-      surface_(own(1e-3 * model.surface.vertex_mm), model.surface.triangles),
+      surface_(std::in_place, own(1e-3 * model.surface.vertex_mm), model.surface.triangles),
       X_(own(model.X)),
       clear_radius_(looked_within * radius),
       depth_(Eigen::VectorXd::Zero(model.node_count())) {
   tbb::parallel_for(Index{0}, model.node_count(), [&](Index a) {
     if (a % 16 == 0) stop_if_asked();
-    if (sees_all_within(surface_, X_.col(a), 1e3 * clear_radius_[a], 1e3 * spacing_[a])) return;
+    if (sees_all_within(*surface_, X_.col(a), 1e3 * clear_radius_[a], 1e3 * spacing_[a])) return;
     clear_radius_[a] = 0.0;
-    depth_[a] = 1e-3 * distance_to_surface(surface_, X_.col(a));
+    depth_[a] = 1e-3 * distance_to_surface(*surface_, X_.col(a));
   });
   if (all_clear()) return;
   point_ = own(model.point);
@@ -98,22 +98,47 @@ Sight::Sight(const Discretisation& model, const Eigen::VectorXd& radius)
   const Neighbours nodes(model.X);
   tbb::parallel_for(Index{0}, model.point_count(), [&](Index q) {
     if (q % 64 == 0) stop_if_asked();
-    point_depth_[q] = 1e-3 * distance_to_surface(surface_, point_.col(q));
+    point_depth_[q] = 1e-3 * distance_to_surface(*surface_, point_.col(q));
     point_spacing_[q] = spacing_[nodes.nearest(model.point.col(q), 1).front()];
   });
 }
 
+Sight::Sight(std::shared_ptr<const Sight> before, std::shared_ptr<const Sheet> sheet,
+             const Discretisation& cut, Index nodes_before, const Eigen::VectorXd& radius,
+             std::vector<Index> whole)
+    : sheet_(std::move(sheet)),
+      before_(std::move(before)),
+      whole_(std::move(whole)),
+      nodes_before_(nodes_before),
+      X_(cut.X),
+      point_(cut.point),
+      clear_radius_(looked_within * radius) {
+  tbb::parallel_for(Index{0}, cut.node_count(), [&](Index a) {
+    if ((before_ && (a >= nodes_before_ || !before_->sees_all(a))) || sheet_->reaches(X_.col(a), clear_radius_[a]))
+      clear_radius_[a] = 0.0;
+  });
+}
+
 bool Sight::point_sees(Index point, const Vec3& x) const {
+  if (sheet_)
+    return !sheet_->between(point_.col(point), x) &&
+           (!before_ || before_->point_sees(whole_[static_cast<std::size_t>(point)], x));
   const Vec3 there = own(x);
   return (there - point_.col(point)).norm() <= 1e3 * point_depth_[point] ||
-         dimple::sees(surface_, point_.col(point), there, 1e3 * point_spacing_[point]);
+         dimple::sees(*surface_, point_.col(point), there, 1e3 * point_spacing_[point]);
 }
 
 bool Sight::sees(Index node, Index point) const {
+  if (sheet_) {
+    if (clear_radius_[node] == 0.0 && sheet_->between(X_.col(node), point_.col(point))) return false;
+    const Index whole = whole_[static_cast<std::size_t>(point)];
+    return !before_ ||
+           (node < nodes_before_ ? before_->sees(node, whole) : before_->point_sees(whole, X_.col(node)));
+  }
   const double away = 1e-3 * (point_.col(point) - X_.col(node)).norm();
   // Around each of the two a ball lies in the tissue: if both together reach, there is no need to look.
   if (away <= std::max(clear_radius_[node], depth_[node] + point_depth_[point])) return true;
-  return dimple::sees(surface_, X_.col(node), point_.col(point), 1e3 * spacing_[node]);
+  return dimple::sees(*surface_, X_.col(node), point_.col(point), 1e3 * spacing_[node]);
 }
 
 }  // namespace dimple

@@ -1,8 +1,11 @@
 #pragma once
 
+#include <memory>
+#include <optional>
 #include <vector>
 
 #include "preprocess/model.hpp"
+#include "preprocess/surface/sheet.hpp"
 #include "preprocess/surface/surface_cells.hpp"
 
 namespace dimple {
@@ -32,6 +35,10 @@ class Sight {
  public:
   /// `radius` [N]: of the nodes' supports. The model has a surface.
   Sight(const Discretisation& model, const Eigen::VectorXd& radius);
+  /// What is left of it with a sheet [m, LPS] between the nodes of `cut`, the first of them the same as before,
+  /// and its points, each a part of one of those before: `whole` [Q]. `before`: null: nothing was hidden.
+  Sight(std::shared_ptr<const Sight> before, std::shared_ptr<const Sheet> sheet, const Discretisation& cut,
+        Index nodes_before, const Eigen::VectorXd& radius, std::vector<Index> whole);
   bool sees(Index node, Index point) const;  ///< a node and an integration point
   /// Does an integration point see x?
   bool point_sees(Index point, const Vec3& x) const;
@@ -42,11 +49,16 @@ class Sight {
 
  private:
   Points own(const Points& x) const;
+  // Of a body that a sheet has cut; all but X_, point_ and clear_radius_ is then that of the body before.
+  std::shared_ptr<const Sheet> sheet_ = {};
+  std::shared_ptr<const Sight> before_ = {};
+  std::vector<Index> whole_ = {};  // [Q]
+  Index nodes_before_ = 0;
   Mat3 axes_;
   Vec3 centre_;
   Eigen::VectorXd spacing_;                      // [N] m
-  SurfaceCells surface_;                         // like all places here in the body's own axes [mm]
-  Points X_, point_;                             // nodes and points
+  std::optional<SurfaceCells> surface_;          // like all places here in the body's own axes [mm]
+  Points X_, point_;                             // nodes and points; of a sheet's [m, LPS]
   Eigen::VectorXd clear_radius_;                 // [N] within which a node sees everything [m]
   Eigen::VectorXd depth_;                        // [N] below the surface [m]
   Eigen::VectorXd point_depth_, point_spacing_;  // [Q] likewise; and of the nearest node [m]

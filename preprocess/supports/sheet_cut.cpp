@@ -1,0 +1,548 @@
+#include "preprocess/supports/sheet_cut.hpp"
+
+#include <fmt/format.h>
+#include <tbb/parallel_for.h>
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <optional>
+
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "preprocess/cloud/lumped_mass.hpp"
+#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/supports/pressure_patches.hpp"
+#include "preprocess/supports/support.hpp"
+#include "preprocess/surface/sight.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr int each_way = 4;             // samples of a cell along each of its axes
+constexpr double least_part = 0.125;    // of a cell
+constexpr double farthest_grown = 2.5;  // radii that a support is enlarged to at most, see find_supports()
+// Of the nodes on the banks, in spacings: from each other, from nodes that are there, from where the sheet
+// ends in the tissue, and off the sheet.
+constexpr double apart = 0.7, from_others = 0.4, from_end = 0.5, off_sheet = 1e-3;
+
+[[noreturn]] void refuse(const std::string& fact, const std::string& why, const std::string& remedy) {
+  throw ModelError({.fact = fact, .where = "cut", .why = why, .remedy = remedy, .code = "cut"});
+}
+
+// A part of a cell.
+struct Part {
+  double share = 0.0;
+  Vec3 middle = Vec3::Zero();
+  Mat3 about = Mat3::Zero();
+};
+
+// Of some samples of a cell, which stand for boxes with the moments `of_sample`.
+Part part_of(const std::vector<Vec3>& sample, const Mat3& of_sample, std::size_t all) {
+  Part part;
+  const auto count = static_cast<double>(sample.size());
+  part.share = count / static_cast<double>(all);
+  for (const Vec3& x : sample) part.middle += x / count;
+  part.about = of_sample;
+  for (const Vec3& x : sample) part.about += (x - part.middle) * (x - part.middle).transpose() / count;
+  return part;
+}
+
+// The two parts that a sheet makes of a cell, the larger first: a box with the cell's second moments, in
+// samples, each on the side of the first one or on the other. Nothing: it leaves it whole.
+std::optional<std::array<Part, 2>> parts_of(const Model& model, Index q, const Sheet& sheet) {
+  const Mat3 about = as_matrix(model.second_moments, q);
+  const double size = about.trace();
+  const Vec3 middle = model.point.col(q);
+  if (!(size > 0.0) || !sheet.reaches(middle, std::sqrt(3.0 * size))) return {};
+  const Eigen::SelfAdjointEigenSolver<Mat3> axes(about / size);
+  const Vec3 half = (3.0 * size * axes.eigenvalues().cwiseMax(0.0)).cwiseSqrt();
+  std::array<std::vector<Vec3>, 2> sides;
+  std::optional<Vec3> first;
+  for (int k = 0; k < each_way * each_way * each_way; ++k) {
+    const Eigen::Array3d at((k % each_way) + 0.5, (k / each_way % each_way) + 0.5,
+                            (k / (each_way * each_way)) + 0.5);
+    const Vec3 x = middle + axes.eigenvectors() * ((2.0 / each_way * at - 1.0) * half.array()).matrix();
+    if (!first) first = x;
+    sides[sheet.between(*first, x) ? 1 : 0].push_back(x);
+  }
+  if (sides[1].size() > sides[0].size()) sides[0].swap(sides[1]);
+  const std::size_t all = sides[0].size() + sides[1].size();
+  const Mat3 of_sample = about / (each_way * each_way);
+  const std::array<Part, 2> parts = {part_of(sides[0], of_sample, all), part_of(sides[1], of_sample, all)};
+  return parts[1].share < least_part ? std::nullopt : std::optional(parts);
+}
+
+// Where the way between the middles of a cell's parts passes the sheet; or none, where it goes round it.
+std::optional<Vec3> place_on_sheet(const std::array<Part, 2>& parts, const Sheet& sheet) {
+  constexpr int halvings = 30;
+  Vec3 low = parts[0].middle, high = parts[1].middle;
+  if (!sheet.between(low, high)) return {};
+  for (int k = 0; k < halvings; ++k) {
+    const Vec3 middle = 0.5 * (low + high);
+    (sheet.between(low, middle) ? high : low) = middle;
+  }
+  return low;
+}
+
+// Where there is tissue: in the box of the nearest point's cell.
+class Tissue {
+ public:
+  explicit Tissue(const Model& model) : model_(model), points_(model.point) {}
+  bool holds(const Vec3& x) const {
+    const Index q = points_.nearest(x, 1).front();
+    const Mat3 about = as_matrix(model_.second_moments, q);
+    const double size = about.trace();
+    const Eigen::SelfAdjointEigenSolver<Mat3> axes(about / size);
+    const Vec3 half = (3.0 * size * axes.eigenvalues().cwiseMax(0.0)).cwiseSqrt();
+    const Vec3 away = axes.eigenvectors().transpose() * (x - model_.point.col(q));
+    return (away.cwiseAbs().array() <= 1.001 * half.array()).all();
+  }
+
+ private:
+  const Model& model_;
+  Neighbours points_;
+};
+
+double area_within(const Tissue& tissue, const Sheet& sheet) {
+  double area = 0.0;
+  for (const auto& t : sheet.triangles().colwise()) {
+    const Vec3 a = sheet.vertex().col(t[0]), b = sheet.vertex().col(t[1]), c = sheet.vertex().col(t[2]);
+    if (tissue.holds((a + b + c) / 3.0)) area += 0.5 * (b - a).cross(c - a).norm();
+  }
+  return area;
+}
+
+// The pieces of a sheet's border that lie in the tissue.
+std::vector<std::pair<Vec3, Vec3>> ends_of(const Sheet& sheet, const Tissue& tissue) {
+  std::map<std::pair<int, int>, int> times;
+  for (const auto& t : sheet.triangles().colwise())
+    for (int k = 0; k < 3; ++k)
+      ++times[std::minmax(static_cast<int>(t[k]), static_cast<int>(t[(k + 1) % 3]))];
+  std::vector<std::pair<Vec3, Vec3>> ends;
+  for (const auto& [edge, count] : times) {
+    const Vec3 a = sheet.vertex().col(edge.first), b = sheet.vertex().col(edge.second);
+    if (count == 1 && tissue.holds(a) && tissue.holds(b)) ends.emplace_back(a, b);
+  }
+  return ends;
+}
+
+double distance_to(const std::vector<std::pair<Vec3, Vec3>>& edges, const Vec3& x) {
+  double least = std::numeric_limits<double>::infinity();
+  for (const auto& [a, b] : edges) {
+    const Vec3 way = b - a;
+    const double share = std::clamp((x - a).dot(way) / way.squaredNorm(), 0.0, 1.0);
+    least = std::min(least, (x - a - share * way).norm());
+  }
+  return least;
+}
+
+void put(Model& model, Index q, const Part& part, double volume) {
+  model.point.col(q) = part.middle;
+  model.volume[q] = part.share * volume;
+  model.second_moments.col(q) << part.about(0, 0), part.about(1, 1), part.about(2, 2), part.about(0, 1),
+      part.about(1, 2), part.about(2, 0);
+}
+
+// The places of a cut model, without its supports; and the point of the model before that each is a part of.
+struct Divided {
+  Model model;
+  std::vector<Index> whole;
+  Index count = 0;
+  double area = 0.0;
+  std::vector<std::array<Part, 2>> parts;  // [count]
+};
+
+Divided divide(const Model& before, const Sheet& sheet) {
+  const Index points = before.point_count();
+  std::vector<std::optional<std::array<Part, 2>>> parts(static_cast<std::size_t>(points));
+  if (before.second_moments.cols() > 0)
+    tbb::parallel_for(Index{0}, points, [&](Index q) {
+      if (q % 4096 == 0) stop_if_asked();
+      parts[static_cast<std::size_t>(q)] = parts_of(before, q, sheet);
+    });
+  Divided cut;
+  static_cast<Discretisation&>(cut.model) = before;
+  cut.model.scheme = before.scheme;
+  cut.whole.resize(static_cast<std::size_t>(points));
+  std::iota(cut.whole.begin(), cut.whole.end(), Index{0});
+  for (Index q = 0; q < points; ++q)
+    if (parts[static_cast<std::size_t>(q)]) cut.whole.push_back(q);
+  const auto all = static_cast<Index>(cut.whole.size());
+  cut.count = all - points;
+  Model& model = cut.model;
+  model.point.conservativeResize(3, all);
+  model.volume.conservativeResize(all);
+  if (before.second_moments.cols() > 0) model.second_moments.conservativeResize(6, all);
+  model.label = before.label(cut.whole);
+  model.tissue = before.tissue(cut.whole);
+  for (Index second = points; second < all; ++second) {
+    const Index q = cut.whole[static_cast<std::size_t>(second)];
+    const std::array<Part, 2>& its = *parts[static_cast<std::size_t>(q)];
+    put(model, second, its[1], before.volume[q]);
+    put(model, q, its[0], before.volume[q]);
+    cut.parts.push_back(its);
+  }
+  return cut;
+}
+
+double spacing_at(const Model& model, Index q) {
+  const auto nodes = model.support.member.segment(model.support.offset[q], model.support.count(q));
+  double sum = 0.0;
+  for (const int a : nodes) sum += model.spacing[a];
+  return sum / static_cast<double>(nodes.size());
+}
+
+// Nodes on both banks, behind those that are there.
+void add_nodes(const Model& before, const Sheet& sheet, Divided& cut) {
+  if (cut.parts.empty()) return;
+  const Tissue tissue(before);
+  const std::vector<std::pair<Vec3, Vec3>> ends = ends_of(sheet, tissue);
+  cut.area = area_within(tissue, sheet);
+  const Neighbours nodes(before.X);
+  std::vector<Vec3> on_sheet, added;
+  std::vector<double> spacing;
+  std::vector<int> near;
+  for (std::size_t k = 0; k < cut.parts.size(); ++k) {
+    const double h = spacing_at(before, cut.whole[static_cast<std::size_t>(before.point_count()) + k]);
+    const std::optional<Vec3> place = place_on_sheet(cut.parts[k], sheet);
+    if (!place || distance_to(ends, *place) < from_end * h ||
+        std::any_of(on_sheet.begin(), on_sheet.end(),
+                    [&](const Vec3& other) { return (other - *place).norm() < apart * h; }))
+      continue;
+    on_sheet.push_back(*place);
+    const Vec3 across = (cut.parts[k][0].middle - cut.parts[k][1].middle).normalized();
+    for (const double side : {1.0, -1.0}) {
+      const Vec3 x = *place + side * off_sheet * h * across;
+      nodes.within(*place, from_others * h, near);
+      if (std::any_of(near.begin(), near.end(), [&](int a) { return !sheet.between(before.X.col(a), x); }))
+        continue;
+      added.push_back(x);
+      spacing.push_back(h);
+    }
+  }
+  Model& model = cut.model;
+  const auto count = static_cast<Index>(added.size());
+  model.X.conservativeResize(3, before.node_count() + count);
+  model.spacing.conservativeResize(before.node_count() + count);
+  for (Index k = 0; k < count; ++k) {
+    model.X.col(before.node_count() + k) = added[static_cast<std::size_t>(k)];
+    model.spacing[before.node_count() + k] = spacing[static_cast<std::size_t>(k)];
+  }
+}
+
+// Of a point's cell from its middle, about.
+double margin_of(const Model& model, Index q) {
+  if (model.second_moments.cols() == 0) return 0.0;
+  return 2.0 * std::sqrt(std::max(0.0, model.second_moments.col(q).head<3>().sum()));
+}
+
+// Points whose cell is divided, that a node of theirs is hidden from, or that an added one reaches; ascending.
+std::vector<Index> changed_points(const Model& before, const Divided& cut, const Sheet& sheet,
+                                  Looked looked) {
+  const auto all = static_cast<Index>(cut.whole.size());
+  std::vector<char> changed(cut.whole.size(), 0);
+  for (Index second = before.point_count(); second < all; ++second)
+    changed[static_cast<std::size_t>(second)] =
+        changed[static_cast<std::size_t>(cut.whole[static_cast<std::size_t>(second)])] = 1;
+  const Index added = cut.model.node_count() - before.node_count();
+  const Points its = cut.model.X.rightCols(added);
+  const Eigen::VectorXd radius =
+      before.scheme.support.effective_radius_factor() * cut.model.spacing.tail(added);
+  const double farthest_added = added > 0 ? radius.maxCoeff() : 0.0;
+  tbb::parallel_for(Index{0}, before.point_count(), [&](Index q) {
+    if (q % 4096 == 0) stop_if_asked();
+    if (changed[static_cast<std::size_t>(q)]) return;
+    const Vec3 x = before.point.col(q);
+    const double margin = margin_of(before, q);
+    const auto nodes = before.support.member.segment(before.support.offset[q], before.support.count(q));
+    if (looked == Looked::near_sheet) {
+      double farthest = farthest_added + margin;
+      for (const int a : nodes) farthest = std::max(farthest, (before.X.col(a) - x).norm());
+      if (!sheet.reaches(x, farthest + off_sheet * farthest)) return;
+    }
+    bool is_changed = std::any_of(nodes.begin(), nodes.end(),
+                                  [&](int a) { return sheet.between(before.X.col(a), x); });
+    for (Index k = 0; k < added && !is_changed; ++k)
+      is_changed = (its.col(k) - x).norm() < radius[k] + margin && !sheet.between(its.col(k), x);
+    changed[static_cast<std::size_t>(q)] = is_changed;
+  });
+  std::vector<Index> result;
+  for (Index q = 0; q < all; ++q)
+    if (changed[static_cast<std::size_t>(q)]) result.push_back(q);
+  return result;
+}
+
+// Some of the points, and the nodes that any of their supports may take.
+struct Neighbourhood {
+  Model model;
+  std::vector<Index> point, node;  // by their numbers in the whole, ascending
+};
+
+std::vector<Index> among(const std::vector<Index>& some, const std::vector<Index>& nodes) {
+  std::vector<Index> result;
+  for (const Index a : some)
+    if (const auto at = std::lower_bound(nodes.begin(), nodes.end(), a); at != nodes.end() && *at == a)
+      result.push_back(at - nodes.begin());
+  return result;
+}
+
+Neighbourhood neighbourhood_of(const Model& model, std::vector<Index> points, Looked looked) {
+  Neighbourhood near{{}, std::move(points), {}};
+  const Points places = model.point(Eigen::all, near.point);
+  const Vec3 lower = places.rowwise().minCoeff(), upper = places.rowwise().maxCoeff();
+  double margin = 0.0;
+  for (const Index q : near.point) margin = std::max(margin, margin_of(model, q));
+  const double factor = farthest_grown * model.scheme.support.effective_radius_factor();
+  for (Index a = 0; a < model.node_count(); ++a) {
+    const double reach = factor * model.spacing[a] + margin;
+    const Vec3 x = model.X.col(a);
+    const bool near_points = ((x - lower).array() >= -reach).all() && ((x - upper).array() <= reach).all();
+    if (near_points || looked == Looked::everywhere)
+      near.node.push_back(a);
+  }
+  Model& its = near.model;
+  its.scheme = model.scheme;
+  its.axes = model.axes;
+  its.X = model.X(Eigen::all, near.node);
+  its.spacing = model.spacing(near.node);
+  its.point = places;
+  its.volume = model.volume(near.point);
+  if (model.second_moments.cols() > 0) its.second_moments = model.second_moments(Eigen::all, near.point);
+  its.tissue = model.tissue(near.point);
+  its.base = among(model.base, near.node);
+  its.circle = among(model.circle, near.node);
+  return near;
+}
+
+bool has(const Model& model, Index q, Index node) {
+  const int* members = model.support.member.data();
+  return std::binary_search(members + model.support.offset[q], members + model.support.offset[q + 1],
+                            static_cast<int>(node));
+}
+
+// What belonged to a point before was seen by it, unless supports took what they do not see, for want of
+// others: then one has to look.
+bool is_known(const Model& before, Index q, Index node) {
+  return before.support_report.unconnected == 0 && node < before.node_count() && has(before, q, node);
+}
+
+void find_changed(Neighbourhood& near, const Model& before, const std::vector<Index>& whole,
+                  const Sheet& sheet, const Sight& sight) {
+  find_supports(near.model, [&](int k, Index p) {
+    const Index a = near.node[static_cast<std::size_t>(k)], q = near.point[static_cast<std::size_t>(p)];
+    return is_known(before, whole[static_cast<std::size_t>(q)], a)
+               ? !sheet.between(near.model.X.col(k), near.model.point.col(p))
+               : sight.sees(a, q);
+  });
+}
+
+// Of points that have not changed a node belongs to those of its support.
+void find_variance(Neighbourhood& around, const Model& model, const std::vector<Index>& changed,
+                   const Sight& sight) {
+  const bool looks = model.support_report.unconnected > 0;
+  find_supports(around.model, [&](int k, Index p) {
+    const Index a = around.node[static_cast<std::size_t>(k)], q = around.point[static_cast<std::size_t>(p)];
+    if (looks || std::binary_search(changed.begin(), changed.end(), q)) return sight.sees(a, q);
+    return has(model, q, a);
+  });
+}
+
+// Rows of lists, some of them others than before: row r is row `of[r]` of `now`, or, where that is negative,
+// row `from[r]` of `before`. `copy`(to, from, count, is_now) takes what belongs to the members.
+template <class Copy>
+CompressedRows put_together(const CompressedRows& before, const CompressedRows& now,
+                            const std::vector<Index>& of, const std::vector<Index>& from,
+                            const std::vector<int>& name, const Copy& copy) {
+  CompressedRows rows;
+  const auto count = static_cast<Index>(of.size());
+  rows.offset.resize(count + 1);
+  rows.offset[0] = 0;
+  const auto source = [&](Index r) -> std::pair<const CompressedRows&, Index> {
+    const auto k = static_cast<std::size_t>(r);
+    if (of[k] >= 0) return {now, of[k]};
+    return {before, from[k]};
+  };
+  for (Index r = 0; r < count; ++r) {
+    const auto [rows_of, row] = source(r);
+    rows.offset[r + 1] = rows.offset[r] + static_cast<int>(rows_of.count(row));
+  }
+  rows.member.resize(rows.offset[count]);
+  copy(Index{-1}, Index{0}, Index{rows.member.size()}, false);
+  tbb::parallel_for(Index{0}, count, [&](Index r) {
+    const auto [rows_of, row] = source(r);
+    const Index to = rows.offset[r], first = rows_of.offset[row], n = rows_of.count(row);
+    const bool is_now = of[static_cast<std::size_t>(r)] >= 0;
+    for (Index k = 0; k < n; ++k) {
+      const int member = rows_of.member[first + k];
+      rows.member[to + k] = is_now ? name[static_cast<std::size_t>(member)] : member;
+    }
+    copy(to, first, n, is_now);
+  });
+  return rows;
+}
+
+std::vector<int> names_of(const std::vector<Index>& nodes) {
+  return {nodes.begin(), nodes.end()};
+}
+
+void take_supports(const Model& before, const Neighbourhood& near, const std::vector<Index>& whole,
+                   Model& model) {
+  std::vector<Index> of(whole.size(), -1);
+  for (std::size_t k = 0; k < near.point.size(); ++k)
+    of[static_cast<std::size_t>(near.point[k])] = static_cast<Index>(k);
+  model.support = put_together(before.support, near.model.support, of, whole, names_of(near.node),
+                               [&](Index to, Index first, Index n, bool is_now) {
+                                 if (to < 0)
+                                   model.dphi.resize(3, n);
+                                 else
+                                   model.dphi.middleCols(to, n) =
+                                       (is_now ? near.model.dphi : before.dphi).middleCols(first, n);
+                               });
+}
+
+// The nodes of some points, before and now, ascending.
+std::vector<Index> nodes_of(const Model& before, const Model& model, const std::vector<Index>& points) {
+  std::vector<char> is_one(static_cast<std::size_t>(model.node_count()), 0);
+  const auto take = [&](const CompressedRows& support, Index q) {
+    for (int k = support.offset[q]; k < support.offset[q + 1]; ++k)
+      is_one[static_cast<std::size_t>(support.member[k])] = 1;
+  };
+  for (const Index q : points) {
+    take(model.support, q);
+    if (q < before.point_count()) take(before.support, q);
+  }
+  std::vector<Index> result;
+  for (Index a = 0; a < model.node_count(); ++a)
+    if (is_one[static_cast<std::size_t>(a)] || a >= before.node_count()) result.push_back(a);
+  return result;
+}
+
+// All points that one of the nodes belongs to.
+std::vector<Index> points_around(const Model& model, const std::vector<Index>& nodes) {
+  std::vector<char> is_one(static_cast<std::size_t>(model.node_count()), 0);
+  for (const Index a : nodes) is_one[static_cast<std::size_t>(a)] = 1;
+  std::vector<Index> result;
+  for (Index q = 0; q < model.point_count(); ++q) {
+    const auto its = model.support.member.segment(model.support.offset[q], model.support.count(q));
+    if (std::any_of(its.begin(), its.end(), [&](int a) { return is_one[static_cast<std::size_t>(a)] != 0; }))
+      result.push_back(q);
+  }
+  return result;
+}
+
+// A row of the variance is a sum over all points of its node: those of nodes that lost or won one are summed
+// anew, in the same order as over the whole body.
+void take_variance(const Model& before, const Neighbourhood& near, const std::vector<Index>& nodes,
+                   Model& model) {
+  std::vector<Index> of(static_cast<std::size_t>(model.node_count()), -1), same(of.size());
+  std::iota(same.begin(), same.end(), Index{0});  // added nodes are all in `nodes`
+  std::vector<Index> of_nodes = of;
+  for (std::size_t k = 0; k < near.node.size(); ++k)
+    of_nodes[static_cast<std::size_t>(near.node[k])] = static_cast<Index>(k);
+  for (const Index a : nodes) of[static_cast<std::size_t>(a)] = of_nodes[static_cast<std::size_t>(a)];
+  for (const GradientVariance& old : before.variance) {
+    GradientVariance& now = model.variance.emplace_back();
+    now.tissue = old.tissue;
+    const auto found = std::find_if(near.model.variance.begin(), near.model.variance.end(),
+                                    [&](const GradientVariance& v) { return v.tissue == old.tissue; });
+    if (found == near.model.variance.end()) {
+      now = old;
+      continue;
+    }
+    now.rows = put_together(
+        old.rows, found->rows, of, same, names_of(near.node), [&](Index to, Index first, Index n, bool is_now) {
+          if (to < 0)
+            now.K.resize(n);
+          else
+            now.K.segment(to, n) = (is_now ? found->K : old.K).segment(first, n);
+        });
+  }
+}
+
+// Nodes that hang together through common points, each by the first of them.
+void refuse_parted(const Model& model, const std::vector<Index>& held) {
+  std::vector<Index> first(static_cast<std::size_t>(model.node_count()));
+  std::iota(first.begin(), first.end(), Index{0});
+  const auto root = [&](Index a) {
+    while (first[static_cast<std::size_t>(a)] != a) {
+      Index& up = first[static_cast<std::size_t>(a)];
+      a = up = first[static_cast<std::size_t>(up)];
+    }
+    return a;
+  };
+  for (Index q = 0; q < model.point_count(); ++q) {
+    const int at = model.support.offset[q];
+    for (int k = at + 1; k < model.support.offset[q + 1]; ++k) {
+      const Index a = root(model.support.member[at]), b = root(model.support.member[k]);
+      first[static_cast<std::size_t>(std::max(a, b))] = std::min(a, b);
+    }
+  }
+  std::vector<char> is_held(first.size(), 0);
+  for (const Index a : held) is_held[static_cast<std::size_t>(root(a))] = 1;
+  Index loose = 0;
+  for (Index a = 0; a < model.node_count(); ++a) loose += is_held[static_cast<std::size_t>(root(a))] ? 0 : 1;
+  if (loose > 0)
+    refuse(fmt::format("the blade parts {} of {} nodes from all that is held", loose, model.node_count()),
+           "what nothing holds has no equilibrium",
+           "let the blade end in the tissue, or take the piece out with `dimple run --cut`");
+}
+
+}  // namespace
+
+Points carried(const SheetCut& cut, const Points& u) {
+  Points result(3, u.cols() + cut.added.rows.rows());
+  result << u, cut.added(u);
+  return result;
+}
+
+SheetCut cut_by_sheet(const Model& before, const std::shared_ptr<const Sheet>& sheet,
+                      const std::vector<double>& density, const std::vector<Index>& held, Looked looked) {
+  Divided divided = divide(before, *sheet);
+  add_nodes(before, *sheet, divided);
+  const std::vector<Index> changed = changed_points(before, divided, *sheet, looked);
+  SheetCut cut{.model = std::move(divided.model),
+               .added = {},
+               .of_patch = {},
+               .divided = divided.count,
+               .area = divided.area};
+  Model& model = cut.model;
+  cut.added = inner_interpolation(before, model.X.rightCols(model.node_count() - before.node_count()));
+  cut.changed = static_cast<Index>(changed.size());
+  if (changed.empty())
+    refuse("the blade meets no tissue", "its way lies beside the body, or goes where another cut has gone",
+           "move it");
+  const Eigen::VectorXd radius = model.scheme.support.effective_radius_factor() * model.spacing;
+  const auto sight = std::make_shared<const Sight>(before.sight, sheet, model, before.node_count(), radius, divided.whole);
+  model.sight = sight;
+
+  Neighbourhood near = neighbourhood_of(model, changed, looked);
+  find_changed(near, before, divided.whole, *sheet, *sight);
+  take_supports(before, near, divided.whole, model);
+  model.support_report = before.support_report;
+  model.support_report.unseen += near.model.support_report.unseen;
+  model.support_report.unconnected += near.model.support_report.unconnected;
+  model.consistency_report = before.consistency_report;
+  refuse_parted(model, held);
+
+  const std::vector<Index> nodes = nodes_of(before, model, changed);
+  if (!before.variance.empty()) {
+    Neighbourhood around = neighbourhood_of(model, points_around(model, nodes), looked);
+    find_variance(around, model, changed, *sight);
+    take_variance(before, around, nodes, model);
+  }
+  if (before.patches.count() > 0) {
+    model.patches = before.patches;
+    cut.of_patch = divide_patches(model, divided.whole, changed);
+  }
+  Eigen::VectorXd of_point(model.point_count());
+  for (Index q = 0; q < of_point.size(); ++q)
+    of_point[q] = density[static_cast<std::size_t>(model.tissue[q])];
+  model.mass = lumped_mass(model, of_point);
+  return cut;
+}
+
+}  // namespace dimple

@@ -1,0 +1,250 @@
+// A blade that comes between the nodes of a model, which stay where they are.
+
+#include "preprocess/supports/sheet_cut.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include "io/error.hpp"
+#include "preprocess/supports/support.hpp"
+#include "preprocess/surface/sight.hpp"
+#include "solver/session.hpp"
+#include "tests/helpers/block.hpp"
+
+namespace dimple {
+namespace {
+
+const Material tissue = neo_hookean(210.0, 0.499, 1000.0);
+
+// Two triangles a field, n x m fields between a corner and the ends of two edges.
+std::shared_ptr<const Sheet> flat_sheet(const Vec3& corner, const Vec3& along, const Vec3& down, int n = 5,
+                                        int m = 4) {
+  Points vertex(3, (n + 1) * (m + 1));
+  Triangles triangles(3, 2 * n * m);
+  for (int j = 0; j <= m; ++j)
+    for (int i = 0; i <= n; ++i) vertex.col(i + (n + 1) * j) = corner + along * i / n + down * j / m;
+  Index t = 0;
+  for (int j = 0; j < m; ++j)
+    for (int i = 0; i < n; ++i) {
+      const int a = i + (n + 1) * j, b = a + 1, c = b + n + 1, d = a + n + 1;
+      triangles.col(t++) << a, b, c;
+      triangles.col(t++) << a, c, d;
+    }
+  return std::make_shared<const Sheet>(std::move(vertex), std::move(triangles));
+}
+
+// Beside the circle of the block of 30 x 30 x 20 mm, from above, 12 mm long and 8 deep.
+std::shared_ptr<const Sheet> beside_circle() {
+  return flat_sheet({21.3e-3, 9e-3, 22e-3}, {0.0, 12e-3, 0.0}, {0.0, 0.0, -10e-3});
+}
+
+std::vector<Index> held_of(const Model& model) {
+  std::vector<Index> held = model.base;
+  held.insert(held.end(), model.circle.begin(), model.circle.end());
+  return held;
+}
+
+SheetCut cut_of(const Model& model, const std::shared_ptr<const Sheet>& sheet,
+                Looked looked = Looked::near_sheet) {
+  return cut_by_sheet(model, sheet, {1000.0, 1000.0}, held_of(model), looked);
+}
+
+TEST(ASheet, IsPassedByEveryWayAcrossItAlsoThroughItsEdgesAndCorners) {
+  const Vec3 corner(1.0, 2.0, 3.0);
+  const auto sheet = flat_sheet(corner, {5.0, 0.0, 0.0}, {0.0, 4.0, 0.0});
+  for (int k = 1; k < 40; ++k)  // half of them along a line of corners
+    for (int l = 1; l < 32; ++l) {
+      const Vec3 at = corner + Vec3(0.125 * k, 0.125 * l, 0.0);
+      EXPECT_TRUE(sheet->between(at - Vec3::UnitZ(), at + Vec3::UnitZ())) << at.transpose();
+      EXPECT_TRUE(sheet->between(at + Vec3(0.3, 0.1, 1.0), at - Vec3(0.3, 0.1, 1.0))) << at.transpose();
+    }
+  EXPECT_FALSE(sheet->between(corner + Vec3(-0.1, 1.0, -1.0), corner + Vec3(-0.1, 1.0, 1.0)));
+  EXPECT_FALSE(sheet->between(corner + Vec3(1.0, 1.0, 0.5), corner + Vec3(4.0, 3.0, 0.6)));
+}
+
+TEST(ASheet, HasAPlaceThatLiesOnItOnOneSideAlone) {
+  const auto sheet = flat_sheet(Vec3::Zero(), {5.0, 0.0, 0.0}, {0.0, 4.0, 0.0});
+  for (const Vec3& on : {Vec3(1.0, 1.0, 0.0), Vec3(2.3, 1.7, 0.0), Vec3(2.5, 0.5, 0.0)})
+    EXPECT_NE(sheet->between(on, on + Vec3(0.1, 0.2, 1.0)), sheet->between(on, on + Vec3(0.1, 0.2, -1.0)));
+}
+
+TEST(ABodyThatASheetCuts, KeepsItsVolumeItsMiddleAndItsNodes) {
+  const Model before = testing_bodies::averaged_block();
+  const SheetCut cut = cut_of(before, beside_circle());
+  const Model& now = cut.model;
+  EXPECT_GT(cut.divided, 20);
+  EXPECT_EQ(now.point_count(), before.point_count() + cut.divided);
+  EXPECT_NEAR(now.volume.sum(), before.volume.sum(), 1e-12 * before.volume.sum());
+  EXPECT_LT((now.point * now.volume - before.point * before.volume).norm(), 1e-12 * before.volume.sum());
+  EXPECT_NEAR(now.mass.sum(), before.mass.sum(), 1e-9 * before.mass.sum());
+  EXPECT_NEAR(now.patches.volume.sum(), before.patches.volume.sum(), 1e-9 * before.volume.sum());
+  EXPECT_TRUE(now.X.leftCols(before.node_count()) == before.X);
+  EXPECT_GT(now.node_count(), before.node_count() + 5);
+  EXPECT_NEAR(cut.area, 12e-3 * 8e-3, 0.15 * 12e-3 * 8e-3);
+}
+
+TEST(ABodyThatASheetCuts, HasNoNodeThatAPointSeesThroughTheSheetAlone) {
+  const Model before = testing_bodies::averaged_block();
+  const auto sheet = beside_circle();
+  const SheetCut cut = cut_of(before, sheet);
+  const Model& now = cut.model;
+  ASSERT_EQ(now.support_report.unconnected, 0);
+  for (Index q = 0; q < now.point_count(); ++q)
+    for (int k = now.support.offset[q]; k < now.support.offset[q + 1]; ++k)
+      ASSERT_FALSE(sheet->between(now.X.col(now.support.member[k]), now.point.col(q))) << q;
+}
+
+TEST(ABodyThatASheetCuts, HasTheGradientOfALinearFieldAtEveryPoint) {
+  const SheetCut cut = cut_of(testing_bodies::averaged_block(), beside_circle());
+  const Model& now = cut.model;
+  for (Index q = 0; q < now.point_count(); ++q) {
+    Mat3 of_position = Mat3::Zero();
+    Vec3 of_one = Vec3::Zero();
+    for (int k = now.support.offset[q]; k < now.support.offset[q + 1]; ++k) {
+      of_position += now.X.col(now.support.member[k]) * now.dphi.col(k).transpose();
+      of_one += now.dphi.col(k);
+    }
+    ASSERT_LT((of_position - Mat3::Identity()).norm(), 1e-9) << q;
+    ASSERT_LT(of_one.norm(), 1e-6) << q;
+  }
+}
+
+// Each point's shares sum to one; and where nothing was cut all is as it was, to the bit.
+TEST(ABodyThatASheetCuts, HasPatchesOnEachBankAndTheOldOnesElsewhere) {
+  const Model before = testing_bodies::averaged_block(9);
+  const auto sheet = flat_sheet({21.3e-3, -1e-3, 22e-3}, {0.0, 32e-3, 0.0}, {0.0, 0.0, -16e-3}, 9, 6);
+  const SheetCut cut = cut_of(before, sheet);
+  const PressurePatches &now = cut.model.patches, &were = before.patches;
+  ASSERT_GT(now.count(), were.count());
+  ASSERT_EQ(static_cast<Index>(cut.of_patch.size()), now.count());
+  EXPECT_GT(now.volume.minCoeff(), 0.0);
+  Index same = 0;
+  for (Index q = 0; q < cut.model.point_count(); ++q) {
+    const auto psi = now.psi.segment(now.of_point.offset[q], now.of_point.count(q));
+    ASSERT_NEAR(psi.sum(), 1.0, 1e-12);
+    if (q >= before.point_count() || sheet->reaches(before.point.col(q), 9e-3)) continue;
+    ++same;
+    ASSERT_TRUE(psi == were.psi.segment(were.of_point.offset[q], were.of_point.count(q))) << q;
+  }
+  EXPECT_GT(same, before.point_count() / 3);
+}
+
+TEST(ABodyThatASheetCuts, IsTheSameToTheBitWhetherOneLooksNearTheSheetOrEverywhere) {
+  for (const bool two_tissues : {false, true}) {
+    const Model before = testing_bodies::averaged_block(
+        8, 0.2, 1.8, [&](const Vec3& x) { return two_tissues && x.x() > 17e-3 ? 1 : 0; });
+    const SheetCut near = cut_of(before, beside_circle()),
+                   all = cut_of(before, beside_circle(), Looked::everywhere);
+    const Model &a = near.model, &b = all.model;
+    EXPECT_EQ(near.changed, all.changed);
+    EXPECT_TRUE(a.support.offset == b.support.offset);
+    EXPECT_TRUE(a.support.member == b.support.member);
+    EXPECT_TRUE(a.dphi == b.dphi);
+    EXPECT_TRUE(a.patches.psi == b.patches.psi);
+    EXPECT_TRUE(a.patches.of_point.member == b.patches.of_point.member);
+    EXPECT_TRUE(a.mass == b.mass);
+    ASSERT_EQ(a.variance.size(), two_tissues ? 2u : 1u);
+    for (std::size_t t = 0; t < a.variance.size(); ++t) {
+      EXPECT_TRUE(a.variance[t].rows.member == b.variance[t].rows.member);
+      EXPECT_TRUE(a.variance[t].K == b.variance[t].K);
+    }
+  }
+}
+
+// Supports that nothing made consistent, as those of a body with folds, are found again from the start.
+TEST(ABodyThatASheetCuts, HasTheSupportsAndTheVarianceThatAreFoundFromTheStart) {
+  Model before = testing_bodies::averaged_block(8);
+  find_supports(before);  // as before they were made consistent
+  const SheetCut cut = cut_of(before, beside_circle());
+  Model whole = cut.model;
+  find_supports(whole, *cut.model.sight);
+  EXPECT_TRUE(whole.support.offset == cut.model.support.offset);
+  EXPECT_TRUE(whole.support.member == cut.model.support.member);
+  EXPECT_TRUE(whole.dphi == cut.model.dphi);
+  EXPECT_TRUE(whole.variance[0].rows.member == cut.model.variance[0].rows.member);
+  EXPECT_TRUE(whole.variance[0].K == cut.model.variance[0].K);
+}
+
+TEST(ABodyThatASheetCuts, IsRefusedWhereTheBladeMissesItOrPartsAPieceOff) {
+  const Model before = testing_bodies::averaged_block();
+  const auto code_of = [&](const std::shared_ptr<const Sheet>& sheet) {
+    try {
+      cut_of(before, sheet);
+    } catch (const ModelError& error) {
+      return error.report.code + ": " + error.report.fact;
+    }
+    return std::string();
+  };
+  EXPECT_EQ(code_of(flat_sheet({50e-3, 0.0, 0.0}, {0.0, 12e-3, 0.0}, {0.0, 0.0, 10e-3})),
+            "cut: the blade meets no tissue");
+  const std::string parted =
+      code_of(flat_sheet({22.4e-3, -1e-3, 21e-3}, {0.0, 32e-3, 0.0}, {12e-3, 0.0, -14e-3}, 9, 9));
+  EXPECT_NE(parted.find("from all that is held"), std::string::npos) << parted;
+}
+
+TEST(ABodyThatASheetCuts, IsCutASecondTimeAcrossTheFirst) {
+  const Model before = testing_bodies::averaged_block(8);
+  const auto first = beside_circle(),
+             second = flat_sheet({17e-3, 14.2e-3, 22e-3}, {12e-3, 0.0, 0.0}, {0.0, 0.0, -10e-3});
+  const SheetCut once = cut_of(before, first), twice = cut_of(once.model, second);
+  const Model& now = twice.model;
+  EXPECT_NEAR(now.volume.sum(), before.volume.sum(), 1e-12 * before.volume.sum());
+  Index through = 0;
+  for (Index q = 0; q < now.point_count(); ++q)
+    for (int k = now.support.offset[q]; k < now.support.offset[q + 1]; ++k)
+      through += first->between(now.X.col(now.support.member[k]), now.point.col(q)) ||
+                 second->between(now.X.col(now.support.member[k]), now.point.col(q));
+  // A place in the corner of the two may see too few nodes, and takes those that are near.
+  EXPECT_LE(through, 40 * now.support_report.unconnected);
+  EXPECT_LT(now.support_report.unconnected, 20);
+}
+
+Session session_on(const Model& model) {
+  return Session(model, {tissue});
+}
+
+TEST(ALiveBodyThatIsCut, ComesToTheForceOfTheBodyThatWasCutFromTheStart) {
+  const Model before = testing_bodies::averaged_block(8);
+  const SheetCut cut = cut_of(before, beside_circle());
+  Session whole = session_on(before), from_start = session_on(cut.model), live = session_on(cut.model);
+  const double depth = 1.5e-3;
+  for (int k = 1; k <= 15; ++k) whole.follow(1e-4 * k, {.evaluations = 40});
+  for (int k = 1; k <= 15; ++k) from_start.follow(1e-4 * k, {.evaluations = 40});
+  live.go_on_from(whole, carried(cut, whole.displacement()), cut.of_patch);
+  EXPECT_EQ(live.depth(), whole.depth());
+  EXPECT_TRUE(live.displacement().leftCols(before.node_count()) == whole.displacement());
+  LiveFrame frame;
+  for (int k = 0; k < 12; ++k) frame = live.follow(depth, {.evaluations = 20});
+  EXPECT_EQ(frame.tool, LiveFrame::Tool::there);
+  const LiveFrame expected = from_start.follow(depth, {.evaluations = 40});
+  EXPECT_NEAR(frame.force, expected.force, 2e-3 * expected.force);
+  const LiveFrame uncut = whole.follow(depth, {.evaluations = 40});
+  EXPECT_LT(frame.force, 0.99 * uncut.force) << "a cut beside the tool makes the body softer";
+}
+
+TEST(ALiveBodyThatIsCut, StatesAnErrorAsLargeAsTheForceUntilItHasFoundItsEquilibrium) {
+  const Model before = testing_bodies::averaged_block(8);
+  const SheetCut cut = cut_of(before, beside_circle());
+  Session whole = session_on(before), live = session_on(cut.model);
+  for (int k = 1; k <= 15; ++k) whole.follow(1e-4 * k, {.evaluations = 40});
+  live.go_on_from(whole, carried(cut, whole.displacement()), cut.of_patch);
+  const LiveFrame first = live.follow(1.5e-3, {.evaluations = 1});
+  EXPECT_EQ(first.tool, LiveFrame::Tool::lags);
+  EXPECT_GE(first.error, std::abs(first.force));
+}
+
+TEST(ALiveBodyThatIsCut, LiesAtRestWithoutAToolInIt) {
+  const Model before = testing_bodies::averaged_block();
+  const SheetCut cut = cut_of(before, beside_circle());
+  Session whole = session_on(before), live = session_on(cut.model);
+  live.go_on_from(whole, carried(cut, whole.displacement()), cut.of_patch);
+  EXPECT_EQ(live.follow(0.0, {.evaluations = 5}).force, 0.0);
+  EXPECT_EQ(live.displacement().norm(), 0.0);
+}
+
+}  // namespace
+}  // namespace dimple
