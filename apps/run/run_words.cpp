@@ -53,7 +53,7 @@ void tell_of_supports(const RunLog& log, const Model& model) {
         fmt::format("folds    {} pairs of a node and a point are near each other across a gap and do not "
                     "belong together; {} "
                     "points see too few nodes and take what is near",
-                    support.unseen, support.unconnected));
+                    support.unseen, support.unconnected.size()));
   else if (model.scheme.consistent_gradients && model.surface.empty())
     log.warn("without a surface the gradients are not made consistent: forces at high pressure are too low");
   log.detail(fmt::format("mass     {} g in all, {} to {} g per node", three_digits(model.mass.sum() * 1e3),

@@ -287,13 +287,18 @@ std::vector<PartOfPatch> parts_of(const Model& model, const std::vector<Share>& 
     while (first[static_cast<std::size_t>(k)] != k) k = first[static_cast<std::size_t>(k)];
     return k;
   };
-  std::map<int, int> met;
+  thread_local std::vector<int> met;  // all negative between calls
+  met.resize(std::max(met.size(), static_cast<std::size_t>(model.node_count())), -1);
+  std::vector<int> nodes;
   for (int k = 0; k < static_cast<int>(points.size()); ++k)
     for (int at = model.support.offset[points[static_cast<std::size_t>(k)]];
          at < model.support.offset[points[static_cast<std::size_t>(k)] + 1]; ++at) {
-      const int a = root(met.try_emplace(model.support.member[at], k).first->second), b = root(k);
+      int& first_met = met[static_cast<std::size_t>(model.support.member[at])];
+      if (first_met < 0) first_met = k, nodes.push_back(model.support.member[at]);
+      const int a = root(first_met), b = root(k);
       first[static_cast<std::size_t>(std::max(a, b))] = std::min(a, b);
     }
+  for (const int a : nodes) met[static_cast<std::size_t>(a)] = -1;
   std::map<int, PartOfPatch> of_root;
   for (int k = 0; k < static_cast<int>(points.size()); ++k) {
     const int q = points[static_cast<std::size_t>(k)];

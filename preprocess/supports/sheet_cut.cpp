@@ -324,10 +324,13 @@ bool has(const Model& model, Index q, Index node) {
                             static_cast<int>(node));
 }
 
-// What belonged to a point before was seen by it, unless supports took what they do not see, for want of
-// others: then one has to look.
+bool contains(const std::vector<Index>& ascending, Index k) {
+  return std::binary_search(ascending.begin(), ascending.end(), k);
+}
+
+// What belonged to a point before was seen by it, unless it took what it does not see, for want of others.
 bool is_known(const Model& before, Index q, Index node) {
-  return before.support_report.unconnected == 0 && node < before.node_count() && has(before, q, node);
+  return node < before.node_count() && has(before, q, node) && !contains(before.support_report.unconnected, q);
 }
 
 void find_changed(Neighbourhood& near, const Model& before, const std::vector<Index>& whole,
@@ -343,10 +346,9 @@ void find_changed(Neighbourhood& near, const Model& before, const std::vector<In
 // Of points that have not changed a node belongs to those of its support.
 void find_variance(Neighbourhood& around, const Model& model, const std::vector<Index>& changed,
                    const Sight& sight) {
-  const bool looks = model.support_report.unconnected > 0;
   find_supports(around.model, [&](int k, Index p) {
     const Index a = around.node[static_cast<std::size_t>(k)], q = around.point[static_cast<std::size_t>(p)];
-    if (looks || std::binary_search(changed.begin(), changed.end(), q)) return sight.sees(a, q);
+    if (contains(changed, q) || contains(model.support_report.unconnected, q)) return sight.sees(a, q);
     return has(model, q, a);
   });
 }
@@ -524,7 +526,11 @@ SheetCut cut_by_sheet(const Model& before, const std::shared_ptr<const Sheet>& s
   take_supports(before, near, divided.whole, model);
   model.support_report = before.support_report;
   model.support_report.unseen += near.model.support_report.unseen;
-  model.support_report.unconnected += near.model.support_report.unconnected;
+  std::vector<Index>& unconnected = model.support_report.unconnected;
+  std::erase_if(unconnected, [&](Index q) { return contains(changed, q); });
+  for (const Index p : near.model.support_report.unconnected)
+    unconnected.push_back(changed[static_cast<std::size_t>(p)]);
+  std::sort(unconnected.begin(), unconnected.end());
   model.consistency_report = before.consistency_report;
   refuse_parted(model, held);
 

@@ -479,7 +479,7 @@ void make_room(Model& model, Index members, Index done) {
 void add_to(SupportReport& report, Index q, const PointSupport& s) {
   const auto n = static_cast<Index>(s.nodes.size());
   report.grown += s.grown ? 1 : 0;
-  report.unconnected += s.unconnected ? 1 : 0;
+  if (s.unconnected) report.unconnected.push_back(q);
   report.largest_growth = std::max(report.largest_growth, s.largest_growth);
   if (n < report.fewest) report.fewest_at = q;
   if (s.worst_pivot_ratio < report.worst_pivot_ratio) report.worst_pivot_at = q;

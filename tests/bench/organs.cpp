@@ -192,7 +192,7 @@ Forces measure(const Body& body, const Options& wanted, std::string& csv) {
                                        image ? label_finder(*image, segmented.surface) : LabelAt{});
         const double built_s = building.seconds();
         const ModelReport report = built.report;
-        const Index unconnected = built.model.support_report.unconnected;
+        const std::size_t unconnected = built.model.support_report.unconnected.size();
         const Index points = built.model.point_count(), count = built.model.node_count();
         const Stopwatch solving;
         const History history = solve(built.model, {material, built.model.tissue}, {.depth = 1e-3 * depth},
