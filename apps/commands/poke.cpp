@@ -231,6 +231,9 @@ class Poking {
     if (!(drawn_ == Drawn(tool_))) touched(false);
     if (tool_.touches == touches) asked_ = depth;
     if (tool_.cuts.size() > strokes) notice_ = in_words(tool_.cuts.back());
+    if (tool_.left_out > 0)
+      notice_ = fmt::format("{} of {} cuts are finer than this cloud, and not in its force", tool_.left_out,
+                            tool_.sheets.size());
     frames_.push_back(frame);
     const Stopwatch drawing;
     draw(frame);
@@ -329,30 +332,24 @@ void check(const PokeArguments& options) {
            "give a shorter one, in /tmp for instance");
 }
 
-// "scalpel:12mm" is what the hand holds; the tool that presses stays the circle.
-std::optional<double> take_scalpel(Config& config) {
+// "--tool scalpel:12mm" is what the hand holds; the tool that presses stays the circle.
+std::optional<double> take_scalpel(Flags& flags) {
   constexpr std::string_view name = "scalpel";
-  const std::string text = config.tool.shape;
-  if (!text.starts_with(name)) return {};
-  double depth = 0.0;
-  set_value({.key = "tool.shape",
-             .flag = "--tool",
-             .unit = "mm",
-             .value = &depth,
-             .least = 0.01,
-             .most = 1e3,
-             .help = "how deep a scalpel cuts"},
-            text.size() > name.size() + 1 ? text.substr(name.size() + 1) : "", "--tool scalpel:12mm");
-  config.tool.shape = Config().tool.shape;
-  return 1e-3 * depth;
+  for (auto& [key, text] : flags.given)
+    if (key == "tool.shape" && text->starts_with(name)) {
+      const std::string depth = text->size() > name.size() + 1 ? text->substr(name.size() + 1) : "";
+      *text = Config().tool.shape;
+      return 1e-3 * quantity(depth, "--tool scalpel:12mm", "mm", "how deep a scalpel cuts");
+    }
+  return {};
 }
 
 int poke(const Invocation& shared, const CLI::App& command, PokeArguments& options) {
   check(options);
   if (!options.script.empty()) options.path = read_tool_path(options.script);
   if (!options.strokes.empty()) options.cuts = read_strokes(options.strokes);
+  options.blade = take_scalpel(options.flags);
   Config config = options.flags.config(command, shared.image);
-  options.blade = take_scalpel(config);
   const bool windowed = options.window || (options.script.empty() && options.socket.empty());
   if (windowed) require_display();
   if (!options.record.empty()) {
@@ -387,6 +384,7 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
                       served->answers, 1e3 * served->slowest_s, served->frames, served->turned_away));
   else if (!frames.empty())
     print(in_words(tool.session->model().node_count(), frames) + "\n");
+  for (const CutRecord& record : tool.cuts) print(in_words(record) + "\n");
   stop_if_asked();
   return 0;
 }
@@ -407,7 +405,7 @@ Command add_poke(CLI::App& app, Invocation& shared) {
   command
       ->add_option("--strokes", options->strokes,
                    "CSV with time_s, from_x_mm ..., to_x_mm ..., depth_mm (LPS): a scalpel cuts the body beside "
-                   "the tool of --script")
+                   "the tool of --script; by hand: --tool scalpel:10mm")
       ->type_name("FILE");
   command
       ->add_option("--record", options->record,

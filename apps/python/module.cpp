@@ -536,6 +536,7 @@ class LiveSession {
   LiveSession(const ModelInMemory& built, const Settings& settings) {
     session_ = computing([&] {
       const Config config = settings.config();
+      config_ = config;
       require_no_steps(config, "a Session");
       require_no_membranes(config, "a Session");
       require_no_walls(config, "a Session");
@@ -545,15 +546,24 @@ class LiveSession {
       const std::vector<Material> materials = materials_of(config);
       check_materials(materials, built.model.scheme);
       const TissueOptions tissues = tissues_of(config, built.label_names, built.model);
-      SessionOptions options;
-      options.contact = loading_of(config).contact;
-      options.precision = precision_of(config);
-      options.tolerance = config.solver.tolerance;
-      options.further = supports_of(config, built.model, built.label_names).sets;
+      materials_ = materials, label_names_ = built.label_names;
       Model model = make_model(built.model, built.model.scheme, tissue_of_points(built.model, tissues),
                                tissues.density);
-      options.loads = loads_of(config, model);
-      return std::make_unique<Session>(std::move(model), materials, options);
+      return std::make_unique<Session>(session_on(given(), std::move(model)));
+    });
+  }
+
+  // Places on the body as it now is [mm, LPS].
+  void cut(const Vec3& from, const Vec3& to, double depth) {
+    computing([&] {
+      const std::lock_guard alone(mutex_);
+      const Model& before = session_->model();
+      if (!rest_) rest_.emplace(before.surface.vertex_mm, before.surface.triangles);
+      const Points u = session_->displacement();
+      CutSession made = cut_session(given(), before, u, {1e-3 * from, 1e-3 * to, 1e-3 * depth});
+      made.session.go_on_from(*session_, carried(made.cut, u), made.cut.of_patch);
+      *session_ = std::move(made.session);
+      return 0;
     });
   }
 
@@ -573,7 +583,15 @@ class LiveSession {
   }
 
  private:
+  SessionGiven given() const {
+    return {config_, materials_, label_names_, rest_ ? &*rest_ : nullptr, 0.0};
+  }
+
   std::mutex mutex_;
+  Config config_;
+  std::vector<Material> materials_;
+  std::map<std::string, int> label_names_;
+  std::optional<BodySurface> rest_ = {};  // made by the first cut
   std::unique_ptr<Session> session_;
 };
 
@@ -900,6 +918,35 @@ Raises
 ------
 SolveError
     There is no equilibrium to be found; the body is then as it was.)")
+      .def(
+          "cut",
+          [](LiveSession& self, const std::array<double, 3>& from_mm, const std::array<double, 3>& to_mm,
+             double depth_mm) {
+            for (const double number : from_mm) require("from_mm", number, true, "it must be a finite number");
+            for (const double number : to_mm) require("to_mm", number, true, "it must be a finite number");
+            require("depth_mm", depth_mm, depth_mm > 0.0, "it must be a finite number above 0");
+            if (from_mm == to_mm) require("to_mm", to_mm[0], false, "a stroke that does not move opens nothing");
+            self.cut(Vec3(from_mm[0], from_mm[1], from_mm[2]), Vec3(to_mm[0], to_mm[1], to_mm[2]), depth_mm);
+          },
+          py::kw_only(), py::arg("from_mm"), py::arg("to_mm"), py::arg("depth_mm"),
+          R"(Cuts the body as it now is: a scalpel goes from place to place on its surface, straight in.
+
+The banks get nodes behind those that are there, so that arrays are longer afterwards; the first of them are the
+same. The next move finds the equilibrium of the cut body.
+
+Parameters
+----------
+from_mm, to_mm : sequence of 3 floats
+    Places on the surface, millimetres, LPS.
+depth_mm : float
+    How deep the blade goes below the straight way between them, millimetres.
+
+Raises
+------
+ModelError
+    The blade misses the body, or parts a piece off that nothing holds; the body is then as it was.
+SolveError
+    The tissue relaxes.)")
       .def(
           "step",
           [](LiveSession& self, double depth_mm, double dt_s) {

@@ -104,37 +104,42 @@ Site site_at(const LiveOrgan& live, const std::optional<Vec3>& tip) {
 
 namespace {
 
-Session session_on(const LiveOrgan& live, Model model) {
-  Loads loads = loads_of(live.config, model);
-  std::shared_ptr<const Touch> its_touch = touch_of(live.config, model);
-  std::vector<HeldSet> supports = supports_of(live.config, model, live.organ->label_names).sets;
-  return Session(std::move(model), live.materials,
-                 {.contact = loading_of(live.config).contact,
-                  .precision = precision_of(live.config),
-                  .tolerance = live.config.solver.tolerance,
+SessionGiven given_of(const LiveOrgan& live) {
+  const SegmentedBody& body = *live.organ->body;
+  return {live.config, live.materials, live.organ->label_names, &body.surface, body.report.step_mm};
+}
+
+// The nodes that a piece of the body is held by.
+std::vector<Index> held_nodes(const SessionGiven& given, const Model& model) {
+  std::vector<Index> held = model.base;
+  if (!tool_of(given.config) && loading_of(given.config).contact == Contact::bonded)
+    held.insert(held.end(), model.circle.begin(), model.circle.end());
+  for (const HeldSet& set : supports_of(given.config, model, given.label_names).sets)
+    if (set.hold == HeldSet::Hold::all) held.insert(held.end(), set.node.begin(), set.node.end());
+  return held;
+}
+
+SheetCut cut_model(const SessionGiven& given, const Model& model, const std::shared_ptr<const Sheet>& sheet) {
+  const std::vector<double> density = tissues_of(given.config, given.label_names, model).density;
+  return cut_by_sheet(model, sheet, density, held_nodes(given, model));
+}
+
+}  // namespace
+
+Session session_on(const SessionGiven& given, Model model) {
+  Loads loads = loads_of(given.config, model);
+  std::shared_ptr<const Touch> its_touch = touch_of(given.config, model);
+  std::vector<HeldSet> supports = supports_of(given.config, model, given.label_names).sets;
+  return Session(std::move(model), given.materials,
+                 {.contact = loading_of(given.config).contact,
+                  .precision = precision_of(given.config),
+                  .tolerance = given.config.solver.tolerance,
                   .further = std::move(supports),
                   .loads = std::move(loads),
                   .touch = std::move(its_touch)});
 }
 
-// The nodes that a piece of the body is held by.
-std::vector<Index> held_nodes(const LiveOrgan& live, const Model& model) {
-  std::vector<Index> held = model.base;
-  if (!tool_of(live.config) && loading_of(live.config).contact == Contact::bonded)
-    held.insert(held.end(), model.circle.begin(), model.circle.end());
-  for (const HeldSet& set : supports_of(live.config, model, live.organ->label_names).sets)
-    if (set.hold == HeldSet::Hold::all) held.insert(held.end(), set.node.begin(), set.node.end());
-  return held;
-}
-
-SheetCut cut_model(const LiveOrgan& live, const Model& model, const std::shared_ptr<const Sheet>& sheet) {
-  const std::vector<double> density = tissues_of(live.config, live.organ->label_names, model).density;
-  return cut_by_sheet(model, sheet, density, held_nodes(live, model));
-}
-
-}  // namespace
-
-Session touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets) {
+Session touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets, Index* left_out) {
   ModelOptions options = live.organ->options;
   options.cloud.count = nodes;
   options.cloud.spacing_mm = 0.0;
@@ -144,10 +149,11 @@ Session touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets
   Eigen::VectorXi tissue = tissue_of_points(places, tissues);
   Model model = make_model(std::move(places), options.scheme, std::move(tissue), tissues.density);
   for (const std::shared_ptr<const Sheet>& sheet : sheets) try {
-      model = cut_model(live, model, sheet).model;
+      model = cut_model(given_of(live), model, sheet).model;
     } catch (const ModelError&) {
+      if (left_out) ++*left_out;
     }
-  return session_on(live, std::move(model));
+  return session_on(given_of(live), std::move(model));
 }
 
 namespace {
@@ -170,6 +176,7 @@ void use(LiveTool& tool, TriedTouch tried) {
   tool.session.emplace(std::move(tried.session));
   tool.fine = std::move(tried.fine);
   tool.coarse = std::move(tried.coarse);
+  tool.left_out = tried.left_out;
   ++tool.clouds;
 }
 
@@ -213,7 +220,9 @@ void take_finer(LiveTool& tool, const FrameLimit& limit, double dt) {
 }  // namespace
 
 TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets) {
-  TriedTouch tried{.session = touch(live, nodes, site, sheets), .cuts = sheets.size()};
+  Index left_out = 0;
+  TriedTouch tried{.session = touch(live, nodes, site, sheets, &left_out), .cuts = sheets.size()};
+  tried.left_out = left_out;
   std::vector<ForceSample> fine = forces_to_radius(tried.session);
   // The band was measured for nothing else, and of a tool that touches with other clouds.
   if (!has_tool_alone(live.config) || tried.session.touch() || !sheets.empty()) return tried;
@@ -275,7 +284,7 @@ void next_cut(LiveTool& tool) {
   // The model stays where it is until the cut is taken up.
   tool.cutting = beside_frames([organ = tool.organ, model = &tool.session->model(),
                                 u = tool.session->displacement(), stroke = tool.strokes.front().stroke] {
-    return cut_session(*organ, *model, u, stroke);
+    return cut_session(given_of(*organ), *model, u, stroke);
   }, tbb::task_arena::automatic);
 }
 
@@ -318,7 +327,9 @@ void put_down(LiveTool& tool, const Vec3& tip, bool beside) {
   if (tool.given_up.size() > most_given_up) tool.given_up.front().wait();
   const Site site = site_at(*tool.organ, tip);
   if (beside) {
-    use(tool, {.session = touch(*tool.organ, first_nodes, site, tool.sheets)});
+    Index left_out = 0;
+    Session coarse = touch(*tool.organ, first_nodes, site, tool.sheets, &left_out);
+    use(tool, {.session = std::move(coarse), .left_out = left_out});
     make_finer(tool, site);
   } else {
     use(tool, try_touch(*tool.organ, tool.nodes, site, tool.sheets));
@@ -328,15 +339,14 @@ void put_down(LiveTool& tool, const Vec3& tip, bool beside) {
   ++tool.touches;
 }
 
-CutSession cut_session(const LiveOrgan& live, const Model& before, const Points& u, const Stroke& stroke) {
+CutSession cut_session(const SessionGiven& given, const Model& before, const Points& u, const Stroke& stroke) {
   constexpr double fields = 6.0;  // along a stroke: as far as a short one may be bent
-  const SegmentedBody& organ = *live.organ->body;
-  const double step = std::max(organ.report.step_mm, 1e3 * (stroke.to - stroke.from).norm() / fields);
+  const double step = std::max({given.step_mm, 1e3 * (stroke.to - stroke.from).norm() / fields, 1e-3});
   const TriangleMesh blade = stroke_at_rest(1e3 * stroke.from, 1e3 * stroke.to, 1e3 * stroke.depth, step,
-                                            before, u, organ.surface);
+                                            before, u, *given.rest);
   const auto sheet = std::make_shared<const Sheet>(1e-3 * blade.vertex, blade.triangles);
-  SheetCut cut = cut_model(live, before, sheet);
-  Session session = session_on(live, std::move(cut.model));
+  SheetCut cut = cut_model(given, before, sheet);
+  Session session = session_on(given, std::move(cut.model));
   return {std::move(session), sheet, std::move(cut)};
 }
 
@@ -375,12 +385,29 @@ const char* name_of(LiveFrame::Tool tool) {
   return names[static_cast<std::size_t>(tool)];
 }
 
+namespace {
+
+// What a frame leaves of its time is spent on waiting for a cut that is in the making.
+LiveFrame follow_and_cut(LiveTool& tool, double depth, const FrameLimit& limit, double dt) {
+  const Stopwatch watch;
+  const LiveFrame frame = tool.session->follow(depth, limit, dt);
+  const auto left = [&] { return limit.seconds - watch.seconds(); };
+  if (limit.evaluations > 0 || !tool.cutting.valid() || !(left() > 0.0) ||
+      tool.cutting.wait_for(std::chrono::duration<double>(left())) != std::future_status::ready)
+    return frame;
+  take_cut(tool);
+  constexpr double worth_it = 2e-3;  // s: an evaluation or two
+  return left() > worth_it ? tool.session->follow(depth, {.seconds = left()}) : frame;
+}
+
+}  // namespace
+
 LiveFrame move_depth(LiveTool& tool, double depth, const FrameLimit& limit, double dt) {
   take_cuts(tool);
   take_finer(tool, limit, dt);
   const ToolPlace at = tool.session->tool();
   tool.tip = at.centre + depth * at.push;
-  return tool.frame = tool.session->follow(depth, limit, dt);
+  return tool.frame = follow_and_cut(tool, depth, limit, dt);
 }
 
 LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt) {
@@ -399,7 +426,7 @@ LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, dou
     take_finer(tool, limit, dt);
   }
   tool.tip = tip;
-  tool.frame = tool.session->follow(on_axis(tool.session->tool(), tip).depth, limit, dt);
+  tool.frame = follow_and_cut(tool, on_axis(tool.session->tool(), tip).depth, limit, dt);
   if (beside && in_touch && tool.frame.tool != LiveFrame::Tool::beyond)
     tool.frame.tool = LiveFrame::Tool::ignored;
   return tool.frame;
@@ -508,17 +535,19 @@ void write_path_frames(const fs::path& folder, const std::vector<PathFrame>& fra
 
 void write_cuts(const fs::path& folder, const std::vector<CutRecord>& cuts) {
   Table table{.header = {"from_x_mm", "from_y_mm", "from_z_mm", "to_x_mm", "to_y_mm", "to_z_mm", "depth_mm",
-                         "cut", "area_mm2", "nodes", "made_ms"},
+                         "cut", "area_mm2", "nodes"},
               .column = {}};
   table.column.resize(table.header.size());
+  Table times{.header = {"made_ms"}, .column = std::vector<std::vector<double>>(1)};
   for (const CutRecord& one : cuts) {
     const Vec3 from = 1e3 * one.stroke.from, to = 1e3 * one.stroke.to;
     const double row[] = {from.x(), from.y(), from.z(), to.x(), to.y(), to.z(), 1e3 * one.stroke.depth,
-                          one.why.empty() ? 1.0 : 0.0, 1e6 * one.area, static_cast<double>(one.nodes),
-                          1e3 * one.seconds};
+                          one.why.empty() ? 1.0 : 0.0, 1e6 * one.area, static_cast<double>(one.nodes)};
     for (std::size_t c = 0; c < table.column.size(); ++c) table.column[c].push_back(row[c]);
+    times.column[0].push_back(1e3 * one.seconds);
   }
   write_csv(folder / "cuts.csv", table);
+  write_csv(folder / "cut_times.csv", times);
 }
 
 std::vector<TimedStroke> read_strokes(const fs::path& file) {

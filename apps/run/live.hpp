@@ -34,15 +34,17 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer = {}
 Site site_at(const LiveOrgan& live, const std::optional<Vec3>& tip = {});
 /// Blades at rest [m, LPS] that have cut an organ, in their order.
 using Sheets = std::vector<std::shared_ptr<const Sheet>>;
-/// A cloud of `nodes` there, cut. A sheet that so coarse a cloud does not resolve leaves it as it is.
-Session touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets = {});
+/// A cloud of `nodes` there, cut. `left_out`, if given: how many of the cuts it is too coarse for, and is without.
+Session touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets = {},
+              Index* left_out = nullptr);
 
 /// A touch that has been tried to one radius of the circle: its equilibria are known, and how far a coarser
 /// cloud's forces are from them.
 struct TriedTouch {
   Session session;
   std::vector<ForceSample> fine = {}, coarse = {};  ///< none: no band of the force is known
-  std::size_t cuts = 0;                             ///< that have been made in it
+  std::size_t cuts = 0;                             ///< that have been tried in it
+  Index left_out = 0;                               ///< of these
 };
 TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets = {});
 
@@ -57,10 +59,20 @@ struct CutSession {
   std::shared_ptr<const Sheet> sheet;  ///< at rest
   SheetCut cut;                        ///< its model has gone to the session
 };
+/// What it is made with beside the body. `rest`: the surface, of triangles of `step_mm`; for cuts alone.
+struct SessionGiven {
+  const Config& config;
+  const std::vector<Material>& materials;
+  const std::map<std::string, int>& label_names;
+  const BodySurface* rest = nullptr;
+  double step_mm = 0.0;
+};
 /// `before`: the body's model, its nodes displaced by u [3xN] m. Throws ModelError ("cut"): the blade misses the
 /// body, or parts a piece off that nothing holds; there is no one way into the body along it, or none back to
-/// where it was at rest (carried_back()).
-CutSession cut_session(const LiveOrgan& live, const Model& before, const Points& u, const Stroke& stroke);
+/// where it was at rest (stroke_at_rest()).
+CutSession cut_session(const SessionGiven& given, const Model& before, const Points& u, const Stroke& stroke);
+/// A session on a model, under the options' loads and supports, with the tool that they name.
+Session session_on(const SessionGiven& given, Model model);
 
 /// Nodes of the cloud that serves until a finer one is there, and that this one's forces are compared with.
 inline constexpr Index first_nodes = 400;
@@ -93,6 +105,7 @@ struct LiveTool {
   std::future<TriedTouch> finer = {};                  ///< in the making
   std::vector<std::future<TriedTouch>> given_up = {};  ///< of places that it has left again
   Site finer_site = {};
+  Index left_out = 0;               ///< of `sheets`, that this cloud is too coarse for
   Sheets sheets = {};               ///< of all strokes that have cut
   std::deque<CutRecord> strokes = {};  ///< of which the first is in the making
   std::future<CutSession> cutting = {};
@@ -174,7 +187,8 @@ std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const P
 /// residual, evaluations, tool, and the vector of the force on the tool and its moment; and what differs from
 /// one time to the next, times.csv: time_s, frame_ms.
 void write_path_frames(const std::filesystem::path& folder, const std::vector<PathFrame>& frames);
-/// cuts.csv: the places of each stroke, area_mm2, nodes, made_ms, and 1 in `cut` if it has cut.
+/// cuts.csv: the places of each stroke, area_mm2, nodes, and 1 in `cut` if it has cut; and what differs from one
+/// time to the next, cut_times.csv: made_ms.
 void write_cuts(const std::filesystem::path& folder, const std::vector<CutRecord>& cuts);
 
 /// As many nodes as can be followed at `rate` frames a second on this machine, tried with the cloud of 1000

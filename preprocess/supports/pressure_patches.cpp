@@ -323,11 +323,14 @@ std::vector<Index> divide_patches(Model& model, const std::vector<Index>& whole,
   const PressurePatches& before = model.patches;
   std::vector<Share> share(whole.size());
   std::vector<std::vector<int>> of_patch(static_cast<std::size_t>(before.count()));
-  for (std::size_t q = 0; q < whole.size(); ++q)
-    for (int k = before.of_point.offset[whole[q]]; k < before.of_point.offset[whole[q] + 1]; ++k) {
+  for (std::size_t q = 0; q < whole.size(); ++q) {
+    const int first = before.of_point.offset[whole[q]], last = before.of_point.offset[whole[q] + 1];
+    share[q].reserve(static_cast<std::size_t>(last - first));
+    for (int k = first; k < last; ++k) {
       share[q].push_back({before.of_point.member[k], before.psi[k]});
       of_patch[static_cast<std::size_t>(before.of_point.member[k])].push_back(static_cast<int>(q));
     }
+  }
   std::vector<char> touched(of_patch.size(), 0);
   for (const Index q : changed)
     for (const auto& [b, psi] : share[static_cast<std::size_t>(q)]) touched[static_cast<std::size_t>(b)] = 1;

@@ -240,6 +240,15 @@ double margin_of(const Model& model, Index q) {
   return 2.0 * std::sqrt(std::max(0.0, model.second_moments.col(q).head<3>().sum()));
 }
 
+// How far from its middle the eight places are that a cell's gradients are means over: their signs are along the
+// body's own axes.
+double farthest_place(const Model& model, Index q) {
+  if (model.second_moments.cols() == 0) return 0.0;
+  const Mat3 own = model.axes.transpose() * as_matrix(model.second_moments, q) * model.axes;
+  const double across = std::abs(own(0, 1)) + std::abs(own(1, 2)) + std::abs(own(2, 0));
+  return 1.001 * std::sqrt(std::max(0.0, own.trace() + 2.0 * across));
+}
+
 // Points whose cell is divided, that a node of theirs is hidden from, or that an added one reaches; ascending.
 std::vector<Index> changed_points(const Model& before, const Divided& cut, const Sheet& sheet,
                                   Looked looked) {
@@ -257,7 +266,7 @@ std::vector<Index> changed_points(const Model& before, const Divided& cut, const
     if (q % 4096 == 0) stop_if_asked();
     if (changed[static_cast<std::size_t>(q)]) return;
     const Vec3 x = before.point.col(q);
-    const double margin = margin_of(before, q);
+    const double margin = farthest_place(before, q);
     const auto nodes = before.support.member.segment(before.support.offset[q], before.support.count(q));
     if (looked == Looked::near_sheet) {
       double farthest = farthest_added + margin;
@@ -328,28 +337,28 @@ bool contains(const std::vector<Index>& ascending, Index k) {
   return std::binary_search(ascending.begin(), ascending.end(), k);
 }
 
-// What belonged to a point before was seen by it, unless it took what it does not see, for want of others.
-bool is_known(const Model& before, Index q, Index node) {
-  return node < before.node_count() && has(before, q, node) && !contains(before.support_report.unconnected, q);
-}
-
 void find_changed(Neighbourhood& near, const Model& before, const std::vector<Index>& whole,
                   const Sheet& sheet, const Sight& sight) {
+  // What belonged to a point before was seen by it, unless it took what it does not see, for want of others.
+  std::vector<char> saw_all(near.point.size());
+  for (std::size_t p = 0; p < saw_all.size(); ++p)
+    saw_all[p] = !contains(before.support_report.unconnected, whole[static_cast<std::size_t>(near.point[p])]);
   find_supports(near.model, [&](int k, Index p) {
     const Index a = near.node[static_cast<std::size_t>(k)], q = near.point[static_cast<std::size_t>(p)];
-    return is_known(before, whole[static_cast<std::size_t>(q)], a)
-               ? !sheet.between(near.model.X.col(k), near.model.point.col(p))
-               : sight.sees(a, q);
+    const bool known = saw_all[static_cast<std::size_t>(p)] && a < before.node_count() &&
+                       has(before, whole[static_cast<std::size_t>(q)], a);
+    return known ? !sheet.between(near.model.X.col(k), near.model.point.col(p)) : sight.sees(a, q);
   });
 }
 
-// Of points that have not changed a node belongs to those of its support.
-void find_variance(Neighbourhood& around, const Model& model, const std::vector<Index>& changed,
-                   const Sight& sight) {
+// All supports are known by now, but for those that took what they do not see.
+void find_variance(Neighbourhood& around, const Model& model, const Sight& sight) {
+  std::vector<char> looks(around.point.size());
+  for (std::size_t p = 0; p < looks.size(); ++p)
+    looks[p] = contains(model.support_report.unconnected, around.point[p]);
   find_supports(around.model, [&](int k, Index p) {
     const Index a = around.node[static_cast<std::size_t>(k)], q = around.point[static_cast<std::size_t>(p)];
-    if (contains(changed, q) || contains(model.support_report.unconnected, q)) return sight.sees(a, q);
-    return has(model, q, a);
+    return looks[static_cast<std::size_t>(p)] ? sight.sees(a, q) : has(model, q, a);
   });
 }
 
@@ -537,7 +546,7 @@ SheetCut cut_by_sheet(const Model& before, const std::shared_ptr<const Sheet>& s
   const std::vector<Index> nodes = nodes_of(before, model, changed);
   if (!before.variance.empty()) {
     Neighbourhood around = neighbourhood_of(model, points_around(model, nodes), looked);
-    find_variance(around, model, changed, *sight);
+    find_variance(around, model, *sight);
     take_variance(before, around, nodes, model);
   }
   if (before.patches.count() > 0) {

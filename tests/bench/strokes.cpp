@@ -67,9 +67,9 @@ struct Tally {
   int cut = 0, bad = 0;
 };
 
-// Frames at 25 a second, as a window has them, until the stroke is made and the body at rest again.
+// Frames at 25 a second, as a window has them, for a second and until all of the stroke is made.
 void one_stroke(LiveTool& tool, double depth, std::mt19937& random, int number, Tally& tally) {
-  constexpr double period = 0.04, for_solving = 0.7, longest = 2.0;
+  constexpr double period = 0.04, for_solving = 0.7, each = 1.0, longest = 5.0;
   const double before = tool.frame.force;
   const std::size_t done = tool.cuts.size();
   cut(tool, random_stroke(tool, random), true);
@@ -90,10 +90,10 @@ void one_stroke(LiveTool& tool, double depth, std::mt19937& random, int number, 
     }
     const bool is_made = tool.cuts.size() > done;
     if (is_made && frame.tool == LiveFrame::Tool::there && first_force == 0.0) first_force = since.seconds();
-    if (is_made && (first_force > 0.0 || frame.tool == LiveFrame::Tool::stopped)) break;
+    if (is_made && !tool.opening.valid() && since.seconds() > each) break;
     std::this_thread::sleep_for(std::chrono::duration<double>(std::max(0.0, period - watch.seconds())));
   }
-  if (tool.cuts.size() == done) throw std::runtime_error("a stroke was not made within 2 s");
+  if (tool.cuts.size() == done) throw std::runtime_error("a stroke was not made within 5 s");
   const CutRecord& record = tool.cuts.back();
   const bool is_cut = record.why.empty();
   if (!is_cut) fmt::print("{}: {}\n", in_words(record.stroke), record.why);

@@ -1,0 +1,117 @@
+// A body that is cut while a tool is in it, through the program.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+
+#include "io/table.hpp"
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+
+const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";
+const char* const stroke_columns =
+    "time_s,from_x_mm,from_y_mm,from_z_mm,to_x_mm,to_y_mm,to_z_mm,depth_mm\n";
+
+// To 2 mm, held while the strokes are made, off, and in again.
+void write_script(const fs::path& folder, const std::string& strokes) {
+  std::ofstream(folder / "path.csv") << "time_s,depth_mm\n0,0\n0.4,2\n1,2\n1.2,-0.5\n1.6,2\n1.8,2\n";
+  std::ofstream(folder / "strokes.csv") << stroke_columns << strokes;
+}
+
+Ran poke(const fs::path& folder, const std::string& options, const std::string& record) {
+  return dimple(folder, "poke " + block + " --script path.csv --strokes strokes.csv --nodes 800 --evaluations 12 " +
+                            "--record " + record + " " + options);
+}
+
+double at_time(const Table& felt, const char* name, double time) {
+  for (std::size_t k = 0; k < felt.rows(); ++k)
+    if (std::abs((*felt.find("time_s"))[k] - time) < 1e-6) return (*felt.find(name))[k];
+  return std::nan("");
+}
+
+// The circle of the block stands at the origin, 5 mm wide.
+TEST(LiveCut, BesideTheToolSoftensTheBodyForGoodAndAlikeWithAnyNumberOfThreads) {
+  const fs::path folder = fresh_folder();
+  write_script(folder, "0.8,9,-8,29,9,8,29,12\n");
+  for (const char* threads : {"1", "2"})
+    ASSERT_EQ(poke(folder, std::string("-q --threads ") + threads, std::string("live") + threads).code, 0);
+  EXPECT_EQ(text_of(folder / "live1" / "forces.csv"), text_of(folder / "live2" / "forces.csv"));
+  EXPECT_EQ(text_of(folder / "live1" / "cuts.csv"), text_of(folder / "live2" / "cuts.csv"));
+  const Table felt = read_csv(folder / "live1" / "forces.csv"), cuts = read_csv(folder / "live1" / "cuts.csv");
+  ASSERT_EQ(cuts.rows(), 1u);
+  EXPECT_EQ((*cuts.find("cut"))[0], 1.0);
+  EXPECT_GE((*cuts.find("nodes"))[0], 2.0);
+  EXPECT_NEAR((*cuts.find("area_mm2"))[0], 16.0 * 12.0, 0.3 * 16.0 * 12.0);
+  const double before = at_time(felt, "force_N", 0.76), after = at_time(felt, "force_N", 1.0),
+               again = at_time(felt, "force_N", 1.8);
+  EXPECT_LT(after, 0.99 * before);
+  EXPECT_GT(after, 0.8 * before);
+  EXPECT_EQ(at_time(felt, "force_N", 1.2), 0.0) << "lifted off";
+  EXPECT_NEAR(again, after, 1e-3 * after) << "the cut stays";
+  EXPECT_EQ(at_time(felt, "band_known", 1.0), 0.0);
+}
+
+TEST(LiveCut, HasAboutTheForceOfARunOnTheCutBody) {
+  const fs::path folder = fresh_folder();
+  write_script(folder, "0,9,-8,29,9,8,29,12\n");
+  ASSERT_EQ(poke(folder, "-q", "live").code, 0);
+  const std::string run = "run " + block + " --nodes 1500 --depth 2mm --frames 1 --write force --band off -q ";
+  ASSERT_EQ(dimple(folder, run + "-o cut --cut line:9,-8,29,9,8,29,depth=12mm").code, 0);
+  const double expected = read_csv(folder / "cut" / "force.csv").find("force_N")->back();
+  EXPECT_NEAR(at_time(read_csv(folder / "live" / "forces.csv"), "force_N", 1.0), expected, 0.04 * expected);
+}
+
+TEST(LiveCut, UnderASphereThatTouchesChangesItsForceToo) {
+  const fs::path folder = fresh_folder();
+  write_script(folder, "0.8,7,-8,29,7,8,29,12\n");
+  ASSERT_EQ(poke(folder, "-q --tool sphere:5mm", "live").code, 0);
+  const Table felt = read_csv(folder / "live" / "forces.csv");
+  const double before = at_time(felt, "force_N", 0.76), after = at_time(felt, "force_N", 1.0);
+  EXPECT_LT(after, 0.99 * before);
+  EXPECT_GT(after, 0.5 * before);
+}
+
+TEST(LiveCut, ThatMissesTheBodyOrPartsAPieceOffIsNotMadeAndSaidSo) {
+  const fs::path folder = fresh_folder();
+  write_script(folder, "0.8,9,-8,80,9,8,80,5\n0.9,32,-60,22,32,60,22,90\n");
+  const Ran ran = poke(folder, "-q --tool sphere:5mm", "live");  // which holds nothing
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Table felt = read_csv(folder / "live" / "forces.csv"), cuts = read_csv(folder / "live" / "cuts.csv");
+  EXPECT_EQ((*cuts.find("cut"))[0] + (*cuts.find("cut"))[1], 0.0);
+  EXPECT_EQ(at_time(felt, "force_N", 0.76), at_time(felt, "force_N", 1.0));
+  EXPECT_NE(ran.out.find("not cut: the blade meets no tissue"), std::string::npos) << ran.out;
+  EXPECT_NE(ran.out.find("from all that is held"), std::string::npos) << ran.out;
+}
+
+TEST(LiveCut, IsRefusedWhereItsFileOrItsBladeSaysNothing) {
+  const fs::path folder = fresh_folder();
+  const auto refused = [&](const std::string& strokes, int code, const std::string& words) {
+    write_script(folder, strokes);
+    const Ran ran = poke(folder, "-q --force", "live");
+    EXPECT_EQ(ran.code, code) << words;
+    EXPECT_NE(ran.err.find(words), std::string::npos) << ran.err;
+  };
+  refused("0.8,9,-8,29,9,8,29,0\n", 3, "the stroke in row 1 has no depth");
+  refused("0.8,9,-8,29,9,-8,29,5\n", 3, "the stroke in row 1 has no length");
+  refused("0.8,9,-8,29,9,8,29,5\n0.5,9,-8,29,9,8,29,5\n", 3, "row 2 is at 0.5 s, the one before at 0.8 s");
+  std::ofstream(folder / "strokes.csv") << "time_s,depth_mm\n0,5\n";
+  const Ran columns = poke(folder, "-q --force", "live");
+  EXPECT_NE(columns.err.find("there is no column from_x_mm"), std::string::npos) << columns.err;
+  const Ran alone = dimple(folder, "poke " + block + " --strokes strokes.csv --socket s");
+  EXPECT_EQ(alone.code, 2);
+  EXPECT_NE(alone.err.find("strokes have times"), std::string::npos) << alone.err;
+  const Ran blunt = dimple(folder, "poke " + block + " --script path.csv --tool scalpel");
+  EXPECT_EQ(blunt.code, 2) << blunt.err;
+  EXPECT_NE(blunt.err.find("--tool scalpel:12mm"), std::string::npos) << blunt.err;
+  write_script(folder, "0.8,9,-8,29,9,8,29,5\n");
+  const Ran relaxes = poke(folder, "-q --force --set material.prony_g=0.5 --set material.prony_tau=1s", "live");
+  EXPECT_NE(relaxes.out.find("tissue that relaxes is not cut"), std::string::npos) << relaxes.out << relaxes.err;
+}
+
+}  // namespace
+}  // namespace dimple
