@@ -5,6 +5,8 @@
 
 #include <array>
 #include <cmath>
+#include <cstdlib>
+#include <random>
 
 #include "preprocess/make_model.hpp"
 #include "preprocess/surface/shapes.hpp"
@@ -50,6 +52,18 @@ Discretisation lattice(const Box& box) {
   return places;
 }
 
+// Moves each node by up to a fifth of a spacing along each axis; what lies on a face stays on it.
+void scatter(const Box& box, Points& X) {
+  std::mt19937 random(1);
+  // Not std::uniform_real_distribution, whose numbers differ from one library to the next.
+  const auto noise = [&] { return 0.2 * (static_cast<double>(random()) / 2147483648.0 - 1.0); };
+  for (Index b = 0; b < X.cols(); ++b)
+    for (int d = 0; d < 3; ++d) {
+      const double by = noise() * box.spacing()[d];
+      if (X(d, b) > box.lower[d] + 1e-9 && X(d, b) < box.upper[d] - 1e-9) X(d, b) += by;
+    }
+}
+
 template <class Chosen>
 HeldSet set_of(const Points& X, const char* name, HeldSet::Hold hold, const Vec3& direction, Chosen chosen) {
   HeldSet set{.name = name, .node = {}, .hold = hold, .direction = direction};
@@ -73,7 +87,9 @@ Pulled pulled(Discretisation places, std::vector<HeldSet> held, const Vec3& stra
   Rest rest = system.step_start();
   rest.u.topRows<3>() = strains.asDiagonal() * model.X;
   Nodal f = rest.u;
-  EXPECT_TRUE(Relaxation(system).from_near(rest.u, rest.lambda, f, {.tolerance = 1e-5}).converged);
+  // Among scattered nodes by dynamic relaxation: mixed iteration gives up there beside a penny.
+  const Relaxation relax(system);
+  relax(rest.u, f, {.tolerance = 1e-5}, &rest.lambda);  // throws where there is none
   return {rest.u, system.stored_energy(rest.u).tissue};
 }
 
@@ -83,11 +99,12 @@ double young(double nu) {
 
 // Half of a cube (large x) of 3.2 a, in whose middle lies the penny z = 0; the other half is its image.
 // Returns what the whole one releases over Sneddon's energy.
-double released_by_penny(double per_spacing, double nu) {
+double released_by_penny(double per_spacing, double nu, bool scattered) {
   const double side = 1.6 * a;
   const int n = static_cast<int>(std::lround(side / a * per_spacing));
   const Box box{{0.0, -side, -side}, Vec3::Constant(side), {n, 2 * n, 2 * n - 1}};  // z = 0 between nodes
   Discretisation places = lattice(box);
+  if (scattered) scatter(box, places.X);
   const double gap = width_of_gap * side / n;
   const BodySurface plug = cylinder_surface(1e3 * a, 1e3 * gap);
   places.surface = {plug.vertex(), plug.triangles()};
@@ -103,36 +120,46 @@ double released_by_penny(double per_spacing, double nu) {
   return (whole - energy) / (8.0 * (1.0 - nu * nu) * stress * stress * a * a * a / (3.0 * young(nu)));
 }
 
-// The same of such a cube, whose walls keep it from opening as in an infinite body, by finite elements.
+// The same of such a cube, whose walls keep it from opening as in an infinite body, by finite elements:
+// reference/crack.csv, front 0. In a cube of 20 a these have 0.999.
 double known_of_penny(double nu) {
   return nu == 0.3 ? 0.8572 : 0.6756;
 }
 
-// Sneddon, Proc. R. Soc. A 187 (1946) 229: 8 (1 - nu^2) stress^2 a^3 / (3 E). 2.6 % more with 20 spacings in
-// a radius.
-TEST(APennyShapedCrack, ReleasesTheEnergyThatSneddonFound) {
+// Sneddon, Proc. R. Soc. A 187 (1946) 229: 8 (1 - nu^2) stress^2 a^3 / (3 E).
+void expect_sneddons_energy(double per_spacing, double nu, bool scattered) {
+  const double expected = known_of_penny(nu);
+  EXPECT_NEAR(released_by_penny(per_spacing, nu, scattered), expected, 0.03 * expected) << nu;
+}
+
+// Of nu 0.3 and 0.45: 2.5 and 2.8 % more; 4.2 and 4.8 % with 6 spacings in a radius.
+TEST(APennyShapedCrack, AmongScatteredNodesReleasesTheEnergyThatSneddonFound) {
 #ifdef DIMPLE_QUICK_GROUPS_ONLY
   GTEST_SKIP() << "skipped: minutes under a sanitizer";
 #endif
-  const double nu = 0.3, expected = known_of_penny(nu);
-  EXPECT_NEAR(released_by_penny(20.0, nu), expected, 0.03 * expected);
+  expect_sneddons_energy(12.0, 0.3, true);
+  if (std::getenv("DIMPLE_ALL_SCENES")) expect_sneddons_energy(12.0, 0.45, true);
 }
 
-// Too much is released, for supports end at the line of sight, and a node beside the front is hidden from
-// some of the tissue past it: of nu 0.3 by 7.4, 4.3, 2.6 and 2.4 % with 6, 12, 20 and 24 spacings in a
-// radius.
+TEST(APennyShapedCrack, InALatticeReleasesTheEnergyThatSneddonFound) {
+  if (!std::getenv("DIMPLE_ALL_SCENES")) GTEST_SKIP() << "skipped: 20 s, without DIMPLE_ALL_SCENES";
+  expect_sneddons_energy(20.0, 0.3, false);
+}
+
+// Too much is released, as if the front lay farther out, in proportion to the spacing: of nu 0.3
+// by 7.4, 5.4, 4.3, 2.5 and 2.3 % with 6, 8, 12, 20 and 24 spacings in a radius. Of two, their errors'
+// difference taken off: 1.1 %.
 TEST(APennyShapedCrack, ActsAsOneLargerByAPartOfASpacingAndFinerOnesComeToSneddonsEnergy) {
   for (const double nu : {0.3, 0.45}) {
     std::array<double, 2> ratio;
     for (std::size_t k = 0; k < 2; ++k) {
       const double per_spacing = k == 0 ? 6.0 : 12.0;
-      ratio[k] = released_by_penny(per_spacing, nu) / known_of_penny(nu);
+      ratio[k] = released_by_penny(per_spacing, nu, false) / known_of_penny(nu);
       const double larger = per_spacing * (std::cbrt(ratio[k]) - 1.0);
       EXPECT_GT(larger, 0.0) << nu << " " << per_spacing;
       EXPECT_LT(larger, 0.25) << nu << " " << per_spacing;
     }
-    const double without_spacing = 2.0 * ratio[1] - ratio[0];  // an error in proportion to it: 1.1 % is left
-    EXPECT_NEAR(without_spacing, 1.0, 0.02) << nu;
+    EXPECT_NEAR(2.0 * ratio[1] - ratio[0], 1.0, 0.02) << nu;
   }
 }
 
